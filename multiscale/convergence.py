@@ -1,0 +1,60 @@
+"""What every iterative solver returns."""
+
+from dataclasses import dataclass
+from enum import Enum
+from math import isfinite
+
+import numpy as np
+
+from multiscale.errors import ConvergenceError
+
+__all__ = ["Solution", "Status"]
+
+
+class Status(Enum):
+    """Why an iterative solver stopped. The value is the sentence shown to the user."""
+
+    CONVERGED = "converged"
+    MAX_ITERATIONS = "the iteration limit was reached; raise max_iterations or cut the load step"
+    NOT_FINITE = "a value became NaN or infinite; check units and boundary conditions"
+    STALLED = "the residual stopped falling; the problem is too ill-conditioned for the tolerance"
+
+
+@dataclass(frozen=True)
+class Solution:
+    """Result of an iterative solver.
+
+    Attributes
+    ----------
+    value : ndarray
+        The solution; its shape and unit are those the solver's docstring states.
+    status : Status
+        Why the solver stopped.
+    residuals : tuple of float
+        Dimensionless residual after each iteration. Empty if none was computed.
+    """
+
+    value: np.ndarray
+    status: Status
+    residuals: tuple[float, ...] = ()
+
+    def __post_init__(self) -> None:
+        if self.status is Status.CONVERGED and not (
+            self.residuals and isfinite(self.residuals[-1])
+        ):
+            raise ValueError("a converged solution needs a finite last residual")
+
+    @property
+    def converged(self) -> bool:
+        """Whether the solver reached its tolerance."""
+        return self.status is Status.CONVERGED
+
+    def unwrap(self) -> np.ndarray:
+        """Return the value, or raise if the solver did not converge."""
+        if not self.converged:
+            last = f"{self.residuals[-1]:.1e}" if self.residuals else "never computed"
+            raise ConvergenceError(
+                f"no convergence in {len(self.residuals)} iterations (last residual {last}): "
+                f"{self.status.value}"
+            )
+        return self.value

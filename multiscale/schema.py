@@ -1,0 +1,234 @@
+"""The datasets that pass between the layers: names, dimensions and units, written once."""
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from typing import TYPE_CHECKING, Any
+
+from multiscale.errors import SchemaError
+
+if TYPE_CHECKING:
+    import xarray as xr
+
+__all__ = [
+    "COMPONENTS",
+    "FIELDS",
+    "INTERFACE_LAW",
+    "MACRO_RESULT",
+    "MICRO_RESPONSE",
+    "SCHEMAS",
+    "WORK_PRECISION",
+    "Schema",
+    "Variable",
+]
+
+COMPONENTS = ("n", "t1", "t2")
+"""Labels of the dimension ``component``: the normal and the two tangents of the joint."""
+
+
+@dataclass(frozen=True)
+class Variable:
+    """Dimensions, unit (UDUNITS spelling) and meaning of one variable."""
+
+    dims: tuple[str, ...]
+    units: str
+    long_name: str
+
+
+@dataclass(frozen=True)
+class Schema:
+    """Names, dimensions and units of one kind of dataset.
+
+    Parameters
+    ----------
+    name, version
+        Written into every file; :mod:`multiscale.io` refuses another version.
+    variables : mapping of str to Variable
+        What must be there.
+    optional : mapping of str to Variable
+        What may be there, and then in this form. Coordinates are listed here too.
+    """
+
+    name: str
+    version: int
+    variables: Mapping[str, Variable]
+    optional: Mapping[str, Variable] = field(default_factory=dict)
+
+    def check(self, dataset: "xr.Dataset") -> None:
+        """Raise if a variable is missing or has other dimensions or units.
+
+        Raises
+        ------
+        SchemaError
+            With every fault found, one a line.
+        """
+        faults = []
+        for name, variable in {**self.variables, **self.optional}.items():
+            if name not in dataset.variables:
+                if name in self.variables:
+                    faults.append(f"{name}: missing ({variable.long_name}, {variable.units})")
+                continue
+            found = dataset[name]
+            if found.dims != variable.dims:
+                faults.append(f"{name}: dimensions {found.dims}, expected {variable.dims}")
+            if found.attrs.get("units") != variable.units:
+                faults.append(
+                    f"{name}: units {found.attrs.get('units')!r}, expected {variable.units!r}"
+                )
+        if faults:
+            raise SchemaError(
+                f"not a {self.name!r} dataset (schema version {self.version}):\n  "
+                + "\n  ".join(faults)
+            )
+
+    def build(self, values: Mapping[str, Any], **attributes: str | float | int) -> "xr.Dataset":
+        """Make a dataset from plain arrays; dimensions, units and labels come from the schema.
+
+        Parameters
+        ----------
+        values : mapping of str to array_like
+            One array per variable or optional variable. A dimension without a coordinate of its
+            own name gets integer labels, ``component`` its names.
+        **attributes
+            Attributes of the dataset, strings and numbers.
+
+        Raises
+        ------
+        SchemaError
+            As :meth:`check`.
+        """
+        import xarray as xr
+
+        known = {**self.variables, **self.optional}
+        dataset = xr.Dataset(attrs=attributes)
+        for name, value in values.items():
+            if name not in known:
+                raise SchemaError(f"a {self.name!r} dataset has no variable {name!r}")
+            variable = known[name]
+            attrs = {"units": variable.units, "long_name": variable.long_name}
+            if name == "converged":
+                attrs |= {"flag_values": [0, 1], "flag_meanings": "failed converged"}
+            dataset[name] = (variable.dims, value, attrs)
+        for dim, size in dataset.sizes.items():
+            if dim == "component":
+                dataset = dataset.assign_coords(component=list(COMPONENTS[:size]))
+            elif dim not in dataset.coords:
+                dataset = dataset.assign_coords({dim: range(size)})
+        along = [name for name in values if name in self.optional and name in COORDINATES]
+        dataset = dataset.set_coords(along)
+        self.check(dataset)
+        return dataset
+
+
+COORDINATES = frozenset(
+    {"nominal_pressure", "rms_height", "rms_slope", "nayak_parameter", "preload", "method", "scene"}
+)
+"""Physical values that label a dimension without being its index."""
+
+_CELL = ("realisation", "step")
+
+MICRO_RESPONSE = Schema(
+    name="micro_response",
+    version=1,
+    variables={
+        "displacement_jump": Variable((*_CELL, "component"), "m", "mean displacement jump"),
+        "traction": Variable((*_CELL, "component"), "Pa", "averaged traction, eqs (2)-(3)"),
+        "mean_gap": Variable(_CELL, "m", "mean distance of obstacle and deformed surface"),
+        "contact_fraction": Variable(_CELL, "1", "real over nominal contact area"),
+        "converged": Variable(_CELL, "1", "whether the contact solver converged"),
+        "active_set_iterations": Variable(_CELL, "1", "number of active-set iterations"),
+        "linear_iterations": Variable(_CELL, "1", "number of conjugate-gradient iterations"),
+        "wall_time": Variable(_CELL, "s", "wall time of the step"),
+    },
+    optional={
+        "recovered_traction": Variable(
+            (*_CELL, "component"), "Pa", "averaged traction from the recovered Cauchy stress"
+        ),
+        "pressure": Variable((*_CELL, "y", "x"), "Pa", "local contact pressure"),
+        "nominal_pressure": Variable(("step",), "Pa", "prescribed mean pressure"),
+        "rms_height": Variable(("realisation",), "m", "root mean square height"),
+        "rms_slope": Variable(("realisation",), "1", "root mean square slope"),
+        "nayak_parameter": Variable(("realisation",), "1", "Nayak parameter"),
+    },
+)
+
+INTERFACE_LAW = Schema(
+    name="interface_law",
+    version=1,
+    variables={
+        "knot": Variable(("term",), "m", "gap at which a term of the normal law vanishes"),
+        "coefficient": Variable(("term",), "Pa m-3", "coefficient of the normal law"),
+        "coefficient_sample": Variable(
+            ("sample", "term"), "Pa m-3", "coefficients of the bootstrap samples"
+        ),
+        "area_pressure": Variable(("area_term",), "Pa", "pressure knots of the area law"),
+        "area_fraction": Variable(("area_term",), "1", "contact fraction at the pressure knots"),
+        "area_fraction_sample": Variable(
+            ("sample", "area_term"), "1", "contact fractions of the bootstrap samples"
+        ),
+    },
+    optional={
+        "fit_pressure": Variable(("step",), "Pa", "mean pressure of the data fitted"),
+        "fit_mean_gap": Variable(("step",), "m", "mean gap of the data fitted"),
+    },
+)
+
+MACRO_RESULT = Schema(
+    name="macro_result",
+    version=1,
+    variables={
+        "converged": Variable(("step",), "1", "whether the macro solver converged"),
+        "residual": Variable(("step",), "1", "residual relative to the load"),
+        "wall_time": Variable(("step",), "s", "wall time of the step"),
+    },
+    optional={
+        "preload": Variable(("step",), "Pa", "nominal preload"),
+        "joint_stiffness": Variable(("step",), "Pa m-1", "normal stiffness of the whole joint"),
+        "joint_stiffness_sample": Variable(
+            ("sample", "step"), "Pa m-1", "joint stiffness for each sample of the law"
+        ),
+        "interface_stiffness": Variable(
+            ("step",), "Pa m-1", "normal stiffness of the interface alone"
+        ),
+        "solid_stiffness": Variable((), "Pa m-1", "stiffness of the blocks without interface"),
+        "approach": Variable(("step",), "m", "displacement of the loaded platen"),
+        "mean_gap": Variable(("step",), "m", "area mean of the gap of the joint"),
+        "contact_fraction": Variable(("step",), "1", "real over nominal contact area"),
+        "contact_fraction_sample": Variable(
+            ("sample", "step"), "1", "contact fraction for each sample of the law"
+        ),
+        "closed_fraction": Variable(("step",), "1", "share of the interface that carries pressure"),
+    },
+)
+
+FIELDS = Schema(
+    name="fields",
+    version=1,
+    variables={
+        "height": Variable(("y", "x"), "m", "height of the composite surface"),
+        "pressure": Variable(("step", "y", "x"), "Pa", "local contact pressure"),
+        "gap": Variable(("step", "y", "x"), "m", "local gap"),
+    },
+    optional={"nominal_pressure": Variable(("step",), "Pa", "prescribed mean pressure")},
+)
+
+WORK_PRECISION = Schema(
+    name="work_precision",
+    version=1,
+    variables={
+        "error": Variable(("run",), "1", "relative error against the reference"),
+        "wall_time": Variable(("run",), "s", "wall time"),
+        "converged": Variable(("run",), "1", "whether the run converged"),
+    },
+    optional={
+        "peak_memory": Variable(("run",), "byte", "peak memory"),
+        "iterations": Variable(("run",), "1", "number of iterations"),
+        "unknowns": Variable(("run",), "1", "number of unknowns"),
+        "method": Variable(("run",), "1", "solver or code"),
+        "scene": Variable(("run",), "1", "scene"),
+    },
+)
+
+SCHEMAS = {
+    schema.name: schema
+    for schema in (MICRO_RESPONSE, INTERFACE_LAW, MACRO_RESULT, FIELDS, WORK_PRECISION)
+}

@@ -1,0 +1,66 @@
+"""Quantities with units in, SI floats out."""
+
+from functools import cache
+from math import isfinite
+from typing import TYPE_CHECKING, Any
+
+from multiscale.errors import CaseError
+
+if TYPE_CHECKING:
+    import pint
+
+__all__ = ["to_si"]
+
+
+@cache
+def _registry() -> "pint.UnitRegistry[Any]":
+    import pint
+
+    return pint.UnitRegistry()
+
+
+def to_si(text: object, unit: str) -> float:
+    """Convert a quantity such as ``"0.8 um"`` to a float in an SI unit.
+
+    Parameters
+    ----------
+    text : str
+        Number and unit. A bare number is taken only where ``unit`` is ``"1"``.
+    unit : str
+        The SI unit of the result, for instance ``"m"`` or ``"Pa"``.
+
+    Raises
+    ------
+    CaseError
+        If the unit is missing, unknown or of another dimension, or the number is not finite.
+
+    Examples
+    --------
+    >>> to_si("0.8 um", "m")
+    8e-07
+    >>> to_si("210 GPa", "Pa")
+    210000000000.0
+    """
+    import pint
+
+    if unit == "1" and isinstance(text, int | float) and not isinstance(text, bool):
+        number = float(text)
+    elif not isinstance(text, str):
+        raise CaseError(f'{text!r} has no unit; write it as text, such as "{text} {unit}"')
+    else:
+        try:
+            quantity = _registry().Quantity(text)
+        except Exception as error:  # pint raises many kinds, tokenizer errors among them
+            raise CaseError(
+                f'{text!r} is not a quantity; write a number and a unit, such as "1 {unit}"'
+            ) from error
+        if unit != "1" and quantity.dimensionless:
+            raise CaseError(f'{text!r} has no unit; write a number and a unit, such as "1 {unit}"')
+        try:
+            # via the decimal text of the number, so that "0.8 um" is exactly 8e-07
+            number = float(f"{quantity.to(unit).magnitude:.15g}")
+        except pint.DimensionalityError as error:
+            raise CaseError(f"{text!r} cannot be converted to {unit}") from error
+    if not isfinite(number):
+        raise CaseError(f"{text!r} is not finite; give a number")
+    return number
