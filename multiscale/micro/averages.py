@@ -1,0 +1,150 @@
+"""From local fields on a representative surface element to averages over its nominal area."""
+
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+if TYPE_CHECKING:
+    from skfem import Element, Mesh
+
+__all__ = ["average_traction", "contact_fraction", "dual_basis", "mean_gap", "recovered_force"]
+
+PERIMETER_FACTOR = (np.pi - 1.0 + np.log(2.0)) / 24.0
+
+
+def dual_basis(normal: np.ndarray, tangents: np.ndarray) -> np.ndarray:
+    r"""Complete a frame of the mean plane by its dual tangents.
+
+    Parameters
+    ----------
+    normal : ndarray, shape (3,)
+        Unit normal :math:`n^0`.
+    tangents : ndarray, shape (2, 3)
+        Tangents :math:`a_\alpha^0`, neither unit nor orthogonal of necessity.
+
+    Returns
+    -------
+    ndarray, shape (3, 3)
+        Rows :math:`n^0, a^{0\,1}, a^{0\,2}` with
+        :math:`a_\alpha^0 \cdot a^{0\,\beta} = \delta_\alpha^\beta`.
+
+    Examples
+    --------
+    >>> dual_basis(np.array([0.0, 0.0, 1.0]), np.array([[2.0, 0.0, 0.0], [0.0, 1.0, 0.0]]))
+    array([[0. , 0. , 1. ],
+           [0.5, 0. , 0. ],
+           [0. , 1. , 0. ]])
+    """
+    metric = tangents @ tangents.T
+    return np.vstack([normal, np.linalg.solve(metric, tangents)])
+
+
+def average_traction(
+    force: np.ndarray, nominal_area: float, frame: np.ndarray | None = None
+) -> np.ndarray:
+    r"""Average local contact forces over the nominal area, eqs (2) and (3) of the source.
+
+    Parameters
+    ----------
+    force : ndarray, shape (nodes, 3)
+        Forces on the body at its contact nodes, N: the local tractions
+        :math:`t_N^i n^i + t_T^i` of all contact spots, integrated with the shape functions, with
+        :math:`n^i` the local normal in the current configuration.
+    nominal_area : float
+        :math:`\Gamma_c^0`, m2.
+    frame : ndarray, shape (3, 3), optional
+        Rows :math:`n^0, a^{0\,1}, a^{0\,2}` of :func:`dual_basis`; z, x, y if not given.
+
+    Returns
+    -------
+    ndarray, shape (3,)
+        :math:`\langle t_N\rangle` (contact negative),
+        :math:`\langle t_T^1\rangle, \langle t_T^2\rangle`, Pa.
+    """
+    if frame is None:
+        frame = np.eye(3)[[2, 0, 1]]
+    return np.asarray(frame @ np.sum(force, axis=0) / nominal_area)  # (2), (3)
+
+
+def contact_fraction(active: np.ndarray, weight: np.ndarray) -> float:
+    r"""Real over nominal contact area.
+
+    Parameters
+    ----------
+    active : ndarray of bool
+        Contact nodes.
+    weight : ndarray
+        Nominal area of each node, m2.
+
+    Notes
+    -----
+    On a periodic grid, where every node stands for one pixel, the pixels cut by the edge of the
+    contact are corrected on average by
+
+    .. math:: A = A_p - \frac{\pi - 1 + \ln 2}{24} S_d \Delta x,
+
+    with :math:`A_p` the area of all active pixels and :math:`S_d` the perimeter counted along pixel
+    edges; an edge of one pixel costs the same share of a pixel in both directions.
+
+    References
+    ----------
+    .. [1] V. A. Yastrebov, G. Anciaux and J.-F. Molinari, Tribol. Int. 114 (2017) 161-171,
+       doi:10.1016/j.triboint.2017.04.023.
+    """
+    fraction = float(np.sum(weight[active]) / np.sum(weight))
+    if active.ndim == 2 and 0.0 < fraction < 1.0:
+        edges = sum(np.count_nonzero(active ^ np.roll(active, 1, axis)) for axis in (0, 1))
+        fraction -= PERIMETER_FACTOR * edges / active.size
+    return max(fraction, 0.0)
+
+
+def mean_gap(
+    obstacle_height: np.ndarray, surface_height: np.ndarray, weight: np.ndarray
+) -> float:
+    """Nominal-area mean of obstacle height minus deformed surface height, m."""
+    return float(np.sum(weight * (obstacle_height - surface_height)) / np.sum(weight))
+
+
+def recovered_force(
+    mesh: "Mesh",
+    element: "Element",
+    displacement: np.ndarray,
+    active: np.ndarray,
+    lame: float | np.ndarray,
+    shear: float | np.ndarray,
+) -> np.ndarray:
+    r"""Integrate :math:`\sigma n` over the contact spots from the Cauchy stress.
+
+    Parameters
+    ----------
+    mesh, element : Mesh, Element
+        With a boundary named ``"top"``; the element of each displacement component.
+    displacement : ndarray, shape (3, n_dof)
+        m.
+    active : ndarray of bool, shape (n_vertices,)
+        Contact nodes among the vertices. A facet belongs to a contact spot if it touches one.
+    lame, shear : float or ndarray, shape (elements,)
+        Lame's parameters, Pa.
+
+    Returns
+    -------
+    ndarray, shape (3,)
+        Force on the body, N. It differs from the sum of the nodal contact forces by the error of
+        the discretisation.
+    """
+    from skfem import FacetBasis
+
+    top = mesh.boundaries["top"]
+    facets = top[np.any(active[mesh.facets[:, top]], axis=0)]
+    if not len(facets):
+        return np.zeros(3)
+    basis = FacetBasis(mesh, element, facets=facets)
+    gradient = np.array([basis.interpolate(component).grad for component in displacement])
+    lame, shear = (
+        np.broadcast_to(value, (mesh.nelements,))[basis.tind, None] for value in (lame, shear)
+    )
+    stress = shear * (gradient + np.swapaxes(gradient, 0, 1))
+    for i in range(3):
+        stress[i, i] += lame * np.trace(gradient)
+    traction = np.einsum("ijfq,jfq->ifq", stress, basis.normals.value)
+    return np.asarray(np.sum(traction * basis.dx, axis=(1, 2)))

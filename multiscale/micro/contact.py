@@ -1,0 +1,396 @@
+r"""Frictionless contact of an elastic body with a rigid obstacle, by a primal-dual active set.
+
+Unknowns are the displacement :math:`u`, the nodal contact forces :math:`\lambda` along the
+obstacle's normals and the approach :math:`\delta` of the obstacle:
+
+.. math::
+    K u + N^t \lambda = 0, \qquad
+    0 \le \lambda \perp g - b\,\delta - N u \ge 0, \qquad b^t \lambda = F,    \tag{1}
+
+eqs (4)-(5) of the source with :math:`H = -N^t` and :math:`r = \lambda`. Either the load :math:`F`
+or the approach is prescribed.
+"""
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+from scipy.linalg.blas import daxpy, dscal
+
+from multiscale.convergence import Status
+from multiscale.micro.flat import solve_flat
+
+__all__ = ["ContactProblem", "ContactState", "ElasticBody", "obstacle_normal", "solve_contact"]
+
+_LOOSE = 1e-2  # reduction of the residual before the active set is questioned for the first time
+_INNER = 1e-7  # tolerance of the surface problems inside the preconditioner
+
+
+@dataclass(frozen=True)
+class ElasticBody:
+    r"""The operators of (1), for any discretisation.
+
+    Vectors are arrays of any shape, contact quantities arrays of one entry per contact node.
+
+    Attributes
+    ----------
+    apply : callable
+        :math:`u \mapsto K u`.
+    solve : callable
+        ``solve(force, correct)`` applies :math:`K_0^{-1}`, with :math:`K_0` equal or spectrally
+        close to :math:`K`. ``correct`` gets :math:`N K_0^{-1} f` and returns contact forces
+        :math:`l`; the result is :math:`K_0^{-1} (f - N^t l)`.
+    trace : callable
+        :math:`u \mapsto N u`, the displacement along the obstacle's normals.
+    add : callable
+        ``add(vector, values)`` does ``vector += N^t values`` in place.
+    compliance : callable
+        :math:`\lambda \mapsto C_0 \lambda = N K_0^{-1} N^t \lambda`.
+    surface_stiffness : callable
+        An approximate inverse of ``compliance``, symmetric and positive.
+    shape : tuple of int
+        Shape of a vector.
+    """
+
+    apply: Callable[[np.ndarray], np.ndarray]
+    solve: Callable[[np.ndarray, Callable[[np.ndarray], np.ndarray] | None], np.ndarray]
+    trace: Callable[[np.ndarray], np.ndarray]
+    add: Callable[[np.ndarray, np.ndarray], None]
+    compliance: Callable[[np.ndarray], np.ndarray]
+    surface_stiffness: Callable[[np.ndarray], np.ndarray]
+    shape: tuple[int, ...]
+
+
+@dataclass(frozen=True, eq=False)
+class ContactProblem:
+    """An elastic body with the geometry of its contact nodes.
+
+    Attributes
+    ----------
+    body : ElasticBody
+    normal : ndarray
+        Unit normals into the obstacle, components along axis 1: shape (nx, 3, ny) for a graph
+        cell, (nodes, 3) otherwise.
+    surface_height, obstacle_height : ndarray
+        Of the body before deformation and of the obstacle at first touch, m.
+    weight : ndarray
+        Nominal area of each contact node, m2; they add up to the nominal area.
+    surface_displacement : callable
+        Displacement of the contact nodes, components along axis 1, m.
+    recover : callable
+        ``recover(displacement, active)`` integrates the traction from the Cauchy stress over the
+        facets that touch an active node, shape (3,), N.
+    """
+
+    body: ElasticBody
+    normal: np.ndarray
+    surface_height: np.ndarray
+    obstacle_height: np.ndarray
+    weight: np.ndarray
+    surface_displacement: Callable[[np.ndarray], np.ndarray]
+    recover: Callable[[np.ndarray, np.ndarray], np.ndarray]
+
+    @property
+    def nominal_area(self) -> float:
+        """Area of the cell's projection on its mean plane, m2."""
+        return float(np.sum(self.weight))
+
+    @property
+    def closing(self) -> np.ndarray:
+        """Share of the approach that closes the gap, 1."""
+        return np.asarray(self.normal[:, 2])
+
+    @property
+    def gap(self) -> np.ndarray:
+        """Distance along the obstacle's normal at first touch, m."""
+        return np.asarray((self.obstacle_height - self.surface_height) * self.closing)
+
+
+def obstacle_normal(slope_x: np.ndarray, slope_y: np.ndarray) -> np.ndarray:
+    """Unit normals into an obstacle z = s(x, y) from its slopes, components along axis 1."""
+    normal = np.stack([-slope_x, -slope_y, np.ones_like(slope_x)], axis=1)
+    return np.asarray(normal / np.linalg.norm(normal, axis=1, keepdims=True))
+
+
+@dataclass(frozen=True)
+class ContactState:
+    """A solution of (1), or the last iterate.
+
+    Attributes
+    ----------
+    displacement : ndarray
+        m.
+    force : ndarray
+        Contact forces, N.
+    approach : float
+        m, counted from the first touch.
+    active : ndarray of bool
+        Contact nodes.
+    reference_force : ndarray
+        Contact forces of the problem with :math:`K_0` in place of :math:`K`, N.
+    status : Status
+    residuals : tuple of float
+        Norm of the forces out of balance over the norm of the contact forces, after each
+        active-set iteration.
+    linear_iterations : int
+        Conjugate-gradient iterations in all.
+    """
+
+    displacement: np.ndarray
+    force: np.ndarray
+    approach: float
+    active: np.ndarray
+    reference_force: np.ndarray
+    status: Status = Status.MAX_ITERATIONS
+    residuals: tuple[float, ...] = ()
+    linear_iterations: int = 0
+
+
+def solve_contact(
+    body: ElasticBody,
+    gap: np.ndarray,
+    closing: np.ndarray,
+    *,
+    load: float | None = None,
+    approach: float | None = None,
+    start: ContactState | None = None,
+    max_iterations: int = 60,
+    tolerance: float = 1e-8,
+) -> ContactState:
+    r"""Press a body against a rigid obstacle without friction.
+
+    Parameters
+    ----------
+    body : ElasticBody
+    gap : ndarray
+        :math:`g`, distance along the obstacle's normal at first touch, m.
+    closing : ndarray
+        :math:`b`, share of the approach that closes the gap: the normal's component along the
+        approach.
+    load, approach : float
+        :math:`F`, N, or :math:`\delta`, m; exactly one of them.
+    start : ContactState, optional
+        State of the previous load step.
+    max_iterations : int
+        Limit of active-set iterations.
+    tolerance : float
+        Bound on the norm of the forces out of balance, relative to the norm of the contact forces,
+        and on the load's error, relative to the load.
+
+    Notes
+    -----
+    The active set starts from the problem with :math:`K_0`, solved on the surface alone; what the
+    previous step told about the difference of the two problems is kept. On a given active set
+    conjugate gradients run on the displacements that satisfy the constraints. Their preconditioner
+    is exactly constrained: :math:`z = K_0^{-1} (r - N_A^t l)` with :math:`l` such that
+    :math:`N_A z + b\,d\delta = 0` and :math:`b^t l` balances the load. If the number of changes
+    does not fall, single nodes are exchanged by least index, which ends for every positive
+    definite problem [2]_.
+
+    References
+    ----------
+    .. [1] M. Hintermüller, K. Ito and K. Kunisch, SIAM J. Optim. 13 (2002) 865-888,
+       doi:10.1137/S1052623401383558.
+    .. [2] J. J. Júdice and F. M. Pires, Comput. Oper. Res. 21 (1994) 587-596,
+       doi:10.1016/0305-0548(94)90106-6.
+    """
+    if (load is None) == (approach is None):
+        raise ValueError(f"prescribe either the load or the approach, got {load=} and {approach=}")
+    if start is None:
+        nothing = np.zeros_like(gap)
+        start = ContactState(np.zeros(body.shape), nothing, 0.0, nothing > 0.0, nothing)
+    if load == 0.0 or (approach is not None and np.all(gap >= closing * approach)):
+        return _untouched(body, gap, closing, approach)
+
+    reference, delta = solve_flat(
+        body.compliance,
+        body.surface_stiffness,
+        gap,
+        closing,
+        load=load,
+        approach=approach,
+        start=start.reference_force,
+    )
+    u = start.displacement.copy()
+    change = np.zeros(body.shape)
+    body.add(change, start.reference_force - reference)
+    u += body.solve(change, None)
+    active = reference + start.force - start.reference_force > 0.0
+    if not active.any():
+        active = reference > 0.0
+
+    out_of_balance = -body.apply(u)
+    residuals: list[float] = []
+    n_linear, fewest, patience, changed, sharp = 0, gap.size + 1, 5, True, False
+    status = Status.MAX_ITERATIONS
+    for _ in range(max_iterations):
+        stage = _LinearStage(body, closing, active, load)
+        force = stage.split(out_of_balance)
+        if changed:  # move onto the constraints of the new active set
+            z, shift = stage.precondition(
+                out_of_balance, force, np.where(active, gap - closing * delta - body.trace(u), 0.0)
+            )
+            u, delta = u + z, delta + shift
+            body.add(u, np.where(active, gap - closing * delta - body.trace(u), 0.0))
+            out_of_balance = -body.apply(u)
+            force = stage.split(out_of_balance)
+        target = tolerance if sharp else max(tolerance, _LOOSE * stage.residual(out_of_balance, force))
+        delta, iterations = stage.conjugate_gradients(u, delta, out_of_balance, force, target)
+        n_linear += iterations
+
+        wrong = _wrong_nodes(active, force, closing * delta + body.trace(u) - gap, tolerance)
+        n_wrong = int(np.count_nonzero(wrong))
+        if n_wrong == 0 and stage.residual(out_of_balance, force) <= tolerance:
+            out_of_balance = -body.apply(u)  # what the recurrence says must be true of u itself
+            force = stage.split(out_of_balance)
+        residuals.append(stage.residual(out_of_balance, force))
+        if not np.isfinite(residuals[-1]):
+            status = Status.NOT_FINITE
+            break
+        if n_wrong == 0 and residuals[-1] <= tolerance:
+            status = Status.CONVERGED
+            break
+
+        body.add(out_of_balance, force)
+        changed, sharp = n_wrong > 0, sharp or n_wrong == 0
+        if n_wrong < fewest:
+            fewest, patience = n_wrong, 5
+        else:
+            patience -= changed
+        if patience <= 0:  # exchange single nodes by least index
+            sharp = True
+            wrong &= np.arange(gap.size).reshape(gap.shape) == np.flatnonzero(wrong)[:1]
+        active = active ^ wrong
+
+    return ContactState(
+        u,
+        np.maximum(force, 0.0),
+        delta,
+        active,
+        reference,
+        status,
+        tuple(residuals),
+        n_linear,
+    )
+
+
+def _untouched(
+    body: ElasticBody, gap: np.ndarray, closing: np.ndarray, approach: float | None
+) -> ContactState:
+    """Return the state without contact forces, at first touch or before it."""
+    nothing = np.zeros_like(gap)
+    touch = float(np.min(gap / closing))
+    delta = touch if approach is None else approach
+    return ContactState(
+        np.zeros(body.shape), nothing, delta, nothing > 0.0, nothing, Status.CONVERGED, (0.0,)
+    )
+
+
+def _wrong_nodes(
+    active: np.ndarray, force: np.ndarray, penetration: np.ndarray, tolerance: float
+) -> np.ndarray:
+    """Active nodes that pull and inactive ones that penetrate, beyond the tolerance."""
+    pull = tolerance * float(np.max(force))
+    deep = tolerance * float(np.max(np.abs(penetration)))
+    return np.asarray(np.where(active, force < -pull, penetration > deep))
+
+
+@dataclass(frozen=True)
+class _LinearStage:
+    """The linear problem on one active set, in the displacements that satisfy the constraints."""
+
+    body: ElasticBody
+    closing: np.ndarray
+    active: np.ndarray
+    load: float | None
+
+    def split(self, out_of_balance: np.ndarray) -> np.ndarray:
+        """Take the contact forces out of the forces out of balance, in place, and return them."""
+        force = np.where(self.active, self.body.trace(out_of_balance), 0.0)
+        self.body.add(out_of_balance, -force)
+        return force
+
+    def missing_load(self, force: np.ndarray) -> float:
+        """Return the load not yet carried, N; 0 if the approach is prescribed."""
+        return 0.0 if self.load is None else self.load - float(np.vdot(self.closing, force))
+
+    def residual(self, out_of_balance: np.ndarray, force: np.ndarray) -> float:
+        """Return forces out of balance over contact forces, or the load's error if larger."""
+        scale = float(np.linalg.norm(force)) or 1.0
+        missing = self.missing_load(force) / self.load if self.load else 0.0
+        return max(float(np.linalg.norm(out_of_balance)) / scale, abs(missing))
+
+    def surface_solve(self, right_hand_side: np.ndarray) -> np.ndarray:
+        """Solve C_AA l = d on the active nodes by conjugate gradients."""
+        l = np.zeros_like(right_hand_side)
+        r = np.where(self.active, right_hand_side, 0.0)
+        goal = _INNER * float(np.linalg.norm(r))
+        p, rz_old = np.zeros_like(r), 1.0
+        for _ in range(1000):
+            if float(np.linalg.norm(r)) <= goal:
+                break
+            z = np.where(self.active, self.body.surface_stiffness(r), 0.0)
+            rz = float(np.vdot(r, z))
+            p = z + (rz / rz_old) * p
+            q = np.where(self.active, self.body.compliance(p), 0.0)
+            alpha = rz / float(np.vdot(p, q))
+            l += alpha * p
+            r -= alpha * q
+            rz_old = rz
+        return l
+
+    @cached_property
+    def unit(self) -> np.ndarray:
+        """Contact forces of the flat problem under a unit approach, N/m."""
+        return self.surface_solve(self.closing)
+
+    def precondition(
+        self, out_of_balance: np.ndarray, force: np.ndarray, distance: np.ndarray | float = 0.0
+    ) -> tuple[np.ndarray, float]:
+        """Apply the exactly constrained inverse; return the displacement and the approach."""
+        shift = 0.0
+
+        def correct(trace: np.ndarray) -> np.ndarray:
+            nonlocal shift
+            l = self.surface_solve(trace - distance)
+            if self.load is not None:
+                missing = self.missing_load(force) - float(np.vdot(self.closing, l))
+                shift = missing / float(np.vdot(self.closing, self.unit))
+                l += shift * self.unit
+            return l
+
+        z = self.body.solve(out_of_balance, correct)
+        return z, shift
+
+    def conjugate_gradients(
+        self,
+        u: np.ndarray,
+        delta: float,
+        out_of_balance: np.ndarray,
+        force: np.ndarray,
+        target: float,
+    ) -> tuple[float, int]:
+        """Reduce the residual to ``target``; ``u`` and the forces are changed in place."""
+        p, p_delta, rz_old = np.zeros(self.body.shape), 0.0, 1.0
+        for iteration in range(500):
+            if not self.residual(out_of_balance, force) > target:
+                return delta, iteration
+            z, shift = self.precondition(out_of_balance, force)
+            # the rounding and the inner tolerance must not move the constrained nodes
+            self.body.add(z, np.where(self.active, -self.closing * shift - self.body.trace(z), 0.0))
+            rz = float(np.vdot(out_of_balance, z)) + self.missing_load(force) * shift
+            dscal(rz / rz_old, p.reshape(-1))
+            daxpy(z.reshape(-1), p.reshape(-1))
+            p_delta = shift + (rz / rz_old) * p_delta
+            q = self.body.apply(p)
+            reaction = self.split(q)  # the contact forces change by -alpha times this
+            alpha = rz / (
+                float(np.vdot(p, q)) - float(np.vdot(self.closing, reaction)) * p_delta
+            )
+            daxpy(p.reshape(-1), u.reshape(-1), a=alpha)
+            daxpy(q.reshape(-1), out_of_balance.reshape(-1), a=-alpha)
+            force -= alpha * reaction
+            delta += alpha * p_delta
+            rz_old = rz
+        return delta, 500

@@ -1,0 +1,289 @@
+r"""Exact inverse of the flat, laterally homogeneous, periodic layered cell in O(N log n).
+
+On a flat mesh with moduli that vary with depth only, the stiffness is block circulant in x and y.
+A lateral Fourier transform leaves one block-tridiagonal system of 3 x 3 blocks per wavenumber.
+Multiplying the in-plane components by the imaginary unit makes every block real and symmetric.
+"""
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numba
+import numpy as np
+from scipy import fft
+
+__all__ = ["LateralInverse", "brick_stiffness", "factorise_flat_cell"]
+
+
+def brick_stiffness(edges: tuple[float, float, float], lame: float, shear: float) -> np.ndarray:
+    r"""Stiffness of a trilinear brick with 2 x 2 x 2 Gauss points.
+
+    Parameters
+    ----------
+    edges : tuple of float
+        Lengths along x, y and z, m.
+    lame, shear : float
+        Lame's parameters, Pa.
+
+    Returns
+    -------
+    ndarray, shape (2, 2, 2, 3, 2, 2, 2, 3)
+        :math:`K_{abc\,i,\,a'b'c'\,j}` with the corner's place along x, y, z and the component, N/m.
+    """
+    # one-dimensional integrals of N N', N dN' and dN dN' on the unit edge
+    mass = np.array([[2.0, 1.0], [1.0, 2.0]]) / 6.0
+    mixed = np.array([[-0.5, 0.5], [-0.5, 0.5]])
+    stiff = np.array([[1.0, -1.0], [-1.0, 1.0]])
+    volume = float(np.prod(edges))
+
+    def integral(i: int, j: int) -> np.ndarray:
+        """Integrate dN_a/dx_i dN_b/dx_j over the brick."""
+        factors = []
+        for k in range(3):
+            if k == i == j:
+                factors.append(stiff)
+            elif k == i:
+                factors.append(mixed.T)
+            elif k == j:
+                factors.append(mixed)
+            else:
+                factors.append(mass)
+        product = np.einsum("ad,be,cf->abcdef", *factors)
+        return np.asarray(product * volume / (edges[i] * edges[j]))
+
+    forms = np.array([[integral(i, j) for j in range(3)] for i in range(3)])
+    stiffness = lame * forms + shear * np.swapaxes(forms, 0, 1)
+    for i in range(3):
+        stiffness[i, i] += shear * np.trace(forms)
+    return np.asarray(np.moveaxis(stiffness, (0, 1), (3, 7)))
+
+
+@numba.njit(parallel=True, cache=True, fastmath=True, error_model="numpy")
+def _factorise(stencil, nx, ny, inverse, upper):  # type: ignore[no-untyped-def]
+    """Block factorisation for every wavenumber; ``stencil[l, c, c', dx, dy, i, j]``."""
+    layers, m = stencil.shape[0], ny // 2 + 1
+    for k in numba.prange(nx):
+        cosine, sine = np.empty((3, 3)), np.empty((3, 3))
+        diagonal, previous = np.empty((3, 3)), np.empty((3, 3))
+        pivot, product = np.empty((3, 3)), np.empty((3, 3))
+        for j in range(m):
+            for a in range(3):
+                for b in range(3):
+                    angle = 2.0 * np.pi * (k * (a - 1) / nx + j * (b - 1) / ny)
+                    cosine[a, b], sine[a, b] = np.cos(angle), np.sin(angle)
+            for l in range(layers):  # node plane l + 1, between the layers l and l + 1
+                for r in range(3):
+                    for c in range(3):
+                        own, above = 0.0, 0.0
+                        for a in range(3):
+                            for b in range(3):
+                                phase = cosine[a, b]
+                                if r < 2 and c == 2:
+                                    phase = sine[a, b]
+                                elif r == 2 and c < 2:
+                                    phase = -sine[a, b]
+                                own += stencil[l, 1, 1, a, b, r, c] * phase
+                                if l + 1 < layers:
+                                    own += stencil[l + 1, 0, 0, a, b, r, c] * phase
+                                    above += stencil[l + 1, 0, 1, a, b, r, c] * phase
+                        diagonal[r, c] = own
+                        upper[k, l, 3 * r + c, j] = above
+                if l > 0:
+                    for r in range(3):
+                        for c in range(3):
+                            previous[r, c] = upper[k, l - 1, 3 * r + c, j]
+                    product[:] = 0.0
+                    for r in range(3):
+                        for s in range(3):
+                            for c in range(3):
+                                product[r, c] += pivot[r, s] * previous[s, c]
+                    for r in range(3):
+                        for s in range(3):
+                            for c in range(3):
+                                diagonal[r, c] -= previous[s, r] * product[s, c]
+                xx, yy, zz = diagonal[0, 0], diagonal[1, 1], diagonal[2, 2]
+                xy = 0.5 * (diagonal[0, 1] + diagonal[1, 0])
+                xz = 0.5 * (diagonal[0, 2] + diagonal[2, 0])
+                yz = 0.5 * (diagonal[1, 2] + diagonal[2, 1])
+                a, b, c = yy * zz - yz * yz, xz * yz - xy * zz, xy * yz - xz * yy
+                scale = 1.0 / (xx * a + xy * b + xz * c)
+                pivot[0, 0], pivot[0, 1], pivot[0, 2] = scale * a, scale * b, scale * c
+                pivot[1, 1], pivot[1, 2] = scale * (xx * zz - xz * xz), scale * (xy * xz - xx * yz)
+                pivot[2, 2] = scale * (xx * yy - xy * xy)
+                pivot[1, 0], pivot[2, 0], pivot[2, 1] = pivot[0, 1], pivot[0, 2], pivot[1, 2]
+                inverse[k, l, 0, j], inverse[k, l, 1, j] = pivot[0, 0], pivot[0, 1]
+                inverse[k, l, 2, j], inverse[k, l, 3, j] = pivot[0, 2], pivot[1, 1]
+                inverse[k, l, 4, j], inverse[k, l, 5, j] = pivot[1, 2], pivot[2, 2]
+
+
+@numba.njit(parallel=True, cache=True, fastmath=True, error_model="numpy")
+def _forward(inverse, upper, values):  # type: ignore[no-untyped-def]
+    """Eliminate upwards from the base; ``values`` becomes pivot times reduced right-hand side.
+
+    The last axis of ``values`` interleaves real and imaginary parts; the blocks are real.
+    """
+    nx, layers, _, m = inverse.shape
+    for k in numba.prange(nx):
+        for l in range(layers):
+            d = inverse[k, l]
+            now = values[k, l]
+            if l > 0:
+                w, old = upper[k, l - 1], values[k, l - 1]
+                for j in range(m):
+                    for part in range(2):
+                        v = 2 * j + part
+                        x, y, z = old[0, v], old[1, v], old[2, v]
+                        now[0, v] -= w[0, j] * x + w[3, j] * y + w[6, j] * z
+                        now[1, v] -= w[1, j] * x + w[4, j] * y + w[7, j] * z
+                        now[2, v] -= w[2, j] * x + w[5, j] * y + w[8, j] * z
+            for j in range(m):
+                for part in range(2):
+                    v = 2 * j + part
+                    x, y, z = now[0, v], now[1, v], now[2, v]
+                    now[0, v] = d[0, j] * x + d[1, j] * y + d[2, j] * z
+                    now[1, v] = d[1, j] * x + d[3, j] * y + d[4, j] * z
+                    now[2, v] = d[2, j] * x + d[4, j] * y + d[5, j] * z
+
+
+@numba.njit(parallel=True, cache=True, fastmath=True, error_model="numpy")
+def _backward(inverse, upper, values):  # type: ignore[no-untyped-def]
+    """Substitute downwards from the surface."""
+    nx, layers, _, m = inverse.shape
+    for k in numba.prange(nx):
+        for l in range(layers - 2, -1, -1):
+            d, w = inverse[k, l], upper[k, l]
+            now, above = values[k, l], values[k, l + 1]
+            for j in range(m):
+                for part in range(2):
+                    v = 2 * j + part
+                    x, y, z = above[0, v], above[1, v], above[2, v]
+                    a = w[0, j] * x + w[1, j] * y + w[2, j] * z
+                    b = w[3, j] * x + w[4, j] * y + w[5, j] * z
+                    c = w[6, j] * x + w[7, j] * y + w[8, j] * z
+                    now[0, v] -= d[0, j] * a + d[1, j] * b + d[2, j] * c
+                    now[1, v] -= d[1, j] * a + d[3, j] * b + d[4, j] * c
+                    now[2, v] -= d[2, j] * a + d[4, j] * b + d[5, j] * c
+
+
+@dataclass(frozen=True)
+class LateralInverse:
+    """Factors of the flat cell, clamped at its base.
+
+    Attributes
+    ----------
+    shape : tuple of int
+        Points in x, layers, points in y.
+    inverse, upper : ndarray
+        Inverse pivots (6 entries of a symmetric block) and coupling blocks to the plane above,
+        shapes ``(nx, layers, 6, ny // 2 + 1)`` and ``(nx, layers, 9, ny // 2 + 1)``.
+    threads : int
+        Threads of the Fourier transforms.
+    """
+
+    shape: tuple[int, int, int]
+    inverse: np.ndarray
+    upper: np.ndarray
+    threads: int
+
+    @property
+    def surface_compliance(self) -> np.ndarray:
+        """Symbol of the surface compliance, shape (6, nx, ny // 2 + 1), m/N.
+
+        The entries xx, xy, xz, yy, yz, zz of a real symmetric matrix per wavenumber, for the
+        in-plane components multiplied by the imaginary unit.
+        """
+        return np.moveaxis(self.inverse[:, -1], 1, 0)
+
+    def solve(
+        self, force: np.ndarray, correct: Callable[[np.ndarray], np.ndarray] | None = None
+    ) -> np.ndarray:
+        r"""Solve the flat problem for nodal forces.
+
+        Parameters
+        ----------
+        force : ndarray, shape (nx, layers, 3, ny)
+            N.
+        correct : callable, optional
+            Gets the displacement of the surface under ``force``, shape (nx, 3, ny), m, and returns
+            a nodal force on the surface, N, that is added before the displacement below is
+            computed: a constrained solve for the price of a free one.
+
+        Returns
+        -------
+        ndarray, shape (nx, layers, 3, ny)
+            Displacement, m.
+        """
+        nx, layers, ny = self.shape
+        transform = fft.rfft(force, axis=3, workers=self.threads)
+        transform = fft.fft(transform, axis=0, workers=self.threads, overwrite_x=True)
+        transform[:, :, :2] *= -1j
+        values = transform.view(np.float64)
+        _forward(self.inverse, self.upper, values)
+        if correct is not None:
+            added = self._to_wavenumbers(correct(self._to_points(transform[:, -1])))
+            transform[:, -1] += self._apply_surface(added)
+        _backward(self.inverse, self.upper, values)
+        transform[:, :, :2] *= 1j
+        transform = fft.ifft(transform, axis=0, workers=self.threads, overwrite_x=True)
+        return np.asarray(
+            fft.irfft(transform, n=ny, axis=3, workers=self.threads, overwrite_x=True)
+        )
+
+    def surface_response(self, force: np.ndarray) -> np.ndarray:
+        """Displacement of the surface under forces on the surface, shapes (nx, 3, ny)."""
+        return self._to_points(self._apply_surface(self._to_wavenumbers(force)))
+
+    def _apply_surface(self, force: np.ndarray) -> np.ndarray:
+        """Surface compliance times surface force, both per wavenumber, shape (nx, 3, m)."""
+        xx, xy, xz, yy, yz, zz = self.surface_compliance
+        x, y, z = force[:, 0], force[:, 1], force[:, 2]
+        return np.stack(
+            [xx * x + xy * y + xz * z, xy * x + yy * y + yz * z, xz * x + yz * y + zz * z], axis=1
+        )
+
+    def _to_wavenumbers(self, values: np.ndarray) -> np.ndarray:
+        transform = fft.rfft2(values, axes=(0, 2), workers=self.threads)
+        transform[:, :2] *= -1j
+        return np.asarray(transform)
+
+    def _to_points(self, transform: np.ndarray) -> np.ndarray:
+        turned = transform.copy()
+        turned[:, :2] *= 1j
+        nx, _, ny = self.shape
+        return np.asarray(fft.irfft2(turned, s=(nx, ny), axes=(0, 2), workers=self.threads))
+
+
+def factorise_flat_cell(
+    shape: tuple[int, int],
+    spacing: tuple[float, float],
+    planes: np.ndarray,
+    lame: np.ndarray,
+    shear: np.ndarray,
+) -> LateralInverse:
+    r"""Factorise the flat, periodic, layered cell that is clamped at its base.
+
+    Parameters
+    ----------
+    shape : tuple of int
+        Points in x and y.
+    spacing : tuple of float
+        Distances between points, m.
+    planes : ndarray, shape (layers + 1,)
+        Heights of the node planes, m.
+    lame, shear : ndarray, shape (layers,)
+        Lame's parameters of each layer, Pa.
+    """
+    (nx, ny), layers = shape, len(planes) - 1
+    stencil = np.zeros((layers, 2, 2, 3, 3, 3, 3))
+    for l in range(layers):
+        brick = brick_stiffness((*spacing, planes[l + 1] - planes[l]), lame[l], shear[l])
+        for a in range(2):
+            for b in range(2):
+                for d in range(2):
+                    for e in range(2):  # from corner (a, b) to corner (d, e)
+                        block = brick[a, b, :, :, d, e, :, :]  # (c, i, c', j)
+                        stencil[l, :, :, d - a + 1, e - b + 1] += np.moveaxis(block, 1, 2)
+    m = ny // 2 + 1
+    inverse, upper = np.empty((nx, layers, 6, m)), np.empty((nx, layers, 9, m))
+    _factorise(stencil, nx, ny, inverse, upper)
+    return LateralInverse((nx, layers, ny), inverse, upper, numba.get_num_threads())

@@ -1,0 +1,49 @@
+r"""Rough surfaces: synthesis, preparation of measured maps, and statistics.
+
+Everything here works with the discrete Fourier series of a periodic surface on its cell
+:math:`L_x \times L_y`,
+
+.. math::
+    h(x) = \sum_q \hat h_q\, e^{i q \cdot x}, \qquad
+    q = 2\pi \left(\frac{i}{L_x}, \frac{j}{L_y}\right),    \tag{1}
+
+so that a mean over the cell is a sum over the waves,
+:math:`\langle h^2 \rangle = \sum_q |\hat h_q|^2` (Parseval). Nodes, units and the meaning of the
+size are those of :class:`multiscale.io.surfaces.Surface`.
+"""
+
+from multiscale.micro.topography.preparation import (
+    composite,
+    crop,
+    detrend,
+    high_pass,
+    low_pass,
+    mirror,
+    resample,
+    split,
+    window,
+)
+from multiscale.micro.topography.statistics import (
+    nayak_parameter,
+    power_spectral_density,
+    rms_height,
+    rms_slope,
+)
+from multiscale.micro.topography.synthesis import self_affine
+
+__all__ = [
+    "composite",
+    "crop",
+    "detrend",
+    "high_pass",
+    "low_pass",
+    "mirror",
+    "nayak_parameter",
+    "power_spectral_density",
+    "resample",
+    "rms_height",
+    "rms_slope",
+    "self_affine",
+    "split",
+    "window",
+]

@@ -1,0 +1,224 @@
+"""Measured maps made fit for a cell: periodic, band-limited, on the grid of the cell."""
+
+import numpy as np
+from scipy import fft
+
+from multiscale.errors import CaseError
+from multiscale.io.surfaces import Surface, remove_trend
+from multiscale.micro.topography.statistics import wavenumbers
+
+__all__ = [
+    "composite",
+    "crop",
+    "detrend",
+    "high_pass",
+    "low_pass",
+    "mirror",
+    "resample",
+    "split",
+    "window",
+]
+
+_ROUND_OFF = 1e-9  # relative: a wave exactly on a cut-off belongs to the band
+
+
+def detrend(surface: Surface, order: int = 1) -> Surface:
+    """Remove the mean (order 0), a plane (1) or a plane and the curvature (2), by least squares.
+
+    A piece of a map has its own mean and tilt: remove them after :func:`crop` or :func:`split`.
+    """
+    return Surface(remove_trend(surface.heights, order), surface.size)
+
+
+def mirror(surface: Surface) -> Surface:
+    """Make a map periodic by reflecting it about its edges; the cell doubles in both directions.
+
+    The heights are continuous across the seams and keep their distribution, but the slope normal
+    to a seam jumps. The four quarters are copies: the cell is twice as long, its statistical
+    content is that of the one map, and the scatter over realisations does not fall.
+
+    Examples
+    --------
+    >>> mirror(Surface(np.array([[1.0, 2.0], [3.0, 4.0]]), (1.0, 1.0))).heights[0]
+    array([1., 2., 2., 1.])
+    """
+    heights = np.concatenate([surface.heights, surface.heights[::-1]], axis=0)
+    heights = np.concatenate([heights, heights[:, ::-1]], axis=1)
+    return Surface(heights, (2.0 * surface.size[0], 2.0 * surface.size[1]))
+
+
+def window(surface: Surface, *, taper: float = 0.1) -> Surface:
+    r"""Make a map periodic by fading it to its mean height along the edges.
+
+    Parameters
+    ----------
+    surface : Surface
+        The map. Detrend it first.
+    taper : float
+        Share of each edge length over which the heights fade, at either end; dimensionless,
+        :math:`0 < \theta \le 1/2`. One half is the Hann window.
+
+    Returns
+    -------
+    Surface
+        Heights :math:`\bar h + w(x)\, w(y)\, (h - \bar h)` with Tukey's window :math:`w`, m.
+
+    Raises
+    ------
+    CaseError
+        If the taper is outside its range.
+
+    Notes
+    -----
+    The middle is left as measured. The bias: for statistically homogeneous roughness the mean
+    square height falls by the mean of :math:`w^2` in each direction, that is by
+    :math:`(1 - 5\theta/4)^2`, the margin is smoother than the rest, and contact spots gather in
+    the middle.
+    """
+    from scipy.signal.windows import tukey
+
+    if not 0.0 < taper <= 0.5:
+        raise CaseError(f"taper must be above 0 and at most 0.5, got {taper:g}")
+    # sym=False leaves out the last point of the window, which is point 0 of the next period
+    along_x, along_y = (tukey(n, 2.0 * taper, sym=False) for n in surface.heights.shape)
+    mean = surface.heights.mean()
+    return Surface(mean + np.outer(along_x, along_y) * (surface.heights - mean), surface.size)
+
+
+def crop(surface: Surface, origin: tuple[int, int], points: tuple[int, int]) -> Surface:
+    """Cut out the piece of (nx, ny) points that begins at the node (i, j); same spacing.
+
+    Raises
+    ------
+    CaseError
+        If the piece reaches beyond the map.
+    """
+    shape = surface.heights.shape
+    if any(
+        first < 0 or n < 2 or first + n > total
+        for first, n, total in zip(origin, points, shape, strict=True)
+    ):
+        raise CaseError(
+            f"the piece of {points[0]} x {points[1]} points at node {origin} does not lie in the "
+            f"map of {shape[0]} x {shape[1]} points, or has fewer than 2 x 2"
+        )
+    (i, j), (nx, ny) = origin, points
+    dx, dy = surface.spacing
+    return Surface(surface.heights[i : i + nx, j : j + ny], (nx * dx, ny * dy))
+
+
+def split(surface: Surface, parts: tuple[int, int]) -> list[Surface]:
+    """Cut a map into equal pieces that do not overlap: several realisations from one measurement.
+
+    Points left over at the far edges are dropped. Waves longer than a piece become its tilt.
+
+    Parameters
+    ----------
+    surface : Surface
+        The map.
+    parts : tuple of int
+        Number of pieces along x and y.
+
+    Raises
+    ------
+    CaseError
+        If the pieces would have fewer than 2 x 2 points.
+    """
+    if min(parts) < 1:
+        raise CaseError(f"the number of parts must be at least 1 in each direction, got {parts}")
+    nx, ny = (n // part for n, part in zip(surface.heights.shape, parts, strict=True))
+    return [
+        crop(surface, (i * nx, j * ny), (nx, ny)) for i in range(parts[0]) for j in range(parts[1])
+    ]
+
+
+def resample(surface: Surface, points: tuple[int, int]) -> Surface:
+    """Put a periodic surface on another grid of the same cell, by its Fourier series.
+
+    A finer grid samples the same surface (1). A coarser grid first loses the waves that it cannot
+    carry, direction by direction, so nothing is aliased. A map that is not periodic rings at its
+    edges: :func:`mirror` or :func:`window` it first.
+
+    Parameters
+    ----------
+    surface : Surface
+        A periodic surface.
+    points : tuple of int
+        Grid points (nx, ny) of the result, at least 2 each.
+
+    Raises
+    ------
+    CaseError
+        If there are too few points.
+    """
+    from scipy.signal import resample as resample_axis
+
+    if min(points) < 2:
+        raise CaseError(f"resampling needs at least 2 points in each direction, got {points}")
+    heights = surface.heights
+    for axis, n in enumerate(points):
+        if n != heights.shape[axis]:
+            heights = resample_axis(heights, n, axis=axis)
+    return Surface(heights, surface.size)
+
+
+def low_pass(surface: Surface, short_cutoff: float) -> Surface:
+    """Remove the waves of a periodic surface that are shorter than a wavelength, m.
+
+    What an instrument measured down to its pixel is thus limited to what a grid resolves.
+    """
+    _check_cutoff("short_cutoff", short_cutoff)
+    return _filter(surface, 0.0, 2.0 * np.pi / short_cutoff * (1.0 + _ROUND_OFF))
+
+
+def high_pass(surface: Surface, long_cutoff: float) -> Surface:
+    """Remove the mean and the waves of a periodic surface longer than a wavelength, m."""
+    _check_cutoff("long_cutoff", long_cutoff)
+    return _filter(surface, 2.0 * np.pi / long_cutoff * (1.0 - _ROUND_OFF), np.inf)
+
+
+def composite(surface_1: Surface, surface_2: Surface) -> Surface:
+    r"""Sum of two rough surfaces that face each other.
+
+    Parameters
+    ----------
+    surface_1, surface_2 : Surface
+        Both heights positive out of their own body, at the same points of the joint, so that the
+        gap at mean-plane distance :math:`d` is :math:`d - h_1 - h_2`. A side 2 measured from
+        outside must first be mirrored in one direction, as paper is when it is turned over.
+
+    Returns
+    -------
+    Surface
+        Heights :math:`h_1 + h_2`, m: pressed against a plane, it has the same gaps.
+
+    Raises
+    ------
+    CaseError
+        If the grids differ.
+    """
+    if surface_1.heights.shape != surface_2.heights.shape:
+        raise CaseError(
+            f"the two surfaces must have the same points, got {surface_1.heights.shape} and "
+            f"{surface_2.heights.shape}; resample one of them"
+        )
+    if not np.allclose(surface_1.size, surface_2.size, rtol=_ROUND_OFF, atol=0.0):
+        raise CaseError(
+            f"the two surfaces must have the same size, got {surface_1.size} and "
+            f"{surface_2.size} m; crop the larger one"
+        )
+    return Surface(surface_1.heights + surface_2.heights, surface_1.size)
+
+
+def _check_cutoff(name: str, value: float) -> None:
+    """Refuse a wavelength that is not positive."""
+    if not 0.0 < value < np.inf:
+        raise CaseError(f"{name} must be a positive length (m), got {value:g}")
+
+
+def _filter(surface: Surface, q_low: float, q_high: float) -> Surface:
+    """Keep the waves with q_low <= q <= q_high, rad/m."""
+    q = wavenumbers(surface)
+    spectrum = fft.rfft2(surface.heights)
+    spectrum[(q < q_low) | (q > q_high)] = 0.0
+    return Surface(fft.irfft2(spectrum, s=surface.heights.shape), surface.size)

@@ -1,0 +1,175 @@
+"""Statistics of a rough surface: heights, slopes, spectrum."""
+
+from typing import TYPE_CHECKING
+
+import numpy as np
+from scipy import fft
+
+from multiscale.errors import CaseError
+from multiscale.io.surfaces import Surface
+
+if TYPE_CHECKING:
+    import xarray as xr
+
+__all__ = ["nayak_parameter", "power_spectral_density", "rms_height", "rms_slope", "wavenumbers"]
+
+
+def rms_height(surface: Surface) -> float:
+    r"""Root mean square height about the mean, :math:`\langle (h - \bar h)^2 \rangle^{1/2}`, m."""
+    return float(surface.heights.std())
+
+
+def rms_slope(surface: Surface, *, periodic: bool = True) -> float:
+    r"""Root mean square slope, dimensionless.
+
+    Parameters
+    ----------
+    surface : Surface
+        The surface.
+    periodic : bool
+        Whether to differentiate the Fourier series (1). Otherwise neighbouring points are
+        subtracted, without those across the edges: for a measured map, whose opposite edges do
+        not fit together. Differences damp the short waves.
+
+    Returns
+    -------
+    float
+        :math:`\langle |\nabla h|^2 \rangle^{1/2} = (\sum_q q^2 |\hat h_q|^2)^{1/2}`.
+    """
+    if periodic:
+        return float(np.sqrt(_moment(surface, 2)))
+    slopes = (
+        np.diff(surface.heights, axis=axis) / step for axis, step in enumerate(surface.spacing)
+    )
+    return float(np.sqrt(sum(np.mean(slope**2) for slope in slopes)))
+
+
+def nayak_parameter(surface: Surface) -> float:
+    r"""Nayak's breadth of the spectrum of a periodic, isotropic surface, dimensionless.
+
+    Returns
+    -------
+    float
+        :math:`\alpha` of (3), at least 1.5 for a Gaussian surface.
+
+    Raises
+    ------
+    CaseError
+        If the surface is flat.
+
+    Notes
+    -----
+    .. math::
+        \alpha = \frac{m_0 m_4}{m_2^2}, \qquad
+        m_0 = \langle h^2 \rangle, \quad
+        m_2 = \tfrac12 \langle |\nabla h|^2 \rangle, \quad
+        m_4 = \tfrac38 \langle (\nabla^2 h)^2 \rangle,    \tag{3}
+
+    where the factors turn the means over the plane into the moments of a profile, if the surface
+    is isotropic. The means are sums over the waves (1). The fourth moment lives on the shortest
+    waves: use :func:`low_pass` on a measured surface first.
+
+    References
+    ----------
+    .. [1] P. R. Nayak, J. Lubr. Technol. 93 (1971) 398-407, doi:10.1115/1.3451608.
+    """
+    slope_square = _moment(surface, 2)
+    if slope_square == 0.0:
+        raise CaseError("a flat surface has no Nayak parameter; give a rough one")
+    m0, m2, m4 = _moment(surface, 0), slope_square / 2.0, 3.0 / 8.0 * _moment(surface, 4)
+    return float(m0 * m4 / m2**2)  # (3)
+
+
+def power_spectral_density(surface: Surface) -> "xr.Dataset":
+    r"""Radially averaged power spectral density of a periodic surface.
+
+    Parameters
+    ----------
+    surface : Surface
+        A periodic surface; :func:`window` a measured map first.
+
+    Returns
+    -------
+    Dataset
+        Along ``bin``: ``wavenumber`` q, the mean over the waves of the bin, rad/m;
+        ``power_spectral_density`` C(q), m^4; ``wave_count`` N, the number of waves.
+
+    Notes
+    -----
+    Convention of [1]_ for the two-dimensional density, averaged over rings of width
+    :math:`2\pi / \min(L_x, L_y)`:
+
+    .. math::
+        C_q = L_x L_y\, |\hat h_q|^2, \qquad
+        \langle (h - \bar h)^2 \rangle = \frac{1}{L_x L_y} \sum_\text{bins} N\, C
+        \approx \frac{1}{2\pi} \int_0^\infty q\, C(q)\, dq.    \tag{4}
+
+    The sum is exact: corner waves are kept, in rings that are not complete. A density whose
+    integral over the plane of q is the mean square height is :math:`C / 4\pi^2`.
+
+    References
+    ----------
+    .. [1] T. D. B. Jacobs, T. Junge and L. Pastewka, Surf. Topogr.: Metrol. Prop. 5 (2017)
+       013001, doi:10.1088/2051-672X/aa51f8.
+    """
+    import xarray as xr
+
+    q, power = _power(surface)
+    rings = np.rint(q / (2.0 * np.pi / min(surface.size))).astype(int).ravel()
+    weights = _weights(surface).ravel()
+    number = np.bincount(rings, weights)
+    used = number > 0.0
+    number = number[used]
+    wavenumber = np.bincount(rings, weights * q.ravel())[used] / number
+    area = surface.size[0] * surface.size[1]
+    density = area * np.bincount(rings, power.ravel())[used] / number  # (4)
+    return xr.Dataset(
+        {
+            "power_spectral_density": (
+                "bin",
+                density,
+                {"units": "m4", "long_name": "radially averaged power spectral density"},
+            ),
+            "wave_count": (
+                "bin",
+                np.rint(number).astype(int),
+                {"units": "1", "long_name": "number of waves in the bin"},
+            ),
+        },
+        coords={
+            "bin": np.arange(number.size),
+            "wavenumber": ("bin", wavenumber, {"units": "rad m-1", "long_name": "wavenumber"}),
+        },
+    )
+
+
+def wavenumbers(surface: Surface) -> np.ndarray:
+    """Wavenumber of each entry of the real transform, rad/m, shape (nx, ny // 2 + 1)."""
+    (nx, ny), (dx, dy) = surface.heights.shape, surface.spacing
+    wavenumber: np.ndarray = (
+        2.0 * np.pi * np.hypot(fft.fftfreq(nx, dx)[:, None], fft.rfftfreq(ny, dy))
+    )
+    return wavenumber
+
+
+def _weights(surface: Surface) -> np.ndarray:
+    """Count the waves behind each entry of the real transform: q and -q; the mean counts 0."""
+    nx, ny = surface.heights.shape
+    weights = np.full((nx, ny // 2 + 1), 2.0)
+    weights[:, 0] = 1.0
+    if ny % 2 == 0:
+        weights[:, -1] = 1.0
+    weights[0, 0] = 0.0
+    return weights
+
+
+def _power(surface: Surface) -> tuple[np.ndarray, np.ndarray]:
+    """Wavenumbers, rad/m, and their shares of the mean square height, m^2."""
+    modulus = np.abs(fft.rfft2(surface.heights, norm="forward"))
+    return wavenumbers(surface), _weights(surface) * modulus**2
+
+
+def _moment(surface: Surface, order: int) -> float:
+    """Sum of q^order |h_q|^2, m^(2 - order)."""
+    q, power = _power(surface)
+    return float(np.sum(q**order * power))

@@ -1,0 +1,174 @@
+"""Self-affine surfaces from random phases."""
+
+import numpy as np
+from scipy import fft
+
+from multiscale.errors import CaseError
+from multiscale.io.surfaces import Surface
+
+__all__ = ["self_affine"]
+
+_ROUND_OFF = 1e-9  # relative: a wave exactly on a cut-off belongs to the band
+
+
+def self_affine(
+    points: tuple[int, int],
+    size: tuple[float, float],
+    seed: int,
+    *,
+    hurst_exponent: float,
+    long_cutoff: float,
+    short_cutoff: float,
+    roll_off: float | None = None,
+    rms_height: float | None = None,
+    rms_slope: float | None = None,
+) -> Surface:
+    r"""Make a periodic, isotropic, self-affine surface with a band-limited spectrum.
+
+    Parameters
+    ----------
+    points : tuple of int
+        Grid points (nx, ny).
+    size : tuple of float
+        Edge lengths (Lx, Ly) of the cell, m.
+    seed : int
+        Seed of the random phases.
+    hurst_exponent : float
+        :math:`0 \le H \le 1`, dimensionless.
+    long_cutoff, short_cutoff : float
+        Longest and shortest wavelength :math:`\lambda_l \ge \lambda_s`, m.
+    roll_off : float, optional
+        Wavelength :math:`\lambda_r`, m, above which the spectrum is flat. ``long_cutoff`` if not
+        given: no flat part.
+    rms_height : float, optional
+        Root mean square height, m. Exactly one of this and ``rms_slope``.
+    rms_slope : float, optional
+        Root mean square slope :math:`\langle |\nabla h|^2 \rangle^{1/2}`, dimensionless.
+
+    Returns
+    -------
+    Surface
+        Mean height 0.
+
+    Raises
+    ------
+    CaseError
+        If a parameter is outside its range, the grid cannot carry the shortest wave, or no wave of
+        the cell lies in the band.
+
+    Notes
+    -----
+    With independent phases :math:`\varphi_q`, uniform in :math:`[0, 2\pi)`,
+
+    .. math::
+        \hat h_q \propto \max(q, 2\pi/\lambda_r)^{-1-H}\, e^{i \varphi_q}
+        \quad\text{for}\quad 2\pi/\lambda_l \le q \le 2\pi/\lambda_s,    \tag{2}
+
+    and 0 elsewhere, so the power spectral density falls as :math:`q^{-2-2H}`.
+
+    Only the phases are random, not the moduli. Hence every realisation has exactly the root mean
+    square height and slope asked for, and the same spectrum; scaling one realisation is scaling the
+    ensemble. In return the scatter of an ensemble of Gaussian moduli is missing: with few waves in
+    the band, statistics over realisations come out too narrow.
+
+    The surface depends on the seed, the cell and the band, not on the grid: a finer grid samples
+    the same surface at more points. Phases are drawn in the order of rising :math:`q`, so lowering
+    ``short_cutoff`` adds waves and leaves the phases of the longer ones as they were.
+
+    The grid must have more than two points per wave in each direction. That represents the surface;
+    to resolve contact on it, use at least 8 points per shortest wave.
+
+    Examples
+    --------
+    >>> surface = self_affine(
+    ...     (64, 32), (1e-4, 1e-4), seed=1,
+    ...     hurst_exponent=0.8, long_cutoff=1e-4, short_cutoff=1e-5, rms_slope=0.1,
+    ... )
+    >>> surface.heights.shape
+    (64, 32)
+    """
+    roll_off = long_cutoff if roll_off is None else roll_off
+    _check_band(points, size, long_cutoff, short_cutoff, roll_off)
+    if not 0.0 <= hurst_exponent <= 1.0:
+        raise CaseError(f"hurst_exponent must lie between 0 and 1, got {hurst_exponent:g}")
+    if (rms_height is None) == (rms_slope is None):
+        raise CaseError("give exactly one of rms_height (m) and rms_slope")
+    for name, value in (("rms_height", rms_height), ("rms_slope", rms_slope)):
+        if value is not None and not 0.0 < value < np.inf:
+            raise CaseError(f"{name} must be positive, got {value:g}")
+
+    i, j, q = _waves(size, short_cutoff)
+    phase = np.random.default_rng(seed).uniform(0.0, 2.0 * np.pi, size=q.size)
+    band = q >= 2.0 * np.pi / long_cutoff * (1.0 - _ROUND_OFF)
+    if not band.any():
+        raise CaseError(
+            f"no wave of the {size[0]:g} m x {size[1]:g} m cell lies between short_cutoff "
+            f"{short_cutoff:g} m and long_cutoff {long_cutoff:g} m; widen the band"
+        )
+    i, j, q, phase = i[band], j[band], q[band], phase[band]
+    q_roll_off = 2.0 * np.pi / roll_off
+    modulus = (np.maximum(q, q_roll_off) / q_roll_off) ** (-1.0 - hurst_exponent)  # (2)
+    if rms_height is not None:
+        modulus *= rms_height / np.sqrt(2.0 * np.sum(modulus**2))  # 2: the waves -q
+    else:
+        modulus *= rms_slope / np.sqrt(2.0 * np.sum((q * modulus) ** 2))
+
+    nx, ny = points
+    spectrum = np.zeros((nx, ny // 2 + 1), dtype=complex)
+    spectrum[i % nx, j] = modulus * np.exp(1j * phase)
+    axis = j == 0  # here the transform wants q and -q
+    spectrum[-i[axis] % nx, 0] = spectrum[i[axis] % nx, 0].conj()
+    return Surface(fft.irfft2(spectrum, s=(nx, ny), norm="forward"), size)
+
+
+def _waves(
+    size: tuple[float, float], short_cutoff: float
+) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """List one wave of each pair q, -q, in rising order: i, j and wavenumber, rad/m."""
+    length, width = size
+    i_max, j_max = (int(edge / short_cutoff * (1.0 + _ROUND_OFF)) for edge in size)
+    i, j = np.meshgrid(np.arange(-i_max, i_max + 1), np.arange(j_max + 1), indexing="ij")
+    square = i**2 + (j * (length / width)) ** 2  # (q Lx / 2 pi)^2, free of the unit of length
+    half = (j > 0) | ((j == 0) & (i > 0))
+    half &= square <= (length / short_cutoff * (1.0 + _ROUND_OFF)) ** 2
+    i, j, square = i[half], j[half], square[half]
+    order = np.lexsort((i, j, np.round(square, 9)))
+    return i[order], j[order], 2.0 * np.pi / length * np.sqrt(square[order])
+
+
+def _check_band(
+    points: tuple[int, int],
+    size: tuple[float, float],
+    long_cutoff: float,
+    short_cutoff: float,
+    roll_off: float,
+) -> None:
+    """Refuse lengths out of order and grids too coarse for the band."""
+    lengths = {
+        "size[0]": size[0],
+        "size[1]": size[1],
+        "long_cutoff": long_cutoff,
+        "roll_off": roll_off,
+        "short_cutoff": short_cutoff,
+    }
+    for name, value in lengths.items():
+        if not 0.0 < value < np.inf:
+            raise CaseError(f"{name} must be a positive length (m), got {value:g}")
+    if not short_cutoff <= roll_off <= long_cutoff:
+        raise CaseError(
+            f"the wavelengths must be in the order short_cutoff <= roll_off <= long_cutoff, got "
+            f"{short_cutoff:g}, {roll_off:g} and {long_cutoff:g} m"
+        )
+    if long_cutoff > max(size) * (1.0 + _ROUND_OFF):
+        raise CaseError(
+            f"long_cutoff {long_cutoff:g} m is longer than the cell of {size[0]:g} m x "
+            f"{size[1]:g} m; enlarge the cell or shorten long_cutoff"
+        )
+    least = tuple(2 * int(edge / short_cutoff * (1.0 + _ROUND_OFF)) + 1 for edge in size)
+    if points[0] < least[0] or points[1] < least[1]:
+        good = tuple(int(np.ceil(8.0 * edge / short_cutoff - _ROUND_OFF)) for edge in size)
+        raise CaseError(
+            f"{points[0]} x {points[1]} points cannot carry short_cutoff {short_cutoff:g} m on a "
+            f"cell of {size[0]:g} m x {size[1]:g} m: it takes at least {least[0]} x {least[1]} "
+            f"points, and {good[0]} x {good[1]} (8 per wave) to resolve contact"
+        )

@@ -1,0 +1,278 @@
+"""A topography file becomes a surface in metres, or one sentence."""
+
+import gzip
+import subprocess
+import sys
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from multiscale.errors import CaseError
+from multiscale.io import Surface, read_surface
+from multiscale.io.surfaces import remove_trend
+
+HEADER = "# Width: 12 um\n# Height: 5 um\n# Value units: nm\n"
+
+
+@pytest.fixture
+def heights():
+    """Heights of 6 x 5 points, nm."""
+    return np.random.default_rng(seed=3).normal(size=(6, 5))
+
+
+def write_text(path, heights, header=HEADER):
+    """Write the text format of SurfaceTopography: one line per y."""
+    rows = "\n".join(" ".join(f"{h:.17g}" for h in row) for row in heights.T)
+    path.write_text(header + rows + "\n", encoding="utf-8")
+    return path
+
+
+# Surface
+
+
+def test_spacing_is_size_over_points():
+    surface = Surface(np.zeros((4, 5)), (2.0, 10.0))
+    assert surface.spacing == (0.5, 2.0)
+
+
+def test_surface_keeps_its_own_copy_of_the_heights():
+    heights = np.zeros((3, 3))
+    surface = Surface(heights, (1.0, 1.0))
+    heights[:] = 1.0
+    assert not surface.heights.any()
+
+
+@pytest.mark.parametrize(
+    ("heights", "size", "sentence"),
+    [
+        pytest.param(np.zeros(4), (1.0, 1.0), "2 x 2 points, got an array of shape", id="line"),
+        pytest.param(np.zeros((4, 1)), (1.0, 1.0), "shape \\(4, 1\\)", id="one-row"),
+        pytest.param(np.full((3, 3), np.nan), (1.0, 1.0), "9 of 9 heights", id="nan"),
+        pytest.param(np.diag([np.inf, 0.0]), (1.0, 1.0), "1 of 4 heights", id="infinite"),
+        pytest.param(np.ma.masked_less(np.eye(2), 0.5), (1.0, 1.0), "2 of 4", id="masked"),
+        pytest.param(np.zeros((3, 3)), (1.0, 0.0), "two positive lengths", id="zero-size"),
+        pytest.param(np.zeros((3, 3)), (1.0, np.nan), "two positive lengths", id="nan-size"),
+        pytest.param(np.zeros((3, 3)), (1.0,), "two positive lengths", id="one-length"),
+    ],
+)
+def test_surface_refuses_what_is_no_map(heights, size, sentence):
+    with pytest.raises(CaseError, match=sentence):
+        Surface(heights, size)
+
+
+# Trend
+
+
+@pytest.mark.parametrize("order", [0, 1, 2])
+def test_detrending_removes_its_own_polynomial_and_no_higher_one(order):
+    x, y = np.meshgrid(np.linspace(0.0, 3.0, 17), np.linspace(0.0, 1.0, 12), indexing="ij")
+    trends = [1.0 + 0.0 * x, 1.0 + 2.0 * x - 3.0 * y, 1.0 - y + x * y - 4.0 * x**2 + y**2]
+    for degree, trend in enumerate(trends):
+        left = np.abs(remove_trend(trend, order)).max()
+        assert left < 1e-13 if degree <= order else left > 1e-2
+
+
+def test_detrending_ignores_undefined_points():
+    x, y = np.meshgrid(np.arange(9.0), np.arange(7.0), indexing="ij")
+    heights = 2.0 * x - y
+    heights[3:5, 2] = np.nan
+    detrended = remove_trend(heights, 1)
+    assert np.count_nonzero(np.isnan(detrended)) == 2
+    assert np.nanmax(np.abs(detrended)) < 1e-13
+
+
+# Reading
+
+
+def test_text_file_is_read_in_metres_with_x_along_the_rows(tmp_path, heights):
+    surface = read_surface(write_text(tmp_path / "map.txt", heights), detrend_order=0)
+    assert surface.size == pytest.approx((12e-6, 5e-6), rel=1e-12)
+    np.testing.assert_allclose(surface.heights, 1e-9 * (heights - heights.mean()), atol=1e-22)
+
+
+def test_plane_is_removed_unless_told_otherwise(tmp_path, heights):
+    x, y = np.meshgrid(np.arange(6.0), np.arange(5.0), indexing="ij")
+    tilted = read_surface(write_text(tmp_path / "tilted.txt", heights + 3.0 * x - 2.0 * y))
+    level = read_surface(write_text(tmp_path / "level.txt", heights))
+    np.testing.assert_allclose(tilted.heights, level.heights, atol=1e-22)
+
+
+def test_undefined_points_are_refused_with_their_number_and_share(tmp_path, heights):
+    heights[2, 1:4] = np.nan
+    with pytest.raises(CaseError, match=r"3 of 30 points \(10.00%\) are undefined; fill them"):
+        read_surface(write_text(tmp_path / "map.txt", heights))
+
+
+def test_undefined_points_are_filled_harmonically(tmp_path):
+    x, y = np.meshgrid(np.arange(8.0), np.arange(7.0), indexing="ij")
+    harmonic = x**2 - y**2  # satisfies the discrete Laplace equation too
+    holed = harmonic.copy()
+    holed[2:5, 2:4] = np.nan
+    path = write_text(tmp_path / "map.txt", holed)
+    filled = read_surface(path, detrend_order=0, fill_undefined=True).heights
+    expected = 1e-9 * (harmonic - np.nanmean(holed))
+    np.testing.assert_allclose(filled, expected, atol=1e-20)
+
+
+def test_channel_is_found_by_name_and_by_number(tmp_path, heights):
+    first = write_text(tmp_path / "first.txt", heights, "# Channel: Up\n" + HEADER)
+    second = write_text(tmp_path / "second.txt", 2.0 * heights, "# Channel: Down\n" + HEADER)
+    both = tmp_path / "both.txt"
+    both.write_text(first.read_text() + second.read_text())
+    down = read_surface(both, channel="Down").heights
+    np.testing.assert_allclose(down, 2.0 * read_surface(both).heights, rtol=1e-12)
+    np.testing.assert_array_equal(down, read_surface(both, channel=1).heights)
+    with pytest.raises(CaseError, match=r"no channel 'Left' .* 0 \('Up'\), 1 \('Down'\)"):
+        read_surface(both, channel="Left")
+
+
+@pytest.mark.parametrize(
+    ("content", "sentence"),
+    [
+        pytest.param(b"", "the file is empty", id="empty"),
+        pytest.param(b" \n\n", "no known topography format", id="blank"),
+        pytest.param(b"Dear reader,\nno heights.\n", "no known topography format", id="prose"),
+        pytest.param(bytes(range(256)) * 5, "no known topography format", id="bytes"),
+        pytest.param(gzip.compress(b"1 2 3 4\n" * 9)[:-9], "no known topography", id="gzip"),
+        pytest.param(b"PK\x03\x04" + bytes(99), "no known topography|cannot be read", id="zip"),
+        pytest.param(b"\x89HDF\r\n\x1a\n" + bytes(99), "no known|cannot be read", id="hdf5"),
+        pytest.param(b"1 2 3 4\n1 2 3\n1 2 3 4\n", "no known topography format", id="ragged"),
+        pytest.param(b"1\n2\n3\n4\n5\n", "line scan", id="line-scan"),
+        pytest.param(
+            b"# Width: 4 um\n# Height: 4 um\n1 2 3 4\n2 2 3 4\n1 2 5 4\n1 2 3 4\n",
+            "gives no unit of length; export",
+            id="no-unit",
+        ),
+        pytest.param(
+            b"# Value units: um\n1 2 3 4\n2 2 3 4\n1 2 5 4\n1 2 3 4\n",
+            "gives no lateral size; export",
+            id="no-size",
+        ),
+        pytest.param(
+            HEADER.encode() + b"7 7 7 7\n" * 5, "equal once the plane is removed", id="constant"
+        ),
+        pytest.param(
+            HEADER.encode() + b"nan nan nan nan\n" * 5, "no point has a defined", id="all-nan"
+        ),
+        pytest.param(
+            b"# Width: 0 um\n# Height: 4 um\n# Value units: um\n" + b"1 2 3 5\n2 1 5 3\n" * 2,
+            "two positive lengths",
+            id="zero-width",
+        ),
+    ],
+)
+def test_other_content_is_refused_in_one_sentence_that_names_the_file(tmp_path, content, sentence):
+    path = tmp_path / "map.dat"
+    path.write_bytes(content)
+    with pytest.raises(CaseError, match=sentence) as caught:
+        read_surface(path)
+    assert str(caught.value).startswith(f"{path}: ")
+    assert "\n" not in str(caught.value)
+
+
+def test_missing_file_is_refused_with_the_nearest_name(tmp_path, heights):
+    write_text(tmp_path / "ground.txt", heights)
+    with pytest.raises(CaseError, match=r"no such file; did you mean 'ground.txt'\?"):
+        read_surface(tmp_path / "grund.txt")
+    with pytest.raises(CaseError, match="no such file; check the name and the folder"):
+        read_surface(tmp_path / "nowhere" / "map.txt")
+
+
+def test_directory_is_refused(tmp_path):
+    with pytest.raises(CaseError, match="is a directory; give one topography file"):
+        read_surface(tmp_path)
+
+
+def test_unreadable_file_is_refused(tmp_path, heights, monkeypatch):
+    path = write_text(tmp_path / "map.txt", heights)
+
+    def refuse(*_args, **_options):
+        raise PermissionError(13, "Permission denied")
+
+    monkeypatch.setattr(Path, "open", refuse)
+    with pytest.raises(CaseError, match=r"map\.txt: cannot be opened \(Permission denied\)"):
+        read_surface(path)
+
+
+@pytest.mark.parametrize("order", [-1, 3, 1.5])
+def test_unknown_detrending_order_is_refused(tmp_path, heights, order):
+    path = write_text(tmp_path / "map.txt", heights)
+    with pytest.raises(CaseError, match=r"must be 0 \(mean\), 1 \(plane\) or 2"):
+        read_surface(path, detrend_order=order)
+
+
+def test_missing_library_is_named_with_its_installation(tmp_path, heights, monkeypatch):
+    monkeypatch.setitem(sys.modules, "SurfaceTopography", None)
+    with pytest.raises(CaseError, match=r'pip install "multiscale\[surfaces\]"'):
+        read_surface(write_text(tmp_path / "map.txt", heights))
+
+
+def test_importing_the_reader_loads_no_heavy_library():
+    code = (
+        "import sys, multiscale.io.surfaces; "
+        "print([m for m in ('SurfaceTopography', 'pint', 'numba') if m in sys.modules])"
+    )
+    run = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
+    assert run.stdout.strip() == "[]"
+
+
+# Measured files. Grid, size, rms height and gradient were read once with SurfaceTopography 1.27,
+# curvature removed; the gradient is one of differences, given to two or three digits.
+
+
+@pytest.mark.parametrize(
+    ("name", "points", "size", "rms_height", "rms_slope"),
+    [
+        pytest.param("tmd-1.tmd", (300, 300), (18.96e-3, 18.96e-3), 47.7e-6, 0.158, id="tmd"),
+        pytest.param("al3d-1.al3d", (200, 296), (88e-6, 130e-6), 0.259e-6, 0.090, id="al3d"),
+    ],
+)
+def test_measured_files_have_the_known_statistics(
+    reference_data, name, points, size, rms_height, rms_slope
+):
+    surface = read_surface(reference_data / "topography" / name, detrend_order=2)
+    slopes = (np.diff(surface.heights, axis=k) / surface.spacing[k] for k in range(2))
+    assert surface.heights.shape == points
+    assert surface.size == pytest.approx(size, rel=5e-3)
+    assert surface.heights.mean() == pytest.approx(0.0, abs=1e-9 * rms_height)
+    assert surface.heights.std() == pytest.approx(rms_height, rel=2e-3)
+    assert np.sqrt(sum(np.mean(slope**2) for slope in slopes)) == pytest.approx(rms_slope, rel=1e-2)
+
+
+@pytest.mark.parametrize(
+    ("name", "needed"),
+    [
+        pytest.param("tmd-1.tmd", 80 + 300 * 300 * 4, id="tmd"),
+        # a photograph of the sample follows the heights
+        pytest.param("al3d-1.al3d", 1261 + 200 * 296 * 4, id="al3d"),
+    ],
+)
+def test_truncated_file_is_refused_whatever_its_length(reference_data, tmp_path, name, needed):
+    whole = (reference_data / "topography" / name).read_bytes()
+    copy = tmp_path / name
+    lengths = {*range(1, 30, 2), *np.geomspace(30, needed - 1, 35).astype(int)}
+    for length in sorted(lengths):
+        copy.write_bytes(whole[:length])
+        with pytest.raises(CaseError, match=name):
+            read_surface(copy)
+    copy.write_bytes(whole[:needed])
+    complete = read_surface(reference_data / "topography" / name)
+    np.testing.assert_array_equal(read_surface(copy).heights, complete.heights)
+
+
+@pytest.mark.parametrize("name", ["tmd-1.tmd", "al3d-1.al3d"])
+def test_corrupted_header_gives_a_surface_or_a_sentence(reference_data, tmp_path, name):
+    whole = (reference_data / "topography" / name).read_bytes()
+    copy = tmp_path / name
+    random = np.random.default_rng(seed=11)
+    for _ in range(40):
+        damaged = bytearray(whole)
+        for position in random.integers(0, 600, size=4):
+            damaged[position] = random.integers(0, 256)
+        copy.write_bytes(damaged)
+        try:
+            outcome = np.isfinite(read_surface(copy).heights).all()
+        except CaseError as error:
+            outcome = str(error).startswith(f"{copy}: ")
+        assert outcome

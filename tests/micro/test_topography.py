@@ -1,0 +1,412 @@
+"""Synthetic surfaces have the spectrum asked for, and measured maps keep theirs when prepared."""
+
+import numpy as np
+import pytest
+from numpy import cos, pi, sin
+
+from multiscale.errors import CaseError
+from multiscale.io import Surface, read_surface
+from multiscale.micro import self_affine
+from multiscale.micro.topography import (
+    composite,
+    crop,
+    detrend,
+    high_pass,
+    low_pass,
+    mirror,
+    nayak_parameter,
+    power_spectral_density,
+    resample,
+    rms_height,
+    rms_slope,
+    split,
+    window,
+)
+
+BAND = {"hurst_exponent": 0.8, "long_cutoff": 1.0e-4, "short_cutoff": 1.0e-5}
+GRIDS = [
+    pytest.param((64, 64), (1.0e-4, 1.0e-4), id="square"),
+    pytest.param((64, 33), (1.0e-4, 1.0e-4), id="nx-not-ny"),
+    pytest.param((21, 64), (1.0e-4, 3.0e-4), id="oblong"),
+    pytest.param((97, 50), (2.0e-4, 0.7e-4), id="dx-not-dy"),
+]
+
+
+def waves(points, size, *terms):
+    """Sum of a cos(2 pi (i x / Lx + j y / Ly) + phase) at the nodes."""
+    x, y = np.meshgrid(*(np.arange(n) / n for n in points), indexing="ij")
+    return Surface(sum(a * cos(2 * pi * (i * x + j * y) + p) for a, i, j, p in terms), size)
+
+
+# Synthesis
+
+
+@pytest.mark.parametrize(("points", "size"), GRIDS)
+def test_rms_slope_is_the_one_asked_for(points, size):
+    surface = self_affine(points, size, 5, rms_slope=0.13, **BAND)
+    assert rms_slope(surface) == pytest.approx(0.13, rel=1e-12)
+    assert surface.heights.mean() == pytest.approx(0.0, abs=1e-12 * rms_height(surface))
+
+
+@pytest.mark.parametrize(("points", "size"), GRIDS)
+def test_rms_height_is_the_one_asked_for(points, size):
+    surface = self_affine(points, size, 5, rms_height=0.7e-6, **BAND)
+    assert rms_height(surface) == pytest.approx(0.7e-6, rel=1e-12)
+
+
+@pytest.mark.parametrize(("points", "size"), GRIDS)
+def test_a_finer_grid_samples_the_same_surface(points, size):
+    coarse = self_affine(points, size, 5, rms_slope=0.1, **BAND)
+    fine = self_affine((3 * points[0], 2 * points[1]), size, 5, rms_slope=0.1, **BAND)
+    scale = rms_height(coarse)
+    np.testing.assert_allclose(fine.heights[::3, ::2], coarse.heights, atol=1e-12 * scale)
+
+
+def test_the_unit_of_length_does_not_change_the_surface():
+    metre = self_affine(
+        (40, 48), (1.0, 1.3), 2, hurst_exponent=0.5, long_cutoff=1.0, short_cutoff=0.1, rms_slope=1
+    )
+    micron = self_affine(
+        (40, 48),
+        (1e-6, 1.3e-6),
+        2,
+        hurst_exponent=0.5,
+        long_cutoff=1e-6,
+        short_cutoff=1e-7,
+        rms_slope=1,
+    )
+    np.testing.assert_allclose(1e6 * micron.heights, metre.heights, atol=1e-11)
+
+
+def test_a_shorter_cutoff_adds_waves_and_keeps_the_longer_ones():
+    size = (1.0e-4, 1.0e-4)
+    coarse = self_affine((64, 64), size, 5, rms_height=1e-6, **BAND)
+    fine = self_affine((64, 64), size, 5, rms_height=1e-6, **{**BAND, "short_cutoff": 0.5e-5})
+    kept = low_pass(fine, BAND["short_cutoff"]).heights
+    ratio = kept.std() / coarse.heights.std()
+    np.testing.assert_allclose(kept, ratio * coarse.heights, atol=1e-12 * kept.std())
+
+
+def test_another_seed_gives_another_surface():
+    size = (1.0e-4, 1.0e-4)
+    one, other = (
+        self_affine((64, 64), size, seed, rms_height=1.0, **BAND).heights for seed in (1, 2)
+    )
+    assert abs(np.mean(one * other)) < 0.5
+
+
+@pytest.mark.parametrize("hurst_exponent", [0.3, 0.8])
+def test_spectrum_falls_with_the_hurst_exponent_below_the_roll_off(hurst_exponent):
+    surface = self_affine(
+        (256, 300),
+        (1.0, 1.0),
+        3,
+        hurst_exponent=hurst_exponent,
+        long_cutoff=0.5,
+        roll_off=0.125,
+        short_cutoff=0.01,
+        rms_height=1.0,
+    )
+    spectrum = power_spectral_density(surface)
+    q = spectrum["wavenumber"].to_numpy() / (2 * pi)
+    density = spectrum["power_spectral_density"].to_numpy()
+    assert density[(q < 1.5) | (q > 101.0)].max() < 1e-25 * density.max()
+    flat = (q > 2.6) & (q < 7.4)
+    np.testing.assert_allclose(density[flat], density[flat][0], rtol=1e-10)
+    falling = (q > 9.0) & (q < 99.0)
+    slope = np.polyfit(np.log(q[falling]), np.log(density[falling]), 1)[0]
+    assert slope == pytest.approx(-2.0 - 2.0 * hurst_exponent, abs=0.01)
+
+
+def test_surface_is_isotropic_on_an_oblong_cell():
+    surface = self_affine(
+        (512, 256),
+        (2.0, 1.0),
+        3,
+        hurst_exponent=0.8,
+        long_cutoff=0.2,
+        short_cutoff=0.02,
+        rms_slope=0.1,
+    )
+    along_x, along_y = (
+        np.mean((np.diff(surface.heights, axis=k) / surface.spacing[k]) ** 2) for k in range(2)
+    )
+    assert along_x == pytest.approx(along_y, rel=0.02)
+    assert along_x == pytest.approx(0.1**2 / 2, rel=0.05)
+
+
+@pytest.mark.parametrize(
+    ("changed", "sentence"),
+    [
+        pytest.param({"size": (0.0, 1.0)}, r"size\[0\] must be a positive length", id="size"),
+        pytest.param({"long_cutoff": -1.0}, "long_cutoff must be a positive length", id="long"),
+        pytest.param({"short_cutoff": 0.0}, "short_cutoff must be a positive", id="short"),
+        pytest.param({"short_cutoff": np.nan}, "short_cutoff must be a positive", id="nan"),
+        pytest.param({"short_cutoff": 0.9}, "in the order short_cutoff <= roll_off", id="order"),
+        pytest.param({"roll_off": 0.6}, "in the order short_cutoff <= roll_off", id="roll-off"),
+        pytest.param({"long_cutoff": 1.5}, "is longer than the cell of 1 m x 1 m", id="cell"),
+        pytest.param({"points": (20, 64)}, "at least 21 x 21 points, and 80 x 80", id="coarse"),
+        pytest.param({"points": (64, 20)}, "at least 21 x 21 points, and 80 x 80", id="coarse-y"),
+        pytest.param({"hurst_exponent": 1.2}, "between 0 and 1, got 1.2", id="hurst"),
+        pytest.param({"rms_slope": None}, "exactly one of rms_height", id="neither-rms"),
+        pytest.param({"rms_height": 1.0}, "exactly one of rms_height", id="both-rms"),
+        pytest.param({"rms_slope": -0.1}, "rms_slope must be positive, got -0.1", id="rms"),
+        pytest.param(
+            {"long_cutoff": 0.49, "short_cutoff": 0.48}, "no wave of the 1 m x 1 m", id="no-wave"
+        ),
+    ],
+)
+def test_parameters_outside_their_range_are_refused(changed, sentence):
+    parameters = {
+        "points": (64, 64),
+        "size": (1.0, 1.0),
+        "seed": 1,
+        "hurst_exponent": 0.8,
+        "long_cutoff": 0.5,
+        "short_cutoff": 0.1,
+        "rms_slope": 0.1,
+    }
+    with pytest.raises(CaseError, match=sentence):
+        self_affine(**{**parameters, **changed})
+
+
+def test_the_least_grid_named_in_the_message_is_enough():
+    surface = self_affine((21, 21), (1.0e-4, 1.0e-4), 1, rms_slope=0.1, **BAND)
+    assert rms_slope(surface) == pytest.approx(0.1, rel=1e-12)
+
+
+# Statistics
+
+
+def test_statistics_of_two_waves_are_those_of_the_formula():
+    size = (2.0, 3.0)
+    surface = waves((16, 15), size, (0.3, 2, -1, 0.4), (0.1, 0, 3, 1.0))
+    q = [2 * pi * np.hypot(2 / 2.0, 1 / 3.0), 2 * pi * 3 / 3.0]
+    power = [0.3**2 / 2, 0.1**2 / 2]
+    moments = [sum(p * k**order for p, k in zip(power, q, strict=True)) for order in (0, 2, 4)]
+    assert rms_height(surface) == pytest.approx(np.sqrt(moments[0]), rel=1e-12)
+    assert rms_slope(surface) == pytest.approx(np.sqrt(moments[1]), rel=1e-12)
+    assert nayak_parameter(surface) == pytest.approx(
+        1.5 * moments[0] * moments[2] / moments[1] ** 2, rel=1e-12
+    )
+
+
+def test_differences_converge_to_the_slope_of_the_series():
+    errors = []
+    for n in (32, 64):
+        surface = self_affine((n, n), (1.0e-4, 1.0e-4), 1, rms_slope=0.1, **BAND)
+        errors.append(0.1 - rms_slope(surface, periodic=False))
+    assert errors[0] > 2.0 * errors[1] > 0.0
+    assert errors[1] < 0.01
+
+
+@pytest.mark.parametrize(
+    ("waves_long", "waves_short", "reference", "tolerance"),
+    [
+        pytest.param(1, 16, 17.8, 0.20, id="1-16"),
+        pytest.param(4, 16, 2.88, 0.04, id="4-16"),
+        pytest.param(8, 16, 1.77, 0.01, id="8-16"),
+        pytest.param(4, 32, 5.5, 0.06, id="4-32"),
+        pytest.param(1, 64, 135.0, 0.40, id="1-64"),
+    ],
+)
+def test_nayak_parameter_is_that_of_a_reference_ensemble(
+    waves_long, waves_short, reference, tolerance
+):
+    # The ensembles had 4 to 10 realisations with Gaussian moduli; the tolerance is about 2.5 of
+    # their standard errors, found by sampling such moduli.
+    n = 4 * waves_short
+    surface = self_affine(
+        (n, n),
+        (1.0, 1.0),
+        1,
+        hurst_exponent=0.8,
+        long_cutoff=1.0 / waves_long,
+        short_cutoff=1.0 / waves_short,
+        rms_slope=0.1,
+    )
+    assert nayak_parameter(surface) == pytest.approx(reference, rel=tolerance)
+
+
+def test_moments_tend_to_their_integrals_as_the_cell_grows():
+    # C ~ q^-3.6 between 1e4 and 1e6 rad/m: the moments are elementary integrals. They give the
+    # rms slope 0.2766 for the rms height 6 um and the Nayak parameter 139.8.
+    low, high, hurst, height = 1.0e4, 1.0e6, 0.8, 6.0e-6
+
+    def moment(order):
+        power = order - 2.0 * hurst
+        return (high**power - low**power) / power
+
+    slope = height * np.sqrt(moment(2) / moment(0))
+    nayak = 1.5 * moment(0) * moment(4) / moment(2) ** 2
+    assert slope == pytest.approx(0.27660, rel=1e-4)
+    assert nayak == pytest.approx(139.8, rel=1e-3)
+
+    edge = 6 * 2 * pi / low
+    surface = self_affine(
+        (1201, 1201),
+        (edge, edge),
+        1,
+        hurst_exponent=hurst,
+        long_cutoff=2 * pi / low,
+        short_cutoff=2 * pi / high,
+        rms_height=height,
+    )
+    assert rms_slope(surface) == pytest.approx(slope, rel=0.03)
+    assert nayak_parameter(surface) == pytest.approx(nayak, rel=0.06)
+
+
+def test_a_flat_surface_has_no_nayak_parameter():
+    with pytest.raises(CaseError, match="a flat surface has no Nayak parameter"):
+        nayak_parameter(Surface(np.zeros((4, 4)), (1.0, 1.0)))
+
+
+@pytest.mark.parametrize("points", [(16, 16), (15, 16), (16, 15), (9, 21)])
+def test_spectral_density_adds_up_to_the_mean_square_height(points):
+    noise = np.random.default_rng(seed=1).normal(loc=3.0, size=points)
+    surface = Surface(noise, (2.0, 5.0))
+    spectrum = power_spectral_density(surface)
+    count, density = spectrum["wave_count"], spectrum["power_spectral_density"]
+    total = float((count * density).sum()) / (2.0 * 5.0)
+    assert total == pytest.approx(noise.var(), rel=1e-12)
+    assert int(count.sum()) == noise.size - 1
+
+
+def test_spectral_density_integrates_to_the_mean_square_height():
+    surface = self_affine(
+        (512, 512),
+        (1.0, 1.0),
+        1,
+        hurst_exponent=0.5,
+        long_cutoff=0.05,
+        short_cutoff=0.005,
+        rms_height=2.0,
+    )
+    spectrum = power_spectral_density(surface)
+    q = spectrum["wavenumber"].to_numpy()
+    integral = np.trapezoid(q * spectrum["power_spectral_density"].to_numpy(), q) / (2 * pi)
+    assert integral == pytest.approx(2.0**2, rel=0.02)
+
+
+def test_spectral_density_carries_units():
+    spectrum = power_spectral_density(waves((8, 8), (1.0, 1.0), (1.0, 2, 0, 0.0)))
+    assert spectrum["power_spectral_density"].attrs["units"] == "m4"
+    assert spectrum["wavenumber"].attrs["units"] == "rad m-1"
+
+
+# Preparation
+
+
+def test_mirrored_map_is_even_and_twice_as_long():
+    noise = np.random.default_rng(seed=1).normal(size=(5, 4))
+    doubled = mirror(Surface(noise, (1.0, 2.0)))
+    assert doubled.size == (2.0, 4.0)
+    assert doubled.spacing == (0.2, 0.5)
+    np.testing.assert_array_equal(doubled.heights[:5, :4], noise)
+    np.testing.assert_array_equal(doubled.heights, doubled.heights[::-1])
+    np.testing.assert_array_equal(doubled.heights, doubled.heights[:, ::-1])
+
+
+def test_window_leaves_the_middle_and_fades_to_the_mean():
+    noise = np.random.default_rng(seed=1).normal(loc=7.0, size=(40, 60))
+    faded = window(Surface(noise, (1.0, 1.0)), taper=0.2).heights
+    np.testing.assert_allclose(faded[8:33, 12:49], noise[8:33, 12:49], rtol=1e-13)
+    np.testing.assert_allclose(faded[0], noise.mean(), rtol=1e-13)
+    np.testing.assert_allclose(faded[:, 0], noise.mean(), rtol=1e-13)
+
+
+@pytest.mark.parametrize("taper", [0.1, 0.5])
+def test_window_lowers_the_mean_square_height_as_stated(taper):
+    noise = np.random.default_rng(seed=1).normal(size=(800, 800))
+    faded = window(Surface(noise, (1.0, 1.0)), taper=taper).heights
+    assert np.mean(faded**2) == pytest.approx((1.0 - 1.25 * taper) ** 2, rel=0.01)
+
+
+@pytest.mark.parametrize("taper", [0.0, 0.6])
+def test_taper_outside_its_range_is_refused(taper):
+    with pytest.raises(CaseError, match=r"taper must be above 0 and at most 0\.5"):
+        window(Surface(np.zeros((4, 4)), (1.0, 1.0)), taper=taper)
+
+
+@pytest.mark.parametrize("points", [(64, 64), (27, 90), (51, 24)])
+def test_resampling_a_resolved_surface_is_exact(points):
+    size = (1.0e-4, 1.0e-4)
+    surface = self_affine((30, 33), size, 5, rms_height=1.0, **BAND)
+    exact = self_affine(points, size, 5, rms_height=1.0, **BAND)
+    np.testing.assert_allclose(resample(surface, points).heights, exact.heights, atol=1e-12)
+
+
+def test_coarsening_removes_what_the_grid_cannot_carry_instead_of_aliasing_it():
+    size = (2.0, 1.0)
+    fine = waves((64, 48), size, (1.0, 3, 2, 0.1), (0.5, 11, 2, 0.2), (0.5, 3, -9, 0.3))
+    coarse = resample(fine, (16, 12))
+    np.testing.assert_allclose(
+        coarse.heights, waves((16, 12), size, (1.0, 3, 2, 0.1)).heights, atol=1e-13
+    )
+    assert coarse.size == size
+
+
+def test_low_pass_and_high_pass_share_the_waves_between_them():
+    terms = (0.7, 1, 1, 0.1), (1.0, 3, 2, 0.1), (0.5, 0, 7, 0.2)
+    size = (2.0, 1.0)
+    surface = waves((32, 31), size, *terms)
+    long_wave = 1.0 / np.hypot(1 / 2.0, 1 / 1.0)
+    low, high = low_pass(surface, long_wave), high_pass(surface, 0.999 * long_wave)
+    np.testing.assert_allclose(low.heights, waves((32, 31), size, terms[0]).heights, atol=1e-13)
+    np.testing.assert_allclose(low.heights + high.heights, surface.heights, atol=1e-13)
+
+
+def test_crop_keeps_spacing_and_heights():
+    noise = np.random.default_rng(seed=1).normal(size=(8, 6))
+    piece = crop(Surface(noise, (4.0, 6.0)), (2, 1), (4, 3))
+    assert piece.size == (2.0, 3.0)
+    np.testing.assert_array_equal(piece.heights, noise[2:6, 1:4])
+
+
+@pytest.mark.parametrize(
+    ("origin", "points"), [((-1, 0), (4, 4)), ((5, 0), (4, 4)), ((0, 0), (4, 7)), ((0, 0), (1, 4))]
+)
+def test_crop_beyond_the_map_is_refused(origin, points):
+    with pytest.raises(CaseError, match="does not lie in the map of 8 x 6 points"):
+        crop(Surface(np.zeros((8, 6)), (4.0, 6.0)), origin, points)
+
+
+def test_split_gives_pieces_that_make_up_the_map():
+    noise = np.random.default_rng(seed=1).normal(size=(8, 7))
+    pieces = split(Surface(noise, (4.0, 7.0)), (2, 3))
+    rows = [np.hstack([p.heights for p in pieces[k : k + 3]]) for k in (0, 3)]
+    np.testing.assert_array_equal(np.vstack(rows), noise[:, :6])
+    assert all(piece.size == (2.0, 2.0) for piece in pieces)
+
+
+def test_detrended_piece_has_no_tilt():
+    x, y = np.meshgrid(np.arange(9.0), np.arange(6.0), indexing="ij")
+    level = detrend(Surface(1.0 + 2.0 * x - 3.0 * y + sin(x * y), (9.0, 6.0)))
+    np.testing.assert_allclose(
+        level.heights, detrend(Surface(sin(x * y), (9.0, 6.0))).heights, atol=1e-13
+    )
+
+
+def test_composite_of_independent_surfaces_adds_their_mean_squares():
+    size = (1.0e-3, 1.0e-3)
+    one, two = (self_affine((256, 256), size, seed, rms_height=1.0, **BAND) for seed in (1, 2))
+    both = composite(one, two)
+    np.testing.assert_array_equal(both.heights, one.heights + two.heights)
+    assert rms_height(both) == pytest.approx(np.sqrt(2.0), rel=0.05)
+
+
+def test_composite_of_different_grids_is_refused():
+    surface = Surface(np.zeros((4, 4)), (1.0, 1.0))
+    with pytest.raises(CaseError, match=r"same points, got \(4, 4\) and \(4, 5\); resample"):
+        composite(surface, Surface(np.zeros((4, 5)), (1.0, 1.0)))
+    with pytest.raises(CaseError, match="must have the same size"):
+        composite(surface, Surface(np.zeros((4, 4)), (1.0, 1.1)))
+
+
+@pytest.mark.parametrize("name", ["tmd-1.tmd", "al3d-1.al3d"])
+def test_a_measured_map_becomes_a_periodic_cell(reference_data, name):
+    measured = read_surface(reference_data / "topography" / name, detrend_order=2)
+    cell = resample(low_pass(mirror(measured), 16.0 * max(measured.spacing)), (128, 96))
+    assert cell.size == tuple(2.0 * edge for edge in measured.size)
+    assert 0.5 * rms_height(measured) < rms_height(cell) < rms_height(measured)
+    assert 0.1 * rms_slope(measured, periodic=False) < rms_slope(cell) < rms_slope(measured)
