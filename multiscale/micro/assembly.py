@@ -1,61 +1,210 @@
-"""Elastic bodies for the contact loop: the graph cell, and any scikit-fem mesh and element."""
+"""The general path: an elastic body on any scikit-fem mesh and element, factorised once."""
 
-from dataclasses import dataclass
+from collections.abc import Callable
 
 import numpy as np
-from scipy import fft, sparse
+from scipy import sparse
 
 from multiscale.errors import CaseError
 from multiscale.io.surfaces import Surface
 from multiscale.linalg import factorise
-from multiscale.micro.cell import Cell, MeshCell, lame_parameters
-from multiscale.micro.contact import ElasticBody
-from multiscale.micro.mesh import GraphMesh, graded_planes
+from multiscale.micro.averages import recovered_force
+from multiscale.micro.cell import MeshCell, lame_parameters
+from multiscale.micro.contact import ContactProblem, ElasticBody, obstacle_normal
 
-__all__ = ["ContactProblem", "assemble_elasticity", "assemble_graph_cell", "assemble_mesh_cell"]
+__all__ = ["assemble_elasticity", "assemble_mesh_cell"]
 
 
-@dataclass(frozen=True)
-class ContactProblem:
-    """A body with the geometry of its contact nodes.
+def assemble_elasticity(
+    cell_basis: "skfem.CellBasis", lame: float | np.ndarray, shear: float | np.ndarray
+) -> sparse.csr_array:
+    r"""Stiffness of isotropic elasticity from scalar forms.
 
-    Attributes
+    Parameters
     ----------
-    body : ElasticBody
-    normal : ndarray
-        The obstacle's unit normals into the obstacle, components along axis 1: shape (nx, 3, ny)
-        for a graph cell, (nodes, 3) otherwise.
-    surface_height, obstacle_height : ndarray
-        Before deformation and at first touch, m.
-    weight : ndarray
-        Nominal area of each contact node, m2; their sum is the nominal area.
+    cell_basis : CellBasis
+        Basis of one displacement component.
+    lame, shear : float or ndarray, shape (elements,)
+        Lame's parameters, Pa.
+
+    Returns
+    -------
+    csr_array, shape (3 n, 3 n)
+        Component by component.
+
+    Notes
+    -----
+    With :math:`G_{ij} = \int c\,\partial_i v\,\partial_j w`, the block of components i and j is
+    :math:`\lambda G_{ij} + \mu G_{ji} + \delta_{ij}\,\mu\,\mathrm{tr}\,G`. Nine scalar forms cost a
+    fifth of one vector form.
     """
+    from skfem import BilinearForm
 
-    body: ElasticBody
-    normal: np.ndarray
-    surface_height: np.ndarray
-    obstacle_height: np.ndarray
-    weight: np.ndarray
+    dim = cell_basis.mesh.dim()
 
-    @property
-    def nominal_area(self) -> float:
-        """Area of the cell's projection on its mean plane, m2."""
-        return float(np.sum(self.weight))
+    def form(i: int, j: int, factor: float | np.ndarray) -> sparse.csr_array:
+        weight = np.broadcast_to(factor, (cell_basis.mesh.nelements,))[:, None]
 
-    @property
-    def closing(self) -> np.ndarray:
-        """Share of the approach that closes the gap, 1."""
-        return np.asarray(self.normal[:, 2])
+        @BilinearForm
+        def gradients(u, v, w):  # type: ignore[no-untyped-def]
+            return weight * v.grad[i] * u.grad[j]
 
-    @property
-    def gap(self) -> np.ndarray:
-        """Distance along the obstacle's normal at first touch, m."""
-        return np.asarray((self.obstacle_height - self.surface_height) * self.closing)
+        return sparse.csr_array(gradients.assemble(cell_basis))
 
-    def touching(self) -> "ContactProblem":
-        """Return the problem with the obstacle lowered or raised to its first touch."""
+    uniform = np.ndim(lame) == 0 and np.ndim(shear) == 0
+    if uniform:
+        unit = [[form(i, j, 1.0) for j in range(dim)] for i in range(dim)]
+        by_lame, by_shear = (
+            [[factor * entry for entry in row] for row in unit] for factor in (lame, shear)
+        )
+    else:
+        by_lame, by_shear = (
+            [[form(i, j, factor) for j in range(dim)] for i in range(dim)]
+            for factor in (lame, shear)
+        )
+    trace = sum((by_shear[k][k] for k in range(1, dim)), start=by_shear[0][0])
+    blocks = [
+        [by_lame[i][j] + by_shear[j][i] + (trace if i == j else 0 * trace) for j in range(dim)]
+        for i in range(dim)
+    ]
+    return sparse.csr_array(sparse.block_array(blocks))
 
 
-def _obstacle_normal(slope_x: np.ndarray, slope_y: np.ndarray) -> np.ndarray:
-    normal = np.stack([-slope_x, -slope_y, np.ones_like(slope_x)], axis=1)
-    return np.asarray(normal / np.linalg.norm(normal, axis=1, keepdims=True))
+def assemble_mesh_cell(cell: MeshCell) -> ContactProblem:
+    """Set up operators and contact geometry on any mesh.
+
+    Raises
+    ------
+    CaseError
+        If the cell is periodic and the nodes of opposite sides do not match.
+    """
+    from skfem import Basis, FacetBasis
+
+    basis = Basis(cell.mesh, cell.element)
+    lame, shear = lame_parameters(cell.youngs_modulus, cell.poissons_ratio)
+    points = basis.doflocs
+    low, high = points.min(axis=1), points.max(axis=1)
+    image = _periodic_images(points, low, high) if cell.periodic else np.arange(basis.N)
+
+    # unknowns: clamped at the base, one for all periodic images, no motion across sliding sides
+    free = np.ones((3, basis.N), dtype=bool)
+    free[:, image != np.arange(basis.N)] = False
+    free[:, image[basis.get_dofs("base").all()]] = False
+    if not cell.periodic:
+        for k in range(2):
+            edge = np.isclose(points[k], low[k]) | np.isclose(points[k], high[k])
+            free[k, edge] = False
+    number = np.where(free, np.cumsum(free).reshape(free.shape) - 1, -1)
+    unknown = np.concatenate([number[k, image] for k in range(3)])
+    kept = np.flatnonzero(unknown >= 0)
+    expand = sparse.csr_array(
+        (np.ones(len(kept)), (kept, unknown[kept])), shape=(3 * basis.N, int(free.sum()))
+    )
+    stiffness = sparse.csr_array(expand.T @ assemble_elasticity(basis, lame, shear) @ expand)
+    solve_free = factorise(stiffness, name="the stiffness of the cell")
+
+    nodes, weight = _contact_nodes(FacetBasis(cell.mesh, cell.element, facets="top"), image)
+    surface = points[2, nodes]
+    obstacle, slopes = _obstacle(cell.obstacle, points[:2, nodes])
+    obstacle = obstacle + np.max(surface - obstacle)
+    normal = obstacle_normal(*slopes)
+    rows = np.tile(np.arange(len(nodes)), 3)
+    columns = np.concatenate([nodes + k * basis.N for k in range(3)])
+    trace = sparse.csr_array(
+        sparse.csr_array((normal.T.ravel(), (rows, columns)), shape=(len(nodes), 3 * basis.N))
+        @ expand
+    )
+    push = sparse.csr_array(trace.T)
+
+    def solve(
+        force: np.ndarray, correct: Callable[[np.ndarray], np.ndarray] | None
+    ) -> np.ndarray:
+        u = solve_free(force)
+        return u if correct is None else u - solve_free(push @ correct(trace @ u))
+
+    def add(vector: np.ndarray, values: np.ndarray) -> None:
+        vector += push @ values
+
+    body = ElasticBody(
+        apply=lambda u: stiffness @ u,
+        solve=solve,
+        trace=lambda u: trace @ u,
+        add=add,
+        compliance=lambda force: trace @ solve_free(push @ force),
+        surface_stiffness=lambda values: values,
+        shape=(stiffness.shape[0],),
+    )
+
+    def recover(u: np.ndarray, active: np.ndarray) -> np.ndarray:
+        touching = np.zeros(basis.N, dtype=bool)
+        touching[nodes[active]] = True
+        vertices = touching[image][basis.nodal_dofs[0]]
+        return recovered_force(
+            cell.mesh, cell.element, (expand @ u).reshape(3, -1), vertices, lame, shear
+        )
+
+    return ContactProblem(
+        body,
+        normal,
+        surface,
+        obstacle,
+        weight,
+        surface_displacement=lambda u: (expand @ u).reshape(3, -1)[:, nodes].T,
+        recover=recover,
+    )
+
+
+def _periodic_images(points: np.ndarray, low: np.ndarray, high: np.ndarray) -> np.ndarray:
+    """Number of the node that stands for each node: itself, or its image on the low sides."""
+    from scipy.spatial import KDTree
+
+    size = high - low
+    place = points.copy()
+    for k in range(2):
+        place[k, np.isclose(points[k], high[k], rtol=0.0, atol=1e-9 * size[k])] -= size[k]
+    moved = np.flatnonzero(np.any(place != points, axis=0))
+    image = np.arange(points.shape[1])
+    distance, partner = KDTree(points.T).query(place[:, moved].T)
+    worst = float(np.max(distance, initial=0.0))
+    if worst > 1e-6 * float(size.max()):
+        where = points[:, moved[int(np.argmax(distance))]]
+        raise CaseError(
+            f"the mesh is not periodic: the node at {np.array2string(where, precision=4)} m has no "
+            f"partner on the opposite side (nearest {worst:.2g} m away); mesh opposite sides alike "
+            f"or let them slide with periodic=False"
+        )
+    image[moved] = partner
+    return image
+
+
+def _contact_nodes(
+    basis: "skfem.FacetBasis", image: np.ndarray
+) -> tuple[np.ndarray, np.ndarray]:
+    """Contact nodes and their nominal areas: every facet's projection, shared by its nodes."""
+    area = np.sum(basis.normals.value[2] * basis.dx, axis=1)
+    dofs = basis.element_dofs  # of the elements behind the facets
+    onto = np.isin(dofs, basis.get_dofs("top").all())
+    share = np.where(onto, area / onto.sum(axis=0), 0.0)
+    weight = np.bincount(image[dofs.ravel()], share.ravel(), minlength=len(image))
+    nodes = np.unique(image[basis.get_dofs("top").all()])
+    return nodes, weight[nodes]
+
+
+def _obstacle(
+    obstacle: Surface | None, place: np.ndarray
+) -> tuple[np.ndarray, tuple[np.ndarray, np.ndarray]]:
+    """Height and slopes of the obstacle at points, from a periodic cubic spline."""
+    if obstacle is None:
+        nothing = np.zeros(place.shape[1])
+        return nothing, (nothing, nothing)
+    from scipy.interpolate import RectBivariateSpline
+
+    margin = 4
+    padded = np.pad(obstacle.heights, margin, mode="wrap")
+    axes = [
+        np.arange(-margin, n + margin) * step
+        for n, step in zip(obstacle.heights.shape, obstacle.spacing, strict=True)
+    ]
+    spline = RectBivariateSpline(*axes, padded, s=0)
+    x, y = (place[k] % obstacle.size[k] for k in range(2))
+    return spline.ev(x, y), (spline.ev(x, y, dx=1), spline.ev(x, y, dy=1))

@@ -147,9 +147,9 @@ class Path:
 
     Parameters
     ----------
-    pressure : sequence of float, optional
+    pressure : tuple of float, optional
         Mean pressure at each step, Pa, at least 0.
-    approach : sequence of float, optional
+    approach : tuple of float, optional
         Approach of the obstacle counted from the first touch, m. Give one of the two.
 
     Raises
@@ -164,15 +164,14 @@ class Path:
     def __post_init__(self) -> None:
         if (self.pressure is None) == (self.approach is None):
             raise CaseError("a path prescribes either pressures or approaches; give one of them")
-        values = self.pressure if self.pressure is not None else self.approach
-        steps = tuple(float(value) for value in values or ())
+        name = "approach" if self.pressure is None else "pressure"
+        steps = tuple(float(value) for value in getattr(self, name))
         if not steps or not np.all(np.isfinite(steps)):
             raise CaseError(f"a path needs at least one step and finite values, got {steps}")
         if self.pressure is not None and min(steps) < 0.0:
             raise CaseError(
                 f"pressures must not be negative (Pa), got {min(steps):g}; adhesion is not modelled"
             )
-        name = "pressure" if self.pressure is not None else "approach"
         object.__setattr__(self, name, steps)
 
     def __len__(self) -> int:

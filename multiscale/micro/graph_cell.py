@@ -47,7 +47,7 @@ def assemble_graph_cell(cell: Cell) -> ContactProblem:
         contact = _graph_obstacle_operators(inverse, normal)
     trace, add, push, compliance = contact
 
-    symbol = inverse.surface_compliance[5]
+    stiffness = 1.0 / inverse.surface_compliance[5]
 
     def solve(
         force: np.ndarray, correct: Callable[[np.ndarray], np.ndarray] | None
@@ -62,7 +62,7 @@ def assemble_graph_cell(cell: Cell) -> ContactProblem:
         trace=trace,
         add=add,
         compliance=compliance,
-        surface_stiffness=lambda values: _filter(values, 1.0 / symbol, inverse.threads),
+        surface_stiffness=lambda values: _filter(values, stiffness),
         shape=(nx, cell.layers, 3, ny),
     )
 
@@ -97,10 +97,9 @@ _Operators = tuple[
 ]
 
 
-def _filter(values: np.ndarray, symbol: np.ndarray, threads: int) -> np.ndarray:
+def _filter(values: np.ndarray, symbol: np.ndarray) -> np.ndarray:
     """Multiply by a symbol in the lateral Fourier space."""
-    transform = fft.rfft2(values, workers=threads) * symbol
-    return np.asarray(fft.irfft2(transform, s=values.shape, workers=threads, overwrite_x=True))
+    return np.asarray(fft.irfft2(fft.rfft2(values) * symbol, s=values.shape, overwrite_x=True))
 
 
 def _flat_obstacle_operators(inverse: LateralInverse) -> _Operators:
@@ -119,7 +118,7 @@ def _flat_obstacle_operators(inverse: LateralInverse) -> _Operators:
         return pushed
 
     symbol = inverse.surface_compliance[5]
-    return trace, add, push, lambda force: _filter(force, symbol, inverse.threads)
+    return trace, add, push, lambda force: _filter(force, symbol)
 
 
 def _graph_obstacle_operators(inverse: LateralInverse, normal: np.ndarray) -> _Operators:

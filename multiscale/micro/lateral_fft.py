@@ -177,7 +177,7 @@ class LateralInverse:
         Inverse pivots (6 entries of a symmetric block) and coupling blocks to the plane above,
         shapes ``(nx, layers, 6, ny // 2 + 1)`` and ``(nx, layers, 9, ny // 2 + 1)``.
     threads : int
-        Threads of the Fourier transforms.
+        Threads of the Fourier transforms over the whole cell.
     """
 
     shape: tuple[int, int, int]
@@ -242,7 +242,7 @@ class LateralInverse:
         )
 
     def _to_wavenumbers(self, values: np.ndarray) -> np.ndarray:
-        transform = fft.rfft2(values, axes=(0, 2), workers=self.threads)
+        transform = fft.rfft2(values, axes=(0, 2))
         transform[:, :2] *= -1j
         return np.asarray(transform)
 
@@ -250,7 +250,7 @@ class LateralInverse:
         turned = transform.copy()
         turned[:, :2] *= 1j
         nx, _, ny = self.shape
-        return np.asarray(fft.irfft2(turned, s=(nx, ny), axes=(0, 2), workers=self.threads))
+        return np.asarray(fft.irfft2(turned, s=(nx, ny), axes=(0, 2)))
 
 
 def factorise_flat_cell(

@@ -1,0 +1,152 @@
+"""One path on one cell: from geometry to averaged response."""
+
+import logging
+from time import perf_counter
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from multiscale.convergence import Status
+from multiscale.micro import averages
+from multiscale.micro.cell import Cell, MeshCell, Path
+from multiscale.micro.contact import ContactProblem, ContactState, solve_contact
+from multiscale.schema import MICRO_RESPONSE
+
+if TYPE_CHECKING:
+    import xarray as xr
+
+__all__ = ["solve_cell"]
+
+logger = logging.getLogger(__name__)
+
+
+def solve_cell(
+    cell: Cell | MeshCell,
+    path: Path,
+    *,
+    keep_pressure: bool = False,
+    recover_stress: bool = True,
+    tolerance: float = 1e-8,
+) -> "xr.Dataset":
+    """Press a cell along a path and average what its surface carries.
+
+    Parameters
+    ----------
+    cell : Cell or MeshCell
+    path : Path
+    keep_pressure : bool
+        Keep the local pressure field of every step (graph cells).
+    recover_stress : bool
+        Also integrate the averages from the recovered Cauchy stress.
+    tolerance : float
+        Of the contact solver, relative to the norm of the contact forces.
+
+    Returns
+    -------
+    Dataset
+        Follows ``MICRO_RESPONSE``, with one realisation. A step that did not converge is ``NaN``
+        with ``converged`` 0; later steps are still tried.
+
+    Raises
+    ------
+    CaseError
+        If the cell cannot be meshed.
+    """
+    from threadpoolctl import threadpool_limits
+
+    with threadpool_limits(1, user_api="blas"):  # its threads would wait for the kernels' and spin
+        problem = _assemble(cell)
+        state: ContactState | None = None
+        steps: list[dict[str, Any]] = []
+        for k in range(len(path)):
+            begin = perf_counter()
+            found = solve_contact(
+                problem.body,
+                problem.gap,
+                problem.closing,
+                load=None if path.pressure is None else path.pressure[k] * problem.nominal_area,
+                approach=None if path.approach is None else path.approach[k],
+                start=state,
+                tolerance=tolerance,
+            )
+            converged = found.status is Status.CONVERGED
+            state = found if converged else state
+            step = _average(problem, found, recover_stress) if converged else {}
+            steps.append(
+                step
+                | {
+                    "converged": int(converged),
+                    "active_set_iterations": len(found.residuals),
+                    "linear_iterations": found.linear_iterations,
+                    "wall_time": perf_counter() - begin,
+                }
+            )
+            if keep_pressure and converged:
+                steps[-1]["pressure"] = (found.force * problem.closing / problem.weight).T
+            logger.info(
+                "step %d: %s, %d active sets, %d linear iterations",
+                k,
+                found.status.value,
+                len(found.residuals),
+                found.linear_iterations,
+            )
+    return _dataset(steps, path, problem, recover_stress, keep_pressure)
+
+
+def _assemble(cell: Cell | MeshCell) -> ContactProblem:
+    if isinstance(cell, MeshCell):
+        from multiscale.micro.assembly import assemble_mesh_cell
+
+        return assemble_mesh_cell(cell)
+    from multiscale.micro.graph_cell import assemble_graph_cell
+
+    return assemble_graph_cell(cell)
+
+
+def _average(problem: ContactProblem, state: ContactState, recover_stress: bool) -> dict[str, Any]:
+    """Averages of one converged step."""
+    area, weight = problem.nominal_area, problem.weight
+    nodal = np.moveaxis(-state.force[:, None] * problem.normal, 1, -1).reshape(-1, 3)
+    moved = problem.surface_displacement(state.displacement)
+    mean = np.array([np.sum(weight * moved[:, k]) / area for k in (2, 0, 1)])
+    step = {
+        "traction": averages.average_traction(nodal, area),
+        "displacement_jump": np.array([-state.approach, 0.0, 0.0]) - mean,
+        "mean_gap": averages.mean_gap(
+            problem.obstacle_height - state.approach, problem.surface_height + moved[:, 2], weight
+        ),
+        "contact_fraction": averages.contact_fraction(state.active, weight),
+    }
+    if recover_stress:
+        force = problem.recover(state.displacement, state.active)
+        step["recovered_traction"] = averages.average_traction(force[None], area)
+    return step
+
+
+def _dataset(
+    steps: list[dict[str, Any]],
+    path: Path,
+    problem: ContactProblem,
+    recover_stress: bool,
+    keep_pressure: bool,
+) -> "xr.Dataset":
+    """Join the steps; what a failed step lacks is NaN."""
+    shapes: dict[str, tuple[int, ...]] = {
+        "traction": (3,),
+        "displacement_jump": (3,),
+        "mean_gap": (),
+        "contact_fraction": (),
+    }
+    if recover_stress:
+        shapes["recovered_traction"] = (3,)
+    if keep_pressure:
+        shapes["pressure"] = problem.weight.T.shape
+    values: dict[str, Any] = {
+        name: np.array([step.get(name, np.full(shape, np.nan)) for step in steps])[None]
+        for name, shape in shapes.items()
+    }
+    for name in ("converged", "active_set_iterations", "linear_iterations", "wall_time"):
+        values[name] = np.array([step[name] for step in steps])[None]
+    if path.pressure is not None:
+        values["nominal_pressure"] = np.array(path.pressure)
+    return MICRO_RESPONSE.build(values)
