@@ -144,6 +144,7 @@ MICRO_RESPONSE = Schema(
             (*_CELL, "component"), "Pa", "averaged traction from the recovered Cauchy stress"
         ),
         "pressure": Variable((*_CELL, "y", "x"), "Pa", "local contact pressure"),
+        "gap": Variable((*_CELL, "y", "x"), "m", "local gap"),
         "nominal_pressure": Variable(("step",), "Pa", "prescribed mean pressure"),
         "rms_height": Variable(("realisation",), "m", "root mean square height"),
         "rms_slope": Variable(("realisation",), "1", "root mean square slope"),

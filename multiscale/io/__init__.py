@@ -1,5 +1,28 @@
 """Readers and writers: the only place where files are opened."""
 
+from multiscale.io.datasets import (
+    open_dataset,
+    open_law,
+    open_response,
+    open_run,
+    save_law,
+    write_dataset,
+)
+from multiscale.io.fields import write_surface_fields
+from multiscale.io.files import make_folder, read_text, write_bytes
 from multiscale.io.surfaces import Surface, read_surface
 
-__all__ = ["Surface", "read_surface"]
+__all__ = [
+    "Surface",
+    "make_folder",
+    "open_dataset",
+    "open_law",
+    "open_response",
+    "open_run",
+    "read_surface",
+    "read_text",
+    "save_law",
+    "write_bytes",
+    "write_dataset",
+    "write_surface_fields",
+]

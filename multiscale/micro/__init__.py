@@ -1,6 +1,18 @@
 """Finite elements on a representative piece of a rough interface."""
 
 from multiscale.io.surfaces import Surface
+from multiscale.micro.cell import Cell, MeshCell, Path, contact_modulus
+from multiscale.micro.ensemble import run_ensemble
+from multiscale.micro.solve import solve_cell
 from multiscale.micro.topography import self_affine
 
-__all__ = ["Surface", "self_affine"]
+__all__ = [
+    "Cell",
+    "MeshCell",
+    "Path",
+    "Surface",
+    "contact_modulus",
+    "run_ensemble",
+    "self_affine",
+    "solve_cell",
+]

@@ -1,6 +1,7 @@
 """The general path: an elastic body on any scikit-fem mesh and element, factorised once."""
 
 from collections.abc import Callable
+from typing import TYPE_CHECKING
 
 import numpy as np
 from scipy import sparse
@@ -12,11 +13,15 @@ from multiscale.micro.averages import recovered_force
 from multiscale.micro.cell import MeshCell, lame_parameters
 from multiscale.micro.contact import ContactProblem, ElasticBody, obstacle_normal
 
+if TYPE_CHECKING:
+    from skfem import CellBasis
+    from skfem import FacetBasis as Facets
+
 __all__ = ["assemble_elasticity", "assemble_mesh_cell"]
 
 
 def assemble_elasticity(
-    cell_basis: "skfem.CellBasis", lame: float | np.ndarray, shear: float | np.ndarray
+    cell_basis: "CellBasis", lame: float | np.ndarray, shear: float | np.ndarray
 ) -> sparse.csr_array:
     r"""Stiffness of isotropic elasticity from scalar forms.
 
@@ -79,8 +84,13 @@ def assemble_mesh_cell(cell: MeshCell) -> ContactProblem:
         If the cell is periodic and the nodes of opposite sides do not match.
     """
     from skfem import Basis, FacetBasis
+    from skfem.refdom import RefTet, RefTri
 
-    basis = Basis(cell.mesh, cell.element)
+    # exact for straight-sided elements: gradients squared, on bricks with as many as degree Gauss
+    # points (the default would cost five times as much for nothing)
+    simplex = cell.mesh.refdom in (RefTri, RefTet)
+    order = 2 * (cell.element.maxdeg - 1) if simplex else cell.element.maxdeg
+    basis = Basis(cell.mesh, cell.element, intorder=max(order, 1))
     lame, shear = lame_parameters(cell.youngs_modulus, cell.poissons_ratio)
     points = basis.doflocs
     low, high = points.min(axis=1), points.max(axis=1)
@@ -178,10 +188,10 @@ def _periodic_images(points: np.ndarray, low: np.ndarray, high: np.ndarray) -> n
 
 
 def _contact_nodes(
-    basis: "skfem.FacetBasis", image: np.ndarray
+    basis: "Facets", image: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray]:
     """Contact nodes and their nominal areas: every facet's projection, shared by its nodes."""
-    area = np.sum(basis.normals.value[2] * basis.dx, axis=1)
+    area = np.sum(np.asarray(basis.normals)[2] * basis.dx, axis=1)
     dofs = basis.element_dofs  # of the elements behind the facets
     onto = np.isin(dofs, basis.get_dofs("top").all())
     share = np.where(onto, area / onto.sum(axis=0), 0.0)

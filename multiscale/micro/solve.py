@@ -24,7 +24,7 @@ def solve_cell(
     cell: Cell | MeshCell,
     path: Path,
     *,
-    keep_pressure: bool = False,
+    keep_fields: bool = False,
     recover_stress: bool = True,
     tolerance: float = 1e-8,
 ) -> "xr.Dataset":
@@ -34,8 +34,8 @@ def solve_cell(
     ----------
     cell : Cell or MeshCell
     path : Path
-    keep_pressure : bool
-        Keep the local pressure field of every step (graph cells).
+    keep_fields : bool
+        Keep pressure and gap at every surface node (graph cells).
     recover_stress : bool
         Also integrate the averages from the recovered Cauchy stress.
     tolerance : float
@@ -81,8 +81,8 @@ def solve_cell(
                     "wall_time": perf_counter() - begin,
                 }
             )
-            if keep_pressure and converged:
-                steps[-1]["pressure"] = (found.force * problem.closing / problem.weight).T
+            if keep_fields and converged:
+                steps[-1] |= _local_fields(problem, found)
             logger.info(
                 "step %d: %s, %d active sets, %d linear iterations",
                 k,
@@ -90,7 +90,7 @@ def solve_cell(
                 len(found.residuals),
                 found.linear_iterations,
             )
-    return _dataset(steps, path, problem, recover_stress, keep_pressure)
+    return _dataset(steps, path, problem, recover_stress, keep_fields)
 
 
 def _assemble(cell: Cell | MeshCell) -> ContactProblem:
@@ -123,12 +123,21 @@ def _average(problem: ContactProblem, state: ContactState, recover_stress: bool)
     return step
 
 
+def _local_fields(problem: ContactProblem, state: ContactState) -> dict[str, np.ndarray]:
+    """Pressure on the nominal area and vertical gap at every node, shape (ny, nx)."""
+    deformed = problem.surface_height + problem.surface_displacement(state.displacement)[:, 2]
+    return {
+        "pressure": (state.force * problem.closing / problem.weight).T,
+        "gap": (problem.obstacle_height - state.approach - deformed).T,
+    }
+
+
 def _dataset(
     steps: list[dict[str, Any]],
     path: Path,
     problem: ContactProblem,
     recover_stress: bool,
-    keep_pressure: bool,
+    keep_fields: bool,
 ) -> "xr.Dataset":
     """Join the steps; what a failed step lacks is NaN."""
     shapes: dict[str, tuple[int, ...]] = {
@@ -139,8 +148,8 @@ def _dataset(
     }
     if recover_stress:
         shapes["recovered_traction"] = (3,)
-    if keep_pressure:
-        shapes["pressure"] = problem.weight.T.shape
+    if keep_fields:
+        shapes |= {name: problem.weight.T.shape for name in ("pressure", "gap")}
     values: dict[str, Any] = {
         name: np.array([step.get(name, np.full(shape, np.nan)) for step in steps])[None]
         for name, shape in shapes.items()

@@ -1,0 +1,145 @@
+"""Datasets in netCDF files: checked against their schema, written whole, with provenance."""
+
+import sys
+from datetime import UTC, datetime
+from os import PathLike
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from multiscale import __version__
+from multiscale.errors import SchemaError
+from multiscale.io.files import write_bytes
+from multiscale.schema import (
+    INTERFACE_LAW,
+    MACRO_RESULT,
+    MICRO_RESPONSE,
+    SCHEMAS,
+    Schema,
+)
+
+if TYPE_CHECKING:
+    import xarray as xr
+
+__all__ = [
+    "open_dataset",
+    "open_law",
+    "open_response",
+    "open_run",
+    "save_law",
+    "write_dataset",
+]
+
+
+def write_dataset(
+    dataset: "xr.Dataset", path: Path, schema: Schema, **attributes: str | float | int
+) -> None:
+    """Check a dataset against its schema and write it with its provenance.
+
+    Parameters
+    ----------
+    dataset : Dataset
+    path : Path
+    schema : Schema
+    **attributes
+        More attributes, such as the checksum of the case.
+
+    Raises
+    ------
+    SchemaError
+        If the dataset does not follow the schema.
+    MultiscaleError
+        If the file cannot be written.
+    """
+    schema.check(dataset)
+    now = datetime.now(UTC).isoformat(timespec="seconds")
+    whole = dataset.assign_attrs(
+        Conventions="CF-1.11",
+        schema=schema.name,
+        schema_version=schema.version,
+        source=f"multiscale {__version__}",
+        history=f"{now}: {' '.join([Path(sys.argv[0]).name, *sys.argv[1:]])}",
+        **attributes,
+    )
+    write_bytes(path, bytes(whole.to_netcdf(engine="h5netcdf")))
+
+
+def open_dataset(path: str | PathLike[str], schema: Schema | None = None) -> "xr.Dataset":
+    """Read a dataset into memory and check it.
+
+    Parameters
+    ----------
+    path : path
+    schema : Schema, optional
+        The one it must follow; the one it names if not given.
+
+    Raises
+    ------
+    SchemaError
+        If the file is missing, damaged, of another kind or of another schema version.
+    """
+    import xarray as xr
+
+    path = Path(path)
+    wanted = f"a {schema.name!r} dataset" if schema else "a dataset"
+    if not path.is_file():
+        raise SchemaError(f"{path}: no such file; it should hold {wanted}")
+    try:
+        dataset = xr.load_dataset(path, engine="h5netcdf")
+    except Exception as error:  # h5py and xarray raise many kinds on a damaged file
+        raise SchemaError(
+            f"{path}: not a readable netCDF file (it may be truncated); make it again"
+        ) from error
+    name, version = dataset.attrs.get("schema"), dataset.attrs.get("schema_version")
+    expected = schema or SCHEMAS.get(str(name))
+    if expected is None or name != expected.name:
+        raise SchemaError(f"{path}: schema {name!r}, expected {wanted}; pass the matching file")
+    if version != expected.version:
+        raise SchemaError(
+            f"{path}: {name} of schema version {version}, this package reads version "
+            f"{expected.version}; make it again or use the matching package"
+        )
+    try:
+        expected.check(dataset)
+    except SchemaError as error:
+        raise SchemaError(f"{path}: {error}") from error
+    return dataset
+
+
+def open_response(path: str | PathLike[str]) -> "xr.Dataset":
+    """Read a micro response; see :func:`open_dataset`."""
+    return open_dataset(path, MICRO_RESPONSE)
+
+
+def open_law(path: str | PathLike[str]) -> "xr.Dataset":
+    """Read an interface law; see :func:`open_dataset`."""
+    return open_dataset(path, INTERFACE_LAW)
+
+
+def save_law(law: "xr.Dataset", path: str | PathLike[str]) -> None:
+    """Write an interface law; see :func:`write_dataset`."""
+    write_dataset(law, Path(path), INTERFACE_LAW)
+
+
+def open_run(folder: str | PathLike[str]) -> "xr.DataTree":
+    """Read what a run has left: one node each for response, law and macro result.
+
+    Raises
+    ------
+    SchemaError
+        If the folder holds none of them, or a file is refused.
+    """
+    import xarray as xr
+
+    folder = Path(folder)
+    schemas = (MICRO_RESPONSE, INTERFACE_LAW, MACRO_RESULT)
+    paths = {schema.name: folder / f"{schema.name}.nc" for schema in schemas}
+    found = {
+        f"/{schema.name}": open_dataset(paths[schema.name], schema)
+        for schema in schemas
+        if paths[schema.name].exists()
+    }
+    if not found:
+        raise SchemaError(
+            f"{folder}: no results; a finished run leaves {', '.join(p.name for p in paths.values())}"
+        )
+    return xr.DataTree.from_dict(found, name=folder.name)

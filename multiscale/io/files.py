@@ -1,0 +1,73 @@
+"""Files that are either whole or absent, and sentences for what the system refuses."""
+
+import os
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from tempfile import NamedTemporaryFile
+
+from multiscale.errors import CaseError, MultiscaleError
+
+__all__ = ["make_folder", "read_text", "write_bytes", "writing"]
+
+
+def write_bytes(path: Path, content: bytes | memoryview) -> None:
+    """Write a file under a temporary name, force it to the disk, then rename it.
+
+    Raises
+    ------
+    MultiscaleError
+        If the disk is full or the folder cannot be written to.
+    """
+    with writing(path), NamedTemporaryFile(
+        dir=path.parent, prefix=f".{path.name}.", suffix=".part", delete=False
+    ) as file:
+        try:
+            file.write(content)
+            file.flush()
+            os.fsync(file.fileno())
+            # NamedTemporaryFile makes private files; give this one the usual mode
+            mask = os.umask(0)
+            os.umask(mask)
+            os.fchmod(file.fileno(), 0o666 & ~mask)
+            Path(file.name).replace(path)
+        except BaseException:
+            Path(file.name).unlink(missing_ok=True)
+            raise
+
+
+@contextmanager
+def writing(path: Path) -> Iterator[None]:
+    """Turn an operating system's error on writing into a sentence."""
+    try:
+        yield
+    except OSError as error:
+        raise MultiscaleError(
+            f"cannot write {path}: {(error.strerror or str(error)).lower()}; what was finished "
+            f"before is kept, so free some space or choose another folder and run again"
+        ) from error
+
+
+def make_folder(path: Path) -> Path:
+    """Make a folder and its parents, and return it."""
+    with writing(path):
+        path.mkdir(parents=True, exist_ok=True)
+    return path
+
+
+def read_text(path: Path) -> str:
+    """Read a text file.
+
+    Raises
+    ------
+    CaseError
+        If the file is missing, cannot be read or is not text.
+    """
+    try:
+        return path.read_text(encoding="utf-8")
+    except FileNotFoundError as error:
+        raise CaseError(f"{path}: no such file; check the path") from error
+    except UnicodeDecodeError as error:
+        raise CaseError(f"{path}: not a text file (byte {error.start} is not UTF-8)") from error
+    except OSError as error:
+        raise CaseError(f"{path}: {(error.strerror or str(error)).lower()}") from error

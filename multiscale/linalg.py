@@ -1,0 +1,191 @@
+"""Linear systems that are factorised once and solved often."""
+
+import warnings
+from collections.abc import Callable
+from importlib import import_module
+
+import numpy as np
+from numpy.linalg import norm
+from scipy.linalg import lu_factor, lu_solve
+from scipy.sparse import csc_array, csr_array, csr_matrix, diags_array, issparse
+from scipy.sparse.linalg import splu
+
+from multiscale.errors import MultiscaleError
+
+__all__ = ["condense", "factorise"]
+
+LARGEST_CONDITION = 1e13
+"""Above this condition number, after scaling by the diagonal, a matrix counts as singular."""
+
+Solve = Callable[[np.ndarray], np.ndarray]
+
+
+def factorise(matrix: csr_array | np.ndarray, *, name: str = "the matrix") -> Solve:
+    r"""Factorise a square matrix and return the function that solves with it.
+
+    A sparse matrix goes to PARDISO if pypardiso is installed and to SuperLU otherwise, a dense
+    one to LAPACK.
+
+    Parameters
+    ----------
+    matrix : csr_array or ndarray, shape (n, n)
+        Real :math:`K`, in any unit.
+    name : str
+        What the matrix is, for the message.
+
+    Returns
+    -------
+    callable
+        ``solve(right_hand_side)`` for one right-hand side of shape (n,) or many of shape
+        (n, m).
+
+    Raises
+    ------
+    MultiscaleError
+        If the matrix is singular to working precision; the message names the unknown that
+        moves most.
+
+    Notes
+    -----
+    With :math:`D = \mathrm{diag}(|K_{ii}|^{-1/2})` and a random vector :math:`r` of signs, the
+    condition number is estimated by
+
+    .. math:: \|D K D\|_\infty \, \|(D K D)^{-1} r\|_\infty,    \tag{1}
+
+    which neither units nor a contrast between two bodies change.
+
+    Examples
+    --------
+    >>> solve = factorise(np.array([[2.0, -1.0], [-1.0, 2.0]]))
+    >>> solve(np.array([1.0, 1.0]))
+    array([1., 1.])
+    """
+    if matrix.ndim != 2 or matrix.shape[0] != matrix.shape[1]:
+        raise ValueError(f"{name} must be square, got shape {matrix.shape}")
+    entries = matrix.data if issparse(matrix) else matrix
+    if not np.all(np.isfinite(entries)):
+        raise MultiscaleError(f"{name} has entries that are NaN or infinite; check the units")
+    if matrix.shape[0] == 0:
+        return lambda right_hand_side: right_hand_side.copy()
+
+    try:
+        solve = _factors(matrix)
+        sound = _softest_motion(matrix, solve)[0] < LARGEST_CONDITION
+    except RuntimeError:  # SuperLU met a pivot that is exactly zero
+        sound = False
+    if not sound:
+        raise MultiscaleError(
+            f"{name} is singular: unknown {_loose_unknown(matrix)} can move without force; "
+            f"check the supports and that every part is held"
+        )
+    return solve
+
+
+def condense(
+    matrix: csr_array | np.ndarray, keep: np.ndarray, load: np.ndarray | None = None
+) -> tuple[np.ndarray, np.ndarray]:
+    r"""Eliminate every unknown but some: static condensation.
+
+    Parameters
+    ----------
+    matrix : csr_array or ndarray, shape (n, n)
+        Stiffness :math:`K`, N/m.
+    keep : ndarray of int, shape (m,)
+        The unknowns :math:`k` that stay, in this order.
+    load : ndarray, shape (n,), optional
+        External force :math:`f`, N; zero if not given.
+
+    Returns
+    -------
+    stiffness : ndarray, shape (m, m)
+        Schur complement (1), N/m.
+    load : ndarray, shape (m,)
+        Condensed force (2), N.
+
+    Raises
+    ------
+    MultiscaleError
+        If the eliminated part can move while the kept unknowns are held.
+
+    Notes
+    -----
+    With the eliminated unknowns :math:`i`,
+
+    .. math::
+        S &= K_{kk} - K_{ki} K_{ii}^{-1} K_{ik}, \tag{1} \\
+        g &= f_k - K_{ki} K_{ii}^{-1} f_i. \tag{2}
+    """
+    n = matrix.shape[0]
+    f = np.zeros(n) if load is None else load
+    eliminated = np.setdiff1d(np.arange(n), keep)
+    sparse = csr_array(matrix)
+    rows_kept, rows_eliminated = sparse[keep], sparse[eliminated]
+    kept = rows_kept[:, keep].toarray()
+    if eliminated.size == 0:
+        return kept, f[keep]
+
+    solve = factorise(
+        rows_eliminated[:, eliminated], name="the stiffness of the eliminated unknowns"
+    )
+    coupling = rows_kept[:, eliminated]
+    schur = kept - coupling @ solve(rows_eliminated[:, keep].toarray())  # (1)
+    return schur, f[keep] - coupling @ solve(f[eliminated])  # (2)
+
+
+def _factors(matrix: csr_array | np.ndarray) -> Solve:
+    """LU factors by PARDISO, SuperLU or LAPACK; a singular matrix may pass."""
+    if not issparse(matrix):
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore")  # the estimate of the condition says it better
+            dense = lu_factor(matrix)
+        return lambda rhs: np.asarray(lu_solve(dense, rhs, check_finite=False))
+    try:
+        pardiso = import_module("pypardiso")
+    except ImportError:
+        sparse = splu(csc_array(matrix))
+        return lambda rhs: np.asarray(sparse.solve(rhs))
+
+    # scaled, because PARDISO lifts pivots that are small relative to the whole matrix
+    scale = _diagonal_scale(matrix)
+    rows = csr_matrix(diags_array(scale) @ matrix @ diags_array(scale), dtype=float)
+    rows.sum_duplicates()
+    if not np.all(np.diff(rows.indptr)):
+        raise RuntimeError("PARDISO cannot take an empty row")
+    solver = pardiso.PyPardisoSolver()
+    solver.factorize(rows)
+
+    def solve(rhs: np.ndarray) -> np.ndarray:
+        columns = scale if rhs.ndim == 1 else scale[:, None]
+        return np.asarray(columns * solver.solve(rows, columns * rhs))
+
+    return solve
+
+
+def _softest_motion(matrix: csr_array | np.ndarray, solve: Solve) -> tuple[float, np.ndarray]:
+    """Estimated condition number (1) and the motion of the scaled unknowns behind it."""
+    scale = _diagonal_scale(matrix)
+    signs = np.random.default_rng(seed=0).choice([-1.0, 1.0], size=scale.size)
+    with np.errstate(all="ignore"):
+        motion = solve(signs / scale) / scale
+        size = norm(scale * (abs(matrix) @ scale), np.inf)
+        return float(size * norm(motion, np.inf)), np.abs(motion)
+
+
+def _diagonal_scale(matrix: csr_array | np.ndarray) -> np.ndarray:
+    """Scale of every unknown that makes the diagonal one."""
+    diagonal = np.abs(matrix.diagonal())
+    return np.asarray(1.0 / np.sqrt(np.where(diagonal > 0.0, diagonal, 1.0)))
+
+
+def _loose_unknown(matrix: csr_array | np.ndarray) -> int:
+    """Find the unknown that moves most in a singular matrix, by holding all of them softly."""
+    diagonal = np.abs(matrix.diagonal())
+    if not diagonal.all():
+        return int(np.argmin(diagonal))
+    hold = 1e-12 * diagonal
+    held = matrix + (diags_array(hold) if issparse(matrix) else np.diag(hold))
+    try:
+        motion = _softest_motion(held, _factors(csr_array(held) if issparse(held) else held))[1]
+    except RuntimeError:
+        return int(np.argmin(diagonal))
+    return int(np.argmax(np.nan_to_num(motion)))

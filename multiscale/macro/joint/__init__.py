@@ -1,0 +1,7 @@
+"""The rough joint: two elastic blocks and the law between them."""
+
+from multiscale.macro.joint.assembly import assemble_joint
+from multiscale.macro.joint.geometry import Block, RoughJoint
+from multiscale.macro.joint.solve import solve_rough_joint
+
+__all__ = ["Block", "RoughJoint", "assemble_joint", "solve_rough_joint"]

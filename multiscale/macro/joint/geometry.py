@@ -1,0 +1,111 @@
+"""What a rough joint is made of."""
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+from multiscale.errors import CaseError
+
+if TYPE_CHECKING:
+    from skfem import Element
+
+__all__ = ["Block", "RoughJoint"]
+
+
+@dataclass(frozen=True)
+class Block:
+    """One elastic block of a joint.
+
+    Parameters
+    ----------
+    height : float
+        Height, m.
+    youngs_modulus : float
+        Pa.
+    poissons_ratio : float
+        Dimensionless.
+    layers : int, default 4
+        Number of elements over the height.
+
+    Raises
+    ------
+    CaseError
+        If a parameter is outside its range.
+    """
+
+    height: float
+    youngs_modulus: float
+    poissons_ratio: float
+    layers: int = 4
+
+    def __post_init__(self) -> None:
+        if not self.height > 0.0:
+            raise CaseError(f"height of a block must be positive (m), got {self.height:g}")
+        if not self.youngs_modulus > 0.0:
+            raise CaseError(
+                f"youngs_modulus of a block must be positive (Pa), got {self.youngs_modulus:g}"
+            )
+        if not -1.0 < self.poissons_ratio < 0.5:
+            raise CaseError(
+                f"poissons_ratio of a block must lie between -1 and 0.5, "
+                f"got {self.poissons_ratio:g}"
+            )
+        if self.layers < 1:
+            raise CaseError(f"a block needs at least one layer of elements, got {self.layers}")
+
+
+@dataclass(frozen=True)
+class RoughJoint:
+    """Two blocks between frictionless platens, joined by a rough frictionless interface.
+
+    The lower block (side 1) stands on a fixed platen. A rigid platen on the upper block (side 2)
+    carries the force, pressure times section.
+
+    Parameters
+    ----------
+    section : tuple of float
+        Lengths of the nominal contact along x and y, m.
+    lower, upper : Block
+        Side 1 and side 2.
+    elements : tuple of int, default (6, 6)
+        Number of elements along x and y, the same in both blocks.
+    eccentricity : tuple of float, optional
+        Where the force acts, measured from the centre along x and y, m. The loaded platen then
+        tilts freely. Without it the platen is guided and only moves along z.
+    element : Element, optional
+        Scalar scikit-fem element for hexahedra; 8 nodes if not given.
+    quadrature_order : int, default 3
+        Degree that the quadrature of the interface integrates exactly. A joint that opens in
+        part wants more.
+
+    Raises
+    ------
+    CaseError
+        If a parameter is outside its range.
+    """
+
+    section: tuple[float, float]
+    lower: Block
+    upper: Block
+    elements: tuple[int, int] = (6, 6)
+    eccentricity: tuple[float, float] | None = None
+    element: "Element | None" = None
+    quadrature_order: int = 3
+
+    def __post_init__(self) -> None:
+        if not min(self.section) > 0.0:
+            raise CaseError(f"section must have positive lengths (m), got {self.section}")
+        if min(self.elements) < 1:
+            raise CaseError(f"elements must be at least one along x and y, got {self.elements}")
+        if self.quadrature_order < 1:
+            raise CaseError(f"quadrature_order must be at least 1, got {self.quadrature_order}")
+        for arm, length in zip(self.eccentricity or (0.0, 0.0), self.section, strict=True):
+            if not abs(arm) < 0.5 * length:
+                raise CaseError(
+                    f"eccentricity must keep the force inside the section, where |eccentricity| "
+                    f"< {0.5 * length:g} m, got {arm:g}"
+                )
+
+    @property
+    def area(self) -> float:
+        """Nominal contact area, m²."""
+        return self.section[0] * self.section[1]

@@ -1,0 +1,145 @@
+"""Two elastic blocks pressed together through a rough interface."""
+
+from collections.abc import Sequence
+from time import perf_counter
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from multiscale.errors import CaseError
+from multiscale.laws.base import InterfaceLaw
+from multiscale.macro.joint.assembly import CondensedJoint, condense_joint
+from multiscale.macro.joint.equilibrium import respond, solve_preload, tangent_stiffness
+from multiscale.macro.joint.geometry import RoughJoint
+from multiscale.schema import MACRO_RESULT
+
+if TYPE_CHECKING:
+    import xarray as xr
+
+__all__ = ["solve_rough_joint"]
+
+
+def solve_rough_joint(
+    joint: RoughJoint,
+    law: InterfaceLaw,
+    preloads: np.ndarray,
+    *,
+    samples: Sequence[InterfaceLaw] = (),
+    max_iterations: int = 100,
+    tolerance: float = 1e-10,
+) -> "xr.Dataset":
+    r"""Press the joint and return its normal stiffness at every preload.
+
+    Parameters
+    ----------
+    joint : RoughJoint
+        Geometry, elasticity and mesh.
+    law : InterfaceLaw
+        Frictionless normal law; its tangential part is not used.
+    preloads : ndarray, shape (steps,)
+        Nominal pressures :math:`p > 0`, Pa: force over section. Each step starts from the one
+        before.
+    samples : sequence of InterfaceLaw
+        Bootstrap samples of the law; each gives one row of ``joint_stiffness_sample``.
+    max_iterations : int
+        Iteration limit of a step.
+    tolerance : float
+        Bound on the residual of (1)-(3): forces relative to the preload, displacements relative
+        to the largest of them; dimensionless.
+
+    Returns
+    -------
+    Dataset
+        Follows ``MACRO_RESULT``. The stiffness is the consistent tangent
+        :math:`\mathrm{d}p / \mathrm{d}a`, Pa/m, with the approach :math:`a` of the platen where
+        the force acts; ``interface_stiffness`` is the area mean of the tangent of the law, and
+        ``solid_stiffness`` belongs to the same blocks without a jump between them. A step that
+        failed is NaN with ``converged`` 0; a sample that failed is NaN.
+
+    Raises
+    ------
+    CaseError
+        If a preload is not positive.
+
+    Notes
+    -----
+    The blocks are condensed once onto the normal jump :math:`j` of the interface. With the
+    compliance :math:`C = C_1 + C_2` of both blocks for nodal forces :math:`\lambda` on their
+    faces, and the rigid motion :math:`w` of the platen,
+
+    .. math::
+        j &= R w + C \lambda, \tag{1} \\
+        \lambda &= N^T (\omega\, p(N j)), \tag{2} \\
+        R^T \lambda &= \ell P, \tag{3}
+
+    where :math:`N` interpolates to the quadrature points, :math:`\omega` are their weights and
+    :math:`\ell` is the motion that the force :math:`P` works on. Jump and elastic displacement
+    are unknowns of their own: neither is the small difference of large numbers, however stiff
+    the law or the blocks. The monolithic form of the same problem is :func:`assemble_joint`.
+    """
+    preloads = np.asarray(preloads, dtype=float)
+    if not np.all((preloads > 0.0) & np.isfinite(preloads)):
+        raise CaseError(f"preloads must be positive and finite (Pa), got {preloads}")
+    model = condense_joint(joint)
+    limits = (max_iterations, tolerance)
+    names = ("joint_stiffness", "interface_stiffness", "approach", "mean_gap", "closed_fraction")
+    values = {name: np.full(preloads.size, np.nan) for name in names}
+    converged = np.zeros(preloads.size, dtype=int)
+    residual, wall_time = np.full(preloads.size, np.nan), np.zeros(preloads.size)
+    solutions: list[np.ndarray | None] = []
+
+    for step, preload in enumerate(preloads):
+        before = perf_counter()
+        start = solutions[-1] if solutions else None
+        solution = solve_preload(model, law, preload, start, limits)
+        solutions.append(solution.value if solution.converged else None)
+        converged[step] = solution.converged
+        if solution.residuals:
+            residual[step] = solution.residuals[-1]
+        if solution.converged:
+            for name, value in _measure(model, law, solution.value).items():
+                values[name][step] = value
+        wall_time[step] = perf_counter() - before
+
+    result = {
+        "preload": preloads,
+        **values,
+        "solid_stiffness": model.solid_stiffness,
+        "converged": converged,
+        "residual": residual,
+        "wall_time": wall_time,
+    }
+    if samples:
+        rows = [_sample_stiffness(model, sample, preloads, solutions, limits) for sample in samples]
+        result["joint_stiffness_sample"] = np.array(rows)
+    return MACRO_RESULT.build(result)
+
+
+def _sample_stiffness(
+    model: CondensedJoint,
+    sample: InterfaceLaw,
+    preloads: np.ndarray,
+    starts: Sequence[np.ndarray | None],
+    limits: tuple[int, float],
+) -> np.ndarray:
+    """Joint stiffness of one sample of the law, Pa/m, each step started from the law's own."""
+    stiffness = np.full(preloads.size, np.nan)
+    for step, (preload, start) in enumerate(zip(preloads, starts, strict=True)):
+        solution = solve_preload(model, sample, preload, start, limits)
+        if solution.converged:
+            stiffness[step] = tangent_stiffness(model, sample, solution.value)
+    return stiffness
+
+
+def _measure(model: CondensedJoint, law: InterfaceLaw, value: np.ndarray) -> dict[str, float]:
+    """Quantities of ``MACRO_RESULT`` at a solution."""
+    j, w, _ = model.split(value)
+    jump = model.operator @ j
+    pressure, stiffness = respond(law, jump)
+    return {
+        "joint_stiffness": tangent_stiffness(model, law, value),
+        "interface_stiffness": float(model.weight @ stiffness) / model.area,
+        "approach": -float(model.arm @ w),
+        "mean_gap": float(model.weight @ jump) / model.area + float(getattr(law, "gap", 0.0)),
+        "closed_fraction": float(model.weight @ (pressure > 0.0)) / model.area,
+    }

@@ -1,0 +1,137 @@
+"""Many cells along one path, one file each, joined into one response."""
+
+from collections.abc import Callable, Sequence
+from concurrent.futures import Executor, as_completed
+from concurrent.futures.process import BrokenProcessPool
+from pathlib import Path as FilePath
+from typing import TYPE_CHECKING
+
+from multiscale.errors import MultiscaleError, SchemaError
+from multiscale.io import make_folder, open_dataset, write_dataset
+from multiscale.micro.cell import Cell, Path
+from multiscale.micro.solve import solve_cell
+from multiscale.micro.topography import nayak_parameter, rms_height, rms_slope
+from multiscale.schema import MICRO_RESPONSE
+
+if TYPE_CHECKING:
+    import xarray as xr
+
+__all__ = ["run_ensemble"]
+
+
+def run_ensemble(
+    cells: Sequence[Cell],
+    path: Path,
+    *,
+    executor: Executor | None = None,
+    folder: FilePath | None = None,
+    identity: str = "",
+    keep_fields: bool = False,
+    progress: Callable[[int], None] = lambda finished: None,
+) -> "xr.Dataset":
+    """Solve many cells along one path.
+
+    Parameters
+    ----------
+    cells : sequence of Cell
+        The realisations.
+    path : Path
+        The same for all, so that a mean over realisations at one pressure means something.
+    executor : Executor, optional
+        Any of ``concurrent.futures``, of dask (``Client.get_executor()``) or of mpi4py; serial if
+        not given. Each worker uses one thread.
+    folder : Path, optional
+        Gets ``realisation-0000.nc`` and so on, each written when it is finished. Those already
+        there with the same identity are not computed again.
+    identity : str
+        What the cells were made from, for instance the checksum of a case.
+    keep_fields : bool
+        Keep the local fields of realisation 0, in its file.
+    progress : callable
+        Gets the number of finished realisations.
+
+    Returns
+    -------
+    Dataset
+        Follows ``MICRO_RESPONSE``.
+
+    Raises
+    ------
+    MultiscaleError
+        If a worker process died; finished cells are kept.
+    """
+    import xarray as xr
+
+    if folder is not None:
+        make_folder(folder)
+    files = [folder / f"realisation-{k:04d}.nc" if folder else None for k in range(len(cells))]
+    results = {
+        k: found for k, file in enumerate(files) if (found := _finished(file, identity)) is not None
+    }
+    todo = [k for k in range(len(cells)) if k not in results]
+    progress(len(results))
+    jobs = {k: (cells[k], path, keep_fields and k == 0, files[k], identity) for k in todo}
+    if executor is None:
+        for k in todo:
+            results[k] = _solve_realisation(*jobs[k])
+            progress(len(results))
+    else:
+        futures = {executor.submit(_solve_in_worker, *jobs[k]): k for k in todo}
+        try:
+            for future in as_completed(futures):
+                results[futures[future]] = future.result()
+                progress(len(results))
+        except BrokenProcessPool as error:
+            raise MultiscaleError(
+                f"a worker process died after {len(results)} of {len(cells)} realisations, perhaps "
+                f"for lack of memory; what is finished is kept, so run again with fewer jobs"
+            ) from error
+        finally:
+            for future in futures:
+                future.cancel()
+    ordered = [
+        results[k].drop_vars(["pressure", "gap", "x", "y"], errors="ignore").assign_coords(realisation=[k])
+        for k in range(len(cells))
+    ]
+    return xr.concat(ordered, "realisation", join="exact", combine_attrs="drop")
+
+
+def _finished(file: FilePath | None, identity: str) -> "xr.Dataset | None":
+    """Return the response of a realisation computed before, if it is whole and the same."""
+    if file is None or not file.exists():
+        return None
+    try:
+        found = open_dataset(file, MICRO_RESPONSE)
+    except SchemaError:  # damaged or of another version: computed again
+        return None
+    return found if found.attrs.get("identity") == identity else None
+
+
+def _solve_realisation(
+    cell: Cell, path: Path, keep_fields: bool, file: FilePath | None, identity: str
+) -> "xr.Dataset":
+    """Solve one cell, add its statistics and write its file."""
+    response = solve_cell(cell, path, keep_fields=keep_fields)
+    for name, statistic in (
+        ("rms_height", rms_height),
+        ("rms_slope", rms_slope),
+        ("nayak_parameter", nayak_parameter),
+    ):
+        variable = MICRO_RESPONSE.optional[name]
+        attrs = {"units": variable.units, "long_name": variable.long_name}
+        response = response.assign_coords(
+            {name: (variable.dims, [statistic(cell.surface)], attrs)}
+        )
+    if file is not None:
+        write_dataset(response, file, MICRO_RESPONSE, identity=identity)
+    return response
+
+
+def _solve_in_worker(
+    cell: Cell, path: Path, keep_fields: bool, file: FilePath | None, identity: str
+) -> "xr.Dataset":
+    """Solve one cell on one thread: the workers share the machine."""
+    import numba
+
+    numba.set_num_threads(1)
+    return _solve_realisation(cell, path, keep_fields, file, identity)

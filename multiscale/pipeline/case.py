@@ -1,0 +1,356 @@
+"""Case files: one question, from two bodies to the joint, with units."""
+
+import hashlib
+import tomllib
+from collections.abc import Iterator
+from difflib import get_close_matches
+from importlib import resources
+from pathlib import Path
+from typing import Annotated, Any, Self
+
+from pydantic import (
+    BaseModel,
+    BeforeValidator,
+    ConfigDict,
+    Discriminator,
+    Field,
+    Tag,
+    ValidationError,
+    field_validator,
+    model_validator,
+)
+
+from multiscale.errors import CaseError
+from multiscale.io import read_text
+from multiscale.units import to_si
+
+__all__ = [
+    "Body",
+    "Case",
+    "CellSettings",
+    "InstrumentSurface",
+    "JointSettings",
+    "LawSettings",
+    "MicroSettings",
+    "SyntheticSurface",
+    "load_case",
+    "shipped_cases",
+]
+
+POINTS_PER_WAVE = 8  # of the shortest wave of a measured surface, if the case names no cut-off
+
+
+def _quantity(unit: str) -> BeforeValidator:
+    def convert(value: object) -> float:
+        try:
+            return to_si(value, unit)
+        except CaseError as error:
+            raise ValueError(str(error)) from error
+
+    return BeforeValidator(convert)
+
+
+Length = Annotated[float, _quantity("m"), Field(gt=0.0)]
+Pressure = Annotated[float, _quantity("Pa"), Field(gt=0.0)]
+Number = Annotated[float, _quantity("1")]
+
+
+class _Settings(BaseModel):
+    model_config = ConfigDict(frozen=True, extra="forbid")
+
+
+class SyntheticSurface(_Settings):
+    """A self-affine surface; see :func:`multiscale.micro.self_affine`.
+
+    Parameters
+    ----------
+    rms_height, rms_slope : quantity
+        Exactly one of them; m and 1.
+    hurst_exponent : float
+        Between 0 and 1.
+    long_cutoff, short_cutoff : quantity
+        Longest and shortest wavelength, m.
+    roll_off : quantity, optional
+        Wavelength above which the spectrum is flat, m.
+    """
+
+    rms_height: Length | None = None
+    rms_slope: Annotated[Number, Field(gt=0.0)] | None = None
+    hurst_exponent: Annotated[Number, Field(ge=0.0, le=1.0)]
+    long_cutoff: Length
+    short_cutoff: Length
+    roll_off: Length | None = None
+
+    @model_validator(mode="after")
+    def _check(self) -> Self:
+        if (self.rms_height is None) == (self.rms_slope is None):
+            raise ValueError("give either rms_height or rms_slope")
+        if self.short_cutoff > self.long_cutoff:
+            raise ValueError(
+                f"short_cutoff ({self.short_cutoff:g} m) must not be longer than long_cutoff "
+                f"({self.long_cutoff:g} m)"
+            )
+        return self
+
+
+class InstrumentSurface(_Settings):
+    """A measured map, cut into one window per realisation.
+
+    Parameters
+    ----------
+    file : path
+        Instrument file; relative to the case file.
+    detrend_order : int
+        0 mean, 1 plane, 2 curvature; of the whole map, and the plane of each window.
+    fill_undefined : bool
+        Whether undefined points are filled; refused otherwise.
+    periodic : {"mirror", "window"}
+        How a window is made periodic: reflected (it covers a quarter of the cell) or faded along
+        its edges.
+    short_cutoff : quantity, optional
+        Shortest wavelength kept, m; eight points of the cell's grid if not given.
+    """
+
+    file: Path
+    detrend_order: Annotated[int, Field(ge=0, le=2)] = 2
+    fill_undefined: bool = False
+    periodic: Annotated[str, Field(pattern="^(mirror|window)$")] = "mirror"
+    short_cutoff: Length | None = None
+
+
+def _kind_of_surface(value: Any) -> str:
+    named = value if isinstance(value, dict) else getattr(value, "__dict__", {})
+    return "instrument" if "file" in named else "synthetic"
+
+
+class Body(_Settings):
+    """One of the two bodies.
+
+    Parameters
+    ----------
+    youngs_modulus : quantity
+        Pa.
+    poissons_ratio : float
+        Below 0.5.
+    surface : table, optional
+        Synthetic or measured roughness; smooth if not given.
+    """
+
+    youngs_modulus: Pressure
+    poissons_ratio: Annotated[Number, Field(ge=0.0, lt=0.5)]
+    surface: (
+        Annotated[
+            Annotated[SyntheticSurface, Tag("synthetic")]
+            | Annotated[InstrumentSurface, Tag("instrument")],
+            Discriminator(_kind_of_surface),
+        ]
+        | None
+    ) = None
+
+
+class CellSettings(_Settings):
+    """The representative surface element.
+
+    Parameters
+    ----------
+    size : two quantities
+        Edge lengths, m.
+    points : two ints
+        Grid points along x and y; even.
+    depth : quantity, optional
+        Depth of the elastic layer, m; the longer edge if not given.
+    layers : int
+        Layers of elements.
+    """
+
+    size: tuple[Length, Length]
+    points: tuple[Annotated[int, Field(ge=4, multiple_of=2)], Annotated[int, Field(ge=4, multiple_of=2)]]
+    depth: Length | None = None
+    layers: Annotated[int, Field(ge=2)] = 12
+
+
+class MicroSettings(_Settings):
+    """The ensemble of cells.
+
+    Parameters
+    ----------
+    realisations : int
+        Number of cells.
+    pressures : list of quantities
+        Mean pressures, Pa, rising.
+    seed : int
+        Of the first realisation.
+    """
+
+    realisations: Annotated[int, Field(ge=1)]
+    pressures: Annotated[tuple[Pressure, ...], Field(min_length=3)]
+    seed: Annotated[int, Field(ge=0)] = 0
+
+    @field_validator("pressures")
+    @classmethod
+    def _rise(cls, pressures: tuple[float, ...]) -> tuple[float, ...]:
+        if any(late <= early for early, late in zip(pressures, pressures[1:], strict=False)):
+            raise ValueError("must rise from one to the next")
+        return pressures
+
+
+class LawSettings(_Settings):
+    """The fit of the interface law.
+
+    Parameters
+    ----------
+    terms : int
+        Terms of the normal law.
+    samples : int
+        Bootstrap samples.
+    """
+
+    terms: Annotated[int, Field(ge=4)] = 20
+    samples: Annotated[int, Field(ge=0)] = 200
+
+
+class JointSettings(_Settings):
+    """Two blocks pressed together through the law.
+
+    Parameters
+    ----------
+    height : quantity
+        Height of each block, m.
+    width : quantity
+        Edge of their square section, m.
+    preloads : list of quantities
+        Nominal pressures, Pa, rising.
+    """
+
+    height: Length
+    width: Length
+    preloads: Annotated[tuple[Pressure, ...], Field(min_length=1)]
+
+
+class Case(_Settings):
+    """One question: how stiff is the joint of these two bodies?
+
+    Parameters
+    ----------
+    title : str
+    body_1, body_2 : Body
+    cell : CellSettings
+    micro : MicroSettings
+    law : LawSettings
+    joint : JointSettings
+    """
+
+    title: str
+    body_1: Body
+    body_2: Body
+    cell: CellSettings
+    micro: MicroSettings
+    law: LawSettings = LawSettings()
+    joint: JointSettings
+
+    @model_validator(mode="after")
+    def _check(self) -> Self:
+        if self.body_1.surface is None and self.body_2.surface is None:
+            raise ValueError("both bodies are smooth; give one of them a [surface] table")
+        return self
+
+    def quick(self) -> Self:
+        """Return the same case on a coarser grid with fewer realisations and samples."""
+        points = tuple(max(4, 2 * ((n + 2) // 4)) for n in self.cell.points)
+        micro = self.micro.model_copy(update={"realisations": min(4, self.micro.realisations)})
+        return self.model_copy(
+            update={
+                "cell": self.cell.model_copy(update={"points": points}),
+                "micro": micro,
+                "law": self.law.model_copy(update={"samples": min(40, self.law.samples)}),
+            }
+        )
+
+    def identity(self) -> str:
+        """Checksum of everything that the response depends on."""
+        content = self.model_dump_json(exclude={"title", "law", "joint"})
+        return hashlib.sha256(content.encode()).hexdigest()
+
+
+def shipped_cases() -> dict[str, Path]:
+    """Return names and paths of the cases that come with the package."""
+    inside = Path(str(resources.files("multiscale"))) / "microcases"
+    beside = Path(str(resources.files("multiscale"))).parent / "microcases"
+    folder = inside if inside.is_dir() else beside
+    return {path.stem: path for path in sorted(folder.glob("*.toml"))}
+
+
+def load_case(case: str | Path) -> Case:
+    """Read a case file.
+
+    Parameters
+    ----------
+    case : str or Path
+        Path of a TOML file, or the name of a shipped case.
+
+    Raises
+    ------
+    CaseError
+        If there is no such case, or with every fault of the file, one a line.
+
+    Examples
+    --------
+    >>> load_case("ground_steel").cell.points
+    (128, 128)
+    """
+    shipped = shipped_cases()
+    path = Path(case)
+    if str(case) in shipped and not path.exists():
+        path = shipped[str(case)]
+    elif not path.suffix and not path.exists():
+        close = get_close_matches(str(case), shipped, n=1)
+        hint = f"did you mean {close[0]!r}?" if close else f"shipped cases: {', '.join(shipped)}"
+        raise CaseError(f"no case named {str(case)!r}; {hint}")
+    try:
+        content = tomllib.loads(read_text(path))
+    except tomllib.TOMLDecodeError as error:
+        raise CaseError(f"{path}: not valid TOML: {error}") from error
+    for name in ("body_1", "body_2"):
+        surface = content.get(name, {}).get("surface") if isinstance(content.get(name), dict) else None
+        if isinstance(surface, dict) and isinstance(surface.get("file"), str):
+            surface["file"] = str(path.parent.resolve() / surface["file"])
+    try:
+        return Case.model_validate(content)
+    except ValidationError as error:
+        raise CaseError("\n".join(f"{path}: {fault}" for fault in _faults(error))) from error
+
+
+def _faults(error: ValidationError) -> Iterator[str]:
+    """Turn pydantic's report into sentences, one for each fault."""
+    for fault in error.errors():
+        place = [str(part) for part in fault["loc"] if part not in ("synthetic", "instrument")]
+        table, key = ".".join(place[:-1]), place[-1] if place else ""
+        where = f"[{table}] " if table else ""
+        if fault["type"] == "extra_forbidden":
+            known = _known_keys(Case, [str(part) for part in fault["loc"][:-1]])
+            close = get_close_matches(key, known, n=1)
+            hint = f"did you mean {close[0]!r}?" if close else f"known keys: {', '.join(known)}"
+            yield f"{where}has no key {key!r}; {hint}"
+        elif fault["type"] == "missing":
+            yield f"{where}{key} is missing"
+        else:
+            message = fault["msg"].removeprefix("Value error, ").removeprefix("Input ")
+            message = message[:1].lower() + message[1:]
+            found = "" if fault["type"] == "value_error" else f", got {fault['input']!r}"
+            if isinstance(fault["input"], dict):
+                found = ""
+            yield f"{where}{key + ' ' if key else ''}{message}{found}"
+
+
+def _known_keys(model: type[BaseModel], place: list[str]) -> list[str]:
+    """Keys of the table at a place in the case."""
+    for name in place:
+        if name == "synthetic":
+            model = SyntheticSurface
+        elif name == "instrument":
+            model = InstrumentSurface
+        elif name in model.model_fields and name != "surface":
+            annotation = model.model_fields[name].annotation
+            if isinstance(annotation, type) and issubclass(annotation, BaseModel):
+                model = annotation
+    return list(model.model_fields)

@@ -1,0 +1,163 @@
+"""The main job: from the surfaces of a case to the stiffness of its joint."""
+
+from collections.abc import Callable
+from concurrent.futures import Executor
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from multiscale.convergence import Status
+from multiscale.errors import ConvergenceError
+from multiscale.io import make_folder, open_dataset, save_law, write_dataset, write_surface_fields
+from multiscale.macro import Block, RoughJoint, solve_rough_joint
+from multiscale.micro import Path as LoadPath
+from multiscale.micro import Cell, contact_modulus, run_ensemble
+from multiscale.pipeline.case import Case
+from multiscale.pipeline.cells import make_cells
+from multiscale.schema import FIELDS, MACRO_RESULT, MICRO_RESPONSE
+from multiscale.upscaling import area_from_dataset, fit_law, law_from_dataset
+
+if TYPE_CHECKING:
+    import xarray as xr
+
+__all__ = ["Results", "run", "run_micro"]
+
+@dataclass(frozen=True)
+class Results:
+    """What a run has computed; the datasets follow the schemas of the same names."""
+
+    micro_response: "xr.Dataset"
+    interface_law: "xr.Dataset"
+    macro_result: "xr.Dataset"
+
+
+def run_micro(
+    case: Case,
+    out: Path,
+    *,
+    executor: Executor | None = None,
+    progress: Callable[[int], None] = lambda finished: None,
+) -> "xr.Dataset":
+    """Solve all cells of a case; finished ones found in the folder are kept.
+
+    Parameters
+    ----------
+    case : Case
+    out : Path
+        Run folder; cells go to ``out / "micro"``.
+    executor : Executor, optional
+        See :func:`multiscale.micro.run_ensemble`.
+    progress : callable
+        Gets the number of finished realisations.
+
+    Returns
+    -------
+    Dataset
+        Follows ``MICRO_RESPONSE``.
+    """
+    cells = make_cells(case)
+    response = run_ensemble(
+        cells,
+        LoadPath(pressure=case.micro.pressures),
+        executor=executor,
+        folder=out / "micro",
+        identity=case.identity(),
+        keep_fields=True,
+        progress=progress,
+    )
+    _write_fields(cells[0], out)
+    response = response.assign_attrs(
+        title=case.title,
+        contact_modulus=contact_modulus(*_materials(case)),
+        bodies="composite surface of body_1 and body_2; 1/E* = sum (1 - nu^2)/E; small slopes",
+        identity=case.identity(),
+    )
+    write_dataset(response, out / "micro_response.nc", MICRO_RESPONSE)
+    return response
+
+
+def run(
+    case: Case,
+    out: str | Path,
+    *,
+    executor: Executor | None = None,
+    progress: Callable[[int], None] = lambda finished: None,
+) -> Results:
+    """Run the whole chain: cells, response, law, joint.
+
+    Parameters
+    ----------
+    case : Case
+    out : path
+        Run folder; made if needed. Finished cells of the same case found there are kept.
+    executor : Executor, optional
+        See :func:`multiscale.micro.run_ensemble`.
+    progress : callable
+        Gets the number of finished realisations.
+
+    Returns
+    -------
+    Results
+
+    Raises
+    ------
+    MultiscaleError
+        If an input is refused, a file cannot be written, or no realisation converged.
+    """
+    out = make_folder(Path(out))
+    response = run_micro(case, out, executor=executor, progress=progress)
+
+    law = fit_law(response, n_terms=case.law.terms, n_samples=case.law.samples)
+    save_law(law, out / "interface_law.nc")
+
+    result = _solve_joint(case, law)
+    write_dataset(result, out / "macro_result.nc", MACRO_RESULT)
+    if not result["converged"].values.any():
+        raise ConvergenceError(
+            f"the joint did not converge at any of {result.sizes['step']} preloads: "
+            f"{Status.MAX_ITERATIONS.value}"
+        )
+    return Results(response, law, result)
+
+
+def _materials(case: Case) -> list[tuple[float, float]]:
+    return [(body.youngs_modulus, body.poissons_ratio) for body in (case.body_1, case.body_2)]
+
+
+def _write_fields(cell: Cell, out: Path) -> None:
+    """Write the surface fields of realisation 0, as dataset and for ParaView."""
+    local = open_dataset(out / "micro" / "realisation-0000.nc", MICRO_RESPONSE).isel(realisation=0)
+    fields = FIELDS.build(
+        {
+            "height": cell.surface.heights.T,
+            "pressure": local["pressure"].values,
+            "gap": local["gap"].values,
+            "nominal_pressure": local["nominal_pressure"].values,
+        },
+        size_x=cell.surface.size[0],
+        size_y=cell.surface.size[1],
+    )
+    folder = make_folder(out / "fields")
+    write_dataset(fields, folder / "fields.nc", FIELDS)
+    write_surface_fields(fields, cell.surface.size, folder)
+
+
+def _solve_joint(case: Case, law: "xr.Dataset") -> "xr.Dataset":
+    """Press two blocks together through the law and its samples."""
+    lower, upper = (
+        Block(case.joint.height, body.youngs_modulus, body.poissons_ratio)
+        for body in (case.body_1, case.body_2)
+    )
+    samples = range(law.sizes["sample"])
+    result = solve_rough_joint(
+        RoughJoint((case.joint.width, case.joint.width), lower, upper),
+        law_from_dataset(law),
+        np.array(case.joint.preloads),
+        samples=[law_from_dataset(law, sample) for sample in samples],
+    )
+    area = area_from_dataset(law).fraction(result["preload"].values)
+    variable = MACRO_RESULT.optional["contact_fraction"]
+    attrs = {"units": variable.units, "long_name": variable.long_name}
+    return result.assign(contact_fraction=(variable.dims, area, attrs))

@@ -1,0 +1,185 @@
+r"""Elastic blocks against exact solutions.
+
+Manufactured solution on the unit cube with zero displacement on its surface:
+:math:`u_x = s(x)s(y)s(z)`, :math:`u_y = u_z = 0`, :math:`s(x) = \sin \pi x`.
+"""
+
+import numpy as np
+import pytest
+from numpy import cos, pi, sin
+from scipy.sparse.linalg import spsolve
+from skfem import (
+    Basis,
+    ElementHex1,
+    ElementHex2,
+    ElementHexS2,
+    ElementTetP1,
+    ElementTetP2,
+    ElementVector,
+    LinearForm,
+    MeshTet,
+)
+from skfem.models.elasticity import lame_parameters, linear_elasticity
+
+from multiscale.errors import CaseError
+from multiscale.macro.continuum import (
+    box_mesh,
+    displacement_basis,
+    face_operator,
+    face_unknowns,
+    stiffness_matrix,
+)
+
+E, NU = 2.5, 0.3
+LAME, SHEAR = E * NU / ((1.0 + NU) * (1.0 - 2.0 * NU)), E / (2.0 * (1.0 + NU))
+
+
+def held_and_free(basis):
+    scalar = basis.get_dofs().all()
+    held = np.concatenate([3 * scalar + i for i in range(3)])
+    return held, np.setdiff1d(np.arange(3 * basis.N), held)
+
+
+@pytest.mark.parametrize(
+    "element",
+    [
+        pytest.param(ElementHex1(), id="hex8"),
+        pytest.param(ElementHexS2(), id="hex20"),
+        pytest.param(ElementHex2(), id="hex27"),
+    ],
+)
+def test_a_linear_displacement_is_exact_on_a_distorted_mesh(element):
+    mesh = box_mesh((2.0, 1.0, 1.5), (3, 2, 2), origin=(-1.0, 0.0, 0.2))
+    inner = np.setdiff1d(np.arange(mesh.p.shape[1]), mesh.boundary_nodes())
+    points = mesh.p.copy()
+    points[:, inner] += np.random.default_rng(seed=3).uniform(-0.1, 0.1, (3, inner.size))
+    mesh = type(mesh)(points, mesh.t)
+    basis = displacement_basis(mesh, element)
+    gradient = np.random.default_rng(seed=4).normal(size=(3, 3))
+    exact = (gradient @ basis.doflocs).T.ravel()
+    held, free = held_and_free(basis)
+    K = stiffness_matrix(basis, E, NU)
+    u = exact.copy()
+    u[free] = spsolve(K[free][:, free].tocsc(), -K[free][:, held] @ exact[held])
+    np.testing.assert_allclose(u, exact, atol=1e-13 * np.abs(exact).max())
+
+
+def body_force(x):
+    s, c = sin(pi * x), cos(pi * x)
+    return np.stack(
+        [
+            (LAME + 4.0 * SHEAR) * pi**2 * s[0] * s[1] * s[2],
+            -(LAME + SHEAR) * pi**2 * c[0] * c[1] * s[2],
+            -(LAME + SHEAR) * pi**2 * c[0] * s[1] * c[2],
+        ]
+    )
+
+
+def displacement_error(mesh, element):
+    basis = displacement_basis(mesh, element)
+    fine = Basis(mesh, element, intorder=6)
+    load = np.zeros(3 * basis.N)
+    for i in range(3):
+        load[i::3] = LinearForm(lambda v, w, i=i: body_force(w.x)[i] * v).assemble(fine)
+    free = held_and_free(basis)[1]
+    u = np.zeros(3 * basis.N)
+    u[free] = spsolve(stiffness_matrix(basis, E, NU)[free][:, free].tocsc(), load[free])
+    x = np.asarray(fine.global_coordinates())
+    error = (np.asarray(fine.interpolate(u[0::3])) - np.prod(sin(pi * x), axis=0)) ** 2
+    error = error + sum(np.asarray(fine.interpolate(u[i::3])) ** 2 for i in (1, 2))
+    return np.sqrt(np.sum(error * fine.dx))
+
+
+@pytest.mark.parametrize(
+    ("mesh", "element", "rate", "largest"),
+    [
+        pytest.param(box_mesh, ElementHex1(), 2.0, 1e-2, id="hex8"),
+        pytest.param(box_mesh, ElementHex2(), 3.0, 5e-4, id="hex27"),
+        pytest.param(MeshTet, ElementTetP1(), 2.0, 6e-2, id="tet4"),
+        pytest.param(MeshTet, ElementTetP2(), 3.0, 4e-3, id="tet10"),
+    ],
+)
+def test_displacement_converges_at_the_expected_rate(mesh, element, rate, largest):
+    errors = []
+    for n in (4, 8):
+        if mesh is box_mesh:
+            errors.append(displacement_error(box_mesh((1.0, 1.0, 1.0), (n, n, n)), element))
+        else:
+            axis = np.linspace(0.0, 1.0, n + 1)
+            errors.append(displacement_error(MeshTet.init_tensor(axis, axis, axis), element))
+    assert np.log2(errors[0] / errors[1]) == pytest.approx(rate, abs=0.3)
+    assert errors[1] < largest, "the rate alone does not show that the right problem was solved"
+
+
+def test_the_matrix_is_that_of_a_vector_element():
+    mesh = box_mesh((1.0, 2.0, 0.5), (2, 3, 2))
+    basis = displacement_basis(mesh, ElementHex2())
+    vector = Basis(mesh, ElementVector(ElementHex2()), intorder=4)
+    expected = linear_elasticity(*lame_parameters(E, NU)).assemble(vector)
+    difference = abs(stiffness_matrix(basis, E, NU) - expected).max()
+    assert difference < 1e-13 * abs(expected).max()
+
+
+def test_a_stack_of_two_materials_has_the_stiffness_of_springs_in_series():
+    contrast, height = 1e8, (0.25, 0.75)
+    mesh = box_mesh((1.0, 1.0, 1.0), (2, 2, 4))
+    basis = displacement_basis(mesh)
+    soft = mesh.p[2, mesh.t].mean(axis=0) < height[0]
+    K = stiffness_matrix(basis, np.where(soft, 1.0, contrast), 0.0)
+    top, bottom = 3 * face_unknowns(basis, "top") + 2, 3 * face_unknowns(basis, "bottom") + 2
+    corner = face_unknowns(basis, "bottom")[[0, 2]]
+    plane = [3 * corner[0], 3 * corner[0] + 1, 3 * corner[1] + 1]  # 3-2-1 support
+    held = np.concatenate([plane, bottom, top])
+    free = np.setdiff1d(np.arange(3 * basis.N), held)
+    u = np.zeros(3 * basis.N)
+    u[top] = -1.0
+    u[free] = spsolve(K[free][:, free].tocsc(), -(K @ u)[free])
+    expected = 1.0 / (height[0] + height[1] / contrast)
+    reaction = np.sum((K @ u)[bottom])  # on the soft side, where round-off is small
+    assert reaction == pytest.approx(expected, rel=1e-9)
+
+
+@pytest.mark.parametrize("element", [ElementHex1(), ElementHex2()], ids=["hex8", "hex27"])
+def test_faces_of_two_blocks_are_numbered_alike(element):
+    size, elements = (0.03, 0.07), (3, 5)
+    one = displacement_basis(box_mesh((*size, 0.01), (*elements, 2)), element)
+    two = displacement_basis(box_mesh((*size, 0.2), (*elements, 3), origin=(0, 0, 0.01)), element)
+    x = one.doflocs[:, face_unknowns(one, "top")]
+    np.testing.assert_allclose(x, two.doflocs[:, face_unknowns(two, "bottom")], atol=1e-15)
+    assert np.unique(np.round(x, 9), axis=1).shape == x.shape
+
+
+def test_the_face_operator_integrates_over_the_face():
+    basis = displacement_basis(box_mesh((2.0, 3.0, 1.0), (2, 4, 1)), ElementHex2())
+    operator, weight, position = face_operator(basis, "top", order=5)
+    quadratic = basis.doflocs[0] ** 2 + basis.doflocs[0] * basis.doflocs[1]
+    np.testing.assert_allclose(operator @ quadratic, position[0] ** 2 + position[0] * position[1])
+    assert weight @ (operator @ quadratic) == pytest.approx(8.0 + 9.0)
+    np.testing.assert_allclose(position[2], 1.0)
+
+
+@pytest.mark.parametrize(
+    ("call", "sentence"),
+    [
+        pytest.param(lambda: box_mesh((1, 0, 1), (1, 1, 1)), "positive length along y", id="size"),
+        pytest.param(lambda: box_mesh((1, 1, 1), (1, 1, 0)), "one element along z", id="elements"),
+        pytest.param(
+            lambda: stiffness_matrix(displacement_basis(box_mesh((1, 1, 1), (1, 1, 1))), -1.0, 0.3),
+            r"youngs_modulus must be positive \(Pa\), got -1",
+            id="modulus",
+        ),
+        pytest.param(
+            lambda: stiffness_matrix(displacement_basis(box_mesh((1, 1, 1), (1, 1, 1))), 1.0, 0.5),
+            "poissons_ratio must lie between -1 and 0.5, got 0.5",
+            id="ratio",
+        ),
+        pytest.param(
+            lambda: face_unknowns(displacement_basis(box_mesh((1, 1, 1), (1, 1, 1))), "lid"),
+            "no boundary 'lid'; its boundaries are",
+            id="boundary",
+        ),
+    ],
+)
+def test_a_wrong_parameter_is_refused_with_a_sentence(call, sentence):
+    with pytest.raises(CaseError, match=sentence):
+        call()

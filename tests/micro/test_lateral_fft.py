@@ -1,0 +1,87 @@
+"""The lateral-FFT inverse of the flat cell, and the compliance of its surface."""
+
+import numpy as np
+import pytest
+
+from multiscale.micro import Surface
+from multiscale.micro.cell import lame_parameters
+from multiscale.micro.lateral_fft import brick_stiffness, factorise_flat_cell
+from multiscale.micro.mesh import GraphMesh, graded_planes
+from multiscale.micro.operator import stiffness_operator
+from multiscale.reference import layer
+
+
+def flat_cell(points, size, layers, modulus, nu=0.3):
+    surface = Surface(np.zeros(points), size)
+    planes = graded_planes(0.5, layers, size[0] / points[0])
+    lame, shear = lame_parameters(np.broadcast_to(modulus, layers), nu)
+    apply = stiffness_operator(GraphMesh(surface, planes), lame, shear)
+    return apply, factorise_flat_cell(points, surface.spacing, planes, lame, shear)
+
+
+@pytest.mark.parametrize(
+    ("points", "size"),
+    [
+        pytest.param((16, 16), (1.0, 1.0), id="square"),
+        pytest.param((12, 20), (1.0, 0.7), id="oblong"),
+        pytest.param((32, 2), (1.0, 0.1), id="plane-strain"),
+    ],
+)
+@pytest.mark.parametrize("contrast", [1.0, 1e4], ids=["uniform", "layered"])
+def test_inverse_undoes_the_stiffness_of_the_flat_cell(points, size, contrast):
+    apply, inverse = flat_cell(points, size, 6, np.geomspace(1.0, contrast, 6))
+    u = np.random.default_rng(seed=1).standard_normal((points[0], 6, 3, points[1]))
+    error = np.linalg.norm(inverse.solve(apply(u)) - u) / np.linalg.norm(u)
+    assert error < 1e-12 * max(1.0, contrast)
+
+
+def test_correcting_the_surface_force_in_between_is_solving_for_both_forces():
+    apply, inverse = flat_cell((16, 12), (1.0, 0.7), 5, 1.0)
+    rng = np.random.default_rng(seed=2)
+    force = rng.standard_normal((16, 5, 3, 12))
+    added = rng.standard_normal((16, 3, 12))
+    seen = []
+
+    def correct(displacement):
+        seen.append(displacement)
+        return added
+
+    found = inverse.solve(force, correct)
+    np.testing.assert_allclose(seen[0], inverse.solve(force)[:, -1], atol=1e-11)
+    both = force.copy()
+    both[:, -1] += added
+    np.testing.assert_allclose(found, inverse.solve(both), atol=1e-11)
+    np.testing.assert_allclose(
+        inverse.surface_response(added),
+        inverse.solve(both)[:, -1] - inverse.solve(force)[:, -1],
+        atol=1e-11,
+    )
+
+
+@pytest.mark.parametrize("nu", [0.0, 0.3])
+@pytest.mark.parametrize("depth", [0.25, 0.5, 1.0])
+def test_surface_compliance_is_that_of_a_bonded_layer(nu, depth):
+    errors = []
+    for n in (16, 32, 64):
+        planes = np.linspace(0.0, depth, round(n * depth) + 1)
+        moduli = (np.full(len(planes) - 1, float(m)) for m in lame_parameters(1.0, nu))
+        inverse = factorise_flat_cell((n, 2), (1.0 / n, 1.0 / n), planes, *moduli)
+        # per nodal force; a pressure acts with dx^2
+        found = inverse.surface_compliance[5][1, 0] / n**2
+        half_space = 2.0 * (1.0 - nu**2) / (2.0 * np.pi)
+        errors.append(found / (half_space * layer.ratio_bonded(2.0 * np.pi * depth, nu)) - 1.0)
+    assert abs(errors[-1]) < 4e-3
+    assert np.log2(errors[0] / errors[1]) == pytest.approx(2.0, abs=0.15)
+    assert np.log2(errors[1] / errors[2]) == pytest.approx(2.0, abs=0.15)
+
+
+def test_a_brick_has_six_rigid_motions_and_the_stiffness_of_its_material():
+    edges, lame, shear = (1.0, 2.0, 0.5), 1.3, 0.8
+    matrix = brick_stiffness(edges, lame, shear).reshape(24, 24)
+    np.testing.assert_allclose(matrix, matrix.T, atol=1e-14)
+    assert np.sum(np.linalg.eigvalsh(matrix) < 1e-12) == 6
+    corner = np.stack(np.meshgrid([0, 1], [0, 1], [0, 1], indexing="ij"), axis=-1) * edges
+    strain = np.array([[0.1, 0.02, 0.0], [0.02, -0.05, 0.03], [0.0, 0.03, 0.2]])
+    u = (corner @ strain).ravel()
+    energy = 0.5 * lame * np.trace(strain) ** 2 + shear * np.sum(strain**2)
+    assert 0.5 * u @ matrix @ u == pytest.approx(energy * np.prod(edges))

@@ -1,0 +1,166 @@
+"""Identities of the averages, eqs (2) and (3), for contact without friction."""
+
+import numpy as np
+import pytest
+from skfem import Basis, ElementHex1
+
+from multiscale.micro import Cell, Path, Surface, self_affine, solve_cell
+from multiscale.micro.assembly import assemble_elasticity
+from multiscale.micro.averages import average_traction, dual_basis
+from multiscale.micro.cell import lame_parameters
+from multiscale.micro.contact import solve_contact
+from multiscale.micro.graph_cell import assemble_graph_cell
+from multiscale.micro.mesh import GraphMesh, graded_planes
+from tests.support import egg_box, observed_rate
+
+
+def rough(n, slope=0.1, seed=5):
+    return self_affine(
+        (n, n), (1.0, 1.0), seed, hurst_exponent=0.8, long_cutoff=0.5, short_cutoff=0.25,
+        rms_slope=slope,
+    )
+
+
+def sawtooth(n, gentle, tangent):
+    """Rise with the given tangent over the gentle share of the period, then fall back."""
+    x = np.arange(n) / n
+    height = np.where(x < gentle, tangent * x, tangent * gentle * (1.0 - x) / (1.0 - gentle))
+    return np.tile(height[:, None], (1, 2))
+
+
+def reversed_x(heights):
+    """Mirror a periodic map about x = 0."""
+    return np.roll(heights[::-1], 1, axis=0)
+
+
+def base_reaction(cell, displacement):
+    """Force of the base on the body, from the stiffness that scikit-fem assembles."""
+    planes = graded_planes(cell.depth, cell.layers, min(cell.surface.spacing))
+    mesh = GraphMesh(cell.surface, planes).hexahedra()
+    nx, ny = cell.surface.heights.shape
+    i = np.rint(mesh.p[0] / cell.surface.spacing[0]).astype(int) % nx
+    j = np.rint(mesh.p[1] / cell.surface.spacing[1]).astype(int) % ny
+    flat = mesh.p[2] / (1.0 + cell.surface.heights[i, j] / cell.depth)
+    plane = np.searchsorted(planes, flat - 1e-9 * cell.depth)
+    whole = np.concatenate([np.zeros((nx, 1, 3, ny)), displacement], axis=1)
+    moduli = lame_parameters(cell.youngs_modulus, cell.poissons_ratio)
+    stiffness = assemble_elasticity(Basis(mesh, ElementHex1(), intorder=3), *map(float, moduli))
+    forces = (stiffness @ whole[i, plane, :, j].T.ravel()).reshape(3, -1)
+    return forces[:, plane == 0].sum(axis=1)
+
+
+@pytest.mark.parametrize("obstacle", [None, "rough"], ids=["flat", "rough"])
+def test_average_traction_is_the_base_reaction_over_the_nominal_area(obstacle):
+    other = Surface(rough(32, slope=0.05, seed=8).heights, (1.0, 1.0)) if obstacle else None
+    cell = Cell(rough(32), 1.0, 10, youngs_modulus=2.0, poissons_ratio=0.3, obstacle=other)
+    problem = assemble_graph_cell(cell)
+    state = solve_contact(problem.body, problem.gap, problem.closing, load=0.01, tolerance=1e-11)
+    nodal = np.moveaxis(-state.force[:, None] * problem.normal, 1, -1).reshape(-1, 3)
+    averages = average_traction(nodal, problem.nominal_area)
+    reaction = -base_reaction(cell, state.displacement) / problem.nominal_area
+    np.testing.assert_allclose(averages[[1, 2, 0]], reaction, atol=1e-8 * abs(averages[0]))
+
+
+def test_tangential_average_vanishes_without_friction_on_small_slopes():
+    n, slope = 256, 1e-3  # 16 points in the shortest wave
+    surface = self_affine(
+        (n, n), (1.0, 1.0), 5, hurst_exponent=0.8, long_cutoff=0.25, short_cutoff=1.0 / 16.0,
+        rms_slope=slope,
+    )
+    flat = Surface(np.zeros((n, n)), (1.0, 1.0))
+    # the rough side is the obstacle: its normals carry the horizontal traction
+    cell = Cell(flat, 1.0, 16, 0.91, 0.3, obstacle=Surface(-surface.heights, (1.0, 1.0)))
+    response = solve_cell(cell, Path(pressure=(0.05 * slope, 0.2 * slope)), recover_stress=False)
+    normal, *tangential = np.moveaxis(response["traction"].values[0], -1, 0)
+    assert np.max(np.abs(tangential / normal)) <= 5e-4 * slope
+
+
+@pytest.mark.parametrize("orientation", [1.0, -1.0], ids=["rising", "falling"])
+@pytest.mark.parametrize("gentle", [0.5, 0.8], ids=["symmetric", "asymmetric"])
+def test_an_inclined_facet_gives_its_slope_as_traction_ratio(gentle, orientation):
+    n, tangent = 128, 0.1
+    obstacle = sawtooth(n, gentle, tangent)
+    x = np.arange(n) / n
+    inside = (0.2 * gentle < x) & (x < 0.7 * gentle)  # the only part of the body that can touch
+    body = obstacle - np.where(inside, 0.0, 0.01)[:, None]
+    if orientation < 0.0:
+        obstacle, body = reversed_x(obstacle), reversed_x(body)
+    size = (1.0, 2.0 / n)
+    cell = Cell(Surface(body, size), 1.0, 24, 1.0, 0.3, obstacle=Surface(obstacle, size))
+    response = solve_cell(cell, Path(pressure=(1e-5, 1e-4, 1e-3)))
+    normal, along_x, along_y = np.moveaxis(response["traction"].values[0], -1, 0)
+    np.testing.assert_allclose(along_x / normal, -orientation * tangent, rtol=1e-9)
+    np.testing.assert_allclose(along_y, 0.0, atol=1e-12)
+    normal, along_x, _ = np.moveaxis(response["recovered_traction"].values[0], -1, 0)
+    np.testing.assert_allclose(along_x / normal, -orientation * tangent, rtol=0.05)
+
+
+def test_mirrored_sawtooth_indenters_give_mirrored_averages():
+    n = 128
+    size = (1.0, 2.0 / n)
+    found = []
+    for mirror in (np.asarray, reversed_x):
+        obstacle = Surface(mirror(-sawtooth(n, 0.8, 0.1)), size)
+        cell = Cell(Surface(np.zeros((n, 2)), size), 1.0, 24, 1.0, 0.3, obstacle=obstacle)
+        response = solve_cell(cell, Path(pressure=(1e-3, 1e-2)), recover_stress=False)
+        found.append(response["traction"].values[0])
+    np.testing.assert_allclose(found[0][:, 0], found[1][:, 0], rtol=1e-8)
+    np.testing.assert_allclose(found[0][:, 1], -found[1][:, 1], rtol=1e-6)
+    assert np.all(np.abs(found[0][:, 1]) > 1e-3 * np.abs(found[0][:, 0]))
+
+
+def test_averages_in_a_rotated_frame_are_the_components_of_the_same_vector():
+    rng = np.random.default_rng(seed=4)
+    force = rng.standard_normal((50, 3))
+    angle = 0.7
+    turn = np.array([[np.cos(angle), -np.sin(angle)], [np.sin(angle), np.cos(angle)]])
+    tangents = np.zeros((2, 3))
+    tangents[:, :2] = turn.T
+    plain = average_traction(force, 2.0)
+    turned = average_traction(force, 2.0, dual_basis(np.array([0.0, 0.0, 1.0]), tangents))
+    assert turned[0] == plain[0]
+    np.testing.assert_allclose(turn @ turned[1:], plain[1:])
+
+    oblique = np.array([[2.0, 0.0, 0.0], [1.0, 1.0, 0.0]])
+    components = average_traction(force, 2.0, dual_basis(np.array([0.0, 0.0, 1.0]), oblique))
+    np.testing.assert_allclose((components[1:] @ oblique)[:2], plain[1:])
+
+
+def test_a_cell_turned_by_a_right_angle_gives_turned_averages():
+    surface, obstacle = rough(32), rough(32, slope=0.2, seed=9)
+    found = []
+    for turn in (np.asarray, np.transpose):
+        cell = Cell(
+            Surface(turn(surface.heights), (1.0, 1.0)), 1.0, 10, 1.0, 0.3,
+            obstacle=Surface(turn(obstacle.heights), (1.0, 1.0)),
+        )
+        found.append(solve_cell(cell, Path(pressure=(0.01,)), recover_stress=False))
+    first, second = (response["traction"].values[0, 0] for response in found)
+    np.testing.assert_allclose(first, second[[0, 2, 1]], atol=1e-8 * abs(first[0]))
+
+
+def test_recovered_stress_tends_to_the_multipliers_under_refinement():
+    sizes, errors = [], []
+    for n in (16, 32, 64):
+        cell = Cell(egg_box(n, 0.02), 1.0, n // 2, 1.0, 0.3)
+        response = solve_cell(cell, Path(pressure=(0.005, 0.02)))
+        recovered, traction = (
+            response[name].values[0, :, 0] for name in ("recovered_traction", "traction")
+        )
+        sizes.append(1.0 / n)
+        errors.append(recovered / traction - 1.0)
+    for k in range(2):
+        # the pressure falls like a square root at the edge of a contact spot: less than order two
+        assert observed_rate(sizes, [error[k] for error in errors]) > 1.0
+        assert abs(errors[-1][k]) < 5e-3
+
+
+def test_mean_gap_is_the_first_mean_gap_plus_the_mean_normal_jump():
+    surface = rough(32)
+    response = solve_cell(Cell(surface, 1.0, 10, 1.0, 0.3), Path(pressure=(0.001, 0.02)))
+    first = surface.heights.max() - surface.heights.mean()
+    np.testing.assert_allclose(
+        response["mean_gap"].values[0],
+        first + response["displacement_jump"].values[0, :, 0],
+        rtol=1e-12,
+    )
