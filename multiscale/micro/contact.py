@@ -25,6 +25,8 @@ __all__ = ["ContactProblem", "ContactState", "ElasticBody", "obstacle_normal", "
 
 _LOOSE = 1e-2  # reduction of the residual before the active set is questioned for the first time
 _INNER = 1e-7  # tolerance of the surface problems inside the preconditioner
+_LINEAR_LIMIT = 500  # conjugate-gradient iterations on one active set
+_PATIENCE = 10  # of them without a smaller residual: rounding has the last word
 
 
 @dataclass(frozen=True)
@@ -252,6 +254,9 @@ def solve_contact(
             status = Status.CONVERGED
             break
 
+        if sharp and n_wrong == 0 and len(residuals) > 1 and residuals[-1] > 0.5 * residuals[-2]:
+            status = Status.STALLED
+            break
         body.add(out_of_balance, force)
         changed, sharp = n_wrong > 0, sharp or n_wrong == 0
         if n_wrong < fewest:
@@ -373,8 +378,12 @@ class _LinearStage:
     ) -> tuple[float, int]:
         """Reduce the residual to ``target``; ``u`` and the forces are changed in place."""
         p, p_delta, rz_old = np.zeros(self.body.shape), 0.0, 1.0
-        for iteration in range(500):
-            if not self.residual(out_of_balance, force) > target:
+        best, patience = np.inf, _PATIENCE
+        for iteration in range(_LINEAR_LIMIT):
+            residual = self.residual(out_of_balance, force)
+            patience = _PATIENCE if residual < best else patience - 1
+            best = min(best, residual)
+            if not residual > target or patience == 0:
                 return delta, iteration
             z, shift = self.precondition(out_of_balance, force)
             # the rounding and the inner tolerance must not move the constrained nodes
@@ -393,4 +402,4 @@ class _LinearStage:
             force -= alpha * reaction
             delta += alpha * p_delta
             rz_old = rz
-        return delta, 500
+        return delta, _LINEAR_LIMIT

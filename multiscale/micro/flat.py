@@ -69,6 +69,7 @@ def solve_flat(
 
     direction = np.zeros_like(gap)
     norm_old, restart = 1.0, True
+    step = float(np.vdot(force, force)) / float(np.vdot(force, compliance(force)))
     for _ in range(max_iterations):
         opening = compliance(force) + gap
         contact = force > 0.0
@@ -90,9 +91,9 @@ def solve_flat(
         response = compliance(direction)
         if load is not None:
             response -= closing * float(np.mean(response[contact]))
-        step = float(np.vdot(opening[contact], direction[contact])) / float(
-            np.vdot(direction, response)
-        )
+        curvature = float(np.vdot(direction, response))
+        if curvature > 0.0:  # not so with a single contact node, which the load alone decides
+            step = float(np.vdot(opening[contact], direction[contact])) / curvature
         force = np.maximum(force - step * direction, 0.0)
         late = (force == 0.0) & (opening < 0.0)
         force[late] -= step * opening[late]

@@ -1,0 +1,8 @@
+"""Interface laws: the same objects at every scale."""
+
+from multiscale.laws.area import AreaLaw
+from multiscale.laws.base import InterfaceLaw, NormalLaw, Response
+from multiscale.laws.convex_decreasing import ConvexDecreasing
+from multiscale.laws.exponential import Exponential
+
+__all__ = ["AreaLaw", "ConvexDecreasing", "Exponential", "InterfaceLaw", "NormalLaw", "Response"]

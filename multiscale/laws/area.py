@@ -1,0 +1,87 @@
+"""Real contact area of an interface as a function of its pressure."""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from multiscale.errors import CaseError
+
+__all__ = ["AreaLaw"]
+
+
+@dataclass(frozen=True)
+class AreaLaw:
+    r"""Contact fraction that starts at zero, never decreases and never exceeds one.
+
+    Parameters
+    ----------
+    knot_pressure : ndarray, shape (terms,)
+        Nominal pressures :math:`0 < p_1 < \dots < p_n`, Pa; two at least.
+    knot_fraction : ndarray, shape (terms,)
+        Contact fraction :math:`A_i` at these pressures, dimensionless.
+
+    Raises
+    ------
+    CaseError
+        If the pressures do not increase, or the fractions decrease or leave the range 0 to 1.
+
+    Notes
+    -----
+    Between the knots the monotone cubic interpolation of Fritsch and Butland [1]_; outside
+
+    .. math::
+        A(p) = A_1\, p / p_1 \quad (p < p_1), \qquad
+        A(p) = 1 - (1 - A_n)\, \exp\Big(-\frac{A'_n\,(p - p_n)}{1 - A_n}\Big)
+        \quad (p > p_n).    \tag{1}
+
+    The area is proportional to the load at light contact; the second form continues with the slope
+    :math:`A'_n` of the last knot and tends to full contact.
+
+    References
+    ----------
+    .. [1] F. N. Fritsch and J. Butland, SIAM J. Sci. Stat. Comput. 5 (1984) 300-304,
+       doi:10.1137/0905021.
+
+    Examples
+    --------
+    >>> law = AreaLaw(np.array([1.0e6, 2.0e6]), np.array([0.1, 0.2]))
+    >>> law.contact_fraction(np.array([0.0, 0.5e6, 1.5e6]))
+    array([0.  , 0.05, 0.15])
+    """
+
+    knot_pressure: np.ndarray
+    knot_fraction: np.ndarray
+
+    def __post_init__(self) -> None:
+        p = np.asarray(self.knot_pressure, dtype=float)
+        a = np.asarray(self.knot_fraction, dtype=float)
+        if p.ndim != 1 or p.shape != a.shape or p.size < 2:
+            raise CaseError(
+                f"an area law needs at least two pressures and as many contact fractions, "
+                f"got shapes {p.shape} and {a.shape}"
+            )
+        if not (p[0] > 0.0 and np.all(np.diff(p) > 0.0) and np.isfinite(p[-1])):
+            raise CaseError("the pressures of an area law must be positive and increase (Pa)")
+        if not (a[0] >= 0.0 and a[-1] <= 1.0 and np.all(np.diff(a) >= 0.0)):
+            raise CaseError(
+                f"contact fractions must lie between 0 and 1 and never decrease with pressure, "
+                f"got {np.array2string(a, precision=4)}"
+            )
+        object.__setattr__(self, "knot_pressure", p)
+        object.__setattr__(self, "knot_fraction", a)
+
+    def contact_fraction(self, pressure: np.ndarray) -> np.ndarray:
+        """Real over nominal contact area, dimensionless, at a nominal pressure, Pa; any shape."""
+        from scipy.interpolate import PchipInterpolator
+
+        pressure = np.asarray(pressure, dtype=float)
+        if not np.all(pressure >= 0.0):
+            raise ValueError("a pressure must not be negative (Pa)")
+        p, a = self.knot_pressure, self.knot_fraction
+        inner = PchipInterpolator(p / p[-1], a)
+        x = pressure / p[-1]
+        fraction = np.where(x < p[0] / p[-1], a[0] * pressure / p[0], inner(np.clip(x, None, 1.0)))
+        if a[-1] < 1.0:
+            beyond = np.maximum(0.0, x - 1.0) * max(0.0, float(inner(1.0, 1))) / (1.0 - a[-1])
+            fraction = np.where(x > 1.0, 1.0 - (1.0 - a[-1]) * np.exp(-beyond), fraction)  # (1)
+        return np.asarray(np.clip(fraction, 0.0, 1.0))

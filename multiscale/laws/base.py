@@ -1,0 +1,174 @@
+"""What an interface law is: a jump goes in, a traction comes out."""
+
+from abc import ABC, abstractmethod
+from dataclasses import dataclass
+
+import numpy as np
+
+from multiscale.errors import ConvergenceError
+
+__all__ = ["InterfaceLaw", "NormalLaw", "Response"]
+
+
+@dataclass(frozen=True)
+class Response:
+    """What a law answers to a jump.
+
+    Attributes
+    ----------
+    traction : ndarray, shape (d, ...)
+        Traction, Pa; tension positive, contact negative.
+    tangent : ndarray, shape (d, d, ...)
+        Derivative of the traction with respect to the jump, Pa/m.
+    state : ndarray, shape (n_state, ...)
+        New internal variables.
+    """
+
+    traction: np.ndarray
+    tangent: np.ndarray
+    state: np.ndarray
+
+
+class InterfaceLaw(ABC):
+    """Maps a displacement jump to a traction, pointwise.
+
+    Every array has its component axis first, row 0 normal; any axes may follow (elements,
+    points, quadrature points). A law never changes its arguments and keeps nothing between
+    calls: the state goes in and comes out.
+    """
+
+    n_state: int = 0
+
+    @abstractmethod
+    def respond(self, jump: np.ndarray, state: np.ndarray) -> Response:
+        """Traction, tangent and new state for a jump of shape (d, ...), m."""
+
+    def resolvent(
+        self, source: np.ndarray, stiffness: float | np.ndarray, state: np.ndarray
+    ) -> np.ndarray:
+        r"""Find the jump that lies on the law and on a search direction.
+
+        Parameters
+        ----------
+        source : ndarray, shape (d, ...)
+            Right-hand side :math:`b`, Pa.
+        stiffness : float or ndarray
+            :math:`k > 0` of the search direction, Pa/m; it broadcasts against ``source``.
+        state : ndarray, shape (n_state, ...)
+            Last committed state.
+
+        Returns
+        -------
+        ndarray, shape (d, ...)
+            The jump, m.
+
+        Raises
+        ------
+        ConvergenceError
+            If Newton's method does not reach round-off.
+
+        Notes
+        -----
+        Solves
+
+        .. math:: t([\![u]\!]) + k\, [\![u]\!] = b    \tag{1}
+
+        for a law without tangential traction: :math:`[\![u_T]\!] = b_T / k`, and the normal row
+        is one scalar equation per point. For a law that never pulls, whose pressure is convex and
+        decreasing, its left-hand side is concave and increasing, so that Newton's method climbs
+        monotonically to the root from any start left of it; :math:`b_N / k` is one. A law that is
+        not of this kind brings its own resolvent.
+        """
+        stiffness = np.broadcast_to(stiffness, source.shape)
+        return _climb(self, source, stiffness, state, source[0] / stiffness[0])
+
+
+class NormalLaw(InterfaceLaw):
+    r"""A frictionless law: the pressure depends on the gap alone, positive, decreasing, convex.
+
+    A subclass has an initial gap ``gap``, m, so that the local gap is
+    :math:`g = [\![u_N]\!] + g_0`, and says what pressure and stiffness are. Then
+
+    .. math:: t_N = -p(g), \qquad t_T = 0, \qquad \mathrm{d}t_N / \mathrm{d}g = K(g).    \tag{2}
+    """
+
+    gap: float
+
+    @abstractmethod
+    def pressure(self, gap: np.ndarray) -> np.ndarray:
+        """Pressure, Pa, at a local gap, m; any shape."""
+
+    @abstractmethod
+    def stiffness(self, gap: np.ndarray) -> np.ndarray:
+        """Contact stiffness, minus the derivative of the pressure, Pa/m, at a local gap, m."""
+
+    @abstractmethod
+    def gap_at(self, pressure: np.ndarray) -> np.ndarray:
+        """Local gap, m, at which the pressure, Pa, is reached: the inverse of ``pressure``."""
+
+    def respond(self, jump: np.ndarray, state: np.ndarray) -> Response:
+        """Evaluate (2)."""
+        gap = jump[0] + self.gap
+        traction = np.zeros(jump.shape)
+        traction[0] = -self.pressure(gap)  # (2)
+        tangent = np.zeros((jump.shape[0], *jump.shape))
+        tangent[0, 0] = self.stiffness(gap)
+        return Response(traction, tangent, state)
+
+    def resolvent(
+        self, source: np.ndarray, stiffness: float | np.ndarray, state: np.ndarray
+    ) -> np.ndarray:
+        """Find the jump on the law and on a search direction; see :class:`InterfaceLaw`.
+
+        A soft direction would start Newton's method far inside the obstacle, where an exponential
+        overflows. A root that is not positive has at most the pressure ``-source[0]``, so the
+        smaller of zero and the jump at that pressure is a start left of the root, too.
+        """
+        stiffness = np.broadcast_to(stiffness, source.shape)
+        start = np.asarray(source[0] / stiffness[0])
+        pressed = source[0] < 0.0
+        floor = self.gap_at(np.where(pressed, -source[0], 1.0)) - self.gap
+        start = np.where(pressed, np.maximum(start, np.minimum(floor, 0.0)), start)
+        return _climb(self, source, stiffness, state, start)
+
+
+def _climb(
+    law: InterfaceLaw,
+    source: np.ndarray,
+    stiffness: np.ndarray,
+    state: np.ndarray,
+    start: np.ndarray,
+    *,
+    max_iterations: int = 300,
+    tolerance: float = 1e-13,
+) -> np.ndarray:
+    """Newton's method for (1) from a start left of the root.
+
+    The residual of (1) is relative to the largest of its three terms. A point is finished as well
+    when its step is below the spacing of floating-point numbers at its jump and gap.
+    """
+    if not np.all(stiffness > 0.0):
+        raise ValueError("the stiffness of a search direction must be positive (Pa/m)")
+    k = stiffness[0]
+    jump: np.ndarray = source / stiffness
+    jump[0] = start
+    residual = np.inf
+    for _ in range(max_iterations):
+        response = law.respond(jump, state)
+        t = response.traction[0]
+        f = t + k * jump[0] - source[0]
+        scale = np.maximum(np.maximum(np.abs(t), np.abs(source[0])), k * np.abs(jump[0]))
+        step = -f / (response.tangent[0, 0] + k)
+        spacing = 4.0 * np.finfo(float).eps * (np.abs(jump[0]) + abs(getattr(law, "gap", 0.0)))
+        ratio = np.abs(f) / np.where(scale > 0.0, scale, 1.0)
+        open_points = ~((ratio <= tolerance) | (np.abs(step) <= spacing))
+        if not np.any(open_points):
+            return jump
+        residual = float(np.max(ratio[open_points]))
+        if not np.isfinite(residual):
+            break
+        jump[0] += np.where(open_points, step, 0.0)
+    raise ConvergenceError(
+        f"the resolvent of {type(law).__name__} found no jump on the search direction (last "
+        f"relative residual {residual:.1e}); the law must be decreasing and convex in the gap"
+    )

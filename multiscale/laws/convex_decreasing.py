@@ -1,0 +1,134 @@
+"""A normal law of free form: decreasing, convex and zero beyond the highest summit."""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from multiscale.errors import CaseError, ConvergenceError
+from multiscale.laws.base import NormalLaw
+
+__all__ = ["ConvexDecreasing"]
+
+
+@dataclass(frozen=True)
+class ConvexDecreasing(NormalLaw):
+    r"""Frictionless law that is a convex, decreasing cubic spline of the gap.
+
+    Parameters
+    ----------
+    knot : ndarray, shape (terms,)
+        Gaps :math:`s_1 < \dots < s_n` at which a term vanishes, m.
+    coefficient : ndarray, shape (terms,)
+        :math:`c_k`, Pa m\ :sup:`-3`. Single coefficients may be negative, see (2).
+    gap : float, default 0.0
+        Initial gap :math:`g_0` between the mean planes, m.
+    pressure_range : tuple of float, default (0, inf)
+        Smallest and largest pressure of the data that the law was fitted to, Pa. The law answers
+        outside as well, but there it extrapolates.
+
+    Raises
+    ------
+    CaseError
+        If the knots do not increase, or the law would not be convex.
+
+    Notes
+    -----
+    With the local gap :math:`g = [\![u_N]\!] + g_0`,
+
+    .. math:: t_N = -\sum_k c_k\, \langle s_k - g\rangle_+^3, \qquad t_T = 0.    \tag{1}
+
+    The curvature of (1) is linear between the knots and zero beyond the last. The law is therefore
+    convex, and as it vanishes beyond :math:`s_n` also decreasing and positive, if and only if
+
+    .. math::
+        \sum_{k>j} c_k\, (s_k - s_j) \ge 0 \quad (j = 1 \dots n-1), \qquad
+        \sum_k c_k \ge 0,    \tag{2}
+
+    where the last condition is that of gaps below the first knot. Coefficients :math:`c_k \ge 0`
+    satisfy (2) but reach only laws whose :math:`p^{1/3}` is convex: no power law
+    :math:`(s - g)^m` with :math:`m < 3`, no Greenwood-Williamson law at small gap, and not the
+    first contact of a wave.
+
+    Examples
+    --------
+    >>> law = ConvexDecreasing(knot=np.array([1.0e-6]), coefficient=np.array([1.0e27]))
+    >>> jump = np.array([[0.0, 0.5e-6, 2.0e-6], [0.0, 0.0, 0.0]])  # shape (d, points), m
+    >>> law.respond(jump, state=np.empty((0, 3))).traction[0]
+    array([-1.00e+09, -1.25e+08, -0.00e+00])
+    """
+
+    knot: np.ndarray
+    coefficient: np.ndarray
+    gap: float = 0.0
+    pressure_range: tuple[float, float] = (0.0, np.inf)
+
+    def __post_init__(self) -> None:
+        s, c = np.asarray(self.knot, dtype=float), np.asarray(self.coefficient, dtype=float)
+        if s.ndim != 1 or s.shape != c.shape or s.size == 0:
+            raise CaseError(
+                f"knot and coefficient must be lists of one length, got shapes {s.shape} "
+                f"and {c.shape}"
+            )
+        if not (np.all(np.isfinite(s)) and np.all(np.isfinite(c))):
+            raise CaseError("knot (m) and coefficient (Pa m^-3) must be finite")
+        if not np.all(np.diff(s) > 0.0):
+            raise CaseError("the knots of a convex decreasing law must increase (m)")
+        ramp = np.maximum(0.0, s - s[:, None])  # (2), one row per j
+        curvature = np.append(ramp @ c, np.sum(c))
+        size = np.append(ramp @ np.abs(c), np.sum(np.abs(c)))
+        if not np.all(curvature >= -1e-9 * size):  # relative to the terms that cancel
+            j = int(np.argmin(np.where(size > 0.0, curvature / np.where(size > 0.0, size, 1), 0)))
+            where = f"at the gap {s[j]:.3g} m" if j < s.size else "below the first knot"
+            raise CaseError(
+                f"the law is not convex {where}: its curvature is negative there; "
+                f"coefficients that are all positive (Pa m^-3) make it convex"
+            )
+        if not c[-1] > 0.0:
+            raise CaseError(
+                f"the coefficient of the last knot must be positive (Pa m^-3), got {c[-1]:g}; "
+                f"leave out terms that are zero"
+            )
+        object.__setattr__(self, "knot", s)
+        object.__setattr__(self, "coefficient", c)
+
+    def pressure(self, gap: np.ndarray) -> np.ndarray:
+        """Evaluate (1); the unit is Pa."""
+        return self._sum(gap, 3)
+
+    def stiffness(self, gap: np.ndarray) -> np.ndarray:
+        """Minus the derivative of (1), Pa/m."""
+        return 3.0 * self._sum(gap, 2)
+
+    def gap_at(self, pressure: np.ndarray) -> np.ndarray:
+        """Local gap, m, at a pressure, Pa; the last knot at zero pressure.
+
+        Newton's method, which is monotone for a convex function once it is left of the root: it
+        starts at the knot left of it. In the last interval (1) has one term and is inverted as
+        it stands.
+        """
+        target = np.asarray(pressure, dtype=float)
+        if not np.all((target >= 0.0) & np.isfinite(target)):
+            raise ValueError("a pressure must be finite and not negative (Pa)")
+        s, c = self.knot, self.coefficient
+        at_knot = self.pressure(s)
+        last = target <= (at_knot[-2] if s.size > 1 else np.inf)
+        left = np.searchsorted(-at_knot, -target, side="right") - 1
+        gap = np.where(last, s[-1] - np.cbrt(target / c[-1]), s[np.maximum(left, 0)])
+        for _ in range(200):
+            p = self.pressure(gap)
+            step = np.where(last, 0.0, (p - target) / np.where(last, 1.0, self.stiffness(gap)))
+            small = np.abs(step) <= 1e-14 * (np.abs(gap) + s[-1] - s[0])
+            if np.all(last | small | (np.abs(p - target) <= 1e-13 * target)):
+                return np.asarray(gap)
+            gap = gap + step
+        raise ConvergenceError(
+            f"the convex decreasing law was not inverted at {float(np.max(target)):.3g} Pa; "
+            f"it was fitted up to {self.pressure_range[1]:.3g} Pa"
+        )
+
+    def _sum(self, gap: np.ndarray, power: int) -> np.ndarray:
+        """Sum of c_k <s_k - g>^power, term by term: memory for points, not points times terms."""
+        total = np.zeros(np.shape(gap))
+        for s, c in zip(self.knot, self.coefficient, strict=True):
+            total += c * np.maximum(0.0, s - gap) ** power
+        return total

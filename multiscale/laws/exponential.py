@@ -1,0 +1,78 @@
+"""Exponential normal law of a rough interface."""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from multiscale.errors import CaseError
+from multiscale.laws.base import NormalLaw
+
+__all__ = ["Exponential"]
+
+
+@dataclass(frozen=True)
+class Exponential(NormalLaw):
+    r"""Frictionless law whose pressure decays exponentially with the gap.
+
+    Parameters
+    ----------
+    pressure_scale : float
+        :math:`p_c > 0`, the pressure at zero gap, Pa.
+    decay_length : float
+        :math:`u_0 > 0`, m.
+    gap : float, default 0.0
+        Initial gap :math:`g_0` between the mean planes, m.
+
+    Raises
+    ------
+    CaseError
+        If a parameter is outside its range.
+
+    Notes
+    -----
+    With the local gap :math:`g = [\![u_N]\!] + g_0`,
+
+    .. math:: t_N = -p_c\, e^{-g/u_0}, \qquad t_T = 0.    \tag{1}
+
+    The stiffness is proportional to the pressure, :math:`K = p / u_0`, as found for self-affine
+    surfaces at intermediate pressure.
+
+    References
+    ----------
+    .. [1] S. Akarapu, T. Sharp and M. O. Robbins, Phys. Rev. Lett. 106 (2011) 204301,
+       doi:10.1103/PhysRevLett.106.204301.
+
+    Examples
+    --------
+    >>> law = Exponential(pressure_scale=1.0e9, decay_length=0.5e-6)
+    >>> law.gap_at(np.array([1.0e8, 1.0e7]))  # m
+    array([1.15129255e-06, 2.30258509e-06])
+    """
+
+    pressure_scale: float
+    decay_length: float
+    gap: float = 0.0
+
+    def __post_init__(self) -> None:
+        if not (self.pressure_scale > 0.0 and np.isfinite(self.pressure_scale)):
+            raise CaseError(
+                f"pressure_scale must be positive and finite (Pa), got {self.pressure_scale:g}"
+            )
+        if not (self.decay_length > 0.0 and np.isfinite(self.decay_length)):
+            raise CaseError(
+                f"decay_length must be positive and finite (m), got {self.decay_length:g}"
+            )
+
+    def pressure(self, gap: np.ndarray) -> np.ndarray:
+        """Evaluate (1); the unit is Pa."""
+        with np.errstate(over="ignore"):  # infinite far inside the obstacle: the caller sees it
+            return np.asarray(self.pressure_scale * np.exp(-gap / self.decay_length))
+
+    def stiffness(self, gap: np.ndarray) -> np.ndarray:
+        """Minus the derivative of (1), Pa/m."""
+        return self.pressure(gap) / self.decay_length
+
+    def gap_at(self, pressure: np.ndarray) -> np.ndarray:
+        """Local gap, m, at a pressure, Pa; infinite at zero pressure."""
+        with np.errstate(divide="ignore"):
+            return np.asarray(-self.decay_length * np.log(pressure / self.pressure_scale))

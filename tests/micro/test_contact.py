@@ -1,0 +1,172 @@
+"""The contact loop: complementarity, control, extremes, and what it says when it fails."""
+
+import numpy as np
+import pytest
+
+from multiscale.convergence import Status
+from multiscale.errors import CaseError
+from multiscale.micro import Cell, Path, Surface, self_affine, solve_cell
+from multiscale.micro.contact import solve_contact
+from multiscale.micro.flat import solve_flat
+from multiscale.micro.graph_cell import assemble_graph_cell
+from tests.support import egg_box
+
+
+def rough(n=32, slope=0.2, size=(1.0, 1.0), seed=0):
+    return self_affine(
+        (n, n), size, seed, hurst_exponent=0.8, long_cutoff=size[0] / 2.0,
+        short_cutoff=size[0] / 4.0, rms_slope=slope,
+    )
+
+
+def cell_of(surface, **changes):
+    given = {"depth": 1.0, "layers": 10, "youngs_modulus": 1.0, "poissons_ratio": 0.3}
+    return Cell(surface, **(given | changes))
+
+
+@pytest.mark.parametrize("pressure", [1e-6, 1e-3, 1e-2, 1.0])
+def test_solution_satisfies_every_condition_of_contact(pressure):
+    problem = assemble_graph_cell(cell_of(rough()))
+    state = solve_contact(problem.body, problem.gap, problem.closing, load=pressure)
+    assert state.status is Status.CONVERGED
+
+    moved = problem.body.trace(state.displacement)
+    distance = problem.gap - problem.closing * state.approach - moved
+    balance = problem.body.apply(state.displacement)
+    problem.body.add(balance, state.force)
+    largest = state.force.max()
+    assert np.linalg.norm(balance) <= 2e-8 * np.linalg.norm(state.force)
+    assert np.sum(state.force) == pytest.approx(pressure, rel=1e-7)
+    assert np.all(state.force >= 0.0)
+    assert np.min(distance) >= -1e-8 * np.ptp(problem.gap)
+    assert np.max(np.abs(distance[state.active])) <= 1e-10 * np.ptp(problem.gap)
+    assert np.all(state.force[~state.active] <= 1e-8 * largest)
+
+
+def test_prescribing_the_approach_found_for_a_pressure_gives_the_pressure_back():
+    cell = cell_of(rough())
+    problem = assemble_graph_cell(cell)
+    state = solve_contact(problem.body, problem.gap, problem.closing, load=0.02)
+    response = solve_cell(cell, Path(approach=(state.approach,)), recover_stress=False)
+    assert response["traction"].values[0, 0, 0] == pytest.approx(-0.02, rel=1e-6)
+
+
+def test_a_step_does_not_depend_on_the_path_to_it():
+    cell = cell_of(rough())
+    direct = solve_cell(cell, Path(pressure=(0.01,)), recover_stress=False)
+    loop = solve_cell(cell, Path(pressure=(0.002, 0.05, 0.01)), recover_stress=False)
+    for name in ("mean_gap", "contact_fraction"):
+        assert loop[name].values[0, -1] == pytest.approx(direct[name].values[0, 0], rel=1e-6)
+
+
+def test_linear_iterations_do_not_grow_with_the_grid():
+    counts = []
+    for n in (32, 64, 128):
+        surface = self_affine(
+            (n, n), (1.0, 1.0), 0, hurst_exponent=0.8, long_cutoff=0.5, short_cutoff=0.25,
+            rms_slope=0.2,
+        )
+        response = solve_cell(cell_of(surface), Path(pressure=(0.02,)), recover_stress=False)
+        counts.append(int(response["linear_iterations"].item()))
+    assert max(counts) <= 1.3 * min(counts)
+
+
+@pytest.mark.parametrize("length", [1e-9, 1.0, 1e3], ids=["nm", "m", "km"])
+@pytest.mark.parametrize("modulus", [1e3, 1e12], ids=["kPa", "TPa"])
+def test_the_response_is_free_of_units(length, modulus):
+    plain = solve_cell(cell_of(rough()), Path(pressure=(0.01,)), recover_stress=False)
+    surface = rough(size=(length, length))
+    cell = cell_of(surface, depth=length, youngs_modulus=modulus)
+    scaled = solve_cell(cell, Path(pressure=(0.01 * modulus,)), recover_stress=False)
+    assert scaled["mean_gap"].item() / length == pytest.approx(plain["mean_gap"].item(), rel=1e-6)
+    assert scaled["contact_fraction"].item() == plain["contact_fraction"].item()
+
+
+@pytest.mark.parametrize("slope", [0.0, 1e-6, 0.5], ids=["flat", "nearly-flat", "steep"])
+def test_extreme_slopes_converge(slope):
+    surface = rough(slope=slope) if slope else Surface(np.zeros((32, 32)), (1.0, 1.0))
+    response = solve_cell(cell_of(surface), Path(pressure=(1e-9, 1e-3, 0.5)))
+    assert response["converged"].values.all()
+    assert response["contact_fraction"].values[0, -1] > 0.95
+
+
+def test_zero_pressure_is_the_first_touch():
+    surface = rough()
+    response = solve_cell(cell_of(surface), Path(pressure=(0.0, 0.01, 0.0)))
+    assert response["mean_gap"].values[0, [0, 2]] == pytest.approx(
+        surface.heights.max() - surface.heights.mean()
+    )
+    assert response["contact_fraction"].values[0, 0] == 0.0
+
+
+def test_an_approach_short_of_the_first_touch_carries_nothing():
+    response = solve_cell(cell_of(rough()), Path(approach=(-0.1,)))
+    assert np.all(response["traction"].values == 0.0)
+
+
+def test_an_unconverged_step_is_not_a_number_and_says_so():
+    problem = assemble_graph_cell(cell_of(rough()))
+    state = solve_contact(
+        problem.body, problem.gap, problem.closing, load=0.02, max_iterations=1
+    )
+    assert state.status is Status.MAX_ITERATIONS
+    response = solve_cell(cell_of(rough()), Path(pressure=(0.02,)), tolerance=1e-30)
+    assert response["converged"].item() == 0
+    assert np.isnan(response["mean_gap"].item())
+
+
+def test_flat_solver_agrees_with_an_independent_quadratic_program():
+    from scipy.optimize import nnls
+
+    rng = np.random.default_rng(seed=6)
+    factor = rng.standard_normal((12, 12))
+    compliance = factor @ factor.T + 0.5 * np.eye(12)
+    gap, closing = rng.uniform(0.0, 0.5, 12), np.ones(12)
+    force, _ = solve_flat(
+        lambda f: compliance @ f, lambda f: f, gap, closing, approach=1.0, tolerance=1e-12,
+        max_iterations=20000,
+    )
+    root = np.linalg.cholesky(compliance)  # 1/2 f C f - d f = 1/2 |R^t f - R^-1 d|^2 - const
+    expected, _ = nnls(root.T, np.linalg.solve(root, 1.0 - gap))
+    np.testing.assert_allclose(force, expected, atol=1e-6)
+
+
+def test_rough_obstacle_on_a_flat_body_is_the_flat_on_a_rough_body_for_small_slopes():
+    surface = egg_box(32, 1e-4)
+    flat = Surface(np.zeros((32, 32)), (1.0, 1.0))
+    path = Path(pressure=(1e-5, 1e-4))
+    first = solve_cell(cell_of(surface), path, recover_stress=False)
+    second = solve_cell(
+        cell_of(flat, obstacle=Surface(-surface.heights, (1.0, 1.0))), path, recover_stress=False
+    )
+    np.testing.assert_allclose(first["mean_gap"], second["mean_gap"], rtol=1e-2)
+
+
+@pytest.mark.parametrize(
+    ("changes", "message"),
+    [
+        pytest.param({"depth": -1.0}, "depth of the cell must be positive", id="depth"),
+        pytest.param({"layers": 1}, "at least 2 layers, got 1", id="layers"),
+        pytest.param({"youngs_modulus": 0.0}, "Young's modulus must be positive", id="modulus"),
+        pytest.param({"poissons_ratio": 0.5}, "below 0.5, got 0.5", id="poisson"),
+        pytest.param({"obstacle": rough(16)}, "must have the grid of the surface", id="obstacle"),
+    ],
+)
+def test_a_refused_cell_says_why(changes, message):
+    with pytest.raises(CaseError, match=message):
+        cell_of(rough(), **changes)
+
+
+@pytest.mark.parametrize(
+    ("arguments", "message"),
+    [
+        pytest.param({}, "either pressures or approaches", id="neither"),
+        pytest.param({"pressure": (1.0,), "approach": (1.0,)}, "give one of them", id="both"),
+        pytest.param({"pressure": ()}, "at least one step", id="empty"),
+        pytest.param({"pressure": (-1.0,)}, "adhesion is not modelled", id="tension"),
+        pytest.param({"approach": (np.nan,)}, "finite", id="nan"),
+    ],
+)
+def test_a_refused_path_says_why(arguments, message):
+    with pytest.raises(CaseError, match=message):
+        Path(**arguments)

@@ -1,0 +1,156 @@
+"""The general path: any scikit-fem mesh and element in the same contact loop."""
+
+import numpy as np
+import pytest
+from skfem import ElementHex1, ElementHex2, ElementTetP1, ElementTetP2, MeshHex, MeshTet
+
+from multiscale.errors import CaseError
+from multiscale.micro import Cell, MeshCell, Path, Surface, self_affine, solve_cell
+from multiscale.micro.mesh import GraphMesh, graded_planes
+from tests.support import egg_box
+
+PATH = Path(pressure=(1e-3, 1e-2, 1e-1))
+
+
+def named(mesh):
+    """Name base, top and sides of a cell on the unit square."""
+    facets = mesh.boundary_facets()
+    middle = mesh.p[:, mesh.facets[:, facets]].mean(axis=1)
+    side = np.any(np.isclose(middle[:2], 0.0) | np.isclose(middle[:2], 1.0), axis=0)
+    base = np.isclose(middle[2], 0.0)
+    inner = np.linalg.norm(middle - np.array([[0.5], [0.5], [0.6]]), axis=0) < 0.25
+    top = ~(side | base | inner)
+    return mesh.with_boundaries(
+        {"base": facets[base], "sides": facets[side], "top": facets[top]}
+    )
+
+
+def wavy_box(n, amplitude):
+    mesh = MeshHex.init_tensor(*(np.linspace(0.0, 1.0, n + 1),) * 3)
+    points = mesh.p.copy()
+    points[2] *= 1.0 + amplitude * np.cos(2 * np.pi * points[0]) * np.cos(2 * np.pi * points[1])
+    return MeshHex(points, mesh.t)
+
+
+@pytest.fixture(scope="module")
+def box_with_void(tmp_path_factory):
+    """Mesh a periodic cube with a spherical void, its top lifted to an egg box."""
+    import gmsh
+
+    file = tmp_path_factory.mktemp("gmsh") / "void.msh"
+    gmsh.initialize(["-v", "0"])
+    try:
+        cad = gmsh.model.occ
+        box, void = cad.addBox(0, 0, 0, 1, 1, 1), cad.addSphere(0.5, 0.5, 0.6, 0.2)
+        cad.cut([(3, box)], [(3, void)])
+        cad.synchronize()
+        near = 1e-3
+        for axis in range(2):
+            low, high = np.full(3, -near), np.full(3, 1.0 + near)
+            low_side, high_side = high.copy(), low.copy()
+            low_side[axis], high_side[axis] = near, 1.0 - near
+            first = gmsh.model.getEntitiesInBoundingBox(*low, *low_side, dim=2)
+            second = gmsh.model.getEntitiesInBoundingBox(*high_side, *high, dim=2)
+            shift = np.eye(4)
+            shift[axis, 3] = 1.0
+            gmsh.model.mesh.setPeriodic(2, [second[0][1]], [first[0][1]], shift.ravel())
+        gmsh.option.setNumber("Mesh.MeshSizeMax", 0.16)
+        gmsh.option.setNumber("Mesh.MshFileVersion", 2.2)
+        gmsh.model.addPhysicalGroup(3, [tag for _, tag in gmsh.model.getEntities(3)])
+        gmsh.model.mesh.generate(3)
+        gmsh.write(str(file))
+    finally:
+        gmsh.finalize()
+    mesh = MeshTet.load(file)
+    points = mesh.p.copy()
+    lift = 0.02 * np.cos(2 * np.pi * points[0]) * np.cos(2 * np.pi * points[1])
+    points[2] += lift * np.clip((points[2] - 0.85) / 0.15, 0.0, 1.0)
+    return named(MeshTet(points, mesh.t))
+
+
+@pytest.mark.parametrize("obstacle", [False, True], ids=["flat", "rough"])
+def test_general_path_agrees_with_the_fast_path_on_the_same_mesh(obstacle):
+    surface = self_affine(
+        (12, 12), (1.0, 1.0), 2, hurst_exponent=0.8, long_cutoff=1.0, short_cutoff=0.5,
+        rms_slope=0.1,
+    )
+    mesh = named(GraphMesh(surface, graded_planes(1.0, 6, 1.0 / 12.0)).hexahedra())
+    fast = solve_cell(Cell(surface, 1.0, 6, 1.0, 0.3), PATH, tolerance=1e-11)
+    if obstacle:  # a flat obstacle, but as a graph: no longer one unknown per contact node
+        flat = Surface(np.zeros((12, 12)), (1.0, 1.0))
+        fast = solve_cell(Cell(surface, 1.0, 6, 1.0, 0.3, flat), PATH, tolerance=1e-11)
+    general = solve_cell(MeshCell(mesh, ElementHex1(), 1.0, 0.3), PATH)
+    for name in ("traction", "displacement_jump", "mean_gap", "recovered_traction"):
+        scale = np.max(np.abs(fast[name].values))
+        np.testing.assert_allclose(general[name], fast[name], atol=1e-7 * scale)
+
+
+@pytest.mark.parametrize(
+    ("element", "tolerance"),
+    [
+        pytest.param(ElementTetP1(), 0.2, id="tet-p1"),
+        pytest.param(ElementTetP2(), 0.05, id="tet-p2"),
+        pytest.param(ElementHex2(), 0.05, id="hex-q2"),
+    ],
+)
+def test_elements_agree_on_the_response_of_an_egg_box(element, tolerance):
+    mesh = wavy_box(6, 0.0)
+    if not isinstance(element, ElementHex2):
+        mesh = mesh.to_meshtet()
+    obstacle = egg_box(48, -0.02)
+    found = solve_cell(
+        MeshCell(named(mesh), element, 1.0, 0.3, obstacle=obstacle), PATH, recover_stress=False
+    )
+    flat = Surface(np.zeros((48, 48)), (1.0, 1.0))
+    expected = solve_cell(Cell(flat, 1.0, 24, 1.0, 0.3, obstacle), PATH, recover_stress=False)
+    assert found["converged"].values.all()
+    np.testing.assert_allclose(
+        found["mean_gap"].values[0, :2], expected["mean_gap"].values[0, :2], rtol=tolerance
+    )
+
+
+def test_sliding_sides_equal_periodic_ones_by_symmetry():
+    mesh = named(wavy_box(6, 0.02))
+    periodic, sliding = (
+        solve_cell(MeshCell(mesh, ElementHex1(), 1.0, 0.3, periodic=kind), PATH)
+        for kind in (True, False)
+    )
+    np.testing.assert_allclose(periodic["mean_gap"], sliding["mean_gap"], atol=1e-10)
+
+
+def test_a_gmsh_cell_with_a_buried_void_is_softer_than_one_without(box_with_void):
+    path = Path(approach=(0.06,))  # full contact
+    response = solve_cell(MeshCell(box_with_void, ElementTetP2(), 1.0, 0.3), path)
+    assert response["converged"].values.all()
+    solid = solve_cell(Cell(egg_box(32, 0.02), 1.0, 16, 1.0, 0.3), path)
+    # a dilute void of volume fraction .0335 takes about twice that from the layer's stiffness
+    ratio = response["traction"].values[0, 0, 0] / solid["traction"].values[0, 0, 0]
+    assert 0.85 < ratio < 0.97
+
+
+def test_a_stiff_inclusion_takes_part_through_its_elements():
+    mesh = named(wavy_box(6, 0.02))
+    middle = mesh.p[:, mesh.t].mean(axis=1)
+    inside = np.linalg.norm(middle - np.array([[0.5], [0.5], [0.6]]), axis=0) < 0.25
+    soft, stiff = (
+        solve_cell(
+            MeshCell(mesh, ElementHex1(), np.where(inside, modulus, 1.0), 0.3),
+            Path(approach=(0.03,)),
+        )["traction"].values[0, 0, 0]
+        for modulus in (1.0, 100.0)
+    )
+    assert stiff < 1.02 * soft < 0.0
+
+
+def test_a_mesh_whose_sides_do_not_match_is_refused():
+    mesh = MeshTet.init_tensor(*(np.linspace(0.0, 1.0, 4),) * 3)
+    points = mesh.p.copy()
+    edge = np.isclose(points[0], 1.0) & (points[1] > 0.1) & (points[1] < 0.9)
+    points[1, edge] += 0.05
+    with pytest.raises(CaseError, match="not periodic: the node at .* has no partner"):
+        solve_cell(MeshCell(named(MeshTet(points, mesh.t)), ElementTetP1(), 1.0, 0.3), PATH)
+
+
+def test_missing_boundaries_are_named():
+    with pytest.raises(CaseError, match=r"no boundary named \['base', 'sides', 'top'\]"):
+        MeshCell(MeshTet(), ElementTetP1(), 1.0, 0.3)
