@@ -9,16 +9,18 @@ from multiscale.io.datasets import (
     write_dataset,
 )
 from multiscale.io.fields import write_surface_fields
-from multiscale.io.files import make_folder, read_text, write_bytes
+from multiscale.io.files import logging_to, make_folder, read_bytes, read_text, write_bytes
 from multiscale.io.surfaces import Surface, read_surface
 
 __all__ = [
     "Surface",
+    "logging_to",
     "make_folder",
     "open_dataset",
     "open_law",
     "open_response",
     "open_run",
+    "read_bytes",
     "read_surface",
     "read_text",
     "save_law",

@@ -1,5 +1,6 @@
 """Files that are either whole or absent, and sentences for what the system refuses."""
 
+import logging
 import os
 from collections.abc import Iterator
 from contextlib import contextmanager
@@ -8,7 +9,7 @@ from tempfile import NamedTemporaryFile
 
 from multiscale.errors import CaseError, MultiscaleError
 
-__all__ = ["make_folder", "read_text", "write_bytes", "writing"]
+__all__ = ["logging_to", "make_folder", "read_bytes", "read_text", "write_bytes", "writing"]
 
 
 def write_bytes(path: Path, content: bytes | memoryview) -> None:
@@ -55,6 +56,40 @@ def make_folder(path: Path) -> Path:
     return path
 
 
+@contextmanager
+def logging_to(path: Path) -> Iterator[None]:
+    """Append what the package logs to a file while the context lasts."""
+    with writing(path):
+        handler = logging.FileHandler(path, encoding="utf-8")
+    handler.setFormatter(logging.Formatter("%(asctime)s %(name)s: %(message)s"))
+    logger = logging.getLogger("multiscale")
+    level = logger.level
+    logger.addHandler(handler)
+    logger.setLevel(logging.INFO)
+    try:
+        yield
+    finally:
+        logger.setLevel(level)
+        logger.removeHandler(handler)
+        handler.close()
+
+
+def read_bytes(path: Path) -> bytes:
+    """Read a whole file.
+
+    Raises
+    ------
+    CaseError
+        If the file is missing or cannot be read.
+    """
+    try:
+        return path.read_bytes()
+    except FileNotFoundError as error:
+        raise CaseError(f"{path}: no such file; check the path") from error
+    except OSError as error:
+        raise CaseError(f"{path}: {(error.strerror or str(error)).lower()}") from error
+
+
 def read_text(path: Path) -> str:
     """Read a text file.
 
@@ -64,10 +99,6 @@ def read_text(path: Path) -> str:
         If the file is missing, cannot be read or is not text.
     """
     try:
-        return path.read_text(encoding="utf-8")
-    except FileNotFoundError as error:
-        raise CaseError(f"{path}: no such file; check the path") from error
+        return read_bytes(path).decode("utf-8")
     except UnicodeDecodeError as error:
         raise CaseError(f"{path}: not a text file (byte {error.start} is not UTF-8)") from error
-    except OSError as error:
-        raise CaseError(f"{path}: {(error.strerror or str(error)).lower()}") from error

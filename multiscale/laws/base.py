@@ -161,7 +161,8 @@ def _climb(
         step = -f / (response.tangent[0, 0] + k)
         spacing = 4.0 * np.finfo(float).eps * (np.abs(jump[0]) + abs(getattr(law, "gap", 0.0)))
         ratio = np.abs(f) / np.where(scale > 0.0, scale, 1.0)
-        open_points = ~((ratio <= tolerance) | (np.abs(step) <= spacing))
+        passed = (f >= 0.0) & (ratio <= 1e-9)  # only round-off passes the root
+        open_points = ~((ratio <= tolerance) | (np.abs(step) <= spacing) | passed)
         if not np.any(open_points):
             return jump
         residual = float(np.max(ratio[open_points]))

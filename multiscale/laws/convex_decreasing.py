@@ -115,12 +115,14 @@ class ConvexDecreasing(NormalLaw):
         left = np.searchsorted(-at_knot, -target, side="right") - 1
         gap = np.where(last, s[-1] - np.cbrt(target / c[-1]), s[np.maximum(left, 0)])
         for _ in range(200):
-            p = self.pressure(gap)
-            step = np.where(last, 0.0, (p - target) / np.where(last, 1.0, self.stiffness(gap)))
+            error = self.pressure(gap) - target
+            step = np.where(last, 0.0, error / np.where(last, 1.0, self.stiffness(gap)))
             small = np.abs(step) <= 1e-14 * (np.abs(gap) + s[-1] - s[0])
-            if np.all(last | small | (np.abs(p - target) <= 1e-13 * target)):
+            passed = (error <= 0.0) & (error >= -1e-9 * target)  # only round-off passes the root
+            finished = last | small | passed
+            if np.all(finished):
                 return np.asarray(gap)
-            gap = gap + step
+            gap = np.where(finished, gap, gap + step)
         raise ConvergenceError(
             f"the convex decreasing law was not inverted at {float(np.max(target)):.3g} Pa; "
             f"it was fitted up to {self.pressure_range[1]:.3g} Pa"

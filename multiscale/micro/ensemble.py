@@ -1,12 +1,13 @@
 """Many cells along one path, one file each, joined into one response."""
 
+import logging
 from collections.abc import Callable, Sequence
 from concurrent.futures import Executor, as_completed
 from concurrent.futures.process import BrokenProcessPool
 from pathlib import Path as FilePath
 from typing import TYPE_CHECKING
 
-from multiscale.errors import MultiscaleError, SchemaError
+from multiscale.errors import CaseError, MultiscaleError, SchemaError
 from multiscale.io import make_folder, open_dataset, write_dataset
 from multiscale.micro.cell import Cell, Path
 from multiscale.micro.solve import solve_cell
@@ -17,6 +18,8 @@ if TYPE_CHECKING:
     import xarray as xr
 
 __all__ = ["run_ensemble"]
+
+logger = logging.getLogger(__name__)
 
 
 def run_ensemble(
@@ -42,7 +45,7 @@ def run_ensemble(
         not given. Each worker uses one thread.
     folder : Path, optional
         Gets ``realisation-0000.nc`` and so on, each written when it is finished. Those already
-        there with the same identity are not computed again.
+        there are not computed again.
     identity : str
         What the cells were made from, for instance the checksum of a case.
     keep_fields : bool
@@ -57,6 +60,8 @@ def run_ensemble(
 
     Raises
     ------
+    CaseError
+        If the folder holds realisations with another identity.
     MultiscaleError
         If a worker process died; finished cells are kept.
     """
@@ -68,19 +73,23 @@ def run_ensemble(
     results = {
         k: found for k, file in enumerate(files) if (found := _finished(file, identity)) is not None
     }
+
+    def finish(k: int, response: "xr.Dataset") -> None:
+        results[k] = response
+        logger.info("realisation %d: %d of %d are finished", k, len(results), len(cells))
+        progress(len(results))
+
     todo = [k for k in range(len(cells)) if k not in results]
     progress(len(results))
     jobs = {k: (cells[k], path, keep_fields and k == 0, files[k], identity) for k in todo}
     if executor is None:
         for k in todo:
-            results[k] = _solve_realisation(*jobs[k])
-            progress(len(results))
+            finish(k, _solve_realisation(*jobs[k]))
     else:
         futures = {executor.submit(_solve_in_worker, *jobs[k]): k for k in todo}
         try:
             for future in as_completed(futures):
-                results[futures[future]] = future.result()
-                progress(len(results))
+                finish(futures[future], future.result())
         except BrokenProcessPool as error:
             raise MultiscaleError(
                 f"a worker process died after {len(results)} of {len(cells)} realisations, perhaps "
@@ -97,14 +106,19 @@ def run_ensemble(
 
 
 def _finished(file: FilePath | None, identity: str) -> "xr.Dataset | None":
-    """Return the response of a realisation computed before, if it is whole and the same."""
+    """Return the response of a realisation computed before, if it is whole."""
     if file is None or not file.exists():
         return None
     try:
         found = open_dataset(file, MICRO_RESPONSE)
     except SchemaError:  # damaged or of another version: computed again
         return None
-    return found if found.attrs.get("identity") == identity else None
+    if found.attrs.get("identity") != identity:
+        raise CaseError(
+            f"{file} was computed for another case; choose another folder, or delete "
+            f"{file.parent} to compute it again"
+        )
+    return found
 
 
 def _solve_realisation(

@@ -6,7 +6,7 @@ from collections.abc import Iterator
 from difflib import get_close_matches
 from importlib import resources
 from pathlib import Path
-from typing import Annotated, Any, Self
+from typing import Annotated, Any, Literal, Self
 
 from pydantic import (
     BaseModel,
@@ -33,6 +33,7 @@ __all__ = [
     "LawSettings",
     "MicroSettings",
     "SyntheticSurface",
+    "find_case",
     "load_case",
     "shipped_cases",
 ]
@@ -114,7 +115,7 @@ class InstrumentSurface(_Settings):
     file: Path
     detrend_order: Annotated[int, Field(ge=0, le=2)] = 2
     fill_undefined: bool = False
-    periodic: Annotated[str, Field(pattern="^(mirror|window)$")] = "mirror"
+    periodic: Literal["mirror", "window"] = "mirror"
     short_cutoff: Length | None = None
 
 
@@ -280,6 +281,25 @@ def shipped_cases() -> dict[str, Path]:
     return {path.stem: path for path in sorted(folder.glob("*.toml"))}
 
 
+def find_case(case: str | Path) -> Path:
+    """Return the path of a case file, or of the shipped case of that name.
+
+    Raises
+    ------
+    CaseError
+        If there is no such case.
+    """
+    shipped = shipped_cases()
+    path = Path(case)
+    if path.suffix or path.exists():
+        return path
+    if str(case) in shipped:
+        return shipped[str(case)]
+    close = get_close_matches(str(case), shipped, n=1)
+    hint = f"did you mean {close[0]!r}?" if close else f"shipped cases: {', '.join(shipped)}"
+    raise CaseError(f"no case named {str(case)!r}; {hint}")
+
+
 def load_case(case: str | Path) -> Case:
     """Read a case file.
 
@@ -298,14 +318,7 @@ def load_case(case: str | Path) -> Case:
     >>> load_case("ground_steel").cell.points
     (128, 128)
     """
-    shipped = shipped_cases()
-    path = Path(case)
-    if str(case) in shipped and not path.exists():
-        path = shipped[str(case)]
-    elif not path.suffix and not path.exists():
-        close = get_close_matches(str(case), shipped, n=1)
-        hint = f"did you mean {close[0]!r}?" if close else f"shipped cases: {', '.join(shipped)}"
-        raise CaseError(f"no case named {str(case)!r}; {hint}")
+    path = find_case(case)
     try:
         content = tomllib.loads(read_text(path))
     except tomllib.TOMLDecodeError as error:
@@ -323,7 +336,14 @@ def load_case(case: str | Path) -> Case:
 def _faults(error: ValidationError) -> Iterator[str]:
     """Turn pydantic's report into sentences, one for each fault."""
     for fault in error.errors():
-        place = [str(part) for part in fault["loc"] if part not in ("synthetic", "instrument")]
+        place: list[str] = []
+        for part in fault["loc"]:
+            if isinstance(part, int):
+                place[-1] += f"[{part}]"
+            elif part not in ("synthetic", "instrument"):
+                place.append(part)
+        if fault["type"] == "value_error" and isinstance(fault["input"], dict):
+            place.append("")  # a check of the whole table
         table, key = ".".join(place[:-1]), place[-1] if place else ""
         where = f"[{table}] " if table else ""
         if fault["type"] == "extra_forbidden":
@@ -336,9 +356,8 @@ def _faults(error: ValidationError) -> Iterator[str]:
         else:
             message = fault["msg"].removeprefix("Value error, ").removeprefix("Input ")
             message = message[:1].lower() + message[1:]
-            found = "" if fault["type"] == "value_error" else f", got {fault['input']!r}"
-            if isinstance(fault["input"], dict):
-                found = ""
+            told = fault["type"] == "value_error" or isinstance(fault["input"], dict)
+            found = "" if told else f", got {fault['input']!r}"
             yield f"{where}{key + ' ' if key else ''}{message}{found}"
 
 

@@ -35,18 +35,18 @@ class Results:
 
 def run_micro(
     case: Case,
-    out: Path,
+    file: Path,
     *,
     executor: Executor | None = None,
     progress: Callable[[int], None] = lambda finished: None,
 ) -> "xr.Dataset":
-    """Solve all cells of a case; finished ones found in the folder are kept.
+    """Solve all cells of a case and write their response; finished cells found are kept.
 
     Parameters
     ----------
     case : Case
-    out : Path
-        Run folder; cells go to ``out / "micro"``.
+    file : Path
+        Gets the response; cells and fields go to the folders ``micro`` and ``fields`` beside it.
     executor : Executor, optional
         See :func:`multiscale.micro.run_ensemble`.
     progress : callable
@@ -62,19 +62,19 @@ def run_micro(
         cells,
         LoadPath(pressure=case.micro.pressures),
         executor=executor,
-        folder=out / "micro",
+        folder=file.parent / "micro",
         identity=case.identity(),
         keep_fields=True,
         progress=progress,
     )
-    _write_fields(cells[0], out)
+    _write_fields(cells[0], file.parent)
     response = response.assign_attrs(
         title=case.title,
         contact_modulus=contact_modulus(*_materials(case)),
         bodies="composite surface of body_1 and body_2; 1/E* = sum (1 - nu^2)/E; small slopes",
         identity=case.identity(),
     )
-    write_dataset(response, out / "micro_response.nc", MICRO_RESPONSE)
+    write_dataset(response, file, MICRO_RESPONSE)
     return response
 
 
@@ -107,7 +107,7 @@ def run(
         If an input is refused, a file cannot be written, or no realisation converged.
     """
     out = make_folder(Path(out))
-    response = run_micro(case, out, executor=executor, progress=progress)
+    response = run_micro(case, out / "micro_response.nc", executor=executor, progress=progress)
 
     law = fit_law(response, n_terms=case.law.terms, n_samples=case.law.samples)
     save_law(law, out / "interface_law.nc")
@@ -157,7 +157,7 @@ def _solve_joint(case: Case, law: "xr.Dataset") -> "xr.Dataset":
         np.array(case.joint.preloads),
         samples=[law_from_dataset(law, sample) for sample in samples],
     )
-    area = area_from_dataset(law).fraction(result["preload"].values)
+    area = area_from_dataset(law).contact_fraction(result["preload"].values)
     variable = MACRO_RESULT.optional["contact_fraction"]
     attrs = {"units": variable.units, "long_name": variable.long_name}
     return result.assign(contact_fraction=(variable.dims, area, attrs))

@@ -70,7 +70,7 @@ def fit_spline(
     *,
     ridge: float,
     max_iterations: int = 200,
-    tolerance: float = 1e-7,
+    tolerance: float = 1e-5,
 ) -> np.ndarray:
     r"""Fit the coefficients of a convex decreasing law to samples of a response.
 
@@ -112,7 +112,8 @@ def fit_spline(
         \sum_j w_j \ln^2 \frac{\sum_k A_{jk}\, e^{\theta_k}}{p_j}
         + \rho^2 \int (\theta''')^2\, \mathrm{d}x, \qquad x = \ln p,    \tag{1}
 
-    by Gauss-Newton steps. The second term settles what few pressures leave open. It vanishes for
+    by Newton's method with the
+    absolute values of the eigenvalues and a line search. The second term settles what few pressures leave open. It vanishes for
     exponential laws (:math:`\theta'` = 1) and power laws (:math:`\theta'` = 1 - 2/m) alike.
     """
     origin, length, unit = gap.min(), np.ptp(gap), pressure.max()
@@ -126,28 +127,27 @@ def fit_spline(
     theta = np.broadcast_to(start, (len(gap), start.size)).copy()
     error, slope = _logarithm_and_slope(at_data, theta, target)
     value = _objective(error, theta, weight, smooth)
-    damping = np.ones(len(gap))
+    fraction = np.ones(len(gap))  # of the step, for each sample
     for _ in range(max_iterations):
         weighted = slope * weight[..., None]
         gradient = np.einsum("sjk,sj->sk", weighted, error) + theta @ smooth
-        hessian = np.swapaxes(slope, 1, 2) @ weighted + smooth
-        hessian += 1e-12 * np.eye(start.size)  # curvatures that neither data nor ridge see
-        step = np.linalg.solve(hessian, -gradient[..., None])[..., 0]
+        pull = weighted * error[..., None]
+        hessian = np.swapaxes(slope, 1, 2) @ (weighted - pull) + smooth
+        hessian += pull.sum(axis=1)[:, None, :] * np.eye(start.size)
+        value_along, along = np.linalg.eigh(hessian)
+        value_along = np.maximum(np.abs(value_along), 1e-12)  # downhill at a saddle, too
+        step = -(along @ ((gradient[:, None] @ along)[:, 0] / value_along)[..., None])[..., 0]
         decrement = np.sqrt(np.maximum(0.0, -np.sum(gradient * step, axis=1)))
         if np.all(decrement <= tolerance):
             break
-        length_limit = 2.0 / np.maximum(2.0, np.abs(step).max(axis=1))
-        trial = theta + (damping * length_limit)[:, None] * step
+        limit = fraction * 3.0 / np.maximum(3.0, np.abs(step).max(axis=1))
+        trial = theta + limit[:, None] * step
         new_error, new_slope = _logarithm_and_slope(at_data, trial, target)
         new_value = _objective(new_error, trial, weight, smooth)
         better = new_value <= value * (1.0 + 1e-12)
-        theta[better], error[better], slope[better] = (
-            trial[better],
-            new_error[better],
-            new_slope[better],
-        )
-        value = np.where(better, new_value, value)
-        damping = np.where(better, np.minimum(1.0, 2.0 * damping), 0.5 * damping)
+        theta[better], error[better] = trial[better], new_error[better]
+        slope[better], value[better] = new_slope[better], new_value[better]
+        fraction = np.where(better, np.minimum(1.0, 2.0 * fraction), 0.3 * fraction)
     else:
         raise ConvergenceError(
             f"the fit of the normal law did not converge in {max_iterations} iterations (last "

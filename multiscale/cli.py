@@ -1,0 +1,157 @@
+"""The command line: the Python interface with arguments and files added."""
+
+import os
+import sys
+from collections.abc import Callable, Iterator
+from concurrent.futures import Executor
+from contextlib import contextmanager
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from multiscale.errors import MultiscaleError
+
+__all__ = ["main"]
+
+app = typer.Typer(
+    help="From measured roughness to the stiffness of a joint.",
+    no_args_is_help=True,
+    add_completion=False,
+    pretty_exceptions_enable=False,
+)
+
+CaseArgument = Annotated[str, typer.Argument(help="A case file, or the name of a shipped case.")]
+JobsOption = Annotated[
+    int, typer.Option(min=0, help="Worker processes; 0 takes one for each core.")
+]
+QuickOption = Annotated[bool, typer.Option("--quick", help="Coarser grid, fewer realisations.")]
+
+
+@app.command("run")
+def run_command(
+    case: CaseArgument,
+    out: Annotated[Path, typer.Option("-o", "--out", help="Run folder.")] = Path("results"),
+    quick: QuickOption = False,
+    jobs: JobsOption = 0,
+    resume: Annotated[
+        bool, typer.Option("--resume", help="Go on with a run that was begun in the folder.")
+    ] = False,
+) -> None:
+    """Run the whole chain: surface, cells, interface law, joint."""
+    from multiscale.errors import CaseError
+    from multiscale.io import logging_to, make_folder, write_bytes
+    from multiscale.pipeline import find_case, load_case, run
+    from multiscale.plotting import draw_figures
+    from multiscale.report import HEAD, tabulate, write_report
+
+    if resume and not (out / "micro").is_dir():
+        raise CaseError(f"{out} holds no run to resume; leave out --resume to begin one")
+    settings = load_case(case)
+    if quick:
+        settings = settings.quick()
+    make_folder(out)
+    write_bytes(out / "case.toml", find_case(case).read_bytes())
+    with (
+        logging_to(out / "log.txt"),
+        _workers(jobs) as executor,
+        _progress(settings.micro.realisations) as progress,
+    ):
+        results = run(settings, out, executor=executor, progress=progress)
+    draw_figures(out)
+    write_report(out)
+    _print_table(settings.title + (" (quick)" if quick else ""), HEAD, tabulate(results.macro_result))
+    typer.echo(f"report, figures and datasets: {out}")
+
+
+@app.command("micro")
+def micro_command(
+    case: CaseArgument,
+    out: Annotated[Path, typer.Option("-o", "--out", help="Response to write.")] = Path(
+        "micro_response.nc"
+    ),
+    quick: QuickOption = False,
+    jobs: JobsOption = 0,
+) -> None:
+    """Solve the cells of a case."""
+    from multiscale.io import make_folder
+    from multiscale.pipeline import load_case, run_micro
+
+    settings = load_case(case)
+    if quick:
+        settings = settings.quick()
+    make_folder(out.parent)
+    with (
+        _workers(jobs) as executor,
+        _progress(settings.micro.realisations) as progress,
+    ):
+        run_micro(settings, out, executor=executor, progress=progress)
+
+
+@app.command("fit")
+def fit_command(
+    response: Annotated[Path, typer.Argument(help="Response to fit.")],
+    out: Annotated[Path, typer.Option("-o", "--out", help="Law to write.")] = Path(
+        "interface_law.nc"
+    ),
+) -> None:
+    """Fit the interface law to a response."""
+    from multiscale.io import open_response, save_law
+    from multiscale.upscaling import fit_law
+
+    save_law(fit_law(open_response(response)), out)
+
+
+@app.command("report")
+def report_command(out: Annotated[Path, typer.Argument(help="Folder of a finished run.")]) -> None:
+    """Draw the figures and write the report of a finished run again."""
+    from multiscale.plotting import draw_figures
+    from multiscale.report import write_report
+
+    draw_figures(out)
+    typer.echo(write_report(out))
+
+
+@contextmanager
+def _workers(jobs: int) -> Iterator[Executor | None]:
+    """Give a pool of processes, or nothing for a single job."""
+    jobs = jobs or len(os.sched_getaffinity(0))
+    if jobs == 1:
+        yield None
+        return
+    from concurrent.futures import ProcessPoolExecutor
+    from multiprocessing import get_context
+
+    # spawn: a forked process would inherit locks of the kernels' threads
+    with ProcessPoolExecutor(jobs, mp_context=get_context("spawn")) as executor:
+        yield executor
+
+
+@contextmanager
+def _progress(total: int) -> Iterator[Callable[[int], None]]:
+    """Show a bar on a terminal, a line for each realisation elsewhere."""
+    if not sys.stderr.isatty():
+        yield lambda finished: typer.echo(f"{finished} of {total} realisations", err=True)
+        return
+    from rich.console import Console
+    from rich.progress import Progress
+
+    with Progress(console=Console(stderr=True)) as bar:
+        task = bar.add_task("realisations", total=total)
+        yield lambda finished: bar.update(task, completed=finished)
+
+
+def _print_table(title: str, head: tuple[str, ...], rows: list[tuple[str, ...]]) -> None:
+    widths = [max(map(len, column)) for column in zip(head, *rows, strict=True)]
+    typer.echo(title)
+    for row in (head, *rows):
+        typer.echo("  ".join(f"{cell:>{width}}" for cell, width in zip(row, widths, strict=True)))
+
+
+def main() -> None:
+    """Run the command line; a refused input is one sentence and exit status 1."""
+    try:
+        app()
+    except MultiscaleError as error:
+        typer.echo(f"multiscale: {error}", err=True)
+        raise SystemExit(1) from None

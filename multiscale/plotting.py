@@ -1,0 +1,248 @@
+"""One function per figure: takes a dataset and axes, returns the axes, neither shows nor saves.
+
+Labels and conversion to um and MPa happen here and nowhere else.
+"""
+
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from multiscale.io import make_folder, open_dataset, open_run, write_bytes
+from multiscale.schema import FIELDS
+from multiscale.upscaling import area_from_dataset, law_from_dataset
+
+if TYPE_CHECKING:
+    import xarray as xr
+    from matplotlib.axes import Axes
+
+__all__ = [
+    "draw_figures",
+    "plot_area_law",
+    "plot_contact_map",
+    "plot_gap_law",
+    "plot_joint_stiffness",
+    "plot_surface",
+]
+
+BAND = (2.5, 97.5)  # percentiles of the bands
+
+
+def plot_surface(fields: "xr.Dataset", *, ax: "Axes | None" = None) -> "Axes":
+    """Plot the heights of the composite surface.
+
+    Parameters
+    ----------
+    fields : Dataset
+        Follows ``FIELDS``.
+    ax : Axes, optional
+        Where to draw. The current axes if not given.
+    """
+    ax = _axes(ax)
+    height = 1e6 * fields["height"].values
+    largest = np.abs(height - height.mean()).max()
+    image = ax.imshow(
+        height - height.mean(),
+        origin="lower",
+        extent=_extent(fields),
+        cmap="RdBu_r",
+        vmin=-largest,
+        vmax=largest,
+    )
+    ax.figure.colorbar(image, ax=ax, label="height (µm)")
+    ax.set_xlabel("x (µm)")
+    ax.set_ylabel("y (µm)")
+    ax.set_title("composite surface, realisation 0")
+    return ax
+
+
+def plot_contact_map(
+    fields: "xr.Dataset", *, step: int | None = None, ax: "Axes | None" = None
+) -> "Axes":
+    """Plot the local contact pressure; white where there is no contact.
+
+    Parameters
+    ----------
+    fields : Dataset
+        Follows ``FIELDS``.
+    step : int, optional
+        Load step; the middle one if not given.
+    ax : Axes, optional
+        Where to draw. The current axes if not given.
+    """
+    ax = _axes(ax)
+    step = fields.sizes["step"] // 2 if step is None else step
+    pressure = 1e-6 * fields["pressure"].values[step]
+    image = ax.imshow(
+        np.where(pressure > 0.0, pressure, np.nan),
+        origin="lower",
+        extent=_extent(fields),
+        cmap="viridis",
+        vmin=0.0,
+        interpolation="none",
+    )
+    ax.figure.colorbar(image, ax=ax, label="local pressure (MPa)")
+    ax.set_xlabel("x (µm)")
+    ax.set_ylabel("y (µm)")
+    nominal = 1e-6 * float(fields["nominal_pressure"].values[step])
+    ax.set_title(f"contact at {nominal:.3g} MPa mean pressure")
+    return ax
+
+
+def plot_gap_law(
+    response: "xr.Dataset", law: "xr.Dataset", *, ax: "Axes | None" = None
+) -> "Axes":
+    """Plot pressure against mean gap: realisations as markers, the law with its band as a line.
+
+    Parameters
+    ----------
+    response : Dataset
+        Follows ``MICRO_RESPONSE``.
+    law : Dataset
+        Follows ``INTERFACE_LAW``.
+    ax : Axes, optional
+        Where to draw. The current axes if not given.
+    """
+    ax = _axes(ax)
+    pressure = 1e-6 * response["nominal_pressure"].values
+    for gap in 1e6 * response["mean_gap"].values:
+        ax.plot(gap, pressure, ".", color="0.6", markersize=4)
+    along = np.geomspace(pressure.min(), pressure.max(), 200)
+    band = [
+        law_from_dataset(law, sample).gap_at(1e6 * along) for sample in range(law.sizes["sample"])
+    ]
+    if band:
+        low, high = 1e6 * np.percentile(band, BAND, axis=0)
+        ax.fill_betweenx(along, low, high, color="C0", alpha=0.3, linewidth=0, label="95 % band")
+    ax.plot(1e6 * law_from_dataset(law).gap_at(1e6 * along), along, color="C0", label="law")
+    ax.set_yscale("log")
+    ax.set_xlabel("mean gap (µm)")
+    ax.set_ylabel("mean pressure (MPa)")
+    ax.set_title("normal law and realisations")
+    ax.legend()
+    return ax
+
+
+def plot_area_law(
+    response: "xr.Dataset", law: "xr.Dataset", *, ax: "Axes | None" = None
+) -> "Axes":
+    """Plot the contact fraction against the mean pressure.
+
+    Parameters
+    ----------
+    response : Dataset
+        Follows ``MICRO_RESPONSE``.
+    law : Dataset
+        Follows ``INTERFACE_LAW``.
+    ax : Axes, optional
+        Where to draw. The current axes if not given.
+    """
+    ax = _axes(ax)
+    pressure = 1e-6 * response["nominal_pressure"].values
+    for fraction in 100.0 * response["contact_fraction"].values:
+        ax.plot(pressure, fraction, ".", color="0.6", markersize=4)
+    along = np.linspace(0.0, pressure.max(), 200)
+    band = [
+        area_from_dataset(law, sample).contact_fraction(1e6 * along)
+        for sample in range(law.sizes["sample"])
+    ]
+    if band:
+        low, high = 100.0 * np.percentile(band, BAND, axis=0)
+        ax.fill_between(along, low, high, color="C0", alpha=0.3, linewidth=0, label="95 % band")
+    ax.plot(along, 100.0 * area_from_dataset(law).contact_fraction(1e6 * along), color="C0", label="law")
+    ax.set_xlabel("mean pressure (MPa)")
+    ax.set_ylabel("real over nominal contact area (%)")
+    ax.set_title("area law and realisations")
+    ax.legend()
+    return ax
+
+
+def plot_joint_stiffness(result: "xr.Dataset", *, ax: "Axes | None" = None) -> "Axes":
+    """Plot the joint's stiffness against its preload, with the band of the law's samples.
+
+    Parameters
+    ----------
+    result : Dataset
+        Follows ``MACRO_RESULT``.
+    ax : Axes, optional
+        Where to draw. The current axes if not given.
+    """
+    ax = _axes(ax)
+    preload = 1e-6 * result["preload"].values
+    to_plot = 1e-12  # Pa/m to MPa/um
+    if "joint_stiffness_sample" in result:
+        samples = result["joint_stiffness_sample"].values
+        low, high = to_plot * np.nanpercentile(samples, BAND, axis=0)
+        ax.fill_between(preload, low, high, color="C0", alpha=0.3, linewidth=0, label="95 % band")
+    ax.plot(preload, to_plot * result["joint_stiffness"].values, "o-", color="C0", label="joint")
+    interface = to_plot * result["interface_stiffness"].values
+    ax.plot(preload, interface, "--", color="C1", label="interface alone")
+    solid = to_plot * float(result["solid_stiffness"])
+    ax.axhline(solid, color="0.4", linestyle=":", label="blocks without interface")
+    ax.set_xscale("log")
+    ax.set_yscale("log")
+    ax.set_xlabel("preload (MPa)")
+    ax.set_ylabel("normal stiffness (MPa/µm)")
+    ax.set_title("joint stiffness")
+    ax.legend()
+    return ax
+
+
+def draw_figures(out: str | Path) -> list[Path]:
+    """Draw the figures of a finished run into its folder ``figures``.
+
+    Parameters
+    ----------
+    out : path
+        Run folder.
+
+    Returns
+    -------
+    list of Path
+        The PNG files, in the order of the chain.
+    """
+    import matplotlib as mpl
+    from matplotlib.figure import Figure
+
+    out = Path(out)
+    tree = open_run(out)
+    response, law, result = (
+        tree[name].to_dataset() for name in ("micro_response", "interface_law", "macro_result")
+    )
+    fields = open_dataset(out / "fields" / "fields.nc", FIELDS)
+    figures = {
+        "surface": lambda ax: plot_surface(fields, ax=ax),
+        "contact_map": lambda ax: plot_contact_map(fields, ax=ax),
+        "gap_law": lambda ax: plot_gap_law(response, law, ax=ax),
+        "area_law": lambda ax: plot_area_law(response, law, ax=ax),
+        "joint_stiffness": lambda ax: plot_joint_stiffness(result, ax=ax),
+    }
+    folder = make_folder(out / "figures")
+    files = []
+    with mpl.rc_context({"font.size": 10, "savefig.dpi": 150}):
+        for name, draw in figures.items():
+            figure = Figure(figsize=(5.2, 4.0), layout="constrained")
+            draw(figure.add_subplot())
+            files.append(folder / f"{name}.png")
+            write_bytes(files[-1], _png(figure))
+    return files
+
+
+def _png(figure: "object") -> bytes:
+    from io import BytesIO
+
+    buffer = BytesIO()
+    figure.savefig(buffer, format="png")  # type: ignore[attr-defined]
+    return buffer.getvalue()
+
+
+def _axes(ax: "Axes | None") -> "Axes":
+    if ax is None:
+        import matplotlib.pyplot as plt
+
+        ax = plt.gca()
+    return ax
+
+
+def _extent(fields: "xr.Dataset") -> tuple[float, float, float, float]:
+    return (0.0, 1e6 * fields.attrs["size_x"], 0.0, 1e6 * fields.attrs["size_y"])

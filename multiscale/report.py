@@ -1,0 +1,109 @@
+"""The results of a run as a table, and as one self-contained page."""
+
+import base64
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from multiscale.io import open_run, read_bytes, read_text, write_bytes
+
+if TYPE_CHECKING:
+    import xarray as xr
+
+__all__ = ["tabulate", "write_report"]
+
+PAGE = """<!doctype html>
+<html lang="en">
+<meta charset="utf-8">
+<meta name="viewport" content="width=device-width, initial-scale=1">
+<title>{{ title }}</title>
+<style>
+body { font: 16px/1.5 sans-serif; max-width: 60rem; margin: 2rem auto; padding: 0 1rem; }
+table { border-collapse: collapse; } td, th { padding: .2rem .8rem; text-align: right; }
+th { border-bottom: 1px solid #888; } img { max-width: 100%; } pre { overflow-x: auto; }
+figure { display: inline-block; margin: 0; max-width: 29rem; }
+</style>
+<h1>{{ title }}</h1>
+<p>{{ summary }}</p>
+<table>
+<tr>{% for name in head %}<th>{{ name }}</th>{% endfor %}</tr>
+{% for row in rows %}<tr>{% for value in row %}<td>{{ value }}</td>{% endfor %}</tr>
+{% endfor %}</table>
+{% for name, image in figures %}<figure><img alt="{{ name }}"
+src="data:image/png;base64,{{ image }}"></figure>
+{% endfor %}<h2>Case</h2>
+<pre>{{ case }}</pre>
+<p>{{ provenance }}</p>
+</html>
+"""
+
+HEAD = ("preload (MPa)", "joint stiffness (MPa/µm)", "95 % band", "mean gap (µm)", "contact (%)")
+
+
+def tabulate(result: "xr.Dataset") -> list[tuple[str, ...]]:
+    """Return the results of a joint as rows of text, in the order of ``HEAD``.
+
+    Parameters
+    ----------
+    result : Dataset
+        Follows ``MACRO_RESULT``.
+    """
+    rows = []
+    for k in range(result.sizes["step"]):
+        step = result.isel(step=k)
+        if not int(step["converged"]):
+            rows.append((f"{1e-6 * float(step['preload']):.4g}", "not converged", "", "", ""))
+            continue
+        band = "one realisation: none"
+        if "joint_stiffness_sample" in result:
+            low, high = 1e-12 * np.nanpercentile(step["joint_stiffness_sample"], (2.5, 97.5))
+            band = f"{low:.4g} ... {high:.4g}"
+        rows.append(
+            (
+                f"{1e-6 * float(step['preload']):.4g}",
+                f"{1e-12 * float(step['joint_stiffness']):.4g}",
+                band,
+                f"{1e6 * float(step['mean_gap']):.4g}",
+                f"{100.0 * float(step['contact_fraction']):.3g}",
+            )
+        )
+    return rows
+
+
+def write_report(out: str | Path) -> Path:
+    """Write ``report.html`` of a finished run whose figures are drawn.
+
+    Parameters
+    ----------
+    out : path
+        Run folder.
+    """
+    from jinja2 import Environment
+
+    out = Path(out)
+    tree = open_run(out)
+    response, law, result = (
+        tree[name].to_dataset() for name in ("micro_response", "interface_law", "macro_result")
+    )
+    converged = response["converged"].values
+    page = Environment(autoescape=True).from_string(PAGE)
+    text = page.render(
+        title=response.attrs["title"],
+        summary=(
+            f"{converged.sum()} of {converged.size} cell steps converged in "
+            f"{float(response['wall_time'].sum()):.1f} s of solver time; "
+            f"{law.attrs['n_realisations']} realisations. The law stands for the "
+            f"{response.attrs['bodies']}."
+        ),
+        head=HEAD,
+        rows=tabulate(result),
+        figures=[
+            (file.stem, base64.b64encode(read_bytes(file)).decode())
+            for file in sorted((out / "figures").glob("*.png"))
+        ],
+        case=read_text(out / "case.toml"),
+        provenance=f"{result.attrs['source']}, {result.attrs['history']}",
+    )
+    write_bytes(out / "report.html", text.encode())
+    return out / "report.html"

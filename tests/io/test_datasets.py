@@ -1,0 +1,116 @@
+"""Datasets on disk: schema, version, provenance, damage, atomic writing."""
+
+import errno
+import os
+
+import numpy as np
+import pytest
+import xarray as xr
+
+from multiscale.errors import MultiscaleError, SchemaError
+from multiscale.io import open_dataset, open_run, write_bytes, write_dataset
+from multiscale.schema import FIELDS, MICRO_RESPONSE, SCHEMAS, WORK_PRECISION
+
+
+@pytest.fixture
+def response():
+    cells = np.ones((2, 3))
+    vectors = np.ones((2, 3, 3))
+    names = [name for name, v in MICRO_RESPONSE.variables.items() if "component" not in v.dims]
+    return MICRO_RESPONSE.build(
+        {name: cells for name in names}
+        | {"traction": vectors, "displacement_jump": vectors, "nominal_pressure": [1.0, 2.0, 3.0]}
+    )
+
+
+@pytest.mark.parametrize("schema", SCHEMAS.values(), ids=SCHEMAS)
+def test_every_schema_can_be_built_and_round_trips(schema, tmp_path):
+    sizes = dict.fromkeys(
+        (dim for v in (schema.variables | schema.optional).values() for dim in v.dims), 2
+    ) | {"component": 3}
+    values = {
+        name: (
+            np.array(["a", "b"])
+            if name in ("method", "scene")
+            else np.ones([sizes[dim] for dim in variable.dims])
+        )
+        for name, variable in (schema.variables | schema.optional).items()
+    }
+    written = schema.build(values, title="all of it")
+    write_dataset(written, tmp_path / "d.nc", schema)
+    read = open_dataset(tmp_path / "d.nc", schema)
+    xr.testing.assert_equal(read, written)
+    for variable in (schema.variables | schema.optional):
+        assert read[variable].attrs["units"] == (schema.variables | schema.optional)[variable].units
+
+
+def test_a_file_tells_where_it_comes_from(response, tmp_path):
+    write_dataset(response, tmp_path / "r.nc", MICRO_RESPONSE, identity="abc")
+    attrs = open_dataset(tmp_path / "r.nc").attrs
+    assert attrs["schema"] == "micro_response"
+    assert attrs["identity"] == "abc"
+    assert attrs["source"].startswith("multiscale ")
+    assert {"history", "Conventions", "schema_version"} <= set(attrs)
+
+
+def test_every_fault_of_a_dataset_is_listed(response):
+    response["mean_gap"].attrs["units"] = "um"
+    with pytest.raises(SchemaError) as caught:
+        MICRO_RESPONSE.check(response.drop_vars("traction").transpose("step", ...))
+    message = str(caught.value)
+    assert "not a 'micro_response' dataset (schema version 1)" in message
+    assert "traction: missing (averaged traction, eqs (2)-(3), Pa)" in message
+    assert "mean_gap: units 'um', expected 'm'" in message
+    assert "converged: dimensions ('step', 'realisation')" in message
+
+
+def test_another_schema_version_is_refused_with_both_named(response, tmp_path):
+    file = tmp_path / "r.nc"
+    response.assign_attrs(schema="micro_response", schema_version=7).to_netcdf(
+        file, engine="h5netcdf"
+    )
+    with pytest.raises(SchemaError, match=r"of schema version 7, this package reads version 1"):
+        open_dataset(file, MICRO_RESPONSE)
+
+
+def test_another_kind_of_dataset_is_refused(response, tmp_path):
+    write_dataset(response, tmp_path / "r.nc", MICRO_RESPONSE)
+    with pytest.raises(SchemaError, match="schema 'micro_response', expected a 'fields' dataset"):
+        open_dataset(tmp_path / "r.nc", FIELDS)
+
+
+@pytest.mark.parametrize("share", [0.0, 0.01, 0.5, 0.95])
+def test_a_truncated_file_is_refused(response, tmp_path, share):
+    whole = tmp_path / "r.nc"
+    write_dataset(response, whole, MICRO_RESPONSE)
+    content = whole.read_bytes()
+    cut = tmp_path / "cut.nc"
+    cut.write_bytes(content[: int(share * len(content))])
+    with pytest.raises(SchemaError, match="not a readable netCDF file"):
+        open_dataset(cut, MICRO_RESPONSE)
+
+
+def test_a_missing_file_and_an_empty_run_are_refused(tmp_path):
+    with pytest.raises(SchemaError, match="no such file; it should hold a 'work_precision'"):
+        open_dataset(tmp_path / "w.nc", WORK_PRECISION)
+    with pytest.raises(SchemaError, match="no results; a finished run leaves micro_response.nc"):
+        open_run(tmp_path)
+
+
+def test_a_full_disk_leaves_the_old_file_and_no_debris(tmp_path, monkeypatch):
+    file = tmp_path / "f.txt"
+    write_bytes(file, b"old")
+
+    def full(descriptor):
+        raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
+
+    monkeypatch.setattr(os, "fsync", full)
+    with pytest.raises(MultiscaleError, match=r"cannot write .*f.txt: no space left on device; .*"):
+        write_bytes(file, b"new")
+    assert file.read_bytes() == b"old"
+    assert list(tmp_path.iterdir()) == [file]
+
+
+def test_a_folder_that_is_missing_is_refused_in_one_sentence(tmp_path):
+    with pytest.raises(MultiscaleError, match="no such file or directory"):
+        write_bytes(tmp_path / "none" / "f.txt", b"x")

@@ -1,0 +1,34 @@
+"""Importing the package is cheap: heavy libraries come with what needs them."""
+
+import subprocess
+import sys
+
+import pytest
+
+HEAVY = ("numba", "matplotlib", "gmsh", "skfem", "SurfaceTopography", "pint")
+
+
+def modules_after(statement):
+    code = f"import sys; {statement}; print('\\n'.join(sys.modules))"
+    done = subprocess.run(
+        [sys.executable, "-c", code], capture_output=True, text=True, check=True, timeout=60
+    )
+    return set(done.stdout.split())
+
+
+@pytest.mark.parametrize(
+    "statement",
+    [
+        "import multiscale",
+        "import multiscale.errors, multiscale.schema, multiscale.convergence",
+        "import multiscale.laws, multiscale.io",
+    ],
+)
+def test_importing_brings_no_heavy_library(statement):
+    assert modules_after(statement).isdisjoint(HEAVY)
+
+
+def test_importing_the_package_is_a_matter_of_milliseconds():
+    # a count instead of a time: what takes long is what is imported
+    extra = modules_after("import multiscale") - modules_after("pass")
+    assert all(name.split(".")[0] in {"multiscale"} for name in extra)
