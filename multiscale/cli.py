@@ -60,7 +60,9 @@ def run_command(
         results = run(settings, out, executor=executor, progress=progress)
     draw_figures(out)
     write_report(out)
-    _print_table(settings.title + (" (quick)" if quick else ""), HEAD, tabulate(results.macro_result))
+    _print_table(
+        settings.title + (" (quick)" if quick else ""), HEAD, tabulate(results.macro_result)
+    )
     typer.echo(f"report, figures and datasets: {out}")
 
 

@@ -15,6 +15,7 @@ from multiscale.upscaling import area_from_dataset, law_from_dataset
 if TYPE_CHECKING:
     import xarray as xr
     from matplotlib.axes import Axes
+    from matplotlib.figure import Figure
 
 __all__ = [
     "draw_figures",
@@ -89,9 +90,7 @@ def plot_contact_map(
     return ax
 
 
-def plot_gap_law(
-    response: "xr.Dataset", law: "xr.Dataset", *, ax: "Axes | None" = None
-) -> "Axes":
+def plot_gap_law(response: "xr.Dataset", law: "xr.Dataset", *, ax: "Axes | None" = None) -> "Axes":
     """Plot pressure against mean gap: realisations as markers, the law with its band as a line.
 
     Parameters
@@ -123,9 +122,7 @@ def plot_gap_law(
     return ax
 
 
-def plot_area_law(
-    response: "xr.Dataset", law: "xr.Dataset", *, ax: "Axes | None" = None
-) -> "Axes":
+def plot_area_law(response: "xr.Dataset", law: "xr.Dataset", *, ax: "Axes | None" = None) -> "Axes":
     """Plot the contact fraction against the mean pressure.
 
     Parameters
@@ -149,7 +146,9 @@ def plot_area_law(
     if band:
         low, high = 100.0 * np.percentile(band, BAND, axis=0)
         ax.fill_between(along, low, high, color="C0", alpha=0.3, linewidth=0, label="95 % band")
-    ax.plot(along, 100.0 * area_from_dataset(law).contact_fraction(1e6 * along), color="C0", label="law")
+    ax.plot(
+        along, 100.0 * area_from_dataset(law).contact_fraction(1e6 * along), color="C0", label="law"
+    )
     ax.set_xlabel("mean pressure (MPa)")
     ax.set_ylabel("real over nominal contact area (%)")
     ax.set_title("area law and realisations")
@@ -222,17 +221,17 @@ def draw_figures(out: str | Path) -> list[Path]:
     with mpl.rc_context({"font.size": 10, "savefig.dpi": 150}):
         for name, draw in figures.items():
             figure = Figure(figsize=(5.2, 4.0), layout="constrained")
-            draw(figure.add_subplot())
+            draw(figure.add_subplot())  # type: ignore[no-untyped-call]
             files.append(folder / f"{name}.png")
             write_bytes(files[-1], _png(figure))
     return files
 
 
-def _png(figure: "object") -> bytes:
+def _png(figure: "Figure") -> bytes:
     from io import BytesIO
 
     buffer = BytesIO()
-    figure.savefig(buffer, format="png")  # type: ignore[attr-defined]
+    figure.savefig(buffer, format="png")
     return buffer.getvalue()
 
 

@@ -49,7 +49,7 @@ def tabulate(result: "xr.Dataset") -> list[tuple[str, ...]]:
     result : Dataset
         Follows ``MACRO_RESULT``.
     """
-    rows = []
+    rows: list[tuple[str, ...]] = []
     for k in range(result.sizes["step"]):
         step = result.isel(step=k)
         if not int(step["converged"]):

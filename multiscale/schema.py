@@ -104,7 +104,7 @@ class Schema:
             if name not in known:
                 raise SchemaError(f"a {self.name!r} dataset has no variable {name!r}")
             variable = known[name]
-            attrs = {"units": variable.units, "long_name": variable.long_name}
+            attrs: dict[str, Any] = {"units": variable.units, "long_name": variable.long_name}
             if name == "converged":
                 attrs |= {"flag_values": [0, 1], "flag_meanings": "failed converged"}
             dataset[name] = (variable.dims, value, attrs)

@@ -49,7 +49,7 @@ def to_si(text: object, unit: str) -> float:
         raise CaseError(f'{text!r} has no unit; write it as text, such as "{text} {unit}"')
     else:
         try:
-            quantity = _registry().Quantity(text)
+            quantity: Any = _registry().Quantity(text)
         except Exception as error:  # pint raises many kinds, tokenizer errors among them
             raise CaseError(
                 f'{text!r} is not a quantity; write a number and a unit, such as "1 {unit}"'

@@ -14,7 +14,9 @@ def test_a_converged_solution_needs_a_finite_residual(residuals):
 
 
 def test_unwrapping_an_unconverged_solution_says_why():
-    with pytest.raises(ConvergenceError, match=r"in 2 iterations \(last residual 3.0e-04\): the it"):
+    with pytest.raises(
+        ConvergenceError, match=r"in 2 iterations \(last residual 3.0e-04\): the it"
+    ):
         Solution(np.zeros(2), Status.MAX_ITERATIONS, (1.0, 3e-4)).unwrap()
 
 

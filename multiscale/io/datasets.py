@@ -139,7 +139,6 @@ def open_run(folder: str | PathLike[str]) -> "xr.DataTree":
         if paths[schema.name].exists()
     }
     if not found:
-        raise SchemaError(
-            f"{folder}: no results; a finished run leaves {', '.join(p.name for p in paths.values())}"
-        )
+        names = ", ".join(path.name for path in paths.values())
+        raise SchemaError(f"{folder}: no results; a finished run leaves {names}")
     return xr.DataTree.from_dict(found, name=folder.name)

@@ -35,7 +35,9 @@ def write_surface_fields(fields: "xr.Dataset", size: tuple[float, float], folder
 
     ny, nx = fields["height"].shape
     x, y = (np.arange(n) * length / n for n, length in zip((nx, ny), size, strict=True))
-    points = np.column_stack([*(axis.ravel() for axis in np.meshgrid(x, y)), fields["height"].values.ravel()])
+    points = np.column_stack(
+        [*(axis.ravel() for axis in np.meshgrid(x, y)), fields["height"].values.ravel()]
+    )
     first = (np.arange(ny - 1)[:, None] * nx + np.arange(nx - 1)).ravel()
     quads = np.column_stack([first, first + 1, first + nx + 1, first + nx])
     with TemporaryDirectory() as scratch:

@@ -20,9 +20,12 @@ def write_bytes(path: Path, content: bytes | memoryview) -> None:
     MultiscaleError
         If the disk is full or the folder cannot be written to.
     """
-    with writing(path), NamedTemporaryFile(
-        dir=path.parent, prefix=f".{path.name}.", suffix=".part", delete=False
-    ) as file:
+    with (
+        writing(path),
+        NamedTemporaryFile(
+            dir=path.parent, prefix=f".{path.name}.", suffix=".part", delete=False
+        ) as file,
+    ):
         try:
             file.write(content)
             file.flush()

@@ -126,9 +126,7 @@ def assemble_mesh_cell(cell: MeshCell) -> ContactProblem:
     )
     push = sparse.csr_array(trace.T)
 
-    def solve(
-        force: np.ndarray, correct: Callable[[np.ndarray], np.ndarray] | None
-    ) -> np.ndarray:
+    def solve(force: np.ndarray, correct: Callable[[np.ndarray], np.ndarray] | None) -> np.ndarray:
         u = solve_free(force)
         return u if correct is None else u - solve_free(push @ correct(trace @ u))
 
@@ -165,7 +163,7 @@ def assemble_mesh_cell(cell: MeshCell) -> ContactProblem:
 
 
 def _periodic_images(points: np.ndarray, low: np.ndarray, high: np.ndarray) -> np.ndarray:
-    """Number of the node that stands for each node: itself, or its image on the low sides."""
+    """Return the node that stands for each node: itself, or its image on the low sides."""
     from scipy.spatial import KDTree
 
     size = high - low
@@ -187,9 +185,7 @@ def _periodic_images(points: np.ndarray, low: np.ndarray, high: np.ndarray) -> n
     return image
 
 
-def _contact_nodes(
-    basis: "Facets", image: np.ndarray
-) -> tuple[np.ndarray, np.ndarray]:
+def _contact_nodes(basis: "Facets", image: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Contact nodes and their nominal areas: every facet's projection, shared by its nodes."""
     area = np.sum(np.asarray(basis.normals)[2] * basis.dx, axis=1)
     dofs = basis.element_dofs  # of the elements behind the facets

@@ -98,9 +98,7 @@ def contact_fraction(active: np.ndarray, weight: np.ndarray) -> float:
     return max(fraction, 0.0)
 
 
-def mean_gap(
-    obstacle_height: np.ndarray, surface_height: np.ndarray, weight: np.ndarray
-) -> float:
+def mean_gap(obstacle_height: np.ndarray, surface_height: np.ndarray, weight: np.ndarray) -> float:
     """Nominal-area mean of obstacle height minus deformed surface height, m."""
     return float(np.sum(weight * (obstacle_height - surface_height)) / np.sum(weight))
 

@@ -132,9 +132,7 @@ class MeshCell:
         missing = sorted({"base", "top", "sides"} - set(found))
         if missing:
             raise CaseError(f"the mesh has no boundary named {missing}; found {found}")
-        if np.ndim(self.youngs_modulus) and np.shape(self.youngs_modulus) != (
-            self.mesh.nelements,
-        ):
+        if np.ndim(self.youngs_modulus) and np.shape(self.youngs_modulus) != (self.mesh.nelements,):
             raise CaseError(
                 f"give one Young's modulus or one per element ({self.mesh.nelements}), got "
                 f"{np.shape(self.youngs_modulus)}"

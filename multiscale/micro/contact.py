@@ -110,7 +110,7 @@ class ContactProblem:
 
 
 def obstacle_normal(slope_x: np.ndarray, slope_y: np.ndarray) -> np.ndarray:
-    """Unit normals into an obstacle z = s(x, y) from its slopes, components along axis 1."""
+    """Return unit normals into an obstacle from its slopes, components along axis 1."""
     normal = np.stack([-slope_x, -slope_y, np.ones_like(slope_x)], axis=1)
     return np.asarray(normal / np.linalg.norm(normal, axis=1, keepdims=True))
 
@@ -237,7 +237,9 @@ def solve_contact(
             body.add(u, np.where(active, gap - closing * delta - body.trace(u), 0.0))
             out_of_balance = -body.apply(u)
             force = stage.split(out_of_balance)
-        target = tolerance if sharp else max(tolerance, _LOOSE * stage.residual(out_of_balance, force))
+        target = (
+            tolerance if sharp else max(tolerance, _LOOSE * stage.residual(out_of_balance, force))
+        )
         delta, iterations = stage.conjugate_gradients(u, delta, out_of_balance, force, target)
         n_linear += iterations
 
@@ -328,7 +330,7 @@ class _LinearStage:
 
     def surface_solve(self, right_hand_side: np.ndarray) -> np.ndarray:
         """Solve C_AA l = d on the active nodes by conjugate gradients."""
-        l = np.zeros_like(right_hand_side)
+        contact = np.zeros_like(right_hand_side)
         r = np.where(self.active, right_hand_side, 0.0)
         goal = _INNER * float(np.linalg.norm(r))
         p, rz_old = np.zeros_like(r), 1.0
@@ -340,10 +342,10 @@ class _LinearStage:
             p = z + (rz / rz_old) * p
             q = np.where(self.active, self.body.compliance(p), 0.0)
             alpha = rz / float(np.vdot(p, q))
-            l += alpha * p
+            contact += alpha * p
             r -= alpha * q
             rz_old = rz
-        return l
+        return contact
 
     @cached_property
     def unit(self) -> np.ndarray:
@@ -358,12 +360,12 @@ class _LinearStage:
 
         def correct(trace: np.ndarray) -> np.ndarray:
             nonlocal shift
-            l = self.surface_solve(trace - distance)
+            contact = self.surface_solve(trace - distance)
             if self.load is not None:
-                missing = self.missing_load(force) - float(np.vdot(self.closing, l))
+                missing = self.missing_load(force) - float(np.vdot(self.closing, contact))
                 shift = missing / float(np.vdot(self.closing, self.unit))
-                l += shift * self.unit
-            return l
+                contact += shift * self.unit
+            return contact
 
         z = self.body.solve(out_of_balance, correct)
         return z, shift
@@ -394,9 +396,7 @@ class _LinearStage:
             p_delta = shift + (rz / rz_old) * p_delta
             q = self.body.apply(p)
             reaction = self.split(q)  # the contact forces change by -alpha times this
-            alpha = rz / (
-                float(np.vdot(p, q)) - float(np.vdot(self.closing, reaction)) * p_delta
-            )
+            alpha = rz / (float(np.vdot(p, q)) - float(np.vdot(self.closing, reaction)) * p_delta)
             daxpy(p.reshape(-1), u.reshape(-1), a=alpha)
             daxpy(q.reshape(-1), out_of_balance.reshape(-1), a=-alpha)
             force -= alpha * reaction

@@ -99,10 +99,14 @@ def run_ensemble(
             for future in futures:
                 future.cancel()
     ordered = [
-        results[k].drop_vars(["pressure", "gap", "x", "y"], errors="ignore").assign_coords(realisation=[k])
+        results[k]
+        .drop_vars(["pressure", "gap", "x", "y"], errors="ignore")
+        .assign_coords(realisation=[k])
         for k in range(len(cells))
     ]
-    return xr.concat(ordered, "realisation", join="exact", combine_attrs="drop")
+    joined = xr.concat(ordered, "realisation", join="exact", combine_attrs="override")
+    joined.attrs = {}  # provenance and identity are those of single cells
+    return joined
 
 
 def _finished(file: FilePath | None, identity: str) -> "xr.Dataset | None":
@@ -133,9 +137,7 @@ def _solve_realisation(
     ):
         variable = MICRO_RESPONSE.optional[name]
         attrs = {"units": variable.units, "long_name": variable.long_name}
-        response = response.assign_coords(
-            {name: (variable.dims, [statistic(cell.surface)], attrs)}
-        )
+        response = response.assign_coords({name: (variable.dims, [statistic(cell.surface)], attrs)})
     if file is not None:
         write_dataset(response, file, MICRO_RESPONSE, identity=identity)
     return response

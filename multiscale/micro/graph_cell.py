@@ -45,9 +45,7 @@ def assemble_graph_cell(cell: Cell) -> ContactProblem:
 
     stiffness = 1.0 / inverse.surface_compliance[5]
 
-    def solve(
-        force: np.ndarray, correct: Callable[[np.ndarray], np.ndarray] | None
-    ) -> np.ndarray:
+    def solve(force: np.ndarray, correct: Callable[[np.ndarray], np.ndarray] | None) -> np.ndarray:
         if correct is None:
             return inverse.solve(force)
         return inverse.solve(force, lambda surface_u: push(-correct(trace(surface_u[:, None]))))
@@ -71,7 +69,12 @@ def assemble_graph_cell(cell: Cell) -> ContactProblem:
         upper[np.unique(top.facets[:, top.boundaries["top"]])] = True
         layer = np.where(upper, -1, -2)
         return recovered_force(
-            top, ElementHex1(), displacement[i, layer, :, j].T, active[i, j] & upper, lame[-1], shear[-1]
+            top,
+            ElementHex1(),
+            displacement[i, layer, :, j].T,
+            active[i, j] & upper,
+            lame[-1],
+            shear[-1],
         )
 
     return ContactProblem(

@@ -60,7 +60,7 @@ def brick_stiffness(edges: tuple[float, float, float], lame: float, shear: float
 
 @numba.njit(parallel=True, cache=True, fastmath=True, error_model="numpy")
 def _factorise(stencil, nx, ny, inverse, upper):  # type: ignore[no-untyped-def]
-    """Block factorisation for every wavenumber; ``stencil[l, c, c', dx, dy, i, j]``."""
+    """Block factorisation for every wavenumber; ``stencil[layer, c, c', dx, dy, i, j]``."""
     layers, m = stencil.shape[0], ny // 2 + 1
     for k in numba.prange(nx):
         cosine, sine = np.empty((3, 3)), np.empty((3, 3))
@@ -71,7 +71,9 @@ def _factorise(stencil, nx, ny, inverse, upper):  # type: ignore[no-untyped-def]
                 for b in range(3):
                     angle = 2.0 * np.pi * (k * (a - 1) / nx + j * (b - 1) / ny)
                     cosine[a, b], sine[a, b] = np.cos(angle), np.sin(angle)
-            for l in range(layers):  # node plane l + 1, between the layers l and l + 1
+            for layer in range(
+                layers
+            ):  # node plane layer + 1, between the layers layer and layer + 1
                 for r in range(3):
                     for c in range(3):
                         own, above = 0.0, 0.0
@@ -82,16 +84,16 @@ def _factorise(stencil, nx, ny, inverse, upper):  # type: ignore[no-untyped-def]
                                     phase = sine[a, b]
                                 elif r == 2 and c < 2:
                                     phase = -sine[a, b]
-                                own += stencil[l, 1, 1, a, b, r, c] * phase
-                                if l + 1 < layers:
-                                    own += stencil[l + 1, 0, 0, a, b, r, c] * phase
-                                    above += stencil[l + 1, 0, 1, a, b, r, c] * phase
+                                own += stencil[layer, 1, 1, a, b, r, c] * phase
+                                if layer + 1 < layers:
+                                    own += stencil[layer + 1, 0, 0, a, b, r, c] * phase
+                                    above += stencil[layer + 1, 0, 1, a, b, r, c] * phase
                         diagonal[r, c] = own
-                        upper[k, l, 3 * r + c, j] = above
-                if l > 0:
+                        upper[k, layer, 3 * r + c, j] = above
+                if layer > 0:
                     for r in range(3):
                         for c in range(3):
-                            previous[r, c] = upper[k, l - 1, 3 * r + c, j]
+                            previous[r, c] = upper[k, layer - 1, 3 * r + c, j]
                     product[:] = 0.0
                     for r in range(3):
                         for s in range(3):
@@ -111,9 +113,9 @@ def _factorise(stencil, nx, ny, inverse, upper):  # type: ignore[no-untyped-def]
                 pivot[1, 1], pivot[1, 2] = scale * (xx * zz - xz * xz), scale * (xy * xz - xx * yz)
                 pivot[2, 2] = scale * (xx * yy - xy * xy)
                 pivot[1, 0], pivot[2, 0], pivot[2, 1] = pivot[0, 1], pivot[0, 2], pivot[1, 2]
-                inverse[k, l, 0, j], inverse[k, l, 1, j] = pivot[0, 0], pivot[0, 1]
-                inverse[k, l, 2, j], inverse[k, l, 3, j] = pivot[0, 2], pivot[1, 1]
-                inverse[k, l, 4, j], inverse[k, l, 5, j] = pivot[1, 2], pivot[2, 2]
+                inverse[k, layer, 0, j], inverse[k, layer, 1, j] = pivot[0, 0], pivot[0, 1]
+                inverse[k, layer, 2, j], inverse[k, layer, 3, j] = pivot[0, 2], pivot[1, 1]
+                inverse[k, layer, 4, j], inverse[k, layer, 5, j] = pivot[1, 2], pivot[2, 2]
 
 
 @numba.njit(parallel=True, cache=True, fastmath=True, error_model="numpy")
@@ -124,11 +126,11 @@ def _forward(inverse, upper, values):  # type: ignore[no-untyped-def]
     """
     nx, layers, _, m = inverse.shape
     for k in numba.prange(nx):
-        for l in range(layers):
-            d = inverse[k, l]
-            now = values[k, l]
-            if l > 0:
-                w, old = upper[k, l - 1], values[k, l - 1]
+        for layer in range(layers):
+            d = inverse[k, layer]
+            now = values[k, layer]
+            if layer > 0:
+                w, old = upper[k, layer - 1], values[k, layer - 1]
                 for j in range(m):
                     for part in range(2):
                         v = 2 * j + part
@@ -150,9 +152,9 @@ def _backward(inverse, upper, values):  # type: ignore[no-untyped-def]
     """Substitute downwards from the surface."""
     nx, layers, _, m = inverse.shape
     for k in numba.prange(nx):
-        for l in range(layers - 2, -1, -1):
-            d, w = inverse[k, l], upper[k, l]
-            now, above = values[k, l], values[k, l + 1]
+        for layer in range(layers - 2, -1, -1):
+            d, w = inverse[k, layer], upper[k, layer]
+            now, above = values[k, layer], values[k, layer + 1]
             for j in range(m):
                 for part in range(2):
                     v = 2 * j + part
@@ -213,7 +215,7 @@ class LateralInverse:
         ndarray, shape (nx, layers, 3, ny)
             Displacement, m.
         """
-        nx, layers, ny = self.shape
+        ny = self.shape[2]
         transform = fft.rfft(force, axis=3, workers=self.threads)
         transform = fft.fft(transform, axis=0, workers=self.threads, overwrite_x=True)
         transform[:, :, :2] *= -1j
@@ -275,14 +277,16 @@ def factorise_flat_cell(
     """
     (nx, ny), layers = shape, len(planes) - 1
     stencil = np.zeros((layers, 2, 2, 3, 3, 3, 3))
-    for l in range(layers):
-        brick = brick_stiffness((*spacing, planes[l + 1] - planes[l]), lame[l], shear[l])
+    for layer in range(layers):
+        brick = brick_stiffness(
+            (*spacing, planes[layer + 1] - planes[layer]), lame[layer], shear[layer]
+        )
         for a in range(2):
             for b in range(2):
                 for d in range(2):
                     for e in range(2):  # from corner (a, b) to corner (d, e)
                         block = brick[a, b, :, :, d, e, :, :]  # (c, i, c', j)
-                        stencil[l, :, :, d - a + 1, e - b + 1] += np.moveaxis(block, 1, 2)
+                        stencil[layer, :, :, d - a + 1, e - b + 1] += np.moveaxis(block, 1, 2)
     m = ny // 2 + 1
     inverse, upper = np.empty((nx, layers, 6, m)), np.empty((nx, layers, 9, m))
     _factorise(stencil, nx, ny, inverse, upper)

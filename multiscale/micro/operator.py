@@ -128,24 +128,30 @@ def _apply(heights, planes, factor, dx, dy, lame, shear, u, out):  # type: ignor
             for start in range(0, ny, BATCH):
                 lanes = min(BATCH, ny - start)
                 _lateral_heights(heights, sides[0], sides[1], start, dx, dy, lateral, lanes)
-                for l in range(layers):
+                for layer in range(layers):
                     _geometry(
-                        lateral, planes[l], planes[l + 1], factor[l], factor[l + 1], geometry, lanes
+                        lateral,
+                        planes[layer],
+                        planes[layer + 1],
+                        factor[layer],
+                        factor[layer + 1],
+                        geometry,
+                        lanes,
                     )
                     for v in range(lanes):
-                        first[v] = lame[l]
-                        second[v] = shear[l]
+                        first[v] = lame[layer]
+                        second[v] = shear[layer]
                     for k in range(3):
                         for a in range(2):
                             for c in range(2):
                                 low = (8 * k + 4 * a + c) * BATCH
                                 high = low + 2 * BATCH
-                                if l + c == 0:
+                                if layer + c == 0:
                                     for v in range(lanes):
                                         nodes[low + v] = 0.0
                                         nodes[high + v] = 0.0
                                 else:
-                                    row = u[sides[a], l + c - 1, k]
+                                    row = u[sides[a], layer + c - 1, k]
                                     for v in range(lanes):
                                         nodes[low + v] = row[start + v]
                                     for v in range(lanes - 1):
@@ -166,8 +172,8 @@ def _apply(heights, planes, factor, dx, dy, lame, shear, u, out):  # type: ignor
                             for c in range(2):
                                 low = (8 * k + 4 * a + c) * BATCH
                                 high = low + 2 * BATCH
-                                if l + c > 0:
-                                    row = out[sides[a], l + c - 1, k]
+                                if layer + c > 0:
+                                    row = out[sides[a], layer + c - 1, k]
                                     for v in range(lanes):
                                         row[start + v] += nodes[low + v]
                                     for v in range(lanes - 1):

@@ -149,7 +149,7 @@ def _dataset(
     if recover_stress:
         shapes["recovered_traction"] = (3,)
     if keep_fields:
-        shapes |= {name: problem.weight.T.shape for name in ("pressure", "gap")}
+        shapes |= dict.fromkeys(("pressure", "gap"), problem.weight.T.shape)
     values: dict[str, Any] = {
         name: np.array([step.get(name, np.full(shape, np.nan)) for step in steps])[None]
         for name, shape in shapes.items()

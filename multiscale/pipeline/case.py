@@ -5,6 +5,7 @@ import tomllib
 from collections.abc import Iterator
 from difflib import get_close_matches
 from importlib import resources
+from itertools import pairwise
 from pathlib import Path
 from typing import Annotated, Any, Literal, Self
 
@@ -165,7 +166,9 @@ class CellSettings(_Settings):
     """
 
     size: tuple[Length, Length]
-    points: tuple[Annotated[int, Field(ge=4, multiple_of=2)], Annotated[int, Field(ge=4, multiple_of=2)]]
+    points: tuple[
+        Annotated[int, Field(ge=4, multiple_of=2)], Annotated[int, Field(ge=4, multiple_of=2)]
+    ]
     depth: Length | None = None
     layers: Annotated[int, Field(ge=2)] = 12
 
@@ -190,7 +193,7 @@ class MicroSettings(_Settings):
     @field_validator("pressures")
     @classmethod
     def _rise(cls, pressures: tuple[float, ...]) -> tuple[float, ...]:
-        if any(late <= early for early, late in zip(pressures, pressures[1:], strict=False)):
+        if any(late <= early for early, late in pairwise(pressures)):
             raise ValueError("must rise from one to the next")
         return pressures
 
@@ -229,7 +232,7 @@ class JointSettings(_Settings):
 
 
 class Case(_Settings):
-    """One question: how stiff is the joint of these two bodies?
+    """One question, such as how stiff the joint of two bodies is.
 
     Parameters
     ----------
@@ -324,7 +327,9 @@ def load_case(case: str | Path) -> Case:
     except tomllib.TOMLDecodeError as error:
         raise CaseError(f"{path}: not valid TOML: {error}") from error
     for name in ("body_1", "body_2"):
-        surface = content.get(name, {}).get("surface") if isinstance(content.get(name), dict) else None
+        surface = (
+            content.get(name, {}).get("surface") if isinstance(content.get(name), dict) else None
+        )
         if isinstance(surface, dict) and isinstance(surface.get("file"), str):
             surface["file"] = str(path.parent.resolve() / surface["file"])
     try:

@@ -83,21 +83,21 @@ def _windows(case: Case, settings: InstrumentSurface, *, reverse: bool) -> list[
         fill_undefined=settings.fill_undefined,
     )
     share = 0.5 if settings.periodic == "mirror" else 1.0
-    points = tuple(
-        round(share * length / step)
+    nx, ny = (
+        max(2, round(share * length / step))
         for length, step in zip(case.cell.size, whole.spacing, strict=True)
     )
-    room = tuple(n // m if m else 0 for n, m in zip(whole.heights.shape, points, strict=True))
+    room = (whole.heights.shape[0] // nx, whole.heights.shape[1] // ny)
     wanted = case.micro.realisations
     if room[0] * room[1] < wanted:
         size = " x ".join(f"{length:.3g}" for length in whole.size)
-        piece = " x ".join(f"{share * length:.3g}" for length in case.cell.size)
+        part = " x ".join(f"{share * length:.3g}" for length in case.cell.size)
         raise CaseError(
-            f"{settings.file.name} measures {size} m and holds {room[0] * room[1]} separate windows "
-            f"of {piece} m, but {wanted} realisations are asked for; make the cell smaller or ask "
-            f"for fewer"
+            f"{settings.file.name} measures {size} m and holds {room[0] * room[1]} separate "
+            f"windows of {part} m, but {wanted} realisations are asked for; make the cell smaller "
+            f"or ask for fewer"
         )
-    origins = [(i * points[0], j * points[1]) for i in range(room[0]) for j in range(room[1])]
+    origins = [(i * nx, j * ny) for i in range(room[0]) for j in range(room[1])]
     if reverse:
         origins = origins[::-1]
     spacing = [length / n for length, n in zip(case.cell.size, case.cell.points, strict=True)]
@@ -111,7 +111,7 @@ def _windows(case: Case, settings: InstrumentSurface, *, reverse: bool) -> list[
     periodic = mirror if settings.periodic == "mirror" else window
     windows = []
     for k in np.linspace(0, len(origins) - 1, wanted).round().astype(int):
-        piece = periodic(detrend(crop(whole, origins[k], points)))
+        piece = periodic(detrend(crop(whole, origins[k], (nx, ny))))
         piece = resample(low_pass(piece, cutoff), case.cell.points)
         # the window is a whole number of measured points: give it the exact size of the cell
         windows.append(Surface(piece.heights, case.cell.size))

@@ -12,8 +12,8 @@ from multiscale.convergence import Status
 from multiscale.errors import ConvergenceError
 from multiscale.io import make_folder, open_dataset, save_law, write_dataset, write_surface_fields
 from multiscale.macro import Block, RoughJoint, solve_rough_joint
-from multiscale.micro import Path as LoadPath
 from multiscale.micro import Cell, contact_modulus, run_ensemble
+from multiscale.micro import Path as LoadPath
 from multiscale.pipeline.case import Case
 from multiscale.pipeline.cells import make_cells
 from multiscale.schema import FIELDS, MACRO_RESULT, MICRO_RESPONSE
@@ -23,6 +23,7 @@ if TYPE_CHECKING:
     import xarray as xr
 
 __all__ = ["Results", "run", "run_micro"]
+
 
 @dataclass(frozen=True)
 class Results:

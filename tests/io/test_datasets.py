@@ -18,7 +18,7 @@ def response():
     vectors = np.ones((2, 3, 3))
     names = [name for name, v in MICRO_RESPONSE.variables.items() if "component" not in v.dims]
     return MICRO_RESPONSE.build(
-        {name: cells for name in names}
+        dict.fromkeys(names, cells)
         | {"traction": vectors, "displacement_jump": vectors, "nominal_pressure": [1.0, 2.0, 3.0]}
     )
 
@@ -40,7 +40,7 @@ def test_every_schema_can_be_built_and_round_trips(schema, tmp_path):
     write_dataset(written, tmp_path / "d.nc", schema)
     read = open_dataset(tmp_path / "d.nc", schema)
     xr.testing.assert_equal(read, written)
-    for variable in (schema.variables | schema.optional):
+    for variable in schema.variables | schema.optional:
         assert read[variable].attrs["units"] == (schema.variables | schema.optional)[variable].units
 
 
@@ -93,7 +93,7 @@ def test_a_truncated_file_is_refused(response, tmp_path, share):
 def test_a_missing_file_and_an_empty_run_are_refused(tmp_path):
     with pytest.raises(SchemaError, match="no such file; it should hold a 'work_precision'"):
         open_dataset(tmp_path / "w.nc", WORK_PRECISION)
-    with pytest.raises(SchemaError, match="no results; a finished run leaves micro_response.nc"):
+    with pytest.raises(SchemaError, match=r"no results; a finished run leaves micro_response\.nc"):
         open_run(tmp_path)
 
 

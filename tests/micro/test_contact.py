@@ -14,8 +14,13 @@ from tests.support import egg_box
 
 def rough(n=32, slope=0.2, size=(1.0, 1.0), seed=0):
     return self_affine(
-        (n, n), size, seed, hurst_exponent=0.8, long_cutoff=size[0] / 2.0,
-        short_cutoff=size[0] / 4.0, rms_slope=slope,
+        (n, n),
+        size,
+        seed,
+        hurst_exponent=0.8,
+        long_cutoff=size[0] / 2.0,
+        short_cutoff=size[0] / 4.0,
+        rms_slope=slope,
     )
 
 
@@ -63,7 +68,12 @@ def test_linear_iterations_do_not_grow_with_the_grid():
     counts = []
     for n in (32, 64, 128):
         surface = self_affine(
-            (n, n), (1.0, 1.0), 0, hurst_exponent=0.8, long_cutoff=0.5, short_cutoff=0.25,
+            (n, n),
+            (1.0, 1.0),
+            0,
+            hurst_exponent=0.8,
+            long_cutoff=0.5,
+            short_cutoff=0.25,
             rms_slope=0.2,
         )
         response = solve_cell(cell_of(surface), Path(pressure=(0.02,)), recover_stress=False)
@@ -106,9 +116,7 @@ def test_an_approach_short_of_the_first_touch_carries_nothing():
 
 def test_an_unconverged_step_is_not_a_number_and_says_so():
     problem = assemble_graph_cell(cell_of(rough()))
-    state = solve_contact(
-        problem.body, problem.gap, problem.closing, load=0.02, max_iterations=1
-    )
+    state = solve_contact(problem.body, problem.gap, problem.closing, load=0.02, max_iterations=1)
     assert state.status is Status.MAX_ITERATIONS
     response = solve_cell(cell_of(rough()), Path(pressure=(0.02,)), tolerance=1e-30)
     assert response["converged"].item() == 0
@@ -123,7 +131,12 @@ def test_flat_solver_agrees_with_an_independent_quadratic_program():
     compliance = factor @ factor.T + 0.5 * np.eye(12)
     gap, closing = rng.uniform(0.0, 0.5, 12), np.ones(12)
     force, _ = solve_flat(
-        lambda f: compliance @ f, lambda f: f, gap, closing, approach=1.0, tolerance=1e-12,
+        lambda f: compliance @ f,
+        lambda f: f,
+        gap,
+        closing,
+        approach=1.0,
+        tolerance=1e-12,
         max_iterations=20000,
     )
     root = np.linalg.cholesky(compliance)  # 1/2 f C f - d f = 1/2 |R^t f - R^-1 d|^2 - const

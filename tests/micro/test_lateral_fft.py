@@ -36,7 +36,7 @@ def test_inverse_undoes_the_stiffness_of_the_flat_cell(points, size, contrast):
 
 
 def test_correcting_the_surface_force_in_between_is_solving_for_both_forces():
-    apply, inverse = flat_cell((16, 12), (1.0, 0.7), 5, 1.0)
+    _, inverse = flat_cell((16, 12), (1.0, 0.7), 5, 1.0)
     rng = np.random.default_rng(seed=2)
     force = rng.standard_normal((16, 5, 3, 12))
     added = rng.standard_normal((16, 3, 12))

@@ -20,9 +20,7 @@ def named(mesh):
     base = np.isclose(middle[2], 0.0)
     inner = np.linalg.norm(middle - np.array([[0.5], [0.5], [0.6]]), axis=0) < 0.25
     top = ~(side | base | inner)
-    return mesh.with_boundaries(
-        {"base": facets[base], "sides": facets[side], "top": facets[top]}
-    )
+    return mesh.with_boundaries({"base": facets[base], "sides": facets[side], "top": facets[top]})
 
 
 def wavy_box(n, amplitude):
@@ -71,7 +69,12 @@ def box_with_void(tmp_path_factory):
 @pytest.mark.parametrize("obstacle", [False, True], ids=["flat", "rough"])
 def test_general_path_agrees_with_the_fast_path_on_the_same_mesh(obstacle):
     surface = self_affine(
-        (12, 12), (1.0, 1.0), 2, hurst_exponent=0.8, long_cutoff=1.0, short_cutoff=0.5,
+        (12, 12),
+        (1.0, 1.0),
+        2,
+        hurst_exponent=0.8,
+        long_cutoff=1.0,
+        short_cutoff=0.5,
         rms_slope=0.1,
     )
     mesh = named(GraphMesh(surface, graded_planes(1.0, 6, 1.0 / 12.0)).hexahedra())
@@ -147,7 +150,7 @@ def test_a_mesh_whose_sides_do_not_match_is_refused():
     points = mesh.p.copy()
     edge = np.isclose(points[0], 1.0) & (points[1] > 0.1) & (points[1] < 0.9)
     points[1, edge] += 0.05
-    with pytest.raises(CaseError, match="not periodic: the node at .* has no partner"):
+    with pytest.raises(CaseError, match=r"not periodic: the node at .* has no partner"):
         solve_cell(MeshCell(named(MeshTet(points, mesh.t)), ElementTetP1(), 1.0, 0.3), PATH)
 
 

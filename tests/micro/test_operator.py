@@ -78,7 +78,7 @@ def test_an_odd_number_of_points_is_refused_with_the_next_even_one():
 def test_a_valley_below_the_base_is_refused():
     heights = np.zeros((4, 4))
     heights[1, 1] = -1.1
-    with pytest.raises(CaseError, match="folds over: its lowest valley is 1.1 m"):
+    with pytest.raises(CaseError, match=r"folds over: its lowest valley is 1\.1 m"):
         GraphMesh(Surface(heights, (1.0, 1.0)), np.linspace(0.0, 1.0, 3))
 
 

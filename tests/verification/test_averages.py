@@ -16,7 +16,12 @@ from tests.support import egg_box, observed_rate
 
 def rough(n, slope=0.1, seed=5):
     return self_affine(
-        (n, n), (1.0, 1.0), seed, hurst_exponent=0.8, long_cutoff=0.5, short_cutoff=0.25,
+        (n, n),
+        (1.0, 1.0),
+        seed,
+        hurst_exponent=0.8,
+        long_cutoff=0.5,
+        short_cutoff=0.25,
         rms_slope=slope,
     )
 
@@ -64,7 +69,12 @@ def test_average_traction_is_the_base_reaction_over_the_nominal_area(obstacle):
 def test_tangential_average_vanishes_without_friction_on_small_slopes():
     n, slope = 256, 1e-3  # 16 points in the shortest wave
     surface = self_affine(
-        (n, n), (1.0, 1.0), 5, hurst_exponent=0.8, long_cutoff=0.25, short_cutoff=1.0 / 16.0,
+        (n, n),
+        (1.0, 1.0),
+        5,
+        hurst_exponent=0.8,
+        long_cutoff=0.25,
+        short_cutoff=1.0 / 16.0,
         rms_slope=slope,
     )
     flat = Surface(np.zeros((n, n)), (1.0, 1.0))
@@ -131,7 +141,11 @@ def test_a_cell_turned_by_a_right_angle_gives_turned_averages():
     found = []
     for turn in (np.asarray, np.transpose):
         cell = Cell(
-            Surface(turn(surface.heights), (1.0, 1.0)), 1.0, 10, 1.0, 0.3,
+            Surface(turn(surface.heights), (1.0, 1.0)),
+            1.0,
+            10,
+            1.0,
+            0.3,
             obstacle=Surface(turn(obstacle.heights), (1.0, 1.0)),
         )
         found.append(solve_cell(cell, Path(pressure=(0.01,)), recover_stress=False))

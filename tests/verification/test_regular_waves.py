@@ -44,7 +44,12 @@ def test_the_egg_box_of_johnson_greenwood_and_higginson():
 def test_pressure_and_energy_of_full_contact():
     n = 128  # 16 points in the shortest wave
     surface = self_affine(
-        (n, n), (1.0, 1.0), 3, hurst_exponent=0.8, long_cutoff=0.5, short_cutoff=0.125,
+        (n, n),
+        (1.0, 1.0),
+        3,
+        hurst_exponent=0.8,
+        long_cutoff=0.5,
+        short_cutoff=0.125,
         rms_slope=1e-5,
     )
     cell = Cell(surface, 1.5, 40, youngs_modulus=0.91, poissons_ratio=0.3)

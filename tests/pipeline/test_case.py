@@ -1,0 +1,113 @@
+"""Case files: what is read, and what a refused one says."""
+
+from pathlib import Path
+
+import pytest
+
+from multiscale.errors import CaseError
+from multiscale.pipeline import load_case
+from multiscale.pipeline.case import shipped_cases
+
+TEXT = shipped_cases()["ground_steel"].read_text(encoding="utf-8")
+
+
+@pytest.fixture
+def changed(tmp_path):
+    """Write the shipped case with some text replaced and return its path."""
+
+    def write(*pairs: tuple[str, str]) -> Path:
+        text = TEXT
+        for old, new in pairs:
+            assert old in text
+            text = text.replace(old, new, 1)
+        path = tmp_path / "case.toml"
+        path.write_text(text, encoding="utf-8")
+        return path
+
+    return write
+
+
+@pytest.mark.parametrize("name", shipped_cases())
+def test_shipped_cases_are_valid_and_in_si(name):
+    case = load_case(name)
+    assert 1e-9 < case.cell.size[0] < 1.0
+    assert case.micro.pressures[0] < case.joint.preloads[0]
+    assert case.joint.preloads[-1] < case.micro.pressures[-1]
+
+
+@pytest.mark.parametrize(
+    ("pair", "message"),
+    [
+        pytest.param(
+            ("rms_height", "rms_heigth"),
+            r"\[body_1.surface\] has no key 'rms_heigth'; did you mean 'rms_height'",
+            id="misspelt",
+        ),
+        pytest.param(("title", "colour"), "has no key 'colour'; known keys: title", id="unknown"),
+        pytest.param(('"0.4 um"', '"0.4"'), r"rms_height '0.4' has no unit", id="no-unit"),
+        pytest.param(('"210 GPa"', "210e9"), r"youngs_modulus .* has no unit", id="number"),
+        pytest.param(
+            ('"0.4 um"', '"-0.4 um"'),
+            r"rms_height should be greater than 0, got '-0.4 um'",
+            id="negative-length",
+        ),
+        pytest.param(('"0.4 um"', '"nan um"'), r"rms_height 'nan um' is not finite", id="nan"),
+        pytest.param(("[cell]", "[cel]"), "has no key 'cel'; did you mean 'cell'", id="table"),
+        pytest.param(("[128, 128]", "[127, 128]"), r"points\[0\] should be a mul", id="odd"),
+        pytest.param(
+            ('short_cutoff = "50 um"', 'short_cutoff = "500 um"'),
+            r"\[body_1.surface\] short_cutoff \(0.0005 m\) must not be longer than long_cutoff",
+            id="cutoffs",
+        ),
+        pytest.param(('"2 MPa", "4', '"4 MPa", "2'), "pressures must rise", id="pressures"),
+        pytest.param(
+            ('rms_height = "0.4 um"', 'rms_height = "0.4 um"\nrms_slope = 0.1'),
+            "give either rms_height or rms_slope",
+            id="both",
+        ),
+        pytest.param(("title", "title = ="), "not valid TOML", id="toml"),
+        pytest.param(("poissons_ratio = 0.3", "poissons_ratio = 0.5"), "less than 0.5", id="nu"),
+    ],
+)
+def test_a_refused_case_says_what_and_where(changed, pair, message):
+    path = changed(pair)
+    with pytest.raises(CaseError, match=message) as caught:
+        load_case(path)
+    assert str(caught.value).startswith(f"{path}: ")
+
+
+def test_every_fault_is_listed_at_once(changed):
+    path = changed(("rms_height", "rms_heigth"), ('"210 GPa"', '"210 m"'))
+    with pytest.raises(CaseError) as caught:
+        load_case(path)
+    assert len(str(caught.value).splitlines()) >= 2
+
+
+def test_a_misspelt_shipped_case_gets_a_hint():
+    with pytest.raises(CaseError, match="no case named 'ground_stel'; did you mean 'ground_steel'"):
+        load_case("ground_stel")
+
+
+def test_a_missing_or_binary_case_file_is_refused(tmp_path):
+    with pytest.raises(CaseError, match=r"none\.toml: no such file"):
+        load_case(tmp_path / "none.toml")
+    binary = tmp_path / "binary.toml"
+    binary.write_bytes(b"\xff\xfe\x00")
+    with pytest.raises(CaseError, match="not a text file"):
+        load_case(binary)
+
+
+def test_identity_depends_on_the_micro_scale_alone():
+    case = load_case("ground_steel")
+    other_joint = case.model_copy(update={"joint": load_case("road_texture").joint})
+    other_seed = case.model_copy(update={"micro": case.micro.model_copy(update={"seed": 99})})
+    assert case.identity() == other_joint.identity()
+    assert case.identity() != other_seed.identity()
+    assert case.identity() != case.quick().identity()
+
+
+def test_an_instrument_file_is_looked_for_beside_its_case(changed):
+    start = TEXT.index("rms_height")
+    end = TEXT.index("\n\n[body_2]")
+    path = changed((TEXT[start:end], 'file = "map.al3d"\nperiodic = "window"'))
+    assert load_case(path).body_1.surface.file == path.parent / "map.al3d"

@@ -1,0 +1,96 @@
+"""From a case to its cells."""
+
+import numpy as np
+import pytest
+
+from multiscale.errors import CaseError
+from multiscale.micro.topography import rms_height
+from multiscale.pipeline import load_case, make_cells
+from multiscale.pipeline.cells import composite_material
+
+
+@pytest.fixture
+def case():
+    return load_case("ground_steel").quick()
+
+
+def measured(case, path, **settings):
+    """Let body 1 have a measured surface and body 2 none."""
+    body_1 = case.model_dump()["body_1"] | {"surface": {"file": str(path)} | settings}
+    modulus = body_1.pop("youngs_modulus")
+    return type(case).model_validate(
+        _with_units(case) | {"body_1": body_1 | {"youngs_modulus": f"{modulus} Pa"}}
+    )
+
+
+def _with_units(case):
+    import tomllib
+
+    from multiscale.pipeline.case import shipped_cases
+
+    content = tomllib.loads(shipped_cases()["ground_steel"].read_text(encoding="utf-8"))
+    content["cell"]["points"] = list(case.cell.points)
+    content["micro"]["realisations"] = case.micro.realisations
+    del content["body_2"]["surface"]
+    return content
+
+
+def write_map(path, heights, step="um"):
+    """Write a matrix that SurfaceTopography reads, 1 um between points."""
+    nx, ny = heights.shape
+    head = f"# Channel: Main\n# Width: {nx} {step}\n# Height: {ny} {step}\n# Value units: um\n"
+    path.write_text(head + "\n".join(" ".join(f"{v:.9e}" for v in row) for row in heights.T))
+    return path
+
+
+def test_both_rough_bodies_are_in_the_composite_surface(case):
+    both = make_cells(case)[0].surface
+    one = case.model_copy(update={"body_2": case.body_2.model_copy(update={"surface": None})})
+    single = make_cells(one)[0].surface
+    assert rms_height(single) == pytest.approx(0.4e-6)
+    # independent sides: ignoring the second would lose a factor sqrt 2
+    assert rms_height(both) == pytest.approx(np.sqrt(2.0) * 0.4e-6, rel=0.1)
+
+
+def test_realisations_and_sides_are_independent(case):
+    surfaces = [cell.surface.heights for cell in make_cells(case)]
+    for k, first in enumerate(surfaces):
+        for second in surfaces[k + 1 :]:
+            assert abs(np.corrcoef(first.ravel(), second.ravel())[0, 1]) < 0.6
+
+
+def test_the_composite_material_has_the_contact_modulus_of_the_pair():
+    modulus, nu = composite_material(load_case("road_texture"))
+    expected = 1.0 / ((1 - 0.49**2) / 5e6 + (1 - 0.35**2) / 20e9)
+    assert modulus / (1.0 - nu**2) == pytest.approx(expected)
+    assert nu == 0.4
+
+
+def test_a_cutoff_finer_than_the_grid_names_body_and_remedy(case):
+    coarse = case.model_copy(update={"cell": case.cell.model_copy(update={"points": (16, 16)})})
+    with pytest.raises(CaseError, match=r"\[body_1.surface\].*short"):
+        make_cells(coarse)
+
+
+def test_a_measured_map_gives_one_separate_window_for_each_realisation(case, tmp_path):
+    rng = np.random.default_rng(seed=1)
+    path = write_map(tmp_path / "map.txt", rng.standard_normal((900, 850)))
+    cells = make_cells(measured(case, path))
+    assert len(cells) == case.micro.realisations
+    for cell in cells:
+        assert cell.surface.size == case.cell.size
+        assert cell.surface.heights.shape == case.cell.points
+
+
+def test_a_map_with_too_few_windows_says_how_many_it_holds(case, tmp_path):
+    rng = np.random.default_rng(seed=1)
+    path = write_map(tmp_path / "map.txt", rng.standard_normal((500, 850)))
+    with pytest.raises(CaseError, match=r"map.txt measures .* holds 2 separate windows .* but 4"):
+        make_cells(measured(case, path))
+
+
+def test_a_measured_cutoff_finer_than_the_grid_is_refused(case, tmp_path):
+    rng = np.random.default_rng(seed=1)
+    path = write_map(tmp_path / "map.txt", rng.standard_normal((900, 850)))
+    with pytest.raises(CaseError, match=r"\[body_1.surface\] short_cutoff .* is finer than the"):
+        make_cells(measured(case, path, short_cutoff="1 um"))
