@@ -22,4 +22,4 @@ def reference_data(request):
         pytest.skip("needs measured data: give their folder with --reference-data=PATH")
     if not path.is_dir():
         pytest.fail(f"--reference-data {path} is not a folder")
-    return path
+    return path.resolve()

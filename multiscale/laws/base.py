@@ -121,14 +121,15 @@ class NormalLaw(InterfaceLaw):
         """Find the jump on the law and on a search direction; see :class:`InterfaceLaw`.
 
         A soft direction would start Newton's method far inside the obstacle, where an exponential
-        overflows. A root that is not positive has at most the pressure ``-source[0]``, so the
-        smaller of zero and the jump at that pressure is a start left of the root, too.
+        overflows. The jump at the pressure ``-source[0]`` is another start: if it is not positive
+        it lies left of the root, and if it is positive the first step ends between zero and the
+        root.
         """
         stiffness = np.broadcast_to(stiffness, source.shape)
         start = np.asarray(source[0] / stiffness[0])
         pressed = source[0] < 0.0
         floor = self.gap_at(np.where(pressed, -source[0], 1.0)) - self.gap
-        start = np.where(pressed, np.maximum(start, np.minimum(floor, 0.0)), start)
+        start = np.where(pressed, np.maximum(start, floor), start)
         return _climb(self, source, stiffness, state, start)
 
 
@@ -142,7 +143,7 @@ def _climb(
     max_iterations: int = 300,
     tolerance: float = 1e-13,
 ) -> np.ndarray:
-    """Newton's method for (1) from a start left of the root.
+    """Newton's method for (1) from a start that is, or comes after one step, left of the root.
 
     The residual of (1) is relative to the largest of its three terms. A point is finished as well
     when its step is below the spacing of floating-point numbers at its jump and gap.
@@ -153,7 +154,7 @@ def _climb(
     jump: np.ndarray = source / stiffness
     jump[0] = start
     residual = np.inf
-    for _ in range(max_iterations):
+    for iteration in range(max_iterations):
         response = law.respond(jump, state)
         t = response.traction[0]
         f = t + k * jump[0] - source[0]
@@ -161,7 +162,8 @@ def _climb(
         step = -f / (response.tangent[0, 0] + k)
         spacing = 4.0 * np.finfo(float).eps * (np.abs(jump[0]) + abs(getattr(law, "gap", 0.0)))
         ratio = np.abs(f) / np.where(scale > 0.0, scale, 1.0)
-        passed = (f >= 0.0) & (ratio <= 1e-9)  # only round-off passes the root
+        # from the second iterate on all are left of the root, which only round-off can pass
+        passed = (iteration > 0) & (f >= 0.0) & (ratio <= 1e-9)
         open_points = ~((ratio <= tolerance) | (np.abs(step) <= spacing) | passed)
         if not np.any(open_points):
             return jump

@@ -24,7 +24,7 @@ def fit_law(
     *,
     n_terms: int = 20,
     n_samples: int = 200,
-    ridge: float = 5e-4,
+    ridge: float = 3e-4,
     seed: int = 0,
 ) -> "xr.Dataset":
     r"""Fit a normal law and an area law to the response of an ensemble of cells.
@@ -101,30 +101,21 @@ def fit_law(
         )
     knot, level = place_knots(p, gap[0], n_terms, float(np.max(data.gap[data.counted])))
 
-    def fit(gaps: np.ndarray, weight: np.ndarray) -> np.ndarray:
-        return fit_spline(p, gaps, weight, knot, level, ridge=ridge)
-
-    coefficient = fit(gap, np.ones((1, n)))[0]
+    coefficient = fit_spline(p, gap, np.ones((1, n)), knot, level, ridge=ridge)[0]
+    unseen = fit_spline(p, np.repeat(gap, n, axis=0), 1 - np.eye(n), knot, level, ridge=ridge)
     law = ConvexDecreasing(knot, coefficient, pressure_range=(p[0], p[-1]))
-    predicted = law.pressure(gap[0])
-    unseen = fit(np.repeat(gap, n, axis=0), 1.0 - np.eye(n))
-    others = [ConvexDecreasing(knot, unseen[j]) for j in range(1, n - 1)]
-    inner = gap[0, 1:-1]
-    blind = np.array([o.pressure(g) for o, g in zip(others, inner, strict=True)])
-    blind_stiffness = np.array([o.stiffness(g) for o, g in zip(others, inner, strict=True)])
 
     counts = _bootstrap_counts(len(data.counted), n_samples, seed)
     sample_gap, sample_area, sample_weight = _means(data, counts)
     sample_gap = np.where(sample_weight > 0.0, sample_gap, gap)
     sample_area = np.where(sample_weight > 0.0, sample_area, area)
-    sample = fit(sample_gap, sample_weight) if len(counts) else np.empty((0, n_terms))
+    sample = np.empty((0, n_terms))
+    if len(counts):
+        sample = fit_spline(p, sample_gap, sample_weight, knot, level, ridge=ridge)
 
     attributes = {
-        name: value
-        for name, value in response.attrs.items()
-        if name not in _OWN_ATTRIBUTES and isinstance(value, str | int | float | np.number)
-    }
-    attributes |= {
+        **_inherited(response),
+        **_fit_errors(law, unseen, p, gap[0]),
         "family": "convex_decreasing",
         "n_realisations": len(data.counted),
         "n_samples": len(counts),
@@ -137,11 +128,6 @@ def fit_law(
         "pressure_max": float(p[-1]),
         "gap_min": float(gap[0, -1]),
         "gap_max": float(gap[0, 0]),
-        "maximum_fit_error": float(np.max(np.abs(predicted / p - 1.0))),
-        "cross_validated_error": float(np.max(np.abs(blind / p[1:-1] - 1.0))),
-        "cross_validated_stiffness_error": float(
-            np.max(np.abs(blind_stiffness / law.stiffness(inner) - 1.0))
-        ),
         "admissible": int(is_admissible(law, (p[0], p[-1]))),
     }
     return INTERFACE_LAW.build(
@@ -157,6 +143,33 @@ def fit_law(
         },
         **attributes,
     )
+
+
+def _inherited(response: "xr.Dataset") -> dict[str, str | float | int]:
+    """Attributes of the response that tell about the surface, as netCDF takes them."""
+    plain = {
+        name: value.item() if isinstance(value, np.number) else value
+        for name, value in response.attrs.items()
+        if name not in _OWN_ATTRIBUTES
+    }
+    return {name: value for name, value in plain.items() if isinstance(value, str | int | float)}
+
+
+def _fit_errors(
+    law: ConvexDecreasing, unseen: np.ndarray, pressure: np.ndarray, gap: np.ndarray
+) -> dict[str, float]:
+    """Largest relative errors; row j of ``unseen`` are the coefficients without pressure j."""
+    inner = range(1, len(gap) - 1)
+    blind = [ConvexDecreasing(law.knot, unseen[j]) for j in inner]
+    p = np.array([other.pressure(gap[j]) for j, other in zip(inner, blind, strict=True)])
+    k = np.array([other.stiffness(gap[j]) for j, other in zip(inner, blind, strict=True)])
+    return {
+        "maximum_fit_error": float(np.max(np.abs(law.pressure(gap) / pressure - 1.0))),
+        "cross_validated_error": float(np.max(np.abs(p / pressure[1:-1] - 1.0))),
+        "cross_validated_stiffness_error": float(
+            np.max(np.abs(k / law.stiffness(gap[1:-1]) - 1.0))
+        ),
+    }
 
 
 def law_from_dataset(
@@ -268,4 +281,4 @@ def _never_decreasing(fractions: np.ndarray) -> np.ndarray:
     fitted = fractions.copy()
     for row in np.flatnonzero(np.any(np.diff(fractions, axis=1) < 0.0, axis=1)):
         fitted[row] = isotonic_regression(fractions[row]).x
-    return np.clip(fitted, 0.0, 1.0)
+    return np.asarray(np.clip(fitted, 0.0, 1.0))

@@ -1,21 +1,18 @@
-r"""Fit of a convex decreasing law to pressures and gaps; plain arrays, many samples at once."""
+"""Fit of a convex decreasing law to pressures and gaps; plain arrays."""
 
 import numpy as np
 
-from multiscale.errors import ConvergenceError
-
 __all__ = ["fit_spline", "place_knots"]
 
-HEAD = 0.3
-"""How far the first knot lies beyond the largest pressure, in its logarithm."""
-TAIL = 7.0
-"""How far the last knot lies below the smallest pressure, in its logarithm."""
+PASSES = 4  # of the fit, each smooth relative to the one before
+HEAD = 0.3  # the first knot lies beyond the largest pressure by this, in its logarithm
+TAIL = 7.0  # the last knot lies below the smallest pressure by this, in its logarithm
 
 
 def place_knots(
     pressure: np.ndarray, gap: np.ndarray, n_terms: int, largest_gap: float
 ) -> tuple[np.ndarray, np.ndarray]:
-    r"""Knots that are even in the logarithm of the pressure.
+    r"""Place knots evenly in the logarithm of the pressure.
 
     Parameters
     ----------
@@ -57,8 +54,8 @@ def place_knots(
     knot -= decay[-1] * np.maximum(0.0, level - x[-1])
     end_decay = decay[0] * np.exp(beta * (x[0] - middle[0]))
     knot -= end_decay * np.expm1(beta * np.minimum(0.0, level - x[0])) / beta
-    stretch = 1.05 * (largest_gap - gap[0]) / (knot[-1] - gap[0])
-    return np.where(knot > gap[0], gap[0] + max(1.0, stretch) * (knot - gap[0]), knot), level
+    stretch = max(1.0, 1.05 * (largest_gap - gap[0]) / (knot[-1] - gap[0]))
+    return np.where(knot > gap[0], gap[0] + stretch * (knot - gap[0]), knot), level
 
 
 def fit_spline(
@@ -69,10 +66,8 @@ def fit_spline(
     level: np.ndarray,
     *,
     ridge: float,
-    max_iterations: int = 100,
-    tolerance: float = 1e-5,
 ) -> np.ndarray:
-    r"""Fit the coefficients of a convex decreasing law to samples of a response.
+    r"""Fit convex decreasing laws to samples of a response by non-negative least squares.
 
     Parameters
     ----------
@@ -81,136 +76,74 @@ def fit_spline(
     gap : ndarray, shape (samples, n)
         :math:`g_j` of every sample, m; below the last knot.
     weight : ndarray, shape (samples, n)
-        1 for a point that counts, 0 for one that is left out; dimensionless.
+        :math:`w_j`: 1 for a point that counts, 0 for one that is left out; dimensionless.
     knot, level : ndarray, shape (terms,)
         From :func:`place_knots`.
     ridge : float
         :math:`\rho`, dimensionless.
-    max_iterations : int
-        Iteration limit.
-    tolerance : float
-        Bound on the Newton decrement, which is the change of the relative pressure error that
-        another step would bring; dimensionless.
 
     Returns
     -------
     ndarray, shape (samples, terms)
-        Coefficients of the truncated powers, Pa m\ :sup:`-3`.
-
-    Raises
-    ------
-    ConvergenceError
-        If a sample does not reach the tolerance.
+        Coefficients :math:`c_k` of :class:`multiscale.laws.ConvexDecreasing`, Pa m\ :sup:`-3`.
 
     Notes
     -----
-    The curvature :math:`p''` is linear between the knots, where it is :math:`\exp\theta_k`, and
-    zero at the last. Any :math:`\theta` gives an admissible law. With the pressure
-    :math:`A_{jk}` that a unit curvature at knot k makes at :math:`g_j`, the fit minimises
+    The curvature :math:`p''(g)` is linear between the knots, :math:`\theta_k \ge 0` at the knots
+    and zero from the last one on: any such :math:`\theta` gives a positive, decreasing, convex
+    and twice differentiable law of compact support. With the pressure :math:`A_{jk}` at
+    :math:`g_j` of a unit curvature at knot k, the fit minimises
 
     .. math::
-        \sum_j w_j \ln^2 \frac{\sum_k A_{jk}\, e^{\theta_k}}{p_j}
-        + \rho^2 \int (\theta''')^2\, \mathrm{d}x, \qquad x = \ln p,    \tag{1}
+        \sum_j w_j \Big( \frac{1}{p_j} \sum_k A_{jk} \theta_k - 1 \Big)^2
+        + \rho^2 \int \Big( \frac{\mathrm{d}^3 \ln \theta}{\mathrm{d} x^3} \Big)^2 \mathrm{d}x,
+        \qquad x = \ln p,    \tag{1}
 
-    by Newton's method with the
-    absolute values of the eigenvalues and a line search. The second term settles what few pressures leave open. It vanishes for
-    exponential laws (:math:`\theta'` = 1) and power laws (:math:`\theta'` = 1 - 2/m) alike.
+    with :math:`\ln\theta` linearised about the pass before. The second term decides between
+    curvatures that the data do not tell apart; it vanishes for exponential and for power laws.
     """
-    origin, length, unit = gap.min(), np.ptp(gap), pressure.max()
-    s, g, target = (knot - origin) / length, (gap - origin) / length, np.log(pressure / unit)
-    hats = _hats(s)
-    at_data = np.maximum(0.0, s - g[..., None]) ** 3 @ hats  # A_jk
-    bending = _third_differences(level[:-1])
-    smooth = ridge**2 * bending.T @ bending
-    theta = np.broadcast_to(level[:-1] - np.log(unit), (len(gap), s.size - 1)).copy()
-    left = np.arange(len(gap))
-    for stiffer in 10.0 ** np.arange(4):
-        start = theta[left]
-        theta[left], decrement = _minimise(
-            start,
-            at_data[left],
-            target,
-            weight[left],
-            stiffer**2 * smooth,
-            max_iterations,
-            tolerance,
-        )
-        failed = ~(decrement <= tolerance)
-        theta[left[failed]] = start[failed]
-        left = left[failed]
-        if left.size == 0:
-            break
-    else:
-        raise ConvergenceError(
-            f"the fit of the normal law did not converge in {max_iterations} iterations (last "
-            f"decrement {np.max(decrement):.1e}); raise ridge, or leave out pressures whose gap "
-            f"scatters"
-        )
-    coefficient = np.exp(theta) @ hats.T
-    # left of the first knot the curvature continues with its slope, but never falls
-    coefficient[:, 0] += np.maximum(0.0, -coefficient.sum(axis=1))
-    return np.asarray(coefficient * (unit / length**3))
+    from scipy.optimize import nnls
+
+    origin, length, unit = knot[0], np.ptp(knot), pressure.max()
+    s, g = (knot - origin) / length, (gap - origin) / length
+    powers = _curvature_to_powers(s)
+    bending = ridge * _third_derivative(level[:-1])
+    decay = -np.gradient(s, level)[:-1]
+    start = np.exp(level[:-1]) / unit / decay**2
+
+    coefficients = np.empty((len(gap), knot.size))
+    for sample, (here, counts) in enumerate(zip(g, weight, strict=True)):
+        at_data = np.maximum(0.0, s - here[:, None]) ** 3 @ powers  # A_jk
+        at_data *= (counts * unit / pressure)[:, None]
+        theta = start
+        for _ in range(PASSES):
+            matrix = np.vstack([at_data * theta, bending])
+            target = np.concatenate([counts, -bending @ (np.log(theta) - 1.0)])
+            change, _ = nnls(matrix, target, maxiter=100 * theta.size)
+            theta = theta * np.clip(change, 0.1, 10.0)
+        coefficients[sample] = powers @ theta
+    # left of the first knot the curvature goes on with its slope, but never falls
+    coefficients[:, 0] += np.maximum(0.0, -coefficients.sum(axis=1))
+    return np.asarray(coefficients * unit / length**3)
 
 
-def _hats(knot: np.ndarray) -> np.ndarray:
-    """Truncated powers whose second derivative is one at knot k, zero at the others."""
+def _curvature_to_powers(knot: np.ndarray) -> np.ndarray:
+    """Coefficients of the truncated cubes for a unit curvature at each knot but the last."""
     n, h = knot.size, np.diff(knot)
-    hats = np.zeros((n, n - 1))
+    powers = np.zeros((n, n - 1))
     for k in range(n - 1):
-        hats[k + 1, k] += 1.0 / (6.0 * h[k])
-        hats[k, k] -= 1.0 / (6.0 * h[k])
+        powers[k + 1, k] += 1.0 / (6.0 * h[k])
+        powers[k, k] -= 1.0 / (6.0 * h[k])
         if k > 0:
-            hats[k, k] -= 1.0 / (6.0 * h[k - 1])
-            hats[k - 1, k] += 1.0 / (6.0 * h[k - 1])
-    return hats
+            powers[k, k] -= 1.0 / (6.0 * h[k - 1])
+            powers[k - 1, k] += 1.0 / (6.0 * h[k - 1])
+    return powers
 
 
-def _third_differences(x: np.ndarray) -> np.ndarray:
+def _third_derivative(x: np.ndarray) -> np.ndarray:
     """Matrix whose squared norm is the integral of the squared third derivative over x."""
     difference = np.eye(x.size)
     for order in (1, 2, 3):
         spacing = (x[:-order] - x[order:]) / order
         difference = np.diff(difference, axis=0) / -spacing[:, None]
-    return difference * np.sqrt(spacing)[:, None]
-
-
-def _logarithm_and_slope(
-    at_data: np.ndarray, theta: np.ndarray, target: np.ndarray
-) -> tuple[np.ndarray, np.ndarray]:
-    """Logarithm of fitted over given pressure, and its derivative with respect to theta."""
-    top = theta.max(axis=1, keepdims=True)
-    parts = at_data * np.exp(theta - top)[:, None, :]
-    total = parts.sum(axis=2)
-    return np.log(total) + top - target, parts / total[..., None]
-
-
-def _minimise(
-    theta: np.ndarray,
-    at_data: np.ndarray,
-    target: np.ndarray,
-    weight: np.ndarray,
-    smooth: np.ndarray,
-    max_iterations: int,
-    tolerance: float,
-) -> tuple[np.ndarray, np.ndarray]:
-    """Gauss-Newton steps on (1), shortened where the decrement rises; theta and decrement."""
-    theta, n = theta.copy(), theta.shape[1]
-    final, fraction = np.full(len(theta), np.inf), np.ones(len(theta))
-    busy = np.arange(len(theta))
-    for _ in range(max_iterations):
-        error, slope = _logarithm_and_slope(at_data[busy], theta[busy], target)
-        weighted = slope * weight[busy, :, None]
-        gradient = np.einsum("sjk,sj->sk", weighted, error) + theta[busy] @ smooth
-        hessian = np.swapaxes(slope, 1, 2) @ weighted + smooth
-        hessian += 1e-12 * np.eye(n)  # curvatures that neither data nor ridge see
-        step = np.linalg.solve(hessian, -gradient[..., None])[..., 0]
-        decrement = np.sqrt(np.maximum(0.0, -np.sum(gradient * step, axis=1)))
-        fraction = np.where(decrement > final[busy], 0.5 * fraction, np.minimum(1, 1.3 * fraction))
-        final[busy] = decrement
-        going = ~(decrement <= tolerance)
-        limit = np.minimum(fraction, 2.0 / np.maximum(2.0, np.abs(step).max(axis=1)))
-        busy, fraction = busy[going], fraction[going]
-        if busy.size == 0:
-            break
-        theta[busy] += (limit[:, None] * step)[going]
-    return theta, final
+    return np.asarray(difference * np.sqrt(spacing)[:, None])

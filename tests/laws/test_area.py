@@ -1,0 +1,71 @@
+"""The area law stays between no and full contact and follows its data."""
+
+import numpy as np
+import pytest
+
+from multiscale.errors import CaseError
+from multiscale.laws import AreaLaw
+
+PRESSURE = np.array([1.0e6, 3.0e6, 9.0e6, 2.7e7])
+LAWS = [
+    pytest.param(AreaLaw(PRESSURE, np.array([0.02, 0.06, 0.17, 0.42])), id="rough"),
+    pytest.param(AreaLaw(PRESSURE, np.array([0.0, 0.1, 0.1, 0.9])), id="with a plateau"),
+    pytest.param(AreaLaw(PRESSURE, np.array([0.5, 0.9, 1.0, 1.0])), id="closed"),
+]
+
+
+@pytest.mark.parametrize("law", LAWS)
+def test_area_starts_at_zero_never_decreases_and_never_exceeds_one(law):
+    fraction = law.contact_fraction(np.append(0.0, np.geomspace(1.0, 1e12, 5000)))
+    assert fraction[0] == 0.0
+    assert np.all(np.diff(fraction) >= -1e-15)
+    assert np.all(fraction <= 1.0)
+
+
+@pytest.mark.parametrize("law", LAWS)
+def test_area_passes_through_its_knots(law):
+    np.testing.assert_allclose(
+        law.contact_fraction(law.knot_pressure), law.knot_fraction, atol=1e-14
+    )
+
+
+def test_area_is_proportional_to_light_pressure():
+    law = AreaLaw(PRESSURE, np.array([0.02, 0.06, 0.17, 0.42]))
+    np.testing.assert_allclose(law.contact_fraction(np.array([[2.5e5, 5e5]])), [[0.005, 0.01]])
+
+
+def test_area_continues_with_the_slope_of_its_last_knot():
+    law = AreaLaw(PRESSURE, np.array([0.02, 0.06, 0.17, 0.42]))
+    p = PRESSURE[-1] * np.array([1.0 - 1e-6, 1.0, 1.0 + 1e-6])
+    before, after = np.diff(law.contact_fraction(p))
+    assert after == pytest.approx(before, rel=1e-4)
+
+
+def test_area_does_not_depend_on_the_unit_of_pressure():
+    fraction = np.array([0.02, 0.06, 0.17, 0.42])
+    p = np.geomspace(1e5, 1e9, 50)
+    in_pascal = AreaLaw(PRESSURE, fraction).contact_fraction(p)
+    np.testing.assert_allclose(
+        AreaLaw(1e-9 * PRESSURE, fraction).contact_fraction(1e-9 * p), in_pascal
+    )
+
+
+@pytest.mark.parametrize(
+    ("pressure", "fraction", "sentence"),
+    [
+        ([1.0], [0.1], "at least two pressures"),
+        ([0.0, 1.0], [0.0, 0.1], "must be positive and increase"),
+        ([2.0, 1.0], [0.1, 0.2], "must be positive and increase"),
+        ([1.0, 2.0], [0.2, 0.1], "never decrease"),
+        ([1.0, 2.0], [0.2, 1.1], "between 0 and 1"),
+        ([1.0, 2.0], [0.2, np.nan], "between 0 and 1"),
+    ],
+)
+def test_data_that_cannot_be_an_area_are_refused(pressure, fraction, sentence):
+    with pytest.raises(CaseError, match=sentence):
+        AreaLaw(np.array(pressure), np.array(fraction))
+
+
+def test_a_negative_pressure_is_refused():
+    with pytest.raises(ValueError, match="must not be negative"):
+        AreaLaw(PRESSURE, np.array([0.02, 0.06, 0.17, 0.42])).contact_fraction(np.array([-1.0]))

@@ -1,0 +1,195 @@
+"""The main job, from a case to its run folder, in Python and on the command line."""
+
+import errno
+import os
+import subprocess
+import sys
+from pathlib import Path
+
+import numpy as np
+import pytest
+import xarray as xr
+
+from multiscale.io import open_law, open_run
+from multiscale.pipeline import load_case, run
+from multiscale.pipeline.case import shipped_cases
+from multiscale.reference import joint as closed_form
+from multiscale.upscaling import law_from_dataset
+
+
+def command(*arguments, cwd, **options):
+    return subprocess.run(
+        [sys.executable, "-c", "from multiscale.cli import main; main()", *map(str, arguments)],
+        cwd=cwd,
+        capture_output=True,
+        text=True,
+        timeout=300,
+        check=False,
+        **options,
+    )
+
+
+@pytest.fixture(scope="module")
+def finished(tmp_path_factory):
+    """Run the shipped case on the command line."""
+    folder = tmp_path_factory.mktemp("run")
+    done = command("run", "ground_steel", "-o", "out", "--quick", "--jobs", "1", cwd=folder)
+    assert done.returncode == 0, done.stderr
+    return folder / "out", done.stdout
+
+
+def test_the_run_folder_holds_everything(finished):
+    out, table = finished
+    for name in (
+        "case.toml",
+        "log.txt",
+        "report.html",
+        "micro_response.nc",
+        "interface_law.nc",
+        "macro_result.nc",
+        "micro/realisation-0000.nc",
+        "fields/contact-0000.vtu",
+        "figures/surface.png",
+        "figures/contact_map.png",
+        "figures/gap_law.png",
+        "figures/area_law.png",
+        "figures/joint_stiffness.png",
+    ):
+        assert (out / name).stat().st_size > 0, name
+    assert "joint stiffness (MPa/µm)" in table
+    assert "realisation 3: 4 of 4" in (out / "log.txt").read_text(encoding="utf-8")
+
+
+def test_the_report_is_self_contained(finished):
+    page = (finished[0] / "report.html").read_text(encoding="utf-8")
+    assert page.count("data:image/png;base64,") == 5
+    assert "http" not in page.replace("http-equiv", "")
+
+
+def test_the_datasets_open_as_one_tree_and_agree(finished):
+    tree = open_run(finished[0])
+    response, law, result = (
+        tree[name].to_dataset() for name in ("micro_response", "interface_law", "macro_result")
+    )
+    assert response["converged"].values.all()
+    carried = -response["traction"].sel(component="n").values
+    assert carried == pytest.approx(
+        np.broadcast_to(response["nominal_pressure"].values, carried.shape)
+    )
+    # uniform pressure: the joint is blocks and interface in series
+    normal = law_from_dataset(law)
+    gap = normal.gap_at(result["preload"].values)
+    expected = closed_form.series(normal.stiffness(gap), float(result["solid_stiffness"]))
+    np.testing.assert_allclose(result["joint_stiffness"], expected, rtol=1e-7)
+    np.testing.assert_allclose(result["mean_gap"], gap, rtol=1e-7)
+    low, high = np.percentile(result["joint_stiffness_sample"], (2.5, 97.5), axis=0)
+    assert np.all(
+        (low <= result["joint_stiffness"].values) & (result["joint_stiffness"].values <= high)
+    )
+
+
+def test_fields_are_those_of_the_contact(finished):
+    import meshio
+
+    fields = xr.load_dataset(finished[0] / "fields" / "fields.nc", engine="h5netcdf")
+    np.testing.assert_allclose(fields["pressure"].mean(("x", "y")), fields["nominal_pressure"])
+    mesh = meshio.read(finished[0] / "fields" / "contact-0003.vtu")
+    np.testing.assert_allclose(
+        mesh.point_data["pressure"], fields["pressure"].values[3].ravel(), rtol=1e-12
+    )
+
+
+def test_a_second_run_keeps_the_cells_and_gives_the_same_law(finished, tmp_path):
+    out, _ = finished
+    before = (out / "micro" / "realisation-0002.nc").stat().st_mtime_ns
+    law = open_law(out / "interface_law.nc")
+    done = command(
+        "run", "ground_steel", "-o", out, "--quick", "--jobs", "1", "--resume", cwd=tmp_path
+    )
+    assert done.returncode == 0, done.stderr
+    assert "4 of 4 realisations" in done.stderr.splitlines()[0]
+    assert (out / "micro" / "realisation-0002.nc").stat().st_mtime_ns == before
+    xr.testing.assert_equal(law, open_law(out / "interface_law.nc"))
+
+
+@pytest.mark.parametrize(
+    ("arguments", "status", "message"),
+    [
+        pytest.param(("run", "ground_stel"), 1, "did you mean 'ground_steel'", id="misspelt"),
+        pytest.param(("run", "none.toml"), 1, "no such file", id="missing"),
+        pytest.param(
+            ("run", "ground_steel", "--resume", "-o", "x"), 1, "no run to resume", id="resume"
+        ),
+        pytest.param(("fit", "none.nc"), 1, "no such file", id="fit"),
+        pytest.param(("report", "."), 1, "no results", id="report"),
+        pytest.param(("run",), 2, "Missing argument", id="usage"),
+    ],
+)
+def test_bad_input_is_a_sentence_and_an_exit_status(arguments, status, message, tmp_path):
+    done = command(*arguments, cwd=tmp_path)
+    assert done.returncode == status
+    assert message in done.stderr
+    assert "Traceback" not in done.stderr
+
+
+def test_micro_and_fit_do_the_first_half_alone(tmp_path):
+    text = shipped_cases()["ground_steel"].read_text(encoding="utf-8")
+    small = text.replace("[128, 128]", "[64, 64]").replace("realisations = 12", "realisations = 2")
+    (tmp_path / "small.toml").write_text(small, encoding="utf-8")
+    done = command("micro", "small.toml", "-o", "a/response.nc", "--jobs", "1", cwd=tmp_path)
+    assert done.returncode == 0, done.stderr
+    done = command("fit", "a/response.nc", "-o", "law.nc", cwd=tmp_path)
+    assert done.returncode == 0, done.stderr
+    assert open_law(tmp_path / "law.nc").attrs["n_realisations"] == 2
+
+
+def test_a_disk_that_fills_in_mid_run_loses_nothing(tmp_path, monkeypatch):
+    from multiscale.errors import MultiscaleError
+
+    case = load_case("ground_steel").quick()
+    room, fsync = [2], os.fsync
+
+    def full(descriptor):
+        if room[0] == 0:
+            raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
+        room[0] -= 1
+        fsync(descriptor)
+
+    monkeypatch.setattr(os, "fsync", full)
+    with pytest.raises(MultiscaleError, match="no space left on device; what was finished before"):
+        run(case, tmp_path)
+    files = sorted(path.name for path in (tmp_path / "micro").iterdir())
+    assert files == ["realisation-0000.nc", "realisation-0001.nc"]
+    monkeypatch.undo()
+    counts = []
+    run(case, tmp_path, progress=counts.append)
+    assert counts[0] == 2
+
+
+@pytest.mark.parametrize(
+    ("file", "size", "detrend"),
+    [("tmd-1.tmd", "9 mm", 2), ("al3d-1.al3d", "60 um", 2)],
+)
+def test_the_whole_chain_runs_on_measured_files(reference_data, tmp_path, file, size, detrend):
+    text = shipped_cases()["ground_steel"].read_text(encoding="utf-8")
+    start, end = text.index("rms_height"), text.index("\n\n[body_2]")
+    source = reference_data / "topography" / file
+    text = text[:start] + f'file = "{source}"\ndetrend_order = {detrend}' + text[end:]
+    second = text.index("[body_2.surface]")
+    text = text[:second] + text[text.index("[cell]") :]
+    text = text.replace('"800 um", "800 um"', f'"{size}", "{size}"').replace(
+        "[128, 128]", "[64, 64]"
+    )
+    text = text.replace("realisations = 12", "realisations = 3")
+    (tmp_path / "case.toml").write_text(text, encoding="utf-8")
+    results = run(load_case(tmp_path / "case.toml"), tmp_path / "out")
+    assert results.micro_response["converged"].values.all()
+    assert results.macro_result["converged"].values.all()
+    assert np.all(np.diff(results.macro_result["joint_stiffness"]) > 0.0)
+
+
+def test_readme_python_route_runs(tmp_path, monkeypatch):
+    text = (Path(__file__).parents[2] / "README.md").read_text(encoding="utf-8")
+    block = text.split("```python\n")[1].split("```")[0]
+    monkeypatch.chdir(tmp_path)
+    exec(compile(block, "README.md", "exec"), {})

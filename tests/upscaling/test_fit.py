@@ -1,0 +1,175 @@
+"""The fit takes the response as it comes, failed steps and all, and says what it made of it."""
+
+import numpy as np
+import pytest
+
+from multiscale.errors import CaseError, SchemaError
+from multiscale.laws import Exponential
+from multiscale.schema import INTERFACE_LAW, MICRO_RESPONSE
+from multiscale.upscaling import area_from_dataset, fit_law, is_admissible, law_from_dataset
+
+DECAY, SCALE = 0.45e-6, 4e8
+PRESSURE = np.geomspace(5e6, 1e8, 8)
+
+
+def response_of(gap, pressure=PRESSURE, *, area=None, converged=None, nominal=True, **attributes):
+    """A micro response with the gaps (realisation, step)."""
+    traction = np.zeros((*gap.shape, 3))
+    traction[..., 0] = -pressure
+    ones = np.ones(gap.shape, dtype=int)
+    values = {
+        "displacement_jump": np.zeros((*gap.shape, 3)),
+        "traction": traction,
+        "mean_gap": gap,
+        "contact_fraction": np.tile(pressure / 5e8, (len(gap), 1)) if area is None else area,
+        "converged": ones if converged is None else converged,
+        "active_set_iterations": ones,
+        "linear_iterations": ones,
+        "wall_time": 1.0 * ones,
+    }
+    if nominal:
+        values["nominal_pressure"] = pressure
+    return MICRO_RESPONSE.build(values, **attributes)
+
+
+def exponential_gaps(n_realisations=1, spread=0.03, seed=1):
+    random = np.random.default_rng(seed)
+    u = DECAY * np.log(SCALE / PRESSURE)
+    return u * (1.0 + spread * random.standard_normal((n_realisations, 1)))
+
+
+def test_the_result_follows_its_schema_and_tells_where_it_comes_from():
+    response = response_of(
+        exponential_gaps(5), contact_modulus=1.1e11, bodies="steel on steel", source="other"
+    )
+    law = fit_law(response, n_samples=20)
+    INTERFACE_LAW.check(law)
+    assert law.sizes == {"term": 20, "sample": 20, "area_term": 8, "step": 8}
+    assert law.attrs["family"] == "convex_decreasing"
+    assert law.attrs["contact_modulus"] == 1.1e11
+    assert law.attrs["bodies"] == "steel on steel"
+    assert "source" not in law.attrs
+    assert law.attrs["n_realisations"] == 5
+    assert law.attrs["admissible"] == 1
+    assert law.attrs["pressure_max"] == PRESSURE[-1]
+    assert law.attrs["gap_max"] == pytest.approx(float(law["fit_mean_gap"].max()))
+    assert law.attrs["maximum_fit_error"] < 1e-3
+    assert law.attrs["cross_validated_error"] < 5e-3
+    assert law.attrs["cross_validated_stiffness_error"] < 1e-2
+    assert all(isinstance(value, str | int | float) for value in law.attrs.values())
+
+
+def test_every_sample_is_an_admissible_law():
+    law = fit_law(response_of(exponential_gaps(6, spread=0.1)), n_samples=30)
+    for sample in range(30):
+        one = law_from_dataset(law, sample)
+        assert is_admissible(one, one.pressure_range)
+        area_from_dataset(law, sample)
+
+
+def test_a_law_that_pulls_or_bends_the_wrong_way_is_not_admissible():
+    class Line(Exponential):
+        def pressure(self, gap):
+            return super().pressure(gap) + 0.3 * np.sin(3.0 * gap)
+
+    assert is_admissible(Exponential(1.0, 0.5), (0.1, 0.8))
+    assert not is_admissible(Line(1.0, 0.5), (0.1, 0.8))
+
+
+def test_one_realisation_has_a_law_but_no_samples_and_says_so():
+    law = fit_law(response_of(exponential_gaps(1)))
+    assert law.sizes["sample"] == 0
+    assert law.attrs["n_samples"] == 0
+    assert law.attrs["uncertainty"].startswith("none: one realisation")
+    with pytest.raises(CaseError, match="no sample 0; it has 0"):
+        law_from_dataset(law, 0)
+
+
+def test_the_same_seed_gives_the_same_samples():
+    response = response_of(exponential_gaps(5))
+    first, second, other = (
+        fit_law(response, n_samples=10, seed=seed)["coefficient_sample"].values
+        for seed in (3, 3, 4)
+    )
+    np.testing.assert_array_equal(first, second)
+    assert not np.allclose(first, other)
+
+
+def test_failed_steps_are_left_out():
+    gap = exponential_gaps(4, spread=0.0)
+    converged = np.ones(gap.shape, dtype=int)
+    converged[1, 3], converged[2, 5], converged[:, 7] = 0, 0, 0
+    wrong = gap.copy()
+    wrong[1, 3], wrong[2, 5], wrong[:, 7] = np.nan, 5.0, np.nan
+    law = fit_law(response_of(wrong, converged=converged), n_samples=10)
+    np.testing.assert_allclose(law["fit_pressure"], PRESSURE[:7])
+    np.testing.assert_allclose(law["fit_mean_gap"], gap[0, :7])
+    assert np.all(np.isfinite(law["coefficient_sample"]))
+    assert law.attrs["n_realisations"] == 4
+
+
+def test_a_realisation_that_never_converged_does_not_count():
+    gap = exponential_gaps(3)
+    converged = np.ones(gap.shape, dtype=int)
+    converged[1] = 0
+    law = fit_law(response_of(gap, converged=converged), n_samples=5)
+    assert law.attrs["n_realisations"] == 2
+    np.testing.assert_allclose(law["fit_mean_gap"], gap[[0, 2]].mean(axis=0))
+
+
+def test_pressures_may_come_in_any_order_and_from_the_traction():
+    gap, order = exponential_gaps(1), np.random.default_rng(0).permutation(8)
+    expected = fit_law(response_of(gap))
+    found = fit_law(response_of(gap[:, order], PRESSURE[order], nominal=False))
+    np.testing.assert_allclose(found["coefficient"], expected["coefficient"])
+
+
+def test_area_that_falls_by_scatter_is_levelled():
+    area = np.linspace(0.1, 0.8, 8)[None]
+    area[0, 3], area[0, 4] = 0.5, 0.45
+    law = fit_law(response_of(exponential_gaps(1), area=area))
+    np.testing.assert_allclose(law["area_fraction"][3:5], 0.475)
+    assert area_from_dataset(law).contact_fraction(PRESSURE[:1]) == pytest.approx(0.1)
+
+
+def test_too_few_pressures_are_refused():
+    gap = exponential_gaps(2)
+    converged = np.ones(gap.shape, dtype=int)
+    converged[:, 2:] = 0
+    with pytest.raises(CaseError, match=r"at least 3 pressures .* found 2 of 8"):
+        fit_law(response_of(gap, converged=converged))
+
+
+def test_a_gap_that_grows_with_pressure_is_refused():
+    gap = exponential_gaps(1)
+    gap[0, 4] = gap[0, 2]
+    with pytest.raises(CaseError, match="mean gap does not fall from"):
+        fit_law(response_of(gap))
+
+
+def test_a_pressure_that_comes_twice_is_refused():
+    pressure = PRESSURE.copy()
+    pressure[4] = pressure[2]
+    with pytest.raises(CaseError, match="one loading branch"):
+        fit_law(response_of(exponential_gaps(1), pressure))
+
+
+@pytest.mark.parametrize(
+    ("option", "sentence"),
+    [
+        ({"n_terms": 5}, "at least 6 terms"),
+        ({"n_samples": -1}, "n_samples must not be negative"),
+        ({"ridge": 0.0}, "ridge must be positive"),
+    ],
+)
+def test_options_out_of_range_are_refused(option, sentence):
+    with pytest.raises(CaseError, match=sentence):
+        fit_law(response_of(exponential_gaps(1)), **option)
+
+
+def test_another_dataset_or_family_is_refused():
+    law = fit_law(response_of(exponential_gaps(1)))
+    with pytest.raises(SchemaError, match="micro_response"):
+        fit_law(law)
+    with pytest.raises(CaseError, match="family 'power'"):
+        law_from_dataset(law.assign_attrs(family="power"))
