@@ -12,7 +12,7 @@ from scipy.sparse.linalg import splu
 
 from multiscale.errors import MultiscaleError
 
-__all__ = ["condense", "factorise"]
+__all__ = ["factorise"]
 
 LARGEST_CONDITION = 1e13
 """Above this condition number, after scaling by the diagonal, a matrix counts as singular."""
@@ -79,57 +79,6 @@ def factorise(matrix: csr_array | np.ndarray, *, name: str = "the matrix") -> So
             f"check the supports and that every part is held"
         )
     return solve
-
-
-def condense(
-    matrix: csr_array | np.ndarray, keep: np.ndarray, load: np.ndarray | None = None
-) -> tuple[np.ndarray, np.ndarray]:
-    r"""Eliminate every unknown but some: static condensation.
-
-    Parameters
-    ----------
-    matrix : csr_array or ndarray, shape (n, n)
-        Stiffness :math:`K`, N/m.
-    keep : ndarray of int, shape (m,)
-        The unknowns :math:`k` that stay, in this order.
-    load : ndarray, shape (n,), optional
-        External force :math:`f`, N; zero if not given.
-
-    Returns
-    -------
-    stiffness : ndarray, shape (m, m)
-        Schur complement (1), N/m.
-    load : ndarray, shape (m,)
-        Condensed force (2), N.
-
-    Raises
-    ------
-    MultiscaleError
-        If the eliminated part can move while the kept unknowns are held.
-
-    Notes
-    -----
-    With the eliminated unknowns :math:`i`,
-
-    .. math::
-        S &= K_{kk} - K_{ki} K_{ii}^{-1} K_{ik}, \tag{1} \\
-        g &= f_k - K_{ki} K_{ii}^{-1} f_i. \tag{2}
-    """
-    n = matrix.shape[0]
-    f = np.zeros(n) if load is None else load
-    eliminated = np.setdiff1d(np.arange(n), keep)
-    sparse = csr_array(matrix)
-    rows_kept, rows_eliminated = sparse[keep], sparse[eliminated]
-    kept = rows_kept[:, keep].toarray()
-    if eliminated.size == 0:
-        return kept, f[keep]
-
-    solve = factorise(
-        rows_eliminated[:, eliminated], name="the stiffness of the eliminated unknowns"
-    )
-    coupling = rows_kept[:, eliminated]
-    schur = kept - coupling @ solve(rows_eliminated[:, keep].toarray())  # (1)
-    return schur, f[keep] - coupling @ solve(f[eliminated])  # (2)
 
 
 def _factors(matrix: csr_array | np.ndarray) -> Solve:

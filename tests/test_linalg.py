@@ -5,7 +5,7 @@ import pytest
 from scipy.sparse import csr_array
 
 from multiscale.errors import MultiscaleError
-from multiscale.linalg import condense, factorise
+from multiscale.linalg import factorise
 
 
 def chain(n, contrast=1.0):
@@ -60,32 +60,3 @@ def test_entries_that_are_not_finite_are_refused():
 def test_a_matrix_that_is_not_square_is_refused():
     with pytest.raises(ValueError, match=r"must be square, got shape \(2, 3\)"):
         factorise(np.zeros((2, 3)))
-
-
-@pytest.mark.parametrize("form", FORM)
-def test_the_condensed_system_has_the_kept_part_of_the_solution(form):
-    rng = np.random.default_rng(seed=2)
-    matrix, load, keep = chain(12), rng.normal(size=12), np.array([7, 0, 3])
-    schur, condensed = condense(form(matrix), keep, load)
-    expected = np.linalg.solve(matrix, load)[keep]
-    np.testing.assert_allclose(np.linalg.solve(schur, condensed), expected, rtol=1e-12)
-
-
-def test_condensing_keeps_the_rigid_motion_of_a_floating_body():
-    matrix = chain(6)
-    matrix[0, 0] -= 1.0
-    schur, _ = condense(matrix, np.array([0, 5]))
-    np.testing.assert_allclose(schur, np.array([[1.0, -1.0], [-1.0, 1.0]]) / 5.0, atol=1e-14)
-
-
-def test_condensing_nothing_returns_the_matrix():
-    schur, _ = condense(chain(3), np.array([2, 0, 1]))
-    np.testing.assert_array_equal(schur, chain(3)[np.ix_([2, 0, 1], [2, 0, 1])])
-
-
-def test_a_loose_eliminated_part_is_refused():
-    matrix = np.zeros((4, 4))
-    matrix[:2, :2] = chain(2)
-    matrix[2:, 2:] = [[1.0, -1.0], [-1.0, 1.0]]
-    with pytest.raises(MultiscaleError, match="stiffness of the eliminated unknowns is singular"):
-        condense(matrix, np.array([0]))

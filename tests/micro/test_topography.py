@@ -11,7 +11,6 @@ from multiscale.micro.topography import (
     composite,
     crop,
     detrend,
-    high_pass,
     low_pass,
     mirror,
     nayak_parameter,
@@ -19,7 +18,6 @@ from multiscale.micro.topography import (
     resample,
     rms_height,
     rms_slope,
-    split,
     window,
 )
 
@@ -346,16 +344,6 @@ def test_coarsening_removes_what_the_grid_cannot_carry_instead_of_aliasing_it():
     assert coarse.size == size
 
 
-def test_low_pass_and_high_pass_share_the_waves_between_them():
-    terms = (0.7, 1, 1, 0.1), (1.0, 3, 2, 0.1), (0.5, 0, 7, 0.2)
-    size = (2.0, 1.0)
-    surface = waves((32, 31), size, *terms)
-    long_wave = 1.0 / np.hypot(1 / 2.0, 1 / 1.0)
-    low, high = low_pass(surface, long_wave), high_pass(surface, 0.999 * long_wave)
-    np.testing.assert_allclose(low.heights, waves((32, 31), size, terms[0]).heights, atol=1e-13)
-    np.testing.assert_allclose(low.heights + high.heights, surface.heights, atol=1e-13)
-
-
 def test_crop_keeps_spacing_and_heights():
     noise = np.random.default_rng(seed=1).normal(size=(8, 6))
     piece = crop(Surface(noise, (4.0, 6.0)), (2, 1), (4, 3))
@@ -369,14 +357,6 @@ def test_crop_keeps_spacing_and_heights():
 def test_crop_beyond_the_map_is_refused(origin, points):
     with pytest.raises(CaseError, match="does not lie in the map of 8 x 6 points"):
         crop(Surface(np.zeros((8, 6)), (4.0, 6.0)), origin, points)
-
-
-def test_split_gives_pieces_that_make_up_the_map():
-    noise = np.random.default_rng(seed=1).normal(size=(8, 7))
-    pieces = split(Surface(noise, (4.0, 7.0)), (2, 3))
-    rows = [np.hstack([p.heights for p in pieces[k : k + 3]]) for k in (0, 3)]
-    np.testing.assert_array_equal(np.vstack(rows), noise[:, :6])
-    assert all(piece.size == (2.0, 2.0) for piece in pieces)
 
 
 def test_detrended_piece_has_no_tilt():

@@ -16,11 +16,9 @@ from multiscale.micro.topography.preparation import (
     composite,
     crop,
     detrend,
-    high_pass,
     low_pass,
     mirror,
     resample,
-    split,
     window,
 )
 from multiscale.micro.topography.statistics import (
@@ -35,7 +33,6 @@ __all__ = [
     "composite",
     "crop",
     "detrend",
-    "high_pass",
     "low_pass",
     "mirror",
     "nayak_parameter",
@@ -44,6 +41,5 @@ __all__ = [
     "rms_height",
     "rms_slope",
     "self_affine",
-    "split",
     "window",
 ]

@@ -11,11 +11,9 @@ __all__ = [
     "composite",
     "crop",
     "detrend",
-    "high_pass",
     "low_pass",
     "mirror",
     "resample",
-    "split",
     "window",
 ]
 
@@ -25,7 +23,7 @@ _ROUND_OFF = 1e-9  # relative: a wave exactly on a cut-off belongs to the band
 def detrend(surface: Surface, order: int = 1) -> Surface:
     """Remove the mean (order 0), a plane (1) or a plane and the curvature (2), by least squares.
 
-    A piece of a map has its own mean and tilt: remove them after :func:`crop` or :func:`split`.
+    A piece of a map has its own mean and tilt: remove them after :func:`crop`.
     """
     return Surface(remove_trend(surface.heights, order), surface.size)
 
@@ -107,31 +105,6 @@ def crop(surface: Surface, origin: tuple[int, int], points: tuple[int, int]) -> 
     return Surface(surface.heights[i : i + nx, j : j + ny], (nx * dx, ny * dy))
 
 
-def split(surface: Surface, parts: tuple[int, int]) -> list[Surface]:
-    """Cut a map into equal pieces that do not overlap: several realisations from one measurement.
-
-    Points left over at the far edges are dropped. Waves longer than a piece become its tilt.
-
-    Parameters
-    ----------
-    surface : Surface
-        The map.
-    parts : tuple of int
-        Number of pieces along x and y.
-
-    Raises
-    ------
-    CaseError
-        If the pieces would have fewer than 2 x 2 points.
-    """
-    if min(parts) < 1:
-        raise CaseError(f"the number of parts must be at least 1 in each direction, got {parts}")
-    nx, ny = (n // part for n, part in zip(surface.heights.shape, parts, strict=True))
-    return [
-        crop(surface, (i * nx, j * ny), (nx, ny)) for i in range(parts[0]) for j in range(parts[1])
-    ]
-
-
 def resample(surface: Surface, points: tuple[int, int]) -> Surface:
     """Put a periodic surface on another grid of the same cell, by its Fourier series.
 
@@ -167,14 +140,11 @@ def low_pass(surface: Surface, short_cutoff: float) -> Surface:
 
     What an instrument measured down to its pixel is thus limited to what a grid resolves.
     """
-    _check_cutoff("short_cutoff", short_cutoff)
-    return _filter(surface, 0.0, 2.0 * np.pi / short_cutoff * (1.0 + _ROUND_OFF))
-
-
-def high_pass(surface: Surface, long_cutoff: float) -> Surface:
-    """Remove the mean and the waves of a periodic surface longer than a wavelength, m."""
-    _check_cutoff("long_cutoff", long_cutoff)
-    return _filter(surface, 2.0 * np.pi / long_cutoff * (1.0 - _ROUND_OFF), np.inf)
+    if not 0.0 < short_cutoff < np.inf:
+        raise CaseError(f"short_cutoff must be a positive length (m), got {short_cutoff:g}")
+    spectrum = fft.rfft2(surface.heights)
+    spectrum[wavenumbers(surface) > 2.0 * np.pi / short_cutoff * (1.0 + _ROUND_OFF)] = 0.0
+    return Surface(fft.irfft2(spectrum, s=surface.heights.shape), surface.size)
 
 
 def composite(surface_1: Surface, surface_2: Surface) -> Surface:
@@ -208,17 +178,3 @@ def composite(surface_1: Surface, surface_2: Surface) -> Surface:
             f"{surface_2.size} m; crop the larger one"
         )
     return Surface(surface_1.heights + surface_2.heights, surface_1.size)
-
-
-def _check_cutoff(name: str, value: float) -> None:
-    """Refuse a wavelength that is not positive."""
-    if not 0.0 < value < np.inf:
-        raise CaseError(f"{name} must be a positive length (m), got {value:g}")
-
-
-def _filter(surface: Surface, q_low: float, q_high: float) -> Surface:
-    """Keep the waves with q_low <= q <= q_high, rad/m."""
-    q = wavenumbers(surface)
-    spectrum = fft.rfft2(surface.heights)
-    spectrum[(q < q_low) | (q > q_high)] = 0.0
-    return Surface(fft.irfft2(spectrum, s=surface.heights.shape), surface.size)
