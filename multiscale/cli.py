@@ -50,6 +50,8 @@ def run_command(
     settings = load_case(case)
     if quick:
         settings = settings.quick()
+    for caution in settings.cautions():
+        typer.echo(f"caution: {caution}", err=True)
     make_folder(out)
     write_bytes(out / "case.toml", find_case(case).read_bytes())
     with (

@@ -26,7 +26,8 @@ figure { display: inline-block; margin: 0; max-width: 29rem; }
 </style>
 <h1>{{ title }}</h1>
 <p>{{ summary }}</p>
-<table>
+{% if cautions %}<p><strong>Caution:</strong> {{ cautions }}.</p>
+{% endif %}<table>
 <tr>{% for name in head %}<th>{{ name }}</th>{% endfor %}</tr>
 {% for row in rows %}<tr>{% for value in row %}<td>{{ value }}</td>{% endfor %}</tr>
 {% endfor %}</table>
@@ -96,6 +97,7 @@ def write_report(out: str | Path) -> Path:
             f"{law.attrs['n_realisations']} realisations. The law stands for the "
             f"{response.attrs['bodies']}."
         ),
+        cautions=response.attrs["cautions"],
         head=HEAD,
         rows=tabulate(result),
         figures=[

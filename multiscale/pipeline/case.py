@@ -270,6 +270,31 @@ class Case(_Settings):
             }
         )
 
+    def cautions(self) -> list[str]:
+        """Return what a user should know before trusting the results, one sentence each."""
+        found = []
+        spacing = max(
+            length / n for length, n in zip(self.cell.size, self.cell.points, strict=True)
+        )
+        for number, body in ((1, self.body_1), (2, self.body_2)):
+            cutoff = body.surface.short_cutoff if body.surface else None
+            if cutoff is not None and cutoff < 0.99 * POINTS_PER_WAVE * spacing:
+                found.append(
+                    f"the shortest wave of body_{number} has {cutoff / spacing:.1f} points; "
+                    f"gap and contact area need {POINTS_PER_WAVE} or more"
+                )
+        low, high = self.micro.pressures[0], self.micro.pressures[-1]
+        outside = [p for p in self.joint.preloads if not low <= p <= high]
+        if outside:
+            values = ", ".join(f"{1e-6 * p:g}" for p in outside)
+            found.append(
+                f"the law extrapolates at the preloads {values} MPa: the cells were pressed at "
+                f"{1e-6 * low:g} to {1e-6 * high:g} MPa"
+            )
+        if self.micro.realisations == 1:
+            found.append("one realisation tells nothing about the scatter: there are no bands")
+        return found
+
     def identity(self) -> str:
         """Checksum of everything that the response depends on."""
         content = self.model_dump_json(exclude={"title", "law", "joint"})

@@ -74,6 +74,7 @@ def run_micro(
         contact_modulus=contact_modulus(*_materials(case)),
         bodies="composite surface of body_1 and body_2; 1/E* = sum (1 - nu^2)/E; small slopes",
         identity=case.identity(),
+        cautions="; ".join(case.cautions()),
     )
     write_dataset(response, file, MICRO_RESPONSE)
     return response

@@ -83,6 +83,15 @@ def test_every_fault_is_listed_at_once(changed):
     assert len(str(caught.value).splitlines()) >= 2
 
 
+def test_cautions_name_coarse_grids_and_extrapolation(changed):
+    assert load_case("ground_steel").cautions() == []
+    assert "has 4.0 points" in load_case("ground_steel").quick().cautions()[0]
+    (caution,) = load_case(changed(('"160 MPa"', '"900 MPa"'))).cautions()
+    assert "extrapolates at the preloads 900 MPa: the cells were pressed at 2 to 240" in caution
+    (caution,) = load_case(changed(("realisations = 12", "realisations = 1"))).cautions()
+    assert "there are no bands" in caution
+
+
 def test_a_misspelt_shipped_case_gets_a_hint():
     with pytest.raises(CaseError, match="no case named 'ground_stel'; did you mean 'ground_steel'"):
         load_case("ground_stel")
