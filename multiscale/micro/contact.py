@@ -26,7 +26,7 @@ __all__ = ["ContactProblem", "ContactState", "ElasticBody", "obstacle_normal", "
 _LOOSE = 1e-2  # reduction of the residual before the active set is questioned for the first time
 _INNER = 1e-7  # tolerance of the surface problems inside the preconditioner
 _LINEAR_LIMIT = 500  # conjugate-gradient iterations on one active set
-_PATIENCE = 10  # of them without a smaller residual: rounding has the last word
+_PATIENCE = 50  # of them without a smaller residual: rounding has the last word
 
 
 @dataclass(frozen=True)

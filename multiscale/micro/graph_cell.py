@@ -15,13 +15,25 @@ from multiscale.micro.operator import stiffness_operator
 __all__ = ["assemble_graph_cell"]
 
 
+NEARLY_INCOMPRESSIBLE = 0.4
+"""Poisson's ratio from which B-bar is used, and the tilt that keeps its preconditioner good."""
+
+
 def assemble_graph_cell(cell: Cell) -> ContactProblem:
-    """Set up operators and contact geometry of a graph cell.
+    r"""Set up operators and contact geometry of a graph cell.
 
     Raises
     ------
     CaseError
         If the numbers of points are odd or the cell folds over.
+
+    Notes
+    -----
+    The reference :math:`K_0` is the flat cell. Of a nearly incompressible material, its divergence
+    would be large where that of the true cell is small: then :math:`K_0^{-1}` is replaced by
+    :math:`T K_0^{-1} T^t` with the tilt of Piola's type
+    :math:`(T u)_z = u_z + \varphi\, \nabla h \cdot u`, exact for isochoric fields to first order
+    in the slopes.
     """
     surface = cell.surface
     (nx, ny), spacing = surface.heights.shape, surface.spacing
@@ -30,28 +42,28 @@ def assemble_graph_cell(cell: Cell) -> ContactProblem:
         np.full(cell.layers, float(value))
         for value in lame_parameters(cell.youngs_modulus, cell.poissons_ratio)
     )
-    inverse = factorise_flat_cell((nx, ny), spacing, mesh.planes, lame, shear)
+    soft = cell.poissons_ratio >= NEARLY_INCOMPRESSIBLE
+    inverse = factorise_flat_cell((nx, ny), spacing, mesh.planes, lame, shear, mean_dilatation=soft)
 
     if cell.obstacle is None:
         obstacle = np.full((nx, ny), surface.heights.max())
         normal = np.zeros((nx, 3, ny))
         normal[:, 2] = 1.0
-        contact = _flat_obstacle_operators(inverse)
     else:
         obstacle = cell.obstacle.heights + np.max(surface.heights - cell.obstacle.heights)
-        normal = obstacle_normal(*(_slope(obstacle, axis, spacing[axis]) for axis in (0, 1)))
-        contact = _graph_obstacle_operators(inverse, normal)
-    trace, add, push, compliance = contact
-
+        normal = obstacle_normal(*_slopes(obstacle, spacing))
+    slopes = _slopes(surface.heights, spacing) if soft else None
+    if cell.obstacle is None and not soft:
+        trace, add = _normal_operators(None)
+        reference = _vertical_reference(inverse)
+    else:
+        trace, add = _normal_operators(None if cell.obstacle is None else normal)
+        reference = _inclined_reference(inverse, normal, slopes, mesh.map_factor[1:])
+    solve, compliance = reference
     stiffness = 1.0 / inverse.surface_compliance[5]
 
-    def solve(force: np.ndarray, correct: Callable[[np.ndarray], np.ndarray] | None) -> np.ndarray:
-        if correct is None:
-            return inverse.solve(force)
-        return inverse.solve(force, lambda surface_u: push(-correct(trace(surface_u[:, None]))))
-
     body = ElasticBody(
-        apply=stiffness_operator(mesh, lame, shear),
+        apply=stiffness_operator(mesh, lame, shear, mean_dilatation=soft),
         solve=solve,
         trace=trace,
         add=add,
@@ -88,19 +100,20 @@ def assemble_graph_cell(cell: Cell) -> ContactProblem:
     )
 
 
-_Operators = tuple[
-    Callable[[np.ndarray], np.ndarray],  # trace
-    Callable[[np.ndarray, np.ndarray], None],  # add
-    Callable[[np.ndarray], np.ndarray],  # push: contact forces to forces on the surface
-    Callable[[np.ndarray], np.ndarray],  # compliance
-]
+Correct = Callable[[np.ndarray], np.ndarray]
+Solve = Callable[[np.ndarray, Correct | None], np.ndarray]
+Operator = Callable[[np.ndarray], np.ndarray]
 
 
-def _slope(heights: np.ndarray, axis: int, step: float) -> np.ndarray:
+def _slopes(heights: np.ndarray, spacing: tuple[float, float]) -> tuple[np.ndarray, np.ndarray]:
     """Periodic differences of fourth order: local, so that a kink stays a kink."""
-    near = np.roll(heights, -1, axis) - np.roll(heights, 1, axis)
-    far = np.roll(heights, -2, axis) - np.roll(heights, 2, axis)
-    return np.asarray((8.0 * near - far) / (12.0 * step))
+
+    def slope(axis: int) -> np.ndarray:
+        near = np.roll(heights, -1, axis) - np.roll(heights, 1, axis)
+        far = np.roll(heights, -2, axis) - np.roll(heights, 2, axis)
+        return np.asarray((8.0 * near - far) / (12.0 * spacing[axis]))
+
+    return slope(0), slope(1)
 
 
 def _filter(values: np.ndarray, symbol: np.ndarray) -> np.ndarray:
@@ -108,38 +121,69 @@ def _filter(values: np.ndarray, symbol: np.ndarray) -> np.ndarray:
     return np.asarray(fft.irfft2(fft.rfft2(values) * symbol, s=values.shape, overwrite_x=True))
 
 
-def _flat_obstacle_operators(inverse: LateralInverse) -> _Operators:
-    """One unknown per contact node, along z."""
+def _normal_operators(
+    normal: np.ndarray | None,
+) -> tuple[Operator, Callable[[np.ndarray, np.ndarray], None]]:
+    """Displacement along the obstacle's normals, and its transpose; along z if there are none."""
+    if normal is None:
 
-    def trace(u: np.ndarray) -> np.ndarray:
-        return u[:, -1, 2]
+        def add_vertical(vector: np.ndarray, values: np.ndarray) -> None:
+            vector[:, -1, 2] += values
 
-    def add(vector: np.ndarray, values: np.ndarray) -> None:
-        vector[:, -1, 2] += values
-
-    def push(force: np.ndarray) -> np.ndarray:
-        nx, ny = force.shape
-        pushed = np.zeros((nx, 3, ny))
-        pushed[:, 2] = force
-        return pushed
-
-    symbol = inverse.surface_compliance[5]
-    return trace, add, push, lambda force: _filter(force, symbol)
-
-
-def _graph_obstacle_operators(inverse: LateralInverse, normal: np.ndarray) -> _Operators:
-    """One unknown per contact node, along the obstacle's normal."""
-
-    def trace(u: np.ndarray) -> np.ndarray:
-        return np.asarray(np.sum(u[:, -1] * normal, axis=1))
+        return lambda u: u[:, -1, 2], add_vertical
 
     def add(vector: np.ndarray, values: np.ndarray) -> None:
         vector[:, -1] += values[:, None] * normal
 
+    return lambda u: np.asarray(np.sum(u[:, -1] * normal, axis=1)), add
+
+
+def _vertical_reference(inverse: LateralInverse) -> tuple[Solve, Operator]:
+    """Inverse and surface compliance of the flat cell for contact along z."""
+    symbol = inverse.surface_compliance[5]
+
+    def solve(force: np.ndarray, correct: Correct | None) -> np.ndarray:
+        if correct is None:
+            return inverse.solve(force)
+
+        def push(surface_displacement: np.ndarray) -> np.ndarray:
+            pushed = np.zeros_like(surface_displacement)
+            pushed[:, 2] = -correct(surface_displacement[:, 2])
+            return pushed
+
+        return inverse.solve(force, push)
+
+    return solve, lambda force: _filter(force, symbol)
+
+
+def _inclined_reference(
+    inverse: LateralInverse,
+    normal: np.ndarray,
+    slopes: tuple[np.ndarray, np.ndarray] | None,
+    map_factor: np.ndarray,
+) -> tuple[Solve, Operator]:
+    """Inverse and surface compliance for contact along normals, tilted if there are slopes."""
+    direction = normal.copy()
+    if slopes is not None:
+        for k, slope in enumerate(slopes):
+            direction[:, k] += slope * normal[:, 2]
+
+    def along(surface_displacement: np.ndarray) -> np.ndarray:
+        return np.asarray(np.sum(surface_displacement * direction, axis=1))
+
     def push(force: np.ndarray) -> np.ndarray:
-        return np.asarray(force[:, None] * normal)
+        return np.asarray(force[:, None] * direction)
 
-    def compliance(force: np.ndarray) -> np.ndarray:
-        return np.asarray(np.sum(inverse.surface_response(push(force)) * normal, axis=1))
+    def solve(force: np.ndarray, correct: Correct | None) -> np.ndarray:
+        corrected = None if correct is None else lambda moved: push(-correct(along(moved)))
+        if slopes is None:
+            return inverse.solve(force, corrected)
+        tilted = force.copy()
+        for k, slope in enumerate(slopes):
+            tilted[:, :, k] += slope[:, None] * map_factor[:, None] * force[:, :, 2]
+        u = inverse.solve(tilted, corrected)
+        for k, slope in enumerate(slopes):
+            u[:, :, 2] += slope[:, None] * map_factor[:, None] * u[:, :, k]
+        return u
 
-    return trace, add, push, compliance
+    return solve, lambda force: along(inverse.surface_response(push(force)))

@@ -15,7 +15,9 @@ from scipy import fft
 __all__ = ["LateralInverse", "brick_stiffness", "factorise_flat_cell"]
 
 
-def brick_stiffness(edges: tuple[float, float, float], lame: float, shear: float) -> np.ndarray:
+def brick_stiffness(
+    edges: tuple[float, float, float], lame: float, shear: float, *, mean_dilatation: bool = False
+) -> np.ndarray:
     r"""Stiffness of a trilinear brick with 2 x 2 x 2 Gauss points.
 
     Parameters
@@ -24,6 +26,8 @@ def brick_stiffness(edges: tuple[float, float, float], lame: float, shear: float
         Lengths along x, y and z, m.
     lame, shear : float
         Lame's parameters, Pa.
+    mean_dilatation : bool
+        Whether the divergence is averaged over the element (B-bar).
 
     Returns
     -------
@@ -55,6 +59,18 @@ def brick_stiffness(edges: tuple[float, float, float], lame: float, shear: float
     stiffness = lame * forms + shear * np.swapaxes(forms, 0, 1)
     for i in range(3):
         stiffness[i, i] += shear * np.trace(forms)
+    if mean_dilatation:
+        sign = np.array([-1.0, 1.0])
+        gradient = np.array(
+            [
+                np.einsum("a,b,c->abc", *(sign if k == i else np.ones(2) for k in range(3)))
+                * volume
+                / (4.0 * edges[i])
+                for i in range(3)
+            ]
+        )
+        mean = np.einsum("iabc,jdef->ijabcdef", gradient, gradient) / volume
+        stiffness += (lame + 2.0 * shear / 3.0) * (mean - forms)
     return np.asarray(np.moveaxis(stiffness, (0, 1), (3, 7)))
 
 
@@ -261,6 +277,8 @@ def factorise_flat_cell(
     planes: np.ndarray,
     lame: np.ndarray,
     shear: np.ndarray,
+    *,
+    mean_dilatation: bool = False,
 ) -> LateralInverse:
     r"""Factorise the flat, periodic, layered cell that is clamped at its base.
 
@@ -274,13 +292,14 @@ def factorise_flat_cell(
         Heights of the node planes, m.
     lame, shear : ndarray, shape (layers,)
         Lame's parameters of each layer, Pa.
+    mean_dilatation : bool
+        As in :func:`brick_stiffness`.
     """
     (nx, ny), layers = shape, len(planes) - 1
     stencil = np.zeros((layers, 2, 2, 3, 3, 3, 3))
     for layer in range(layers):
-        brick = brick_stiffness(
-            (*spacing, planes[layer + 1] - planes[layer]), lame[layer], shear[layer]
-        )
+        edges = (*spacing, planes[layer + 1] - planes[layer])
+        brick = brick_stiffness(edges, lame[layer], shear[layer], mean_dilatation=mean_dilatation)
         for a in range(2):
             for b in range(2):
                 for d in range(2):

@@ -62,12 +62,38 @@ def _differences_transposed(grad, nodes, d, e, f, scale, lanes):  # type: ignore
 
 
 @numba.njit(cache=True, fastmath=True, error_model="numpy")
-def _forces(grad, flux, geometry, lame, shear, area, lanes):  # type: ignore[no-untyped-def]
+def _mean_dilatation(grad, geometry, mean, volume, lanes):  # type: ignore[no-untyped-def]
+    """Volume average of the divergence over each element."""
+    for v in range(lanes):
+        mean[v], volume[v] = 0.0, 0.0
+    for qx in range(2):
+        for qy in range(2):
+            for qz in range(2):
+                rx = (2 * qy + qz) * BATCH
+                ry = (4 + 2 * qx + qz) * BATCH
+                rz = (8 + 2 * qx + qy) * BATCH
+                rt = (2 * qx + qy) * BATCH
+                for v in range(lanes):
+                    height = geometry[rt + v]
+                    slope_x, slope_y = geometry[rx + 4 * BATCH + v], geometry[ry + 4 * BATCH + v]
+                    by_z = grad[rz + 24 * BATCH + v] - slope_x * grad[rz + v]
+                    by_z -= slope_y * grad[rz + 12 * BATCH + v]
+                    mean[v] += height * (grad[rx + v] + grad[ry + 12 * BATCH + v]) + by_z
+                    volume[v] += height
+    for v in range(lanes):
+        mean[v] /= volume[v]
+
+
+@numba.njit(cache=True, fastmath=True, error_model="numpy")
+def _forces(  # type: ignore[no-untyped-def]
+    grad, flux, geometry, lame, shear, mean, mean_dilatation, area, lanes
+):
     """Stress at the eight Gauss points, pulled back to the edge derivatives.
 
     ``geometry`` holds, for each lane, the element height at the four lateral Gauss points
     (rows 0-3), the slopes of the node surfaces in x at (qy, qz) (rows 4-7) and in y at
-    (qx, qz) (rows 8-11). ``grad`` and ``flux`` have 12 rows for each component.
+    (qx, qz) (rows 8-11). ``grad`` and ``flux`` have 12 rows for each component. With
+    ``mean_dilatation`` the divergence is replaced by its ``mean`` over the element (B-bar).
     """
     for k in range(36 * BATCH):
         flux[k] = 0.0
@@ -91,14 +117,14 @@ def _forces(grad, flux, geometry, lame, shear, area, lanes):  # type: ignore[no-
                     wx = grad[rx + 24 * BATCH + v] - slope_x * wz
                     wy = grad[ry + 24 * BATCH + v] - slope_y * wz
                     weight = area * height
-                    mean = weight * lame[v] * (ux + vy + wz)
-                    twice = weight * shear[v]
-                    xx, yy, zz = (
-                        mean + 2.0 * twice * ux,
-                        mean + 2.0 * twice * vy,
-                        mean + 2.0 * twice * wz,
-                    )
-                    xy, yz, xz = twice * (uy + vx), twice * (vz + wy), twice * (uz + wx)
+                    trace = ux + vy + wz
+                    dilatation = mean[v] if mean_dilatation else trace
+                    mu = weight * shear[v]
+                    pressure = weight * lame[v] * dilatation + mu * (dilatation - trace) / 1.5
+                    xx = pressure + 2.0 * mu * ux
+                    yy = pressure + 2.0 * mu * vy
+                    zz = pressure + 2.0 * mu * wz
+                    xy, yz, xz = mu * (uy + vx), mu * (vz + wy), mu * (uz + wx)
                     flux[rx + v] += xx
                     flux[ry + v] += xy
                     flux[rz + v] += (xz - slope_x * xx - slope_y * xy) * inverse
@@ -111,7 +137,9 @@ def _forces(grad, flux, geometry, lame, shear, area, lanes):  # type: ignore[no-
 
 
 @numba.njit(parallel=True, cache=True, fastmath=True, error_model="numpy")
-def _apply(heights, planes, factor, dx, dy, lame, shear, u, out):  # type: ignore[no-untyped-def]
+def _apply(  # type: ignore[no-untyped-def]
+    heights, planes, factor, dx, dy, lame, shear, mean_dilatation, u, out
+):
     """Add the elastic forces of every element; strips of elements in x in two colours."""
     nx, layers, _, ny = u.shape
     out[:] = 0.0
@@ -125,6 +153,7 @@ def _apply(heights, planes, factor, dx, dy, lame, shear, u, out):  # type: ignor
             geometry = np.empty(12 * BATCH)
             lateral = np.empty(8 * BATCH)
             first, second = np.empty(BATCH), np.empty(BATCH)
+            mean, volume = np.empty(BATCH), np.empty(BATCH)
             for start in range(0, ny, BATCH):
                 lanes = min(BATCH, ny - start)
                 _lateral_heights(heights, sides[0], sides[1], start, dx, dy, lateral, lanes)
@@ -139,8 +168,8 @@ def _apply(heights, planes, factor, dx, dy, lame, shear, u, out):  # type: ignor
                         lanes,
                     )
                     for v in range(lanes):
-                        first[v] = lame[layer]
-                        second[v] = shear[layer]
+                        first[v] = lame[i, layer, start + v]
+                        second[v] = shear[i, layer, start + v]
                     for k in range(3):
                         for a in range(2):
                             for c in range(2):
@@ -161,7 +190,10 @@ def _apply(heights, planes, factor, dx, dy, lame, shear, u, out):  # type: ignor
                         _differences(w, g, X, Y, Z, 1.0 / dx, lanes)
                         _differences(w, g[4 * BATCH :], Y, X, Z, 1.0 / dy, lanes)
                         _differences(w, g[8 * BATCH :], Z, X, Y, 1.0, lanes)
-                    _forces(grad, flux, geometry, first, second, dx * dy / 8.0, lanes)
+                    if mean_dilatation:
+                        _mean_dilatation(grad, geometry, mean, volume, lanes)
+                    area = dx * dy / 8.0
+                    _forces(grad, flux, geometry, first, second, mean, mean_dilatation, area, lanes)
                     for k in range(3):
                         w, g = nodes[8 * k * BATCH :], flux[12 * k * BATCH :]
                         w[: 8 * BATCH] = 0.0
@@ -216,7 +248,7 @@ def _geometry(lateral, z0, z1, f0, f1, geometry, lanes):  # type: ignore[no-unty
 
 
 def stiffness_operator(
-    mesh: GraphMesh, lame: np.ndarray, shear: np.ndarray
+    mesh: GraphMesh, lame: np.ndarray, shear: np.ndarray, *, mean_dilatation: bool = False
 ) -> Callable[[np.ndarray], np.ndarray]:
     r"""Return the map from displacements to elastic forces, :math:`u \mapsto K u`.
 
@@ -224,8 +256,11 @@ def stiffness_operator(
     ----------
     mesh : GraphMesh
         The conforming mesh, clamped at its base.
-    lame, shear : ndarray, shape (layers,)
-        Lame's parameters of each layer, Pa.
+    lame, shear : ndarray, shape (layers,) or (nx, layers, ny)
+        Lame's parameters of each layer or element, Pa.
+    mean_dilatation : bool
+        Whether the divergence is averaged over each element (B-bar), against locking of nearly
+        incompressible materials.
 
     Returns
     -------
@@ -234,10 +269,15 @@ def stiffness_operator(
     """
     heights = np.ascontiguousarray(mesh.surface.heights, dtype=np.float64)
     dx, dy = mesh.surface.spacing
+    nx, ny, layers = mesh.shape
+    lame, shear = (
+        np.broadcast_to(value[:, None] if value.ndim == 1 else value, (nx, layers, ny))
+        for value in (lame, shear)
+    )
 
     def apply(u: np.ndarray) -> np.ndarray:
         out = np.empty_like(u)
-        _apply(heights, mesh.planes, mesh.map_factor, dx, dy, lame, shear, u, out)
+        _apply(heights, mesh.planes, mesh.map_factor, dx, dy, lame, shear, mean_dilatation, u, out)
         return out
 
     return apply

@@ -26,11 +26,11 @@ def composite_material(case: Case) -> tuple[float, float]:
 
     Its contact modulus is that of the pair, :math:`1/E^* = \sum (1-\nu_i^2)/E_i`. For small slopes
     and without friction nothing else of the elastic constants enters; Poisson's ratio is the mean
-    weighted by compliance, at most 0.4, above which trilinear elements are too stiff.
+    weighted by compliance.
     """
     pair = [(body.youngs_modulus, body.poissons_ratio) for body in (case.body_1, case.body_2)]
     compliance = [(1.0 - nu**2) / modulus for modulus, nu in pair]
-    nu = min(0.4, float(np.average([nu for _, nu in pair], weights=compliance)))
+    nu = float(np.average([nu for _, nu in pair], weights=compliance))
     return contact_modulus(*pair) * (1.0 - nu**2), nu
 
 

@@ -89,3 +89,66 @@ def test_planes_grow_from_the_given_top_thickness_to_the_whole_depth():
     assert planes[-1] == 2.0
     assert thickness[-1] == pytest.approx(0.05)
     np.testing.assert_allclose(thickness[:-1] / thickness[1:], thickness[0] / thickness[1])
+
+
+def element_stiffness(corners, lame, shear, mean_dilatation):
+    """Stiffness of one trilinear hexahedron from its strain matrices, corner by corner."""
+    corner = np.stack(np.meshgrid([0, 1], [0, 1], [0, 1], indexing="ij"), axis=-1).reshape(8, 3)
+    point = 0.5 + (corner - 0.5) / np.sqrt(3.0)
+    strains, volumes, weights = [], [], []
+    for p in point:
+        value = np.where(corner, p, 1.0 - p)
+        slope = np.where(corner, 1.0, -1.0)
+        local = np.stack([slope[:, k] * np.prod(np.delete(value, k, 1), axis=1) for k in range(3)])
+        jacobian = local @ corners
+        gradient = np.linalg.solve(jacobian, local)  # (3, 8)
+        strain = np.zeros((3, 3, 8, 3))
+        for i in range(3):
+            for j in range(3):
+                strain[i, j, :, i] += 0.5 * gradient[j]
+                strain[i, j, :, j] += 0.5 * gradient[i]
+        strains.append(strain.reshape(3, 3, 24))
+        volumes.append(gradient.T.ravel())
+        weights.append(np.linalg.det(jacobian) / 8.0)
+    mean = np.average(volumes, axis=0, weights=weights)
+    stiffness = np.zeros((24, 24))
+    for strain, volume, weight in zip(strains, volumes, weights, strict=True):
+        divergence = mean if mean_dilatation else volume
+        deviator = strain - np.eye(3)[:, :, None] * volume / 3.0
+        stiffness += weight * 2.0 * shear * np.einsum("ijm,ijn->mn", deviator, deviator)
+        stiffness += weight * (lame + 2.0 * shear / 3.0) * np.outer(divergence, divergence)
+    return stiffness
+
+
+@pytest.mark.parametrize("mean_dilatation", [False, True], ids=["plain", "b-bar"])
+def test_operator_sums_the_stiffness_of_its_elements(mean_dilatation):
+    mesh = graph_mesh((4, 6))
+    (nx, ny, layers), (dx, dy) = mesh.shape, mesh.surface.spacing
+    rng = np.random.default_rng(seed=12)
+    lame, shear = rng.uniform(1.0, 50.0, (2, nx, layers, ny))
+    u = rng.standard_normal((nx, layers, 3, ny))
+    whole = np.concatenate([np.zeros((nx, 1, 3, ny)), u], axis=1)
+    forces = np.zeros_like(whole)
+    for i, layer, j in np.ndindex(nx, layers, ny):
+        nodes = [
+            ((i + a) % nx, layer + c, (j + b) % ny) for a in (0, 1) for b in (0, 1) for c in (0, 1)
+        ]
+        corners = np.array(
+            [
+                (
+                    (i + a) * dx,
+                    (j + b) * dy,
+                    mesh.planes[layer + c]
+                    + mesh.map_factor[layer + c] * mesh.surface.heights[(i + a) % nx, (j + b) % ny],
+                )
+                for a in (0, 1)
+                for b in (0, 1)
+                for c in (0, 1)
+            ]
+        )
+        matrix = element_stiffness(corners, lame[i, layer, j], shear[i, layer, j], mean_dilatation)
+        local = matrix @ np.concatenate([whole[x, z, :, y] for x, z, y in nodes])
+        for k, (x, z, y) in enumerate(nodes):
+            forces[x, z, :, y] += local[3 * k : 3 * k + 3]
+    found = stiffness_operator(mesh, lame, shear, mean_dilatation=mean_dilatation)(u)
+    assert np.max(np.abs(found - forces[:, 1:])) < 1e-13 * np.max(np.abs(forces))

@@ -63,7 +63,7 @@ def test_the_composite_material_has_the_contact_modulus_of_the_pair():
     modulus, nu = composite_material(load_case("road_texture"))
     expected = 1.0 / ((1 - 0.49**2) / 5e6 + (1 - 0.35**2) / 20e9)
     assert modulus / (1.0 - nu**2) == pytest.approx(expected)
-    assert nu == 0.4
+    assert nu == pytest.approx(0.49, abs=1e-3)  # the rubber is thousands of times as compliant
 
 
 def test_a_cutoff_finer_than_the_grid_names_body_and_remedy(case):

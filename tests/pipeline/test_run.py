@@ -17,10 +17,12 @@ from multiscale.pipeline.case import shipped_cases
 from multiscale.reference import joint as closed_form
 from multiscale.upscaling import law_from_dataset
 
+COMMAND = (sys.executable, "-c", "from multiscale.cli import main; main()")
+
 
 def command(*arguments, cwd, **options):
     return subprocess.run(
-        [sys.executable, "-c", "from multiscale.cli import main; main()", *map(str, arguments)],
+        [*COMMAND, *map(str, arguments)],
         cwd=cwd,
         capture_output=True,
         text=True,
@@ -169,18 +171,7 @@ def test_a_disk_that_fills_in_mid_run_loses_nothing(tmp_path, monkeypatch):
 
 def test_a_killed_run_goes_on_where_it_was(tmp_path):
     begun = subprocess.Popen(
-        [
-            sys.executable,
-            "-c",
-            "from multiscale.cli import main; main()",
-            "run",
-            "ground_steel",
-            "-o",
-            "out",
-            "--quick",
-            "--jobs",
-            "1",
-        ],
+        [*COMMAND, "run", "ground_steel", "-o", "out", "--quick", "--jobs", "1"],
         cwd=tmp_path,
         stderr=subprocess.PIPE,
         text=True,
