@@ -40,8 +40,8 @@ def run_command(
 ) -> None:
     """Run the whole chain: surface, cells, interface law, joint."""
     from multiscale.errors import CaseError
-    from multiscale.io import logging_to, make_folder, write_bytes
-    from multiscale.pipeline import find_case, load_case, run
+    from multiscale.io import logging_to, make_folder
+    from multiscale.pipeline import load_case, run
     from multiscale.plotting import draw_figures
     from multiscale.report import HEAD, tabulate, write_report
 
@@ -50,10 +50,7 @@ def run_command(
     settings = load_case(case)
     if quick:
         settings = settings.quick()
-    for caution in settings.cautions():
-        typer.echo(f"caution: {caution}", err=True)
     make_folder(out)
-    write_bytes(out / "case.toml", find_case(case).read_bytes())
     with (
         logging_to(out / "log.txt"),
         _workers(jobs) as executor,
@@ -62,9 +59,9 @@ def run_command(
         results = run(settings, out, executor=executor, progress=progress)
     draw_figures(out)
     write_report(out)
-    _print_table(
-        settings.title + (" (quick)" if quick else ""), HEAD, tabulate(results.macro_result)
-    )
+    for caution in filter(None, results.micro_response.attrs["cautions"].split("; ")):
+        typer.echo(f"caution: {caution}", err=True)
+    _print_table(settings.title, HEAD, tabulate(results.macro_result))
     typer.echo(f"report, figures and datasets: {out}")
 
 
@@ -119,7 +116,7 @@ def report_command(out: Annotated[Path, typer.Argument(help="Folder of a finishe
 @contextmanager
 def _workers(jobs: int) -> Iterator[Executor | None]:
     """Give a pool of processes, or nothing for a single job."""
-    jobs = jobs or len(os.sched_getaffinity(0))
+    jobs = jobs or _cores()
     if jobs == 1:
         yield None
         return
@@ -127,8 +124,32 @@ def _workers(jobs: int) -> Iterator[Executor | None]:
     from multiprocessing import get_context
 
     # spawn: a forked process would inherit locks of the kernels' threads
-    with ProcessPoolExecutor(jobs, mp_context=get_context("spawn")) as executor:
+    with ProcessPoolExecutor(
+        jobs, mp_context=get_context("spawn"), initializer=_leave_with_parent
+    ) as executor:
         yield executor
+
+
+def _cores() -> int:
+    """Cores that this process may use."""
+    if hasattr(os, "sched_getaffinity"):
+        return len(os.sched_getaffinity(0))
+    return os.cpu_count() or 1
+
+
+def _leave_with_parent() -> None:
+    """Let a worker end when the run is killed: nobody else would tell it."""
+    from multiprocessing import parent_process
+    from threading import Thread
+
+    parent = parent_process()
+
+    def watch() -> None:
+        if parent is not None:
+            parent.join()
+            os._exit(1)
+
+    Thread(target=watch, daemon=True).start()
 
 
 @contextmanager
@@ -158,4 +179,7 @@ def main() -> None:
         app()
     except MultiscaleError as error:
         typer.echo(f"multiscale: {error}", err=True)
+        raise SystemExit(1) from None
+    except MemoryError as error:
+        typer.echo(f"multiscale: not enough memory ({error}); use fewer points or jobs", err=True)
         raise SystemExit(1) from None

@@ -204,7 +204,7 @@ def draw_figures(out: str | Path) -> list[Path]:
     from matplotlib.figure import Figure
 
     out = Path(out)
-    tree = open_run(out)
+    tree = open_run(out, finished=True)
     response, law, result = (
         tree[name].to_dataset() for name in ("micro_response", "interface_law", "macro_result")
     )

@@ -56,7 +56,7 @@ def tabulate(result: "xr.Dataset") -> list[tuple[str, ...]]:
         if not int(step["converged"]):
             rows.append((f"{1e-6 * float(step['preload']):.4g}", "not converged", "", "", ""))
             continue
-        band = "one realisation: none"
+        band = "none"
         if "joint_stiffness_sample" in result:
             low, high = 1e-12 * np.nanpercentile(step["joint_stiffness_sample"], (2.5, 97.5))
             band = f"{low:.4g} ... {high:.4g}"
@@ -83,7 +83,7 @@ def write_report(out: str | Path) -> Path:
     from jinja2 import Environment
 
     out = Path(out)
-    tree = open_run(out)
+    tree = open_run(out, finished=True)
     response, law, result = (
         tree[name].to_dataset() for name in ("micro_response", "interface_law", "macro_result")
     )
@@ -95,9 +95,13 @@ def write_report(out: str | Path) -> Path:
             f"{converged.sum()} of {converged.size} cell steps converged in "
             f"{float(response['wall_time'].sum()):.1f} s of solver time; "
             f"{law.attrs['n_realisations']} realisations. The law stands for the "
-            f"{response.attrs['bodies']}."
+            f"{response.attrs['bodies']}. It is "
+            f"{'' if law.attrs['admissible'] else 'not '}positive, decreasing and convex; at a "
+            f"pressure that the fit has not seen, it errs by at most "
+            f"{100.0 * law.attrs['cross_validated_error']:.2g} % in pressure and "
+            f"{100.0 * law.attrs['cross_validated_stiffness_error']:.2g} % in stiffness."
         ),
-        cautions=response.attrs["cautions"],
+        cautions=response.attrs.get("cautions", ""),
         head=HEAD,
         rows=tabulate(result),
         figures=[

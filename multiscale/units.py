@@ -1,5 +1,6 @@
 """Quantities with units in, SI floats out."""
 
+import re
 from functools import cache
 from math import isfinite
 from typing import TYPE_CHECKING, Any
@@ -10,6 +11,13 @@ if TYPE_CHECKING:
     import pint
 
 __all__ = ["to_si"]
+
+# a plain number, then names with one-digit powers: nothing that a parser would have to compute
+_QUANTITY = re.compile(
+    r"\s*(?P<number>[-+]?(?:\d+\.?\d*|\.\d+)(?:e[-+]?\d+)?|[-+]?(?:nan|inf))"
+    r"\s*(?P<unit>(?:[^\W\d]+|%)(?:(?:\^|\*\*)-?\d)?(?:\s*[/*·]\s*[^\W\d]+(?:(?:\^|\*\*)-?\d)?){0,4})?\s*",
+    re.IGNORECASE,
+)
 
 
 @cache
@@ -48,19 +56,23 @@ def to_si(text: object, unit: str) -> float:
     elif not isinstance(text, str):
         raise CaseError(f'{text!r} has no unit; write it as text, such as "{text} {unit}"')
     else:
-        try:
-            quantity: Any = _registry().Quantity(text)
-        except Exception as error:  # pint raises many kinds, tokenizer errors among them
+        parts = _QUANTITY.fullmatch(text)
+        if parts is None:
             raise CaseError(
                 f'{text!r} is not a quantity; write a number and a unit, such as "1 {unit}"'
-            ) from error
-        if unit != "1" and quantity.dimensionless:
+            )
+        if unit != "1" and not parts["unit"]:
             raise CaseError(f'{text!r} has no unit; write a number and a unit, such as "1 {unit}"')
         try:
+            quantity: Any = _registry().Quantity(float(parts["number"]), parts["unit"])
             # via the decimal text of the number, so that "0.8 um" is exactly 8e-07
             number = float(f"{quantity.to(unit).magnitude:.15g}")
         except pint.DimensionalityError as error:
             raise CaseError(f"{text!r} cannot be converted to {unit}") from error
+        except Exception as error:  # pint raises many kinds, tokenizer errors among them
+            raise CaseError(
+                f'{text!r} is not a quantity; write a number and a unit, such as "1 {unit}"'
+            ) from error
     if not isfinite(number):
         raise CaseError(f"{text!r} is not finite; give a number")
     return number

@@ -82,7 +82,8 @@ def open_dataset(path: str | PathLike[str], schema: Schema | None = None) -> "xr
     path = Path(path)
     wanted = f"a {schema.name!r} dataset" if schema else "a dataset"
     if not path.is_file():
-        raise SchemaError(f"{path}: no such file; it should hold {wanted}")
+        state = "not a file" if path.exists() else "no such file"
+        raise SchemaError(f"{path}: {state}; it should hold {wanted}")
     try:
         dataset = xr.load_dataset(path, engine="h5netcdf")
     except Exception as error:  # h5py and xarray raise many kinds on a damaged file
@@ -120,13 +121,20 @@ def save_law(law: "xr.Dataset", path: str | PathLike[str]) -> None:
     write_dataset(law, Path(path), INTERFACE_LAW)
 
 
-def open_run(folder: str | PathLike[str]) -> "xr.DataTree":
+def open_run(folder: str | PathLike[str], *, finished: bool = False) -> "xr.DataTree":
     """Read what a run has left: one node each for response, law and macro result.
+
+    Parameters
+    ----------
+    folder : path
+        Run folder.
+    finished : bool
+        Whether all three must be there.
 
     Raises
     ------
     SchemaError
-        If the folder holds none of them, or a file is refused.
+        If the folder holds none of them, or not all of a finished run, or a file is refused.
     """
     import xarray as xr
 
@@ -138,7 +146,8 @@ def open_run(folder: str | PathLike[str]) -> "xr.DataTree":
         for schema in schemas
         if paths[schema.name].exists()
     }
-    if not found:
+    if not found or (finished and len(found) < len(paths)):
         names = ", ".join(path.name for path in paths.values())
-        raise SchemaError(f"{folder}: no results; a finished run leaves {names}")
+        state = "the run is not finished" if found else "no results"
+        raise SchemaError(f"{folder}: {state}; a finished run leaves {names}")
     return xr.DataTree.from_dict(found, name=folder.name)

@@ -1,11 +1,12 @@
 """Files that are either whole or absent, and sentences for what the system refuses."""
 
+import errno
 import logging
 import os
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
-from tempfile import NamedTemporaryFile
+from tempfile import mkstemp
 
 from multiscale.errors import CaseError, MultiscaleError
 
@@ -20,23 +21,20 @@ def write_bytes(path: Path, content: bytes | memoryview) -> None:
     MultiscaleError
         If the disk is full or the folder cannot be written to.
     """
-    with (
-        writing(path),
-        NamedTemporaryFile(
-            dir=path.parent, prefix=f".{path.name}.", suffix=".part", delete=False
-        ) as file,
-    ):
+    with writing(path):
+        descriptor, name = mkstemp(dir=path.parent, prefix=f".{path.name}.", suffix=".part")
+        part = Path(name)
         try:
-            file.write(content)
-            file.flush()
-            os.fsync(file.fileno())
-            # NamedTemporaryFile makes private files; give this one the usual mode
-            mask = os.umask(0)
+            with os.fdopen(descriptor, "wb") as file:
+                file.write(content)
+                file.flush()
+                os.fsync(file.fileno())
+            mask = os.umask(0)  # a temporary file is private; give it the mode of any other
             os.umask(mask)
-            os.fchmod(file.fileno(), 0o666 & ~mask)
-            Path(file.name).replace(path)
+            part.chmod(0o666 & ~mask)
+            part.replace(path)
         except BaseException:
-            Path(file.name).unlink(missing_ok=True)
+            part.unlink(missing_ok=True)
             raise
 
 
@@ -46,9 +44,11 @@ def writing(path: Path) -> Iterator[None]:
     try:
         yield
     except OSError as error:
+        remedy = "choose another folder"
+        if error.errno in (errno.ENOSPC, errno.EDQUOT):
+            remedy = "what was finished before is kept, so free some space and run again"
         raise MultiscaleError(
-            f"cannot write {path}: {(error.strerror or str(error)).lower()}; what was finished "
-            f"before is kept, so free some space or choose another folder and run again"
+            f"cannot write {path}: {(error.strerror or str(error)).lower()}; {remedy}"
         ) from error
 
 

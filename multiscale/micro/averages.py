@@ -48,8 +48,8 @@ def average_traction(
     ----------
     force : ndarray, shape (nodes, 3)
         Forces on the body at its contact nodes, N: the local tractions
-        :math:`t_N^i n^i + t_T^i` of all contact spots, integrated with the shape functions, with
-        :math:`n^i` the local normal in the current configuration.
+        :math:`t_N^i n^i + t_T^i` of all contact spots, integrated with the shape functions. For
+        small displacements the local normal :math:`n^i` is that of the obstacle at the node.
     nominal_area : float
         :math:`\Gamma_c^0`, m2.
     frame : ndarray, shape (3, 3), optional

@@ -207,7 +207,6 @@ def solve_contact(
 
     reference, delta = solve_flat(
         body.compliance,
-        body.surface_stiffness,
         gap,
         closing,
         load=load,
@@ -265,7 +264,7 @@ def solve_contact(
             fewest, patience = n_wrong, 5
         else:
             patience -= changed
-        if patience <= 0:  # exchange single nodes by least index
+        if patience <= 0 and n_wrong:  # exchange single nodes by least index
             sharp = True
             wrong &= np.arange(gap.size).reshape(gap.shape) == np.flatnonzero(wrong)[:1]
         active = active ^ wrong

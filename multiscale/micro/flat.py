@@ -9,7 +9,6 @@ __all__ = ["solve_flat"]
 
 def solve_flat(
     compliance: Callable[[np.ndarray], np.ndarray],
-    surface_stiffness: Callable[[np.ndarray], np.ndarray],
     gap: np.ndarray,
     closing: np.ndarray,
     *,
@@ -28,8 +27,8 @@ def solve_flat(
 
     Parameters
     ----------
-    compliance, surface_stiffness : callable
-        :math:`C`, m/N, and an approximate inverse (not yet used for the search direction).
+    compliance : callable
+        :math:`C`, m/N.
     gap, closing : ndarray
         :math:`g`, m, and :math:`b`.
     load, approach : float
@@ -90,7 +89,10 @@ def solve_flat(
         norm_old = norm
         response = compliance(direction)
         if load is not None:
-            response -= closing * float(np.mean(response[contact]))
+            response -= closing * float(
+                np.vdot(closing[contact], response[contact])
+                / np.vdot(closing[contact], closing[contact])
+            )
         curvature = float(np.vdot(direction, response))
         if curvature > 0.0:  # not so with a single contact node, which the load alone decides
             step = float(np.vdot(opening[contact], direction[contact])) / curvature

@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from multiscale.convergence import Status
+from multiscale.errors import MultiscaleError
 from multiscale.micro import averages
 from multiscale.micro.cell import Cell, MeshCell, Path
 from multiscale.micro.contact import ContactProblem, ContactState, solve_contact
@@ -98,8 +99,13 @@ def _assemble(cell: Cell | MeshCell) -> ContactProblem:
         from multiscale.micro.assembly import assemble_mesh_cell
 
         return assemble_mesh_cell(cell)
-    from multiscale.micro.graph_cell import assemble_graph_cell
-
+    try:
+        from multiscale.micro.graph_cell import assemble_graph_cell
+    except RuntimeError as error:  # numba finds no folder for its cache
+        raise MultiscaleError(
+            f"the compiled kernels cannot be kept ({error}); set NUMBA_CACHE_DIR to a folder that "
+            f"can be written to"
+        ) from error
     return assemble_graph_cell(cell)
 
 

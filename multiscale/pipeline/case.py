@@ -15,6 +15,8 @@ from pydantic import (
     ConfigDict,
     Discriminator,
     Field,
+    PlainSerializer,
+    Strict,
     Tag,
     ValidationError,
     field_validator,
@@ -22,7 +24,7 @@ from pydantic import (
 )
 
 from multiscale.errors import CaseError
-from multiscale.io import read_text
+from multiscale.io import read_bytes, read_text
 from multiscale.units import to_si
 
 __all__ = [
@@ -39,6 +41,7 @@ __all__ = [
     "shipped_cases",
 ]
 
+FEWEST_REALISATIONS = 3  # for a band
 POINTS_PER_WAVE = 8  # of the shortest wave of a measured surface, if the case names no cut-off
 
 
@@ -52,9 +55,21 @@ def _quantity(unit: str) -> BeforeValidator:
     return BeforeValidator(convert)
 
 
-Length = Annotated[float, _quantity("m"), Field(gt=0.0)]
-Pressure = Annotated[float, _quantity("Pa"), Field(gt=0.0)]
+def _with_unit(unit: str) -> PlainSerializer:
+    return PlainSerializer(lambda value: f"{value!r} {unit}", when_used="json")
+
+
+Length = Annotated[float, _quantity("m"), Field(gt=0.0), _with_unit("m")]
+Pressure = Annotated[float, _quantity("Pa"), Field(gt=0.0), _with_unit("Pa")]
 Number = Annotated[float, _quantity("1")]
+Count = Annotated[int, Strict()]
+Points = Annotated[Count, Field(ge=4, le=8192, multiple_of=2)]
+
+
+def _must_rise(values: tuple[float, ...]) -> tuple[float, ...]:
+    if any(late <= early for early, late in pairwise(values)):
+        raise ValueError("must rise from one to the next")
+    return values
 
 
 class _Settings(BaseModel):
@@ -114,7 +129,7 @@ class InstrumentSurface(_Settings):
     """
 
     file: Path
-    detrend_order: Annotated[int, Field(ge=0, le=2)] = 2
+    detrend_order: Annotated[Count, Field(ge=0, le=2)] = 2
     fill_undefined: bool = False
     periodic: Literal["mirror", "window"] = "mirror"
     short_cutoff: Length | None = None
@@ -133,13 +148,13 @@ class Body(_Settings):
     youngs_modulus : quantity
         Pa.
     poissons_ratio : float
-        Below 0.5.
+        From 0 to 0.4999.
     surface : table, optional
         Synthetic or measured roughness; smooth if not given.
     """
 
     youngs_modulus: Pressure
-    poissons_ratio: Annotated[Number, Field(ge=0.0, lt=0.5)]
+    poissons_ratio: Annotated[Number, Field(ge=0.0, le=0.4999)]
     surface: (
         Annotated[
             Annotated[SyntheticSurface, Tag("synthetic")]
@@ -166,11 +181,9 @@ class CellSettings(_Settings):
     """
 
     size: tuple[Length, Length]
-    points: tuple[
-        Annotated[int, Field(ge=4, multiple_of=2)], Annotated[int, Field(ge=4, multiple_of=2)]
-    ]
+    points: tuple[Points, Points]
     depth: Length | None = None
-    layers: Annotated[int, Field(ge=2)] = 12
+    layers: Annotated[Count, Field(ge=2, le=1000)] = 12
 
 
 class MicroSettings(_Settings):
@@ -186,16 +199,11 @@ class MicroSettings(_Settings):
         Of the first realisation.
     """
 
-    realisations: Annotated[int, Field(ge=1)]
+    realisations: Annotated[Count, Field(ge=1)]
     pressures: Annotated[tuple[Pressure, ...], Field(min_length=3)]
-    seed: Annotated[int, Field(ge=0)] = 0
+    seed: Annotated[Count, Field(ge=0)] = 0
 
-    @field_validator("pressures")
-    @classmethod
-    def _rise(cls, pressures: tuple[float, ...]) -> tuple[float, ...]:
-        if any(late <= early for early, late in pairwise(pressures)):
-            raise ValueError("must rise from one to the next")
-        return pressures
+    _rise = field_validator("pressures")(_must_rise)
 
 
 class LawSettings(_Settings):
@@ -209,8 +217,8 @@ class LawSettings(_Settings):
         Bootstrap samples.
     """
 
-    terms: Annotated[int, Field(ge=4)] = 20
-    samples: Annotated[int, Field(ge=0)] = 200
+    terms: Annotated[Count, Field(ge=6)] = 20
+    samples: Annotated[Count, Field(ge=0)] = 200
 
 
 class JointSettings(_Settings):
@@ -229,6 +237,8 @@ class JointSettings(_Settings):
     height: Length
     width: Length
     preloads: Annotated[tuple[Pressure, ...], Field(min_length=1)]
+
+    _rise = field_validator("preloads")(_must_rise)
 
 
 class Case(_Settings):
@@ -264,6 +274,7 @@ class Case(_Settings):
         micro = self.micro.model_copy(update={"realisations": min(4, self.micro.realisations)})
         return self.model_copy(
             update={
+                "title": f"{self.title} (quick)",
                 "cell": self.cell.model_copy(update={"points": points}),
                 "micro": micro,
                 "law": self.law.model_copy(update={"samples": min(40, self.law.samples)}),
@@ -291,14 +302,42 @@ class Case(_Settings):
                 f"the law extrapolates at the preloads {values} MPa: the cells were pressed at "
                 f"{1e-6 * low:g} to {1e-6 * high:g} MPa"
             )
-        if self.micro.realisations == 1:
-            found.append("one realisation tells nothing about the scatter: there are no bands")
+        if self.micro.realisations < FEWEST_REALISATIONS:
+            found.append(
+                f"{self.micro.realisations} realisation(s) say too little about the scatter: there "
+                f"are no bands below {FEWEST_REALISATIONS}"
+            )
+        for number, body in ((1, self.body_1), (2, self.body_2)):
+            if isinstance(body.surface, InstrumentSurface) and body.surface.periodic == "window":
+                found.append(
+                    f"the windows of body_{number} fade along their edges, which lowers their rms "
+                    f"height by about an eighth"
+                )
         return found
 
     def identity(self) -> str:
-        """Checksum of everything that the response depends on."""
-        content = self.model_dump_json(exclude={"title", "law", "joint"})
-        return hashlib.sha256(content.encode()).hexdigest()
+        """Checksum of everything that a realisation depends on, instrument files included."""
+        content = self.model_dump_json(
+            exclude={
+                "title": True,
+                "law": True,
+                "joint": True,
+                "micro": {"realisations"},
+                "body_1": {"surface": {"file"}},
+                "body_2": {"surface": {"file"}},
+            }
+        )
+        checksum = hashlib.sha256(content.encode())
+        for body in (self.body_1, self.body_2):
+            if isinstance(body.surface, InstrumentSurface):
+                checksum.update(read_bytes(body.surface.file))
+        return checksum.hexdigest()
+
+    def to_toml(self) -> str:
+        """Return a case file of these settings, in SI units."""
+        import tomli_w
+
+        return tomli_w.dumps(self.model_dump(mode="json", exclude_none=True))
 
 
 def shipped_cases() -> dict[str, Path]:
@@ -319,7 +358,9 @@ def find_case(case: str | Path) -> Path:
     """
     shipped = shipped_cases()
     path = Path(case)
-    if path.suffix or path.exists():
+    if path.is_dir() and str(case) not in shipped:
+        raise CaseError(f"{path} is a folder; give the case file in it")
+    if path.suffix or path.is_file():
         return path
     if str(case) in shipped:
         return shipped[str(case)]
@@ -365,7 +406,7 @@ def load_case(case: str | Path) -> Case:
 
 def _faults(error: ValidationError) -> Iterator[str]:
     """Turn pydantic's report into sentences, one for each fault."""
-    for fault in error.errors():
+    for fault in sorted(error.errors(), key=lambda fault: fault["type"] != "extra_forbidden"):
         place: list[str] = []
         for part in fault["loc"]:
             if isinstance(part, int):
@@ -386,6 +427,14 @@ def _faults(error: ValidationError) -> Iterator[str]:
         else:
             message = fault["msg"].removeprefix("Value error, ").removeprefix("Input ")
             message = message[:1].lower() + message[1:]
+            if fault["type"] == "model_type":
+                message = "should be a table"
+            elif fault["type"] == "tuple_type":
+                message = "should be a list"
+            elif fault["type"] == "too_long" and isinstance(fault["input"], list):
+                message = f"should have {fault['ctx']['max_length']} entries"
+            elif fault["type"] == "path_type":
+                message = "should be a path as text"
             told = fault["type"] == "value_error" or isinstance(fault["input"], dict)
             found = "" if told else f", got {fault['input']!r}"
             yield f"{where}{key + ' ' if key else ''}{message}{found}"

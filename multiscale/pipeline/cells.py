@@ -8,7 +8,6 @@ from multiscale.io.surfaces import Surface
 from multiscale.micro.cell import Cell, contact_modulus
 from multiscale.micro.topography import (
     composite,
-    crop,
     detrend,
     low_pass,
     mirror,
@@ -16,9 +15,11 @@ from multiscale.micro.topography import (
     self_affine,
     window,
 )
-from multiscale.pipeline.case import POINTS_PER_WAVE, Body, Case, InstrumentSurface
+from multiscale.pipeline.case import POINTS_PER_WAVE, Case, InstrumentSurface
 
 __all__ = ["composite_material", "make_cells"]
+
+FEWEST_PIXELS = 16  # measured points across a window
 
 
 def composite_material(case: Case) -> tuple[float, float]:
@@ -55,64 +56,116 @@ def make_cells(case: Case) -> list[Cell]:
 
 def _surfaces(case: Case, number: int) -> list[Surface]:
     """Realisations of one body's surface; none if it is smooth."""
-    body: Body = (case.body_1, case.body_2)[number - 1]
+    body, other = (case.body_1, case.body_2)[:: 1 if number == 1 else -1]
     settings = body.surface
     if settings is None:
         return []
+    count = case.micro.realisations
     try:
-        if isinstance(settings, InstrumentSurface):
-            return _windows(case, settings, reverse=number == 2)
-        return [
-            self_affine(
-                case.cell.points,
-                case.cell.size,
-                2 * (case.micro.seed + k) + number - 1,  # the two sides are independent
-                **settings.model_dump(),
-            )
-            for k in range(case.micro.realisations)
-        ]
+        if not isinstance(settings, InstrumentSurface):
+            return [
+                self_affine(
+                    case.cell.points,
+                    case.cell.size,
+                    2 * (case.micro.seed + k) + number - 1,  # the two sides are independent
+                    **settings.model_dump(),
+                )
+                for k in range(count)
+            ]
+        shared = isinstance(other.surface, InstrumentSurface) and (
+            other.surface.file.resolve() == settings.file.resolve()
+        )
+        windows = _windows(case, settings, 2 * count if shared else count)
+        if number == 1:
+            return windows[:count]
+        # side 2 is measured from outside: turned over as paper is
+        return [Surface(piece.heights[::-1], piece.size) for piece in windows[-count:]]
     except CaseError as error:
         raise CaseError(f"[body_{number}.surface] {error}") from error
 
 
-def _windows(case: Case, settings: InstrumentSurface, *, reverse: bool) -> list[Surface]:
-    """Cut a measured map into one periodic window per realisation."""
+def _windows(case: Case, settings: InstrumentSurface, count: int) -> list[Surface]:
+    """Cut separate windows from a measured map and make them periodic and band-limited."""
     whole = read_surface(
         settings.file,
         detrend_order=settings.detrend_order,
         fill_undefined=settings.fill_undefined,
     )
-    share = 0.5 if settings.periodic == "mirror" else 1.0
-    nx, ny = (
-        max(2, round(share * length / step))
-        for length, step in zip(case.cell.size, whole.spacing, strict=True)
-    )
-    room = (whole.heights.shape[0] // nx, whole.heights.shape[1] // ny)
-    wanted = case.micro.realisations
-    if room[0] * room[1] < wanted:
-        size = " x ".join(f"{length:.3g}" for length in whole.size)
-        part = " x ".join(f"{share * length:.3g}" for length in case.cell.size)
-        raise CaseError(
-            f"{settings.file.name} measures {size} m and holds {room[0] * room[1]} separate "
-            f"windows of {part} m, but {wanted} realisations are asked for; make the cell smaller "
-            f"or ask for fewer"
-        )
-    origins = [(i * nx, j * ny) for i in range(room[0]) for j in range(room[1])]
-    if reverse:
-        origins = origins[::-1]
     spacing = [length / n for length, n in zip(case.cell.size, case.cell.points, strict=True)]
-    cutoff = settings.short_cutoff or POINTS_PER_WAVE * max(spacing)
-    if cutoff < 2.0 * max(spacing):
+    cutoff = _cutoff(settings, case.cell.size, max(spacing), max(whole.spacing))
+    share = 0.5 if settings.periodic == "mirror" else 1.0
+    size = (share * case.cell.size[0], share * case.cell.size[1])
+    pixels = [round(length / step) for length, step in zip(size, whole.spacing, strict=True)]
+    if min(pixels) < FEWEST_PIXELS:
         raise CaseError(
-            f"short_cutoff {cutoff:.3g} m is finer than the grid; with a spacing of "
-            f"{max(spacing):.3g} m it must be at least {2.0 * max(spacing):.3g} m, better "
-            f"{POINTS_PER_WAVE * max(spacing):.3g} m"
+            f"a window of {size[0]:.3g} x {size[1]:.3g} m has only {min(pixels)} measured points "
+            f"across, where {settings.file.name} has one each {max(whole.spacing):.3g} m; make the "
+            f"cell at least {FEWEST_PIXELS * max(whole.spacing) / share:.3g} m large"
         )
+    room = [
+        int(length / part * (1.0 + 1e-9)) for length, part in zip(whole.size, size, strict=True)
+    ]
+    if room[0] * room[1] < count:
+        raise CaseError(
+            f"{settings.file.name} measures {whole.size[0]:.3g} x {whole.size[1]:.3g} m and holds "
+            f"{room[0] * room[1]} separate windows of {size[0]:.3g} x {size[1]:.3g} m, but "
+            f"{count} are needed; make the cell smaller or ask for fewer realisations"
+        )
+    # a fixed shuffle: the first windows are the same for any number of realisations
+    places = np.random.default_rng(case.micro.seed).permutation(room[0] * room[1])[:count]
+    corners = [(place // room[1] * size[0], place % room[1] * size[1]) for place in places]
     periodic = mirror if settings.periodic == "mirror" else window
     windows = []
-    for k in np.linspace(0, len(origins) - 1, wanted).round().astype(int):
-        piece = periodic(detrend(crop(whole, origins[k], (nx, ny))))
-        piece = resample(low_pass(piece, cutoff), case.cell.points)
-        # the window is a whole number of measured points: give it the exact size of the cell
-        windows.append(Surface(piece.heights, case.cell.size))
+    for piece in _cut(whole, corners, size, (pixels[0], pixels[1])):
+        smooth = resample(low_pass(periodic(detrend(piece)), cutoff), case.cell.points)
+        if np.ptp(smooth.heights) == 0.0:
+            raise CaseError(
+                f"{settings.file.name} has a window of constant height; fill or crop it"
+            )
+        windows.append(smooth)
     return windows
+
+
+def _cutoff(
+    settings: InstrumentSurface, size: tuple[float, float], spacing: float, pixel: float
+) -> float:
+    """Shortest wavelength to keep, m: what the case says, or what grid and pixels resolve."""
+    resolved = max(POINTS_PER_WAVE * spacing, 2.0 * pixel)
+    cutoff = settings.short_cutoff or resolved
+    if cutoff < 2.0 * max(spacing, pixel):
+        raise CaseError(
+            f"short_cutoff {cutoff:.3g} m is finer than the grid; with {spacing:.3g} m between its "
+            f"points and {pixel:.3g} m between the measured ones it must be at least "
+            f"{2.0 * max(spacing, pixel):.3g} m, better {resolved:.3g} m"
+        )
+    if cutoff > 0.5 * min(size):
+        raise CaseError(
+            f"short_cutoff {cutoff:.3g} m leaves no roughness in a cell of {min(size):.3g} m; it "
+            f"must be at most half as long as the cell"
+        )
+    return cutoff
+
+
+def _cut(
+    whole: Surface,
+    corners: list[tuple[float, float]],
+    size: tuple[float, float],
+    points: tuple[int, int],
+) -> list[Surface]:
+    """Windows of exact size with about as many points as were measured, by a cubic spline."""
+    from scipy.interpolate import RectBivariateSpline
+
+    axes = [np.arange(n) * step for n, step in zip(whole.heights.shape, whole.spacing, strict=True)]
+    spline = RectBivariateSpline(*axes, whole.heights, s=0)
+    return [
+        Surface(
+            spline(
+                *(
+                    np.minimum(corner[k] + np.arange(points[k]) * size[k] / points[k], axes[k][-1])
+                    for k in range(2)
+                )
+            ),
+            size,
+        )
+        for corner in corners
+    ]

@@ -9,12 +9,19 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from multiscale.convergence import Status
-from multiscale.errors import ConvergenceError
-from multiscale.io import make_folder, open_dataset, save_law, write_dataset, write_surface_fields
+from multiscale.errors import CaseError, ConvergenceError
+from multiscale.io import (
+    make_folder,
+    open_dataset,
+    save_law,
+    write_bytes,
+    write_dataset,
+    write_surface_fields,
+)
 from multiscale.macro import Block, RoughJoint, solve_rough_joint
 from multiscale.micro import Cell, contact_modulus, run_ensemble
 from multiscale.micro import Path as LoadPath
-from multiscale.pipeline.case import Case
+from multiscale.pipeline.case import Case, load_case
 from multiscale.pipeline.cells import make_cells
 from multiscale.schema import FIELDS, MACRO_RESULT, MICRO_RESPONSE
 from multiscale.upscaling import area_from_dataset, fit_law, law_from_dataset
@@ -23,6 +30,9 @@ if TYPE_CHECKING:
     import xarray as xr
 
 __all__ = ["Results", "run", "run_micro"]
+
+
+STEEP = 0.3  # root mean square slope
 
 
 @dataclass(frozen=True)
@@ -74,7 +84,7 @@ def run_micro(
         contact_modulus=contact_modulus(*_materials(case)),
         bodies="composite surface of body_1 and body_2; 1/E* = sum (1 - nu^2)/E; small slopes",
         identity=case.identity(),
-        cautions="; ".join(case.cautions()),
+        cautions="; ".join([*case.cautions(), *_steepness(response)]),
     )
     write_dataset(response, file, MICRO_RESPONSE)
     return response
@@ -109,6 +119,7 @@ def run(
         If an input is refused, a file cannot be written, or no realisation converged.
     """
     out = make_folder(Path(out))
+    _claim(out, case)
     response = run_micro(case, out / "micro_response.nc", executor=executor, progress=progress)
 
     law = fit_law(response, n_terms=case.law.terms, n_samples=case.law.samples)
@@ -122,6 +133,30 @@ def run(
             f"{Status.MAX_ITERATIONS.value}"
         )
     return Results(response, law, result)
+
+
+def _steepness(response: "xr.Dataset") -> list[str]:
+    """Caution against slopes for which one body cannot stand for two."""
+    steepest = float(response["rms_slope"].max())
+    if steepest <= STEEP:
+        return []
+    return [
+        f"the composite surface has a root mean square slope of {steepest:.2g}; above {STEEP:g} "
+        f"one elastic body no longer stands for two"
+    ]
+
+
+def _claim(out: Path, case: Case) -> None:
+    """Write the case into its run folder, unless the folder belongs to another one."""
+    file = out / "case.toml"
+    if file.exists():
+        other = load_case(file)
+        if other.identity() != case.identity():
+            raise CaseError(
+                f"{out} holds another run, {other.title!r} with {other.cell.points[0]} x "
+                f"{other.cell.points[1]} points; choose another folder, or delete this one"
+            )
+    write_bytes(file, case.to_toml().encode())
 
 
 def _materials(case: Case) -> list[tuple[float, float]]:
@@ -159,7 +194,14 @@ def _solve_joint(case: Case, law: "xr.Dataset") -> "xr.Dataset":
         np.array(case.joint.preloads),
         samples=[law_from_dataset(law, sample) for sample in samples],
     )
-    area = area_from_dataset(law).contact_fraction(result["preload"].values)
-    variable = MACRO_RESULT.optional["contact_fraction"]
-    attrs = {"units": variable.units, "long_name": variable.long_name}
-    return result.assign(contact_fraction=(variable.dims, area, attrs))
+    preload = result["preload"].values
+    areas = {"contact_fraction": area_from_dataset(law).contact_fraction(preload)}
+    if samples:
+        areas["contact_fraction_sample"] = np.array(
+            [area_from_dataset(law, sample).contact_fraction(preload) for sample in samples]
+        )
+    for name, values in areas.items():
+        variable = MACRO_RESULT.optional[name]
+        attrs = {"units": variable.units, "long_name": variable.long_name}
+        result = result.assign({name: (variable.dims, values, attrs)})
+    return result

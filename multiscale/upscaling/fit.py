@@ -16,6 +16,9 @@ if TYPE_CHECKING:
 
 __all__ = ["area_from_dataset", "fit_law", "law_from_dataset"]
 
+FEWEST_REALISATIONS = 3
+"""Below, the interval of a mean is too wide to be of use and there are no samples."""
+
 _OWN_ATTRIBUTES = frozenset({"schema", "schema_version", "Conventions", "source", "history"})
 
 
@@ -37,8 +40,8 @@ def fit_law(
     n_terms : int
         Number of knots of the normal law, at least 6.
     n_samples : int
-        Number of bootstrap samples. With one realisation there is no scatter to sample, and the
-        dimension ``sample`` has size 0.
+        Number of bootstrap samples. With fewer than three realisations the scatter is not
+        known, and the dimension ``sample`` has size 0.
     ridge : float
         Weight of the smoothness of the law, dimensionless; see :func:`fit_spline`. Larger is
         smoother: less noise in the stiffness at the ends of the data, more bias.
@@ -75,7 +78,9 @@ def fit_law(
     infinity, as at complete contact, its error grows.
 
     The bootstrap resamples whole realisations with replacement, since the steps of one are
-    correlated. Its bands tell the sampling error, not that of the model.
+    correlated; the samples are spread by the factor of :func:`_widening` so that 95 % intervals
+    keep their promise for few realisations. The bands tell the sampling error, not that of the
+    model.
 
     References
     ----------
@@ -97,9 +102,17 @@ def fit_law(
         raise CaseError(
             f"the mean gap does not fall from {p[at]:.3g} to {p[at + 1]:.3g} Pa "
             f"({gap[0, at]:.3g} to {gap[0, at + 1]:.3g} m), so that no decreasing law fits; "
-            f"look for failed steps, or use more realisations or fewer pressures"
+            f"lower the pressures if contact is full there (contact fraction "
+            f"{area[0, at + 1]:.2g}), or use more realisations"
         )
-    knot, level = place_knots(p, gap[0], n_terms, float(np.max(data.gap[data.counted])))
+    if gap[0, 0] - gap[0, -1] < 1e-9 * gap[0, 0]:
+        raise CaseError(
+            f"the mean gap of {gap[0, 0]:.3g} m changes by only {gap[0, 0] - gap[0, -1]:.1g} m "
+            f"over all pressures, which rounding may have made; raise the pressures"
+        )
+    largest = float(np.max(data.gap[data.counted]))
+    largest += (_widening(len(data.counted)) - 1.0) * (largest - float(gap.max()))
+    knot, level = place_knots(p, gap[0], n_terms, largest)
 
     coefficient = fit_spline(p, gap, np.ones((1, n)), knot, level, ridge=ridge)[0]
     unseen = fit_spline(p, np.repeat(gap, n, axis=0), 1 - np.eye(n), knot, level, ridge=ridge)
@@ -107,8 +120,9 @@ def fit_law(
 
     counts = _bootstrap_counts(len(data.counted), n_samples, seed)
     sample_gap, sample_area, sample_weight = _means(data, counts)
-    sample_gap = np.where(sample_weight > 0.0, sample_gap, gap)
-    sample_area = np.where(sample_weight > 0.0, sample_area, area)
+    widening = _widening(len(data.counted))
+    sample_gap = gap + widening * np.where(sample_weight > 0.0, sample_gap - gap, 0.0)
+    sample_area = area + widening * np.where(sample_weight > 0.0, sample_area - area, 0.0)
     sample = np.empty((0, n_terms))
     if len(counts):
         sample = fit_spline(p, sample_gap, sample_weight, knot, level, ridge=ridge)
@@ -121,7 +135,7 @@ def fit_law(
         "n_samples": len(counts),
         "uncertainty": "bootstrap over realisations"
         if len(counts)
-        else "none: one realisation or no samples asked for, so the scatter is not known",
+        else "none: too few realisations or no samples asked for, so the scatter is not known",
         "seed": seed,
         "ridge": ridge,
         "pressure_min": float(p[0]),
@@ -266,12 +280,24 @@ def _means(data: _Data, counts: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.
 
 def _bootstrap_counts(n_realisations: int, n_samples: int, seed: int) -> np.ndarray:
     """How often each realisation occurs in each sample, (samples, realisations)."""
-    if n_realisations < 2:
+    if n_realisations < FEWEST_REALISATIONS:
         return np.empty((0, n_realisations))
     random = np.random.default_rng(seed)
     return random.multinomial(
         n_realisations, np.full(n_realisations, 1.0 / n_realisations), size=n_samples
     ).astype(float)
+
+
+def _widening(n_realisations: int) -> float:
+    r"""Factor that gives the percentile interval of few realisations the width of Student's.
+
+    The bootstrap knows the variance with divisor N and takes it for exact:
+    :math:`\sqrt{N/(N-1)}\, t_{0.975,\,N-1} / z_{0.975}`.
+    """
+    from scipy.stats import norm, t
+
+    n = max(n_realisations, 2)
+    return float(np.sqrt(n / (n - 1.0)) * t.ppf(0.975, n - 1) / norm.ppf(0.975))
 
 
 def _never_decreasing(fractions: np.ndarray) -> np.ndarray:

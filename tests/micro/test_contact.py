@@ -145,7 +145,6 @@ def test_flat_solver_agrees_with_an_independent_quadratic_program():
     gap, closing = rng.uniform(0.0, 0.5, 12), np.ones(12)
     force, _ = solve_flat(
         lambda f: compliance @ f,
-        lambda f: f,
         gap,
         closing,
         approach=1.0,

@@ -66,7 +66,17 @@ def test_shipped_cases_are_valid_and_in_si(name):
             id="both",
         ),
         pytest.param(("title", "title = ="), "not valid TOML", id="toml"),
-        pytest.param(("poissons_ratio = 0.3", "poissons_ratio = 0.5"), "less than 0.5", id="nu"),
+        pytest.param(
+            ("poissons_ratio = 0.3", "poissons_ratio = 0.5"),
+            r"less than or equal to 0\.4999",
+            id="nu",
+        ),
+        pytest.param(
+            ("[128, 128]", '["128", 128]'), r"points\[0\] should be a valid int", id="text"
+        ),
+        pytest.param(("[128, 128]", "[128, 128, 128]"), "points should have 2 entries", id="long"),
+        pytest.param(("title", "law = 3\ntitle"), "law should be a table", id="no-table"),
+        pytest.param(('"5 MPa", "10', '"10 MPa", "5'), "preloads must rise", id="preloads"),
     ],
 )
 def test_a_refused_case_says_what_and_where(changed, pair, message):
@@ -88,8 +98,8 @@ def test_cautions_name_coarse_grids_and_extrapolation(changed):
     assert "has 4.0 points" in load_case("ground_steel").quick().cautions()[0]
     (caution,) = load_case(changed(('"160 MPa"', '"900 MPa"'))).cautions()
     assert "extrapolates at the preloads 900 MPa: the cells were pressed at 2 to 240" in caution
-    (caution,) = load_case(changed(("realisations = 12", "realisations = 1"))).cautions()
-    assert "there are no bands" in caution
+    (caution,) = load_case(changed(("realisations = 12", "realisations = 2"))).cautions()
+    assert "there are no bands below 3" in caution
 
 
 def test_a_misspelt_shipped_case_gets_a_hint():
@@ -113,6 +123,22 @@ def test_identity_depends_on_the_micro_scale_alone():
     assert case.identity() == other_joint.identity()
     assert case.identity() != other_seed.identity()
     assert case.identity() != case.quick().identity()
+
+
+def test_a_case_written_by_a_run_is_the_same_case(tmp_path):
+    for name in shipped_cases():
+        for case in (load_case(name), load_case(name).quick()):
+            (tmp_path / "case.toml").write_text(case.to_toml(), encoding="utf-8")
+            assert load_case(tmp_path / "case.toml") == case
+
+
+def test_a_folder_beside_does_not_hide_a_shipped_case(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "ground_steel").mkdir()
+    (tmp_path / "elsewhere").mkdir()
+    assert load_case("ground_steel").title == "Ground steel on ground steel"
+    with pytest.raises(CaseError, match="elsewhere is a folder; give the case file in it"):
+        load_case("elsewhere")
 
 
 def test_an_instrument_file_is_looked_for_beside_its_case(changed):

@@ -4,9 +4,10 @@ import numpy as np
 import pytest
 
 from multiscale.errors import CaseError
-from multiscale.micro.topography import rms_height
+from multiscale.micro.topography import rms_height, rms_slope
 from multiscale.pipeline import load_case, make_cells
 from multiscale.pipeline.cells import composite_material
+from multiscale.units import to_si
 
 
 @pytest.fixture
@@ -85,7 +86,9 @@ def test_a_measured_map_gives_one_separate_window_for_each_realisation(case, tmp
 def test_a_map_with_too_few_windows_says_how_many_it_holds(case, tmp_path):
     rng = np.random.default_rng(seed=1)
     path = write_map(tmp_path / "map.txt", rng.standard_normal((500, 850)))
-    with pytest.raises(CaseError, match=r"map.txt measures .* holds 2 separate windows .* but 4"):
+    with pytest.raises(
+        CaseError, match=r"map.txt measures .* holds 2 separate windows .* but 4 are"
+    ):
         make_cells(measured(case, path))
 
 
@@ -94,3 +97,70 @@ def test_a_measured_cutoff_finer_than_the_grid_is_refused(case, tmp_path):
     path = write_map(tmp_path / "map.txt", rng.standard_normal((900, 850)))
     with pytest.raises(CaseError, match=r"\[body_1.surface\] short_cutoff .* is finer than the"):
         make_cells(measured(case, path, short_cutoff="1 um"))
+
+
+def both_measured(case, path):
+    """Let both bodies have the same measured map."""
+    one = measured(case, path)
+    return one.model_copy(update={"body_2": one.body_1})
+
+
+def test_two_sides_from_one_map_share_no_window(case, tmp_path):
+    rng = np.random.default_rng(seed=1)
+    path = write_map(tmp_path / "map.txt", rng.standard_normal((1700, 850)))
+    surfaces = [cell.surface.heights for cell in make_cells(both_measured(case, path))]
+    singles = [cell.surface.heights for cell in make_cells(measured(case, path))]
+    for k, first in enumerate(surfaces):
+        # a window on itself would double the height, a pair used twice would repeat it
+        assert np.std(first) < 1.7 * max(np.std(single) for single in singles)
+        for second in surfaces[k + 1 :]:
+            assert not np.allclose(np.sort(first.ravel()), np.sort(second.ravel()), atol=0.0)
+    path = write_map(tmp_path / "small.txt", rng.standard_normal((900, 850)))
+    with pytest.raises(CaseError, match="but 8 are needed"):
+        make_cells(both_measured(case, path))
+
+
+def test_the_first_windows_do_not_depend_on_how_many_are_asked_for(case, tmp_path):
+    rng = np.random.default_rng(seed=1)
+    settings = measured(case, write_map(tmp_path / "map.txt", rng.standard_normal((900, 850))))
+    fewer = settings.model_copy(
+        update={"micro": settings.micro.model_copy(update={"realisations": 2})}
+    )
+    assert fewer.identity() == settings.identity()
+    for first, second in zip(make_cells(fewer), make_cells(settings), strict=False):
+        np.testing.assert_array_equal(first.surface.heights, second.surface.heights)
+
+
+def test_windows_keep_the_scale_of_the_map(case, tmp_path):
+    x = np.arange(900) * 1e-6
+    wave = 1e-6 * np.cos(2.0 * np.pi * x / 200e-6)
+    path = write_map(tmp_path / "map.txt", 1e6 * np.tile(wave[:, None], (1, 850)))
+    surface = make_cells(measured(case, path))[0].surface
+    assert rms_slope(surface) == pytest.approx(1e-6 * 2.0 * np.pi / 200e-6 / np.sqrt(2.0), rel=0.03)
+
+
+@pytest.mark.parametrize(
+    ("size", "settings", "message"),
+    [
+        pytest.param("10 um", {}, "has only 5 measured points across", id="pixels"),
+        pytest.param("800 um", {"short_cutoff": "700 um"}, "leaves no roughness", id="cutoff"),
+    ],
+)
+def test_windows_that_make_no_sense_are_refused(case, tmp_path, size, settings, message):
+    rng = np.random.default_rng(seed=1)
+    path = write_map(tmp_path / "map.txt", rng.standard_normal((900, 850)))
+    given = measured(case, path, **settings)
+    length = to_si(size, "m")
+    given = given.model_copy(
+        update={"cell": given.cell.model_copy(update={"size": (length, length)})}
+    )
+    with pytest.raises(CaseError, match=message):
+        make_cells(given)
+
+
+def test_identity_follows_the_content_of_an_instrument_file_not_its_place(case, tmp_path):
+    rng = np.random.default_rng(seed=1)
+    heights = rng.standard_normal((900, 850))
+    first = measured(case, write_map(tmp_path / "a.txt", heights)).identity()
+    assert measured(case, write_map(tmp_path / "b.txt", heights)).identity() == first
+    assert measured(case, write_map(tmp_path / "a.txt", 2.0 * heights)).identity() != first

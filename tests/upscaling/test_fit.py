@@ -80,7 +80,7 @@ def test_one_realisation_has_a_law_but_no_samples_and_says_so():
     law = fit_law(response_of(exponential_gaps(1)))
     assert law.sizes["sample"] == 0
     assert law.attrs["n_samples"] == 0
-    assert law.attrs["uncertainty"].startswith("none: one realisation")
+    assert law.attrs["uncertainty"].startswith("none: too few realisations")
     with pytest.raises(CaseError, match="no sample 0; it has 0"):
         law_from_dataset(law, 0)
 
