@@ -148,18 +148,18 @@ def quantities(law, pressures):
 
 
 @pytest.mark.slow
-def test_bootstrap_bands_cover_the_true_law():
-    """20 realisations with 3 % scatter of the gap between them and .01 of white noise, in rms
-    heights; 95 % percentile intervals of 200 samples. A percentile interval of 20 realisations is
-    narrow by nature: 92-93 % is what it reaches for a mean."""
+@pytest.mark.parametrize("n_realisations", [4, 12, 20])
+def test_bootstrap_bands_cover_the_true_law(n_realisations):
+    """Realisations with 3 % scatter of the gap between them and .01 of white noise, in rms
+    heights; 95 % intervals of 200 samples."""
     random, n_repeats = np.random.default_rng(seed=11), 200
     pressure, at = np.geomspace(0.005, 0.1, 8), np.array([0.008, 0.03, 0.08])
     u = 0.45 * np.log(0.4 / pressure)
     truth = np.array([0.45, *at, *(0.45 * np.log(0.4 / at))])
     inside, found = [], []
     for repeat in range(n_repeats):
-        gap = u * (1.0 + 0.03 * random.standard_normal((20, 1)))
-        gap += 0.01 * random.standard_normal((20, 8))
+        gap = u * (1.0 + 0.03 * random.standard_normal((n_realisations, 1)))
+        gap += 0.01 * random.standard_normal((n_realisations, 8))
         dataset = fit_law(response_of(pressure, gap), seed=repeat)
         samples = [quantities(law_from_dataset(dataset, sample), at) for sample in range(200)]
         low, high = np.percentile(samples, [2.5, 97.5], axis=0)
@@ -168,4 +168,5 @@ def test_bootstrap_bands_cover_the_true_law():
     coverage, bias = np.mean(inside, axis=0), np.mean(found, axis=0) / truth - 1.0
     assert np.all((coverage >= 0.88) & (coverage <= 0.97)), coverage
     assert np.all(np.abs(bias) < 0.02), bias
-    assert np.std(found, axis=0)[0] / 0.45 < 0.02
+    if n_realisations == 20:
+        assert np.std(found, axis=0)[0] / 0.45 < 0.02
