@@ -1,6 +1,7 @@
 """The general path: an elastic body on any scikit-fem mesh and element, factorised once."""
 
 from collections.abc import Callable
+from functools import partial
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -11,7 +12,12 @@ from multiscale.io.surfaces import Surface
 from multiscale.linalg import factorise
 from multiscale.micro.averages import recovered_force
 from multiscale.micro.cell import MeshCell, lame_parameters
-from multiscale.micro.contact import ContactProblem, ElasticBody, obstacle_normal
+from multiscale.micro.contact import (
+    ContactProblem,
+    ElasticBody,
+    obstacle_normal,
+    solve_contact,
+)
 
 if TYPE_CHECKING:
     from skfem import CellBasis
@@ -151,8 +157,9 @@ def assemble_mesh_cell(cell: MeshCell) -> ContactProblem:
             cell.mesh, cell.element, (expand @ u).reshape(3, -1), vertices, lame, shear
         )
 
+    closing = normal[:, 2]
     return ContactProblem(
-        body,
+        partial(solve_contact, body, (obstacle - surface) * closing, closing),
         normal,
         surface,
         obstacle,

@@ -1,7 +1,7 @@
 """What is pressed against what, and how: the cell and its load path."""
 
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Literal
 
 import numpy as np
 
@@ -67,6 +67,9 @@ class Cell:
     obstacle : Surface, optional
         Underside of the rigid obstacle on the same grid; a flat if not given. Contact acts along
         its normal.
+    geometry : {"conforming", "flat"}
+        Whether the mesh follows the surface, or the surface only makes the gap above a flat layer:
+        fast, and right for small slopes.
 
     Raises
     ------
@@ -80,9 +83,12 @@ class Cell:
     youngs_modulus: float
     poissons_ratio: float
     obstacle: Surface | None = None
+    geometry: Literal["conforming", "flat"] = "conforming"
 
     def __post_init__(self) -> None:
         _check_material(self.youngs_modulus, self.poissons_ratio)
+        if self.geometry not in ("conforming", "flat"):
+            raise CaseError(f"geometry must be 'conforming' or 'flat', got {self.geometry!r}")
         if not self.depth > 0.0:
             raise CaseError(f"the depth of the cell must be positive (m), got {self.depth:g}")
         if self.layers < 2:
@@ -96,6 +102,11 @@ class Cell:
                 f"{self.surface.heights.shape} points on {self.surface.size} m, got "
                 f"{self.obstacle.heights.shape} on {self.obstacle.size} m; resample it"
             )
+
+    @property
+    def nearly_incompressible(self) -> bool:
+        """Whether B-bar is used, and the tilt that keeps its preconditioner good."""
+        return self.poissons_ratio >= 0.4
 
 
 @dataclass(frozen=True, eq=False)

@@ -66,11 +66,12 @@ class ElasticBody:
 
 @dataclass(frozen=True, eq=False)
 class ContactProblem:
-    """An elastic body with the geometry of its contact nodes.
+    """How a cell answers a load, and the geometry of its contact nodes.
 
     Attributes
     ----------
-    body : ElasticBody
+    solve : callable
+        ``solve(load=, approach=, start=, tolerance=)`` returns a :class:`ContactState`.
     normal : ndarray
         Unit normals into the obstacle, components along axis 1: shape (nx, 3, ny) for a graph
         cell, (nodes, 3) otherwise.
@@ -82,31 +83,21 @@ class ContactProblem:
         Displacement of the contact nodes, components along axis 1, m.
     recover : callable
         ``recover(displacement, active)`` integrates the traction from the Cauchy stress over the
-        facets that touch an active node, shape (3,), N.
+        facets that touch an active node, shape (3,), N; None where there is no stress field.
     """
 
-    body: ElasticBody
+    solve: Callable[..., "ContactState"]
     normal: np.ndarray
     surface_height: np.ndarray
     obstacle_height: np.ndarray
     weight: np.ndarray
     surface_displacement: Callable[[np.ndarray], np.ndarray]
-    recover: Callable[[np.ndarray, np.ndarray], np.ndarray]
+    recover: Callable[[np.ndarray, np.ndarray], np.ndarray] | None
 
     @property
     def nominal_area(self) -> float:
         """Area of the cell's projection on its mean plane, m2."""
         return float(np.sum(self.weight))
-
-    @property
-    def closing(self) -> np.ndarray:
-        """Share of the approach that closes the gap, 1."""
-        return np.asarray(self.normal[:, 2])
-
-    @property
-    def gap(self) -> np.ndarray:
-        """Distance along the obstacle's normal at first touch, m."""
-        return np.asarray((self.obstacle_height - self.surface_height) * self.closing)
 
 
 def obstacle_normal(slope_x: np.ndarray, slope_y: np.ndarray) -> np.ndarray:
@@ -205,7 +196,7 @@ def solve_contact(
     if load == 0.0 or (approach is not None and np.all(gap >= closing * approach)):
         return _untouched(body, gap, closing, approach)
 
-    reference, delta = solve_flat(
+    reference, delta, _ = solve_flat(
         body.compliance,
         gap,
         closing,

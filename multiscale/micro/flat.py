@@ -17,7 +17,7 @@ def solve_flat(
     start: np.ndarray | None = None,
     max_iterations: int = 500,
     tolerance: float = 1e-4,
-) -> tuple[np.ndarray, float]:
+) -> tuple[np.ndarray, float, tuple[float, ...]]:
     r"""Minimise the complementary energy of contact forces on a surface.
 
     Find :math:`\lambda` and :math:`\delta` with
@@ -36,7 +36,7 @@ def solve_flat(
     start : ndarray, optional
         First guess of the forces, N.
     max_iterations : int
-        The result is used as a starting point: what is reached by then is returned.
+        What is reached by then is returned, with residuals that tell.
     tolerance : float
         Bound on the overlap of contact nodes, weighted by their forces, relative to the range of
         the gap.
@@ -47,6 +47,8 @@ def solve_flat(
         N.
     approach : float
         m.
+    residuals : tuple of float
+        What the tolerance is compared with, after each iteration.
 
     References
     ----------
@@ -69,6 +71,7 @@ def solve_flat(
     direction = np.zeros_like(gap)
     norm_old, restart = 1.0, True
     step = float(np.vdot(force, force)) / float(np.vdot(force, compliance(force)))
+    residuals: list[float] = []
     for _ in range(max_iterations):
         opening = compliance(force) + gap
         contact = force > 0.0
@@ -78,9 +81,9 @@ def solve_flat(
             )
         opening -= closing * delta
         total = float(np.sum(force)) or 1.0
-        error = float(np.vdot(force, np.abs(opening))) / total
-        worst = -float(np.min(opening))
-        if max(error, worst) <= tolerance * scale:
+        overlap = -float(np.min(opening))
+        residuals.append(max(float(np.vdot(force, np.abs(opening))) / total, overlap) / scale)
+        if residuals[-1] <= tolerance:
             break
         norm = float(np.vdot(opening[contact], opening[contact]))
         direction = np.where(
@@ -102,4 +105,4 @@ def solve_flat(
         restart = bool(late.any())
         if load is not None:
             force *= load / float(np.vdot(closing, force))
-    return force, delta
+    return force, delta, tuple(residuals)

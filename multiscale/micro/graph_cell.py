@@ -1,22 +1,24 @@
 """The periodic graph cell as an elastic body: matrix-free stiffness, lateral-FFT inverse."""
 
 from collections.abc import Callable
+from functools import partial
 
 import numpy as np
 from scipy import fft
 
 from multiscale.micro.averages import recovered_force
 from multiscale.micro.cell import Cell, lame_parameters
-from multiscale.micro.contact import ContactProblem, ElasticBody, obstacle_normal
+from multiscale.micro.contact import (
+    ContactProblem,
+    ElasticBody,
+    obstacle_normal,
+    solve_contact,
+)
 from multiscale.micro.lateral_fft import LateralInverse, factorise_flat_cell
 from multiscale.micro.mesh import GraphMesh, graded_planes
 from multiscale.micro.operator import stiffness_operator
 
 __all__ = ["assemble_graph_cell"]
-
-
-NEARLY_INCOMPRESSIBLE = 0.4
-"""Poisson's ratio from which B-bar is used, and the tilt that keeps its preconditioner good."""
 
 
 def assemble_graph_cell(cell: Cell) -> ContactProblem:
@@ -42,7 +44,7 @@ def assemble_graph_cell(cell: Cell) -> ContactProblem:
         np.full(cell.layers, float(value))
         for value in lame_parameters(cell.youngs_modulus, cell.poissons_ratio)
     )
-    soft = cell.poissons_ratio >= NEARLY_INCOMPRESSIBLE
+    soft = cell.nearly_incompressible
     inverse = factorise_flat_cell((nx, ny), spacing, mesh.planes, lame, shear, mean_dilatation=soft)
 
     if cell.obstacle is None:
@@ -89,8 +91,9 @@ def assemble_graph_cell(cell: Cell) -> ContactProblem:
             shear[-1],
         )
 
+    closing = normal[:, 2]
     return ContactProblem(
-        body,
+        partial(solve_contact, body, (obstacle - surface.heights) * closing, closing),
         normal,
         surface.heights,
         obstacle,

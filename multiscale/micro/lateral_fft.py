@@ -12,7 +12,7 @@ import numba
 import numpy as np
 from scipy import fft
 
-__all__ = ["LateralInverse", "brick_stiffness", "factorise_flat_cell"]
+__all__ = ["LateralInverse", "brick_stiffness", "factorise_flat_cell", "surface_compliance"]
 
 
 def brick_stiffness(
@@ -76,8 +76,12 @@ def brick_stiffness(
 
 @numba.njit(parallel=True, cache=True, fastmath=True, error_model="numpy")
 def _factorise(stencil, nx, ny, inverse, upper):  # type: ignore[no-untyped-def]
-    """Block factorisation for every wavenumber; ``stencil[layer, c, c', dx, dy, i, j]``."""
+    """Block factorisation for every wavenumber; ``stencil[layer, c, c', dx, dy, i, j]``.
+
+    ``inverse`` and ``upper`` may have room for fewer layers than there are: the last ones stay.
+    """
     layers, m = stencil.shape[0], ny // 2 + 1
+    kept, coupled = inverse.shape[1], upper.shape[1]
     for k in numba.prange(nx):
         cosine, sine = np.empty((3, 3)), np.empty((3, 3))
         diagonal, previous = np.empty((3, 3)), np.empty((3, 3))
@@ -105,11 +109,11 @@ def _factorise(stencil, nx, ny, inverse, upper):  # type: ignore[no-untyped-def]
                                     own += stencil[layer + 1, 0, 0, a, b, r, c] * phase
                                     above += stencil[layer + 1, 0, 1, a, b, r, c] * phase
                         diagonal[r, c] = own
-                        upper[k, layer, 3 * r + c, j] = above
+                        upper[k, layer % coupled, 3 * r + c, j] = above
                 if layer > 0:
                     for r in range(3):
                         for c in range(3):
-                            previous[r, c] = upper[k, layer - 1, 3 * r + c, j]
+                            previous[r, c] = upper[k, (layer - 1) % coupled, 3 * r + c, j]
                     product[:] = 0.0
                     for r in range(3):
                         for s in range(3):
@@ -129,9 +133,10 @@ def _factorise(stencil, nx, ny, inverse, upper):  # type: ignore[no-untyped-def]
                 pivot[1, 1], pivot[1, 2] = scale * (xx * zz - xz * xz), scale * (xy * xz - xx * yz)
                 pivot[2, 2] = scale * (xx * yy - xy * xy)
                 pivot[1, 0], pivot[2, 0], pivot[2, 1] = pivot[0, 1], pivot[0, 2], pivot[1, 2]
-                inverse[k, layer, 0, j], inverse[k, layer, 1, j] = pivot[0, 0], pivot[0, 1]
-                inverse[k, layer, 2, j], inverse[k, layer, 3, j] = pivot[0, 2], pivot[1, 1]
-                inverse[k, layer, 4, j], inverse[k, layer, 5, j] = pivot[1, 2], pivot[2, 2]
+                place = layer % kept
+                inverse[k, place, 0, j], inverse[k, place, 1, j] = pivot[0, 0], pivot[0, 1]
+                inverse[k, place, 2, j], inverse[k, place, 3, j] = pivot[0, 2], pivot[1, 1]
+                inverse[k, place, 4, j], inverse[k, place, 5, j] = pivot[1, 2], pivot[2, 2]
 
 
 @numba.njit(parallel=True, cache=True, fastmath=True, error_model="numpy")
@@ -296,6 +301,42 @@ def factorise_flat_cell(
         As in :func:`brick_stiffness`.
     """
     (nx, ny), layers = shape, len(planes) - 1
+    stencil = _stencil(spacing, planes, lame, shear, mean_dilatation)
+    m = ny // 2 + 1
+    inverse, upper = np.empty((nx, layers, 6, m)), np.empty((nx, layers, 9, m))
+    _factorise(stencil, nx, ny, inverse, upper)
+    return LateralInverse((nx, layers, ny), inverse, upper, numba.get_num_threads())
+
+
+def surface_compliance(
+    shape: tuple[int, int],
+    spacing: tuple[float, float],
+    planes: np.ndarray,
+    lame: np.ndarray,
+    shear: np.ndarray,
+    *,
+    mean_dilatation: bool = False,
+) -> np.ndarray:
+    """Symbol of the surface compliance alone, without keeping the factors of the layers.
+
+    Parameters are those of :func:`factorise_flat_cell`, the result is that of
+    :attr:`LateralInverse.surface_compliance`.
+    """
+    nx, ny = shape
+    inverse, upper = np.empty((nx, 1, 6, ny // 2 + 1)), np.empty((nx, 2, 9, ny // 2 + 1))
+    _factorise(_stencil(spacing, planes, lame, shear, mean_dilatation), nx, ny, inverse, upper)
+    return np.moveaxis(inverse[:, 0], 1, 0)
+
+
+def _stencil(
+    spacing: tuple[float, float],
+    planes: np.ndarray,
+    lame: np.ndarray,
+    shear: np.ndarray,
+    mean_dilatation: bool,
+) -> np.ndarray:
+    """Stiffness between the nodes of each layer, by their lateral distance."""
+    layers = len(planes) - 1
     stencil = np.zeros((layers, 2, 2, 3, 3, 3, 3))
     for layer in range(layers):
         edges = (*spacing, planes[layer + 1] - planes[layer])
@@ -306,7 +347,4 @@ def factorise_flat_cell(
                     for e in range(2):  # from corner (a, b) to corner (d, e)
                         block = brick[a, b, :, :, d, e, :, :]  # (c, i, c', j)
                         stencil[layer, :, :, d - a + 1, e - b + 1] += np.moveaxis(block, 1, 2)
-    m = ny // 2 + 1
-    inverse, upper = np.empty((nx, layers, 6, m)), np.empty((nx, layers, 9, m))
-    _factorise(stencil, nx, ny, inverse, upper)
-    return LateralInverse((nx, layers, ny), inverse, upper, numba.get_num_threads())
+    return stencil

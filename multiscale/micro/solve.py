@@ -10,7 +10,7 @@ from multiscale.convergence import Status
 from multiscale.errors import MultiscaleError
 from multiscale.micro import averages
 from multiscale.micro.cell import Cell, MeshCell, Path
-from multiscale.micro.contact import ContactProblem, ContactState, solve_contact
+from multiscale.micro.contact import ContactProblem, ContactState
 from multiscale.schema import MICRO_RESPONSE
 
 if TYPE_CHECKING:
@@ -57,14 +57,12 @@ def solve_cell(
 
     with threadpool_limits(1, user_api="blas"):  # its threads would wait for the kernels' and spin
         problem = _assemble(cell)
+        recover_stress = recover_stress and problem.recover is not None
         state: ContactState | None = None
         steps: list[dict[str, Any]] = []
         for k in range(len(path)):
             begin = perf_counter()
-            found = solve_contact(
-                problem.body,
-                problem.gap,
-                problem.closing,
+            found = problem.solve(
                 load=None if path.pressure is None else path.pressure[k] * problem.nominal_area,
                 approach=None if path.approach is None else path.approach[k],
                 start=state,
@@ -100,6 +98,10 @@ def _assemble(cell: Cell | MeshCell) -> ContactProblem:
 
         return assemble_mesh_cell(cell)
     try:
+        if cell.geometry == "flat":
+            from multiscale.micro.flat_cell import assemble_flat_cell
+
+            return assemble_flat_cell(cell)
         from multiscale.micro.graph_cell import assemble_graph_cell
     except RuntimeError as error:  # numba finds no folder for its cache
         raise MultiscaleError(
@@ -123,7 +125,7 @@ def _average(problem: ContactProblem, state: ContactState, recover_stress: bool)
         ),
         "contact_fraction": averages.contact_fraction(state.active, weight),
     }
-    if recover_stress:
+    if recover_stress and problem.recover is not None:
         force = problem.recover(state.displacement, state.active)
         step["recovered_traction"] = averages.average_traction(force[None], area)
     return step
@@ -133,7 +135,7 @@ def _local_fields(problem: ContactProblem, state: ContactState) -> dict[str, np.
     """Pressure on the nominal area and vertical gap at every node, shape (ny, nx)."""
     deformed = problem.surface_height + problem.surface_displacement(state.displacement)[:, 2]
     return {
-        "pressure": (state.force * problem.closing / problem.weight).T,
+        "pressure": (state.force * problem.normal[:, 2] / problem.weight).T,
         "gap": (problem.obstacle_height - state.approach - deformed).T,
     }
 

@@ -6,7 +6,6 @@ import pytest
 from multiscale.convergence import Status
 from multiscale.errors import CaseError
 from multiscale.micro import Cell, Path, Surface, self_affine, solve_cell
-from multiscale.micro.contact import solve_contact
 from multiscale.micro.flat import solve_flat
 from multiscale.micro.graph_cell import assemble_graph_cell
 from tests.support import egg_box
@@ -32,26 +31,26 @@ def cell_of(surface, **changes):
 @pytest.mark.parametrize("pressure", [1e-6, 1e-3, 1e-2, 1.0])
 def test_solution_satisfies_every_condition_of_contact(pressure):
     problem = assemble_graph_cell(cell_of(rough()))
-    state = solve_contact(problem.body, problem.gap, problem.closing, load=pressure)
+    body, gap, closing = problem.solve.args
+    state = problem.solve(load=pressure)
     assert state.status is Status.CONVERGED
 
-    moved = problem.body.trace(state.displacement)
-    distance = problem.gap - problem.closing * state.approach - moved
-    balance = problem.body.apply(state.displacement)
-    problem.body.add(balance, state.force)
+    distance = gap - closing * state.approach - body.trace(state.displacement)
+    balance = body.apply(state.displacement)
+    body.add(balance, state.force)
     largest = state.force.max()
     assert np.linalg.norm(balance) <= 2e-8 * np.linalg.norm(state.force)
     assert np.sum(state.force) == pytest.approx(pressure, rel=1e-7)
     assert np.all(state.force >= 0.0)
-    assert np.min(distance) >= -1e-8 * np.ptp(problem.gap)
-    assert np.max(np.abs(distance[state.active])) <= 1e-10 * np.ptp(problem.gap)
+    assert np.min(distance) >= -1e-8 * np.ptp(gap)
+    assert np.max(np.abs(distance[state.active])) <= 1e-10 * np.ptp(gap)
     assert np.all(state.force[~state.active] <= 1e-8 * largest)
 
 
 def test_prescribing_the_approach_found_for_a_pressure_gives_the_pressure_back():
     cell = cell_of(rough())
     problem = assemble_graph_cell(cell)
-    state = solve_contact(problem.body, problem.gap, problem.closing, load=0.02)
+    state = problem.solve(load=0.02)
     response = solve_cell(cell, Path(approach=(state.approach,)), recover_stress=False)
     assert response["traction"].values[0, 0, 0] == pytest.approx(-0.02, rel=1e-6)
 
@@ -129,7 +128,7 @@ def test_an_approach_short_of_the_first_touch_carries_nothing():
 
 def test_an_unconverged_step_is_not_a_number_and_says_so():
     problem = assemble_graph_cell(cell_of(rough()))
-    state = solve_contact(problem.body, problem.gap, problem.closing, load=0.02, max_iterations=1)
+    state = problem.solve(load=0.02, max_iterations=1)
     assert state.status is Status.MAX_ITERATIONS
     response = solve_cell(cell_of(rough()), Path(pressure=(0.02,)), tolerance=1e-30)
     assert response["converged"].item() == 0
@@ -143,7 +142,7 @@ def test_flat_solver_agrees_with_an_independent_quadratic_program():
     factor = rng.standard_normal((12, 12))
     compliance = factor @ factor.T + 0.5 * np.eye(12)
     gap, closing = rng.uniform(0.0, 0.5, 12), np.ones(12)
-    force, _ = solve_flat(
+    force, _, _ = solve_flat(
         lambda f: compliance @ f,
         gap,
         closing,

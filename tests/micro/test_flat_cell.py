@@ -1,0 +1,72 @@
+"""The flat cell: small slopes, against the conforming cell and a closed form."""
+
+import numpy as np
+import pytest
+
+from multiscale.errors import CaseError
+from multiscale.micro import Cell, Path, Surface, self_affine, solve_cell
+from multiscale.micro.lateral_fft import factorise_flat_cell, surface_compliance
+from multiscale.reference import westergaard
+from tests.support import wave
+
+
+def rough(n, slope):
+    return self_affine(
+        (n, n),
+        (1.0, 1.0),
+        4,
+        hurst_exponent=0.8,
+        long_cutoff=0.5,
+        short_cutoff=0.25,
+        rms_slope=slope,
+    )
+
+
+def test_the_symbol_alone_is_that_of_the_whole_inverse():
+    planes = np.array([0.0, 0.4, 0.7, 0.9, 1.0])
+    lame, shear = np.array([1.0, 2.0, 0.5, 1.5]), np.array([0.7, 0.4, 0.9, 1.1])
+    arguments = ((12, 10), (0.1, 0.08), planes, lame, shear)
+    np.testing.assert_array_equal(
+        surface_compliance(*arguments), factorise_flat_cell(*arguments).surface_compliance
+    )
+
+
+def test_flat_and_conforming_cells_agree_as_the_slope_vanishes():
+    differences = []
+    for slope in (0.2, 0.05):
+        path = Path(pressure=(0.02 * slope, 0.2 * slope))
+        flat, conforming = (
+            solve_cell(Cell(rough(64, slope), 1.0, 12, 1.0, 0.3, geometry=geometry), path)
+            for geometry in ("flat", "conforming")
+        )
+        assert "recovered_traction" not in flat
+        differences.append(np.abs(flat["mean_gap"] / conforming["mean_gap"] - 1.0).values)
+    assert np.all(differences[1] < 0.5 * differences[0])
+    assert np.all(differences[1] < 0.02)
+
+
+def test_flat_cell_solves_westergaards_wave():
+    amplitude, ratio = 1e-2, np.array([0.1, 0.5, 0.75])  # the slope does not matter
+    cell = Cell(wave((256, 2), amplitude), 1.5, 60, 0.91, 0.3, geometry="flat")
+    full = westergaard.full_contact_pressure(amplitude, 1.0, contact_modulus=1.0)
+    response = solve_cell(cell, Path(pressure=tuple(ratio * full)))
+    np.testing.assert_allclose(
+        response["mean_gap"].values[0] / amplitude, westergaard.mean_gap(ratio), rtol=1e-2
+    )
+
+
+def test_approach_control_gives_the_pressure_back():
+    cell = Cell(rough(32, 0.1), 1.0, 10, 1.0, 0.3, geometry="flat")
+    loaded = solve_cell(cell, Path(pressure=(0.0, 0.005)))
+    approach = rough(32, 0.1).heights
+    moved = approach.max() - approach.mean() - loaded["mean_gap"].values[0, 1]
+    assert moved > 0.0
+    assert loaded["contact_fraction"].values[0, 0] == 0.0
+    pressed = solve_cell(cell, Path(approach=(-1.0, 0.02)))
+    again = solve_cell(cell, Path(pressure=(-float(pressed["traction"].values[0, 1, 0]),)))
+    assert again["mean_gap"].item() == pytest.approx(pressed["mean_gap"].values[0, 1], rel=1e-4)
+
+
+def test_a_geometry_that_does_not_exist_is_refused():
+    with pytest.raises(CaseError, match="geometry must be 'conforming' or 'flat', got 'round'"):
+        Cell(Surface(np.zeros((4, 4)), (1.0, 1.0)), 1.0, 4, 1.0, 0.3, geometry="round")
