@@ -1,6 +1,6 @@
 """Large structures that carry interface laws."""
 
-from multiscale.macro.joint import Block, RoughJoint, assemble_joint, solve_rough_joint
+from multiscale.macro.joint import Block, RoughJoint, assemble_joint, rough_joint
 from multiscale.macro.monolithic import solve_interface
 
-__all__ = ["Block", "RoughJoint", "assemble_joint", "solve_interface", "solve_rough_joint"]
+__all__ = ["Block", "RoughJoint", "assemble_joint", "rough_joint", "solve_interface"]

@@ -18,7 +18,7 @@ from multiscale.io import (
     write_dataset,
     write_surface_fields,
 )
-from multiscale.macro import Block, RoughJoint, solve_rough_joint
+from multiscale.macro import Block, RoughJoint, rough_joint
 from multiscale.micro import Cell, contact_modulus, run_ensemble
 from multiscale.micro import Path as LoadPath
 from multiscale.pipeline.case import Case, load_case
@@ -188,7 +188,7 @@ def _solve_joint(case: Case, law: "xr.Dataset") -> "xr.Dataset":
         for body in (case.body_1, case.body_2)
     )
     samples = range(law.sizes["sample"])
-    result = solve_rough_joint(
+    result = rough_joint(
         RoughJoint((case.joint.width, case.joint.width), lower, upper),
         law_from_dataset(law),
         np.array(case.joint.preloads),

@@ -17,8 +17,8 @@ from multiscale.macro import (
     Block,
     RoughJoint,
     assemble_joint,
+    rough_joint,
     solve_interface,
-    solve_rough_joint,
 )
 from multiscale.reference import joint as closed_form
 from multiscale.schema import MACRO_RESULT
@@ -62,9 +62,7 @@ class Linear(InterfaceLaw):
 )
 def test_joint_over_solid_stiffness_is_the_closed_form(rms_height, published, poissons_ratio):
     decay = 0.45 * rms_height
-    result = solve_rough_joint(
-        steel_joint(poissons_ratio), Exponential(PRESSURE_SCALE, decay), PRELOADS
-    )
+    result = rough_joint(steel_joint(poissons_ratio), Exponential(PRESSURE_SCALE, decay), PRELOADS)
     MACRO_RESULT.check(result)
     assert result["converged"].values.all()
     ratio = (result["joint_stiffness"] / result["solid_stiffness"]).values
@@ -78,7 +76,7 @@ def test_joint_over_solid_stiffness_is_the_closed_form(rms_height, published, po
 def test_different_blocks_are_springs_in_series():
     lower, upper = Block(0.03, 70e9, 0.33, layers=3), Block(0.012, 210e9, 0.28, layers=2)
     decay = 0.5e-6
-    result = solve_rough_joint(
+    result = rough_joint(
         RoughJoint(SECTION, lower, upper, elements=(3, 5)),
         Exponential(PRESSURE_SCALE, decay, gap=1e-6),
         PRELOADS,
@@ -104,7 +102,7 @@ def test_a_glued_joint_under_an_eccentric_force_follows_beam_theory(eccentricity
         eccentricity=eccentricity,
         element=ElementHex2(),
     )
-    result = solve_rough_joint(joint, Linear(stiffness), np.array([5e6]))
+    result = rough_joint(joint, Linear(stiffness), np.array([5e6]))
     centred = closed_form.series(stiffness, 70e9 / 0.03, 210e9 / 0.012)
     expected = closed_form.eccentric_stiffness(float(centred), eccentricity, SECTION)
     np.testing.assert_allclose(result["joint_stiffness"], expected, rtol=1e-10)
@@ -163,7 +161,7 @@ def eccentric_joint(elements, order):
 
 def rigid_blocks_error(elements, order):
     gap, slope = rigid_blocks()
-    result = solve_rough_joint(
+    result = rough_joint(
         eccentric_joint(elements, order), CUBIC, np.array([PRESSURE]), tolerance=1e-12
     )
     assert result["converged"].values.all()
@@ -178,7 +176,7 @@ def test_the_eccentric_joint_opens_in_part():
     gap, slope = rigid_blocks()
     opening = (KNOTS.max() - gap) / slope
     assert -0.5 * SECTION[0] < opening < -0.1 * SECTION[0]
-    result = solve_rough_joint(eccentric_joint(64, 3), CUBIC, np.array([PRESSURE]))
+    result = rough_joint(eccentric_joint(64, 3), CUBIC, np.array([PRESSURE]))
     expected = 0.5 - opening / SECTION[0]
     assert float(result["closed_fraction"][0]) == pytest.approx(expected, abs=1.0 / 128)
     assert expected < 0.9
@@ -212,7 +210,7 @@ PLATENS = [
 def test_the_tangent_stiffness_is_the_derivative_of_the_approach(law, eccentricity):
     step = 1e-4
     preloads = 8e6 * np.array([1.0, 1.0 + step, 1.0 - step])
-    result = solve_rough_joint(
+    result = rough_joint(
         steel_joint(elements=(4, 4), eccentricity=eccentricity), law, preloads, tolerance=1e-13
     )
     approach = result["approach"].values
@@ -229,7 +227,7 @@ def test_the_condensed_joint_equals_the_monolithic_one(law, eccentricity, elemen
         SECTION, lower, upper, elements=(3, 2), eccentricity=eccentricity, element=element
     )
     stiffness, load, jump_operator, weight = assemble_joint(joint)
-    result = solve_rough_joint(joint, law, PRELOADS, tolerance=1e-12)
+    result = rough_joint(joint, law, PRELOADS, tolerance=1e-12)
     for step, preload in enumerate(PRELOADS):
         u = solve_interface(
             stiffness, preload * load, jump_operator, weight, law, tolerance=1e-12
@@ -251,7 +249,7 @@ def test_a_law_of_any_stiffness_is_solved_or_reported(kind, contrast, eccentrici
     else:
         law = ConvexDecreasing(np.array([3.0 * length]), np.array([pressure[0] / length**3]))
     joint = steel_joint(elements=(3, 3), eccentricity=eccentricity)
-    result = solve_rough_joint(joint, law, pressure)
+    result = rough_joint(joint, law, pressure)
     # a joint that is all but rigid and open in part is lost in round-off from about 1e8
     if eccentricity in [None, (0.004, 0.003)] or contrast <= 1e6:
         assert result["converged"].values.all()
@@ -280,7 +278,7 @@ def test_a_preload_that_the_law_cannot_carry_is_reported_and_the_next_is_solved(
             traction[0] = -pressure
             return Response(traction, tangent, state)
 
-    result = solve_rough_joint(steel_joint(elements=(2, 2)), Limited(), np.array([5e6, 5e7, 8e6]))
+    result = rough_joint(steel_joint(elements=(2, 2)), Limited(), np.array([5e6, 5e7, 8e6]))
     np.testing.assert_array_equal(result["converged"], [1, 0, 1])
     np.testing.assert_array_equal(np.isnan(result["joint_stiffness"]), [False, True, False])
     np.testing.assert_array_equal(np.isnan(result["approach"]), [False, True, False])
@@ -293,11 +291,11 @@ def test_samples_of_the_law_give_the_stiffness_that_each_has_alone():
         for _ in range(5)
     ]
     joint = steel_joint(elements=(3, 3), eccentricity=(0.01, 0.0))
-    together = solve_rough_joint(joint, EXPONENTIAL, PRELOADS, samples=samples)
+    together = rough_joint(joint, EXPONENTIAL, PRELOADS, samples=samples)
     MACRO_RESULT.check(together)
     assert together["joint_stiffness_sample"].dims == ("sample", "step")
     for sample, row in zip(samples, together["joint_stiffness_sample"].values, strict=True):
-        alone = solve_rough_joint(joint, sample, PRELOADS)
+        alone = rough_joint(joint, sample, PRELOADS)
         np.testing.assert_allclose(row, alone["joint_stiffness"], rtol=1e-7)
 
 
@@ -309,9 +307,7 @@ def test_many_samples_take_seconds():
         for _ in range(100)
     ]
     before = perf_counter()
-    result = solve_rough_joint(
-        steel_joint(), samples[0], np.geomspace(1e6, 50e6, 10), samples=samples
-    )
+    result = rough_joint(steel_joint(), samples[0], np.geomspace(1e6, 50e6, 10), samples=samples)
     assert perf_counter() - before < 10.0  # about 1.2 s on two cores
     assert np.isfinite(result["joint_stiffness_sample"].values).all()
 
@@ -328,7 +324,7 @@ def test_many_samples_take_seconds():
             id="eccentricity",
         ),
         pytest.param(
-            lambda: solve_rough_joint(steel_joint(), EXPONENTIAL, np.array([0.0])),
+            lambda: rough_joint(steel_joint(), EXPONENTIAL, np.array([0.0])),
             "preloads must be positive",
             id="preload",
         ),

@@ -2,6 +2,6 @@
 
 from multiscale.macro.joint.assembly import assemble_joint
 from multiscale.macro.joint.geometry import Block, RoughJoint
-from multiscale.macro.joint.solve import solve_rough_joint
+from multiscale.macro.joint.solve import rough_joint
 
-__all__ = ["Block", "RoughJoint", "assemble_joint", "solve_rough_joint"]
+__all__ = ["Block", "RoughJoint", "assemble_joint", "rough_joint"]

@@ -1,6 +1,6 @@
 r"""Equilibrium of a condensed joint under one load.
 
-The equations are those of :func:`~multiscale.macro.joint.solve.solve_rough_joint`:
+The equations are those of :func:`~multiscale.macro.joint.solve.rough_joint`:
 
 .. math::
     j &= R w + C \lambda, \tag{1} \\

@@ -16,10 +16,10 @@ from multiscale.schema import MACRO_RESULT
 if TYPE_CHECKING:
     import xarray as xr
 
-__all__ = ["solve_rough_joint"]
+__all__ = ["rough_joint"]
 
 
-def solve_rough_joint(
+def rough_joint(
     joint: RoughJoint,
     law: InterfaceLaw,
     preloads: np.ndarray,
