@@ -15,7 +15,7 @@ from multiscale.micro.topography import (
     self_affine,
     window,
 )
-from multiscale.pipeline.case import POINTS_PER_WAVE, Case, InstrumentSurface
+from multiscale.pipeline.settings import POINTS_PER_WAVE, Case, InstrumentSurface
 
 __all__ = ["composite_material", "make_cells"]
 

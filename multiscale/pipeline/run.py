@@ -21,8 +21,9 @@ from multiscale.io import (
 from multiscale.macro import Block, RoughJoint, rough_joint
 from multiscale.micro import Cell, contact_modulus, run_ensemble
 from multiscale.micro import Path as LoadPath
-from multiscale.pipeline.case import Case, load_case
+from multiscale.pipeline.case import load_case
 from multiscale.pipeline.cells import make_cells
+from multiscale.pipeline.settings import Case
 from multiscale.schema import FIELDS, MACRO_RESULT, MICRO_RESPONSE
 from multiscale.upscaling import area_from_dataset, fit_law, law_from_dataset
 
