@@ -25,6 +25,7 @@ __all__ = ["ContactProblem", "ContactState", "ElasticBody", "obstacle_normal", "
 
 _LOOSE = 1e-2  # reduction of the residual before the active set is questioned for the first time
 _INNER = 1e-7  # tolerance of the surface problems inside the preconditioner
+_BLOCKS = 5  # exchanges of all wrong nodes that may pass without fewer of them
 _LINEAR_LIMIT = 500  # conjugate-gradient iterations on one active set
 _PATIENCE = 50  # of them without a smaller residual: rounding has the last word
 
@@ -214,7 +215,7 @@ def solve_contact(
 
     out_of_balance = -body.apply(u)
     residuals: list[float] = []
-    n_linear, fewest, patience, changed, sharp = 0, gap.size + 1, 5, True, False
+    n_linear, fewest, patience, changed, sharp = 0, gap.size + 1, _BLOCKS, True, False
     status = Status.MAX_ITERATIONS
     for _ in range(max_iterations):
         stage = _LinearStage(body, closing, active, load)
@@ -252,7 +253,7 @@ def solve_contact(
         body.add(out_of_balance, force)
         changed, sharp = n_wrong > 0, sharp or n_wrong == 0
         if n_wrong < fewest:
-            fewest, patience = n_wrong, 5
+            fewest, patience = n_wrong, _BLOCKS
         else:
             patience -= changed
         if patience <= 0 and n_wrong:  # exchange single nodes by least index

@@ -5,7 +5,8 @@ import pytest
 
 from multiscale.convergence import Status
 from multiscale.errors import CaseError
-from multiscale.micro import Cell, Path, Surface, self_affine, solve_cell
+from multiscale.micro import Cell, Path, Surface, contact, self_affine, solve_cell
+from multiscale.micro.contact import ElasticBody
 from multiscale.micro.flat import solve_flat
 from multiscale.micro.graph_cell import assemble_graph_cell
 from tests.support import egg_box
@@ -133,6 +134,45 @@ def test_an_unconverged_step_is_not_a_number_and_says_so():
     response = solve_cell(cell_of(rough()), Path(pressure=(0.02,)), tolerance=1e-30)
     assert response["converged"].item() == 0
     assert np.isnan(response["mean_gap"].item())
+
+
+def dense_body(stiffness, rng):
+    """A body of contact nodes alone, with a reference that is only spectrally close to it."""
+    n = len(stiffness)
+    root = np.linalg.cholesky(stiffness)
+    turn, _ = np.linalg.qr(rng.standard_normal((n, n)))
+    reference = np.linalg.inv(root @ (turn * rng.uniform(0.3, 3.0, n)) @ turn.T @ root.T)
+
+    def solve(force, correct):
+        u = reference @ force
+        return u if correct is None else u - reference @ correct(u)
+
+    def add(vector, values):
+        vector += values
+
+    return ElasticBody(
+        lambda u: stiffness @ u, solve, np.copy, add, lambda f: reference @ f, np.copy, (n,)
+    )
+
+
+@pytest.mark.parametrize("blocks", [5, 0], ids=["all-wrong-nodes", "least-index"])
+def test_random_problems_agree_with_non_negative_least_squares(blocks, monkeypatch):
+    from scipy.optimize import nnls
+
+    monkeypatch.setattr(contact, "_BLOCKS", blocks)
+    rng = np.random.default_rng(seed=0)
+    for _ in range(100):
+        n = rng.integers(3, 30)
+        factor = rng.standard_normal((n, n))
+        stiffness = factor @ factor.T + 10.0 ** rng.uniform(-3.0, 0.0) * np.eye(n)
+        gap, approach = rng.uniform(0.0, 1.0, n), rng.uniform(0.2, 2.0)
+        state = contact.solve_contact(
+            dense_body(stiffness, rng), gap, np.ones(n), approach=approach, max_iterations=300
+        )
+        assert state.status is Status.CONVERGED
+        root = np.linalg.cholesky(np.linalg.inv(stiffness))
+        expected, _ = nnls(root.T, np.linalg.solve(root, approach - gap), maxiter=10000)
+        np.testing.assert_allclose(state.force, expected, atol=1e-5 * expected.max())
 
 
 def test_flat_solver_agrees_with_an_independent_quadratic_program():
