@@ -5,6 +5,7 @@ from itertools import pairwise
 from pathlib import Path
 from typing import Annotated, Any, Literal, Self
 
+import numpy as np
 from pydantic import (
     BaseModel,
     BeforeValidator,
@@ -20,6 +21,7 @@ from pydantic import (
 
 from multiscale.errors import CaseError
 from multiscale.io import read_bytes
+from multiscale.reference import layer
 from multiscale.units import to_si
 
 __all__ = [
@@ -287,6 +289,13 @@ class Case(_Settings):
                     f"the shortest wave of body_{number} has {cutoff / spacing:.1f} points; "
                     f"gap and contact area need {POINTS_PER_WAVE} or more"
                 )
+        period, depth = max(self.cell.size), self.cell.depth
+        if depth is not None and depth < 0.99 * period:
+            share = float(layer.ratio_bonded(np.array(2.0 * np.pi * depth / period), 0.3))
+            found.append(
+                f"a depth of {depth:.3g} m below a period of {period:.3g} m makes the longest wave "
+                f"{100.0 * (1.0 - share):.2g} % too stiff"
+            )
         low, high = self.micro.pressures[0], self.micro.pressures[-1]
         outside = [p for p in self.joint.preloads if not low <= p <= high]
         if outside:

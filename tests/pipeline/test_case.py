@@ -98,6 +98,8 @@ def test_cautions_name_coarse_grids_and_extrapolation(changed):
     assert "has 4.0 points" in load_case("ground_steel").quick().cautions()[0]
     (caution,) = load_case(changed(('"160 MPa"', '"900 MPa"'))).cautions()
     assert "extrapolates at the preloads 900 MPa: the cells were pressed at 2 to 240" in caution
+    (caution,) = load_case(changed(("layers = 14", 'layers = 14\ndepth = "200 um"'))).cautions()
+    assert "makes the longest wave 37 % too stiff" in caution
     (caution,) = load_case(changed(("realisations = 12", "realisations = 2"))).cautions()
     assert "there are no bands below 3" in caution
 
