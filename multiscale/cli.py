@@ -59,7 +59,7 @@ def run_command(
         results = run(settings, out, executor=executor, progress=progress)
     draw_figures(out)
     write_report(out)
-    for caution in filter(None, results.micro_response.attrs["cautions"].split("; ")):
+    for caution in results.micro_response.attrs["cautions"].splitlines():
         typer.echo(f"caution: {caution}", err=True)
     _print_table(settings.title, HEAD, tabulate(results.macro_result))
     typer.echo(f"report, figures and datasets: {out}")

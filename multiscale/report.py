@@ -26,8 +26,8 @@ figure { display: inline-block; margin: 0; max-width: 29rem; }
 </style>
 <h1>{{ title }}</h1>
 <p>{{ summary }}</p>
-{% if cautions %}<p><strong>Caution:</strong> {{ cautions }}.</p>
-{% endif %}<table>
+{% for caution in cautions %}<p><strong>Caution:</strong> {{ caution }}.</p>
+{% endfor %}<table>
 <tr>{% for name in head %}<th>{{ name }}</th>{% endfor %}</tr>
 {% for row in rows %}<tr>{% for value in row %}<td>{{ value }}</td>{% endfor %}</tr>
 {% endfor %}</table>
@@ -101,7 +101,7 @@ def write_report(out: str | Path) -> Path:
             f"{100.0 * law.attrs['cross_validated_error']:.2g} % in pressure and "
             f"{100.0 * law.attrs['cross_validated_stiffness_error']:.2g} % in stiffness."
         ),
-        cautions=response.attrs.get("cautions", ""),
+        cautions=response.attrs.get("cautions", "").splitlines(),
         head=HEAD,
         rows=tabulate(result),
         figures=[

@@ -98,8 +98,25 @@ class Schema:
         """
         import xarray as xr
 
+        dataset = self.assign(xr.Dataset(attrs=attributes), values)
+        for dim, size in dataset.sizes.items():
+            if dim == "component":
+                dataset = dataset.assign_coords(component=list(COMPONENTS[:size]))
+            elif dim not in dataset.coords:
+                dataset = dataset.assign_coords({dim: range(size)})
+        self.check(dataset)
+        return dataset
+
+    def assign(self, dataset: "xr.Dataset", values: Mapping[str, Any]) -> "xr.Dataset":
+        """Add variables to a dataset; dimensions and units come from the schema.
+
+        Raises
+        ------
+        SchemaError
+            If the schema has no variable of a name.
+        """
         known = {**self.variables, **self.optional}
-        dataset = xr.Dataset(attrs=attributes)
+        added = {}
         for name, value in values.items():
             if name not in known:
                 raise SchemaError(f"a {self.name!r} dataset has no variable {name!r}")
@@ -107,16 +124,9 @@ class Schema:
             attrs: dict[str, Any] = {"units": variable.units, "long_name": variable.long_name}
             if name == "converged":
                 attrs |= {"flag_values": [0, 1], "flag_meanings": "failed converged"}
-            dataset[name] = (variable.dims, value, attrs)
-        for dim, size in dataset.sizes.items():
-            if dim == "component":
-                dataset = dataset.assign_coords(component=list(COMPONENTS[:size]))
-            elif dim not in dataset.coords:
-                dataset = dataset.assign_coords({dim: range(size)})
+            added[name] = (variable.dims, value, attrs)
         along = [name for name in values if name in self.optional and name in COORDINATES]
-        dataset = dataset.set_coords(along)
-        self.check(dataset)
-        return dataset
+        return dataset.assign(added).set_coords(along)
 
 
 COORDINATES = frozenset(

@@ -130,14 +130,10 @@ def _solve_realisation(
 ) -> "xr.Dataset":
     """Solve one cell, add its statistics and write its file."""
     response = solve_cell(cell, path, keep_fields=keep_fields)
-    for name, statistic in (
-        ("rms_height", rms_height),
-        ("rms_slope", rms_slope),
-        ("nayak_parameter", nayak_parameter),
-    ):
-        variable = MICRO_RESPONSE.optional[name]
-        attrs = {"units": variable.units, "long_name": variable.long_name}
-        response = response.assign_coords({name: (variable.dims, [statistic(cell.surface)], attrs)})
+    statistics = (rms_height, rms_slope, nayak_parameter)
+    response = MICRO_RESPONSE.assign(
+        response, {statistic.__name__: [statistic(cell.surface)] for statistic in statistics}
+    )
     if file is not None:
         write_dataset(response, file, MICRO_RESPONSE, identity=identity)
     return response

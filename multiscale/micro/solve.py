@@ -98,17 +98,14 @@ def _assemble(cell: Cell | MeshCell) -> ContactProblem:
 
         return assemble_mesh_cell(cell)
     try:
-        if cell.geometry == "flat":
-            from multiscale.micro.flat_cell import assemble_flat_cell
-
-            return assemble_flat_cell(cell)
+        from multiscale.micro.flat_cell import assemble_flat_cell
         from multiscale.micro.graph_cell import assemble_graph_cell
     except RuntimeError as error:  # numba finds no folder for its cache
         raise MultiscaleError(
             f"the compiled kernels cannot be kept ({error}); set NUMBA_CACHE_DIR to a folder that "
             f"can be written to"
         ) from error
-    return assemble_graph_cell(cell)
+    return assemble_flat_cell(cell) if cell.geometry == "flat" else assemble_graph_cell(cell)
 
 
 def _average(problem: ContactProblem, state: ContactState, recover_stress: bool) -> dict[str, Any]:

@@ -22,7 +22,7 @@ from multiscale.macro import Block, RoughJoint, rough_joint
 from multiscale.micro import Cell, contact_modulus, run_ensemble
 from multiscale.micro import Path as LoadPath
 from multiscale.pipeline.case import load_case
-from multiscale.pipeline.cells import make_cells
+from multiscale.pipeline.cells import composite_material, make_cells
 from multiscale.pipeline.settings import Case
 from multiscale.schema import FIELDS, MACRO_RESULT, MICRO_RESPONSE
 from multiscale.upscaling import area_from_dataset, fit_law, law_from_dataset
@@ -69,23 +69,23 @@ def run_micro(
     Dataset
         Follows ``MICRO_RESPONSE``.
     """
-    cells = make_cells(case)
+    cells, identity = make_cells(case), case.identity()
     response = run_ensemble(
         cells,
         LoadPath(pressure=case.micro.pressures),
         executor=executor,
         folder=file.parent / "micro",
-        identity=case.identity(),
+        identity=identity,
         keep_fields=True,
         progress=progress,
     )
     _write_fields(cells[0], file.parent)
     response = response.assign_attrs(
         title=case.title,
-        contact_modulus=contact_modulus(*_materials(case)),
+        contact_modulus=contact_modulus(composite_material(case)),
         bodies="composite surface of body_1 and body_2; 1/E* = sum (1 - nu^2)/E; small slopes",
-        identity=case.identity(),
-        cautions="; ".join([*case.cautions(), *_steepness(response)]),
+        identity=identity,
+        cautions="\n".join([*case.cautions(), *_steepness(response)]),
     )
     write_dataset(response, file, MICRO_RESPONSE)
     return response
@@ -160,10 +160,6 @@ def _claim(out: Path, case: Case) -> None:
     write_bytes(file, case.to_toml().encode())
 
 
-def _materials(case: Case) -> list[tuple[float, float]]:
-    return [(body.youngs_modulus, body.poissons_ratio) for body in (case.body_1, case.body_2)]
-
-
 def _write_fields(cell: Cell, out: Path) -> None:
     """Write the surface fields of realisation 0, as dataset and for ParaView."""
     local = open_dataset(out / "micro" / "realisation-0000.nc", MICRO_RESPONSE).isel(realisation=0)
@@ -201,8 +197,4 @@ def _solve_joint(case: Case, law: "xr.Dataset") -> "xr.Dataset":
         areas["contact_fraction_sample"] = np.array(
             [area_from_dataset(law, sample).contact_fraction(preload) for sample in samples]
         )
-    for name, values in areas.items():
-        variable = MACRO_RESULT.optional[name]
-        attrs = {"units": variable.units, "long_name": variable.long_name}
-        result = result.assign({name: (variable.dims, values, attrs)})
-    return result
+    return MACRO_RESULT.assign(result, areas)
