@@ -104,6 +104,12 @@ class Cell:
             )
 
     @property
+    def layer_moduli(self) -> tuple[np.ndarray, np.ndarray]:
+        """Lame's parameters (lambda, mu) of each layer, Pa."""
+        lame, shear = lame_parameters(self.youngs_modulus, self.poissons_ratio)
+        return np.full(self.layers, float(lame)), np.full(self.layers, float(shear))
+
+    @property
     def nearly_incompressible(self) -> bool:
         """Whether B-bar is used, and the tilt that keeps its preconditioner good."""
         return self.poissons_ratio >= 0.4

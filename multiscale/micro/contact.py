@@ -21,7 +21,14 @@ from scipy.linalg.blas import daxpy, dscal
 from multiscale.convergence import Status
 from multiscale.micro.flat import solve_flat
 
-__all__ = ["ContactProblem", "ContactState", "ElasticBody", "obstacle_normal", "solve_contact"]
+__all__ = [
+    "ContactProblem",
+    "ContactState",
+    "ElasticBody",
+    "obstacle_normal",
+    "solve_contact",
+    "untouched",
+]
 
 _LOOSE = 1e-2  # reduction of the residual before the active set is questioned for the first time
 _INNER = 1e-7  # tolerance of the surface problems inside the preconditioner
@@ -195,7 +202,7 @@ def solve_contact(
         nothing = np.zeros_like(gap)
         start = ContactState(np.zeros(body.shape), nothing, 0.0, nothing > 0.0, nothing)
     if load == 0.0 or (approach is not None and np.all(gap >= closing * approach)):
-        return _untouched(body, gap, closing, approach)
+        return untouched(body.shape, gap, closing, approach)
 
     reference, delta, _ = solve_flat(
         body.compliance,
@@ -217,8 +224,8 @@ def solve_contact(
     residuals: list[float] = []
     n_linear, fewest, patience, changed, sharp = 0, gap.size + 1, _BLOCKS, True, False
     status = Status.MAX_ITERATIONS
+    stage = _LinearStage(body, closing, active, load)
     for _ in range(max_iterations):
-        stage = _LinearStage(body, closing, active, load)
         force = stage.split(out_of_balance)
         if changed:  # move onto the constraints of the new active set
             z, shift = stage.precondition(
@@ -259,7 +266,9 @@ def solve_contact(
         if patience <= 0 and n_wrong:  # exchange single nodes by least index
             sharp = True
             wrong &= np.arange(gap.size).reshape(gap.shape) == np.flatnonzero(wrong)[:1]
-        active = active ^ wrong
+        if changed:
+            active = active ^ wrong
+            stage = _LinearStage(body, closing, active, load)
 
     return ContactState(
         u,
@@ -273,15 +282,15 @@ def solve_contact(
     )
 
 
-def _untouched(
-    body: ElasticBody, gap: np.ndarray, closing: np.ndarray, approach: float | None
+def untouched(
+    shape: tuple[int, ...], gap: np.ndarray, closing: np.ndarray, approach: float | None
 ) -> ContactState:
     """Return the state without contact forces, at first touch or before it."""
     nothing = np.zeros_like(gap)
     touch = float(np.min(gap / closing))
     delta = touch if approach is None else approach
     return ContactState(
-        np.zeros(body.shape), nothing, delta, nothing > 0.0, nothing, Status.CONVERGED, (0.0,)
+        np.zeros(shape), nothing, delta, nothing > 0.0, nothing, Status.CONVERGED, (0.0,)
     )
 
 

@@ -1,13 +1,14 @@
 """The flat cell: small slopes, one unknown per contact node, no unknowns in the depth."""
 
+from functools import partial
+
 import numpy as np
-from scipy import fft
 
 from multiscale.convergence import Status
-from multiscale.micro.cell import Cell, lame_parameters
-from multiscale.micro.contact import ContactProblem, ContactState
+from multiscale.micro.cell import Cell
+from multiscale.micro.contact import ContactProblem, ContactState, untouched
 from multiscale.micro.flat import solve_flat
-from multiscale.micro.lateral_fft import surface_compliance
+from multiscale.micro.lateral_fft import filter_surface, surface_compliance
 from multiscale.micro.mesh import graded_planes
 
 __all__ = ["assemble_flat_cell"]
@@ -20,16 +21,11 @@ def assemble_flat_cell(cell: Cell) -> ContactProblem:
     heights, spacing = cell.surface.heights, cell.surface.spacing
     nx, ny = heights.shape
     area = spacing[0] * spacing[1]
-    lame, shear = (
-        np.full(cell.layers, float(value))
-        for value in lame_parameters(cell.youngs_modulus, cell.poissons_ratio)
-    )
     symbol = surface_compliance(
         (nx, ny),
         spacing,
         graded_planes(cell.depth, cell.layers, min(spacing)),
-        lame,
-        shear,
+        *cell.layer_moduli,
         mean_dilatation=cell.nearly_incompressible,
     )[5]
     obstacle = np.zeros((nx, ny)) if cell.obstacle is None else cell.obstacle.heights
@@ -37,8 +33,8 @@ def assemble_flat_cell(cell: Cell) -> ContactProblem:
     normal = np.zeros((nx, 3, ny))
     normal[:, 2] = 1.0
 
-    def respond(force: np.ndarray) -> np.ndarray:
-        return np.asarray(fft.irfft2(fft.rfft2(force) * symbol, s=force.shape, overwrite_x=True))
+    gap, closing = obstacle - heights, np.ones((nx, ny))
+    respond = partial(filter_surface, symbol=symbol)
 
     def solve(
         *,
@@ -47,18 +43,8 @@ def assemble_flat_cell(cell: Cell) -> ContactProblem:
         start: ContactState | None,
         tolerance: float,
     ) -> ContactState:
-        gap, closing = obstacle - heights, np.ones((nx, ny))
         if load == 0.0 or (approach is not None and approach <= 0.0):
-            nothing, touch = np.zeros((nx, ny)), 0.0 if approach is None else approach
-            return ContactState(
-                np.zeros((nx, 3, ny)),
-                nothing,
-                touch,
-                nothing > 0.0,
-                nothing,
-                Status.CONVERGED,
-                (0.0,),
-            )
+            return untouched((nx, 3, ny), gap, closing, approach)
         force, delta, residuals = solve_flat(
             respond,
             gap,

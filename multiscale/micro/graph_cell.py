@@ -4,17 +4,16 @@ from collections.abc import Callable
 from functools import partial
 
 import numpy as np
-from scipy import fft
 
 from multiscale.micro.averages import recovered_force
-from multiscale.micro.cell import Cell, lame_parameters
+from multiscale.micro.cell import Cell
 from multiscale.micro.contact import (
     ContactProblem,
     ElasticBody,
     obstacle_normal,
     solve_contact,
 )
-from multiscale.micro.lateral_fft import LateralInverse, factorise_flat_cell
+from multiscale.micro.lateral_fft import LateralInverse, factorise_flat_cell, filter_surface
 from multiscale.micro.mesh import GraphMesh, graded_planes
 from multiscale.micro.operator import stiffness_operator
 
@@ -40,10 +39,7 @@ def assemble_graph_cell(cell: Cell) -> ContactProblem:
     surface = cell.surface
     (nx, ny), spacing = surface.heights.shape, surface.spacing
     mesh = GraphMesh(surface, graded_planes(cell.depth, cell.layers, min(spacing)))
-    lame, shear = (
-        np.full(cell.layers, float(value))
-        for value in lame_parameters(cell.youngs_modulus, cell.poissons_ratio)
-    )
+    lame, shear = cell.layer_moduli
     soft = cell.nearly_incompressible
     inverse = factorise_flat_cell((nx, ny), spacing, mesh.planes, lame, shear, mean_dilatation=soft)
 
@@ -55,13 +51,11 @@ def assemble_graph_cell(cell: Cell) -> ContactProblem:
         obstacle = cell.obstacle.heights + np.max(surface.heights - cell.obstacle.heights)
         normal = obstacle_normal(*_slopes(obstacle, spacing))
     slopes = _slopes(surface.heights, spacing) if soft else None
+    trace, add = _normal_operators(None if cell.obstacle is None else normal)
     if cell.obstacle is None and not soft:
-        trace, add = _normal_operators(None)
-        reference = _vertical_reference(inverse)
+        solve, compliance = _vertical_reference(inverse)
     else:
-        trace, add = _normal_operators(None if cell.obstacle is None else normal)
-        reference = _inclined_reference(inverse, normal, slopes, mesh.map_factor[1:])
-    solve, compliance = reference
+        solve, compliance = _inclined_reference(inverse, normal, slopes, mesh.map_factor[1:])
     stiffness = 1.0 / inverse.surface_compliance[5]
 
     body = ElasticBody(
@@ -70,7 +64,7 @@ def assemble_graph_cell(cell: Cell) -> ContactProblem:
         trace=trace,
         add=add,
         compliance=compliance,
-        surface_stiffness=lambda values: _filter(values, stiffness),
+        surface_stiffness=lambda values: filter_surface(values, stiffness),
         shape=(nx, cell.layers, 3, ny),
     )
 
@@ -119,11 +113,6 @@ def _slopes(heights: np.ndarray, spacing: tuple[float, float]) -> tuple[np.ndarr
     return slope(0), slope(1)
 
 
-def _filter(values: np.ndarray, symbol: np.ndarray) -> np.ndarray:
-    """Multiply by a symbol in the lateral Fourier space."""
-    return np.asarray(fft.irfft2(fft.rfft2(values) * symbol, s=values.shape, overwrite_x=True))
-
-
 def _normal_operators(
     normal: np.ndarray | None,
 ) -> tuple[Operator, Callable[[np.ndarray, np.ndarray], None]]:
@@ -156,7 +145,7 @@ def _vertical_reference(inverse: LateralInverse) -> tuple[Solve, Operator]:
 
         return inverse.solve(force, push)
 
-    return solve, lambda force: _filter(force, symbol)
+    return solve, lambda force: filter_surface(force, symbol)
 
 
 def _inclined_reference(

@@ -12,7 +12,13 @@ import numba
 import numpy as np
 from scipy import fft
 
-__all__ = ["LateralInverse", "brick_stiffness", "factorise_flat_cell", "surface_compliance"]
+__all__ = [
+    "LateralInverse",
+    "brick_stiffness",
+    "factorise_flat_cell",
+    "filter_surface",
+    "surface_compliance",
+]
 
 
 def brick_stiffness(
@@ -274,6 +280,11 @@ class LateralInverse:
         turned[:, :2] *= 1j
         nx, _, ny = self.shape
         return np.asarray(fft.irfft2(turned, s=(nx, ny), axes=(0, 2)))
+
+
+def filter_surface(values: np.ndarray, symbol: np.ndarray) -> np.ndarray:
+    """Multiply a field on the surface, shape (nx, ny), by a real symbol per wavenumber."""
+    return np.asarray(fft.irfft2(fft.rfft2(values) * symbol, s=values.shape, overwrite_x=True))
 
 
 def factorise_flat_cell(
