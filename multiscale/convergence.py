@@ -32,11 +32,18 @@ class Solution:
         Why the solver stopped.
     residuals : tuple of float
         Dimensionless residual after each iteration. Empty if none was computed.
+    seconds : tuple of float
+        Time since the start of the solver at which each residual was known, s. Empty if the
+        solver keeps no time.
+    trail : tuple of str
+        Methods in the order in which they ran. Empty for a solver that is one method.
     """
 
     value: np.ndarray
     status: Status
     residuals: tuple[float, ...] = ()
+    seconds: tuple[float, ...] = ()
+    trail: tuple[str, ...] = ()
 
     def __post_init__(self) -> None:
         if self.status is Status.CONVERGED and not (
