@@ -29,12 +29,14 @@ class Surface:
         is copied.
     size : tuple of float
         Edge lengths (Lx, Ly) of the cell, m, with ``dx = Lx / nx``: the grid is that of a periodic
-        surface, whose node ``nx`` is node 0 again. ``nx != ny`` and ``dx != dy`` are normal.
+        surface, whose node ``nx`` is node 0 again. ``nx != ny`` and ``dx != dy`` are normal. One
+        point across means a profile, whose cell is in plane strain; its width is arbitrary.
 
     Raises
     ------
     CaseError
-        If the heights are not a map of at least 2 x 2 finite numbers, or a length is not positive.
+        If the heights are not a map of finite numbers with at least 2 points along one direction,
+        or a length is not positive.
 
     Examples
     --------
@@ -51,9 +53,9 @@ class Surface:
             np.ma.array(self.heights, dtype=float, copy=True), np.nan
         )
         size = tuple(float(length) for length in self.size)
-        if heights.ndim != 2 or min(heights.shape) < 2:
+        if heights.ndim != 2 or min(heights.shape) < 1 or heights.size < 2:
             raise CaseError(
-                f"heights must be a map of at least 2 x 2 points, got an array of shape "
+                f"heights must be a map (nx, ny) of at least 2 x 1 points, got an array of shape "
                 f"{heights.shape}"
             )
         undefined = np.count_nonzero(~np.isfinite(heights))

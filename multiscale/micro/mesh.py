@@ -55,7 +55,7 @@ class GraphMesh:
     Parameters
     ----------
     surface : Surface
-        Heights :math:`h`, m, with even numbers of points.
+        Heights :math:`h`, m, with even numbers of points; a single point across is plane strain.
     planes : ndarray, shape (layers + 1,)
         :math:`Z_l`, m.
 
@@ -70,10 +70,10 @@ class GraphMesh:
 
     def __post_init__(self) -> None:
         nx, ny = self.surface.heights.shape
-        if nx % 2 or ny % 2:
+        if any(n % 2 and n > 1 for n in (nx, ny)):
             raise CaseError(
-                f"the cell needs an even number of points in each direction, got {nx} x {ny}; "
-                f"resample the surface to {nx + nx % 2} x {ny + ny % 2}"
+                f"the cell needs an even number of points in each direction, or one across, got "
+                f"{nx} x {ny}; resample the surface to {nx + nx % 2} x {ny + ny % 2}"
             )
         depth, lowest = float(self.planes[-1]), float(self.surface.heights.min())
         if depth + lowest <= 0.0:

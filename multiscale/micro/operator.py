@@ -140,11 +140,14 @@ def _forces(  # type: ignore[no-untyped-def]
 def _apply(  # type: ignore[no-untyped-def]
     heights, planes, factor, dx, dy, lame, shear, mean_dilatation, u, out
 ):
-    """Add the elastic forces of every element; strips of elements in x in two colours."""
+    """Add the elastic forces of every element; strips of elements in x in two colours.
+
+    A single point in x or y has itself as neighbour: plane strain.
+    """
     nx, layers, _, ny = u.shape
     out[:] = 0.0
     for colour in range(2):
-        for pair in numba.prange(nx // 2):
+        for pair in numba.prange((nx + 1 - colour) // 2):
             i = 2 * pair + colour
             sides = (i, (i + 1) % nx)
             nodes = np.empty(24 * BATCH)

@@ -45,6 +45,8 @@ def scikit_fem_forces(mesh, lame, shear, u):
     [
         pytest.param((8, 8), id="smaller-than-a-batch"),
         pytest.param((4, 2), id="two-points-across"),
+        pytest.param((6, 1), id="plane-strain"),
+        pytest.param((1, 34), id="plane-strain-across"),
         pytest.param((4, 38), id="with-a-remainder"),
         pytest.param((6, 64), id="two-batches"),
     ],
