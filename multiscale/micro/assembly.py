@@ -18,6 +18,7 @@ from multiscale.micro.contact import (
     obstacle_normal,
     solve_contact,
 )
+from multiscale.needs import Needs
 
 if TYPE_CHECKING:
     from skfem import CellBasis
@@ -81,7 +82,7 @@ def assemble_elasticity(
     return sparse.csr_array(sparse.block_array(blocks))
 
 
-def assemble_mesh_cell(cell: MeshCell) -> ContactProblem:
+def assemble_mesh_cell(cell: MeshCell, needs: Needs) -> ContactProblem:
     """Set up operators and contact geometry on any mesh.
 
     Raises
@@ -165,7 +166,7 @@ def assemble_mesh_cell(cell: MeshCell) -> ContactProblem:
         obstacle,
         weight,
         surface_displacement=lambda u: (expand @ u).reshape(3, -1)[:, nodes].T,
-        recover=recover,
+        recover=recover if "stress recovery" in needs else None,
     )
 
 

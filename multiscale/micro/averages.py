@@ -66,7 +66,9 @@ def average_traction(
     return np.asarray(frame @ np.sum(force, axis=0) / nominal_area)  # (2), (3)
 
 
-def contact_fraction(active: np.ndarray, weight: np.ndarray) -> float:
+def contact_fraction(
+    active: np.ndarray, weight: np.ndarray, saturated: np.ndarray | None = None
+) -> float:
     r"""Real over nominal contact area.
 
     Parameters
@@ -75,6 +77,8 @@ def contact_fraction(active: np.ndarray, weight: np.ndarray) -> float:
         Contact nodes.
     weight : ndarray
         Nominal area of each node, m2.
+    saturated : ndarray of bool, optional
+        Contact nodes at the hardness of the surface.
 
     Notes
     -----
@@ -85,6 +89,8 @@ def contact_fraction(active: np.ndarray, weight: np.ndarray) -> float:
 
     with :math:`A_p` the area of all active pixels and :math:`S_d` the perimeter counted along pixel
     edges; an edge of one pixel costs the same share of a pixel in both directions.
+    A saturated node is in contact with all of its pixel and has no such edge. A profile (one point
+    across) has ends instead of a perimeter, which are right on average.
 
     References
     ----------
@@ -92,8 +98,13 @@ def contact_fraction(active: np.ndarray, weight: np.ndarray) -> float:
        doi:10.1016/j.triboint.2017.04.023.
     """
     fraction = float(np.sum(weight[active]) / np.sum(weight))
-    if active.ndim == 2 and 0.0 < fraction < 1.0:
-        edges = sum(np.count_nonzero(active ^ np.roll(active, 1, axis)) for axis in (0, 1))
+    if active.ndim == 2 and min(active.shape) > 1 and 0.0 < fraction < 1.0:
+        elastic = active if saturated is None else active & ~saturated
+        edges = sum(
+            np.count_nonzero(elastic & ~np.roll(active, shift, axis))
+            for axis in (0, 1)
+            for shift in (1, -1)
+        )
         fraction -= PERIMETER_FACTOR * edges / active.size
     return max(fraction, 0.0)
 

@@ -7,11 +7,12 @@ import numpy as np
 
 from multiscale.errors import CaseError
 from multiscale.io.surfaces import Surface
+from multiscale.reference import layer
 
 if TYPE_CHECKING:
     from skfem import Element, Mesh
 
-__all__ = ["Cell", "MeshCell", "Path", "contact_modulus", "lame_parameters"]
+__all__ = ["Cell", "MeshCell", "Path", "contact_modulus", "depth_caution", "lame_parameters"]
 
 
 def contact_modulus(*bodies: tuple[float, float]) -> float:
@@ -38,14 +39,26 @@ def lame_parameters(
     return modulus * nu / ((1.0 + nu) * (1.0 - 2.0 * nu)), modulus / (2.0 * (1.0 + nu))
 
 
-def _check_material(youngs_modulus: float | np.ndarray, poissons_ratio: float) -> None:
-    if not np.all(np.isfinite(youngs_modulus)) or not np.all(np.asarray(youngs_modulus) > 0.0):
+def depth_caution(depth: float, period: float) -> str | None:
+    """Return what a layer thinner than the period does to the answer, if it is."""
+    if depth >= 0.99 * period:
+        return None
+    share = float(layer.ratio_bonded(np.array(2.0 * np.pi * depth / period), 0.3))
+    return (
+        f"a depth of {depth:.3g} m below a period of {period:.3g} m makes the longest wave "
+        f"{100.0 * (1.0 - share):.2g} % too stiff"
+    )
+
+
+def _check_material(youngs_modulus: float | np.ndarray, poissons_ratio: float | np.ndarray) -> None:
+    modulus, nu = np.asarray(youngs_modulus), np.asarray(poissons_ratio)
+    wrong = modulus[~((modulus > 0.0) & np.isfinite(modulus))]
+    if wrong.size:
+        raise CaseError(f"Young's modulus must be positive and finite (Pa), got {wrong[0]:g}")
+    wrong = nu[~((nu >= 0.0) & (nu < 0.5))]
+    if wrong.size:
         raise CaseError(
-            f"Young's modulus must be positive and finite (Pa), got {np.min(youngs_modulus):g}"
-        )
-    if not 0.0 <= poissons_ratio < 0.5:
-        raise CaseError(
-            f"Poisson's ratio must be at least 0 and below 0.5, got {poissons_ratio:g}; "
+            f"Poisson's ratio must be at least 0 and below 0.5, got {wrong[0]:g}; "
             f"use 0.499 for an incompressible material"
         )
 
@@ -62,14 +75,17 @@ class Cell:
         Distance from the clamped base to the mean plane of the top, m.
     layers : int
         Layers of elements, graded towards the top.
-    youngs_modulus, poissons_ratio : float
-        Pa and 1. For two bodies, a material with their contact modulus.
+    youngs_modulus, poissons_ratio : float or ndarray
+        Pa and 1: of the whole cell, of each layer from the base up, shape (layers,), or of each
+        element, shape (nx, layers, ny). For two bodies, a material with their contact modulus.
     obstacle : Surface, optional
         Underside of the rigid obstacle on the same grid; a flat if not given. Contact acts along
         its normal.
     geometry : {"conforming", "flat"}
         Whether the mesh follows the surface, or the surface only makes the gap above a flat layer:
         fast, and right for small slopes.
+    hardness : float, optional
+        Largest local pressure of a flat cell, Pa: the cheap plastic limit.
 
     Raises
     ------
@@ -80,13 +96,15 @@ class Cell:
     surface: Surface
     depth: float
     layers: int
-    youngs_modulus: float
-    poissons_ratio: float
+    youngs_modulus: float | np.ndarray
+    poissons_ratio: float | np.ndarray
     obstacle: Surface | None = None
     geometry: Literal["conforming", "flat"] = "conforming"
+    hardness: float | None = None
 
     def __post_init__(self) -> None:
         _check_material(self.youngs_modulus, self.poissons_ratio)
+        self._check_shapes()
         if self.geometry not in ("conforming", "flat"):
             raise CaseError(f"geometry must be 'conforming' or 'flat', got {self.geometry!r}")
         if not self.depth > 0.0:
@@ -103,16 +121,64 @@ class Cell:
                 f"{self.obstacle.heights.shape} on {self.obstacle.size} m; resample it"
             )
 
+    def _check_shapes(self) -> None:
+        """Refuse moduli of another shape than layers or elements, and a misplaced hardness."""
+        nx, ny = self.surface.heights.shape
+        for name, value in (
+            ("youngs_modulus", self.youngs_modulus),
+            ("poissons_ratio", self.poissons_ratio),
+        ):
+            if np.shape(value) not in ((), (self.layers,), (nx, self.layers, ny)):
+                raise CaseError(
+                    f"{name} must be one number, one of each layer ({self.layers},) or one of each "
+                    f"element ({nx}, {self.layers}, {ny}), got shape {np.shape(value)}"
+                )
+        if self.geometry == "flat" and self.heterogeneous:
+            raise CaseError(
+                "a flat cell has one modulus in each layer, not in each element; use the "
+                "conforming geometry"
+            )
+        if self.hardness is not None and self.geometry != "flat":
+            raise CaseError("a hardness caps the pressure of a flat cell only; use geometry='flat'")
+        if self.hardness is not None and not 0.0 < self.hardness < np.inf:
+            raise CaseError(f"the hardness must be positive (Pa), got {self.hardness:g}")
+
+    @property
+    def heterogeneous(self) -> bool:
+        """Whether moduli vary within a layer."""
+        return max(np.ndim(self.youngs_modulus), np.ndim(self.poissons_ratio)) > 1
+
+    @property
+    def moduli(self) -> tuple[np.ndarray, np.ndarray]:
+        """Lame's parameters (lambda, mu) of each layer or element, Pa."""
+
+        def spread(value: float | np.ndarray) -> np.ndarray:
+            array = np.asarray(value, dtype=float)
+            if self.heterogeneous and array.ndim == 1:
+                array = array[:, None]
+            nx, ny = self.surface.heights.shape
+            shape = (nx, self.layers, ny) if self.heterogeneous else (self.layers,)
+            return np.broadcast_to(array, shape)
+
+        return lame_parameters(spread(self.youngs_modulus), spread(self.poissons_ratio))
+
     @property
     def layer_moduli(self) -> tuple[np.ndarray, np.ndarray]:
-        """Lame's parameters (lambda, mu) of each layer, Pa."""
-        lame, shear = lame_parameters(self.youngs_modulus, self.poissons_ratio)
-        return np.full(self.layers, float(lame)), np.full(self.layers, float(shear))
+        """Lame's parameters (lambda, mu) of each layer, Pa; the mean over its elements."""
+        lame, shear = self.moduli
+        if self.heterogeneous:
+            return lame.mean(axis=(0, 2)), shear.mean(axis=(0, 2))
+        return lame, shear
 
     @property
     def nearly_incompressible(self) -> bool:
         """Whether B-bar is used, and the tilt that keeps its preconditioner good."""
-        return self.poissons_ratio >= 0.4
+        return float(np.max(self.poissons_ratio)) >= 0.4
+
+    def cautions(self) -> list[str]:
+        """Return what a user should know before trusting the results, one sentence each."""
+        caution = depth_caution(self.depth, max(self.surface.size))
+        return [caution] if caution else []
 
 
 @dataclass(frozen=True, eq=False)

@@ -92,6 +92,8 @@ class ContactProblem:
     recover : callable
         ``recover(displacement, active)`` integrates the traction from the Cauchy stress over the
         facets that touch an active node, shape (3,), N; None where there is no stress field.
+    cap : float
+        Largest contact force of a node, N.
     """
 
     solve: Callable[..., "ContactState"]
@@ -101,6 +103,7 @@ class ContactProblem:
     weight: np.ndarray
     surface_displacement: Callable[[np.ndarray], np.ndarray]
     recover: Callable[[np.ndarray, np.ndarray], np.ndarray] | None
+    cap: float = np.inf
 
     @property
     def nominal_area(self) -> float:

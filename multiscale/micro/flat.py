@@ -1,10 +1,14 @@
-r"""Contact on a flat reference surface, by projected conjugate gradients on its compliance."""
+r"""Contact on a flat reference surface, by projected gradients on its compliance."""
 
 from collections.abc import Callable
 
 import numpy as np
 
+from multiscale.errors import CaseError
+
 __all__ = ["solve_flat"]
+
+_REFRESH = 25  # iterations after which rounding in the response is wiped out
 
 
 def solve_flat(
@@ -14,6 +18,7 @@ def solve_flat(
     *,
     load: float | None = None,
     approach: float | None = None,
+    cap: float = np.inf,
     start: np.ndarray | None = None,
     max_iterations: int = 500,
     tolerance: float = 1e-4,
@@ -25,6 +30,8 @@ def solve_flat(
     .. math::
         0 \le \lambda \perp C \lambda + g - b\,\delta \ge 0, \qquad b^t \lambda = F.    \tag{1}
 
+    With a cap, :math:`\lambda \le \lambda_{max}` and the surfaces may overlap where it is reached.
+
     Parameters
     ----------
     compliance : callable
@@ -33,6 +40,8 @@ def solve_flat(
         :math:`g`, m, and :math:`b`.
     load, approach : float
         :math:`F`, N, or :math:`\delta`, m; exactly one of them.
+    cap : float
+        :math:`\lambda_{max}`, N: the hardness times the nominal area of a node.
     start : ndarray, optional
         First guess of the forces, N.
     max_iterations : int
@@ -50,59 +59,110 @@ def solve_flat(
     residuals : tuple of float
         What the tolerance is compared with, after each iteration.
 
+    Raises
+    ------
+    CaseError
+        If the load is more than all nodes carry at the cap.
+
+    Notes
+    -----
+    Projected gradients on the box of forces that carry the load, with the two step lengths of
+    Barzilai and Borwein in turn, each in the tangent of the box, and the exact minimum along the
+    feasible direction: one application of :math:`C` in each iteration, a half to a third of what
+    projected conjugate gradients take.
+
     References
     ----------
-    .. [1] I. A. Polonsky and L. M. Keer, Wear 231 (1999) 206-219,
-       doi:10.1016/S0043-1648(99)00113-1.
+    .. [1] Y.-H. Dai and R. Fletcher, Math. Program. 106 (2006) 403-421,
+       doi:10.1007/s10107-005-0595-2: the same problem.
     """
+    if load is not None and load > cap * float(np.sum(closing)):
+        raise CaseError(
+            f"the load of {load:.4g} N is more than the {cap * float(np.sum(closing)):.4g} N that "
+            f"the whole surface carries at its hardness; lower the pressure"
+        )
     delta = 0.0 if approach is None else approach
-    force = np.zeros_like(gap) if start is None else np.maximum(start, 0.0)
+    force = closing * delta - gap if load is None else np.ones_like(gap)
+    force = np.clip(force if start is None or not start.any() else start, 0.0, cap)
     if load is not None:
-        carried = float(np.vdot(closing, force))
-        if carried > 0.0:
-            force *= load / carried
-        else:
-            force = np.full_like(gap, load / float(np.sum(closing)))
-    elif not force.any():
-        overlap = np.maximum(closing * delta - gap, 0.0)
-        force = overlap * float(np.vdot(overlap, overlap) / np.vdot(overlap, compliance(overlap)))
-    scale = float(np.ptp(gap)) or float(np.max(np.abs(compliance(force)))) or 1.0
-
-    direction = np.zeros_like(gap)
-    norm_old, restart = 1.0, True
-    step = float(np.vdot(force, force)) / float(np.vdot(force, compliance(force)))
+        force, _ = _carry(force * (load / np.vdot(closing, force)), load, closing, cap, 0.0)
+    elif start is None or not start.any():
+        force *= float(np.vdot(force, force)) / float(np.vdot(force, compliance(force)))
+        force = np.minimum(force, cap)
+    response = compliance(force)
+    scale = float(np.ptp(gap)) or float(np.max(np.abs(response))) or 1.0
+    step = float(np.vdot(force, force)) / float(np.vdot(force, response))
+    if load is not None:
+        delta = float(np.vdot(force, response + gap)) / load
     residuals: list[float] = []
-    for _ in range(max_iterations):
-        opening = compliance(force) + gap
-        contact = force > 0.0
-        if load is not None:
-            delta = float(np.vdot(closing[contact], opening[contact])) / float(
-                np.vdot(closing[contact], closing[contact])
-            )
+    for iteration in range(max_iterations):
+        opening = response + gap
+        if load is None:
+            moved = np.clip(force - step * (opening - closing * delta), 0.0, cap)
+        else:
+            moved, lift = _carry(force - step * opening, load, closing, cap, step * delta)
+            delta = lift / step
         opening -= closing * delta
-        total = float(np.sum(force)) or 1.0
-        overlap = -float(np.min(opening))
-        residuals.append(max(float(np.vdot(force, np.abs(opening))) / total, overlap) / scale)
+        residuals.append(_violation(force, opening, cap) / scale)
         if residuals[-1] <= tolerance:
             break
-        norm = float(np.vdot(opening[contact], opening[contact]))
-        direction = np.where(
-            contact, opening + (0.0 if restart else norm / norm_old) * direction, 0.0
-        )
-        norm_old = norm
-        response = compliance(direction)
-        if load is not None:
-            response -= closing * float(
-                np.vdot(closing[contact], response[contact])
-                / np.vdot(closing[contact], closing[contact])
-            )
-        curvature = float(np.vdot(direction, response))
-        if curvature > 0.0:  # not so with a single contact node, which the load alone decides
-            step = float(np.vdot(opening[contact], direction[contact])) / curvature
-        force = np.maximum(force - step * direction, 0.0)
-        late = (force == 0.0) & (opening < 0.0)
-        force[late] -= step * opening[late]
-        restart = bool(late.any())
-        if load is not None:
-            force *= load / float(np.vdot(closing, force))
+        direction = moved - force
+        change = compliance(direction)
+        curvature = float(np.vdot(direction, change))
+        if not curvature > 0.0:  # the forces are those of the minimum, to rounding
+            break
+        share = min(1.0, -float(np.vdot(direction, opening)) / curvature)
+        force = force + share * direction
+        response = compliance(force) if iteration % _REFRESH == 0 else response + share * change
+
+        step = float(np.vdot(direction, direction)) / curvature
+        if iteration % 2:
+            free = (moved > 0.0) & (moved < cap)
+            tangent = _tangent(change, free, None if load is None else closing)
+            along = float(np.vdot(direction, tangent))
+            step = along / float(np.vdot(tangent, tangent)) if along > 0.0 else step
     return force, delta, tuple(residuals)
+
+
+def _tangent(change: np.ndarray, free: np.ndarray, closing: np.ndarray | None) -> np.ndarray:
+    """Return the part of a change of gap that moves free nodes and, at a given load, no mean."""
+    tangent = np.where(free, change, 0.0)
+    if closing is not None and free.any():
+        b = np.where(free, closing, 0.0)
+        tangent -= b * (float(np.vdot(b, change)) / float(np.vdot(b, b)))
+    return tangent
+
+
+def _violation(force: np.ndarray, opening: np.ndarray, cap: float) -> float:
+    """Distance of contact nodes weighted by their forces, or the deepest overlap, m."""
+    full = force >= cap  # here the surfaces may overlap
+    distance = np.where(full, np.maximum(opening, 0.0), np.abs(opening))
+    mean = float(np.vdot(force, distance)) / (float(np.sum(force)) or 1.0)
+    return max(mean, -float(np.min(np.where(full, 0.0, opening))))
+
+
+def _carry(
+    force: np.ndarray, load: float, closing: np.ndarray, cap: float, lift: float
+) -> tuple[np.ndarray, float]:
+    """Project onto the forces between 0 and the cap that carry the load.
+
+    The nearest ones are ``clip(force + lift closing, 0, cap)``; Newton's method within a bracket
+    finds the lift from the one given.
+    """
+    low, high = -np.inf, np.inf
+    reach = float(np.ptp(force)) or load
+    for _ in range(200):
+        carried = np.clip(force + lift * closing, 0.0, cap)
+        excess = float(np.vdot(closing, carried)) - load
+        if abs(excess) <= 1e-14 * load:
+            break
+        low, high = (low, lift) if excess > 0.0 else (lift, high)
+        b = closing[(carried > 0.0) & (carried < cap)]
+        new = lift - excess / float(np.vdot(b, b)) if b.size else np.nan
+        if not low < new < high:
+            new = 0.5 * (low + high) if np.isfinite(low + high) else lift - np.sign(excess) * reach
+            reach *= 2.0
+        if new == lift:
+            break
+        lift = new
+    return carried, lift

@@ -10,13 +10,14 @@ from multiscale.micro.contact import ContactProblem, ContactState, untouched
 from multiscale.micro.flat import solve_flat
 from multiscale.micro.lateral_fft import filter_surface, surface_compliance
 from multiscale.micro.mesh import graded_planes
+from multiscale.needs import Needs
 
 __all__ = ["assemble_flat_cell"]
 
 TOLERANCE = 1e-6  # relative to the range of the gap; see solve_flat
 
 
-def assemble_flat_cell(cell: Cell) -> ContactProblem:
+def assemble_flat_cell(cell: Cell, needs: Needs) -> ContactProblem:
     """Set up the contact of a cell whose roughness is gap alone, on a flat elastic layer."""
     heights, spacing = cell.surface.heights, cell.surface.spacing
     nx, ny = heights.shape
@@ -26,7 +27,7 @@ def assemble_flat_cell(cell: Cell) -> ContactProblem:
         spacing,
         graded_planes(cell.depth, cell.layers, min(spacing)),
         *cell.layer_moduli,
-        mean_dilatation=cell.nearly_incompressible,
+        mean_dilatation="mean dilatation" in needs,
     )[5]
     obstacle = np.zeros((nx, ny)) if cell.obstacle is None else cell.obstacle.heights
     obstacle = obstacle + np.max(heights - obstacle)
@@ -35,6 +36,7 @@ def assemble_flat_cell(cell: Cell) -> ContactProblem:
 
     gap, closing = obstacle - heights, np.ones((nx, ny))
     respond = partial(filter_surface, symbol=symbol)
+    cap = np.inf if cell.hardness is None else cell.hardness * area
 
     def solve(
         *,
@@ -51,6 +53,7 @@ def assemble_flat_cell(cell: Cell) -> ContactProblem:
             closing,
             load=load,
             approach=approach,
+            cap=cap,
             start=None if start is None else start.force,
             max_iterations=5000,
             tolerance=max(tolerance, TOLERANCE),
@@ -71,4 +74,5 @@ def assemble_flat_cell(cell: Cell) -> ContactProblem:
         np.full((nx, ny), area),
         surface_displacement=lambda u: u,
         recover=None,
+        cap=cap,
     )

@@ -16,12 +16,13 @@ from multiscale.micro.contact import (
 from multiscale.micro.lateral_fft import LateralInverse, factorise_flat_cell, filter_surface
 from multiscale.micro.mesh import GraphMesh, graded_planes
 from multiscale.micro.operator import stiffness_operator
+from multiscale.needs import Needs
 
 __all__ = ["assemble_graph_cell"]
 
 
-def assemble_graph_cell(cell: Cell) -> ContactProblem:
-    r"""Set up operators and contact geometry of a graph cell.
+def assemble_graph_cell(cell: Cell, needs: Needs) -> ContactProblem:
+    r"""Set up the operators that a graph cell needs, and its contact geometry.
 
     Raises
     ------
@@ -39,9 +40,11 @@ def assemble_graph_cell(cell: Cell) -> ContactProblem:
     surface = cell.surface
     (nx, ny), spacing = surface.heights.shape, surface.spacing
     mesh = GraphMesh(surface, graded_planes(cell.depth, cell.layers, min(spacing)))
-    lame, shear = cell.layer_moduli
-    soft = cell.nearly_incompressible
-    inverse = factorise_flat_cell((nx, ny), spacing, mesh.planes, lame, shear, mean_dilatation=soft)
+    lame, shear = cell.moduli
+    b_bar = "mean dilatation" in needs
+    inverse = factorise_flat_cell(
+        (nx, ny), spacing, mesh.planes, *cell.layer_moduli, mean_dilatation=b_bar
+    )
 
     if cell.obstacle is None:
         obstacle = np.full((nx, ny), surface.heights.max())
@@ -50,16 +53,17 @@ def assemble_graph_cell(cell: Cell) -> ContactProblem:
     else:
         obstacle = cell.obstacle.heights + np.max(surface.heights - cell.obstacle.heights)
         normal = obstacle_normal(*_slopes(obstacle, spacing))
-    slopes = _slopes(surface.heights, spacing) if soft else None
-    trace, add = _normal_operators(None if cell.obstacle is None else normal)
-    if cell.obstacle is None and not soft:
+    slopes = _slopes(surface.heights, spacing) if "tilt" in needs else None
+    inclined = "obstacle normals" in needs
+    trace, add = _normal_operators(normal if inclined else None)
+    if not inclined and slopes is None:
         solve, compliance = _vertical_reference(inverse)
     else:
         solve, compliance = _inclined_reference(inverse, normal, slopes, mesh.map_factor[1:])
     stiffness = 1.0 / inverse.surface_compliance[5]
 
     body = ElasticBody(
-        apply=stiffness_operator(mesh, lame, shear, mean_dilatation=soft),
+        apply=stiffness_operator(mesh, lame, shear, mean_dilatation=b_bar),
         solve=solve,
         trace=trace,
         add=add,
@@ -76,13 +80,17 @@ def assemble_graph_cell(cell: Cell) -> ContactProblem:
         upper = np.zeros(top.nvertices, dtype=bool)
         upper[np.unique(top.facets[:, top.boundaries["top"]])] = True
         layer = np.where(upper, -1, -2)
+        centre = top.p[:, top.t].mean(axis=1)
+        cells = [np.floor(centre[k] / spacing[k]).astype(int) for k in range(2)]
         return recovered_force(
             top,
             ElementHex1(),
             displacement[i, layer, :, j].T,
             active[i, j] & upper,
-            lame[-1],
-            shear[-1],
+            *(
+                value[-1] if value.ndim == 1 else value[cells[0], -1, cells[1]]
+                for value in (lame, shear)
+            ),
         )
 
     closing = normal[:, 2]
@@ -93,7 +101,7 @@ def assemble_graph_cell(cell: Cell) -> ContactProblem:
         obstacle,
         np.full((nx, ny), spacing[0] * spacing[1]),
         surface_displacement=lambda u: u[:, -1],
-        recover=recover,
+        recover=recover if "stress recovery" in needs else None,
     )
 
 

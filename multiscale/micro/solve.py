@@ -11,6 +11,8 @@ from multiscale.errors import MultiscaleError
 from multiscale.micro import averages
 from multiscale.micro.cell import Cell, MeshCell, Path
 from multiscale.micro.contact import ContactProblem, ContactState
+from multiscale.micro.needs import cell_needs
+from multiscale.needs import Needs
 from multiscale.schema import MICRO_RESPONSE
 
 if TYPE_CHECKING:
@@ -56,8 +58,8 @@ def solve_cell(
     from threadpoolctl import threadpool_limits
 
     with threadpool_limits(1, user_api="blas"):  # its threads would wait for the kernels' and spin
-        problem = _assemble(cell)
-        recover_stress = recover_stress and problem.recover is not None
+        needs = cell_needs(cell, keep_fields=keep_fields, recover_stress=recover_stress)
+        problem = _assemble(cell, needs)
         state: ContactState | None = None
         steps: list[dict[str, Any]] = []
         for k in range(len(path)):
@@ -70,7 +72,7 @@ def solve_cell(
             )
             converged = found.status is Status.CONVERGED
             state = found if converged else state
-            step = _average(problem, found, recover_stress) if converged else {}
+            step = _average(problem, found) if converged else {}
             steps.append(
                 step
                 | {
@@ -80,7 +82,7 @@ def solve_cell(
                     "wall_time": perf_counter() - begin,
                 }
             )
-            if keep_fields and converged:
+            if needs.fields and converged:
                 steps[-1] |= _local_fields(problem, found)
             logger.info(
                 "step %d: %s, %d active sets, %d linear iterations",
@@ -89,14 +91,16 @@ def solve_cell(
                 len(found.residuals),
                 found.linear_iterations,
             )
-    return _dataset(steps, path, problem, recover_stress, keep_fields)
+    return _dataset(steps, path, problem, needs)
 
 
-def _assemble(cell: Cell | MeshCell) -> ContactProblem:
+def _assemble(cell: Cell | MeshCell, needs: Needs) -> ContactProblem:
     if isinstance(cell, MeshCell):
         from multiscale.micro.assembly import assemble_mesh_cell
 
-        return assemble_mesh_cell(cell)
+        return assemble_mesh_cell(cell, needs)
+    for caution in cell.cautions():
+        logger.warning("%s", caution)
     try:
         from multiscale.micro.flat_cell import assemble_flat_cell
         from multiscale.micro.graph_cell import assemble_graph_cell
@@ -105,10 +109,12 @@ def _assemble(cell: Cell | MeshCell) -> ContactProblem:
             f"the compiled kernels cannot be kept ({error}); set NUMBA_CACHE_DIR to a folder that "
             f"can be written to"
         ) from error
-    return assemble_flat_cell(cell) if cell.geometry == "flat" else assemble_graph_cell(cell)
+    if cell.geometry == "flat":
+        return assemble_flat_cell(cell, needs)
+    return assemble_graph_cell(cell, needs)
 
 
-def _average(problem: ContactProblem, state: ContactState, recover_stress: bool) -> dict[str, Any]:
+def _average(problem: ContactProblem, state: ContactState) -> dict[str, Any]:
     """Averages of one converged step."""
     area, weight = problem.nominal_area, problem.weight
     nodal = np.moveaxis(-state.force[:, None] * problem.normal, 1, -1).reshape(-1, 3)
@@ -120,9 +126,11 @@ def _average(problem: ContactProblem, state: ContactState, recover_stress: bool)
         "mean_gap": averages.mean_gap(
             problem.obstacle_height - state.approach, problem.surface_height + moved[:, 2], weight
         ),
-        "contact_fraction": averages.contact_fraction(state.active, weight),
+        "contact_fraction": averages.contact_fraction(
+            state.active, weight, state.force >= problem.cap
+        ),
     }
-    if recover_stress and problem.recover is not None:
+    if problem.recover is not None:
         force = problem.recover(state.displacement, state.active)
         step["recovered_traction"] = averages.average_traction(force[None], area)
     return step
@@ -141,8 +149,7 @@ def _dataset(
     steps: list[dict[str, Any]],
     path: Path,
     problem: ContactProblem,
-    recover_stress: bool,
-    keep_fields: bool,
+    needs: Needs,
 ) -> "xr.Dataset":
     """Join the steps; what a failed step lacks is NaN."""
     shapes: dict[str, tuple[int, ...]] = {
@@ -151,10 +158,9 @@ def _dataset(
         "mean_gap": (),
         "contact_fraction": (),
     }
-    if recover_stress:
+    if "stress recovery" in needs:
         shapes["recovered_traction"] = (3,)
-    if keep_fields:
-        shapes |= dict.fromkeys(("pressure", "gap"), problem.weight.T.shape)
+    shapes |= dict.fromkeys(needs.fields, problem.weight.T.shape)
     values: dict[str, Any] = {
         name: np.array([step.get(name, np.full(shape, np.nan)) for step in steps])[None]
         for name, shape in shapes.items()

@@ -17,7 +17,7 @@ from multiscale.micro.topography import (
 )
 from multiscale.pipeline.settings import POINTS_PER_WAVE, Case, InstrumentSurface
 
-__all__ = ["composite_material", "make_cells"]
+__all__ = ["cell_of", "composite_material", "make_cells"]
 
 FEWEST_PIXELS = 16  # measured points across a window
 
@@ -29,7 +29,7 @@ def composite_material(case: Case) -> tuple[float, float]:
     and without friction nothing else of the elastic constants enters; Poisson's ratio is the mean
     weighted by compliance.
     """
-    pair = [(body.youngs_modulus, body.poissons_ratio) for body in (case.body_1, case.body_2)]
+    pair = [(body.youngs_modulus, body.poissons_ratio) for body in case.bodies]
     compliance = [(1.0 - nu**2) / modulus for modulus, nu in pair]
     nu = float(np.average([nu for _, nu in pair], weights=compliance))
     return contact_modulus(*pair) * (1.0 - nu**2), nu
@@ -43,20 +43,30 @@ def make_cells(case: Case) -> list[Cell]:
     CaseError
         If a surface cannot be made or read, or a map has too few windows.
     """
-    modulus, nu = composite_material(case)
     sides = [_surfaces(case, number) for number in (1, 2)]
-    depth = case.cell.depth if case.cell.depth is not None else max(case.cell.size)
     cells = []
     for k in range(case.micro.realisations):
         rough = [side[k] for side in sides if side]
         surface = rough[0] if len(rough) == 1 else composite(rough[0], rough[1])
-        cells.append(Cell(surface, depth, case.cell.layers, modulus, nu))
+        cells.append(cell_of(case, surface))
     return cells
+
+
+def cell_of(case: Case, surface: Surface) -> Cell:
+    """Build the cell of a case under one composite surface."""
+    return Cell(
+        surface,
+        case.cell.depth if case.cell.depth is not None else max(case.cell.size),
+        case.cell.layers,
+        *composite_material(case),
+        geometry=case.cell.geometry,
+        hardness=case.hardness,
+    )
 
 
 def _surfaces(case: Case, number: int) -> list[Surface]:
     """Realisations of one body's surface; none if it is smooth."""
-    body, other = (case.body_1, case.body_2)[:: 1 if number == 1 else -1]
+    body, other = case.bodies[:: 1 if number == 1 else -1]
     settings = body.surface
     if settings is None:
         return []

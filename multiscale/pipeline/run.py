@@ -181,8 +181,7 @@ def _write_fields(cell: Cell, out: Path) -> None:
 def _solve_joint(case: Case, law: "xr.Dataset") -> "xr.Dataset":
     """Press two blocks together through the law and its samples."""
     lower, upper = (
-        Block(case.joint.height, body.youngs_modulus, body.poissons_ratio)
-        for body in (case.body_1, case.body_2)
+        Block(case.joint.height, body.youngs_modulus, body.poissons_ratio) for body in case.bodies
     )
     samples = range(law.sizes["sample"])
     result = rough_joint(

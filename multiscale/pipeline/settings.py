@@ -5,7 +5,6 @@ from itertools import pairwise
 from pathlib import Path
 from typing import Annotated, Any, Literal, Self
 
-import numpy as np
 from pydantic import (
     BaseModel,
     BeforeValidator,
@@ -21,7 +20,7 @@ from pydantic import (
 
 from multiscale.errors import CaseError
 from multiscale.io import read_bytes
-from multiscale.reference import layer
+from multiscale.micro.cell import depth_caution
 from multiscale.units import to_si
 
 __all__ = [
@@ -146,6 +145,8 @@ class Body(_Settings):
         From 0 to 0.4999.
     surface : table, optional
         Synthetic or measured roughness; smooth if not given.
+    hardness : quantity, optional
+        Largest local pressure, Pa; the softer body's counts. Flat cells only.
     """
 
     youngs_modulus: Pressure
@@ -158,6 +159,7 @@ class Body(_Settings):
         ]
         | None
     ) = None
+    hardness: Pressure | None = None
 
 
 class CellSettings(_Settings):
@@ -173,12 +175,16 @@ class CellSettings(_Settings):
         Depth of the elastic layer, m; the longer edge if not given.
     layers : int
         Layers of elements.
+    geometry : {"conforming", "flat"}
+        Whether the mesh follows the surface, or the surface is the gap of a flat layer: fast, for
+        small slopes.
     """
 
     size: tuple[Length, Length]
     points: tuple[Points, Points]
     depth: Length | None = None
     layers: Annotated[Count, Field(ge=2, le=1000)] = 12
+    geometry: Literal["conforming", "flat"] = "conforming"
 
 
 class MicroSettings(_Settings):
@@ -261,7 +267,22 @@ class Case(_Settings):
     def _check(self) -> Self:
         if self.body_1.surface is None and self.body_2.surface is None:
             raise ValueError("both bodies are smooth; give one of them a [surface] table")
+        if self.hardness is not None and self.cell.geometry != "flat":
+            raise ValueError(
+                'hardness limits the pressure of flat cells only; set geometry = "flat" in [cell]'
+            )
         return self
+
+    @property
+    def bodies(self) -> tuple[Body, Body]:
+        """Both bodies."""
+        return self.body_1, self.body_2
+
+    @property
+    def hardness(self) -> float | None:
+        """Hardness of the softer body, Pa, if one is given."""
+        given = [body.hardness for body in self.bodies if body.hardness is not None]
+        return min(given, default=None)
 
     def quick(self) -> Self:
         """Return the same case on a coarser grid with fewer realisations and samples."""
@@ -282,20 +303,17 @@ class Case(_Settings):
         spacing = max(
             length / n for length, n in zip(self.cell.size, self.cell.points, strict=True)
         )
-        for number, body in ((1, self.body_1), (2, self.body_2)):
+        for number, body in enumerate(self.bodies, start=1):
             cutoff = body.surface.short_cutoff if body.surface else None
             if cutoff is not None and cutoff < 0.99 * POINTS_PER_WAVE * spacing:
                 found.append(
                     f"the shortest wave of body_{number} has {cutoff / spacing:.1f} points; "
                     f"gap and contact area need {POINTS_PER_WAVE} or more"
                 )
-        period, depth = max(self.cell.size), self.cell.depth
-        if depth is not None and depth < 0.99 * period:
-            share = float(layer.ratio_bonded(np.array(2.0 * np.pi * depth / period), 0.3))
-            found.append(
-                f"a depth of {depth:.3g} m below a period of {period:.3g} m makes the longest wave "
-                f"{100.0 * (1.0 - share):.2g} % too stiff"
-            )
+        if self.cell.depth is not None and (
+            shallow := depth_caution(self.cell.depth, max(self.cell.size))
+        ):
+            found.append(shallow)
         low, high = self.micro.pressures[0], self.micro.pressures[-1]
         outside = [p for p in self.joint.preloads if not low <= p <= high]
         if outside:
@@ -309,7 +327,7 @@ class Case(_Settings):
                 f"{self.micro.realisations} realisation(s) say too little about the scatter: there "
                 f"are no bands below {FEWEST_REALISATIONS}"
             )
-        for number, body in ((1, self.body_1), (2, self.body_2)):
+        for number, body in enumerate(self.bodies, start=1):
             if isinstance(body.surface, InstrumentSurface) and body.surface.periodic == "window":
                 found.append(
                     f"the windows of body_{number} fade along their edges, which lowers their rms "
@@ -330,7 +348,7 @@ class Case(_Settings):
             }
         )
         checksum = hashlib.sha256(content.encode())
-        for body in (self.body_1, self.body_2):
+        for body in self.bodies:
             if isinstance(body.surface, InstrumentSurface):
                 checksum.update(read_bytes(body.surface.file))
         return checksum.hexdigest()

@@ -5,10 +5,12 @@ import pytest
 
 from multiscale.convergence import Status
 from multiscale.errors import CaseError
-from multiscale.micro import Cell, Path, Surface, contact, self_affine, solve_cell
+from multiscale.micro import Cell, MeshCell, Path, Surface, contact, self_affine, solve_cell
 from multiscale.micro.contact import ElasticBody
 from multiscale.micro.flat import solve_flat
 from multiscale.micro.graph_cell import assemble_graph_cell
+from multiscale.micro.mesh import GraphMesh, graded_planes
+from multiscale.micro.needs import cell_needs
 from tests.support import egg_box
 
 
@@ -31,7 +33,7 @@ def cell_of(surface, **changes):
 
 @pytest.mark.parametrize("pressure", [1e-6, 1e-3, 1e-2, 1.0])
 def test_solution_satisfies_every_condition_of_contact(pressure):
-    problem = assemble_graph_cell(cell_of(rough()))
+    problem = assemble_graph_cell(cell_of(rough()), cell_needs(cell_of(rough())))
     body, gap, closing = problem.solve.args
     state = problem.solve(load=pressure)
     assert state.status is Status.CONVERGED
@@ -50,7 +52,7 @@ def test_solution_satisfies_every_condition_of_contact(pressure):
 
 def test_prescribing_the_approach_found_for_a_pressure_gives_the_pressure_back():
     cell = cell_of(rough())
-    problem = assemble_graph_cell(cell)
+    problem = assemble_graph_cell(cell, cell_needs(cell))
     state = problem.solve(load=0.02)
     response = solve_cell(cell, Path(approach=(state.approach,)), recover_stress=False)
     assert response["traction"].values[0, 0, 0] == pytest.approx(-0.02, rel=1e-6)
@@ -128,7 +130,7 @@ def test_an_approach_short_of_the_first_touch_carries_nothing():
 
 
 def test_an_unconverged_step_is_not_a_number_and_says_so():
-    problem = assemble_graph_cell(cell_of(rough()))
+    problem = assemble_graph_cell(cell_of(rough()), cell_needs(cell_of(rough())))
     state = problem.solve(load=0.02, max_iterations=1)
     assert state.status is Status.MAX_ITERATIONS
     response = solve_cell(cell_of(rough()), Path(pressure=(0.02,)), tolerance=1e-30)
@@ -175,24 +177,29 @@ def test_random_problems_agree_with_non_negative_least_squares(blocks, monkeypat
         np.testing.assert_allclose(state.force, expected, atol=1e-5 * expected.max())
 
 
-def test_flat_solver_agrees_with_an_independent_quadratic_program():
-    from scipy.optimize import nnls
+@pytest.mark.parametrize("cap", [np.inf, 0.3, 0.05], ids=["elastic", "capped", "soft"])
+@pytest.mark.parametrize("seed", range(5))
+def test_flat_solver_agrees_with_an_independent_quadratic_program(cap, seed):
+    from scipy.optimize import lsq_linear
 
-    rng = np.random.default_rng(seed=6)
-    factor = rng.standard_normal((12, 12))
-    compliance = factor @ factor.T + 0.5 * np.eye(12)
-    gap, closing = rng.uniform(0.0, 0.5, 12), np.ones(12)
-    force, _, _ = solve_flat(
-        lambda f: compliance @ f,
-        gap,
-        closing,
-        approach=1.0,
-        tolerance=1e-12,
-        max_iterations=20000,
-    )
+    rng = np.random.default_rng(seed)
+    n = 12
+    factor = rng.standard_normal((n, n))
+    compliance = factor @ factor.T + 0.5 * np.eye(n)
+    gap, closing = rng.uniform(0.0, 0.5, n), rng.uniform(0.5, 1.0, n)
+    tight = {"cap": cap, "tolerance": 1e-12, "max_iterations": 20000}
+    force, _, _ = solve_flat(lambda f: compliance @ f, gap, closing, approach=1.0, **tight)
+
     root = np.linalg.cholesky(compliance)  # 1/2 f C f - d f = 1/2 |R^t f - R^-1 d|^2 - const
-    expected, _ = nnls(root.T, np.linalg.solve(root, 1.0 - gap))
-    np.testing.assert_allclose(force, expected, atol=1e-6)
+    target = np.linalg.solve(root, closing - gap)
+    expected = lsq_linear(root.T, target, (0.0, cap), method="bvls", tol=1e-14).x
+    np.testing.assert_allclose(force, expected, atol=1e-7)
+
+    load = float(closing @ expected)
+    again, delta, _ = solve_flat(lambda f: compliance @ f, gap, closing, load=load, **tight)
+    np.testing.assert_allclose(again, expected, atol=1e-6)
+    if np.any((expected > 0.0) & (expected < cap)):  # else the approach may lie in an interval
+        assert delta == pytest.approx(1.0, abs=1e-5)
 
 
 def test_rough_obstacle_on_a_flat_body_is_the_flat_on_a_rough_body_for_small_slopes():
@@ -206,6 +213,66 @@ def test_rough_obstacle_on_a_flat_body_is_the_flat_on_a_rough_body_for_small_slo
     np.testing.assert_allclose(first["mean_gap"], second["mean_gap"], rtol=1e-2)
 
 
+def test_moduli_of_elements_agree_with_the_assembled_path():
+    from skfem import ElementHex1, MeshHex
+
+    n, layers = 8, 6
+    rng = np.random.default_rng(seed=5)
+    modulus = 10.0 ** rng.uniform(0.0, 2.0, (n, layers, n))
+    surface = egg_box(n, 0.01)
+    path = Path(pressure=(0.02,))
+    cell = Cell(surface, 1.0, layers, modulus, 0.3)
+    fast = solve_cell(cell, path)
+
+    mesh = GraphMesh(surface, graded_planes(1.0, layers, 1.0 / n)).hexahedra()
+    flat = MeshHex.init_tensor(
+        np.arange(n + 1) / n, np.arange(n + 1) / n, graded_planes(1.0, layers, 1.0 / n)
+    )
+    middle = flat.p[:, flat.t].mean(axis=1)
+    i, j = (np.floor(middle[k] * n).astype(int) for k in (0, 1))
+    k = np.searchsorted(graded_planes(1.0, layers, 1.0 / n), middle[2]) - 1
+    named = mesh.with_boundaries(
+        {
+            "base": lambda x: x[2] < 1e-9,
+            "sides": lambda x: (
+                (x[0] < 1e-9) | (x[0] > 1 - 1e-9) | (x[1] < 1e-9) | (x[1] > 1 - 1e-9)
+            ),
+        }
+    )
+    general = solve_cell(MeshCell(named, ElementHex1(), modulus[i, k, j], 0.3), path)
+    for name in ("mean_gap", "traction", "recovered_traction", "displacement_jump"):
+        np.testing.assert_allclose(fast[name], general[name], rtol=1e-4, atol=1e-9)
+
+
+@pytest.mark.parametrize("stiff", ["top", "base"])
+def test_a_contrast_of_1e4_between_layers_converges(stiff):
+    modulus = np.ones(10)
+    modulus[-3:] = 1e4
+    layers = modulus if stiff == "top" else modulus[::-1]
+    response = solve_cell(
+        cell_of(rough(), youngs_modulus=layers), Path(pressure=(1e-4, 1e-2)), recover_stress=False
+    )
+    assert response["converged"].values.all()
+    assert response["linear_iterations"].values.max() <= 60
+
+
+def test_a_single_asperity_touches_at_a_vanishing_load():
+    surface = rough()
+    response = solve_cell(cell_of(surface), Path(pressure=(1e-15, 1e-12)), keep_fields=True)
+    assert response["converged"].values.all()
+    assert np.count_nonzero(response["pressure"].values[0, 0]) == 1
+    assert response["mean_gap"].values[0, 0] == pytest.approx(
+        surface.heights.max() - surface.heights.mean(), rel=1e-9
+    )
+
+
+def test_a_shallow_cell_is_named_before_it_is_solved(caplog):
+    solve_cell(cell_of(rough(), depth=0.5), Path(pressure=(0.01,)))
+    assert "a depth of 0.5 m below a period of 1 m makes the longest wave 5.6 % too stiff" in (
+        caplog.text
+    )
+
+
 @pytest.mark.parametrize(
     ("changes", "message"),
     [
@@ -213,6 +280,12 @@ def test_rough_obstacle_on_a_flat_body_is_the_flat_on_a_rough_body_for_small_slo
         pytest.param({"layers": 1}, "at least 2 layers, got 1", id="layers"),
         pytest.param({"youngs_modulus": 0.0}, "Young's modulus must be positive", id="modulus"),
         pytest.param({"poissons_ratio": 0.5}, "below 0.5, got 0.5", id="poisson"),
+        pytest.param(
+            {"youngs_modulus": np.ones(4)},
+            r"one of each layer \(10,\) or one .* \(4,\)",
+            id="shape",
+        ),
+        pytest.param({"poissons_ratio": np.linspace(0.1, 0.6, 10)}, "below 0.5", id="poissons"),
         pytest.param({"obstacle": rough(16)}, "must have the grid of the surface", id="obstacle"),
     ],
 )

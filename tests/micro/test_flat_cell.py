@@ -55,6 +55,59 @@ def test_flat_cell_solves_westergaards_wave():
     )
 
 
+def test_a_profile_is_a_ridge_in_plane_strain():
+    path = Path(pressure=(1e-3, 5e-3))
+    ridge = wave((64, 2), 1e-2)
+    profile = Surface(ridge.heights[:, :1], (1.0, 0.7))
+    across = Surface(profile.heights.T, (0.7, 1.0))
+    for geometry in ("flat", "conforming"):
+        found = [
+            solve_cell(Cell(surface, 1.0, 12, 1.0, 0.3, geometry=geometry), path)
+            for surface in (ridge, profile, across)
+        ]
+        for other in found[1:]:
+            np.testing.assert_allclose(other["mean_gap"], found[0]["mean_gap"], rtol=1e-6)
+            np.testing.assert_allclose(other["traction"], found[0]["traction"], atol=1e-8)
+
+
+@pytest.mark.parametrize("share", [0.01, 0.1, 0.5, 0.9])
+def test_of_a_soft_surface_the_share_that_carries_is_pressure_over_hardness(share):
+    hardness = 1e-4  # Pa, where the elastic pressures would reach .1 Pa
+    cell = Cell(rough(128, 0.1), 1.0, 12, 1.0, 0.3, geometry="flat", hardness=hardness)
+    response = solve_cell(cell, Path(pressure=(share * hardness,)), keep_fields=True)
+    assert response["contact_fraction"].item() == pytest.approx(share, rel=1e-3, abs=1.0 / 128**2)
+    assert response["pressure"].values.max() <= hardness * (1.0 + 1e-12)
+
+
+def test_a_hardness_beyond_every_pressure_changes_nothing():
+    path = Path(pressure=(0.001, 0.01))
+    free, capped = (
+        solve_cell(Cell(rough(32, 0.1), 1.0, 8, 1.0, 0.3, geometry="flat", hardness=hardness), path)
+        for hardness in (None, 10.0)
+    )
+    np.testing.assert_allclose(capped["mean_gap"], free["mean_gap"], rtol=1e-6)
+
+
+def test_more_load_than_the_hardness_carries_is_refused():
+    cell = Cell(rough(32, 0.1), 1.0, 8, 1.0, 0.3, geometry="flat", hardness=0.01)
+    with pytest.raises(CaseError, match=r"the load of 0\.02 N is more than the 0\.01 N"):
+        solve_cell(cell, Path(pressure=(0.02,)))
+
+
+@pytest.mark.parametrize(
+    ("changes", "message"),
+    [
+        pytest.param({"hardness": 1.0, "geometry": "conforming"}, "flat cell only", id="geometry"),
+        pytest.param({"hardness": -1.0}, "hardness must be positive", id="negative"),
+        pytest.param({"youngs_modulus": np.ones((4, 4, 4))}, "conforming geometry", id="elements"),
+    ],
+)
+def test_a_refused_flat_cell_says_why(changes, message):
+    given = {"youngs_modulus": 1.0, "poissons_ratio": 0.3, "geometry": "flat"} | changes
+    with pytest.raises(CaseError, match=message):
+        Cell(Surface(np.zeros((4, 4)), (1.0, 1.0)), 1.0, 4, **given)
+
+
 def test_approach_control_gives_the_pressure_back():
     cell = Cell(rough(32, 0.1), 1.0, 10, 1.0, 0.3, geometry="flat")
     loaded = solve_cell(cell, Path(pressure=(0.0, 0.005)))

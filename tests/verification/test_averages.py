@@ -9,6 +9,7 @@ from multiscale.micro.assembly import assemble_elasticity
 from multiscale.micro.averages import average_traction, dual_basis
 from multiscale.micro.cell import lame_parameters
 from multiscale.micro.graph_cell import assemble_graph_cell
+from multiscale.micro.needs import cell_needs
 from multiscale.micro.mesh import GraphMesh, graded_planes
 from tests.support import egg_box, observed_rate
 
@@ -57,7 +58,7 @@ def base_reaction(cell, displacement):
 def test_average_traction_is_the_base_reaction_over_the_nominal_area(obstacle):
     other = Surface(rough(32, slope=0.05, seed=8).heights, (1.0, 1.0)) if obstacle else None
     cell = Cell(rough(32), 1.0, 10, youngs_modulus=2.0, poissons_ratio=0.3, obstacle=other)
-    problem = assemble_graph_cell(cell)
+    problem = assemble_graph_cell(cell, cell_needs(cell))
     state = problem.solve(load=0.01, tolerance=1e-11)
     nodal = np.moveaxis(-state.force[:, None] * problem.normal, 1, -1).reshape(-1, 3)
     averages = average_traction(nodal, problem.nominal_area)

@@ -1,0 +1,102 @@
+"""What a cell needs, from what it is."""
+
+from multiscale.micro.cell import Cell, MeshCell
+from multiscale.needs import Needs
+
+__all__ = ["cell_needs"]
+
+_VECTORS = 9  # displacement-sized arrays alive at the peak of a contact solve
+
+
+def cell_needs(
+    cell: Cell | MeshCell, *, keep_fields: bool = False, recover_stress: bool = True
+) -> Needs:
+    """Return what solving a cell takes.
+
+    Parameters
+    ----------
+    cell : Cell or MeshCell
+    keep_fields, recover_stress : bool
+        As in :func:`multiscale.micro.solve_cell`.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from multiscale.micro import Surface
+    >>> cell = Cell(Surface(np.zeros((8, 8)), (1.0, 1.0)), 1.0, 4, 1.0, 0.3, geometry="flat")
+    >>> "stiffness" in cell_needs(cell)
+    False
+    """
+    graph = cell if isinstance(cell, Cell) else None
+    general = graph is None
+    flat = graph is not None and graph.geometry == "flat"
+    soft = graph is not None and graph.nearly_incompressible
+    # operator: whether it is needed, what for, why not
+    choices = {
+        "stiffness": (
+            not flat,
+            "assembled, on any mesh" if general else "matrix-free, on the conforming mesh",
+            "a flat cell solves on its surface alone",
+        ),
+        "layer factors": (
+            not flat and not general,
+            "lateral-FFT inverse of the flat cell: the preconditioner",
+            "the general path has a preconditioner of its own"
+            if general
+            else "the compliance of the surface is enough",
+        ),
+        "mean dilatation": (
+            soft,
+            "B-bar against locking",
+            "the element is the user's choice" if general else "Poisson's ratio below 0.4",
+        ),
+        "tilt": (
+            soft and not flat,
+            "keeps the preconditioner good near incompressibility",
+            "Poisson's ratio below 0.4" if not soft else "a flat cell needs no preconditioner",
+        ),
+        "obstacle normals": (
+            cell.obstacle is not None and not flat,
+            "three displacement components in each contact condition",
+            "contact acts along z alone",
+        ),
+        "element moduli": (
+            graph is not None and graph.heterogeneous,
+            "one pair of moduli for each element",
+            "moduli vary at most from layer to layer",
+        ),
+        "stress recovery": (
+            recover_stress and not flat,
+            "averages from the Cauchy stress, beside those from contact forces",
+            "a flat cell has no stress field" if flat else "not asked for",
+        ),
+        "hardness cap": (
+            graph is not None and graph.hardness is not None,
+            "local pressure is limited",
+            "no hardness is given",
+        ),
+    }
+    recovered = choices["stress recovery"][0]
+    return Needs(
+        unknowns_per_contact=1,
+        kinematics="small strain, roughness as gap of a flat layer"
+        if flat
+        else "small strain on the true geometry",
+        operators={name: why for name, (needed, why, _) in choices.items() if needed},
+        left_out={name: why for name, (needed, _, why) in choices.items() if not needed},
+        fields=("pressure", "gap") if keep_fields else (),
+        libraries=("numba", "scikit-fem") if recovered else ("numba",),
+        memory=_memory(cell),
+    )
+
+
+def _memory(cell: Cell | MeshCell) -> int:
+    """Estimated peak, byte."""
+    if isinstance(cell, MeshCell):
+        return int(8 * 3 * cell.mesh.nvertices * 81 * 4)  # rows of 81 entries, and factors
+    nx, ny = cell.surface.heights.shape
+    if cell.geometry == "flat":
+        return int(8 * nx * ny * 20)
+    vector = nx * cell.layers * 3 * ny
+    factors = nx * cell.layers * 15 * (ny // 2 + 1)
+    return int(8 * (_VECTORS * vector + factors))

@@ -1,0 +1,60 @@
+"""What a scene needs: the only input from which solvers allocate and choose."""
+
+from dataclasses import dataclass
+
+__all__ = ["Needs"]
+
+
+@dataclass(frozen=True)
+class Needs:
+    """What one scene uses, and nothing else.
+
+    Attributes
+    ----------
+    unknowns_per_contact : int
+        1 without friction, 3 with it.
+    kinematics : str
+        For instance ``"small strain on the true geometry"``.
+    operators : dict of str to str
+        What is built, and what for.
+    left_out : dict of str to str
+        What other scenes build and this one does not, and why not.
+    state_variables : tuple of str
+        History kept at each point; none for an elastic scene.
+    fields : tuple of str
+        Local fields kept in the result.
+    libraries : tuple of str
+        Heavy libraries that are imported.
+    memory : int
+        Estimated peak memory of the largest solve, byte.
+    """
+
+    unknowns_per_contact: int
+    kinematics: str
+    operators: dict[str, str]
+    left_out: dict[str, str]
+    state_variables: tuple[str, ...] = ()
+    fields: tuple[str, ...] = ()
+    libraries: tuple[str, ...] = ()
+    memory: int = 0
+
+    def __contains__(self, operator: str) -> bool:
+        """Whether an operator is to be built."""
+        if operator not in self.operators and operator not in self.left_out:
+            raise KeyError(operator)
+        return operator in self.operators
+
+    def explain(self) -> str:
+        """Return the needs as text, one line each."""
+        rows = [
+            ("kinematics", self.kinematics),
+            ("unknowns per contact", str(self.unknowns_per_contact)),
+            ("state variables", ", ".join(self.state_variables) or "none"),
+            ("fields kept", ", ".join(self.fields) or "none"),
+            ("libraries", ", ".join(self.libraries)),
+            ("memory", f"{self.memory / 1e6:.3g} MB for the largest solve"),
+            *((f"builds {name}", reason) for name, reason in self.operators.items()),
+            *((f"leaves out {name}", reason) for name, reason in self.left_out.items()),
+        ]
+        width = max(len(name) for name, _ in rows)
+        return "\n".join(f"{name:{width}}  {value}" for name, value in rows)

@@ -1,0 +1,122 @@
+"""A cell allocates and computes what it needs, and nothing else."""
+
+import subprocess
+import sys
+import tracemalloc
+
+import numpy as np
+import pytest
+
+from multiscale.micro import Cell, Path, Surface, self_affine, solve_cell
+from multiscale.micro import graph_cell as graph_cell_module
+from multiscale.micro.lateral_fft import LateralInverse
+from multiscale.micro.needs import cell_needs
+
+N, LAYERS = 48, 10
+
+
+def plain_cell(n=N, **changes):
+    surface = self_affine(
+        (n, n),
+        (1.0, 1.0),
+        0,
+        hurst_exponent=0.8,
+        long_cutoff=0.5,
+        short_cutoff=0.25,
+        rms_slope=0.2,
+    )
+    given = {"youngs_modulus": 1.0, "poissons_ratio": 0.3} | changes
+    return Cell(surface, 1.0, LAYERS, **given)
+
+
+@pytest.mark.parametrize(
+    ("changes", "built"),
+    [
+        pytest.param({}, {"stiffness", "layer factors"}, id="plain"),
+        pytest.param({"geometry": "flat"}, set(), id="flat"),
+        pytest.param({"geometry": "flat", "hardness": 1.0}, {"hardness cap"}, id="hardness"),
+        pytest.param(
+            {"poissons_ratio": 0.45},
+            {"stiffness", "layer factors", "mean dilatation", "tilt"},
+            id="nearly-incompressible",
+        ),
+        pytest.param(
+            {"obstacle": Surface(np.zeros((N, N)), (1.0, 1.0))},
+            {"stiffness", "layer factors", "obstacle normals"},
+            id="rough-obstacle",
+        ),
+        pytest.param(
+            {"youngs_modulus": np.ones((N, LAYERS, N))},
+            {"stiffness", "layer factors", "element moduli"},
+            id="elements",
+        ),
+    ],
+)
+def test_each_feature_is_built_only_where_it_is_used(changes, built):
+    needs = cell_needs(plain_cell(**changes), recover_stress=False)
+    assert set(needs.operators) == built
+    assert not built & set(needs.left_out)
+    assert all(f"builds {name}" in needs.explain() for name in built)
+
+
+def test_an_operator_nobody_knows_is_a_mistake_of_the_programmer():
+    with pytest.raises(KeyError, match="frobnication"):
+        _ = "frobnication" in cell_needs(plain_cell())
+
+
+@pytest.mark.parametrize("geometry", ["conforming", "flat"])
+def test_the_memory_said_is_the_memory_taken(geometry):
+    cell = plain_cell(96, geometry=geometry)
+    path = Path(pressure=(0.01,))
+    solve_cell(cell, path, recover_stress=False)  # compiles
+    tracemalloc.start()
+    solve_cell(cell, path, recover_stress=False)
+    peak = tracemalloc.get_traced_memory()[1]
+    tracemalloc.stop()
+    assert cell_needs(cell).memory == pytest.approx(peak, rel=0.25)
+
+
+def test_what_a_plain_run_costs(monkeypatch):
+    # the counts of the first version of this test: a later feature must not raise them
+    counts = {"apply": 0, "solve": 0}
+    make, solve = graph_cell_module.stiffness_operator, LateralInverse.solve
+
+    def counted_operator(*arguments, **options):
+        apply = make(*arguments, **options)
+
+        def counted(u):
+            counts["apply"] += 1
+            return apply(u)
+
+        return counted
+
+    def counted_solve(self, *arguments):
+        counts["solve"] += 1
+        return solve(self, *arguments)
+
+    monkeypatch.setattr(graph_cell_module, "stiffness_operator", counted_operator)
+    monkeypatch.setattr(LateralInverse, "solve", counted_solve)
+    response = solve_cell(plain_cell(), Path(pressure=(0.002, 0.02)), recover_stress=False)
+    assert response["converged"].values.all()
+    steps = response["linear_iterations"].values.sum()
+    sets = response["active_set_iterations"].values.sum()
+    # each iteration: one product, one solve; each active set: one of both to move onto it
+    assert counts["solve"] <= steps + sets + 2
+    assert counts["apply"] <= steps + 2 * sets + 2
+
+
+def test_a_run_without_recovered_stress_does_without_scikit_fem():
+    code = (
+        "import sys, numpy as np\n"
+        "from multiscale.micro import Cell, Path, Surface, solve_cell\n"
+        "x = np.cos(2 * np.pi * np.arange(8) / 8)\n"
+        "cell = Cell(Surface(0.01 * np.outer(x, x), (1.0, 1.0)), 1.0, 4, 1.0, 0.3)\n"
+        "solve_cell(cell, Path(pressure=(0.001,)), recover_stress=False)\n"
+        "print('\\n'.join(sys.modules))"
+    )
+    done = subprocess.run(
+        [sys.executable, "-c", code], capture_output=True, text=True, check=True, timeout=300
+    )
+    loaded = set(done.stdout.split())
+    assert loaded.isdisjoint({"skfem", "gmsh", "meshio", "matplotlib", "pydantic"})
+    assert "numba" in loaded

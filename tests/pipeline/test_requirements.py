@@ -1,0 +1,64 @@
+"""What a case needs is said before it is run."""
+
+import pytest
+from typer.testing import CliRunner
+
+from multiscale.cli import app
+from multiscale.errors import CaseError
+from multiscale.pipeline import load_case, requirements
+from multiscale.pipeline.case import shipped_cases
+
+TEXT = shipped_cases()["ground_steel"].read_text(encoding="utf-8")
+
+
+def case_with(tmp_path, *pairs):
+    text = TEXT
+    for old, new in pairs:
+        assert old in text
+        text = text.replace(old, new)
+    path = tmp_path / "case.toml"
+    path.write_text(text, encoding="utf-8")
+    return load_case(path)
+
+
+def test_a_plain_case_leaves_out_what_it_does_not_use():
+    needs = requirements(load_case("ground_steel"))
+    assert needs.unknowns_per_contact == 1
+    assert needs.state_variables == ()
+    assert "stiffness" in needs
+    assert "mean dilatation" not in needs
+    assert "SurfaceTopography" not in needs.libraries
+
+
+def test_a_nearly_incompressible_case_says_what_it_adds():
+    needs = requirements(load_case("road_texture"))
+    assert "mean dilatation" in needs
+    assert "tilt" in needs
+
+
+def test_a_flat_case_with_a_hardness_needs_neither_mesh_nor_factors(tmp_path):
+    case = case_with(
+        tmp_path,
+        ("[cell]", '[cell]\ngeometry = "flat"'),
+        ("[body_1]", '[body_1]\nhardness = "2 GPa"'),
+        ("[body_2]", '[body_2]\nhardness = "3 GPa"'),
+    )
+    needs = requirements(case)
+    assert case.hardness == 2e9
+    assert "hardness cap" in needs
+    assert "stiffness" not in needs
+    assert needs.memory < 0.1 * requirements(load_case("ground_steel")).memory
+
+
+def test_a_hardness_without_the_flat_geometry_is_refused(tmp_path):
+    with pytest.raises(CaseError, match='flat cells only; set geometry = "flat" in'):
+        case_with(tmp_path, ("[body_1]", '[body_1]\nhardness = "2 GPa"'))
+
+
+def test_explaining_a_case_prints_its_needs_and_runs_nothing(tmp_path):
+    out = tmp_path / "out"
+    result = CliRunner().invoke(app, ["run", "ground_steel", "-o", str(out), "--explain"])
+    assert result.exit_code == 0
+    assert "unknowns per contact         1" in result.output
+    assert "leaves out tilt" in result.output
+    assert not out.exists()
