@@ -66,7 +66,8 @@ def test_a_step_does_not_depend_on_the_path_to_it():
         assert loop[name].values[0, -1] == pytest.approx(direct[name].values[0, 0], rel=1e-6)
 
 
-def test_linear_iterations_do_not_grow_with_the_grid():
+@pytest.mark.parametrize(("nu", "limit"), [(0.3, 20), (0.49, 30), (0.499, 60)])
+def test_linear_iterations_do_not_grow_with_the_grid(nu, limit):
     counts = []
     for n in (32, 64, 128):
         surface = self_affine(
@@ -75,12 +76,14 @@ def test_linear_iterations_do_not_grow_with_the_grid():
             0,
             hurst_exponent=0.8,
             long_cutoff=0.5,
-            short_cutoff=0.25,
+            short_cutoff=0.125,
             rms_slope=0.2,
         )
-        response = solve_cell(cell_of(surface), Path(pressure=(0.02,)), recover_stress=False)
+        cell = cell_of(surface, layers=14, poissons_ratio=nu)
+        response = solve_cell(cell, Path(pressure=(0.02,)), recover_stress=False)
         counts.append(int(response["linear_iterations"].item()))
-    assert max(counts) <= 1.3 * min(counts)
+    assert counts[2] <= 1.2 * counts[1]
+    assert max(counts[1:]) <= limit  # 32 points are 4 in the shortest wave
 
 
 @pytest.mark.parametrize("length", [1e-9, 1.0, 1e3], ids=["nm", "m", "km"])
