@@ -7,9 +7,25 @@ import numpy as np
 if TYPE_CHECKING:
     from skfem import Element, Mesh
 
-__all__ = ["average_traction", "contact_fraction", "dual_basis", "mean_gap", "recovered_force"]
+__all__ = [
+    "RIM",
+    "average_traction",
+    "contact_fraction",
+    "dual_basis",
+    "mean_gap",
+    "recovered_force",
+]
 
 PERIMETER_FACTOR = (np.pi - 1.0 + np.log(2.0)) / 24.0
+
+RIM = {"trilinear": 0.075, "mean dilatation": 0.16}
+"""Element edges by which the contact nodes of hexahedra reach farther than those of an exact surface.
+
+The pressure falls as a square root towards every edge of a contact, so that the share is one number
+for one kind of element. Measured on flat cells against the exact compliance at equal loads: .05-.08
+and .16 on Westergaard's wave, .06-.10 and .15-.19 on self-affine surfaces with 16 and 32 points in
+the shortest wave at contact fractions of 3-76 %.
+"""
 
 
 def dual_basis(normal: np.ndarray, tangents: np.ndarray) -> np.ndarray:
@@ -67,7 +83,11 @@ def average_traction(
 
 
 def contact_fraction(
-    active: np.ndarray, weight: np.ndarray, saturated: np.ndarray | None = None
+    active: np.ndarray,
+    weight: np.ndarray,
+    saturated: np.ndarray | None = None,
+    *,
+    rim: float = 0.0,
 ) -> float:
     r"""Real over nominal contact area.
 
@@ -79,6 +99,9 @@ def contact_fraction(
         Nominal area of each node, m2.
     saturated : ndarray of bool, optional
         Contact nodes at the hardness of the surface.
+    rim : float
+        What the nodes of finite elements carry beyond the edge of the contact, in element edges;
+        see :data:`RIM`.
 
     Notes
     -----
@@ -105,7 +128,7 @@ def contact_fraction(
             for axis in (0, 1)
             for shift in (1, -1)
         )
-        fraction -= PERIMETER_FACTOR * edges / active.size
+        fraction -= (PERIMETER_FACTOR + rim) * edges / active.size
     return max(fraction, 0.0)
 
 

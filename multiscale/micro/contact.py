@@ -94,6 +94,8 @@ class ContactProblem:
         facets that touch an active node, shape (3,), N; None where there is no stress field.
     cap : float
         Largest contact force of a node, N.
+    rim : float
+        As in :func:`multiscale.micro.averages.contact_fraction`.
     """
 
     solve: Callable[..., "ContactState"]
@@ -104,6 +106,7 @@ class ContactProblem:
     surface_displacement: Callable[[np.ndarray], np.ndarray]
     recover: Callable[[np.ndarray, np.ndarray], np.ndarray] | None
     cap: float = np.inf
+    rim: float = 0.0
 
     @property
     def nominal_area(self) -> float:

@@ -8,27 +8,23 @@ from multiscale.convergence import Status
 from multiscale.micro.cell import Cell
 from multiscale.micro.contact import ContactProblem, ContactState, untouched
 from multiscale.micro.flat import solve_flat
-from multiscale.micro.lateral_fft import filter_surface, surface_compliance
+from multiscale.micro.lateral_fft import filter_surface
+from multiscale.micro.layered import layered_compliance
 from multiscale.micro.mesh import graded_planes
-from multiscale.needs import Needs
 
 __all__ = ["assemble_flat_cell"]
 
 TOLERANCE = 1e-6  # relative to the range of the gap; see solve_flat
 
 
-def assemble_flat_cell(cell: Cell, needs: Needs) -> ContactProblem:
+def assemble_flat_cell(cell: Cell) -> ContactProblem:
     """Set up the contact of a cell whose roughness is gap alone, on a flat elastic layer."""
     heights, spacing = cell.surface.heights, cell.surface.spacing
     nx, ny = heights.shape
     area = spacing[0] * spacing[1]
-    symbol = surface_compliance(
-        (nx, ny),
-        spacing,
-        graded_planes(cell.depth, cell.layers, min(spacing)),
-        *cell.layer_moduli,
-        mean_dilatation="mean dilatation" in needs,
-    )[5]
+    planes = graded_planes(cell.depth, cell.layers, min(spacing))
+    # per nodal force, not per pressure
+    symbol = layered_compliance((nx, ny), cell.surface.size, planes, *cell.layer_moduli) / area
     obstacle = np.zeros((nx, ny)) if cell.obstacle is None else cell.obstacle.heights
     obstacle = obstacle + np.max(heights - obstacle)
     normal = np.zeros((nx, 3, ny))

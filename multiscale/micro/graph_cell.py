@@ -5,7 +5,7 @@ from functools import partial
 
 import numpy as np
 
-from multiscale.micro.averages import recovered_force
+from multiscale.micro.averages import RIM, recovered_force
 from multiscale.micro.cell import Cell
 from multiscale.micro.contact import (
     ContactProblem,
@@ -102,6 +102,7 @@ def assemble_graph_cell(cell: Cell, needs: Needs) -> ContactProblem:
         np.full((nx, ny), spacing[0] * spacing[1]),
         surface_displacement=lambda u: u[:, -1],
         recover=recover if "stress recovery" in needs else None,
+        rim=RIM["mean dilatation" if b_bar else "trilinear"],
     )
 
 

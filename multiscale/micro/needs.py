@@ -5,7 +5,7 @@ from multiscale.needs import Needs
 
 __all__ = ["cell_needs"]
 
-_VECTORS = 9  # displacement-sized arrays alive at the peak of a contact solve
+_VECTORS = 10  # displacement-sized arrays alive at the peak of a contact solve
 
 
 def cell_needs(
@@ -43,17 +43,19 @@ def cell_needs(
             "lateral-FFT inverse of the flat cell: the preconditioner",
             "the general path has a preconditioner of its own"
             if general
-            else "the compliance of the surface is enough",
+            else "the compliance of the surface, known for each wave, is enough",
         ),
         "mean dilatation": (
-            soft,
+            soft and not flat,
             "B-bar against locking",
-            "the element is the user's choice" if general else "Poisson's ratio below 0.4",
+            "the element is the user's choice"
+            if general
+            else "Poisson's ratio below 0.4, or no elements",
         ),
         "tilt": (
             soft and not flat,
             "keeps the preconditioner good near incompressibility",
-            "Poisson's ratio below 0.4" if not soft else "a flat cell needs no preconditioner",
+            "Poisson's ratio below 0.4, or no elements",
         ),
         "obstacle normals": (
             cell.obstacle is not None and not flat,

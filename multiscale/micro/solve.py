@@ -110,7 +110,7 @@ def _assemble(cell: Cell | MeshCell, needs: Needs) -> ContactProblem:
             f"can be written to"
         ) from error
     if cell.geometry == "flat":
-        return assemble_flat_cell(cell, needs)
+        return assemble_flat_cell(cell)
     return assemble_graph_cell(cell, needs)
 
 
@@ -127,7 +127,7 @@ def _average(problem: ContactProblem, state: ContactState) -> dict[str, Any]:
             problem.obstacle_height - state.approach, problem.surface_height + moved[:, 2], weight
         ),
         "contact_fraction": averages.contact_fraction(
-            state.active, weight, state.force >= problem.cap
+            state.active, weight, state.force >= problem.cap, rim=problem.rim
         ),
     }
     if problem.recover is not None:

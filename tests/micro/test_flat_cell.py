@@ -5,7 +5,6 @@ import pytest
 
 from multiscale.errors import CaseError
 from multiscale.micro import Cell, Path, Surface, self_affine, solve_cell
-from multiscale.micro.lateral_fft import factorise_flat_cell, surface_compliance
 from multiscale.reference import westergaard
 from tests.support import wave
 
@@ -19,15 +18,6 @@ def rough(n, slope):
         long_cutoff=0.5,
         short_cutoff=0.25,
         rms_slope=slope,
-    )
-
-
-def test_the_symbol_alone_is_that_of_the_whole_inverse():
-    planes = np.array([0.0, 0.4, 0.7, 0.9, 1.0])
-    lame, shear = np.array([1.0, 2.0, 0.5, 1.5]), np.array([0.7, 0.4, 0.9, 1.1])
-    arguments = ((12, 10), (0.1, 0.08), planes, lame, shear)
-    np.testing.assert_array_equal(
-        surface_compliance(*arguments), factorise_flat_cell(*arguments).surface_compliance
     )
 
 

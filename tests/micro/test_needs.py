@@ -73,7 +73,7 @@ def test_the_memory_said_is_the_memory_taken(geometry):
     solve_cell(cell, path, recover_stress=False)
     peak = tracemalloc.get_traced_memory()[1]
     tracemalloc.stop()
-    assert cell_needs(cell).memory == pytest.approx(peak, rel=0.25)
+    assert cell_needs(cell).memory == pytest.approx(peak, rel=0.1)
 
 
 def test_what_a_plain_run_costs(monkeypatch):
