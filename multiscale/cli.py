@@ -37,11 +37,14 @@ def run_command(
     resume: Annotated[
         bool, typer.Option("--resume", help="Go on with a run that was begun in the folder.")
     ] = False,
+    explain: Annotated[
+        bool, typer.Option("--explain", help="Print what the case needs, and stop.")
+    ] = False,
 ) -> None:
     """Run the whole chain: surface, cells, interface law, joint."""
     from multiscale.errors import CaseError
     from multiscale.io import logging_to, make_folder
-    from multiscale.pipeline import load_case, run
+    from multiscale.pipeline import load_case, requirements, run
     from multiscale.plotting import draw_figures
     from multiscale.report import HEAD, tabulate, write_report
 
@@ -50,6 +53,9 @@ def run_command(
     settings = load_case(case)
     if quick:
         settings = settings.quick()
+    if explain:
+        typer.echo(requirements(settings).explain())
+        return
     make_folder(out)
     with (
         logging_to(out / "log.txt"),
@@ -111,6 +117,39 @@ def report_command(out: Annotated[Path, typer.Argument(help="Folder of a finishe
 
     draw_figures(out)
     typer.echo(write_report(out))
+
+
+@app.command("bench")
+def bench_command(
+    scenes: Annotated[
+        list[str] | None, typer.Argument(help="Families of scenes; all if not given.")
+    ] = None,
+    out: Annotated[Path, typer.Option("-o", "--out", help="Folder to write to.")] = Path("bench"),
+    quick: Annotated[
+        bool, typer.Option("--quick", help="Fewer scenes and grids, one run of each.")
+    ] = False,
+) -> None:
+    """Measure error against run time, beside other codes where they are installed."""
+    from multiscale.bench import HEAD, SCENES, tabulate
+    from multiscale.errors import CaseError
+    from multiscale.io import make_folder, write_dataset
+    from multiscale.plotting import draw_work_precision
+    from multiscale.schema import WORK_PRECISION
+
+    chosen = scenes or list(SCENES)
+    for name in chosen:
+        if name not in SCENES:
+            raise CaseError(f"there is no scene {name!r}; choose from {sorted(SCENES)}")
+    make_folder(out)
+    for name in chosen:
+        found = SCENES[name](quick, lambda line: typer.echo(line, err=True))
+        file = out / f"{name}.nc"
+        write_dataset(found, file, WORK_PRECISION)
+        draw_work_precision(found, file.with_suffix(".png"))
+        for caution in found.attrs["cautions"].splitlines():
+            typer.echo(f"caution: {caution}", err=True)
+        _print_table(found.attrs["title"], HEAD, tabulate(found))
+        typer.echo(f"dataset and figure: {file}, {file.with_suffix('.png')}")
 
 
 @contextmanager

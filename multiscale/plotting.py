@@ -19,11 +19,13 @@ if TYPE_CHECKING:
 
 __all__ = [
     "draw_figures",
+    "draw_work_precision",
     "plot_area_law",
     "plot_contact_map",
     "plot_gap_law",
     "plot_joint_stiffness",
     "plot_surface",
+    "plot_work_precision",
 ]
 
 BAND = (2.5, 97.5)  # percentiles of the bands
@@ -185,6 +187,87 @@ def plot_joint_stiffness(result: "xr.Dataset", *, ax: "Axes | None" = None) -> "
     ax.set_title("joint stiffness")
     ax.legend()
     return ax
+
+
+def plot_work_precision(
+    work_precision: "xr.Dataset",
+    *,
+    scene: str | None = None,
+    error: str = "error",
+    ax: "Axes | None" = None,
+) -> "Axes":
+    """Plot error against run time, one line per method; dashed against the method's own limit.
+
+    Below the uncertainty of the reference, drawn as a band, differences mean nothing. Points are
+    labelled with the grid if it is known; what did not converge is left out.
+
+    Parameters
+    ----------
+    work_precision : Dataset
+        Follows ``WORK_PRECISION``.
+    scene : str, optional
+        Whose runs to plot; all if not given.
+    error : str
+        The variable to plot. ``own_`` and ``_uncertainty`` around it name those that go with it.
+    ax : Axes, optional
+        Where to draw. The current axes if not given.
+    """
+    ax = _axes(ax)
+    runs = work_precision
+    if scene is not None:
+        runs = runs.isel(run=np.flatnonzero(runs["scene"].values == scene))
+        ax.set_title(scene)
+    for k, method in enumerate(dict.fromkeys(runs["method"].values)):
+        of = runs.isel(run=np.flatnonzero(runs["method"].values == method))
+        time = of["wall_time"].values
+        ax.plot(time, of[error].values, "o-", color=f"C{k}", label=method)
+        if f"own_{error}" in of:
+            own = of[f"own_{error}"].values
+            ax.plot(time, own, "--", color=f"C{k}", linewidth=0.8)
+        for run in range(of.sizes["run"] if "points" in of else 0):
+            ax.annotate(
+                f"{int(of['points'][run])}",
+                (time[run], float(of[error][run])),
+                xytext=(3, 3),
+                textcoords="offset points",
+                fontsize=6,
+                color=f"C{k}",
+            )
+    ax.set_xscale("log")
+    ax.set_yscale("log")
+    if f"{error}_uncertainty" in runs and np.isfinite(runs[f"{error}_uncertainty"]).any():
+        low, high = ax.get_ylim()
+        uncertainty = float(runs[f"{error}_uncertainty"].max())
+        low = min(low, 0.5 * uncertainty)
+        ax.axhspan(0.1 * low, uncertainty, color="0.9", linewidth=0)
+        ax.set_ylim(low, high)
+    ax.set_xlabel("wall time (s)")
+    ax.set_ylabel(runs[error].attrs["long_name"])
+    return ax
+
+
+def draw_work_precision(work_precision: "xr.Dataset", file: Path) -> Path:
+    """Draw a panel for each scene, and for each of its errors, into a PNG file.
+
+    Parameters
+    ----------
+    work_precision : Dataset
+        Follows ``WORK_PRECISION``.
+    file : Path
+        To write.
+    """
+    from matplotlib.figure import Figure
+
+    scenes = list(dict.fromkeys(work_precision["scene"].values))
+    errors = [name for name in ("error", "contact_error") if name in work_precision]
+    figure = Figure(figsize=(4.6 * len(scenes), 3.6 * len(errors)), layout="constrained")
+    panels = figure.subplots(len(errors), len(scenes), squeeze=False)
+    for row, error in zip(panels, errors, strict=True):
+        for ax, scene in zip(row, scenes, strict=True):
+            plot_work_precision(work_precision, scene=scene, error=error, ax=ax)
+    panels[0, 0].legend(fontsize=7)
+    write_bytes(file, _png(figure))
+    return file
 
 
 def draw_figures(out: str | Path) -> list[Path]:

@@ -234,6 +234,21 @@ WORK_PRECISION = Schema(
         "peak_memory": Variable(("run",), "byte", "peak memory"),
         "iterations": Variable(("run",), "1", "number of iterations"),
         "unknowns": Variable(("run",), "1", "number of unknowns"),
+        "points": Variable(("run",), "1", "grid points along an edge"),
+        "own_error": Variable(("run",), "1", "relative error against the limit of the method"),
+        "error_uncertainty": Variable(("run",), "1", "uncertainty of the reference"),
+        "contact_error": Variable(("run",), "1", "relative error of the contact fraction"),
+        "own_contact_error": Variable(
+            ("run",), "1", "relative error of the contact fraction against the method's limit"
+        ),
+        "contact_error_uncertainty": Variable(
+            ("run",), "1", "uncertainty of the reference of the contact fraction"
+        ),
+        "mean_gap": Variable(("run",), "m", "mean distance of obstacle and deformed surface"),
+        "contact_fraction": Variable(("run",), "1", "real over nominal contact area"),
+        "relative_pressure": Variable(
+            ("run",), "1", "mean pressure over contact modulus times rms slope"
+        ),
         "method": Variable(("run",), "1", "solver or code"),
         "scene": Variable(("run",), "1", "scene"),
     },

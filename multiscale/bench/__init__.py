@@ -1,0 +1,23 @@
+"""Scenes with references, on which this package and others are measured side by side."""
+
+from collections.abc import Callable
+from typing import TYPE_CHECKING
+
+from multiscale.bench.table import HEAD, tabulate
+
+if TYPE_CHECKING:
+    import xarray as xr
+
+__all__ = ["HEAD", "SCENES", "tabulate"]
+
+Scene = Callable[[bool, Callable[[str], None]], "xr.Dataset"]
+
+
+def _micro(quick: bool, report: Callable[[str], None]) -> "xr.Dataset":
+    from multiscale.bench.micro import bench_micro
+
+    return bench_micro(quick=quick, report=report)
+
+
+SCENES: dict[str, Scene] = {"micro": _micro}
+"""Families of scenes: whether to be quick, and what gets a line for each run, to the dataset."""

@@ -1,0 +1,98 @@
+"""Run a task in processes of its own and say what it took."""
+
+import sys
+from collections.abc import Callable
+from concurrent.futures import ProcessPoolExecutor
+from concurrent.futures.process import BrokenProcessPool
+from dataclasses import dataclass
+from multiprocessing import get_context
+from pathlib import Path
+from statistics import median
+from time import perf_counter
+from typing import Generic, TypeVar
+
+__all__ = ["THREADS", "Measured", "measure"]
+
+THREADS = 2
+"""Threads that a measured code may use."""
+
+T = TypeVar("T")
+
+
+@dataclass(frozen=True)
+class Measured(Generic[T]):
+    """What a task returned and took.
+
+    Attributes
+    ----------
+    value : object or None
+        What the last run returned; ``None`` if a process died, as it does for lack of memory.
+    wall_time : float
+        Median over the runs, s; ``nan`` if a process died.
+    peak_memory : float
+        Median of the largest resident memory of the whole process, with its interpreter and
+        libraries, byte; ``nan`` if a process died.
+    """
+
+    value: T | None
+    wall_time: float
+    peak_memory: float
+
+
+def measure(
+    task: Callable[[], T], *, warm_up: Callable[[], object], repeats: int = 3
+) -> Measured[T]:
+    """Run a task several times, each time in a fresh process.
+
+    Parameters
+    ----------
+    task : callable
+        Without arguments; it and its result must be picklable.
+    warm_up : callable
+        Runs before the task in each process, untimed: a small task of the same kind, so that
+        neither imports nor compilation are counted.
+    repeats : int
+        Number of processes.
+
+    Returns
+    -------
+    Measured
+    """
+    runs: list[tuple[T, float, float]] = []
+    for _ in range(repeats):
+        # spawn: a forked process would start with the memory of this one
+        with ProcessPoolExecutor(1, mp_context=get_context("spawn")) as executor:
+            try:
+                runs.append(executor.submit(_run, task, warm_up).result())
+            except BrokenProcessPool:
+                return Measured(None, float("nan"), float("nan"))
+    return Measured(runs[-1][0], median(run[1] for run in runs), median(run[2] for run in runs))
+
+
+def _run(task: Callable[[], T], warm_up: Callable[[], object]) -> tuple[T, float, float]:
+    """Warm up, then run the task: its value, time and peak memory."""
+    from threadpoolctl import threadpool_limits
+
+    warm_up()
+    if "numba" in sys.modules:
+        import numba
+
+        numba.set_num_threads(min(THREADS, numba.get_num_threads()))
+    with threadpool_limits(THREADS):
+        begin = perf_counter()
+        value = task()
+        elapsed = perf_counter() - begin
+    return value, elapsed, _peak_memory()
+
+
+def _peak_memory() -> float:
+    """Largest resident memory of this process so far, byte."""
+    from multiscale.io import read_text
+
+    status = Path("/proc/self/status")
+    if status.exists():  # Linux, where getrusage also counts what the parent had
+        line = next(line for line in read_text(status).splitlines() if line.startswith("VmHWM"))
+        return 1024.0 * float(line.split()[1])
+    import resource
+
+    return float(resource.getrusage(resource.RUSAGE_SELF).ru_maxrss)

@@ -1,0 +1,237 @@
+"""The same contact by several codes: heights and a mean pressure in, mean gap and area out."""
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from importlib.metadata import version
+from importlib.util import find_spec
+from typing import Literal
+
+import numpy as np
+
+from multiscale.bench.measure import THREADS
+from multiscale.io.surfaces import Surface
+
+__all__ = [
+    "CODES",
+    "Answer",
+    "Code",
+    "solve_conforming",
+    "solve_contact_mechanics",
+    "solve_flat",
+    "solve_tamaas",
+]
+
+TOLERANCE = 1e-6
+"""Overlap in the contact relative to the range of the heights, where a code lets us say so."""
+
+MAX_ITERATIONS = 5000
+POISSONS_RATIO = 0.3
+
+
+@dataclass(frozen=True)
+class Answer:
+    """What a code found.
+
+    Attributes
+    ----------
+    mean_gap : float
+        Nominal-area mean of obstacle minus deformed surface, m.
+    contact_fraction : float
+        Real over nominal contact area, 1, corrected for its perimeter in the same way for all.
+    iterations : int
+        Steps of conjugate gradients.
+    unknowns : int
+        Contact pressures or displacements that the code solves for.
+    converged : bool
+        By the code's own account.
+    """
+
+    mean_gap: float
+    contact_fraction: float
+    iterations: int
+    unknowns: int
+    converged: bool
+
+
+def solve_flat(surface: Surface, pressure: float, contact_modulus: float) -> Answer:
+    """Press the flat cell, which is exact in depth.
+
+    Parameters
+    ----------
+    surface : Surface
+        Heights of the elastic body under a rigid flat; those of a square cell.
+    pressure : float
+        Mean pressure, Pa.
+    contact_modulus : float
+        Pa.
+
+    Returns
+    -------
+    Answer
+
+    Notes
+    -----
+    The cell is as deep as its period, so that its base is not felt: it lowers the compliance of
+    the longest wave by less than 0.1 %.
+    """
+    return _solve_cell(surface, pressure, contact_modulus, "flat", 2)
+
+
+def solve_conforming(surface: Surface, pressure: float, contact_modulus: float) -> Answer:
+    """Press the conforming cell, n/8 but at most 20 layers deep; see :func:`solve_flat`.
+
+    The layers grow with the points, so that the error of the depth falls with that of the surface.
+    """
+    layers = min(max(surface.heights.shape[0] // 8, 8), 20)
+    return _solve_cell(surface, pressure, contact_modulus, "conforming", layers)
+
+
+def _solve_cell(
+    surface: Surface,
+    pressure: float,
+    contact_modulus: float,
+    geometry: Literal["flat", "conforming"],
+    layers: int,
+) -> Answer:
+    from multiscale.micro import Cell, Path, solve_cell
+
+    modulus = contact_modulus * (1.0 - POISSONS_RATIO**2)
+    cell = Cell(
+        surface,
+        surface.size[0],
+        layers,
+        modulus,
+        POISSONS_RATIO,
+        geometry=geometry,
+    )
+    response = solve_cell(
+        cell, Path(pressure=(pressure,)), recover_stress=False, tolerance=TOLERANCE
+    )
+    points = surface.heights.size
+    return Answer(
+        float(response["mean_gap"].item()),
+        float(response["contact_fraction"].item()),
+        int(response["linear_iterations"].item()),
+        points if geometry == "flat" else 3 * layers * points,
+        bool(response["converged"].item()),
+    )
+
+
+def solve_tamaas(surface: Surface, pressure: float, contact_modulus: float) -> Answer:
+    """Solve with Tamaas: boundary elements, projected conjugate gradients on the pressure.
+
+    Parameters and result are those of :func:`solve_flat`.
+    """
+    import tamaas
+
+    class Counter(tamaas.Functional):  # type: ignore[misc]
+        """A functional that is zero and counts its gradients: Tamaas keeps no such count."""
+
+        calls = 0
+
+        def computeF(self, *_: np.ndarray) -> float:  # noqa: N802
+            return 0.0
+
+        def computeGradF(self, *_: np.ndarray) -> None:  # noqa: N802
+            self.calls += 1
+
+    tamaas.set_log_level(tamaas.LogLevel.error)
+    tamaas.initialize(THREADS)
+    heights = surface.heights
+    model = tamaas.ModelFactory.createModel(
+        tamaas.model_type.basic_2d, list(surface.size), list(heights.shape)
+    )
+    model.E, model.nu = contact_modulus, 0.0
+    # its tolerance is an overlap relative to the standard deviation of the heights
+    tolerance = TOLERANCE * float(np.ptp(heights) / heights.std())
+    solver = tamaas.PolonskyKeerRey(model, heights, tolerance)
+    solver.max_iter = MAX_ITERATIONS
+    counter = Counter()
+    solver.addFunctionalTerm(counter)
+    error = solver.solve(pressure)
+    return _answer(
+        surface, model.displacement, model.traction, counter.calls, converged=error <= tolerance
+    )
+
+
+def solve_contact_mechanics(surface: Surface, pressure: float, contact_modulus: float) -> Answer:
+    """Solve with ContactMechanics: boundary elements, projected conjugate gradients.
+
+    Parameters and result are those of :func:`solve_flat`.
+    """
+    from ContactMechanics import PeriodicFFTElasticHalfSpace, make_system
+    from SurfaceTopography import Topography
+
+    heights, (length, width) = surface.heights, surface.size
+    system = make_system(
+        substrate=PeriodicFFTElasticHalfSpace(heights.shape, contact_modulus, surface.size),
+        surface=Topography(heights, surface.size, periodic=True),
+    )
+    overlap = TOLERANCE * float(np.ptp(heights))
+    result = system.minimize_proxy(
+        external_force=pressure * length * width,
+        pentol=overlap,
+        forcetol=contact_modulus * surface.spacing[0] * overlap,  # what the overlap presses with
+        maxiter=MAX_ITERATIONS,
+    )
+    return _answer(surface, result.x, result.jac, int(result.nit), converged=bool(result.success))
+
+
+def _answer(
+    surface: Surface,
+    displacement: np.ndarray,
+    pressure: np.ndarray,
+    iterations: int,
+    *,
+    converged: bool,
+) -> Answer:
+    """Average the fields of a boundary-element code, whose half-space has no mean displacement."""
+    from multiscale.micro.averages import contact_fraction
+
+    gap, active = displacement - surface.heights, pressure > 0.0
+    return Answer(
+        float(np.mean(gap) - np.mean(gap[active])),  # the gap of the contact nodes is zero
+        contact_fraction(active, np.ones(active.shape)),
+        iterations,
+        active.size,
+        converged,
+    )
+
+
+@dataclass(frozen=True)
+class Code:
+    """A code that can be measured.
+
+    Attributes
+    ----------
+    solve : callable
+        Surface, mean pressure (Pa) and contact modulus (Pa) to :class:`Answer`.
+    distribution, module : str
+        Names by which it is installed and imported.
+    small_slope : bool
+        Whether it solves the half-space problem for small slopes, with the roughness as a gap.
+    """
+
+    solve: Callable[[Surface, float, float], Answer]
+    distribution: str
+    module: str
+    small_slope: bool = True
+
+    @property
+    def installed(self) -> bool:
+        """Whether it can be imported."""
+        return find_spec(self.module) is not None
+
+    @property
+    def version(self) -> str:
+        """The installed version."""
+        return version(self.distribution)
+
+
+CODES: Mapping[str, Code] = {
+    "multiscale flat": Code(solve_flat, "multiscale", "multiscale"),
+    "multiscale conforming": Code(solve_conforming, "multiscale", "multiscale", False),
+    "Tamaas": Code(solve_tamaas, "tamaas", "tamaas"),
+    "ContactMechanics": Code(solve_contact_mechanics, "ContactMechanics", "ContactMechanics"),
+}
+"""The codes side by side, by the name in the dataset."""

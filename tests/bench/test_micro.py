@@ -1,0 +1,177 @@
+"""The rough-contact scene and the boundary-element codes beside this package."""
+
+from importlib.metadata import version
+
+import numpy as np
+import pytest
+
+from multiscale.bench import HEAD, SCENES, micro, tabulate
+from multiscale.bench.measure import Measured
+from multiscale.bench.peers import (
+    CODES,
+    Code,
+    solve_conforming,
+    solve_contact_mechanics,
+    solve_flat,
+    solve_tamaas,
+)
+from multiscale.io import open_dataset, write_dataset
+from multiscale.micro import self_affine
+from multiscale.plotting import draw_work_precision
+from multiscale.schema import WORK_PRECISION
+
+RELATIVE_PRESSURES = (0.01, 0.05, 0.1, 0.2, 0.5)  # p / (E* h')
+
+
+def rough(points, slope, seed):
+    """Waves 2 to 8: 16 points to the shortest on 128."""
+    return self_affine(
+        (points, points),
+        (1e-3, 1e-3),
+        seed,
+        hurst_exponent=0.8,
+        long_cutoff=0.5e-3,
+        short_cutoff=0.125e-3,
+        rms_slope=slope,
+    )
+
+
+def beside_tamaas(solve, slope, seed, points=128):
+    """Mean gaps over the rms height and contact fractions: of the code, of Tamaas."""
+    surface = rough(points, slope, seed)
+    answers = [
+        [code(surface, p * 1e9 * slope, 1e9) for p in RELATIVE_PRESSURES]
+        for code in (solve, solve_tamaas)
+    ]
+    assert all(answer.converged for row in answers for answer in row)
+    gap = np.array([[answer.mean_gap for answer in row] for row in answers])
+    area = np.array([[answer.contact_fraction for answer in row] for row in answers])
+    return gap / surface.heights.std(), area
+
+
+@pytest.mark.parametrize("seed", [1, 2])
+def test_the_flat_cell_has_gap_and_area_of_tamaas(seed):
+    pytest.importorskip("tamaas")
+    (gap, expected), (area, expected_area) = beside_tamaas(solve_flat, 0.1, seed)
+    np.testing.assert_allclose(gap, expected, rtol=1e-3)
+    np.testing.assert_allclose(area, expected_area, rtol=1e-3)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("seed", [1, 2])
+def test_the_conforming_cell_has_the_mean_gap_of_tamaas_for_small_slopes(seed):
+    pytest.importorskip("tamaas")
+    (gap, expected), _ = beside_tamaas(solve_conforming, 0.05, seed)
+    np.testing.assert_allclose(gap[:4], expected[:4], rtol=0.01)
+    # at 0.5 the gap is 8 % of the rms height and the difference 4 % of that gap
+    np.testing.assert_allclose(gap[4], expected[4], atol=0.005)
+
+
+@pytest.mark.slow
+def test_the_conforming_cell_leaves_tamaas_in_proportion_to_the_slope():
+    pytest.importorskip("tamaas")
+    steep, shallow = (
+        np.subtract(*beside_tamaas(solve_conforming, slope, 1)[0])
+        - np.subtract(*beside_tamaas(solve_flat, slope, 1)[0])  # what the grid does
+        for slope in (0.1, 0.05)
+    )
+    np.testing.assert_allclose(steep / shallow, 2.0, rtol=0.15)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("seed", [1, 2])
+def test_the_conforming_cell_has_the_area_of_tamaas_for_small_slopes(seed):
+    pytest.importorskip("tamaas")
+    _, (area, expected) = beside_tamaas(solve_conforming, 0.05, seed)
+    np.testing.assert_allclose(area, expected, rtol=0.03)
+
+
+def test_the_boundary_element_codes_agree():
+    pytest.importorskip("tamaas")
+    pytest.importorskip("ContactMechanics")
+    surface = rough(64, 0.1, 1)
+    for pressure in (0.02, 0.3):
+        one, other = (
+            solve(surface, pressure * 1e8, 1e9) for solve in (solve_tamaas, solve_contact_mechanics)
+        )
+        assert one.converged
+        assert other.converged
+        assert one.mean_gap == pytest.approx(other.mean_gap, rel=1e-4)
+        assert one.contact_fraction == pytest.approx(other.contact_fraction, abs=1e-3)
+
+
+def test_all_grids_sample_the_same_surface():
+    coarse, fine = (micro.scene_surface(n).heights for n in (64, 256))
+    np.testing.assert_allclose(fine[::4, ::4], coarse, rtol=0.0, atol=1e-12 * np.ptp(coarse))
+
+
+@pytest.fixture
+def in_this_process(monkeypatch):
+    """Skip the processes, and a code that is not there; fail on one grid of another code."""
+
+    def fail_once(surface, pressure, contact_modulus):
+        answer = solve_flat(surface, pressure, contact_modulus)
+        return answer if len(surface.heights) < 256 else None
+
+    codes = {
+        "flat": CODES["multiscale flat"],
+        "lost": Code(fail_once, "multiscale", "multiscale"),
+        "absent": Code(solve_flat, "absent", "no_such_module"),
+    }
+    monkeypatch.setattr(micro, "CODES", codes)
+    monkeypatch.setattr(
+        micro, "measure", lambda task, *, warm_up, repeats: Measured(task(), 0.5, 1e8)
+    )
+
+
+@pytest.mark.usefixtures("in_this_process")
+def test_what_is_missing_or_fails_is_told_and_nothing_is_invented(tmp_path):
+    lines = []
+    found = SCENES["micro"](True, lines.append)
+    assert found.attrs["cautions"] == (
+        "absent is left out because it is not installed; pip install 'multiscale[bench]'"
+    )
+    assert found.attrs["versions"] == f"multiscale {version('multiscale')}"
+    assert len(lines) == found.sizes["run"] == 6
+    np.testing.assert_array_equal(found["converged"], [1, 1, 1, 1, 1, 0])
+    assert np.isfinite(found["error"][:5]).all()
+    assert np.isnan(found["error"][5])
+    assert np.isnan(found["own_error"][3:]).all()  # no limit without the finest grid
+    assert np.isnan(found["error_uncertainty"]).all()  # nothing checks the one limit there is
+    assert np.all(np.diff(found["error"][:3]) < 0.0)
+    assert [len(row) for row in tabulate(found)] == 6 * [len(HEAD)]
+    assert "not converged" in tabulate(found)[5]
+
+    write_dataset(found, tmp_path / "micro.nc", WORK_PRECISION)
+    again = open_dataset(tmp_path / "micro.nc", WORK_PRECISION)
+    np.testing.assert_array_equal(again["method"], found["method"])
+    draw_work_precision(again, tmp_path / "micro.png")
+    assert (tmp_path / "micro.png").stat().st_size > 10_000
+
+
+@pytest.mark.slow
+def test_the_command_measures_all_that_is_installed(tmp_path, monkeypatch, capsys):
+    from multiscale.cli import main
+
+    monkeypatch.setattr(
+        "sys.argv", ["multiscale", "bench", "micro", "-o", str(tmp_path), "--quick"]
+    )
+    with pytest.raises(SystemExit) as stop:
+        main()
+    assert stop.value.code == 0
+    found = open_dataset(tmp_path / "micro.nc", WORK_PRECISION)
+    installed = [name for name, code in CODES.items() if code.installed]
+    assert set(found["method"].values) == set(installed)
+    assert found["converged"].all()
+    assert (found["error"] < 0.03).all()
+    assert "error" in capsys.readouterr().out
+    assert (tmp_path / "micro.png").exists()
+
+
+def test_a_scene_that_does_not_exist_is_refused(monkeypatch, capsys, tmp_path):
+    from multiscale.cli import main
+
+    monkeypatch.setattr("sys.argv", ["multiscale", "bench", "macro", "-o", str(tmp_path)])
+    with pytest.raises(SystemExit, match="1"):
+        main()
+    assert "there is no scene 'macro'; choose from ['micro']" in capsys.readouterr().err

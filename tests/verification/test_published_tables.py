@@ -1,0 +1,134 @@
+r"""Contact fraction, mean gap and elastic energy of rough surfaces against published tables.
+
+The flat cell stands for the half-space here: it is as deep as its period, the slope is small or
+does not matter, and the shortest wave has 5 or 16 points.
+"""
+
+import numpy as np
+import pytest
+
+from multiscale.micro import Cell, Path, self_affine, solve_cell
+from multiscale.micro.topography import nayak_parameter
+from multiscale.micro.topography.statistics import wavenumbers
+from multiscale.reference import full_contact
+
+
+def press(surface, pressures):
+    """Response of the flat cell with contact modulus 1 Pa."""
+    cell = Cell(surface, surface.size[0], 8, 0.91, 0.3, geometry="flat")
+    response = solve_cell(cell, Path(pressure=tuple(pressures)), keep_fields=True)
+    assert response["converged"].all()
+    return response
+
+
+# --- Green's function molecular dynamics ------------------------------------------------------
+
+# Area_GFMD_Zhou.mat and Uel_GFMD_Zhou.mat of github.com/xylcsi/PerssonModelFudgeFactor: E* = 1,
+# H = 0.8, rms slope 0.27660, wavelengths from 2 pi / 1e4 m down to a hundredth of it.
+# Columns: p/E*, A/A0, U/U_full.
+GFMD = np.array(
+    [
+        (0.010, 0.07793, 0.122),
+        (0.040, 0.28459, 0.453),
+        (0.147, 0.77187, 0.906),
+        (0.500, 0.99981, 0.993),
+    ]
+)
+
+
+@pytest.mark.slow
+def test_two_decades_of_roughness_have_the_area_and_energy_of_molecular_dynamics():
+    longest = 2.0 * np.pi / 1e4
+    nodes, energies = [], []
+    for seed in range(3):
+        surface = self_affine(
+            (1024, 1024),  # 5 points to the shortest wave
+            (2.0 * longest, 2.0 * longest),  # with one period, the few longest waves weigh too much
+            seed,
+            hurst_exponent=0.8,
+            long_cutoff=longest,
+            short_cutoff=longest / 100.0,
+            rms_slope=0.27660,
+        )
+        response = press(surface, GFMD[:, 0])
+        full = full_contact.elastic_energy(
+            wavenumbers_of_all(surface), np.fft.fft2(surface.heights, norm="forward"), 1.0
+        )
+        # U = <p u> / 2, where u is h less the mean gap in the contact, free of its mean
+        carried = (response["pressure"].values[0] * surface.heights.T).mean(axis=(1, 2))
+        energy = 0.5 * (carried - GFMD[:, 0] * response["mean_gap"].values[0])
+        nodes.append((response["pressure"].values[0] > 0.0).mean(axis=(1, 2)))
+        energies.append(energy / full)
+    np.testing.assert_allclose(np.mean(energies, axis=0), GFMD[:, 2], rtol=0.05)
+    # theirs are nodes counted: corrected for their perimeter ours are 7.5, 6, 2.5 and 0 % lower,
+    # on 1024 and on 2048 points
+    np.testing.assert_allclose(np.mean(nodes, axis=0), GFMD[:, 1], rtol=0.05)
+
+
+def wavenumbers_of_all(surface):
+    """Wavenumbers of the complex transform, both signs, rad/m."""
+    half = wavenumbers(surface)
+    return np.hstack([half, half[-np.arange(len(half)) % len(half), 1:-1][:, ::-1]])
+
+
+# --- projected conjugate gradients on a half-space --------------------------------------------
+
+PRESSURES = np.array([0.01, 0.05, 0.2])  # p / (E* h')
+
+# Boundary elements with 16 points to the shortest wave. For the longest and the shortest wave as
+# L / lambda, the points and the number of realisations: A/A0, mean gap over rms height, and the
+# standard deviation of the latter, at each pressure.
+HALF_SPACE = {
+    (1, 16, 256, 10): [(0.0230, 0.1046, 0.365), (1.672, 0.915, 0.268), (0.22, 0.07, 0.03)],
+    (4, 16, 256, 10): [(0.0247, 0.1118, 0.381), (1.688, 0.995, 0.365), (0.05, 0.03, 0.006)],
+    (8, 16, 256, 6): [(0.0251, 0.1152, 0.386), (1.694, 1.017, 0.396), (0.04, 0.01, 0.006)],
+    (4, 32, 512, 4): [(0.0233, 0.1073, 0.372), (1.700, 0.958, 0.321), (0.05, 0.009, 0.006)],
+}
+
+
+@pytest.fixture(scope="module")
+def ensembles():
+    """Nayak parameter and (area, gap) by realisation and pressure, for each row of the table."""
+    found = {}
+    for long, short, n, realisations in HALF_SPACE:
+        area, gap = [], []
+        for seed in range(realisations):
+            surface = self_affine(
+                (n, n),
+                (1.0, 1.0),
+                seed,
+                hurst_exponent=0.8,
+                long_cutoff=1.0 / long,
+                short_cutoff=1.0 / short,
+                rms_slope=0.1,
+            )
+            response = press(surface, 0.1 * PRESSURES)
+            area.append(response["contact_fraction"].values[0])
+            gap.append(response["mean_gap"].values[0] / surface.heights.std())
+        found[long, short, n, realisations] = nayak_parameter(surface), np.array([area, gap])
+    return found
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("row", HALF_SPACE, ids=str)
+def test_ensembles_have_the_area_and_mean_gap_of_the_half_space(ensembles, row):
+    area, gap = ensembles[row][1]
+    published_area, published_gap, published_scatter = np.array(HALF_SPACE[row])
+    # the table tells no scatter of its areas: taken to be that found here
+    for found, published, scatter in (
+        (area, published_area, area.std(axis=0, ddof=1)),
+        (gap, published_gap, published_scatter),
+    ):
+        standard_error = np.hypot(found.std(axis=0, ddof=1), scatter) / np.sqrt(len(found))
+        difference = np.abs(found.mean(axis=0) - published)
+        assert np.all(difference <= 0.04 * published + 2.0 * standard_error)
+
+
+@pytest.mark.slow
+def test_the_contact_fraction_falls_with_the_breadth_of_the_spectrum(ensembles):
+    nayak, kappa = np.array(
+        [(nayak, found[0, :, 1].mean() / PRESSURES[1]) for nayak, found in ensembles.values()]
+    ).T
+    # the table has 2.30, 2.24, 2.15 and 2.09 for the Nayak parameters 1.8, 2.9, 5.5 and 17.8
+    slope = np.polyfit(np.log(nayak), kappa, 1)[0]
+    assert -0.15 < slope < -0.02
