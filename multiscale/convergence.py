@@ -18,6 +18,7 @@ class Status(Enum):
     MAX_ITERATIONS = "the iteration limit was reached; raise max_iterations or cut the load step"
     NOT_FINITE = "a value became NaN or infinite; check units and boundary conditions"
     STALLED = "the residual stopped falling; the problem is too ill-conditioned for the tolerance"
+    INFEASIBLE = "no admissible state exists: the data push against what nothing can resist"
 
 
 @dataclass(frozen=True)
@@ -37,6 +38,8 @@ class Solution:
         solver keeps no time.
     trail : tuple of str
         Methods in the order in which they ran. Empty for a solver that is one method.
+    detail : str
+        What the status leaves open about this problem: where, and what to do. Empty if nothing.
     """
 
     value: np.ndarray
@@ -44,6 +47,7 @@ class Solution:
     residuals: tuple[float, ...] = ()
     seconds: tuple[float, ...] = ()
     trail: tuple[str, ...] = ()
+    detail: str = ""
 
     def __post_init__(self) -> None:
         if self.status is Status.CONVERGED and not (
@@ -60,8 +64,9 @@ class Solution:
         """Return the value, or raise if the solver did not converge."""
         if not self.converged:
             last = f"{self.residuals[-1]:.1e}" if self.residuals else "never computed"
+            detail = f"; {self.detail}" if self.detail else ""
             raise ConvergenceError(
                 f"no convergence in {len(self.residuals)} iterations (last residual {last}): "
-                f"{self.status.value}"
+                f"{self.status.value}{detail}"
             )
         return self.value

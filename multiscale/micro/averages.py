@@ -19,7 +19,7 @@ __all__ = [
 PERIMETER_FACTOR = (np.pi - 1.0 + np.log(2.0)) / 24.0
 
 RIM = {"trilinear": 0.075, "mean dilatation": 0.16}
-"""Element edges by which the contact nodes of hexahedra reach farther than those of an exact surface.
+"""Element edges by which contact nodes of hexahedra reach farther than those of an exact surface.
 
 The pressure falls as a square root towards every edge of a contact, so that the share is one number
 for one kind of element. Measured on flat cells against the exact compliance at equal loads: .05-.08

@@ -9,8 +9,8 @@ from multiscale.micro.assembly import assemble_elasticity
 from multiscale.micro.averages import average_traction, dual_basis
 from multiscale.micro.cell import lame_parameters
 from multiscale.micro.graph_cell import assemble_graph_cell
-from multiscale.micro.needs import cell_needs
 from multiscale.micro.mesh import GraphMesh, graded_planes
+from multiscale.micro.needs import cell_needs
 from tests.support import egg_box, observed_rate
 
 

@@ -1,0 +1,211 @@
+"""Residuals of complementarity problems, and the verifier that alone decides on them."""
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.sparse import csr_array
+
+from multiscale.nonsmooth.lcp_operator import Delassus, lcp_operator
+
+__all__ = [
+    "Verification",
+    "data_size",
+    "fischer_burmeister",
+    "lcp_verifier",
+    "natural_map",
+    "verify_lcp",
+]
+
+SMALLEST_ROW = 1e-6
+"""No row is measured against less than this part of the data."""
+
+ROUNDING = 32.0 * np.finfo(float).eps
+"""Error of a row, relative to its terms, that is put down to rounding."""
+
+LARGEST_ROUNDING = 1e-6
+"""Error, relative to the data, above which nothing is put down to rounding."""
+
+
+def natural_map(first: np.ndarray, second: np.ndarray) -> np.ndarray:
+    r"""Natural map of a complementarity pair, :math:`\min(a, b)`.
+
+    It vanishes if and only if :math:`0 \le a \perp b \ge 0`.
+
+    Parameters
+    ----------
+    first, second : ndarray, shape (n,)
+        :math:`a` and :math:`b`, scaled to the same unit.
+
+    Returns
+    -------
+    ndarray, shape (n,)
+        In the unit of the arguments.
+
+    Examples
+    --------
+    >>> natural_map(np.array([2.0, 0.0, -1.0]), np.array([0.0, 3.0, 2.0]))
+    array([ 0.,  0., -1.])
+    """
+    return np.asarray(np.minimum(first, second))
+
+
+def fischer_burmeister(first: np.ndarray, second: np.ndarray) -> np.ndarray:
+    r"""Fischer-Burmeister function, :math:`a + b - \sqrt{a^2 + b^2}`.
+
+    It has the zeros of the natural map and lies between :math:`2 - \sqrt 2` and
+    :math:`2 + \sqrt 2` times it.
+
+    Parameters
+    ----------
+    first, second : ndarray, shape (n,)
+        :math:`a` and :math:`b`, scaled to the same unit.
+
+    Returns
+    -------
+    ndarray, shape (n,)
+        In the unit of the arguments.
+
+    Notes
+    -----
+    For a positive sum it is computed as :math:`2ab / (a + b + \sqrt{a^2 + b^2})`, which does
+    not cancel.
+
+    References
+    ----------
+    .. [1] A. Fischer, Optimization 24 (1992) 269-284, doi:10.1080/02331939208843795.
+
+    Examples
+    --------
+    >>> fischer_burmeister(np.array([3.0, 0.0]), np.array([4.0, 5.0]))
+    array([2., 0.])
+    """
+    total, radius = first + second, np.hypot(first, second)
+    positive = total > 0.0
+    divisor = np.where(positive, total + radius, 1.0)
+    return np.asarray(np.where(positive, 2.0 * (first / divisor) * second, total - radius))
+
+
+@dataclass(frozen=True)
+class Verification:
+    """What an independent look at a solution finds.
+
+    Attributes
+    ----------
+    error : float
+        Largest natural-map error relative to the data, dimensionless.
+    worst : int
+        Constraint with that error; -1 if there are no constraints.
+    penetration : float
+        Largest negative part of w = M z + q, in the unit of q.
+    adhesion : float
+        Largest negative part of z, in the unit of z.
+    equilibrium : float
+        Largest residual of the balance of the bodies relative to its terms, dimensionless; zero
+        unless bodies and directions are given.
+    """
+
+    error: float
+    worst: int
+    penetration: float
+    adhesion: float
+    equilibrium: float
+
+    @property
+    def residual(self) -> float:
+        """The number to compare with a tolerance, dimensionless."""
+        return max(self.error, self.equilibrium)
+
+
+def verify_lcp(
+    matrix: csr_array | np.ndarray | Delassus, vector: np.ndarray, value: np.ndarray
+) -> Verification:
+    r"""Measure how well :math:`z` solves :math:`0 \le M z + q \perp z \ge 0`.
+
+    Parameters
+    ----------
+    matrix : csr_array, ndarray or Delassus, shape (n, n)
+        :math:`M`, or the bodies and directions behind it, which adds the check of equilibrium.
+    vector : ndarray, shape (n,)
+        :math:`q`.
+    value : ndarray, shape (n,)
+        :math:`z` to be judged; nothing but the data is used to judge it.
+
+    Returns
+    -------
+    Verification
+        ``residual`` is what a tolerance is compared with.
+
+    Raises
+    ------
+    CaseError
+        If the data are not finite or their shapes do not agree.
+
+    Notes
+    -----
+    With :math:`d_i = |M_{ii}|^{-1/2}`, the pairs :math:`z_i / d_i` and :math:`d_i w_i` have one
+    unit, and the error is
+
+    .. math::
+        \max_i \frac{|\min(z_i / d_i,\, d_i w_i)| - \rho_i}{s_i}, \qquad
+        r_i = d_i \Bigl(|q_i| + \sum_j |M_{ij}| |z_j|\Bigr), \qquad
+        \delta = \max_i d_i \max(0, -q_i).    \tag{1}
+
+    :math:`\delta` is the error of :math:`z = 0`, so that a large gap elsewhere does not count
+    as data. :math:`s_i` is :math:`r_i`, so that a row is judged by its own terms however large
+    another load is, but not below :math:`10^{-6} \delta` and not above :math:`\delta`, so that
+    a solution that runs away cannot pass. Where the terms of a row cancel, as with mass ratios
+    and contrasts of 1e8, no computer can do better than :math:`\rho_i`: 32 units of rounding of
+    :math:`r_i`, at most :math:`10^{-6} \delta`.
+
+    Nothing changes under :math:`(M, q, z) \to (E M E, E q, E^{-1} z)` with a positive diagonal
+    :math:`E`, nor under a change of units.
+
+    Examples
+    --------
+    >>> verify_lcp(np.array([[2.0, 1.0], [1.0, 2.0]]), np.array([-2.0, 5.0]), np.array([1.0, 0.0]))
+    Verification(error=0.0, worst=0, penetration=0.0, adhesion=0.0, equilibrium=0.0)
+    """
+    return lcp_verifier(matrix, vector)(value)
+
+
+def lcp_verifier(
+    matrix: csr_array | np.ndarray | Delassus, vector: np.ndarray
+) -> Callable[[np.ndarray], Verification]:
+    """Prepare :func:`verify_lcp` for many values of one problem."""
+    operator, vector = lcp_operator(matrix, vector)
+    scale = operator.scale()
+
+    def verify(value: np.ndarray) -> Verification:
+        if value.shape != vector.shape:
+            raise ValueError(f"value must have shape {vector.shape}, got {value.shape}")
+        if value.size == 0:
+            return Verification(0.0, -1, 0.0, 0.0, 0.0)
+        product, terms, equilibrium = operator.apply(value)
+        slack = product + vector
+        error = _relative(value / scale, scale * slack, scale * terms, scale * vector)
+        worst = int(np.argmax(error))
+        return Verification(
+            float(error[worst]),
+            worst,
+            max(0.0, -float(np.min(slack))),
+            max(0.0, -float(np.min(value))),
+            equilibrium,
+        )
+
+    return verify
+
+
+def _relative(z: np.ndarray, w: np.ndarray, terms: np.ndarray, vector: np.ndarray) -> np.ndarray:
+    """Error (1) of every scaled row; a value that is not finite counts as infinitely wrong."""
+    size = data_size(vector) or float(np.max(terms)) or 1.0
+    row = np.abs(vector) + terms
+    rounding = np.minimum(ROUNDING * row, LARGEST_ROUNDING * size)
+    error = np.maximum(0.0, np.abs(natural_map(z, w)) - rounding)
+    error /= np.clip(row, SMALLEST_ROW * size, size)
+    return np.where(np.isfinite(z) & np.isfinite(w), error, np.inf)
+
+
+def data_size(vector: np.ndarray) -> float:
+    """Size of a scaled q: the error of z = 0, or its largest entry where z = 0 is the solution."""
+    return float(np.max(-vector, initial=0.0)) or float(np.max(vector, initial=0.0))

@@ -1,0 +1,216 @@
+r"""Coulomb's law as equations, and the verifier that alone calls a friction problem solved.
+
+Arrays of contact vectors have the component axis first: shape (d, contacts), normal in row 0.
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.linalg import norm
+from scipy.sparse import csr_array
+
+from multiscale.nonsmooth.projections import (
+    project_ball,
+    project_friction_cone,
+)
+
+__all__ = ["Verdict", "alart_curnier", "natural_map", "shifted_velocity", "verify_friction"]
+
+ROUND_OFF = 64.0 * np.finfo(float).eps
+"""Round-off granted to a reaction whose number is huge beside that of the velocity."""
+
+
+def shifted_velocity(velocity: np.ndarray, friction: np.ndarray) -> np.ndarray:
+    r"""De Saxcé's velocity :math:`\tilde u = u + \mu \|u_T\| n`, shape (d, contacts), m/s."""
+    shifted = np.array(velocity, dtype=float)
+    shifted[0] += friction * np.sqrt(np.sum(shifted[1:] ** 2, axis=0))
+    return shifted
+
+
+def natural_map(
+    velocity: np.ndarray,
+    reaction: np.ndarray,
+    friction: np.ndarray,
+    step: np.ndarray | float = 1.0,
+) -> np.ndarray:
+    r"""Residual of Coulomb's law; zero exactly where the law holds.
+
+    Parameters
+    ----------
+    velocity, reaction : ndarray, shape (d, contacts)
+        Relative velocity :math:`u`, m/s, and impulse :math:`r`, N s.
+    friction : ndarray, shape (contacts,)
+        Friction coefficient :math:`\mu`, dimensionless.
+    step : ndarray, shape (contacts,), or float
+        :math:`\rho > 0`, a mass, kg.
+
+    Returns
+    -------
+    ndarray, shape (d, contacts)
+        Residual (1), N s.
+
+    Notes
+    -----
+    .. math:: F(u, r) = r - P_{K_\mu}\bigl(r - \rho\,(u + \mu \|u_T\| n)\bigr).    \tag{1}
+
+    References
+    ----------
+    .. [1] V. Acary, F. Cadoux, C. Lemaréchal and J. Malick, Z. Angew. Math. Mech. 91 (2011)
+       155-175, doi:10.1002/zamm.201000073, for the law as a complementarity problem over cones.
+    """
+    ahead = reaction - step * shifted_velocity(velocity, friction)
+    return np.asarray(reaction - project_friction_cone(ahead, friction))  # (1)
+
+
+def alart_curnier(
+    velocity: np.ndarray,
+    reaction: np.ndarray,
+    friction: np.ndarray,
+    step: np.ndarray | float = 1.0,
+) -> np.ndarray:
+    r"""Residual of Coulomb's law after Alart and Curnier: normal and tangent apart.
+
+    Parameters and result are those of :func:`natural_map`.
+
+    Notes
+    -----
+    With :math:`z = r - \rho u` and the ball :math:`B` of radius :math:`\mu \max(0, z_N)`,
+
+    .. math:: F_N = r_N - \max(0, z_N), \qquad F_T = r_T - P_B(z_T).    \tag{1}
+
+    References
+    ----------
+    .. [1] P. Alart and A. Curnier, Comput. Methods Appl. Mech. Eng. 92 (1991) 353-375,
+       doi:10.1016/0045-7825(91)90022-X.
+    """
+    ahead = reaction - step * velocity
+    normal = np.maximum(ahead[0], 0.0)
+    tangent = project_ball(ahead[1:], friction * normal)
+    return np.asarray(reaction - np.concatenate([normal[None], tangent]))  # (1)
+
+
+@dataclass(frozen=True)
+class Verdict:
+    """What an independent look at an answer found; every number is dimensionless.
+
+    Attributes
+    ----------
+    error : float
+        Natural-map error relative to the norm of the data, in the units of the user and in
+        velocities, whichever is larger.
+    penetration : float
+        Largest approach left at a contact, relative to the norm of the data.
+    cone_violation : float
+        Largest distance of an impulse from its cone, relative to the largest impulse.
+    equilibrium : float
+        Error of the equations of motion relative to their largest term; zero if they were not
+        given.
+    tolerance : float
+        The bound that each of them has to keep.
+    """
+
+    error: float
+    penetration: float
+    cone_violation: float
+    equilibrium: float
+    tolerance: float
+
+    @property
+    def accepted(self) -> bool:
+        """Whether every number is finite and within the tolerance."""
+        found = (self.error, self.penetration, self.cone_violation, self.equilibrium)
+        return all(value <= self.tolerance for value in found)  # a NaN compares false
+
+    @property
+    def largest(self) -> float:
+        """The worst of the four numbers."""
+        found = (self.error, self.penetration, self.cone_violation, self.equilibrium)
+        return float(np.max(found))
+
+
+def verify_friction(
+    delassus: csr_array | np.ndarray,
+    velocity: np.ndarray,
+    friction: np.ndarray,
+    reaction: np.ndarray,
+    *,
+    tolerance: float = 1e-8,
+    motion: tuple[csr_array, csr_array, np.ndarray, np.ndarray] | None = None,
+) -> Verdict:
+    r"""Check an answer of a friction problem without trusting the method that gave it.
+
+    Parameters
+    ----------
+    delassus : csr_array or ndarray, shape (d * contacts, d * contacts)
+        :math:`W`, 1/kg.
+    velocity : ndarray, shape (d * contacts,)
+        :math:`q`, the relative velocity without contact impulses, m/s.
+    friction : ndarray, shape (contacts,)
+        :math:`\mu`, dimensionless.
+    reaction : ndarray, shape (d * contacts,)
+        The answer :math:`r`, N s.
+    tolerance : float
+        Bound on every number of the verdict; dimensionless.
+    motion : tuple (mass, transfer, momentum, body_velocity), optional
+        :math:`M`, :math:`H`, :math:`f` and :math:`v` of the bodies, in kg, 1, N s and m/s; then
+        :math:`M v = f + H r` is checked too.
+
+    Returns
+    -------
+    Verdict
+        ``accepted`` says whether the answer stands.
+
+    Notes
+    -----
+    With :math:`u = W r + q`, the natural map is measured twice: with :math:`\rho = 1`, the
+    number that other codes report, and with the mass :math:`\rho_i = d / \mathrm{tr} W_{ii}` of
+    the contact and divided by it, a velocity that no choice of units can hide:
+
+    .. math::
+        \max\Bigl( \|F_1\|, \ \bigl\|\rho^{-1} F_\rho\bigr\| \Bigr) \le
+        \mathrm{tolerance} \, \|q\|.    \tag{1}
+    """
+    contacts = np.size(friction)
+    r = np.asarray(reaction, dtype=float).reshape(contacts, -1).T
+    u = np.asarray(delassus @ reaction + velocity).reshape(r.T.shape).T
+    if not np.all(np.isfinite(r)):
+        return Verdict(np.inf, np.inf, np.inf, np.inf, tolerance)
+    scale = closing_norm(np.reshape(velocity, (contacts, -1)))
+
+    step = contact_mass(delassus.diagonal().reshape(contacts, -1))
+    error = max(
+        float(norm(natural_map(u, r, friction, step) / step)),
+        float(norm(natural_map(u, r, friction))) - ROUND_OFF * float(norm(r)),
+    )  # (1)
+    outside = norm(r - project_friction_cone(r, friction), axis=0)
+    return Verdict(
+        error=error / scale,
+        penetration=max(0.0, -float(u[0].min(initial=0.0))) / scale,
+        cone_violation=float(outside.max(initial=0.0)) / (float(np.abs(r).max(initial=0.0)) or 1.0),
+        equilibrium=_unbalance(motion, reaction),
+        tolerance=tolerance,
+    )
+
+
+def closing_norm(velocity: np.ndarray) -> float:
+    """Norm of q over the contacts that would close, m/s; over all of them if none would."""
+    closing = velocity[velocity[:, 0] < 0.0]
+    return float(norm(closing)) or float(norm(velocity)) or 1.0
+
+
+def contact_mass(diagonal: np.ndarray) -> np.ndarray:
+    """Mass that each contact feels, kg, from the diagonal of W, shape (contacts, d), 1/kg."""
+    mean = np.mean(np.abs(diagonal), axis=1)
+    return np.asarray(1.0 / np.where(mean > 0.0, mean, float(np.max(mean, initial=0.0)) or 1.0))
+
+
+def _unbalance(
+    motion: tuple[csr_array, csr_array, np.ndarray, np.ndarray] | None, reaction: np.ndarray
+) -> float:
+    """Error of M v = f + H r relative to its largest term."""
+    if motion is None:
+        return 0.0
+    mass, transfer, momentum, body_velocity = motion
+    terms = (mass @ body_velocity, momentum, transfer @ reaction)
+    largest = max(float(norm(term)) for term in terms) or 1.0
+    return float(norm(terms[0] - terms[1] - terms[2])) / largest

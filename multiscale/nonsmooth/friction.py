@@ -1,0 +1,232 @@
+r"""Coulomb friction: one function over all methods, and the verifier has the last word."""
+
+from collections.abc import Callable
+from dataclasses import replace
+from functools import partial
+
+import numpy as np
+from scipy.sparse import csr_array, issparse
+
+from multiscale.convergence import Solution, Status
+from multiscale.errors import CaseError
+from multiscale.nonsmooth.admm import admm
+from multiscale.nonsmooth.contact_problem import ContactProblem, scale_problem
+from multiscale.nonsmooth.coulomb import verify_friction
+from multiscale.nonsmooth.definiteness import refuse_indefinite
+from multiscale.nonsmooth.friction_gradient import spectral_gradient
+from multiscale.nonsmooth.friction_schedule import run_schedule
+from multiscale.nonsmooth.frozen_bound import frozen_bound
+from multiscale.nonsmooth.gauss_seidel import gauss_seidel
+from multiscale.nonsmooth.progress import Progress
+from multiscale.nonsmooth.projections import project_friction_cone
+from multiscale.nonsmooth.semismooth_newton import semismooth_newton
+from multiscale.nonsmooth.shifted_interior_point import shifted_interior_point
+from multiscale.nonsmooth.split_interior_point import split_interior_point
+
+__all__ = ["METHODS", "solve_friction"]
+
+SAFETY = 0.5
+"""Share of the tolerance that the methods aim at, so that the verifier agrees."""
+
+THOROUGH = 200
+"""Lanczos steps with which an unsolved problem is looked at once more."""
+
+
+def _polished(path: Callable[..., np.ndarray]) -> Callable[..., np.ndarray]:
+    """Finish an interior point, which needs no start, by Newton's method."""
+
+    def run(
+        problem: ContactProblem, reaction: np.ndarray, progress: Progress, **options: int
+    ) -> np.ndarray:
+        path(problem, progress, **options)
+        if progress.best is None or progress.smallest <= progress.target:
+            return reaction
+        return semismooth_newton(problem, progress.best, progress, 15, regularisation=1e-10)
+
+    return run
+
+
+METHODS: dict[str, Callable[..., np.ndarray]] = {
+    "gauss_seidel": gauss_seidel,
+    "projected_gradient": spectral_gradient,
+    "newton": partial(semismooth_newton, regularisation=1e-4),
+    "interior_point": _polished(split_interior_point),
+    "shifted_interior_point": _polished(shifted_interior_point),
+    "admm": admm,
+    "frozen_bound": frozen_bound,
+}
+"""Methods that can be asked for by name; ``"auto"`` uses all of them."""
+
+
+def solve_friction(
+    delassus: csr_array | np.ndarray,
+    velocity: np.ndarray,
+    friction: np.ndarray,
+    *,
+    method: str = "auto",
+    tolerance: float = 1e-8,
+    start: np.ndarray | None = None,
+    max_iterations: int | None = None,
+    callback: Callable[[int, float], None] | None = None,
+) -> Solution:
+    r"""Solve contact with Coulomb friction in two or three dimensions.
+
+    Find the impulses :math:`r` and relative velocities :math:`u` with
+
+    .. math::
+        u = W r + q, \qquad K_\mu \ni r \perp u + \mu \|u_T\| n \in K_\mu^*.    \tag{1}
+
+    Parameters
+    ----------
+    delassus : csr_array or ndarray, shape (d * contacts, d * contacts)
+        :math:`W`, 1/kg, positive semi-definite; d = 2 or 3 components per contact, normal first.
+    velocity : ndarray, shape (d * contacts,)
+        :math:`q`, the relative velocity without impulses, m/s; opening positive.
+    friction : ndarray, shape (contacts,)
+        :math:`\mu \ge 0`, dimensionless.
+    method : str
+        ``"auto"``, or one of ``METHODS`` alone.
+    tolerance : float
+        Bound on the natural-map error, the penetration and the cone violation, relative to the
+        data as :func:`multiscale.nonsmooth.coulomb.verify_friction` defines it; dimensionless.
+    start : ndarray, shape (d * contacts,), optional
+        First :math:`r`, N s; zero if not given. Interior points start from their centre.
+    max_iterations : int, optional
+        Iteration limit of each method; each has its own if not given.
+    callback : callable, optional
+        Called as ``callback(iteration, residual)``.
+
+    Returns
+    -------
+    Solution
+        ``value`` is :math:`r`, shape (d * contacts,), N s: the best answer found, even where
+        the status is not ``CONVERGED``. The status follows the verifier.
+
+    Raises
+    ------
+    CaseError
+        If the data do not fit, are not finite, or W is indefinite.
+    ValueError
+        If the start has another shape than the velocity.
+
+    Notes
+    -----
+    ``"auto"`` starts with what is cheap and goes on to what is robust, see
+    :mod:`multiscale.nonsmooth.friction_schedule`. Where W is singular the impulses need not be
+    unique: compare velocities.
+
+    Examples
+    --------
+    A mass of 2 kg hits the ground at 1 m/s while it slides at 3 m/s:
+
+    >>> W, q = np.diag([0.5, 0.5]), np.array([-1.0, 3.0])
+    >>> solve_friction(W, q, np.array([0.5])).unwrap()
+    array([ 2., -1.])
+    """
+    delassus, velocity, friction = _checked(delassus, velocity, friction)
+    if start is not None and np.shape(start) != velocity.shape:
+        raise ValueError(f"start must have shape {velocity.shape}, got {np.shape(start)}")
+    if method != "auto" and method not in METHODS:
+        raise CaseError(f"method {method!r} does not exist; known: {['auto', *METHODS]}")
+    if friction.size == 0:
+        return Solution(velocity, Status.CONVERGED, (0.0,), (0.0,))
+    contacts, dim = friction.size, velocity.size // friction.size
+
+    if np.all(velocity[::dim] >= 0.0):  # nothing closes: r = 0 is an answer
+        return _conclude(delassus, velocity, friction, np.zeros_like(velocity), tolerance)
+    problem = scale_problem(delassus, velocity, friction)
+    refuse_indefinite(problem)
+    stuck = _immobile(delassus, velocity.reshape(contacts, dim))
+    if stuck is not None:
+        return Solution(np.zeros_like(velocity), Status.INFEASIBLE, detail=stuck)
+
+    progress = Progress(problem, SAFETY * tolerance, callback)
+    first = np.zeros((contacts, 3))
+    if start is not None:
+        first[:, :dim] = np.reshape(start, (contacts, dim))
+        first = first / problem.reaction_unit
+    options = {} if max_iterations is None else {"max_iterations": max_iterations}
+    with np.errstate(all="ignore"):  # what overflows is never the best answer
+        solved = progress.note(first)
+        if not solved and method == "auto":
+            run_schedule(problem, first, progress, **options)
+        elif not solved:
+            progress.trail.append(method)
+            METHODS[method](problem, first, progress, **options)
+
+    best = progress.best if progress.best is not None else np.zeros_like(first)
+    reaction = (best * problem.reaction_unit)[:, :dim].T
+    reaction = project_friction_cone(reaction, friction).T.ravel()
+    solution = _conclude(delassus, velocity, friction, reaction, tolerance, progress)
+    if solution.converged:
+        return solution
+    refuse_indefinite(problem, THOROUGH)
+    if max_iterations is not None and solution.status is Status.STALLED:
+        return replace(solution, status=Status.MAX_ITERATIONS)
+    return solution
+
+
+def _checked(
+    delassus: csr_array | np.ndarray, velocity: np.ndarray, friction: np.ndarray
+) -> tuple[csr_array, np.ndarray, np.ndarray]:
+    """Return the data as arrays, or say in one sentence what is wrong with them."""
+    W = csr_array(delassus) if issparse(delassus) else np.asarray(delassus, dtype=float)
+    q = np.asarray(velocity, dtype=float)
+    mu = np.asarray(friction, dtype=float)
+    if W.ndim != 2 or W.shape[0] != W.shape[1]:
+        raise CaseError(f"delassus must be a square matrix, got shape {W.shape}")
+    if q.shape != (W.shape[0],):
+        raise CaseError(f"velocity must have shape ({W.shape[0]},) like delassus, got {q.shape}")
+    if mu.ndim != 1 or q.size not in (2 * mu.size, 3 * mu.size):
+        raise CaseError(
+            f"friction must have one entry for every 2 or 3 of the {q.size} velocities, "
+            f"got shape {mu.shape}"
+        )
+    for name, entries in (("delassus", W.data if issparse(W) else W), ("velocity", q)):
+        if not np.all(np.isfinite(entries)):
+            raise CaseError(f"{name} has entries that are NaN or infinite; check masses and units")
+    wrong = np.flatnonzero(~((mu >= 0.0) & np.isfinite(mu)))
+    if wrong.size:
+        raise CaseError(
+            f"friction must be finite and not negative, got {mu[wrong[0]]:g} at contact {wrong[0]}"
+        )
+    return csr_array(W), q, mu
+
+
+def _immobile(delassus: csr_array, velocity: np.ndarray) -> str | None:
+    """Say which contact closes although no impulse can move it; None if there is none."""
+    mobility = delassus.diagonal().reshape(velocity.shape)[:, 0]
+    stuck = np.flatnonzero((velocity[:, 0] < 0.0) & (mobility <= 0.0))
+    if stuck.size == 0:
+        return None
+    return (
+        f"contact {stuck[0]} closes at {-velocity[stuck[0], 0]:.3g} m/s and its normal mobility "
+        f"is {mobility[stuck[0]]:.3g} 1/kg, so that no impulse stops it"
+    )
+
+
+def _conclude(
+    delassus: csr_array,
+    velocity: np.ndarray,
+    friction: np.ndarray,
+    reaction: np.ndarray,
+    tolerance: float,
+    progress: Progress | None = None,
+) -> Solution:
+    """Let the verifier name the status."""
+    verdict = verify_friction(delassus, velocity, friction, reaction, tolerance=tolerance)
+    status = Status.STALLED
+    if verdict.accepted:
+        status = Status.CONVERGED
+    elif not np.isfinite(verdict.largest):
+        status = Status.NOT_FINITE
+    residuals = [] if progress is None else progress.residuals
+    seconds = [] if progress is None else progress.seconds
+    last = seconds[-1] if seconds else 0.0
+    return Solution(
+        reaction,
+        status,
+        (*residuals, verdict.largest),
+        (*seconds, last),
+        tuple(progress.trail) if progress is not None else (),
+    )

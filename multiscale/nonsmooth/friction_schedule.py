@@ -1,0 +1,133 @@
+r"""Which method a friction problem meets, and when it moves on."""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from multiscale.nonsmooth.admm import admm
+from multiscale.nonsmooth.contact_problem import ContactProblem
+from multiscale.nonsmooth.friction_gradient import spectral_gradient
+from multiscale.nonsmooth.frozen_bound import frozen_bound
+from multiscale.nonsmooth.gauss_seidel import BURST, gauss_seidel
+from multiscale.nonsmooth.progress import Progress
+from multiscale.nonsmooth.semismooth_newton import semismooth_newton
+from multiscale.nonsmooth.shifted_interior_point import shifted_interior_point
+from multiscale.nonsmooth.split_interior_point import split_interior_point
+
+__all__ = ["run_schedule"]
+
+GAIN = 20.0
+"""Factor by which a burst of sweeps has to cut the error to be followed by another."""
+
+FULL, LARGE = 15.0, 200
+"""Blocks per contact and contacts beyond which factorising costs as much as many solves."""
+
+
+def run_schedule(
+    problem: ContactProblem,
+    reaction: np.ndarray,
+    progress: Progress,
+    max_iterations: int = 5000,
+) -> None:
+    """Go from what is cheap to what is robust until ``progress`` is content.
+
+    Parameters
+    ----------
+    problem : ContactProblem
+        The problem, dimensionless.
+    reaction : ndarray, shape (contacts, 3)
+        Start, already noted.
+    progress : Progress
+        Holds the best answer and the trail.
+    max_iterations : int
+        Limit of each method.
+
+    Notes
+    -----
+    1. Bursts of Gauss-Seidel sweeps while each cuts the error by 20.
+    2. A few Newton steps, unless W is so full that a factorisation outweighs many solves.
+    3. Alternating directions with acceleration: one factorisation.
+    4. Spectral gradients, where W is full: they never factorise.
+    5. The interior point that keeps the normal apart, finished by Newton's method.
+    6. The sequence of problems with known friction bound, undamped and damped.
+    7. The interior point with De Saxcé's term; where W is small, other starts of both too.
+    8. Gradients and alternating directions without acceleration, slow and patient.
+    """
+    run = _Schedule(problem, progress, max_iterations)
+    if run.sweep(reaction):  # 1
+        return
+    large = problem.friction.size > LARGE
+    heavy = large and problem.columns.size > FULL * problem.friction.size
+    if not heavy and run.newton(15, 1e-4):  # 2
+        return
+    if run.alternate(60, 10) or (heavy and run.descend(2000)):  # 3, 4
+        return
+    if run.split(1.0) or run.frozen(1.0) or run.shifted(1e-12):  # 5, 6, 7
+        return
+    if not large and (run.frozen(0.5) or run.split(10.0) or run.shifted(1e-8)):  # 6, 7
+        return
+    if not run.descend(5000) and not run.alternate(2000, 0):  # 8
+        run.newton(25, 1e-6)
+
+
+@dataclass(frozen=True)
+class _Schedule:
+    """The steps of the schedule; each says whether the problem is solved."""
+
+    problem: ContactProblem
+    progress: Progress
+    limit: int
+
+    @property
+    def solved(self) -> bool:
+        return self.progress.smallest <= self.progress.target
+
+    @property
+    def best(self) -> np.ndarray:
+        """Best answer so far; zero if none was finite."""
+        best = self.progress.best
+        return np.zeros_like(self.problem.velocity) if best is None else best
+
+    def sweep(self, reaction: np.ndarray) -> bool:
+        self.progress.trail.append("gauss_seidel")
+        for burst in range(max(1, self.limit // BURST)):
+            before = self.progress.residuals[-1]
+            reaction = gauss_seidel(self.problem, reaction, self.progress, min(BURST, self.limit))
+            slow = self.progress.residuals[-1] > before / GAIN
+            if self.solved or (slow and burst > 0):
+                break
+        return self.solved
+
+    def newton(self, steps: int, regularisation: float) -> bool:
+        self.progress.trail.append("newton")
+        steps = min(steps, self.limit)
+        semismooth_newton(self.problem, self.best, self.progress, steps, regularisation)
+        return self.solved
+
+    def alternate(self, iterations: int, memory: int) -> bool:
+        self.progress.trail.append("admm")
+        iterations = min(iterations, self.limit)
+        admm(self.problem, self.best, self.progress, iterations, memory=memory)
+        return self.solved
+
+    def descend(self, iterations: int) -> bool:
+        self.progress.trail.append("projected_gradient")
+        iterations = min(iterations, self.limit)
+        spectral_gradient(self.problem, self.best, self.progress, iterations)
+        return self.solved
+
+    def split(self, centre: float) -> bool:
+        self.progress.trail.append("interior_point")
+        split_interior_point(self.problem, self.progress, min(60, self.limit), centre)
+        return self.solved or self.newton(15, 1e-10)
+
+    def shifted(self, regularisation: float) -> bool:
+        self.progress.trail.append("shifted_interior_point")
+        shifted_interior_point(self.problem, self.progress, min(60, self.limit), regularisation)
+        return self.solved or self.newton(15, 1e-10)
+
+    def frozen(self, relaxation: float) -> bool:
+        self.progress.trail.append("frozen_bound")
+        turns = min(20, self.limit)
+        frozen_bound(self.problem, self.best, self.progress, turns, relaxation)
+        return self.solved

@@ -1,0 +1,213 @@
+"""Linear complementarity problems: one call for all methods."""
+
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass
+from time import perf_counter
+
+import numpy as np
+from scipy.sparse import csr_array
+
+from multiscale.convergence import Solution, Status
+from multiscale.errors import CaseError
+from multiscale.nonsmooth.complementarity import lcp_verifier
+from multiscale.nonsmooth.conic import iterate_conic
+from multiscale.nonsmooth.infeasibility import infeasibility_detail
+from multiscale.nonsmooth.lcp_gauss_seidel import iterate_gauss_seidel
+from multiscale.nonsmooth.lcp_interior_point import iterate_interior_point
+from multiscale.nonsmooth.lcp_operator import Delassus, Entries
+from multiscale.nonsmooth.lcp_problem import ScaledLCP, scale_lcp
+from multiscale.nonsmooth.newton_min import iterate_newton_min
+from multiscale.nonsmooth.pivoting import iterate_pivoting
+from multiscale.nonsmooth.projected_gradient import iterate_projected_gradient
+from multiscale.nonsmooth.spectrum import refuse_indefinite
+
+__all__ = ["solve_lcp"]
+
+METHODS: dict[str, Callable[[ScaledLCP, np.ndarray], Iterator[np.ndarray]]] = {
+    "gauss_seidel": iterate_gauss_seidel,
+    "projected_gradient": iterate_projected_gradient,
+    "newton_min": iterate_newton_min,
+    "interior_point": iterate_interior_point,
+    "pivoting": iterate_pivoting,
+    "conic": iterate_conic,
+}
+
+NEEDS_ENTRIES = ("gauss_seidel", "projected_gradient", "pivoting")
+NEEDS_SYMMETRY = ("projected_gradient", "conic")
+
+PATIENCE = 100
+"""Iterates without a residual cut to a half after which a method that is alone gives up."""
+
+LARGEST_PIVOTING = 1000
+"""Number of constraints up to which ``auto`` tries pivoting."""
+
+
+@dataclass(frozen=True)
+class _Stage:
+    """A method, and the progress that it must make to stay."""
+
+    method: str
+    window: int
+    factor: float = 0.5
+
+
+GRADIENTS = _Stage("projected_gradient", window=40, factor=0.3)
+SWEEPS = _Stage("gauss_seidel", window=10, factor=0.3)
+ACTIVE_SETS = _Stage("newton_min", window=4)
+MONOTONE_SETS = _Stage("newton_min", window=20)
+INTERIOR = _Stage("interior_point", window=80)
+PIVOTS = _Stage("pivoting", window=1000)
+ORACLE = _Stage("conic", window=10)
+
+
+@np.errstate(all="ignore")  # an overflow shows in the residual
+def solve_lcp(
+    matrix: csr_array | np.ndarray | Delassus,
+    vector: np.ndarray,
+    *,
+    method: str = "auto",
+    start: np.ndarray | None = None,
+    max_iterations: int = 10_000,
+    tolerance: float = 1e-10,
+    callback: Callable[[int, float], None] | None = None,
+) -> Solution:
+    r"""Solve a linear complementarity problem.
+
+    Find :math:`z` such that
+
+    .. math:: w = M z + q, \qquad 0 \le w \perp z \ge 0.    \tag{1}
+
+    Parameters
+    ----------
+    matrix : csr_array, ndarray or Delassus, shape (n, n)
+        :math:`M`, in any unit; or the bodies and directions behind it. Symmetric ones must be
+        positive semidefinite, and may be singular (redundant constraints, hyperstatic stacks).
+    vector : ndarray, shape (n,)
+        :math:`q`, in the unit of w.
+    method : str
+        ``"auto"`` takes projected gradients (Gauss-Seidel if M is not symmetric), Newton-min, an
+        interior point, pivoting and the conic solver in this order, each for as long as the
+        residual falls. ``"projected_gradient"``, ``"gauss_seidel"``, ``"newton_min"``,
+        ``"interior_point"``, ``"pivoting"`` and ``"conic"`` take one alone.
+    start : ndarray, shape (n,), optional
+        First z, in the unit of z; zero if not given.
+    max_iterations : int
+        Limit on the number of residuals: one per ten sweeps or gradient steps, per
+        factorisation, or per n / 20 pivots.
+    tolerance : float
+        Bound on the residual of :func:`verify_lcp`, relative to the data; dimensionless.
+    callback : callable, optional
+        Called as ``callback(iteration, residual)``.
+
+    Returns
+    -------
+    Solution
+        ``value`` is the z with the smallest residual, shape (n,). ``CONVERGED`` is what the
+        verifier says, ``INFEASIBLE`` comes with a certificate in ``detail``.
+
+    Raises
+    ------
+    CaseError
+        If the matrix is not square, the vector does not fit, an entry is not finite, the matrix
+        is symmetric but indefinite (``"pivoting"`` takes it), or the method does not exist or
+        cannot take the problem.
+    ValueError
+        If ``start`` does not fit.
+
+    Examples
+    --------
+    >>> solve_lcp(np.array([[2.0, 1.0], [1.0, 2.0]]), np.array([-2.0, 5.0])).unwrap()
+    array([1., 0.])
+    """
+    started = perf_counter()
+    verify = lcp_verifier(matrix, vector)
+    problem = scale_lcp(matrix, vector)
+    stages = _stages(problem, method)
+    first = np.zeros(problem.vector.size) if start is None else np.asarray(start, dtype=float)
+    if first.shape != problem.vector.shape:
+        raise ValueError(f"start must have shape {problem.vector.shape}, got {first.shape}")
+    if method != "pivoting":
+        refuse_indefinite(problem)
+
+    residuals, seconds, last = list[float](), list[float](), dict[str, np.ndarray]()
+    best, smallest = first, np.inf
+    for name, x in _iterates(problem, first / problem.unit, stages, residuals):
+        last[name] = x
+        z = problem.unit * x
+        residuals.append(verify(z).residual)
+        seconds.append(perf_counter() - started)
+        if callback is not None:
+            callback(len(residuals) - 1, residuals[-1])
+        if residuals[-1] < smallest:
+            best, smallest = z, residuals[-1]
+        if smallest <= tolerance or len(residuals) > max_iterations:
+            break
+
+    status, detail = Status.CONVERGED, ""
+    if not smallest <= tolerance:
+        status, detail = _failure(problem, method, last, len(residuals) > max_iterations)
+        residuals.append(smallest)
+        seconds.append(perf_counter() - started)
+    return Solution(best, status, tuple(residuals), tuple(seconds), tuple(last), detail)
+
+
+def _stages(problem: ScaledLCP, method: str) -> list[_Stage]:
+    """Methods to take in turn."""
+    formed = isinstance(problem.operator, Entries)
+    if method != "auto":
+        if method not in METHODS:
+            raise CaseError(f"method {method!r} does not exist; known: {['auto', *METHODS]}")
+        if method in NEEDS_ENTRIES and not formed:
+            raise CaseError(
+                f"method {method!r} needs the entries of the matrix, which are not formed for "
+                f"{problem.vector.size} coupled constraints; use method='interior_point'"
+            )
+        if method in NEEDS_SYMMETRY and not problem.is_symmetric:
+            raise CaseError(
+                f"method {method!r} needs a symmetric matrix, but mirrored entries differ; use "
+                f"method='gauss_seidel' or 'interior_point'"
+            )
+        return [_Stage(method, PATIENCE)]
+    if not formed:
+        return [INTERIOR, ACTIVE_SETS, ORACLE]
+    pivots = [PIVOTS] if problem.vector.size <= LARGEST_PIVOTING else []
+    sets = MONOTONE_SETS if problem.has_negative_couplings else ACTIVE_SETS
+    if problem.is_symmetric:
+        return [GRADIENTS, sets, INTERIOR, *pivots, ORACLE]
+    return [SWEEPS, sets, INTERIOR, *pivots]
+
+
+def _iterates(
+    problem: ScaledLCP, start: np.ndarray, stages: list[_Stage], residuals: list[float]
+) -> Iterator[tuple[str, np.ndarray]]:
+    """Yield method and iterate; the caller appends its residual, which decides what follows."""
+    yield stages[0].method, start
+    best, smallest = start, residuals[-1]
+    for stage in stages:
+        entry, before = len(residuals), smallest
+        for x in METHODS[stage.method](problem, best):
+            yield stage.method, x
+            if residuals[-1] < smallest:
+                best, smallest = x, residuals[-1]
+            if not _progresses([before, *residuals[entry:]], stage):
+                break
+
+
+def _progresses(residuals: list[float], stage: _Stage) -> bool:
+    """Whether the latest residuals fall well below the earlier ones."""
+    if len(residuals) <= stage.window:
+        return True
+    latest, earlier = residuals[-stage.window :], residuals[: -stage.window]
+    return min(latest) <= stage.factor * min(earlier)
+
+
+def _failure(
+    problem: ScaledLCP, method: str, last: dict[str, np.ndarray], limit: bool
+) -> tuple[Status, str]:
+    """Say why there is no solution; an indefinite matrix is refused here at the latest."""
+    detail = infeasibility_detail(problem, list(last.values()))
+    if detail:
+        return Status.INFEASIBLE, detail
+    if method != "pivoting":
+        refuse_indefinite(problem, thorough=True)
+    return (Status.MAX_ITERATIONS if limit else Status.STALLED), ""

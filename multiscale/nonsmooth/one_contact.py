@@ -1,0 +1,101 @@
+r"""Coulomb's law at a single contact, solved exactly."""
+
+import numba
+import numpy as np
+
+__all__ = ["solve_contact"]
+
+
+@numba.njit(cache=True, error_model="numpy")
+def solve_contact(block, q0, q1, q2, mu):  # type: ignore[no-untyped-def]
+    r"""Solve the friction problem of one contact.
+
+    Parameters
+    ----------
+    block : ndarray, shape (3, 3)
+        :math:`W` of the contact, 1/kg, positive semi-definite with :math:`W_{NN} > 0`.
+    q0, q1, q2 : float
+        Velocity :math:`q` that the other contacts and the loads cause, m/s, normal first.
+    mu : float
+        Friction coefficient, dimensionless.
+
+    Returns
+    -------
+    tuple of float
+        :math:`r`, N s, normal first.
+
+    Notes
+    -----
+    Open if :math:`q_N \ge 0`; stuck if :math:`r = -W^{-1} q` lies in the cone. Otherwise the
+    contact slides with :math:`u_T = -\alpha r_T`, :math:`\alpha > 0`, and :math:`u_N = 0` leaves
+
+    .. math::
+        r_T(\alpha) = -(S + \alpha I)^{-1} b, \qquad
+        r_N(\alpha) = -\frac{q_N + W_{NT} r_T}{W_{NN}}, \qquad
+        g(\alpha) = \frac{\mu r_N}{\|r_T\|} - 1 = 0    \tag{1}
+
+    with :math:`S = W_{TT} - W_{TN} W_{NT} / W_{NN}` and :math:`b = q_T - W_{TN} q_N / W_{NN}`.
+    Every root of :math:`g` solves the law. As stick has failed :math:`g(0) < 0`, and :math:`g > 0`
+    beyond
+
+    .. math:: \alpha_1 = \|b\| \frac{W_{NN} + \mu \|W_{NT}\|}{-\mu q_N},    \tag{2}
+
+    so that a bracketed Newton iteration always finds one; :math:`g` is nearly linear, as in
+    trust-region methods.
+    """
+    if q0 >= 0.0:
+        return 0.0, 0.0, 0.0
+    w = block[0, 0]
+    n1, n2 = block[0, 1], block[0, 2]
+    t1, t2 = block[1, 0] / w, block[2, 0] / w
+    s11, s12 = block[1, 1] - t1 * n1, block[1, 2] - t1 * n2
+    s21, s22 = block[2, 1] - t2 * n1, block[2, 2] - t2 * n2
+    b1, b2 = q1 - t1 * q0, q2 - t2 * q0
+    size = np.sqrt(b1 * b1 + b2 * b2)
+    noise = abs(q1) + abs(q2) + (abs(t1) + abs(t2)) * -q0
+    if mu == 0.0 or size <= 1e-15 * noise:
+        return -q0 / w, 0.0, 0.0
+
+    low, high = 0.0, size * (w + mu * np.sqrt(n1 * n1 + n2 * n2)) / (-mu * q0)  # (2)
+    mobility = block[1, 1] + block[2, 2]
+    floor = 1e-14 * (mobility if mobility > 0.0 else w)
+    alpha = 0.0
+    if (s11 + s22) * floor >= s11 * s22 - s12 * s21:
+        alpha = min(floor, 0.5 * high)  # S is singular: b needs a spring to lean on
+    r0, r1, r2 = 0.0, 0.0, 0.0
+    for turn in range(60):
+        r1, r2 = _solve_pair(s11 + alpha, s12, s21, s22 + alpha, -b1, -b2)
+        r0 = -(q0 + n1 * r1 + n2 * r2) / w
+        length = np.sqrt(r1 * r1 + r2 * r2)
+        if turn == 0 and length <= mu * r0:
+            return r0, r1, r2  # stuck
+        g = mu * r0 / length - 1.0  # (1)
+        if abs(g) <= 1e-15:
+            break
+        if g < 0.0:
+            low = alpha
+        else:
+            high = alpha
+        d1, d2 = _solve_pair(s11 + alpha, s12, s21, s22 + alpha, -r1, -r2)
+        slope = -mu * (n1 * d1 + n2 * d2) / w / length
+        slope -= mu * r0 * (r1 * d1 + r2 * d2) / length**3
+        step = -g / slope if slope > 0.0 else np.inf
+        if abs(step) <= 1e-15 * alpha or high - low <= 1e-15 * high:
+            break
+        alpha += step
+        if not low < alpha < high:
+            alpha = 0.5 * (low + high) if low > 0.0 else 0.1 * high
+    shrink = mu * r0 / np.sqrt(r1 * r1 + r2 * r2) if r0 > 0.0 else 0.0
+    return max(r0, 0.0), shrink * r1, shrink * r2
+
+
+@numba.njit(cache=True, error_model="numpy", inline="always")
+def _solve_pair(a11, a12, a21, a22, b1, b2):  # type: ignore[no-untyped-def]
+    """Solve two equations by elimination with pivoting: backward stable, unlike Cramer's rule."""
+    if abs(a11) >= abs(a21):
+        factor = a21 / a11
+        x2 = (b2 - factor * b1) / (a22 - factor * a12)
+        return (b1 - a12 * x2) / a11, x2
+    factor = a11 / a21
+    x2 = (b1 - factor * b2) / (a12 - factor * a22)
+    return (b2 - a22 * x2) / a21, x2

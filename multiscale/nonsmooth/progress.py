@@ -1,0 +1,55 @@
+"""What a chain of methods leaves behind: errors, times, trail, and the best answer so far."""
+
+from collections.abc import Callable
+from dataclasses import dataclass, field
+from time import perf_counter
+from typing import Protocol
+
+import numpy as np
+
+from multiscale.nonsmooth.contact_problem import ContactProblem
+
+__all__ = ["Progress", "Recorder"]
+
+
+class Recorder(Protocol):
+    """What a method reports its iterates to."""
+
+    def note(self, reaction: np.ndarray) -> bool:
+        """Take an iterate, dimensionless, shape (contacts, 3); true if the method may stop."""
+
+
+@dataclass
+class Progress:
+    """Record of a run, kept by the methods through :meth:`note`.
+
+    Attributes
+    ----------
+    problem : ContactProblem
+        Measures the error.
+    target : float
+        Error at which the run may stop; dimensionless.
+    callback : callable, optional
+        Called as ``callback(iteration, residual)``.
+    """
+
+    problem: ContactProblem
+    target: float
+    callback: Callable[[int, float], None] | None = None
+    started: float = field(default_factory=perf_counter)
+    residuals: list[float] = field(default_factory=list)
+    seconds: list[float] = field(default_factory=list)
+    trail: list[str] = field(default_factory=list)
+    best: np.ndarray | None = None
+    smallest: float = np.inf
+
+    def note(self, reaction: np.ndarray) -> bool:
+        """Measure an answer, keep it if it is the best, and say whether it will do."""
+        error = self.problem.error(reaction)
+        if self.callback is not None:
+            self.callback(len(self.residuals), error)
+        self.residuals.append(error)
+        self.seconds.append(perf_counter() - self.started)
+        if error < self.smallest:
+            self.smallest, self.best = error, reaction.copy()
+        return self.smallest <= self.target

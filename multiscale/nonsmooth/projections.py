@@ -1,0 +1,102 @@
+r"""Euclidean projections onto the sets of contact mechanics.
+
+Every function takes arrays with the component axis first, normal component in row 0.
+"""
+
+import numpy as np
+
+__all__ = [
+    "project_ball",
+    "project_dual_cone",
+    "project_friction_cone",
+    "project_positive",
+]
+
+
+def project_positive(vector: np.ndarray) -> np.ndarray:
+    """Projection onto the non-negative numbers, entry by entry."""
+    return np.asarray(np.maximum(vector, 0.0))
+
+
+def project_ball(vector: np.ndarray, radius: np.ndarray | float) -> np.ndarray:
+    r"""Projection onto the ball of a radius around the origin.
+
+    Parameters
+    ----------
+    vector : ndarray, shape (d, ...)
+        Points, in any unit.
+    radius : ndarray, shape (...), or float
+        Radius, in the unit of ``vector``; a negative one counts as zero.
+
+    Returns
+    -------
+    ndarray, shape (d, ...)
+        ``vector`` where it lies inside, else the nearest point of the sphere.
+    """
+    length = np.sqrt(np.sum(vector**2, axis=0))
+    radius = np.maximum(radius, 0.0)
+    inside = length <= radius
+    return np.asarray(vector * np.where(inside, 1.0, radius / np.where(inside, 1.0, length)))
+
+
+def project_friction_cone(vector: np.ndarray, friction: np.ndarray | float) -> np.ndarray:
+    r"""Projection onto Coulomb's cone, a second-order cone.
+
+    Parameters
+    ----------
+    vector : ndarray, shape (d, ...)
+        Points, normal component first, in any unit.
+    friction : ndarray, shape (...), or float
+        Friction coefficient :math:`\mu \ge 0`, dimensionless.
+
+    Returns
+    -------
+    ndarray, shape (d, ...)
+        The nearest point of the cone.
+
+    Notes
+    -----
+    For :math:`K_\mu = \{x : \|x_T\| \le \mu x_N\}`,
+
+    .. math::
+        P(x) = x \text{ in } K_\mu, \qquad P(x) = 0 \text{ where } \mu \|x_T\| \le -x_N, \qquad
+        P(x)_N = \frac{x_N + \mu \|x_T\|}{1 + \mu^2}, \quad
+        P(x)_T = \mu P(x)_N \frac{x_T}{\|x_T\|} \text{ elsewhere.}    \tag{1}
+
+    Examples
+    --------
+    >>> project_friction_cone(np.array([1.0, 3.0, 0.0]), friction=1.0)
+    array([2., 2., 0.])
+    """
+    normal, tangent = vector[0], vector[1:]
+    length = np.sqrt(np.sum(tangent**2, axis=0))
+    inside = (normal >= 0.0) & (length <= friction * normal)  # also where friction is zero
+    outside = ~inside & (friction * length <= -normal)
+    height = np.where(outside, 0.0, (normal + friction * length) / (1.0 + np.square(friction)))
+    shrink = friction * height / np.where(length > 0.0, length, 1.0)
+    surface = np.concatenate([height[None], shrink * tangent])
+    return np.asarray(np.where(inside, vector, surface))  # (1)
+
+
+def project_dual_cone(vector: np.ndarray, friction: np.ndarray | float) -> np.ndarray:
+    r"""Projection onto the dual of Coulomb's cone.
+
+    Parameters
+    ----------
+    vector : ndarray, shape (d, ...)
+        Points, normal component first, in any unit.
+    friction : ndarray, shape (...), or float
+        Friction coefficient :math:`\mu \ge 0`, dimensionless.
+
+    Returns
+    -------
+    ndarray, shape (d, ...)
+        The nearest point of :math:`K_\mu^* = \{x : \mu \|x_T\| \le x_N\}`.
+
+    Notes
+    -----
+    By Moreau's decomposition,
+
+    .. math:: P_{K^*}(x) = x + P_K(-x).    \tag{1}
+    """
+    return np.asarray(vector + project_friction_cone(-vector, friction))  # (1)

@@ -1,0 +1,198 @@
+"""All methods find the same motion; the hybrid solves what they solve and more."""
+
+import numpy as np
+import pytest
+from scipy.sparse import csr_array
+
+from multiscale.nonsmooth import split_interior_point as split_module
+from multiscale.nonsmooth.contact_problem import scale_problem
+from multiscale.nonsmooth.coulomb import alart_curnier, verify_friction
+from multiscale.nonsmooth.friction import METHODS, solve_friction
+from multiscale.nonsmooth.lorentz import apply, lorentz_problem
+from multiscale.nonsmooth.progress import Progress
+from multiscale.nonsmooth.semismooth_newton import linearise
+from multiscale.nonsmooth.shifted_interior_point import shifted_interior_point
+from multiscale.nonsmooth.split_interior_point import split_interior_point
+from tests.nonsmooth.friction_problems import (
+    block_tower,
+    plane_stack,
+    random_problem,
+    random_stack,
+    sphere_pile,
+    wedged_block,
+)
+
+
+@pytest.mark.parametrize("method", sorted(METHODS))
+@pytest.mark.parametrize("rank", [None, 40], ids=["full", "deficient"])
+def test_every_method_finds_the_same_velocity_and_energy(method, rank):
+    # deficient: 60 impulses, 40 of them independent; velocities are unique, impulses are not
+    rng = np.random.default_rng(seed=3)
+    W, q, mu = random_problem(20, rng, rank=rank, friction=0.1)
+    reference = solve_friction(W, q, mu, tolerance=1e-11)
+    found = solve_friction(W, q, mu, method=method)
+    r, s = reference.unwrap(), found.unwrap()
+    scale = np.linalg.norm(q)
+    assert np.linalg.norm(W @ (r - s)) < 1e-6 * scale
+    assert s @ (W @ s) == pytest.approx(r @ (W @ r), rel=1e-6)
+    assert found.trail in ((method,), ())
+
+
+@pytest.mark.parametrize("method", sorted(METHODS))
+def test_a_verified_answer_of_one_method_starts_the_others_at_the_end(method):
+    W, q, mu = random_problem(10, np.random.default_rng(seed=4))
+    r = solve_friction(W, q, mu, tolerance=1e-11).unwrap()
+    again = solve_friction(W, q, mu, method=method, start=r)
+    assert again.converged
+    assert len(again.residuals) == 2
+    np.testing.assert_allclose(again.value, r, rtol=1e-8, atol=1e-10)
+
+
+def test_without_friction_the_answer_is_that_of_the_complementarity_problem():
+    rng = np.random.default_rng(seed=5)
+    W, q, _ = random_problem(30, rng)
+    r = solve_friction(W, q, np.zeros(30), tolerance=1e-11).unwrap().reshape(-1, 3)
+    A, b, x = W.toarray()[::3, ::3], q[::3], np.zeros(30)
+    for _ in range(20000):  # projected Gauss-Seidel: slow and obviously right
+        for i in range(30):
+            x[i] = max(0.0, x[i] - (A[i] @ x + b[i]) / A[i, i])
+        if np.linalg.norm(x - np.maximum(0.0, x - (A @ x + b))) < 1e-13:
+            break
+    np.testing.assert_allclose(r[:, 0], x, atol=1e-9)
+    np.testing.assert_array_equal(r[:, 1:], 0.0)
+
+
+def test_a_plane_problem_equals_the_same_problem_in_space():
+    bodies = plane_stack(6, np.random.default_rng(seed=6), mass_ratio=100.0)
+    W, q, mu = bodies.condensed()
+    plane = solve_friction(W, q, mu, tolerance=1e-10).unwrap().reshape(-1, 2)
+    n = mu.size
+    full, load = np.zeros((n, 3, n, 3)), np.zeros((n, 3))
+    full[:, :2, :, :2] = W.toarray().reshape(n, 2, n, 2)
+    full[np.arange(n), 2, np.arange(n), 2] = 1.0
+    load[:, :2] = q.reshape(n, 2)
+    space = solve_friction(full.reshape(3 * n, 3 * n), load.ravel(), mu, tolerance=1e-10)
+    moved = W @ (plane - space.unwrap().reshape(n, 3)[:, :2]).ravel()
+    assert np.linalg.norm(moved) < 1e-7 * np.linalg.norm(q)
+
+
+@pytest.mark.parametrize(
+    "problem",
+    [
+        pytest.param(sphere_pile(30, np.random.default_rng(seed=1)), id="pile"),
+        pytest.param(block_tower(5, np.random.default_rng(seed=1)), id="tower"),
+        pytest.param(wedged_block(0.3), id="wedge slides"),
+        pytest.param(wedged_block(1.5), id="wedge jams"),
+        pytest.param(random_stack(7), id="stack"),
+    ],
+)
+def test_bodies_in_contact_lose_energy_and_keep_their_balance(problem):
+    W, q, mu = problem.condensed()
+    r = solve_friction(W, q, mu).unwrap()
+    v = problem.body_velocity(r)
+    motion = (problem.mass, problem.transfer, problem.momentum, v)
+    assert verify_friction(W, q, mu, r, motion=motion).accepted
+    # r . (q + u) / 2 is the energy that the impact adds: never positive
+    assert r @ (q + 0.5 * (W @ r)) <= 1e-9 * abs(r @ q)
+
+
+def test_most_of_a_few_stacks_are_solved():
+    solved = [solve_friction(*random_stack(seed).condensed()).converged for seed in range(10)]
+    assert sum(solved) >= 9
+
+
+@pytest.mark.slow
+def test_99_percent_of_200_stacks_are_solved():
+    solved = [solve_friction(*random_stack(seed).condensed()).converged for seed in range(200)]
+    assert sum(solved) >= 198
+
+
+def test_plane_stacks_with_mass_ratio_1e6_are_solved():
+    for seed in range(5):
+        rng = np.random.default_rng(seed=seed)
+        bodies = plane_stack(10, rng, mass_ratio=1e6, push=0.6)
+        assert solve_friction(*bodies.condensed()).converged
+
+
+def test_history_has_a_time_for_every_residual_and_the_callback_sees_them():
+    seen = []
+    W, q, mu = random_stack(1).condensed()
+    solution = solve_friction(W, q, mu, callback=lambda i, residual: seen.append((i, residual)))
+    assert len(solution.seconds) == len(solution.residuals) == len(seen) + 1
+    assert np.all(np.diff(solution.seconds) >= 0.0)
+    assert [residual for _, residual in seen] == list(solution.residuals[:-1])
+    assert solution.trail[0] == "gauss_seidel"
+
+
+@pytest.mark.parametrize(
+    "name",
+    [
+        "capsules-i100-1090", "confeti-ex13", "contrast1e8", "kaplas-tower", "one-object-499",
+        "periodic-box", "spheres-i099", "stack20", "stack20-mass1e6",
+    ],
+)  # fmt: skip
+def test_public_instances_are_solved(reference_data, name):
+    data = np.load(reference_data / "friction" / f"{name}.npz")
+    W = csr_array((data["data"], data["ind"], data["ptr"]), shape=tuple(data["shape"]))
+    solution = solve_friction(W, data["q"], data["mu"])
+    assert solution.converged
+    assert verify_friction(W, data["q"], data["mu"], solution.value).accepted
+
+
+def test_the_newton_matrix_is_the_derivative_of_the_residual():
+    rng = np.random.default_rng(seed=8)
+    u, r = rng.normal(size=(40, 3)), rng.normal(size=(40, 3))
+    mu = rng.uniform(0.2, 2.0, 40)
+    _, A, B = linearise(u, r, mu)
+    h = 1e-7
+    for du, dr in ((rng.normal(size=(40, 3)), 0.0 * r), (0.0 * u, rng.normal(size=(40, 3)))):
+        ahead = linearise(u + h * du, r + h * dr, mu)[0]
+        behind = linearise(u - h * du, r - h * dr, mu)[0]
+        expected = np.einsum("iab,ib->ia", A, du) + np.einsum("iab,ib->ia", B, dr)
+        np.testing.assert_allclose((ahead - behind) / (2.0 * h), expected, atol=1e-6)
+    np.testing.assert_allclose(linearise(u, r, mu)[0], alart_curnier(u.T, r.T, mu).T, atol=1e-15)
+
+
+@pytest.mark.parametrize("path", [split_interior_point, shifted_interior_point])
+@pytest.mark.parametrize(
+    "bodies",
+    [
+        pytest.param(block_tower(3, np.random.default_rng(seed=9)), id="tower"),
+        pytest.param(wedged_block(0.5), id="wedge"),
+    ],
+)
+def test_an_interior_point_ends_as_fast_as_newton(path, bodies):
+    # 6 to 8 steps; an error in De Saxcé's term leaves the answer right and doubles the path
+    problem = scale_problem(*bodies.condensed())
+    progress = Progress(problem, 1e-9)
+    path(problem, progress)
+    assert progress.smallest <= 1e-9
+    assert len(progress.residuals) <= 11
+
+
+@pytest.mark.parametrize("bounded", [False, True])
+def test_a_step_of_the_interior_point_solves_the_linearised_equations(bounded):
+    rng = np.random.default_rng(seed=11)
+    lorentz, _ = lorentz_problem(scale_problem(*wedged_block(0.5).condensed()))
+    z, y = rng.normal(size=(8, 3)), rng.normal(size=(8, 3))
+    for point in (z, y):
+        point[:, 0] = 0.5 + np.hypot(point[:, 1], point[:, 2])
+    g, bound = rng.uniform(0.5, 1.0, 8), z[:, 0] + 0.1 if bounded else None
+    newton = split_module._newton(lorentz, split_module._Point(z, y, g, bound), 0.0)
+    k, h = rng.normal(size=(8, 3)), rng.normal(size=8)
+    dz, dy, dg = newton.direction(k, h)
+    dx = newton.point.cone_part(dz)
+    F, inverse, square = newton.scaling
+    change = lorentz.respond(dz) - lorentz.velocity - np.column_stack([dg, dy[:, 1:]])
+    np.testing.assert_allclose(change, -newton.defect, atol=1e-10)
+    np.testing.assert_allclose(z[:, 0] * dg + g * dz[:, 0], h, atol=1e-10)
+    np.testing.assert_allclose(apply(F, dx) + apply(inverse, dy), k, atol=1e-10)
+    np.testing.assert_allclose(apply(F, newton.point.x), apply(inverse, y), atol=1e-12)
+    np.testing.assert_allclose(F @ F, square, atol=1e-10)
+    assert np.all(dx[:, 0] == 0.0) == bounded
+
+
+def test_the_iteration_on_the_bound_ends_without_newton(monkeypatch):
+    monkeypatch.setattr("multiscale.nonsmooth.frozen_bound.EVERY", 1000)
+    W, q, mu = random_problem(10, np.random.default_rng(seed=10), friction=0.1)
+    assert solve_friction(W, q, mu, method="frozen_bound").converged

@@ -1,0 +1,149 @@
+"""Extreme and wrong problems: solved, or refused in one sentence; never wrongly called solved."""
+
+import numpy as np
+import pytest
+from scipy.sparse import csr_array
+
+from multiscale.convergence import Status
+from multiscale.errors import CaseError
+from multiscale.nonsmooth.coulomb import verify_friction
+from multiscale.nonsmooth.friction import solve_friction
+from tests.nonsmooth.friction_problems import random_problem, random_stack, wedged_block
+
+
+@pytest.mark.parametrize("mass_unit", [1e-9, 1.0, 1e9])
+@pytest.mark.parametrize("speed_unit", [1e-6, 1e6])
+def test_units_change_nothing(mass_unit, speed_unit):
+    W, q, mu = random_problem(15, np.random.default_rng(seed=1), friction=0.4)
+    r = solve_friction(W, q, mu, tolerance=1e-11).unwrap()
+    scaled = solve_friction(W / mass_unit, q * speed_unit, mu, tolerance=1e-10)
+    np.testing.assert_allclose(scaled.unwrap() / (mass_unit * speed_unit), r, rtol=1e-6, atol=1e-9)
+
+
+def test_a_stack_in_any_units_gets_the_same_verdict():
+    W, q, mu = random_stack(2).condensed()
+    for mass_unit, speed_unit in ((1.0, 1.0), (1e-6, 1e3), (1e6, 1e-9)):
+        assert solve_friction(W / mass_unit, q * speed_unit, mu).converged
+
+
+@pytest.mark.parametrize("friction", [0.0, 0.5, 1.0, 1.5, 10.0])
+def test_a_wedged_block_is_solved_for_any_friction(friction):
+    assert solve_friction(*wedged_block(friction).condensed()).converged
+
+
+def test_repeated_contacts_share_the_load():
+    W, q, mu = random_problem(4, np.random.default_rng(seed=2))
+    twice = np.tile(np.arange(12).reshape(4, 3), (3, 1)).ravel()  # every contact three times
+    W3, q3 = W.toarray()[np.ix_(twice, twice)], q[twice]
+    r = solve_friction(W, q, mu, tolerance=1e-10).unwrap()
+    r3 = solve_friction(W3, q3, np.tile(mu, 3), tolerance=1e-10).unwrap()
+    np.testing.assert_allclose(W @ r3.reshape(3, 12).sum(axis=0), W @ r, atol=1e-7)
+
+
+def test_zero_load_and_opening_contacts_need_no_impulse():
+    W, q, mu = random_problem(5, np.random.default_rng(seed=3))
+    for velocity in (np.zeros_like(q), np.tile([1.0, 3.0, -2.0], 5)):
+        solution = solve_friction(W, velocity, mu)
+        assert solution.converged
+        np.testing.assert_array_equal(solution.value, 0.0)
+
+
+def test_no_contact_at_all_is_solved():
+    assert solve_friction(np.zeros((0, 0)), np.zeros(0), np.zeros(0)).converged
+
+
+def test_mixed_friction_with_frictionless_contacts_is_solved():
+    W, q, mu = random_problem(20, np.random.default_rng(seed=4))
+    mu[::2], mu[1::4] = 0.0, 3.0
+    r = solve_friction(W, q, mu).unwrap().reshape(-1, 3)
+    np.testing.assert_array_equal(r[::2, 1:], 0.0)
+
+
+def test_the_verifier_rejects_wrong_answers():
+    W, q, mu = random_problem(10, np.random.default_rng(seed=5))
+    r = solve_friction(W, q, mu, tolerance=1e-11).unwrap()
+    assert verify_friction(W, q, mu, r).accepted
+    assert not verify_friction(W, q, mu, np.zeros_like(r)).accepted  # penetrates
+    assert verify_friction(W, q, mu, np.zeros_like(r)).penetration > 1e-3
+    assert not verify_friction(W, q, mu, 1.001 * r).accepted
+    assert not verify_friction(W, q, mu, np.full_like(r, np.nan)).accepted
+    outside = r.copy()
+    outside[1] += 2.0 * mu[0] * max(r[0], np.max(r))
+    assert verify_friction(W, q, mu, outside).cone_violation > 0.1
+    pulling = r.copy()
+    pulling[0] = -np.max(r)
+    assert verify_friction(W, q, mu, pulling).cone_violation > 0.1
+
+
+def test_the_verifier_is_not_fooled_by_units_or_by_a_fast_opening_contact():
+    W, q, mu = random_problem(10, np.random.default_rng(seed=6))
+    zero = np.zeros_like(q)
+    # tiny impulses: with a unit step the natural map of r = 0 would be tiny too
+    assert not verify_friction(1e15 * W, q, mu, zero).accepted
+    heavy, sliding = 1e15 * np.eye(3), np.array([-1.0, 0.1, 0.0])
+    frictionless = np.array([1e-15, 0.0, 0.0])  # no penetration, yet it should stick
+    assert verify_friction(heavy, sliding, np.array([0.5]), frictionless).penetration == 0.0
+    assert not verify_friction(heavy, sliding, np.array([0.5]), frictionless).accepted
+    far = csr_array(np.block([[W.toarray(), np.zeros((30, 3))], [np.zeros((3, 30)), np.eye(3)]]))
+    fast = np.concatenate([q, [1e12, 0.0, 0.0]])
+    assert not verify_friction(far, fast, np.append(mu, 0.5), np.zeros(33)).accepted
+
+
+def test_the_verifier_checks_the_motion_of_the_bodies():
+    bodies = random_stack(7)
+    W, q, mu = bodies.condensed()
+    r = solve_friction(W, q, mu).unwrap()
+    v = bodies.body_velocity(r)
+    motion = (bodies.mass, bodies.transfer, bodies.momentum, 1.01 * v)
+    verdict = verify_friction(W, q, mu, r, motion=motion)
+    assert verdict.equilibrium > 1e-4
+    assert not verdict.accepted
+
+
+def test_a_problem_that_was_cut_short_is_not_called_solved():
+    W, q, mu = random_stack(3).condensed()
+    solution = solve_friction(W, q, mu, method="gauss_seidel", max_iterations=5)
+    assert solution.status is Status.MAX_ITERATIONS
+    assert solution.residuals[-1] > 1e-8
+
+
+def test_a_contact_that_nothing_can_move_makes_the_problem_infeasible():
+    W = np.diag([1.0, 1.0, 1.0, 0.0, 0.0, 0.0])
+    solution = solve_friction(W, np.array([-1.0, 0.0, 0.0, -0.5, 0.0, 0.0]), np.array([0.3, 0.3]))
+    assert solution.status is Status.INFEASIBLE
+    assert "contact 1 closes at 0.5 m/s" in solution.detail
+
+
+E3, Q3, MU1 = np.eye(3), np.array([-1.0, 0.0, 0.0]), np.array([0.5])
+
+
+@pytest.mark.parametrize(
+    ("delassus", "velocity", "friction", "sentence"),
+    [
+        pytest.param(np.ones((3, 4)), Q3, MU1, r"square matrix, got shape \(3, 4\)", id="square"),
+        pytest.param(np.nan * E3, Q3, MU1, "delassus has entries that are NaN", id="nan-w"),
+        pytest.param(E3, np.full(3, np.inf), MU1, "velocity has entries", id="inf-q"),
+        pytest.param(E3, Q3, -MU1, "not negative, got -0.5 at contact 0", id="negative"),
+        pytest.param(E3, Q3, np.nan * MU1, "friction must be finite", id="nan-mu"),
+        pytest.param(E3, np.ones(6), MU1, r"velocity must have shape \(3,\)", id="velocity"),
+        pytest.param(E3, Q3, np.ones(2), "one entry for every 2 or 3 of the 3", id="friction"),
+    ],
+)
+def test_wrong_data_are_refused_in_one_sentence(delassus, velocity, friction, sentence):
+    with pytest.raises(CaseError, match=sentence):
+        solve_friction(delassus, velocity, friction)
+
+
+def test_an_indefinite_matrix_names_its_eigenvalue_and_contact():
+    W, q, mu = random_problem(20, np.random.default_rng(seed=7))
+    full = W.toarray()
+    full[33:36, 33:36] -= 40.0 * np.diag(np.diag(full[33:36, 33:36]))
+    with pytest.raises(CaseError, match=r"indefinite: .* eigenvalue -.*contact 11 carries"):
+        solve_friction(full, q, mu)
+
+
+def test_an_unknown_method_and_a_start_of_wrong_shape_are_refused():
+    with pytest.raises(CaseError, match="method 'magic' does not exist"):
+        solve_friction(E3, Q3, MU1, method="magic")
+    with pytest.raises(ValueError, match=r"start must have shape \(3,\)"):
+        solve_friction(E3, Q3, MU1, start=np.zeros(2))

@@ -1,0 +1,349 @@
+"""Linear complementarity problems: every method against Lemke, clarabel and itself."""
+
+from itertools import islice
+
+import numpy as np
+import pytest
+from scipy.sparse import csr_array
+
+from multiscale.errors import CaseError, ConvergenceError
+from multiscale.nonsmooth.complementarity import verify_lcp
+from multiscale.nonsmooth.lcp import METHODS, solve_lcp
+from multiscale.nonsmooth.lcp_operator import Delassus
+from multiscale.nonsmooth.lcp_problem import scale_lcp
+from multiscale.nonsmooth.newton_min import iterate_newton_min
+from multiscale.nonsmooth.projected_gradient import iterate_projected_gradient
+from tests.nonsmooth.lcp_problems import (
+    condensed,
+    granular,
+    membrane,
+    p_matrix,
+    stack,
+    tensegrity,
+)
+
+
+def grains(count, **options):
+    mass, directions, vector = granular(count, **options)
+    return condensed(mass, directions), vector
+
+
+def column(bodies, **options):
+    mass, directions, vector = stack(bodies, **options)
+    return condensed(mass, directions), vector
+
+
+FAMILIES = [
+    pytest.param(lambda: grains(100), id="granular"),
+    pytest.param(lambda: grains(100, mass_ratio=1e6), id="granular, mass ratio 1e6"),
+    pytest.param(lambda: grains(100, contacts_per_grain=5.5), id="granular, hyperstatic"),
+    pytest.param(lambda: column(50, mass_ratio=1e6), id="stack, mass ratio 1e6"),
+    pytest.param(lambda: column(50, mass_ratio=1e8), id="stack, mass ratio 1e8"),
+    pytest.param(lambda: membrane(20), id="membrane"),
+    pytest.param(lambda: membrane(20, contrast=1e8), id="membrane, contrast 1e8"),
+    pytest.param(lambda: tensegrity(8), id="tensegrity"),
+    pytest.param(lambda: tensegrity(8, contrast=1e8), id="tensegrity, contrast 1e8"),
+    pytest.param(lambda: p_matrix(60), id="nonsymmetric P-matrix"),
+]
+
+LARGE = [
+    pytest.param(lambda: grains(12_000), id="granular, n = 39,600"),
+    pytest.param(lambda: grains(3_000, mass_ratio=1e6), id="granular, mass ratio 1e6, n = 9,900"),
+    pytest.param(lambda: grains(12_000, mass_ratio=1e6), id="granular, 1e6, n = 39,600"),
+    pytest.param(
+        lambda: grains(3_000, mass_ratio=1e6, contacts_per_grain=5.5), id="hyperstatic, 1e6"
+    ),
+    pytest.param(lambda: column(40_000, mass_ratio=1e6), id="stack, mass ratio 1e6, n = 40,000"),
+    pytest.param(lambda: membrane(200), id="membrane, n = 40,000"),
+    pytest.param(lambda: membrane(200, contrast=1e8), id="membrane, contrast 1e8, n = 40,000"),
+    pytest.param(lambda: tensegrity(30, contrast=1e8), id="tensegrity, contrast 1e8, n = 2,582"),
+]
+
+
+def natural_error(matrix, vector, value):
+    """Unscaled natural-map error, written without the package."""
+    error = np.abs(np.minimum(value, matrix @ value + vector))
+    return np.max(error) / np.max(np.abs(vector))
+
+
+@pytest.mark.parametrize("problem", FAMILIES)
+def test_every_family_converges_and_two_verifiers_agree(problem):
+    matrix, vector = problem()
+    solution = solve_lcp(matrix, vector)
+    assert solution.status.name == "CONVERGED"
+    assert verify_lcp(matrix, vector, solution.value).residual <= 1e-10
+    assert natural_error(matrix, vector, solution.value) <= 1e-6
+    assert np.min(solution.value) >= 0.0
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("problem", LARGE)
+def test_every_large_family_converges_and_two_verifiers_agree(problem):
+    matrix, vector = problem()
+    solution = solve_lcp(matrix, vector)
+    assert solution.status.name == "CONVERGED"
+    assert natural_error(matrix, vector, solution.value) <= 1e-8
+
+
+@pytest.mark.parametrize("method", ["auto", *METHODS])
+def test_every_method_finds_the_same_point_and_keeps_its_history(method):
+    root = np.random.default_rng(seed=3).standard_normal((30, 40))
+    matrix, vector = root @ root.T, np.random.default_rng(seed=4).standard_normal(30)
+    oracle = solve_lcp(matrix, vector, method="pivoting").unwrap()
+
+    seen = []
+    solution = solve_lcp(
+        matrix, vector, method=method, callback=lambda iteration, error: seen.append(error)
+    )
+    np.testing.assert_allclose(solution.unwrap(), oracle, atol=1e-8 * np.max(oracle))
+    assert solution.residuals == tuple(seen)
+    assert solution.residuals[-1] == verify_lcp(matrix, vector, solution.value).residual
+    assert len(solution.seconds) == len(solution.residuals)
+    assert list(solution.seconds) == sorted(solution.seconds)
+    assert method == "auto" or solution.trail == (method,)
+
+
+@pytest.mark.parametrize("seed", range(10))
+@pytest.mark.parametrize("method", ["auto", "newton_min", "interior_point"])
+def test_random_p_matrices_agree_with_pivoting(seed, method):
+    matrix, vector = p_matrix(25, seed=seed)
+    oracle = solve_lcp(matrix, vector, method="pivoting").unwrap()
+    np.testing.assert_allclose(
+        solve_lcp(matrix, vector, method=method).unwrap(), oracle, atol=1e-8 * np.max(oracle)
+    )
+
+
+def test_newton_min_leaves_a_cycle():
+    # on this P-matrix the full step goes round the sets {0}, {1}, {2} for ever
+    matrix = np.array([[1.0, 0.0, 2.0], [2.0, 1.0, 0.0], [0.0, 2.0, 1.0]])
+    problem = scale_lcp(matrix, np.ones(3))
+    active = np.array([True, False, False])
+    iterates = list(islice(iterate_newton_min(problem, np.zeros(3), active), 20))
+    assert 3 < len(iterates) < 10, "the cycle must be seen when it closes"
+    assert not iterates[-1].any()
+
+
+def test_projected_gradients_are_conjugate():
+    # all 200 unknowns are free: conjugate directions need at most 200 steps, others thousands
+    matrix = 2.0 * np.eye(200) - np.eye(200, k=1) - np.eye(200, k=-1)
+    solution = solve_lcp(matrix, np.full(200, -1.0), method="projected_gradient")
+    assert solution.converged
+    assert len(solution.residuals) <= 30
+
+
+def test_projected_gradients_end_on_a_ray():
+    problem = scale_lcp(np.array([[1.0, -1.0], [-1.0, 1.0]]), np.array([-1.0, -1.0]))
+    iterates = list(islice(iterate_projected_gradient(problem, np.zeros(2)), 50))
+    assert len(iterates) < 50
+    assert np.min(iterates[-1]) > 1e9
+
+
+def test_pivoting_does_not_cycle_on_a_degenerate_problem():
+    matrix = np.array([[1.0, 2.0, 0.0], [0.0, 1.0, 2.0], [2.0, 0.0, 1.0]])
+    for tied in (matrix, matrix.T):
+        value = solve_lcp(tied, -np.ones(3), method="pivoting").unwrap()
+        np.testing.assert_allclose(value, np.full(3, 1.0 / 3.0))
+
+
+@pytest.mark.parametrize("seed", range(20))
+def test_pivoting_solves_integer_problems_full_of_ties(seed):
+    rng = np.random.default_rng(seed)
+    root, skew = rng.integers(-1, 2, (2, 12, 12)).astype(float)
+    matrix = root @ root.T + skew - skew.T + np.eye(12)
+    vector = rng.integers(-1, 1, 12).astype(float)
+    value = solve_lcp(matrix, vector, method="pivoting").unwrap()
+    assert natural_error(matrix, vector, value) < 1e-12
+
+
+def test_pivoting_survives_ties():
+    # all ratios of the first steps are equal, and most rows are redundant
+    directions = np.ones((1, 12))
+    matrix = directions.T @ directions
+    value = solve_lcp(matrix, np.full(12, -1.0), method="pivoting").unwrap()
+    assert np.sum(value) == pytest.approx(1.0)
+
+
+def test_pivoting_solves_a_copositive_problem_that_is_not_monotone():
+    matrix = np.array([[1.0, 3.0], [3.0, 1.0]])
+    value = solve_lcp(matrix, np.array([-1.0, -2.0]), method="pivoting").unwrap()
+    assert natural_error(matrix, np.array([-1.0, -2.0]), value) < 1e-12
+
+
+def test_redundant_constraints_share_one_load():
+    mass, directions, vector = stack(20)
+    twice = csr_array(directions[:, np.repeat(np.arange(20), 2)])
+    matrix = condensed(mass, twice)
+    value = solve_lcp(matrix, np.repeat(vector, 2)).unwrap()
+    single = solve_lcp(condensed(mass, directions), vector).unwrap()
+    np.testing.assert_allclose(value.reshape(20, 2).sum(axis=1), single, rtol=1e-8)
+
+
+@pytest.mark.parametrize("length", [1e-9, 1.0, 1e3])
+@pytest.mark.parametrize("stress", [1.0, 1e9])
+def test_units_change_nothing_but_the_units(length, stress):
+    matrix, vector = grains(50)
+    reference = solve_lcp(matrix, vector)
+    force = stress * length**2
+    solution = solve_lcp((length / force) * matrix, length * vector)
+    assert solution.trail == reference.trail
+    np.testing.assert_allclose(
+        solution.unwrap() / force, reference.unwrap(), atol=1e-8 * np.max(reference.value)
+    )
+
+
+def test_a_scaling_of_the_unknowns_changes_nothing_but_the_unknowns():
+    matrix, vector = grains(50)
+    scale = 10.0 ** np.random.default_rng(seed=1).uniform(-4.0, 4.0, vector.size)
+    reference = solve_lcp(matrix, vector)
+    solution = solve_lcp(csr_array(scale[:, None] * matrix.toarray() * scale), scale * vector)
+    assert len(solution.residuals) == len(reference.residuals)
+    np.testing.assert_allclose(
+        solution.unwrap() * scale, reference.unwrap(), atol=1e-8 * np.max(reference.value)
+    )
+
+
+def test_dense_and_sparse_agree():
+    matrix, vector = grains(50)
+    np.testing.assert_allclose(
+        solve_lcp(matrix.toarray(), vector).unwrap(), solve_lcp(matrix, vector).unwrap(), atol=1e-9
+    )
+
+
+def test_the_solution_itself_is_accepted_as_a_start():
+    matrix, vector = membrane(20)
+    start = solve_lcp(matrix, vector).unwrap()
+    assert len(solve_lcp(matrix, vector, start=start).residuals) == 1
+
+
+@pytest.mark.parametrize("method", ["projected_gradient", "gauss_seidel", "newton_min"])
+def test_a_warm_start_saves_iterations(method):
+    matrix, vector = membrane(20)
+    start = solve_lcp(matrix, vector, tolerance=1e-12).unwrap()
+    cold = solve_lcp(matrix, 1.0001 * vector, method=method)
+    warm = solve_lcp(matrix, 1.0001 * vector, method=method, start=start)
+    assert cold.converged
+    assert warm.converged
+    assert len(warm.residuals) < len(cold.residuals)
+
+
+def test_no_constraints_no_load_and_no_contact():
+    assert solve_lcp(np.zeros((0, 0)), np.zeros(0)).unwrap().size == 0
+    assert not solve_lcp(np.eye(3), np.zeros(3)).unwrap().any()
+    assert not solve_lcp(np.zeros((2, 2)), np.array([0.0, 1.0])).unwrap().any()
+    assert not solve_lcp(np.eye(3), np.array([1.0, 2.0, 3.0])).unwrap().any()
+
+
+def test_a_zero_on_the_diagonal_is_no_obstacle():
+    # min x^2/2 - x with x <= 1/4: a multiplier without stiffness of its own
+    matrix = np.array([[1.0, 1.0], [-1.0, 0.0]])
+    value = solve_lcp(matrix, np.array([-1.0, 0.25])).unwrap()
+    np.testing.assert_allclose(value, [0.25, 0.75])
+
+
+@pytest.mark.parametrize("coupled", [False, True])
+@pytest.mark.parametrize("method", ["auto", "interior_point", "conic"])
+def test_bodies_and_directions_stand_for_the_matrix(coupled, method, monkeypatch):
+    mass, directions, vector = granular(40)
+    if coupled:
+        off = np.full(mass.shape[0] - 1, -0.3)
+        mass = csr_array(mass + csr_array(np.diag(off, 1) + np.diag(off, -1)))
+        monkeypatch.setattr("multiscale.nonsmooth.lcp_problem.LARGEST_FORMED", 0)
+    matrix = directions.T @ np.linalg.solve(mass.toarray(), directions.toarray())
+    solution = solve_lcp(Delassus(mass, directions), vector, method=method)
+    assert natural_error(matrix, vector, solution.unwrap()) <= 1e-9
+
+
+def test_a_small_coupled_problem_of_bodies_is_formed():
+    mass, directions, vector = granular(20)
+    off = np.full(mass.shape[0] - 1, -0.3)
+    mass = csr_array(mass + csr_array(np.diag(off, 1) + np.diag(off, -1)))
+    solution = solve_lcp(Delassus(mass, directions), vector, method="projected_gradient")
+    assert verify_lcp(Delassus(mass, directions), vector, solution.unwrap()).equilibrium < 1e-12
+
+
+def infeasible(bodies):
+    """A column of bodies between two walls that come closer than it is long."""
+    directions = np.zeros((bodies, bodies + 1))
+    directions[np.arange(bodies), np.arange(bodies)] = 1.0
+    directions[np.arange(bodies), np.arange(bodies) + 1] = -1.0
+    vector = np.full(bodies + 1, 0.1 / bodies)
+    vector[bodies // 2] = -1.0
+    return directions.T @ directions, vector
+
+
+@pytest.mark.parametrize("method", ["auto", *METHODS])
+def test_an_infeasible_problem_is_named_with_its_certificate(method):
+    matrix, vector = infeasible(5)
+    solution = solve_lcp(matrix, vector, method=method, tolerance=1e-8)
+    assert solution.status.name == "INFEASIBLE"
+    with pytest.raises(ConvergenceError, match=r"constraint \d carries .* Farkas certificate"):
+        solution.unwrap()
+
+
+def test_a_large_infeasible_problem_is_found_without_a_linear_program():
+    matrix, vector = infeasible(2500)
+    solution = solve_lcp(csr_array(matrix), vector, tolerance=1e-8)
+    assert solution.status.name == "INFEASIBLE"
+
+
+def test_the_limit_of_iterations_is_kept_and_said():
+    matrix, vector = membrane(20)
+    solution = solve_lcp(matrix, vector, method="gauss_seidel", max_iterations=3)
+    assert solution.status.name == "MAX_ITERATIONS"
+    assert solution.residuals[-1] == verify_lcp(matrix, vector, solution.value).residual
+
+
+def test_an_indefinite_matrix_is_refused_with_its_eigenvalue():
+    matrix = np.eye(4)
+    matrix[1, 2] = matrix[2, 1] = 1.5
+    with pytest.raises(CaseError, match=r"eigenvalue.* is -0\.5, and constraint [12] carries 50%"):
+        solve_lcp(matrix, -np.ones(4))
+
+
+def test_a_large_indefinite_matrix_is_refused_with_its_eigenvalue():
+    matrix, vector = membrane(20)
+    matrix = matrix.tolil()
+    matrix[7, 200] = matrix[200, 7] = -1.0
+    matrix[7, 7] = matrix[200, 200] = 0.3
+    with pytest.raises(CaseError, match=r"symmetric but indefinite.* constraint (7|200) carries"):
+        solve_lcp(csr_array(matrix), vector)
+
+
+@pytest.mark.parametrize(
+    ("matrix", "vector", "options", "sentence"),
+    [
+        pytest.param(np.ones((2, 3)), np.ones(2), {}, r"square, got shape \(2, 3\)", id="shape"),
+        pytest.param(np.eye(2), np.ones(3), {}, r"shape \(2,\).* got \(3,\)", id="vector"),
+        pytest.param(
+            np.array([[1.0, 0.0], [np.nan, 1.0]]),
+            np.ones(2),
+            {},
+            r"entry \(1, 0\) is nan",
+            id="nan",
+        ),
+        pytest.param(np.eye(2), np.array([1.0, np.inf]), {}, "entry 1 is inf", id="infinite"),
+        pytest.param(
+            np.eye(2), -np.ones(2), {"method": "simplex"}, "'simplex' does not exist", id="method"
+        ),
+        pytest.param(
+            np.array([[1.0, 2.0], [0.0, 1.0]]),
+            -np.ones(2),
+            {"method": "conic"},
+            "'conic' needs a symmetric matrix",
+            id="conic",
+        ),
+    ],
+)
+def test_bad_data_are_refused_in_one_sentence(matrix, vector, options, sentence):
+    with pytest.raises(CaseError, match=sentence):
+        solve_lcp(matrix, vector, **options)
+
+
+def test_projected_gradients_refuse_a_matrix_without_symmetry():
+    with pytest.raises(CaseError, match="'projected_gradient' needs a symmetric matrix"):
+        solve_lcp(*p_matrix(5), method="projected_gradient")
+
+
+def test_a_body_without_mass_is_refused():
+    with pytest.raises(CaseError, match="diagonal at unknown 1 is 0"):
+        Delassus(csr_array(np.diag([1.0, 0.0])), csr_array(np.eye(2)))
