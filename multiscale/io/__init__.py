@@ -10,9 +10,11 @@ from multiscale.io.datasets import (
 )
 from multiscale.io.fields import write_surface_fields
 from multiscale.io.files import logging_to, make_folder, read_bytes, read_text, write_bytes
+from multiscale.io.meshes import MeshArrays, read_mesh
 from multiscale.io.surfaces import Surface, read_surface
 
 __all__ = [
+    "MeshArrays",
     "Surface",
     "logging_to",
     "make_folder",
@@ -21,6 +23,7 @@ __all__ = [
     "open_response",
     "open_run",
     "read_bytes",
+    "read_mesh",
     "read_surface",
     "read_text",
     "save_law",

@@ -7,5 +7,29 @@ from multiscale.macro.continuum.blocks import (
     face_unknowns,
     stiffness_matrix,
 )
+from multiscale.macro.continuum.body import Body
+from multiscale.macro.continuum.contact import ContactStep, SurfaceState, solve_contact
+from multiscale.macro.continuum.interface import Contact
+from multiscale.macro.continuum.mesh_file import load_mesh
+from multiscale.macro.continuum.obstacle import Cylinder, Graph, Obstacle, Plane, Sphere
+from multiscale.macro.continuum.system import ContactProblem
 
-__all__ = ["box_mesh", "displacement_basis", "face_operator", "face_unknowns", "stiffness_matrix"]
+__all__ = [
+    "Body",
+    "Contact",
+    "ContactProblem",
+    "ContactStep",
+    "Cylinder",
+    "Graph",
+    "Obstacle",
+    "Plane",
+    "Sphere",
+    "SurfaceState",
+    "box_mesh",
+    "displacement_basis",
+    "face_operator",
+    "face_unknowns",
+    "load_mesh",
+    "solve_contact",
+    "stiffness_matrix",
+]

@@ -1,0 +1,118 @@
+"""Meshes with named boundaries, from gmsh or any file that meshio reads."""
+
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from multiscale.errors import CaseError
+
+__all__ = ["MeshArrays", "read_mesh"]
+
+SOLIDS = ("hexahedron", "tetra", "quad", "triangle")
+"""Elements that a body is made of, three dimensions before two."""
+
+FACETS = {"hexahedron": "quad", "tetra": "triangle", "quad": "line", "triangle": "line"}
+"""Facets of these elements."""
+
+
+@dataclass(frozen=True)
+class MeshArrays:
+    """A mesh as plain arrays.
+
+    Attributes
+    ----------
+    kind : str
+        ``"triangle"``, ``"quad"``, ``"tetra"`` or ``"hexahedron"``.
+    points : ndarray, shape (d, n)
+        Coordinates in the unit of the file.
+    cells : ndarray of int, shape (elements, corners)
+        Corners in the order of VTK.
+    boundaries : dict of str to ndarray of int, shape (facets, corners)
+        Corners of the facets of every named boundary.
+    """
+
+    kind: str
+    points: np.ndarray
+    cells: np.ndarray
+    boundaries: dict[str, np.ndarray]
+
+
+def read_mesh(path: Path) -> MeshArrays:
+    """Read a mesh of one kind of element with its named boundaries.
+
+    In gmsh a boundary gets its name as a physical group of lines or surfaces, and the solid
+    needs a physical group of its own to be written.
+
+    Parameters
+    ----------
+    path : Path
+        A ``.msh`` file of gmsh or any other file that meshio reads.
+
+    Returns
+    -------
+    MeshArrays
+        Points that no element uses are left out; a mesh in the plane z = const has two
+        dimensions.
+
+    Raises
+    ------
+    CaseError
+        If the file cannot be read, has no solid elements or has them of two kinds.
+    """
+    import meshio
+
+    if not path.is_file():
+        raise CaseError(f"no mesh file {path}")
+    try:
+        mesh = meshio.read(path)
+    except (meshio.ReadError, OSError, SystemExit) as error:
+        raise CaseError(f"{path} cannot be read as a mesh: {error or 'unknown format'}") from error
+
+    found = {name: block for name, block in mesh.cells_dict.items() if len(block)}
+    kinds = [name for name in SOLIDS if name in found]
+    solids = [name for name in kinds if name not in _facet_kinds(kinds)]
+    if len(solids) != 1:
+        raise CaseError(
+            f"{path}: a body needs elements of one kind out of {', '.join(SOLIDS)} (first order), "
+            f"got {sorted(found)}"
+        )
+    kind = solids[0]
+    cells = found[kind]
+    used, renumbered = np.unique(cells, return_inverse=True)
+    points = mesh.points[used].T
+    if kind in ("triangle", "quad"):
+        if len(points) == 3 and np.ptp(points[2]) > 1e-9 * np.ptp(points[:2], axis=1).max():
+            raise CaseError(f"{path}: {kind}s must lie in a plane z = const, got a curved shell")
+        points = points[:2]
+    number = np.full(len(mesh.points), -1)
+    number[used] = np.arange(len(used))
+    boundaries = {
+        name: number[facets]
+        for name, facets in _named_facets(mesh, FACETS[kind]).items()
+        if len(facets) and np.all(number[facets] >= 0)
+    }
+    return MeshArrays(
+        kind, np.ascontiguousarray(points), renumbered.reshape(cells.shape), boundaries
+    )
+
+
+def _facet_kinds(kinds: list[str]) -> set[str]:
+    """Elements that are there as facets of others."""
+    return {FACETS[kind] for kind in kinds}
+
+
+def _named_facets(mesh: Any, facet: str) -> dict[str, np.ndarray]:
+    """Facets of one kind by the name of their group."""
+    members = {name: sets for name, sets in mesh.cell_sets.items() if ":" not in name}
+    groups = mesh.cell_data.get("gmsh:physical")
+    if groups is not None:  # older gmsh formats keep numbers, and their names apart
+        for name, (tag, _) in mesh.field_data.items():
+            members.setdefault(name, [np.flatnonzero(group == tag) for group in groups])
+    named: dict[str, list[np.ndarray]] = {}
+    for name, sets in members.items():
+        for block, chosen in zip(mesh.cells, sets, strict=True):
+            if block.type == facet and chosen is not None and len(chosen):
+                named.setdefault(name, []).append(block.data[np.asarray(chosen, dtype=int)])
+    return {name: np.concatenate(parts) for name, parts in named.items()}

@@ -1,0 +1,138 @@
+"""What every bulk law is: a change of shape and a change of volume."""
+
+from abc import ABC, abstractmethod
+from dataclasses import dataclass
+
+import numpy as np
+
+from multiscale.errors import CaseError
+
+__all__ = ["BulkLaw", "BulkResponse", "check_moduli", "cofactor", "cofactor_derivative", "respond"]
+
+
+@dataclass(frozen=True)
+class BulkResponse:
+    r"""What a bulk law answers.
+
+    Attributes
+    ----------
+    stress : ndarray, shape (3, 3, ...)
+        First Piola-Kirchhoff stress :math:`P`, Pa.
+    tangent : ndarray, shape (3, 3, 3, 3, ...)
+        :math:`A_{ijkl} = \partial P_{ij} / \partial F_{kl}`, Pa.
+    state : ndarray, shape (n_state, ...)
+        New internal variables.
+    """
+
+    stress: np.ndarray
+    tangent: np.ndarray
+    state: np.ndarray
+
+
+class BulkLaw(ABC):
+    r"""Maps a deformation gradient to a stress, pointwise.
+
+    The stress derives from a part that changes the shape and a part that changes the volume,
+
+    .. math:: P = P_s(F, \text{state}) + U'(J)\, \partial J / \partial F,    \tag{1}
+
+    so that an element may take the volume change :math:`J` from its mean and does not lock.
+    Arrays have their component axes first, any axes may follow. The state goes in and comes
+    out; a law keeps nothing between calls. Plane strain is :math:`F_{33} = 1`.
+
+    Attributes
+    ----------
+    n_state : int
+        Number of internal variables at a point.
+    finite_strain : bool
+        Whether :math:`J = \det F`. Otherwise :math:`J = 1 + \mathrm{tr}(F - I)`, and the law is
+        linear in :math:`F`.
+    """
+
+    n_state: int = 0
+    finite_strain: bool = True
+
+    @abstractmethod
+    def respond_shape(self, gradient: np.ndarray, state: np.ndarray) -> BulkResponse:
+        """Stress :math:`P_s`, its tangent and the new state for F of shape (3, 3, ...)."""
+
+    @abstractmethod
+    def respond_volume(self, dilatation: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Give the derivatives U' and U'' (Pa) for a volume ratio J (dimensionless)."""
+
+    def initial_state(self, shape: tuple[int, ...]) -> np.ndarray:
+        """State of the undeformed body, shape (n_state, *shape)."""
+        return np.zeros((self.n_state, *shape))
+
+
+def respond(law: BulkLaw, gradient: np.ndarray, state: np.ndarray) -> BulkResponse:
+    """Evaluate both parts (1) of a law at a point.
+
+    Parameters
+    ----------
+    law : BulkLaw
+        The law.
+    gradient : ndarray, shape (3, 3, ...)
+        Deformation gradient :math:`F`, dimensionless.
+    state : ndarray, shape (n_state, ...)
+        Committed state.
+
+    Returns
+    -------
+    BulkResponse
+        Stress, consistent tangent and new state.
+    """
+    shape = law.respond_shape(gradient, state)
+    if law.finite_strain:
+        slope, second = cofactor(gradient), cofactor_derivative(gradient)
+        J = np.sum(gradient[0] * slope[0], axis=0)
+    else:
+        slope = np.zeros_like(gradient)
+        for i in range(3):
+            slope[i, i] = 1.0
+        second = np.zeros((3, 3, *gradient.shape))
+        J = 1.0 + np.trace(gradient) - 3.0
+    first, curvature = law.respond_volume(J)
+    return BulkResponse(
+        shape.stress + first * slope,  # (1)
+        shape.tangent + curvature * slope[:, :, None, None] * slope + first * second,
+        shape.state,
+    )
+
+
+def cofactor(gradient: np.ndarray) -> np.ndarray:
+    """Differentiate det F: the cofactor matrix J F^-T, shape (3, 3, ...)."""
+    F = gradient
+    return np.stack(
+        [
+            np.stack(
+                [
+                    F[(i + 1) % 3, (j + 1) % 3] * F[(i + 2) % 3, (j + 2) % 3]
+                    - F[(i + 1) % 3, (j + 2) % 3] * F[(i + 2) % 3, (j + 1) % 3]
+                    for j in range(3)
+                ]
+            )
+            for i in range(3)
+        ]
+    )
+
+
+def cofactor_derivative(gradient: np.ndarray) -> np.ndarray:
+    """Differentiate det F twice, shape (3, 3, 3, 3, ...): e_ikm e_jln F_mn."""
+    second = np.zeros((3, 3, *gradient.shape))
+    for i in range(3):
+        for j in range(3):
+            i1, i2, j1, j2 = (i + 1) % 3, (i + 2) % 3, (j + 1) % 3, (j + 2) % 3
+            second[i, j, i1, j1] = gradient[i2, j2]
+            second[i, j, i2, j2] = gradient[i1, j1]
+            second[i, j, i1, j2] = -gradient[i2, j1]
+            second[i, j, i2, j1] = -gradient[i1, j2]
+    return second
+
+
+def check_moduli(youngs_modulus: float, poissons_ratio: float) -> None:
+    """Refuse moduli outside their range."""
+    if not (youngs_modulus > 0.0 and np.isfinite(youngs_modulus)):
+        raise CaseError(f"youngs_modulus must be positive (Pa), got {youngs_modulus}")
+    if not -1.0 < poissons_ratio < 0.5:
+        raise CaseError(f"poissons_ratio must lie between -1 and 0.5, got {poissons_ratio}")

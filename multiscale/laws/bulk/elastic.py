@@ -1,0 +1,70 @@
+"""Isotropic elasticity at small strain."""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from multiscale.laws.bulk.base import BulkLaw, BulkResponse, check_moduli
+
+__all__ = ["Elastic"]
+
+
+@dataclass(frozen=True)
+class Elastic(BulkLaw):
+    r"""Hooke's law, linear in the displacement gradient.
+
+    Parameters
+    ----------
+    youngs_modulus : float
+        :math:`E > 0`, Pa.
+    poissons_ratio : float
+        :math:`-1 < \nu < 1/2`, dimensionless.
+
+    Raises
+    ------
+    CaseError
+        If a modulus is outside its range.
+
+    Notes
+    -----
+    With :math:`\varepsilon = \mathrm{sym}(F - I)`, :math:`\mu = E/(2(1+\nu))` and
+    :math:`\lambda = E\nu/((1+\nu)(1-2\nu))`,
+
+    .. math:: P_s = 2\mu\,\varepsilon, \qquad U(J) = \tfrac{\lambda}{2}(J-1)^2,
+        \qquad J - 1 = \mathrm{tr}\,\varepsilon .    \tag{1}
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from multiscale.laws.bulk import respond
+    >>> F = np.diag([1.0 + 1e-3, 1.0 - 3e-4, 1.0 - 3e-4])  # uniaxial stress
+    >>> stress = respond(Elastic(200e9, 0.3), F, np.empty(0)).stress
+    >>> bool(np.allclose(stress, np.diag([200e6, 0.0, 0.0]), atol=1.0))
+    True
+    """
+
+    youngs_modulus: float
+    poissons_ratio: float
+    finite_strain = False
+
+    def __post_init__(self) -> None:
+        check_moduli(self.youngs_modulus, self.poissons_ratio)
+
+    def respond_shape(self, gradient: np.ndarray, state: np.ndarray) -> BulkResponse:
+        """Evaluate P_s of (1)."""
+        mu = self.youngs_modulus / (2.0 * (1.0 + self.poissons_ratio))
+        points = gradient.shape[2:]
+        eye = np.eye(3).reshape(3, 3, *(1,) * len(points))
+        stress = mu * (gradient + gradient.swapaxes(0, 1) - 2.0 * eye)
+        tangent = np.zeros((3, 3, *gradient.shape))
+        for i in range(3):
+            for j in range(3):
+                tangent[i, j, i, j] += mu
+                tangent[i, j, j, i] += mu
+        return BulkResponse(stress, tangent, state)
+
+    def respond_volume(self, dilatation: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """U' and U'' of (1)."""
+        nu = self.poissons_ratio
+        lame = self.youngs_modulus * nu / ((1.0 + nu) * (1.0 - 2.0 * nu))
+        return lame * (dilatation - 1.0), np.full_like(dilatation, lame)

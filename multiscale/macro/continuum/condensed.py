@@ -1,0 +1,182 @@
+r"""A linear problem condensed onto its contact unknowns.
+
+With one factorisation of :math:`K` and the Delassus operator :math:`W = H^t K^{-1} H`,
+
+.. math:: u = K^{-1}(f + H r), \qquad H^t u = q + W r,    \tag{1}
+
+so that each load step is a small dense problem in the reactions :math:`r` alone.
+"""
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.linalg import norm
+from scipy.linalg import lu_factor, lu_solve
+from scipy.sparse import csr_array
+
+from multiscale.convergence import Solution, Status
+from multiscale.errors import MultiscaleError
+from multiscale.linalg import factorise
+from multiscale.macro.continuum.coulomb import LocalLaw, linearise
+from multiscale.macro.continuum.newton import CYCLE, PATIENCE, RELAXATION, ROUND_OFF, Equilibrium
+from multiscale.macro.continuum.system import Joined, System
+
+__all__ = ["Condensed", "condense"]
+
+COLUMNS = 64
+"""Right-hand sides that are solved together."""
+
+
+@dataclass(frozen=True)
+class Condensed:
+    """A linear contact problem in its reactions.
+
+    Attributes
+    ----------
+    system : System
+        The problem.
+    joined : Joined
+        Its contact operator.
+    stiffness : csr_array, shape (unknowns, unknowns)
+        Of all bodies, N/m.
+    fixed : ndarray of int
+        Prescribed unknowns.
+    solve : callable
+        Inverse of the stiffness of the free unknowns.
+    delassus : ndarray, shape (contact unknowns, contact unknowns)
+        Mean jump of a node, m, for a unit reaction, Pa.
+    rho : ndarray, shape (contact nodes,)
+        Stiffness of the contact law, Pa/m.
+    """
+
+    system: System
+    joined: Joined
+    stiffness: csr_array
+    fixed: np.ndarray
+    solve: Callable[[np.ndarray], np.ndarray]
+    delassus: np.ndarray
+    rho: np.ndarray
+
+    def step(
+        self,
+        before: Equilibrium,
+        time: float,
+        max_iterations: int,
+        tolerance: float,
+        callback: Callable[[int, float], None] | None = None,
+    ) -> tuple[Solution, Equilibrium]:
+        """Solve one load step; arguments and result as of ``newton_step``."""
+        load = self.system.load(time)
+        _, motion = self.system.fixed(time)
+        without = self._displacement(load, motion)
+        q = self._jump(before, without, time)
+        support = float(norm((self.stiffness @ without)[self.fixed]))
+        scale = max(float(norm(load)), support)
+
+        r = np.array(before.reaction)
+        residuals: list[float] = []
+        status = Status.MAX_ITERATIONS
+        for iteration in range(max_iterations + 1):
+            jump = q + (self.delassus @ r.ravel()).reshape(r.shape)  # (1)
+            law = linearise(r, jump, self.system.friction, self.rho, self.joined.kept)
+            size = max(scale, float(norm(self.joined.operator.T @ r.ravel())))
+            error = float(norm(law.residual * self.joined.area[:, None]))
+            residuals.append(error / size if size > 0.0 else float(error > 0.0))
+            if callback is not None:
+                callback(iteration, residuals[-1])
+            if not np.isfinite(residuals[-1]):
+                status = Status.NOT_FINITE
+                break
+            if residuals[-1] <= tolerance:
+                status = Status.CONVERGED
+                break
+            if int(np.argmin(residuals)) < iteration - PATIENCE:
+                status = Status.STALLED
+                break
+            if iteration == max_iterations:
+                break
+            stuck = int(np.argmin(residuals)) < iteration - CYCLE
+            r = r + (0.5 if stuck else 1.0) * self._direction(law)
+
+        force = load + self.joined.operator.T @ r.ravel()
+        u = self._displacement(force, motion)
+        if status is Status.CONVERGED and not self._balanced(u, force, tolerance):
+            status = Status.STALLED
+        jump = self._jump(before, u, time)
+        end = Equilibrium(time, u, r, before.state, before.couplings, jump)
+        return Solution(u, status, tuple(residuals)), end
+
+    def _balanced(self, u: np.ndarray, force: np.ndarray, tolerance: float) -> bool:
+        """Whether the displacement is in equilibrium, to the tolerance or to round-off."""
+        free = np.ones(u.size, dtype=bool)
+        free[self.fixed] = False
+        unbalance = float(norm((self.stiffness @ u - force)[free]))
+        reaction = float(norm((self.stiffness @ u - force)[~free]))
+        terms = float(norm((abs(self.stiffness) @ np.abs(u))[free]))
+        scale = max(float(norm(force)), reaction)
+        return unbalance <= max(tolerance * scale, ROUND_OFF * terms)
+
+    def _displacement(self, force: np.ndarray, motion: np.ndarray) -> np.ndarray:
+        """Displacement under given forces and supports, m."""
+        u = np.zeros(force.size)
+        u[self.fixed] = motion
+        free = np.ones(force.size, dtype=bool)
+        free[self.fixed] = False
+        u[free] = self.solve((force - self.stiffness @ u)[free])
+        return u
+
+    def _jump(self, before: Equilibrium, u: np.ndarray, time: float) -> np.ndarray:
+        """Gap and slip of a displacement, m."""
+        motions = (before.displacement, u)
+        return self.system.jump(before.couplings, motions, (before.time, time))
+
+    def _direction(self, law: LocalLaw) -> np.ndarray:
+        """Newton step of the reactions, Pa; open components leave at once."""
+        shape = law.residual.shape
+        c = shape[1]
+        live = np.any(law.by_jump != 0.0, axis=2).ravel()
+        residual = law.residual.ravel()
+        dr = np.where(live, 0.0, -residual)
+        if not live.any():
+            return dr.reshape(shape)
+        moved = (self.delassus @ dr).reshape(shape)
+        known = np.einsum("akl,al->ak", law.by_jump, moved)
+        known += np.einsum("akl,al->ak", law.by_reaction, dr.reshape(shape))
+        rows = np.flatnonzero(live)
+        node, component = np.divmod(rows, c)
+        matrix = np.zeros((rows.size, rows.size))
+        columns = self.delassus[:, rows].reshape(shape[0], c, -1)
+        for k in range(c):
+            matrix += law.by_jump[node, component, k][:, None] * columns[node, k]
+            same = np.searchsorted(rows, c * node + k)
+            hit = (same < rows.size) & (rows[np.minimum(same, rows.size - 1)] == c * node + k)
+            at = np.flatnonzero(hit)
+            matrix[at, same[at]] += law.by_reaction[node[at], component[at], k]
+        dr[rows] = lu_solve(lu_factor(matrix), -(residual + known.ravel())[rows])
+        return dr.reshape(shape)
+
+
+def condense(system: System, start: Equilibrium) -> Condensed | None:
+    """Factorise the bodies and compute W; None if a body is held by its contacts alone."""
+    joined = system.join(start.couplings)
+    stiffness = system.internal(start.displacement, start.state)[1]
+    fixed = system.fixed(0.0)[0]
+    free = np.ones(stiffness.shape[0], dtype=bool)
+    free[fixed] = False
+    try:
+        solve = factorise(csr_array(stiffness[free][:, free]), name="the stiffness of the bodies")
+    except MultiscaleError:
+        return None
+    B = csr_array(joined.operator[:, free])
+    n = B.shape[0]
+    W = np.zeros((n, n))
+    for first in range(0, n, COLUMNS):
+        part = slice(first, min(first + COLUMNS, n))
+        W[:, part] = B @ solve(B[part].T.toarray())
+    area = np.repeat(np.where(joined.area > 0.0, joined.area, 1.0), system.components)
+    W /= area[:, None]
+    own = W.diagonal()[:: system.components]
+    usual = float(np.median(own[own > 0.0])) if np.any(own > 0.0) else 1.0
+    rho = RELAXATION / np.where(own > 0.0, own, usual)
+    return Condensed(system, joined, stiffness, fixed, solve, W, rho)

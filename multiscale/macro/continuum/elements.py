@@ -1,0 +1,175 @@
+r"""Internal forces and tangent of a body, for any bulk law, without volume locking.
+
+In every element the volume ratio of the law is its mean over the undeformed element,
+
+.. math:: \bar J = \frac{1}{V}\int J \, \mathrm{d}V, \qquad
+    \Pi = \int \psi_s(F)\, \mathrm{d}V + V\, U(\bar J),    \tag{1}
+
+so that neither plastic flow nor :math:`\nu \to 1/2` locks quadrilaterals and hexahedra; on
+triangles and tetrahedra the mean is the value itself.
+
+References
+----------
+.. [1] J. C. Simo, R. L. Taylor and K. S. Pister, Comput. Methods Appl. Mech. Eng. 51 (1985)
+   177-208, doi:10.1016/0045-7825(85)90033-7: mean dilatation.
+"""
+
+from dataclasses import dataclass
+
+import numba
+import numpy as np
+from scipy.sparse import csr_array
+from skfem import Basis, Mesh, MeshHex, MeshQuad
+
+from multiscale.laws.bulk import BulkLaw
+from multiscale.laws.bulk.base import cofactor, cofactor_derivative
+
+__all__ = ["Elements", "element_response", "prepare_elements"]
+
+
+@dataclass(frozen=True)
+class Elements:
+    """What the elements of a mesh need at their quadrature points.
+
+    Attributes
+    ----------
+    gradient : ndarray, shape (elements, points, nodes, d)
+        Gradients of the shape functions, 1/m.
+    weight : ndarray, shape (elements, points)
+        Volumes of the points, m³ (m² in two dimensions).
+    unknowns : ndarray of int, shape (elements, nodes * d)
+        Unknown d a + i of every entry of an element matrix.
+    size : int
+        Number of unknowns.
+    """
+
+    gradient: np.ndarray
+    weight: np.ndarray
+    unknowns: np.ndarray
+    size: int
+
+
+def prepare_elements(mesh: Mesh) -> Elements:
+    """Gradients and weights of a mesh of first-order elements."""
+    order = 3 if isinstance(mesh, (MeshQuad, MeshHex)) else 1
+    if isinstance(mesh, MeshHex):
+        order = 2  # scikit-fem counts so on hexahedra: two points a direction
+    basis = Basis(mesh, mesh.elem(), intorder=order)
+    shape = np.asarray(basis.dx).shape
+    d = mesh.dim()
+    gradient = np.stack(
+        [np.broadcast_to(np.asarray(field[0].grad), (d, *shape)) for field in basis.basis]
+    )
+    unknowns = d * basis.element_dofs.T[:, :, None] + np.arange(d)
+    return Elements(
+        np.ascontiguousarray(gradient.transpose(2, 3, 0, 1)),
+        np.asarray(basis.dx),
+        unknowns.reshape(shape[0], -1),
+        d * basis.N,
+    )
+
+
+def element_response(
+    elements: Elements, law: BulkLaw, displacement: np.ndarray, state: np.ndarray
+) -> tuple[np.ndarray, csr_array, np.ndarray, float]:
+    """Compute internal force, tangent, new state and smallest volume ratio of a body.
+
+    Parameters
+    ----------
+    elements : Elements
+        Of the mesh.
+    law : BulkLaw
+        Bulk law.
+    displacement : ndarray, shape (size,)
+        m.
+    state : ndarray, shape (n_state, elements, points)
+        Committed state.
+
+    Returns
+    -------
+    force : ndarray, shape (size,)
+        N (N/m in two dimensions).
+    tangent : csr_array, shape (size, size)
+        N/m.
+    state : ndarray, shape (n_state, elements, points)
+        New state.
+    smallest : float
+        Smallest J; not positive if an element is turned inside out.
+    """
+    G, w = elements.gradient, elements.weight
+    d = G.shape[3]
+    u = displacement[elements.unknowns].reshape(w.shape[0], -1, d)
+    F = np.zeros((3, 3, *w.shape))
+    F[:d, :d] = np.einsum("eai,eqaj->ijeq", u, G, optimize=True)
+    for i in range(3):
+        F[i, i] += 1.0
+    if law.finite_strain:
+        slope = cofactor(F)
+        J = np.sum(F[0] * slope[0], axis=0)
+    else:
+        slope = np.zeros_like(F)
+        slope[0, 0] = slope[1, 1] = slope[2, 2] = 1.0
+        J = np.trace(F) - 2.0
+    if not float(J.min()) > 0.0:
+        empty = csr_array((elements.size, elements.size))
+        return np.full(elements.size, np.nan), empty, state, float(J.min())
+
+    volume = w.sum(axis=1)
+    first, curvature = law.respond_volume(np.sum(w * J, axis=1) / volume)  # (1)
+    response = law.respond_shape(F, state)
+    stress = response.stress + first[:, None] * slope
+    tangent = response.tangent
+    if law.finite_strain:
+        tangent = tangent + first[:, None] * cofactor_derivative(F)
+    blocks, force = _integrate(
+        G,
+        w,
+        np.ascontiguousarray(stress[:d, :d].transpose(2, 3, 0, 1)),
+        np.ascontiguousarray(tangent[:d, :d, :d, :d].transpose(4, 5, 0, 1, 2, 3)),
+        np.ascontiguousarray(slope[:d, :d].transpose(2, 3, 0, 1)),
+        curvature / volume,
+    )
+    rows = np.broadcast_to(elements.unknowns[:, :, None], blocks.shape)
+    columns = np.broadcast_to(elements.unknowns[:, None, :], blocks.shape)
+    matrix = csr_array(
+        (blocks.ravel(), (rows.ravel(), columns.ravel())), shape=(elements.size, elements.size)
+    )
+    total = np.bincount(elements.unknowns.ravel(), force.ravel(), minlength=elements.size)
+    return total, matrix, response.state, float(J.min())
+
+
+@numba.njit(cache=True, error_model="numpy")
+def _integrate(G, w, stress, tangent, slope, curvature):  # type: ignore[no-untyped-def]
+    """Element tangents and forces from stress, tangent and derivative of the volume."""
+    n_elements, n_points, n_nodes, d = G.shape
+    blocks = np.zeros((n_elements, n_nodes * d, n_nodes * d))
+    force = np.zeros((n_elements, n_nodes * d))
+    half = np.empty((n_nodes * d, d, d))
+    swell = np.empty(n_nodes * d)
+    for e in range(n_elements):
+        swell[:] = 0.0
+        for q in range(n_points):
+            weight = w[e, q]
+            for a in range(n_nodes):
+                for i in range(d):
+                    row = a * d + i
+                    for j in range(d):
+                        force[e, row] += weight * G[e, q, a, j] * stress[e, q, i, j]
+                        swell[row] += weight * G[e, q, a, j] * slope[e, q, i, j]
+                    for k in range(d):
+                        for m in range(d):
+                            total = 0.0
+                            for j in range(d):
+                                total += G[e, q, a, j] * tangent[e, q, i, j, k, m]
+                            half[row, k, m] = weight * total
+            for row in range(n_nodes * d):
+                for b in range(n_nodes):
+                    for k in range(d):
+                        total = 0.0
+                        for m in range(d):
+                            total += half[row, k, m] * G[e, q, b, m]
+                        blocks[e, row, b * d + k] += total
+        for row in range(n_nodes * d):
+            for column in range(n_nodes * d):
+                blocks[e, row, column] += curvature[e] * swell[row] * swell[column]
+    return blocks, force

@@ -1,0 +1,223 @@
+r"""Two surfaces that may touch: coupling, frames, gap and slip.
+
+Side 1 is a surface of a body and carries the reaction; side 2 is a surface of another body or a
+rigid obstacle. With the matrices of :mod:`~multiscale.macro.continuum.mortar` the weighted jump
+of a nodal field is
+
+.. math:: B u = M u_2 - D u_1 ,    \tag{1}
+
+in the frame :math:`(n, t_1, t_2)` of each node of side 1, with the normal from side 1 to side 2.
+An obstacle takes part node by node: D holds the areas of the nodes and M is empty.
+"""
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+from scipy.sparse import csr_array
+
+from multiscale.errors import CaseError
+from multiscale.macro.continuum.mortar import couple
+from multiscale.macro.continuum.obstacle import Obstacle, obstacle_motion
+from multiscale.macro.continuum.surface import Surface, nodal_areas, nodal_normals
+
+__all__ = ["Contact", "Coupling", "Interface", "build_coupling", "fit", "local_jump"]
+
+LEAST_AREA = 1e-9
+"""Nodes with less than this share of their area opposite side 2 carry nothing."""
+
+
+@dataclass(frozen=True)
+class Contact:
+    r"""Two surfaces that may touch.
+
+    Parameters
+    ----------
+    side1 : tuple of str
+        Body and boundary that carry the contact traction. The finer mesh belongs here.
+    side2 : tuple of str or Obstacle
+        Body and boundary, or a rigid obstacle.
+    friction_coefficient : float, default 0.0
+        Coulomb's :math:`\mu \ge 0`, dimensionless.
+    finite_sliding : bool, default False
+        Whether partners and normals follow the motion. Otherwise they are those of the start.
+    reach : float, default inf
+        Surfaces farther apart than this do not see each other, m.
+    fitted : bool, default False
+        Whether the bodies fit at the start. The gap that the facets of two curved meshes show
+        there is then an error of the meshes and is taken off.
+
+    Raises
+    ------
+    CaseError
+        If the coefficient is negative or not finite, or the reach is not positive.
+    """
+
+    side1: tuple[str, str]
+    side2: tuple[str, str] | Obstacle
+    friction_coefficient: float = 0.0
+    finite_sliding: bool = False
+    reach: float = np.inf
+    fitted: bool = False
+
+    def __post_init__(self) -> None:
+        if not 0.0 <= self.friction_coefficient < np.inf:
+            raise CaseError(
+                f"friction_coefficient must not be negative, got {self.friction_coefficient}"
+            )
+        if not self.reach > 0.0:
+            raise CaseError(f"the reach of a contact must be positive (m), got {self.reach}")
+
+
+@dataclass(frozen=True)
+class Interface:
+    """A contact with the numbers of its nodes in the whole problem.
+
+    Attributes
+    ----------
+    name : str
+        Of the contact.
+    contact : Contact
+        What the user gave.
+    surfaces : tuple of Surface
+        Side 1, and side 2 unless it is an obstacle.
+    nodes : tuple of ndarray
+        Their nodes, numbered over all bodies.
+    free : ndarray of bool, shape (n1, d)
+        Components of side 1 that no support holds.
+    offset : ndarray, shape (n1,)
+        Gap that is taken off, m.
+    """
+
+    name: str
+    contact: Contact
+    surfaces: tuple[Surface, ...]
+    nodes: tuple[np.ndarray, ...]
+    free: np.ndarray
+    offset: np.ndarray
+
+
+@dataclass(frozen=True)
+class Coupling:
+    """An interface in one configuration.
+
+    Attributes
+    ----------
+    operator : csr_array, shape (n1, nodes of the problem)
+        (1) for one component, m² (m in two dimensions).
+    frame : ndarray, shape (n1, d, d)
+        Rows n, t1, t2.
+    area : ndarray, shape (n1,)
+        Area of side 1 that is opposite side 2, m².
+    kept : ndarray of bool, shape (n1, d)
+        Local components that can be transmitted: not those that a support holds.
+    """
+
+    operator: csr_array
+    frame: np.ndarray
+    area: np.ndarray
+    kept: np.ndarray
+
+
+def build_coupling(
+    interface: Interface, x: np.ndarray, start: np.ndarray, shift: np.ndarray
+) -> Coupling:
+    """Couple the two sides where they are.
+
+    Parameters
+    ----------
+    interface : Interface
+        The interface.
+    x, start : ndarray, shape (nodes, d)
+        Positions of all nodes, now and undeformed, m.
+    shift : ndarray, shape (d,)
+        Displacement of the obstacle, m.
+    """
+    surface, nodes = interface.surfaces[0], interface.nodes[0]
+    own = x[nodes]
+    n1 = len(nodes)
+    whole = nodal_areas(surface, start[nodes])
+    side2 = interface.contact.side2
+    if isinstance(side2, Obstacle):
+        normal = -side2.distance(own - shift)[1]
+        area = whole  # of the undeformed body: the reaction is then a force per that area
+        operator = csr_array((-area, (np.arange(n1), nodes)), shape=(n1, len(x)))
+    else:
+        normal = nodal_normals(surface, own, interface.free)
+        partner = x[interface.nodes[1]]
+        facets = (surface.facets, interface.surfaces[1].facets)
+        D, M = couple(facets, (own, partner), interface.contact.reach)
+        area = np.asarray(D.sum(axis=1)).ravel()
+        one, two = D.tocoo(), M.tocoo()
+        rows = np.concatenate([one.row, two.row])
+        columns = np.concatenate([nodes[one.col], interface.nodes[1][two.col]])
+        operator = csr_array(
+            (np.concatenate([-one.data, two.data]), (rows, columns)), shape=(n1, len(x))
+        )
+    frame = _frame(normal)
+    held = np.sqrt(np.sum((frame * interface.free[:, None, :]) ** 2, axis=2)) < 0.1
+    kept = ~held & (area > LEAST_AREA * whole)[:, None]
+    return Coupling(operator, frame, area, kept)
+
+
+def fit(interface: Interface, start: np.ndarray) -> Interface:
+    """Take the gap of the start off, where the user says that the surfaces fit."""
+    if not interface.contact.fitted:
+        return interface
+    rest = np.zeros_like(start)
+    coupling = build_coupling(interface, start, start, rest[0])
+    gap = local_jump(interface, coupling, start, (rest, rest), (0.0, 0.0))[:, 0]
+    return replace(interface, offset=gap)
+
+
+def local_jump(
+    interface: Interface,
+    coupling: Coupling,
+    start: np.ndarray,
+    motion: tuple[np.ndarray, np.ndarray],
+    times: tuple[float, float],
+) -> np.ndarray:
+    """Gap and slip of a step, means over the area of each node, shape (n1, d), m.
+
+    Parameters
+    ----------
+    interface, coupling : Interface, Coupling
+        The interface, and its coupling now (or at the start, for small sliding).
+    start : ndarray, shape (nodes, d)
+        Undeformed positions of all nodes, m.
+    motion : tuple of ndarray, shape (nodes, d)
+        Displacement of all nodes at the end of the step before and now, m.
+    times : tuple of float
+        Time of the step before and now.
+    """
+    before, now = motion
+    side2, offset = interface.contact.side2, interface.offset
+    if isinstance(side2, Obstacle):
+        nodes = interface.nodes[0]
+        d = start.shape[1]
+        last, shift = (obstacle_motion(side2, d, time) for time in times)
+        slip = (shift - last) - (now - before)[nodes]
+        jump = np.einsum("aki,ai->ak", coupling.frame, slip)
+        if interface.contact.finite_sliding:
+            jump[:, 0] = side2.distance(start[nodes] + now[nodes] - shift)[0] - offset
+        else:
+            closing = np.einsum("ai,ai->a", coupling.frame[:, 0], shift - now[nodes])
+            jump[:, 0] = side2.distance(start[nodes])[0] + closing - offset
+        return np.asarray(jump)
+    area = np.where(coupling.area > 0.0, coupling.area, 1.0)[:, None]
+    jump = np.einsum("aki,ai->ak", coupling.frame, coupling.operator @ (now - before) / area)
+    distance = coupling.operator @ (start + now) / area
+    jump[:, 0] = np.einsum("ai,ai->a", coupling.frame[:, 0], distance) - offset
+    return np.asarray(jump)
+
+
+def _frame(normal: np.ndarray) -> np.ndarray:
+    """Complete normals by tangents: t1 is the x axis in the tangent plane (y if n is near x)."""
+    n, d = normal.shape
+    axis = np.zeros((n, d))
+    steep = np.abs(normal[:, 0]) > 0.9
+    axis[~steep, 0] = 1.0
+    axis[steep, 1] = 1.0
+    t1 = axis - np.sum(axis * normal, axis=1, keepdims=True) * normal
+    t1 /= np.linalg.norm(t1, axis=1, keepdims=True)
+    axes = [normal, t1] if d == 2 else [normal, t1, np.cross(normal, t1)]
+    return np.asarray(np.stack(axes, axis=1))

@@ -1,0 +1,111 @@
+"""Contact surfaces: oriented facets, their nodes and nodal normals."""
+
+from dataclasses import dataclass
+
+import numpy as np
+from skfem import Mesh
+
+__all__ = ["Surface", "facet_normals", "nodal_areas", "nodal_normals", "surface_of"]
+
+
+@dataclass(frozen=True)
+class Surface:
+    """Facets of a named boundary.
+
+    Attributes
+    ----------
+    facets : ndarray of int, shape (facets, corners)
+        Positions in ``nodes``; seen from outside the body the corners run counter-clockwise (in
+        two dimensions: the body lies to the left of the direction from the first to the second).
+    nodes : ndarray of int, shape (n,)
+        Node numbers in the mesh, sorted.
+    """
+
+    facets: np.ndarray
+    nodes: np.ndarray
+
+
+def surface_of(mesh: Mesh, boundary: str) -> Surface:
+    """Orient the facets of a boundary outwards."""
+    index = np.asarray(mesh.boundaries[boundary])
+    corners = mesh.facets[:, index].T
+    inside = mesh.p[:, mesh.t[:, mesh.f2t[0, index]]].mean(axis=1).T
+    x = mesh.p.T[corners]
+    centre = x.mean(axis=1)
+    if mesh.dim() == 3 and corners.shape[1] == 4:
+        corners = _cyclic(corners, x, centre, inside)
+        x = mesh.p.T[corners]
+    outward = np.sum(facet_normals(x) * (centre - inside), axis=1) > 0.0
+    corners = np.where(outward[:, None], corners, corners[:, ::-1])
+    nodes, local = np.unique(corners, return_inverse=True)
+    return Surface(local.reshape(corners.shape), nodes)
+
+
+def facet_normals(x: np.ndarray) -> np.ndarray:
+    """Area-weighted normals of facets with corners (facets, corners, d), m² (m in 2D)."""
+    if x.shape[2] == 2:
+        t = x[:, 1] - x[:, 0]
+        return np.stack([t[:, 1], -t[:, 0]], axis=1)
+    if x.shape[1] == 3:
+        return 0.5 * np.cross(x[:, 1] - x[:, 0], x[:, 2] - x[:, 0])
+    return 0.5 * np.cross(x[:, 2] - x[:, 0], x[:, 3] - x[:, 1])
+
+
+def nodal_normals(surface: Surface, x: np.ndarray, free: np.ndarray) -> np.ndarray:
+    """Average the facets around each node to unit normals, shape (n, d).
+
+    Parameters
+    ----------
+    surface : Surface
+        The surface.
+    x : ndarray, shape (n, d)
+        Positions of its nodes, m.
+    free : ndarray of bool, shape (n, d)
+        Components that may move. On a plane of symmetry half of the facets are missing; the
+        held component is taken out of the normal unless little of it were left.
+    """
+    normal = np.zeros_like(x)
+    facet = facet_normals(x[surface.facets])
+    for corner in surface.facets.T:
+        np.add.at(normal, corner, facet)
+    normal /= np.linalg.norm(normal, axis=1, keepdims=True)
+    along = np.where(free, normal, 0.0)
+    size = np.linalg.norm(along, axis=1, keepdims=True)
+    return np.where(size > 0.7, along / np.where(size > 0.0, size, 1.0), normal)
+
+
+def nodal_areas(surface: Surface, x: np.ndarray) -> np.ndarray:
+    """Area that belongs to each node, m² (m in 2D): integral of its shape function."""
+    corners = x[surface.facets]
+    area = np.zeros(len(surface.nodes))
+    if corners.shape[1] < 4:
+        share = np.linalg.norm(facet_normals(corners), axis=1) / corners.shape[1]
+        for corner in surface.facets.T:
+            np.add.at(area, corner, share)
+        return area
+    points = np.array([-1.0, 1.0]) / np.sqrt(3.0)
+    for r in points:
+        for s in points:
+            N = 0.25 * np.array(
+                [(1 - r) * (1 - s), (1 + r) * (1 - s), (1 + r) * (1 + s), (1 - r) * (1 + s)]
+            )
+            by_r = 0.25 * np.array([s - 1, 1 - s, 1 + s, -1 - s])
+            by_s = 0.25 * np.array([r - 1, -1 - r, 1 + r, 1 - r])
+            t1, t2 = (np.einsum("c,fcd->fd", by, corners) for by in (by_r, by_s))
+            jacobian = np.linalg.norm(np.cross(t1, t2), axis=1)
+            for corner, value in zip(surface.facets.T, N, strict=True):
+                np.add.at(area, corner, value * jacobian)
+    return area
+
+
+def _cyclic(
+    corners: np.ndarray, x: np.ndarray, centre: np.ndarray, inside: np.ndarray
+) -> np.ndarray:
+    """Put the corners of quadrilaterals in the order of their angle around the centre."""
+    n = centre - inside
+    n /= np.linalg.norm(n, axis=1, keepdims=True)
+    arm = x - centre[:, None]
+    first = arm[:, 0] - np.sum(arm[:, 0] * n, axis=1, keepdims=True) * n
+    second = np.cross(n, first)
+    angle = np.arctan2(np.einsum("fcd,fd->fc", arm, second), np.einsum("fcd,fd->fc", arm, first))
+    return np.asarray(np.take_along_axis(corners, np.argsort(angle, axis=1), axis=1))

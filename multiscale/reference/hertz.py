@@ -1,0 +1,136 @@
+"""Smooth bodies pressed together without friction: sphere, cylinder and flat punch.
+
+All lengths in m, forces in N (N/m for the cylinder), pressures and moduli in Pa.
+"""
+
+import numpy as np
+
+__all__ = [
+    "contact_modulus",
+    "cylinder_half_width",
+    "cylinder_pressure",
+    "punch_force",
+    "punch_pressure",
+    "sphere_approach",
+    "sphere_pressure",
+    "sphere_radius",
+    "sphere_stiffness",
+]
+
+
+def contact_modulus(*bodies: tuple[float, float]) -> float:
+    r"""Contact modulus of one or two bodies, :math:`1/E^* = \sum (1 - \nu_i^2)/E_i`, Pa.
+
+    Parameters
+    ----------
+    *bodies : tuple of float
+        Young's modulus (Pa) and Poisson's ratio of each elastic body.
+
+    Examples
+    --------
+    >>> round(contact_modulus((210e9, 0.3), (210e9, 0.3)) / 1e9, 3)
+    115.385
+    """
+    return 1.0 / sum((1.0 - nu**2) / E for E, nu in bodies)
+
+
+def sphere_radius(force: float, radius: float, modulus: float) -> float:
+    r"""Contact radius :math:`a = (3 F R / 4 E^*)^{1/3}`, m.
+
+    Parameters
+    ----------
+    force : float
+        :math:`F`, N.
+    radius : float
+        :math:`1/R = \sum 1/R_i`, m.
+    modulus : float
+        :math:`E^*` of :func:`contact_modulus`, Pa.
+
+    References
+    ----------
+    .. [1] K. L. Johnson, Contact Mechanics, Cambridge University Press, 1985, chapter 4.
+
+    Examples
+    --------
+    >>> a = sphere_radius(100.0, 0.01, contact_modulus((210e9, 0.3), (210e9, 0.3)))
+    >>> round(1e3 * a, 6)  # mm
+    0.186626
+    """
+    return float((0.75 * force * radius / modulus) ** (1.0 / 3.0))
+
+
+def sphere_approach(force: float, radius: float, modulus: float) -> float:
+    r"""Approach of distant points, :math:`\delta = a^2 / R`, m; arguments as ``sphere_radius``."""
+    return sphere_radius(force, radius, modulus) ** 2 / radius
+
+
+def sphere_stiffness(force: float, radius: float, modulus: float) -> float:
+    r"""Stiffness in the normal direction, :math:`\mathrm{d}F/\mathrm{d}\delta = 2 E^* a`, N/m."""
+    return 2.0 * modulus * sphere_radius(force, radius, modulus)
+
+
+def sphere_pressure(
+    distance: np.ndarray, force: float, radius: float, modulus: float
+) -> np.ndarray:
+    r"""Pressure :math:`p = p_0 \sqrt{1 - r^2/a^2}` with :math:`p_0 = 3F/(2\pi a^2)`, Pa.
+
+    Parameters
+    ----------
+    distance : ndarray
+        :math:`r` from the axis, m.
+    force, radius, modulus : float
+        As in :func:`sphere_radius`.
+    """
+    a = sphere_radius(force, radius, modulus)
+    peak = 1.5 * force / (np.pi * a**2)
+    return np.asarray(peak * np.sqrt(np.maximum(0.0, 1.0 - np.square(distance) / a**2)))
+
+
+def cylinder_half_width(force: float, radius: float, modulus: float) -> float:
+    r"""Half-width of the contact of a cylinder, :math:`a = \sqrt{4 F R / (\pi E^*)}`, m.
+
+    Parameters
+    ----------
+    force : float
+        :math:`F` per length, N/m.
+    radius, modulus : float
+        As in :func:`sphere_radius`.
+
+    Examples
+    --------
+    >>> a = cylinder_half_width(35e6, 0.05, contact_modulus((210e9, 0.3), (70e9, 0.3)))
+    >>> round(1e3 * a, 4)  # mm, the cylinder on a block of NAFEMS
+    6.2146
+    """
+    return float(np.sqrt(4.0 * force * radius / (np.pi * modulus)))
+
+
+def cylinder_pressure(
+    distance: np.ndarray, force: float, radius: float, modulus: float
+) -> np.ndarray:
+    r"""Pressure :math:`p = p_0\sqrt{1 - x^2/a^2}` with :math:`p_0 = 2F/(\pi a)`, Pa."""
+    a = cylinder_half_width(force, radius, modulus)
+    peak = 2.0 * force / (np.pi * a)
+    return np.asarray(peak * np.sqrt(np.maximum(0.0, 1.0 - np.square(distance) / a**2)))
+
+
+def punch_force(approach: float, radius: float, modulus: float) -> float:
+    r"""Force on a flat round punch, :math:`F = 2 E^* a \delta`, N.
+
+    Parameters
+    ----------
+    approach : float
+        :math:`\delta`, m.
+    radius : float
+        :math:`a` of the punch, m.
+    modulus : float
+        :math:`E^*`, Pa.
+    """
+    return 2.0 * modulus * radius * approach
+
+
+def punch_pressure(distance: np.ndarray, force: float, radius: float) -> np.ndarray:
+    r"""Pressure under a flat round punch, :math:`p = F / (2\pi a \sqrt{a^2 - r^2})`, Pa."""
+    inside = np.maximum(radius**2 - np.square(distance), 0.0)
+    with np.errstate(divide="ignore"):
+        return np.asarray(force / (2.0 * np.pi * radius * np.sqrt(inside)))

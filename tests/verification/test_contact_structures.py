@@ -1,0 +1,290 @@
+"""Structures in contact against closed forms: validation plan, sections 0 and 5."""
+
+import numpy as np
+import pytest
+from skfem import MeshHex, MeshQuad, MeshTri
+
+from multiscale.laws.bulk import J2, Elastic, NeoHookean
+from multiscale.macro import Body, Contact, ContactProblem, Graph, Plane, solve_contact
+from multiscale.reference import hertz, mindlin
+from tests import contact_scenes as scenes
+from tests.contact_scenes import CONTACT_RADIUS, FORCE, FRICTION, LIMIT, PEAK, near
+from tests.support import observed_rate
+
+
+def test_a_ball_on_a_half_space_is_hertzs():
+    force, peak, radius, _ = scenes.ball_on_half_space(6)
+    assert force == pytest.approx(FORCE, rel=0.02)
+    assert peak == pytest.approx(PEAK, rel=0.02)
+    assert radius == pytest.approx(CONTACT_RADIUS, rel=0.02)
+
+
+def test_the_pressure_under_a_ball_is_the_ellipse_of_hertz():
+    *_, step = scenes.ball_on_half_space(5)
+    surface = step.contact["ball"]
+    r = np.hypot(*surface.position[:2])
+    exact = hertz.sphere_pressure(r, FORCE, scenes.RADIUS, scenes.MODULUS)
+    wrong = np.sqrt(np.sum(surface.area * (surface.pressure - exact) ** 2))
+    assert wrong < 0.05 * np.sqrt(np.sum(surface.area * exact**2))
+
+
+@pytest.mark.parametrize("sides", ["cylinder first", "block first"])
+def test_the_cylinder_on_a_block_of_nafems(sides):
+    step = scenes.cylinder_on_block(0.4e-3, swapped=sides == "block first")
+    surface = step.contact["joint"]
+    peak, half_width = scenes.fitted_ellipse(surface.position[0], surface.pressure)
+    assert half_width == pytest.approx(6.2146e-3, rel=0.03)
+    assert peak == pytest.approx(3585.4e6, rel=0.03)
+    assert surface.pressure.max() == pytest.approx(3585.4e6, rel=0.03)
+    assert abs(surface.force[1]) == pytest.approx(17.5e6, rel=1e-8)
+
+
+@pytest.mark.parametrize(
+    ("kind", "within"), [(MeshQuad, 0.01), (MeshTri, 0.03)], ids=["quad", "tri"]
+)
+def test_nested_rings_converge_to_their_closed_form(kind, within):
+    sizes = [8, 16, 32]
+    pressure, displacement = np.array([scenes.nested_rings(n, kind) for n in sizes]).T
+    h = 1.0 / np.array(sizes)
+    assert observed_rate(h, displacement) == pytest.approx(2.0, abs=0.15)
+    # the multipliers are linear, the stress behind them constant or little more
+    assert observed_rate(h, pressure) > 0.8
+    assert pressure[-1] < within
+    assert displacement[-1] < 0.015
+
+
+@pytest.mark.parametrize("friction", [0.0, 0.1, 0.2, 0.3])
+def test_a_slider_on_a_slope_needs_its_friction_and_its_climb(friction):
+    # .100000, .202020, .306122, .412371 in the validation plan
+    expected = (0.1 + friction) / (1.0 - 0.1 * friction)
+    found = scenes.inclined_slider(friction, deformable=True)
+    assert found == pytest.approx(expected, rel=1e-6)
+
+
+def flat_punch(points):
+    """A rigid flat disc on a quarter of a half-space: force over the closed form, and pressure."""
+    a, length, depth = 1e-3, 12e-3, 1e-6
+    material = (210e9, 0.3)
+    modulus = hertz.contact_modulus(material)
+    force = hertz.punch_force(depth, a, modulus)
+    rings = a * np.sin(np.linspace(0.0, np.pi / 2.0, points + 1))[1:]  # finer at the edge
+    outer = [rings[-1], rings[-1] + 2.0 * (rings[-1] - rings[-2])]
+    while outer[-1] < 0.7 * length:
+        outer.append(outer[-1] + 1.5 * (outer[-1] - outer[-2]))
+    first = 2
+    corners, quads = scenes.half_disc(4, np.r_[rings[first:], outer[1:-1], length])
+    levels = -scenes.graded(0.03 * a, 0.1 * a, length, 1.45)[::-1]
+    mesh = scenes.extruded(corners, quads, levels).with_boundaries(
+        {
+            "contact": lambda x: near(0.0)(x[2]) & (np.hypot(x[0], x[1]) < a),
+            "plane": lambda x: near(0.0)(x[1]),
+            "far": lambda x: near(-length)(x[2]) | (np.hypot(x[0], x[1]) > 0.98 * length),
+        }
+    )
+    far = [
+        scenes.far_field(i, -1, material, lambda t: (t * force, 0.0), lambda t: (0.0, 0.0))
+        for i in range(3)
+    ]
+    body = Body(mesh, Elastic(*material), {"far": far, "plane": (None, 0.0, None)})
+    punch = Plane((0.0, 0.0, 0.0), (0.0, 0.0, -1.0), motion=(0.0, 0.0, -depth))
+    problem = ContactProblem({"base": body}, {"punch": Contact(("base", "contact"), punch)})
+    surface = solve_contact(problem)[-1].unwrap().contact["punch"]
+    r = np.hypot(*surface.position[:2])
+    inner = r < 0.7 * a
+    ratio = surface.pressure[inner] / hertz.punch_pressure(r[inner], force, a)
+    return 2.0 * surface.force[2] / force, ratio
+
+
+@pytest.mark.slow
+def test_a_flat_punch_has_its_closed_form():
+    force, ratio = flat_punch(12)
+    assert force == pytest.approx(1.0, rel=0.02)
+    np.testing.assert_allclose(np.mean(ratio), 1.0, rtol=0.02)
+    np.testing.assert_allclose(ratio, 1.0, rtol=0.06)
+
+
+def billet(friction, law, *, squeeze=0.35, steps=10, elements=(3, 4)):
+    """An eighth of a round billet between plates; returns its steps and its mesh."""
+    radius, height = 10e-3, 15e-3
+    n, layers = elements
+    axes = [np.linspace(0.0, 1.0, k + 1) for k in (n, n, layers)]
+    unit = MeshHex.init_tensor(*axes).with_boundaries(
+        {
+            "x": lambda x: near(0.0)(x[0]),
+            "y": lambda x: near(0.0)(x[1]),
+            "middle": lambda x: near(0.0)(x[2]),
+            # the upper part of the side may fold onto the plate
+            "upper": lambda x: (
+                near(1.0)(x[2]) | ((near(1.0)(x[0]) | near(1.0)(x[1])) & (x[2] > 0.7))
+            ),
+        }
+    )
+    s, t, z = unit.p
+    place = [radius * s * np.sqrt(1 - t**2 / 2), radius * t * np.sqrt(1 - s**2 / 2), height * z]
+    mesh = scenes.moved(unit, place)
+    held = {"x": (0.0, None, None), "y": (None, 0.0, None), "middle": (None, None, 0.0)}
+    plate = Plane((0, 0, height), (0, 0, -1), motion=(0.0, 0.0, -squeeze * height))
+    contact = Contact(("billet", "upper"), plate, friction, finite_sliding=True)
+    problem = ContactProblem({"billet": Body(mesh, law, held)}, {"plate": contact})
+    times = np.linspace(0.0, 1.0, steps + 1)[1:]
+    return [step.unwrap() for step in solve_contact(problem, times, tolerance=1e-8)], mesh
+
+
+METAL = J2(200e9, 0.3, 700e6, 300e6)
+
+
+def volume(mesh, displacement):
+    from multiscale.macro.continuum.elements import prepare_elements
+
+    return prepare_elements(scenes.moved(mesh, mesh.p + displacement)).weight.sum()
+
+
+def test_upsetting_without_friction_follows_the_hardening_curve():
+    steps, mesh = billet(0.0, METAL, steps=5)
+    for step in steps:
+        # uniaxial: ln(1 - squeeze) = -(sigma/E + alpha), sigma = 700 + 300 alpha MPa (Kirchhoff)
+        strain = -np.log(1.0 - 0.35 * step.time)
+        alpha = (strain - 700e6 / 200e9) / (1.0 + 300e6 / 200e9)
+        stress = 700e6 + 300e6 * alpha
+        np.testing.assert_allclose(step.state["billet"][6], alpha, rtol=1e-4)
+        # force = Kirchhoff stress * undeformed volume / current height
+        force = stress * volume(mesh, 0.0 * mesh.p) / (15e-3 * (1.0 - 0.35 * step.time))
+        assert step.contact["plate"].force[2] == pytest.approx(force, rel=1e-4)
+
+
+def test_upsetting_with_friction_keeps_the_volume_and_bulges():
+    steps, mesh = billet(0.2, METAL)
+    rest = volume(mesh, 0.0 * mesh.p)
+    smooth = billet(0.0, METAL, steps=5)[0][-1].contact["plate"].force[2]
+    middle = (mesh.p[2] == 0.0) & (mesh.p[1] == 0.0)
+    top = (mesh.p[2] == mesh.p[2].max()) & (mesh.p[1] == 0.0)
+    before = np.zeros_like(steps[0].state["billet"][6])
+    for step in steps:
+        plastic = step.state["billet"][6]
+        assert np.all(plastic >= before)
+        before = plastic
+        u = step.displacement["billet"]
+        # only elastic compression, below sigma / K
+        assert volume(mesh, u) == pytest.approx(rest, rel=0.01)
+        surface = step.contact["plate"]
+        assert np.all(np.sum(surface.traction[1:] * surface.slip, axis=0) > -1e-6)
+    assert step.contact["plate"].force[2] > 1.01 * smooth
+    x = mesh.p + u
+    assert x[0, middle].max() > 1.05 * x[0, top].max()
+
+
+def test_a_rubber_billet_is_squeezed_by_a_third():
+    steps, _ = billet(0.3, NeoHookean(2e6, 0.49), steps=4)
+    force = [step.contact["plate"].force[2] for step in steps]
+    assert np.all(np.diff(force, 2) > 0.0)  # it stiffens
+    # rubber gives the work back: without friction the force follows the elastic energy
+    elastic, _ = billet(0.0, NeoHookean(2e6, 0.49), steps=4)
+    stretch = 1.0 - 0.35
+    found = elastic[-1].contact["plate"].force[2] / (np.pi * 1e-4 / 4.0)
+    incompressible = 2e6 / (2.0 * 1.49) * (1.0 / stretch**2 - stretch)
+    assert found == pytest.approx(incompressible, rel=0.05)
+
+
+def ironing(friction, *, swapped=False):
+    """A rubber die pressed into a softer block by a quarter of its height, then drawn along."""
+    base = scenes.block(MeshQuad, (30, 6), (0.0, 0.0), (6.0, 1.5))
+    die = scenes.block(MeshQuad, (8, 4), (0.7, 1.5), (1.9, 2.3))
+    x, y = die.p
+    die = scenes.moved(die, [x, y + (2.3 - y) / 0.8 * 0.25 * ((x - 1.3) / 0.6) ** 2])
+    drive = (lambda x, t: 2.0 * max(0.0, t - 1.0), lambda x, t: -0.3 * min(t, 1.0))
+    bodies = {
+        "base": Body(base, NeoHookean(1e6, 0.3), {"bottom": (0.0, 0.0)}),
+        "die": Body(die, NeoHookean(4e6, 0.3), {"top": drive}),
+    }
+    sides = (("die", "bottom"), ("base", "top"))
+    contact = Contact(*(sides[::-1] if swapped else sides), friction, finite_sliding=True)
+    times = np.r_[np.linspace(0.0, 1.0, 6)[1:], np.linspace(1.0, 2.0, 11)[1:]]
+    steps = solve_contact(ContactProblem(bodies, {"joint": contact}), times, tolerance=1e-8)
+    side = -1.0 if swapped else 1.0
+    return np.array([side * step.unwrap().contact["joint"].force for step in steps])
+
+
+@pytest.mark.parametrize("swapped", [False, True], ids=["die first", "base first"])
+def test_ironing_has_smooth_resultants(swapped):
+    force = ironing(0.2, swapped=swapped)[8:]  # drawn along, away from the start
+    tangent, normal = force[:, 0], -force[:, 1]
+    # over three times the width of the die nothing but the mesh changes
+    assert np.ptp(normal) < 0.02 * normal.mean()
+    assert np.ptp(tangent) < 0.05 * tangent.mean()
+    assert tangent.mean() == pytest.approx(0.2 * normal.mean(), rel=0.1)
+
+
+def mindlin_path(ratio, steps):
+    """One cycle of force between +-T: times, forces and displacements of Masing's branches."""
+    top = ratio * LIMIT
+
+    def first(T):
+        return float(
+            mindlin.tangential_displacement(
+                T / LIMIT, LIMIT, CONTACT_RADIUS, scenes.TANGENTIAL_MODULUS
+            )
+        )
+
+    share = np.cos(np.linspace(0.0, np.pi, steps + 1))[1:]
+    path = [(2.0, top, first(top))]
+    for cycle, sign in ((2.0, 1.0), (3.0, -1.0)):
+        for k, f in enumerate(share, start=1):
+            motion = first(top) - 2.0 * first(0.5 * top * (1.0 - f))
+            path.append((cycle + k / steps, sign * top * f, sign * motion))
+    return path
+
+
+MESHES = {
+    "below": (5, 0.1 * np.arange(5, 13), 0.08),
+    "above": (5, 0.1 * np.arange(5, 13), 0.08),
+}
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("ratio", [0.25, 0.75])
+def test_partial_slip_between_steel_balls_is_mindlins(ratio):
+    path = mindlin_path(ratio, 1)[:1]
+    surface = scenes.two_steel_balls(path, MESHES)[-1].contact["joint"]
+    # at the displacement of theory, the force of theory
+    tangent, normal = (2.0 * abs(surface.force[k]) for k in (0, 2))
+    assert tangent == pytest.approx(ratio * LIMIT, rel=0.03)
+    assert normal == pytest.approx(FORCE, rel=0.03)
+    # the stick zone from mu p - q = mu p0 sqrt(c^2 - r^2) / a, by the same fit as the contact
+    r = np.hypot(*surface.position[:2])
+    stick = scenes.fitted_ellipse(r, FRICTION * surface.pressure - np.abs(surface.traction[1]))[1]
+    contact = scenes.fitted_ellipse(r, surface.pressure)[1]
+    expected = float(mindlin.stick_radius(tangent / (FRICTION * normal)))
+    assert stick / contact == pytest.approx(expected, rel=0.03)
+
+
+@pytest.mark.slow
+def test_a_cycle_of_partial_slip_loses_the_energy_of_mindlin_and_deresiewicz():
+    path = mindlin_path(0.9, 6)
+    steps = scenes.two_steel_balls(path, MESHES)[1:]
+    force = np.array([2.0 * step.contact["joint"].force[0] for step in steps])
+    _, exact, motion = np.array(path).T
+    lost, theory = (np.sum(0.5 * (f[1:] + f[:-1]) * np.diff(motion)) for f in (-force, exact))
+    # both by the same trapezes, whose error is 6 % with six points a branch
+    assert abs(lost) == pytest.approx(abs(theory), rel=0.03)
+
+
+def test_a_graph_presses_like_the_sphere_that_it_follows():
+    body = Body(
+        scenes.block(MeshHex, (6, 6, 4), (-1, -1, -1), (1, 1, 0)),
+        Elastic(1e9, 0.3),
+        {"bottom": (0.0, 0.0, 0.0)},
+    )
+    radius = 5.0
+    down = (0.0, 0.0, -0.05)
+    ball = scenes.Sphere((0.0, 0.0, radius), radius, motion=down)
+    cap = Graph(
+        lambda x: radius - np.sqrt(radius**2 - x[0] ** 2 - x[1] ** 2),
+        lambda x: x / np.sqrt(radius**2 - x[0] ** 2 - x[1] ** 2),
+        motion=down,
+    )
+    forces = []
+    for obstacle in (ball, cap):
+        contact = Contact(("base", "top"), obstacle, finite_sliding=True)
+        problem = ContactProblem({"base": body}, {"ball": contact})
+        forces.append(solve_contact(problem)[-1].unwrap().contact["ball"].force)
+    np.testing.assert_allclose(forces[0], forces[1], rtol=1e-3, atol=1e-3 * forces[0][2])
