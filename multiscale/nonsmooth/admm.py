@@ -6,7 +6,7 @@ import numpy as np
 from numpy.linalg import norm
 
 from multiscale.nonsmooth.block_system import factorise_blocks
-from multiscale.nonsmooth.contact_problem import ContactProblem
+from multiscale.nonsmooth.friction_problem import ScaledFriction
 from multiscale.nonsmooth.progress import Recorder
 from multiscale.nonsmooth.projections import project_friction_cone
 
@@ -17,7 +17,7 @@ LOOK = 5
 
 
 def admm(
-    problem: ContactProblem,
+    problem: ScaledFriction,
     reaction: np.ndarray,
     progress: Recorder,
     max_iterations: int = 4000,
@@ -28,7 +28,7 @@ def admm(
 
     Parameters
     ----------
-    problem : ContactProblem
+    problem : ScaledFriction
         The problem, dimensionless.
     reaction : ndarray, shape (contacts, 3)
         Start.

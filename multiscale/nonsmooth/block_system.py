@@ -13,7 +13,7 @@ from scipy.linalg.lapack import dgetrf, dgetrs
 from scipy.sparse import csc_matrix
 from scipy.sparse.linalg import splu
 
-from multiscale.nonsmooth.contact_problem import ContactProblem
+from multiscale.nonsmooth.friction_problem import ScaledFriction
 
 __all__ = ["factorise_blocks"]
 
@@ -30,13 +30,13 @@ Solve = Callable[[np.ndarray], np.ndarray]
 
 
 def factorise_blocks(
-    problem: ContactProblem, added: np.ndarray, left: np.ndarray | None = None
+    problem: ScaledFriction, added: np.ndarray, left: np.ndarray | None = None
 ) -> Solve | None:
     r"""Factorise :math:`A W + B` with block-diagonal :math:`A` and :math:`B`.
 
     Parameters
     ----------
-    problem : ContactProblem
+    problem : ScaledFriction
         Gives :math:`W`.
     added : ndarray, shape (contacts, 3, 3)
         :math:`B`.
@@ -71,11 +71,11 @@ def factorise_blocks(
     return lambda b: np.asarray(sparse.solve(b.ravel(), "T")).reshape(shape)
 
 
-def _pattern(problem: ContactProblem) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+def _pattern(problem: ScaledFriction) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     return problem.columns, problem.starts, problem.diagonal
 
 
-def _products(problem: ContactProblem, left: np.ndarray | None) -> np.ndarray:
+def _products(problem: ScaledFriction, left: np.ndarray | None) -> np.ndarray:
     """Blocks of A W."""
     if left is None:
         return problem.blocks

@@ -5,7 +5,7 @@ import numpy as np
 from scipy.linalg import eigh_tridiagonal
 
 from multiscale.errors import CaseError
-from multiscale.nonsmooth.contact_problem import ContactProblem
+from multiscale.nonsmooth.friction_problem import ScaledFriction
 
 __all__ = ["refuse_indefinite"]
 
@@ -16,12 +16,12 @@ NEGATIVE = 1e-4
 """Negative eigenvalue, relative to the largest, that round-off in the data does not explain."""
 
 
-def refuse_indefinite(problem: ContactProblem, steps: int = STEPS) -> None:
+def refuse_indefinite(problem: ScaledFriction, steps: int = STEPS) -> None:
     """Raise if Lanczos meets a clearly negative eigenvalue of the symmetric part of W.
 
     Parameters
     ----------
-    problem : ContactProblem
+    problem : ScaledFriction
         The problem, dimensionless.
     steps : int
         Lanczos steps; the few of the first look find only what is plain.

@@ -10,10 +10,10 @@ from scipy.sparse import csr_array, issparse
 from multiscale.convergence import Solution, Status
 from multiscale.errors import CaseError
 from multiscale.nonsmooth.admm import admm
-from multiscale.nonsmooth.contact_problem import ContactProblem, scale_problem
 from multiscale.nonsmooth.coulomb import verify_friction
 from multiscale.nonsmooth.definiteness import refuse_indefinite
 from multiscale.nonsmooth.friction_gradient import spectral_gradient
+from multiscale.nonsmooth.friction_problem import ScaledFriction, scale_friction
 from multiscale.nonsmooth.friction_schedule import run_schedule
 from multiscale.nonsmooth.frozen_bound import frozen_bound
 from multiscale.nonsmooth.gauss_seidel import gauss_seidel
@@ -36,7 +36,7 @@ def _polished(path: Callable[..., np.ndarray]) -> Callable[..., np.ndarray]:
     """Finish an interior point, which needs no start, by Newton's method."""
 
     def run(
-        problem: ContactProblem, reaction: np.ndarray, progress: Progress, **options: int
+        problem: ScaledFriction, reaction: np.ndarray, progress: Progress, **options: int
     ) -> np.ndarray:
         path(problem, progress, **options)
         if progress.best is None or progress.smallest <= progress.target:
@@ -134,7 +134,7 @@ def solve_friction(
 
     if np.all(velocity[::dim] >= 0.0):  # nothing closes: r = 0 is an answer
         return _conclude(delassus, velocity, friction, np.zeros_like(velocity), tolerance)
-    problem = scale_problem(delassus, velocity, friction)
+    problem = scale_friction(delassus, velocity, friction)
     refuse_indefinite(problem)
     stuck = _immobile(delassus, velocity.reshape(contacts, dim))
     if stuck is not None:

@@ -3,7 +3,7 @@ r"""Spectral projected gradients for Coulomb friction: products with W only, no 
 import numpy as np
 from numpy.linalg import norm
 
-from multiscale.nonsmooth.contact_problem import ContactProblem
+from multiscale.nonsmooth.friction_problem import ScaledFriction
 from multiscale.nonsmooth.progress import Recorder
 from multiscale.nonsmooth.projections import project_ball
 
@@ -17,7 +17,7 @@ LONGEST = 1e4
 
 
 def spectral_gradient(
-    problem: ContactProblem,
+    problem: ScaledFriction,
     reaction: np.ndarray,
     progress: Recorder,
     max_iterations: int = 10000,
@@ -26,7 +26,7 @@ def spectral_gradient(
 
     Parameters
     ----------
-    problem : ContactProblem
+    problem : ScaledFriction
         The problem, dimensionless.
     reaction : ndarray, shape (contacts, 3)
         Start.
@@ -85,7 +85,7 @@ def _project(ahead: np.ndarray, friction: np.ndarray) -> np.ndarray:
     return np.column_stack([normal, project_ball(ahead[:, 1:].T, friction * normal).T])
 
 
-def _largest_eigenvalue(problem: ContactProblem) -> float:
+def _largest_eigenvalue(problem: ScaledFriction) -> float:
     """Estimate the largest eigenvalue of W by a few steps of the power method."""
     vector = np.random.default_rng(seed=0).standard_normal(problem.velocity.shape)
     size = float(norm(vector))

@@ -5,8 +5,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from multiscale.nonsmooth.admm import admm
-from multiscale.nonsmooth.contact_problem import ContactProblem
 from multiscale.nonsmooth.friction_gradient import spectral_gradient
+from multiscale.nonsmooth.friction_problem import ScaledFriction
 from multiscale.nonsmooth.frozen_bound import frozen_bound
 from multiscale.nonsmooth.gauss_seidel import BURST, gauss_seidel
 from multiscale.nonsmooth.progress import Progress
@@ -24,7 +24,7 @@ FULL, LARGE = 15.0, 200
 
 
 def run_schedule(
-    problem: ContactProblem,
+    problem: ScaledFriction,
     reaction: np.ndarray,
     progress: Progress,
     max_iterations: int = 5000,
@@ -33,7 +33,7 @@ def run_schedule(
 
     Parameters
     ----------
-    problem : ContactProblem
+    problem : ScaledFriction
         The problem, dimensionless.
     reaction : ndarray, shape (contacts, 3)
         Start, already noted.
@@ -74,7 +74,7 @@ def run_schedule(
 class _Schedule:
     """The steps of the schedule; each says whether the problem is solved."""
 
-    problem: ContactProblem
+    problem: ScaledFriction
     progress: Progress
     limit: int
 

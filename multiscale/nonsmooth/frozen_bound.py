@@ -5,7 +5,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.linalg import norm
 
-from multiscale.nonsmooth.contact_problem import ContactProblem
+from multiscale.nonsmooth.friction_problem import ScaledFriction
 from multiscale.nonsmooth.progress import Progress
 from multiscale.nonsmooth.projections import project_ball, project_friction_cone
 from multiscale.nonsmooth.semismooth_newton import semismooth_newton
@@ -27,7 +27,7 @@ EVERY = 3
 
 
 def frozen_bound(
-    problem: ContactProblem,
+    problem: ScaledFriction,
     reaction: np.ndarray,
     progress: Progress,
     max_iterations: int = 30,
@@ -37,7 +37,7 @@ def frozen_bound(
 
     Parameters
     ----------
-    problem : ContactProblem
+    problem : ScaledFriction
         The problem, dimensionless.
     reaction : ndarray, shape (contacts, 3)
         Start; its normal impulses give the first bound.
@@ -97,7 +97,7 @@ def frozen_bound(
 class _Tresca:
     """Says when the problem with a known bound is solved well enough."""
 
-    problem: ContactProblem
+    problem: ScaledFriction
     bound: np.ndarray
 
     def note(self, reaction: np.ndarray) -> bool:

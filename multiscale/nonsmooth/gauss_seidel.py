@@ -10,7 +10,7 @@ import numba
 import numpy as np
 
 from multiscale.nonsmooth.colouring import colour_contacts
-from multiscale.nonsmooth.contact_problem import ContactProblem
+from multiscale.nonsmooth.friction_problem import ScaledFriction
 from multiscale.nonsmooth.one_contact import solve_contact
 from multiscale.nonsmooth.progress import Recorder
 
@@ -24,7 +24,7 @@ MANY = 3000
 
 
 def gauss_seidel(
-    problem: ContactProblem,
+    problem: ScaledFriction,
     reaction: np.ndarray,
     progress: Recorder,
     max_iterations: int = 20000,
@@ -33,7 +33,7 @@ def gauss_seidel(
 
     Parameters
     ----------
-    problem : ContactProblem
+    problem : ScaledFriction
         The problem, dimensionless.
     reaction : ndarray, shape (contacts, 3)
         Start.

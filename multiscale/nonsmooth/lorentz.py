@@ -7,7 +7,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from multiscale.nonsmooth.contact_problem import ContactProblem
+from multiscale.nonsmooth.friction_problem import ScaledFriction
 
 __all__ = [
     "apply",
@@ -31,17 +31,17 @@ LONGEST = 1e10
 REFLECTION = np.diag([1.0, -1.0, -1.0])
 
 
-def lorentz_problem(problem: ContactProblem) -> tuple[ContactProblem, np.ndarray]:
+def lorentz_problem(problem: ScaledFriction) -> tuple[ScaledFriction, np.ndarray]:
     r"""Write a friction problem in the coordinates of the cone.
 
     Parameters
     ----------
-    problem : ContactProblem
+    problem : ScaledFriction
         The problem, dimensionless.
 
     Returns
     -------
-    lorentz : ContactProblem
+    lorentz : ScaledFriction
         The problem for :math:`x = (\mu r_N, r_T)` and :math:`(u_N / \mu, u_T)`, with entries
         about one.
     unit : ndarray, shape (contacts, 3)

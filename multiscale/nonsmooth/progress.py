@@ -7,7 +7,7 @@ from typing import Protocol
 
 import numpy as np
 
-from multiscale.nonsmooth.contact_problem import ContactProblem
+from multiscale.nonsmooth.friction_problem import ScaledFriction
 
 __all__ = ["Progress", "Recorder"]
 
@@ -25,7 +25,7 @@ class Progress:
 
     Attributes
     ----------
-    problem : ContactProblem
+    problem : ScaledFriction
         Measures the error.
     target : float
         Error at which the run may stop; dimensionless.
@@ -33,7 +33,7 @@ class Progress:
         Called as ``callback(iteration, residual)``.
     """
 
-    problem: ContactProblem
+    problem: ScaledFriction
     target: float
     callback: Callable[[int, float], None] | None = None
     started: float = field(default_factory=perf_counter)

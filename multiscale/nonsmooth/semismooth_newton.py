@@ -4,7 +4,7 @@ import numba
 import numpy as np
 
 from multiscale.nonsmooth.block_system import factorise_blocks
-from multiscale.nonsmooth.contact_problem import ContactProblem
+from multiscale.nonsmooth.friction_problem import ScaledFriction
 from multiscale.nonsmooth.progress import Recorder
 
 __all__ = ["semismooth_newton"]
@@ -17,7 +17,7 @@ PATIENCE = 10
 
 
 def semismooth_newton(
-    problem: ContactProblem,
+    problem: ScaledFriction,
     reaction: np.ndarray,
     progress: Recorder,
     max_iterations: int = 100,
@@ -27,7 +27,7 @@ def semismooth_newton(
 
     Parameters
     ----------
-    problem : ContactProblem
+    problem : ScaledFriction
         The problem, dimensionless.
     reaction : ndarray, shape (contacts, 3)
         Start.

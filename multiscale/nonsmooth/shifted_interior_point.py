@@ -5,7 +5,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from multiscale.nonsmooth.block_system import Solve, factorise_blocks
-from multiscale.nonsmooth.contact_problem import ContactProblem
+from multiscale.nonsmooth.friction_problem import ScaledFriction
 from multiscale.nonsmooth.lorentz import (
     apply,
     axis,
@@ -26,7 +26,7 @@ APEX = 1e-12
 
 
 def shifted_interior_point(
-    problem: ContactProblem,
+    problem: ScaledFriction,
     progress: Recorder,
     max_iterations: int = 45,
     regularisation: float = 1e-12,
@@ -35,7 +35,7 @@ def shifted_interior_point(
 
     Parameters
     ----------
-    problem : ContactProblem
+    problem : ScaledFriction
         The problem, dimensionless.
     progress : Recorder
         Notes every step and says when to stop.
@@ -119,7 +119,7 @@ class _Newton:
 
 
 def _newton(
-    lorentz: ContactProblem, x: np.ndarray, y: np.ndarray, regularisation: float
+    lorentz: ScaledFriction, x: np.ndarray, y: np.ndarray, regularisation: float
 ) -> _Newton | None:
     """Linearise (1) and factorise the matrix of (2); None if that fails."""
     slide = np.sqrt(y[:, 1] ** 2 + y[:, 2] ** 2 + APEX**2)

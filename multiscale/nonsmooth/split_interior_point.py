@@ -5,7 +5,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from multiscale.nonsmooth.block_system import Solve, factorise_blocks
-from multiscale.nonsmooth.contact_problem import ContactProblem
+from multiscale.nonsmooth.friction_problem import ScaledFriction
 from multiscale.nonsmooth.lorentz import (
     apply,
     axis,
@@ -24,7 +24,7 @@ __all__ = ["split_interior_point"]
 
 
 def split_interior_point(
-    problem: ContactProblem,
+    problem: ScaledFriction,
     progress: Recorder,
     max_iterations: int = 60,
     centre: float = 1.0,
@@ -35,7 +35,7 @@ def split_interior_point(
 
     Parameters
     ----------
-    problem : ContactProblem
+    problem : ScaledFriction
         The problem, dimensionless.
     progress : Recorder
         Notes every step and says when to stop.
@@ -199,7 +199,7 @@ class _Newton:
         return change, length
 
 
-def _newton(lorentz: ContactProblem, point: _Point, regularisation: float) -> _Newton | None:
+def _newton(lorentz: ScaledFriction, point: _Point, regularisation: float) -> _Newton | None:
     """Linearise (1) and factorise the matrix of (2); None where that fails."""
     if not point.inside:
         return None

@@ -5,9 +5,9 @@ import pytest
 from scipy.sparse import csr_array
 
 from multiscale.nonsmooth import split_interior_point as split_module
-from multiscale.nonsmooth.contact_problem import scale_problem
 from multiscale.nonsmooth.coulomb import alart_curnier, verify_friction
 from multiscale.nonsmooth.friction import METHODS, solve_friction
+from multiscale.nonsmooth.friction_problem import scale_friction
 from multiscale.nonsmooth.lorentz import apply, lorentz_problem
 from multiscale.nonsmooth.progress import Progress
 from multiscale.nonsmooth.semismooth_newton import linearise
@@ -163,7 +163,7 @@ def test_the_newton_matrix_is_the_derivative_of_the_residual():
 )
 def test_an_interior_point_ends_as_fast_as_newton(path, bodies):
     # 6 to 8 steps; an error in De Saxcé's term leaves the answer right and doubles the path
-    problem = scale_problem(*bodies.condensed())
+    problem = scale_friction(*bodies.condensed())
     progress = Progress(problem, 1e-9)
     path(problem, progress)
     assert progress.smallest <= 1e-9
@@ -173,7 +173,7 @@ def test_an_interior_point_ends_as_fast_as_newton(path, bodies):
 @pytest.mark.parametrize("bounded", [False, True])
 def test_a_step_of_the_interior_point_solves_the_linearised_equations(bounded):
     rng = np.random.default_rng(seed=11)
-    lorentz, _ = lorentz_problem(scale_problem(*wedged_block(0.5).condensed()))
+    lorentz, _ = lorentz_problem(scale_friction(*wedged_block(0.5).condensed()))
     z, y = rng.normal(size=(8, 3)), rng.normal(size=(8, 3))
     for point in (z, y):
         point[:, 0] = 0.5 + np.hypot(point[:, 1], point[:, 2])

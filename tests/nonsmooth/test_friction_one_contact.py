@@ -3,8 +3,8 @@
 import numpy as np
 import pytest
 
-from multiscale.nonsmooth.contact_problem import natural_map_squares
 from multiscale.nonsmooth.coulomb import alart_curnier, natural_map
+from multiscale.nonsmooth.friction_problem import natural_map_squares
 from multiscale.nonsmooth.one_contact import solve_contact
 from multiscale.nonsmooth.projections import (
     project_ball,

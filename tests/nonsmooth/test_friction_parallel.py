@@ -4,14 +4,14 @@ import numba
 import numpy as np
 
 from multiscale.nonsmooth.colouring import colour_contacts
-from multiscale.nonsmooth.contact_problem import scale_problem
 from multiscale.nonsmooth.friction import solve_friction
+from multiscale.nonsmooth.friction_problem import scale_friction
 from multiscale.nonsmooth.gauss_seidel import sweep, sweep_coloured
 from tests.nonsmooth.friction_problems import random_stack, sphere_pile
 
 
 def test_contacts_of_one_colour_share_no_block():
-    problem = scale_problem(*random_stack(0).condensed())
+    problem = scale_friction(*random_stack(0).condensed())
     order, bounds = colour_contacts(problem.columns, problem.starts)
     colour = np.empty(order.size, dtype=int)
     for c in range(bounds.size - 1):
@@ -23,7 +23,7 @@ def test_contacts_of_one_colour_share_no_block():
 
 
 def test_coloured_sweeps_equal_serial_ones_bit_by_bit():
-    problem = scale_problem(*sphere_pile(60, np.random.default_rng(seed=1)).condensed())
+    problem = scale_friction(*sphere_pile(60, np.random.default_rng(seed=1)).condensed())
     order, bounds = colour_contacts(problem.columns, problem.starts)
     data = (
         problem.blocks, problem.columns, problem.starts, problem.diagonal,

@@ -9,11 +9,11 @@ from scipy.sparse import bsr_array, csr_array
 
 from multiscale.nonsmooth.coulomb import ROUND_OFF, closing_norm, contact_mass
 
-__all__ = ["ContactProblem", "scale_problem"]
+__all__ = ["ScaledFriction", "scale_friction"]
 
 
 @dataclass(frozen=True)
-class ContactProblem:
+class ScaledFriction:
     r"""Dimensionless friction problem :math:`\hat u = \hat W \hat r + \hat q`.
 
     Attributes
@@ -64,13 +64,13 @@ class ContactProblem:
         return max(float(squares[0]), float(squares[1]) - slack) / self.size
 
 
-def scale_problem(
+def scale_friction(
     delassus: csr_array | np.ndarray,
     velocity: np.ndarray,
     friction: np.ndarray,
     *,
     isotropic: bool = False,
-) -> ContactProblem:
+) -> ScaledFriction:
     r"""Bring a friction problem into dimensionless form.
 
     Parameters
@@ -86,7 +86,7 @@ def scale_problem(
 
     Returns
     -------
-    ContactProblem
+    ScaledFriction
         Three components per contact.
 
     Notes
@@ -120,7 +120,7 @@ def scale_problem(
     _rescale(data, columns, starts, diagonal, unit, carries)
     full = np.where(carries, full * unit, 0.0)
     size = float(norm(full)) or 1.0
-    return ContactProblem(
+    return ScaledFriction(
         blocks=data,
         columns=columns,
         starts=starts,
