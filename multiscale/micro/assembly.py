@@ -12,12 +12,8 @@ from multiscale.io.surfaces import Surface
 from multiscale.linalg import factorise
 from multiscale.micro.averages import recovered_force
 from multiscale.micro.cell import MeshCell, lame_parameters
-from multiscale.micro.contact import (
-    ContactProblem,
-    ElasticBody,
-    obstacle_normal,
-    solve_contact,
-)
+from multiscale.micro.contact import ElasticBody, solve_contact
+from multiscale.micro.contact_state import ContactProblem, obstacle_normal
 from multiscale.needs import Needs
 
 if TYPE_CHECKING:

@@ -19,16 +19,10 @@ import numpy as np
 from scipy.linalg.blas import daxpy, dscal
 
 from multiscale.convergence import Status
+from multiscale.micro.contact_state import ContactState, untouched
 from multiscale.micro.flat import solve_flat
 
-__all__ = [
-    "ContactProblem",
-    "ContactState",
-    "ElasticBody",
-    "obstacle_normal",
-    "solve_contact",
-    "untouched",
-]
+__all__ = ["ElasticBody", "solve_contact"]
 
 _LOOSE = 1e-2  # reduction of the residual before the active set is questioned for the first time
 _INNER = 1e-7  # tolerance of the surface problems inside the preconditioner
@@ -70,88 +64,6 @@ class ElasticBody:
     compliance: Callable[[np.ndarray], np.ndarray]
     surface_stiffness: Callable[[np.ndarray], np.ndarray]
     shape: tuple[int, ...]
-
-
-@dataclass(frozen=True, eq=False)
-class ContactProblem:
-    """How a cell answers a load, and the geometry of its contact nodes.
-
-    Attributes
-    ----------
-    solve : callable
-        ``solve(load=, approach=, start=, tolerance=)`` returns a :class:`ContactState`.
-    normal : ndarray
-        Unit normals into the obstacle, components along axis 1: shape (nx, 3, ny) for a graph
-        cell, (nodes, 3) otherwise.
-    surface_height, obstacle_height : ndarray
-        Of the body before deformation and of the obstacle at first touch, m.
-    weight : ndarray
-        Nominal area of each contact node, m2; they add up to the nominal area.
-    surface_displacement : callable
-        Displacement of the contact nodes, components along axis 1, m.
-    recover : callable
-        ``recover(displacement, active)`` integrates the traction from the Cauchy stress over the
-        facets that touch an active node, shape (3,), N; None where there is no stress field.
-    cap : float
-        Largest contact force of a node, N.
-    rim : float
-        As in :func:`multiscale.micro.averages.contact_fraction`.
-    """
-
-    solve: Callable[..., "ContactState"]
-    normal: np.ndarray
-    surface_height: np.ndarray
-    obstacle_height: np.ndarray
-    weight: np.ndarray
-    surface_displacement: Callable[[np.ndarray], np.ndarray]
-    recover: Callable[[np.ndarray, np.ndarray], np.ndarray] | None
-    cap: float = np.inf
-    rim: float = 0.0
-
-    @property
-    def nominal_area(self) -> float:
-        """Area of the cell's projection on its mean plane, m2."""
-        return float(np.sum(self.weight))
-
-
-def obstacle_normal(slope_x: np.ndarray, slope_y: np.ndarray) -> np.ndarray:
-    """Return unit normals into an obstacle from its slopes, components along axis 1."""
-    normal = np.stack([-slope_x, -slope_y, np.ones_like(slope_x)], axis=1)
-    return np.asarray(normal / np.linalg.norm(normal, axis=1, keepdims=True))
-
-
-@dataclass(frozen=True)
-class ContactState:
-    """A solution of (1), or the last iterate.
-
-    Attributes
-    ----------
-    displacement : ndarray
-        m.
-    force : ndarray
-        Contact forces, N.
-    approach : float
-        m, counted from the first touch.
-    active : ndarray of bool
-        Contact nodes.
-    reference_force : ndarray
-        Contact forces of the problem with :math:`K_0` in place of :math:`K`, N.
-    status : Status
-    residuals : tuple of float
-        Norm of the forces out of balance over the norm of the contact forces, after each
-        active-set iteration.
-    linear_iterations : int
-        Conjugate-gradient iterations in all.
-    """
-
-    displacement: np.ndarray
-    force: np.ndarray
-    approach: float
-    active: np.ndarray
-    reference_force: np.ndarray
-    status: Status = Status.MAX_ITERATIONS
-    residuals: tuple[float, ...] = ()
-    linear_iterations: int = 0
 
 
 def solve_contact(
@@ -285,18 +197,6 @@ def solve_contact(
         status,
         tuple(residuals),
         n_linear,
-    )
-
-
-def untouched(
-    shape: tuple[int, ...], gap: np.ndarray, closing: np.ndarray, approach: float | None
-) -> ContactState:
-    """Return the state without contact forces, at first touch or before it."""
-    nothing = np.zeros_like(gap)
-    touch = float(np.min(gap / closing))
-    delta = touch if approach is None else approach
-    return ContactState(
-        np.zeros(shape), nothing, delta, nothing > 0.0, nothing, Status.CONVERGED, (0.0,)
     )
 
 

@@ -6,7 +6,7 @@ import numpy as np
 
 from multiscale.convergence import Status
 from multiscale.micro.cell import Cell
-from multiscale.micro.contact import ContactProblem, ContactState, untouched
+from multiscale.micro.contact_state import ContactProblem, ContactState, untouched
 from multiscale.micro.flat import solve_flat
 from multiscale.micro.lateral_fft import filter_surface
 from multiscale.micro.layered import layered_compliance

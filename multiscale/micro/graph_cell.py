@@ -7,12 +7,8 @@ import numpy as np
 
 from multiscale.micro.averages import RIM, recovered_force
 from multiscale.micro.cell import Cell
-from multiscale.micro.contact import (
-    ContactProblem,
-    ElasticBody,
-    obstacle_normal,
-    solve_contact,
-)
+from multiscale.micro.contact import ElasticBody, solve_contact
+from multiscale.micro.contact_state import ContactProblem, obstacle_normal
 from multiscale.micro.lateral_fft import LateralInverse, factorise_flat_cell, filter_surface
 from multiscale.micro.mesh import GraphMesh, graded_planes
 from multiscale.micro.operator import stiffness_operator

@@ -10,7 +10,7 @@ from multiscale.convergence import Status
 from multiscale.errors import MultiscaleError
 from multiscale.micro import averages
 from multiscale.micro.cell import Cell, MeshCell, Path
-from multiscale.micro.contact import ContactProblem, ContactState
+from multiscale.micro.contact_state import ContactProblem, ContactState
 from multiscale.micro.needs import cell_needs
 from multiscale.needs import Needs
 from multiscale.schema import MICRO_RESPONSE
