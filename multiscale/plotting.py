@@ -14,6 +14,7 @@ from multiscale.upscaling import area_from_dataset, law_from_dataset
 
 if TYPE_CHECKING:
     import xarray as xr
+    from matplotlib.artist import Artist
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
@@ -23,12 +24,14 @@ __all__ = [
     "plot_area_law",
     "plot_contact_map",
     "plot_gap_law",
+    "plot_history",
     "plot_joint_stiffness",
     "plot_surface",
     "plot_work_precision",
 ]
 
 BAND = (2.5, 97.5)  # percentiles of the bands
+SMALLEST_ERROR = 1e-17  # where an error of zero is drawn
 
 
 def plot_surface(fields: "xr.Dataset", *, ax: "Axes | None" = None) -> "Axes":
@@ -246,8 +249,47 @@ def plot_work_precision(
     return ax
 
 
+def plot_history(work_precision: "xr.Dataset", *, scene: str, ax: "Axes | None" = None) -> "Axes":
+    """Plot the smallest error so far against time, one line per method.
+
+    Each line ends in a marker at the error and the time of the whole run, open if the run did not
+    converge; the dotted line is the error asked for. A colour means the same method in all scenes.
+
+    Parameters
+    ----------
+    work_precision : Dataset
+        Follows ``WORK_PRECISION``, with the histories and tolerances.
+    scene : str
+        Whose runs to plot.
+    ax : Axes, optional
+        Where to draw. The current axes if not given.
+    """
+    ax = _axes(ax)
+    methods = list(dict.fromkeys(work_precision["method"].values))
+    for k in np.flatnonzero(work_precision["scene"].values == scene):
+        run = work_precision.isel(run=k)
+        rank = methods.index(run["method"].item())
+        color = "black" if rank == 0 else f"C{rank - 1}"
+        mine = work_precision["history_run"].values == k
+        error = np.fmin.accumulate(work_precision["history_error"].values[mine])
+        time = [*work_precision["history_seconds"].values[mine], float(run["wall_time"])]
+        error = np.maximum([*error, float(run["error"])], SMALLEST_ERROR)
+        ax.plot(time, error, color=color, label=methods[rank])
+        face = color if run["converged"] else "white"
+        ax.plot(time[-1], error[-1], "o", color=color, markerfacecolor=face)
+        ax.axhline(float(run["tolerance"]), color="0.6", linestyle=":", linewidth=0.8)
+    ax.set_xscale("log")
+    ax.set_yscale("log")
+    ax.set_title(scene, fontsize="medium")
+    ax.set_xlabel("time since the start (s)")
+    ax.set_ylabel("relative residual (1)")
+    return ax
+
+
 def draw_work_precision(work_precision: "xr.Dataset", file: Path) -> Path:
     """Draw a panel for each scene, and for each of its errors, into a PNG file.
+
+    If the dataset has histories, they are drawn.
 
     Parameters
     ----------
@@ -256,6 +298,14 @@ def draw_work_precision(work_precision: "xr.Dataset", file: Path) -> Path:
     file : Path
         To write.
     """
+    with_history = "history_error" in work_precision
+    figure = (_history_panels if with_history else _error_panels)(work_precision)
+    write_bytes(file, _png(figure))
+    return file
+
+
+def _error_panels(work_precision: "xr.Dataset") -> "Figure":
+    """Scenes side by side, errors below each other."""
     from matplotlib.figure import Figure
 
     scenes = list(dict.fromkeys(work_precision["scene"].values))
@@ -266,8 +316,32 @@ def draw_work_precision(work_precision: "xr.Dataset", file: Path) -> Path:
         for ax, scene in zip(row, scenes, strict=True):
             plot_work_precision(work_precision, scene=scene, error=error, ax=ax)
     panels[0, 0].legend(fontsize=7)
-    write_bytes(file, _png(figure))
-    return file
+    return figure
+
+
+def _history_panels(work_precision: "xr.Dataset") -> "Figure":
+    """Scenes in rows of three, and one legend for all."""
+    from matplotlib.figure import Figure
+
+    scenes = list(dict.fromkeys(work_precision["scene"].values))
+    rows = -(-len(scenes) // 3)
+    figure = Figure(figsize=(13.8, 3.4 * rows + 0.6), layout="constrained")
+    panels = figure.subplots(rows, 3, squeeze=False).ravel()
+    lines: dict[str, Artist] = {}
+    for ax, scene in zip(panels, scenes, strict=False):
+        plot_history(work_precision, scene=scene, ax=ax)
+        handles, labels = ax.get_legend_handles_labels()
+        lines |= dict(zip(labels, handles, strict=True))
+    for ax in panels[len(scenes) :]:
+        ax.set_axis_off()
+    figure.legend(
+        list(lines.values()),
+        list(lines),
+        loc="outside lower center",
+        ncols=6,
+        title="filled: converged; open: not converged; dotted: residual asked for",
+    )
+    return figure
 
 
 def draw_figures(out: str | Path) -> list[Path]:

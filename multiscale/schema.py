@@ -130,7 +130,18 @@ class Schema:
 
 
 COORDINATES = frozenset(
-    {"nominal_pressure", "rms_height", "rms_slope", "nayak_parameter", "preload", "method", "scene"}
+    {
+        "nominal_pressure",
+        "rms_height",
+        "rms_slope",
+        "nayak_parameter",
+        "preload",
+        "load_factor",
+        "method",
+        "scene",
+        "time",
+        "law",
+    }
 )
 """Physical values that label a dimension without being its index."""
 
@@ -208,6 +219,37 @@ MACRO_RESULT = Schema(
             ("sample", "step"), "1", "contact fraction for each sample of the law"
         ),
         "closed_fraction": Variable(("step",), "1", "share of the interface that carries pressure"),
+        "position": Variable(("node", "component"), "m", "position of the nodes"),
+        "ends": Variable(("link", "end"), "1", "nodes at both ends of the links"),
+        "law": Variable(("link",), "1", "kind of the links: bar, beam, cable or strut"),
+        "load_factor": Variable(("step",), "1", "factor of the loads"),
+        "tension": Variable(("step", "link"), "N", "tension, compression negative"),
+        "slack": Variable(("step", "link"), "m", "distance by which the ends of a link miss it"),
+        "displacement": Variable(("step", "node", "component"), "m", "displacement of the nodes"),
+        "rotation": Variable(("step", "node", "component"), "rad", "rotation of the nodes"),
+        "moment": Variable(
+            ("step", "link", "part"), "N m", "torsion and end moments of beams in their axes"
+        ),
+        "iterations": Variable(("step",), "1", "number of residuals that the solver computed"),
+        "tangent_eigenvalue": Variable(("step",), "N m-1", "smallest eigenvalue of the tangent"),
+        "stability_eigenvalue": Variable(
+            ("step",), "N m-1", "smallest eigenvalue with the geometric stiffness"
+        ),
+        "time": Variable(("step",), "s", "time"),
+        "velocity": Variable(("step", "node", "component"), "m s-1", "velocity of the nodes"),
+        "impulse": Variable(("step", "link"), "N s", "impulse of inextensible links in the step"),
+        "kinetic_energy": Variable(("step",), "J", "kinetic energy"),
+        "elastic_energy": Variable(("step",), "J", "elastic energy of the links"),
+        "work": Variable(("step",), "J", "work of loads and supports since the start"),
+        "numerical_dissipation": Variable(
+            ("step",), "J", "energy lost to the time scheme since the start"
+        ),
+        "link_dissipation": Variable(
+            ("step",), "J", "energy lost in the links since the start, summed link by link"
+        ),
+        "smallest_link_dissipation": Variable(
+            ("step",), "J", "smallest energy that one link lost in the step"
+        ),
     },
 )
 
@@ -249,6 +291,10 @@ WORK_PRECISION = Schema(
         "relative_pressure": Variable(
             ("run",), "1", "mean pressure over contact modulus times rms slope"
         ),
+        "tolerance": Variable(("run",), "1", "relative error asked for"),
+        "history_run": Variable(("sample",), "1", "run that a sample of the histories belongs to"),
+        "history_seconds": Variable(("sample",), "s", "time since the start of the run"),
+        "history_error": Variable(("sample",), "1", "relative error at that time"),
         "method": Variable(("run",), "1", "solver or code"),
         "scene": Variable(("run",), "1", "scene"),
     },

@@ -3,12 +3,12 @@
 from collections.abc import Callable
 from typing import TYPE_CHECKING
 
-from multiscale.bench.table import HEAD, tabulate
+from multiscale.bench.table import tabulate
 
 if TYPE_CHECKING:
     import xarray as xr
 
-__all__ = ["HEAD", "SCENES", "tabulate"]
+__all__ = ["SCENES", "tabulate"]
 
 Scene = Callable[[bool, Callable[[str], None]], "xr.Dataset"]
 
@@ -19,5 +19,11 @@ def _micro(quick: bool, report: Callable[[str], None]) -> "xr.Dataset":
     return bench_micro(quick=quick, report=report)
 
 
-SCENES: dict[str, Scene] = {"micro": _micro}
+def _nonsmooth(quick: bool, report: Callable[[str], None]) -> "xr.Dataset":
+    from multiscale.bench.nonsmooth import bench_nonsmooth
+
+    return bench_nonsmooth(quick=quick, report=report)
+
+
+SCENES: dict[str, Scene] = {"micro": _micro, "nonsmooth": _nonsmooth}
 """Families of scenes: whether to be quick, and what gets a line for each run, to the dataset."""

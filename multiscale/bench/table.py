@@ -1,37 +1,48 @@
 """A work-precision dataset as rows of text."""
 
+from collections.abc import Mapping
 from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
     import xarray as xr
 
-__all__ = ["HEAD", "tabulate"]
+__all__ = ["tabulate"]
 
-HEAD = ("scene", "code", "points", "time (s)", "memory (MB)", "iterations", "error", "own error")
+COLUMNS: Mapping[str, tuple[str, str, float]] = {
+    "points": ("points", "d", 1),
+    "wall_time": ("time (s)", ".3g", 1),
+    "peak_memory": ("memory (MB)", ".0f", 1e-6),
+    "iterations": ("iterations", "d", 1),
+    "error": ("error", ".1e", 1),
+    "own_error": ("own error", ".1e", 1),
+}
+"""Heading, format and factor of each variable."""
 
 
-def tabulate(work_precision: "xr.Dataset") -> list[tuple[str, ...]]:
-    """Return the runs as rows of text, in the order of ``HEAD``.
+def tabulate(work_precision: "xr.Dataset") -> tuple[tuple[str, ...], list[tuple[str, ...]]]:
+    """Return the runs as rows of text under a head, without columns that were not measured.
 
     Parameters
     ----------
     work_precision : Dataset
-        Follows ``WORK_PRECISION``, with all that ``HEAD`` names.
+        Follows ``WORK_PRECISION``, with ``scene`` and ``method``.
+
+    Returns
+    -------
+    head : tuple of str
+    rows : list of tuple of str
+        One for each run.
     """
+    columns = {name: column for name, column in COLUMNS.items() if name in work_precision}
+    head = ("scene", "code", *(heading for heading, _, _ in columns.values()))
     rows: list[tuple[str, ...]] = []
     for k in range(work_precision.sizes["run"]):
         run = work_precision.isel(run=k)
-        solved = bool(run["converged"])
-        rows.append(
-            (
-                str(run["scene"].item()),
-                str(run["method"].item()),
-                str(int(run["points"])),
-                f"{float(run['wall_time']):.3g}",
-                f"{1e-6 * float(run['peak_memory']):.0f}",
-                f"{int(run['iterations'])}" if solved else "",
-                f"{float(run['error']):.1e}" if solved else "not converged",
-                f"{float(run['own_error']):.1e}" if solved else "",
-            )
-        )
-    return rows
+        cells = {
+            name: "" if run[name].isnull() else f"{factor * run[name].item():{form}}"
+            for name, (_, form, factor) in columns.items()
+        }
+        if not run["converged"]:
+            cells["error"] = f"{cells['error']} not converged".lstrip()
+        rows.append((str(run["scene"].item()), str(run["method"].item()), *cells.values()))
+    return head, rows

@@ -122,7 +122,7 @@ class Verdict:
         return all(value <= self.tolerance for value in found)  # a NaN compares false
 
     @property
-    def largest(self) -> float:
+    def residual(self) -> float:
         """The worst of the four numbers."""
         found = (self.error, self.penetration, self.cone_violation, self.equilibrium)
         return float(np.max(found))

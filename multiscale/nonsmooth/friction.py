@@ -3,6 +3,7 @@ r"""Coulomb friction: one function over all methods, and the verifier has the la
 from collections.abc import Callable
 from dataclasses import replace
 from functools import partial
+from time import perf_counter
 
 import numpy as np
 from scipy.sparse import csr_array, issparse
@@ -123,6 +124,7 @@ def solve_friction(
     >>> solve_friction(W, q, np.array([0.5])).unwrap()
     array([ 2., -1.])
     """
+    started = perf_counter()
     delassus, velocity, friction = _checked(delassus, velocity, friction)
     if start is not None and np.shape(start) != velocity.shape:
         raise ValueError(f"start must have shape {velocity.shape}, got {np.shape(start)}")
@@ -140,7 +142,7 @@ def solve_friction(
     if stuck is not None:
         return Solution(np.zeros_like(velocity), Status.INFEASIBLE, detail=stuck)
 
-    progress = Progress(problem, SAFETY * tolerance, callback)
+    progress = Progress(problem, SAFETY * tolerance, callback, started)
     first = np.zeros((contacts, 3))
     if start is not None:
         first[:, :dim] = np.reshape(start, (contacts, dim))
@@ -155,9 +157,16 @@ def solve_friction(
             METHODS[method](problem, first, progress, **options)
 
     best = progress.best if progress.best is not None else np.zeros_like(first)
-    reaction = (best * problem.reaction_unit)[:, :dim].T
-    reaction = project_friction_cone(reaction, friction).T.ravel()
-    solution = _conclude(delassus, velocity, friction, reaction, tolerance, progress)
+    found = (best * problem.reaction_unit)[:, :dim].T
+    # into the cone, unless that costs more accuracy elsewhere than it brings
+    within = project_friction_cone(found, friction)
+    solution = min(
+        (
+            _conclude(delassus, velocity, friction, answer.T.ravel(), tolerance, progress)
+            for answer in (within, found)
+        ),
+        key=lambda solution: np.nan_to_num(solution.residuals[-1], nan=np.inf),
+    )
     if solution.converged:
         return solution
     refuse_indefinite(problem, THOROUGH)
@@ -218,15 +227,15 @@ def _conclude(
     status = Status.STALLED
     if verdict.accepted:
         status = Status.CONVERGED
-    elif not np.isfinite(verdict.largest):
+    elif not np.isfinite(verdict.residual):
         status = Status.NOT_FINITE
     residuals = [] if progress is None else progress.residuals
     seconds = [] if progress is None else progress.seconds
-    last = seconds[-1] if seconds else 0.0
+    last = perf_counter() - progress.started if progress is not None else 0.0
     return Solution(
         reaction,
         status,
-        (*residuals, verdict.largest),
+        (*residuals, verdict.residual),
         (*seconds, last),
         tuple(progress.trail) if progress is not None else (),
     )

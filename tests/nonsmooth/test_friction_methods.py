@@ -4,6 +4,14 @@ import numpy as np
 import pytest
 from scipy.sparse import csr_array
 
+from multiscale.bench.friction_scenes import (
+    block_tower,
+    plane_stack,
+    random_problem,
+    random_stack,
+    sphere_pile,
+    wedged_block,
+)
 from multiscale.nonsmooth import split_interior_point as split_module
 from multiscale.nonsmooth.coulomb import alart_curnier, verify_friction
 from multiscale.nonsmooth.friction import METHODS, solve_friction
@@ -13,14 +21,6 @@ from multiscale.nonsmooth.progress import Progress
 from multiscale.nonsmooth.semismooth_newton import linearise
 from multiscale.nonsmooth.shifted_interior_point import shifted_interior_point
 from multiscale.nonsmooth.split_interior_point import split_interior_point
-from tests.nonsmooth.friction_problems import (
-    block_tower,
-    plane_stack,
-    random_problem,
-    random_stack,
-    sphere_pile,
-    wedged_block,
-)
 
 
 @pytest.mark.parametrize("method", sorted(METHODS))
@@ -81,6 +81,7 @@ def test_a_plane_problem_equals_the_same_problem_in_space():
     [
         pytest.param(sphere_pile(30, np.random.default_rng(seed=1)), id="pile"),
         pytest.param(block_tower(5, np.random.default_rng(seed=1)), id="tower"),
+        pytest.param(block_tower(6, np.random.default_rng(seed=1)), id="higher tower"),
         pytest.param(wedged_block(0.3), id="wedge slides"),
         pytest.param(wedged_block(1.5), id="wedge jams"),
         pytest.param(random_stack(7), id="stack"),

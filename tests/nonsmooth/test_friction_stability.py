@@ -4,11 +4,11 @@ import numpy as np
 import pytest
 from scipy.sparse import csr_array
 
+from multiscale.bench.friction_scenes import random_problem, random_stack, wedged_block
 from multiscale.convergence import Status
 from multiscale.errors import CaseError
 from multiscale.nonsmooth.coulomb import verify_friction
 from multiscale.nonsmooth.friction import solve_friction
-from tests.nonsmooth.friction_problems import random_problem, random_stack, wedged_block
 
 
 @pytest.mark.parametrize("mass_unit", [1e-9, 1.0, 1e9])

@@ -6,14 +6,7 @@ import numpy as np
 import pytest
 from scipy.sparse import csr_array
 
-from multiscale.errors import CaseError, ConvergenceError
-from multiscale.nonsmooth.complementarity import verify_lcp
-from multiscale.nonsmooth.lcp import METHODS, solve_lcp
-from multiscale.nonsmooth.lcp_operator import Delassus
-from multiscale.nonsmooth.lcp_problem import scale_lcp
-from multiscale.nonsmooth.newton_min import iterate_newton_min
-from multiscale.nonsmooth.projected_gradient import iterate_projected_gradient
-from tests.nonsmooth.lcp_problems import (
+from multiscale.bench.lcp_scenes import (
     condensed,
     granular,
     membrane,
@@ -21,6 +14,13 @@ from tests.nonsmooth.lcp_problems import (
     stack,
     tensegrity,
 )
+from multiscale.errors import CaseError, ConvergenceError
+from multiscale.nonsmooth.complementarity import verify_lcp
+from multiscale.nonsmooth.lcp import METHODS, solve_lcp
+from multiscale.nonsmooth.lcp_operator import Delassus
+from multiscale.nonsmooth.lcp_problem import scale_lcp
+from multiscale.nonsmooth.newton_min import iterate_newton_min
+from multiscale.nonsmooth.projected_gradient import iterate_projected_gradient
 
 
 def grains(count, **options):

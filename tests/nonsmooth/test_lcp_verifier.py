@@ -3,10 +3,10 @@
 import numpy as np
 import pytest
 
+from multiscale.bench.lcp_scenes import condensed, granular, stack
 from multiscale.nonsmooth.complementarity import fischer_burmeister, natural_map, verify_lcp
 from multiscale.nonsmooth.lcp import solve_lcp
 from multiscale.nonsmooth.lcp_operator import Delassus
-from tests.nonsmooth.lcp_problems import condensed, granular, stack
 
 
 def test_both_residuals_vanish_together_and_bound_each_other():

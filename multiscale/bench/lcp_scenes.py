@@ -1,0 +1,203 @@
+"""Linear complementarity problems of contact, of any size and contrast."""
+
+import numpy as np
+from scipy.sparse import csr_array, diags_array
+from scipy.sparse.linalg import splu
+from scipy.spatial import cKDTree
+
+__all__ = ["condensed", "granular", "membrane", "p_matrix", "stack", "tensegrity"]
+
+
+def granular(
+    grains: int, *, mass_ratio: float = 1.0, contacts_per_grain: float = 3.3, seed: int = 0
+) -> tuple[csr_array, csr_array, np.ndarray]:
+    """Make frictionless contacts between near neighbours in space that move together.
+
+    Parameters
+    ----------
+    grains : int
+        At least 8.
+    mass_ratio : float
+        Of the heaviest grain to the lightest; between them the logarithm is uniform.
+    contacts_per_grain : float
+        More than 3 make the contacts redundant.
+    seed : int
+        Of the positions, masses and velocities.
+
+    Returns
+    -------
+    mass : csr_array, shape (3 * grains, 3 * grains)
+        Diagonal, kg.
+    directions : csr_array, shape (3 * grains, contacts)
+        Normals of the contacts, 1.
+    velocity : ndarray, shape (contacts,)
+        Relative velocity without impulses, m/s; opening positive.
+    """
+    rng = np.random.default_rng(seed)
+    position = rng.random((grains, 3)) * grains ** (1 / 3)
+    near = cKDTree(position).query(position, k=8)[1][:, 1:]
+    pairs = np.column_stack([np.repeat(np.arange(grains), 7), near.ravel()])
+    pairs = np.unique(np.sort(pairs, axis=1), axis=0)
+    pairs = rng.permutation(pairs)[: int(contacts_per_grain * grains)]
+
+    normal = position[pairs[:, 1]] - position[pairs[:, 0]]
+    normal /= np.linalg.norm(normal, axis=1)[:, None]
+    directions = _lengthening(pairs, normal, grains)
+    mass = np.repeat(mass_ratio ** rng.random(grains), 3)
+    velocity = 0.1 * rng.standard_normal(3 * grains)
+    velocity -= 0.2 * (position - position.mean(axis=0)).ravel()
+    return diags_array(mass, format="csr"), directions, directions.T @ velocity
+
+
+def _lengthening(ends: np.ndarray, direction: np.ndarray, nodes: int) -> csr_array:
+    """Minus the direction of each link at its first end, plus at its second; forces that pull.
+
+    Shape (d * nodes, links).
+    """
+    links, dim = direction.shape
+    link = np.repeat(np.arange(links), dim)
+    rows = [(dim * ends[:, [side]] + np.arange(dim)).ravel() for side in (0, 1)]
+    return csr_array(
+        (
+            np.concatenate([-direction.ravel(), direction.ravel()]),
+            (np.concatenate(rows), np.tile(link, 2)),
+        ),
+        shape=(dim * nodes, links),
+    )
+
+
+def stack(bodies: int, *, mass_ratio: float = 1.0) -> tuple[csr_array, csr_array, np.ndarray]:
+    """Make a column of light bodies under a heavy one, pulled down for one step.
+
+    Parameters
+    ----------
+    bodies : int
+        At least 2.
+    mass_ratio : float
+        Of the body on top to any other.
+
+    Returns
+    -------
+    mass, directions, velocity
+        As those of :func:`granular`, one row for each body.
+    """
+    mass = np.ones(bodies)
+    mass[-1] = mass_ratio
+    directions = csr_array(
+        diags_array([np.ones(bodies), -np.ones(bodies - 1)], offsets=[0, 1], shape=(bodies, bodies))
+    )
+    velocity = np.full(bodies, -9.81e-3)
+    return diags_array(mass, format="csr"), directions, directions.T @ velocity
+
+
+def condensed(mass: csr_array, directions: csr_array) -> csr_array:
+    """Return the matrix H^T M^-1 H for a diagonal mass, 1/kg."""
+    return csr_array(directions.T @ diags_array(1.0 / mass.diagonal()) @ directions)
+
+
+def membrane(nodes: int, *, contrast: float = 1.0, seed: int = 0) -> tuple[csr_array, np.ndarray]:
+    """Make a membrane on a wavy obstacle, pressed by a uniform load.
+
+    Parameters
+    ----------
+    nodes : int
+        Along an edge.
+    contrast : float
+        Of the stiffness of half of the cells, chosen at random, to that of the others.
+    seed : int
+        Of that choice.
+
+    Returns
+    -------
+    matrix : csr_array, shape (nodes**2, nodes**2)
+        Stiffness, N/m, a Z-matrix; the unknowns are heights above the obstacle, m.
+    vector : ndarray, shape (nodes**2,)
+        Force that holds the membrane on the obstacle, N.
+    """
+    n = nodes
+    rng = np.random.default_rng(seed)
+    stiffness = np.where(rng.random((n + 1, n + 1)) < 0.5, 1.0, contrast)
+    node = np.arange(n * n).reshape(n, n)
+    across, along = stiffness[: n - 1, :n].ravel(), stiffness[:n, : n - 1].ravel()
+    first = np.concatenate([node[:-1].ravel(), node[:, :-1].ravel()])
+    second = np.concatenate([node[1:].ravel(), node[:, 1:].ravel()])
+    weight = np.concatenate([across, along])
+    bars = np.arange(first.size)
+    jump = csr_array(
+        (np.repeat([1.0, -1.0], first.size), (np.tile(bars, 2), np.concatenate([first, second]))),
+        shape=(first.size, n * n),
+    )
+    edge = np.zeros((n, n))
+    edge[[0, -1]] += 1.0
+    edge[:, [0, -1]] += 1.0
+    matrix = csr_array(jump.T @ diags_array(weight) @ jump + diags_array(edge.ravel()))
+    x = np.arange(1, n + 1) / (n + 1)
+    obstacle = -0.02 - 0.03 * np.outer(np.sin(4 * np.pi * x), np.sin(6 * np.pi * x)).ravel()
+    return matrix, matrix @ obstacle + 3.0 / (n + 1) ** 2
+
+
+def tensegrity(
+    nodes: int, *, contrast: float = 1.0, seed: int = 0
+) -> tuple[np.ndarray, np.ndarray]:
+    """Make the slacks of the cables in a braced lattice, A = k - k B K^-1 B^T k, k = 1 N/m.
+
+    Parameters
+    ----------
+    nodes : int
+        Along an edge.
+    contrast : float
+        Of the stiffness of the bars to that of the cables.
+    seed : int
+        Of the positions, loads, and the quarter of the links that are bars.
+
+    Returns
+    -------
+    matrix : ndarray, shape (cables, cables)
+        A, N/m; the unknowns are slacks, m.
+    vector : ndarray, shape (cables,)
+        Tension without slack, N.
+    """
+    n = nodes
+    rng = np.random.default_rng(seed)
+    node = np.arange(n * n).reshape(n, n)
+    position = np.column_stack(np.divmod(np.arange(n * n), n)) + 0.1 * rng.random((n * n, 2))
+    neighbours = [
+        (node[:-1], node[1:]),
+        (node[:, :-1], node[:, 1:]),
+        (node[:-1, :-1], node[1:, 1:]),
+        (node[1:, :-1], node[:-1, 1:]),
+    ]
+    ends = np.concatenate([np.column_stack([a.ravel(), b.ravel()]) for a, b in neighbours])
+    direction = position[ends[:, 1]] - position[ends[:, 0]]
+    direction /= np.linalg.norm(direction, axis=1)[:, None]
+    # two opposite edges are held
+    lengthening = csr_array(_lengthening(ends, direction, n * n).T)[:, 2 * n : -2 * n]
+    cable = rng.random(len(ends)) < 0.75
+    stiffness = np.where(cable, 1.0, contrast)
+    whole = csr_array(lengthening.T @ diags_array(stiffness) @ lengthening)
+    solve = splu(whole.tocsc()).solve
+    cables = lengthening[np.flatnonzero(cable)]
+    matrix = np.eye(cables.shape[0]) - cables @ solve(cables.T.toarray())
+    load = 0.3 * rng.standard_normal(whole.shape[0])
+    return matrix, cables @ solve(load) + 0.2
+
+
+def p_matrix(size: int, *, seed: int = 0) -> tuple[np.ndarray, np.ndarray]:
+    """Make a nonsymmetric P-matrix: a positive definite part and a strong skew one.
+
+    Parameters
+    ----------
+    size : int
+        Number of unknowns.
+    seed : int
+        Of the entries.
+
+    Returns
+    -------
+    matrix : ndarray, shape (size, size)
+    vector : ndarray, shape (size,)
+    """
+    rng = np.random.default_rng(seed)
+    root, skew = rng.standard_normal((2, size, size))
+    matrix = root @ root.T / size + skew - skew.T + 0.1 * np.eye(size)
+    return matrix, rng.standard_normal(size)

@@ -1,0 +1,281 @@
+"""Complementarity and friction: the residual of every method against its run time."""
+
+import os
+from collections.abc import Callable, Iterator, Mapping
+from contextlib import contextmanager
+from dataclasses import dataclass
+from functools import partial
+from importlib.metadata import version
+from statistics import median_low
+from time import perf_counter
+from typing import TYPE_CHECKING
+
+import numpy as np
+from scipy.sparse import csr_array
+
+from multiscale.bench.friction_scenes import block_tower, box_stack, sphere_pile, wedged_block
+from multiscale.bench.lcp_scenes import (
+    condensed,
+    granular,
+    membrane,
+    p_matrix,
+    stack,
+    tensegrity,
+)
+from multiscale.bench.rigid_bodies import Bodies
+from multiscale.convergence import Solution
+from multiscale.errors import CaseError
+from multiscale.nonsmooth import solve_friction, solve_lcp, verify_friction, verify_lcp
+from multiscale.nonsmooth.friction import METHODS as FRICTION_METHODS
+from multiscale.nonsmooth.lcp import METHODS as LCP_METHODS
+from multiscale.schema import WORK_PRECISION
+
+if TYPE_CHECKING:
+    import xarray as xr
+
+__all__ = [
+    "FRICTION_SCENES",
+    "LCP_SCENES",
+    "Problem",
+    "bench_nonsmooth",
+    "friction_problem",
+    "lcp_problem",
+]
+
+LCP_TOLERANCE, FRICTION_TOLERANCE = 1e-10, 1e-8
+REPEATS = 3
+
+WARM_UP = 2
+"""Iterations of every method that take the compilation and are not counted."""
+
+LCP = Callable[[int], tuple[csr_array | np.ndarray, np.ndarray]]
+"""Makes a matrix and a vector of a size."""
+
+
+def _grains(size: int, mass_ratio: float = 1.0) -> tuple[csr_array, np.ndarray]:
+    mass, directions, velocity = granular(size, mass_ratio=mass_ratio)
+    return condensed(mass, directions), velocity
+
+
+def _column(size: int) -> tuple[csr_array, np.ndarray]:
+    mass, directions, velocity = stack(size, mass_ratio=1e6)
+    return condensed(mass, directions), velocity
+
+
+LCP_SCENES: Mapping[str, tuple[LCP, int, int]] = {
+    "granular": (_grains, 300, 60),
+    "granular, mass ratio 1e6": (partial(_grains, mass_ratio=1e6), 300, 60),
+    "stack, mass ratio 1e6": (_column, 500, 100),
+    "membrane, contrast 1e8": (partial(membrane, contrast=1e8), 30, 12),
+    "tensegrity, contrast 1e8": (partial(tensegrity, contrast=1e8), 12, 10),
+    "not symmetric": (p_matrix, 200, 60),
+}
+"""Generator, size and quick size of each scene."""
+
+
+def _rng() -> np.random.Generator:
+    return np.random.default_rng(seed=1)
+
+
+FRICTION_SCENES: Mapping[str, tuple[Callable[[int], Bodies], int, int]] = {
+    "box stack": (lambda n: box_stack(n, _rng()), 20, 5),
+    "box stack, mass ratio 1e6": (lambda n: box_stack(n, _rng(), mass_ratio=1e6), 20, 5),
+    "hyperstatic tower": (lambda n: block_tower(n, _rng()), 8, 3),
+    "sphere pile": (lambda n: sphere_pile(n, _rng()), 60, 20),
+    "wedge that slides": (lambda n: wedged_block(0.3), 1, 1),
+    "wedge that jams": (lambda n: wedged_block(1.5), 1, 1),
+}
+"""As ``LCP_SCENES``."""
+
+
+@dataclass(frozen=True)
+class Problem:
+    """A scene, the methods for it, and the judge of their answers.
+
+    Attributes
+    ----------
+    scene : str
+        Name, with the number of unknowns.
+    unknowns : int
+        Length of an answer.
+    tolerance : float
+        Residual asked for, relative to the data.
+    methods : tuple of str
+        All that could be asked for by name, ``"auto"`` first.
+    solve : callable
+        Takes ``method`` and ``max_iterations`` by name.
+    verify : callable
+        An answer to its residual, from the data alone.
+    """
+
+    scene: str
+    unknowns: int
+    tolerance: float
+    methods: tuple[str, ...]
+    solve: Callable[..., Solution]
+    verify: Callable[[np.ndarray], float]
+
+
+@dataclass(frozen=True)
+class Run:
+    """What a method did to a problem: wall time in s, and the answer."""
+
+    problem: Problem
+    method: str
+    wall_time: float
+    solution: Solution
+
+
+def lcp_problem(name: str, *, quick: bool) -> Problem:
+    """Build a scene of ``LCP_SCENES``."""
+    make, size, quick_size = LCP_SCENES[name]
+    matrix, vector = make(quick_size if quick else size)
+    return Problem(
+        f"lcp, {name}, n = {vector.size}",
+        vector.size,
+        LCP_TOLERANCE,
+        ("auto", *LCP_METHODS),
+        partial(solve_lcp, matrix, vector, tolerance=LCP_TOLERANCE),
+        lambda value: verify_lcp(matrix, vector, value).residual,
+    )
+
+
+def friction_problem(name: str, *, quick: bool) -> Problem:
+    """Build a scene of ``FRICTION_SCENES``."""
+    make, size, quick_size = FRICTION_SCENES[name]
+    W, q, mu = make(quick_size if quick else size).condensed()
+    return Problem(
+        f"friction, {name}, n = {q.size}",
+        q.size,
+        FRICTION_TOLERANCE,
+        ("auto", *FRICTION_METHODS),
+        partial(solve_friction, W, q, mu, tolerance=FRICTION_TOLERANCE),
+        lambda value: verify_friction(W, q, mu, value).residual,
+    )
+
+
+def bench_nonsmooth(
+    *, quick: bool = False, report: Callable[[str], None] = lambda line: None
+) -> "xr.Dataset":
+    """Solve every scene by every method.
+
+    Parameters
+    ----------
+    quick : bool
+        Smaller scenes and one run of each instead of the median of three.
+    report : callable
+        Gets a line after each method.
+
+    Returns
+    -------
+    Dataset
+        Follows ``WORK_PRECISION``, with the histories. The attribute ``cautions`` has a sentence
+        for each method that cannot take a scene.
+
+    Notes
+    -----
+    *Errors* are what the verifier finds in the answer, and ``converged`` says whether that is
+    within the ``tolerance`` of the scene; what failed is kept with its error. The histories hold
+    every residual in the order in which it was found, also where it rose; the answer is the best.
+    A residual counts as an iteration: a step of a Newton or interior-point method, ten sweeps or
+    gradient steps of a complementarity problem, n / 20 pivots.
+
+    *Times* are those of one thread in this process, with scaling and verification, after two
+    iterations of every method on the same scene that take the compilation. A hundred processes
+    would take longer to start than the solvers to run, so memory is not measured.
+    """
+    load = os.getloadavg()
+    repeats = 1 if quick else REPEATS
+    runs, cautions = list[Run](), list[str]()
+    with _one_thread():
+        for problem in _problems(quick):
+            for method, refusal in _refusals(problem).items():
+                if refusal:
+                    cautions.append(f"{method} is left out of {problem.scene!r}: {refusal}")
+                    continue
+                runs.append(_median([_run(problem, method) for _ in range(repeats)]))
+                report(f"{problem.scene}, {method}: {runs[-1].wall_time:.3g} s")
+    return WORK_PRECISION.build(
+        _columns(runs) | _histories(runs),
+        title="complementarity and friction: residual of every method",
+        versions=", ".join(f"{name} {version(name)}" for name in ("multiscale", "clarabel")),
+        threads=1,
+        cores=os.cpu_count() or 1,
+        repeats=repeats,
+        load_before=load[0],
+        load_after=os.getloadavg()[0],
+        wall_time_counts="median; without imports and compilation",
+        cautions="\n".join(cautions),
+    )
+
+
+def _problems(quick: bool) -> Iterator[Problem]:
+    for name in LCP_SCENES:
+        yield lcp_problem(name, quick=quick)
+    for name in FRICTION_SCENES:
+        yield friction_problem(name, quick=quick)
+
+
+@contextmanager
+def _one_thread() -> Iterator[None]:
+    """Keep the libraries to one thread, so that methods and not their libraries are compared."""
+    import numba
+    from threadpoolctl import threadpool_limits
+
+    threads = numba.get_num_threads()
+    numba.set_num_threads(1)
+    try:
+        with threadpool_limits(1):
+            yield
+    finally:
+        numba.set_num_threads(threads)
+
+
+def _refusals(problem: Problem) -> dict[str, str]:
+    """Warm every method up, and say why one cannot take the problem; empty if it can."""
+    refusals = dict.fromkeys(problem.methods, "")
+    for method in problem.methods:
+        try:
+            problem.solve(method=method, max_iterations=WARM_UP)
+        except CaseError as error:
+            refusals[method] = str(error)
+    return refusals
+
+
+def _run(problem: Problem, method: str) -> Run:
+    begin = perf_counter()
+    solution = problem.solve(method=method)
+    return Run(problem, method, perf_counter() - begin, solution)
+
+
+def _median(runs: list[Run]) -> Run:
+    """Return the run with the median time, so that its history belongs to its time."""
+    middle = median_low(run.wall_time for run in runs)
+    return next(run for run in runs if run.wall_time == middle)
+
+
+def _columns(runs: list[Run]) -> dict[str, np.ndarray]:
+    """One entry for each run."""
+    errors = [run.problem.verify(run.solution.value) for run in runs]
+    return {
+        "scene": np.array([run.problem.scene for run in runs]),
+        "method": np.array([run.method for run in runs]),
+        "error": np.array(errors),
+        "tolerance": np.array([run.problem.tolerance for run in runs]),
+        "converged": np.array(
+            [int(error <= run.problem.tolerance) for run, error in zip(runs, errors, strict=True)]
+        ),
+        "wall_time": np.array([run.wall_time for run in runs]),
+        "iterations": np.array([len(run.solution.residuals) - 1 for run in runs]),
+        "unknowns": np.array([run.problem.unknowns for run in runs]),
+    }
+
+
+def _histories(runs: list[Run]) -> dict[str, np.ndarray]:
+    """Residuals with their times and the runs that they belong to, end to end."""
+    solutions = [run.solution for run in runs]
+    return {
+        "history_run": np.repeat(np.arange(len(runs)), [len(s.residuals) for s in solutions]),
+        "history_seconds": np.concatenate([s.seconds for s in solutions]),
+        "history_error": np.concatenate([s.residuals for s in solutions]),
+    }

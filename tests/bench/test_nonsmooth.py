@@ -1,0 +1,158 @@
+"""Every method on every scene, with its history; the answers are judged here once more."""
+
+import numpy as np
+import pytest
+
+from multiscale.bench import nonsmooth, tabulate
+from multiscale.bench.nonsmooth import (
+    FRICTION_SCENES,
+    LCP_SCENES,
+    bench_nonsmooth,
+    friction_problem,
+    lcp_problem,
+)
+from multiscale.convergence import Solution, Status
+from multiscale.errors import CaseError
+from multiscale.io import open_dataset, write_dataset
+from multiscale.nonsmooth import solve_friction, solve_lcp
+from multiscale.nonsmooth.friction import METHODS as FRICTION_METHODS
+from multiscale.nonsmooth.lcp import METHODS as LCP_METHODS
+from multiscale.plotting import draw_work_precision, plot_history
+from multiscale.schema import WORK_PRECISION
+
+
+@pytest.fixture(scope="module")
+def lines():
+    return []
+
+
+@pytest.fixture(scope="module")
+def found(lines):
+    return bench_nonsmooth(quick=True, report=lines.append)
+
+
+def runs(found, **labels):
+    """Which runs carry the labels."""
+    return np.all([found[name].values == label for name, label in labels.items()], axis=0)
+
+
+def test_every_method_is_measured_on_every_scene_or_left_out_with_a_sentence(found, lines):
+    WORK_PRECISION.check(found)
+    cautions = found.attrs["cautions"].splitlines()
+    asked = len(LCP_SCENES) * (1 + len(LCP_METHODS)) + len(FRICTION_SCENES) * (
+        1 + len(FRICTION_METHODS)
+    )
+    assert found.sizes["run"] + len(cautions) == asked
+    assert len(lines) == found.sizes["run"]
+    assert [caution.split(" is left out of ")[0] for caution in cautions] == [
+        "projected_gradient",
+        "conic",
+    ]
+    assert all("needs a symmetric matrix" in caution for caution in cautions)
+    assert "peak_memory" not in found
+    assert np.all(found["wall_time"] > 0.0)
+    assert np.all(found["unknowns"] > 0)
+
+
+def test_auto_solves_every_scene_and_the_verifier_decides(found):
+    auto = found.isel(run=runs(found, method="auto"))
+    assert auto.sizes["run"] == len(LCP_SCENES) + len(FRICTION_SCENES)
+    assert np.all(auto["converged"] == 1)
+    np.testing.assert_array_equal(found["converged"], found["error"] <= found["tolerance"])
+    assert np.any(found["converged"] == 0), "what fails must stay in the table"
+
+
+@pytest.mark.parametrize("name", LCP_SCENES)
+@pytest.mark.parametrize("size", ["quick", "full"])
+def test_the_complementarity_answers_have_no_natural_map_left(name, size):
+    make, full, quick = LCP_SCENES[name]
+    matrix, vector = make(quick if size == "quick" else full)
+    z = solve_lcp(matrix, vector).unwrap()
+    scale = 1.0 / np.sqrt(matrix.diagonal())
+    error = np.abs(np.minimum(z / scale, scale * (matrix @ z + vector)))
+    data = np.max(np.abs(scale * vector))
+    # with impulses 1e6 times what they balance, rounding in M z counts
+    rounding = 64.0 * np.finfo(float).eps * scale * (abs(matrix) @ z)
+    assert np.all(error <= 1e-10 * data + rounding)
+    assert np.max(error) <= 1e-7 * data
+
+
+@pytest.mark.parametrize("name", FRICTION_SCENES)
+@pytest.mark.parametrize("size", ["quick", "full"])
+def test_the_friction_answers_keep_coulombs_law(name, size):
+    make, full, quick = FRICTION_SCENES[name]
+    W, q, mu = make(quick if size == "quick" else full).condensed()
+    impulse = solve_friction(W, q, mu).unwrap()
+    velocity = (W @ impulse + q).reshape(-1, 3)
+    r, speed = impulse.reshape(-1, 3), np.linalg.norm(velocity[:, 1:], axis=1)
+    pushed = np.linalg.norm(r[:, 1:], axis=1)
+    u, size_r = np.linalg.norm(q), np.linalg.norm(r)
+    assert np.min(velocity[:, 0]) >= -1e-7 * u
+    assert np.min(r[:, 0]) >= -1e-12 * size_r
+    assert np.all(pushed <= mu * r[:, 0] + 1e-12 * size_r)
+    # power of normal and friction forces: nothing is lost but by the largest friction
+    assert np.max(np.abs(r[:, 0] * velocity[:, 0])) <= 1e-7 * u * size_r
+    power = np.sum(r[:, 1:] * velocity[:, 1:], axis=1)
+    np.testing.assert_allclose(power, -mu * r[:, 0] * speed, rtol=0.0, atol=1e-7 * u * size_r)
+
+
+def test_histories_go_forward_in_time_and_hold_what_was_reached(found):
+    for k in range(found.sizes["run"]):
+        mine = found["history_run"].values == k
+        seconds, error = found["history_seconds"].values[mine], found["history_error"].values[mine]
+        assert np.all(np.diff(seconds) >= 0.0)
+        assert seconds[-1] <= float(found["wall_time"][k])
+        assert error.size == int(found["iterations"][k]) + 1
+        assert error[-1] == pytest.approx(float(found["error"][k]), rel=1e-6)
+
+
+def test_dataset_table_and_figure_can_be_written(found, tmp_path):
+    write_dataset(found, tmp_path / "nonsmooth.nc", WORK_PRECISION)
+    again = open_dataset(tmp_path / "nonsmooth.nc", WORK_PRECISION)
+    np.testing.assert_array_equal(again["history_error"], found["history_error"])
+    draw_work_precision(again, tmp_path / "nonsmooth.png")
+    assert (tmp_path / "nonsmooth.png").stat().st_size > 50_000
+
+    head, rows = tabulate(again)
+    assert head == ("scene", "code", "time (s)", "iterations", "error")
+    assert {len(row) for row in rows} == {len(head)}
+    assert sum("not converged" in row[-1] for row in rows) == int(np.sum(found["converged"] == 0))
+
+
+def test_lines_fall_end_at_the_error_and_show_zero_at_the_bottom(found):
+    from matplotlib.figure import Figure
+
+    scene = str(found["scene"].values[0])
+    ax = plot_history(found, scene=scene, ax=Figure().add_subplot())
+    methods, of_scene = ax.get_legend_handles_labels()[1], runs(found, scene=scene)
+    assert methods == list(found["method"].values[of_scene])
+    for handle, run in zip(
+        ax.get_legend_handles_labels()[0], np.flatnonzero(of_scene), strict=True
+    ):
+        time, error = handle.get_data()
+        assert np.all(np.diff(error[:-1]) <= 0.0)
+        assert time[-1] == found["wall_time"].values[run]
+        assert error[-1] == max(found["error"].values[run], 1e-17)
+    assert ax.get_xlabel() == "time since the start (s)"
+    assert ax.get_ylabel() == "relative residual (1)"
+
+
+def test_a_method_that_lies_is_not_called_converged(monkeypatch):
+    def lie(**options):
+        return Solution(np.zeros(60), Status.CONVERGED, (1.0, 0.0), (0.0, 1e-9))
+
+    problem = lcp_problem("not symmetric", quick=True)
+    dishonest = nonsmooth.Problem("lie", 60, problem.tolerance, ("auto",), lie, problem.verify)
+    monkeypatch.setattr(nonsmooth, "_problems", lambda quick: iter([dishonest]))
+    found = bench_nonsmooth(quick=True)
+    assert found["converged"].item() == 0
+    assert found["error"].item() == pytest.approx(1.0)
+
+
+def test_the_problems_know_their_size_and_refuse_what_a_method_cannot_take():
+    assert friction_problem("wedge that jams", quick=False).scene == (
+        "friction, wedge that jams, n = 24"
+    )
+    problem = lcp_problem("not symmetric", quick=True)
+    with pytest.raises(CaseError, match="needs a symmetric matrix"):
+        problem.solve(method="conic")
