@@ -109,6 +109,26 @@ def fit_command(
     save_law(fit_law(open_response(response)), out)
 
 
+@app.command("macro")
+def macro_command(
+    scene: Annotated[Path, typer.Argument(help="A scene file.")],
+    out: Annotated[Path, typer.Option("-o", "--out", help="Result to write.")] = Path(
+        "macro_result.nc"
+    ),
+    quick: Annotated[bool, typer.Option("--quick", help="At most 4 x 4 modules.")] = False,
+) -> None:
+    """Solve a structure of bars and cables, at rest or in motion."""
+    from multiscale.pipeline import load_scene, run_scene
+    from multiscale.report import tabulate_links
+
+    settings = load_scene(scene)
+    result = run_scene(settings.quick() if quick else settings, out)
+    for failure in result.attrs.get("failure", "").splitlines():
+        typer.echo(f"caution: {failure}", err=True)
+    _print_table(result.attrs["title"], *tabulate_links(result))
+    typer.echo(f"dataset: {out}; for ParaView: {out.parent / 'fields' / out.stem}.pvd")
+
+
 @app.command("report")
 def report_command(out: Annotated[Path, typer.Argument(help="Folder of a finished run.")]) -> None:
     """Draw the figures and write the report of a finished run again."""
@@ -130,7 +150,7 @@ def bench_command(
     ] = False,
 ) -> None:
     """Measure error against run time, beside other codes where they are installed."""
-    from multiscale.bench import HEAD, SCENES, tabulate
+    from multiscale.bench import SCENES, tabulate
     from multiscale.errors import CaseError
     from multiscale.io import make_folder, write_dataset
     from multiscale.plotting import draw_work_precision
@@ -148,7 +168,7 @@ def bench_command(
         draw_work_precision(found, file.with_suffix(".png"))
         for caution in found.attrs["cautions"].splitlines():
             typer.echo(f"caution: {caution}", err=True)
-        _print_table(found.attrs["title"], HEAD, tabulate(found))
+        _print_table(found.attrs["title"], *tabulate(found))
         typer.echo(f"dataset and figure: {file}, {file.with_suffix('.png')}")
 
 

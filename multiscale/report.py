@@ -11,7 +11,7 @@ from multiscale.io import open_run, read_bytes, read_text, write_bytes
 if TYPE_CHECKING:
     import xarray as xr
 
-__all__ = ["tabulate", "write_report"]
+__all__ = ["tabulate", "tabulate_links", "write_report"]
 
 PAGE = """<!doctype html>
 <html lang="en">
@@ -40,6 +40,9 @@ src="data:image/png;base64,{{ image }}"></figure>
 """
 
 HEAD = ("preload (MPa)", "joint stiffness (MPa/µm)", "95 % band", "mean gap (µm)", "contact (%)")
+
+MOST_ROWS = 11
+"""Of the table of a structure of links."""
 
 
 def tabulate(result: "xr.Dataset") -> list[tuple[str, ...]]:
@@ -70,6 +73,28 @@ def tabulate(result: "xr.Dataset") -> list[tuple[str, ...]]:
             )
         )
     return rows
+
+
+def tabulate_links(result: "xr.Dataset") -> tuple[tuple[str, ...], list[tuple[str, ...]]]:
+    """Return head and rows of text for a structure of links, at most ``MOST_ROWS`` of its steps.
+
+    Parameters
+    ----------
+    result : Dataset
+        Follows ``MACRO_RESULT``.
+    """
+    along, name = ("time", "time (s)") if "time" in result.coords else ("load_factor", "load")
+    steps = result.sizes["step"]
+    rows: list[tuple[str, ...]] = []
+    for k in np.unique(np.linspace(0, steps - 1, min(steps, MOST_ROWS)).round().astype(int)):
+        step = result.isel(step=k)
+        at = f"{float(step[along]):.4g}"
+        if not int(step["converged"]):
+            rows.append((at, "not converged", "", f"{float(step['residual']):.1e}"))
+            continue
+        slack, largest = int((step["slack"] > 0.0).sum()), float(step["tension"].max())
+        rows.append((at, f"{slack}", f"{1e-3 * largest:.4g}", f"{float(step['residual']):.1e}"))
+    return (name, "slack links", "largest tension (kN)", "residual"), rows
 
 
 def write_report(out: str | Path) -> Path:

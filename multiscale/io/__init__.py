@@ -10,8 +10,10 @@ from multiscale.io.datasets import (
 )
 from multiscale.io.fields import write_surface_fields
 from multiscale.io.files import logging_to, make_folder, read_bytes, read_text, write_bytes
-from multiscale.io.meshes import MeshArrays, read_mesh
+from multiscale.io.link_fields import write_link_fields
+from multiscale.io.meshes import MeshArrays, open_mesh, read_mesh
 from multiscale.io.surfaces import Surface, read_surface
+from multiscale.io.tables import read_table
 
 __all__ = [
     "MeshArrays",
@@ -20,14 +22,17 @@ __all__ = [
     "make_folder",
     "open_dataset",
     "open_law",
+    "open_mesh",
     "open_response",
     "open_run",
     "read_bytes",
     "read_mesh",
     "read_surface",
+    "read_table",
     "read_text",
     "save_law",
     "write_bytes",
     "write_dataset",
+    "write_link_fields",
     "write_surface_fields",
 ]

@@ -2,13 +2,16 @@
 
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from multiscale.errors import CaseError
 
-__all__ = ["MeshArrays", "read_mesh"]
+if TYPE_CHECKING:
+    from meshio import Mesh
+
+__all__ = ["MeshArrays", "open_mesh", "read_mesh"]
 
 SOLIDS = ("hexahedron", "tetra", "quad", "triangle")
 """Elements that a body is made of, three dimensions before two."""
@@ -39,6 +42,24 @@ class MeshArrays:
     boundaries: dict[str, np.ndarray]
 
 
+def open_mesh(path: Path) -> "Mesh":
+    """Read a mesh of any elements with its named sets.
+
+    Raises
+    ------
+    CaseError
+        If the file is missing or cannot be read.
+    """
+    import meshio
+
+    if not path.is_file():
+        raise CaseError(f"no mesh file {path}")
+    try:
+        return meshio.read(path)
+    except (meshio.ReadError, OSError, SystemExit) as error:
+        raise CaseError(f"{path} cannot be read as a mesh: {error or 'unknown format'}") from error
+
+
 def read_mesh(path: Path) -> MeshArrays:
     """Read a mesh of one kind of element with its named boundaries.
 
@@ -61,15 +82,7 @@ def read_mesh(path: Path) -> MeshArrays:
     CaseError
         If the file cannot be read, has no solid elements or has them of two kinds.
     """
-    import meshio
-
-    if not path.is_file():
-        raise CaseError(f"no mesh file {path}")
-    try:
-        mesh = meshio.read(path)
-    except (meshio.ReadError, OSError, SystemExit) as error:
-        raise CaseError(f"{path} cannot be read as a mesh: {error or 'unknown format'}") from error
-
+    mesh = open_mesh(path)
     found = {name: block for name, block in mesh.cells_dict.items() if len(block)}
     kinds = [name for name in SOLIDS if name in found]
     solids = [name for name in kinds if name not in _facet_kinds(kinds)]

@@ -12,6 +12,20 @@ from multiscale.macro.continuum import (
     load_mesh,
     solve_contact,
 )
+from multiscale.macro.discrete import (
+    LinkSystem,
+    cable_net,
+    critical_factor,
+    mechanism_modes,
+    quadruplex_module,
+    self_stress,
+    solve_static,
+    system_from_mesh,
+    system_from_table,
+    tensegrity_grid,
+    truss,
+)
+from multiscale.macro.dynamics import simulate
 from multiscale.macro.joint import Block, RoughJoint, assemble_joint, rough_joint
 from multiscale.macro.monolithic import solve_interface
 
@@ -23,12 +37,24 @@ __all__ = [
     "ContactStep",
     "Cylinder",
     "Graph",
+    "LinkSystem",
     "Plane",
     "RoughJoint",
     "Sphere",
     "assemble_joint",
+    "cable_net",
+    "critical_factor",
     "load_mesh",
+    "mechanism_modes",
+    "quadruplex_module",
     "rough_joint",
+    "self_stress",
+    "simulate",
     "solve_contact",
     "solve_interface",
+    "solve_static",
+    "system_from_mesh",
+    "system_from_table",
+    "tensegrity_grid",
+    "truss",
 ]

@@ -1,27 +1,14 @@
 """What a case may say: every key with its unit, range and default."""
 
 import hashlib
-from itertools import pairwise
 from pathlib import Path
 from typing import Annotated, Any, Literal, Self
 
-from pydantic import (
-    BaseModel,
-    BeforeValidator,
-    ConfigDict,
-    Discriminator,
-    Field,
-    PlainSerializer,
-    Strict,
-    Tag,
-    field_validator,
-    model_validator,
-)
+from pydantic import Discriminator, Field, Tag, field_validator, model_validator
 
-from multiscale.errors import CaseError
 from multiscale.io import read_bytes
 from multiscale.micro.cell import depth_caution
-from multiscale.units import to_si
+from multiscale.pipeline.toml_model import Count, Length, Number, Pressure, Settings, must_rise
 
 __all__ = [
     "POINTS_PER_WAVE",
@@ -38,39 +25,10 @@ __all__ = [
 FEWEST_REALISATIONS = 3  # for a band
 POINTS_PER_WAVE = 8  # of the shortest wave of a measured surface, if the case names no cut-off
 
-
-def _quantity(unit: str) -> BeforeValidator:
-    def convert(value: object) -> float:
-        try:
-            return to_si(value, unit)
-        except CaseError as error:
-            raise ValueError(str(error)) from error
-
-    return BeforeValidator(convert)
-
-
-def _with_unit(unit: str) -> PlainSerializer:
-    return PlainSerializer(lambda value: f"{value!r} {unit}", when_used="json")
-
-
-Length = Annotated[float, _quantity("m"), Field(gt=0.0), _with_unit("m")]
-Pressure = Annotated[float, _quantity("Pa"), Field(gt=0.0), _with_unit("Pa")]
-Number = Annotated[float, _quantity("1")]
-Count = Annotated[int, Strict()]
 Points = Annotated[Count, Field(ge=4, le=8192, multiple_of=2)]
 
 
-def _must_rise(values: tuple[float, ...]) -> tuple[float, ...]:
-    if any(late <= early for early, late in pairwise(values)):
-        raise ValueError("must rise from one to the next")
-    return values
-
-
-class _Settings(BaseModel):
-    model_config = ConfigDict(frozen=True, extra="forbid")
-
-
-class SyntheticSurface(_Settings):
+class SyntheticSurface(Settings):
     """A self-affine surface; see :func:`multiscale.micro.self_affine`.
 
     Parameters
@@ -104,7 +62,7 @@ class SyntheticSurface(_Settings):
         return self
 
 
-class InstrumentSurface(_Settings):
+class InstrumentSurface(Settings):
     """A measured map, cut into one window per realisation.
 
     Parameters
@@ -134,7 +92,7 @@ def _kind_of_surface(value: Any) -> str:
     return "instrument" if "file" in named else "synthetic"
 
 
-class Body(_Settings):
+class Body(Settings):
     """One of the two bodies.
 
     Parameters
@@ -162,7 +120,7 @@ class Body(_Settings):
     hardness: Pressure | None = None
 
 
-class CellSettings(_Settings):
+class CellSettings(Settings):
     """The representative surface element.
 
     Parameters
@@ -187,7 +145,7 @@ class CellSettings(_Settings):
     geometry: Literal["conforming", "flat"] = "conforming"
 
 
-class MicroSettings(_Settings):
+class MicroSettings(Settings):
     """The ensemble of cells.
 
     Parameters
@@ -204,10 +162,10 @@ class MicroSettings(_Settings):
     pressures: Annotated[tuple[Pressure, ...], Field(min_length=3)]
     seed: Annotated[Count, Field(ge=0)] = 0
 
-    _rise = field_validator("pressures")(_must_rise)
+    _rise = field_validator("pressures")(must_rise)
 
 
-class LawSettings(_Settings):
+class LawSettings(Settings):
     """The fit of the interface law.
 
     Parameters
@@ -222,7 +180,7 @@ class LawSettings(_Settings):
     samples: Annotated[Count, Field(ge=0)] = 200
 
 
-class JointSettings(_Settings):
+class JointSettings(Settings):
     """Two blocks pressed together through the law.
 
     Parameters
@@ -239,10 +197,10 @@ class JointSettings(_Settings):
     width: Length
     preloads: Annotated[tuple[Pressure, ...], Field(min_length=1)]
 
-    _rise = field_validator("preloads")(_must_rise)
+    _rise = field_validator("preloads")(must_rise)
 
 
-class Case(_Settings):
+class Case(Settings):
     """One question, such as how stiff the joint of two bodies is.
 
     Parameters
@@ -352,9 +310,3 @@ class Case(_Settings):
             if isinstance(body.surface, InstrumentSurface):
                 checksum.update(read_bytes(body.surface.file))
         return checksum.hexdigest()
-
-    def to_toml(self) -> str:
-        """Return a case file of these settings, in SI units."""
-        import tomli_w
-
-        return tomli_w.dumps(self.model_dump(mode="json", exclude_none=True))

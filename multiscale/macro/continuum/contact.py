@@ -6,7 +6,7 @@ with Coulomb friction, for bodies of any bulk law, between each other and with r
 """
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from time import perf_counter
 
 import numpy as np
@@ -224,6 +224,7 @@ def _at(
 def _march(solve: Solve, before: Equilibrium, time: float) -> tuple[Solution, Equilibrium]:
     """Reach a time, in one step or in halves of it."""
     clock = perf_counter()
+    slip = np.zeros_like(before.jump[:, 1:])
     residuals: list[float] = []
     seconds: list[float] = []
     trail: list[str] = []
@@ -242,6 +243,8 @@ def _march(solve: Solve, before: Equilibrium, time: float) -> tuple[Solution, Eq
         residuals += solution.residuals
         seconds += [perf_counter() - clock] * len(solution.residuals)
         trail.append(f"step to {target:g}: {solution.status.name.lower()}")
+        if solution.converged:
+            slip += end.jump[:, 1:]  # the parts of a step that was cut count together
         if solution.converged and target == time:
             break
         if solution.converged:
@@ -253,7 +256,7 @@ def _march(solve: Solve, before: Equilibrium, time: float) -> tuple[Solution, Eq
     whole = Solution(
         solution.value, solution.status, tuple(residuals), tuple(seconds), tuple(trail)
     )
-    return whole, end
+    return whole, replace(end, jump=np.hstack([end.jump[:, :1], slip]))
 
 
 def _check_common_area(system: System, state: Equilibrium) -> None:

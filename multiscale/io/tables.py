@@ -1,0 +1,50 @@
+"""Tables of named columns from CSV files."""
+
+import csv
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+from multiscale.errors import CaseError
+from multiscale.io.files import read_text
+
+__all__ = ["read_table"]
+
+NAMES = {int: "a whole number", float: "a number"}
+
+
+def read_table(path: Path, types: Mapping[str, type]) -> dict[str, list[Any]]:
+    """Read a CSV file whose first line names the columns.
+
+    Parameters
+    ----------
+    path : Path
+        Comma separated.
+    types : mapping of str to type
+        ``str`` or ``int`` for the columns that do not hold floats.
+
+    Raises
+    ------
+    CaseError
+        If the file is missing, a line is too short or too long, or a number is none.
+    """
+    lines = csv.reader(read_text(path).splitlines())
+    rows = [(lines.line_num, [cell.strip() for cell in row]) for row in lines if row]
+    if not rows:
+        raise CaseError(f"{path}: empty; the first line names the columns")
+    head = rows[0][1]
+    table: dict[str, list[Any]] = {name: [] for name in head}
+    if len(table) < len(head):
+        raise CaseError(f"{path}: two columns have the same name; columns: {', '.join(head)}")
+    for number, row in rows[1:]:
+        if len(row) != len(head):
+            raise CaseError(f"{path}, line {number}: {len(row)} entries for {len(head)} columns")
+        for name, cell in zip(head, row, strict=True):
+            kind = types.get(name, float)
+            try:
+                table[name].append(kind(cell))
+            except ValueError as error:
+                raise CaseError(
+                    f"{path}, line {number}: {name} should be {NAMES[kind]}, got {cell!r}"
+                ) from error
+    return table

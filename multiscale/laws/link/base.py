@@ -1,0 +1,96 @@
+"""What every link law is: linear elastic within a range of admissible tensions."""
+
+from abc import ABC
+from dataclasses import dataclass
+from typing import ClassVar
+
+import numpy as np
+
+from multiscale.errors import CaseError
+
+__all__ = ["LinkLaw", "LinkResponse"]
+
+
+@dataclass(frozen=True)
+class LinkResponse:
+    r"""What a link law answers to a strain.
+
+    Attributes
+    ----------
+    tension : ndarray, shape (...)
+        :math:`\tau`, N, compression negative.
+    tangent : ndarray, shape (...)
+        :math:`\mathrm{d}\tau / \mathrm{d}\varepsilon`, N; zero where the link is slack.
+    slack : ndarray, shape (...)
+        Strain by which the ends of a slack link miss it, dimensionless, never negative; zero
+        where it carries force.
+    """
+
+    tension: np.ndarray
+    tangent: np.ndarray
+    slack: np.ndarray
+
+
+@dataclass(frozen=True)
+class LinkLaw(ABC):
+    r"""Maps the axial strain of a link to its tension, pointwise.
+
+    Parameters
+    ----------
+    rigidity : float
+        :math:`EA > 0`, N; infinite for a link of fixed length.
+
+    Attributes
+    ----------
+    lower, upper : float
+        Range of admissible tensions, N.
+
+    Raises
+    ------
+    CaseError
+        If the rigidity is not positive.
+
+    Notes
+    -----
+    With the elastic tension :math:`t = EA\,\varepsilon`, the range
+    :math:`[\tau^-, \tau^+]` and the slack :math:`\lambda`,
+
+    .. math::
+        \tau = \min(\max(t, \tau^-), \tau^+), \qquad EA\,\lambda = |\tau - t|,    \tag{1}
+
+    which for a cable, :math:`[0, \infty)`, is the law (15) of the source. The range is a
+    convex set, so (1) is the gradient of a convex energy.
+    """
+
+    lower: ClassVar[float] = -np.inf
+    upper: ClassVar[float] = np.inf
+
+    rigidity: float
+
+    def __post_init__(self) -> None:
+        if not self.rigidity > 0.0:
+            raise CaseError(f"rigidity must be positive (N), got {self.rigidity}")
+
+    @property
+    def is_unilateral(self) -> bool:
+        """Whether the link goes slack on one side."""
+        return bool(np.isfinite(self.lower) or np.isfinite(self.upper))
+
+    def respond(self, strain: np.ndarray) -> LinkResponse:
+        """Evaluate (1) for a strain over the relaxed length, shape (...), dimensionless.
+
+        Raises
+        ------
+        CaseError
+            If the link is inextensible: its tension does not follow from its strain.
+        """
+        if not np.isfinite(self.rigidity):
+            raise CaseError("the tension of an inextensible link is a reaction, not a response")
+        elastic = self.rigidity * np.asarray(strain, dtype=float)
+        tension = np.clip(elastic, self.lower, self.upper)  # (1)
+        carries = (elastic >= self.lower) & (elastic <= self.upper)
+        return LinkResponse(
+            tension,
+            np.where(carries, self.rigidity, 0.0),
+            np.abs(tension - elastic) / self.rigidity,
+        )

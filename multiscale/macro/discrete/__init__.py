@@ -1,0 +1,37 @@
+"""Trusses, frames, tensegrities and cable nets: nodes and links."""
+
+from multiscale.macro.discrete.compatibility import compatibility
+from multiscale.macro.discrete.configurations import (
+    Configuration,
+    actual,
+    prestressed,
+    relaxed,
+    with_relaxed_length,
+)
+from multiscale.macro.discrete.mechanism import mechanism_modes, self_stress
+from multiscale.macro.discrete.stability import critical_factor
+from multiscale.macro.discrete.statics import solve_static
+from multiscale.macro.discrete.structures import cable_net, truss
+from multiscale.macro.discrete.system import LinkSystem
+from multiscale.macro.discrete.tables import system_from_mesh, system_from_table
+from multiscale.macro.discrete.tensegrity import quadruplex_module, tensegrity_grid
+
+__all__ = [
+    "Configuration",
+    "LinkSystem",
+    "actual",
+    "cable_net",
+    "compatibility",
+    "critical_factor",
+    "mechanism_modes",
+    "prestressed",
+    "quadruplex_module",
+    "relaxed",
+    "self_stress",
+    "solve_static",
+    "system_from_mesh",
+    "system_from_table",
+    "tensegrity_grid",
+    "truss",
+    "with_relaxed_length",
+]

@@ -1,0 +1,188 @@
+"""What a structure must satisfy before anything is computed, each fault said in one sentence."""
+
+from typing import TYPE_CHECKING
+
+import numpy as np
+from numpy.linalg import matrix_rank
+from scipy.sparse import coo_array
+from scipy.sparse.csgraph import connected_components
+
+from multiscale.errors import CaseError
+
+if TYPE_CHECKING:
+    from multiscale.macro.discrete.system import LinkSystem
+
+__all__ = ["check_balance", "check_links", "check_nodes", "check_supports", "out_of_balance"]
+
+BALANCE = 1e-6
+"""Largest force out of balance, relative to the largest prestress."""
+
+SHORTEST = 1e-9
+"""Length of a link, relative to the size of the structure, below which it counts as zero."""
+
+
+def check_nodes(system: "LinkSystem") -> None:
+    """Refuse arrays of nodes that do not fit together."""
+    nodes, c = system.n_nodes, system.n_components
+    expected = {"position": (nodes, 3), "fixed": (nodes, c), "load": (nodes, c)}
+    for name, shape in expected.items():
+        found = np.shape(getattr(system, name))
+        if found != shape:
+            why = " (six unknowns per node with beams)" if c == 6 and name != "position" else ""
+            raise CaseError(f"{name} must have shape {shape}{why}, got {found}")
+    for name in ("position", "load"):
+        finite = np.isfinite(getattr(system, name)).all(axis=1)
+        if not finite.all():
+            raise CaseError(f"{name} of node {int(np.argmin(finite))} is not finite")
+
+
+def check_links(system: "LinkSystem") -> None:
+    """Refuse links without ends, length or law, and those that are there twice."""
+    links, nodes = system.n_links, system.n_nodes
+    if links == 0 or np.shape(system.ends) != (links, 2):
+        raise CaseError(f"ends must have shape (links, 2), got {np.shape(system.ends)}")
+    for name in ("kind", "prestress", "group"):
+        if np.shape(getattr(system, name)) != (links,):
+            found = np.shape(getattr(system, name))
+            raise CaseError(f"{name} must have one entry per link, ({links},), got {found}")
+    for name, top in (("ends", nodes), ("kind", len(system.laws))):
+        outside = np.flatnonzero(
+            ((getattr(system, name) < 0) | (getattr(system, name) >= top)).reshape(links, -1).any(1)
+        )
+        if outside.size:
+            k = int(outside[0])
+            raise CaseError(
+                f"{name} of link {k} must lie between 0 and {top - 1}, got "
+                f"{getattr(system, name)[k]}"
+            )
+    if not np.isfinite(system.prestress).all():
+        raise CaseError(f"prestress of link {int(np.argmin(np.isfinite(system.prestress)))} is nan")
+    _check_tension(system)
+    _check_geometry(system)
+
+
+def _check_tension(system: "LinkSystem") -> None:
+    """Refuse a prestress that a cable or a strut cannot carry."""
+    lower, upper = system.bounds
+    wrong = np.flatnonzero((system.prestress < lower) | (system.prestress > upper))
+    if wrong.size:
+        k = int(wrong[0])
+        law = type(system.laws[system.kind[k]]).__name__.lower()
+        raise CaseError(
+            f"prestress of link {k}, a {law}, must lie between {lower[k]:g} and {upper[k]:g} N, "
+            f"got {system.prestress[k]:g}"
+        )
+
+
+def _check_geometry(system: "LinkSystem") -> None:
+    """Refuse nodes without links, links without length and duplicates."""
+    touched = np.zeros(system.n_nodes, dtype=bool)
+    touched[system.ends.ravel()] = True
+    if not touched.all():
+        loose = np.flatnonzero(~touched)
+        raise CaseError(f"{_nodes(loose)} no link; connect what is loose or take it out")
+    size = float(np.ptp(system.position, axis=0).max())
+    shortest = int(np.argmin(system.length))
+    if not system.length[shortest] > SHORTEST * size:
+        a, b = system.ends[shortest]
+        raise CaseError(
+            f"link {shortest} between nodes {a} and {b} has length {system.length[shortest]:g} m; "
+            f"merge the nodes or move them apart"
+        )
+    low, high = np.sort(system.ends, axis=1).T.astype(np.int64)
+    key = (system.group.astype(np.int64) * system.n_nodes + low) * system.n_nodes + high
+    order = np.argsort(key, kind="stable")
+    twice = np.flatnonzero(np.diff(key[order]) == 0)
+    if twice.size:
+        first, second = order[twice[0]], order[twice[0] + 1]
+        a, b = system.ends[first]
+        raise CaseError(
+            f"links {first} and {second} both join nodes {a} and {b}; take one out, or give them "
+            f"different groups if they belong to different modules"
+        )
+
+
+def out_of_balance(system: "LinkSystem") -> np.ndarray:
+    r"""Force :math:`B^T \tau^0` of the prestress on the nodes that can move.
+
+    Returns
+    -------
+    ndarray, shape (nodes, 3)
+        N; zero where the node is held.
+    """
+    pull = system.prestress[:, None] * system.direction
+    force = np.zeros((system.n_nodes, 3))
+    for i in range(3):
+        force[:, i] = np.bincount(system.ends[:, 1], pull[:, i], system.n_nodes)
+        force[:, i] -= np.bincount(system.ends[:, 0], pull[:, i], system.n_nodes)
+    force[system.fixed[:, :3]] = 0.0
+    return force
+
+
+def check_balance(system: "LinkSystem") -> None:
+    """Refuse a prestress that does not hold itself."""
+    largest = float(np.abs(system.prestress).max())
+    if largest == 0.0:
+        return
+    force = np.sqrt(np.square(out_of_balance(system)).sum(axis=1))
+    worst = int(np.argmax(force))
+    if force[worst] > BALANCE * largest:
+        bad = int(np.count_nonzero(force > BALANCE * largest))
+        raise CaseError(
+            f"the prestress is out of balance at {bad} nodes, worst at node {worst} by "
+            f"{force[worst]:.4g} N ({100 * force[worst] / largest:.2g} % of its largest tension); "
+            f"take a combination of self_stress(system), or pass balanced=False to let the "
+            f"structure find its own shape"
+        )
+
+
+def check_supports(system: "LinkSystem") -> None:
+    """Refuse a structure with a part that can move as a rigid body."""
+    graph = coo_array(
+        (np.ones(system.n_links, dtype=np.int8), tuple(system.ends.T)), (system.n_nodes,) * 2
+    )
+    parts, part = connected_components(graph, directed=False)
+    held = np.asarray(system.fixed.any(axis=1))
+    for k in range(parts):
+        inside = np.flatnonzero(part == k)
+        points = system.position[inside]
+        motion = _rigid_motions(points - points.mean(axis=0), system.n_components)
+        everything = motion.reshape(-1, 6)
+        fixed = motion[held[inside]][system.fixed[inside[held[inside]]]]
+        freedom = _rank(everything) - _rank(fixed)
+        if freedom:
+            whole = "the structure" if parts == 1 else f"the part with node {inside[0]}"
+            raise CaseError(
+                f"{whole} ({inside.size} nodes) is not supported: {freedom} of its rigid motions "
+                f"are free; hold more unknowns in fixed"
+            )
+
+
+def _rigid_motions(points: np.ndarray, components: int) -> np.ndarray:
+    """Six rigid motions of points, shape (nodes, components, 6), lengths relative to the size."""
+    x, y, z = points.T / (float(np.abs(points).max()) or 1.0)
+    motion = np.zeros((len(points), components, 6))
+    for i in range(3):
+        motion[:, i, i] = 1.0
+    motion[:, 1, 3], motion[:, 2, 3] = -z, y
+    motion[:, 0, 4], motion[:, 2, 4] = z, -x
+    motion[:, 0, 5], motion[:, 1, 5] = -y, x
+    for i in range(3, components):
+        motion[:, i, i] = 1.0
+    return motion
+
+
+def _rank(rows: np.ndarray) -> int:
+    """Rank of many rows of six entries."""
+    return (
+        int(matrix_rank(rows.T @ rows, tol=1e-10 * len(rows), hermitian=True)) if len(rows) else 0
+    )
+
+
+def _nodes(numbers: np.ndarray) -> str:
+    """Name some nodes that have something in common."""
+    if numbers.size == 1:
+        return f"node {numbers[0]} has"
+    named = ", ".join(str(number) for number in numbers[:5])
+    more = f" and {numbers.size - 5} more" if numbers.size > 5 else ""
+    return f"nodes {named}{more} have"

@@ -1,0 +1,123 @@
+"""Sparse Cholesky factors of many matrices with one pattern."""
+
+import weakref
+from collections.abc import Callable
+from copy import copy
+from functools import cache
+from importlib import import_module
+from typing import Any
+
+import numpy as np
+from scipy.sparse import csc_array, csr_matrix
+from scipy.sparse.linalg import splu
+
+from multiscale.errors import MultiscaleError
+
+__all__ = ["Factorise", "Solve", "prepare_cholesky"]
+
+Solve = Callable[[np.ndarray], np.ndarray]
+Factorise = Callable[[np.ndarray, bool], Solve]
+
+ANALYSE, FACTORISE, SOLVE = 11, 22, 33
+"""Phases of PARDISO."""
+
+NOT_DEFINITE = "the tangent stiffness is not positive definite"
+
+
+def prepare_cholesky(start: np.ndarray, column: np.ndarray) -> Factorise:
+    """Return the function that factorises matrices of one pattern.
+
+    PARDISO analyses the pattern once, if pypardiso is installed; otherwise SuperLU takes every
+    matrix in its symmetric mode.
+
+    Parameters
+    ----------
+    start, column : ndarray of int32
+        Upper triangle by rows, with the diagonal; columns increase.
+
+    Returns
+    -------
+    callable
+        ``factorise(entries, signs)`` returns ``solve(right_hand_side)``. A solve holds until the
+        next factorisation. Raises ``MultiscaleError`` if the matrix is singular, and with
+        ``signs`` also if it is not positive definite.
+    """
+    if start.size == 1:
+        return lambda entries, signs: np.copy
+    solver = _new_pardiso()
+    return _superlu(start, column) if solver is None else _pardiso(solver, start, column)
+
+
+def _new_pardiso() -> Any:
+    """Return a fresh solver for positive definite matrices, or nothing without pypardiso."""
+    blank = _blank_pardiso()
+    if blank is None:
+        return None
+    solver = copy(blank)
+    solver.pt, solver.iparm = blank.pt.copy(), blank.iparm.copy()
+    return solver
+
+
+@cache
+def _blank_pardiso() -> Any:
+    """Load the library; pypardiso searches the file system for it every time."""
+    try:
+        return import_module("pypardiso").PyPardisoSolver(mtype=2)
+    except ImportError:
+        return None
+
+
+def _pardiso(solver: Any, start: np.ndarray, column: np.ndarray) -> Factorise:
+    """Numeric factors by PARDISO; its own ``factorize`` would repeat the analysis."""
+    n = start.size - 1
+    none = np.zeros((n, 1))
+    analysed = False
+
+    def factorise(entries: np.ndarray, signs: bool) -> Solve:
+        nonlocal analysed
+        matrix = csr_matrix((entries, column, start), shape=(n, n))
+
+        def call(phase: int, rhs: np.ndarray) -> np.ndarray:
+            solver.set_phase(phase)
+            return np.asarray(solver._call_pardiso(matrix, rhs))
+
+        try:
+            if not analysed:
+                call(ANALYSE, none)
+                analysed = True
+            call(FACTORISE, none)
+        except Exception as error:  # its class is only known where pypardiso is installed
+            raise MultiscaleError(NOT_DEFINITE) from error
+        return lambda rhs: call(SOLVE, np.asfortranarray(rhs.reshape(n, -1))).reshape(rhs.shape)
+
+    weakref.finalize(factorise, solver.free_memory, everything=True)
+    return factorise
+
+
+def _superlu(start: np.ndarray, column: np.ndarray) -> Factorise:
+    """Factors by SuperLU without pivoting, so that the signs of the pivots show definiteness."""
+    n = start.size - 1
+    row = np.repeat(np.arange(n, dtype=np.int32), np.diff(start))
+    strict = row != column
+    i, j = np.append(row, column[strict]), np.append(column, row[strict])
+    order = np.lexsort((i, j))
+    source = np.append(np.arange(column.size), np.flatnonzero(strict))[order]
+    full_start = np.append(0, np.cumsum(np.bincount(j, minlength=n))).astype(np.int32)
+    index = i[order].astype(np.int32)
+
+    def factorise(entries: np.ndarray, signs: bool) -> Solve:
+        matrix = csc_array((entries[source], index, full_start), shape=(n, n))
+        try:
+            factors = splu(
+                matrix,
+                permc_spec="MMD_AT_PLUS_A",
+                diag_pivot_thresh=0.0,
+                options={"SymmetricMode": True},
+            )
+        except RuntimeError as error:
+            raise MultiscaleError(NOT_DEFINITE) from error
+        if signs and not np.all(factors.U.diagonal() > 0.0):  # copies the factors
+            raise MultiscaleError(NOT_DEFINITE)
+        return lambda rhs: np.asarray(factors.solve(rhs))
+
+    return factorise

@@ -1,0 +1,188 @@
+r"""From nodes and links to the compatibility operator :math:`e = B u`."""
+
+from dataclasses import dataclass
+
+import numba
+import numpy as np
+from scipy.sparse import csr_array
+
+from multiscale.laws.link import Beam
+from multiscale.macro.discrete.system import LinkSystem
+
+__all__ = ["Equations", "compatibility", "elongations", "equations", "nodal_forces"]
+
+
+@dataclass(frozen=True, eq=False)
+class Equations:
+    r"""The structure as mathematics: :math:`B^T \tau(B u) = \alpha F^d`.
+
+    A row is an elongation, one per link in their order; the other modes of the beams follow.
+    Rotations are multiplied by a length and moments divided by it, so that every unknown is in m
+    and every force in N.
+
+    Attributes
+    ----------
+    unknown : ndarray of int, shape (rows, w)
+        Unknowns of a row, -1 where the end is held.
+    coefficient : ndarray, shape (rows, w)
+        Entries of :math:`B`.
+    stiffness, prestress, lower, upper : ndarray, shape (rows,)
+        :math:`k` (N/m), :math:`\tau^0` and the admissible range (N).
+    load : ndarray, shape (n,)
+        :math:`F^d`, N.
+    number : ndarray of int, shape (nodes, c)
+        Unknown of a component of a node, -1 where it is held.
+    unit : ndarray, shape (c,)
+        Length by which a component is multiplied.
+    """
+
+    unknown: np.ndarray
+    coefficient: np.ndarray
+    stiffness: np.ndarray
+    prestress: np.ndarray
+    lower: np.ndarray
+    upper: np.ndarray
+    load: np.ndarray
+    number: np.ndarray
+    unit: np.ndarray
+
+    @property
+    def n(self) -> int:
+        """Number of unknowns."""
+        return self.load.size
+
+    @property
+    def finite_stiffness(self) -> np.ndarray:
+        """Stiffness of the rows, that of the stiffest other for links of fixed length, N/m."""
+        rigid = np.isinf(self.stiffness)
+        stiffest = float(np.max(self.stiffness[~rigid], initial=0.0)) or 1.0
+        return np.where(rigid, stiffest, self.stiffness)
+
+    def at_nodes(self, u: np.ndarray) -> np.ndarray:
+        """Spread unknowns over the nodes, shape (nodes, c), m and rad; zero where held."""
+        return np.asarray(np.append(u, 0.0)[self.number] / self.unit)  # -1 is the last: zero
+
+    def elongate(self, u: np.ndarray) -> np.ndarray:
+        """Return B u, m."""
+        return np.asarray(elongations(self.unknown, self.coefficient, u))
+
+    def gather(self, tension: np.ndarray) -> np.ndarray:
+        """Return B^T tau, N."""
+        return np.asarray(nodal_forces(self.unknown, self.coefficient, tension, self.n))
+
+
+def equations(system: LinkSystem) -> Equations:
+    """Write one row per deformation of the links, and number the unknowns.
+
+    Parameters
+    ----------
+    system : LinkSystem
+        The structure.
+    """
+    c = system.n_components
+    free = ~np.asarray(system.fixed, dtype=bool)
+    number = np.full(free.shape, -1, dtype=np.int32)
+    number[free] = np.arange(np.count_nonzero(free), dtype=np.int32)
+    unit = np.ones(c)
+    unit[3:] = system.length.mean()
+
+    coefficient = np.zeros((system.n_links, 2, c))
+    coefficient[:, 0, :3], coefficient[:, 1, :3] = -system.direction, system.direction
+    rows = np.arange(system.n_links)
+    stiffness, (lower, upper) = system.stiffness, system.bounds
+    if c == 6:
+        beam_rows, beam_coefficient, beam_stiffness = _beam_modes(system)
+        rows = np.concatenate([rows, beam_rows])
+        coefficient = np.concatenate([coefficient, beam_coefficient])
+        stiffness = np.concatenate([stiffness, beam_stiffness])
+    extra = rows.size - system.n_links
+    return Equations(
+        unknown=np.ascontiguousarray(number[system.ends[rows]].reshape(rows.size, -1)),
+        coefficient=(coefficient / unit).reshape(rows.size, -1),
+        stiffness=stiffness,
+        prestress=np.append(system.prestress, np.zeros(extra)),
+        lower=np.append(lower, np.full(extra, -np.inf)),
+        upper=np.append(upper, np.full(extra, np.inf)),
+        load=(system.load / unit)[free],
+        number=number,
+        unit=unit,
+    )
+
+
+def _beam_modes(system: LinkSystem) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Links, coefficients (rows, 2, 6) and stiffness of the five modes beside the elongation."""
+    rows, coefficients, stiffness = [], [], []
+    for index, law in enumerate(system.laws):
+        if not isinstance(law, Beam):
+            continue
+        links = np.flatnonzero(system.kind == index)
+        x, y, z = beam_axes(system.direction[links], np.array(law.up, dtype=float))
+        chord = 2.0 / system.length[links, None]
+        modes = np.zeros((5, links.size, 2, 6))
+        modes[0, :, 0, 3:], modes[0, :, 1, 3:] = -x, x
+        for first, axis, across in ((1, y, z), (3, z, -y)):
+            modes[first, :, 0, 3:], modes[first, :, 1, 3:] = axis, -axis
+            modes[first + 1, :, 0, 3:], modes[first + 1, :, 1, 3:] = axis, axis
+            modes[first + 1, :, 0, :3], modes[first + 1, :, 1, :3] = -chord * across, chord * across
+        rows.append(np.repeat(links, 5))
+        coefficients.append(modes.transpose(1, 0, 2, 3).reshape(-1, 2, 6))
+        stiffness.append(law.mode_stiffness(system.length[links])[1:].T.ravel())
+    return np.concatenate(rows), np.concatenate(coefficients), np.concatenate(stiffness)
+
+
+def beam_axes(direction: np.ndarray, up: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Local axes x, y, z of beams, each of shape (beams, 3)."""
+    up = up / np.sqrt(up @ up)
+    along = np.abs(direction @ up) > 1.0 - 1e-9
+    upward = np.where(along[:, None], np.array([1.0, 0.0, 0.0]), up)
+    z = upward - np.einsum("bi,bi->b", upward, direction)[:, None] * direction
+    z = z / np.sqrt(np.einsum("bi,bi->b", z, z))[:, None]
+    return direction, np.cross(z, direction), z
+
+
+def compatibility(system: LinkSystem) -> csr_array:
+    r"""Sparse compatibility operator of the unknowns that are not held.
+
+    Parameters
+    ----------
+    system : LinkSystem
+        The structure.
+
+    Returns
+    -------
+    csr_array, shape (rows, n)
+        :math:`B` with :math:`e = B u`; one row per link, positive when the link grows longer,
+        then five per beam. The nodal forces of tensions are :math:`B^T \tau`, eq (7).
+    """
+    model = equations(system)
+    row = np.repeat(np.arange(len(model.unknown)), model.unknown.shape[1])
+    column, value = model.unknown.ravel(), model.coefficient.ravel()
+    held = (column < 0) | (value == 0.0)
+    shape = (len(model.unknown), model.n)
+    return csr_array((value[~held], (row[~held], column[~held])), shape=shape)
+
+
+@numba.njit(cache=True, error_model="numpy")
+def elongations(unknown: np.ndarray, coefficient: np.ndarray, u: np.ndarray) -> np.ndarray:
+    """Return B u, shape (rows,)."""
+    e = np.empty(unknown.shape[0])
+    for row in range(unknown.shape[0]):
+        total = 0.0
+        for p in range(unknown.shape[1]):
+            if unknown[row, p] >= 0:
+                total += coefficient[row, p] * u[unknown[row, p]]
+        e[row] = total
+    return e
+
+
+@numba.njit(cache=True, error_model="numpy")
+def nodal_forces(
+    unknown: np.ndarray, coefficient: np.ndarray, tension: np.ndarray, n: int
+) -> np.ndarray:
+    """Return B^T tau, shape (n,)."""
+    force = np.zeros(n)
+    for row in range(unknown.shape[0]):
+        for p in range(unknown.shape[1]):
+            if unknown[row, p] >= 0:
+                force[unknown[row, p]] += coefficient[row, p] * tension[row]
+    return force

@@ -1,0 +1,86 @@
+"""The dual quadratic program in the tensions, by an independent conic solver."""
+
+import numpy as np
+from scipy.sparse import csc_array, diags_array, vstack
+
+from multiscale.convergence import Solution, Status
+from multiscale.macro.discrete.compatibility import Equations
+from multiscale.macro.discrete.state import force_scale
+
+__all__ = ["solve_dual_program"]
+
+TOLERANCE = 1e-13
+"""Gap and feasibility asked of clarabel, on scaled data."""
+
+
+def solve_dual_program(
+    model: Equations, load_factor: float, *, tolerance: float = 1e-8
+) -> Solution:
+    r"""Find the tensions of least complementary energy among those that balance the load.
+
+    .. math::
+        \min_\tau \sum \frac{(\tau - \tau^0)^2}{2 k}, \qquad
+        B^T \tau = \alpha F^d, \quad \tau^- \le \tau \le \tau^+.    \tag{1}
+
+    The multipliers of the equilibrium are the displacement, with the opposite sign. Links of
+    fixed length have no term.
+
+    Parameters
+    ----------
+    model, load_factor
+        As :func:`solve_newton`.
+    tolerance : float
+        Bound on the forces out of balance relative to the largest nodal load; dimensionless.
+
+    Returns
+    -------
+    Solution
+        ``value`` are tensions and displacement, shape (rows + n,), N and m.
+
+    References
+    ----------
+    .. [1] P. J. Goulart and Y. Chen, Clarabel: An interior-point solver for conic programs with
+       quadratic objectives, 2024, arXiv:2405.12762.
+    """
+    import clarabel
+
+    rows, load = len(model.unknown), load_factor * model.load
+    scale = float(np.abs(load).max(initial=0.0)) + float(np.abs(model.prestress).max()) or 1.0
+    finite = np.isfinite(model.stiffness)
+    unit = float(np.median(model.stiffness[finite])) if finite.any() else 1.0
+    give = unit / model.stiffness
+    rope, prop = np.isfinite(model.lower), np.isfinite(model.upper)
+    identity = csc_array(diags_array(np.ones(rows)))
+    constraints = vstack([_transposed(model), -identity[rope], identity[prop]])
+    bounds = np.concatenate([load, -model.lower[rope], model.upper[prop]]) / scale
+    settings = clarabel.DefaultSettings()
+    settings.verbose = False
+    settings.tol_gap_abs = settings.tol_gap_rel = settings.tol_feas = TOLERANCE
+    answer = clarabel.DefaultSolver(
+        csc_array(diags_array(give)),
+        -give * model.prestress / scale,
+        csc_array(constraints),
+        bounds,
+        [clarabel.ZeroConeT(model.n), clarabel.NonnegativeConeT(bounds.size - model.n)],
+        settings,
+    ).solve()
+    tension = np.clip(scale * np.array(answer.x), model.lower, model.upper)
+    u = -scale / unit * np.array(answer.z)[: model.n]
+    unbalanced = model.gather(tension) - load
+    residual = float(np.abs(unbalanced).max(initial=0.0)) / force_scale(model, load)
+    value = np.concatenate([tension, u])
+    if "Infeasible" in str(answer.status):
+        return Solution(value, Status.INFEASIBLE, (residual,))
+    if not np.isfinite(residual):
+        return Solution(value, Status.NOT_FINITE, (residual,))
+    status = Status.CONVERGED if residual <= tolerance else Status.STALLED
+    return Solution(value, status, (residual,), detail=f"clarabel says {answer.status}")
+
+
+def _transposed(model: Equations) -> csc_array:
+    """B^T, shape (n, rows)."""
+    row = np.repeat(np.arange(len(model.unknown)), model.unknown.shape[1])
+    column, value = model.unknown.ravel(), model.coefficient.ravel()
+    free = column >= 0
+    shape = (model.n, len(model.unknown))
+    return csc_array((value[free], (column[free], row[free])), shape=shape)

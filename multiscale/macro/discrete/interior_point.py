@@ -1,0 +1,249 @@
+"""Interior point on the dual quadratic program, with the factors of the tangent."""
+
+from dataclasses import dataclass, replace
+from time import perf_counter
+
+import numpy as np
+
+from multiscale.convergence import Solution, Status
+from multiscale.errors import MultiscaleError
+from multiscale.macro.discrete.cholesky import Solve
+from multiscale.macro.discrete.compatibility import Equations
+from multiscale.macro.discrete.state import Limits, State, force_scale
+from multiscale.macro.discrete.tangent import Tangent
+
+__all__ = ["solve_interior_point"]
+
+BACK_OFF = 0.995
+"""Share of the way to the boundary that a step may take."""
+
+CENTRE = 0.1
+"""First distance from the boundary, relative to the mean tension."""
+
+NO_RESISTANCE = 1e-3
+"""Reciprocal of the leverage above which a motion counts as free once the method has failed."""
+
+CERTAIN = 1e-6
+"""Part of that at which the method need not go on."""
+
+LENT = 1e6
+"""Stiffness that a link of fixed length has in the matrix, relative to the stiffest other."""
+
+
+@np.errstate(all="ignore")  # an overflow shows in the residual
+def solve_interior_point(
+    model: Equations,
+    tangent: Tangent,
+    load_factor: float,
+    limits: Limits,
+) -> State:
+    r"""Find tensions and slacks together, from the inside of their range.
+
+    .. math::
+        B^T \tau = \alpha F^d, \quad \frac{\tau - \tau^0}{k} = B u + s \lambda, \quad
+        0 \le s \tau \perp \lambda \ge 0,    \tag{1}
+
+    with s = 1 for cables and -1 for struts: the conditions of the quadratic program
+    :math:`\min \sum (\tau - \tau^0)^2 / 2k` under equilibrium, dual to the energy of
+    :func:`solve_newton`. Links of fixed length have :math:`1/k = 0`.
+
+    Parameters
+    ----------
+    model, tangent, load_factor
+        As :func:`solve_newton`.
+    limits : Limits
+        Ten times the tolerance bounds the error of (1): forces relative to the largest nodal
+        load, the geometric mean of tension and slack (as a force) relative to the largest
+        tension. The rounding of the displacement is allowed for.
+
+    Returns
+    -------
+    State
+        With extensible links a Newton iteration or two lead on to round-off. If its status is
+        ``INFEASIBLE``, the displacement is a motion that the load pushes and no link resists.
+
+    Notes
+    -----
+    Every iteration solves with :math:`B^T w B`, :math:`w = (1/k + \lambda / |\tau|)^{-1}`: the
+    tangent with a stiffness for each link that fades as the link goes slack. The number of
+    iterations hardly depends on the load or the size, where Newton's method is stopped by a
+    singular tangent.
+
+    References
+    ----------
+    .. [1] S. Mehrotra, SIAM J. Optim. 2 (1992) 575-601, doi:10.1137/0802028.
+    """
+    clock = perf_counter()
+    problem = _Problem(model, load_factor * model.load)
+    residuals, seconds = list[float](), list[float]()
+    status, least, ray = Status.MAX_ITERATIONS, np.inf, np.zeros(model.n)
+    try:
+        point = problem.begin(tangent)
+    except MultiscaleError:
+        return problem.report(_Point(ray, model.prestress, 0.0 * model.prestress), Status.STALLED)
+
+    for iteration in range(limits.max_iterations + 1):
+        residuals.append(problem.residual(point))
+        seconds.append(perf_counter() - clock)
+        if limits.callback is not None:
+            limits.callback(iteration, residuals[-1])
+        if not np.isfinite(residuals[-1]):
+            status = Status.NOT_FINITE
+        elif residuals[-1] <= 10.0 * limits.tolerance:
+            status = Status.CONVERGED
+        if status is not Status.MAX_ITERATIONS or iteration == limits.max_iterations:
+            break
+        if least < CERTAIN * NO_RESISTANCE:
+            break
+        weight = problem.weight(point)
+        try:
+            solve = tangent.factorise(tangent.entries(weight))
+        except MultiscaleError:
+            status = Status.STALLED
+            break
+        point = _mehrotra_step(problem, point, weight, solve)
+        resistance = problem.resistance(point.u)
+        if resistance < least:
+            least, ray = resistance, point.u
+    if status is not Status.CONVERGED and least < NO_RESISTANCE:
+        status, point = Status.INFEASIBLE, replace(point, u=ray)
+    return problem.report(point, status, residuals, seconds)
+
+
+@dataclass(frozen=True, eq=False)
+class _Point:
+    """Displacement (m), tension (N) and slack (m); or their change."""
+
+    u: np.ndarray
+    tau: np.ndarray
+    slack: np.ndarray
+
+
+class _Problem:
+    """Conditions (1) and their linearisation."""
+
+    def __init__(self, model: Equations, load: np.ndarray) -> None:
+        self.model, self.load = model, load
+        self.sign = np.where(np.isfinite(model.lower), 1.0, 0.0) - np.isfinite(model.upper)
+        self.one_sided = self.sign != 0.0
+        self.give = 1.0 / model.stiffness
+        self.measure = model.finite_stiffness  # makes a length a force
+        self.lent = np.where(np.isinf(model.stiffness), 1.0 / (LENT * self.measure), 0.0)
+
+    def begin(self, tangent: Tangent) -> _Point:
+        """Start from the structure without slack, moved inwards."""
+        model, one = self.model, self.one_sided
+        solve = tangent.factorise(tangent.entries(self.measure))
+        u = solve(self.load - model.gather(model.prestress))
+        elastic = model.prestress + self.measure * model.elongate(u)
+        inwards = CENTRE * float(np.abs(elastic).mean())
+        tension = np.maximum(self.sign * elastic, 0.0) + inwards
+        slack = np.maximum(-self.sign * elastic, 0.0) + inwards
+        return _Point(
+            u,
+            np.where(one, self.sign * tension, elastic),
+            np.where(one, slack / self.measure, 0.0),
+        )
+
+    def errors(self, point: _Point) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """Return forces out of balance (N), misfits of the ends (m), tension times slack (N m)."""
+        model = self.model
+        balance = model.gather(point.tau) - self.load
+        fit = self.give * (point.tau - model.prestress)
+        fit = fit - model.elongate(point.u) - self.sign * point.slack
+        return balance, fit, np.where(self.one_sided, np.abs(point.tau) * point.slack, 0.0)
+
+    def residual(self, point: _Point) -> float:
+        """Largest error of (1) beyond the rounding of the displacement, dimensionless."""
+        balance, fit, product = self.errors(point)
+        largest = float(np.abs(point.tau).max()) or 1.0
+        rounding = 8.0 * np.finfo(float).eps * float(np.abs(point.u).max(initial=0.0))
+        misfit = float(np.max(self.measure * (np.abs(fit) - rounding), initial=0.0))
+        unbalanced = float(np.abs(balance).max(initial=0.0)) - rounding * float(self.measure.max())
+        gap = float(np.sqrt(np.max(self.measure * product, initial=0.0)))
+        scale = force_scale(self.model, self.load)
+        # the sum lets a NaN through, a maximum would not
+        return max(unbalanced, 0.0) / scale + (misfit + gap) / largest
+
+    def resistance(self, u: np.ndarray) -> float:
+        """Part of the load that tensions of its size could balance in a motion.
+
+        By virtual work any equilibrium has load . u <= sum tension * resisted elongation. So the
+        sum of all tensions is at least that of the loads divided by this number.
+        """
+        e = self.model.elongate(u)
+        resisted = np.where(self.one_sided, np.maximum(self.sign * e, 0.0), np.abs(e))
+        pushed = float(self.load @ u) / (float(np.abs(self.load).sum()) or 1.0)
+        return float(resisted.max()) / pushed if pushed > 0.0 else np.inf
+
+    def weight(self, point: _Point) -> np.ndarray:
+        """Stiffness w of every row, N/m."""
+        fading = np.divide(
+            point.slack, np.abs(point.tau), out=np.zeros_like(point.tau), where=self.one_sided
+        )
+        return np.asarray(1.0 / (self.give + self.lent + fading))
+
+    def direction(
+        self, point: _Point, weight: np.ndarray, solve: Solve, product: np.ndarray
+    ) -> _Point:
+        """Newton direction on (1) with the given error of the products."""
+        model = self.model
+        balance, fit, _ = self.errors(point)
+        size = np.where(self.one_sided, np.abs(point.tau), 1.0)
+        force = weight * (fit + self.sign * product / size)
+        u = solve(model.gather(force) - balance)
+        tau = weight * model.elongate(u) - force
+        slack = -(product + point.slack * self.sign * tau) / size
+        return _Point(u, tau, np.where(self.one_sided, slack, 0.0))
+
+    def longest_step(self, point: _Point, change: _Point) -> float:
+        """Step, at most one, at which a tension or a slack becomes zero."""
+        step = 1.0
+        for value, rate in (
+            (np.abs(point.tau), self.sign * change.tau),
+            (point.slack, change.slack),
+        ):
+            falls = self.one_sided & (rate < 0.0)
+            step = min(step, float(np.min(-value[falls] / rate[falls], initial=1.0)))
+        return step
+
+    def report(
+        self,
+        point: _Point,
+        status: Status,
+        residuals: list[float] | None = None,
+        seconds: list[float] | None = None,
+    ) -> State:
+        """Set the smaller one of tension and slack to zero; then measure the equilibrium."""
+        taut = np.abs(point.tau) > self.measure * point.slack
+        tension = np.where(taut | ~self.one_sided, point.tau, 0.0)
+        slack = np.where(taut, 0.0, point.slack)
+        residuals = list(residuals or [])
+        if status is Status.CONVERGED:
+            balance = self.model.gather(tension) - self.load
+            scale = force_scale(self.model, self.load)
+            residuals[-1] = float(np.abs(balance).max(initial=0.0)) / scale
+        solution = Solution(point.u, status, tuple(residuals), tuple(seconds or []))
+        return State(solution, tension, slack)
+
+
+def _mehrotra_step(problem: _Problem, point: _Point, weight: np.ndarray, solve: Solve) -> _Point:
+    """Predict without centring, then correct with the products that the prediction left out."""
+    one, sign = problem.one_sided, problem.sign
+    product = np.where(one, np.abs(point.tau) * point.slack, 0.0)
+    count = float(np.count_nonzero(one)) or 1.0
+    mean = float(product.sum()) / count
+    guess = problem.direction(point, weight, solve, product)
+    step = problem.longest_step(point, guess)
+    after = (np.abs(point.tau) + step * sign * guess.tau) * (point.slack + step * guess.slack)
+    left = float(after[one].sum()) / count
+    centring = mean * (left / mean) ** 3 if mean > 0.0 else 0.0
+    change = problem.direction(
+        point, weight, solve, product + sign * guess.tau * guess.slack - centring
+    )
+    step = min(1.0, BACK_OFF * problem.longest_step(point, change) if one.any() else 1.0)
+    return _Point(
+        point.u + step * change.u,
+        point.tau + step * change.tau,
+        point.slack + step * change.slack,
+    )

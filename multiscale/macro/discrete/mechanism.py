@@ -1,0 +1,152 @@
+"""Motions that cost no energy, and tensions that need no load."""
+
+import numpy as np
+from numpy.linalg import norm
+from scipy.linalg import svd
+
+from multiscale.errors import CaseError, MultiscaleError
+from multiscale.macro.discrete.cholesky import Solve
+from multiscale.macro.discrete.compatibility import Equations, compatibility
+from multiscale.macro.discrete.system import LinkSystem
+from multiscale.macro.discrete.tangent import Tangent
+
+__all__ = ["factorise_taut", "mechanism_modes", "name_mechanism", "name_motion", "self_stress"]
+
+RANK = 1e-10
+"""Singular value of the compatibility operator, relative to the largest, that counts as zero."""
+
+LARGEST = 4000
+"""Links or unknowns up to which a singular value decomposition is taken."""
+
+LARGEST_CONDITION = 1e14
+"""Condition number of the tangent without slack above which a structure is a mechanism."""
+
+HOLD = 1e-11
+"""Stiffness that holds a mechanism while it is sought, relative to the diagonal."""
+
+
+def self_stress(system: LinkSystem) -> np.ndarray:
+    r"""Independent states of self-stress, :math:`B^T \tau = 0`.
+
+    Parameters
+    ----------
+    system : LinkSystem
+        Of bars, cables and struts; supports carry what they hold.
+
+    Returns
+    -------
+    ndarray, shape (modes, links)
+        Orthonormal tensions. One state alone has the sign that puts most cables in tension.
+
+    Raises
+    ------
+    CaseError
+        If the structure is too large for a dense decomposition.
+
+    Examples
+    --------
+    >>> from multiscale.macro import quadruplex_module
+    >>> tension = self_stress(quadruplex_module())[0]
+    >>> np.round(tension[[0, 4, 8, 12]] / tension[0], 6)
+    array([ 1.      ,  1.414214,  1.414214, -2.44949 ])
+    """
+    left, _, rank = _decompose(system)
+    modes = left[:, rank:].T[:, : system.n_links]
+    if len(modes) == 1:
+        cables = np.isfinite(system.bounds[0])
+        modes = modes * (np.sign(modes[0, cables].sum()) or 1.0)
+    return np.asarray(modes)
+
+
+def mechanism_modes(system: LinkSystem) -> np.ndarray:
+    """Independent motions without elongation; those of the whole included if it is not held.
+
+    Returns
+    -------
+    ndarray, shape (modes, nodes, c)
+        Orthonormal in the unknowns.
+
+    Raises
+    ------
+    CaseError
+        If the structure is too large for a dense decomposition.
+    """
+    _, right, rank = _decompose(system)
+    free = ~np.asarray(system.fixed, dtype=bool)
+    modes = np.zeros((len(right) - rank, *free.shape))
+    modes[:, free] = right[rank:]
+    return modes
+
+
+def _decompose(system: LinkSystem) -> tuple[np.ndarray, np.ndarray, int]:
+    """Singular vectors of the compatibility operator, and its rank."""
+    operator = compatibility(system)
+    if max(operator.shape) > LARGEST:
+        raise CaseError(
+            f"modes are found by a dense decomposition, for at most {LARGEST} links or unknowns, "
+            f"got {operator.shape}; take one module"
+        )
+    left, values, right = svd(operator.toarray())
+    return left, right, int(np.count_nonzero(values > RANK * values.max(initial=0.0)))
+
+
+def factorise_taut(model: Equations, tangent: Tangent) -> Solve:
+    """Factorise the stiffness of the structure without slack.
+
+    Raises
+    ------
+    MultiscaleError
+        If the structure is a mechanism: a random force moves it as only a mechanism lets it.
+    """
+    entries = tangent.entries(model.finite_stiffness)
+    solve = tangent.factorise(entries)
+    scale = np.sqrt(entries[tangent.diagonal])
+    signs = np.random.default_rng(seed=0).choice([-1.0, 1.0], size=model.n)
+    with np.errstate(all="ignore"):
+        motion = np.abs(solve(scale * signs) * scale).max(initial=0.0)
+    if not motion < LARGEST_CONDITION:
+        raise MultiscaleError("the structure is a mechanism")
+    return solve
+
+
+def name_mechanism(model: Equations, tangent: Tangent, u: np.ndarray) -> str:
+    """Say which nodes can move without resistance in a state, or nothing if none can.
+
+    Parameters
+    ----------
+    model, tangent
+        The structure.
+    u : ndarray, shape (n,)
+        Displacement, m.
+    """
+    if not np.isfinite(u).all():
+        u = np.zeros_like(u)
+    stiffness = model.finite_stiffness
+    elastic = model.prestress + stiffness * model.elongate(u)
+    carries = (elastic >= model.lower) & (elastic <= model.upper)
+    entries = tangent.entries(np.where(carries, stiffness, 0.0))
+    hold = HOLD * tangent.entries(stiffness)[tangent.diagonal]
+    entries[tangent.diagonal] += hold
+    try:
+        solve = tangent.factorise(entries)
+    except MultiscaleError:
+        return ""
+    motion = np.random.default_rng(seed=0).standard_normal(model.n)
+    for _ in range(4):
+        motion = solve(hold * motion)
+        motion /= norm(motion)
+    if norm(solve(hold * motion)) < 0.5:
+        return ""
+    return name_motion(model, motion)
+
+
+def name_motion(model: Equations, motion: np.ndarray) -> str:
+    """Say which nodes move most in a motion without resistance, shape (n,)."""
+    size = norm(model.at_nodes(motion)[:, :3], axis=1)
+    if not size.any():
+        size = norm(model.at_nodes(motion), axis=1)
+    moving = np.flatnonzero(size > 0.3 * size.max())
+    order = moving[np.argsort(-size[moving], kind="stable")]
+    named = ", ".join(str(node) for node in order[:5])
+    more = f" and {order.size - 5} more" if order.size > 5 else ""
+    return f"{'nodes' if order.size > 1 else 'node'} {named}{more} can move without resistance"

@@ -1,0 +1,113 @@
+"""One load factor with small displacements: the methods in the order in which they help."""
+
+from dataclasses import replace
+
+import numpy as np
+
+from multiscale.convergence import Solution, Status
+from multiscale.errors import CaseError
+from multiscale.macro.discrete.cholesky import Solve
+from multiscale.macro.discrete.compatibility import Equations
+from multiscale.macro.discrete.complementarity import solve_complementarity
+from multiscale.macro.discrete.dual_program import solve_dual_program
+from multiscale.macro.discrete.interior_point import solve_interior_point
+from multiscale.macro.discrete.newton import solve_newton
+from multiscale.macro.discrete.state import Limits, State, state_of
+from multiscale.macro.discrete.tangent import Tangent
+
+__all__ = ["METHODS", "find_state"]
+
+METHODS = ("auto", "newton", "interior_point", "lcp", "dual")
+
+
+def find_state(
+    model: Equations,
+    tangent: Tangent,
+    load_factor: float,
+    start: np.ndarray,
+    method: str,
+    limits: Limits,
+    taut: Solve | None = None,
+) -> State:
+    """Solve for one load factor.
+
+    Parameters
+    ----------
+    model, tangent, load_factor, start, limits, taut
+        As :func:`solve_newton`.
+    method : str
+        See :func:`multiscale.macro.solve_static`.
+
+    Raises
+    ------
+    CaseError
+        If the method cannot take links of fixed length.
+    """
+    rigid = np.isinf(model.stiffness).any()
+    if method == "dual":
+        return _by_dual_program(model, load_factor, limits)
+    if method == "lcp":
+        if rigid:
+            raise CaseError(
+                "method 'lcp' needs extensible links; use method='auto' or 'dual' for links of "
+                "fixed length"
+            )
+        solution = solve_complementarity(model, tangent, load_factor, tolerance=limits.tolerance)
+        return state_of(model, solution)
+
+    if rigid and method == "newton":
+        raise CaseError(
+            "method 'newton' needs extensible links; use method='auto' for links of fixed length"
+        )
+    if rigid:
+        return solve_interior_point(model, tangent, load_factor, limits)
+    return _primal(model, tangent, load_factor, start, method, limits, taut)
+
+
+def _primal(
+    model: Equations,
+    tangent: Tangent,
+    load_factor: float,
+    start: np.ndarray,
+    method: str,
+    limits: Limits,
+    taut: Solve | None,
+) -> State:
+    """Newton; where its tangent becomes singular an interior point, then Newton to the end."""
+    parts: list[tuple[str, Solution]] = []
+    if method != "interior_point":
+        state = solve_newton(model, tangent, load_factor, start, limits, taut)
+        parts.append(("newton", state.solution))
+    if method == "interior_point" or (method == "auto" and not state.solution.converged):
+        state = solve_interior_point(model, tangent, load_factor, limits)
+        inside = state.solution
+        parts.append(("interior_point", inside))
+        if inside.status is not Status.INFEASIBLE and inside.residuals:
+            state = solve_newton(model, tangent, load_factor, inside.value, limits)
+            parts.append(("newton", state.solution))
+    return replace(state, solution=_joined(parts))
+
+
+def _joined(parts: list[tuple[str, Solution]]) -> Solution:
+    """One solution out of the solutions of several methods in turn."""
+    residuals, seconds, done = list[float](), list[float](), 0.0
+    for _, part in parts:
+        residuals += part.residuals
+        seconds += [done + second for second in part.seconds]
+        done = seconds[-1]
+    trail = tuple(name for name, _ in parts)
+    last = parts[-1][1]
+    return replace(last, residuals=tuple(residuals), seconds=tuple(seconds), trail=trail)
+
+
+def _by_dual_program(model: Equations, load_factor: float, limits: Limits) -> State:
+    """Tensions from the program itself, slacks from its displacement."""
+    answer = solve_dual_program(model, load_factor, tolerance=max(limits.tolerance, 1e-7))
+    tension, u = np.split(answer.value, [len(model.unknown)])
+    give = 1.0 / model.stiffness
+    misfit = np.abs((tension - model.prestress) * give - model.elongate(u))
+    one_sided = np.isfinite(model.lower) | np.isfinite(model.upper)
+    # of a pair of which one should be zero, the smaller is rounding
+    typical = np.median(give[give > 0.0]) if give.any() else 0.0
+    slack = np.where(one_sided & (misfit > typical * np.abs(tension)), misfit, 0.0)
+    return State(replace(answer, value=u), tension, slack)

@@ -1,0 +1,196 @@
+"""Static equilibrium of a discrete structure."""
+
+from collections.abc import Callable, Sequence
+from time import perf_counter
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from multiscale.convergence import Solution, Status
+from multiscale.errors import CaseError, MultiscaleError
+from multiscale.macro.discrete.checks import check_supports
+from multiscale.macro.discrete.cholesky import Solve
+from multiscale.macro.discrete.compatibility import Equations, equations
+from multiscale.macro.discrete.finite_displacement import find_finite_state
+from multiscale.macro.discrete.mechanism import factorise_taut, name_mechanism, name_motion
+from multiscale.macro.discrete.results import join_steps, step_values
+from multiscale.macro.discrete.small_displacement import METHODS, find_state
+from multiscale.macro.discrete.stability import (
+    material_entries,
+    smallest_eigenvalue,
+    stability_entries,
+)
+from multiscale.macro.discrete.state import Limits, State, state_of
+from multiscale.macro.discrete.system import LinkSystem
+from multiscale.macro.discrete.tangent import Tangent, prepare_tangent
+
+if TYPE_CHECKING:
+    import xarray as xr
+
+__all__ = ["solve_static"]
+
+Find = Callable[[np.ndarray, float, float], State]
+"""State from a start, the load factor it belongs to, and the one to reach."""
+
+TRY_EXACT = "exact=True counts the stiffness that the prestress gives"
+
+
+def solve_static(
+    system: LinkSystem,
+    load_factor: float | Sequence[float] = 1.0,
+    *,
+    method: str = "auto",
+    exact: bool = False,
+    stability: bool = False,
+    max_iterations: int = 60,
+    tolerance: float = 1e-10,
+    callback: Callable[[int, float], None] | None = None,
+) -> "xr.Dataset":
+    r"""Find the tensions and displacements under a load.
+
+    Parameters
+    ----------
+    system : LinkSystem
+        The structure with its load :math:`F^d`.
+    load_factor : float or sequence of float
+        :math:`\alpha`. Each of a sequence starts from the one before.
+    method : str
+        ``"auto"`` is a proximal semismooth Newton method; where so many links go slack that its
+        tangent becomes singular, an interior point takes over and Newton ends it.
+        ``"newton"`` and ``"interior_point"`` take one alone; ``"lcp"`` solves the
+        complementarity problem (10) of the source, ``"dual"`` the quadratic program in the
+        tensions by clarabel, accurate to about 1e-7.
+    exact : bool
+        Whether elongations and directions follow the moved nodes exactly. Otherwise
+        perturbations are small, as in the source.
+    stability : bool
+        Whether to add the smallest eigenvalue of the tangent, without and with the geometric
+        stiffness of the tensions.
+    max_iterations : int
+        Iteration limit of a method.
+    tolerance : float
+        Bound on the largest force out of balance relative to the largest nodal load (without
+        load: to the largest prestress); dimensionless. What rounding makes unavoidable is
+        allowed for; ``residual`` says what was reached.
+    callback : callable, optional
+        Called as ``callback(iteration, residual)``.
+
+    Returns
+    -------
+    Dataset
+        Follows ``MACRO_RESULT``: ``tension (link)``, ``slack (link)`` (0 where taut),
+        ``displacement (node, component)``, with beams ``rotation`` and ``moment``; a sequence
+        adds the dimension ``step``. A step that does not converge is NaN with ``converged`` 0,
+        and the attribute ``failure`` says why, with the nodes that can move freely.
+
+    Raises
+    ------
+    CaseError
+        If the structure is not supported, or the method cannot take it.
+
+    Notes
+    -----
+    Tensions are unique. Slacks and displacements are not where slack links leave a mechanism
+    that the load does not move: then one of them is given.
+
+    Examples
+    --------
+    >>> from multiscale.macro import tensegrity_grid
+    >>> result = solve_static(tensegrity_grid(4), [0.0, 1.0])
+    >>> result.converged.values
+    array([1, 1])
+    >>> result.tension.sel(step=0).max().round(6).item()
+    2550.0
+    """
+    factors = np.atleast_1d(np.asarray(load_factor, dtype=float))
+    _check(system, factors, method, exact)
+    check_supports(system)
+    model = equations(system)
+    tangent = prepare_tangent(system, model)
+    limits = Limits(max_iterations, tolerance, callback)
+    find: Find
+    if exact:
+        find = _finite(system, model, tangent, limits)
+    else:
+        find = _small(model, tangent, method, limits)
+    start, reached = np.zeros(model.n), 0.0
+    columns, failures = list[dict[str, Any]](), list[str]()
+
+    for factor in factors:
+        clock = perf_counter()
+        state = find(start, reached, factor)
+        column = step_values(system, model, state)
+        if not state.solution.converged:
+            failures.append(f"load factor {factor:g}: {_reason(model, tangent, state, method)}")
+        else:
+            start, reached = state.solution.value, factor
+            if stability:
+                column |= _eigenvalues(system, model, tangent, state)
+        columns.append(column | {"wall_time": perf_counter() - clock})
+    result = join_steps(system, factors, columns)
+    if failures:
+        result = result.assign_attrs(failure="\n".join(failures))
+    return result if np.ndim(load_factor) else result.isel(step=0)
+
+
+def _check(system: LinkSystem, factors: np.ndarray, method: str, exact: bool) -> None:
+    """Refuse options that do not fit the structure."""
+    if factors.ndim != 1 or not factors.size or not np.isfinite(factors).all():
+        raise CaseError(f"load_factor must be a finite number or a list of them, got {factors}")
+    if method not in METHODS:
+        raise CaseError(f"method {method!r} does not exist; known: {list(METHODS)}")
+    if not exact:
+        return
+    if system.n_components == 6:
+        raise CaseError("exact=True takes links alone, because beams rotate by small angles")
+    if np.isinf(system.stiffness).any():
+        raise CaseError("exact=True needs extensible links; give a finite rigidity")
+    if method != "auto":
+        raise CaseError(f"exact=True has one method, 'auto', got {method!r}")
+
+
+def _finite(system: LinkSystem, model: Equations, tangent: Tangent, limits: Limits) -> Find:
+    """Find equilibria in the moved positions."""
+    return lambda start, reached, factor: find_finite_state(
+        system, model, tangent, (reached, factor), start, limits
+    )
+
+
+def _small(model: Equations, tangent: Tangent, method: str, limits: Limits) -> Find:
+    """Find equilibria in the positions of the prestressed structure, unless it is a mechanism."""
+    taut: Solve | None = None
+    if method != "dual":
+        try:
+            taut = factorise_taut(model, tangent)
+        except MultiscaleError:
+            nothing = Solution(np.zeros(model.n), Status.STALLED, detail=TRY_EXACT)
+            return lambda start, reached, factor: state_of(model, nothing, 0.0 * model.prestress)
+
+    def find(start: np.ndarray, reached: float, factor: float) -> State:
+        nonlocal taut
+        fresh, taut = taut, None  # the factors last until the next factorisation
+        return find_state(model, tangent, factor, start, method, limits, fresh)
+
+    return find
+
+
+def _reason(model: Equations, tangent: Tangent, state: State, method: str) -> str:
+    """Say in one sentence why a step failed, and which nodes can move freely."""
+    solution = state.solution
+    if solution.status is Status.INFEASIBLE and method != "lcp":
+        reason = f"{name_motion(model, solution.value)}, and the load pushes there"
+    else:
+        reason = name_mechanism(model, tangent, solution.value) or solution.status.value
+    return reason + (f"; {solution.detail}" if solution.detail else "")
+
+
+def _eigenvalues(
+    system: LinkSystem, model: Equations, tangent: Tangent, state: State
+) -> dict[str, float]:
+    """Smallest eigenvalues of the tangent, N/m."""
+    return {
+        "tangent_eigenvalue": smallest_eigenvalue(tangent, material_entries(model, tangent, state)),
+        "stability_eigenvalue": smallest_eigenvalue(
+            tangent, stability_entries(system, model, tangent, state)
+        ),
+    }

@@ -1,0 +1,148 @@
+"""Nodes and links: one description of trusses, frames, tensegrities and cable nets."""
+
+from dataclasses import dataclass, field, replace
+from functools import cached_property
+
+import numpy as np
+
+from multiscale.laws.link import Beam, LinkLaw
+from multiscale.macro.discrete.checks import check_balance, check_links, check_nodes
+
+__all__ = ["LinkSystem"]
+
+
+@dataclass(frozen=True, eq=False)
+class LinkSystem:
+    r"""Discrete structure in its prestressed configuration :math:`\Omega_0`.
+
+    Parameters
+    ----------
+    position : ndarray, shape (nodes, 3)
+        m.
+    ends : ndarray of int, shape (links, 2)
+        Nodes at both ends of every link.
+    laws : tuple of LinkLaw
+        The laws that occur.
+    kind : ndarray of int, shape (links,)
+        Which of the laws a link has.
+    fixed : ndarray of bool, shape (nodes, c)
+        Held unknowns. With c = 3 displacements along x, y, z; with beams c = 6, the rotations
+        about x, y, z follow.
+    load : ndarray, shape (nodes, c)
+        Forces (N) and with beams moments (N m) at load factor one.
+    prestress : ndarray, shape (links,), optional
+        Tension :math:`\tau^0`, N, compression negative; zero if not given.
+    group : ndarray of int, shape (links,), optional
+        Module to which a link belongs. Modules that share an edge bring parallel links; within
+        one module a second link between the same nodes is refused as a duplicate.
+    balanced : bool
+        Whether the prestress must hold itself at every node that can move. Without it
+        :math:`\Omega_0` is only where the relaxed lengths are counted from, and the structure
+        moves at load factor zero: a cable that has been cut.
+
+    Raises
+    ------
+    CaseError
+        If shapes or numbers do not fit, a node belongs to no link, a link has no length or is
+        there twice, or the prestress is out of balance.
+
+    Examples
+    --------
+    Two bars carry 1 kN at their common node:
+
+    >>> from multiscale.laws.link import Bar
+    >>> from multiscale.macro import solve_static
+    >>> two_bars = LinkSystem(
+    ...     position=np.array([[-1.0, 0.0, 1.0], [1.0, 0.0, 1.0], [0.0, 0.0, 0.0]]),
+    ...     ends=np.array([[0, 2], [1, 2]]),
+    ...     laws=(Bar(rigidity=1e7),),
+    ...     kind=np.array([0, 0]),
+    ...     fixed=np.array([[True, True, True], [True, True, True], [False, True, False]]),
+    ...     load=np.array([[0.0, 0.0, 0.0], [0.0, 0.0, 0.0], [0.0, 0.0, -1000.0]]),
+    ... )
+    >>> solve_static(two_bars).tension.values.round(3)
+    array([707.107, 707.107])
+    """
+
+    position: np.ndarray
+    ends: np.ndarray
+    laws: tuple[LinkLaw, ...]
+    kind: np.ndarray
+    fixed: np.ndarray
+    load: np.ndarray
+    prestress: np.ndarray = field(default_factory=lambda: np.zeros(0))
+    group: np.ndarray = field(default_factory=lambda: np.zeros(0, dtype=int))
+    balanced: bool = True
+
+    def __post_init__(self) -> None:
+        links = len(self.ends)
+        for name, kind in (("prestress", float), ("group", int)):
+            if not np.size(getattr(self, name)):
+                object.__setattr__(self, name, np.zeros(links, dtype=kind))
+        check_nodes(self)
+        check_links(self)
+        if self.balanced:
+            check_balance(self)
+
+    @property
+    def n_nodes(self) -> int:
+        """Number of nodes."""
+        return len(self.position)
+
+    @property
+    def n_links(self) -> int:
+        """Number of links."""
+        return len(self.ends)
+
+    @property
+    def n_components(self) -> int:
+        """Unknowns per node: 3, or 6 with beams."""
+        return 6 if any(isinstance(law, Beam) for law in self.laws) else 3
+
+    @cached_property
+    def span(self) -> np.ndarray:
+        """Vector from the first to the second end, shape (links, 3), m."""
+        return np.asarray(self.position[self.ends[:, 1]] - self.position[self.ends[:, 0]])
+
+    @cached_property
+    def length(self) -> np.ndarray:
+        """Distance of the ends, shape (links,), m."""
+        return np.asarray(np.sqrt(np.einsum("li,li->l", self.span, self.span)))
+
+    @cached_property
+    def direction(self) -> np.ndarray:
+        """Unit vector from the first to the second end, shape (links, 3)."""
+        return np.asarray(self.span / self.length[:, None])
+
+    @cached_property
+    def stiffness(self) -> np.ndarray:
+        """Axial EA/L, shape (links,), N/m; infinite for links of fixed length."""
+        return np.asarray(np.array([law.rigidity for law in self.laws])[self.kind] / self.length)
+
+    @cached_property
+    def bounds(self) -> np.ndarray:
+        """Lowest and highest admissible tension, shape (2, links), N."""
+        return np.array([[law.lower, law.upper] for law in self.laws]).T[:, self.kind]
+
+    def without(self, links: np.ndarray) -> "LinkSystem":
+        """Cut links: the others keep their relaxed lengths, so nothing is balanced any more.
+
+        Parameters
+        ----------
+        links : ndarray of int
+            Links to take out.
+
+        Raises
+        ------
+        CaseError
+            If a node is left without links.
+        """
+        kept = np.delete(np.arange(self.n_links), links)
+        return replace(
+            self,
+            ends=self.ends[kept],
+            kind=self.kind[kept],
+            prestress=self.prestress[kept],
+            group=self.group[kept],
+            balanced=False,
+        )

@@ -1,0 +1,148 @@
+"""The quadruplex module and the grid made of it."""
+
+from dataclasses import replace
+
+import numpy as np
+
+from multiscale.errors import CaseError
+from multiscale.laws.link import Bar, Cable
+from multiscale.macro.discrete.system import LinkSystem
+
+__all__ = ["quadruplex_module", "tensegrity_grid"]
+
+MODULE_ENDS = np.array(
+    [[i, (i + 1) % 4] for i in range(4)]  # lower cables
+    + [[4 + i, 4 + (i + 1) % 4] for i in range(4)]  # upper cables
+    + [[i, 4 + i] for i in range(4)]  # lateral cables
+    + [[i, 4 + (i + 1) % 4] for i in range(4)]  # bars
+)
+"""Links of a module: nodes 0-3 are the lower corners, 4-7 the upper mid-sides."""
+
+FORCE_DENSITY = np.repeat([0.5, 1.0, 1.0, -1.0], 4)
+"""Self-stress of a module, tension over length, relative to the upper cables."""
+
+
+def tensegrity_grid(
+    n: int,
+    m: int | None = None,
+    *,
+    prestress: float = 2550.0,
+    size: float = 1.0,
+    height: float = 0.5,
+    cable: Cable | None = None,
+    bar: Bar | None = None,
+    nodal_load: float = 40.0,
+) -> LinkSystem:
+    r"""Double-layer grid of n x m self-stressed quadruplex modules.
+
+    Parameters
+    ----------
+    n, m : int
+        Modules along x and y; m = n if not given.
+    prestress : float
+        Tension of the upper cables at load factor zero, N. The self-stress of a module is, as
+        force over length, lower : upper : lateral : bar = 1 : 2 : 2 : -2; with the default shape
+        the tensions are as 1 : sqrt 2 : sqrt 2 : -sqrt 6.
+    size : float
+        Edge :math:`a` of a module, m.
+    height : float
+        Distance :math:`h` of the layers, m.
+    cable : Cable, optional
+        4e6 N if not given.
+    bar : Bar, optional
+        8e7 N if not given.
+    nodal_load : float
+        Vertical force on every node at load factor one, N, positive downwards.
+
+    Returns
+    -------
+    LinkSystem
+        Module by module (x fastest): four lower, four upper, four lateral cables and four bars.
+        The lower nodes on the edges x = 0 and x = n a are fixed. Neighbours share their nodes
+        and keep their parallel cables.
+
+    Raises
+    ------
+    CaseError
+        If a number is out of range.
+
+    Notes
+    -----
+    With the defaults and n = 16 this is the test structure of section 4 of the source: 256
+    modules, 3072 cables. The source gives neither the shape nor the stiffness; these are chosen
+    so that about 14 % of the cables are slack at load factor one, as it says. That share follows
+    from one ratio, of load to prestress; it is not a prediction.
+
+    Examples
+    --------
+    >>> grid = tensegrity_grid(16)
+    >>> grid.n_nodes, grid.n_links
+    (833, 4096)
+    """
+    m = n if m is None else m
+    if min(n, m) < 1:
+        raise CaseError(f"a grid needs at least one module each way, got {n} x {m}")
+    for name, value in (("size", size), ("height", height)):
+        if not (value > 0.0 and np.isfinite(value)):
+            raise CaseError(f"{name} of a module must be positive (m), got {value}")
+    if not (prestress >= 0.0 and np.isfinite(prestress)):
+        raise CaseError(f"prestress must not be negative (N), got {prestress}")
+    position, modules = _grid_nodes(n, m)
+    position = position * np.array([size, size, height])
+    ends = modules[:, MODULE_ENDS].reshape(-1, 2)
+    span = position[ends[:, 1]] - position[ends[:, 0]]
+    length = np.sqrt(np.einsum("li,li->l", span, span))
+    density = np.tile(FORCE_DENSITY, n * m) * prestress / (size * np.sqrt(0.5))
+
+    fixed = np.zeros((len(position), 3), dtype=bool)
+    fixed[: (n + 1) * (m + 1) : n + 1] = True
+    fixed[n : (n + 1) * (m + 1) : n + 1] = True
+    load = np.zeros((len(position), 3))
+    load[:, 2] = -nodal_load
+    return LinkSystem(
+        position,
+        ends,
+        laws=(cable or Cable(4e6), bar or Bar(8e7)),
+        kind=np.tile(np.repeat([0, 1], [12, 4]), n * m),
+        fixed=fixed,
+        load=load,
+        prestress=density * length,
+        group=np.repeat(np.arange(n * m), 16),
+    )
+
+
+def quadruplex_module(**options: float) -> LinkSystem:
+    """One free module: no supports, no load.
+
+    Parameters
+    ----------
+    **options
+        ``prestress``, ``size``, ``height``, ``cable`` and ``bar`` of :func:`tensegrity_grid`.
+    """
+    module = tensegrity_grid(1, **options)  # type: ignore[arg-type]
+    return replace(module, fixed=np.zeros((8, 3), dtype=bool), load=np.zeros((8, 3)))
+
+
+def _grid_nodes(n: int, m: int) -> tuple[np.ndarray, np.ndarray]:
+    """Nodes in units of size and height, and the eight nodes of every module.
+
+    The corners of the lower layer come first, then the upper nodes on edges along x and on edges
+    along y; x runs fastest.
+    """
+    lower, along_x = (n + 1) * (m + 1), n * (m + 1)
+    j, i = (index.ravel() for index in np.mgrid[: m + 1, : n + 1])
+    y_x, x_x = (index.ravel() for index in np.mgrid[: m + 1, :n])
+    y_y, x_y = (index.ravel() for index in np.mgrid[:m, : n + 1])
+    position = np.concatenate(
+        [
+            np.stack([i, j, 0.0 * i], axis=1),
+            np.stack([x_x + 0.5, y_x, 1.0 + 0.0 * x_x], axis=1),
+            np.stack([x_y, y_y + 0.5, 1.0 + 0.0 * x_y], axis=1),
+        ]
+    )
+    j, i = (index.ravel() for index in np.mgrid[:m, :n])
+    corner = j * (n + 1) + i
+    edge_x, edge_y = lower + j * n + i, lower + along_x + j * (n + 1) + i
+    upper = [edge_x, edge_y + 1, edge_x + n, edge_y]
+    lowers = [corner, corner + 1, corner + n + 2, corner + n + 1]
+    return position, np.stack(lowers + upper, axis=1)

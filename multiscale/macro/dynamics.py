@@ -1,0 +1,406 @@
+r"""Time stepping of structures with slack and impacts, eqs (6), (8), (9) and (11) of the source.
+
+Moreau-Jean steps on the measure equation: velocities may jump, and impulses stand for forces.
+"""
+
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+from functools import partial
+from time import perf_counter
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from scipy.sparse import csr_array, diags_array
+
+from multiscale.errors import CaseError
+from multiscale.macro.discrete.cholesky import Solve
+from multiscale.macro.discrete.compatibility import Equations, compatibility, equations
+from multiscale.macro.discrete.description import describe
+from multiscale.macro.discrete.system import LinkSystem
+from multiscale.macro.discrete.tangent import Tangent, prepare_tangent
+from multiscale.macro.energy import EnergyStep, account
+from multiscale.macro.line_search import step_length
+from multiscale.nonsmooth import solve_lcp
+from multiscale.schema import MACRO_RESULT
+
+if TYPE_CHECKING:
+    import xarray as xr
+
+__all__ = ["simulate"]
+
+MAX_ITERATIONS = 50
+TOLERANCE = 1e-12
+"""Of a step: momentum out of balance, relative to the largest one; or what rounding leaves."""
+
+
+def simulate(
+    system: LinkSystem,
+    times: np.ndarray,
+    mass: np.ndarray | float,
+    *,
+    load_factor: Callable[[float], float] = lambda time: 1.0,
+    support_motion: Callable[[float], np.ndarray] | None = None,
+    start: tuple[np.ndarray, np.ndarray] | None = None,
+    theta: float = 1.0,
+    restitution: float = 0.0,
+) -> "xr.Dataset":
+    r"""Follow a structure of bars, cables and struts in time.
+
+    Parameters
+    ----------
+    system : LinkSystem
+        The structure; links of infinite rigidity are inextensible cables or struts.
+    times : ndarray, shape (steps + 1,)
+        Rising, s. The first is the initial state.
+    mass : ndarray, shape (nodes,), or float
+        Mass of each node, kg; with beams in (nodes, 6), the last three in kg m2.
+    load_factor : callable
+        :math:`\alpha(t)`, times the loads of the system.
+    support_motion : callable, optional
+        Displacement of the nodes at a time, shape (nodes, c), m; read where they are held.
+    start : tuple of ndarray, shape (nodes, c), optional
+        Displacement, m, and velocity, m/s, at the first time; at rest in the prestressed
+        configuration if not given.
+    theta : float
+        From 1/2 (second order, no damping of its own) to 1 (fully implicit).
+    restitution : float
+        Of inextensible links that run taut, from 0 to 1.
+
+    Returns
+    -------
+    Dataset
+        Follows ``MACRO_RESULT``, one step for each time. A step that fails is NaN with
+        ``converged`` 0, and the later ones are not tried.
+
+    Raises
+    ------
+    CaseError
+        If times, masses or the scheme are refused.
+
+    Notes
+    -----
+    A step of size h from :math:`(u^-, v^-)` solves
+
+    .. math::
+        M (v^+ - v^-) + h B^T \tau_\theta = h F_\theta, \qquad
+        u^+ = u^- + h (\theta v^+ + (1 - \theta) v^-),    \tag{1}
+
+    with :math:`x_\theta = \theta x^+ + (1 - \theta) x^-`, (9) of the source for
+    :math:`\theta = 1`. Extensible links enter by a semismooth Newton method, whose matrix
+    :math:`M + \theta^2 h^2 B^T k B` is positive definite whatever is slack. Inextensible links
+    carry impulses :math:`\pi`: with the others condensed, (11) of the source,
+
+    .. math::
+        0 \le \pi \perp -\left( \eta^+ + e^- / h \right) \ge 0,    \tag{2}
+
+    so that their ends never come farther apart than their length. With a coefficient of
+    restitution :math:`\rho`, links that would be taut in the middle of the step obey
+    :math:`0 \le \pi \perp -(\eta^+ + \rho\, \eta^-) \ge 0` in place of (2).
+
+    References
+    ----------
+    .. [1] M. Jean, Comput. Methods Appl. Mech. Eng. 177 (1999) 235-257,
+       doi:10.1016/S0045-7825(98)00383-1.
+    """
+    times = np.asarray(times, dtype=float)
+    if times.ndim != 1 or times.size < 2 or not np.all(np.diff(times) > 0.0):
+        raise CaseError(f"times must rise and be at least two (s), got {times[:5]}")
+    if not 0.5 <= theta <= 1.0:
+        raise CaseError(f"theta must lie between 1/2 and 1, got {theta:g}")
+    if not 0.0 <= restitution <= 1.0:
+        raise CaseError(f"restitution must lie between 0 and 1, got {restitution:g}")
+    scheme = _prepare(system, mass, theta, restitution, load_factor, support_motion)
+    state = scheme.rest(float(times[0]), start)
+
+    rows: list[dict[str, Any]] = [scheme.report(state, None, 0.0, 0.0)]
+    for time in times[1:]:
+        begin = perf_counter()
+        new, residual, solved = scheme.advance(state, float(time))
+        if not solved:
+            rows.append(_failed(rows[0], float(time), residual, perf_counter() - begin))
+            break
+        energy = scheme.energy(state, new)
+        rows.append(scheme.report(new, energy, residual, perf_counter() - begin))
+        state = new
+    return _dataset(system, rows)
+
+
+Gradient = Callable[[np.ndarray], tuple[np.ndarray, np.ndarray]]
+
+
+@dataclass(frozen=True)
+class _State:
+    """What is known at a time; ``tension`` is that of the step before for inextensible links."""
+
+    time: float
+    u: np.ndarray
+    v: np.ndarray
+    elongation: np.ndarray
+    support: np.ndarray
+    tension: np.ndarray
+    impulse: np.ndarray
+
+
+@dataclass(frozen=True)
+class _Scheme:
+    """A structure and how it is stepped."""
+
+    system: LinkSystem
+    model: Equations
+    tangent: Tangent
+    held: Equations
+    operator: csr_array
+    mass: np.ndarray
+    extensible: np.ndarray
+    theta: float
+    restitution: float
+    load_factor: Callable[[float], float]
+    support_motion: Callable[[float], np.ndarray] | None
+
+    def rest(self, time: float, start: tuple[np.ndarray, np.ndarray] | None) -> _State:
+        """Return the initial state."""
+        free = self.model.number >= 0
+        u = v = np.zeros(self.model.n)
+        if start is not None:
+            shape = self.model.number.shape
+            for name, given in zip(("displacement", "velocity"), start, strict=True):
+                if np.shape(given) != shape:
+                    raise CaseError(f"start {name} must have shape {shape}, got {np.shape(given)}")
+            u, v = ((np.asarray(given, dtype=float) * self.model.unit)[free] for given in start)
+        support = self.support(time)
+        e = self.model.elongate(u) + support
+        return _State(time, u, v, e, support, self.tension(e), np.zeros_like(e))
+
+    def support(self, time: float) -> np.ndarray:
+        """Elongation of the links that the motion of the supports alone brings, m."""
+        if self.support_motion is None:
+            return np.zeros(len(self.model.unknown))
+        motion = np.asarray(self.support_motion(time), dtype=float) * self.model.unit
+        return self.held.elongate(motion[self.held.number >= 0])
+
+    def load(self, time: float) -> np.ndarray:
+        """Nodal loads at a time, N."""
+        return float(self.load_factor(time)) * self.model.load
+
+    def tension(self, elongation: np.ndarray) -> np.ndarray:
+        """Tension of the extensible links, N; zero in the others."""
+        model = self.model
+        k = np.where(self.extensible, model.stiffness, 0.0)
+        elastic = model.prestress + k * elongation
+        tension = np.clip(elastic, model.lower, model.upper)
+        return np.where(self.extensible, tension, 0.0)
+
+    def slack(self, elongation: np.ndarray) -> np.ndarray:
+        """Distance by which the ends of each link miss it, m; zero where it is taut."""
+        stretch = elongation + self.model.prestress / self.model.stiffness
+        short = np.where(np.isfinite(self.model.lower), np.maximum(0.0, -stretch), 0.0)
+        return np.where(np.isfinite(self.model.upper), np.maximum(0.0, stretch), short)
+
+    def stored(self, tension: np.ndarray) -> np.ndarray:
+        """Elastic energy of each link, J, counted from where it is relaxed."""
+        k = np.where(self.extensible, self.model.stiffness, np.inf)
+        return np.asarray(0.5 * tension**2 / k)
+
+    def advance(self, old: _State, time: float) -> tuple[_State, float, bool]:
+        """Solve one step; return the new state, the residual and whether it was solved."""
+        h, theta = time - old.time, self.theta
+        support = self.support(time)
+        moved = support - old.support
+        drift = old.elongation + moved + h * (1.0 - theta) * self.model.elongate(old.v)
+        push = self.mass * old.v + h * (
+            theta * self.load(time)
+            + (1.0 - theta) * (self.load(old.time) - self.model.gather(old.tension))
+        )
+        if self.extensible.all():
+            v, residual, solved = self._newton(h * theta, old.v, drift, push)
+            impulse = np.zeros_like(drift)
+        else:
+            v, impulse, residual, solved = self._impulses(h, old, drift, moved / h, push)
+        u = old.u + h * (theta * v + (1.0 - theta) * old.v)
+        e = self.model.elongate(u) + support
+        return _State(time, u, v, e, support, self.tension(e), impulse), residual, solved
+
+    def _newton(
+        self, step: float, v: np.ndarray, drift: np.ndarray, push: np.ndarray
+    ) -> tuple[np.ndarray, float, bool]:
+        """Solve M v + s B^T tau(drift + s B v) = push: the gradient of a convex function of v."""
+        model, scale = self.model, float(np.abs(push).max(initial=0.0)) or 1.0
+        rounding = 8.0 * np.finfo(float).eps * step * float(model.stiffness.max())
+
+        def gradient(velocity: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+            tension = self.tension(drift + step * model.elongate(velocity))
+            return self.mass * velocity + step * model.gather(tension) - push, tension
+
+        residual, tension = gradient(v)
+        for _ in range(MAX_ITERATIONS):
+            size = max(scale, step * float(np.abs(tension).max(initial=0.0)))
+            error = float(np.abs(residual).max(initial=0.0)) / size
+            cancelling = np.abs(drift) + step * np.abs(model.elongate(v))
+            unavoidable = rounding * float(cancelling.max()) / size
+            if not error > max(TOLERANCE, unavoidable):
+                return v, error, bool(np.isfinite(error))
+            carries = (tension > model.lower) & (tension < model.upper)
+            solve = self._factorise(step, np.where(carries, model.stiffness, 0.0))
+            dv = -solve(residual)
+            v = v + step_length(partial(_slope, gradient, v, dv), float(dv @ residual)) * dv
+            residual, tension = gradient(v)
+        return v, error, False
+
+    def _factorise(self, step: float, stiffness: np.ndarray) -> Solve:
+        """Factors of M + s^2 B^T k B."""
+        entries = self.tangent.entries(step**2 * stiffness)
+        entries[self.tangent.diagonal] += self.mass
+        return self.tangent.factorise(entries)
+
+    def _impulses(
+        self, h: float, old: _State, drift: np.ndarray, moved: np.ndarray, push: np.ndarray
+    ) -> tuple[np.ndarray, np.ndarray, float, bool]:
+        """Solve the complementarity problem (11) of the unilateral links, the others condensed."""
+        model, step = self.model, h * self.theta
+        one_sided = np.isfinite(model.lower) | np.isfinite(model.upper)
+        k = np.where(one_sided, 0.0, model.stiffness)
+        solve = self._factorise(step, k)
+        free = solve(
+            push - step * model.gather(np.where(one_sided, 0.0, model.prestress) + k * drift)
+        )
+
+        sign = np.where(np.isfinite(model.lower), 1.0, -1.0)  # a strut pushes
+        eta = self.model.elongate(old.v) + moved
+        relaxed = np.where(self.extensible, model.prestress / model.stiffness, 0.0)
+        bound = sign * ((drift + relaxed) / step)
+        bouncing = ~self.extensible & (self.restitution > 0.0)
+        near = sign * (old.elongation + 0.5 * h * eta) >= 0.0
+        bound[bouncing] = (sign * (self.restitution * eta + moved))[bouncing]
+        live = np.flatnonzero(one_sided & (near | ~bouncing))
+
+        B = diags_array(sign[live]) @ self.operator[live]
+        W = B @ solve(np.asarray(B.T.todense())) + np.diag(1.0 / (step**2 * model.stiffness[live]))
+        found = solve_lcp(W, -(B @ free) - bound[live], start=old.impulse[live] * sign[live])
+        impulse = np.zeros_like(drift)
+        impulse[live] = sign[live] * found.value
+        v = free - solve(B.T @ found.value)
+        return v, impulse, found.residuals[-1], found.converged
+
+    def energy(self, old: _State, new: _State) -> EnergyStep:
+        """Return the account of a step."""
+        h = new.time - old.time
+        mean = self.theta * new.tension + (1.0 - self.theta) * old.tension
+        mean = np.where(self.extensible, mean, new.impulse / h)
+        force = self.theta * self.load(new.time) + (1.0 - self.theta) * self.load(old.time)
+        work = float(force @ (new.u - old.u)) + float(mean @ (new.support - old.support))
+        return account(
+            self.mass,
+            (old.v, new.v),
+            (self.stored(old.tension), self.stored(new.tension)),
+            mean,
+            new.elongation - old.elongation,
+            work,
+            self.theta,
+        )
+
+    def report(
+        self, state: _State, energy: EnergyStep | None, residual: float, seconds: float
+    ) -> dict[str, Any]:
+        """Return one row of the dataset."""
+        links = self.system.n_links
+        tension = np.where(self.extensible, state.tension, 0.0)[:links]
+        own = float(np.sum(self.stored(state.tension)))
+        energy = energy or EnergyStep(
+            0.5 * float(state.v @ (self.mass * state.v)), own, 0.0, 0.0, 0.0, 0.0
+        )
+        displacement = self.model.at_nodes(state.u)
+        if self.support_motion is not None:
+            displacement = displacement + np.where(
+                self.model.number < 0, self.support_motion(state.time), 0.0
+            )
+        return {
+            "time": state.time,
+            "converged": 1,
+            "residual": residual,
+            "wall_time": seconds,
+            "tension": tension,
+            "slack": self.slack(state.elongation)[:links],
+            "impulse": state.impulse[:links],
+            "displacement": displacement[:, :3],
+            "velocity": self.model.at_nodes(state.v)[:, :3],
+            "kinetic_energy": energy.kinetic,
+            "elastic_energy": energy.elastic,
+            "work": energy.work,
+            "numerical_dissipation": energy.numerical,
+            "link_dissipation": energy.link,
+            "smallest_link_dissipation": energy.smallest_link,
+        }
+
+
+def _prepare(
+    system: LinkSystem,
+    mass: np.ndarray | float,
+    theta: float,
+    restitution: float,
+    load_factor: Callable[[float], float],
+    support_motion: Callable[[float], np.ndarray] | None,
+) -> _Scheme:
+    """Check the masses and set up the operators."""
+    model = equations(system)
+    free = model.number >= 0
+    given = np.asarray(mass, dtype=float)
+    if given.ndim == 1:
+        given = given[:, None]
+    try:
+        masses = np.broadcast_to(given, free.shape)
+    except ValueError:
+        raise CaseError(
+            f"mass must be one number or one per node ({system.n_nodes},), got {np.shape(mass)}"
+        ) from None
+    if not np.all(masses[free] > 0.0) or not np.all(np.isfinite(masses[free])):
+        node = int(np.argwhere(free & ~((masses > 0.0) & np.isfinite(masses)))[0, 0])
+        raise CaseError(f"mass of node {node} must be positive (kg), got {masses[node].min():g}")
+    extensible = np.isfinite(model.stiffness)
+    rigid_bar = ~extensible & np.isinf(model.lower) & np.isinf(model.upper)
+    if rigid_bar.any():
+        raise CaseError(
+            f"link {int(np.argmax(rigid_bar))} is an inextensible bar; only cables and struts can "
+            f"have an infinite rigidity here"
+        )
+    return _Scheme(
+        system,
+        model,
+        prepare_tangent(system, model),
+        equations(replace(system, fixed=~np.asarray(system.fixed), balanced=False)),
+        compatibility(system),
+        (masses / np.square(model.unit))[free],
+        extensible,
+        theta,
+        restitution,
+        load_factor,
+        support_motion,
+    )
+
+
+def _slope(gradient: Gradient, v: np.ndarray, dv: np.ndarray, length: float) -> float:
+    """Return the derivative of the function behind a gradient along a direction."""
+    return float(dv @ gradient(v + length * dv)[0])
+
+
+def _failed(first: dict[str, Any], time: float, residual: float, seconds: float) -> dict[str, Any]:
+    """Row of a step without solution."""
+    row = {name: np.full_like(value, np.nan, dtype=float) for name, value in first.items()}
+    return row | {"time": time, "converged": 0, "residual": residual, "wall_time": seconds}
+
+
+def _dataset(system: LinkSystem, rows: list[dict[str, Any]]) -> "xr.Dataset":
+    """Join the rows; energies that went somewhere add up."""
+    import xarray as xr
+
+    values = {name: np.array([row[name] for row in rows]) for name in rows[0]}
+    for name in ("work", "numerical_dissipation", "link_dissipation"):
+        values[name] = np.cumsum(values[name])
+    result = MACRO_RESULT.assign(xr.Dataset(), values | describe(system))
+    result = result.assign_coords(
+        step=range(len(rows)),
+        link=range(system.n_links),
+        node=range(system.n_nodes),
+        component=["x", "y", "z"],
+    )
+    MACRO_RESULT.check(result)
+    return result

@@ -1,0 +1,255 @@
+"""What a scene of bars and cables may say: every key with its unit, range and default."""
+
+from itertools import pairwise
+from math import inf, isfinite
+from pathlib import Path
+from typing import Annotated, Any, Literal, Self
+
+from pydantic import BeforeValidator, Field, PlainSerializer, field_validator, model_validator
+
+from multiscale.errors import CaseError
+from multiscale.pipeline.toml_model import Count, Length, Number, Settings, quantity, with_unit
+from multiscale.units import to_si
+
+__all__ = [
+    "CableNet",
+    "Dynamics",
+    "LinkLawSettings",
+    "LinkMesh",
+    "LinkTable",
+    "Scene",
+    "Statics",
+    "TensegrityGrid",
+]
+
+QUICK = 4  # modules or meshes each way
+
+
+def _read_rigidity(value: object) -> float:
+    if value == "inextensible":
+        return inf
+    try:
+        return to_si(value, "N")
+    except CaseError as error:
+        raise ValueError(f'{error}, or "inextensible"') from error
+
+
+Force = Annotated[float, quantity("N"), with_unit("N")]
+Prestress = Annotated[Force, Field(ge=0.0)]
+Rigidity = Annotated[
+    float,
+    BeforeValidator(_read_rigidity),
+    Field(gt=0.0),
+    PlainSerializer(lambda value: f"{value!r} N" if isfinite(value) else "inextensible"),
+]
+Instant = Annotated[float, quantity("s"), Field(ge=0.0), with_unit("s")]
+Duration = Annotated[float, quantity("s"), Field(gt=0.0), with_unit("s")]
+Mass = Annotated[float, quantity("kg"), Field(gt=0.0), with_unit("kg")]
+
+
+class TensegrityGrid(Settings):
+    """A double-layer grid; see :func:`multiscale.macro.tensegrity_grid`.
+
+    Parameters
+    ----------
+    n, m : int
+        Modules along x and y; m = n if not given.
+    prestress : quantity
+        Tension of the upper cables at load factor zero, N.
+    size, height : quantity
+        Edge and height of a module, m.
+    cable_rigidity, bar_rigidity : quantity
+        EA, N.
+    nodal_load : quantity
+        Downwards on every node at load factor one, N.
+    """
+
+    kind: Literal["tensegrity_grid"]
+    n: Annotated[Count, Field(ge=1)]
+    m: Annotated[Count, Field(ge=1)] | None = None
+    prestress: Prestress = 2550.0
+    size: Length = 1.0
+    height: Length = 0.5
+    cable_rigidity: Rigidity = 4e6
+    bar_rigidity: Rigidity = 8e7
+    nodal_load: Force = 40.0
+
+
+class CableNet(Settings):
+    """A prestressed saddle; see :func:`multiscale.macro.cable_net`.
+
+    Parameters
+    ----------
+    n, m : int
+        Meshes along x and y; m = n if not given.
+    mesh, rise : quantity
+        Distance of the cables in plan and height of the saddle, m.
+    prestress : quantity
+        Horizontal part of every tension at load factor zero, N.
+    cable_rigidity : quantity
+        EA, N.
+    nodal_load : quantity
+        Downwards on every inner node at load factor one, N.
+    """
+
+    kind: Literal["cable_net"]
+    n: Annotated[Count, Field(ge=2)]
+    m: Annotated[Count, Field(ge=2)] | None = None
+    mesh: Length = 1.0
+    rise: Length = 1.0
+    prestress: Annotated[Prestress, Field(gt=0.0)] = 10e3
+    cable_rigidity: Rigidity = 1e7
+    nodal_load: Force = 100.0
+
+
+class LinkLawSettings(Settings):
+    """The law of some links.
+
+    Parameters
+    ----------
+    kind : {"bar", "cable", "strut"}
+    rigidity : quantity
+        EA, N, or ``"inextensible"``.
+    """
+
+    kind: Literal["bar", "cable", "strut"]
+    rigidity: Rigidity
+
+
+Laws = Annotated[dict[str, LinkLawSettings], Field(min_length=1)]
+
+
+class LinkTable(Settings):
+    """Two CSV files in SI units; see :func:`multiscale.macro.system_from_table`.
+
+    Parameters
+    ----------
+    nodes, links : path
+        Relative to the scene file.
+    laws : tables by name
+    """
+
+    kind: Literal["table"]
+    nodes: Path
+    links: Path
+    laws: Laws
+
+
+class LinkMesh(Settings):
+    """The lines of a mesh file; see :func:`multiscale.macro.system_from_mesh`.
+
+    Parameters
+    ----------
+    file : path
+        Anything that meshio reads; relative to the scene file.
+    unit : quantity
+        Length of one unit of the file, m.
+    laws : tables by name of a set of lines
+    supports : list of names
+        Sets of points that are held.
+    load : three quantities
+        Force on every free node at load factor one, N.
+    """
+
+    kind: Literal["mesh"]
+    file: Path
+    unit: Length
+    laws: Laws
+    supports: Annotated[tuple[str, ...], Field(min_length=1)]
+    load: tuple[Force, Force, Force]
+
+
+class Statics(Settings):
+    """Equilibrium under rising or falling loads; see :func:`multiscale.macro.solve_static`.
+
+    Parameters
+    ----------
+    load_factors : list of numbers
+    exact : bool
+        Whether elongations and directions follow the moved nodes exactly.
+    stability : bool
+        Whether to add the smallest eigenvalues of the tangent.
+    """
+
+    load_factors: Annotated[tuple[Number, ...], Field(min_length=1)]
+    exact: bool = False
+    stability: bool = False
+
+
+class Dynamics(Settings):
+    """Motion from a static equilibrium; see :func:`multiscale.macro.simulate`.
+
+    Parameters
+    ----------
+    step, duration : quantity
+        s. The step is shortened so that a whole number of them fills the duration.
+    mass : quantity
+        Of each node, kg.
+    start_load_factor : number
+        Of the equilibrium at the start.
+    load_history : list of pairs
+        Time, s, and load factor; straight lines between, constant before and after.
+    theta : number
+        1/2 (no numerical damping) to 1 (fully implicit).
+    restitution : number
+        Of inextensible links that run taut.
+    """
+
+    step: Duration
+    duration: Duration
+    mass: Mass
+    start_load_factor: Number = 0.0
+    load_history: Annotated[tuple[tuple[Instant, Number], ...], Field(min_length=1)]
+    theta: Annotated[Number, Field(ge=0.5, le=1.0)] = 1.0
+    restitution: Annotated[Number, Field(ge=0.0, le=1.0)] = 0.0
+
+    @field_validator("load_history")
+    @classmethod
+    def _rise(cls, history: tuple[tuple[float, float], ...]) -> tuple[tuple[float, float], ...]:
+        times = [time for time, _ in history]
+        if any(late <= early for early, late in pairwise(times)):
+            raise ValueError("must have times that rise from one pair to the next")
+        return history
+
+    @model_validator(mode="after")
+    def _check(self) -> Self:
+        if self.step > self.duration:
+            raise ValueError(
+                f"step ({self.step:g} s) must not be longer than duration ({self.duration:g} s)"
+            )
+        return self
+
+
+class Scene(Settings):
+    """One question to a structure of bars and cables.
+
+    Parameters
+    ----------
+    title : str
+    structure : table
+        Its ``kind`` is ``"tensegrity_grid"``, ``"cable_net"``, ``"table"`` or ``"mesh"``.
+    statics, dynamics : table
+        Exactly one of them.
+    """
+
+    title: str
+    structure: Annotated[
+        TensegrityGrid | CableNet | LinkTable | LinkMesh, Field(discriminator="kind")
+    ]
+    statics: Statics | None = None
+    dynamics: Dynamics | None = None
+
+    @model_validator(mode="after")
+    def _check(self) -> Self:
+        if (self.statics is None) == (self.dynamics is None):
+            raise ValueError("give either [statics] or [dynamics]")
+        return self
+
+    def quick(self) -> Self:
+        """Return the same scene with at most 4 x 4 modules or meshes."""
+        structure: Any = self.structure
+        if not isinstance(structure, TensegrityGrid | CableNet):
+            return self
+        m = None if structure.m is None else min(QUICK, structure.m)
+        small = structure.model_copy(update={"n": min(QUICK, structure.n), "m": m})
+        return self.model_copy(update={"title": f"{self.title} (quick)", "structure": small})

@@ -1,0 +1,164 @@
+"""Scene files of bars and cables: read, solved, and written as a dataset and for ParaView."""
+
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from multiscale.errors import CaseError, ConvergenceError
+from multiscale.io import make_folder, open_mesh, read_table, write_dataset, write_link_fields
+from multiscale.laws.link import Bar, Cable, LinkLaw, Strut
+from multiscale.macro import (
+    LinkSystem,
+    cable_net,
+    simulate,
+    solve_static,
+    system_from_mesh,
+    system_from_table,
+    tensegrity_grid,
+)
+from multiscale.pipeline.scene_settings import (
+    CableNet,
+    Dynamics,
+    LinkLawSettings,
+    LinkMesh,
+    LinkTable,
+    Scene,
+    TensegrityGrid,
+)
+from multiscale.pipeline.toml_model import Settings, read_toml, validate
+from multiscale.schema import MACRO_RESULT
+
+if TYPE_CHECKING:
+    import xarray as xr
+
+__all__ = ["load_scene", "make_structure", "run_scene"]
+
+KINDS: dict[str, type[Settings]] = {
+    "tensegrity_grid": TensegrityGrid,
+    "cable_net": CableNet,
+    "table": LinkTable,
+    "mesh": LinkMesh,
+}
+LAWS: dict[str, type[LinkLaw]] = {"bar": Bar, "cable": Cable, "strut": Strut}
+
+
+def load_scene(path: str | Path) -> Scene:
+    """Read a scene file.
+
+    Parameters
+    ----------
+    path : path
+        Of a TOML file; the files that it names are looked for beside it.
+
+    Raises
+    ------
+    CaseError
+        If there is no such file, or with every fault of it, one a line.
+    """
+    path = Path(path)
+    if path.is_dir():
+        raise CaseError(f"{path} is a folder; give the scene file in it")
+    content = read_toml(path)
+    structure = content.get("structure")
+    for key in ("nodes", "links", "file"):
+        if isinstance(structure, dict) and isinstance(structure.get(key), str):
+            structure[key] = str(path.parent.resolve() / structure[key])
+    return validate(Scene, content, path, KINDS)
+
+
+def make_structure(scene: Scene) -> LinkSystem:
+    """Build the structure of a scene.
+
+    Raises
+    ------
+    CaseError
+        If the structure is refused, or a file that it names cannot be read.
+    """
+    given = scene.structure
+    options = given.model_dump(exclude={"kind", "n", "m", "cable_rigidity", "bar_rigidity"})
+    if isinstance(given, TensegrityGrid):
+        cable, bar = Cable(given.cable_rigidity), Bar(given.bar_rigidity)
+        return tensegrity_grid(given.n, given.m, cable=cable, bar=bar, **options)
+    if isinstance(given, CableNet):
+        return cable_net(given.n, given.m, cable=Cable(given.cable_rigidity), **options)
+    laws = {name: _law(law) for name, law in given.laws.items()}
+    if isinstance(given, LinkTable):
+        columns = {"first": int, "second": int, "group": int, "law": str}
+        nodes, links = read_table(given.nodes, {}), read_table(given.links, columns)
+        return system_from_table(nodes, links, laws)
+    mesh = open_mesh(given.file)
+    return system_from_mesh(mesh, laws, supports=given.supports, load=given.load, scale=given.unit)
+
+
+def run_scene(scene: Scene, out: str | Path) -> "xr.Dataset":
+    """Solve a scene; write its result and, beside it in ``fields``, a series for ParaView.
+
+    Parameters
+    ----------
+    scene : Scene
+    out : path
+        Dataset to write; its folder is made if needed.
+
+    Returns
+    -------
+    Dataset
+        Follows ``MACRO_RESULT``. The attribute ``failure`` says which steps failed and why.
+
+    Raises
+    ------
+    CaseError
+        If the structure is refused.
+    ConvergenceError
+        If no step converged, or the equilibrium from which a motion starts cannot be found.
+    """
+    out = Path(out)
+    system = make_structure(scene)
+    if scene.statics is not None:
+        result = solve_static(
+            system,
+            scene.statics.load_factors,
+            exact=scene.statics.exact,
+            stability=scene.statics.stability,
+        )
+    elif scene.dynamics is not None:
+        result = _move(system, scene.dynamics)
+    result = result.assign_attrs(title=scene.title, scene=scene.to_toml())
+    make_folder(out.parent)
+    write_dataset(result, out, MACRO_RESULT)
+    write_link_fields(result, make_folder(out.parent / "fields"), name=out.stem)
+    if not result["converged"].values.any():
+        raise ConvergenceError(f"{scene.title}: no step converged; {result.attrs['failure']}")
+    return result
+
+
+def _law(settings: LinkLawSettings) -> LinkLaw:
+    """Return the law that the settings name."""
+    return LAWS[settings.kind](settings.rigidity)
+
+
+def _move(system: LinkSystem, settings: Dynamics) -> "xr.Dataset":
+    """Find the equilibrium at the start, and follow the motion from it."""
+    factor = settings.start_load_factor
+    begin = solve_static(system, factor)
+    if not int(begin["converged"]):
+        raise ConvergenceError(f"no equilibrium to start from: {begin.attrs['failure']}")
+    displacement = begin["displacement"].values
+    steps = int(np.ceil(settings.duration / settings.step * (1.0 - 1e-12)))
+    history = np.array(settings.load_history)
+    result = simulate(
+        system,
+        np.linspace(0.0, settings.duration, steps + 1),
+        settings.mass,
+        load_factor=lambda time: float(np.interp(time, *history.T)),
+        start=(displacement, np.zeros_like(displacement)),
+        theta=settings.theta,
+        restitution=settings.restitution,
+    )
+    if result["converged"].values.all():
+        return result
+    last = result.isel(step=-1)
+    return result.assign_attrs(
+        failure=f"the motion ends before {float(last['time']):g} s: that step was left with a "
+        f"residual of {float(last['residual']):.1e}; shorten the step"
+    )

@@ -1,0 +1,195 @@
+"""TOML files as frozen models: quantities with units in, SI out, faults as sentences."""
+
+import tomllib
+from collections.abc import Callable, Iterator, Mapping
+from difflib import get_close_matches
+from itertools import pairwise
+from pathlib import Path
+from typing import Annotated, Any, TypeVar, get_args
+
+from pydantic import (
+    BaseModel,
+    BeforeValidator,
+    ConfigDict,
+    Field,
+    PlainSerializer,
+    Strict,
+    ValidationError,
+)
+
+from multiscale.errors import CaseError
+from multiscale.io import read_text
+from multiscale.units import to_si
+
+__all__ = [
+    "Count",
+    "Length",
+    "Number",
+    "Pressure",
+    "Settings",
+    "must_rise",
+    "quantity",
+    "read_toml",
+    "validate",
+    "with_unit",
+]
+
+
+def quantity(unit: str) -> BeforeValidator:
+    """Read text such as ``"0.8 um"`` as a float in an SI unit."""
+
+    def convert(value: object) -> float:
+        try:
+            return to_si(value, unit)
+        except CaseError as error:
+            raise ValueError(str(error)) from error
+
+    return BeforeValidator(convert)
+
+
+def with_unit(unit: str) -> PlainSerializer:
+    """Write a float with its SI unit."""
+    return PlainSerializer(lambda value: f"{value!r} {unit}", when_used="json")
+
+
+Length = Annotated[float, quantity("m"), Field(gt=0.0), with_unit("m")]
+Pressure = Annotated[float, quantity("Pa"), Field(gt=0.0), with_unit("Pa")]
+Number = Annotated[float, quantity("1")]
+Count = Annotated[int, Strict()]
+
+
+def must_rise(values: tuple[float, ...]) -> tuple[float, ...]:
+    """Refuse values that do not rise from one to the next."""
+    if any(late <= early for early, late in pairwise(values)):
+        raise ValueError("must rise from one to the next")
+    return values
+
+
+class Settings(BaseModel):
+    """A table of a file: frozen, and without unknown keys."""
+
+    model_config = ConfigDict(frozen=True, extra="forbid")
+
+    def to_toml(self) -> str:
+        """Return a file of these settings, in SI units."""
+        import tomli_w
+
+        return tomli_w.dumps(self.model_dump(mode="json", exclude_none=True))
+
+
+Model = TypeVar("Model", bound=Settings)
+Kinds = Mapping[str, type[BaseModel]]
+
+
+def read_toml(path: Path) -> dict[str, Any]:
+    """Read a TOML file.
+
+    Raises
+    ------
+    CaseError
+        If the file is missing, cannot be read or is not TOML.
+    """
+    try:
+        return tomllib.loads(read_text(path))
+    except tomllib.TOMLDecodeError as error:
+        raise CaseError(f"{path}: not valid TOML: {error}") from error
+
+
+def validate(model: type[Model], content: dict[str, Any], path: Path, kinds: Kinds) -> Model:
+    """Turn the content of a file into settings.
+
+    Parameters
+    ----------
+    model : type
+        Of the whole file.
+    content : dict
+        What the file says.
+    path : Path
+        Named in messages.
+    kinds : mapping of str to type
+        The models behind the tags of tables that come in several kinds.
+
+    Raises
+    ------
+    CaseError
+        With every fault of the file, one a line.
+    """
+    try:
+        return model.model_validate(content)
+    except ValidationError as error:
+        faults = _faults(error, model, kinds)
+        raise CaseError("\n".join(f"{path}: {fault}" for fault in faults)) from error
+
+
+def _faults(error: ValidationError, model: type[BaseModel], kinds: Kinds) -> Iterator[str]:
+    """Turn pydantic's report into sentences, one for each fault."""
+    for fault in sorted(error.errors(), key=lambda fault: fault["type"] != "extra_forbidden"):
+        place, found_in = _locate(fault["loc"], model, kinds)
+        if fault["type"] == "value_error" and isinstance(fault["input"], dict):
+            place.append("")  # a check of the whole table
+        table, key = ".".join(place[:-1]), place[-1] if place else ""
+        where = f"[{table}] " if table else ""
+        if fault["type"] == "extra_forbidden":
+            known = list(found_in.model_fields)
+            close = get_close_matches(key, known, n=1)
+            hint = f"did you mean {close[0]!r}?" if close else f"known keys: {', '.join(known)}"
+            yield f"{where}has no key {key!r}; {hint}"
+        elif fault["type"] == "missing":
+            yield f"{where}{key} is missing"
+        else:
+            told = fault["type"] in TOLD or isinstance(fault["input"], dict)
+            found = "" if told else f", got {fault['input']!r}"
+            yield f"{where}{key + ' ' if key else ''}{_message(fault)}{found}"
+
+
+def _locate(
+    loc: tuple[int | str, ...], model: type[BaseModel], kinds: Kinds
+) -> tuple[list[str], type[BaseModel]]:
+    """Keys on the way to a fault, without the tags of kinds, and the model of the last table."""
+    place: list[str] = []
+    for part in loc:
+        if isinstance(part, int):
+            place[-1] += f"[{part}]"
+        elif part in model.model_fields:
+            place.append(part)
+            model = _model_in(model.model_fields[part].annotation) or model
+        elif part in kinds:
+            model = kinds[part]
+        else:
+            place.append(part)
+    return place, model
+
+
+def _model_in(annotation: Any) -> type[BaseModel] | None:
+    """Return the first model that an annotation names."""
+    if isinstance(annotation, type) and issubclass(annotation, BaseModel):
+        return annotation
+    found = (_model_in(part) for part in get_args(annotation))
+    return next((model for model in found if model is not None), None)
+
+
+TOLD = ("value_error", "union_tag_not_found", "union_tag_invalid")
+"""Faults whose message repeats the input."""
+
+MESSAGES: dict[str, Callable[[Any], str]] = {
+    "model_type": lambda fault: "should be a table",
+    "model_attributes_type": lambda fault: "should be a table",
+    "tuple_type": lambda fault: "should be a list",
+    "path_type": lambda fault: "should be a path as text",
+    "union_tag_not_found": lambda fault: "has no 'kind'",
+    "union_tag_invalid": lambda fault: (
+        f"has no kind {fault['ctx']['tag']!r}; known kinds: "
+        f"{fault['ctx']['expected_tags'].replace(chr(39), '')}"
+    ),
+}
+"""Sentences in place of pydantic's."""
+
+
+def _message(fault: Any) -> str:
+    """Say what is wrong with a value."""
+    if fault["type"] in MESSAGES:
+        return MESSAGES[fault["type"]](fault)
+    if fault["type"] == "too_long" and isinstance(fault["input"], list):
+        return f"should have {fault['ctx']['max_length']} entries"
+    message = str(fault["msg"]).removeprefix("Value error, ").removeprefix("Input ")
+    return message[:1].lower() + message[1:]

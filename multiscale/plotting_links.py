@@ -1,0 +1,189 @@
+"""Figures of structures of links: each takes a dataset and axes, and returns the axes."""
+
+from io import BytesIO
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from multiscale.io import make_folder, write_bytes
+
+if TYPE_CHECKING:
+    import xarray as xr
+    from matplotlib.axes import Axes
+    from matplotlib.figure import Figure
+    from mpl_toolkits.mplot3d import Axes3D
+
+__all__ = [
+    "draw_links",
+    "plot_deformed_links",
+    "plot_energies",
+    "plot_sorted_tensions",
+]
+
+
+def plot_sorted_tensions(
+    result: "xr.Dataset", *, law: str = "cable", ax: "Axes | None" = None
+) -> "Axes":
+    """Plot the tensions of links in falling order, one line for each step that converged.
+
+    Parameters
+    ----------
+    result : Dataset
+        Follows ``MACRO_RESULT``, with the links of a structure.
+    law : str
+        Kind of the links to plot.
+    ax : Axes, optional
+        Where to draw. The current axes if not given.
+    """
+    ax = _axes(ax)
+    tension = 1e-3 * result["tension"].values[:, result["law"].values == law]
+    name, symbol, unit = _steps(result)
+    colours = _colours(len(tension))
+    rank = np.arange(1, tension.shape[1] + 1)
+    for k in np.flatnonzero(result["converged"].values):
+        at = float(result[name][k])
+        ax.plot(
+            rank, np.sort(tension[k])[::-1], color=colours[k], label=f"{symbol} = {at:.3g}{unit}"
+        )
+    ax.set_xlabel(f"{law}s, sorted (number)")
+    ax.set_ylabel("tension (kN)")
+    ax.legend()
+    return ax
+
+
+def plot_deformed_links(
+    result: "xr.Dataset", *, ax: "Axes3D", step: int = -1, scale: float = 1.0
+) -> "Axes3D":
+    """Plot the moved structure coloured by tension; slack links are dashed in black.
+
+    Compression is negative: then the colours diverge from zero.
+
+    Parameters
+    ----------
+    result : Dataset
+        Follows ``MACRO_RESULT``, with the links of a structure.
+    ax : Axes3D
+        Where to draw.
+    step : int
+        Step; the last one if not given.
+    scale : float
+        Factor of the displacements.
+    """
+    from matplotlib.ticker import MaxNLocator
+    from mpl_toolkits.mplot3d.art3d import Line3DCollection
+
+    one = result.isel(step=step)
+    moved = one["position"].values + scale * one["displacement"].values
+    lines, tension = moved[one["ends"].values], 1e-3 * one["tension"].values
+    slack = one["slack"].values > 0.0
+    largest, signed = float(np.abs(tension).max()) or 1.0, bool(tension.min() < 0.0)
+    taut = Line3DCollection(
+        lines[~slack], cmap="coolwarm" if signed else "viridis_r", linewidths=1.2
+    )
+    taut.set_array(tension[~slack])
+    taut.set_clim(-largest if signed else 0.0, largest)
+    ax.add_collection3d(taut)
+    if slack.any():
+        ax.add_collection3d(
+            Line3DCollection(
+                lines[slack], colors="black", linestyles="dashed", linewidths=0.8, label="slack"
+            )
+        )
+        ax.legend()
+    low, high = moved.min(axis=0), moved.max(axis=0)
+    ax.set(xlim=(low[0], high[0]), ylim=(low[1], high[1]), zlim=(low[2], high[2]))
+    ax.set_box_aspect(np.maximum(high - low, 0.05 * np.ptp(moved)))
+    ax.zaxis.set_major_locator(MaxNLocator(2))
+    ax.set(xlabel="x (m)", ylabel="y (m)", zlabel="z (m)")
+    ax.figure.colorbar(taut, ax=ax, label="tension (kN)", shrink=0.6)
+    name, symbol, unit = _steps(result)
+    ax.set_title(f"{symbol} = {float(one[name]):.3g}{unit}, displacements times {scale:g}")
+    return ax
+
+
+def plot_energies(result: "xr.Dataset", *, ax: "Axes | None" = None) -> "Axes":
+    """Plot where the energy of a moving structure is, and its sum, which stays as it was.
+
+    Parameters
+    ----------
+    result : Dataset
+        Follows ``MACRO_RESULT``, with energies.
+    ax : Axes, optional
+        Where to draw. The current axes if not given.
+    """
+    ax = _axes(ax)
+    time = result["time"].values
+    parts = {
+        "kinetic": result["kinetic_energy"].values,
+        "elastic": result["elastic_energy"].values,
+        "lost to the time scheme": result["numerical_dissipation"].values,
+        "lost in the links": result["link_dissipation"].values,
+        "work of the loads, negative": -result["work"].values,
+    }
+    for label, energy in parts.items():
+        if np.nanmax(np.abs(energy)) > 0.0:
+            ax.plot(time, energy, label=label)
+    ax.plot(time, sum(parts.values()), color="black", linestyle="--", label="sum")
+    ax.set_xlabel("time (s)")
+    ax.set_ylabel("energy (J)")
+    ax.legend(loc="lower center", bbox_to_anchor=(0.5, 1.0), ncols=2, frameon=False)
+    return ax
+
+
+def draw_links(result: "xr.Dataset", folder: Path, *, scale: float = 1.0) -> list[Path]:
+    """Draw the figures of a result into PNG files.
+
+    Parameters
+    ----------
+    result : Dataset
+        Follows ``MACRO_RESULT``, with the links of a structure.
+    folder : Path
+        Made if needed. Gets the deformed structure, and sorted tensions or, of a motion,
+        energies.
+    scale : float
+        Factor of the displacements.
+    """
+    from matplotlib.figure import Figure
+
+    make_folder(folder)
+    figure = Figure(figsize=(5.2, 4.0), layout="constrained")
+    ax = figure.add_subplot()
+    if "time" in result.coords:
+        plot_energies(result, ax=ax)
+        first = _save(figure, folder / "energies.png")
+    else:
+        plot_sorted_tensions(result, ax=ax)
+        first = _save(figure, folder / "sorted_tensions.png")
+    figure = Figure(figsize=(7.5, 5.5), layout="constrained")
+    ax = figure.add_subplot(projection="3d")
+    plot_deformed_links(result, scale=scale, ax=ax)
+    return [first, _save(figure, folder / "deformed_links.png")]
+
+
+def _steps(result: "xr.Dataset") -> tuple[str, str, str]:
+    """Name, symbol and unit of what tells the steps apart."""
+    return ("time", "t", " s") if "time" in result.coords else ("load_factor", "α", "")
+
+
+def _colours(count: int) -> np.ndarray:
+    """Colours of an ordered series, shape (count, 4)."""
+    import matplotlib as mpl
+
+    return np.asarray(mpl.colormaps["viridis"](np.linspace(0.0, 0.9, count)))
+
+
+def _axes(ax: "Axes | None") -> "Axes":
+    if ax is None:
+        import matplotlib.pyplot as plt
+
+        ax = plt.gca()
+    return ax
+
+
+def _save(figure: "Figure", file: Path) -> Path:
+    """Write a figure whole or not at all."""
+    buffer = BytesIO()
+    figure.savefig(buffer, format="png", dpi=150)
+    write_bytes(file, buffer.getvalue())
+    return file

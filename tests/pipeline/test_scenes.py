@@ -1,0 +1,279 @@
+"""Scene files: what is read, what a refused one says, and what a run leaves."""
+
+from pathlib import Path
+
+import meshio
+import numpy as np
+import pytest
+from typer.testing import CliRunner
+
+from multiscale.cli import app
+from multiscale.errors import CaseError, ConvergenceError
+from multiscale.io import open_dataset
+from multiscale.macro import cable_net, simulate, solve_static, tensegrity_grid
+from multiscale.pipeline import load_scene, run_scene
+from multiscale.pipeline.scenes import make_structure
+from multiscale.schema import MACRO_RESULT
+
+SCENES = Path(__file__).parents[2] / "workflows" / "scenes"
+STATIC = (SCENES / "tensegrity_grid.toml").read_text(encoding="utf-8")
+MOVING = (SCENES / "sudden_unloading.toml").read_text(encoding="utf-8")
+
+HANGING = """
+title = "A rope with two weights"
+[structure]
+kind = "table"
+nodes = "nodes.csv"
+links = "links.csv"
+[structure.laws.cable]
+kind = "cable"
+rigidity = "100 kN"
+[statics]
+load_factors = [0, 1]
+"""
+NODES = "x, y, z, fix_x, fix_y, fix_z, load_z\n0,0,2,1,1,1,0\n0,0,1,1,1,0,-50\n0,0,0,1,1,0,-30\n"
+LINKS = "first,second,law\n0,1,cable\n1,2,cable\n"
+
+
+def write(folder: Path, text: str, *pairs: tuple[str, str]) -> Path:
+    for old, new in pairs:
+        assert old in text
+        text = text.replace(old, new, 1)
+    path = folder / "scene.toml"
+    path.write_text(text, encoding="utf-8")
+    return path
+
+
+@pytest.fixture
+def hanging(tmp_path):
+    (tmp_path / "nodes.csv").write_text(NODES, encoding="utf-8")
+    (tmp_path / "links.csv").write_text(LINKS, encoding="utf-8")
+    return tmp_path
+
+
+@pytest.mark.parametrize(
+    ("text", "pair", "message"),
+    [
+        pytest.param(
+            STATIC,
+            ("prestress", "presstress"),
+            r"\[structure\] has no key 'presstress'; did you mean 'prestress'",
+            id="misspelt",
+        ),
+        pytest.param(STATIC, ('"2550 N"', "2550"), "prestress 2550 has no unit", id="no-unit"),
+        pytest.param(STATIC, ('"1 m"', '"1 N"'), "size '1 N' cannot be converted to m", id="unit"),
+        pytest.param(
+            STATIC,
+            ('"tensegrity_grid"', '"tensegrity"'),
+            r"structure has no kind 'tensegrity'; known kinds: tensegrity_grid, cable_net, table",
+            id="kind",
+        ),
+        pytest.param(STATIC, ("kind", "kin"), "structure has no 'kind'", id="no-kind"),
+        pytest.param(STATIC, ("n = 16", ""), r"\[structure\] n is missing", id="missing"),
+        pytest.param(
+            STATIC, ("[statics]", "[static]"), "has no key 'static'; did you mean", id="table"
+        ),
+        pytest.param(
+            STATIC,
+            ("[statics]\nload_factors = [0.0, 0.25, 0.5, 0.75, 1.0]", ""),
+            r"give either \[statics\] or \[dynamics\]",
+            id="neither",
+        ),
+        pytest.param(
+            MOVING, ('"5 ms"', '"5 s"'), r"\[dynamics\] step \(5 s\) must not be longer", id="step"
+        ),
+        pytest.param(
+            MOVING,
+            ('[["0 s", 0.0]]', '[["1 s", 0.0], ["0 s", 1.0]]'),
+            r"load_history must have times that rise",
+            id="history",
+        ),
+        pytest.param(
+            MOVING,
+            ('[["0 s", 0.0]]', '[["0 N", 0.0]]'),
+            r"load_history\[0\]\[0\] '0 N' cannot be converted to s",
+            id="history-unit",
+        ),
+        pytest.param(MOVING, ("0.5  ", "0.4  "), "theta should be greater than or", id="theta"),
+        pytest.param(
+            HANGING,
+            ("rigidity", "stiffness"),
+            r"\[structure.laws.cable\] has no key 'stiffness'; known keys: kind, rigidity",
+            id="law",
+        ),
+        pytest.param(
+            HANGING,
+            ('"100 kN"', '"100"'),
+            r"rigidity '100' has no unit.*, or \"inextensible\"",
+            id="rigidity",
+        ),
+    ],
+)
+def test_a_refused_scene_says_what_and_where(tmp_path, text, pair, message):
+    path = write(tmp_path, text, pair)
+    with pytest.raises(CaseError, match=message) as caught:
+        load_scene(path)
+    assert str(caught.value).startswith(f"{path}: ")
+
+
+def test_a_missing_scene_or_a_folder_is_refused(tmp_path):
+    with pytest.raises(CaseError, match="no such file"):
+        load_scene(tmp_path / "none.toml")
+    with pytest.raises(CaseError, match="is a folder; give the scene file in it"):
+        load_scene(tmp_path)
+
+
+@pytest.mark.parametrize("name", sorted(SCENES.glob("*.toml")), ids=lambda path: path.stem)
+def test_a_scene_written_in_si_is_the_same_scene(tmp_path, name):
+    scene = load_scene(name)
+    assert load_scene(write(tmp_path, scene.to_toml())) == scene
+
+
+def test_keys_of_a_scene_reach_the_structure(tmp_path):
+    grid = load_scene(
+        write(tmp_path, STATIC, ("n = 16", "n = 3\nm = 2"), ('"2550 N"', '"1 kN"'), ("80 M", "7 M"))
+    )
+    expected = tensegrity_grid(3, 2, prestress=1000.0)
+    built = make_structure(grid)
+    np.testing.assert_array_equal(built.position, expected.position)
+    np.testing.assert_array_equal(built.prestress, expected.prestress)
+    assert [law.rigidity for law in built.laws] == [4e6, 7e6]
+    net = make_structure(load_scene(SCENES / "cable_net.toml"))
+    expected = cable_net(12, 10, mesh=1.5, rise=2.0, nodal_load=1700.0)
+    np.testing.assert_array_equal(net.position, expected.position)
+    np.testing.assert_array_equal(net.load, expected.load)
+
+
+def test_a_static_scene_is_what_solve_static_gives_and_its_file_says_so(tmp_path):
+    scene = load_scene(SCENES / "tensegrity_grid.toml").quick()
+    run_scene(scene, tmp_path / "new" / "grid.nc")
+    result = open_dataset(tmp_path / "new" / "grid.nc", MACRO_RESULT)
+    expected = solve_static(tensegrity_grid(4), [0.0, 0.25, 0.5, 0.75, 1.0])
+    np.testing.assert_array_equal(result["tension"], expected["tension"])
+    assert result.attrs["title"] == "Tensegrity grid at rest (quick)"
+    assert load_scene(write(tmp_path, result.attrs["scene"])) == scene
+    assert (tmp_path / "new" / "fields" / "grid.pvd").is_file()
+
+
+def test_a_motion_starts_from_the_equilibrium_and_follows_its_history(tmp_path):
+    history = ('[["0 s", 0.0]]', '[["0 s", 1.0], ["20 ms", 0.0]]')
+    scene = load_scene(write(tmp_path, MOVING, history, ('"0.5 s"', '"52 ms"'))).quick()
+    result = run_scene(scene, tmp_path / "motion.nc")
+    grid = tensegrity_grid(4)
+    begin = solve_static(grid, 1.0)["displacement"].values
+    expected = simulate(
+        grid,
+        np.linspace(0.0, 0.052, 12),  # 5 ms do not divide 52 ms
+        2.0,
+        load_factor=lambda time: max(0.0, 1.0 - time / 0.02),
+        start=(begin, np.zeros_like(begin)),
+        theta=0.5,
+    )
+    scale = float(np.abs(expected["displacement"]).max())
+    np.testing.assert_allclose(
+        result["displacement"], expected["displacement"], rtol=0.0, atol=1e-12 * scale
+    )
+
+
+def test_a_motion_that_fails_says_when_and_keeps_what_was_found(tmp_path, monkeypatch):
+    monkeypatch.setattr("multiscale.macro.dynamics.MAX_ITERATIONS", 2)
+    scene = load_scene(write(tmp_path, MOVING, ('"5 ms"', '"100 ms"'), ("= 1.0", "= 4.0"))).quick()
+    result = run_scene(scene, tmp_path / "motion.nc")
+    assert result["converged"].values[0] == 1
+    assert result["converged"].values[-1] == 0
+    assert "the motion ends before" in result.attrs["failure"]
+    done = CliRunner().invoke(
+        app, ["macro", str(tmp_path / "scene.toml"), "--quick", "-o", str(tmp_path / "again.nc")]
+    )
+    assert done.exit_code == 0
+    assert "caution: the motion ends before" in done.output
+    assert "not converged" in done.output
+
+
+def test_a_structure_of_two_tables_carries_its_weights(hanging):
+    result = run_scene(load_scene(write(hanging, HANGING)), hanging / "rope.nc")
+    np.testing.assert_allclose(result["tension"].sel(step=1), [80.0, 30.0], rtol=1e-9)
+    assert list(result["law"].values) == ["cable", "cable"]
+    np.testing.assert_array_equal(result["ends"], [[0, 1], [1, 2]])
+
+
+def test_an_inextensible_rope_needs_no_rigidity(hanging):
+    path = write(hanging, HANGING, ('"100 kN"', '"inextensible"'))
+    result = run_scene(load_scene(path), hanging / "rope.nc")
+    np.testing.assert_allclose(result["tension"].sel(step=1), [80.0, 30.0], rtol=1e-6)
+    assert load_scene(write(hanging, result.attrs["scene"])) == load_scene(path)
+
+
+@pytest.mark.parametrize(
+    ("file", "pair", "message"),
+    [
+        pytest.param("links.csv", ("1,2", "1,b"), "line 3: second should be a whole", id="text"),
+        pytest.param("links.csv", ("1,2", "1.5,2"), "line 3: first should be a whole", id="half"),
+        pytest.param("nodes.csv", ("-30", "-30,1"), "line 4: 8 entries for 7 columns", id="long"),
+        pytest.param(
+            "nodes.csv", ("load_z", "fix_z"), "two columns have the same name", id="twice"
+        ),
+        pytest.param("nodes.csv", ("load_z", "loud_z"), "unknown columns", id="unknown"),
+        pytest.param("links.csv", ("1,2,cable", "1,2,rope"), "'rope' of link 1", id="law"),
+    ],
+)
+def test_a_refused_table_says_where(hanging, file, pair, message):
+    path = hanging / file
+    text = path.read_text(encoding="utf-8")
+    assert pair[0] in text
+    path.write_text(text.replace(*pair), encoding="utf-8")
+    with pytest.raises(CaseError, match=message):
+        make_structure(load_scene(write(hanging, HANGING)))
+
+
+def test_a_structure_comes_from_the_lines_of_a_mesh_file(tmp_path):
+    mesh = meshio.Mesh(
+        np.array([[-1000.0, 0.0, 1000.0], [1000.0, 0.0, 1000.0], [0.0, 0.0, 0.0], [0, 900.0, 0]]),
+        [("line", [[0, 2], [1, 2], [3, 2]]), ("vertex", [[0], [1], [3]])],
+        cell_data={"gmsh:physical": [[1, 1, 1], [2, 2, 2]], "gmsh:geometrical": [[1] * 3, [2] * 3]},
+        field_data={"bars": np.array([1, 1]), "held": np.array([2, 0])},
+    )
+    mesh.write(tmp_path / "bars.msh", file_format="gmsh22", binary=False)
+    text = """
+title = "Two bars and a stay"
+[structure]
+kind = "mesh"
+file = "bars.msh"
+unit = "1 mm"
+supports = ["held"]
+load = ["0 N", "0 N", "-1 kN"]
+laws.bars = { kind = "bar", rigidity = "10 MN" }
+[statics]
+load_factors = [1]
+"""
+    result = run_scene(load_scene(write(tmp_path, text)), tmp_path / "bars.nc")
+    np.testing.assert_allclose(
+        result["tension"][0], [500.0 * 2**0.5, 500.0 * 2**0.5, 0.0], atol=1e-6
+    )
+
+
+def test_a_scene_without_any_solution_is_an_error_that_says_why(hanging):
+    loose = "0,0,0,0,1,0,-30\n"  # the lowest weight may now swing, and is pushed
+    nodes = NODES.replace("load_z", "load_z,load_x").replace("0,0,2,1,1,1,0", "0,0,2,1,1,1,0,0")
+    nodes = nodes.replace("-50\n", "-50,0\n").replace("0,0,0,1,1,0,-30\n", loose[:-1] + ",9\n")
+    (hanging / "nodes.csv").write_text(nodes, encoding="utf-8")
+    text = HANGING.replace("[0, 1]", "[1]")
+    with pytest.raises(ConvergenceError, match="no step converged; load factor 1: "):
+        run_scene(load_scene(write(hanging, text)), hanging / "rope.nc")
+    assert open_dataset(hanging / "rope.nc")["converged"].values.tolist() == [0]
+
+
+def test_the_command_prints_slack_and_tension(tmp_path):
+    file = tmp_path / "r.nc"
+    scene = str(SCENES / "tensegrity_grid.toml")
+    done = CliRunner().invoke(app, ["macro", scene, "-o", str(file), "--quick"])
+    assert done.exit_code == 0, done.output
+    result = open_dataset(file, MACRO_RESULT)
+    lines = done.output.splitlines()
+    assert lines[0] == "Tensegrity grid at rest (quick)"
+    last = lines[2 + 4].split()
+    assert last[0] == "1"
+    assert int(last[1]) == int((result["slack"].sel(step=4) > 0.0).sum())
+    assert float(last[2]) == pytest.approx(
+        1e-3 * float(result["tension"].sel(step=4).max()), rel=1e-3
+    )

@@ -1,0 +1,66 @@
+"""Figures of structures: the data in the axes are those of the dataset."""
+
+import numpy as np
+import pytest
+from matplotlib.figure import Figure
+
+from multiscale.macro import simulate, solve_static, tensegrity_grid
+from multiscale.plotting_links import plot_deformed_links, plot_energies, plot_sorted_tensions
+
+
+@pytest.fixture(scope="module")
+def result():
+    return solve_static(tensegrity_grid(2), [0.0, 1.0, 40.0])
+
+
+def test_sorted_tensions_are_those_of_the_cables_in_kilonewton(result):
+    ax = plot_sorted_tensions(result, ax=Figure().add_subplot())
+    assert len(ax.lines) == 3
+    for k, line in enumerate(ax.lines):
+        cables = result["tension"].values[k, result["law"].values == "cable"]
+        np.testing.assert_allclose(line.get_ydata(), 1e-3 * np.sort(cables)[::-1])
+        assert np.all(np.diff(line.get_ydata()) <= 0.0)
+    assert [text.get_text() for text in ax.get_legend().get_texts()] == ["α = 0", "α = 1", "α = 40"]
+    assert "kN" in ax.get_ylabel()
+
+
+def test_steps_that_failed_are_left_out(result):
+    failed = result.copy(deep=True)
+    failed["converged"][1] = 0
+    failed["tension"][1] = np.nan
+    ax = plot_sorted_tensions(failed, ax=Figure().add_subplot())
+    assert [line.get_label() for line in ax.lines] == ["α = 0", "α = 40"]
+
+
+def test_the_deformed_structure_has_its_links_in_colour_and_the_slack_ones_dashed(result):
+    ax = plot_deformed_links(result, step=2, scale=3.0, ax=Figure().add_subplot(projection="3d"))
+    taut, slack = ax.collections
+    one = result.isel(step=2)
+    loose = one["slack"].values > 0.0
+    assert 0 < loose.sum() < loose.size
+    moved = (one["position"] + 3.0 * one["displacement"]).values[one["ends"].values]
+    np.testing.assert_allclose(taut._segments3d, moved[~loose])
+    np.testing.assert_allclose(slack._segments3d, moved[loose])
+    np.testing.assert_allclose(taut.get_array(), 1e-3 * one["tension"].values[~loose])
+    assert slack.get_linestyle()[0][1] is not None
+    assert taut.get_clim()[0] == -taut.get_clim()[1]
+    assert "α = 40" in ax.get_title()
+
+
+def test_energies_are_those_of_the_motion_and_their_sum_is_kept():
+    grid = tensegrity_grid(2)
+    begin = solve_static(grid, 1.0)["displacement"].values
+    motion = simulate(
+        grid,
+        np.linspace(0.0, 0.05, 21),
+        2.0,
+        load_factor=lambda time: 0.5,
+        start=(begin, np.zeros_like(begin)),
+    )
+    ax = plot_energies(motion, ax=Figure().add_subplot())
+    lines = {line.get_label(): line.get_ydata() for line in ax.lines}
+    np.testing.assert_allclose(lines["kinetic"], motion["kinetic_energy"])
+    np.testing.assert_allclose(lines["elastic"], motion["elastic_energy"])
+    np.testing.assert_allclose(lines["work of the loads, negative"], -motion["work"])
+    np.testing.assert_allclose(lines["sum"], lines["sum"][0], rtol=1e-9)
+    np.testing.assert_allclose(ax.lines[0].get_xdata(), motion["time"])

@@ -1,0 +1,209 @@
+"""Time stepping against exact motions: falling, bouncing, hanging, hitting a wall."""
+
+import numpy as np
+import pytest
+
+from multiscale.errors import CaseError
+from multiscale.laws.link import Bar, Cable, Strut
+from multiscale.macro import LinkSystem, simulate, solve_static, tensegrity_grid
+from tests.support import observed_rate
+
+GRAVITY = 9.81
+
+
+def hanging(law, weight=GRAVITY):
+    """A point of 1 kg under a cable of 1 m: node 1 hangs at the origin from node 0."""
+    return LinkSystem(
+        position=np.array([[0.0, 0.0, 1.0], [0.0, 0.0, 0.0]]),
+        ends=np.array([[0, 1]]),
+        laws=(law,),
+        kind=np.array([0]),
+        fixed=np.array([[True, True, True], [True, True, False]]),
+        load=np.array([[0.0, 0.0, 0.0], [0.0, 0.0, -weight]]),
+    )
+
+
+def lifted(height, nodes=2):
+    """Start at rest with the last node lifted."""
+    displacement = np.zeros((nodes, 3))
+    displacement[-1, 2] = height
+    return displacement, np.zeros((nodes, 3))
+
+
+def energy_left(response):
+    """What the energy account must keep constant, J."""
+    parts = ("kinetic_energy", "elastic_energy", "numerical_dissipation", "link_dissipation")
+    return sum(response[name].values for name in parts) - response["work"].values
+
+
+def mass_on_cable(time, stiffness=1000.0, fall=0.1):
+    """Exact height of 1 kg that falls into a cable, after one period at most."""
+    frequency, speed = np.sqrt(stiffness), np.sqrt(2.0 * GRAVITY * fall)
+    falling = np.sqrt(2.0 * fall / GRAVITY)
+    held = 2.0 / frequency * (np.pi - np.arctan(speed * frequency / GRAVITY))
+    if time < falling:
+        return fall - 0.5 * GRAVITY * time**2
+    if time < falling + held:
+        s = frequency * (time - falling)
+        return -GRAVITY / stiffness * (1.0 - np.cos(s)) - speed / frequency * np.sin(s)
+    s = time - falling - held
+    return speed * s - 0.5 * GRAVITY * s**2
+
+
+@pytest.mark.parametrize(("theta", "rate", "size"), [(1.0, 1.0, 2e-2), (0.5, 2.0, 5e-5)])
+def test_a_mass_falls_into_an_elastic_cable(theta, rate, size):
+    steps, errors = np.array([1e-3, 5e-4, 2.5e-4]), []
+    for h in steps:
+        times = np.arange(round(0.25 / h) + 1) * h
+        response = simulate(hanging(Cable(1000.0)), times, 1.0, start=lifted(0.1), theta=theta)
+        height = response["displacement"].values[:, 1, 2]
+        errors.append(max(abs(z - mass_on_cable(t)) for z, t in zip(height, times, strict=True)))
+        assert np.ptp(energy_left(response)) < 1e-12
+    assert max(errors) < size
+    # theta = 1/2: the moment of the impact falls anywhere in a step, so the rate is not smooth
+    assert observed_rate(steps, errors) == pytest.approx(rate, abs=0.1 if theta == 1.0 else 0.7)
+
+
+def test_a_mass_falls_into_an_inextensible_cable_and_hangs():
+    times = np.linspace(0.0, 0.5, 501)
+    response = simulate(hanging(Cable(np.inf)), times, 1.0, start=lifted(0.1))
+    height = response["displacement"].values[:, 1, 2]
+    assert np.all(height >= -1e-12)
+    assert np.all(np.abs(height[times > 0.15]) < 1e-12)
+    # all momentum that the weight gave is taken up by the cable
+    assert response["impulse"].values.sum() == pytest.approx(GRAVITY * 0.5)
+    np.testing.assert_allclose(response["impulse"].values[-10:, 0], GRAVITY * 1e-3)
+    # the energy of the fall is gone, in part with the jump of velocity, in part in the cable
+    lost = response["link_dissipation"].values[-1] + response["numerical_dissipation"].values[-1]
+    assert lost == pytest.approx(GRAVITY * 0.1, rel=2e-2)
+    assert response["smallest_link_dissipation"].values.min() > -1e-12
+
+
+def test_stiffer_cables_tend_to_the_inextensible_one():
+    times = np.linspace(0.0, 0.2, 201)
+    rigid = simulate(hanging(Cable(np.inf)), times, 1.0, start=lifted(0.1))
+    distances = []
+    for rigidity in (1e7, 1e9, 1e11):
+        soft = simulate(hanging(Cable(rigidity)), times, 1.0, start=lifted(0.1))
+        distances.append(np.abs(soft["displacement"] - rigid["displacement"]).values.max())
+    # the impulse of the impact, spread over a step: m v / (h k)
+    assert distances[2] == pytest.approx(np.sqrt(0.2 * GRAVITY) / (1e-3 * 1e11), rel=0.5)
+    np.testing.assert_allclose(np.log10(np.divide(distances[:-1], distances[1:])), 2.0, atol=0.1)
+
+
+@pytest.mark.parametrize(("h", "error"), [(1e-2, 2e-2), (1e-3, 2e-3)])
+def test_a_bouncing_point_is_where_it_should_be(h, error):
+    ground = LinkSystem(
+        position=np.array([[0.0, 0.0, 0.0], [0.0, 0.0, 1.0]]),
+        ends=np.array([[0, 1]]),
+        laws=(Strut(np.inf),),
+        kind=np.array([0]),
+        fixed=np.array([[True, True, True], [True, True, False]]),
+        load=np.array([[0.0, 0.0, 0.0], [0.0, 0.0, -GRAVITY]]),
+    )
+    times = np.linspace(0.0, 3.0, round(3.0 / h) + 1)
+    response = simulate(ground, times, 1.0, start=lifted(1.0), theta=0.5, restitution=0.9)
+    assert response["converged"].values.all()
+    # h = 1 m, e = .9: height after 3 s from the exact sequence of impacts
+    assert response["displacement"].values[-1, 1, 2] == pytest.approx(0.418352, abs=error)
+    velocity = response["velocity"].values[:, 1, 2]
+    first = times[np.argmax(velocity > 0.0)]
+    assert first == pytest.approx(0.451524, abs=2.0 * h)
+
+
+def bar_before_wall(elements):
+    """Bar of 10 m, E A = 900 N, 1 kg/m; node 1 touches the wall when it has not moved."""
+    position = np.zeros((elements + 2, 3))
+    position[0, 0] = -1.0
+    position[1:, 0] = np.linspace(0.0, 10.0, elements + 1)
+    fixed = np.ones((elements + 2, 3), dtype=bool)
+    fixed[1:, 0] = False
+    system = LinkSystem(
+        position=position,
+        ends=np.stack([np.arange(elements + 1), np.arange(1, elements + 2)], axis=1),
+        laws=(Strut(np.inf), Bar(900.0)),
+        kind=np.repeat([0, 1], [1, elements]),
+        fixed=fixed,
+        load=np.zeros((elements + 2, 3)),
+    )
+    mass = np.full(elements + 2, 10.0 / elements)
+    mass[[1, -1]] *= 0.5
+    return system, mass
+
+
+def test_a_bar_hits_a_wall_and_comes_back():
+    system, mass = bar_before_wall(100)
+    displacement, velocity = np.zeros((2, 102, 3))
+    displacement[1:, 0], velocity[1:, 0] = 5.0, -10.0
+    h = 1e-3
+    times = np.arange(2001) * h
+    response = simulate(system, times, mass, start=(displacement, velocity))
+    pressing = times[response["impulse"].values[:, 0] < -1e-9]
+    assert pressing[0] == pytest.approx(0.5, abs=5e-3)
+    assert pressing[-1] == pytest.approx(7.0 / 6.0, abs=7e-3)
+    plateau = -response["impulse"].values[(times > 0.6) & (times < 1.1), 0] / h
+    assert np.median(plateau) == pytest.approx(300.0, rel=1e-2)  # E v / c
+    assert np.ptp(energy_left(response)) < 1e-9 * 500.0
+
+
+def test_the_bar_rebounds_with_the_speed_it_came_with():
+    system, mass = bar_before_wall(100)
+    displacement, velocity = np.zeros((2, 102, 3))
+    displacement[1:, 0], velocity[1:, 0] = 5.0, -10.0
+    response = simulate(
+        system, np.arange(4001) * 4e-4, mass, start=(displacement, velocity), theta=0.5
+    )
+    momentum = np.sum(mass[1:] * response["velocity"].values[-1, 1:, 0])
+    assert momentum / 10.0 == pytest.approx(10.0, rel=2e-2)
+    energy = response["kinetic_energy"].values[-1] + response["elastic_energy"].values[-1]
+    assert energy == pytest.approx(500.0, rel=1e-2)
+
+
+def test_a_moving_support_carries_its_structure_and_its_work_is_accounted_for():
+    def lift(time):
+        return np.array([[0.0, 0.0, 0.5 * min(time, 1.0)], [0.0, 0.0, 0.0]])
+
+    times = np.linspace(0.0, 8.0, 4001)
+    response = simulate(hanging(Cable(1000.0)), times, 1.0, support_motion=lift)
+    assert response["displacement"].values[-1, 0, 2] == 0.5
+    # in the end the mass hangs .5 m higher, under its own weight
+    end = response["displacement"].values[-1, 1, 2]
+    assert end == pytest.approx(0.5 - GRAVITY / 1000.0, abs=1e-3)
+    assert np.ptp(energy_left(response)) < 1e-10
+
+
+def test_a_grid_released_from_its_load_keeps_account_of_its_energy():
+    grid = tensegrity_grid(8, prestress=640.0)
+    loaded = solve_static(grid, 1.0)
+    start = (loaded["displacement"].values, np.zeros((grid.n_nodes, 3)))
+    times = np.arange(101) * 2e-3
+    released = simulate(grid, times, 5.0, load_factor=lambda time: 0.0, start=start)
+    assert released["converged"].values.all()
+    energy = energy_left(released)
+    assert np.ptp(energy) < 1e-12 * energy[0]
+    assert released["smallest_link_dissipation"].values.min() > -1e-12 * energy[0]
+    slack = (released["tension"].values[:, grid.kind == 0] <= 0.0).sum(axis=1)
+    assert slack[0] == (loaded["tension"].values[grid.kind == 0] <= 0.0).sum() > 0
+    assert np.any(np.diff(slack) < 0)  # cables run taut again
+    assert np.any(np.diff(slack) > 0)  # and others go slack on the way back
+
+
+@pytest.mark.parametrize(
+    ("changes", "message"),
+    [
+        pytest.param({"times": [0.0]}, "times must rise", id="one-time"),
+        pytest.param({"times": [0.0, 0.0]}, "times must rise", id="same-time"),
+        pytest.param({"mass": 0.0}, "mass of node 1 must be positive", id="mass"),
+        pytest.param({"mass": np.ones(3)}, "one number or one per node", id="masses"),
+        pytest.param({"theta": 0.3}, "theta must lie between 1/2 and 1", id="theta"),
+        pytest.param({"restitution": 1.1}, "restitution must lie between", id="restitution"),
+        pytest.param(
+            {"start": (np.zeros(3), np.zeros(3))}, r"must have shape \(2, 3\)", id="start"
+        ),
+        pytest.param({"system": hanging(Bar(np.inf))}, "inextensible bar", id="bar"),
+    ],
+)
+def test_what_is_refused_says_why(changes, message):
+    given = {"system": hanging(Cable(1e3)), "times": [0.0, 1.0], "mass": 1.0} | changes
+    with pytest.raises(CaseError, match=message):
+        simulate(given.pop("system"), given.pop("times"), given.pop("mass"), **given)

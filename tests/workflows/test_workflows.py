@@ -1,0 +1,37 @@
+"""Every workflow and every scene runs, and leaves what it promises."""
+
+import runpy
+from pathlib import Path
+
+import pytest
+
+from multiscale.io import open_dataset
+from multiscale.pipeline import load_scene, run_scene
+from multiscale.schema import MACRO_RESULT
+
+FOLDER = Path(__file__).parents[2] / "workflows"
+
+
+@pytest.mark.parametrize("script", sorted(FOLDER.glob("*.py")), ids=lambda path: path.stem)
+def test_every_workflow_runs(script, tmp_path):
+    text = script.read_text(encoding="utf-8")
+    assert len(text.splitlines()) < 100
+    main = runpy.run_path(str(script))["main"]
+    assert not main(["--quick", "-o", str(tmp_path)])
+    assert list(tmp_path.rglob("*.nc"))
+
+
+@pytest.mark.parametrize("scene", sorted(FOLDER.glob("scenes/*.toml")), ids=lambda path: path.stem)
+def test_every_scene_runs(scene, tmp_path):
+    result = run_scene(load_scene(scene).quick(), tmp_path / "macro_result.nc")
+    assert result["converged"].values.all()
+    open_dataset(tmp_path / "macro_result.nc", MACRO_RESULT)
+
+
+def test_the_grid_leaves_figures_and_a_series_for_each_part(tmp_path):
+    main = runpy.run_path(str(FOLDER / "tensegrity_grid.py"))["main"]
+    main(["--quick", "-o", str(tmp_path)])
+    for part, figure in (("static", "sorted_tensions"), ("unloading", "energies")):
+        for name in (f"figures/{figure}.png", "figures/deformed_links.png"):
+            assert (tmp_path / part / name).read_bytes().startswith(b"\x89PNG")
+        assert (tmp_path / part / "fields" / "macro_result.pvd").is_file()
