@@ -17,6 +17,15 @@ __all__ = ["factorise"]
 LARGEST_CONDITION = 1e13
 """Above this condition number, after scaling by the diagonal, a matrix counts as singular."""
 
+SMALL_PIVOT = 1e-2
+"""Below this share of the largest entry of its column a pivot leaves the diagonal."""
+
+LARGEST_ASYMMETRY = 0.1
+"""Part of the entries without an opposite up to which a pattern counts as symmetric."""
+
+LARGEST_BACKWARD_ERROR = 1e-13
+"""Above this backward error the pivots were too small, and the usual order is taken."""
+
 Solve = Callable[[np.ndarray], np.ndarray]
 
 
@@ -88,14 +97,13 @@ def _factors(matrix: csr_array | np.ndarray) -> Solve:
             warnings.simplefilter("ignore")  # the estimate of the condition says it better
             dense = lu_factor(matrix)
         return lambda rhs: np.asarray(lu_solve(dense, rhs, check_finite=False))
+    scale = _diagonal_scale(matrix)
     try:
         pardiso = import_module("pypardiso")
     except ImportError:
-        sparse = splu(csc_array(matrix))
-        return lambda rhs: np.asarray(sparse.solve(rhs))
+        return _superlu_factors(matrix, scale)
 
     # scaled, because PARDISO lifts pivots that are small relative to the whole matrix
-    scale = _diagonal_scale(matrix)
     rows = csr_matrix(diags_array(scale) @ matrix @ diags_array(scale), dtype=float)
     rows.sum_duplicates()
     if not np.all(np.diff(rows.indptr)):
@@ -103,17 +111,62 @@ def _factors(matrix: csr_array | np.ndarray) -> Solve:
     solver = pardiso.PyPardisoSolver()
     solver.factorize(rows)
 
-    def solve(rhs: np.ndarray) -> np.ndarray:
-        columns = scale if rhs.ndim == 1 else scale[:, None]
-        return np.asarray(columns * solver.solve(rows, columns * rhs))
+    return lambda rhs: _scaled_solve(lambda b: solver.solve(rows, b), scale, rhs)
 
-    return solve
+
+def _superlu_factors(matrix: csr_array, scale: np.ndarray) -> Solve:
+    """LU factors in an order for symmetric patterns, unless that loses digits."""
+    scaled = csc_array(diags_array(scale) @ matrix @ diags_array(scale))
+    if _has_symmetric_pattern(scaled):
+        try:
+            # pivots stay on the diagonal, which keeps the fill low, while they are not small
+            fast = splu(
+                scaled,
+                permc_spec="MMD_AT_PLUS_A",
+                diag_pivot_thresh=SMALL_PIVOT,
+                options={"SymmetricMode": True},
+            )
+        except RuntimeError:  # a pivot that is exactly zero
+            pass
+        else:
+            if _backward_error(scaled, fast.solve) < LARGEST_BACKWARD_ERROR:
+                return lambda rhs: _scaled_solve(fast.solve, scale, rhs)
+            del fast  # before the memory is needed again
+    safe = splu(csc_array(matrix))
+    return lambda rhs: np.asarray(safe.solve(rhs))
+
+
+def _has_symmetric_pattern(matrix: csc_array) -> bool:
+    """Whether nearly every entry has one opposite it."""
+    entries = (np.ones(matrix.nnz, dtype=np.int8), matrix.indices, matrix.indptr)
+    ones = csc_array(entries, shape=matrix.shape)
+    return bool((ones != ones.T).nnz <= LARGEST_ASYMMETRY * matrix.nnz)
+
+
+def _backward_error(matrix: csc_array, solve: Solve) -> float:
+    """Residual for a random right-hand side, relative to the terms of the product and it."""
+    signs = _random_signs(matrix.shape[0])
+    with np.errstate(all="ignore"):
+        x = solve(signs)
+        error = norm(matrix @ x - signs, np.inf)
+        return float(error / (norm(abs(matrix) @ np.abs(x), np.inf) + 1.0))
+
+
+def _scaled_solve(solve: Solve, scale: np.ndarray, rhs: np.ndarray) -> np.ndarray:
+    """Solve with D K D in the place of K."""
+    columns = scale if rhs.ndim == 1 else scale[:, None]
+    return np.asarray(columns * solve(columns * rhs))
+
+
+def _random_signs(n: int) -> np.ndarray:
+    """Draw a right-hand side that no structure of a matrix is orthogonal to."""
+    return np.random.default_rng(seed=0).choice([-1.0, 1.0], size=n)
 
 
 def _softest_motion(matrix: csr_array | np.ndarray, solve: Solve) -> tuple[float, np.ndarray]:
     """Estimated condition number (1) and the motion of the scaled unknowns behind it."""
     scale = _diagonal_scale(matrix)
-    signs = np.random.default_rng(seed=0).choice([-1.0, 1.0], size=scale.size)
+    signs = _random_signs(scale.size)
     with np.errstate(all="ignore"):
         motion = solve(signs / scale) / scale
         size = norm(scale * (abs(matrix) @ scale), np.inf)

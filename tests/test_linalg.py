@@ -2,8 +2,10 @@
 
 import numpy as np
 import pytest
-from scipy.sparse import csr_array
+from scipy.sparse import block_array, csc_array, csr_array, eye_array, kron
+from scipy.sparse.linalg import splu
 
+from multiscale import linalg
 from multiscale.errors import MultiscaleError
 from multiscale.linalg import factorise
 
@@ -47,9 +49,73 @@ def test_an_unknown_without_stiffness_is_named(form):
 
 
 @pytest.mark.parametrize("form", FORM)
+def test_a_matrix_without_entries_is_refused(form):
+    with pytest.raises(MultiscaleError, match="unknown 0 can move without force"):
+        factorise(form(np.zeros((4, 4))))
+
+
+@pytest.mark.parametrize("form", FORM)
 def test_contrast_alone_is_not_taken_for_singularity(form):
     matrix = np.diag([1e-20, 1.0, 1e20])
     np.testing.assert_allclose(factorise(form(matrix))(np.ones(3)), [1e20, 1.0, 1e-20])
+
+
+def plane(n):
+    """Laplacian of n times n masses, the outer ones tied to the ground."""
+    line = csr_array(chain(n) + np.diag([0.0] * (n - 1) + [1.0]))
+    return csr_array(kron(line, eye_array(n)) + kron(eye_array(n), line))
+
+
+def tie(n, stiffness, rows):
+    """Saddle point: a plane with some motions prescribed by multipliers."""
+    K = stiffness * plane(n)
+    B = eye_array(n * n, format="csr")[rows]
+    return csr_array(block_array([[K, B.T], [B, None]]))
+
+
+@pytest.mark.parametrize("stiffness", [1e-9, 1.0, 1e9])
+def test_a_saddle_point_without_a_diagonal_is_solved(stiffness):
+    matrix = tie(12, stiffness, np.arange(0, 144, 5))
+    exact = np.random.default_rng(seed=2).normal(size=(matrix.shape[0], 2))
+    exact[:144] /= stiffness
+    solution = factorise(matrix)(matrix @ exact)
+    for part in (slice(144), slice(144, None)):
+        scale = np.abs(exact[part]).max()
+        np.testing.assert_allclose(solution[part], exact[part], atol=1e-9 * scale)
+
+
+def test_a_pattern_that_is_not_symmetric_is_solved():
+    rng = np.random.default_rng(seed=3)
+    matrix = csr_array(np.triu(rng.normal(size=(40, 40))) + 10.0 * np.eye(40))
+    assert not linalg._has_symmetric_pattern(csc_array(matrix))
+    exact = rng.normal(size=40)
+    np.testing.assert_allclose(factorise(matrix)(matrix @ exact), exact, rtol=1e-9)
+
+
+def test_pivots_that_lose_digits_are_not_kept(monkeypatch):
+    monkeypatch.setattr(linalg, "SMALL_PIVOT", 0.0)  # takes any pivot of the diagonal
+    n = 60
+    matrix = csr_array(1e-14 * np.eye(n) + np.diag(np.ones(n - 1), 1) + np.diag(np.ones(n - 1), -1))
+    exact = np.random.default_rng(seed=4).normal(size=n)
+    solution = linalg._superlu_factors(matrix, np.ones(n))(matrix @ exact)
+    np.testing.assert_allclose(solution, exact, atol=1e-10)
+
+
+def test_the_order_for_symmetric_patterns_has_less_fill(monkeypatch):
+    fills = []
+
+    def watch(matrix, **options):
+        factors = splu(matrix, **options)
+        fills.append(factors.nnz)
+        return factors
+
+    monkeypatch.setattr(linalg, "splu", watch)
+    monkeypatch.setattr(linalg, "import_module", lambda name: (_ for _ in ()).throw(ImportError))
+    factorise(plane(60))
+    monkeypatch.setattr(linalg, "LARGEST_ASYMMETRY", -1.0)
+    factorise(plane(60))
+    assert len(fills) == 2
+    assert fills[0] < 0.8 * fills[1]
 
 
 def test_entries_that_are_not_finite_are_refused():
