@@ -6,7 +6,15 @@ import numpy as np
 from skfem import MeshHex, MeshQuad
 
 from multiscale.laws.bulk import Elastic
-from multiscale.macro import Body, Contact, ContactProblem, Plane, Sphere, solve_contact
+from multiscale.macro import (
+    Body,
+    Contact,
+    ContactProblem,
+    Graph,
+    Plane,
+    Sphere,
+    solve_contact,
+)
 from multiscale.reference import hertz, mindlin
 from multiscale.reference.rings import NestedRings
 
@@ -57,6 +65,11 @@ def fitted_ellipse(distance, pressure):
     inside = pressure > 0.3 * pressure.max()
     slope, peak = np.polyfit(distance[inside] ** 2, pressure[inside] ** 2, 1)
     return np.sqrt(peak), np.sqrt(-peak / slope)
+
+
+def moment_radius(distance, traction, area):
+    """Radius c of q ~ sqrt(c^2 - r^2) from its second moment, 2 c^2 / 5; no point decides alone."""
+    return np.sqrt(2.5 * np.sum(area * traction * distance**2) / np.sum(area * traction))
 
 
 def cylinder_on_block(size, *, swapped=False, **contact):
@@ -193,16 +206,33 @@ def extruded(points, quads, levels):
     return MeshHex(np.ascontiguousarray(place), np.ascontiguousarray(cells))
 
 
+def quarter(points, quads):
+    """The part of half a disc with x > 0."""
+    quads = quads[:, points[quads].mean(axis=0)[:, 0] > 0.0]
+    used, number = np.unique(quads, return_inverse=True)
+    points = np.where(np.abs(points) < 1e-12 * np.abs(points).max(), 0.0, points)
+    return points[used], number.reshape(quads.shape)
+
+
+def beyond(rings, length, ratio):
+    """Rings with steps that grow by a ratio, from the last of some rings to a length."""
+    outer, step = [rings[-1]], rings[-1] - rings[-2]
+    while outer[-1] + 1.5 * ratio * step < length:
+        step *= ratio
+        outer.append(outer[-1] + step)
+    return np.concatenate([rings, outer[1:], [length]])
+
+
 def half_ball(cells, rings, layer, side):
-    """Half of the elastic body below (-1) or above (+1) the contact, cut at y = 0."""
+    """Half of the elastic body below (-1) or above (+1) the contact, cut at y = 0.
+
+    The upper one is curved for both, so that the normals of the lower one are vertical, as
+    they are on the common surface of like balls once these are pressed together.
+    """
     a, length = CONTACT_RADIUS, 8.0 * CONTACT_RADIUS
     radii = a * np.asarray(rings)
-    outer = [radii[-1]]
-    while outer[-1] < 0.7 * length:
-        outer.append(1.5 * outer[-1])
-    outer = np.array([*outer[1:-1], length])
-    points, quads = half_disc(cells, np.concatenate([radii, outer]))
-    mesh = extruded(points, quads, -graded(layer * a, 0.9 * a, length, 1.5)[::-1])
+    points, quads = half_disc(cells, beyond(radii, length, 1.5))
+    mesh = extruded(points, quads, -graded(layer * a, 3.0 * layer * a, length, 1.4)[::-1])
     mesh = mesh.with_boundaries(
         {
             "contact": lambda x: near(0.0)(x[2]) & (np.hypot(x[0], x[1]) < radii[-1]),
@@ -217,7 +247,7 @@ def half_ball(cells, rings, layer, side):
     return moved(mesh, place)
 
 
-def two_steel_balls(path, meshes):
+def two_steel_balls(path, *mesh):
     """Press two bodies together at time 1, then follow (time, tangential force, displacement)."""
     times, forces, motions = (
         np.array([0.0, *start, *(point[k] for point in path)])
@@ -234,10 +264,54 @@ def two_steel_balls(path, meshes):
     for name, side in (("below", -1), ("above", 1)):
         far = [far_field(i, side, STEEL, force, motion) for i in range(3)]
         supports = {"far": far, "plane": (None, 0.0, None)}
-        bodies[name] = Body(half_ball(*meshes[name], side), Elastic(*STEEL), supports)
-    contact = Contact(("above", "contact"), ("below", "contact"), FRICTION)
+        bodies[name] = Body(half_ball(*mesh, side), Elastic(*STEEL), supports)
+    contact = Contact(("below", "contact"), ("above", "contact"), FRICTION)
     steps = solve_contact(ContactProblem(bodies, {"joint": contact}), times[1:], condensed=True)
     return [step.unwrap() for step in steps]
+
+
+def ball_on_rough_half_space(friction, rings, growth):
+    """A rigid ball pressed with friction on a quarter of a half-space, in steps of the radius.
+
+    The ball is so flat that the normals are vertical. The contact grows from a fifth of its
+    radius by a factor in each step; returns distances over the last radius and the contact.
+    """
+    a, length, nu, start = 1e-3, 8e-3, 0.3, 0.2
+    radius, material = 1e4 * a, (1e9, nu)
+    radii = a * np.asarray(rings)
+    mesh = extruded(
+        *quarter(*half_disc(2, beyond(radii, length, 1.4))),
+        -graded(0.02 * a, 0.06 * a, length, 1.4)[::-1],
+    ).with_boundaries(
+        {
+            "contact": lambda x: near(0.0)(x[2]) & (np.hypot(x[0], x[1]) < radii[-1]),
+            "x": lambda x: near(0.0)(x[0]),
+            "y": lambda x: near(0.0)(x[1]),
+            "far": lambda x: near(-length)(x[2]) | (np.hypot(x[0], x[1]) > 0.98 * length),
+        }
+    )
+    n = int(np.ceil(np.log(1.0 / start) / np.log(growth)))
+
+    def reached(time):
+        return a * start ** (1.0 - time) if time > 0.0 else 0.0
+
+    def force(time):
+        return 4.0 * hertz.contact_modulus(material) * reached(time) ** 3 / (3.0 * radius), 0.0
+
+    far = [far_field(i, -1, material, force, lambda t: (0.0, 0.0)) for i in range(3)]
+    supports = {"far": far, "x": (0.0, None, None), "y": (None, 0.0, None)}
+    ball = Graph(
+        lambda x: (x[0] ** 2 + x[1] ** 2) / (2.0 * radius),
+        lambda x: x / radius,
+        motion=(0.0, 0.0, lambda x, t: -(reached(t) ** 2) / radius),
+    )
+    problem = ContactProblem(
+        {"base": Body(mesh, Elastic(*material), supports)},
+        {"ball": Contact(("base", "contact"), ball, friction)},
+    )
+    times = np.r_[1e-9, np.arange(1, n + 1) / n]
+    surface = solve_contact(problem, times, condensed=True)[-1].unwrap().contact["ball"]
+    return np.hypot(*surface.position[:2]) / a, surface
 
 
 def inclined_slider(friction, *, deformable, finite_sliding=False):

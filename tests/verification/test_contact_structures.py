@@ -6,7 +6,7 @@ from skfem import MeshHex, MeshQuad, MeshTri
 
 from multiscale.laws.bulk import J2, Elastic, NeoHookean
 from multiscale.macro import Body, Contact, ContactProblem, Graph, Plane, solve_contact
-from multiscale.reference import hertz, mindlin
+from multiscale.reference import hertz, mindlin, spence
 from tests import contact_scenes as scenes
 from tests.contact_scenes import CONTACT_RADIUS, FORCE, FRICTION, LIMIT, PEAK, near
 from tests.support import observed_rate
@@ -61,8 +61,8 @@ def test_a_slider_on_a_slope_needs_its_friction_and_its_climb(friction):
     assert found == pytest.approx(expected, rel=1e-6)
 
 
-def flat_punch(points):
-    """A rigid flat disc on a quarter of a half-space: force over the closed form, and pressure."""
+def flat_punch(points, friction=0.0):
+    """A rigid flat disc on half of a half-space: force over the closed form, and pressure."""
     a, length, depth = 1e-3, 12e-3, 1e-6
     material = (210e9, 0.3)
     modulus = hertz.contact_modulus(material)
@@ -87,7 +87,8 @@ def flat_punch(points):
     ]
     body = Body(mesh, Elastic(*material), {"far": far, "plane": (None, 0.0, None)})
     punch = Plane((0.0, 0.0, 0.0), (0.0, 0.0, -1.0), motion=(0.0, 0.0, -depth))
-    problem = ContactProblem({"base": body}, {"punch": Contact(("base", "contact"), punch)})
+    contact = Contact(("base", "contact"), punch, friction)
+    problem = ContactProblem({"base": body}, {"punch": contact})
     surface = solve_contact(problem)[-1].unwrap().contact["punch"]
     r = np.hypot(*surface.position[:2])
     inner = r < 0.7 * a
@@ -101,6 +102,13 @@ def test_a_flat_punch_has_its_closed_form():
     assert force == pytest.approx(1.0, rel=0.02)
     np.testing.assert_allclose(np.mean(ratio), 1.0, rtol=0.02)
     np.testing.assert_allclose(ratio, 1.0, rtol=0.06)
+
+
+@pytest.mark.slow
+def test_a_flat_punch_that_sticks_carries_more():
+    # 1.02863 in the validation plan
+    smooth, stuck = (flat_punch(12, friction)[0] for friction in (0.0, 100.0))
+    assert stuck / smooth == pytest.approx(mindlin.full_stick_load_ratio(0.3), rel=0.01)
 
 
 def billet(friction, law, *, squeeze=0.35, steps=10, elements=(3, 4)):
@@ -214,58 +222,88 @@ def test_ironing_has_smooth_resultants(swapped):
     assert tangent.mean() == pytest.approx(0.2 * normal.mean(), rel=0.1)
 
 
-def mindlin_path(ratio, steps):
-    """One cycle of force between +-T: times, forces and displacements of Masing's branches."""
-    top = ratio * LIMIT
+def test_the_slip_of_a_step_that_was_cut_is_whole():
+    base = scenes.block(MeshQuad, (12, 4), (0.0, 0.0), (2.0, 1.0))
+    drive = (lambda x, t: 3e-4 * max(0.0, t - 1.0), lambda x, t: -1e-3 * min(t, 1.0))
+    body = Body(base, Elastic(1e9, 0.3), {"top": drive})
+    floor = Contact(("base", "bottom"), Plane((0.0, 0.0), (0.0, 1.0)), 0.3)
+    problem = ContactProblem({"base": body}, {"floor": floor})
+    once, cut = (solve_contact(problem, (1.0, 2.0), max_iterations=n)[-1] for n in (60, 3))
+    assert len(once.unwrap().solution.trail) == 1 < len(cut.unwrap().solution.trail)
+    whole = once.contact["floor"].slip
+    np.testing.assert_allclose(cut.contact["floor"].slip, whole, atol=1e-6 * np.abs(whole).max())
 
-    def first(T):
-        return float(
-            mindlin.tangential_displacement(
-                T / LIMIT, LIMIT, CONTACT_RADIUS, scenes.TANGENTIAL_MODULUS
-            )
+
+AMPLITUDES = (0.25, 0.5, -0.5, 0.5, 0.75, 0.9, -0.9, 0.9)
+"""Tangential forces over the limit of friction; a closed cycle leaves no memory."""
+
+
+@pytest.fixture(scope="module")
+def sheared_balls():
+    """Two steel balls on the path of the amplitudes, displacements prescribed by Mindlin."""
+    path = []
+    for k, ratio in enumerate(AMPLITUDES):
+        motion = mindlin.tangential_displacement(
+            abs(ratio), LIMIT, CONTACT_RADIUS, scenes.TANGENTIAL_MODULUS
         )
-
-    share = np.cos(np.linspace(0.0, np.pi, steps + 1))[1:]
-    path = [(2.0, top, first(top))]
-    for cycle, sign in ((2.0, 1.0), (3.0, -1.0)):
-        for k, f in enumerate(share, start=1):
-            motion = first(top) - 2.0 * first(0.5 * top * (1.0 - f))
-            path.append((cycle + k / steps, sign * top * f, sign * motion))
-    return path
-
-
-MESHES = {
-    "below": (5, 0.1 * np.arange(5, 13), 0.08),
-    "above": (5, 0.1 * np.arange(5, 13), 0.08),
-}
+        path.append((2.0 + k, ratio * LIMIT, np.sign(ratio) * float(motion)))
+    rings = np.r_[0.32, 0.4, 0.48, 0.56, 0.64, 0.7, np.arange(0.74, 1.07, 0.04)]
+    steps = scenes.two_steel_balls(path, 3, rings, 0.04)[1:]
+    return [step.contact["joint"] for step in steps]
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("ratio", [0.25, 0.75])
-def test_partial_slip_between_steel_balls_is_mindlins(ratio):
-    path = mindlin_path(ratio, 1)[:1]
-    surface = scenes.two_steel_balls(path, MESHES)[-1].contact["joint"]
+@pytest.mark.parametrize("ratio", [0.25, 0.5, 0.75, 0.9])
+def test_partial_slip_between_steel_balls_is_mindlins(sheared_balls, ratio):
+    surface = sheared_balls[AMPLITUDES.index(ratio)]
     # at the displacement of theory, the force of theory
     tangent, normal = (2.0 * abs(surface.force[k]) for k in (0, 2))
-    assert tangent == pytest.approx(ratio * LIMIT, rel=0.03)
-    assert normal == pytest.approx(FORCE, rel=0.03)
-    # the stick zone from mu p - q = mu p0 sqrt(c^2 - r^2) / a, by the same fit as the contact
+    assert tangent == pytest.approx(ratio * LIMIT, rel=0.01)
+    assert normal == pytest.approx(FORCE, rel=0.01)
+    # .90856 and .62996 at .25 and .75: mu p - q is the ellipsoid of the stick zone
     r = np.hypot(*surface.position[:2])
-    stick = scenes.fitted_ellipse(r, FRICTION * surface.pressure - np.abs(surface.traction[1]))[1]
-    contact = scenes.fitted_ellipse(r, surface.pressure)[1]
-    expected = float(mindlin.stick_radius(tangent / (FRICTION * normal)))
-    assert stick / contact == pytest.approx(expected, rel=0.03)
+    spare = FRICTION * surface.pressure - np.linalg.norm(surface.traction[1:], axis=0)
+    stick = scenes.moment_radius(r, np.maximum(spare, 0.0), surface.area)
+    contact = scenes.moment_radius(r, surface.pressure, surface.area)
+    assert contact == pytest.approx(CONTACT_RADIUS, rel=0.02)
+    assert stick / contact == pytest.approx(float(mindlin.stick_radius(ratio)), rel=0.03)
 
 
 @pytest.mark.slow
-def test_a_cycle_of_partial_slip_loses_the_energy_of_mindlin_and_deresiewicz():
-    path = mindlin_path(0.9, 6)
-    steps = scenes.two_steel_balls(path, MESHES)[1:]
-    force = np.array([2.0 * step.contact["joint"].force[0] for step in steps])
-    _, exact, motion = np.array(path).T
-    lost, theory = (np.sum(0.5 * (f[1:] + f[:-1]) * np.diff(motion)) for f in (-force, exact))
-    # both by the same trapezes, whose error is 6 % with six points a branch
-    assert abs(lost) == pytest.approx(abs(theory), rel=0.03)
+@pytest.mark.parametrize(("ratio", "expected"), [(0.5, 1.07238e-6), (0.9, 1.22179e-5)])
+def test_a_cycle_of_partial_slip_loses_the_energy_of_mindlin_and_deresiewicz(
+    sheared_balls, ratio, expected
+):
+    # friction does not change while a point slips one way, so one step a branch is exact
+    branches = sheared_balls[AMPLITUDES.index(-ratio) :][:2]
+    lost = [
+        2.0 * np.sum(surface.area * np.sum(surface.traction[1:] * surface.slip, axis=0))
+        for surface in branches
+    ]
+    assert lost[0] == pytest.approx(lost[1], rel=1e-3)
+    assert sum(lost) == pytest.approx(expected, rel=0.03)
+
+
+SPENCE_RINGS = np.r_[
+    np.arange(0.1, 0.3, 0.01), np.arange(0.3, 0.82, 0.04), np.arange(0.82, 1.07, 0.02)
+]
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(("friction", "growth"), [(0.1, 1.2), (0.3, 1.05), (0.5, 1.05)])
+def test_a_ball_pressed_with_friction_sticks_where_theory_says(friction, growth):
+    r, surface = scenes.ball_on_rough_half_space(friction, SPENCE_RINGS, growth)
+    shear = np.linalg.norm(surface.traction[1:], axis=0)
+    closed = surface.pressure > 0.0
+    slips = closed & (shear > (1.0 - 1e-6) * friction * surface.pressure)
+    edge = 0.5 * (r[closed & ~slips].max() + r[slips].min())
+    found = edge / scenes.moment_radius(r, surface.pressure, surface.area)
+    expected = spence.punch_with_friction(friction, 0.3, rings=400)[0]
+    assert found == pytest.approx(expected, rel=0.05)
+    # .9186 and .9917 in the validation plan, whose formula leaves out the effect of shear on
+    # pressure; at .1 that alone takes 11 % off its .2240
+    if friction > 0.1:
+        assert found == pytest.approx(mindlin.spence_stick_radius(friction, 0.3), rel=0.05)
 
 
 def test_a_graph_presses_like_the_sphere_that_it_follows():
