@@ -1,5 +1,7 @@
 """What several tests need."""
 
+import signal
+
 import numpy as np
 
 from multiscale.micro import Surface
@@ -21,3 +23,8 @@ def egg_box(n, amplitude):
     """Product of two cosines with wavelength 1 m."""
     x = np.cos(2.0 * np.pi * np.arange(n) / n)
     return Surface(amplitude * np.outer(x, x), (1.0, 1.0))
+
+
+def keep_ignoring_broken_pipes():
+    """Undo what gmsh.initialize does: afterwards a pool whose worker dies would end all tests."""
+    signal.signal(signal.SIGPIPE, signal.SIG_IGN)

@@ -16,6 +16,7 @@ from multiscale.macro.continuum.mortar import couple
 from multiscale.macro.continuum.surface import facet_normals, nodal_areas, surface_of
 from multiscale.nonsmooth.coulomb import alart_curnier
 from tests.contact_scenes import block, moved
+from tests.support import keep_ignoring_broken_pipes
 
 MESHES = [
     pytest.param(MeshTri, id="tri"),
@@ -234,6 +235,7 @@ def test_a_mesh_file_keeps_its_shape_and_its_names(kind, tmp_path):
 def test_a_mesh_of_gmsh_is_pressed_between_plates(tmp_path):
     gmsh = pytest.importorskip("gmsh", exc_type=Exception)
     gmsh.initialize(interruptible=False)
+    keep_ignoring_broken_pipes()
     gmsh.option.setNumber("General.Terminal", 0)
     gmsh.model.occ.addRectangle(0.0, 0.0, 0.0, 2.0, 1.0, 1)
     gmsh.model.occ.synchronize()

@@ -7,7 +7,7 @@ from skfem import ElementHex1, ElementHex2, ElementTetP1, ElementTetP2, MeshHex,
 from multiscale.errors import CaseError
 from multiscale.micro import Cell, MeshCell, Path, Surface, self_affine, solve_cell
 from multiscale.micro.mesh import GraphMesh, graded_planes
-from tests.support import egg_box
+from tests.support import egg_box, keep_ignoring_broken_pipes
 
 PATH = Path(pressure=(1e-3, 1e-2, 1e-1))
 
@@ -40,6 +40,7 @@ def box_with_void(tmp_path_factory):
 
     file = tmp_path_factory.mktemp("gmsh") / "void.msh"
     gmsh.initialize(["-v", "0"])
+    keep_ignoring_broken_pipes()
     try:
         cad = gmsh.model.occ
         box, void = cad.addBox(0, 0, 0, 1, 1, 1), cad.addSphere(0.5, 0.5, 0.6, 0.2)
