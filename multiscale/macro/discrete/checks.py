@@ -128,8 +128,9 @@ def check_balance(system: "LinkSystem") -> None:
     worst = int(np.argmax(force))
     if force[worst] > BALANCE * largest:
         bad = int(np.count_nonzero(force > BALANCE * largest))
+        named = "1 node" if bad == 1 else f"{bad} nodes"
         raise CaseError(
-            f"the prestress is out of balance at {bad} nodes, worst at node {worst} by "
+            f"the prestress is out of balance at {named}, worst at node {worst} by "
             f"{force[worst]:.4g} N ({100 * force[worst] / largest:.2g} % of its largest tension); "
             f"take a combination of self_stress(system), or pass balanced=False to let the "
             f"structure find its own shape"

@@ -9,8 +9,8 @@ from multiscale.macro.discrete.state import force_scale
 
 __all__ = ["solve_dual_program"]
 
-TOLERANCE = 1e-13
-"""Gap and feasibility asked of clarabel, on scaled data."""
+TOLERANCES = (1e-13, 1e-12, 1e-11, 1e-10)
+"""Gap and feasibility asked of clarabel on scaled data, each if it cannot reach the one before."""
 
 
 def solve_dual_program(
@@ -55,26 +55,31 @@ def solve_dual_program(
     bounds = np.concatenate([load, -model.lower[rope], model.upper[prop]]) / scale
     settings = clarabel.DefaultSettings()
     settings.verbose = False
-    settings.tol_gap_abs = settings.tol_gap_rel = settings.tol_feas = TOLERANCE
-    answer = clarabel.DefaultSolver(
-        csc_array(diags_array(give)),
-        -give * model.prestress / scale,
-        csc_array(constraints),
-        bounds,
-        [clarabel.ZeroConeT(model.n), clarabel.NonnegativeConeT(bounds.size - model.n)],
-        settings,
-    ).solve()
+    for wanted in TOLERANCES:
+        settings.tol_gap_abs = settings.tol_gap_rel = settings.tol_feas = wanted
+        answer = clarabel.DefaultSolver(
+            csc_array(diags_array(give)),
+            -give * model.prestress / scale,
+            csc_array(constraints),
+            bounds,
+            [clarabel.ZeroConeT(model.n), clarabel.NonnegativeConeT(bounds.size - model.n)],
+            settings,
+        ).solve()
+        said = str(answer.status)
+        if said in ("Solved", "PrimalInfeasible"):
+            break
     tension = np.clip(scale * np.array(answer.x), model.lower, model.upper)
     u = -scale / unit * np.array(answer.z)[: model.n]
     unbalanced = model.gather(tension) - load
     residual = float(np.abs(unbalanced).max(initial=0.0)) / force_scale(model, load)
     value = np.concatenate([tension, u])
-    if "Infeasible" in str(answer.status):
+    if said == "PrimalInfeasible":
         return Solution(value, Status.INFEASIBLE, (residual,))
     if not np.isfinite(residual):
         return Solution(value, Status.NOT_FINITE, (residual,))
-    status = Status.CONVERGED if residual <= tolerance else Status.STALLED
-    return Solution(value, status, (residual,), detail=f"clarabel says {answer.status}")
+    if said == "Solved" and residual <= tolerance:
+        return Solution(value, Status.CONVERGED, (residual,))
+    return Solution(value, Status.STALLED, (residual,), detail=f"clarabel says {said}")
 
 
 def _transposed(model: Equations) -> csc_array:

@@ -126,6 +126,7 @@ def name_mechanism(model: Equations, tangent: Tangent, u: np.ndarray) -> str:
     carries = (elastic >= model.lower) & (elastic <= model.upper)
     entries = tangent.entries(np.where(carries, stiffness, 0.0))
     hold = HOLD * tangent.entries(stiffness)[tangent.diagonal]
+    hold = np.maximum(hold, 1e-3 * hold.max(initial=0.0))  # a direction that no link has
     entries[tangent.diagonal] += hold
     try:
         solve = tangent.factorise(entries)

@@ -103,7 +103,7 @@ def solve_static(
     2550.0
     """
     factors = np.atleast_1d(np.asarray(load_factor, dtype=float))
-    _check(system, factors, method, exact)
+    _check(system, factors, method, exact, stability)
     check_supports(system)
     model = equations(system)
     tangent = prepare_tangent(system, model)
@@ -133,7 +133,9 @@ def solve_static(
     return result if np.ndim(load_factor) else result.isel(step=0)
 
 
-def _check(system: LinkSystem, factors: np.ndarray, method: str, exact: bool) -> None:
+def _check(
+    system: LinkSystem, factors: np.ndarray, method: str, exact: bool, stability: bool
+) -> None:
     """Refuse options that do not fit the structure."""
     if factors.ndim != 1 or not factors.size or not np.isfinite(factors).all():
         raise CaseError(f"load_factor must be a finite number or a list of them, got {factors}")
@@ -147,6 +149,8 @@ def _check(system: LinkSystem, factors: np.ndarray, method: str, exact: bool) ->
         raise CaseError("exact=True needs extensible links; give a finite rigidity")
     if method != "auto":
         raise CaseError(f"exact=True has one method, 'auto', got {method!r}")
+    if stability:
+        raise CaseError("stability=True takes small perturbations; leave out exact=True")
 
 
 def _finite(system: LinkSystem, model: Equations, tangent: Tangent, limits: Limits) -> Find:

@@ -1,0 +1,295 @@
+"""Discrete structures: description, checks, builders, configurations, modes."""
+
+from dataclasses import replace
+
+import meshio
+import numpy as np
+import pytest
+
+from multiscale.errors import CaseError
+from multiscale.laws.link import Bar, Beam, Cable, Strut
+from multiscale.macro import (
+    LinkSystem,
+    cable_net,
+    mechanism_modes,
+    quadruplex_module,
+    self_stress,
+    solve_static,
+    system_from_mesh,
+    system_from_table,
+    tensegrity_grid,
+    truss,
+)
+from multiscale.macro.discrete import (
+    actual,
+    compatibility,
+    prestressed,
+    relaxed,
+    with_relaxed_length,
+)
+from multiscale.schema import MACRO_RESULT
+
+
+def pendulum(**changes):
+    """Two cables that meet in one free node."""
+    parts = {
+        "position": np.array([[-1.0, 0.0, 1.0], [1.0, 0.0, 1.0], [0.0, 0.0, 0.0]]),
+        "ends": np.array([[0, 2], [1, 2]]),
+        "laws": (Cable(1e6),),
+        "kind": np.zeros(2, dtype=int),
+        "fixed": np.array([[True] * 3, [True] * 3, [False, True, False]]),
+        "load": np.array([[0.0] * 3, [0.0] * 3, [0.0, 0.0, -1e3]]),
+    }
+    return LinkSystem(**(parts | changes))
+
+
+# --- compatibility ---------------------------------------------------------------------------
+
+
+def test_compatibility_is_the_derivative_of_the_lengths():
+    grid = tensegrity_grid(2, 3)
+    move = np.random.default_rng(seed=1).standard_normal(grid.position.shape)
+    move[grid.fixed] = 0.0
+    step = 1e-6
+    there, back = (
+        replace(grid, position=grid.position + sign * step * move, balanced=False).length
+        for sign in (1.0, -1.0)
+    )
+    elongation = compatibility(grid) @ move[~grid.fixed]
+    np.testing.assert_allclose(elongation, (there - back) / (2.0 * step), atol=1e-8)
+
+
+def test_no_beam_deforms_in_a_rigid_motion():
+    rng = np.random.default_rng(seed=2)
+    position = rng.standard_normal((4, 3))
+    laws = (Beam(1.0, 1.0, 1.0, 1.0, up=(0.3, -1.0, 0.2)), Bar(1.0))
+    frame = LinkSystem(
+        position,
+        np.array([[0, 1], [1, 2], [2, 3], [3, 0]]),
+        laws,
+        np.array([0, 0, 0, 1]),
+        np.zeros((4, 6), dtype=bool),
+        np.zeros((4, 6)),
+    )
+    turn, shift = rng.standard_normal(3), rng.standard_normal(3)
+    motion = np.hstack([shift + np.cross(turn, position), np.tile(turn, (4, 1))])
+    unit = np.repeat([1.0, frame.length.mean()], 3)
+    deformation = compatibility(frame) @ (motion * unit).ravel()
+    assert deformation.shape == (4 + 3 * 5,)
+    np.testing.assert_allclose(deformation, 0.0, atol=1e-14)
+
+
+# --- bad input -------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize(
+    ("changes", "message"),
+    [
+        pytest.param(
+            {"ends": np.array([[0, 2], [0, 2]])}, "node 1 has no link; connect", id="loose node"
+        ),
+        pytest.param(
+            {"position": np.array([[-1.0, 0, 1], [0.0, 0, 0], [0.0, 0, 0]])},
+            "link 1 between nodes 1 and 2 has length 0 m; merge",
+            id="zero length",
+        ),
+        pytest.param(
+            {"ends": np.array([[0, 2], [1, 2], [2, 0]]), "kind": np.zeros(3, dtype=int)},
+            "links 0 and 2 both join nodes 0 and 2; take one out",
+            id="duplicate",
+        ),
+        pytest.param(
+            {"prestress": np.array([100.0, 50.0])},
+            "out of balance at 1 node, worst at node 2 by 111.8 N",
+            id="imbalance",
+        ),
+        pytest.param(
+            {"prestress": np.array([100.0, -5.0])},
+            "prestress of link 1, a cable, must lie between 0 and inf N, got -5",
+            id="compressed cable",
+        ),
+        pytest.param({"load": np.zeros((2, 3))}, r"load must have shape \(3, 3\)", id="shape"),
+        pytest.param({"kind": np.array([0, 1])}, "kind of link 1 must lie between", id="kind"),
+        pytest.param(
+            {"load": np.full((3, 3), np.nan)}, "load of node 0 is not finite", id="not finite"
+        ),
+        pytest.param(
+            {"laws": (Beam(1.0, 1.0, 1.0, 1.0),)}, "six unknowns per node with beams", id="beams"
+        ),
+    ],
+)
+def test_a_faulty_structure_is_refused_in_one_sentence(changes, message):
+    with pytest.raises(CaseError, match=message) as refusal:
+        pendulum(**changes)
+    assert "\n" not in str(refusal.value)
+
+
+def test_an_unsupported_structure_is_refused():
+    with pytest.raises(CaseError, match=r"the structure .* 6 of its rigid motions are free"):
+        solve_static(quadruplex_module())
+    held = np.zeros((8, 3), dtype=bool)
+    held[0] = True
+    with pytest.raises(CaseError, match="3 of its rigid motions are free"):
+        solve_static(replace(quadruplex_module(), fixed=held))
+
+
+def test_an_unsupported_part_is_named():
+    two = pendulum(
+        position=np.vstack([pendulum().position, [[5.0, 0, 0], [6.0, 0, 0]]]),
+        ends=np.array([[0, 2], [1, 2], [3, 4]]),
+        kind=np.zeros(3, dtype=int),
+        fixed=np.vstack([pendulum().fixed, np.zeros((2, 3), dtype=bool)]),
+        load=np.zeros((5, 3)),
+    )
+    with pytest.raises(CaseError, match=r"the part with node 3 \(2 nodes\) is not supported"):
+        solve_static(two)
+
+
+@pytest.mark.parametrize(
+    ("build", "message"),
+    [
+        (lambda: tensegrity_grid(0), "at least one module each way, got 0 x 0"),
+        (lambda: tensegrity_grid(2, height=-1.0), "height of a module must be positive"),
+        (lambda: tensegrity_grid(2, prestress=-1.0), "prestress must not be negative"),
+        (lambda: truss(3), "even number of panels, got 3"),
+        (lambda: cable_net(1), "at least two meshes each way"),
+        (lambda: cable_net(3, prestress=0.0), "prestress must be positive"),
+    ],
+)
+def test_builders_refuse_numbers_out_of_range(build, message):
+    with pytest.raises(CaseError, match=message):
+        build()
+
+
+# --- builders --------------------------------------------------------------------------------
+
+
+def test_grid_counts_are_those_of_the_source():
+    grid = tensegrity_grid(16)
+    assert (grid.n_nodes, np.sum(grid.kind == 0), np.sum(grid.kind == 1)) == (833, 3072, 1024)
+    assert np.count_nonzero(grid.fixed.all(axis=1)) == 34
+
+
+@pytest.mark.parametrize("shape", [{}, {"size": 3.0, "height": 0.4}])
+def test_the_prestress_of_a_grid_of_any_shape_holds_itself_at_every_node(shape):
+    grid = replace(tensegrity_grid(3, 2, **shape), fixed=np.zeros((29, 3), dtype=bool))
+    unbalanced = compatibility(grid).T @ grid.prestress
+    assert np.abs(unbalanced).max() < 1e-12 * np.abs(grid.prestress).max()
+
+
+def test_the_net_is_balanced_and_its_edge_holds_it():
+    net = cable_net(6, 4, rise=2.0)
+    assert np.abs(compatibility(net).T @ net.prestress).max() < 1e-9
+    assert np.all(net.prestress > 0.0)
+
+
+def test_the_truss_carries_what_the_method_of_sections_says():
+    # 8 panels of 1 m, 1 kN per inner node: reactions 3.5 kN, moment 8 kN m at mid-span
+    result = solve_static(truss(8))
+    lower, upper = result.tension.values[:8], result.tension.values[8:14]
+    np.testing.assert_allclose(lower, [3500, 3500, 6000, 7500, 7500, 6000, 3500, 3500])
+    np.testing.assert_allclose(upper, [-6000, -7500, -8000, -8000, -7500, -6000])
+
+
+def test_a_table_and_a_line_mesh_build_the_same_structure():
+    laws = {"rope": Cable(1e6), "rod": Bar(2e6)}
+    points = np.array([[0.0, 0, 0], [2.0, 0, 0], [2.0, 2, 0], [0.0, 2, 0], [1.0, 1, 1.0]])
+    nodes = {"x": points[:, 0], "y": points[:, 1], "z": points[:, 2]}
+    nodes |= {f"fix_{axis}": [1, 1, 1, 1, 0] for axis in "xyz"}
+    nodes["load_z"] = [0.0, 0.0, 0.0, 0.0, 70.0]
+    links = {
+        "first": [0, 1, 2, 3],
+        "second": [4, 4, 4, 4],
+        "law": ["rope", "rope", "rope", "rod"],
+    }
+    table = system_from_table(nodes, links, laws)
+    mesh = meshio.Mesh(
+        points,
+        [("line", [[0, 4], [1, 4], [2, 4], [3, 4]])],
+        cell_sets={"rope": [np.array([0, 1, 2])], "rod": [np.array([3])]},
+        point_sets={"base": [0, 1, 2, 3]},
+    )
+    lines = system_from_mesh(mesh, laws, supports=("base",), load=(0.0, 0.0, 70.0))
+    one, other = solve_static(table), solve_static(lines)
+    assert one.converged == 1
+    np.testing.assert_allclose(one.tension, other.tension)
+    np.testing.assert_allclose(one.displacement, other.displacement)
+
+
+def test_physical_groups_of_gmsh_name_laws_and_supports():
+    mesh = meshio.Mesh(
+        np.array([[0.0, 0, 1], [0.0, 0, 0]]),
+        [("vertex", [[0]]), ("line", [[0, 1]])],
+        cell_data={"gmsh:physical": [np.array([7]), np.array([8])]},
+        field_data={"hook": np.array([7, 0]), "rope": np.array([8, 1])},
+    )
+    rope = system_from_mesh(mesh, {"rope": Cable(1e5)}, supports=("hook",))
+    np.testing.assert_array_equal(rope.fixed.all(axis=1), [True, False])
+    with pytest.raises(CaseError, match="no lines in a set named 'bar'"):
+        system_from_mesh(mesh, {"bar": Bar(1.0)}, supports=("hook",))
+    with pytest.raises(CaseError, match="no points in a set named 'wall'"):
+        system_from_mesh(mesh, {"rope": Cable(1e5)}, supports=("wall",))
+
+
+def test_faulty_tables_are_refused():
+    nodes = {"x": [0.0, 1.0], "y": [0.0, 0.0], "z": [0.0, 0.0]}
+    links = {"first": [0], "second": [1], "law": ["rope"]}
+    with pytest.raises(CaseError, match=r"lacks the columns \['law'\]"):
+        system_from_table(nodes, {"first": [0], "second": [1]}, {})
+    with pytest.raises(CaseError, match=r"unknown columns \['fix_rx'\]"):
+        system_from_table(nodes | {"fix_rx": [0, 0]}, links, {"rope": Cable(1.0)})
+    with pytest.raises(CaseError, match="law 'rope' of link 0 is not among the laws"):
+        system_from_table(nodes, links, {"bar": Bar(1.0)})
+    with pytest.raises(CaseError, match="must have one length"):
+        system_from_table(nodes | {"z": [0.0]}, links, {"rope": Cable(1.0)})
+
+
+# --- configurations and modes ----------------------------------------------------------------
+
+
+def test_relaxed_prestressed_and_actual_lead_into_each_other():
+    grid = tensegrity_grid(4, prestress=300.0)
+    back = with_relaxed_length(grid, relaxed(grid).distance)
+    largest = np.abs(grid.prestress).max()
+    # what rounding a length costs in tension is EA times the rounding
+    assert np.abs(back.prestress - grid.prestress).max() < 1e-12 * 8e7
+    assert np.abs(relaxed(back).distance / relaxed(grid).distance - 1.0).max() < 1e-12
+    assert np.abs(prestressed(back).elongation - prestressed(grid).elongation).max() < 1e-12
+
+    result = solve_static(grid, 2.0)
+    now = actual(grid, result.displacement.values)
+    assert np.any(now.slack > 0.0)
+    np.testing.assert_allclose(now.tension, result.tension, atol=1e-9 * largest)
+    # a strut would be shorter than the distance of its ends; a slack cable is longer
+    length = now.distance - now.elongation + now.slack
+    np.testing.assert_allclose(length, relaxed(grid).distance, rtol=1e-12)
+
+
+def test_a_module_has_one_self_stress_and_three_mechanisms():
+    module = quadruplex_module()
+    stress = self_stress(module)
+    assert stress.shape == (1, 16)
+    np.testing.assert_allclose(stress[0] / stress[0, 4], module.prestress / 2550.0)
+    assert mechanism_modes(module).shape == (6 + 3, 8, 3)
+
+
+def test_self_stress_of_a_large_structure_is_refused():
+    with pytest.raises(CaseError, match="take one module"):
+        self_stress(tensegrity_grid(20))
+
+
+def test_results_follow_the_schema_with_and_without_steps():
+    steps = solve_static(tensegrity_grid(2), [0.0, 1.0])
+    MACRO_RESULT.check(steps)
+    assert steps.tension.dims == ("step", "link")
+    assert list(steps.component.values) == ["x", "y", "z"]
+    one = solve_static(tensegrity_grid(2))
+    assert one.tension.dims == one.slack.dims == ("link",)
+    assert one.displacement.dims == ("node", "component")
+    np.testing.assert_allclose(one.tension, steps.tension.sel(step=1), rtol=1e-9)
+
+
+def test_a_strut_carries_what_a_cable_cannot():
+    prop = pendulum(laws=(Strut(1e6),), load=-pendulum().load)
+    rope = solve_static(pendulum())
+    np.testing.assert_allclose(solve_static(prop).tension, -rope.tension)

@@ -1,0 +1,369 @@
+"""Statics of discrete structures: methods against each other and against closed forms."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from multiscale.errors import CaseError
+from multiscale.laws.link import Bar, Beam, Cable, Strut
+from multiscale.macro import (
+    LinkSystem,
+    cable_net,
+    critical_factor,
+    solve_static,
+    tensegrity_grid,
+)
+from multiscale.macro.discrete import compatibility
+
+
+def equilibrium_error(system, result, load_factor):
+    """Largest force out of balance relative to the largest load."""
+    load = load_factor * system.load[~system.fixed]
+    unbalanced = compatibility(system).T @ result.tension.values - load
+    return np.abs(unbalanced).max() / (np.abs(load).max() or np.abs(system.prestress).max())
+
+
+# --- methods ---------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("method", ["auto", "newton", "interior_point", "lcp", "dual"])
+def test_all_methods_find_the_same_tensions(method):
+    grid = tensegrity_grid(5, 4, prestress=300.0)
+    reference = solve_static(grid, 1.0)
+    result = solve_static(grid, 1.0, method=method)
+    assert result.converged == 1
+    assert 0 < np.count_nonzero(reference.slack) == np.count_nonzero(result.slack)
+    largest = float(np.abs(reference.tension).max())
+    np.testing.assert_allclose(result.tension, reference.tension, atol=1e-7 * largest)
+    np.testing.assert_allclose(result.slack, reference.slack, atol=1e-7)
+
+
+def test_newton_alone_stops_where_its_tangent_is_singular_and_auto_goes_on():
+    grid = tensegrity_grid(8, prestress=300.0)
+    alone = solve_static(grid, 10.0, method="newton")
+    assert alone.converged == 0
+    assert np.isnan(alone.tension).all()
+    assert np.isnan(alone.displacement).all()
+    assert alone.failure.startswith("load factor 10: ")
+    assert solve_static(grid, 10.0).converged == 1
+
+
+def test_a_sweep_starts_warm_and_ends_where_a_single_step_does():
+    grid = tensegrity_grid(6)
+    factors = [0.0, 0.5, 1.0, 1.5, 1.0]
+    sweep = solve_static(grid, factors)
+    for step, factor in enumerate(factors):
+        single = solve_static(grid, factor)
+        np.testing.assert_allclose(
+            sweep.tension.sel(step=step), single.tension, rtol=1e-8, atol=1e-6
+        )
+    assert int(sweep.iterations[4]) <= int(solve_static(grid, 1.0).iterations)
+
+
+@pytest.mark.parametrize("method", ["auto", "dual"])
+def test_an_inextensible_cable_keeps_its_length(method):
+    grid = tensegrity_grid(4, cable=Cable(np.inf), prestress=500.0)
+    result = solve_static(grid, 2.0, method=method)
+    assert result.converged == 1
+    assert equilibrium_error(grid, result, 2.0) < 1e-8
+    elongation = compatibility(grid) @ result.displacement.values[~grid.fixed]
+    size = float(np.abs(result.displacement).max())
+    cables = grid.kind == 0
+    np.testing.assert_allclose(elongation[cables], -result.slack.values[cables], atol=1e-8 * size)
+    assert np.any(result.slack > 0.0)
+
+
+def test_inextensible_cables_are_the_limit_of_stiff_ones():
+    def bars(cable):
+        grid = tensegrity_grid(4, cable=cable, prestress=500.0)
+        return solve_static(grid, 2.0).tension.values[grid.kind == 1]
+
+    limit = bars(Cable(np.inf))
+    errors = [np.abs(bars(Cable(rigidity)) - limit).max() for rigidity in (1e10, 1e11, 1e12)]
+    np.testing.assert_allclose(np.divide(errors[:-1], errors[1:]), 10.0, rtol=0.1)
+
+
+def test_methods_that_need_extensible_links_say_so():
+    grid = tensegrity_grid(2, cable=Cable(np.inf))
+    for method in ("newton", "lcp"):
+        with pytest.raises(CaseError, match=f"method '{method}' needs extensible links"):
+            solve_static(grid, method=method)
+    with pytest.raises(CaseError, match="exact=True needs extensible links"):
+        solve_static(grid, exact=True)
+
+
+def test_faulty_options_are_refused():
+    grid = tensegrity_grid(2)
+    with pytest.raises(CaseError, match="method 'magic' does not exist"):
+        solve_static(grid, method="magic")
+    with pytest.raises(CaseError, match="load_factor must be a finite number"):
+        solve_static(grid, [0.0, np.nan])
+    with pytest.raises(CaseError, match="leave out exact=True"):
+        solve_static(grid, exact=True, stability=True)
+    with pytest.raises(CaseError, match="exact=True has one method"):
+        solve_static(grid, exact=True, method="lcp")
+    with pytest.raises(CaseError, match="at most 5000; use method='auto'"):
+        solve_static(tensegrity_grid(21), method="lcp")
+
+
+# --- stiff and extreme -----------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("ratio", [1.0, 1e2, 1e4, 1e6])
+def test_any_ratio_of_bar_to_cable_stiffness_ends_at_round_off(ratio):
+    grid = tensegrity_grid(8, bar=Bar(4e6 * ratio), prestress=600.0)
+    result = solve_static(grid, [0.5, 1.0, 4.0, 1000.0])
+    assert np.all(result.converged == 1)
+    assert np.all(result.residual < 1e-10)
+
+
+@pytest.mark.parametrize("share", [0.0, 1e-6, 1e-3, 1.0, 1e3])
+def test_any_prestress_ends_at_round_off(share):
+    result = solve_static(tensegrity_grid(8, prestress=2550.0 * share), [0.0, 1.0, 1000.0])
+    assert np.all(result.converged == 1)
+    assert np.all(result.residual < 1e-9)
+
+
+def test_a_cut_cable_is_carried_or_the_free_nodes_are_named():
+    grid = tensegrity_grid(8)
+    spare = solve_static(grid.without(np.array([0])), [0.0, 1.0])  # a lower cable on the edge
+    assert np.all(spare.converged == 1)
+    for load_factor in (0.1, 1.0, 100.0):
+        cut = grid.without(np.array([36]))  # an upper cable inside
+        broken = solve_static(cut, load_factor)
+        oracle = solve_static(cut, load_factor, method="dual")
+        assert broken.converged == oracle.converged == 0
+        assert np.isnan(broken.tension).all()
+        named = broken.failure.split(" can move")[0].split(": ")[1]
+        assert named == oracle.failure.split(" can move")[0].split(": ")[1]
+        node = int(named.removeprefix("node "))
+        assert node in cut.ends[grid.group[:-1] == grid.group[36]]
+        assert "without resistance, and the load pushes there" in broken.failure
+
+
+def test_a_mechanism_is_refused_with_the_node_that_moves():
+    # two bars in line do not hold their joint across; prestress would, in its moved position
+    line = LinkSystem(
+        np.array([[0.0, 0, 0], [1.0, 0, 0], [2.0, 0, 0]]),
+        np.array([[0, 1], [1, 2]]),
+        (Bar(1e6),),
+        np.zeros(2, dtype=int),
+        np.array([[True] * 3, [False] * 3, [True] * 3]),
+        np.array([[0.0] * 3, [0.0, 0.0, -10.0], [0.0] * 3]),
+        prestress=np.array([1e3, 1e3]),
+    )
+    result = solve_static(line, [0.0, 1.0])
+    assert np.all(result.converged == 0)
+    assert "node 1 can move without resistance; exact=True" in result.failure
+
+    moved = solve_static(line, exact=True)
+    w = -float(moved.displacement.sel(node=1, component="z"))
+    length = np.hypot(1.0, w)
+    tension = 1e3 + 1e6 * (length - 1.0)
+    assert moved.converged == 1
+    assert 2.0 * tension * w / length == pytest.approx(10.0, rel=1e-10)
+
+
+def test_no_load_moves_nothing_and_a_vanishing_load_little():
+    result = solve_static(tensegrity_grid(4), [0.0, 1e-9])
+    assert not np.any(result.displacement.sel(step=0))
+    linear = solve_static(tensegrity_grid(4), 1e-3).displacement / 1e-3
+    np.testing.assert_allclose(
+        result.displacement.sel(step=1) / 1e-9, linear, atol=1e-4 * float(np.abs(linear).max())
+    )
+
+
+# --- frames ----------------------------------------------------------------------------------
+
+
+def portal(bending_column=2e6, bending_beam=5e6, height=4.0, span=6.0):
+    """Portal frame with fixed feet, 1 kN sideways at the top; nearly inextensible."""
+    columns = Beam(1e13, 1e6, bending_column, bending_column)
+    beam = Beam(1e13, 1e6, bending_beam, bending_beam)
+    position = np.array([[0.0, 0, 0], [0.0, 0, height], [span, 0, height], [span, 0, 0]])
+    fixed = np.zeros((4, 6), dtype=bool)
+    fixed[[0, 3]] = True
+    load = np.zeros((4, 6))
+    load[[1, 2], 0] = 500.0
+    ends = np.array([[0, 1], [1, 2], [3, 2]])
+    return LinkSystem(position, ends, (columns, beam), np.array([0, 1, 0]), fixed, load)
+
+
+def test_a_portal_frame_sways_as_the_slope_deflection_method_says():
+    h, k = 4.0, (5e6 / 2e6) * (4.0 / 6.0)
+    result = solve_static(portal())
+    sway = 1e3 * h**3 / (12.0 * 2e6) * (3 * k + 2) / (6 * k + 1)
+    assert float(result.displacement.sel(node=1, component="x")) == pytest.approx(sway, rel=1e-6)
+    foot = 1e3 * h / 2 * (3 * k + 1) / (6 * k + 1)
+    corner = 1e3 * h / 2 * (3 * k) / (6 * k + 1)
+    moment = np.abs(result.moment.sel(link=0))
+    assert float(moment.sel(part=["y1", "z1"]).max()) == pytest.approx(foot, rel=1e-6)
+    assert float(moment.sel(part=["y2", "z2"]).max()) == pytest.approx(corner, rel=1e-6)
+    # the shear of the beam holds the columns down: both corners' moments over the span
+    assert float(result.tension.sel(link=0)) == pytest.approx(2 * corner / 6.0, rel=1e-6)
+
+
+def test_a_brace_takes_load_from_the_frame_while_it_is_taut():
+    frame = portal()
+    brace = np.array([[0, 2], [3, 1]])
+    braced = replace(
+        frame,
+        ends=np.vstack([frame.ends, brace]),
+        laws=(*frame.laws, Cable(1e7)),
+        kind=np.append(frame.kind, [2, 2]),
+        prestress=np.zeros(5),
+        group=np.zeros(5, dtype=int),
+    )
+    result = solve_static(braced)
+    free = solve_static(frame)
+    assert float(result.tension.sel(link=3)) > 0.0
+    assert float(result.tension.sel(link=4)) == 0.0 < float(result.slack.sel(link=4))
+    sway = [float(r.displacement.sel(node=1, component="x")) for r in (result, free)]
+    assert sway[0] < 0.5 * sway[1]
+    assert np.isnan(result.moment.sel(link=3)).all()
+
+
+@pytest.mark.parametrize("seed", [0, 1, 2])
+def test_a_cantilever_in_any_direction_bends_shears_and_twists(seed):
+    rng = np.random.default_rng(seed)
+    axes = np.linalg.qr(rng.standard_normal((3, 3)))[0]
+    x, z = axes[0], axes[2]
+    y = np.cross(z, x)
+    length, shear_y, shear_z = 1.7, 3e5, 4e5
+    beam = Beam(1e7, 2e4, 5e4, 3e4, shear_y, shear_z, up=tuple(z + 0.3 * x))
+    load = np.zeros((2, 6))
+    load[1, :3] = 11.0 * x + 20.0 * y + 30.0 * z
+    load[1, 3:] = 7.0 * x
+    fixed = np.array([[True] * 6, [False] * 6])
+    system = LinkSystem(
+        np.array([[0.0] * 3, length * x]),
+        np.array([[0, 1]]),
+        (beam,),
+        np.zeros(1, dtype=int),
+        fixed,
+        load,
+    )
+    result = solve_static(system)
+    u = result.displacement.sel(node=1).values
+    turn = result.rotation.sel(node=1).values
+    assert u @ x == pytest.approx(11.0 * length / 1e7)
+    assert u @ y == pytest.approx(20.0 * (length**3 / (3 * 3e4) + length / shear_y))
+    assert u @ z == pytest.approx(30.0 * (length**3 / (3 * 5e4) + length / shear_z))
+    assert turn @ x == pytest.approx(7.0 * length / 2e4)
+    assert turn @ z == pytest.approx(20.0 * length**2 / (2 * 3e4))
+    assert turn @ y == pytest.approx(-30.0 * length**2 / (2 * 5e4))
+    moment = result.moment.sel(link=0)
+    assert float(np.abs(moment.sel(part="z1"))) == pytest.approx(20.0 * length)
+    assert float(np.abs(moment.sel(part="y1"))) == pytest.approx(30.0 * length)
+    assert float(moment.sel(part="torsion")) == pytest.approx(7.0)
+    np.testing.assert_allclose(moment.sel(part=["y2", "z2"]), 0.0, atol=1e-9)
+
+
+# --- stability -------------------------------------------------------------------------------
+
+
+def column(pieces):
+    """Cantilever under a unit axial load."""
+    position = np.zeros((pieces + 1, 3))
+    position[:, 2] = np.linspace(0.0, 2.0, pieces + 1)
+    ends = np.stack([np.arange(pieces), np.arange(1, pieces + 1)], axis=1)
+    fixed = np.zeros((pieces + 1, 6), dtype=bool)
+    fixed[0] = True
+    load = np.zeros((pieces + 1, 6))
+    load[-1, 2] = -1.0
+    law = Beam(1e8, 1e4, 1e4, 1e4)
+    return LinkSystem(position, ends, (law,), np.zeros(pieces, dtype=int), fixed, load)
+
+
+def test_the_critical_factor_of_a_column_tends_to_eulers_load():
+    euler = np.pi**2 * 1e4 / (4.0 * 2.0**2)
+    factors = np.linspace(0.1, 2.0, 5) * euler
+    errors = [critical_factor(column(pieces), factors) / euler - 1.0 for pieces in (4, 8, 16)]
+    assert errors[2] < 1e-3
+    np.testing.assert_allclose(np.divide(errors[:-1], errors[1:]), 4.0, rtol=0.05)
+
+
+def test_two_bars_and_a_spring_buckle_at_half_spring_times_length():
+    position = np.array([[0.0, 0, 0], [1.5, 0, 0], [3.0, 0, 0], [1.5, 1.0, 0]])
+    spring = Bar(400.0)
+    system = LinkSystem(
+        position,
+        np.array([[0, 1], [1, 2], [3, 1]]),
+        (Bar(1e9), spring),
+        np.array([0, 0, 1]),
+        np.array([[True] * 3, [False, False, True], [False, True, True], [True] * 3]),
+        np.array([[0.0] * 3, [0.0] * 3, [-1.0, 0.0, 0.0], [0.0] * 3]),
+    )
+    assert critical_factor(system, [1.0, 1e3]) == pytest.approx(400.0 * 1.5 / 2.0, rel=1e-5)
+    assert critical_factor(system, [1.0, 2.0]) == np.inf
+    with pytest.raises(CaseError, match="load_factors must increase"):
+        critical_factor(system, [2.0, 1.0])
+    result = solve_static(system, [0.0, 100.0, 400.0], stability=True)
+    np.testing.assert_allclose(result.tangent_eigenvalue, 400.0, rtol=1e-6)
+    lost = 2.0 * result.load_factor / 1.5
+    np.testing.assert_allclose(result.stability_eigenvalue, 400.0 - lost, rtol=1e-5)
+
+
+# --- exact kinematics ------------------------------------------------------------------------
+
+
+def test_exact_and_small_displacements_agree_under_small_loads():
+    grid = tensegrity_grid(4)
+    small, exact = solve_static(grid, 1e-3), solve_static(grid, 1e-3, exact=True)
+    size = float(np.abs(small.displacement).max())
+    # the geometric stiffness of the prestress, which small perturbations leave out, is 1 % here
+    np.testing.assert_allclose(small.displacement, exact.displacement, atol=0.02 * size)
+    heavy = solve_static(grid, 1e2, exact=True)
+    assert heavy.converged == 1
+
+
+def test_an_elastic_string_follows_its_closed_form():
+    net = cable_net(2, rise=0.0, prestress=100.0, cable=Cable(1e5), nodal_load=1e4)
+    result = solve_static(net, [0.1, 1.0], exact=True)
+    middle = int(np.flatnonzero(~net.fixed.any(axis=1))[0])
+    for step, load in enumerate((1e3, 1e4)):
+        w = -float(result.displacement.sel(step=step, node=middle, component="z"))
+        length = np.hypot(1.0, w)
+        tension = 100.0 + 1e5 * (length - 1.0)
+        assert 4.0 * tension * w / length == pytest.approx(load, rel=1e-9)
+
+
+def test_a_shallow_truss_follows_its_closed_form_to_the_limit_and_beyond():
+    rise = 0.1
+    arch = LinkSystem(
+        np.array([[-1.0, 0, 0], [0.0, 0, rise], [1.0, 0, 0]]),
+        np.array([[0, 1], [2, 1]]),
+        (Bar(1e6),),
+        np.zeros(2, dtype=int),
+        np.array([[True] * 3, [False, True, False], [True] * 3]),
+        np.array([[0.0] * 3, [0.0, 0.0, -1.0], [0.0] * 3]),
+    )
+    length, k = np.hypot(1.0, rise), 1e6 / np.hypot(1.0, rise)
+
+    def force(w):
+        now = np.hypot(1.0, rise - w)
+        return 2.0 * k * (length - now) * (rise - w) / now
+
+    limit = force(np.linspace(0.0, rise, 1001)).max()
+    result = solve_static(arch, [0.5 * limit, 0.95 * limit, 1.2 * limit], exact=True)
+    w = -result.displacement.sel(node=1, component="z").values
+    assert np.all(result.converged == 1)
+    np.testing.assert_allclose(force(w), result.load_factor, rtol=1e-8)
+    assert w[1] < rise < 2.0 * rise < w[2], "beyond the limit it snaps through"
+
+
+def test_a_prop_that_lifts_off_leaves_the_load_to_the_others():
+    post = LinkSystem(
+        np.array([[0.0, 0, 1], [0.0, 0, 0], [0.0, 0, 2]]),
+        np.array([[1, 0], [0, 2]]),
+        (Strut(1e6), Bar(1e6)),
+        np.array([0, 1]),
+        np.array([[True, True, False], [True] * 3, [True] * 3]),
+        np.array([[0.0, 0.0, 100.0], [0.0] * 3, [0.0] * 3]),
+    )
+    lifted = solve_static(post)
+    np.testing.assert_allclose(lifted.tension, [0.0, -100.0])
+    assert float(lifted.slack[0]) == pytest.approx(100.0 / 1e6)
+    pressed = solve_static(post, -1.0)
+    np.testing.assert_allclose(pressed.tension, [-50.0, 50.0])
