@@ -14,7 +14,7 @@ from multiscale.macro import (
     solve_static,
     tensegrity_grid,
 )
-from multiscale.macro.discrete import compatibility
+from multiscale.macro.discrete import compatibility, newton
 
 
 def equilibrium_error(system, result, load_factor):
@@ -39,14 +39,26 @@ def test_all_methods_find_the_same_tensions(method):
     np.testing.assert_allclose(result.slack, reference.slack, atol=1e-7)
 
 
-def test_newton_alone_stops_where_its_tangent_is_singular_and_auto_goes_on():
+def test_a_step_that_does_not_converge_is_nan_and_says_why():
     grid = tensegrity_grid(8, prestress=300.0)
-    alone = solve_static(grid, 10.0, method="newton")
-    assert alone.converged == 0
-    assert np.isnan(alone.tension).all()
-    assert np.isnan(alone.displacement).all()
-    assert alone.failure.startswith("load factor 10: ")
-    assert solve_static(grid, 10.0).converged == 1
+    result = solve_static(grid, [0.0, 10.0], max_iterations=3)
+    np.testing.assert_array_equal(result.converged, [1, 0])
+    for name in ("tension", "slack", "displacement"):
+        assert np.isfinite(result[name].sel(step=0)).all()
+        assert np.isnan(result[name].sel(step=1)).all()
+    assert result.failure.startswith("load factor 10: ")
+    assert "raise max_iterations" in result.failure
+
+
+def test_an_interior_point_takes_over_where_newton_gives_up(monkeypatch):
+    grid = tensegrity_grid(8, prestress=300.0)
+    reference = solve_static(grid, 10.0)
+    monkeypatch.setattr(newton, "PATIENCE", 1)
+    assert solve_static(grid, 10.0, method="newton").converged == 0
+    result = solve_static(grid, 10.0)
+    assert result.converged == 1
+    largest = float(np.abs(reference.tension).max())
+    np.testing.assert_allclose(result.tension, reference.tension, atol=1e-9 * largest)
 
 
 def test_a_sweep_starts_warm_and_ends_where_a_single_step_does():

@@ -20,10 +20,11 @@ BACK_OFF = 0.995
 CENTRE = 0.1
 """First distance from the boundary, relative to the mean tension."""
 
-NO_RESISTANCE = 1e-3
-"""Reciprocal of the leverage above which a motion counts as free once the method has failed."""
+NO_RESISTANCE = 1.0
+"""Reciprocal of the leverage above which a motion counts as free once the method has failed; \
+sound grids of any size have 50."""
 
-CERTAIN = 1e-6
+CERTAIN = 1e-9
 """Part of that at which the method need not go on."""
 
 LENT = 1e6
@@ -166,15 +167,15 @@ class _Problem:
         return max(unbalanced, 0.0) / scale + (misfit + gap) / largest
 
     def resistance(self, u: np.ndarray) -> float:
-        """Part of the load that tensions of its size could balance in a motion.
+        """Load per link that a tension of one in every link could balance in a motion.
 
         By virtual work any equilibrium has load . u <= sum tension * resisted elongation. So the
-        sum of all tensions is at least that of the loads divided by this number.
+        mean tension is at least the sum of the loads divided by this number.
         """
         e = self.model.elongate(u)
         resisted = np.where(self.one_sided, np.maximum(self.sign * e, 0.0), np.abs(e))
         pushed = float(self.load @ u) / (float(np.abs(self.load).sum()) or 1.0)
-        return float(resisted.max()) / pushed if pushed > 0.0 else np.inf
+        return resisted.size * float(resisted.max()) / pushed if pushed > 0.0 else np.inf
 
     def weight(self, point: _Point) -> np.ndarray:
         """Stiffness w of every row, N/m."""

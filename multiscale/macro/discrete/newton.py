@@ -17,8 +17,14 @@ __all__ = ["RESIDUAL_STIFFNESS", "solve_newton"]
 RESIDUAL_STIFFNESS = 1e-8
 """Stiffness left to a slack link in the tangent, relative to its own."""
 
-SHORTEST_STEP = 0.01
-"""Step below which the tangent has become singular and the method is given up."""
+SUPPORT = 1e-2
+"""The same after a short step, which shows that the tangent has become singular."""
+
+SHORT_STEP, GOOD_STEP = 0.01, 0.5
+"""Steps below which more is left to slack links, and above which a tenth of it."""
+
+PATIENCE = 4
+"""Short steps in a row after which the method gives up."""
 
 
 @np.errstate(over="ignore", invalid="ignore")  # an overflow shows in the residual
@@ -59,8 +65,8 @@ def solve_newton(
     -----
     (1) is the gradient of a convex, piecewise quadratic energy. Its derivative along a Newton
     direction is piecewise linear and increasing, so that the step to its zero is exact and the
-    energy falls in every iteration. The tangent leaves a small stiffness to slack links; the
-    residual does not.
+    energy falls in every iteration. The tangent leaves a small stiffness to slack links, a
+    larger one while so many are slack that it is singular; the residual does not.
 
     The elongations are summed up step by step beside the displacement, not computed from it:
     their rounding then follows their own size, and equilibrium is met to the rounding of the
@@ -73,9 +79,9 @@ def solve_newton(
     scale = force_scale(model, load)
     lower, upper = model.lower - model.prestress, model.upper - model.prestress
     elastic = model.stiffness * model.elongate(u)
-    residuals, seconds, step = list[float](), list[float](), 1.0
-    solve, status = taut, Status.MAX_ITERATIONS
-    factored = np.ones(elastic.size, dtype=bool)
+    residuals, seconds = list[float](), list[float]()
+    status, left, short = Status.MAX_ITERATIONS, RESIDUAL_STIFFNESS, 0
+    solve, lent, factored = taut, left, np.ones(elastic.size, dtype=bool)
 
     for iteration in range(limits.max_iterations + 1):
         change = np.clip(elastic, lower, upper)  # tau - tau^0
@@ -89,25 +95,33 @@ def solve_newton(
             status = Status.NOT_FINITE
         elif residuals[-1] <= bound:
             status = Status.CONVERGED
-        elif step < SHORTEST_STEP:
+        elif short == PATIENCE:
             status = Status.STALLED
         if status is not Status.MAX_ITERATIONS or iteration == limits.max_iterations:
             break
 
         carries = change == elastic
-        if solve is None or not np.array_equal(carries, factored):
-            share = np.where(carries, 1.0, RESIDUAL_STIFFNESS)
+        same = np.array_equal(carries, factored)
+        if same and not short:
+            left = RESIDUAL_STIFFNESS  # the slack links are known
+        if solve is None or not same or left != lent:
+            share = np.where(carries, 1.0, left)
             try:
                 solve = tangent.factorise(tangent.entries(share * model.stiffness))
             except MultiscaleError:
                 status = Status.STALLED
                 break
-            factored = carries
+            factored, lent = carries, left
         direction = solve(residual)
         growth = model.stiffness * model.elongate(direction)
-        work = float((load - imbalance) @ direction)
+        work = float(residual @ direction)
         step = _exact_step(elastic, growth, model.stiffness, lower, upper, work)
         u, elastic = u + step * direction, elastic + step * growth
+        short = short + 1 if step < SHORT_STEP else 0
+        if short:
+            left = min(max(10.0 * left, SUPPORT), 1.0)
+        elif step > GOOD_STEP:
+            left = max(0.1 * left, RESIDUAL_STIFFNESS)
 
     return state_of(model, Solution(u, status, tuple(residuals), tuple(seconds)), elastic)
 
@@ -121,15 +135,22 @@ def _exact_step(
     upper: np.ndarray,
     work: float,
 ) -> float:
-    """Zero of the piecewise linear slope of the energy, by Newton inside a bracket."""
+    """Zero of the piecewise linear slope of the energy, by Newton inside a bracket.
+
+    The slope is that at the start, less ``work``, and what the tensions gain: a difference of
+    nearly equal sums would lose it near the solution.
+    """
     low, high, step = 0.0, np.inf, 1.0
     for _ in range(100):
         slope, curvature = -work, 0.0
         for row in range(elastic.size):
             force = elastic[row] + step * growth[row]
             tension = min(max(force, lower[row]), upper[row])
-            slope += tension * growth[row] / stiffness[row]
-            if tension == force:
+            before = min(max(elastic[row], lower[row]), upper[row])
+            taut = tension == force
+            gain = step * growth[row] if taut and before == elastic[row] else tension - before
+            slope += gain * growth[row] / stiffness[row]
+            if taut:
                 curvature += growth[row] * growth[row] / stiffness[row]
         if slope > 0.0:
             high = step

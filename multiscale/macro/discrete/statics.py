@@ -55,8 +55,8 @@ def solve_static(
     load_factor : float or sequence of float
         :math:`\alpha`. Each of a sequence starts from the one before.
     method : str
-        ``"auto"`` is a proximal semismooth Newton method; where so many links go slack that its
-        tangent becomes singular, an interior point takes over and Newton ends it.
+        ``"auto"`` is a proximal semismooth Newton method; where it gives up, because so many
+        links are slack, an interior point takes over and Newton ends it.
         ``"newton"`` and ``"interior_point"`` take one alone; ``"lcp"`` solves the
         complementarity problem (10) of the source, ``"dual"`` the quadratic program in the
         tensions by clarabel, accurate to about 1e-7.
@@ -183,8 +183,10 @@ def _reason(model: Equations, tangent: Tangent, state: State, method: str) -> st
     solution = state.solution
     if solution.status is Status.INFEASIBLE and method != "lcp":
         reason = f"{name_motion(model, solution.value)}, and the load pushes there"
-    else:
+    elif solution.status is Status.STALLED:
         reason = name_mechanism(model, tangent, solution.value) or solution.status.value
+    else:
+        reason = solution.status.value
     return reason + (f"; {solution.detail}" if solution.detail else "")
 
 
