@@ -12,6 +12,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from scipy.sparse import csr_array, diags_array
 
+from multiscale.convergence import Status
 from multiscale.errors import CaseError
 from multiscale.macro.discrete.cholesky import Solve
 from multiscale.macro.discrete.compatibility import Equations, compatibility, equations
@@ -69,8 +70,9 @@ def simulate(
     Returns
     -------
     Dataset
-        Follows ``MACRO_RESULT``, one step for each time. A step that fails is NaN with
-        ``converged`` 0, and the later ones are not tried.
+        Follows ``MACRO_RESULT``, one step for each time; ``tension`` of inextensible links is
+        the mean over the step. A step that fails is NaN with ``converged`` 0, the attribute
+        ``failure`` says why, and the later ones are not tried.
 
     Raises
     ------
@@ -115,10 +117,13 @@ def simulate(
     rows: list[dict[str, Any]] = [scheme.report(state, None, 0.0, 0.0)]
     for time in times[1:]:
         begin = perf_counter()
-        new, residual, solved = scheme.advance(state, float(time))
-        if not solved:
+        new, residual, status = scheme.advance(state, float(time))
+        if status is not Status.CONVERGED:
             rows.append(_failed(rows[0], float(time), residual, perf_counter() - begin))
-            break
+            reason = status.value.split(";")[0]
+            return _dataset(system, rows).assign_attrs(
+                failure=f"the motion ends before {time:g} s: {reason}; take smaller steps"
+            )
         energy = scheme.energy(state, new)
         rows.append(scheme.report(new, energy, residual, perf_counter() - begin))
         state = new
@@ -130,9 +135,10 @@ Gradient = Callable[[np.ndarray], tuple[np.ndarray, np.ndarray]]
 
 @dataclass(frozen=True)
 class _State:
-    """What is known at a time; ``tension`` is that of the step before for inextensible links."""
+    """What is known at a time, after a step; inextensible links have an impulse for a tension."""
 
     time: float
+    step: float
     u: np.ndarray
     v: np.ndarray
     elongation: np.ndarray
@@ -169,7 +175,7 @@ class _Scheme:
             u, v = ((np.asarray(given, dtype=float) * self.model.unit)[free] for given in start)
         support = self.support(time)
         e = self.model.elongate(u) + support
-        return _State(time, u, v, e, support, self.tension(e), np.zeros_like(e))
+        return _State(time, np.inf, u, v, e, support, self.tension(e), np.zeros_like(e))
 
     def support(self, time: float) -> np.ndarray:
         """Elongation of the links that the motion of the supports alone brings, m."""
@@ -201,8 +207,8 @@ class _Scheme:
         k = np.where(self.extensible, self.model.stiffness, np.inf)
         return np.asarray(0.5 * tension**2 / k)
 
-    def advance(self, old: _State, time: float) -> tuple[_State, float, bool]:
-        """Solve one step; return the new state, the residual and whether it was solved."""
+    def advance(self, old: _State, time: float) -> tuple[_State, float, Status]:
+        """Solve one step; return the new state, the residual and how it ended."""
         h, theta = time - old.time, self.theta
         support = self.support(time)
         moved = support - old.support
@@ -212,17 +218,17 @@ class _Scheme:
             + (1.0 - theta) * (self.load(old.time) - self.model.gather(old.tension))
         )
         if self.extensible.all():
-            v, residual, solved = self._newton(h * theta, old.v, drift, push)
+            v, residual, status = self._newton(h * theta, old.v, drift, push)
             impulse = np.zeros_like(drift)
         else:
-            v, impulse, residual, solved = self._impulses(h, old, drift, moved / h, push)
+            v, impulse, residual, status = self._impulses(h, old, drift, moved / h, push)
         u = old.u + h * (theta * v + (1.0 - theta) * old.v)
         e = self.model.elongate(u) + support
-        return _State(time, u, v, e, support, self.tension(e), impulse), residual, solved
+        return _State(time, h, u, v, e, support, self.tension(e), impulse), residual, status
 
     def _newton(
         self, step: float, v: np.ndarray, drift: np.ndarray, push: np.ndarray
-    ) -> tuple[np.ndarray, float, bool]:
+    ) -> tuple[np.ndarray, float, Status]:
         """Solve M v + s B^T tau(drift + s B v) = push: the gradient of a convex function of v."""
         model, scale = self.model, float(np.abs(push).max(initial=0.0)) or 1.0
         rounding = 8.0 * np.finfo(float).eps * step * float(model.stiffness.max())
@@ -237,14 +243,16 @@ class _Scheme:
             error = float(np.abs(residual).max(initial=0.0)) / size
             cancelling = np.abs(drift) + step * np.abs(model.elongate(v))
             unavoidable = rounding * float(cancelling.max()) / size
-            if not error > max(TOLERANCE, unavoidable):
-                return v, error, bool(np.isfinite(error))
+            if not np.isfinite(error):
+                return v, error, Status.NOT_FINITE
+            if error <= max(TOLERANCE, unavoidable):
+                return v, error, Status.CONVERGED
             carries = (tension > model.lower) & (tension < model.upper)
             solve = self._factorise(step, np.where(carries, model.stiffness, 0.0))
             dv = -solve(residual)
             v = v + step_length(partial(_slope, gradient, v, dv), float(dv @ residual)) * dv
             residual, tension = gradient(v)
-        return v, error, False
+        return v, error, Status.MAX_ITERATIONS
 
     def _factorise(self, step: float, stiffness: np.ndarray) -> Solve:
         """Factors of M + s^2 B^T k B."""
@@ -254,7 +262,7 @@ class _Scheme:
 
     def _impulses(
         self, h: float, old: _State, drift: np.ndarray, moved: np.ndarray, push: np.ndarray
-    ) -> tuple[np.ndarray, np.ndarray, float, bool]:
+    ) -> tuple[np.ndarray, np.ndarray, float, Status]:
         """Solve the complementarity problem (11) of the unilateral links, the others condensed."""
         model, step = self.model, h * self.theta
         one_sided = np.isfinite(model.lower) | np.isfinite(model.upper)
@@ -279,7 +287,7 @@ class _Scheme:
         impulse = np.zeros_like(drift)
         impulse[live] = sign[live] * found.value
         v = free - solve(B.T @ found.value)
-        return v, impulse, found.residuals[-1], found.converged
+        return v, impulse, found.residuals[-1], found.status
 
     def energy(self, old: _State, new: _State) -> EnergyStep:
         """Return the account of a step."""
@@ -303,7 +311,7 @@ class _Scheme:
     ) -> dict[str, Any]:
         """Return one row of the dataset."""
         links = self.system.n_links
-        tension = np.where(self.extensible, state.tension, 0.0)[:links]
+        tension = np.where(self.extensible, state.tension, state.impulse / state.step)[:links]
         own = float(np.sum(self.stored(state.tension)))
         energy = energy or EnergyStep(
             0.5 * float(state.v @ (self.mass * state.v)), own, 0.0, 0.0, 0.0, 0.0

@@ -246,10 +246,17 @@ class Scene(Settings):
         return self
 
     def quick(self) -> Self:
-        """Return the same scene with at most 4 x 4 modules or meshes."""
+        """Return the same scene with at most 4 x 4 modules or meshes.
+
+        The prestress of a grid falls with the square of its span, as the tensions do under the
+        load, so that as many of a hundred cables go slack.
+        """
         structure: Any = self.structure
         if not isinstance(structure, TensegrityGrid | CableNet):
             return self
         m = None if structure.m is None else min(QUICK, structure.m)
-        small = structure.model_copy(update={"n": min(QUICK, structure.n), "m": m})
+        changes: dict[str, Any] = {"n": min(QUICK, structure.n), "m": m}
+        if isinstance(structure, TensegrityGrid):
+            changes["prestress"] = structure.prestress * (changes["n"] / structure.n) ** 2
+        small = structure.model_copy(update=changes)
         return self.model_copy(update={"title": f"{self.title} (quick)", "structure": small})

@@ -73,6 +73,7 @@ def test_a_mass_falls_into_an_inextensible_cable_and_hangs():
     # all momentum that the weight gave is taken up by the cable
     assert response["impulse"].values.sum() == pytest.approx(GRAVITY * 0.5)
     np.testing.assert_allclose(response["impulse"].values[-10:, 0], GRAVITY * 1e-3)
+    np.testing.assert_allclose(response["tension"].values[-10:, 0], GRAVITY)
     # the energy of the fall is gone, in part with the jump of velocity, in part in the cable
     lost = response["link_dissipation"].values[-1] + response["numerical_dissipation"].values[-1]
     assert lost == pytest.approx(GRAVITY * 0.1, rel=2e-2)
