@@ -4,6 +4,7 @@ Labels and conversion to um, MPa and kN happen here and nowhere else. Functions 
 with ``draw`` make whole figures and write them.
 """
 
+from multiscale.plotting.growth import plot_growth
 from multiscale.plotting.laws import plot_area_law, plot_gap_law, plot_joint_stiffness
 from multiscale.plotting.links import (
     draw_links,
@@ -28,6 +29,7 @@ __all__ = [
     "plot_deformed_links",
     "plot_energies",
     "plot_gap_law",
+    "plot_growth",
     "plot_history",
     "plot_joint_stiffness",
     "plot_sorted_tensions",

@@ -6,6 +6,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from multiscale.plotting.figure import axes_or_current, new_figure, save_figure
+from multiscale.plotting.growth import draw_growth_panels
 
 if TYPE_CHECKING:
     import xarray as xr
@@ -113,9 +114,10 @@ def plot_history(work_precision: "xr.Dataset", *, scene: str, ax: "Axes | None" 
 
 
 def draw_work_precision(work_precision: "xr.Dataset", file: Path) -> Path:
-    """Draw a panel for each scene, and for each of its errors, into a PNG file.
+    """Draw what was measured into a PNG file.
 
-    If the dataset has histories, they are drawn.
+    If the dataset has sizes, how time and memory grow with them; if it has histories, a panel for
+    each scene with them; otherwise a panel for each scene and each of its errors.
 
     Parameters
     ----------
@@ -124,8 +126,12 @@ def draw_work_precision(work_precision: "xr.Dataset", file: Path) -> Path:
     file : Path
         To write.
     """
-    with_history = "history_error" in work_precision
-    figure = (_history_panels if with_history else _error_panels)(work_precision)
+    if "cables" in work_precision:
+        figure = draw_growth_panels(work_precision)
+    elif "history_error" in work_precision:
+        figure = _history_panels(work_precision)
+    else:
+        figure = _error_panels(work_precision)
     return save_figure(figure, file)
 
 
