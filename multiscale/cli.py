@@ -142,14 +142,15 @@ def report_command(out: Annotated[Path, typer.Argument(help="Folder of a finishe
 @app.command("bench")
 def bench_command(
     scenes: Annotated[
-        list[str] | None, typer.Argument(help="Families of scenes; all if not given.")
+        list[str] | None,
+        typer.Argument(help="Families of scenes: micro, nonsmooth, structures; all if not given."),
     ] = None,
     out: Annotated[Path, typer.Option("-o", "--out", help="Folder to write to.")] = Path("bench"),
     quick: Annotated[
         bool, typer.Option("--quick", help="Fewer scenes and grids, one run of each.")
     ] = False,
 ) -> None:
-    """Measure error against run time, beside other codes where they are installed."""
+    """Measure error, run time and memory, beside other codes where they are installed."""
     from multiscale.bench import SCENES, tabulate
     from multiscale.errors import CaseError
     from multiscale.io import make_folder, write_dataset

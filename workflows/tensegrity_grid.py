@@ -17,7 +17,7 @@ from collections.abc import Sequence
 from pathlib import Path
 
 from multiscale.pipeline import load_scene, run_scene
-from multiscale.plotting_links import draw_links
+from multiscale.plotting import draw_links
 from multiscale.report import tabulate_links
 
 SCENES = Path(__file__).parent / "scenes"

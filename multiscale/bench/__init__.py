@@ -25,5 +25,15 @@ def _nonsmooth(quick: bool, report: Callable[[str], None]) -> "xr.Dataset":
     return bench_nonsmooth(quick=quick, report=report)
 
 
-SCENES: dict[str, Scene] = {"micro": _micro, "nonsmooth": _nonsmooth}
+def _structures(quick: bool, report: Callable[[str], None]) -> "xr.Dataset":
+    from multiscale.bench.structures import bench_structures
+
+    return bench_structures(quick=quick, report=report)
+
+
+SCENES: dict[str, Scene] = {
+    "micro": _micro,
+    "nonsmooth": _nonsmooth,
+    "structures": _structures,
+}
 """Families of scenes: whether to be quick, and what gets a line for each run, to the dataset."""

@@ -16,13 +16,12 @@ from multiscale.convergence import Status
 from multiscale.errors import CaseError
 from multiscale.macro.discrete.cholesky import Solve
 from multiscale.macro.discrete.compatibility import Equations, compatibility, equations
-from multiscale.macro.discrete.description import describe
 from multiscale.macro.discrete.system import LinkSystem
 from multiscale.macro.discrete.tangent import Tangent, prepare_tangent
 from multiscale.macro.energy import EnergyStep, account
 from multiscale.macro.line_search import step_length
+from multiscale.macro.time_series import failed_step, join_times
 from multiscale.nonsmooth import solve_lcp
-from multiscale.schema import MACRO_RESULT
 
 if TYPE_CHECKING:
     import xarray as xr
@@ -119,15 +118,15 @@ def simulate(
         begin = perf_counter()
         new, residual, status = scheme.advance(state, float(time))
         if status is not Status.CONVERGED:
-            rows.append(_failed(rows[0], float(time), residual, perf_counter() - begin))
+            rows.append(failed_step(rows[0], float(time), residual, perf_counter() - begin))
             reason = status.value.split(";")[0]
-            return _dataset(system, rows).assign_attrs(
+            return join_times(system, rows).assign_attrs(
                 failure=f"the motion ends before {time:g} s: {reason}; take smaller steps"
             )
         energy = scheme.energy(state, new)
         rows.append(scheme.report(new, energy, residual, perf_counter() - begin))
         state = new
-    return _dataset(system, rows)
+    return join_times(system, rows)
 
 
 Gradient = Callable[[np.ndarray], tuple[np.ndarray, np.ndarray]]
@@ -388,27 +387,3 @@ def _prepare(
 def _slope(gradient: Gradient, v: np.ndarray, dv: np.ndarray, length: float) -> float:
     """Return the derivative of the function behind a gradient along a direction."""
     return float(dv @ gradient(v + length * dv)[0])
-
-
-def _failed(first: dict[str, Any], time: float, residual: float, seconds: float) -> dict[str, Any]:
-    """Row of a step without solution."""
-    row = {name: np.full_like(value, np.nan, dtype=float) for name, value in first.items()}
-    return row | {"time": time, "converged": 0, "residual": residual, "wall_time": seconds}
-
-
-def _dataset(system: LinkSystem, rows: list[dict[str, Any]]) -> "xr.Dataset":
-    """Join the rows; energies that went somewhere add up."""
-    import xarray as xr
-
-    values = {name: np.array([row[name] for row in rows]) for name in rows[0]}
-    for name in ("work", "numerical_dissipation", "link_dissipation"):
-        values[name] = np.cumsum(values[name])
-    result = MACRO_RESULT.assign(xr.Dataset(), values | describe(system))
-    result = result.assign_coords(
-        step=range(len(rows)),
-        link=range(system.n_links),
-        node=range(system.n_nodes),
-        component=["x", "y", "z"],
-    )
-    MACRO_RESULT.check(result)
-    return result

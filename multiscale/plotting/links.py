@@ -1,17 +1,16 @@
 """Figures of structures of links: each takes a dataset and axes, and returns the axes."""
 
-from io import BytesIO
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 import numpy as np
 
-from multiscale.io import make_folder, write_bytes
+from multiscale.io import make_folder
+from multiscale.plotting.figure import axes_or_current, new_figure, save_figure
 
 if TYPE_CHECKING:
     import xarray as xr
     from matplotlib.axes import Axes
-    from matplotlib.figure import Figure
     from mpl_toolkits.mplot3d import Axes3D
 
 __all__ = [
@@ -36,7 +35,7 @@ def plot_sorted_tensions(
     ax : Axes, optional
         Where to draw. The current axes if not given.
     """
-    ax = _axes(ax)
+    ax = axes_or_current(ax)
     tension = 1e-3 * result["tension"].values[:, result["law"].values == law]
     name, symbol, unit = _steps(result)
     colours = _colours(len(tension))
@@ -112,7 +111,7 @@ def plot_energies(result: "xr.Dataset", *, ax: "Axes | None" = None) -> "Axes":
     ax : Axes, optional
         Where to draw. The current axes if not given.
     """
-    ax = _axes(ax)
+    ax = axes_or_current(ax)
     time = result["time"].values
     parts = {
         "kinetic": result["kinetic_energy"].values,
@@ -144,21 +143,19 @@ def draw_links(result: "xr.Dataset", folder: Path, *, scale: float = 1.0) -> lis
     scale : float
         Factor of the displacements.
     """
-    from matplotlib.figure import Figure
-
     make_folder(folder)
-    figure = Figure(figsize=(5.2, 4.0), layout="constrained")
+    figure = new_figure()
     ax = figure.add_subplot()
     if "time" in result.coords:
         plot_energies(result, ax=ax)
-        first = _save(figure, folder / "energies.png")
+        first = save_figure(figure, folder / "energies.png")
     else:
         plot_sorted_tensions(result, ax=ax)
-        first = _save(figure, folder / "sorted_tensions.png")
-    figure = Figure(figsize=(7.5, 5.5), layout="constrained")
+        first = save_figure(figure, folder / "sorted_tensions.png")
+    figure = new_figure(7.5, 5.5)
     ax = figure.add_subplot(projection="3d")
     plot_deformed_links(result, scale=scale, ax=ax)
-    return [first, _save(figure, folder / "deformed_links.png")]
+    return [first, save_figure(figure, folder / "deformed_links.png")]
 
 
 def _steps(result: "xr.Dataset") -> tuple[str, str, str]:
@@ -171,19 +168,3 @@ def _colours(count: int) -> np.ndarray:
     import matplotlib as mpl
 
     return np.asarray(mpl.colormaps["viridis"](np.linspace(0.0, 0.9, count)))
-
-
-def _axes(ax: "Axes | None") -> "Axes":
-    if ax is None:
-        import matplotlib.pyplot as plt
-
-        ax = plt.gca()
-    return ax
-
-
-def _save(figure: "Figure", file: Path) -> Path:
-    """Write a figure whole or not at all."""
-    buffer = BytesIO()
-    figure.savefig(buffer, format="png", dpi=150)
-    write_bytes(file, buffer.getvalue())
-    return file

@@ -5,7 +5,7 @@ import pytest
 from matplotlib.figure import Figure
 
 from multiscale.macro import simulate, solve_static, tensegrity_grid
-from multiscale.plotting_links import plot_deformed_links, plot_energies, plot_sorted_tensions
+from multiscale.plotting import plot_deformed_links, plot_energies, plot_sorted_tensions
 
 
 @pytest.fixture(scope="module")

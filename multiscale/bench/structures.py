@@ -1,0 +1,288 @@
+r"""Tensegrity grids of growing size: time, memory and accuracy of their statics.
+
+The prestress grows with the square of the size, as the moment of the load does, so that the share
+of slack cables stays about the same.
+"""
+
+import os
+import sys
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from functools import partial
+from importlib.metadata import version
+from importlib.util import find_spec
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from multiscale.bench.measure import THREADS, Measured, measure
+from multiscale.macro import LinkSystem, solve_static, tensegrity_grid
+from multiscale.macro.discrete import compatibility
+from multiscale.schema import WORK_PRECISION
+
+if TYPE_CHECKING:
+    import xarray as xr
+
+__all__ = [
+    "METHODS",
+    "Answer",
+    "Method",
+    "bench_structures",
+    "distance",
+    "scene_grid",
+    "solve_grid",
+    "verify",
+]
+
+LOAD_FACTORS = (1.0, 4.0)
+MODULES = (8, 16, 32, 64, 128, 256)
+"""Along an edge of the grid."""
+QUICK_MODULES = (8, 16, 32)
+SMALL = 4
+"""Modules along an edge of the grid that warms up."""
+
+REPEATS, REPEATED = 3, 64
+"""Runs of each method, and modules along an edge above which there is only one."""
+
+TOLERANCE = 1e-8
+"""Verified residual up to which an answer counts as converged."""
+
+
+@dataclass(frozen=True)
+class Method:
+    """How a grid is solved.
+
+    Attributes
+    ----------
+    method : str
+        Of :func:`multiscale.macro.solve_static`.
+    largest : int
+        Modules along an edge of the largest grid that it gets.
+    pardiso : bool
+        Whether PARDISO may factorise.
+    """
+
+    method: str
+    largest: int
+    pardiso: bool = False
+
+
+METHODS: Mapping[str, Method] = {
+    "Newton, PARDISO": Method("newton", 256, pardiso=True),
+    "Newton, SuperLU": Method("newton", 64),
+    "dual program, clarabel": Method("dual", 32),
+}
+
+
+@dataclass(frozen=True, eq=False)
+class Answer:
+    """What a method found; NaN if it did not converge.
+
+    Attributes
+    ----------
+    tension : ndarray, shape (links,)
+        N.
+    displacement : ndarray, shape (nodes, 3)
+        m.
+    slack : int
+        Number of slack cables.
+    iterations : float
+        Steps of Newton's method; NaN of another method, which does not tell.
+    """
+
+    tension: np.ndarray
+    displacement: np.ndarray
+    slack: int
+    iterations: float
+
+
+def scene_grid(n: int) -> LinkSystem:
+    """Make the grid of n x n modules."""
+    return tensegrity_grid(n, prestress=2550.0 * (n / 16) ** 2)
+
+
+def solve_grid(system: LinkSystem, load_factor: float, method: Method) -> Answer:
+    """Solve by one method.
+
+    For a process of its own: without ``pardiso`` it cannot import pypardiso any more, as where
+    that is not installed.
+    """
+    if not method.pardiso:
+        sys.modules["pypardiso"] = None  # type: ignore[assignment]
+    result = solve_static(system, load_factor, method=method.method)
+    return Answer(
+        result["tension"].values,
+        result["displacement"].values,
+        int(np.count_nonzero(result["slack"].values > 0.0)),
+        int(result["iterations"]) - 1 if method.method == "newton" else np.nan,
+    )
+
+
+def verify(system: LinkSystem, load_factor: float, answer: Answer) -> float:
+    r"""Measure from the data alone how far an answer is from equilibrium and from the link laws.
+
+    Parameters
+    ----------
+    system, load_factor
+        What was solved.
+    answer : Answer
+        Tensions and displacement; they are a solution if and only if the result is zero.
+
+    Returns
+    -------
+    float
+        The larger one of the largest force out of balance, :math:`|\alpha F^d - B^T \tau|`, (7) of
+        the source, relative to the largest nodal load, and the largest misfit
+        :math:`|\tau - P(\tau^0 + k B u)|` of (14) and (15), relative to the largest tension.
+    """
+    B, free = compatibility(system), ~system.fixed
+    lower, upper = system.bounds
+    load, u, tension = load_factor * system.load[free], answer.displacement[free], answer.tension
+    balance = np.abs(load - B.T @ tension).max() / np.abs(load).max()  # (7)
+    lawful = np.clip(system.prestress + system.stiffness * (B @ u), lower, upper)  # (14), (15)
+    misfit = np.abs(tension - lawful).max() / np.abs(tension).max()
+    return float(np.maximum(balance, misfit))  # lets a NaN through
+
+
+def distance(system: LinkSystem, tension: np.ndarray, reference: np.ndarray) -> float:
+    r"""Distance of tensions from others in the norm of their energy.
+
+    Parameters
+    ----------
+    system : LinkSystem
+        Whose stiffness k weighs the links.
+    tension, reference : ndarray, shape (links,)
+        N.
+
+    Returns
+    -------
+    float
+        :math:`\sqrt{\sum (\tau - \hat\tau)^2 / k}` relative to
+        :math:`\sqrt{\sum \hat\tau^2 / k}` of the reference.
+    """
+    change, size = (np.sum(t**2 / system.stiffness) for t in (tension - reference, reference))
+    return float(np.sqrt(change / size))
+
+
+def bench_structures(
+    *, quick: bool = False, report: Callable[[str], None] = lambda line: None
+) -> "xr.Dataset":
+    r"""Solve grids of all sizes at two load factors by every method.
+
+    Parameters
+    ----------
+    quick : bool
+        The three smallest grids, and one run of each method.
+    report : callable
+        Gets a line after each measurement.
+
+    Returns
+    -------
+    Dataset
+        Follows ``WORK_PRECISION``. The attribute ``cautions`` has a sentence if PARDISO is not
+        installed.
+
+    Notes
+    -----
+    *Residuals* are found by :func:`verify` in the answer, and alone decide on ``converged``.
+
+    *Errors* are distances of the tensions, which are unique, from those of Newton's method, by
+    :func:`distance`. For the dual program, which shares neither the unknowns nor the algorithm,
+    that is an independent check of both. For Newton's method it is the distance to itself with
+    the other factorisation: how far rounding carries the answer, and no more. It is NaN where
+    there is no other, as on the largest grids; there the residual stands alone.
+
+    *Times* are those of :func:`multiscale.macro.solve_static`, in a process of its own, with the
+    checks of the structure and all that is prepared from it, after the solution of a small grid
+    that takes the imports and the compilation. *Memory* is that of the whole process.
+    """
+    modules = QUICK_MODULES if quick else MODULES
+    methods = {
+        name: method
+        for name, method in METHODS.items()
+        if not method.pardiso or find_spec("pypardiso") is not None
+    }
+    load = os.getloadavg()
+    rows: list[dict[str, float | str]] = []
+    for load_factor in LOAD_FACTORS:
+        for n in modules:
+            system = scene_grid(n)
+            runs: dict[str, Measured[Answer]] = {}
+            for name, method in methods.items():
+                if n <= method.largest:
+                    repeats = 1 if quick or n > REPEATED else REPEATS
+                    runs[name] = _measure(system, load_factor, method, repeats)
+                    report(f"{_scene(load_factor)}, n = {n}, {name}: {runs[name].wall_time:.3g} s")
+            rows += _rows(system, load_factor, runs)
+    return WORK_PRECISION.build(
+        {name: np.array([row[name] for row in rows]) for name in rows[0]},
+        title="statics of tensegrity grids: growth of time and memory",
+        versions=", ".join(
+            f"{name} {version(name)}"
+            for name in ("multiscale", "scipy", "clarabel", "pypardiso")
+            if find_spec(name) is not None
+        ),
+        threads=THREADS,
+        cores=os.cpu_count() or 1,
+        repeats=1 if quick else REPEATS,
+        load_before=load[0],
+        load_after=os.getloadavg()[0],
+        wall_time_counts=(
+            f"median, above {REPEATED} x {REPEATED} modules one run; without start of the process, "
+            f"imports and compilation"
+        ),
+        cautions="\n".join(
+            f"{name} is left out because pypardiso is not installed; "
+            f"pip install 'multiscale[pardiso]'"
+            for name in METHODS
+            if name not in methods
+        ),
+    )
+
+
+def _scene(load_factor: float) -> str:
+    return f"grid, α = {load_factor:g}"
+
+
+def _measure(
+    system: LinkSystem, load_factor: float, method: Method, repeats: int
+) -> Measured[Answer]:
+    """Measure one method on one grid."""
+    return measure(
+        partial(solve_grid, system, load_factor, method),
+        warm_up=partial(solve_grid, scene_grid(SMALL), load_factor, method),
+        repeats=repeats,
+    )
+
+
+def _rows(
+    system: LinkSystem, load_factor: float, runs: Mapping[str, Measured[Answer]]
+) -> list[dict[str, float | str]]:
+    """Cost and errors of all methods on one grid; NaN if a process died."""
+    cables = int(np.count_nonzero(np.isfinite(system.bounds[0])))
+    answers = {name: run.value for name, run in runs.items() if run.value is not None}
+    residuals = {name: verify(system, load_factor, answer) for name, answer in answers.items()}
+    solved = [name for name, residual in residuals.items() if residual <= TOLERANCE]
+    references = [name for name in solved if METHODS[name].method == "newton"]
+    rows: list[dict[str, float | str]] = []
+    for name, run in runs.items():
+        error, answer = np.nan, answers.get(name)
+        reference = next((other for other in references if other != name), None)
+        if answer is not None and reference is not None:
+            error = distance(system, answer.tension, answers[reference].tension)
+        rows.append(
+            {
+                "scene": _scene(load_factor),
+                "method": name,
+                "cables": cables,
+                "unknowns": int(np.count_nonzero(~system.fixed)),
+                "wall_time": run.wall_time,
+                "peak_memory": run.peak_memory,
+                "iterations": np.nan if answer is None else answer.iterations,
+                "slack_fraction": answer.slack / cables if name in solved and answer else np.nan,
+                "converged": int(name in solved),
+                "residual": residuals.get(name, np.nan),
+                "error": error,
+            }
+        )
+    return rows

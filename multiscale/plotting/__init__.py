@@ -1,0 +1,38 @@
+"""One function per figure: takes a dataset and axes, returns the axes, neither shows nor saves.
+
+Labels and conversion to um, MPa and kN happen here and nowhere else. Functions whose names begin
+with ``draw`` make whole figures and write them.
+"""
+
+from multiscale.plotting.growth import plot_growth
+from multiscale.plotting.laws import plot_area_law, plot_gap_law, plot_joint_stiffness
+from multiscale.plotting.links import (
+    draw_links,
+    plot_deformed_links,
+    plot_energies,
+    plot_sorted_tensions,
+)
+from multiscale.plotting.run import draw_figures
+from multiscale.plotting.surfaces import plot_contact_map, plot_surface
+from multiscale.plotting.work_precision import (
+    draw_work_precision,
+    plot_history,
+    plot_work_precision,
+)
+
+__all__ = [
+    "draw_figures",
+    "draw_links",
+    "draw_work_precision",
+    "plot_area_law",
+    "plot_contact_map",
+    "plot_deformed_links",
+    "plot_energies",
+    "plot_gap_law",
+    "plot_growth",
+    "plot_history",
+    "plot_joint_stiffness",
+    "plot_sorted_tensions",
+    "plot_surface",
+    "plot_work_precision",
+]

@@ -1,0 +1,119 @@
+"""Figures of how time and memory grow with the size of a structure."""
+
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from multiscale.plotting.figure import axes_or_current, new_figure
+
+if TYPE_CHECKING:
+    import xarray as xr
+    from matplotlib.axes import Axes
+    from matplotlib.figure import Figure
+
+__all__ = ["draw_growth_panels", "plot_growth"]
+
+QUANTITIES = {"wall_time": ("wall time (s)", 1.0), "peak_memory": ("peak memory (MB)", 1e-6)}
+"""Label and factor of what can be plotted."""
+
+ROOM = 3.0
+"""Factor by which the axis goes on above the lines, for the legend."""
+
+
+def plot_growth(
+    work_precision: "xr.Dataset", *, quantity: str = "wall_time", ax: "Axes | None" = None
+) -> "Axes":
+    """Plot time or memory against the number of cables, one line per method and scene.
+
+    A colour means the same method; the first scene has filled markers, the others open ones. The
+    legend tells how a line grows between its two largest structures: its slope, or for memory,
+    which begins with that of interpreter and libraries, the memory per cable. The dotted line is
+    in proportion to the cables. What did not converge is left out.
+
+    Parameters
+    ----------
+    work_precision : Dataset
+        Follows ``WORK_PRECISION``, with the number of cables.
+    quantity : str
+        ``"wall_time"`` or ``"peak_memory"``.
+    ax : Axes, optional
+        Where to draw. The current axes if not given.
+    """
+    ax = axes_or_current(ax)
+    label, factor = QUANTITIES[quantity]
+    runs = work_precision.isel(run=np.flatnonzero(work_precision["converged"].values))
+    methods, scenes = (list(dict.fromkeys(runs[name].values)) for name in ("method", "scene"))
+    growth = _slope if quantity == "wall_time" else _per_cable
+    cables, cost = runs["cables"].values, runs[quantity].values
+    for i, method in enumerate(methods):
+        for scene in scenes:
+            mine = (runs["method"].values == method) & (runs["scene"].values == scene)
+            first = scene == scenes[0]
+            ax.plot(
+                cables[mine],
+                factor * cost[mine],
+                "o-" if first else "s--",
+                color=f"C{i}",
+                markersize=5 if first else 8,
+                markerfacecolor=f"C{i}" if first else "none",
+                label=f"{method}, {scene}{growth(cables[mine], cost[mine])}",
+            )
+    ax.set_xscale("log")
+    ax.set_yscale("log")
+    low, high = ax.get_ylim()
+    ax.set_ylim(low, ROOM * high)
+    if high < 100.0 * low:
+        _label_within_decades(ax)
+    if cables.size:
+        _draw_proportion(ax, cables, factor * cost)
+    ax.set_xlabel("number of cables")
+    ax.set_ylabel(label)
+    ax.grid(color="0.92")
+    ax.legend(loc="upper left", fontsize=8)
+    return ax
+
+
+def draw_growth_panels(work_precision: "xr.Dataset") -> "Figure":
+    """Time and memory side by side."""
+    figure = new_figure(11.0, 5.0)
+    for ax, quantity in zip(figure.subplots(1, 2), QUANTITIES, strict=True):
+        plot_growth(work_precision, quantity=quantity, ax=ax)
+    return figure
+
+
+def _slope(cables: np.ndarray, cost: np.ndarray) -> str:
+    """Slope between the two largest structures; nothing with fewer."""
+    if cables.size < 2:
+        return ""
+    last = np.argsort(cables)[-2:]
+    rise, run = (np.diff(np.log(values[last]))[0] for values in (cost, cables))
+    return f": slope {rise / run:.2f}"
+
+
+def _per_cable(cables: np.ndarray, memory: np.ndarray) -> str:
+    """Memory of a cable between the two largest structures; nothing with fewer."""
+    if cables.size < 2:
+        return ""
+    last = np.argsort(cables)[-2:]
+    rise, run = (np.diff(values[last])[0] for values in (memory, cables))
+    return f": {1e-3 * rise / run:.2g} kB per cable"
+
+
+def _draw_proportion(ax: "Axes", cables: np.ndarray, cost: np.ndarray) -> None:
+    """Draw a line of slope one below the cheapest run on the largest structure, if in view."""
+    (left, right), (bottom, top) = ax.get_xlim(), ax.get_ylim()
+    largest = cables.max()
+    end = 0.5 * cost[cables == largest].min()
+    if end > bottom:
+        along = np.array([cables.min(), largest])
+        ax.plot(along, end * along / largest, ":", color="0.5", label="slope 1")
+        ax.set(xlim=(left, right), ylim=(bottom, top))
+
+
+def _label_within_decades(ax: "Axes") -> None:
+    """Label 1, 2 and 5 of each decade, because there are few decades."""
+    from matplotlib.ticker import LogLocator, NullFormatter, StrMethodFormatter
+
+    ax.yaxis.set_major_locator(LogLocator(subs=(1.0, 2.0, 5.0)))
+    ax.yaxis.set_major_formatter(StrMethodFormatter("{x:g}"))
+    ax.yaxis.set_minor_formatter(NullFormatter())

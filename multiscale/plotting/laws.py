@@ -1,0 +1,113 @@
+"""Figures of the laws of the interface and of the joint that carries them."""
+
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from multiscale.plotting.figure import axes_or_current
+from multiscale.upscaling import area_from_dataset, law_from_dataset
+
+if TYPE_CHECKING:
+    import xarray as xr
+    from matplotlib.axes import Axes
+
+__all__ = ["plot_area_law", "plot_gap_law", "plot_joint_stiffness"]
+
+BAND = (2.5, 97.5)  # percentiles of the bands
+
+
+def plot_gap_law(response: "xr.Dataset", law: "xr.Dataset", *, ax: "Axes | None" = None) -> "Axes":
+    """Plot pressure against mean gap: realisations as markers, the law with its band as a line.
+
+    Parameters
+    ----------
+    response : Dataset
+        Follows ``MICRO_RESPONSE``.
+    law : Dataset
+        Follows ``INTERFACE_LAW``.
+    ax : Axes, optional
+        Where to draw. The current axes if not given.
+    """
+    ax = axes_or_current(ax)
+    pressure = 1e-6 * response["nominal_pressure"].values
+    for gap in 1e6 * response["mean_gap"].values:
+        ax.plot(gap, pressure, ".", color="0.6", markersize=4)
+    along = np.geomspace(pressure.min(), pressure.max(), 200)
+    band = [
+        law_from_dataset(law, sample).gap_at(1e6 * along) for sample in range(law.sizes["sample"])
+    ]
+    if band:
+        low, high = 1e6 * np.percentile(band, BAND, axis=0)
+        ax.fill_betweenx(along, low, high, color="C0", alpha=0.3, linewidth=0, label="95 % band")
+    ax.plot(1e6 * law_from_dataset(law).gap_at(1e6 * along), along, color="C0", label="law")
+    ax.set_yscale("log")
+    ax.set_xlabel("mean gap (µm)")
+    ax.set_ylabel("mean pressure (MPa)")
+    ax.set_title("normal law and realisations")
+    ax.legend()
+    return ax
+
+
+def plot_area_law(response: "xr.Dataset", law: "xr.Dataset", *, ax: "Axes | None" = None) -> "Axes":
+    """Plot the contact fraction against the mean pressure.
+
+    Parameters
+    ----------
+    response : Dataset
+        Follows ``MICRO_RESPONSE``.
+    law : Dataset
+        Follows ``INTERFACE_LAW``.
+    ax : Axes, optional
+        Where to draw. The current axes if not given.
+    """
+    ax = axes_or_current(ax)
+    pressure = 1e-6 * response["nominal_pressure"].values
+    for fraction in 100.0 * response["contact_fraction"].values:
+        ax.plot(pressure, fraction, ".", color="0.6", markersize=4)
+    along = np.linspace(0.0, pressure.max(), 200)
+    band = [
+        area_from_dataset(law, sample).contact_fraction(1e6 * along)
+        for sample in range(law.sizes["sample"])
+    ]
+    if band:
+        low, high = 100.0 * np.percentile(band, BAND, axis=0)
+        ax.fill_between(along, low, high, color="C0", alpha=0.3, linewidth=0, label="95 % band")
+    ax.plot(
+        along, 100.0 * area_from_dataset(law).contact_fraction(1e6 * along), color="C0", label="law"
+    )
+    ax.set_xlabel("mean pressure (MPa)")
+    ax.set_ylabel("real over nominal contact area (%)")
+    ax.set_title("area law and realisations")
+    ax.legend()
+    return ax
+
+
+def plot_joint_stiffness(result: "xr.Dataset", *, ax: "Axes | None" = None) -> "Axes":
+    """Plot the joint's stiffness against its preload, with the band of the law's samples.
+
+    Parameters
+    ----------
+    result : Dataset
+        Follows ``MACRO_RESULT``.
+    ax : Axes, optional
+        Where to draw. The current axes if not given.
+    """
+    ax = axes_or_current(ax)
+    preload = 1e-6 * result["preload"].values
+    to_plot = 1e-12  # Pa/m to MPa/um
+    if "joint_stiffness_sample" in result:
+        samples = result["joint_stiffness_sample"].values
+        low, high = to_plot * np.nanpercentile(samples, BAND, axis=0)
+        ax.fill_between(preload, low, high, color="C0", alpha=0.3, linewidth=0, label="95 % band")
+    ax.plot(preload, to_plot * result["joint_stiffness"].values, "o-", color="C0", label="joint")
+    interface = to_plot * result["interface_stiffness"].values
+    ax.plot(preload, interface, "--", color="C1", label="interface alone")
+    solid = to_plot * float(result["solid_stiffness"])
+    ax.axhline(solid, color="0.4", linestyle=":", label="blocks without interface")
+    ax.set_xscale("log")
+    ax.set_yscale("log")
+    ax.set_xlabel("preload (MPa)")
+    ax.set_ylabel("normal stiffness (MPa/µm)")
+    ax.set_title("joint stiffness")
+    ax.legend()
+    return ax

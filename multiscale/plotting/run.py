@@ -1,0 +1,46 @@
+"""The figures of a finished run."""
+
+from pathlib import Path
+
+from multiscale.io import make_folder, open_dataset, open_run
+from multiscale.plotting.figure import new_figure, save_figure
+from multiscale.plotting.laws import plot_area_law, plot_gap_law, plot_joint_stiffness
+from multiscale.plotting.surfaces import plot_contact_map, plot_surface
+from multiscale.schema import FIELDS
+
+__all__ = ["draw_figures"]
+
+
+def draw_figures(out: str | Path) -> list[Path]:
+    """Draw the figures of a finished run into its folder ``figures``.
+
+    Parameters
+    ----------
+    out : path
+        Run folder.
+
+    Returns
+    -------
+    list of Path
+        The PNG files, in the order of the chain.
+    """
+    out = Path(out)
+    tree = open_run(out, finished=True)
+    response, law, result = (
+        tree[name].to_dataset() for name in ("micro_response", "interface_law", "macro_result")
+    )
+    fields = open_dataset(out / "fields" / "fields.nc", FIELDS)
+    figures = {
+        "surface": lambda ax: plot_surface(fields, ax=ax),
+        "contact_map": lambda ax: plot_contact_map(fields, ax=ax),
+        "gap_law": lambda ax: plot_gap_law(response, law, ax=ax),
+        "area_law": lambda ax: plot_area_law(response, law, ax=ax),
+        "joint_stiffness": lambda ax: plot_joint_stiffness(result, ax=ax),
+    }
+    folder = make_folder(out / "figures")
+    files = []
+    for name, draw in figures.items():
+        figure = new_figure()
+        draw(figure.add_subplot())  # type: ignore[no-untyped-call]
+        files.append(save_figure(figure, folder / f"{name}.png"))
+    return files

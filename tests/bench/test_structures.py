@@ -1,0 +1,159 @@
+"""Grids of growing size by every method; the verifier and the norms by which they are judged."""
+
+import sys
+from functools import partial
+from importlib.util import find_spec
+
+import numpy as np
+import pytest
+
+from multiscale.bench import SCENES, structures, tabulate
+from multiscale.bench.measure import Measured, measure
+from multiscale.bench.structures import METHODS, Answer, distance, scene_grid, solve_grid, verify
+from multiscale.io import open_dataset, write_dataset
+from multiscale.macro import quadruplex_module, self_stress, solve_static
+from multiscale.macro.discrete import cholesky, compatibility
+from multiscale.plotting import draw_work_precision
+from multiscale.schema import WORK_PRECISION
+
+
+def answer_of(result):
+    return Answer(result["tension"].values, result["displacement"].values, 0, 0)
+
+
+@pytest.fixture(scope="module")
+def grid():
+    return scene_grid(4)
+
+
+@pytest.fixture(scope="module")
+def answer(grid):
+    return answer_of(solve_static(grid, 4.0))
+
+
+def test_the_answer_of_newton_is_verified(grid, answer):
+    assert np.any(answer.tension[grid.kind == 0] == 0.0), "some cables must be slack"
+    assert verify(grid, 4.0, answer) < 1e-10
+
+
+def test_the_verifier_finds_the_force_out_of_balance(grid, answer):
+    wrong = answer.tension.copy()
+    wrong[5] += 1e-3 * np.abs(wrong).max()
+    unbalanced = np.abs(compatibility(grid).T @ (wrong - answer.tension)).max()
+    found = verify(grid, 4.0, Answer(wrong, answer.displacement, 0, 0))
+    assert found == pytest.approx(unbalanced / 160.0, rel=1e-6)  # the load is 4 x 40 N
+
+
+def test_the_verifier_finds_balanced_tensions_that_miss_the_link_law(grid, answer):
+    module = np.zeros(grid.n_links)
+    module[:16] = self_stress(quadruplex_module())[0]
+    assert np.abs(compatibility(grid).T @ module).max() < 1e-12
+    wrong = answer.tension + 100.0 * module
+    found = verify(grid, 4.0, Answer(wrong, answer.displacement, 0, 0))
+    expected = 100.0 * np.abs(module).max() / np.abs(wrong).max()
+    assert found == pytest.approx(expected, rel=1e-6)
+
+
+def test_an_answer_of_nan_is_not_verified(grid, answer):
+    nothing = Answer(np.nan * answer.tension, answer.displacement, 0, 0)
+    assert np.isnan(verify(grid, 4.0, nothing))
+
+
+def test_the_squared_norm_of_a_change_without_slack_is_the_work_of_the_load(grid):
+    rest, loaded = (solve_static(grid, factor) for factor in (0.0, 0.01))
+    assert np.all(loaded["slack"] == 0.0)
+    tension, reference = loaded["tension"].values, rest["tension"].values
+    size = np.sum(reference**2 / grid.stiffness)
+    work = 0.01 * np.sum(grid.load * loaded["displacement"].values)
+    assert distance(grid, tension, reference) ** 2 * size == pytest.approx(work, rel=1e-8)
+
+
+def test_the_share_of_slack_cables_does_not_depend_on_the_size():
+    for load_factor, share in ((1.0, 0.141), (4.0, 0.284)):
+        for n in (8, 16, 32):
+            result = solve_static(scene_grid(n), load_factor)
+            slack = np.count_nonzero(result["slack"] > 0.0)
+            assert slack / (12 * n**2) == pytest.approx(share, abs=0.005)
+
+
+def takes_pardiso(method):
+    """Solve, and tell whether PARDISO factorises in this process."""
+    solve_grid(scene_grid(2), 1.0, method)
+    return cholesky._blank_pardiso() is not None
+
+
+@pytest.mark.parametrize("name", ["Newton, PARDISO", "Newton, SuperLU"])
+def test_each_method_has_the_factorisation_of_its_name(name):
+    pytest.importorskip("pypardiso")
+    task = partial(takes_pardiso, METHODS[name])
+    assert measure(task, warm_up=task, repeats=1).value == name.endswith("PARDISO")
+
+
+@pytest.fixture
+def without_pardiso(monkeypatch):
+    """Skip the processes, have no PARDISO, and lose one process."""
+
+    def lose_one(task, *, warm_up, repeats):
+        system, _, method = task.args
+        if system.n_links == 4**2 * 16 and method.method == "dual":
+            return Measured(None, np.nan, np.nan)
+        return Measured(task(), 0.5, 1e8)
+
+    monkeypatch.setattr(structures, "measure", lose_one)
+    monkeypatch.setattr(structures, "QUICK_MODULES", (2, 4))
+    monkeypatch.setitem(sys.modules, "pypardiso", None)
+    cholesky._blank_pardiso.cache_clear()
+    yield
+    cholesky._blank_pardiso.cache_clear()
+
+
+@pytest.mark.usefixtures("without_pardiso")
+def test_what_is_missing_or_fails_is_told_and_nothing_is_invented(tmp_path):
+    lines = []
+    found = SCENES["structures"](True, lines.append)
+    assert found.attrs["cautions"] == (
+        "Newton, PARDISO is left out because pypardiso is not installed; "
+        "pip install 'multiscale[pardiso]'"
+    )
+    assert "pypardiso" not in found.attrs["versions"]
+    assert len(lines) == found.sizes["run"] == 8
+    newton = found["method"].values == "Newton, SuperLU"
+    lost = ~newton & (found["cables"].values == 4**2 * 12)
+    np.testing.assert_array_equal(found["converged"], np.where(lost, 0, 1))
+    assert np.all(found["residual"][~lost] < 1e-8)
+    assert np.isnan(found["error"][newton]).all()  # no other factorisation to compare with
+    assert np.isfinite(found["iterations"][newton]).all()
+    assert np.all(found["error"].values[~newton & ~lost] < 1e-8)
+    for name in ("error", "residual", "slack_fraction", "wall_time", "iterations"):
+        assert np.isnan(found[name][lost]).all()
+    n = np.sqrt(found["cables"].values / 12)
+    np.testing.assert_array_equal(found["unknowns"], 3 * (n + 1) * (3 * n - 1))
+
+    write_dataset(found, tmp_path / "structures.nc", WORK_PRECISION)
+    again = open_dataset(tmp_path / "structures.nc", WORK_PRECISION)
+    np.testing.assert_array_equal(again["residual"], found["residual"])
+    draw_work_precision(again, tmp_path / "structures.png")
+    assert (tmp_path / "structures.png").stat().st_size > 20_000
+    head, rows = tabulate(again)
+    assert "cables" in head
+    assert sum("not converged" in " ".join(row) for row in rows) == 2
+
+
+@pytest.mark.slow
+def test_the_command_measures_every_method_and_all_of_them_agree(tmp_path, monkeypatch, capsys):
+    from multiscale.cli import main
+
+    monkeypatch.setattr(
+        "sys.argv", ["multiscale", "bench", "structures", "-o", str(tmp_path), "--quick"]
+    )
+    with pytest.raises(SystemExit) as stop:
+        main()
+    assert stop.value.code == 0
+    found = open_dataset(tmp_path / "structures.nc", WORK_PRECISION)
+    installed = [n for n, m in METHODS.items() if not m.pardiso or find_spec("pypardiso")]
+    assert set(found["method"].values) == set(installed)
+    assert found["converged"].all()
+    assert np.all(found["residual"] < 1e-9)
+    assert np.all(found["error"].values[np.isfinite(found["error"])] < 1e-9)
+    assert "cables" in capsys.readouterr().out
+    assert (tmp_path / "structures.png").exists()
