@@ -231,6 +231,9 @@ MACRO_RESULT = Schema(
             ("step", "link", "part"), "N m", "torsion and end moments of beams in their axes"
         ),
         "iterations": Variable(("step",), "1", "number of residuals that the solver computed"),
+        "error_bound": Variable(
+            ("step",), "1", "guaranteed bound on the error of the tensions relative to their change"
+        ),
         "tangent_eigenvalue": Variable(("step",), "N m-1", "smallest eigenvalue of the tangent"),
         "stability_eigenvalue": Variable(
             ("step",), "N m-1", "smallest eigenvalue with the geometric stiffness"

@@ -4,5 +4,14 @@ from multiscale.laws.area import AreaLaw
 from multiscale.laws.base import InterfaceLaw, NormalLaw, Response
 from multiscale.laws.convex_decreasing import ConvexDecreasing
 from multiscale.laws.exponential import Exponential
+from multiscale.laws.frictional import Frictional
 
-__all__ = ["AreaLaw", "ConvexDecreasing", "Exponential", "InterfaceLaw", "NormalLaw", "Response"]
+__all__ = [
+    "AreaLaw",
+    "ConvexDecreasing",
+    "Exponential",
+    "Frictional",
+    "InterfaceLaw",
+    "NormalLaw",
+    "Response",
+]

@@ -28,6 +28,7 @@ from multiscale.macro.discrete import (
 from multiscale.macro.dynamics import simulate
 from multiscale.macro.joint import Block, RoughJoint, assemble_joint, rough_joint
 from multiscale.macro.monolithic import solve_interface
+from multiscale.macro.substructures import cut_bodies, cut_links, solve_latin
 
 __all__ = [
     "Block",
@@ -44,6 +45,8 @@ __all__ = [
     "assemble_joint",
     "cable_net",
     "critical_factor",
+    "cut_bodies",
+    "cut_links",
     "load_mesh",
     "mechanism_modes",
     "quadruplex_module",
@@ -52,6 +55,7 @@ __all__ = [
     "simulate",
     "solve_contact",
     "solve_interface",
+    "solve_latin",
     "solve_static",
     "system_from_mesh",
     "system_from_table",

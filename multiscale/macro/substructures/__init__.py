@@ -1,0 +1,24 @@
+"""Substructures and interfaces, and the micro-macro solver for them."""
+
+from multiscale.macro.substructures.bodies import Joint, cut_bodies, split_boxes
+from multiscale.macro.substructures.cut import bisect, cut_links, split_grid
+from multiscale.macro.substructures.parallel import Alone, Ranks, Team
+from multiscale.macro.substructures.problem import Interface, Links, Problem, Substructure
+from multiscale.macro.substructures.solve import solve_latin
+
+__all__ = [
+    "Alone",
+    "Interface",
+    "Joint",
+    "Links",
+    "Problem",
+    "Ranks",
+    "Substructure",
+    "Team",
+    "bisect",
+    "cut_bodies",
+    "cut_links",
+    "solve_latin",
+    "split_boxes",
+    "split_grid",
+]

@@ -1,0 +1,175 @@
+"""Cut a discrete structure into substructures."""
+
+import numpy as np
+from scipy.sparse import csr_array
+from scipy.sparse.csgraph import connected_components
+
+from multiscale.errors import CaseError
+from multiscale.macro.discrete.compatibility import Equations, compatibility, equations
+from multiscale.macro.discrete.system import LinkSystem
+from multiscale.macro.substructures.problem import Links, Problem, Substructure
+
+__all__ = ["bisect", "cut_links", "split_grid"]
+
+
+def cut_links(system: LinkSystem, owner: np.ndarray) -> Problem:
+    """Cut a structure of links at its nodes.
+
+    Parameters
+    ----------
+    system : LinkSystem
+        The structure; links of finite stiffness.
+    owner : ndarray of int, shape (links,)
+        Substructure of every link: 0, 1, ...; :func:`split_grid` and :func:`bisect` make it.
+
+    Returns
+    -------
+    Problem
+        One load case. Nodes that lie in two substructures are edge interfaces, in three or
+        more weak cross-points; their loads are shared out equally.
+
+    Raises
+    ------
+    CaseError
+        If a substructure is empty or in pieces, or a link has a fixed length.
+    """
+    owner = np.asarray(owner)
+    if owner.shape != (system.n_links,):
+        raise CaseError(f"owner must have one entry per link ({system.n_links}), got {owner.shape}")
+    model = equations(system)
+    if not np.isfinite(model.stiffness).all():
+        raise CaseError("substructures need extensible links; give a finite rigidity")
+    rows = _owner_of_rows(system, owner)
+    operator = compatibility(system)
+    _check_pieces(system, owner)
+
+    count = int(owner.max()) + 1
+    position = np.repeat(system.position, model.number.shape[1], axis=0).reshape(-1, 3)
+    component = np.tile(np.arange(model.number.shape[1]), system.n_nodes)
+    free = model.number.ravel() >= 0
+    held_by = [np.unique(operator[rows == part].indices) for part in range(count)]
+    shares = np.bincount(np.concatenate(held_by), minlength=model.n)
+    parts = [
+        _part(
+            model,
+            operator[rows == part],
+            rows == part,
+            unknown,
+            shares,
+            position[free][unknown],
+            component[free][unknown],
+        )
+        for part, unknown in enumerate(held_by)
+    ]
+    return Problem(tuple(parts), system.position, model.number)
+
+
+def _part(
+    model: Equations,
+    operator: csr_array,
+    mine: np.ndarray,
+    unknown: np.ndarray,
+    shares: np.ndarray,
+    position: np.ndarray,
+    component: np.ndarray,
+) -> Substructure:
+    """One substructure of links alone, with its share of the loads."""
+    B = csr_array(operator[:, unknown])
+    links = Links(
+        B,
+        model.stiffness[mine],
+        model.prestress[mine],
+        model.lower[mine],
+        model.upper[mine],
+        np.flatnonzero(mine),
+    )
+    load = (model.load[unknown] / shares[unknown])[:, None]
+    nothing = csr_array((unknown.size, unknown.size))
+    return Substructure(nothing, load, unknown, position, component, links)
+
+
+def split_grid(system: LinkSystem, parts: tuple[int, int]) -> np.ndarray:
+    """Give modules to boxes of equal size in plan.
+
+    Parameters
+    ----------
+    system : LinkSystem
+        The structure; links of one ``group`` stay together.
+    parts : tuple of int
+        Number of boxes along x and y.
+
+    Returns
+    -------
+    ndarray of int, shape (links,)
+        Substructure of every link.
+    """
+    middle = system.position[system.ends].mean(axis=1)[:, :2]
+    groups, index = np.unique(system.group, return_inverse=True)
+    if groups.size == 1:
+        index = np.arange(system.n_links)
+    weight = np.bincount(index)
+    centre = np.stack([np.bincount(index, middle[:, axis]) / weight for axis in (0, 1)], axis=1)
+    low, high = system.position[:, :2].min(axis=0), system.position[:, :2].max(axis=0)
+    box = np.floor((centre - low) / (high - low) * parts).astype(int)
+    box = np.clip(box, 0, np.array(parts) - 1)
+    return np.unique((box[:, 1] * parts[0] + box[:, 0])[index], return_inverse=True)[1]
+
+
+def bisect(system: LinkSystem, count: int) -> np.ndarray:
+    """Split links in two along the longest side, again and again.
+
+    Parameters
+    ----------
+    system : LinkSystem
+        Any structure.
+    count : int
+        Number of substructures, from 1 to the number of links.
+
+    Returns
+    -------
+    ndarray of int, shape (links,)
+        Substructure of every link.
+    """
+    middle = system.position[system.ends].mean(axis=1)
+    owner = np.zeros(system.n_links, dtype=int)
+
+    def split(rows: np.ndarray, first: int, pieces: int) -> None:
+        owner[rows] = first
+        if pieces == 1:
+            return
+        axis = int(np.argmax(np.ptp(middle[rows], axis=0)))
+        order = rows[np.argsort(middle[rows, axis], kind="stable")]
+        half = pieces // 2
+        at = order.size * half // pieces
+        split(order[:at], first, half)
+        split(order[at:], first + half, pieces - half)
+
+    split(np.arange(system.n_links), 0, count)
+    return owner
+
+
+def _owner_of_rows(system: LinkSystem, owner: np.ndarray) -> np.ndarray:
+    """Substructure of every row: the modes of beams follow their links."""
+    extra = [
+        np.repeat(owner[system.kind == index], 5)
+        for index, law in enumerate(system.laws)
+        if type(law).__name__ == "Beam"
+    ]
+    return np.concatenate([owner, *extra])
+
+
+def _check_pieces(system: LinkSystem, owner: np.ndarray) -> None:
+    """Refuse substructures that are empty or not connected."""
+    for part in range(int(owner.max()) + 1):
+        nodes, ends = np.unique(system.ends[owner == part], return_inverse=True)
+        if not nodes.size:
+            raise CaseError(f"substructure {part} has no links; number the owners without gaps")
+        ends = ends.reshape(-1, 2)
+        graph = csr_array((np.ones(len(ends)), (ends[:, 0], ends[:, 1])), (nodes.size, nodes.size))
+        pieces, label = connected_components(graph, directed=False)
+        if pieces > 1:
+            alone = nodes[label == np.argmin(np.bincount(label))]
+            raise CaseError(
+                f"substructure {part} is in {pieces} pieces: node {alone[0]} hangs together with "
+                f"{alone.size - 1} others only; cut along modules or take fewer substructures"
+            )

@@ -1,0 +1,212 @@
+r"""Micro-macro LATIN: one stage knows the links and laws, the other the structure."""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from multiscale.laws.base import InterfaceLaw
+from multiscale.macro.substructures.acceleration import Anderson
+from multiscale.macro.substructures.coarse import coarse_basis, prepare_coarse
+from multiscale.macro.substructures.directions import side_stiffness
+from multiscale.macro.substructures.parallel import Alone, Team, share
+from multiscale.macro.substructures.problem import Problem
+from multiscale.macro.substructures.stack import Factors, lay_out_sides, stack
+
+__all__ = ["Iterate", "Latin"]
+
+FIRST, TAUT, SLACK = 0.5, 10.0, 0.05
+"""Stiffness of the search direction of a link relative to its own: at first, and by status."""
+
+UPDATE = 8
+"""Iterations between two looks at the status."""
+
+FEW, SOFTER, SOFTEST = 3e-3, 0.3, 1e-3
+"""If less than this part of the links changes its status, slack ones get a direction softer by
+this factor, down to this: the directions tend to the tangent, which near mechanisms need."""
+
+
+@dataclass(frozen=True, eq=False)
+class Iterate:
+    """What one iteration leaves.
+
+    Attributes
+    ----------
+    u : ndarray, shape (n,)
+        Displacement of the substructures of this process, m.
+    tension : ndarray, shape (rows,)
+        Of their links, N.
+    force : ndarray, shape (m,)
+        On all sides of all interfaces, N.
+    """
+
+    u: np.ndarray
+    tension: np.ndarray
+    force: np.ndarray
+
+
+class Latin:
+    r"""A problem prepared for LATIN iterations.
+
+    The unknown of the iteration is :math:`x = (z, r)` with :math:`z = \tau - l \lambda` in the
+    links and :math:`r = k_0 T u - F` on the sides: the part of a state that one stage hands to
+    the other. The *local stage* knows slack and interfaces, the *linear stage* the equilibrium
+    of every substructure and, through the coarse problem, that of the coarse forces.
+    """
+
+    def __init__(
+        self,
+        problem: Problem,
+        *,
+        coarse: bool = True,
+        updated: bool = True,
+        team: Team | None = None,
+    ) -> None:
+        self.problem, self.team = problem, team or Alone()
+        self.coarse_wanted, self.updated = coarse, updated
+        self.parts = share(len(problem.substructures), self.team)
+        self.sides, self.stack = lay_out_sides(problem), stack(problem, self.parts)
+        self.basis = coarse_basis(problem)
+        first = self.sides.start[self.parts.start]
+        self.own = slice(first, first + self.stack.trace.shape[0])
+        self.factors = Factors(), Factors(), Factors()
+        links = self.stack.links
+        self.states = [
+            np.zeros((face.law.n_state, face.weight.size)) if face.law else np.zeros(0)
+            for face in problem.interfaces
+        ]
+        self.direct(np.where(self.stack.one_sided, FIRST, 1.0), np.ones(links.stiffness.size))
+        self.status: np.ndarray | None = None
+        self.slack_direction = SLACK
+        self.z, self.r = links.prestress.copy(), np.zeros(self.sides.m)
+
+    @property
+    def n_coarse(self) -> int:
+        """Size of the coarse problem."""
+        return int(self.basis.shape[1])
+
+    def direct(self, relative: np.ndarray, carries: np.ndarray) -> None:
+        """Set the search directions and factorise what follows from them."""
+        links = self.stack.links
+        self.across = relative * links.stiffness  # l
+        self.k0 = side_stiffness(
+            self.problem, self.stack, self.sides, self.parts, carries, self.factors[0], self.team
+        )
+        k, across = links.stiffness, self.across
+        effective = np.where(self.stack.one_sided, k * across / (k + across), k)
+        own = self.k0.matrix[self.own][:, self.own]
+        self.solve = self.factors[1](self.stack.matrix(effective, own))
+        self.coarse = None
+        if self.coarse_wanted and self.n_coarse:
+            self.coarse = prepare_coarse(
+                self.basis,
+                self.k0.matrix,
+                self.stack,
+                self.sides,
+                self.parts,
+                self.solve,
+                self.factors[2],
+                self.team,
+            )
+
+    def iterate(self, load: np.ndarray) -> tuple[np.ndarray, np.ndarray, Iterate]:
+        """Run the local and the linear stage from z and r."""
+        links, k, across = self.stack.links, self.stack.links.stiffness, self.across
+        one = self.stack.one_sided
+        # local stage: tau + l lambda on the other side of the projection; eq (15)
+        a = 2.0 * np.clip(self.z, links.lower, links.upper) - self.z
+        g = self.local_sides(self.r)
+
+        # linear stage
+        start = np.where(one, (k * a + across * links.prestress) / (k + across), links.prestress)
+        b = load - links.operator.T @ start + self.stack.trace.T @ g[self.own]
+        u = self.solve(b)
+        moved = self.team.concatenate(self.stack.trace @ u)
+        if self.coarse is not None:
+            w = self.coarse.solve(-(self.coarse.basis.T @ (g - self.k0.matrix @ moved)))
+            u = u + self.coarse.respond(w)
+            moved = self.team.concatenate(self.stack.trace @ u)
+            g = g + self.coarse.push @ w
+        e = links.operator @ u
+        slack = np.where(one, (a - links.prestress - k * e) / (k + across), 0.0)
+        tension = links.prestress + k * (e + slack)
+        push = self.k0.matrix @ moved
+        force = g - push
+        return (
+            np.where(one, tension - across * slack, tension),
+            push - force,
+            Iterate(u, tension, force),
+        )
+
+    def local_sides(self, r: np.ndarray) -> np.ndarray:
+        """Return F + k_0 W of every side on its interface: eqs (16), (17), or the law."""
+        g = np.asarray(2.0 * self.sides.mean(r) - r)  # (16), (17)
+        for index, face in enumerate(self.problem.interfaces):
+            if face.law is None:
+                continue
+            first, second = self.sides.place[index]
+            force = self.joint_answer(index, face.law, r)[1]
+            g[first], g[second] = r[first] + 2.0 * force, r[second] - 2.0 * force
+        return g
+
+    def joint_answer(
+        self, index: int, law: InterfaceLaw, r: np.ndarray
+    ) -> tuple[np.ndarray, np.ndarray]:
+        """Jump, shape (3, points), and force on side 1 of a joint on its search direction."""
+        face = self.problem.interfaces[index]
+        first, second = self.sides.place[index]
+        weight = np.tile(face.weight, 3)
+        half = 0.5 * self.k0.matrix.diagonal()[first] / weight
+        source = (r[second] - r[first]) / (2.0 * weight)
+        jump = law.resolvent(source.reshape(3, -1), half.reshape(3, -1), self.states[index])
+        return jump, weight * (source - half * jump.ravel())
+
+    def update(self) -> bool:
+        """Adapt the search directions to the status of the links; say whether it changed."""
+        links, one = self.stack.links, self.stack.one_sided
+        tension = np.clip(self.z, links.lower, links.upper)
+        slack = np.where(one, (tension - self.z) / self.across, 0.0)
+        taut = ~one | (slack == 0.0)
+        changes = taut.size if self.status is None else np.count_nonzero(taut != self.status)
+        changed, all_links = self.team.total(np.array([changes, taut.size], dtype=float))
+        if not changed:
+            return False
+        if changed < FEW * all_links:
+            self.slack_direction = max(SOFTEST, SOFTER * self.slack_direction)
+        self.status, old = taut, self.k0
+        g = self.local_sides(self.r)
+        held, force = 0.5 * (g + self.r), 0.5 * (g - self.r)  # k_0 W and F
+        soft = self.slack_direction
+        relative = np.where(one, np.where(taut, TAUT, soft), 1.0)
+        self.direct(relative, np.where(taut, 1.0, soft / (1.0 + soft)))
+        # the same tensions, slacks, forces and displacements with the new directions
+        self.z = np.where(one, tension - self.across * slack, tension)
+        self.r = self.k0.matrix @ (old.inverse_root @ (old.inverse_root @ held)) - force
+        return True
+
+    def commit(self) -> None:
+        """Take the state of the laws at the present forces for the next step."""
+        for index, face in enumerate(self.problem.interfaces):
+            if face.law is not None:
+                jump = self.joint_answer(index, face.law, self.r)[0]
+                self.states[index] = face.law.respond(jump, self.states[index]).state
+
+    def slack(self) -> np.ndarray:
+        """Distance by which the ends of every link miss it, shape (rows,), m."""
+        links = self.stack.links
+        tension = np.clip(self.z, links.lower, links.upper)
+        return np.asarray(np.where(self.stack.one_sided, np.abs(tension - self.z) / self.across, 0))
+
+    def admissible(self, tension: np.ndarray) -> np.ndarray:
+        """Tension within the limits of the links, N."""
+        return np.asarray(np.clip(tension, self.stack.links.lower, self.stack.links.upper))
+
+    def size(self, found: Iterate, acceleration: Anderson) -> float:
+        """Size of a state in the norm of :meth:`distance`."""
+        links = self.stack.links
+        change = (found.tension - links.prestress) / np.sqrt(links.stiffness)
+        return acceleration.norm(np.append(change, self.k0.inverse_root @ found.force))
+
+    def distance(self, z: np.ndarray, r: np.ndarray) -> np.ndarray:
+        """Difference from z and r in the energy norm, shape (rows + m,)."""
+        links = np.where(self.stack.one_sided, (z - self.z) / np.sqrt(self.across), 0.0)
+        return np.concatenate([links, self.k0.inverse_root @ (r - self.r)])

@@ -1,0 +1,77 @@
+"""Substructures over processes."""
+
+from typing import Any, Protocol
+
+import numpy as np
+
+__all__ = ["Alone", "Ranks", "Team", "share"]
+
+
+class Team(Protocol):
+    """Processes that each hold some substructures and all interfaces."""
+
+    size: int
+    rank: int
+
+    def concatenate(self, value: np.ndarray) -> np.ndarray:
+        """Join the parts of all processes, in their order, on every process."""
+        ...
+
+    def collect(self, items: list[Any]) -> list[Any]:
+        """Join the lists of all processes, in their order, on every process."""
+        ...
+
+    def total(self, value: np.ndarray) -> np.ndarray:
+        """Add up over the processes, on every process."""
+        ...
+
+
+class Alone:
+    """One process."""
+
+    size, rank = 1, 0
+
+    def concatenate(self, value: np.ndarray) -> np.ndarray:
+        """Return the value."""
+        return value
+
+    def collect(self, items: list[Any]) -> list[Any]:
+        """Return the list."""
+        return items
+
+    def total(self, value: np.ndarray) -> np.ndarray:
+        """Return the value."""
+        return value
+
+
+class Ranks:
+    """Processes of an MPI communicator."""
+
+    def __init__(self, communicator: Any) -> None:
+        self.communicator = communicator
+        self.size, self.rank = communicator.Get_size(), communicator.Get_rank()
+
+    def concatenate(self, value: np.ndarray) -> np.ndarray:
+        """Gather arrays of different lengths."""
+        value = np.ascontiguousarray(value, dtype=float)
+        counts = self.communicator.allgather(value.size)
+        out = np.empty(sum(counts))
+        self.communicator.Allgatherv(value, (out, counts))
+        return out
+
+    def collect(self, items: list[Any]) -> list[Any]:
+        """Gather lists of anything."""
+        return [item for part in self.communicator.allgather(items) for item in part]
+
+    def total(self, value: np.ndarray) -> np.ndarray:
+        """Sum in the order of the ranks, so that every process gets the same digits."""
+        value = np.ascontiguousarray(value, dtype=float)
+        out = np.empty((self.size, *value.shape))
+        self.communicator.Allgather(value, out)
+        return np.asarray(out.sum(axis=0))
+
+
+def share(count: int, team: Team) -> range:
+    """Substructures of this process: consecutive, as equal in number as possible."""
+    bounds = np.linspace(0, count, team.size + 1).round().astype(int)
+    return range(bounds[team.rank], bounds[team.rank + 1])

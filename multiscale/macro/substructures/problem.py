@@ -1,0 +1,204 @@
+"""Substructures, interfaces and the problem that they make."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+from functools import cached_property
+
+import numpy as np
+from scipy.sparse import csr_array
+
+from multiscale.errors import CaseError
+from multiscale.laws.base import InterfaceLaw
+
+__all__ = ["Interface", "Links", "Problem", "Substructure"]
+
+
+@dataclass(frozen=True, eq=False)
+class Links:
+    r"""Non-smooth links inside a substructure, eqs (14) and (15) of the source.
+
+    .. math:: \tau = P(\tau^0 + k B u)    \tag{1}
+
+    Attributes
+    ----------
+    operator : csr_array, shape (rows, n)
+        Compatibility :math:`B`.
+    stiffness, prestress, lower, upper : ndarray, shape (rows,)
+        :math:`k` (N/m), :math:`\tau^0` and the admissible range (N) that :math:`P` projects to.
+    number : ndarray of int, shape (rows,)
+        Number of every link in the whole structure.
+    """
+
+    operator: csr_array
+    stiffness: np.ndarray
+    prestress: np.ndarray
+    lower: np.ndarray
+    upper: np.ndarray
+    number: np.ndarray
+
+
+@dataclass(frozen=True, eq=False)
+class Substructure:
+    r"""One part of a structure: :math:`K u + B^T \tau = f` and forces from its neighbours.
+
+    Attributes
+    ----------
+    stiffness : csr_array, shape (n, n)
+        Of what is linear in it, N/m, supports taken out. It may be singular.
+    load : ndarray, shape (n, cases)
+        External forces, one column for each load case, N.
+    unknown : ndarray of int, shape (n,)
+        Number of every unknown in the whole structure. Perfect interfaces are where two
+        substructures share one.
+    position : ndarray, shape (n, 3)
+        Of the node of every unknown, m.
+    component : ndarray of int, shape (n,)
+        Direction of every unknown: 0, 1 or 2; 3, 4, 5 for rotations times a length.
+    links : Links, optional
+        What is not smooth in it.
+    """
+
+    stiffness: csr_array
+    load: np.ndarray
+    unknown: np.ndarray
+    position: np.ndarray
+    component: np.ndarray
+    links: Links | None = None
+
+    @property
+    def n(self) -> int:
+        """Number of unknowns."""
+        return self.unknown.size
+
+    @cached_property
+    def rigid_motions(self) -> np.ndarray:
+        """Displacement of every unknown in three translations and three rotations, (n, 6)."""
+        motions = np.zeros((self.n, 6))
+        axes = np.eye(3)
+        x = self.position - self.position.mean(axis=0)
+        moves = self.component < 3
+        motions[:, :3] = axes[self.component % 3] * moves[:, None]
+        for axis in range(3):
+            turning = np.cross(axes[axis], x)[np.arange(self.n), self.component % 3]
+            motions[:, 3 + axis] = np.where(moves, turning, 0.0)
+        return motions
+
+
+@dataclass(frozen=True, eq=False)
+class Interface:
+    r"""Where substructures meet.
+
+    Attributes
+    ----------
+    sides : tuple of int
+        The substructures. A law joins two, a perfect interface two or more.
+    trace : tuple of csr_array, shape (m, n)
+        Displacement of every side; with a law m is three times the number of points: normal
+        first, then both tangents, and the jump is side 2 minus side 1, opening positive.
+    law : InterfaceLaw, optional
+        Perfect, (16) and (17) of the source, if not given.
+    weight : ndarray, shape (points,)
+        Quadrature weights of the points of a law, m².
+    """
+
+    sides: tuple[int, ...]
+    trace: tuple[csr_array, ...]
+    law: InterfaceLaw | None = None
+    weight: np.ndarray = field(default_factory=lambda: np.zeros(0))
+
+    @property
+    def size(self) -> int:
+        """Number of unknowns of one side."""
+        return int(self.trace[0].shape[0])
+
+
+@dataclass(frozen=True, eq=False)
+class Problem:
+    """A structure that has been cut.
+
+    Attributes
+    ----------
+    substructures : tuple of Substructure
+    position : ndarray, shape (nodes, 3)
+        m.
+    number : ndarray of int, shape (nodes, c)
+        Unknown of a component of a node, -1 where it is held.
+    joints : tuple of Interface
+        Interfaces with a law. Perfect ones follow from the numbers of the unknowns.
+
+    Raises
+    ------
+    CaseError
+        If the traces of an interface do not fit its sides, or a substructure is cut off.
+    """
+
+    substructures: tuple[Substructure, ...]
+    position: np.ndarray
+    number: np.ndarray
+    joints: tuple[Interface, ...] = ()
+
+    def __post_init__(self) -> None:
+        for place, joint in enumerate(self.joints):
+            _check_joint(place, joint, self.substructures)
+
+    @cached_property
+    def interfaces(self) -> tuple[Interface, ...]:
+        """Perfect interfaces, then those with a law."""
+        return (*_perfect_interfaces(self.substructures), *self.joints)
+
+    @property
+    def n(self) -> int:
+        """Number of unknowns of the whole structure."""
+        return 1 + int(self.number.max(initial=-1))
+
+    @property
+    def n_cases(self) -> int:
+        """Number of load cases."""
+        return int(self.substructures[0].load.shape[1])
+
+    @property
+    def n_links(self) -> int:
+        """Number of links."""
+        return sum(part.links.number.size for part in self.substructures if part.links)
+
+
+def _perfect_interfaces(parts: Sequence[Substructure]) -> list[Interface]:
+    """Group the shared unknowns by the substructures that share them."""
+    numbers = np.concatenate([part.unknown for part in parts])
+    owner = np.repeat(np.arange(len(parts)), [part.n for part in parts])
+    local = np.concatenate([np.arange(part.n) for part in parts])
+    order = np.lexsort((owner, numbers))
+    start = np.flatnonzero(np.append(True, np.diff(numbers[order]) != 0))
+    classes: dict[tuple[int, ...], list[np.ndarray]] = {}
+    for first, last in zip(start, np.append(start[1:], order.size), strict=True):
+        if last - first > 1:
+            entries = order[first:last]
+            classes.setdefault(tuple(owner[entries].tolist()), []).append(local[entries])
+    return [
+        Interface(
+            sides,
+            tuple(
+                _selection(parts[side].n, rows) for side, rows in zip(sides, shared, strict=True)
+            ),
+        )
+        for sides, shared in ((key, np.array(value).T) for key, value in classes.items())
+    ]
+
+
+def _selection(n: int, rows: np.ndarray) -> csr_array:
+    """Pick rows out of n."""
+    m = rows.size
+    return csr_array((np.ones(m), (np.arange(m), rows)), shape=(m, n))
+
+
+def _check_joint(place: int, joint: Interface, parts: Sequence[Substructure]) -> None:
+    """Refuse traces that do not fit."""
+    if len(joint.sides) != 2 or len(joint.trace) != 2:
+        raise CaseError(f"interface {place} has a law and must have two sides, got {joint.sides}")
+    for side, trace in zip(joint.sides, joint.trace, strict=True):
+        expected = (3 * joint.weight.size, parts[side].n)
+        if trace.shape != expected:
+            raise CaseError(
+                f"interface {place} does not match substructure {side}: its trace must have shape "
+                f"{expected} (three per point, unknowns), got {trace.shape}"
+            )

@@ -1,0 +1,202 @@
+"""Solve a structure that has been cut, step by step."""
+
+from collections.abc import Callable
+from time import perf_counter
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from multiscale.convergence import Status
+from multiscale.errors import CaseError
+from multiscale.macro.substructures.acceleration import Anderson
+from multiscale.macro.substructures.bound import ErrorBound
+from multiscale.macro.substructures.latin import UPDATE, Iterate, Latin
+from multiscale.macro.substructures.parallel import Team
+from multiscale.macro.substructures.problem import Problem
+from multiscale.schema import MACRO_RESULT
+
+if TYPE_CHECKING:
+    import xarray as xr
+
+__all__ = ["solve_latin"]
+
+HEURISTIC = 0.1
+"""Change in an iteration, relative to the tolerance, at which the error counts as within it."""
+
+
+def solve_latin(
+    problem: Problem,
+    load_factor: float | np.ndarray = 1.0,
+    *,
+    coarse: bool = True,
+    updated: bool = True,
+    tolerance: float = 1e-8,
+    max_iterations: int = 400,
+    team: Team | None = None,
+    callback: Callable[[int, float, Iterate], None] | None = None,
+) -> "xr.Dataset":
+    r"""Solve substructures and interfaces by the micro-macro LATIN method.
+
+    Parameters
+    ----------
+    problem : Problem
+        The structure, cut.
+    load_factor : float or ndarray, shape (steps,) or (steps, cases)
+        Factors of the load cases, one row for each step; each starts from the one before.
+    coarse : bool
+        Whether a coarse problem balances the resultants of the interfaces in every iteration.
+        Without it the number of iterations grows with the number of substructures.
+    updated : bool
+        Whether the search directions follow the status of the links.
+    tolerance : float
+        Of the tensions, in the norm of :math:`k^{-1}` relative to their change from the
+        prestress. The change in an iteration decides, which is heuristic; ``error_bound`` is
+        guaranteed where all is links whose prestress holds itself, and cannot fall below some
+        1e-7, because the tensions of slack links are only zero to rounding.
+    max_iterations : int
+        Iteration limit of a step.
+    team : Team, optional
+        Processes that share the substructures; all call this function, and all get the result.
+    callback : callable, optional
+        Called as ``callback(iteration, residual, iterate)``.
+
+    Returns
+    -------
+    Dataset
+        Follows ``MACRO_RESULT``. A step that did not converge is NaN with ``converged`` 0, and
+        the later ones are not tried. Attributes: ``unknowns``, ``coarse_unknowns``, ``substructures``, ``interfaces``.
+
+    Raises
+    ------
+    CaseError
+        If load factors do not fit the load cases.
+
+    Notes
+    -----
+    Each iteration is a *local stage*, one scalar projection for each link and a mean for each
+    interface, and a *linear stage*, one solve for each substructure with factors that last
+    until the status of a link changes, and one coarse solve. Anderson acceleration combines
+    the last iterates. One process with :func:`multiscale.macro.solve_static` is faster at every
+    size that fits it.
+
+    References
+    ----------
+    .. [1] P. Ladevèze, D. Dureisseix, Int. J. Numer. Methods Eng. 48 (2000) 1183-1200.
+    .. [2] K. Nineb, P. Alart, D. Dureisseix, Int. J. Numer. Methods Eng. (2007), on tensegrities.
+    """
+    factors = _load_factors(problem, load_factor)
+    method = Latin(problem, coarse=coarse, updated=updated, team=team)
+    error_bound = None
+    if coarse and not problem.joints:
+        error_bound = ErrorBound(method.stack, method.sides, method.k0.matrix, method.own)
+    columns: list[dict[str, Any]] = []
+    for factor in factors:
+        if columns and not columns[-1]["converged"]:  # a path ends with its first failure
+            columns.append(columns[-1] | {"iterations": 0, "wall_time": 0.0})
+            continue
+        load = method.stack.load @ factor
+        columns.append(_solve_step(method, load, error_bound, tolerance, max_iterations, callback))
+    return _dataset(method, factors, columns)
+
+
+def _solve_step(
+    method: Latin,
+    load: np.ndarray,
+    error_bound: ErrorBound | None,
+    tolerance: float,
+    max_iterations: int,
+    callback: Callable[[int, float, Iterate], None] | None,
+) -> dict[str, Any]:
+    """Iterate on one load until the error is small enough."""
+    clock = perf_counter()
+    acceleration = Anderson(method.team, method.z.size)
+    status, residual, due = Status.MAX_ITERATIONS, np.inf, UPDATE
+    for iteration in range(1, max_iterations + 1):
+        z, r, found = method.iterate(load)
+        change = method.distance(z, r)
+        size = acceleration.norm(change)
+        residual = size / (method.size(found, acceleration) or 1.0)
+        if callback is not None:
+            callback(iteration, residual, found)
+        if not np.isfinite(residual):
+            status = Status.NOT_FINITE
+            break
+        if residual <= HEURISTIC * tolerance:
+            status = Status.CONVERGED
+            break
+        x = acceleration.next(np.append(method.z, method.r), np.append(z, r), change, size)
+        method.z, method.r = x[: z.size], x[z.size :]
+        if method.updated and iteration >= due:
+            due = iteration + UPDATE
+            if method.update():
+                acceleration.forget()
+    converged, bound = status is Status.CONVERGED, np.nan
+    if converged:
+        if error_bound is not None:
+            measured = error_bound.evaluate(found.u, found.tension, found.force, method.team)
+            bound = measured.relative
+        method.z, method.r = z, r
+        method.commit()
+    return {
+        "found": found,
+        "converged": int(converged),
+        "residual": residual,
+        "error_bound": bound,
+        "iterations": iteration,
+        "wall_time": perf_counter() - clock,
+    }
+
+
+def _load_factors(problem: Problem, load_factor: float | np.ndarray) -> np.ndarray:
+    """One row of factors for each step."""
+    factors = np.asarray(load_factor, dtype=float)
+    cases = problem.n_cases
+    if factors.ndim < 2 and cases == 1:
+        factors = factors.reshape(-1, 1)
+    if factors.ndim != 2 or factors.shape[1] != cases or not np.isfinite(factors).all():
+        raise CaseError(
+            f"load_factor must have one finite column for each of {cases} load cases, got shape "
+            f"{np.shape(load_factor)}"
+        )
+    return factors
+
+
+def _dataset(method: Latin, factors: np.ndarray, columns: list[dict[str, Any]]) -> "xr.Dataset":
+    """Put the parts of all processes together."""
+    problem = method.problem
+    values: dict[str, Any] = {
+        name: np.array([column[name] for column in columns])
+        for name in ("converged", "residual", "error_bound", "iterations", "wall_time")
+    }
+    fields = [_fields(method, column["found"]) for column in columns]
+    for name in fields[0]:
+        field = np.array([item[name] for item in fields])
+        field[values["converged"] == 0] = np.nan
+        values[name] = field
+    if factors.shape[1] == 1:
+        values["load_factor"] = factors[:, 0]
+    values["position"] = problem.position
+    result = MACRO_RESULT.build(
+        values,
+        unknowns=problem.n,
+        coarse_unknowns=method.n_coarse if method.coarse_wanted else 0,
+        substructures=len(problem.substructures),
+        interfaces=len(problem.interfaces),
+    )
+    return result.assign_coords(component=["x", "y", "z"])
+
+
+def _fields(method: Latin, found: Iterate) -> dict[str, np.ndarray]:
+    """Displacement of the nodes and tension and slack of the links of all processes."""
+    problem, team = method.problem, method.team
+    numbers = np.concatenate([part.unknown for part in problem.substructures])
+    shares = np.bincount(numbers, minlength=problem.n)
+    u = np.bincount(numbers, team.concatenate(found.u), minlength=problem.n) / np.maximum(shares, 1)
+    displacement = np.append(u, 0.0)[problem.number[:, :3]]
+    if not problem.n_links:
+        return {"displacement": displacement}
+    order = np.concatenate([part.links.number for part in problem.substructures if part.links])
+    tension, slack = np.empty(order.size), np.empty(order.size)
+    tension[order] = team.concatenate(method.admissible(found.tension))
+    slack[order] = team.concatenate(method.slack())
+    return {"displacement": displacement, "tension": tension, "slack": slack}

@@ -1,0 +1,243 @@
+"""Substructures against monolithic solvers: tensegrity, plate and rough joint."""
+
+import numpy as np
+import pytest
+from scipy.sparse import csr_array, vstack
+from scipy.sparse.linalg import spsolve
+
+from multiscale.errors import CaseError
+from multiscale.laws import Exponential, Frictional
+from multiscale.laws.bulk import Elastic
+from multiscale.laws.link import Cable
+from multiscale.macro import Body, solve_interface, solve_static, tensegrity_grid
+from multiscale.macro.continuum.blocks import box_mesh
+from multiscale.macro.substructures import (
+    Joint,
+    bisect,
+    cut_bodies,
+    cut_links,
+    solve_latin,
+    split_boxes,
+    split_grid,
+)
+
+
+def tension_error(system, tension, reference):
+    """Error of tensions in the norm of 1/k, relative to their change from the prestress."""
+    k = system.stiffness
+    change = np.sqrt(np.sum((reference - system.prestress) ** 2 / k))
+    return float(np.sqrt(np.sum((tension - reference) ** 2 / k)) / change)
+
+
+@pytest.fixture(scope="module")
+def grid():
+    return tensegrity_grid(8, prestress=2550.0 / 4.0)
+
+
+@pytest.fixture(scope="module")
+def tensions(grid):
+    return {a: solve_static(grid, a).tension.values for a in (0.25, 1.0, 4.0)}
+
+
+@pytest.mark.parametrize("load_factor", [0.25, 1.0, 4.0])
+@pytest.mark.parametrize("parts", [1, 2, 4, 8])
+def test_substructures_of_a_tensegrity_have_the_monolithic_tensions(
+    grid, tensions, parts, load_factor
+):
+    result = solve_latin(cut_links(grid, split_grid(grid, (parts, parts))), load_factor)
+    assert result.converged == 1
+    error = tension_error(grid, result.tension.values[0], tensions[load_factor])
+    assert error < 1e-8
+    # the bound holds, and the result says how large the coarse problem was
+    assert error <= float(result.error_bound[0]) < 1e-3
+    assert result.attrs["substructures"] == parts**2
+
+
+def test_a_cut_grid_has_the_sturdy_and_weak_interfaces_of_the_source():
+    grid = tensegrity_grid(16)
+    problem = cut_links(grid, split_grid(grid, (4, 4)))
+    sides = [len(interface.sides) for interface in problem.interfaces]
+    assert sides.count(2) == 24
+    assert sides.count(4) == 9
+
+
+def test_loads_step_by_step_end_where_one_step_does(grid, tensions):
+    problem = cut_links(grid, split_grid(grid, (2, 2)))
+    result = solve_latin(problem, np.array([0.25, 1.0]))
+    for step, load_factor in enumerate((0.25, 1.0)):
+        assert tension_error(grid, result.tension.values[step], tensions[load_factor]) < 1e-8
+
+
+def test_any_cut_into_connected_pieces_gives_the_same_tensions(grid, tensions):
+    owner = bisect(grid, 5)
+    result = solve_latin(cut_links(grid, owner), 1.0, max_iterations=1000)
+    assert result.converged == 1
+    assert tension_error(grid, result.tension.values[0], tensions[1.0]) < 1e-8
+
+
+def count_iterations(grid, problem, reference, load_factor, **options):
+    """Iterations until the tensions are within 1e-6 of the monolithic ones."""
+    order = np.concatenate([part.links.number for part in problem.substructures])
+    errors = []
+
+    def note(iteration, residual, iterate):
+        full = np.empty(order.size)
+        full[order] = iterate.tension
+        errors.append(tension_error(grid, full, reference))
+
+    solve_latin(problem, load_factor, callback=note, tolerance=1e-5, **options)
+    return next(k for k, error in enumerate(errors, 1) if error < 1e-6)
+
+
+def test_the_coarse_problem_and_updated_directions_keep_the_iterations_few():
+    grid = tensegrity_grid(16)
+    problem = cut_links(grid, split_grid(grid, (8, 8)))
+    for load_factor in (0.25, 1.0, 2.0):
+        reference = solve_static(grid, load_factor).tension.values
+        assert count_iterations(grid, problem, reference, load_factor) <= 50
+    fixed = solve_latin(problem, 2.0, updated=False, max_iterations=60)
+    alone = solve_latin(problem, 2.0, coarse=False, max_iterations=60)
+    assert fixed.converged == alone.converged == 0
+    assert np.isnan(fixed.tension).all()
+
+
+def test_the_bound_is_guaranteed_at_every_stage_of_the_iteration(grid, tensions):
+    problem = cut_links(grid, split_grid(grid, (4, 4)))
+    for tolerance in (3e-1, 3e-2, 1e-3, 1e-5):
+        result = solve_latin(problem, 1.0, tolerance=tolerance)
+        error = tension_error(grid, result.tension.values[0], tensions[1.0])
+        assert error <= 1.5 * float(result.error_bound[0])
+
+
+def assembled(problem):
+    """Stiffness and loads of the whole structure."""
+    K, load = csr_array((problem.n, problem.n)), np.zeros((problem.n, problem.n_cases))
+    for part in problem.substructures:
+        place = placement(problem, part)
+        K, load = K + place.T @ part.stiffness @ place, load + place.T @ part.load
+    return csr_array(K), load
+
+
+def placement(problem, part):
+    """Unknowns of a substructure out of those of the structure."""
+    rows = np.arange(part.n)
+    return csr_array((np.ones(part.n), (rows, part.unknown)), shape=(part.n, problem.n))
+
+
+def jump_operator(problem):
+    """Jump at all points: normal first, then each tangent; and weights."""
+    rows = [[], [], []]
+    for joint in problem.joints:
+        first, second = (
+            trace @ placement(problem, problem.substructures[side])
+            for side, trace in zip(joint.sides, joint.trace, strict=True)
+        )
+        for direction, jump in enumerate(np.split(np.arange(joint.size), 3)):
+            rows[direction].append(csr_array(second - first)[jump])
+    weight = np.concatenate([joint.weight for joint in problem.joints])
+    return csr_array(vstack([vstack(block) for block in rows])), weight
+
+
+@pytest.mark.parametrize("parts", [1, 2, 4])
+def test_substructures_of_a_plate_bend_like_the_plate(parts):
+    clamped = (0.0, 0.0, 0.0)
+    plate = Body(
+        box_mesh((4.0, 4.0, 0.2), (16, 16, 1)),
+        Elastic(70e9, 0.3),
+        supports={"left": clamped, "right": clamped},
+        tractions={"top": (0.0, 0.0, -1e3)},
+    )
+    problem = cut_bodies([plate], [split_boxes(plate, (parts, parts, 1))])
+    K, load = assembled(problem)
+    expected = np.append(spsolve(K.tocsc(), load[:, 0]), 0.0)[problem.number]
+    result = solve_latin(problem)
+    assert result.converged == 1
+    assert result.iterations <= 30
+    size = np.abs(expected).max()
+    np.testing.assert_allclose(result.displacement[0], expected, atol=1e-8 * size)
+
+
+def stacked_blocks(law, parts, times=(1.0,)):
+    """Two steel blocks of 20 mm under a pressure that is not quite even, then pushed."""
+    elements = (4, 4, 3)
+    lower = Body(
+        box_mesh((0.02, 0.02, 0.02), elements, origin=(0.0, 0.0, -0.02)),
+        Elastic(210e9, 0.3),
+        supports={"bottom": (0.0, 0.0, 0.0)},
+    )
+    upper = Body(
+        box_mesh((0.02, 0.02, 0.02), elements),
+        Elastic(210e9, 0.3),
+        supports={"front": (None, 0.0, None)},
+        tractions={
+            "top": (
+                lambda x, t: 1.4e6 * (t - 1.0),
+                0.0,
+                lambda x, t: -20e6 * (1.0 + 20.0 * (x[0] - 0.01)),
+            )
+        },
+    )
+    owners = [split_boxes(body, (parts, parts, 1)) for body in (lower, upper)]
+    joint = Joint((0, 1), ("top", "bottom"), law)
+    return cut_bodies([lower, upper], owners, [joint], times=times)
+
+
+@pytest.mark.parametrize("parts", [1, 2])
+def test_a_rough_joint_with_friction_loaded_and_unloaded_is_the_monolithic_one(parts):
+    law = Frictional(Exponential(1e9, 0.4e-6), 0.2)
+    times = (1.0, 2.0, 3.0, 1.5)  # pressed, pushed twice, and pushed back
+    problem = stacked_blocks(law, parts, times)
+    result = solve_latin(problem, np.eye(len(times)))
+    assert np.all(result.converged == 1)
+
+    K, load = assembled(problem)
+    jump, weight = jump_operator(problem)
+    state, u = np.zeros((4, weight.size)), None
+    for step in range(len(times)):
+        solution = solve_interface(K, load[:, step], jump, weight, law, state=state, start=u)
+        assert solution.converged
+        u = solution.value
+        state = law.respond((jump @ u).reshape(3, -1), state).state
+        expected = np.append(u, 0.0)[problem.number]
+        size = np.abs(expected).max()
+        np.testing.assert_allclose(result.displacement[step], expected, atol=1e-8 * size)
+
+
+def test_a_joint_that_is_pushed_beyond_its_friction_ends_the_path():
+    law = Frictional(Exponential(1e9, 0.4e-6), 0.2)  # 4 MPa are the limit
+    result = solve_latin(stacked_blocks(law, 1, (1.0, 6.0, 1.0)), np.eye(3), max_iterations=60)
+    np.testing.assert_array_equal(result.converged, [1, 0, 0])
+    assert np.isnan(result.displacement[1:]).all()
+
+
+@pytest.mark.parametrize("decay_length", [4e-9, 4e-7, 1e-4])
+@pytest.mark.parametrize("pressure_scale", [1e3, 1e9, 1e15])
+def test_joints_from_hard_to_soft_converge(pressure_scale, decay_length):
+    law = Frictional(Exponential(pressure_scale, decay_length), 0.3)
+    assert solve_latin(stacked_blocks(law, 1)).converged == 1
+
+
+def test_bad_cuts_are_refused(grid):
+    with pytest.raises(CaseError, match="one entry per link"):
+        cut_links(grid, np.zeros(3, dtype=int))
+    owner = np.zeros(grid.n_links, dtype=int)
+    owner[:] = 2 * (split_grid(grid, (2, 2)) == 3)
+    with pytest.raises(CaseError, match="substructure 1 has no links"):
+        cut_links(grid, owner)
+    corners = np.isin(split_grid(grid, (4, 4)), [0, 15]).astype(int)
+    with pytest.raises(CaseError, match="substructure 1 is in 2 pieces"):
+        cut_links(grid, corners)
+    stiff = tensegrity_grid(4, cable=Cable(np.inf))
+    with pytest.raises(CaseError, match="extensible"):
+        cut_links(stiff, split_grid(stiff, (2, 2)))
+    with pytest.raises(CaseError, match="load cases"):
+        solve_latin(cut_links(grid, split_grid(grid, (2, 2))), np.ones((2, 3)))
+
+
+def test_faces_that_do_not_match_are_refused():
+    lower = Body(box_mesh((1.0, 1.0, 1.0), (2, 2, 1), origin=(0, 0, -1.0)), Elastic(1e9, 0.3))
+    upper = Body(box_mesh((1.0, 1.0, 1.0), (3, 3, 1)), Elastic(1e9, 0.3))
+    whole = [np.zeros(4, dtype=int), np.zeros(9, dtype=int)]
+    joint = Joint((0, 1), ("top", "bottom"), Exponential(1e9, 1e-6))
+    with pytest.raises(CaseError, match="do not match"):
+        cut_bodies([lower, upper], whole, [joint])
