@@ -64,7 +64,8 @@ def solve_latin(
     -------
     Dataset
         Follows ``MACRO_RESULT``. A step that did not converge is NaN with ``converged`` 0, and
-        the later ones are not tried. Attributes: ``unknowns``, ``coarse_unknowns``, ``substructures``, ``interfaces``.
+        the later ones are not tried. Attributes: ``unknowns``, ``coarse_unknowns``,
+        ``substructures``, ``interfaces``.
 
     Raises
     ------
