@@ -2,7 +2,8 @@
 
 from multiscale.macro.substructures.bodies import Joint, cut_bodies, split_boxes
 from multiscale.macro.substructures.cut import bisect, cut_links, split_grid
-from multiscale.macro.substructures.parallel import Alone, Ranks, Team
+from multiscale.macro.substructures.motion import simulate_latin
+from multiscale.macro.substructures.parallel import Alone, Ranks, Team, world
 from multiscale.macro.substructures.problem import Interface, Links, Problem, Substructure
 from multiscale.macro.substructures.solve import solve_latin
 
@@ -18,7 +19,9 @@ __all__ = [
     "bisect",
     "cut_bodies",
     "cut_links",
+    "simulate_latin",
     "solve_latin",
     "split_boxes",
     "split_grid",
+    "world",
 ]

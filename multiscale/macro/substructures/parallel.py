@@ -1,10 +1,17 @@
 """Substructures over processes."""
 
+from importlib import import_module
+from os import environ
 from typing import Any, Protocol
 
 import numpy as np
 
-__all__ = ["Alone", "Ranks", "Team", "share"]
+from multiscale.errors import CaseError
+
+__all__ = ["Alone", "Ranks", "Team", "share", "world"]
+
+LAUNCHERS = ("PMI_SIZE", "PMI_RANK", "OMPI_COMM_WORLD_SIZE", "PMIX_RANK")
+"""Variables of the environment that ``mpiexec`` sets."""
 
 
 class Team(Protocol):
@@ -69,6 +76,27 @@ class Ranks:
         out = np.empty((self.size, *value.shape))
         self.communicator.Allgather(value, out)
         return np.asarray(out.sum(axis=0))
+
+
+def world() -> Team:
+    """Processes that ``mpiexec`` has started, or this one alone.
+
+    Without ``mpiexec`` nothing of MPI is loaded.
+
+    Raises
+    ------
+    CaseError
+        If it was started by ``mpiexec`` and mpi4py is missing.
+    """
+    if not any(name in environ for name in LAUNCHERS):
+        return Alone()
+    try:
+        communicator = import_module("mpi4py.MPI").COMM_WORLD
+    except ImportError as error:
+        raise CaseError(
+            "started by mpiexec, but mpi4py is not installed; pip install 'multiscale[mpi]'"
+        ) from error
+    return Ranks(communicator)
 
 
 def share(count: int, team: Team) -> range:

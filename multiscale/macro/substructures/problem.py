@@ -156,6 +156,16 @@ class Problem:
         """Number of load cases."""
         return int(self.substructures[0].load.shape[1])
 
+    def sum_up(self, values: Sequence[np.ndarray]) -> np.ndarray:
+        """Sum over the substructures that share an unknown, shape (n,)."""
+        numbers = np.concatenate([part.unknown for part in self.substructures])
+        return np.bincount(numbers, np.concatenate(values), minlength=self.n)
+
+    def average(self, value: np.ndarray) -> np.ndarray:
+        """Mean over the substructures of values given one after the other, shape (n,)."""
+        ones = [np.ones(part.n) for part in self.substructures]
+        return self.sum_up([value]) / np.maximum(self.sum_up(ones), 1.0)
+
     @property
     def n_links(self) -> int:
         """Number of links."""

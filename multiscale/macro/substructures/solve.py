@@ -18,7 +18,7 @@ from multiscale.schema import MACRO_RESULT
 if TYPE_CHECKING:
     import xarray as xr
 
-__all__ = ["solve_latin"]
+__all__ = ["join_fields", "solve_latin", "solve_step"]
 
 HEURISTIC = 0.1
 """Change in an iteration, relative to the tolerance, at which the error counts as within it."""
@@ -96,11 +96,11 @@ def solve_latin(
             columns.append(columns[-1] | {"iterations": 0, "wall_time": 0.0})
             continue
         load = method.stack.load @ factor
-        columns.append(_solve_step(method, load, error_bound, tolerance, max_iterations, callback))
+        columns.append(solve_step(method, load, error_bound, tolerance, max_iterations, callback))
     return _dataset(method, factors, columns)
 
 
-def _solve_step(
+def solve_step(
     method: Latin,
     load: np.ndarray,
     error_bound: ErrorBound | None,
@@ -189,15 +189,27 @@ def _dataset(method: Latin, factors: np.ndarray, columns: list[dict[str, Any]]) 
 
 def _fields(method: Latin, found: Iterate) -> dict[str, np.ndarray]:
     """Displacement of the nodes and tension and slack of the links of all processes."""
+    problem = method.problem
+    u = problem.average(method.team.concatenate(found.u))
+    fields = {"displacement": np.append(u, 0.0)[problem.number[:, :3]]}
+    return fields | join_fields(method, method.admissible(found.tension))
+
+
+def join_fields(method: Latin, tension: np.ndarray) -> dict[str, np.ndarray]:
+    """Tension and slack of the links of all processes in the order of the structure.
+
+    Parameters
+    ----------
+    method : Latin
+    tension : ndarray, shape (rows,)
+        Of the links of this process, N.
+    """
     problem, team = method.problem, method.team
-    numbers = np.concatenate([part.unknown for part in problem.substructures])
-    shares = np.bincount(numbers, minlength=problem.n)
-    u = np.bincount(numbers, team.concatenate(found.u), minlength=problem.n) / np.maximum(shares, 1)
-    displacement = np.append(u, 0.0)[problem.number[:, :3]]
     if not problem.n_links:
-        return {"displacement": displacement}
+        return {}
     order = np.concatenate([part.links.number for part in problem.substructures if part.links])
-    tension, slack = np.empty(order.size), np.empty(order.size)
-    tension[order] = team.concatenate(method.admissible(found.tension))
-    slack[order] = team.concatenate(method.slack())
-    return {"displacement": displacement, "tension": tension, "slack": slack}
+    fields = {}
+    for name, value in (("tension", tension), ("slack", method.slack())):
+        fields[name] = np.empty(order.size)
+        fields[name][order] = team.concatenate(value)
+    return fields

@@ -1,0 +1,43 @@
+"""Time steps of cut structures against those of the whole."""
+
+import numpy as np
+import pytest
+
+from multiscale.errors import CaseError
+from multiscale.macro import cut_links, simulate, solve_static, tensegrity_grid
+from multiscale.macro.substructures import simulate_latin, split_grid
+
+
+@pytest.mark.parametrize("theta", [0.5, 1.0])
+def test_a_cut_grid_that_loses_its_load_moves_like_the_whole(theta):
+    grid = tensegrity_grid(4, prestress=2550.0 / 16.0)
+    begin = solve_static(grid, 1.0)
+    assert (begin.slack > 0.0).any()
+    rest = (begin.displacement.values, np.zeros_like(begin.displacement.values))
+    times = np.linspace(0.0, 0.1, 21)
+
+    def gone(time):
+        return 0.0
+
+    whole = simulate(grid, times, 2.0, load_factor=gone, start=rest, theta=theta)
+    problem = cut_links(grid, split_grid(grid, (2, 2)))
+    parts = simulate_latin(problem, times, 2.0, load_factor=gone, start=rest, theta=theta)
+    assert np.all(parts.converged == 1)
+    for name in ("displacement", "velocity", "tension"):
+        scale = float(np.abs(whole[name]).max())
+        np.testing.assert_allclose(parts[name], whole[name], atol=1e-7 * scale)
+
+
+def test_steps_that_differ_and_masses_that_do_not_fit_are_refused():
+    grid = tensegrity_grid(2)
+    problem = cut_links(grid, split_grid(grid, (2, 1)))
+    with pytest.raises(CaseError, match="equal steps"):
+        simulate_latin(problem, np.array([0.0, 1.0, 3.0]), 1.0)
+    with pytest.raises(CaseError, match="at least two"):
+        simulate_latin(problem, np.array([0.0]), 1.0)
+    with pytest.raises(CaseError, match="mass must be positive"):
+        simulate_latin(problem, np.array([0.0, 1.0]), 0.0)
+    with pytest.raises(CaseError, match="one per node"):
+        simulate_latin(problem, np.array([0.0, 1.0]), np.ones(3))
+    with pytest.raises(CaseError, match="theta"):
+        simulate_latin(problem, np.array([0.0, 1.0]), 1.0, theta=0.2)
