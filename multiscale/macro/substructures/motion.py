@@ -2,6 +2,7 @@
 
 from collections.abc import Callable
 from dataclasses import replace
+from itertools import pairwise
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -85,11 +86,10 @@ def simulate_latin(
     force = problem.sum_up([part.load[:, 0] for part in problem.substructures])
     u, v = _initial(problem, start)
     tension = _tension(method, u[local])
-    rows = [
-        _row(method, times[0], u, v, tension, {"converged": 1, "residual": 0.0, "wall_time": 0.0})
-    ]
+    at_rest = {"converged": 1, "residual": 0.0, "wall_time": 0.0}
+    rows = [_row(method, times[0], u, v, tension, at_rest)]
 
-    for old, time in zip(times[:-1], times[1:], strict=True):
+    for old, time in pairwise(times):
         load = theta * load_factor(time) + (1.0 - theta) * load_factor(old)
         pull = method.stack.links.operator.T @ tension
         held = method.team.total(np.bincount(local, pull, minlength=problem.n))
@@ -127,10 +127,9 @@ def _masses(problem: Problem, mass: float | np.ndarray) -> np.ndarray:
     if np.ndim(mass) and np.shape(mass) != (nodes,):
         raise CaseError(f"mass must be one number or one per node ({nodes},), got {np.shape(mass)}")
     spread = np.broadcast_to(np.asarray(mass, dtype=float), (nodes,))
+    free = problem.number >= 0
     at = np.empty(problem.n)
-    at[problem.number[problem.number >= 0]] = np.repeat(
-        spread[:, None], problem.number.shape[1], 1
-    )[problem.number >= 0]
+    at[problem.number[free]] = np.broadcast_to(spread[:, None], free.shape)[free]
     if not np.all((at > 0.0) & np.isfinite(at)):
         raise CaseError(f"mass must be positive and finite (kg), got {at.min():g}")
     return at

@@ -79,7 +79,7 @@ class Ranks:
 
 
 def world() -> Team:
-    """Processes that ``mpiexec`` has started, or this one alone.
+    """Return the processes that ``mpiexec`` has started, or this one alone.
 
     Without ``mpiexec`` nothing of MPI is loaded.
 

@@ -164,7 +164,7 @@ class Problem:
     def average(self, value: np.ndarray) -> np.ndarray:
         """Mean over the substructures of values given one after the other, shape (n,)."""
         ones = [np.ones(part.n) for part in self.substructures]
-        return self.sum_up([value]) / np.maximum(self.sum_up(ones), 1.0)
+        return np.asarray(self.sum_up([value]) / np.maximum(self.sum_up(ones), 1.0))
 
     @property
     def n_links(self) -> int:
