@@ -8,7 +8,7 @@ from scipy.sparse.linalg import spsolve
 from multiscale.errors import CaseError
 from multiscale.laws import Exponential, Frictional
 from multiscale.laws.bulk import Elastic
-from multiscale.laws.link import Cable
+from multiscale.laws.link import Bar, Cable
 from multiscale.macro import Body, solve_interface, solve_static, tensegrity_grid
 from multiscale.macro.continuum.blocks import box_mesh
 from multiscale.macro.substructures import (
@@ -107,6 +107,20 @@ def test_the_bound_is_guaranteed_at_every_stage_of_the_iteration(grid, tensions)
         result = solve_latin(problem, 1.0, tolerance=tolerance)
         error = tension_error(grid, result.tension.values[0], tensions[1.0])
         assert error <= 1.5 * float(result.error_bound[0])
+
+
+@pytest.mark.parametrize(
+    ("ratio", "prestress", "load_factor"),
+    [(1.0, 1.0, 4.0), (1e3, 1.0, 1.0), (20.0, 0.0, 1.0), (20.0, 1e-6, 1000.0), (20.0, 1e3, 4.0)],
+)
+def test_stiff_bars_and_prestress_from_none_to_much_converge(ratio, prestress, load_factor):
+    stress = prestress * 2550.0 / 4.0
+    grid = tensegrity_grid(8, prestress=stress, bar=Bar(4e6 * ratio))
+    reference = solve_static(grid, load_factor).tension.values
+    result = solve_latin(cut_links(grid, split_grid(grid, (4, 4))), load_factor)
+    assert result.converged == 1
+    assert tension_error(grid, result.tension.values[0], reference) < 1e-8
+    assert np.isinf(result.error_bound) == (prestress == 0.0)
 
 
 def assembled(problem):

@@ -122,9 +122,9 @@ class ErrorBound:
                 tension > links.upper, (links.upper - tension) / links.prestress, short
             )
         wrong = (tension < links.lower) | (tension > links.upper)
-        impossible = wrong & ~(
-            np.isfinite(short) & (short > 0.0) & self.self_stressed[self.part_of_link]
-        )
+        helps = np.isfinite(short) & (short > 0.0) & self.self_stressed[self.part_of_link]
+        if np.any(wrong & ~helps):
+            return tension, False
         need = np.zeros(len(self.stack.start) - 1)
         np.maximum.at(need, self.part_of_link[wrong], short[wrong])
-        return tension + need[self.part_of_link] * links.prestress, not impossible.any()
+        return tension + need[self.part_of_link] * links.prestress, True

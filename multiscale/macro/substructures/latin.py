@@ -20,7 +20,7 @@ FIRST, TAUT, SLACK = 0.5, 10.0, 0.05
 UPDATE = 8
 """Iterations between two looks at the status."""
 
-FEW, SOFTER, SOFTEST = 3e-3, 0.3, 1e-3
+FEW, SOFTER, SOFTEST = 3e-2, 0.3, 1e-3
 """If less than this part of the links changes its status, slack ones get a direction softer by
 this factor, down to this: the directions tend to the tangent, which near mechanisms need."""
 
