@@ -11,6 +11,7 @@ if TYPE_CHECKING:
 
 __all__ = [
     "COMPONENTS",
+    "DAMAGE_SECTIONS",
     "FIELDS",
     "INTERFACE_LAW",
     "MACRO_RESULT",
@@ -300,7 +301,39 @@ WORK_PRECISION = Schema(
     },
 )
 
+DAMAGE_SECTIONS = Schema(
+    name="damage_sections",
+    version=1,
+    variables={
+        "normal": Variable(("direction", "axis"), "1", "unit normals of the sections"),
+        "offset": Variable(("direction", "section"), "m", "distance from the centre"),
+        "damage": Variable(("direction", "section"), "1", "damaged over whole area, eq (1)"),
+        "maximum_damage": Variable((), "1", "largest damage found"),
+        "worst_normal": Variable(("axis",), "1", "normal of the worst plane"),
+        "worst_offset": Variable((), "m", "distance of the worst plane from the centre"),
+        "mean_damage": Variable((), "1", "mean damage of the sections"),
+        "quantile_damage": Variable(("quantile_rank",), "1", "quantiles of the damage"),
+        "quantile": Variable(("quantile_rank",), "1", "share of sections with less damage"),
+        "anisotropy": Variable(
+            ("axis", "other_axis"), "1", "tensor T nearest to n.Tn = damage of the worst section"
+        ),
+        "box_size": Variable(("axis",), "m", "size of the representative volume"),
+    },
+    optional={
+        "resolution_error": Variable(
+            (), "1", "change of the largest damage from half the resolution"
+        ),
+    },
+)
+
 SCHEMAS = {
     schema.name: schema
-    for schema in (MICRO_RESPONSE, INTERFACE_LAW, MACRO_RESULT, FIELDS, WORK_PRECISION)
+    for schema in (
+        MICRO_RESPONSE,
+        INTERFACE_LAW,
+        MACRO_RESULT,
+        FIELDS,
+        WORK_PRECISION,
+        DAMAGE_SECTIONS,
+    )
 }
