@@ -12,11 +12,13 @@ if TYPE_CHECKING:
 __all__ = [
     "COMPONENTS",
     "DAMAGE_SECTIONS",
+    "FATIGUE",
     "FIELDS",
     "INTERFACE_LAW",
     "MACRO_RESULT",
     "MICRO_RESPONSE",
     "SCHEMAS",
+    "WOEHLER",
     "WORK_PRECISION",
     "Schema",
     "Variable",
@@ -326,6 +328,35 @@ DAMAGE_SECTIONS = Schema(
     },
 )
 
+FATIGUE = Schema(
+    name="fatigue",
+    version=1,
+    variables={
+        "cycles": Variable(("record",), "1", "number of cycles"),
+        "damage": Variable(("record",), "1", "damage of the micro-inclusion"),
+        "plastic_strain": Variable(("record",), "1", "accumulated plastic strain of it"),
+        "cycles_to_initiation": Variable((), "1", "cycles until damage sets in"),
+        "cycles_to_rupture": Variable((), "1", "cycles until a crack starts"),
+        "run_out": Variable((), "1", "whether the inclusion stays elastic"),
+        "computed_cycles": Variable((), "1", "cycles whose stress path was followed"),
+        "converged": Variable((), "1", "whether rupture or run-out was reached"),
+        "wall_time": Variable((), "s", "wall time"),
+    },
+)
+
+WOEHLER = Schema(
+    name="woehler",
+    version=1,
+    variables={
+        "amplitude": Variable(("step",), "Pa", "half the range of stress"),
+        "cycles_to_initiation": Variable(("step",), "1", "cycles until damage sets in"),
+        "cycles_to_rupture": Variable(("step",), "1", "cycles until a crack starts"),
+        "run_out": Variable(("step",), "1", "whether the inclusion stays elastic"),
+        "converged": Variable(("step",), "1", "whether rupture or run-out was reached"),
+        "wall_time": Variable(("step",), "s", "wall time"),
+    },
+)
+
 SCHEMAS = {
     schema.name: schema
     for schema in (
@@ -335,5 +366,7 @@ SCHEMAS = {
         FIELDS,
         WORK_PRECISION,
         DAMAGE_SECTIONS,
+        FATIGUE,
+        WOEHLER,
     )
 }

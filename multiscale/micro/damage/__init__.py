@@ -11,24 +11,50 @@ from multiscale.micro.damage.bodies import (
     spheres,
 )
 from multiscale.micro.damage.cavities import Cavities, crack_density_tensor, voxelise
+from multiscale.micro.damage.elasticity import (
+    hashin_shtrikman_bound,
+    isotropic_stiffness,
+    symmetry_class,
+    voigt_bound,
+    youngs_modulus_along,
+)
+from multiscale.micro.damage.fatigue import (
+    Block,
+    FatigueMaterial,
+    two_scale_fatigue,
+    woehler_curve,
+)
+from multiscale.micro.damage.mesh_stiffness import mesh_stiffness
 from multiscale.micro.damage.packing import boolean_spheres, lattice, random_spheres
+from multiscale.micro.damage.rve import effective_stiffness
 from multiscale.micro.damage.sections import max_damage, plane_damage
 
 __all__ = [
+    "Block",
     "Cavities",
     "Cracks",
     "Cylinders",
     "Ellipsoids",
+    "FatigueMaterial",
     "VoxelImage",
     "boolean_spheres",
     "crack_density_tensor",
     "cylinders",
+    "effective_stiffness",
     "ellipsoids",
+    "hashin_shtrikman_bound",
+    "isotropic_stiffness",
     "lattice",
     "max_damage",
+    "mesh_stiffness",
     "penny_cracks",
     "plane_damage",
     "random_spheres",
     "spheres",
+    "symmetry_class",
+    "two_scale_fatigue",
+    "voigt_bound",
     "voxelise",
+    "woehler_curve",
+    "youngs_modulus_along",
 ]

@@ -1,0 +1,137 @@
+r"""Effective stiffness of a volume with cavities and cracks, on a mesh that follows them.
+
+With the linear displacement of a mean strain, :math:`x \mapsto \bar\varepsilon x`, at all nodes and
+a periodic one of unknowns :math:`w`, the displacement is :math:`u = u_\varepsilon + P w` and
+
+.. math:: P^t K P\, w = -P^t K u_\varepsilon, \qquad
+    V\, \bar\varepsilon_i : \bar C : \bar\varepsilon_j = u_i^t K u_j,    \tag{1}
+
+V being the volume of the whole box. The error of the energy is second order in that of u, and the
+stiffness is an upper bound for the cavities meshed.
+"""
+
+from time import perf_counter
+
+import numpy as np
+from scipy.sparse import block_diag, csr_array
+
+from multiscale.convergence import Solution, Status
+from multiscale.errors import CaseError
+from multiscale.linalg import factorise
+from multiscale.micro.assembly import assemble_elasticity
+from multiscale.micro.damage.cavities import Cavities
+from multiscale.micro.damage.mesh import mesh_cavities
+from multiscale.micro.damage.rve import check_elastic, summarise_loads
+
+__all__ = ["mesh_stiffness"]
+
+LARGEST_RESIDUAL = 1e-8
+"""Residual of the direct solver, relative to the load, above which it counts as failed."""
+
+
+def mesh_stiffness(
+    rve: Cavities,
+    youngs_modulus: float,
+    poissons_ratio: float,
+    *,
+    element_size: float,
+    quadratic: bool = True,
+) -> Solution:
+    """Effective stiffness of a periodic volume with cavities and traction-free cracks.
+
+    Parameters
+    ----------
+    rve : Cavities
+        As :func:`~.mesh.mesh_cavities` takes it.
+    youngs_modulus, poissons_ratio : float
+        Of the solid, Pa and dimensionless.
+    element_size : float
+        Edge of the elements, m.
+    quadratic : bool
+        Ten nodes an element instead of four.
+
+    Returns
+    -------
+    Solution
+        ``value`` is the stiffness, shape (6, 6), Pa, in the order of ``STRAINS``. Cracks may
+        close into each other: it is the stiffness of open ones.
+
+    Raises
+    ------
+    CaseError
+        If a modulus is outside its range or the volume cannot be meshed.
+    """
+    from skfem import Basis, ElementTetP1, ElementTetP2, MeshTet
+
+    begin = perf_counter()
+    lame, shear = check_elastic(youngs_modulus, poissons_ratio)
+    if not rve.periodic:
+        raise CaseError("the stiffness needs a periodic volume; set periodic=True")
+    mesh = mesh_cavities(rve, element_size)
+    element = ElementTetP2() if quadratic else ElementTetP1()
+    tetrahedra = MeshTet(
+        np.ascontiguousarray(mesh.points), np.ascontiguousarray(mesh.cells), validate=False
+    )
+    basis = Basis(tetrahedra, element, intorder=2 * (element.maxdeg - 1))
+    stiffness = assemble_elasticity(basis, lame, shear)
+
+    points = basis.doflocs
+    image = _images(points, np.array(rve.size))
+    kept, number = np.unique(image, return_inverse=True)
+    one = csr_array((np.ones(basis.N), (np.arange(basis.N), number)), shape=(basis.N, kept.size))
+    place = csr_array(block_diag([one, one, one]))
+    pinned = np.arange(3) * kept.size
+    free = np.setdiff1d(np.arange(3 * kept.size), pinned)
+
+    linear = np.stack([(_tensor(k) @ points).ravel() for k in range(6)], axis=1)
+    periodic = csr_array(place.T @ stiffness @ place)
+    load = -(place.T @ (stiffness @ linear))
+    matrix = periodic[free][:, free]
+    solve = factorise(matrix, name="the stiffness of the volume")
+    w = np.zeros((3 * kept.size, 6))
+    w[free] = solve(load[free])
+    u = linear + place @ w
+    energy = u.T @ (stiffness @ u) / np.prod(rve.size)
+
+    scale = np.linalg.norm(stiffness @ linear, axis=0)
+    residual = np.linalg.norm(matrix @ w[free] - load[free], axis=0) / scale
+    seconds = perf_counter() - begin
+    loads = [
+        Solution(
+            u[:, k],
+            Status.CONVERGED if residual[k] <= LARGEST_RESIDUAL else Status.STALLED,
+            (float(residual[k]),),
+            (seconds,),
+        )
+        for k in range(6)
+    ]
+    return summarise_loads(youngs_modulus * 0.5 * (energy + energy.T), loads, youngs_modulus)
+
+
+def _tensor(k: int) -> np.ndarray:
+    """Make the unit strain number k a tensor; shear strains are angles."""
+    i, j = ((0, 0), (1, 1), (2, 2), (1, 2), (0, 2), (0, 1))[k]
+    strain = np.zeros((3, 3))
+    strain[i, j] += 0.5
+    strain[j, i] += 0.5
+    return strain
+
+
+def _images(points: np.ndarray, size: np.ndarray) -> np.ndarray:
+    """Return the node that stands for each node: itself, or its image on the low sides."""
+    from scipy.spatial import KDTree
+
+    place = points.copy()
+    for k in range(3):
+        place[k, np.abs(points[k] - size[k]) < 1e-7 * size[k]] -= size[k]
+    moved = np.flatnonzero(np.any(place != points, axis=0))
+    image = np.arange(points.shape[1])
+    low = np.flatnonzero(np.any(np.abs(points) < 1e-7 * size[:, None], axis=0))
+    distance, partner = KDTree(points[:, low].T).query(place[:, moved].T)
+    if np.max(distance, initial=0.0) > 1e-5 * float(size.max()):
+        raise CaseError(
+            "gmsh meshed opposite faces of the volume differently; change element_size or move "
+            "bodies that only just reach a face"
+        )
+    image[moved] = low[partner]
+    return image
