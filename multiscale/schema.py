@@ -17,6 +17,7 @@ __all__ = [
     "INTERFACE_LAW",
     "MACRO_RESULT",
     "MICRO_RESPONSE",
+    "RVE_STIFFNESS",
     "SCHEMAS",
     "WOEHLER",
     "WORK_PRECISION",
@@ -225,6 +226,8 @@ MACRO_RESULT = Schema(
         "position": Variable(("node", "component"), "m", "position of the nodes"),
         "ends": Variable(("link", "end"), "1", "nodes at both ends of the links"),
         "law": Variable(("link",), "1", "kind of the links: bar, beam, cable or strut"),
+        "cycles": Variable(("step",), "1", "number of load cycles"),
+        "damage": Variable(("step",), "1", "damage of blocks and interface by the cycles"),
         "load_factor": Variable(("step",), "1", "factor of the loads"),
         "tension": Variable(("step", "link"), "N", "tension, compression negative"),
         "slack": Variable(("step", "link"), "m", "distance by which the ends of a link miss it"),
@@ -328,6 +331,24 @@ DAMAGE_SECTIONS = Schema(
     },
 )
 
+RVE_STIFFNESS = Schema(
+    name="rve_stiffness",
+    version=1,
+    variables={
+        "stiffness": Variable(("strain", "other_strain"), "Pa", "effective stiffness"),
+        "normal": Variable(("direction", "axis"), "1", "unit normals"),
+        "modulus_ratio": Variable(
+            ("direction",), "1", "Young's modulus along the normal over that of the solid"
+        ),
+        "damage": Variable(("direction",), "1", "damage of the worst section, eq (1)"),
+        "porosity": Variable((), "1", "volume fraction of void"),
+    },
+    optional={
+        "strain": Variable(("strain",), "1", "component of stress"),
+        "other_strain": Variable(("other_strain",), "1", "component of strain, shear as angle"),
+    },
+)
+
 FATIGUE = Schema(
     name="fatigue",
     version=1,
@@ -366,6 +387,7 @@ SCHEMAS = {
         FIELDS,
         WORK_PRECISION,
         DAMAGE_SECTIONS,
+        RVE_STIFFNESS,
         FATIGUE,
         WOEHLER,
     )

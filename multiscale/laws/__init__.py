@@ -3,6 +3,15 @@
 from multiscale.laws.area import AreaLaw
 from multiscale.laws.base import InterfaceLaw, NormalLaw, Response
 from multiscale.laws.convex_decreasing import ConvexDecreasing
+from multiscale.laws.damaged import Damaged
 from multiscale.laws.exponential import Exponential
 
-__all__ = ["AreaLaw", "ConvexDecreasing", "Exponential", "InterfaceLaw", "NormalLaw", "Response"]
+__all__ = [
+    "AreaLaw",
+    "ConvexDecreasing",
+    "Damaged",
+    "Exponential",
+    "InterfaceLaw",
+    "NormalLaw",
+    "Response",
+]

@@ -11,6 +11,7 @@ from multiscale.micro.damage.bodies import (
     spheres,
 )
 from multiscale.micro.damage.cavities import Cavities, crack_density_tensor, voxelise
+from multiscale.micro.damage.compare import compare_stiffness
 from multiscale.micro.damage.elasticity import (
     hashin_shtrikman_bound,
     isotropic_stiffness,
@@ -38,6 +39,7 @@ __all__ = [
     "FatigueMaterial",
     "VoxelImage",
     "boolean_spheres",
+    "compare_stiffness",
     "crack_density_tensor",
     "cylinders",
     "effective_stiffness",

@@ -19,7 +19,7 @@ FRONT = 0.15
 """Size of the elements at the front of a crack over its smaller semi-axis."""
 
 
-ROUND = 20
+ROUND = 14
 """Elements around a full circle of a cavity, at least."""
 
 
@@ -33,10 +33,13 @@ class CrackedMesh:
         Corners, m; on a crack there are two at one place.
     cells : ndarray of int, shape (4, elements)
         Corners of the elements.
+    front : ndarray of int
+        Corners on the fronts of cracks.
     """
 
     points: np.ndarray
     cells: np.ndarray
+    front: np.ndarray
 
 
 def mesh_cavities(rve: Cavities, element_size: float) -> CrackedMesh:
@@ -80,9 +83,11 @@ def mesh_cavities(rve: Cavities, element_size: float) -> CrackedMesh:
         points, cells, number = _arrays(gmsh)
         cracks = [kind for kind in rve.images if isinstance(kind, Cracks)]
         normals = np.concatenate([np.empty((0, 3)), *(kind.normal for kind in cracks)])
-        for (surface, front), normal in zip(discs, normals, strict=True):
-            points, cells = _open_crack(gmsh, points, cells, number, surface, front, normal)
-    return CrackedMesh(length * points, cells)
+        fronts = [np.empty(0, dtype=int)]
+        for (surface, _), normal in zip(discs, normals, strict=True):
+            fronts.append(_front(gmsh, number, surface))
+            points, cells = _open_crack(gmsh, points, cells, number, surface, normal)
+    return CrackedMesh(length * points, cells, np.concatenate(fronts))
 
 
 @contextmanager
@@ -248,13 +253,19 @@ def _arrays(gmsh: Any) -> tuple[np.ndarray, np.ndarray, dict[int, int]]:
     return points, np.searchsorted(used, corners).T.copy(), number
 
 
+def _front(gmsh: Any, number: dict[int, int], surface: int) -> np.ndarray:
+    """Corners on the edge of a crack."""
+    inside, _, _ = gmsh.model.mesh.getNodes(2, surface, includeBoundary=False)
+    whole, _, _ = gmsh.model.mesh.getNodes(2, surface, includeBoundary=True)
+    return np.array([number[int(tag)] for tag in np.setdiff1d(whole, inside)], dtype=int)
+
+
 def _open_crack(
     gmsh: Any,
     points: np.ndarray,
     cells: np.ndarray,
     number: dict[int, int],
     surface: int,
-    front: list[int],
     normal: np.ndarray,
 ) -> tuple[np.ndarray, np.ndarray]:
     """Double the corners inside a crack and give the copies to the elements above it."""

@@ -114,6 +114,13 @@ def test_bodies_that_overlap_are_counted_once():
     assert plane_damage(twice, (1, 2, 3)) == pytest.approx(plane_damage(once, (1, 2, 3)))
 
 
+def test_a_body_that_only_touches_an_edge_of_the_section_covers_none_of_it():
+    """The edge at y = .2 touches the ellipse in its middle."""
+    rve = Cavities(CUBE, [cylinders(MIDDLE, (0, 0, 1), 0.3)])
+    found = plane_damage(rve, (0, -1, 1), -0.2 / np.sqrt(2.0))
+    assert found == pytest.approx(np.pi * 0.09 / 0.8, rel=1e-9)
+
+
 @pytest.mark.parametrize("normal", [(0, 0, 1), (1, 2, 3), (0.1, -1.0, 1e-6)])
 def test_sections_add_up_to_the_volume(normal):
     """The integral of the void area along the normal is the volume, in closed form and voxels."""
