@@ -202,10 +202,10 @@ def two_scale_fatigue(
 
     Examples
     --------
-    >>> steel = FatigueMaterial(200e9, 0.3, 200e6, 0.5e6, threshold=0.05)
+    >>> steel = FatigueMaterial(200e9, 0.3, 200e6, 0.5e6, threshold=0.05, feedback=False)
     >>> life = two_scale_fatigue(np.array([210e6, -210e6]), steel)
-    >>> 4000 < float(life["cycles_to_rupture"]) < 5000
-    True
+    >>> round(float(life["cycles_to_rupture"]))
+    4684
     """
     if jump_tolerance is not None and not 0.0 < jump_tolerance < 1.0:
         raise CaseError(f"jump_tolerance must lie between 0 and 1, got {jump_tolerance:g}")

@@ -100,17 +100,21 @@ def _model() -> Iterator[Any]:
             f"the mesh generator gmsh cannot be loaded ({error}); install gmsh and the system's "
             f"libglu1-mesa, libxrender1, libxcursor1, libxft2 and libxinerama1"
         ) from error
-    main = threading.current_thread() is threading.main_thread()
-    before = signal.getsignal(signal.SIGPIPE) if main else None
-    gmsh.initialize(interruptible=False)
-    if main:
-        signal.signal(signal.SIGPIPE, before)
+    started = not gmsh.isInitialized()
+    if started:
+        main = threading.current_thread() is threading.main_thread()
+        before = signal.getsignal(signal.SIGPIPE) if main else None
+        gmsh.initialize(interruptible=False)
+        if before is not None:
+            signal.signal(signal.SIGPIPE, before)
+    gmsh.option.setNumber("General.Terminal", 0)
+    gmsh.model.add("volume")
     try:
-        gmsh.option.setNumber("General.Terminal", 0)
-        gmsh.model.add("volume")
         yield gmsh
     finally:
-        gmsh.finalize()
+        gmsh.model.remove()
+        if started:
+            gmsh.finalize()
 
 
 def _check_cracks(rve: Cavities) -> None:

@@ -294,6 +294,16 @@ def test_no_porosity_is_no_damage():
         assert not found["anisotropy"].values.any()
 
 
+@pytest.mark.parametrize("as_image", [False, True])
+def test_percolating_voids_leave_the_damage_between_zero_and_one(as_image):
+    rve = boolean_spheres(CUBE, 0.15, porosity=0.6, seed=1)
+    found = max_damage(voxelise(rve, 32) if as_image else rve, level=0, sections=17)
+    damage = found["damage"].values
+    assert np.all((damage >= 0.0) & (damage <= 1.0))
+    assert float(found["mean_damage"]) == pytest.approx(voxelise(rve, 64).porosity, abs=0.04)
+    assert float(found["maximum_damage"]) < 1.0
+
+
 def test_a_packing_does_not_overlap_and_has_the_porosity():
     rve = random_spheres((1.0, 2.0, 0.5), 0.08, porosity=0.3, seed=4)
     assert first_overlap(rve) is None

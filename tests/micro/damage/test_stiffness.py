@@ -30,6 +30,7 @@ from multiscale.micro.damage import (
     voxelise,
     youngs_modulus_along,
 )
+from multiscale.micro.damage.directions import sphere_directions
 from multiscale.micro.damage.elasticity import rotate_stiffness
 from multiscale.micro.damage.mesh import mesh_cavities
 from tests.support import observed_rate
@@ -39,6 +40,15 @@ CUBE = (1.0, 1.0, 1.0)
 MIDDLE = [[0.5, 0.5, 0.5]]
 SPHERE = 3.0 * (1.0 - NU) * (9.0 + 5.0 * NU) / (2.0 * (7.0 - 5.0 * NU))
 AXES = np.eye(3)
+
+
+@pytest.fixture
+def gmsh():
+    try:
+        import gmsh
+    except OSError as error:
+        pytest.skip(f"gmsh lacks a system library ({error}); README, Limits, names the packages")
+    return gmsh
 
 
 def ratio(solution, normals=AXES):
@@ -96,7 +106,7 @@ def test_few_spherical_voids_have_the_dilute_limit(radius):
     assert 1.0 - found[0] == pytest.approx(SPHERE * phi, rel=0.12)
 
 
-def test_voxels_converge_to_the_mesh_of_a_sphere():
+def test_voxels_converge_to_the_mesh_of_a_sphere(gmsh):
     rve = lattice("simple cubic", 0.25, edge=1.0)
     coarse, fine = (ratio(mesh_stiffness(rve, E, NU, element_size=h))[0] for h in (0.4, 0.2))
     assert coarse == pytest.approx(fine, rel=1e-3)
@@ -217,7 +227,7 @@ def aligned(density, **options):
     return mesh_stiffness(rve, E, NU, **options)
 
 
-def test_few_penny_cracks_have_the_limit_without_interaction():
+def test_few_penny_cracks_have_the_limit_without_interaction(gmsh):
     density = 0.01
     C = aligned(density, element_size=0.3).unwrap()
     S = np.linalg.inv(C) * E
@@ -244,14 +254,14 @@ def test_few_penny_cracks_have_the_limit_without_interaction():
 )
 # a cubic array interacts: the compliance added is 8 % larger at the smaller density
 def test_a_cubic_array_of_penny_cracks_is_near_the_limit_without_interaction(
-    density, expected, tolerance
+    gmsh, density, expected, tolerance
 ):
     found = ratio(aligned(density, element_size=0.3))
     assert found[2] == pytest.approx(expected, rel=tolerance)
     assert found[0] == pytest.approx(1.0, abs=2e-3)
 
 
-def test_open_cracks_have_two_faces_and_one_front():
+def test_open_cracks_have_two_faces_and_one_front(gmsh):
     rve = Cavities(CUBE, [penny_cracks(MIDDLE, (1, 2, 2), 0.3)])
     mesh = mesh_cavities(rve, 0.2)
     edges = mesh.points[:, mesh.cells]
@@ -266,19 +276,42 @@ def test_open_cracks_have_two_faces_and_one_front():
     assert count.max() == 2
 
 
-def test_cavities_may_reach_through_the_faces():
+def test_cavities_may_reach_through_the_faces(gmsh):
     """A shift of the periodic volume changes nothing, and voxels agree with the mesh."""
     inner, outer = (
         Cavities(CUBE, [ellipsoids(np.array(MIDDLE) + shift, [0.3, 0.2, 0.15])])
         for shift in ((0.0, 0.0, 0.0), (0.45, 0.4, 0.1))
     )
-    found = ratio(mesh_stiffness(inner, E, NU, element_size=0.25))
-    shifted = ratio(mesh_stiffness(outer, E, NU, element_size=0.25))
+    found = ratio(mesh_stiffness(inner, E, NU, element_size=0.4))
+    shifted = ratio(mesh_stiffness(outer, E, NU, element_size=0.4))
     assert shifted == pytest.approx(found, abs=2e-3)
     assert ratio(effective_stiffness(voxelise(inner, 48), E, NU)) == pytest.approx(found, abs=5e-3)
 
 
-def test_a_mesh_of_cylinders_through_the_volume():
+def test_a_mesh_needs_some_solid(gmsh):
+    with pytest.raises(CaseError, match="leave no solid"):
+        mesh_cavities(Cavities(CUBE, [cylinders(MIDDLE, (0, 0, 1), 0.8)]), 0.2)
+
+
+@pytest.mark.slow
+def test_random_penny_cracks_have_the_limit_without_interaction_on_average(gmsh):
+    """Validation: E/E0 = .9203 at rho = .05; eight cracks, as many orientations, one volume."""
+    rng, density, count = np.random.default_rng(0), 0.05, 8
+    radius = (density / count) ** (1.0 / 3.0)
+    places = []
+    while len(places) < count:
+        trial = rng.uniform(1.02 * radius, 1.0 - 1.02 * radius, 3)
+        if all(np.linalg.norm(trial - place) > 2.05 * radius for place in places):
+            places.append(trial)
+        elif rng.uniform() < 0.002:  # no room left: begin again
+            places = []
+    rve = Cavities(CUBE, [penny_cracks(np.array(places), rng.normal(size=(count, 3)), radius)])
+    normals = sphere_directions(2)
+    compliance = np.mean(1.0 / ratio(mesh_stiffness(rve, E, NU, element_size=0.3), normals))
+    assert 1.0 / compliance == pytest.approx(0.9203, rel=0.02)
+
+
+def test_a_mesh_of_cylinders_through_the_volume(gmsh):
     rve = Cavities((1.0, 1.0, 0.25), [cylinders([[0.5, 0.5, 0.1]], (0, 0, 1), 0.3)])
     found = ratio(mesh_stiffness(rve, E, NU, element_size=0.15))
     assert found[2] == pytest.approx(1.0 - np.pi * 0.09, rel=0.01)
@@ -335,12 +368,6 @@ def test_the_symmetry_is_named():
                 VoxelImage(np.zeros((2, 2, 2)), CUBE), E, NU, void_modulus=-1.0
             ),
             "void_modulus must not be negative",
-        ),
-        (
-            lambda: mesh_stiffness(
-                Cavities(CUBE, [cylinders(MIDDLE, (0, 0, 1), 0.8)]), E, NU, element_size=0.2
-            ),
-            "leave no solid",
         ),
         (
             lambda: mesh_stiffness(
