@@ -8,9 +8,9 @@ import numpy as np
 
 from multiscale.io import make_folder, write_bytes
 from multiscale.io.images import VoxelImage
-from multiscale.micro.damage.bodies import Plane
 from multiscale.micro.damage.cavities import Cavities
 from multiscale.micro.damage.compare import section_image
+from multiscale.micro.damage.plane import Plane
 
 if TYPE_CHECKING:
     import xarray as xr

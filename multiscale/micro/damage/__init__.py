@@ -19,12 +19,8 @@ from multiscale.micro.damage.elasticity import (
     voigt_bound,
     youngs_modulus_along,
 )
-from multiscale.micro.damage.fatigue import (
-    Block,
-    FatigueMaterial,
-    two_scale_fatigue,
-    woehler_curve,
-)
+from multiscale.micro.damage.fatigue import two_scale_fatigue, woehler_curve
+from multiscale.micro.damage.fatigue_material import Block, FatigueMaterial
 from multiscale.micro.damage.mesh_stiffness import mesh_stiffness
 from multiscale.micro.damage.packing import boolean_spheres, lattice, random_spheres
 from multiscale.micro.damage.rve import effective_stiffness

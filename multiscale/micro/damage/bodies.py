@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING, Protocol, Self
 import numpy as np
 
 from multiscale.errors import CaseError
+from multiscale.micro.damage.plane import Plane, perpendicular
 
 if TYPE_CHECKING:
     from multiscale.micro.damage.planar import Ellipses
@@ -16,7 +17,6 @@ __all__ = [
     "Cracks",
     "Cylinders",
     "Ellipsoids",
-    "Plane",
     "cylinders",
     "ellipsoids",
     "penny_cracks",
@@ -25,31 +25,6 @@ __all__ = [
 
 FLAT = 1e-9
 """Below this share of its size a length counts as zero."""
-
-
-@dataclass(frozen=True)
-class Plane:
-    """A plane with coordinates of its own: x = origin + y @ frame.
-
-    Attributes
-    ----------
-    origin, normal : ndarray, shape (3,)
-        A point, m, and the unit normal.
-    frame : ndarray, shape (2, 3)
-        Orthonormal; with the normal it is right-handed.
-    slab : float
-        Thickness of the slab about the plane whose flat cracks count, m.
-    """
-
-    origin: np.ndarray
-    normal: np.ndarray
-    frame: np.ndarray
-    slab: float = 0.0
-
-    @staticmethod
-    def through(origin: np.ndarray, normal: np.ndarray, slab: float = 0.0) -> "Plane":
-        """Choose the coordinates of a plane."""
-        return Plane(origin, normal, _perpendicular(normal[None])[0], slab)
 
 
 class Bodies(Protocol):
@@ -115,7 +90,7 @@ class Ellipsoids:
         cut = np.abs(distance) < height
         c, R, m = self.centre[cut], self.root[cut], support[cut] / height[cut, None]
         s = -distance[cut] / height[cut]
-        circle = np.sqrt((1.0 - s) * (1.0 + s))[:, None, None] * _perpendicular(m)
+        circle = np.sqrt((1.0 - s) * (1.0 + s))[:, None, None] * perpendicular(m)
         centre = (c - plane.origin + np.einsum("nij,nj->ni", R, s[:, None] * m)) @ plane.frame.T
         return _ellipses(centre, np.einsum("ai,nij,nkj->nak", plane.frame, R, circle))
 
@@ -172,7 +147,7 @@ class Cylinders:
         cut &= steep | (np.abs(above) <= self.half_length)
 
         safe = np.where(along, 1.0, cosine)
-        e = _perpendicular(self.axis) * self.radius[:, None, None]
+        e = perpendicular(self.axis) * self.radius[:, None, None]
         tilt = np.einsum("nki,i->nk", e, plane.normal) / safe[:, None]
         e = e - tilt[:, :, None] * self.axis[:, None, :]
         root = np.einsum("ai,nki->nak", plane.frame, e)
@@ -357,7 +332,7 @@ def penny_cracks(
     """
     centre = _points(centre)
     radius = _positive("radius", radius, len(centre))
-    across = _perpendicular(_directions("normal", normal, len(centre)))
+    across = perpendicular(_directions("normal", normal, len(centre)))
     return Cracks(centre, np.swapaxes(across, 1, 2) * radius[:, None, None])
 
 
@@ -376,19 +351,6 @@ def _turned(vectors: np.ndarray) -> np.ndarray:
     """Turn vectors in the plane, shape (n, 2), by a right angle and make them unit vectors."""
     size = np.maximum(np.hypot(vectors[:, 0], vectors[:, 1]), np.finfo(float).tiny)
     return np.asarray(np.stack([-vectors[:, 1], vectors[:, 0]], axis=1) / size[:, None])
-
-
-def _perpendicular(unit: np.ndarray) -> np.ndarray:
-    """Right-handed frames about unit vectors, shape (n, 3): the other two, shape (n, 2, 3).
-
-    T. Duff et al., J. Comput. Graph. Tech. 6 (2017) 1-8: no square root and no special case.
-    """
-    x, y, z = unit.T
-    sign = np.copysign(1.0, z)
-    a = -1.0 / (sign + z)
-    b = x * y * a
-    first = np.stack([1.0 + sign * x * x * a, sign * b, -sign * x], axis=1)
-    return np.stack([first, np.stack([b, sign + y * y * a, -y], axis=1)], axis=1)
 
 
 def _points(centre: np.ndarray) -> np.ndarray:

@@ -26,7 +26,7 @@ from multiscale.micro.damage.mesh import mesh_cavities
 from multiscale.micro.damage.rve import check_elastic, summarise_loads
 
 if TYPE_CHECKING:
-    from skfem import MeshTet
+    from skfem import CellBasis, MeshTet
 
 __all__ = ["mesh_stiffness"]
 
@@ -66,20 +66,11 @@ def mesh_stiffness(
     CaseError
         If a modulus is outside its range or the volume cannot be meshed.
     """
-    from skfem import Basis, ElementTetP1, ElementTetP2, MeshTet
-
     begin = perf_counter()
     lame, shear = check_elastic(youngs_modulus, poissons_ratio)
     if not rve.periodic:
         raise CaseError("the stiffness needs a periodic volume; set periodic=True")
-    mesh = mesh_cavities(rve, element_size)
-    element = ElementTetP2() if quadratic else ElementTetP1()
-    tetrahedra = MeshTet(
-        np.ascontiguousarray(mesh.points), np.ascontiguousarray(mesh.cells), validate=False
-    )
-    if quadratic:
-        tetrahedra = _curved(tetrahedra, rve, mesh.front)
-    basis = Basis(tetrahedra, element, intorder=2 * (element.maxdeg - 1))
+    basis = _basis(rve, element_size, quadratic)
     stiffness = assemble_elasticity(basis, lame, shear)
 
     points = basis.doflocs
@@ -113,6 +104,19 @@ def mesh_stiffness(
         for k in range(6)
     ]
     return summarise_loads(youngs_modulus * 0.5 * (energy + energy.T), loads, youngs_modulus)
+
+
+def _basis(rve: Cavities, element_size: float, quadratic: bool) -> "CellBasis":
+    """Mesh the volume and choose the elements."""
+    from skfem import Basis, ElementTetP1, ElementTetP2, MeshTet
+
+    mesh = mesh_cavities(rve, element_size)
+    tetrahedra = MeshTet(
+        np.ascontiguousarray(mesh.points), np.ascontiguousarray(mesh.cells), validate=False
+    )
+    if not quadratic:
+        return Basis(tetrahedra, ElementTetP1(), intorder=1)
+    return Basis(_curved(tetrahedra, rve, mesh.front), ElementTetP2(), intorder=2)
 
 
 def _curved(mesh: "MeshTet", rve: Cavities, front: np.ndarray) -> "MeshTet":

@@ -13,7 +13,6 @@ import numpy as np
 
 from multiscale.errors import CaseError
 from multiscale.io.images import VoxelImage
-from multiscale.micro.damage.bodies import Plane
 from multiscale.micro.damage.cavities import Cavities
 from multiscale.micro.damage.directions import (
     fit_tensor,
@@ -21,6 +20,7 @@ from multiscale.micro.damage.directions import (
     miller_indices,
     sphere_directions,
 )
+from multiscale.micro.damage.plane import Plane
 from multiscale.schema import DAMAGE_SECTIONS
 
 if TYPE_CHECKING:
