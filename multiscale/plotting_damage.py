@@ -130,7 +130,7 @@ def plot_woehler(curve: "xr.Dataset", *, ax: "Axes | None" = None) -> "Axes":
         )
     ax.set_xlabel("cycles")
     ax.set_ylabel("stress amplitude (MPa)")
-    ax.legend(loc="upper right")
+    ax.legend(loc="lower center", bbox_to_anchor=(0.5, 1.0), ncols=3, frameon=False)
     return ax
 
 
