@@ -8,8 +8,8 @@ the yield surface while the stress of the volume, a third of which is the mean s
 
 References
 ----------
-.. [1] J. Lemaitre, J. P. Sermage and R. Desmorat, Int. J. Fract. 97 (1999) 67-81,
-   doi:10.1023/A:1018641414428: the model.
+.. [1] J. Lemaitre, J. P. Sermage and R. Desmorat, Int. J. Fract. 97 (1999) 67: the
+   model.
 """
 
 import numpy as np

@@ -15,7 +15,7 @@ References
 .. [1] M. Ladecký, R. J. Leute, A. Falsafi, I. Pultarová, L. Pastewka, T. Junge and J. Zeman, Appl.
    Math. Comput. 446 (2023) 127835, doi:10.1016/j.amc.2023.127835: finite elements with this
    preconditioner.
-.. [2] M. Schneider, Int. J. Numer. Methods Eng. 121 (2020) 4961-4985, doi:10.1002/nme.6465: pores
+.. [2] M. Schneider, Int. J. Numer. Methods Eng. 121 (2020) 5017-5041, doi:10.1002/nme.6508: pores
    without stiffness.
 """
 
