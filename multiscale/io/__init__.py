@@ -10,6 +10,7 @@ from multiscale.io.datasets import (
 )
 from multiscale.io.fields import write_surface_fields
 from multiscale.io.files import logging_to, make_folder, read_bytes, read_text, write_bytes
+from multiscale.io.images import VoxelImage, read_images
 from multiscale.io.link_fields import write_link_fields
 from multiscale.io.meshes import MeshArrays, open_mesh, read_mesh
 from multiscale.io.surfaces import Surface, read_surface
@@ -18,6 +19,7 @@ from multiscale.io.tables import read_table
 __all__ = [
     "MeshArrays",
     "Surface",
+    "VoxelImage",
     "logging_to",
     "make_folder",
     "open_dataset",
@@ -26,6 +28,7 @@ __all__ = [
     "open_response",
     "open_run",
     "read_bytes",
+    "read_images",
     "read_mesh",
     "read_surface",
     "read_table",

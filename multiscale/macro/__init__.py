@@ -26,7 +26,14 @@ from multiscale.macro.discrete import (
     truss,
 )
 from multiscale.macro.dynamics import simulate
-from multiscale.macro.joint import Block, RoughJoint, assemble_joint, rough_joint
+from multiscale.macro.joint import (
+    Block,
+    RoughJoint,
+    assemble_joint,
+    cycled_joint,
+    rough_joint,
+    soften,
+)
 from multiscale.macro.monolithic import solve_interface
 from multiscale.macro.substructures import cut_bodies, cut_links, solve_latin
 
@@ -47,12 +54,14 @@ __all__ = [
     "critical_factor",
     "cut_bodies",
     "cut_links",
+    "cycled_joint",
     "load_mesh",
     "mechanism_modes",
     "quadruplex_module",
     "rough_joint",
     "self_stress",
     "simulate",
+    "soften",
     "solve_contact",
     "solve_interface",
     "solve_latin",

@@ -4,6 +4,14 @@ Labels and conversion to um, MPa and kN happen here and nowhere else. Functions 
 with ``draw`` make whole figures and write them.
 """
 
+from multiscale.plotting.damage import (
+    draw_damage,
+    plot_damage_sphere,
+    plot_joint_life,
+    plot_stiffness_against_damage,
+    plot_woehler,
+    plot_worst_section,
+)
 from multiscale.plotting.growth import plot_growth
 from multiscale.plotting.laws import plot_area_law, plot_gap_law, plot_joint_stiffness
 from multiscale.plotting.links import (
@@ -21,18 +29,24 @@ from multiscale.plotting.work_precision import (
 )
 
 __all__ = [
+    "draw_damage",
     "draw_figures",
     "draw_links",
     "draw_work_precision",
     "plot_area_law",
     "plot_contact_map",
+    "plot_damage_sphere",
     "plot_deformed_links",
     "plot_energies",
     "plot_gap_law",
     "plot_growth",
     "plot_history",
+    "plot_joint_life",
     "plot_joint_stiffness",
     "plot_sorted_tensions",
+    "plot_stiffness_against_damage",
     "plot_surface",
+    "plot_woehler",
     "plot_work_precision",
+    "plot_worst_section",
 ]

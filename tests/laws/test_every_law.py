@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from multiscale.errors import CaseError, ConvergenceError
-from multiscale.laws import ConvexDecreasing, Exponential, InterfaceLaw, Response
+from multiscale.laws import ConvexDecreasing, Damaged, Exponential, InterfaceLaw, Response
 
 SIGNED = ConvexDecreasing(  # c < 0 in the middle: the curvature is a hat between ramps
     knot=np.array([-0.6, -0.2, 0.3, 0.9]), coefficient=np.array([0.4, 2.0, -1.5, 1.0]), gap=0.05
@@ -15,6 +15,7 @@ LAWS = [
         ConvexDecreasing(knot=np.array([0.2, 0.7]), coefficient=np.array([3.0, 1.0])), id="convex"
     ),
     pytest.param(SIGNED, id="convex-signed"),
+    pytest.param(Damaged(SIGNED, damage=0.3), id="damaged"),
 ]
 
 
@@ -144,6 +145,7 @@ def test_resolvent_refuses_a_direction_that_is_not_stiff():
     [
         (lambda: Exponential(-1.0, 1.0), r"pressure_scale must be positive and finite \(Pa\)"),
         (lambda: Exponential(1.0, 0.0), r"decay_length must be positive and finite \(m\), got 0"),
+        (lambda: Damaged(SIGNED, 1.0), "from 0 to below 1, got 1; leave out an interface"),
         (lambda: ConvexDecreasing(np.ones(2), np.ones(3)), "lists of one length"),
         (lambda: ConvexDecreasing(np.array([1.0, 1.0]), np.ones(2)), "must increase"),
         (lambda: ConvexDecreasing(np.array([1.0, 2.0]), np.array([np.nan, 1.0])), "be finite"),

@@ -1,0 +1,187 @@
+"""Binary images of a volume: what a tomograph or a packing gives."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from os import PathLike
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from multiscale.errors import CaseError
+
+__all__ = ["VoxelImage", "read_images"]
+
+
+@dataclass(frozen=True)
+class VoxelImage:
+    """A box of solid and void voxels.
+
+    Parameters
+    ----------
+    void : ndarray of bool or of 0 and 1, shape (nx, ny, nz)
+        Whether a voxel is void.
+    size : tuple of float
+        Lengths of the box along x, y and z, m.
+
+    Raises
+    ------
+    CaseError
+        If the image is not binary, or empty, or a length is not positive.
+    """
+
+    void: np.ndarray
+    size: tuple[float, float, float]
+
+    def __post_init__(self) -> None:
+        image = np.asarray(self.void)
+        if image.ndim != 3 or image.size == 0:
+            raise CaseError(
+                f"an image of a volume needs three axes with voxels, got shape {image.shape}"
+            )
+        if image.dtype != bool:
+            low, high = image.min(), image.max()
+            if not np.all((image == 0) | (image == 1)):
+                raise CaseError(
+                    f"the image is not binary: its values run from {low} to {high}; pass a "
+                    f"comparison such as image < threshold, true where there is void"
+                )
+            image = image == 1
+        lengths = np.asarray(self.size, dtype=float)
+        if lengths.shape != (3,) or not np.all((lengths > 0.0) & np.isfinite(lengths)):
+            raise CaseError(
+                f"the size of an image must be three positive lengths (m), got {self.size}"
+            )
+        object.__setattr__(self, "void", np.ascontiguousarray(image))
+        object.__setattr__(self, "size", tuple(float(length) for length in lengths))
+
+    @property
+    def spacing(self) -> tuple[float, float, float]:
+        """Edges of a voxel along x, y and z, m."""
+        x, y, z = (length / n for length, n in zip(self.size, self.void.shape, strict=True))
+        return (x, y, z)
+
+    @property
+    def porosity(self) -> float:
+        """Volume fraction of void."""
+        return float(self.void.mean())
+
+    @staticmethod
+    def from_voxels(
+        void: np.ndarray, voxel_size: float | Sequence[float] | None = None
+    ) -> "VoxelImage":
+        """Make an image from the edge of its voxels, or from their three edges, m."""
+        if voxel_size is None:
+            raise CaseError(
+                "the image says nothing of the size of its voxels; give voxel_size (m), three "
+                "edges if they are not cubes"
+            )
+        edges = np.broadcast_to(np.asarray(voxel_size, dtype=float), (3,))
+        x, y, z = (float(n * edge) for n, edge in zip(np.shape(void), edges, strict=False))
+        return VoxelImage(void, (x, y, z))
+
+    def coarsened(self) -> "VoxelImage":
+        """Half the resolution: a voxel is void if half of its eight parts are."""
+        shape = [n - n % 2 for n in self.void.shape]
+        if min(shape) < 2:
+            raise CaseError(f"an image of {self.void.shape} voxels cannot be coarsened")
+        whole = self.void[: shape[0], : shape[1], : shape[2]]
+        parts = whole.reshape(shape[0] // 2, 2, shape[1] // 2, 2, shape[2] // 2, 2)
+        count = parts.sum(axis=(1, 3, 5))
+        # of the undecided every second, so that the porosity keeps its mean
+        odd = np.indices(count.shape).sum(axis=0) % 2
+        x, y, z = (n * h for n, h in zip(shape, self.spacing, strict=True))
+        return VoxelImage((count > 4) | ((count == 4) & (odd == 1)), (x, y, z))
+
+
+def read_images(
+    path: str | PathLike[str],
+    *,
+    void_value: float = 0.0,
+    voxel_size: float | Sequence[float] | None = None,
+) -> VoxelImage:
+    """Read a stack of images: one TIFF file with many pages, or a folder of TIFF slices.
+
+    Parameters
+    ----------
+    path : path
+        File, or folder whose ``.tif`` or ``.tiff`` files, in the order of their names, are
+        slices along z.
+    void_value : float
+        Value of the voxels that are void; the image must hold no more than one other.
+    voxel_size : float or sequence of float, optional
+        Edge of the voxels, or edges along x, y and z, m. Taken from the file if not given.
+
+    Returns
+    -------
+    VoxelImage
+        Columns of the pages along x, their rows along y, pages along z.
+
+    Raises
+    ------
+    CaseError
+        If there is no such file, it cannot be read, it is not a stack, not binary, gives no size
+        of its voxels, or tifffile is not installed.
+    """
+    path = Path(path)
+    if not path.exists():
+        raise CaseError(f"{path}: no such file or folder; check the name")
+    pages, found = _read_pages(path)
+    if pages.ndim != 3:
+        raise CaseError(
+            f"{path}: holds an array of shape {pages.shape}; give a stack of grey images"
+        )
+    values = np.unique(pages)
+    if values.size > 2 or (values.size == 2 and void_value not in values):
+        raise CaseError(
+            f"{path}: not a binary image with void {void_value:g}: {values.size} values from "
+            f"{values[0]:g} to {values[-1]:g}; threshold it first, or name the void_value"
+        )
+    edges = voxel_size if voxel_size is not None else found
+    if edges is None:
+        raise CaseError(
+            f"{path}: the file does not give the size of its voxels along x, y and z; give "
+            f"voxel_size (m), three edges if they are not cubes"
+        )
+    try:
+        return VoxelImage.from_voxels((pages == void_value).transpose(2, 1, 0), edges)
+    except CaseError as error:
+        raise CaseError(f"{path}: {error}") from error
+
+
+def _read_pages(path: Path) -> tuple[np.ndarray, tuple[float, float, float] | None]:
+    """Pages (z, y, x) and edges of the voxels, m, if the file gives all three."""
+    try:
+        import tifffile
+    except ImportError as error:
+        raise CaseError(
+            f"{path}: reading images needs tifffile; install it with pip install "
+            f'"multiscale[images]"'
+        ) from error
+    try:
+        if path.is_dir():
+            slices = sorted(p for p in path.iterdir() if p.suffix.lower() in {".tif", ".tiff"})
+            if not slices:
+                raise CaseError(f"{path}: the folder holds no .tif file; give the slices as TIFF")
+            return np.stack([tifffile.imread(p) for p in slices]), None
+        with tifffile.TiffFile(path) as file:
+            return np.asarray(file.asarray()), _voxel_edges(file)
+    except CaseError:
+        raise
+    except Exception as error:  # damaged files raise any kind
+        line = (str(error).strip().splitlines() or [type(error).__name__])[0][:200]
+        raise CaseError(f"{path}: cannot be read as images ({line}); export it again") from error
+
+
+def _voxel_edges(file: Any) -> tuple[float, float, float] | None:
+    """Edges of the voxels in the style of ImageJ: resolution in x and y, spacing in z."""
+    lengths = {"micron": 1e-6, "um": 1e-6, "\\u00B5m": 1e-6, "mm": 1e-3, "nm": 1e-9, "m": 1.0}
+    about = file.imagej_metadata or {}
+    unit = lengths.get(str(about.get("unit", "")).replace("µ", "u"))
+    tags = file.pages[0].tags
+    if unit is None or "spacing" not in about or "XResolution" not in tags:
+        return None
+    (a, b), (c, d) = tags["XResolution"].value, tags["YResolution"].value
+    if not (a and c):
+        return None
+    return (unit * b / a, unit * d / c, unit * float(about["spacing"]))

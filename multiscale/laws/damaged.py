@@ -1,0 +1,66 @@
+"""A normal law whose interface is damaged in part."""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from multiscale.errors import CaseError
+from multiscale.laws.base import NormalLaw
+
+__all__ = ["Damaged"]
+
+
+@dataclass(frozen=True)
+class Damaged(NormalLaw):
+    r"""Another normal law of which a share of the interface carries nothing.
+
+    Parameters
+    ----------
+    law : NormalLaw
+        The sound law, its gap included.
+    damage : float
+        :math:`D`, from 0 to below 1, dimensionless.
+
+    Raises
+    ------
+    CaseError
+        If the damage is outside its range.
+
+    Notes
+    -----
+    .. math:: t_N = -(1 - D)\, p(g), \qquad t_T = 0.    \tag{1}
+
+    Examples
+    --------
+    >>> from multiscale.laws import Exponential
+    >>> law = Damaged(Exponential(pressure_scale=1.0e9, decay_length=0.5e-6), damage=0.25)
+    >>> law.pressure(np.array([0.0]))
+    array([7.5e+08])
+    """
+
+    law: NormalLaw
+    damage: float
+
+    def __post_init__(self) -> None:
+        if not 0.0 <= self.damage < 1.0:
+            raise CaseError(
+                f"the damage of an interface must lie from 0 to below 1, got {self.damage:g}; "
+                f"leave out an interface that is broken through"
+            )
+
+    @property
+    def gap(self) -> float:  # type: ignore[override]
+        """Initial gap of the sound law, m."""
+        return self.law.gap
+
+    def pressure(self, gap: np.ndarray) -> np.ndarray:
+        """Evaluate (1); the unit is Pa."""
+        return np.asarray((1.0 - self.damage) * self.law.pressure(gap))
+
+    def stiffness(self, gap: np.ndarray) -> np.ndarray:
+        """Minus the derivative of (1), Pa/m."""
+        return np.asarray((1.0 - self.damage) * self.law.stiffness(gap))
+
+    def gap_at(self, pressure: np.ndarray) -> np.ndarray:
+        """Local gap, m, at a pressure, Pa."""
+        return self.law.gap_at(np.asarray(pressure) / (1.0 - self.damage))

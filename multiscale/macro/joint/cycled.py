@@ -1,0 +1,110 @@
+"""A rough joint whose blocks and interface are damaged by cycles."""
+
+from dataclasses import replace
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from multiscale.errors import CaseError
+from multiscale.laws import Damaged, NormalLaw
+from multiscale.macro.joint.geometry import Block, RoughJoint
+from multiscale.macro.joint.solve import rough_joint
+from multiscale.schema import FATIGUE, MACRO_RESULT
+
+if TYPE_CHECKING:
+    import xarray as xr
+
+__all__ = ["cycled_joint", "soften"]
+
+
+def soften(block: Block, factor: float) -> Block:
+    """Return a block whose stiffness is a share of what it was.
+
+    Parameters
+    ----------
+    block : Block
+        Sound.
+    factor : float
+        Above 0 and up to 1: Young's modulus along z of a representative volume over that of the
+        solid, or 1 - D.
+
+    Raises
+    ------
+    CaseError
+        If the factor is outside its range.
+    """
+    if not 0.0 < factor <= 1.0:
+        raise CaseError(
+            f"the stiffness factor of a block must lie above 0 and up to 1, got {factor:g}; a "
+            f"block without stiffness carries no joint"
+        )
+    return replace(block, youngs_modulus=factor * block.youngs_modulus)
+
+
+def cycled_joint(
+    joint: RoughJoint,
+    law: NormalLaw,
+    preload: float,
+    fatigue: "xr.Dataset",
+    *,
+    stiffness_factor: float = 1.0,
+    damage_interface: bool = False,
+    steps: int = 9,
+) -> "xr.Dataset":
+    """Solve a rough joint at several times of its life.
+
+    Parameters
+    ----------
+    joint : RoughJoint
+        Geometry, elasticity of the solid and mesh.
+    law : NormalLaw
+        Sound interface law.
+    preload : float
+        Nominal pressure, Pa.
+    fatigue : Dataset
+        Follows ``FATIGUE``: damage against cycles.
+    stiffness_factor : float
+        Stiffness of the blocks without fatigue over that of the solid, from cavities.
+    damage_interface : bool
+        Whether the law is damaged as well: its asperities belong to the same material.
+    steps : int
+        Number of times, at equal steps of damage.
+
+    Returns
+    -------
+    Dataset
+        Follows ``MACRO_RESULT``, with ``cycles`` and ``damage`` of every step.
+
+    Raises
+    ------
+    CaseError
+        If the factor is out of range, or the damage of a block is total.
+    SchemaError
+        If ``fatigue`` does not follow its schema.
+    """
+    FATIGUE.check(fatigue)
+    if steps < 1:
+        raise CaseError(f"steps must be at least 1, got {steps}")
+    known, cycles = fatigue["damage"].values, fatigue["cycles"].values
+    damage = np.linspace(0.0, known[-1], steps) if known[-1] > 0.0 else np.zeros(1)
+    # until damage sets in, time passes without it: the first step is the end of that time
+    start = int(np.flatnonzero(known > 0.0)[0]) - 1 if known[-1] > 0.0 else 0
+    found = []
+    for D in damage:
+        if D >= 1.0:
+            raise CaseError("the blocks are broken through, D = 1: their stiffness is zero")
+        factor = stiffness_factor * (1.0 - D)
+        worn = replace(joint, lower=soften(joint.lower, factor), upper=soften(joint.upper, factor))
+        found.append(
+            rough_joint(worn, Damaged(law, D) if damage_interface else law, np.array([preload]))
+        )
+    names = [str(name) for name in found[0].data_vars if found[0][name].dims == ("step",)]
+    values = {name: np.concatenate([one[name].values for one in found]) for name in names}
+    return MACRO_RESULT.build(
+        {
+            **values,
+            "preload": np.full(damage.size, preload),
+            "damage": damage,
+            "cycles": np.interp(damage, known[start:], cycles[start:]),
+        }
+    )

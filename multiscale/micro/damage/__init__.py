@@ -1,0 +1,58 @@
+"""Damage: plane sections of a representative volume, its stiffness, and fatigue."""
+
+from multiscale.io.images import VoxelImage
+from multiscale.micro.damage.bodies import (
+    Cracks,
+    Cylinders,
+    Ellipsoids,
+    cylinders,
+    ellipsoids,
+    penny_cracks,
+    spheres,
+)
+from multiscale.micro.damage.cavities import Cavities, crack_density_tensor, voxelise
+from multiscale.micro.damage.compare import compare_stiffness
+from multiscale.micro.damage.elasticity import (
+    hashin_shtrikman_bound,
+    isotropic_stiffness,
+    symmetry_class,
+    voigt_bound,
+    youngs_modulus_along,
+)
+from multiscale.micro.damage.fatigue import two_scale_fatigue, woehler_curve
+from multiscale.micro.damage.fatigue_material import Block, FatigueMaterial
+from multiscale.micro.damage.mesh_stiffness import mesh_stiffness
+from multiscale.micro.damage.packing import boolean_spheres, lattice, random_spheres
+from multiscale.micro.damage.rve import effective_stiffness
+from multiscale.micro.damage.sections import max_damage, plane_damage
+
+__all__ = [
+    "Block",
+    "Cavities",
+    "Cracks",
+    "Cylinders",
+    "Ellipsoids",
+    "FatigueMaterial",
+    "VoxelImage",
+    "boolean_spheres",
+    "compare_stiffness",
+    "crack_density_tensor",
+    "cylinders",
+    "effective_stiffness",
+    "ellipsoids",
+    "hashin_shtrikman_bound",
+    "isotropic_stiffness",
+    "lattice",
+    "max_damage",
+    "mesh_stiffness",
+    "penny_cracks",
+    "plane_damage",
+    "random_spheres",
+    "spheres",
+    "symmetry_class",
+    "two_scale_fatigue",
+    "voigt_bound",
+    "voxelise",
+    "woehler_curve",
+    "youngs_modulus_along",
+]

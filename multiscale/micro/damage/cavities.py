@@ -1,0 +1,226 @@
+"""A representative volume with cavities and flat cracks in closed form."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from functools import cached_property
+from itertools import combinations_with_replacement, product
+
+import numpy as np
+
+from multiscale.errors import CaseError
+from multiscale.io.images import VoxelImage
+from multiscale.micro.damage.bodies import Bodies, Cracks, Cylinders, Ellipsoids
+
+__all__ = ["Cavities", "check_box", "crack_density_tensor", "first_overlap", "voxelise"]
+
+
+@dataclass(frozen=True)
+class Cavities:
+    """A box of solid, from the origin to its size, with cavities and flat cracks in it.
+
+    Parameters
+    ----------
+    size : tuple of float
+        Lengths along x, y and z, m.
+    bodies : sequence of Ellipsoids, Cylinders or Cracks
+        What is not solid; see :func:`~.bodies.spheres` and its siblings. They may reach out of
+        the box.
+    periodic : bool
+        Whether what reaches out comes in again on the opposite side. An infinite cylinder then
+        has to be parallel to an edge.
+    overlap : bool
+        Whether bodies may overlap; if not, two that do are refused. Cracks and cylinders are
+        taken with the balls and round rods that hold them.
+
+    Raises
+    ------
+    CaseError
+        If a length is not positive, or bodies overlap that must not.
+
+    Examples
+    --------
+    >>> from multiscale.micro.damage import spheres
+    >>> rve = Cavities((1e-3, 1e-3, 1e-3), [spheres([[5e-4, 5e-4, 5e-4]], 3e-4)])
+    """
+
+    size: tuple[float, float, float]
+    bodies: Sequence[Bodies] = ()
+    periodic: bool = True
+    overlap: bool = True
+
+    def __post_init__(self) -> None:
+        check_box(self.size)
+        object.__setattr__(self, "size", tuple(float(length) for length in self.size))
+        object.__setattr__(self, "bodies", tuple(self.bodies))
+        for kind in self.bodies:
+            if self.periodic and isinstance(kind, Cylinders):
+                tilted = np.isinf(kind.half_length) & (np.abs(kind.axis).max(axis=1) < 1.0)
+                if tilted.any():
+                    raise CaseError(
+                        f"cylinder {int(np.argmax(tilted))} is infinite and not along an edge of "
+                        f"the periodic box; give it a length or set periodic=False"
+                    )
+        if not self.overlap and (found := first_overlap(self)) is not None:
+            a, b = found
+            raise CaseError(
+                f"bodies {a} and {b} overlap although overlap=False; move them apart, make them "
+                f"smaller or allow it"
+            )
+
+    @property
+    def volume(self) -> float:
+        """Volume of the box, m³."""
+        return float(np.prod(self.size))
+
+    @cached_property
+    def images(self) -> list[Bodies]:
+        """All bodies that reach into the box, periodic images among them."""
+        return [kind for kind, _ in self.sources()]
+
+    def sources(self) -> list[tuple[Bodies, np.ndarray]]:
+        """Bodies that reach into the box, and which one each is an image of."""
+        found = []
+        size = np.array(self.size)
+        for kind in self.bodies:
+            reach, centre = kind.reach, kind.centre
+            copies = np.zeros((1, 3))
+            if self.periodic and len(centre):
+                centre = centre - size * np.floor(centre / size)
+                finite = np.where(np.isfinite(reach), reach, 0.0)  # infinite ones along an edge
+                n = np.ceil(finite.max(axis=0) / size).astype(int)
+                copies = np.array(list(product(*(range(-k, k + 1) for k in n)))) * size
+            place = centre[None] + copies[:, None]
+            inside = np.all((place + reach > 0.0) & (place - reach < size), axis=2)
+            which = np.nonzero(inside)[1]
+            found.append((kind.take(which, place[inside] - kind.centre[which]), which))
+        return found
+
+
+def check_box(size: tuple[float, float, float]) -> None:
+    """Refuse a box without volume."""
+    lengths = np.asarray(size, dtype=float)
+    if lengths.shape != (3,) or not np.all((lengths > 0.0) & np.isfinite(lengths)):
+        raise CaseError(f"the size of a volume must be three positive lengths (m), got {size}")
+
+
+def voxelise(rve: Cavities, shape: int | tuple[int, int, int]) -> VoxelImage:
+    """Turn closed forms into an image: a voxel is void if its centre is.
+
+    Parameters
+    ----------
+    rve : Cavities
+        A flat crack becomes one layer of voxels, as thick as a voxel along its normal.
+    shape : int or tuple of int
+        Voxels along x, y and z; one number for the longest edge with cubes as near as possible.
+
+    Returns
+    -------
+    VoxelImage
+        Its error in sections and stiffness falls with the size of the voxels.
+    """
+    size = np.array(rve.size)
+    if isinstance(shape, int):
+        shape = tuple(np.maximum(1, np.rint(shape * size / size.max())).astype(int).tolist())
+    spacing = size / shape
+    axes = [(np.arange(n) + 0.5) * h for n, h in zip(shape, spacing, strict=True)]
+    void = np.zeros(shape, dtype=bool)
+    for kind in rve.images:
+        for k, (centre, reach) in enumerate(zip(kind.centre, kind.reach, strict=True)):
+            thickness = 0.0
+            if isinstance(kind, Cracks):
+                thickness = float(np.abs(kind.normal[k]) @ spacing)
+                reach = reach + 0.5 * thickness
+            window = tuple(
+                slice(*np.searchsorted(x, (c - r, c + r)))
+                for x, c, r in zip(axes, centre, reach, strict=True)
+            )
+            points = np.stack(
+                np.meshgrid(*(x[part] for x, part in zip(axes, window, strict=True)), indexing="ij")
+            )
+            void[window] |= kind.contains(k, points, thickness)
+    return VoxelImage(void, rve.size)
+
+
+def crack_density_tensor(rve: Cavities) -> np.ndarray:
+    r"""Second-order tensor of crack density.
+
+    Returns
+    -------
+    ndarray, shape (3, 3)
+        :math:`\frac1V \sum a^3\, m \otimes m` with :math:`a^2` the product of the semi-axes and
+        :math:`m` the normals; dimensionless.
+    """
+    total = np.zeros((3, 3))
+    for kind in rve.bodies:
+        if isinstance(kind, Cracks):
+            cubed = (kind.area / np.pi) ** 1.5
+            total += np.einsum("n,ni,nj->ij", cubed, kind.normal, kind.normal)
+    return total / rve.volume
+
+
+def first_overlap(rve: Cavities) -> tuple[int, int] | None:
+    """Numbers of two bodies that overlap, counted through all kinds, or None."""
+    images = rve.sources()
+    start = np.cumsum([0, *(len(kind.centre) for kind in rve.bodies)])
+    for a, b in combinations_with_replacement(range(len(images)), 2):
+        (first, own), (second, other) = images[a], images[b]
+        for i in range(len(first.centre)):
+            later = np.arange(len(second.centre)) > (i if a == b else -1)
+            for j in np.flatnonzero(later & _boxes_meet(first, i, second)):
+                if _overlap(first, i, second, int(j)):
+                    return int(start[a] + own[i]), int(start[b] + other[j])
+    return None
+
+
+def _boxes_meet(first: Bodies, i: int, second: Bodies) -> np.ndarray:
+    away = np.abs(second.centre - first.centre[i])
+    return np.asarray(np.all(away < first.reach[i] + second.reach, axis=1))
+
+
+def _overlap(first: Bodies, i: int, second: Bodies, j: int) -> bool:
+    """Whether two bodies overlap: exact for ellipsoids, on the safe side for others."""
+    if isinstance(first, Ellipsoids) and isinstance(second, Ellipsoids):
+        away = second.centre[j] - first.centre[i]
+        return contact_function(away, first.root[i], second.root[j]) < 1.0
+    p, u, r = _rod(first, i)
+    q, v, s = _rod(second, j)
+    return _segment_distance(p, u, q, v) < r + s
+
+
+def contact_function(away: np.ndarray, first: np.ndarray, second: np.ndarray) -> float:
+    r"""Perram and Wertheim's contact function of two ellipsoids: below 1 they overlap.
+
+    .. math:: F = \max_{0 \le s \le 1} s(1-s)\, r^t [(1-s) A + s B]^{-1} r,    \tag{1}
+
+    with :math:`A = R_1 R_1^t`, :math:`B = R_2 R_2^t` and the distance :math:`r`: J. W. Perram and
+    M. S. Wertheim, J. Comput. Phys. 58 (1985) 409-416, doi:10.1016/0021-9991(85)90171-8.
+    """
+    from scipy.optimize import minimize_scalar
+
+    A, B = first @ first.T, second @ second.T
+    spheres = np.allclose(A, A[0, 0] * np.eye(3)) and np.allclose(B, B[0, 0] * np.eye(3))
+    if spheres:
+        return float(away @ away / (np.sqrt(A[0, 0]) + np.sqrt(B[0, 0])) ** 2)
+
+    def negative(s: float) -> float:
+        return float(-s * (1.0 - s) * away @ np.linalg.solve((1.0 - s) * A + s * B, away))
+
+    return -float(minimize_scalar(negative, bounds=(0.0, 1.0), method="bounded").fun)
+
+
+def _rod(kind: Bodies, k: int) -> tuple[np.ndarray, np.ndarray, float]:
+    """Centre, half axis and radius of a round rod (or ball) that holds a body."""
+    if isinstance(kind, Cylinders):
+        half = min(kind.half_length[k], 1e6 * kind.radius[k])
+        return kind.centre[k], half * kind.axis[k], float(kind.radius[k])
+    roots: np.ndarray = kind.root[k]  # type: ignore[attr-defined]
+    return kind.centre[k], np.zeros(3), float(np.linalg.norm(roots, 2))
+
+
+def _segment_distance(p: np.ndarray, u: np.ndarray, q: np.ndarray, v: np.ndarray) -> float:
+    """Distance of two segments centre + t * half axis, abs(t) <= 1."""
+    s = t = 0.0
+    for _ in range(100):  # alternating projections on a convex square
+        s = float(np.clip(u @ (q + t * v - p) / max(u @ u, 1e-300), -1.0, 1.0))
+        t = float(np.clip(v @ (p + s * u - q) / max(v @ v, 1e-300), -1.0, 1.0))
+    return float(np.linalg.norm(p + s * u - q - t * v))

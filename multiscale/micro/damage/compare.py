@@ -1,0 +1,108 @@
+"""What geometric damage says of the stiffness of a volume, and what the stiffness is."""
+
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from multiscale.io.images import VoxelImage
+from multiscale.micro.damage.cavities import Cavities
+from multiscale.micro.damage.elasticity import youngs_modulus_along
+from multiscale.micro.damage.rve import STRAINS, effective_stiffness
+from multiscale.schema import RVE_STIFFNESS
+
+if TYPE_CHECKING:
+    import xarray as xr
+
+__all__ = ["compare_stiffness", "section_image"]
+
+
+def compare_stiffness(
+    image: VoxelImage,
+    sections: "xr.Dataset",
+    youngs_modulus: float,
+    poissons_ratio: float,
+    *,
+    tolerance: float = 1e-5,
+) -> "xr.Dataset":
+    """Put Young's modulus beside the damage of the worst section, for every normal.
+
+    Parameters
+    ----------
+    image : VoxelImage
+        The volume.
+    sections : Dataset
+        Follows ``DAMAGE_SECTIONS``, of the same volume.
+    youngs_modulus, poissons_ratio : float
+        Of the solid, Pa and dimensionless.
+    tolerance : float
+        As in :func:`~.rve.effective_stiffness`.
+
+    Returns
+    -------
+    Dataset
+        Follows ``RVE_STIFFNESS``.
+
+    Raises
+    ------
+    ConvergenceError
+        If the stiffness was not found.
+    """
+    solution = effective_stiffness(image, youngs_modulus, poissons_ratio, tolerance=tolerance)
+    stiffness = solution.unwrap()
+    normals = sections["normal"].values
+    return RVE_STIFFNESS.build(
+        {
+            "stiffness": stiffness,
+            "strain": list(STRAINS),
+            "other_strain": list(STRAINS),
+            "normal": normals,
+            "modulus_ratio": youngs_modulus_along(stiffness, normals) / youngs_modulus,
+            "damage": sections["damage"].values.max(axis=1),
+            "porosity": image.porosity,
+        },
+        youngs_modulus=youngs_modulus,
+        poissons_ratio=poissons_ratio,
+    )
+
+
+def section_image(
+    rve: Cavities | VoxelImage, origin: np.ndarray, frame: np.ndarray, points: int = 400
+) -> tuple[np.ndarray, np.ndarray]:
+    """Sample a plane section for a figure.
+
+    Parameters
+    ----------
+    rve : Cavities or VoxelImage
+        The volume.
+    origin : ndarray, shape (3,)
+        Point of the plane, m.
+    frame : ndarray, shape (2, 3)
+        Orthonormal directions in the plane.
+    points : int
+        Number of points along each.
+
+    Returns
+    -------
+    along : ndarray, shape (points,)
+        Coordinates in the plane along both directions, m.
+    value : ndarray, shape (points, points)
+        0 in solid, 1 in void, NaN outside the box; second direction first.
+    """
+    size = np.array(rve.size)
+    half = 0.5 * float(np.linalg.norm(size))
+    along = half * (2.0 * (np.arange(points) + 0.5) / points - 1.0)
+    place = origin[:, None, None] + (
+        frame[0][:, None, None] * along[None, None, :]
+        + frame[1][:, None, None] * along[None, :, None]
+    )
+    inside = np.all((place >= 0.0) & (place < size[:, None, None]), axis=0)
+    void = np.zeros((points, points), dtype=bool)
+    if isinstance(rve, Cavities):
+        for kind in rve.images:
+            for k in range(len(kind.centre)):
+                void |= kind.contains(k, place, 4.0 * half / points)
+    else:
+        index = np.floor(place / np.array(rve.spacing)[:, None, None]).astype(int)
+        index = np.clip(index, 0, np.array(rve.void.shape)[:, None, None] - 1)
+        void = rve.void[tuple(index)]
+    return along, np.where(inside, void.astype(float), np.nan)

@@ -1,0 +1,110 @@
+"""Jumps over cycles that change a state slowly, with their error under control."""
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+
+from multiscale.micro.damage.fatigue_material import FatigueMaterial
+
+__all__ = ["Run", "advance"]
+
+GROWTH = 4.0
+"""Largest ratio of a jump to the one before."""
+
+FEWEST = 4
+"""Jumps over fewer cycles than this are not worth their two trial cycles."""
+
+
+@dataclass
+class Run:
+    """What happens over the life; the only thing here that changes."""
+
+    state: np.ndarray
+    cycles: float = 0.0
+    computed: float = 0.0  # cycles whose stress path was followed
+    initiation: float = np.inf
+    broken: bool = False
+    elastic: bool = False
+
+
+Pass = Callable[[Run], None]
+
+
+def advance(
+    run: Run,
+    once: Pass,
+    count: int,
+    material: FatigueMaterial,
+    tolerance: float,
+    note: Callable[[], None],
+) -> None:
+    r"""Pass ``count`` times, with jumps whose error is under control.
+
+    Slow are damage, accumulated plastic strain and the drift :math:`X - \tfrac23 C (1-D)
+    \varepsilon^p` of the back stress; let :math:`y` be they after a pass that changed them by
+    :math:`d_1`. A trial pass from :math:`y + J d_1` brings the plastic strain, which is fast and
+    not extrapolated, to its cycle there; a second one from the same :math:`y + J d_1` changes it
+    by :math:`d_2`. The jump over J passes is accepted if :math:`|d_2 - d_1| / 2` is at most the
+    tolerance times the larger of both, in damage and in accumulated strain, and takes the state to
+    :math:`y + J (d_1 + d_2)/2`.
+    """
+    jump, done = float(FEWEST), 0
+    while done < count:
+        before, start = _slow(run.state, material), run.cycles
+        once(run)
+        done += 1
+        note()
+        if run.broken or run.elastic:
+            return
+        y, length = _slow(run.state, material), run.cycles - start
+        first = y - before
+        while True:
+            J = int(min(jump, count - done, _longest(run.state, first, material)))
+            if J < FEWEST:
+                jump = max(jump, float(FEWEST))
+                break
+            trial = Run(run.state.copy(), run.cycles)
+            for _ in range(2):
+                _set_slow(trial.state, y + J * first, material)
+                once(trial)
+            run.computed += trial.computed
+            second = _slow(trial.state, material) - y - J * first
+            change = _change(first, second)
+            ahead = y + 0.5 * J * (first + second)
+            if trial.broken or change > tolerance or ahead[0] >= material.critical_damage:
+                jump = 0.5 * J if trial.broken else J * max(0.2, 0.8 * tolerance / change)
+                continue
+            run.state[:] = trial.state
+            _set_slow(run.state, ahead, material)
+            run.cycles += J * length
+            done += J
+            note()
+            jump = J * min(GROWTH, 0.8 * tolerance / max(change, 1e-300))
+            break
+
+
+def _change(first: np.ndarray, second: np.ndarray) -> float:
+    """Half the relative difference of two changes, the larger of damage and plastic strain."""
+    size = np.maximum(np.abs(first), np.abs(second))[:2]
+    return float(np.max(0.5 * np.abs(second - first)[:2] / np.where(size > 0.0, size, 1.0)))
+
+
+def _slow(state: np.ndarray, material: FatigueMaterial) -> np.ndarray:
+    """Damage, accumulated plastic strain and drift of the back stress, shape (8,)."""
+    modulus = 2.0 / 3.0 * material.hardening * (1.0 - state[0] * material.feedback)
+    return np.concatenate([state[:2], state[8:14] - modulus * state[2:8]])
+
+
+def _set_slow(state: np.ndarray, slow: np.ndarray, material: FatigueMaterial) -> None:
+    """Put slow variables into a state whose plastic strain stays."""
+    modulus = 2.0 / 3.0 * material.hardening * (1.0 - slow[0] * material.feedback)
+    state[:2], state[8:14] = slow[:2], slow[2:] + modulus * state[2:8]
+
+
+def _longest(state: np.ndarray, change: np.ndarray, material: FatigueMaterial) -> float:
+    """Count the passes that may be jumped before the threshold or the critical damage."""
+    if state[1] < material.threshold:
+        return float((material.threshold - state[1]) // change[1] - 1.0) if change[1] else np.inf
+    left = material.critical_damage - state[0]
+    return float(left // change[0]) if change[0] > 0.0 else np.inf

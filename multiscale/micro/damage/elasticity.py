@@ -1,0 +1,193 @@
+r"""What a 6 x 6 stiffness tells: moduli along directions, its symmetry, and bounds.
+
+Strains and stresses are ordered xx, yy, zz, yz, xz, xy with shear angles.
+"""
+
+import numpy as np
+
+from multiscale.errors import CaseError
+
+__all__ = [
+    "hashin_shtrikman_bound",
+    "isotropic_stiffness",
+    "rotate_stiffness",
+    "symmetry_class",
+    "voigt_bound",
+    "youngs_modulus_along",
+]
+
+MANDEL = np.array([1.0, 1.0, 1.0, 2.0**0.5, 2.0**0.5, 2.0**0.5])
+"""Factors that turn the stiffness into a tensor over an orthonormal basis."""
+
+PAIRS = ((0, 0), (1, 1), (2, 2), (1, 2), (0, 2), (0, 1))
+
+
+def isotropic_stiffness(youngs_modulus: float, poissons_ratio: float) -> np.ndarray:
+    """Hooke's law.
+
+    Returns
+    -------
+    ndarray, shape (6, 6)
+        Pa.
+    """
+    E, nu = youngs_modulus, poissons_ratio
+    lame, shear = E * nu / ((1.0 + nu) * (1.0 - 2.0 * nu)), 0.5 * E / (1.0 + nu)
+    stiffness = np.diag([2.0 * shear] * 3 + [shear] * 3)
+    stiffness[:3, :3] += lame
+    return stiffness
+
+
+def youngs_modulus_along(stiffness: np.ndarray, normals: np.ndarray) -> np.ndarray:
+    r"""Young's modulus for tension along directions.
+
+    Parameters
+    ----------
+    stiffness : ndarray, shape (6, 6)
+        Pa.
+    normals : ndarray, shape (..., 3)
+        Unit vectors n.
+
+    Returns
+    -------
+    ndarray, shape (...)
+        :math:`1 / (n \otimes n : C^{-1} : n \otimes n)`, Pa; zero where the tension meets no
+        stiffness.
+    """
+    n = np.asarray(normals, dtype=float)
+    tension = MANDEL * np.stack([n[..., i] * n[..., j] for i, j in PAIRS], axis=-1)
+    values, modes = np.linalg.eigh(MANDEL[:, None] * stiffness * MANDEL)
+    share = (tension @ modes) ** 2
+    lost = values <= 1e-9 * values.max()
+    compliance = share[..., ~lost] @ (1.0 / values[~lost])
+    carried = share[..., lost].sum(axis=-1) < 1e-9
+    return np.asarray(np.where(carried, 1.0 / np.where(carried, compliance, 1.0), 0.0))
+
+
+def rotate_stiffness(stiffness: np.ndarray, rotation: np.ndarray) -> np.ndarray:
+    """Turn a material.
+
+    Parameters
+    ----------
+    stiffness : ndarray, shape (6, 6)
+        Pa.
+    rotation : ndarray, shape (3, 3)
+        Orthogonal Q; x becomes Q x.
+
+    Returns
+    -------
+    ndarray, shape (6, 6)
+        Pa.
+    """
+    place = np.array([[0, 5, 4], [5, 1, 3], [4, 3, 2]])
+    full = stiffness[place[:, :, None, None], place]
+    Q = rotation
+    turned = np.einsum("ia,jb,kc,ld,abcd->ijkl", Q, Q, Q, Q, full, optimize=True)
+    i, j = np.array(PAIRS).T
+    return np.asarray(turned[i[:, None], j[:, None], i, j])
+
+
+def symmetry_class(
+    stiffness: np.ndarray, *, tolerance: float = 0.01
+) -> tuple[str, dict[str, float]]:
+    """Name the highest symmetry about the axes x, y and z that a stiffness has.
+
+    Parameters
+    ----------
+    stiffness : ndarray, shape (6, 6)
+        Pa.
+    tolerance : float
+        Largest distance, relative to the norm of the stiffness.
+
+    Returns
+    -------
+    name : str
+        ``isotropic``, ``cubic``, ``transversely isotropic about x`` (y, z), ``tetragonal about
+        x`` (y, z), ``orthotropic`` or ``anisotropic``.
+    distances : dict of str to float
+        Relative distance to the nearest stiffness of each class.
+    """
+    size = float(np.linalg.norm(MANDEL[:, None] * stiffness * MANDEL)) or 1.0
+    distances = {
+        name: float(np.linalg.norm(MANDEL[:, None] * (near - stiffness) * MANDEL)) / size
+        for name, near in _nearest(stiffness).items()
+    }
+    name = next((name for name, away in distances.items() if away <= tolerance), "anisotropic")
+    return name, distances
+
+
+def _nearest(C: np.ndarray) -> dict[str, np.ndarray]:
+    """Nearest stiffness of every class, the highest symmetry first."""
+    orthotropic = np.zeros((6, 6))
+    orthotropic[:3, :3] = C[:3, :3]
+    orthotropic[range(3, 6), range(3, 6)] = np.diag(C)[3:]
+    tetragonal, transverse = {}, {}
+    for k, name in enumerate("xyz"):
+        quarter = _turn(k, 0.5 * np.pi)
+        both = 0.5 * (orthotropic + rotate_stiffness(orthotropic, quarter))
+        tetragonal[f"tetragonal about {name}"] = both
+        steps = [rotate_stiffness(both, _turn(k, a)) for a in np.arange(8) * np.pi / 8]
+        transverse[f"transversely isotropic about {name}"] = np.mean(steps, axis=0)
+    cubic = orthotropic.copy()
+    off = ~np.eye(3, dtype=bool)
+    cubic[:3, :3] = np.where(off, C[:3, :3][off].mean(), np.trace(C[:3, :3]) / 3.0)
+    cubic[range(3, 6), range(3, 6)] = np.diag(C)[3:].mean()
+    bulk = float(cubic[0, 0] + 2.0 * cubic[0, 1]) / 3.0
+    shear = float(cubic[0, 0] - cubic[0, 1] + 3.0 * cubic[3, 3]) / 5.0
+    isotropic = np.diag([2.0 * shear] * 3 + [shear] * 3)
+    isotropic[:3, :3] += bulk - 2.0 * shear / 3.0
+    return {
+        "isotropic": isotropic,
+        "cubic": cubic,
+        **transverse,
+        **tetragonal,
+        "orthotropic": orthotropic,
+    }
+
+
+def _turn(axis: int, angle: float) -> np.ndarray:
+    """Rotation about x, y or z."""
+    i, j = (axis + 1) % 3, (axis + 2) % 3
+    Q = np.eye(3)
+    Q[i, i] = Q[j, j] = np.cos(angle)
+    Q[i, j], Q[j, i] = -np.sin(angle), np.sin(angle)
+    return Q
+
+
+def voigt_bound(solid: np.ndarray, porosity: float) -> np.ndarray:
+    """Upper bound of the stiffness of a solid with voids, in the sense of energy, Pa."""
+    return (1.0 - _porosity(porosity)) * solid
+
+
+def hashin_shtrikman_bound(
+    youngs_modulus: float, poissons_ratio: float, porosity: float
+) -> tuple[float, float]:
+    r"""Upper bounds of bulk and shear modulus of an isotropic solid with voids.
+
+    Returns
+    -------
+    bulk, shear : float
+        Pa; the lower bounds are zero.
+
+    Notes
+    -----
+    .. math::
+        K^+ = \frac{4 (1-\phi) K G}{4 G + 3 \phi K}, \qquad
+        G^+ = G\,\frac{(1-\phi)(9K + 8G)}{9K + 8G + 6\phi (K + 2G)}.    \tag{1}
+
+    References
+    ----------
+    .. [1] Z. Hashin and S. Shtrikman, J. Mech. Phys. Solids 11 (1963) 127-140,
+       doi:10.1016/0022-5096(63)90060-7.
+    """
+    phi = _porosity(porosity)
+    K = youngs_modulus / (3.0 * (1.0 - 2.0 * poissons_ratio))
+    G = youngs_modulus / (2.0 * (1.0 + poissons_ratio))
+    bulk = 4.0 * (1.0 - phi) * K * G / (4.0 * G + 3.0 * phi * K)
+    shear = G * (1.0 - phi) * (9.0 * K + 8.0 * G) / (9.0 * K + 8.0 * G + 6.0 * phi * (K + 2.0 * G))
+    return bulk, shear
+
+
+def _porosity(value: float) -> float:
+    if not 0.0 <= value <= 1.0:
+        raise CaseError(f"the porosity must lie from 0 to 1, got {value:g}")
+    return value

@@ -1,0 +1,226 @@
+"""Two-scale fatigue: damage below the yield stress, from cycles of a weak micro-inclusion."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from functools import partial
+from time import perf_counter
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from multiscale.errors import CaseError
+from multiscale.micro.damage.cycle_jump import Run, advance
+from multiscale.micro.damage.fatigue_material import Block, FatigueMaterial
+from multiscale.schema import FATIGUE, WOEHLER
+
+if TYPE_CHECKING:
+    import xarray as xr
+
+__all__ = ["two_scale_fatigue", "woehler_curve"]
+
+
+def two_scale_fatigue(
+    history: np.ndarray | Block | Sequence[Block],
+    material: FatigueMaterial,
+    *,
+    jump_tolerance: float | None = 0.02,
+    max_cycles: float = 1e9,
+    substeps: int = 16,
+) -> "xr.Dataset":
+    """Let damage grow under a stress history until a crack starts or nothing more happens.
+
+    Parameters
+    ----------
+    history : ndarray, Block or sequence of Block
+        Macro stress: one cycle, see :class:`Block`, repeated for ever; or blocks one after the
+        other, which are repeated as a whole.
+    material : FatigueMaterial
+        Volume and inclusion.
+    jump_tolerance : float, optional
+        Cycles are jumped while the change over a jump, extrapolated from its start and from both
+        its ends, differs by no more than this share; what is kept is the better of the two. None
+        follows every cycle.
+    max_cycles : float
+        Where the run ends at the latest.
+    substeps : int
+        Steps for the plastic part of each straight piece. One is exact while the stress keeps
+        its direction and the energy of damage is quadratic in it.
+
+    Returns
+    -------
+    Dataset
+        Follows ``FATIGUE``: damage and plastic strain of the inclusion against cycles, and the
+        numbers of cycles to initiation of damage and to rupture. They are infinite if the
+        inclusion stays or becomes elastic (``run_out`` 1), and NaN if ``max_cycles`` came first
+        (``converged`` 0).
+
+    Raises
+    ------
+    CaseError
+        If an option is out of range.
+
+    Examples
+    --------
+    >>> steel = FatigueMaterial(200e9, 0.3, 200e6, 0.5e6, threshold=0.05, feedback=False)
+    >>> life = two_scale_fatigue(np.array([210e6, -210e6]), steel)
+    >>> round(float(life["cycles_to_rupture"]))
+    4684
+    """
+    if jump_tolerance is not None and not 0.0 < jump_tolerance < 1.0:
+        raise CaseError(f"jump_tolerance must lie between 0 and 1, got {jump_tolerance:g}")
+    if not max_cycles >= 1.0 or substeps < 1:
+        raise CaseError(
+            f"max_cycles and substeps must be at least 1, got {max_cycles:g} and {substeps}"
+        )
+    begin = perf_counter()
+    blocks = [history] if isinstance(history, Block) else history
+    program = (
+        [Block(blocks, 1)]
+        if isinstance(blocks, np.ndarray)
+        else [block if isinstance(block, Block) else Block(block) for block in blocks]
+    )
+    if not program:
+        raise CaseError("the history holds no block; give at least one")
+    life = _Life(program, material, jump_tolerance, substeps)
+    run, record = life.follow(max_cycles)
+    ended = run.broken or run.elastic
+    rupture = run.cycles if run.broken else np.inf if run.elastic else np.nan
+    initiation = run.initiation if np.isfinite(run.initiation) or ended else np.nan
+    cycles, damage, strain = np.array(record).T
+    return FATIGUE.build(
+        {
+            "cycles": cycles,
+            "damage": damage,
+            "plastic_strain": strain,
+            "cycles_to_initiation": initiation,
+            "cycles_to_rupture": rupture,
+            "run_out": int(run.elastic),
+            "computed_cycles": run.computed,
+            "converged": int(ended),
+            "wall_time": perf_counter() - begin,
+        }
+    )
+
+
+def woehler_curve(
+    material: FatigueMaterial,
+    amplitudes: np.ndarray,
+    *,
+    stress_ratio: float = -1.0,
+    direction: np.ndarray | None = None,
+    jump_tolerance: float | None = 0.02,
+) -> "xr.Dataset":
+    """Lives at constant amplitudes.
+
+    Parameters
+    ----------
+    material : FatigueMaterial
+        Volume and inclusion.
+    amplitudes : ndarray, shape (steps,)
+        Half the range of stress, Pa.
+    stress_ratio : float
+        Smallest over largest stress, below 1; -1 is reversed.
+    direction : ndarray, shape (6,), optional
+        Stress per unit of amplitude; uniaxial if not given.
+    jump_tolerance : float, optional
+        As in :func:`two_scale_fatigue`.
+
+    Returns
+    -------
+    Dataset
+        Follows ``WOEHLER``.
+
+    Raises
+    ------
+    CaseError
+        If an amplitude is not positive or the ratio not below 1.
+    """
+    amplitudes = np.asarray(amplitudes, dtype=float)
+    if amplitudes.ndim != 1 or not np.all((amplitudes > 0.0) & np.isfinite(amplitudes)):
+        raise CaseError(f"amplitudes must be positive (Pa), got {amplitudes}")
+    if not stress_ratio < 1.0:
+        raise CaseError(f"stress_ratio must be below 1, got {stress_ratio:g}")
+    along = np.eye(6)[0] if direction is None else np.asarray(direction, dtype=float)
+    lives = []
+    for amplitude in amplitudes:
+        largest = 2.0 * amplitude / (1.0 - stress_ratio)
+        path = np.array([largest, stress_ratio * largest])[:, None] * along
+        lives.append(two_scale_fatigue(path, material, jump_tolerance=jump_tolerance))
+    names = ("cycles_to_initiation", "cycles_to_rupture", "run_out", "converged", "wall_time")
+    values = {name: np.array([life[name].item() for life in lives]) for name in names}
+    return WOEHLER.build({"amplitude": amplitudes, **values}, stress_ratio=stress_ratio)
+
+
+@dataclass(frozen=True)
+class _Life:
+    """How a program of blocks is gone through."""
+
+    program: list[Block]
+    material: FatigueMaterial
+    tolerance: float | None
+    substeps: int
+
+    def follow(self, max_cycles: float) -> tuple[Run, list[tuple[float, float, float]]]:
+        """Repeat the blocks until rupture, shakedown or the last cycle."""
+        from multiscale.micro.damage.inclusion import SIZE
+
+        run, record = Run(np.zeros(SIZE)), [(0.0, 0.0, 0.0)]
+
+        def note() -> None:
+            if run.state[1] > self.material.threshold and np.isinf(run.initiation):
+                run.initiation = _initiation(run, record[-1], self.material.threshold)
+            record.append((run.cycles, float(run.state[0]), float(run.state[1])))
+
+        alone = len(self.program) == 1
+        length = 1 if alone else sum(block.cycles for block in self.program)
+        left = int(max(1, max_cycles // length))
+        if self.tolerance is not None:
+            once = partial(self.go, self.program[0], 1) if alone else self.through_program
+            advance(run, once, left, self.material, self.tolerance, note)
+            return run, record
+        while left > 0 and not (run.broken or run.elastic):
+            many = min(left, max(1, int(run.cycles) // (20 * length)))  # passes for each record
+            if alone:
+                self.go(self.program[0], many, run)
+            else:
+                for _ in range(many):
+                    self.through_program(run)
+                    if run.broken or run.elastic:
+                        break
+            left -= many
+            note()
+        return run, record
+
+    def go(self, block: Block, cycles: int, run: Run) -> None:
+        """Go through every cycle."""
+        from multiscale.micro.damage.inclusion import run_cycles
+
+        done, run.elastic = run_cycles(
+            run.state, block.stress, cycles, self.material.parameters(), self.substeps
+        )
+        run.cycles += done
+        run.computed += done
+        run.broken = bool(run.state[0] >= self.material.critical_damage)
+
+    def through_program(self, run: Run) -> None:
+        """Go through all blocks."""
+        strain = run.state[1]
+        for block in self.program:
+            start = run.cycles
+            if self.tolerance is None:
+                self.go(block, block.cycles, run)
+            else:
+                once = partial(self.go, block, 1)
+                advance(run, once, block.cycles, self.material, self.tolerance, lambda: None)
+            if run.broken:
+                return
+            if run.elastic:  # the cycles left change nothing but their number
+                run.cycles = start + block.cycles
+        run.elastic = bool(run.state[1] == strain)
+
+
+def _initiation(run: Run, last: tuple[float, float, float], threshold: float) -> float:
+    """Cycles at which the plastic strain reached the threshold, between two records."""
+    cycles, _, strain = last
+    share = (threshold - strain) / (float(run.state[1]) - strain)
+    return cycles + share * (run.cycles - cycles)

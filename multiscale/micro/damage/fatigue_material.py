@@ -1,0 +1,132 @@
+"""What two-scale fatigue needs: a material and the stress it goes through."""
+
+from dataclasses import dataclass, fields
+
+import numpy as np
+
+from multiscale.errors import CaseError
+
+__all__ = ["Block", "FatigueMaterial"]
+
+
+@dataclass(frozen=True)
+class FatigueMaterial:
+    r"""Elastic volume and micro-inclusion; see :mod:`~multiscale.micro.damage.inclusion`.
+
+    Parameters
+    ----------
+    youngs_modulus, poissons_ratio : float
+        Of both, Pa and dimensionless.
+    fatigue_limit : float
+        :math:`\sigma_f`, at which the inclusion yields, Pa.
+    damage_strength : float
+        :math:`S` of the damage law, Pa.
+    damage_exponent : float
+        :math:`s`, dimensionless.
+    hardening : float
+        Kinematic modulus :math:`C`, Pa.
+    threshold : float
+        Plastic strain :math:`p_D` of the inclusion at which damage sets in.
+    critical_damage : float
+        :math:`D_c` at which a crack starts.
+    closure : float
+        :math:`h`: share of the damage that acts in compression, 0 to 1.
+    feedback : bool
+        Whether damage changes the stress of the inclusion. Without it the model has a closed
+        form for reversed tension.
+
+    Raises
+    ------
+    CaseError
+        If a parameter is outside its range.
+    """
+
+    youngs_modulus: float
+    poissons_ratio: float
+    fatigue_limit: float
+    damage_strength: float
+    damage_exponent: float = 1.0
+    hardening: float = 0.0
+    threshold: float = 0.0
+    critical_damage: float = 0.3
+    closure: float = 1.0
+    feedback: bool = True
+
+    def __post_init__(self) -> None:
+        for name, unit in (
+            ("youngs_modulus", "Pa"),
+            ("fatigue_limit", "Pa"),
+            ("damage_strength", "Pa"),
+            ("damage_exponent", "dimensionless"),
+        ):
+            value = getattr(self, name)
+            if not (value > 0.0 and np.isfinite(value)):
+                raise CaseError(f"{name} must be positive ({unit}), got {value:g}")
+        for name, unit in (("hardening", "Pa"), ("threshold", "dimensionless")):
+            value = getattr(self, name)
+            if not (value >= 0.0 and np.isfinite(value)):
+                raise CaseError(f"{name} must not be negative ({unit}), got {value:g}")
+        if not -1.0 < self.poissons_ratio < 0.5:
+            raise CaseError(
+                f"poissons_ratio must lie between -1 and 0.5, got {self.poissons_ratio:g}"
+            )
+        if not 0.0 < self.critical_damage <= 1.0:
+            raise CaseError(
+                f"critical_damage must lie above 0 and up to 1, got {self.critical_damage:g}"
+            )
+        if not 0.0 <= self.closure <= 1.0:
+            raise CaseError(f"closure must lie from 0 to 1, got {self.closure:g}")
+
+    def parameters(self) -> np.ndarray:
+        """All parameters in the order of the kernel."""
+        order = (
+            "youngs_modulus",
+            "poissons_ratio",
+            "fatigue_limit",
+            "hardening",
+            "damage_strength",
+            "damage_exponent",
+            "threshold",
+            "critical_damage",
+            "closure",
+            "feedback",
+        )
+        assert len(order) == len(fields(self))
+        return np.array([float(getattr(self, name)) for name in order])
+
+
+@dataclass(frozen=True)
+class Block:
+    """A stress path that is gone through many times.
+
+    Parameters
+    ----------
+    stress : ndarray, shape (points,) or (points, 6)
+        Corners of one cycle, joined by straight lines, Pa: uniaxial stress, or xx, yy, zz, yz,
+        xz, xy.
+    cycles : int
+        Number of cycles.
+
+    Raises
+    ------
+    CaseError
+        If a stress is not finite or there are no cycles.
+    """
+
+    stress: np.ndarray
+    cycles: int = 1
+
+    def __post_init__(self) -> None:
+        stress = np.asarray(self.stress, dtype=float)
+        if stress.ndim == 1:
+            stress = stress[:, None] * np.eye(6)[0]
+        if stress.ndim != 2 or stress.shape[1] != 6 or len(stress) == 0:
+            raise CaseError(
+                f"the stress of a block needs the shape (points,) or (points, 6), "
+                f"got {np.shape(self.stress)}"
+            )
+        if not np.all(np.isfinite(stress)):
+            raise CaseError("the stress of a block must be finite (Pa)")
+        if self.cycles < 1:
+            raise CaseError(f"a block needs at least one cycle, got {self.cycles}")
+        object.__setattr__(self, "stress", np.ascontiguousarray(stress))

@@ -1,0 +1,216 @@
+r"""Cycles of a weak micro-inclusion in an elastic volume: the kernel of two-scale fatigue.
+
+With :math:`a = (1+\nu)/(3(1-\nu))` and :math:`b = 2(4-5\nu)/(15(1-\nu))`, Eshelby and Kröner's
+localisation of the strain of an elastic volume (no plastic strain at its own scale) is
+
+.. math::
+    \varepsilon^\mu = \frac{1}{1 - bD} \Big[ \varepsilon
+    + \frac{(a-b) D}{3 (1 - aD)}\, \mathrm{tr}(\varepsilon)\, 1
+    + b (1-D)\, \varepsilon^{p\mu} \Big],
+
+so that the effective stress :math:`\tilde\sigma = E : (\varepsilon^\mu - \varepsilon^{p\mu})` has
+
+.. math::
+    \tilde s = \frac{s - 2G(1-b)\, \varepsilon^{p\mu}}{1 - bD}, \qquad
+    \tilde\sigma_H = \frac{\sigma_H}{1 - aD}.    \tag{1}
+
+It yields at the fatigue limit with linear kinematic hardening and is damaged beyond a threshold:
+
+.. math::
+    (\tilde s - X)_{eq} \le \sigma_f, \quad
+    \dot\varepsilon^{p\mu} = \tfrac32 \frac{\tilde s - X}{\sigma_f}\, \dot p, \quad
+    \dot X = \tfrac23 C (1-D)\, \dot\varepsilon^{p\mu}, \quad
+    \dot D = (Y/S)^s\, \dot p \;\; (p > p_D).    \tag{2}
+
+Along a straight stress path with D frozen a step beyond the yield surface comes back by
+
+.. math:: \Delta p = \big[(\tilde s^* - X)_{eq} - \sigma_f\big] / K, \qquad
+    K = \frac{3G(1-b)}{1 - bD} + C (1-D),    \tag{3}
+
+exactly if the flow keeps its direction. With the factor :math:`h` of crack closure
+
+.. math::
+    Y = \frac{1+\nu}{2E} \Big[ \langle\tilde\sigma\rangle_+^2
+    + h k\, \langle\tilde\sigma\rangle_-^2 \Big]
+    - \frac{\nu}{2E} \Big[ \langle \mathrm{tr}\,\tilde\sigma \rangle_+^2
+    + h k\, \langle -\mathrm{tr}\,\tilde\sigma \rangle_+^2 \Big], \quad
+    k = \Big(\frac{1-D}{1-hD}\Big)^2 .    \tag{4}
+"""
+
+import numba
+import numpy as np
+
+__all__ = ["SIZE", "run_cycles"]
+
+SIZE = 20
+"""Length of the state: D, p, plastic strain (6), back stress (6), last macro stress (6)."""
+
+# the material as one array
+E, NU, LIMIT, HARDENING, STRENGTH, EXPONENT, THRESHOLD, CRITICAL, CLOSURE, FEEDBACK = range(10)
+
+
+@numba.njit(cache=True, error_model="numpy")
+def run_cycles(state, path, cycles, material, substeps):  # type: ignore[no-untyped-def]
+    """Go through a closed stress path many times.
+
+    Parameters
+    ----------
+    state : ndarray, shape (20,)
+        Changed in place.
+    path : ndarray, shape (points, 6)
+        Corners of the path, Pa: xx, yy, zz, yz, xz, xy.
+    cycles : int
+        Number of times.
+    material : ndarray, shape (10,)
+        Parameters.
+    substeps : int
+        Steps for the plastic part of each straight piece.
+
+    Returns
+    -------
+    done : float
+        Cycles gone through; with a fraction if the critical damage was reached.
+    elastic : bool
+        Whether the last cycle was elastic, as all others like it will be.
+    """
+    points = len(path)
+    for cycle in range(cycles):
+        p = state[1]
+        for k in range(points):
+            share = _straight(state, path[k], material, substeps)
+            if state[0] >= material[CRITICAL]:
+                return cycle + (k + share) / points, False
+        if state[1] == p and (cycle > 0 or cycles == 1):
+            return cycle + 1.0, True
+    return float(cycles), False
+
+
+@numba.njit(cache=True, error_model="numpy")
+def _equivalent(s):  # type: ignore[no-untyped-def]
+    """Mises norm of a deviator."""
+    direct = s[0] * s[0] + s[1] * s[1] + s[2] * s[2]
+    return np.sqrt(1.5 * (direct + 2.0 * (s[3] * s[3] + s[4] * s[4] + s[5] * s[5])))
+
+
+@numba.njit(cache=True, error_model="numpy")
+def _straight(state, target, material, substeps):  # type: ignore[no-untyped-def]
+    """Follow a straight stress path; return the share after which damage is critical, or 1."""
+    nu, limit = material[NU], material[LIMIT]
+    shear = material[E] / (2.0 * (1.0 + nu))
+    b = 2.0 * (4.0 - 5.0 * nu) / (15.0 * (1.0 - nu))
+    start = state[14:].copy()
+    begin = 0.0
+    xi, change, middle = np.empty(6), np.empty(6), np.empty(6)
+    mean, mean_change = np.sum(start[:3]) / 3.0, np.sum(target[:3] - start[:3]) / 3.0
+    loss = 1.0 - b * state[0] * material[FEEDBACK]
+    for i in range(6):
+        hydro, hydro_change = (mean, mean_change) if i < 3 else (0.0, 0.0)
+        xi[i] = (start[i] - hydro - 2.0 * shear * (1.0 - b) * state[2 + i]) / loss - state[8 + i]
+        change[i] = (target[i] - start[i] - hydro_change) / loss
+    # the elastic part ends where |xi + t change| = limit, if it does
+    A, B = _equivalent(change) ** 2, _product(xi, change)
+    gap = (limit - _equivalent(xi)) * (limit + _equivalent(xi))
+    if _equivalent(xi + change) <= limit * (1.0 + 1e-14):
+        state[14:] = target
+        return 1.0
+    if A > 0.0 and (gap > 0.0 or B < 0.0):
+        root = np.sqrt(max(B * B + A * max(gap, 0.0), 0.0))
+        begin = gap / (B + root) if B > 0.0 else (root - B) / A
+        begin = min(max(begin, 0.0), 1.0)
+    # deviator and mean of the effective stress where the step starts, for the energy
+    old = np.empty(6)
+    _effective(state, start, target, begin, material, shear, b, old)
+    new = np.empty(6)
+    for step in range(substeps):
+        t = begin + (1.0 - begin) * (step + 1.0) / substeps
+        feedback = state[0] * material[FEEDBACK]
+        _effective(state, start, target, t, material, shear, b, new)
+        mean = (new[0] + new[1] + new[2]) / 3.0
+        for i in range(6):
+            xi[i] = new[i] - (mean if i < 3 else 0.0) - state[8 + i]
+        size = _equivalent(xi)
+        if size > limit:
+            K = 3.0 * shear * (1.0 - b) / (1.0 - b * feedback)
+            K += material[HARDENING] * (1.0 - feedback)
+            dp = (size - limit) / K  # (3)
+            for i in range(6):
+                flow = 1.5 * xi[i] / size * dp
+                state[2 + i] += flow
+                state[8 + i] += 2.0 / 3.0 * material[HARDENING] * (1.0 - feedback) * flow
+                new[i] -= 2.0 * shear * (1.0 - b) / (1.0 - b * feedback) * flow
+            before = state[1]
+            state[1] += dp
+            active = min(dp, state[1] - material[THRESHOLD])
+            if active > 0.0:
+                for i in range(6):
+                    middle[i] = 0.5 * (old[i] + new[i])
+                rate = _rate(old, state[0], material) + 4.0 * _rate(middle, state[0], material)
+                rate = (rate + _rate(new, state[0], material)) / 6.0
+                damage = rate * active
+                if state[0] + damage >= material[CRITICAL]:
+                    left = (material[CRITICAL] - state[0]) / damage
+                    share = (state[1] - active + left * active - before) / dp
+                    state[0] = material[CRITICAL]
+                    return begin + (1.0 - begin) * (step + share) / substeps
+                state[0] += damage
+        old[:] = new
+    state[14:] = target
+    return 1.0
+
+
+@numba.njit(cache=True, error_model="numpy")
+def _product(x, y):  # type: ignore[no-untyped-def]
+    """Inner product that belongs to the norm of Mises."""
+    direct = x[0] * y[0] + x[1] * y[1] + x[2] * y[2]
+    return 1.5 * (direct + 2.0 * (x[3] * y[3] + x[4] * y[4] + x[5] * y[5]))
+
+
+@numba.njit(cache=True, error_model="numpy")
+def _effective(state, start, target, t, material, shear, b, out):  # type: ignore[no-untyped-def]
+    """Effective stress (1) at a share of a straight path."""
+    nu, D = material[NU], state[0] * material[FEEDBACK]
+    a = (1.0 + nu) / (3.0 * (1.0 - nu))
+    for i in range(6):
+        out[i] = start[i] + t * (target[i] - start[i])
+    mean = (out[0] + out[1] + out[2]) / 3.0
+    for i in range(6):
+        deviator = out[i] - (mean if i < 3 else 0.0)
+        out[i] = (deviator - 2.0 * shear * (1.0 - b) * state[2 + i]) / (1.0 - b * D)
+        if i < 3:
+            out[i] += mean / (1.0 - a * D)
+
+
+@numba.njit(cache=True, error_model="numpy")
+def _rate(stress, damage, material):  # type: ignore[no-untyped-def]
+    """Damage (Y / S)^s for each plastic strain, with the energy (4)."""
+    young, nu, h = material[E], material[NU], material[CLOSURE]
+    trace = stress[0] + stress[1] + stress[2]
+    if h == 1.0:
+        direct = stress[0] ** 2 + stress[1] ** 2 + stress[2] ** 2
+        total = direct + 2.0 * (stress[3] ** 2 + stress[4] ** 2 + stress[5] ** 2)
+        energy = ((1.0 + nu) * total - nu * trace * trace) / (2.0 * young)
+    else:
+        closed = h * ((1.0 - damage) / (1.0 - h * damage)) ** 2
+        total = 0.0
+        for value in _principal(stress):
+            total += value * value * (1.0 if value > 0.0 else closed)
+        volume = trace * trace * (1.0 if trace > 0.0 else closed)
+        energy = ((1.0 + nu) * total - nu * volume) / (2.0 * young)
+    return (max(energy, 0.0) / material[STRENGTH]) ** material[EXPONENT]
+
+
+@numba.njit(cache=True, error_model="numpy")
+def _principal(s):  # type: ignore[no-untyped-def]
+    """Principal values of a symmetric tensor by its invariants."""
+    mean = (s[0] + s[1] + s[2]) / 3.0
+    x, y, z = s[0] - mean, s[1] - mean, s[2] - mean
+    second = 0.5 * (x * x + y * y + z * z) + s[3] ** 2 + s[4] ** 2 + s[5] ** 2
+    if second <= 1e-30 * mean * mean or second == 0.0:
+        return mean, mean, mean
+    third = x * (y * z - s[3] ** 2) - s[5] * (s[5] * z - s[3] * s[4])
+    third += s[4] * (s[5] * s[3] - y * s[4])
+    size = np.sqrt(second / 3.0)
+    angle = np.arccos(min(max(0.5 * third / size**3, -1.0), 1.0)) / 3.0
+    first = mean + 2.0 * size * np.cos(angle)
+    last = mean + 2.0 * size * np.cos(angle + 2.0 * np.pi / 3.0)
+    return first, 3.0 * mean - first - last, last

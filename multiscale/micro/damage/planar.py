@@ -1,0 +1,337 @@
+r"""Exact area of a union of ellipses, each perhaps cut by a strip, within a convex polygon.
+
+By Green's theorem the area is a sum over the boundary of the union. Every ellipse, edge of a strip
+and edge of the polygon is cut where it meets the others, and a piece counts if its inside lies on
+that boundary. An arc :math:`c + M (\cos\theta, \sin\theta)` gives
+
+.. math:: \tfrac12 \int x \times \mathrm{d}x = \tfrac12\, c \times M (w_1 - w_0)
+    + \tfrac12 \det M\, (\theta_1 - \theta_0).    \tag{1}
+"""
+
+from dataclasses import dataclass
+
+import numba
+import numpy as np
+
+__all__ = ["Ellipses", "union_area"]
+
+INSIDE = 1e-11
+"""Share of a size by which rounding may move a point across a boundary."""
+
+
+@dataclass(frozen=True)
+class Ellipses:
+    """Plane convex sets, each an ellipse within a strip.
+
+    Attributes
+    ----------
+    centre : ndarray, shape (k, 2)
+        m.
+    root : ndarray, shape (k, 2, 2)
+        M with positive determinant: the ellipse is centre + M w for abs(w) <= 1, m.
+    strip : ndarray, shape (k, 4)
+        Unit normal g and bounds of the strip: bounds[0] <= g . x <= bounds[1], m. A set that is
+        not cut has infinite bounds.
+    """
+
+    centre: np.ndarray
+    root: np.ndarray
+    strip: np.ndarray
+
+    def __len__(self) -> int:
+        return len(self.centre)
+
+    @staticmethod
+    def join(parts: "list[Ellipses]") -> "Ellipses":
+        """Put several lists into one."""
+        return Ellipses(
+            np.concatenate([np.empty((0, 2)), *(part.centre for part in parts)]),
+            np.concatenate([np.empty((0, 2, 2)), *(part.root for part in parts)]),
+            np.concatenate([np.empty((0, 4)), *(part.strip for part in parts)]),
+        )
+
+
+def union_area(polygon: np.ndarray, sets: Ellipses) -> float:
+    """Area that the sets cover within a polygon.
+
+    Parameters
+    ----------
+    polygon : ndarray, shape (corners, 2)
+        Convex, anticlockwise, m.
+    sets : Ellipses
+        They may overlap.
+
+    Returns
+    -------
+    float
+        m².
+    """
+    if len(sets) == 0:
+        return 0.0
+    size = float(np.ptp(polygon, axis=0).max())
+    origin = polygon.mean(axis=0)
+    strip = sets.strip.copy()
+    strip[:, 2:] = (strip[:, 2:] - (strip[:, :2] @ origin)[:, None]) / size
+    root = sets.root / size
+    area = _union_area(
+        (polygon - origin) / size,
+        (sets.centre - origin) / size,
+        root,
+        np.linalg.inv(root),
+        np.linalg.norm(root, 2, axis=(1, 2)),
+        strip,
+    )
+    return float(size**2 * area)
+
+
+@numba.njit(cache=True, error_model="numpy")
+def _union_area(polygon, centre, root, inverse, radius, strip):  # type: ignore[no-untyped-def]
+    """Sum (1) over the pieces of the boundary of the union."""
+    near = _neighbours(polygon, centre, radius)
+    breaks = np.empty(8 + 2 * len(polygon) + 8 * len(centre))
+    total = 0.0
+    for i in range(len(centre)):
+        if near[i, i]:
+            total += _arcs(i, polygon, centre, root, inverse, strip, near[i], breaks)
+            total += _cuts(i, polygon, centre, root, inverse, strip, near[i], breaks)
+    everyone = np.ones(len(centre), dtype=np.bool_)
+    for a in range(len(polygon)):
+        p, q = polygon[a], polygon[(a + 1) % len(polygon)]
+        n = _crossings(p, q, -1, polygon, centre, inverse, strip, everyone, breaks, False)
+        for b in range(n - 1):
+            s, t = _samples(breaks[b], breaks[b + 1])
+            x, y = p[0] + s * (q[0] - p[0]), p[1] + s * (q[1] - p[1])
+            u, v = p[0] + t * (q[0] - p[0]), p[1] + t * (q[1] - p[1])
+            for j in range(len(centre)):
+                depth = min(
+                    _depth(x, y, j, centre, inverse, strip), _depth(u, v, j, centre, inverse, strip)
+                )
+                if depth >= -INSIDE:
+                    total += 0.5 * (p[0] * q[1] - p[1] * q[0]) * (breaks[b + 1] - breaks[b])
+                    break
+    return total
+
+
+@numba.njit(cache=True, error_model="numpy")
+def _neighbours(polygon, centre, radius):  # type: ignore[no-untyped-def]
+    """Whether two circumcircles meet; on the diagonal whether one meets that of the polygon."""
+    reach = 0.0
+    for corner in polygon:
+        reach = max(reach, np.hypot(corner[0], corner[1]))
+    n = len(centre)
+    near = np.zeros((n, n), dtype=np.bool_)
+    for i in range(n):
+        near[i, i] = np.hypot(centre[i, 0], centre[i, 1]) <= reach + radius[i]
+        for j in range(i):
+            distance = np.hypot(centre[i, 0] - centre[j, 0], centre[i, 1] - centre[j, 1])
+            near[i, j] = near[j, i] = distance <= radius[i] + radius[j]
+    return near
+
+
+@numba.njit(cache=True, error_model="numpy")
+def _samples(low, high):  # type: ignore[no-untyped-def]
+    """Choose two places of a piece: one alone may be where another boundary only touches."""
+    return low + 0.37 * (high - low), low + 0.61 * (high - low)
+
+
+@numba.njit(cache=True, error_model="numpy")
+def _depth(x, y, j, centre, inverse, strip):  # type: ignore[no-untyped-def]
+    """How deep a point lies in a set: positive inside, zero on the boundary; dimensionless."""
+    x0, y0 = x - centre[j, 0], y - centre[j, 1]
+    u = inverse[j, 0, 0] * x0 + inverse[j, 0, 1] * y0
+    v = inverse[j, 1, 0] * x0 + inverse[j, 1, 1] * y0
+    along = strip[j, 0] * x + strip[j, 1] * y
+    return min(1.0 - u * u - v * v, along - strip[j, 2], strip[j, 3] - along)
+
+
+@numba.njit(cache=True, error_model="numpy")
+def _exposed(x, y, i, polygon, centre, inverse, strip, near):  # type: ignore[no-untyped-def]
+    """Whether a point of the boundary of a set lies in the polygon and in no other set."""
+    for a in range(len(polygon)):
+        p, q = polygon[a], polygon[(a + 1) % len(polygon)]
+        dx, dy = q[0] - p[0], q[1] - p[1]
+        if dx * (y - p[1]) - dy * (x - p[0]) <= INSIDE * np.hypot(dx, dy):
+            return False
+    for j in range(len(centre)):
+        if j != i and near[j]:
+            depth = _depth(x, y, j, centre, inverse, strip)
+            if depth > INSIDE or (depth > -INSIDE and j < i):  # of equal sets the first counts
+                return False
+    return True
+
+
+@numba.njit(cache=True, error_model="numpy")
+def _arcs(i, polygon, centre, root, inverse, strip, near, breaks):  # type: ignore[no-untyped-def]
+    """Part of (1) from the exposed arcs of an ellipse."""
+    M, cx, cy = root[i], centre[i, 0], centre[i, 1]
+    n = 0
+    for a in range(len(polygon)):
+        p, q = polygon[a], polygon[(a + 1) % len(polygon)]
+        gx, gy = q[1] - p[1], p[0] - q[0]
+        n = _arc_line(M, cx, cy, gx, gy, gx * p[0] + gy * p[1], breaks, n)
+    for j in range(len(centre)):
+        if j == i or near[j]:
+            for bound in range(2, 4):
+                if np.isfinite(strip[j, bound]):
+                    n = _arc_line(M, cx, cy, strip[j, 0], strip[j, 1], strip[j, bound], breaks, n)
+        if j != i and near[j]:
+            n = _arc_ellipse(M, cx, cy, centre[j], inverse[j], breaks, n)
+    breaks[n] = 0.0
+    breaks[n + 1] = 2.0 * np.pi
+    n += 2
+    breaks[:n].sort()
+    det = M[0, 0] * M[1, 1] - M[0, 1] * M[1, 0]
+    total = 0.0
+    for b in range(n - 1):
+        low, high = breaks[b], breaks[b + 1]
+        if high - low < 1e-14:
+            continue
+        counts = True
+        for angle in _samples(low, high):
+            x = cx + M[0, 0] * np.cos(angle) + M[0, 1] * np.sin(angle)
+            y = cy + M[1, 0] * np.cos(angle) + M[1, 1] * np.sin(angle)
+            along = strip[i, 0] * x + strip[i, 1] * y
+            counts &= strip[i, 2] <= along <= strip[i, 3]
+            counts &= _exposed(x, y, i, polygon, centre, inverse, strip, near)
+        if counts:
+            u, v = np.cos(high) - np.cos(low), np.sin(high) - np.sin(low)
+            dx, dy = M[0, 0] * u + M[0, 1] * v, M[1, 0] * u + M[1, 1] * v
+            total += 0.5 * (cx * dy - cy * dx) + 0.5 * det * (high - low)
+    return total
+
+
+@numba.njit(cache=True, error_model="numpy")
+def _cuts(i, polygon, centre, root, inverse, strip, near, breaks):  # type: ignore[no-untyped-def]
+    """Part of the sum from the edges of the strip of a set."""
+    total = 0.0
+    gx, gy = strip[i, 0], strip[i, 1]
+    for bound in range(2, 4):
+        h = strip[i, bound]
+        if not np.isfinite(h):
+            continue
+        # the chord of the ellipse: w with (M^T g) . w = h - g . c
+        a = root[i, 0, 0] * gx + root[i, 1, 0] * gy
+        b = root[i, 0, 1] * gx + root[i, 1, 1] * gy
+        size = np.hypot(a, b)
+        s = (h - gx * centre[i, 0] - gy * centre[i, 1]) / size
+        if abs(s) >= 1.0:
+            continue
+        half = np.sqrt(1.0 - s * s)
+        sign = 1.0 if bound == 3 else -1.0  # anticlockwise
+        ends = np.empty((2, 2))
+        for k in range(2):
+            t = sign * (2 * k - 1) * half
+            u, v = (s * a - t * b) / size, (s * b + t * a) / size
+            ends[k, 0] = centre[i, 0] + root[i, 0, 0] * u + root[i, 0, 1] * v
+            ends[k, 1] = centre[i, 1] + root[i, 1, 0] * u + root[i, 1, 1] * v
+        p, q = ends[0], ends[1]
+        n = _crossings(p, q, i, polygon, centre, inverse, strip, near, breaks, True)
+        for k in range(n - 1):
+            counts = True
+            for t in _samples(breaks[k], breaks[k + 1]):
+                x, y = p[0] + t * (q[0] - p[0]), p[1] + t * (q[1] - p[1])
+                counts &= _exposed(x, y, i, polygon, centre, inverse, strip, near)
+            if counts:
+                total += 0.5 * (p[0] * q[1] - p[1] * q[0]) * (breaks[k + 1] - breaks[k])
+    return total
+
+
+@numba.njit(cache=True, error_model="numpy")
+def _crossings(  # type: ignore[no-untyped-def]
+    p, q, own, polygon, centre, inverse, strip, near, breaks, with_polygon
+):
+    """Sorted places t in [0, 1] where a segment may cross a boundary."""
+    breaks[0], breaks[1] = 0.0, 1.0
+    n = 2
+    dx, dy = q[0] - p[0], q[1] - p[1]
+    if with_polygon:
+        for a in range(len(polygon)):
+            r, s = polygon[a], polygon[(a + 1) % len(polygon)]
+            gx, gy = s[1] - r[1], r[0] - s[0]
+            n = _add_line(p, dx, dy, gx, gy, gx * r[0] + gy * r[1], breaks, n)
+    for j in range(len(centre)):
+        if j == own or not near[j]:
+            continue
+        for bound in range(2, 4):
+            if np.isfinite(strip[j, bound]):
+                n = _add_line(p, dx, dy, strip[j, 0], strip[j, 1], strip[j, bound], breaks, n)
+        W = inverse[j]
+        x0, y0 = p[0] - centre[j, 0], p[1] - centre[j, 1]
+        a0, b0 = W[0, 0] * x0 + W[0, 1] * y0, W[1, 0] * x0 + W[1, 1] * y0
+        a1, b1 = W[0, 0] * dx + W[0, 1] * dy, W[1, 0] * dx + W[1, 1] * dy
+        A, B, C = a1 * a1 + b1 * b1, a0 * a1 + b0 * b1, a0 * a0 + b0 * b0 - 1.0
+        under = B * B - A * C
+        if under > 0.0 and A > 0.0:
+            for sign in (-1.0, 1.0):
+                t = (-B + sign * np.sqrt(under)) / A
+                if 0.0 < t < 1.0:
+                    breaks[n] = t
+                    n += 1
+    breaks[:n].sort()
+    return n
+
+
+@numba.njit(cache=True, error_model="numpy")
+def _add_line(p, dx, dy, gx, gy, h, breaks, n):  # type: ignore[no-untyped-def]
+    """Add the place where a segment crosses the line g . x = h."""
+    slope = gx * dx + gy * dy
+    if slope != 0.0:
+        t = (h - gx * p[0] - gy * p[1]) / slope
+        if 0.0 < t < 1.0:
+            breaks[n] = t
+            n += 1
+    return n
+
+
+@numba.njit(cache=True, error_model="numpy")
+def _arc_line(M, cx, cy, gx, gy, h, breaks, n):  # type: ignore[no-untyped-def]
+    """Add the angles where an ellipse crosses the line g . x = h."""
+    B, C = M[0, 0] * gx + M[1, 0] * gy, M[0, 1] * gx + M[1, 1] * gy
+    return _add_angles(gx * cx + gy * cy - h, B, C, breaks, n)
+
+
+@numba.njit(cache=True, error_model="numpy")
+def _add_angles(A, B, C, breaks, n):  # type: ignore[no-untyped-def]
+    """Add the roots of A + B cos t + C sin t."""
+    size = np.hypot(B, C)
+    if size > 0.0 and abs(A) < size:
+        middle, half = np.arctan2(C, B), np.arccos(-A / size)
+        breaks[n] = (middle - half) % (2.0 * np.pi)
+        breaks[n + 1] = (middle + half) % (2.0 * np.pi)
+        n += 2
+    return n
+
+
+@numba.njit(cache=True, error_model="numpy")
+def _arc_ellipse(M, cx, cy, other, W, breaks, n):  # type: ignore[no-untyped-def]
+    """Add the angles where an ellipse crosses another: a trigonometric quartic."""
+    x0, y0 = cx - other[0], cy - other[1]
+    p0, q0 = W[0, 0] * x0 + W[0, 1] * y0, W[1, 0] * x0 + W[1, 1] * y0
+    pc, ps = W[0, 0] * M[0, 0] + W[0, 1] * M[1, 0], W[0, 0] * M[0, 1] + W[0, 1] * M[1, 1]
+    qc, qs = W[1, 0] * M[0, 0] + W[1, 1] * M[1, 0], W[1, 0] * M[0, 1] + W[1, 1] * M[1, 1]
+    # |W x|^2 - 1 = A + B cos t + C sin t + D cos 2t + E sin 2t
+    A = p0 * p0 + q0 * q0 - 1.0 + 0.5 * (pc * pc + qc * qc + ps * ps + qs * qs)
+    B, C = 2.0 * (p0 * pc + q0 * qc), 2.0 * (p0 * ps + q0 * qs)
+    D = 0.5 * (pc * pc + qc * qc - ps * ps - qs * qs)
+    E = pc * ps + qc * qs
+    if np.hypot(D, E) <= 1e-12 * (abs(A) + np.hypot(B, C)):
+        return _add_angles(A, B, C, breaks, n)
+    companion = np.zeros((4, 4), dtype=np.complex128)
+    lead = 0.5 * (D - 1j * E)
+    companion[0, 0] = -0.5 * (B - 1j * C) / lead
+    companion[0, 1] = -A / lead
+    companion[0, 2] = -0.5 * (B + 1j * C) / lead
+    companion[0, 3] = -0.5 * (D + 1j * E) / lead
+    companion[1, 0] = companion[2, 1] = companion[3, 2] = 1.0
+    for z in np.linalg.eigvals(companion):
+        if abs(abs(z) - 1.0) > 0.1:
+            continue
+        t = np.angle(z)
+        for _ in range(3):  # polish on the real circle; a place too many does no harm
+            slope = C * np.cos(t) - B * np.sin(t) + 2.0 * (E * np.cos(2 * t) - D * np.sin(2 * t))
+            value = A + B * np.cos(t) + C * np.sin(t) + D * np.cos(2 * t) + E * np.sin(2 * t)
+            if slope != 0.0:
+                t -= min(max(value / slope, -0.1), 0.1)
+        breaks[n] = t % (2.0 * np.pi)
+        n += 1
+    return n

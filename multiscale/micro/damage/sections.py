@@ -1,0 +1,326 @@
+r"""Damage on plane sections, eq (1) of the source: :math:`D(n) = \delta S_D / \delta S`.
+
+It is a geometric quantity. Stiffness is :math:`E (1 - D)` only where cavities run through along
+the normal, see :mod:`~multiscale.micro.damage.rve`; and the maximum over the planes of a random
+medium falls towards its porosity as the volume grows.
+"""
+
+from collections.abc import Sequence
+from dataclasses import replace
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from multiscale.errors import CaseError
+from multiscale.io.images import VoxelImage
+from multiscale.micro.damage.cavities import Cavities
+from multiscale.micro.damage.directions import (
+    fit_tensor,
+    lattice_directions,
+    miller_indices,
+    sphere_directions,
+)
+from multiscale.micro.damage.plane import Plane
+from multiscale.schema import DAMAGE_SECTIONS
+
+if TYPE_CHECKING:
+    import xarray as xr
+
+__all__ = ["max_damage", "plane_damage"]
+
+QUANTILES = (0.5, 0.9, 0.95, 0.99)
+"""Quantiles of the damage over all sections that are reported."""
+
+CANDIDATES = 4
+"""Sections from which the search for the worst one goes on."""
+
+
+def plane_damage(
+    rve: Cavities | VoxelImage,
+    normal: np.ndarray | Sequence[float],
+    offset: float | np.ndarray = 0.0,
+    *,
+    slab: float = 0.0,
+    closed: bool = False,
+) -> np.ndarray:
+    r"""Compute the damage on planes with one normal, eq (1) of the source.
+
+    Parameters
+    ----------
+    rve : Cavities or VoxelImage
+        The representative volume.
+    normal : array_like, shape (3,)
+        :math:`n`, of any length but zero.
+    offset : float or ndarray
+        Distance of the planes from the centre of the volume along the normal, m.
+    slab : float
+        Thickness of the slab about a plane, m, in which flat cracks count with their shadow on
+        the plane, :math:`A\,|n \cdot m|`: the section of a flat crack itself is a line without
+        area. With 0 those count that the plane meets.
+    closed : bool
+        Take the plane not within the box but through the periodic medium until it closes. The
+        normal must then be a lattice direction of the box.
+
+    Returns
+    -------
+    ndarray, shape of ``offset``
+        :math:`D = S_D / S` with the area of the section within the box, exact up to round-off
+        for closed forms (overlaps are counted once) and for the voxels of an image. NaN where
+        the plane misses the box.
+
+    Raises
+    ------
+    CaseError
+        If the normal is no direction, the slab is negative, or a plane does not close.
+
+    Examples
+    --------
+    >>> from multiscale.micro.damage import Cavities, spheres
+    >>> rve = Cavities((1.0, 1.0, 1.0), [spheres([[0.5, 0.5, 0.5]], 0.3)])
+    >>> float(plane_damage(rve, (0, 0, 1)).round(5))
+    0.28274
+    """
+    direction = _unit(normal)
+    if not (slab >= 0.0 and np.isfinite(slab)):
+        raise CaseError(f"the slab must have a thickness of at least 0 (m), got {slab:g}")
+    distances = np.atleast_1d(np.asarray(offset, dtype=float))
+    lost, area = _sections(rve, direction, distances.ravel(), slab, closed)
+    with np.errstate(invalid="ignore"):
+        damage = np.where(area > 0.0, lost / area, np.nan)
+    return np.asarray(np.clip(damage, 0.0, 1.0).reshape(np.shape(offset)))
+
+
+def max_damage(
+    rve: Cavities | VoxelImage,
+    *,
+    level: int = 2,
+    sections: int = 65,
+    slab: float = 0.0,
+    closed: bool = False,
+    smallest_section: float = 0.5,
+) -> "xr.Dataset":
+    """Search the worst plane, and say how damage is spread over all of them.
+
+    Parameters
+    ----------
+    rve : Cavities or VoxelImage
+        The representative volume.
+    level : int
+        Refinement of the sphere of normals, see :func:`~.directions.sphere_directions`; edges
+        and diagonals of the box are always among them.
+    sections : int
+        Number of planes with each normal.
+    slab, closed
+        As in :func:`plane_damage`. Closed planes have lattice directions, with Miller indices up
+        to ``level + 1``, in place of the sphere of normals.
+    smallest_section : float
+        Planes whose section is smaller than this share of the section through the centre are
+        left out: a corner of the box is not representative.
+
+    Returns
+    -------
+    Dataset
+        Follows ``DAMAGE_SECTIONS``: every section, the worst plane after a local refinement from
+        the worst few, mean and quantiles, and the tensor of anisotropy. For an image
+        ``resolution_error`` is the difference on the worst plane to half the resolution.
+
+    Raises
+    ------
+    CaseError
+        As :func:`plane_damage`, or if an option is out of range.
+    """
+    if sections < 1 or level < 0 or not 0.0 <= smallest_section < 1.0:
+        raise CaseError(
+            f"sections must be at least 1, level at least 0 and smallest_section from 0 to below "
+            f"1, got {sections}, {level} and {smallest_section:g}"
+        )
+    normals = _normals(rve, level, closed)
+    offset = np.array([_offsets(rve, n, sections, smallest_section, closed) for n in normals])
+    damage = np.array(
+        [
+            plane_damage(rve, n, d, slab=slab, closed=closed)
+            for n, d in zip(normals, offset, strict=True)
+        ]
+    )
+    worst, normal, place = _refine(
+        rve, normals, offset, damage, slab=slab, closed=closed, smallest=smallest_section
+    )
+    values = {
+        "normal": normals,
+        "offset": offset,
+        "damage": damage,
+        "maximum_damage": worst,
+        "worst_normal": normal,
+        "worst_offset": place,
+        "mean_damage": damage.mean(),
+        "quantile_damage": np.quantile(damage, QUANTILES),
+        "quantile": np.array(QUANTILES),
+        "anisotropy": fit_tensor(normals, damage.max(axis=1)),
+        "box_size": np.array(rve.size),
+    }
+    if isinstance(rve, VoxelImage) and min(rve.void.shape) > 1:
+        coarse = plane_damage(rve.coarsened(), normal, place, slab=slab, closed=closed)
+        values["resolution_error"] = abs(float(coarse) - worst)
+    return DAMAGE_SECTIONS.build(values, slab=slab, closed=int(closed))
+
+
+def _sections(
+    rve: Cavities | VoxelImage,
+    normal: np.ndarray,
+    distances: np.ndarray,
+    slab: float,
+    closed: bool,
+) -> tuple[np.ndarray, np.ndarray]:
+    """Area of void and whole area of sections, m²."""
+    if closed:
+        period = 1.0 / np.linalg.norm(miller_indices(normal, rve.size) / np.array(rve.size))
+        half = 0.5 * float(np.abs(normal) @ rve.size)
+        lost, area = np.zeros(len(distances)), np.zeros(len(distances))
+        # the closed plane is all its copies in the box, one period apart
+        first = distances - period * np.floor((distances + half) / period)
+        for copy in range(int(np.ceil(2.0 * half / period)) + 1):
+            parts = _sections(rve, normal, first + copy * period, slab, closed=False)
+            lost, area = lost + parts[0], area + parts[1]
+        return lost, area
+
+    from multiscale.micro.damage.voxel_sections import box_section, void_section
+
+    if isinstance(rve, VoxelImage):
+        return void_section(rve, normal, distances), box_section(rve.size, normal, distances)
+    return _analytic_sections(rve, normal, distances, slab)
+
+
+def _analytic_sections(
+    rve: Cavities, normal: np.ndarray, distances: np.ndarray, slab: float
+) -> tuple[np.ndarray, np.ndarray]:
+    """Areas of union of bodies and of the box on planes, m²."""
+    from multiscale.micro.damage.planar import Ellipses, union_area
+
+    bodies, size = rve.images, np.array(rve.size)
+    lost, area = np.zeros(len(distances)), np.zeros(len(distances))
+    through = Plane.through(0.5 * size, normal, slab)
+    for k, distance in enumerate(distances):
+        plane = replace(through, origin=0.5 * size + distance * normal)
+        polygon = _polygon(plane, size)
+        if len(polygon) > 2:
+            x, y = polygon.T
+            area[k] = 0.5 * float(x @ np.roll(y, -1) - y @ np.roll(x, -1))
+            sets = Ellipses.join([kind.section(plane) for kind in bodies])
+            lost[k] = union_area(polygon, sets)
+    return lost, area
+
+
+def _polygon(plane: Plane, size: np.ndarray) -> np.ndarray:
+    """Corners of the section of a box, anticlockwise in the plane's coordinates, m."""
+    corners = np.array([[i, j, k] for i in (0, 1) for j in (0, 1) for k in (0, 1)]) * size
+    height = (corners - plane.origin) @ plane.normal
+    start, end = np.array([(a, a | bit) for bit in (1, 2, 4) for a in range(8) if not a & bit]).T
+    crossed = (height[start] <= 0.0) != (height[end] <= 0.0)
+    start, end = start[crossed], end[crossed]
+    share = (height[start] / (height[start] - height[end]))[:, None]
+    points = (1.0 - share) * corners[start] + share * corners[end]
+    flat = (points - plane.origin) @ plane.frame.T
+    away = flat - flat.mean(axis=0) if len(flat) else flat
+    return np.asarray(flat[np.argsort(np.arctan2(away[:, 1], away[:, 0]))])
+
+
+def _normals(rve: Cavities | VoxelImage, level: int, closed: bool) -> np.ndarray:
+    """Edges and diagonals of the box, then the sphere; or lattice directions alone."""
+    if closed:
+        return lattice_directions(rve.size, level + 1)
+    lattice, sphere = lattice_directions(rve.size, 1), sphere_directions(level)
+    apart = np.abs(sphere @ lattice.T).max(axis=1) < 1.0 - 1e-9
+    return np.concatenate([lattice, sphere[apart]])
+
+
+def _offsets(
+    rve: Cavities | VoxelImage, normal: np.ndarray, sections: int, smallest: float, closed: bool
+) -> np.ndarray:
+    """Offsets at the middle of equal parts of the range where sections are large enough, m.
+
+    With an edge of the box as normal and more sections than voxels a few planes fall into one
+    layer of voxels; each counts alike.
+    """
+    half = 0.5 * float(np.abs(normal) @ rve.size)
+    if closed:
+        half = 0.5 / float(np.linalg.norm(miller_indices(normal, rve.size) / np.array(rve.size)))
+    else:
+        half = _largest_offset(rve.size, normal, half, smallest)
+    return half * (2.0 * (np.arange(sections) + 0.5) / sections - 1.0)
+
+
+def _largest_offset(
+    size: tuple[float, float, float], normal: np.ndarray, half: float, smallest: float
+) -> float:
+    """Offset at which the section has shrunk to a share of the one through the centre, m."""
+    from scipy.optimize import brentq
+
+    from multiscale.micro.damage.voxel_sections import box_section
+
+    def excess(t: float) -> float:
+        area = box_section(size, normal, np.array([0.0, t * half]))
+        return float(area[1] - smallest * area[0])
+
+    if excess(1.0 - 1e-9) >= 0.0:  # along an edge of the box all sections are alike
+        return half
+    return half * float(brentq(excess, 0.0, 1.0, xtol=1e-12))
+
+
+def _refine(
+    rve: Cavities | VoxelImage,
+    normals: np.ndarray,
+    offset: np.ndarray,
+    damage: np.ndarray,
+    *,
+    slab: float,
+    closed: bool,
+    smallest: float,
+) -> tuple[float, np.ndarray, float]:
+    """Climb from the worst sections found; closed planes keep their normal."""
+    from scipy.optimize import minimize
+
+    step = float(np.ptp(offset, axis=1).max()) / max(1, 2 * (offset.shape[1] - 1)) or 0.1 * min(
+        rve.size
+    )
+    peak = damage.argmax(axis=1)
+    rows = np.argsort(damage.max(axis=1))[::-1][:CANDIDATES]
+    row = rows[0]
+    best = (float(damage[row, peak[row]]), normals[row], float(offset[row, peak[row]]))
+    for row in rows:
+        frame = Plane.through(np.zeros(3), normals[row]).frame
+
+        def plane(
+            x: np.ndarray, row: int = row, frame: np.ndarray = frame
+        ) -> tuple[np.ndarray, float]:
+            turn = x[:-1] @ frame if len(x) == 3 else 0.0
+            return _unit(normals[row] + turn), float(offset[row, peak[row]] + step * x[-1])
+
+        def negative(x: np.ndarray) -> float:
+            n, d = plane(x)
+            if not closed:
+                half = 0.5 * float(np.abs(n) @ rve.size)
+                if abs(d) > _largest_offset(rve.size, n, half, smallest):
+                    return 0.0
+            value = float(plane_damage(rve, n, d, slab=slab, closed=closed))
+            return -value if np.isfinite(value) else 0.0
+
+        start = np.zeros(1 if closed else 3)
+        edges = np.eye(len(start)) * (1.0 if closed else [[0.1], [0.1], [1.0]])
+        options = {
+            "initial_simplex": np.vstack([start, edges]),
+            "xatol": 1e-7,
+            "fatol": 1e-12,
+            "maxfev": 400,
+        }
+        found = minimize(negative, start, method="Nelder-Mead", options=options)
+        if -found.fun > best[0]:
+            best = (float(-found.fun), *plane(found.x))
+    return best
+
+
+def _unit(normal: np.ndarray | Sequence[float]) -> np.ndarray:
+    vector = np.asarray(normal, dtype=float)
+    size = float(np.linalg.norm(vector))
+    if vector.shape != (3,) or not (size > 0.0 and np.isfinite(size)):
+        raise CaseError(f"the normal of a plane must be a direction in space, got {normal}")
+    return vector / size

@@ -1,0 +1,294 @@
+"""Two-scale fatigue against closed forms, an independent integration, and its own cycles."""
+
+import dataclasses
+
+import numpy as np
+import pytest
+from scipy.integrate import solve_ivp
+
+from multiscale.errors import CaseError
+from multiscale.micro.damage import Block, FatigueMaterial, two_scale_fatigue, woehler_curve
+from multiscale.micro.damage.inclusion import SIZE, run_cycles
+from multiscale.reference.fatigue import (
+    damage_per_cycle,
+    plastic_strain_per_cycle,
+    reversed_life,
+)
+from multiscale.schema import FATIGUE, WOEHLER
+
+E, NU, LIMIT, STRENGTH = 200e9, 0.3, 200e6, 0.5e6
+PLAIN = FatigueMaterial(E, NU, LIMIT, STRENGTH, threshold=0.05, feedback=False)
+FULL = FatigueMaterial(E, NU, LIMIT, STRENGTH, 2.0, hardening=20e9, threshold=0.05, closure=0.2)
+
+
+def reversed_stress(amplitude):
+    return np.array([amplitude, -amplitude])
+
+
+def lives(history, material, **options):
+    found = two_scale_fatigue(history, material, **options)
+    FATIGUE.check(found)
+    return float(found["cycles_to_rupture"])
+
+
+# --- closed forms ----------------------------------------------------------------------------
+
+
+# validation: K = 120879.1 MPa; dp, dD, N_D and N_R at 210 and 250 MPa
+@pytest.mark.parametrize(
+    ("amplitude", "dp", "dD", "initiation", "rupture"),
+    [
+        (210e6, 3.30909e-4, 6.61892e-5, 151.1, 4683.6),
+        (250e6, 1.654545e-3, 3.318283e-4, 30.22, 934.3),
+    ],
+)
+def test_reversed_tension_has_its_closed_form(amplitude, dp, dD, initiation, rupture):
+    plastic = plastic_strain_per_cycle(amplitude, E, NU, LIMIT)
+    damage = damage_per_cycle(amplitude, E, NU, LIMIT, STRENGTH)
+    assert plastic == pytest.approx(dp, rel=2e-6)
+    assert damage == pytest.approx(dD, rel=2e-6)
+    assert reversed_life(plastic, damage, 0.05, 0.3) == pytest.approx(rupture, rel=2e-5)
+    for tolerance in (None, 0.02):
+        found = two_scale_fatigue(reversed_stress(amplitude), PLAIN, jump_tolerance=tolerance)
+        assert float(found["cycles_to_rupture"]) == pytest.approx(rupture, rel=5e-3)
+        assert float(found["cycles_to_initiation"]) == pytest.approx(initiation, abs=1.0)
+    # from the state of a run: within .1 %, here to round-off
+    state = np.zeros(SIZE)
+    path = reversed_stress(amplitude)[:, None] * np.eye(6)[0]
+    run_cycles(state, path, 5, PLAIN.parameters(), 1)
+    before = state.copy()
+    run_cycles(state, path, 1, PLAIN.parameters(), 1)
+    assert state[1] - before[1] == pytest.approx(plastic, rel=1e-10)
+
+
+@pytest.mark.parametrize("hardening", [0.0, 5e9, 100e9])
+def test_torsion_flows_by_its_mises_stress(hardening):
+    material = dataclasses.replace(PLAIN, hardening=hardening, threshold=1.0)
+    shear = 130e6
+    path = np.array([shear, -shear])[:, None] * np.eye(6)[5]
+    state = np.zeros(SIZE)
+    run_cycles(state, path, 3, material.parameters(), 4)
+    before = state[1]
+    run_cycles(state, path, 1, material.parameters(), 4)
+    expected = plastic_strain_per_cycle(np.sqrt(3.0) * shear, E, NU, LIMIT, hardening)
+    assert state[1] - before == pytest.approx(expected, rel=1e-10)
+
+
+@pytest.mark.parametrize("amplitude", [1e6, 150e6, 199.99e6, 200e6])
+def test_below_the_limit_there_is_no_end(amplitude):
+    found = two_scale_fatigue(reversed_stress(amplitude), FULL)
+    assert float(found["cycles_to_rupture"]) == np.inf
+    assert int(found["run_out"]) == 1
+    assert float(found["computed_cycles"]) < 5
+
+
+def test_a_mean_stress_shakes_down_with_hardening():
+    """The first load flows; then the back stress has moved the surface and nothing does."""
+    found = two_scale_fatigue(np.array([350e6, 0.0]), FULL)
+    assert int(found["run_out"]) == 1
+    assert float(found["plastic_strain"][-1]) > 0.0
+
+
+# --- the increments --------------------------------------------------------------------------
+
+
+def slopes(path_rate, material):
+    """Rates of plastic strain and back stress on the yield surface, written out in tensors."""
+    G = E / (2.0 * (1.0 + NU))
+    b = 2.0 * (4.0 - 5.0 * NU) / (15.0 * (1.0 - NU))
+
+    def rate(_, y, stress):
+        plastic, back = y[:9].reshape(3, 3), y[9:18].reshape(3, 3)
+        deviator = stress - np.trace(stress) / 3.0 * np.eye(3)
+        xi = deviator - 2.0 * G * (1.0 - b) * plastic - back
+        drive = path_rate - np.trace(path_rate) / 3.0 * np.eye(3)
+        n = 1.5 * xi / np.sqrt(1.5 * np.sum(xi**2))
+        multiplier = max(0.0, np.sum(n * drive)) / (3.0 * G * (1.0 - b) + material.hardening)
+        flow = multiplier * n
+        return np.concatenate(
+            [flow.ravel(), (2.0 / 3.0 * material.hardening * flow).ravel(), [multiplier]]
+        )
+
+    return rate
+
+
+def test_a_path_that_turns_converges_to_the_rate_equations():
+    material = dataclasses.replace(PLAIN, hardening=30e9, threshold=1.0)
+    first, second = np.diag([LIMIT, 0.0, 0.0]), np.diag([LIMIT, 0.0, 0.0])
+    second[0, 1] = second[1, 0] = 200e6
+    rate = slopes(second - first, material)
+    exact = solve_ivp(
+        lambda t, y: rate(t, y, first + t * (second - first)),
+        (0.0, 1.0),
+        np.zeros(19),
+        rtol=1e-10,
+        atol=1e-16,
+    ).y[18, -1]
+    path = np.array([[LIMIT, 0, 0, 0, 0, 0], [LIMIT, 0, 0, 0, 0, 200e6]])
+    errors = []
+    for substeps in (8, 16, 32):
+        state = np.zeros(SIZE)
+        run_cycles(state, path, 1, material.parameters(), substeps)
+        errors.append(abs(state[1] / exact - 1.0))
+    assert errors[0] < 0.02
+    assert np.log2(errors[0] / errors[2]) / 2.0 == pytest.approx(1.0, abs=0.25)
+
+
+def test_turning_the_axes_changes_nothing():
+    q, _ = np.linalg.qr(np.random.default_rng(3).normal(size=(3, 3)))
+    rng = np.random.default_rng(4)
+    corners = rng.uniform(-180e6, 180e6, (4, 3, 3))
+    corners = corners + corners.transpose(0, 2, 1)
+
+    def as_path(tensors):
+        i, j = np.array([(0, 0), (1, 1), (2, 2), (1, 2), (0, 2), (0, 1)]).T
+        return tensors[:, i, j]
+
+    one = lives(as_path(corners), FULL, jump_tolerance=None)
+    other = lives(as_path(q @ corners @ q.T), FULL, jump_tolerance=None)
+    assert np.isfinite(one)
+    assert other == pytest.approx(one, rel=1e-9)
+
+
+def test_compression_damages_less_if_cracks_close():
+    open_cracks = dataclasses.replace(FULL, closure=1.0)
+    tension, reverse = (np.array([260e6, -180e6]), np.array([180e6, -260e6]))
+    assert lives(tension, open_cracks) == pytest.approx(lives(reverse, open_cracks), rel=0.1)
+    assert lives(reverse, FULL) > 1.2 * lives(tension, FULL)
+    half = lives(reversed_stress(230e6), dataclasses.replace(PLAIN, closure=0.0))
+    whole = lives(reversed_stress(230e6), PLAIN)
+    # of a reversed cycle half the damage is left, and the time to its onset is the same
+    initiation = 0.05 / plastic_strain_per_cycle(230e6, E, NU, LIMIT)
+    assert (half - initiation) / (whole - initiation) == pytest.approx(2.0, rel=2e-2)
+
+
+def test_damage_in_the_localisation_shortens_the_life():
+    feedback = dataclasses.replace(PLAIN, feedback=True)
+    assert lives(reversed_stress(230e6), feedback) < 0.8 * lives(reversed_stress(230e6), PLAIN)
+
+
+def test_units_do_not_matter():
+    small = dataclasses.replace(
+        FULL, youngs_modulus=E * 1e-9, fatigue_limit=0.2, damage_strength=5e-4, hardening=20.0
+    )
+    expected = lives(reversed_stress(220e6), FULL)
+    assert lives(reversed_stress(0.22), small) == pytest.approx(expected, rel=1e-9)
+
+
+# --- cycle jumps -----------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("amplitude", [201e6, 220e6, 260e6])
+def test_jumps_agree_with_every_cycle_for_a_tenth_of_them(amplitude):
+    every = lives(reversed_stress(amplitude), FULL, jump_tolerance=None)
+    found = two_scale_fatigue(reversed_stress(amplitude), FULL)
+    assert float(found["cycles_to_rupture"]) == pytest.approx(every, rel=0.01)
+    assert float(found["computed_cycles"]) < 0.11 * every
+
+
+def test_the_error_falls_with_the_tolerance_of_the_jumps():
+    every = lives(reversed_stress(202e6), FULL, jump_tolerance=None)
+    tolerances = (0.1, 0.03, 0.01, 0.003)
+    runs = [two_scale_fatigue(reversed_stress(202e6), FULL, jump_tolerance=t) for t in tolerances]
+    errors = [abs(float(run["cycles_to_rupture"]) / every - 1.0) for run in runs]
+    assert errors[0] < 0.01
+    assert np.all(np.diff(errors) <= 1e-9)
+    assert errors[-1] < 1e-4
+
+
+BLOCKS = [
+    Block(reversed_stress(210e6), 50),
+    Block(reversed_stress(150e6), 1000),
+    Block(reversed_stress(230e6), 5),
+]
+
+
+def test_blocks_are_repeated_as_a_whole():
+    every = lives(BLOCKS, FULL, jump_tolerance=None)
+    found = two_scale_fatigue(BLOCKS, FULL)
+    assert float(found["cycles_to_rupture"]) == pytest.approx(every, rel=0.01)
+    # the elastic block only passes the time
+    short = [BLOCKS[0], dataclasses.replace(BLOCKS[1], cycles=1), BLOCKS[2]]
+    ratio = every / lives(short, FULL, jump_tolerance=None)
+    assert ratio == pytest.approx(1055.0 / 56.0, rel=0.01)
+
+
+def test_the_order_of_blocks_matters_little_when_they_are_short():
+    one = lives(BLOCKS, PLAIN)
+    assert lives(BLOCKS[::-1], PLAIN) == pytest.approx(one, rel=0.02)
+    # linear accumulation without feedback: Palmgren and Miner's sum of damage beyond the onset
+    damage = 50 * damage_per_cycle(210e6, E, NU, LIMIT, STRENGTH)
+    damage += 5 * damage_per_cycle(230e6, E, NU, LIMIT, STRENGTH)
+    plastic = 50 * plastic_strain_per_cycle(210e6, E, NU, LIMIT)
+    plastic += 5 * plastic_strain_per_cycle(230e6, E, NU, LIMIT)
+    assert one / 1055.0 == pytest.approx(0.05 / plastic + 0.3 / damage, rel=0.02)
+
+
+@pytest.mark.parametrize("tolerance", [0.02, pytest.param(None, marks=pytest.mark.slow)])
+def test_a_million_cycles(tolerance):
+    amplitude = LIMIT * (1.0 + 2.35e-5)
+    found = two_scale_fatigue(reversed_stress(amplitude), PLAIN, jump_tolerance=tolerance)
+    plastic = plastic_strain_per_cycle(amplitude, E, NU, LIMIT)
+    damage = damage_per_cycle(amplitude, E, NU, LIMIT, STRENGTH)
+    expected = reversed_life(plastic, damage, 0.05, 0.3)
+    assert expected > 1e6
+    assert float(found["cycles_to_rupture"]) == pytest.approx(expected, rel=1e-3)
+
+
+def test_what_does_not_end_in_time_is_not_called_a_life():
+    for tolerance in (None, 0.02):
+        found = two_scale_fatigue(
+            reversed_stress(210e6), PLAIN, max_cycles=1000, jump_tolerance=tolerance
+        )
+        assert int(found["converged"]) == 0
+        assert np.isnan(float(found["cycles_to_rupture"]))
+        assert float(found["cycles"][-1]) == 1000.0
+
+
+def test_damage_never_heals():
+    found = two_scale_fatigue(BLOCKS, FULL)
+    for name in ("cycles", "damage", "plastic_strain"):
+        assert np.all(np.diff(found[name]) >= 0.0)
+    assert float(found["damage"][-1]) == pytest.approx(0.3)
+
+
+def test_a_woehler_curve_falls_to_the_limit():
+    amplitudes = np.array([190e6, 200.1e6, 205e6, 220e6, 300e6])
+    found = woehler_curve(FULL, amplitudes)
+    WOEHLER.check(found)
+    life = found["cycles_to_rupture"].values
+    assert life[0] == np.inf
+    assert np.all(np.diff(life[1:]) < 0.0)
+    assert found["converged"].values.all()
+    pulsating = woehler_curve(PLAIN, np.array([230e6]), stress_ratio=0.0)
+    assert int(pulsating["run_out"][0]) == 0
+
+
+# --- refusals --------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize(
+    ("call", "sentence"),
+    [
+        (
+            lambda: dataclasses.replace(PLAIN, fatigue_limit=-1.0),
+            r"fatigue_limit must be positive \(Pa\), got -1",
+        ),
+        (lambda: dataclasses.replace(PLAIN, hardening=-1.0), "hardening must not be negative"),
+        (lambda: dataclasses.replace(PLAIN, threshold=-0.1), "threshold must not be negative"),
+        (lambda: dataclasses.replace(PLAIN, critical_damage=1.5), "up to 1, got 1.5"),
+        (lambda: dataclasses.replace(PLAIN, closure=2.0), "closure must lie from 0 to 1, got 2"),
+        (lambda: dataclasses.replace(PLAIN, poissons_ratio=0.5), "between -1 and 0.5"),
+        (lambda: Block(np.zeros((3, 4))), r"shape \(points,\) or \(points, 6\)"),
+        (lambda: Block(np.array([np.nan])), "must be finite"),
+        (lambda: Block(np.ones(2), 0), "at least one cycle, got 0"),
+        (lambda: two_scale_fatigue([], PLAIN), "holds no block"),
+        (lambda: two_scale_fatigue(np.ones(2), PLAIN, jump_tolerance=2.0), "between 0 and 1"),
+        (lambda: two_scale_fatigue(np.ones(2), PLAIN, max_cycles=0), "at least 1"),
+        (lambda: woehler_curve(PLAIN, np.array([-1e6])), "amplitudes must be positive"),
+        (lambda: woehler_curve(PLAIN, np.ones(1), stress_ratio=1.0), "below 1, got 1"),
+    ],
+)
+def test_what_cannot_be_is_refused_with_a_sentence(call, sentence):
+    with pytest.raises(CaseError, match=sentence):
+        call()

@@ -1,0 +1,375 @@
+r"""Eq (1) on geometries whose sections have closed forms, by bodies and by voxels."""
+
+import numpy as np
+import pytest
+
+from multiscale.errors import CaseError
+from multiscale.micro.damage import (
+    Cavities,
+    Ellipsoids,
+    VoxelImage,
+    boolean_spheres,
+    crack_density_tensor,
+    cylinders,
+    ellipsoids,
+    lattice,
+    max_damage,
+    penny_cracks,
+    plane_damage,
+    random_spheres,
+    spheres,
+    voxelise,
+)
+from multiscale.micro.damage.cavities import first_overlap
+from multiscale.micro.damage.directions import fit_tensor, sphere_directions
+from multiscale.micro.damage.voxel_sections import box_section, void_section
+from multiscale.schema import DAMAGE_SECTIONS
+from tests.support import observed_rate
+
+CUBE = (1.0, 1.0, 1.0)
+MIDDLE = [[0.5, 0.5, 0.5]]
+# through the centre of a sphere of the simple cubic lattice: pi r^2 over the area per point
+CUBIC = {(1, 0, 0): 1.0, (1, 1, 0): np.sqrt(2.0), (1, 1, 1): np.sqrt(3.0)}
+
+
+def random_rotation(seed):
+    q, r = np.linalg.qr(np.random.default_rng(seed).normal(size=(3, 3)))
+    return q * np.sign(np.diag(r)) * np.sign(np.linalg.det(q * np.sign(np.diag(r))))
+
+
+# --- closed forms ----------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("offset", [0.0, 0.3, -0.49])
+def test_through_cylinders_have_their_volume_fraction_as_damage(offset):
+    rve = Cavities(CUBE, [cylinders([[0.5, 0.5, 0.2], [0.0, 0.0, 0.0]], (0, 0, 1), [0.3, 0.1])])
+    expected = np.pi * (0.3**2 + 0.1**2)
+    assert plane_damage(rve, (0, 0, 1), offset) == pytest.approx(expected, abs=1e-12)
+
+
+def test_along_its_axis_a_cylinder_is_cut_into_a_rectangle():
+    rve = Cavities(CUBE, [cylinders(MIDDLE, (0, 0, 1), 0.3, 0.5)])
+    width = 2.0 * np.sqrt(0.3**2 - 0.1**2)
+    assert plane_damage(rve, (1, 0, 0), 0.1) == pytest.approx(0.5 * width, abs=1e-10)
+    tilted = plane_damage(rve, (1, 1e-8, 1e-9), 0.1)  # no plane is special
+    assert tilted == pytest.approx(0.5 * width, abs=1e-7)
+    assert plane_damage(rve, (0, 0, 1), [0.24, 0.26]) == pytest.approx([np.pi * 0.09, 0.0])
+
+
+@pytest.mark.parametrize(("normal", "spread"), CUBIC.items(), ids=str)
+def test_spheres_on_a_simple_cubic_lattice(normal, spread):
+    rve = lattice("simple cubic", 0.3, edge=1.0)
+    expected = np.pi * 0.3**2 / spread
+    assert plane_damage(rve, normal, closed=True) == pytest.approx(expected, abs=1e-12)
+
+
+# validation: r = .3 a gives .28274, .19993, .16324, r = .2 a of fcc .29021 > .25133 > .17772
+def test_published_damage_of_lattices():
+    offset = np.linspace(-0.5, 0.5, 41)
+    for name, radius, table in (
+        ("simple cubic", 0.3, {(1, 0, 0): 0.28274, (1, 1, 0): 0.19993, (1, 1, 1): 0.16324}),
+        ("face-centred cubic", 0.2, {(1, 1, 1): 0.29021, (1, 0, 0): 0.25133, (1, 1, 0): 0.17772}),
+    ):
+        rve = lattice(name, radius, edge=1.0)
+        for normal, expected in table.items():
+            period = 1.0 / np.linalg.norm(normal)
+            places = np.concatenate([offset, np.arange(-4, 5) * period / 4])
+            found = np.max(plane_damage(rve, normal, places, closed=True))
+            assert found == pytest.approx(expected, rel=3e-5)
+
+
+# validation: within 2 % at 16 voxels a radius
+@pytest.mark.parametrize(("name", "radius"), [("simple cubic", 0.3), ("face-centred cubic", 0.2)])
+def test_images_of_lattices_have_their_damage(name, radius):
+    rve = lattice(name, radius, edge=1.0)
+    image = voxelise(rve, round(16 / radius))
+    for normal in ((1, 0, 0), (1, 1, 0), (1, 1, 1)):
+        places = np.linspace(-0.5, 0.5, 81) / np.linalg.norm(normal)
+        exact, found = (
+            plane_damage(body, normal, places, closed=True).max() for body in (rve, image)
+        )
+        assert found == pytest.approx(exact, rel=0.02)
+
+
+def test_the_worst_plane_of_a_lattice_is_the_densest_one():
+    found = max_damage(lattice("simple cubic", 0.3, edge=1.0), closed=True, level=0)
+    assert float(found["maximum_damage"]) == pytest.approx(np.pi * 0.09, rel=1e-9)
+    assert np.sort(np.abs(found["worst_normal"].values)) == pytest.approx([0, 0, 1])
+    phi = 4.0 / 3.0 * np.pi * 0.3**3
+    assert float(found["maximum_damage"]) / phi == pytest.approx(2.5, rel=1e-9)
+    found = max_damage(lattice("face-centred cubic", 0.2, edge=1.0), closed=True, level=0)
+    densest = 4.0 * np.pi * 0.2**2 / np.sqrt(3.0)
+    assert float(found["maximum_damage"]) == pytest.approx(densest, rel=1e-6)
+    assert np.abs(found["worst_normal"].values) == pytest.approx(np.full(3, 3**-0.5))
+
+
+def test_one_sphere_and_one_ellipsoid_in_a_cube():
+    rve = Cavities((2.0, 2.0, 2.0), [spheres([[1.0, 1.0, 1.0]], 0.4)])
+    assert plane_damage(rve, (1, 0, 0)) == pytest.approx(np.pi * 0.04, abs=1e-14)
+    turn = random_rotation(3)
+    body = ellipsoids([[1.0, 1.0, 1.0]], [0.5, 0.3, 0.2], turn)
+    rve = Cavities((2.0, 2.0, 2.0), [body], periodic=False)
+    normal = turn[:, 0]
+    area = box_section(rve.size, normal, np.array([0.0]))[0]
+    expected = np.pi * 0.3 * 0.2 / area
+    assert plane_damage(rve, normal) == pytest.approx(expected, rel=1e-12)
+    straight = Cavities(CUBE, [ellipsoids(MIDDLE, [0.4, 0.3, 0.2])])
+    found = plane_damage(straight, (1, 0, 0), [0.0, 0.2])
+    assert found == pytest.approx(np.pi * 0.06 * np.array([1.0, 0.75]), rel=1e-12)
+
+
+def test_bodies_that_overlap_are_counted_once():
+    rve = Cavities(CUBE, [spheres([[0.4, 0.5, 0.5], [0.6, 0.5, 0.5]], 0.2)])
+    lens = 0.08 * (np.arccos(0.5) - 0.5 * np.sqrt(0.75))
+    assert plane_damage(rve, (0, 0, 1)) == pytest.approx(np.pi * 0.08 - lens, rel=1e-12)
+    twice = Cavities(CUBE, [spheres(MIDDLE * 2, 0.2), ellipsoids(MIDDLE, [0.2, 0.2, 0.2])])
+    once = Cavities(CUBE, [spheres(MIDDLE, 0.2)])
+    assert plane_damage(twice, (1, 2, 3)) == pytest.approx(plane_damage(once, (1, 2, 3)))
+
+
+def test_a_body_that_only_touches_an_edge_of_the_section_covers_none_of_it():
+    """The edge at y = .2 touches the ellipse in its middle."""
+    rve = Cavities(CUBE, [cylinders(MIDDLE, (0, 0, 1), 0.3)])
+    found = plane_damage(rve, (0, -1, 1), -0.2 / np.sqrt(2.0))
+    assert found == pytest.approx(np.pi * 0.09 / 0.8, rel=1e-9)
+
+
+@pytest.mark.parametrize("normal", [(0, 0, 1), (1, 2, 3), (0.1, -1.0, 1e-6)])
+def test_sections_add_up_to_the_volume(normal):
+    """The integral of the void area along the normal is the volume, in closed form and voxels."""
+    bodies = [spheres([[0.3, 0.4, 0.5]], 0.25), cylinders([[0.7, 0.7, 0.5]], (0, 0, 1), 0.15, 0.4)]
+    rve = Cavities(CUBE, bodies)
+    n = np.array(normal) / np.linalg.norm(normal)
+    half = 0.5 * np.abs(n).sum()
+    offset = half * (2.0 * (np.arange(400) + 0.5) / 400 - 1.0)
+    area = box_section(CUBE, n, offset)
+    assert area.mean() * 2.0 * half == pytest.approx(1.0, rel=1e-4)
+    volume = 4.0 / 3.0 * np.pi * 0.25**3 + np.pi * 0.15**2 * 0.4
+    found = np.mean(plane_damage(rve, normal, offset) * area) * 2.0 * half
+    assert found == pytest.approx(volume, rel=2e-3)
+    image = voxelise(rve, 32)
+    found = void_section(image, n, offset).mean() * 2.0 * half
+    assert found == pytest.approx(image.porosity, rel=5e-3)
+
+
+def test_a_voxel_image_is_cut_exactly():
+    """One void voxel is a box of its own: its section is that of a box."""
+    void = np.zeros((3, 3, 3), dtype=bool)
+    void[1, 1, 1] = True
+    image = VoxelImage(void, (3.0, 6.0, 1.5))
+    for normal in np.random.default_rng(0).normal(size=(5, 3)):
+        n = normal / np.linalg.norm(normal)
+        whole = Cavities((1.0, 2.0, 0.5))
+        offset = np.array([-0.2, 0.0, 0.3])
+        polygon = box_section(whole.size, n, offset)
+        np.testing.assert_allclose(void_section(image, n, offset), polygon, rtol=1e-12)
+
+
+def test_the_section_of_a_box_is_the_polygon_within_it():
+    everything = spheres(MIDDLE, 9.0)
+    rve = Cavities(CUBE, [everything], periodic=False)
+    for normal in np.random.default_rng(1).normal(size=(20, 3)):
+        found = plane_damage(rve, normal, [0.0, 0.3, -0.4])
+        np.testing.assert_allclose(found[np.isfinite(found)], 1.0, rtol=1e-12)
+    assert np.isnan(plane_damage(rve, (0, 0, 1), 0.6))
+
+
+# --- flat cracks -----------------------------------------------------------------------------
+
+
+def test_coplanar_penny_cracks():
+    places = [[0.2, 0.2, 0.5], [0.7, 0.3, 0.5], [0.4, 0.8, 0.5]]
+    rve = Cavities(CUBE, [penny_cracks(places, (0, 0, 1), 0.15)])
+    assert plane_damage(rve, (0, 0, 1)) == pytest.approx(3 * np.pi * 0.15**2, abs=1e-12)
+    assert plane_damage(rve, (0, 0, 1), 0.01) == 0.0
+    assert plane_damage(rve, (0, 0, 1), 0.01, slab=0.03) == pytest.approx(3 * np.pi * 0.15**2)
+    assert plane_damage(rve, (1, 0, 0)) == 0.0
+    worst = max_damage(rve, level=1, sections=9)
+    assert float(worst["maximum_damage"]) == pytest.approx(3 * np.pi * 0.15**2, abs=1e-9)
+
+
+def test_the_shadow_of_a_crack_falls_with_the_cosine():
+    rve = Cavities((9.0, 9.0, 9.0), [penny_cracks([[4.5, 4.5, 4.5]], (0, 0, 1), 0.5)])
+    for angle in (0.1, 0.7, 1.4):
+        normal = (np.sin(angle), 0.0, np.cos(angle))
+        area = box_section(rve.size, np.array(normal), np.array([0.0]))[0]
+        shadow = plane_damage(rve, normal) * area
+        assert shadow == pytest.approx(np.pi * 0.25 * np.cos(angle), rel=1e-12)
+
+
+def test_isotropic_cracks_cast_half_their_area_on_average():
+    normals = sphere_directions(4)
+    assert np.abs(normals @ [0.3, -0.5, 0.8] / np.linalg.norm([0.3, -0.5, 0.8])).mean() == (
+        pytest.approx(0.5, abs=2e-3)
+    )
+    rng = np.random.default_rng(5)
+    m = rng.normal(size=(400, 3))
+    rve = Cavities(CUBE, [penny_cracks(rng.uniform(size=(400, 3)), m, 1e-3)])
+    found = plane_damage(rve, (0, 0, 1), slab=2.0)
+    assert found == pytest.approx(400 * np.pi * 1e-6 / 2.0, rel=0.06)
+    tensor = crack_density_tensor(rve)
+    assert np.trace(tensor) == pytest.approx(400 * 1e-9)
+    np.testing.assert_allclose(tensor, np.trace(tensor) / 3.0 * np.eye(3), atol=5e-8)
+
+
+def test_a_crack_through_the_whole_section_is_total_damage():
+    rve = Cavities(CUBE, [penny_cracks(MIDDLE, (0, 0, 1), 5.0)])
+    assert plane_damage(rve, (0, 0, 1)) == pytest.approx(1.0, abs=1e-15)
+    image = voxelise(rve, 9)
+    assert plane_damage(image, (0, 0, 1)) == pytest.approx(1.0, abs=1e-14)
+    assert float(max_damage(image, level=0, sections=9)["maximum_damage"]) == pytest.approx(1.0)
+
+
+# --- resolution ------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("normal", [(0, 0, 1), (1, 1, 0), (1, 1, 1), (1, 2, 3)], ids=str)
+def test_voxels_converge_to_the_closed_form(normal):
+    # validation: within 2 % at 16 voxels a radius; the place of the spheres is not special
+    places = np.array([[0.31, 0.47, 0.52]])
+    rve = Cavities(CUBE, [spheres(places, 0.3)])
+    offset = float((places[0] - 0.5) @ normal / np.linalg.norm(normal))
+    exact = plane_damage(rve, normal, offset)
+    shapes, errors = (13, 27, 53, 107, 213), []
+    for n in shapes:
+        near = offset + np.linspace(-0.5, 0.5, 5) / n  # within a voxel of the place
+        errors.append(np.abs(plane_damage(voxelise(rve, n), normal, near) / exact - 1.0).mean())
+    assert errors[2] < 0.02
+    assert errors[-1] < 3e-3
+    assert observed_rate(1.0 / np.array(shapes), np.array(errors)) > 0.8
+
+
+def test_half_the_resolution_tells_the_error():
+    rve = lattice("simple cubic", 0.3, edge=1.0)
+    found = max_damage(voxelise(rve, 48), level=1, sections=48)
+    error = abs(float(found["maximum_damage"]) - np.pi * 0.09)
+    assert error <= 2.0 * float(found["resolution_error"]) + 1e-3
+    assert error < 0.02 * np.pi * 0.09
+
+
+def test_voxels_need_not_be_cubes():
+    rve = Cavities((1.0, 2.0, 0.5), [spheres([[0.5, 1.0, 0.25]], 0.2)])
+    image = voxelise(rve, (90, 60, 40))
+    assert image.spacing == pytest.approx((1 / 90, 2 / 60, 0.5 / 40))
+    for normal in ((1, 0, 0), (0, 1, 0), (1, 1, 1), (1, -2, 3)):
+        assert plane_damage(image, normal) == pytest.approx(plane_damage(rve, normal), rel=0.04)
+
+
+# --- what is reported ------------------------------------------------------------------------
+
+
+def test_the_dataset_follows_its_schema_and_counts_its_planes():
+    found = max_damage(random_spheres(CUBE, 0.12, porosity=0.1, seed=2), level=1, sections=11)
+    DAMAGE_SECTIONS.check(found)
+    assert found.sizes["direction"] >= 21
+    assert found.sizes["section"] == 11
+    assert float(found["maximum_damage"]) >= float(found["damage"].max())
+    assert np.all(np.diff(found["quantile_damage"]) >= 0.0)
+    normal, offset = found["worst_normal"].values, float(found["worst_offset"])
+    again = plane_damage(random_spheres(CUBE, 0.12, porosity=0.1, seed=2), normal, offset)
+    assert again == pytest.approx(float(found["maximum_damage"]), rel=1e-12)
+
+
+def test_the_tensor_returns_a_quadratic_form():
+    normals = sphere_directions(1)
+    T = np.array([[0.3, 0.05, 0.0], [0.05, 0.2, -0.02], [0.0, -0.02, 0.1]])
+    np.testing.assert_allclose(
+        fit_tensor(normals, np.einsum("ni,ij,nj->n", normals, T, normals)), T, atol=1e-13
+    )
+
+
+def test_the_tensor_of_aligned_cracks_points_along_their_normal():
+    places = np.random.default_rng(1).uniform(size=(40, 3))
+    rve = Cavities(CUBE, [penny_cracks(places, (0, 0, 1), 0.1)])
+    tensor = max_damage(rve, level=2, sections=9, slab=0.3)["anisotropy"].values
+    assert tensor[2, 2] > 2.0 * max(tensor[0, 0], tensor[1, 1])
+    assert tensor[0, 0] == pytest.approx(tensor[1, 1], abs=0.15 * tensor[2, 2])
+
+
+def test_turning_the_volume_turns_the_damage():
+    body = ellipsoids([[2.0, 2.0, 2.0]], [0.5, 0.3, 0.2], random_rotation(4))
+    turned = Ellipsoids(body.centre, body.root[:, ::-1])  # x and z exchanged
+    one, other = (Cavities((4.0,) * 3, [kind]) for kind in (body, turned))
+    for normal in np.random.default_rng(2).normal(size=(5, 3)):
+        assert plane_damage(other, normal[::-1]) == pytest.approx(plane_damage(one, normal))
+
+
+# --- random media ----------------------------------------------------------------------------
+
+
+def test_no_porosity_is_no_damage():
+    for rve in (
+        boolean_spheres(CUBE, 0.1, porosity=0.0, seed=0),
+        VoxelImage(np.zeros((8, 8, 8)), CUBE),
+    ):
+        found = max_damage(rve, level=0, sections=5)
+        assert float(found["maximum_damage"]) == 0.0
+        assert not found["anisotropy"].values.any()
+
+
+@pytest.mark.parametrize("as_image", [False, True])
+def test_percolating_voids_leave_the_damage_between_zero_and_one(as_image):
+    rve = boolean_spheres(CUBE, 0.15, porosity=0.6, seed=1)
+    found = max_damage(voxelise(rve, 32) if as_image else rve, level=0, sections=17)
+    damage = found["damage"].values
+    assert np.all((damage >= 0.0) & (damage <= 1.0))
+    assert float(found["mean_damage"]) == pytest.approx(voxelise(rve, 64).porosity, abs=0.04)
+    assert float(found["maximum_damage"]) < 1.0
+
+
+def test_a_packing_does_not_overlap_and_has_the_porosity():
+    rve = random_spheres((1.0, 2.0, 0.5), 0.08, porosity=0.3, seed=4)
+    assert first_overlap(rve) is None
+    total = sum(kind.volume.sum() for kind in rve.bodies)
+    assert total == pytest.approx(0.3, abs=0.5 * 4.0 / 3.0 * np.pi * 0.08**3)
+
+
+# --- refusals --------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize(
+    ("call", "sentence"),
+    [
+        (lambda: VoxelImage(np.full((4, 4, 4), 0.5), CUBE), "not binary: its values run from 0.5"),
+        (lambda: VoxelImage(np.zeros((4, 4)), CUBE), "three axes"),
+        (lambda: VoxelImage(np.zeros((4, 4, 4)), (1, 1, 0)), "three positive lengths"),
+        (lambda: VoxelImage.from_voxels(np.zeros((4, 4, 4))), "nothing of the size of its voxels"),
+        (lambda: Cavities((1, 1, -1)), "three positive lengths"),
+        (
+            lambda: Cavities(
+                CUBE, [spheres([[0.05, 0.5, 0.5], [0.95, 0.5, 0.5]], 0.1)], overlap=False
+            ),
+            "bodies . and . overlap although overlap=False",
+        ),
+        (lambda: Cavities(CUBE, [cylinders(MIDDLE, (1, 1, 0), 0.1)]), "not along an edge"),
+        (lambda: spheres(MIDDLE, -0.1), r"radius of a body must be positive.*got -0.1 for body 0"),
+        (lambda: penny_cracks(MIDDLE, (0, 0, 0), 0.1), "normal of a body must be a direction"),
+        (lambda: plane_damage(Cavities(CUBE), (0, 0, 0)), "must be a direction in space"),
+        (lambda: plane_damage(Cavities(CUBE), (0, 0, 1), slab=-1), "at least 0"),
+        (lambda: plane_damage(Cavities(CUBE), (1, 2**0.5, 0), closed=True), "does not close"),
+        (lambda: max_damage(Cavities(CUBE), sections=0), "sections must be at least 1"),
+        (lambda: lattice("cubic", 0.1, edge=1.0), "no lattice 'cubic'"),
+        (lambda: random_spheres(CUBE, 0.1, porosity=0.6, seed=0, max_tries=2000), "too much for"),
+        (lambda: random_spheres(CUBE, 0.6, porosity=0.9, seed=0), "overlap their own images"),
+        (lambda: boolean_spheres(CUBE, 0.1, porosity=1.0, seed=0), "from 0 to below 1, got 1"),
+    ],
+)
+def test_what_cannot_be_is_refused_with_a_sentence(call, sentence):
+    with pytest.raises(CaseError, match=sentence):
+        call()
+
+
+@pytest.mark.parametrize(
+    ("first", "second", "overlap"),
+    [
+        ([0.2, 0.1, 0.1], [0.1, 0.2, 0.1], False),
+        ([0.31, 0.1, 0.1], [0.1, 0.2, 0.1], True),
+    ],
+)
+def test_ellipsoids_overlap_when_their_contact_function_says_so(first, second, overlap):
+    bodies = [ellipsoids([[0.3, 0.5, 0.5], [0.7, 0.5, 0.5]], [first, second])]
+    if overlap:
+        with pytest.raises(CaseError, match="overlap"):
+            Cavities(CUBE, bodies, overlap=False)
+    else:
+        Cavities(CUBE, bodies, overlap=False)

@@ -1,0 +1,90 @@
+"""Figures of damage: the data in the axes are those of the datasets."""
+
+import numpy as np
+import pytest
+from matplotlib.figure import Figure
+
+from multiscale.micro.damage import (
+    Cavities,
+    FatigueMaterial,
+    compare_stiffness,
+    cylinders,
+    max_damage,
+    voxelise,
+    woehler_curve,
+)
+from multiscale.plotting import (
+    draw_damage,
+    plot_damage_sphere,
+    plot_stiffness_against_damage,
+    plot_woehler,
+    plot_worst_section,
+)
+
+RVE = Cavities((1e-3, 1e-3, 1e-3), [cylinders([[5e-4, 5e-4, 5e-4]], (0, 0, 1), 3e-4)])
+
+
+@pytest.fixture(scope="module")
+def sections():
+    return max_damage(RVE, level=0, sections=5)
+
+
+@pytest.fixture(scope="module")
+def comparison(sections):
+    return compare_stiffness(voxelise(RVE, (16, 16, 1)), sections, 200e9, 0.3)
+
+
+@pytest.fixture(scope="module")
+def curve():
+    material = FatigueMaterial(200e9, 0.3, 200e6, 0.5e6, threshold=0.05)
+    return woehler_curve(material, np.array([150e6, 210e6, 250e6]))
+
+
+def axes(**options):
+    return Figure().add_subplot(**options)
+
+
+def test_the_sphere_has_a_face_for_every_three_normals(sections):
+    ax = plot_damage_sphere(sections, ax=axes(projection="3d"))
+    sphere = ax.collections[0]
+    assert len(sphere.get_facecolor()) == 2 * (2 * sections.sizes["direction"]) - 4
+    assert "damage" in ax.figure.axes[1].get_ylabel()
+
+
+def test_the_worst_section_shows_its_share_of_void(sections):
+    ax = plot_worst_section(RVE, sections, ax=axes())
+    values = ax.images[0].get_array()
+    share = np.nanmean(np.ma.filled(values.astype(float), np.nan))
+    assert share == pytest.approx(float(sections["maximum_damage"]), abs=0.01)
+    assert "mm" in ax.get_xlabel()
+    image = plot_worst_section(voxelise(RVE, 64), sections, ax=axes()).images[0].get_array()
+    share = np.nanmean(np.ma.filled(image.astype(float), np.nan))
+    assert share == pytest.approx(float(sections["maximum_damage"]), abs=0.03)
+
+
+def test_lives_are_in_cycles_and_megapascal(curve):
+    ax = plot_woehler(curve, ax=axes())
+    rupture, onset, endless = ax.lines
+    np.testing.assert_allclose(rupture.get_ydata(), [210.0, 250.0])
+    np.testing.assert_allclose(rupture.get_xdata(), curve["cycles_to_rupture"][1:])
+    assert np.all(onset.get_xdata() < rupture.get_xdata())
+    np.testing.assert_allclose(endless.get_ydata(), [150.0])
+
+
+def test_stiffness_stands_beside_the_line(comparison):
+    ax = plot_stiffness_against_damage(comparison, ax=axes())
+    line, points = ax.lines[:2]
+    np.testing.assert_allclose(line.get_ydata(), 1.0 - line.get_xdata())
+    np.testing.assert_allclose(points.get_ydata(), comparison["modulus_ratio"])
+    # along the cylinders they agree
+    k = int(np.argmax(np.abs(comparison["normal"].values[:, 2])))
+    assert points.get_ydata()[k] == pytest.approx(1.0 - points.get_xdata()[k], abs=0.02)
+
+
+def test_all_figures_are_written(sections, comparison, curve, tmp_path):
+    files = draw_damage(
+        tmp_path / "figures", sections=sections, rve=RVE, curve=curve, comparison=comparison
+    )
+    assert len(files) == 4
+    for file in files:
+        assert file.read_bytes().startswith(b"\x89PNG")

@@ -1,0 +1,95 @@
+"""A joint of cast blocks with pores is pressed many times: its life and its loss of stiffness.
+
+From the pores of a representative volume to the joint: damage on its plane sections (eq (1)) and
+its effective stiffness, which differ; the stress of the weakest section, cycled far below the
+yield stress, lets a weak micro-inclusion flow until a crack starts; the damage then softens the
+blocks on both sides of a rough interface, whose stiffness is that of its preload and stays.
+
+    python workflows/damage_to_joint.py -o damage [--quick]
+
+leaves datasets (``damage_sections.nc``, ``rve_stiffness.nc``, ``woehler.nc``, ``fatigue.nc``,
+``macro_result.nc``) and figures. ``--quick`` takes coarser images and fewer sections.
+"""
+
+import argparse
+import sys
+from collections.abc import Sequence
+from pathlib import Path
+
+import numpy as np
+
+from multiscale.io import make_folder, write_dataset
+from multiscale.laws import Exponential
+from multiscale.macro import Block, RoughJoint, cycled_joint
+from multiscale.micro.damage import (
+    FatigueMaterial,
+    compare_stiffness,
+    max_damage,
+    random_spheres,
+    two_scale_fatigue,
+    voxelise,
+    woehler_curve,
+)
+from multiscale.plotting import draw_damage
+from multiscale.schema import DAMAGE_SECTIONS, FATIGUE, MACRO_RESULT, RVE_STIFFNESS, WOEHLER
+
+E, NU = 71e9, 0.33  # cast aluminium
+PRESSURE = (5e6, 130e6)
+"""Nominal pressure between which the joint is cycled, Pa."""
+
+
+def main(argv: Sequence[str] | None = None) -> int:
+    """Go from pores to the life of a joint, write every step and draw it."""
+    parser = argparse.ArgumentParser(description=(__doc__ or "").splitlines()[0])
+    parser.add_argument("-o", "--out", type=Path, default=Path("damage"))
+    parser.add_argument("--quick", action="store_true", help="coarse images, few sections")
+    arguments = parser.parse_args(argv)
+    out, quick = make_folder(arguments.out), arguments.quick
+
+    pores = random_spheres((1e-3, 1e-3, 1e-3), 1.2e-4, porosity=0.06, seed=4)
+    sections = max_damage(pores, level=1 if quick else 2, sections=17 if quick else 65)
+    image = voxelise(pores, 24 if quick else 64)
+    stiffness = compare_stiffness(image, sections, E, NU)
+    damage = float(sections["maximum_damage"])
+    along_z = int(np.argmax(np.abs(stiffness["normal"].values[:, 2])))
+    factor = float(stiffness["modulus_ratio"][along_z])
+
+    material = FatigueMaterial(E, NU, 70e6, 0.2e6, 1.5, hardening=5e9, threshold=0.02, closure=0.2)
+    curve = woehler_curve(material, np.array([65e6, 71e6, 74e6, 80e6, 90e6, 110e6]))
+    stress = -np.array(PRESSURE)[::-1] / (1.0 - damage)  # in the weakest section
+    life = two_scale_fatigue(stress, material)
+
+    block = Block(0.02, E, NU)
+    law = Exponential(pressure_scale=4e9, decay_length=2.7e-6)
+    joint = cycled_joint(
+        RoughJoint((0.05, 0.05), block, block), law, PRESSURE[0], life, stiffness_factor=factor
+    )
+
+    for dataset, schema in (
+        (sections, DAMAGE_SECTIONS),
+        (stiffness, RVE_STIFFNESS),
+        (curve, WOEHLER),
+        (life, FATIGUE),
+        (joint, MACRO_RESULT),
+    ):
+        write_dataset(dataset, out / f"{schema.name}.nc", schema)
+    draw_damage(
+        out / "figures",
+        sections=sections,
+        rve=pores,
+        curve=curve,
+        comparison=stiffness,
+        joint=joint,
+    )
+    loss = 1.0 - float(joint["joint_stiffness"][-1] / joint["joint_stiffness"][0])
+    sys.stdout.write(
+        f"porosity {image.porosity:.3f}, damage of the worst section {damage:.3f}, "
+        f"stiffness lost along z {1.0 - factor:.3f}\n"
+        f"cycles to a crack {float(life['cycles_to_rupture']):.4g}, "
+        f"stiffness of the joint lost by then {loss:.3f}\n"
+    )
+    return 0
+
+
+if __name__ == "__main__":
+    raise SystemExit(main())
