@@ -1,8 +1,28 @@
 """Interface laws: the same objects at every scale."""
 
-from multiscale.laws.area import AreaLaw
+from multiscale.laws.area import AreaLaw, ErrorFunctionArea
 from multiscale.laws.base import InterfaceLaw, NormalLaw, Response
 from multiscale.laws.convex_decreasing import ConvexDecreasing
 from multiscale.laws.exponential import Exponential
+from multiscale.laws.friction import BellFriction, Coulomb, DecayingFriction, FrictionLaw
+from multiscale.laws.power import PowerLaw
+from multiscale.laws.stiffness import PowerStiffness, StiffnessLaw
+from multiscale.laws.unloading import HystereticLaw
 
-__all__ = ["AreaLaw", "ConvexDecreasing", "Exponential", "InterfaceLaw", "NormalLaw", "Response"]
+__all__ = [
+    "AreaLaw",
+    "BellFriction",
+    "ConvexDecreasing",
+    "Coulomb",
+    "DecayingFriction",
+    "ErrorFunctionArea",
+    "Exponential",
+    "FrictionLaw",
+    "HystereticLaw",
+    "InterfaceLaw",
+    "NormalLaw",
+    "PowerLaw",
+    "PowerStiffness",
+    "Response",
+    "StiffnessLaw",
+]
