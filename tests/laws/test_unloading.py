@@ -1,4 +1,4 @@
-"""Plastic contact: loading leaves a mark, unloading and reloading are one curve, cycles cost work."""
+"""Plastic contact: loading leaves a mark, unloading and reloading are one curve, cycles cost."""
 
 import numpy as np
 import pytest
