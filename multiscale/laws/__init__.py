@@ -6,6 +6,7 @@ from multiscale.laws.convex_decreasing import ConvexDecreasing
 from multiscale.laws.exponential import Exponential
 from multiscale.laws.friction import BellFriction, Coulomb, DecayingFriction, FrictionLaw
 from multiscale.laws.power import PowerLaw
+from multiscale.laws.scaled import StretchedLaw
 from multiscale.laws.stiffness import PowerStiffness, StiffnessLaw
 from multiscale.laws.unloading import HystereticLaw
 
@@ -25,4 +26,5 @@ __all__ = [
     "PowerStiffness",
     "Response",
     "StiffnessLaw",
+    "StretchedLaw",
 ]

@@ -194,14 +194,34 @@ def observe(
     if not y.size:
         raise CaseError(f"no value of {quantity} was observed; all are missing")
     mean = np.where(counted, y, 0.0).sum(axis=0) / counted.sum(axis=0)
+    _check_sense(quantity, x[0], mean)
+    scale = _scale(quantity, x, mean)
+    return Observations(quantity, x, y, counted, scale, attributes, order, independent=True)
+
+
+def _check_sense(quantity: str, pressure: np.ndarray, mean: np.ndarray) -> None:
+    """Refuse values that no law of the quantity has."""
+    unit = QUANTITIES[quantity].unit
     if quantity != "gap" and not np.all(mean > 0.0):
         at = int(np.argmin(mean))
         raise CaseError(
-            f"{quantity} must be positive, got {mean[at]:.3g} {QUANTITIES[quantity].unit} at "
-            f"{x[0][at]:.3g} Pa; leave out points without a value"
+            f"{quantity} must be positive, got {mean[at]:.3g} {unit} at {pressure[at]:.3g} Pa; "
+            f"leave out points without a value"
         )
-    scale = _scale(quantity, x, mean)
-    return Observations(quantity, x, y, counted, scale, attributes, order, independent=True)
+    if quantity == "contact_fraction" and mean.max() > 1.0:
+        raise CaseError(
+            f"a contact fraction lies between 0 and 1, got {mean.max():.3g}; divide an area by the "
+            f"nominal area, and a percentage by 100"
+        )
+    if quantity.endswith("stiffness") and mean.size >= 4 and np.ptp(pressure) > 0.0:
+        x = np.log(pressure)
+        (slope, _), covariance = np.polyfit(x, np.log(mean), 1, cov=True)
+        if slope < -3.0 * float(np.sqrt(covariance[0, 0])) - 1e-3:
+            raise CaseError(
+                f"the stiffness falls as the pressure rises, as its power {slope:.2g}, which no "
+                f"convex law does; check that pressure and stiffness are not exchanged, and that "
+                f"the data are of one loading branch"
+            )
 
 
 def _scale(quantity: str, x: tuple[np.ndarray, ...], mean: np.ndarray) -> np.ndarray:

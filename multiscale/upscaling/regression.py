@@ -2,6 +2,7 @@
 
 from collections.abc import Mapping
 from dataclasses import dataclass
+from math import exp, isinf
 
 import numpy as np
 
@@ -80,8 +81,8 @@ class Regression:
             x, _, _, _, status = leastsq(
                 lambda x: self._residual(x, origin, mean, share),
                 x0,
-                ftol=1e-13,
-                xtol=1e-10,
+                ftol=1e-12,
+                xtol=1e-8,
                 maxfev=400 * (len(self.free) + 1),
                 full_output=True,
             )
@@ -109,7 +110,8 @@ class Regression:
             error = share * (self.predict(parameters) - mean) / self.scale
         except CaseError:  # outside what the law accepts
             return np.full(mean.size + self.datum, REFUSED)
-        error = np.clip(np.nan_to_num(error, nan=REFUSED), -REFUSED, REFUSED)
+        if not np.all(np.isfinite(error)):
+            error = np.nan_to_num(error, nan=REFUSED, posinf=REFUSED, neginf=-REFUSED)
         if not self.datum:
             return np.asarray(error)
         law, largest = self.law(parameters), self.conditions[0].max()
@@ -183,11 +185,11 @@ def regression_of(
 def _move(parameter: Parameter, origin: float, step: float) -> float:
     """Leave the origin by a step of a free coordinate, inside the range."""
     low, high = parameter.lower, parameter.upper
-    step = float(np.clip(step, -FARTHEST, FARTHEST))
-    if np.isinf(low) and np.isinf(high):
+    step = min(max(step, -FARTHEST), FARTHEST)
+    if isinf(low) and isinf(high):
         return origin + step * (abs(origin) or 1.0)
-    if np.isinf(high):
-        return low + max(origin - low, 1e-12 * abs(origin)) * float(np.exp(step))
-    share = float(np.clip((origin - low) / (high - low), 1e-9, 1.0 - 1e-9))
-    odds = share / (1.0 - share) * np.exp(step)
-    return float(low + (high - low) * odds / (1.0 + odds))
+    if isinf(high):
+        return low + max(origin - low, 1e-12 * abs(origin)) * exp(step)
+    share = min(max((origin - low) / (high - low), 1e-9), 1.0 - 1e-9)
+    odds = share / (1.0 - share) * exp(step)
+    return low + (high - low) * odds / (1.0 + odds)
