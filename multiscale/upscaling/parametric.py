@@ -1,6 +1,7 @@
 """A law of a family with parameters, from observations to the variables of its dataset."""
 
 from collections.abc import Mapping
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -54,6 +55,11 @@ def fit_family(
     mean = observations.means()[0][0]
     ones = np.ones(mean.size)
     best = regression.solve(mean, ones)
+    if observations.quantity not in ("gap", "recovery"):
+        # errors relative to a value that is itself too small would weigh more, and bias the law
+        for _ in range(2):
+            regression = replace(regression, scale=regression.predict(best))
+            best = regression.solve(mean, ones, best)
 
     samples, failed = [], 0
     drawn = _sample_means(observations, regression, best, counts, n_samples, seed)

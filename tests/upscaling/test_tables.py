@@ -96,7 +96,7 @@ def test_specimens_give_bands_by_specimen():
         ),
         (
             "pressure (MPa),stiffness (MPa/um)\n1,9\n2,8\n3,6\n4,5\n5,4\n",
-            "stiffness falls as the pressure rises, as its power -0.49",
+            "stiffness falls as the pressure rises, as its power -0.5,",
         ),
     ],
 )
@@ -140,11 +140,9 @@ def test_bands_ask_for_enough_realisations_and_samples():
     with pytest.raises(CaseError, match="3 realisations are too few for a band of 95 %; use at le"):
         band(0.95)
     band(0.9)
-    with pytest.raises(CaseError, match="4 realisations are too few for a band of 99.9 %.* 5"):
+    with pytest.raises(CaseError, match=r"4 realisations are too few for a band of 99.9 %.* 5"):
         band(0.999, n=4)
-    with pytest.raises(
-        CaseError, match="50 samples are too few for a band of 95 %.*n_samples = 80"
-    ):
+    with pytest.raises(CaseError, match=r"50 samples are too few .* n_samples = 80"):
         band(0.95, n=5, samples=50)
     narrow, wide = band(0.8, n=5), band(0.95, n=5)
     assert np.all(wide[1] - wide[0] > narrow[1] - narrow[0])
