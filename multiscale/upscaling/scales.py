@@ -11,6 +11,8 @@ __all__ = ["ScaleSeparation", "compare_scales", "pressure_length", "relaxation_t
 FARTHEST_CELL = 1.0  # cell over macro length
 DISTINCT_TIMES = 10.0  # ratio of times that counts as apart
 
+SLOW_PART = 0.2  # share of a relaxation that is left to its slowest mode
+
 
 @dataclass(frozen=True)
 class ScaleSeparation:
@@ -132,7 +134,7 @@ def relaxation_time(time: np.ndarray, value: np.ndarray) -> float:
     Returns
     -------
     float
-        Time constant, s, of the exponential through the last two thirds of the decay.
+        Time constant, s, of the exponential through the last fifth of the change.
 
     Raises
     ------
@@ -144,7 +146,7 @@ def relaxation_time(time: np.ndarray, value: np.ndarray) -> float:
     t, f = np.asarray(time, dtype=float), np.asarray(value, dtype=float)
     if t.size < 5 or not np.all(np.diff(t) > 0.0):
         raise CaseError(f"a relaxation needs at least 5 rising times (s), got {t.size}")
-    tail = np.abs(f - f[-1]) <= 0.67 * abs(f[0] - f[-1])
+    tail = np.abs(f - f[-1]) <= SLOW_PART * abs(f[0] - f[-1])
     first = int(np.argmax(tail)) if abs(f[0] - f[-1]) > 0.0 else 0
     x, y = t[first:] - t[first], f[first:]
     if y.size < 4 or float(np.ptp(y)) == 0.0:
