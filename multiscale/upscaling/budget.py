@@ -8,11 +8,18 @@ import numpy as np
 from multiscale.errors import CaseError
 from multiscale.laws import NormalLaw, StretchedLaw
 from multiscale.schema import ERROR_BUDGET, INTERFACE_LAW
+from multiscale.upscaling.budget_terms import (
+    fit_term,
+    grid_term,
+    law_stiffness,
+    sampling_term,
+    separation_term,
+    size_term,
+)
 from multiscale.upscaling.observations import area_observations, normal_observations
-from multiscale.upscaling.reading import area_from_dataset, law_band, law_from_dataset
+from multiscale.upscaling.reading import law_from_dataset
 from multiscale.upscaling.resolution import estimate_grid_error
 from multiscale.upscaling.scales import ScaleSeparation
-from multiscale.upscaling.statistics import ensemble_average
 
 if TYPE_CHECKING:
     import xarray as xr
@@ -30,8 +37,6 @@ ERROR_TERMS = (
 """Labels of the dimension ``error_term``."""
 
 QUANTITIES = ("mean_gap", "contact_fraction", "stiffness")
-NORMAL = 1.959963984540054  # standard deviations to 95 %
-
 Terms = dict[str, np.ndarray]  # from term to half-widths (quantity, step)
 
 
@@ -97,7 +102,7 @@ def error_budget(
             f"the law was fitted at {law.sizes['step']} pressures that are not the {p.size} of the "
             f"response; fit it to this response"
         )
-    values = np.array([gap.means()[0][0], area.means()[0][0], _stiffness(law, p)])
+    values = np.array([gap.means()[0][0], area.means()[0][0], law_stiffness(law, p)])
     terms: Terms = {}
     how = {
         "sampling": f"Student's interval of {gap.n_realisations} realisations, and the bootstrap "
@@ -109,17 +114,19 @@ def error_budget(
         "scale separation": "not known: pass scales from compare_scales",
         "macro discretisation": "not in a law: see structure_budget",
     }
-    terms["sampling"] = _sampling(response, law, p)
+    terms["sampling"] = sampling_term(response, law, p)
     if gap.n_realisations < 2:
         how["sampling"] = "not known: one realisation tells nothing of the scatter, solve 3"
-    terms["fit"] = _fit(law, p.size)
+    terms["fit"] = fit_term(law, p.size)
     if sizes:
-        terms["cell size"] = _cell_size(response, sizes)
+        terms["cell size"] = size_term(response, sizes)
         how["cell size"] = f"mean over 1/L from {len(sizes) + 1} sizes"
     if resolutions:
-        terms["micro discretisation"], how["micro discretisation"] = _grids(response, resolutions)
+        terms["micro discretisation"], how["micro discretisation"] = grid_term(
+            response, resolutions
+        )
     if scales is not None:
-        terms["scale separation"] = _separation(response, law, scales, values)
+        terms["scale separation"] = separation_term(response, law, scales, values)
         how["scale separation"] = str(scales)
     return _assemble(terms, how, QUANTITIES, p)
 
@@ -254,148 +261,3 @@ def _assemble(
         unknown=", ".join(unknown),
         confidence=0.95,
     ).assign_coords(quantity=list(quantities), error_term=list(ERROR_TERMS))
-
-
-def _stiffness(law: "xr.Dataset", pressure: np.ndarray) -> np.ndarray:
-    """Stiffness of the mean law, Pa/m."""
-    one = law_from_dataset(law)
-    return one.stiffness(one.gap_at(pressure))
-
-
-def _sampling(response: "xr.Dataset", law: "xr.Dataset", p: np.ndarray) -> np.ndarray:
-    """Half-widths from the scatter of the realisations."""
-    rows = []
-    for variable in ("mean_gap", "contact_fraction"):
-        average = ensemble_average(response, variable)
-        rows.append(average.half_width / np.abs(average.mean))
-    stiffness = np.full(p.size, np.nan)
-    try:
-        low, high = law_band(law, lambda one: one.stiffness(one.gap_at(p)))
-        stiffness = 0.5 * (high - low) / _stiffness(law, p)
-    except CaseError:  # too few realisations or samples for a band
-        pass
-    return np.array([*rows, stiffness])
-
-
-def _fit(law: "xr.Dataset", n: int) -> np.ndarray:
-    """Half-widths from the errors at steps that the fit has not seen."""
-    rows = []
-    for name in ("fit_error", "area_fit_error", "stiffness_fit_error"):
-        error = law[name].to_numpy() if name in law else np.array([np.nan])
-        known = np.isfinite(error)
-        rms = np.sqrt(np.mean(error[known] ** 2)) if np.any(known) else np.nan
-        rows.append(np.full(n, NORMAL * rms))
-    return np.array(rows)
-
-
-def _others(
-    response: "xr.Dataset", others: Mapping[float, "xr.Dataset"], *, paired: bool
-) -> dict[float, tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]]:
-    """Means of gap and area of other responses, of this one, and their uncertainties."""
-    own = [ensemble_average(response, name) for name in ("mean_gap", "contact_fraction")]
-    found = {}
-    for ratio, other in others.items():
-        averages = [ensemble_average(other, name) for name in ("mean_gap", "contact_fraction")]
-        if averages[0].pressure.size != own[0].pressure.size or not np.allclose(
-            averages[0].pressure, own[0].pressure, rtol=1e-6
-        ):
-            raise CaseError(
-                f"the response at the ratio {ratio:g} has other pressures; press it as the first"
-            )
-        if paired and other.sizes["realisation"] != response.sizes["realisation"]:
-            raise CaseError(
-                f"the response at the ratio {ratio:g} has {other.sizes['realisation']} "
-                f"realisations, not {response.sizes['realisation']}; solve the same ones on every "
-                f"grid"
-            )
-        error = [average.half_width / NORMAL for average in averages]
-        found[ratio] = (
-            np.array([average.mean for average in averages]),
-            np.array(error),
-            np.array([average.mean for average in own]),
-            np.array([average.half_width / NORMAL for average in own]),
-        )
-    return found
-
-
-def _stiffness_of(gap: np.ndarray, p: np.ndarray) -> np.ndarray:
-    """Stiffness from differences of mean gaps, Pa/m: for ratios between ensembles only."""
-    return np.asarray(-p / np.gradient(gap, np.log(p)))
-
-
-def _grids(
-    response: "xr.Dataset", resolutions: Mapping[float, "xr.Dataset"]
-) -> tuple[np.ndarray, str]:
-    """Half-widths from the same realisations on coarser grids."""
-    p = normal_observations(response).pressure
-    found = _others(response, resolutions, paired=True)
-    own = next(iter(found.values()))[2]
-    fine = np.array([*own, _stiffness_of(own[0], p)])
-    coarse = {
-        ratio: np.array([*means, _stiffness_of(means[0], p)])
-        for ratio, (means, _, _, _) in found.items()
-    }
-    rows, how = [], ""
-    for k in range(len(QUANTITIES)):
-        estimate = estimate_grid_error(fine[k], {ratio: rest[k] for ratio, rest in coarse.items()})
-        rows.append(estimate.half_width / np.abs(fine[k]))
-        how = how or estimate.how
-    return np.array(rows), how
-
-
-def _cell_size(response: "xr.Dataset", sizes: Mapping[float, "xr.Dataset"]) -> np.ndarray:
-    """Half-widths from a line of the means over the inverse size, at the size of the response."""
-    p = normal_observations(response).pressure
-    found = _others(response, sizes, paired=False)
-    own, own_error = next(iter(found.values()))[2:]
-    x = 1.0 / np.array([1.0, *found])
-    means = np.array([own, *(rest[0] for rest in found.values())])
-    errors = np.array([own_error, *(rest[1] for rest in found.values())])
-    weight = 1.0 / np.maximum(errors, 1e-300) ** 2
-    total = weight.sum(axis=0)
-    centre = (weight * x[:, None, None]).sum(axis=0) / total
-    spread = (weight * (x[:, None, None] - centre) ** 2).sum(axis=0)
-    slope = (weight * (x[:, None, None] - centre) * means).sum(axis=0) / spread
-    half = np.abs(slope) + NORMAL / np.sqrt(spread)  # at 1/L = 1, the size of the response
-    gap, area = half / np.abs(own)
-    # the stiffness follows from the differences of the gap
-    shifted = _stiffness_of(own[0] - slope[0], p)
-    stiffness = np.abs(shifted / _stiffness_of(own[0], p) - 1.0)
-    return np.array([gap, area, np.maximum(stiffness, gap)])
-
-
-def _separation(
-    response: "xr.Dataset", law: "xr.Dataset", scales: ScaleSeparation, values: np.ndarray
-) -> np.ndarray:
-    """Half-widths from uneven pressure and from the few cells that one structure holds."""
-    p = normal_observations(response).pressure
-    mean_law, area_law = law_from_dataset(law), area_from_dataset(law)
-    functions: tuple[Callable[[np.ndarray], np.ndarray], ...] = (
-        mean_law.gap_at,
-        area_law.contact_fraction,
-        lambda q: mean_law.stiffness(mean_law.gap_at(q)),
-    )
-    step, rows = 0.05, []
-    scatter = [
-        ensemble_average(response, name).coefficient_of_variation
-        for name in ("mean_gap", "contact_fraction")
-    ]
-    scatter.append(_stiffness_scatter(response, p))
-    for k, evaluate in enumerate(functions):
-        low, middle, high = (evaluate(p * np.exp(s)) for s in (-step, 0.0, step))
-        first = (high - low) / (2.0 * step)  # d/d ln p
-        second = (high - 2.0 * middle + low) / step**2
-        uneven = 0.5 * np.abs(second - first) * scales.wavelength_ratio**2 / 12.0  # p^2 f''
-        few = NORMAL * np.nan_to_num(scatter[k]) * scales.cell_ratio
-        rows.append(np.hypot(uneven / np.abs(values[k]), few))
-    return np.array(rows)
-
-
-def _stiffness_scatter(response: "xr.Dataset", p: np.ndarray) -> np.ndarray:
-    """Coefficient of variation of the stiffness between realisations, from differences."""
-    seen = normal_observations(response)
-    whole = seen.values[seen.counted.all(axis=1)]
-    if len(whole) < 2:
-        return np.full(p.size, np.nan)
-    stiffness = np.array([_stiffness_of(gap, p) for gap in whole])
-    return np.asarray(np.std(stiffness, axis=0, ddof=1) / np.abs(stiffness.mean(axis=0)))

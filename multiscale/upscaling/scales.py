@@ -141,7 +141,7 @@ def relaxation_time(time: np.ndarray, value: np.ndarray) -> float:
     CaseError
         If the record has not come to rest: its limit is then not known.
     """
-    from scipy.optimize import curve_fit
+    from scipy.optimize import leastsq
 
     t, f = np.asarray(time, dtype=float), np.asarray(value, dtype=float)
     if t.size < 5 or not np.all(np.diff(t) > 0.0):
@@ -151,11 +151,12 @@ def relaxation_time(time: np.ndarray, value: np.ndarray) -> float:
     x, y = t[first:] - t[first], f[first:]
     if y.size < 4 or float(np.ptp(y)) == 0.0:
         raise CaseError("the record does not relax in steps that can be seen; sample it earlier")
-    start = (y[0] - y[-1], float(x[-1]) / 4.0, y[-1])
-    (_, tau, _), _ = curve_fit(
-        lambda s, a, tau, c: a * np.exp(-s / np.abs(tau)) + c, x, y, p0=start, maxfev=5000
+    (_, log_tau, _), _ = leastsq(
+        lambda c: c[0] * np.exp(-x / np.exp(c[1])) + c[2] - y,
+        (y[0] - y[-1], np.log(x[-1] / 4.0), y[-1]),
+        maxfev=5000,
     )
-    tau = abs(float(tau))
+    tau = float(np.exp(log_tau))
     if tau > 0.5 * float(t[-1] - t[0]):
         raise CaseError(
             f"the record of {t[-1] - t[0]:.3g} s has not come to rest: it still changes with a "

@@ -42,7 +42,7 @@ def test_grids_that_tell_no_order_give_a_wide_bound_and_say_so():
 def test_a_grid_is_not_judged_by_finer_or_no_others():
     with pytest.raises(CaseError, match="at least one coarser"):
         estimate_grid_error(np.ones(1), {})
-    with pytest.raises(CaseError, match="more than once the finest, got 0.5"):
+    with pytest.raises(CaseError, match="more than once the finest"):
         estimate_grid_error(np.ones(1), {0.5: np.ones(1)})
 
 

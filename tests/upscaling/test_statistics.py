@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-import xarray as xr
+from scipy.stats import t
 
 from multiscale.errors import CaseError
 from multiscale.upscaling import (
@@ -50,8 +50,6 @@ def test_failed_steps_do_not_count():
 @pytest.mark.parametrize("cov", [0.01, 0.05, 0.3])
 @pytest.mark.parametrize("target", [0.01, 0.05])
 def test_the_number_of_realisations_is_the_smallest_that_suffices(cov, target):
-    from scipy.stats import t
-
     n = required_realisations(cov, target)
 
     def half(m):
@@ -130,6 +128,6 @@ def test_the_trend_of_the_area_over_the_nayak_parameter_is_found():
         nayak_trend(responses[:2], relative_pressure=0.1)
     with pytest.raises(CaseError, match=r"0.001 lies outside the range .* 0.05 to 1"):
         nayak_trend(responses, relative_pressure=1e-3)
+    bare = [one.drop_vars("nayak_parameter") for one in responses]
     with pytest.raises(CaseError, match="missing: nayak_parameter"):
-        bare = [xr.Dataset.drop_vars(one, "nayak_parameter") for one in responses]
         nayak_trend(bare, relative_pressure=0.1)
