@@ -1,0 +1,75 @@
+r"""Scatter and area of computed rough contact: how they change with cell, grid and spectrum.
+
+Flat cells with hard cut-offs, Hurst exponent .8 and root mean square slope .1; 8 points per
+shortest wave. Pressures over contact modulus times slope.
+"""
+
+import numpy as np
+import pytest
+
+from multiscale.micro import Cell, Path, run_ensemble, self_affine
+from multiscale.upscaling import nayak_trend, size_trend
+
+MODULUS, NU, SLOPE, WAVE = 1e9, 0.3, 0.1, 1e-3
+CONTACT_MODULUS = MODULUS / (1.0 - NU**2)
+
+
+def ensemble(
+    size, n_realisations, pressures, *, ratio=4, points=8, seed=0, long_cutoff=WAVE, hurst=0.8
+):
+    """Response of cells of ``size`` longest waves, with ``ratio`` shortest waves in the longest."""
+    n, length = round(size * ratio * points), size * WAVE
+    cells = [
+        Cell(
+            self_affine(
+                (n, n),
+                (length, length),
+                seed + k,
+                hurst_exponent=hurst,
+                long_cutoff=long_cutoff,
+                short_cutoff=WAVE / ratio,
+                rms_slope=SLOPE,
+            ),
+            length,
+            8,
+            MODULUS,
+            NU,
+            geometry="flat",
+        )
+        for k in range(n_realisations)
+    ]
+    path = Path(pressure=tuple(CONTACT_MODULUS * SLOPE * np.asarray(pressures)))
+    return run_ensemble(cells, path).assign_attrs(contact_modulus=CONTACT_MODULUS)
+
+
+@pytest.fixture(scope="module")
+def sizes():
+    return {size: ensemble(size, 40, (0.02, 0.05, 0.1), seed=1000 * size) for size in (1, 2, 4, 8)}
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("variable", ["mean_gap", "contact_fraction"])
+@pytest.mark.parametrize("relative_pressure", [0.02, 0.1])
+def test_scatter_falls_as_the_inverse_of_the_cell(sizes, variable, relative_pressure):
+    """40 realisations at each size; the 95 % interval of the slope overlaps [-1.3, -.8]."""
+    pressure = CONTACT_MODULUS * SLOPE * relative_pressure
+    trend = size_trend(sizes, variable, pressure=pressure)
+    low, high = trend.slope_interval
+    assert low <= -0.8, trend
+    assert high >= -1.3, trend
+    assert -1.5 < trend.slope < -0.7
+    assert np.all(np.diff(trend.value) < 0.0)
+
+
+@pytest.mark.slow
+def test_area_of_light_contact_falls_with_the_nayak_parameter():
+    """Spectra from 1, 1/4 and 1/8 of the cell down to 1/16; kappa falls, slowly."""
+    responses = [
+        ensemble(1, 12, (0.01, 0.02, 0.05), ratio=16, seed=10, long_cutoff=WAVE / part)
+        for part in (1, 4, 8)
+    ]
+    trend = nayak_trend(responses, relative_pressure=0.02)
+    assert np.all(np.diff(trend.at) < 0.0)
+    assert trend.at[0] > 5.0 * trend.at[-1]
+    assert -0.2 < trend.slope < -0.02
+    assert trend.slope_interval[1] < 0.0
