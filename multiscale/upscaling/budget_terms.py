@@ -33,6 +33,7 @@ __all__ = [
 ]
 
 NORMAL = 1.959963984540054  # standard deviations to 95 %
+SIZE_ORDERS = (1.0, 2.0)  # of what a finite cell leaves out; the scatter has 1, its square 2
 
 
 def law_stiffness(law: "xr.Dataset", pressure: np.ndarray) -> np.ndarray:
@@ -115,31 +116,55 @@ def grid_term(
         difference = (values[1.0] - values[nearest]) / (nearest - 1.0)
         spread = np.nanstd(difference, axis=0) / np.sqrt(max(gap.n_realisations - 1, 1))
         size = np.abs(np.nanmean(values[1.0], axis=0))
-        rows.append((estimate.half_width + NORMAL * spread) / size)
+        rows.append(np.hypot(estimate.half_width, NORMAL * spread) / size)
         how = how or estimate.how
     return np.array(rows), how
 
 
-def size_term(response: "xr.Dataset", sizes: Mapping[float, "xr.Dataset"]) -> np.ndarray:
-    """Half-widths from a line of the means over the inverse size, at the size of the response."""
+def size_term(
+    response: "xr.Dataset", sizes: Mapping[float, "xr.Dataset"]
+) -> tuple[np.ndarray, str]:
+    """Half-widths from the means of cells of other sizes, at the size of the response.
+
+    The part of the mean that is left to an infinite cell falls as a power of the size. With three
+    sizes the power between 1 and 2 that fits best is taken, with two the lowest. The interval of
+    what is found is added: more realisations of small cells, which are cheap, make it narrow.
+    """
     gap, area, found = _same_steps(response, sizes, paired=False)
-    p = gap.pressure
-    inverse = 1.0 / np.array([1.0, *found])[:, None]
+    p, inverse = gap.pressure, 1.0 / np.array([1.0, *found])
     pairs = [(gap, area), *found.values()]
-    rows = []
+    rows, powers = [], []
     for values in (
-        [_masked(gap) for gap, _ in pairs],
-        [_masked(area) for _, area in pairs],
-        [_stiffness_of(_masked(gap), p) for gap, _ in pairs],
+        [_masked(one) for one, _ in pairs],
+        [_masked(one) for _, one in pairs],
+        [_stiffness_of(_masked(one), p) for one, _ in pairs],
     ):
         mean = np.array([np.nanmean(one, axis=0) for one in values])
         error = np.array([np.nanstd(one, axis=0) / np.sqrt(max(len(one) - 1, 1)) for one in values])
-        weight = 1.0 / np.maximum(error, 1e-9 * np.abs(mean)) ** 2
-        centre = (weight * inverse).sum(axis=0) / weight.sum(axis=0)
-        spread = (weight * (inverse - centre) ** 2).sum(axis=0)
-        slope = (weight * (inverse - centre) * mean).sum(axis=0) / spread
-        rows.append((np.abs(slope) + NORMAL / np.sqrt(spread)) / np.abs(mean[0]))  # at 1/L = 1
-    return np.array(rows)
+        error = np.maximum(error, 1e-9 * np.abs(mean))
+        orders = np.linspace(*SIZE_ORDERS, 11) if len(pairs) > 2 else SIZE_ORDERS[:1]
+        fits = [(order, *_rest(inverse**order, mean, error)) for order in orders]
+        order, rest, uncertainty, _ = min(fits, key=lambda fit: fit[3])
+        powers.append(order)
+        rows.append(np.hypot(rest, NORMAL * uncertainty) / np.abs(mean[0]))
+    how = f"means over the cell size from {len(pairs)} sizes, power {min(powers):.2g}"
+    return np.array(rows), how + (" taken" if len(pairs) == 2 else f" to {max(powers):.2g}")
+
+
+def _rest(
+    x: np.ndarray, mean: np.ndarray, error: np.ndarray
+) -> tuple[np.ndarray, np.ndarray, float]:
+    """Slope of a weighted line of means (sizes, steps) over x, its error, and the misfit.
+
+    As x is 1 for the response, the slope is what it differs by from an infinite cell.
+    """
+    weight, x = 1.0 / error**2, x[:, None]
+    centre = (weight * x).sum(axis=0) / weight.sum(axis=0)
+    level = (weight * mean).sum(axis=0) / weight.sum(axis=0)
+    spread = (weight * (x - centre) ** 2).sum(axis=0)
+    slope = (weight * (x - centre) * mean).sum(axis=0) / spread
+    misfit = np.sum(weight * (mean - level - slope * (x - centre)) ** 2)
+    return slope, 1.0 / np.sqrt(spread), float(misfit)
 
 
 def _masked(observations: Observations) -> np.ndarray:
