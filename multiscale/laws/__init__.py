@@ -6,8 +6,8 @@ from multiscale.laws.convex_decreasing import ConvexDecreasing
 from multiscale.laws.exponential import Exponential
 from multiscale.laws.friction import BellFriction, Coulomb, DecayingFriction, FrictionLaw
 from multiscale.laws.power import PowerLaw
-from multiscale.laws.scaled import StretchedLaw
 from multiscale.laws.stiffness import PowerStiffness, StiffnessLaw
+from multiscale.laws.stretched import StretchedLaw
 from multiscale.laws.unloading import HystereticLaw
 
 __all__ = [

@@ -95,7 +95,7 @@ def test_budgets_of_small_ensembles_contain_their_true_error():
         for scene in range(20):
             options = {"hurst": hurst, "seed": 1000 * scene}
             response = ensemble(2, 8, pressures, **options)
-            law = fit_law(response)
+            law = fit_law(response, n_samples=100)
             budget = error_budget(
                 response,
                 law,
