@@ -52,11 +52,11 @@ def plot_error_budget(
                 float(x), float(height), f"{height:.2g}", ha="center", va="bottom", fontsize="small"
             )
     ax.set_xticks(at, _labels(budget))
-    ax.set_ylim(0.0, 1.35 * total.max())  # room for the legend
+    ax.set_ylim(0.0, 1.5 * total.max())  # room for the legend
     ax.set_xlabel("mean pressure (MPa)")
     ax.set_ylabel(f"95 % half-width of {chosen.replace('_', ' ')} (%)")
     ax.set_title("error budget")
-    ax.legend(loc="upper center", ncols=3, fontsize="small")
+    ax.legend(loc="upper center", ncols=2, fontsize="small")
     return ax
 
 

@@ -7,7 +7,7 @@ import numpy as np
 
 from multiscale.schema import LAW_COMPARISON
 from multiscale.upscaling.family import FAMILIES, Family
-from multiscale.upscaling.fit import fit_law
+from multiscale.upscaling.fit import FREE_FORM, fit_law
 from multiscale.upscaling.observations import Observations
 
 if TYPE_CHECKING:
@@ -51,8 +51,7 @@ def compare_laws(
     if families is None:
         quantity = data.quantity if isinstance(data, Observations) else "gap"
         families = [one.name for one in FAMILIES.values() if quantity in one.quantities]
-        if quantity in ("gap", "normal_stiffness"):
-            families = ["convex_decreasing", *families]
+        families = [*([FREE_FORM[quantity]] if quantity in FREE_FORM else []), *families]
     fits = [fit_law(data, family=family, n_samples=0).attrs for family in families]
     error = np.array([fit["cross_validated_rms_error"] for fit in fits])
     criterion = np.array([fit.get("akaike_criterion", np.nan) for fit in fits])

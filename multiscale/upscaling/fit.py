@@ -19,14 +19,19 @@ from multiscale.upscaling.observations import (
 )
 from multiscale.upscaling.parametric import BY_REALISATION, NONE, fit_family
 from multiscale.upscaling.reading import area_from_dataset, fitted_law
-from multiscale.upscaling.spline_law import Values, fit_area, fit_convex_decreasing
+from multiscale.upscaling.spline_law import (
+    Values,
+    fit_area,
+    fit_convex_decreasing,
+    unseen_errors,
+)
 
 if TYPE_CHECKING:
     import xarray as xr
 
-__all__ = ["fit_law"]
+__all__ = ["FREE_FORM", "fit_law"]
 
-_FREE_FORM = {
+FREE_FORM = {
     "gap": "convex_decreasing",
     "normal_stiffness": "convex_decreasing",
     "contact_fraction": "monotone",
@@ -130,7 +135,8 @@ def fit_law(
     elif fixed:
         raise CaseError(f"the family {chosen!r} has free form and no parameter to be fixed")
     elif chosen == "monotone":
-        values, found = fit_area(observations, counts), {}
+        values = fit_area(observations, counts)
+        found = unseen_errors(values["area_fit_error"])
     else:
         values, found = fit_convex_decreasing(
             observations, counts, share, n_terms=n_terms, ridge=ridge
@@ -156,7 +162,7 @@ def _choose(family: str | Family | None, quantity: str) -> str | Family:
     if isinstance(family, Family):
         return family
     fitting = [one.name for one in FAMILIES.values() if quantity in one.quantities]
-    free_form = _FREE_FORM.get(quantity)
+    free_form = FREE_FORM.get(quantity)
     if family is None and free_form is None and len(fitting) != 1:
         hint = " or ".join(repr(name) for name in fitting) or "unloading_family(loading law)"
         raise CaseError(f"{quantity} can be described in several ways; choose family = {hint}")

@@ -11,7 +11,7 @@ from multiscale.upscaling.bootstrap import FEWEST_REALISATIONS, widening
 from multiscale.upscaling.family import Family, integrate_stiffness
 from multiscale.upscaling.observations import Observations
 from multiscale.upscaling.regression import Regression, regression_of
-from multiscale.upscaling.spline_law import Values, normal_errors
+from multiscale.upscaling.spline_law import Values, normal_errors, unseen_errors
 
 __all__ = ["fit_family"]
 
@@ -131,11 +131,8 @@ def _errors(
     error = np.array([regression.predict(one)[j] for j, one in enumerate(blind)])
     error = (error - mean) / regression.scale
     fit = (regression.predict(best) - mean) / regression.scale
-    return {"fit_error": error}, attributes | {
-        "maximum_fit_error": float(np.max(np.abs(fit))),
-        "cross_validated_error": float(np.max(np.abs(error))),
-        "cross_validated_rms_error": float(np.sqrt(np.mean(error**2))),
-    }
+    attributes |= {"maximum_fit_error": float(np.max(np.abs(fit))), **unseen_errors(error)}
+    return {"fit_error": error}, attributes
 
 
 def _akaike(regression: Regression, best: Mapping[str, float], mean: np.ndarray) -> float:

@@ -11,7 +11,7 @@ from multiscale.upscaling.family import integrate_stiffness
 from multiscale.upscaling.observations import Observations
 from multiscale.upscaling.spline import fit_spline, place_knots
 
-__all__ = ["fit_area", "fit_convex_decreasing"]
+__all__ = ["fit_area", "fit_convex_decreasing", "normal_errors", "unseen_errors"]
 
 Values = dict[str, np.ndarray]
 
@@ -138,6 +138,17 @@ def fit_area(observations: Observations, counts: np.ndarray) -> Values:
         "area_fraction": fraction,
         "area_fraction_sample": _never_decreasing(sample_mean),
         "area_fit_error": error,
+    }
+
+
+def unseen_errors(error: np.ndarray) -> dict[str, Any]:
+    """Largest and root mean square error at points that a fit has not seen; NaN does not count."""
+    known = error[np.isfinite(error)]
+    if not known.size:
+        return {}
+    return {
+        "cross_validated_error": float(np.max(np.abs(known))),
+        "cross_validated_rms_error": float(np.sqrt(np.mean(known**2))),
     }
 
 

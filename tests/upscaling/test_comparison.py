@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from multiscale.laws import BellFriction, Coulomb, Exponential, PowerLaw
+from multiscale.laws import BellFriction, Coulomb, ErrorFunctionArea, Exponential, PowerLaw
 from multiscale.upscaling import compare_laws, observe
 from tests.upscaling.responses import exponential_gaps, response_of
 
@@ -45,3 +45,12 @@ def test_friction_that_depends_on_speed_is_told_from_coulombs():
         mu = law.coefficient(p, v) * (1.0 + 0.01 * random.standard_normal((6, p.size)))
         table = compare_laws(observe("friction_coefficient", (p, v), mu))
         assert str(table["family"][int(np.nanargmax(table["akaike_weight"]))].values) == winner
+
+
+def test_an_area_of_free_form_is_compared_with_the_error_function():
+    p = np.geomspace(1e6, 1e9, 12)
+    table = compare_laws(observe("contact_fraction", p, 1.0 - np.exp(-p / 3e8)))
+    assert list(table["family"].values) == ["monotone", "error_function"]
+    exact = compare_laws(observe("contact_fraction", p, ErrorFunctionArea(3e8).contact_fraction(p)))
+    assert str(exact["family"][0].values) == "error_function"
+    assert float(exact["cross_validated_error"][0]) < 1e-6
