@@ -21,6 +21,12 @@ __all__ = ["pressure_overclosure", "write_law_table", "write_pressure_overclosur
 SMALLEST_STEP = 1e-10
 """CalculiX moves points apart whose overclosures differ by less, in the unit of the table."""
 
+MOST_POINTS = 40
+"""What the tables of older versions of CalculiX hold."""
+
+BEYOND = 10.0
+"""The table goes on with its last slope to this multiple of the largest pressure."""
+
 
 def pressure_overclosure(
     law: "NormalLaw", pressure_range: tuple[float, float], *, tolerance: float = 5e-3
@@ -96,13 +102,15 @@ def write_pressure_overclosure(
     Raises
     ------
     CaseError
-        If two points would be closer than CalculiX keeps apart, or the name is none.
+        If two points would be closer than CalculiX keeps apart, the tolerance needs more than 40
+        points, or the name is none.
 
     Notes
     -----
     Both codes read the same lines: ``*SURFACE BEHAVIOR, PRESSURE-OVERCLOSURE=TABULAR`` under a
-    ``*SURFACE INTERACTION``, then pressure and overclosure, rising, the first pressure zero; beyond
-    the last point they go on with its slope. Zero overclosure is the first contact of the summits:
+    ``*SURFACE INTERACTION``, then pressure and overclosure, rising, the first pressure zero. Beyond
+    the last point Abaqus goes on with its slope and CalculiX keeps the pressure, so that one more
+    point prolongs the last chord to ten times the largest pressure. Zero overclosure is the first contact of the summits:
     the surfaces of the model should stand that far apart, as the head of the file says, since
     CalculiX makes no contact elements where they are further open.
     """
@@ -112,6 +120,14 @@ def write_pressure_overclosure(
     p, overclosure, first = pressure_overclosure(
         law_from_dataset(dataset), (low, high), tolerance=tolerance
     )
+    if p.size >= MOST_POINTS:
+        raise CaseError(
+            f"a table within {100.0 * tolerance:g} % takes {p.size + 1} points, and CalculiX holds "
+            f"{MOST_POINTS}; allow a larger tolerance"
+        )
+    slope = (overclosure[-1] - overclosure[-2]) / (p[-1] - p[-2])
+    p = np.append(p, BEYOND * p[-1])
+    overclosure = np.append(overclosure, overclosure[-1] + slope * (p[-1] - p[-2]))
     length, pressure = to_si(f"1 {length_unit}", "m"), to_si(f"1 {pressure_unit}", "Pa")
     smallest = float(np.min(np.diff(overclosure))) / length
     if smallest < SMALLEST_STEP:
@@ -126,6 +142,7 @@ def write_pressure_overclosure(
         f"** zero overclosure: mean planes {first / length:.6g} {length_unit} apart",
         f"** from {low / pressure:.4g} to {high / pressure:.4g} {pressure_unit}, chords within "
         f"{100.0 * tolerance:g} % of the law",
+        "** the last line is no data: it prolongs the chord before it",
         f"*SURFACE INTERACTION, NAME={name}",
         "*SURFACE BEHAVIOR, PRESSURE-OVERCLOSURE=TABULAR",
         *(f"{a / pressure:.9e}, {b / length:.9e}" for a, b in zip(p, overclosure, strict=True)),
