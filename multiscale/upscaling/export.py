@@ -110,9 +110,9 @@ def write_pressure_overclosure(
     Both codes read the same lines: ``*SURFACE BEHAVIOR, PRESSURE-OVERCLOSURE=TABULAR`` under a
     ``*SURFACE INTERACTION``, then pressure and overclosure, rising, the first pressure zero. Beyond
     the last point Abaqus goes on with its slope and CalculiX keeps the pressure, so that one more
-    point prolongs the last chord to ten times the largest pressure. Zero overclosure is the first contact of the summits:
-    the surfaces of the model should stand that far apart, as the head of the file says, since
-    CalculiX makes no contact elements where they are further open.
+    point prolongs the last chord to ten times the largest pressure. Zero overclosure is the first
+    contact of the summits: the surfaces of the model should stand that far apart, as the head of
+    the file says, since CalculiX makes no contact elements where they are further open.
     """
     if not (name and name.isascii() and name.replace("_", "a").replace("-", "a").isalnum()):
         raise CaseError(f"{name!r} cannot name a surface interaction; use letters and digits")
