@@ -101,12 +101,15 @@ def fit_command(
     out: Annotated[Path, typer.Option("-o", "--out", help="Law to write.")] = Path(
         "interface_law.nc"
     ),
+    family: Annotated[
+        str, typer.Option(help="convex_decreasing, exponential or power.")
+    ] = "convex_decreasing",
 ) -> None:
     """Fit the interface law to a response."""
     from multiscale.io import open_response, save_law
     from multiscale.upscaling import fit_law
 
-    save_law(fit_law(open_response(response)), out)
+    save_law(fit_law(open_response(response), family=family), out)
 
 
 @app.command("macro")

@@ -1,19 +1,34 @@
 """Interface laws: the same objects at every scale."""
 
-from multiscale.laws.area import AreaLaw
+from multiscale.laws.area import AreaLaw, ErrorFunctionArea
 from multiscale.laws.base import InterfaceLaw, NormalLaw, Response
 from multiscale.laws.convex_decreasing import ConvexDecreasing
 from multiscale.laws.damaged import Damaged
 from multiscale.laws.exponential import Exponential
+from multiscale.laws.friction import BellFriction, Coulomb, DecayingFriction, FrictionLaw
 from multiscale.laws.frictional import Frictional
+from multiscale.laws.power import PowerLaw
+from multiscale.laws.stiffness import PowerStiffness, StiffnessLaw
+from multiscale.laws.stretched import StretchedLaw
+from multiscale.laws.unloading import HystereticLaw
 
 __all__ = [
     "AreaLaw",
+    "BellFriction",
     "ConvexDecreasing",
+    "Coulomb",
     "Damaged",
+    "DecayingFriction",
+    "ErrorFunctionArea",
     "Exponential",
+    "FrictionLaw",
     "Frictional",
+    "HystereticLaw",
     "InterfaceLaw",
     "NormalLaw",
+    "PowerLaw",
+    "PowerStiffness",
     "Response",
+    "StiffnessLaw",
+    "StretchedLaw",
 ]

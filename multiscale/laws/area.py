@@ -6,7 +6,7 @@ import numpy as np
 
 from multiscale.errors import CaseError
 
-__all__ = ["AreaLaw"]
+__all__ = ["AreaLaw", "ErrorFunctionArea"]
 
 
 @dataclass(frozen=True)
@@ -85,3 +85,50 @@ class AreaLaw:
             beyond = np.maximum(0.0, x - 1.0) * max(0.0, float(inner(1.0, 1))) / (1.0 - a[-1])
             fraction = np.where(x > 1.0, 1.0 - (1.0 - a[-1]) * np.exp(-beyond), fraction)  # (1)
         return np.asarray(np.clip(fraction, 0.0, 1.0))
+
+
+@dataclass(frozen=True)
+class ErrorFunctionArea:
+    r"""Contact fraction of the diffusion theory of contact: one parameter.
+
+    Parameters
+    ----------
+    pressure_scale : float
+        :math:`p_A > 0`, Pa.
+
+    Raises
+    ------
+    CaseError
+        If the parameter is outside its range.
+
+    Notes
+    -----
+    .. math:: A(p) = \operatorname{erf}(p / p_A),    \tag{1}
+
+    zero without pressure, rising and below one for any :math:`p_A`. In the theory
+    :math:`p_A = E^* g / \sqrt 2` with the contact modulus :math:`E^*` and the root mean square
+    slope :math:`g`; computed areas of light contact are larger, so that it is fitted here.
+
+    References
+    ----------
+    .. [1] B. N. J. Persson, J. Chem. Phys. 115 (2001) 3840-3861, doi:10.1063/1.1388626.
+
+    Examples
+    --------
+    >>> ErrorFunctionArea(1.0e9).contact_fraction(np.array([0.0, 1.0e9]))
+    array([0.        , 0.84270079])
+    """
+
+    pressure_scale: float
+
+    def __post_init__(self) -> None:
+        if not (self.pressure_scale > 0.0 and np.isfinite(self.pressure_scale)):
+            raise CaseError(
+                f"pressure_scale must be positive and finite (Pa), got {self.pressure_scale:g}"
+            )
+
+    def contact_fraction(self, pressure: np.ndarray) -> np.ndarray:
+        """Evaluate (1) at a nominal pressure, Pa; any shape."""
+        from scipy.special import erf
+
+        return np.asarray(erf(np.asarray(pressure) / self.pressure_scale))

@@ -7,7 +7,7 @@ import numpy as np
 
 from multiscale.errors import ConvergenceError
 
-__all__ = ["InterfaceLaw", "NormalLaw", "Response"]
+__all__ = ["InterfaceLaw", "NormalLaw", "Response", "climb"]
 
 
 @dataclass(frozen=True)
@@ -80,7 +80,7 @@ class InterfaceLaw(ABC):
         not of this kind brings its own resolvent.
         """
         stiffness = np.broadcast_to(stiffness, source.shape)
-        return _climb(self, source, stiffness, state, source[0] / stiffness[0])
+        return climb(self, source, stiffness, state, source[0] / stiffness[0])
 
 
 class NormalLaw(InterfaceLaw):
@@ -130,10 +130,10 @@ class NormalLaw(InterfaceLaw):
         pressed = source[0] < 0.0
         floor = self.gap_at(np.where(pressed, -source[0], 1.0)) - self.gap
         start = np.where(pressed, np.maximum(start, floor), start)
-        return _climb(self, source, stiffness, state, start)
+        return climb(self, source, stiffness, state, start)
 
 
-def _climb(
+def climb(
     law: InterfaceLaw,
     source: np.ndarray,
     stiffness: np.ndarray,

@@ -25,7 +25,13 @@ from multiscale.pipeline.case import load_case
 from multiscale.pipeline.cells import composite_material, make_cells
 from multiscale.pipeline.settings import Case
 from multiscale.schema import FIELDS, MACRO_RESULT, MICRO_RESPONSE
-from multiscale.upscaling import area_from_dataset, fit_law, law_from_dataset
+from multiscale.upscaling import (
+    area_from_dataset,
+    error_budget,
+    fit_law,
+    law_from_dataset,
+    with_budget,
+)
 
 if TYPE_CHECKING:
     import xarray as xr
@@ -124,6 +130,7 @@ def run(
     response = run_micro(case, out / "micro_response.nc", executor=executor, progress=progress)
 
     law = fit_law(response, n_terms=case.law.terms, n_samples=case.law.samples)
+    law = with_budget(law, error_budget(response, law))
     save_law(law, out / "interface_law.nc")
 
     result = _solve_joint(case, law)

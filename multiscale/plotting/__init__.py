@@ -4,6 +4,7 @@ Labels and conversion to um, MPa and kN happen here and nowhere else. Functions 
 with ``draw`` make whole figures and write them.
 """
 
+from multiscale.plotting.budget import plot_error_budget
 from multiscale.plotting.damage import (
     draw_damage,
     plot_damage_sphere,
@@ -38,6 +39,7 @@ __all__ = [
     "plot_damage_sphere",
     "plot_deformed_links",
     "plot_energies",
+    "plot_error_budget",
     "plot_gap_law",
     "plot_growth",
     "plot_history",

@@ -1,6 +1,64 @@
 """From micro responses to interface laws with their uncertainty."""
 
-from multiscale.upscaling.admissibility import is_admissible
-from multiscale.upscaling.fit import area_from_dataset, fit_law, law_from_dataset
+from multiscale.upscaling.admissibility import admissibility, is_admissible
+from multiscale.upscaling.budget import error_budget, structure_budget, with_budget
+from multiscale.upscaling.comparison import compare_laws
+from multiscale.upscaling.export import write_law_table, write_pressure_overclosure
+from multiscale.upscaling.family import FAMILIES, Family, Parameter, unloading_family
+from multiscale.upscaling.fit import fit_law
+from multiscale.upscaling.observations import (
+    area_observations,
+    normal_observations,
+    observe,
+    unloading_observations,
+)
+from multiscale.upscaling.reading import (
+    area_from_dataset,
+    fitted_law,
+    law_band,
+    law_from_dataset,
+)
+from multiscale.upscaling.resolution import estimate_grid_error
+from multiscale.upscaling.scales import compare_scales, pressure_length, relaxation_time
+from multiscale.upscaling.statistics import (
+    ensemble_average,
+    nayak_trend,
+    realisation_trend,
+    required_realisations,
+    size_trend,
+)
+from multiscale.upscaling.tables import read_observations
 
-__all__ = ["area_from_dataset", "fit_law", "is_admissible", "law_from_dataset"]
+__all__ = [
+    "FAMILIES",
+    "Family",
+    "Parameter",
+    "admissibility",
+    "area_from_dataset",
+    "area_observations",
+    "compare_laws",
+    "compare_scales",
+    "ensemble_average",
+    "error_budget",
+    "estimate_grid_error",
+    "fit_law",
+    "fitted_law",
+    "is_admissible",
+    "law_band",
+    "law_from_dataset",
+    "nayak_trend",
+    "normal_observations",
+    "observe",
+    "pressure_length",
+    "read_observations",
+    "realisation_trend",
+    "relaxation_time",
+    "required_realisations",
+    "size_trend",
+    "structure_budget",
+    "unloading_family",
+    "unloading_observations",
+    "with_budget",
+    "write_law_table",
+    "write_pressure_overclosure",
+]

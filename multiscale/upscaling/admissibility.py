@@ -1,44 +1,246 @@
-"""Check that a normal law is one: positive, decreasing and convex."""
+"""Check that a law is one: sign, shape, dissipation and objectivity, each with its worst value."""
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 
-from multiscale.laws import NormalLaw
+from multiscale.errors import CaseError
+from multiscale.laws import FrictionLaw, HystereticLaw, NormalLaw, StiffnessLaw
 
-__all__ = ["is_admissible"]
+__all__ = ["Admissibility", "Check", "admissibility", "is_admissible"]
+
+SLACK = 1e-9  # of the largest value tested
+SPEEDS = (1e-6, 1e2)  # m/s
+
+
+@dataclass(frozen=True)
+class Check:
+    """One property of a law.
+
+    Attributes
+    ----------
+    name : str
+        ``"sign"``, ``"monotone"``, ``"convex"``, ``"dissipation"`` or ``"objective"``, for
+        instance.
+    worst : float
+        How far the law violates it, relative to the largest value tested; not positive if it
+        holds.
+    """
+
+    name: str
+    worst: float
+
+    @property
+    def passed(self) -> bool:
+        """Whether the property holds up to round-off."""
+        return bool(np.isfinite(self.worst) and self.worst <= SLACK)
+
+    def __str__(self) -> str:
+        """Return the check as a few words."""
+        state = "holds" if self.passed else f"violated by {self.worst:.2g} of the largest value"
+        return f"{self.name}: {state}"
+
+
+@dataclass(frozen=True)
+class Admissibility:
+    """What was checked of a law, and over which pressures, Pa."""
+
+    pressure_range: tuple[float, float]
+    checks: tuple[Check, ...]
+
+    @property
+    def passed(self) -> bool:
+        """Whether every property holds."""
+        return all(check.passed for check in self.checks)
+
+    def __str__(self) -> str:
+        """Return the report as one line."""
+        low, high = self.pressure_range
+        checks = "; ".join(str(check) for check in self.checks)
+        return f"{checks} (from {low:.3g} to {high:.3g} Pa)"
+
+
+def admissibility(
+    law: Any,
+    pressure_range: tuple[float, float],
+    *,
+    speed_range: tuple[float, float] = SPEEDS,
+    n_points: int = 500,
+) -> Admissibility:
+    """Report whether a law is admissible.
+
+    Parameters
+    ----------
+    law : NormalLaw, HystereticLaw, FrictionLaw, StiffnessLaw, or one with a contact fraction
+        Built in or a user's own.
+    pressure_range : tuple of float
+        Smallest and largest pressure tested, Pa. A normal law is tested between the gaps of these
+        and as far again to either side.
+    speed_range : tuple of float
+        Smallest and largest sliding speed tested of a friction law, m/s; rest is tested as well.
+    n_points : int
+        Number of points tested.
+
+    Returns
+    -------
+    Admissibility
+        A normal law is positive, decreasing, convex, takes no energy over a closed cycle of the
+        gap, and has no traction that depends on the frame of the tangent plane; a friction law has
+        a coefficient that is not negative, power that is not negative, and turns with the frame; a
+        contact fraction starts at zero, never falls and stays below one; a stiffness is positive
+        and never falls; unloading is stiffer than loading and no cycle supplies energy.
+
+    Raises
+    ------
+    CaseError
+        If the law is of none of these kinds.
+    """
+    if isinstance(law, NormalLaw):
+        checks = _check_normal(law, pressure_range, n_points)
+    elif isinstance(law, HystereticLaw):
+        checks = _check_unloading(law, pressure_range, n_points)
+    elif isinstance(law, FrictionLaw):
+        checks = _check_friction(law, pressure_range, speed_range, n_points)
+    elif isinstance(law, StiffnessLaw):
+        checks = _check_rising(law.stiffness_at, pressure_range, n_points)
+    elif hasattr(law, "contact_fraction"):
+        checks = _check_area(law.contact_fraction, pressure_range, n_points)
+    else:
+        raise CaseError(
+            f"a law of type {type(law).__name__} cannot be judged; derive it from NormalLaw, "
+            f"FrictionLaw or StiffnessLaw, or give it a contact_fraction"
+        )
+    return Admissibility(pressure_range, checks)
 
 
 def is_admissible(
     law: NormalLaw, pressure_range: tuple[float, float], *, n_points: int = 500
 ) -> bool:
-    """Test a normal law at many gaps.
+    """Whether a law passes every check of :func:`admissibility`."""
+    return admissibility(law, pressure_range, n_points=n_points).passed
 
-    Parameters
-    ----------
-    law : NormalLaw
-        Any law with a pressure and a stiffness.
-    pressure_range : tuple of float
-        The law is tested between the gaps of these pressures, Pa, smallest first, and as far again
-        to either side.
-    n_points : int
-        Number of gaps tested.
 
-    Returns
-    -------
-    bool
-        Whether pressure and stiffness are nowhere negative, the pressure never rises and the
-        stiffness never rises with the gap, and no smaller than the secant: all up to 1e-9 of the
-        largest value tested.
-    """
+def _check_normal(
+    law: NormalLaw, pressure_range: tuple[float, float], n_points: int
+) -> tuple[Check, ...]:
+    """Pressure and stiffness at many gaps; the secant of a convex law lies between the tangents."""
     far, near = law.gap_at(np.array(pressure_range))
     gap = np.linspace(near - (far - near), far + (far - near), n_points)
-    p, stiffness = law.pressure(gap), law.stiffness(gap)
-    if not (np.all(np.isfinite(p)) and np.all(np.isfinite(stiffness))):
-        return False
+    p, k = law.pressure(gap), law.stiffness(gap)
     secant = -np.diff(p) / np.diff(gap)
-    slack_p, slack = 1e-9 * p.max(), 1e-9 * stiffness.max()
-    return bool(
-        np.all(p >= -slack_p)
-        and np.all(stiffness[:-1] >= secant - slack)  # convex: the secant lies between
-        and np.all(stiffness[1:] <= secant + slack)
-        and np.all(stiffness >= -slack)
+    jump = np.zeros((3, 5))
+    jump[0] = np.linspace(near, far, 5) - law.gap
+    jump[1:] = far - near
+    traction = law.respond(jump, np.zeros((law.n_state, 5))).traction
+    return (
+        Check("sign", _worst(-np.minimum(p / _size(p), k / _size(k)), np.ones(1))),
+        Check("monotone", _worst(np.diff(p), p)),
+        Check("convex", _worst(np.maximum(secant - k[:-1], k[1:] - secant), k)),
+        Check("dissipation", _worst(*_cycle(law, gap))),
+        Check("objective", _worst(np.abs(traction[1:]), traction[0])),
     )
+
+
+def _cycle(law: NormalLaw, gap: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Work that a cycle of the gap gains from the law, and the work of its first half, J/m^2."""
+    path = np.concatenate([gap[::-1], gap[1:]])
+    state, pressures = np.zeros((law.n_state, 1)), []
+    for g in path:
+        response = law.respond(np.array([[g - law.gap], [0.0], [0.0]]), state)
+        state = response.state
+        pressures.append(-response.traction[0, 0])
+    p = np.array(pressures)
+    work = 0.5 * (p[1:] + p[:-1]) * np.diff(path)
+    return np.array([work.sum()]), np.array([work[: gap.size].sum()])
+
+
+def _check_unloading(
+    law: HystereticLaw, pressure_range: tuple[float, float], n_points: int
+) -> tuple[Check, ...]:
+    """Check the loading law, and what its unloading branches give back, eq. (2) of the law."""
+    loading = _check_normal(law.loading, pressure_range, n_points)
+    peak = np.geomspace(*pressure_range, n_points)
+    branch = law.branch(peak)
+    share = np.linspace(0.0, 1.0, 41)[:, None]
+    gap = branch.corner + share * branch.length
+    p = peak * (1.0 - share) ** law.exponent
+    returned = peak * branch.length / (law.exponent + 1.0)
+    rate = np.diff(returned) / -np.diff(branch.corner)  # per approach
+    return (
+        *(Check(f"loading, {check.name}", check.worst) for check in loading),
+        Check("unloading below loading", _worst(p - law.loading.pressure(gap), peak)),
+        Check("dissipation", _worst(rate - peak[1:], peak)),
+    )
+
+
+def _check_friction(
+    law: FrictionLaw,
+    pressure_range: tuple[float, float],
+    speed_range: tuple[float, float],
+    n_points: int,
+) -> tuple[Check, ...]:
+    """Friction at many pressures, speeds and directions, in two frames."""
+    random = np.random.default_rng(seed=0)
+    p, speed = (
+        low * (high / low) ** random.random(n_points) for low, high in (pressure_range, speed_range)
+    )
+    speed[0] = 0.0
+    angle, turn = random.uniform(0.0, 2.0 * np.pi, (2, n_points))
+    v = speed * np.array([np.cos(angle), np.sin(angle)])
+    c, s = np.cos(turn), np.sin(turn)
+
+    def turned(vector: np.ndarray) -> np.ndarray:
+        return np.array([c * vector[0] - s * vector[1], s * vector[0] + c * vector[1]])
+
+    mu, t = law.coefficient(p, speed), law.traction(p, v)
+    power = np.sum(t * v, axis=0) / (p * np.where(speed > 0.0, speed, 1.0))
+    miss = (law.traction(p, turned(v)) - turned(t)) / p
+    return (
+        Check("sign", _worst(-mu, mu)),
+        Check("dissipation", _worst(-power, mu)),
+        Check("objective", _worst(np.abs(miss), mu)),
+    )
+
+
+def _check_rising(
+    evaluate: Callable[[np.ndarray], np.ndarray],
+    pressure_range: tuple[float, float],
+    n_points: int,
+) -> tuple[Check, ...]:
+    """Values at many pressures: positive, never falling."""
+    values = evaluate(np.geomspace(*pressure_range, n_points))
+    return (
+        Check("sign", _worst(-values, values)),
+        Check("monotone", _worst(-np.diff(values), values)),
+    )
+
+
+def _check_area(
+    evaluate: Callable[[np.ndarray], np.ndarray],
+    pressure_range: tuple[float, float],
+    n_points: int,
+) -> tuple[Check, ...]:
+    """Fractions from no pressure to a hundred times the largest."""
+    low, high = pressure_range
+    p = np.append(0.0, np.geomspace(low / 100.0, 100.0 * high, n_points))
+    a = evaluate(p)
+    return (
+        Check("zero without pressure", _worst(np.abs(a[:1]), a)),
+        Check("monotone", _worst(-np.diff(a), a)),
+        Check("at most one", _worst(a - 1.0, a)),
+    )
+
+
+def _size(values: np.ndarray) -> float:
+    """Return the largest absolute value, 1 if all are zero, NaN if one is not finite."""
+    largest = float(np.max(np.abs(values)))
+    return largest if largest > 0.0 else 1.0
+
+
+def _worst(violation: np.ndarray, values: np.ndarray) -> float:
+    """Largest violation relative to the largest value; NaN if anything is not finite."""
+    if not (np.all(np.isfinite(violation)) and np.all(np.isfinite(values))):
+        return float("nan")
+    return float(np.max(violation)) / _size(values)

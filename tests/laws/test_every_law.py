@@ -4,7 +4,15 @@ import numpy as np
 import pytest
 
 from multiscale.errors import CaseError, ConvergenceError
-from multiscale.laws import ConvexDecreasing, Damaged, Exponential, InterfaceLaw, Response
+from multiscale.laws import (
+    ConvexDecreasing,
+    Damaged,
+    Exponential,
+    InterfaceLaw,
+    PowerLaw,
+    Response,
+    StretchedLaw,
+)
 
 SIGNED = ConvexDecreasing(  # c < 0 in the middle: the curvature is a hat between ramps
     knot=np.array([-0.6, -0.2, 0.3, 0.9]), coefficient=np.array([0.4, 2.0, -1.5, 1.0]), gap=0.05
@@ -16,6 +24,8 @@ LAWS = [
     ),
     pytest.param(SIGNED, id="convex-signed"),
     pytest.param(Damaged(SIGNED, damage=0.3), id="damaged"),
+    pytest.param(StretchedLaw(Exponential(2.0, 0.4), 1.3, gap=-0.1), id="stretched"),
+    pytest.param(PowerLaw(pressure_scale=2.0, support=0.9, exponent=2.5, gap=0.1), id="power"),
 ]
 
 
@@ -146,6 +156,10 @@ def test_resolvent_refuses_a_direction_that_is_not_stiff():
         (lambda: Exponential(-1.0, 1.0), r"pressure_scale must be positive and finite \(Pa\)"),
         (lambda: Exponential(1.0, 0.0), r"decay_length must be positive and finite \(m\), got 0"),
         (lambda: Damaged(SIGNED, 1.0), "from 0 to below 1, got 1; leave out an interface"),
+        (lambda: StretchedLaw(SIGNED, 0.0), "factor must be positive and finite, got 0"),
+        (lambda: PowerLaw(-1.0, 1.0, 2.0), r"pressure_scale must be positive and finite \(Pa\)"),
+        (lambda: PowerLaw(1.0, 0.0, 2.0), r"support must be positive and finite \(m\), got 0"),
+        (lambda: PowerLaw(1.0, 1.0, 0.9), "exponent must be at least 1"),
         (lambda: ConvexDecreasing(np.ones(2), np.ones(3)), "lists of one length"),
         (lambda: ConvexDecreasing(np.array([1.0, 1.0]), np.ones(2)), "must increase"),
         (lambda: ConvexDecreasing(np.array([1.0, 2.0]), np.array([np.nan, 1.0])), "be finite"),

@@ -4,38 +4,11 @@ import numpy as np
 import pytest
 
 from multiscale.errors import CaseError, SchemaError
+from multiscale.io import open_law, save_law
 from multiscale.laws import Exponential
-from multiscale.schema import INTERFACE_LAW, MICRO_RESPONSE
+from multiscale.schema import INTERFACE_LAW
 from multiscale.upscaling import area_from_dataset, fit_law, is_admissible, law_from_dataset
-
-DECAY, SCALE = 0.45e-6, 4e8
-PRESSURE = np.geomspace(5e6, 1e8, 8)
-
-
-def response_of(gap, pressure=PRESSURE, *, area=None, converged=None, nominal=True, **attributes):
-    """A micro response with the gaps (realisation, step)."""
-    traction = np.zeros((*gap.shape, 3))
-    traction[..., 0] = -pressure
-    ones = np.ones(gap.shape, dtype=int)
-    values = {
-        "displacement_jump": np.zeros((*gap.shape, 3)),
-        "traction": traction,
-        "mean_gap": gap,
-        "contact_fraction": np.tile(pressure / 5e8, (len(gap), 1)) if area is None else area,
-        "converged": ones if converged is None else converged,
-        "active_set_iterations": ones,
-        "linear_iterations": ones,
-        "wall_time": 1.0 * ones,
-    }
-    if nominal:
-        values["nominal_pressure"] = pressure
-    return MICRO_RESPONSE.build(values, **attributes)
-
-
-def exponential_gaps(n_realisations=1, spread=0.03, seed=1):
-    random = np.random.default_rng(seed)
-    u = DECAY * np.log(SCALE / PRESSURE)
-    return u * (1.0 + spread * random.standard_normal((n_realisations, 1)))
+from tests.upscaling.responses import PRESSURE, exponential_gaps, response_of
 
 
 def test_the_result_follows_its_schema_and_tells_where_it_comes_from():
@@ -173,3 +146,87 @@ def test_another_dataset_or_family_is_refused():
         fit_law(law)
     with pytest.raises(CaseError, match="family 'power'"):
         law_from_dataset(law.assign_attrs(family="power"))
+
+
+def test_a_family_with_parameters_is_fitted_with_the_area_beside_it():
+    law = fit_law(response_of(exponential_gaps(6)), family="exponential", n_samples=30)
+    INTERFACE_LAW.check(law)
+    assert law["decay_length"].attrs["units"] == "m"
+    assert law["decay_length_sample"].sizes == {"sample": 30}
+    found = law_from_dataset(law)
+    assert found.decay_length == float(law["decay_length"])
+    assert law_from_dataset(law, 3).decay_length == float(law["decay_length_sample"][3])
+    assert law_from_dataset(law, gap=1e-6).gap == 1e-6
+    assert area_from_dataset(law).contact_fraction(PRESSURE[:1]) == pytest.approx(0.01)
+    assert law.attrs["cross_validated_error"] < 1e-6
+
+
+def test_a_law_with_parameters_survives_its_file(tmp_path):
+    law = fit_law(response_of(exponential_gaps(6)), family="power", n_samples=5)
+    save_law(law, tmp_path / "law.nc")
+    read = law_from_dataset(open_law(tmp_path / "law.nc"))
+    np.testing.assert_array_equal(read.pressure(1e-6), law_from_dataset(law).pressure(1e-6))
+
+
+def test_fixed_parameters_keep_their_value_and_the_others_adapt():
+    response = response_of(exponential_gaps(1))
+    law = fit_law(response, family="exponential", fixed={"decay_length": 0.5e-6})
+    assert float(law["decay_length"]) == 0.5e-6
+    assert float(law["pressure_scale"]) != pytest.approx(4e8, rel=1e-3)
+
+
+def test_a_point_without_weight_does_not_count():
+    gap = exponential_gaps(1)
+    expected = fit_law(response_of(gap), family="exponential")
+    gap[0, 5] *= 1.1
+    weights = np.ones(8)
+    weights[5] = 0.0
+    found = fit_law(response_of(gap), family="exponential", weights=weights)
+    assert float(found["decay_length"]) == pytest.approx(float(expected["decay_length"]))
+    every = fit_law(response_of(gap), family="exponential")
+    assert float(every["decay_length"]) != pytest.approx(float(expected["decay_length"]), rel=1e-3)
+    order = np.arange(8)[::-1]  # weights follow the steps of the response, not the pressures
+    turned = fit_law(
+        response_of(gap[:, order], PRESSURE[order]), family="exponential", weights=weights[order]
+    )
+    assert float(turned["decay_length"]) == pytest.approx(float(expected["decay_length"]))
+    spline = law_from_dataset(fit_law(response_of(gap), weights=weights))
+    assert spline.pressure(exponential_gaps(1)[0]) == pytest.approx(PRESSURE, rel=5e-3)
+
+
+@pytest.mark.parametrize(
+    ("options", "sentence"),
+    [
+        ({"family": "exponental"}, "no family 'exponental' for gap; choose from convex_decreasing"),
+        ({"family": "bell"}, "no family 'bell' for gap"),
+        ({"family": "power", "fixed": {"support_": 1.0}}, "no parameter 'support_' to be fixed"),
+        ({"fixed": {"support": 1.0}}, "has free form and no parameter"),
+        ({"weights": np.ones(7)}, r"weights must be 8 finite numbers .* got shape \(7,\)"),
+        ({"weights": -np.ones(8)}, "weights must be 8 finite numbers that are not negative"),
+    ],
+)
+def test_families_and_weights_that_do_not_fit_are_refused(options, sentence):
+    with pytest.raises(CaseError, match=sentence):
+        fit_law(response_of(exponential_gaps(3)), **options)
+
+
+def test_a_nominal_pressure_that_the_traction_contradicts_is_refused():
+    response = response_of(exponential_gaps(3))
+    response["nominal_pressure"] = ("step", PRESSURE / 1e6, {"units": "Pa", "long_name": "p"})
+    with pytest.raises(CaseError, match=r"traction of 5e\+06 Pa contradicts the nominal pressure"):
+        fit_law(response)
+
+
+def test_areas_that_no_contact_has_are_refused():
+    gap = exponential_gaps(5)
+    percent = np.tile(np.linspace(1.0, 40.0, 8), (5, 1))
+    with pytest.raises(CaseError, match=r"between 0 and 1, got 1.* a percentage by 100"):
+        fit_law(response_of(gap, area=percent + 0.5))
+    falling = np.tile(np.linspace(0.4, 0.1, 8), (5, 1))
+    with pytest.raises(CaseError, match=r"falls by 0.043 from 5e\+06 .* in all realisations alike"):
+        fit_law(response_of(gap, area=falling))
+
+
+def test_a_family_needs_more_points_than_parameters():
+    with pytest.raises(CaseError, match=r"3 free parameters, but only 3 points .* at least 4"):
+        fit_law(response_of(exponential_gaps(3)[:, :3], PRESSURE[:3]), family="power")

@@ -1,0 +1,85 @@
+"""Power normal law of a rough interface."""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from multiscale.errors import CaseError
+from multiscale.laws.base import NormalLaw
+
+__all__ = ["PowerLaw"]
+
+
+@dataclass(frozen=True)
+class PowerLaw(NormalLaw):
+    r"""Frictionless law whose pressure is a power of the approach.
+
+    Parameters
+    ----------
+    pressure_scale : float
+        :math:`p_c > 0`, the pressure at zero gap, Pa.
+    support : float
+        :math:`s > 0`, the gap at which contact begins, m.
+    exponent : float
+        :math:`m \ge 1`, dimensionless.
+    gap : float, default 0.0
+        Initial gap :math:`g_0` between the mean planes, m.
+
+    Raises
+    ------
+    CaseError
+        If a parameter is outside its range.
+
+    Notes
+    -----
+    With the local gap :math:`g = [\![u_N]\!] + g_0`,
+
+    .. math:: t_N = -p_c\, \langle 1 - g/s \rangle_+^m, \qquad t_T = 0.    \tag{1}
+
+    With the approach :math:`a = s - g` this is :math:`c_n a^m` with :math:`c_n = p_c s^{-m}`; the
+    form (1) keeps units that do not depend on the exponent.
+
+    References
+    ----------
+    .. [1] J. T. Oden and J. A. C. Martins, Comput. Methods Appl. Mech. Eng. 52 (1985) 527-634,
+       doi:10.1016/0045-7825(85)90009-X.
+
+    Examples
+    --------
+    >>> law = PowerLaw(pressure_scale=1.0e9, support=1.0e-6, exponent=2.0)
+    >>> law.pressure(np.array([0.0, 0.9e-6, 2.0e-6]))  # Pa
+    array([1.e+09, 1.e+07, 0.e+00])
+    """
+
+    pressure_scale: float
+    support: float
+    exponent: float
+    gap: float = 0.0
+
+    def __post_init__(self) -> None:
+        if not (self.pressure_scale > 0.0 and np.isfinite(self.pressure_scale)):
+            raise CaseError(
+                f"pressure_scale must be positive and finite (Pa), got {self.pressure_scale:g}"
+            )
+        if not (self.support > 0.0 and np.isfinite(self.support)):
+            raise CaseError(f"support must be positive and finite (m), got {self.support:g}")
+        if not (self.exponent >= 1.0 and np.isfinite(self.exponent)):
+            raise CaseError(
+                f"exponent must be at least 1, so that the law is convex, got {self.exponent:g}"
+            )
+
+    def pressure(self, gap: np.ndarray) -> np.ndarray:
+        """Evaluate (1); the unit is Pa."""
+        approach = np.maximum(0.0, 1.0 - np.asarray(gap) / self.support)
+        return np.asarray(self.pressure_scale * approach**self.exponent)
+
+    def stiffness(self, gap: np.ndarray) -> np.ndarray:
+        """Minus the derivative of (1), Pa/m; the smaller one at first contact if m = 1."""
+        approach = np.maximum(0.0, 1.0 - np.asarray(gap) / self.support)
+        slope = self.pressure_scale * self.exponent / self.support
+        return np.where(approach > 0.0, slope * approach ** (self.exponent - 1.0), 0.0)
+
+    def gap_at(self, pressure: np.ndarray) -> np.ndarray:
+        """Local gap, m, at a pressure, Pa; the support at zero pressure."""
+        share = np.asarray(pressure) / self.pressure_scale
+        return np.asarray(self.support * (1.0 - share ** (1.0 / self.exponent)))

@@ -1,0 +1,75 @@
+"""Contact stiffness of an interface as a function of its pressure."""
+
+from abc import ABC, abstractmethod
+from dataclasses import dataclass
+
+import numpy as np
+
+from multiscale.errors import CaseError
+
+__all__ = ["PowerStiffness", "StiffnessLaw"]
+
+
+class StiffnessLaw(ABC):
+    """Stiffness of an interface that is never negative and never falls with the pressure."""
+
+    @abstractmethod
+    def stiffness_at(self, pressure: np.ndarray) -> np.ndarray:
+        """Stiffness, Pa/m, at a nominal pressure, Pa; any shape."""
+
+
+@dataclass(frozen=True)
+class PowerStiffness(StiffnessLaw):
+    r"""Stiffness that is a power of the pressure.
+
+    Parameters
+    ----------
+    stiffness_scale : float
+        :math:`K_0 > 0`, the stiffness at the reference pressure, Pa/m.
+    exponent : float
+        :math:`m \ge 0`, dimensionless; 1 where the stiffness is proportional to the pressure.
+    reference_pressure : float
+        :math:`p_0 > 0`, Pa.
+
+    Raises
+    ------
+    CaseError
+        If a parameter is outside its range.
+
+    Notes
+    -----
+    .. math:: K(p) = K_0\, (p / p_0)^m.    \tag{1}
+
+    Self-affine surfaces have a tangential stiffness proportional to the normal one, with the ratio
+    :math:`2(1-\nu)/(2-\nu)` of a smooth contact before slip, and a normal one proportional to the
+    pressure at intermediate load.
+
+    References
+    ----------
+    .. [1] R. D. Mindlin, J. Appl. Mech. 16 (1949) 259-268, doi:10.1115/1.4009973.
+
+    Examples
+    --------
+    >>> law = PowerStiffness(stiffness_scale=2.0e13, exponent=0.5, reference_pressure=1.0e7)
+    >>> law.stiffness_at(np.array([1.0e7, 4.0e7]))  # Pa/m
+    array([2.e+13, 4.e+13])
+    """
+
+    stiffness_scale: float
+    exponent: float
+    reference_pressure: float
+
+    def __post_init__(self) -> None:
+        for name, unit in (("stiffness_scale", "Pa/m"), ("reference_pressure", "Pa")):
+            value = getattr(self, name)
+            if not (value > 0.0 and np.isfinite(value)):
+                raise CaseError(f"{name} must be positive and finite ({unit}), got {value:g}")
+        if not (self.exponent >= 0.0 and np.isfinite(self.exponent)):
+            raise CaseError(
+                f"the exponent of a stiffness must not be negative, got {self.exponent:g}"
+            )
+
+    def stiffness_at(self, pressure: np.ndarray) -> np.ndarray:
+        """Evaluate (1), Pa/m."""
+        share = np.asarray(pressure, dtype=float) / self.reference_pressure
+        return np.asarray(self.stiffness_scale * share**self.exponent)

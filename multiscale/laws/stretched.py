@@ -1,0 +1,57 @@
+"""A normal law whose gaps are stretched: how an answer depends on an error of the law."""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from multiscale.errors import CaseError
+from multiscale.laws.base import NormalLaw
+
+__all__ = ["StretchedLaw"]
+
+
+@dataclass(frozen=True)
+class StretchedLaw(NormalLaw):
+    r"""The law :math:`p(g) = p_0(g / f)` of another one.
+
+    Parameters
+    ----------
+    law : NormalLaw
+        :math:`p_0`.
+    factor : float
+        :math:`f > 0`: all gaps are that much larger at the same pressure, dimensionless.
+    gap : float, default 0.0
+        Initial gap between the mean planes, m; that of the other law is not used.
+
+    Raises
+    ------
+    CaseError
+        If the factor is not positive.
+
+    Examples
+    --------
+    >>> from multiscale.laws import Exponential
+    >>> law = StretchedLaw(Exponential(1.0e9, 1.0e-6), 1.1)
+    >>> float(law.gap_at(np.array(1.0e9 / np.e)))  # m
+    1.1e-06
+    """
+
+    law: NormalLaw
+    factor: float
+    gap: float = 0.0
+
+    def __post_init__(self) -> None:
+        if not (self.factor > 0.0 and np.isfinite(self.factor)):
+            raise CaseError(f"factor must be positive and finite, got {self.factor:g}")
+
+    def pressure(self, gap: np.ndarray) -> np.ndarray:
+        """Pressure, Pa, at a local gap, m."""
+        return self.law.pressure(np.asarray(gap) / self.factor)
+
+    def stiffness(self, gap: np.ndarray) -> np.ndarray:
+        """Minus the derivative of the pressure, Pa/m, at a local gap, m."""
+        return self.law.stiffness(np.asarray(gap) / self.factor) / self.factor
+
+    def gap_at(self, pressure: np.ndarray) -> np.ndarray:
+        """Local gap, m, at a pressure, Pa."""
+        return self.factor * self.law.gap_at(pressure)

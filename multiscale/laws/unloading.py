@@ -1,0 +1,156 @@
+"""Loading and unloading of an interface whose summits flow: hysteresis of plastic contact."""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from multiscale.errors import CaseError
+from multiscale.laws.base import InterfaceLaw, NormalLaw, Response, climb
+
+__all__ = ["HystereticLaw", "UnloadingBranch"]
+
+
+@dataclass(frozen=True)
+class HystereticLaw(InterfaceLaw):
+    r"""Frictionless law that unloads more stiffly than it was loaded.
+
+    Parameters
+    ----------
+    loading : NormalLaw
+        Pressure :math:`p_\ell(g)` of the first loading; its initial gap is used.
+    stiffness_ratio : float
+        :math:`\beta \ge 1`, stiffness at the start of unloading over that of loading,
+        dimensionless.
+    exponent : float
+        :math:`n \ge 1` of the unloading branch, dimensionless.
+
+    Raises
+    ------
+    CaseError
+        If a parameter is outside its range.
+
+    Notes
+    -----
+    The state is the largest pressure so far, :math:`p_m`, Pa, with zero for an interface that was
+    never loaded; :math:`g_m` is the gap there. The interface loads while
+    :math:`p_\ell(g) \ge p_m`, and otherwise follows, down and up again,
+
+    .. math::
+        p = p_m \Big\langle 1 - \frac{g - g_m}{\ell_m} \Big\rangle_+^n, \qquad
+        \ell_m = \frac{n\, p_m}{\beta\, K_\ell(g_m)},    \tag{1}
+
+    with the loading stiffness :math:`K_\ell`. The power is that of [1]_ for the unloading of an
+    indenter; :math:`\ell_m` is the distance that the interface springs back, and what remains of
+    the approach is plastic. Loading dissipates if
+
+    .. math:: p_m \ge \frac{\mathrm{d}}{\mathrm{d}(-g_m)} \frac{p_m \ell_m}{n + 1},    \tag{2}
+
+    the rate of the energy that unloading gives back; it holds for all :math:`\beta \ge 2` and, for
+    an exponential law, for all :math:`\beta \ge 1`.
+
+    References
+    ----------
+    .. [1] W. C. Oliver and G. M. Pharr, J. Mater. Res. 7 (1992) 1564-1583,
+       doi:10.1557/JMR.1992.1564.
+
+    Examples
+    --------
+    >>> from multiscale.laws import Exponential
+    >>> law = HystereticLaw(Exponential(1.0e9, 1.0e-6), stiffness_ratio=2.0, exponent=1.5)
+    >>> jump = np.array([[2.0e-6, 2.5e-6], [0.0, 0.0]])  # m
+    >>> loaded = law.respond(jump, state=np.zeros((1, 2)))
+    >>> loaded.traction[0]
+    array([-1.35335283e+08, -8.20849986e+07])
+    >>> law.respond(jump, state=np.full((1, 2), loaded.state[0, 0])).traction[0]  # after loading
+    array([-1.35335283e+08, -2.60452874e+07])
+    """
+
+    loading: NormalLaw
+    stiffness_ratio: float
+    exponent: float
+    n_state = 1
+
+    def __post_init__(self) -> None:
+        for name in ("stiffness_ratio", "exponent"):
+            value = getattr(self, name)
+            if not (value >= 1.0 and np.isfinite(value)):
+                raise CaseError(f"{name} must be at least 1 and finite, got {value:g}")
+
+    def branch(self, peak_pressure: np.ndarray) -> "UnloadingBranch":
+        """Unloading branch (1) from a largest pressure :math:`p_m > 0`, Pa; any shape."""
+        peak = np.asarray(peak_pressure, dtype=float)
+        gap = self.loading.gap_at(peak)
+        length = self.exponent * peak / (self.stiffness_ratio * self.loading.stiffness(gap))
+        return UnloadingBranch(peak, gap, length, self.exponent, self.loading.gap)
+
+    def recovery(self, pressure: np.ndarray, peak_pressure: np.ndarray) -> np.ndarray:
+        """Gap :math:`g - g_m`, m, at which (1) has come down to a pressure, Pa."""
+        branch = self.branch(peak_pressure)
+        share = np.asarray(pressure) / branch.peak
+        return np.asarray(branch.length * (1.0 - share ** (1.0 / self.exponent)))
+
+    def respond(self, jump: np.ndarray, state: np.ndarray) -> Response:
+        """Evaluate (1) or the loading law; the new state is the largest pressure."""
+        loaded = self.loading.respond(jump, state)
+        p, peak = -loaded.traction[0], state[0]
+        back = p < peak
+        if not np.any(back):
+            return Response(loaded.traction, loaded.tangent, np.maximum(p, peak)[None])
+        traction, tangent = loaded.traction.copy(), loaded.tangent.copy()
+        unloaded = self.branch(peak[back]).respond(jump[:, back], state[:, back])
+        traction[:, back] = unloaded.traction
+        tangent[:, :, back] = unloaded.tangent
+        return Response(traction, tangent, np.maximum(p, peak)[None])
+
+    def resolvent(
+        self, source: np.ndarray, stiffness: float | np.ndarray, state: np.ndarray
+    ) -> np.ndarray:
+        """Find the jump on the law and on a search direction; see :class:`InterfaceLaw`.
+
+        Pressure falls with the gap on both branches, so that the root is unique: it lies on the
+        loading branch if that leads to at least the largest pressure so far, and otherwise on the
+        unloading branch, whose Newton iteration climbs from the corner.
+        """
+        k = np.broadcast_to(stiffness, source.shape)
+        jump = self.loading.resolvent(source, k, state)
+        back = self.loading.pressure(jump[0] + self.loading.gap) < state[0]
+        if np.any(back):
+            branch = self.branch(state[0][back])
+            corner = branch.corner - self.loading.gap
+            jump[:, back] = climb(branch, source[:, back], k[:, back], state[:, back], corner)
+        return jump
+
+
+@dataclass(frozen=True)
+class UnloadingBranch(InterfaceLaw):
+    """The branch (1) of :class:`HystereticLaw` alone, without memory.
+
+    Parameters
+    ----------
+    peak : ndarray
+        Largest pressure, Pa.
+    corner : ndarray
+        Gap there, m.
+    length : ndarray
+        Distance of the spring back, m.
+    exponent : float
+        Dimensionless.
+    gap : float
+        Initial gap, m.
+    """
+
+    peak: np.ndarray
+    corner: np.ndarray
+    length: np.ndarray
+    exponent: float
+    gap: float
+
+    def respond(self, jump: np.ndarray, state: np.ndarray) -> Response:
+        """Evaluate (1)."""
+        share = np.maximum(0.0, 1.0 - (jump[0] + self.gap - self.corner) / self.length)
+        slope = self.peak * self.exponent / self.length
+        traction = np.zeros(jump.shape)
+        traction[0] = -self.peak * share**self.exponent  # (1)
+        tangent = np.zeros((jump.shape[0], *jump.shape))
+        tangent[0, 0] = np.where(share > 0.0, slope * share ** (self.exponent - 1.0), 0.0)
+        return Response(traction, tangent, state)

@@ -1,0 +1,68 @@
+"""Error budgets as stacked bars."""
+
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from multiscale.plotting.figure import axes_or_current
+
+if TYPE_CHECKING:
+    import xarray as xr
+    from matplotlib.axes import Axes
+
+__all__ = ["plot_error_budget"]
+
+SMALLEST_SHARE = 0.02  # of the largest total, below which a caption would not fit
+
+
+def plot_error_budget(
+    budget: "xr.Dataset", *, quantity: str | None = None, ax: "Axes | None" = None
+) -> "Axes":
+    """Draw the half-width of the 95 % interval of each step as a bar, stacked by its terms.
+
+    The height of a bar is the total. As terms add as squares, each takes its share of the sum of
+    the squares; what is not known is named in the legend and not in the bar.
+
+    Parameters
+    ----------
+    budget : Dataset
+        Follows ``ERROR_BUDGET``, or a law or macro result that carries one.
+    quantity : str, optional
+        Which; the first if not given.
+    ax : Axes, optional
+        Where to draw. The current axes if not given.
+    """
+    ax = axes_or_current(ax)
+    chosen = str(budget["quantity"].values[0]) if quantity is None else quantity
+    one = budget.sel(quantity=chosen)
+    half = 100.0 * one["error_half_width"].values
+    total = 100.0 * one["error_total"].values
+    share = np.nan_to_num(half**2) / np.maximum(np.nansum(half**2, axis=0), 1e-300)
+    at, bottom = np.arange(total.size), np.zeros(total.size)
+    for k, term in enumerate(one["error_term"].values):
+        if np.all(np.isnan(half[k])):
+            continue
+        ax.bar(at, share[k] * total, 0.7, bottom=bottom, color=f"C{k}", label=str(term))
+        bottom = bottom + share[k] * total
+    for term in filter(None, str(budget.attrs.get("unknown", "")).split(", ")):
+        ax.bar(0, 0.0, color="none", edgecolor="0.5", hatch="///", label=f"{term}: not known")
+    for x, height in zip(at, total, strict=True):
+        if height > SMALLEST_SHARE * total.max():
+            ax.text(
+                float(x), float(height), f"{height:.2g}", ha="center", va="bottom", fontsize="small"
+            )
+    ax.set_xticks(at, _labels(budget))
+    ax.set_ylim(0.0, 1.5 * total.max())  # room for the legend
+    ax.set_xlabel("mean pressure (MPa)")
+    ax.set_ylabel(f"95 % half-width of {chosen.replace('_', ' ')} (%)")
+    ax.set_title("error budget")
+    ax.legend(loc="upper center", ncols=2, fontsize="small")
+    return ax
+
+
+def _labels(budget: "xr.Dataset") -> list[str]:
+    """Pressures of the steps, MPa, by whatever name the dataset has them."""
+    for name in ("nominal_pressure", "fit_pressure", "preload"):
+        if name in budget.variables:
+            return [f"{1e-6 * value:.3g}" for value in budget[name].values]
+    return [str(step) for step in budget["step"].values]

@@ -1,0 +1,52 @@
+"""Samples of an ensemble: whole realisations drawn with replacement, spread as by Student."""
+
+import numpy as np
+
+__all__ = ["FEWEST_REALISATIONS", "draw_counts", "most_confident", "widening"]
+
+FEWEST_REALISATIONS = 3
+"""Below, the interval of a mean is too wide to be of use and there are no samples."""
+
+
+def draw_counts(n_realisations: int, n_samples: int, seed: int) -> np.ndarray:
+    """How often each realisation occurs in each sample, shape (samples, realisations)."""
+    if n_realisations < FEWEST_REALISATIONS:
+        return np.empty((0, n_realisations))
+    random = np.random.default_rng(seed)
+    return random.multinomial(
+        n_realisations, np.full(n_realisations, 1.0 / n_realisations), size=n_samples
+    ).astype(float)
+
+
+def widening(freedom: int, confidence: float = 0.95, *, n: int | None = None) -> float:
+    r"""Factor that gives a percentile interval of few data the width of Student's.
+
+    Parameters
+    ----------
+    freedom : int
+        Degrees of freedom :math:`\nu \ge 1`.
+    confidence : float
+        :math:`c` of the interval.
+    n : int, optional
+        Number :math:`N` of independent data whose variance the bootstrap takes with divisor N, if
+        that is not corrected elsewhere.
+
+    Notes
+    -----
+    .. math:: \sqrt{N/(N-1)}\; t_{(1+c)/2,\,\nu} / z_{(1+c)/2}.    \tag{1}
+    """
+    from scipy.stats import norm, t
+
+    tail = 0.5 * (1.0 + confidence)
+    factor = float(t.ppf(tail, max(freedom, 1)) / norm.ppf(tail))
+    return factor if n is None else float(np.sqrt(n / max(n - 1.0, 1.0))) * factor
+
+
+def most_confident(n_realisations: int) -> float:
+    r"""Largest confidence of an interval between percentiles of resampled realisations.
+
+    The rarest of the extreme samples draws one realisation N times, with probability
+    :math:`N^{-N}`; a tail of less than that has no percentile, so that
+    :math:`(1-c)/2 \ge N^{-N}`.
+    """
+    return 1.0 - 2.0 * float(n_realisations) ** -n_realisations

@@ -1,0 +1,263 @@
+"""How wrong a law, or an answer of the structure, is: every term estimated and none assumed."""
+
+from collections.abc import Callable, Mapping
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from multiscale.errors import CaseError
+from multiscale.laws import NormalLaw, StretchedLaw
+from multiscale.schema import ERROR_BUDGET, INTERFACE_LAW
+from multiscale.upscaling.budget_terms import (
+    fit_term,
+    grid_term,
+    law_stiffness,
+    sampling_term,
+    separation_term,
+    size_term,
+)
+from multiscale.upscaling.observations import area_observations, normal_observations
+from multiscale.upscaling.reading import law_from_dataset
+from multiscale.upscaling.resolution import estimate_grid_error
+from multiscale.upscaling.scales import ScaleSeparation
+
+if TYPE_CHECKING:
+    import xarray as xr
+
+__all__ = ["ERROR_TERMS", "error_budget", "structure_budget", "with_budget"]
+
+ERROR_TERMS = (
+    "sampling",
+    "fit",
+    "cell size",
+    "micro discretisation",
+    "scale separation",
+    "macro discretisation",
+)
+"""Labels of the dimension ``error_term``."""
+
+QUANTITIES = ("mean_gap", "contact_fraction", "stiffness")
+Terms = dict[str, np.ndarray]  # from term to half-widths (quantity, step)
+
+
+def error_budget(
+    response: "xr.Dataset",
+    law: "xr.Dataset",
+    *,
+    resolutions: Mapping[float, "xr.Dataset"] | None = None,
+    sizes: Mapping[float, "xr.Dataset"] | None = None,
+    scales: ScaleSeparation | None = None,
+) -> "xr.Dataset":
+    r"""Estimate how wrong the gap, the contact fraction and the stiffness of a law are.
+
+    Parameters
+    ----------
+    response : Dataset
+        Follows ``MICRO_RESPONSE``.
+    law : Dataset
+        Follows ``INTERFACE_LAW``; fitted to the response by :func:`fit_law`.
+    resolutions : mapping of float to Dataset, optional
+        From the ratio of its spacing to that of the response (2, or 2 and 4) to the response of
+        the same realisations on a coarser grid.
+    sizes : mapping of float to Dataset, optional
+        From the ratio of its cell to that of the response (for instance 0.5) to a response of
+        cells with the same spectrum.
+    scales : ScaleSeparation, optional
+        From :func:`compare_scales`.
+
+    Returns
+    -------
+    Dataset
+        Follows ``ERROR_BUDGET``: half-widths of 95 % intervals relative to the value, for each
+        quantity, term and step of the law; NaN for a term that nothing was given for. The total
+        is that of the known terms; the attribute ``unknown`` lists the others, and ``how_...``
+        says of each term how it was estimated, or what would tell it.
+
+    Raises
+    ------
+    CaseError
+        If the law does not belong to the response, or a response has other steps.
+
+    Notes
+    -----
+    - *sampling*: Student's interval of the mean for gap and contact fraction, the bootstrap band
+      for the stiffness;
+    - *fit*: 1.96 times the root mean square, over the steps, of the error at a step that the fit
+      has not seen;
+    - *cell size*: with the mean :math:`m(L) = m_\infty + b L^{-q}` through the sizes, weighted
+      by their uncertainty, the rest :math:`b L^{-q}` and its own interval;
+      :math:`q` between 1 and 2 fits best to three sizes and is 1 for two;
+    - *micro discretisation*: :func:`estimate_grid_error` of the means of the same realisations;
+    - *scale separation*: with :math:`\varepsilon = \lambda_l/\ell` two independent parts: the
+      pressure is not even over a wave, :math:`\tfrac12 f''(p)\, (\varepsilon p)^2 / 12` of a
+      quantity :math:`f`; and the length :math:`\ell` of one structure holds only
+      :math:`(\ell/L)^2` cells, :math:`1.96\, \mathrm{CoV}\, L / \ell`.
+
+    Terms are independent of each other, so the total is the root of the sum of their squares.
+    """
+    INTERFACE_LAW.check(law)
+    gap, area = normal_observations(response), area_observations(response)
+    p = gap.pressure
+    if law.sizes["step"] != p.size or not np.allclose(law["fit_pressure"], p, rtol=1e-6):
+        raise CaseError(
+            f"the law was fitted at {law.sizes['step']} pressures that are not the {p.size} of the "
+            f"response; fit it to this response"
+        )
+    values = np.array([gap.means()[0][0], area.means()[0][0], law_stiffness(law, p)])
+    terms: Terms = {}
+    how = {
+        "sampling": f"Student's interval of {gap.n_realisations} realisations, and the bootstrap "
+        f"band of the stiffness",
+        "fit": "error at pressures that the fit has not seen",
+        "cell size": "not known: pass sizes, responses of cells of another size",
+        "micro discretisation": "not known: pass resolutions, the same realisations on coarser "
+        "grids",
+        "scale separation": "not known: pass scales from compare_scales",
+        "macro discretisation": "not in a law: see structure_budget",
+    }
+    terms["sampling"] = sampling_term(response, law, p)
+    if gap.n_realisations < 2:
+        how["sampling"] = "not known: one realisation tells nothing of the scatter, solve 3"
+    terms["fit"] = fit_term(law, p.size)
+    if sizes:
+        terms["cell size"], how["cell size"] = size_term(response, sizes)
+    if resolutions:
+        terms["micro discretisation"], how["micro discretisation"] = grid_term(
+            response, resolutions
+        )
+    if scales is not None:
+        terms["scale separation"] = separation_term(response, law, scales, values)
+        how["scale separation"] = str(scales)
+    return _assemble(terms, how, QUANTITIES, p)
+
+
+def structure_budget(
+    name: str,
+    law: "xr.Dataset",
+    solve: Callable[[NormalLaw], np.ndarray],
+    *,
+    coarser: Mapping[float, np.ndarray] | None = None,
+    n_samples: int = 100,
+) -> "xr.Dataset":
+    """Carry the error budget of a law to an answer of the structure.
+
+    Parameters
+    ----------
+    name : str
+        Of the answer, for instance ``"joint_stiffness"``.
+    law : Dataset
+        Follows ``INTERFACE_LAW`` and carries its budget; see :func:`with_budget`.
+    solve : callable
+        From a normal law to the answer, shape (steps,), any unit: a macro solver.
+    coarser : mapping of float to ndarray, shape (steps,), optional
+        Answers with the mean law on coarser meshes, by the ratio of the spacings; see
+        :func:`estimate_grid_error`.
+    n_samples : int
+        Bootstrap samples of the law that are solved, from the first on.
+
+    Returns
+    -------
+    Dataset
+        Follows ``ERROR_BUDGET``, with one quantity. *Sampling* comes from the samples of the law.
+        The other terms of the law enter by solving with its gaps stretched by the largest of
+        their root mean square over the steps, that of the gap or of the stiffness.
+
+    Raises
+    ------
+    CaseError
+        If the law carries no budget.
+    """
+    if "error_half_width" not in law:
+        raise CaseError(
+            "the law carries no error budget; add it by with_budget(law, error_budget(...))"
+        )
+    mean_law = law_from_dataset(law)
+    answer = np.atleast_1d(np.asarray(solve(mean_law), dtype=float))
+    size = np.abs(answer)
+    terms: Terms = {}
+    how = {term: str(law.attrs[_how(term)]) for term in ERROR_TERMS}
+    n = min(n_samples, int(law.sizes.get("sample", 0)))
+    if n >= 40:
+        samples = np.array([np.atleast_1d(solve(law_from_dataset(law, k))) for k in range(n)])
+        low, high = np.nanpercentile(samples, [2.5, 97.5], axis=0)
+        terms["sampling"] = (0.5 * (high - low) / size)[None]
+        how["sampling"] = f"{n} bootstrap samples of the law"
+    else:
+        how["sampling"] = f"not known: the law has {n} samples, fit it with 40 or more"
+    half = law["error_half_width"].sel(quantity=["mean_gap", "stiffness"])
+    for term in ERROR_TERMS[1:-1]:
+        square = np.nan_to_num(half.sel(error_term=term).to_numpy(), nan=-1.0) ** 2
+        if np.all(np.isnan(half.sel(error_term=term))):
+            continue
+        known = np.isfinite(half.sel(error_term=term).to_numpy())
+        rms = np.sqrt(np.sum(np.where(known, square, 0.0), axis=1) / np.maximum(known.sum(1), 1))
+        stretched = np.atleast_1d(solve(StretchedLaw(mean_law, 1.0 + float(rms.max()))))
+        terms[term] = (np.abs(stretched - answer) / size)[None]
+    how["macro discretisation"] = "not known: pass coarser, the answers on coarser meshes"
+    if coarser:
+        estimate = estimate_grid_error(answer, coarser)
+        terms["macro discretisation"] = (estimate.half_width / size)[None]
+        how["macro discretisation"] = estimate.how
+    return _assemble(terms, how, (name,), None, steps=answer.size)
+
+
+def with_budget(dataset: "xr.Dataset", budget: "xr.Dataset") -> "xr.Dataset":
+    """Return a law or a macro result that carries its error budget.
+
+    Parameters
+    ----------
+    dataset : Dataset
+        Follows ``INTERFACE_LAW`` or ``MACRO_RESULT``, with the steps of the budget.
+    budget : Dataset
+        Follows ``ERROR_BUDGET``.
+
+    Raises
+    ------
+    CaseError
+        If the steps differ in number.
+    """
+    ERROR_BUDGET.check(budget)
+    if dataset.sizes.get("step") != budget.sizes["step"]:
+        raise CaseError(
+            f"the budget has {budget.sizes['step']} steps, the dataset "
+            f"{dataset.sizes.get('step')}; estimate the budget of this dataset"
+        )
+    variables = budget.drop_vars("nominal_pressure", errors="ignore")
+    return dataset.merge(variables, join="exact").assign_attrs(
+        {name: value for name, value in budget.attrs.items() if name not in dataset.attrs}
+    )
+
+
+def _how(term: str) -> str:
+    """Return the attribute that says how a term was estimated."""
+    return "how_" + term.replace(" ", "_")
+
+
+def _assemble(
+    terms: Terms,
+    how: Mapping[str, str],
+    quantities: tuple[str, ...],
+    pressure: np.ndarray | None,
+    steps: int | None = None,
+) -> "xr.Dataset":
+    """Arrange the terms, add them up and say which are not known."""
+    n = steps if pressure is None else pressure.size
+    half = np.full((len(quantities), len(ERROR_TERMS), n or 0), np.nan)
+    for k, term in enumerate(ERROR_TERMS):
+        if term in terms:
+            half[:, k] = terms[term]
+    half[~np.isfinite(half)] = np.nan
+    unknown = [
+        term
+        for k, term in enumerate(ERROR_TERMS)
+        if np.all(np.isnan(half[:, k])) and not how[term].startswith("not in a law")
+    ]
+    values = {"error_half_width": half, "error_total": np.sqrt(np.nansum(half**2, axis=1))}
+    if pressure is not None:
+        values["nominal_pressure"] = pressure
+    return ERROR_BUDGET.build(
+        values,
+        **{_how(term): how[term] for term in ERROR_TERMS},
+        unknown=", ".join(unknown),
+        confidence=0.95,
+    ).assign_coords(quantity=list(quantities), error_term=list(ERROR_TERMS))

@@ -1,0 +1,209 @@
+"""The terms of an error budget, each from computed quantities: half-widths over the value.
+
+Every function returns an array of shape (3, steps): gap, contact fraction and stiffness.
+"""
+
+from collections.abc import Callable, Mapping
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from multiscale.errors import CaseError
+from multiscale.upscaling.observations import (
+    Observations,
+    area_observations,
+    normal_observations,
+)
+from multiscale.upscaling.reading import area_from_dataset, law_band, law_from_dataset
+from multiscale.upscaling.resolution import estimate_grid_error
+from multiscale.upscaling.scales import ScaleSeparation
+from multiscale.upscaling.statistics import ensemble_average
+
+if TYPE_CHECKING:
+    import xarray as xr
+
+__all__ = [
+    "NORMAL",
+    "fit_term",
+    "grid_term",
+    "law_stiffness",
+    "sampling_term",
+    "separation_term",
+    "size_term",
+]
+
+NORMAL = 1.959963984540054  # standard deviations to 95 %
+SIZE_ORDERS = (1.0, 2.0)  # of what a finite cell leaves out; the scatter has 1, its square 2
+
+
+def law_stiffness(law: "xr.Dataset", pressure: np.ndarray) -> np.ndarray:
+    """Stiffness of the mean law, Pa/m."""
+    one = law_from_dataset(law)
+    return one.stiffness(one.gap_at(pressure))
+
+
+def sampling_term(response: "xr.Dataset", law: "xr.Dataset", p: np.ndarray) -> np.ndarray:
+    """Half-widths from the scatter of the realisations."""
+    rows = []
+    for variable in ("mean_gap", "contact_fraction"):
+        average = ensemble_average(response, variable)
+        rows.append(average.half_width / np.abs(average.mean))
+    stiffness = np.full(p.size, np.nan)
+    try:
+        low, high = law_band(law, lambda one: one.stiffness(one.gap_at(p)))
+        stiffness = 0.5 * (high - low) / law_stiffness(law, p)
+    except CaseError:  # too few realisations or samples for a band
+        pass
+    return np.array([*rows, stiffness])
+
+
+def fit_term(law: "xr.Dataset", n: int) -> np.ndarray:
+    """Half-widths from the errors at steps that the fit has not seen."""
+    rows = []
+    for name in ("fit_error", "area_fit_error", "stiffness_fit_error"):
+        error = law[name].to_numpy() if name in law else np.array([np.nan])
+        known = np.isfinite(error)
+        rms = np.sqrt(np.mean(error[known] ** 2)) if np.any(known) else np.nan
+        rows.append(np.full(n, NORMAL * rms))
+    return np.array(rows)
+
+
+def _same_steps(
+    response: "xr.Dataset", others: Mapping[float, "xr.Dataset"], *, paired: bool
+) -> tuple[Observations, Observations, dict[float, tuple[Observations, Observations]]]:
+    """Gaps and areas of a response and of others that were pressed alike."""
+    own = normal_observations(response), area_observations(response)
+    found = {}
+    for ratio, other in others.items():
+        found[ratio] = normal_observations(other), area_observations(other)
+        p = found[ratio][0].pressure
+        if p.size != own[0].pressure.size or not np.allclose(p, own[0].pressure, rtol=1e-6):
+            raise CaseError(
+                f"the response at the ratio {ratio:g} has other pressures; press it as the first"
+            )
+        if paired and found[ratio][0].n_realisations != own[0].n_realisations:
+            raise CaseError(
+                f"the response at the ratio {ratio:g} has {found[ratio][0].n_realisations} "
+                f"realisations, not {own[0].n_realisations}; solve the same ones on every grid"
+            )
+    return *own, found
+
+
+def _stiffness_of(gap: np.ndarray, p: np.ndarray) -> np.ndarray:
+    """Stiffness from differences of gaps (..., steps), Pa/m: to compare ensembles only."""
+    return np.asarray(-p / np.gradient(gap, np.log(p), axis=-1))
+
+
+def grid_term(
+    response: "xr.Dataset", resolutions: Mapping[float, "xr.Dataset"]
+) -> tuple[np.ndarray, str]:
+    """Half-widths from the same realisations on coarser grids.
+
+    The mean difference of few realisations may pass through zero; the interval of the differences
+    is added.
+    """
+    gap, area, found = _same_steps(response, resolutions, paired=True)
+    p, nearest = gap.pressure, min(found)
+    pairs = {1.0: (gap, area), **found}
+    rows, how = [], ""
+    for values in (
+        {ratio: _masked(one) for ratio, (one, _) in pairs.items()},
+        {ratio: _masked(one) for ratio, (_, one) in pairs.items()},
+        {ratio: _stiffness_of(_masked(one), p) for ratio, (one, _) in pairs.items()},
+    ):
+        mean = {ratio: np.nanmean(one, axis=0) for ratio, one in values.items()}
+        estimate = estimate_grid_error(mean.pop(1.0), mean)
+        difference = (values[1.0] - values[nearest]) / (nearest - 1.0)
+        spread = np.nanstd(difference, axis=0) / np.sqrt(max(gap.n_realisations - 1, 1))
+        size = np.abs(np.nanmean(values[1.0], axis=0))
+        rows.append(np.hypot(estimate.half_width, NORMAL * spread) / size)
+        how = how or estimate.how
+    return np.array(rows), how
+
+
+def size_term(
+    response: "xr.Dataset", sizes: Mapping[float, "xr.Dataset"]
+) -> tuple[np.ndarray, str]:
+    """Half-widths from the means of cells of other sizes, at the size of the response.
+
+    The part of the mean that is left to an infinite cell falls as a power of the size. With three
+    sizes the power between 1 and 2 that fits best is taken, with two the lowest. The interval of
+    what is found is added: more realisations of small cells, which are cheap, make it narrow.
+    """
+    gap, area, found = _same_steps(response, sizes, paired=False)
+    p, inverse = gap.pressure, 1.0 / np.array([1.0, *found])
+    pairs = [(gap, area), *found.values()]
+    rows, powers = [], []
+    for values in (
+        [_masked(one) for one, _ in pairs],
+        [_masked(one) for _, one in pairs],
+        [_stiffness_of(_masked(one), p) for one, _ in pairs],
+    ):
+        mean = np.array([np.nanmean(one, axis=0) for one in values])
+        error = np.array([np.nanstd(one, axis=0) / np.sqrt(max(len(one) - 1, 1)) for one in values])
+        error = np.maximum(error, 1e-9 * np.abs(mean))
+        orders = np.linspace(*SIZE_ORDERS, 11) if len(pairs) > 2 else SIZE_ORDERS[:1]
+        fits = [(order, *_rest(inverse**order, mean, error)) for order in orders]
+        order, rest, uncertainty, _ = min(fits, key=lambda fit: fit[3])
+        powers.append(order)
+        rows.append(np.hypot(rest, NORMAL * uncertainty) / np.abs(mean[0]))
+    how = f"means over the cell size from {len(pairs)} sizes, power {min(powers):.2g}"
+    return np.array(rows), how + (" taken" if len(pairs) == 2 else f" to {max(powers):.2g}")
+
+
+def _rest(
+    x: np.ndarray, mean: np.ndarray, error: np.ndarray
+) -> tuple[np.ndarray, np.ndarray, float]:
+    """Slope of a weighted line of means (sizes, steps) over x, its error, and the misfit.
+
+    As x is 1 for the response, the slope is what it differs by from an infinite cell.
+    """
+    weight, x = 1.0 / error**2, x[:, None]
+    centre = (weight * x).sum(axis=0) / weight.sum(axis=0)
+    level = (weight * mean).sum(axis=0) / weight.sum(axis=0)
+    spread = (weight * (x - centre) ** 2).sum(axis=0)
+    slope = (weight * (x - centre) * mean).sum(axis=0) / spread
+    misfit = np.sum(weight * (mean - level - slope * (x - centre)) ** 2)
+    return slope, 1.0 / np.sqrt(spread), float(misfit)
+
+
+def _masked(observations: Observations) -> np.ndarray:
+    """Values with NaN where there are none."""
+    return np.where(observations.counted, observations.values, np.nan)
+
+
+def separation_term(
+    response: "xr.Dataset", law: "xr.Dataset", scales: ScaleSeparation, values: np.ndarray
+) -> np.ndarray:
+    """Half-widths from uneven pressure and from the few cells that one structure holds."""
+    p = normal_observations(response).pressure
+    mean_law, area_law = law_from_dataset(law), area_from_dataset(law)
+    functions: tuple[Callable[[np.ndarray], np.ndarray], ...] = (
+        mean_law.gap_at,
+        area_law.contact_fraction,
+        lambda q: mean_law.stiffness(mean_law.gap_at(q)),
+    )
+    step, rows = 0.05, []
+    scatter = [
+        ensemble_average(response, name).coefficient_of_variation
+        for name in ("mean_gap", "contact_fraction")
+    ]
+    scatter.append(_stiffness_scatter(response, p))
+    for k, evaluate in enumerate(functions):
+        low, middle, high = (evaluate(p * np.exp(s)) for s in (-step, 0.0, step))
+        first = (high - low) / (2.0 * step)  # d/d ln p
+        second = (high - 2.0 * middle + low) / step**2
+        uneven = 0.5 * np.abs(second - first) * scales.wavelength_ratio**2 / 12.0  # p^2 f''
+        few = NORMAL * np.nan_to_num(scatter[k]) * scales.cell_ratio
+        rows.append(np.hypot(uneven / np.abs(values[k]), few))
+    return np.array(rows)
+
+
+def _stiffness_scatter(response: "xr.Dataset", p: np.ndarray) -> np.ndarray:
+    """Coefficient of variation of the stiffness between realisations, from differences."""
+    seen = normal_observations(response)
+    whole = seen.values[seen.counted.all(axis=1)]
+    if len(whole) < 2:
+        return np.full(p.size, np.nan)
+    stiffness = np.array([_stiffness_of(gap, p) for gap in whole])
+    return np.asarray(np.std(stiffness, axis=0, ddof=1) / np.abs(stiffness.mean(axis=0)))

@@ -1,0 +1,190 @@
+"""Laws as tables that other finite-element codes read."""
+
+from os import PathLike
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from multiscale.errors import CaseError
+from multiscale.io import write_bytes
+from multiscale.units import to_si
+from multiscale.upscaling.reading import area_from_dataset, law_band, law_from_dataset
+
+if TYPE_CHECKING:
+    import xarray as xr
+
+    from multiscale.laws import NormalLaw
+
+__all__ = ["pressure_overclosure", "write_law_table", "write_pressure_overclosure"]
+
+SMALLEST_STEP = 1e-10
+"""CalculiX moves points apart whose overclosures differ by less, in the unit of the table."""
+
+MOST_POINTS = 40
+"""What the tables of older versions of CalculiX hold."""
+
+BEYOND = 10.0
+"""The table goes on with its last slope to this multiple of the largest pressure."""
+
+
+def pressure_overclosure(
+    law: "NormalLaw", pressure_range: tuple[float, float], *, tolerance: float = 5e-3
+) -> tuple[np.ndarray, np.ndarray, float]:
+    """Approximate a normal law by a chain of chords.
+
+    Parameters
+    ----------
+    law : NormalLaw
+    pressure_range : tuple of float
+        Smallest and largest pressure of the table, Pa.
+    tolerance : float
+        Bound on the error of the pressure between the points, relative to the pressure.
+
+    Returns
+    -------
+    pressure : ndarray, shape (points,)
+        Pa; zero first.
+    overclosure : ndarray, shape (points,)
+        m; zero first, rising.
+    first_contact : float
+        Gap between the mean planes at zero overclosure, m: where the tangent of the law at the
+        smallest pressure reaches zero.
+
+    Raises
+    ------
+    CaseError
+        If the pressures are not positive and rising.
+    """
+    low, high = pressure_range
+    if not 0.0 < low < high < np.inf:
+        raise CaseError(
+            f"a table runs from a positive to a larger pressure (Pa), got {low:g} and {high:g}"
+        )
+    n = 4
+    while True:
+        p = np.geomspace(low, high, n)
+        gap = law.gap_at(p)
+        middle = 0.5 * (gap[1:] + gap[:-1])
+        # a chord of a convex law lies above it, about furthest in the middle
+        error = 0.5 * (p[1:] + p[:-1]) / law.pressure(middle) - 1.0
+        if float(np.max(error)) <= tolerance or n >= 2000:
+            break
+        n += max(1, n // 4)
+    first = float(gap[0] + p[0] / law.stiffness(gap[:1])[0])
+    return np.append(0.0, p), np.append(0.0, first - gap), first
+
+
+def write_pressure_overclosure(
+    dataset: "xr.Dataset",
+    path: str | PathLike[str],
+    *,
+    name: str = "ROUGH",
+    length_unit: str = "mm",
+    pressure_unit: str = "MPa",
+    tolerance: float = 5e-3,
+) -> None:
+    """Write a normal law as a tabular pressure-overclosure for CalculiX and Abaqus.
+
+    Parameters
+    ----------
+    dataset : Dataset
+        Follows ``INTERFACE_LAW``.
+    path : path
+        An input file, to be included before the steps with ``*INCLUDE, INPUT=...``.
+    name : str
+        Of the surface interaction.
+    length_unit, pressure_unit : str
+        The units of the model.
+    tolerance : float
+        See :func:`pressure_overclosure`.
+
+    Raises
+    ------
+    CaseError
+        If two points would be closer than CalculiX keeps apart, the tolerance needs more than 40
+        points, or the name is none.
+
+    Notes
+    -----
+    Both codes read the same lines: ``*SURFACE BEHAVIOR, PRESSURE-OVERCLOSURE=TABULAR`` under a
+    ``*SURFACE INTERACTION``, then pressure and overclosure, rising, the first pressure zero. Beyond
+    the last point Abaqus goes on with its slope and CalculiX keeps the pressure, so that one more
+    point prolongs the last chord to ten times the largest pressure. Zero overclosure is the first
+    contact of the summits: the surfaces of the model should stand that far apart, as the head of
+    the file says, since CalculiX makes no contact elements where they are further open.
+    """
+    if not (name and name.isascii() and name.replace("_", "a").replace("-", "a").isalnum()):
+        raise CaseError(f"{name!r} cannot name a surface interaction; use letters and digits")
+    low, high = (float(dataset.attrs[key]) for key in ("pressure_min", "pressure_max"))
+    p, overclosure, first = pressure_overclosure(
+        law_from_dataset(dataset), (low, high), tolerance=tolerance
+    )
+    if p.size >= MOST_POINTS:
+        raise CaseError(
+            f"a table within {100.0 * tolerance:g} % takes {p.size + 1} points, and CalculiX holds "
+            f"{MOST_POINTS}; allow a larger tolerance"
+        )
+    slope = (overclosure[-1] - overclosure[-2]) / (p[-1] - p[-2])
+    p = np.append(p, BEYOND * p[-1])
+    overclosure = np.append(overclosure, overclosure[-1] + slope * (p[-1] - p[-2]))
+    length, pressure = to_si(f"1 {length_unit}", "m"), to_si(f"1 {pressure_unit}", "Pa")
+    smallest = float(np.min(np.diff(overclosure))) / length
+    if smallest < SMALLEST_STEP:
+        raise CaseError(
+            f"two overclosures of the table differ by only {smallest:.1g} {length_unit}, less than "
+            f"the {SMALLEST_STEP:g} that CalculiX keeps apart; use a smaller length_unit"
+        )
+    lines = [
+        f"** pressure ({pressure_unit}), overclosure ({length_unit}) of a rough interface",
+        f"** {dataset.attrs.get('title', 'interface law')}, {dataset.attrs['family']}, "
+        f"{dataset.attrs['n_realisations']} realisations",
+        f"** zero overclosure: mean planes {first / length:.6g} {length_unit} apart",
+        f"** from {low / pressure:.4g} to {high / pressure:.4g} {pressure_unit}, chords within "
+        f"{100.0 * tolerance:g} % of the law",
+        "** the last line is no data: it prolongs the chord before it",
+        f"*SURFACE INTERACTION, NAME={name}",
+        "*SURFACE BEHAVIOR, PRESSURE-OVERCLOSURE=TABULAR",
+        *(f"{a / pressure:.9e}, {b / length:.9e}" for a, b in zip(p, overclosure, strict=True)),
+    ]
+    write_bytes(Path(path), ("\n".join(lines) + "\n").encode("ascii", "replace"))
+
+
+def write_law_table(
+    dataset: "xr.Dataset",
+    path: str | PathLike[str],
+    *,
+    length_unit: str = "um",
+    pressure_unit: str = "MPa",
+    n_points: int = 41,
+) -> None:
+    """Write a normal law, with its band and its area law if there are, as CSV.
+
+    Parameters
+    ----------
+    dataset : Dataset
+        Follows ``INTERFACE_LAW``.
+    path : path
+    length_unit, pressure_unit : str
+        Written into the head of each column.
+    n_points : int
+        Number of pressures, even in the logarithm over the range of the data.
+    """
+    p = np.geomspace(dataset.attrs["pressure_min"], dataset.attrs["pressure_max"], n_points)
+    law = law_from_dataset(dataset)
+    gap = law.gap_at(p)
+    length, pressure = to_si(f"1 {length_unit}", "m"), to_si(f"1 {pressure_unit}", "Pa")
+    columns = {
+        f"pressure ({pressure_unit})": p / pressure,
+        f"gap ({length_unit})": gap / length,
+        f"stiffness ({pressure_unit}/{length_unit})": law.stiffness(gap) * length / pressure,
+    }
+    if "area_pressure" in dataset:
+        columns["contact fraction (1)"] = area_from_dataset(dataset).contact_fraction(p)
+    if dataset.sizes.get("sample", 0) >= 80:
+        low, high = law_band(dataset, lambda one: one.gap_at(p), confidence=0.95)
+        columns[f"gap low 95 % ({length_unit})"] = low / length
+        columns[f"gap high 95 % ({length_unit})"] = high / length
+    rows = zip(*columns.values(), strict=True)
+    lines = [",".join(columns), *(",".join(f"{value:.9g}" for value in row) for row in rows)]
+    write_bytes(Path(path), ("\n".join(lines) + "\n").encode())

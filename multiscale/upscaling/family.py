@@ -1,0 +1,274 @@
+"""Families of laws with a few parameters, built in or a user's own."""
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field
+from typing import Any
+
+import numpy as np
+
+from multiscale.laws import (
+    BellFriction,
+    Coulomb,
+    DecayingFriction,
+    ErrorFunctionArea,
+    Exponential,
+    HystereticLaw,
+    NormalLaw,
+    PowerLaw,
+    PowerStiffness,
+)
+from multiscale.upscaling.observations import Observations
+
+__all__ = ["FAMILIES", "Family", "Parameter", "unloading_family"]
+
+
+@dataclass(frozen=True)
+class Parameter:
+    """Unit (UDUNITS spelling) and open range of a parameter."""
+
+    unit: str
+    lower: float = 0.0
+    upper: float = np.inf
+
+
+@dataclass(frozen=True)
+class Family:
+    """Laws that differ in a few numbers.
+
+    Parameters
+    ----------
+    name : str
+        Written into the dataset of a fitted law.
+    quantities : tuple of str
+        What the family can be fitted to: keys of ``QUANTITIES`` whose prediction the law has.
+    parameters : mapping of str to Parameter
+        What is fitted.
+    make : callable
+        The law, from the parameters and what is held, as keywords.
+    start : callable
+        Estimates of the parameters, SI, inside their ranges, from observations.
+    held : callable, optional
+        Keywords of ``make`` that the data decide and the fit leaves alone, such as a reference
+        pressure, with their units: from observations to a mapping of name to (value, unit).
+
+    Examples
+    --------
+    A user's own family, here an exponential law of given decay length:
+
+    >>> from multiscale.laws import Exponential
+    >>> rigid = Family(
+    ...     "exponential, 0.5 um",
+    ...     ("gap",),
+    ...     {"pressure_scale": Parameter("Pa")},
+    ...     make=lambda pressure_scale: Exponential(pressure_scale, 0.5e-6),
+    ...     start=lambda seen: {"pressure_scale": float(seen.pressure.max())},
+    ... )
+    """
+
+    name: str
+    quantities: tuple[str, ...]
+    parameters: Mapping[str, Parameter]
+    make: Callable[..., Any]
+    start: Callable[[Observations], Mapping[str, float]]
+    held: Callable[[Observations], Mapping[str, tuple[float, str]]] = field(
+        default=lambda observations: {}
+    )
+
+
+def _gaps(observations: Observations) -> tuple[np.ndarray, np.ndarray]:
+    """Pressures and gaps that a normal law is started from; a stiffness is integrated."""
+    mean = observations.means()[0][0]
+    p = observations.pressure
+    if observations.quantity == "normal_stiffness":
+        return p, integrate_stiffness(p, mean)
+    return p, mean
+
+
+def integrate_stiffness(pressure: np.ndarray, stiffness: np.ndarray) -> np.ndarray:
+    r"""Gaps, m, from stiffnesses, Pa/m, that are a power of the pressure between the data.
+
+    .. math:: g(p) = \int_p^{p_{\max}} \frac{\mathrm{d}p'}{K(p')},    \tag{1}
+
+    zero at the largest pressure; arrays of shape (..., points), pressures rising.
+    """
+    p, compliance = pressure, pressure / stiffness  # p / K: dg = (p / K) d ln p
+    ratio = compliance[..., 1:] / compliance[..., :-1]
+    flat = np.abs(ratio - 1.0) < 1e-6
+    mean = np.where(
+        flat,
+        0.5 * (compliance[..., 1:] + compliance[..., :-1]),
+        np.diff(compliance, axis=-1) / np.where(flat, 1.0, np.log(np.where(flat, 2.0, ratio))),
+    )
+    steps = mean * np.diff(np.log(p))
+    total = np.cumsum(steps[..., ::-1], axis=-1)[..., ::-1]
+    return np.concatenate([total, np.zeros((*total.shape[:-1], 1))], axis=-1)
+
+
+def _start_exponential(observations: Observations) -> dict[str, float]:
+    """Line through the gap over the logarithm of the pressure."""
+    p, gap = _gaps(observations)
+    slope, offset = np.polyfit(np.log(p), gap, 1)
+    decay = max(-float(slope), 1e-6 * float(np.ptp(gap)))
+    return {"decay_length": decay, "pressure_scale": float(np.exp(min(offset / decay, 700.0)))}
+
+
+def _start_power(observations: Observations) -> dict[str, float]:
+    """Exponent from the change of the decay length with the pressure."""
+    p, gap = _gaps(observations)
+    x = np.log(p)
+    decay = -np.diff(gap) / np.diff(x)
+    beta = np.polyfit(0.5 * (x[1:] + x[:-1]), np.log(np.maximum(decay, 1e-3 * decay.max())), 1)[0]
+    m = 1.0 / float(np.clip(beta, 0.05, 0.95))
+    # g = s - b p^(1/m)
+    slope, support = np.polyfit(p ** (1.0 / m), gap, 1)
+    support = max(float(support), float(gap.max()) + 0.05 * float(np.ptp(gap)))
+    return {
+        "support": support,
+        "exponent": m,
+        "pressure_scale": float((support / max(-slope, 1e-300)) ** m),
+    }
+
+
+def _start_error_function(observations: Observations) -> dict[str, float]:
+    """Inverse of the mean area at each pressure."""
+    from scipy.special import erfinv
+
+    area = np.clip(observations.means()[0][0], 1e-6, 0.999)
+    return {"pressure_scale": float(np.median(observations.pressure / erfinv(area)))}
+
+
+def _reference(observations: Observations) -> dict[str, tuple[float, str]]:
+    """Geometric mean of the pressures, where the parameters are least correlated."""
+    return {"reference_pressure": (float(np.exp(np.mean(np.log(observations.pressure)))), "Pa")}
+
+
+def _start_stiffness(observations: Observations) -> dict[str, float]:
+    """Line in logarithms."""
+    x = np.log(observations.pressure / _reference(observations)["reference_pressure"][0])
+    slope, level = np.polyfit(x, np.log(observations.means()[0][0]), 1)
+    return {"stiffness_scale": float(np.exp(level)), "exponent": max(float(slope), 0.05)}
+
+
+def _start_coulomb(observations: Observations) -> dict[str, float]:
+    return {"friction_coefficient": float(np.mean(observations.means()[0]))}
+
+
+def _start_decaying(observations: Observations) -> dict[str, float]:
+    """Take both ends of the range of speeds, and where the coefficient is half way."""
+    mean, speed = observations.means()[0][0], observations.conditions[1]
+    order = np.argsort(speed)
+    share = max(1, mean.size // 5)
+    slow, fast = mean[order[:share]].mean(), mean[order[-share:]].mean()
+    half = np.argmin(np.abs(mean[order] - 0.5 * (slow + fast)))
+    speeds = speed[speed > 0.0]
+    decay = float(max(speed[order[half]], speeds.min())) / np.log(2.0)
+    return {
+        "static_coefficient": float(slow),
+        "kinetic_coefficient": float(fast),
+        "decay_speed": decay,
+    }
+
+
+def _start_bell(observations: Observations) -> dict[str, float]:
+    """Parabola of the coefficient over the logarithm of the speed."""
+    mean, speed = observations.means()[0][0], observations.conditions[1]
+    x = np.log(np.maximum(speed, speed[speed > 0.0].min()))
+    peak = x[int(np.argmax(mean))]
+    return {
+        "peak_coefficient": float(mean.max()),
+        "rest_share": float(np.clip(mean.min() / mean.max(), 0.05, 0.95)),
+        "peak_speed": float(np.exp(peak)),
+        "width": max(float(np.ptp(x)) / 4.0, 0.5),
+        "pressure_exponent": 0.0,
+    }
+
+
+_FAMILIES = (
+    Family(
+        "exponential",
+        ("gap", "normal_stiffness"),
+        {"pressure_scale": Parameter("Pa"), "decay_length": Parameter("m")},
+        Exponential,
+        _start_exponential,
+    ),
+    Family(
+        "power",
+        ("gap", "normal_stiffness"),
+        {
+            "pressure_scale": Parameter("Pa"),
+            "support": Parameter("m"),
+            "exponent": Parameter("1", lower=1.0),
+        },
+        PowerLaw,
+        _start_power,
+    ),
+    Family(
+        "error_function",
+        ("contact_fraction",),
+        {"pressure_scale": Parameter("Pa")},
+        ErrorFunctionArea,
+        _start_error_function,
+    ),
+    Family(
+        "power_stiffness",
+        ("tangential_stiffness",),
+        {"stiffness_scale": Parameter("Pa m-1"), "exponent": Parameter("1")},
+        PowerStiffness,
+        _start_stiffness,
+        _reference,
+    ),
+    Family(
+        "coulomb",
+        ("friction_coefficient",),
+        {"friction_coefficient": Parameter("1")},
+        Coulomb,
+        _start_coulomb,
+    ),
+    Family(
+        "decaying",
+        ("friction_coefficient",),
+        {
+            "static_coefficient": Parameter("1"),
+            "kinetic_coefficient": Parameter("1"),
+            "decay_speed": Parameter("m s-1"),
+        },
+        DecayingFriction,
+        _start_decaying,
+    ),
+    Family(
+        "bell",
+        ("friction_coefficient",),
+        {
+            "peak_coefficient": Parameter("1"),
+            "rest_share": Parameter("1", upper=1.0),
+            "peak_speed": Parameter("m s-1"),
+            "width": Parameter("1"),
+            "pressure_exponent": Parameter("1", lower=-np.inf),
+        },
+        BellFriction,
+        _start_bell,
+        _reference,
+    ),
+)
+FAMILIES = {family.name: family for family in _FAMILIES}
+"""The built-in families with parameters, by name."""
+
+
+def unloading_family(loading: NormalLaw) -> Family:
+    """Family of the unloading branches of an interface whose loading law is known.
+
+    Parameters
+    ----------
+    loading : NormalLaw
+        The fitted law of the first loading.
+    """
+    return Family(
+        "unloading",
+        ("recovery",),
+        {
+            "stiffness_ratio": Parameter("1", lower=1.0),
+            "exponent": Parameter("1", lower=1.0),
+        },
+        lambda stiffness_ratio, exponent: HystereticLaw(loading, stiffness_ratio, exponent),
+        lambda observations: {"stiffness_ratio": 2.0, "exponent": 1.5},
+    )

@@ -1,0 +1,148 @@
+"""A law of a family with parameters, from observations to the variables of its dataset."""
+
+from collections.abc import Mapping
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+
+from multiscale.errors import CaseError, ConvergenceError
+from multiscale.upscaling.bootstrap import FEWEST_REALISATIONS, widening
+from multiscale.upscaling.family import Family, integrate_stiffness
+from multiscale.upscaling.observations import Observations
+from multiscale.upscaling.regression import Regression, regression_of
+from multiscale.upscaling.spline_law import Values, normal_errors, unseen_errors
+
+__all__ = ["fit_family"]
+
+BY_REALISATION = "bootstrap over realisations"
+BY_POINT = "bootstrap over the residuals of independent points"
+NONE = "none: too few realisations or no samples asked for, so the scatter is not known"
+
+
+def fit_family(
+    observations: Observations,
+    family: Family,
+    counts: np.ndarray,
+    weights: np.ndarray,
+    fixed: Mapping[str, float],
+    *,
+    n_samples: int,
+    seed: int,
+) -> tuple[Values, dict[str, Any]]:
+    """Fit the parameters of a family and their samples.
+
+    Parameters
+    ----------
+    observations : Observations
+    family : Family
+    counts : ndarray, shape (samples, realisations)
+        How often each realisation counts in each sample; without rows, and if the points are
+        independent, the residuals are resampled instead.
+    weights : ndarray, shape (points,)
+        Dimensionless.
+    fixed : mapping of str to float
+        Parameters that keep a value, SI.
+    n_samples, seed : int
+        Of the resampled residuals.
+
+    Returns
+    -------
+    values, attributes : dict
+        Of the dataset; samples whose fit did not settle are left out and counted.
+    """
+    regression = regression_of(family, observations, fixed, weights)
+    mean = observations.means()[0][0]
+    ones = np.ones(mean.size)
+    best = regression.solve(mean, ones)
+    if observations.quantity not in ("gap", "recovery"):
+        # errors relative to a value that is itself too small would weigh more, and bias the law
+        for _ in range(2):
+            regression = replace(regression, scale=regression.predict(best))
+            best = regression.solve(mean, ones, best)
+
+    samples, failed = [], 0
+    drawn = _sample_means(observations, regression, best, counts, n_samples, seed)
+    for sample_mean, sample_weight in zip(*drawn, strict=True):
+        try:
+            samples.append(regression.solve(sample_mean, sample_weight, best))
+        except (CaseError, ConvergenceError):
+            failed += 1
+    values: Values = {name: np.array(value) for name, value in best.items()}
+    for name in best:
+        values[f"{name}_sample"] = np.array([sample[name] for sample in samples])
+    values |= {name: np.array(value) for name, value in regression.held.items()}
+    errors, attributes = _errors(observations, regression, best, mean)
+    uncertainty = BY_REALISATION if len(counts) else (BY_POINT if samples else NONE)
+    return values | errors, attributes | {
+        "parameters": " ".join(family.parameters),
+        "held": " ".join(regression.held),
+        "fixed": " ".join(fixed),
+        "n_failed_samples": failed,
+        "uncertainty": uncertainty,
+    }
+
+
+def _sample_means(
+    observations: Observations,
+    regression: Regression,
+    best: Mapping[str, float],
+    counts: np.ndarray,
+    n_samples: int,
+    seed: int,
+) -> tuple[np.ndarray, np.ndarray]:
+    """Mean values of the samples and their weights, (samples, points)."""
+    mean = observations.means()[0]
+    if len(counts):
+        sample, weight = observations.means(counts)
+        n = observations.n_realisations
+        spread = widening(n - 1, n=n)
+        return mean + spread * np.where(weight > 0.0, sample - mean, 0.0), weight
+    n, k = mean.size, len(regression.free)
+    if not (observations.independent and observations.n_realisations < FEWEST_REALISATIONS):
+        return np.empty((0, n)), np.empty((0, n))
+    fitted = regression.predict(best)
+    residual = (mean[0] - fitted) / regression.scale
+    residual = (residual - residual.mean()) * np.sqrt(n / (n - k)) * widening(n - k)
+    drawn = np.random.default_rng(seed).integers(0, n, (n_samples, n))
+    return fitted + regression.scale * residual[drawn], np.ones((n_samples, n))
+
+
+def _errors(
+    observations: Observations,
+    regression: Regression,
+    best: Mapping[str, float],
+    mean: np.ndarray,
+) -> tuple[Values, dict[str, Any]]:
+    """Errors of the fit at its data and of fits that lack one point each; the criterion."""
+    n, k = mean.size, len(regression.free)
+    blind = []
+    for j in range(n):
+        try:
+            blind.append(regression.solve(mean, 1.0 * (np.arange(n) != j), best))
+        except (CaseError, ConvergenceError):
+            blind.append(dict(best))
+    attributes = {"akaike_criterion": _akaike(regression, best, mean), "n_parameters": k}
+    if observations.quantity in ("gap", "normal_stiffness"):
+        p, law = observations.pressure, regression.law(best)
+        gap = mean if observations.quantity == "gap" else integrate_stiffness(p, mean)
+        values, more = normal_errors(law, [regression.law(one) for one in blind], p, gap)
+        return values, attributes | more
+    error = np.array([regression.predict(one)[j] for j, one in enumerate(blind)])
+    error = (error - mean) / regression.scale
+    fit = (regression.predict(best) - mean) / regression.scale
+    attributes |= {"maximum_fit_error": float(np.max(np.abs(fit))), **unseen_errors(error)}
+    return {"fit_error": error}, attributes
+
+
+def _akaike(regression: Regression, best: Mapping[str, float], mean: np.ndarray) -> float:
+    r"""Corrected information criterion of the weighted residuals, for independent errors.
+
+    .. math:: n \ln(R/n) + 2 (k+1) + \frac{2 (k+1)(k+2)}{n - k - 2}
+    """
+    n, k = mean.size, len(regression.free)
+    residual = (regression.predict(best) - mean) / regression.scale
+    total = max(float(np.sum(regression.weights * residual**2)), 1e-24 * n)
+    if n - k - 2 <= 0:
+        return float("nan")
+    return float(n * np.log(total / n) + 2 * (k + 1) + 2 * (k + 1) * (k + 2) / (n - k - 2))

@@ -1,0 +1,173 @@
+"""From the dataset of a fitted law back to the law, its samples and its bands."""
+
+from collections.abc import Callable
+from dataclasses import replace
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from multiscale.errors import CaseError
+from multiscale.laws import AreaLaw, ConvexDecreasing, NormalLaw
+from multiscale.schema import INTERFACE_LAW
+from multiscale.upscaling.bootstrap import most_confident, widening
+from multiscale.upscaling.family import FAMILIES, Family
+
+if TYPE_CHECKING:
+    import xarray as xr
+
+__all__ = ["area_from_dataset", "fitted_law", "law_band", "law_from_dataset"]
+
+
+def law_from_dataset(
+    dataset: "xr.Dataset",
+    sample: int | None = None,
+    *,
+    gap: float = 0.0,
+    family: Family | None = None,
+) -> NormalLaw:
+    """Make the normal law of a dataset.
+
+    Parameters
+    ----------
+    dataset : Dataset
+        Follows ``INTERFACE_LAW``.
+    sample : int, optional
+        Which bootstrap sample; the mean law if not given.
+    gap : float, default 0.0
+        Initial gap between the mean planes, m.
+    family : Family, optional
+        The user's own family, if the law is not of a built-in one.
+
+    Raises
+    ------
+    CaseError
+        If the dataset holds no normal law, an unknown family, or not this sample.
+    """
+    law = fitted_law(dataset, sample, family=family)
+    if not isinstance(law, NormalLaw):
+        raise CaseError(
+            f"the dataset holds a law of {dataset.attrs.get('quantity')}, expected a normal law"
+        )
+    return replace(law, gap=gap) if gap != 0.0 else law  # type: ignore[type-var]
+
+
+def fitted_law(
+    dataset: "xr.Dataset", sample: int | None = None, *, family: Family | None = None
+) -> Any:
+    """Make the law of a dataset, whatever its quantity; arguments as for `law_from_dataset`.
+
+    Raises
+    ------
+    CaseError
+        If the family is unknown, or the dataset does not hold what it needs.
+    """
+    INTERFACE_LAW.check(dataset)
+    name = dataset.attrs.get("family", "convex_decreasing")
+    if name == "convex_decreasing":
+        _require(dataset, name, ["knot", "coefficient", "coefficient_sample"])
+        return ConvexDecreasing(
+            dataset["knot"].to_numpy(),
+            _pick(dataset, "coefficient", sample),
+            pressure_range=(
+                float(dataset.attrs.get("pressure_min", 0.0)),
+                float(dataset.attrs.get("pressure_max", np.inf)),
+            ),
+        )
+    family = family or FAMILIES.get(str(name))
+    if family is None or family.name != name:
+        raise CaseError(
+            f"the law is of the family {name!r}, which is not built in; pass it as family=..."
+        )
+    held = str(dataset.attrs.get("held", "")).split()
+    _require(dataset, family.name, [*family.parameters, *held])
+    parameters = {key: float(_pick(dataset, key, sample)) for key in family.parameters}
+    return family.make(**parameters, **{key: float(dataset[key]) for key in held})
+
+
+def area_from_dataset(dataset: "xr.Dataset", sample: int | None = None) -> AreaLaw:
+    """Make the area law of a dataset; arguments as for :func:`law_from_dataset`.
+
+    Raises
+    ------
+    CaseError
+        If the dataset holds none, or not this sample.
+    """
+    INTERFACE_LAW.check(dataset)
+    _require(dataset, "monotone", ["area_pressure", "area_fraction", "area_fraction_sample"])
+    return AreaLaw(dataset["area_pressure"].to_numpy(), _pick(dataset, "area_fraction", sample))
+
+
+def law_band(
+    dataset: "xr.Dataset",
+    evaluate: Callable[[Any], np.ndarray],
+    *,
+    confidence: float = 0.95,
+    family: Family | None = None,
+) -> tuple[np.ndarray, np.ndarray]:
+    """Interval of what a law answers, from its bootstrap samples.
+
+    Parameters
+    ----------
+    dataset : Dataset
+        Follows ``INTERFACE_LAW``.
+    evaluate : callable
+        From a law to an array, for instance ``lambda law: law.gap_at(pressures)``.
+    confidence : float
+        Between 0 and 1.
+    family : Family, optional
+        See :func:`law_from_dataset`.
+
+    Returns
+    -------
+    low, high : ndarray
+        Ends of the interval, shaped as the answer.
+
+    Raises
+    ------
+    CaseError
+        If samples or realisations are too few for this confidence.
+    """
+    if not 0.0 < confidence < 1.0:
+        raise CaseError(f"confidence must lie between 0 and 1, got {confidence:g}")
+    n_samples, n = int(dataset.sizes.get("sample", 0)), int(dataset.attrs["n_realisations"])
+    by_realisation = "realisations" in str(dataset.attrs["uncertainty"])
+    if n_samples == 0 or (by_realisation and confidence > most_confident(n)):
+        enough = next(m for m in range(3, 1000) if most_confident(m) >= confidence)
+        raise CaseError(
+            f"{n} realisations are too few for a band of {100 * confidence:g} %; use at least "
+            f"{enough}"
+        )
+    needed = int(np.ceil(round(4.0 / (1.0 - confidence), 6)))
+    if n_samples < needed:
+        raise CaseError(
+            f"{n_samples} samples are too few for a band of {100 * confidence:g} %; fit the law "
+            f"with n_samples = {needed} or more"
+        )
+    laws = [None, *range(n_samples)]
+    centre, *answers = (evaluate(fitted_law(dataset, one, family=family)) for one in laws)
+    tail = 50.0 * (1.0 - confidence)
+    ends = np.percentile(np.array(answers), [tail, 100.0 - tail], axis=0)
+    # the samples are spread for 95 %
+    spread = widening(n - 1, confidence) / widening(n - 1) if by_realisation else 1.0
+    low, high = centre + spread * (ends - centre)
+    return np.asarray(low), np.asarray(high)
+
+
+def _require(dataset: "xr.Dataset", family: str, names: list[str]) -> None:
+    """Refuse a dataset that lacks variables of its family."""
+    missing = [name for name in names if name not in dataset.variables]
+    if missing:
+        raise CaseError(
+            f"a law of the family {family!r} needs {', '.join(missing)}, which the dataset does "
+            f"not have; fit the law again"
+        )
+
+
+def _pick(dataset: "xr.Dataset", name: str, sample: int | None) -> np.ndarray:
+    """Values of the mean law or of one sample."""
+    if sample is None:
+        return np.asarray(dataset[name].to_numpy())
+    n_samples = int(dataset.sizes.get("sample", 0))
+    if not 0 <= sample < n_samples:
+        raise CaseError(f"the law has no sample {sample}; it has {n_samples}, counted from 0")
+    return np.asarray(dataset[f"{name}_sample"].to_numpy()[sample])

@@ -1,0 +1,195 @@
+"""Least squares for the parameters of a family; plain arrays."""
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from math import exp, isinf
+
+import numpy as np
+
+from multiscale.errors import CaseError, ConvergenceError
+from multiscale.upscaling.family import Family, Parameter
+from multiscale.upscaling.observations import QUANTITIES, Observations, Quantity
+
+__all__ = ["Regression", "regression_of"]
+
+FARTHEST = 60.0  # a parameter moves at most e^60 times in one fit
+REFUSED = 1e6  # relative error of a law that cannot be made
+
+
+@dataclass(frozen=True, eq=False)
+class Regression:
+    r"""The fit of one family to one set of conditions; made by :func:`regression_of`.
+
+    Attributes
+    ----------
+    family : Family
+    quantity : Quantity
+        What is predicted.
+    conditions : tuple of ndarray, shape (points,)
+    scale, weights : ndarray, shape (points,)
+        Of the observations, and :math:`w_j \ge 0`, dimensionless.
+    held : mapping of str to float
+        What the data decide or the user fixed, SI.
+    free : tuple of str
+        Parameters that are fitted.
+    start : mapping of str to float
+        Where the fit of the mean starts, SI.
+    datum : bool
+        Whether the zero of the gap is open.
+
+    Notes
+    -----
+    Minimises, with the prediction :math:`f`, the mean values :math:`y_j` and the scales
+    :math:`s_j` of the observations,
+
+    .. math:: \sum_j w_j \Big(\frac{f(x_j; \theta) - y_j}{s_j}\Big)^2    \tag{1}
+
+    by the method of Levenberg and Marquardt in MINPACK. A parameter with a lower end :math:`a` of
+    its range is :math:`a + (\theta_0 - a) e^x`, one between two ends a logistic function of
+    :math:`x`, so that :math:`x` is free and has no unit. A measured stiffness leaves the datum of
+    the gap open: one more term puts zero gap to the largest pressure.
+    """
+
+    family: Family
+    quantity: Quantity
+    conditions: tuple[np.ndarray, ...]
+    scale: np.ndarray
+    weights: np.ndarray
+    held: Mapping[str, float]
+    free: tuple[str, ...]
+    start: Mapping[str, float]
+    datum: bool
+
+    def solve(
+        self, mean: np.ndarray, weight: np.ndarray, start: Mapping[str, float] | None = None
+    ) -> dict[str, float]:
+        """Fit the mean values of one sample, shape (points,), with its own weights.
+
+        Raises
+        ------
+        ConvergenceError
+            If the iteration does not settle.
+        """
+        from scipy.optimize import leastsq
+
+        origin = self.start if start is None else start
+        if not self.free:
+            return dict(origin)
+        share = np.sqrt(self.weights * weight)
+        # a restart shakes the iteration out of a flat start
+        for x0 in (np.zeros(len(self.free)), np.full(len(self.free), 0.3)):
+            x, _, _, _, status = leastsq(
+                lambda x: self._residual(x, origin, mean, share),
+                x0,
+                ftol=1e-12,
+                xtol=1e-8,
+                maxfev=400 * (len(self.free) + 1),
+                full_output=True,
+            )
+            if status in (1, 2, 3, 4):
+                return self._parameters(x, origin)
+        raise ConvergenceError(
+            f"the fit of the family {self.family.name!r} did not settle; fix a parameter that the "
+            f"data do not decide ({', '.join(self.free)}), or choose another family"
+        )
+
+    def law(self, parameters: Mapping[str, float]) -> object:
+        """Return the law with these parameters."""
+        return self.family.make(**{**self.held, **parameters})
+
+    def predict(self, parameters: Mapping[str, float]) -> np.ndarray:
+        """Values at the conditions, SI."""
+        return np.asarray(self.quantity.predict(self.law(parameters), *self.conditions))
+
+    def _residual(
+        self, x: np.ndarray, origin: Mapping[str, float], mean: np.ndarray, share: np.ndarray
+    ) -> np.ndarray:
+        """Terms of (1) before they are squared."""
+        parameters = self._parameters(x, origin)
+        try:
+            error = share * (self.predict(parameters) - mean) / self.scale
+        except CaseError:  # outside what the law accepts
+            return np.full(mean.size + self.datum, REFUSED)
+        if not np.all(np.isfinite(error)):
+            error = np.nan_to_num(error, nan=REFUSED, posinf=REFUSED, neginf=-REFUSED)
+        if not self.datum:
+            return np.asarray(error)
+        law, largest = self.law(parameters), self.conditions[0].max()
+        decay = largest / float(np.interp(largest, self.conditions[0], mean))
+        gap = float(law.gap_at(np.array(largest)))  # type: ignore[attr-defined]
+        return np.append(error, gap / decay)
+
+    def _parameters(self, x: np.ndarray, origin: Mapping[str, float]) -> dict[str, float]:
+        """Parameters at the free coordinates, which are zero at the origin."""
+        moved = {
+            name: _move(self.family.parameters[name], float(origin[name]), float(step))
+            for name, step in zip(self.free, x, strict=True)
+        }
+        return {name: moved.get(name, float(origin[name])) for name in self.family.parameters}
+
+
+def regression_of(
+    family: Family,
+    observations: Observations,
+    fixed: Mapping[str, float],
+    weights: np.ndarray,
+) -> Regression:
+    """Prepare the fit of a family.
+
+    Parameters
+    ----------
+    family : Family
+    observations : Observations
+    fixed : mapping of str to float
+        Parameters that keep a value, SI.
+    weights : ndarray, shape (points,)
+        Dimensionless.
+
+    Raises
+    ------
+    CaseError
+        If the family has no parameter of a fixed name, is not for this quantity, or has as many
+        free parameters as there are points.
+    """
+    unknown = set(fixed) - set(family.parameters)
+    if unknown:
+        raise CaseError(
+            f"the family {family.name!r} has no parameter {sorted(unknown)[0]!r} to be fixed; it "
+            f"has {', '.join(family.parameters)}"
+        )
+    if observations.quantity not in family.quantities:
+        raise CaseError(
+            f"the family {family.name!r} is fitted to {' or '.join(family.quantities)}, not to "
+            f"{observations.quantity}"
+        )
+    free = tuple(name for name in family.parameters if name not in fixed)
+    n_points = int(np.count_nonzero(weights))
+    if len(free) >= n_points:
+        raise CaseError(
+            f"the family {family.name!r} has {len(free)} free parameters, but only {n_points} "
+            f"points were observed; observe at least {len(free) + 1}, or fix parameters"
+        )
+    return Regression(
+        family,
+        QUANTITIES[observations.quantity],
+        observations.conditions,
+        observations.scale,
+        weights,
+        {name: value for name, (value, _) in family.held(observations).items()},
+        free,
+        {**family.start(observations), **fixed},
+        observations.quantity == "normal_stiffness",
+    )
+
+
+def _move(parameter: Parameter, origin: float, step: float) -> float:
+    """Leave the origin by a step of a free coordinate, inside the range."""
+    low, high = parameter.lower, parameter.upper
+    step = min(max(step, -FARTHEST), FARTHEST)
+    if isinf(low) and isinf(high):
+        return origin + step * (abs(origin) or 1.0)
+    if isinf(high):
+        return low + max(origin - low, 1e-12 * abs(origin)) * exp(step)
+    share = min(max((origin - low) / (high - low), 1e-9), 1.0 - 1e-9)
+    odds = share / (1.0 - share) * exp(step)
+    return low + (high - low) * odds / (1.0 + odds)

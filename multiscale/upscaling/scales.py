@@ -1,0 +1,165 @@
+"""Whether the scales are apart, in space and in time: what the two-scale scheme stands on."""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from multiscale.errors import CaseError
+
+__all__ = ["ScaleSeparation", "compare_scales", "pressure_length", "relaxation_time"]
+
+FARTHEST_CELL = 1.0  # cell over macro length
+DISTINCT_TIMES = 10.0  # ratio of times that counts as apart
+
+SLOW_PART = 0.2  # share of a relaxation that is left to its slowest mode
+
+
+@dataclass(frozen=True)
+class ScaleSeparation:
+    r"""Ratios of the scales, and what they mean.
+
+    Attributes
+    ----------
+    wavelength_ratio : float
+        :math:`\varepsilon = \lambda_l / \ell`, longest wavelength over macro length.
+    cell_ratio : float
+        Size of the cell over the macro length.
+    time_ratio : float
+        Relaxation time over loading time; NaN if no times were given.
+    cautions : tuple of str
+        A sentence for each scale that is not separate; empty if all are.
+    """
+
+    wavelength_ratio: float
+    cell_ratio: float
+    time_ratio: float
+    cautions: tuple[str, ...]
+
+    def __str__(self) -> str:
+        """Return the report as text."""
+        time = "no times given" if np.isnan(self.time_ratio) else f"times {self.time_ratio:.3g}"
+        head = (
+            f"longest wavelength {self.wavelength_ratio:.3g} and cell {self.cell_ratio:.3g} of the "
+            f"length over which the pressure varies, {time}"
+        )
+        return "; ".join([head, *self.cautions])
+
+
+def compare_scales(
+    wavelength: float,
+    cell_size: float,
+    macro_length: float,
+    *,
+    relaxation: float | None = None,
+    loading: float | None = None,
+) -> ScaleSeparation:
+    """Compare the scales of a cell with those of the structure.
+
+    Parameters
+    ----------
+    wavelength : float
+        Longest wavelength of the roughness, m.
+    cell_size : float
+        Edge of the representative cell, m.
+    macro_length : float
+        Length over which the pressure of the structure varies, m; see :func:`pressure_length`.
+    relaxation, loading : float, optional
+        Slowest relaxation of the cell and time over which the structure is loaded, s.
+
+    Raises
+    ------
+    CaseError
+        If a length or time is not positive, or only one of the times is given.
+    """
+    lengths = {"wavelength": wavelength, "cell_size": cell_size, "macro_length": macro_length}
+    times = {"relaxation": relaxation, "loading": loading}
+    for name, value in {**lengths, **times}.items():
+        if value is not None and not (value > 0.0 and np.isfinite(value)):
+            raise CaseError(f"{name} must be positive and finite, got {value:g}")
+    if (relaxation is None) != (loading is None):
+        raise CaseError("times are compared in pairs: give both relaxation and loading (s)")
+    cautions = []
+    eps, cell = wavelength / macro_length, cell_size / macro_length
+    if cell > FARTHEST_CELL:
+        cautions.append(
+            f"the pressure varies over {macro_length:.3g} m, less than the cell of {cell_size:.3g} "
+            f"m: no point of the structure is loaded as the cell was; resolve the longest waves in "
+            f"the structure, and let the cell begin where it ends"
+        )
+    ratio = np.nan
+    if relaxation is not None and loading is not None:
+        ratio = relaxation / loading
+        if 1.0 / DISTINCT_TIMES < ratio < DISTINCT_TIMES:
+            cautions.append(
+                f"the cell relaxes in {relaxation:.3g} s while it is loaded over {loading:.3g} s: "
+                f"the response depends on the rate, so that one law for all rates is not enough"
+            )
+    return ScaleSeparation(eps, cell, float(ratio), tuple(cautions))
+
+
+def pressure_length(pressure: np.ndarray, spacing: float | tuple[float, float]) -> float:
+    r"""Length over which a pressure field varies.
+
+    Parameters
+    ----------
+    pressure : ndarray, shape (nx,) or (nx, ny)
+        On an even grid over the interface, Pa.
+    spacing : float or tuple of float
+        Of the grid, m.
+
+    Returns
+    -------
+    float
+        :math:`\ell = \big(\int p^2 / \int |\nabla p|^2\big)^{1/2}`, m; infinite for an even
+        pressure. A cosine of wavelength :math:`\lambda` about zero has :math:`\lambda / 2\pi`.
+    """
+    p = np.asarray(pressure, dtype=float)
+    steps = np.broadcast_to(spacing, (p.ndim,))
+    gradient = np.gradient(p, *steps)
+    parts = gradient if isinstance(gradient, tuple | list) else [gradient]
+    square = sum(float(np.mean(part**2)) for part in parts)
+    return float(np.sqrt(np.mean(p**2) / square)) if square > 0.0 else float(np.inf)
+
+
+def relaxation_time(time: np.ndarray, value: np.ndarray) -> float:
+    r"""Slowest relaxation time of a record at constant load or constant approach.
+
+    Parameters
+    ----------
+    time : ndarray, shape (points,)
+        s, rising.
+    value : ndarray, shape (points,)
+        A traction or a gap, any unit, that tends to a limit.
+
+    Returns
+    -------
+    float
+        Time constant, s, of the exponential through the last fifth of the change.
+
+    Raises
+    ------
+    CaseError
+        If the record has not come to rest: its limit is then not known.
+    """
+    from scipy.optimize import leastsq
+
+    t, f = np.asarray(time, dtype=float), np.asarray(value, dtype=float)
+    if t.size < 5 or not np.all(np.diff(t) > 0.0):
+        raise CaseError(f"a relaxation needs at least 5 rising times (s), got {t.size}")
+    tail = np.abs(f - f[-1]) <= SLOW_PART * abs(f[0] - f[-1])
+    first = int(np.argmax(tail)) if abs(f[0] - f[-1]) > 0.0 else 0
+    x, y = t[first:] - t[first], f[first:]
+    if y.size < 4 or float(np.ptp(y)) == 0.0:
+        raise CaseError("the record does not relax in steps that can be seen; sample it earlier")
+    (_, log_tau, _), _ = leastsq(
+        lambda c: c[0] * np.exp(-x / np.exp(c[1])) + c[2] - y,
+        (y[0] - y[-1], np.log(x[-1] / 4.0), y[-1]),
+        maxfev=5000,
+    )
+    tau = float(np.exp(log_tau))
+    if tau > 0.5 * float(t[-1] - t[0]):
+        raise CaseError(
+            f"the record of {t[-1] - t[0]:.3g} s has not come to rest: it still changes with a "
+            f"time constant of about {tau:.2g} s; record at least {3.0 * tau:.2g} s"
+        )
+    return tau

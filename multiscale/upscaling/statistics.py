@@ -1,0 +1,355 @@
+"""How sure the averages of an ensemble are, and how they change with cells and their number."""
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from multiscale.errors import CaseError
+from multiscale.upscaling.observations import (
+    Observations,
+    area_observations,
+    normal_observations,
+)
+
+if TYPE_CHECKING:
+    import xarray as xr
+
+__all__ = [
+    "Average",
+    "Trend",
+    "ensemble_average",
+    "nayak_trend",
+    "realisation_trend",
+    "required_realisations",
+    "size_trend",
+]
+
+_OBSERVE = {"mean_gap": normal_observations, "contact_fraction": area_observations}
+
+
+@dataclass(frozen=True, eq=False)
+class Average:
+    """Mean of one quantity over the realisations, step by step.
+
+    Attributes
+    ----------
+    pressure : ndarray, shape (steps,)
+        Pa, rising.
+    mean, deviation : ndarray, shape (steps,)
+        Mean and standard deviation, m for a gap.
+    half_width : ndarray, shape (steps,)
+        Of the interval of the mean (Student), same unit; infinite for one realisation.
+    n : ndarray of int, shape (steps,)
+        Realisations that count.
+    confidence : float
+        Of the interval.
+    """
+
+    pressure: np.ndarray
+    mean: np.ndarray
+    deviation: np.ndarray
+    half_width: np.ndarray
+    n: np.ndarray
+    confidence: float
+
+    @property
+    def coefficient_of_variation(self) -> np.ndarray:
+        """Standard deviation over the mean, dimensionless."""
+        return np.asarray(self.deviation / np.abs(self.mean))
+
+
+@dataclass(frozen=True, eq=False)
+class Trend:
+    """How a value changes with a number that describes the ensemble.
+
+    Attributes
+    ----------
+    at : ndarray, shape (points,)
+        What the ensembles differ in.
+    value : ndarray, shape (points,)
+        Of each.
+    interval : ndarray, shape (2, points)
+        95 % interval of each value.
+    slope : float
+        Of the line through the points, in the coordinates that the function states.
+    slope_interval : tuple of float
+        95 % interval of the slope.
+    """
+
+    at: np.ndarray
+    value: np.ndarray
+    interval: np.ndarray
+    slope: float
+    slope_interval: tuple[float, float]
+
+
+def ensemble_average(
+    response: "xr.Dataset",
+    variable: str = "mean_gap",
+    *,
+    confidence: float = 0.95,
+    target: float | None = None,
+) -> Average:
+    """Average a quantity over the realisations.
+
+    Parameters
+    ----------
+    response : Dataset
+        Follows ``MICRO_RESPONSE``.
+    variable : {"mean_gap", "contact_fraction"}
+    confidence : float
+        Of the interval of the mean.
+    target : float, optional
+        Largest half-width asked for, relative to the mean.
+
+    Raises
+    ------
+    CaseError
+        If the interval is wider than asked for; the message says how many realisations suffice.
+    """
+    from scipy.stats import t
+
+    if not 0.0 < confidence < 1.0:
+        raise CaseError(f"confidence must lie between 0 and 1, got {confidence:g}")
+    seen = _observe(response, variable)
+    n = seen.counted.sum(axis=0)
+    mean = seen.means()[0][0]
+    square = np.where(seen.counted, seen.values - mean, 0.0) ** 2
+    deviation = np.sqrt(square.sum(axis=0) / np.maximum(n - 1, 1))
+    factor = t.ppf(0.5 * (1.0 + confidence), np.maximum(n - 1, 1))
+    half = np.where(n > 1, factor * deviation / np.sqrt(n), np.inf)
+    average = Average(seen.pressure, mean, np.where(n > 1, deviation, np.nan), half, n, confidence)
+    if target is not None:
+        _check_target(average, variable, target)
+    return average
+
+
+def _check_target(average: Average, variable: str, target: float) -> None:
+    """Refuse an interval that is too wide, and say what would be enough."""
+    ratio = average.half_width / np.abs(average.mean)
+    if not np.any(ratio > target):
+        return
+    j = int(np.argmax(ratio))
+    where = f"{100.0 * average.confidence:g} % confidence at {average.pressure[j]:.3g} Pa"
+    if average.n[j] < 2:
+        raise CaseError(
+            f"one realisation tells nothing of the scatter of {variable}; {where} needs at least 3"
+        )
+    need = required_realisations(
+        float(average.coefficient_of_variation[j]), target, average.confidence
+    )
+    raise CaseError(
+        f"{average.n[j]} realisations give {variable} within {100.0 * ratio[j]:.2g} % with "
+        f"{where}, not {100.0 * target:.2g} %; about {need} realisations are enough, or cells "
+        f"{ratio[j] / target:.2g} times as large"
+    )
+
+
+def required_realisations(
+    coefficient_of_variation: float, target: float, confidence: float = 0.95
+) -> int:
+    r"""Smallest number of realisations whose mean is known to a relative half-width.
+
+    Notes
+    -----
+    The smallest :math:`N \ge 2` with :math:`t_{(1+c)/2,\,N-1}\, \mathrm{CoV} / \sqrt N \le` target.
+
+    Examples
+    --------
+    >>> required_realisations(0.05, 0.02)
+    27
+    """
+    from scipy.stats import norm, t
+
+    if not target > 0.0:
+        raise CaseError(f"the target must be positive, got {target:g}")
+    tail = 0.5 * (1.0 + confidence)
+    n = max(2, int((norm.ppf(tail) * coefficient_of_variation / target) ** 2))
+    while t.ppf(tail, n - 1) * coefficient_of_variation / np.sqrt(n) > target:
+        n += 1
+    return n
+
+
+def realisation_trend(
+    response: "xr.Dataset", variable: str = "mean_gap", *, pressure: float | None = None
+) -> Trend:
+    """Follow the mean of a quantity as realisations come in.
+
+    Parameters
+    ----------
+    response : Dataset
+        Follows ``MICRO_RESPONSE``; at least four realisations.
+    variable : {"mean_gap", "contact_fraction"}
+    pressure : float, optional
+        Step at this nominal pressure, Pa; the middle one if not given.
+
+    Returns
+    -------
+    Trend
+        Over the number of realisations, from two on; the slope is that of the logarithm of the
+        half-width, about -1/2, with a bootstrap interval over the order of the realisations.
+    """
+    from scipy.stats import t
+
+    values = _at(response, variable, pressure)
+    if values.size < 4:
+        raise CaseError(
+            f"the convergence with the number of realisations needs at least 4 of them, got "
+            f"{values.size}"
+        )
+    n = np.arange(2, values.size + 1)
+    factor = t.ppf(0.975, n - 1) / np.sqrt(n)
+    random = np.random.default_rng(seed=0)
+
+    def half_width(order: np.ndarray) -> np.ndarray:
+        return np.asarray(factor * np.array([np.std(values[order[:k]], ddof=1) for k in n]))
+
+    own = half_width(np.arange(values.size))
+    mean = np.cumsum(values)[1:] / n
+    slopes = []
+    for _ in range(200):
+        width = half_width(random.permutation(values.size))
+        slopes.append(np.polyfit(np.log(n), np.log(np.maximum(width, 1e-300)), 1)[0])
+    low, high = np.percentile(slopes, [2.5, 97.5])
+    interval = np.array([mean - own, mean + own])
+    return Trend(n, mean, interval, float(np.mean(slopes)), (float(low), float(high)))
+
+
+def size_trend(
+    responses: Mapping[float, "xr.Dataset"],
+    variable: str = "mean_gap",
+    *,
+    pressure: float | None = None,
+) -> Trend:
+    r"""Scatter of a quantity over the size of the cell.
+
+    Parameters
+    ----------
+    responses : mapping of float to Dataset
+        From the size of the cell, in longest wavelengths :math:`L/\lambda_l`, to its response;
+        at least two sizes with the same spectrum, of at least 8 realisations each.
+    variable : {"mean_gap", "contact_fraction"}
+    pressure : float, optional
+        Step at this nominal pressure, Pa; the middle one if not given.
+
+    Returns
+    -------
+    Trend
+        Coefficient of variation over the size, with chi-squared intervals. The slope is that of
+        the logarithms, -1 where the scatter falls as :math:`\lambda_l/L`: a cell then averages
+        over :math:`(L/\lambda_l)^2` independent patches. Its interval comes from 2000 bootstrap
+        samples of the realisations of each size.
+    """
+    from scipy.stats import chi2
+
+    if len(responses) < 2:
+        raise CaseError(
+            f"the convergence with the cell size needs at least two sizes, got {len(responses)}"
+        )
+    size = np.array(sorted(responses))
+    random, spread, interval, samples = np.random.default_rng(seed=0), [], [], []
+    for relative in size:
+        values = _at(responses[relative], variable, pressure)
+        n = values.size
+        if n < 8:
+            raise CaseError(
+                f"a scatter from {n} realisations is too uncertain for a trend over the cell size; "
+                f"use at least 8 at each size, and 40 for a slope within about 0.3"
+            )
+        cov = float(np.std(values, ddof=1) / abs(values.mean()))
+        spread.append(cov)
+        interval.append(cov * np.sqrt((n - 1) / chi2.ppf([0.975, 0.025], n - 1)))
+        drawn = values[random.integers(0, n, (2000, n))]
+        samples.append(np.std(drawn, axis=1, ddof=1) / np.abs(drawn.mean(axis=1)))
+    slopes = np.polyfit(np.log(size), np.log(np.array(samples)), 1)[0]
+    slope = float(np.polyfit(np.log(size), np.log(spread), 1)[0])
+    low, high = np.percentile(slopes, [2.5, 97.5])
+    return Trend(size, np.array(spread), np.array(interval).T, slope, (float(low), float(high)))
+
+
+def nayak_trend(responses: "list[xr.Dataset]", *, relative_pressure: float) -> Trend:
+    r"""Area of light contact over the Nayak parameter.
+
+    Parameters
+    ----------
+    responses : list of Dataset
+        Follow ``MICRO_RESPONSE``, with the coordinates ``rms_slope`` and ``nayak_parameter`` and
+        the attribute ``contact_modulus`` (Pa); at least three, of different spectra.
+    relative_pressure : float
+        :math:`p / (E^* g)` with the contact modulus and the root mean square slope, inside the
+        range of every response.
+
+    Returns
+    -------
+    Trend
+        :math:`\kappa = A E^* g / p` over the mean Nayak parameter, with Student intervals; the
+        slope is :math:`\mathrm{d}\kappa/\mathrm{d}\ln\alpha` of the least-squares line, with a
+        bootstrap interval over the realisations of each response.
+    """
+    from scipy.stats import t
+
+    if len(responses) < 3:
+        raise CaseError(f"a trend over the Nayak parameter needs 3 responses, got {len(responses)}")
+    nayak, mean, interval, samples = [], [], [], []
+    random = np.random.default_rng(seed=0)
+    for response in responses:
+        missing = {"rms_slope", "nayak_parameter"} - set(response.variables)
+        if missing or "contact_modulus" not in response.attrs:
+            lacking = ", ".join(sorted(missing)) or "the attribute contact_modulus"
+            raise CaseError(
+                f"the Nayak trend needs rms_slope and nayak_parameter of each realisation and the "
+                f"contact modulus; missing: {lacking}"
+            )
+        kappa = _kappa(response, relative_pressure)
+        n = kappa.size
+        half = t.ppf(0.975, n - 1) * np.std(kappa, ddof=1) / np.sqrt(n) if n > 1 else np.inf
+        nayak.append(float(response["nayak_parameter"].mean()))
+        mean.append(kappa.mean())
+        interval.append((kappa.mean() - half, kappa.mean() + half))
+        samples.append(kappa[random.integers(0, n, (2000, n))].mean(axis=1))
+    x = np.log(nayak)
+    low, high = np.percentile(np.polyfit(x, np.array(samples), 1)[0], [2.5, 97.5])
+    slope = float(np.polyfit(x, mean, 1)[0])
+    return Trend(
+        np.array(nayak), np.array(mean), np.array(interval).T, slope, (float(low), float(high))
+    )
+
+
+def _kappa(response: "xr.Dataset", relative_pressure: float) -> np.ndarray:
+    """Return A E* g / p of each realisation at one relative pressure, by interpolation."""
+    seen = area_observations(response)
+    scale = float(response.attrs["contact_modulus"]) * response["rms_slope"].to_numpy()
+    if not seen.pressure[0] <= relative_pressure * scale.mean() <= seen.pressure[-1]:
+        raise CaseError(
+            f"the relative pressure {relative_pressure:g} lies outside the range of a response, "
+            f"{seen.pressure[0] / scale.mean():.3g} to {seen.pressure[-1] / scale.mean():.3g}"
+        )
+    x = np.log(seen.pressure)
+    return np.array(
+        [
+            np.interp(np.log(relative_pressure * one), x, area) / relative_pressure
+            for area, one in zip(seen.values, scale, strict=True)
+        ]
+    )
+
+
+def _observe(response: "xr.Dataset", variable: str) -> Observations:
+    """Observations of a variable."""
+    if variable not in _OBSERVE:
+        raise CaseError(f"no average of {variable!r}; choose from {', '.join(_OBSERVE)}")
+    return _OBSERVE[variable](response)
+
+
+def _at(response: "xr.Dataset", variable: str, pressure: float | None) -> np.ndarray:
+    """Values of all realisations that count at one step."""
+    seen = _observe(response, variable)
+    step = seen.pressure.size // 2
+    if pressure is not None:
+        step = int(np.argmin(np.abs(seen.pressure - pressure)))
+        if abs(seen.pressure[step] - pressure) > 0.01 * pressure:
+            raise CaseError(
+                f"no step at {pressure:.3g} Pa; the nearest is at {seen.pressure[step]:.3g} Pa"
+            )
+    return np.asarray(seen.values[seen.counted[:, step], step])

@@ -1,0 +1,111 @@
+"""Plastic contact: loading leaves a mark, unloading and reloading are one curve, cycles cost."""
+
+import numpy as np
+import pytest
+from scipy.integrate import quad
+
+from multiscale.errors import CaseError
+from multiscale.laws import Exponential, HystereticLaw, PowerLaw, PowerStiffness
+
+LAWS = [
+    pytest.param(HystereticLaw(Exponential(2.0, 0.4, gap=0.1), 2.5, 1.5), id="exponential"),
+    pytest.param(HystereticLaw(PowerLaw(2.0, 0.9, 2.0), 1.0, 1.5), id="power"),
+]
+
+
+def walk(law, gaps, state=0.0):
+    """Pressures along a path of gaps, and the state at its end."""
+    state, pressures = np.full((1, 1), state), []
+    for gap in gaps:
+        response = law.respond(np.array([[gap - law.loading.gap], [0.0]]), state)
+        state = response.state
+        pressures.append(-response.traction[0, 0])
+    return np.array(pressures), state
+
+
+@pytest.mark.parametrize("law", LAWS)
+def test_first_loading_is_the_loading_law(law):
+    gaps = np.linspace(0.8, 0.1, 20)
+    pressures, state = walk(law, gaps)
+    np.testing.assert_allclose(pressures, law.loading.pressure(gaps), rtol=1e-12)
+    assert state[0, 0] == pytest.approx(pressures[-1])
+
+
+@pytest.mark.parametrize("law", LAWS)
+def test_unloading_and_reloading_follow_one_curve_below_the_loading_one(law):
+    _, state = walk(law, [0.2])
+    gaps = np.linspace(0.2, 0.8, 30)
+    down, after = walk(law, gaps, state[0, 0])
+    up, _ = walk(law, gaps[::-1], after[0, 0])
+    np.testing.assert_allclose(down, up[::-1], atol=1e-12)
+    assert np.all(down[1:] <= law.loading.pressure(gaps)[1:])
+    again, _ = walk(law, [0.2, 0.15], state[0, 0])
+    np.testing.assert_allclose(again, law.loading.pressure(np.array([0.2, 0.15])), rtol=1e-9)
+
+
+@pytest.mark.parametrize("law", LAWS)
+def test_stiffness_jumps_by_its_ratio_where_unloading_starts(law):
+    peak = law.loading.pressure(np.array(0.2))
+    branch = law.branch(peak)
+    tangent = branch.respond(np.array([[0.2 - law.loading.gap], [0.0]]), np.zeros((0, 1))).tangent
+    expected = law.stiffness_ratio * law.loading.stiffness(np.array(0.2))
+    assert tangent[0, 0, 0] == pytest.approx(expected)
+
+
+def test_a_cycle_costs_the_area_between_the_branches():
+    """Exponential loading from far away to p_m stores p_m u_0; unloading returns p_m l / (n+1)."""
+    law = HystereticLaw(Exponential(2.0, 0.4), 2.0, 1.5)
+    peak = 1.0
+    branch = law.branch(np.array(peak))
+    assert float(branch.length) == pytest.approx(1.5 * 0.4 / 2.0)
+    returned, _ = quad(
+        lambda g: walk(law, [g], peak)[0][0], float(branch.corner), float(branch.corner) + 0.3
+    )
+    assert returned == pytest.approx(peak * 0.3 / 2.5, rel=1e-8)
+    assert returned < peak * 0.4
+
+
+@pytest.mark.parametrize("law", LAWS)
+def test_recovery_inverts_the_unloading_branch(law):
+    peak = np.array(1.2)
+    pressure = np.linspace(0.0, 1.2, 13)
+    branch = law.branch(peak)
+    gap = branch.corner + law.recovery(pressure, peak)
+    jump = np.vstack([gap - law.loading.gap, 0.0 * gap])
+    found = -branch.respond(jump, np.zeros((0, 13))).traction[0]
+    np.testing.assert_allclose(found, pressure, atol=1e-12)
+
+
+@pytest.mark.parametrize("law", LAWS)
+@pytest.mark.parametrize("stiffness", [1e-3, 1.0, 1e3])
+def test_resolvent_lies_on_the_law_and_on_the_search_direction(law, stiffness):
+    random = np.random.default_rng(seed=5)
+    jump = random.uniform(-0.3, 1.2, (2, 60))
+    state = random.uniform(0.0, 2.0, (1, 60)) * (random.random(60) < 0.8)
+    source = law.respond(jump, state).traction + stiffness * jump
+    found = law.resolvent(source, stiffness, state)
+    np.testing.assert_allclose(found, jump, atol=1e-8 * max(1.0, 1.0 / stiffness))
+
+
+@pytest.mark.parametrize("law", LAWS)
+def test_tangent_is_the_derivative_on_both_branches(law):
+    random = np.random.default_rng(seed=6)
+    jump, state = random.uniform(-0.2, 0.7, (2, 40)), np.full((1, 40), 0.9)
+    step = np.zeros_like(jump)
+    step[0] = 1e-7
+    tangent = law.respond(jump, state).tangent[0, 0]
+    difference = (
+        law.respond(jump + step, state).traction - law.respond(jump - step, state).traction
+    )[0] / 2e-7
+    np.testing.assert_allclose(tangent, difference, rtol=1e-5, atol=1e-6)
+
+
+def test_parameters_out_of_range_are_refused():
+    with pytest.raises(CaseError, match="stiffness_ratio must be at least 1"):
+        HystereticLaw(Exponential(1.0, 1.0), 0.9, 1.5)
+    with pytest.raises(CaseError, match="exponent must be at least 1"):
+        HystereticLaw(Exponential(1.0, 1.0), 1.5, 0.9)
+    with pytest.raises(CaseError, match=r"stiffness_scale must be positive and finite \(Pa/m\)"):
+        PowerStiffness(0.0, 1.0, 1.0)
+    with pytest.raises(CaseError, match="exponent of a stiffness must not be negative"):
+        PowerStiffness(1.0, -1.0, 1.0)

@@ -1,0 +1,189 @@
+"""Every term of the budget finds the error that was put in, and what is not known is said."""
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from multiscale.errors import CaseError
+from multiscale.io import open_law, save_law
+from multiscale.schema import ERROR_BUDGET, INTERFACE_LAW
+from multiscale.upscaling import (
+    compare_scales,
+    error_budget,
+    fit_law,
+    law_from_dataset,
+    structure_budget,
+    with_budget,
+)
+from tests.upscaling.responses import DECAY, PRESSURE, SCALE, response_of
+
+TRUTH = DECAY * np.log(SCALE / PRESSURE)
+
+
+def ensemble(n=12, *, spread=0.03, factor=1.0, seed=1):
+    """Exponential gaps and areas with one factor per realisation, and a common error."""
+    random = np.random.default_rng(seed)
+    scatter = 1.0 + spread * random.standard_normal((n, 1))
+    area = factor * PRESSURE / 5e8 / scatter
+    return response_of(factor * TRUTH * scatter, area=area)
+
+
+def half(budget, term, quantity="mean_gap"):
+    return budget["error_half_width"].sel(error_term=term, quantity=quantity).values
+
+
+def test_the_budget_follows_its_schema_and_lists_what_is_not_known():
+    response = ensemble()
+    budget = error_budget(response, fit_law(response))
+    ERROR_BUDGET.check(budget)
+    assert list(budget["quantity"].values) == ["mean_gap", "contact_fraction", "stiffness"]
+    assert budget.attrs["unknown"] == "cell size, micro discretisation, scale separation"
+    assert budget.attrs["how_cell_size"].startswith("not known: pass sizes")
+    np.testing.assert_allclose(
+        budget["error_total"].sel(quantity="mean_gap"),
+        np.hypot(half(budget, "sampling"), half(budget, "fit")),
+    )
+
+
+def test_sampling_is_students_interval_and_that_of_the_samples():
+    response = ensemble(12)
+    budget = error_budget(response, fit_law(response))
+    gap = response["mean_gap"].values
+    expected = 2.20098516 * gap.std(axis=0, ddof=1) / np.sqrt(12) / gap.mean(axis=0)
+    np.testing.assert_allclose(half(budget, "sampling"), expected, rtol=1e-6)
+    # one factor on all gaps of a realisation is one factor on its decay length
+    np.testing.assert_allclose(half(budget, "sampling", "stiffness"), expected, rtol=0.25)
+
+
+def test_one_realisation_leaves_sampling_unknown():
+    response = ensemble(1)
+    budget = error_budget(response, fit_law(response))
+    assert "sampling" in budget.attrs["unknown"]
+    assert "solve 3" in budget.attrs["how_sampling"]
+
+
+def test_the_fit_term_grows_with_what_the_law_cannot_describe():
+    response = ensemble(8, spread=0.0)
+    exact = error_budget(response, fit_law(response, family="exponential"))
+    assert np.all(half(exact, "fit") < 1e-6)
+    kinked = response_of(TRUTH[None] + 0.03 * DECAY * (-1.0) ** np.arange(8))
+    rough = error_budget(kinked, fit_law(kinked, family="exponential"))
+    assert np.all(half(rough, "fit") > 5e-3)
+
+
+@pytest.mark.parametrize("order", [1.0, 2.0])
+def test_the_discretisation_term_is_the_error_of_the_grid(order):
+    """2 % of error on the grid of the response."""
+    coarse = {r: ensemble(factor=1.0 + 0.02 * r**order) for r in (2.0, 4.0)}
+    response = ensemble(factor=1.02)
+    budget = error_budget(response, fit_law(response), resolutions=coarse)
+    for quantity in ("mean_gap", "contact_fraction"):
+        found = half(budget, "micro discretisation", quantity) * 1.02 / 0.02
+        assert np.all((found > 1.25) & (found < 1.5)), found
+    assert f"observed order {order:.2g}" in budget.attrs["how_micro_discretisation"]
+
+
+def test_the_size_term_bounds_what_a_larger_cell_would_change():
+    """Means 1 + .04 / L: the response at L = 2 is 2 % off."""
+    response = ensemble(20, spread=0.02, factor=1.02)
+    small = ensemble(20, spread=0.04, factor=1.04, seed=2)
+    budget = error_budget(response, fit_law(response), sizes={0.5: small})
+    found = half(budget, "cell size")
+    assert np.all(found > 0.02 / 1.02 - 0.01)
+    assert np.all(found < 0.06)
+
+
+def test_the_scale_term_has_both_its_parts():
+    """Half a cell on the length of the structure: CoV / 2; uneven pressure: u_0 eps^2 / 24."""
+    response = ensemble(30, spread=0.05)
+    law = fit_law(response)
+    budget = error_budget(response, law, scales=compare_scales(0.1, 0.5, 1.0))
+    gap = response["mean_gap"].values
+    few = 1.96 * 0.5 * gap.std(axis=0, ddof=1) / gap.mean(axis=0)
+    np.testing.assert_allclose(half(budget, "scale separation"), few, rtol=2e-3)
+    even = response_of(np.tile(TRUTH, (3, 1)))
+    budget = error_budget(even, fit_law(even), scales=compare_scales(0.5, 1e-9, 1.0))
+    np.testing.assert_allclose(
+        half(budget, "scale separation")[1:-1], (DECAY * 0.25 / 24.0 / TRUTH)[1:-1], rtol=0.05
+    )
+
+
+def test_the_scale_term_vanishes_with_the_wavelength():
+    response = ensemble(10)
+    law = fit_law(response)
+    found = [
+        half(
+            error_budget(response, law, scales=compare_scales(eps, 4 * eps, 1.0)),
+            "scale separation",
+        )[3]
+        for eps in (0.1, 0.05, 0.025)
+    ]
+    assert found[0] / found[1] == pytest.approx(2.0, rel=0.05)
+    assert found[1] / found[2] == pytest.approx(2.0, rel=0.05)
+
+
+def test_a_law_carries_its_budget_through_its_file(tmp_path):
+    response = ensemble()
+    law = fit_law(response, n_samples=20)
+    carrying = with_budget(law, error_budget(response, law))
+    INTERFACE_LAW.check(carrying)
+    save_law(carrying, tmp_path / "law.nc")
+    read = open_law(tmp_path / "law.nc")
+    np.testing.assert_array_equal(read["error_total"], carrying["error_total"])
+    assert list(read["error_term"].values)[:2] == ["sampling", "fit"]
+    assert read.attrs["how_fit"] == carrying.attrs["how_fit"]
+
+
+def test_the_budget_of_a_structure_propagates_that_of_the_law():
+    """A spring in series: 1/K = 1/K_law + 1/K_0, and K_law is inverse to a factor of the gap."""
+    response = ensemble(20, factor=1.02)
+    law = fit_law(response, family="exponential")
+    coarse = {2.0: ensemble(20, factor=1.04), 4.0: ensemble(20, factor=1.08)}
+    carrying = with_budget(law, error_budget(response, law, resolutions=coarse))
+    solid, p = 1e14, np.array([1e7, 5e7])
+
+    def solve(one):
+        return 1.0 / (1.0 / one.stiffness(one.gap_at(p)) + 1.0 / solid)
+
+    answer = solve(law_from_dataset(law))
+    budget = structure_budget(
+        "joint_stiffness", carrying, solve, coarser={2.0: answer * 1.04, 4.0: answer * 1.2}
+    )
+    ERROR_BUDGET.check(budget)
+    share = answer / (p / float(law["decay_length"]))  # of the interface in the compliance
+    one = {str(term): half(budget, term, "joint_stiffness") for term in budget["error_term"].values}
+    grid = carrying["error_half_width"].sel(error_term="micro discretisation")
+    of_law = np.sqrt(np.mean(grid.sel(quantity=["mean_gap", "stiffness"]) ** 2, axis=1)).max()
+    np.testing.assert_allclose(one["micro discretisation"], float(of_law) * share, rtol=0.05)
+    np.testing.assert_allclose(one["macro discretisation"], 1.25 * 0.04 / 3.0, rtol=0.1)
+    sampling = half(carrying, "sampling", "stiffness").mean()
+    np.testing.assert_allclose(one["sampling"], sampling * share, rtol=0.3)
+    assert np.all(np.isnan(one["cell size"]))
+    assert budget.attrs["unknown"] == "cell size, scale separation"
+
+
+def test_what_does_not_belong_together_is_refused():
+    response = ensemble(6)
+    law = fit_law(response, n_samples=0)
+    with pytest.raises(CaseError, match="not the 7 of the response; fit it to this response"):
+        error_budget(response.isel(step=slice(1, None)), law)
+    with pytest.raises(CaseError, match=r"ratio 2 has 5 realisations, not 6; solve the same ones"):
+        error_budget(response, law, resolutions={2.0: ensemble(5)})
+    with pytest.raises(CaseError, match="has other pressures; press it as the first"):
+        error_budget(response, law, sizes={0.5: ensemble(6).isel(step=slice(1, None))})
+    with pytest.raises(CaseError, match="carries no error budget; add it by with_budget"):
+        structure_budget("k", law, lambda one: np.ones(1))
+    budget = error_budget(response, law)
+    with pytest.raises(CaseError, match="budget has 8 steps, the dataset 7"):
+        with_budget(law.isel(step=slice(1, None)), budget)
+
+
+def test_the_readme_route_runs(tmp_path, monkeypatch, capsys):
+    text = (Path(__file__).parents[2] / "README.md").read_text(encoding="utf-8")
+    blocks = [part.split("```")[0] for part in text.split("```python\n")[1:]]
+    (block,) = [part for part in blocks if "error_budget" in part]
+    monkeypatch.chdir(tmp_path)
+    exec(compile(block, "README.md", "exec"), {})
+    assert "cell size, scale separation" in capsys.readouterr().out
+    assert "*SURFACE BEHAVIOR" in (tmp_path / "rough_joint.inp").read_text()

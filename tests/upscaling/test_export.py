@@ -1,0 +1,119 @@
+"""Tables that other codes read: their syntax, their units, and the law between their points."""
+
+import csv
+
+import numpy as np
+import pytest
+
+from multiscale.errors import CaseError
+from multiscale.laws import Exponential, PowerLaw
+from multiscale.upscaling import fit_law, law_from_dataset, write_law_table
+from multiscale.upscaling.export import pressure_overclosure, write_pressure_overclosure
+from tests.upscaling.responses import PRESSURE, exponential_gaps, response_of
+
+
+def read_input_file(path):
+    """Keyword lines with their data, as CalculiX reads them: 20 characters a field."""
+    cards = []
+    for line in path.read_text().splitlines():
+        if line.startswith("**") or not line:
+            continue
+        assert len(line) <= 132
+        if line.startswith("*"):
+            cards.append((line.upper().replace(" ", ""), []))
+        else:
+            fields = [field.strip() for field in line.split(",")]
+            assert all(len(field) <= 20 for field in fields)
+            cards[-1][1].append([float(field) for field in fields])
+    return cards
+
+
+@pytest.mark.parametrize("law", [Exponential(4e8, 0.45e-6), PowerLaw(4e8, 1.2e-6, 2.5)])
+@pytest.mark.parametrize("tolerance", [1e-2, 1e-3])
+def test_chords_stay_within_the_tolerance_above_the_law(law, tolerance):
+    p, overclosure, first = pressure_overclosure(law, (1e6, 1e8), tolerance=tolerance)
+    assert p[0] == 0.0
+    assert overclosure[0] == 0.0
+    assert np.all(np.diff(p) > 0.0)
+    assert np.all(np.diff(overclosure) > 0.0)
+    assert np.all(np.diff(np.diff(p) / np.diff(overclosure)) > 0.0)  # ever stiffer
+    along = np.geomspace(1e6, 1e8, 5000)
+    found = np.interp(first - law.gap_at(along), overclosure, p)
+    assert np.max(found / along - 1.0) <= 1.05 * tolerance
+    assert np.min(found / along - 1.0) >= -1e-9
+
+
+def test_the_input_file_holds_the_law_in_the_units_of_the_model(tmp_path):
+    dataset = fit_law(response_of(exponential_gaps(4), title="ground steel"), n_samples=0)
+    file = tmp_path / "rough.inp"
+    write_pressure_overclosure(dataset, file, name="JOINT", length_unit="mm", pressure_unit="MPa")
+    (interaction, empty), (behaviour, rows) = read_input_file(file)
+    assert interaction == "*SURFACEINTERACTION,NAME=JOINT"
+    assert empty == []
+    assert behaviour == "*SURFACEBEHAVIOR,PRESSURE-OVERCLOSURE=TABULAR"
+    pressure, overclosure = np.array(rows).T
+    assert pressure[0] == overclosure[0] == 0.0
+    assert pressure[-2] == pytest.approx(1e-6 * PRESSURE[-1])
+    assert len(rows) <= 40
+    law = law_from_dataset(dataset)
+    gap = law.gap_at(1e6 * pressure[1:-1])
+    np.testing.assert_allclose(np.diff(overclosure[1:-1]), -1e3 * np.diff(gap), rtol=1e-6)
+    slope = np.diff(pressure) / np.diff(overclosure)
+    assert pressure[-1] == pytest.approx(10.0 * pressure[-2])
+    assert slope[-1] == pytest.approx(slope[-2], rel=1e-6)
+    head = file.read_text()
+    assert "pressure (MPa), overclosure (mm)" in head
+    assert "ground steel" in head
+    apart = float(head.split("mean planes ")[1].split()[0])
+    assert overclosure[1] == pytest.approx(apart - 1e3 * gap[0], rel=1e-3)
+
+
+def test_overclosures_that_calculix_would_move_apart_are_refused(tmp_path):
+    """A nanometre in metres is 1e-9, and its table has steps below 1e-10."""
+    fine = fit_law(response_of(1e-3 * exponential_gaps(1)), n_samples=0)
+    with pytest.raises(
+        CaseError, match=r"less than the 1e-10 that CalculiX .* smaller length_unit"
+    ):
+        write_pressure_overclosure(fine, tmp_path / "a.inp", length_unit="m", pressure_unit="Pa")
+    write_pressure_overclosure(fine, tmp_path / "a.inp")
+
+
+@pytest.mark.parametrize(
+    ("options", "sentence"),
+    [
+        ({"length_unit": "MPa"}, "cannot be converted to m"),
+        ({"pressure_unit": "furlong"}, "cannot be converted to Pa"),
+        ({"tolerance": 1e-5}, "takes .* points, and CalculiX holds 40; allow a larger tolerance"),
+        ({"name": "rough, joint"}, "cannot name a surface interaction"),
+    ],
+)
+def test_units_and_names_that_do_not_fit_are_refused(tmp_path, options, sentence):
+    law = fit_law(response_of(exponential_gaps(1)), n_samples=0)
+    with pytest.raises(CaseError, match=sentence):
+        write_pressure_overclosure(law, tmp_path / "a.inp", **options)
+
+
+def test_the_table_has_units_in_its_head_and_the_bands_of_the_law(tmp_path):
+    law = fit_law(response_of(exponential_gaps(6)), n_samples=100)
+    write_law_table(law, tmp_path / "law.csv", n_points=9)
+    with (tmp_path / "law.csv").open() as file:
+        rows = list(csv.DictReader(file))
+    assert list(rows[0]) == [
+        "pressure (MPa)",
+        "gap (um)",
+        "stiffness (MPa/um)",
+        "contact fraction (1)",
+        "gap low 95 % (um)",
+        "gap high 95 % (um)",
+    ]
+    p = 1e6 * np.array([float(row["pressure (MPa)"]) for row in rows])
+    gap = 1e-6 * np.array([float(row["gap (um)"]) for row in rows])
+    np.testing.assert_allclose(gap, law_from_dataset(law).gap_at(p), rtol=1e-8)
+    for row in rows:
+        assert float(row["gap low 95 % (um)"]) < float(row["gap (um)"])
+        assert float(row["gap high 95 % (um)"]) > float(row["gap (um)"])
+
+
+def test_a_table_without_samples_leaves_the_bands_out(tmp_path):
+    write_law_table(fit_law(response_of(exponential_gaps(1))), tmp_path / "law.csv")
+    assert "95 %" not in (tmp_path / "law.csv").read_text()

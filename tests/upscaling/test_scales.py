@@ -1,0 +1,92 @@
+"""Grids, lengths and times: what theory gives, and what cannot be told."""
+
+import numpy as np
+import pytest
+
+from multiscale.errors import CaseError
+from multiscale.upscaling import (
+    compare_scales,
+    estimate_grid_error,
+    pressure_length,
+    relaxation_time,
+)
+
+
+@pytest.mark.parametrize("order", [1.0, 1.5, 2.0])
+def test_order_and_error_of_a_smooth_sequence_are_found(order):
+    limit, factor = 2.0, np.array([0.1, -0.3])
+    answers = {r: limit + factor * r**order for r in (1.0, 2.0, 4.0)}
+    estimate = estimate_grid_error(answers[1.0], {2.0: answers[2.0], 4.0: answers[4.0]})
+    np.testing.assert_allclose(estimate.order, order)
+    np.testing.assert_allclose(estimate.error, answers[1.0] - limit)
+    np.testing.assert_allclose(estimate.half_width, 1.25 * np.abs(factor))
+    assert f"observed order {order:.2g}" in estimate.how
+
+
+def test_one_coarser_grid_bounds_the_error_of_any_order_from_one_on():
+    for order in (1.0, 2.0, 3.0):
+        estimate = estimate_grid_error(np.array([1.1]), {2.0: np.array([1.0 + 0.1 * 2.0**order])})
+        assert estimate.half_width[0] >= 0.1
+        assert np.isnan(estimate.order[0])
+        assert "order taken as 1" in estimate.how
+
+
+def test_grids_that_tell_no_order_give_a_wide_bound_and_say_so():
+    estimate = estimate_grid_error(
+        np.array([1.0, 1.0]), {2.0: np.array([1.1, 1.1]), 4.0: np.array([1.0, 1.11])}
+    )
+    np.testing.assert_allclose(estimate.half_width, 0.3)
+    assert "none at 2 of 2 steps" in estimate.how
+
+
+def test_a_grid_is_not_judged_by_finer_or_no_others():
+    with pytest.raises(CaseError, match="at least one coarser"):
+        estimate_grid_error(np.ones(1), {})
+    with pytest.raises(CaseError, match="more than once the finest"):
+        estimate_grid_error(np.ones(1), {0.5: np.ones(1)})
+
+
+def test_scales_that_are_apart_pass_without_caution():
+    scales = compare_scales(1e-5, 4e-5, 1e-2, relaxation=1e-3, loading=10.0)
+    assert scales.wavelength_ratio == pytest.approx(1e-3)
+    assert scales.cell_ratio == pytest.approx(4e-3)
+    assert scales.cautions == ()
+    assert "times 0.0001" in str(scales)
+
+
+def test_scales_that_are_not_apart_are_reported_in_space_and_time():
+    scales = compare_scales(1e-3, 4e-3, 2e-3, relaxation=1.0, loading=3.0)
+    assert len(scales.cautions) == 2
+    assert "less than the cell of 0.004 m" in scales.cautions[0]
+    assert "relaxes in 1 s while it is loaded over 3 s" in scales.cautions[1]
+    with pytest.raises(CaseError, match="give both relaxation and loading"):
+        compare_scales(1.0, 1.0, 1.0, loading=1.0)
+    with pytest.raises(CaseError, match="macro_length must be positive and finite, got 0"):
+        compare_scales(1.0, 1.0, 0.0)
+
+
+def test_the_length_of_a_cosine_is_its_inverse_wave_number():
+    x = np.arange(400) / 400.0
+    wave = np.cos(2.0 * np.pi * x)
+    assert pressure_length(wave, 1 / 400) == pytest.approx(1 / (2.0 * np.pi), rel=1e-2)
+    assert pressure_length(np.tile(wave, (5, 1)), (3.0, 1 / 400)) == pytest.approx(
+        1 / (2.0 * np.pi), rel=1e-2
+    )
+    assert pressure_length(np.ones(5), 1.0) == np.inf
+
+
+@pytest.mark.parametrize("unit", [1e-6, 1.0, 1e6])
+def test_the_slowest_relaxation_is_found(unit):
+    t = unit * np.linspace(0.0, 10.0, 200)
+    f = 3.0 + 2.0 * np.exp(-t / (0.1 * unit)) + 1.0 * np.exp(-t / (1.5 * unit))
+    assert relaxation_time(t, f) == pytest.approx(1.5 * unit, rel=0.05)
+
+
+def test_a_record_that_has_not_come_to_rest_is_refused_with_the_time_it_needs():
+    t = np.linspace(0.0, 1.0, 50)
+    with pytest.raises(CaseError, match=r"has not come to rest: .* record at least"):
+        relaxation_time(t, np.exp(-t / 5.0))
+    with pytest.raises(CaseError, match="at least 5 rising times"):
+        relaxation_time(t[::-1], t)
+    with pytest.raises(CaseError, match="does not relax in steps"):
+        relaxation_time(t, np.ones(50))

@@ -1,0 +1,148 @@
+"""CSV files of tests and of other codes: units in the head, sentences for what is missing."""
+
+import numpy as np
+import pytest
+
+from multiscale.errors import CaseError
+from multiscale.laws import Exponential
+from multiscale.upscaling import fit_law, law_band, law_from_dataset, observe, read_observations
+
+
+@pytest.fixture
+def write(tmp_path):
+    def _write(text):
+        file = tmp_path / "data.csv"
+        file.write_text(text)
+        return file
+
+    return _write
+
+
+def test_units_are_converted_and_specimens_become_realisations(write):
+    file = write(
+        "Pressure (MPa), specimen, Stiffness [MPa/um], temperature\n"
+        "20, a, 40, 20\n10, a, 21, 20\n10, b, 19, 21\n30, b, 62, 21\n"
+    )
+    seen = read_observations(file, "normal_stiffness")
+    np.testing.assert_allclose(seen.pressure, [1e7, 2e7, 3e7])
+    np.testing.assert_allclose(seen.values, 1e12 * np.array([[21, 40, np.nan], [19, np.nan, 62]]))
+
+
+def test_without_specimens_repeated_points_are_told_apart_by_their_order(write):
+    seen = read_observations(
+        write("pressure (Pa),contact fraction (%)\n1,10\n2,20\n1,12\n"), "contact_fraction"
+    )
+    np.testing.assert_allclose(seen.values, [[0.1, 0.2], [0.12, np.nan]])
+
+
+@pytest.mark.parametrize("family", ["exponential", "power", "convex_decreasing"])
+def test_a_law_is_fitted_to_measured_stiffness(write, family):
+    """K = p / u_0, and gaps count from the largest pressure."""
+    pressure = np.linspace(5.0, 60.0, 12)  # MPa
+    rows = "".join(f"{p},{p / 0.45}\n" for p in pressure)
+    seen = read_observations(
+        write("pressure (MPa),stiffness (MPa/um)\n" + rows), "normal_stiffness"
+    )
+    law = law_from_dataset(fit_law(seen, family=family))
+    if family == "power":  # an exponential law is the limit of large exponents
+        assert law.exponent > 20.0
+    p = np.array([1e7, 3e7, 5e7])
+    np.testing.assert_allclose(law.stiffness(law.gap_at(p)), p / 0.45e-6, rtol=2e-2)
+    np.testing.assert_allclose(law.gap_at(p), 0.45e-6 * np.log(6e7 / p), rtol=2e-2, atol=2e-9)
+
+
+def test_single_measurements_give_bands_from_their_residuals():
+    random, p = np.random.default_rng(seed=2), np.linspace(5e6, 6e7, 20)
+    noisy = p / 0.45e-6 * (1.0 + 0.05 * random.standard_normal(20))
+    law = fit_law(observe("normal_stiffness", p, noisy), family="exponential")
+    assert law.attrs["uncertainty"] == "bootstrap over the residuals of independent points"
+    low, high = law_band(law, lambda one: one.stiffness(one.gap_at(np.array([1e7]))))
+    assert low < 1e7 / 0.45e-6 < high
+    assert (high - low) * 0.45e-6 / 1e7 == pytest.approx(2 * 1.96 * 0.05 / np.sqrt(20), rel=0.5)
+
+
+def test_specimens_give_bands_by_specimen():
+    p = np.linspace(5e6, 6e7, 10)
+    stiffness = p / 0.45e-6 * np.array([[0.9], [1.0], [1.1], [1.05]])
+    law = fit_law(observe("normal_stiffness", p, stiffness), n_samples=100)
+    assert law.attrs["uncertainty"] == "bootstrap over realisations"
+    low, high = law_band(law, lambda one: one.stiffness(one.gap_at(np.array([2e7]))))
+    mean = 1.0125 * 2e7 / 0.45e-6
+    assert low < mean < high
+    assert (high - low) / mean > 0.1
+
+
+@pytest.mark.parametrize(
+    ("text", "sentence"),
+    [
+        (
+            "pressure (MPa),gap (um)\n1,2\n",
+            r"no column stiffness; the first line should name pressure \(MPa\), "
+            r"stiffness \(MPa/um\), found pressure \(MPa\), gap \(um\)",
+        ),
+        ("", "no column pressure and no column stiffness"),
+        (
+            "pressure,stiffness (MPa/um)\n1,2\n",
+            r"'pressure' has no unit; write it in the first line, such as pressure \(MPa\)",
+        ),
+        ("pressure (mm),stiffness (MPa/um)\n1,2\n", r"'pressure \(mm\)': .* cannot be converted"),
+        ("pressure (MPa),stiffness (MPa)\n1,2\n", r"'1 MPa' cannot be converted to Pa/m"),
+        ("pressure (MPa),stiffness (MPa/um)\n1,two\n", "line 2: .* should be a number, got 'two'"),
+        ("pressure (MPa),stiffness (MPa/um)\n-1,2\n", r"pressure must be positive .* got -1e\+06"),
+        ("pressure (MPa),stiffness (MPa/um)\n1,0\n", r"must be positive, got 0 Pa m-1 at 1e\+06"),
+        (
+            "pressure (MPa),stiffness (MPa/um),specimen\n1,5,a\n1,50,a\n",
+            r"specimen a has two values at 1e\+06 Pa, 5e\+12 and 5e\+13 Pa m-1; keep one",
+        ),
+        (
+            "pressure (MPa),stiffness (MPa/um)\n1,9\n2,8\n3,6\n4,5\n5,4\n",
+            "stiffness falls as the pressure rises, as its power -0.5,",
+        ),
+    ],
+)
+def test_files_that_cannot_be_used_are_refused_with_what_would_be_enough(write, text, sentence):
+    with pytest.raises(CaseError, match=sentence):
+        read_observations(write(text), "normal_stiffness")
+
+
+@pytest.mark.parametrize(
+    ("make", "sentence"),
+    [
+        (lambda p: observe("stifness", p, p), "no quantity 'stifness'; choose from gap"),
+        (lambda p: observe("friction_coefficient", p, p), "depends on pressure and speed"),
+        (lambda p: observe("gap", p, np.full(3, np.nan)), "no value of gap was observed"),
+        (
+            lambda p: fit_law(observe("friction_coefficient", (p, p), p / 3e7)),
+            "several ways; choose family = 'coulomb' or 'decaying' or 'bell'",
+        ),
+        (
+            lambda p: fit_law(observe("recovery", (p, 2 * p), 1e-7 + 0 * p)),
+            r"choose family = unloading_family\(loading law\)",
+        ),
+        (lambda p: fit_law(observe("gap", p, np.array([3e-6, 1e-6, 2e-6]))), "does not fall"),
+    ],
+)
+def test_observations_that_cannot_be_used_are_refused(make, sentence):
+    with pytest.raises(CaseError, match=sentence):
+        make(np.array([1e6, 2e6, 3e6]))
+
+
+def test_bands_ask_for_enough_realisations_and_samples():
+    p = np.geomspace(1e6, 1e8, 8)
+    gaps = Exponential(4e8, 1e-6).gap_at(p) * np.array([[1.0], [1.1], [0.95]])
+
+    def band(confidence, n=3, samples=200):
+        fit = fit_law(
+            observe("gap", p, np.tile(gaps, (2, 1))[:n]), family="exponential", n_samples=samples
+        )
+        return law_band(fit, lambda law: law.gap_at(p), confidence=confidence)
+
+    with pytest.raises(CaseError, match="3 realisations are too few for a band of 95 %; use at le"):
+        band(0.95)
+    band(0.9)
+    with pytest.raises(CaseError, match=r"4 realisations are too few for a band of 99.9 %.* 5"):
+        band(0.999, n=4)
+    with pytest.raises(CaseError, match=r"50 samples are too few .* n_samples = 80"):
+        band(0.95, n=5, samples=50)
+    narrow, wide = band(0.8, n=5), band(0.95, n=5)
+    assert np.all(wide[1] - wide[0] > narrow[1] - narrow[0])
