@@ -231,6 +231,9 @@ MACRO_RESULT = Schema(
             ("step", "link", "part"), "N m", "torsion and end moments of beams in their axes"
         ),
         "iterations": Variable(("step",), "1", "number of residuals that the solver computed"),
+        "krylov_iterations": Variable(
+            ("step",), "1", "number of iterations of the linear solver in all Newton steps"
+        ),
         "error_bound": Variable(
             ("step",), "1", "guaranteed bound on the error of the tensions relative to their change"
         ),
