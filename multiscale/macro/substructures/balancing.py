@@ -1,13 +1,14 @@
 """Balancing domain decomposition by constraints: a preconditioner for the shared unknowns."""
 
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
 from scipy.sparse import coo_array, csr_array
 
-from multiscale.linalg import factorise
 from multiscale.macro.discrete.cholesky import Solve
 from multiscale.macro.substructures.condensation import Split
+from multiscale.macro.substructures.problem import Interface
 
 __all__ = ["Balancing", "Layout", "lay_out", "prepare_balancing"]
 
@@ -25,6 +26,8 @@ class Layout:
     constraint : ndarray, shape (substructures, c, w)
         Coarse unknowns from the shared ones.
     n_shared, n_coarse : int
+    faces : list of list of (int, ndarray)
+        For every interface its substructures and, in each, the columns of its unknowns.
     """
 
     shared: np.ndarray
@@ -32,6 +35,7 @@ class Layout:
     constraint: np.ndarray
     n_shared: int
     n_coarse: int
+    faces: list[list[tuple[int, np.ndarray]]]
 
     def gather(self, blocks: list[np.ndarray]) -> np.ndarray:
         """Matrices of the substructures in one array, shape (substructures, w, w)."""
@@ -50,7 +54,9 @@ class Layout:
         return np.bincount(self.shared.ravel(), value.ravel(), self.n_shared + 1)[:-1]
 
 
-def lay_out(parts: Split, slot: np.ndarray, basis: csr_array) -> Layout:
+def lay_out(
+    parts: Split, slot: np.ndarray, basis: csr_array, interfaces: Sequence[Interface]
+) -> Layout:
     """Make the tables.
 
     Parameters
@@ -60,6 +66,8 @@ def lay_out(parts: Split, slot: np.ndarray, basis: csr_array) -> Layout:
         Row of ``basis`` that every shared unknown of a substructure is.
     basis : csr_array, shape (shared, coarse)
         Motions whose amount all substructures have in common.
+    interfaces : sequence of Interface
+        Perfect ones, whose unknowns are the rows of ``basis`` one after the other.
     """
     n_shared, n_coarse = basis.shape
     count = parts.edge_start.size - 1
@@ -73,7 +81,13 @@ def lay_out(parts: Split, slot: np.ndarray, basis: csr_array) -> Layout:
     for part, (block, item) in enumerate(zip(own, used, strict=True)):
         coarse[part, : item.size] = item
         constraint[part, : item.size, : block.shape[0]] = block[:, item].toarray().T
-    return Layout(shared, coarse, constraint, n_shared, n_coarse)
+    order, faces, first = np.argsort(shared, axis=1), [], 0
+    for face in interfaces:
+        rows = np.arange(first, first + face.size)
+        at = [order[part][np.searchsorted(shared[part][order[part]], rows)] for part in face.sides]
+        faces.append(list(zip(face.sides, at, strict=True)))
+        first += face.size
+    return Layout(shared, coarse, constraint, n_shared, n_coarse, faces)
 
 
 @dataclass(frozen=True, eq=False)
@@ -96,7 +110,6 @@ class Balancing:
     """
 
     layout: Layout
-    scaling: np.ndarray
     fine: np.ndarray
     right: np.ndarray
     left: np.ndarray
@@ -105,17 +118,22 @@ class Balancing:
     def __call__(self, force: np.ndarray) -> np.ndarray:
         """Approximate displacement of the shared unknowns for a force on them."""
         layout = self.layout
-        own = self.scaling * layout.take(force)
+        own = layout.take(force)
         u = np.einsum("pij,pj->pi", self.fine, own)
         if self.solve is not None:
             amount = np.einsum("pij,pj->pi", self.left, own)
             total = np.bincount(layout.coarse.ravel(), amount.ravel(), layout.n_coarse + 1)
             w = np.append(self.solve(total[:-1]), 0.0)
             u += np.einsum("pij,pj->pi", self.right, w[layout.coarse])
-        return layout.add(self.scaling * u)
+        return layout.add(u)
 
 
-def prepare_balancing(layout: Layout, schur: np.ndarray, added: np.ndarray) -> Balancing:
+def prepare_balancing(
+    layout: Layout,
+    schur: np.ndarray,
+    added: np.ndarray,
+    factorise: Callable[[csr_array], Solve],
+) -> Balancing:
     """Invert (2) for every substructure and factorise the coarse matrix.
 
     Parameters
@@ -125,14 +143,13 @@ def prepare_balancing(layout: Layout, schur: np.ndarray, added: np.ndarray) -> B
         N/m; not necessarily symmetric.
     added : ndarray, shape (substructures, w)
         Stiffness added to its diagonal, N/m, so that no mechanism is left.
+    factorise : callable
+        Gives the solve with the coarse matrix.
     """
     count, width = layout.shared.shape
     size = layout.coarse.shape[1]
     real, wanted = layout.shared < layout.n_shared, layout.coarse < layout.n_coarse
     diagonal = np.where(real, np.einsum("pii->pi", schur) + added, 0.0)
-    total = layout.take(layout.add(diagonal))
-    scaling = np.divide(diagonal, total, out=np.zeros_like(total), where=real)
-
     unit = np.max(diagonal, axis=1, initial=0.0)
     unit[unit <= 0.0] = 1.0
     matrix = np.zeros((count, width + size, width + size))
@@ -152,11 +169,28 @@ def prepare_balancing(layout: Layout, schur: np.ndarray, added: np.ndarray) -> B
     assembled = coo_array(
         (coarse[kept], (rows[kept], columns[kept])), shape=(layout.n_coarse,) * 2
     )
+    D = _scaling(layout, schur, added)
     return Balancing(
         layout,
-        scaling,
-        inverse[:, :width, :width] / unit[:, None, None],
-        inverse[:, :width, width:],
-        inverse[:, width:, :width],
-        factorise(csr_array(assembled), name="the coarse matrix") if layout.n_coarse else None,
+        D @ (inverse[:, :width, :width] / unit[:, None, None]) @ D.transpose(0, 2, 1),
+        D @ inverse[:, :width, width:],
+        inverse[:, width:, :width] @ D.transpose(0, 2, 1),
+        factorise(csr_array(assembled)) if layout.n_coarse else None,
     )
+
+
+def _scaling(layout: Layout, schur: np.ndarray, added: np.ndarray) -> np.ndarray:
+    r"""Share of every substructure in the motion of an interface :math:`F`.
+
+    .. math:: D_E = \Big( \sum_{E'} S_{E'}^{FF} \Big)^{-1} S_E^{FF}    \tag{3}
+    """
+    D = np.zeros_like(schur)
+    for face in layout.faces:
+        blocks = []
+        for part, at in face:
+            block = schur[part][np.ix_(at, at)]
+            blocks.append(0.5 * (block + block.T) + np.diag(added[part, at]))
+        shares = np.linalg.solve(sum(blocks), np.concatenate(blocks, axis=1))
+        for (part, at), share in zip(face, np.split(shares, len(face), axis=1), strict=True):
+            D[part][np.ix_(at, at)] = share
+    return D

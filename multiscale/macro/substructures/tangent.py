@@ -72,12 +72,13 @@ class Newton:
         sides, slot = lay_out_sides(carried), np.zeros(self.stack.n, dtype=int)
         slot[self.stack.trace.indices] = sides.slot
         self.slot = slot[self.parts.edge]
-        self.layout = lay_out(self.parts, self.slot, coarse_basis(carried))
+        basis = coarse_basis(carried)
+        self.layout = lay_out(self.parts, self.slot, basis, carried.interfaces)
         self.jumps = [self._placed(joint.jump, joint.owner) for joint in self.joints]
         self.states = [np.zeros((item.law.n_state, item.weight.size)) for item in self.joints]
         links = self.stack.links
         self.taut = self.stack.matrix(links.stiffness, None).diagonal()
-        self.factors = Factors()
+        self.factors = Factors(), Factors()
         self.u, self.elastic = np.zeros(problem.n), np.zeros(links.stiffness.size)
 
     def _placed(self, operator: csr_array, part: int) -> csr_array:
@@ -159,7 +160,7 @@ class Newton:
             blocks = [[diags_array(entry) for entry in row] for row in tangent]
             matrix = matrix + jump.T @ block_array(blocks, format="csr") @ jump
         matrix = csr_array(matrix + HELD * diags_array(self.taut))
-        condensed = condense(matrix, self.parts, self.factors if symmetric else factorise)
+        condensed = condense(matrix, self.parts, self.factors[0] if symmetric else factorise)
         edge, count = self._solve_shared(condensed, balance.force, accuracy, symmetric)
         u = condensed.expand(balance.force, edge[self.slot])
         direction = np.zeros(self.problem.n)
@@ -176,7 +177,8 @@ class Newton:
         schur = layout.gather(condensed.blocks)
         added = np.zeros(layout.shared.shape)
         added[self.parts.owner, self.parts.column] = REGULAR * self.taut[self.parts.edge]
-        balancing = prepare_balancing(layout, schur, added)
+        coarse = self.factors[1] if symmetric else factorise
+        balancing = prepare_balancing(layout, schur, added, coarse)
 
         def multiply(x: np.ndarray) -> np.ndarray:
             return layout.add(np.einsum("pij,pj->pi", schur, layout.take(x)))
