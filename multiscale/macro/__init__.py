@@ -28,7 +28,7 @@ from multiscale.macro.discrete import (
 from multiscale.macro.dynamics import simulate
 from multiscale.macro.joint import Block, RoughJoint, assemble_joint, rough_joint
 from multiscale.macro.monolithic import solve_interface
-from multiscale.macro.substructures import cut_bodies, cut_links, solve_latin
+from multiscale.macro.substructures import cut_bodies, cut_links, solve_latin, solve_schur
 
 __all__ = [
     "Block",
@@ -56,6 +56,7 @@ __all__ = [
     "solve_contact",
     "solve_interface",
     "solve_latin",
+    "solve_schur",
     "solve_static",
     "system_from_mesh",
     "system_from_table",

@@ -53,6 +53,10 @@ class Layout:
         """Add up over the substructures, shape (shared,)."""
         return np.bincount(self.shared.ravel(), value.ravel(), self.n_shared + 1)[:-1]
 
+    def multiply(self, schur: np.ndarray, value: np.ndarray) -> np.ndarray:
+        """Apply the sum of the matrices of the substructures, shape (shared,)."""
+        return self.add(np.einsum("pij,pj->pi", schur, self.take(value)))
+
 
 def lay_out(
     parts: Split, slot: np.ndarray, basis: csr_array, interfaces: Sequence[Interface]
@@ -166,9 +170,7 @@ def prepare_balancing(
     rows = np.broadcast_to(layout.coarse[:, :, None], coarse.shape)
     columns = np.broadcast_to(layout.coarse[:, None, :], coarse.shape)
     kept = wanted[:, :, None] & wanted[:, None, :]
-    assembled = coo_array(
-        (coarse[kept], (rows[kept], columns[kept])), shape=(layout.n_coarse,) * 2
-    )
+    assembled = coo_array((coarse[kept], (rows[kept], columns[kept])), shape=(layout.n_coarse,) * 2)
     D = _scaling(layout, schur, added)
     return Balancing(
         layout,

@@ -74,9 +74,7 @@ class Condensed:
         return u
 
 
-def condense(
-    matrix: csr_array, parts: Split, factorise: Callable[[csr_array], Solve]
-) -> Condensed:
+def condense(matrix: csr_array, parts: Split, factorise: Callable[[csr_array], Solve]) -> Condensed:
     """Condense a block-diagonal matrix; all substructures are solved at once.
 
     Parameters

@@ -1,6 +1,7 @@
 r"""Newton steps of a structure that has been cut."""
 
 from dataclasses import dataclass
+from functools import partial
 
 import numpy as np
 from scipy.sparse import block_array, csr_array, diags_array
@@ -28,7 +29,7 @@ slack."""
 LOOSE, FINEST = 1e-2, 1e-10
 """Largest and smallest residual at which a linear system counts as solved."""
 
-KRYLOV, RESTART = 500, 100
+KRYLOV, RESTART = 200, 100
 """Iterations of a linear system, and those before GMRES starts anew."""
 
 
@@ -180,16 +181,13 @@ class Newton:
         coarse = self.factors[1] if symmetric else factorise
         balancing = prepare_balancing(layout, schur, added, coarse)
 
-        def multiply(x: np.ndarray) -> np.ndarray:
-            return layout.add(np.einsum("pij,pj->pi", schur, layout.take(x)))
-
         def note(_: object) -> None:
             nonlocal count
             count += 1
 
         right = np.bincount(self.slot, condensed.reduce(force), minlength=n)
         bound = accuracy * float(np.linalg.norm(self.assemble(force)))
-        S = LinearOperator((n, n), matvec=multiply, dtype=float)
+        S = LinearOperator((n, n), matvec=partial(layout.multiply, schur), dtype=float)
         M = LinearOperator((n, n), matvec=balancing, dtype=float)
         options = {"rtol": 0.0, "atol": bound, "M": M, "maxiter": KRYLOV, "callback": note}
         if symmetric:
