@@ -168,8 +168,9 @@ def exact_step(
     """Zero of the piecewise linear slope of the energy, by Newton inside a bracket.
 
     Elastic changes of the tensions, their growth with the step, and their bounds are in N,
-    ``work`` of the forces out of balance along the direction in J. The slope is that at the start, less ``work``, and what the tensions gain: a difference of
-    nearly equal sums would lose it near the solution.
+    ``work`` of the forces out of balance along the direction in J. The slope is that at the
+    start, less ``work``, and what the tensions gain: a difference of nearly equal sums would
+    lose it near the solution.
     """
     low, high, step = 0.0, np.inf, 1.0
     for _ in range(100):

@@ -77,7 +77,9 @@ def lay_out(
     count = parts.edge_start.size - 1
     shared = np.full((count, int(np.diff(parts.edge_start).max(initial=0))), n_shared)
     shared[parts.owner, parts.column] = slot
-    own = [basis[slot[a:b]] for a, b in zip(parts.edge_start[:-1], parts.edge_start[1:], strict=1)]
+    own = [
+        basis[slot[a:b]] for a, b in zip(parts.edge_start[:-1], parts.edge_start[1:], strict=True)
+    ]
     used = [np.unique(block.indices) for block in own]
     width = max((item.size for item in used), default=0)
     coarse = np.full((count, width), n_coarse)
@@ -96,7 +98,7 @@ def lay_out(
 
 @dataclass(frozen=True, eq=False)
 class Balancing:
-    r"""The preconditioner
+    r"""Preconditioner by balanced solves of the substructures.
 
     .. math:: M^{-1} = \sum_E R_E^T D_E (Z_E + \Phi_E L^{-1} \Psi_E^T) D_E R_E,    \tag{1}
 

@@ -5,6 +5,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from scipy.sparse import csr_array
 
+from multiscale.errors import CaseError
 from multiscale.laws.base import InterfaceLaw
 from multiscale.macro.substructures.problem import Problem, Substructure
 
@@ -38,6 +39,11 @@ def carry_joints(problem: Problem) -> tuple[Problem, list[CarriedJoint]]:
     What was a joint between two substructures is then a perfect interface, on the first side of
     the joint, between one of them and the other with the joint: its stiffness, from none to
     rigid, is that of a substructure.
+
+    Raises
+    ------
+    CaseError
+        If a joint has no law.
     """
     parts = list(problem.substructures)
     for joint in problem.joints:
@@ -58,7 +64,8 @@ def carry_joints(problem: Problem) -> tuple[Problem, list[CarriedJoint]]:
             (rows.data, (rows.coords[0], place[rows.coords[1]])), shape=(joint.size, part.n)
         )
         above = csr_array((upper.data, upper.indices, upper.indptr), shape=(joint.size, part.n))
-        assert joint.law is not None
+        if joint.law is None:
+            raise CaseError(f"a joint of substructures {joint.sides} needs a law")
         carried.append(CarriedJoint(second, csr_array(above - below), joint.law, joint.weight))
     return Problem(tuple(parts), problem.position, problem.number), carried
 

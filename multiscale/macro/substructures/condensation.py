@@ -31,7 +31,7 @@ class Split:
     @property
     def column(self) -> np.ndarray:
         """Number of every shared unknown in its substructure."""
-        return np.arange(self.edge.size) - np.repeat(self.edge_start[:-1], np.diff(self.edge_start))
+        return np.asarray(np.arange(self.edge.size) - self.edge_start[self.owner])
 
     @property
     def owner(self) -> np.ndarray:

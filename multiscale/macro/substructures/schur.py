@@ -119,7 +119,7 @@ def _solve_step(
             break
         try:
             krylov += method.advance(balance, tolerance)
-        except MultiscaleError:  # the tangent is singular
+        except (MultiscaleError, np.linalg.LinAlgError):  # the tangent is singular
             status = Status.STALLED
             break
     converged = status is Status.CONVERGED

@@ -78,7 +78,7 @@ class Newton:
         self.jumps = [self._placed(joint.jump, joint.owner) for joint in self.joints]
         self.states = [np.zeros((item.law.n_state, item.weight.size)) for item in self.joints]
         links = self.stack.links
-        self.taut = self.stack.matrix(links.stiffness, None).diagonal()
+        self.taut = self.assemble(self.stack.matrix(links.stiffness, None).diagonal())[self.unknown]
         self.factors = Factors(), Factors()
         self.u, self.elastic = np.zeros(problem.n), np.zeros(links.stiffness.size)
 
@@ -117,6 +117,7 @@ class Newton:
         u, tension = self.u[self.unknown], self.tension()
         inner = self.stack.stiffness @ u
         force = self.load - inner - self.stack.links.operator.T @ tension
+        # a body that runs away without force must not look balanced: no |K| |u| here
         tangents, largest = [], max(np.abs(inner).max(), np.abs(tension).max(initial=0.0))
         for joint, jump, state in zip(self.joints, self.jumps, self.states, strict=True):
             response = joint.law.respond((jump @ u).reshape(3, -1), state)
@@ -212,7 +213,7 @@ class Newton:
         )
 
     def _slope(self, step: float, direction: np.ndarray, growth: np.ndarray) -> float:
-        """Derivative of the energy along a direction, J."""
+        """Differentiate the energy along a direction, J."""
         here = self.u, self.elastic
         self.u, self.elastic = here[0] + step * direction, here[1] + step * growth
         force = self.balance().force
