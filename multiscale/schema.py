@@ -12,6 +12,7 @@ if TYPE_CHECKING:
 __all__ = [
     "COMPONENTS",
     "FIELDS",
+    "HOMOGENISED",
     "INTERFACE_LAW",
     "MACRO_RESULT",
     "MICRO_RESPONSE",
@@ -259,6 +260,27 @@ MACRO_RESULT = Schema(
     },
 )
 
+HOMOGENISED = Schema(
+    name="homogenised",
+    version=1,
+    variables={
+        "stiffness": Variable(
+            ("status", "substructure", "resultant", "other_resultant"),
+            "N m-1",
+            "stiffness condensed on the resultants of the interfaces, NaN beyond their number",
+        ),
+        "coarse_unknown": Variable(
+            ("substructure", "resultant"), "1", "number of the resultant in the structure, or -1"
+        ),
+        "rigid_motion": Variable(
+            ("substructure", "resultant", "motion"),
+            "1",
+            "coarse motion in three translations, and in three rotations times m",
+        ),
+        "slack_links": Variable(("substructure",), "1", "number of slack links"),
+    },
+)
+
 FIELDS = Schema(
     name="fields",
     version=1,
@@ -311,5 +333,12 @@ WORK_PRECISION = Schema(
 
 SCHEMAS = {
     schema.name: schema
-    for schema in (MICRO_RESPONSE, INTERFACE_LAW, MACRO_RESULT, FIELDS, WORK_PRECISION)
+    for schema in (
+        MICRO_RESPONSE,
+        INTERFACE_LAW,
+        MACRO_RESULT,
+        HOMOGENISED,
+        FIELDS,
+        WORK_PRECISION,
+    )
 }

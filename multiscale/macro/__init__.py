@@ -28,7 +28,13 @@ from multiscale.macro.discrete import (
 from multiscale.macro.dynamics import simulate
 from multiscale.macro.joint import Block, RoughJoint, assemble_joint, rough_joint
 from multiscale.macro.monolithic import solve_interface
-from multiscale.macro.substructures import cut_bodies, cut_links, solve_latin, solve_schur
+from multiscale.macro.substructures import (
+    cut_bodies,
+    cut_links,
+    homogenise,
+    solve_latin,
+    solve_schur,
+)
 
 __all__ = [
     "Block",
@@ -47,6 +53,7 @@ __all__ = [
     "critical_factor",
     "cut_bodies",
     "cut_links",
+    "homogenise",
     "load_mesh",
     "mechanism_modes",
     "quadruplex_module",

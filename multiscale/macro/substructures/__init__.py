@@ -2,6 +2,7 @@
 
 from multiscale.macro.substructures.bodies import Joint, cut_bodies, split_boxes
 from multiscale.macro.substructures.cut import bisect, cut_links, split_grid
+from multiscale.macro.substructures.homogenised import homogenise
 from multiscale.macro.substructures.parallel import Alone, Ranks, Team
 from multiscale.macro.substructures.problem import Interface, Links, Problem, Substructure
 from multiscale.macro.substructures.schur import solve_schur
@@ -19,6 +20,7 @@ __all__ = [
     "bisect",
     "cut_bodies",
     "cut_links",
+    "homogenise",
     "solve_latin",
     "solve_schur",
     "split_boxes",
