@@ -20,7 +20,9 @@ HELD = 1e-12
 """Stiffness lent to every unknown, relative to its diagonal, for mechanisms inside."""
 
 
-def homogenise(problem: Problem, result: "xr.Dataset", step: int = -1) -> "xr.Dataset":
+def homogenise(
+    problem: Problem, result: "xr.Dataset | None" = None, *, step: int = -1
+) -> "xr.Dataset":
     r"""Condense every substructure onto the resultants of its interfaces.
 
     .. math::
@@ -34,8 +36,8 @@ def homogenise(problem: Problem, result: "xr.Dataset", step: int = -1) -> "xr.Da
     ----------
     problem : Problem
         The structure, cut.
-    result : Dataset
-        Says by ``slack (step, link)`` which links are slack; of a structure without links, any.
+    result : Dataset, optional
+        Says by ``slack (step, link)`` which links are slack; not needed without links.
     step : int
         Step of the result.
 
@@ -55,8 +57,11 @@ def homogenise(problem: Problem, result: "xr.Dataset", step: int = -1) -> "xr.Da
     -----
     With :math:`G = C (K + \kappa C^T C)^{-1} C^T`, (1) is :math:`G^{-1} - \kappa I` for every
     :math:`\kappa > 0`, even where :math:`K` is singular; here it is the largest stiffness of an
-    unknown. The coarse motions of an interface are orthonormal, so that a motion of size
-    :math:`w` moves its nodes by :math:`w` in the sum of squares.
+    unknown. The coarse motions of an interface are orthonormal in its nodes (of a joint, in its
+    points).
+
+    The kernel holds the rigid motions of a substructure without supports, and the mechanisms of
+    its links: a floating part of a tensegrity may have some although all its links are taut.
     """
     slack = _slack_links(problem, result, step)
     parts = stack(problem, range(len(problem.substructures)))
@@ -86,12 +91,14 @@ def homogenise(problem: Problem, result: "xr.Dataset", step: int = -1) -> "xr.Da
     return dataset.assign_coords(status=["taut", "slackened"])
 
 
-def _slack_links(problem: Problem, result: "xr.Dataset", step: int) -> np.ndarray:
+def _slack_links(problem: Problem, result: "xr.Dataset | None", step: int) -> np.ndarray:
     """Which links are slack, shape (links,)."""
     if not problem.n_links:
         return np.zeros(0, dtype=bool)
-    if "slack" not in result:
-        raise CaseError("the result has no variable 'slack'; give that of a solver of this problem")
+    if result is None or "slack" not in result:
+        raise CaseError(
+            f"the {problem.n_links} links need a result with 'slack'; give that of a solver"
+        )
     slack = result.slack.isel(step=step) if "step" in result.slack.dims else result.slack
     if slack.shape != (problem.n_links,):
         raise CaseError(
