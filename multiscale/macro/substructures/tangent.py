@@ -10,7 +10,7 @@ from scipy.sparse.linalg import LinearOperator, cg, gmres
 from multiscale.linalg import factorise
 from multiscale.macro.discrete.newton import Lending, exact_step
 from multiscale.macro.line_search import step_length
-from multiscale.macro.substructures.balancing import lay_out, prepare_balancing
+from multiscale.macro.substructures.balancing import Balancing, lay_out, prepare_balancing
 from multiscale.macro.substructures.carried import carry_joints
 from multiscale.macro.substructures.coarse import coarse_basis
 from multiscale.macro.substructures.condensation import Condensed, condense, split
@@ -53,6 +53,16 @@ class Balance:
     tangents: list[np.ndarray]
 
 
+@dataclass(frozen=True, eq=False)
+class _Factored:
+    """A tangent, condensed; its Schur complements in one table; and its preconditioner."""
+
+    condensed: Condensed
+    schur: np.ndarray
+    balancing: Balancing
+    symmetric: bool
+
+
 class Newton:
     r"""A structure, the displacement reached, and steps towards equilibrium.
 
@@ -80,6 +90,8 @@ class Newton:
         links = self.stack.links
         self.taut = self.assemble(self.stack.matrix(links.stiffness, None).diagonal())[self.unknown]
         self.factors = Factors(), Factors()
+        self.factored: _Factored | None = None
+        self.key = np.zeros(0)
         self.u, self.elastic = np.zeros(problem.n), np.zeros(links.stiffness.size)
 
     def _placed(self, operator: csr_array, part: int) -> csr_array:
@@ -154,6 +166,17 @@ class Newton:
         self, balance: Balance, carries: np.ndarray, accuracy: float
     ) -> tuple[np.ndarray, int]:
         """Newton direction and the number of iterations that it took."""
+        key = np.append(carries, self.lending.share)
+        if self.joints or self.factored is None or not np.array_equal(key, self.key):
+            self.factored, self.key = self._factorise(balance, carries), key
+        edge, count = self._solve_shared(self.factored, balance.force, accuracy)
+        direction = np.zeros(self.problem.n)
+        u = self.factored.condensed.expand(balance.force, edge[self.slot])
+        direction[self.unknown] = u
+        return direction, count
+
+    def _factorise(self, balance: Balance, carries: np.ndarray) -> _Factored:
+        """Condense the tangent and prepare what preconditions it."""
         share = np.where(carries, 1.0, self.lending.share)
         matrix = self.stack.matrix(share * self.stack.links.stiffness, None)
         symmetric = True
@@ -162,36 +185,32 @@ class Newton:
             blocks = [[diags_array(entry) for entry in row] for row in tangent]
             matrix = matrix + jump.T @ block_array(blocks, format="csr") @ jump
         matrix = csr_array(matrix + HELD * diags_array(self.taut))
-        condensed = condense(matrix, self.parts, self.factors[0] if symmetric else factorise)
-        edge, count = self._solve_shared(condensed, balance.force, accuracy, symmetric)
-        u = condensed.expand(balance.force, edge[self.slot])
-        direction = np.zeros(self.problem.n)
-        direction[self.unknown] = u
-        return direction, count
+        inside, coarse = self.factors if symmetric else (factorise, factorise)
+        condensed = condense(matrix, self.parts, inside)
+        schur = self.layout.gather(condensed.blocks)
+        added = np.zeros(self.layout.shared.shape)
+        added[self.parts.owner, self.parts.column] = REGULAR * self.taut[self.parts.edge]
+        balancing = prepare_balancing(self.layout, schur, added, coarse)
+        return _Factored(condensed, schur, balancing, symmetric)
 
     def _solve_shared(
-        self, condensed: Condensed, force: np.ndarray, accuracy: float, symmetric: bool
+        self, factored: _Factored, force: np.ndarray, accuracy: float
     ) -> tuple[np.ndarray, int]:
         """Displacement of the shared unknowns by a preconditioned Krylov method."""
         layout, n, count = self.layout, self.layout.n_shared, 0
         if not n:
             return np.zeros(0), 0
-        schur = layout.gather(condensed.blocks)
-        added = np.zeros(layout.shared.shape)
-        added[self.parts.owner, self.parts.column] = REGULAR * self.taut[self.parts.edge]
-        coarse = self.factors[1] if symmetric else factorise
-        balancing = prepare_balancing(layout, schur, added, coarse)
 
         def note(_: object) -> None:
             nonlocal count
             count += 1
 
-        right = np.bincount(self.slot, condensed.reduce(force), minlength=n)
+        right = np.bincount(self.slot, factored.condensed.reduce(force), minlength=n)
         bound = accuracy * float(np.linalg.norm(self.assemble(force)))
-        S = LinearOperator((n, n), matvec=partial(layout.multiply, schur), dtype=float)
-        M = LinearOperator((n, n), matvec=balancing, dtype=float)
+        S = LinearOperator((n, n), matvec=partial(layout.multiply, factored.schur), dtype=float)
+        M = LinearOperator((n, n), matvec=factored.balancing, dtype=float)
         options = {"rtol": 0.0, "atol": bound, "M": M, "maxiter": KRYLOV, "callback": note}
-        if symmetric:
+        if factored.symmetric:
             return cg(S, right, **options)[0], count
         options |= {"restart": RESTART, "maxiter": KRYLOV // RESTART, "callback_type": "pr_norm"}
         return gmres(S, right, **options)[0], count
