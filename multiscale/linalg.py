@@ -2,7 +2,10 @@
 
 import warnings
 from collections.abc import Callable
+from copy import copy
+from functools import cache
 from importlib import import_module
+from typing import Any
 
 import numpy as np
 from numpy.linalg import norm
@@ -98,9 +101,8 @@ def _factors(matrix: csr_array | np.ndarray) -> Solve:
             dense = lu_factor(matrix)
         return lambda rhs: np.asarray(lu_solve(dense, rhs, check_finite=False))
     scale = _diagonal_scale(matrix)
-    try:
-        pardiso = import_module("pypardiso")
-    except ImportError:
+    solver = _new_pardiso()
+    if solver is None:
         return _superlu_factors(matrix, scale)
 
     # scaled, because PARDISO lifts pivots that are small relative to the whole matrix
@@ -108,10 +110,28 @@ def _factors(matrix: csr_array | np.ndarray) -> Solve:
     rows.sum_duplicates()
     if not np.all(np.diff(rows.indptr)):
         raise RuntimeError("PARDISO cannot take an empty row")
-    solver = pardiso.PyPardisoSolver()
     solver.factorize(rows)
 
     return lambda rhs: _scaled_solve(lambda b: solver.solve(rows, b), scale, rhs)
+
+
+def _new_pardiso() -> Any:
+    """Return a fresh solver, or nothing without pypardiso."""
+    blank = _blank_pardiso()
+    if blank is None:
+        return None
+    solver = copy(blank)
+    solver.pt, solver.iparm = blank.pt.copy(), blank.iparm.copy()
+    return solver
+
+
+@cache
+def _blank_pardiso() -> Any:
+    """Load the library; pypardiso searches the file system for it every time."""
+    try:
+        return import_module("pypardiso").PyPardisoSolver()
+    except ImportError:
+        return None
 
 
 def _superlu_factors(matrix: csr_array, scale: np.ndarray) -> Solve:

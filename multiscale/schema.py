@@ -15,6 +15,7 @@ __all__ = [
     "ERROR_BUDGET",
     "FATIGUE",
     "FIELDS",
+    "HOMOGENISED",
     "INTERFACE_LAW",
     "LAW_COMPARISON",
     "MACRO_RESULT",
@@ -263,6 +264,9 @@ MACRO_RESULT = Schema(
             ("step", "link", "part"), "N m", "torsion and end moments of beams in their axes"
         ),
         "iterations": Variable(("step",), "1", "number of residuals that the solver computed"),
+        "krylov_iterations": Variable(
+            ("step",), "1", "number of iterations of the linear solver in all Newton steps"
+        ),
         "error_bound": Variable(
             ("step",), "1", "guaranteed bound on the error of the tensions relative to their change"
         ),
@@ -307,6 +311,27 @@ LAW_COMPARISON = Schema(
         "akaike_criterion": Variable(("family",), "1", "corrected information criterion"),
         "akaike_weight": Variable(("family",), "1", "relative likelihood of the family"),
         "admissible": Variable(("family",), "1", "whether the law is admissible"),
+    },
+)
+
+HOMOGENISED = Schema(
+    name="homogenised",
+    version=1,
+    variables={
+        "stiffness": Variable(
+            ("status", "substructure", "resultant", "other_resultant"),
+            "N m-1",
+            "stiffness condensed on the resultants of the interfaces, NaN beyond their number",
+        ),
+        "coarse_unknown": Variable(
+            ("substructure", "resultant"), "1", "number of the resultant in the structure, or -1"
+        ),
+        "rigid_motion": Variable(
+            ("substructure", "resultant", "motion"),
+            "1",
+            "coarse motion in three translations, and in three rotations times m",
+        ),
+        "slack_links": Variable(("substructure",), "1", "number of slack links"),
     },
 )
 
@@ -446,5 +471,6 @@ SCHEMAS = {
         WOEHLER,
         ERROR_BUDGET,
         LAW_COMPARISON,
+        HOMOGENISED,
     )
 }

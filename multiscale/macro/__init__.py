@@ -35,7 +35,13 @@ from multiscale.macro.joint import (
     soften,
 )
 from multiscale.macro.monolithic import solve_interface
-from multiscale.macro.substructures import cut_bodies, cut_links, solve_latin
+from multiscale.macro.substructures import (
+    cut_bodies,
+    cut_links,
+    homogenise,
+    solve_latin,
+    solve_schur,
+)
 
 __all__ = [
     "Block",
@@ -55,6 +61,7 @@ __all__ = [
     "cut_bodies",
     "cut_links",
     "cycled_joint",
+    "homogenise",
     "load_mesh",
     "mechanism_modes",
     "quadruplex_module",
@@ -65,6 +72,7 @@ __all__ = [
     "solve_contact",
     "solve_interface",
     "solve_latin",
+    "solve_schur",
     "solve_static",
     "system_from_mesh",
     "system_from_table",

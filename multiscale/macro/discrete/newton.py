@@ -1,5 +1,6 @@
 """Proximal semismooth Newton for links that go slack."""
 
+from dataclasses import dataclass
 from time import perf_counter
 
 import numba
@@ -12,7 +13,7 @@ from multiscale.macro.discrete.compatibility import Equations
 from multiscale.macro.discrete.state import Limits, State, force_scale, round_off, state_of
 from multiscale.macro.discrete.tangent import Tangent
 
-__all__ = ["RESIDUAL_STIFFNESS", "solve_newton"]
+__all__ = ["RESIDUAL_STIFFNESS", "Lending", "exact_step", "solve_newton"]
 
 RESIDUAL_STIFFNESS = 1e-8
 """Stiffness left to a slack link in the tangent, relative to its own."""
@@ -25,6 +26,39 @@ SHORT_STEP, GOOD_STEP = 0.01, 0.5
 
 PATIENCE = 4
 """Short steps in a row after which the method gives up."""
+
+
+@dataclass
+class Lending:
+    """Stiffness that slack links keep in the tangent, relative to their own.
+
+    Attributes
+    ----------
+    share : float
+    short : int
+        Number of short steps in a row.
+    """
+
+    share: float = RESIDUAL_STIFFNESS
+    short: int = 0
+
+    @property
+    def exhausted(self) -> bool:
+        """Whether more stiffness did not lengthen the steps."""
+        return self.short == PATIENCE
+
+    def settle(self) -> None:
+        """Take back what was lent: the slack links are known."""
+        if not self.short:
+            self.share = RESIDUAL_STIFFNESS
+
+    def follow(self, step: float) -> None:
+        """Lend more after a short step, and less after a good one."""
+        self.short = self.short + 1 if step < SHORT_STEP else 0
+        if self.short:
+            self.share = min(max(10.0 * self.share, SUPPORT), 1.0)
+        elif step > GOOD_STEP:
+            self.share = max(0.1 * self.share, RESIDUAL_STIFFNESS)
 
 
 @np.errstate(over="ignore", invalid="ignore")  # an overflow shows in the residual
@@ -80,8 +114,8 @@ def solve_newton(
     lower, upper = model.lower - model.prestress, model.upper - model.prestress
     elastic = model.stiffness * model.elongate(u)
     residuals, seconds = list[float](), list[float]()
-    status, left, short = Status.MAX_ITERATIONS, RESIDUAL_STIFFNESS, 0
-    solve, lent, factored = taut, left, np.ones(elastic.size, dtype=bool)
+    status, lending = Status.MAX_ITERATIONS, Lending()
+    solve, lent, factored = taut, lending.share, np.ones(elastic.size, dtype=bool)
 
     for iteration in range(limits.max_iterations + 1):
         change = np.clip(elastic, lower, upper)  # tau - tau^0
@@ -95,39 +129,35 @@ def solve_newton(
             status = Status.NOT_FINITE
         elif residuals[-1] <= bound:
             status = Status.CONVERGED
-        elif short == PATIENCE:
+        elif lending.exhausted:
             status = Status.STALLED
         if status is not Status.MAX_ITERATIONS or iteration == limits.max_iterations:
             break
 
         carries = change == elastic
         same = np.array_equal(carries, factored)
-        if same and not short:
-            left = RESIDUAL_STIFFNESS  # the slack links are known
-        if solve is None or not same or left != lent:
-            share = np.where(carries, 1.0, left)
+        if same:
+            lending.settle()
+        if solve is None or not same or lending.share != lent:
+            share = np.where(carries, 1.0, lending.share)
             try:
                 solve = tangent.factorise(tangent.entries(share * model.stiffness))
             except MultiscaleError:
                 status = Status.STALLED
                 break
-            factored, lent = carries, left
+            factored, lent = carries, lending.share
         direction = solve(residual)
         growth = model.stiffness * model.elongate(direction)
         work = float(residual @ direction)
-        step = _exact_step(elastic, growth, model.stiffness, lower, upper, work)
+        step = exact_step(elastic, growth, model.stiffness, lower, upper, work)
         u, elastic = u + step * direction, elastic + step * growth
-        short = short + 1 if step < SHORT_STEP else 0
-        if short:
-            left = min(max(10.0 * left, SUPPORT), 1.0)
-        elif step > GOOD_STEP:
-            left = max(0.1 * left, RESIDUAL_STIFFNESS)
+        lending.follow(step)
 
     return state_of(model, Solution(u, status, tuple(residuals), tuple(seconds)), elastic)
 
 
 @numba.njit(cache=True, error_model="numpy")
-def _exact_step(
+def exact_step(
     elastic: np.ndarray,
     growth: np.ndarray,
     stiffness: np.ndarray,
@@ -137,8 +167,10 @@ def _exact_step(
 ) -> float:
     """Zero of the piecewise linear slope of the energy, by Newton inside a bracket.
 
-    The slope is that at the start, less ``work``, and what the tensions gain: a difference of
-    nearly equal sums would lose it near the solution.
+    Elastic changes of the tensions, their growth with the step, and their bounds are in N,
+    ``work`` of the forces out of balance along the direction in J. The slope is that at the
+    start, less ``work``, and what the tensions gain: a difference of nearly equal sums would
+    lose it near the solution.
     """
     low, high, step = 0.0, np.inf, 1.0
     for _ in range(100):

@@ -5,6 +5,7 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.sparse import csr_array, diags_array
 
+from multiscale.macro.substructures.condensation import condense, split
 from multiscale.macro.substructures.parallel import Team
 from multiscale.macro.substructures.problem import Interface, Problem
 from multiscale.macro.substructures.stack import Factors, Sides, Stack
@@ -87,26 +88,13 @@ def schur_complements(
     """
     matrix = stack.matrix(share * stack.links.stiffness, None)
     matrix = csr_array(matrix + HELD * diags_array(matrix.diagonal()))
-    shared = stack.shared
-    inside, edge = np.flatnonzero(~shared), np.flatnonzero(shared)
-    width_of = [
-        int(shared[a:b].sum()) for a, b in zip(stack.start[:-1], stack.start[1:], strict=True)
+    parts = split(stack.start, stack.shared)
+    blocks = condense(matrix, parts, factors).blocks
+    local = np.split(parts.edge, parts.edge_start[1:-1])
+    return [
+        (edge - first, 0.5 * (block + block.T))
+        for edge, first, block in zip(local, stack.start[:-1], blocks, strict=True)
     ]
-    solve = factors(csr_array(matrix[inside][:, inside]))
-    coupling = csr_array(matrix[inside][:, edge])
-    # the columns of different substructures do not meet, so that all are solved at once
-    place = np.concatenate([np.arange(width) for width in width_of])
-    merged = np.zeros((inside.size, max(width_of, default=0)))
-    entries = coupling.tocoo()
-    merged[entries.coords[0], place[entries.coords[1]]] = entries.data
-    answer = solve(merged)
-    found = []
-    for a, b in zip(stack.start[:-1], stack.start[1:], strict=True):
-        mine, own = np.flatnonzero(shared[a:b]), slice(*np.searchsorted(inside, (a, b)))
-        block = matrix[a + mine][:, a + mine].toarray()
-        block -= merged[own, : mine.size].T @ answer[own, : mine.size]
-        found.append((mine, 0.5 * (block + block.T)))
-    return found
 
 
 def _form(block: np.ndarray) -> tuple[np.ndarray, np.ndarray]:

@@ -7,13 +7,12 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from multiscale.convergence import Status
-from multiscale.errors import CaseError
 from multiscale.macro.substructures.acceleration import Anderson
 from multiscale.macro.substructures.bound import ErrorBound
 from multiscale.macro.substructures.latin import UPDATE, Iterate, Latin
 from multiscale.macro.substructures.parallel import Team
 from multiscale.macro.substructures.problem import Problem
-from multiscale.schema import MACRO_RESULT
+from multiscale.macro.substructures.results import assemble_result, load_factors
 
 if TYPE_CHECKING:
     import xarray as xr
@@ -85,7 +84,7 @@ def solve_latin(
     .. [1] P. Ladevèze, D. Dureisseix, Int. J. Numer. Methods Eng. 48 (2000) 1183-1200.
     .. [2] K. Nineb, P. Alart, D. Dureisseix, Int. J. Numer. Methods Eng. (2007), on tensegrities.
     """
-    factors = _load_factors(problem, load_factor)
+    factors = load_factors(problem, load_factor)
     method = Latin(problem, coarse=coarse, updated=updated, team=team)
     error_bound = None
     if coarse and not problem.joints:
@@ -97,7 +96,12 @@ def solve_latin(
             continue
         load = method.stack.load @ factor
         columns.append(solve_step(method, load, error_bound, tolerance, max_iterations, callback))
-    return _dataset(method, factors, columns)
+    return assemble_result(
+        problem,
+        factors,
+        [column | _fields(method, column.pop("found")) for column in columns],
+        coarse_unknowns=method.n_coarse if method.coarse_wanted else 0,
+    )
 
 
 def solve_step(
@@ -146,45 +150,6 @@ def solve_step(
         "iterations": iteration,
         "wall_time": perf_counter() - clock,
     }
-
-
-def _load_factors(problem: Problem, load_factor: float | np.ndarray) -> np.ndarray:
-    """One row of factors for each step."""
-    factors = np.asarray(load_factor, dtype=float)
-    cases = problem.n_cases
-    if factors.ndim < 2 and cases == 1:
-        factors = factors.reshape(-1, 1)
-    if factors.ndim != 2 or factors.shape[1] != cases or not np.isfinite(factors).all():
-        raise CaseError(
-            f"load_factor must have one finite column for each of {cases} load cases, got shape "
-            f"{np.shape(load_factor)}"
-        )
-    return factors
-
-
-def _dataset(method: Latin, factors: np.ndarray, columns: list[dict[str, Any]]) -> "xr.Dataset":
-    """Put the parts of all processes together."""
-    problem = method.problem
-    values: dict[str, Any] = {
-        name: np.array([column[name] for column in columns])
-        for name in ("converged", "residual", "error_bound", "iterations", "wall_time")
-    }
-    fields = [_fields(method, column["found"]) for column in columns]
-    for name in fields[0]:
-        field = np.array([item[name] for item in fields])
-        field[values["converged"] == 0] = np.nan
-        values[name] = field
-    if factors.shape[1] == 1:
-        values["load_factor"] = factors[:, 0]
-    values["position"] = problem.position
-    result = MACRO_RESULT.build(
-        values,
-        unknowns=problem.n,
-        coarse_unknowns=method.n_coarse if method.coarse_wanted else 0,
-        substructures=len(problem.substructures),
-        interfaces=len(problem.interfaces),
-    )
-    return result.assign_coords(component=["x", "y", "z"])
 
 
 def _fields(method: Latin, found: Iterate) -> dict[str, np.ndarray]:

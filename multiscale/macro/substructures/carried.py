@@ -1,0 +1,91 @@
+"""Give every joint to one of its sides, so that only perfect interfaces remain."""
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+from scipy.sparse import csr_array
+
+from multiscale.errors import CaseError
+from multiscale.laws.base import InterfaceLaw
+from multiscale.macro.substructures.problem import Problem, Substructure
+
+__all__ = ["CarriedJoint", "carry_joints"]
+
+
+@dataclass(frozen=True, eq=False)
+class CarriedJoint:
+    """A joint inside a substructure.
+
+    Attributes
+    ----------
+    owner : int
+        The substructure.
+    jump : csr_array, shape (3 points, n)
+        Jump at the points of the joint from the unknowns of the substructure.
+    law : InterfaceLaw
+    weight : ndarray, shape (points,)
+        m².
+    """
+
+    owner: int
+    jump: csr_array
+    law: InterfaceLaw
+    weight: np.ndarray
+
+
+def carry_joints(problem: Problem) -> tuple[Problem, list[CarriedJoint]]:
+    """Add every joint to its second side, and to it the unknowns of the first side on the joint.
+
+    What was a joint between two substructures is then a perfect interface, on the first side of
+    the joint, between one of them and the other with the joint: its stiffness, from none to
+    rigid, is that of a substructure.
+
+    Raises
+    ------
+    CaseError
+        If a joint has no law.
+    """
+    parts = list(problem.substructures)
+    for joint in problem.joints:
+        first, second = joint.sides
+        touched = np.unique(joint.trace[0].indices)
+        new = ~np.isin(problem.substructures[first].unknown[touched], parts[second].unknown)
+        parts[second] = _widen(parts[second], problem.substructures[first], touched[new])
+    carried = []
+    for joint in problem.joints:
+        first, second = joint.sides
+        part, lower, upper = parts[second], problem.substructures[first], joint.trace[1]
+        order = np.argsort(part.unknown)
+        place = np.zeros(lower.n, dtype=int)
+        touched = np.unique(joint.trace[0].indices)
+        place[touched] = order[np.searchsorted(part.unknown[order], lower.unknown[touched])]
+        rows = joint.trace[0].tocoo()
+        below = csr_array(
+            (rows.data, (rows.coords[0], place[rows.coords[1]])), shape=(joint.size, part.n)
+        )
+        above = csr_array((upper.data, upper.indices, upper.indptr), shape=(joint.size, part.n))
+        if joint.law is None:
+            raise CaseError(f"a joint of substructures {joint.sides} needs a law")
+        carried.append(CarriedJoint(second, csr_array(above - below), joint.law, joint.weight))
+    return Problem(tuple(parts), problem.position, problem.number), carried
+
+
+def _widen(part: Substructure, other: Substructure, unknowns: np.ndarray) -> Substructure:
+    """Append unknowns of another substructure."""
+    n, added = part.n + unknowns.size, unknowns.size
+    K = part.stiffness
+    start = np.append(K.indptr, np.full(added, K.indptr[-1]))
+    links = part.links
+    if links is not None:
+        B = links.operator
+        links = replace(
+            links, operator=csr_array((B.data, B.indices, B.indptr), shape=(B.shape[0], n))
+        )
+    return Substructure(
+        csr_array((K.data, K.indices, start), shape=(n, n)),
+        np.concatenate([part.load, np.zeros((added, part.load.shape[1]))]),
+        np.append(part.unknown, other.unknown[unknowns]),
+        np.concatenate([part.position, other.position[unknowns]]),
+        np.append(part.component, other.component[unknowns]),
+        links,
+    )

@@ -1,0 +1,145 @@
+"""Behaviour of every substructure as its neighbours feel it from afar."""
+
+from typing import TYPE_CHECKING
+
+import numpy as np
+from scipy.sparse import block_diag, csr_array, diags_array
+
+from multiscale.errors import CaseError
+from multiscale.macro.substructures.coarse import coarse_basis
+from multiscale.macro.substructures.problem import Problem
+from multiscale.macro.substructures.stack import Factors, Stack, lay_out_sides, stack
+from multiscale.schema import HOMOGENISED
+
+if TYPE_CHECKING:
+    import xarray as xr
+
+__all__ = ["homogenise"]
+
+HELD = 1e-12
+"""Stiffness lent to every unknown, relative to its diagonal, for mechanisms inside."""
+
+
+def homogenise(
+    problem: Problem, result: "xr.Dataset | None" = None, *, step: int = -1
+) -> "xr.Dataset":
+    r"""Condense every substructure onto the resultants of its interfaces.
+
+    .. math::
+        w^T K_E^H w = \min_{C_E u = w} u^T (K_E + B_E^T k_E B_E) u,    \tag{1}
+
+    the stiffness against the coarse motions :math:`w` of the interfaces while nothing but the
+    resultants :math:`K_E^H w` acts on them; once with all links taut and once without the
+    stiffness of the slack ones.
+
+    Parameters
+    ----------
+    problem : Problem
+        The structure, cut.
+    result : Dataset, optional
+        Says by ``slack (step, link)`` which links are slack; not needed without links.
+    step : int
+        Step of the result.
+
+    Returns
+    -------
+    Dataset
+        Follows ``HOMOGENISED``. ``coarse_unknown`` numbers what a resultant is: two
+        substructures that have it in common share the number, and assembling by it gives the
+        stiffness of the coarse structure.
+
+    Raises
+    ------
+    CaseError
+        If the result is not one of this structure, or its step did not converge.
+
+    Notes
+    -----
+    With :math:`G = C (K + \kappa C^T C)^{-1} C^T`, (1) is :math:`G^{-1} - \kappa I` for every
+    :math:`\kappa > 0`, even where :math:`K` is singular; here it is the largest stiffness of an
+    unknown. The coarse motions of an interface are orthonormal in its nodes (of a joint, in its
+    points).
+
+    The kernel holds the rigid motions of a substructure without supports, and the mechanisms of
+    its links: a floating part of a tensegrity may have some although all its links are taut.
+    """
+    slack = _slack_links(problem, result, step)
+    parts = stack(problem, range(len(problem.substructures)))
+    columns, used = _motions(problem, parts)
+    width = max((item.size for item in used), default=0)
+    number = np.full((len(used), width), -1)
+    rigid = np.full((len(used), width, 6), np.nan)
+    for row, (C, item) in enumerate(zip(columns, used, strict=True)):
+        number[row, : item.size] = item
+        rigid[row, : item.size] = C.T @ problem.substructures[row].rigid_motions
+    mine = slack[parts.links.number] if problem.n_links else np.zeros(0, dtype=bool)
+    taut = np.ones(mine.size)
+    dataset = HOMOGENISED.build(
+        {
+            "stiffness": [
+                _condensed(parts, share, columns, width) for share in (taut, np.where(mine, 0, 1.0))
+            ],
+            "coarse_unknown": number,
+            "rigid_motion": rigid,
+            "slack_links": [
+                int(slack[part.links.number].sum()) if part.links else 0
+                for part in problem.substructures
+            ],
+        },
+        coarse_unknowns=int(number.max(initial=-1)) + 1,
+    )
+    return dataset.assign_coords(status=["taut", "slackened"])
+
+
+def _slack_links(problem: Problem, result: "xr.Dataset | None", step: int) -> np.ndarray:
+    """Which links are slack, shape (links,)."""
+    if not problem.n_links:
+        return np.zeros(0, dtype=bool)
+    if result is None or "slack" not in result:
+        raise CaseError(
+            f"the {problem.n_links} links need a result with 'slack'; give that of a solver"
+        )
+    slack = result.slack.isel(step=step) if "step" in result.slack.dims else result.slack
+    if slack.shape != (problem.n_links,):
+        raise CaseError(
+            f"the result must be of the {problem.n_links} links of the problem, got {slack.shape}"
+        )
+    if not np.isfinite(slack).all():
+        raise CaseError(f"step {step} of the result did not converge: its slacks are NaN")
+    return np.asarray(slack.values > 0.0)
+
+
+def _motions(problem: Problem, parts: Stack) -> tuple[list[np.ndarray], list[np.ndarray]]:
+    """Transposed :math:`C_E`, shape (n, coarse of it), and the numbers of its coarse unknowns."""
+    on_sides = csr_array(coarse_basis(problem)[lay_out_sides(problem).slot])
+    motions = csr_array(parts.trace.T @ on_sides)
+    columns, used = [], []
+    for a, b in zip(parts.start[:-1], parts.start[1:], strict=True):
+        own = csr_array(motions[a:b])
+        used.append(np.unique(own.indices))
+        columns.append(own[:, used[-1]].toarray())
+    return columns, used
+
+
+def _condensed(
+    parts: Stack, share: np.ndarray, columns: list[np.ndarray], width: int
+) -> np.ndarray:
+    """Evaluate (1) for all substructures at once, shape (substructures, width, width), N/m."""
+    matrix = parts.matrix(share * parts.links.stiffness, None)
+    taut = parts.matrix(parts.links.stiffness, None).diagonal()
+    C = csr_array(block_diag([csr_array(item) for item in columns], format="csr"))
+    kappa = float(taut.max())
+    held = diags_array(HELD * np.where(taut > 0.0, taut, kappa))
+    solve = Factors()
+    answer_to = solve(csr_array(matrix + held + kappa * (C @ C.T)))
+    right = np.zeros((parts.n, width))
+    for a, item in zip(parts.start[:-1], columns, strict=True):
+        right[a : a + len(item), : item.shape[1]] = item
+    answer = answer_to(right)
+    found = np.full((len(columns), width, width), np.nan)
+    for place, a, item in zip(found, parts.start[:-1], columns, strict=True):
+        size = item.shape[1]
+        flexibility = item.T @ answer[a : a + len(item), :size]
+        stiffness = np.linalg.inv(flexibility) - kappa * np.eye(size)
+        place[:size, :size] = 0.5 * (stiffness + stiffness.T)
+    return found

@@ -1,0 +1,72 @@
+"""What the solvers for cut structures take and return alike."""
+
+from collections.abc import Sequence
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from multiscale.errors import CaseError
+from multiscale.macro.substructures.problem import Problem
+from multiscale.schema import MACRO_RESULT
+
+if TYPE_CHECKING:
+    import xarray as xr
+
+__all__ = ["assemble_result", "link_fields", "load_factors"]
+
+FIELDS = ("displacement", "tension", "slack")
+
+
+def load_factors(problem: Problem, load_factor: float | np.ndarray) -> np.ndarray:
+    """One row of factors for each step, shape (steps, cases).
+
+    Raises
+    ------
+    CaseError
+        If they do not fit the load cases.
+    """
+    factors = np.asarray(load_factor, dtype=float)
+    cases = problem.n_cases
+    if factors.ndim < 2 and cases == 1:
+        factors = factors.reshape(-1, 1)
+    if factors.ndim != 2 or factors.shape[1] != cases or not np.isfinite(factors).all():
+        raise CaseError(
+            f"load_factor must have one finite column for each of {cases} load cases, got shape "
+            f"{np.shape(load_factor)}"
+        )
+    return factors
+
+
+def link_fields(problem: Problem, tension: np.ndarray, slack: np.ndarray) -> dict[str, np.ndarray]:
+    """Tension, N, and slack, m, in the order of the whole structure from that of the parts."""
+    if not problem.n_links:
+        return {}
+    order = np.concatenate([part.links.number for part in problem.substructures if part.links])
+    place = np.argsort(order)
+    return {"tension": tension[place], "slack": slack[place]}
+
+
+def assemble_result(
+    problem: Problem,
+    factors: np.ndarray,
+    columns: Sequence[dict[str, Any]],
+    **attributes: str | float | int,
+) -> "xr.Dataset":
+    """Make a dataset after ``MACRO_RESULT`` of one column for each step; failed ones are NaN."""
+    values: dict[str, Any] = {
+        name: np.array([column[name] for column in columns]) for name in columns[0]
+    }
+    for name in FIELDS:
+        if name in values:
+            values[name][values["converged"] == 0] = np.nan
+    if factors.shape[1] == 1:
+        values["load_factor"] = factors[:, 0]
+    values["position"] = problem.position
+    result = MACRO_RESULT.build(
+        values,
+        unknowns=problem.n,
+        substructures=len(problem.substructures),
+        interfaces=len(problem.interfaces),
+        **attributes,
+    )
+    return result.assign_coords(component=["x", "y", "z"])

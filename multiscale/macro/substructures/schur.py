@@ -1,0 +1,136 @@
+"""Semismooth Newton outside, a balanced Schur complement inside."""
+
+from collections.abc import Callable
+from time import perf_counter
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from multiscale.convergence import Status
+from multiscale.errors import MultiscaleError
+from multiscale.macro.substructures.problem import Problem
+from multiscale.macro.substructures.results import assemble_result, link_fields, load_factors
+from multiscale.macro.substructures.tangent import Newton
+
+if TYPE_CHECKING:
+    import xarray as xr
+
+__all__ = ["solve_schur"]
+
+
+def solve_schur(
+    problem: Problem,
+    load_factor: float | np.ndarray = 1.0,
+    *,
+    tolerance: float = 1e-10,
+    max_iterations: int = 60,
+    callback: Callable[[int, float, np.ndarray], None] | None = None,
+) -> "xr.Dataset":
+    r"""Solve substructures and interfaces by Newton's method and domain decomposition.
+
+    Parameters
+    ----------
+    problem : Problem
+        The structure, cut.
+    load_factor : float or ndarray, shape (steps,) or (steps, cases)
+        Factors of the load cases, one row for each step; each starts from the one before.
+    tolerance : float
+        Bound on the largest force out of balance relative to the largest nodal load (without
+        load: to the largest prestress); dimensionless. What rounding makes unavoidable is
+        allowed for; ``residual`` says what was reached.
+    max_iterations : int
+        Limit of Newton steps for one load.
+    callback : callable, optional
+        Called as ``callback(iteration, residual, tension)``; tensions in the order of the
+        substructures.
+
+    Returns
+    -------
+    Dataset
+        Follows ``MACRO_RESULT``. A step that did not converge is NaN with ``converged`` 0, and
+        the later ones are not tried. ``iterations`` counts the Newton steps,
+        ``krylov_iterations`` those of the linear solver in all of them. Attributes:
+        ``unknowns``, ``shared_unknowns``, ``coarse_unknowns``, ``substructures``,
+        ``interfaces``.
+
+    Raises
+    ------
+    CaseError
+        If load factors do not fit the load cases.
+
+    Notes
+    -----
+    The tangent is condensed onto the unknowns that substructures share. Conjugate gradients,
+    preconditioned by BDDC, solve for them; the resultants of edges and all forces of
+    cross-points are in balance in every iteration. A joint belongs to its second substructure.
+    If its tangent is not symmetric, as with friction, GMRES takes the place of conjugate
+    gradients. Each system is solved the more accurately the closer the solution is.
+
+    Without joints the step is exact along every direction; see :func:`solve_static`.
+
+    References
+    ----------
+    .. [1] C. R. Dohrmann, SIAM J. Sci. Comput. 25 (2003) 246-258,
+       doi:10.1137/S1064827502412887.
+    .. [2] S. C. Eisenstat, H. F. Walker, SIAM J. Sci. Comput. 17 (1996) 16-32,
+       doi:10.1137/0917003, on how accurately to solve.
+    """
+    factors = load_factors(problem, load_factor)
+    method = Newton(problem)
+    columns: list[dict[str, Any]] = []
+    for factor in factors:
+        if columns and not columns[-1]["converged"]:  # a path ends with its first failure
+            none = {"iterations": 0, "krylov_iterations": 0, "wall_time": 0.0}
+            columns.append(columns[-1] | none)
+            continue
+        columns.append(_solve_step(method, factor, tolerance, max_iterations, callback))
+    return assemble_result(
+        problem,
+        factors,
+        columns,
+        shared_unknowns=method.layout.n_shared,
+        coarse_unknowns=method.layout.n_coarse,
+    )
+
+
+@np.errstate(over="ignore", invalid="ignore")  # an overflow shows in the residual
+def _solve_step(
+    method: Newton,
+    factor: np.ndarray,
+    tolerance: float,
+    max_iterations: int,
+    callback: Callable[[int, float, np.ndarray], None] | None,
+) -> dict[str, Any]:
+    """Newton's method for one load."""
+    clock = perf_counter()
+    method.start(factor)
+    status, krylov = Status.MAX_ITERATIONS, 0
+    for iteration in range(max_iterations + 1):
+        balance = method.balance()
+        if callback is not None:
+            callback(iteration, balance.residual, method.tension())
+        if not np.isfinite(balance.residual):
+            status = Status.NOT_FINITE
+        elif balance.residual <= max(tolerance, balance.rounding):
+            status = Status.CONVERGED
+        elif method.lending.exhausted:
+            status = Status.STALLED
+        if status is not Status.MAX_ITERATIONS or iteration == max_iterations:
+            break
+        try:
+            krylov += method.advance(balance, tolerance)
+        except (MultiscaleError, np.linalg.LinAlgError):  # the tangent is singular
+            status = Status.STALLED
+            break
+    converged = status is Status.CONVERGED
+    if converged:
+        method.commit()
+    return {
+        "displacement": np.append(method.u, 0.0)[method.problem.number[:, :3]],
+        **link_fields(method.problem, method.tension(), method.slack()),
+        "converged": int(converged),
+        "residual": balance.residual,
+        "iterations": iteration,
+        "krylov_iterations": krylov,
+        "wall_time": perf_counter() - clock,
+    }

@@ -1,0 +1,247 @@
+r"""Newton steps of a structure that has been cut."""
+
+from dataclasses import dataclass
+from functools import partial
+
+import numpy as np
+from scipy.sparse import block_array, csr_array, diags_array
+from scipy.sparse.linalg import LinearOperator, cg, gmres
+
+from multiscale.linalg import factorise
+from multiscale.macro.discrete.newton import Lending, exact_step
+from multiscale.macro.line_search import step_length
+from multiscale.macro.substructures.balancing import Balancing, lay_out, prepare_balancing
+from multiscale.macro.substructures.carried import carry_joints
+from multiscale.macro.substructures.coarse import coarse_basis
+from multiscale.macro.substructures.condensation import Condensed, condense, split
+from multiscale.macro.substructures.problem import Problem
+from multiscale.macro.substructures.stack import Factors, lay_out_sides, stack
+
+__all__ = ["Balance", "Newton"]
+
+HELD = 1e-12
+"""Stiffness lent to every unknown in the tangent, relative to its diagonal."""
+
+REGULAR = 1e-6
+"""Stiffness lent to shared unknowns in the preconditioner, relative to the diagonal without
+slack."""
+
+LOOSE, FINEST = 1e-2, 1e-10
+"""Largest and smallest residual at which a linear system counts as solved."""
+
+KRYLOV, RESTART = 200, 100
+"""Iterations of a linear system, and those before GMRES starts anew."""
+
+
+@dataclass(frozen=True, eq=False)
+class Balance:
+    """Forces out of balance.
+
+    Attributes
+    ----------
+    force : ndarray, shape (unknowns of all substructures,)
+        N.
+    residual, rounding : float
+        Largest of the whole structure and what rounding makes of it, relative to the load.
+    tangents : list of ndarray, shape (3, 3, points)
+        Of the joints, times the weights, N/m.
+    """
+
+    force: np.ndarray
+    residual: float
+    rounding: float
+    tangents: list[np.ndarray]
+
+
+@dataclass(frozen=True, eq=False)
+class _Factored:
+    """A tangent, condensed; its Schur complements in one table; and its preconditioner."""
+
+    condensed: Condensed
+    schur: np.ndarray
+    balancing: Balancing
+    symmetric: bool
+
+
+class Newton:
+    r"""A structure, the displacement reached, and steps towards equilibrium.
+
+    .. math::
+        \sum_E R_E^T \left( K u_E + B^T P(\tau^0 + k B u_E) + J^T w\, t(J u_E) - f_E \right) = 0,
+        \qquad u_E = R_E u,    \tag{1}
+
+    with the links and joints of every substructure :math:`E`.
+    """
+
+    def __init__(self, problem: Problem) -> None:
+        self.problem = problem
+        carried, self.joints = carry_joints(problem)
+        parts = carried.substructures
+        self.stack = stack(carried, range(len(parts)))
+        self.unknown = np.concatenate([part.unknown for part in parts])
+        self.parts = split(self.stack.start, self.stack.shared)
+        sides, slot = lay_out_sides(carried), np.zeros(self.stack.n, dtype=int)
+        slot[self.stack.trace.indices] = sides.slot
+        self.slot = slot[self.parts.edge]
+        basis = coarse_basis(carried)
+        self.layout = lay_out(self.parts, self.slot, basis, carried.interfaces)
+        self.jumps = [self._placed(joint.jump, joint.owner) for joint in self.joints]
+        self.states = [np.zeros((item.law.n_state, item.weight.size)) for item in self.joints]
+        links = self.stack.links
+        self.taut = self.assemble(self.stack.matrix(links.stiffness, None).diagonal())[self.unknown]
+        self.factors = Factors(), Factors()
+        self.factored: _Factored | None = None
+        self.key = np.zeros(0)
+        self.u, self.elastic = np.zeros(problem.n), np.zeros(links.stiffness.size)
+
+    def _placed(self, operator: csr_array, part: int) -> csr_array:
+        """Let an operator of one substructure act on the unknowns of all."""
+        shape = (operator.shape[0], self.stack.n)
+        columns = operator.indices + self.stack.start[part]
+        return csr_array((operator.data, columns, operator.indptr), shape=shape)
+
+    def start(self, factor: np.ndarray) -> None:
+        """Begin a step with factors of the load cases."""
+        self.load = self.stack.load @ factor
+        links = self.stack.links
+        self.lower, self.upper = links.lower - links.prestress, links.upper - links.prestress
+        self.lending, self.known = Lending(), None
+        self.scale = float(np.abs(self.assemble(self.load)).max(initial=0.0)) or (
+            float(np.abs(links.prestress).max(initial=0.0)) or 1.0
+        )
+
+    def assemble(self, force: np.ndarray) -> np.ndarray:
+        """Add up over the substructures, shape (problem.n,)."""
+        return np.bincount(self.unknown, force, minlength=self.problem.n)
+
+    def tension(self) -> np.ndarray:
+        """Tension of the links, N."""
+        links = self.stack.links
+        return np.asarray(links.prestress + np.clip(self.elastic, self.lower, self.upper))
+
+    def slack(self) -> np.ndarray:
+        """Distance by which the ends of a link miss it, m."""
+        change = np.clip(self.elastic, self.lower, self.upper)
+        return np.asarray(np.abs(change - self.elastic) / self.stack.links.stiffness)
+
+    def balance(self) -> Balance:
+        """Evaluate (1)."""
+        u, tension = self.u[self.unknown], self.tension()
+        inner = self.stack.stiffness @ u
+        force = self.load - inner - self.stack.links.operator.T @ tension
+        # a body that runs away without force must not look balanced: no |K| |u| here
+        tangents, largest = [], max(np.abs(inner).max(), np.abs(tension).max(initial=0.0))
+        for joint, jump, state in zip(self.joints, self.jumps, self.states, strict=True):
+            response = joint.law.respond((jump @ u).reshape(3, -1), state)
+            traction = (joint.weight * response.traction).ravel()
+            force -= jump.T @ traction
+            tangents.append(joint.weight * response.tangent)
+        residual = float(np.abs(self.assemble(force)).max(initial=0.0)) / self.scale
+        rounding = 8.0 * np.finfo(float).eps * float(largest) / self.scale
+        return Balance(force, residual, rounding, tangents)
+
+    def advance(self, balance: Balance, tolerance: float) -> int:
+        """Take one Newton step; return the number of iterations of the linear solver."""
+        carries = np.clip(self.elastic, self.lower, self.upper) == self.elastic
+        if self.known is not None and np.array_equal(carries, self.known):
+            self.lending.settle()
+        self.known = carries
+        accuracy = min(LOOSE, balance.residual)
+        accuracy = max(accuracy, 0.1 * tolerance / balance.residual, FINEST)
+        direction, count = self._solve(balance, carries, accuracy)
+
+        links, moved = self.stack.links, direction[self.unknown]
+        growth = links.stiffness * (links.operator @ moved)
+        work = float(balance.force @ moved)
+        if self.joints:
+            step = step_length(lambda step: self._slope(step, direction, growth), -work)
+        else:
+            step = self._exact_step(moved, growth, work)
+        self.u = self.u + step * direction
+        self.elastic = self.elastic + step * growth
+        self.lending.follow(step)
+        return count
+
+    def _solve(
+        self, balance: Balance, carries: np.ndarray, accuracy: float
+    ) -> tuple[np.ndarray, int]:
+        """Newton direction and the number of iterations that it took."""
+        key = np.append(carries, self.lending.share)
+        if self.joints or self.factored is None or not np.array_equal(key, self.key):
+            self.factored, self.key = self._factorise(balance, carries), key
+        edge, count = self._solve_shared(self.factored, balance.force, accuracy)
+        direction = np.zeros(self.problem.n)
+        u = self.factored.condensed.expand(balance.force, edge[self.slot])
+        direction[self.unknown] = u
+        return direction, count
+
+    def _factorise(self, balance: Balance, carries: np.ndarray) -> _Factored:
+        """Condense the tangent and prepare what preconditions it."""
+        share = np.where(carries, 1.0, self.lending.share)
+        matrix = self.stack.matrix(share * self.stack.links.stiffness, None)
+        symmetric = True
+        for jump, tangent in zip(self.jumps, balance.tangents, strict=True):
+            symmetric &= np.array_equal(tangent, tangent.transpose(1, 0, 2))
+            blocks = [[diags_array(entry) for entry in row] for row in tangent]
+            matrix = matrix + jump.T @ block_array(blocks, format="csr") @ jump
+        matrix = csr_array(matrix + HELD * diags_array(self.taut))
+        inside, coarse = self.factors if symmetric else (factorise, factorise)
+        condensed = condense(matrix, self.parts, inside)
+        schur = self.layout.gather(condensed.blocks)
+        added = np.zeros(self.layout.shared.shape)
+        added[self.parts.owner, self.parts.column] = REGULAR * self.taut[self.parts.edge]
+        balancing = prepare_balancing(self.layout, schur, added, coarse)
+        return _Factored(condensed, schur, balancing, symmetric)
+
+    def _solve_shared(
+        self, factored: _Factored, force: np.ndarray, accuracy: float
+    ) -> tuple[np.ndarray, int]:
+        """Displacement of the shared unknowns by a preconditioned Krylov method."""
+        layout, n, count = self.layout, self.layout.n_shared, 0
+        if not n:
+            return np.zeros(0), 0
+
+        def note(_: object) -> None:
+            nonlocal count
+            count += 1
+
+        right = np.bincount(self.slot, factored.condensed.reduce(force), minlength=n)
+        bound = accuracy * float(np.linalg.norm(self.assemble(force)))
+        S = LinearOperator((n, n), matvec=partial(layout.multiply, factored.schur), dtype=float)
+        M = LinearOperator((n, n), matvec=factored.balancing, dtype=float)
+        options = {"rtol": 0.0, "atol": bound, "M": M, "maxiter": KRYLOV, "callback": note}
+        if factored.symmetric:
+            return cg(S, right, **options)[0], count
+        options |= {"restart": RESTART, "maxiter": KRYLOV // RESTART, "callback_type": "pr_norm"}
+        return gmres(S, right, **options)[0], count
+
+    def _exact_step(self, moved: np.ndarray, growth: np.ndarray, work: float) -> float:
+        """Step to the least energy; what is linear counts as one more link that never slackens."""
+        curvature = float(moved @ (self.stack.stiffness @ moved))
+        no_bound = np.array([np.inf]) if curvature > 0.0 else np.zeros(0)
+        rest = np.full(no_bound.size, curvature)
+        return float(
+            exact_step(
+                np.append(self.elastic, 0.0 * rest),
+                np.append(growth, rest),
+                np.append(self.stack.links.stiffness, rest),
+                np.append(self.lower, -no_bound),
+                np.append(self.upper, no_bound),
+                work,
+            )
+        )
+
+    def _slope(self, step: float, direction: np.ndarray, growth: np.ndarray) -> float:
+        """Differentiate the energy along a direction, J."""
+        here = self.u, self.elastic
+        self.u, self.elastic = here[0] + step * direction, here[1] + step * growth
+        force = self.balance().force
+        self.u, self.elastic = here
+        return -float(force @ direction[self.unknown])
+
+    def commit(self) -> None:
+        """Take the state of the laws at the present displacement for the next step."""
+        u = self.u[self.unknown]
+        for index, (joint, jump) in enumerate(zip(self.joints, self.jumps, strict=True)):
+            response = joint.law.respond((jump @ u).reshape(3, -1), self.states[index])
+            self.states[index] = response.state
