@@ -13,7 +13,7 @@ from multiscale.macro.substructures.bound import ErrorBound
 from multiscale.macro.substructures.latin import UPDATE, Iterate, Latin
 from multiscale.macro.substructures.parallel import Team
 from multiscale.macro.substructures.problem import Problem
-from multiscale.schema import MACRO_RESULT
+from multiscale.schema import COMPONENTS, MACRO_RESULT
 
 if TYPE_CHECKING:
     import xarray as xr
@@ -65,7 +65,8 @@ def solve_latin(
     Dataset
         Follows ``MACRO_RESULT``. A step that did not converge is NaN with ``converged`` 0, and
         the later ones are not tried. Attributes: ``unknowns``, ``coarse_unknowns``,
-        ``substructures``, ``interfaces``.
+        ``substructures``, ``interfaces``. Joints add jump and traction at their points, in their
+        own frame: normal, then both tangents.
 
     Raises
     ------
@@ -137,8 +138,12 @@ def _solve_step(
             measured = error_bound.evaluate(found.u, found.tension, found.force, method.team)
             bound = measured.relative
         method.z, method.r = z, r
+    jump, traction = method.joint_fields()
+    if converged:
         method.commit()
     return {
+        "jump": jump,
+        "traction": traction,
         "found": found,
         "converged": int(converged),
         "residual": residual,
@@ -169,7 +174,7 @@ def _dataset(method: Latin, factors: np.ndarray, columns: list[dict[str, Any]]) 
         name: np.array([column[name] for column in columns])
         for name in ("converged", "residual", "error_bound", "iterations", "wall_time")
     }
-    fields = [_fields(method, column["found"]) for column in columns]
+    fields = [_fields(method, column) for column in columns]
     for name in fields[0]:
         field = np.array([item[name] for item in fields])
         field[values["converged"] == 0] = np.nan
@@ -177,6 +182,12 @@ def _dataset(method: Latin, factors: np.ndarray, columns: list[dict[str, Any]]) 
     if factors.shape[1] == 1:
         values["load_factor"] = factors[:, 0]
     values["position"] = problem.position
+    if problem.joints:
+        values["point_position"] = np.concatenate([face.position for face in problem.joints])
+        values["point_area"] = np.concatenate([face.weight for face in problem.joints])
+        values["point_joint"] = np.concatenate(
+            [np.full(face.weight.size, face.joint) for face in problem.joints]
+        )
     result = MACRO_RESULT.build(
         values,
         unknowns=problem.n,
@@ -184,20 +195,25 @@ def _dataset(method: Latin, factors: np.ndarray, columns: list[dict[str, Any]]) 
         substructures=len(problem.substructures),
         interfaces=len(problem.interfaces),
     )
+    if problem.joints:
+        result = result.assign_coords(direction=list(COMPONENTS))
     return result.assign_coords(component=["x", "y", "z"])
 
 
-def _fields(method: Latin, found: Iterate) -> dict[str, np.ndarray]:
-    """Displacement of the nodes and tension and slack of the links of all processes."""
-    problem, team = method.problem, method.team
+def _fields(method: Latin, column: dict[str, Any]) -> dict[str, np.ndarray]:
+    """Displacement of the nodes, and what is known of the links and joints of all processes."""
+    problem, team, found = method.problem, method.team, column["found"]
     numbers = np.concatenate([part.unknown for part in problem.substructures])
     shares = np.bincount(numbers, minlength=problem.n)
     u = np.bincount(numbers, team.concatenate(found.u), minlength=problem.n) / np.maximum(shares, 1)
     displacement = np.append(u, 0.0)[problem.number[:, :3]]
+    fields = {"displacement": displacement}
+    if problem.joints:
+        fields |= {name: column[name].T for name in ("jump", "traction")}
     if not problem.n_links:
-        return {"displacement": displacement}
+        return fields
     order = np.concatenate([part.links.number for part in problem.substructures if part.links])
     tension, slack = np.empty(order.size), np.empty(order.size)
     tension[order] = team.concatenate(method.admissible(found.tension))
     slack[order] = team.concatenate(method.slack())
-    return {"displacement": displacement, "tension": tension, "slack": slack}
+    return fields | {"tension": tension, "slack": slack}
