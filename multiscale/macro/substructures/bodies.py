@@ -107,7 +107,9 @@ def cut_bodies(
     interfaces = [
         interface
         for place, joint in enumerate(joints)
-        for interface in _interfaces(place, joint, bodies, owners, number, first_node, first_part, parts)
+        for interface in _interfaces(
+            place, joint, bodies, owners, number, first_node, first_part, parts
+        )
     ]
     return Problem(tuple(parts), position, number, tuple(interfaces))
 
