@@ -66,6 +66,8 @@ def test_loads_step_by_step_end_where_one_step_does(grid, tensions):
     result = solve_latin(problem, np.array([0.25, 1.0]))
     for step, load_factor in enumerate((0.25, 1.0)):
         assert tension_error(grid, result.tension.values[step], tensions[load_factor]) < 1e-8
+        slack = solve_static(grid, load_factor).slack.values > 0.0
+        np.testing.assert_array_equal(result.slack.values[step] > 0.0, slack)
 
 
 def test_any_cut_into_connected_pieces_gives_the_same_tensions(grid, tensions):

@@ -65,8 +65,8 @@ def solve_latin(
     Dataset
         Follows ``MACRO_RESULT``. A step that did not converge is NaN with ``converged`` 0, and
         the later ones are not tried. Attributes: ``unknowns``, ``coarse_unknowns``,
-        ``substructures``, ``interfaces``. Joints add jump and traction at their points, in their
-        own frame: normal, then both tangents.
+        ``substructures``, ``interfaces`` and, of a step that failed, ``failure``. Joints add jump
+        and traction at their points, in their own frame: normal, then both tangents.
 
     Raises
     ------
@@ -142,10 +142,12 @@ def _solve_step(
     if converged:
         method.commit()
     return {
+        "slack": method.slack(),
         "jump": jump,
         "traction": traction,
         "found": found,
         "converged": int(converged),
+        "status": status,
         "residual": residual,
         "error_bound": bound,
         "iterations": iteration,
@@ -197,6 +199,10 @@ def _dataset(method: Latin, factors: np.ndarray, columns: list[dict[str, Any]]) 
     )
     if problem.joints:
         result = result.assign_coords(direction=list(COMPONENTS))
+    failed = np.flatnonzero(values["converged"] == 0)
+    if failed.size:
+        reason = columns[failed[0]]["status"].value
+        result = result.assign_attrs(failure=f"the steps end before step {failed[0]}: {reason}")
     return result.assign_coords(component=["x", "y", "z"])
 
 
@@ -215,5 +221,5 @@ def _fields(method: Latin, column: dict[str, Any]) -> dict[str, np.ndarray]:
     order = np.concatenate([part.links.number for part in problem.substructures if part.links])
     tension, slack = np.empty(order.size), np.empty(order.size)
     tension[order] = team.concatenate(method.admissible(found.tension))
-    slack[order] = team.concatenate(method.slack())
+    slack[order] = team.concatenate(column["slack"])
     return fields | {"tension": tension, "slack": slack}
