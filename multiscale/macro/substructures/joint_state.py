@@ -23,8 +23,9 @@ OPENED, STICKS, SLIPS = 0, 1, 2
 OPEN = 1e-6
 """Pressure, relative to the largest of the step, up to which a point counts as open."""
 
-AT_LIMIT = 1e-6
-"""Distance from the friction limit, relative to it, within which a point counts as slipping."""
+CREEP = 1e-3
+"""Slip in a step up to which a point counts as sticking, relative to the elastic displacement at its
+friction limit, and to the largest slip of the step: below is the error of the iteration."""
 
 
 def contact_state(joints: Sequence[Interface], result: "xr.Dataset") -> dict[str, Any]:
@@ -39,12 +40,11 @@ def contact_state(joints: Sequence[Interface], result: "xr.Dataset") -> dict[str
     Returns
     -------
     dict
-        Variables of ``MACRO_RESULT``, NaN where a step failed. A point without friction slips.
+        Variables of ``MACRO_RESULT``, NaN where a step failed. A point without friction slips;
+        one that stays at its limit without further slip sticks.
     """
-    traction = result["traction"].values
-    pressure, shear = -traction[..., 0], np.hypot(traction[..., 1], traction[..., 2])
-    friction = _at_points(joints, [getattr(face.law, "friction", 0.0) for face in joints])
-    state = np.where(shear >= (1.0 - AT_LIMIT) * friction * pressure, SLIPS, STICKS)
+    pressure = -result["traction"].values[..., 0]
+    state = np.where(_slips(joints, result), SLIPS, STICKS)
     state = np.where(pressure <= OPEN * pressure.max(axis=1, keepdims=True), OPENED, state)
     failed = np.isnan(pressure)
     largest = _at_points(joints, [_pressure_range(face.law)[1] for face in joints])
@@ -121,6 +121,30 @@ def cautions(result: "xr.Dataset") -> Iterator[str]:
             f"that its law was fitted to, at most {1e-6 * pressure:.3g} MPa in step {step}; there "
             f"the law extrapolates: fit it to higher pressures"
         )
+
+
+def _slips(joints: Sequence[Interface], result: "xr.Dataset") -> np.ndarray:
+    """Whether a point slips in a step, shape (steps, points): eq (1) of :class:`Frictional`."""
+    traction = np.moveaxis(result["traction"].values, 2, 0)  # (3, steps, points)
+    jump = np.moveaxis(result["jump"].values, 2, 0)
+    before = np.concatenate([traction[1:], jump[1:]])
+    before = np.concatenate([np.zeros_like(before[:, :1]), before[:, :-1]], axis=1)
+    slip, least = np.empty(jump.shape[1:]), np.empty(jump.shape[1:])
+    first = 0
+    for face in joints:
+        points, law = slice(first, first + face.weight.size), face.law
+        first = points.stop
+        if not isinstance(law, Frictional):
+            slip[:, points], least[:, points] = np.inf, 0.0
+            continue
+        k = law.stiffness_ratio * law.normal.stiffness(jump[0, :, points] + law.normal.gap)
+        trial = before[:2, :, points] + k * (jump[1:, :, points] - before[2:, :, points])
+        limit = law.friction * law.normal.pressure(jump[0, :, points] + law.normal.gap)
+        k = np.where(k > 0.0, k, 1.0)  # open there
+        slip[:, points] = (np.hypot(*trial) - limit) / k
+        least[:, points] = CREEP * limit / k
+    largest = slip.max(axis=1, where=np.isfinite(slip), initial=0.0)
+    return np.asarray(slip > np.maximum(least, CREEP * largest[:, None]))
 
 
 def _without_slip(law: InterfaceLaw, jump: np.ndarray) -> np.ndarray:
