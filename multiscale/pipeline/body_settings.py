@@ -18,7 +18,10 @@ __all__ = [
 ]
 
 QUICK = 4
-"""Elements along an edge, steps to the amplitude, at most."""
+"""Elements along an edge, at most."""
+
+FEW = 2
+"""Load steps to the amplitude, at most."""
 
 Positive = Annotated[Count, Field(ge=1)]
 Edges = tuple[Length, Length, Length]
@@ -163,8 +166,8 @@ class LapJoint(Settings):
         return self
 
     def quick(self) -> Self:
-        """Return the same joint with elements no finer than an eighth of the overlap."""
-        return self.model_copy(update={"element": max(self.element, self.overlap / (2 * QUICK))})
+        """Return the same joint with elements no finer than a quarter of the overlap."""
+        return self.model_copy(update={"element": max(self.element, self.overlap / QUICK)})
 
 
 BODIES = (Plate, StackedBlocks, LapJoint)
@@ -223,7 +226,7 @@ class Loading(Settings):
     def quick(self) -> Self:
         """Return one cycle of few steps."""
         return self.model_copy(
-            update={"cycles": min(1, self.cycles), "steps": min(QUICK, self.steps)}
+            update={"cycles": min(1, self.cycles), "steps": min(FEW, self.steps)}
         )
 
 

@@ -5,6 +5,12 @@ with ``draw`` make whole figures and write them.
 """
 
 from multiscale.plotting.growth import plot_growth
+from multiscale.plotting.joint import (
+    draw_joint,
+    plot_contact_zones,
+    plot_hysteresis,
+    plot_joint_pressure,
+)
 from multiscale.plotting.laws import plot_area_law, plot_gap_law, plot_joint_stiffness
 from multiscale.plotting.links import (
     draw_links,
@@ -22,15 +28,19 @@ from multiscale.plotting.work_precision import (
 
 __all__ = [
     "draw_figures",
+    "draw_joint",
     "draw_links",
     "draw_work_precision",
     "plot_area_law",
     "plot_contact_map",
+    "plot_contact_zones",
     "plot_deformed_links",
     "plot_energies",
     "plot_gap_law",
     "plot_growth",
     "plot_history",
+    "plot_hysteresis",
+    "plot_joint_pressure",
     "plot_joint_stiffness",
     "plot_sorted_tensions",
     "plot_surface",

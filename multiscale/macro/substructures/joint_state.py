@@ -24,8 +24,8 @@ OPEN = 1e-6
 """Pressure, relative to the largest of the step, up to which a point counts as open."""
 
 CREEP = 1e-3
-"""Slip in a step up to which a point counts as sticking, relative to the elastic displacement at its
-friction limit, and to the largest slip of the step: below is the error of the iteration."""
+"""Slip in a step up to which a point counts as sticking: relative to its elastic displacement at
+the friction limit, and to the largest slip of the step; below is the error of the iteration."""
 
 
 def contact_state(joints: Sequence[Interface], result: "xr.Dataset") -> dict[str, Any]:
@@ -117,7 +117,7 @@ def cautions(result: "xr.Dataset") -> Iterator[str]:
         step = int(np.nanargmax(beyond))
         pressure = -float(result["traction"].values[step, :, 0].min())
         yield (
-            f"up to {100.0 * beyond[step]:.2g} % of the joint area carries pressures beyond those "
+            f"up to {100.0 * beyond[step]:.3g} % of the joint area carries pressures beyond those "
             f"that its law was fitted to, at most {1e-6 * pressure:.3g} MPa in step {step}; there "
             f"the law extrapolates: fit it to higher pressures"
         )
