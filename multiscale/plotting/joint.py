@@ -49,7 +49,7 @@ def plot_contact_zones(
 def plot_joint_pressure(
     result: "xr.Dataset", *, step: int = -1, joint: int = 0, ax: "Axes | None" = None
 ) -> "Axes":
-    """Plot the pressure in a joint, in plan, with arrows for the tangential traction.
+    """Plot the pressure in a joint in plan.
 
     Parameters
     ----------
@@ -66,14 +66,15 @@ def plot_joint_pressure(
     x, y, mine = _plan(result, joint)
     traction = 1e-6 * result["traction"].values[step, mine]
     dots = ax.scatter(x, y, c=-traction[:, 0], s=_marker(mine), marker="s", vmin=0.0)
-    if np.any(traction[:, 1:]):
-        ax.quiver(x, y, traction[:, 1], traction[:, 2], color="white", width=0.003)
     ax.figure.colorbar(dots, ax=ax, label="pressure (MPa)", shrink=0.7)
     return _finish_plan(result, step, ax, legend=False)
 
 
 def plot_hysteresis(result: "xr.Dataset", *, ax: "Axes | None" = None) -> "Axes":
-    """Plot the shear over the displacement that it works on; a closed loop is the energy lost.
+    """Plot the shear over the displacement that it works on, a closed loop for the energy lost.
+
+    The elastic displacement, shear over the stiffness without slip, is taken off: it would hide
+    a slender loop, and encloses nothing.
 
     Parameters
     ----------
@@ -87,14 +88,13 @@ def plot_hysteresis(result: "xr.Dataset", *, ax: "Axes | None" = None) -> "Axes"
     sheared = last & (np.cumsum(np.abs(result["shear"].values)) > 0.0)
     first = int(np.flatnonzero(sheared)[0])
     steps = slice(max(first - 1, 0), None)
-    along, shear = (
-        1e6 * result["shear_displacement"].values[steps],
-        1e-6 * result["shear"].values[steps],
-    )
-    ax.plot(along, shear, ".-", color="C0", linewidth=1.0, markersize=4)
+    stiffness = result["tangential_stiffness"].values[max(first - 1, 0)]
+    shear = result["shear"].values[steps]
+    slip = result["shear_displacement"].values[steps] - shear / stiffness
+    ax.plot(1e6 * slip, 1e-6 * shear, ".-", color="C0", linewidth=1.0, markersize=4)
     loss = result["cycle_energy"].values[-1]
     ax.set_title(f"last cycle: {1e3 * loss:.3g} mJ lost")
-    ax.set_xlabel("tangential displacement (µm)")
+    ax.set_xlabel("tangential displacement less the elastic one (µm)")
     ax.set_ylabel("tangential traction (MPa)")
     return ax
 
@@ -135,7 +135,7 @@ def _plan(result: "xr.Dataset", joint: int) -> tuple[np.ndarray, np.ndarray, np.
 
 def _marker(points: np.ndarray) -> float:
     """Area of a marker that fills its share of the axes, about."""
-    return float(np.clip(2e4 / max(points.size, 1), 4.0, 200.0))
+    return float(np.clip(3e4 / max(points.size, 1), 4.0, 200.0))
 
 
 def _finish_plan(result: "xr.Dataset", step: int, ax: "Axes", *, legend: bool) -> "Axes":

@@ -24,8 +24,8 @@ OPEN = 1e-6
 """Pressure, relative to the largest of the step, up to which a point counts as open."""
 
 CREEP = 1e-3
-"""Slip in a step up to which a point counts as sticking: relative to its elastic displacement at
-the friction limit, and to the largest slip of the step; below is the error of the iteration."""
+"""Slip in a step up to which a point counts as sticking, relative to its elastic displacement at
+the friction limit."""
 
 
 def contact_state(joints: Sequence[Interface], result: "xr.Dataset") -> dict[str, Any]:
@@ -129,22 +129,19 @@ def _slips(joints: Sequence[Interface], result: "xr.Dataset") -> np.ndarray:
     jump = np.moveaxis(result["jump"].values, 2, 0)
     before = np.concatenate([traction[1:], jump[1:]])
     before = np.concatenate([np.zeros_like(before[:, :1]), before[:, :-1]], axis=1)
-    slip, least = np.empty(jump.shape[1:]), np.empty(jump.shape[1:])
-    first = 0
+    found, first = [], 0
     for face in joints:
         points, law = slice(first, first + face.weight.size), face.law
         first = points.stop
         if not isinstance(law, Frictional):
-            slip[:, points], least[:, points] = np.inf, 0.0
+            found.append(np.ones(jump[0, :, points].shape, dtype=bool))
             continue
-        k = law.stiffness_ratio * law.normal.stiffness(jump[0, :, points] + law.normal.gap)
+        gap = jump[0, :, points] + law.normal.gap
+        k = law.stiffness_ratio * law.normal.stiffness(gap)
         trial = before[:2, :, points] + k * (jump[1:, :, points] - before[2:, :, points])
-        limit = law.friction * law.normal.pressure(jump[0, :, points] + law.normal.gap)
-        k = np.where(k > 0.0, k, 1.0)  # open there
-        slip[:, points] = (np.hypot(*trial) - limit) / k
-        least[:, points] = CREEP * limit / k
-    largest = slip.max(axis=1, where=np.isfinite(slip), initial=0.0)
-    return np.asarray(slip > np.maximum(least, CREEP * largest[:, None]))
+        limit = law.friction * law.normal.pressure(gap)
+        found.append(np.hypot(*trial) > (1.0 + CREEP) * limit)
+    return np.concatenate(found, axis=1)
 
 
 def _without_slip(law: InterfaceLaw, jump: np.ndarray) -> np.ndarray:
