@@ -152,6 +152,19 @@ def test_the_tractions_of_a_lap_joint_carry_bolt_and_pull(lap):
     )
 
 
+def test_a_cut_through_the_bolt_hole_names_the_substructure_in_pieces(gmsh):
+    with pytest.raises(CaseError, match=r"substructure \d of body 0 is in 2 pieces"):
+        lap_joint(SHAPE, (STEEL, STEEL), LAW).cut((1, 5))
+
+
+def test_a_cut_lap_joint_is_the_whole_one(gmsh, lap):
+    loading = JointLoading((10e6, 50e6))
+    cut = load_joint(lap_joint(SHAPE, (STEEL, STEEL), LAW), loading, parts=(3, 1))
+    assert cut.attrs["substructures"] == 6
+    np.testing.assert_allclose(cut.approach, lap.approach[:2], rtol=1e-6)
+    np.testing.assert_allclose(cut.joint_stiffness, lap.joint_stiffness[:2], rtol=1e-6)
+
+
 def test_no_point_of_a_joint_pulls_or_exceeds_friction_and_states_fill_the_area(lap):
     normal, shear = (
         lap.traction.values[..., 0],
