@@ -118,18 +118,27 @@ def macro_command(
     out: Annotated[Path, typer.Option("-o", "--out", help="Result to write.")] = Path(
         "macro_result.nc"
     ),
-    quick: Annotated[bool, typer.Option("--quick", help="At most 4 x 4 modules.")] = False,
+    quick: Annotated[
+        bool, typer.Option("--quick", help="At most 4 x 4 modules, or few elements and steps.")
+    ] = False,
+    law: Annotated[
+        Path | None, typer.Option("--law", help="Interface law of rough joints.")
+    ] = None,
 ) -> None:
-    """Solve a structure of bars and cables, at rest or in motion."""
+    """Solve a scene: bars and cables at rest or in motion, a plate, bodies with rough joints."""
     from multiscale.pipeline import load_scene, run_scene
-    from multiscale.report import tabulate_links
+    from multiscale.report import list_cycles, tabulate_scene
 
     settings = load_scene(scene)
-    result = run_scene(settings.quick() if quick else settings, out)
-    for failure in result.attrs.get("failure", "").splitlines():
-        typer.echo(f"caution: {failure}", err=True)
-    _print_table(result.attrs["title"], *tabulate_links(result))
-    typer.echo(f"dataset: {out}; for ParaView: {out.parent / 'fields' / out.stem}.pvd")
+    result = run_scene(settings.quick() if quick else settings, out, law=law)
+    for name in ("failure", "cautions"):
+        for caution in result.attrs.get(name, "").splitlines():
+            typer.echo(f"caution: {caution}", err=True)
+    _print_table(result.attrs["title"], *tabulate_scene(result))
+    for line in list_cycles(result):
+        typer.echo(line)
+    series = out.parent / "fields" / f"{out.stem}.pvd"
+    typer.echo(f"dataset: {out}" + (f"; for ParaView: {series}" if series.is_file() else ""))
 
 
 @app.command("report")

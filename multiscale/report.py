@@ -11,7 +11,7 @@ from multiscale.io import open_run, read_bytes, read_text, write_bytes
 if TYPE_CHECKING:
     import xarray as xr
 
-__all__ = ["tabulate", "tabulate_links", "write_report"]
+__all__ = ["list_cycles", "tabulate", "tabulate_links", "tabulate_scene", "write_report"]
 
 PAGE = """<!doctype html>
 <html lang="en">
@@ -95,6 +95,56 @@ def tabulate_links(result: "xr.Dataset") -> tuple[tuple[str, ...], list[tuple[st
         slack, largest = int((step["slack"] > 0.0).sum()), float(step["tension"].max())
         rows.append((at, f"{slack}", f"{1e-3 * largest:.4g}", f"{float(step['residual']):.1e}"))
     return (name, "slack links", "largest tension (kN)", "residual"), rows
+
+
+def tabulate_scene(result: "xr.Dataset") -> tuple[tuple[str, ...], list[tuple[str, ...]]]:
+    """Return head and rows of text for what a scene has given.
+
+    Parameters
+    ----------
+    result : Dataset
+        Follows ``MACRO_RESULT``: links, joints at their preloads, or a body under its loads.
+    """
+    if "tension" in result:
+        return tabulate_links(result)
+    if "tangential_stiffness" in result:
+        head = (
+            "preload (MPa)",
+            "joint stiffness (MPa/µm)",
+            "tangential (MPa/µm)",
+            "stick (%)",
+            "slip (%)",
+            "open (%)",
+        )
+        scales = (1e-6, 1e-12, 1e-12, 100.0, 100.0, 100.0)
+        names = (
+            "preload",
+            "joint_stiffness",
+            "tangential_stiffness",
+            *(f"{state}_fraction" for state in ("stick", "slip", "open")),
+        )
+        shown = result.isel(step=np.flatnonzero(result["shear"].values == 0.0))
+        shown = shown.isel(step=np.flatnonzero(np.isfinite(shown["joint_stiffness"].values)))
+        columns = [scale * shown[name].values for name, scale in zip(names, scales, strict=True)]
+        return head, [tuple(f"{value:.4g}" for value in row) for row in zip(*columns, strict=True)]
+    largest = 1e6 * np.abs(result["displacement"].values).max(axis=(1, 2))
+    return ("load", "largest displacement (µm)", "iterations", "residual"), [
+        (f"{load:.4g}", f"{u:.4g}", f"{n}", f"{residual:.1e}")
+        for load, u, n, residual in zip(
+            result["load_factor"].values,
+            largest,
+            result["iterations"].values,
+            result["residual"].values,
+            strict=True,
+        )
+    ]
+
+
+def list_cycles(result: "xr.Dataset") -> list[str]:
+    """Say what every cycle of a joint has lost; nothing for other results."""
+    if "cycle_energy" not in result:
+        return []
+    return [f"cycle {k}: {loss:.4g} J lost" for k, loss in enumerate(result["cycle_energy"].values)]
 
 
 def write_report(out: str | Path) -> Path:

@@ -274,6 +274,28 @@ MACRO_RESULT = Schema(
         "stability_eigenvalue": Variable(
             ("step",), "N m-1", "smallest eigenvalue with the geometric stiffness"
         ),
+        "traction": Variable(("step", "point", "direction"), "Pa", "traction of the joints"),
+        "jump": Variable(("step", "point", "direction"), "m", "displacement jump of the joints"),
+        "point_position": Variable(("point", "component"), "m", "position of points of joints"),
+        "point_area": Variable(("point",), "m2", "area that a point of a joint stands for"),
+        "point_joint": Variable(("point",), "1", "number of the joint of a point"),
+        "contact_state": Variable(
+            ("step", "point"), "1", "whether a point is open (0), sticks (1) or slips (2)"
+        ),
+        "open_fraction": Variable(("step",), "1", "share of the joint area that is open"),
+        "stick_fraction": Variable(("step",), "1", "share of the joint area that sticks"),
+        "slip_fraction": Variable(("step",), "1", "share of the joint area that slips"),
+        "beyond_fraction": Variable(
+            ("step",), "1", "share of the joint area whose pressure lies beyond the data of the law"
+        ),
+        "shear": Variable(("step",), "Pa", "tangential traction on the loaded face"),
+        "shear_displacement": Variable(
+            ("step",), "m", "mean displacement of the loaded face along the tangential traction"
+        ),
+        "tangential_stiffness": Variable(
+            ("step",), "Pa m-1", "tangential stiffness of the whole joint"
+        ),
+        "cycle_energy": Variable(("cycle",), "J", "energy that the joint loses in a closed cycle"),
         "time": Variable(("step",), "s", "time"),
         "velocity": Variable(("step", "node", "component"), "m s-1", "velocity of the nodes"),
         "impulse": Variable(("step", "link"), "N s", "impulse of inextensible links in the step"),

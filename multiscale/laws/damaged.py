@@ -53,6 +53,12 @@ class Damaged(NormalLaw):
         """Initial gap of the sound law, m."""
         return self.law.gap
 
+    @property
+    def pressure_range(self) -> tuple[float, float]:
+        """Pressures that the data of the sound law carry, less the damage, Pa."""
+        low, high = getattr(self.law, "pressure_range", (0.0, np.inf))
+        return (1.0 - self.damage) * low, (1.0 - self.damage) * high
+
     def pressure(self, gap: np.ndarray) -> np.ndarray:
         """Evaluate (1); the unit is Pa."""
         return np.asarray((1.0 - self.damage) * self.law.pressure(gap))

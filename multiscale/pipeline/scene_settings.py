@@ -1,4 +1,4 @@
-"""What a scene of bars and cables may say: every key with its unit, range and default."""
+"""What a scene may say: every key with its unit, range and default."""
 
 from itertools import pairwise
 from math import inf, isfinite
@@ -8,6 +8,15 @@ from typing import Annotated, Any, Literal, Self
 from pydantic import BeforeValidator, Field, PlainSerializer, field_validator, model_validator
 
 from multiscale.errors import CaseError
+from multiscale.pipeline.body_settings import (
+    BODIES,
+    JointLawSettings,
+    LapJoint,
+    Loading,
+    Plate,
+    StackedBlocks,
+    Substructures,
+)
 from multiscale.pipeline.toml_model import Count, Length, Number, Settings, quantity, with_unit
 from multiscale.units import to_si
 
@@ -221,42 +230,106 @@ class Dynamics(Settings):
 
 
 class Scene(Settings):
-    """One question to a structure of bars and cables.
+    """One question to a structure of bars and cables, or of elastic bodies.
 
     Parameters
     ----------
     title : str
     structure : table
-        Its ``kind`` is ``"tensegrity_grid"``, ``"cable_net"``, ``"table"`` or ``"mesh"``.
+        Its ``kind`` is ``"tensegrity_grid"``, ``"cable_net"``, ``"table"`` or ``"mesh"``;
+        ``"plate"``, ``"stacked_blocks"`` or ``"lap_joint"``.
     statics, dynamics : table
-        Exactly one of them.
+        Exactly one of them, and for a plate statics.
+    joint, loading : table
+        In their place, and both, for blocks and lap joint.
+    substructures : table
+        Cuts a tensegrity grid at rest or any bodies.
     """
 
     title: str
     structure: Annotated[
-        TensegrityGrid | CableNet | LinkTable | LinkMesh, Field(discriminator="kind")
+        TensegrityGrid | CableNet | LinkTable | LinkMesh | Plate | StackedBlocks | LapJoint,
+        Field(discriminator="kind"),
     ]
     statics: Statics | None = None
     dynamics: Dynamics | None = None
+    joint: JointLawSettings | None = None
+    loading: Loading | None = None
+    substructures: Substructures | None = None
 
     @model_validator(mode="after")
     def _check(self) -> Self:
-        if (self.statics is None) == (self.dynamics is None):
+        given = self.structure
+        rough = isinstance(given, StackedBlocks | LapJoint)
+        if (self.joint is not None, self.loading is not None) != (rough, rough):
+            raise ValueError(
+                f"a structure of kind {given.kind!r} "
+                + ("needs [joint] and [loading]" if rough else "takes no [joint] or [loading]")
+            )
+        if rough and (self.statics or self.dynamics):
+            raise ValueError(f"{given.kind!r} takes [loading] and no [statics] or [dynamics]")
+        if not rough and (self.statics is None) == (self.dynamics is None):
             raise ValueError("give either [statics] or [dynamics]")
+        _check_damage(given, self.joint)
+        _check_cut(given, self.statics, self.substructures)
         return self
 
     def quick(self) -> Self:
-        """Return the same scene with at most 4 x 4 modules or meshes.
+        """Return the same scene with at most 4 x 4 modules or meshes, or few elements and steps.
 
         The prestress of a grid falls with the square of its span, as the tensions do under the
         load, so that as many of a hundred cables go slack.
         """
         structure: Any = self.structure
+        if isinstance(structure, BODIES):
+            smaller: dict[str, Any] = {
+                "title": f"{self.title} (quick)",
+                "structure": structure.quick(),
+                "loading": self.loading and self.loading.quick(),
+                "substructures": self.substructures and _few_parts(self.substructures),
+            }
+            return self.model_copy(update=smaller)
         if not isinstance(structure, TensegrityGrid | CableNet):
             return self
         m = None if structure.m is None else min(QUICK, structure.m)
         changes: dict[str, Any] = {"n": min(QUICK, structure.n), "m": m}
         if isinstance(structure, TensegrityGrid):
             changes["prestress"] = structure.prestress * (changes["n"] / structure.n) ** 2
-        small = structure.model_copy(update=changes)
-        return self.model_copy(update={"title": f"{self.title} (quick)", "structure": small})
+        small = {
+            "title": f"{self.title} (quick)",
+            "structure": structure.model_copy(update=changes),
+            "substructures": self.substructures and _few_parts(self.substructures),
+        }
+        return self.model_copy(update=small)
+
+
+def _few_parts(cut: Substructures) -> Substructures:
+    """Two parts each way, at most."""
+    return cut.model_copy(update={"parts": tuple(min(2, number) for number in cut.parts)})
+
+
+def _check_damage(given: Settings, joint: JointLawSettings | None) -> None:
+    """Refuse damages that are not one for each joint."""
+    if not isinstance(given, StackedBlocks | LapJoint) or joint is None or not joint.damage:
+        return
+    if len(joint.damage) != given.joints:
+        raise ValueError(
+            f"[joint] damage should have one entry for each joint ({given.joints}), got "
+            f"{len(joint.damage)}"
+        )
+
+
+def _check_cut(given: Any, statics: Statics | None, cut: Substructures | None) -> None:
+    """Refuse what substructures do not solve."""
+    if isinstance(given, Plate) and statics is None:
+        raise ValueError("a structure of kind 'plate' takes [statics]")
+    if cut is not None and not isinstance(given, (TensegrityGrid, *BODIES)):
+        raise ValueError(
+            f"[substructures] cut tensegrity grids, plates, blocks and lap joints, not a structure "
+            f"of kind {given.kind!r}"
+        )
+    if isinstance(given, TensegrityGrid) and cut is not None and statics is None:
+        raise ValueError("[substructures] take [statics]")
+    special = statics is not None and (statics.exact or statics.stability)
+    if special and (cut is not None or isinstance(given, BODIES)):
+        raise ValueError("substructures move little: leave out exact and stability")

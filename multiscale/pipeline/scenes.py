@@ -1,4 +1,4 @@
-"""Scene files of bars and cables: read, solved, and written as a dataset and for ParaView."""
+"""Scene files: read, solved, and written as a dataset and for ParaView."""
 
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -17,6 +17,10 @@ from multiscale.macro import (
     system_from_table,
     tensegrity_grid,
 )
+from multiscale.macro.discrete.description import describe
+from multiscale.macro.substructures import cut_links, solve_latin, split_grid
+from multiscale.pipeline.body_scenes import solve_bodies
+from multiscale.pipeline.body_settings import BODIES, LapJoint, Plate, StackedBlocks, Substructures
 from multiscale.pipeline.scene_settings import (
     CableNet,
     Dynamics,
@@ -39,6 +43,9 @@ KINDS: dict[str, type[Settings]] = {
     "cable_net": CableNet,
     "table": LinkTable,
     "mesh": LinkMesh,
+    "plate": Plate,
+    "stacked_blocks": StackedBlocks,
+    "lap_joint": LapJoint,
 }
 LAWS: dict[str, type[LinkLaw]] = {"bar": Bar, "cable": Cable, "strut": Strut}
 
@@ -60,15 +67,16 @@ def load_scene(path: str | Path) -> Scene:
     if path.is_dir():
         raise CaseError(f"{path} is a folder; give the scene file in it")
     content = read_toml(path)
-    structure = content.get("structure")
-    for key in ("nodes", "links", "file"):
-        if isinstance(structure, dict) and isinstance(structure.get(key), str):
-            structure[key] = str(path.parent.resolve() / structure[key])
+    for table, keys in (("structure", ("nodes", "links", "file")), ("joint", ("law",))):
+        given = content.get(table)
+        for key in keys:
+            if isinstance(given, dict) and isinstance(given.get(key), str):
+                given[key] = str(path.parent.resolve() / given[key])
     return validate(Scene, content, path, KINDS)
 
 
 def make_structure(scene: Scene) -> LinkSystem:
-    """Build the structure of a scene.
+    """Build the structure of a scene of bars and cables.
 
     Raises
     ------
@@ -76,6 +84,8 @@ def make_structure(scene: Scene) -> LinkSystem:
         If the structure is refused, or a file that it names cannot be read.
     """
     given = scene.structure
+    if isinstance(given, Plate | StackedBlocks | LapJoint):
+        raise CaseError(f"a structure of kind {given.kind!r} has no links")
     options = given.model_dump(exclude={"kind", "n", "m", "cable_rigidity", "bar_rigidity"})
     if isinstance(given, TensegrityGrid):
         cable, bar = Cable(given.cable_rigidity), Bar(given.bar_rigidity)
@@ -91,7 +101,7 @@ def make_structure(scene: Scene) -> LinkSystem:
     return system_from_mesh(mesh, laws, supports=given.supports, load=given.load, scale=given.unit)
 
 
-def run_scene(scene: Scene, out: str | Path) -> "xr.Dataset":
+def run_scene(scene: Scene, out: str | Path, *, law: str | Path | None = None) -> "xr.Dataset":
     """Solve a scene; write its result and, beside it in ``fields``, a series for ParaView.
 
     Parameters
@@ -99,34 +109,35 @@ def run_scene(scene: Scene, out: str | Path) -> "xr.Dataset":
     scene : Scene
     out : path
         Dataset to write; its folder is made if needed.
+    law : path, optional
+        Interface law of the joints, instead of the one that the scene names.
 
     Returns
     -------
     Dataset
-        Follows ``MACRO_RESULT``. The attribute ``failure`` says which steps failed and why.
+        Follows ``MACRO_RESULT``. The attribute ``failure`` says which steps failed and why,
+        ``cautions`` where a law answered beyond its data.
 
     Raises
     ------
     CaseError
-        If the structure is refused.
+        If the structure or its law is refused.
     ConvergenceError
         If no step converged, or the equilibrium from which a motion starts cannot be found.
     """
     out = Path(out)
-    system = make_structure(scene)
-    if scene.statics is not None:
-        result = solve_static(
-            system,
-            scene.statics.load_factors,
-            exact=scene.statics.exact,
-            stability=scene.statics.stability,
-        )
-    elif scene.dynamics is not None:
-        result = _move(system, scene.dynamics)
+    bodies = isinstance(scene.structure, BODIES)
+    if law is not None and scene.joint is None:
+        raise CaseError(f"{scene.title}: the scene has no joint that the law {law} could be of")
+    if bodies:
+        result = solve_bodies(scene, None if law is None else Path(law))
+    else:
+        result = _solve_links(scene)
     result = result.assign_attrs(title=scene.title, scene=scene.to_toml())
     make_folder(out.parent)
     write_dataset(result, out, MACRO_RESULT)
-    write_link_fields(result, make_folder(out.parent / "fields"), name=out.stem)
+    if not bodies:
+        write_link_fields(result, make_folder(out.parent / "fields"), name=out.stem)
     if not result["converged"].values.any():
         raise ConvergenceError(f"{scene.title}: no step converged; {result.attrs['failure']}")
     return result
@@ -135,6 +146,31 @@ def run_scene(scene: Scene, out: str | Path) -> "xr.Dataset":
 def _law(settings: LinkLawSettings) -> LinkLaw:
     """Return the law that the settings name."""
     return LAWS[settings.kind](settings.rigidity)
+
+
+def _solve_links(scene: Scene) -> "xr.Dataset":
+    """Solve a structure of links, whole or cut."""
+    system, statics = make_structure(scene), scene.statics
+    if statics is None:
+        assert scene.dynamics is not None  # the scene has been validated
+        return _move(system, scene.dynamics)
+    if scene.substructures is not None:
+        return _solve_cut(system, np.array(statics.load_factors), scene.substructures)
+    return solve_static(
+        system, statics.load_factors, exact=statics.exact, stability=statics.stability
+    )
+
+
+def _solve_cut(system: LinkSystem, factors: np.ndarray, cut: Substructures) -> "xr.Dataset":
+    """Solve a structure of links by its substructures."""
+    result = solve_latin(
+        cut_links(system, split_grid(system, cut.parts)),
+        factors,
+        coarse=cut.coarse,
+        tolerance=cut.tolerance,
+        max_iterations=cut.max_iterations,
+    )
+    return MACRO_RESULT.assign(result, describe(system)).assign_coords(end=range(2))
 
 
 def _move(system: LinkSystem, settings: Dynamics) -> "xr.Dataset":

@@ -14,6 +14,12 @@ from multiscale.plotting.damage import (
     plot_worst_section,
 )
 from multiscale.plotting.growth import plot_growth
+from multiscale.plotting.joint import (
+    draw_joint,
+    plot_contact_zones,
+    plot_hysteresis,
+    plot_joint_pressure,
+)
 from multiscale.plotting.laws import plot_area_law, plot_gap_law, plot_joint_stiffness
 from multiscale.plotting.links import (
     draw_links,
@@ -32,10 +38,12 @@ from multiscale.plotting.work_precision import (
 __all__ = [
     "draw_damage",
     "draw_figures",
+    "draw_joint",
     "draw_links",
     "draw_work_precision",
     "plot_area_law",
     "plot_contact_map",
+    "plot_contact_zones",
     "plot_damage_sphere",
     "plot_deformed_links",
     "plot_energies",
@@ -43,7 +51,9 @@ __all__ = [
     "plot_gap_law",
     "plot_growth",
     "plot_history",
+    "plot_hysteresis",
     "plot_joint_life",
+    "plot_joint_pressure",
     "plot_joint_stiffness",
     "plot_sorted_tensions",
     "plot_stiffness_against_damage",

@@ -14,6 +14,7 @@ from multiscale.macro import Body, solve_interface, solve_static, tensegrity_gri
 from multiscale.macro.continuum.blocks import box_mesh
 from multiscale.macro.substructures import (
     Joint,
+    assemble,
     bisect,
     cut_bodies,
     cut_links,
@@ -26,12 +27,7 @@ from multiscale.macro.substructures.condensation import condense, split
 from multiscale.macro.substructures.stack import Factors
 from multiscale.macro.substructures.tangent import Newton
 from multiscale.schema import MACRO_RESULT
-from tests.macro.test_substructures import (
-    assembled,
-    jump_operator,
-    stacked_blocks,
-    tension_error,
-)
+from tests.macro.test_substructures import stacked_blocks, tension_error
 
 FACTORS = [0.25, 1.0, 4.0]
 
@@ -100,7 +96,8 @@ def thin_plate(parts):
 @pytest.mark.parametrize("parts", [1, 2, 4, 8])
 def test_substructures_of_a_plate_bend_like_the_plate(parts):
     problem = thin_plate(parts)
-    K, load = assembled(problem)
+    whole = assemble(problem)
+    K, load = whole.stiffness, whole.load
     expected = np.append(spsolve(K.tocsc(), load[:, 0]), 0.0)[problem.number]
     result = solve_schur(problem)
     assert result.converged == 1
@@ -110,8 +107,8 @@ def test_substructures_of_a_plate_bend_like_the_plate(parts):
 
 def monolithic(problem, law, steps):
     """Displacement of every step by the monolithic Newton method."""
-    K, load = assembled(problem)
-    jump, weight = jump_operator(problem)
+    whole = assemble(problem)
+    K, load, jump, weight = whole.stiffness, whole.load, whole.jump, whole.weight
     state, u, found = np.zeros((law.n_state, weight.size)), None, []
     for step in range(steps):
         u = solve_interface(K, load[:, step], jump, weight, law, state=state, start=u).unwrap()

@@ -2,7 +2,6 @@
 
 import numpy as np
 import pytest
-from scipy.sparse import csr_array, vstack
 from scipy.sparse.linalg import spsolve
 
 from multiscale.errors import CaseError
@@ -13,6 +12,7 @@ from multiscale.macro import Body, solve_interface, solve_static, tensegrity_gri
 from multiscale.macro.continuum.blocks import box_mesh
 from multiscale.macro.substructures import (
     Joint,
+    assemble,
     bisect,
     cut_bodies,
     cut_links,
@@ -66,6 +66,8 @@ def test_loads_step_by_step_end_where_one_step_does(grid, tensions):
     result = solve_latin(problem, np.array([0.25, 1.0]))
     for step, load_factor in enumerate((0.25, 1.0)):
         assert tension_error(grid, result.tension.values[step], tensions[load_factor]) < 1e-8
+        slack = solve_static(grid, load_factor).slack.values > 0.0
+        np.testing.assert_array_equal(result.slack.values[step] > 0.0, slack)
 
 
 def test_any_cut_into_connected_pieces_gives_the_same_tensions(grid, tensions):
@@ -123,35 +125,6 @@ def test_stiff_bars_and_prestress_from_none_to_much_converge(ratio, prestress, l
     assert np.isinf(result.error_bound) == (prestress == 0.0)
 
 
-def assembled(problem):
-    """Stiffness and loads of the whole structure."""
-    K, load = csr_array((problem.n, problem.n)), np.zeros((problem.n, problem.n_cases))
-    for part in problem.substructures:
-        place = placement(problem, part)
-        K, load = K + place.T @ part.stiffness @ place, load + place.T @ part.load
-    return csr_array(K), load
-
-
-def placement(problem, part):
-    """Unknowns of a substructure out of those of the structure."""
-    rows = np.arange(part.n)
-    return csr_array((np.ones(part.n), (rows, part.unknown)), shape=(part.n, problem.n))
-
-
-def jump_operator(problem):
-    """Jump at all points: normal first, then each tangent; and weights."""
-    rows = [[], [], []]
-    for joint in problem.joints:
-        first, second = (
-            trace @ placement(problem, problem.substructures[side])
-            for side, trace in zip(joint.sides, joint.trace, strict=True)
-        )
-        for direction, jump in enumerate(np.split(np.arange(joint.size), 3)):
-            rows[direction].append(csr_array(second - first)[jump])
-    weight = np.concatenate([joint.weight for joint in problem.joints])
-    return csr_array(vstack([vstack(block) for block in rows])), weight
-
-
 @pytest.mark.parametrize("parts", [1, 2, 4])
 def test_substructures_of_a_plate_bend_like_the_plate(parts):
     clamped = (0.0, 0.0, 0.0)
@@ -162,8 +135,8 @@ def test_substructures_of_a_plate_bend_like_the_plate(parts):
         tractions={"top": (0.0, 0.0, -1e3)},
     )
     problem = cut_bodies([plate], [split_boxes(plate, (parts, parts, 1))])
-    K, load = assembled(problem)
-    expected = np.append(spsolve(K.tocsc(), load[:, 0]), 0.0)[problem.number]
+    whole = assemble(problem)
+    expected = np.append(spsolve(whole.stiffness.tocsc(), whole.load[:, 0]), 0.0)[problem.number]
     result = solve_latin(problem)
     assert result.converged == 1
     assert result.iterations <= 30
@@ -204,17 +177,23 @@ def test_a_rough_joint_with_friction_loaded_and_unloaded_is_the_monolithic_one(p
     result = solve_latin(problem, np.eye(len(times)))
     assert np.all(result.converged == 1)
 
-    K, load = assembled(problem)
-    jump, weight = jump_operator(problem)
+    whole = assemble(problem)
+    K, load, jump, weight = whole.stiffness, whole.load, whole.jump, whole.weight
     state, u = np.zeros((4, weight.size)), None
     for step in range(len(times)):
         solution = solve_interface(K, load[:, step], jump, weight, law, state=state, start=u)
         assert solution.converged
         u = solution.value
-        state = law.respond((jump @ u).reshape(3, -1), state).state
+        before, state = state, law.respond((jump @ u).reshape(3, -1), state).state
         expected = np.append(u, 0.0)[problem.number]
         size = np.abs(expected).max()
         np.testing.assert_allclose(result.displacement[step], expected, atol=1e-8 * size)
+        traction = law.respond((jump @ u).reshape(3, -1), before).traction.T
+        found = result.traction.values[step]
+        np.testing.assert_allclose(found, traction, atol=1e-7 * np.abs(traction).max())
+        np.testing.assert_allclose(
+            result.jump.values[step], (jump @ u).reshape(3, -1).T, atol=1e-8 * size
+        )
 
 
 def test_a_joint_that_is_pushed_beyond_its_friction_ends_the_path():

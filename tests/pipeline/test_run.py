@@ -12,10 +12,24 @@ import pytest
 import xarray as xr
 
 from multiscale.io import open_law, open_run
-from multiscale.pipeline import load_case, run
+from multiscale.pipeline import load_case, load_scene, run, run_scene
 from multiscale.pipeline.case import shipped_cases
 from multiscale.reference import joint as closed_form
 from multiscale.upscaling import law_from_dataset
+
+ROUGH_BLOCKS = """
+title = "Two blocks under uniaxial stress"
+[structure]
+kind = "stacked_blocks"
+size = ["20 mm", "20 mm", "10 mm"]
+elements = [2, 2, 1]
+youngs_modulus = "210 GPa"
+poissons_ratio = 0
+[joint]
+friction = 0.2
+[loading]
+preloads = ["5 MPa", "20 MPa", "80 MPa"]
+"""
 
 COMMAND = (sys.executable, "-c", "from multiscale.cli import main; main()")
 
@@ -212,6 +226,20 @@ def test_the_whole_chain_runs_on_measured_files(reference_data, tmp_path, file, 
     assert results.micro_response["converged"].values.all()
     assert results.macro_result["converged"].values.all()
     assert np.all(np.diff(results.macro_result["joint_stiffness"]) > 0.0)
+
+
+def test_a_rough_joint_takes_the_law_of_a_run_as_it_is(finished, tmp_path):
+    file, E, height = finished[0] / "interface_law.nc", 210e9, 0.01
+    before = file.read_bytes()
+    (tmp_path / "scene.toml").write_text(ROUGH_BLOCKS, encoding="utf-8")
+    result = run_scene(load_scene(tmp_path / "scene.toml"), tmp_path / "blocks.nc", law=file)
+    law = law_from_dataset(open_law(file))
+    interface = law.stiffness(law.gap_at(result["preload"].values))
+    expected = closed_form.series(E / height, interface, E / height)
+    np.testing.assert_allclose(result["joint_stiffness"], expected, rtol=1e-6)
+    np.testing.assert_allclose(-result["traction"][:, 0, 0], result["preload"], rtol=1e-6)
+    assert result.attrs["cautions"] == ""
+    assert file.read_bytes() == before
 
 
 def test_readme_python_route_runs(tmp_path, monkeypatch):

@@ -1,31 +1,43 @@
 """Substructures and interfaces, and the solvers for them: LATIN and Newton-Schur."""
 
+from multiscale.macro.substructures.assembled import Assembled, assemble
 from multiscale.macro.substructures.bodies import Joint, cut_bodies, split_boxes
 from multiscale.macro.substructures.cut import bisect, cut_links, split_grid
 from multiscale.macro.substructures.homogenised import homogenise
+from multiscale.macro.substructures.lap import LapShape
+from multiscale.macro.substructures.loading import JointLoading, load_joint
 from multiscale.macro.substructures.motion import simulate_latin
 from multiscale.macro.substructures.parallel import Alone, Ranks, Team, world
 from multiscale.macro.substructures.problem import Interface, Links, Problem, Substructure
+from multiscale.macro.substructures.rough import RoughAssembly, lap_joint, stacked_blocks
 from multiscale.macro.substructures.schur import solve_schur
 from multiscale.macro.substructures.solve import solve_latin
 
 __all__ = [
     "Alone",
+    "Assembled",
     "Interface",
     "Joint",
+    "JointLoading",
+    "LapShape",
     "Links",
     "Problem",
     "Ranks",
+    "RoughAssembly",
     "Substructure",
     "Team",
+    "assemble",
     "bisect",
     "cut_bodies",
     "cut_links",
     "homogenise",
+    "lap_joint",
+    "load_joint",
     "simulate_latin",
     "solve_latin",
     "solve_schur",
     "split_boxes",
     "split_grid",
+    "stacked_blocks",
     "world",
 ]

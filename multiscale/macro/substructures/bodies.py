@@ -106,8 +106,10 @@ def cut_bodies(
         parts.extend(_parts(body, index, np.asarray(owner), mine, times))
     interfaces = [
         interface
-        for joint in joints
-        for interface in _interfaces(joint, bodies, owners, number, first_node, first_part, parts)
+        for place, joint in enumerate(joints)
+        for interface in _interfaces(
+            place, joint, bodies, owners, number, first_node, first_part, parts
+        )
     ]
     return Problem(tuple(parts), position, number, tuple(interfaces))
 
@@ -186,6 +188,7 @@ def _check_piece(elements: np.ndarray, name: str) -> None:
 
 
 def _interfaces(
+    place: int,
     joint: Joint,
     bodies: Sequence[Body],
     owners: Sequence[np.ndarray],
@@ -197,7 +200,7 @@ def _interfaces(
     """One interface for each pair of substructures that a joint joins."""
     lower, upper = (bodies[side] for side in joint.sides)
     basis = displacement_basis(upper.mesh, upper.mesh.elem())
-    operator, weight, _ = face_operator(basis, joint.boundaries[1], order=joint.order)
+    operator, weight, position = face_operator(basis, joint.boundaries[1], order=joint.order)
     operator.data[np.abs(operator.data) < ROUNDING] = 0.0  # nodes off the face
     operator.eliminate_zeros()
     twin = _twins(joint, lower, upper)
@@ -212,13 +215,14 @@ def _interfaces(
         rows = csr_array(operator[points]).tocoo()
         nodes = rows.coords[1]
         traces = []
-        for side, (place, where) in enumerate(((low, twin[nodes]), (up, nodes))):
+        for side, (piece, where) in enumerate(((low, twin[nodes]), (up, nodes))):
             body = joint.sides[side]
-            part = first_part[body] + place
+            part = first_part[body] + piece
             unknown = number[first_node[body] + where]
             traces.append(_trace(rows, unknown, frame, points.size, parts[part].unknown))
         sides = (int(first_part[joint.sides[0]] + low), int(first_part[joint.sides[1]] + up))
-        found.append(Interface(sides, tuple(traces), joint.law, weight[points]))
+        at = position[:, points].T
+        found.append(Interface(sides, tuple(traces), joint.law, weight[points], at, place))
     return found
 
 

@@ -183,6 +183,16 @@ class Latin:
         self.r = self.k0.matrix @ (old.inverse_root @ (old.inverse_root @ held)) - force
         return True
 
+    def joint_fields(self) -> tuple[np.ndarray, np.ndarray]:
+        """Jump, m, and traction, Pa, at all points of all joints, shape (3, points)."""
+        jumps, tractions = [np.zeros((3, 0))], [np.zeros((3, 0))]
+        for index, face in enumerate(self.problem.interfaces):
+            if face.law is not None:
+                jump, force = self.joint_answer(index, face.law, self.r)
+                jumps.append(jump)
+                tractions.append(force.reshape(3, -1) / face.weight)
+        return np.concatenate(jumps, axis=1), np.concatenate(tractions, axis=1)
+
     def commit(self) -> None:
         """Take the state of the laws at the present forces for the next step."""
         for index, face in enumerate(self.problem.interfaces):

@@ -12,7 +12,8 @@ from multiscale.errors import CaseError
 from multiscale.macro.substructures.latin import Latin
 from multiscale.macro.substructures.parallel import Team
 from multiscale.macro.substructures.problem import Problem
-from multiscale.macro.substructures.solve import join_fields, solve_step
+from multiscale.macro.substructures.results import link_fields
+from multiscale.macro.substructures.solve import solve_step
 from multiscale.schema import MACRO_RESULT
 
 if TYPE_CHECKING:
@@ -183,7 +184,9 @@ def _row(
 ) -> dict[str, Any]:
     """One row of the dataset."""
     problem = method.problem
-    fields = join_fields(method, tension) | {
+    team = method.team
+    slack = team.concatenate(method.slack())
+    fields = link_fields(problem, team.concatenate(tension), slack) | {
         "displacement": np.append(u, 0.0)[problem.number[:, :3]],
         "velocity": np.append(v, 0.0)[problem.number[:, :3]],
     }

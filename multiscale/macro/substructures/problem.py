@@ -99,12 +99,18 @@ class Interface:
         Perfect, (16) and (17) of the source, if not given.
     weight : ndarray, shape (points,)
         Quadrature weights of the points of a law, m².
+    position : ndarray, shape (points, 3)
+        Of these points, m.
+    joint : int
+        Number of the joint that the interface is part of.
     """
 
     sides: tuple[int, ...]
     trace: tuple[csr_array, ...]
     law: InterfaceLaw | None = None
     weight: np.ndarray = field(default_factory=lambda: np.zeros(0))
+    position: np.ndarray = field(default_factory=lambda: np.zeros((0, 3)))
+    joint: int = 0
 
     @property
     def size(self) -> int:

@@ -7,14 +7,14 @@ import numpy as np
 
 from multiscale.errors import CaseError
 from multiscale.macro.substructures.problem import Problem
-from multiscale.schema import MACRO_RESULT
+from multiscale.schema import COMPONENTS, MACRO_RESULT
 
 if TYPE_CHECKING:
     import xarray as xr
 
 __all__ = ["assemble_result", "link_fields", "load_factors"]
 
-FIELDS = ("displacement", "tension", "slack")
+FIELDS = ("displacement", "tension", "slack", "jump", "traction")
 
 
 def load_factors(problem: Problem, load_factor: float | np.ndarray) -> np.ndarray:
@@ -54,7 +54,9 @@ def assemble_result(
 ) -> "xr.Dataset":
     """Make a dataset after ``MACRO_RESULT`` of one column for each step; failed ones are NaN."""
     values: dict[str, Any] = {
-        name: np.array([column[name] for column in columns]) for name in columns[0]
+        name: np.array([column[name] for column in columns])
+        for name in columns[0]
+        if name != "status"
     }
     for name in FIELDS:
         if name in values:
@@ -62,6 +64,15 @@ def assemble_result(
     if factors.shape[1] == 1:
         values["load_factor"] = factors[:, 0]
     values["position"] = problem.position
+    if "jump" in values:
+        values |= {
+            "point_position": np.concatenate([face.position for face in problem.joints]),
+            "point_area": np.concatenate([face.weight for face in problem.joints]),
+            "point_joint": np.repeat(
+                [face.joint for face in problem.joints],
+                [face.weight.size for face in problem.joints],
+            ),
+        }
     result = MACRO_RESULT.build(
         values,
         unknowns=problem.n,
@@ -69,4 +80,10 @@ def assemble_result(
         interfaces=len(problem.interfaces),
         **attributes,
     )
+    if "jump" in values:
+        result = result.assign_coords(direction=list(COMPONENTS))
+    failed = np.flatnonzero(values["converged"] == 0)
+    if failed.size and "status" in columns[0]:
+        reason = columns[failed[0]]["status"].value
+        result = result.assign_attrs(failure=f"the steps end before step {failed[0]}: {reason}")
     return result.assign_coords(component=["x", "y", "z"])

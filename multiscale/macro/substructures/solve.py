@@ -12,12 +12,14 @@ from multiscale.macro.substructures.bound import ErrorBound
 from multiscale.macro.substructures.latin import UPDATE, Iterate, Latin
 from multiscale.macro.substructures.parallel import Team
 from multiscale.macro.substructures.problem import Problem
-from multiscale.macro.substructures.results import assemble_result, load_factors
+from multiscale.macro.substructures.results import assemble_result, link_fields, load_factors
 
 if TYPE_CHECKING:
     import xarray as xr
 
-__all__ = ["join_fields", "solve_latin", "solve_step"]
+__all__ = ["solve_latin", "solve_step"]
+
+ACCOUNT = ("converged", "status", "residual", "error_bound", "iterations", "wall_time")
 
 HEURISTIC = 0.1
 """Change in an iteration, relative to the tolerance, at which the error counts as within it."""
@@ -64,7 +66,8 @@ def solve_latin(
     Dataset
         Follows ``MACRO_RESULT``. A step that did not converge is NaN with ``converged`` 0, and
         the later ones are not tried. Attributes: ``unknowns``, ``coarse_unknowns``,
-        ``substructures``, ``interfaces``.
+        ``substructures``, ``interfaces`` and, of a step that failed, ``failure``. Joints add jump
+        and traction at their points, in their own frame: normal, then both tangents.
 
     Raises
     ------
@@ -99,7 +102,7 @@ def solve_latin(
     return assemble_result(
         problem,
         factors,
-        [column | _fields(method, column.pop("found")) for column in columns],
+        [{name: column[name] for name in ACCOUNT} | _fields(method, column) for column in columns],
         coarse_unknowns=method.n_coarse if method.coarse_wanted else 0,
     )
 
@@ -141,10 +144,16 @@ def solve_step(
             measured = error_bound.evaluate(found.u, found.tension, found.force, method.team)
             bound = measured.relative
         method.z, method.r = z, r
+    jump, traction = method.joint_fields()
+    if converged:
         method.commit()
     return {
+        "slack": method.slack(),
+        "jump": jump,
+        "traction": traction,
         "found": found,
         "converged": int(converged),
+        "status": status,
         "residual": residual,
         "error_bound": bound,
         "iterations": iteration,
@@ -152,29 +161,12 @@ def solve_step(
     }
 
 
-def _fields(method: Latin, found: Iterate) -> dict[str, np.ndarray]:
-    """Displacement of the nodes and tension and slack of the links of all processes."""
-    problem = method.problem
-    u = problem.average(method.team.concatenate(found.u))
+def _fields(method: Latin, column: dict[str, Any]) -> dict[str, np.ndarray]:
+    """Displacement of the nodes, and what is known of the links and joints of all processes."""
+    problem, team, found = method.problem, method.team, column["found"]
+    u = problem.average(team.concatenate(found.u))
     fields = {"displacement": np.append(u, 0.0)[problem.number[:, :3]]}
-    return fields | join_fields(method, method.admissible(found.tension))
-
-
-def join_fields(method: Latin, tension: np.ndarray) -> dict[str, np.ndarray]:
-    """Tension and slack of the links of all processes in the order of the structure.
-
-    Parameters
-    ----------
-    method : Latin
-    tension : ndarray, shape (rows,)
-        Of the links of this process, N.
-    """
-    problem, team = method.problem, method.team
-    if not problem.n_links:
-        return {}
-    order = np.concatenate([part.links.number for part in problem.substructures if part.links])
-    fields = {}
-    for name, value in (("tension", tension), ("slack", method.slack())):
-        fields[name] = np.empty(order.size)
-        fields[name][order] = team.concatenate(value)
-    return fields
+    if problem.joints:
+        fields |= {name: column[name].T for name in ("jump", "traction")}
+    tension = team.concatenate(method.admissible(found.tension))
+    return fields | link_fields(problem, tension, team.concatenate(column["slack"]))

@@ -1,0 +1,154 @@
+"""Press a joint, shear it to and fro, and measure stiffness, slip and lost energy."""
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from multiscale.errors import CaseError
+from multiscale.macro.substructures.assembled import assemble
+from multiscale.macro.substructures.joint_state import cautions, contact_state, stiffness
+from multiscale.macro.substructures.parallel import Team
+from multiscale.macro.substructures.rough import RoughAssembly
+from multiscale.macro.substructures.solve import solve_latin
+from multiscale.schema import MACRO_RESULT
+
+if TYPE_CHECKING:
+    import xarray as xr
+
+__all__ = ["JointLoading", "load_joint"]
+
+
+@dataclass(frozen=True)
+class JointLoading:
+    """Preloads one after the other, then cycles of shear at the last of them.
+
+    Parameters
+    ----------
+    preloads : tuple of float
+        Pressures on the pressed face, Pa.
+    shear : float
+        Amplitude of the tangential traction on the sheared face, Pa.
+    cycles : int
+        Closed cycles from the positive amplitude to the negative one and back; 0 for none.
+    steps : int
+        Load steps from zero to the amplitude: 4 of these make a cycle.
+
+    Raises
+    ------
+    CaseError
+        If a value is outside its range.
+    """
+
+    preloads: tuple[float, ...]
+    shear: float = 0.0
+    cycles: int = 0
+    steps: int = 10
+
+    def __post_init__(self) -> None:
+        if not self.preloads or not all(0.0 < p < np.inf for p in self.preloads):
+            raise CaseError(f"preloads must be positive (Pa), got {list(self.preloads)}")
+        if self.cycles < 0 or self.steps < 1 or (self.cycles and not 0.0 < self.shear < np.inf):
+            raise CaseError(
+                f"cycles need a positive shear (Pa) and one step or more, got {self.cycles} "
+                f"cycles, {self.shear:g} Pa and {self.steps} steps"
+            )
+
+    def factors(self) -> np.ndarray:
+        """Preload and shear of every step, Pa, shape (steps, 2)."""
+        preload = np.array(self.preloads)
+        if not self.cycles:
+            return np.stack([preload, np.zeros(preload.size)], axis=1)
+        rise = np.arange(1, self.steps + 1) / self.steps
+        cycle = np.concatenate([1.0 - rise, -rise, rise - 1.0, rise])
+        shear = self.shear * np.concatenate([rise, np.tile(cycle, self.cycles)])
+        return np.concatenate(
+            [
+                np.stack([preload, np.zeros(preload.size)], axis=1),
+                np.stack([np.full(shear.size, preload[-1]), shear], axis=1),
+            ]
+        )
+
+
+def load_joint(
+    assembly: RoughAssembly,
+    loading: JointLoading,
+    *,
+    parts: tuple[int, int] = (1, 1),
+    tolerance: float = 1e-8,
+    max_iterations: int = 400,
+    coarse: bool = True,
+    team: Team | None = None,
+) -> "xr.Dataset":
+    r"""Press and shear bodies with rough joints.
+
+    Parameters
+    ----------
+    assembly : RoughAssembly
+        From :func:`stacked_blocks` or :func:`lap_joint`.
+    loading : JointLoading
+    parts : tuple of int
+        Substructures of every body along x and y.
+    tolerance, max_iterations, coarse, team
+        See :func:`solve_latin`.
+
+    Returns
+    -------
+    Dataset
+        Follows ``MACRO_RESULT``: what :func:`solve_latin` gives, and approach, shear, stiffness,
+        open, sticking and slipping shares of the joints, and energy per cycle. The attribute
+        ``cautions`` has a line for pressures beyond the data of a law.
+
+    Raises
+    ------
+    CaseError
+        If faces do not match or a substructure is in pieces.
+
+    Notes
+    -----
+    With the nodal forces :math:`f` of 1 Pa on a face of area A, the displacement of the face is
+    :math:`q = f \cdot u / A`. The stiffness :math:`A / (f \cdot K_T^{-1} f)` at a preload is that
+    for vibrations too small for any point to slip: :math:`K_T` has the tangents of the laws
+    without slip. The energy of a cycle is the work of the shear,
+
+    .. math:: A \oint \tau\, \mathrm{d}q,    \tag{1}
+
+    by the trapezoidal rule, whose error falls with the square of the steps.
+    """
+    problem, factors = assembly.cut(parts), loading.factors()
+    result = solve_latin(
+        problem,
+        factors,
+        coarse=coarse,
+        tolerance=tolerance,
+        max_iterations=max_iterations,
+        team=team,
+    )
+    whole, area = assemble(problem), np.array([assembly.preload_area, assembly.shear_area])
+    free = problem.number >= 0
+    u = np.empty((len(factors), problem.n))
+    u[:, problem.number[free]] = result["displacement"].values[:, free]
+    approach, along = (u @ whole.load / area).T
+    values: dict[str, Any] = {
+        "preload": factors[:, 0],
+        "shear": factors[:, 1],
+        "approach": approach,
+        "shear_displacement": along,
+        **contact_state(problem.joints, result),
+    }
+    tangent = stiffness(problem.joints, whole, result, area, range(len(loading.preloads)))
+    values["joint_stiffness"], values["tangential_stiffness"] = tangent.T
+    if loading.cycles:
+        values["cycle_energy"] = area[1] * _work(loading, factors[:, 1], along)
+    result = MACRO_RESULT.assign(result, values)
+    if loading.cycles:
+        result = result.assign_coords(cycle=range(loading.cycles))
+    return result.assign_attrs(cautions="\n".join(cautions(result)))
+
+
+def _work(loading: JointLoading, shear: np.ndarray, along: np.ndarray) -> np.ndarray:
+    """Evaluate (1) per area for every cycle, J/m²."""
+    length = 4 * loading.steps
+    starts = len(loading.preloads) + loading.steps - 1 + length * np.arange(loading.cycles)
+    cycles = [slice(at, at + length + 1) for at in starts]
+    return np.array([np.trapezoid(shear[cycle], along[cycle]) for cycle in cycles])

@@ -1,0 +1,145 @@
+"""Bodies with rough joints: stacked blocks and a bolted lap joint."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from multiscale.errors import CaseError
+from multiscale.laws.base import InterfaceLaw
+from multiscale.laws.bulk import Elastic
+from multiscale.macro.continuum.blocks import box_mesh, displacement_basis, face_operator
+from multiscale.macro.continuum.body import Body, Value
+from multiscale.macro.substructures.bodies import Joint, cut_bodies, split_boxes
+from multiscale.macro.substructures.lap import LapShape, lap_meshes
+from multiscale.macro.substructures.problem import Problem
+
+__all__ = ["RoughAssembly", "lap_joint", "stacked_blocks"]
+
+
+@dataclass(frozen=True)
+class RoughAssembly:
+    """Bodies with joints, pressed by one load case and sheared by another.
+
+    Attributes
+    ----------
+    bodies : tuple of Body
+        Their tractions are a preload of 1 Pa at time 0 and a shear of 1 Pa at time 1.
+    joints : tuple of Joint
+    preload_area, shear_area : float
+        Of the faces where preload and shear act, m².
+    """
+
+    bodies: tuple[Body, ...]
+    joints: tuple[Joint, ...]
+    preload_area: float
+    shear_area: float
+
+    def cut(self, parts: tuple[int, int] = (1, 1)) -> Problem:
+        """Cut every body into boxes in plan; two load cases, preload and shear.
+
+        Raises
+        ------
+        CaseError
+            If a substructure is in pieces.
+        """
+        owners = [split_boxes(body, (*parts, 1)) for body in self.bodies]
+        return cut_bodies(self.bodies, owners, self.joints, times=(0.0, 1.0))
+
+
+def stacked_blocks(
+    size: tuple[float, float, float],
+    elements: tuple[int, int, int],
+    materials: Sequence[Elastic],
+    laws: Sequence[InterfaceLaw],
+) -> RoughAssembly:
+    """Stack equal blocks along z, with a rough joint below every one but the first.
+
+    The first is clamped below. The others are guided on their front face (no motion along y) and
+    held by the joints alone; pressure and shear, along x, act on the top of the last.
+
+    Parameters
+    ----------
+    size : tuple of float
+        Lengths of a block along x, y and z, m.
+    elements : tuple of int
+        Hexahedra of a block along each axis.
+    materials : sequence of Elastic
+        One for each block, two or more.
+    laws : sequence of InterfaceLaw
+        One for each joint, from below.
+
+    Raises
+    ------
+    CaseError
+        If there are fewer than two blocks, or not one law for each joint.
+    """
+    count = len(materials)
+    if count < 2 or len(laws) != count - 1:
+        raise CaseError(
+            f"stacked blocks need two or more materials and a law for each joint between them, "
+            f"got {count} materials and {len(laws)} laws"
+        )
+    bodies = []
+    for place, material in enumerate(materials):
+        mesh = box_mesh(size, elements, origin=(0.0, 0.0, place * size[2]))
+        clamped = {"bottom": (0.0, 0.0, 0.0)}
+        held = clamped if place == 0 else {"front": (None, 0.0, None)}
+        load = {"top": (1.0, 0.0, _preload(-1.0))} if place == count - 1 else {}
+        bodies.append(Body(mesh, material, supports=held, tractions=load))
+    joints = [Joint((i, i + 1), ("top", "bottom"), law) for i, law in enumerate(laws)]
+    area = size[0] * size[1]
+    return RoughAssembly(tuple(bodies), tuple(joints), area, area)
+
+
+def lap_joint(
+    shape: LapShape, materials: tuple[Elastic, Elastic], law: InterfaceLaw
+) -> RoughAssembly:
+    """Two plates that overlap, with a bolt hole through both and a rough joint between.
+
+    The bolt is a pressure under its washers, on the ring around the hole on both outer faces; its
+    shank carries no shear, and its force does not change with the load. The lower plate is
+    clamped at its far end. That of the upper one is guided along x, where the shear pulls.
+
+    Parameters
+    ----------
+    shape : LapShape
+        Dimensions and mesh.
+    materials : tuple of Elastic
+        Of the lower and the upper plate.
+    law : InterfaceLaw
+        On the whole overlap.
+
+    Raises
+    ------
+    CaseError
+        If the dimensions do not fit each other, or gmsh cannot be loaded.
+    """
+    lower, upper = lap_meshes(shape)
+    below = Body(
+        lower,
+        materials[0],
+        supports={"end": (0.0, 0.0, 0.0)},
+        tractions={"washer": (0.0, 0.0, _preload(1.0))},
+    )
+    above = Body(
+        upper,
+        materials[1],
+        supports={"end": (None, 0.0, 0.0)},
+        tractions={"washer": (0.0, 0.0, _preload(-1.0)), "end": (1.0, 0.0, 0.0)},
+    )
+    joint = Joint((0, 1), ("joint", "joint"), law)
+    return RoughAssembly(
+        (below, above), (joint,), _area(above, "washer"), shape.width * shape.thickness
+    )
+
+
+def _preload(direction: float) -> Value:
+    """Traction of 1 Pa at time 0 that is gone at time 1."""
+    return lambda position, time: np.full(position.shape[1], direction * (1.0 - time))
+
+
+def _area(body: Body, boundary: str) -> float:
+    """Area of a boundary, m²."""
+    basis = displacement_basis(body.mesh, body.mesh.elem())
+    return float(face_operator(basis, boundary)[1].sum())

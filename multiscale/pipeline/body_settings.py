@@ -1,0 +1,243 @@
+"""What a scene of elastic bodies may say: plate, stacked blocks, lap joint, law and loading."""
+
+from pathlib import Path
+from typing import Annotated, Literal, Self
+
+from pydantic import Field, model_validator
+
+from multiscale.pipeline.toml_model import Count, Length, Number, Pressure, Settings
+
+__all__ = [
+    "BODIES",
+    "JointLawSettings",
+    "LapJoint",
+    "Loading",
+    "Plate",
+    "StackedBlocks",
+    "Substructures",
+]
+
+QUICK = 4
+"""Elements along an edge, at most."""
+
+FEW = 2
+"""Load steps to the amplitude, at most."""
+
+Positive = Annotated[Count, Field(ge=1)]
+Edges = tuple[Length, Length, Length]
+Elements = tuple[Positive, Positive, Positive]
+Ratio = Annotated[Number, Field(ge=0.0, le=0.4999)]
+Damage = Annotated[Number, Field(ge=0.0, lt=1.0)]
+
+
+class Substructures(Settings):
+    """The cut, and the solver of the parts; see :func:`multiscale.macro.solve_latin`.
+
+    Parameters
+    ----------
+    parts : two whole numbers
+        Substructures along x and y, of every body if there are several.
+    coarse : bool
+        Whether a coarse problem balances the resultants of the interfaces.
+    tolerance : number
+    max_iterations : int
+        Of a step.
+    """
+
+    parts: tuple[Positive, Positive] = (1, 1)
+    coarse: bool = True
+    tolerance: Annotated[Number, Field(gt=0.0, lt=1.0)] = 1e-8
+    max_iterations: Positive = 400
+
+
+class Plate(Settings):
+    """An elastic plate, clamped on its left and right edges, under an even pressure on its top.
+
+    Parameters
+    ----------
+    size : three quantities
+        Lengths along x, y and z, m.
+    elements : three whole numbers
+        Hexahedra along each.
+    youngs_modulus : quantity
+        Pa.
+    poissons_ratio : number
+    pressure : quantity
+        At load factor one, Pa.
+    """
+
+    kind: Literal["plate"]
+    size: Edges
+    elements: Elements
+    youngs_modulus: Pressure
+    poissons_ratio: Ratio
+    pressure: Pressure
+
+    def quick(self) -> Self:
+        """Return the same plate with four elements along an edge."""
+        return self.model_copy(update={"elements": _fewer(self.elements)})
+
+
+class StackedBlocks(Settings):
+    """Equal blocks with rough joints; see :func:`multiscale.macro.substructures.stacked_blocks`.
+
+    Parameters
+    ----------
+    size : three quantities
+        Lengths of a block along x, y and z, m.
+    elements : three whole numbers
+        Hexahedra of a block along each.
+    blocks : int
+        Two or more.
+    youngs_modulus : quantity
+        Pa.
+    poissons_ratio : number
+    damage : list of numbers
+        Of every block, from below: its stiffness is that of the sound one times 1 - D. All are
+        sound if not given.
+    """
+
+    kind: Literal["stacked_blocks"]
+    size: Edges
+    elements: Elements
+    blocks: Annotated[Count, Field(ge=2)] = 2
+    youngs_modulus: Pressure
+    poissons_ratio: Ratio
+    damage: tuple[Damage, ...] = ()
+
+    @property
+    def joints(self) -> int:
+        """Number of joints."""
+        return self.blocks - 1
+
+    @model_validator(mode="after")
+    def _check(self) -> Self:
+        _check_damage(self.damage, self.blocks, "block")
+        return self
+
+    def quick(self) -> Self:
+        """Return the same blocks with four elements along an edge."""
+        return self.model_copy(update={"elements": _fewer(self.elements)})
+
+
+class LapJoint(Settings):
+    """Two bolted plates; see :func:`multiscale.macro.substructures.lap_joint`.
+
+    Parameters
+    ----------
+    length, width, thickness : quantity
+        Of each plate, m.
+    overlap : quantity
+        Along x, m.
+    hole, washer : quantity
+        Diameters, m.
+    element : quantity
+        Edge of an element in plan, m.
+    layers : int
+        Elements through each thickness.
+    youngs_modulus : quantity
+        Pa.
+    poissons_ratio : number
+    damage : list of numbers
+        Of the lower and the upper plate; see :class:`StackedBlocks`.
+    """
+
+    kind: Literal["lap_joint"]
+    length: Length
+    width: Length
+    thickness: Length
+    overlap: Length
+    hole: Length
+    washer: Length
+    element: Length
+    layers: Positive = 2
+    youngs_modulus: Pressure
+    poissons_ratio: Ratio
+    damage: tuple[Damage, ...] = ()
+
+    @property
+    def joints(self) -> int:
+        """Number of joints."""
+        return 1
+
+    @model_validator(mode="after")
+    def _check(self) -> Self:
+        _check_damage(self.damage, 2, "plate")
+        return self
+
+    def quick(self) -> Self:
+        """Return the same joint with elements no finer than a quarter of the overlap."""
+        return self.model_copy(update={"element": max(self.element, self.overlap / QUICK)})
+
+
+BODIES = (Plate, StackedBlocks, LapJoint)
+"""Structures that consist of elastic bodies."""
+
+
+class JointLawSettings(Settings):
+    """The law of the joints: a fitted normal law with friction.
+
+    Parameters
+    ----------
+    law : path
+        What ``multiscale run`` or ``multiscale fit`` has written; relative to the scene file. Not
+        needed if the command names one.
+    friction : number
+        Coefficient of Coulomb's law.
+    stiffness_ratio : number
+        Tangential over normal stiffness.
+    damage : list of numbers
+        Of every joint, from below: it carries 1 - D times what the law says. All are sound if not
+        given.
+    """
+
+    law: Path | None = None
+    friction: Annotated[Number, Field(ge=0.0)]
+    stiffness_ratio: Annotated[Number, Field(gt=0.0)] = 0.8
+    damage: tuple[Damage, ...] = ()
+
+
+class Loading(Settings):
+    """Preloads, then cycles; see :class:`multiscale.macro.substructures.JointLoading`.
+
+    Parameters
+    ----------
+    preloads : list of quantities
+        Pressures on the pressed face, Pa; the last stays during the cycles.
+    shear : quantity
+        Amplitude of the tangential traction on the sheared face, Pa.
+    cycles : int
+        Closed cycles after the first loading.
+    steps : int
+        Load steps from zero to the amplitude.
+    """
+
+    preloads: Annotated[tuple[Pressure, ...], Field(min_length=1)]
+    shear: Pressure | None = None
+    cycles: Annotated[Count, Field(ge=0)] = 0
+    steps: Positive = 10
+
+    @model_validator(mode="after")
+    def _check(self) -> Self:
+        if (self.shear is None) != (self.cycles == 0):
+            raise ValueError("give both shear and cycles, or neither")
+        return self
+
+    def quick(self) -> Self:
+        """Return one cycle of few steps."""
+        return self.model_copy(
+            update={"cycles": min(1, self.cycles), "steps": min(FEW, self.steps)}
+        )
+
+
+def _fewer(elements: Elements) -> Elements:
+    x, y, z = (min(QUICK, number) for number in elements)
+    return x, y, z
+
+
+def _check_damage(damage: tuple[float, ...], count: int, what: str) -> None:
+    """Refuse damages that are not one for each."""
+    if damage and len(damage) != count:
+        raise ValueError(
+            f"damage should have one entry for each {what} ({count}), got {len(damage)}"
+        )

@@ -1,0 +1,226 @@
+"""Blocks and plates with rough joints: closed forms, equilibrium, friction and energy."""
+
+import numpy as np
+import pytest
+
+from multiscale.errors import CaseError
+from multiscale.laws import ConvexDecreasing, Exponential, Frictional
+from multiscale.laws.bulk import Elastic
+from multiscale.macro import Body
+from multiscale.macro.continuum import box_mesh
+from multiscale.macro.substructures import (
+    Joint,
+    JointLoading,
+    LapShape,
+    RoughAssembly,
+    lap_joint,
+    load_joint,
+    stacked_blocks,
+)
+from multiscale.macro.substructures.lap import lap_meshes
+from multiscale.reference.joint import joint_stiffness, series
+from tests.support import keep_ignoring_broken_pipes
+
+STEEL = Elastic(210e9, 0.3)
+LAW = Frictional(Exponential(1e9, 0.18e-6), 0.2)
+SHAPE = LapShape(0.1, 0.04, 0.008, 0.04, 0.009, 0.018, 0.01, layers=1)
+
+
+@pytest.fixture(scope="module")
+def gmsh():
+    module = pytest.importorskip("gmsh", exc_type=Exception)
+    yield module
+    keep_ignoring_broken_pipes()
+
+
+@pytest.mark.parametrize("parts", [(1, 1), (2, 2)])
+def test_stacked_blocks_have_the_stiffness_and_approach_of_springs_in_series(parts):
+    # frictionless platens and uniaxial stress: without lateral strain the clamp does not matter
+    pressure = np.array([1e6, 10e6, 50e6])
+    height, E, decay = 0.02, 210e9, 0.18e-6
+    blocks = stacked_blocks((0.02, 0.03, height), (2, 2, 2), [Elastic(E, 0.0)] * 2, [LAW])
+    result = load_joint(blocks, JointLoading(tuple(pressure)), parts=parts)
+    assert result.converged.values.all()
+    expected = joint_stiffness(pressure, decay, height / E, height / E)
+    np.testing.assert_allclose(result.joint_stiffness, expected, rtol=1e-6)
+    gap = decay * np.log(1e9 / pressure)
+    approach = 2.0 * height * pressure / E - gap
+    np.testing.assert_allclose(result.approach, approach, rtol=1e-6)
+    np.testing.assert_allclose(-result.traction[..., 0], np.tile(pressure, (16, 1)).T, rtol=1e-6)
+    assert np.all(result.stick_fraction == 1.0)
+    # the tangents of the law do not slip: two blocks in shear and bending are softer still
+    assert np.all(result.tangential_stiffness < 0.8 * pressure / decay)
+
+
+def test_damage_softens_the_block_and_the_joint_that_have_it():
+    height, E, pressure = 0.01, 70e9, 5e6
+    materials = [Elastic(D * E, 0.0) for D in (1.0, 0.7, 1.0)]
+    knot, c = np.array([0.0, 1e-6]), np.array([0.0, 1e25])
+    sound = ConvexDecreasing(knot, c)
+    damaged = ConvexDecreasing(knot, 0.6 * c)
+    laws = [Frictional(sound, 0.2), Frictional(damaged, 0.2)]
+    blocks = stacked_blocks((0.02, 0.02, height), (2, 2, 1), materials, laws)
+    result = load_joint(blocks, JointLoading((pressure,)))
+    interfaces = [law.stiffness(law.gap_at(np.array(pressure))) for law in (sound, damaged)]
+    expected = series(E / height, 0.7 * E / height, E / height, *interfaces)
+    np.testing.assert_allclose(result.joint_stiffness, expected, rtol=1e-6)
+    np.testing.assert_array_equal(np.bincount(result.point_joint), [16, 16])
+
+
+def sheared_bar(elements):
+    """A bar between two stiff bases that press it; its right end is pulled, friction holds it."""
+    length, edge, thin = 0.4, 0.01, 1e-4
+    law = Frictional(Exponential(1e9, 1e-6), 0.2, 10.0)
+    mesh = (elements, 1, 1)
+    guided = {"front": (None, 0.0, None), "back": (None, 0.0, None)}
+    press = (0.0, 0.0, lambda x, t: np.full(x.shape[1], t - 1.0))
+    bodies = (
+        Body(
+            box_mesh((length, edge, thin), mesh, origin=(0.0, 0.0, -thin)),
+            Elastic(210e9, 0.0),
+            supports={"bottom": (0.0, 0.0, 0.0)},
+        ),
+        Body(
+            box_mesh((length, edge, edge), mesh),
+            Elastic(210e9, 0.0),
+            supports=guided,
+            tractions={"right": (1.0, 0.0, 0.0)},
+        ),
+        Body(
+            box_mesh((length, edge, thin), mesh, origin=(0.0, 0.0, edge)),
+            Elastic(210e9, 0.0),
+            supports={"top": (0.0, 0.0, None)},
+            tractions={"top": press},
+        ),
+    )
+    joints = tuple(Joint((i, i + 1), ("top", "bottom"), law) for i in (0, 1))
+    return RoughAssembly(bodies, joints, length * edge, edge**2)
+
+
+def test_a_bar_on_a_rough_base_loses_the_energy_of_shear_lag():
+    r"""A bar of rigidity EA with friction q per length, pulled at its end by a force F < q L.
+
+    Slip reaches F/q deep, where the axial force has fallen to zero, and moves the end by
+    F^2/(2 E A q). When the load turns, slip of the other sign starts at the end and is twice as
+    large: u falls by (F_max - F)^2/(4 E A q). Both branches enclose 2 F^3/(3 E A q).
+    """
+    pressure, edge, E, steps = 10e6, 0.01, 210e9, 8
+    q = 2.0 * 0.2 * pressure * edge  # two faces
+    force = 0.6 * q * 0.4
+    loading = JointLoading((pressure,), shear=force / edge**2, cycles=1, steps=steps)
+    result = load_joint(sheared_bar(32), loading, tolerance=1e-6)
+    assert result.converged.values.all()
+    expected = 2.0 * force**3 / (3.0 * E * edge**2 * q)
+    np.testing.assert_allclose(result.cycle_energy, expected, rtol=0.01)
+    top = float(result.shear_displacement[steps])
+    assert top == pytest.approx(force**2 / (2.0 * E * edge**2 * q), rel=0.02)
+    depth = 0.6 * np.arange(1, steps + 1) / steps  # of slip, while the load rises
+    np.testing.assert_allclose(result.slip_fraction[1 : steps + 1], depth, atol=1.0 / 32.0)
+
+
+@pytest.fixture(scope="module")
+def lap(gmsh):
+    loading = JointLoading((10e6, 50e6), shear=3e6, cycles=1, steps=4)
+    return load_joint(lap_joint(SHAPE, (STEEL, STEEL), LAW), loading)
+
+
+def test_plates_of_a_lap_joint_have_their_volume_and_matching_faces(gmsh):
+    from skfem import Basis, ElementHex1
+
+    meshes = lap_meshes(SHAPE)
+    hole = np.pi / 4.0 * SHAPE.hole**2
+    expected = (SHAPE.length * SHAPE.width - hole) * SHAPE.thickness
+    faces = []
+    for mesh in meshes:
+        assert float(Basis(mesh, ElementHex1()).dx.sum()) == pytest.approx(expected, rel=2e-3)
+        faces.append(mesh.p[:, np.unique(mesh.facets[:, mesh.boundaries["joint"]])])
+        assert mesh.boundaries["end"].size > 0
+    np.testing.assert_array_equal(*(face[:, np.lexsort(face)] for face in faces))
+    assert meshes[0].p[2].max() == meshes[1].p[2].min() == 0.0
+
+
+def test_the_tractions_of_a_lap_joint_carry_bolt_and_pull(lap):
+    assert lap.converged.values.all()
+    force = np.einsum("spd,p->sd", lap.traction.values, lap.point_area.values)
+    ring = np.pi / 4.0 * (SHAPE.washer**2 - SHAPE.hole**2)
+    # the guide of the end carries a little of the preload, all of the pull goes through the joint
+    np.testing.assert_allclose(-force[:2, 0], lap.preload[:2] * ring, rtol=0.05)
+    np.testing.assert_allclose(
+        force[:, 1],
+        lap.shear * SHAPE.width * SHAPE.thickness,
+        atol=1e-6 * np.abs(force).max(),
+    )
+
+
+def test_a_cut_through_the_bolt_hole_names_the_substructure_in_pieces(gmsh):
+    with pytest.raises(CaseError, match=r"substructure \d of body 0 is in 2 pieces"):
+        lap_joint(SHAPE, (STEEL, STEEL), LAW).cut((1, 5))
+
+
+def test_a_cut_lap_joint_is_the_whole_one(gmsh, lap):
+    loading = JointLoading((10e6, 50e6))
+    cut = load_joint(lap_joint(SHAPE, (STEEL, STEEL), LAW), loading, parts=(3, 1))
+    assert cut.attrs["substructures"] == 6
+    np.testing.assert_allclose(cut.approach, lap.approach[:2], rtol=1e-6)
+    np.testing.assert_allclose(cut.joint_stiffness, lap.joint_stiffness[:2], rtol=1e-6)
+
+
+def test_no_point_of_a_joint_pulls_or_exceeds_friction_and_states_fill_the_area(lap):
+    normal, shear = (
+        lap.traction.values[..., 0],
+        np.hypot(*np.moveaxis(lap.traction.values, 2, 0)[1:]),
+    )
+    assert np.all(normal <= 0.0)
+    assert np.all(shear <= -0.2 * normal + 1e-12 * np.abs(normal).max())
+    total = lap.open_fraction + lap.stick_fraction + lap.slip_fraction
+    np.testing.assert_allclose(total, 1.0)
+    slips = lap.contact_state.values == 2
+    np.testing.assert_allclose(shear[slips], -0.2 * normal[slips], rtol=1e-5)
+    assert 0.0 < float(lap.slip_fraction[5]) < 1.0
+
+
+def test_a_lap_joint_loses_energy_and_its_bolted_stiffness_grows_with_the_preload(lap):
+    assert float(lap.cycle_energy[0]) > 0.0
+    assert lap.joint_stiffness[1] > lap.joint_stiffness[0]
+    assert np.isnan(lap.joint_stiffness[2:]).all()
+
+
+def test_pressures_beyond_the_data_are_a_caution_with_their_share():
+    law = Frictional(
+        ConvexDecreasing(np.array([0.0, 1e-6]), np.array([0.0, 1e25]), pressure_range=(0.0, 4e6)),
+        0.2,
+    )
+    blocks = stacked_blocks((0.02, 0.02, 0.01), (2, 2, 1), [Elastic(70e9, 0.0)] * 2, [law])
+    inside = load_joint(blocks, JointLoading((3e6,)))
+    assert inside.attrs["cautions"] == ""
+    result = load_joint(blocks, JointLoading((3e6, 5e6)))
+    np.testing.assert_allclose(result.beyond_fraction, [0.0, 1.0])
+    assert "up to 100 % of the joint area" in result.attrs["cautions"]
+    assert "at most 5 MPa in step 1" in result.attrs["cautions"]
+
+
+def test_shear_beyond_friction_ends_the_path_and_says_when():
+    blocks = stacked_blocks((0.02, 0.02, 0.01), (2, 2, 1), [Elastic(70e9, 0.0)] * 2, [LAW])
+    loading = JointLoading((5e6,), shear=1.5e6, cycles=1, steps=2)  # 1 MPa is the limit
+    result = load_joint(blocks, loading, max_iterations=60)
+    assert result.converged.values[0] == 1
+    assert result.converged.values[-1] == 0
+    assert "the steps end before step 2" in result.attrs["failure"]
+    assert np.isnan(result.contact_state[-1]).all()
+    assert np.isnan(result.cycle_energy).all()
+
+
+@pytest.mark.parametrize(
+    ("make", "message"),
+    [
+        (lambda: JointLoading(()), "preloads must be positive"),
+        (lambda: JointLoading((1e6,), cycles=1), "cycles need a positive shear"),
+        (lambda: LapShape(0.1, 0.04, 0.008, 0.04, 0.02, 0.018, 0.01), "must grow in this order"),
+        (lambda: LapShape(0.03, 0.04, 0.008, 0.04, 0.009, 0.018, 0.01), "longer than their over"),
+        (lambda: LapShape(0.1, 0.04, 0.008, 0.04, 0.009, 0.018, 0.0), "must be positive"),
+        (lambda: stacked_blocks((1, 1, 1), (1, 1, 1), [STEEL], []), "two or more materials"),
+    ],
+)
+def test_bad_joints_are_refused(make, message):
+    with pytest.raises(CaseError, match=message):
+        make()

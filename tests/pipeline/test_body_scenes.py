@@ -1,0 +1,171 @@
+"""Scenes of substructures and rough joints: what they say, solve, and refuse."""
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+import xarray as xr
+from typer.testing import CliRunner
+
+from multiscale.cli import app
+from multiscale.errors import CaseError, SchemaError
+from multiscale.io import open_dataset, open_law, save_law
+from multiscale.macro import solve_static, tensegrity_grid
+from multiscale.pipeline import load_scene, run_scene
+from multiscale.reference.joint import series
+from multiscale.schema import MACRO_RESULT
+from multiscale.upscaling import law_from_dataset
+from tests.support import write_law
+
+SCENES = Path(__file__).parents[2] / "workflows" / "scenes"
+GRID = (SCENES / "tensegrity_substructures.toml").read_text(encoding="utf-8")
+PLATE = (SCENES / "plate.toml").read_text(encoding="utf-8")
+MOVING = (SCENES / "sudden_unloading.toml").read_text(encoding="utf-8")
+BLOCKS = """
+title = "Two blocks"
+[structure]
+kind = "stacked_blocks"
+size = ["20 mm", "20 mm", "10 mm"]
+elements = [2, 2, 1]
+youngs_modulus = "210 GPa"
+poissons_ratio = 0
+[joint]
+law = "law.nc"
+friction = 0.2
+[loading]
+preloads = ["5 MPa", "20 MPa"]
+"""
+
+
+def write(folder, text, *pairs):
+    for old, new in pairs:
+        assert old in text
+        text = text.replace(old, new, 1)
+    path = folder / "scene.toml"
+    path.write_text(text, encoding="utf-8")
+    return path
+
+
+@pytest.fixture
+def blocks(tmp_path):
+    write_law(tmp_path / "law.nc")
+    return write(tmp_path, BLOCKS)
+
+
+def expected_stiffness(path, pressure, damage=(0.0, 0.0, 0.0)):
+    """Springs in series: lower block, joint, upper block."""
+    law = law_from_dataset(open_law(path))
+    lower, joint, upper = (1.0 - D for D in damage)
+    gap = law.gap_at(np.asarray(pressure) / joint)
+    block = 210e9 / 0.01
+    return series(lower * block, joint * law.stiffness(gap), upper * block)
+
+
+def test_a_cut_grid_has_the_tensions_of_the_whole_one(tmp_path):
+    scene = load_scene(write(tmp_path, GRID, ("[4, 4]", "[2, 3]"), ("n = 16", "n = 6")))
+    run_scene(scene, tmp_path / "grid.nc")
+    result = open_dataset(tmp_path / "grid.nc", MACRO_RESULT)
+    expected = solve_static(tensegrity_grid(6), [0.25, 0.5, 1.0])
+    scale = np.abs(expected.tension.values).max()
+    np.testing.assert_allclose(result.tension, expected.tension, rtol=0.0, atol=1e-7 * scale)
+    np.testing.assert_array_equal(result.ends, expected.ends)
+    assert result.attrs["substructures"] == 6
+    assert (tmp_path / "fields" / "grid.pvd").is_file()
+
+
+def test_the_plate_has_16_substructures_and_its_24_edge_interfaces(tmp_path):
+    result = run_scene(load_scene(write(tmp_path, PLATE)), tmp_path / "plate.nc")
+    whole = run_scene(load_scene(write(tmp_path, PLATE, ("[4, 4]", "[1, 1]"))), tmp_path / "one.nc")
+    assert result.attrs["substructures"] == 16
+    assert result.attrs["interfaces"] == 24 + 9  # nine lines where four meet
+    scale = np.abs(whole.displacement.values).max()
+    np.testing.assert_allclose(result.displacement, whole.displacement, atol=1e-8 * scale)
+
+
+def test_a_law_from_a_file_gives_springs_in_series_and_stays_as_it_is(blocks, tmp_path):
+    before = (tmp_path / "law.nc").read_bytes()
+    result = run_scene(load_scene(blocks), tmp_path / "blocks.nc")
+    expected = expected_stiffness(tmp_path / "law.nc", [5e6, 20e6])
+    np.testing.assert_allclose(result.joint_stiffness, expected, rtol=1e-6)
+    assert (tmp_path / "law.nc").read_bytes() == before
+
+
+def test_the_law_of_the_command_comes_before_that_of_the_scene(blocks, tmp_path):
+    scene = write(tmp_path, BLOCKS, ('law = "law.nc"\n', ""))
+    out = tmp_path / "blocks.nc"
+    done = CliRunner().invoke(app, ["macro", str(scene), "-o", str(out)])
+    assert done.exit_code == 1
+    assert "no law: name a file" in str(done.exception)
+    law = str(tmp_path / "law.nc")
+    done = CliRunner().invoke(app, ["macro", str(scene), "-o", str(out), "--law", law])
+    assert done.exit_code == 0, done.output
+    expected = expected_stiffness(law, [5e6, 20e6])
+    last = done.output.splitlines()[3].split()
+    assert float(last[0]) == 20.0
+    assert float(last[1]) == pytest.approx(1e-12 * expected[1], rel=1e-3)
+
+
+def test_damage_of_blocks_and_joints_enters_their_springs(tmp_path):
+    write_law(tmp_path / "law.nc")
+    scene = write(
+        tmp_path,
+        BLOCKS,
+        ("poissons_ratio = 0", "poissons_ratio = 0\ndamage = [0.3, 0]"),
+        ("friction = 0.2", "friction = 0.2\ndamage = [0.5]"),
+    )
+    result = run_scene(load_scene(scene), tmp_path / "blocks.nc")
+    expected = expected_stiffness(tmp_path / "law.nc", [5e6, 20e6], (0.3, 0.5, 0.0))
+    np.testing.assert_allclose(result.joint_stiffness, expected, rtol=1e-6)
+
+
+def test_pressures_beyond_the_law_are_a_caution_on_the_command_line(tmp_path):
+    law = write_law(tmp_path / "law.nc", (1e6, 10e6))
+    out = str(tmp_path / "blocks.nc")
+    done = CliRunner().invoke(
+        app, ["macro", str(write(tmp_path, BLOCKS)), "-o", out, "--law", str(law)]
+    )
+    assert done.exit_code == 0
+    assert "caution: up to 100 % of the joint area carries pressures beyond" in done.output
+
+
+def test_laws_of_other_units_or_kinds_are_refused(blocks, tmp_path):
+    scene = load_scene(blocks)
+    law = open_law(tmp_path / "law.nc")
+    wrong = law.assign(knot=law["knot"].assign_attrs(units="um"))
+    wrong.to_netcdf(tmp_path / "units.nc", engine="h5netcdf")
+    with pytest.raises(SchemaError, match="knot: units 'um', expected 'm'"):
+        run_scene(scene, tmp_path / "out.nc", law=tmp_path / "units.nc")
+    save_law(law.assign_attrs(family="tabulated"), tmp_path / "family.nc")
+    with pytest.raises(CaseError, match="family 'tabulated', which is not built in"):
+        run_scene(scene, tmp_path / "out.nc", law=tmp_path / "family.nc")
+    xr.Dataset(attrs={"schema": "macro_result", "schema_version": 1}).to_netcdf(
+        tmp_path / "kind.nc", engine="h5netcdf"
+    )
+    with pytest.raises(SchemaError, match="schema 'macro_result', expected a 'interface_law'"):
+        run_scene(scene, tmp_path / "out.nc", law=tmp_path / "kind.nc")
+    with pytest.raises(CaseError, match="has no joint that the law"):
+        run_scene(load_scene(write(tmp_path, PLATE)), tmp_path / "out.nc", law=tmp_path / "law.nc")
+
+
+@pytest.mark.parametrize(
+    ("text", "pair", "message"),
+    [
+        (BLOCKS, ('[loading]\npreloads = ["5 MPa", "20 MPa"]', ""), r"needs \[joint\] and \[load"),
+        (BLOCKS, ("[loading]", "[statics]\nload_factors = [1]\n[loading]"), r"no \[statics\]"),
+        (BLOCKS, ("elements", "damage = [0.1]\nelements"), r"each block \(2\), got 1"),
+        (BLOCKS, ("friction", "damage = [0, 0]\nfriction"), r"each joint \(1\), got 2"),
+        (BLOCKS, ("0.2", "-0.2"), r"\[joint\] friction should be greater"),
+        (BLOCKS, ('"5 MPa"', '"5 mm"'), r"preloads\[0\] '5 mm' cannot be converted to Pa"),
+        (BLOCKS, ("preloads", "cycles = 2\npreloads"), "give both shear and cycles"),
+        (BLOCKS, ("stacked_blocks", "stacked"), "known kinds: tensegrity_grid, .*lap_joint"),
+        (PLATE, ("[statics]", "[joint]\nfriction = 0.1\n[statics]"), r"takes no \[joint\]"),
+        (PLATE, ("[statics]", "[statics]\nexact = true"), "leave out exact and stability"),
+        (PLATE, ("parts = [4, 4]", "parts = [4]"), r"\[substructures\] parts"),
+        (MOVING, ("[dynamics]", "[substructures]\n[dynamics]"), r"take \[statics\]"),
+    ],
+)
+def test_a_refused_scene_says_what_and_where(tmp_path, text, pair, message):
+    path = write(tmp_path, text, pair)
+    with pytest.raises(CaseError, match=message) as caught:
+        load_scene(path)
+    assert str(caught.value).startswith(f"{path}: ")

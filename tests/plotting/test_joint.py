@@ -1,0 +1,54 @@
+"""Figures of joints: the data in the axes are those of the dataset."""
+
+import numpy as np
+import pytest
+from matplotlib.figure import Figure
+
+from multiscale.laws import Exponential, Frictional
+from multiscale.laws.bulk import Elastic
+from multiscale.macro.substructures import JointLoading, load_joint, stacked_blocks
+from multiscale.plotting import draw_joint, plot_contact_zones, plot_hysteresis, plot_joint_pressure
+
+
+@pytest.fixture(scope="module")
+def result():
+    law = Frictional(Exponential(1e9, 0.2e-6), 0.2)
+    blocks = stacked_blocks((0.03, 0.02, 0.01), (3, 2, 1), [Elastic(70e9, 0.3)] * 2, [law])
+    loading = JointLoading((2e6, 10e6), shear=1.6e6, cycles=1, steps=3)
+    return load_joint(blocks, loading, tolerance=1e-6)
+
+
+def test_zones_hold_every_point_in_millimetres_and_name_their_share(result):
+    ax = plot_contact_zones(result, step=4, ax=Figure().add_subplot())
+    points = np.concatenate([dots.get_offsets() for dots in ax.collections])
+    position = 1e3 * result["point_position"].values[:, :2]
+    np.testing.assert_allclose(np.sort(points, axis=0), np.sort(position, axis=0))
+    shares = [100.0 * float(result[f"{name}_fraction"][4]) for name in ("open", "stick", "slip")]
+    labels = [text.get_text() for text in ax.get_legend().get_texts()]
+    assert labels == [
+        f"{name}, {share:.0f} %"
+        for name, share in zip(("open", "stick", "slip"), shares, strict=True)
+    ]
+    assert "10 MPa, shear 1.6 MPa" in ax.get_title()
+
+
+def test_the_pressure_is_that_of_the_points_in_megapascal(result):
+    ax = plot_joint_pressure(result, step=4, ax=Figure().add_subplot())
+    np.testing.assert_allclose(
+        ax.collections[0].get_array(), -1e-6 * result["traction"].values[4, :, 0]
+    )
+
+
+def test_the_loop_encloses_the_energy_per_area_of_the_cycle(result):
+    ax = plot_hysteresis(result, ax=Figure().add_subplot())
+    slip, shear = ax.lines[0].get_data()
+    assert shear[0] == 0.0
+    np.testing.assert_allclose(shear[1:], 1e-6 * result["shear"].values[2:])
+    area = np.trapezoid(shear[3:], slip[3:])  # MPa um = J/m2
+    np.testing.assert_allclose(area * 0.03 * 0.02, float(result["cycle_energy"][0]), rtol=1e-9)
+
+
+def test_all_figures_of_a_joint_are_written(result, tmp_path):
+    files = draw_joint(result, tmp_path / "figures")
+    assert [file.stem for file in files] == ["contact_zones", "pressure", "hysteresis"]
+    assert all(file.read_bytes().startswith(b"\x89PNG") for file in files)
