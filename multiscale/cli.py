@@ -125,12 +125,19 @@ def macro_command(
         Path | None, typer.Option("--law", help="Interface law of rough joints.")
     ] = None,
 ) -> None:
-    """Solve a scene: bars and cables at rest or in motion, a plate, bodies with rough joints."""
+    """Solve a scene: bars and cables at rest or in motion, a plate, bodies with rough joints.
+
+    Started by ``mpiexec -n N``, N processes share the substructures of a scene that is cut.
+    """
+    from multiscale.macro.substructures import world
     from multiscale.pipeline import load_scene, run_scene
     from multiscale.report import list_cycles, tabulate_scene
 
     settings = load_scene(scene)
-    result = run_scene(settings.quick() if quick else settings, out, law=law)
+    team = world()
+    result = run_scene(settings.quick() if quick else settings, out, law=law, team=team)
+    if team.rank:  # the first process speaks for all
+        return
     for name in ("failure", "cautions"):
         for caution in result.attrs.get(name, "").splitlines():
             typer.echo(f"caution: {caution}", err=True)

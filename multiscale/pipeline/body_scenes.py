@@ -15,6 +15,7 @@ from multiscale.macro.substructures import (
     JointLoading,
     LapShape,
     RoughAssembly,
+    Team,
     lap_joint,
     load_joint,
     split_boxes,
@@ -37,7 +38,7 @@ if TYPE_CHECKING:
 __all__ = ["make_assembly", "solve_bodies"]
 
 
-def solve_bodies(scene: "Scene", law: Path | None) -> "xr.Dataset":
+def solve_bodies(scene: "Scene", law: Path | None, team: Team | None = None) -> "xr.Dataset":
     """Solve a scene of elastic bodies.
 
     Parameters
@@ -45,6 +46,8 @@ def solve_bodies(scene: "Scene", law: Path | None) -> "xr.Dataset":
     scene : Scene
     law : Path, optional
         Law of the joints, instead of the one that the scene names.
+    team : Team, optional
+        Processes that share the substructures.
 
     Returns
     -------
@@ -61,6 +64,7 @@ def solve_bodies(scene: "Scene", law: Path | None) -> "xr.Dataset":
         "coarse": cut.coarse,
         "tolerance": cut.tolerance,
         "max_iterations": cut.max_iterations,
+        "team": team,
     }
     if isinstance(scene.structure, Plate):
         plate = _make_plate(scene.structure)

@@ -18,7 +18,7 @@ from multiscale.macro import (
     tensegrity_grid,
 )
 from multiscale.macro.discrete.description import describe
-from multiscale.macro.substructures import cut_links, solve_latin, split_grid
+from multiscale.macro.substructures import Team, cut_links, solve_latin, split_grid
 from multiscale.pipeline.body_scenes import solve_bodies
 from multiscale.pipeline.body_settings import BODIES, LapJoint, Plate, StackedBlocks, Substructures
 from multiscale.pipeline.scene_settings import (
@@ -101,7 +101,9 @@ def make_structure(scene: Scene) -> LinkSystem:
     return system_from_mesh(mesh, laws, supports=given.supports, load=given.load, scale=given.unit)
 
 
-def run_scene(scene: Scene, out: str | Path, *, law: str | Path | None = None) -> "xr.Dataset":
+def run_scene(
+    scene: Scene, out: str | Path, *, law: str | Path | None = None, team: Team | None = None
+) -> "xr.Dataset":
     """Solve a scene; write its result and, beside it in ``fields``, a series for ParaView.
 
     Parameters
@@ -111,6 +113,8 @@ def run_scene(scene: Scene, out: str | Path, *, law: str | Path | None = None) -
         Dataset to write; its folder is made if needed.
     law : path, optional
         Interface law of the joints, instead of the one that the scene names.
+    team : Team, optional
+        Processes that share the substructures. All call this function; the first one writes.
 
     Returns
     -------
@@ -130,14 +134,15 @@ def run_scene(scene: Scene, out: str | Path, *, law: str | Path | None = None) -
     if law is not None and scene.joint is None:
         raise CaseError(f"{scene.title}: the scene has no joint that the law {law} could be of")
     if bodies:
-        result = solve_bodies(scene, None if law is None else Path(law))
+        result = solve_bodies(scene, None if law is None else Path(law), team)
     else:
-        result = _solve_links(scene)
+        result = _solve_links(scene, team)
     result = result.assign_attrs(title=scene.title, scene=scene.to_toml())
-    make_folder(out.parent)
-    write_dataset(result, out, MACRO_RESULT)
-    if not bodies:
-        write_link_fields(result, make_folder(out.parent / "fields"), name=out.stem)
+    if team is None or team.rank == 0:
+        make_folder(out.parent)
+        write_dataset(result, out, MACRO_RESULT)
+        if not bodies:
+            write_link_fields(result, make_folder(out.parent / "fields"), name=out.stem)
     if not result["converged"].values.any():
         raise ConvergenceError(f"{scene.title}: no step converged; {result.attrs['failure']}")
     return result
@@ -148,20 +153,22 @@ def _law(settings: LinkLawSettings) -> LinkLaw:
     return LAWS[settings.kind](settings.rigidity)
 
 
-def _solve_links(scene: Scene) -> "xr.Dataset":
+def _solve_links(scene: Scene, team: Team | None) -> "xr.Dataset":
     """Solve a structure of links, whole or cut."""
     system, statics = make_structure(scene), scene.statics
     if statics is None:
         assert scene.dynamics is not None  # the scene has been validated
         return _move(system, scene.dynamics)
     if scene.substructures is not None:
-        return _solve_cut(system, np.array(statics.load_factors), scene.substructures)
+        return _solve_cut(system, np.array(statics.load_factors), scene.substructures, team)
     return solve_static(
         system, statics.load_factors, exact=statics.exact, stability=statics.stability
     )
 
 
-def _solve_cut(system: LinkSystem, factors: np.ndarray, cut: Substructures) -> "xr.Dataset":
+def _solve_cut(
+    system: LinkSystem, factors: np.ndarray, cut: Substructures, team: Team | None
+) -> "xr.Dataset":
     """Solve a structure of links by its substructures."""
     result = solve_latin(
         cut_links(system, split_grid(system, cut.parts)),
@@ -169,6 +176,7 @@ def _solve_cut(system: LinkSystem, factors: np.ndarray, cut: Substructures) -> "
         coarse=cut.coarse,
         tolerance=cut.tolerance,
         max_iterations=cut.max_iterations,
+        team=team,
     )
     return MACRO_RESULT.assign(result, describe(system)).assign_coords(end=range(2))
 

@@ -9,7 +9,9 @@ from textwrap import dedent
 import numpy as np
 import pytest
 
+from multiscale.io import open_dataset
 from multiscale.macro.substructures import world
+from multiscale.schema import MACRO_RESULT
 
 PROGRAM = dedent(
     """
@@ -46,6 +48,30 @@ def test_the_answer_is_the_same_for_any_number_of_processes(tmp_path):
     scale = np.abs(tensions[0]).max()
     for tension in tensions[1:]:
         np.testing.assert_allclose(tension, tensions[0], rtol=0.0, atol=1e-10 * scale)
+
+
+def test_the_command_spreads_a_scene_and_writes_it_once(tmp_path):
+    pytest.importorskip("mpi4py")
+    launcher = Path(sys.executable).with_name("mpiexec")
+    if not launcher.exists():
+        pytest.skip("mpiexec is not beside the interpreter")
+    scene = tmp_path / "scene.toml"
+    scene.write_text(
+        'title = "grid"\n[structure]\nkind = "tensegrity_grid"\nn = 4\nprestress = "160 N"\n'
+        "[substructures]\nparts = [2, 2]\n[statics]\nload_factors = [0.5, 1.0]\n"
+    )
+    tensions = []
+    for ranks in (1, 2):
+        out = tmp_path / f"{ranks}.nc"
+        program = "from multiscale.cli import main; main()"
+        command = [str(launcher), "-n", str(ranks), sys.executable, "-c", program]
+        command += ["macro", str(scene), "-o", str(out)]
+        done = subprocess.run(command, capture_output=True, text=True, timeout=300, check=False)
+        assert done.returncode == 0, done.stderr
+        assert done.stdout.count("dataset: ") == 1
+        tensions.append(open_dataset(out, MACRO_RESULT)["tension"].values)
+    scale = np.abs(tensions[0]).max()
+    np.testing.assert_allclose(tensions[1], tensions[0], rtol=0.0, atol=1e-10 * scale)
 
 
 def test_one_process_loads_nothing_of_mpi():
