@@ -1,6 +1,7 @@
 """Linear systems that are factorised once and solved often."""
 
 import warnings
+import weakref
 from collections.abc import Callable
 from copy import copy
 from functools import cache
@@ -15,7 +16,7 @@ from scipy.sparse.linalg import splu
 
 from multiscale.errors import MultiscaleError
 
-__all__ = ["factorise"]
+__all__ = ["factorise", "new_pardiso"]
 
 LARGEST_CONDITION = 1e13
 """Above this condition number, after scaling by the diagonal, a matrix counts as singular."""
@@ -101,7 +102,7 @@ def _factors(matrix: csr_array | np.ndarray) -> Solve:
             dense = lu_factor(matrix)
         return lambda rhs: np.asarray(lu_solve(dense, rhs, check_finite=False))
     scale = _diagonal_scale(matrix)
-    solver = _new_pardiso()
+    solver = new_pardiso()
     if solver is None:
         return _superlu_factors(matrix, scale)
 
@@ -112,12 +113,22 @@ def _factors(matrix: csr_array | np.ndarray) -> Solve:
         raise RuntimeError("PARDISO cannot take an empty row")
     solver.factorize(rows)
 
-    return lambda rhs: _scaled_solve(lambda b: solver.solve(rows, b), scale, rhs)
+    def solve(rhs: np.ndarray) -> np.ndarray:
+        return _scaled_solve(lambda b: solver.solve(rows, b), scale, rhs)
+
+    weakref.finalize(solve, solver.free_memory, everything=True)
+    return solve
 
 
-def _new_pardiso() -> Any:
-    """Return a fresh solver, or nothing without pypardiso."""
-    blank = _blank_pardiso()
+def new_pardiso(matrix_type: int = 11) -> Any:
+    """Return a fresh PARDISO solver, or nothing without pypardiso.
+
+    Parameters
+    ----------
+    matrix_type : int
+        As PARDISO counts them: 11 real and nonsymmetric, 2 real and positive definite.
+    """
+    blank = _blank_pardiso(matrix_type)
     if blank is None:
         return None
     solver = copy(blank)
@@ -126,10 +137,10 @@ def _new_pardiso() -> Any:
 
 
 @cache
-def _blank_pardiso() -> Any:
+def _blank_pardiso(matrix_type: int) -> Any:
     """Load the library; pypardiso searches the file system for it every time."""
     try:
-        return import_module("pypardiso").PyPardisoSolver()
+        return import_module("pypardiso").PyPardisoSolver(mtype=matrix_type)
     except ImportError:
         return None
 

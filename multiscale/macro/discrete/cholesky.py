@@ -2,9 +2,6 @@
 
 import weakref
 from collections.abc import Callable
-from copy import copy
-from functools import cache
-from importlib import import_module
 from typing import Any
 
 import numpy as np
@@ -12,11 +9,15 @@ from scipy.sparse import csc_array, csr_matrix
 from scipy.sparse.linalg import splu
 
 from multiscale.errors import MultiscaleError
+from multiscale.linalg import new_pardiso
 
 __all__ = ["Factorise", "Solve", "prepare_cholesky"]
 
 Solve = Callable[[np.ndarray], np.ndarray]
 Factorise = Callable[[np.ndarray, bool], Solve]
+
+POSITIVE_DEFINITE = 2
+"""Kind of matrix, as PARDISO counts them."""
 
 ANALYSE, FACTORISE, SOLVE = 11, 22, 33
 """Phases of PARDISO."""
@@ -49,34 +50,14 @@ def prepare_cholesky(start: np.ndarray, column: np.ndarray) -> Factorise:
     """
     if start.size == 1:
         return lambda entries, signs: np.copy
-    solver = _new_pardiso()
+    solver = new_pardiso(POSITIVE_DEFINITE)
     return _superlu(start, column) if solver is None else _pardiso(solver, start, column)
-
-
-def _new_pardiso() -> Any:
-    """Return a fresh solver for positive definite matrices, or nothing without pypardiso."""
-    blank = _blank_pardiso()
-    if blank is None:
-        return None
-    solver = copy(blank)
-    solver.pt, solver.iparm = blank.pt.copy(), blank.iparm.copy()
-    return solver
-
-
-@cache
-def _blank_pardiso() -> Any:
-    """Load the library; pypardiso searches the file system for it every time."""
-    try:
-        solver = import_module("pypardiso").PyPardisoSolver(mtype=2)
-    except ImportError:
-        return None
-    for place, value in SETTINGS.items():
-        solver.iparm[place] = value
-    return solver
 
 
 def _pardiso(solver: Any, start: np.ndarray, column: np.ndarray) -> Factorise:
     """Numeric factors by PARDISO; its own ``factorize`` would repeat the analysis."""
+    for place, value in SETTINGS.items():
+        solver.iparm[place] = value
     n = start.size - 1
     none = np.zeros((n, 1))
     analysed = False
