@@ -1,0 +1,45 @@
+"""The datasets that pass between the layers: names, dimensions and units, written once."""
+
+from multiscale.schema.base import COMPONENTS, Schema, Variable
+from multiscale.schema.cell import FIELDS, MICRO_RESPONSE
+from multiscale.schema.damage import DAMAGE_SECTIONS, FATIGUE, RVE_STIFFNESS, WOEHLER
+from multiscale.schema.law import ERROR_BUDGET, INTERFACE_LAW, LAW_COMPARISON
+from multiscale.schema.structure import HOMOGENISED, MACRO_RESULT
+from multiscale.schema.work_precision import WORK_PRECISION
+
+__all__ = [
+    "COMPONENTS",
+    "DAMAGE_SECTIONS",
+    "ERROR_BUDGET",
+    "FATIGUE",
+    "FIELDS",
+    "HOMOGENISED",
+    "INTERFACE_LAW",
+    "LAW_COMPARISON",
+    "MACRO_RESULT",
+    "MICRO_RESPONSE",
+    "RVE_STIFFNESS",
+    "SCHEMAS",
+    "WOEHLER",
+    "WORK_PRECISION",
+    "Schema",
+    "Variable",
+]
+
+SCHEMAS = {
+    schema.name: schema
+    for schema in (
+        MICRO_RESPONSE,
+        INTERFACE_LAW,
+        MACRO_RESULT,
+        FIELDS,
+        WORK_PRECISION,
+        DAMAGE_SECTIONS,
+        RVE_STIFFNESS,
+        FATIGUE,
+        WOEHLER,
+        ERROR_BUDGET,
+        LAW_COMPARISON,
+        HOMOGENISED,
+    )
+}

@@ -1,0 +1,144 @@
+"""What a schema is: names, dimensions and units of a dataset."""
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from typing import TYPE_CHECKING, Any
+
+from multiscale.errors import SchemaError
+
+if TYPE_CHECKING:
+    import xarray as xr
+
+__all__ = ["BUDGET", "COMPONENTS", "Schema", "Variable"]
+
+COMPONENTS = ("n", "t1", "t2")
+"""Labels of the dimension ``component``: the normal and the two tangents of the joint."""
+
+
+@dataclass(frozen=True)
+class Variable:
+    """Dimensions, unit (UDUNITS spelling) and meaning of one variable."""
+
+    dims: tuple[str, ...]
+    units: str
+    long_name: str
+
+
+@dataclass(frozen=True)
+class Schema:
+    """Names, dimensions and units of one kind of dataset.
+
+    Parameters
+    ----------
+    name, version
+        Written into every file; :mod:`multiscale.io` refuses another version.
+    variables : mapping of str to Variable
+        What must be there.
+    optional : mapping of str to Variable
+        What may be there, and then in this form. Coordinates are listed here too.
+    """
+
+    name: str
+    version: int
+    variables: Mapping[str, Variable]
+    optional: Mapping[str, Variable] = field(default_factory=dict)
+
+    def check(self, dataset: "xr.Dataset") -> None:
+        """Raise if a variable is missing or has other dimensions or units.
+
+        Raises
+        ------
+        SchemaError
+            With every fault found, one a line.
+        """
+        faults = []
+        for name, variable in {**self.variables, **self.optional}.items():
+            if name not in dataset.variables:
+                if name in self.variables:
+                    faults.append(f"{name}: missing ({variable.long_name}, {variable.units})")
+                continue
+            found = dataset[name]
+            if found.dims != variable.dims:
+                faults.append(f"{name}: dimensions {found.dims}, expected {variable.dims}")
+            if found.attrs.get("units") != variable.units:
+                faults.append(
+                    f"{name}: units {found.attrs.get('units')!r}, expected {variable.units!r}"
+                )
+        if faults:
+            raise SchemaError(
+                f"not a {self.name!r} dataset (schema version {self.version}):\n  "
+                + "\n  ".join(faults)
+            )
+
+    def build(self, values: Mapping[str, Any], **attributes: str | float | int) -> "xr.Dataset":
+        """Make a dataset from plain arrays; dimensions, units and labels come from the schema.
+
+        Parameters
+        ----------
+        values : mapping of str to array_like
+            One array per variable or optional variable. A dimension without a coordinate of its
+            own name gets integer labels, ``component`` its names.
+        **attributes
+            Attributes of the dataset, strings and numbers.
+
+        Raises
+        ------
+        SchemaError
+            As :meth:`check`.
+        """
+        import xarray as xr
+
+        dataset = self.assign(xr.Dataset(attrs=attributes), values)
+        for dim, size in dataset.sizes.items():
+            if dim == "component":
+                dataset = dataset.assign_coords(component=list(COMPONENTS[:size]))
+            elif dim not in dataset.coords:
+                dataset = dataset.assign_coords({dim: range(size)})
+        self.check(dataset)
+        return dataset
+
+    def assign(self, dataset: "xr.Dataset", values: Mapping[str, Any]) -> "xr.Dataset":
+        """Add variables to a dataset; dimensions and units come from the schema.
+
+        Raises
+        ------
+        SchemaError
+            If the schema has no variable of a name.
+        """
+        known = {**self.variables, **self.optional}
+        added = {}
+        for name, value in values.items():
+            if name not in known:
+                raise SchemaError(f"a {self.name!r} dataset has no variable {name!r}")
+            variable = known[name]
+            attrs: dict[str, Any] = {"units": variable.units, "long_name": variable.long_name}
+            if name == "converged":
+                attrs |= {"flag_values": [0, 1], "flag_meanings": "failed converged"}
+            added[name] = (variable.dims, value, attrs)
+        along = [name for name in values if name in self.optional and name in COORDINATES]
+        return dataset.assign(added).set_coords(along)
+
+
+COORDINATES = frozenset(
+    {
+        "nominal_pressure",
+        "rms_height",
+        "rms_slope",
+        "nayak_parameter",
+        "preload",
+        "load_factor",
+        "method",
+        "scene",
+        "time",
+        "law",
+    }
+)
+"""Physical values that label a dimension without being its index."""
+
+BUDGET = {
+    "error_half_width": Variable(
+        ("quantity", "error_term", "step"), "1", "half-width of the 95 % interval over the value"
+    ),
+    "error_total": Variable(("quantity", "step"), "1", "all known terms together"),
+}
+"""Errors that laws and results carry."""

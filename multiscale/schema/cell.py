@@ -1,0 +1,44 @@
+"""Datasets of cells: responses and fields."""
+
+from multiscale.schema.base import Schema, Variable
+
+__all__ = ["FIELDS", "MICRO_RESPONSE"]
+
+_CELL = ("realisation", "step")
+
+MICRO_RESPONSE = Schema(
+    name="micro_response",
+    version=1,
+    variables={
+        "displacement_jump": Variable((*_CELL, "component"), "m", "mean displacement jump"),
+        "traction": Variable((*_CELL, "component"), "Pa", "averaged traction, eqs (2)-(3)"),
+        "mean_gap": Variable(_CELL, "m", "mean distance of obstacle and deformed surface"),
+        "contact_fraction": Variable(_CELL, "1", "real over nominal contact area"),
+        "converged": Variable(_CELL, "1", "whether the contact solver converged"),
+        "active_set_iterations": Variable(_CELL, "1", "number of active-set iterations"),
+        "linear_iterations": Variable(_CELL, "1", "number of conjugate-gradient iterations"),
+        "wall_time": Variable(_CELL, "s", "wall time of the step"),
+    },
+    optional={
+        "recovered_traction": Variable(
+            (*_CELL, "component"), "Pa", "averaged traction from the recovered Cauchy stress"
+        ),
+        "pressure": Variable((*_CELL, "y", "x"), "Pa", "local contact pressure"),
+        "gap": Variable((*_CELL, "y", "x"), "m", "local gap"),
+        "nominal_pressure": Variable(("step",), "Pa", "prescribed mean pressure"),
+        "rms_height": Variable(("realisation",), "m", "root mean square height"),
+        "rms_slope": Variable(("realisation",), "1", "root mean square slope"),
+        "nayak_parameter": Variable(("realisation",), "1", "Nayak parameter"),
+    },
+)
+
+FIELDS = Schema(
+    name="fields",
+    version=1,
+    variables={
+        "height": Variable(("y", "x"), "m", "height of the composite surface"),
+        "pressure": Variable(("step", "y", "x"), "Pa", "local contact pressure"),
+        "gap": Variable(("step", "y", "x"), "m", "local gap"),
+    },
+    optional={"nominal_pressure": Variable(("step",), "Pa", "prescribed mean pressure")},
+)

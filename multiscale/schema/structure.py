@@ -1,0 +1,116 @@
+"""Datasets of structures: results, and substructures condensed on resultants."""
+
+from multiscale.schema.base import BUDGET, Schema, Variable
+
+__all__ = ["HOMOGENISED", "MACRO_RESULT"]
+
+MACRO_RESULT = Schema(
+    name="macro_result",
+    version=1,
+    variables={
+        "converged": Variable(("step",), "1", "whether the macro solver converged"),
+        "residual": Variable(("step",), "1", "residual relative to the load"),
+        "wall_time": Variable(("step",), "s", "wall time of the step"),
+    },
+    optional={
+        "preload": Variable(("step",), "Pa", "nominal preload"),
+        "joint_stiffness": Variable(("step",), "Pa m-1", "normal stiffness of the whole joint"),
+        "joint_stiffness_sample": Variable(
+            ("sample", "step"), "Pa m-1", "joint stiffness for each sample of the law"
+        ),
+        "interface_stiffness": Variable(
+            ("step",), "Pa m-1", "normal stiffness of the interface alone"
+        ),
+        "solid_stiffness": Variable((), "Pa m-1", "stiffness of the blocks without interface"),
+        "approach": Variable(("step",), "m", "displacement of the loaded platen"),
+        "mean_gap": Variable(("step",), "m", "area mean of the gap of the joint"),
+        "contact_fraction": Variable(("step",), "1", "real over nominal contact area"),
+        "contact_fraction_sample": Variable(
+            ("sample", "step"), "1", "contact fraction for each sample of the law"
+        ),
+        "closed_fraction": Variable(("step",), "1", "share of the interface that carries pressure"),
+        "position": Variable(("node", "component"), "m", "position of the nodes"),
+        "ends": Variable(("link", "end"), "1", "nodes at both ends of the links"),
+        "law": Variable(("link",), "1", "kind of the links: bar, beam, cable or strut"),
+        "cycles": Variable(("step",), "1", "number of load cycles"),
+        "damage": Variable(("step",), "1", "damage of blocks and interface by the cycles"),
+        "load_factor": Variable(("step",), "1", "factor of the loads"),
+        "tension": Variable(("step", "link"), "N", "tension, compression negative"),
+        "slack": Variable(("step", "link"), "m", "distance by which the ends of a link miss it"),
+        "displacement": Variable(("step", "node", "component"), "m", "displacement of the nodes"),
+        "rotation": Variable(("step", "node", "component"), "rad", "rotation of the nodes"),
+        "moment": Variable(
+            ("step", "link", "part"), "N m", "torsion and end moments of beams in their axes"
+        ),
+        "iterations": Variable(("step",), "1", "number of residuals that the solver computed"),
+        "krylov_iterations": Variable(
+            ("step",), "1", "number of iterations of the linear solver in all Newton steps"
+        ),
+        "error_bound": Variable(
+            ("step",), "1", "guaranteed bound on the error of the tensions relative to their change"
+        ),
+        "tangent_eigenvalue": Variable(("step",), "N m-1", "smallest eigenvalue of the tangent"),
+        "stability_eigenvalue": Variable(
+            ("step",), "N m-1", "smallest eigenvalue with the geometric stiffness"
+        ),
+        "traction": Variable(("step", "point", "direction"), "Pa", "traction of the joints"),
+        "jump": Variable(("step", "point", "direction"), "m", "displacement jump of the joints"),
+        "point_position": Variable(("point", "component"), "m", "position of points of joints"),
+        "point_area": Variable(("point",), "m2", "area that a point of a joint stands for"),
+        "point_joint": Variable(("point",), "1", "number of the joint of a point"),
+        "contact_state": Variable(
+            ("step", "point"), "1", "whether a point is open (0), sticks (1) or slips (2)"
+        ),
+        "open_fraction": Variable(("step",), "1", "share of the joint area that is open"),
+        "stick_fraction": Variable(("step",), "1", "share of the joint area that sticks"),
+        "slip_fraction": Variable(("step",), "1", "share of the joint area that slips"),
+        "beyond_fraction": Variable(
+            ("step",), "1", "share of the joint area whose pressure lies beyond the data of the law"
+        ),
+        "shear": Variable(("step",), "Pa", "tangential traction on the loaded face"),
+        "shear_displacement": Variable(
+            ("step",), "m", "mean displacement of the loaded face along the tangential traction"
+        ),
+        "tangential_stiffness": Variable(
+            ("step",), "Pa m-1", "tangential stiffness of the whole joint"
+        ),
+        "cycle_energy": Variable(("cycle",), "J", "energy that the joint loses in a closed cycle"),
+        "time": Variable(("step",), "s", "time"),
+        "velocity": Variable(("step", "node", "component"), "m s-1", "velocity of the nodes"),
+        "impulse": Variable(("step", "link"), "N s", "impulse of inextensible links in the step"),
+        "kinetic_energy": Variable(("step",), "J", "kinetic energy"),
+        "elastic_energy": Variable(("step",), "J", "elastic energy of the links"),
+        "work": Variable(("step",), "J", "work of loads and supports since the start"),
+        "numerical_dissipation": Variable(
+            ("step",), "J", "energy lost to the time scheme since the start"
+        ),
+        "link_dissipation": Variable(
+            ("step",), "J", "energy lost in the links since the start, summed link by link"
+        ),
+        "smallest_link_dissipation": Variable(
+            ("step",), "J", "smallest energy that one link lost in the step"
+        ),
+        **BUDGET,
+    },
+)
+
+HOMOGENISED = Schema(
+    name="homogenised",
+    version=1,
+    variables={
+        "stiffness": Variable(
+            ("status", "substructure", "resultant", "other_resultant"),
+            "N m-1",
+            "stiffness condensed on the resultants of the interfaces, NaN beyond their number",
+        ),
+        "coarse_unknown": Variable(
+            ("substructure", "resultant"), "1", "number of the resultant in the structure, or -1"
+        ),
+        "rigid_motion": Variable(
+            ("substructure", "resultant", "motion"),
+            "1",
+            "coarse motion in three translations, and in three rotations times m",
+        ),
+        "slack_links": Variable(("substructure",), "1", "number of slack links"),
+    },
+)
