@@ -106,6 +106,7 @@ def test_few_spherical_voids_have_the_dilute_limit(radius):
     assert 1.0 - found[0] == pytest.approx(SPHERE * phi, rel=0.12)
 
 
+@pytest.mark.slow
 def test_voxels_converge_to_the_mesh_of_a_sphere(gmsh):
     rve = lattice("simple cubic", 0.25, edge=1.0)
     coarse, fine = (ratio(mesh_stiffness(rve, E, NU, element_size=h))[0] for h in (0.4, 0.2))
@@ -126,6 +127,7 @@ def test_half_an_image_turned_is_the_tensor_turned():
     np.testing.assert_allclose(other, rotate_stiffness(one, Q), rtol=1e-5, atol=1e-6 * E)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("porosity", [0.1, 0.3])
 def test_stiffness_stays_within_its_bounds(porosity):
     image = voxelise(random_spheres(CUBE, 0.14, porosity=porosity, seed=3), 32)
@@ -140,6 +142,7 @@ def test_stiffness_stays_within_its_bounds(porosity):
     assert np.all(ratio(effective_stiffness(image, E, NU)) < 1.0 - image.porosity)
 
 
+@pytest.mark.slow
 def test_iterations_grow_neither_with_the_resolution_nor_with_the_contrast():
     counts = []
     for n, contrast in ((16, 1e2), (32, 1e4), (32, np.inf)):
@@ -150,6 +153,7 @@ def test_iterations_grow_neither_with_the_resolution_nor_with_the_contrast():
     assert max(counts) < 60
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("contrast", [1e4, np.inf])
 def test_percolating_voids_and_high_porosity(contrast):
     image = voxelise(boolean_spheres(CUBE, 0.15, porosity=0.6, seed=1), 32)
@@ -204,6 +208,7 @@ def collinear(damage, n, height):
     return 1.0 / S[1, 1] / (E / (1.0 - NU**2))
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("damage", COLLINEAR)
 def test_collinear_cracks_are_softer_than_their_damage_says(damage):
     height = 3
