@@ -15,7 +15,7 @@ __all__ = ["SideStiffness", "schur_complements", "side_stiffness"]
 STRENGTH = 0.6
 """Stiffness of an interface relative to that of its neighbours."""
 
-SOFTEST = 1e-6
+SOFTEST = 1e-3
 """Below this share of the stiffest motion of an interface all are taken as equally soft."""
 
 HELD = 1e-9
