@@ -5,6 +5,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from multiscale.errors import CaseError
+from multiscale.laws.parameters import check_parameter
 
 __all__ = ["AreaLaw", "ErrorFunctionArea"]
 
@@ -122,10 +123,7 @@ class ErrorFunctionArea:
     pressure_scale: float
 
     def __post_init__(self) -> None:
-        if not (self.pressure_scale > 0.0 and np.isfinite(self.pressure_scale)):
-            raise CaseError(
-                f"pressure_scale must be positive and finite (Pa), got {self.pressure_scale:g}"
-            )
+        check_parameter(self, "pressure_scale", "Pa")
 
     def contact_fraction(self, pressure: np.ndarray) -> np.ndarray:
         """Evaluate (1) at a nominal pressure, Pa; any shape."""

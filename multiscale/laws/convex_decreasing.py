@@ -9,6 +9,8 @@ from multiscale.laws.base import NormalLaw
 
 __all__ = ["ConvexDecreasing"]
 
+FEW_POINTS = 512
+
 
 @dataclass(frozen=True)
 class ConvexDecreasing(NormalLaw):
@@ -129,8 +131,13 @@ class ConvexDecreasing(NormalLaw):
         )
 
     def _sum(self, gap: np.ndarray, power: int) -> np.ndarray:
-        """Sum of c_k <s_k - g>^power, term by term: memory for points, not points times terms."""
-        total = np.zeros(np.shape(gap))
+        """Sum of c_k <s_k - g>^power; of many points term by term, for memory's sake."""
+        gap = np.asarray(gap, dtype=float)
+        if gap.size <= FEW_POINTS:
+            return np.asarray(
+                np.maximum(0.0, self.knot - gap[..., None]) ** power @ self.coefficient
+            )
+        total = np.zeros(gap.shape)
         for s, c in zip(self.knot, self.coefficient, strict=True):
             total += c * np.maximum(0.0, s - gap) ** power
         return total

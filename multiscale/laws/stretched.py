@@ -4,8 +4,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from multiscale.errors import CaseError
 from multiscale.laws.base import NormalLaw
+from multiscale.laws.parameters import check_parameter
 
 __all__ = ["StretchedLaw"]
 
@@ -41,8 +41,7 @@ class StretchedLaw(NormalLaw):
     gap: float = 0.0
 
     def __post_init__(self) -> None:
-        if not (self.factor > 0.0 and np.isfinite(self.factor)):
-            raise CaseError(f"factor must be positive and finite, got {self.factor:g}")
+        check_parameter(self, "factor")
 
     def pressure(self, gap: np.ndarray) -> np.ndarray:
         """Pressure, Pa, at a local gap, m."""
