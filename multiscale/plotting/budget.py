@@ -5,6 +5,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from multiscale.plotting.figure import axes_or_current
+from multiscale.upscaling.budget import total_error
 
 if TYPE_CHECKING:
     import xarray as xr
@@ -35,7 +36,7 @@ def plot_error_budget(
     ax = axes_or_current(ax)
     chosen = str(budget["quantity"].values[0]) if quantity is None else quantity
     one = budget.sel(quantity=chosen)
-    half = 100.0 * one["error_half_width"].values
+    half = 100.0 * total_error(one["error_bias"].values, one["error_half_width"].values)
     total = 100.0 * one["error_total"].values
     share = np.nan_to_num(half**2) / np.maximum(np.nansum(half**2, axis=0), 1e-300)
     at, bottom = np.arange(total.size), np.zeros(total.size)

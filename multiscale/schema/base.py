@@ -137,7 +137,12 @@ COORDINATES = frozenset(
 
 BUDGET = {
     "error_half_width": Variable(
-        ("quantity", "error_term", "step"), "1", "half-width of the 95 % interval over the value"
+        ("quantity", "error_term", "step"),
+        "1",
+        "half-width of the 95 % interval of the error over the value, about its bias",
+    ),
+    "error_bias": Variable(
+        ("quantity", "error_term", "step"), "1", "part of the error whose sign is known, estimated"
     ),
     "error_total": Variable(("quantity", "step"), "1", "all known terms together"),
 }

@@ -15,7 +15,7 @@ from multiscale.upscaling.observations import (
     normal_observations,
 )
 from multiscale.upscaling.reading import area_from_dataset, law_band, law_from_dataset
-from multiscale.upscaling.resolution import estimate_grid_error
+from multiscale.upscaling.resolution import LOWEST_ORDER, estimate_grid_error
 from multiscale.upscaling.scales import ScaleSeparation
 from multiscale.upscaling.statistics import ensemble_average
 
@@ -68,12 +68,20 @@ def fit_term(law: "xr.Dataset", n: int) -> np.ndarray:
     return np.array(rows)
 
 
+Pair = tuple[Observations, Observations]  # of gaps and of areas
+
+
 def _same_steps(
-    response: "xr.Dataset", others: Mapping[float, "xr.Dataset"], *, paired: bool
-) -> tuple[Observations, Observations, dict[float, tuple[Observations, Observations]]]:
-    """Gaps and areas of a response and of others that were pressed alike."""
+    response: "xr.Dataset", others: Mapping[float, "xr.Dataset"], *, apart: bool
+) -> tuple[Pair, dict[float, Pair]]:
+    """Gaps and areas of a response, and of all that are compared, which were pressed alike."""
     own = normal_observations(response), area_observations(response)
-    found = {}
+    if apart and len(others) < 2:
+        raise CaseError(
+            f"ensembles apart from the response are compared among themselves, so that two are "
+            f"needed, got {len(others)}"
+        )
+    found = {} if apart else {1.0: own}
     for ratio, other in others.items():
         found[ratio] = normal_observations(other), area_observations(other)
         p = found[ratio][0].pressure
@@ -81,12 +89,7 @@ def _same_steps(
             raise CaseError(
                 f"the response at the ratio {ratio:g} has other pressures; press it as the first"
             )
-        if paired and found[ratio][0].n_realisations != own[0].n_realisations:
-            raise CaseError(
-                f"the response at the ratio {ratio:g} has {found[ratio][0].n_realisations} "
-                f"realisations, not {own[0].n_realisations}; solve the same ones on every grid"
-            )
-    return *own, found
+    return own, found
 
 
 def _stiffness_of(gap: np.ndarray, p: np.ndarray) -> np.ndarray:
@@ -94,77 +97,92 @@ def _stiffness_of(gap: np.ndarray, p: np.ndarray) -> np.ndarray:
     return np.asarray(-p / np.gradient(gap, np.log(p), axis=-1))
 
 
+def _each(pairs: Mapping[float, Pair]) -> list[dict[float, np.ndarray]]:
+    """Values (realisations, steps) of gap, area and stiffness by ratio; NaN where missing."""
+    gaps = {ratio: _masked(gap) for ratio, (gap, _) in pairs.items()}
+    stiffness = {
+        ratio: _stiffness_of(gaps[ratio], gap.pressure) for ratio, (gap, _) in pairs.items()
+    }
+    return [gaps, {ratio: _masked(area) for ratio, (_, area) in pairs.items()}, stiffness]
+
+
 def grid_term(
-    response: "xr.Dataset", resolutions: Mapping[float, "xr.Dataset"]
+    response: "xr.Dataset", resolutions: Mapping[float, "xr.Dataset"], *, apart: bool = False
 ) -> tuple[np.ndarray, str]:
-    """Half-widths from the same realisations on coarser grids.
+    """Half-widths from the same realisations on several grids, at the spacing of the response.
 
     The mean difference of few realisations may pass through zero; the interval of the differences
-    is added.
+    is added. What is found on the finest grid is taken to the spacing of the response by the order
+    observed, or the lowest one.
     """
-    gap, area, found = _same_steps(response, resolutions, paired=True)
-    p, nearest = gap.pressure, min(found)
-    pairs = {1.0: (gap, area), **found}
+    _, found = _same_steps(response, resolutions, apart=apart)
+    finest, next_finest = sorted(found)[:2]
+    n = {ratio: gap.n_realisations for ratio, (gap, _) in found.items()}
+    for ratio in found:
+        if n[ratio] != n[finest]:
+            raise CaseError(
+                f"the response at the ratio {ratio:g} has {n[ratio]} realisations, not "
+                f"{n[finest]}; solve the same ones on every grid"
+            )
     rows, how = [], ""
-    for values in (
-        {ratio: _masked(one) for ratio, (one, _) in pairs.items()},
-        {ratio: _masked(one) for ratio, (_, one) in pairs.items()},
-        {ratio: _stiffness_of(_masked(one), p) for ratio, (one, _) in pairs.items()},
-    ):
-        mean = {ratio: np.nanmean(one, axis=0) for ratio, one in values.items()}
+    for values in _each(found):
+        mean = {ratio / finest: np.nanmean(one, axis=0) for ratio, one in values.items()}
+        size = np.abs(mean[1.0])
         estimate = estimate_grid_error(mean.pop(1.0), mean)
-        difference = (values[1.0] - values[nearest]) / (nearest - 1.0)
-        spread = np.nanstd(difference, axis=0) / np.sqrt(max(gap.n_realisations - 1, 1))
-        size = np.abs(np.nanmean(values[1.0], axis=0))
-        rows.append(np.hypot(estimate.half_width, NORMAL * spread) / size)
+        difference = (values[finest] - values[next_finest]) / (next_finest / finest - 1.0)
+        spread = np.nanstd(difference, axis=0) / np.sqrt(max(n[finest] - 1, 1))
+        order = np.where(np.isfinite(estimate.order), estimate.order, LOWEST_ORDER)
+        coarser = finest**-order  # of the response than of the finest grid
+        rows.append(coarser * np.hypot(estimate.half_width, NORMAL * spread) / size)
         how = how or estimate.how
     return np.array(rows), how
 
 
 def size_term(
-    response: "xr.Dataset", sizes: Mapping[float, "xr.Dataset"]
-) -> tuple[np.ndarray, str]:
-    """Half-widths from the means of cells of other sizes, at the size of the response.
+    response: "xr.Dataset", sizes: Mapping[float, "xr.Dataset"], *, apart: bool = False
+) -> tuple[np.ndarray, np.ndarray, str]:
+    r"""Bias by the size of the cell and half-widths about it, from the means of several sizes.
 
     The part of the mean that is left to an infinite cell falls as a power of the size. With three
-    sizes the power between 1 and 2 that fits best is taken, with two the lowest. The interval of
-    what is found is added: more realisations of small cells, which are cheap, make it narrow.
+    sizes the power between 1 and 2 that fits best is taken, with two the lowest. The bias is a
+    weighted sum :math:`\sum_i w_i m_i` of the means. Where the response is one of them, its error
+    :math:`\epsilon_0` enters twice, as :math:`(1 - w_0)\, \epsilon_0`, of which the sampling term
+    holds one part; ensembles apart from it are free of that.
     """
-    gap, area, found = _same_steps(response, sizes, paired=False)
-    p, inverse = gap.pressure, 1.0 / np.array([1.0, *found])
-    pairs = [(gap, area), *found.values()]
-    rows, powers = [], []
-    for values in (
-        [_masked(one) for one, _ in pairs],
-        [_masked(one) for _, one in pairs],
-        [_stiffness_of(_masked(one), p) for one, _ in pairs],
-    ):
-        mean = np.array([np.nanmean(one, axis=0) for one in values])
-        error = np.array([np.nanstd(one, axis=0) / np.sqrt(max(len(one) - 1, 1)) for one in values])
-        error = np.maximum(error, 1e-9 * np.abs(mean))
-        orders = np.linspace(*SIZE_ORDERS, 11) if len(pairs) > 2 else SIZE_ORDERS[:1]
-        fits = [(order, *_rest(inverse**order, mean, error)) for order in orders]
-        order, rest, uncertainty, _ = min(fits, key=lambda fit: fit[3])
+    own, found = _same_steps(response, sizes, apart=apart)
+    ratios = np.array(sorted(found))
+    shared = np.reshape(0.0 if apart else 1.0 * (ratios == 1.0), (-1, 1))
+    biases, rows, powers = [], [], []
+    for values, (answer,) in zip(_each(found), map(dict.values, _each({1.0: own})), strict=True):
+        mean = np.array([np.nanmean(values[ratio], axis=0) for ratio in ratios])
+        n = np.array([len(values[ratio]) for ratio in ratios])[:, None]
+        error = np.array([np.nanstd(values[ratio], axis=0) for ratio in ratios])
+        error = np.maximum(error / np.sqrt(np.maximum(n - 1, 1)), 1e-9 * np.abs(mean))
+        orders = np.linspace(*SIZE_ORDERS, 11) if len(ratios) > 2 else SIZE_ORDERS[:1]
+        fits = [(order, *_slope(ratios**-order, mean, error)) for order in orders]
+        order, weight, _ = min(fits, key=lambda fit: fit[2])
         powers.append(order)
-        rows.append(np.hypot(rest, NORMAL * uncertainty) / np.abs(mean[0]))
-    how = f"means over the cell size from {len(pairs)} sizes, power {min(powers):.2g}"
-    return np.array(rows), how + (" taken" if len(pairs) == 2 else f" to {max(powers):.2g}")
+        square = np.sum((weight**2 - 2.0 * shared * weight) * error**2, axis=0)
+        size = np.abs(np.nanmean(answer, axis=0))
+        biases.append(np.sum(weight * mean, axis=0) / size)
+        rows.append(NORMAL * np.sqrt(square) / size)
+    how = f"means over the cell size from {len(ratios)} sizes, power {min(powers):.2g}"
+    how += " taken" if len(ratios) == 2 else f" to {max(powers):.2g}"
+    return np.array(biases), np.array(rows), how
 
 
-def _rest(
-    x: np.ndarray, mean: np.ndarray, error: np.ndarray
-) -> tuple[np.ndarray, np.ndarray, float]:
-    """Slope of a weighted line of means (sizes, steps) over x, its error, and the misfit.
+def _slope(x: np.ndarray, mean: np.ndarray, error: np.ndarray) -> tuple[np.ndarray, float]:
+    """Weights (sizes, steps) that give the slope of a line over x from the means, and the misfit.
 
     As x is 1 for the response, the slope is what it differs by from an infinite cell.
     """
     weight, x = 1.0 / error**2, x[:, None]
     centre = (weight * x).sum(axis=0) / weight.sum(axis=0)
     level = (weight * mean).sum(axis=0) / weight.sum(axis=0)
-    spread = (weight * (x - centre) ** 2).sum(axis=0)
-    slope = (weight * (x - centre) * mean).sum(axis=0) / spread
+    share = weight * (x - centre) / (weight * (x - centre) ** 2).sum(axis=0)
+    slope = (share * mean).sum(axis=0)
     misfit = np.sum(weight * (mean - level - slope * (x - centre)) ** 2)
-    return slope, 1.0 / np.sqrt(spread), float(misfit)
+    return share, float(misfit)
 
 
 def _masked(observations: Observations) -> np.ndarray:

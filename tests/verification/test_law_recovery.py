@@ -138,14 +138,15 @@ def test_area_of_greenwood_williamson_is_recovered():
         )
     )
     expected = greenwood_williamson(1.0, gap(between))
-    np.testing.assert_allclose(area.contact_fraction(between), expected, rtol=0.02)
+    np.testing.assert_allclose(area.contact_fraction(between), expected, rtol=0.002)
 
 
 def quantities(law, pressures):
     """Mean decay length, pressure at three gaps, gap at three pressures."""
-    gap = law.gap_at(np.geomspace(0.005, 0.1, 21))
-    decay = np.mean(law.pressure(gap) / law.stiffness(gap))
-    return np.array([decay, *law.pressure(0.45 * np.log(0.4 / pressures)), *law.gap_at(pressures)])
+    inside = np.geomspace(0.005, 0.1, 21)
+    gap = law.gap_at(np.append(inside, pressures))
+    decay = np.mean(inside / law.stiffness(gap[:21]))
+    return np.array([decay, *law.pressure(0.45 * np.log(0.4 / pressures)), *gap[21:]])
 
 
 @pytest.mark.slow
