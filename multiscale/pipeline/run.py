@@ -6,8 +6,6 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-import numpy as np
-
 from multiscale.convergence import Status
 from multiscale.errors import CaseError, ConvergenceError
 from multiscale.io import (
@@ -18,20 +16,14 @@ from multiscale.io import (
     write_dataset,
     write_surface_fields,
 )
-from multiscale.macro import Block, RoughJoint, rough_joint
 from multiscale.micro import Cell, contact_modulus, run_ensemble
 from multiscale.micro import Path as LoadPath
 from multiscale.pipeline.case import load_case
-from multiscale.pipeline.cells import composite_material, make_cells
+from multiscale.pipeline.cells import composite_material, longest_wave, make_cells
+from multiscale.pipeline.joint import joint_scales, solve_joint
 from multiscale.pipeline.settings import Case
 from multiscale.schema import FIELDS, MACRO_RESULT, MICRO_RESPONSE
-from multiscale.upscaling import (
-    area_from_dataset,
-    error_budget,
-    fit_law,
-    law_from_dataset,
-    with_budget,
-)
+from multiscale.upscaling import error_budget, fit_law, with_budget
 
 if TYPE_CHECKING:
     import xarray as xr
@@ -89,6 +81,8 @@ def run_micro(
     response = response.assign_attrs(
         title=case.title,
         contact_modulus=contact_modulus(composite_material(case)),
+        longest_wave=longest_wave(case),
+        cell_size=max(case.cell.size),
         bodies="composite surface of body_1 and body_2; 1/E* = sum (1 - nu^2)/E; small slopes",
         identity=identity,
         cautions="\n".join([*case.cautions(), *_steepness(response)]),
@@ -130,10 +124,10 @@ def run(
     response = run_micro(case, out / "micro_response.nc", executor=executor, progress=progress)
 
     law = fit_law(response, n_terms=case.law.terms, n_samples=case.law.samples)
-    law = with_budget(law, error_budget(response, law))
+    law = with_budget(law, error_budget(response, law, scales=joint_scales(case)))
     save_law(law, out / "interface_law.nc")
 
-    result = _solve_joint(case, law)
+    result = solve_joint(case, law)
     write_dataset(result, out / "macro_result.nc", MACRO_RESULT)
     if not result["converged"].values.any():
         raise ConvergenceError(
@@ -183,24 +177,3 @@ def _write_fields(cell: Cell, out: Path) -> None:
     folder = make_folder(out / "fields")
     write_dataset(fields, folder / "fields.nc", FIELDS)
     write_surface_fields(fields, cell.surface.size, folder)
-
-
-def _solve_joint(case: Case, law: "xr.Dataset") -> "xr.Dataset":
-    """Press two blocks together through the law and its samples."""
-    lower, upper = (
-        Block(case.joint.height, body.youngs_modulus, body.poissons_ratio) for body in case.bodies
-    )
-    samples = range(law.sizes["sample"])
-    result = rough_joint(
-        RoughJoint((case.joint.width, case.joint.width), lower, upper),
-        law_from_dataset(law),
-        np.array(case.joint.preloads),
-        samples=[law_from_dataset(law, sample) for sample in samples],
-    )
-    preload = result["preload"].values
-    areas = {"contact_fraction": area_from_dataset(law).contact_fraction(preload)}
-    if samples:
-        areas["contact_fraction_sample"] = np.array(
-            [area_from_dataset(law, sample).contact_fraction(preload) for sample in samples]
-        )
-    return MACRO_RESULT.assign(result, areas)

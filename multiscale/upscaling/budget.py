@@ -38,6 +38,8 @@ ERROR_TERMS = (
 )
 """Labels of the dimension ``error_term``."""
 
+STRETCH = 0.02  # of the gaps, to see how an answer depends on them
+FEWEST_SAMPLES = 40  # for a percentile interval
 ONE_SIDED = 6.0  # standard deviations from which a bias leaves one tail alone
 TAIL = 1.6448536269514722  # standard deviations to 95 % of one side
 
@@ -153,8 +155,10 @@ def structure_budget(
     law: "xr.Dataset",
     solve: Callable[[NormalLaw], np.ndarray],
     *,
+    pressure: np.ndarray | None = None,
+    through: tuple[str, ...] = ("mean_gap", "stiffness"),
     coarser: Mapping[float, np.ndarray] | None = None,
-    n_samples: int = 100,
+    samples: np.ndarray | int = 100,
 ) -> "xr.Dataset":
     """Carry the error budget of a law to an answer of the structure.
 
@@ -166,19 +170,24 @@ def structure_budget(
         Follows ``INTERFACE_LAW`` and carries its budget; see :func:`with_budget`.
     solve : callable
         From a normal law to the answer, shape (steps,), any unit: a macro solver.
+    pressure : ndarray, shape (steps,), optional
+        Pressure of the interface at each step, Pa, at which the errors of the law count; their
+        root mean square over its data if not given.
+    through : tuple of str
+        Quantities of the law whose errors pass into the answer; the largest counts.
     coarser : mapping of float to ndarray, shape (steps,), optional
         Answers with the mean law on coarser meshes, by the ratio of the spacings; see
         :func:`estimate_grid_error`.
-    n_samples : int
-        Bootstrap samples of the law that are solved, from the first on.
+    samples : int or ndarray, shape (samples, steps)
+        How many bootstrap samples of the law are solved, from the first on, or their answers.
+        With fewer than 40, sampling enters as the other terms do.
 
     Returns
     -------
     Dataset
         Follows ``ERROR_BUDGET``, with one quantity. *Sampling* comes from the samples of the law.
-        The other terms of the law enter by solving with its gaps stretched by the largest of
-        their root mean square over the steps, that of the gap or of the stiffness; a bias by
-        solving with a law of free form through the gaps without it.
+        The other terms of the law enter by the change of the answer when its gaps are stretched;
+        a bias by solving with a law of free form through the gaps without it.
 
     Raises
     ------
@@ -192,36 +201,51 @@ def structure_budget(
     mean_law = law_from_dataset(law)
     answer = np.atleast_1d(np.asarray(solve(mean_law), dtype=float))
     size = np.abs(answer)
-    terms: Terms = {}
-    biases: Terms = {}
     how = {term: str(law.attrs[_how(term)]) for term in ERROR_TERMS}
-    n = min(n_samples, int(law.sizes.get("sample", 0)))
-    if n >= 40:
-        samples = np.array([np.atleast_1d(solve(law_from_dataset(law, k))) for k in range(n)])
-        low, high = np.nanpercentile(samples, [2.5, 97.5], axis=0)
-        terms["sampling"] = (0.5 * (high - low) / size)[None]
-        how["sampling"] = f"{n} bootstrap samples of the law"
-    else:
-        how["sampling"] = f"not known: the law has {n} samples, fit it with 40 or more"
-    for term in ERROR_TERMS[1:-1]:
-        one = law.sel(quantity=["mean_gap", "stiffness"], error_term=term)
-        square = one["error_half_width"].to_numpy() ** 2
-        known = np.any(np.isfinite(square), axis=1)
-        if not np.any(known):
-            continue
-        stretch = 1.0 + float(np.sqrt(np.nanmean(square[known], axis=1)).max())
-        stretched = np.atleast_1d(solve(StretchedLaw(mean_law, stretch)))
-        terms[term] = (np.abs(stretched - answer) / size)[None]
-        bias = one["error_bias"].sel(quantity="mean_gap").to_numpy()
+    stretched = np.atleast_1d(solve(StretchedLaw(mean_law, 1.0 + STRETCH)))
+    sensitivity = np.abs(stretched - answer) / size / STRETCH
+    terms = {
+        term: (sensitivity * half)[None]
+        for term in ERROR_TERMS[:-1]
+        if (half := _at_pressure(law, term, through, pressure)) is not None
+    }
+    biases: Terms = {}
+    for term in terms:
+        bias = law["error_bias"].sel(quantity="mean_gap", error_term=term).to_numpy()
         if np.any(bias):
             unbiased = np.atleast_1d(solve(_unbiased(law, bias)))
             biases[term] = ((answer - unbiased) / size)[None]
+    if not isinstance(samples, np.ndarray):
+        n = min(samples, int(law.sizes.get("sample", 0)))
+        n = n if n >= FEWEST_SAMPLES else 0
+        samples = np.array([np.atleast_1d(solve(law_from_dataset(law, k))) for k in range(n)])
+    if len(samples):
+        low, high = np.nanpercentile(samples, [2.5, 97.5], axis=0)
+        terms["sampling"] = (0.5 * (high - low) / size)[None]
+        how["sampling"] = f"{len(samples)} bootstrap samples of the law"
     how["macro discretisation"] = "not known: pass coarser, the answers on coarser meshes"
     if coarser:
         estimate = estimate_grid_error(answer, coarser)
         terms["macro discretisation"] = (estimate.half_width / size)[None]
         how["macro discretisation"] = estimate.how
     return _assemble(terms, biases, how, (name,), None, steps=answer.size)
+
+
+def _at_pressure(
+    law: "xr.Dataset", term: str, through: tuple[str, ...], pressure: np.ndarray | None
+) -> np.ndarray | None:
+    """Half-width of a term of the law that counts for an answer; nothing if it is not known."""
+    found = []
+    for half in law["error_half_width"].sel(error_term=term, quantity=list(through)).to_numpy():
+        known = np.isfinite(half)
+        if not np.any(known):
+            continue
+        if pressure is None:
+            found.append(np.sqrt(np.mean(half[known] ** 2)))
+        else:
+            x = np.log(law["fit_pressure"].to_numpy()[known])
+            found.append(np.interp(np.log(pressure), x, half[known]))
+    return np.max(found, axis=0) if found else None
 
 
 def _unbiased(law: "xr.Dataset", bias: np.ndarray) -> NormalLaw:
