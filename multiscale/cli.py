@@ -60,13 +60,15 @@ def run_command(
     with (
         logging_to(out / "log.txt"),
         _workers(jobs) as executor,
-        _progress(settings.micro.realisations) as progress,
+        _progress(None if settings.accuracy else settings.micro.realisations) as progress,
     ):
         results = run(settings, out, executor=executor, progress=progress)
     draw_figures(out)
     write_report(out)
     for caution in results.micro_response.attrs["cautions"].splitlines():
         typer.echo(f"caution: {caution}", err=True)
+    for line in results.macro_result.attrs.get("plan", "").splitlines():
+        typer.echo(line)
     _print_table(settings.title, HEAD, tabulate(results.macro_result))
     typer.echo(f"report, figures and datasets: {out}")
 
@@ -232,8 +234,11 @@ def _leave_with_parent() -> None:
 
 
 @contextmanager
-def _progress(total: int) -> Iterator[Callable[[int], None]]:
-    """Show a bar on a terminal, a line for each realisation elsewhere."""
+def _progress(total: int | None) -> Iterator[Callable[[int], None]]:
+    """Show a bar on a terminal, a line for each realisation elsewhere; nothing if none is known."""
+    if total is None:
+        yield lambda finished: None
+        return
     if not sys.stderr.isatty():
         yield lambda finished: typer.echo(f"{finished} of {total} realisations", err=True)
         return

@@ -2,20 +2,24 @@
 
 from multiscale.pipeline.case import find_case, load_case
 from multiscale.pipeline.cells import make_cells
+from multiscale.pipeline.micro import run_micro
+from multiscale.pipeline.planner import Plan, plan
 from multiscale.pipeline.requirements import requirements
-from multiscale.pipeline.run import Results, run, run_micro
+from multiscale.pipeline.run import Results, run
 from multiscale.pipeline.scene_settings import Scene
 from multiscale.pipeline.scenes import load_scene, run_scene
 from multiscale.pipeline.settings import Case
 
 __all__ = [
     "Case",
+    "Plan",
     "Results",
     "Scene",
     "find_case",
     "load_case",
     "load_scene",
     "make_cells",
+    "plan",
     "requirements",
     "run",
     "run_micro",

@@ -32,7 +32,7 @@ def joint_scales(case: Case) -> ScaleSeparation:
     return compare_scales(longest_wave(case), max(case.cell.size), case.joint.width)
 
 
-def solve_joint(case: Case, law: "xr.Dataset") -> "xr.Dataset":
+def solve_joint(case: Case, law: "xr.Dataset", *, bootstrap: bool = True) -> "xr.Dataset":
     """Press two blocks together through the law and its samples.
 
     Parameters
@@ -40,6 +40,8 @@ def solve_joint(case: Case, law: "xr.Dataset") -> "xr.Dataset":
     case : Case
     law : Dataset
         Follows ``INTERFACE_LAW`` and carries its budget.
+    bootstrap : bool
+        Whether the samples of the law tell the sampling error of the joint, or its own budget.
 
     Returns
     -------
@@ -74,7 +76,7 @@ def solve_joint(case: Case, law: "xr.Dataset") -> "xr.Dataset":
         pressure=preload,
         through=("stiffness",),
         coarser={2.0: stiffness(law_from_dataset(law), 2)},
-        samples=result["joint_stiffness_sample"].to_numpy() if samples else 0,
+        samples=result["joint_stiffness_sample"].to_numpy() if samples and bootstrap else 0,
     )
     return with_budget(result, budget)
 

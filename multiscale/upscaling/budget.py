@@ -12,13 +12,13 @@ from multiscale.upscaling.budget_terms import (
     NORMAL,
     fit_term,
     grid_term,
-    law_stiffness,
+    pooled_sampling_term,
     sampling_term,
     separation_term,
     size_term,
 )
 from multiscale.upscaling.fit import fit_law
-from multiscale.upscaling.observations import area_observations, normal_observations, observe
+from multiscale.upscaling.observations import normal_observations, observe
 from multiscale.upscaling.reading import law_from_dataset
 from multiscale.upscaling.resolution import estimate_grid_error
 from multiscale.upscaling.scales import ScaleSeparation
@@ -75,7 +75,7 @@ def error_budget(
     apart : bool, default False
         Whether resolutions and sizes, two at least of each, are ensembles of their own that are
         compared among themselves: the same small cells on several grids, and many cells of
-        several sizes on a coarse grid.
+        several sizes on a coarse grid. Their scatter then counts for that of the response too.
 
     Returns
     -------
@@ -112,14 +112,13 @@ def error_budget(
     95 %; without a bias it is that root itself.
     """
     INTERFACE_LAW.check(law)
-    gap, area = normal_observations(response), area_observations(response)
+    gap = normal_observations(response)
     p = gap.pressure
     if law.sizes["step"] != p.size or not np.allclose(law["fit_pressure"], p, rtol=1e-6):
         raise CaseError(
             f"the law was fitted at {law.sizes['step']} pressures that are not the {p.size} of the "
             f"response; fit it to this response"
         )
-    values = np.array([gap.means()[0][0], area.means()[0][0], law_stiffness(law, p)])
     terms: Terms = {}
     biases: Terms = {}
     how = {
@@ -133,6 +132,9 @@ def error_budget(
         "macro discretisation": "not in a law: see structure_budget",
     }
     terms["sampling"] = sampling_term(response, law, p)
+    if apart and sizes:
+        pooled = pooled_sampling_term(response, sizes)
+        how["sampling"] = "Student's interval, with the scatter of the sizes, which falls as 1/L"
     if gap.n_realisations < 2:
         how["sampling"] = "not known: one realisation tells nothing of the scatter, solve 3"
     terms["fit"] = fit_term(law, p.size)
@@ -145,8 +147,10 @@ def error_budget(
             response, resolutions, apart=apart
         )
     if scales is not None:
-        terms["scale separation"] = separation_term(response, law, scales, values)
+        terms["scale separation"] = separation_term(law, terms["sampling"], p, scales)
         how["scale separation"] = str(scales)
+    if apart and sizes:
+        terms["sampling"] = pooled
     return _assemble(terms, biases, how, QUANTITIES, p)
 
 

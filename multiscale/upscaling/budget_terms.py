@@ -27,6 +27,7 @@ __all__ = [
     "fit_term",
     "grid_term",
     "law_stiffness",
+    "pooled_sampling_term",
     "sampling_term",
     "separation_term",
     "size_term",
@@ -55,6 +56,31 @@ def sampling_term(response: "xr.Dataset", law: "xr.Dataset", p: np.ndarray) -> n
     except CaseError:  # too few realisations or samples for a band
         pass
     return np.array([*rows, stiffness])
+
+
+def pooled_sampling_term(response: "xr.Dataset", sizes: Mapping[float, "xr.Dataset"]) -> np.ndarray:
+    r"""Half-widths from the scatter of the realisations and of cells of other sizes.
+
+    The coefficient of variation falls as :math:`1/L`, see :func:`size_trend`, so that with
+    :math:`\nu_i = N_i - 1` and the sizes :math:`r_i` relative to the response
+
+    .. math:: \mathrm{CoV}^2 = \frac{\sum_i \nu_i\, (r_i\, \mathrm{CoV}_i)^2}{\sum_i \nu_i},
+        \qquad w = t_{0.975,\, \sum \nu_i}\, \mathrm{CoV} / \sqrt{N_0}.
+    """
+    from scipy.stats import t
+
+    own, found = _same_steps(response, sizes, apart=True)
+    freedom, square = 0, np.zeros((3, own[0].pressure.size))
+    for ratio, pair in [(1.0, own), *found.items()]:
+        n = pair[0].n_realisations
+        if n < 2:
+            continue
+        values = np.array([one[1.0] for one in _each({1.0: pair})])
+        cov = np.nanstd(values, axis=1, ddof=1) / np.abs(np.nanmean(values, axis=1))
+        square += (n - 1) * (ratio * cov) ** 2
+        freedom += n - 1
+    factor = t.ppf(0.975, freedom) / np.sqrt(freedom * own[0].n_realisations)
+    return np.asarray(factor * np.sqrt(square))
 
 
 def fit_term(law: "xr.Dataset", n: int) -> np.ndarray:
@@ -191,37 +217,27 @@ def _masked(observations: Observations) -> np.ndarray:
 
 
 def separation_term(
-    response: "xr.Dataset", law: "xr.Dataset", scales: ScaleSeparation, values: np.ndarray
+    law: "xr.Dataset", sampling: np.ndarray, p: np.ndarray, scales: ScaleSeparation
 ) -> np.ndarray:
-    """Half-widths from uneven pressure and from the few cells that one structure holds."""
-    p = normal_observations(response).pressure
+    """Half-widths from uneven pressure and from the few cells that one structure holds.
+
+    The scatter of single cells comes from the half-widths of the means, ``sampling``.
+    """
+    from scipy.stats import t
+
     mean_law, area_law = law_from_dataset(law), area_from_dataset(law)
     functions: tuple[Callable[[np.ndarray], np.ndarray], ...] = (
         mean_law.gap_at,
         area_law.contact_fraction,
         lambda q: mean_law.stiffness(mean_law.gap_at(q)),
     )
+    n = int(law.attrs["n_realisations"])
+    scatter = np.nan_to_num(sampling) * np.sqrt(n) / t.ppf(0.975, max(n - 1, 1))
     step, rows = 0.05, []
-    scatter = [
-        ensemble_average(response, name).coefficient_of_variation
-        for name in ("mean_gap", "contact_fraction")
-    ]
-    scatter.append(_stiffness_scatter(response, p))
-    for k, evaluate in enumerate(functions):
+    for evaluate, cov in zip(functions, scatter, strict=True):
         low, middle, high = (evaluate(p * np.exp(s)) for s in (-step, 0.0, step))
         first = (high - low) / (2.0 * step)  # d/d ln p
         second = (high - 2.0 * middle + low) / step**2
         uneven = 0.5 * np.abs(second - first) * scales.wavelength_ratio**2 / 12.0  # p^2 f''
-        few = NORMAL * np.nan_to_num(scatter[k]) * scales.cell_ratio
-        rows.append(np.hypot(uneven / np.abs(values[k]), few))
+        rows.append(np.hypot(uneven / np.abs(middle), NORMAL * cov * scales.cell_ratio))
     return np.array(rows)
-
-
-def _stiffness_scatter(response: "xr.Dataset", p: np.ndarray) -> np.ndarray:
-    """Coefficient of variation of the stiffness between realisations, from differences."""
-    seen = normal_observations(response)
-    whole = seen.values[seen.counted.all(axis=1)]
-    if len(whole) < 2:
-        return np.full(p.size, np.nan)
-    stiffness = np.array([_stiffness_of(gap, p) for gap in whole])
-    return np.asarray(np.std(stiffness, axis=0, ddof=1) / np.abs(stiffness.mean(axis=0)))
