@@ -7,7 +7,7 @@ import numpy as np
 
 from multiscale.errors import CaseError
 from multiscale.io import open_law
-from multiscale.laws import Damaged, Frictional
+from multiscale.laws import Damaged, Frictional, NormalLaw
 from multiscale.laws.bulk import Elastic
 from multiscale.macro import Body, cut_bodies, solve_latin
 from multiscale.macro.continuum import box_mesh
@@ -21,6 +21,7 @@ from multiscale.macro.substructures import (
     split_boxes,
     stacked_blocks,
 )
+from multiscale.pipeline.body_budget import with_joint_budget
 from multiscale.pipeline.body_settings import (
     JointLawSettings,
     LapJoint,
@@ -72,17 +73,33 @@ def solve_bodies(scene: "Scene", law: Path | None, team: Team | None = None) -> 
         factors = np.array(scene.statics.load_factors) if scene.statics else 1.0
         return solve_latin(problem, factors, **options)
     assert scene.loading is not None  # the scene has been validated
-    given = scene.loading
+    given, dataset = scene.loading, _open_law(scene, law)
     loading = JointLoading(given.preloads, given.shear or 0.0, given.cycles, given.steps)
-    return load_joint(make_assembly(scene, law), loading, parts=cut.parts, **options)
+    assembly = make_assembly(scene, law_from_dataset(dataset))
+    result = load_joint(assembly, loading, parts=cut.parts, **options)
+    if "error_half_width" not in dataset or not result["converged"].values.all():
+        return result
+
+    def stiffness(normal: NormalLaw, structure: StackedBlocks | LapJoint | None = None) -> Any:
+        changed = scene.model_copy(update={"structure": structure or scene.structure})
+        pressed = load_joint(
+            make_assembly(changed, normal),
+            JointLoading(given.preloads),
+            parts=cut.parts,
+            **options,
+        )
+        return pressed["joint_stiffness"].to_numpy()
+
+    assert isinstance(scene.structure, StackedBlocks | LapJoint)
+    return with_joint_budget(result, dataset, stiffness, scene.structure.coarser())
 
 
-def make_assembly(scene: "Scene", law: Path | None = None) -> RoughAssembly:
-    """Build the bodies and joints of a scene; arguments as for :func:`solve_bodies`."""
+def make_assembly(scene: "Scene", normal: NormalLaw) -> RoughAssembly:
+    """Build the bodies and joints of a scene, whose sound joints have a normal law."""
     given, joint = scene.structure, scene.joint
     assert isinstance(given, StackedBlocks | LapJoint)
     assert joint is not None
-    laws = _laws(joint, given.joints, law)
+    laws = _laws(joint, given.joints, normal)
     damage = given.damage or (0.0,) * (given.joints + 1)
     materials = [Elastic((1.0 - D) * given.youngs_modulus, given.poissons_ratio) for D in damage]
     if isinstance(given, StackedBlocks):
@@ -92,15 +109,19 @@ def make_assembly(scene: "Scene", law: Path | None = None) -> RoughAssembly:
     return lap_joint(shape, (materials[0], materials[1]), laws[0])
 
 
-def _laws(joint: JointLawSettings, count: int, law: Path | None) -> list[Frictional]:
-    """Law of every joint: the fitted one, less its damage, with friction."""
-    path = law or joint.law
+def _open_law(scene: "Scene", law: Path | None) -> "xr.Dataset":
+    """Open the law that is given or that the scene names."""
+    path = law or (scene.joint.law if scene.joint else None)
     if path is None:
         raise CaseError(
             "the scene has joints but no law: name a file by [joint] law or by --law, such as the "
             "interface_law.nc of a run"
         )
-    sound = law_from_dataset(open_law(path))
+    return open_law(path)
+
+
+def _laws(joint: JointLawSettings, count: int, sound: NormalLaw) -> list[Frictional]:
+    """Law of every joint: the fitted one, less its damage, with friction."""
     return [
         Frictional(Damaged(sound, D) if D else sound, joint.friction, joint.stiffness_ratio)
         for D in joint.damage or (0.0,) * count

@@ -15,7 +15,7 @@ from multiscale.pipeline.forecast import GRIDS, SIZES, CostModel, Estimate, Sett
 from multiscale.pipeline.joint import joint_scales, solve_joint
 from multiscale.pipeline.micro import run_micro
 from multiscale.pipeline.settings import Case, InstrumentSurface
-from multiscale.upscaling import error_budget, fit_law, with_budget
+from multiscale.upscaling import error_budget, fit_law, with_budget, without_size_bias
 
 if TYPE_CHECKING:
     import xarray as xr
@@ -24,11 +24,11 @@ __all__ = ["Plan", "plan", "resize"]
 
 logger = logging.getLogger(__name__)
 
-STUDY = {(-1, -1): 12, (0, -1): 8}
+STUDY = {(-1, -1): 8, (0, -1): 4}
 """Cells of the pilot runs by (size, grid): scatter, and bias by the size, on a coarse grid."""
 
-PAIRS = 4
-"""Cells of the larger pilot runs that are solved on the grid of the case, too."""
+PAIRS = 3
+"""Cells of the smaller pilot runs that are solved on the grid of the case, too."""
 
 MOST_ROUNDS = 8
 
@@ -107,10 +107,10 @@ def plan(
     Notes
     -----
     Pilot runs of small cells on coarse grids tell the scatter, the bias by the size of the cell,
-    the error of the grid and the time of a cell. From them follows the setting of least time whose
-    total is expected to be below the target; see :class:`~.forecast.Estimate`. Its cells are
-    solved and its budget is estimated anew, which is the next forecast's base, until the estimate
-    is below the target.
+    which is taken out of the law, the error of the grid and the time of a cell. From them follows
+    the setting of least time whose total is expected to be below the target; see
+    :class:`~.forecast.Estimate`. Its cells are solved and its budget is estimated anew, which is
+    the next forecast's base, until the estimate is below the target.
     """
     assert case.accuracy is not None
     _check(case)
@@ -118,7 +118,7 @@ def plan(
     target, lines = case.accuracy.target, []
     pilots = campaign.pilots(1)
     estimate = campaign.estimate(Setting(0, -1, STUDY[0, -1]), pilots.study[0], pilots)
-    solved = {(0, -1): pilots.study[0], (0, 0): pilots.pairs[0]}
+    solved = {(0, -1): pilots.study[0], (-1, 0): pilots.pairs[0]}
     sizes, grids, forecast = SIZES, _grids(case), np.nan
     for number in range(MOST_ROUNDS):
         costs = _costs(case, solved)
@@ -253,8 +253,8 @@ class _Campaign:
             size: self.solve(Setting(size, grid, multiple * n), pilot=True)
             for (size, grid), n in STUDY.items()
         }
-        fine = self.solve(Setting(0, 0, multiple * PAIRS), pilot=True)
-        coarse = study[0].isel(realisation=slice(multiple * PAIRS))
+        fine = self.solve(Setting(-1, 0, multiple * PAIRS), pilot=True)
+        coarse = study[-1].isel(realisation=slice(multiple * PAIRS))
         return _Pilots(study, {0: fine, -1: coarse})
 
     def answer(
@@ -262,12 +262,14 @@ class _Campaign:
     ) -> tuple[Case, "xr.Dataset", "xr.Dataset"]:
         """Fit the law of a response and solve the joint, both with their budgets."""
         chosen = resize(self.case, setting)
+        sizes = {2.0 ** (size - setting.size): one for size, one in pilots.study.items()}
+        response = without_size_bias(response, sizes)
         law = fit_law(response, n_terms=chosen.law.terms, n_samples=samples)
         budget = error_budget(
             response,
             law,
             resolutions={2.0 ** (setting.grid - grid): one for grid, one in pilots.pairs.items()},
-            sizes={2.0 ** (size - setting.size): one for size, one in pilots.study.items()},
+            sizes=sizes,
             scales=joint_scales(chosen),
             apart=True,
         )

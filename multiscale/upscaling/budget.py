@@ -1,12 +1,11 @@
-"""How wrong a law, or an answer of the structure, is: every term estimated and none assumed."""
+"""How wrong a law is: every term estimated and none assumed."""
 
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from typing import TYPE_CHECKING
 
 import numpy as np
 
 from multiscale.errors import CaseError
-from multiscale.laws import NormalLaw, StretchedLaw
 from multiscale.schema import ERROR_BUDGET, INTERFACE_LAW
 from multiscale.upscaling.budget_terms import (
     NORMAL,
@@ -17,16 +16,20 @@ from multiscale.upscaling.budget_terms import (
     separation_term,
     size_term,
 )
-from multiscale.upscaling.fit import fit_law
-from multiscale.upscaling.observations import normal_observations, observe
-from multiscale.upscaling.reading import law_from_dataset
-from multiscale.upscaling.resolution import estimate_grid_error
+from multiscale.upscaling.observations import normal_observations
 from multiscale.upscaling.scales import ScaleSeparation
 
 if TYPE_CHECKING:
     import xarray as xr
 
-__all__ = ["ERROR_TERMS", "error_budget", "structure_budget", "total_error", "with_budget"]
+__all__ = [
+    "ERROR_TERMS",
+    "assemble_budget",
+    "error_budget",
+    "how_attribute",
+    "total_error",
+    "with_budget",
+]
 
 ERROR_TERMS = (
     "sampling",
@@ -38,8 +41,6 @@ ERROR_TERMS = (
 )
 """Labels of the dimension ``error_term``."""
 
-STRETCH = 0.02  # of the gaps, to see how an answer depends on them
-FEWEST_SAMPLES = 40  # for a percentile interval
 ONE_SIDED = 6.0  # standard deviations from which a bias leaves one tail alone
 TAIL = 1.6448536269514722  # standard deviations to 95 % of one side
 
@@ -98,8 +99,8 @@ def error_budget(
     - *fit*: 1.96 times the root mean square, over the steps, of the error at a step that the fit
       has not seen;
     - *cell size*: with the mean :math:`m(L) = m_\infty + b L^{-q}` through the sizes, weighted
-      by their uncertainty, the bias :math:`b L^{-q}` and the interval about it;
-      :math:`q` between 1 and 2 fits best to three sizes and is 1 for two;
+      by their uncertainty, the bias :math:`b L^{-q}`, averaged over :math:`1 \le q \le 2` by
+      their likelihood, and the interval about it;
     - *micro discretisation*: :func:`estimate_grid_error` of the means of the same realisations;
     - *scale separation*: with :math:`\varepsilon = \lambda_l/\ell` two independent parts: the
       pressure is not even over a wave, :math:`\tfrac12 f''(p)\, (\varepsilon p)^2 / 12` of a
@@ -131,132 +132,29 @@ def error_budget(
         "scale separation": "not known: pass scales from compare_scales",
         "macro discretisation": "not in a law: see structure_budget",
     }
-    terms["sampling"] = sampling_term(response, law, p)
     if apart and sizes:
-        pooled = pooled_sampling_term(response, sizes)
+        terms["sampling"], factor = pooled_sampling_term(response, sizes)
         how["sampling"] = "Student's interval, with the scatter of the sizes, which falls as 1/L"
-    if gap.n_realisations < 2:
+    else:
+        terms["sampling"], factor = sampling_term(response, law, p)
+    if not np.any(np.isfinite(terms["sampling"])):
         how["sampling"] = "not known: one realisation tells nothing of the scatter, solve 3"
     terms["fit"] = fit_term(law, p.size)
     if sizes:
         biases["cell size"], terms["cell size"], how["cell size"] = size_term(
             response, sizes, apart=apart
         )
+        if "size_bias" in response.attrs:
+            how["cell size"] = str(response.attrs["size_bias"])
+            del biases["cell size"]
     if resolutions:
         terms["micro discretisation"], how["micro discretisation"] = grid_term(
             response, resolutions, apart=apart
         )
     if scales is not None:
-        terms["scale separation"] = separation_term(law, terms["sampling"], p, scales)
+        terms["scale separation"] = separation_term(law, terms["sampling"] / factor, p, scales)
         how["scale separation"] = str(scales)
-    if apart and sizes:
-        terms["sampling"] = pooled
-    return _assemble(terms, biases, how, QUANTITIES, p)
-
-
-def structure_budget(
-    name: str,
-    law: "xr.Dataset",
-    solve: Callable[[NormalLaw], np.ndarray],
-    *,
-    pressure: np.ndarray | None = None,
-    through: tuple[str, ...] = ("mean_gap", "stiffness"),
-    coarser: Mapping[float, np.ndarray] | None = None,
-    samples: np.ndarray | int = 100,
-) -> "xr.Dataset":
-    """Carry the error budget of a law to an answer of the structure.
-
-    Parameters
-    ----------
-    name : str
-        Of the answer, for instance ``"joint_stiffness"``.
-    law : Dataset
-        Follows ``INTERFACE_LAW`` and carries its budget; see :func:`with_budget`.
-    solve : callable
-        From a normal law to the answer, shape (steps,), any unit: a macro solver.
-    pressure : ndarray, shape (steps,), optional
-        Pressure of the interface at each step, Pa, at which the errors of the law count; their
-        root mean square over its data if not given.
-    through : tuple of str
-        Quantities of the law whose errors pass into the answer; the largest counts.
-    coarser : mapping of float to ndarray, shape (steps,), optional
-        Answers with the mean law on coarser meshes, by the ratio of the spacings; see
-        :func:`estimate_grid_error`.
-    samples : int or ndarray, shape (samples, steps)
-        How many bootstrap samples of the law are solved, from the first on, or their answers.
-        With fewer than 40, sampling enters as the other terms do.
-
-    Returns
-    -------
-    Dataset
-        Follows ``ERROR_BUDGET``, with one quantity. *Sampling* comes from the samples of the law.
-        The other terms of the law enter by the change of the answer when its gaps are stretched;
-        a bias by solving with a law of free form through the gaps without it.
-
-    Raises
-    ------
-    CaseError
-        If the law carries no budget.
-    """
-    if "error_half_width" not in law:
-        raise CaseError(
-            "the law carries no error budget; add it by with_budget(law, error_budget(...))"
-        )
-    mean_law = law_from_dataset(law)
-    answer = np.atleast_1d(np.asarray(solve(mean_law), dtype=float))
-    size = np.abs(answer)
-    how = {term: str(law.attrs[_how(term)]) for term in ERROR_TERMS}
-    stretched = np.atleast_1d(solve(StretchedLaw(mean_law, 1.0 + STRETCH)))
-    sensitivity = np.abs(stretched - answer) / size / STRETCH
-    terms = {
-        term: (sensitivity * half)[None]
-        for term in ERROR_TERMS[:-1]
-        if (half := _at_pressure(law, term, through, pressure)) is not None
-    }
-    biases: Terms = {}
-    for term in terms:
-        bias = law["error_bias"].sel(quantity="mean_gap", error_term=term).to_numpy()
-        if np.any(bias):
-            unbiased = np.atleast_1d(solve(_unbiased(law, bias)))
-            biases[term] = ((answer - unbiased) / size)[None]
-    if not isinstance(samples, np.ndarray):
-        n = min(samples, int(law.sizes.get("sample", 0)))
-        n = n if n >= FEWEST_SAMPLES else 0
-        samples = np.array([np.atleast_1d(solve(law_from_dataset(law, k))) for k in range(n)])
-    if len(samples):
-        low, high = np.nanpercentile(samples, [2.5, 97.5], axis=0)
-        terms["sampling"] = (0.5 * (high - low) / size)[None]
-        how["sampling"] = f"{len(samples)} bootstrap samples of the law"
-    how["macro discretisation"] = "not known: pass coarser, the answers on coarser meshes"
-    if coarser:
-        estimate = estimate_grid_error(answer, coarser)
-        terms["macro discretisation"] = (estimate.half_width / size)[None]
-        how["macro discretisation"] = estimate.how
-    return _assemble(terms, biases, how, (name,), None, steps=answer.size)
-
-
-def _at_pressure(
-    law: "xr.Dataset", term: str, through: tuple[str, ...], pressure: np.ndarray | None
-) -> np.ndarray | None:
-    """Half-width of a term of the law that counts for an answer; nothing if it is not known."""
-    found = []
-    for half in law["error_half_width"].sel(error_term=term, quantity=list(through)).to_numpy():
-        known = np.isfinite(half)
-        if not np.any(known):
-            continue
-        if pressure is None:
-            found.append(np.sqrt(np.mean(half[known] ** 2)))
-        else:
-            x = np.log(law["fit_pressure"].to_numpy()[known])
-            found.append(np.interp(np.log(pressure), x, half[known]))
-    return np.max(found, axis=0) if found else None
-
-
-def _unbiased(law: "xr.Dataset", bias: np.ndarray) -> NormalLaw:
-    """Return the law through the gaps of the data less their bias, which is relative."""
-    gap = law["fit_mean_gap"].to_numpy() * (1.0 - bias)
-    data = observe("gap", law["fit_pressure"].to_numpy(), gap)
-    return law_from_dataset(fit_law(data, n_samples=0))
+    return assemble_budget(terms, biases, how, QUANTITIES, p).assign_attrs(sampling_factor=factor)
 
 
 def total_error(bias: np.ndarray, half_width: np.ndarray) -> np.ndarray:
@@ -308,12 +206,12 @@ def with_budget(dataset: "xr.Dataset", budget: "xr.Dataset") -> "xr.Dataset":
     )
 
 
-def _how(term: str) -> str:
+def how_attribute(term: str) -> str:
     """Return the attribute that says how a term was estimated."""
     return "how_" + term.replace(" ", "_")
 
 
-def _assemble(
+def assemble_budget(
     terms: Terms,
     biases: Terms,
     how: Mapping[str, str],
@@ -343,7 +241,7 @@ def _assemble(
         values["nominal_pressure"] = pressure
     return ERROR_BUDGET.build(
         values,
-        **{_how(term): how[term] for term in ERROR_TERMS},
+        **{how_attribute(term): how[term] for term in ERROR_TERMS},
         unknown=", ".join(unknown),
         confidence=0.95,
     ).assign_coords(quantity=list(quantities), error_term=list(ERROR_TERMS))

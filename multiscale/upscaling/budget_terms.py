@@ -31,10 +31,11 @@ __all__ = [
     "sampling_term",
     "separation_term",
     "size_term",
+    "without_size_bias",
 ]
 
 NORMAL = 1.959963984540054  # standard deviations to 95 %
-SIZE_ORDERS = (1.0, 2.0)  # of what a finite cell leaves out; the scatter has 1, its square 2
+SIZE_ORDERS = np.linspace(1.0, 2.0, 11)  # of what a finite cell leaves out
 
 
 def law_stiffness(law: "xr.Dataset", pressure: np.ndarray) -> np.ndarray:
@@ -43,8 +44,12 @@ def law_stiffness(law: "xr.Dataset", pressure: np.ndarray) -> np.ndarray:
     return one.stiffness(one.gap_at(pressure))
 
 
-def sampling_term(response: "xr.Dataset", law: "xr.Dataset", p: np.ndarray) -> np.ndarray:
-    """Half-widths from the scatter of the realisations."""
+def sampling_term(
+    response: "xr.Dataset", law: "xr.Dataset", p: np.ndarray
+) -> tuple[np.ndarray, float]:
+    """Half-widths from the scatter of the realisations, and what they are of it."""
+    from scipy.stats import t
+
     rows = []
     for variable in ("mean_gap", "contact_fraction"):
         average = ensemble_average(response, variable)
@@ -55,10 +60,13 @@ def sampling_term(response: "xr.Dataset", law: "xr.Dataset", p: np.ndarray) -> n
         stiffness = 0.5 * (high - low) / law_stiffness(law, p)
     except CaseError:  # too few realisations or samples for a band
         pass
-    return np.array([*rows, stiffness])
+    n = average.n.max()
+    return np.array([*rows, stiffness]), float(t.ppf(0.975, max(n - 1, 1)) / np.sqrt(n))
 
 
-def pooled_sampling_term(response: "xr.Dataset", sizes: Mapping[float, "xr.Dataset"]) -> np.ndarray:
+def pooled_sampling_term(
+    response: "xr.Dataset", sizes: Mapping[float, "xr.Dataset"]
+) -> tuple[np.ndarray, float]:
     r"""Half-widths from the scatter of the realisations and of cells of other sizes.
 
     The coefficient of variation falls as :math:`1/L`, see :func:`size_trend`, so that with
@@ -79,8 +87,10 @@ def pooled_sampling_term(response: "xr.Dataset", sizes: Mapping[float, "xr.Datas
         cov = np.nanstd(values, axis=1, ddof=1) / np.abs(np.nanmean(values, axis=1))
         square += (n - 1) * (ratio * cov) ** 2
         freedom += n - 1
-    factor = t.ppf(0.975, freedom) / np.sqrt(freedom * own[0].n_realisations)
-    return np.asarray(factor * np.sqrt(square))
+    if not freedom:
+        return np.full(square.shape, np.nan), np.nan
+    factor = float(t.ppf(0.975, freedom) / np.sqrt(own[0].n_realisations))
+    return np.asarray(factor * np.sqrt(square / freedom)), factor
 
 
 def fit_term(law: "xr.Dataset", n: int) -> np.ndarray:
@@ -169,11 +179,13 @@ def size_term(
 ) -> tuple[np.ndarray, np.ndarray, str]:
     r"""Bias by the size of the cell and half-widths about it, from the means of several sizes.
 
-    The part of the mean that is left to an infinite cell falls as a power of the size. With three
-    sizes the power between 1 and 2 that fits best is taken, with two the lowest. The bias is a
-    weighted sum :math:`\sum_i w_i m_i` of the means. Where the response is one of them, its error
-    :math:`\epsilon_0` enters twice, as :math:`(1 - w_0)\, \epsilon_0`, of which the sampling term
-    holds one part; ensembles apart from it are free of that.
+    The part of the mean that is left to an infinite cell falls as a power of the size between 1
+    and 2: the scatter has the power 1, its square, which a bent law makes of it, 2. For each power
+    the bias is a weighted sum :math:`\sum_i w_i m_i` of the means, and powers count by their
+    likelihood; with two sizes, which fit any power, alike. How the powers differ adds to the
+    half-width. Where the response is one of the sizes, its error :math:`\epsilon_0` enters twice,
+    as :math:`(1 - w_0)\, \epsilon_0`, of which the sampling term holds one part; ensembles apart
+    from it are free of that.
     """
     own, found = _same_steps(response, sizes, apart=apart)
     ratios = np.array(sorted(found))
@@ -184,17 +196,45 @@ def size_term(
         n = np.array([len(values[ratio]) for ratio in ratios])[:, None]
         error = np.array([np.nanstd(values[ratio], axis=0) for ratio in ratios])
         error = np.maximum(error / np.sqrt(np.maximum(n - 1, 1)), 1e-9 * np.abs(mean))
-        orders = np.linspace(*SIZE_ORDERS, 11) if len(ratios) > 2 else SIZE_ORDERS[:1]
-        fits = [(order, *_slope(ratios**-order, mean, error)) for order in orders]
-        order, weight, _ = min(fits, key=lambda fit: fit[2])
-        powers.append(order)
-        square = np.sum((weight**2 - 2.0 * shared * weight) * error**2, axis=0)
+        bias, square, misfit = [], [], []
+        for order in SIZE_ORDERS:
+            weight, miss = _slope(ratios**-order, mean, error)
+            bias.append(np.sum(weight * mean, axis=0))
+            square.append(np.sum((weight**2 - 2.0 * shared * weight) * error**2, axis=0))
+            misfit.append(miss)
+        likelihood = np.exp(-0.5 * (np.array(misfit) - min(misfit)))
+        likelihood /= likelihood.sum()
+        middle = likelihood @ np.array(bias)
+        square = likelihood @ (np.array(square) + (np.array(bias) - middle) ** 2)
+        powers.append(float(likelihood @ SIZE_ORDERS))
         size = np.abs(np.nanmean(answer, axis=0))
-        biases.append(np.sum(weight * mean, axis=0) / size)
+        biases.append(middle / size)
         rows.append(NORMAL * np.sqrt(square) / size)
-    how = f"means over the cell size from {len(ratios)} sizes, power {min(powers):.2g}"
-    how += " taken" if len(ratios) == 2 else f" to {max(powers):.2g}"
+    how = f"means over the cell size from {len(ratios)} sizes, power about {np.mean(powers):.2g}"
     return np.array(biases), np.array(rows), how
+
+
+def without_size_bias(response: "xr.Dataset", sizes: Mapping[float, "xr.Dataset"]) -> "xr.Dataset":
+    """Return a response less the bias by the size of its cells.
+
+    Parameters
+    ----------
+    response : Dataset
+        Follows ``MICRO_RESPONSE``.
+    sizes : mapping of float to Dataset
+        Ensembles apart from it; see :func:`~.budget.error_budget`, which then counts no bias.
+    """
+    bias, _, how = size_term(response, sizes, apart=True)
+    gap, area = (1.0 - bias[k] for k in range(2))
+    steps, place = response.sizes["step"], normal_observations(response).order
+    factors = np.ones((2, steps))
+    factors[:, place] = gap, area
+    corrected = {
+        name: response[name].copy(data=response[name].to_numpy() * factor)
+        for name, factor in zip(("mean_gap", "contact_fraction"), factors, strict=True)
+    }
+    corrected["contact_fraction"] = corrected["contact_fraction"].clip(0.0, 1.0, keep_attrs=True)
+    return response.assign(corrected).assign_attrs(size_bias=f"taken out: {how}")
 
 
 def _slope(x: np.ndarray, mean: np.ndarray, error: np.ndarray) -> tuple[np.ndarray, float]:
@@ -207,8 +247,8 @@ def _slope(x: np.ndarray, mean: np.ndarray, error: np.ndarray) -> tuple[np.ndarr
     level = (weight * mean).sum(axis=0) / weight.sum(axis=0)
     share = weight * (x - centre) / (weight * (x - centre) ** 2).sum(axis=0)
     slope = (share * mean).sum(axis=0)
-    misfit = np.sum(weight * (mean - level - slope * (x - centre)) ** 2)
-    return share, float(misfit)
+    misfit = np.sum(weight * (mean - level - slope * (x - centre)) ** 2, axis=0)
+    return share, float(misfit.mean())  # the steps of a cell are not independent
 
 
 def _masked(observations: Observations) -> np.ndarray:
@@ -217,24 +257,20 @@ def _masked(observations: Observations) -> np.ndarray:
 
 
 def separation_term(
-    law: "xr.Dataset", sampling: np.ndarray, p: np.ndarray, scales: ScaleSeparation
+    law: "xr.Dataset", scatter: np.ndarray, p: np.ndarray, scales: ScaleSeparation
 ) -> np.ndarray:
     """Half-widths from uneven pressure and from the few cells that one structure holds.
 
-    The scatter of single cells comes from the half-widths of the means, ``sampling``.
+    The scatter is the coefficient of variation of single cells, (3, steps); NaN counts as none.
     """
-    from scipy.stats import t
-
     mean_law, area_law = law_from_dataset(law), area_from_dataset(law)
     functions: tuple[Callable[[np.ndarray], np.ndarray], ...] = (
         mean_law.gap_at,
         area_law.contact_fraction,
         lambda q: mean_law.stiffness(mean_law.gap_at(q)),
     )
-    n = int(law.attrs["n_realisations"])
-    scatter = np.nan_to_num(sampling) * np.sqrt(n) / t.ppf(0.975, max(n - 1, 1))
     step, rows = 0.05, []
-    for evaluate, cov in zip(functions, scatter, strict=True):
+    for evaluate, cov in zip(functions, np.nan_to_num(scatter), strict=True):
         low, middle, high = (evaluate(p * np.exp(s)) for s in (-step, 0.0, step))
         first = (high - low) / (2.0 * step)  # d/d ln p
         second = (high - 2.0 * middle + low) / step**2

@@ -6,7 +6,13 @@ import numpy as np
 
 from multiscale.errors import CaseError
 
-__all__ = ["ScaleSeparation", "compare_scales", "pressure_length", "relaxation_time"]
+__all__ = [
+    "ScaleSeparation",
+    "compare_scales",
+    "pressure_length",
+    "pressure_length_of_points",
+    "relaxation_time",
+]
 
 FARTHEST_CELL = 1.0  # cell over macro length
 DISTINCT_TIMES = 10.0  # ratio of times that counts as apart
@@ -119,6 +125,42 @@ def pressure_length(pressure: np.ndarray, spacing: float | tuple[float, float]) 
     parts = gradient if isinstance(gradient, tuple | list) else [gradient]
     square = sum(float(np.mean(part**2)) for part in parts)
     return float(np.sqrt(np.mean(p**2) / square)) if square > 0.0 else float(np.inf)
+
+
+def pressure_length_of_points(
+    position: np.ndarray, pressure: np.ndarray, area: np.ndarray
+) -> float:
+    r"""Length over which a pressure at scattered points of a plane varies.
+
+    Parameters
+    ----------
+    position : ndarray, shape (points, 2)
+        In the plane, m; five points at least.
+    pressure : ndarray, shape (points,)
+        Pa.
+    area : ndarray, shape (points,)
+        That a point stands for, m².
+
+    Returns
+    -------
+    float
+        As :func:`pressure_length`, with the gradient of the plane that fits a point and its eight
+        nearest ones best; infinite for an even pressure.
+    """
+    from scipy.spatial import cKDTree
+
+    count = min(9, len(position))
+    if count < 5:
+        raise CaseError(f"a pressure needs at least 5 points to tell its length, got {count}")
+    _, near = cKDTree(position).query(position, k=count)
+    offset = position[near] - position[:, None]
+    scale = float(np.max(np.abs(offset)))
+    rows = np.concatenate([np.ones((*near.shape, 1)), offset / scale], axis=2)
+    plane = np.einsum("pij,pj->pi", np.linalg.pinv(rows), pressure[near])
+    square = float(np.sum(area * np.sum((plane[:, 1:] / scale) ** 2, axis=1)))
+    mean = float(np.sum(area * pressure**2))
+    extent = float(np.ptp(position))
+    return float(np.sqrt(mean / square)) if square > 1e-12 * mean / extent**2 else float(np.inf)
 
 
 def relaxation_time(time: np.ndarray, value: np.ndarray) -> float:

@@ -15,6 +15,7 @@ from multiscale.upscaling import (
     law_from_dataset,
     structure_budget,
     with_budget,
+    without_size_bias,
 )
 from multiscale.upscaling.budget import total_error
 from tests.upscaling.responses import DECAY, PRESSURE, SCALE, response_of
@@ -109,9 +110,29 @@ def test_the_size_term_finds_the_bias_of_a_small_cell(apart):
     own = response["mean_gap"].values
     own = own.std(axis=0, ddof=1) / np.sqrt(12) / own.mean(axis=0)
     others = np.hypot(0.04, 0.02 if apart else 0.0) / np.sqrt(n)
-    expected = 1.96 * (others if apart else np.hypot(np.sqrt(3.0) * own, others))
-    np.testing.assert_allclose(half(budget, "cell size"), expected, rtol=0.1)
-    assert np.all(np.abs(bias - 0.02) < (0.006 if apart else 2.0 * own))
+    noise = others if apart else np.hypot(np.sqrt(3.0) * own, others)
+    # the powers 1 to 2, which two sizes do not tell apart: .02 / (2^q - 1)
+    biases = 0.02 / (2.0 ** np.linspace(1.0, 2.0, 11) - 1.0)
+    least, most = biases.std(), np.hypot(noise, biases.std())
+    assert np.all(
+        (half(budget, "cell size") > 1.8 * least) & (half(budget, "cell size") < 2.0 * most)
+    )
+    assert np.all(np.abs(bias - biases.mean()) < (0.006 if apart else 2.0 * own))
+
+
+def test_three_sizes_tell_the_power_and_the_bias_is_taken_out():
+    """Means 1 + .16 / L^2, in cells of 1, 2 and 4; the response has 4."""
+    response = ensemble(400, spread=0.01, factor=1.01, seed=8)
+    sizes = {0.25: ensemble(400, spread=0.01, factor=1.16, seed=2)}
+    sizes |= {0.5: ensemble(400, spread=0.01, factor=1.04, seed=3), 1.0: response}
+    budget = error_budget(response, fit_law(response, n_samples=0), sizes=sizes, apart=True)
+    bias = budget["error_bias"].sel(error_term="cell size", quantity="mean_gap")
+    np.testing.assert_allclose(bias, 0.01 / 1.01, atol=0.002)
+    corrected = without_size_bias(response, sizes)
+    np.testing.assert_allclose(corrected["mean_gap"].mean("realisation"), TRUTH, rtol=3e-3)
+    budget = error_budget(corrected, fit_law(corrected, n_samples=0), sizes=sizes, apart=True)
+    assert not np.any(budget["error_bias"])
+    assert budget.attrs["how_cell_size"].startswith("taken out: means over the cell size from 3")
 
 
 def test_the_total_of_a_bias_and_a_spread_is_kept_in_95_of_100():
