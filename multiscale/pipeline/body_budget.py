@@ -54,7 +54,8 @@ def with_joint_budget(
     mean = np.sum(pressure * area, axis=1) / np.sum(closed * area, axis=1)
     if {"longest_wave", "cell_size", "sampling_factor"} <= set(law.attrs):
         wave, cell = float(law.attrs["longest_wave"]), float(law.attrs["cell_size"])
-        law = with_scales(law, compare_scales(wave, cell, _length(result, pressure[-1])))
+        length, extent = _lengths(result, pressure[-1])
+        law = with_scales(law, compare_scales(wave, cell, length, extent=extent))
     budget = structure_budget(
         "joint_stiffness",
         law,
@@ -75,13 +76,13 @@ def with_joint_budget(
     return with_budget(result, whole)
 
 
-def _length(result: "xr.Dataset", pressure: np.ndarray) -> float:
-    """Shortest length over which the pressure of a joint varies, at most that of the joint, m."""
+def _lengths(result: "xr.Dataset", pressure: np.ndarray) -> tuple[float, float]:
+    """Length over which the pressure of a joint varies, at most its edge, and that edge, m."""
     number, area = result["point_joint"].to_numpy(), result["point_area"].to_numpy()
-    place, lengths = result["point_position"].to_numpy()[:, :2], []
+    place, lengths, extents = result["point_position"].to_numpy()[:, :2], [], []
     for joint in np.unique(number):
         mine = number == joint
-        extent = float(np.min(np.ptp(place[mine], axis=0)))
+        extents.append(float(np.sqrt(area[mine].sum())))
         varies = pressure_length_of_points(place[mine], pressure[mine], area[mine])
-        lengths.append(min(extent, varies))
-    return float(min(lengths))
+        lengths.append(min(extents[-1], varies))
+    return float(min(lengths)), float(min(extents))

@@ -119,10 +119,10 @@ def plan(
     pilots = campaign.pilots(1)
     estimate = campaign.estimate(Setting(0, -1, STUDY[0, -1]), pilots.study[0], pilots)
     solved = {(0, -1): pilots.study[0], (-1, 0): pilots.pairs[0]}
-    sizes, grids, forecast = SIZES, _grids(case), np.nan
+    sizes, forecast = SIZES, np.nan
     for number in range(MOST_ROUNDS):
         costs = _costs(case, solved)
-        setting, time = cheapest(estimate, costs, campaign.done(), STUDY, target, (sizes, grids))
+        setting, time = cheapest(estimate, costs, campaign.done(), STUDY, target, (sizes, GRIDS))
         spent = campaign.spent()
         forecast = spent + time if number == 0 else forecast
         try:
@@ -151,7 +151,8 @@ def plan(
                 f"below the target of {100.0 * target:.3g} %; {spent:.3g} s of solver time were "
                 f"spent, {forecast:.3g} s forecast after the pilot runs"
             )
-            chosen, law, result = campaign.answer(setting, response, pilots, case.law.samples)
+            chosen, law = campaign.law(setting, response, pilots, case.law.samples)
+            result = solve_joint(chosen, law, bootstrap=False)
             folder = campaign.folder(setting)
             return Plan(
                 chosen, response, law, result, folder, found.total, spent, forecast, tuple(lines)
@@ -199,20 +200,15 @@ def _check(case: Case) -> None:
             f"[accuracy] begins with a quarter of the points, which would be {fewest}; "
             f"give points = {4 * FEWEST_POINTS} or more in [cell]"
         )
-
-
-def _grids(case: Case) -> range:
-    """Grids on which every wave has more than two points."""
     cutoffs = [body.surface.short_cutoff for body in case.bodies if body.surface is not None]
     shortest = min(cutoff for cutoff in cutoffs if cutoff is not None)
     spacing = max(edge / n for edge, n in zip(case.cell.size, case.cell.points, strict=True))
     if 4.0 * spacing >= shortest:
         raise CaseError(
             f"[accuracy] compares with a grid of twice the spacing, {2.0 * spacing:.3g} m, which "
-            f"cannot carry waves of {shortest:.3g} m; give at least "
-            f"{2 * int(2.0 * max(case.cell.size) / shortest) + 2} points in [cell]"
+            f"cannot carry waves of {shortest:.3g} m; give more than "
+            f"{4.0 * max(case.cell.size) / shortest:.0f} points in [cell]"
         )
-    return GRIDS
 
 
 @dataclass(frozen=True, eq=False)
@@ -257,10 +253,10 @@ class _Campaign:
         coarse = study[-1].isel(realisation=slice(multiple * PAIRS))
         return _Pilots(study, {0: fine, -1: coarse})
 
-    def answer(
+    def law(
         self, setting: Setting, response: "xr.Dataset", pilots: "_Pilots", samples: int
-    ) -> tuple[Case, "xr.Dataset", "xr.Dataset"]:
-        """Fit the law of a response and solve the joint, both with their budgets."""
+    ) -> tuple[Case, "xr.Dataset"]:
+        """Fit the law of a response, with its budget."""
         chosen = resize(self.case, setting)
         sizes = {2.0 ** (size - setting.size): one for size, one in pilots.study.items()}
         response = without_size_bias(response, sizes)
@@ -273,15 +269,19 @@ class _Campaign:
             scales=joint_scales(chosen),
             apart=True,
         )
-        law = with_budget(law, budget)
-        return chosen, law, solve_joint(chosen, law, bootstrap=False)
+        return chosen, with_budget(law, budget)
 
     def estimate(self, setting: Setting, response: "xr.Dataset", pilots: "_Pilots") -> Estimate:
         """Say how wrong the answer of a response is."""
         assert self.case.accuracy is not None
-        _, law, result = self.answer(setting, response, pilots, samples=0)
-        quantity = self.case.accuracy.quantity
-        one = (result if quantity == "joint_stiffness" else law).sel(quantity=quantity)
+        (chosen, law), quantity = (
+            self.law(setting, response, pilots, 0),
+            self.case.accuracy.quantity,
+        )
+        carrier = law
+        if quantity == "joint_stiffness":
+            carrier = solve_joint(chosen, law, bootstrap=False)
+        one = carrier.sel(quantity=quantity)
         return Estimate(setting, one["error_half_width"].to_numpy(), one["error_bias"].to_numpy())
 
     def done(self) -> dict[tuple[int, int], int]:

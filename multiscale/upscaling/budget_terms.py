@@ -166,10 +166,11 @@ def grid_term(
         size = np.abs(mean[1.0])
         estimate = estimate_grid_error(mean.pop(1.0), mean)
         difference = (values[finest] - values[next_finest]) / (next_finest / finest - 1.0)
-        spread = np.nanstd(difference, axis=0) / np.sqrt(max(n[finest] - 1, 1))
+        variance = np.nanvar(difference, axis=0) / max(n[finest] - 1, 1)
+        spread = _students(variance[None], np.array([[n[finest] - 1]]))
         order = np.where(np.isfinite(estimate.order), estimate.order, LOWEST_ORDER)
         coarser = finest**-order  # of the response than of the finest grid
-        rows.append(coarser * np.hypot(estimate.half_width, NORMAL * spread) / size)
+        rows.append(coarser * np.hypot(estimate.half_width, spread) / size)
         how = how or estimate.how
     return np.array(rows), how
 
@@ -196,20 +197,22 @@ def size_term(
         n = np.array([len(values[ratio]) for ratio in ratios])[:, None]
         error = np.array([np.nanstd(values[ratio], axis=0) for ratio in ratios])
         error = np.maximum(error / np.sqrt(np.maximum(n - 1, 1)), 1e-9 * np.abs(mean))
-        bias, square, misfit = [], [], []
+        bias, noise, misfit = [], [], []
         for order in SIZE_ORDERS:
             weight, miss = _slope(ratios**-order, mean, error)
             bias.append(np.sum(weight * mean, axis=0))
-            square.append(np.sum((weight**2 - 2.0 * shared * weight) * error**2, axis=0))
+            parts = (weight**2 - 2.0 * shared * weight) * error**2
+            noise.append(_students(parts, n - 1))
             misfit.append(miss)
         likelihood = np.exp(-0.5 * (np.array(misfit) - min(misfit)))
         likelihood /= likelihood.sum()
         middle = likelihood @ np.array(bias)
-        square = likelihood @ (np.array(square) + (np.array(bias) - middle) ** 2)
+        between = NORMAL**2 * (np.array(bias) - middle) ** 2
+        square = likelihood @ (np.array(noise) ** 2 + between)
         powers.append(float(likelihood @ SIZE_ORDERS))
         size = np.abs(np.nanmean(answer, axis=0))
         biases.append(middle / size)
-        rows.append(NORMAL * np.sqrt(square) / size)
+        rows.append(np.sqrt(square) / size)
     how = f"means over the cell size from {len(ratios)} sizes, power about {np.mean(powers):.2g}"
     return np.array(biases), np.array(rows), how
 
@@ -235,6 +238,20 @@ def without_size_bias(response: "xr.Dataset", sizes: Mapping[float, "xr.Dataset"
     }
     corrected["contact_fraction"] = corrected["contact_fraction"].clip(0.0, 1.0, keep_attrs=True)
     return response.assign(corrected).assign_attrs(size_bias=f"taken out: {how}")
+
+
+def _students(variances: np.ndarray, freedom: np.ndarray) -> np.ndarray:
+    """95 % half-width of a sum of terms with variances (terms, steps) and freedoms (terms, 1).
+
+    The freedom of the sum is that of Welch and Satterthwaite.
+    """
+    from scipy.stats import t
+
+    total = np.maximum(variances.sum(axis=0), 0.0)
+    single = np.sum(variances**2 / np.maximum(freedom, 1), axis=0)
+    whole = np.where(single > 0.0, total**2 / np.where(single > 0.0, single, 1.0), np.inf)
+    factor = t.ppf(0.975, np.maximum(whole, 1.0))
+    return np.asarray(np.where(np.isfinite(whole), factor, NORMAL) * np.sqrt(total))
 
 
 def _slope(x: np.ndarray, mean: np.ndarray, error: np.ndarray) -> tuple[np.ndarray, float]:

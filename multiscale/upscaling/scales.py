@@ -29,7 +29,7 @@ class ScaleSeparation:
     wavelength_ratio : float
         :math:`\varepsilon = \lambda_l / \ell`, longest wavelength over macro length.
     cell_ratio : float
-        Size of the cell over the macro length.
+        Size of the cell over the extent of the structure, which averages over its cells.
     time_ratio : float
         Relaxation time over loading time; NaN if no times were given.
     cautions : tuple of str
@@ -45,8 +45,8 @@ class ScaleSeparation:
         """Return the report as text."""
         time = "no times given" if np.isnan(self.time_ratio) else f"times {self.time_ratio:.3g}"
         head = (
-            f"longest wavelength {self.wavelength_ratio:.3g} and cell {self.cell_ratio:.3g} of the "
-            f"length over which the pressure varies, {time}"
+            f"longest wavelength {self.wavelength_ratio:.3g} of the length over which the pressure "
+            f"varies, cell {self.cell_ratio:.3g} of the interface, {time}"
         )
         return "; ".join([head, *self.cautions])
 
@@ -56,6 +56,7 @@ def compare_scales(
     cell_size: float,
     macro_length: float,
     *,
+    extent: float | None = None,
     relaxation: float | None = None,
     loading: float | None = None,
 ) -> ScaleSeparation:
@@ -69,6 +70,8 @@ def compare_scales(
         Edge of the representative cell, m.
     macro_length : float
         Length over which the pressure of the structure varies, m; see :func:`pressure_length`.
+    extent : float, optional
+        Edge of the loaded interface, m; the macro length if not given.
     relaxation, loading : float, optional
         Slowest relaxation of the cell and time over which the structure is loaded, s.
 
@@ -79,14 +82,13 @@ def compare_scales(
     """
     lengths = {"wavelength": wavelength, "cell_size": cell_size, "macro_length": macro_length}
     times = {"relaxation": relaxation, "loading": loading}
-    for name, value in {**lengths, **times}.items():
+    for name, value in {**lengths, "extent": extent, **times}.items():
         if value is not None and not (value > 0.0 and np.isfinite(value)):
             raise CaseError(f"{name} must be positive and finite, got {value:g}")
     if (relaxation is None) != (loading is None):
         raise CaseError("times are compared in pairs: give both relaxation and loading (s)")
     cautions = []
-    eps, cell = wavelength / macro_length, cell_size / macro_length
-    if cell > FARTHEST_CELL:
+    if cell_size / macro_length > FARTHEST_CELL:
         cautions.append(
             f"the pressure varies over {macro_length:.3g} m, less than the cell of {cell_size:.3g} "
             f"m: no point of the structure is loaded as the cell was; resolve the longest waves in "
@@ -100,7 +102,12 @@ def compare_scales(
                 f"the cell relaxes in {relaxation:.3g} s while it is loaded over {loading:.3g} s: "
                 f"the response depends on the rate, so that one law for all rates is not enough"
             )
-    return ScaleSeparation(eps, cell, float(ratio), tuple(cautions))
+    return ScaleSeparation(
+        wavelength / macro_length,
+        cell_size / (macro_length if extent is None else extent),
+        float(ratio),
+        tuple(cautions),
+    )
 
 
 def pressure_length(pressure: np.ndarray, spacing: float | tuple[float, float]) -> float:
