@@ -61,7 +61,6 @@ def with_joint_budget(
         law,
         stiffness,
         pressure=mean,
-        through=("stiffness",),
         coarser=None if coarser is None else {2.0: stiffness(law_from_dataset(law), coarser)},
         samples=0,
     )

@@ -13,7 +13,7 @@ __all__ = ["CostModel", "Estimate", "Setting", "cheapest"]
 
 SIZES = range(-1, 5)
 GRIDS = range(-1, 3)
-REALISATIONS = (3, 4, 5, 6, 8, 10, 12, 16, 20, 24, 32, 40, 48, 64, 96, 128)
+REALISATIONS = (1, 2, 3, 4, 5, 6, 8, 10, 12, 16, 20, 24, 32, 40, 48, 64, 96, 128)
 STUDIES = (1, 2, 4, 8)
 
 

@@ -74,7 +74,6 @@ def solve_joint(case: Case, law: "xr.Dataset", *, bootstrap: bool = True) -> "xr
         law,
         stiffness,
         pressure=preload,
-        through=("stiffness",),
         coarser={2.0: stiffness(law_from_dataset(law), 2)},
         samples=result["joint_stiffness_sample"].to_numpy() if samples and bootstrap else 0,
     )

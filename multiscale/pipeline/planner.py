@@ -24,7 +24,7 @@ __all__ = ["Plan", "plan", "resize"]
 
 logger = logging.getLogger(__name__)
 
-STUDY = {(-1, -1): 8, (0, -1): 4}
+STUDY = {(-1, -1): 12, (0, -1): 6}
 """Cells of the pilot runs by (size, grid): scatter, and bias by the size, on a coarse grid."""
 
 PAIRS = 3

@@ -36,7 +36,6 @@ def structure_budget(
     solve: Callable[[NormalLaw], np.ndarray],
     *,
     pressure: np.ndarray | None = None,
-    through: tuple[str, ...] = ("mean_gap", "stiffness"),
     coarser: Mapping[float, np.ndarray] | None = None,
     samples: np.ndarray | int = 100,
 ) -> "xr.Dataset":
@@ -53,8 +52,6 @@ def structure_budget(
     pressure : ndarray, shape (steps,), optional
         Pressure of the interface at each step, Pa, at which the errors of the law count; their
         root mean square over its data if not given.
-    through : tuple of str
-        Quantities of the law whose errors pass into the answer; the largest counts.
     coarser : mapping of float to ndarray, shape (steps,), optional
         Answers with the mean law on coarser meshes, by the ratio of the spacings; see
         :func:`estimate_grid_error`.
@@ -66,8 +63,9 @@ def structure_budget(
     -------
     Dataset
         Follows ``ERROR_BUDGET``, with one quantity. *Sampling* comes from the samples of the law.
-        The other terms of the law enter by the change of the answer when its gaps are stretched;
-        a bias by solving with a law of free form through the gaps without it.
+        The other terms of the law enter by the change of the answer when all gaps are larger, and
+        when the law is softer about the mean pressure, by what they are of gap and stiffness; a
+        bias by solving with a law of free form through the gaps without it.
 
     Raises
     ------
@@ -82,13 +80,22 @@ def structure_budget(
     answer = np.atleast_1d(np.asarray(solve(mean_law), dtype=float))
     size = np.abs(answer)
     how = {term: str(law.attrs[how_attribute(term)]) for term in ERROR_TERMS}
-    stretched = np.atleast_1d(solve(StretchedLaw(mean_law, 1.0 + STRETCH)))
-    sensitivity = np.abs(stretched - answer) / size / STRETCH
-    terms = {
-        term: (sensitivity * half)[None]
-        for term in ERROR_TERMS[:-1]
-        if (half := _at_pressure(law, term, through, pressure)) is not None
-    }
+    p = law["fit_pressure"].to_numpy() if pressure is None else np.asarray(pressure)
+    middle = float(mean_law.gap_at(np.array(np.exp(np.mean(np.log(p))))))
+    by = STRETCH * float(np.ptp(law["fit_mean_gap"].to_numpy()))
+    shifted = np.atleast_1d(solve(StretchedLaw(mean_law, 1.0, shift=by)))
+    stretched = np.atleast_1d(solve(StretchedLaw(mean_law, 1.0 + STRETCH, centre=middle)))
+    of_gap = np.abs(shifted - answer) / size / by  # 1/m
+    of_stiffness = np.abs(stretched - answer) / size / STRETCH
+    terms: Terms = {}
+    for term in ERROR_TERMS[:-1]:
+        gap, stiffness = _at_pressure(law, term, pressure)
+        if gap is not None or stiffness is not None:
+            parts = (
+                of_gap * (0.0 if gap is None else gap),
+                of_stiffness * (0.0 if stiffness is None else stiffness),
+            )
+            terms[term] = np.hypot(*parts)[None]
     biases: Terms = {}
     for term in terms:
         bias = law["error_bias"].sel(quantity="mean_gap", error_term=term).to_numpy()
@@ -112,20 +119,21 @@ def structure_budget(
 
 
 def _at_pressure(
-    law: "xr.Dataset", term: str, through: tuple[str, ...], pressure: np.ndarray | None
-) -> np.ndarray | None:
-    """Half-width of a term of the law that counts for an answer; nothing if it is not known."""
-    found = []
-    for half in law["error_half_width"].sel(error_term=term, quantity=list(through)).to_numpy():
-        known = np.isfinite(half)
+    law: "xr.Dataset", term: str, pressure: np.ndarray | None
+) -> tuple[np.ndarray | None, np.ndarray | None]:
+    """Half-widths of a term for the gap, m, and the stiffness, relative; nothing if not known."""
+    found: list[np.ndarray | None] = []
+    data = law["fit_pressure"].to_numpy()
+    for quantity, scale in (("mean_gap", np.abs(law["fit_mean_gap"].to_numpy())), ("stiffness", 1)):
+        one = law["error_half_width"].sel(error_term=term, quantity=quantity).to_numpy() * scale
+        known = np.isfinite(one)
         if not np.any(known):
-            continue
-        if pressure is None:
-            found.append(np.sqrt(np.mean(half[known] ** 2)))
+            found.append(None)
+        elif pressure is None:
+            found.append(np.sqrt(np.mean(one[known] ** 2)))
         else:
-            x = np.log(law["fit_pressure"].to_numpy()[known])
-            found.append(np.interp(np.log(pressure), x, half[known]))
-    return np.max(found, axis=0) if found else None
+            found.append(np.interp(np.log(pressure), np.log(data[known]), one[known]))
+    return found[0], found[1]
 
 
 def _unbiased(law: "xr.Dataset", bias: np.ndarray) -> NormalLaw:
