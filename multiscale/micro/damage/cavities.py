@@ -9,7 +9,7 @@ import numpy as np
 
 from multiscale.errors import CaseError
 from multiscale.io.images import VoxelImage
-from multiscale.micro.damage.bodies import Bodies, Cracks, Cylinders, Ellipsoids
+from multiscale.micro.damage.bodies import Bodies, Cracks, Cylinders, Ellipsoids, Mapped
 
 __all__ = ["Cavities", "check_box", "crack_density_tensor", "first_overlap", "voxelise"]
 
@@ -213,8 +213,8 @@ def _rod(kind: Bodies, k: int) -> tuple[np.ndarray, np.ndarray, float]:
     if isinstance(kind, Cylinders):
         half = min(kind.half_length[k], 1e6 * kind.radius[k])
         return kind.centre[k], half * kind.axis[k], float(kind.radius[k])
-    roots: np.ndarray = kind.root[k]  # type: ignore[attr-defined]
-    return kind.centre[k], np.zeros(3), float(np.linalg.norm(roots, 2))
+    assert isinstance(kind, Mapped)
+    return kind.centre[k], np.zeros(3), float(np.linalg.norm(kind.root[k], 2))
 
 
 def _segment_distance(p: np.ndarray, u: np.ndarray, q: np.ndarray, v: np.ndarray) -> float:

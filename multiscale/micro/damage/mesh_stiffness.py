@@ -23,7 +23,7 @@ from multiscale.micro.assembly import assemble_elasticity
 from multiscale.micro.damage.bodies import Cylinders, Ellipsoids
 from multiscale.micro.damage.cavities import Cavities
 from multiscale.micro.damage.mesh import mesh_cavities
-from multiscale.micro.damage.rve import check_elastic, summarise_loads
+from multiscale.micro.damage.rve import LOST, check_elastic, summarise_loads
 
 if TYPE_CHECKING:
     from skfem import CellBasis, MeshTet
@@ -103,7 +103,8 @@ def mesh_stiffness(
         )
         for k in range(6)
     ]
-    return summarise_loads(youngs_modulus * 0.5 * (energy + energy.T), loads, youngs_modulus)
+    symmetric = 0.5 * youngs_modulus * (energy + energy.T)
+    return summarise_loads(symmetric, loads, LOST * youngs_modulus)
 
 
 def _basis(rve: Cavities, element_size: float, quadratic: bool) -> "CellBasis":

@@ -25,6 +25,7 @@ from multiscale.micro.damage import (
     penny_cracks,
     plane_damage,
     random_spheres,
+    spheres,
     symmetry_class,
     voigt_bound,
     voxelise,
@@ -161,6 +162,50 @@ def test_percolating_voids_and_high_porosity(contrast):
     assert found.status is Status.CONVERGED
     bulk, _ = hashin_shtrikman_bound(E, NU, image.porosity)
     assert 0.0 < ratio(found).min() < ratio(found).max() < bulk / E * 3.0
+
+
+def test_the_stiffness_has_the_square_of_the_tolerance_as_error():
+    image = voxelise(random_spheres(CUBE, 0.2, porosity=0.2, seed=1), 16)
+    exact = effective_stiffness(image, E, NU, tolerance=1e-10).unwrap()
+    tolerances = np.array([1e-1, 1e-2, 1e-3, 1e-4])
+    errors = [
+        np.abs(effective_stiffness(image, E, NU, tolerance=t).unwrap() - exact).max() / exact.max()
+        for t in tolerances
+    ]
+    assert observed_rate(tolerances, errors) == pytest.approx(2.0, abs=0.15)
+    assert errors[-1] < 1e-7
+
+
+def test_voxels_need_not_be_cubes():
+    """An ellipsoid in a flat box, on voxels of three different edges."""
+    rve = Cavities((1.0, 2.0, 0.5), [ellipsoids([[0.5, 1.0, 0.25]], [0.3, 0.5, 0.15])])
+    cubes = ratio(effective_stiffness(voxelise(rve, (64, 128, 32)), E, NU))
+    bricks = ratio(effective_stiffness(voxelise(rve, (48, 64, 64)), E, NU))
+    assert bricks == pytest.approx(cubes, abs=5e-3)
+    # the same numbers in another unit of length
+    image = voxelise(rve, (12, 16, 16))
+    small = VoxelImage(image.void, tuple(1e-9 * length for length in image.size))
+    one, other = (effective_stiffness(each, E, NU).unwrap() for each in (image, small))
+    np.testing.assert_allclose(other, one, rtol=1e-6, atol=1e-9 * E)
+
+
+def test_a_body_that_touches_nothing_is_no_stiffness():
+    ball = np.logical_not(voxelise(Cavities(CUBE, [spheres(MIDDLE, 0.3)]), 16).void)
+    found = effective_stiffness(VoxelImage(ball, CUBE), E, NU)
+    assert found.status is Status.CONVERGED
+    assert "no stiffness against the strains xx, yy, zz, yz, xz, xy" in found.detail
+    np.testing.assert_allclose(found.value, 0.0, atol=1e-12 * E)
+    np.testing.assert_array_equal(ratio(found), 0.0)
+
+
+def test_a_soft_filling_is_not_lost():
+    """A contrast of 1e8 across a crack through the section: the stiffness is that of a layer."""
+    rve = Cavities(CUBE, [penny_cracks(MIDDLE, (0, 0, 1), 5.0)])
+    found = effective_stiffness(voxelise(rve, 8), E, NU, void_modulus=1e-8 * E)
+    assert found.detail == ""
+    assert found.value[2, 2] == pytest.approx(
+        1.0 / np.sum(np.array([7.0, 1e8]) / 8.0 / isotropic_stiffness(E, NU)[0, 0]), rel=1e-6
+    )
 
 
 def test_a_loose_island_carries_nothing():
