@@ -87,10 +87,10 @@ class Cavities:
             if self.periodic and len(centre):
                 centre = centre - size * np.floor(centre / size)
                 finite = np.where(np.isfinite(reach), reach, 0.0)  # infinite ones along an edge
-                n = np.ceil(finite.max(axis=0) / size).astype(int)
+                n = np.floor(finite.max(axis=0) / size).astype(int) + 1
                 copies = np.array(list(product(*(range(-k, k + 1) for k in n)))) * size
             place = centre[None] + copies[:, None]
-            inside = np.all((place + reach > 0.0) & (place - reach < size), axis=2)
+            inside = np.all((place + reach >= 0.0) & (place - reach <= size), axis=2)
             which = np.nonzero(inside)[1]
             found.append((kind.take(which, place[inside] - kind.centre[which]), which))
         return found

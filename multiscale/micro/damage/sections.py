@@ -26,7 +26,7 @@ from multiscale.schema import DAMAGE_SECTIONS
 if TYPE_CHECKING:
     import xarray as xr
 
-__all__ = ["max_damage", "plane_damage"]
+__all__ = ["box_polygon", "max_damage", "plane_damage"]
 
 QUANTILES = (0.5, 0.9, 0.95, 0.99)
 """Quantiles of the damage over all sections that are reported."""
@@ -201,7 +201,7 @@ def _analytic_sections(
     through = Plane.through(0.5 * size, normal, slab)
     for k, distance in enumerate(distances):
         plane = replace(through, origin=0.5 * size + distance * normal)
-        polygon = _polygon(plane, size)
+        polygon = box_polygon(plane, size)
         if len(polygon) > 2:
             x, y = polygon.T
             area[k] = 0.5 * float(x @ np.roll(y, -1) - y @ np.roll(x, -1))
@@ -210,8 +210,11 @@ def _analytic_sections(
     return lost, area
 
 
-def _polygon(plane: Plane, size: np.ndarray) -> np.ndarray:
-    """Corners of the section of a box, anticlockwise in the plane's coordinates, m."""
+def box_polygon(plane: Plane, size: np.ndarray) -> np.ndarray:
+    """Corners of the section of a box, shape (n, 2), m.
+
+    Anticlockwise in the coordinates of the plane, and empty if the plane misses the box.
+    """
     corners = np.array([[i, j, k] for i in (0, 1) for j in (0, 1) for k in (0, 1)]) * size
     height = (corners - plane.origin) @ plane.normal
     start, end = np.array([(a, a | bit) for bit in (1, 2, 4) for a in range(8) if not a & bit]).T

@@ -188,6 +188,14 @@ def test_coplanar_penny_cracks():
     assert float(worst["maximum_damage"]) == pytest.approx(3 * np.pi * 0.15**2, abs=1e-9)
 
 
+def test_a_crack_in_a_face_of_the_periodic_box_counts_once():
+    rve = Cavities(CUBE, [penny_cracks([[0.5, 0.5, 1.0]], (0, 0, 1), 0.3)])
+    area = np.pi * 0.3**2
+    assert plane_damage(rve, (0, 0, 1), -0.5) == pytest.approx(area, abs=1e-12)
+    assert plane_damage(rve, (0, 0, 1), [-0.5, 0.5], closed=True) == pytest.approx(area)
+    assert voxelise(rve, 50).void.mean() * 50 == pytest.approx(area, rel=0.01)
+
+
 def test_the_shadow_of_a_crack_falls_with_the_cosine():
     rve = Cavities((9.0, 9.0, 9.0), [penny_cracks([[4.5, 4.5, 4.5]], (0, 0, 1), 0.5)])
     for angle in (0.1, 0.7, 1.4):

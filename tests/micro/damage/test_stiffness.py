@@ -13,6 +13,7 @@ from multiscale.convergence import Status
 from multiscale.errors import CaseError, ConvergenceError
 from multiscale.micro.damage import (
     Cavities,
+    Cracks,
     VoxelImage,
     boolean_spheres,
     cylinders,
@@ -311,8 +312,9 @@ def test_a_cubic_array_of_penny_cracks_is_near_the_limit_without_interaction(
     assert found[0] == pytest.approx(1.0, abs=2e-3)
 
 
-def test_open_cracks_have_two_faces_and_one_front(gmsh):
-    rve = Cavities(CUBE, [penny_cracks(MIDDLE, (1, 2, 2), 0.3)])
+@pytest.mark.parametrize("middle", [(0.5, 0.5, 0.5), (0.95, 0.5, 0.9)], ids=["inside", "edge"])
+def test_open_cracks_have_two_sides_and_one_front(gmsh, middle):
+    rve = Cavities(CUBE, [penny_cracks([middle], (1, 2, 2), 0.3)])
     mesh = mesh_cavities(rve, 0.2)
     edges = mesh.points[:, mesh.cells]
     volume = np.einsum(
@@ -321,21 +323,76 @@ def test_open_cracks_have_two_faces_and_one_front(gmsh):
         np.cross(edges[:, 2] - edges[:, 0], edges[:, 3] - edges[:, 0], axis=0),
     )
     assert np.abs(volume).sum() / 6.0 == pytest.approx(1.0, rel=1e-9)
-    _, count = np.unique(np.round(mesh.points, 9), axis=1, return_counts=True)
-    assert np.count_nonzero(count == 2) > 20
+    places, count = np.unique(np.round(mesh.points, 9), axis=1, return_counts=True)
+    double = places[:, count == 2]
+    assert double.shape[1] > 20
     assert count.max() == 2
 
+    def height_and_radius(points):
+        away = points - np.array(middle)[:, None]
+        away -= np.rint(away)  # from the nearest image
+        above = np.array([1.0, 2.0, 2.0]) / 3.0 @ away
+        return above, np.sqrt(np.sum(away**2, axis=0) - above**2)
 
-def test_cavities_may_reach_through_the_faces(gmsh):
+    above, radius = height_and_radius(double)
+    assert np.abs(above).max() < 1e-9
+    assert radius.max() < 0.3
+    above, radius = height_and_radius(mesh.points[:, mesh.front])
+    np.testing.assert_allclose(radius, 0.3, atol=1e-6)
+    # periodic images are one, the two sides are two
+    moved = np.round(mesh.points - np.floor(mesh.points + 1e-9), 6)
+    images = np.unique(np.vstack([moved, mesh.periodic]), axis=1).shape[1]
+    assert (
+        images
+        == mesh.periodic.max() + 1
+        == np.unique(moved, axis=1).shape[1]
+        + (np.unique(np.round(double - np.floor(double + 1e-9), 6), axis=1).shape[1])
+    )
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(
+    "bodies",
+    [
+        pytest.param(lambda centre: ellipsoids(centre, [0.3, 0.2, 0.15]), id="ellipsoid"),
+        pytest.param(lambda centre: penny_cracks(centre, (1, 2, 2), 0.3), id="crack"),
+    ],
+)
+def test_bodies_may_reach_through_the_faces(gmsh, bodies):
     """A shift of the periodic volume changes nothing, and voxels agree with the mesh."""
-    inner, outer = (
-        Cavities(CUBE, [ellipsoids(np.array(MIDDLE) + shift, [0.3, 0.2, 0.15])])
-        for shift in ((0.0, 0.0, 0.0), (0.45, 0.4, 0.1))
+    inner, face, corner = (
+        Cavities(CUBE, [bodies(np.array(MIDDLE) + shift)])
+        for shift in ((0.0, 0.0, 0.0), (0.4, 0.0, 0.03), (0.45, 0.4, 0.38))
     )
     found = ratio(mesh_stiffness(inner, E, NU, element_size=0.5))
-    shifted = ratio(mesh_stiffness(outer, E, NU, element_size=0.5))
-    assert shifted == pytest.approx(found, abs=2e-3)
-    assert ratio(effective_stiffness(voxelise(inner, 48), E, NU)) == pytest.approx(found, abs=5e-3)
+    for shifted in (face, corner):
+        again = ratio(mesh_stiffness(shifted, E, NU, element_size=0.5))
+        assert again == pytest.approx(found, abs=2e-3)
+    voxels = ratio(effective_stiffness(voxelise(inner, 48), E, NU))
+    assert voxels == pytest.approx(found, abs=0.03 if isinstance(inner.bodies[0], Cracks) else 5e-3)
+
+
+@pytest.mark.parametrize(
+    "others",
+    [
+        pytest.param([penny_cracks(MIDDLE, (1, 0, 0), 0.3)], id="crossing crack"),
+        pytest.param([spheres(MIDDLE, 0.2)], id="sphere"),
+    ],
+)
+def test_cracks_may_meet_what_is_there(gmsh, others):
+    rve = Cavities(CUBE, [penny_cracks(MIDDLE, (0, 0, 1), 0.3), *others])
+    found = ratio(mesh_stiffness(rve, E, NU, element_size=0.4))
+    # voxels of a crack are a slit of their thickness
+    assert found == pytest.approx(ratio(effective_stiffness(voxelise(rve, 49), E, NU)), abs=0.02)
+    alone = ratio(mesh_stiffness(Cavities(CUBE, rve.bodies[:1]), E, NU, element_size=0.4))
+    assert np.all(found < alone + 1e-3)
+
+
+def test_a_meshed_crack_through_the_whole_section_leaves_no_stiffness(gmsh):
+    rve = Cavities(CUBE, [penny_cracks(MIDDLE, (0, 0, 1), 5.0)])
+    found = mesh_stiffness(rve, E, NU, element_size=0.5)
+    assert "no stiffness against the strains zz, yz, xz: the solid is cut through" in found.detail
+    assert ratio(found) == pytest.approx([1.0, 1.0, 0.0], abs=1e-9)
 
 
 def test_a_mesh_needs_some_solid(gmsh):
@@ -421,12 +478,12 @@ def test_the_symmetry_is_named():
         ),
         (
             lambda: mesh_stiffness(
-                Cavities(CUBE, [penny_cracks([[0.5, 0.5, 0.1]], (1, 0, 0), 0.2)]),
+                Cavities(CUBE, [penny_cracks([[0.5, 0.5, 1.0]], (0, 0, 1), 0.2)]),
                 E,
                 NU,
                 element_size=0.2,
             ),
-            "crack 0 reaches a face",
+            "a crack lies in a face of the box; shift all bodies",
         ),
         (lambda: mesh_stiffness(Cavities(CUBE), E, NU, element_size=0.0), "must be positive"),
         (
