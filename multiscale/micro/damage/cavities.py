@@ -9,7 +9,7 @@ import numpy as np
 
 from multiscale.errors import CaseError
 from multiscale.io.images import VoxelImage
-from multiscale.micro.damage.bodies import Bodies, Cracks, Cylinders, Ellipsoids, Mapped
+from multiscale.micro.damage.bodies import FLAT, Bodies, Cracks, Cylinders, Ellipsoids, Mapped
 
 __all__ = ["Cavities", "check_box", "crack_density_tensor", "first_overlap", "voxelise"]
 
@@ -129,7 +129,7 @@ def voxelise(rve: Cavities, shape: int | tuple[int, int, int]) -> VoxelImage:
             thickness = 0.0
             if isinstance(kind, Cracks):
                 thickness = float(np.abs(kind.normal[k]) @ spacing)
-                reach = reach + 0.5 * thickness
+                reach = reach + 0.5 * thickness * (1.0 + FLAT)
             window = tuple(
                 slice(*np.searchsorted(x, (c - r, c + r)))
                 for x, c, r in zip(axes, centre, reach, strict=True)

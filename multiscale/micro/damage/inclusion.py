@@ -14,6 +14,19 @@ so that the effective stress :math:`\tilde\sigma = E : (\varepsilon^\mu - \varep
     \tilde s = \frac{s - 2G(1-b)\, \varepsilon^{p\mu}}{1 - bD}, \qquad
     \tilde\sigma_H = \frac{\sigma_H}{1 - aD}.    \tag{1}
 
+To derive it, let an eigenstrain :math:`e` in the sound material take the place of damage and flow:
+
+.. math::
+    (1-D)\, E : (\varepsilon^\mu - \varepsilon^{p\mu}) = E : (\varepsilon^\mu - e), \qquad
+    \varepsilon^\mu = \varepsilon + S : e,
+
+where Eshelby's tensor S of a ball multiplies a dilatation by a and a deviator by b. Then
+:math:`e = D \varepsilon^\mu + (1-D) \varepsilon^{p\mu}`, the deviator of the strain is
+:math:`[\varepsilon' + b(1-D)\varepsilon^{p\mu}]/(1-bD)` and its trace
+:math:`\mathrm{tr}\,\varepsilon/(1-aD)`; for D = 1 that is the dilatation of a spherical void,
+:math:`3(1-\nu)/(2(1-2\nu))` times that of the volume (Lamé), which
+:math:`1 + aD` in place of :math:`1 - aD` would miss.
+
 It yields at the fatigue limit with linear kinematic hardening and is damaged beyond a threshold:
 
 .. math::
@@ -40,7 +53,7 @@ exactly if the flow keeps its direction. With the factor :math:`h` of crack clos
 import numba
 import numpy as np
 
-__all__ = ["SIZE", "run_cycles"]
+__all__ = ["SIZE", "effective_stress", "run_cycles"]
 
 SIZE = 20
 """Length of the state: D, p, plastic strain (6), back stress (6), last macro stress (6)."""
@@ -119,12 +132,12 @@ def _straight(state, target, material, substeps):  # type: ignore[no-untyped-def
         begin = min(max(begin, 0.0), 1.0)
     # deviator and mean of the effective stress where the step starts, for the energy
     old = np.empty(6)
-    _effective(state, start, target, begin, material, shear, b, old)
+    effective_stress(state, start, target, begin, material, shear, b, old)
     new = np.empty(6)
     for step in range(substeps):
         t = begin + (1.0 - begin) * (step + 1.0) / substeps
         feedback = state[0] * material[FEEDBACK]
-        _effective(state, start, target, t, material, shear, b, new)
+        effective_stress(state, start, target, t, material, shear, b, new)
         mean = (new[0] + new[1] + new[2]) / 3.0
         for i in range(6):
             xi[i] = new[i] - (mean if i < 3 else 0.0) - state[8 + i]
@@ -166,7 +179,7 @@ def _product(x, y):  # type: ignore[no-untyped-def]
 
 
 @numba.njit(cache=True, error_model="numpy")
-def _effective(state, start, target, t, material, shear, b, out):  # type: ignore[no-untyped-def]
+def effective_stress(state, start, target, t, material, shear, b, out):  # type: ignore[no-untyped-def]
     """Effective stress (1) at a share of a straight path."""
     nu, D = material[NU], state[0] * material[FEEDBACK]
     a = (1.0 + nu) / (3.0 * (1.0 - nu))

@@ -193,7 +193,7 @@ def test_a_crack_in_a_face_of_the_periodic_box_counts_once():
     area = np.pi * 0.3**2
     assert plane_damage(rve, (0, 0, 1), -0.5) == pytest.approx(area, abs=1e-12)
     assert plane_damage(rve, (0, 0, 1), [-0.5, 0.5], closed=True) == pytest.approx(area)
-    assert voxelise(rve, 50).void.mean() * 50 == pytest.approx(area, rel=0.01)
+    assert voxelise(rve, 50).void.mean() * 50 == pytest.approx(area, rel=0.03)
 
 
 def test_the_shadow_of_a_crack_falls_with_the_cosine():

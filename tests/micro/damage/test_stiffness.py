@@ -402,19 +402,21 @@ def test_a_mesh_needs_some_solid(gmsh):
 
 @pytest.mark.slow
 def test_random_penny_cracks_have_the_limit_without_interaction_on_average(gmsh):
-    """Validation: E/E0 = .9203 at rho = .05; eight cracks, as many orientations, one volume."""
-    rng, density, count = np.random.default_rng(0), 0.05, 8
+    """Validation: E/E0 = .9203 at rho = .05; two cracks at random, through the faces or not.
+
+    Without interaction the mean compliance over directions is the same for every orientation.
+    """
+    rng, density, count = np.random.default_rng(0), 0.05, 2
     radius = (density / count) ** (1.0 / 3.0)
-    places = []
+    places = np.empty((0, 3))
     while len(places) < count:
-        trial = rng.uniform(1.02 * radius, 1.0 - 1.02 * radius, 3)
-        if all(np.linalg.norm(trial - place) > 2.05 * radius for place in places):
-            places.append(trial)
-        elif rng.uniform() < 0.002:  # no room left: begin again
-            places = []
-    rve = Cavities(CUBE, [penny_cracks(np.array(places), rng.normal(size=(count, 3)), radius)])
-    normals = sphere_directions(2)
-    compliance = np.mean(1.0 / ratio(mesh_stiffness(rve, E, NU, element_size=0.3), normals))
+        trial = rng.uniform(size=3)
+        away = trial - places
+        if np.all(np.linalg.norm(away - np.rint(away), axis=1) > 1.5 * radius):
+            places = np.vstack([places, trial])
+    rve = Cavities(CUBE, [penny_cracks(places, rng.normal(size=(count, 3)), radius)])
+    along = sphere_directions(2)
+    compliance = np.mean(1.0 / ratio(mesh_stiffness(rve, E, NU, element_size=0.5), along))
     assert 1.0 / compliance == pytest.approx(0.9203, rel=0.02)
 
 
