@@ -43,8 +43,8 @@ def two_scale_fatigue(
     max_cycles : float
         Where the run ends at the latest.
     substeps : int
-        Steps for the plastic part of each straight piece. One is exact while the stress keeps
-        its direction and the energy of damage is quadratic in it.
+        Steps for the plastic part of each straight piece. The flow is exact in one; that damage
+        changes the stress, and its law, are of second order in them.
 
     Returns
     -------
