@@ -1,7 +1,5 @@
 """Lives by jumps against lives cycle by cycle, and the dataset and figure of both."""
 
-from functools import partial
-
 import numpy as np
 import pytest
 

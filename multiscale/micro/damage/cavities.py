@@ -91,6 +91,8 @@ class Cavities:
                 copies = np.array(list(product(*(range(-k, k + 1) for k in n)))) * size
             place = centre[None] + copies[:, None]
             inside = np.all((place + reach >= 0.0) & (place - reach <= size), axis=2)
+            # what is infinite along an edge is its own image there
+            inside &= ~np.any(np.isinf(reach)[None] & (copies[:, None] != 0.0), axis=2)
             which = np.nonzero(inside)[1]
             found.append((kind.take(which, place[inside] - kind.centre[which]), which))
         return found

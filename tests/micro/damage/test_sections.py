@@ -188,6 +188,15 @@ def test_coplanar_penny_cracks():
     assert float(worst["maximum_damage"]) == pytest.approx(3 * np.pi * 0.15**2, abs=1e-9)
 
 
+def test_an_endless_cylinder_counts_once_beside_short_ones():
+    length = np.array([np.inf, 0.4])
+    rve = Cavities(CUBE, [cylinders([[0.5, 0.3, 0.5], [0.5, 0.7, 0.9]], (0, 0, 1), 0.1, length)])
+    assert [len(kind.centre) for kind in rve.images] == [3]  # the short one comes in again below
+    found = plane_damage(rve, (0, 0, 1), [0.0, 0.45, -0.45])
+    assert found == pytest.approx(np.pi * 0.01 * np.array([1.0, 2.0, 2.0]), rel=1e-12)
+    assert plane_damage(rve, (0, 1, 0), -0.2) == pytest.approx(0.2, rel=1e-9)
+
+
 def test_a_crack_in_a_face_of_the_periodic_box_counts_once():
     rve = Cavities(CUBE, [penny_cracks([[0.5, 0.5, 1.0]], (0, 0, 1), 0.3)])
     area = np.pi * 0.3**2
