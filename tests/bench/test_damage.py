@@ -14,12 +14,8 @@ from multiscale.schema import WORK_PRECISION
 @pytest.mark.parametrize("scene", SCENES)
 def test_jumps_give_the_life_of_every_cycle_for_a_share_of_them(scene):
     every, followed = life(scene, None)
-    errors, shares = np.array(
-        [
-            (abs(found / every - 1.0), n / followed)
-            for found, n in map(partial(life, scene), [0.1, 0.01])
-        ]
-    ).T
+    lives, counts = np.array([life(scene, tolerance) for tolerance in (0.1, 0.01)]).T
+    errors, shares = np.abs(lives / every - 1.0), counts / followed
     assert errors[1] < 1e-3
     assert errors[1] < errors[0] < 0.1
     assert shares[0] < shares[1] < 0.2
