@@ -22,7 +22,7 @@ class Cavities:
     ----------
     size : tuple of float
         Lengths along x, y and z, m.
-    bodies : sequence of Ellipsoids, Cylinders or Cracks
+    bodies : Ellipsoids, Cylinders or Cracks, or a sequence of them
         What is not solid; see :func:`~.bodies.spheres` and its siblings. They may reach out of
         the box.
     periodic : bool
@@ -51,7 +51,8 @@ class Cavities:
     def __post_init__(self) -> None:
         check_box(self.size)
         object.__setattr__(self, "size", tuple(float(length) for length in self.size))
-        object.__setattr__(self, "bodies", tuple(self.bodies))
+        alone = isinstance(self.bodies, Mapped | Cylinders)
+        object.__setattr__(self, "bodies", (self.bodies,) if alone else tuple(self.bodies))
         for kind in self.bodies:
             if self.periodic and isinstance(kind, Cylinders):
                 tilted = np.isinf(kind.half_length) & (np.abs(kind.axis).max(axis=1) < 1.0)
@@ -119,7 +120,16 @@ def voxelise(rve: Cavities, shape: int | tuple[int, int, int]) -> VoxelImage:
     -------
     VoxelImage
         Its error in sections and stiffness falls with the size of the voxels.
+
+    Raises
+    ------
+    CaseError
+        If there are no cavities to turn, or no voxels.
     """
+    if not isinstance(rve, Cavities):
+        raise CaseError(f"voxelise takes Cavities, got {type(rve).__name__}")
+    if np.min(shape) < 1:
+        raise CaseError(f"an image needs at least one voxel along every axis, got {shape}")
     size = np.array(rve.size)
     if isinstance(shape, int):
         shape = tuple(np.maximum(1, np.rint(shape * size / size.max())).astype(int).tolist())

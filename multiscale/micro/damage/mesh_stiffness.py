@@ -69,6 +69,11 @@ def mesh_stiffness(
         If a modulus is outside its range or the volume cannot be meshed.
     """
     begin = perf_counter()
+    if not isinstance(rve, Cavities):
+        raise CaseError(
+            f"mesh_stiffness takes Cavities, got {type(rve).__name__}; effective_stiffness takes "
+            f"voxel images"
+        )
     lame, shear = check_elastic(youngs_modulus, poissons_ratio)
     if not rve.periodic:
         raise CaseError("the stiffness needs a periodic volume; set periodic=True")

@@ -93,7 +93,7 @@ def effective_stiffness(
     Raises
     ------
     CaseError
-        If a modulus is outside its range or the image holds no solid.
+        If a modulus is outside its range, or the image is none or holds no solid.
 
     Examples
     --------
@@ -104,6 +104,11 @@ def effective_stiffness(
     """
     from multiscale.micro.damage.voxel_operator import VoxelOperator, inner
 
+    if not isinstance(image, VoxelImage):
+        raise CaseError(
+            f"effective_stiffness takes a VoxelImage, got {type(image).__name__}; turn cavities "
+            f"into one by voxelise(rve, 64), or mesh them by mesh_stiffness"
+        )
     lame, shear = check_elastic(youngs_modulus, poissons_ratio)
     if not 0.0 <= void_modulus < np.inf:
         raise CaseError(f"void_modulus must not be negative (Pa), got {void_modulus:g}")

@@ -80,6 +80,7 @@ def plane_damage(
     >>> float(plane_damage(rve, (0, 0, 1)).round(5))
     0.28274
     """
+    _check_volume(rve)
     direction = _unit(normal)
     if not (slab >= 0.0 and np.isfinite(slab)):
         raise CaseError(f"the slab must have a thickness of at least 0 (m), got {slab:g}")
@@ -129,6 +130,7 @@ def max_damage(
     CaseError
         As :func:`plane_damage`, or if an option is out of range.
     """
+    _check_volume(rve)
     if sections < 1 or level < 0 or not 0.0 <= smallest_section < 1.0:
         raise CaseError(
             f"sections must be at least 1, level at least 0 and smallest_section from 0 to below "
@@ -319,6 +321,15 @@ def _refine(
         if -found.fun > best[0]:
             best = (float(-found.fun), *plane(found.x))
     return best
+
+
+def _check_volume(rve: object) -> None:
+    """Refuse what is no volume, such as a bare array."""
+    if not isinstance(rve, Cavities | VoxelImage):
+        raise CaseError(
+            f"sections are of Cavities or of a VoxelImage, got {type(rve).__name__}; an array "
+            f"becomes one by VoxelImage(array, size) with its size (m)"
+        )
 
 
 def _unit(normal: np.ndarray | Sequence[float]) -> np.ndarray:

@@ -311,6 +311,10 @@ def test_what_does_not_end_in_time_is_not_called_a_life():
         assert float(found["cycles"][-1]) == 1000.0
 
 
+def test_a_list_of_stresses_is_a_path():
+    assert lives([210e6, -210e6], PLAIN) == lives(reversed_stress(210e6), PLAIN)
+
+
 def test_damage_never_heals():
     found = two_scale_fatigue(BLOCKS, FULL)
     for name in ("cycles", "damage", "plastic_strain"):
@@ -349,6 +353,8 @@ def test_a_woehler_curve_falls_to_the_limit():
         (lambda: Block(np.array([np.nan])), "must be finite"),
         (lambda: Block(np.ones(2), 0), "at least one cycle, got 0"),
         (lambda: two_scale_fatigue([], PLAIN), "holds no block"),
+        (lambda: two_scale_fatigue("tension", PLAIN), "one path of numbers or a list of Blocks"),
+        (lambda: two_scale_fatigue([Block(np.ones(2)), 3.0], PLAIN), "or a list of Blocks"),
         (lambda: two_scale_fatigue(np.ones(2), PLAIN, jump_tolerance=2.0), "between 0 and 1"),
         (lambda: two_scale_fatigue(np.ones(2), PLAIN, max_cycles=0), "at least 1"),
         (lambda: woehler_curve(PLAIN, np.array([-1e6])), "amplitudes must be positive"),

@@ -460,6 +460,11 @@ def test_the_symmetry_is_named():
 @pytest.mark.parametrize(
     ("call", "sentence"),
     [
+        (lambda: effective_stiffness(Cavities(CUBE), E, NU), "takes a VoxelImage, got Cavities"),
+        (
+            lambda: mesh_stiffness(VoxelImage(np.zeros((2, 2, 2)), CUBE), E, NU, element_size=0.1),
+            "takes Cavities, got VoxelImage",
+        ),
         (
             lambda: effective_stiffness(VoxelImage(np.ones((2, 2, 2)), CUBE), E, NU),
             "holds no solid",
