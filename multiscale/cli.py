@@ -144,8 +144,7 @@ def macro_command(
     _print_table(result.attrs["title"], *tabulate_scene(result))
     for line in list_cycles(result):
         typer.echo(line)
-    series = out.parent / "fields" / f"{out.stem}.pvd"
-    typer.echo(f"dataset: {out}" + (f"; for ParaView: {series}" if series.is_file() else ""))
+    typer.echo(f"dataset: {out}; for ParaView: {out.parent / 'fields' / f'{out.stem}.pvd'}")
 
 
 @app.command("report")

@@ -6,7 +6,14 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from multiscale.errors import CaseError, ConvergenceError
-from multiscale.io import make_folder, open_mesh, read_table, write_dataset, write_link_fields
+from multiscale.io import (
+    make_folder,
+    open_mesh,
+    read_table,
+    write_body_fields,
+    write_dataset,
+    write_link_fields,
+)
 from multiscale.laws.link import Bar, Cable, LinkLaw, Strut
 from multiscale.macro import (
     LinkSystem,
@@ -141,8 +148,8 @@ def run_scene(
     if team is None or team.rank == 0:
         make_folder(out.parent)
         write_dataset(result, out, MACRO_RESULT)
-        if not bodies:
-            write_link_fields(result, make_folder(out.parent / "fields"), name=out.stem)
+        write_fields = write_body_fields if bodies else write_link_fields
+        write_fields(result, make_folder(out.parent / "fields"), name=out.stem)
     if not result["converged"].values.any():
         raise ConvergenceError(f"{scene.title}: no step converged; {result.attrs['failure']}")
     return result
