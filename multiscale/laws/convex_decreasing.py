@@ -6,7 +6,7 @@ from functools import cached_property
 import numpy as np
 
 from multiscale.errors import CaseError, ConvergenceError
-from multiscale.laws.base import NormalLaw
+from multiscale.laws.base import NormalLaw, climb
 
 __all__ = ["ConvexDecreasing"]
 
@@ -121,7 +121,7 @@ class ConvexDecreasing(NormalLaw):
         if not np.all((target >= 0.0) & np.isfinite(target)):
             raise ValueError("a pressure must be finite and not negative (Pa)")
         s, c = self.knot, self.coefficient
-        at_knot = self.pressure(s)
+        at_knot = self._at_knots
         last = target <= (at_knot[-2] if s.size > 1 else np.inf)
         left = np.searchsorted(-at_knot, -target, side="right") - 1
         gap = np.where(last, s[-1] - np.cbrt(target / c[-1]), s[np.maximum(left, 0)])
@@ -138,6 +138,29 @@ class ConvexDecreasing(NormalLaw):
             f"the convex decreasing law was not inverted at {float(np.max(target)):.3g} Pa; "
             f"it was fitted up to {self.pressure_range[1]:.3g} Pa"
         )
+
+    def resolvent(
+        self, source: np.ndarray, stiffness: float | np.ndarray, state: np.ndarray
+    ) -> np.ndarray:
+        """Find the jump on the law and on a search direction; see :class:`InterfaceLaw`.
+
+        Newton's method starts from the last knot left of the root, or beyond all knots from the
+        root itself.
+        """
+        stiffness = np.broadcast_to(stiffness, source.shape)
+        k, b = stiffness[0], source[0]
+        knot, left = self.knot - self.gap, np.full(b.shape, -1)
+        for jump, pressure in zip(knot, self._at_knots, strict=True):
+            left += k * jump - pressure <= b
+        if np.any(left < 0):
+            return super().resolvent(source, stiffness, state)
+        start = np.where(left < knot.size - 1, knot[left], b / k)
+        return climb(self, source, stiffness, state, start)
+
+    @cached_property
+    def _at_knots(self) -> np.ndarray:
+        """Pressure at the knots, Pa."""
+        return self.pressure(self.knot)
 
     @cached_property
     def _expansions(self) -> np.ndarray:
