@@ -26,7 +26,7 @@ def solve_schur(
     tolerance: float = 1e-10,
     max_iterations: int = 60,
     team: Team | None = None,
-    callback: Callable[[int, float, np.ndarray], None] | None = None,
+    callback: Callable[[int, float, Newton], None] | None = None,
 ) -> "xr.Dataset":
     r"""Solve substructures and interfaces by Newton's method and domain decomposition.
 
@@ -45,8 +45,9 @@ def solve_schur(
     team : Team, optional
         Processes that share the substructures; all call this function, and all get the result.
     callback : callable, optional
-        Called as ``callback(iteration, residual, tension)``; tensions in the order of the
-        substructures. All processes give one, or none.
+        Called as ``callback(iteration, residual, state)``: ``state.tension()`` of the links, N, in
+        the order of the substructures (of this process), ``state.displacement()`` of all
+        unknowns, m. All processes give one, or none.
 
     Returns
     -------
@@ -103,7 +104,7 @@ def _solve_step(
     factor: np.ndarray,
     tolerance: float,
     max_iterations: int,
-    callback: Callable[[int, float, np.ndarray], None] | None,
+    callback: Callable[[int, float, Newton], None] | None,
 ) -> dict[str, Any]:
     """Newton's method for one load."""
     clock = perf_counter()
@@ -112,7 +113,7 @@ def _solve_step(
     for iteration in range(max_iterations + 1):
         balance = method.balance()
         if callback is not None:
-            callback(iteration, balance.residual, method.team.concatenate(method.tension()))
+            callback(iteration, balance.residual, method)
         if not np.isfinite(balance.residual):
             status = Status.NOT_FINITE
         elif balance.residual <= max(tolerance, balance.rounding):
