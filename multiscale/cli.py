@@ -130,7 +130,7 @@ def macro_command(
     Started by ``mpiexec -n N``, N processes share the substructures of a scene that is cut.
     """
     from multiscale.macro.substructures import world
-    from multiscale.pipeline import load_scene, run_scene
+    from multiscale.pipeline import homogenised_file, load_scene, run_scene
     from multiscale.report import list_cycles, tabulate_scene
 
     settings = load_scene(scene)
@@ -144,6 +144,8 @@ def macro_command(
     _print_table(result.attrs["title"], *tabulate_scene(result))
     for line in list_cycles(result):
         typer.echo(line)
+    if settings.substructures is not None and settings.substructures.homogenise:
+        typer.echo(f"condensed substructures: {homogenised_file(out)}")
     typer.echo(f"dataset: {out}; for ParaView: {out.parent / 'fields' / f'{out.stem}.pvd'}")
 
 

@@ -14,6 +14,7 @@ from multiscale.macro.continuum import box_mesh
 from multiscale.macro.substructures import (
     JointLoading,
     LapShape,
+    Problem,
     RoughAssembly,
     Team,
     add_body_fields,
@@ -36,7 +37,7 @@ if TYPE_CHECKING:
 
     from multiscale.pipeline.scene_settings import Scene
 
-__all__ = ["make_assembly", "solve_bodies"]
+__all__ = ["cut_scene", "make_assembly", "solve_bodies"]
 
 
 def solve_bodies(scene: "Scene", law: Path | None, team: Team | None = None) -> "xr.Dataset":
@@ -68,10 +69,9 @@ def solve_bodies(scene: "Scene", law: Path | None, team: Team | None = None) -> 
         "team": team,
     }
     if isinstance(given, Plate):
-        plate = _make_plate(given)
-        problem = cut_bodies([plate], [split_boxes(plate, (*cut.parts, 1))])
         factors = np.array(scene.statics.load_factors) if scene.statics else 1.0
-        return add_body_fields(solve_latin(problem, factors, **options), [plate])
+        result = solve_latin(cut_scene(scene), factors, **options)
+        return add_body_fields(result, [_make_plate(given)])
     assert isinstance(given, StackedBlocks | LapJoint)
     assert scene.loading is not None  # the scene has been validated
     path = scene.loading
@@ -79,6 +79,15 @@ def solve_bodies(scene: "Scene", law: Path | None, team: Team | None = None) -> 
     assembly = make_assembly(scene, law)
     result = load_joint(assembly, loading, parts=cut.parts, **options)
     return add_body_fields(result, assembly.bodies, damage=_damage(given))
+
+
+def cut_scene(scene: "Scene", law: Path | None = None) -> Problem:
+    """Cut the bodies of a scene; arguments as for :func:`solve_bodies`."""
+    cut = scene.substructures or Substructures()
+    if not isinstance(scene.structure, Plate):
+        return make_assembly(scene, law).cut(cut.parts)
+    plate = _make_plate(scene.structure)
+    return cut_bodies([plate], [split_boxes(plate, (*cut.parts, 1))])
 
 
 def make_assembly(scene: "Scene", law: Path | None = None) -> RoughAssembly:
