@@ -168,7 +168,7 @@ def macro_command(
     Started by ``mpiexec -n N``, N processes share the substructures of a scene that is cut.
     """
     from multiscale.macro.substructures import world
-    from multiscale.pipeline import load_scene, run_scene
+    from multiscale.pipeline import homogenised_file, load_scene, run_scene
     from multiscale.report import list_cycles, tabulate_scene
 
     settings = load_scene(scene)
@@ -182,8 +182,9 @@ def macro_command(
     _print_table(result.attrs["title"], *tabulate_scene(result))
     for line in list_cycles(result):
         typer.echo(line)
-    series = out.parent / "fields" / f"{out.stem}.pvd"
-    typer.echo(f"dataset: {out}" + (f"; for ParaView: {series}" if series.is_file() else ""))
+    if settings.substructures is not None and settings.substructures.homogenise:
+        typer.echo(f"condensed substructures: {homogenised_file(out)}")
+    typer.echo(f"dataset: {out}; for ParaView: {out.parent / 'fields' / f'{out.stem}.pvd'}")
 
 
 @app.command("report")
@@ -200,7 +201,9 @@ def report_command(out: Annotated[Path, typer.Argument(help="Folder of a finishe
 def bench_command(
     scenes: Annotated[
         list[str] | None,
-        typer.Argument(help="Families: micro, nonsmooth, structures, damage; all if not given."),
+        typer.Argument(
+            help="Families: micro, nonsmooth, structures, substructures, damage; all if not given."
+        ),
     ] = None,
     out: Annotated[Path, typer.Option("-o", "--out", help="Folder to write to.")] = Path("bench"),
     quick: Annotated[
