@@ -7,21 +7,26 @@ from multiscale.pipeline.planner import Plan, plan
 from multiscale.pipeline.requirements import requirements
 from multiscale.pipeline.run import Results, run
 from multiscale.pipeline.scene_settings import Scene
-from multiscale.pipeline.scenes import load_scene, run_scene
+from multiscale.pipeline.scenes import homogenised_file, load_scene, run_scene
 from multiscale.pipeline.settings import Case
+from multiscale.pipeline.sweep import Sweep, load_sweep, run_sweep
 
 __all__ = [
     "Case",
     "Plan",
     "Results",
     "Scene",
+    "Sweep",
     "find_case",
+    "homogenised_file",
     "load_case",
     "load_scene",
+    "load_sweep",
     "make_cells",
     "plan",
     "requirements",
     "run",
     "run_micro",
     "run_scene",
+    "run_sweep",
 ]

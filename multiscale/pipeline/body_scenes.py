@@ -14,8 +14,10 @@ from multiscale.macro.continuum import box_mesh
 from multiscale.macro.substructures import (
     JointLoading,
     LapShape,
+    Problem,
     RoughAssembly,
     Team,
+    add_body_fields,
     lap_joint,
     load_joint,
     split_boxes,
@@ -36,7 +38,7 @@ if TYPE_CHECKING:
 
     from multiscale.pipeline.scene_settings import Scene
 
-__all__ = ["make_assembly", "solve_bodies"]
+__all__ = ["cut_scene", "make_assembly", "solve_bodies"]
 
 
 def solve_bodies(scene: "Scene", law: Path | None, team: Team | None = None) -> "xr.Dataset":
@@ -60,38 +62,43 @@ def solve_bodies(scene: "Scene", law: Path | None, team: Team | None = None) -> 
     MultiscaleError
         If dimensions, cut or law are refused, or there is no law.
     """
-    cut = scene.substructures or Substructures()
+    given, cut = scene.structure, scene.substructures or Substructures()
     options: dict[str, Any] = {
         "coarse": cut.coarse,
         "tolerance": cut.tolerance,
         "max_iterations": cut.max_iterations,
         "team": team,
     }
-    if isinstance(scene.structure, Plate):
-        plate = _make_plate(scene.structure)
-        problem = cut_bodies([plate], [split_boxes(plate, (*cut.parts, 1))])
+    if isinstance(given, Plate):
         factors = np.array(scene.statics.load_factors) if scene.statics else 1.0
-        return solve_latin(problem, factors, **options)
+        result = solve_latin(cut_scene(scene), factors, **options)
+        return add_body_fields(result, [_make_plate(given)])
+    assert isinstance(given, StackedBlocks | LapJoint)
     assert scene.loading is not None  # the scene has been validated
-    given, dataset = scene.loading, _open_law(scene, law)
-    loading = JointLoading(given.preloads, given.shear or 0.0, given.cycles, given.steps)
+    loads, dataset = scene.loading, _open_law(scene, law)
+    loading = JointLoading(loads.preloads, loads.shear or 0.0, loads.cycles, loads.steps)
     assembly = make_assembly(scene, law_from_dataset(dataset))
     result = load_joint(assembly, loading, parts=cut.parts, **options)
-    if "error_half_width" not in dataset or not result["converged"].values.all():
-        return result
+    if "error_half_width" in dataset and result["converged"].values.all():
 
-    def stiffness(normal: NormalLaw, structure: StackedBlocks | LapJoint | None = None) -> Any:
-        changed = scene.model_copy(update={"structure": structure or scene.structure})
-        pressed = load_joint(
-            make_assembly(changed, normal),
-            JointLoading(given.preloads),
-            parts=cut.parts,
-            **options,
-        )
-        return pressed["joint_stiffness"].to_numpy()
+        def stiffness(normal: NormalLaw, structure: StackedBlocks | LapJoint = given) -> Any:
+            changed = scene.model_copy(update={"structure": structure})
+            pressed = JointLoading(loads.preloads)
+            parts = make_assembly(changed, normal)
+            found = load_joint(parts, pressed, parts=cut.parts, **options)
+            return found["joint_stiffness"].to_numpy()
 
-    assert isinstance(scene.structure, StackedBlocks | LapJoint)
-    return with_joint_budget(result, dataset, stiffness, scene.structure.coarser())
+        result = with_joint_budget(result, dataset, stiffness, given.coarser())
+    return add_body_fields(result, assembly.bodies, damage=_damage(given))
+
+
+def cut_scene(scene: "Scene", law: Path | None = None) -> Problem:
+    """Cut the bodies of a scene; arguments as for :func:`solve_bodies`."""
+    cut = scene.substructures or Substructures()
+    if not isinstance(scene.structure, Plate):
+        return make_assembly(scene, law_from_dataset(_open_law(scene, law))).cut(cut.parts)
+    plate = _make_plate(scene.structure)
+    return cut_bodies([plate], [split_boxes(plate, (*cut.parts, 1))])
 
 
 def make_assembly(scene: "Scene", normal: NormalLaw) -> RoughAssembly:
@@ -100,13 +107,18 @@ def make_assembly(scene: "Scene", normal: NormalLaw) -> RoughAssembly:
     assert isinstance(given, StackedBlocks | LapJoint)
     assert joint is not None
     laws = _laws(joint, given.joints, normal)
-    damage = given.damage or (0.0,) * (given.joints + 1)
-    materials = [Elastic((1.0 - D) * given.youngs_modulus, given.poissons_ratio) for D in damage]
+    E, nu = given.youngs_modulus, given.poissons_ratio
+    materials = [Elastic((1.0 - D) * E, nu) for D in _damage(given)]
     if isinstance(given, StackedBlocks):
         return stacked_blocks(given.size, given.elements, materials, laws)
     names = ("length", "width", "thickness", "overlap", "hole", "washer", "element", "layers")
     shape = LapShape(**{name: getattr(given, name) for name in names})
     return lap_joint(shape, (materials[0], materials[1]), laws[0])
+
+
+def _damage(given: StackedBlocks | LapJoint) -> tuple[float, ...]:
+    """Damage of every body."""
+    return given.damage or (0.0,) * (given.joints + 1)
 
 
 def _open_law(scene: "Scene", law: Path | None) -> "xr.Dataset":
