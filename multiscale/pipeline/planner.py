@@ -27,7 +27,7 @@ logger = logging.getLogger(__name__)
 STUDY = {(-1, -1): 12, (0, -1): 6}
 """Cells of the pilot runs by (size, grid): scatter, and bias by the size, on a coarse grid."""
 
-PAIRS = 3
+PAIRS = 5
 """Cells of the smaller pilot runs that are solved on the grid of the case, too."""
 
 MOST_ROUNDS = 8
