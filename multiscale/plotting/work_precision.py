@@ -111,7 +111,7 @@ def plot_history(work_precision: "xr.Dataset", *, scene: str, ax: "Axes | None" 
     ax.set_yscale("log")
     ax.set_title(scene, fontsize="medium")
     ax.set_xlabel("time since the start (s)")
-    ax.set_ylabel("relative residual (1)")
+    ax.set_ylabel("relative error (1)")
     return ax
 
 
@@ -168,6 +168,6 @@ def _history_panels(work_precision: "xr.Dataset") -> "Figure":
         list(lines),
         loc="outside lower center",
         ncols=6,
-        title="filled: converged; open: not converged; dotted: residual asked for",
+        title="filled: converged; open: not converged; dotted: error asked for",
     )
     return figure
