@@ -2,6 +2,7 @@
 
 from multiscale.pipeline.case import find_case, load_case
 from multiscale.pipeline.cells import make_cells
+from multiscale.pipeline.concurrent import CellLaw
 from multiscale.pipeline.requirements import requirements
 from multiscale.pipeline.run import Results, run, run_micro
 from multiscale.pipeline.scene_settings import Scene
@@ -10,6 +11,7 @@ from multiscale.pipeline.settings import Case
 
 __all__ = [
     "Case",
+    "CellLaw",
     "Results",
     "Scene",
     "find_case",
