@@ -29,7 +29,7 @@ def plot_work_precision(
     """Plot error against run time, one line per method; dashed against the method's own limit.
 
     Below the uncertainty of the reference, drawn as a band, differences mean nothing. Points are
-    labelled with the grid if it is known; what did not converge is left out.
+    labelled with the ratio of scales or the grid if it is known; what did not converge is left out.
 
     Parameters
     ----------
@@ -54,9 +54,9 @@ def plot_work_precision(
         if f"own_{error}" in of:
             own = of[f"own_{error}"].values
             ax.plot(time, own, "--", color=f"C{k}", linewidth=0.8)
-        for run in range(of.sizes["run"] if "points" in of else 0):
+        for run, label in enumerate(_labels(of)):
             ax.annotate(
-                f"{int(of['points'][run])}",
+                label,
                 (time[run], float(of[error][run])),
                 xytext=(3, 3),
                 textcoords="offset points",
@@ -74,6 +74,13 @@ def plot_work_precision(
     ax.set_xlabel("wall time (s)")
     ax.set_ylabel(runs[error].attrs["long_name"])
     return ax
+
+
+def _labels(runs: "xr.Dataset") -> list[str]:
+    """Ratio of scales, or grid, of every run; none if neither is known."""
+    if "scale_ratio" in runs:
+        return [f"1/{round(1.0 / ratio)}" for ratio in runs["scale_ratio"].values]
+    return [f"{int(n)}" for n in runs["points"].values] if "points" in runs else []
 
 
 def plot_history(work_precision: "xr.Dataset", *, scene: str, ax: "Axes | None" = None) -> "Axes":
@@ -138,7 +145,7 @@ def draw_work_precision(work_precision: "xr.Dataset", file: Path) -> Path:
 def _error_panels(work_precision: "xr.Dataset") -> "Figure":
     """Scenes side by side, errors below each other."""
     scenes = list(dict.fromkeys(work_precision["scene"].values))
-    errors = [name for name in ("error", "contact_error") if name in work_precision]
+    errors = [name for name in ("error", "contact_error", "mean_error") if name in work_precision]
     figure = new_figure(4.6 * len(scenes), 3.6 * len(errors))
     panels = figure.subplots(len(errors), len(scenes), squeeze=False)
     for row, error in zip(panels, errors, strict=True):
