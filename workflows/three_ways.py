@@ -9,7 +9,7 @@ platen; the longest wave of the roughness is 1/4 to 1/32 of their length.
 
 leaves the dataset ``work_precision.nc``, its figure, error against run time of all ways, and the
 table ``end_to_end.nc``, the rough wave with a law against the wave resolved, with the parts of the
-error. It takes half an hour; ``--quick`` takes coarse grids and few realisations.
+error. It takes half an hour; ``--quick`` takes one ratio, coarse grids and few realisations.
 """
 
 import argparse
@@ -31,7 +31,9 @@ def main(argv: Sequence[str] | None = None) -> int:
     """Measure all ways, draw them and print the table."""
     parser = argparse.ArgumentParser(description=(__doc__ or "").splitlines()[0])
     parser.add_argument("-o", "--out", type=Path, default=Path("three_ways"))
-    parser.add_argument("--quick", action="store_true", help="two ratios, few realisations")
+    parser.add_argument(
+        "--quick", action="store_true", help="one ratio, coarse grids, few realisations"
+    )
     arguments = parser.parse_args(argv)
     out = make_folder(arguments.out)
 

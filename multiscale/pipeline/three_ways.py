@@ -66,7 +66,7 @@ class Effort:
 
 
 EFFORTS = (Effort(1 / 4, 8, 16), Effort(1 / 8, 6, 16), Effort(1 / 16, 4), Effort(1 / 32, 3))
-QUICK_EFFORTS = (Effort(1 / 4, 2), Effort(1 / 8, 2))
+QUICK_EFFORTS = (Effort(1 / 4, 2),)
 
 
 def three_ways(

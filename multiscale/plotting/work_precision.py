@@ -145,7 +145,7 @@ def draw_work_precision(work_precision: "xr.Dataset", file: Path) -> Path:
 def _error_panels(work_precision: "xr.Dataset") -> "Figure":
     """Scenes side by side, errors below each other."""
     scenes = list(dict.fromkeys(work_precision["scene"].values))
-    errors = [name for name in ("error", "contact_error", "mean_error") if name in work_precision]
+    errors = [name for name in ("error", "contact_error") if name in work_precision]
     figure = new_figure(4.6 * len(scenes), 3.6 * len(errors))
     panels = figure.subplots(len(errors), len(scenes), squeeze=False)
     for row, error in zip(panels, errors, strict=True):
