@@ -4,6 +4,7 @@ from bisect import bisect_left, insort
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from types import MappingProxyType
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -11,7 +12,9 @@ from multiscale.convergence import Status
 from multiscale.errors import CaseError, ConvergenceError
 from multiscale.laws.base import NormalLaw, Response
 from multiscale.micro import Cell
-from multiscale.micro.gap_control import GapCell, GapState, assemble_gap_cell
+
+if TYPE_CHECKING:
+    from multiscale.micro.gap_control import GapCell, GapState
 
 __all__ = ["CellLaw"]
 
@@ -89,12 +92,14 @@ class CellLaw(NormalLaw):
     cell: Cell
     spacing: float | None = None
     gap: float = 0.0
-    _held: GapCell = field(init=False, repr=False)
+    _held: "GapCell" = field(init=False, repr=False)
     _memory: "_Memory" = field(init=False, repr=False)
 
     def __post_init__(self) -> None:
         if self.spacing is not None and not 0.0 < self.spacing < np.inf:
             raise CaseError(f"spacing must be a positive distance (m), got {self.spacing:g}")
+        from multiscale.micro.gap_control import assemble_gap_cell
+
         held = assemble_gap_cell(self.cell)
         room = (1.0 - SMALLEST) * held.touch
         steps = np.ceil(room / self.spacing) if self.spacing else np.ceil((1.0 - SMALLEST) / CLOSE)
@@ -204,10 +209,10 @@ class CellLaw(NormalLaw):
 class _Memory:
     """States of a cell at gaps ``touch - k step``, k from 0 to ``last``, solved when asked for."""
 
-    cell: GapCell
+    cell: "GapCell"
     step: float
     last: int
-    states: dict[int, GapState] = field(default_factory=dict)
+    states: dict[int, "GapState"] = field(default_factory=dict)
     known: list[int] = field(default_factory=list)  # keys of the states, sorted
     account: dict[str, int] = field(
         default_factory=lambda: {"solved": 0, "reused": 0, "linear_iterations": 0}
@@ -227,7 +232,7 @@ class _Memory:
         K = np.array([state.stiffness for state in found])
         return p[place], K[place]
 
-    def state(self, k: int) -> GapState:
+    def state(self, k: int) -> "GapState":
         """State at one number of the grid, from memory or from a cell."""
         if k in self.states:
             return self.states[k]
@@ -244,7 +249,7 @@ class _Memory:
         insort(self.known, k)
         return found
 
-    def _nearest(self, k: int) -> GapState | None:
+    def _nearest(self, k: int) -> "GapState | None":
         """State at the nearest number known."""
         at = bisect_left(self.known, k)
         near = self.known[max(0, at - 1) : at + 1]

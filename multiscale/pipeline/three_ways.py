@@ -108,8 +108,9 @@ def three_ways(
     Notes
     -----
     The answer is the mean gap. Its truth is that of each structure with its own surface: resolved
-    on the finest grid, and extrapolated from there with order 1 by the next coarser one, whose
-    distance is the uncertainty of the reference. ``error`` is the root mean square, over the
+    on the finest grid, and extrapolated from there by
+    :func:`~multiscale.upscaling.estimate_grid_error`, whose bound is the uncertainty of the
+    reference. ``error`` is the root mean square, over the
     structures, of the relative error: a law, or a cell, does not know the surface at hand, and that
     counts. ``mean_error`` is the error of the mean over the structures, where it averages out,
     with its standard error.
@@ -162,10 +163,10 @@ def _measure(
     while px <= effort.finest:
         direct[px] = solve_direct(structure, seeds, points_per_wave=px)
         px *= 2
-    fine, half = (direct[n].gaps for n in (effort.finest, effort.finest // 2))
-    left = estimate_grid_error(fine, {2.0: half}).error
-    truth = fine - left
-    uncertainty = float(np.sqrt(np.mean((left / truth) ** 2)))
+    coarser = {effort.finest / n: way.gaps for n, way in direct.items() if n < effort.finest}
+    estimate = estimate_grid_error(direct[effort.finest].gaps, coarser)
+    truth = direct[effort.finest].gaps - estimate.error
+    uncertainty = float(np.sqrt(np.mean((estimate.half_width / truth) ** 2)))
     ways: dict[str, tuple[Way, int]] = {
         "sequential": (
             solve_sequential(structure, range(cells), points_per_wave=points_per_wave),
