@@ -41,7 +41,6 @@ PARTS = (
 FEW = 3  # realisations that tell the error of a grid, on the same surfaces
 FITTED = 8  # cells that tell the error of the fit
 GROUPS = 10  # of seeds, left out in turn
-POINTS = 256  # of the structure with a law
 
 Part = tuple[float, float]
 """A part of the relative error of the gap, and its standard error."""
@@ -245,9 +244,7 @@ def _law_grid_part(structure: RoughStructure, cells: Way, px: int, D: float) -> 
     """Grid of the cells and points of the structure."""
     fine = solve_sequential(structure, range(FEW), points_per_wave=2 * px)
     micro = _doubled(_single_gaps(structure, cells, FEW), _single_gaps(structure, fine, FEW), D)
-    gaps = [
-        answer_of(structure, _response(cells), points).mean_gap for points in (POINTS, 2 * POINTS)
-    ]
+    gaps = [answer_of(structure, _response(cells), refined).mean_gap for refined in (1, 2)]
     macro = _doubled(np.array(gaps[:1]), np.array(gaps[1:]), D)
     return micro[0] + macro[0], micro[1]
 

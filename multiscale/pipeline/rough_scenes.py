@@ -38,6 +38,7 @@ class RoughWave(RoughStructure):
 
     length = 1e-3  # m
     rms_height = 2e-6  # m
+    points = 256
 
     @property
     def amplitude(self) -> float:
@@ -63,8 +64,9 @@ class RoughWave(RoughStructure):
         """Return a flat cell, deep enough for a half-space."""
         return Cell(surface, 2.0 * max(surface.size), 8, MODULUS, NU, geometry="flat")
 
-    def solve(self, law: NormalLaw, area: AreaLaw | None = None, *, points: int = 256) -> Answer:
+    def solve(self, law: NormalLaw, area: AreaLaw | None = None, *, refined: int = 1) -> Answer:
         """Solve the wave with a law of its roughness."""
+        points = refined * self.points
         x = self.length * np.arange(points) / points
         gap = self.amplitude * (1.0 - np.cos(2.0 * np.pi * x / self.length))
         found = press_profile(gap, self.length, self.modulus, self.pressure, law, tolerance=1e-8)
@@ -110,6 +112,7 @@ class TiltedJoint(RoughStructure):
 
     length = 0.02  # m
     rms_height = 4e-6  # m
+    points = 64  # elements along the interface
     areal = False
 
     @property
@@ -128,9 +131,9 @@ class TiltedJoint(RoughStructure):
         both = contact_modulus((MODULUS, NU), (MODULUS, NU)) * (1.0 - NU**2)
         return Cell(surface, 2.0 * max(surface.size), 8, both, NU, geometry="flat")
 
-    def solve(self, law: NormalLaw, area: AreaLaw | None = None, *, points: int = 64) -> Answer:
-        """Solve the joint with a law of its roughness; points are elements along the face."""
-        found = press_plane_joint(self.joint, law, elements=points, tolerance=1e-8)
+    def solve(self, law: NormalLaw, area: AreaLaw | None = None, *, refined: int = 1) -> Answer:
+        """Solve the joint with a law of its roughness."""
+        found = press_plane_joint(self.joint, law, elements=refined * self.points, tolerance=1e-8)
         fraction = np.nan
         if area is not None:
             local = area.contact_fraction(found.pressure)

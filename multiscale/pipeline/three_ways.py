@@ -11,7 +11,6 @@ from multiscale.errors import CaseError
 from multiscale.pipeline.rough_scenes import RoughWave, TiltedJoint
 from multiscale.pipeline.rough_structure import (
     RoughStructure,
-    Way,
     solve_concurrent,
     solve_direct,
     solve_sequential,
@@ -116,8 +115,9 @@ def three_ways(
     with its standard error.
 
     *Times* are those of one answer in this process, after a small answer that takes imports and
-    compilation: of all cells with their fit and one solve, *sequential*; of one solve with one cell
-    solved on a tenth of the root mean square height, *concurrent*; of one structure, *direct*.
+    compilation: of all cells with their fit and one solve, *sequential*; of this solve alone, *law
+    at hand*, as for the next structure with the same roughness; of one solve with one cell solved
+    on a tenth of the root mean square height, *concurrent*; of one structure, *direct*.
     """
     unknown = sorted(set(scenes) - set(SCENES))
     if unknown or not efforts:
@@ -167,22 +167,20 @@ def _measure(
     estimate = estimate_grid_error(direct[effort.finest].gaps, coarser)
     truth = direct[effort.finest].gaps - estimate.error
     uncertainty = float(np.sqrt(np.mean((estimate.half_width / truth) ** 2)))
-    ways: dict[str, tuple[Way, int]] = {
-        "sequential": (
-            solve_sequential(structure, range(cells), points_per_wave=points_per_wave),
-            1,
+    law = solve_sequential(structure, range(cells), points_per_wave=points_per_wave)
+    concurrent = solve_concurrent(structure, seeds, points_per_wave=points_per_wave)
+    ways = [
+        ("sequential", law, law.seconds),
+        ("sequential, law at hand", law, law.solve_seconds),
+        ("concurrent", concurrent, concurrent.seconds / len(seeds)),
+        *(
+            (f"direct, {px} points per wave", way, way.seconds / len(seeds))
+            for px, way in direct.items()
+            if px < effort.finest
         ),
-        "concurrent": (
-            solve_concurrent(structure, seeds, points_per_wave=points_per_wave),
-            len(seeds),
-        ),
-    } | {
-        f"direct, {px} points per wave": (way, len(seeds))
-        for px, way in direct.items()
-        if px < effort.finest
-    }
+    ]
     rows: list[dict[str, float | str]] = []
-    for method, (way, answers) in ways.items():
+    for method, way, seconds in ways:
         difference = way.gaps - truth
         error = float(np.sqrt(np.mean((difference / truth) ** 2)))
         rows.append(
@@ -190,15 +188,15 @@ def _measure(
                 "method": method,
                 "scale_ratio": effort.ratio,
                 "realisations": len(seeds),
-                "wall_time": way.seconds / answers,
+                "wall_time": seconds,
                 "error": error,
                 "error_uncertainty": uncertainty,
                 "mean_error": abs(float(np.mean(difference) / np.mean(truth))),
                 "mean_error_uncertainty": float(
                     np.std(difference, ddof=1) / np.sqrt(len(seeds)) / np.mean(truth)
                 ),
-                "cells_solved": way.solved / answers,
-                "cells_reused": way.reused / answers,
+                "cells_solved": way.solved / len(way.answers),
+                "cells_reused": way.reused / len(way.answers),
                 "converged": 1,
             }
         )
