@@ -14,8 +14,9 @@ from multiscale.pipeline.rough_structure import (
 )
 from multiscale.pipeline.run import Results, run, run_micro
 from multiscale.pipeline.scene_settings import Scene
-from multiscale.pipeline.scenes import load_scene, run_scene
+from multiscale.pipeline.scenes import homogenised_file, load_scene, run_scene
 from multiscale.pipeline.settings import Case
+from multiscale.pipeline.sweep import Sweep, load_sweep, run_sweep
 from multiscale.pipeline.three_ways import three_ways
 
 __all__ = [
@@ -26,16 +27,20 @@ __all__ = [
     "RoughStructure",
     "RoughWave",
     "Scene",
+    "Sweep",
     "TiltedJoint",
     "end_to_end",
     "find_case",
+    "homogenised_file",
     "load_case",
     "load_scene",
+    "load_sweep",
     "make_cells",
     "requirements",
     "run",
     "run_micro",
     "run_scene",
+    "run_sweep",
     "solve_concurrent",
     "solve_direct",
     "solve_sequential",

@@ -6,6 +6,7 @@ from multiscale.schema.damage import DAMAGE_SECTIONS, FATIGUE, RVE_STIFFNESS, WO
 from multiscale.schema.end_to_end import END_TO_END
 from multiscale.schema.law import ERROR_BUDGET, INTERFACE_LAW, LAW_COMPARISON
 from multiscale.schema.structure import HOMOGENISED, MACRO_RESULT
+from multiscale.schema.sweep import SWEEP
 from multiscale.schema.work_precision import WORK_PRECISION
 
 __all__ = [
@@ -22,6 +23,7 @@ __all__ = [
     "MICRO_RESPONSE",
     "RVE_STIFFNESS",
     "SCHEMAS",
+    "SWEEP",
     "WOEHLER",
     "WORK_PRECISION",
     "Schema",
@@ -44,5 +46,6 @@ SCHEMAS = {
         LAW_COMPARISON,
         HOMOGENISED,
         END_TO_END,
+        SWEEP,
     )
 }
