@@ -4,6 +4,8 @@ from multiscale.pipeline.case import find_case, load_case
 from multiscale.pipeline.cells import make_cells
 from multiscale.pipeline.concurrent import CellLaw
 from multiscale.pipeline.end_to_end import EndToEndCase, end_to_end
+from multiscale.pipeline.micro import run_micro
+from multiscale.pipeline.planner import Plan, plan
 from multiscale.pipeline.requirements import requirements
 from multiscale.pipeline.rough_scenes import RoughWave, TiltedJoint
 from multiscale.pipeline.rough_structure import (
@@ -12,7 +14,7 @@ from multiscale.pipeline.rough_structure import (
     solve_direct,
     solve_sequential,
 )
-from multiscale.pipeline.run import Results, run, run_micro
+from multiscale.pipeline.run import Results, run
 from multiscale.pipeline.scene_settings import Scene
 from multiscale.pipeline.scenes import homogenised_file, load_scene, run_scene
 from multiscale.pipeline.settings import Case
@@ -23,6 +25,7 @@ __all__ = [
     "Case",
     "CellLaw",
     "EndToEndCase",
+    "Plan",
     "Results",
     "RoughStructure",
     "RoughWave",
@@ -36,6 +39,7 @@ __all__ = [
     "load_scene",
     "load_sweep",
     "make_cells",
+    "plan",
     "requirements",
     "run",
     "run_micro",

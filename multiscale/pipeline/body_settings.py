@@ -119,6 +119,13 @@ class StackedBlocks(Settings):
         """Number of joints."""
         return self.blocks - 1
 
+    def coarser(self) -> Self | None:
+        """Return the same blocks on elements of twice the size; nothing if their number is odd."""
+        if any(number % 2 for number in self.elements):
+            return None
+        x, y, z = (number // 2 for number in self.elements)
+        return self.model_copy(update={"elements": (x, y, z)})
+
     @model_validator(mode="after")
     def _check(self) -> Self:
         _check_damage(self.damage, self.blocks, "block")
@@ -171,6 +178,12 @@ class LapJoint(Settings):
     def joints(self) -> int:
         """Number of joints."""
         return 1
+
+    def coarser(self) -> Self | None:
+        """Return the same joint on elements of twice the size in plan; nothing if too large."""
+        if 2.0 * self.element > 0.5 * self.overlap:
+            return None
+        return self.model_copy(update={"element": 2.0 * self.element})
 
     @model_validator(mode="after")
     def _check(self) -> Self:
