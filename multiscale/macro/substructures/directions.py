@@ -10,13 +10,15 @@ from multiscale.macro.substructures.parallel import Team
 from multiscale.macro.substructures.problem import Interface, Problem
 from multiscale.macro.substructures.stack import Factors, Sides, Stack
 
-__all__ = ["SideStiffness", "schur_complements", "side_stiffness"]
+__all__ = ["SideStiffness", "body_stiffness", "interface_forms", "joint_directions", "schur_complements", "side_stiffness"]
 
 STRENGTH = 0.6
 """Stiffness of an interface relative to that of its neighbours."""
 
 SOFTEST = 1e-3
 """Below this share of the stiffest motion of an interface all are taken as equally soft."""
+
+OPEN, LEAN, LEAST, LAW = 1e-9, .25, 1e-3, 2.0
 
 HELD = 1e-9
 """Stiffness lent to the inside of a substructure, relative to its diagonal."""
@@ -30,20 +32,14 @@ class SideStiffness:
     inverse_root: csr_array
 
 
-def side_stiffness(
-    problem: Problem,
-    stack: Stack,
-    sides: Sides,
-    parts: range,
-    share: np.ndarray,
-    factors: Factors,
-    team: Team,
-) -> SideStiffness:
-    r"""Stiffness that every interface sees in its neighbours.
+def interface_forms(
+    problem: Problem, stack: Stack, parts: range, share: np.ndarray, factors: Factors, team: Team
+) -> list[tuple[np.ndarray, np.ndarray] | None]:
+    r"""Stiffness that every perfect interface sees in its neighbours, and its inverse root.
 
     Parameters
     ----------
-    problem, stack, sides, parts, team
+    problem, stack, parts, team
         The structure, and the part of it in this process.
     share : ndarray, shape (rows,)
         Part of the stiffness of every link that counts: less where it is slack.
@@ -67,13 +63,10 @@ def side_stiffness(
     mean: dict[int, np.ndarray] = {}
     for index, block in team.collect(found):
         mean[index] = mean.get(index, 0.0) + block
-    forms = [
-        _form(mean[index]) if face.law is None else _law_form(problem, face)
+    return [
+        _form(mean[index]) if face.law is None else None
         for index, face in enumerate(problem.interfaces)
     ]
-    return SideStiffness(
-        *(_on_sides(problem, sides, [form[kind] for form in forms]) for kind in (0, 1))
-    )
 
 
 def schur_complements(
@@ -104,38 +97,60 @@ def _form(block: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     return (motion * stiffness) @ motion.T, (motion / np.sqrt(stiffness)) @ motion.T
 
 
-def _law_form(problem: Problem, face: Interface) -> tuple[np.ndarray, np.ndarray]:
-    """Stiffness of an interface with a law: one number per area, and its inverse root.
+def body_stiffness(problem: Problem, face: Interface) -> list[np.ndarray]:
+    """Stiffness of the body behind either side of a joint, one number per area, Pa/m.
 
-    The diagonal of the bodies is the stiffness of the shortest waves, and that of the longest
-    is less by their ratio of lengths; the mean of both is taken.
+    The diagonal of a body is the stiffness of the shortest waves, and that of the longest is
+    less by their ratio of lengths; the mean of both is taken.
     """
     weight = np.tile(face.weight, 3)
-    touched = sum(
-        float(
-            np.abs(problem.substructures[owner].stiffness.diagonal()) @ (abs(trace).T @ weight > 0)
-        )
-        for owner, trace in zip(face.sides, face.trace, strict=True)
-    )
-    per_area = touched / (2.0 * weight.sum()) / face.weight.size**0.25
-    stiffness = STRENGTH * per_area * weight
-    return np.diag(stiffness), np.diag(1.0 / np.sqrt(stiffness))
+    found = []
+    for owner, trace in zip(face.sides, face.trace, strict=True):
+        touched = abs(trace).T @ weight > 0.0
+        total = float(np.abs(problem.substructures[owner].stiffness.diagonal()) @ touched)
+        found.append(total / weight.sum() / face.weight.size**0.25)
+    first, second = found
+    return [first**(1-LEAN) * second**LEAN, second**(1-LEAN) * first**LEAN]
 
 
-def _on_sides(problem: Problem, sides: Sides, blocks: list[np.ndarray]) -> csr_array:
+def joint_directions(
+    face: Interface, bodies: list[float], law: np.ndarray
+) -> list[np.ndarray]:
+    """Stiffness of the sides of a joint, N/m: that of the body in series with the law's."""
+    mean = np.average(law, axis=1, weights=face.weight)[:, None]
+    law = np.maximum(law, np.maximum(LEAST * mean, OPEN * min(bodies)))
+    return [
+        STRENGTH * (face.weight / (1.0 / body + 1.0 / (LAW * law))).ravel() for body in bodies
+    ]
+
+
+def side_stiffness(
+    problem: Problem,
+    sides: Sides,
+    forms: list[tuple[np.ndarray, np.ndarray] | None],
+    joints: list[list[np.ndarray] | None],
+) -> SideStiffness:
     """Give every side the matrix of its interface."""
-    rows, columns, values = [np.zeros(0, int)], [np.zeros(0, int)], [np.zeros(0)]
-    for face, places, block in zip(problem.interfaces, sides.place, blocks, strict=True):
+    rows, columns = [np.zeros(0, int)], [np.zeros(0, int)]
+    stiffness, root = [np.zeros(0)], [np.zeros(0)]
+    for face, places, form, diagonals in zip(
+        problem.interfaces, sides.place, forms, joints, strict=True
+    ):
         size = np.arange(face.size)
-        if face.law is not None:
-            i = j = size
-            entries = block.diagonal()
-        else:
-            i, j = np.repeat(size, face.size), np.tile(size, face.size)
-            entries = block.ravel()
-        for place in places:
+        for side, place in enumerate(places):
+            if diagonals is not None:
+                i = j = size
+                stiffness.append(diagonals[side])
+                root.append(1.0 / np.sqrt(diagonals[side]))
+            else:
+                i, j = np.repeat(size, face.size), np.tile(size, face.size)
+                stiffness.append(form[0].ravel())
+                root.append(form[1].ravel())
             rows.append(place.start + i)
             columns.append(place.start + j)
-            values.append(entries)
-    triplets = (np.concatenate(values), (np.concatenate(rows), np.concatenate(columns)))
-    return csr_array(triplets, shape=(sides.m, sides.m))
+    at = np.concatenate(rows), np.concatenate(columns)
+    shape = (sides.m, sides.m)
+    return SideStiffness(
+        csr_array((np.concatenate(stiffness), at), shape=shape),
+        csr_array((np.concatenate(root), at), shape=shape),
+    )

@@ -7,7 +7,7 @@ import numpy as np
 from multiscale.laws.base import InterfaceLaw
 from multiscale.macro.substructures.acceleration import Anderson
 from multiscale.macro.substructures.coarse import coarse_basis, prepare_coarse
-from multiscale.macro.substructures.directions import side_stiffness
+from multiscale.macro.substructures.directions import body_stiffness, interface_forms, joint_directions, side_stiffness
 from multiscale.macro.substructures.parallel import Alone, Team, share
 from multiscale.macro.substructures.problem import Problem
 from multiscale.macro.substructures.stack import Factors, lay_out_sides, stack
@@ -16,6 +16,8 @@ __all__ = ["Iterate", "Latin"]
 
 FIRST, TAUT, SLACK = 0.5, 10.0, 0.05
 """Stiffness of the search direction of a link relative to its own: at first, and by status."""
+
+CHANGE = 0.7
 
 UPDATE = 8
 """Iterations between two looks at the status."""
@@ -74,7 +76,15 @@ class Latin:
             np.zeros((face.law.n_state, face.weight.size)) if face.law else np.zeros(0)
             for face in problem.interfaces
         ]
-        self.direct(np.where(self.stack.one_sided, FIRST, 1.0), np.ones(links.stiffness.size))
+        self.bodies = [
+            body_stiffness(problem, face) if face.law else None for face in problem.interfaces
+        ]
+        self.law_stiffness = [
+            np.full((3, face.weight.size), np.inf) if face.law else None
+            for face in problem.interfaces
+        ]
+        self.look_at_links(np.ones(links.stiffness.size))
+        self.direct(np.where(self.stack.one_sided, FIRST, 1.0))
         self.status: np.ndarray | None = None
         self.slack_direction = SLACK
         self.z, self.r = links.prestress.copy(), np.zeros(self.sides.m)
@@ -84,13 +94,23 @@ class Latin:
         """Size of the coarse problem."""
         return int(self.basis.shape[1])
 
-    def direct(self, relative: np.ndarray, carries: np.ndarray) -> None:
+    def look_at_links(self, carries: np.ndarray) -> None:
+        """Find what the interfaces see in their neighbours."""
+        self.forms = interface_forms(
+            self.problem, self.stack, self.parts, carries, self.factors[0], self.team
+        )
+
+    def direct(self, relative: np.ndarray) -> None:
         """Set the search directions and factorise what follows from them."""
         links = self.stack.links
         self.across = relative * links.stiffness  # l
-        self.k0 = side_stiffness(
-            self.problem, self.stack, self.sides, self.parts, carries, self.factors[0], self.team
-        )
+        joints = [
+            joint_directions(face, bodies, law) if face.law else None
+            for face, bodies, law in zip(
+                self.problem.interfaces, self.bodies, self.law_stiffness, strict=True
+            )
+        ]
+        self.k0 = side_stiffness(self.problem, self.sides, self.forms, joints)
         k, across = links.stiffness, self.across
         effective = np.where(self.stack.one_sided, k * across / (k + across), k)
         own = self.k0.matrix[self.own][:, self.own]
@@ -155,33 +175,54 @@ class Latin:
         face = self.problem.interfaces[index]
         first, second = self.sides.place[index]
         weight = np.tile(face.weight, 3)
-        half = 0.5 * self.k0.matrix.diagonal()[first] / weight
-        source = (r[second] - r[first]) / (2.0 * weight)
-        jump = law.resolvent(source.reshape(3, -1), half.reshape(3, -1), self.states[index])
-        return jump, weight * (source - half * jump.ravel())
+        k = self.k0.matrix.diagonal()
+        series = 1.0 / (1.0 / k[first] + 1.0 / k[second]) / weight
+        source = series * (r[second] / k[second] - r[first] / k[first])
+        jump = law.resolvent(source.reshape(3, -1), series.reshape(3, -1), self.states[index])
+        return jump, weight * (source - series * jump.ravel())
 
     def update(self) -> bool:
-        """Adapt the search directions to the status of the links; say whether it changed."""
+        """Adapt the search directions to the status of links and joints; say if it changed."""
         links, one = self.stack.links, self.stack.one_sided
         tension = np.clip(self.z, links.lower, links.upper)
         slack = np.where(one, (tension - self.z) / self.across, 0.0)
         taut = ~one | (slack == 0.0)
         changes = taut.size if self.status is None else np.count_nonzero(taut != self.status)
         changed, all_links = self.team.total(np.array([changes, taut.size], dtype=float))
-        if not changed:
+        joints_changed = self._look_at_joints()
+        if not changed and not joints_changed:
             return False
-        if changed < FEW * all_links:
-            self.slack_direction = max(SOFTEST, SOFTER * self.slack_direction)
-        self.status, old = taut, self.k0
         g = self.local_sides(self.r)
         held, force = 0.5 * (g + self.r), 0.5 * (g - self.r)  # k_0 W and F
-        soft = self.slack_direction
-        relative = np.where(one, np.where(taut, TAUT, soft), 1.0)
-        self.direct(relative, np.where(taut, 1.0, soft / (1.0 + soft)))
+        old = self.k0
+        relative = self.across / links.stiffness
+        if changed:
+            if changed < FEW * all_links:
+                self.slack_direction = max(SOFTEST, SOFTER * self.slack_direction)
+            self.status, soft = taut, self.slack_direction
+            relative = np.where(one, np.where(taut, TAUT, soft), 1.0)
+            self.look_at_links(np.where(taut, 1.0, soft / (1.0 + soft)))
+        self.direct(relative)
         # the same tensions, slacks, forces and displacements with the new directions
         self.z = np.where(one, tension - self.across * slack, tension)
         self.r = self.k0.matrix @ (old.inverse_root @ (old.inverse_root @ held)) - force
         return True
+
+    def _look_at_joints(self) -> bool:
+        """Find the stiffness of the laws where they are; say if it changed."""
+        changed = False
+        for index, face in enumerate(self.problem.interfaces):
+            if face.law is None:
+                continue
+            jump = self.joint_answer(index, face.law, self.r)[0]
+            tangent = face.law.respond(jump, self.states[index]).tangent
+            shear = np.maximum(tangent[1, 1], tangent[2, 2])
+            law = np.stack([tangent[0, 0], shear, shear])
+            old = joint_directions(face, self.bodies[index], self.law_stiffness[index])
+            new = joint_directions(face, self.bodies[index], law)
+            if max(np.abs(np.log(a / b)).max() for a, b in zip(old, new, strict=True)) > CHANGE:
+                self.law_stiffness[index], changed = law, True
+        return changed
 
     def joint_fields(self) -> tuple[np.ndarray, np.ndarray]:
         """Jump, m, and traction, Pa, at all points of all joints, shape (3, points)."""
