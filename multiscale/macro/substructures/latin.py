@@ -37,13 +37,14 @@ class Iterate:
         Displacement of the substructures of this process, m.
     tension : ndarray, shape (rows,)
         Of their links, N.
-    force : ndarray, shape (m,)
-        On all sides of all interfaces, N.
+    force, push : ndarray, shape (m,)
+        On all sides of all interfaces, and :math:`k_0 T u` there, N.
     """
 
     u: np.ndarray
     tension: np.ndarray
     force: np.ndarray
+    push: np.ndarray
 
 
 class Latin:
@@ -154,7 +155,7 @@ class Latin:
         return (
             np.where(one, tension - across * slack, tension),
             push - force,
-            Iterate(u, tension, force),
+            Iterate(u, tension, force, push),
         )
 
     def local_sides(self, r: np.ndarray) -> np.ndarray:
@@ -251,11 +252,27 @@ class Latin:
         """Tension within the limits of the links, N."""
         return np.asarray(np.clip(tension, self.stack.links.lower, self.stack.links.upper))
 
-    def size(self, found: Iterate, acceleration: Anderson) -> float:
-        """Size of a state in the norm of :meth:`distance`."""
+    def residual(
+        self, found: Iterate, last: Iterate | None, distance: float, acceleration: Anderson
+    ) -> float:
+        """Change of the forces relative to them, or of all relative to all, if that is larger.
+
+        Bodies on soft joints move by far more than they deform: rounding of the motion, taken
+        relative to the forces, would then hide that these have long converged.
+        """
+        force = self._forces(found)
+        size = acceleration.norm(force)
+        links = np.zeros(found.tension.size)
+        held = self.k0.inverse_root @ (found.push)  # k_0^(1/2) T u
+        whole = np.hypot(size, acceleration.norm(np.append(links, held)))
+        change = acceleration.norm(force - self._forces(last)) if last else 0.0
+        return max(change / (size or 1.0), distance / (whole or 1.0))
+
+    def _forces(self, found: Iterate) -> np.ndarray:
+        """Tensions, less the prestress, and forces in the energy norm, shape (rows + m,)."""
         links = self.stack.links
         change = (found.tension - links.prestress) / np.sqrt(links.stiffness)
-        return acceleration.norm(np.append(change, self.k0.inverse_root @ found.force))
+        return np.append(change, self.k0.inverse_root @ found.force)
 
     def distance(self, z: np.ndarray, r: np.ndarray) -> np.ndarray:
         """Difference from z and r in the energy norm, shape (rows + m,)."""

@@ -118,12 +118,12 @@ def solve_step(
     """Iterate on one load until the error is small enough."""
     clock = perf_counter()
     acceleration = Anderson(method.team, method.z.size)
-    status, residual, due = Status.MAX_ITERATIONS, np.inf, UPDATE
+    status, residual, due, last = Status.MAX_ITERATIONS, np.inf, UPDATE, None
     for iteration in range(1, max_iterations + 1):
         z, r, found = method.iterate(load)
         change = method.distance(z, r)
         size = acceleration.norm(change)
-        residual = size / (method.size(found, acceleration) or 1.0)
+        residual, last = method.residual(found, last, size, acceleration), found
         if callback is not None:
             callback(iteration, residual, found)
         if not np.isfinite(residual):
