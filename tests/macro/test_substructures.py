@@ -87,7 +87,7 @@ def count_iterations(grid, problem, reference, load_factor, **options):
         full[order] = iterate.tension
         errors.append(tension_error(grid, full, reference))
 
-    solve_latin(problem, load_factor, callback=note, tolerance=1e-5, **options)
+    solve_latin(problem, load_factor, callback=note, tolerance=1e-6, **options)
     return next(k for k, error in enumerate(errors, 1) if error < 1e-6)
 
 

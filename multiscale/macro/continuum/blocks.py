@@ -11,7 +11,14 @@ from multiscale.errors import CaseError
 if TYPE_CHECKING:
     from skfem import CellBasis, Element, Mesh
 
-__all__ = ["box_mesh", "displacement_basis", "face_areas", "face_operator", "face_unknowns", "stiffness_matrix"]
+__all__ = [
+    "box_mesh",
+    "displacement_basis",
+    "face_areas",
+    "face_operator",
+    "face_unknowns",
+    "stiffness_matrix",
+]
 
 ROUNDING = 1e-12
 """Areas below this share of the largest are rounding."""

@@ -3,11 +3,21 @@ r"""Micro-macro LATIN: one stage knows the links and laws, the other the structu
 from dataclasses import dataclass
 
 import numpy as np
+from scipy.sparse import diags_array
 
 from multiscale.laws.base import InterfaceLaw
 from multiscale.macro.substructures.acceleration import Anderson
 from multiscale.macro.substructures.coarse import coarse_basis, prepare_coarse
-from multiscale.macro.substructures.directions import body_stiffness, interface_forms, joint_directions, side_stiffness
+from multiscale.macro.substructures.directions import (
+    interface_stiffness,
+    schur_complements,
+    side_stiffness,
+)
+from multiscale.macro.substructures.joint_directions import (
+    body_stiffness,
+    joint_directions,
+    law_stiffness,
+)
 from multiscale.macro.substructures.parallel import Alone, Team, share
 from multiscale.macro.substructures.problem import Problem
 from multiscale.macro.substructures.stack import Factors, lay_out_sides, stack
@@ -17,10 +27,11 @@ __all__ = ["Iterate", "Latin"]
 FIRST, TAUT, SLACK = 0.5, 10.0, 0.05
 """Stiffness of the search direction of a link relative to its own: at first, and by status."""
 
-CHANGE = 0.7
-
 UPDATE = 8
 """Iterations between two looks at the status."""
+
+CHANGE = 2.0
+"""Factor by which the direction of a point of a joint must change to be taken anew."""
 
 FEW, SOFTER, SOFTEST = 3e-2, 0.3, 1e-3
 """If less than this part of the links changes its status, slack ones get a direction softer by
@@ -73,18 +84,23 @@ class Latin:
         self.own = slice(first, first + self.stack.trace.shape[0])
         self.factors = Factors(), Factors(), Factors()
         links = self.stack.links
+        self.joints = [
+            (index, face, face.law)
+            for index, face in enumerate(problem.interfaces)
+            if face.law is not None
+        ]
         self.states = [
             np.zeros((face.law.n_state, face.weight.size)) if face.law else np.zeros(0)
             for face in problem.interfaces
         ]
-        self.bodies = [
-            body_stiffness(problem, face) if face.law else None for face in problem.interfaces
-        ]
-        self.law_stiffness = [
-            np.full((3, face.weight.size), np.inf) if face.law else None
-            for face in problem.interfaces
-        ]
-        self.look_at_links(np.ones(links.stiffness.size))
+        self.bodies = {index: body_stiffness(problem, face) for index, face, _ in self.joints}
+        self.joint_k = {
+            index: joint_directions(face, self.bodies[index], np.full(unknown, np.inf))
+            for index, face, _ in self.joints
+            for unknown in [(3, face.weight.size)]
+        }
+        self.perfect_k: dict[int, np.ndarray] = {}
+        self.look_behind(np.ones(links.stiffness.size))
         self.direct(np.where(self.stack.one_sided, FIRST, 1.0))
         self.status: np.ndarray | None = None
         self.slack_direction = SLACK
@@ -95,23 +111,24 @@ class Latin:
         """Size of the coarse problem."""
         return int(self.basis.shape[1])
 
-    def look_at_links(self, carries: np.ndarray) -> None:
-        """Find what the interfaces see in their neighbours."""
-        self.forms = interface_forms(
-            self.problem, self.stack, self.parts, carries, self.factors[0], self.team
+    def look_behind(self, carries: np.ndarray) -> None:
+        """Find the stiffness behind perfect interfaces, given the share that links carry."""
+        ground = np.zeros(self.sides.m)
+        for index, sides in self.joint_k.items():
+            for place, k in zip(self.sides.place[index], sides, strict=True):
+                ground[place] = k
+        schur = schur_complements(
+            self.stack, carries, diags_array(ground[self.own]), self.factors[0]
+        )
+        self.perfect_k = interface_stiffness(
+            self.problem, schur, self.parts, self.team, self.perfect_k
         )
 
     def direct(self, relative: np.ndarray) -> None:
         """Set the search directions and factorise what follows from them."""
         links = self.stack.links
         self.across = relative * links.stiffness  # l
-        joints = [
-            joint_directions(face, bodies, law) if face.law else None
-            for face, bodies, law in zip(
-                self.problem.interfaces, self.bodies, self.law_stiffness, strict=True
-            )
-        ]
-        self.k0 = side_stiffness(self.problem, self.sides, self.forms, joints)
+        self.k0 = side_stiffness(self.problem, self.sides, self.perfect_k, self.joint_k)
         k, across = links.stiffness, self.across
         effective = np.where(self.stack.one_sided, k * across / (k + across), k)
         own = self.k0.matrix[self.own][:, self.own]
@@ -161,11 +178,9 @@ class Latin:
     def local_sides(self, r: np.ndarray) -> np.ndarray:
         """Return F + k_0 W of every side on its interface: eqs (16), (17), or the law."""
         g = np.asarray(2.0 * self.sides.mean(r) - r)  # (16), (17)
-        for index, face in enumerate(self.problem.interfaces):
-            if face.law is None:
-                continue
+        for index, _, law in self.joints:
             first, second = self.sides.place[index]
-            force = self.joint_answer(index, face.law, r)[1]
+            force = self.joint_answer(index, law, r)[1]
             g[first], g[second] = r[first] + 2.0 * force, r[second] - 2.0 * force
         return g
 
@@ -190,57 +205,49 @@ class Latin:
         taut = ~one | (slack == 0.0)
         changes = taut.size if self.status is None else np.count_nonzero(taut != self.status)
         changed, all_links = self.team.total(np.array([changes, taut.size], dtype=float))
-        joints_changed = self._look_at_joints()
-        if not changed and not joints_changed:
-            return False
         g = self.local_sides(self.r)
         held, force = 0.5 * (g + self.r), 0.5 * (g - self.r)  # k_0 W and F
-        old = self.k0
-        relative = self.across / links.stiffness
+        if not self.update_joints() and not changed:
+            return False
+        old, relative = self.k0, self.across / links.stiffness
         if changed:
             if changed < FEW * all_links:
                 self.slack_direction = max(SOFTEST, SOFTER * self.slack_direction)
             self.status, soft = taut, self.slack_direction
             relative = np.where(one, np.where(taut, TAUT, soft), 1.0)
-            self.look_at_links(np.where(taut, 1.0, soft / (1.0 + soft)))
+            self.look_behind(np.where(taut, 1.0, soft / (1.0 + soft)))
         self.direct(relative)
         # the same tensions, slacks, forces and displacements with the new directions
         self.z = np.where(one, tension - self.across * slack, tension)
         self.r = self.k0.matrix @ (old.inverse_root @ (old.inverse_root @ held)) - force
         return True
 
-    def _look_at_joints(self) -> bool:
-        """Find the stiffness of the laws where they are; say if it changed."""
+    def update_joints(self) -> bool:
+        """Adapt the search directions of joints to the laws where they are; say if any did."""
         changed = False
-        for index, face in enumerate(self.problem.interfaces):
-            if face.law is None:
-                continue
-            jump = self.joint_answer(index, face.law, self.r)[0]
-            tangent = face.law.respond(jump, self.states[index]).tangent
-            shear = np.maximum(tangent[1, 1], tangent[2, 2])
-            law = np.stack([tangent[0, 0], shear, shear])
-            old = joint_directions(face, self.bodies[index], self.law_stiffness[index])
-            new = joint_directions(face, self.bodies[index], law)
-            if max(np.abs(np.log(a / b)).max() for a, b in zip(old, new, strict=True)) > CHANGE:
-                self.law_stiffness[index], changed = law, True
+        for index, face, law in self.joints:
+            jump = self.joint_answer(index, law, self.r)[0]
+            tangent = law_stiffness(law, jump, self.states[index])
+            found = joint_directions(face, self.bodies[index], tangent)
+            ratio = np.concatenate(found) / np.concatenate(self.joint_k[index])
+            if max(ratio.max(), 1.0 / ratio.min()) > CHANGE:
+                self.joint_k[index], changed = found, True
         return changed
 
     def joint_fields(self) -> tuple[np.ndarray, np.ndarray]:
         """Jump, m, and traction, Pa, at all points of all joints, shape (3, points)."""
         jumps, tractions = [np.zeros((3, 0))], [np.zeros((3, 0))]
-        for index, face in enumerate(self.problem.interfaces):
-            if face.law is not None:
-                jump, force = self.joint_answer(index, face.law, self.r)
-                jumps.append(jump)
-                tractions.append(force.reshape(3, -1) / face.weight)
+        for index, face, law in self.joints:
+            jump, force = self.joint_answer(index, law, self.r)
+            jumps.append(jump)
+            tractions.append(force.reshape(3, -1) / face.weight)
         return np.concatenate(jumps, axis=1), np.concatenate(tractions, axis=1)
 
     def commit(self) -> None:
         """Take the state of the laws at the present forces for the next step."""
-        for index, face in enumerate(self.problem.interfaces):
-            if face.law is not None:
-                jump = self.joint_answer(index, face.law, self.r)[0]
-                self.states[index] = face.law.respond(jump, self.states[index]).state
+        for index, _, law in self.joints:
+            jump = self.joint_answer(index, law, self.r)[0]
+            self.states[index] = law.respond(jump, self.states[index]).state
 
     def slack(self) -> np.ndarray:
         """Distance by which the ends of every link miss it, shape (rows,), m."""
