@@ -24,18 +24,22 @@ from multiscale.macro.substructures.stack import Factors, lay_out_sides, stack
 
 __all__ = ["Iterate", "Latin"]
 
-FIRST, TAUT, SLACK = 0.5, 10.0, 0.05
+FIRST, TAUT, SLACK = 1.0, 10.0, 0.05
 """Stiffness of the search direction of a link relative to its own: at first, and by status."""
 
-UPDATE = 8
-"""Iterations between two looks at the status."""
+UPDATE, AGAIN = 8, 4
+"""Iterations until the next look at the status, after it changed in many links or in few."""
 
 CHANGE = 2.0
 """Factor by which the direction of a point of a joint must change to be taken anew."""
 
-FEW, SOFTER, SOFTEST = 3e-2, 0.3, 1e-3
+FEW, SOFTER, SOFTEST = 3e-2, 0.3, 3e-3
 """If less than this part of the links changes its status, slack ones get a direction softer by
 this factor, down to this: the directions tend to the tangent, which near mechanisms need."""
+
+LAST = 1e-3
+"""If less than this part changes, the softest direction is taken at once, and from then on the
+stiffness of interfaces and the accelerating iterates are kept."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -197,30 +201,42 @@ class Latin:
         jump = law.resolvent(source.reshape(3, -1), series.reshape(3, -1), self.states[index])
         return jump, weight * (source - series * jump.ravel())
 
-    def update(self) -> bool:
-        """Adapt the search directions to the status of links and joints; say if it changed."""
-        links, one = self.stack.links, self.stack.one_sided
+    def update(self) -> np.ndarray | None:
+        """Adapt the search directions to the status of links and joints.
+
+        Returns
+        -------
+        ndarray of bool, shape (rows + m,), optional
+            Entries of z and r that mean something else since; nothing if no status changed.
+        """
+        links, one, known = self.stack.links, self.stack.one_sided, self.status is not None
         tension = np.clip(self.z, links.lower, links.upper)
         slack = np.where(one, (tension - self.z) / self.across, 0.0)
         taut = ~one | (slack == 0.0)
-        changes = taut.size if self.status is None else np.count_nonzero(taut != self.status)
-        changed, all_links = self.team.total(np.array([changes, taut.size], dtype=float))
+        other = taut != self.status if known else np.ones(taut.size, dtype=bool)
+        changed, of = self.team.total(np.array([np.count_nonzero(other), taut.size], dtype=float))
         g = self.local_sides(self.r)
         held, force = 0.5 * (g + self.r), 0.5 * (g - self.r)  # k_0 W and F
-        if not self.update_joints() and not changed:
-            return False
+        joints_changed = self.update_joints()
+        if not changed and not joints_changed:
+            return None
         old, relative = self.k0, self.across / links.stiffness
+        last = known and changed < LAST * of
+        minor = last and not joints_changed and self.slack_direction == SOFTEST
         if changed:
-            if changed < FEW * all_links:
+            if last:
+                self.slack_direction = SOFTEST
+            elif known and changed < FEW * of:
                 self.slack_direction = max(SOFTEST, SOFTER * self.slack_direction)
             self.status, soft = taut, self.slack_direction
             relative = np.where(one, np.where(taut, TAUT, soft), 1.0)
-            self.look_behind(np.where(taut, 1.0, soft / (1.0 + soft)))
+            if not minor:
+                self.look_behind(np.where(taut, 1.0, soft / (1.0 + soft)))
         self.direct(relative)
         # the same tensions, slacks, forces and displacements with the new directions
         self.z = np.where(one, tension - self.across * slack, tension)
         self.r = self.k0.matrix @ (old.inverse_root @ (old.inverse_root @ held)) - force
-        return True
+        return np.append(other if minor else np.ones_like(other), np.full(self.r.size, not minor))
 
     def update_joints(self) -> bool:
         """Adapt the search directions of joints to the laws where they are; say if any did."""
