@@ -162,7 +162,9 @@ def report_command(out: Annotated[Path, typer.Argument(help="Folder of a finishe
 def bench_command(
     scenes: Annotated[
         list[str] | None,
-        typer.Argument(help="Families of scenes: micro, nonsmooth, structures; all if not given."),
+        typer.Argument(
+            help="Families of scenes: joints, micro, nonsmooth, structures; all if not given."
+        ),
     ] = None,
     out: Annotated[Path, typer.Option("-o", "--out", help="Folder to write to.")] = Path("bench"),
     quick: Annotated[
