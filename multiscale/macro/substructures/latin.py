@@ -284,7 +284,8 @@ class Latin:
         relative to the forces, would then hide that these have long converged.
         """
         force = self._forces(found)
-        size = acceleration.norm(force)
+        bodies = self.team.total(np.array([found.u @ (self.stack.stiffness @ found.u)]))[0]
+        size = np.hypot(acceleration.norm(force), np.sqrt(max(float(bodies), 0.0)))
         links = np.zeros(found.tension.size)
         held = self.k0.inverse_root @ (found.push)  # k_0^(1/2) T u
         whole = np.hypot(size, acceleration.norm(np.append(links, held)))
