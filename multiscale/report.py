@@ -1,6 +1,7 @@
 """The results of a run as a table, and as one self-contained page."""
 
 import base64
+from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -11,7 +12,14 @@ from multiscale.io import open_run, read_bytes, read_text, write_bytes
 if TYPE_CHECKING:
     import xarray as xr
 
-__all__ = ["list_cycles", "tabulate", "tabulate_links", "tabulate_scene", "write_report"]
+__all__ = [
+    "list_cycles",
+    "tabulate",
+    "tabulate_links",
+    "tabulate_scene",
+    "tabulate_sweep",
+    "write_report",
+]
 
 PAGE = """<!doctype html>
 <html lang="en">
@@ -59,20 +67,46 @@ def tabulate(result: "xr.Dataset") -> list[tuple[str, ...]]:
         if not int(step["converged"]):
             rows.append((f"{1e-6 * float(step['preload']):.4g}", "not converged", "", "", ""))
             continue
-        band = "none"
+        band = np.full(2, np.nan)
         if "joint_stiffness_sample" in result:
-            low, high = 1e-12 * np.nanpercentile(step["joint_stiffness_sample"], (2.5, 97.5))
-            band = f"{low:.4g} ... {high:.4g}"
-        rows.append(
-            (
-                f"{1e-6 * float(step['preload']):.4g}",
-                f"{1e-12 * float(step['joint_stiffness']):.4g}",
-                band,
-                f"{1e6 * float(step['mean_gap']):.4g}",
-                f"{100.0 * float(step['contact_fraction']):.3g}",
-            )
-        )
+            band = np.nanpercentile(step["joint_stiffness_sample"], (2.5, 97.5))
+        rows.append(_row(step, band))
     return rows
+
+
+def tabulate_sweep(result: "xr.Dataset") -> tuple[tuple[str, ...], list[tuple[str, ...]]]:
+    """Return head and rows of a sweep as text: each point at its largest converged preload.
+
+    Parameters
+    ----------
+    result : Dataset
+        Follows ``SWEEP``.
+    """
+    head = (*map(str, result["parameter"].values), *HEAD)
+    rows = []
+    for k in range(result.sizes["point"]):
+        point = result.isel(point=k)
+        said = tuple(map(str, point["setting"].values))
+        done = np.flatnonzero(point["converged"].values)
+        if done.size == 0:
+            rows.append((*said, "", "no result", "", "", ""))
+            continue
+        step = point.isel(step=done[-1])
+        band = (float(step[f"joint_stiffness_{end}"]) for end in ("low", "high"))
+        rows.append((*said, *_row(step, tuple(band))))
+    return head, rows
+
+
+def _row(step: "xr.Dataset", band: "Sequence[float] | np.ndarray") -> tuple[str, ...]:
+    """Results at one preload, in the order of ``HEAD``."""
+    low, high = (1e-12 * end for end in band)
+    return (
+        f"{1e-6 * float(step['preload']):.4g}",
+        f"{1e-12 * float(step['joint_stiffness']):.4g}",
+        "none" if np.isnan(low) else f"{low:.4g} ... {high:.4g}",
+        f"{1e6 * float(step['mean_gap']):.4g}",
+        f"{100.0 * float(step['contact_fraction']):.3g}",
+    )
 
 
 def tabulate_links(result: "xr.Dataset") -> tuple[tuple[str, ...], list[tuple[str, ...]]]:

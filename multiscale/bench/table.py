@@ -11,6 +11,7 @@ __all__ = ["tabulate"]
 COLUMNS: Mapping[str, tuple[str, str, float]] = {
     "points": ("points", "d", 1),
     "cables": ("cables", "d", 1),
+    "unknowns": ("unknowns", ".0f", 1),
     "wall_time": ("time (s)", ".3g", 1),
     "peak_memory": ("memory (MB)", ".0f", 1e-6),
     "iterations": ("iterations", ".0f", 1),

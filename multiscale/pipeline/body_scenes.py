@@ -14,8 +14,10 @@ from multiscale.macro.continuum import box_mesh
 from multiscale.macro.substructures import (
     JointLoading,
     LapShape,
+    Problem,
     RoughAssembly,
     Team,
+    add_body_fields,
     lap_joint,
     load_joint,
     split_boxes,
@@ -35,7 +37,7 @@ if TYPE_CHECKING:
 
     from multiscale.pipeline.scene_settings import Scene
 
-__all__ = ["make_assembly", "solve_bodies"]
+__all__ = ["cut_scene", "make_assembly", "solve_bodies"]
 
 
 def solve_bodies(scene: "Scene", law: Path | None, team: Team | None = None) -> "xr.Dataset":
@@ -59,22 +61,33 @@ def solve_bodies(scene: "Scene", law: Path | None, team: Team | None = None) -> 
     MultiscaleError
         If dimensions, cut or law are refused, or there is no law.
     """
-    cut = scene.substructures or Substructures()
+    given, cut = scene.structure, scene.substructures or Substructures()
     options: dict[str, Any] = {
         "coarse": cut.coarse,
         "tolerance": cut.tolerance,
         "max_iterations": cut.max_iterations,
         "team": team,
     }
-    if isinstance(scene.structure, Plate):
-        plate = _make_plate(scene.structure)
-        problem = cut_bodies([plate], [split_boxes(plate, (*cut.parts, 1))])
+    if isinstance(given, Plate):
         factors = np.array(scene.statics.load_factors) if scene.statics else 1.0
-        return solve_latin(problem, factors, **options)
+        result = solve_latin(cut_scene(scene), factors, **options)
+        return add_body_fields(result, [_make_plate(given)])
+    assert isinstance(given, StackedBlocks | LapJoint)
     assert scene.loading is not None  # the scene has been validated
-    given = scene.loading
-    loading = JointLoading(given.preloads, given.shear or 0.0, given.cycles, given.steps)
-    return load_joint(make_assembly(scene, law), loading, parts=cut.parts, **options)
+    path = scene.loading
+    loading = JointLoading(path.preloads, path.shear or 0.0, path.cycles, path.steps)
+    assembly = make_assembly(scene, law)
+    result = load_joint(assembly, loading, parts=cut.parts, **options)
+    return add_body_fields(result, assembly.bodies, damage=_damage(given))
+
+
+def cut_scene(scene: "Scene", law: Path | None = None) -> Problem:
+    """Cut the bodies of a scene; arguments as for :func:`solve_bodies`."""
+    cut = scene.substructures or Substructures()
+    if not isinstance(scene.structure, Plate):
+        return make_assembly(scene, law).cut(cut.parts)
+    plate = _make_plate(scene.structure)
+    return cut_bodies([plate], [split_boxes(plate, (*cut.parts, 1))])
 
 
 def make_assembly(scene: "Scene", law: Path | None = None) -> RoughAssembly:
@@ -83,13 +96,18 @@ def make_assembly(scene: "Scene", law: Path | None = None) -> RoughAssembly:
     assert isinstance(given, StackedBlocks | LapJoint)
     assert joint is not None
     laws = _laws(joint, given.joints, law)
-    damage = given.damage or (0.0,) * (given.joints + 1)
-    materials = [Elastic((1.0 - D) * given.youngs_modulus, given.poissons_ratio) for D in damage]
+    E, nu = given.youngs_modulus, given.poissons_ratio
+    materials = [Elastic((1.0 - D) * E, nu) for D in _damage(given)]
     if isinstance(given, StackedBlocks):
         return stacked_blocks(given.size, given.elements, materials, laws)
     names = ("length", "width", "thickness", "overlap", "hole", "washer", "element", "layers")
     shape = LapShape(**{name: getattr(given, name) for name in names})
     return lap_joint(shape, (materials[0], materials[1]), laws[0])
+
+
+def _damage(given: StackedBlocks | LapJoint) -> tuple[float, ...]:
+    """Damage of every body."""
+    return given.damage or (0.0,) * (given.joints + 1)
 
 
 def _laws(joint: JointLawSettings, count: int, law: Path | None) -> list[Frictional]:

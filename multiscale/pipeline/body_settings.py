@@ -42,12 +42,17 @@ class Substructures(Settings):
     tolerance : number
     max_iterations : int
         Of a step.
+    homogenise : bool
+        Whether to write the stiffness of every substructure against the resultants of its
+        interfaces, before and after slackening, into ``NAME-homogenised.nc``; see
+        :func:`multiscale.macro.homogenise`.
     """
 
     parts: tuple[Positive, Positive] = (1, 1)
     coarse: bool = True
     tolerance: Annotated[Number, Field(gt=0.0, lt=1.0)] = 1e-8
     max_iterations: Positive = 400
+    homogenise: bool = False
 
 
 class Plate(Settings):

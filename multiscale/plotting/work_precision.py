@@ -29,7 +29,7 @@ def plot_work_precision(
     """Plot error against run time, one line per method; dashed against the method's own limit.
 
     Below the uncertainty of the reference, drawn as a band, differences mean nothing. Points are
-    labelled with the grid if it is known; what did not converge is left out.
+    labelled with the grid or the tolerance if it is known; what did not converge is left out.
 
     Parameters
     ----------
@@ -54,9 +54,11 @@ def plot_work_precision(
         if f"own_{error}" in of:
             own = of[f"own_{error}"].values
             ax.plot(time, own, "--", color=f"C{k}", linewidth=0.8)
-        for run in range(of.sizes["run"] if "points" in of else 0):
+        known = next((name for name in ("points", "tolerance") if name in of), None)
+        for run in range(of.sizes["run"] if known else 0):
+            value = float(of[known][run])
             ax.annotate(
-                f"{int(of['points'][run])}",
+                f"{value:g}" if value > 0.0 else "",
                 (time[run], float(of[error][run])),
                 xytext=(3, 3),
                 textcoords="offset points",
@@ -109,7 +111,7 @@ def plot_history(work_precision: "xr.Dataset", *, scene: str, ax: "Axes | None" 
     ax.set_yscale("log")
     ax.set_title(scene, fontsize="medium")
     ax.set_xlabel("time since the start (s)")
-    ax.set_ylabel("relative residual (1)")
+    ax.set_ylabel("relative error (1)")
     return ax
 
 
@@ -166,6 +168,6 @@ def _history_panels(work_precision: "xr.Dataset") -> "Figure":
         list(lines),
         loc="outside lower center",
         ncols=6,
-        title="filled: converged; open: not converged; dotted: residual asked for",
+        title="filled: converged; open: not converged; dotted: error asked for",
     )
     return figure

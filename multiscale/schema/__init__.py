@@ -5,6 +5,7 @@ from multiscale.schema.cell import FIELDS, MICRO_RESPONSE
 from multiscale.schema.damage import DAMAGE_SECTIONS, FATIGUE, RVE_STIFFNESS, WOEHLER
 from multiscale.schema.law import ERROR_BUDGET, INTERFACE_LAW, LAW_COMPARISON
 from multiscale.schema.structure import HOMOGENISED, MACRO_RESULT
+from multiscale.schema.sweep import SWEEP
 from multiscale.schema.work_precision import WORK_PRECISION
 
 __all__ = [
@@ -20,6 +21,7 @@ __all__ = [
     "MICRO_RESPONSE",
     "RVE_STIFFNESS",
     "SCHEMAS",
+    "SWEEP",
     "WOEHLER",
     "WORK_PRECISION",
     "Schema",
@@ -41,5 +43,6 @@ SCHEMAS = {
         ERROR_BUDGET,
         LAW_COMPARISON,
         HOMOGENISED,
+        SWEEP,
     )
 }

@@ -8,7 +8,7 @@ from scipy.sparse.linalg import spsolve
 
 from multiscale.errors import CaseError, MultiscaleError
 from multiscale.laws import Exponential, Frictional
-from multiscale.laws.bulk import Elastic
+from multiscale.laws.bulk import AnisotropicElastic, Elastic
 from multiscale.laws.link import Bar, Cable
 from multiscale.macro import Body, solve_interface, solve_static, tensegrity_grid
 from multiscale.macro.continuum.blocks import box_mesh
@@ -192,6 +192,36 @@ def test_substructures_of_a_plate_bend_like_the_plate(parts):
     assert result.iterations <= 30
     size = np.abs(expected).max()
     np.testing.assert_allclose(result.displacement[0], expected, atol=1e-8 * size)
+
+
+def test_a_cut_bar_of_a_porous_solid_stretches_and_shears_with_its_whole_compliance():
+    """Uniaxial stress along x: every strain is the first column of the compliance."""
+    noise = np.random.default_rng(seed=7).normal(size=(6, 6))
+    C = 70e9 * (np.eye(6) + 0.1 * noise @ noise.T)
+    stress, S = 50e6, np.linalg.inv(C)
+    xx, yy, zz, yz, xz, xy = stress * S[:, 0]
+
+    def field(x):  # the displacement of the uniform strain without rotation of the face x = 0
+        return xx * x[0], yy * x[1] + xy * x[0] + yz * x[2], zz * x[2] + xz * x[0]
+
+    bar = Body(
+        box_mesh((0.4, 0.1, 0.1), (4, 2, 2)),
+        AnisotropicElastic(C),
+        supports={"left": (0.0, None, None)},
+        tractions={"right": (stress, 0.0, 0.0)},
+    )
+    problem = cut_bodies([bar], [split_boxes(bar, (2, 1, 1))])
+    whole = assemble(problem)
+    exact = np.stack(field(bar.mesh.p), axis=1)
+    unknown = problem.number
+    free = unknown >= 0
+    u = np.empty(free.sum())
+    u[unknown[free]] = exact[free]
+    # the face x = 0 moves freely along y and z: three rigid motions are left, none of the forces
+    force = whole.stiffness @ u - whole.load[:, 0]
+    assert np.abs(force).max() < 1e-9 * np.abs(whole.load).max()
+    energy = 0.5 * stress * xx * 0.4 * 0.1 * 0.1
+    assert 0.5 * u @ (whole.stiffness @ u) == pytest.approx(energy, rel=1e-9)
 
 
 def stacked_blocks(law, parts, times=(1.0,), contrast=1.0, tilt=0.2):

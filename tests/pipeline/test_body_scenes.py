@@ -13,7 +13,7 @@ from multiscale.io import open_dataset, open_law, save_law
 from multiscale.macro import solve_static, tensegrity_grid
 from multiscale.pipeline import load_scene, run_scene
 from multiscale.reference.joint import series
-from multiscale.schema import MACRO_RESULT
+from multiscale.schema import HOMOGENISED, MACRO_RESULT
 from multiscale.upscaling import law_from_dataset
 from tests.support import write_law
 
@@ -71,6 +71,44 @@ def test_a_cut_grid_has_the_tensions_of_the_whole_one(tmp_path):
     np.testing.assert_array_equal(result.ends, expected.ends)
     assert result.attrs["substructures"] == 6
     assert (tmp_path / "fields" / "grid.pvd").is_file()
+
+
+def test_a_cut_grid_moves_like_the_whole_one(tmp_path):
+    pairs = [
+        ("n = 16", 'n = 4\nprestress = "160 N"'),
+        ('"0.5 s"', '"0.05 s"'),
+        ("theta = 0.5", "theta = 1"),
+    ]
+    whole = run_scene(load_scene(write(tmp_path, MOVING, *pairs)), tmp_path / "whole.nc")
+    pairs.append(("[dynamics]", "[substructures]\nparts = [2, 1]\n[dynamics]"))
+    run_scene(load_scene(write(tmp_path, MOVING, *pairs)), tmp_path / "cut.nc")
+    cut = open_dataset(tmp_path / "cut.nc", MACRO_RESULT)
+    assert cut["converged"].values.all()
+    for name in ("displacement", "tension"):
+        scale = np.abs(whole[name].values).max()
+        np.testing.assert_allclose(cut[name], whole[name], rtol=0.0, atol=1e-5 * scale)
+    assert (tmp_path / "fields" / "cut.pvd").is_file()
+
+
+def test_condensed_substructures_are_written_beside_the_result(tmp_path, blocks):
+    grid = ("n = 16", 'n = 4\nprestress = "160 N"')
+    scene = write(tmp_path, GRID, grid, ("[4, 4]", "[2, 2]\nhomogenise = true"))
+    out = tmp_path / "grid.nc"
+    done = CliRunner().invoke(app, ["macro", str(scene), "-o", str(out)])
+    assert done.exit_code == 0, done.output
+    file = tmp_path / "grid-homogenised.nc"
+    assert f"condensed substructures: {file}" in done.output
+    found = open_dataset(file, HOMOGENISED)
+    assert found.sizes["substructure"] == 4
+    slack = open_dataset(out, MACRO_RESULT)["slack"].values[-1] > 0.0
+    assert found["slack_links"].sum() == np.count_nonzero(slack) > 0
+    taut, slackened = found["stiffness"].values
+    assert np.trace(slackened[0]) < np.trace(taut[0])
+
+    text = BLOCKS + "[substructures]\nparts = [1, 1]\nhomogenise = true\n"
+    run_scene(load_scene(write(tmp_path, text)), tmp_path / "blocks.nc")
+    condensed = open_dataset(tmp_path / "blocks-homogenised.nc", HOMOGENISED)
+    assert condensed.sizes["substructure"] == 2
 
 
 def test_the_plate_has_16_substructures_and_its_24_edge_interfaces(tmp_path):
@@ -161,7 +199,7 @@ def test_laws_of_other_units_or_kinds_are_refused(blocks, tmp_path):
         (PLATE, ("[statics]", "[joint]\nfriction = 0.1\n[statics]"), r"takes no \[joint\]"),
         (PLATE, ("[statics]", "[statics]\nexact = true"), "leave out exact and stability"),
         (PLATE, ("parts = [4, 4]", "parts = [4]"), r"\[substructures\] parts"),
-        (MOVING, ("[dynamics]", "[substructures]\n[dynamics]"), r"take \[statics\]"),
+        (MOVING, ("[dynamics]", "[substructures]\n[dynamics]"), "by implicit steps"),
     ],
 )
 def test_a_refused_scene_says_what_and_where(tmp_path, text, pair, message):

@@ -1,7 +1,5 @@
 """Every term of the budget finds the error that was put in, and what is not known is said."""
 
-from pathlib import Path
-
 import numpy as np
 import pytest
 
@@ -177,13 +175,3 @@ def test_what_does_not_belong_together_is_refused():
     budget = error_budget(response, law)
     with pytest.raises(CaseError, match="budget has 8 steps, the dataset 7"):
         with_budget(law.isel(step=slice(1, None)), budget)
-
-
-def test_the_readme_route_runs(tmp_path, monkeypatch, capsys):
-    text = (Path(__file__).parents[2] / "README.md").read_text(encoding="utf-8")
-    blocks = [part.split("```")[0] for part in text.split("```python\n")[1:]]
-    (block,) = [part for part in blocks if "error_budget" in part]
-    monkeypatch.chdir(tmp_path)
-    exec(compile(block, "README.md", "exec"), {})
-    assert "cell size, scale separation" in capsys.readouterr().out
-    assert "*SURFACE BEHAVIOR" in (tmp_path / "rough_joint.inp").read_text()

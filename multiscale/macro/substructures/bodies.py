@@ -10,8 +10,8 @@ from scipy.spatial import cKDTree
 
 from multiscale.errors import CaseError
 from multiscale.laws.base import InterfaceLaw
-from multiscale.laws.bulk import Elastic
-from multiscale.macro.continuum.blocks import displacement_basis, face_areas, stiffness_matrix
+from multiscale.laws.bulk import AnisotropicElastic, Elastic
+from multiscale.macro.continuum.blocks import displacement_basis, elastic_matrix, face_areas
 from multiscale.macro.continuum.body import Body, fixed_motion, load_vector
 from multiscale.macro.substructures.problem import Interface, Problem, Substructure
 
@@ -134,8 +134,11 @@ def _parts(
     body: Body, index: int, owner: np.ndarray, number: np.ndarray, times: Sequence[float]
 ) -> list[Substructure]:
     """Substructures of one body."""
-    if not isinstance(body.law, Elastic):
-        raise CaseError(f"body {index} must be Elastic to be cut, got {type(body.law).__name__}")
+    if not isinstance(body.law, Elastic | AnisotropicElastic):
+        raise CaseError(
+            f"body {index} must be Elastic or AnisotropicElastic to be cut, "
+            f"got {type(body.law).__name__}"
+        )
     mesh = body.mesh
     if owner.shape != (mesh.t.shape[1],):
         raise CaseError(
@@ -155,7 +158,7 @@ def _parts(
             np.ascontiguousarray(np.searchsorted(nodes, mesh.t[:, elements])),
         )
         basis = displacement_basis(small, mesh.elem())
-        K = stiffness_matrix(basis, body.law.youngs_modulus, body.law.poissons_ratio)
+        K = elastic_matrix(basis, body.law)
         unknown = number[nodes].ravel()
         free = np.flatnonzero(unknown >= 0)
         parts.append(

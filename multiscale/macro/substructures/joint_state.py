@@ -47,7 +47,7 @@ def contact_state(joints: Sequence[Interface], result: "xr.Dataset") -> dict[str
     state = np.where(_slips(joints, result), SLIPS, STICKS)
     state = np.where(pressure <= OPEN * pressure.max(axis=1, keepdims=True), OPENED, state)
     failed = np.isnan(pressure)
-    largest = _at_points(joints, [_pressure_range(face.law)[1] for face in joints])
+    largest = _at_points(joints, "pressure_range", (0.0, np.inf))[:, 1]
     area = np.concatenate([face.weight for face in joints])
     share = area / area.sum()
 
@@ -55,6 +55,8 @@ def contact_state(joints: Sequence[Interface], result: "xr.Dataset") -> dict[str
         return np.asarray(np.where(failed, np.nan, where) @ share)
 
     return {
+        "gap": result["jump"].values[..., 0] + _at_points(joints, "gap", 0.0),
+        "point_damage": _at_points(joints, "damage", 0.0),
         "contact_state": np.where(failed, np.nan, state),
         "open_fraction": fraction(state == OPENED),
         "stick_fraction": fraction(state == STICKS),
@@ -153,13 +155,8 @@ def without_slip(law: InterfaceLaw, jump: np.ndarray) -> np.ndarray:
     return np.stack([tangent[i, i] for i in range(3)])
 
 
-def _pressure_range(law: InterfaceLaw | None) -> tuple[float, float]:
-    """Pressures of the data of a law, Pa."""
-    normal = law.normal if isinstance(law, Frictional) else law
-    smallest, largest = getattr(normal, "pressure_range", (0.0, np.inf))
-    return float(smallest), float(largest)
-
-
-def _at_points(joints: Sequence[Interface], value: Sequence[float]) -> np.ndarray:
-    """Give every point the value of its joint."""
-    return np.repeat(value, [face.weight.size for face in joints])
+def _at_points(joints: Sequence[Interface], name: str, default: Any) -> np.ndarray:
+    """Give every point what the normal law of its joint has of that name."""
+    laws = [face.law.normal if isinstance(face.law, Frictional) else face.law for face in joints]
+    values = np.array([getattr(law, name, default) for law in laws], dtype=float)
+    return np.repeat(values, [face.weight.size for face in joints], axis=0)
