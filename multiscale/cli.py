@@ -53,7 +53,7 @@ def run_command(
     from multiscale.errors import CaseError
     from multiscale.pipeline import load_sweep, requirements
 
-    if resume and not any((out / name).is_dir() for name in ("micro", "points")):
+    if resume and not any((out / name).is_dir() for name in ("micro", "plan", "points")):
         raise CaseError(f"{out} holds no run to resume; leave out --resume to begin one")
     sweep = load_sweep(case)
     if quick:
@@ -77,13 +77,17 @@ def _run_case(settings: "Case", out: Path, jobs: int, dask: str | None) -> None:
     with (
         logging_to(out / "log.txt"),
         _workers(jobs, dask) as executor,
-        _progress(settings.micro.realisations, "realisations") as progress,
+        _progress(
+            settings.micro.realisations, "realisations", settings.accuracy is None
+        ) as progress,
     ):
         results = run(settings, out, executor=executor, progress=progress)
     draw_figures(out)
     write_report(out)
     for caution in results.micro_response.attrs["cautions"].splitlines():
         typer.echo(f"caution: {caution}", err=True)
+    for line in results.macro_result.attrs.get("plan", "").splitlines():
+        typer.echo(line)
     _print_table(settings.title, HEAD, tabulate(results.macro_result))
     typer.echo(f"report, figures and datasets: {out}")
 
@@ -202,7 +206,7 @@ def bench_command(
     scenes: Annotated[
         list[str] | None,
         typer.Argument(
-            help="Families: joints, micro, nonsmooth, structures, substructures, damage; "
+            help="Families: damage, joints, micro, nonsmooth, structures, substructures; "
             "all if not given."
         ),
     ] = None,
@@ -295,8 +299,11 @@ def _leave_with_parent() -> None:
 
 
 @contextmanager
-def _progress(total: int, what: str) -> Iterator[Callable[[int], None]]:
+def _progress(total: int, what: str, shown: bool = True) -> Iterator[Callable[[int], None]]:
     """Show a bar on a terminal, a line for each step elsewhere; both with the time left."""
+    if not shown:
+        yield lambda finished: None
+        return
     if not sys.stderr.isatty():
         begin: list[tuple[int, float]] = []
 

@@ -6,9 +6,9 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from multiscale.errors import CaseError
-from multiscale.io import open_law
-from multiscale.laws import Damaged, Frictional
-from multiscale.laws.bulk import Elastic
+from multiscale.io import open_dataset, open_law
+from multiscale.laws import Damaged, Frictional, NormalLaw
+from multiscale.laws.bulk import AnisotropicElastic, Elastic
 from multiscale.macro import Body, cut_bodies, solve_latin
 from multiscale.macro.continuum import box_mesh
 from multiscale.macro.substructures import (
@@ -23,6 +23,7 @@ from multiscale.macro.substructures import (
     split_boxes,
     stacked_blocks,
 )
+from multiscale.pipeline.body_budget import with_joint_budget
 from multiscale.pipeline.body_settings import (
     JointLawSettings,
     LapJoint,
@@ -30,6 +31,7 @@ from multiscale.pipeline.body_settings import (
     StackedBlocks,
     Substructures,
 )
+from multiscale.schema import RVE_STIFFNESS
 from multiscale.upscaling import law_from_dataset
 
 if TYPE_CHECKING:
@@ -74,10 +76,20 @@ def solve_bodies(scene: "Scene", law: Path | None, team: Team | None = None) -> 
         return add_body_fields(result, [_make_plate(given)])
     assert isinstance(given, StackedBlocks | LapJoint)
     assert scene.loading is not None  # the scene has been validated
-    path = scene.loading
-    loading = JointLoading(path.preloads, path.shear or 0.0, path.cycles, path.steps)
-    assembly = make_assembly(scene, law)
+    loads, dataset = scene.loading, _open_law(scene, law)
+    loading = JointLoading(loads.preloads, loads.shear or 0.0, loads.cycles, loads.steps)
+    assembly = make_assembly(scene, law_from_dataset(dataset))
     result = load_joint(assembly, loading, parts=cut.parts, **options)
+    if "error_half_width" in dataset and result["converged"].values.all():
+
+        def stiffness(normal: NormalLaw, structure: StackedBlocks | LapJoint = given) -> Any:
+            changed = scene.model_copy(update={"structure": structure})
+            pressed = JointLoading(loads.preloads)
+            parts = make_assembly(changed, normal)
+            found = load_joint(parts, pressed, parts=cut.parts, **options)
+            return found["joint_stiffness"].to_numpy()
+
+        result = with_joint_budget(result, dataset, stiffness, given.coarser())
     return add_body_fields(result, assembly.bodies, damage=_damage(given))
 
 
@@ -85,24 +97,31 @@ def cut_scene(scene: "Scene", law: Path | None = None) -> Problem:
     """Cut the bodies of a scene; arguments as for :func:`solve_bodies`."""
     cut = scene.substructures or Substructures()
     if not isinstance(scene.structure, Plate):
-        return make_assembly(scene, law).cut(cut.parts)
+        return make_assembly(scene, law_from_dataset(_open_law(scene, law))).cut(cut.parts)
     plate = _make_plate(scene.structure)
     return cut_bodies([plate], [split_boxes(plate, (*cut.parts, 1))])
 
 
-def make_assembly(scene: "Scene", law: Path | None = None) -> RoughAssembly:
-    """Build the bodies and joints of a scene; arguments as for :func:`solve_bodies`."""
+def make_assembly(scene: "Scene", normal: NormalLaw) -> RoughAssembly:
+    """Build the bodies and joints of a scene, whose sound joints have a normal law."""
     given, joint = scene.structure, scene.joint
     assert isinstance(given, StackedBlocks | LapJoint)
     assert joint is not None
-    laws = _laws(joint, given.joints, law)
-    E, nu = given.youngs_modulus, given.poissons_ratio
-    materials = [Elastic((1.0 - D) * E, nu) for D in _damage(given)]
+    laws = _laws(joint, given.joints, normal)
+    materials = [_material(given, 1.0 - D) for D in _damage(given)]
     if isinstance(given, StackedBlocks):
         return stacked_blocks(given.size, given.elements, materials, laws)
     names = ("length", "width", "thickness", "overlap", "hole", "washer", "element", "layers")
     shape = LapShape(**{name: getattr(given, name) for name in names})
-    return lap_joint(shape, (materials[0], materials[1]), laws[0])
+    return lap_joint(shape, materials, laws[0])
+
+
+def _material(given: StackedBlocks | LapJoint, share: float) -> Elastic | AnisotropicElastic:
+    """Return the elasticity of a block of which damage has left a share."""
+    if given.stiffness is None:
+        return Elastic(share * given.youngs_modulus, given.poissons_ratio)
+    found = open_dataset(given.stiffness, RVE_STIFFNESS)
+    return AnisotropicElastic(share * found["stiffness"].values)
 
 
 def _damage(given: StackedBlocks | LapJoint) -> tuple[float, ...]:
@@ -110,15 +129,19 @@ def _damage(given: StackedBlocks | LapJoint) -> tuple[float, ...]:
     return given.damage or (0.0,) * (given.joints + 1)
 
 
-def _laws(joint: JointLawSettings, count: int, law: Path | None) -> list[Frictional]:
-    """Law of every joint: the fitted one, less its damage, with friction."""
-    path = law or joint.law
+def _open_law(scene: "Scene", law: Path | None) -> "xr.Dataset":
+    """Open the law that is given or that the scene names."""
+    path = law or (scene.joint.law if scene.joint else None)
     if path is None:
         raise CaseError(
             "the scene has joints but no law: name a file by [joint] law or by --law, such as the "
             "interface_law.nc of a run"
         )
-    sound = law_from_dataset(open_law(path))
+    return open_law(path)
+
+
+def _laws(joint: JointLawSettings, count: int, sound: NormalLaw) -> list[Frictional]:
+    """Law of every joint: the fitted one, less its damage, with friction."""
     return [
         Frictional(Damaged(sound, D) if D else sound, joint.friction, joint.stiffness_ratio)
         for D in joint.damage or (0.0,) * count

@@ -6,6 +6,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from multiscale.io import make_folder
+from multiscale.plotting.budget import plot_error_budget
 from multiscale.plotting.figure import axes_or_current, new_figure, save_figure
 
 if TYPE_CHECKING:
@@ -97,7 +98,7 @@ def plot_hysteresis(result: "xr.Dataset", *, ax: "Axes | None" = None) -> "Axes"
 
 
 def draw_joint(result: "xr.Dataset", folder: Path) -> list[Path]:
-    """Draw the figures of a joint into a folder: contact zones, pressure, and loop if cycled.
+    """Draw the figures of a joint into a folder: zones, pressure, loop if cycled, error budget.
 
     Zones are drawn where most of the area slips.
 
@@ -116,6 +117,8 @@ def draw_joint(result: "xr.Dataset", folder: Path) -> list[Path]:
     }
     if "cycle_energy" in result:
         draw["hysteresis"] = lambda ax: plot_hysteresis(result, ax=ax)
+    if "error_total" in result:
+        draw["error_budget"] = lambda ax: plot_error_budget(result, ax=ax)
     for name, plot in draw.items():
         figure = new_figure()
         plot(figure.add_subplot())  # type: ignore[no-untyped-call]

@@ -90,9 +90,9 @@ def solve_latin(
     -----
     Each iteration is a *local stage*, one scalar projection for each link and a mean for each
     interface, and a *linear stage*, one solve for each substructure with factors that last
-    until the status of a link or joint changes, and one coarse solve. Anderson acceleration combines
-    the last iterates. One process with :func:`multiscale.macro.solve_static` is faster at every
-    size that fits it.
+    until the status of a link or joint changes, and one coarse solve. Anderson acceleration
+    combines the last iterates. One process with :func:`multiscale.macro.solve_static` is faster
+    at every size that fits it.
 
     References
     ----------
