@@ -37,8 +37,11 @@ def body_stiffness(problem: Problem, joint: Interface) -> tuple[float, float]:
 
 
 def law_stiffness(law: InterfaceLaw, jump: np.ndarray, state: np.ndarray) -> np.ndarray:
-    """Diagonal of the tangent of a law, alike for both tangents, shape (3, points), Pa/m."""
-    tangent = law.respond(jump, state).tangent
+    """Diagonal of the tangent of a law, alike for both tangents, shape (3, points), Pa/m.
+
+    It is infinite where the jump does not tell the traction, as in rigid contact.
+    """
+    tangent = np.nan_to_num(law.respond(jump, state).tangent, nan=np.inf, posinf=np.inf)
     shear = np.maximum(tangent[1, 1], tangent[2, 2])
     return np.stack([tangent[0, 0], shear, shear])
 

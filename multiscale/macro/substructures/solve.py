@@ -57,12 +57,13 @@ def solve_latin(
         Whether a coarse problem balances the resultants of the interfaces in every iteration.
         Without it the number of iterations grows with the number of substructures.
     updated : bool
-        Whether the search directions follow the status of the links.
+        Whether the search directions follow the status of the links and the laws of joints.
     tolerance : float
         Of the tensions, in the norm of :math:`k^{-1}` relative to their change from the
         prestress. The change in an iteration decides, which is heuristic; ``error_bound`` is
         guaranteed where all is links whose prestress holds itself, and cannot fall below some
-        1e-7, because the tensions of slack links are only zero to rounding.
+        1e-7, because the tensions of slack links are only zero to rounding. With joints there
+        is ``error_indicator``, a heuristic one: friction has no bound.
     max_iterations : int
         Iteration limit of a step.
     team : Team, optional
@@ -82,14 +83,16 @@ def solve_latin(
     ------
     CaseError
         If load factors do not fit the load cases.
+    MultiscaleError
+        If the whole structure can move without resistance.
 
     Notes
     -----
     Each iteration is a *local stage*, one scalar projection for each link and a mean for each
     interface, and a *linear stage*, one solve for each substructure with factors that last
-    until the status of a link changes, and one coarse solve. Anderson acceleration combines
-    the last iterates. One process with :func:`multiscale.macro.solve_static` is faster at every
-    size that fits it.
+    until the status of a link or joint changes, and one coarse solve. Anderson acceleration
+    combines the last iterates. One process with :func:`multiscale.macro.solve_static` is faster
+    at every size that fits it.
 
     References
     ----------
