@@ -21,6 +21,9 @@ WORK_PRECISION = Schema(
         "slack_fraction": Variable(("run",), "1", "share of the cables that are slack"),
         "residual": Variable(("run",), "1", "relative residual, verified in the answer"),
         "own_error": Variable(("run",), "1", "relative error against the limit of the method"),
+        "effectivity": Variable(
+            ("run",), "1", "estimated over true error; heuristic with friction"
+        ),
         "error_uncertainty": Variable(("run",), "1", "uncertainty of the reference"),
         "contact_error": Variable(("run",), "1", "relative error of the contact fraction"),
         "own_contact_error": Variable(
