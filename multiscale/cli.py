@@ -206,7 +206,8 @@ def bench_command(
     scenes: Annotated[
         list[str] | None,
         typer.Argument(
-            help="Families: micro, nonsmooth, structures, substructures, damage; all if not given."
+            help="Families: damage, joints, micro, nonsmooth, structures, substructures; "
+            "all if not given."
         ),
     ] = None,
     out: Annotated[Path, typer.Option("-o", "--out", help="Folder to write to.")] = Path("bench"),

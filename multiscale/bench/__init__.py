@@ -25,6 +25,12 @@ def _nonsmooth(quick: bool, report: Callable[[str], None]) -> "xr.Dataset":
     return bench_nonsmooth(quick=quick, report=report)
 
 
+def _joints(quick: bool, report: Callable[[str], None]) -> "xr.Dataset":
+    from multiscale.bench.joints import bench_joints
+
+    return bench_joints(quick=quick, report=report)
+
+
 def _structures(quick: bool, report: Callable[[str], None]) -> "xr.Dataset":
     from multiscale.bench.structures import bench_structures
 
@@ -44,6 +50,7 @@ def _substructures(quick: bool, report: Callable[[str], None]) -> "xr.Dataset":
 
 
 SCENES: dict[str, Scene] = {
+    "joints": _joints,
     "micro": _micro,
     "nonsmooth": _nonsmooth,
     "structures": _structures,

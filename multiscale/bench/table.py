@@ -18,6 +18,7 @@ COLUMNS: Mapping[str, tuple[str, str, float]] = {
     "residual": ("residual", ".1e", 1),
     "error": ("error", ".1e", 1),
     "own_error": ("own error", ".1e", 1),
+    "effectivity": ("effectivity", ".2g", 1),
 }
 """Heading, format and factor of each variable."""
 

@@ -6,9 +6,9 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from multiscale.errors import CaseError
-from multiscale.io import open_law
+from multiscale.io import open_dataset, open_law
 from multiscale.laws import Damaged, Frictional, NormalLaw
-from multiscale.laws.bulk import Elastic
+from multiscale.laws.bulk import AnisotropicElastic, Elastic
 from multiscale.macro import Body, cut_bodies, solve_latin
 from multiscale.macro.continuum import box_mesh
 from multiscale.macro.substructures import (
@@ -31,6 +31,7 @@ from multiscale.pipeline.body_settings import (
     StackedBlocks,
     Substructures,
 )
+from multiscale.schema import RVE_STIFFNESS
 from multiscale.upscaling import law_from_dataset
 
 if TYPE_CHECKING:
@@ -107,13 +108,20 @@ def make_assembly(scene: "Scene", normal: NormalLaw) -> RoughAssembly:
     assert isinstance(given, StackedBlocks | LapJoint)
     assert joint is not None
     laws = _laws(joint, given.joints, normal)
-    E, nu = given.youngs_modulus, given.poissons_ratio
-    materials = [Elastic((1.0 - D) * E, nu) for D in _damage(given)]
+    materials = [_material(given, 1.0 - D) for D in _damage(given)]
     if isinstance(given, StackedBlocks):
         return stacked_blocks(given.size, given.elements, materials, laws)
     names = ("length", "width", "thickness", "overlap", "hole", "washer", "element", "layers")
     shape = LapShape(**{name: getattr(given, name) for name in names})
-    return lap_joint(shape, (materials[0], materials[1]), laws[0])
+    return lap_joint(shape, materials, laws[0])
+
+
+def _material(given: StackedBlocks | LapJoint, share: float) -> Elastic | AnisotropicElastic:
+    """Return the elasticity of a block of which damage has left a share."""
+    if given.stiffness is None:
+        return Elastic(share * given.youngs_modulus, given.poissons_ratio)
+    found = open_dataset(given.stiffness, RVE_STIFFNESS)
+    return AnisotropicElastic(share * found["stiffness"].values)
 
 
 def _damage(given: StackedBlocks | LapJoint) -> tuple[float, ...]:

@@ -100,6 +100,9 @@ class StackedBlocks(Settings):
     damage : list of numbers
         Of every block, from below: its stiffness is that of the sound one times 1 - D. All are
         sound if not given.
+    stiffness : path
+        An ``rve_stiffness`` dataset, relative to the scene file: sound blocks have its whole
+        tensor in place of both moduli.
     """
 
     kind: Literal["stacked_blocks"]
@@ -109,6 +112,7 @@ class StackedBlocks(Settings):
     youngs_modulus: Pressure
     poissons_ratio: Ratio
     damage: tuple[Damage, ...] = ()
+    stiffness: Path | None = None
 
     @property
     def joints(self) -> int:
@@ -152,6 +156,8 @@ class LapJoint(Settings):
     poissons_ratio : number
     damage : list of numbers
         Of the lower and the upper plate; see :class:`StackedBlocks`.
+    stiffness : path
+        Of both plates; see :class:`StackedBlocks`.
     """
 
     kind: Literal["lap_joint"]
@@ -166,6 +172,7 @@ class LapJoint(Settings):
     youngs_modulus: Pressure
     poissons_ratio: Ratio
     damage: tuple[Damage, ...] = ()
+    stiffness: Path | None = None
 
     @property
     def joints(self) -> int:

@@ -82,7 +82,10 @@ def load_scene(path: str | Path) -> Scene:
     if path.is_dir():
         raise CaseError(f"{path} is a folder; give the scene file in it")
     content = read_toml(path)
-    for table, keys in (("structure", ("nodes", "links", "file")), ("joint", ("law",))):
+    for table, keys in (
+        ("structure", ("nodes", "links", "file", "stiffness")),
+        ("joint", ("law",)),
+    ):
         given = content.get(table)
         for key in keys:
             if isinstance(given, dict) and isinstance(given.get(key), str):

@@ -49,6 +49,11 @@ MACRO_RESULT = Schema(
         "error_bound": Variable(
             ("step",), "1", "guaranteed bound on the error of the tensions relative to their change"
         ),
+        "error_indicator": Variable(
+            ("step",),
+            "1",
+            "heuristic indicator, no bound, of the error of joints relative to their forces",
+        ),
         "tangent_eigenvalue": Variable(("step",), "N m-1", "smallest eigenvalue of the tangent"),
         "stability_eigenvalue": Variable(
             ("step",), "N m-1", "smallest eigenvalue with the geometric stiffness"

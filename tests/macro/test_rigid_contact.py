@@ -1,10 +1,7 @@
 """Unilateral contact with Coulomb friction between substructures, against a solver of its own."""
 
-from dataclasses import replace
-
 import numpy as np
 import pytest
-from scipy.sparse import csr_array
 from scipy.sparse.linalg import splu
 
 from multiscale.errors import CaseError
@@ -43,21 +40,7 @@ def console(law, parts, push=1.5e6):
     )
     owners = [split_boxes(body, (parts, 1, 1)) for body in (lower, upper)]
     joint = Joint((0, 1), ("top", "bottom"), law)
-    problem = cut_bodies([lower, upper], owners, [joint])
-    return replace(problem, joints=tuple(one_point_each(face) for face in problem.joints))
-
-
-def one_point_each(face):
-    """Take the four points of a facet as one: pressures at more points than nodes are not unique,
-    and with them neither is slip."""
-    facets = face.weight.size // 4
-    mean = csr_array(np.kron(np.eye(3 * facets), np.full((1, 4), 0.25)))
-    return replace(
-        face,
-        trace=tuple(csr_array(mean @ trace) for trace in face.trace),
-        weight=face.weight.reshape(-1, 4).sum(axis=1),
-        position=face.position.reshape(-1, 4, 3).mean(axis=1),
-    )
+    return cut_bodies([lower, upper], owners, [joint])
 
 
 @pytest.mark.parametrize(
@@ -65,7 +48,7 @@ def one_point_each(face):
     [
         pytest.param(0.0, 1.5e6, id="frictionless"),
         pytest.param(0.3, 1.5e6, id="slides"),
-        pytest.param(0.3, 0.6e6, id="sticks"),
+        pytest.param(0.3, 0.6e6, id="sticks-in-part"),
     ],
 )
 @pytest.mark.parametrize("gap", [0.0, 2e-8])
@@ -91,7 +74,8 @@ def test_blocks_that_press_slide_and_gape_are_those_of_the_condensed_problem(
     assert 0 < np.count_nonzero(touching) < points, "some points must be open"
 
     sliding = np.hypot(force[1::3], force[2::3])[touching] > 0.999 * friction * force[::3][touching]
-    assert np.all(sliding == (friction > 0.0 and push > 1e6))
+    assert np.all(sliding) == (friction > 0.0 and push > 1e6)
+    assert np.any(sliding) == (friction > 0.0)
 
     result = solve_latin(problem, tolerance=1e-8)
     assert result.converged == 1

@@ -9,11 +9,11 @@ from typer.testing import CliRunner
 
 from multiscale.cli import app
 from multiscale.errors import CaseError, SchemaError
-from multiscale.io import open_dataset, open_law, save_law
+from multiscale.io import open_dataset, open_law, save_law, write_dataset
 from multiscale.macro import solve_static, tensegrity_grid
 from multiscale.pipeline import load_scene, run_scene
 from multiscale.reference.joint import series
-from multiscale.schema import HOMOGENISED, MACRO_RESULT
+from multiscale.schema import HOMOGENISED, MACRO_RESULT, RVE_STIFFNESS
 from multiscale.upscaling import law_from_dataset
 from tests.support import write_law
 
@@ -141,6 +141,28 @@ def test_the_law_of_the_command_comes_before_that_of_the_scene(blocks, tmp_path)
     last = done.output.splitlines()[3].split()
     assert float(last[0]) == 20.0
     assert float(last[1]) == pytest.approx(1e-12 * expected[1], rel=1e-3)
+
+
+def test_blocks_have_the_tensor_of_a_representative_volume(blocks):
+    along_z = 0.4 * 210e9
+    names = ["xx", "yy", "zz", "yz", "xz", "xy"]
+    values = {
+        "stiffness": np.diag([150e9, 120e9, along_z, 60e9, 50e9, 40e9]),
+        "strain": names,
+        "other_strain": names,
+        "normal": np.eye(3),
+        "modulus_ratio": np.array([150e9, 120e9, along_z]) / 210e9,
+        "damage": np.zeros(3),
+        "porosity": 0.2,
+    }
+    folder = blocks.parent
+    write_dataset(RVE_STIFFNESS.build(values), folder / "rve.nc", RVE_STIFFNESS)
+    given = 'poissons_ratio = 0\nstiffness = "rve.nc"\ndamage = [0.3, 0]'
+    scene = load_scene(write(folder, BLOCKS, ("poissons_ratio = 0", given)))
+    run_scene(scene, folder / "out.nc")
+    found = open_dataset(folder / "out.nc", MACRO_RESULT)
+    expected = expected_stiffness(folder / "law.nc", [5e6, 20e6], (0.72, 0.0, 0.6))
+    np.testing.assert_allclose(found["joint_stiffness"], expected, rtol=1e-6)
 
 
 def test_damage_of_blocks_and_joints_enters_their_springs(tmp_path):

@@ -17,10 +17,14 @@ __all__ = [
     "box_mesh",
     "displacement_basis",
     "elastic_matrix",
+    "face_areas",
     "face_operator",
     "face_unknowns",
     "stiffness_matrix",
 ]
+
+ROUNDING = 1e-12
+"""Areas below this share of the largest are rounding."""
 
 
 def box_mesh(
@@ -256,6 +260,42 @@ def face_operator(
         (values.ravel(), (rows.ravel(), columns.ravel())), shape=(weight.size, basis.N)
     )
     return operator, weight.ravel(), position.reshape(position.shape[0], -1)
+
+
+def face_areas(basis: "CellBasis", boundary: str) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    r"""Area that every node of a face stands for: quadrature at the nodes.
+
+    Parameters
+    ----------
+    basis : CellBasis
+        Of a scalar element of first order.
+    boundary : str
+        Name of a boundary of the mesh.
+
+    Returns
+    -------
+    node, facet : ndarray of int, shape (corners,)
+        Unknown and facet, counted in the boundary, of every corner of a facet.
+    area : ndarray, shape (corners,)
+        :math:`\int \varphi` over the facet, with the shape function :math:`\varphi` of the
+        corner, m² (m in two dimensions).
+
+    Raises
+    ------
+    CaseError
+        If the mesh has no boundary of that name.
+
+    References
+    ----------
+    .. [1] J. C. J. Schellekens, R. de Borst, Int. J. Numer. Methods Eng. 36 (1993) 43-66,
+       doi:10.1002/nme.1620360104: tractions of stiff interfaces oscillate with Gauss points, and
+       do not with points at the nodes.
+    """
+    _check_boundary(basis, boundary)
+    face = FacetBasis(basis.mesh, basis.elem, facets=boundary, intorder=2, dofs=basis.dofs)
+    area = np.stack([(np.asarray(field[0]) * face.dx).sum(axis=1) for field in face.basis])
+    local, facet = np.nonzero(area > ROUNDING * area.max())  # nodes off the face have no area
+    return face.element_dofs[local, facet], facet, area[local, facet]
 
 
 def _interleave(blocks: Sequence[Sequence[Any]]) -> csr_array:

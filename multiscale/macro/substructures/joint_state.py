@@ -15,7 +15,7 @@ from multiscale.macro.substructures.stack import Factors
 if TYPE_CHECKING:
     import xarray as xr
 
-__all__ = ["OPENED", "SLIPS", "STICKS", "cautions", "contact_state", "stiffness"]
+__all__ = ["OPENED", "SLIPS", "STICKS", "cautions", "contact_state", "stiffness", "without_slip"]
 
 OPENED, STICKS, SLIPS = 0, 1, 2
 """States of a point of a joint."""
@@ -100,7 +100,7 @@ def stiffness(
         jump = result["jump"].values[step].T
         k = np.concatenate(
             [
-                _without_slip(face.law, jump[:, first:last])
+                without_slip(face.law, jump[:, first:last])
                 for face, first, last in zip(joints, at[:-1], at[1:], strict=True)
                 if face.law is not None
             ],
@@ -146,7 +146,7 @@ def _slips(joints: Sequence[Interface], result: "xr.Dataset") -> np.ndarray:
     return np.concatenate(found, axis=1)
 
 
-def _without_slip(law: InterfaceLaw, jump: np.ndarray) -> np.ndarray:
+def without_slip(law: InterfaceLaw, jump: np.ndarray) -> np.ndarray:
     """Diagonal of the tangent about a jump at which nothing slips, shape (3, points), Pa/m."""
     state = np.zeros((law.n_state, jump.shape[1]))
     if isinstance(law, Frictional):

@@ -289,7 +289,7 @@ def test_the_order_of_blocks_matters_little_when_they_are_short():
 
 @pytest.mark.parametrize("tolerance", [0.02, None])
 def test_a_million_cycles(tolerance):
-    amplitude = LIMIT * (1.0 + 2.35e-5)
+    amplitude = LIMIT * (1.0 + 2.3e-4)
     # the stress keeps its direction and the energy is quadratic in it: one step is exact
     found = two_scale_fatigue(
         reversed_stress(amplitude), PLAIN, jump_tolerance=tolerance, substeps=1
@@ -297,7 +297,7 @@ def test_a_million_cycles(tolerance):
     plastic = plastic_strain_per_cycle(amplitude, E, NU, LIMIT)
     damage = damage_per_cycle(amplitude, E, NU, LIMIT, STRENGTH)
     expected = reversed_life(plastic, damage, 0.05, 0.3)
-    assert expected > 1e6
+    assert 1e6 < expected < 1.1e6
     assert float(found["cycles_to_rupture"]) == pytest.approx(expected, rel=1e-3)
 
 

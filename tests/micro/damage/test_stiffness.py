@@ -180,9 +180,9 @@ def test_the_stiffness_has_the_square_of_the_tolerance_as_error():
 def test_voxels_need_not_be_cubes():
     """An ellipsoid in a flat box, on voxels of three different edges."""
     rve = Cavities((1.0, 2.0, 0.5), [ellipsoids([[0.5, 1.0, 0.25]], [0.3, 0.5, 0.15])])
-    cubes = ratio(effective_stiffness(voxelise(rve, (64, 128, 32)), E, NU))
-    bricks = ratio(effective_stiffness(voxelise(rve, (48, 64, 64)), E, NU))
-    assert bricks == pytest.approx(cubes, abs=5e-3)
+    cubes = ratio(effective_stiffness(voxelise(rve, (40, 80, 20)), E, NU))
+    bricks = ratio(effective_stiffness(voxelise(rve, (32, 40, 40)), E, NU))
+    assert bricks == pytest.approx(cubes, abs=1e-2)
     # the same numbers in another unit of length
     image = voxelise(rve, (12, 16, 16))
     small = VoxelImage(image.void, tuple(1e-9 * length for length in image.size))
@@ -383,7 +383,7 @@ def test_cracks_may_meet_what_is_there(gmsh, others):
     rve = Cavities(CUBE, [penny_cracks(MIDDLE, (0, 0, 1), 0.3), *others])
     found = ratio(mesh_stiffness(rve, E, NU, element_size=0.4))
     # voxels of a crack are a slit of their thickness
-    assert found == pytest.approx(ratio(effective_stiffness(voxelise(rve, 49), E, NU)), abs=0.02)
+    assert found == pytest.approx(ratio(effective_stiffness(voxelise(rve, 33), E, NU)), abs=0.03)
     alone = ratio(mesh_stiffness(Cavities(CUBE, rve.bodies[:1]), E, NU, element_size=0.4))
     assert np.all(found < alone + 1e-3)
 
