@@ -235,6 +235,8 @@ def _evaluate(
     trial = pressure - scene.weights[0] * meeting.gap
     if active is None:
         active = trial > 0.0
+        if target.load and not active.any():  # something has to carry it
+            active = trial == trial.max()
     iterate = _Iterate(
         scene,
         target,

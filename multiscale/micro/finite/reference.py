@@ -21,7 +21,7 @@ from multiscale.micro.lateral_fft import LateralInverse, filter_surface
 
 __all__ = ["Constraint", "Reference"]
 
-_INNER = 1e-6
+_INNER = 1e-4  # the Krylov method allows for it
 _LIMIT = 200
 
 Field = np.ndarray
