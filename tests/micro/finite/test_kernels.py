@@ -165,9 +165,9 @@ def test_elements_that_fold_are_reported():
 
 
 def test_mean_dilatation_does_not_lock():
-    """A nearly incompressible block under a sinusoidal pressure answers as the coarse one should."""
+    """A coarse, nearly incompressible block answers a wave of pressure like a fine one."""
     answers = {}
-    for layers, mean in ((8, True), (8, False), (32, True)):
+    for layers, mean in ((6, True), (6, False), (14, True)):
         n = 2 * layers
         flat = Surface(np.zeros((n, 1)), (1.0, 1.0 / n))
         mesh = GraphMesh(flat, np.linspace(0.0, 0.5, layers + 1))
@@ -180,8 +180,8 @@ def test_mean_dilatation_does_not_lock():
         held = np.arange(3 * n * layers) % 3 != 1  # plane strain
         moved = np.linalg.solve(matrix[np.ix_(held, held)], load.ravel()[held])
         answers[layers, mean] = float(load.ravel()[held] @ moved) / flat.spacing[1]
-    assert answers[8, True] == pytest.approx(answers[32, True], rel=0.06)
-    assert answers[8, False] < 0.8 * answers[32, True]
+    assert answers[6, True] == pytest.approx(answers[14, True], rel=0.1)
+    assert answers[6, False] < 0.8 * answers[14, True]
 
 
 def unit_vectors(shape):
