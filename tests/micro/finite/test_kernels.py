@@ -164,6 +164,7 @@ def test_elements_that_fold_are_reported():
     assert np.all(np.isfinite(response.force))
 
 
+@pytest.mark.slow
 def test_mean_dilatation_does_not_lock():
     """A coarse, nearly incompressible block answers a wave of pressure like a fine one."""
     answers = {}
