@@ -8,7 +8,7 @@ __all__ = ["cell_needs"]
 
 _LANES = 32  # elements along y in one batch of the kernels
 _KRYLOV = 15  # directions, each with its image
-_VECTORS = 10  # displacement-sized arrays alive at the peak of a contact solve
+_VECTORS = 9  # displacement-sized arrays alive at the peak of a contact solve
 
 
 def cell_needs(
