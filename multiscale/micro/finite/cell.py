@@ -10,6 +10,7 @@ from multiscale.micro.finite.large_strain import large_strain_body
 from multiscale.micro.finite.newton import Scene
 from multiscale.micro.finite.obstacle import Obstacle
 from multiscale.micro.finite.reference import Reference
+from multiscale.micro.graph_cell import surface_slopes
 from multiscale.micro.lateral_fft import factorise_flat_cell
 from multiscale.micro.mesh import GraphMesh, graded_planes
 from multiscale.micro.operator import stiffness_operator
@@ -28,9 +29,7 @@ def make_scene(cell: Cell) -> Scene:
     inverse = factorise_flat_cell(
         (nx, ny), spacing, mesh.planes, *cell.layer_moduli, mean_dilatation=soft
     )
-    slopes = None
-    if soft:
-        slopes = tuple(np.gradient(surface.heights, h, axis=k) for k, h in enumerate(spacing))
+    slopes = surface_slopes(surface.heights, spacing) if soft else None
     symbols = inverse.surface_compliance
     own = float(fft.irfft2(symbols[0], s=(nx, ny))[0, 0])
     return Scene(

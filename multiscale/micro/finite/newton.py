@@ -37,6 +37,7 @@ LARGEST_SHARE = 0.9999
 HALVINGS = 7
 FORCING = (1e-3, 0.1)
 DIVERGED = 30.0
+PATIENCE = 12  # iterations in which the error has to halve
 LEAST_SPRING = 0.3 / 1.3  # share of the bound above which a spring helps the preconditioner
 UNLOADED = 1e-3  # of the largest contact forces so far, below which forces are measured by them
 
@@ -164,6 +165,11 @@ def solve_increment(
             status = Status.CONVERGED
             break
         if len(residuals) > 5 and now.error > DIVERGED * min(residuals):
+            status = Status.STALLED
+            break
+        if len(residuals) > PATIENCE and (
+            min(residuals[-PATIENCE:]) > 0.5 * min(residuals[:-PATIENCE])
+        ):
             status = Status.STALLED
             break
         before = residuals[-2] if len(residuals) > 1 else np.inf
