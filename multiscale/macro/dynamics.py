@@ -20,6 +20,7 @@ from multiscale.macro.discrete.system import LinkSystem
 from multiscale.macro.discrete.tangent import Tangent, prepare_tangent
 from multiscale.macro.energy import EnergyStep, account
 from multiscale.macro.line_search import step_length
+from multiscale.macro.mean_tension import mean_tension
 from multiscale.macro.time_series import failed_step, join_times
 from multiscale.nonsmooth import solve_lcp
 
@@ -83,13 +84,14 @@ def simulate(
     A step of size h from :math:`(u^-, v^-)` solves
 
     .. math::
-        M (v^+ - v^-) + h B^T \tau_\theta = h F_\theta, \qquad
+        M (v^+ - v^-) + h B^T \bar\tau = h F_\theta, \qquad
         u^+ = u^- + h (\theta v^+ + (1 - \theta) v^-),    \tag{1}
 
     with :math:`x_\theta = \theta x^+ + (1 - \theta) x^-`, (9) of the source for
-    :math:`\theta = 1`. Extensible links enter by a semismooth Newton method, whose matrix
-    :math:`M + \theta^2 h^2 B^T k B` is positive definite whatever is slack. Inextensible links
-    carry impulses :math:`\pi`: with the others condensed, (11) of the source,
+    :math:`\theta = 1`. The tension :math:`\bar\tau` of the step wins no energy, whatever goes
+    slack and however large the step is; :math:`\theta = 1/2` loses none. It enters by a
+    semismooth Newton method, whose matrix is positive definite. Inextensible links carry
+    impulses :math:`\pi`: with the others condensed, with :math:`\tau_\theta`, (11) of the source,
 
     .. math::
         0 \le \pi \perp -\left( \eta^+ + e^- / h \right) \ge 0,    \tag{2}
@@ -129,12 +131,15 @@ def simulate(
     return join_times(system, rows)
 
 
-Gradient = Callable[[np.ndarray], tuple[np.ndarray, np.ndarray]]
+Gradient = Callable[[np.ndarray], tuple[np.ndarray, np.ndarray, np.ndarray]]
 
 
 @dataclass(frozen=True)
 class _State:
-    """What is known at a time, after a step; inextensible links have an impulse for a tension."""
+    """What is known at a time, after a step of which ``mean`` is the tension.
+
+    Inextensible links have an impulse for a tension.
+    """
 
     time: float
     step: float
@@ -144,6 +149,7 @@ class _State:
     support: np.ndarray
     tension: np.ndarray
     impulse: np.ndarray
+    mean: np.ndarray
 
 
 @dataclass(frozen=True)
@@ -174,7 +180,8 @@ class _Scheme:
             u, v = ((np.asarray(given, dtype=float) * self.model.unit)[free] for given in start)
         support = self.support(time)
         e = self.model.elongate(u) + support
-        return _State(time, np.inf, u, v, e, support, self.tension(e), np.zeros_like(e))
+        tension = self.tension(e)
+        return _State(time, np.inf, u, v, e, support, tension, np.zeros_like(e), tension)
 
     def support(self, time: float) -> np.ndarray:
         """Elongation of the links that the motion of the supports alone brings, m."""
@@ -213,49 +220,55 @@ class _Scheme:
         moved = support - old.support
         drift = old.elongation + moved + h * (1.0 - theta) * self.model.elongate(old.v)
         push = self.mass * old.v + h * (
-            theta * self.load(time)
-            + (1.0 - theta) * (self.load(old.time) - self.model.gather(old.tension))
+            theta * self.load(time) + (1.0 - theta) * self.load(old.time)
         )
         if self.extensible.all():
-            v, residual, status = self._newton(h * theta, old.v, drift, push)
+            v, mean, residual, status = self._newton(h, old, drift, push)
             impulse = np.zeros_like(drift)
         else:
             v, impulse, residual, status = self._impulses(h, old, drift, moved / h, push)
+            mean = impulse / h
         u = old.u + h * (theta * v + (1.0 - theta) * old.v)
         e = self.model.elongate(u) + support
-        return _State(time, h, u, v, e, support, self.tension(e), impulse), residual, status
+        tension = self.tension(e)
+        if not self.extensible.all():
+            mean = np.where(self.extensible, theta * tension + (1.0 - theta) * old.tension, mean)
+        return _State(time, h, u, v, e, support, tension, impulse, mean), residual, status
 
     def _newton(
-        self, step: float, v: np.ndarray, drift: np.ndarray, push: np.ndarray
-    ) -> tuple[np.ndarray, float, Status]:
-        """Solve M v + s B^T tau(drift + s B v) = push: the gradient of a convex function of v."""
+        self, h: float, old: _State, drift: np.ndarray, push: np.ndarray
+    ) -> tuple[np.ndarray, np.ndarray, float, Status]:
+        """Solve M v + h B^T tau(drift + s B v) = push: the gradient of a convex function of v."""
         model, scale = self.model, float(np.abs(push).max(initial=0.0)) or 1.0
-        rounding = 8.0 * np.finfo(float).eps * step * float(model.stiffness.max())
+        step = h * self.theta
+        rounding = 8.0 * np.finfo(float).eps * h * float(model.stiffness.max())
+        before = model.prestress + model.stiffness * old.elongation
 
-        def gradient(velocity: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-            tension = self.tension(drift + step * model.elongate(velocity))
-            return self.mass * velocity + step * model.gather(tension) - push, tension
+        def gradient(velocity: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+            after = model.prestress + model.stiffness * (drift + step * model.elongate(velocity))
+            tension, slope = mean_tension(before, after, model.lower, model.upper, self.theta)
+            return self.mass * velocity + h * model.gather(tension) - push, tension, slope
 
-        residual, tension = gradient(v)
+        v = old.v
+        residual, tension, slope = gradient(v)
         for _ in range(MAX_ITERATIONS):
-            size = max(scale, step * float(np.abs(tension).max(initial=0.0)))
+            size = max(scale, h * float(np.abs(tension).max(initial=0.0)))
             error = float(np.abs(residual).max(initial=0.0)) / size
             cancelling = np.abs(drift) + step * np.abs(model.elongate(v))
             unavoidable = rounding * float(cancelling.max()) / size
             if not np.isfinite(error):
-                return v, error, Status.NOT_FINITE
+                return v, tension, error, Status.NOT_FINITE
             if error <= max(TOLERANCE, unavoidable):
-                return v, error, Status.CONVERGED
-            carries = (tension > model.lower) & (tension < model.upper)
-            solve = self._factorise(step, np.where(carries, model.stiffness, 0.0))
+                return v, tension, error, Status.CONVERGED
+            solve = self._factorise(h * step * slope * model.stiffness)
             dv = -solve(residual)
             v = v + step_length(partial(_slope, gradient, v, dv), float(dv @ residual)) * dv
-            residual, tension = gradient(v)
-        return v, error, Status.MAX_ITERATIONS
+            residual, tension, slope = gradient(v)
+        return v, tension, error, Status.MAX_ITERATIONS
 
-    def _factorise(self, step: float, stiffness: np.ndarray) -> Solve:
-        """Factors of M + s^2 B^T k B."""
-        entries = self.tangent.entries(step**2 * stiffness)
+    def _factorise(self, stiffness: np.ndarray) -> Solve:
+        """Factors of M + B^T k B, with the stiffness times squared steps, kg."""
+        entries = self.tangent.entries(stiffness)
         entries[self.tangent.diagonal] += self.mass
         return self.tangent.factorise(entries)
 
@@ -266,7 +279,8 @@ class _Scheme:
         model, step = self.model, h * self.theta
         one_sided = np.isfinite(model.lower) | np.isfinite(model.upper)
         k = np.where(one_sided, 0.0, model.stiffness)
-        solve = self._factorise(step, k)
+        solve = self._factorise(step**2 * k)
+        push = push - h * (1.0 - self.theta) * model.gather(old.tension)
         free = solve(
             push - step * model.gather(np.where(one_sided, 0.0, model.prestress) + k * drift)
         )
@@ -290,16 +304,13 @@ class _Scheme:
 
     def energy(self, old: _State, new: _State) -> EnergyStep:
         """Return the account of a step."""
-        h = new.time - old.time
-        mean = self.theta * new.tension + (1.0 - self.theta) * old.tension
-        mean = np.where(self.extensible, mean, new.impulse / h)
         force = self.theta * self.load(new.time) + (1.0 - self.theta) * self.load(old.time)
-        work = float(force @ (new.u - old.u)) + float(mean @ (new.support - old.support))
+        work = float(force @ (new.u - old.u)) + float(new.mean @ (new.support - old.support))
         return account(
             self.mass,
             (old.v, new.v),
             (self.stored(old.tension), self.stored(new.tension)),
-            mean,
+            new.mean,
             new.elongation - old.elongation,
             work,
             self.theta,

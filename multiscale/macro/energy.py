@@ -22,7 +22,7 @@ class EnergyStep:
     link : float
         Dissipated in the links, summed link by link.
     smallest_link : float
-        Smallest term of that sum; not negative in the implicit scheme.
+        Smallest term of that sum.
     """
 
     kinetic: float
@@ -53,7 +53,7 @@ def account(
     elastic : tuple of ndarray, shape (rows,)
         Energy of each link before and after, J.
     tension : ndarray, shape (rows,)
-        :math:`\tau_\theta`, mean tension of the step, N: impulse over step size.
+        Mean of the step, N: impulse over step size.
     growth : ndarray, shape (rows,)
         :math:`\Delta e`, m.
     work : float
@@ -69,7 +69,8 @@ def account(
         \Delta T + \Delta V = W - (\theta - \tfrac12)\, \mathrm{d}v^T M\, \mathrm{d}v
         - \sum_l \left( \tau_l\, \Delta e_l - \Delta V_l \right);    \tag{1}
 
-    for :math:`\theta = 1` each term of the sum is at least zero because :math:`V_l` is convex.
+    with :func:`multiscale.macro.mean_tension.mean_tension`, or :math:`\theta = 1`, each term of
+    the sum is at least zero because :math:`V_l` is convex.
     """
     before, after = velocity
     change = after - before

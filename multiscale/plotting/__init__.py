@@ -14,12 +14,7 @@ from multiscale.plotting.damage import (
     plot_worst_section,
 )
 from multiscale.plotting.growth import plot_growth
-from multiscale.plotting.joint import (
-    draw_joint,
-    plot_contact_zones,
-    plot_hysteresis,
-    plot_joint_pressure,
-)
+from multiscale.plotting.joint import draw_joint, plot_hysteresis, plot_joint_plan
 from multiscale.plotting.laws import plot_area_law, plot_gap_law, plot_joint_stiffness
 from multiscale.plotting.links import (
     draw_links,
@@ -43,7 +38,6 @@ __all__ = [
     "draw_work_precision",
     "plot_area_law",
     "plot_contact_map",
-    "plot_contact_zones",
     "plot_damage_sphere",
     "plot_deformed_links",
     "plot_energies",
@@ -53,7 +47,7 @@ __all__ = [
     "plot_history",
     "plot_hysteresis",
     "plot_joint_life",
-    "plot_joint_pressure",
+    "plot_joint_plan",
     "plot_joint_stiffness",
     "plot_sorted_tensions",
     "plot_stiffness_against_damage",

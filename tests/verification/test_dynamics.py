@@ -6,6 +6,7 @@ import pytest
 from multiscale.errors import CaseError
 from multiscale.laws.link import Bar, Cable, Strut
 from multiscale.macro import LinkSystem, simulate, solve_static, tensegrity_grid
+from multiscale.macro.mean_tension import mean_tension
 from tests.support import observed_rate
 
 GRAVITY = 9.81
@@ -187,6 +188,41 @@ def test_a_grid_released_from_its_load_keeps_account_of_its_energy():
     assert slack[0] == (loaded["tension"].values[grid.kind == 0] <= 0.0).sum() > 0
     assert np.any(np.diff(slack) < 0)  # cables run taut again
     assert np.any(np.diff(slack) > 0)  # and others go slack on the way back
+
+
+@pytest.mark.parametrize("theta", [0.5, 0.75, 1.0])
+@pytest.mark.parametrize("step", [2e-3, 5e-3, 0.1])
+def test_no_step_is_too_large_to_win_energy(theta, step):
+    grid = tensegrity_grid(4, prestress=2550.0 / 16.0)
+    loaded = solve_static(grid, 1.0)
+    start = (loaded["displacement"].values, np.zeros((grid.n_nodes, 3)))
+    times = np.arange(101) * step
+    released = simulate(grid, times, 2.0, load_factor=lambda time: 0.0, start=start, theta=theta)
+    assert released["converged"].values.all()
+    assert np.any(np.diff((released["slack"].values > 0.0).sum(axis=1)) != 0)
+    energy = (released["kinetic_energy"] + released["elastic_energy"]).values
+    assert released["smallest_link_dissipation"].values.min() > -1e-12 * energy[0]
+    assert np.all(np.diff(energy) < 1e-11 * energy[0])
+    if theta == 0.5:
+        np.testing.assert_allclose(energy, energy[0], rtol=1e-10)
+
+
+def test_the_mean_tension_is_the_quotient_of_energies_and_its_slope_the_derivative():
+    rng = np.random.default_rng(3)
+    before, after = rng.normal(size=(2, 400))
+    lower = np.where(rng.random(400) < 0.3, -np.inf, rng.uniform(-0.5, 0.0, 400))
+    upper = np.where(rng.random(400) < 0.3, np.inf, rng.uniform(0.0, 0.5, 400))
+
+    def energy(elastic):
+        carried = np.clip(elastic, lower, upper)
+        return 0.5 * carried**2 + carried * (elastic - carried)
+
+    mean, slope = mean_tension(before, after, lower, upper, 0.5)
+    quotient = (energy(after) - energy(before)) / (after - before)
+    np.testing.assert_allclose(mean, quotient, rtol=1e-10, atol=1e-12)
+    change = mean_tension(before, after + 1e-6, lower, upper, 0.5)[0]
+    change = (change - mean_tension(before, after - 1e-6, lower, upper, 0.5)[0]) / 2e-6
+    np.testing.assert_allclose(slope, change, atol=1e-5)
 
 
 @pytest.mark.parametrize(

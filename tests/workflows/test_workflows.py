@@ -2,7 +2,9 @@
 
 import runpy
 from pathlib import Path
+from xml.etree import ElementTree
 
+import meshio
 import pytest
 
 from multiscale.io import open_dataset
@@ -31,6 +33,10 @@ def test_every_scene_runs(scene, tmp_path):
     result = run_scene(settings, tmp_path / "macro_result.nc", law=law)
     assert result["converged"].values.all()
     open_dataset(tmp_path / "macro_result.nc", MACRO_RESULT)
+    series = ElementTree.parse(tmp_path / "fields" / "macro_result.pvd")
+    files = [tmp_path / "fields" / entry.get("file") for entry in series.iter("DataSet")]
+    assert len(files) == result.sizes["step"] * (2 if settings.joint else 1)
+    assert all(meshio.read(file).cells for file in files)
 
 
 def test_the_grid_leaves_figures_and_a_series_for_each_part(tmp_path):

@@ -2,7 +2,6 @@
 
 from collections.abc import Callable
 from dataclasses import replace
-from itertools import pairwise
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -29,12 +28,11 @@ def simulate_latin(
     *,
     load_factor: Callable[[float], float] = lambda time: 1.0,
     start: tuple[np.ndarray, np.ndarray] | None = None,
-    theta: float = 1.0,
     tolerance: float = 1e-10,
     max_iterations: int = 400,
     team: Team | None = None,
 ) -> "xr.Dataset":
-    r"""Follow a cut structure in time, with the steps of :func:`multiscale.macro.simulate`.
+    r"""Follow a cut structure in time, by implicit steps of :func:`multiscale.macro.simulate`.
 
     Parameters
     ----------
@@ -48,8 +46,6 @@ def simulate_latin(
         :math:`\alpha(t)`.
     start : tuple of ndarray, shape (nodes, 3), optional
         Displacement, m, and velocity, m/s, at the first time; at rest if not given.
-    theta : float
-        From 1/2 to 1; 1 where joints have a law.
     tolerance, max_iterations, team
         As :func:`solve_latin`, of each step.
 
@@ -62,25 +58,21 @@ def simulate_latin(
     Raises
     ------
     CaseError
-        If times, masses or theta are refused.
+        If times or masses are refused.
 
     Notes
     -----
-    With :math:`u^+ = u^- + h (\theta v^+ + (1 - \theta) v^-)`, a step of (6), (9) of the source
-    is the static problem
+    With :math:`u^+ = u^- + h v^+`, a step of (6), (9) of the source is the static problem
 
     .. math::
-        \frac{M}{(h\theta)^2} u^+ + B^T \tau^+ = \frac{h F_\theta + M v^- - h (1 - \theta)
-        B^T \tau^-}{h \theta} + \frac{M}{(h\theta)^2} \left(u^- + h (1 - \theta) v^-\right),
+        \frac{M}{h^2} u^+ + B^T \tau^+ = F^+ + \frac{M}{h^2} \left(u^- + h v^-\right),
 
     so that the mass is a stiffness of the substructures. It makes them positive definite.
     """
     times = np.asarray(times, dtype=float)
     h = _step(times)
-    if not 0.5 <= theta <= 1.0 or (problem.joints and theta < 1.0):
-        raise CaseError(f"theta must lie between 1/2 and 1, and be 1 with joints, got {theta:g}")
     masses = _masses(problem, mass)
-    inertia = masses / (h * theta) ** 2
+    inertia = masses / h**2
     method = Latin(_with_stiffness(problem, inertia), team=team)
     local = np.concatenate([problem.substructures[part].unknown for part in method.parts])
     shares = problem.sum_up([np.ones(part.n) for part in problem.substructures])
@@ -90,19 +82,16 @@ def simulate_latin(
     at_rest = {"converged": 1, "residual": 0.0, "wall_time": 0.0}
     rows = [_row(method, times[0], u, v, tension, at_rest)]
 
-    for old, time in pairwise(times):
-        load = theta * load_factor(time) + (1.0 - theta) * load_factor(old)
-        pull = method.stack.links.operator.T @ tension
-        held = method.team.total(np.bincount(local, pull, minlength=problem.n))
-        drift = u + h * (1.0 - theta) * v
-        push = (h * load * force + masses * v - h * (1.0 - theta) * held) / (h * theta)
-        push = (push + inertia * drift)[local] / shares[local]
-        step = solve_step(method, push, None, tolerance, max_iterations, None)
+    for time in times[1:]:
+        push = load_factor(time) * force + inertia * (u + h * v)
+        step = solve_step(
+            method, push[local] / shares[local], None, tolerance, max_iterations, None
+        )
         if not step["converged"]:
             rows.append(_failed(rows[0], time, step))
             break
         following = problem.average(method.team.concatenate(step["found"].u))
-        v, u = (following - drift) / (h * theta), following
+        v, u = (following - u) / h, following
         tension = method.admissible(step["found"].tension)
         rows.append(_row(method, time, u, v, tension, step))
     return _dataset(problem, rows)
