@@ -170,3 +170,21 @@ def test_the_work_of_friction_is_the_work_done_on_the_obstacle():
         errors.append(abs((loss[-1] - loss[1]) / work - 1.0))
     assert errors[1] < 0.02
     assert errors[1] < 0.5 * errors[0]
+
+
+@pytest.mark.slow
+def test_a_sphere_on_a_perfectly_plastic_body_has_a_hardness_of_three_yield_stresses():
+    n, yield_stress = 64, 1e-3
+    flat = Surface(np.zeros((n, n)), (1.0, 1.0))
+    law = J2(1.0, 0.3, yield_stress)
+    cell = Cell(flat, 1.0, 16, 1.0, 0.3, obstacle=sphere(n, 1.0), bulk=law)
+    path = Path(approach=(0.0008, 0.0016, 0.0024, 0.0032, 0.004))
+    response = solve_cell(cell, path, tolerance=1e-4)
+    area = response["contact_fraction"].values[0]
+    radius = np.sqrt(area / np.pi)
+    hardness = -response["traction"].values[0, :, 0] / area / yield_stress
+    plastic = radius / yield_stress / (1.0 - 0.3**2) > 50.0  # E* a / sigma_y R
+    assert plastic.sum() >= 3
+    assert np.all(radius < 0.1)
+    # the edge of a contact of 4 to 6 points is known to a few per cent
+    np.testing.assert_allclose(hardness[plastic], 2.9, rtol=0.06)
