@@ -3,6 +3,7 @@
 from multiscale.schema.base import COMPONENTS, Schema, Variable
 from multiscale.schema.cell import FIELDS, MICRO_RESPONSE
 from multiscale.schema.damage import DAMAGE_SECTIONS, FATIGUE, RVE_STIFFNESS, WOEHLER
+from multiscale.schema.granulate import GRANULATE
 from multiscale.schema.law import ERROR_BUDGET, INTERFACE_LAW, LAW_COMPARISON
 from multiscale.schema.structure import HOMOGENISED, MACRO_RESULT
 from multiscale.schema.work_precision import WORK_PRECISION
@@ -13,6 +14,7 @@ __all__ = [
     "ERROR_BUDGET",
     "FATIGUE",
     "FIELDS",
+    "GRANULATE",
     "HOMOGENISED",
     "INTERFACE_LAW",
     "LAW_COMPARISON",
@@ -41,5 +43,6 @@ SCHEMAS = {
         ERROR_BUDGET,
         LAW_COMPARISON,
         HOMOGENISED,
+        GRANULATE,
     )
 }

@@ -1,0 +1,23 @@
+"""Rigid grains in frictional contact: the far end of the way from a truss to a granulate."""
+
+from multiscale.macro.granulate.bodies import Cylinder, Grains, Plane, Wall, box
+from multiscale.macro.granulate.model import ContactLaw, Model, Solver
+from multiscale.macro.granulate.observables import coordination, fraction_below, love_weber, network
+from multiscale.macro.granulate.simulate import final_grains, simulate
+
+__all__ = [
+    "ContactLaw",
+    "Cylinder",
+    "Grains",
+    "Model",
+    "Plane",
+    "Solver",
+    "Wall",
+    "box",
+    "coordination",
+    "final_grains",
+    "fraction_below",
+    "love_weber",
+    "network",
+    "simulate",
+]

@@ -1,0 +1,131 @@
+"""What is computed: how grains touch, what acts on them, how the contacts are solved."""
+
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+
+from multiscale.errors import CaseError
+from multiscale.macro.granulate.bodies import Cylinder, Grains, Plane, Wall
+from multiscale.macro.granulate.contacts import CYLINDER, PLANE
+
+__all__ = ["ContactLaw", "Model", "Solver"]
+
+
+@dataclass(frozen=True)
+class ContactLaw:
+    """How grains touch.
+
+    Parameters
+    ----------
+    friction : float
+        Coulomb's coefficient, dimensionless.
+    restitution : float
+        Newton's, from 0 to 1. Pairs that approach slowly do not bounce.
+    compliance : float
+        :math:`a` of (2), dimensionless; zero for a rigid contact.
+    relaxation : float
+        Steps in which an overlap goes, at least 1.
+    """
+
+    friction: float = 0.5
+    restitution: float = 0.0
+    compliance: float = 0.0
+    relaxation: float = 10.0 / 3.0
+
+    def __post_init__(self) -> None:
+        if not 0.0 <= self.friction < np.inf:
+            raise CaseError(f"friction must be finite and not negative, got {self.friction:g}")
+        if not 0.0 <= self.restitution <= 1.0:
+            raise CaseError(f"restitution must lie between 0 and 1, got {self.restitution:g}")
+        if not 0.0 <= self.compliance < np.inf:
+            raise CaseError(f"compliance must be finite and not negative, got {self.compliance:g}")
+        if not self.relaxation >= 1.0:
+            raise CaseError(f"relaxation must be at least one step, got {self.relaxation:g}")
+
+
+@dataclass(frozen=True)
+class Solver:
+    """How the contacts of a step are solved.
+
+    Parameters
+    ----------
+    tolerance : float
+        Natural-map error relative to the velocities of the contacts that would close;
+        dimensionless.
+    max_iterations : int
+        Limit of sweeps in a step.
+    threads : int
+        1 sweeps in the order of the contacts, more colour by colour.
+    """
+
+    tolerance: float = 1e-4
+    max_iterations: int = 1000
+    threads: int = 1
+
+    def __post_init__(self) -> None:
+        if not 0.0 < self.tolerance < 1.0:
+            raise CaseError(f"tolerance must lie between 0 and 1, got {self.tolerance:g}")
+        if self.max_iterations < 1 or self.threads < 1:
+            raise CaseError("max_iterations and threads must be at least 1")
+
+
+@dataclass(frozen=True)
+class Model:
+    """Grains and walls with what acts on them.
+
+    Parameters
+    ----------
+    grains : Grains
+    walls : tuple of Wall
+    law : ContactLaw
+    gravity : array_like, shape (3,)
+        m/s2.
+    period : array_like, shape (3,)
+        Length after which space repeats, m; infinite where it does not.
+    damping_rate : float
+        1/s, at which grains lose velocity; infinite for quasi-static motion, in which a step keeps
+        no velocity of the last.
+    """
+
+    grains: Grains
+    walls: tuple[Wall, ...] = ()
+    law: ContactLaw = ContactLaw()
+    gravity: tuple[float, float, float] = (0.0, 0.0, -9.81)
+    period: tuple[float, float, float] = (np.inf, np.inf, np.inf)
+    damping_rate: float = 0.0
+
+    @cached_property
+    def mobility(self) -> np.ndarray:
+        """Rows of :mod:`multiscale.macro.granulate.sweeps`, 1/kg."""
+        grains = self.grains
+        mobility = np.zeros((grains.n + len(self.walls), 3))
+        mobility[: grains.n, 0] = mobility[: grains.n, 1] = 1.0 / grains.mass
+        mobility[: grains.n, 2] = grains.radius**2 / grains.inertia
+        for w, wall in enumerate(self.walls):
+            if isinstance(wall, Plane):
+                mobility[grains.n + w, 0] = 1.0 / wall.mass
+        return mobility
+
+    @cached_property
+    def shapes(self) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """Kind, direction and radius of the walls."""
+        kind = np.array([CYLINDER if isinstance(w, Cylinder) else PLANE for w in self.walls], int)
+        axis = np.array([wall.unit for wall in self.walls]).reshape(-1, 3)
+        bore = np.array([w.radius if isinstance(w, Cylinder) else 0.0 for w in self.walls], float)
+        return kind, axis, bore
+
+    @cached_property
+    def push(self) -> np.ndarray:
+        """Acceleration of the bodies without contacts, shape (bodies, 8), m/s2."""
+        push = np.zeros((self.mobility.shape[0], 8))
+        push[: self.grains.n, :3] = self.gravity
+        for w, wall in enumerate(self.walls, self.grains.n):
+            if isinstance(wall, Plane):
+                push[w, :3] = wall.force / wall.mass * wall.unit
+        return push
+
+    def walls_at(self, point: np.ndarray) -> tuple[np.ndarray, ...]:
+        """Arrays of the walls for the kernels."""
+        kind, axis, bore = self.shapes
+        return kind, point, axis, bore
