@@ -18,30 +18,36 @@ __all__ = ["apply_impulses", "closing_size", "natural_map_error", "relax", "rela
 
 
 @numba.njit(inline="always", fastmath=True, error_model="numpy")
-def _relative_velocity(i, j, n, velocity):  # type: ignore[no-untyped-def]
+def _relative_velocity(i, j, nx, ny, nz, velocity):  # type: ignore[no-untyped-def]
     """Return u at the contact, body i minus body j."""
     wx = velocity[i, 4] + velocity[j, 4]
     wy = velocity[i, 5] + velocity[j, 5]
     wz = velocity[i, 6] + velocity[j, 6]
-    ux = velocity[i, 0] - velocity[j, 0] - (wy * n[2] - wz * n[1])
-    uy = velocity[i, 1] - velocity[j, 1] - (wz * n[0] - wx * n[2])
-    uz = velocity[i, 2] - velocity[j, 2] - (wx * n[1] - wy * n[0])
+    ux = velocity[i, 0] - velocity[j, 0] - (wy * nz - wz * ny)
+    uy = velocity[i, 1] - velocity[j, 1] - (wz * nx - wx * nz)
+    uz = velocity[i, 2] - velocity[j, 2] - (wx * ny - wy * nx)
     return ux, uy, uz
 
 
 @numba.njit(inline="always", fastmath=True, error_model="numpy")
-def _push(i, j, n, dx, dy, dz, dn, velocity, mobility):  # type: ignore[no-untyped-def]
+def _push(i, j, nx, ny, nz, dx, dy, dz, dn, velocity, mobility):  # type: ignore[no-untyped-def]
     """Add to the velocities what an impulse d with the normal part dn brings."""
-    for b, sign in ((i, 1.0), (j, -1.0)):
-        across = sign * mobility[b, 1]
-        along = sign * (mobility[b, 0] - mobility[b, 1]) * dn
-        velocity[b, 0] += across * dx + along * n[0]
-        velocity[b, 1] += across * dy + along * n[1]
-        velocity[b, 2] += across * dz + along * n[2]
-        turn = mobility[b, 2]
-        velocity[b, 4] -= turn * (n[1] * dz - n[2] * dy)
-        velocity[b, 5] -= turn * (n[2] * dx - n[0] * dz)
-        velocity[b, 6] -= turn * (n[0] * dy - n[1] * dx)
+    tx, ty, tz = ny * dz - nz * dy, nz * dx - nx * dz, nx * dy - ny * dx
+    across, turn = mobility[i, 1], mobility[i, 2]  # i is a grain, equally heavy along and across
+    velocity[i, 0] += across * dx
+    velocity[i, 1] += across * dy
+    velocity[i, 2] += across * dz
+    velocity[i, 4] -= turn * tx
+    velocity[i, 5] -= turn * ty
+    velocity[i, 6] -= turn * tz
+    across, turn = mobility[j, 1], mobility[j, 2]
+    along = (mobility[j, 0] - across) * dn
+    velocity[j, 0] -= across * dx + along * nx
+    velocity[j, 1] -= across * dy + along * ny
+    velocity[j, 2] -= across * dz + along * nz
+    velocity[j, 4] -= turn * tx
+    velocity[j, 5] -= turn * ty
+    velocity[j, 6] -= turn * tz
 
 
 @numba.njit(inline="always", fastmath=True, error_model="numpy")
@@ -50,41 +56,40 @@ def _solve_contact(c, velocity, mobility, ends, data, impulse, anchor):  # type:
 
     W is diagonal there, so the normal part comes first and bounds the tangential one:
 
-        r_N = max(0, (r_N - m_N (u_N + b)) / (1 + a)),                            (1)
+        r_N = max(0, (r_N + a anchor_N - m_N (u_N + b)) / (1 + a)),                      (1)
         r_T = projection of (r_T + a anchor_T - m_T u_T) / (1 + a) on the disc mu r_N.   (2)
     """
-    i, j, n = ends[c, 0], ends[c, 1], data[c]
-    ux, uy, uz = _relative_velocity(i, j, n, velocity)
-    u = ux * n[0] + uy * n[1] + uz * n[2]
+    i, j = ends[c, 0], ends[c, 1]
+    nx, ny, nz = data[c, 0], data[c, 1], data[c, 2]
+    mass, a, friction = data[c, 5], data[c, 6], data[c, 7]
+    ux, uy, uz = _relative_velocity(i, j, nx, ny, nz, velocity)
+    u = ux * nx + uy * ny + uz * nz
     rx, ry, rz = impulse[c, 0], impulse[c, 1], impulse[c, 2]
-    old = rx * n[0] + ry * n[1] + rz * n[2]
-    give = 1.0 / (1.0 + n[6])
     ax, ay, az = anchor[c, 0], anchor[c, 1], anchor[c, 2]
-    held = ax * n[0] + ay * n[1] + az * n[2]
-    normal = max(0.0, (old + n[6] * held - (u + n[3]) * n[4]) * give)  # (1)
-    tx = rx - old * n[0] - (ux - u * n[0]) * n[5]
-    ty = ry - old * n[1] - (uy - u * n[1]) * n[5]
-    tz = rz - old * n[2] - (uz - u * n[2]) * n[5]
-    tx = (tx + n[6] * (ax - held * n[0])) * give
-    ty = (ty + n[6] * (ay - held * n[1])) * give
-    tz = (tz + n[6] * (az - held * n[2])) * give
-    square, bound = tx * tx + ty * ty + tz * tz, n[7] * normal
+    old, held = rx * nx + ry * ny + rz * nz, ax * nx + ay * ny + az * nz
+    give = 1.0 / (1.0 + a)
+    normal = max(0.0, (old + a * held - (u + data[c, 3]) * data[c, 4]) * give)  # (1)
+    tx = (rx - old * nx + a * (ax - held * nx) - (ux - u * nx) * mass) * give
+    ty = (ry - old * ny + a * (ay - held * ny) - (uy - u * ny) * mass) * give
+    tz = (rz - old * nz + a * (az - held * nz) - (uz - u * nz) * mass) * give
+    square, bound = tx * tx + ty * ty + tz * tz, friction * normal
     if square > bound * bound:  # (2)
         shrink = bound / np.sqrt(square)
         tx, ty, tz = tx * shrink, ty * shrink, tz * shrink
-    dx, dy, dz = normal * n[0] + tx - rx, normal * n[1] + ty - ry, normal * n[2] + tz - rz
+    dx, dy, dz = normal * nx + tx - rx, normal * ny + ty - ry, normal * nz + tz - rz
     if dx != 0.0 or dy != 0.0 or dz != 0.0:
         impulse[c, 0], impulse[c, 1], impulse[c, 2] = rx + dx, ry + dy, rz + dz
-        _push(i, j, n, dx, dy, dz, normal - old, velocity, mobility)
+        _push(i, j, nx, ny, nz, dx, dy, dz, normal - old, velocity, mobility)
 
 
 @numba.njit(cache=True, fastmath=True, error_model="numpy")
 def apply_impulses(velocity, mobility, ends, data, impulse):  # type: ignore[no-untyped-def]
     """Add M^-1 H r to the velocities in place."""
     for c in range(ends.shape[0]):
-        n, r = data[c], impulse[c]
-        along = r[0] * n[0] + r[1] * n[1] + r[2] * n[2]
-        _push(ends[c, 0], ends[c, 1], n, r[0], r[1], r[2], along, velocity, mobility)
+        nx, ny, nz = data[c, 0], data[c, 1], data[c, 2]
+        x, y, z = impulse[c, 0], impulse[c, 1], impulse[c, 2]
+        along = x * nx + y * ny + z * nz
+        _push(ends[c, 0], ends[c, 1], nx, ny, nz, x, y, z, along, velocity, mobility)
 
 
 @numba.njit(cache=True, fastmath=True, error_model="numpy")
@@ -92,11 +97,11 @@ def closing_size(velocity, ends, data):  # type: ignore[no-untyped-def]
     """Norm of u + b n over the contacts that close, with their masses, sqrt(J)."""
     total = 0.0
     for c in range(ends.shape[0]):
-        n = data[c]
-        ux, uy, uz = _relative_velocity(ends[c, 0], ends[c, 1], n, velocity)
-        ux, uy, uz = ux + n[3] * n[0], uy + n[3] * n[1], uz + n[3] * n[2]
-        if ux * n[0] + uy * n[1] + uz * n[2] < 0.0:
-            total += (ux * ux + uy * uy + uz * uz) * n[4]
+        nx, ny, nz, b = data[c, 0], data[c, 1], data[c, 2], data[c, 3]
+        ux, uy, uz = _relative_velocity(ends[c, 0], ends[c, 1], nx, ny, nz, velocity)
+        ux, uy, uz = ux + b * nx, uy + b * ny, uz + b * nz
+        if ux * nx + uy * ny + uz * nz < 0.0:
+            total += (ux * ux + uy * uy + uz * uz) * data[c, 4]
     return np.sqrt(total)
 
 
@@ -110,23 +115,25 @@ def natural_map_error(velocity, ends, data, impulse, anchor):  # type: ignore[no
     """
     total = 0.0
     for c in range(ends.shape[0]):
-        n, r = data[c], impulse[c]
-        mu, a, rho = n[7], n[6], n[4] / (1.0 + n[6])
-        ux, uy, uz = _relative_velocity(ends[c, 0], ends[c, 1], n, velocity)
-        u = ux * n[0] + uy * n[1] + uz * n[2]
-        old = r[0] * n[0] + r[1] * n[1] + r[2] * n[2]
-        rx, ry, rz = r[0] - old * n[0], r[1] - old * n[1], r[2] - old * n[2]
-        ux, uy, uz = ux - u * n[0], uy - u * n[1], uz - u * n[2]
+        nx, ny, nz = data[c, 0], data[c, 1], data[c, 2]
+        a, mu = data[c, 6], data[c, 7]
+        rho = data[c, 4] / (1.0 + a)
+        ux, uy, uz = _relative_velocity(ends[c, 0], ends[c, 1], nx, ny, nz, velocity)
+        u = ux * nx + uy * ny + uz * nz
+        rx, ry, rz = impulse[c, 0], impulse[c, 1], impulse[c, 2]
+        old = rx * nx + ry * ny + rz * nz
+        rx, ry, rz = rx - old * nx, ry - old * ny, rz - old * nz
+        ux, uy, uz = ux - u * nx, uy - u * ny, uz - u * nz
         if a > 0.0:
             ax, ay, az = anchor[c, 0], anchor[c, 1], anchor[c, 2]
-            held = ax * n[0] + ay * n[1] + az * n[2]
-            u += a * (old - held) / n[4]
-            spring = a / n[5]
-            ux += spring * (rx - ax + held * n[0])
-            uy += spring * (ry - ay + held * n[1])
-            uz += spring * (rz - az + held * n[2])
+            held = ax * nx + ay * ny + az * nz
+            u += a * (old - held) / data[c, 4]
+            spring = a / data[c, 5]
+            ux += spring * (rx - ax + held * nx)
+            uy += spring * (ry - ay + held * ny)
+            uz += spring * (rz - az + held * nz)
         slip = np.sqrt(ux * ux + uy * uy + uz * uz)
-        height = old - rho * (u + n[3] + mu * slip)
+        height = old - rho * (u + data[c, 3] + mu * slip)
         tx, ty, tz = rx - rho * ux, ry - rho * uy, rz - rho * uz
         length = np.sqrt(tx * tx + ty * ty + tz * tz)
         shrink = 1.0
