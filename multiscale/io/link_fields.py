@@ -14,7 +14,7 @@ from multiscale.schema import MACRO_RESULT
 if TYPE_CHECKING:
     import xarray as xr
 
-__all__ = ["write_link_fields"]
+__all__ = ["collection_text", "write_link_fields"]
 
 ON_LINKS = ("tension", "slack", "impulse")
 ON_NODES = ("displacement", "velocity", "rotation")
@@ -66,7 +66,7 @@ def write_link_fields(result: "xr.Dataset", folder: Path, *, name: str = "links"
             write_bytes(folder / file, part.read_bytes())
             entries.append(f'    <DataSet timestep="{float(at)!r}" file={quoteattr(file)}/>\n')
     collection = folder / f"{name}.pvd"  # last: it names only files that are there
-    write_bytes(collection, _collection(entries).encode())
+    write_bytes(collection, collection_text(entries).encode())
     return collection
 
 
@@ -78,7 +78,7 @@ def _timesteps(result: "xr.Dataset") -> np.ndarray:
     return np.arange(result.sizes["step"])
 
 
-def _collection(entries: list[str]) -> str:
+def collection_text(entries: list[str]) -> str:
     """Text of a ``.pvd`` file."""
     return (
         '<?xml version="1.0"?>\n<VTKFile type="Collection" version="0.1">\n  <Collection>\n'

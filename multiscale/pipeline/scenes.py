@@ -21,6 +21,15 @@ from multiscale.macro.discrete.description import describe
 from multiscale.macro.substructures import Team, cut_links, solve_latin, split_grid
 from multiscale.pipeline.body_scenes import solve_bodies
 from multiscale.pipeline.body_settings import BODIES, LapJoint, Plate, StackedBlocks, Substructures
+from multiscale.pipeline.grain_scenes import run_grain_scene
+from multiscale.pipeline.grain_settings import (
+    GRANULATES,
+    ColumnCollapse,
+    Deposit,
+    GrainScene,
+    ShearCell,
+    Silo,
+)
 from multiscale.pipeline.scene_settings import (
     CableNet,
     Dynamics,
@@ -46,11 +55,15 @@ KINDS: dict[str, type[Settings]] = {
     "plate": Plate,
     "stacked_blocks": StackedBlocks,
     "lap_joint": LapJoint,
+    "deposit": Deposit,
+    "silo": Silo,
+    "column_collapse": ColumnCollapse,
+    "shear_cell": ShearCell,
 }
 LAWS: dict[str, type[LinkLaw]] = {"bar": Bar, "cable": Cable, "strut": Strut}
 
 
-def load_scene(path: str | Path) -> Scene:
+def load_scene(path: str | Path) -> Scene | GrainScene:
     """Read a scene file.
 
     Parameters
@@ -72,6 +85,9 @@ def load_scene(path: str | Path) -> Scene:
         for key in keys:
             if isinstance(given, dict) and isinstance(given.get(key), str):
                 given[key] = str(path.parent.resolve() / given[key])
+    given = content.get("structure")
+    if isinstance(given, dict) and given.get("kind") in GRANULATES:
+        return validate(GrainScene, content, path, KINDS)
     return validate(Scene, content, path, KINDS)
 
 
@@ -102,13 +118,17 @@ def make_structure(scene: Scene) -> LinkSystem:
 
 
 def run_scene(
-    scene: Scene, out: str | Path, *, law: str | Path | None = None, team: Team | None = None
+    scene: Scene | GrainScene,
+    out: str | Path,
+    *,
+    law: str | Path | None = None,
+    team: Team | None = None,
 ) -> "xr.Dataset":
     """Solve a scene; write its result and, beside it in ``fields``, a series for ParaView.
 
     Parameters
     ----------
-    scene : Scene
+    scene : Scene or GrainScene
     out : path
         Dataset to write; its folder is made if needed.
     law : path, optional
@@ -119,8 +139,9 @@ def run_scene(
     Returns
     -------
     Dataset
-        Follows ``MACRO_RESULT``. The attribute ``failure`` says which steps failed and why,
-        ``cautions`` where a law answered beyond its data.
+        Follows ``MACRO_RESULT``, or ``GRANULATE`` for grains. The attribute ``failure`` says which
+        steps failed and why, ``cautions`` where a law answered beyond its data or the contacts of
+        grains missed their tolerance.
 
     Raises
     ------
@@ -130,6 +151,10 @@ def run_scene(
         If no step converged, or the equilibrium from which a motion starts cannot be found.
     """
     out = Path(out)
+    if isinstance(scene, GrainScene):
+        if law is not None:
+            raise CaseError(f"{scene.title}: grains have no joint that the law {law} could be of")
+        return run_grain_scene(scene, out)
     bodies = isinstance(scene.structure, BODIES)
     if law is not None and scene.joint is None:
         raise CaseError(f"{scene.title}: the scene has no joint that the law {law} could be of")

@@ -7,7 +7,7 @@ import pytest
 
 from multiscale.io import open_dataset
 from multiscale.pipeline import load_scene, run_scene
-from multiscale.schema import MACRO_RESULT
+from multiscale.schema import GRANULATE, MACRO_RESULT
 from tests.support import write_law
 
 FOLDER = Path(__file__).parents[2] / "workflows"
@@ -30,7 +30,8 @@ def test_every_scene_runs(scene, tmp_path):
     law = write_law(tmp_path / "interface_law.nc") if settings.joint else None
     result = run_scene(settings, tmp_path / "macro_result.nc", law=law)
     assert result["converged"].values.all()
-    open_dataset(tmp_path / "macro_result.nc", MACRO_RESULT)
+    schema = GRANULATE if "grain" in result.dims else MACRO_RESULT
+    open_dataset(tmp_path / "macro_result.nc", schema)
 
 
 def test_the_grid_leaves_figures_and_a_series_for_each_part(tmp_path):

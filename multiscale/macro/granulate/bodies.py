@@ -1,5 +1,6 @@
 """Grains and walls as the user describes them."""
 
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from typing import Self
 
@@ -199,7 +200,12 @@ class Cylinder(Wall):
             raise CaseError(f"radius of a cylinder must be positive (m), got {self.radius:g}")
 
 
-def box(low: np.ndarray, high: np.ndarray, *, friction: float | None = None) -> tuple[Plane, ...]:
+def box(
+    low: Sequence[float] | np.ndarray,
+    high: Sequence[float] | np.ndarray,
+    *,
+    friction: float | None = None,
+) -> tuple[Plane, ...]:
     """Return the planes of a box.
 
     Parameters

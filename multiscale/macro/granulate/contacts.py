@@ -77,29 +77,33 @@ def build_contacts(  # type: ignore[no-untyped-def]
     law,
     h,
     near,
-    rate,
+    cell,
 ):
     """Make the arrays of the sweeps from the pairs that may touch within a step.
 
     ``law`` holds restitution, compliance, relaxation time, speed of rest and the friction
     coefficients of the grains and of each wall. A pair takes part if it is wanted, had an impulse,
-    or comes nearer than ``near`` times its smaller radius in a step without impulses.
+    or comes nearer than ``near`` times its smaller radius in a step without impulses. ``cell``
+    holds the rate of strain of the cell and one over its inertia; the last array returned is what
+    the sweeps take for it.
     """
     kind, point, axis, bore = walls
     restitution, compliance, relaxation, rest, friction = law
     n, m = radius.size, 0
     size = pairs.shape[0]
     ends, data = np.empty((size, 2), np.int32), np.empty((size, 8))
+    stretch = np.empty(size + 2)
+    stretch[0], stretch[1] = cell
     impulse, anchor, index = np.empty((size, 3)), np.empty((size, 3)), np.empty(size, np.int64)
     for k in range(size):
         i, j = pairs[k, 0], pairs[k, 1]
         gap, nx, ny, nz = _gap(i, j, position, radius, period, kind, point, axis, bore)
         if j < n:
-            smaller, stretch = min(radius[i], radius[j]), rate * (gap + radius[i] + radius[j])
+            smaller, length = min(radius[i], radius[j]), gap + radius[i] + radius[j]
             mu = friction[0]
         else:
-            smaller, stretch, mu = radius[i], 0.0, friction[1 + j - n]
-        ahead = stretch  # normal velocity without impulses, and before the step
+            smaller, length, mu = radius[i], 0.0, friction[1 + j - n]
+        ahead = cell[0] * length  # normal velocity without impulses, and before the step
         ahead += (velocity[i, 0] - velocity[j, 0]) * nx + (velocity[i, 1] - velocity[j, 1]) * ny
         ahead += (velocity[i, 2] - velocity[j, 2]) * nz
         had = kept[k, 0] != 0.0 or kept[k, 1] != 0.0 or kept[k, 2] != 0.0
@@ -113,10 +117,11 @@ def build_contacts(  # type: ignore[no-untyped-def]
         bias = gap / h if gap > 0.0 else gap / relaxation
         if bounces:
             bias = restitution * before
-        masses = mobility[i, 0] + mobility[j, 0]
+        masses = mobility[i, 0] + mobility[j, 0] + cell[1] * length * length
+        stretch[m + 2] = length
         ends[m, 0], ends[m, 1], index[m] = i, j, k
         data[m, 0], data[m, 1], data[m, 2] = nx, ny, nz
-        data[m, 3] = bias + stretch
+        data[m, 3] = bias
         data[m, 4] = 1.0 / masses
         across = mobility[i, 1] + mobility[j, 1] + mobility[i, 2] + mobility[j, 2]
         data[m, 5] = 1.0 / across
@@ -126,7 +131,7 @@ def build_contacts(  # type: ignore[no-untyped-def]
             impulse[m, a] = kept[k, a]
             anchor[m, a] = held[k, a]
         m += 1
-    return ends[:m], data[:m], impulse[:m], anchor[:m], index[:m]
+    return ends[:m], data[:m], impulse[:m], anchor[:m], index[:m], stretch[: m + 2]
 
 
 @numba.njit(cache=True, error_model="numpy")

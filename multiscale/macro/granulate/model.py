@@ -86,6 +86,14 @@ class Model:
     damping_rate : float
         1/s, at which grains lose velocity; infinite for quasi-static motion, in which a step keeps
         no velocity of the last.
+    pressure : float, optional
+        On a periodic cell without walls, which strains alike along its axes, Pa; a cell of given
+        size if not given.
+
+    Raises
+    ------
+    CaseError
+        If the damping or the pressure is refused.
     """
 
     grains: Grains
@@ -94,6 +102,18 @@ class Model:
     gravity: tuple[float, float, float] = (0.0, 0.0, -9.81)
     period: tuple[float, float, float] = (np.inf, np.inf, np.inf)
     damping_rate: float = 0.0
+    pressure: float | None = None
+
+    def __post_init__(self) -> None:
+        if not self.damping_rate >= 0.0:
+            raise CaseError(f"damping_rate must not be negative (1/s), got {self.damping_rate:g}")
+        if self.pressure is None:
+            return
+        needed = [0, 2] if self.grains.planar else [0, 1, 2]
+        if not np.all(np.isfinite(np.asarray(self.period)[needed])) or self.walls:
+            raise CaseError("a pressure acts on a cell that is periodic in space and has no walls")
+        if not np.isfinite(self.pressure):
+            raise CaseError(f"pressure must be finite (Pa), got {self.pressure:g}")
 
     @cached_property
     def mobility(self) -> np.ndarray:

@@ -15,7 +15,7 @@ from multiscale.macro.granulate.contacts import (
     missed,
     penetration,
 )
-from multiscale.macro.granulate.energy import account
+from multiscale.macro.granulate.energy import account, cell_of
 from multiscale.macro.granulate.model import Model, Solver
 from multiscale.macro.granulate.neighbours import find_pairs
 from multiscale.macro.granulate.sweeps import (
@@ -48,7 +48,7 @@ class State:
     """What is known at a time.
 
     ``pairs`` are the neighbours with the impulses ``kept`` of the last step; they were found at the
-    positions ``seen`` with the reach ``margin``.
+    positions ``seen`` with the reach ``margin``. ``rate`` is that of the strain of the cell, 1/s.
     """
 
     time: float
@@ -60,6 +60,7 @@ class State:
     kept: np.ndarray
     seen: np.ndarray
     margin: float
+    rate: float
     contacts: Contacts
 
 
@@ -109,6 +110,7 @@ def start(model: Model) -> State:
         none,
         np.empty((0, 3)),
         grains.position,
+        0.0,
         0.0,
         empty,
     )
@@ -193,9 +195,7 @@ def _check_period(model: Model, period: np.ndarray, margin: float) -> None:
         )
 
 
-def advance(
-    model: Model, state: State, h: float, solver: Solver, rate: float = 0.0
-) -> tuple[State, Step]:
+def advance(model: Model, state: State, h: float, solver: Solver) -> tuple[State, Step]:
     r"""Make one Moreau-Jean step.
 
     Parameters
@@ -204,8 +204,6 @@ def advance(
     h : float
         Length of the step, s.
     solver : Solver
-    rate : float
-        :math:`\dot\varepsilon` of a periodic cell, the same along its axes, 1/s.
 
     Returns
     -------
@@ -231,9 +229,11 @@ def advance(
     slow = old.copy()
     slow[:n] *= keep
     free = slow + h * model.push
+    inertia, thrust = cell_of(model, state.period)
+    rate = keep * state.rate + h * thrust / inertia
     moved = state.position - state.seen + h * free[:n, :3]
     speed = h * float(np.sqrt(np.max(np.sum(free[:, :3] ** 2, axis=1), initial=0.0)))
-    reach = 2.0 * speed + 2.0 * h * abs(rate) * 2.0 * float(model.grains.radius.max())
+    reach = 2.0 * speed + 4.0 * h * abs(rate) * float(model.grains.radius.max())
     if (
         len(state.seen)
         and 2.0 * float(np.sqrt(np.max(np.sum(moved**2, axis=1)))) + reach > state.margin
@@ -251,7 +251,7 @@ def advance(
     place = (state.position, model.grains.radius, state.period, walls)
     kept, sweeps = state.kept, 0
     while True:
-        ends, data, impulse, anchor, index = build_contacts(
+        ends, data, impulse, anchor, index, cell = build_contacts(
             state.pairs,
             kept,
             state.kept,
@@ -263,19 +263,27 @@ def advance(
             constants,
             h,
             NEAR,
-            rate,
+            (rate, 1.0 / inertia),
         )
         velocity = free.copy()
-        done, residual = _solve(model, solver, velocity, ends, data, impulse, anchor)
+        done, residual = _solve(model, solver, velocity, ends, data, impulse, anchor, cell)
         sweeps += done
         kept = np.zeros_like(state.kept)
         kept[index] = impulse
         if not missed(
-            state.pairs, index, wanted, *place, velocity, h, rate, law.restitution, ALLOWED
+            state.pairs,
+            index,
+            wanted,
+            *place,
+            velocity,
+            h,
+            float(cell[0]),
+            law.restitution,
+            ALLOWED,
         ):
             break
     contacts = Contacts(ends, data, impulse, anchor)
-    stretch = 1.0 + h * rate
+    stretch = np.where(np.isfinite(state.period), 1.0 + h * float(cell[0]), 1.0)
     position = stretch * state.position + h * velocity[:n, :3]
     new = replace(
         state,
@@ -286,12 +294,21 @@ def advance(
         period=stretch * state.period,
         seen=stretch * state.seen,
         kept=kept,
+        rate=float(cell[0]),
         contacts=contacts,
     )
     worst, _ = penetration(
         new.pairs, position, model.grains.radius, new.period, model.walls_at(new.point)
     )
-    energies = account(model, h, old, slow, velocity, contacts, rate)
+    energies = account(
+        model,
+        h,
+        (old, slow, velocity),
+        contacts,
+        (state.rate, keep * state.rate, new.rate),
+        cell[2:],
+        (inertia, thrust),
+    )
     total = perf_counter() - began
     return new, Step(
         residual,
@@ -313,15 +330,17 @@ def _solve(
     data: np.ndarray,
     impulse: np.ndarray,
     anchor: np.ndarray,
+    cell: np.ndarray,
 ) -> tuple[int, float]:
     """Solve the contacts in place; return the sweeps made and the relative error."""
-    scale = closing_size(velocity, ends, data)
+    strained = cell if cell[1] > 0.0 else None
+    scale = closing_size(velocity, ends, data, strained)
     if scale == 0.0:
         impulse[:] = 0.0
         return 0, 0.0
-    apply_impulses(velocity, model.mobility, ends, data, impulse)
+    apply_impulses(velocity, model.mobility, ends, data, impulse, strained)
     target = solver.tolerance * scale
-    if solver.threads == 1:
+    if solver.threads == 1 or strained is not None:
         done, error = relax(
             velocity,
             model.mobility,
@@ -329,6 +348,7 @@ def _solve(
             data,
             impulse,
             anchor,
+            strained,
             target,
             solver.max_iterations,
             BURST,

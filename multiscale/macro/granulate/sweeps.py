@@ -8,7 +8,9 @@ The arrays of the kernels, for b bodies (grains first, then walls) and m contact
 - ``ends`` (m, 2): the bodies i and j; the normal points from j to i;
 - ``data`` (m, 8): normal; bias b, m/s; masses of the contact along and across the normal, kg;
   compliance a and friction coefficient, dimensionless;
-- ``impulse``, ``anchor`` (m, 3): r in global axes and where its tangential part springs from, N s.
+- ``impulse``, ``anchor`` (m, 3): r in global axes and what its springs start from, N s;
+- ``cell`` (m + 2,): rate of strain of a periodic cell, 1/s, one over its inertia, 1/(kg m2), and
+  the distance of the centres of every contact, m; ``None``, which costs nothing, where it is rigid.
 """
 
 import numba
@@ -51,7 +53,7 @@ def _push(i, j, nx, ny, nz, dx, dy, dz, dn, velocity, mobility):  # type: ignore
 
 
 @numba.njit(inline="always", fastmath=True, error_model="numpy")
-def _solve_contact(c, velocity, mobility, ends, data, impulse, anchor):  # type: ignore[no-untyped-def]
+def _solve_contact(c, velocity, mobility, ends, data, impulse, anchor, cell):  # type: ignore[no-untyped-def]
     r"""Solve one contact exactly while the others are held.
 
     W is diagonal there, so the normal part comes first and bounds the tangential one:
@@ -64,6 +66,8 @@ def _solve_contact(c, velocity, mobility, ends, data, impulse, anchor):  # type:
     mass, a, friction = data[c, 5], data[c, 6], data[c, 7]
     ux, uy, uz = _relative_velocity(i, j, nx, ny, nz, velocity)
     u = ux * nx + uy * ny + uz * nz
+    if cell is not None:
+        u += cell[0] * cell[c + 2]
     rx, ry, rz = impulse[c, 0], impulse[c, 1], impulse[c, 2]
     ax, ay, az = anchor[c, 0], anchor[c, 1], anchor[c, 2]
     old, held = rx * nx + ry * ny + rz * nz, ax * nx + ay * ny + az * nz
@@ -80,25 +84,31 @@ def _solve_contact(c, velocity, mobility, ends, data, impulse, anchor):  # type:
     if dx != 0.0 or dy != 0.0 or dz != 0.0:
         impulse[c, 0], impulse[c, 1], impulse[c, 2] = rx + dx, ry + dy, rz + dz
         _push(i, j, nx, ny, nz, dx, dy, dz, normal - old, velocity, mobility)
+        if cell is not None:
+            cell[0] += cell[1] * cell[c + 2] * (normal - old)
 
 
 @numba.njit(cache=True, fastmath=True, error_model="numpy")
-def apply_impulses(velocity, mobility, ends, data, impulse):  # type: ignore[no-untyped-def]
+def apply_impulses(velocity, mobility, ends, data, impulse, cell):  # type: ignore[no-untyped-def]
     """Add M^-1 H r to the velocities in place."""
     for c in range(ends.shape[0]):
         nx, ny, nz = data[c, 0], data[c, 1], data[c, 2]
         x, y, z = impulse[c, 0], impulse[c, 1], impulse[c, 2]
         along = x * nx + y * ny + z * nz
         _push(ends[c, 0], ends[c, 1], nx, ny, nz, x, y, z, along, velocity, mobility)
+        if cell is not None:
+            cell[0] += cell[1] * cell[c + 2] * along
 
 
 @numba.njit(cache=True, fastmath=True, error_model="numpy")
-def closing_size(velocity, ends, data):  # type: ignore[no-untyped-def]
+def closing_size(velocity, ends, data, cell):  # type: ignore[no-untyped-def]
     """Norm of u + b n over the contacts that close, with their masses, sqrt(J)."""
     total = 0.0
     for c in range(ends.shape[0]):
         nx, ny, nz, b = data[c, 0], data[c, 1], data[c, 2], data[c, 3]
         ux, uy, uz = _relative_velocity(ends[c, 0], ends[c, 1], nx, ny, nz, velocity)
+        if cell is not None:
+            b += cell[0] * cell[c + 2]
         ux, uy, uz = ux + b * nx, uy + b * ny, uz + b * nz
         if ux * nx + uy * ny + uz * nz < 0.0:
             total += (ux * ux + uy * uy + uz * uz) * data[c, 4]
@@ -106,7 +116,7 @@ def closing_size(velocity, ends, data):  # type: ignore[no-untyped-def]
 
 
 @numba.njit(cache=True, fastmath=True, error_model="numpy")
-def natural_map_error(velocity, ends, data, impulse, anchor):  # type: ignore[no-untyped-def]
+def natural_map_error(velocity, ends, data, impulse, anchor, cell):  # type: ignore[no-untyped-def]
     r"""Norm of Coulomb's law as an equation, every contact with its mass, sqrt(J).
 
     De Saxce's form, with the step rho of each contact and the compliance in u:
@@ -124,6 +134,8 @@ def natural_map_error(velocity, ends, data, impulse, anchor):  # type: ignore[no
         old = rx * nx + ry * ny + rz * nz
         rx, ry, rz = rx - old * nx, ry - old * ny, rz - old * nz
         ux, uy, uz = ux - u * nx, uy - u * ny, uz - u * nz
+        if cell is not None:
+            u += cell[0] * cell[c + 2]
         if a > 0.0:
             ax, ay, az = anchor[c, 0], anchor[c, 1], anchor[c, 2]
             held = ax * nx + ay * ny + az * nz
@@ -148,17 +160,17 @@ def natural_map_error(velocity, ends, data, impulse, anchor):  # type: ignore[no
 
 
 @numba.njit(cache=True, fastmath=True, error_model="numpy")
-def relax(velocity, mobility, ends, data, impulse, anchor, target, sweeps, burst):  # type: ignore[no-untyped-def]
+def relax(velocity, mobility, ends, data, impulse, anchor, cell, target, sweeps, burst):  # type: ignore[no-untyped-def]
     """Sweep to and fro until (3) is below the target; return the sweeps made and the error."""
     contacts = ends.shape[0]
-    error = natural_map_error(velocity, ends, data, impulse, anchor)
+    error = natural_map_error(velocity, ends, data, impulse, anchor, cell)
     done = 0
     while done < sweeps and not error <= target:
         for _ in range(min(burst, sweeps - done)):
             for c in range(contacts):
-                _solve_contact(c, velocity, mobility, ends, data, impulse, anchor)
+                _solve_contact(c, velocity, mobility, ends, data, impulse, anchor, cell)
             done += 1
-        error = natural_map_error(velocity, ends, data, impulse, anchor)
+        error = natural_map_error(velocity, ends, data, impulse, anchor, cell)
     return done, error
 
 
@@ -167,7 +179,7 @@ def relax_coloured(  # type: ignore[no-untyped-def]
     velocity, mobility, ends, data, impulse, anchor, bounds, target, sweeps, burst
 ):
     """Do the same colour by colour; the contacts after the last bound are not coloured."""
-    error = natural_map_error(velocity, ends, data, impulse, anchor)
+    error = natural_map_error(velocity, ends, data, impulse, anchor, None)
     done = 0
     threads = numba.get_num_threads()
     while done < sweeps and not error <= target:
@@ -176,15 +188,15 @@ def relax_coloured(  # type: ignore[no-untyped-def]
                 first, size = bounds[k], bounds[k + 1] - bounds[k]
                 if size < 64:
                     for c in range(first, first + size):
-                        _solve_contact(c, velocity, mobility, ends, data, impulse, anchor)
+                        _solve_contact(c, velocity, mobility, ends, data, impulse, anchor, None)
                 else:
                     for t in numba.prange(threads):
                         for c in range(
                             first + size * t // threads, first + size * (t + 1) // threads
                         ):
-                            _solve_contact(c, velocity, mobility, ends, data, impulse, anchor)
+                            _solve_contact(c, velocity, mobility, ends, data, impulse, anchor, None)
             for c in range(bounds[-1], ends.shape[0]):
-                _solve_contact(c, velocity, mobility, ends, data, impulse, anchor)
+                _solve_contact(c, velocity, mobility, ends, data, impulse, anchor, None)
             done += 1
-        error = natural_map_error(velocity, ends, data, impulse, anchor)
+        error = natural_map_error(velocity, ends, data, impulse, anchor, None)
     return done, error
