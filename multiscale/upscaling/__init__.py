@@ -20,6 +20,7 @@ from multiscale.upscaling.reading import (
 )
 from multiscale.upscaling.resolution import estimate_grid_error
 from multiscale.upscaling.scales import compare_scales, pressure_length, relaxation_time
+from multiscale.upscaling.sliding import friction_observations
 from multiscale.upscaling.statistics import (
     ensemble_average,
     nayak_trend,
@@ -43,6 +44,7 @@ __all__ = [
     "estimate_grid_error",
     "fit_law",
     "fitted_law",
+    "friction_observations",
     "is_admissible",
     "law_band",
     "law_from_dataset",

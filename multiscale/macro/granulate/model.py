@@ -57,11 +57,15 @@ class Solver:
         Limit of sweeps in a step.
     threads : int
         1 sweeps in the order of the contacts, more colour by colour.
+    most_assembled : int
+        A step of at most so many contacts that the sweeps do not solve is given to
+        :func:`multiscale.nonsmooth.solve_friction`.
     """
 
     tolerance: float = 1e-4
     max_iterations: int = 1000
     threads: int = 1
+    most_assembled: int = 400
 
     def __post_init__(self) -> None:
         if not 0.0 < self.tolerance < 1.0:

@@ -6,6 +6,7 @@ from time import perf_counter
 import numpy as np
 
 from multiscale.errors import CaseError
+from multiscale.macro.granulate.assembled import solve_assembled
 from multiscale.macro.granulate.bodies import Cylinder, Wall
 from multiscale.macro.granulate.contacts import (
     Contacts,
@@ -21,6 +22,7 @@ from multiscale.macro.granulate.neighbours import find_pairs
 from multiscale.macro.granulate.sweeps import (
     apply_impulses,
     closing_size,
+    natural_map_error,
     relax,
     relax_coloured,
 )
@@ -338,36 +340,35 @@ def _solve(
     if scale == 0.0:
         impulse[:] = 0.0
         return 0, 0.0
-    apply_impulses(velocity, model.mobility, ends, data, impulse, strained)
-    target = solver.tolerance * scale
+    free, mobility, target = velocity.copy(), model.mobility, solver.tolerance * scale
+    apply_impulses(velocity, mobility, ends, data, impulse, strained)
+    limit = solver.max_iterations
     if solver.threads == 1 or strained is not None:
         done, error = relax(
+            velocity, mobility, ends, data, impulse, anchor, strained, target, limit, BURST
+        )
+    else:
+        order, bounds = colour(ends, model.grains.n, mobility.any(axis=1))
+        of_colours = impulse[order]
+        done, error = relax_coloured(
             velocity,
-            model.mobility,
-            ends,
-            data,
-            impulse,
-            anchor,
-            strained,
+            mobility,
+            ends[order],
+            data[order],
+            of_colours,
+            anchor[order],
+            bounds,
+            solver.threads,
             target,
-            solver.max_iterations,
+            limit,
             BURST,
         )
+        impulse[order] = of_colours
+    if error <= target or strained is not None or len(ends) > solver.most_assembled:
         return done, error / scale
-    free = model.mobility.any(axis=1)
-    order, bounds = colour(ends, model.grains.n, free)
-    sorted_impulse = impulse[order]
-    done, error = relax_coloured(
-        velocity,
-        model.mobility,
-        ends[order],
-        data[order],
-        sorted_impulse,
-        anchor[order],
-        bounds,
-        target,
-        solver.max_iterations,
-        BURST,
-    )
-    impulse[order] = sorted_impulse
+    found = solve_assembled(free, mobility, ends, data, anchor, impulse, 0.1 * solver.tolerance)
+    apply_impulses(free, mobility, ends, data, found, None)
+    new = natural_map_error(free, ends, data, found, anchor, None)
+    if new < error:
+        velocity[:], impulse[:], error = free, found, new
     return done, error / scale

@@ -176,12 +176,11 @@ def relax(velocity, mobility, ends, data, impulse, anchor, cell, target, sweeps,
 
 @numba.njit(cache=True, fastmath=True, parallel=True, error_model="numpy")
 def relax_coloured(  # type: ignore[no-untyped-def]
-    velocity, mobility, ends, data, impulse, anchor, bounds, target, sweeps, burst
+    velocity, mobility, ends, data, impulse, anchor, bounds, threads, target, sweeps, burst
 ):
-    """Do the same colour by colour; the contacts after the last bound are not coloured."""
+    """Do the same colour by colour, in as many parts; what comes after the last bound has none."""
     error = natural_map_error(velocity, ends, data, impulse, anchor, None)
     done = 0
-    threads = numba.get_num_threads()
     while done < sweeps and not error <= target:
         for _ in range(min(burst, sweeps - done)):
             for k in range(bounds.size - 1):
