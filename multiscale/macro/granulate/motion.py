@@ -6,12 +6,10 @@ from time import perf_counter
 import numpy as np
 
 from multiscale.errors import CaseError
-from multiscale.macro.granulate.assembled import solve_assembled
 from multiscale.macro.granulate.bodies import Cylinder, Wall
 from multiscale.macro.granulate.contacts import (
     Contacts,
     build_contacts,
-    colour,
     find_wall_pairs,
     missed,
     penetration,
@@ -19,13 +17,7 @@ from multiscale.macro.granulate.contacts import (
 from multiscale.macro.granulate.energy import account, cell_of
 from multiscale.macro.granulate.model import Model, Solver
 from multiscale.macro.granulate.neighbours import find_pairs
-from multiscale.macro.granulate.sweeps import (
-    apply_impulses,
-    closing_size,
-    natural_map_error,
-    relax,
-    relax_coloured,
-)
+from multiscale.macro.granulate.step import solve_step
 
 __all__ = ["State", "Step", "advance", "start"]
 
@@ -40,9 +32,6 @@ ALLOWED = 1e-3
 
 OVERLAP = 0.01
 """Overlap that grains may have at the start, relative to the smaller radius."""
-
-BURST = 10
-"""Sweeps between two looks at the error."""
 
 
 @dataclass(frozen=True)
@@ -268,7 +257,9 @@ def advance(model: Model, state: State, h: float, solver: Solver) -> tuple[State
             (rate, 1.0 / inertia),
         )
         velocity = free.copy()
-        done, residual = _solve(model, solver, velocity, ends, data, impulse, anchor, cell)
+        done, residual = solve_step(
+            model, solver, state.position, velocity, ends, data, impulse, anchor, cell
+        )
         sweeps += done
         kept = np.zeros_like(state.kept)
         kept[index] = impulse
@@ -322,53 +313,3 @@ def advance(model: Model, state: State, h: float, solver: Solver) -> tuple[State
         searched,
         total - searched,
     )
-
-
-def _solve(
-    model: Model,
-    solver: Solver,
-    velocity: np.ndarray,
-    ends: np.ndarray,
-    data: np.ndarray,
-    impulse: np.ndarray,
-    anchor: np.ndarray,
-    cell: np.ndarray,
-) -> tuple[int, float]:
-    """Solve the contacts in place; return the sweeps made and the relative error."""
-    strained = cell if cell[1] > 0.0 else None
-    scale = closing_size(velocity, ends, data, strained)
-    if scale == 0.0:
-        impulse[:] = 0.0
-        return 0, 0.0
-    free, mobility, target = velocity.copy(), model.mobility, solver.tolerance * scale
-    apply_impulses(velocity, mobility, ends, data, impulse, strained)
-    limit = solver.max_iterations
-    if solver.threads == 1 or strained is not None:
-        done, error = relax(
-            velocity, mobility, ends, data, impulse, anchor, strained, target, limit, BURST
-        )
-    else:
-        order, bounds = colour(ends, model.grains.n, mobility.any(axis=1))
-        of_colours = impulse[order]
-        done, error = relax_coloured(
-            velocity,
-            mobility,
-            ends[order],
-            data[order],
-            of_colours,
-            anchor[order],
-            bounds,
-            solver.threads,
-            target,
-            limit,
-            BURST,
-        )
-        impulse[order] = of_colours
-    if error <= target or strained is not None or len(ends) > solver.most_assembled:
-        return done, error / scale
-    found = solve_assembled(free, mobility, ends, data, anchor, impulse, 0.1 * solver.tolerance)
-    apply_impulses(free, mobility, ends, data, found, None)
-    new = natural_map_error(free, ends, data, found, anchor, None)
-    if new < error:
-        velocity[:], impulse[:], error = free, found, new
-    return done, error / scale

@@ -16,11 +16,20 @@ The arrays of the kernels, for b bodies (grains first, then walls) and m contact
 import numba
 import numpy as np
 
-__all__ = ["apply_impulses", "closing_size", "natural_map_error", "relax", "relax_coloured"]
+__all__ = [
+    "apply_impulses",
+    "closing_size",
+    "natural_map_error",
+    "push",
+    "relative_velocity",
+    "relax",
+    "relax_coloured",
+    "solve_contact",
+]
 
 
 @numba.njit(inline="always", fastmath=True, error_model="numpy")
-def _relative_velocity(i, j, nx, ny, nz, velocity):  # type: ignore[no-untyped-def]
+def relative_velocity(i, j, nx, ny, nz, velocity):  # type: ignore[no-untyped-def]
     """Return u at the contact, body i minus body j."""
     wx = velocity[i, 4] + velocity[j, 4]
     wy = velocity[i, 5] + velocity[j, 5]
@@ -32,7 +41,7 @@ def _relative_velocity(i, j, nx, ny, nz, velocity):  # type: ignore[no-untyped-d
 
 
 @numba.njit(inline="always", fastmath=True, error_model="numpy")
-def _push(i, j, nx, ny, nz, dx, dy, dz, dn, velocity, mobility):  # type: ignore[no-untyped-def]
+def push(i, j, nx, ny, nz, dx, dy, dz, dn, velocity, mobility):  # type: ignore[no-untyped-def]
     """Add to the velocities what an impulse d with the normal part dn brings."""
     tx, ty, tz = ny * dz - nz * dy, nz * dx - nx * dz, nx * dy - ny * dx
     across, turn = mobility[i, 1], mobility[i, 2]  # i is a grain, equally heavy along and across
@@ -53,7 +62,7 @@ def _push(i, j, nx, ny, nz, dx, dy, dz, dn, velocity, mobility):  # type: ignore
 
 
 @numba.njit(inline="always", fastmath=True, error_model="numpy")
-def _solve_contact(c, velocity, mobility, ends, data, impulse, anchor, cell):  # type: ignore[no-untyped-def]
+def solve_contact(c, velocity, mobility, ends, data, impulse, anchor, cell):  # type: ignore[no-untyped-def]
     r"""Solve one contact exactly while the others are held.
 
     W is diagonal there, so the normal part comes first and bounds the tangential one:
@@ -64,7 +73,7 @@ def _solve_contact(c, velocity, mobility, ends, data, impulse, anchor, cell):  #
     i, j = ends[c, 0], ends[c, 1]
     nx, ny, nz = data[c, 0], data[c, 1], data[c, 2]
     mass, a, friction = data[c, 5], data[c, 6], data[c, 7]
-    ux, uy, uz = _relative_velocity(i, j, nx, ny, nz, velocity)
+    ux, uy, uz = relative_velocity(i, j, nx, ny, nz, velocity)
     u = ux * nx + uy * ny + uz * nz
     if cell is not None:
         u += cell[0] * cell[c + 2]
@@ -83,7 +92,7 @@ def _solve_contact(c, velocity, mobility, ends, data, impulse, anchor, cell):  #
     dx, dy, dz = normal * nx + tx - rx, normal * ny + ty - ry, normal * nz + tz - rz
     if dx != 0.0 or dy != 0.0 or dz != 0.0:
         impulse[c, 0], impulse[c, 1], impulse[c, 2] = rx + dx, ry + dy, rz + dz
-        _push(i, j, nx, ny, nz, dx, dy, dz, normal - old, velocity, mobility)
+        push(i, j, nx, ny, nz, dx, dy, dz, normal - old, velocity, mobility)
         if cell is not None:
             cell[0] += cell[1] * cell[c + 2] * (normal - old)
 
@@ -95,7 +104,7 @@ def apply_impulses(velocity, mobility, ends, data, impulse, cell):  # type: igno
         nx, ny, nz = data[c, 0], data[c, 1], data[c, 2]
         x, y, z = impulse[c, 0], impulse[c, 1], impulse[c, 2]
         along = x * nx + y * ny + z * nz
-        _push(ends[c, 0], ends[c, 1], nx, ny, nz, x, y, z, along, velocity, mobility)
+        push(ends[c, 0], ends[c, 1], nx, ny, nz, x, y, z, along, velocity, mobility)
         if cell is not None:
             cell[0] += cell[1] * cell[c + 2] * along
 
@@ -106,7 +115,7 @@ def closing_size(velocity, ends, data, cell):  # type: ignore[no-untyped-def]
     total = 0.0
     for c in range(ends.shape[0]):
         nx, ny, nz, b = data[c, 0], data[c, 1], data[c, 2], data[c, 3]
-        ux, uy, uz = _relative_velocity(ends[c, 0], ends[c, 1], nx, ny, nz, velocity)
+        ux, uy, uz = relative_velocity(ends[c, 0], ends[c, 1], nx, ny, nz, velocity)
         if cell is not None:
             b += cell[0] * cell[c + 2]
         ux, uy, uz = ux + b * nx, uy + b * ny, uz + b * nz
@@ -128,7 +137,7 @@ def natural_map_error(velocity, ends, data, impulse, anchor, cell):  # type: ign
         nx, ny, nz = data[c, 0], data[c, 1], data[c, 2]
         a, mu = data[c, 6], data[c, 7]
         rho = data[c, 4] / (1.0 + a)
-        ux, uy, uz = _relative_velocity(ends[c, 0], ends[c, 1], nx, ny, nz, velocity)
+        ux, uy, uz = relative_velocity(ends[c, 0], ends[c, 1], nx, ny, nz, velocity)
         u = ux * nx + uy * ny + uz * nz
         rx, ry, rz = impulse[c, 0], impulse[c, 1], impulse[c, 2]
         old = rx * nx + ry * ny + rz * nz
@@ -168,7 +177,7 @@ def relax(velocity, mobility, ends, data, impulse, anchor, cell, target, sweeps,
     while done < sweeps and not error <= target:
         for _ in range(min(burst, sweeps - done)):
             for c in range(contacts):
-                _solve_contact(c, velocity, mobility, ends, data, impulse, anchor, cell)
+                solve_contact(c, velocity, mobility, ends, data, impulse, anchor, cell)
             done += 1
         error = natural_map_error(velocity, ends, data, impulse, anchor, cell)
     return done, error
@@ -187,15 +196,15 @@ def relax_coloured(  # type: ignore[no-untyped-def]
                 first, size = bounds[k], bounds[k + 1] - bounds[k]
                 if size < 64:
                     for c in range(first, first + size):
-                        _solve_contact(c, velocity, mobility, ends, data, impulse, anchor, None)
+                        solve_contact(c, velocity, mobility, ends, data, impulse, anchor, None)
                 else:
                     for t in numba.prange(threads):
                         for c in range(
                             first + size * t // threads, first + size * (t + 1) // threads
                         ):
-                            _solve_contact(c, velocity, mobility, ends, data, impulse, anchor, None)
+                            solve_contact(c, velocity, mobility, ends, data, impulse, anchor, None)
             for c in range(bounds[-1], ends.shape[0]):
-                _solve_contact(c, velocity, mobility, ends, data, impulse, anchor, None)
+                solve_contact(c, velocity, mobility, ends, data, impulse, anchor, None)
             done += 1
         error = natural_map_error(velocity, ends, data, impulse, anchor, None)
     return done, error
