@@ -6,11 +6,15 @@ from collections.abc import Callable, Iterator
 from concurrent.futures import Executor
 from contextlib import contextmanager
 from pathlib import Path
-from typing import Annotated
+from time import perf_counter
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 
 from multiscale.errors import MultiscaleError
+
+if TYPE_CHECKING:
+    from multiscale.pipeline import Case, Sweep
 
 __all__ = ["main"]
 
@@ -25,6 +29,9 @@ CaseArgument = Annotated[str, typer.Argument(help="A case file, or the name of a
 JobsOption = Annotated[
     int, typer.Option(min=0, help="Worker processes; 0 takes one for each core.")
 ]
+DaskOption = Annotated[
+    str | None, typer.Option(help="Address of a dask scheduler, for workers on other machines.")
+]
 QuickOption = Annotated[bool, typer.Option("--quick", help="Coarser grid, fewer realisations.")]
 
 
@@ -37,38 +44,72 @@ def run_command(
     resume: Annotated[
         bool, typer.Option("--resume", help="Go on with a run that was begun in the folder.")
     ] = False,
+    dask: DaskOption = None,
     explain: Annotated[
         bool, typer.Option("--explain", help="Print what the case needs, and stop.")
     ] = False,
 ) -> None:
-    """Run the whole chain: surface, cells, interface law, joint."""
+    """Run the whole chain: surface, cells, interface law, joint; or a sweep of such runs."""
     from multiscale.errors import CaseError
+    from multiscale.pipeline import load_sweep, requirements
+
+    if resume and not any((out / name).is_dir() for name in ("micro", "plan", "points")):
+        raise CaseError(f"{out} holds no run to resume; leave out --resume to begin one")
+    sweep = load_sweep(case)
+    if quick:
+        sweep = sweep.quick()
+    if explain:
+        typer.echo(requirements(sweep.points[0]).explain())
+    elif sweep.parameters:
+        _run_sweep(sweep, out, jobs, dask)
+    else:
+        _run_case(sweep.points[0], out, jobs, dask)
+
+
+def _run_case(settings: "Case", out: Path, jobs: int, dask: str | None) -> None:
+    """Run a case, with figures, report and table."""
     from multiscale.io import logging_to, make_folder
-    from multiscale.pipeline import load_case, requirements, run
+    from multiscale.pipeline import run
     from multiscale.plotting import draw_figures
     from multiscale.report import HEAD, tabulate, write_report
 
-    if resume and not (out / "micro").is_dir():
-        raise CaseError(f"{out} holds no run to resume; leave out --resume to begin one")
-    settings = load_case(case)
-    if quick:
-        settings = settings.quick()
-    if explain:
-        typer.echo(requirements(settings).explain())
-        return
     make_folder(out)
     with (
         logging_to(out / "log.txt"),
-        _workers(jobs) as executor,
-        _progress(settings.micro.realisations) as progress,
+        _workers(jobs, dask) as executor,
+        _progress(
+            settings.micro.realisations, "realisations", settings.accuracy is None
+        ) as progress,
     ):
         results = run(settings, out, executor=executor, progress=progress)
     draw_figures(out)
     write_report(out)
     for caution in results.micro_response.attrs["cautions"].splitlines():
         typer.echo(f"caution: {caution}", err=True)
+    for line in results.macro_result.attrs.get("plan", "").splitlines():
+        typer.echo(line)
     _print_table(settings.title, HEAD, tabulate(results.macro_result))
     typer.echo(f"report, figures and datasets: {out}")
+
+
+def _run_sweep(sweep: "Sweep", out: Path, jobs: int, dask: str | None) -> None:
+    """Run a sweep, and print a line for each of its points."""
+    from multiscale.io import logging_to, make_folder
+    from multiscale.pipeline import run_sweep
+    from multiscale.report import tabulate_sweep
+
+    make_folder(out)
+    with (
+        logging_to(out / "log.txt"),
+        _workers(jobs, dask) as executor,
+        _progress(len(sweep.points), "points") as progress,
+    ):
+        result = run_sweep(sweep, out, executor=executor, progress=progress)
+    _print_table(sweep.title, *tabulate_sweep(result))
+    for failure in result["failure"].values:
+        if failure:
+            typer.echo(f"caution: {failure}", err=True)
+    typer.echo(f"dataset: {out / 'sweep.nc'}; runs: {out / 'points'}")
 
 
 @app.command("micro")
@@ -79,6 +120,7 @@ def micro_command(
     ),
     quick: QuickOption = False,
     jobs: JobsOption = 0,
+    dask: DaskOption = None,
 ) -> None:
     """Solve the cells of a case."""
     from multiscale.io import make_folder
@@ -89,8 +131,8 @@ def micro_command(
         settings = settings.quick()
     make_folder(out.parent)
     with (
-        _workers(jobs) as executor,
-        _progress(settings.micro.realisations) as progress,
+        _workers(jobs, dask) as executor,
+        _progress(settings.micro.realisations, "realisations") as progress,
     ):
         run_micro(settings, out, executor=executor, progress=progress)
 
@@ -130,7 +172,7 @@ def macro_command(
     Started by ``mpiexec -n N``, N processes share the substructures of a scene that is cut.
     """
     from multiscale.macro.substructures import world
-    from multiscale.pipeline import load_scene, run_scene
+    from multiscale.pipeline import homogenised_file, load_scene, run_scene
     from multiscale.report import list_cycles, tabulate_scene
 
     settings = load_scene(scene)
@@ -144,8 +186,9 @@ def macro_command(
     _print_table(result.attrs["title"], *tabulate_scene(result))
     for line in list_cycles(result):
         typer.echo(line)
-    series = out.parent / "fields" / f"{out.stem}.pvd"
-    typer.echo(f"dataset: {out}" + (f"; for ParaView: {series}" if series.is_file() else ""))
+    if settings.substructures is not None and settings.substructures.homogenise:
+        typer.echo(f"condensed substructures: {homogenised_file(out)}")
+    typer.echo(f"dataset: {out}; for ParaView: {out.parent / 'fields' / f'{out.stem}.pvd'}")
 
 
 @app.command("report")
@@ -162,7 +205,10 @@ def report_command(out: Annotated[Path, typer.Argument(help="Folder of a finishe
 def bench_command(
     scenes: Annotated[
         list[str] | None,
-        typer.Argument(help="Families of scenes: micro, nonsmooth, structures; all if not given."),
+        typer.Argument(
+            help="Families: damage, joints, micro, nonsmooth, structures, substructures; "
+            "all if not given."
+        ),
     ] = None,
     out: Annotated[Path, typer.Option("-o", "--out", help="Folder to write to.")] = Path("bench"),
     quick: Annotated[
@@ -193,8 +239,12 @@ def bench_command(
 
 
 @contextmanager
-def _workers(jobs: int) -> Iterator[Executor | None]:
-    """Give a pool of processes, or nothing for a single job."""
+def _workers(jobs: int, dask: str | None) -> Iterator[Executor | None]:
+    """Give the workers of a dask scheduler, a pool of processes, or nothing for a single job."""
+    if dask is not None:
+        with _dask_workers(dask) as executor:
+            yield executor
+        return
     jobs = jobs or _cores()
     if jobs == 1:
         yield None
@@ -206,6 +256,23 @@ def _workers(jobs: int) -> Iterator[Executor | None]:
     with ProcessPoolExecutor(
         jobs, mp_context=get_context("spawn"), initializer=_leave_with_parent
     ) as executor:
+        yield executor
+
+
+@contextmanager
+def _dask_workers(address: str) -> Iterator[Executor]:
+    """Give the workers of a dask scheduler."""
+    from multiscale.errors import CaseError
+
+    try:
+        from distributed import Client
+    except ImportError as error:
+        raise CaseError("--dask needs dask; install the extra 'cluster'") from error
+    try:
+        client = Client(address, timeout=10)  # type: ignore[no-untyped-call]
+    except (OSError, ValueError) as error:
+        raise CaseError(f"no dask scheduler answers at {address!r}: {error}") from error
+    with client, client.get_executor() as executor:  # type: ignore[no-untyped-call]
         yield executor
 
 
@@ -232,17 +299,38 @@ def _leave_with_parent() -> None:
 
 
 @contextmanager
-def _progress(total: int) -> Iterator[Callable[[int], None]]:
-    """Show a bar on a terminal, a line for each realisation elsewhere."""
+def _progress(total: int, what: str, shown: bool = True) -> Iterator[Callable[[int], None]]:
+    """Show a bar on a terminal, a line for each step elsewhere; both with the time left."""
+    if not shown:
+        yield lambda finished: None
+        return
     if not sys.stderr.isatty():
-        yield lambda finished: typer.echo(f"{finished} of {total} realisations", err=True)
+        begin: list[tuple[int, float]] = []
+
+        def tell(finished: int) -> None:
+            begin.append((finished, perf_counter()))
+            first, since = begin[0]
+            left = ""
+            if first < finished < total:
+                each = (perf_counter() - since) / (finished - first)
+                left = f", about {_duration(each * (total - finished))} left"
+            typer.echo(f"{finished} of {total} {what}{left}", err=True)
+
+        yield tell
         return
     from rich.console import Console
     from rich.progress import Progress
 
     with Progress(console=Console(stderr=True)) as bar:
-        task = bar.add_task("realisations", total=total)
+        task = bar.add_task(what, total=total)
         yield lambda finished: bar.update(task, completed=finished)
+
+
+def _duration(seconds: float) -> str:
+    """Round a time for reading."""
+    if seconds < 90.0:
+        return f"{seconds:.0f} s"
+    return f"{seconds / 60.0:.0f} min" if seconds < 5400.0 else f"{seconds / 3600.0:.1f} h"
 
 
 def _print_table(title: str, head: tuple[str, ...], rows: list[tuple[str, ...]]) -> None:

@@ -1,5 +1,6 @@
 """What every iterative solver returns."""
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from enum import Enum
 from math import isfinite
@@ -8,7 +9,7 @@ import numpy as np
 
 from multiscale.errors import ConvergenceError
 
-__all__ = ["Solution", "Status"]
+__all__ = ["Solution", "Status", "verdict"]
 
 
 class Status(Enum):
@@ -70,3 +71,24 @@ class Solution:
                 f"{self.status.value}{detail}"
             )
         return self.value
+
+
+def verdict(residuals: Sequence[float], tolerance: float, patience: int) -> Status | None:
+    """Say why an iteration should stop after its last residual, or ``None`` if it may go on.
+
+    Parameters
+    ----------
+    residuals : sequence of float
+        All so far, at least one.
+    tolerance : float
+        Up to which the last one counts as converged.
+    patience : int
+        Iterations without a smaller residual after which there is no hope.
+    """
+    if not isfinite(residuals[-1]):
+        return Status.NOT_FINITE
+    if residuals[-1] <= tolerance:
+        return Status.CONVERGED
+    if int(np.argmin(residuals)) < len(residuals) - 1 - patience:
+        return Status.STALLED
+    return None

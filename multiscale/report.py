@@ -1,6 +1,7 @@
 """The results of a run as a table, and as one self-contained page."""
 
 import base64
+from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -17,6 +18,7 @@ __all__ = [
     "tabulate_grains",
     "tabulate_links",
     "tabulate_scene",
+    "tabulate_sweep",
     "write_report",
 ]
 
@@ -34,6 +36,7 @@ figure { display: inline-block; margin: 0; max-width: 29rem; }
 <h1>{{ title }}</h1>
 <p>{{ summary }}</p>
 {% for caution in cautions %}<p><strong>Caution:</strong> {{ caution }}.</p>
+{% endfor %}{% for line in plan %}<p>{{ line }}.</p>
 {% endfor %}<table>
 <tr>{% for name in head %}<th>{{ name }}</th>{% endfor %}</tr>
 {% for row in rows %}<tr>{% for value in row %}<td>{{ value }}</td>{% endfor %}</tr>
@@ -46,7 +49,14 @@ src="data:image/png;base64,{{ image }}"></figure>
 </html>
 """
 
-HEAD = ("preload (MPa)", "joint stiffness (MPa/µm)", "95 % band", "mean gap (µm)", "contact (%)")
+HEAD = (
+    "preload (MPa)",
+    "joint stiffness (MPa/µm)",
+    "95 % band",
+    "error (%)",
+    "mean gap (µm)",
+    "contact (%)",
+)
 
 MOST_ROWS = 11
 """Of the table of a structure of links."""
@@ -64,22 +74,49 @@ def tabulate(result: "xr.Dataset") -> list[tuple[str, ...]]:
     for k in range(result.sizes["step"]):
         step = result.isel(step=k)
         if not int(step["converged"]):
-            rows.append((f"{1e-6 * float(step['preload']):.4g}", "not converged", "", "", ""))
+            rows.append((f"{1e-6 * float(step['preload']):.4g}", "not converged", "", "", "", ""))
             continue
-        band = "none"
+        band = np.full(2, np.nan)
         if "joint_stiffness_sample" in result:
-            low, high = 1e-12 * np.nanpercentile(step["joint_stiffness_sample"], (2.5, 97.5))
-            band = f"{low:.4g} ... {high:.4g}"
-        rows.append(
-            (
-                f"{1e-6 * float(step['preload']):.4g}",
-                f"{1e-12 * float(step['joint_stiffness']):.4g}",
-                band,
-                f"{1e6 * float(step['mean_gap']):.4g}",
-                f"{100.0 * float(step['contact_fraction']):.3g}",
-            )
-        )
+            band = np.nanpercentile(step["joint_stiffness_sample"], (2.5, 97.5))
+        rows.append(_row(step, band))
     return rows
+
+
+def tabulate_sweep(result: "xr.Dataset") -> tuple[tuple[str, ...], list[tuple[str, ...]]]:
+    """Return head and rows of a sweep as text: each point at its largest converged preload.
+
+    Parameters
+    ----------
+    result : Dataset
+        Follows ``SWEEP``.
+    """
+    head = (*map(str, result["parameter"].values), *HEAD)
+    rows = []
+    for k in range(result.sizes["point"]):
+        point = result.isel(point=k)
+        said = tuple(map(str, point["setting"].values))
+        done = np.flatnonzero(point["converged"].values)
+        if done.size == 0:
+            rows.append((*said, "", "no result", "", "", "", ""))
+            continue
+        step = point.isel(step=done[-1])
+        band = (float(step[f"joint_stiffness_{end}"]) for end in ("low", "high"))
+        rows.append((*said, *_row(step, tuple(band))))
+    return head, rows
+
+
+def _row(step: "xr.Dataset", band: "Sequence[float] | np.ndarray") -> tuple[str, ...]:
+    """Results at one preload, in the order of ``HEAD``."""
+    low, high = (1e-12 * end for end in band)
+    return (
+        f"{1e-6 * float(step['preload']):.4g}",
+        f"{1e-12 * float(step['joint_stiffness']):.4g}",
+        "none" if np.isnan(low) else f"{low:.4g} ... {high:.4g}",
+        f"{100.0 * float(step['error_total'][0]):.2g}" if "error_total" in step else "",
+        f"{1e6 * float(step['mean_gap']):.4g}",
+        f"{100.0 * float(step['contact_fraction']):.3g}",
+    )
 
 
 def tabulate_links(result: "xr.Dataset") -> tuple[tuple[str, ...], list[tuple[str, ...]]]:
@@ -132,7 +169,7 @@ def tabulate_scene(result: "xr.Dataset") -> tuple[tuple[str, ...], list[tuple[st
     if "contact_force" in result:
         return tabulate_grains(result)
     if "tangential_stiffness" in result:
-        head = (
+        head: tuple[str, ...] = (
             "preload (MPa)",
             "joint stiffness (MPa/µm)",
             "tangential (MPa/µm)",
@@ -150,6 +187,9 @@ def tabulate_scene(result: "xr.Dataset") -> tuple[tuple[str, ...], list[tuple[st
         shown = result.isel(step=np.flatnonzero(result["shear"].values == 0.0))
         shown = shown.isel(step=np.flatnonzero(np.isfinite(shown["joint_stiffness"].values)))
         columns = [scale * shown[name].values for name, scale in zip(names, scales, strict=True)]
+        if "error_total" in shown:
+            head = (*head, "error (%)")
+            columns.append(100.0 * shown["error_total"].values[0])
         return head, [tuple(f"{value:.4g}" for value in row) for row in zip(*columns, strict=True)]
     largest = 1e6 * np.abs(result["displacement"].values).max(axis=(1, 2))
     return ("load", "largest displacement (µm)", "iterations", "residual"), [
@@ -169,6 +209,15 @@ def list_cycles(result: "xr.Dataset") -> list[str]:
     if "cycle_energy" not in result:
         return []
     return [f"cycle {k}: {loss:.4g} J lost" for k, loss in enumerate(result["cycle_energy"].values)]
+
+
+def _terms(result: "xr.Dataset") -> list[str]:
+    """Say of each term of the error budget how it was estimated."""
+    if "error_total" not in result:
+        return []
+    how = {term: f"how_{term.replace(' ', '_')}" for term in result["error_term"].values}
+    lines = [f"{term}: {result.attrs[name]}" for term, name in how.items()]
+    return ["The error of the joint stiffness holds " + "; ".join(lines)]
 
 
 def write_report(out: str | Path) -> Path:
@@ -201,6 +250,7 @@ def write_report(out: str | Path) -> Path:
             f"{100.0 * law.attrs['cross_validated_stiffness_error']:.2g} % in stiffness."
         ),
         cautions=response.attrs.get("cautions", "").splitlines(),
+        plan=[*result.attrs.get("plan", "").splitlines(), *_terms(result)],
         head=HEAD,
         rows=tabulate(result),
         figures=[

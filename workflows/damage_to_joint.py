@@ -20,7 +20,7 @@ import numpy as np
 
 from multiscale.io import make_folder, write_dataset
 from multiscale.laws import Exponential
-from multiscale.macro import Block, RoughJoint, cycled_joint
+from multiscale.macro import Block, RoughJoint, cycled_joint, soften
 from multiscale.micro.damage import (
     FatigueMaterial,
     compare_stiffness,
@@ -59,11 +59,9 @@ def main(argv: Sequence[str] | None = None) -> int:
     stress = -np.array(PRESSURE)[::-1] / (1.0 - damage)  # in the weakest section
     life = two_scale_fatigue(stress, material)
 
-    block = Block(0.02, E, NU)
+    block = soften(Block(0.02, E, NU), stiffness)
     law = Exponential(pressure_scale=4e9, decay_length=2.7e-6)
-    joint = cycled_joint(
-        RoughJoint((0.05, 0.05), block, block), law, PRESSURE[0], life, stiffness_factor=factor
-    )
+    joint = cycled_joint(RoughJoint((0.05, 0.05), block, block), law, PRESSURE[0], life)
 
     for dataset, schema in (
         (sections, DAMAGE_SECTIONS),

@@ -25,15 +25,36 @@ def _nonsmooth(quick: bool, report: Callable[[str], None]) -> "xr.Dataset":
     return bench_nonsmooth(quick=quick, report=report)
 
 
+def _joints(quick: bool, report: Callable[[str], None]) -> "xr.Dataset":
+    from multiscale.bench.joints import bench_joints
+
+    return bench_joints(quick=quick, report=report)
+
+
 def _structures(quick: bool, report: Callable[[str], None]) -> "xr.Dataset":
     from multiscale.bench.structures import bench_structures
 
     return bench_structures(quick=quick, report=report)
 
 
+def _damage(quick: bool, report: Callable[[str], None]) -> "xr.Dataset":
+    from multiscale.bench.damage import bench_damage
+
+    return bench_damage(quick=quick, report=report)
+
+
+def _substructures(quick: bool, report: Callable[[str], None]) -> "xr.Dataset":
+    from multiscale.bench.substructures import bench_substructures
+
+    return bench_substructures(quick=quick, report=report)
+
+
 SCENES: dict[str, Scene] = {
+    "joints": _joints,
     "micro": _micro,
     "nonsmooth": _nonsmooth,
     "structures": _structures,
+    "damage": _damage,
+    "substructures": _substructures,
 }
 """Families of scenes: whether to be quick, and what gets a line for each run, to the dataset."""

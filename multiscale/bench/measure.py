@@ -14,7 +14,7 @@ from typing import Generic, TypeVar
 __all__ = ["THREADS", "Measured", "measure"]
 
 THREADS = 2
-"""Threads that a measured code may use."""
+"""Threads that a measured code may use, if nothing else is said."""
 
 T = TypeVar("T")
 
@@ -40,7 +40,11 @@ class Measured(Generic[T]):
 
 
 def measure(
-    task: Callable[[], T], *, warm_up: Callable[[], object], repeats: int = 3
+    task: Callable[[], T],
+    *,
+    warm_up: Callable[[], object],
+    repeats: int = 3,
+    threads: int = THREADS,
 ) -> Measured[T]:
     """Run a task several times, each time in a fresh process.
 
@@ -53,6 +57,8 @@ def measure(
         neither imports nor compilation are counted.
     repeats : int
         Number of processes.
+    threads : int
+        Threads that the task may use.
 
     Returns
     -------
@@ -63,13 +69,15 @@ def measure(
         # spawn: a forked process would start with the memory of this one
         with ProcessPoolExecutor(1, mp_context=get_context("spawn")) as executor:
             try:
-                runs.append(executor.submit(_run, task, warm_up).result())
+                runs.append(executor.submit(_run, task, warm_up, threads).result())
             except BrokenProcessPool:
                 return Measured(None, float("nan"), float("nan"))
     return Measured(runs[-1][0], median(run[1] for run in runs), median(run[2] for run in runs))
 
 
-def _run(task: Callable[[], T], warm_up: Callable[[], object]) -> tuple[T, float, float]:
+def _run(
+    task: Callable[[], T], warm_up: Callable[[], object], threads: int
+) -> tuple[T, float, float]:
     """Warm up, then run the task: its value, time and peak memory."""
     from threadpoolctl import threadpool_limits
 
@@ -77,8 +85,8 @@ def _run(task: Callable[[], T], warm_up: Callable[[], object]) -> tuple[T, float
     if "numba" in sys.modules:
         import numba
 
-        numba.set_num_threads(min(THREADS, numba.get_num_threads()))
-    with threadpool_limits(THREADS):
+        numba.set_num_threads(min(threads, numba.get_num_threads()))
+    with threadpool_limits(threads):
         begin = perf_counter()
         value = task()
         elapsed = perf_counter() - begin

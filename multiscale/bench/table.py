@@ -11,12 +11,14 @@ __all__ = ["tabulate"]
 COLUMNS: Mapping[str, tuple[str, str, float]] = {
     "points": ("points", "d", 1),
     "cables": ("cables", "d", 1),
+    "unknowns": ("unknowns", ".0f", 1),
     "wall_time": ("time (s)", ".3g", 1),
     "peak_memory": ("memory (MB)", ".0f", 1e-6),
     "iterations": ("iterations", ".0f", 1),
     "residual": ("residual", ".1e", 1),
     "error": ("error", ".1e", 1),
     "own_error": ("own error", ".1e", 1),
+    "effectivity": ("effectivity", ".2g", 1),
 }
 """Heading, format and factor of each variable."""
 

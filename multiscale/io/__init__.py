@@ -1,5 +1,6 @@
 """Readers and writers: the only place where files are opened."""
 
+from multiscale.io.body_fields import write_body_fields
 from multiscale.io.datasets import (
     open_dataset,
     open_law,
@@ -35,6 +36,7 @@ __all__ = [
     "read_table",
     "read_text",
     "save_law",
+    "write_body_fields",
     "write_bytes",
     "write_dataset",
     "write_grain_fields",

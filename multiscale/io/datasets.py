@@ -1,9 +1,11 @@
 """Datasets in netCDF files: checked against their schema, written whole, with provenance."""
 
 import sys
+from contextlib import AbstractContextManager, nullcontext
 from datetime import UTC, datetime
 from os import PathLike
 from pathlib import Path
+from threading import Lock
 from typing import TYPE_CHECKING
 
 from multiscale import __version__
@@ -60,7 +62,22 @@ def write_dataset(
         history=f"{now}: {' '.join([Path(sys.argv[0]).name, *sys.argv[1:]])}",
         **attributes,
     )
-    write_bytes(path, bytes(whole.to_netcdf(engine="h5netcdf")))
+    with _WRITING, _without_cluster():
+        content = bytes(whole.to_netcdf(engine="h5netcdf"))
+    write_bytes(path, content)
+
+
+_WRITING = Lock()
+"""Held while the settings of dask are other than the user's."""
+
+
+def _without_cluster() -> AbstractContextManager[object]:
+    """Keep xarray, in a worker of dask, from asking the scheduler for a lock on bytes in memory."""
+    if "dask" not in sys.modules:
+        return nullcontext()
+    import dask
+
+    return dask.config.set(scheduler="threads")
 
 
 def open_dataset(path: str | PathLike[str], schema: Schema | None = None) -> "xr.Dataset":

@@ -1,14 +1,11 @@
 """A granulate, frame by frame, as VTU files for ParaView."""
 
 from pathlib import Path
-from tempfile import TemporaryDirectory
-from typing import TYPE_CHECKING
-from xml.sax.saxutils import quoteattr
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from multiscale.io.files import write_bytes
-from multiscale.io.link_fields import collection_text
+from multiscale.io.series import write_series
 from multiscale.schema import GRANULATE
 
 if TYPE_CHECKING:
@@ -44,40 +41,33 @@ def write_grain_fields(result: "xr.Dataset", folder: Path, *, name: str = "grain
     MultiscaleError
         If a file cannot be written.
     """
-    import meshio
-
     GRANULATE.check(result)
     time = np.append(0.0, result["time"].values)[result["frame_step"].values + 1]
-    n = result.sizes["grain"]
-    entries = []
-    with TemporaryDirectory() as scratch:
-        for k, at in enumerate(time):
-            frame = result.isel(frame=k)
-            here = result["contact_frame"].values == k
-            first = frame["position"].values[result["contact_ends"].values[here, 0]]
-            second = first - result["branch"].values[here]  # a contact across a period stays short
-            force = np.linalg.norm(result["contact_force"].values[here], axis=1)
-            m = len(force)
-            lines = n + np.arange(2 * m).reshape(2, m).T
-            grains = {
-                "radius": result["radius"].values,
-                "velocity": frame["velocity"].values,
-                "spin": frame["spin"].values,
-            }
-            data = {
-                key: np.concatenate([value, np.zeros((2 * m, *value.shape[1:]))])
-                for key, value in grains.items()
-            }
-            part = Path(scratch) / "part.vtu"
-            meshio.Mesh(
-                np.concatenate([frame["position"].values, first, second]),
-                [("vertex", np.arange(n)[:, None]), ("line", lines)],
-                point_data=data,
-                cell_data={"force": [np.zeros(n), force]},
-            ).write(part)
-            file = f"{name}-{k:04d}.vtu"
-            write_bytes(folder / file, part.read_bytes())
-            entries.append(f'    <DataSet timestep="{float(at)!r}" file={quoteattr(file)}/>\n')
-    collection = folder / f"{name}.pvd"  # last: it names only files that are there
-    write_bytes(collection, collection_text(entries).encode())
-    return collection
+    frames = ({"": _frame(result, k)} for k in range(result.sizes["frame"]))
+    return write_series(folder, name, time, frames)
+
+
+def _frame(result: "xr.Dataset", k: int) -> Any:
+    """Points of the grains and lines of their contacts in a frame."""
+    import meshio
+
+    n, frame = result.sizes["grain"], result.isel(frame=k)
+    here = result["contact_frame"].values == k
+    first = frame["position"].values[result["contact_ends"].values[here, 0]]
+    second = first - result["branch"].values[here]  # a contact across a period stays short
+    force = np.linalg.norm(result["contact_force"].values[here], axis=1)
+    m = len(force)
+    grains = {
+        "radius": result["radius"].values,
+        "velocity": frame["velocity"].values,
+        "spin": frame["spin"].values,
+    }
+    return meshio.Mesh(
+        np.concatenate([frame["position"].values, first, second]),
+        [("vertex", np.arange(n)[:, None]), ("line", n + np.arange(2 * m).reshape(2, m).T)],
+        point_data={
+            key: np.concatenate([value, np.zeros((2 * m, *value.shape[1:]))])
+            for key, value in grains.items()
+        },
+        cell_data={"force": [np.zeros(n), force]},
+    )

@@ -76,9 +76,14 @@ class VoxelImage:
                 "the image says nothing of the size of its voxels; give voxel_size (m), three "
                 "edges if they are not cubes"
             )
-        edges = np.broadcast_to(np.asarray(voxel_size, dtype=float), (3,))
-        x, y, z = (float(n * edge) for n, edge in zip(np.shape(void), edges, strict=False))
-        return VoxelImage(void, (x, y, z))
+        if np.size(voxel_size) not in (1, 3):
+            raise CaseError(
+                f"voxel_size is the edge of a cube or three edges along x, y and z (m), "
+                f"got {voxel_size}"
+            )
+        shape = (*np.shape(void), 1, 1, 1)[:3]  # another number of axes is refused below
+        x, y, z = np.broadcast_to(np.asarray(voxel_size, dtype=float).ravel(), (3,)) * shape
+        return VoxelImage(void, (float(x), float(y), float(z)))
 
     def coarsened(self) -> "VoxelImage":
         """Half the resolution: a voxel is void if half of its eight parts are."""
@@ -105,8 +110,8 @@ def read_images(
     Parameters
     ----------
     path : path
-        File, or folder whose ``.tif`` or ``.tiff`` files, in the order of their names, are
-        slices along z.
+        File, or folder whose ``.tif`` or ``.tiff`` files, in the order of their names with
+        numbers as numbers, are slices along z.
     void_value : float
         Value of the voxels that are void; the image must hold no more than one other.
     voxel_size : float or sequence of float, optional
@@ -160,7 +165,8 @@ def _read_pages(path: Path) -> tuple[np.ndarray, tuple[float, float, float] | No
         ) from error
     try:
         if path.is_dir():
-            slices = sorted(p for p in path.iterdir() if p.suffix.lower() in {".tif", ".tiff"})
+            names = [str(p) for p in path.iterdir() if p.suffix.lower() in {".tif", ".tiff"}]
+            slices = tifffile.natural_sorted(names)
             if not slices:
                 raise CaseError(f"{path}: the folder holds no .tif file; give the slices as TIFF")
             return np.stack([tifffile.imread(p) for p in slices]), None

@@ -8,6 +8,7 @@ from multiscale.laws.exponential import Exponential
 from multiscale.laws.friction import BellFriction, Coulomb, DecayingFriction, FrictionLaw
 from multiscale.laws.frictional import Frictional
 from multiscale.laws.power import PowerLaw
+from multiscale.laws.rigid import RigidContact
 from multiscale.laws.stiffness import PowerStiffness, StiffnessLaw
 from multiscale.laws.stretched import StretchedLaw
 from multiscale.laws.unloading import HystereticLaw
@@ -29,6 +30,7 @@ __all__ = [
     "PowerLaw",
     "PowerStiffness",
     "Response",
+    "RigidContact",
     "StiffnessLaw",
     "StretchedLaw",
 ]

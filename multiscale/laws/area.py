@@ -5,6 +5,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from multiscale.errors import CaseError
+from multiscale.laws.parameters import check_parameter
 
 __all__ = ["AreaLaw", "ErrorFunctionArea"]
 
@@ -27,15 +28,17 @@ class AreaLaw:
 
     Notes
     -----
-    Between the knots the monotone cubic interpolation of Fritsch and Butland [1]_; outside
+    Between the knots the monotone cubic interpolation of Fritsch and Butland [1]_ of
+    :math:`\ln A` over :math:`\ln p`, in which light contact is a straight line; outside
 
     .. math::
-        A(p) = A_1\, p / p_1 \quad (p < p_1), \qquad
+        A(p) = A_1\, \frac{\langle p - p_0 \rangle}{p_1 - p_0} \quad (p < p_1), \qquad
         A(p) = 1 - (1 - A_n)\, \exp\Big(-\frac{A'_n\,(p - p_n)}{1 - A_n}\Big)
-        \quad (p > p_n).    \tag{1}
+        \quad (p > p_n),    \tag{1}
 
-    The area is proportional to the load at light contact; the second form continues with the slope
-    :math:`A'_n` of the last knot and tends to full contact.
+    with the first knot :math:`p_1` that is in contact and the last one :math:`p_0` that is not,
+    zero if all are. The area is proportional to the load at light contact; the second form
+    continues with the slope :math:`A'_n` of the last knot and tends to full contact.
 
     References
     ----------
@@ -72,19 +75,36 @@ class AreaLaw:
 
     def contact_fraction(self, pressure: np.ndarray) -> np.ndarray:
         """Real over nominal contact area, dimensionless, at a nominal pressure, Pa; any shape."""
-        from scipy.interpolate import PchipInterpolator
-
         pressure = np.asarray(pressure, dtype=float)
         if not np.all(pressure >= 0.0):
             raise ValueError("a pressure must not be negative (Pa)")
-        p, a = self.knot_pressure, self.knot_fraction
-        inner = PchipInterpolator(p / p[-1], a)
-        x = pressure / p[-1]
-        fraction = np.where(x < p[0] / p[-1], a[0] * pressure / p[0], inner(np.clip(x, None, 1.0)))
+        touching = np.flatnonzero(self.knot_fraction > 0.0)
+        if not touching.size:
+            return np.zeros(pressure.shape)
+        first = int(touching[0])
+        origin = self.knot_pressure[first - 1] if first else 0.0
+        p, a = self.knot_pressure[first:], self.knot_fraction[first:]
+        ramp = np.maximum(0.0, pressure - origin) / (p[0] - origin)
+        fraction, slope = a[0] * np.minimum(ramp, 1.0), a[0] / (p[0] - origin)
+        if p.size > 1:
+            fraction, slope = _between(p, a, pressure, fraction)
         if a[-1] < 1.0:
-            beyond = np.maximum(0.0, x - 1.0) * max(0.0, float(inner(1.0, 1))) / (1.0 - a[-1])
-            fraction = np.where(x > 1.0, 1.0 - (1.0 - a[-1]) * np.exp(-beyond), fraction)  # (1)
+            beyond = np.maximum(0.0, pressure - p[-1]) * slope / (1.0 - a[-1])
+            fraction = np.where(pressure > p[-1], 1.0 - (1.0 - a[-1]) * np.exp(-beyond), fraction)
         return np.asarray(np.clip(fraction, 0.0, 1.0))
+
+
+def _between(
+    p: np.ndarray, a: np.ndarray, pressure: np.ndarray, below: np.ndarray
+) -> tuple[np.ndarray, float]:
+    """Interpolate between the knots in logarithms; also the slope at the last one, 1/Pa."""
+    from scipy.interpolate import PchipInterpolator
+
+    x = np.log(p / p[0])
+    inner = PchipInterpolator(x, np.log(a))
+    inside = np.exp(inner(np.log(np.clip(pressure, p[0], p[-1]) / p[0])))
+    slope = max(0.0, float(inner(x[-1], 1))) * a[-1] / p[-1]
+    return np.where(pressure < p[0], below, np.where(pressure < p[-1], inside, a[-1])), slope
 
 
 @dataclass(frozen=True)
@@ -122,10 +142,7 @@ class ErrorFunctionArea:
     pressure_scale: float
 
     def __post_init__(self) -> None:
-        if not (self.pressure_scale > 0.0 and np.isfinite(self.pressure_scale)):
-            raise CaseError(
-                f"pressure_scale must be positive and finite (Pa), got {self.pressure_scale:g}"
-            )
+        check_parameter(self, "pressure_scale", "Pa")
 
     def contact_fraction(self, pressure: np.ndarray) -> np.ndarray:
         """Evaluate (1) at a nominal pressure, Pa; any shape."""

@@ -1,11 +1,12 @@
 """A normal law of free form: decreasing, convex and zero beyond the highest summit."""
 
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 
 from multiscale.errors import CaseError, ConvergenceError
-from multiscale.laws.base import NormalLaw
+from multiscale.laws.base import NormalLaw, climb
 
 __all__ = ["ConvexDecreasing"]
 
@@ -48,6 +49,14 @@ class ConvexDecreasing(NormalLaw):
     satisfy (2) but reach only laws whose :math:`p^{1/3}` is convex: no power law
     :math:`(s - g)^m` with :math:`m < 3`, no Greenwood-Williamson law at small gap, and not the
     first contact of a wave.
+
+    Between two knots (1) is evaluated about the right one,
+
+    .. math::
+        p = \sum_{i=0}^3 a_{ij} (s_j - g)^i, \qquad
+        a_{ij} = \binom{3}{i} \sum_{k \ge j} c_k (s_k - s_j)^{3-i},    \tag{3}
+
+    where nothing cancels that does not in (1).
 
     Examples
     --------
@@ -93,11 +102,13 @@ class ConvexDecreasing(NormalLaw):
 
     def pressure(self, gap: np.ndarray) -> np.ndarray:
         """Evaluate (1); the unit is Pa."""
-        return self._sum(gap, 3)
+        d, (a0, a1, a2, a3) = self._piece(gap)
+        return np.asarray(a0 + d * (a1 + d * (a2 + d * a3)))  # (3)
 
     def stiffness(self, gap: np.ndarray) -> np.ndarray:
         """Minus the derivative of (1), Pa/m."""
-        return 3.0 * self._sum(gap, 2)
+        d, (_, a1, a2, a3) = self._piece(gap)
+        return np.asarray(a1 + d * (2.0 * a2 + d * 3.0 * a3))
 
     def gap_at(self, pressure: np.ndarray) -> np.ndarray:
         """Local gap, m, at a pressure, Pa; the last knot at zero pressure.
@@ -110,7 +121,7 @@ class ConvexDecreasing(NormalLaw):
         if not np.all((target >= 0.0) & np.isfinite(target)):
             raise ValueError("a pressure must be finite and not negative (Pa)")
         s, c = self.knot, self.coefficient
-        at_knot = self.pressure(s)
+        at_knot = self._at_knots
         last = target <= (at_knot[-2] if s.size > 1 else np.inf)
         left = np.searchsorted(-at_knot, -target, side="right") - 1
         gap = np.where(last, s[-1] - np.cbrt(target / c[-1]), s[np.maximum(left, 0)])
@@ -128,9 +139,40 @@ class ConvexDecreasing(NormalLaw):
             f"it was fitted up to {self.pressure_range[1]:.3g} Pa"
         )
 
-    def _sum(self, gap: np.ndarray, power: int) -> np.ndarray:
-        """Sum of c_k <s_k - g>^power, term by term: memory for points, not points times terms."""
-        total = np.zeros(np.shape(gap))
-        for s, c in zip(self.knot, self.coefficient, strict=True):
-            total += c * np.maximum(0.0, s - gap) ** power
-        return total
+    def resolvent(
+        self, source: np.ndarray, stiffness: float | np.ndarray, state: np.ndarray
+    ) -> np.ndarray:
+        """Find the jump on the law and on a search direction; see :class:`InterfaceLaw`.
+
+        Newton's method starts from the last knot left of the root, or beyond all knots from the
+        root itself.
+        """
+        stiffness = np.broadcast_to(stiffness, source.shape)
+        k, b = stiffness[0], source[0]
+        knot, left = self.knot - self.gap, np.full(b.shape, -1)
+        for jump, pressure in zip(knot, self._at_knots, strict=True):
+            left += k * jump - pressure <= b
+        if np.any(left < 0):
+            return super().resolvent(source, stiffness, state)
+        start = np.where(left < knot.size - 1, knot[left], b / k)
+        return climb(self, source, stiffness, state, start)
+
+    @cached_property
+    def _at_knots(self) -> np.ndarray:
+        """Pressure at the knots, Pa."""
+        return self.pressure(self.knot)
+
+    @cached_property
+    def _expansions(self) -> np.ndarray:
+        """:math:`a_{ij}` of (3) in row i, and zeros beyond the last knot, shape (4, terms + 1)."""
+        s, c = self.knot, self.coefficient
+        beyond = np.maximum(0.0, s - s[:, None])  # one row per j
+        own = s >= s[:, None]
+        terms = [beyond**3, 3.0 * beyond**2, 3.0 * beyond, own]
+        return np.stack([np.append(term @ c, 0.0) for term in terms])
+
+    def _piece(self, gap: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Distance to the knot on the right and the coefficients of (3) there."""
+        j = np.searchsorted(self.knot, gap, side="right")
+        right = self.knot[np.minimum(j, self.knot.size - 1)]
+        return np.maximum(0.0, right - gap), self._expansions[:, j]

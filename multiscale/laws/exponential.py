@@ -4,8 +4,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from multiscale.errors import CaseError
 from multiscale.laws.base import NormalLaw
+from multiscale.laws.parameters import check_parameter
 
 __all__ = ["Exponential"]
 
@@ -21,7 +21,7 @@ class Exponential(NormalLaw):
     decay_length : float
         :math:`u_0 > 0`, m.
     gap : float, default 0.0
-        Initial gap :math:`g_0` between the mean planes, m.
+        :math:`g_0` of :class:`NormalLaw`, m.
 
     Raises
     ------
@@ -30,9 +30,7 @@ class Exponential(NormalLaw):
 
     Notes
     -----
-    With the local gap :math:`g = [\![u_N]\!] + g_0`,
-
-    .. math:: t_N = -p_c\, e^{-g/u_0}, \qquad t_T = 0.    \tag{1}
+    .. math:: p(g) = p_c\, e^{-g/u_0}.    \tag{1}
 
     The stiffness is proportional to the pressure, :math:`K = p / u_0`, as found for self-affine
     surfaces at intermediate pressure.
@@ -54,14 +52,8 @@ class Exponential(NormalLaw):
     gap: float = 0.0
 
     def __post_init__(self) -> None:
-        if not (self.pressure_scale > 0.0 and np.isfinite(self.pressure_scale)):
-            raise CaseError(
-                f"pressure_scale must be positive and finite (Pa), got {self.pressure_scale:g}"
-            )
-        if not (self.decay_length > 0.0 and np.isfinite(self.decay_length)):
-            raise CaseError(
-                f"decay_length must be positive and finite (m), got {self.decay_length:g}"
-            )
+        check_parameter(self, "pressure_scale", "Pa")
+        check_parameter(self, "decay_length", "m")
 
     def pressure(self, gap: np.ndarray) -> np.ndarray:
         """Evaluate (1); the unit is Pa."""

@@ -6,6 +6,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from multiscale.errors import CaseError
+from multiscale.laws.parameters import check_parameter
 
 __all__ = ["BellFriction", "Coulomb", "DecayingFriction", "FrictionLaw"]
 
@@ -34,16 +35,6 @@ class FrictionLaw(ABC):
         return np.asarray(self.coefficient(pressure, speed) * pressure * direction)
 
 
-def _check(law: FrictionLaw, **units: str) -> None:
-    """Refuse parameters that are negative or not finite; those with a unit must be positive."""
-    for name, unit in units.items():
-        value = getattr(law, name)
-        allowed = value >= 0.0 if unit == "1" else value > 0.0
-        if not (allowed and np.isfinite(value)):
-            kind = "not be negative" if unit == "1" else "be positive"
-            raise CaseError(f"{name} must {kind} and finite ({unit}), got {value:g}")
-
-
 @dataclass(frozen=True)
 class Coulomb(FrictionLaw):
     r"""Coulomb's law: one friction coefficient.
@@ -67,12 +58,12 @@ class Coulomb(FrictionLaw):
     friction_coefficient: float
 
     def __post_init__(self) -> None:
-        _check(self, friction_coefficient="1")
+        check_parameter(self, "friction_coefficient", lowest=0.0)
 
     def coefficient(self, pressure: np.ndarray, speed: np.ndarray) -> np.ndarray:
-        """Return the constant, in the common shape of both arguments."""
-        shape = np.broadcast_shapes(np.shape(pressure), np.shape(speed))
-        return np.full(shape, self.friction_coefficient)
+        """Return the constant, in the common shape of the arguments."""
+        mu = np.broadcast_arrays(self.friction_coefficient, pressure, speed)[0]
+        return np.array(mu, dtype=float)
 
 
 @dataclass(frozen=True)
@@ -107,7 +98,9 @@ class DecayingFriction(FrictionLaw):
     decay_speed: float
 
     def __post_init__(self) -> None:
-        _check(self, static_coefficient="1", kinetic_coefficient="1", decay_speed="m/s")
+        check_parameter(self, "static_coefficient", lowest=0.0)
+        check_parameter(self, "kinetic_coefficient", lowest=0.0)
+        check_parameter(self, "decay_speed", "m/s")
 
     def coefficient(self, pressure: np.ndarray, speed: np.ndarray) -> np.ndarray:
         """Evaluate (2)."""
@@ -169,14 +162,14 @@ class BellFriction(FrictionLaw):
     reference_pressure: float
 
     def __post_init__(self) -> None:
-        _check(self, peak_coefficient="1", rest_share="1", peak_speed="m/s")
-        _check(self, reference_pressure="Pa")
-        if not self.rest_share <= 1.0:
-            raise CaseError(f"rest_share must be at most 1, got {self.rest_share:g}")
-        if not (self.width > 0.0 and np.isfinite(self.width)):
-            raise CaseError(f"width must be positive and finite, got {self.width:g}")
-        if not np.isfinite(self.pressure_exponent):
-            raise CaseError(f"pressure_exponent must be finite, got {self.pressure_exponent:g}")
+        for name in ("peak_coefficient", "rest_share"):
+            check_parameter(self, name, lowest=0.0)
+        for name, unit in (("peak_speed", "m/s"), ("width", "1"), ("reference_pressure", "Pa")):
+            check_parameter(self, name, unit)
+        if not np.all(np.asarray(self.rest_share) <= 1.0):
+            raise CaseError(f"rest_share must be at most 1, got {np.max(self.rest_share):g}")
+        if not np.all(np.isfinite(self.pressure_exponent)):
+            raise CaseError(f"pressure_exponent must be finite, got {self.pressure_exponent}")
 
     def coefficient(self, pressure: np.ndarray, speed: np.ndarray) -> np.ndarray:
         """Evaluate (3); zero pressure and zero speed included where (3) has a limit."""

@@ -4,8 +4,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from multiscale.errors import CaseError
 from multiscale.laws.base import NormalLaw
+from multiscale.laws.parameters import check_parameter
 
 __all__ = ["PowerLaw"]
 
@@ -23,7 +23,7 @@ class PowerLaw(NormalLaw):
     exponent : float
         :math:`m \ge 1`, dimensionless.
     gap : float, default 0.0
-        Initial gap :math:`g_0` between the mean planes, m.
+        :math:`g_0` of :class:`NormalLaw`, m.
 
     Raises
     ------
@@ -32,9 +32,7 @@ class PowerLaw(NormalLaw):
 
     Notes
     -----
-    With the local gap :math:`g = [\![u_N]\!] + g_0`,
-
-    .. math:: t_N = -p_c\, \langle 1 - g/s \rangle_+^m, \qquad t_T = 0.    \tag{1}
+    .. math:: p(g) = p_c\, \langle 1 - g/s \rangle_+^m.    \tag{1}
 
     With the approach :math:`a = s - g` this is :math:`c_n a^m` with :math:`c_n = p_c s^{-m}`; the
     form (1) keeps units that do not depend on the exponent.
@@ -57,16 +55,9 @@ class PowerLaw(NormalLaw):
     gap: float = 0.0
 
     def __post_init__(self) -> None:
-        if not (self.pressure_scale > 0.0 and np.isfinite(self.pressure_scale)):
-            raise CaseError(
-                f"pressure_scale must be positive and finite (Pa), got {self.pressure_scale:g}"
-            )
-        if not (self.support > 0.0 and np.isfinite(self.support)):
-            raise CaseError(f"support must be positive and finite (m), got {self.support:g}")
-        if not (self.exponent >= 1.0 and np.isfinite(self.exponent)):
-            raise CaseError(
-                f"exponent must be at least 1, so that the law is convex, got {self.exponent:g}"
-            )
+        check_parameter(self, "pressure_scale", "Pa")
+        check_parameter(self, "support", "m")
+        check_parameter(self, "exponent", lowest=1.0)  # a convex law
 
     def pressure(self, gap: np.ndarray) -> np.ndarray:
         """Evaluate (1); the unit is Pa."""

@@ -5,7 +5,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from multiscale.errors import CaseError
+from multiscale.laws.parameters import check_parameter
 
 __all__ = ["PowerStiffness", "StiffnessLaw"]
 
@@ -60,14 +60,9 @@ class PowerStiffness(StiffnessLaw):
     reference_pressure: float
 
     def __post_init__(self) -> None:
-        for name, unit in (("stiffness_scale", "Pa/m"), ("reference_pressure", "Pa")):
-            value = getattr(self, name)
-            if not (value > 0.0 and np.isfinite(value)):
-                raise CaseError(f"{name} must be positive and finite ({unit}), got {value:g}")
-        if not (self.exponent >= 0.0 and np.isfinite(self.exponent)):
-            raise CaseError(
-                f"the exponent of a stiffness must not be negative, got {self.exponent:g}"
-            )
+        check_parameter(self, "stiffness_scale", "Pa/m")
+        check_parameter(self, "reference_pressure", "Pa")
+        check_parameter(self, "exponent", lowest=0.0)
 
     def stiffness_at(self, pressure: np.ndarray) -> np.ndarray:
         """Evaluate (1), Pa/m."""

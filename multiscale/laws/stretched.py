@@ -4,24 +4,29 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from multiscale.errors import CaseError
 from multiscale.laws.base import NormalLaw
+from multiscale.laws.parameters import check_parameter
 
 __all__ = ["StretchedLaw"]
 
 
 @dataclass(frozen=True)
 class StretchedLaw(NormalLaw):
-    r"""The law :math:`p(g) = p_0(g / f)` of another one.
+    r"""The law :math:`p(g) = p_0(g_c + (g - g_c - d) / f)` of another one.
 
     Parameters
     ----------
     law : NormalLaw
         :math:`p_0`.
     factor : float
-        :math:`f > 0`: all gaps are that much larger at the same pressure, dimensionless.
+        :math:`f > 0`: all gaps are that much further from the centre at the same pressure,
+        dimensionless.
     gap : float, default 0.0
         Initial gap between the mean planes, m; that of the other law is not used.
+    centre : float, default 0.0
+        The gap :math:`g_c` that is not stretched, m.
+    shift : float, default 0.0
+        :math:`d`, by which all gaps are larger, m.
 
     Raises
     ------
@@ -39,19 +44,25 @@ class StretchedLaw(NormalLaw):
     law: NormalLaw
     factor: float
     gap: float = 0.0
+    centre: float = 0.0
+    shift: float = 0.0
 
     def __post_init__(self) -> None:
-        if not (self.factor > 0.0 and np.isfinite(self.factor)):
-            raise CaseError(f"factor must be positive and finite, got {self.factor:g}")
+        check_parameter(self, "factor")
 
     def pressure(self, gap: np.ndarray) -> np.ndarray:
         """Pressure, Pa, at a local gap, m."""
-        return self.law.pressure(np.asarray(gap) / self.factor)
+        return self.law.pressure(self._own(gap))
 
     def stiffness(self, gap: np.ndarray) -> np.ndarray:
         """Minus the derivative of the pressure, Pa/m, at a local gap, m."""
-        return self.law.stiffness(np.asarray(gap) / self.factor) / self.factor
+        return self.law.stiffness(self._own(gap)) / self.factor
 
     def gap_at(self, pressure: np.ndarray) -> np.ndarray:
         """Local gap, m, at a pressure, Pa."""
-        return self.factor * self.law.gap_at(pressure)
+        own = self.law.gap_at(pressure)
+        return np.asarray(self.centre + self.shift + self.factor * (own - self.centre))
+
+    def _own(self, gap: np.ndarray) -> np.ndarray:
+        """Gap of the other law at the same pressure, m."""
+        return np.asarray(self.centre + (np.asarray(gap) - self.centre - self.shift) / self.factor)

@@ -4,8 +4,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from multiscale.errors import CaseError
 from multiscale.laws.base import InterfaceLaw, NormalLaw, Response, climb
+from multiscale.laws.parameters import check_parameter
 
 __all__ = ["HystereticLaw", "UnloadingBranch"]
 
@@ -71,10 +71,8 @@ class HystereticLaw(InterfaceLaw):
     n_state = 1
 
     def __post_init__(self) -> None:
-        for name in ("stiffness_ratio", "exponent"):
-            value = getattr(self, name)
-            if not (value >= 1.0 and np.isfinite(value)):
-                raise CaseError(f"{name} must be at least 1 and finite, got {value:g}")
+        check_parameter(self, "stiffness_ratio", lowest=1.0)
+        check_parameter(self, "exponent", lowest=1.0)
 
     def branch(self, peak_pressure: np.ndarray) -> "UnloadingBranch":
         """Unloading branch (1) from a largest pressure :math:`p_m > 0`, Pa; any shape."""

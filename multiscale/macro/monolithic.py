@@ -7,7 +7,7 @@ import numpy as np
 from numpy.linalg import norm
 from scipy.sparse import block_array, csr_array, diags_array, issparse
 
-from multiscale.convergence import Solution, Status
+from multiscale.convergence import Solution, Status, verdict
 from multiscale.errors import MultiscaleError
 from multiscale.laws.base import InterfaceLaw
 from multiscale.linalg import factorise
@@ -102,12 +102,8 @@ def solve_interface(
     for iteration in range(max_iterations + 1):
         if callback is not None:
             callback(iteration, residuals[-1])
-        if not np.isfinite(residuals[-1]):
-            return Solution(u, Status.NOT_FINITE, tuple(residuals))
-        if residuals[-1] <= tolerance:
-            return Solution(u, Status.CONVERGED, tuple(residuals))
-        if int(np.argmin(residuals)) < iteration - PATIENCE:
-            return Solution(u, Status.STALLED, tuple(residuals))
+        if reason := verdict(residuals, tolerance, PATIENCE):
+            return Solution(u, reason, tuple(residuals))
         if iteration == max_iterations:
             break
 

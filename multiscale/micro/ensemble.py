@@ -2,12 +2,12 @@
 
 import logging
 from collections.abc import Callable, Sequence
-from concurrent.futures import Executor, as_completed
-from concurrent.futures.process import BrokenProcessPool
+from concurrent.futures import Executor
 from pathlib import Path as FilePath
 from typing import TYPE_CHECKING
 
-from multiscale.errors import CaseError, MultiscaleError, SchemaError
+from multiscale.errors import CaseError, SchemaError
+from multiscale.executors import run_jobs
 from multiscale.io import make_folder, open_dataset, write_dataset
 from multiscale.micro.cell import Cell, Path
 from multiscale.micro.solve import solve_cell
@@ -41,8 +41,7 @@ def run_ensemble(
     path : Path
         The same for all, so that a mean over realisations at one pressure means something.
     executor : Executor, optional
-        Any of ``concurrent.futures``, of dask (``Client.get_executor()``) or of mpi4py; serial if
-        not given. Each worker uses one thread.
+        See :func:`multiscale.executors.run_jobs`.
     folder : Path, optional
         Gets ``realisation-0000.nc`` and so on, each written when it is finished. Those already
         there are not computed again.
@@ -82,22 +81,7 @@ def run_ensemble(
     todo = [k for k in range(len(cells)) if k not in results]
     progress(len(results))
     jobs = {k: (cells[k], path, keep_fields and k == 0, files[k], identity) for k in todo}
-    if executor is None:
-        for k in todo:
-            finish(k, _solve_realisation(*jobs[k]))
-    else:
-        futures = {executor.submit(_solve_in_worker, *jobs[k]): k for k in todo}
-        try:
-            for future in as_completed(futures):
-                finish(futures[future], future.result())
-        except BrokenProcessPool as error:
-            raise MultiscaleError(
-                f"a worker process died after {len(results)} of {len(cells)} realisations, perhaps "
-                f"for lack of memory; what is finished is kept, so run again with fewer jobs"
-            ) from error
-        finally:
-            for future in futures:
-                future.cancel()
+    run_jobs(_solve_realisation, jobs, executor, finish)
     ordered = [
         results[k]
         .drop_vars(["pressure", "gap", "x", "y"], errors="ignore")
@@ -137,13 +121,3 @@ def _solve_realisation(
     if file is not None:
         write_dataset(response, file, MICRO_RESPONSE, identity=identity)
     return response
-
-
-def _solve_in_worker(
-    cell: Cell, path: Path, keep_fields: bool, file: FilePath | None, identity: str
-) -> "xr.Dataset":
-    """Solve one cell on one thread: the workers share the machine."""
-    import numba
-
-    numba.set_num_threads(1)
-    return _solve_realisation(cell, path, keep_fields, file, identity)

@@ -2,22 +2,51 @@
 
 from multiscale.pipeline.case import find_case, load_case
 from multiscale.pipeline.cells import make_cells
+from multiscale.pipeline.concurrent import CellLaw
+from multiscale.pipeline.end_to_end import EndToEndCase, end_to_end
+from multiscale.pipeline.micro import run_micro
+from multiscale.pipeline.planner import Plan, plan
 from multiscale.pipeline.requirements import requirements
-from multiscale.pipeline.run import Results, run, run_micro
+from multiscale.pipeline.rough_scenes import RoughWave, TiltedJoint
+from multiscale.pipeline.rough_structure import (
+    RoughStructure,
+    solve_concurrent,
+    solve_direct,
+    solve_sequential,
+)
+from multiscale.pipeline.run import Results, run
 from multiscale.pipeline.scene_settings import Scene
-from multiscale.pipeline.scenes import load_scene, run_scene
+from multiscale.pipeline.scenes import homogenised_file, load_scene, run_scene
 from multiscale.pipeline.settings import Case
+from multiscale.pipeline.sweep import Sweep, load_sweep, run_sweep
+from multiscale.pipeline.three_ways import three_ways
 
 __all__ = [
     "Case",
+    "CellLaw",
+    "EndToEndCase",
+    "Plan",
     "Results",
+    "RoughStructure",
+    "RoughWave",
     "Scene",
+    "Sweep",
+    "TiltedJoint",
+    "end_to_end",
     "find_case",
+    "homogenised_file",
     "load_case",
     "load_scene",
+    "load_sweep",
     "make_cells",
+    "plan",
     "requirements",
     "run",
     "run_micro",
     "run_scene",
+    "run_sweep",
+    "solve_concurrent",
+    "solve_direct",
+    "solve_sequential",
+    "three_ways",
 ]

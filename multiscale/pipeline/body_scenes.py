@@ -6,21 +6,24 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from multiscale.errors import CaseError
-from multiscale.io import open_law
-from multiscale.laws import Damaged, Frictional
-from multiscale.laws.bulk import Elastic
+from multiscale.io import open_dataset, open_law
+from multiscale.laws import Damaged, Frictional, NormalLaw
+from multiscale.laws.bulk import AnisotropicElastic, Elastic
 from multiscale.macro import Body, cut_bodies, solve_latin
 from multiscale.macro.continuum import box_mesh
 from multiscale.macro.substructures import (
     JointLoading,
     LapShape,
+    Problem,
     RoughAssembly,
     Team,
+    add_body_fields,
     lap_joint,
     load_joint,
     split_boxes,
     stacked_blocks,
 )
+from multiscale.pipeline.body_budget import with_joint_budget
 from multiscale.pipeline.body_settings import (
     JointLawSettings,
     LapJoint,
@@ -28,6 +31,7 @@ from multiscale.pipeline.body_settings import (
     StackedBlocks,
     Substructures,
 )
+from multiscale.schema import RVE_STIFFNESS
 from multiscale.upscaling import law_from_dataset
 
 if TYPE_CHECKING:
@@ -35,7 +39,7 @@ if TYPE_CHECKING:
 
     from multiscale.pipeline.scene_settings import Scene
 
-__all__ = ["make_assembly", "solve_bodies"]
+__all__ = ["cut_scene", "make_assembly", "solve_bodies"]
 
 
 def solve_bodies(scene: "Scene", law: Path | None, team: Team | None = None) -> "xr.Dataset":
@@ -59,48 +63,85 @@ def solve_bodies(scene: "Scene", law: Path | None, team: Team | None = None) -> 
     MultiscaleError
         If dimensions, cut or law are refused, or there is no law.
     """
-    cut = scene.substructures or Substructures()
+    given, cut = scene.structure, scene.substructures or Substructures()
     options: dict[str, Any] = {
         "coarse": cut.coarse,
         "tolerance": cut.tolerance,
         "max_iterations": cut.max_iterations,
         "team": team,
     }
-    if isinstance(scene.structure, Plate):
-        plate = _make_plate(scene.structure)
-        problem = cut_bodies([plate], [split_boxes(plate, (*cut.parts, 1))])
+    if isinstance(given, Plate):
         factors = np.array(scene.statics.load_factors) if scene.statics else 1.0
-        return solve_latin(problem, factors, **options)
+        result = solve_latin(cut_scene(scene), factors, **options)
+        return add_body_fields(result, [_make_plate(given)])
+    assert isinstance(given, StackedBlocks | LapJoint)
     assert scene.loading is not None  # the scene has been validated
-    given = scene.loading
-    loading = JointLoading(given.preloads, given.shear or 0.0, given.cycles, given.steps)
-    return load_joint(make_assembly(scene, law), loading, parts=cut.parts, **options)
+    loads, dataset = scene.loading, _open_law(scene, law)
+    loading = JointLoading(loads.preloads, loads.shear or 0.0, loads.cycles, loads.steps)
+    assembly = make_assembly(scene, law_from_dataset(dataset))
+    result = load_joint(assembly, loading, parts=cut.parts, **options)
+    if "error_half_width" in dataset and result["converged"].values.all():
+
+        def stiffness(normal: NormalLaw, structure: StackedBlocks | LapJoint = given) -> Any:
+            changed = scene.model_copy(update={"structure": structure})
+            pressed = JointLoading(loads.preloads)
+            parts = make_assembly(changed, normal)
+            found = load_joint(parts, pressed, parts=cut.parts, **options)
+            return found["joint_stiffness"].to_numpy()
+
+        result = with_joint_budget(result, dataset, stiffness, given.coarser())
+    return add_body_fields(result, assembly.bodies, damage=_damage(given))
 
 
-def make_assembly(scene: "Scene", law: Path | None = None) -> RoughAssembly:
-    """Build the bodies and joints of a scene; arguments as for :func:`solve_bodies`."""
+def cut_scene(scene: "Scene", law: Path | None = None) -> Problem:
+    """Cut the bodies of a scene; arguments as for :func:`solve_bodies`."""
+    cut = scene.substructures or Substructures()
+    if not isinstance(scene.structure, Plate):
+        return make_assembly(scene, law_from_dataset(_open_law(scene, law))).cut(cut.parts)
+    plate = _make_plate(scene.structure)
+    return cut_bodies([plate], [split_boxes(plate, (*cut.parts, 1))])
+
+
+def make_assembly(scene: "Scene", normal: NormalLaw) -> RoughAssembly:
+    """Build the bodies and joints of a scene, whose sound joints have a normal law."""
     given, joint = scene.structure, scene.joint
     assert isinstance(given, StackedBlocks | LapJoint)
     assert joint is not None
-    laws = _laws(joint, given.joints, law)
-    damage = given.damage or (0.0,) * (given.joints + 1)
-    materials = [Elastic((1.0 - D) * given.youngs_modulus, given.poissons_ratio) for D in damage]
+    laws = _laws(joint, given.joints, normal)
+    materials = [_material(given, 1.0 - D) for D in _damage(given)]
     if isinstance(given, StackedBlocks):
         return stacked_blocks(given.size, given.elements, materials, laws)
     names = ("length", "width", "thickness", "overlap", "hole", "washer", "element", "layers")
     shape = LapShape(**{name: getattr(given, name) for name in names})
-    return lap_joint(shape, (materials[0], materials[1]), laws[0])
+    return lap_joint(shape, materials, laws[0])
 
 
-def _laws(joint: JointLawSettings, count: int, law: Path | None) -> list[Frictional]:
-    """Law of every joint: the fitted one, less its damage, with friction."""
-    path = law or joint.law
+def _material(given: StackedBlocks | LapJoint, share: float) -> Elastic | AnisotropicElastic:
+    """Return the elasticity of a block of which damage has left a share."""
+    if given.stiffness is None:
+        return Elastic(share * given.youngs_modulus, given.poissons_ratio)
+    found = open_dataset(given.stiffness, RVE_STIFFNESS)
+    return AnisotropicElastic(share * found["stiffness"].values)
+
+
+def _damage(given: StackedBlocks | LapJoint) -> tuple[float, ...]:
+    """Damage of every body."""
+    return given.damage or (0.0,) * (given.joints + 1)
+
+
+def _open_law(scene: "Scene", law: Path | None) -> "xr.Dataset":
+    """Open the law that is given or that the scene names."""
+    path = law or (scene.joint.law if scene.joint else None)
     if path is None:
         raise CaseError(
             "the scene has joints but no law: name a file by [joint] law or by --law, such as the "
             "interface_law.nc of a run"
         )
-    sound = law_from_dataset(open_law(path))
+    return open_law(path)
+
+
+def _laws(joint: JointLawSettings, count: int, sound: NormalLaw) -> list[Frictional]:
+    """Law of every joint: the fitted one, less its damage, with friction."""
     return [
         Frictional(Damaged(sound, D) if D else sound, joint.friction, joint.stiffness_ratio)
         for D in joint.damage or (0.0,) * count

@@ -42,12 +42,17 @@ class Substructures(Settings):
     tolerance : number
     max_iterations : int
         Of a step.
+    homogenise : bool
+        Whether to write the stiffness of every substructure against the resultants of its
+        interfaces, before and after slackening, into ``NAME-homogenised.nc``; see
+        :func:`multiscale.macro.homogenise`.
     """
 
     parts: tuple[Positive, Positive] = (1, 1)
     coarse: bool = True
     tolerance: Annotated[Number, Field(gt=0.0, lt=1.0)] = 1e-8
     max_iterations: Positive = 400
+    homogenise: bool = False
 
 
 class Plate(Settings):
@@ -95,6 +100,9 @@ class StackedBlocks(Settings):
     damage : list of numbers
         Of every block, from below: its stiffness is that of the sound one times 1 - D. All are
         sound if not given.
+    stiffness : path
+        An ``rve_stiffness`` dataset, relative to the scene file: sound blocks have its whole
+        tensor in place of both moduli.
     """
 
     kind: Literal["stacked_blocks"]
@@ -104,11 +112,19 @@ class StackedBlocks(Settings):
     youngs_modulus: Pressure
     poissons_ratio: Ratio
     damage: tuple[Damage, ...] = ()
+    stiffness: Path | None = None
 
     @property
     def joints(self) -> int:
         """Number of joints."""
         return self.blocks - 1
+
+    def coarser(self) -> Self | None:
+        """Return the same blocks on elements of twice the size; nothing if their number is odd."""
+        if any(number % 2 for number in self.elements):
+            return None
+        x, y, z = (number // 2 for number in self.elements)
+        return self.model_copy(update={"elements": (x, y, z)})
 
     @model_validator(mode="after")
     def _check(self) -> Self:
@@ -140,6 +156,8 @@ class LapJoint(Settings):
     poissons_ratio : number
     damage : list of numbers
         Of the lower and the upper plate; see :class:`StackedBlocks`.
+    stiffness : path
+        Of both plates; see :class:`StackedBlocks`.
     """
 
     kind: Literal["lap_joint"]
@@ -154,11 +172,18 @@ class LapJoint(Settings):
     youngs_modulus: Pressure
     poissons_ratio: Ratio
     damage: tuple[Damage, ...] = ()
+    stiffness: Path | None = None
 
     @property
     def joints(self) -> int:
         """Number of joints."""
         return 1
+
+    def coarser(self) -> Self | None:
+        """Return the same joint on elements of twice the size in plan; nothing if too large."""
+        if 2.0 * self.element > 0.5 * self.overlap:
+            return None
+        return self.model_copy(update={"element": 2.0 * self.element})
 
     @model_validator(mode="after")
     def _check(self) -> Self:

@@ -3,12 +3,13 @@
 from difflib import get_close_matches
 from importlib import resources
 from pathlib import Path
+from typing import Any
 
 from multiscale.errors import CaseError
 from multiscale.pipeline.settings import Case, InstrumentSurface, SyntheticSurface
 from multiscale.pipeline.toml_model import Settings, read_toml, validate
 
-__all__ = ["find_case", "load_case", "shipped_cases"]
+__all__ = ["find_case", "load_case", "read_case", "shipped_cases", "validate_case"]
 
 
 def shipped_cases() -> dict[str, Path]:
@@ -59,6 +60,14 @@ def load_case(case: str | Path) -> Case:
     (128, 128)
     """
     path = find_case(case)
+    content = read_case(path)
+    if "sweep" in content:
+        raise CaseError(f"{path}: lists values in [sweep]; load it with load_sweep")
+    return validate_case(content, path)
+
+
+def read_case(path: Path) -> dict[str, Any]:
+    """Read a case file without checking it; paths of surfaces become absolute."""
     content = read_toml(path)
     for name in ("body_1", "body_2"):
         surface = (
@@ -66,6 +75,11 @@ def load_case(case: str | Path) -> Case:
         )
         if isinstance(surface, dict) and isinstance(surface.get("file"), str):
             surface["file"] = str(path.parent.resolve() / surface["file"])
+    return content
+
+
+def validate_case(content: dict[str, Any], path: Path) -> Case:
+    """Turn the content of a case file into settings."""
     kinds: dict[str, type[Settings]] = {
         "synthetic": SyntheticSurface,
         "instrument": InstrumentSurface,

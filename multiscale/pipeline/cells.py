@@ -17,7 +17,7 @@ from multiscale.micro.topography import (
 )
 from multiscale.pipeline.settings import POINTS_PER_WAVE, Case, InstrumentSurface
 
-__all__ = ["cell_of", "composite_material", "make_cells"]
+__all__ = ["cell_of", "composite_material", "longest_wave", "make_cells"]
 
 FEWEST_PIXELS = 16  # measured points across a window
 
@@ -33,6 +33,17 @@ def composite_material(case: Case) -> tuple[float, float]:
     compliance = [(1.0 - nu**2) / modulus for modulus, nu in pair]
     nu = float(np.average([nu for _, nu in pair], weights=compliance))
     return contact_modulus(*pair) * (1.0 - nu**2), nu
+
+
+def longest_wave(case: Case) -> float:
+    """Longest wavelength of the roughness of both bodies, m: that of a measured map is the cell."""
+    synthetic = [
+        body.surface.long_cutoff
+        for body in case.bodies
+        if body.surface is not None and not isinstance(body.surface, InstrumentSurface)
+    ]
+    measured = any(isinstance(body.surface, InstrumentSurface) for body in case.bodies)
+    return max([*synthetic, *([max(case.cell.size)] if measured else [])])
 
 
 def make_cells(case: Case) -> list[Cell]:

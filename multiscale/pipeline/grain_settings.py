@@ -137,7 +137,7 @@ class Motion(Settings):
     tolerance : number
     max_iterations : int
         Sweeps in a step.
-    threads, frames : int
+    threads, domains, frames : int
     """
 
     step: Duration
@@ -145,6 +145,7 @@ class Motion(Settings):
     tolerance: Annotated[Number, Field(gt=0.0, lt=1.0)] = 1e-4
     max_iterations: Positive = 1000
     threads: Positive = 1
+    domains: Positive = 1
     frames: Annotated[Count, Field(ge=2)] = 11
 
     @model_validator(mode="after")
@@ -175,6 +176,11 @@ class GrainScene(Settings):
     @property
     def joint(self) -> None:
         """Grains have no joint that a law could be of."""
+        return
+
+    @property
+    def substructures(self) -> None:
+        """Domains of grains are an option of the solver, see :class:`Motion`."""
         return
 
     def quick(self) -> Self:

@@ -6,40 +6,21 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-import numpy as np
-
 from multiscale.convergence import Status
 from multiscale.errors import CaseError, ConvergenceError
-from multiscale.io import (
-    make_folder,
-    open_dataset,
-    save_law,
-    write_bytes,
-    write_dataset,
-    write_surface_fields,
-)
-from multiscale.macro import Block, RoughJoint, rough_joint
-from multiscale.micro import Cell, contact_modulus, run_ensemble
-from multiscale.micro import Path as LoadPath
+from multiscale.io import make_folder, save_law, write_bytes, write_dataset
 from multiscale.pipeline.case import load_case
-from multiscale.pipeline.cells import composite_material, make_cells
+from multiscale.pipeline.joint import joint_scales, solve_joint
+from multiscale.pipeline.micro import run_micro, write_fields
+from multiscale.pipeline.planner import plan
 from multiscale.pipeline.settings import Case
-from multiscale.schema import FIELDS, MACRO_RESULT, MICRO_RESPONSE
-from multiscale.upscaling import (
-    area_from_dataset,
-    error_budget,
-    fit_law,
-    law_from_dataset,
-    with_budget,
-)
+from multiscale.schema import MACRO_RESULT, MICRO_RESPONSE
+from multiscale.upscaling import error_budget, fit_law, with_budget
 
 if TYPE_CHECKING:
     import xarray as xr
 
-__all__ = ["Results", "run", "run_micro"]
-
-
-STEEP = 0.3  # root mean square slope
+__all__ = ["Results", "run"]
 
 
 @dataclass(frozen=True)
@@ -49,52 +30,6 @@ class Results:
     micro_response: "xr.Dataset"
     interface_law: "xr.Dataset"
     macro_result: "xr.Dataset"
-
-
-def run_micro(
-    case: Case,
-    file: Path,
-    *,
-    executor: Executor | None = None,
-    progress: Callable[[int], None] = lambda finished: None,
-) -> "xr.Dataset":
-    """Solve all cells of a case and write their response; finished cells found are kept.
-
-    Parameters
-    ----------
-    case : Case
-    file : Path
-        Gets the response; cells and fields go to the folders ``micro`` and ``fields`` beside it.
-    executor : Executor, optional
-        See :func:`multiscale.micro.run_ensemble`.
-    progress : callable
-        Gets the number of finished realisations.
-
-    Returns
-    -------
-    Dataset
-        Follows ``MICRO_RESPONSE``.
-    """
-    cells, identity = make_cells(case), case.identity()
-    response = run_ensemble(
-        cells,
-        LoadPath(pressure=case.micro.pressures),
-        executor=executor,
-        folder=file.parent / "micro",
-        identity=identity,
-        keep_fields=True,
-        progress=progress,
-    )
-    _write_fields(cells[0], file.parent)
-    response = response.assign_attrs(
-        title=case.title,
-        contact_modulus=contact_modulus(composite_material(case)),
-        bodies="composite surface of body_1 and body_2; 1/E* = sum (1 - nu^2)/E; small slopes",
-        identity=identity,
-        cautions="\n".join([*case.cautions(), *_steepness(response)]),
-    )
-    write_dataset(response, file, MICRO_RESPONSE)
-    return response
 
 
 def run(
@@ -127,31 +62,42 @@ def run(
     """
     out = make_folder(Path(out))
     _claim(out, case)
+    if case.accuracy is not None:
+        return _run_to_target(case, out, executor, progress)
     response = run_micro(case, out / "micro_response.nc", executor=executor, progress=progress)
 
     law = fit_law(response, n_terms=case.law.terms, n_samples=case.law.samples)
-    law = with_budget(law, error_budget(response, law))
+    law = with_budget(law, error_budget(response, law, scales=joint_scales(case)))
     save_law(law, out / "interface_law.nc")
 
-    result = _solve_joint(case, law)
+    result = solve_joint(case, law)
+    return _finish(Results(response, law, result), out)
+
+
+def _run_to_target(
+    case: Case, out: Path, executor: Executor | None, progress: Callable[[int], None]
+) -> Results:
+    """Let the planner choose and solve the cells, and write what it has found as a run."""
+    found = plan(case, out, executor=executor, progress=progress)
+    write_fields(found.case, found.folder, out)
+    write_dataset(found.micro_response, out / "micro_response.nc", MICRO_RESPONSE)
+    save_law(found.interface_law, out / "interface_law.nc")
+    result = found.macro_result.assign_attrs(
+        plan="\n".join(found.lines), time_spent=found.spent, time_forecast=found.forecast
+    )
+    return _finish(Results(found.micro_response, found.interface_law, result), out)
+
+
+def _finish(results: Results, out: Path) -> Results:
+    """Write the result of the joint, and refuse one that did not converge at all."""
+    result = results.macro_result
     write_dataset(result, out / "macro_result.nc", MACRO_RESULT)
     if not result["converged"].values.any():
         raise ConvergenceError(
             f"the joint did not converge at any of {result.sizes['step']} preloads: "
             f"{Status.MAX_ITERATIONS.value}"
         )
-    return Results(response, law, result)
-
-
-def _steepness(response: "xr.Dataset") -> list[str]:
-    """Caution against slopes for which one body cannot stand for two."""
-    steepest = float(response["rms_slope"].max())
-    if steepest <= STEEP:
-        return []
-    return [
-        f"the composite surface has a root mean square slope of {steepest:.2g}; above {STEEP:g} "
-        f"one elastic body no longer stands for two"
-    ]
+    return results
 
 
 def _claim(out: Path, case: Case) -> None:
@@ -165,42 +111,3 @@ def _claim(out: Path, case: Case) -> None:
                 f"{other.cell.points[1]} points; choose another folder, or delete this one"
             )
     write_bytes(file, case.to_toml().encode())
-
-
-def _write_fields(cell: Cell, out: Path) -> None:
-    """Write the surface fields of realisation 0, as dataset and for ParaView."""
-    local = open_dataset(out / "micro" / "realisation-0000.nc", MICRO_RESPONSE).isel(realisation=0)
-    fields = FIELDS.build(
-        {
-            "height": cell.surface.heights.T,
-            "pressure": local["pressure"].values,
-            "gap": local["gap"].values,
-            "nominal_pressure": local["nominal_pressure"].values,
-        },
-        size_x=cell.surface.size[0],
-        size_y=cell.surface.size[1],
-    )
-    folder = make_folder(out / "fields")
-    write_dataset(fields, folder / "fields.nc", FIELDS)
-    write_surface_fields(fields, cell.surface.size, folder)
-
-
-def _solve_joint(case: Case, law: "xr.Dataset") -> "xr.Dataset":
-    """Press two blocks together through the law and its samples."""
-    lower, upper = (
-        Block(case.joint.height, body.youngs_modulus, body.poissons_ratio) for body in case.bodies
-    )
-    samples = range(law.sizes["sample"])
-    result = rough_joint(
-        RoughJoint((case.joint.width, case.joint.width), lower, upper),
-        law_from_dataset(law),
-        np.array(case.joint.preloads),
-        samples=[law_from_dataset(law, sample) for sample in samples],
-    )
-    preload = result["preload"].values
-    areas = {"contact_fraction": area_from_dataset(law).contact_fraction(preload)}
-    if samples:
-        areas["contact_fraction_sample"] = np.array(
-            [area_from_dataset(law, sample).contact_fraction(preload) for sample in samples]
-        )
-    return MACRO_RESULT.assign(result, areas)

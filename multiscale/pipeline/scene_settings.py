@@ -243,7 +243,7 @@ class Scene(Settings):
     joint, loading : table
         In their place, and both, for blocks and lap joint.
     substructures : table
-        Cuts a tensegrity grid at rest or any bodies.
+        Cuts a tensegrity grid, at rest or in motion, or any bodies.
     """
 
     title: str
@@ -271,7 +271,7 @@ class Scene(Settings):
         if not rough and (self.statics is None) == (self.dynamics is None):
             raise ValueError("give either [statics] or [dynamics]")
         _check_damage(given, self.joint)
-        _check_cut(given, self.statics, self.substructures)
+        _check_cut(given, self.statics, self.dynamics, self.substructures)
         return self
 
     def quick(self) -> Self:
@@ -319,7 +319,9 @@ def _check_damage(given: Settings, joint: JointLawSettings | None) -> None:
         )
 
 
-def _check_cut(given: Any, statics: Statics | None, cut: Substructures | None) -> None:
+def _check_cut(
+    given: Any, statics: Statics | None, dynamics: Dynamics | None, cut: Substructures | None
+) -> None:
     """Refuse what substructures do not solve."""
     if isinstance(given, Plate) and statics is None:
         raise ValueError("a structure of kind 'plate' takes [statics]")
@@ -328,8 +330,8 @@ def _check_cut(given: Any, statics: Statics | None, cut: Substructures | None) -
             f"[substructures] cut tensegrity grids, plates, blocks and lap joints, not a structure "
             f"of kind {given.kind!r}"
         )
-    if isinstance(given, TensegrityGrid) and cut is not None and statics is None:
-        raise ValueError("[substructures] take [statics]")
+    if dynamics and cut and (dynamics.theta, dynamics.restitution) != (1.0, 0.0):
+        raise ValueError("substructures move by implicit steps: leave out theta and restitution")
     special = statics is not None and (statics.exact or statics.stability)
     if special and (cut is not None or isinstance(given, BODIES)):
         raise ValueError("substructures move little: leave out exact and stability")

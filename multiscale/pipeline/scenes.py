@@ -1,12 +1,19 @@
 """Scene files: read, solved, and written as a dataset and for ParaView."""
 
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from multiscale.errors import CaseError, ConvergenceError
-from multiscale.io import make_folder, open_mesh, read_table, write_dataset, write_link_fields
+from multiscale.io import (
+    make_folder,
+    open_mesh,
+    read_table,
+    write_body_fields,
+    write_dataset,
+    write_link_fields,
+)
 from multiscale.laws.link import Bar, Cable, LinkLaw, Strut
 from multiscale.macro import (
     LinkSystem,
@@ -18,8 +25,16 @@ from multiscale.macro import (
     tensegrity_grid,
 )
 from multiscale.macro.discrete.description import describe
-from multiscale.macro.substructures import Team, cut_links, solve_latin, split_grid
-from multiscale.pipeline.body_scenes import solve_bodies
+from multiscale.macro.substructures import (
+    Problem,
+    Team,
+    cut_links,
+    homogenise,
+    simulate_latin,
+    solve_latin,
+    split_grid,
+)
+from multiscale.pipeline.body_scenes import cut_scene, solve_bodies
 from multiscale.pipeline.body_settings import BODIES, LapJoint, Plate, StackedBlocks, Substructures
 from multiscale.pipeline.grain_scenes import run_grain_scene
 from multiscale.pipeline.grain_settings import (
@@ -40,12 +55,12 @@ from multiscale.pipeline.scene_settings import (
     TensegrityGrid,
 )
 from multiscale.pipeline.toml_model import Settings, read_toml, validate
-from multiscale.schema import MACRO_RESULT
+from multiscale.schema import HOMOGENISED, MACRO_RESULT
 
 if TYPE_CHECKING:
     import xarray as xr
 
-__all__ = ["load_scene", "make_structure", "run_scene"]
+__all__ = ["homogenised_file", "load_scene", "make_structure", "run_scene"]
 
 KINDS: dict[str, type[Settings]] = {
     "tensegrity_grid": TensegrityGrid,
@@ -80,7 +95,10 @@ def load_scene(path: str | Path) -> Scene | GrainScene:
     if path.is_dir():
         raise CaseError(f"{path} is a folder; give the scene file in it")
     content = read_toml(path)
-    for table, keys in (("structure", ("nodes", "links", "file")), ("joint", ("law",))):
+    for table, keys in (
+        ("structure", ("nodes", "links", "file", "stiffness")),
+        ("joint", ("law",)),
+    ):
         given = content.get(table)
         for key in keys:
             if isinstance(given, dict) and isinstance(given.get(key), str):
@@ -126,6 +144,8 @@ def run_scene(
 ) -> "xr.Dataset":
     """Solve a scene; write its result and, beside it in ``fields``, a series for ParaView.
 
+    With ``homogenise`` in ``[substructures]`` their condensed stiffness is written as well.
+
     Parameters
     ----------
     scene : Scene or GrainScene
@@ -150,27 +170,32 @@ def run_scene(
     ConvergenceError
         If no step converged, or the equilibrium from which a motion starts cannot be found.
     """
-    out = Path(out)
     if isinstance(scene, GrainScene):
         if law is not None:
             raise CaseError(f"{scene.title}: grains have no joint that the law {law} could be of")
         return run_grain_scene(scene, out)
-    bodies = isinstance(scene.structure, BODIES)
+    out, law = Path(out), None if law is None else Path(law)
+    bodies, writes = isinstance(scene.structure, BODIES), team is None or team.rank == 0
     if law is not None and scene.joint is None:
         raise CaseError(f"{scene.title}: the scene has no joint that the law {law} could be of")
-    if bodies:
-        result = solve_bodies(scene, None if law is None else Path(law), team)
-    else:
-        result = _solve_links(scene, team)
+    result = solve_bodies(scene, law, team) if bodies else _solve_links(scene, team)
     result = result.assign_attrs(title=scene.title, scene=scene.to_toml())
-    if team is None or team.rank == 0:
+    if writes:
         make_folder(out.parent)
         write_dataset(result, out, MACRO_RESULT)
-        if not bodies:
-            write_link_fields(result, make_folder(out.parent / "fields"), name=out.stem)
+        write_fields = write_body_fields if bodies else write_link_fields
+        write_fields(result, make_folder(out.parent / "fields"), name=out.stem)
     if not result["converged"].values.any():
         raise ConvergenceError(f"{scene.title}: no step converged; {result.attrs['failure']}")
+    if writes and scene.substructures is not None and scene.substructures.homogenise:
+        condensed = _homogenise(scene, result, law).assign_attrs(title=scene.title)
+        write_dataset(condensed, homogenised_file(out), HOMOGENISED)
     return result
+
+
+def homogenised_file(out: Path) -> Path:
+    """Where the condensed substructures of a scene go, beside its result."""
+    return out.with_name(f"{out.stem}-homogenised.nc")
 
 
 def _law(settings: LinkLawSettings) -> LinkLaw:
@@ -183,44 +208,71 @@ def _solve_links(scene: Scene, team: Team | None) -> "xr.Dataset":
     system, statics = make_structure(scene), scene.statics
     if statics is None:
         assert scene.dynamics is not None  # the scene has been validated
-        return _move(system, scene.dynamics)
+        return _move(system, scene.dynamics, scene.substructures, team)
     if scene.substructures is not None:
-        return _solve_cut(system, np.array(statics.load_factors), scene.substructures, team)
+        cut, factors = scene.substructures, np.array(statics.load_factors)
+        how = _options(cut, team)
+        return _with_links(
+            solve_latin(_cut(system, cut), factors, coarse=cut.coarse, **how), system
+        )
     return solve_static(
         system, statics.load_factors, exact=statics.exact, stability=statics.stability
     )
 
 
-def _solve_cut(
-    system: LinkSystem, factors: np.ndarray, cut: Substructures, team: Team | None
+def _cut(system: LinkSystem, cut: Substructures) -> Problem:
+    """Cut a structure of links into boxes."""
+    return cut_links(system, split_grid(system, cut.parts))
+
+
+def _move(
+    system: LinkSystem, settings: Dynamics, cut: Substructures | None, team: Team | None
 ) -> "xr.Dataset":
-    """Solve a structure of links by its substructures."""
-    result = solve_latin(
-        cut_links(system, split_grid(system, cut.parts)),
-        factors,
-        coarse=cut.coarse,
-        tolerance=cut.tolerance,
-        max_iterations=cut.max_iterations,
-        team=team,
-    )
-    return MACRO_RESULT.assign(result, describe(system)).assign_coords(end=range(2))
-
-
-def _move(system: LinkSystem, settings: Dynamics) -> "xr.Dataset":
     """Find the equilibrium at the start, and follow the motion from it."""
-    factor = settings.start_load_factor
-    begin = solve_static(system, factor)
+    steps = int(np.ceil(settings.duration / settings.step * (1.0 - 1e-12)))
+    times, factor = np.linspace(0.0, settings.duration, steps + 1), settings.start_load_factor
+    history = np.array(settings.load_history)
+
+    def load_factor(time: float) -> float:
+        return float(np.interp(time, *history.T))
+
+    if cut is None:
+        start = _at_rest(solve_static(system, factor))
+        options: dict[str, Any] = {"theta": settings.theta, "restitution": settings.restitution}
+        return simulate(
+            system, times, settings.mass, load_factor=load_factor, start=start, **options
+        )
+    problem, how = _cut(system, cut), _options(cut, team)
+    start = _at_rest(solve_latin(problem, factor, coarse=cut.coarse, **how).isel(step=0))
+    result = simulate_latin(
+        problem, times, settings.mass, load_factor=load_factor, start=start, **how
+    )
+    return _with_links(result, system)
+
+
+def _at_rest(begin: "xr.Dataset") -> tuple[np.ndarray, np.ndarray]:
+    """Displacement and velocity of an equilibrium."""
     if not int(begin["converged"]):
         raise ConvergenceError(f"no equilibrium to start from: {begin.attrs['failure']}")
     displacement = begin["displacement"].values
-    steps = int(np.ceil(settings.duration / settings.step * (1.0 - 1e-12)))
-    history = np.array(settings.load_history)
-    return simulate(
-        system,
-        np.linspace(0.0, settings.duration, steps + 1),
-        settings.mass,
-        load_factor=lambda time: float(np.interp(time, *history.T)),
-        start=(displacement, np.zeros_like(displacement)),
-        theta=settings.theta,
-        restitution=settings.restitution,
-    )
+    return displacement, np.zeros_like(displacement)
+
+
+def _options(cut: Substructures, team: Team | None) -> dict[str, Any]:
+    """How substructures are solved."""
+    return {"tolerance": cut.tolerance, "max_iterations": cut.max_iterations, "team": team}
+
+
+def _with_links(result: "xr.Dataset", system: LinkSystem) -> "xr.Dataset":
+    """Add the description of the links."""
+    return MACRO_RESULT.assign(result, describe(system)).assign_coords(end=range(2))
+
+
+def _homogenise(scene: Scene, result: "xr.Dataset", law: Path | None) -> "xr.Dataset":
+    """Condense the substructures of a scene, at its last step that converged."""
+    if isinstance(scene.structure, BODIES):
+        problem = cut_scene(scene, law)
+    else:
+        assert scene.substructures is not None
+        problem = _cut(make_structure(scene), scene.substructures)
+    return homogenise(problem, result, step=int(np.flatnonzero(result["converged"].values)[-1]))

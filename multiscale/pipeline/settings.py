@@ -12,6 +12,7 @@ from multiscale.pipeline.toml_model import Count, Length, Number, Pressure, Sett
 
 __all__ = [
     "POINTS_PER_WAVE",
+    "AccuracySettings",
     "Body",
     "Case",
     "CellSettings",
@@ -200,6 +201,24 @@ class JointSettings(Settings):
     _rise = field_validator("preloads")(must_rise)
 
 
+class AccuracySettings(Settings):
+    """How sure the answer has to be; the rest of the case is then where a planner starts from.
+
+    Parameters
+    ----------
+    target : quantity
+        Largest total of the error budget, relative, such as ``"2 %"``.
+    quantity : {"joint_stiffness", "mean_gap", "contact_fraction", "stiffness"}
+        What the target is for, at every preload or, for the last three, at every pressure of the
+        cells.
+    """
+
+    target: Annotated[Number, Field(gt=0.0, le=0.5)]
+    quantity: Literal["joint_stiffness", "mean_gap", "contact_fraction", "stiffness"] = (
+        "joint_stiffness"
+    )
+
+
 class Case(Settings):
     """One question, such as how stiff the joint of two bodies is.
 
@@ -211,6 +230,8 @@ class Case(Settings):
     micro : MicroSettings
     law : LawSettings
     joint : JointSettings
+    accuracy : AccuracySettings
+        If given, a planner chooses cells, grid and realisations.
     """
 
     title: str
@@ -220,6 +241,7 @@ class Case(Settings):
     micro: MicroSettings
     law: LawSettings = LawSettings()
     joint: JointSettings
+    accuracy: AccuracySettings | None = None
 
     @model_validator(mode="after")
     def _check(self) -> Self:
@@ -243,7 +265,7 @@ class Case(Settings):
         return min(given, default=None)
 
     def quick(self) -> Self:
-        """Return the same case on a coarser grid with fewer realisations and samples."""
+        """Return the same case on a coarser grid with fewer realisations, and without a target."""
         points = tuple(max(4, 2 * ((n + 2) // 4)) for n in self.cell.points)
         micro = self.micro.model_copy(update={"realisations": min(4, self.micro.realisations)})
         return self.model_copy(
@@ -252,6 +274,7 @@ class Case(Settings):
                 "cell": self.cell.model_copy(update={"points": points}),
                 "micro": micro,
                 "law": self.law.model_copy(update={"samples": min(40, self.law.samples)}),
+                "accuracy": None,
             }
         )
 
@@ -300,6 +323,7 @@ class Case(Settings):
                 "title": True,
                 "law": True,
                 "joint": True,
+                "accuracy": True,
                 "micro": {"realisations"},
                 "body_1": {"surface": {"file"}},
                 "body_2": {"surface": {"file"}},

@@ -20,12 +20,7 @@ from multiscale.plotting.granulate import (
     plot_grain_energies,
 )
 from multiscale.plotting.growth import plot_growth
-from multiscale.plotting.joint import (
-    draw_joint,
-    plot_contact_zones,
-    plot_hysteresis,
-    plot_joint_pressure,
-)
+from multiscale.plotting.joint import draw_joint, plot_hysteresis, plot_joint_plan
 from multiscale.plotting.laws import plot_area_law, plot_gap_law, plot_joint_stiffness
 from multiscale.plotting.links import (
     draw_links,
@@ -51,7 +46,6 @@ __all__ = [
     "plot_area_law",
     "plot_contact_error",
     "plot_contact_map",
-    "plot_contact_zones",
     "plot_damage_sphere",
     "plot_deformed_links",
     "plot_energies",
@@ -63,7 +57,7 @@ __all__ = [
     "plot_history",
     "plot_hysteresis",
     "plot_joint_life",
-    "plot_joint_pressure",
+    "plot_joint_plan",
     "plot_joint_stiffness",
     "plot_sorted_tensions",
     "plot_stiffness_against_damage",

@@ -5,6 +5,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from multiscale.plotting.figure import axes_or_current
+from multiscale.upscaling.budget import total_error
 
 if TYPE_CHECKING:
     import xarray as xr
@@ -26,7 +27,8 @@ def plot_error_budget(
     Parameters
     ----------
     budget : Dataset
-        Follows ``ERROR_BUDGET``, or a law or macro result that carries one.
+        Follows ``ERROR_BUDGET``, or a law or macro result that carries one; steps without a
+        total are left out.
     quantity : str, optional
         Which; the first if not given.
     ax : Axes, optional
@@ -35,7 +37,8 @@ def plot_error_budget(
     ax = axes_or_current(ax)
     chosen = str(budget["quantity"].values[0]) if quantity is None else quantity
     one = budget.sel(quantity=chosen)
-    half = 100.0 * one["error_half_width"].values
+    one = one.isel(step=np.flatnonzero(np.isfinite(one["error_total"].values)))
+    half = 100.0 * total_error(one["error_bias"].values, one["error_half_width"].values)
     total = 100.0 * one["error_total"].values
     share = np.nan_to_num(half**2) / np.maximum(np.nansum(half**2, axis=0), 1e-300)
     at, bottom = np.arange(total.size), np.zeros(total.size)
@@ -51,7 +54,7 @@ def plot_error_budget(
             ax.text(
                 float(x), float(height), f"{height:.2g}", ha="center", va="bottom", fontsize="small"
             )
-    ax.set_xticks(at, _labels(budget))
+    ax.set_xticks(at, _labels(one))
     ax.set_ylim(0.0, 1.5 * total.max())  # room for the legend
     ax.set_xlabel("mean pressure (MPa)")
     ax.set_ylabel(f"95 % half-width of {chosen.replace('_', ' ')} (%)")

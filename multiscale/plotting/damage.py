@@ -55,6 +55,7 @@ def plot_damage_sphere(sections: "xr.Dataset", *, ax: "Axes3D") -> "Axes3D":
     n = sections["worst_normal"].values
     n = n if n[2] >= 0.0 else -n
     ax.quiver(*n, *(0.6 * n), color="black", arrow_length_ratio=0.25)
+    ax.view_init(elev=25.0, azim=float(np.degrees(np.arctan2(n[1], n[0]))) - 35.0)  # faces it
     ax.set(xlim=(-1.2, 1.2), ylim=(-1.2, 1.2), zlim=(-1.2, 1.2))
     ax.set(xlabel="x", ylabel="y", zlabel="z")
     ax.set(xticks=[-1, 0, 1], yticks=[-1, 0, 1], zticks=[-1, 0, 1])

@@ -29,7 +29,8 @@ def plot_work_precision(
     """Plot error against run time, one line per method; dashed against the method's own limit.
 
     Below the uncertainty of the reference, drawn as a band, differences mean nothing. Points are
-    labelled with the grid if it is known; what did not converge is left out.
+    labelled with the ratio of scales, the grid or the tolerance if one is known; what did not
+    converge is left out.
 
     Parameters
     ----------
@@ -54,9 +55,9 @@ def plot_work_precision(
         if f"own_{error}" in of:
             own = of[f"own_{error}"].values
             ax.plot(time, own, "--", color=f"C{k}", linewidth=0.8)
-        for run in range(of.sizes["run"] if "points" in of else 0):
+        for run, label in enumerate(_labels(of)):
             ax.annotate(
-                f"{int(of['points'][run])}",
+                label,
                 (time[run], float(of[error][run])),
                 xytext=(3, 3),
                 textcoords="offset points",
@@ -65,6 +66,8 @@ def plot_work_precision(
             )
     ax.set_xscale("log")
     ax.set_yscale("log")
+    if ax.get_xlim()[1] > 10.0 * ax.get_xlim()[0]:  # a decade has a label of its own
+        ax.xaxis.set_minor_formatter("")
     if f"{error}_uncertainty" in runs and np.isfinite(runs[f"{error}_uncertainty"]).any():
         low, high = ax.get_ylim()
         uncertainty = float(runs[f"{error}_uncertainty"].max())
@@ -74,6 +77,16 @@ def plot_work_precision(
     ax.set_xlabel("wall time (s)")
     ax.set_ylabel(runs[error].attrs["long_name"])
     return ax
+
+
+def _labels(runs: "xr.Dataset") -> list[str]:
+    """Ratio of scales, grid or tolerance of every run; none if nothing is known."""
+    if "scale_ratio" in runs:
+        return [f"1/{round(1.0 / ratio)}" for ratio in runs["scale_ratio"].values]
+    known = next((name for name in ("points", "tolerance") if name in runs), None)
+    if known is None:
+        return []
+    return [f"{value:g}" if value > 0.0 else "" for value in runs[known].values]
 
 
 def plot_history(work_precision: "xr.Dataset", *, scene: str, ax: "Axes | None" = None) -> "Axes":
@@ -109,7 +122,7 @@ def plot_history(work_precision: "xr.Dataset", *, scene: str, ax: "Axes | None" 
     ax.set_yscale("log")
     ax.set_title(scene, fontsize="medium")
     ax.set_xlabel("time since the start (s)")
-    ax.set_ylabel("relative residual (1)")
+    ax.set_ylabel("relative error (1)")
     return ax
 
 
@@ -166,6 +179,6 @@ def _history_panels(work_precision: "xr.Dataset") -> "Figure":
         list(lines),
         loc="outside lower center",
         ncols=6,
-        title="filled: converged; open: not converged; dotted: residual asked for",
+        title="filled: converged; open: not converged; dotted: error asked for",
     )
     return figure

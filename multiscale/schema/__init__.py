@@ -3,14 +3,17 @@
 from multiscale.schema.base import COMPONENTS, Schema, Variable
 from multiscale.schema.cell import FIELDS, MICRO_RESPONSE
 from multiscale.schema.damage import DAMAGE_SECTIONS, FATIGUE, RVE_STIFFNESS, WOEHLER
+from multiscale.schema.end_to_end import END_TO_END
 from multiscale.schema.granulate import GRANULATE
 from multiscale.schema.law import ERROR_BUDGET, INTERFACE_LAW, LAW_COMPARISON
 from multiscale.schema.structure import HOMOGENISED, MACRO_RESULT
+from multiscale.schema.sweep import SWEEP
 from multiscale.schema.work_precision import WORK_PRECISION
 
 __all__ = [
     "COMPONENTS",
     "DAMAGE_SECTIONS",
+    "END_TO_END",
     "ERROR_BUDGET",
     "FATIGUE",
     "FIELDS",
@@ -22,6 +25,7 @@ __all__ = [
     "MICRO_RESPONSE",
     "RVE_STIFFNESS",
     "SCHEMAS",
+    "SWEEP",
     "WOEHLER",
     "WORK_PRECISION",
     "Schema",
@@ -44,5 +48,7 @@ SCHEMAS = {
         LAW_COMPARISON,
         HOMOGENISED,
         GRANULATE,
+        END_TO_END,
+        SWEEP,
     )
 }

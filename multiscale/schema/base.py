@@ -55,14 +55,21 @@ class Schema:
         for name, variable in {**self.variables, **self.optional}.items():
             if name not in dataset.variables:
                 if name in self.variables:
-                    faults.append(f"{name}: missing ({variable.long_name}, {variable.units})")
+                    faults.append(
+                        f"{name}: missing; add it ({variable.long_name}, {variable.units}, "
+                        f"dimensions {variable.dims})"
+                    )
                 continue
             found = dataset[name]
             if found.dims != variable.dims:
-                faults.append(f"{name}: dimensions {found.dims}, expected {variable.dims}")
+                faults.append(
+                    f"{name}: dimensions {found.dims}, expected {variable.dims}; rename or "
+                    f"transpose them"
+                )
             if found.attrs.get("units") != variable.units:
                 faults.append(
-                    f"{name}: units {found.attrs.get('units')!r}, expected {variable.units!r}"
+                    f"{name}: units {found.attrs.get('units')!r}, expected {variable.units!r}; "
+                    f"convert the values and set the attribute units"
                 )
         if faults:
             raise SchemaError(
@@ -138,7 +145,12 @@ COORDINATES = frozenset(
 
 BUDGET = {
     "error_half_width": Variable(
-        ("quantity", "error_term", "step"), "1", "half-width of the 95 % interval over the value"
+        ("quantity", "error_term", "step"),
+        "1",
+        "half-width of the 95 % interval of the error over the value, about its bias",
+    ),
+    "error_bias": Variable(
+        ("quantity", "error_term", "step"), "1", "part of the error whose sign is known, estimated"
     ),
     "error_total": Variable(("quantity", "step"), "1", "all known terms together"),
 }

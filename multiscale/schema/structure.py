@@ -49,6 +49,11 @@ MACRO_RESULT = Schema(
         "error_bound": Variable(
             ("step",), "1", "guaranteed bound on the error of the tensions relative to their change"
         ),
+        "error_indicator": Variable(
+            ("step",),
+            "1",
+            "heuristic indicator, no bound, of the error of joints relative to their forces",
+        ),
         "tangent_eigenvalue": Variable(("step",), "N m-1", "smallest eigenvalue of the tangent"),
         "stability_eigenvalue": Variable(
             ("step",), "N m-1", "smallest eigenvalue with the geometric stiffness"
@@ -58,6 +63,19 @@ MACRO_RESULT = Schema(
         "point_position": Variable(("point", "component"), "m", "position of points of joints"),
         "point_area": Variable(("point",), "m2", "area that a point of a joint stands for"),
         "point_joint": Variable(("point",), "1", "number of the joint of a point"),
+        "point_damage": Variable(("point",), "1", "damage of the joint at a point"),
+        "gap": Variable(("step", "point"), "m", "gap at points of joints"),
+        "corners": Variable(
+            ("element", "corner"), "1", "nodes at the corners of the elements, in the order of VTK"
+        ),
+        "element_body": Variable(("element",), "1", "number of the body of an element"),
+        "element_damage": Variable(("element",), "1", "damage of the elements"),
+        "equivalent_stress": Variable(
+            ("step", "element"), "Pa", "von Mises stress of the mean stress of an element"
+        ),
+        "energy_density": Variable(
+            ("step", "element"), "J m-3", "mean density of the strain energy of an element"
+        ),
         "contact_state": Variable(
             ("step", "point"), "1", "whether a point is open (0), sticks (1) or slips (2)"
         ),

@@ -21,6 +21,9 @@ WORK_PRECISION = Schema(
         "slack_fraction": Variable(("run",), "1", "share of the cables that are slack"),
         "residual": Variable(("run",), "1", "relative residual, verified in the answer"),
         "own_error": Variable(("run",), "1", "relative error against the limit of the method"),
+        "effectivity": Variable(
+            ("run",), "1", "estimated over true error; heuristic with friction"
+        ),
         "error_uncertainty": Variable(("run",), "1", "uncertainty of the reference"),
         "contact_error": Variable(("run",), "1", "relative error of the contact fraction"),
         "own_contact_error": Variable(
@@ -38,6 +41,12 @@ WORK_PRECISION = Schema(
         "history_run": Variable(("sample",), "1", "run that a sample of the histories belongs to"),
         "history_seconds": Variable(("sample",), "s", "time since the start of the run"),
         "history_error": Variable(("sample",), "1", "relative error at that time"),
+        "scale_ratio": Variable(("run",), "1", "longest wave over the length of the structure"),
+        "realisations": Variable(("run",), "1", "structures that the error is the mean over"),
+        "mean_error": Variable(("run",), "1", "relative error of the mean over the realisations"),
+        "mean_error_uncertainty": Variable(("run",), "1", "standard error of the mean error"),
+        "cells_solved": Variable(("run",), "1", "number of cells solved"),
+        "cells_reused": Variable(("run",), "1", "number of times a cell solved before served"),
         "method": Variable(("run",), "1", "solver or code"),
         "scene": Variable(("run",), "1", "scene"),
     },

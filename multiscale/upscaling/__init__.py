@@ -1,7 +1,8 @@
 """From micro responses to interface laws with their uncertainty."""
 
 from multiscale.upscaling.admissibility import admissibility, is_admissible
-from multiscale.upscaling.budget import error_budget, structure_budget, with_budget
+from multiscale.upscaling.budget import error_budget, with_budget
+from multiscale.upscaling.budget_terms import without_size_bias
 from multiscale.upscaling.comparison import compare_laws
 from multiscale.upscaling.export import write_law_table, write_pressure_overclosure
 from multiscale.upscaling.family import FAMILIES, Family, Parameter, unloading_family
@@ -19,7 +20,12 @@ from multiscale.upscaling.reading import (
     law_from_dataset,
 )
 from multiscale.upscaling.resolution import estimate_grid_error
-from multiscale.upscaling.scales import compare_scales, pressure_length, relaxation_time
+from multiscale.upscaling.scales import (
+    compare_scales,
+    pressure_length,
+    pressure_length_of_points,
+    relaxation_time,
+)
 from multiscale.upscaling.sliding import friction_observations
 from multiscale.upscaling.statistics import (
     ensemble_average,
@@ -28,6 +34,7 @@ from multiscale.upscaling.statistics import (
     required_realisations,
     size_trend,
 )
+from multiscale.upscaling.structure_errors import structure_budget, with_scales
 from multiscale.upscaling.tables import read_observations
 
 __all__ = [
@@ -52,6 +59,7 @@ __all__ = [
     "normal_observations",
     "observe",
     "pressure_length",
+    "pressure_length_of_points",
     "read_observations",
     "realisation_trend",
     "relaxation_time",
@@ -61,6 +69,8 @@ __all__ = [
     "unloading_family",
     "unloading_observations",
     "with_budget",
+    "with_scales",
+    "without_size_bias",
     "write_law_table",
     "write_pressure_overclosure",
 ]

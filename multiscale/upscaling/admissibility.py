@@ -146,12 +146,17 @@ def _check_normal(
 def _cycle(law: NormalLaw, gap: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Work that a cycle of the gap gains from the law, and the work of its first half, J/m^2."""
     path = np.concatenate([gap[::-1], gap[1:]])
-    state, pressures = np.zeros((law.n_state, 1)), []
-    for g in path:
-        response = law.respond(np.array([[g - law.gap], [0.0], [0.0]]), state)
-        state = response.state
-        pressures.append(-response.traction[0, 0])
-    p = np.array(pressures)
+    jump = np.zeros((3, path.size))
+    jump[0] = path - law.gap
+    if not law.n_state:  # no history: all points at once
+        p = -law.respond(jump, np.zeros((0, path.size))).traction[0]
+    else:
+        state, pressures = np.zeros((law.n_state, 1)), []
+        for k in range(path.size):
+            response = law.respond(jump[:, k : k + 1], state)
+            state = response.state
+            pressures.append(-response.traction[0, 0])
+        p = np.array(pressures)
     work = 0.5 * (p[1:] + p[:-1]) * np.diff(path)
     return np.array([work.sum()]), np.array([work[: gap.size].sum()])
 

@@ -1,30 +1,35 @@
-"""How wrong a law, or an answer of the structure, is: every term estimated and none assumed."""
+"""How wrong a law is: every term estimated and none assumed."""
 
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from typing import TYPE_CHECKING
 
 import numpy as np
 
 from multiscale.errors import CaseError
-from multiscale.laws import NormalLaw, StretchedLaw
 from multiscale.schema import ERROR_BUDGET, INTERFACE_LAW
 from multiscale.upscaling.budget_terms import (
+    NORMAL,
     fit_term,
     grid_term,
-    law_stiffness,
+    pooled_sampling_term,
     sampling_term,
     separation_term,
     size_term,
 )
-from multiscale.upscaling.observations import area_observations, normal_observations
-from multiscale.upscaling.reading import law_from_dataset
-from multiscale.upscaling.resolution import estimate_grid_error
+from multiscale.upscaling.observations import normal_observations
 from multiscale.upscaling.scales import ScaleSeparation
 
 if TYPE_CHECKING:
     import xarray as xr
 
-__all__ = ["ERROR_TERMS", "error_budget", "structure_budget", "with_budget"]
+__all__ = [
+    "ERROR_TERMS",
+    "assemble_budget",
+    "error_budget",
+    "how_attribute",
+    "total_error",
+    "with_budget",
+]
 
 ERROR_TERMS = (
     "sampling",
@@ -36,8 +41,11 @@ ERROR_TERMS = (
 )
 """Labels of the dimension ``error_term``."""
 
+ONE_SIDED = 6.0  # standard deviations from which a bias leaves one tail alone
+TAIL = 1.6448536269514722  # standard deviations to 95 % of one side
+
 QUANTITIES = ("mean_gap", "contact_fraction", "stiffness")
-Terms = dict[str, np.ndarray]  # from term to half-widths (quantity, step)
+Terms = dict[str, np.ndarray]  # from term to half-widths or biases (quantity, step)
 
 
 def error_budget(
@@ -47,6 +55,7 @@ def error_budget(
     resolutions: Mapping[float, "xr.Dataset"] | None = None,
     sizes: Mapping[float, "xr.Dataset"] | None = None,
     scales: ScaleSeparation | None = None,
+    apart: bool = False,
 ) -> "xr.Dataset":
     r"""Estimate how wrong the gap, the contact fraction and the stiffness of a law are.
 
@@ -64,12 +73,17 @@ def error_budget(
         cells with the same spectrum.
     scales : ScaleSeparation, optional
         From :func:`compare_scales`.
+    apart : bool, default False
+        Whether resolutions and sizes, two at least of each, are ensembles of their own that are
+        compared among themselves: the same small cells on several grids, and many cells of
+        several sizes on a coarse grid. Their scatter then counts for that of the response too.
 
     Returns
     -------
     Dataset
         Follows ``ERROR_BUDGET``: half-widths of 95 % intervals relative to the value, for each
-        quantity, term and step of the law; NaN for a term that nothing was given for. The total
+        quantity, term and step of the law; NaN for a term that nothing was given for. A bias,
+        answer minus truth, is zero where no sign is known, and never taken out. The total
         is that of the known terms; the attribute ``unknown`` lists the others, and ``how_...``
         says of each term how it was estimated, or what would tell it.
 
@@ -85,26 +99,29 @@ def error_budget(
     - *fit*: 1.96 times the root mean square, over the steps, of the error at a step that the fit
       has not seen;
     - *cell size*: with the mean :math:`m(L) = m_\infty + b L^{-q}` through the sizes, weighted
-      by their uncertainty, the rest :math:`b L^{-q}` and its own interval;
-      :math:`q` between 1 and 2 fits best to three sizes and is 1 for two;
+      by their uncertainty, the bias :math:`b L^{-q}`, averaged over :math:`1 \le q \le 2` by
+      their likelihood, and the interval about it;
     - *micro discretisation*: :func:`estimate_grid_error` of the means of the same realisations;
     - *scale separation*: with :math:`\varepsilon = \lambda_l/\ell` two independent parts: the
       pressure is not even over a wave, :math:`\tfrac12 f''(p)\, (\varepsilon p)^2 / 12` of a
       quantity :math:`f`; and the length :math:`\ell` of one structure holds only
       :math:`(\ell/L)^2` cells, :math:`1.96\, \mathrm{CoV}\, L / \ell`.
 
-    Terms are independent of each other, so the total is the root of the sum of their squares.
+    Terms are independent of each other. With the sum :math:`b` of the biases and the standard
+    deviation :math:`s` from the root of the sum of the squares of the half-widths about them, the
+    total :math:`w` is such that :math:`|b + s\, \mathcal{N}(0, 1)| \le w` with a probability of
+    95 %; without a bias it is that root itself.
     """
     INTERFACE_LAW.check(law)
-    gap, area = normal_observations(response), area_observations(response)
+    gap = normal_observations(response)
     p = gap.pressure
     if law.sizes["step"] != p.size or not np.allclose(law["fit_pressure"], p, rtol=1e-6):
         raise CaseError(
             f"the law was fitted at {law.sizes['step']} pressures that are not the {p.size} of the "
             f"response; fit it to this response"
         )
-    values = np.array([gap.means()[0][0], area.means()[0][0], law_stiffness(law, p)])
     terms: Terms = {}
+    biases: Terms = {}
     how = {
         "sampling": f"Student's interval of {gap.n_realisations} realisations, and the bootstrap "
         f"band of the stiffness",
@@ -115,90 +132,51 @@ def error_budget(
         "scale separation": "not known: pass scales from compare_scales",
         "macro discretisation": "not in a law: see structure_budget",
     }
-    terms["sampling"] = sampling_term(response, law, p)
-    if gap.n_realisations < 2:
+    if apart and sizes:
+        terms["sampling"], factor = pooled_sampling_term(response, sizes)
+        how["sampling"] = "Student's interval, with the scatter of the sizes, which falls as 1/L"
+    else:
+        terms["sampling"], factor = sampling_term(response, law, p)
+    if not np.any(np.isfinite(terms["sampling"])):
         how["sampling"] = "not known: one realisation tells nothing of the scatter, solve 3"
     terms["fit"] = fit_term(law, p.size)
     if sizes:
-        terms["cell size"], how["cell size"] = size_term(response, sizes)
+        biases["cell size"], terms["cell size"], how["cell size"] = size_term(
+            response, sizes, apart=apart
+        )
+        if "size_bias" in response.attrs:
+            how["cell size"] = str(response.attrs["size_bias"])
+            del biases["cell size"]
     if resolutions:
         terms["micro discretisation"], how["micro discretisation"] = grid_term(
-            response, resolutions
+            response, resolutions, apart=apart
         )
     if scales is not None:
-        terms["scale separation"] = separation_term(response, law, scales, values)
+        terms["scale separation"] = separation_term(law, terms["sampling"] / factor, p, scales)
         how["scale separation"] = str(scales)
-    return _assemble(terms, how, QUANTITIES, p)
+    return assemble_budget(terms, biases, how, QUANTITIES, p).assign_attrs(sampling_factor=factor)
 
 
-def structure_budget(
-    name: str,
-    law: "xr.Dataset",
-    solve: Callable[[NormalLaw], np.ndarray],
-    *,
-    coarser: Mapping[float, np.ndarray] | None = None,
-    n_samples: int = 100,
-) -> "xr.Dataset":
-    """Carry the error budget of a law to an answer of the structure.
+def total_error(bias: np.ndarray, half_width: np.ndarray) -> np.ndarray:
+    r"""Bound that an error with a bias keeps with a probability of 95 %.
 
     Parameters
     ----------
-    name : str
-        Of the answer, for instance ``"joint_stiffness"``.
-    law : Dataset
-        Follows ``INTERFACE_LAW`` and carries its budget; see :func:`with_budget`.
-    solve : callable
-        From a normal law to the answer, shape (steps,), any unit: a macro solver.
-    coarser : mapping of float to ndarray, shape (steps,), optional
-        Answers with the mean law on coarser meshes, by the ratio of the spacings; see
-        :func:`estimate_grid_error`.
-    n_samples : int
-        Bootstrap samples of the law that are solved, from the first on.
+    bias, half_width : ndarray
+        Mean of the error and half-width of its 95 % interval about it, one shape and unit.
 
     Returns
     -------
-    Dataset
-        Follows ``ERROR_BUDGET``, with one quantity. *Sampling* comes from the samples of the law.
-        The other terms of the law enter by solving with its gaps stretched by the largest of
-        their root mean square over the steps, that of the gap or of the stiffness.
-
-    Raises
-    ------
-    CaseError
-        If the law carries no budget.
+    ndarray
+        :math:`w` with :math:`P(|b + s\, \mathcal{N}(0, 1)| \le w) = 0.95` for the half-width
+        :math:`1.96\, s`.
     """
-    if "error_half_width" not in law:
-        raise CaseError(
-            "the law carries no error budget; add it by with_budget(law, error_budget(...))"
-        )
-    mean_law = law_from_dataset(law)
-    answer = np.atleast_1d(np.asarray(solve(mean_law), dtype=float))
-    size = np.abs(answer)
-    terms: Terms = {}
-    how = {term: str(law.attrs[_how(term)]) for term in ERROR_TERMS}
-    n = min(n_samples, int(law.sizes.get("sample", 0)))
-    if n >= 40:
-        samples = np.array([np.atleast_1d(solve(law_from_dataset(law, k))) for k in range(n)])
-        low, high = np.nanpercentile(samples, [2.5, 97.5], axis=0)
-        terms["sampling"] = (0.5 * (high - low) / size)[None]
-        how["sampling"] = f"{n} bootstrap samples of the law"
-    else:
-        how["sampling"] = f"not known: the law has {n} samples, fit it with 40 or more"
-    half = law["error_half_width"].sel(quantity=["mean_gap", "stiffness"])
-    for term in ERROR_TERMS[1:-1]:
-        square = np.nan_to_num(half.sel(error_term=term).to_numpy(), nan=-1.0) ** 2
-        if np.all(np.isnan(half.sel(error_term=term))):
-            continue
-        known = np.isfinite(half.sel(error_term=term).to_numpy())
-        rms = np.sqrt(np.sum(np.where(known, square, 0.0), axis=1) / np.maximum(known.sum(1), 1))
-        stretched = np.atleast_1d(solve(StretchedLaw(mean_law, 1.0 + float(rms.max()))))
-        terms[term] = (np.abs(stretched - answer) / size)[None]
-    how["macro discretisation"] = "not known: pass coarser, the answers on coarser meshes"
-    if coarser:
-        estimate = estimate_grid_error(answer, coarser)
-        terms["macro discretisation"] = (estimate.half_width / size)[None]
-        how["macro discretisation"] = estimate.how
-    return _assemble(terms, how, (name,), None, steps=answer.size)
+    from scipy.special import chndtrix
+
+    b, s = np.abs(bias), np.asarray(half_width) / NORMAL
+    ratio = np.where(s > 0.0, b / np.where(s > 0.0, s, 1.0), np.inf)
+    near = s * np.sqrt(chndtrix(0.95, 1.0, np.minimum(ratio, ONE_SIDED) ** 2))
+    return np.asarray(np.where(ratio < ONE_SIDED, near, b + TAIL * s))
 
 
 def with_budget(dataset: "xr.Dataset", budget: "xr.Dataset") -> "xr.Dataset":
@@ -228,13 +206,14 @@ def with_budget(dataset: "xr.Dataset", budget: "xr.Dataset") -> "xr.Dataset":
     )
 
 
-def _how(term: str) -> str:
+def how_attribute(term: str) -> str:
     """Return the attribute that says how a term was estimated."""
     return "how_" + term.replace(" ", "_")
 
 
-def _assemble(
+def assemble_budget(
     terms: Terms,
+    biases: Terms,
     how: Mapping[str, str],
     quantities: tuple[str, ...],
     pressure: np.ndarray | None,
@@ -243,21 +222,26 @@ def _assemble(
     """Arrange the terms, add them up and say which are not known."""
     n = steps if pressure is None else pressure.size
     half = np.full((len(quantities), len(ERROR_TERMS), n or 0), np.nan)
+    bias = np.zeros(half.shape)
     for k, term in enumerate(ERROR_TERMS):
         if term in terms:
             half[:, k] = terms[term]
+        if term in biases:
+            bias[:, k] = biases[term]
     half[~np.isfinite(half)] = np.nan
+    bias[~np.isfinite(bias)] = 0.0
     unknown = [
         term
         for k, term in enumerate(ERROR_TERMS)
         if np.all(np.isnan(half[:, k])) and not how[term].startswith("not in a law")
     ]
-    values = {"error_half_width": half, "error_total": np.sqrt(np.nansum(half**2, axis=1))}
+    total = total_error(bias.sum(axis=1), np.sqrt(np.nansum(half**2, axis=1)))
+    values = {"error_half_width": half, "error_bias": bias, "error_total": total}
     if pressure is not None:
         values["nominal_pressure"] = pressure
     return ERROR_BUDGET.build(
         values,
-        **{_how(term): how[term] for term in ERROR_TERMS},
+        **{how_attribute(term): how[term] for term in ERROR_TERMS},
         unknown=", ".join(unknown),
         confidence=0.95,
     ).assign_coords(quantity=list(quantities), error_term=list(ERROR_TERMS))

@@ -15,7 +15,7 @@ from multiscale.upscaling.observations import (
     normal_observations,
 )
 from multiscale.upscaling.reading import area_from_dataset, law_band, law_from_dataset
-from multiscale.upscaling.resolution import estimate_grid_error
+from multiscale.upscaling.resolution import LOWEST_ORDER, estimate_grid_error
 from multiscale.upscaling.scales import ScaleSeparation
 from multiscale.upscaling.statistics import ensemble_average
 
@@ -27,13 +27,15 @@ __all__ = [
     "fit_term",
     "grid_term",
     "law_stiffness",
+    "pooled_sampling_term",
     "sampling_term",
     "separation_term",
     "size_term",
+    "without_size_bias",
 ]
 
 NORMAL = 1.959963984540054  # standard deviations to 95 %
-SIZE_ORDERS = (1.0, 2.0)  # of what a finite cell leaves out; the scatter has 1, its square 2
+SIZE_ORDERS = np.linspace(1.0, 2.0, 11)  # of what a finite cell leaves out
 
 
 def law_stiffness(law: "xr.Dataset", pressure: np.ndarray) -> np.ndarray:
@@ -42,8 +44,12 @@ def law_stiffness(law: "xr.Dataset", pressure: np.ndarray) -> np.ndarray:
     return one.stiffness(one.gap_at(pressure))
 
 
-def sampling_term(response: "xr.Dataset", law: "xr.Dataset", p: np.ndarray) -> np.ndarray:
-    """Half-widths from the scatter of the realisations."""
+def sampling_term(
+    response: "xr.Dataset", law: "xr.Dataset", p: np.ndarray
+) -> tuple[np.ndarray, float]:
+    """Half-widths from the scatter of the realisations, and what they are of it."""
+    from scipy.stats import t
+
     rows = []
     for variable in ("mean_gap", "contact_fraction"):
         average = ensemble_average(response, variable)
@@ -54,26 +60,68 @@ def sampling_term(response: "xr.Dataset", law: "xr.Dataset", p: np.ndarray) -> n
         stiffness = 0.5 * (high - low) / law_stiffness(law, p)
     except CaseError:  # too few realisations or samples for a band
         pass
-    return np.array([*rows, stiffness])
+    n = average.n.max()
+    return np.array([*rows, stiffness]), float(t.ppf(0.975, max(n - 1, 1)) / np.sqrt(n))
+
+
+def pooled_sampling_term(
+    response: "xr.Dataset", sizes: Mapping[float, "xr.Dataset"]
+) -> tuple[np.ndarray, float]:
+    r"""Half-widths from the scatter of the realisations and of cells of other sizes.
+
+    The coefficient of variation falls as :math:`1/L`, see :func:`size_trend`, so that with
+    :math:`\nu_i = N_i - 1` and the sizes :math:`r_i` relative to the response
+
+    .. math:: \mathrm{CoV}^2 = \frac{\sum_i \nu_i\, (r_i\, \mathrm{CoV}_i)^2}{\sum_i \nu_i},
+        \qquad w = t_{0.975,\, \sum \nu_i}\, \mathrm{CoV} / \sqrt{N_0}.
+    """
+    from scipy.stats import t
+
+    own, found = _same_steps(response, sizes, apart=True)
+    freedom, square = 0, np.zeros((3, own[0].pressure.size))
+    for ratio, pair in [(1.0, own), *found.items()]:
+        n = pair[0].n_realisations
+        if n < 2:
+            continue
+        values = np.array([one[1.0] for one in _each({1.0: pair})])
+        cov = np.nanstd(values, axis=1, ddof=1) / np.abs(np.nanmean(values, axis=1))
+        square += (n - 1) * (ratio * cov) ** 2
+        freedom += n - 1
+    if not freedom:
+        return np.full(square.shape, np.nan), np.nan
+    factor = float(t.ppf(0.975, freedom) / np.sqrt(own[0].n_realisations))
+    return np.asarray(factor * np.sqrt(square / freedom)), factor
 
 
 def fit_term(law: "xr.Dataset", n: int) -> np.ndarray:
-    """Half-widths from the errors at steps that the fit has not seen."""
+    """Half-widths from the errors at steps that the fit has not seen.
+
+    Areas are interpolated, to the second order at least, and leaving one out doubles the spacing,
+    so that a fourth is left between the data.
+    """
     rows = []
     for name in ("fit_error", "area_fit_error", "stiffness_fit_error"):
         error = law[name].to_numpy() if name in law else np.array([np.nan])
         known = np.isfinite(error)
         rms = np.sqrt(np.mean(error[known] ** 2)) if np.any(known) else np.nan
-        rows.append(np.full(n, NORMAL * rms))
+        rows.append(np.full(n, NORMAL * rms * (0.25 if name == "area_fit_error" else 1.0)))
     return np.array(rows)
 
 
+Pair = tuple[Observations, Observations]  # of gaps and of areas
+
+
 def _same_steps(
-    response: "xr.Dataset", others: Mapping[float, "xr.Dataset"], *, paired: bool
-) -> tuple[Observations, Observations, dict[float, tuple[Observations, Observations]]]:
-    """Gaps and areas of a response and of others that were pressed alike."""
+    response: "xr.Dataset", others: Mapping[float, "xr.Dataset"], *, apart: bool
+) -> tuple[Pair, dict[float, Pair]]:
+    """Gaps and areas of a response, and of all that are compared, which were pressed alike."""
     own = normal_observations(response), area_observations(response)
-    found = {}
+    if apart and len(others) < 2:
+        raise CaseError(
+            f"ensembles apart from the response are compared among themselves, so that two are "
+            f"needed, got {len(others)}"
+        )
+    found = {} if apart else {1.0: own}
     for ratio, other in others.items():
         found[ratio] = normal_observations(other), area_observations(other)
         p = found[ratio][0].pressure
@@ -81,12 +129,7 @@ def _same_steps(
             raise CaseError(
                 f"the response at the ratio {ratio:g} has other pressures; press it as the first"
             )
-        if paired and found[ratio][0].n_realisations != own[0].n_realisations:
-            raise CaseError(
-                f"the response at the ratio {ratio:g} has {found[ratio][0].n_realisations} "
-                f"realisations, not {own[0].n_realisations}; solve the same ones on every grid"
-            )
-    return *own, found
+    return own, found
 
 
 def _stiffness_of(gap: np.ndarray, p: np.ndarray) -> np.ndarray:
@@ -94,77 +137,139 @@ def _stiffness_of(gap: np.ndarray, p: np.ndarray) -> np.ndarray:
     return np.asarray(-p / np.gradient(gap, np.log(p), axis=-1))
 
 
+def _each(pairs: Mapping[float, Pair]) -> list[dict[float, np.ndarray]]:
+    """Values (realisations, steps) of gap, area and stiffness by ratio; NaN where missing."""
+    gaps = {ratio: _masked(gap) for ratio, (gap, _) in pairs.items()}
+    stiffness = {
+        ratio: _stiffness_of(gaps[ratio], gap.pressure) for ratio, (gap, _) in pairs.items()
+    }
+    return [gaps, {ratio: _masked(area) for ratio, (_, area) in pairs.items()}, stiffness]
+
+
 def grid_term(
-    response: "xr.Dataset", resolutions: Mapping[float, "xr.Dataset"]
+    response: "xr.Dataset", resolutions: Mapping[float, "xr.Dataset"], *, apart: bool = False
 ) -> tuple[np.ndarray, str]:
-    """Half-widths from the same realisations on coarser grids.
+    """Half-widths from the same realisations on several grids, at the spacing of the response.
 
     The mean difference of few realisations may pass through zero; the interval of the differences
-    is added.
+    is added. What is found on the finest grid is taken to the spacing of the response by the order
+    observed, or the lowest one.
     """
-    gap, area, found = _same_steps(response, resolutions, paired=True)
-    p, nearest = gap.pressure, min(found)
-    pairs = {1.0: (gap, area), **found}
+    _, found = _same_steps(response, resolutions, apart=apart)
+    finest, next_finest = sorted(found)[:2]
+    n = {ratio: gap.n_realisations for ratio, (gap, _) in found.items()}
+    for ratio in found:
+        if n[ratio] != n[finest]:
+            raise CaseError(
+                f"the response at the ratio {ratio:g} has {n[ratio]} realisations, not "
+                f"{n[finest]}; solve the same ones on every grid"
+            )
     rows, how = [], ""
-    for values in (
-        {ratio: _masked(one) for ratio, (one, _) in pairs.items()},
-        {ratio: _masked(one) for ratio, (_, one) in pairs.items()},
-        {ratio: _stiffness_of(_masked(one), p) for ratio, (one, _) in pairs.items()},
-    ):
-        mean = {ratio: np.nanmean(one, axis=0) for ratio, one in values.items()}
+    for values in _each(found):
+        mean = {ratio / finest: np.nanmean(one, axis=0) for ratio, one in values.items()}
+        size = np.abs(mean[1.0])
         estimate = estimate_grid_error(mean.pop(1.0), mean)
-        difference = (values[1.0] - values[nearest]) / (nearest - 1.0)
-        spread = np.nanstd(difference, axis=0) / np.sqrt(max(gap.n_realisations - 1, 1))
-        size = np.abs(np.nanmean(values[1.0], axis=0))
-        rows.append(np.hypot(estimate.half_width, NORMAL * spread) / size)
+        difference = (values[finest] - values[next_finest]) / (next_finest / finest - 1.0)
+        variance = np.nanvar(difference, axis=0) / max(n[finest] - 1, 1)
+        spread = _students(variance[None], np.array([[n[finest] - 1]]))
+        order = np.where(np.isfinite(estimate.order), estimate.order, LOWEST_ORDER)
+        coarser = finest**-order  # of the response than of the finest grid
+        rows.append(coarser * np.hypot(estimate.half_width, spread) / size)
         how = how or estimate.how
     return np.array(rows), how
 
 
 def size_term(
-    response: "xr.Dataset", sizes: Mapping[float, "xr.Dataset"]
-) -> tuple[np.ndarray, str]:
-    """Half-widths from the means of cells of other sizes, at the size of the response.
+    response: "xr.Dataset", sizes: Mapping[float, "xr.Dataset"], *, apart: bool = False
+) -> tuple[np.ndarray, np.ndarray, str]:
+    r"""Bias by the size of the cell and half-widths about it, from the means of several sizes.
 
-    The part of the mean that is left to an infinite cell falls as a power of the size. With three
-    sizes the power between 1 and 2 that fits best is taken, with two the lowest. The interval of
-    what is found is added: more realisations of small cells, which are cheap, make it narrow.
+    The part of the mean that is left to an infinite cell falls as a power of the size between 1
+    and 2: the scatter has the power 1, its square, which a bent law makes of it, 2. For each power
+    the bias is a weighted sum :math:`\sum_i w_i m_i` of the means, and powers count by their
+    likelihood; with two sizes, which fit any power, alike. How the powers differ adds to the
+    half-width. Where the response is one of the sizes, its error :math:`\epsilon_0` enters twice,
+    as :math:`(1 - w_0)\, \epsilon_0`, of which the sampling term holds one part; ensembles apart
+    from it are free of that.
     """
-    gap, area, found = _same_steps(response, sizes, paired=False)
-    p, inverse = gap.pressure, 1.0 / np.array([1.0, *found])
-    pairs = [(gap, area), *found.values()]
-    rows, powers = [], []
-    for values in (
-        [_masked(one) for one, _ in pairs],
-        [_masked(one) for _, one in pairs],
-        [_stiffness_of(_masked(one), p) for one, _ in pairs],
-    ):
-        mean = np.array([np.nanmean(one, axis=0) for one in values])
-        error = np.array([np.nanstd(one, axis=0) / np.sqrt(max(len(one) - 1, 1)) for one in values])
-        error = np.maximum(error, 1e-9 * np.abs(mean))
-        orders = np.linspace(*SIZE_ORDERS, 11) if len(pairs) > 2 else SIZE_ORDERS[:1]
-        fits = [(order, *_rest(inverse**order, mean, error)) for order in orders]
-        order, rest, uncertainty, _ = min(fits, key=lambda fit: fit[3])
-        powers.append(order)
-        rows.append(np.hypot(rest, NORMAL * uncertainty) / np.abs(mean[0]))
-    how = f"means over the cell size from {len(pairs)} sizes, power {min(powers):.2g}"
-    return np.array(rows), how + (" taken" if len(pairs) == 2 else f" to {max(powers):.2g}")
+    own, found = _same_steps(response, sizes, apart=apart)
+    ratios = np.array(sorted(found))
+    shared = np.reshape(0.0 if apart else 1.0 * (ratios == 1.0), (-1, 1))
+    biases, rows, powers = [], [], []
+    for values, (answer,) in zip(_each(found), map(dict.values, _each({1.0: own})), strict=True):
+        mean = np.array([np.nanmean(values[ratio], axis=0) for ratio in ratios])
+        n = np.array([len(values[ratio]) for ratio in ratios])[:, None]
+        error = np.array([np.nanstd(values[ratio], axis=0) for ratio in ratios])
+        error = np.maximum(error / np.sqrt(np.maximum(n - 1, 1)), 1e-9 * np.abs(mean))
+        bias, noise, misfit = [], [], []
+        for order in SIZE_ORDERS:
+            weight, miss = _slope(ratios**-order, mean, error)
+            bias.append(np.sum(weight * mean, axis=0))
+            parts = (weight**2 - 2.0 * shared * weight) * error**2
+            noise.append(_students(parts, n - 1))
+            misfit.append(miss)
+        likelihood = np.exp(-0.5 * (np.array(misfit) - min(misfit)))
+        likelihood /= likelihood.sum()
+        middle = likelihood @ np.array(bias)
+        between = NORMAL**2 * (np.array(bias) - middle) ** 2
+        square = likelihood @ (np.array(noise) ** 2 + between)
+        powers.append(float(likelihood @ SIZE_ORDERS))
+        size = np.abs(np.nanmean(answer, axis=0))
+        biases.append(middle / size)
+        rows.append(np.sqrt(square) / size)
+    how = f"means over the cell size from {len(ratios)} sizes, power about {np.mean(powers):.2g}"
+    return np.array(biases), np.array(rows), how
 
 
-def _rest(
-    x: np.ndarray, mean: np.ndarray, error: np.ndarray
-) -> tuple[np.ndarray, np.ndarray, float]:
-    """Slope of a weighted line of means (sizes, steps) over x, its error, and the misfit.
+def without_size_bias(response: "xr.Dataset", sizes: Mapping[float, "xr.Dataset"]) -> "xr.Dataset":
+    """Return a response less the bias by the size of its cells.
+
+    Parameters
+    ----------
+    response : Dataset
+        Follows ``MICRO_RESPONSE``.
+    sizes : mapping of float to Dataset
+        Ensembles apart from it; see :func:`~.budget.error_budget`, which then counts no bias.
+    """
+    bias, _, how = size_term(response, sizes, apart=True)
+    gap, area = (1.0 - bias[k] for k in range(2))
+    steps, place = response.sizes["step"], normal_observations(response).order
+    factors = np.ones((2, steps))
+    factors[:, place] = gap, area
+    corrected = {
+        name: response[name].copy(data=response[name].to_numpy() * factor)
+        for name, factor in zip(("mean_gap", "contact_fraction"), factors, strict=True)
+    }
+    corrected["contact_fraction"] = corrected["contact_fraction"].clip(0.0, 1.0, keep_attrs=True)
+    return response.assign(corrected).assign_attrs(size_bias=f"taken out: {how}")
+
+
+def _students(variances: np.ndarray, freedom: np.ndarray) -> np.ndarray:
+    """95 % half-width of a sum of terms with variances (terms, steps) and freedoms (terms, 1).
+
+    The freedom of the sum is that of Welch and Satterthwaite.
+    """
+    from scipy.stats import t
+
+    total = np.maximum(variances.sum(axis=0), 0.0)
+    single = np.sum(variances**2 / np.maximum(freedom, 1), axis=0)
+    whole = np.where(single > 0.0, total**2 / np.where(single > 0.0, single, 1.0), np.inf)
+    factor = t.ppf(0.975, np.maximum(whole, 1.0))
+    return np.asarray(np.where(np.isfinite(whole), factor, NORMAL) * np.sqrt(total))
+
+
+def _slope(x: np.ndarray, mean: np.ndarray, error: np.ndarray) -> tuple[np.ndarray, float]:
+    """Weights (sizes, steps) that give the slope of a line over x from the means, and the misfit.
 
     As x is 1 for the response, the slope is what it differs by from an infinite cell.
     """
     weight, x = 1.0 / error**2, x[:, None]
     centre = (weight * x).sum(axis=0) / weight.sum(axis=0)
     level = (weight * mean).sum(axis=0) / weight.sum(axis=0)
-    spread = (weight * (x - centre) ** 2).sum(axis=0)
-    slope = (weight * (x - centre) * mean).sum(axis=0) / spread
-    misfit = np.sum(weight * (mean - level - slope * (x - centre)) ** 2)
-    return slope, 1.0 / np.sqrt(spread), float(misfit)
+    share = weight * (x - centre) / (weight * (x - centre) ** 2).sum(axis=0)
+    slope = (share * mean).sum(axis=0)
+    misfit = np.sum(weight * (mean - level - slope * (x - centre)) ** 2, axis=0)
+    return share, float(misfit.mean())  # the steps of a cell are not independent
 
 
 def _masked(observations: Observations) -> np.ndarray:
@@ -173,10 +278,12 @@ def _masked(observations: Observations) -> np.ndarray:
 
 
 def separation_term(
-    response: "xr.Dataset", law: "xr.Dataset", scales: ScaleSeparation, values: np.ndarray
+    law: "xr.Dataset", scatter: np.ndarray, p: np.ndarray, scales: ScaleSeparation
 ) -> np.ndarray:
-    """Half-widths from uneven pressure and from the few cells that one structure holds."""
-    p = normal_observations(response).pressure
+    """Half-widths from uneven pressure and from the few cells that one structure holds.
+
+    The scatter is the coefficient of variation of single cells, (3, steps); NaN counts as none.
+    """
     mean_law, area_law = law_from_dataset(law), area_from_dataset(law)
     functions: tuple[Callable[[np.ndarray], np.ndarray], ...] = (
         mean_law.gap_at,
@@ -184,26 +291,10 @@ def separation_term(
         lambda q: mean_law.stiffness(mean_law.gap_at(q)),
     )
     step, rows = 0.05, []
-    scatter = [
-        ensemble_average(response, name).coefficient_of_variation
-        for name in ("mean_gap", "contact_fraction")
-    ]
-    scatter.append(_stiffness_scatter(response, p))
-    for k, evaluate in enumerate(functions):
+    for evaluate, cov in zip(functions, np.nan_to_num(scatter), strict=True):
         low, middle, high = (evaluate(p * np.exp(s)) for s in (-step, 0.0, step))
         first = (high - low) / (2.0 * step)  # d/d ln p
         second = (high - 2.0 * middle + low) / step**2
         uneven = 0.5 * np.abs(second - first) * scales.wavelength_ratio**2 / 12.0  # p^2 f''
-        few = NORMAL * np.nan_to_num(scatter[k]) * scales.cell_ratio
-        rows.append(np.hypot(uneven / np.abs(values[k]), few))
+        rows.append(np.hypot(uneven / np.abs(middle), NORMAL * cov * scales.cell_ratio))
     return np.array(rows)
-
-
-def _stiffness_scatter(response: "xr.Dataset", p: np.ndarray) -> np.ndarray:
-    """Coefficient of variation of the stiffness between realisations, from differences."""
-    seen = normal_observations(response)
-    whole = seen.values[seen.counted.all(axis=1)]
-    if len(whole) < 2:
-        return np.full(p.size, np.nan)
-    stiffness = np.array([_stiffness_of(gap, p) for gap in whole])
-    return np.asarray(np.std(stiffness, axis=0, ddof=1) / np.abs(stiffness.mean(axis=0)))

@@ -50,6 +50,9 @@ class Family:
     held : callable, optional
         Keywords of ``make`` that the data decide and the fit leaves alone, such as a reference
         pressure, with their units: from observations to a mapping of name to (value, unit).
+    broadcasts : bool, default False
+        Whether a parameter may be an array that broadcasts with what the law is asked for, so
+        that many samples are fitted at once.
 
     Examples
     --------
@@ -73,6 +76,7 @@ class Family:
     held: Callable[[Observations], Mapping[str, tuple[float, str]]] = field(
         default=lambda observations: {}
     )
+    broadcasts: bool = False
 
 
 def _gaps(observations: Observations) -> tuple[np.ndarray, np.ndarray]:
@@ -190,6 +194,7 @@ _FAMILIES = (
         {"pressure_scale": Parameter("Pa"), "decay_length": Parameter("m")},
         Exponential,
         _start_exponential,
+        broadcasts=True,
     ),
     Family(
         "power",
@@ -201,6 +206,7 @@ _FAMILIES = (
         },
         PowerLaw,
         _start_power,
+        broadcasts=True,
     ),
     Family(
         "error_function",
@@ -208,6 +214,7 @@ _FAMILIES = (
         {"pressure_scale": Parameter("Pa")},
         ErrorFunctionArea,
         _start_error_function,
+        broadcasts=True,
     ),
     Family(
         "power_stiffness",
@@ -216,6 +223,7 @@ _FAMILIES = (
         PowerStiffness,
         _start_stiffness,
         _reference,
+        broadcasts=True,
     ),
     Family(
         "coulomb",
@@ -223,6 +231,7 @@ _FAMILIES = (
         {"friction_coefficient": Parameter("1")},
         Coulomb,
         _start_coulomb,
+        broadcasts=True,
     ),
     Family(
         "decaying",
@@ -234,6 +243,7 @@ _FAMILIES = (
         },
         DecayingFriction,
         _start_decaying,
+        broadcasts=True,
     ),
     Family(
         "bell",
@@ -248,6 +258,7 @@ _FAMILIES = (
         BellFriction,
         _start_bell,
         _reference,
+        broadcasts=True,
     ),
 )
 FAMILIES = {family.name: family for family in _FAMILIES}
@@ -271,4 +282,5 @@ def unloading_family(loading: NormalLaw) -> Family:
         },
         lambda stiffness_ratio, exponent: HystereticLaw(loading, stiffness_ratio, exponent),
         lambda observations: {"stiffness_ratio": 2.0, "exponent": 1.5},
+        broadcasts=True,
     )

@@ -6,7 +6,6 @@ from typing import Any
 
 import numpy as np
 
-from multiscale.errors import CaseError, ConvergenceError
 from multiscale.upscaling.bootstrap import FEWEST_REALISATIONS, widening
 from multiscale.upscaling.family import Family, integrate_stiffness
 from multiscale.upscaling.observations import Observations
@@ -61,13 +60,9 @@ def fit_family(
             regression = replace(regression, scale=regression.predict(best))
             best = regression.solve(mean, ones, best)
 
-    samples, failed = [], 0
     drawn = _sample_means(observations, regression, best, counts, n_samples, seed)
-    for sample_mean, sample_weight in zip(*drawn, strict=True):
-        try:
-            samples.append(regression.solve(sample_mean, sample_weight, best))
-        except (CaseError, ConvergenceError):
-            failed += 1
+    found = regression.solve_many(*drawn, best)
+    samples = [sample for sample in found if sample is not None]
     values: Values = {name: np.array(value) for name, value in best.items()}
     for name in best:
         values[f"{name}_sample"] = np.array([sample[name] for sample in samples])
@@ -78,7 +73,7 @@ def fit_family(
         "parameters": " ".join(family.parameters),
         "held": " ".join(regression.held),
         "fixed": " ".join(fixed),
-        "n_failed_samples": failed,
+        "n_failed_samples": len(found) - len(samples),
         "uncertainty": uncertainty,
     }
 
@@ -116,12 +111,8 @@ def _errors(
 ) -> tuple[Values, dict[str, Any]]:
     """Errors of the fit at its data and of fits that lack one point each; the criterion."""
     n, k = mean.size, len(regression.free)
-    blind = []
-    for j in range(n):
-        try:
-            blind.append(regression.solve(mean, 1.0 * (np.arange(n) != j), best))
-        except (CaseError, ConvergenceError):
-            blind.append(dict(best))
+    found = regression.solve_many(np.tile(mean, (n, 1)), 1.0 - np.eye(n), best)
+    blind = [dict(best) if one is None else one for one in found]
     attributes = {"akaike_criterion": _akaike(regression, best, mean), "n_parameters": k}
     if observations.quantity in ("gap", "normal_stiffness"):
         p, law = observations.pressure, regression.law(best)

@@ -1,6 +1,6 @@
 """From the dataset of a fitted law back to the law, its samples and its bands."""
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import replace
 from typing import TYPE_CHECKING, Any
 
@@ -61,18 +61,21 @@ def fitted_law(
     CaseError
         If the family is unknown, or the dataset does not hold what it needs.
     """
+    return _laws(dataset, [sample], family)[0]
+
+
+def _laws(
+    dataset: "xr.Dataset", samples: Sequence[int | None], family: Family | None = None
+) -> list[Any]:
+    """Make several laws of a dataset, which is checked and read once."""
     INTERFACE_LAW.check(dataset)
     name = dataset.attrs.get("family", "convex_decreasing")
     if name == "convex_decreasing":
         _require(dataset, name, ["knot", "coefficient", "coefficient_sample"])
-        return ConvexDecreasing(
-            dataset["knot"].to_numpy(),
-            _pick(dataset, "coefficient", sample),
-            pressure_range=(
-                float(dataset.attrs.get("pressure_min", 0.0)),
-                float(dataset.attrs.get("pressure_max", np.inf)),
-            ),
-        )
+        knot, ends = dataset["knot"].to_numpy(), dataset.attrs
+        data = float(ends.get("pressure_min", 0.0)), float(ends.get("pressure_max", np.inf))
+        coefficients = _pick(dataset, "coefficient", samples)
+        return [ConvexDecreasing(knot, one, pressure_range=data) for one in coefficients]
     family = family or FAMILIES.get(str(name))
     if family is None or family.name != name:
         raise CaseError(
@@ -80,8 +83,12 @@ def fitted_law(
         )
     held = str(dataset.attrs.get("held", "")).split()
     _require(dataset, family.name, [*family.parameters, *held])
-    parameters = {key: float(_pick(dataset, key, sample)) for key in family.parameters}
-    return family.make(**parameters, **{key: float(dataset[key]) for key in held})
+    given = {key: float(dataset[key]) for key in held}
+    columns = [_pick(dataset, key, samples) for key in family.parameters]
+    return [
+        family.make(**dict(zip(family.parameters, map(float, row), strict=True)), **given)
+        for row in zip(*columns, strict=True)
+    ]
 
 
 def area_from_dataset(dataset: "xr.Dataset", sample: int | None = None) -> AreaLaw:
@@ -94,7 +101,8 @@ def area_from_dataset(dataset: "xr.Dataset", sample: int | None = None) -> AreaL
     """
     INTERFACE_LAW.check(dataset)
     _require(dataset, "monotone", ["area_pressure", "area_fraction", "area_fraction_sample"])
-    return AreaLaw(dataset["area_pressure"].to_numpy(), _pick(dataset, "area_fraction", sample))
+    (fraction,) = _pick(dataset, "area_fraction", [sample])
+    return AreaLaw(dataset["area_pressure"].to_numpy(), fraction)
 
 
 def law_band(
@@ -143,8 +151,8 @@ def law_band(
             f"{n_samples} samples are too few for a band of {100 * confidence:g} %; fit the law "
             f"with n_samples = {needed} or more"
         )
-    laws = [None, *range(n_samples)]
-    centre, *answers = (evaluate(fitted_law(dataset, one, family=family)) for one in laws)
+    laws = _laws(dataset, [None, *range(n_samples)], family)
+    centre, *answers = (evaluate(law) for law in laws)
     tail = 50.0 * (1.0 - confidence)
     ends = np.percentile(np.array(answers), [tail, 100.0 - tail], axis=0)
     # the samples are spread for 95 %
@@ -163,11 +171,12 @@ def _require(dataset: "xr.Dataset", family: str, names: list[str]) -> None:
         )
 
 
-def _pick(dataset: "xr.Dataset", name: str, sample: int | None) -> np.ndarray:
-    """Values of the mean law or of one sample."""
-    if sample is None:
-        return np.asarray(dataset[name].to_numpy())
+def _pick(dataset: "xr.Dataset", name: str, samples: Sequence[int | None]) -> list[np.ndarray]:
+    """Values of the mean law (None) and of samples."""
     n_samples = int(dataset.sizes.get("sample", 0))
-    if not 0 <= sample < n_samples:
-        raise CaseError(f"the law has no sample {sample}; it has {n_samples}, counted from 0")
-    return np.asarray(dataset[f"{name}_sample"].to_numpy()[sample])
+    for sample in samples:
+        if sample is not None and not 0 <= sample < n_samples:
+            raise CaseError(f"the law has no sample {sample}; it has {n_samples}, counted from 0")
+    mean = dataset[name].to_numpy()
+    drawn = dataset[f"{name}_sample"].to_numpy() if n_samples else mean
+    return [np.asarray(mean if sample is None else drawn[sample]) for sample in samples]

@@ -1,13 +1,16 @@
 """Least squares for the parameters of a family; plain arrays."""
 
 from collections.abc import Mapping
+from contextlib import suppress
 from dataclasses import dataclass
-from math import exp, isinf
+from math import isinf
+from typing import Any
 
 import numpy as np
 
 from multiscale.errors import CaseError, ConvergenceError
 from multiscale.upscaling.family import Family, Parameter
+from multiscale.upscaling.least_squares import solve_many
 from multiscale.upscaling.observations import QUANTITIES, Observations, Quantity
 
 __all__ = ["Regression", "regression_of"]
@@ -87,45 +90,83 @@ class Regression:
                 full_output=True,
             )
             if status in (1, 2, 3, 4):
-                return self._parameters(x, origin)
+                return {name: float(one) for name, one in self._parameters(x, origin).items()}
         raise ConvergenceError(
             f"the fit of the family {self.family.name!r} did not settle; fix a parameter that the "
             f"data do not decide ({', '.join(self.free)}), or choose another family"
         )
 
-    def law(self, parameters: Mapping[str, float]) -> object:
+    def solve_many(
+        self, means: np.ndarray, weights: np.ndarray, start: Mapping[str, float]
+    ) -> list[dict[str, float] | None]:
+        """Fit the mean values of many samples, shape (samples, points), from one start.
+
+        Returns
+        -------
+        list
+            Parameters of each sample; nothing where the iteration does not settle.
+        """
+        if not (self.free and len(means)):
+            return [dict(start) for _ in means]
+        found: list[dict[str, float] | None] = [None] * len(means)
+        if self.family.broadcasts:
+            share = np.sqrt(self.weights * weights)
+            x, settled = solve_many(
+                lambda x: self._residual(x, start, means, share), (len(means), len(self.free))
+            )
+            columns = {
+                name: np.broadcast_to(column, (len(means), 1))[:, 0].tolist()
+                for name, column in self._parameters(x, start).items()
+            }
+            for k in map(int, np.flatnonzero(settled)):
+                found[k] = {name: column[k] for name, column in columns.items()}
+        for k, one in enumerate(found):
+            if one is None:
+                with suppress(CaseError, ConvergenceError):
+                    found[k] = self.solve(means[k], weights[k], start)
+        return found
+
+    def law(self, parameters: Mapping[str, Any]) -> object:
         """Return the law with these parameters."""
         return self.family.make(**{**self.held, **parameters})
 
-    def predict(self, parameters: Mapping[str, float]) -> np.ndarray:
+    def predict(self, parameters: Mapping[str, Any]) -> np.ndarray:
         """Values at the conditions, SI."""
         return np.asarray(self.quantity.predict(self.law(parameters), *self.conditions))
 
     def _residual(
         self, x: np.ndarray, origin: Mapping[str, float], mean: np.ndarray, share: np.ndarray
     ) -> np.ndarray:
-        """Terms of (1) before they are squared."""
+        """Terms of (1) before they are squared; one row for each row of x and mean."""
         parameters = self._parameters(x, origin)
         try:
             error = share * (self.predict(parameters) - mean) / self.scale
         except CaseError:  # outside what the law accepts
-            return np.full(mean.size + self.datum, REFUSED)
+            return np.full((*mean.shape[:-1], mean.shape[-1] + self.datum), REFUSED)
         if not np.all(np.isfinite(error)):
             error = np.nan_to_num(error, nan=REFUSED, posinf=REFUSED, neginf=-REFUSED)
         if not self.datum:
             return np.asarray(error)
-        law, largest = self.law(parameters), self.conditions[0].max()
-        decay = largest / float(np.interp(largest, self.conditions[0], mean))
-        gap = float(law.gap_at(np.array(largest)))  # type: ignore[attr-defined]
-        return np.append(error, gap / decay)
+        law, last = self.law(parameters), int(np.argmax(self.conditions[0]))
+        decay = self.conditions[0][last] / mean[..., last : last + 1]
+        gap = law.gap_at(self.conditions[0][last : last + 1])  # type: ignore[attr-defined]
+        return np.concatenate([error, gap / decay], axis=-1)
 
-    def _parameters(self, x: np.ndarray, origin: Mapping[str, float]) -> dict[str, float]:
-        """Parameters at the free coordinates, which are zero at the origin."""
+    def _parameters(self, x: np.ndarray, origin: Mapping[str, float]) -> dict[str, np.ndarray]:
+        """Parameters at the free coordinates, shape (..., free), which are zero at the origin.
+
+        One number each for one row of coordinates, else a column that broadcasts with the points.
+        """
+        x = np.asarray(x)
+        columns = x if x.ndim == 1 else np.moveaxis(x, -1, 0)[..., None]
         moved = {
-            name: _move(self.family.parameters[name], float(origin[name]), float(step))
-            for name, step in zip(self.free, x, strict=True)
+            name: _move(self.family.parameters[name], float(origin[name]), column)
+            for name, column in zip(self.free, columns, strict=True)
         }
-        return {name: moved.get(name, float(origin[name])) for name in self.family.parameters}
+        return {
+            name: moved[name] if name in moved else np.asarray(origin[name])
+            for name in self.family.parameters
+        }
 
 
 def regression_of(
@@ -182,14 +223,14 @@ def regression_of(
     )
 
 
-def _move(parameter: Parameter, origin: float, step: float) -> float:
+def _move(parameter: Parameter, origin: float, step: np.ndarray) -> np.ndarray:
     """Leave the origin by a step of a free coordinate, inside the range."""
     low, high = parameter.lower, parameter.upper
-    step = min(max(step, -FARTHEST), FARTHEST)
+    step = np.minimum(np.maximum(step, -FARTHEST), FARTHEST)
     if isinf(low) and isinf(high):
-        return origin + step * (abs(origin) or 1.0)
+        return np.asarray(origin + step * (abs(origin) or 1.0))
     if isinf(high):
-        return low + max(origin - low, 1e-12 * abs(origin)) * exp(step)
+        return np.asarray(low + max(origin - low, 1e-12 * abs(origin)) * np.exp(step))
     share = min(max((origin - low) / (high - low), 1e-9), 1.0 - 1e-9)
-    odds = share / (1.0 - share) * exp(step)
-    return low + (high - low) * odds / (1.0 + odds)
+    odds = share / (1.0 - share) * np.exp(step)
+    return np.asarray(low + (high - low) * odds / (1.0 + odds))

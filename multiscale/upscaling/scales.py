@@ -6,7 +6,13 @@ import numpy as np
 
 from multiscale.errors import CaseError
 
-__all__ = ["ScaleSeparation", "compare_scales", "pressure_length", "relaxation_time"]
+__all__ = [
+    "ScaleSeparation",
+    "compare_scales",
+    "pressure_length",
+    "pressure_length_of_points",
+    "relaxation_time",
+]
 
 FARTHEST_CELL = 1.0  # cell over macro length
 DISTINCT_TIMES = 10.0  # ratio of times that counts as apart
@@ -23,7 +29,7 @@ class ScaleSeparation:
     wavelength_ratio : float
         :math:`\varepsilon = \lambda_l / \ell`, longest wavelength over macro length.
     cell_ratio : float
-        Size of the cell over the macro length.
+        Size of the cell over the extent of the structure, which averages over its cells.
     time_ratio : float
         Relaxation time over loading time; NaN if no times were given.
     cautions : tuple of str
@@ -39,8 +45,8 @@ class ScaleSeparation:
         """Return the report as text."""
         time = "no times given" if np.isnan(self.time_ratio) else f"times {self.time_ratio:.3g}"
         head = (
-            f"longest wavelength {self.wavelength_ratio:.3g} and cell {self.cell_ratio:.3g} of the "
-            f"length over which the pressure varies, {time}"
+            f"longest wavelength {self.wavelength_ratio:.3g} of the length over which the pressure "
+            f"varies, cell {self.cell_ratio:.3g} of the interface, {time}"
         )
         return "; ".join([head, *self.cautions])
 
@@ -50,6 +56,7 @@ def compare_scales(
     cell_size: float,
     macro_length: float,
     *,
+    extent: float | None = None,
     relaxation: float | None = None,
     loading: float | None = None,
 ) -> ScaleSeparation:
@@ -63,6 +70,8 @@ def compare_scales(
         Edge of the representative cell, m.
     macro_length : float
         Length over which the pressure of the structure varies, m; see :func:`pressure_length`.
+    extent : float, optional
+        Edge of the loaded interface, m; the macro length if not given.
     relaxation, loading : float, optional
         Slowest relaxation of the cell and time over which the structure is loaded, s.
 
@@ -73,14 +82,13 @@ def compare_scales(
     """
     lengths = {"wavelength": wavelength, "cell_size": cell_size, "macro_length": macro_length}
     times = {"relaxation": relaxation, "loading": loading}
-    for name, value in {**lengths, **times}.items():
+    for name, value in {**lengths, "extent": extent, **times}.items():
         if value is not None and not (value > 0.0 and np.isfinite(value)):
             raise CaseError(f"{name} must be positive and finite, got {value:g}")
     if (relaxation is None) != (loading is None):
         raise CaseError("times are compared in pairs: give both relaxation and loading (s)")
     cautions = []
-    eps, cell = wavelength / macro_length, cell_size / macro_length
-    if cell > FARTHEST_CELL:
+    if cell_size / macro_length > FARTHEST_CELL:
         cautions.append(
             f"the pressure varies over {macro_length:.3g} m, less than the cell of {cell_size:.3g} "
             f"m: no point of the structure is loaded as the cell was; resolve the longest waves in "
@@ -94,7 +102,12 @@ def compare_scales(
                 f"the cell relaxes in {relaxation:.3g} s while it is loaded over {loading:.3g} s: "
                 f"the response depends on the rate, so that one law for all rates is not enough"
             )
-    return ScaleSeparation(eps, cell, float(ratio), tuple(cautions))
+    return ScaleSeparation(
+        wavelength / macro_length,
+        cell_size / (macro_length if extent is None else extent),
+        float(ratio),
+        tuple(cautions),
+    )
 
 
 def pressure_length(pressure: np.ndarray, spacing: float | tuple[float, float]) -> float:
@@ -119,6 +132,42 @@ def pressure_length(pressure: np.ndarray, spacing: float | tuple[float, float]) 
     parts = gradient if isinstance(gradient, tuple | list) else [gradient]
     square = sum(float(np.mean(part**2)) for part in parts)
     return float(np.sqrt(np.mean(p**2) / square)) if square > 0.0 else float(np.inf)
+
+
+def pressure_length_of_points(
+    position: np.ndarray, pressure: np.ndarray, area: np.ndarray
+) -> float:
+    r"""Length over which a pressure at scattered points of a plane varies.
+
+    Parameters
+    ----------
+    position : ndarray, shape (points, 2)
+        In the plane, m; five points at least.
+    pressure : ndarray, shape (points,)
+        Pa.
+    area : ndarray, shape (points,)
+        That a point stands for, m².
+
+    Returns
+    -------
+    float
+        As :func:`pressure_length`, with the gradient of the plane that fits a point and its eight
+        nearest ones best; infinite for an even pressure.
+    """
+    from scipy.spatial import cKDTree
+
+    count = min(9, len(position))
+    if count < 5:
+        raise CaseError(f"a pressure needs at least 5 points to tell its length, got {count}")
+    _, near = cKDTree(position).query(position, k=count)
+    offset = position[near] - position[:, None]
+    scale = float(np.max(np.abs(offset)))
+    rows = np.concatenate([np.ones((*near.shape, 1)), offset / scale], axis=2)
+    plane = np.einsum("pij,pj->pi", np.linalg.pinv(rows), pressure[near])
+    square = float(np.sum(area * np.sum((plane[:, 1:] / scale) ** 2, axis=1)))
+    mean = float(np.sum(area * pressure**2))
+    extent = float(np.ptp(position))
+    return float(np.sqrt(mean / square)) if square > 1e-12 * mean / extent**2 else float(np.inf)
 
 
 def relaxation_time(time: np.ndarray, value: np.ndarray) -> float:

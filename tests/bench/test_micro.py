@@ -176,6 +176,6 @@ def test_a_scene_that_does_not_exist_is_refused(monkeypatch, capsys, tmp_path):
     with pytest.raises(SystemExit, match="1"):
         main()
     assert (
-        "there is no scene 'macro'; choose from ['micro', 'nonsmooth', 'structures']"
-        in capsys.readouterr().err
+        "there is no scene 'macro'; choose from ['micro', 'nonsmooth', "
+        "'structures', 'substructures']" in capsys.readouterr().err
     )

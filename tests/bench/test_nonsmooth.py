@@ -114,7 +114,7 @@ def test_dataset_table_and_figure_can_be_written(found, tmp_path):
     assert (tmp_path / "nonsmooth.png").stat().st_size > 50_000
 
     head, rows = tabulate(again)
-    assert head == ("scene", "code", "time (s)", "iterations", "error")
+    assert head == ("scene", "code", "unknowns", "time (s)", "iterations", "error")
     assert {len(row) for row in rows} == {len(head)}
     assert sum("not converged" in row[-1] for row in rows) == int(np.sum(found["converged"] == 0))
 
@@ -134,7 +134,7 @@ def test_lines_fall_end_at_the_error_and_show_zero_at_the_bottom(found):
         assert time[-1] == found["wall_time"].values[run]
         assert error[-1] == max(found["error"].values[run], 1e-17)
     assert ax.get_xlabel() == "time since the start (s)"
-    assert ax.get_ylabel() == "relative residual (1)"
+    assert ax.get_ylabel() == "relative error (1)"
 
 
 def test_a_method_that_lies_is_not_called_converged(monkeypatch):

@@ -59,7 +59,7 @@ def test_every_fault_of_a_dataset_is_listed(response):
         MICRO_RESPONSE.check(response.drop_vars("traction").transpose("step", ...))
     message = str(caught.value)
     assert "not a 'micro_response' dataset (schema version 1)" in message
-    assert "traction: missing (averaged traction, eqs (2)-(3), Pa)" in message
+    assert "traction: missing; add it (averaged traction, eqs (2)-(3), Pa, dimensions" in message
     assert "mean_gap: units 'um', expected 'm'" in message
     assert "converged: dimensions ('step', 'realisation')" in message
 

@@ -44,10 +44,17 @@ def test_given_edges_come_before_those_of_the_file(void, tmp_path):
 
 def test_slices_in_a_folder_are_a_stack(void, tmp_path):
     for k, page in enumerate(pages(void)):
-        tifffile.imwrite(tmp_path / f"slice-{k:03d}.tif", page)
+        tifffile.imwrite(tmp_path / f"slice-{9 + k}.tif", page)  # 9, 10, 11
     image = read_images(tmp_path, voxel_size=(1.0, 2.0, 3.0))
     np.testing.assert_array_equal(image.void, void)
     assert image.spacing == pytest.approx((1.0, 2.0, 3.0))
+
+
+def test_voxels_of_other_edges_need_all_three():
+    with pytest.raises(CaseError, match=r"three edges along x, y and z \(m\), got \(1, 2\)"):
+        VoxelImage.from_voxels(np.zeros((3, 3, 3)), (1, 2))
+    with pytest.raises(CaseError, match="needs three axes"):
+        VoxelImage.from_voxels(np.zeros((3, 3)), 1.0)
 
 
 def test_the_void_may_be_bright(void, tmp_path):

@@ -34,6 +34,12 @@ def test_area_is_proportional_to_light_pressure():
     np.testing.assert_allclose(law.contact_fraction(np.array([[2.5e5, 5e5]])), [[0.005, 0.01]])
 
 
+def test_a_power_of_the_pressure_is_followed_between_knots():
+    p = np.geomspace(1e6, 2.7e7, 50)
+    law = AreaLaw(PRESSURE, 0.02 * (PRESSURE / 1e6) ** 0.9)
+    np.testing.assert_allclose(law.contact_fraction(p), 0.02 * (p / 1e6) ** 0.9, rtol=1e-12)
+
+
 def test_area_continues_with_the_slope_of_its_last_knot():
     law = AreaLaw(PRESSURE, np.array([0.02, 0.06, 0.17, 0.42]))
     p = PRESSURE[-1] * np.array([1.0 - 1e-6, 1.0, 1.0 + 1e-6])

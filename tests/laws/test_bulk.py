@@ -4,17 +4,20 @@ import numpy as np
 import pytest
 
 from multiscale.errors import CaseError
-from multiscale.laws.bulk import J2, Elastic, NeoHookean, respond
+from multiscale.laws.bulk import J2, AnisotropicElastic, Elastic, NeoHookean, respond
 
 E, NU = 2.0, 0.3
 SOFT = J2(E, NU, 0.05, 0.1, saturation_stress=0.1, saturation_rate=5.0)
+LAME, MU = E * NU / ((1 + NU) * (1 - 2 * NU)), E / (2 * (1 + NU))
+ISOTROPIC = np.diag([2.0 * MU] * 3 + [MU] * 3) + LAME * np.pad(np.ones((3, 3)), (0, 3))
 LAWS = [
     pytest.param(Elastic(E, NU), id="elastic"),
+    pytest.param(AnisotropicElastic(ISOTROPIC), id="elastic, tensor"),
     pytest.param(NeoHookean(E, NU), id="neo-Hookean"),
     pytest.param(J2(E, NU, 5.0), id="J2, elastic"),
     pytest.param(SOFT, id="J2, flowing"),
 ]
-FINITE = LAWS[1:]
+FINITE = LAWS[2:]
 POINTS = 20
 
 
@@ -47,14 +50,28 @@ def test_the_tangent_is_the_derivative_of_the_stress(law):
             np.testing.assert_allclose(tangent[:, :, k, m], change / 2e-6, atol=1e-8)
 
 
+def test_a_tensor_answers_with_all_its_entries():
+    noise = np.random.default_rng(seed=4).normal(size=(6, 6))
+    C = noise @ noise.T
+    law = AnisotropicElastic(C)
+    H = np.random.default_rng(seed=5).normal(size=(3, 3))
+    strain = np.array([H[0, 0], H[1, 1], H[2, 2], H[1, 2] + H[2, 1], H[0, 2] + H[2, 0]])
+    stress = C @ np.append(strain, H[0, 1] + H[1, 0])
+    found = respond(law, np.eye(3) + H, np.empty(0)).stress
+    np.testing.assert_allclose(found, stress[[[0, 5, 4], [5, 1, 3], [4, 3, 2]]], rtol=1e-12)
+    # both parts of the energy are convex, so that no element gains from a change of volume
+    shape = C - law.lame * np.pad(np.ones((3, 3)), (0, 3))
+    assert law.lame >= 0.0
+    assert np.linalg.eigvalsh(shape)[0] > -1e-12
+
+
 @pytest.mark.parametrize("law", LAWS)
 def test_small_strain_is_hookes_law(law):
     small = 1e-7 * np.random.default_rng(seed=2).normal(size=(3, 3, POINTS))
     F = np.eye(3)[:, :, None] + small
     stress = respond(law, F, law.initial_state((POINTS,))).stress
     strain = 0.5 * (small + small.swapaxes(0, 1))
-    lame, mu = E * NU / ((1 + NU) * (1 - 2 * NU)), E / (2 * (1 + NU))
-    expected = lame * np.trace(strain) * np.eye(3)[:, :, None] + 2 * mu * strain
+    expected = LAME * np.trace(strain) * np.eye(3)[:, :, None] + 2 * MU * strain
     np.testing.assert_allclose(stress, expected, atol=1e-5 * np.abs(expected).max())
 
 
@@ -146,6 +163,9 @@ def test_simple_tension_follows_the_hardening_curve():
     ("make", "message"),
     [
         (lambda: Elastic(-1.0, 0.3), "youngs_modulus must be positive"),
+        (lambda: AnisotropicElastic(np.eye(3)), "6 x 6 and finite"),
+        (lambda: AnisotropicElastic(np.triu(np.ones((6, 6)))), "symmetric"),
+        (lambda: AnisotropicElastic(np.diag([1.0, 1, 0, 1, 1, 1])), "the solid is cut through"),
         (lambda: NeoHookean(1.0, 0.5), "poissons_ratio must lie between -1 and 0.5"),
         (lambda: J2(1.0, 0.3, 0.0), "yield_stress must be positive"),
         (lambda: J2(1.0, 0.3, 1.0, -1.0), "hardening_modulus must not be negative"),

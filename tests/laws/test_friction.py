@@ -64,7 +64,10 @@ def test_limits_of_the_formulas():
 @pytest.mark.parametrize(
     ("make", "sentence"),
     [
-        (lambda: Coulomb(-0.1), r"friction_coefficient must not be negative .* got -0.1"),
+        (
+            lambda: Coulomb(-0.1),
+            r"friction_coefficient must not be negative, but finite \(1\), got -0.1",
+        ),
         (lambda: DecayingFriction(0.3, 0.2, 0.0), r"decay_speed must be positive .*\(m/s\)"),
         (lambda: BellFriction(1.0, 1.2, 1.0, 1.0, 0.0, 1e5), "rest_share must be at most 1"),
         (lambda: BellFriction(1.0, 0.2, 1.0, 0.0, 0.0, 1e5), "width must be positive"),

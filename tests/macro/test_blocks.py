@@ -17,14 +17,17 @@ from skfem import (
     ElementTetP2,
     ElementVector,
     LinearForm,
+    MeshQuad,
     MeshTet,
 )
 from skfem.models.elasticity import lame_parameters, linear_elasticity
 
 from multiscale.errors import CaseError
+from multiscale.laws.bulk import AnisotropicElastic
 from multiscale.macro.continuum import (
     box_mesh,
     displacement_basis,
+    elastic_matrix,
     face_operator,
     face_unknowns,
     stiffness_matrix,
@@ -118,6 +121,18 @@ def test_the_matrix_is_that_of_a_vector_element():
     expected = linear_elasticity(*lame_parameters(E, NU)).assemble(vector)
     difference = abs(stiffness_matrix(basis, E, NU) - expected).max()
     assert difference < 1e-13 * abs(expected).max()
+
+
+@pytest.mark.parametrize(
+    "mesh", [box_mesh((1.0, 2.0, 0.5), (2, 3, 2)), MeshQuad.init_tensor([0, 1, 3], [0, 1])]
+)
+def test_the_matrix_of_an_isotropic_tensor_is_that_of_its_moduli(mesh):
+    C = np.diag([2.0 * SHEAR] * 3 + [SHEAR] * 3)
+    C[:3, :3] += LAME
+    basis = displacement_basis(mesh, mesh.elem())
+    expected = stiffness_matrix(basis, E, NU)
+    found = elastic_matrix(basis, AnisotropicElastic(C))
+    assert abs(found - expected).max() < 1e-13 * abs(expected).max()
 
 
 def test_a_stack_of_two_materials_has_the_stiffness_of_springs_in_series():

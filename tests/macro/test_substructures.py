@@ -1,12 +1,14 @@
 """Substructures against monolithic solvers: tensegrity, plate and rough joint."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from scipy.sparse.linalg import spsolve
 
-from multiscale.errors import CaseError
+from multiscale.errors import CaseError, MultiscaleError
 from multiscale.laws import Exponential, Frictional
-from multiscale.laws.bulk import Elastic
+from multiscale.laws.bulk import AnisotropicElastic, Elastic
 from multiscale.laws.link import Bar, Cable
 from multiscale.macro import Body, solve_interface, solve_static, tensegrity_grid
 from multiscale.macro.continuum.blocks import box_mesh
@@ -87,7 +89,7 @@ def count_iterations(grid, problem, reference, load_factor, **options):
         full[order] = iterate.tension
         errors.append(tension_error(grid, full, reference))
 
-    solve_latin(problem, load_factor, callback=note, tolerance=1e-5, **options)
+    solve_latin(problem, load_factor, callback=note, tolerance=1e-6, **options)
     return next(k for k, error in enumerate(errors, 1) if error < 1e-6)
 
 
@@ -113,16 +115,64 @@ def test_the_bound_is_guaranteed_at_every_stage_of_the_iteration(grid, tensions)
 
 @pytest.mark.parametrize(
     ("ratio", "prestress", "load_factor"),
-    [(1.0, 1.0, 4.0), (1e3, 1.0, 1.0), (20.0, 0.0, 1.0), (20.0, 1e-6, 1000.0), (20.0, 1e3, 4.0)],
+    [
+        (1.0, 1.0, 4.0),
+        (1e3, 1.0, 1.0),
+        (1e4, 1.0, 4.0),
+        (1e6, 1.0, 1.0),
+        (1e6, 1.0, 4.0),
+        (20.0, 0.0, 1.0),
+        (20.0, 1e-6, 1000.0),
+        (20.0, 1e3, 4.0),
+    ],
 )
 def test_stiff_bars_and_prestress_from_none_to_much_converge(ratio, prestress, load_factor):
     stress = prestress * 2550.0 / 4.0
     grid = tensegrity_grid(8, prestress=stress, bar=Bar(4e6 * ratio))
     reference = solve_static(grid, load_factor).tension.values
-    result = solve_latin(cut_links(grid, split_grid(grid, (2, 2))), load_factor)
+    result = solve_latin(cut_links(grid, split_grid(grid, (4, 4))), load_factor)
     assert result.converged == 1
-    assert tension_error(grid, result.tension.values[0], reference) < 1e-8
+    assert result.iterations <= 70
+    # tensions k e of the stiffest bars are rounded by some 1e-14 of k u
+    error = tension_error(grid, result.tension.values[0], reference)
+    assert error < (1e-8 if ratio < 1e6 else 1e-7)
     assert np.isinf(result.error_bound) == (prestress == 0.0)
+
+
+def test_all_cables_of_a_floating_substructure_may_go_slack():
+    grid = tensegrity_grid(8, prestress=2550.0 / 4.0)
+    owner = split_grid(grid, (4, 4))
+    mine = np.flatnonzero(np.isfinite(grid.bounds[0]) & (owner == 5))
+    bar = next(i for i, law in enumerate(grid.laws) if isinstance(law, Bar))
+    # bars beside its cables, which were built too short and pull its nodes together
+    framed = replace(
+        grid,
+        ends=np.concatenate([grid.ends, grid.ends[mine]]),
+        kind=np.append(grid.kind, np.full(mine.size, bar)),
+        prestress=np.append(
+            np.where(np.isin(np.arange(grid.n_links), mine), 0.0, grid.prestress),
+            np.full(mine.size, 2e5),
+        ),
+        group=np.append(grid.group, grid.group[mine] + grid.group.max() + 1),
+        balanced=False,
+    )
+    result = solve_latin(cut_links(framed, np.append(owner, owner[mine])))
+    assert result.converged == 1
+    reference = solve_static(framed).tension.values
+    assert np.all(reference[mine] == 0.0)
+    assert tension_error(framed, result.tension.values[0], reference) < 1e-8
+
+
+def test_structures_without_support_or_balance_are_refused_with_a_sentence():
+    grid = tensegrity_grid(4)
+    floating = replace(grid, fixed=np.zeros_like(grid.fixed))
+    with pytest.raises(MultiscaleError, match="can move without resistance; add supports"):
+        solve_latin(cut_links(floating, split_grid(floating, (2, 2))))
+    lifted = stacked_blocks(law_of_stiffness(1.0), 2, tilt=4.0)  # beyond the edge: it tips over
+    result = solve_latin(lifted, max_iterations=60)
+    assert result.converged == 0
+    assert "the steps end before step 0" in result.attrs["failure"]
+    assert np.isnan(result.displacement).all()
 
 
 @pytest.mark.parametrize("parts", [1, 2, 4])
@@ -144,12 +194,42 @@ def test_substructures_of_a_plate_bend_like_the_plate(parts):
     np.testing.assert_allclose(result.displacement[0], expected, atol=1e-8 * size)
 
 
-def stacked_blocks(law, parts, times=(1.0,)):
-    """Two steel blocks of 20 mm under a pressure that is not quite even, then pushed."""
+def test_a_cut_bar_of_a_porous_solid_stretches_and_shears_with_its_whole_compliance():
+    """Uniaxial stress along x: every strain is the first column of the compliance."""
+    noise = np.random.default_rng(seed=7).normal(size=(6, 6))
+    C = 70e9 * (np.eye(6) + 0.1 * noise @ noise.T)
+    stress, S = 50e6, np.linalg.inv(C)
+    xx, yy, zz, yz, xz, xy = stress * S[:, 0]
+
+    def field(x):  # the displacement of the uniform strain without rotation of the face x = 0
+        return xx * x[0], yy * x[1] + xy * x[0] + yz * x[2], zz * x[2] + xz * x[0]
+
+    bar = Body(
+        box_mesh((0.4, 0.1, 0.1), (4, 2, 2)),
+        AnisotropicElastic(C),
+        supports={"left": (0.0, None, None)},
+        tractions={"right": (stress, 0.0, 0.0)},
+    )
+    problem = cut_bodies([bar], [split_boxes(bar, (2, 1, 1))])
+    whole = assemble(problem)
+    exact = np.stack(field(bar.mesh.p), axis=1)
+    unknown = problem.number
+    free = unknown >= 0
+    u = np.empty(free.sum())
+    u[unknown[free]] = exact[free]
+    # the face x = 0 moves freely along y and z: three rigid motions are left, none of the forces
+    force = whole.stiffness @ u - whole.load[:, 0]
+    assert np.abs(force).max() < 1e-9 * np.abs(whole.load).max()
+    energy = 0.5 * stress * xx * 0.4 * 0.1 * 0.1
+    assert 0.5 * u @ (whole.stiffness @ u) == pytest.approx(energy, rel=1e-9)
+
+
+def stacked_blocks(law, parts, times=(1.0,), contrast=1.0, tilt=0.2):
+    """Two blocks of 20 mm under a pressure that is not quite even, then pushed."""
     elements = (4, 4, 3)
     lower = Body(
         box_mesh((0.02, 0.02, 0.02), elements, origin=(0.0, 0.0, -0.02)),
-        Elastic(210e9, 0.3),
+        Elastic(contrast * 210e9, 0.3),
         supports={"bottom": (0.0, 0.0, 0.0)},
     )
     upper = Body(
@@ -160,7 +240,7 @@ def stacked_blocks(law, parts, times=(1.0,)):
             "top": (
                 lambda x, t: 1.4e6 * (t - 1.0),
                 0.0,
-                lambda x, t: -20e6 * (1.0 + 20.0 * (x[0] - 0.01)),
+                lambda x, t: -20e6 * (1.0 + tilt * (100.0 * x[0] - 1.0)),
             )
         },
     )
@@ -203,11 +283,92 @@ def test_a_joint_that_is_pushed_beyond_its_friction_ends_the_path():
     assert np.isnan(result.displacement[1:]).all()
 
 
-@pytest.mark.parametrize("decay_length", [4e-9, 4e-7, 1e-4])
-@pytest.mark.parametrize("pressure_scale", [1e3, 1e9, 1e15])
-def test_joints_from_hard_to_soft_converge(pressure_scale, decay_length):
-    law = Frictional(Exponential(pressure_scale, decay_length), 0.3)
-    assert solve_latin(stacked_blocks(law, 1)).converged == 1
+def law_of_stiffness(ratio):
+    """Law whose stiffness at 20 MPa is a ratio of that of a block."""
+    return Frictional(Exponential(20e6, 20e6 * 0.02 / (ratio * 210e9)), 0.2)
+
+
+def whole_blocks(problem, law):
+    """Displacement of the nodes at the first load, in one piece."""
+    whole = assemble(problem)
+    u = solve_interface(whole.stiffness, whole.load[:, 0], whole.jump, whole.weight, law).unwrap()
+    return np.append(u, 0.0)[problem.number]
+
+
+@pytest.mark.parametrize("parts", [1, 2])
+@pytest.mark.parametrize("ratio", [1e-6, 1e-4, 1e-2, 1.0, 1e2, 1e4, 1e8, 1e12])
+def test_joints_from_a_millionth_of_the_stiffness_of_the_blocks_to_1e12_converge(ratio, parts):
+    law = law_of_stiffness(ratio)
+    problem = stacked_blocks(law, parts, (1.0, 2.0))
+    result = solve_latin(problem, np.eye(2))
+    assert np.all(result.converged == 1)
+    assert np.all(result.iterations <= 55)
+    force = np.einsum("spd,p->sd", result.traction.values, result.point_area.values)
+    np.testing.assert_allclose(force[:, 0], -20e6 * 0.02**2, rtol=1e-7)
+    if 1e-4 <= ratio <= 1e4:
+        expected = whole_blocks(problem, law)
+        size = np.abs(expected).max()
+        np.testing.assert_allclose(result.displacement[0], expected, atol=1e-8 * size)
+
+
+@pytest.mark.parametrize("parts", [1, 2])
+def test_a_joint_that_is_open_everywhere_leaves_both_bodies_alone(parts):
+    size, steel = (0.02, 0.02, 0.02), Elastic(210e9, 0.3)
+    held, pulled = (0.0, 0.0, 0.0), (0.0, 0.0, 5e6)
+    lower = Body(
+        box_mesh(size, (4, 4, 2), origin=(0.0, 0.0, -0.02)), steel, supports={"bottom": held}
+    )
+    upper = Body(
+        box_mesh(size, (4, 4, 2)),
+        steel,
+        supports={"top": held},
+        tractions={"left": pulled, "right": pulled},
+    )
+    law = Frictional(Exponential(1e9, 0.4e-6, gap=1e-3), 0.2)
+    owners = [split_boxes(body, (parts, parts, 1)) for body in (lower, upper)]
+    problem = cut_bodies([lower, upper], owners, [Joint((0, 1), ("top", "bottom"), law)])
+    result = solve_latin(problem)
+    assert result.converged == 1
+    assert np.all(result.traction == 0.0)
+    whole = assemble(problem)
+    expected = np.append(spsolve(whole.stiffness.tocsc(), whole.load[:, 0]), 0.0)[problem.number]
+    size = np.abs(expected).max()
+    np.testing.assert_allclose(result.displacement[0], expected, atol=1e-8 * size)
+
+
+@pytest.mark.parametrize("contrast", [1e-4, 1e4])
+@pytest.mark.parametrize("ratio", [1e-6, 1e-3, 1.0, 1e3])
+def test_a_base_much_softer_or_stiffer_than_the_block_converges(contrast, ratio):
+    law = law_of_stiffness(ratio)
+    problem = stacked_blocks(law, 1, contrast=contrast)
+    result = solve_latin(problem)
+    assert result.converged == 1
+    assert result.iterations <= 70
+
+
+@pytest.mark.parametrize("ratio", [1e-2, 1.0, 1e2])
+def test_a_joint_that_opens_on_one_side_is_the_monolithic_one(ratio):
+    law = law_of_stiffness(ratio)
+    problem = stacked_blocks(law, 2, tilt=1.5)  # the edge would pull by half the pressure
+    result = solve_latin(problem)
+    assert result.converged == 1
+    assert result.iterations <= 70
+    expected = whole_blocks(problem, law)
+    size = np.abs(expected).max()
+    np.testing.assert_allclose(result.displacement[0], expected, atol=1e-8 * size)
+
+
+def test_directions_that_follow_a_soft_law_save_iterations():
+    problem = stacked_blocks(law_of_stiffness(1e-2), 2)
+    updated, fixed = (solve_latin(problem, updated=status) for status in (True, False))
+    assert 1.5 * updated.iterations.item() < fixed.iterations.item()
+
+
+def test_the_indicator_of_joints_is_heuristic_by_name_and_small_at_the_end():
+    result = solve_latin(stacked_blocks(law_of_stiffness(1.0), 2, (1.0, 2.0)), np.eye(2))
+    assert np.isnan(result.error_bound).all()
+    assert np.all((result.error_indicator > 0.0) & (result.error_indicator < 1e-7))
+    assert "heuristic" in result.error_indicator.attrs["long_name"]
 
 
 def test_bad_cuts_are_refused(grid):

@@ -106,9 +106,9 @@ def _die(*_):
 
 
 def test_a_killed_worker_is_one_sentence(cells, monkeypatch):
-    monkeypatch.setattr(module, "_solve_in_worker", _die)
+    monkeypatch.setattr(module, "_solve_realisation", _die)
     with (
         ProcessPoolExecutor(1, mp_context=get_context("fork")) as executor,
-        pytest.raises(MultiscaleError, match="a worker process died after 0 of 3 realisations"),
+        pytest.raises(MultiscaleError, match="a worker process died after 0 of 3 jobs"),
     ):
         run_ensemble(cells, PATH, executor=executor)

@@ -9,11 +9,11 @@ from typer.testing import CliRunner
 
 from multiscale.cli import app
 from multiscale.errors import CaseError, SchemaError
-from multiscale.io import open_dataset, open_law, save_law
+from multiscale.io import open_dataset, open_law, save_law, write_dataset
 from multiscale.macro import solve_static, tensegrity_grid
 from multiscale.pipeline import load_scene, run_scene
 from multiscale.reference.joint import series
-from multiscale.schema import MACRO_RESULT
+from multiscale.schema import HOMOGENISED, MACRO_RESULT, RVE_STIFFNESS
 from multiscale.upscaling import law_from_dataset
 from tests.support import write_law
 
@@ -73,6 +73,44 @@ def test_a_cut_grid_has_the_tensions_of_the_whole_one(tmp_path):
     assert (tmp_path / "fields" / "grid.pvd").is_file()
 
 
+def test_a_cut_grid_moves_like_the_whole_one(tmp_path):
+    pairs = [
+        ("n = 16", 'n = 4\nprestress = "160 N"'),
+        ('"0.5 s"', '"0.05 s"'),
+        ("theta = 0.5", "theta = 1"),
+    ]
+    whole = run_scene(load_scene(write(tmp_path, MOVING, *pairs)), tmp_path / "whole.nc")
+    pairs.append(("[dynamics]", "[substructures]\nparts = [2, 1]\n[dynamics]"))
+    run_scene(load_scene(write(tmp_path, MOVING, *pairs)), tmp_path / "cut.nc")
+    cut = open_dataset(tmp_path / "cut.nc", MACRO_RESULT)
+    assert cut["converged"].values.all()
+    for name in ("displacement", "tension"):
+        scale = np.abs(whole[name].values).max()
+        np.testing.assert_allclose(cut[name], whole[name], rtol=0.0, atol=1e-5 * scale)
+    assert (tmp_path / "fields" / "cut.pvd").is_file()
+
+
+def test_condensed_substructures_are_written_beside_the_result(tmp_path, blocks):
+    grid = ("n = 16", 'n = 4\nprestress = "160 N"')
+    scene = write(tmp_path, GRID, grid, ("[4, 4]", "[2, 2]\nhomogenise = true"))
+    out = tmp_path / "grid.nc"
+    done = CliRunner().invoke(app, ["macro", str(scene), "-o", str(out)])
+    assert done.exit_code == 0, done.output
+    file = tmp_path / "grid-homogenised.nc"
+    assert f"condensed substructures: {file}" in done.output
+    found = open_dataset(file, HOMOGENISED)
+    assert found.sizes["substructure"] == 4
+    slack = open_dataset(out, MACRO_RESULT)["slack"].values[-1] > 0.0
+    assert found["slack_links"].sum() == np.count_nonzero(slack) > 0
+    taut, slackened = found["stiffness"].values
+    assert np.trace(slackened[0]) < np.trace(taut[0])
+
+    text = BLOCKS + "[substructures]\nparts = [1, 1]\nhomogenise = true\n"
+    run_scene(load_scene(write(tmp_path, text)), tmp_path / "blocks.nc")
+    condensed = open_dataset(tmp_path / "blocks-homogenised.nc", HOMOGENISED)
+    assert condensed.sizes["substructure"] == 2
+
+
 def test_the_plate_has_16_substructures_and_its_24_edge_interfaces(tmp_path):
     result = run_scene(load_scene(write(tmp_path, PLATE)), tmp_path / "plate.nc")
     whole = run_scene(load_scene(write(tmp_path, PLATE, ("[4, 4]", "[1, 1]"))), tmp_path / "one.nc")
@@ -103,6 +141,28 @@ def test_the_law_of_the_command_comes_before_that_of_the_scene(blocks, tmp_path)
     last = done.output.splitlines()[3].split()
     assert float(last[0]) == 20.0
     assert float(last[1]) == pytest.approx(1e-12 * expected[1], rel=1e-3)
+
+
+def test_blocks_have_the_tensor_of_a_representative_volume(blocks):
+    along_z = 0.4 * 210e9
+    names = ["xx", "yy", "zz", "yz", "xz", "xy"]
+    values = {
+        "stiffness": np.diag([150e9, 120e9, along_z, 60e9, 50e9, 40e9]),
+        "strain": names,
+        "other_strain": names,
+        "normal": np.eye(3),
+        "modulus_ratio": np.array([150e9, 120e9, along_z]) / 210e9,
+        "damage": np.zeros(3),
+        "porosity": 0.2,
+    }
+    folder = blocks.parent
+    write_dataset(RVE_STIFFNESS.build(values), folder / "rve.nc", RVE_STIFFNESS)
+    given = 'poissons_ratio = 0\nstiffness = "rve.nc"\ndamage = [0.3, 0]'
+    scene = load_scene(write(folder, BLOCKS, ("poissons_ratio = 0", given)))
+    run_scene(scene, folder / "out.nc")
+    found = open_dataset(folder / "out.nc", MACRO_RESULT)
+    expected = expected_stiffness(folder / "law.nc", [5e6, 20e6], (0.72, 0.0, 0.6))
+    np.testing.assert_allclose(found["joint_stiffness"], expected, rtol=1e-6)
 
 
 def test_damage_of_blocks_and_joints_enters_their_springs(tmp_path):
@@ -161,7 +221,7 @@ def test_laws_of_other_units_or_kinds_are_refused(blocks, tmp_path):
         (PLATE, ("[statics]", "[joint]\nfriction = 0.1\n[statics]"), r"takes no \[joint\]"),
         (PLATE, ("[statics]", "[statics]\nexact = true"), "leave out exact and stability"),
         (PLATE, ("parts = [4, 4]", "parts = [4]"), r"\[substructures\] parts"),
-        (MOVING, ("[dynamics]", "[substructures]\n[dynamics]"), r"take \[statics\]"),
+        (MOVING, ("[dynamics]", "[substructures]\n[dynamics]"), "by implicit steps"),
     ],
 )
 def test_a_refused_scene_says_what_and_where(tmp_path, text, pair, message):

@@ -5,7 +5,6 @@ import os
 import signal
 import subprocess
 import sys
-from pathlib import Path
 
 import numpy as np
 import pytest
@@ -73,6 +72,7 @@ def test_the_run_folder_holds_everything(finished):
         "figures/gap_law.png",
         "figures/area_law.png",
         "figures/joint_stiffness.png",
+        "figures/error_budget.png",
     ):
         assert (out / name).stat().st_size > 0, name
     assert "joint stiffness (MPa/µm)" in table
@@ -81,7 +81,7 @@ def test_the_run_folder_holds_everything(finished):
 
 def test_the_report_is_self_contained(finished):
     page = (finished[0] / "report.html").read_text(encoding="utf-8")
-    assert page.count("data:image/png;base64,") == 5
+    assert page.count("data:image/png;base64,") == 6
     assert not any(mark in page for mark in ("<script", "<link", 'src="http', "url("))
 
 
@@ -101,6 +101,15 @@ def test_the_datasets_open_as_one_tree_and_agree(finished):
     expected = closed_form.series(normal.stiffness(gap), float(result["solid_stiffness"]))
     np.testing.assert_allclose(result["joint_stiffness"], expected, rtol=1e-7)
     np.testing.assert_allclose(result["mean_gap"], gap, rtol=1e-7)
+    known = result["error_half_width"].sel(quantity="joint_stiffness").dropna("error_term")
+    assert list(known["error_term"].values) == [
+        "sampling",
+        "fit",
+        "scale separation",
+        "macro discretisation",
+    ]
+    # even pressure: the mesh makes no error
+    assert np.all(known.sel(error_term="macro discretisation") < 1e-6)
     low, high = np.percentile(result["joint_stiffness_sample"], (2.5, 97.5), axis=0)
     assert np.all(
         (low <= result["joint_stiffness"].values) & (result["joint_stiffness"].values <= high)
@@ -239,11 +248,8 @@ def test_a_rough_joint_takes_the_law_of_a_run_as_it_is(finished, tmp_path):
     np.testing.assert_allclose(result["joint_stiffness"], expected, rtol=1e-6)
     np.testing.assert_allclose(-result["traction"][:, 0, 0], result["preload"], rtol=1e-6)
     assert result.attrs["cautions"] == ""
+    # one cell of .8 mm in a joint of 20 mm, and the parts of the law that a run knows
+    assert np.all((result["error_total"] > 0.0) & (result["error_total"] < 1.0))
+    assert "cell 0.04 of the interface" in result.attrs["how_scale_separation"]
+    assert result.attrs["unknown"] == "cell size, micro discretisation"
     assert file.read_bytes() == before
-
-
-def test_readme_python_route_runs(tmp_path, monkeypatch):
-    text = (Path(__file__).parents[2] / "README.md").read_text(encoding="utf-8")
-    block = text.split("```python\n")[1].split("```")[0]
-    monkeypatch.chdir(tmp_path)
-    exec(compile(block, "README.md", "exec"), {})

@@ -7,7 +7,7 @@ from matplotlib.figure import Figure
 from multiscale.laws import Exponential, Frictional
 from multiscale.laws.bulk import Elastic
 from multiscale.macro.substructures import JointLoading, load_joint, stacked_blocks
-from multiscale.plotting import draw_joint, plot_contact_zones, plot_hysteresis, plot_joint_pressure
+from multiscale.plotting import draw_joint, plot_hysteresis, plot_joint_plan
 
 
 @pytest.fixture(scope="module")
@@ -19,7 +19,7 @@ def result():
 
 
 def test_zones_hold_every_point_in_millimetres_and_name_their_share(result):
-    ax = plot_contact_zones(result, step=4, ax=Figure().add_subplot())
+    ax = plot_joint_plan(result, step=4, ax=Figure().add_subplot())
     points = np.concatenate([dots.get_offsets() for dots in ax.collections])
     position = 1e3 * result["point_position"].values[:, :2]
     np.testing.assert_allclose(np.sort(points, axis=0), np.sort(position, axis=0))
@@ -33,7 +33,7 @@ def test_zones_hold_every_point_in_millimetres_and_name_their_share(result):
 
 
 def test_the_pressure_is_that_of_the_points_in_megapascal(result):
-    ax = plot_joint_pressure(result, step=4, ax=Figure().add_subplot())
+    ax = plot_joint_plan(result, quantity="pressure", step=4, ax=Figure().add_subplot())
     np.testing.assert_allclose(
         ax.collections[0].get_array(), -1e-6 * result["traction"].values[4, :, 0]
     )

@@ -1,7 +1,5 @@
 """Every term of the budget finds the error that was put in, and what is not known is said."""
 
-from pathlib import Path
-
 import numpy as np
 import pytest
 
@@ -15,7 +13,9 @@ from multiscale.upscaling import (
     law_from_dataset,
     structure_budget,
     with_budget,
+    without_size_bias,
 )
+from multiscale.upscaling.budget import total_error
 from tests.upscaling.responses import DECAY, PRESSURE, SCALE, response_of
 
 TRUTH = DECAY * np.log(SCALE / PRESSURE)
@@ -84,14 +84,61 @@ def test_the_discretisation_term_is_the_error_of_the_grid(order):
     assert f"observed order {order:.2g}" in budget.attrs["how_micro_discretisation"]
 
 
-def test_the_size_term_bounds_what_a_larger_cell_would_change():
-    """Means 1 + .04 / L: the response at L = 2 is 2 % off."""
-    response = ensemble(20, spread=0.02, factor=1.02)
-    small = ensemble(20, spread=0.04, factor=1.04, seed=2)
-    budget = error_budget(response, fit_law(response), sizes={0.5: small})
-    found = half(budget, "cell size")
-    assert np.all(found > 0.02 / 1.02 - 0.01)
-    assert np.all(found < 0.06)
+def test_grids_of_other_cells_tell_the_error_at_the_spacing_of_the_response():
+    """An error of first order: 2 % on the response, from grids half and twice as fine."""
+    grids = {r: ensemble(factor=1.0 + 0.02 * r, seed=9) for r in (0.5, 1.0, 2.0)}
+    response = ensemble(factor=1.02)
+    budget = error_budget(response, fit_law(response), resolutions=grids, apart=True)
+    found = half(budget, "micro discretisation") / (0.02 / 1.01)
+    assert np.all((found > 1.24) & (found < 1.45)), found
+    with pytest.raises(CaseError, match="compared among themselves, so that two are needed, got 1"):
+        error_budget(response, fit_law(response), sizes={1.0: response}, apart=True)
+
+
+@pytest.mark.parametrize("apart", [False, True])
+def test_the_size_term_finds_the_bias_of_a_small_cell(apart):
+    """Means 1 + .04 / L: the response at L = 2 is 2 % off. Its scatter enters twice if it is one of
+    the sizes, and not at all if both are apart, on another grid."""
+    response, n = ensemble(12, spread=0.02, factor=1.02), 400
+    sizes = {0.5: ensemble(n, spread=0.04, factor=1.04, seed=2)}
+    if apart:
+        sizes[1.0] = ensemble(n, spread=0.02, factor=1.02, seed=3)
+    budget = error_budget(response, fit_law(response), sizes=sizes, apart=apart)
+    bias = budget["error_bias"].sel(error_term="cell size", quantity="mean_gap").values
+    own = response["mean_gap"].values
+    own = own.std(axis=0, ddof=1) / np.sqrt(12) / own.mean(axis=0)
+    others = np.hypot(0.04, 0.02 if apart else 0.0) / np.sqrt(n)
+    noise = others if apart else np.hypot(np.sqrt(3.0) * own, others)
+    # the powers 1 to 2, which two sizes do not tell apart: .02 / (2^q - 1)
+    biases = 0.02 / (2.0 ** np.linspace(1.0, 2.0, 11) - 1.0)
+    least, most = biases.std(), np.hypot(noise, biases.std())
+    assert np.all(
+        (half(budget, "cell size") > 1.8 * least) & (half(budget, "cell size") < 2.0 * most)
+    )
+    assert np.all(np.abs(bias - biases.mean()) < (0.006 if apart else 2.0 * own))
+
+
+def test_three_sizes_tell_the_power_and_the_bias_is_taken_out():
+    """Means 1 + .16 / L^2, in cells of 1, 2 and 4; the response has 4."""
+    response = ensemble(400, spread=0.01, factor=1.01, seed=8)
+    sizes = {0.25: ensemble(400, spread=0.01, factor=1.16, seed=2)}
+    sizes |= {0.5: ensemble(400, spread=0.01, factor=1.04, seed=3), 1.0: response}
+    budget = error_budget(response, fit_law(response, n_samples=0), sizes=sizes, apart=True)
+    bias = budget["error_bias"].sel(error_term="cell size", quantity="mean_gap")
+    np.testing.assert_allclose(bias, 0.01 / 1.01, atol=0.002)
+    corrected = without_size_bias(response, sizes)
+    np.testing.assert_allclose(corrected["mean_gap"].mean("realisation"), TRUTH, rtol=3e-3)
+    budget = error_budget(corrected, fit_law(corrected, n_samples=0), sizes=sizes, apart=True)
+    assert not np.any(budget["error_bias"])
+    assert budget.attrs["how_cell_size"].startswith("taken out: means over the cell size from 3")
+
+
+def test_the_total_of_a_bias_and_a_spread_is_kept_in_95_of_100():
+    random = np.random.default_rng(seed=4).standard_normal(200_000)
+    for bias in (0.0, 0.3, 1.0, 3.0, 8.0):
+        bound = float(total_error(np.array(bias), np.array(1.96)))
+        assert np.mean(np.abs(bias + random) <= bound) == pytest.approx(0.95, abs=2e-3)
+    assert float(total_error(np.array(-2.0), np.array(0.0))) == 2.0
 
 
 def test_the_scale_term_has_both_its_parts():
@@ -177,13 +224,3 @@ def test_what_does_not_belong_together_is_refused():
     budget = error_budget(response, law)
     with pytest.raises(CaseError, match="budget has 8 steps, the dataset 7"):
         with_budget(law.isel(step=slice(1, None)), budget)
-
-
-def test_the_readme_route_runs(tmp_path, monkeypatch, capsys):
-    text = (Path(__file__).parents[2] / "README.md").read_text(encoding="utf-8")
-    blocks = [part.split("```")[0] for part in text.split("```python\n")[1:]]
-    (block,) = [part for part in blocks if "error_budget" in part]
-    monkeypatch.chdir(tmp_path)
-    exec(compile(block, "README.md", "exec"), {})
-    assert "cell size, scale separation" in capsys.readouterr().out
-    assert "*SURFACE BEHAVIOR" in (tmp_path / "rough_joint.inp").read_text()

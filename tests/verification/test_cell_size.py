@@ -8,14 +8,7 @@ import numpy as np
 import pytest
 
 from multiscale.micro import Cell, Path, run_ensemble, self_affine
-from multiscale.upscaling import (
-    ensemble_average,
-    error_budget,
-    fit_law,
-    law_from_dataset,
-    nayak_trend,
-    size_trend,
-)
+from multiscale.upscaling import nayak_trend, size_trend
 
 MODULUS, NU, SLOPE, WAVE = 1e9, 0.3, 0.1, 1e-3
 CONTACT_MODULUS = MODULUS / (1.0 - NU**2)
@@ -80,52 +73,3 @@ def test_area_of_light_contact_falls_with_the_nayak_parameter():
     assert trend.at[0] > 5.0 * trend.at[-1]
     assert -0.2 < trend.slope < -0.02
     assert trend.slope_interval[1] < 0.0
-
-
-@pytest.mark.slow
-def test_budgets_of_small_ensembles_contain_their_true_error():
-    """40 ensembles of 8 cells of two waves, 8 points per shortest wave, and 60 cells of one wave.
-
-    The truth is the mean of 40 cells of eight waves, with the area extrapolated over the grids of
-    other cells. An exact interval of a normal error is 2.9 times its median.
-    """
-    pressures, found = np.geomspace(0.01, 0.2, 6), []
-    for hurst in (0.5, 0.8):
-        truth = true_values(pressures, hurst)
-        for scene in range(20):
-            options = {"hurst": hurst, "seed": 1000 * scene}
-            response = ensemble(2, 8, pressures, **options)
-            law = fit_law(response, n_samples=100)
-            budget = error_budget(
-                response,
-                law,
-                resolutions={2.0: ensemble(2, 8, pressures, points=4, **options)},
-                sizes={0.5: ensemble(1, 60, pressures, hurst=hurst, seed=1000 * scene + 500)},
-            )
-            error = np.abs(values_of(response, law) / truth - 1.0)
-            found.append([error, budget["error_total"].values])
-    error, half_width = np.swapaxes(found, 0, 1)
-    coverage = np.mean(error <= half_width, axis=(0, 2))  # gap, contact fraction, stiffness
-    assert np.all(coverage >= 0.9), coverage
-    assert np.median(half_width) <= 3.0 * np.median(error)
-    # a constant width that holds as often is no narrower for gap and stiffness together
-    for k in (0, 2):
-        constant = np.quantile(error[:, k], coverage[k])
-        assert np.median(half_width[:, k]) <= 2.0 * constant
-
-
-def values_of(response, law):
-    """Mean gap, contact fraction and stiffness of the law at the steps, (3, steps)."""
-    one, p = law_from_dataset(law), law["fit_pressure"].values
-    averages = [ensemble_average(response, name).mean for name in ("mean_gap", "contact_fraction")]
-    return np.array([*averages, one.stiffness(one.gap_at(p))])
-
-
-def true_values(pressures, hurst):
-    large = ensemble(8, 40, pressures, hurst=hurst, seed=100000)
-    truth = values_of(large, fit_law(large, n_samples=0))
-    options = {"hurst": hurst, "seed": 200000}
-    grids = [ensemble(2, 12, pressures, points=points, **options) for points in (8, 16, 32)]
-    area = [ensemble_average(grid, "contact_fraction").mean for grid in grids]
-    truth[1] *= (2.0 * area[2] - area[1]) / area[0]  # to the limit, by the order 1 of the area
-    return truth

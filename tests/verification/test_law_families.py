@@ -4,7 +4,7 @@ Synthetic data of 20 realisations: 3 % scatter between the realisations, common 
 one, and 0.3 % of white noise. 200 repeats, 95 % intervals of 200 bootstrap samples.
 """
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 import pytest
@@ -22,6 +22,7 @@ from multiscale.laws import (
     PowerStiffness,
 )
 from multiscale.upscaling import (
+    FAMILIES,
     Family,
     Parameter,
     area_from_dataset,
@@ -71,6 +72,7 @@ OWN = Family(
         "limit": float(np.ptp(seen.pressure) / np.ptp(seen.means()[0][0])),
         "length": 0.3 * float(np.ptp(seen.means()[0][0])),
     },
+    broadcasts=True,
 )
 
 
@@ -172,6 +174,24 @@ def test_parameters_are_recovered_from_exact_data(family, quantity, conditions, 
     np.testing.assert_allclose(QUANTITIES[quantity].predict(found, *conditions), values, rtol=1e-5)
 
 
+@pytest.mark.parametrize(("family", "quantity", "conditions", "law", "names"), CASES, ids=IDS)
+def test_samples_fitted_at_once_are_those_fitted_one_by_one(
+    family, quantity, conditions, law, names
+):
+    random, truth = np.random.default_rng(seed=3), QUANTITIES[quantity].predict(law, *conditions)
+    noise = 0.03 * random.standard_normal((6, 1)) + 0.003 * random.standard_normal((6, truth.size))
+    seen = observe(quantity, conditions, truth * (1.0 + noise))
+    together = family if isinstance(family, Family) else FAMILIES[family]
+    assert together.broadcasts
+    fits = [
+        fit_law(seen, family=replace(together, broadcasts=flag), n_samples=5)
+        for flag in (True, False)
+    ]
+    for name in names.split():
+        many, one = (fit[f"{name}_sample"].values for fit in fits)
+        np.testing.assert_allclose(many, one, rtol=1e-5)
+
+
 @pytest.mark.slow
 @pytest.mark.parametrize(("family", "quantity", "conditions", "law", "names"), CASES, ids=IDS)
 def test_bands_cover_the_true_law(family, quantity, conditions, law, names):
@@ -217,7 +237,9 @@ def test_bands_of_the_area_law_cover_the_true_area():
     for repeat in range(200):
         noise = 0.03 * random.standard_normal((20, 1)) + 0.003 * random.standard_normal((20, 8))
         fit = fit_law(observe("contact_fraction", PRESSURE, truth * (1.0 + noise)), seed=repeat)
-        samples = [area_from_dataset(fit, k).contact_fraction(between) for k in range(200)]
+        knot = fit["area_pressure"].values
+        laws = [AreaLaw(knot, one) for one in fit["area_fraction_sample"].values]
+        samples = [law.contact_fraction(between) for law in laws]
         low, high = np.percentile(samples, [2.5, 97.5], axis=0)
         exact = ErrorFunctionArea(3e8).contact_fraction(between)
         inside.append((low <= exact) & (exact <= high))

@@ -2,7 +2,9 @@
 
 import runpy
 from pathlib import Path
+from xml.etree import ElementTree
 
+import meshio
 import pytest
 
 from multiscale.io import open_dataset
@@ -32,6 +34,11 @@ def test_every_scene_runs(scene, tmp_path):
     assert result["converged"].values.all()
     schema = GRANULATE if "grain" in result.dims else MACRO_RESULT
     open_dataset(tmp_path / "macro_result.nc", schema)
+    series = ElementTree.parse(tmp_path / "fields" / "macro_result.pvd")
+    files = [tmp_path / "fields" / entry.get("file") for entry in series.iter("DataSet")]
+    shown = result.sizes["frame" if "grain" in result.dims else "step"]
+    assert len(files) == shown * (2 if settings.joint else 1)
+    assert all(meshio.read(file).cells for file in files)
 
 
 def test_the_grid_leaves_figures_and_a_series_for_each_part(tmp_path):

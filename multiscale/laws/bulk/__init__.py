@@ -1,8 +1,17 @@
 """Bulk laws: deformation gradient in, stress and consistent tangent out."""
 
+from multiscale.laws.bulk.anisotropic import AnisotropicElastic
 from multiscale.laws.bulk.base import BulkLaw, BulkResponse, respond
 from multiscale.laws.bulk.elastic import Elastic
 from multiscale.laws.bulk.j2 import J2
 from multiscale.laws.bulk.neo_hookean import NeoHookean
 
-__all__ = ["J2", "BulkLaw", "BulkResponse", "Elastic", "NeoHookean", "respond"]
+__all__ = [
+    "J2",
+    "AnisotropicElastic",
+    "BulkLaw",
+    "BulkResponse",
+    "Elastic",
+    "NeoHookean",
+    "respond",
+]

@@ -3,6 +3,7 @@
 from multiscale.macro.continuum.blocks import (
     box_mesh,
     displacement_basis,
+    elastic_matrix,
     face_operator,
     face_unknowns,
     stiffness_matrix,
@@ -27,6 +28,7 @@ __all__ = [
     "SurfaceState",
     "box_mesh",
     "displacement_basis",
+    "elastic_matrix",
     "face_operator",
     "face_unknowns",
     "load_mesh",

@@ -1,5 +1,6 @@
 """Linear elastic blocks: mesh, stiffness matrix and faces."""
 
+from collections.abc import Sequence
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -7,11 +8,23 @@ from scipy.sparse import csr_array, kron
 from skfem import Basis, BilinearForm, ElementHex1, FacetBasis, MeshHex
 
 from multiscale.errors import CaseError
+from multiscale.laws.bulk import AnisotropicElastic, Elastic
 
 if TYPE_CHECKING:
     from skfem import CellBasis, Element, Mesh
 
-__all__ = ["box_mesh", "displacement_basis", "face_operator", "face_unknowns", "stiffness_matrix"]
+__all__ = [
+    "box_mesh",
+    "displacement_basis",
+    "elastic_matrix",
+    "face_areas",
+    "face_operator",
+    "face_unknowns",
+    "stiffness_matrix",
+]
+
+ROUNDING = 1e-12
+"""Areas below this share of the largest are rounding."""
 
 
 def box_mesh(
@@ -143,12 +156,38 @@ def stiffness_matrix(
     def block(i: int, j: int) -> csr_array:
         return lame[i][j] + shear[j][i] + (laplace if i == j else 0.0 * laplace)  # (1)
 
-    def place(i: int, j: int) -> csr_array:
-        unit = np.zeros((d, d))
-        unit[i, j] = 1.0
-        return kron(block(i, j), unit, format="csr")
+    return _interleave([[block(i, j) for j in range(d)] for i in range(d)])
 
-    return csr_array(sum(place(i, j) for i in range(d) for j in range(d)))
+
+def elastic_matrix(basis: "CellBasis", law: Elastic | AnisotropicElastic) -> csr_array:
+    r"""Assemble the small-strain elasticity of a law.
+
+    Parameters
+    ----------
+    basis : CellBasis
+        As for :func:`stiffness_matrix`.
+    law : Elastic or AnisotropicElastic
+        In plane strain the tensor is taken without its rows and columns along z.
+
+    Returns
+    -------
+    csr_array, shape (d n, d n)
+        As of :func:`stiffness_matrix`; for a tensor C the block of components i and j is
+
+        .. math:: K_{ij} = \int C_{ikjl}\, \partial_k v\, \partial_l u .    \tag{2}
+    """
+    if isinstance(law, Elastic):
+        return stiffness_matrix(basis, law.youngs_modulus, law.poissons_ratio)
+    d = basis.mesh.dim()
+    products, C = _products(basis, np.ones(1)), law.tensor
+    blocks = [
+        [
+            sum(C[i, k, j, m] * products[k][m] for k in range(d) for m in range(d))  # (2)
+            for j in range(d)
+        ]
+        for i in range(d)
+    ]
+    return _interleave(blocks)
 
 
 def face_unknowns(basis: "CellBasis", boundary: str) -> np.ndarray:
@@ -221,6 +260,54 @@ def face_operator(
         (values.ravel(), (rows.ravel(), columns.ravel())), shape=(weight.size, basis.N)
     )
     return operator, weight.ravel(), position.reshape(position.shape[0], -1)
+
+
+def face_areas(basis: "CellBasis", boundary: str) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    r"""Area that every node of a face stands for: quadrature at the nodes.
+
+    Parameters
+    ----------
+    basis : CellBasis
+        Of a scalar element of first order.
+    boundary : str
+        Name of a boundary of the mesh.
+
+    Returns
+    -------
+    node, facet : ndarray of int, shape (corners,)
+        Unknown and facet, counted in the boundary, of every corner of a facet.
+    area : ndarray, shape (corners,)
+        :math:`\int \varphi` over the facet, with the shape function :math:`\varphi` of the
+        corner, m² (m in two dimensions).
+
+    Raises
+    ------
+    CaseError
+        If the mesh has no boundary of that name.
+
+    References
+    ----------
+    .. [1] J. C. J. Schellekens, R. de Borst, Int. J. Numer. Methods Eng. 36 (1993) 43-66,
+       doi:10.1002/nme.1620360104: tractions of stiff interfaces oscillate with Gauss points, and
+       do not with points at the nodes.
+    """
+    _check_boundary(basis, boundary)
+    face = FacetBasis(basis.mesh, basis.elem, facets=boundary, intorder=2, dofs=basis.dofs)
+    area = np.stack([(np.asarray(field[0]) * face.dx).sum(axis=1) for field in face.basis])
+    local, facet = np.nonzero(area > ROUNDING * area.max())  # nodes off the face have no area
+    return face.element_dofs[local, facet], facet, area[local, facet]
+
+
+def _interleave(blocks: Sequence[Sequence[Any]]) -> csr_array:
+    """Put the blocks of components i and j at the rows d a + i and columns d b + j."""
+    d = len(blocks)
+
+    def place(i: int, j: int) -> csr_array:
+        unit = np.zeros((d, d))
+        unit[i, j] = 1.0
+        return kron(blocks[i][j], unit, format="csr")
+
+    return csr_array(sum(place(i, j) for i in range(d) for j in range(d)))
 
 
 def _products(basis: "CellBasis", coefficient: np.ndarray) -> list[list[Any]]:

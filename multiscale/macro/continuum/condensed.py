@@ -15,7 +15,7 @@ from numpy.linalg import norm
 from scipy.linalg import lu_factor, lu_solve
 from scipy.sparse import csr_array
 
-from multiscale.convergence import Solution, Status
+from multiscale.convergence import Solution, Status, verdict
 from multiscale.errors import MultiscaleError
 from multiscale.linalg import factorise
 from multiscale.macro.continuum.coulomb import LocalLaw, linearise
@@ -85,14 +85,8 @@ class Condensed:
             residuals.append(error / size if size > 0.0 else float(error > 0.0))
             if callback is not None:
                 callback(iteration, residuals[-1])
-            if not np.isfinite(residuals[-1]):
-                status = Status.NOT_FINITE
-                break
-            if residuals[-1] <= tolerance:
-                status = Status.CONVERGED
-                break
-            if int(np.argmin(residuals)) < iteration - PATIENCE:
-                status = Status.STALLED
+            if reason := verdict(residuals, tolerance, PATIENCE):
+                status = reason
                 break
             if iteration == max_iterations:
                 break

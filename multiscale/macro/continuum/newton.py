@@ -15,7 +15,7 @@ import numpy as np
 from numpy.linalg import norm
 from scipy.sparse import block_array, csr_array, diags_array
 
-from multiscale.convergence import Solution, Status
+from multiscale.convergence import Solution, Status, verdict
 from multiscale.errors import ConvergenceError, MultiscaleError
 from multiscale.linalg import factorise
 from multiscale.macro.continuum.coulomb import LocalLaw, linearise
@@ -148,12 +148,8 @@ def newton_step(
         if callback is not None:
             callback(iteration, residuals[-1])
         u = trial.end.displacement
-        if not np.isfinite(residuals[-1]):
-            return Solution(u, Status.NOT_FINITE, tuple(residuals)), trial.end
-        if residuals[-1] <= max(tolerance, trial.floor):
-            return Solution(u, Status.CONVERGED, tuple(residuals)), trial.end
-        if int(np.argmin(residuals)) < iteration - PATIENCE:
-            return Solution(u, Status.STALLED, tuple(residuals)), trial.end
+        if reason := verdict(residuals, max(tolerance, trial.floor), PATIENCE):
+            return Solution(u, reason, tuple(residuals)), trial.end
         if iteration == max_iterations:
             break
         stuck = int(np.argmin(residuals)) < iteration - CYCLE

@@ -10,9 +10,9 @@ from multiscale.linalg import factorise
 from multiscale.macro.continuum.blocks import (
     box_mesh,
     displacement_basis,
+    elastic_matrix,
     face_operator,
     face_unknowns,
-    stiffness_matrix,
 )
 from multiscale.macro.joint.geometry import Block, RoughJoint
 
@@ -136,7 +136,7 @@ def _side(joint: RoughJoint, block: Block, *, base: float, face: str, platen: st
         origin=(-0.5 * length_x, -0.5 * length_y, base),
     )
     basis = displacement_basis(mesh, joint.element)
-    stiffness = stiffness_matrix(basis, block.youngs_modulus, block.poissons_ratio)
+    stiffness = elastic_matrix(basis, block.law)
     held = face_unknowns(basis, platen)
     first_row = held[: np.intersect1d(held, face_unknowns(basis, "front")).size]
     # statically determinate: corner A in x and y, corner B in y, so that stress is uniaxial

@@ -7,9 +7,10 @@ import numpy as np
 
 from multiscale.errors import CaseError
 from multiscale.laws import Damaged, NormalLaw
+from multiscale.laws.bulk import AnisotropicElastic
 from multiscale.macro.joint.geometry import Block, RoughJoint
 from multiscale.macro.joint.solve import rough_joint
-from multiscale.schema import FATIGUE, MACRO_RESULT
+from multiscale.schema import FATIGUE, MACRO_RESULT, RVE_STIFFNESS
 
 if TYPE_CHECKING:
     import xarray as xr
@@ -17,28 +18,39 @@ if TYPE_CHECKING:
 __all__ = ["cycled_joint", "soften"]
 
 
-def soften(block: Block, factor: float) -> Block:
-    """Return a block whose stiffness is a share of what it was.
+def soften(block: Block, stiffness: "float | xr.Dataset") -> Block:
+    """Return a block with less stiffness.
 
     Parameters
     ----------
     block : Block
-        Sound.
-    factor : float
-        Above 0 and up to 1: Young's modulus along z of a representative volume over that of the
-        solid, or 1 - D.
+        Sound, or softened before.
+    stiffness : float or Dataset
+        A share of what it was, above 0 and up to 1, such as 1 - D, for all its stiffness alike.
+        Or a dataset that follows ``RVE_STIFFNESS``: the block takes the whole tensor of the
+        representative volume, whose axes are those of the joint, in place of its moduli.
 
     Raises
     ------
     CaseError
-        If the factor is outside its range.
+        If the share is outside its range, or the volume is cut through.
+    SchemaError
+        If the dataset does not follow its schema.
     """
-    if not 0.0 < factor <= 1.0:
+    if not isinstance(stiffness, int | float | np.number):
+        RVE_STIFFNESS.check(stiffness)
+        return replace(block, effective=AnisotropicElastic(stiffness["stiffness"].values))
+    if not 0.0 < stiffness <= 1.0:
         raise CaseError(
-            f"the stiffness factor of a block must lie above 0 and up to 1, got {factor:g}; a "
+            f"the stiffness factor of a block must lie above 0 and up to 1, got {stiffness:g}; a "
             f"block without stiffness carries no joint"
         )
-    return replace(block, youngs_modulus=factor * block.youngs_modulus)
+    share = float(stiffness)
+    return replace(
+        block,
+        youngs_modulus=share * block.youngs_modulus,
+        effective=block.effective and block.effective.scaled(share),
+    )
 
 
 def cycled_joint(
@@ -47,7 +59,6 @@ def cycled_joint(
     preload: float,
     fatigue: "xr.Dataset",
     *,
-    stiffness_factor: float = 1.0,
     damage_interface: bool = False,
     steps: int = 9,
 ) -> "xr.Dataset":
@@ -56,15 +67,14 @@ def cycled_joint(
     Parameters
     ----------
     joint : RoughJoint
-        Geometry, elasticity of the solid and mesh.
+        Geometry, elasticity without fatigue (see :func:`soften` for blocks with cavities) and
+        mesh.
     law : NormalLaw
         Sound interface law.
     preload : float
         Nominal pressure, Pa.
     fatigue : Dataset
         Follows ``FATIGUE``: damage against cycles.
-    stiffness_factor : float
-        Stiffness of the blocks without fatigue over that of the solid, from cavities.
     damage_interface : bool
         Whether the law is damaged as well: its asperities belong to the same material.
     steps : int
@@ -78,7 +88,7 @@ def cycled_joint(
     Raises
     ------
     CaseError
-        If the factor is out of range, or the damage of a block is total.
+        If there are no steps, or the damage of a block is total.
     SchemaError
         If ``fatigue`` does not follow its schema.
     """
@@ -93,8 +103,9 @@ def cycled_joint(
     for D in damage:
         if D >= 1.0:
             raise CaseError("the blocks are broken through, D = 1: their stiffness is zero")
-        factor = stiffness_factor * (1.0 - D)
-        worn = replace(joint, lower=soften(joint.lower, factor), upper=soften(joint.upper, factor))
+        worn = replace(
+            joint, lower=soften(joint.lower, 1.0 - D), upper=soften(joint.upper, 1.0 - D)
+        )
         found.append(
             rough_joint(worn, Damaged(law, D) if damage_interface else law, np.array([preload]))
         )

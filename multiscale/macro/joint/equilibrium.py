@@ -12,7 +12,7 @@ from functools import partial
 
 import numpy as np
 
-from multiscale.convergence import Solution, Status
+from multiscale.convergence import Solution, Status, verdict
 from multiscale.laws.base import InterfaceLaw
 from multiscale.macro.joint.assembly import CondensedJoint
 from multiscale.macro.line_search import step_length
@@ -64,12 +64,8 @@ def _solve_step(
     residuals = [_residual(model, value, force, load)]
 
     for iteration in range(max_iterations + 1):
-        if not np.isfinite(residuals[-1]):
-            return Solution(value, Status.NOT_FINITE, tuple(residuals))
-        if residuals[-1] <= tolerance:
-            return Solution(value, Status.CONVERGED, tuple(residuals))
-        if int(np.argmin(residuals)) < iteration - PATIENCE:
-            return Solution(value, Status.STALLED, tuple(residuals))
+        if reason := verdict(residuals, tolerance, PATIENCE):
+            return Solution(value, reason, tuple(residuals))
         if iteration == max_iterations:
             break
         direction = _direction(model, value, force, tangent, load)

@@ -4,6 +4,7 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 from multiscale.errors import CaseError
+from multiscale.laws.bulk import AnisotropicElastic, Elastic
 
 if TYPE_CHECKING:
     from skfem import Element
@@ -25,6 +26,9 @@ class Block:
         Dimensionless.
     layers : int, default 4
         Number of elements over the height.
+    effective : AnisotropicElastic, optional
+        Elasticity of the block where cavities or cracks make it another one than that of its
+        solid, whose moduli then count no more; see :func:`~.cycled.soften`.
 
     Raises
     ------
@@ -36,6 +40,12 @@ class Block:
     youngs_modulus: float
     poissons_ratio: float
     layers: int = 4
+    effective: AnisotropicElastic | None = None
+
+    @property
+    def law(self) -> Elastic | AnisotropicElastic:
+        """Elasticity of the block."""
+        return self.effective or Elastic(self.youngs_modulus, self.poissons_ratio)
 
     def __post_init__(self) -> None:
         if not self.height > 0.0:

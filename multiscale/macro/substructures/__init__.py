@@ -2,6 +2,7 @@
 
 from multiscale.macro.substructures.assembled import Assembled, assemble
 from multiscale.macro.substructures.bodies import Joint, cut_bodies, split_boxes
+from multiscale.macro.substructures.body_fields import add_body_fields
 from multiscale.macro.substructures.cut import bisect, cut_links, split_grid
 from multiscale.macro.substructures.homogenised import homogenise
 from multiscale.macro.substructures.lap import LapShape
@@ -26,6 +27,7 @@ __all__ = [
     "RoughAssembly",
     "Substructure",
     "Team",
+    "add_body_fields",
     "assemble",
     "bisect",
     "cut_bodies",

@@ -6,7 +6,7 @@ from multiscale.macro.substructures.parallel import Team
 
 __all__ = ["Anderson"]
 
-MEMORY, WORSE, DAMPED, RELAXED = 10, 10.0, 0.5, 0.95
+MEMORY, WORSE, DAMPED, RELAXED = 16, 10.0, 0.5, 0.95
 """Kept iterates; residual, relative to the best, above which they are dropped; relaxation of the
 step after that, and of all others."""
 
@@ -37,6 +37,22 @@ class Anderson:
         self.points: list[np.ndarray] = []
         self.residuals: list[np.ndarray] = []
         self.best = np.inf
+
+    def renew(self, where: np.ndarray, x: np.ndarray) -> None:
+        """Let some entries of the iterates mean something else: those kept differ there no more.
+
+        Parameters
+        ----------
+        where : ndarray of bool, shape (n,)
+            The entries; if all, nothing is kept.
+        x : ndarray, shape (n,)
+            The next iterate in its new meaning.
+        """
+        if where.all():
+            self.forget()
+        for point, residual in zip(self.points, self.residuals, strict=True):
+            point[where] = x[where]
+            residual[where] = self.residuals[-1][where]
 
     def norm(self, residual: np.ndarray) -> float:
         """Norm over all processes."""

@@ -2,12 +2,14 @@
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from functools import partial
 
 import numpy as np
 from scipy.sparse import coo_array, csr_array
 
 from multiscale.macro.discrete.cholesky import Solve
 from multiscale.macro.substructures.condensation import Split
+from multiscale.macro.substructures.parallel import Team, together
 from multiscale.macro.substructures.problem import Interface
 
 __all__ = ["Balancing", "Layout", "lay_out", "prepare_balancing"]
@@ -15,7 +17,7 @@ __all__ = ["Balancing", "Layout", "lay_out", "prepare_balancing"]
 
 @dataclass(frozen=True, eq=False)
 class Layout:
-    """Shared unknowns and coarse unknowns of every substructure, in tables of one width.
+    """Shared and coarse unknowns of the substructures of a process, in tables of one width.
 
     Attributes
     ----------
@@ -26,8 +28,11 @@ class Layout:
     constraint : ndarray, shape (substructures, c, w)
         Coarse unknowns from the shared ones.
     n_shared, n_coarse : int
-    faces : list of list of (int, ndarray)
-        For every interface its substructures and, in each, the columns of its unknowns.
+    faces : list of (int, list of (int, ndarray))
+        For every interface its size, those of these substructures that it has and, in each, the
+        columns of its unknowns.
+    team : Team
+        Processes that share the substructures.
     """
 
     shared: np.ndarray
@@ -35,7 +40,8 @@ class Layout:
     constraint: np.ndarray
     n_shared: int
     n_coarse: int
-    faces: list[list[tuple[int, np.ndarray]]]
+    faces: list[tuple[int, list[tuple[int, np.ndarray]]]]
+    team: Team
 
     def gather(self, blocks: list[np.ndarray]) -> np.ndarray:
         """Matrices of the substructures in one array, shape (substructures, w, w)."""
@@ -50,8 +56,9 @@ class Layout:
         return np.asarray(np.append(value, 0.0)[self.shared])
 
     def add(self, value: np.ndarray) -> np.ndarray:
-        """Add up over the substructures, shape (shared,)."""
-        return np.bincount(self.shared.ravel(), value.ravel(), self.n_shared + 1)[:-1]
+        """Add up over the substructures of all processes, shape (shared,)."""
+        own = np.bincount(self.shared.ravel(), value.ravel(), self.n_shared + 1)[:-1]
+        return self.team.total(own)
 
     def multiply(self, schur: np.ndarray, value: np.ndarray) -> np.ndarray:
         """Apply the sum of the matrices of the substructures, shape (shared,)."""
@@ -59,7 +66,12 @@ class Layout:
 
 
 def lay_out(
-    parts: Split, slot: np.ndarray, basis: csr_array, interfaces: Sequence[Interface]
+    parts: Split,
+    slot: np.ndarray,
+    basis: csr_array,
+    interfaces: Sequence[Interface],
+    mine: range,
+    team: Team,
 ) -> Layout:
     """Make the tables.
 
@@ -72,6 +84,10 @@ def lay_out(
         Motions whose amount all substructures have in common.
     interfaces : sequence of Interface
         Perfect ones, whose unknowns are the rows of ``basis`` one after the other.
+    mine : range
+        Numbers of the substructures.
+    team : Team
+        Processes that share the substructures.
     """
     n_shared, n_coarse = basis.shape
     count = parts.edge_start.size - 1
@@ -90,10 +106,11 @@ def lay_out(
     order, faces, first = np.argsort(shared, axis=1), [], 0
     for face in interfaces:
         rows = np.arange(first, first + face.size)
-        at = [order[part][np.searchsorted(shared[part][order[part]], rows)] for part in face.sides]
-        faces.append(list(zip(face.sides, at, strict=True)))
+        own_sides = [side - mine.start for side in face.sides if side in mine]
+        at = [order[part][np.searchsorted(shared[part][order[part]], rows)] for part in own_sides]
+        faces.append((face.size, list(zip(own_sides, at, strict=True))))
         first += face.size
-    return Layout(shared, coarse, constraint, n_shared, n_coarse, faces)
+    return Layout(shared, coarse, constraint, n_shared, n_coarse, faces, team)
 
 
 @dataclass(frozen=True, eq=False)
@@ -129,7 +146,7 @@ class Balancing:
         if self.solve is not None:
             amount = np.einsum("pij,pj->pi", self.left, own)
             total = np.bincount(layout.coarse.ravel(), amount.ravel(), layout.n_coarse + 1)
-            w = np.append(self.solve(total[:-1]), 0.0)
+            w = np.append(self.solve(layout.team.total(total[:-1])), 0.0)
             u += np.einsum("pij,pj->pi", self.right, w[layout.coarse])
         return layout.add(u)
 
@@ -166,21 +183,29 @@ def prepare_balancing(
     matrix[:, :width, width:] = layout.constraint.transpose(0, 2, 1)
     at = np.arange(width, width + size)
     matrix[:, at, at] += np.where(wanted, 0.0, 1.0)
-    inverse = np.linalg.inv(matrix)
+    inverse = together(layout.team, lambda: np.linalg.inv(matrix))
 
     coarse = -inverse[:, width:, width:] * unit[:, None, None]
     rows = np.broadcast_to(layout.coarse[:, :, None], coarse.shape)
     columns = np.broadcast_to(layout.coarse[:, None, :], coarse.shape)
     kept = wanted[:, :, None] & wanted[:, None, :]
-    assembled = coo_array((coarse[kept], (rows[kept], columns[kept])), shape=(layout.n_coarse,) * 2)
-    D = _scaling(layout, schur, added)
+    entries = layout.team.collect([(coarse[kept], rows[kept], columns[kept])])
+    value, row, column = (np.concatenate(item) for item in zip(*entries, strict=True))
+    assembled = csr_array(coo_array((value, (row, column)), shape=(layout.n_coarse,) * 2))
+    D = together(layout.team, partial(_scaling, layout, schur, added))
     return Balancing(
         layout,
         D @ (inverse[:, :width, :width] / unit[:, None, None]) @ D.transpose(0, 2, 1),
         D @ inverse[:, :width, width:],
         inverse[:, width:, :width] @ D.transpose(0, 2, 1),
-        factorise(csr_array(assembled)) if layout.n_coarse else None,
+        _solve_first(layout.team, assembled, factorise) if layout.n_coarse else None,
     )
+
+
+def _solve_first(team: Team, matrix: csr_array, factorise: Callable[[csr_array], Solve]) -> Solve:
+    """Let the first process solve for all, so that all get the same digits."""
+    solve = together(team, lambda: None if team.rank else factorise(matrix))
+    return lambda right: team.total(np.zeros_like(right) if solve is None else solve(right))
 
 
 def _scaling(layout: Layout, schur: np.ndarray, added: np.ndarray) -> np.ndarray:
@@ -189,12 +214,18 @@ def _scaling(layout: Layout, schur: np.ndarray, added: np.ndarray) -> np.ndarray
     .. math:: D_E = \Big( \sum_{E'} S_{E'}^{FF} \Big)^{-1} S_E^{FF}    \tag{3}
     """
     D = np.zeros_like(schur)
-    for face in layout.faces:
-        blocks = []
-        for part, at in face:
+    blocks, sums = [], [np.zeros(0)]
+    for size, sides in layout.faces:
+        own = []
+        for part, at in sides:
             block = schur[part][np.ix_(at, at)]
-            blocks.append(0.5 * (block + block.T) + np.diag(added[part, at]))
-        shares = np.linalg.solve(sum(blocks), np.concatenate(blocks, axis=1))
-        for (part, at), share in zip(face, np.split(shares, len(face), axis=1), strict=True):
-            D[part][np.ix_(at, at)] = share
+            own.append(0.5 * (block + block.T) + np.diag(added[part, at]))
+        blocks.append(own)
+        sums.append(sum(own, np.zeros((size, size))).ravel())
+    total, first = layout.team.total(np.concatenate(sums)), 0
+    for (size, sides), own in zip(layout.faces, blocks, strict=True):
+        whole = total[first : first + size**2].reshape(size, size)
+        first += size**2
+        for (part, at), block in zip(sides, own, strict=True):
+            D[part][np.ix_(at, at)] = np.linalg.solve(whole, block)
     return D

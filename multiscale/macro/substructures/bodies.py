@@ -10,8 +10,8 @@ from scipy.spatial import cKDTree
 
 from multiscale.errors import CaseError
 from multiscale.laws.base import InterfaceLaw
-from multiscale.laws.bulk import Elastic
-from multiscale.macro.continuum.blocks import displacement_basis, face_operator, stiffness_matrix
+from multiscale.laws.bulk import AnisotropicElastic, Elastic
+from multiscale.macro.continuum.blocks import displacement_basis, elastic_matrix, face_areas
 from multiscale.macro.continuum.body import Body, fixed_motion, load_vector
 from multiscale.macro.substructures.problem import Interface, Problem, Substructure
 
@@ -19,9 +19,6 @@ __all__ = ["Joint", "cut_bodies", "split_boxes"]
 
 COINCIDENT = 1e-6
 """Distance of nodes that are taken as one point of a joint, relative to the size of a face."""
-
-ROUNDING = 1e-12
-"""Values of shape functions below this are rounding."""
 
 
 @dataclass(frozen=True)
@@ -35,14 +32,11 @@ class Joint:
     boundaries : tuple of str
         Name of the boundary in each.
     law : InterfaceLaw
-    order : int
-        Degree that the quadrature integrates exactly.
     """
 
     sides: tuple[int, int]
     boundaries: tuple[str, str]
     law: InterfaceLaw
-    order: int = 3
 
 
 def split_boxes(body: Body, parts: tuple[int, ...]) -> np.ndarray:
@@ -140,8 +134,11 @@ def _parts(
     body: Body, index: int, owner: np.ndarray, number: np.ndarray, times: Sequence[float]
 ) -> list[Substructure]:
     """Substructures of one body."""
-    if not isinstance(body.law, Elastic):
-        raise CaseError(f"body {index} must be Elastic to be cut, got {type(body.law).__name__}")
+    if not isinstance(body.law, Elastic | AnisotropicElastic):
+        raise CaseError(
+            f"body {index} must be Elastic or AnisotropicElastic to be cut, "
+            f"got {type(body.law).__name__}"
+        )
     mesh = body.mesh
     if owner.shape != (mesh.t.shape[1],):
         raise CaseError(
@@ -161,7 +158,7 @@ def _parts(
             np.ascontiguousarray(np.searchsorted(nodes, mesh.t[:, elements])),
         )
         basis = displacement_basis(small, mesh.elem())
-        K = stiffness_matrix(basis, body.law.youngs_modulus, body.law.poissons_ratio)
+        K = elastic_matrix(basis, body.law)
         unknown = number[nodes].ravel()
         free = np.flatnonzero(unknown >= 0)
         parts.append(
@@ -197,49 +194,56 @@ def _interfaces(
     first_part: np.ndarray,
     parts: Sequence[Substructure],
 ) -> list[Interface]:
-    """One interface for each pair of substructures that a joint joins."""
+    """One interface for each pair of substructures that a joint joins.
+
+    Its points are nodes. One that several pairs share goes to the pair that has most of its
+    area: elastic ties around a node that it has in every pair would only be redundant.
+    """
     lower, upper = (bodies[side] for side in joint.sides)
     basis = displacement_basis(upper.mesh, upper.mesh.elem())
-    operator, weight, position = face_operator(basis, joint.boundaries[1], order=joint.order)
-    operator.data[np.abs(operator.data) < ROUNDING] = 0.0  # nodes off the face
-    operator.eliminate_zeros()
+    node, facet, area = face_areas(basis, joint.boundaries[1])
     twin = _twins(joint, lower, upper)
     frame = _frame(upper, joint.boundaries[1])
     facets = upper.mesh.boundaries[joint.boundaries[1]]
-    per_facet = weight.size // len(facets)
-    owner_up = np.repeat(owners[joint.sides[1]][upper.mesh.f2t[0, facets]], per_facet)
-    owner_low = np.repeat(_owner_below(joint, lower, upper, twin, owners, facets), per_facet)
+    pair = np.stack(
+        [
+            _owner_below(joint, lower, upper, twin, owners, facets),
+            owners[joint.sides[1]][upper.mesh.f2t[0, facets]],
+        ]
+    )
+    pairs, of_facet = np.unique(pair, axis=1, return_inverse=True)
+    nodes, point = np.unique(node, return_inverse=True)
+    share = np.zeros((nodes.size, pairs.shape[1]))
+    np.add.at(share, (point, of_facet.ravel()[facet]), area)
+    weight, of_node = share.sum(axis=1), np.argmax(share, axis=1)
     found = []
-    for low, up in sorted(set(zip(owner_low.tolist(), owner_up.tolist(), strict=True))):
-        points = np.flatnonzero((owner_low == low) & (owner_up == up))
-        rows = csr_array(operator[points]).tocoo()
-        nodes = rows.coords[1]
-        traces = []
-        for side, (piece, where) in enumerate(((low, twin[nodes]), (up, nodes))):
-            body = joint.sides[side]
-            part = first_part[body] + piece
-            unknown = number[first_node[body] + where]
-            traces.append(_trace(rows, unknown, frame, points.size, parts[part].unknown))
-        sides = (int(first_part[joint.sides[0]] + low), int(first_part[joint.sides[1]] + up))
-        at = position[:, points].T
-        found.append(Interface(sides, tuple(traces), joint.law, weight[points], at, place))
+    for index in np.unique(of_node):
+        mine = np.flatnonzero(of_node == index)
+        traces, sides = [], []
+        for body, piece, at in zip(
+            joint.sides, pairs[:, index], (twin[nodes[mine]], nodes[mine]), strict=True
+        ):
+            sides.append(int(first_part[body] + piece))
+            traces.append(_trace(number[first_node[body] + at], frame, parts[sides[-1]].unknown))
+        position = upper.mesh.p[:, nodes[mine]].T
+        found.append(
+            Interface((sides[0], sides[1]), tuple(traces), joint.law, weight[mine], position, place)
+        )
     return found
 
 
-def _trace(
-    rows: coo_array, unknown: np.ndarray, frame: np.ndarray, points: int, own: np.ndarray
-) -> csr_array:
-    """Displacement at the points in the frame of the joint, shape (3 points, unknowns)."""
-    order = np.argsort(own)
+def _trace(unknown: np.ndarray, frame: np.ndarray, own: np.ndarray) -> csr_array:
+    """Displacement of nodes in the frame of the joint, shape (3 nodes, unknowns)."""
+    order, count = np.argsort(own), len(unknown)
     row, column, value = [], [], []
     for direction in range(3):
         for axis in range(3):
-            kept = (unknown[:, axis] >= 0) & (frame[direction, axis] != 0.0)
-            row.append(direction * points + rows.coords[0][kept])
+            kept = np.flatnonzero((unknown[:, axis] >= 0) & (frame[direction, axis] != 0.0))
+            row.append(direction * count + kept)
             column.append(order[np.searchsorted(own[order], unknown[kept, axis])])
-            value.append(frame[direction, axis] * rows.data[kept])
+            value.append(np.full(kept.size, frame[direction, axis]))
     triplets = (np.concatenate(value), (np.concatenate(row), np.concatenate(column)))
-    return csr_array(triplets, shape=(3 * points, own.size))
+    return csr_array(triplets, shape=(3 * count, own.size))
 
 
 def _frame(upper: Body, boundary: str) -> np.ndarray:

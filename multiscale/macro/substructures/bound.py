@@ -22,7 +22,7 @@ from scipy.sparse import csr_array
 from multiscale.macro.substructures.parallel import Team
 from multiscale.macro.substructures.stack import Factors, Sides, Stack
 
-__all__ = ["Bound", "ErrorBound"]
+__all__ = ["Admissible", "ErrorBound", "Estimate", "Fields"]
 
 HELD = 1e-10
 """Stiffness that stands for the neighbours where only forces are given, relative to it."""
@@ -32,15 +32,15 @@ UNBALANCED = 1e-9
 
 
 @dataclass(frozen=True)
-class Bound:
-    """Bound on the error of the tensions, in J^1/2, and the size of their change.
+class Estimate:
+    """Error of forces in J^1/2, and the size of their change in the same norm.
 
     Attributes
     ----------
     error : float
-        Root of twice the duality gap.
+        Root of twice the duality gap, or of what stands for it.
     size : float
-        Norm of the admissible tensions less the prestress.
+        Norm of the admissible tensions and tractions less the prestress.
     """
 
     error: float
@@ -52,19 +52,57 @@ class Bound:
         return self.error / self.size if self.size > 0.0 else 0.0 if self.error == 0.0 else np.inf
 
 
+@dataclass(frozen=True, eq=False)
+class Fields:
+    """What a state of the linear stage is changed to.
+
+    Attributes
+    ----------
+    continuous : ndarray, shape (n,)
+        Displacement, alike on all sides of perfect interfaces, m.
+    balanced : ndarray, shape (m,)
+        Forces on all sides that balance on every interface, N.
+    change : ndarray, shape (n,)
+        Displacement whose tensions and stresses bring the substructures into equilibrium with
+        them, m.
+    """
+
+    continuous: np.ndarray
+    balanced: np.ndarray
+    change: np.ndarray
+
+
+class Admissible:
+    """Make states of the linear stage, whose coarse forces are balanced, admissible."""
+
+    def __init__(self, stack: Stack, sides: Sides, side_stiffness: csr_array, own: slice) -> None:
+        self.stack, self.sides, self.own = stack, sides, own
+        tiny = csr_array(HELD * side_stiffness[own][:, own])
+        self.factors = Factors()  # whose end is that of its solves
+        self.solve = self.factors(stack.matrix(stack.links.stiffness, tiny))
+        self.perfect = sides.perfect[own]
+
+    def __call__(self, u: np.ndarray, force: np.ndarray, team: Team) -> Fields:
+        """Share out what is out of balance, and what does not fit, equally between the sides."""
+        trace = self.stack.trace
+        balanced = force - self.sides.mean(force)
+        change = self.solve(trace.T @ (balanced - force)[self.own])
+        moved = team.concatenate(trace @ u)
+        step = (self.sides.mean(moved) - moved)[self.own]
+        continuous = u + trace.T @ np.where(self.perfect, step, 0.0)
+        return Fields(continuous, balanced, change)
+
+
 class ErrorBound:
-    """Admissible fields of a stack of substructures.
+    """Bound on the error of a stack of substructures without joints.
 
     The prestress of a substructure that holds itself may be added to tensions in equilibrium:
     with just enough of it no cable is pushed. Without prestress there is no bound.
     """
 
-    def __init__(self, stack: Stack, sides: Sides, side_stiffness: csr_array, own: slice) -> None:
-        self.stack, self.sides, self.own = stack, sides, own
+    def __init__(self, stack: Stack, admissible: Admissible) -> None:
+        self.stack, self.admissible = stack, admissible
         links = stack.links
-        tiny = csr_array(HELD * side_stiffness[own][:, own])
-        self.factors = Factors()  # whose end is that of its solves
-        self.solve = self.factors(stack.matrix(links.stiffness, tiny))
         unbalanced = np.abs(links.operator.T @ links.prestress)
         scale = float(np.abs(links.prestress).max(initial=0.0))
         parts = np.repeat(np.arange(len(stack.start) - 1), np.diff(stack.start))
@@ -74,7 +112,9 @@ class ErrorBound:
         first = links.operator.indices[links.operator.indptr[:-1]]
         self.part_of_link = np.searchsorted(stack.start, first, "right") - 1
 
-    def evaluate(self, u: np.ndarray, tension: np.ndarray, force: np.ndarray, team: Team) -> Bound:
+    def evaluate(
+        self, u: np.ndarray, tension: np.ndarray, force: np.ndarray, team: Team
+    ) -> Estimate:
         """Measure a state of the linear stage, whose coarse forces are balanced.
 
         Parameters
@@ -87,14 +127,11 @@ class ErrorBound:
         team : Team
         """
         stack, links = self.stack, self.stack.links
-        balanced = force - self.sides.mean(force)
-        change = self.solve(stack.trace.T @ (balanced - force)[self.own])
+        fields = self.admissible(u, force, team)
+        continuous, change = fields.continuous, fields.change
         statical = tension + links.stiffness * (links.operator @ change)
         statical, possible = self._pull(statical)
 
-        moved = team.concatenate(stack.trace @ u)
-        step = (self.sides.mean(moved) - moved)[self.own]
-        continuous = u + stack.trace.T @ step
         e = links.operator @ continuous
         kinematic = np.clip(links.prestress + links.stiffness * e, links.lower, links.upper)
         t0, k = links.prestress, links.stiffness
@@ -111,7 +148,7 @@ class ErrorBound:
         )
         total, size, impossible = team.total(sums)
         error = np.inf if impossible else np.sqrt(2.0 * max(total, 0.0))
-        return Bound(float(error), float(np.sqrt(size)))
+        return Estimate(float(error), float(np.sqrt(size)))
 
     def _pull(self, tension: np.ndarray) -> tuple[np.ndarray, bool]:
         """Add so much of the prestress that every link is within its limits."""

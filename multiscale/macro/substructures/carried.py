@@ -7,6 +7,7 @@ from scipy.sparse import csr_array
 
 from multiscale.errors import CaseError
 from multiscale.laws.base import InterfaceLaw
+from multiscale.laws.rigid import RigidContact
 from multiscale.macro.substructures.problem import Problem, Substructure
 
 __all__ = ["CarriedJoint", "carry_joints"]
@@ -43,7 +44,7 @@ def carry_joints(problem: Problem) -> tuple[Problem, list[CarriedJoint]]:
     Raises
     ------
     CaseError
-        If a joint has no law.
+        If a joint has no law, or one of rigid contact.
     """
     parts = list(problem.substructures)
     for joint in problem.joints:
@@ -64,8 +65,11 @@ def carry_joints(problem: Problem) -> tuple[Problem, list[CarriedJoint]]:
             (rows.data, (rows.coords[0], place[rows.coords[1]])), shape=(joint.size, part.n)
         )
         above = csr_array((upper.data, upper.indices, upper.indptr), shape=(joint.size, part.n))
-        if joint.law is None:
-            raise CaseError(f"a joint of substructures {joint.sides} needs a law")
+        if joint.law is None or isinstance(joint.law, RigidContact):
+            raise CaseError(
+                f"a joint of substructures {joint.sides} needs a law that tells the traction of a "
+                f"jump; solve_latin takes rigid contact as well"
+            )
         carried.append(CarriedJoint(second, csr_array(above - below), joint.law, joint.weight))
     return Problem(tuple(parts), problem.position, problem.number), carried
 

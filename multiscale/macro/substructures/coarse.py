@@ -5,6 +5,7 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.sparse import block_diag, coo_array, csr_array
 
+from multiscale.errors import MultiscaleError
 from multiscale.macro.discrete.cholesky import Solve
 from multiscale.macro.substructures.parallel import Team
 from multiscale.macro.substructures.problem import Interface, Problem
@@ -108,4 +109,15 @@ def prepare_coarse(
         np.concatenate(item) for item in zip(*team.collect(triplets), strict=True)
     )
     matrix = coo_array((values, (rows, cols)), shape=(basis.shape[1],) * 2)
-    return Coarse(push, on_sides, answer, column, factors(csr_array(matrix + on_sides.T @ push)))
+    return Coarse(push, on_sides, answer, column, _factorise(matrix + on_sides.T @ push, factors))
+
+
+def _factorise(matrix: csr_array, factors: Factors) -> Solve:
+    """Factorise the coarse matrix, or say why that cannot be."""
+    try:
+        return factors(csr_array(matrix))
+    except MultiscaleError as error:
+        raise MultiscaleError(
+            "the coarse problem of the substructures is singular: all of them together can move "
+            "without resistance; add supports, or prestress where nothing is taut"
+        ) from error

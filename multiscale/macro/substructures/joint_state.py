@@ -15,7 +15,7 @@ from multiscale.macro.substructures.stack import Factors
 if TYPE_CHECKING:
     import xarray as xr
 
-__all__ = ["OPENED", "SLIPS", "STICKS", "cautions", "contact_state", "stiffness"]
+__all__ = ["OPENED", "SLIPS", "STICKS", "cautions", "contact_state", "stiffness", "without_slip"]
 
 OPENED, STICKS, SLIPS = 0, 1, 2
 """States of a point of a joint."""
@@ -47,7 +47,7 @@ def contact_state(joints: Sequence[Interface], result: "xr.Dataset") -> dict[str
     state = np.where(_slips(joints, result), SLIPS, STICKS)
     state = np.where(pressure <= OPEN * pressure.max(axis=1, keepdims=True), OPENED, state)
     failed = np.isnan(pressure)
-    largest = _at_points(joints, [_pressure_range(face.law)[1] for face in joints])
+    largest = _at_points(joints, "pressure_range", (0.0, np.inf))[:, 1]
     area = np.concatenate([face.weight for face in joints])
     share = area / area.sum()
 
@@ -55,6 +55,8 @@ def contact_state(joints: Sequence[Interface], result: "xr.Dataset") -> dict[str
         return np.asarray(np.where(failed, np.nan, where) @ share)
 
     return {
+        "gap": result["jump"].values[..., 0] + _at_points(joints, "gap", 0.0),
+        "point_damage": _at_points(joints, "damage", 0.0),
         "contact_state": np.where(failed, np.nan, state),
         "open_fraction": fraction(state == OPENED),
         "stick_fraction": fraction(state == STICKS),
@@ -98,7 +100,7 @@ def stiffness(
         jump = result["jump"].values[step].T
         k = np.concatenate(
             [
-                _without_slip(face.law, jump[:, first:last])
+                without_slip(face.law, jump[:, first:last])
                 for face, first, last in zip(joints, at[:-1], at[1:], strict=True)
                 if face.law is not None
             ],
@@ -144,7 +146,7 @@ def _slips(joints: Sequence[Interface], result: "xr.Dataset") -> np.ndarray:
     return np.concatenate(found, axis=1)
 
 
-def _without_slip(law: InterfaceLaw, jump: np.ndarray) -> np.ndarray:
+def without_slip(law: InterfaceLaw, jump: np.ndarray) -> np.ndarray:
     """Diagonal of the tangent about a jump at which nothing slips, shape (3, points), Pa/m."""
     state = np.zeros((law.n_state, jump.shape[1]))
     if isinstance(law, Frictional):
@@ -153,13 +155,8 @@ def _without_slip(law: InterfaceLaw, jump: np.ndarray) -> np.ndarray:
     return np.stack([tangent[i, i] for i in range(3)])
 
 
-def _pressure_range(law: InterfaceLaw | None) -> tuple[float, float]:
-    """Pressures of the data of a law, Pa."""
-    normal = law.normal if isinstance(law, Frictional) else law
-    smallest, largest = getattr(normal, "pressure_range", (0.0, np.inf))
-    return float(smallest), float(largest)
-
-
-def _at_points(joints: Sequence[Interface], value: Sequence[float]) -> np.ndarray:
-    """Give every point the value of its joint."""
-    return np.repeat(value, [face.weight.size for face in joints])
+def _at_points(joints: Sequence[Interface], name: str, default: Any) -> np.ndarray:
+    """Give every point what the normal law of its joint has of that name."""
+    laws = [face.law.normal if isinstance(face.law, Frictional) else face.law for face in joints]
+    values = np.array([getattr(law, name, default) for law in laws], dtype=float)
+    return np.repeat(values, [face.weight.size for face in joints], axis=0)

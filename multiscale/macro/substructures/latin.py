@@ -3,26 +3,43 @@ r"""Micro-macro LATIN: one stage knows the links and laws, the other the structu
 from dataclasses import dataclass
 
 import numpy as np
+from scipy.sparse import diags_array
 
 from multiscale.laws.base import InterfaceLaw
 from multiscale.macro.substructures.acceleration import Anderson
 from multiscale.macro.substructures.coarse import coarse_basis, prepare_coarse
-from multiscale.macro.substructures.directions import side_stiffness
+from multiscale.macro.substructures.directions import (
+    interface_stiffness,
+    schur_complements,
+    side_stiffness,
+)
+from multiscale.macro.substructures.joint_directions import (
+    body_stiffness,
+    joint_directions,
+    law_stiffness,
+)
 from multiscale.macro.substructures.parallel import Alone, Team, share
 from multiscale.macro.substructures.problem import Problem
 from multiscale.macro.substructures.stack import Factors, lay_out_sides, stack
 
 __all__ = ["Iterate", "Latin"]
 
-FIRST, TAUT, SLACK = 0.5, 10.0, 0.05
+FIRST, TAUT, SLACK = 1.0, 10.0, 0.05
 """Stiffness of the search direction of a link relative to its own: at first, and by status."""
 
-UPDATE = 8
-"""Iterations between two looks at the status."""
+UPDATE, AGAIN = 8, 4
+"""Iterations until the next look at the status, after it changed in many links or in few."""
 
-FEW, SOFTER, SOFTEST = 3e-2, 0.3, 1e-3
+CHANGE = 2.0
+"""Factor by which the direction of a point of a joint must change to be taken anew."""
+
+FEW, SOFTER, SOFTEST = 3e-2, 0.3, 3e-3
 """If less than this part of the links changes its status, slack ones get a direction softer by
 this factor, down to this: the directions tend to the tangent, which near mechanisms need."""
+
+LAST = 1e-3
+"""If less than this part changes, the softest direction is taken at once, and from then on the
+stiffness of interfaces and the accelerating iterates are kept."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -35,13 +52,14 @@ class Iterate:
         Displacement of the substructures of this process, m.
     tension : ndarray, shape (rows,)
         Of their links, N.
-    force : ndarray, shape (m,)
-        On all sides of all interfaces, N.
+    force, push : ndarray, shape (m,)
+        On all sides of all interfaces, and :math:`k_0 T u` there, N.
     """
 
     u: np.ndarray
     tension: np.ndarray
     force: np.ndarray
+    push: np.ndarray
 
 
 class Latin:
@@ -70,11 +88,24 @@ class Latin:
         self.own = slice(first, first + self.stack.trace.shape[0])
         self.factors = Factors(), Factors(), Factors()
         links = self.stack.links
+        self.joints = [
+            (index, face, face.law)
+            for index, face in enumerate(problem.interfaces)
+            if face.law is not None
+        ]
         self.states = [
             np.zeros((face.law.n_state, face.weight.size)) if face.law else np.zeros(0)
             for face in problem.interfaces
         ]
-        self.direct(np.where(self.stack.one_sided, FIRST, 1.0), np.ones(links.stiffness.size))
+        self.bodies = {index: body_stiffness(problem, face) for index, face, _ in self.joints}
+        self.joint_k = {
+            index: joint_directions(face, self.bodies[index], np.full(unknown, np.inf))
+            for index, face, _ in self.joints
+            for unknown in [(3, face.weight.size)]
+        }
+        self.perfect_k: dict[int, np.ndarray] = {}
+        self.look_behind(np.ones(links.stiffness.size))
+        self.direct(np.where(self.stack.one_sided, FIRST, 1.0))
         self.status: np.ndarray | None = None
         self.slack_direction = SLACK
         self.z, self.r = links.prestress.copy(), np.zeros(self.sides.m)
@@ -84,13 +115,24 @@ class Latin:
         """Size of the coarse problem."""
         return int(self.basis.shape[1])
 
-    def direct(self, relative: np.ndarray, carries: np.ndarray) -> None:
+    def look_behind(self, carries: np.ndarray) -> None:
+        """Find the stiffness behind perfect interfaces, given the share that links carry."""
+        ground = np.zeros(self.sides.m)
+        for index, sides in self.joint_k.items():
+            for place, k in zip(self.sides.place[index], sides, strict=True):
+                ground[place] = k
+        schur = schur_complements(
+            self.stack, carries, diags_array(ground[self.own]), self.factors[0]
+        )
+        self.perfect_k = interface_stiffness(
+            self.problem, schur, self.parts, self.team, self.perfect_k
+        )
+
+    def direct(self, relative: np.ndarray) -> None:
         """Set the search directions and factorise what follows from them."""
         links = self.stack.links
         self.across = relative * links.stiffness  # l
-        self.k0 = side_stiffness(
-            self.problem, self.stack, self.sides, self.parts, carries, self.factors[0], self.team
-        )
+        self.k0 = side_stiffness(self.problem, self.sides, self.perfect_k, self.joint_k)
         k, across = links.stiffness, self.across
         effective = np.where(self.stack.one_sided, k * across / (k + across), k)
         own = self.k0.matrix[self.own][:, self.own]
@@ -134,17 +176,15 @@ class Latin:
         return (
             np.where(one, tension - across * slack, tension),
             push - force,
-            Iterate(u, tension, force),
+            Iterate(u, tension, force, push),
         )
 
     def local_sides(self, r: np.ndarray) -> np.ndarray:
         """Return F + k_0 W of every side on its interface: eqs (16), (17), or the law."""
         g = np.asarray(2.0 * self.sides.mean(r) - r)  # (16), (17)
-        for index, face in enumerate(self.problem.interfaces):
-            if face.law is None:
-                continue
+        for index, _, law in self.joints:
             first, second = self.sides.place[index]
-            force = self.joint_answer(index, face.law, r)[1]
+            force = self.joint_answer(index, law, r)[1]
             g[first], g[second] = r[first] + 2.0 * force, r[second] - 2.0 * force
         return g
 
@@ -155,50 +195,75 @@ class Latin:
         face = self.problem.interfaces[index]
         first, second = self.sides.place[index]
         weight = np.tile(face.weight, 3)
-        half = 0.5 * self.k0.matrix.diagonal()[first] / weight
-        source = (r[second] - r[first]) / (2.0 * weight)
-        jump = law.resolvent(source.reshape(3, -1), half.reshape(3, -1), self.states[index])
-        return jump, weight * (source - half * jump.ravel())
+        k = self.k0.matrix.diagonal()
+        series = 1.0 / (1.0 / k[first] + 1.0 / k[second]) / weight
+        source = series * (r[second] / k[second] - r[first] / k[first])
+        jump = law.resolvent(source.reshape(3, -1), series.reshape(3, -1), self.states[index])
+        return jump, weight * (source - series * jump.ravel())
 
-    def update(self) -> bool:
-        """Adapt the search directions to the status of the links; say whether it changed."""
-        links, one = self.stack.links, self.stack.one_sided
+    def update(self) -> np.ndarray | None:
+        """Adapt the search directions to the status of links and joints.
+
+        Returns
+        -------
+        ndarray of bool, shape (rows + m,), optional
+            Entries of z and r that mean something else since; nothing if no status changed.
+        """
+        links, one, known = self.stack.links, self.stack.one_sided, self.status is not None
         tension = np.clip(self.z, links.lower, links.upper)
         slack = np.where(one, (tension - self.z) / self.across, 0.0)
         taut = ~one | (slack == 0.0)
-        changes = taut.size if self.status is None else np.count_nonzero(taut != self.status)
-        changed, all_links = self.team.total(np.array([changes, taut.size], dtype=float))
-        if not changed:
-            return False
-        if changed < FEW * all_links:
-            self.slack_direction = max(SOFTEST, SOFTER * self.slack_direction)
-        self.status, old = taut, self.k0
+        other = taut != self.status if known else np.ones(taut.size, dtype=bool)
+        changed, of = self.team.total(np.array([np.count_nonzero(other), taut.size], dtype=float))
         g = self.local_sides(self.r)
         held, force = 0.5 * (g + self.r), 0.5 * (g - self.r)  # k_0 W and F
-        soft = self.slack_direction
-        relative = np.where(one, np.where(taut, TAUT, soft), 1.0)
-        self.direct(relative, np.where(taut, 1.0, soft / (1.0 + soft)))
+        joints_changed = self.update_joints()
+        if not changed and not joints_changed:
+            return None
+        old, relative = self.k0, self.across / links.stiffness
+        last = known and changed < LAST * of
+        minor = last and not joints_changed and self.slack_direction == SOFTEST
+        if changed:
+            if last:
+                self.slack_direction = SOFTEST
+            elif known and changed < FEW * of:
+                self.slack_direction = max(SOFTEST, SOFTER * self.slack_direction)
+            self.status, soft = taut, self.slack_direction
+            relative = np.where(one, np.where(taut, TAUT, soft), 1.0)
+            if not minor:
+                self.look_behind(np.where(taut, 1.0, soft / (1.0 + soft)))
+        self.direct(relative)
         # the same tensions, slacks, forces and displacements with the new directions
         self.z = np.where(one, tension - self.across * slack, tension)
         self.r = self.k0.matrix @ (old.inverse_root @ (old.inverse_root @ held)) - force
-        return True
+        return np.append(other if minor else np.ones_like(other), np.full(self.r.size, not minor))
+
+    def update_joints(self) -> bool:
+        """Adapt the search directions of joints to the laws where they are; say if any did."""
+        changed = False
+        for index, face, law in self.joints:
+            jump = self.joint_answer(index, law, self.r)[0]
+            tangent = law_stiffness(law, jump, self.states[index])
+            found = joint_directions(face, self.bodies[index], tangent)
+            ratio = np.concatenate(found) / np.concatenate(self.joint_k[index])
+            if max(ratio.max(), 1.0 / ratio.min()) > CHANGE:
+                self.joint_k[index], changed = found, True
+        return changed
 
     def joint_fields(self) -> tuple[np.ndarray, np.ndarray]:
         """Jump, m, and traction, Pa, at all points of all joints, shape (3, points)."""
         jumps, tractions = [np.zeros((3, 0))], [np.zeros((3, 0))]
-        for index, face in enumerate(self.problem.interfaces):
-            if face.law is not None:
-                jump, force = self.joint_answer(index, face.law, self.r)
-                jumps.append(jump)
-                tractions.append(force.reshape(3, -1) / face.weight)
+        for index, face, law in self.joints:
+            jump, force = self.joint_answer(index, law, self.r)
+            jumps.append(jump)
+            tractions.append(force.reshape(3, -1) / face.weight)
         return np.concatenate(jumps, axis=1), np.concatenate(tractions, axis=1)
 
     def commit(self) -> None:
         """Take the state of the laws at the present forces for the next step."""
-        for index, face in enumerate(self.problem.interfaces):
-            if face.law is not None:
-                jump = self.joint_answer(index, face.law, self.r)[0]
-                self.states[index] = face.law.respond(jump, self.states[index]).state
+        for index, _, law in self.joints:
+            jump = self.joint_answer(index, law, self.r)[0]
+            self.states[index] = law.respond(jump, self.states[index]).state
 
     def slack(self) -> np.ndarray:
         """Distance by which the ends of every link miss it, shape (rows,), m."""
@@ -210,11 +275,28 @@ class Latin:
         """Tension within the limits of the links, N."""
         return np.asarray(np.clip(tension, self.stack.links.lower, self.stack.links.upper))
 
-    def size(self, found: Iterate, acceleration: Anderson) -> float:
-        """Size of a state in the norm of :meth:`distance`."""
+    def residual(
+        self, found: Iterate, last: Iterate | None, distance: float, acceleration: Anderson
+    ) -> float:
+        """Change of the forces relative to them, or of all relative to all, if that is larger.
+
+        Bodies on soft joints move by far more than they deform: rounding of the motion, taken
+        relative to the forces, would then hide that these have long converged.
+        """
+        force = self._forces(found)
+        bodies = self.team.total(np.array([found.u @ (self.stack.stiffness @ found.u)]))[0]
+        size = np.hypot(acceleration.norm(force), np.sqrt(max(float(bodies), 0.0)))
+        links = np.zeros(found.tension.size)
+        held = self.k0.inverse_root @ (found.push)  # k_0^(1/2) T u
+        whole = np.hypot(size, acceleration.norm(np.append(links, held)))
+        change = acceleration.norm(force - self._forces(last)) if last else 0.0
+        return max(change / (size or 1.0), distance / (whole or 1.0))
+
+    def _forces(self, found: Iterate) -> np.ndarray:
+        """Tensions, less the prestress, and forces in the energy norm, shape (rows + m,)."""
         links = self.stack.links
         change = (found.tension - links.prestress) / np.sqrt(links.stiffness)
-        return acceleration.norm(np.append(change, self.k0.inverse_root @ found.force))
+        return np.append(change, self.k0.inverse_root @ found.force)
 
     def distance(self, z: np.ndarray, r: np.ndarray) -> np.ndarray:
         """Difference from z and r in the energy norm, shape (rows + m,)."""

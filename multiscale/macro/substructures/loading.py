@@ -6,6 +6,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from multiscale.errors import CaseError
+from multiscale.laws.rigid import RigidContact
 from multiscale.macro.substructures.assembled import assemble
 from multiscale.macro.substructures.joint_state import cautions, contact_state, stiffness
 from multiscale.macro.substructures.parallel import Team
@@ -102,7 +103,7 @@ def load_joint(
     Raises
     ------
     CaseError
-        If faces do not match or a substructure is in pieces.
+        If faces do not match, a substructure is in pieces, or a law is one of rigid contact.
 
     Notes
     -----
@@ -115,6 +116,10 @@ def load_joint(
 
     by the trapezoidal rule, whose error falls with the square of the steps.
     """
+    if any(isinstance(joint.law, RigidContact) for joint in assembly.joints):
+        raise CaseError(
+            "rigid contact has no stiffness to measure; solve the cut assembly by solve_latin"
+        )
     problem, factors = assembly.cut(parts), loading.factors()
     result = solve_latin(
         problem,

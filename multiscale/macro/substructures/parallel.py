@@ -1,14 +1,17 @@
 """Substructures over processes."""
 
+from collections.abc import Callable
 from importlib import import_module
 from os import environ
-from typing import Any, Protocol
+from typing import Any, Protocol, TypeVar
 
 import numpy as np
 
-from multiscale.errors import CaseError
+from multiscale.errors import CaseError, MultiscaleError
 
-__all__ = ["Alone", "Ranks", "Team", "share", "world"]
+__all__ = ["Alone", "Ranks", "Team", "share", "together", "world"]
+
+T = TypeVar("T")
 
 LAUNCHERS = ("PMI_SIZE", "PMI_RANK", "OMPI_COMM_WORLD_SIZE", "PMIX_RANK")
 """Variables of the environment that ``mpiexec`` sets."""
@@ -100,6 +103,34 @@ def world() -> Team:
 
 
 def share(count: int, team: Team) -> range:
-    """Substructures of this process: consecutive, as equal in number as possible."""
+    """Substructures of this process: consecutive, as equal in number as possible.
+
+    Raises
+    ------
+    CaseError
+        If there are fewer substructures than processes.
+    """
+    if count < team.size:
+        raise CaseError(
+            f"{team.size} processes cannot share {count} substructures; start fewer, or cut finer"
+        )
     bounds = np.linspace(0, count, team.size + 1).round().astype(int)
     return range(bounds[team.rank], bounds[team.rank + 1])
+
+
+def together(team: Team, task: Callable[[], T]) -> T:
+    """Run a task that may fail; if it fails on one process, raise on all, so that none waits.
+
+    Raises
+    ------
+    MultiscaleError, LinAlgError
+        What the task has raised here or, if only elsewhere, a ``MultiscaleError``.
+    """
+    error: Exception | None = None
+    try:
+        result = task()
+    except (MultiscaleError, np.linalg.LinAlgError) as caught:
+        error = caught
+    if team.total(np.array([float(error is not None)]))[0]:
+        raise error or MultiscaleError("a step of the solver failed in another process")
+    return result

@@ -7,7 +7,7 @@ import numpy as np
 
 from multiscale.errors import CaseError
 from multiscale.laws.base import InterfaceLaw
-from multiscale.laws.bulk import Elastic
+from multiscale.laws.bulk import AnisotropicElastic, Elastic
 from multiscale.macro.continuum.blocks import box_mesh, displacement_basis, face_operator
 from multiscale.macro.continuum.body import Body, Value
 from multiscale.macro.substructures.bodies import Joint, cut_bodies, split_boxes
@@ -50,7 +50,7 @@ class RoughAssembly:
 def stacked_blocks(
     size: tuple[float, float, float],
     elements: tuple[int, int, int],
-    materials: Sequence[Elastic],
+    materials: Sequence[Elastic | AnisotropicElastic],
     laws: Sequence[InterfaceLaw],
 ) -> RoughAssembly:
     """Stack equal blocks along z, with a rough joint below every one but the first.
@@ -64,7 +64,7 @@ def stacked_blocks(
         Lengths of a block along x, y and z, m.
     elements : tuple of int
         Hexahedra of a block along each axis.
-    materials : sequence of Elastic
+    materials : sequence of Elastic or AnisotropicElastic
         One for each block, two or more.
     laws : sequence of InterfaceLaw
         One for each joint, from below.
@@ -93,7 +93,7 @@ def stacked_blocks(
 
 
 def lap_joint(
-    shape: LapShape, materials: tuple[Elastic, Elastic], law: InterfaceLaw
+    shape: LapShape, materials: Sequence[Elastic | AnisotropicElastic], law: InterfaceLaw
 ) -> RoughAssembly:
     """Two plates that overlap, with a bolt hole through both and a rough joint between.
 
@@ -105,7 +105,7 @@ def lap_joint(
     ----------
     shape : LapShape
         Dimensions and mesh.
-    materials : tuple of Elastic
+    materials : sequence of Elastic or AnisotropicElastic
         Of the lower and the upper plate.
     law : InterfaceLaw
         On the whole overlap.

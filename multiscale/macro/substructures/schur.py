@@ -8,6 +8,7 @@ import numpy as np
 
 from multiscale.convergence import Status
 from multiscale.errors import MultiscaleError
+from multiscale.macro.substructures.parallel import Team
 from multiscale.macro.substructures.problem import Problem
 from multiscale.macro.substructures.results import assemble_result, link_fields, load_factors
 from multiscale.macro.substructures.tangent import Newton
@@ -24,7 +25,8 @@ def solve_schur(
     *,
     tolerance: float = 1e-10,
     max_iterations: int = 60,
-    callback: Callable[[int, float, np.ndarray], None] | None = None,
+    team: Team | None = None,
+    callback: Callable[[int, float, Newton], None] | None = None,
 ) -> "xr.Dataset":
     r"""Solve substructures and interfaces by Newton's method and domain decomposition.
 
@@ -40,9 +42,12 @@ def solve_schur(
         allowed for; ``residual`` says what was reached.
     max_iterations : int
         Limit of Newton steps for one load.
+    team : Team, optional
+        Processes that share the substructures; all call this function, and all get the result.
     callback : callable, optional
-        Called as ``callback(iteration, residual, tension)``; tensions in the order of the
-        substructures.
+        Called as ``callback(iteration, residual, state)``: ``state.tension()`` of the links, N, in
+        the order of the substructures (of this process), ``state.displacement()`` of all
+        unknowns, m. All processes give one, or none.
 
     Returns
     -------
@@ -76,7 +81,7 @@ def solve_schur(
        doi:10.1137/0917003, on how accurately to solve.
     """
     factors = load_factors(problem, load_factor)
-    method = Newton(problem)
+    method = Newton(problem, team)
     columns: list[dict[str, Any]] = []
     for factor in factors:
         if columns and not columns[-1]["converged"]:  # a path ends with its first failure
@@ -99,7 +104,7 @@ def _solve_step(
     factor: np.ndarray,
     tolerance: float,
     max_iterations: int,
-    callback: Callable[[int, float, np.ndarray], None] | None,
+    callback: Callable[[int, float, Newton], None] | None,
 ) -> dict[str, Any]:
     """Newton's method for one load."""
     clock = perf_counter()
@@ -108,7 +113,7 @@ def _solve_step(
     for iteration in range(max_iterations + 1):
         balance = method.balance()
         if callback is not None:
-            callback(iteration, balance.residual, method.tension())
+            callback(iteration, balance.residual, method)
         if not np.isfinite(balance.residual):
             status = Status.NOT_FINITE
         elif balance.residual <= max(tolerance, balance.rounding):
@@ -126,8 +131,12 @@ def _solve_step(
     if converged:
         method.commit()
     return {
-        "displacement": np.append(method.u, 0.0)[method.problem.number[:, :3]],
-        **link_fields(method.problem, method.tension(), method.slack()),
+        "displacement": np.append(method.displacement(), 0.0)[method.problem.number[:, :3]],
+        **link_fields(
+            method.problem,
+            method.team.concatenate(method.tension()),
+            method.team.concatenate(method.slack()),
+        ),
         "converged": int(converged),
         "residual": balance.residual,
         "iterations": iteration,

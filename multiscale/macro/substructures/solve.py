@@ -8,8 +8,9 @@ import numpy as np
 
 from multiscale.convergence import Status
 from multiscale.macro.substructures.acceleration import Anderson
-from multiscale.macro.substructures.bound import ErrorBound
-from multiscale.macro.substructures.latin import UPDATE, Iterate, Latin
+from multiscale.macro.substructures.bound import Admissible, ErrorBound
+from multiscale.macro.substructures.indicator import HeuristicIndicator
+from multiscale.macro.substructures.latin import AGAIN, UPDATE, Iterate, Latin
 from multiscale.macro.substructures.parallel import Team
 from multiscale.macro.substructures.problem import Problem
 from multiscale.macro.substructures.results import assemble_result, link_fields, load_factors
@@ -19,7 +20,15 @@ if TYPE_CHECKING:
 
 __all__ = ["solve_latin", "solve_step"]
 
-ACCOUNT = ("converged", "status", "residual", "error_bound", "iterations", "wall_time")
+ACCOUNT = (
+    "converged",
+    "status",
+    "residual",
+    "error_bound",
+    "error_indicator",
+    "iterations",
+    "wall_time",
+)
 
 HEURISTIC = 0.1
 """Change in an iteration, relative to the tolerance, at which the error counts as within it."""
@@ -48,12 +57,13 @@ def solve_latin(
         Whether a coarse problem balances the resultants of the interfaces in every iteration.
         Without it the number of iterations grows with the number of substructures.
     updated : bool
-        Whether the search directions follow the status of the links.
+        Whether the search directions follow the status of the links and the laws of joints.
     tolerance : float
         Of the tensions, in the norm of :math:`k^{-1}` relative to their change from the
         prestress. The change in an iteration decides, which is heuristic; ``error_bound`` is
         guaranteed where all is links whose prestress holds itself, and cannot fall below some
-        1e-7, because the tensions of slack links are only zero to rounding.
+        1e-7, because the tensions of slack links are only zero to rounding. With joints there
+        is ``error_indicator``, a heuristic one: friction has no bound.
     max_iterations : int
         Iteration limit of a step.
     team : Team, optional
@@ -73,14 +83,16 @@ def solve_latin(
     ------
     CaseError
         If load factors do not fit the load cases.
+    MultiscaleError
+        If the whole structure can move without resistance.
 
     Notes
     -----
     Each iteration is a *local stage*, one scalar projection for each link and a mean for each
     interface, and a *linear stage*, one solve for each substructure with factors that last
-    until the status of a link changes, and one coarse solve. Anderson acceleration combines
-    the last iterates. One process with :func:`multiscale.macro.solve_static` is faster at every
-    size that fits it.
+    until the status of a link or joint changes, and one coarse solve. Anderson acceleration
+    combines the last iterates. One process with :func:`multiscale.macro.solve_static` is faster
+    at every size that fits it.
 
     References
     ----------
@@ -89,16 +101,14 @@ def solve_latin(
     """
     factors = load_factors(problem, load_factor)
     method = Latin(problem, coarse=coarse, updated=updated, team=team)
-    error_bound = None
-    if coarse and not problem.joints:
-        error_bound = ErrorBound(method.stack, method.sides, method.k0.matrix, method.own)
+    judge = _judge(method) if coarse else None
     columns: list[dict[str, Any]] = []
     for factor in factors:
         if columns and not columns[-1]["converged"]:  # a path ends with its first failure
             columns.append(columns[-1] | {"iterations": 0, "wall_time": 0.0})
             continue
         load = method.stack.load @ factor
-        columns.append(solve_step(method, load, error_bound, tolerance, max_iterations, callback))
+        columns.append(solve_step(method, load, judge, tolerance, max_iterations, callback))
     return assemble_result(
         problem,
         factors,
@@ -110,7 +120,7 @@ def solve_latin(
 def solve_step(
     method: Latin,
     load: np.ndarray,
-    error_bound: ErrorBound | None,
+    judge: ErrorBound | HeuristicIndicator | None,
     tolerance: float,
     max_iterations: int,
     callback: Callable[[int, float, Iterate], None] | None,
@@ -118,12 +128,12 @@ def solve_step(
     """Iterate on one load until the error is small enough."""
     clock = perf_counter()
     acceleration = Anderson(method.team, method.z.size)
-    status, residual, due = Status.MAX_ITERATIONS, np.inf, UPDATE
+    status, residual, due, last = Status.MAX_ITERATIONS, np.inf, UPDATE, None
     for iteration in range(1, max_iterations + 1):
         z, r, found = method.iterate(load)
         change = method.distance(z, r)
         size = acceleration.norm(change)
-        residual = size / (method.size(found, acceleration) or 1.0)
+        residual, last = method.residual(found, last, size, acceleration), found
         if callback is not None:
             callback(iteration, residual, found)
         if not np.isfinite(residual):
@@ -135,14 +145,14 @@ def solve_step(
         x = acceleration.next(np.append(method.z, method.r), np.append(z, r), change, size)
         method.z, method.r = x[: z.size], x[z.size :]
         if method.updated and iteration >= due:
-            due = iteration + UPDATE
-            if method.update():
-                acceleration.forget()
-    converged, bound = status is Status.CONVERGED, np.nan
+            renewed = method.update()
+            if renewed is not None:
+                acceleration.renew(renewed, np.append(method.z, method.r))
+            major = renewed is not None and renewed.all()
+            due = iteration + (UPDATE if major else AGAIN)
+    converged = status is Status.CONVERGED
+    judged = _estimate(method, judge, found) if converged else {}
     if converged:
-        if error_bound is not None:
-            measured = error_bound.evaluate(found.u, found.tension, found.force, method.team)
-            bound = measured.relative
         method.z, method.r = z, r
     jump, traction = method.joint_fields()
     if converged:
@@ -155,10 +165,32 @@ def solve_step(
         "converged": int(converged),
         "status": status,
         "residual": residual,
-        "error_bound": bound,
+        "error_bound": judged.get("error_bound", np.nan),
+        "error_indicator": judged.get("error_indicator", np.nan),
         "iterations": iteration,
         "wall_time": perf_counter() - clock,
     }
+
+
+def _judge(method: Latin) -> ErrorBound | HeuristicIndicator:
+    """Return what measures the error: a bound without joints, an indicator with them."""
+    admissible = Admissible(method.stack, method.sides, method.k0.matrix, method.own)
+    if method.problem.joints:
+        return HeuristicIndicator(method.problem, admissible)
+    return ErrorBound(method.stack, admissible)
+
+
+def _estimate(
+    method: Latin, judge: ErrorBound | HeuristicIndicator | None, found: Iterate
+) -> dict[str, float]:
+    """Error of a state, relative to its size, under the name that says what it is worth."""
+    if isinstance(judge, ErrorBound):
+        bound = judge.evaluate(found.u, found.tension, found.force, method.team)
+        return {"error_bound": bound.relative}
+    if isinstance(judge, HeuristicIndicator):
+        error = judge.evaluate(found.u, found.force, method.states, method.joint_k, method.team)
+        return {"error_indicator": error.estimate.relative}
+    return {}
 
 
 def _fields(method: Latin, column: dict[str, Any]) -> dict[str, np.ndarray]:

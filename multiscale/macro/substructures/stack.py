@@ -26,12 +26,15 @@ class Sides:
         Unknown of the interface that a row is one side of.
     count : ndarray of int, shape (slots,)
         Number of sides of every such unknown.
+    perfect : ndarray of bool, shape (m,)
+        Whether the interface has no law.
     """
 
     place: tuple[tuple[slice, ...], ...]
     start: np.ndarray
     slot: np.ndarray
     count: np.ndarray
+    perfect: np.ndarray
 
     @property
     def m(self) -> int:
@@ -48,12 +51,13 @@ def lay_out_sides(problem: Problem) -> Sides:
     parts, interfaces = problem.substructures, problem.interfaces
     first_slot = np.cumsum([0, *(face.size for face in interfaces)])
     place: list[list[slice]] = [[slice(0)] * len(face.sides) for face in interfaces]
-    slots, start, row = [], [0], 0
+    slots, perfect, start, row = [], [np.zeros(0, dtype=bool)], [0], 0
     for mine in _sides_of(interfaces, len(parts)):
         for index, side in mine:
             size = interfaces[index].size
             place[index][side] = slice(row, row + size)
             slots.append(np.arange(first_slot[index], first_slot[index + 1]))
+            perfect.append(np.full(size, interfaces[index].law is None))
             row += size
         start.append(row)
     slot = np.concatenate(slots) if slots else np.zeros(0, dtype=int)
@@ -62,6 +66,7 @@ def lay_out_sides(problem: Problem) -> Sides:
         np.array(start),
         slot,
         np.bincount(slot, minlength=first_slot[-1]),
+        np.concatenate(perfect),
     )
 
 

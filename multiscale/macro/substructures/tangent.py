@@ -14,6 +14,7 @@ from multiscale.macro.substructures.balancing import Balancing, lay_out, prepare
 from multiscale.macro.substructures.carried import carry_joints
 from multiscale.macro.substructures.coarse import coarse_basis
 from multiscale.macro.substructures.condensation import Condensed, condense, split
+from multiscale.macro.substructures.parallel import Alone, Team, share, together
 from multiscale.macro.substructures.problem import Problem
 from multiscale.macro.substructures.stack import Factors, lay_out_sides, stack
 
@@ -39,7 +40,7 @@ class Balance:
 
     Attributes
     ----------
-    force : ndarray, shape (unknowns of all substructures,)
+    force : ndarray, shape (unknowns of the substructures,)
         N.
     residual, rounding : float
         Largest of the whole structure and what rounding makes of it, relative to the load.
@@ -66,6 +67,8 @@ class _Factored:
 class Newton:
     r"""A structure, the displacement reached, and steps towards equilibrium.
 
+    A process holds some of the substructures; what all share is the same in every digit.
+
     .. math::
         \sum_E R_E^T \left( K u_E + B^T P(\tau^0 + k B u_E) + J^T w\, t(J u_E) - f_E \right) = 0,
         \qquad u_E = R_E u,    \tag{1}
@@ -73,26 +76,27 @@ class Newton:
     with the links and joints of every substructure :math:`E`.
     """
 
-    def __init__(self, problem: Problem) -> None:
-        self.problem = problem
-        carried, self.joints = carry_joints(problem)
-        parts = carried.substructures
-        self.stack = stack(carried, range(len(parts)))
-        self.unknown = np.concatenate([part.unknown for part in parts])
+    def __init__(self, problem: Problem, team: Team | None = None) -> None:
+        self.problem, self.team = problem, team or Alone()
+        carried, joints = carry_joints(problem)
+        mine = share(len(carried.substructures), self.team)
+        self.stack = stack(carried, mine)
+        self.unknown = np.concatenate([carried.substructures[part].unknown for part in mine])
         self.parts = split(self.stack.start, self.stack.shared)
         sides, slot = lay_out_sides(carried), np.zeros(self.stack.n, dtype=int)
-        slot[self.stack.trace.indices] = sides.slot
+        slot[self.stack.trace.indices] = sides.slot[sides.start[mine[0]] : sides.start[mine.stop]]
         self.slot = slot[self.parts.edge]
         basis = coarse_basis(carried)
-        self.layout = lay_out(self.parts, self.slot, basis, carried.interfaces)
-        self.jumps = [self._placed(joint.jump, joint.owner) for joint in self.joints]
+        self.layout = lay_out(self.parts, self.slot, basis, carried.interfaces, mine, self.team)
+        self.joints = [joint for joint in joints if joint.owner in mine]
+        self.jumps = [self._placed(joint.jump, joint.owner - mine[0]) for joint in self.joints]
         self.states = [np.zeros((item.law.n_state, item.weight.size)) for item in self.joints]
         links = self.stack.links
         self.taut = self.assemble(self.stack.matrix(links.stiffness, None).diagonal())[self.unknown]
         self.factors = Factors(), Factors()
         self.factored: _Factored | None = None
-        self.key = np.zeros(0)
-        self.u, self.elastic = np.zeros(problem.n), np.zeros(links.stiffness.size)
+        self.key = np.full(links.stiffness.size + 1, np.nan)
+        self.u, self.elastic = np.zeros(self.stack.n), np.zeros(links.stiffness.size)
 
     def _placed(self, operator: csr_array, part: int) -> csr_array:
         """Let an operator of one substructure act on the unknowns of all."""
@@ -107,12 +111,21 @@ class Newton:
         self.lower, self.upper = links.lower - links.prestress, links.upper - links.prestress
         self.lending, self.known = Lending(), None
         self.scale = float(np.abs(self.assemble(self.load)).max(initial=0.0)) or (
-            float(np.abs(links.prestress).max(initial=0.0)) or 1.0
+            self._largest(links.prestress) or 1.0
         )
 
     def assemble(self, force: np.ndarray) -> np.ndarray:
-        """Add up over the substructures, shape (problem.n,)."""
-        return np.bincount(self.unknown, force, minlength=self.problem.n)
+        """Add up over the substructures of all processes, shape (problem.n,)."""
+        return self.team.total(np.bincount(self.unknown, force, minlength=self.problem.n))
+
+    def _largest(self, value: np.ndarray) -> float:
+        """Largest size of an entry in all processes."""
+        own = np.abs(value).max(initial=0.0)
+        return float(self.team.concatenate(np.array([own])).max())
+
+    def _sum(self, value: float | np.integer) -> float:
+        """Add up over the processes."""
+        return float(self.team.total(np.array([value], dtype=float))[0])
 
     def tension(self) -> np.ndarray:
         """Tension of the links, N."""
@@ -124,39 +137,44 @@ class Newton:
         change = np.clip(self.elastic, self.lower, self.upper)
         return np.asarray(np.abs(change - self.elastic) / self.stack.links.stiffness)
 
+    def displacement(self) -> np.ndarray:
+        """Displacement of the unknowns of the whole structure, m."""
+        shares = self.assemble(np.ones(self.stack.n))
+        return np.asarray(self.assemble(self.u) / np.maximum(shares, 1.0))
+
     def balance(self) -> Balance:
         """Evaluate (1)."""
-        u, tension = self.u[self.unknown], self.tension()
+        u, tension = self.u, self.tension()
         inner = self.stack.stiffness @ u
         force = self.load - inner - self.stack.links.operator.T @ tension
         # a body that runs away without force must not look balanced: no |K| |u| here
-        tangents, largest = [], max(np.abs(inner).max(), np.abs(tension).max(initial=0.0))
+        tangents, largest = [], self._largest(np.append(inner, tension))
         for joint, jump, state in zip(self.joints, self.jumps, self.states, strict=True):
             response = joint.law.respond((jump @ u).reshape(3, -1), state)
             traction = (joint.weight * response.traction).ravel()
             force -= jump.T @ traction
             tangents.append(joint.weight * response.tangent)
         residual = float(np.abs(self.assemble(force)).max(initial=0.0)) / self.scale
-        rounding = 8.0 * np.finfo(float).eps * float(largest) / self.scale
+        rounding = 8.0 * np.finfo(float).eps * largest / self.scale
         return Balance(force, residual, rounding, tangents)
 
     def advance(self, balance: Balance, tolerance: float) -> int:
         """Take one Newton step; return the number of iterations of the linear solver."""
         carries = np.clip(self.elastic, self.lower, self.upper) == self.elastic
-        if self.known is not None and np.array_equal(carries, self.known):
+        if self.known is not None and not self._sum(np.count_nonzero(carries != self.known)):
             self.lending.settle()
         self.known = carries
         accuracy = min(LOOSE, balance.residual)
         accuracy = max(accuracy, 0.1 * tolerance / balance.residual, FINEST)
         direction, count = self._solve(balance, carries, accuracy)
 
-        links, moved = self.stack.links, direction[self.unknown]
-        growth = links.stiffness * (links.operator @ moved)
-        work = float(balance.force @ moved)
-        if self.joints:
+        links = self.stack.links
+        growth = links.stiffness * (links.operator @ direction)
+        work = self._sum(balance.force @ direction)
+        if self.problem.joints:
             step = step_length(lambda step: self._slope(step, direction, growth), -work)
         else:
-            step = self._exact_step(moved, growth, work)
+            step = self._exact_step(direction, growth, work)
         self.u = self.u + step * direction
         self.elastic = self.elastic + step * growth
         self.lending.follow(step)
@@ -167,13 +185,11 @@ class Newton:
     ) -> tuple[np.ndarray, int]:
         """Newton direction and the number of iterations that it took."""
         key = np.append(carries, self.lending.share)
-        if self.joints or self.factored is None or not np.array_equal(key, self.key):
+        changed = self._sum(np.count_nonzero(key != self.key))
+        if self.problem.joints or self.factored is None or changed:
             self.factored, self.key = self._factorise(balance, carries), key
         edge, count = self._solve_shared(self.factored, balance.force, accuracy)
-        direction = np.zeros(self.problem.n)
-        u = self.factored.condensed.expand(balance.force, edge[self.slot])
-        direction[self.unknown] = u
-        return direction, count
+        return self.factored.condensed.expand(balance.force, edge[self.slot]), count
 
     def _factorise(self, balance: Balance, carries: np.ndarray) -> _Factored:
         """Condense the tangent and prepare what preconditions it."""
@@ -185,8 +201,9 @@ class Newton:
             blocks = [[diags_array(entry) for entry in row] for row in tangent]
             matrix = matrix + jump.T @ block_array(blocks, format="csr") @ jump
         matrix = csr_array(matrix + HELD * diags_array(self.taut))
+        symmetric = not self._sum(not symmetric)
         inside, coarse = self.factors if symmetric else (factorise, factorise)
-        condensed = condense(matrix, self.parts, inside)
+        condensed = together(self.team, lambda: condense(matrix, self.parts, inside))
         schur = self.layout.gather(condensed.blocks)
         added = np.zeros(self.layout.shared.shape)
         added[self.parts.owner, self.parts.column] = REGULAR * self.taut[self.parts.edge]
@@ -205,7 +222,8 @@ class Newton:
             nonlocal count
             count += 1
 
-        right = np.bincount(self.slot, factored.condensed.reduce(force), minlength=n)
+        own = np.bincount(self.slot, factored.condensed.reduce(force), minlength=n)
+        right = self.team.total(own)
         bound = accuracy * float(np.linalg.norm(self.assemble(force)))
         S = LinearOperator((n, n), matvec=partial(layout.multiply, factored.schur), dtype=float)
         M = LinearOperator((n, n), matvec=factored.balancing, dtype=float)
@@ -215,18 +233,22 @@ class Newton:
         options |= {"restart": RESTART, "maxiter": KRYLOV // RESTART, "callback_type": "pr_norm"}
         return gmres(S, right, **options)[0], count
 
-    def _exact_step(self, moved: np.ndarray, growth: np.ndarray, work: float) -> float:
+    def _exact_step(self, direction: np.ndarray, growth: np.ndarray, work: float) -> float:
         """Step to the least energy; what is linear counts as one more link that never slackens."""
-        curvature = float(moved @ (self.stack.stiffness @ moved))
+        curvature = self._sum(direction @ (self.stack.stiffness @ direction))
         no_bound = np.array([np.inf]) if curvature > 0.0 else np.zeros(0)
         rest = np.full(no_bound.size, curvature)
+        elastic, growth, stiffness, lower, upper = (
+            self.team.concatenate(value)
+            for value in (self.elastic, growth, self.stack.links.stiffness, self.lower, self.upper)
+        )
         return float(
             exact_step(
-                np.append(self.elastic, 0.0 * rest),
+                np.append(elastic, 0.0 * rest),
                 np.append(growth, rest),
-                np.append(self.stack.links.stiffness, rest),
-                np.append(self.lower, -no_bound),
-                np.append(self.upper, no_bound),
+                np.append(stiffness, rest),
+                np.append(lower, -no_bound),
+                np.append(upper, no_bound),
                 work,
             )
         )
@@ -237,11 +259,10 @@ class Newton:
         self.u, self.elastic = here[0] + step * direction, here[1] + step * growth
         force = self.balance().force
         self.u, self.elastic = here
-        return -float(force @ direction[self.unknown])
+        return -self._sum(force @ direction)
 
     def commit(self) -> None:
         """Take the state of the laws at the present displacement for the next step."""
-        u = self.u[self.unknown]
         for index, (joint, jump) in enumerate(zip(self.joints, self.jumps, strict=True)):
-            response = joint.law.respond((jump @ u).reshape(3, -1), self.states[index])
+            response = joint.law.respond((jump @ self.u).reshape(3, -1), self.states[index])
             self.states[index] = response.state

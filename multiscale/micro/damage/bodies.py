@@ -17,6 +17,7 @@ __all__ = [
     "Cracks",
     "Cylinders",
     "Ellipsoids",
+    "Mapped",
     "cylinders",
     "ellipsoids",
     "penny_cracks",
@@ -54,14 +55,14 @@ class Bodies(Protocol):
 
 
 @dataclass(frozen=True)
-class Ellipsoids:
-    """Ellipsoidal cavities centre + root @ w, abs(w) <= 1.
+class Mapped:
+    """Bodies centre + root @ w, abs(w) <= 1.
 
     Attributes
     ----------
     centre : ndarray, shape (n, 3)
         m.
-    root : ndarray, shape (n, 3, 3)
+    root : ndarray, shape (n, 3, 3) or, if they are flat, (n, 3, 2)
         Columns are the semi-axes, m.
     """
 
@@ -73,14 +74,18 @@ class Ellipsoids:
         """Half lengths of their boxes, m."""
         return np.asarray(np.linalg.norm(self.root, axis=2))
 
+    def take(self, index: np.ndarray, shift: np.ndarray) -> Self:
+        """Pick bodies, moved by a shift."""
+        return type(self)(self.centre[index] + shift, self.root[index])
+
+
+class Ellipsoids(Mapped):
+    """Ellipsoidal cavities."""
+
     @property
     def volume(self) -> np.ndarray:
         """Volumes, shape (n,), m³."""
         return np.asarray(4.0 / 3.0 * np.pi * np.abs(np.linalg.det(self.root)))
-
-    def take(self, index: np.ndarray, shift: np.ndarray) -> "Ellipsoids":
-        """Pick bodies, moved by a shift."""
-        return Ellipsoids(self.centre[index] + shift, self.root[index])
 
     def section(self, plane: Plane) -> "Ellipses":
         """Ellipses: in the unit ball the plane is (R^T n) . w = -d."""
@@ -178,25 +183,8 @@ class Cylinders:
         return np.asarray((across <= self.radius[k] ** 2) & (np.abs(along) <= self.half_length[k]))
 
 
-@dataclass(frozen=True)
-class Cracks:
-    """Flat elliptic cracks centre + root @ w, abs(w) <= 1.
-
-    Attributes
-    ----------
-    centre : ndarray, shape (n, 3)
-        m.
-    root : ndarray, shape (n, 3, 2)
-        Columns are the semi-axes, m.
-    """
-
-    centre: np.ndarray
-    root: np.ndarray
-
-    @property
-    def reach(self) -> np.ndarray:
-        """Half lengths of their boxes, m."""
-        return np.asarray(np.linalg.norm(self.root, axis=2))
+class Cracks(Mapped):
+    """Flat elliptic cracks."""
 
     @property
     def normal(self) -> np.ndarray:
@@ -209,10 +197,6 @@ class Cracks:
         """Areas, shape (n,), m²."""
         across = np.cross(self.root[:, :, 0], self.root[:, :, 1])
         return np.asarray(np.pi * np.linalg.norm(across, axis=1))
-
-    def take(self, index: np.ndarray, shift: np.ndarray) -> "Cracks":
-        """Pick bodies, moved by a shift."""
-        return Cracks(self.centre[index] + shift, self.root[index])
 
     def section(self, plane: Plane) -> "Ellipses":
         """Shadows on the plane, of area A abs(n . m), of the cracks that meet its slab."""

@@ -9,7 +9,7 @@ import numpy as np
 
 from multiscale.errors import CaseError
 from multiscale.io.images import VoxelImage
-from multiscale.micro.damage.bodies import Bodies, Cracks, Cylinders, Ellipsoids
+from multiscale.micro.damage.bodies import FLAT, Bodies, Cracks, Cylinders, Ellipsoids, Mapped
 
 __all__ = ["Cavities", "check_box", "crack_density_tensor", "first_overlap", "voxelise"]
 
@@ -22,7 +22,7 @@ class Cavities:
     ----------
     size : tuple of float
         Lengths along x, y and z, m.
-    bodies : sequence of Ellipsoids, Cylinders or Cracks
+    bodies : Ellipsoids, Cylinders or Cracks, or a sequence of them
         What is not solid; see :func:`~.bodies.spheres` and its siblings. They may reach out of
         the box.
     periodic : bool
@@ -51,7 +51,8 @@ class Cavities:
     def __post_init__(self) -> None:
         check_box(self.size)
         object.__setattr__(self, "size", tuple(float(length) for length in self.size))
-        object.__setattr__(self, "bodies", tuple(self.bodies))
+        alone = isinstance(self.bodies, Mapped | Cylinders)
+        object.__setattr__(self, "bodies", (self.bodies,) if alone else tuple(self.bodies))
         for kind in self.bodies:
             if self.periodic and isinstance(kind, Cylinders):
                 tilted = np.isinf(kind.half_length) & (np.abs(kind.axis).max(axis=1) < 1.0)
@@ -87,10 +88,12 @@ class Cavities:
             if self.periodic and len(centre):
                 centre = centre - size * np.floor(centre / size)
                 finite = np.where(np.isfinite(reach), reach, 0.0)  # infinite ones along an edge
-                n = np.ceil(finite.max(axis=0) / size).astype(int)
+                n = np.floor(finite.max(axis=0) / size).astype(int) + 1
                 copies = np.array(list(product(*(range(-k, k + 1) for k in n)))) * size
             place = centre[None] + copies[:, None]
-            inside = np.all((place + reach > 0.0) & (place - reach < size), axis=2)
+            inside = np.all((place + reach >= 0.0) & (place - reach <= size), axis=2)
+            # what is infinite along an edge is its own image there
+            inside &= ~np.any(np.isinf(reach)[None] & (copies[:, None] != 0.0), axis=2)
             which = np.nonzero(inside)[1]
             found.append((kind.take(which, place[inside] - kind.centre[which]), which))
         return found
@@ -117,7 +120,16 @@ def voxelise(rve: Cavities, shape: int | tuple[int, int, int]) -> VoxelImage:
     -------
     VoxelImage
         Its error in sections and stiffness falls with the size of the voxels.
+
+    Raises
+    ------
+    CaseError
+        If there are no cavities to turn, or no voxels.
     """
+    if not isinstance(rve, Cavities):
+        raise CaseError(f"voxelise takes Cavities, got {type(rve).__name__}")
+    if np.min(shape) < 1:
+        raise CaseError(f"an image needs at least one voxel along every axis, got {shape}")
     size = np.array(rve.size)
     if isinstance(shape, int):
         shape = tuple(np.maximum(1, np.rint(shape * size / size.max())).astype(int).tolist())
@@ -129,7 +141,7 @@ def voxelise(rve: Cavities, shape: int | tuple[int, int, int]) -> VoxelImage:
             thickness = 0.0
             if isinstance(kind, Cracks):
                 thickness = float(np.abs(kind.normal[k]) @ spacing)
-                reach = reach + 0.5 * thickness
+                reach = reach + 0.5 * thickness * (1.0 + FLAT)
             window = tuple(
                 slice(*np.searchsorted(x, (c - r, c + r)))
                 for x, c, r in zip(axes, centre, reach, strict=True)
@@ -213,8 +225,8 @@ def _rod(kind: Bodies, k: int) -> tuple[np.ndarray, np.ndarray, float]:
     if isinstance(kind, Cylinders):
         half = min(kind.half_length[k], 1e6 * kind.radius[k])
         return kind.centre[k], half * kind.axis[k], float(kind.radius[k])
-    roots: np.ndarray = kind.root[k]  # type: ignore[attr-defined]
-    return kind.centre[k], np.zeros(3), float(np.linalg.norm(roots, 2))
+    assert isinstance(kind, Mapped)
+    return kind.centre[k], np.zeros(3), float(np.linalg.norm(kind.root[k], 2))
 
 
 def _segment_distance(p: np.ndarray, u: np.ndarray, q: np.ndarray, v: np.ndarray) -> float:

@@ -22,7 +22,7 @@ def compare_stiffness(
     youngs_modulus: float,
     poissons_ratio: float,
     *,
-    tolerance: float = 1e-5,
+    tolerance: float = 1e-4,
 ) -> "xr.Dataset":
     """Put Young's modulus beside the damage of the worst section, for every normal.
 

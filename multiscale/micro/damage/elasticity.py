@@ -8,6 +8,7 @@ import numpy as np
 from multiscale.errors import CaseError
 
 __all__ = [
+    "drop_soft_modes",
     "hashin_shtrikman_bound",
     "isotropic_stiffness",
     "rotate_stiffness",
@@ -57,10 +58,25 @@ def youngs_modulus_along(stiffness: np.ndarray, normals: np.ndarray) -> np.ndarr
     tension = MANDEL * np.stack([n[..., i] * n[..., j] for i, j in PAIRS], axis=-1)
     values, modes = np.linalg.eigh(MANDEL[:, None] * stiffness * MANDEL)
     share = (tension @ modes) ** 2
-    lost = values <= 1e-9 * values.max()
+    lost = values <= 1e-9 * max(values.max(), 0.0)
     compliance = share[..., ~lost] @ (1.0 / values[~lost])
     carried = share[..., lost].sum(axis=-1) < 1e-9
     return np.asarray(np.where(carried, 1.0 / np.where(carried, compliance, 1.0), 0.0))
+
+
+def drop_soft_modes(stiffness: np.ndarray, limit: float) -> np.ndarray:
+    """Take the modes of strain out of a stiffness that are softer than a limit, Pa.
+
+    Returns
+    -------
+    ndarray, shape (6, 6)
+        Pa; the same if no mode is.
+    """
+    values, modes = np.linalg.eigh(MANDEL[:, None] * stiffness * MANDEL)
+    if not np.any(values < limit):
+        return stiffness
+    kept = (modes * np.where(values < limit, 0.0, values)) @ modes.T
+    return np.asarray(kept / MANDEL / MANDEL[:, None])
 
 
 def rotate_stiffness(stiffness: np.ndarray, rotation: np.ndarray) -> np.ndarray:

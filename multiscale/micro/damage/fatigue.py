@@ -20,7 +20,7 @@ __all__ = ["two_scale_fatigue", "woehler_curve"]
 
 
 def two_scale_fatigue(
-    history: np.ndarray | Block | Sequence[Block],
+    history: np.ndarray | Block | Sequence[float] | Sequence[Block],
     material: FatigueMaterial,
     *,
     jump_tolerance: float | None = 0.02,
@@ -31,7 +31,7 @@ def two_scale_fatigue(
 
     Parameters
     ----------
-    history : ndarray, Block or sequence of Block
+    history : ndarray, sequence of float, Block or sequence of Block
         Macro stress: one cycle, see :class:`Block`, repeated for ever; or blocks one after the
         other, which are repeated as a whole.
     material : FatigueMaterial
@@ -43,8 +43,8 @@ def two_scale_fatigue(
     max_cycles : float
         Where the run ends at the latest.
     substeps : int
-        Steps for the plastic part of each straight piece. One is exact while the stress keeps
-        its direction and the energy of damage is quadratic in it.
+        Steps for the plastic part of each straight piece. The flow is exact in one; that damage
+        changes the stress, and its law, are of second order in them.
 
     Returns
     -------
@@ -73,12 +73,7 @@ def two_scale_fatigue(
             f"max_cycles and substeps must be at least 1, got {max_cycles:g} and {substeps}"
         )
     begin = perf_counter()
-    blocks = [history] if isinstance(history, Block) else history
-    program = (
-        [Block(blocks, 1)]
-        if isinstance(blocks, np.ndarray)
-        else [block if isinstance(block, Block) else Block(block) for block in blocks]
-    )
+    program = _program(history)
     if not program:
         raise CaseError("the history holds no block; give at least one")
     life = _Life(program, material, jump_tolerance, substeps)
@@ -149,6 +144,20 @@ def woehler_curve(
     names = ("cycles_to_initiation", "cycles_to_rupture", "run_out", "converged", "wall_time")
     values = {name: np.array([life[name].item() for life in lives]) for name in names}
     return WOEHLER.build({"amplitude": amplitudes, **values}, stress_ratio=stress_ratio)
+
+
+def _program(history: np.ndarray | Block | Sequence[float] | Sequence[Block]) -> list[Block]:
+    """Blocks of a history, of which a single path is one."""
+    if isinstance(history, Block):
+        return [history]
+    if isinstance(history, Sequence) and all(isinstance(part, Block) for part in history):
+        return [part for part in history if isinstance(part, Block)]
+    try:
+        return [Block(np.asarray(history, dtype=float))]
+    except (TypeError, ValueError) as error:
+        raise CaseError(
+            f"a history is one path of numbers or a list of Blocks, got {history!r}"
+        ) from error
 
 
 @dataclass(frozen=True)

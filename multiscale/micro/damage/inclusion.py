@@ -14,6 +14,19 @@ so that the effective stress :math:`\tilde\sigma = E : (\varepsilon^\mu - \varep
     \tilde s = \frac{s - 2G(1-b)\, \varepsilon^{p\mu}}{1 - bD}, \qquad
     \tilde\sigma_H = \frac{\sigma_H}{1 - aD}.    \tag{1}
 
+To derive it, let an eigenstrain :math:`e` in the sound material take the place of damage and flow:
+
+.. math::
+    (1-D)\, E : (\varepsilon^\mu - \varepsilon^{p\mu}) = E : (\varepsilon^\mu - e), \qquad
+    \varepsilon^\mu = \varepsilon + S : e,
+
+where Eshelby's tensor S of a ball multiplies a dilatation by a and a deviator by b. Then
+:math:`e = D \varepsilon^\mu + (1-D) \varepsilon^{p\mu}`, the deviator of the strain is
+:math:`[\varepsilon' + b(1-D)\varepsilon^{p\mu}]/(1-bD)` and its trace
+:math:`\mathrm{tr}\,\varepsilon/(1-aD)`; for D = 1 that is the dilatation of a spherical void,
+:math:`3(1-\nu)/(2(1-2\nu))` times that of the volume (Lamé), which
+:math:`1 + aD` in place of :math:`1 - aD` would miss.
+
 It yields at the fatigue limit with linear kinematic hardening and is damaged beyond a threshold:
 
 .. math::
@@ -22,12 +35,17 @@ It yields at the fatigue limit with linear kinematic hardening and is damaged be
     \dot X = \tfrac23 C (1-D)\, \dot\varepsilon^{p\mu}, \quad
     \dot D = (Y/S)^s\, \dot p \;\; (p > p_D).    \tag{2}
 
-Along a straight stress path with D frozen a step beyond the yield surface comes back by
+Along a straight stress path with D frozen, :math:`\xi = \tilde s - X` on the yield surface turns
+towards the direction d of the path. With the angle :math:`\theta` between them in the metric of
+Mises, a step of the size :math:`A = (\Delta s)_{eq} / (1 - bD)` has the exact solution
 
-.. math:: \Delta p = \big[(\tilde s^* - X)_{eq} - \sigma_f\big] / K, \qquad
+.. math::
+    \tan\tfrac{\theta_1}{2} = e^{-A/\sigma_f} \tan\tfrac{\theta_0}{2}, \qquad
+    K\, \Delta p = A + \sigma_f \ln \frac{1 + \cos\theta_0}{1 + \cos\theta_1}, \qquad
     K = \frac{3G(1-b)}{1 - bD} + C (1-D),    \tag{3}
 
-exactly if the flow keeps its direction. With the factor :math:`h` of crack closure
+as for the perfectly plastic solid of [1]_; the flow follows from what of the step is not in
+:math:`\xi`. With the factor :math:`h` of crack closure
 
 .. math::
     Y = \frac{1+\nu}{2E} \Big[ \langle\tilde\sigma\rangle_+^2
@@ -35,12 +53,17 @@ exactly if the flow keeps its direction. With the factor :math:`h` of crack clos
     - \frac{\nu}{2E} \Big[ \langle \mathrm{tr}\,\tilde\sigma \rangle_+^2
     + h k\, \langle -\mathrm{tr}\,\tilde\sigma \rangle_+^2 \Big], \quad
     k = \Big(\frac{1-D}{1-hD}\Big)^2 .    \tag{4}
+
+References
+----------
+.. [1] R. D. Krieg and D. B. Krieg, J. Pressure Vessel Technol. 99 (1977) 510-515,
+   doi:10.1115/1.3454568.
 """
 
 import numba
 import numpy as np
 
-__all__ = ["SIZE", "run_cycles"]
+__all__ = ["SIZE", "effective_stress", "run_cycles"]
 
 SIZE = 20
 """Length of the state: D, p, plastic strain (6), back stress (6), last macro stress (6)."""
@@ -100,7 +123,7 @@ def _straight(state, target, material, substeps):  # type: ignore[no-untyped-def
     b = 2.0 * (4.0 - 5.0 * nu) / (15.0 * (1.0 - nu))
     start = state[14:].copy()
     begin = 0.0
-    xi, change, middle = np.empty(6), np.empty(6), np.empty(6)
+    xi, change, middle, flow = np.empty(6), np.empty(6), np.empty(6), np.empty(6)
     mean, mean_change = np.sum(start[:3]) / 3.0, np.sum(target[:3] - start[:3]) / 3.0
     loss = 1.0 - b * state[0] * material[FEEDBACK]
     for i in range(6):
@@ -119,25 +142,24 @@ def _straight(state, target, material, substeps):  # type: ignore[no-untyped-def
         begin = min(max(begin, 0.0), 1.0)
     # deviator and mean of the effective stress where the step starts, for the energy
     old = np.empty(6)
-    _effective(state, start, target, begin, material, shear, b, old)
+    effective_stress(state, start, target, begin, material, shear, b, old)
     new = np.empty(6)
     for step in range(substeps):
         t = begin + (1.0 - begin) * (step + 1.0) / substeps
         feedback = state[0] * material[FEEDBACK]
-        _effective(state, start, target, t, material, shear, b, new)
-        mean = (new[0] + new[1] + new[2]) / 3.0
+        effective_stress(state, start, target, t, material, shear, b, new)
+        mean, mean_change = np.sum(old[:3]) / 3.0, np.sum(new[:3] - old[:3]) / 3.0
         for i in range(6):
-            xi[i] = new[i] - (mean if i < 3 else 0.0) - state[8 + i]
-        size = _equivalent(xi)
-        if size > limit:
+            xi[i] = old[i] - (mean if i < 3 else 0.0) - state[8 + i]
+            change[i] = new[i] - old[i] - (mean_change if i < 3 else 0.0)
+        if _equivalent(xi + change) > limit:
             K = 3.0 * shear * (1.0 - b) / (1.0 - b * feedback)
             K += material[HARDENING] * (1.0 - feedback)
-            dp = (size - limit) / K  # (3)
+            dp = _turn(xi, change, limit, K, flow)
             for i in range(6):
-                flow = 1.5 * xi[i] / size * dp
-                state[2 + i] += flow
-                state[8 + i] += 2.0 / 3.0 * material[HARDENING] * (1.0 - feedback) * flow
-                new[i] -= 2.0 * shear * (1.0 - b) / (1.0 - b * feedback) * flow
+                state[2 + i] += flow[i]
+                state[8 + i] += 2.0 / 3.0 * material[HARDENING] * (1.0 - feedback) * flow[i]
+                new[i] -= 2.0 * shear * (1.0 - b) / (1.0 - b * feedback) * flow[i]
             before = state[1]
             state[1] += dp
             active = min(dp, state[1] - material[THRESHOLD])
@@ -159,6 +181,26 @@ def _straight(state, target, material, substeps):  # type: ignore[no-untyped-def
 
 
 @numba.njit(cache=True, error_model="numpy")
+def _turn(xi, change, limit, K, flow):  # type: ignore[no-untyped-def]
+    """Solve a step (3) from the yield surface; return the plastic strain, and its tensor."""
+    size = _equivalent(xi)
+    if size > 0.0:  # rounding, and damage since the last step, have moved it off the surface
+        change += (1.0 - limit / size) * xi
+        xi *= limit / size
+    A = _equivalent(change)
+    start = max(_product(xi, change) / (limit * A), -1.0 + 1e-12)
+    fade = np.exp(-A / limit)
+    half = fade * fade * (1.0 - start) / (1.0 + start)  # square of the tangent
+    end = (1.0 - half) / (1.0 + half)
+    kept = fade * (1.0 + end) / (1.0 + start)
+    for i in range(6):
+        ahead = limit * change[i] / A
+        moved = end * ahead + kept * (xi[i] - start * ahead) - xi[i]
+        flow[i] = 1.5 / K * (change[i] - moved)
+    return (A + limit * np.log((1.0 + start) / (1.0 + end))) / K
+
+
+@numba.njit(cache=True, error_model="numpy")
 def _product(x, y):  # type: ignore[no-untyped-def]
     """Inner product that belongs to the norm of Mises."""
     direct = x[0] * y[0] + x[1] * y[1] + x[2] * y[2]
@@ -166,7 +208,7 @@ def _product(x, y):  # type: ignore[no-untyped-def]
 
 
 @numba.njit(cache=True, error_model="numpy")
-def _effective(state, start, target, t, material, shear, b, out):  # type: ignore[no-untyped-def]
+def effective_stress(state, start, target, t, material, shear, b, out):  # type: ignore[no-untyped-def]
     """Effective stress (1) at a share of a straight path."""
     nu, D = material[NU], state[0] * material[FEEDBACK]
     a = (1.0 + nu) / (3.0 * (1.0 - nu))

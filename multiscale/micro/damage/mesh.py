@@ -4,16 +4,19 @@ import signal
 import threading
 from collections.abc import Iterator
 from contextlib import contextmanager
-from dataclasses import dataclass
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
 
 from multiscale.errors import CaseError
-from multiscale.micro.damage.bodies import Bodies, Cracks, Cylinders, Ellipsoids
+from multiscale.micro.damage.bodies import FLAT, Bodies, Cracks, Cylinders, Ellipsoids
 from multiscale.micro.damage.cavities import Cavities
+from multiscale.micro.damage.crack_faces import CrackedMesh, open_cracks
+from multiscale.micro.damage.plane import Plane
+from multiscale.micro.damage.sections import box_polygon
 
-__all__ = ["CrackedMesh", "mesh_cavities"]
+__all__ = ["mesh_cavities"]
 
 FRONT = 0.15
 """Size of the elements at the front of a crack over its smaller semi-axis."""
@@ -23,45 +26,26 @@ ROUND = 14
 """Elements around a full circle of a cavity, at least."""
 
 
-@dataclass(frozen=True)
-class CrackedMesh:
-    """Tetrahedra of a volume whose cracks are open.
-
-    Attributes
-    ----------
-    points : ndarray, shape (3, n)
-        Corners, m; on a crack there are two at one place.
-    cells : ndarray of int, shape (4, elements)
-        Corners of the elements.
-    front : ndarray of int
-        Corners on the fronts of cracks.
-    """
-
-    points: np.ndarray
-    cells: np.ndarray
-    front: np.ndarray
-
-
 def mesh_cavities(rve: Cavities, element_size: float) -> CrackedMesh:
     """Mesh the solid of a periodic volume, opposite faces alike.
 
     Parameters
     ----------
     rve : Cavities
-        Ellipsoids and cylinders may reach through the faces of the box; cracks lie inside it.
+        Bodies may reach through the faces of the box, and cracks may meet.
     element_size : float
         Edge of the elements, m; smaller at the fronts of cracks.
 
     Returns
     -------
     CrackedMesh
-        Corners on flat cracks are doubled, but not on their fronts.
+        Both sides of a flat crack have corners of their own, but not on its front.
 
     Raises
     ------
     CaseError
-        If a crack reaches a face, the element size is not positive, the solid cannot be meshed,
-        or gmsh cannot be loaded.
+        If the element size is not positive or too large for the cracks, a crack lies in a face of
+        the box, the solid cannot be meshed, or gmsh cannot be loaded.
     """
     if not (element_size > 0.0 and np.isfinite(element_size)):
         raise CaseError(f"element_size must be positive (m), got {element_size:g}")
@@ -80,14 +64,11 @@ def mesh_cavities(rve: Cavities, element_size: float) -> CrackedMesh:
                 f"gmsh could not mesh the volume ({str(error).splitlines()[0]}); change "
                 f"element_size or move bodies that nearly touch"
             ) from error
-        points, cells, number = _arrays(gmsh)
-        cracks = [kind for kind in rve.images if isinstance(kind, Cracks)]
-        normals = np.concatenate([np.empty((0, 3)), *(kind.normal for kind in cracks)])
-        fronts = [np.empty(0, dtype=int)]
-        for (surface, _), normal in zip(discs, normals, strict=True):
-            fronts.append(_front(gmsh, number, surface))
-            points, cells = _open_crack(gmsh, points, cells, number, surface, normal)
-    return CrackedMesh(length * points, cells, np.concatenate(fronts))
+        points, cells, facets = _arrays(gmsh, [surface for surface, _ in discs])
+    mesh = open_cracks(points, cells, facets, np.array(rve.size) / length)
+    if facets.size and mesh.points.shape[1] == points.shape[1]:
+        raise CaseError("no crack has a node inside it; make element_size smaller than the cracks")
+    return replace(mesh, points=length * mesh.points)
 
 
 @contextmanager
@@ -118,44 +99,78 @@ def _model() -> Iterator[Any]:
 
 
 def _check_cracks(rve: Cavities) -> None:
-    """Refuse cracks that reach a face of the box."""
-    for kind in rve.bodies:
+    """Refuse cracks that lie in a face of the box."""
+    for kind in rve.images:
         if isinstance(kind, Cracks):
-            low, high = kind.centre - kind.reach, kind.centre + kind.reach
-            out = np.any((low <= 0.0) | (high >= rve.size), axis=1)
-            if out.any():
+            flat = kind.reach < FLAT * kind.reach.max(axis=1, keepdims=True)
+            on = np.minimum(np.abs(kind.centre), np.abs(kind.centre - rve.size))
+            if np.any(flat & (on < FLAT * np.array(rve.size))):
                 raise CaseError(
-                    f"crack {int(np.argmax(out))} reaches a face of the box; shift the volume so "
-                    f"that cracks lie inside, or use a voxel image"
+                    "a crack lies in a face of the box; shift all bodies, which changes nothing "
+                    "in a periodic volume"
                 )
 
 
 def _geometry(gmsh: Any, rve: Cavities, length: float) -> list[tuple[int, list[int]]]:
-    """Build the solid; return surface and front curves of each crack."""
+    """Build the solid; return the surfaces of cracks, each with its curves inside the box."""
     occ = gmsh.model.occ
     box = (3, occ.addBox(0.0, 0.0, 0.0, *(np.array(rve.size) / length)))
     tools: list[tuple[int, int]] = []
     discs: list[tuple[int, int]] = []
     for kind in rve.images:
-        for k in range(len(kind.centre)):
-            if isinstance(kind, Cracks):
-                discs.append((2, _disc(occ, kind, k, length)))
-            else:
-                tools.append((3, _solid(occ, kind, k, length, rve)))
+        if isinstance(kind, Cracks):
+            discs += [(2, _disc(occ, kind, k, length)) for k in _visible(kind, np.array(rve.size))]
+        else:
+            count = range(len(kind.centre))
+            tools += [(3, _solid(occ, kind, k, length, rve)) for k in count]
     solid = occ.cut([box], tools)[0] if tools else [box]
     if not solid:
         raise CaseError("the cavities leave no solid; make them smaller")
-    surfaces = []
-    if discs:
-        _, origin = occ.fragment(solid, discs)
-        surfaces = list(origin[len(solid) :])
-        if any(len(parts) != 1 for parts in surfaces):
-            raise CaseError("cracks meet each other or a cavity; move them apart to mesh them")
+    parts = occ.intersect(discs, solid, removeTool=False)[0] if discs else []
+    if parts:
+        _, origin = occ.fragment(solid, parts)
+        parts = list(dict.fromkeys(piece for pieces in origin[len(solid) :] for piece in pieces))
     occ.synchronize()
+    box_size = np.array(rve.size) / length
     return [
-        (parts[0][1], [tag for _, tag in gmsh.model.getBoundary(parts, oriented=False)])
-        for parts in surfaces
+        (
+            surface,
+            [
+                curve
+                for _, curve in gmsh.model.getBoundary([(2, surface)], oriented=False)
+                if not _on_face(gmsh, curve, box_size)
+            ],
+        )
+        for _, surface in parts
     ]
+
+
+def _visible(cracks: Cracks, size: np.ndarray) -> list[int]:
+    """Leave out cracks that lie in one that goes through the whole box."""
+    normal, centre = cracks.normal, cracks.centre
+    visible: list[int] = []
+    whole = np.zeros(len(centre), dtype=bool)
+    for k, root in enumerate(cracks.root):
+        plane = Plane.through(centre[k], normal[k])
+        corners = np.linalg.pinv(root) @ (box_polygon(plane, size) @ plane.frame).T
+        whole[k] = np.all(np.linalg.norm(corners, axis=0) <= 1.0)
+    for k in np.argsort(~whole, kind="stable"):
+        others = [j for j in visible if whole[j]]
+        parallel = np.abs(normal[others] @ normal[k]) > 1.0 - FLAT
+        away = np.abs((centre[others] - centre[k]) @ normal[k])
+        if not np.any(parallel & (away < FLAT * size.max())):
+            visible.append(int(k))
+    return visible
+
+
+def _on_face(gmsh: Any, curve: int, size: np.ndarray) -> bool:
+    """Whether a curve lies in a face of the box."""
+    box = np.array(gmsh.model.getBoundingBox(1, curve)).reshape(2, 3)
+    margin = 1e-6  # gmsh's boxes are wider than the curve by 1e-7
+    return bool(
+        np.any(np.all(np.abs(box) < margin, axis=0))
+        or np.any(np.all(np.abs(box - size) < margin, axis=0))
+    )
 
 
 def _solid(occ: Any, kind: Bodies, k: int, length: float, rve: Cavities) -> int:
@@ -227,15 +242,16 @@ def _sizes(
     gmsh.option.setNumber("Mesh.MeshSizeMax", element_size)
     gmsh.option.setNumber("Mesh.MeshSizeFromCurvature", ROUND)
     gmsh.option.setNumber("Mesh.Algorithm3D", 1)
-    if not discs:
-        return
     axes = [
         np.linalg.norm(kind.root, axis=1).min() for kind in rve.bodies if isinstance(kind, Cracks)
     ]
+    curves = [tag for _, front in discs for tag in front]
+    if not curves:
+        return
     smallest = float(min(axes)) / length
     field = gmsh.model.mesh.field
     distance, threshold = field.add("Distance"), field.add("Threshold")
-    field.setNumbers(distance, "CurvesList", [tag for _, front in discs for tag in front])
+    field.setNumbers(distance, "CurvesList", curves)
     field.setNumber(distance, "Sampling", 200)
     field.setNumber(threshold, "InField", distance)
     field.setNumber(threshold, "SizeMin", min(element_size, FRONT * smallest))
@@ -245,42 +261,14 @@ def _sizes(
     field.setAsBackgroundMesh(threshold)
 
 
-def _arrays(gmsh: Any) -> tuple[np.ndarray, np.ndarray, dict[int, int]]:
-    """Return points, cells and the number of the point that each node of gmsh became."""
+def _arrays(gmsh: Any, surfaces: list[int]) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Points, cells, and the triangles on some surfaces."""
     tags, coordinates, _ = gmsh.model.mesh.getNodes()
     kinds, _, nodes = gmsh.model.mesh.getElements(3)
     corners = next(n for kind, n in zip(kinds, nodes, strict=True) if kind == 4).reshape(-1, 4)
     used = np.unique(corners)
-    number = {int(tag): k for k, tag in enumerate(used)}
     order = np.searchsorted(np.sort(tags), used)
     points = coordinates.reshape(-1, 3)[np.argsort(tags)][order].T
-    return points, np.searchsorted(used, corners).T.copy(), number
-
-
-def _front(gmsh: Any, number: dict[int, int], surface: int) -> np.ndarray:
-    """Corners on the edge of a crack."""
-    inside, _, _ = gmsh.model.mesh.getNodes(2, surface, includeBoundary=False)
-    whole, _, _ = gmsh.model.mesh.getNodes(2, surface, includeBoundary=True)
-    return np.array([number[int(tag)] for tag in np.setdiff1d(whole, inside)], dtype=int)
-
-
-def _open_crack(
-    gmsh: Any,
-    points: np.ndarray,
-    cells: np.ndarray,
-    number: dict[int, int],
-    surface: int,
-    normal: np.ndarray,
-) -> tuple[np.ndarray, np.ndarray]:
-    """Double the corners inside a crack and give the copies to the elements above it."""
-    inside, _, _ = gmsh.model.mesh.getNodes(2, surface, includeBoundary=False)
-    doubled = np.array([number[int(tag)] for tag in inside], dtype=int)
-    if doubled.size == 0:
-        raise CaseError("a crack has no node inside it; make element_size smaller than the crack")
-    copy = np.arange(points.shape[1])
-    copy[doubled] = points.shape[1] + np.arange(doubled.size)
-    touching = np.isin(cells, doubled)
-    centre = points[:, cells].mean(axis=1)
-    above = normal @ (centre - points[:, doubled[:1]]) > 0.0
-    cells = np.where(touching & above, copy[cells], cells)
-    return np.hstack([points, points[:, doubled]]), cells
+    triangles = [gmsh.model.mesh.getElements(2, surface)[2][0] for surface in surfaces]
+    facets = np.concatenate([np.empty(0, dtype=used.dtype), *triangles]).reshape(-1, 3)
+    return points, np.searchsorted(used, corners).T.copy(), np.searchsorted(used, facets).T.copy()

@@ -14,7 +14,8 @@ from time import perf_counter
 from typing import TYPE_CHECKING
 
 import numpy as np
-from scipy.sparse import block_diag, csr_array
+from scipy.sparse import block_diag, coo_array, csr_array
+from scipy.sparse.csgraph import connected_components
 
 from multiscale.convergence import Solution, Status
 from multiscale.errors import CaseError
@@ -22,8 +23,9 @@ from multiscale.linalg import factorise
 from multiscale.micro.assembly import assemble_elasticity
 from multiscale.micro.damage.bodies import Cylinders, Ellipsoids
 from multiscale.micro.damage.cavities import Cavities
+from multiscale.micro.damage.crack_faces import CrackedMesh
 from multiscale.micro.damage.mesh import mesh_cavities
-from multiscale.micro.damage.rve import check_elastic, summarise_loads
+from multiscale.micro.damage.rve import LOST, check_elastic, summarise_loads
 
 if TYPE_CHECKING:
     from skfem import CellBasis, MeshTet
@@ -67,26 +69,34 @@ def mesh_stiffness(
         If a modulus is outside its range or the volume cannot be meshed.
     """
     begin = perf_counter()
+    if not isinstance(rve, Cavities):
+        raise CaseError(
+            f"mesh_stiffness takes Cavities, got {type(rve).__name__}; effective_stiffness takes "
+            f"voxel images"
+        )
     lame, shear = check_elastic(youngs_modulus, poissons_ratio)
     if not rve.periodic:
         raise CaseError("the stiffness needs a periodic volume; set periodic=True")
-    basis = _basis(rve, element_size, quadratic)
+    mesh = mesh_cavities(rve, element_size)
+    basis = _basis(mesh, rve, quadratic)
     stiffness = assemble_elasticity(basis, lame, shear)
 
     points = basis.doflocs
-    image = _images(points, np.array(rve.size))
-    kept, number = np.unique(image, return_inverse=True)
-    one = csr_array((np.ones(basis.N), (np.arange(basis.N), number)), shape=(basis.N, kept.size))
+    number = _unknowns(basis, mesh, np.array(rve.size))
+    count = int(number.max()) + 1
+    one = csr_array((np.ones(basis.N), (np.arange(basis.N), number)), shape=(basis.N, count))
     place = csr_array(block_diag([one, one, one]))
-    pinned = np.arange(3) * kept.size
-    free = np.setdiff1d(np.arange(3 * kept.size), pinned)
+    pieces = connected_components(one.T @ stiffness[: basis.N, : basis.N] @ one)[1]
+    held = np.unique(pieces, return_index=True)[1]  # no piece moves as a whole
+    pinned = np.concatenate([held + axis * count for axis in range(3)])
+    free = np.setdiff1d(np.arange(3 * count), pinned)
 
     linear = np.stack([(_tensor(k) @ points).ravel() for k in range(6)], axis=1)
     periodic = csr_array(place.T @ stiffness @ place)
     load = -(place.T @ (stiffness @ linear))
     matrix = periodic[free][:, free]
     solve = factorise(matrix, name="the stiffness of the volume")
-    w = np.zeros((3 * kept.size, 6))
+    w = np.zeros((3 * count, 6))
     w[free] = solve(load[free])
     u = linear + place @ w
     energy = u.T @ (stiffness @ u) / np.prod(rve.size)
@@ -103,14 +113,14 @@ def mesh_stiffness(
         )
         for k in range(6)
     ]
-    return summarise_loads(youngs_modulus * 0.5 * (energy + energy.T), loads, youngs_modulus)
+    symmetric = 0.5 * youngs_modulus * (energy + energy.T)
+    return summarise_loads(symmetric, loads, LOST * youngs_modulus)
 
 
-def _basis(rve: Cavities, element_size: float, quadratic: bool) -> "CellBasis":
-    """Mesh the volume and choose the elements."""
+def _basis(mesh: CrackedMesh, rve: Cavities, quadratic: bool) -> "CellBasis":
+    """Choose the elements."""
     from skfem import Basis, ElementTetP1, ElementTetP2, MeshTet
 
-    mesh = mesh_cavities(rve, element_size)
     tetrahedra = MeshTet(
         np.ascontiguousarray(mesh.points), np.ascontiguousarray(mesh.cells), validate=False
     )
@@ -163,21 +173,24 @@ def _tensor(k: int) -> np.ndarray:
     return strain
 
 
-def _images(points: np.ndarray, size: np.ndarray) -> np.ndarray:
-    """Return the node that stands for each node: itself, or its image on the low sides."""
+def _unknowns(basis: "CellBasis", mesh: CrackedMesh, size: np.ndarray) -> np.ndarray:
+    """Return the number of the periodic unknown of every node.
+
+    Nodes are one if they are one place of the periodic volume and lie between corners that move
+    alike; a random coordinate for each such corner tells the sides of a crack.
+    """
     from scipy.spatial import KDTree
 
-    place = points.copy()
-    for k in range(3):
-        place[k, np.abs(points[k] - size[k]) < 1e-7 * size[k]] -= size[k]
-    moved = np.flatnonzero(np.any(place != points, axis=0))
-    image = np.arange(points.shape[1])
-    low = np.flatnonzero(np.any(np.abs(points) < 1e-7 * size[:, None], axis=0))
-    distance, partner = KDTree(points[:, low].T).query(place[:, moved].T)
-    if np.max(distance, initial=0.0) > 1e-5 * float(size.max()):
-        raise CaseError(
-            "gmsh meshed opposite faces of the volume differently; change element_size or move "
-            "bodies that only just reach a face"
-        )
-    image[moved] = low[partner]
-    return image
+    tag = np.random.default_rng(seed=0).uniform(size=mesh.periodic.max() + 1)[mesh.periodic]
+    nodes = basis.doflocs.shape[1]
+    between = np.zeros(nodes)
+    corners = basis.mesh.t
+    between[basis.element_dofs[:4]] = tag[corners]
+    if nodes > tag.size:
+        edges = basis.mesh.edges[:, basis.mesh.t2e]
+        between[basis.element_dofs[4:]] = tag[edges].mean(axis=0)
+    place = np.vstack([basis.doflocs / size[:, None], between])
+    place[:3] -= place[:3] > 1.0 - 1e-7
+    pairs = KDTree(place.T).query_pairs(1e-6, output_type="ndarray")
+    graph = coo_array((np.ones(len(pairs)), tuple(pairs.T)), shape=(nodes, nodes))
+    return np.asarray(connected_components(graph, directed=False)[1])

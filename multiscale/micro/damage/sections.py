@@ -26,7 +26,7 @@ from multiscale.schema import DAMAGE_SECTIONS
 if TYPE_CHECKING:
     import xarray as xr
 
-__all__ = ["max_damage", "plane_damage"]
+__all__ = ["box_polygon", "max_damage", "plane_damage"]
 
 QUANTILES = (0.5, 0.9, 0.95, 0.99)
 """Quantiles of the damage over all sections that are reported."""
@@ -80,6 +80,7 @@ def plane_damage(
     >>> float(plane_damage(rve, (0, 0, 1)).round(5))
     0.28274
     """
+    _check_volume(rve)
     direction = _unit(normal)
     if not (slab >= 0.0 and np.isfinite(slab)):
         raise CaseError(f"the slab must have a thickness of at least 0 (m), got {slab:g}")
@@ -129,6 +130,7 @@ def max_damage(
     CaseError
         As :func:`plane_damage`, or if an option is out of range.
     """
+    _check_volume(rve)
     if sections < 1 or level < 0 or not 0.0 <= smallest_section < 1.0:
         raise CaseError(
             f"sections must be at least 1, level at least 0 and smallest_section from 0 to below "
@@ -201,7 +203,7 @@ def _analytic_sections(
     through = Plane.through(0.5 * size, normal, slab)
     for k, distance in enumerate(distances):
         plane = replace(through, origin=0.5 * size + distance * normal)
-        polygon = _polygon(plane, size)
+        polygon = box_polygon(plane, size)
         if len(polygon) > 2:
             x, y = polygon.T
             area[k] = 0.5 * float(x @ np.roll(y, -1) - y @ np.roll(x, -1))
@@ -210,8 +212,11 @@ def _analytic_sections(
     return lost, area
 
 
-def _polygon(plane: Plane, size: np.ndarray) -> np.ndarray:
-    """Corners of the section of a box, anticlockwise in the plane's coordinates, m."""
+def box_polygon(plane: Plane, size: np.ndarray) -> np.ndarray:
+    """Corners of the section of a box, shape (n, 2), m.
+
+    Anticlockwise in the coordinates of the plane, and empty if the plane misses the box.
+    """
     corners = np.array([[i, j, k] for i in (0, 1) for j in (0, 1) for k in (0, 1)]) * size
     height = (corners - plane.origin) @ plane.normal
     start, end = np.array([(a, a | bit) for bit in (1, 2, 4) for a in range(8) if not a & bit]).T
@@ -316,6 +321,15 @@ def _refine(
         if -found.fun > best[0]:
             best = (float(-found.fun), *plane(found.x))
     return best
+
+
+def _check_volume(rve: object) -> None:
+    """Refuse what is no volume, such as a bare array."""
+    if not isinstance(rve, Cavities | VoxelImage):
+        raise CaseError(
+            f"sections are of Cavities or of a VoxelImage, got {type(rve).__name__}; an array "
+            f"becomes one by VoxelImage(array, size) with its size (m)"
+        )
 
 
 def _unit(normal: np.ndarray | Sequence[float]) -> np.ndarray:

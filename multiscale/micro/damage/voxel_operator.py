@@ -18,11 +18,13 @@ and the edges h and volume V of a brick,
 Displacements and forces have the shape ``(3, nx, ny, nz)``.
 """
 
+from collections.abc import Sequence
+
 import numba
 import numpy as np
 from scipy import fft
 
-__all__ = ["VoxelOperator"]
+__all__ = ["VoxelOperator", "inner", "step", "turn"]
 
 
 class VoxelOperator:
@@ -32,12 +34,12 @@ class VoxelOperator:
     ----------
     lame, shear : ndarray, shape (nx, ny, nz)
         Lame's parameters of the bricks, Pa; both zero in a void.
-    spacing : tuple of float
-        Edges of a brick, m.
+    spacing : sequence of float
+        Edges of a brick along x, y and z, m.
     """
 
     def __init__(
-        self, lame: np.ndarray, shear: np.ndarray, spacing: tuple[float, float, float]
+        self, lame: np.ndarray, shear: np.ndarray, spacing: Sequence[float] | np.ndarray
     ) -> None:
         self.lame = np.ascontiguousarray(lame, dtype=float)
         self.shear = np.ascontiguousarray(shear, dtype=float)
@@ -63,7 +65,10 @@ class VoxelOperator:
         return np.asarray(total.sum(axis=0) / self.lame.size)
 
     def precondition(self, force: np.ndarray) -> np.ndarray:
-        """Displacement, m, of the same box filled with the mean material under forces, N."""
+        """Displacement, m, of the same box filled with the mean material under forces, N.
+
+        In the precision of the forces.
+        """
         threads = numba.get_num_threads()
         values = fft.rfftn(force, axes=(1, 2, 3), workers=threads)
         along_x, along_y, along_z = self._tables
@@ -72,6 +77,45 @@ class VoxelOperator:
         return np.asarray(
             fft.irfftn(values, s=force.shape[1:], axes=(1, 2, 3), workers=threads, overwrite_x=True)
         )
+
+
+def inner(a: np.ndarray, b: np.ndarray) -> float:
+    """Sum of products of two fields of any precision."""
+    return float(_inner(a.ravel(), b.ravel()))
+
+
+def step(
+    share: float, p: np.ndarray, q: np.ndarray, u: np.ndarray, r: np.ndarray, rough: np.ndarray
+) -> None:
+    """Move u by share * p and r by -share * q in place; ``rough`` becomes r in its precision."""
+    _step(share, *(field.ravel() for field in (p, q, u, r, rough)))
+
+
+def turn(share: float, z: np.ndarray, p: np.ndarray) -> None:
+    """Make p the direction z + share * p, in place."""
+    _turn(share, z.ravel(), p.ravel())
+
+
+@numba.njit(parallel=True, cache=True, error_model="numpy")
+def _inner(a, b):  # type: ignore[no-untyped-def]
+    total = 0.0
+    for i in numba.prange(len(a)):
+        total += a[i] * b[i]
+    return total
+
+
+@numba.njit(parallel=True, cache=True, error_model="numpy")
+def _step(share, p, q, u, r, rough):  # type: ignore[no-untyped-def]
+    for i in numba.prange(len(p)):
+        u[i] += share * p[i]
+        r[i] -= share * q[i]
+        rough[i] = r[i]
+
+
+@numba.njit(parallel=True, cache=True, error_model="numpy")
+def _turn(share, z, p):  # type: ignore[no-untyped-def]
+    for i in numba.prange(len(p)):
+        p[i] = z[i] + share * p[i]
 
 
 @numba.njit(cache=True, fastmath=True, error_model="numpy")

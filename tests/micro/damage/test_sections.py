@@ -188,6 +188,23 @@ def test_coplanar_penny_cracks():
     assert float(worst["maximum_damage"]) == pytest.approx(3 * np.pi * 0.15**2, abs=1e-9)
 
 
+def test_an_endless_cylinder_counts_once_beside_short_ones():
+    length = np.array([np.inf, 0.4])
+    rve = Cavities(CUBE, [cylinders([[0.5, 0.3, 0.5], [0.5, 0.7, 0.9]], (0, 0, 1), 0.1, length)])
+    assert [len(kind.centre) for kind in rve.images] == [3]  # the short one comes in again below
+    found = plane_damage(rve, (0, 0, 1), [0.0, 0.45, -0.45])
+    assert found == pytest.approx(np.pi * 0.01 * np.array([1.0, 2.0, 2.0]), rel=1e-12)
+    assert plane_damage(rve, (0, 1, 0), -0.2) == pytest.approx(0.2, rel=1e-9)
+
+
+def test_a_crack_in_a_face_of_the_periodic_box_counts_once():
+    rve = Cavities(CUBE, [penny_cracks([[0.5, 0.5, 1.0]], (0, 0, 1), 0.3)])
+    area = np.pi * 0.3**2
+    assert plane_damage(rve, (0, 0, 1), -0.5) == pytest.approx(area, abs=1e-12)
+    assert plane_damage(rve, (0, 0, 1), [-0.5, 0.5], closed=True) == pytest.approx(area)
+    assert voxelise(rve, 50).void.mean() * 50 == pytest.approx(area, rel=0.03)
+
+
 def test_the_shadow_of_a_crack_falls_with_the_cosine():
     rve = Cavities((9.0, 9.0, 9.0), [penny_cracks([[4.5, 4.5, 4.5]], (0, 0, 1), 0.5)])
     for angle in (0.1, 0.7, 1.4):
@@ -335,6 +352,9 @@ def test_a_packing_does_not_overlap_and_has_the_porosity():
         (lambda: VoxelImage(np.zeros((4, 4, 4)), (1, 1, 0)), "three positive lengths"),
         (lambda: VoxelImage.from_voxels(np.zeros((4, 4, 4))), "nothing of the size of its voxels"),
         (lambda: Cavities((1, 1, -1)), "three positive lengths"),
+        (lambda: max_damage(np.zeros((4, 4, 4))), "an array becomes one by VoxelImage"),
+        (lambda: voxelise(Cavities(CUBE), 0), "at least one voxel along every axis, got 0"),
+        (lambda: voxelise(VoxelImage(np.zeros((4, 4, 4)), CUBE), 8), "takes Cavities"),
         (
             lambda: Cavities(
                 CUBE, [spheres([[0.05, 0.5, 0.5], [0.95, 0.5, 0.5]], 0.1)], overlap=False

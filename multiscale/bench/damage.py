@@ -1,0 +1,140 @@
+"""Two-scale fatigue: the error of cycle jumps against their run time."""
+
+import os
+from collections.abc import Callable, Mapping
+from functools import partial
+from importlib.metadata import version
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from multiscale.bench.measure import THREADS, Measured, measure
+from multiscale.micro.damage import Block, FatigueMaterial, two_scale_fatigue
+from multiscale.schema import WORK_PRECISION
+
+if TYPE_CHECKING:
+    import xarray as xr
+
+__all__ = ["TOLERANCES", "bench_damage", "life", "scene_history"]
+
+MATERIAL = FatigueMaterial(
+    200e9, 0.3, 200e6, 0.5e6, 2.0, hardening=20e9, threshold=0.05, closure=0.2
+)
+"""Feedback of damage, closure and hardening: what makes cycles differ from each other."""
+
+SCENES = ("reversed tension, 1.001 of the limit", "tension and torsion", "blocks of three kinds")
+QUICK_SCENES = SCENES[1:2]
+
+TOLERANCES = (0.3, 0.1, 0.03, 0.01, 0.003, 0.001)
+"""Of the jumps."""
+QUICK_TOLERANCES = (0.1, 0.01)
+
+SUBSTEPS = 16
+"""Of every piece of a cycle; four times as many tell their error."""
+
+REPEATS = 3
+
+
+def scene_history(scene: str) -> list[Block]:
+    """Stress history of a scene, Pa."""
+    limit = MATERIAL.fatigue_limit
+    if scene == SCENES[0]:
+        return [Block(1.001 * limit * np.array([1.0, -1.0]))]
+    if scene == SCENES[1]:  # out of phase: the principal axes turn
+        angle = np.arange(8) * np.pi / 4.0
+        path = np.zeros((8, 6))
+        path[:, 0], path[:, 5] = np.cos(angle), np.sin(angle) / np.sqrt(3.0)
+        return [Block(1.05 * limit * path)]
+    amplitudes, cycles = (1.05, 0.9, 1.15), (50, 1000, 5)
+    return [
+        Block(share * limit * np.array([1.0, -1.0]), count)
+        for share, count in zip(amplitudes, cycles, strict=True)
+    ]
+
+
+def life(scene: str, tolerance: float | None, substeps: int = SUBSTEPS) -> tuple[float, float]:
+    """Cycles to rupture, and cycles that were followed to find them."""
+    found = two_scale_fatigue(
+        scene_history(scene), MATERIAL, jump_tolerance=tolerance, substeps=substeps
+    )
+    return float(found["cycles_to_rupture"]), float(found["computed_cycles"])
+
+
+def bench_damage(
+    *, quick: bool = False, report: Callable[[str], None] = lambda line: None
+) -> "xr.Dataset":
+    """Find lives by following every cycle, and by jumps of several tolerances.
+
+    Parameters
+    ----------
+    quick : bool
+        One scene, two tolerances and one run of each.
+    report : callable
+        Gets a line after each measurement.
+
+    Returns
+    -------
+    Dataset
+        Follows ``WORK_PRECISION``; ``iterations`` are the cycles that were followed.
+
+    Notes
+    -----
+    *Errors* are those of the cycles to rupture, relative to every cycle followed in the same
+    substeps. ``error_uncertainty`` is what four times the substeps change, which is also given as
+    the error of the run that follows every cycle: below it jumps need not be.
+    *Times* are those of :func:`multiscale.micro.damage.two_scale_fatigue` in a process of its own,
+    after a warm-up that takes imports and compilation.
+    """
+    tolerances = QUICK_TOLERANCES if quick else TOLERANCES
+    repeats = 1 if quick else REPEATS
+    load = os.getloadavg()
+    rows: list[dict[str, float | str]] = []
+    for scene in QUICK_SCENES if quick else SCENES:
+        reference, _ = life(scene, None)
+        uncertainty = abs(reference / life(scene, None, 4 * SUBSTEPS)[0] - 1.0)
+        methods: Mapping[float, tuple[str, float | None]] = {0.0: ("every cycle", None)} | {
+            tolerance: ("cycle jumps", tolerance) for tolerance in tolerances
+        }
+        for tolerance, (method, given) in methods.items():
+            run = measure(
+                partial(life, scene, given), warm_up=partial(life, scene, 0.3), repeats=repeats
+            )
+            row = _row(scene, method, tolerance, run, reference)
+            row["error_uncertainty"] = uncertainty
+            if given is None and run.value is not None:
+                row["error"] = uncertainty
+            rows.append(row)
+            report(f"{scene}, {method}, tolerance {tolerance:g}: {run.wall_time:.3g} s")
+    return WORK_PRECISION.build(
+        {name: np.array([row[name] for row in rows]) for name in rows[0]},
+        title="two-scale fatigue: error of the life against run time",
+        versions=f"multiscale {version('multiscale')}, numba {version('numba')}",
+        threads=THREADS,
+        cores=os.cpu_count() or 1,
+        repeats=repeats,
+        load_before=load[0],
+        load_after=os.getloadavg()[0],
+        wall_time_counts="median; without start of the process, imports and compilation",
+        cautions="",
+    )
+
+
+def _row(
+    scene: str,
+    method: str,
+    tolerance: float,
+    run: Measured[tuple[float, float]],
+    reference: float,
+) -> dict[str, float | str]:
+    """Cost and error of one run; NaN if its process died."""
+    found, followed = run.value or (np.nan, np.nan)
+    return {
+        "scene": scene,
+        "method": method,
+        "tolerance": tolerance,
+        "wall_time": run.wall_time,
+        "peak_memory": run.peak_memory,
+        "iterations": followed,
+        "converged": int(np.isfinite(found)),
+        "error": abs(found / reference - 1.0),
+    }

@@ -1,0 +1,73 @@
+"""Unilateral contact with Coulomb friction, without compliance."""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from multiscale.errors import CaseError
+from multiscale.laws.base import InterfaceLaw, Response
+
+__all__ = ["RigidContact"]
+
+
+@dataclass(frozen=True)
+class RigidContact(InterfaceLaw):
+    r"""Surfaces that do not penetrate, do not pull, and slide at Coulomb's limit only.
+
+    Parameters
+    ----------
+    friction : float
+        Coefficient :math:`\mu \ge 0`.
+    gap : float, default 0.0
+        Initial gap :math:`g_0`, m.
+
+    Raises
+    ------
+    CaseError
+        If a parameter is outside its range.
+
+    Notes
+    -----
+    With the gap :math:`g = [\![u_N]\!] + g_0` and the slip :math:`s` of the step, the change of
+    :math:`[\![u_T]\!]`,
+
+    .. math::
+        0 \le g \perp p = -t_N \ge 0, \qquad |t_T| \le \mu p, \qquad
+        s = \lambda\, t_T, \quad 0 \le \lambda \perp \mu p - |t_T| \ge 0,    \tag{1}
+
+    the inequalities of (4) of the source. A jump does not tell the traction of a closed point:
+    there :meth:`respond` says NaN, and only solvers that work with the resolvent, as
+    :func:`multiscale.macro.solve_latin`, take this law. The state is the tangential jump of the
+    last step.
+    """
+
+    friction: float = 0.0
+    gap: float = 0.0
+
+    n_state = 2
+
+    def __post_init__(self) -> None:
+        if not (self.friction >= 0.0 and np.isfinite(self.friction)):
+            raise CaseError(f"friction must not be negative, got {self.friction:g}")
+        if not np.isfinite(self.gap):
+            raise CaseError(f"the initial gap must be finite (m), got {self.gap:g}")
+
+    def respond(self, jump: np.ndarray, state: np.ndarray) -> Response:
+        """No traction where the gap is open, NaN where it is closed; state for the next step."""
+        apart = np.where(jump[0] + self.gap > 0.0, 0.0, np.nan)
+        return Response(apart + np.zeros_like(jump), apart + np.zeros((3, *jump.shape)), jump[1:])
+
+    def resolvent(
+        self, source: np.ndarray, stiffness: float | np.ndarray, state: np.ndarray
+    ) -> np.ndarray:
+        """Find the jump that satisfies (1) and t + k [u] = source, in closed form."""
+        k = np.broadcast_to(stiffness, source.shape)
+        if not np.all(k > 0.0):
+            raise ValueError("the stiffness of a search direction must be positive (Pa/m)")
+        pressure = np.maximum(0.0, -source[0] - k[0] * self.gap)
+        held = source[1:] - k[1:] * state  # traction that would hold the point
+        size, limit = np.sqrt(np.sum(held**2, axis=0)), self.friction * pressure
+        slides = size > limit
+        share = np.where(slides, limit / np.where(slides, size, 1.0), 1.0)
+        normal = np.where(pressure > 0.0, -self.gap, source[0] / k[0])
+        return np.stack([normal, *(state + (1.0 - share) * held / k[1:])])

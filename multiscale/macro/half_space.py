@@ -1,0 +1,99 @@
+"""A half-space with a periodic profile, pressed against a plane through an interface law."""
+
+import numpy as np
+from scipy.linalg import circulant
+from scipy.sparse import eye_array
+
+from multiscale.convergence import Solution
+from multiscale.errors import CaseError
+from multiscale.laws.base import NormalLaw
+from multiscale.macro.monolithic import solve_interface
+
+__all__ = ["half_space_stiffness", "press_profile"]
+
+
+def half_space_stiffness(points: int, length: float, contact_modulus: float) -> np.ndarray:
+    r"""Stiffness of the surface of a half-space against periodic displacement in plane strain.
+
+    Parameters
+    ----------
+    points : int
+        Equidistant points in a period.
+    length : float
+        Period, m.
+    contact_modulus : float
+        :math:`E^*`, Pa.
+
+    Returns
+    -------
+    ndarray, shape (points, points)
+        Force on a point per displacement of a point, Pa (N/m per metre of width). Waves have
+        :math:`E^* |q| / 2` per area; the mean is free.
+    """
+    q = 2.0 * np.pi * np.abs(np.fft.fftfreq(points, length / points))
+    return np.asarray(circulant(np.fft.ifft(0.5 * contact_modulus * q).real) * (length / points))
+
+
+def press_profile(
+    initial_gap: np.ndarray,
+    length: float,
+    contact_modulus: float,
+    pressure: float,
+    law: NormalLaw,
+    *,
+    max_iterations: int = 100,
+    tolerance: float = 1e-9,
+) -> Solution:
+    r"""Press a profile by a mean pressure.
+
+    Parameters
+    ----------
+    initial_gap : ndarray, shape (points,)
+        Distance :math:`g_0` of the mean planes of the roughness before deformation, at equidistant
+        points of a period, m; a constant in it does not matter.
+    length : float
+        Period, m.
+    contact_modulus : float
+        :math:`E^*` of both bodies, Pa.
+    pressure : float
+        Nominal pressure :math:`p`, Pa.
+    law : NormalLaw
+        Of the roughness that the profile leaves out.
+    max_iterations, tolerance
+        See :func:`~multiscale.macro.monolithic.solve_interface`.
+
+    Returns
+    -------
+    Solution
+        ``value`` is the local gap :math:`g`, shape (points,), m.
+
+    Raises
+    ------
+    CaseError
+        If the pressure is not positive.
+
+    Notes
+    -----
+    The displacement of the surface is :math:`g - g_0` up to a constant, so that with the stiffness
+    K of :func:`half_space_stiffness` and the weights :math:`w`
+
+    .. math:: K (g - g_0) + w\,t(g) = -w\,p,    \tag{1}
+
+    with the traction :math:`t` of the law: the gap is the unknown and the jump at once.
+    """
+    if not 0.0 < pressure < np.inf:
+        raise CaseError(f"the nominal pressure must be positive and finite (Pa), got {pressure:g}")
+    n = initial_gap.size
+    K = half_space_stiffness(n, length, contact_modulus)
+    weight = np.full(n, length / n)
+    closed = np.full(n, float(law.gap_at(np.array(pressure))) - law.gap)
+    return solve_interface(
+        K,
+        K @ initial_gap - weight * pressure,
+        eye_array(n, format="csr"),
+        weight,
+        law,
+        start=closed,
+        max_iterations=max_iterations,
+        tolerance=tolerance,
+    )

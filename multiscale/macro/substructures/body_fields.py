@@ -1,0 +1,100 @@
+"""What the elements of bodies feel: stress and strain energy from the displacement."""
+
+from collections.abc import Sequence
+from itertools import pairwise
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from skfem import MeshHex
+
+from multiscale.errors import CaseError
+from multiscale.laws.bulk import respond
+from multiscale.macro.continuum.blocks import displacement_basis
+from multiscale.macro.continuum.body import Body
+from multiscale.macro.continuum.mesh_file import HEX_ORDER
+from multiscale.schema import MACRO_RESULT
+
+if TYPE_CHECKING:
+    import xarray as xr
+
+__all__ = ["add_body_fields"]
+
+
+def add_body_fields(
+    result: "xr.Dataset", bodies: Sequence[Body], *, damage: Sequence[float] = ()
+) -> "xr.Dataset":
+    r"""Add elements, their stress and their strain energy to a result of cut bodies.
+
+    Parameters
+    ----------
+    result : Dataset
+        Follows ``MACRO_RESULT``: what a solver has given for :func:`cut_bodies` of these bodies.
+    bodies : sequence of Body
+        Elastic, all of tetrahedra or all of hexahedra.
+    damage : sequence of float
+        Of every body, to be kept with its elements; their laws have it already.
+
+    Returns
+    -------
+    Dataset
+        With ``corners``, ``element_body``, ``equivalent_stress`` (Pa), ``energy_density``
+        (J/m³) and, if damage is given, ``element_damage``. A step that failed is NaN.
+
+    Raises
+    ------
+    CaseError
+        If the result is not one of these bodies, or their elements are of two kinds.
+
+    Notes
+    -----
+    The stress of an element is the mean over its volume; of its deviator :math:`s` the
+    equivalent stress is :math:`\sqrt{3/2}\, |s|`. The density is the mean of
+    :math:`\sigma : \nabla u / 2`.
+    """
+    first = np.cumsum([0, *(body.mesh.p.shape[1] for body in bodies)])
+    if result.sizes["node"] != first[-1] or len({body.mesh.t.shape[0] for body in bodies}) > 1:
+        raise CaseError(
+            f"the result has {result.sizes['node']} nodes and the bodies {first[-1]}; they must be "
+            f"the same, and all elements of one kind"
+        )
+    u = result["displacement"].values
+    fields = [
+        _fields(body, u[:, a:b]) for body, (a, b) in zip(bodies, pairwise(first), strict=True)
+    ]
+    count = [body.mesh.t.shape[1] for body in bodies]
+    values: dict[str, Any] = {
+        "corners": np.concatenate(
+            [_corners(body) + start for body, start in zip(bodies, first, strict=False)]
+        ),
+        "element_body": np.repeat(np.arange(len(bodies)), count),
+        "equivalent_stress": np.concatenate([stress for stress, _ in fields], axis=1),
+        "energy_density": np.concatenate([energy for _, energy in fields], axis=1),
+    }
+    if damage:
+        values["element_damage"] = np.repeat(damage, count)
+    return MACRO_RESULT.assign(result, values)
+
+
+def _fields(body: Body, displacement: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Equivalent stress and energy density of the elements, shape (steps, elements) each."""
+    basis = displacement_basis(body.mesh, body.mesh.elem())
+    slopes = np.stack([np.asarray(shape[0].grad) for shape in basis.basis])  # (a, 3, e, points)
+    share = basis.dx / basis.dx.sum(axis=1, keepdims=True)
+    eye = np.eye(3)[:, :, None, None]
+    stresses, energies = [], []
+    for u in displacement:
+        gradient = np.einsum("aei,ajep->ijep", u[basis.element_dofs], slopes)
+        stress = respond(body.law, eye + gradient, np.zeros((0, *share.shape))).stress
+        energies.append(0.5 * np.einsum("ijep,ijep,ep->e", stress, gradient, share))
+        mean = np.einsum("ijep,ep->ije", stress, share)
+        deviator = mean - np.trace(mean) / 3.0 * np.eye(3)[:, :, None]
+        stresses.append(np.sqrt(1.5 * np.sum(deviator**2, axis=(0, 1))))
+    return np.array(stresses), np.array(energies)
+
+
+def _corners(body: Body) -> np.ndarray:
+    """Nodes of the elements in the order of VTK, shape (elements, corners)."""
+    corners = body.mesh.t.copy()
+    if isinstance(body.mesh, MeshHex):
+        corners[HEX_ORDER] = body.mesh.t
+    return np.asarray(corners.T)

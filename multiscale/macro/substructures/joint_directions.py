@@ -1,0 +1,68 @@
+"""Search directions of joints, from the bodies on both sides and the law between them."""
+
+import numpy as np
+
+from multiscale.laws.base import InterfaceLaw
+from multiscale.macro.substructures.problem import Interface, Problem
+
+__all__ = ["body_stiffness", "joint_directions", "law_stiffness"]
+
+STRENGTH = 0.6
+"""Stiffness of a side relative to that of body and law in series."""
+
+LEAN = 0.25
+"""How far the stiffness of one side leans towards that of the other, as an exponent."""
+
+SOFTEST, OPEN = 1e-3, 1e-9
+"""Least stiffness of a law at a point relative to its mean, and to the bodies."""
+
+
+def body_stiffness(problem: Problem, joint: Interface) -> tuple[float, float]:
+    """Stiffness per area of what either side of a joint stands for, Pa/m.
+
+    The diagonal of a body is the stiffness of the shortest waves, and that of the longest is
+    less by their ratio of lengths; the mean of both is taken. The stiffer side is taken a little
+    softer and the softer one stiffer: a stiff body has soft motions too.
+    """
+    weight, found = np.tile(joint.weight, 3), []
+    for owner, trace in zip(joint.sides, joint.trace, strict=True):
+        touched = abs(trace).T @ weight > 0.0
+        total = float(np.abs(problem.substructures[owner].stiffness.diagonal()) @ touched)
+        found.append(total / weight.sum() / joint.weight.size**0.25)
+    first, second = found
+    return (
+        first ** (1.0 - LEAN) * second**LEAN,
+        second ** (1.0 - LEAN) * first**LEAN,
+    )
+
+
+def law_stiffness(law: InterfaceLaw, jump: np.ndarray, state: np.ndarray) -> np.ndarray:
+    """Diagonal of the tangent of a law, alike for both tangents, shape (3, points), Pa/m.
+
+    It is infinite where the jump does not tell the traction, as in rigid contact.
+    """
+    tangent = np.nan_to_num(law.respond(jump, state).tangent, nan=np.inf, posinf=np.inf)
+    shear = np.maximum(tangent[1, 1], tangent[2, 2])
+    return np.stack([tangent[0, 0], shear, shear])
+
+
+def joint_directions(
+    joint: Interface, bodies: tuple[float, float], law: np.ndarray
+) -> tuple[np.ndarray, ...]:
+    """Stiffness of both sides of a joint: the body and half of the law in series, N/m.
+
+    The stiffness of a law that is much stiffer than the bodies does not count then, nor that of
+    bodies on a soft law; one number for both makes the iterations grow with the root of their
+    ratio or worse.
+
+    Parameters
+    ----------
+    joint : Interface
+    bodies : tuple of float
+        Of :func:`body_stiffness`, Pa/m.
+    law : ndarray, shape (3, points)
+        Of :func:`law_stiffness`, Pa/m; infinite where nothing is known.
+    """
+    mean = np.average(law, axis=1, weights=joint.weight)[:, None]
+    law = np.maximum(law, np.maximum(SOFTEST * mean, OPEN * min(bodies)))
+    return tuple(STRENGTH * (joint.weight / (1.0 / body + 0.5 / law)).ravel() for body in bodies)

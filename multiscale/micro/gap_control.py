@@ -1,0 +1,242 @@
+r"""A flat cell held at a mean gap: its pressure and its stiffness, to round-off.
+
+The compliance :math:`\tilde C` of the cell without its mean, which is that of the bulk, leaves the
+mean height of the surface where it is. An approach :math:`\delta` of the obstacle from first touch
+then *is* a change of the mean gap,
+
+.. math::
+    0 \le \lambda \perp \tilde C \lambda + g_0 - \delta \ge 0, \qquad
+    \bar g = \operatorname{mean} g_0 - \delta,    \tag{1}
+
+and with the contact nodes :math:`A` of (1)
+
+.. math::
+    \tilde C_{AA}\, \lambda_A = \delta - g_{0,A}, \qquad
+    p = \frac{\sum \lambda_A}{A_0}, \qquad
+    -\frac{\mathrm{d} p}{\mathrm{d} \bar g}
+      = \frac{1^t\, \tilde C_{AA}^{-1}\, 1}{A_0}.    \tag{2}
+"""
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from functools import partial
+
+import numpy as np
+
+from multiscale.convergence import Status
+from multiscale.errors import CaseError
+from multiscale.micro.averages import contact_fraction
+from multiscale.micro.cell import Cell
+from multiscale.micro.flat import solve_flat
+from multiscale.micro.lateral_fft import filter_surface
+from multiscale.micro.layered import layered_compliance
+from multiscale.micro.mesh import graded_planes
+
+__all__ = ["GapCell", "GapState", "assemble_gap_cell"]
+
+_START = 1e-3  # tolerance of the projected gradients that find the first contact nodes
+_LINEAR_LIMIT = 1000  # conjugate-gradient iterations on one set of contact nodes
+
+Operator = Callable[[np.ndarray], np.ndarray]
+
+
+@dataclass(frozen=True, eq=False)
+class GapState:
+    """What a cell answers at a mean gap.
+
+    Attributes
+    ----------
+    mean_gap : float
+        m.
+    pressure : float
+        Mean pressure, Pa.
+    stiffness : float
+        Minus the derivative of the pressure with respect to the mean gap, Pa/m.
+    contact_fraction : float
+        Real over nominal contact area.
+    node : ndarray of int
+        Contact nodes, in the flattened grid.
+    force : ndarray
+        Their contact forces, N.
+    status : Status
+    iterations : int
+        Conjugate-gradient iterations in all.
+    """
+
+    mean_gap: float
+    pressure: float
+    stiffness: float
+    contact_fraction: float
+    node: np.ndarray
+    force: np.ndarray
+    status: Status
+    iterations: int
+
+
+@dataclass(frozen=True, eq=False)
+class GapCell:
+    """A flat cell made ready for (1).
+
+    Attributes
+    ----------
+    gap : ndarray, shape (nx, ny)
+        :math:`g_0`, at first touch, m.
+    node_area : float
+        Nominal area of a node, m².
+    compliance : callable
+        :math:`C`, without its mean, m/N.
+    preconditioner : callable
+        An approximate inverse of it.
+    """
+
+    gap: np.ndarray
+    node_area: float
+    compliance: Operator
+    preconditioner: Operator
+
+    @property
+    def touch(self) -> float:
+        """Mean gap at first touch, m: beyond it the pressure is zero."""
+        return float(np.mean(self.gap))
+
+    def solve(
+        self,
+        mean_gap: float,
+        start: GapState | None = None,
+        *,
+        max_iterations: int = 60,
+        tolerance: float = 1e-11,
+    ) -> GapState:
+        """Solve (1) at a mean gap and evaluate (2).
+
+        Parameters
+        ----------
+        mean_gap : float
+            m, positive: at zero the surfaces are in full contact, which any pressure can hold.
+        start : GapState, optional
+            State at another gap. It changes the time, not the answer.
+        max_iterations : int
+            Limit of changes of the contact nodes.
+        tolerance : float
+            Of the conjugate gradients, relative to the norm of the right-hand side.
+
+        Raises
+        ------
+        CaseError
+            If the mean gap is not positive.
+        """
+        if not mean_gap > 0.0:
+            raise CaseError(
+                f"a cell is held at a positive mean gap (m), got {mean_gap:g}: in full contact "
+                f"the pressure is not a function of the gap"
+            )
+        approach = self.touch - mean_gap
+        if approach <= 0.0:
+            return self._untouched(mean_gap)
+        force = self._first_force(approach, start)
+        active = force > 0.0
+        status, n_linear = Status.MAX_ITERATIONS, 0
+        for _ in range(max_iterations):
+            force, n = self._linear_stage(approach - self.gap, active, force, tolerance)
+            n_linear += n
+            opening = self.compliance(force) + self.gap - approach
+            slack = 100.0 * tolerance
+            pulls = active & (force < -slack * float(np.max(force)))
+            overlaps = ~active & (opening < -slack * approach)
+            if not np.any(pulls | overlaps):
+                status = Status.CONVERGED
+                break
+            active = (active & ~pulls) | overlaps
+        tangent, n = self._linear_stage(np.ones_like(force), active, np.zeros_like(force), 1e-9)
+        if not np.isfinite(np.sum(force) + np.sum(tangent)):
+            status = Status.NOT_FINITE
+        node = np.flatnonzero(active)
+        area = self.node_area * force.size
+        return GapState(
+            mean_gap,
+            float(np.sum(force)) / area,  # (2)
+            float(np.sum(tangent)) / area,  # (2)
+            contact_fraction(active, np.full(force.shape, self.node_area)),
+            node,
+            force.ravel()[node],
+            status,
+            n_linear + n,
+        )
+
+    def _untouched(self, mean_gap: float) -> GapState:
+        nothing = np.zeros(0)
+        node = nothing.astype(int)
+        return GapState(mean_gap, 0.0, 0.0, 0.0, node, nothing, Status.CONVERGED, 0)
+
+    def _first_force(self, approach: float, start: GapState | None) -> np.ndarray:
+        """Find forces, N, whose support is close to the contact nodes."""
+        guess = np.zeros_like(self.gap)  # solve_flat takes zeros for no guess
+        if start is not None:
+            guess.flat[start.node] = np.maximum(start.force, 0.0)
+        force, _, _ = solve_flat(
+            self.compliance,
+            self.gap,
+            np.ones_like(self.gap),
+            approach=approach,
+            start=guess,
+            tolerance=_START,
+        )
+        if not np.any(force > 0.0):  # a touch of one node
+            force = np.where(self.gap < approach, 1.0, 0.0)
+        return force
+
+    def _linear_stage(
+        self, distance: np.ndarray, active: np.ndarray, start: np.ndarray, tolerance: float
+    ) -> tuple[np.ndarray, int]:
+        """Solve the first of (2) by conjugate gradients; return the forces and the iterations."""
+        force = np.where(active, start, 0.0)
+        target = np.where(active, distance, 0.0)
+        r = target - np.where(active, self.compliance(force), 0.0) if force.any() else target
+        goal = tolerance * float(np.linalg.norm(target))
+        p, rz_old = np.zeros_like(r), 1.0
+        for iteration in range(_LINEAR_LIMIT):
+            if not float(np.linalg.norm(r)) > goal:
+                return force, iteration
+            z = np.where(active, self.preconditioner(r), 0.0)
+            rz = float(np.vdot(r, z))
+            p = z + (rz / rz_old) * p
+            q = np.where(active, self.compliance(p), 0.0)
+            alpha = rz / float(np.vdot(p, q))
+            force = force + alpha * p
+            r = r - alpha * q
+            rz_old = rz
+        return np.full_like(force, np.nan), _LINEAR_LIMIT
+
+
+def assemble_gap_cell(cell: Cell) -> GapCell:
+    """Set up (1) for a flat cell.
+
+    Raises
+    ------
+    CaseError
+        If the cell is not flat, has a hardness or fits its obstacle exactly.
+    """
+    if cell.geometry != "flat":
+        raise CaseError(
+            f"a cell is held at a gap with geometry='flat' only, got {cell.geometry!r}; for a "
+            f"conforming cell fit a law to its response at pressures"
+        )
+    if cell.hardness is not None:
+        raise CaseError(
+            "a cell with a hardness is not held at a gap; leave the hardness out, or fit a law to "
+            "its response"
+        )
+    heights, spacing = cell.surface.heights, cell.surface.spacing
+    area = spacing[0] * spacing[1]
+    planes = graded_planes(cell.depth, cell.layers, min(spacing))
+    symbol = layered_compliance(heights.shape, cell.surface.size, planes, *cell.layer_moduli) / area
+    symbol[0, 0] = 0.0  # the mean is that of the bulk
+    inverse = 1.0 / np.where(symbol > 0.0, symbol, np.max(symbol))
+    obstacle = np.zeros_like(heights) if cell.obstacle is None else cell.obstacle.heights
+    gap = obstacle - heights
+    gap = gap - np.min(gap)
+    if not np.ptp(gap) > 0.0:
+        raise CaseError("the surface and the obstacle fit exactly: without a gap there is no law")
+    return GapCell(
+        gap, area, partial(filter_surface, symbol=symbol), partial(filter_surface, symbol=inverse)
+    )

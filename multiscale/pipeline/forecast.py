@@ -1,0 +1,185 @@
+"""What a choice of cells will cost and how wrong it will be, from what has been computed."""
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+from itertools import product
+
+import numpy as np
+
+from multiscale.errors import CaseError
+from multiscale.upscaling.budget import ERROR_TERMS, total_error
+
+__all__ = ["CostModel", "Estimate", "Setting", "cheapest"]
+
+SIZES = range(-1, 5)
+GRIDS = range(-1, 3)
+REALISATIONS = (1, 2, 3, 4, 5, 6, 8, 10, 12, 16, 20, 24, 32, 40, 48, 64, 96, 128)
+STUDIES = (1, 2, 4, 8)
+
+
+@dataclass(frozen=True, order=True)
+class Setting:
+    """What a planner may choose.
+
+    Attributes
+    ----------
+    size : int
+        The cell is :math:`2^s` times as large as that of the case, and so is its depth if the
+        case gives none.
+    grid : int
+        The spacing is :math:`2^{-g}` times that of the case.
+    realisations : int
+    study : int
+        How many times the cells of the pilot runs tell the scatter and the bias by the size.
+    """
+
+    size: int
+    grid: int
+    realisations: int
+    study: int = 1
+
+    def __str__(self) -> str:
+        """Return the setting in words."""
+        return (
+            f"cells {2.0**self.size:g} times as large, spacing {2.0**-self.grid:g} times, "
+            f"{self.realisations} realisations"
+        )
+
+
+@dataclass(frozen=True, eq=False)
+class Estimate:
+    """The error budget of one quantity at one setting.
+
+    Attributes
+    ----------
+    setting : Setting
+    half_width, bias : ndarray, shape (terms, steps)
+        See ``ERROR_BUDGET``; relative, NaN where not known.
+    """
+
+    setting: Setting
+    half_width: np.ndarray
+    bias: np.ndarray
+
+    @property
+    def total(self) -> float:
+        """Largest total over the steps, relative."""
+        spread = np.sqrt(np.nansum(self.half_width**2, axis=0))
+        return float(np.max(total_error(self.bias.sum(axis=0), spread)))
+
+    def at(self, setting: Setting) -> "Estimate":
+        r"""Return what is expected at another setting.
+
+        Notes
+        -----
+        From the setting :math:`(s_0, g_0, N_0, k_0)` of the estimate, half-widths change by
+
+        .. math::
+            \text{sampling}\ 2^{s_0 - s} \sqrt{N_0/N}, \quad
+            \text{cell size}\ 2^{s_0 - s} \sqrt{k_0/k}, \quad
+            \text{micro discretisation}\ 2^{g_0 - g},
+
+        the bias of the cell size by :math:`2^{s_0 - s}`; the other terms stay.
+        """
+        own = self.setting
+        larger = 2.0 ** (own.size - setting.size)
+        factor = np.ones((len(ERROR_TERMS), 1))
+        factor[ERROR_TERMS.index("sampling")] = larger * np.sqrt(
+            own.realisations / setting.realisations
+        )
+        factor[ERROR_TERMS.index("cell size")] = larger * np.sqrt(own.study / setting.study)
+        factor[ERROR_TERMS.index("micro discretisation")] = 2.0 ** (own.grid - setting.grid)
+        return Estimate(setting, factor * self.half_width, larger * self.bias)
+
+
+@dataclass(frozen=True)
+class CostModel:
+    """Time of a cell as a power of its number of unknowns.
+
+    Attributes
+    ----------
+    time : float
+        Of a cell of the case as it is, s.
+    exponent : float
+        Of the unknowns.
+    layered : bool
+        Whether unknowns fill the depth, so that they grow with its layers.
+    """
+
+    time: float
+    exponent: float
+    layered: bool
+
+    def of_cell(self, size: int, grid: int) -> float:
+        """Time of a cell, s."""
+        unknowns = 4.0 ** (size + grid) * (2.0**grid if self.layered else 1.0)
+        return float(self.time * unknowns**self.exponent)
+
+
+def cheapest(
+    estimate: Estimate,
+    costs: CostModel,
+    done: dict[tuple[int, int], int],
+    study: dict[tuple[int, int], int],
+    target: float,
+    limits: tuple[range, range],
+) -> tuple[Setting, float]:
+    """Choose the setting of least time among those that are expected to reach a target.
+
+    Parameters
+    ----------
+    estimate : Estimate
+        What is known.
+    costs : CostModel
+    done : dict
+        Realisations that are there by (size, grid); they cost nothing.
+    study : dict
+        Cells of the pilot runs by (size, grid), of which a study takes a multiple.
+    target : float
+        Relative.
+    limits : tuple of range
+        Sizes and grids that can be had.
+
+    Returns
+    -------
+    setting : Setting
+    time : float
+        Expected, s, of what is not there yet.
+
+    Raises
+    ------
+    CaseError
+        If no setting is expected to reach the target; the message says how near one comes.
+    """
+    found: list[tuple[float, Setting]] = []
+    best = (np.inf, estimate.setting)
+    for setting in _settings(estimate.setting, *limits):
+        total = estimate.at(setting).total
+        best = min(best, (total, setting))
+        if total <= target:
+            more = setting.realisations - done.get((setting.size, setting.grid), 0)
+            time = max(0, more) * costs.of_cell(setting.size, setting.grid)
+            extra = setting.study / estimate.setting.study - 1.0
+            time += extra * sum(n * costs.of_cell(*key) for key, n in study.items())
+            found.append((time, setting))
+    if not found:
+        raise CaseError(
+            f"an error of {100.0 * target:.3g} % is out of reach: {best[1]} are expected to leave "
+            f"{100.0 * best[0]:.3g} %, most of it by the {_largest(estimate.at(best[1]))}; ask for "
+            f"a larger target, or change what that comes from"
+        )
+    time, setting = min(found)
+    return setting, time
+
+
+def _settings(known: Setting, sizes: range, grids: range) -> Iterator[Setting]:
+    """All settings that may be chosen."""
+    for size, grid, n, study in product(sizes, grids, REALISATIONS, STUDIES):
+        if study >= known.study:
+            yield Setting(size, grid, n, study)
+
+
+def _largest(estimate: Estimate) -> str:
+    """Return the name of the largest term."""
+    size = np.nan_to_num(total_error(estimate.bias, estimate.half_width)).max(axis=1)
+    return str(ERROR_TERMS[int(np.argmax(size))])

@@ -1,0 +1,90 @@
+"""The joint of a case: two blocks pressed together through the law, with the error budget."""
+
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from multiscale.laws import NormalLaw
+from multiscale.macro import Block, RoughJoint, rough_joint
+from multiscale.pipeline.cells import longest_wave
+from multiscale.pipeline.settings import Case
+from multiscale.schema import MACRO_RESULT
+from multiscale.upscaling import (
+    area_from_dataset,
+    compare_scales,
+    law_from_dataset,
+    structure_budget,
+    with_budget,
+)
+from multiscale.upscaling.scales import ScaleSeparation
+
+if TYPE_CHECKING:
+    import xarray as xr
+
+__all__ = ["joint_scales", "solve_joint"]
+
+
+def joint_scales(case: Case) -> ScaleSeparation:
+    """Compare the scales of the cells with those of the joint, whose pressure is even.
+
+    Nothing varies over less than its width, which holds only so many cells.
+    """
+    return compare_scales(longest_wave(case), max(case.cell.size), case.joint.width)
+
+
+def solve_joint(case: Case, law: "xr.Dataset", *, bootstrap: bool = True) -> "xr.Dataset":
+    """Press two blocks together through the law and its samples.
+
+    Parameters
+    ----------
+    case : Case
+    law : Dataset
+        Follows ``INTERFACE_LAW`` and carries its budget.
+    bootstrap : bool
+        Whether the samples of the law tell the sampling error of the joint, or its own budget.
+
+    Returns
+    -------
+    Dataset
+        Follows ``MACRO_RESULT``, with the budget of the joint stiffness.
+    """
+    samples = range(law.sizes["sample"])
+    preload = np.array(case.joint.preloads)
+    result = rough_joint(
+        _joint(case),
+        law_from_dataset(law),
+        preload,
+        samples=[law_from_dataset(law, sample) for sample in samples],
+    )
+    areas = {"contact_fraction": area_from_dataset(law).contact_fraction(preload)}
+    if samples:
+        areas["contact_fraction_sample"] = np.array(
+            [area_from_dataset(law, sample).contact_fraction(preload) for sample in samples]
+        )
+    result = MACRO_RESULT.assign(result, areas)
+    if not result["converged"].values.any():
+        return result
+
+    def stiffness(one: NormalLaw, coarsening: int = 1) -> np.ndarray:
+        pressed = rough_joint(_joint(case, coarsening), one, preload)
+        return np.asarray(pressed["joint_stiffness"].to_numpy())
+
+    budget = structure_budget(
+        "joint_stiffness",
+        law,
+        stiffness,
+        pressure=preload,
+        coarser={2.0: stiffness(law_from_dataset(law), 2)},
+        samples=result["joint_stiffness_sample"].to_numpy() if samples and bootstrap else 0,
+    )
+    return with_budget(result, budget)
+
+
+def _joint(case: Case, coarsening: int = 1) -> RoughJoint:
+    """Make the joint of a case, on elements that are larger by a whole factor."""
+    lower, upper = (
+        Block(case.joint.height, body.youngs_modulus, body.poissons_ratio, 4 // coarsening)
+        for body in case.bodies
+    )
+    width, n = case.joint.width, 6 // coarsening
+    return RoughJoint((width, width), lower, upper, elements=(n, n))

@@ -1,0 +1,113 @@
+"""The cells of a case: solved, and kept in a folder."""
+
+from collections.abc import Callable
+from concurrent.futures import Executor
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from multiscale.io import make_folder, open_dataset, write_dataset, write_surface_fields
+from multiscale.micro import Path as LoadPath
+from multiscale.micro import contact_modulus, run_ensemble
+from multiscale.pipeline.cells import composite_material, longest_wave, make_cells
+from multiscale.pipeline.settings import Case
+from multiscale.schema import FIELDS, MICRO_RESPONSE
+
+if TYPE_CHECKING:
+    import xarray as xr
+
+__all__ = ["run_micro", "write_fields"]
+
+STEEP = 0.3  # root mean square slope
+
+
+def run_micro(
+    case: Case,
+    file: Path,
+    *,
+    executor: Executor | None = None,
+    progress: Callable[[int], None] = lambda finished: None,
+    fields: bool = True,
+) -> "xr.Dataset":
+    """Solve all cells of a case and write their response; finished cells found are kept.
+
+    Parameters
+    ----------
+    case : Case
+    file : Path
+        Gets the response; cells go to the folder ``micro`` beside it, fields to ``fields``.
+    executor : Executor, optional
+        See :func:`multiscale.micro.run_ensemble`.
+    progress : callable
+        Gets the number of finished realisations.
+    fields : bool
+        Whether to write the fields of the first realisation beside the file, too.
+
+    Returns
+    -------
+    Dataset
+        Follows ``MICRO_RESPONSE``.
+    """
+    cells, identity = make_cells(case), case.identity()
+    response = run_ensemble(
+        cells,
+        LoadPath(pressure=case.micro.pressures),
+        executor=executor,
+        folder=file.parent / "micro",
+        identity=identity,
+        keep_fields=True,
+        progress=progress,
+    )
+    if fields:
+        write_fields(case, file.parent, file.parent)
+    response = response.assign_attrs(
+        title=case.title,
+        contact_modulus=contact_modulus(composite_material(case)),
+        longest_wave=longest_wave(case),
+        cell_size=max(case.cell.size),
+        bodies="composite surface of body_1 and body_2; 1/E* = sum (1 - nu^2)/E; small slopes",
+        identity=identity,
+        cautions="\n".join([*case.cautions(), *_steepness(response)]),
+    )
+    write_dataset(response, file, MICRO_RESPONSE)
+    return response
+
+
+def write_fields(case: Case, cells: Path, out: Path) -> None:
+    """Write the surface fields of realisation 0, as dataset and for ParaView.
+
+    Parameters
+    ----------
+    case : Case
+    cells : Path
+        Folder with the folder ``micro`` of the cells.
+    out : Path
+        Folder that gets ``fields``.
+    """
+    one = case.micro.model_copy(update={"realisations": 1})
+    (cell,) = make_cells(case.model_copy(update={"micro": one}))
+    file = cells / "micro" / "realisation-0000.nc"
+    local = open_dataset(file, MICRO_RESPONSE).isel(realisation=0)
+    fields = FIELDS.build(
+        {
+            "height": cell.surface.heights.T,
+            "pressure": local["pressure"].values,
+            "gap": local["gap"].values,
+            "nominal_pressure": local["nominal_pressure"].values,
+        },
+        size_x=cell.surface.size[0],
+        size_y=cell.surface.size[1],
+    )
+    folder = make_folder(out / "fields")
+    write_dataset(fields, folder / "fields.nc", FIELDS)
+    write_surface_fields(fields, cell.surface.size, folder)
+
+
+def _steepness(response: "xr.Dataset") -> list[str]:
+    """Caution against slopes for which one body cannot stand for two."""
+    steepest = float(response["rms_slope"].max())
+    if steepest <= STEEP:
+        return []
+    return [
+        f"the composite surface has a root mean square slope of {steepest:.2g}; above {STEEP:g} "
+        f"one elastic body no longer stands for two"
+    ]

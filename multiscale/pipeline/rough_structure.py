@@ -1,0 +1,262 @@
+"""Structures with a rough interface that can be solved in three ways, and those ways."""
+
+from abc import ABC, abstractmethod
+from collections.abc import Sequence
+from concurrent.futures import Executor
+from dataclasses import dataclass
+from time import perf_counter
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from multiscale.errors import CaseError
+from multiscale.laws import AreaLaw, NormalLaw
+from multiscale.micro import Cell, Path, Surface, run_ensemble, self_affine
+from multiscale.pipeline.concurrent import CellLaw
+from multiscale.upscaling import area_from_dataset, fit_law, law_from_dataset
+
+if TYPE_CHECKING:
+    import xarray as xr
+
+__all__ = [
+    "Answer",
+    "RoughStructure",
+    "Way",
+    "solve_concurrent",
+    "solve_direct",
+    "solve_sequential",
+]
+
+BAND = 4.0  # longest over shortest wave of the roughness
+HURST_EXPONENT = 0.8
+CELL_WAVES = 4
+"""Longest waves of the roughness along an edge of a cell."""
+
+
+@dataclass(frozen=True, eq=False)
+class Answer:
+    """Interface of a structure that has been solved.
+
+    Attributes
+    ----------
+    mean_gap : float
+        Mean over the nominal area, m.
+    contact_fraction : float
+        Real over nominal area; NaN if nothing tells it.
+    position, pressure : ndarray, shape (points,)
+        Along the structure, m, and the pressure there, averaged across it, Pa.
+    """
+
+    mean_gap: float
+    contact_fraction: float
+    position: np.ndarray
+    pressure: np.ndarray
+
+
+@dataclass(frozen=True)
+class RoughStructure(ABC):
+    r"""A structure of length :math:`\ell` with a self-affine interface.
+
+    Parameters
+    ----------
+    ratio : float
+        :math:`\varepsilon = \lambda_l / \ell \le 1/4`, longest wave of the roughness over the
+        length of the structure; one over a whole number. The band ends at :math:`\lambda_l / 4`.
+
+    Raises
+    ------
+    CaseError
+        If the ratio is not one over a whole number of at least 4.
+    """
+
+    ratio: float
+
+    def __post_init__(self) -> None:
+        waves = 1.0 / self.ratio if self.ratio > 0.0 else 0.0
+        if waves < 4.0 - 1e-9 or abs(waves - round(waves)) > 1e-9 * waves:
+            raise CaseError(
+                f"ratio must be one over a whole number of at least 4, such as 1/8, got "
+                f"{self.ratio:g}"
+            )
+
+    @property
+    def waves(self) -> int:
+        """Longest waves of the roughness along the structure."""
+        return round(1.0 / self.ratio)
+
+    @property
+    @abstractmethod
+    def length(self) -> float:
+        """Length of the structure, m."""
+
+    @property
+    @abstractmethod
+    def rms_height(self) -> float:
+        """Root mean square height of the roughness, m."""
+
+    @property
+    @abstractmethod
+    def points(self) -> int:
+        """Points of the structure with a law."""
+
+    @property
+    @abstractmethod
+    def pressures(self) -> np.ndarray:
+        """Mean pressures at which cells tell what the structure needs, Pa."""
+
+    @abstractmethod
+    def cell(self, surface: Surface) -> Cell:
+        """Cell under a piece of the roughness."""
+
+    @abstractmethod
+    def solve(self, law: NormalLaw, area: AreaLaw | None = None, *, refined: int = 1) -> Answer:
+        """Solve the structure with a law of its roughness, on so many times its points."""
+
+    @abstractmethod
+    def resolve(self, seed: int, points_per_wave: int) -> Answer:
+        """Solve the structure with all of its roughness, by points per shortest wave."""
+
+    def surface(self, seed: int, points_per_wave: int, waves: int | None = None) -> Surface:
+        """Roughness of a square piece, by its longest waves along an edge.
+
+        The whole structure, if the number of waves is not given: what :meth:`resolve` resolves.
+        """
+        waves = self.waves if waves is None else waves
+        n = round(BAND * points_per_wave * waves)
+        edge = waves * self.ratio * self.length
+        return self_affine(
+            (n, n if self.areal else 1),
+            (edge, edge if self.areal else edge / n),
+            seed,
+            hurst_exponent=HURST_EXPONENT,
+            long_cutoff=self.ratio * self.length,
+            short_cutoff=self.ratio * self.length / BAND,
+            rms_height=self.rms_height,
+        )
+
+    @property
+    def areal(self) -> bool:
+        """Whether the roughness varies in both directions, or is that of a profile."""
+        return True
+
+
+@dataclass(frozen=True, eq=False)
+class Way:
+    """What one way to the answer found and took.
+
+    Attributes
+    ----------
+    answers : tuple of Answer
+        Of every realisation, or the one of all of them together.
+    seconds : float
+        Wall time of all, s.
+    solve_seconds : float
+        Of the structure alone, its law at hand, s; for the other ways the same as ``seconds``.
+    solved, reused : int
+        Cells solved (one at each load step), and how often a cell solved before served again.
+    response : Dataset, optional
+        Follows ``MICRO_RESPONSE``.
+    """
+
+    answers: tuple[Answer, ...]
+    seconds: float
+    solve_seconds: float
+    solved: int = 0
+    reused: int = 0
+    response: "xr.Dataset | None" = None
+
+    @property
+    def mean_gap(self) -> float:
+        """Mean over the realisations, m."""
+        return float(np.mean(self.gaps))
+
+    @property
+    def gaps(self) -> np.ndarray:
+        """Mean gap of every answer, m."""
+        return np.array([answer.mean_gap for answer in self.answers])
+
+
+def solve_sequential(
+    structure: RoughStructure,
+    seeds: Sequence[int],
+    *,
+    points_per_wave: int = 8,
+    waves: int = CELL_WAVES,
+    executor: Executor | None = None,
+) -> Way:
+    """Press cells, fit one law to all of them and solve the structure with it.
+
+    Parameters
+    ----------
+    structure : RoughStructure
+    seeds : sequence of int
+        Of the cells.
+    points_per_wave : int
+        Grid points of the cells per shortest wave.
+    waves : int
+        Longest waves along an edge of a cell.
+    executor : Executor, optional
+        See :func:`multiscale.micro.run_ensemble`.
+    """
+    begin = perf_counter()
+    cells = [structure.cell(structure.surface(seed, points_per_wave, waves)) for seed in seeds]
+    response = run_ensemble(cells, Path(pressure=tuple(structure.pressures)), executor=executor)
+    law, area = laws_of(response)
+    fitted = perf_counter()
+    answer = structure.solve(law, area)
+    end = perf_counter()
+    solved = int(response["converged"].sum())
+    return Way((answer,), end - begin, end - fitted, solved, 0, response)
+
+
+def laws_of(response: "xr.Dataset") -> tuple[NormalLaw, AreaLaw]:
+    """Law of the pressure and of the contact area that a response gives."""
+    law = fit_law(response, n_samples=0)
+    return law_from_dataset(law), area_from_dataset(law)
+
+
+def answer_of(structure: RoughStructure, response: "xr.Dataset", refined: int = 1) -> Answer:
+    """Answer of the structure with the law of a response."""
+    law, area = laws_of(response)
+    return structure.solve(law, area, refined=refined)
+
+
+def solve_concurrent(
+    structure: RoughStructure,
+    seeds: Sequence[int],
+    *,
+    points_per_wave: int = 8,
+    waves: int = CELL_WAVES,
+    spacing: float | None = 0.1,
+) -> Way:
+    """Solve the structure with a cell at every point, once for each realisation.
+
+    Parameters
+    ----------
+    structure, seeds, points_per_wave, waves
+        As for :func:`solve_sequential`.
+    spacing : float, optional
+        Of :class:`CellLaw`, over the root mean square height; without it every gap is solved.
+    """
+    begin = perf_counter()
+    answers, solved, reused = [], 0, 0
+    for seed in seeds:
+        law = CellLaw(
+            structure.cell(structure.surface(seed, points_per_wave, waves)),
+            None if spacing is None else spacing * structure.rms_height,
+        )
+        answers.append(structure.solve(law))
+        solved += law.account["solved"]
+        reused += law.account["reused"]
+    seconds = perf_counter() - begin
+    return Way(tuple(answers), seconds, seconds, solved, reused)
+
+
+def solve_direct(
+    structure: RoughStructure, seeds: Sequence[int], *, points_per_wave: int = 8
+) -> Way:
+    """Solve the structure with its roughness resolved, once for each realisation."""
+    begin = perf_counter()
+    answers = tuple(structure.resolve(seed, points_per_wave) for seed in seeds)
+    seconds = perf_counter() - begin
+    return Way(answers, seconds, seconds)

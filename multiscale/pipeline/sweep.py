@@ -1,0 +1,250 @@
+"""Many cases in one file: every combination of the values that it lists, each run by itself."""
+
+import hashlib
+import logging
+from collections.abc import Callable, Iterator, Mapping
+from concurrent.futures import Executor
+from copy import deepcopy
+from dataclasses import dataclass
+from functools import reduce
+from itertools import product
+from math import prod
+from operator import getitem
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from multiscale.errors import CaseError, MultiscaleError
+from multiscale.executors import run_jobs
+from multiscale.io import make_folder, open_dataset, write_dataset
+from multiscale.pipeline.case import find_case, read_case, validate_case
+from multiscale.pipeline.run import run
+from multiscale.pipeline.settings import Case
+from multiscale.schema import MACRO_RESULT, SWEEP
+
+if TYPE_CHECKING:
+    import xarray as xr
+
+__all__ = ["Sweep", "load_sweep", "run_sweep"]
+
+MOST_POINTS = 100_000
+
+RESULT = ("preload", "joint_stiffness", "mean_gap", "contact_fraction")
+"""Kept of each point; the rest is in its folder."""
+
+logger = logging.getLogger(__name__)
+
+
+@dataclass(frozen=True)
+class Sweep:
+    """Cases that differ in some values.
+
+    Attributes
+    ----------
+    title : str
+    parameters : tuple of str
+        Keys that vary, such as ``"cell.points"``; none in a file without ``[sweep]``.
+    points : tuple of Case
+        Every combination of the values, the last key fastest.
+    settings : tuple of tuple of str
+        For each point the values, as the file says them.
+    """
+
+    title: str
+    parameters: tuple[str, ...]
+    points: tuple[Case, ...]
+    settings: tuple[tuple[str, ...], ...]
+
+    def quick(self) -> "Sweep":
+        """Return the same sweep of quick cases."""
+        points = tuple(case.quick() for case in self.points)
+        return Sweep(f"{self.title} (quick)", self.parameters, points, self.settings)
+
+    def folders(self, out: Path) -> list[Path]:
+        """Run folder of each point, named after what it says, so that a sweep may grow."""
+        texts = (case.to_toml().encode() for case in self.points)
+        return [out / "points" / hashlib.sha256(text).hexdigest()[:12] for text in texts]
+
+
+def load_sweep(case: str | Path) -> Sweep:
+    """Read a case file that may list values in a table ``[sweep]``.
+
+    Parameters
+    ----------
+    case : str or Path
+        Path of a TOML file, or the name of a shipped case. ``[sweep]`` repeats tables and keys of
+        the case, each with a list of values in place of one.
+
+    Raises
+    ------
+    CaseError
+        If there is no such case, or with every fault of the first point that has any.
+
+    Examples
+    --------
+    >>> load_sweep("ground_steel").parameters
+    ()
+    """
+    path = find_case(case)
+    content = read_case(path)
+    table = content.pop("sweep", {})
+    lists = dict(_lists(table, path)) if isinstance(table, Mapping) else {}
+    if not lists and table != {}:
+        raise CaseError(f"{path}: [sweep] should be a table of lists, got {table!r}")
+    count = prod(len(values) for values in lists.values())
+    if count > MOST_POINTS:
+        raise CaseError(
+            f"{path}: [sweep] makes {count} points; list fewer values, at most {MOST_POINTS} points"
+        )
+    points, settings = [], []
+    for values in product(*lists.values()):
+        said = tuple(str(value) for value in values)
+        point = deepcopy(content)
+        for key, value in zip(lists, values, strict=True):
+            _set(point, key, value, path)
+        if lists:
+            names = (f"{'.'.join(key)} = {text}" for key, text in zip(lists, said, strict=True))
+            point["title"] = f"{content.get('title', '')}: {', '.join(names)}"
+        points.append(validate_case(point, path))
+        settings.append(said)
+    title = str(content["title"])
+    return Sweep(title, tuple(".".join(key) for key in lists), tuple(points), tuple(settings))
+
+
+def run_sweep(
+    sweep: Sweep,
+    out: str | Path,
+    *,
+    executor: Executor | None = None,
+    progress: Callable[[int], None] = lambda finished: None,
+) -> "xr.Dataset":
+    """Run every point of a sweep in its own folder, and join the results.
+
+    Parameters
+    ----------
+    sweep : Sweep
+    out : path
+        Gets ``sweep.nc`` and the folder ``points``. Finished points and cells found there are
+        kept, also those of another sweep.
+    executor : Executor, optional
+        See :func:`multiscale.executors.run_jobs`; a point is one job.
+    progress : callable
+        Gets the number of finished points.
+
+    Returns
+    -------
+    Dataset
+        Follows ``SWEEP``, with the parameters as coordinates of ``point``: in SI units where they
+        are numbers. A point without result is NaN, with its failure as text.
+
+    Raises
+    ------
+    MultiscaleError
+        If a worker process died, a file cannot be written, or no point has a result.
+    """
+    out = make_folder(Path(out))
+    folders = sweep.folders(out)
+    found: dict[int, tuple[xr.Dataset | None, str]] = {}
+
+    def finish(k: int, result: "tuple[xr.Dataset | None, str]") -> None:
+        found[k] = result
+        logger.info("point %d: %s", k, result[1] or "finished")
+        progress(len(found))
+
+    jobs = {k: (case, folders[k]) for k, case in enumerate(sweep.points)}
+    run_jobs(_run_point, jobs, executor, finish)
+    failures = [found[k][1] for k in jobs]
+    if all(failures):
+        raise MultiscaleError(
+            f"none of the {len(jobs)} points of the sweep has a result; the first: {failures[0]}"
+        )
+    joined = _join(sweep, [found[k][0] for k in jobs], failures, [path.name for path in folders])
+    write_dataset(joined, out / "sweep.nc", SWEEP)
+    return joined
+
+
+def _lists(table: Mapping[str, Any], path: Path) -> Iterator[tuple[tuple[str, ...], list[Any]]]:
+    """Keys of a table and the lists that stand there."""
+    for name, value in table.items():
+        if isinstance(value, Mapping):
+            for key, values in _lists(value, path):
+                yield (name, *key), values
+        elif isinstance(value, list) and value:
+            yield (name,), value
+        else:
+            raise CaseError(
+                f"{path}: [sweep] {name} should be a list of at least one value, got {value!r}"
+            )
+
+
+def _set(content: dict[str, Any], key: tuple[str, ...], value: Any, path: Path) -> None:
+    """Put a value where a key leads, with the tables on the way."""
+    for name in key[:-1]:
+        content = content.setdefault(name, {})
+        if not isinstance(content, dict):
+            raise CaseError(f"{path}: [sweep] {'.'.join(key)} leads through {name}, no table")
+    content[key[-1]] = value
+
+
+def _run_point(case: Case, folder: Path) -> "tuple[xr.Dataset | None, str]":
+    """Run a point unless it is finished; what is refused is a sentence, not the end."""
+    file = folder / "macro_result.nc"
+    try:
+        if not file.exists():
+            run(case, folder)
+        return open_dataset(file, MACRO_RESULT), ""
+    except MultiscaleError as error:
+        return None, str(error)
+
+
+def _join(
+    sweep: Sweep, results: "list[xr.Dataset | None]", failures: list[str], folders: list[str]
+) -> "xr.Dataset":
+    """Join the results of all points."""
+    steps = max(result.sizes["step"] for result in results if result is not None)
+    shape = (len(results), steps)
+    values: dict[str, Any] = {name: np.full(shape, np.nan) for name in RESULT}
+    low, high = np.full((2, *shape), np.nan)
+    converged = np.zeros(shape, dtype=int)
+    for k, result in enumerate(results):
+        if result is None:
+            continue
+        here = (k, slice(result.sizes["step"]))
+        converged[here] = result["converged"].values
+        for name in RESULT:
+            values[name][here] = result[name].values
+        if "joint_stiffness_sample" in result:
+            band = np.nanpercentile(result["joint_stiffness_sample"].values, (2.5, 97.5), axis=0)
+            low[here], high[here] = band
+    joined = SWEEP.build(
+        values
+        | {
+            "setting": np.array(sweep.settings, dtype=str).reshape(len(results), -1),
+            "folder": [f"points/{name}" for name in folders],
+            "failure": failures,
+            "converged": converged,
+            "joint_stiffness_low": low,
+            "joint_stiffness_high": high,
+        },
+        title=sweep.title,
+    )
+    return joined.assign_coords(parameter=list(sweep.parameters), **_coordinates(sweep))
+
+
+def _coordinates(sweep: Sweep) -> dict[str, Any]:
+    """Parameters along the points: numbers in SI units, or text."""
+    dumps = [case.model_dump(mode="json") for case in sweep.points]
+    coordinates: dict[str, Any] = {}
+    for column, name in enumerate(sweep.parameters):
+        values = [reduce(getitem, name.split("."), dump) for dump in dumps]
+        parts = [str(value).split(" ", maxsplit=1) for value in values]
+        try:
+            numbers = [float(part[0]) for part in parts]
+        except ValueError:
+            texts = [setting[column] for setting in sweep.settings]
+            coordinates[name] = ("point", texts, {"long_name": name})
+            continue
+        unit = parts[0][1] if len(parts[0]) > 1 else "1"
+        coordinates[name] = ("point", numbers, {"units": unit, "long_name": name})
+    return coordinates

@@ -1,0 +1,28 @@
+"""Dataset of a sweep."""
+
+from multiscale.schema.base import Schema, Variable
+
+__all__ = ["SWEEP"]
+
+SWEEP = Schema(
+    name="sweep",
+    version=1,
+    variables={
+        "setting": Variable(("point", "parameter"), "1", "what the case of a point says"),
+        "folder": Variable(("point",), "1", "run folder of a point"),
+        "failure": Variable(("point",), "1", "why a point has no result; empty if it has one"),
+        "converged": Variable(("point", "step"), "1", "whether the macro solver converged"),
+        "preload": Variable(("point", "step"), "Pa", "nominal preload"),
+        "joint_stiffness": Variable(
+            ("point", "step"), "Pa m-1", "normal stiffness of the whole joint"
+        ),
+        "joint_stiffness_low": Variable(
+            ("point", "step"), "Pa m-1", "lower end of the 95 % band of the joint stiffness"
+        ),
+        "joint_stiffness_high": Variable(
+            ("point", "step"), "Pa m-1", "upper end of the 95 % band of the joint stiffness"
+        ),
+        "mean_gap": Variable(("point", "step"), "m", "area mean of the gap of the joint"),
+        "contact_fraction": Variable(("point", "step"), "1", "real over nominal contact area"),
+    },
+)

@@ -1,0 +1,165 @@
+"""How wrong an answer of the structure is, from the error budget of its law."""
+
+from collections.abc import Callable, Mapping
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from multiscale.errors import CaseError
+from multiscale.laws import NormalLaw, StretchedLaw
+from multiscale.upscaling.budget import (
+    ERROR_TERMS,
+    Terms,
+    assemble_budget,
+    how_attribute,
+    total_error,
+)
+from multiscale.upscaling.budget_terms import separation_term
+from multiscale.upscaling.fit import fit_law
+from multiscale.upscaling.observations import observe
+from multiscale.upscaling.reading import law_from_dataset
+from multiscale.upscaling.resolution import estimate_grid_error
+from multiscale.upscaling.scales import ScaleSeparation
+
+if TYPE_CHECKING:
+    import xarray as xr
+
+__all__ = ["structure_budget", "with_scales"]
+
+STRETCH = 0.02  # of the gaps, to see how an answer depends on them
+FEWEST_SAMPLES = 40  # for a percentile interval
+
+
+def structure_budget(
+    name: str,
+    law: "xr.Dataset",
+    solve: Callable[[NormalLaw], np.ndarray],
+    *,
+    pressure: np.ndarray | None = None,
+    coarser: Mapping[float, np.ndarray] | None = None,
+    samples: np.ndarray | int = 100,
+) -> "xr.Dataset":
+    """Carry the error budget of a law to an answer of the structure.
+
+    Parameters
+    ----------
+    name : str
+        Of the answer, for instance ``"joint_stiffness"``.
+    law : Dataset
+        Follows ``INTERFACE_LAW`` and carries its budget; see :func:`with_budget`.
+    solve : callable
+        From a normal law to the answer, shape (steps,), any unit: a macro solver.
+    pressure : ndarray, shape (steps,), optional
+        Pressure of the interface at each step, Pa, at which the errors of the law count; their
+        root mean square over its data if not given.
+    coarser : mapping of float to ndarray, shape (steps,), optional
+        Answers with the mean law on coarser meshes, by the ratio of the spacings; see
+        :func:`estimate_grid_error`.
+    samples : int or ndarray, shape (samples, steps)
+        How many bootstrap samples of the law are solved, from the first on, or their answers.
+        With fewer than 40, sampling enters as the other terms do.
+
+    Returns
+    -------
+    Dataset
+        Follows ``ERROR_BUDGET``, with one quantity. *Sampling* comes from the samples of the law.
+        The other terms of the law enter by the change of the answer when all gaps are larger, and
+        when the law is softer about the mean pressure, by what they are of gap and stiffness; a
+        bias by solving with a law of free form through the gaps without it.
+
+    Raises
+    ------
+    CaseError
+        If the law carries no budget.
+    """
+    if "error_half_width" not in law:
+        raise CaseError(
+            "the law carries no error budget; add it by with_budget(law, error_budget(...))"
+        )
+    mean_law = law_from_dataset(law)
+    answer = np.atleast_1d(np.asarray(solve(mean_law), dtype=float))
+    size = np.abs(answer)
+    how = {term: str(law.attrs[how_attribute(term)]) for term in ERROR_TERMS}
+    p = law["fit_pressure"].to_numpy() if pressure is None else np.asarray(pressure)
+    middle = float(mean_law.gap_at(np.array(np.exp(np.mean(np.log(p))))))
+    by = STRETCH * float(np.ptp(law["fit_mean_gap"].to_numpy()))
+    shifted = np.atleast_1d(solve(StretchedLaw(mean_law, 1.0, shift=by)))
+    stretched = np.atleast_1d(solve(StretchedLaw(mean_law, 1.0 + STRETCH, centre=middle)))
+    of_gap = np.abs(shifted - answer) / size / by  # 1/m
+    of_stiffness = np.abs(stretched - answer) / size / STRETCH
+    terms: Terms = {}
+    for term in ERROR_TERMS[:-1]:
+        gap, stiffness = _at_pressure(law, term, pressure)
+        if gap is not None or stiffness is not None:
+            parts = (
+                of_gap * (0.0 if gap is None else gap),
+                of_stiffness * (0.0 if stiffness is None else stiffness),
+            )
+            terms[term] = np.hypot(*parts)[None]
+    biases: Terms = {}
+    for term in terms:
+        bias = law["error_bias"].sel(quantity="mean_gap", error_term=term).to_numpy()
+        if np.any(bias):
+            unbiased = np.atleast_1d(solve(_unbiased(law, bias)))
+            biases[term] = ((answer - unbiased) / size)[None]
+    if not isinstance(samples, np.ndarray):
+        n = min(samples, int(law.sizes.get("sample", 0)))
+        n = n if n >= FEWEST_SAMPLES else 0
+        samples = np.array([np.atleast_1d(solve(law_from_dataset(law, k))) for k in range(n)])
+    if len(samples):
+        low, high = np.nanpercentile(samples, [2.5, 97.5], axis=0)
+        terms["sampling"] = (0.5 * (high - low) / size)[None]
+        how["sampling"] = f"{len(samples)} bootstrap samples of the law"
+    how["macro discretisation"] = "not known: pass coarser, the answers on coarser meshes"
+    if coarser:
+        estimate = estimate_grid_error(answer, coarser)
+        terms["macro discretisation"] = (estimate.half_width / size)[None]
+        how["macro discretisation"] = estimate.how
+    return assemble_budget(terms, biases, how, (name,), None, steps=answer.size)
+
+
+def _at_pressure(
+    law: "xr.Dataset", term: str, pressure: np.ndarray | None
+) -> tuple[np.ndarray | None, np.ndarray | None]:
+    """Half-widths of a term for the gap, m, and the stiffness, relative; nothing if not known."""
+    found: list[np.ndarray | None] = []
+    data = law["fit_pressure"].to_numpy()
+    for quantity, scale in (("mean_gap", np.abs(law["fit_mean_gap"].to_numpy())), ("stiffness", 1)):
+        one = law["error_half_width"].sel(error_term=term, quantity=quantity).to_numpy() * scale
+        known = np.isfinite(one)
+        if not np.any(known):
+            found.append(None)
+        elif pressure is None:
+            found.append(np.sqrt(np.mean(one[known] ** 2)))
+        else:
+            found.append(np.interp(np.log(pressure), np.log(data[known]), one[known]))
+    return found[0], found[1]
+
+
+def _unbiased(law: "xr.Dataset", bias: np.ndarray) -> NormalLaw:
+    """Return the law through the gaps of the data less their bias, which is relative."""
+    gap = law["fit_mean_gap"].to_numpy() * (1.0 - bias)
+    data = observe("gap", law["fit_pressure"].to_numpy(), gap)
+    return law_from_dataset(fit_law(data, n_samples=0))
+
+
+def with_scales(law: "xr.Dataset", scales: ScaleSeparation) -> "xr.Dataset":
+    """Return a law whose budget has the scale separation of another structure.
+
+    Parameters
+    ----------
+    law : Dataset
+        Follows ``INTERFACE_LAW`` and carries its budget.
+    scales : ScaleSeparation
+        From :func:`compare_scales`.
+    """
+    half, bias = law["error_half_width"].copy(deep=True), law["error_bias"]
+    p = law["fit_pressure"].to_numpy()
+    scatter = half.sel(error_term="sampling").to_numpy() / float(law.attrs["sampling_factor"])
+    half.loc[{"error_term": "scale separation"}] = separation_term(law, scatter, p, scales)
+    spread = np.sqrt(np.nansum(half.to_numpy() ** 2, axis=1))
+    total = law["error_total"].copy(data=total_error(bias.sum("error_term").to_numpy(), spread))
+    unknown = [one for one in str(law.attrs["unknown"]).split(", ") if one != "scale separation"]
+    return law.assign(error_half_width=half, error_total=total).assign_attrs(
+        {how_attribute("scale separation"): str(scales), "unknown": ", ".join(unknown)}
+    )

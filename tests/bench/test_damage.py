@@ -1,0 +1,45 @@
+"""Lives by jumps against lives cycle by cycle, and the dataset and figure of both."""
+
+import numpy as np
+import pytest
+
+from multiscale.bench import SCENES as FAMILIES
+from multiscale.bench import damage, tabulate
+from multiscale.bench.damage import SCENES, life
+from multiscale.bench.measure import Measured
+from multiscale.plotting import draw_work_precision
+from multiscale.schema import WORK_PRECISION
+
+
+@pytest.mark.parametrize("scene", SCENES)
+def test_jumps_give_the_life_of_every_cycle_for_a_share_of_them(scene):
+    every, followed = life(scene, None)
+    lives, counts = np.array([life(scene, tolerance) for tolerance in (0.1, 0.01)]).T
+    errors, shares = np.abs(lives / every - 1.0), counts / followed
+    assert errors[1] < 1e-3
+    assert errors[1] < errors[0] < 0.1
+    assert shares[0] < shares[1] < 0.2
+
+
+def test_the_family_leaves_a_dataset_and_a_figure(monkeypatch, tmp_path):
+    monkeypatch.setattr(
+        damage, "measure", lambda task, **_: Measured(task(), wall_time=0.1, peak_memory=1e8)
+    )
+    lines = []
+    found = FAMILIES["damage"](True, lines.append)
+    WORK_PRECISION.check(found)
+    assert found["converged"].values.all()
+    assert len(lines) == found.sizes["run"] == 3
+    # every cycle is nearest to the reference, then the finer of both tolerances
+    by_tolerance = dict(zip(found["tolerance"].values, found["error"].values, strict=True))
+    assert by_tolerance[0.0] < 1e-3
+    assert by_tolerance[0.01] < by_tolerance[0.1] < 0.1
+    assert len(tabulate(found)[1]) == 3
+    assert draw_work_precision(found, tmp_path / "damage.png").stat().st_size > 1000
+
+
+def test_a_process_that_died_leaves_no_number(monkeypatch):
+    monkeypatch.setattr(damage, "measure", lambda *_, **__: Measured(None, np.nan, np.nan))
+    found = FAMILIES["damage"](True, lambda line: None)
+    assert not found["converged"].values.any()
+    assert np.isnan(found["error"].values).all()

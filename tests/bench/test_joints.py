@@ -1,0 +1,31 @@
+"""The heuristic indicator of rough joints against true errors."""
+
+import numpy as np
+import pytest
+
+from multiscale.bench import SCENES, tabulate
+from multiscale.bench.joints import SCENES as JOINTS
+from multiscale.bench.joints import measure_effectivity
+
+
+@pytest.mark.parametrize("name", ["law like the blocks", "stiff law"])
+def test_the_indicator_is_near_the_true_error_of_sliding_joints(name):
+    runs = list(measure_effectivity(JOINTS[name]))
+    assert {run["step"] for run in runs} == {0, 1, 2, 3, 4}
+    late = np.array([run["effectivity"] for run in runs if run["error"] < 1e-3])
+    assert late.size > 30
+    assert 0.8 < np.median(late) < 3.0
+    assert late.min() > 0.3
+    assert late.max() < 30.0
+
+
+def test_the_table_has_the_effectivity_at_every_decade_of_the_error():
+    lines = []
+    found = SCENES["joints"](True, lines.append)
+    assert len(lines) == 2
+    assert found.sizes["run"] == 2 * 5 * 6
+    assert np.all(found.error > 0.0)
+    assert np.all(found.effectivity > 0.0)
+    head, rows = tabulate(found)
+    assert "effectivity" in head
+    assert len(rows) == 60

@@ -1,0 +1,98 @@
+"""Cut structures by every method: the same answer, and histories that end there."""
+
+import numpy as np
+import pytest
+
+from multiscale.bench import SCENES, substructures, tabulate
+from multiscale.bench.measure import Measured
+from multiscale.bench.substructures import METHODS, RIGHT, make_scenes, solve_scene
+from multiscale.io import open_dataset, write_dataset
+from multiscale.macro.substructures import assemble
+from multiscale.plotting import draw_work_precision
+from multiscale.schema import WORK_PRECISION
+
+
+@pytest.fixture(scope="module")
+def scenes():
+    return {scene.name.split()[0].strip(","): scene for scene in make_scenes(quick=True)}
+
+
+@pytest.mark.parametrize("name", ["grid", "plate", "rough"])
+def test_every_method_finds_the_same_and_its_history_ends_there(scenes, name):
+    scene = scenes[name]
+    whole = solve_scene(scene, METHODS[0])
+    assert whole.converged
+    for method in METHODS[1:]:
+        answer = solve_scene(scene, method, whole.value)
+        assert answer.converged
+        assert answer.unknowns == whole.unknowns
+        error = scene.error(answer.value, whole.value)
+        assert error <= RIGHT
+        seconds, errors = answer.history.T
+        assert np.all(np.diff(seconds) > 0.0)
+        assert errors[0] > 1e-2
+        assert errors[-1] == pytest.approx(error, rel=0.5, abs=1e-12)
+        assert len(errors) >= answer.iterations
+
+
+def test_the_rough_joint_slips_in_part(scenes):
+    scene = scenes["rough"]
+    whole = assemble(scene.structure)
+    law = scene.structure.joints[0].law
+    jump = (whole.jump @ solve_scene(scene, METHODS[0]).value).reshape(3, -1)
+    traction = law.respond(jump, np.zeros((law.n_state, whole.weight.size))).traction
+    slips = np.hypot(*traction[1:]) > -(1.0 - 1e-9) * law.friction * traction[0]
+    assert 0.2 < whole.weight[slips].sum() / whole.weight.sum() < 0.8
+
+
+def test_errors_of_bodies_are_those_of_their_stresses(scenes):
+    scene = scenes["plate"]
+    u = solve_scene(scene, METHODS[0]).value
+    assert scene.error(1.003 * u, u) == pytest.approx(3e-3, rel=1e-9)
+    assert scene.error(u, u) == 0.0
+
+
+def test_a_lost_process_leaves_a_row_without_values_and_the_rest_is_drawn(monkeypatch, tmp_path):
+    def lose_one(task, *, warm_up, repeats, threads):
+        scene, method, _ = task.args
+        if scene.name.startswith("plate") and method == METHODS[2]:
+            return Measured(None, np.nan, np.nan)
+        return Measured(task(), 0.5, 1e8)
+
+    monkeypatch.setattr(substructures, "measure", lose_one)
+    monkeypatch.setattr(substructures, "QUICK_MODULES", (4,))
+    lines = []
+    found = SCENES["substructures"](True, lines.append)
+    assert len(lines) == found.sizes["run"] == 9
+    lost = np.arange(9) == 5
+    np.testing.assert_array_equal(found["converged"], np.where(lost, 0, 1))
+    assert np.all(found["error"].values[~lost] <= RIGHT)
+    for name in ("error", "wall_time", "iterations", "unknowns"):
+        assert np.isnan(found[name][lost]).all()
+    assert set(found["history_run"].values) == {1, 2, 4, 7, 8}
+
+    write_dataset(found, tmp_path / "out.nc", WORK_PRECISION)
+    again = open_dataset(tmp_path / "out.nc", WORK_PRECISION)
+    draw_work_precision(again, tmp_path / "out.png")
+    assert (tmp_path / "out.png").stat().st_size > 20_000
+    head, rows = tabulate(again)
+    assert "unknowns" in head
+    assert sum("not converged" in " ".join(row) for row in rows) == 1
+
+
+@pytest.mark.slow
+def test_the_command_measures_every_method(tmp_path, monkeypatch, capsys):
+    from multiscale.cli import main
+
+    monkeypatch.setattr(
+        "sys.argv", ["multiscale", "bench", "substructures", "-o", str(tmp_path), "--quick"]
+    )
+    with pytest.raises(SystemExit) as stop:
+        main()
+    assert stop.value.code == 0
+    found = open_dataset(tmp_path / "substructures.nc", WORK_PRECISION)
+    assert set(found["method"].values) == set(METHODS)
+    assert found["converged"].all()
+    assert np.all(found["peak_memory"] > 1e7)
+    assert (tmp_path / "substructures.png").exists()
+    assert "unknowns" in capsys.readouterr().out

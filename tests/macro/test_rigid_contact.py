@@ -1,0 +1,123 @@
+"""Unilateral contact with Coulomb friction between substructures, against a solver of its own."""
+
+import numpy as np
+import pytest
+from scipy.sparse.linalg import splu
+
+from multiscale.errors import CaseError
+from multiscale.laws import RigidContact
+from multiscale.laws.bulk import Elastic
+from multiscale.macro import Body
+from multiscale.macro.continuum import box_mesh
+from multiscale.macro.substructures import (
+    Joint,
+    JointLoading,
+    assemble,
+    cut_bodies,
+    load_joint,
+    solve_latin,
+    solve_schur,
+    split_boxes,
+    stacked_blocks,
+)
+from multiscale.nonsmooth import solve_friction
+
+E = 210e9
+
+
+def console(law, parts, push=1.5e6):
+    """A block held at its end rests on another; pressed at one end and pushed along."""
+    lower = Body(
+        box_mesh((0.04, 0.02, 0.01), (4, 2, 1), origin=(0.0, 0.0, -0.01)),
+        Elastic(E, 0.3),
+        supports={"bottom": (0.0, 0.0, 0.0)},
+    )
+    upper = Body(
+        box_mesh((0.04, 0.02, 0.01), (4, 2, 1)),
+        Elastic(E, 0.3),
+        supports={"right": (0.0, 0.0, 0.0)},
+        tractions={"top": (push, 0.0, lambda x, t: 8e6 * (np.asarray(x[0]) / 0.02 - 1.0))},
+    )
+    owners = [split_boxes(body, (parts, 1, 1)) for body in (lower, upper)]
+    joint = Joint((0, 1), ("top", "bottom"), law)
+    return cut_bodies([lower, upper], owners, [joint])
+
+
+@pytest.mark.parametrize(
+    ("friction", "push"),
+    [
+        pytest.param(0.0, 1.5e6, id="frictionless"),
+        pytest.param(0.3, 1.5e6, id="slides"),
+        pytest.param(0.3, 0.6e6, id="sticks-in-part"),
+    ],
+)
+@pytest.mark.parametrize("gap", [0.0, 2e-8])
+@pytest.mark.parametrize("parts", [1, 2])
+def test_blocks_that_press_slide_and_gape_are_those_of_the_condensed_problem(
+    parts, gap, friction, push
+):
+    law = RigidContact(friction, gap)
+    problem = console(law, parts, push)
+    whole = assemble(problem)
+    points = whole.weight.size
+    # the force at a point is its traction times its weight: u = W r + q, normal first
+    order = np.arange(3 * points).reshape(3, points).T.ravel()
+    J = whole.jump.toarray()[order]
+    solve = splu(whole.stiffness.tocsc()).solve
+    free, compliance = solve(whole.load[:, 0]), solve(J.T)
+    q = J @ free
+    q[::3] += gap
+    scale = 1.0 / np.abs(q).max()
+    force = solve_friction(J @ compliance * 1e8, q * scale, np.full(points, friction)).unwrap()
+    expected = free + compliance @ (force * 1e8 / scale)
+    touching = force[::3] > 1e-6 * force.max()
+    assert 0 < np.count_nonzero(touching) < points, "some points must be open"
+
+    sliding = np.hypot(force[1::3], force[2::3])[touching] > 0.999 * friction * force[::3][touching]
+    assert np.all(sliding) == (friction > 0.0 and push > 1e6)
+    assert np.any(sliding) == (friction > 0.0)
+
+    result = solve_latin(problem, tolerance=1e-8)
+    assert result.converged == 1
+    found = result.displacement.values[0]
+    size = np.abs(expected).max()
+    np.testing.assert_allclose(found, np.append(expected, 0.0)[problem.number], atol=1e-6 * size)
+    traction = result.traction.values[0]
+    round_off = 1e-9 * np.abs(traction).max()
+    assert np.all(traction[:, 0] <= round_off)
+    shear = np.hypot(traction[:, 1], traction[:, 2])
+    assert np.all(shear <= -friction * traction[:, 0] + round_off)
+    assert np.all(result.jump.values[0, :, 0] >= -gap * (1.0 + 1e-12))
+
+
+def test_pressed_blocks_without_a_gap_are_one_block():
+    bodies = [
+        Body(
+            box_mesh((0.02, 0.02, 0.01), (2, 2, 2), origin=(0.0, 0.0, z)),
+            Elastic(E, 0.0),
+            supports=held,
+            tractions=load,
+        )
+        for z, held, load in (
+            (-0.01, {"bottom": (0.0, 0.0, 0.0)}, {}),
+            (0.0, {"front": (None, 0.0, None)}, {"top": (0.0, 0.0, -5e6)}),
+        )
+    ]
+    owners = [split_boxes(body, (2, 1, 1)) for body in bodies]
+    joint = Joint((0, 1), ("top", "bottom"), RigidContact(0.2))
+    result = solve_latin(cut_bodies(bodies, owners, [joint]))
+    top = result.position.values[:, 2] == 0.01
+    np.testing.assert_allclose(result.displacement[0, top, 2], -0.02 * 5e6 / E, rtol=1e-7)
+    np.testing.assert_allclose(result.traction[0, :, 0], -5e6, rtol=1e-6)
+
+
+def test_rigid_contact_is_refused_where_a_jump_must_tell_the_traction():
+    law = RigidContact(0.3)
+    with pytest.raises(CaseError, match="solve_latin takes rigid contact"):
+        solve_schur(console(law, 1))
+    blocks = stacked_blocks((0.02, 0.02, 0.01), (2, 2, 1), [Elastic(E, 0.0)] * 2, [law])
+    with pytest.raises(CaseError, match="rigid contact has no stiffness to measure"):
+        load_joint(blocks, JointLoading((1e6,)))
+    for wrong in ({"friction": -0.1}, {"gap": np.nan}):
+        with pytest.raises(CaseError, match=next(iter(wrong))):
+            RigidContact(**wrong)

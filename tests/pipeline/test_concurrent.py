@@ -1,0 +1,181 @@
+"""The law that solves a cell at every point: consistent, without hidden history, accounted for."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from multiscale.convergence import Status
+from multiscale.errors import CaseError, ConvergenceError
+from multiscale.laws import Frictional
+from multiscale.laws.bulk import Elastic
+from multiscale.macro import Block, RoughJoint, assemble_joint, rough_joint
+from multiscale.macro.monolithic import solve_interface
+from multiscale.macro.substructures import JointLoading, load_joint, stacked_blocks
+from multiscale.micro import Cell, Path, self_affine, solve_cell
+from multiscale.micro.gap_control import GapCell
+from multiscale.pipeline import CellLaw
+from multiscale.upscaling import fit_law, law_from_dataset
+
+RMS = 1e-6
+
+
+def rough_cell(n=32, seed=3):
+    surface = self_affine(
+        (n, n),
+        (1e-3, 1e-3),
+        seed,
+        hurst_exponent=0.8,
+        long_cutoff=5e-4,
+        short_cutoff=2.5e-4,
+        rms_height=RMS,
+    )
+    return Cell(surface, 1e-3, 8, 210e9, 0.3, geometry="flat")
+
+
+SPACINGS = [pytest.param(None, id="every-gap"), pytest.param(0.1 * RMS, id="with-spacing")]
+
+
+@pytest.mark.parametrize("spacing", SPACINGS)
+def test_tangent_is_the_derivative_of_the_traction(spacing):
+    law = CellLaw(rough_cell(), spacing)
+    gap = law.touch * np.array([-0.1, 0.004, 0.05, 0.3, 0.6, 0.97, 1.2])
+    jump = np.stack([gap, np.zeros_like(gap), np.ones_like(gap)])
+    step = 1e-7 * law.touch
+    tangent = law.respond(jump, np.empty((0, gap.size))).tangent
+    forward, back = (
+        law.respond(jump + sign * np.array([[step], [0.0], [0.0]]), np.empty((0, gap.size)))
+        for sign in (1.0, -1.0)
+    )
+    difference = (forward.traction - back.traction) / (2.0 * step)
+    np.testing.assert_allclose(tangent[:, 0], difference, rtol=1e-4, atol=1e-4 * tangent.max())
+    assert not np.any(tangent[:, 1:])
+
+
+def test_cells_answer_what_they_answer_under_pressure():
+    cell, pressure = rough_cell(), np.geomspace(1e6, 1e9, 7)
+    response = solve_cell(cell, Path(pressure=tuple(pressure)))
+    gap = response["mean_gap"].values[0]
+    np.testing.assert_allclose(CellLaw(cell).pressure(gap), pressure, rtol=2e-5)
+    np.testing.assert_allclose(CellLaw(cell, 0.05 * RMS).pressure(gap), pressure, rtol=5e-3)
+    np.testing.assert_allclose(CellLaw(cell).gap_at(pressure), gap, rtol=1e-5)
+
+
+@pytest.mark.parametrize("spacing", SPACINGS)
+def test_the_answer_does_not_depend_on_what_was_asked_before(spacing):
+    gap = RMS * np.linspace(0.2, 3.0, 9)
+    fresh = [CellLaw(rough_cell(), spacing).pressure(np.array([g]))[0] for g in gap]
+    used = CellLaw(rough_cell(), spacing)
+    used.pressure(gap[::-1] + 0.03 * RMS)
+    np.testing.assert_allclose(used.pressure(gap), fresh, rtol=1e-9)
+
+
+@pytest.mark.parametrize("spacing", SPACINGS)
+def test_gaps_and_pressures_are_inverse(spacing):
+    law = CellLaw(rough_cell(), spacing)
+    beyond = 2.0 * law.pressure_range[1]
+    pressure = np.array([[0.0, 1e5, 1e7], [1e8, 1e9, beyond]])
+    gap = law.gap_at(pressure)
+    np.testing.assert_allclose(law.pressure(gap), pressure, rtol=1e-9)
+    assert gap[0, 0] == law.touch
+
+
+@pytest.mark.parametrize("stiffness", [1e11, 1e14])
+def test_resolvent_lies_on_the_law_and_on_the_search_direction(stiffness):
+    law = CellLaw(rough_cell(), 0.1 * RMS)
+    jump = RMS * np.array([[0.3, 1.0, 2.0, 4.5], [0.1, 0.2, -0.3, 0.4]])
+    source = law.respond(jump, np.empty((0, 4))).traction + stiffness * jump
+    found = law.resolvent(source, stiffness, np.empty((0, 4)))
+    np.testing.assert_allclose(found, jump, atol=1e-7 * RMS)
+
+
+def test_cells_solved_before_are_not_solved_again():
+    law = CellLaw(rough_cell())
+    gap = RMS * np.array([1.0, 2.0, 1.0, 1.0])
+    law.pressure(gap)
+    assert (law.account["solved"], law.account["reused"]) == (2, 2)
+    law.stiffness(gap)
+    assert (law.account["solved"], law.account["reused"]) == (2, 6)
+    law.pressure(np.array([2.0 * law.touch, np.inf, np.nan]))  # nothing to solve
+    assert (law.account["solved"], law.account["reused"]) == (2, 6)
+
+
+def test_nothing_is_pressed_beyond_first_touch_and_a_gap_that_is_nan_stays_nan():
+    law = CellLaw(rough_cell(), 0.1 * RMS)
+    found = law.pressure(np.array([law.touch, 2.0 * law.touch, np.inf, np.nan]))
+    np.testing.assert_array_equal(found, [0.0, 0.0, 0.0, np.nan])
+
+
+def joint():
+    block = Block(0.01, 210e9, 0.3, layers=2)
+    return RoughJoint((0.02, 0.02), block, block, elements=(2, 2), eccentricity=(0.003, 0.0))
+
+
+@pytest.fixture(scope="module")
+def fitted():
+    """Law fitted to the cell."""
+    response = solve_cell(rough_cell(), Path(pressure=tuple(np.geomspace(5e5, 2e8, 14))))
+    return law_from_dataset(fit_law(response, n_samples=0))
+
+
+def test_a_joint_of_cells_is_as_stiff_as_the_joint_of_their_law(fitted):
+    preload = np.array([5e6, 2e7])
+    sequential = rough_joint(joint(), fitted, preload)
+    law = CellLaw(rough_cell())
+    concurrent = rough_joint(joint(), law, preload, tolerance=1e-8)
+    assert concurrent["converged"].values.all()
+    assert law.account["solved"] > 50
+    assert law.account["reused"] > 0
+    for name, tolerance in (("mean_gap", 2e-3), ("joint_stiffness", 3e-2)):
+        np.testing.assert_allclose(concurrent[name], sequential[name], rtol=tolerance)
+
+
+def test_the_monolithic_solver_takes_cells_and_agrees_with_the_condensed_one():
+    law, preload = CellLaw(rough_cell(), 0.05 * RMS), 1e7
+    K, load, B, weight = assemble_joint(joint())
+    u = solve_interface(K, preload * load, B, weight, law).unwrap()
+    gap = float(weight @ (B @ u)[: weight.size]) / weight.sum()
+    condensed = rough_joint(joint(), law, np.array([preload]))
+    assert gap == pytest.approx(float(condensed["mean_gap"][0]), rel=1e-6)
+
+
+def test_newton_on_cells_converges_quadratically():
+    law = CellLaw(rough_cell())
+    K, load, B, weight = assemble_joint(joint())
+    start = solve_interface(K, 0.9e7 * load, B, weight, law, tolerance=1e-6).unwrap()
+    solution = solve_interface(K, 1e7 * load, B, weight, law, start=start, tolerance=1e-8)
+    assert solution.converged
+    assert len(solution.residuals) <= 6
+
+
+def test_substructures_take_cells_with_friction(fitted):
+    steel = Elastic(210e9, 0.3)
+    results = []
+    for normal in (CellLaw(rough_cell(), 0.1 * RMS), fitted):
+        law = Frictional(normal, friction=0.2)
+        blocks = stacked_blocks((0.02, 0.02, 0.01), (2, 2, 1), [steel, steel], [law])
+        results.append(load_joint(blocks, JointLoading((1e7,)), parts=(2, 1)))
+        assert results[-1]["converged"].values.all()
+    np.testing.assert_allclose(
+        results[0]["joint_stiffness"], results[1]["joint_stiffness"], rtol=3e-2
+    )
+
+
+def test_a_cell_that_fails_says_so(monkeypatch):
+    solve = GapCell.solve
+
+    def fails(self, mean_gap, start=None):
+        return replace(solve(self, mean_gap, start), status=Status.MAX_ITERATIONS)
+
+    monkeypatch.setattr(GapCell, "solve", fails)
+    with pytest.raises(ConvergenceError, match=r"did not converge at a mean gap of 1e-06 m, 0\."):
+        CellLaw(rough_cell()).pressure(np.array([1e-6]))
+
+
+def test_what_is_not_a_law_is_refused():
+    with pytest.raises(CaseError, match=r"spacing must be a positive distance \(m\), got -1"):
+        CellLaw(rough_cell(), -1.0)
+    with pytest.raises(CaseError, match="geometry='flat' only"):
+        CellLaw(replace(rough_cell(), geometry="conforming"))
+    with pytest.raises(ValueError, match="not negative"):
+        CellLaw(rough_cell()).gap_at(np.array([-1.0]))

@@ -1,0 +1,159 @@
+"""Sweeps: every combination of listed values, run to the end whatever is killed on the way."""
+
+import os
+import signal
+import time
+from concurrent.futures import ProcessPoolExecutor
+from multiprocessing import get_context
+
+import numpy as np
+import pytest
+import xarray as xr
+
+from multiscale.errors import CaseError, MultiscaleError
+from multiscale.io import open_dataset
+from multiscale.pipeline import load_case, load_sweep, run, run_sweep
+from multiscale.pipeline.case import shipped_cases
+from multiscale.schema import MICRO_RESPONSE
+
+SMALL = (
+    shipped_cases()["ground_steel"]
+    .read_text(encoding="utf-8")
+    .replace("[128, 128]", "[36, 36]")
+    .replace("realisations = 12", "realisations = 3")
+    + "\n[law]\nsamples = 10\n"
+)
+
+SWEEP = """
+[sweep]
+body_1.youngs_modulus = ["70 GPa", "210 GPa"]
+cell.layers = [8, 14]
+"""
+
+
+@pytest.fixture
+def write(tmp_path):
+    def to(text):
+        file = tmp_path / "case.toml"
+        file.write_text(text, encoding="utf-8")
+        return file
+
+    return to
+
+
+def test_points_are_all_combinations_and_the_last_key_is_fastest(write):
+    sweep = load_sweep(write(SMALL + SWEEP))
+    assert sweep.parameters == ("body_1.youngs_modulus", "cell.layers")
+    found = [(case.body_1.youngs_modulus, case.cell.layers) for case in sweep.points]
+    assert found == [(70e9, 8), (70e9, 14), (210e9, 8), (210e9, 14)]
+    assert sweep.settings[1] == ("70 GPa", "14")
+    assert len(set(sweep.folders(write("")))) == 4
+
+
+def test_a_table_that_the_case_leaves_out_may_be_swept(write):
+    sweep = load_sweep(write(SMALL + "[sweep]\nlaw.terms = [6, 8]\n"))
+    assert [case.law.terms for case in sweep.points] == [6, 8]
+
+
+@pytest.mark.parametrize(
+    ("table", "message"),
+    [
+        ("sweep = 3", r"\[sweep\] should be a table of lists, got 3"),
+        ("[sweep]\ncell.layers = 8", "layers should be a list of at least one value, got 8"),
+        ("[sweep]\ncell.layers = []", "list of at least one value"),
+        ("[sweep]\ncell.layer = [8]", "has no key 'layer'; did you mean 'layers'"),
+        ("[sweep]\ncell.layers = [8, -1]", r"\[cell\] layers should be greater"),
+        ("[sweep]\ntitle.x = [1]", "title.x leads through title, no table"),
+        (
+            "[sweep]\n"
+            + "".join(f"cell.{name} = {list(range(400))}\n" for name in ("layers", "depth")),
+            "makes 160000 points; list fewer values",
+        ),
+    ],
+)
+def test_a_bad_sweep_is_refused_in_one_sentence(write, table, message):
+    text = f"{table}\n{SMALL}" if table.startswith("sweep") else f"{SMALL}\n{table}"
+    with pytest.raises(CaseError, match=message):
+        load_sweep(write(text))
+
+
+def test_a_case_that_is_a_sweep_is_not_loaded_as_one_case(write):
+    with pytest.raises(CaseError, match="load it with load_sweep"):
+        load_case(write(SMALL + SWEEP))
+
+
+def test_each_point_is_the_run_of_its_case_and_a_failure_is_a_sentence(write, tmp_path):
+    text = SMALL.replace("[36, 36]", "[40, 40]") + "[sweep]\ncell.points = [[36, 36], [16, 16]]\n"
+    sweep = load_sweep(write(text))
+    counts = []
+    result = run_sweep(sweep, tmp_path / "out", progress=counts.append)
+    assert counts == [1, 2]
+    alone = run(sweep.points[0], tmp_path / "alone").macro_result
+    np.testing.assert_array_equal(result["joint_stiffness"][0], alone["joint_stiffness"])
+    np.testing.assert_array_equal(result["preload"][0], alone["preload"])
+    assert "16 x 16 points cannot carry short_cutoff" in result["failure"].values[1]
+    assert np.isnan(result["joint_stiffness"][1]).all()
+    assert not result["converged"][1].any()
+    assert list(result["cell.points"].values) == ["[36, 36]", "[16, 16]"]
+
+
+def test_a_sweep_that_grows_keeps_its_points(write, tmp_path):
+    run_sweep(load_sweep(write(SMALL + "[sweep]\ncell.layers = [8]\n")), tmp_path / "out")
+    (kept,) = (tmp_path / "out").glob("points/*/macro_result.nc")
+    before = kept.stat().st_mtime_ns
+    sweep = load_sweep(write(SMALL + "[sweep]\ncell.layers = [6, 8]\n"))
+    grown = run_sweep(sweep, tmp_path / "out")
+    assert kept.stat().st_mtime_ns == before
+    assert list(grown["cell.layers"].values) == [6.0, 8.0]
+    assert grown["converged"].values.all()
+
+
+def test_a_sweep_without_any_result_is_an_error(write, tmp_path):
+    sweep = load_sweep(write(SMALL + "[sweep]\ncell.points = [[16, 16]]\n"))
+    with pytest.raises(MultiscaleError, match="none of the 1 points of the sweep has a result"):
+        run_sweep(sweep, tmp_path / "out")
+
+
+def test_workers_of_a_dask_scheduler_give_the_same_dataset(write, tmp_path):
+    from distributed import Client, LocalCluster
+
+    sweep = load_sweep(write(SMALL + SWEEP))
+    serial = run_sweep(sweep, tmp_path / "serial")
+    with (
+        LocalCluster(2, threads_per_worker=1, dashboard_address=None) as cluster,
+        Client(cluster) as client,
+        client.get_executor() as executor,
+    ):
+        spread = run_sweep(sweep, tmp_path / "dask", executor=executor)
+    xr.testing.assert_equal(serial, spread)
+
+
+def _run_in_group(file, out):
+    """Run a sweep with two workers, all in one process group."""
+    os.setpgrp()
+    with ProcessPoolExecutor(2, mp_context=get_context("fork")) as executor:
+        run_sweep(load_sweep(file), out, executor=executor)
+
+
+@pytest.mark.slow
+def test_a_sweep_killed_at_any_moment_ends_with_the_same_dataset(write, tmp_path):
+    file = write(SMALL + SWEEP)
+    began = time.perf_counter()
+    whole = run_sweep(load_sweep(file), tmp_path / "whole")
+    usual = time.perf_counter() - began
+    context = get_context("fork")
+    for k, share in enumerate(np.random.default_rng(0).random(20)):
+        out = tmp_path / f"killed-{k}"
+        process = context.Process(target=_run_in_group, args=(file, out))
+        process.start()
+        time.sleep(share * usual)
+        if process.is_alive() and os.getpgid(process.pid) == process.pid:
+            os.killpg(process.pid, signal.SIGKILL)
+        process.join()
+        cells = list(out.glob("points/*/micro/realisation-*.nc"))
+        for cell in cells:
+            open_dataset(cell, MICRO_RESPONSE)  # whole
+        kept = {cell: cell.stat().st_mtime_ns for cell in cells}
+        again = run_sweep(load_sweep(file), out)
+        assert kept == {cell: cell.stat().st_mtime_ns for cell in cells}
+        xr.testing.assert_equal(whole, again)
