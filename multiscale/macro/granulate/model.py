@@ -14,7 +14,7 @@ __all__ = ["ContactLaw", "Model", "Solver"]
 
 @dataclass(frozen=True)
 class ContactLaw:
-    """How grains touch.
+    r"""How grains touch.
 
     Parameters
     ----------
@@ -23,9 +23,26 @@ class ContactLaw:
     restitution : float
         Newton's, from 0 to 1. Pairs that approach slowly do not bounce.
     compliance : float
-        :math:`a` of (2), dimensionless; zero for a rigid contact.
+        :math:`a` of (1), dimensionless; zero for a rigid contact.
     relaxation : float
         Steps in which an overlap goes, at least 1.
+
+    Raises
+    ------
+    CaseError
+        If a parameter is outside its range.
+
+    Notes
+    -----
+    A compliant contact of mass :math:`m` moves a little while its impulse :math:`r` differs from
+    that of the last step, :math:`r^-`, along the normal and across it:
+
+    .. math:: u + b + \frac{a}{m} (r - r^-) = 0 \quad \text{in place of} \quad u + b = 0.    \tag{1}
+
+    It is a spring of the stiffness :math:`m / (a h^2)`, in a step of length h, that forgets: at rest
+    nothing overlaps. It changes the problem that is solved, which then takes far fewer sweeps, with
+    0.05 a tenth or less. In impacts grains overlap by a few hundredths of a radius, and pushing
+    them apart again may bring a little energy, which a rigid contact never does.
     """
 
     friction: float = 0.5
