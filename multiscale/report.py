@@ -15,6 +15,7 @@ if TYPE_CHECKING:
 __all__ = [
     "list_cycles",
     "tabulate",
+    "tabulate_grains",
     "tabulate_links",
     "tabulate_scene",
     "tabulate_sweep",
@@ -140,6 +141,21 @@ def tabulate_links(result: "xr.Dataset") -> tuple[tuple[str, ...], list[tuple[st
     return (name, "slack links", "largest tension (kN)", "residual"), rows
 
 
+def tabulate_grains(result: "xr.Dataset") -> tuple[tuple[str, ...], list[tuple[str, ...]]]:
+    """Return head and rows of text for a granulate, at most ``MOST_ROWS`` of its steps.
+
+    Parameters
+    ----------
+    result : Dataset
+        Follows ``GRANULATE``.
+    """
+    steps = result.sizes["step"]
+    names = ("time", "n_contacts", "kinetic_energy", "penetration", "iterations", "residual")
+    head = ("time (s)", "contacts", "kinetic (J)", "overlap / R", "sweeps", "error")
+    chosen = np.unique(np.linspace(0, steps - 1, min(steps, MOST_ROWS)).round().astype(int))
+    return head, [tuple(f"{float(result[name][k]):.4g}" for name in names) for k in chosen]
+
+
 def tabulate_scene(result: "xr.Dataset") -> tuple[tuple[str, ...], list[tuple[str, ...]]]:
     """Return head and rows of text for what a scene has given.
 
@@ -150,6 +166,8 @@ def tabulate_scene(result: "xr.Dataset") -> tuple[tuple[str, ...], list[tuple[st
     """
     if "tension" in result:
         return tabulate_links(result)
+    if "contact_force" in result:
+        return tabulate_grains(result)
     if "tangential_stiffness" in result:
         head: tuple[str, ...] = (
             "preload (MPa)",

@@ -11,6 +11,7 @@ from multiscale.io.datasets import (
 )
 from multiscale.io.fields import write_surface_fields
 from multiscale.io.files import logging_to, make_folder, read_bytes, read_text, write_bytes
+from multiscale.io.grain_fields import write_grain_fields
 from multiscale.io.images import VoxelImage, read_images
 from multiscale.io.link_fields import write_link_fields
 from multiscale.io.meshes import MeshArrays, open_mesh, read_mesh
@@ -38,6 +39,7 @@ __all__ = [
     "write_body_fields",
     "write_bytes",
     "write_dataset",
+    "write_grain_fields",
     "write_link_fields",
     "write_surface_fields",
 ]

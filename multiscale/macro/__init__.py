@@ -1,5 +1,6 @@
 """Large structures that carry interface laws."""
 
+from multiscale.macro import granulate
 from multiscale.macro.continuum import (
     Body,
     Contact,
@@ -61,6 +62,7 @@ __all__ = [
     "cut_bodies",
     "cut_links",
     "cycled_joint",
+    "granulate",
     "homogenise",
     "load_mesh",
     "mechanism_modes",

@@ -36,6 +36,15 @@ from multiscale.macro.substructures import (
 )
 from multiscale.pipeline.body_scenes import cut_scene, solve_bodies
 from multiscale.pipeline.body_settings import BODIES, LapJoint, Plate, StackedBlocks, Substructures
+from multiscale.pipeline.grain_scenes import run_grain_scene
+from multiscale.pipeline.grain_settings import (
+    GRANULATES,
+    ColumnCollapse,
+    Deposit,
+    GrainScene,
+    ShearCell,
+    Silo,
+)
 from multiscale.pipeline.scene_settings import (
     CableNet,
     Dynamics,
@@ -61,11 +70,15 @@ KINDS: dict[str, type[Settings]] = {
     "plate": Plate,
     "stacked_blocks": StackedBlocks,
     "lap_joint": LapJoint,
+    "deposit": Deposit,
+    "silo": Silo,
+    "column_collapse": ColumnCollapse,
+    "shear_cell": ShearCell,
 }
 LAWS: dict[str, type[LinkLaw]] = {"bar": Bar, "cable": Cable, "strut": Strut}
 
 
-def load_scene(path: str | Path) -> Scene:
+def load_scene(path: str | Path) -> Scene | GrainScene:
     """Read a scene file.
 
     Parameters
@@ -90,6 +103,9 @@ def load_scene(path: str | Path) -> Scene:
         for key in keys:
             if isinstance(given, dict) and isinstance(given.get(key), str):
                 given[key] = str(path.parent.resolve() / given[key])
+    given = content.get("structure")
+    if isinstance(given, dict) and given.get("kind") in GRANULATES:
+        return validate(GrainScene, content, path, KINDS)
     return validate(Scene, content, path, KINDS)
 
 
@@ -120,7 +136,11 @@ def make_structure(scene: Scene) -> LinkSystem:
 
 
 def run_scene(
-    scene: Scene, out: str | Path, *, law: str | Path | None = None, team: Team | None = None
+    scene: Scene | GrainScene,
+    out: str | Path,
+    *,
+    law: str | Path | None = None,
+    team: Team | None = None,
 ) -> "xr.Dataset":
     """Solve a scene; write its result and, beside it in ``fields``, a series for ParaView.
 
@@ -128,7 +148,7 @@ def run_scene(
 
     Parameters
     ----------
-    scene : Scene
+    scene : Scene or GrainScene
     out : path
         Dataset to write; its folder is made if needed.
     law : path, optional
@@ -139,8 +159,9 @@ def run_scene(
     Returns
     -------
     Dataset
-        Follows ``MACRO_RESULT``. The attribute ``failure`` says which steps failed and why,
-        ``cautions`` where a law answered beyond its data.
+        Follows ``MACRO_RESULT``, or ``GRANULATE`` for grains. The attribute ``failure`` says which
+        steps failed and why, ``cautions`` where a law answered beyond its data or the contacts of
+        grains missed their tolerance.
 
     Raises
     ------
@@ -149,6 +170,10 @@ def run_scene(
     ConvergenceError
         If no step converged, or the equilibrium from which a motion starts cannot be found.
     """
+    if isinstance(scene, GrainScene):
+        if law is not None:
+            raise CaseError(f"{scene.title}: grains have no joint that the law {law} could be of")
+        return run_grain_scene(scene, out)
     out, law = Path(out), None if law is None else Path(law)
     bodies, writes = isinstance(scene.structure, BODIES), team is None or team.rank == 0
     if law is not None and scene.joint is None:

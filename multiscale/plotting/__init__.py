@@ -13,6 +13,12 @@ from multiscale.plotting.damage import (
     plot_woehler,
     plot_worst_section,
 )
+from multiscale.plotting.granulate import (
+    draw_granulate,
+    plot_contact_error,
+    plot_force_network,
+    plot_grain_energies,
+)
 from multiscale.plotting.growth import plot_growth
 from multiscale.plotting.joint import draw_joint, plot_hysteresis, plot_joint_plan
 from multiscale.plotting.laws import plot_area_law, plot_gap_law, plot_joint_stiffness
@@ -33,16 +39,20 @@ from multiscale.plotting.work_precision import (
 __all__ = [
     "draw_damage",
     "draw_figures",
+    "draw_granulate",
     "draw_joint",
     "draw_links",
     "draw_work_precision",
     "plot_area_law",
+    "plot_contact_error",
     "plot_contact_map",
     "plot_damage_sphere",
     "plot_deformed_links",
     "plot_energies",
     "plot_error_budget",
+    "plot_force_network",
     "plot_gap_law",
+    "plot_grain_energies",
     "plot_growth",
     "plot_history",
     "plot_hysteresis",

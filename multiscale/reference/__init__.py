@@ -3,6 +3,7 @@
 from multiscale.reference import (
     full_contact,
     hertz,
+    janssen,
     johnson,
     joint,
     layer,
@@ -15,6 +16,7 @@ from multiscale.reference import (
 __all__ = [
     "full_contact",
     "hertz",
+    "janssen",
     "johnson",
     "joint",
     "layer",

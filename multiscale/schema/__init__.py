@@ -4,6 +4,7 @@ from multiscale.schema.base import COMPONENTS, Schema, Variable
 from multiscale.schema.cell import FIELDS, MICRO_RESPONSE
 from multiscale.schema.damage import DAMAGE_SECTIONS, FATIGUE, RVE_STIFFNESS, WOEHLER
 from multiscale.schema.end_to_end import END_TO_END
+from multiscale.schema.granulate import GRANULATE
 from multiscale.schema.law import ERROR_BUDGET, INTERFACE_LAW, LAW_COMPARISON
 from multiscale.schema.structure import HOMOGENISED, MACRO_RESULT
 from multiscale.schema.sweep import SWEEP
@@ -16,6 +17,7 @@ __all__ = [
     "ERROR_BUDGET",
     "FATIGUE",
     "FIELDS",
+    "GRANULATE",
     "HOMOGENISED",
     "INTERFACE_LAW",
     "LAW_COMPARISON",
@@ -45,6 +47,7 @@ SCHEMAS = {
         ERROR_BUDGET,
         LAW_COMPARISON,
         HOMOGENISED,
+        GRANULATE,
         END_TO_END,
         SWEEP,
     )

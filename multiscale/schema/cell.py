@@ -31,6 +31,7 @@ MICRO_RESPONSE = Schema(
         "pressure": Variable((*_CELL, "y", "x"), "Pa", "local contact pressure"),
         "gap": Variable((*_CELL, "y", "x"), "m", "local gap"),
         "nominal_pressure": Variable(("step",), "Pa", "prescribed mean pressure"),
+        "sliding_speed": Variable(("step",), "m s-1", "prescribed speed of sliding"),
         "rms_height": Variable(("realisation",), "m", "root mean square height"),
         "rms_slope": Variable(("realisation",), "1", "root mean square slope"),
         "nayak_parameter": Variable(("realisation",), "1", "Nayak parameter"),

@@ -26,6 +26,7 @@ from multiscale.upscaling.scales import (
     pressure_length_of_points,
     relaxation_time,
 )
+from multiscale.upscaling.sliding import friction_observations
 from multiscale.upscaling.statistics import (
     ensemble_average,
     nayak_trend,
@@ -50,6 +51,7 @@ __all__ = [
     "estimate_grid_error",
     "fit_law",
     "fitted_law",
+    "friction_observations",
     "is_admissible",
     "law_band",
     "law_from_dataset",

@@ -9,7 +9,7 @@ import pytest
 
 from multiscale.io import open_dataset
 from multiscale.pipeline import load_scene, run_scene
-from multiscale.schema import MACRO_RESULT
+from multiscale.schema import GRANULATE, MACRO_RESULT
 from tests.support import write_law
 
 FOLDER = Path(__file__).parents[2] / "workflows"
@@ -32,10 +32,12 @@ def test_every_scene_runs(scene, tmp_path):
     law = write_law(tmp_path / "interface_law.nc") if settings.joint else None
     result = run_scene(settings, tmp_path / "macro_result.nc", law=law)
     assert result["converged"].values.all()
-    open_dataset(tmp_path / "macro_result.nc", MACRO_RESULT)
+    schema = GRANULATE if "grain" in result.dims else MACRO_RESULT
+    open_dataset(tmp_path / "macro_result.nc", schema)
     series = ElementTree.parse(tmp_path / "fields" / "macro_result.pvd")
     files = [tmp_path / "fields" / entry.get("file") for entry in series.iter("DataSet")]
-    assert len(files) == result.sizes["step"] * (2 if settings.joint else 1)
+    shown = result.sizes["frame" if "grain" in result.dims else "step"]
+    assert len(files) == shown * (2 if settings.joint else 1)
     assert all(meshio.read(file).cells for file in files)
 
 

@@ -1,0 +1,35 @@
+"""Rigid grains in frictional contact: the far end of the way from a truss to a granulate."""
+
+from multiscale.macro.granulate.arrangements import column, deposit, release, silo
+from multiscale.macro.granulate.bodies import Cylinder, Grains, Plane, Wall, box
+from multiscale.macro.granulate.cells import compact, shear_layer, shear_response
+from multiscale.macro.granulate.model import ContactLaw, Model, Solver
+from multiscale.macro.granulate.observables import coordination, fraction_below, love_weber, network
+from multiscale.macro.granulate.packing import draw_radii, place_loosely
+from multiscale.macro.granulate.simulate import final_grains, simulate
+
+__all__ = [
+    "ContactLaw",
+    "Cylinder",
+    "Grains",
+    "Model",
+    "Plane",
+    "Solver",
+    "Wall",
+    "box",
+    "column",
+    "compact",
+    "coordination",
+    "deposit",
+    "draw_radii",
+    "final_grains",
+    "fraction_below",
+    "love_weber",
+    "network",
+    "place_loosely",
+    "release",
+    "shear_layer",
+    "shear_response",
+    "silo",
+    "simulate",
+]

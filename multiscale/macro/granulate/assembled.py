@@ -1,0 +1,91 @@
+r"""The contacts of a step as a friction problem with an assembled Delassus operator.
+
+For what Gauss-Seidel does not solve: heavy grains on light ones, wedges.
+"""
+
+import numpy as np
+from scipy.sparse import coo_array, csr_array, diags_array
+
+from multiscale.nonsmooth import solve_friction
+
+__all__ = ["solve_assembled"]
+
+
+def solve_assembled(
+    velocity: np.ndarray,
+    mobility: np.ndarray,
+    ends: np.ndarray,
+    data: np.ndarray,
+    anchor: np.ndarray,
+    impulse: np.ndarray,
+    tolerance: float,
+) -> np.ndarray:
+    r"""Solve the contacts by :func:`multiscale.nonsmooth.solve_friction`.
+
+    Parameters
+    ----------
+    velocity, mobility, ends, data, anchor : ndarray
+        As in :mod:`multiscale.macro.granulate.sweeps`; the velocities are those without impulses.
+    impulse : ndarray, shape (contacts, 3)
+        Start, N s.
+    tolerance : float
+        Dimensionless.
+
+    Returns
+    -------
+    ndarray, shape (contacts, 3)
+        Impulses in global axes, N s: the best that was found, which the caller measures.
+    """
+    m = len(ends)
+    frames = _frames(data[:, :3])  # (contacts, 3, 3), rows normal and tangents
+    transfer, inverse = _transfer(frames, ends, mobility)
+    compliance = data[:, 6:7] / np.column_stack([data[:, 4], data[:, 5], data[:, 5]])  # 1/kg
+    operator = transfer.T @ diags_array(inverse) @ transfer + diags_array(compliance.ravel())
+
+    u = velocity[ends[:, 0]] - velocity[ends[:, 1]]
+    turning = velocity[ends[:, 0], 4:7] + velocity[ends[:, 1], 4:7]
+    free = np.einsum("cab,cb->ca", frames, u[:, :3] - np.cross(turning, data[:, :3]))
+    free[:, 0] += data[:, 3]
+    free -= compliance * np.einsum("cab,cb->ca", frames, anchor)
+    begin = np.einsum("cab,cb->ca", frames, impulse).ravel()
+    found = solve_friction(
+        csr_array(operator), free.ravel(), data[:, 7], tolerance=tolerance, start=begin
+    )
+    return np.asarray(np.einsum("cab,ca->cb", frames, found.value.reshape(m, 3)))
+
+
+def _frames(normal: np.ndarray) -> np.ndarray:
+    """Right-handed frames with the normal first, shape (contacts, 3, 3)."""
+    other = np.eye(3)[np.argmin(np.abs(normal), axis=1)]
+    first = np.cross(normal, other)
+    first /= np.linalg.norm(first, axis=1)[:, None]
+    return np.stack([normal, first, np.cross(normal, first)], axis=1)
+
+
+def _transfer(
+    frames: np.ndarray, ends: np.ndarray, mobility: np.ndarray
+) -> tuple[csr_array, np.ndarray]:
+    r"""H, from impulses to bodies, and the inverse masses, for velocities and radius times spin.
+
+    Across the normal of a loaded wall nothing moves it: these columns are empty there.
+    """
+    m, bodies = len(ends), len(mobility)
+    rows, columns, values = [], [], []
+    place = 3 * np.arange(m)[:, None, None] + np.arange(3)[None, None, :]
+    spin = np.cross(frames[:, :1], frames)  # n x axis, by axis
+    for side, sign in ((0, 1.0), (1, -1.0)):
+        body = ends[:, side]
+        across = np.where(mobility[body, 1] > 0.0, 1.0, 0.0)
+        axes = frames.copy()
+        axes[:, 1:] *= across[:, None, None]
+        for block, first, factor in ((axes, 0, sign), (-spin, 3, 1.0)):
+            at = 6 * body[:, None, None] + first + np.arange(3)[None, :, None]
+            rows.append(np.broadcast_to(at, (m, 3, 3)).ravel())
+            columns.append(np.broadcast_to(place, (m, 3, 3)).ravel())
+            values.append((factor * block.transpose(0, 2, 1)).ravel())
+    transfer = coo_array(
+        (np.concatenate(values), (np.concatenate(rows), np.concatenate(columns))),
+        shape=(6 * bodies, 3 * m),
+    )
+    inverse = np.repeat(mobility[:, [0, 2]], 3, axis=1).ravel()
+    return csr_array(transfer), inverse

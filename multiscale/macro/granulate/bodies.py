@@ -1,0 +1,234 @@
+"""Grains and walls as the user describes them."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from typing import Self
+
+import numpy as np
+
+from multiscale.errors import CaseError
+
+__all__ = ["Cylinder", "Grains", "Plane", "Wall", "box"]
+
+
+@dataclass(frozen=True)
+class Grains:
+    """Rigid spheres, or discs that move in a plane.
+
+    Parameters
+    ----------
+    position : ndarray, shape (grains, 3)
+        Centres, m. Discs have one common y.
+    radius : ndarray, shape (grains,)
+        m.
+    density : float or ndarray, shape (grains,)
+        kg/m3.
+    velocity, spin : ndarray, shape (grains, 3), optional
+        m/s and rad/s; zero if not given.
+    thickness : float, optional
+        Of discs, m; spheres if not given.
+
+    Raises
+    ------
+    CaseError
+        If a size, density or position is refused.
+    """
+
+    position: np.ndarray
+    radius: np.ndarray
+    density: float | np.ndarray = 2600.0
+    velocity: np.ndarray | None = None
+    spin: np.ndarray | None = None
+    thickness: float | None = None
+
+    def __post_init__(self) -> None:
+        position = np.atleast_2d(np.asarray(self.position, dtype=float))
+        shape = position.shape
+        if len(shape) != 2 or shape[1] != 3 or shape[0] == 0:
+            raise CaseError(f"position must have shape (grains, 3), got {shape}")
+        fields = {
+            "position": position,
+            "radius": np.broadcast_to(np.asarray(self.radius, dtype=float), shape[:1]).copy(),
+            "density": np.broadcast_to(np.asarray(self.density, dtype=float), shape[:1]).copy(),
+        }
+        for name in ("velocity", "spin"):
+            given = getattr(self, name)
+            fields[name] = np.zeros(shape) if given is None else np.asarray(given, dtype=float)
+            if fields[name].shape != shape:
+                raise CaseError(f"{name} must have shape {shape}, got {fields[name].shape}")
+        for name, unit in (("radius", "m"), ("density", "kg/m3")):
+            wrong = ~((fields[name] > 0.0) & np.isfinite(fields[name]))
+            if wrong.any():
+                i = int(np.argmax(wrong))
+                raise CaseError(
+                    f"{name} of grain {i} must be positive ({unit}), got {fields[name][i]:g}"
+                )
+        for name in ("position", "velocity", "spin"):
+            wrong = ~np.isfinite(fields[name]).all(axis=1)
+            if wrong.any():
+                raise CaseError(f"{name} of grain {int(np.argmax(wrong))} must be finite")
+        if self.thickness is not None:
+            _check_plane(self.thickness, fields)
+        for name, value in fields.items():
+            object.__setattr__(self, name, value)
+
+    @property
+    def n(self) -> int:
+        """Number of grains."""
+        return len(self.radius)
+
+    @property
+    def planar(self) -> bool:
+        """Whether the grains are discs."""
+        return self.thickness is not None
+
+    @property
+    def volume(self) -> np.ndarray:
+        """Volumes, shape (grains,), m3."""
+        if self.thickness is None:
+            return np.asarray(4.0 / 3.0 * np.pi * self.radius**3)
+        return np.asarray(np.pi * self.radius**2 * self.thickness)
+
+    @property
+    def mass(self) -> np.ndarray:
+        """Masses, shape (grains,), kg."""
+        return np.asarray(self.density * self.volume)
+
+    @property
+    def inertia(self) -> np.ndarray:
+        """Moments of inertia about the axis of rotation, shape (grains,), kg m2."""
+        return np.asarray((0.5 if self.planar else 0.4) * self.mass * self.radius**2)
+
+    def moved(self, position: np.ndarray, velocity: np.ndarray, spin: np.ndarray) -> Self:
+        """Return the same grains elsewhere."""
+        return replace(self, position=position, velocity=velocity, spin=spin)
+
+
+def _check_plane(thickness: float, fields: dict[str, np.ndarray]) -> None:
+    """Refuse discs that are not in one plane."""
+    if not (thickness > 0.0 and np.isfinite(thickness)):
+        raise CaseError(f"thickness of discs must be positive (m), got {thickness:g}")
+    y = fields["position"][:, 1]
+    out = (y != y[0]) | (fields["velocity"][:, 1] != 0.0) | np.any(fields["spin"][:, ::2], axis=1)
+    if out.any():
+        raise CaseError(
+            f"disc {int(np.argmax(out))} leaves the plane y = {y[0]:g} m; discs have one common y, "
+            f"no velocity along y and spin about y only"
+        )
+
+
+@dataclass(frozen=True)
+class Wall:
+    """What planes and cylinders have in common.
+
+    Parameters
+    ----------
+    point : array_like, shape (3,)
+        On the plane or the axis, m.
+    direction : array_like, shape (3,)
+        Normal towards the grains, or axis; of any length.
+    velocity : array_like, shape (3,)
+        Given, m/s; of a loaded plane only what lies in the plane.
+    friction : float, optional
+        Coefficient against grains, dimensionless; that of the grains if not given.
+    """
+
+    point: tuple[float, float, float]
+    direction: tuple[float, float, float]
+    velocity: tuple[float, float, float] = (0.0, 0.0, 0.0)
+    friction: float | None = None
+
+    def __post_init__(self) -> None:
+        for name in ("point", "direction", "velocity"):
+            value = np.asarray(getattr(self, name), dtype=float)
+            if value.shape != (3,) or not np.all(np.isfinite(value)):
+                raise CaseError(f"{name} of a wall must be three finite numbers, got {value}")
+        if not np.any(np.asarray(self.direction)):
+            raise CaseError("direction of a wall must not be zero; give its normal or its axis")
+        if self.friction is not None and not 0.0 <= self.friction < np.inf:
+            raise CaseError(f"friction of a wall must not be negative, got {self.friction:g}")
+
+    @property
+    def unit(self) -> np.ndarray:
+        """Direction of length one."""
+        direction = np.asarray(self.direction, dtype=float)
+        return np.asarray(direction / np.linalg.norm(direction))
+
+
+@dataclass(frozen=True)
+class Plane(Wall):
+    """A plane of unlimited extent: held, moved with a velocity, or loaded along its normal.
+
+    Parameters
+    ----------
+    mass : float
+        Of a loaded plane, kg; infinite if it is held or moved.
+    force : float
+        On a loaded plane along its normal, N: positive presses it against the grains.
+    """
+
+    mass: float = np.inf
+    force: float = 0.0
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        if not self.mass > 0.0:
+            raise CaseError(f"mass of a wall must be positive (kg), got {self.mass:g}")
+        if not np.isfinite(self.force):
+            raise CaseError(f"force on a wall must be finite (N), got {self.force:g}")
+        if self.force and np.isinf(self.mass):
+            raise CaseError(
+                f"a wall of infinite mass does not follow a force, got {self.force:g} N"
+            )
+
+
+@dataclass(frozen=True)
+class Cylinder(Wall):
+    """The inside of an unlimited round pipe.
+
+    Parameters
+    ----------
+    radius : float
+        m.
+    """
+
+    radius: float = np.nan
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        if not (self.radius > 0.0 and np.isfinite(self.radius)):
+            raise CaseError(f"radius of a cylinder must be positive (m), got {self.radius:g}")
+
+
+def box(
+    low: Sequence[float] | np.ndarray,
+    high: Sequence[float] | np.ndarray,
+    *,
+    friction: float | None = None,
+) -> tuple[Plane, ...]:
+    """Return the planes of a box.
+
+    Parameters
+    ----------
+    low, high : array_like, shape (3,)
+        Corners, m; infinite where the box is open.
+    friction : float, optional
+        Coefficient against grains; that of the grains if not given.
+
+    Returns
+    -------
+    tuple of Plane
+        In the order of the axes, low before high.
+    """
+    planes = []
+    for a in range(3):
+        for corner, sign in ((low, 1.0), (high, -1.0)):
+            if np.isfinite(corner[a]):
+                x, y, z = np.eye(3)[a].tolist()
+                at = float(corner[a])
+                planes.append(
+                    Plane(
+                        (at * x, at * y, at * z), (sign * x, sign * y, sign * z), friction=friction
+                    )
+                )
+    return tuple(planes)

@@ -1,0 +1,218 @@
+"""From neighbours to contacts: gaps, normals, masses and biases for the sweeps."""
+
+from dataclasses import dataclass
+
+import numba
+import numpy as np
+
+__all__ = ["Contacts", "build_contacts", "colour", "find_wall_pairs", "missed", "penetration"]
+
+PLANE, CYLINDER = 0, 1
+
+
+@dataclass(frozen=True)
+class Contacts:
+    """The contacts of a step; arrays as in :mod:`multiscale.macro.granulate.sweeps`."""
+
+    ends: np.ndarray
+    data: np.ndarray
+    impulse: np.ndarray
+    anchor: np.ndarray
+
+
+@numba.njit(inline="always", error_model="numpy")
+def _gap(i, j, position, radius, period, kind, point, axis, bore):  # type: ignore[no-untyped-def]
+    """Return gap and normal from body j, a grain or a wall, to the grain i."""
+    n = radius.size
+    nx, ny, nz = position[i, 0], position[i, 1], position[i, 2]
+    if j < n:
+        nx, ny, nz = nx - position[j, 0], ny - position[j, 1], nz - position[j, 2]
+        if period[0] < np.inf:
+            nx -= period[0] * np.round(nx / period[0])
+        if period[1] < np.inf:
+            ny -= period[1] * np.round(ny / period[1])
+        if period[2] < np.inf:
+            nz -= period[2] * np.round(nz / period[2])
+        length = np.sqrt(nx * nx + ny * ny + nz * nz)
+        return length - radius[i] - radius[j], nx / length, ny / length, nz / length
+    w = j - n
+    nx, ny, nz = nx - point[w, 0], ny - point[w, 1], nz - point[w, 2]
+    height = nx * axis[w, 0] + ny * axis[w, 1] + nz * axis[w, 2]
+    if kind[w] == PLANE:
+        return height - radius[i], axis[w, 0], axis[w, 1], axis[w, 2]
+    nx, ny, nz = nx - height * axis[w, 0], ny - height * axis[w, 1], nz - height * axis[w, 2]
+    length = np.sqrt(nx * nx + ny * ny + nz * nz)
+    if length == 0.0:
+        return bore[w] - radius[i], 1.0, 0.0, 0.0
+    return bore[w] - length - radius[i], -nx / length, -ny / length, -nz / length
+
+
+@numba.njit(cache=True, error_model="numpy")
+def find_wall_pairs(position, radius, reach, period, kind, point, axis, bore):  # type: ignore[no-untyped-def]
+    """List the grains whose gap to a wall is at most the reach, as pairs (grain, grains + wall)."""
+    n, walls = radius.size, kind.size
+    pairs = np.empty((n * walls, 2), np.int32)
+    found = 0
+    for w in range(walls):
+        for i in range(n):
+            if _gap(i, n + w, position, radius, period, kind, point, axis, bore)[0] <= reach:
+                pairs[found, 0], pairs[found, 1] = i, n + w
+                found += 1
+    return pairs[:found].copy()
+
+
+@numba.njit(cache=True, error_model="numpy")
+def build_contacts(  # type: ignore[no-untyped-def]
+    pairs,
+    kept,
+    held,
+    wanted,
+    position,
+    radius,
+    period,
+    walls,
+    old,
+    velocity,
+    mobility,
+    law,
+    h,
+    near,
+    cell,
+):
+    """Make the arrays of the sweeps from the pairs that may touch within a step.
+
+    ``law`` holds restitution, compliance, relaxation time, speed of rest and the friction
+    coefficients of the grains and of each wall. A pair takes part if it is wanted, had an impulse,
+    or comes nearer than ``near`` times its smaller radius in a step without impulses. ``cell``
+    holds the rate of strain of the cell and one over its inertia; the last array returned is what
+    the sweeps take for it.
+    """
+    kind, point, axis, bore = walls
+    restitution, compliance, relaxation, rest, friction = law
+    n, m = radius.size, 0
+    size = pairs.shape[0]
+    ends, data = np.empty((size, 2), np.int32), np.empty((size, 8))
+    stretch = np.empty(size + 2)
+    stretch[0], stretch[1] = cell
+    impulse, anchor, index = np.empty((size, 3)), np.empty((size, 3)), np.empty(size, np.int64)
+    for k in range(size):
+        i, j = pairs[k, 0], pairs[k, 1]
+        gap, nx, ny, nz = _gap(i, j, position, radius, period, kind, point, axis, bore)
+        if j < n:
+            smaller, length = min(radius[i], radius[j]), gap + radius[i] + radius[j]
+            mu = friction[0]
+        else:
+            smaller, length, mu = radius[i], 0.0, friction[1 + j - n]
+        ahead = cell[0] * length  # normal velocity without impulses, and before the step
+        ahead += (velocity[i, 0] - velocity[j, 0]) * nx + (velocity[i, 1] - velocity[j, 1]) * ny
+        ahead += (velocity[i, 2] - velocity[j, 2]) * nz
+        had = kept[k, 0] != 0.0 or kept[k, 1] != 0.0 or kept[k, 2] != 0.0
+        if not (wanted[k] or had or gap + h * min(ahead, 0.0) < near * smaller):
+            continue
+        before = (old[i, 0] - old[j, 0]) * nx + (old[i, 1] - old[j, 1]) * ny
+        before += (old[i, 2] - old[j, 2]) * nz
+        bounces = restitution > 0.0 and before < -rest
+        if bounces and gap + 0.5 * h * before > 0.0:
+            continue  # Moreau-Jean: it bounces if it would overlap in the middle of the step
+        bias = gap / h if gap > 0.0 else gap / relaxation
+        if bounces:
+            bias = restitution * before
+        masses = mobility[i, 0] + mobility[j, 0] + cell[1] * length * length
+        stretch[m + 2] = length
+        ends[m, 0], ends[m, 1], index[m] = i, j, k
+        data[m, 0], data[m, 1], data[m, 2] = nx, ny, nz
+        data[m, 3] = bias
+        data[m, 4] = 1.0 / masses
+        across = mobility[i, 1] + mobility[j, 1] + mobility[i, 2] + mobility[j, 2]
+        data[m, 5] = 1.0 / across
+        data[m, 6] = compliance
+        data[m, 7] = mu
+        for a in range(3):
+            impulse[m, a] = kept[k, a]
+            anchor[m, a] = held[k, a]
+        m += 1
+    return ends[:m], data[:m], impulse[:m], anchor[:m], index[:m], stretch[: m + 2]
+
+
+@numba.njit(cache=True, error_model="numpy")
+def missed(  # type: ignore[no-untyped-def]
+    pairs, index, wanted, position, radius, period, walls, velocity, h, rate, restitution, allowed
+):
+    """Mark the pairs without a contact that overlap after the step; return how many are new."""
+    kind, point, axis, bore = walls
+    new, m = 0, 0
+    for k in range(pairs.shape[0]):
+        if m < index.size and index[m] == k:
+            m += 1
+            continue
+        if wanted[k] or restitution > 0.0:
+            continue
+        i, j = pairs[k, 0], pairs[k, 1]
+        gap, nx, ny, nz = _gap(i, j, position, radius, period, kind, point, axis, bore)
+        u = (velocity[i, 0] - velocity[j, 0]) * nx + (velocity[i, 1] - velocity[j, 1]) * ny
+        u += (velocity[i, 2] - velocity[j, 2]) * nz
+        smaller = radius[i]
+        if j < radius.size:
+            smaller = min(smaller, radius[j])
+            u += rate * (gap + radius[i] + radius[j])
+        if gap + h * u < -allowed * smaller:
+            wanted[k] = True
+            new += 1
+    return new
+
+
+@numba.njit(cache=True, error_model="numpy")
+def penetration(pairs, position, radius, period, walls):  # type: ignore[no-untyped-def]
+    """Largest overlap of a pair relative to its smaller radius, and the pair (-1 if none)."""
+    kind, point, axis, bore = walls
+    worst, which = 0.0, -1
+    for k in range(pairs.shape[0]):
+        i, j = pairs[k, 0], pairs[k, 1]
+        gap = _gap(i, j, position, radius, period, kind, point, axis, bore)[0]
+        smaller = min(radius[i], radius[j]) if j < radius.size else radius[i]
+        if -gap > worst * smaller:
+            worst, which = -gap / smaller, k
+    return worst, which
+
+
+COLOURS = 48
+"""Contacts that find no colour among these are solved one after the other."""
+
+
+@numba.njit(cache=True)
+def colour(ends, grains, free):  # type: ignore[no-untyped-def]
+    """Order the contacts by colour, no body twice in one; walls that never move do not count.
+
+    Returns the order and the first contact of every colour; those without a colour come last.
+    """
+    used = np.zeros(free.size, np.uint64)
+    own = np.empty(ends.shape[0], np.int64)
+    size = np.zeros(COLOURS + 1, np.int64)
+    for c in range(ends.shape[0]):
+        i, j = ends[c, 0], ends[c, 1]
+        taken = used[i]
+        if free[j]:
+            taken |= used[j]
+        k = 0
+        while k < COLOURS and (taken >> np.uint64(k)) & np.uint64(1):
+            k += 1
+        if j >= grains and free[j]:
+            k = COLOURS  # a wall that moves touches many
+        own[c] = k
+        size[k] += 1
+        if k < COLOURS:
+            used[i] |= np.uint64(1) << np.uint64(k)
+            if free[j]:
+                used[j] |= np.uint64(1) << np.uint64(k)
+    bounds = np.zeros(COLOURS + 2, np.int64)
+    for k in range(COLOURS + 1):
+        bounds[k + 1] = bounds[k] + size[k]
+    place = bounds[:-1].copy()
+    order = np.empty(ends.shape[0], np.int64)
+    for c in range(ends.shape[0]):
+        order[place[own[c]]] = c
+        place[own[c]] += 1
+    used_colours = 0
+    while used_colours < COLOURS and size[used_colours] > 0:
+        used_colours += 1
+    return order, bounds[: used_colours + 1]

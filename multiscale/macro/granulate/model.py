@@ -1,0 +1,183 @@
+"""What is computed: how grains touch, what acts on them, how the contacts are solved."""
+
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+
+from multiscale.errors import CaseError
+from multiscale.macro.granulate.bodies import Cylinder, Grains, Plane, Wall
+from multiscale.macro.granulate.contacts import CYLINDER, PLANE
+
+__all__ = ["ContactLaw", "Model", "Solver"]
+
+
+@dataclass(frozen=True)
+class ContactLaw:
+    r"""How grains touch.
+
+    Parameters
+    ----------
+    friction : float
+        Coulomb's coefficient, dimensionless.
+    restitution : float
+        Newton's, from 0 to 1. Pairs that approach slowly do not bounce.
+    compliance : float
+        :math:`a` of (1), dimensionless; zero for a rigid contact.
+    relaxation : float
+        Steps in which an overlap goes, at least 1.
+
+    Raises
+    ------
+    CaseError
+        If a parameter is outside its range.
+
+    Notes
+    -----
+    A compliant contact of mass :math:`m` moves a little while its impulse :math:`r` differs from
+    that of the last step, :math:`r^-`, along the normal and across it:
+
+    .. math:: u + b + \frac{a}{m} (r - r^-) = 0 \quad \text{instead of} \quad u + b = 0.    \tag{1}
+
+    It is a spring of the stiffness :math:`m / (a h^2)` in a step of length h, but it forgets:
+    at rest nothing overlaps. It changes the problem that is solved, which then takes far fewer sweeps, with
+    0.05 a tenth or less. In impacts grains overlap by a few hundredths of a radius, and pushing
+    them apart again may bring a little energy, which a rigid contact never does.
+    """
+
+    friction: float = 0.5
+    restitution: float = 0.0
+    compliance: float = 0.0
+    relaxation: float = 10.0 / 3.0
+
+    def __post_init__(self) -> None:
+        if not 0.0 <= self.friction < np.inf:
+            raise CaseError(f"friction must be finite and not negative, got {self.friction:g}")
+        if not 0.0 <= self.restitution <= 1.0:
+            raise CaseError(f"restitution must lie between 0 and 1, got {self.restitution:g}")
+        if not 0.0 <= self.compliance < np.inf:
+            raise CaseError(f"compliance must be finite and not negative, got {self.compliance:g}")
+        if not self.relaxation >= 1.0:
+            raise CaseError(f"relaxation must be at least one step, got {self.relaxation:g}")
+
+
+@dataclass(frozen=True)
+class Solver:
+    """How the contacts of a step are solved.
+
+    Parameters
+    ----------
+    tolerance : float
+        Natural-map error relative to the velocities of the contacts that would close;
+        dimensionless.
+    max_iterations : int
+        Limit of sweeps in a step.
+    threads : int
+        1 sweeps in the order of the contacts, more colour by colour.
+    domains : int
+        Into which the grains are cut; each is swept by itself, side by side, and the contacts
+        between them after that.
+    conjugate : int
+        Steps of conjugate projected gradients that every domain adds to a sweep. Without friction
+        they replace tens of sweeps; with friction they bring little.
+    most_assembled : int
+        A step of at most so many contacts that the sweeps do not solve is given to
+        :func:`multiscale.nonsmooth.solve_friction`.
+    """
+
+    tolerance: float = 1e-4
+    max_iterations: int = 1000
+    threads: int = 1
+    domains: int = 1
+    conjugate: int = 0
+    most_assembled: int = 400
+
+    def __post_init__(self) -> None:
+        if not 0.0 < self.tolerance < 1.0:
+            raise CaseError(f"tolerance must lie between 0 and 1, got {self.tolerance:g}")
+        for name in ("max_iterations", "threads", "domains"):
+            if getattr(self, name) < 1:
+                raise CaseError(f"{name} must be at least 1, got {getattr(self, name)}")
+        if self.conjugate < 0:
+            raise CaseError(f"conjugate must not be negative, got {self.conjugate}")
+
+
+@dataclass(frozen=True)
+class Model:
+    """Grains and walls with what acts on them.
+
+    Parameters
+    ----------
+    grains : Grains
+    walls : tuple of Wall
+    law : ContactLaw
+    gravity : array_like, shape (3,)
+        m/s2.
+    period : array_like, shape (3,)
+        Length after which space repeats, m; infinite where it does not.
+    damping_rate : float
+        1/s, at which grains lose velocity; infinite for quasi-static motion, in which a step keeps
+        no velocity of the last.
+    pressure : float, optional
+        On a periodic cell without walls, which strains alike along its axes, Pa; a cell of given
+        size if not given.
+
+    Raises
+    ------
+    CaseError
+        If the damping or the pressure is refused.
+    """
+
+    grains: Grains
+    walls: tuple[Wall, ...] = ()
+    law: ContactLaw = ContactLaw()
+    gravity: tuple[float, float, float] = (0.0, 0.0, -9.81)
+    period: tuple[float, float, float] = (np.inf, np.inf, np.inf)
+    damping_rate: float = 0.0
+    pressure: float | None = None
+
+    def __post_init__(self) -> None:
+        if not self.damping_rate >= 0.0:
+            raise CaseError(f"damping_rate must not be negative (1/s), got {self.damping_rate:g}")
+        if self.pressure is None:
+            return
+        needed = [0, 2] if self.grains.planar else [0, 1, 2]
+        if not np.all(np.isfinite(np.asarray(self.period)[needed])) or self.walls:
+            raise CaseError("a pressure acts on a cell that is periodic in space and has no walls")
+        if not np.isfinite(self.pressure):
+            raise CaseError(f"pressure must be finite (Pa), got {self.pressure:g}")
+
+    @cached_property
+    def mobility(self) -> np.ndarray:
+        """Rows of :mod:`multiscale.macro.granulate.sweeps`, 1/kg."""
+        grains = self.grains
+        mobility = np.zeros((grains.n + len(self.walls), 3))
+        mobility[: grains.n, 0] = mobility[: grains.n, 1] = 1.0 / grains.mass
+        mobility[: grains.n, 2] = grains.radius**2 / grains.inertia
+        for w, wall in enumerate(self.walls):
+            if isinstance(wall, Plane):
+                mobility[grains.n + w, 0] = 1.0 / wall.mass
+        return mobility
+
+    @cached_property
+    def shapes(self) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """Kind, direction and radius of the walls."""
+        kind = np.array([CYLINDER if isinstance(w, Cylinder) else PLANE for w in self.walls], int)
+        axis = np.array([wall.unit for wall in self.walls]).reshape(-1, 3)
+        bore = np.array([w.radius if isinstance(w, Cylinder) else 0.0 for w in self.walls], float)
+        return kind, axis, bore
+
+    @cached_property
+    def push(self) -> np.ndarray:
+        """Acceleration of the bodies without contacts, shape (bodies, 8), m/s2."""
+        push = np.zeros((self.mobility.shape[0], 8))
+        push[: self.grains.n, :3] = self.gravity
+        for w, wall in enumerate(self.walls, self.grains.n):
+            if isinstance(wall, Plane):
+                push[w, :3] = wall.force / wall.mass * wall.unit
+        return push
+
+    def walls_at(self, point: np.ndarray) -> tuple[np.ndarray, ...]:
+        """Arrays of the walls for the kernels."""
+        kind, axis, bore = self.shapes
+        return kind, point, axis, bore

@@ -1,0 +1,189 @@
+r"""Which grains may touch soon: a hierarchical cell list.
+
+Grains are sorted into levels by size, each with cells twice as wide as those of the next. A pair
+is found from its smaller grain, which looks into its own level and all coarser ones: so the work
+grows with the number of grains whatever the ratio of their sizes.
+"""
+
+import numba
+import numpy as np
+
+__all__ = ["find_pairs"]
+
+
+def find_pairs(
+    position: np.ndarray, radius: np.ndarray, reach: float, period: np.ndarray
+) -> np.ndarray:
+    r"""Find all pairs of grains whose gap is at most a reach.
+
+    Parameters
+    ----------
+    position : ndarray, shape (grains, 3)
+        Centres, m.
+    radius : ndarray, shape (grains,)
+        m.
+    reach : float
+        Largest gap of a pair, m.
+    period : ndarray, shape (3,)
+        Length after which space repeats, m; infinite where it does not. A finite one is at least
+        twice the largest distance of the centres of a pair.
+
+    Returns
+    -------
+    ndarray of int32, shape (pairs, 2)
+        First and second grain, sorted by the first.
+
+    Notes
+    -----
+    Level k has the radii in :math:`(R_{\max} 2^{-k-1}, R_{\max} 2^{-k}]` and cells that are wider
+    than :math:`2 R_{\max} 2^{-k}` plus the reach, in a hash table. Grains are counted and listed in
+    two passes that threads share; the list does not depend on their number.
+
+    References
+    ----------
+    .. [1] H. Mio, A. Shimosaka, Y. Shirakawa and J. Hidaka, J. Chem. Eng. Japan 38 (2005)
+       969-975, for cells of several sizes in granular simulations.
+    """
+    largest = float(radius.max())
+    level = np.floor(np.log2(largest / radius) * (1.0 - 1e-12)).astype(np.int64)
+    levels = int(level.max()) + 1
+    width = np.empty((levels, 3))
+    count = np.zeros((levels, 3), np.int64)  # cells along a period, 0 where there is none
+    for k in range(levels):
+        cell = 2.0 * largest * 0.5**k + reach
+        for a in range(3):
+            if np.isfinite(period[a]):
+                count[k, a] = max(1, int(period[a] / cell))
+                width[k, a] = period[a] / count[k, a]
+            else:
+                width[k, a] = cell
+    table = 1 << max(4, int(2 * radius.size - 1).bit_length())
+    heads, following, cells = _fill_cells(position, level, width, count, table)
+    arguments = (position, radius, reach, period, level, width, count, heads, following, cells)
+    starts = np.concatenate([[0], np.cumsum(_count_pairs(*arguments))])
+    return np.asarray(_list_pairs(*arguments, starts))
+
+
+@numba.njit(cache=True)
+def _hash(k, a, b, c, table):  # type: ignore[no-untyped-def]
+    """Slot of a cell; the table is a power of two."""
+    return (a * 73856093 ^ b * 19349663 ^ c * 83492791 ^ k * 2654435761) & (table - 1)
+
+
+@numba.njit(cache=True)
+def _fill_cells(position, level, width, count, table):  # type: ignore[no-untyped-def]
+    """Chain the grains of every slot of the table."""
+    heads = np.full(table, -1, np.int64)
+    following = np.empty(level.size, np.int64)
+    cells = np.empty((level.size, 3), np.int64)
+    for i in range(level.size - 1, -1, -1):
+        k = level[i]
+        for a in range(3):
+            c = int(np.floor(position[i, a] / width[k, a]))
+            cells[i, a] = c % count[k, a] if count[k, a] > 0 else c
+        slot = _hash(k, cells[i, 0], cells[i, 1], cells[i, 2], table)
+        following[i] = heads[slot]
+        heads[slot] = i
+    return heads, following, cells
+
+
+@numba.njit(cache=True)
+def _visit(  # type: ignore[no-untyped-def]
+    i, position, radius, reach, period, level, width, count, heads, following, cells, out, first
+):
+    """Count the pairs of grain i, and list them where there is room."""
+    found = 0
+    home = np.empty(3, np.int64)
+    low = np.empty(3, np.int64)
+    high = np.empty(3, np.int64)
+    for k in range(level[i] + 1):
+        for a in range(3):
+            home[a] = int(np.floor(position[i, a] / width[k, a]))
+            low[a], high[a] = -1, 1
+            if count[k, a] == 1:
+                low[a], high[a] = 0, 0
+            elif count[k, a] == 2:
+                low[a] = 0
+        for da in range(low[0], high[0] + 1):
+            ca = home[0] + da
+            if count[k, 0] > 0:
+                ca %= count[k, 0]
+            for db in range(low[1], high[1] + 1):
+                cb = home[1] + db
+                if count[k, 1] > 0:
+                    cb %= count[k, 1]
+                for dc in range(low[2], high[2] + 1):
+                    cc = home[2] + dc
+                    if count[k, 2] > 0:
+                        cc %= count[k, 2]
+                    j = heads[_hash(k, ca, cb, cc, heads.size)]
+                    while j >= 0:
+                        here = cells[j, 0] == ca and cells[j, 1] == cb and cells[j, 2] == cc
+                        # of two grains of one level the first finds the pair
+                        if here and level[j] == k and (k < level[i] or j > i):
+                            square = 0.0
+                            for a in range(3):
+                                d = position[i, a] - position[j, a]
+                                if period[a] < np.inf:
+                                    d -= period[a] * np.round(d / period[a])
+                                square += d * d
+                            distance = radius[i] + radius[j] + reach
+                            if square <= distance * distance:
+                                if out.shape[0] > 0:
+                                    out[first + found, 0] = i
+                                    out[first + found, 1] = j
+                                found += 1
+                        j = following[j]
+    return found
+
+
+@numba.njit(cache=True, parallel=True)
+def _count_pairs(  # type: ignore[no-untyped-def]
+    position, radius, reach, period, level, width, count, heads, following, cells
+):
+    """Count the pairs that each grain finds."""
+    found = np.empty(level.size, np.int64)
+    none = np.empty((0, 2), np.int32)
+    for i in numba.prange(level.size):
+        found[i] = _visit(
+            i,
+            position,
+            radius,
+            reach,
+            period,
+            level,
+            width,
+            count,
+            heads,
+            following,
+            cells,
+            none,
+            0,
+        )
+    return found
+
+
+@numba.njit(cache=True, parallel=True)
+def _list_pairs(  # type: ignore[no-untyped-def]
+    position, radius, reach, period, level, width, count, heads, following, cells, starts
+):
+    """List the pairs in the order of the grains that find them."""
+    pairs = np.empty((starts[-1], 2), np.int32)
+    for i in numba.prange(level.size):
+        if starts[i + 1] > starts[i]:
+            _visit(
+                i,
+                position,
+                radius,
+                reach,
+                period,
+                level,
+                width,
+                count,
+                heads,
+                following,
+                cells,
+                pairs,
+                starts[i],
+            )
+    return pairs

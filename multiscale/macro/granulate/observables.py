@@ -1,0 +1,124 @@
+"""What a granulate is like on average: stress, coordination, solid fraction."""
+
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+if TYPE_CHECKING:
+    import xarray as xr
+
+__all__ = ["coordination", "fraction_below", "love_weber", "network"]
+
+
+def network(result: "xr.Dataset", frame: int = -1) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Return ends, forces (N) and branches (m) of the contacts of a frame.
+
+    Parameters
+    ----------
+    result : Dataset
+        Follows ``GRANULATE``.
+    frame : int
+        Counted from the end if negative.
+
+    Returns
+    -------
+    ends, force, branch : ndarray, shapes (contacts, 2), (contacts, 3) and (contacts, 3)
+        The force is that on the first end.
+    """
+    frame = range(result.sizes["frame"])[frame]
+    here = result["contact_frame"].values == frame
+    ends, force, branch = (
+        result[name].values[here] for name in ("contact_ends", "contact_force", "branch")
+    )
+    return ends, force, branch
+
+
+def love_weber(force: np.ndarray, branch: np.ndarray, volume: float) -> np.ndarray:
+    r"""Return the mean stress, shape (3, 3), Pa; tension positive.
+
+    Parameters
+    ----------
+    force, branch : ndarray, shape (contacts, 3)
+        Force :math:`f` on one grain, N, and its centre minus the other centre or the contact with
+        a wall, :math:`l`, m.
+    volume : float
+        :math:`V` that the contacts lie in, m3.
+
+    Notes
+    -----
+    .. math:: \sigma = -\frac{1}{V} \sum_c f_c \otimes l_c    \tag{1}
+
+    Examples
+    --------
+    A chain along z, one contact in every 0.5 m3, each of 3 N over 0.2 m:
+
+    >>> love_weber(np.array([[0.0, 0.0, 3.0]]), np.array([[0.0, 0.0, 0.2]]), 0.5)[2, 2].round(12)
+    np.float64(-1.2)
+
+    References
+    ----------
+    .. [1] J. Weber, Bull. Liaison Ponts Chaussées 20 (1966) 1-20.
+    """
+    return np.asarray(-(force.T @ branch) / volume)
+
+
+def coordination(ends: np.ndarray, n_grains: int, *, rattlers_below: int = 4) -> tuple[float, int]:
+    """Return the mean number of contacts of the grains that are held, and how many are not.
+
+    Parameters
+    ----------
+    ends : ndarray, shape (contacts, 2)
+        Bodies in contact; walls from ``n_grains`` on.
+    n_grains : int
+        Number of grains.
+    rattlers_below : int
+        A grain with fewer contacts is loose: 4 for spheres and 3 for discs without friction, 2 with
+        it. Loose grains are taken away with their contacts until none is left.
+
+    Returns
+    -------
+    coordination : float
+        Contacts of held grains, those with walls counted once, over their number; zero if none.
+    rattlers : int
+        Number of loose grains.
+
+    Examples
+    --------
+    Three grains in a ring, and one that touches the ring once:
+
+    >>> coordination(np.array([[0, 1], [1, 2], [2, 0], [3, 0]]), 4, rattlers_below=2)
+    (2.0, 1)
+    """
+    held = np.ones(n_grains, dtype=bool)
+    while True:
+        alive = np.append(held, True)[np.minimum(ends, n_grains)].all(axis=1)
+        grains = ends[alive].ravel()
+        count = np.bincount(grains[grains < n_grains], minlength=n_grains)
+        loose = held & (count < rattlers_below)
+        if not loose.any():
+            break
+        held &= ~loose
+    number = int(held.sum())
+    return (float(count[held].sum()) / number if number else 0.0), n_grains - number
+
+
+def fraction_below(position: np.ndarray, radius: np.ndarray, height: float, area: float) -> float:
+    r"""Return the solid fraction of a bed between z = 0 and a height.
+
+    Parameters
+    ----------
+    position, radius : ndarray, shapes (grains, 3) and (grains,)
+        m.
+    height : float
+        m.
+    area : float
+        Of the cross-section, m2.
+
+    Notes
+    -----
+    A sphere cut at the distance :math:`d \in [-R, R]` above its centre has
+    :math:`\pi (2 R^3/3 + R^2 d - d^3/3)` below the cut.
+    """
+    d = np.clip(height - position[:, 2], -radius, radius)
+    inside = np.pi * (2.0 / 3.0 * radius**3 + radius**2 * d - d**3 / 3.0)
+    return float(inside.sum()) / (area * height)

@@ -1,0 +1,93 @@
+"""The contacts of one step: sweeps first, and what they do not solve another way."""
+
+import numpy as np
+
+from multiscale.macro.granulate.assembled import solve_assembled
+from multiscale.macro.granulate.contacts import colour
+from multiscale.macro.granulate.domains import order_contacts, relax_domains, split_grains
+from multiscale.macro.granulate.model import Model, Solver
+from multiscale.macro.granulate.sweeps import (
+    apply_impulses,
+    closing_size,
+    natural_map_error,
+    relax,
+    relax_coloured,
+)
+
+__all__ = ["solve_step"]
+
+BURST = 10
+"""Sweeps between two looks at the error."""
+
+
+def solve_step(
+    model: Model,
+    solver: Solver,
+    position: np.ndarray,
+    velocity: np.ndarray,
+    ends: np.ndarray,
+    data: np.ndarray,
+    impulse: np.ndarray,
+    anchor: np.ndarray,
+    cell: np.ndarray,
+) -> tuple[int, float]:
+    r"""Solve the contacts of a step in place.
+
+    Parameters
+    ----------
+    model, solver : Model, Solver
+    position : ndarray, shape (grains, 3)
+        m.
+    velocity, ends, data, impulse, anchor, cell : ndarray
+        As in :mod:`multiscale.macro.granulate.sweeps`; the velocities are those without impulses
+        and become those with them.
+
+    Returns
+    -------
+    sweeps : int
+        Made, or rounds of domains.
+    residual : float
+        Natural-map error relative to the velocities of the contacts that would close.
+    """
+    strained = cell if cell[1] > 0.0 else None
+    scale = closing_size(velocity, ends, data, strained)
+    if scale == 0.0:
+        impulse[:] = 0.0
+        return 0, 0.0
+    free, mobility, target = velocity.copy(), model.mobility, solver.tolerance * scale
+    apply_impulses(velocity, mobility, ends, data, impulse, strained)
+    limit = solver.max_iterations
+    if strained is not None or (solver.threads == solver.domains == 1 and not solver.conjugate):
+        done, error = relax(
+            velocity, mobility, ends, data, impulse, anchor, strained, target, limit, BURST
+        )
+    else:
+        moves = np.asarray(mobility.any(axis=1))
+        if solver.domains == 1 and not solver.conjugate:
+            order, bounds = colour(ends, model.grains.n, moves)
+        else:
+            domain = split_grains(position, min(solver.domains, model.grains.n))
+            order, bounds = order_contacts(ends, domain, moves)
+        sorted_impulse = impulse[order]
+        arrays = (velocity, mobility, ends[order], data[order], sorted_impulse, anchor[order])
+        if solver.domains == 1 and not solver.conjugate:
+            done, error = relax_coloured(*arrays, bounds, solver.threads, target, limit, BURST)
+        else:
+            done, error = relax_domains(
+                *arrays,
+                bounds,
+                1,
+                solver.conjugate,
+                target,
+                limit,
+                1 if solver.conjugate else BURST,
+            )
+        impulse[order] = sorted_impulse
+    if error <= target or strained is not None or len(ends) > solver.most_assembled:
+        return done, error / scale
+    found = solve_assembled(free, mobility, ends, data, anchor, impulse, 0.1 * solver.tolerance)
+    apply_impulses(free, mobility, ends, data, found, None)
+    new = natural_map_error(free, ends, data, found, anchor, None)
+    if new < error:
+        velocity[:], impulse[:], error = free, found, new
+    return done, error / scale

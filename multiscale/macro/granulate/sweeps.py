@@ -1,0 +1,210 @@
+r"""Gauss-Seidel on the contacts of grains, whose Delassus operator is never assembled.
+
+The arrays of the kernels, for b bodies (grains first, then walls) and m contacts:
+
+- ``velocity`` (b, 8): velocity in columns 0-2 and radius times spin in 4-6, m/s;
+- ``mobility`` (b, 3): one over the mass along the normal and across it, and the squared radius
+  over the inertia, 1/kg;
+- ``ends`` (m, 2): the bodies i and j; the normal points from j to i;
+- ``data`` (m, 8): normal; bias b, m/s; masses of the contact along and across the normal, kg;
+  compliance a and friction coefficient, dimensionless;
+- ``impulse``, ``anchor`` (m, 3): r in global axes and what its springs start from, N s;
+- ``cell`` (m + 2,): rate of strain of a periodic cell, 1/s, one over its inertia, 1/(kg m2), and
+  the distance of the centres of every contact, m; ``None``, which costs nothing, where it is rigid.
+"""
+
+import numba
+import numpy as np
+
+__all__ = [
+    "apply_impulses",
+    "closing_size",
+    "natural_map_error",
+    "push",
+    "relative_velocity",
+    "relax",
+    "relax_coloured",
+    "solve_contact",
+]
+
+
+@numba.njit(inline="always", fastmath=True, error_model="numpy")
+def relative_velocity(i, j, nx, ny, nz, velocity):  # type: ignore[no-untyped-def]
+    """Return u at the contact, body i minus body j."""
+    wx = velocity[i, 4] + velocity[j, 4]
+    wy = velocity[i, 5] + velocity[j, 5]
+    wz = velocity[i, 6] + velocity[j, 6]
+    ux = velocity[i, 0] - velocity[j, 0] - (wy * nz - wz * ny)
+    uy = velocity[i, 1] - velocity[j, 1] - (wz * nx - wx * nz)
+    uz = velocity[i, 2] - velocity[j, 2] - (wx * ny - wy * nx)
+    return ux, uy, uz
+
+
+@numba.njit(inline="always", fastmath=True, error_model="numpy")
+def push(i, j, nx, ny, nz, dx, dy, dz, dn, velocity, mobility):  # type: ignore[no-untyped-def]
+    """Add to the velocities what an impulse d with the normal part dn brings."""
+    tx, ty, tz = ny * dz - nz * dy, nz * dx - nx * dz, nx * dy - ny * dx
+    across, turn = mobility[i, 1], mobility[i, 2]  # i is a grain, equally heavy along and across
+    velocity[i, 0] += across * dx
+    velocity[i, 1] += across * dy
+    velocity[i, 2] += across * dz
+    velocity[i, 4] -= turn * tx
+    velocity[i, 5] -= turn * ty
+    velocity[i, 6] -= turn * tz
+    across, turn = mobility[j, 1], mobility[j, 2]
+    along = (mobility[j, 0] - across) * dn
+    velocity[j, 0] -= across * dx + along * nx
+    velocity[j, 1] -= across * dy + along * ny
+    velocity[j, 2] -= across * dz + along * nz
+    velocity[j, 4] -= turn * tx
+    velocity[j, 5] -= turn * ty
+    velocity[j, 6] -= turn * tz
+
+
+@numba.njit(inline="always", fastmath=True, error_model="numpy")
+def solve_contact(c, velocity, mobility, ends, data, impulse, anchor, cell):  # type: ignore[no-untyped-def]
+    r"""Solve one contact exactly while the others are held.
+
+    W is diagonal there, so the normal part comes first and bounds the tangential one:
+
+        r_N = max(0, (r_N + a anchor_N - m_N (u_N + b)) / (1 + a)),                      (1)
+        r_T = projection of (r_T + a anchor_T - m_T u_T) / (1 + a) on the disc mu r_N.   (2)
+    """
+    i, j = ends[c, 0], ends[c, 1]
+    nx, ny, nz = data[c, 0], data[c, 1], data[c, 2]
+    mass, a, friction = data[c, 5], data[c, 6], data[c, 7]
+    ux, uy, uz = relative_velocity(i, j, nx, ny, nz, velocity)
+    u = ux * nx + uy * ny + uz * nz
+    if cell is not None:
+        u += cell[0] * cell[c + 2]
+    rx, ry, rz = impulse[c, 0], impulse[c, 1], impulse[c, 2]
+    ax, ay, az = anchor[c, 0], anchor[c, 1], anchor[c, 2]
+    old, held = rx * nx + ry * ny + rz * nz, ax * nx + ay * ny + az * nz
+    give = 1.0 / (1.0 + a)
+    normal = max(0.0, (old + a * held - (u + data[c, 3]) * data[c, 4]) * give)  # (1)
+    tx = (rx - old * nx + a * (ax - held * nx) - (ux - u * nx) * mass) * give
+    ty = (ry - old * ny + a * (ay - held * ny) - (uy - u * ny) * mass) * give
+    tz = (rz - old * nz + a * (az - held * nz) - (uz - u * nz) * mass) * give
+    square, bound = tx * tx + ty * ty + tz * tz, friction * normal
+    if square > bound * bound:  # (2)
+        shrink = bound / np.sqrt(square)
+        tx, ty, tz = tx * shrink, ty * shrink, tz * shrink
+    dx, dy, dz = normal * nx + tx - rx, normal * ny + ty - ry, normal * nz + tz - rz
+    if dx != 0.0 or dy != 0.0 or dz != 0.0:
+        impulse[c, 0], impulse[c, 1], impulse[c, 2] = rx + dx, ry + dy, rz + dz
+        push(i, j, nx, ny, nz, dx, dy, dz, normal - old, velocity, mobility)
+        if cell is not None:
+            cell[0] += cell[1] * cell[c + 2] * (normal - old)
+
+
+@numba.njit(cache=True, fastmath=True, error_model="numpy")
+def apply_impulses(velocity, mobility, ends, data, impulse, cell):  # type: ignore[no-untyped-def]
+    """Add M^-1 H r to the velocities in place."""
+    for c in range(ends.shape[0]):
+        nx, ny, nz = data[c, 0], data[c, 1], data[c, 2]
+        x, y, z = impulse[c, 0], impulse[c, 1], impulse[c, 2]
+        along = x * nx + y * ny + z * nz
+        push(ends[c, 0], ends[c, 1], nx, ny, nz, x, y, z, along, velocity, mobility)
+        if cell is not None:
+            cell[0] += cell[1] * cell[c + 2] * along
+
+
+@numba.njit(cache=True, fastmath=True, error_model="numpy")
+def closing_size(velocity, ends, data, cell):  # type: ignore[no-untyped-def]
+    """Norm of u + b n over the contacts that close, with their masses, sqrt(J)."""
+    total = 0.0
+    for c in range(ends.shape[0]):
+        nx, ny, nz, b = data[c, 0], data[c, 1], data[c, 2], data[c, 3]
+        ux, uy, uz = relative_velocity(ends[c, 0], ends[c, 1], nx, ny, nz, velocity)
+        if cell is not None:
+            b += cell[0] * cell[c + 2]
+        ux, uy, uz = ux + b * nx, uy + b * ny, uz + b * nz
+        if ux * nx + uy * ny + uz * nz < 0.0:
+            total += (ux * ux + uy * uy + uz * uz) * data[c, 4]
+    return np.sqrt(total)
+
+
+@numba.njit(cache=True, fastmath=True, error_model="numpy")
+def natural_map_error(velocity, ends, data, impulse, anchor, cell):  # type: ignore[no-untyped-def]
+    r"""Norm of Coulomb's law as an equation, every contact with its mass, sqrt(J).
+
+    De Saxce's form, with the step rho of each contact and the compliance in u:
+
+        F = r - P_K(r - rho (u + b n + mu |u_T| n)),    sqrt(sum |F|^2 / rho).       (3)
+    """
+    total = 0.0
+    for c in range(ends.shape[0]):
+        nx, ny, nz = data[c, 0], data[c, 1], data[c, 2]
+        a, mu = data[c, 6], data[c, 7]
+        rho = data[c, 4] / (1.0 + a)
+        ux, uy, uz = relative_velocity(ends[c, 0], ends[c, 1], nx, ny, nz, velocity)
+        u = ux * nx + uy * ny + uz * nz
+        rx, ry, rz = impulse[c, 0], impulse[c, 1], impulse[c, 2]
+        old = rx * nx + ry * ny + rz * nz
+        rx, ry, rz = rx - old * nx, ry - old * ny, rz - old * nz
+        ux, uy, uz = ux - u * nx, uy - u * ny, uz - u * nz
+        if cell is not None:
+            u += cell[0] * cell[c + 2]
+        if a > 0.0:
+            ax, ay, az = anchor[c, 0], anchor[c, 1], anchor[c, 2]
+            held = ax * nx + ay * ny + az * nz
+            u += a * (old - held) / data[c, 4]
+            spring = a / data[c, 5]
+            ux += spring * (rx - ax + held * nx)
+            uy += spring * (ry - ay + held * ny)
+            uz += spring * (rz - az + held * nz)
+        slip = np.sqrt(ux * ux + uy * uy + uz * uz)
+        height = old - rho * (u + data[c, 3] + mu * slip)
+        tx, ty, tz = rx - rho * ux, ry - rho * uy, rz - rho * uz
+        length = np.sqrt(tx * tx + ty * ty + tz * tz)
+        shrink = 1.0
+        if mu * length <= -height:
+            height, shrink = 0.0, 0.0
+        elif length > mu * height:
+            height = (height + mu * length) / (1.0 + mu * mu)
+            shrink = mu * height / length
+        fx, fy, fz = rx - shrink * tx, ry - shrink * ty, rz - shrink * tz
+        total += ((old - height) ** 2 + fx * fx + fy * fy + fz * fz) / rho
+    return np.sqrt(total)
+
+
+@numba.njit(cache=True, fastmath=True, error_model="numpy")
+def relax(velocity, mobility, ends, data, impulse, anchor, cell, target, sweeps, burst):  # type: ignore[no-untyped-def]
+    """Sweep to and fro until (3) is below the target; return the sweeps made and the error."""
+    contacts = ends.shape[0]
+    error = natural_map_error(velocity, ends, data, impulse, anchor, cell)
+    done = 0
+    while done < sweeps and not error <= target:
+        for _ in range(min(burst, sweeps - done)):
+            for c in range(contacts):
+                solve_contact(c, velocity, mobility, ends, data, impulse, anchor, cell)
+            done += 1
+        error = natural_map_error(velocity, ends, data, impulse, anchor, cell)
+    return done, error
+
+
+@numba.njit(cache=True, fastmath=True, parallel=True, error_model="numpy")
+def relax_coloured(  # type: ignore[no-untyped-def]
+    velocity, mobility, ends, data, impulse, anchor, bounds, threads, target, sweeps, burst
+):
+    """Do the same colour by colour, in as many parts; what comes after the last bound has none."""
+    error = natural_map_error(velocity, ends, data, impulse, anchor, None)
+    done = 0
+    while done < sweeps and not error <= target:
+        for _ in range(min(burst, sweeps - done)):
+            for k in range(bounds.size - 1):
+                first, size = bounds[k], bounds[k + 1] - bounds[k]
+                if size < 64:
+                    for c in range(first, first + size):
+                        solve_contact(c, velocity, mobility, ends, data, impulse, anchor, None)
+                else:
+                    for t in numba.prange(threads):
+                        for c in range(
+                            first + size * t // threads, first + size * (t + 1) // threads
+                        ):
+                            solve_contact(c, velocity, mobility, ends, data, impulse, anchor, None)
+            for c in range(bounds[-1], ends.shape[0]):
+                solve_contact(c, velocity, mobility, ends, data, impulse, anchor, None)
+            done += 1
+        error = natural_map_error(velocity, ends, data, impulse, anchor, None)
+    return done, error

@@ -1,0 +1,195 @@
+"""What a scene of grains may say: where they fall, what they are like, how they are followed."""
+
+from typing import Annotated, Literal, Self
+
+from pydantic import Field, model_validator
+
+from multiscale.pipeline.toml_model import Count, Length, Number, Settings, quantity, with_unit
+
+__all__ = [
+    "GRANULATES",
+    "ColumnCollapse",
+    "Deposit",
+    "GrainScene",
+    "GrainSettings",
+    "Motion",
+    "ShearCell",
+    "Silo",
+]
+
+QUICK_GRAINS, QUICK_STEPS = 60, 40
+
+Duration = Annotated[float, quantity("s"), Field(gt=0.0), with_unit("s")]
+Density = Annotated[float, quantity("kg/m^3"), Field(gt=0.0), with_unit("kg/m^3")]
+Speed = Annotated[float, quantity("m/s"), Field(ge=0.0), with_unit("m/s")]
+Stress = Annotated[float, quantity("Pa"), Field(gt=0.0), with_unit("Pa")]
+Friction = Annotated[Number, Field(ge=0.0)]
+Positive = Annotated[Count, Field(ge=1)]
+
+
+class Deposit(Settings):
+    """Spheres that fall into an open box; see :func:`multiscale.macro.granulate.deposit`.
+
+    Parameters
+    ----------
+    size : two quantities
+        Edges of the box along x and y, m.
+    """
+
+    kind: Literal["deposit"]
+    size: tuple[Length, Length]
+
+
+class Silo(Settings):
+    """Spheres that fall into a pipe; see :func:`multiscale.macro.granulate.silo`.
+
+    Parameters
+    ----------
+    diameter : quantity
+        m.
+    wall_friction : number
+    sinking : quantity
+        Speed of the bottom, m/s.
+    """
+
+    kind: Literal["silo"]
+    diameter: Length
+    wall_friction: Friction = 0.5
+    sinking: Speed = 0.0
+
+
+class ColumnCollapse(Settings):
+    """Discs that settle behind a gate, which is then taken away.
+
+    Parameters
+    ----------
+    width : quantity
+        Of the column, m.
+    settling : quantity
+        Time before the gate is taken away, s.
+    """
+
+    kind: Literal["column_collapse"]
+    width: Length
+    settling: Duration
+
+
+class ShearCell(Settings):
+    """Spheres sheared between rough plates; see :func:`multiscale.macro.granulate.shear_layer`.
+
+    Parameters
+    ----------
+    size : two quantities
+        Periods along x and y, m.
+    pressure : quantity
+        On the plates, Pa.
+    speed : quantity
+        Of the upper plate, m/s.
+    """
+
+    kind: Literal["shear_cell"]
+    size: tuple[Length, Length]
+    pressure: Stress
+    speed: Speed
+
+
+GRANULATES = ("deposit", "silo", "column_collapse", "shear_cell")
+"""Kinds of structures that are grains."""
+
+
+class GrainSettings(Settings):
+    """The grains and how they touch.
+
+    Parameters
+    ----------
+    number : int
+    radius : two quantities
+        Smallest and largest, m; every interval has its share of the volume.
+    density : quantity
+        kg/m3.
+    friction, restitution, compliance : number
+        See :class:`multiscale.macro.granulate.ContactLaw`.
+    seed : int
+    """
+
+    number: Positive
+    radius: tuple[Length, Length]
+    density: Density = 2600.0
+    friction: Friction = 0.5
+    restitution: Annotated[Number, Field(ge=0.0, le=1.0)] = 0.0
+    compliance: Annotated[Number, Field(ge=0.0)] = 0.0
+    seed: Annotated[Count, Field(ge=0)] = 0
+
+    @model_validator(mode="after")
+    def _check(self) -> Self:
+        if self.radius[0] > self.radius[1]:
+            raise ValueError("radius should be the smallest and then the largest")
+        return self
+
+
+class Motion(Settings):
+    """How the grains are followed; see :func:`multiscale.macro.granulate.simulate`.
+
+    Parameters
+    ----------
+    step, duration : quantity
+        s.
+    tolerance : number
+    max_iterations : int
+        Sweeps in a step.
+    threads, domains, frames : int
+    """
+
+    step: Duration
+    duration: Duration
+    tolerance: Annotated[Number, Field(gt=0.0, lt=1.0)] = 1e-4
+    max_iterations: Positive = 1000
+    threads: Positive = 1
+    domains: Positive = 1
+    frames: Annotated[Count, Field(ge=2)] = 11
+
+    @model_validator(mode="after")
+    def _check(self) -> Self:
+        if self.step > self.duration:
+            raise ValueError(
+                f"step ({self.step:g} s) must not be longer than duration ({self.duration:g} s)"
+            )
+        return self
+
+
+class GrainScene(Settings):
+    """One question to rigid grains in frictional contact.
+
+    Parameters
+    ----------
+    title : str
+    structure : table
+        Its ``kind`` is ``"deposit"``, ``"silo"``, ``"column_collapse"`` or ``"shear_cell"``.
+    grains, motion : table
+    """
+
+    title: str
+    structure: Annotated[Deposit | Silo | ColumnCollapse | ShearCell, Field(discriminator="kind")]
+    grains: GrainSettings
+    motion: Motion
+
+    @property
+    def joint(self) -> None:
+        """Grains have no joint that a law could be of."""
+        return
+
+    @property
+    def substructures(self) -> None:
+        """Domains of grains are an option of the solver, see :class:`Motion`."""
+        return
+
+    def quick(self) -> Self:
+        """Return the same scene with few grains and steps."""
+        grains = self.grains.model_copy(update={"number": min(QUICK_GRAINS, self.grains.number)})
+        duration = min(self.motion.duration, QUICK_STEPS * self.motion.step)
+        motion = self.motion.model_copy(update={"duration": duration})
+        small = {"title": f"{self.title} (quick)", "grains": grains, "motion": motion}
+        if isinstance(self.structure, ColumnCollapse):
+            settling = min(self.structure.settling, duration)
+            small["structure"] = self.structure.model_copy(update={"settling": settling})
+        return self.model_copy(update=small)

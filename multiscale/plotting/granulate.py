@@ -1,0 +1,153 @@
+"""Figures of granulates: each takes a dataset and axes, and returns the axes."""
+
+from collections.abc import Callable
+from functools import partial
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from multiscale.io import make_folder
+from multiscale.plotting.figure import axes_or_current, new_figure, save_figure
+
+if TYPE_CHECKING:
+    import xarray as xr
+    from matplotlib.axes import Axes
+
+__all__ = ["draw_granulate", "plot_contact_error", "plot_force_network", "plot_grain_energies"]
+
+
+def plot_force_network(
+    result: "xr.Dataset",
+    *,
+    frame: int = -1,
+    slab: tuple[float, float] | None = None,
+    ax: "Axes | None" = None,
+) -> "Axes":
+    """Plot grains and forces seen along y: lines as thick as their force.
+
+    Parameters
+    ----------
+    result : Dataset
+        Follows ``GRANULATE``.
+    frame : int
+        The last one if not given.
+    slab : tuple of float, optional
+        Range of y of the grains and contacts shown, m; all if not given.
+    ax : Axes, optional
+        Where to draw. The current axes if not given.
+    """
+    from matplotlib.collections import LineCollection, PatchCollection
+    from matplotlib.patches import Circle
+
+    ax = axes_or_current(ax)
+    frame = range(result.sizes["frame"])[frame]
+    low, high = slab if slab is not None else (-np.inf, np.inf)
+    position, radius = result["position"].values[frame], result["radius"].values
+    shown = (position[:, 1] >= low) & (position[:, 1] <= high)
+    circles = [
+        Circle((1e3 * x, 1e3 * z), 1e3 * r)
+        for (x, _, z), r in zip(position[shown], radius[shown], strict=True)
+    ]
+    ax.add_collection(PatchCollection(circles, facecolor="0.93", edgecolor="0.75", linewidth=0.3))
+
+    here = result["contact_frame"].values == frame
+    first = position[result["contact_ends"].values[here, 0]]
+    second = first - result["branch"].values[here]
+    force = np.linalg.norm(result["contact_force"].values[here], axis=1)
+    inside = (first[:, 1] >= low) & (first[:, 1] <= high)
+    inside &= (second[:, 1] >= low) & (second[:, 1] <= high)
+    lines = 1e3 * np.stack([first, second], axis=1)[inside][:, :, ::2]
+    order = np.argsort(force[inside])
+    largest = float(np.quantile(force[inside], 0.99)) if inside.any() else 1.0
+    strength = np.clip(force[inside][order] / (largest or 1.0), 0.0, 1.0)
+    network = LineCollection(lines[order], linewidths=0.2 + 3.0 * strength, capstyle="round")
+    network.set_array(force[inside][order])
+    ax.add_collection(network)
+    ax.autoscale_view()
+    ax.set_aspect("equal")
+    ax.set_xlabel("x (mm)")
+    ax.set_ylabel("z (mm)")
+    at = np.append(0.0, result["time"].values)[int(result["frame_step"][frame]) + 1]
+    ax.set_title(f"t = {at:.3g} s, {int(inside.sum())} contacts")
+    if inside.any() and ax.figure is not None:
+        ax.figure.colorbar(network, ax=ax, label="force (N)", shrink=0.8)
+    return ax
+
+
+def plot_grain_energies(result: "xr.Dataset", *, ax: "Axes | None" = None) -> "Axes":
+    """Plot where the energy of the grains goes, and its sum, which stays as it was.
+
+    Parameters
+    ----------
+    result : Dataset
+        Follows ``GRANULATE``.
+    ax : Axes, optional
+        Where to draw. The current axes if not given.
+    """
+    ax = axes_or_current(ax)
+    time = result["time"].values
+    parts = {
+        "kinetic": result["kinetic_energy"].values,
+        "taken by the contacts": result["contact_dissipation"].values,
+        "lost in impacts": result["numerical_dissipation"].values,
+        "damped": result["damping_dissipation"].values,
+        "work, negative": -result["work"].values,
+    }
+    for label, energy in parts.items():
+        if np.nanmax(np.abs(energy)) > 0.0:
+            ax.plot(time, energy, label=label)
+    ax.plot(time, sum(parts.values()), color="black", linestyle="--", label="sum")
+    ax.set_xlabel("time (s)")
+    ax.set_ylabel("energy (J)")
+    ax.legend(loc="lower center", bbox_to_anchor=(0.5, 1.0), ncols=2, frameon=False)
+    return ax
+
+
+def plot_contact_error(result: "xr.Dataset", *, ax: "Axes | None" = None) -> "Axes":
+    """Plot the error of the contact solver in every step; missed tolerances stand out.
+
+    Parameters
+    ----------
+    result : Dataset
+        Follows ``GRANULATE``.
+    ax : Axes, optional
+        Where to draw. The current axes if not given.
+    """
+    ax = axes_or_current(ax)
+    time, error = result["time"].values, result["residual"].values
+    met = result["converged"].values == 1
+    ax.semilogy(time[met], error[met], ".", markersize=2, label="tolerance met")
+    if not met.all():
+        ax.semilogy(time[~met], error[~met], "x", markersize=3, color="C3", label="missed")
+    ax.set_xlabel("time (s)")
+    ax.set_ylabel("error relative to closing velocities")
+    ax.legend()
+    return ax
+
+
+def draw_granulate(result: "xr.Dataset", folder: Path) -> list[Path]:
+    """Draw the force network, the energies and the error of the solver into PNG files.
+
+    Parameters
+    ----------
+    result : Dataset
+        Follows ``GRANULATE``.
+    folder : Path
+        Made if needed.
+    """
+    make_folder(folder)
+    y = result["position"].values[-1, :, 1]
+    middle, half = 0.5 * (y.min() + y.max()), 2.0 * float(result["radius"].max())
+    slab = (float(middle - half), float(middle + half))
+    plots: dict[str, Callable[..., Axes]] = {
+        "force_network": partial(plot_force_network, slab=slab),
+        "energies": plot_grain_energies,
+        "contact_error": plot_contact_error,
+    }
+    files = []
+    for name, plot in plots.items():
+        figure = new_figure(6.0, 5.0)
+        plot(result, ax=figure.add_subplot())
+        files.append(save_figure(figure, folder / f"{name}.png"))
+    return files

@@ -1,0 +1,209 @@
+"""Grains that fall, bounce, roll and pile up, against closed forms."""
+
+import numpy as np
+import pytest
+
+from multiscale.errors import CaseError
+from multiscale.macro import granulate
+from multiscale.macro.granulate import ContactLaw, Grains, Model, Plane, Solver, box, simulate
+
+FLOOR = (Plane((0.0, 0.0, 0.0), (0.0, 0.0, 1.0)),)
+TIGHT = Solver(tolerance=1e-10, max_iterations=20000)
+
+
+def bouncing_point(restitution, time):
+    """Height of a point that falls from 1 m, m."""
+    g, t = 9.81, np.sqrt(2.0 / 9.81)
+    if time < t:
+        return 1.0 - 0.5 * g * time**2
+    speed = g * t * restitution
+    while time >= t + 2.0 * speed / g:
+        t += 2.0 * speed / g
+        speed *= restitution
+    return speed * (time - t) - 0.5 * g * (time - t) ** 2
+
+
+def lattice(n, layers, radius=0.01, seed=0):
+    rng = np.random.default_rng(seed)
+    grid = np.stack(np.meshgrid(*[np.arange(n)] * 2, np.arange(layers), indexing="ij"), axis=-1)
+    spacing = np.array([2.2, 2.2, 2.3]) * radius
+    centre = grid.reshape(-1, 3) * spacing + np.array([1.1, 1.1, 1.2]) * radius
+    return centre + rng.uniform(-0.05, 0.05, centre.shape) * radius
+
+
+def settled(law=None, seconds=0.3, n=5, layers=3, solver=None, **changes):
+    """A small heap in an open box."""
+    position = lattice(n, layers)
+    edge = 2.2 * n * 0.01
+    model = Model(
+        Grains(position, 0.01, **changes), box((0, 0, 0), (edge, edge, np.inf)), law or ContactLaw()
+    )
+    return model, simulate(model, seconds, 2e-3, solver=solver)
+
+
+def test_the_bouncing_point_is_a_closed_form_of_its_impacts():
+    # impacts at .451524, 1.264266, 1.995734 s: q(3) = .418352 m
+    assert bouncing_point(0.9, 3.0) == pytest.approx(0.418352, abs=1e-6)
+
+
+@pytest.mark.parametrize("restitution", [0.5, 0.8, 0.9])
+def test_a_bouncing_grain_follows_its_closed_form_to_first_order(restitution):
+    errors = []
+    for step in (2e-3, 2e-4):
+        grain = Grains([[0.0, 0.0, 1.01]], 0.01)
+        model = Model(grain, FLOOR, ContactLaw(restitution=restitution))
+        result = simulate(model, 1.2, step, n_frames=61)
+        time = np.append(0.0, result["time"].values)[result["frame_step"].values + 1]
+        exact = np.array([bouncing_point(restitution, t) for t in time])
+        errors.append(np.abs(result["position"].values[:, 0, 2] - 0.01 - exact).mean())
+    assert errors[0] < 5.0 * 2e-3
+    assert errors[1] < 0.2 * errors[0]
+
+
+@pytest.mark.parametrize("friction", [0.0, 0.1, 0.5])
+def test_a_sphere_that_slides_ends_up_rolling_at_five_sevenths(friction):
+    # v = v0 - mu g t until v = R w: 5/7 of v0, reached at t = 2 v0 / (7 mu g)
+    grain = Grains([[0.0, 0.0, 0.01]], 0.01, velocity=[[1.0, 0.0, 0.0]])
+    model = Model(grain, FLOOR, ContactLaw(friction=friction))
+    result = simulate(model, 0.1, 1e-4, solver=TIGHT)
+    slowed = max(1.0 - friction * 9.81 * 0.1, 5.0 / 7.0) if friction else 1.0
+    assert float(result["velocity"][-1, 0, 0]) == pytest.approx(slowed, rel=2e-3)
+    if slowed == 5.0 / 7.0:
+        assert float(result["spin"][-1, 0, 1]) == pytest.approx(slowed / 0.01, rel=1e-6)
+
+
+def test_a_disc_rolls_at_two_thirds_and_stays_in_its_plane():
+    grain = Grains([[0.0, 0.3, 0.01]], 0.01, velocity=[[1.0, 0.0, 0.0]], thickness=0.1)
+    result = simulate(Model(grain, FLOOR), 0.15, 1e-4, solver=TIGHT)
+    assert float(result["velocity"][-1, 0, 0]) == pytest.approx(2.0 / 3.0, rel=1e-3)
+    assert np.all(result["position"].values[:, :, 1] == 0.3)
+
+
+def test_newtons_cradle_hands_the_velocity_to_the_last_ball():
+    position = np.column_stack([np.arange(5) * 0.0202, np.zeros(5), np.zeros(5)])
+    velocity = np.zeros((5, 3))
+    velocity[0, 0] = 1.0
+    model = Model(
+        Grains(position, 0.01, velocity=velocity),
+        law=ContactLaw(friction=0.0, restitution=1.0),
+        gravity=(0.0, 0.0, 0.0),
+    )
+    result = simulate(model, 2e-3, 2e-5, solver=TIGHT)
+    np.testing.assert_allclose(result["velocity"][-1, :, 0], [0.0, 0.0, 0.0, 0.0, 1.0], atol=1e-12)
+    assert float(result["kinetic_energy"][-1]) == pytest.approx(
+        0.5 * float(model.grains.mass[0]), rel=1e-12
+    )
+
+
+def test_a_sphere_rolls_down_a_slope_with_five_sevenths_of_the_pull():
+    gravity = 9.81 * np.array(
+        [np.sin(0.3), 0.0, -np.cos(0.3)]
+    )  # friction enough: tan(.3) 2/7 = .09
+    grain = Grains([[0.0, 0.0, 0.01]], 0.01)
+    result = simulate(Model(grain, FLOOR, gravity=tuple(gravity)), 0.05, 1e-4)
+    assert float(result["velocity"][-1, 0, 0]) == pytest.approx(
+        5.0 / 7.0 * gravity[0] * 0.05, rel=1e-3
+    )
+
+
+def test_a_pile_at_rest_carries_its_weight():
+    model, result = settled(solver=Solver(max_iterations=3000))
+    weight = 9.81 * float(model.grains.mass.sum())
+    floor = -result["wall_force"].values[-20:, 4, 2].mean()
+    assert floor == pytest.approx(weight, rel=0.02)
+
+
+@pytest.mark.parametrize("restitution", [0.0, 0.4])
+def test_energy_never_grows_without_work(restitution):
+    _, result = settled(ContactLaw(restitution=restitution), seconds=0.2)
+    total = (result["kinetic_energy"] - result["work"]).values
+    scale = float(np.abs(result["work"]).max())
+    assert np.diff(total, prepend=0.0).max() < 1e-6 * scale
+    lost = result["contact_dissipation"] + result["numerical_dissipation"]
+    np.testing.assert_allclose(total, -lost, atol=1e-12 * scale)
+
+
+def test_rigid_grains_never_overlap_by_a_hundredth_of_a_radius():
+    _, result = settled()
+    assert float(result["penetration"].max()) < 2e-3
+
+
+def test_a_step_that_misses_its_tolerance_is_told():
+    _, result = settled(solver=Solver(max_iterations=5, most_assembled=0), seconds=0.1)
+    missed = int((result["converged"] == 0).sum())
+    assert missed > 0
+    assert result.attrs["cautions"].startswith(f"{missed} of 50 steps missed the tolerance")
+    assert np.all(result["residual"].values[result["converged"].values == 0] > 1e-4)
+
+
+def test_momentum_and_spin_are_kept_in_a_collision():
+    rng = np.random.default_rng(seed=3)
+    position = np.array([[0.0, 0.0, 0.0], [0.021, 0.003, 0.002]])
+    velocity = np.array([[1.0, 0.2, -0.1], [-0.5, 0.1, 0.3]])
+    spin = rng.uniform(-10.0, 10.0, (2, 3))
+    grains = Grains(position, 0.01, [1000.0, 4000.0], velocity, spin)
+    result = simulate(Model(grains, gravity=(0.0, 0.0, 0.0)), 5e-3, 1e-5, solver=TIGHT)
+
+    def moments(frame):
+        x, v, w = (result[name].values[frame] for name in ("position", "velocity", "spin"))
+        m, inertia = grains.mass[:, None], grains.inertia[:, None]
+        return (m * v).sum(axis=0), (m * np.cross(x, v) + inertia * w).sum(axis=0)
+
+    assert not np.allclose(result["velocity"][0], result["velocity"][-1])
+    np.testing.assert_allclose(moments(0)[0], moments(-1)[0], atol=1e-15)
+    np.testing.assert_allclose(moments(0)[1], moments(-1)[1], rtol=2e-3)
+
+
+def test_a_loaded_wall_presses_with_its_force():
+    lid = Plane((0.0, 0.0, 0.0205), (0.0, 0.0, -1.0), mass=0.1, force=50.0)
+    model = Model(Grains([[0.0, 0.0, 0.01]], 0.01), (*FLOOR, lid), gravity=(0.0, 0.0, 0.0))
+    result = simulate(model, 0.05, 1e-3, solver=TIGHT)
+    np.testing.assert_allclose(result["wall_force"][-1, :, 2], [-50.0, 50.0], rtol=1e-6)
+
+
+def test_space_repeats_along_a_period():
+    grains = Grains([[0.02, 0.0, 0.0], [0.08, 0.0, 0.0]], 0.01, velocity=[[-1.0, 0, 0], [0, 0, 0]])
+    model = Model(grains, gravity=(0.0, 0.0, 0.0), period=(0.1, np.inf, np.inf))
+    result = simulate(model, 0.1, 1e-3, solver=TIGHT)  # they meet across the border
+    np.testing.assert_allclose(result["velocity"][-1, :, 0], -0.5, atol=1e-9)
+
+
+@pytest.mark.parametrize(
+    ("make", "message"),
+    [
+        (lambda: Grains([[0, 0, 0.01]], 0.0), r"radius of grain 0 must be positive \(m\), got 0"),
+        (
+            lambda: simulate(Model(Grains([[0, 0, 0.02], [0, 0, 0.03]], 0.01), FLOOR), 1.0, 1e-3),
+            "grain 0 overlaps grain 1 by 1 of its radius at the start",
+        ),
+        (
+            lambda: simulate(Model(Grains([[0, 0, -0.5]], 0.01), FLOOR), 1.0, 1e-3),
+            "grain 0 overlaps wall 0",
+        ),
+        (
+            lambda: simulate(Model(Grains([[0, 0, 1.0]], 0.01)), 1.0, 1e-3),
+            "no wall holds the grains against gravity",
+        ),
+        (lambda: ContactLaw(friction=-0.1), "friction must be finite and not negative, got -0.1"),
+        (lambda: ContactLaw(restitution=1.5), "restitution must lie between 0 and 1, got 1.5"),
+        (
+            lambda: simulate(Model(Grains([[0, 0, 1.0]], 0.01), FLOOR), 1.0, 2.0),
+            "step must be positive and at most the duration 1 s, got 2 s",
+        ),
+        (
+            lambda: simulate(
+                Model(Grains([[0, 0, 1.0]], 0.01), FLOOR, period=(0.03, np.inf, np.inf)), 1.0, 1e-3
+            ),
+            "period along x is 0.03 m and must be at least",
+        ),
+        (
+            lambda: Grains([[0, 0, 1], [0, 1, 1]], 0.1, thickness=1.0),
+            "disc 1 leaves the plane y = 0 m",
+        ),
+        (lambda: granulate.Cylinder((0, 0, 0), (0, 0, 1)), "radius of a cylinder must be positive"),
+        (lambda: Plane((0, 0, 0), (0, 0, 0)), "direction of a wall must not be zero"),
+    ],
+)
+def test_bad_input_is_named(make, message):
+    with pytest.raises(CaseError, match=message):
+        make()

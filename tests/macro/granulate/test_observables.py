@@ -1,0 +1,82 @@
+"""Stress, coordination and solid fraction of grains whose answer is known."""
+
+import numpy as np
+import pytest
+
+from multiscale.errors import CaseError
+from multiscale.macro import granulate
+from multiscale.macro.granulate import ContactLaw, Grains, Model, Plane, Solver, simulate
+from multiscale.schema import MICRO_RESPONSE
+
+
+def test_love_weber_gives_the_stress_that_a_loaded_lid_puts_in():
+    # four spheres in a square between two plates: the force of the lid over the area is the stress
+    radius = 0.01
+    centre = [(x, y, radius) for x in (0.012, 0.036) for y in (0.012, 0.036)]
+    lid = Plane((0, 0, 2.001 * radius), (0, 0, -1), mass=0.1, force=20.0)
+    grains = Grains(np.array(centre), radius)
+    model = Model(grains, (Plane((0, 0, 0), (0, 0, 1)), lid), gravity=(0, 0, 0))
+    result = simulate(model, 0.05, 1e-3, solver=Solver(1e-9, 5000))
+    _, force, branch = granulate.network(result)
+    area = 0.048**2
+    stress = granulate.love_weber(force, branch, area * 2.0 * radius)
+    assert stress[2, 2] == pytest.approx(-20.0 / area, rel=1e-6)
+    np.testing.assert_allclose(stress[:2, :2], 0.0, atol=1e-6 * 20.0 / area)
+
+
+def test_solid_fraction_cuts_spheres_exactly():
+    radius = np.array([1.0])
+    whole = granulate.fraction_below(np.array([[0, 0, 1.0]]), radius, 2.0, 4.0)
+    assert whole == pytest.approx(np.pi / 6.0)
+    half = granulate.fraction_below(np.array([[0, 0, 1.0]]), radius, 1.0, 4.0)
+    assert half == pytest.approx(np.pi / 6.0)
+
+
+def test_loose_grains_are_taken_away_until_none_is_left():
+    # a chain hangs off a tetrahedron: it unravels from its end
+    ends = np.array([[0, 1], [0, 2], [0, 3], [1, 2], [1, 3], [2, 3], [3, 4], [4, 5]])
+    assert granulate.coordination(ends, 6, rattlers_below=2) == (3.0, 2)
+
+
+def test_radii_share_the_volume_evenly():
+    radii = granulate.draw_radii(200000, 1.0, 3.0, seed=1)
+    share, _ = np.histogram(radii, bins=4, range=(1.0, 3.0), weights=radii**3)
+    np.testing.assert_allclose(share / share.sum(), 0.25, atol=5e-3)
+
+
+def test_a_sheared_layer_is_a_response_of_a_joint():
+    radii = np.full(16, 0.005)
+    response = granulate.shear_response(
+        radii, (0.06, 0.06), [1e3], [0.05], ContactLaw(0.3), n_realisations=1, n_steps=40
+    )
+    MICRO_RESPONSE.check(response)
+    pressure, shear = -response["traction"].values[0, 0, 0], response["traction"].values[0, 0, 1]
+    assert pressure == pytest.approx(1e3, rel=0.05)
+    assert 0.0 <= shear <= 0.3 * pressure * (1.0 + 1e-6)
+
+
+@pytest.mark.parametrize(
+    ("make", "message"),
+    [
+        (lambda: granulate.draw_radii(5, 0.0, 1.0), "radii must be positive and rise"),
+        (
+            lambda: granulate.deposit(np.full(3, 0.1), (0.05, 0.05), ContactLaw()),
+            "a grain of radius 0.1 m needs 0.22 m, the box is 0.05 m wide",
+        ),
+        (
+            lambda: granulate.silo(np.full(3, 0.1), 0.1, ContactLaw()),
+            "does not fit into a pipe of 0.1 m",
+        ),
+        (
+            lambda: granulate.compact(np.full(8, 0.1), -1.0, ContactLaw()),
+            "pressure must be positive",
+        ),
+        (
+            lambda: Model(Grains([[0, 0, 0]], 1.0), pressure=1.0),
+            "a pressure acts on a cell that is periodic",
+        ),
+    ],
+)
+def test_arrangements_that_cannot_be_are_refused(make, message):
+    with pytest.raises(CaseError, match=message):
+        make()

@@ -1,0 +1,189 @@
+"""The contacts of a step against the solver for friction problems, threads and extremes."""
+
+import numba
+import numpy as np
+import pytest
+from scipy.sparse import csr_array
+
+from multiscale.macro.granulate import ContactLaw, Grains, Model, Plane, Solver, box, simulate
+from multiscale.macro.granulate.motion import advance, start
+from multiscale.nonsmooth import solve_friction
+
+FLOOR = Plane((0.0, 0.0, 0.0), (0.0, 0.0, 1.0))
+TIGHT = Solver(tolerance=1e-9, max_iterations=50000)
+
+
+def heap(n=27, radius=0.01, seed=1, **changes):
+    """Grains on a lattice just above the floor of a box, of which the lowest touch soon."""
+    rng = np.random.default_rng(seed)
+    k = np.arange(n)
+    centre = np.column_stack([k % 3, k // 3 % 3, k // 9]) * 2.02 * radius + 1.005 * radius
+    centre += rng.uniform(0.0, 0.01, (n, 3)) * radius
+    edge = 6.1 * radius
+    walls = box((0, 0, 0), (edge, edge, np.inf))
+    velocity = rng.normal(scale=0.2, size=(n, 3))
+    return Model(Grains(centre, radius, velocity=velocity, **changes), walls, ContactLaw(0.4))
+
+
+def delassus(model, contacts):
+    """W and the frames of the contacts, by assembling H."""
+    n, m = model.grains.n, len(contacts.ends)
+    H = np.zeros((6 * n, 3 * m))
+    frames = []
+    for c, (i, j) in enumerate(contacts.ends):
+        normal = contacts.data[c, :3]
+        other = np.eye(3)[np.argmin(np.abs(normal))]
+        t1 = np.cross(normal, other)
+        t1 /= np.linalg.norm(t1)
+        frame = np.array([normal, t1, np.cross(normal, t1)])
+        frames.append(frame)
+        for body, sign in ((i, 1.0), (j, -1.0)):
+            if body >= n:
+                continue
+            arm = -sign * model.grains.radius[body] * normal
+            H[6 * body : 6 * body + 3, 3 * c : 3 * c + 3] = sign * frame.T
+            H[6 * body + 3 : 6 * body + 6, 3 * c : 3 * c + 3] = sign * np.cross(arm, frame).T
+    inverse = np.repeat(
+        np.column_stack([1.0 / model.grains.mass, 1.0 / model.grains.inertia]), 3, axis=1
+    ).ravel()
+    return H, inverse, np.array(frames)
+
+
+def test_a_step_agrees_with_the_friction_solver_on_the_assembled_operator():
+    model = heap()
+    state, h = start(model), 1e-3
+    new, step = advance(model, state, h, TIGHT)
+    assert step.converged
+    assert step.n_contacts > 10
+    contacts = new.contacts
+    H, inverse, frames = delassus(model, contacts)
+    n = model.grains.n
+    free = np.zeros((n, 6))
+    free[:, :3] = model.grains.velocity + h * np.array(model.gravity)
+    bias = np.zeros((len(frames), 3))
+    bias[:, 0] = contacts.data[:, 3]
+    q = H.T @ free.ravel() + bias.ravel()
+    solution = solve_friction(
+        csr_array(H.T @ (inverse[:, None] * H)), q, contacts.data[:, 7], tolerance=1e-9
+    )
+    velocity = (free.ravel() + inverse * (H @ solution.unwrap())).reshape(n, 6)
+    np.testing.assert_allclose(new.velocity[:n, :3], velocity[:, :3], atol=1e-6)
+    np.testing.assert_allclose(
+        new.velocity[:n, 4:7], model.grains.radius[:, None] * velocity[:, 3:], atol=1e-6
+    )
+
+
+def test_coloured_sweeps_lead_to_the_same_motion():
+    model = heap()
+    one = simulate(model, 5e-3, 1e-3, solver=TIGHT)
+    two = simulate(
+        model, 5e-3, 1e-3, solver=Solver(TIGHT.tolerance, TIGHT.max_iterations, threads=2)
+    )
+    np.testing.assert_allclose(one["velocity"][-1], two["velocity"][-1], atol=1e-6)
+
+
+@pytest.mark.parametrize("domains", [1, 4, 16, 64])
+@pytest.mark.parametrize("conjugate", [0, 5])
+def test_domains_lead_to_the_same_motion(domains, conjugate):
+    base = heap(125)
+    law = ContactLaw(0.4, compliance=0.05)
+    model = Model(base.grains, base.walls, law)
+    found = []
+    for solver in (
+        Solver(1e-11, 20000, most_assembled=0),
+        Solver(1e-11, 20000, domains=domains, conjugate=conjugate, most_assembled=0),
+    ):
+        new, step = advance(model, start(model), 1e-3, solver)
+        assert step.converged
+        assert step.n_contacts > 50
+        found.append(new.velocity)
+    np.testing.assert_allclose(*found, atol=1e-8)
+
+
+def test_conjugate_gradients_need_fewer_rounds_than_sweeps_without_friction():
+    base = heap(125)
+    model = Model(base.grains, base.walls, ContactLaw(0.0))
+    rounds = [
+        advance(model, start(model), 1e-3, Solver(1e-8, 5000, conjugate=steps))[1].sweeps
+        for steps in (0, 20)
+    ]
+    assert rounds[1] < 0.2 * rounds[0]
+
+
+@pytest.mark.skipif(numba.config.NUMBA_NUM_THREADS < 2, reason="there is one thread only")
+def test_the_number_of_threads_changes_no_digit_of_coloured_sweeps():
+    model = heap(729)
+    solver = Solver(1e-6, 200, threads=2)
+    found = []
+    for threads in (1, 2):
+        numba.set_num_threads(threads)
+        found.append(simulate(model, 3e-3, 1e-3, solver=solver)["velocity"].values[-1])
+    numba.set_num_threads(numba.config.NUMBA_NUM_THREADS)
+    np.testing.assert_array_equal(*found)
+
+
+@pytest.mark.parametrize("friction", [0.0, 1.5])
+@pytest.mark.parametrize("step", [1e-4, 1e-3, 1e-2])
+def test_friction_and_steps_at_their_ends_stay_sound(friction, step):
+    base = heap()
+    model = Model(base.grains, base.walls, ContactLaw(friction))
+    result = simulate(model, 10 * step, step, solver=Solver(max_iterations=5000))
+    assert result["converged"].values.all()
+    assert float(result["penetration"].max()) < 0.01
+    total = (result["kinetic_energy"] - result["work"]).values
+    assert np.diff(total).max() < 1e-9
+
+
+def test_a_heavy_grain_rests_on_a_light_one():
+    # mass ratio 1e6: Gauss-Seidel alone needs about as many sweeps
+    grains = Grains([[0.0, 0.0, 0.01], [0.0, 0.0, 0.03]], 0.01, [2.6, 2.6e6])
+    model = Model(grains, (FLOOR,))
+    result = simulate(model, 0.02, 2e-3, solver=Solver(max_iterations=1000))
+    assert result["converged"].values.all()
+    force = result["wall_force"].values[-1, 0, 2]
+    assert -force == pytest.approx(9.81 * float(grains.mass.sum()), rel=1e-3)
+
+
+def test_sizes_of_one_to_twenty_are_borne():
+    rng = np.random.default_rng(seed=2)
+    small = np.stack(np.meshgrid(*[np.arange(12)] * 2, [0], indexing="ij"), axis=-1).reshape(-1, 3)
+    small = small * 0.0025 + [0.0015, 0.0015, 0.0011] + rng.uniform(0.0, 1e-4, (144, 3))
+    position = np.vstack([small, [[0.015, 0.015, 0.0235]]])
+    radius = np.append(np.full(144, 0.001), 0.02)
+    walls = box((-0.02, -0.02, 0.0), (0.05, 0.05, np.inf))
+    result = simulate(Model(Grains(position, radius), walls), 0.05, 1e-3)
+    assert float(result["penetration"].max()) < 0.01
+    assert np.isfinite(result["kinetic_energy"].values).all()
+    # the small ones carry the large one as balls of a bearing, which goes on rolling
+    assert float(result["kinetic_energy"][-1]) < 0.05 * float(result["work"].max())
+    assert float(result["converged"].mean()) >= 0.99
+
+
+def test_a_wedge_that_jams_keeps_its_grain_and_says_what_it_missed():
+    # half-angle below atan(mu): the grain sticks whatever pushes it; impulses are not unique
+    half = np.arctan(0.5) - 0.1
+    planes = [
+        Plane((0, 0, 0), (np.cos(half), 0, np.sin(half)), friction=0.5),
+        Plane((0, 0, 0), (-np.cos(half), 0, np.sin(half)), friction=0.5),
+    ]
+    grain = Grains([[0.0, 0.0, 0.0101 / np.sin(half)]], 0.01, velocity=[[0, 0, -1.0]])
+    result = simulate(Model(grain, tuple(planes)), 0.1, 1e-3)
+    assert result["converged"].values[-20:].all()
+    assert float(np.linalg.norm(result["velocity"][-1])) < 1e-6
+    assert float(result["penetration"].max()) < 0.01
+
+
+def test_a_hyperstatic_pile_stays_at_rest():
+    radius, n = 0.01, 6  # a pyramid of discs between its own feet: more contacts than equations
+    centre = [
+        (2.0 * radius * (k + 0.5 * row), 0.0, radius * (1.0 + row * 3**0.5))
+        for row in range(n)
+        for k in range(n - row)
+    ]
+    walls = (FLOOR, *box((-radius, -np.inf, -np.inf), ((2 * n - 1) * radius, np.inf, np.inf)))
+    grains = Grains(np.array(centre), radius, thickness=0.01)
+    result = simulate(Model(grains, walls), 0.1, 2e-3, solver=Solver(1e-6, 5000))
+    moved = np.abs(result["position"].values[-1] - grains.position).max()
+    assert moved < 1e-4 * radius
+    weight = 9.81 * float(grains.mass.sum())
+    assert -float(result["wall_force"][-1, :, 2].sum()) == pytest.approx(weight, rel=1e-3)

@@ -1,0 +1,88 @@
+"""Scenes of grains: what they say, leave and refuse."""
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+from typer.testing import CliRunner
+
+from multiscale.cli import app
+from multiscale.errors import CaseError
+from multiscale.io import open_dataset
+from multiscale.pipeline import load_scene, run_scene
+from multiscale.plotting import draw_granulate
+from multiscale.schema import GRANULATE
+
+SCENES = Path(__file__).parents[2] / "workflows" / "scenes"
+DEPOSIT = (SCENES / "deposit.toml").read_text(encoding="utf-8")
+
+
+def write(folder, *pairs):
+    text = DEPOSIT
+    for old, new in pairs:
+        assert old in text
+        text = text.replace(old, new, 1)
+    path = folder / "scene.toml"
+    path.write_text(text, encoding="utf-8")
+    return path
+
+
+def test_the_command_leaves_dataset_series_and_table(tmp_path):
+    out = tmp_path / "deposit" / "result.nc"
+    done = CliRunner().invoke(
+        app, ["macro", str(SCENES / "deposit.toml"), "--quick", "-o", str(out)]
+    )
+    assert done.exit_code == 0, done.output
+    assert "kinetic (J)" in done.output
+    result = open_dataset(out, GRANULATE)
+    assert result.sizes["grain"] == 60
+    series = (out.parent / "fields" / "result.pvd").read_text(encoding="utf-8")
+    assert series.count("DataSet") == result.sizes["frame"]
+
+
+def test_the_series_holds_grains_and_forces(tmp_path):
+    import meshio
+
+    result = run_scene(load_scene(SCENES / "deposit.toml").quick(), tmp_path / "result.nc")
+    last = meshio.read(tmp_path / "fields" / f"result-{result.sizes['frame'] - 1:04d}.vtu")
+    assert len(last.cells_dict["vertex"]) == 60
+    here = result["contact_frame"].values == result.sizes["frame"] - 1
+    force = last.cell_data_dict["force"]["line"]
+    np.testing.assert_allclose(
+        force, np.linalg.norm(result["contact_force"].values[here], axis=1), rtol=1e-12
+    )
+
+
+def test_figures_show_forces_energies_and_errors(tmp_path):
+    result = run_scene(load_scene(SCENES / "deposit.toml").quick(), tmp_path / "result.nc")
+    for file in draw_granulate(result, tmp_path / "figures"):
+        assert file.read_bytes().startswith(b"\x89PNG")
+
+
+def test_the_number_of_frames_and_threads_is_that_of_the_file(tmp_path):
+    path = write(tmp_path, ('duration = "1 s"', 'duration = "20 ms"\nframes = 3\nthreads = 2'))
+    scene = load_scene(path).quick()
+    result = run_scene(scene, tmp_path / "result.nc")
+    assert result.sizes["frame"] == 3
+    assert load_scene(path).motion.threads == 2
+
+
+@pytest.mark.parametrize(
+    ("pairs", "message"),
+    [
+        ([('radius = ["1 cm", "1 cm"]', 'radius = ["0 cm", "1 cm"]')], r"\[grains\] radius\[0\]"),
+        ([('radius = ["1 cm", "1 cm"]', 'radius = ["2 cm", "1 cm"]')], "smallest and then the"),
+        ([("friction = 0.5", "frction = 0.5")], "did you mean 'friction'"),
+        ([('step = "2 ms"', 'step = "2 s"')], "must not be longer than duration"),
+        ([('kind = "deposit"', 'kind = "silo"')], "diameter"),
+    ],
+)
+def test_what_a_scene_may_not_say_is_named(tmp_path, pairs, message):
+    with pytest.raises(CaseError, match=message):
+        load_scene(write(tmp_path, *pairs))
+
+
+def test_grains_take_no_interface_law(tmp_path):
+    scene = load_scene(SCENES / "deposit.toml").quick()
+    with pytest.raises(CaseError, match="grains have no joint"):
+        run_scene(scene, tmp_path / "result.nc", law=tmp_path / "law.nc")
