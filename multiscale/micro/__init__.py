@@ -3,6 +3,7 @@
 from multiscale.io.surfaces import Surface
 from multiscale.micro.cell import Cell, MeshCell, Path, contact_modulus
 from multiscale.micro.ensemble import run_ensemble
+from multiscale.micro.sliding import RelaxingSolid, solve_sliding, wlf_shift
 from multiscale.micro.solve import solve_cell
 from multiscale.micro.topography import self_affine
 
@@ -10,9 +11,12 @@ __all__ = [
     "Cell",
     "MeshCell",
     "Path",
+    "RelaxingSolid",
     "Surface",
     "contact_modulus",
     "run_ensemble",
     "self_affine",
     "solve_cell",
+    "solve_sliding",
+    "wlf_shift",
 ]

@@ -7,6 +7,7 @@ import numpy as np
 
 from multiscale.errors import CaseError
 from multiscale.io.surfaces import Surface
+from multiscale.laws.bulk import J2, BulkLaw, NeoHookean, Prony
 from multiscale.reference import layer
 
 if TYPE_CHECKING:
@@ -86,6 +87,10 @@ class Cell:
         fast, and right for small slopes.
     hardness : float, optional
         Largest local pressure of a flat cell, Pa: the cheap plastic limit.
+    bulk : NeoHookean, J2 or Prony, optional
+        Law at large strain, with the moduli above; small strain if not given.
+    friction_coefficient : float
+        Of the local Coulomb law between the body and the obstacle.
 
     Raises
     ------
@@ -101,10 +106,13 @@ class Cell:
     obstacle: Surface | None = None
     geometry: Literal["conforming", "flat"] = "conforming"
     hardness: float | None = None
+    bulk: BulkLaw | None = None
+    friction_coefficient: float = 0.0
 
     def __post_init__(self) -> None:
         _check_material(self.youngs_modulus, self.poissons_ratio)
         self._check_shapes()
+        self._check_bulk()
         if self.geometry not in ("conforming", "flat"):
             raise CaseError(f"geometry must be 'conforming' or 'flat', got {self.geometry!r}")
         if not self.depth > 0.0:
@@ -142,6 +150,31 @@ class Cell:
             raise CaseError("a hardness caps the pressure of a flat cell only; use geometry='flat'")
         if self.hardness is not None and not 0.0 < self.hardness < np.inf:
             raise CaseError(f"the hardness must be positive (Pa), got {self.hardness:g}")
+
+    def _check_bulk(self) -> None:
+        """Refuse a law or friction that the geometry or the moduli do not agree with."""
+        mu = self.friction_coefficient
+        if not 0.0 <= mu < np.inf:
+            raise CaseError(f"the friction coefficient must not be negative, got {mu:g}")
+        if self.geometry == "flat" and (self.bulk is not None or mu > 0.0):
+            raise CaseError(
+                "a flat cell has neither friction nor a law at large strain; use the conforming "
+                "geometry"
+            )
+        if self.bulk is None:
+            return
+        if not isinstance(self.bulk, NeoHookean | J2 | Prony):
+            raise CaseError(
+                f"a cell takes NeoHookean, J2 or Prony as its law at large strain, got "
+                f"{type(self.bulk).__name__}; leave bulk out for linear elasticity"
+            )
+        for name in ("youngs_modulus", "poissons_ratio"):
+            own, law = getattr(self, name), getattr(self.bulk, name)
+            if not np.all(np.isclose(own, law, rtol=1e-12, atol=0.0)):
+                raise CaseError(
+                    f"{name} of the bulk law is {law:g}, that of the cell {np.ravel(own)[0]:g}; "
+                    f"give the same, and one for the whole cell"
+                )
 
     @property
     def heterogeneous(self) -> bool:
@@ -232,15 +265,25 @@ class Path:
         Mean pressure at each step, Pa, at least 0.
     approach : tuple of float, optional
         Approach of the obstacle counted from the first touch, m. Give one of the two.
+    slide : tuple of pairs of float, optional
+        Displacement of the obstacle in its plane at each step, m.
+    time : tuple of float, optional
+        Time at the end of each step, s, rising from 0: for a viscous body.
+    increments : int
+        Fewest increments of a step. More are taken where a body flows, slides or does not
+        converge.
 
     Raises
     ------
     CaseError
-        If both or neither are given, or a value is refused.
+        If both or neither of pressure and approach are given, or a value is refused.
     """
 
     pressure: tuple[float, ...] | None = None
     approach: tuple[float, ...] | None = None
+    slide: tuple[tuple[float, float], ...] | None = None
+    time: tuple[float, ...] | None = None
+    increments: int = 1
 
     def __post_init__(self) -> None:
         if (self.pressure is None) == (self.approach is None):
@@ -254,6 +297,22 @@ class Path:
                 f"pressures must not be negative (Pa), got {min(steps):g}; adhesion is not modelled"
             )
         object.__setattr__(self, name, steps)
+        if self.increments < 1:
+            raise CaseError(f"a step needs at least 1 increment, got {self.increments}")
+        if self.slide is not None:
+            slide = np.asarray(self.slide, dtype=float)
+            if slide.shape != (len(steps), 2) or not np.all(np.isfinite(slide)):
+                raise CaseError(
+                    f"slide needs two finite lengths (m) for each of the {len(steps)} steps, got "
+                    f"shape {slide.shape}"
+                )
+        if self.time is not None:
+            times = np.array([0.0, *self.time], dtype=float)
+            if len(times) != len(steps) + 1 or not np.all(np.diff(times) >= 0.0):
+                raise CaseError(
+                    f"time needs one value for each of the {len(steps)} steps, rising from 0 (s), "
+                    f"got {self.time}"
+                )
 
     def __len__(self) -> int:
         return len(self.pressure or self.approach or ())

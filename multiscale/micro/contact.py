@@ -118,7 +118,8 @@ def solve_contact(
         raise ValueError(f"prescribe either the load or the approach, got {load=} and {approach=}")
     if start is None:
         nothing = np.zeros_like(gap)
-        start = ContactState(np.zeros(body.shape), nothing, 0.0, nothing > 0.0, nothing)
+        rest = np.broadcast_to(0.0, body.shape)  # takes no memory
+        start = ContactState(rest, nothing, 0.0, nothing > 0.0, nothing)
     if load == 0.0 or (approach is not None and np.all(gap >= closing * approach)):
         return untouched(body.shape, gap, closing, approach)
 
@@ -134,6 +135,7 @@ def solve_contact(
     change = np.zeros(body.shape)
     body.add(change, start.reference_force - reference)
     u += body.solve(change, None)
+    del change
     active = reference + start.force - start.reference_force > 0.0
     if not active.any():
         active = reference > 0.0

@@ -14,7 +14,7 @@ from multiscale.micro.mesh import GraphMesh, graded_planes
 from multiscale.micro.operator import stiffness_operator
 from multiscale.needs import Needs
 
-__all__ = ["assemble_graph_cell"]
+__all__ = ["assemble_graph_cell", "surface_slopes"]
 
 
 def assemble_graph_cell(cell: Cell, needs: Needs) -> ContactProblem:
@@ -48,8 +48,8 @@ def assemble_graph_cell(cell: Cell, needs: Needs) -> ContactProblem:
         normal[:, 2] = 1.0
     else:
         obstacle = cell.obstacle.heights + np.max(surface.heights - cell.obstacle.heights)
-        normal = obstacle_normal(*_slopes(obstacle, spacing))
-    slopes = _slopes(surface.heights, spacing) if "tilt" in needs else None
+        normal = obstacle_normal(*surface_slopes(obstacle, spacing))
+    slopes = surface_slopes(surface.heights, spacing) if "tilt" in needs else None
     inclined = "obstacle normals" in needs
     trace, add = _normal_operators(normal if inclined else None)
     if not inclined and slopes is None:
@@ -107,7 +107,9 @@ Solve = Callable[[np.ndarray, Correct | None], np.ndarray]
 Operator = Callable[[np.ndarray], np.ndarray]
 
 
-def _slopes(heights: np.ndarray, spacing: tuple[float, float]) -> tuple[np.ndarray, np.ndarray]:
+def surface_slopes(
+    heights: np.ndarray, spacing: tuple[float, float]
+) -> tuple[np.ndarray, np.ndarray]:
     """Periodic differences of fourth order: local, so that a kink stays a kink."""
 
     def slope(axis: int) -> np.ndarray:

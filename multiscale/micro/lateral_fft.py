@@ -7,6 +7,7 @@ Multiplying the in-plane components by the imaginary unit makes every block real
 
 from collections.abc import Callable
 from dataclasses import dataclass
+from functools import cached_property
 
 import numba
 import numpy as np
@@ -281,13 +282,23 @@ class LateralInverse:
         """Displacement of the surface under forces on the surface, shapes (nx, 3, ny)."""
         return self._to_points(self._apply_surface(self._to_wavenumbers(force)))
 
+    def surface_force(self, displacement: np.ndarray) -> np.ndarray:
+        """Find the forces on the surface that move it: inverse of :meth:`surface_response`."""
+        return self._to_points(
+            _multiply_symbol(self._surface_stiffness, self._to_wavenumbers(displacement))
+        )
+
+    @cached_property
+    def _surface_stiffness(self) -> np.ndarray:
+        """Inverse of :attr:`surface_compliance` for each wavenumber."""
+        xx, xy, xz, yy, yz, zz = self.surface_compliance
+        a, b, c = yy * zz - yz * yz, xz * yz - xy * zz, xy * yz - xz * yy
+        rest = [xx * zz - xz * xz, xy * xz - xx * yz, xx * yy - xy * xy]
+        return np.asarray(np.stack([a, b, c, *rest]) / (xx * a + xy * b + xz * c))
+
     def _apply_surface(self, force: np.ndarray) -> np.ndarray:
         """Surface compliance times surface force, both per wavenumber, shape (nx, 3, m)."""
-        xx, xy, xz, yy, yz, zz = self.surface_compliance
-        x, y, z = force[:, 0], force[:, 1], force[:, 2]
-        return np.stack(
-            [xx * x + xy * y + xz * z, xy * x + yy * y + yz * z, xz * x + yz * y + zz * z], axis=1
-        )
+        return _multiply_symbol(self.surface_compliance, force)
 
     def _to_wavenumbers(self, values: np.ndarray) -> np.ndarray:
         transform = fft.rfft2(values, axes=(0, 2))
@@ -299,6 +310,15 @@ class LateralInverse:
         turned[:, :2] *= 1j
         nx, _, ny = self.shape
         return np.asarray(fft.irfft2(turned, s=(nx, ny), axes=(0, 2)))
+
+
+def _multiply_symbol(symbol: np.ndarray, values: np.ndarray) -> np.ndarray:
+    """Multiply a vector field by a real symmetric matrix, both per wavenumber."""
+    xx, xy, xz, yy, yz, zz = symbol
+    x, y, z = values[:, 0], values[:, 1], values[:, 2]
+    return np.stack(
+        [xx * x + xy * y + xz * z, xy * x + yy * y + yz * z, xz * x + yz * y + zz * z], axis=1
+    )
 
 
 def filter_surface(values: np.ndarray, symbol: np.ndarray) -> np.ndarray:

@@ -1,11 +1,14 @@
 """What a cell needs, from what it is."""
 
+from multiscale.laws.bulk import J2, BulkLaw, Prony
 from multiscale.micro.cell import Cell, MeshCell
 from multiscale.needs import Needs
 
 __all__ = ["cell_needs"]
 
-_VECTORS = 10  # displacement-sized arrays alive at the peak of a contact solve
+_LANES = 32  # elements along y in one batch of the kernels
+_KRYLOV = 15  # directions, each with its image
+_VECTORS = 9  # displacement-sized arrays alive at the peak of a contact solve
 
 
 def cell_needs(
@@ -31,12 +34,29 @@ def cell_needs(
     general = graph is None
     flat = graph is not None and graph.geometry == "flat"
     soft = graph is not None and graph.nearly_incompressible
+    law = None if graph is None else graph.bulk
+    friction = graph is not None and graph.friction_coefficient > 0.0
+    newton = law is not None or friction
+    recover_stress = recover_stress and not newton
+    state = _state_variables(law)
     # operator: whether it is needed, what for, why not
     choices = {
         "stiffness": (
-            not flat,
+            not flat and law is None,
             "assembled, on any mesh" if general else "matrix-free, on the conforming mesh",
-            "a flat cell solves on its surface alone",
+            "a flat cell solves on its surface alone"
+            if flat
+            else "at large strain the tangent takes its place",
+        ),
+        "tangent": (
+            law is not None,
+            "of the law at large strain, kept in single precision at every Gauss point",
+            "linear elasticity has one stiffness",
+        ),
+        "friction": (
+            friction,
+            "three unknowns in each contact condition, nonsymmetric Krylov basis",
+            "contact without friction has a symmetric problem and one unknown at a node",
         ),
         "layer factors": (
             not flat and not general,
@@ -46,8 +66,8 @@ def cell_needs(
             else "the compliance of the surface, known for each wave, is enough",
         ),
         "mean dilatation": (
-            soft and not flat,
-            "B-bar against locking",
+            (soft or isinstance(law, J2)) and not flat,
+            "B-bar against locking" if law is None else "F-bar against locking",
             "the element is the user's choice"
             if general
             else "Poisson's ratio below 0.4, or no elements",
@@ -70,7 +90,7 @@ def cell_needs(
         "stress recovery": (
             recover_stress and not flat,
             "averages from the Cauchy stress, beside those from contact forces",
-            "a flat cell has no stress field" if flat else "not asked for",
+            "a flat cell has no stress field" if flat else "not asked for, or not linear",
         ),
         "hardness cap": (
             graph is not None and graph.hardness is not None,
@@ -80,12 +100,15 @@ def cell_needs(
     }
     recovered = choices["stress recovery"][0]
     return Needs(
-        unknowns_per_contact=1,
+        unknowns_per_contact=3 if friction else 1,
         kinematics="small strain, roughness as gap of a flat layer"
         if flat
-        else "small strain on the true geometry",
+        else "small strain on the true geometry"
+        if law is None
+        else "large strain from the true geometry, contact in the current configuration",
         operators={name: why for name, (needed, why, _) in choices.items() if needed},
         left_out={name: why for name, (needed, _, why) in choices.items() if not needed},
+        state_variables=state,
         fields=("pressure", "gap") if keep_fields else (),
         libraries=("numba", "scikit-fem") if recovered else ("numba",),
         memory=_memory(cell),
@@ -101,4 +124,17 @@ def _memory(cell: Cell | MeshCell) -> int:
         return int(8 * nx * ny * 20)
     vector = nx * cell.layers * 3 * ny
     factors = nx * cell.layers * 15 * (ny // 2 + 1)
-    return int(8 * (_VECTORS * vector + factors))
+    if cell.bulk is None and cell.friction_coefficient == 0.0:
+        return int(8 * (_VECTORS * vector + factors))
+    points = 8 * nx * cell.layers * _LANES * -(-ny // _LANES)
+    rows = 0 if cell.bulk is None else 24 + 2 * cell.bulk.n_state  # 48 numbers of half the size
+    return int(8 * (2 * _KRYLOV * vector + factors + rows * points))
+
+
+def _state_variables(law: BulkLaw | None) -> tuple[str, ...]:
+    """History that a law keeps at every Gauss point."""
+    if isinstance(law, J2):
+        return "plastic metric C_p^-1", "accumulated plastic strain"
+    if isinstance(law, Prony):
+        return "elastic stress", *(f"stress of the branch of {time:g} s" for time in law.times)
+    return ()

@@ -2,11 +2,6 @@ r"""Matrix-free elastic stiffness of the layered cell: trilinear hexahedra, one 
 
 Displacements and forces are arrays of shape ``(nx, layers, 3, ny)``: the node plane at the clamped
 base is left out, and y runs fastest so that the kernel works on contiguous batches of elements.
-
-In the reference element the gradient of a trilinear field needs differences along one edge
-direction and interpolation along the other two. With Gauss points at :math:`\pm 1/\sqrt 3` both
-are products of :math:`2 \times 2` matrices, and the derivative along an edge direction is the same
-at both Gauss points of that direction: 12 numbers instead of 24 per component.
 """
 
 from collections.abc import Callable
@@ -14,51 +9,19 @@ from collections.abc import Callable
 import numba
 import numpy as np
 
+from multiscale.micro.hexahedron import (
+    BATCH,
+    X,
+    Y,
+    Z,
+    differences,
+    differences_transposed,
+    element_geometry,
+    lateral_heights,
+)
 from multiscale.micro.mesh import GraphMesh
 
 __all__ = ["stiffness_operator"]
-
-BATCH = 32  # elements along y in one batch; the arrays of one batch stay in the first-level cache
-X, Y, Z = 4 * BATCH, 2 * BATCH, BATCH  # distances of corner values along x, y and z
-NEAR, FAR = 0.5 + 0.5 / np.sqrt(3.0), 0.5 - 0.5 / np.sqrt(3.0)  # linear shape functions
-
-
-@numba.njit(cache=True, fastmath=True, error_model="numpy")
-def _differences(nodes, grad, d, e, f, scale, lanes):  # type: ignore[no-untyped-def]
-    """Edge derivative in one direction at the Gauss points (qe, qf) of the other two.
-
-    ``d``, ``e`` and ``f`` are the distances in ``nodes`` between neighbours along the direction
-    of the derivative and along the other two; ``grad`` gets four rows.
-    """
-    for v in range(lanes):
-        a = scale * (nodes[d + v] - nodes[v])
-        b = scale * (nodes[d + f + v] - nodes[f + v])
-        p, q = NEAR * a + FAR * b, FAR * a + NEAR * b
-        a = scale * (nodes[d + e + v] - nodes[e + v])
-        b = scale * (nodes[d + e + f + v] - nodes[e + f + v])
-        r, s = NEAR * a + FAR * b, FAR * a + NEAR * b
-        grad[v], grad[BATCH + v] = NEAR * p + FAR * r, NEAR * q + FAR * s
-        grad[2 * BATCH + v], grad[3 * BATCH + v] = FAR * p + NEAR * r, FAR * q + NEAR * s
-
-
-@numba.njit(cache=True, fastmath=True, error_model="numpy")
-def _differences_transposed(grad, nodes, d, e, f, scale, lanes):  # type: ignore[no-untyped-def]
-    """Add the transpose of :func:`_differences` to ``nodes``."""
-    for v in range(lanes):
-        p = scale * (NEAR * grad[v] + FAR * grad[2 * BATCH + v])
-        q = scale * (NEAR * grad[BATCH + v] + FAR * grad[3 * BATCH + v])
-        r = scale * (FAR * grad[v] + NEAR * grad[2 * BATCH + v])
-        s = scale * (FAR * grad[BATCH + v] + NEAR * grad[3 * BATCH + v])
-        a, b = NEAR * p + FAR * q, FAR * p + NEAR * q
-        nodes[v] -= a
-        nodes[d + v] += a
-        nodes[f + v] -= b
-        nodes[d + f + v] += b
-        a, b = NEAR * r + FAR * s, FAR * r + NEAR * s
-        nodes[e + v] -= a
-        nodes[d + e + v] += a
-        nodes[e + f + v] -= b
-        nodes[d + e + f + v] += b
 
 
 @numba.njit(cache=True, fastmath=True, error_model="numpy")
@@ -159,9 +122,9 @@ def _apply(  # type: ignore[no-untyped-def]
             mean, volume = np.empty(BATCH), np.empty(BATCH)
             for start in range(0, ny, BATCH):
                 lanes = min(BATCH, ny - start)
-                _lateral_heights(heights, sides[0], sides[1], start, dx, dy, lateral, lanes)
+                lateral_heights(heights, sides[0], sides[1], start, dx, dy, lateral, lanes)
                 for layer in range(layers):
-                    _geometry(
+                    element_geometry(
                         lateral,
                         planes[layer],
                         planes[layer + 1],
@@ -190,9 +153,9 @@ def _apply(  # type: ignore[no-untyped-def]
                                         nodes[high + v] = row[start + v + 1]
                                     nodes[high + lanes - 1] = row[(start + lanes) % ny]
                         w, g = nodes[8 * k * BATCH :], grad[12 * k * BATCH :]
-                        _differences(w, g, X, Y, Z, 1.0 / dx, lanes)
-                        _differences(w, g[4 * BATCH :], Y, X, Z, 1.0 / dy, lanes)
-                        _differences(w, g[8 * BATCH :], Z, X, Y, 1.0, lanes)
+                        differences(w, g, X, Y, Z, 1.0 / dx, lanes)
+                        differences(w, g[4 * BATCH :], Y, X, Z, 1.0 / dy, lanes)
+                        differences(w, g[8 * BATCH :], Z, X, Y, 1.0, lanes)
                     if mean_dilatation:
                         _mean_dilatation(grad, geometry, mean, volume, lanes)
                     area = dx * dy / 8.0
@@ -200,9 +163,9 @@ def _apply(  # type: ignore[no-untyped-def]
                     for k in range(3):
                         w, g = nodes[8 * k * BATCH :], flux[12 * k * BATCH :]
                         w[: 8 * BATCH] = 0.0
-                        _differences_transposed(g, w, X, Y, Z, 1.0 / dx, lanes)
-                        _differences_transposed(g[4 * BATCH :], w, Y, X, Z, 1.0 / dy, lanes)
-                        _differences_transposed(g[8 * BATCH :], w, Z, X, Y, 1.0, lanes)
+                        differences_transposed(g, w, X, Y, Z, 1.0 / dx, lanes)
+                        differences_transposed(g[4 * BATCH :], w, Y, X, Z, 1.0 / dy, lanes)
+                        differences_transposed(g[8 * BATCH :], w, Z, X, Y, 1.0, lanes)
                         for a in range(2):
                             for c in range(2):
                                 low = (8 * k + 4 * a + c) * BATCH
@@ -214,40 +177,6 @@ def _apply(  # type: ignore[no-untyped-def]
                                     for v in range(lanes - 1):
                                         row[start + v + 1] += nodes[high + v]
                                     row[(start + lanes) % ny] += nodes[high + lanes - 1]
-
-
-@numba.njit(cache=True, fastmath=True, error_model="numpy")
-def _lateral_heights(heights, i, i1, start, dx, dy, lateral, lanes):  # type: ignore[no-untyped-def]
-    """Surface heights (rows 0-3) and slopes (x: rows 4-5, y: rows 6-7) at the Gauss points."""
-    ny = heights.shape[1]
-    for v in range(lanes):
-        j, j1 = start + v, (start + v + 1) % ny
-        h00, h01, h10, h11 = heights[i, j], heights[i, j1], heights[i1, j], heights[i1, j1]
-        p, q, r, s = (
-            NEAR * h00 + FAR * h10,
-            NEAR * h01 + FAR * h11,
-            FAR * h00 + NEAR * h10,
-            FAR * h01 + NEAR * h11,
-        )
-        lateral[v], lateral[BATCH + v] = NEAR * p + FAR * q, FAR * p + NEAR * q
-        lateral[2 * BATCH + v], lateral[3 * BATCH + v] = NEAR * r + FAR * s, FAR * r + NEAR * s
-        p, q = (h10 - h00) / dx, (h11 - h01) / dx
-        lateral[4 * BATCH + v], lateral[5 * BATCH + v] = NEAR * p + FAR * q, FAR * p + NEAR * q
-        p, q = (h01 - h00) / dy, (h11 - h10) / dy
-        lateral[6 * BATCH + v], lateral[7 * BATCH + v] = NEAR * p + FAR * q, FAR * p + NEAR * q
-
-
-@numba.njit(cache=True, fastmath=True, error_model="numpy")
-def _geometry(lateral, z0, z1, f0, f1, geometry, lanes):  # type: ignore[no-untyped-def]
-    """Element heights and slopes of the vertical map z = Z + phi h at the Gauss points."""
-    near, far = NEAR * f0 + FAR * f1, FAR * f0 + NEAR * f1
-    for v in range(lanes):
-        for q in range(4):
-            geometry[q * BATCH + v] = z1 - z0 + (f1 - f0) * lateral[q * BATCH + v]
-        for q in range(4):
-            slope = lateral[(4 + q) * BATCH + v]
-            geometry[(4 + 2 * q) * BATCH + v] = near * slope
-            geometry[(5 + 2 * q) * BATCH + v] = far * slope
 
 
 def stiffness_operator(

@@ -1,13 +1,15 @@
 """One path on one cell: from geometry to averaged response."""
 
 import logging
+from collections.abc import Iterator
+from contextlib import contextmanager
 from time import perf_counter
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from multiscale.convergence import Status
-from multiscale.errors import MultiscaleError
+from multiscale.errors import CaseError, MultiscaleError
 from multiscale.micro import averages
 from multiscale.micro.cell import Cell, MeshCell, Path
 from multiscale.micro.contact_state import ContactProblem, ContactState
@@ -21,6 +23,8 @@ if TYPE_CHECKING:
 __all__ = ["solve_cell"]
 
 logger = logging.getLogger(__name__)
+
+_EXTRA = ("slip_fraction", "friction_work", "flowing_fraction", "increments")
 
 
 def solve_cell(
@@ -48,7 +52,8 @@ def solve_cell(
     -------
     Dataset
         Follows ``MICRO_RESPONSE``, with one realisation. A step that did not converge is ``NaN``
-        with ``converged`` 0; later steps are still tried.
+        with ``converged`` 0. Later steps are still tried if the body has no memory; with friction,
+        at large strain or sliding the path ends there, and the attribute ``ended`` says why.
 
     Raises
     ------
@@ -59,6 +64,15 @@ def solve_cell(
 
     with threadpool_limits(1, user_api="blas"):  # its threads would wait for the kernels' and spin
         needs = cell_needs(cell, keep_fields=keep_fields, recover_stress=recover_stress)
+        if isinstance(cell, Cell) and (
+            needs.unknowns_per_contact == 3 or "tangent" in needs or path.slide is not None
+        ):
+            return _follow(cell, path, needs, tolerance)
+        if path.slide is not None or path.time is not None:
+            raise CaseError(
+                "a linear elastic body on a general mesh neither slides nor knows time; leave out "
+                "slide and time"
+            )
         problem = _assemble(cell, needs)
         state: ContactState | None = None
         steps: list[dict[str, Any]] = []
@@ -91,7 +105,29 @@ def solve_cell(
                 len(found.residuals),
                 found.linear_iterations,
             )
-    return _dataset(steps, path, problem, needs)
+    return _dataset(steps, path, problem.weight.T.shape, needs)
+
+
+def _follow(cell: Cell, path: Path, needs: Needs, tolerance: float) -> "xr.Dataset":
+    """Follow a path with friction, at large strain or sliding."""
+    for caution in cell.cautions():
+        logger.warning("%s", caution)
+    with _compiled():
+        from multiscale.micro.finite.follow import follow_path
+    steps, ended = follow_path(cell, path, fields=bool(needs.fields), tolerance=tolerance)
+    return _dataset(steps, path, cell.surface.heights.T.shape, needs, ended)
+
+
+@contextmanager
+def _compiled() -> Iterator[None]:
+    """Name what is missing if numba finds no folder for its cache."""
+    try:
+        yield
+    except RuntimeError as error:
+        raise MultiscaleError(
+            f"the compiled kernels cannot be kept ({error}); set NUMBA_CACHE_DIR to a folder that "
+            f"can be written to"
+        ) from error
 
 
 def _assemble(cell: Cell | MeshCell, needs: Needs) -> ContactProblem:
@@ -101,14 +137,9 @@ def _assemble(cell: Cell | MeshCell, needs: Needs) -> ContactProblem:
         return assemble_mesh_cell(cell, needs)
     for caution in cell.cautions():
         logger.warning("%s", caution)
-    try:
+    with _compiled():
         from multiscale.micro.flat_cell import assemble_flat_cell
         from multiscale.micro.graph_cell import assemble_graph_cell
-    except RuntimeError as error:  # numba finds no folder for its cache
-        raise MultiscaleError(
-            f"the compiled kernels cannot be kept ({error}); set NUMBA_CACHE_DIR to a folder that "
-            f"can be written to"
-        ) from error
     if cell.geometry == "flat":
         return assemble_flat_cell(cell)
     return assemble_graph_cell(cell, needs)
@@ -148,8 +179,9 @@ def _local_fields(problem: ContactProblem, state: ContactState) -> dict[str, np.
 def _dataset(
     steps: list[dict[str, Any]],
     path: Path,
-    problem: ContactProblem,
+    grid: tuple[int, ...],
     needs: Needs,
+    ended: str = "",
 ) -> "xr.Dataset":
     """Join the steps; what a failed step lacks is NaN."""
     shapes: dict[str, tuple[int, ...]] = {
@@ -160,7 +192,9 @@ def _dataset(
     }
     if "stress recovery" in needs:
         shapes["recovered_traction"] = (3,)
-    shapes |= dict.fromkeys(needs.fields, problem.weight.T.shape)
+    shapes |= dict.fromkeys(needs.fields, grid)
+    known = {name for step in steps for name in step}
+    shapes |= {name: () for name in _EXTRA if name in known}
     values: dict[str, Any] = {
         name: np.array([step.get(name, np.full(shape, np.nan)) for step in steps])[None]
         for name, shape in shapes.items()
@@ -169,4 +203,6 @@ def _dataset(
         values[name] = np.array([step[name] for step in steps])[None]
     if path.pressure is not None:
         values["nominal_pressure"] = np.array(path.pressure)
-    return MICRO_RESPONSE.build(values)
+    if path.time is not None:
+        values["time"] = np.array(path.time)
+    return MICRO_RESPONSE.build(values, **({"ended": ended} if ended else {}))

@@ -23,6 +23,11 @@ MICRO_RESPONSE = Schema(
         "recovered_traction": Variable(
             (*_CELL, "component"), "Pa", "averaged traction from the recovered Cauchy stress"
         ),
+        "slip_fraction": Variable(_CELL, "1", "share of the contact nodes that slip"),
+        "friction_work": Variable(_CELL, "J m-2", "work of friction since the start, per area"),
+        "flowing_fraction": Variable(_CELL, "1", "share of the Gauss points that flow"),
+        "increments": Variable(_CELL, "1", "increments that the step took"),
+        "time": Variable(("step",), "s", "time at the end of the step"),
         "pressure": Variable((*_CELL, "y", "x"), "Pa", "local contact pressure"),
         "gap": Variable((*_CELL, "y", "x"), "m", "local gap"),
         "nominal_pressure": Variable(("step",), "Pa", "prescribed mean pressure"),

@@ -7,6 +7,7 @@ import tracemalloc
 import numpy as np
 import pytest
 
+from multiscale.laws.bulk import J2, NeoHookean
 from multiscale.micro import Cell, Path, Surface, self_affine, solve_cell
 from multiscale.micro import graph_cell as graph_cell_module
 from multiscale.micro.lateral_fft import LateralInverse
@@ -74,6 +75,47 @@ def test_the_memory_said_is_the_memory_taken(geometry):
     peak = tracemalloc.get_traced_memory()[1]
     tracemalloc.stop()
     assert cell_needs(cell).memory == pytest.approx(peak, rel=0.1)
+
+
+@pytest.mark.parametrize(
+    ("changes", "built", "state"),
+    [
+        pytest.param(
+            {"friction_coefficient": 0.3},
+            {"stiffness", "layer factors", "friction"},
+            0,
+            id="friction",
+        ),
+        pytest.param(
+            {"bulk": NeoHookean(1.0, 0.3)}, {"layer factors", "tangent"}, 0, id="neo-Hookean"
+        ),
+        pytest.param(
+            {"bulk": J2(1.0, 0.3, 0.01), "friction_coefficient": 0.3},
+            {"layer factors", "tangent", "friction", "mean dilatation"},
+            2,
+            id="plastic with friction",
+        ),
+    ],
+)
+def test_friction_and_large_strain_are_paid_where_they_are_used(changes, built, state):
+    needs = cell_needs(plain_cell(**changes))
+    assert set(needs.operators) == built
+    assert len(needs.state_variables) == state
+    assert needs.unknowns_per_contact == (3 if "friction" in built else 1)
+
+
+def test_a_frictionless_run_takes_less_than_half_the_memory_of_a_frictional_one():
+    peaks = []
+    for mu in (0.0, 0.3):
+        cell = plain_cell(96, friction_coefficient=mu)
+        slide = ((0.0, 0.0), (0.004, 0.0)) if mu else None
+        path = Path(approach=(0.02, 0.02), slide=slide)
+        solve_cell(cell, path, recover_stress=False)  # compiles
+        tracemalloc.start()
+        solve_cell(cell, path, recover_stress=False)
+        peaks.append(tracemalloc.get_traced_memory()[1])
+        tracemalloc.stop()
+    assert peaks[0] <= 0.5 * peaks[1], peaks
 
 
 def test_what_a_plain_run_costs(monkeypatch):

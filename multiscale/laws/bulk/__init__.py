@@ -5,6 +5,7 @@ from multiscale.laws.bulk.base import BulkLaw, BulkResponse, respond
 from multiscale.laws.bulk.elastic import Elastic
 from multiscale.laws.bulk.j2 import J2
 from multiscale.laws.bulk.neo_hookean import NeoHookean
+from multiscale.laws.bulk.prony import Prony
 
 __all__ = [
     "J2",
@@ -13,5 +14,6 @@ __all__ = [
     "BulkResponse",
     "Elastic",
     "NeoHookean",
+    "Prony",
     "respond",
 ]

@@ -81,6 +81,16 @@ class J2(BulkLaw):
                 f"got {self._saturation():g}"
             )
 
+    @property
+    def shear_modulus(self) -> float:
+        """Shear modulus, Pa."""
+        return self.youngs_modulus / (2.0 * (1.0 + self.poissons_ratio))
+
+    @property
+    def volume_modulus(self) -> float:
+        """Factor of the volume energy, Pa: the bulk modulus."""
+        return self.youngs_modulus / (3.0 * (1.0 - 2.0 * self.poissons_ratio))
+
     def respond_shape(self, gradient: np.ndarray, state: np.ndarray) -> BulkResponse:
         """Return mapping (1)-(3), its exact spectral tangent and the new state."""
         points = gradient.shape[2:]
@@ -109,7 +119,7 @@ class J2(BulkLaw):
 
     def respond_volume(self, dilatation: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """U' and U'' of the logarithmic volume energy."""
-        bulk = self.youngs_modulus / (3.0 * (1.0 - 2.0 * self.poissons_ratio))
+        bulk = self.volume_modulus
         log = np.log(dilatation)
         return bulk * log / dilatation, bulk * (1.0 - log) / dilatation**2
 
@@ -120,6 +130,12 @@ class J2(BulkLaw):
         stress = self.yield_stress + self.hardening_modulus * plastic_strain + rise * (1.0 - decay)
         return stress, self.hardening_modulus + rise * self.saturation_rate * decay
 
+    @property
+    def hardening(self) -> tuple[float, float, float, float]:
+        """First yield stress, hardening modulus, rise to saturation (Pa) and its rate."""
+        rise = self._saturation() - self.yield_stress
+        return self.yield_stress, self.hardening_modulus, rise, self.saturation_rate
+
     def _saturation(self) -> float:
         return self.yield_stress if self.saturation_stress is None else self.saturation_stress
 
@@ -127,7 +143,7 @@ class J2(BulkLaw):
         self, strain: np.ndarray, alpha: np.ndarray
     ) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
         """Principal s, ds/d(strain), plastic flow and alpha for trial strains (points, 3)."""
-        mu = self.youngs_modulus / (2.0 * (1.0 + self.poissons_ratio))
+        mu = self.shear_modulus
         deviator = np.eye(3) - 1.0 / 3.0
         e = strain @ deviator
         size = np.sqrt(np.sum(e**2, axis=1))

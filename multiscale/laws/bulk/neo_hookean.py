@@ -52,9 +52,20 @@ class NeoHookean(BulkLaw):
     def __post_init__(self) -> None:
         check_moduli(self.youngs_modulus, self.poissons_ratio)
 
+    @property
+    def shear_modulus(self) -> float:
+        """Shear modulus, Pa."""
+        return self.youngs_modulus / (2.0 * (1.0 + self.poissons_ratio))
+
+    @property
+    def volume_modulus(self) -> float:
+        """Factor of the volume energy, Pa: Lamé's first parameter."""
+        nu = self.poissons_ratio
+        return self.youngs_modulus * nu / ((1.0 + nu) * (1.0 - 2.0 * nu))
+
     def respond_shape(self, gradient: np.ndarray, state: np.ndarray) -> BulkResponse:
         """Evaluate mu (F - F^-T)."""
-        mu = self.youngs_modulus / (2.0 * (1.0 + self.poissons_ratio))
+        mu = self.shear_modulus
         cof = cofactor(gradient)
         J = np.sum(gradient[0] * cof[0], axis=0)
         inverse = cof / J  # F^-T
@@ -68,7 +79,6 @@ class NeoHookean(BulkLaw):
 
     def respond_volume(self, dilatation: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """U' and U'' of the logarithmic volume energy."""
-        nu = self.poissons_ratio
-        lame = self.youngs_modulus * nu / ((1.0 + nu) * (1.0 - 2.0 * nu))
+        lame = self.volume_modulus
         log = np.log(dilatation)
         return lame * log / dilatation, lame * (1.0 - log) / dilatation**2

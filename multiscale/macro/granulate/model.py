@@ -40,9 +40,9 @@ class ContactLaw:
     .. math:: u + b + \frac{a}{m} (r - r^-) = 0 \quad \text{instead of} \quad u + b = 0.    \tag{1}
 
     It is a spring of the stiffness :math:`m / (a h^2)` in a step of length h, but it forgets:
-    at rest nothing overlaps. It changes the problem that is solved, which then takes far fewer sweeps, with
-    0.05 a tenth or less. In impacts grains overlap by a few hundredths of a radius, and pushing
-    them apart again may bring a little energy, which a rigid contact never does.
+    at rest nothing overlaps. It changes the problem that is solved, which then takes far fewer
+    sweeps, with 0.05 a tenth or less. In impacts grains overlap by a few hundredths of a radius,
+    and pushing them apart again may bring a little energy, which a rigid contact never does.
     """
 
     friction: float = 0.5

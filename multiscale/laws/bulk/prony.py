@@ -1,0 +1,174 @@
+"""Viscoelastic rubber: a neo-Hookean solid whose shear stress relaxes as a Prony series."""
+
+from dataclasses import dataclass, replace
+from typing import Self
+
+import numpy as np
+
+from multiscale.errors import CaseError
+from multiscale.laws.bulk.base import BulkLaw, BulkResponse
+from multiscale.laws.bulk.neo_hookean import NeoHookean
+
+__all__ = ["Prony"]
+
+
+@dataclass(frozen=True)
+class Prony(BulkLaw):
+    r"""Finite linear viscoelasticity on a neo-Hookean solid.
+
+    Parameters
+    ----------
+    youngs_modulus : float
+        Instantaneous :math:`E > 0`, Pa.
+    poissons_ratio : float
+        :math:`-1 < \nu < 1/2` at once, dimensionless.
+    weights : tuple of float
+        Shares :math:`g_i > 0` of the shear modulus that relax; their sum is below 1.
+    times : tuple of float
+        Relaxation times :math:`\tau_i > 0`, s.
+    time_step : float, default 0.0
+        :math:`\Delta t \ge 0` from the committed state to the one asked for, s; see :meth:`over`.
+
+    Raises
+    ------
+    CaseError
+        If a parameter is outside its range.
+
+    Notes
+    -----
+    The second Piola-Kirchhoff stress :math:`S = \mu (I - C^{-1})` of the neo-Hookean solid, without
+    its volume part, relaxes:
+
+    .. math::
+        S_s(t) = \int_0^t \Big(1 - \sum_i g_i \big(1 - e^{-(t-s)/\tau_i}\big)\Big)
+        \dot S(s)\, ds. \tag{1}
+
+    With :math:`S` linear in time within the step, :math:`x_i = \Delta t/\tau_i` and
+    :math:`\beta_i = (1 - e^{-x_i})/x_i`, the branches :math:`Q_i` and the stress are
+
+    .. math::
+        Q_i = e^{-x_i} Q_i^n + g_i \beta_i (S - S^n), \qquad
+        S_s = \Big(1 - \sum_i g_i\Big) S + \sum_i Q_i . \tag{2}
+
+    The volume is elastic with Lamé's instantaneous :math:`\lambda`. The state is :math:`S^n` and
+    the :math:`Q_i`, six rows each (11, 22, 33, 12, 23, 13), Pa.
+
+    References
+    ----------
+    .. [1] J. C. Simo, Comput. Methods Appl. Mech. Eng. 60 (1987) 153-173,
+       doi:10.1016/0045-7825(87)90107-1: the convolution and its recurrence.
+
+    Examples
+    --------
+    A shear held for a long time keeps the share of the modulus that does not relax:
+
+    >>> law = Prony(3.0, 0.49, weights=(0.5, 0.3), times=(1.0, 10.0))
+    >>> F = np.eye(3)
+    >>> F[0, 1] = 1e-4
+    >>> at_once = law.respond_shape(F, law.initial_state(()))
+    >>> later = law.over(1000.0).respond_shape(F, at_once.state)
+    >>> round(float(later.stress[0, 1] / at_once.stress[0, 1]), 6)
+    0.2
+    """
+
+    youngs_modulus: float
+    poissons_ratio: float
+    weights: tuple[float, ...]
+    times: tuple[float, ...]
+    time_step: float = 0.0
+
+    def __post_init__(self) -> None:
+        _ = self.solid
+        if len(self.weights) != len(self.times) or not self.weights:
+            raise CaseError(
+                f"give one weight for each relaxation time, got {len(self.weights)} weights and "
+                f"{len(self.times)} times"
+            )
+        if not (min(self.weights) > 0.0 and sum(self.weights) < 1.0):
+            raise CaseError(
+                f"the weights of a Prony series must be positive and add up to less than 1, got "
+                f"{self.weights}, in all {sum(self.weights):g}"
+            )
+        if not (min(self.times) > 0.0 and np.all(np.isfinite(self.times))):
+            raise CaseError(f"relaxation times must be positive (s), got {self.times}")
+        if not 0.0 <= self.time_step < np.inf:
+            raise CaseError(f"time_step must not be negative (s), got {self.time_step:g}")
+
+    @property
+    def n_state(self) -> int:  # type: ignore[override]
+        """Number of internal variables at a point."""
+        return 6 * (1 + len(self.times))
+
+    @property
+    def solid(self) -> NeoHookean:
+        """The instantaneous solid."""
+        return NeoHookean(self.youngs_modulus, self.poissons_ratio)
+
+    @property
+    def shear_modulus(self) -> float:
+        """Instantaneous shear modulus, Pa."""
+        return self.solid.shear_modulus
+
+    @property
+    def volume_modulus(self) -> float:
+        """Factor of the volume energy, Pa."""
+        return self.solid.volume_modulus
+
+    def over(self, time_step: float) -> Self:
+        """Return the law for a step of another duration, s."""
+        return replace(self, time_step=time_step)
+
+    @property
+    def decay(self) -> np.ndarray:
+        """Factors e^-x of (2)."""
+        return np.exp(-self.time_step / np.array(self.times))
+
+    @property
+    def uptake(self) -> np.ndarray:
+        """Factors g beta of (2)."""
+        x = self.time_step / np.array(self.times)
+        return np.array(self.weights) * np.where(x > 0.0, -np.expm1(-x) / np.where(x > 0, x, 1), 1)
+
+    @property
+    def share(self) -> float:
+        """Factor of the stress of the step, 1 - sum g + sum g beta."""
+        return float(1.0 - sum(self.weights) + self.uptake.sum())
+
+    def frozen_stress(self, state: np.ndarray) -> np.ndarray:
+        """Part of (2) that the step cannot change, shape (6, ...), Pa."""
+        branches = state.reshape(len(self.times) + 1, 6, *state.shape[1:])
+        kept = np.tensordot(self.decay, branches[1:], 1)
+        return np.asarray(kept - self.uptake.sum() * branches[0])
+
+    def advance(self, state: np.ndarray, elastic_stress: np.ndarray) -> np.ndarray:
+        """Give the state at the end of a step with the elastic stress S, shape (6, ...), Pa."""
+        branches = state.reshape(len(self.times) + 1, 6, *state.shape[1:])
+        change = elastic_stress - branches[0]
+        rows = [elastic_stress]
+        for decay, uptake, branch in zip(self.decay, self.uptake, branches[1:], strict=True):
+            rows.append(decay * branch + uptake * change)
+        return np.concatenate(rows)
+
+    def respond_shape(self, gradient: np.ndarray, state: np.ndarray) -> BulkResponse:
+        """Stress F S_s of (2), its tangent and the new state."""
+        F = gradient
+        elastic = self.solid.respond_shape(F, state[:0])
+        frozen = self.frozen_stress(state)
+        kept = np.empty_like(F)
+        for row, (i, j) in zip(frozen, _PAIRS, strict=True):
+            kept[i, j] = kept[j, i] = row
+        stress = self.share * elastic.stress + np.einsum("ik...,kj...->ij...", F, kept)
+        tangent = self.share * elastic.tangent
+        for i in range(3):
+            tangent[i, :, i, :] += kept
+        inverse = np.moveaxis(np.linalg.inv(np.moveaxis(F, (0, 1), (-2, -1))), (-2, -1), (0, 1))
+        second = np.einsum("ik...,kj...->ij...", inverse, elastic.stress)
+        rows = np.stack([second[i, j] for i, j in _PAIRS])
+        return BulkResponse(stress, tangent, self.advance(state, rows))
+
+    def respond_volume(self, dilatation: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """U' and U'' of the solid."""
+        return self.solid.respond_volume(dilatation)
+
+
+_PAIRS = ((0, 0), (1, 1), (2, 2), (0, 1), (1, 2), (0, 2))

@@ -1,0 +1,1 @@
+"""Cells beyond linear elasticity: large strain, plasticity, viscosity, friction."""

@@ -1,0 +1,231 @@
+r"""Deformation gradients of a batch of hexahedra, and what is gathered and scattered for it.
+
+All numbers of a batch live in one array of rows of :data:`BATCH` lanes, one lane for each element,
+so that the compiler knows what overlaps and every loop over lanes is vectorised. The constants
+below are offsets in it. Lanes without an element repeat the first element and are not scattered.
+
+With the parent coordinates :math:`a = (x, y, \zeta)` of the layered mesh the physical gradient is
+:math:`\partial_J = T_{aJ} \partial_a`,
+
+.. math::
+    T = \begin{pmatrix} 1 & 0 & 0 \\ 0 & 1 & 0 \\ -s_x/h & -s_y/h & 1/h \end{pmatrix},    \tag{1}
+
+with the height :math:`h` of the element and the slopes :math:`s` of its node surfaces. Stresses and
+tangents are pulled back with it once, so that a tangent is applied without any geometry.
+"""
+
+import numba
+
+from multiscale.micro.hexahedron import (
+    BATCH,
+    X,
+    Y,
+    Z,
+    differences,
+    differences_transposed,
+    element_geometry,
+    lateral_heights,
+)
+
+__all__ = [
+    "COFACTOR",
+    "DET",
+    "EDGES",
+    "FLUX",
+    "GEOMETRY",
+    "GRADIENT",
+    "LOG",
+    "MEAN",
+    "METRIC",
+    "NODES",
+    "PULLED",
+    "SCRATCH",
+    "VOLUME",
+    "WEIGHT",
+    "deformation",
+    "edge_derivatives",
+    "edge_forces",
+    "gather",
+    "kernel",
+    "mesh_batch",
+    "point_rows",
+    "pull_back",
+    "scatter",
+]
+
+kernel = numba.njit(
+    cache=True, fastmath={"contract", "reassoc", "nsz", "arcp"}, error_model="numpy"
+)  # values may become NaN, and are looked for
+
+NODES = 0  # 24 rows: corner values, component by component
+EDGES = NODES + 24 * BATCH  # 36: edge derivatives
+FLUX = EDGES + 36 * BATCH  # 36: what is conjugate to them
+GEOMETRY = FLUX + 36 * BATCH  # 12
+LATERAL = GEOMETRY + 12 * BATCH  # 8
+GRADIENT = LATERAL + 8 * BATCH  # 72: F at the eight Gauss points
+DET = GRADIENT + 72 * BATCH  # 8: det F
+WEIGHT = DET + 8 * BATCH  # 8: volume of each Gauss point
+VOLUME = WEIGHT + 8 * BATCH  # of the element
+MEAN = VOLUME + BATCH  # mean det F
+LOG = MEAN + BATCH  # volumetric Kirchhoff stress and its derivative by ln J
+COFACTOR = LOG + 2 * BATCH  # 9: F^-T
+PULLED = COFACTOR + 9 * BATCH  # 9: F^-T T^t
+METRIC = PULLED + 9 * BATCH  # rows of a law
+SCRATCH = METRIC + 200 * BATCH
+
+
+@kernel
+def gather(field, sides, layer, start, lanes, s):  # type: ignore[no-untyped-def]
+    """Corner values of a batch; the base is held."""
+    ny = field.shape[3]
+    for k in range(3):
+        for a in range(2):
+            for c in range(2):
+                low = NODES + (8 * k + 4 * a + c) * BATCH
+                high = low + 2 * BATCH
+                if layer + c == 0:
+                    for v in range(BATCH):
+                        s[low + v] = 0.0
+                        s[high + v] = 0.0
+                else:
+                    row = field[sides[a], layer + c - 1, k]
+                    for v in range(lanes):
+                        s[low + v] = row[start + v]
+                    for v in range(lanes - 1):
+                        s[high + v] = row[start + v + 1]
+                    s[high + lanes - 1] = row[(start + lanes) % ny]
+                    for v in range(lanes, BATCH):
+                        s[low + v], s[high + v] = s[low], s[high]
+
+
+@kernel
+def scatter(s, sides, layer, start, lanes, out):  # type: ignore[no-untyped-def]
+    """Add corner forces to the field."""
+    ny = out.shape[3]
+    for k in range(3):
+        for a in range(2):
+            for c in range(2):
+                low = NODES + (8 * k + 4 * a + c) * BATCH
+                high = low + 2 * BATCH
+                if layer + c > 0:
+                    row = out[sides[a], layer + c - 1, k]
+                    for v in range(lanes):
+                        row[start + v] += s[low + v]
+                    for v in range(lanes - 1):
+                        row[start + v + 1] += s[high + v]
+                    row[(start + lanes) % ny] += s[high + lanes - 1]
+
+
+@kernel
+def edge_derivatives(s, dx, dy):  # type: ignore[no-untyped-def]
+    """Differentiate by the parent coordinates from the corner values."""
+    for k in range(3):
+        w, g = s[NODES + 8 * k * BATCH :], s[EDGES + 12 * k * BATCH :]
+        differences(w, g, X, Y, Z, 1.0 / dx, BATCH)
+        differences(w, g[4 * BATCH :], Y, X, Z, 1.0 / dy, BATCH)
+        differences(w, g[8 * BATCH :], Z, X, Y, 1.0, BATCH)
+
+
+@kernel
+def edge_forces(s, dx, dy):  # type: ignore[no-untyped-def]
+    """Corner forces from the flux, the transpose of :func:`edge_derivatives`."""
+    for v in range(24 * BATCH):
+        s[NODES + v] = 0.0
+    for k in range(3):
+        w, g = s[NODES + 8 * k * BATCH :], s[FLUX + 12 * k * BATCH :]
+        differences_transposed(g, w, X, Y, Z, 1.0 / dx, BATCH)
+        differences_transposed(g[4 * BATCH :], w, Y, X, Z, 1.0 / dy, BATCH)
+        differences_transposed(g[8 * BATCH :], w, Z, X, Y, 1.0, BATCH)
+
+
+@kernel
+def mesh_batch(  # type: ignore[no-untyped-def]
+    heights, planes, factor, sides, layer, start, lanes, dx, dy, s
+):
+    """Heights and slopes of the elements of a batch."""
+    lateral = s[LATERAL : LATERAL + 8 * BATCH]
+    lateral_heights(heights, sides[0], sides[1], start, dx, dy, lateral, lanes)
+    for row in range(8):
+        for v in range(lanes, BATCH):
+            lateral[row * BATCH + v] = lateral[row * BATCH]
+    element_geometry(
+        lateral,
+        planes[layer],
+        planes[layer + 1],
+        factor[layer],
+        factor[layer + 1],
+        s[GEOMETRY:],
+        BATCH,
+    )
+
+
+@kernel
+def point_rows(q):  # type: ignore[no-untyped-def]
+    """Offsets of the derivatives by x, y and zeta at a Gauss point, and of its height."""
+    qx, qy, qz = q // 4, (q // 2) % 2, q % 2
+    return (
+        (2 * qy + qz) * BATCH,
+        (4 + 2 * qx + qz) * BATCH,
+        (8 + 2 * qx + qy) * BATCH,
+        (2 * qx + qy) * BATCH,
+    )
+
+
+@kernel
+def deformation(s, area):  # type: ignore[no-untyped-def]
+    """F, det F and weight at the Gauss points, their mean; return the smallest det F."""
+    least = 1e300
+    for v in range(BATCH):
+        s[VOLUME + v], s[MEAN + v] = 0.0, 0.0
+    for q in range(8):
+        rx, ry, rz, rt = point_rows(q)
+        for k in range(3):
+            e = EDGES + 12 * k * BATCH
+            f = GRADIENT + (9 * q + 3 * k) * BATCH
+            for v in range(BATCH):
+                by_z = s[e + rz + v] / s[GEOMETRY + rt + v]
+                s[f + v] = s[e + rx + v] - s[GEOMETRY + rx + 4 * BATCH + v] * by_z
+                s[f + BATCH + v] = s[e + ry + v] - s[GEOMETRY + ry + 4 * BATCH + v] * by_z
+                s[f + 2 * BATCH + v] = by_z
+            for v in range(BATCH):
+                s[f + k * BATCH + v] += 1.0
+        f, j, w = GRADIENT + 9 * q * BATCH, DET + q * BATCH, WEIGHT + q * BATCH
+        for v in range(BATCH):
+            xx, xy, xz = s[f + v], s[f + BATCH + v], s[f + 2 * BATCH + v]
+            yx, yy, yz = s[f + 3 * BATCH + v], s[f + 4 * BATCH + v], s[f + 5 * BATCH + v]
+            zx, zy, zz = s[f + 6 * BATCH + v], s[f + 7 * BATCH + v], s[f + 8 * BATCH + v]
+            det = xx * (yy * zz - yz * zy) - xy * (yx * zz - yz * zx) + xz * (yx * zy - yy * zx)
+            weight = area * s[GEOMETRY + rt + v]
+            s[j + v], s[w + v] = det, weight
+            s[VOLUME + v] += weight
+            s[MEAN + v] += weight * det
+        for v in range(BATCH):
+            if not s[j + v] >= least:
+                least = s[j + v]
+    for v in range(BATCH):
+        s[MEAN + v] /= s[VOLUME + v]
+    return least
+
+
+@kernel
+def pull_back(s, q):  # type: ignore[no-untyped-def]
+    """F^-T and F^-T T^t of (1) at a Gauss point."""
+    rx, ry, _, rt = point_rows(q)
+    f, j = GRADIENT + 9 * q * BATCH, DET + q * BATCH
+    for i in range(3):
+        i1, i2 = 3 * ((i + 1) % 3) * BATCH, 3 * ((i + 2) % 3) * BATCH
+        for m in range(3):
+            m1, m2 = (m + 1) % 3 * BATCH, (m + 2) % 3 * BATCH
+            out = COFACTOR + (3 * i + m) * BATCH
+            for v in range(BATCH):
+                cofactor = s[f + i1 + m1 + v] * s[f + i2 + m2 + v]
+                cofactor -= s[f + i1 + m2 + v] * s[f + i2 + m1 + v]
+                s[out + v] = cofactor / s[j + v]
+    for i in range(3):
+        c, g = COFACTOR + 3 * i * BATCH, PULLED + 3 * i * BATCH
+        for v in range(BATCH):
+            x, y, z = s[c + v], s[c + BATCH + v], s[c + 2 * BATCH + v]
+            along = z - s[GEOMETRY + rx + 4 * BATCH + v] * x
+            along -= s[GEOMETRY + ry + 4 * BATCH + v] * y
+            s[g + v], s[g + BATCH + v] = x, y
+            s[g + 2 * BATCH + v] = along / s[GEOMETRY + rt + v]

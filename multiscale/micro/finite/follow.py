@@ -1,0 +1,209 @@
+"""A path on a cell with friction or at large strain, and the averages of its steps."""
+
+import logging
+from time import perf_counter
+from typing import Any
+
+import numpy as np
+
+from multiscale.errors import CaseError
+from multiscale.laws.bulk import J2, Prony
+from multiscale.micro import averages
+from multiscale.micro.cell import Cell, Path
+from multiscale.micro.finite.cell import make_scene
+from multiscale.micro.finite.history import Walk, rest_state, walk_step
+from multiscale.micro.finite.newton import CellState, Scene, Target
+
+__all__ = ["current_weight", "follow_path"]
+
+logger = logging.getLogger(__name__)
+
+PLASTIC_APPROACH = 0.05  # of the amplitude of the gap, in one increment of a plastic body
+LONGEST_SLIDE = 1000  # increments in one step of the path
+
+
+def follow_path(
+    cell: Cell, path: Path, *, fields: bool, tolerance: float
+) -> tuple[list[dict[str, Any]], str]:
+    """Follow a path until it ends or cannot go on.
+
+    Parameters
+    ----------
+    cell : Cell
+    path : Path
+    fields : bool
+        Whether local pressures and gaps are kept.
+    tolerance : float
+        Of each increment, relative to the norm of the contact forces.
+
+    Returns
+    -------
+    steps : list of dict
+        Averages of each step; of a step that was not reached, that it was not.
+    ended : str
+        Why the path ended early; empty if it did not.
+
+    Raises
+    ------
+    CaseError
+        If time is given to a body without viscosity, or the slide is too long.
+    """
+    _check(cell, path)
+    scene = make_scene(cell)
+    area = float(np.prod(cell.surface.size))
+    state, steps, ended = rest_state(scene), [], ""
+    for k in range(len(path)):
+        begin = perf_counter()
+        if ended:
+            steps.append(_missing(None, 0.0))
+            continue
+        target = _target(path, k, area)
+        walk = walk_step(
+            scene,
+            state,
+            target,
+            increments=_fewest_increments(cell, path, state, target),
+            tolerance=tolerance,
+            largest_approach=_largest_approach(cell),
+        )
+        logger.info(
+            "step %d: %s, %d increments, %d Newton, %d linear iterations",
+            k,
+            walk.state.status.value,
+            walk.increments,
+            walk.newton_iterations,
+            walk.linear_iterations,
+        )
+        if walk.reached < 1.0:
+            ended = (
+                f"step {k} ended after {100.0 * walk.reached:.3g} % of its way: "
+                f"{walk.state.status.value}"
+            )
+            logger.warning("%s", ended)
+            steps.append(_missing(walk, perf_counter() - begin))
+            continue
+        state = walk.state
+        steps.append(_counts(walk, perf_counter() - begin) | _average(cell, scene, state, fields))
+    return steps, ended
+
+
+def _check(cell: Cell, path: Path) -> None:
+    viscous = isinstance(cell.bulk, Prony)
+    if path.time is not None and not viscous:
+        raise CaseError(
+            "the path has times, but the body has no viscosity and its answer no rate; leave out "
+            "time or take a Prony law"
+        )
+    if viscous and path.time is None:
+        raise CaseError("a viscous body needs the time (s) at the end of each step of its path")
+    if path.slide is not None and cell.obstacle is not None:
+        steps = np.diff(np.array([(0.0, 0.0), *path.slide]), axis=0)
+        longest = float(np.hypot(*steps.T).max())
+        if longest > LONGEST_SLIDE * min(cell.surface.spacing):
+            raise CaseError(
+                f"a slide of {longest:.3g} m in one step is "
+                f"{longest / min(cell.surface.size):.3g} periods of the cell and needs more than "
+                f"{LONGEST_SLIDE} increments; the cell repeats itself after one period"
+            )
+
+
+def _target(path: Path, k: int, area: float) -> Target:
+    """Give what a step of the path asks for."""
+    before = path.time[k - 1] if path.time is not None and k > 0 else 0.0
+    return Target(
+        None if path.pressure is None else path.pressure[k] * area,
+        None if path.approach is None else path.approach[k],
+        np.zeros(2) if path.slide is None else np.array(path.slide[k], dtype=float),
+        0.0 if path.time is None else path.time[k] - before,
+    )
+
+
+def _fewest_increments(cell: Cell, path: Path, state: CellState, target: Target) -> int:
+    """Increments of a step: a node passes at most one point of a rough obstacle in each."""
+    count = path.increments
+    if cell.obstacle is not None:
+        length = float(np.hypot(*(target.slide - state.slide)))
+        count = max(count, int(np.ceil(length / min(cell.surface.spacing) - 1e-9)))
+    if target.approach is not None and np.isfinite(_largest_approach(cell)):
+        moved = abs(target.approach - state.approach)
+        count = max(count, int(np.ceil(moved / _largest_approach(cell) - 1e-9)))
+    return count
+
+
+def _largest_approach(cell: Cell) -> float:
+    """Give what the approach may change by in one increment, m."""
+    if not isinstance(cell.bulk, J2):
+        return np.inf
+    obstacle = 0.0 if cell.obstacle is None else cell.obstacle.heights
+    return PLASTIC_APPROACH * 0.5 * float(np.ptp(cell.surface.heights - obstacle)) or np.inf
+
+
+def _counts(walk: Walk, seconds: float) -> dict[str, Any]:
+    return {
+        "converged": 1,
+        "active_set_iterations": walk.newton_iterations,
+        "linear_iterations": walk.linear_iterations,
+        "increments": float(walk.increments),
+        "wall_time": seconds,
+    }
+
+
+def _missing(walk: Walk | None, seconds: float) -> dict[str, Any]:
+    """Entry of a step without a result."""
+    return {
+        "converged": 0,
+        "active_set_iterations": 0 if walk is None else walk.newton_iterations,
+        "linear_iterations": 0 if walk is None else walk.linear_iterations,
+        "wall_time": seconds,
+    }
+
+
+def _average(cell: Cell, scene: Scene, state: CellState, fields: bool) -> dict[str, Any]:
+    """Averages (2), (3) of the source, and geometry, in the current configuration."""
+    surface = cell.surface
+    area = float(np.prod(surface.size))
+    moved = state.displacement[:, -1]
+    nominal = np.full(surface.heights.shape, area / surface.heights.size)
+    weight = nominal if cell.bulk is None else current_weight(cell, moved)
+    height = surface.heights + moved[:, 2]
+    jump = np.array([-state.approach, *state.slide]) - moved.mean(axis=(0, 2))[[2, 0, 1]]
+    nodal = np.moveaxis(state.force, 1, -1).reshape(-1, 3)
+    step: dict[str, Any] = {
+        "traction": averages.average_traction(nodal, area),
+        "displacement_jump": jump,
+        "mean_gap": scene.obstacle.mean_height(state.approach)
+        - float(np.sum(weight * height)) / area,
+        "contact_fraction": averages.contact_fraction(
+            state.active,
+            weight,
+            rim=averages.RIM["trilinear" if cell.bulk is None else "mean dilatation"],
+        ),
+    }
+    if cell.friction_coefficient > 0.0:
+        step["slip_fraction"] = float(state.slipping.sum() / max(state.active.sum(), 1))
+        step["friction_work"] = state.dissipation / area
+    if isinstance(cell.bulk, J2):
+        step["flowing_fraction"] = state.flowing
+    if fields:
+        meeting = scene.obstacle.meet(moved, state.approach, state.slide)
+        step["pressure"] = (-state.force[:, 2] / nominal).T
+        step["gap"] = (meeting.gap / meeting.normal[:, 2]).T
+    return step
+
+
+def current_weight(cell: Cell, moved: np.ndarray) -> np.ndarray:
+    """Area of each node of the deformed surface, projected on the mean plane, m2.
+
+    Parameters
+    ----------
+    cell : Cell
+    moved : ndarray, shape (nx, 3, ny)
+        Displacement of the surface, m.
+    """
+    dx, dy = cell.surface.spacing
+    # diagonals of each facet: to the next node in x and y, and from there in x to there in y
+    change = [np.roll(moved[:, k], (-1, -1), axis=(0, 1)) - moved[:, k] for k in range(2)]
+    other = [np.roll(moved[:, k], -1, axis=1) - np.roll(moved[:, k], -1, axis=0) for k in range(2)]
+    facet = 0.5 * ((dx + change[0]) * (dy + other[1]) - (dy + change[1]) * (other[0] - dx))
+    nodes = facet + np.roll(facet, 1, axis=0)
+    return np.asarray(0.25 * (nodes + np.roll(nodes, 1, axis=1)))

@@ -1,0 +1,142 @@
+"""The layered cell at large strain as a body: neo-Hookean, J2 plasticity, viscous branches."""
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from functools import cached_property
+from typing import Any
+
+import numpy as np
+
+from multiscale.laws.bulk import J2, NeoHookean, Prony
+from multiscale.micro.finite.body import Body, Increment, Response
+from multiscale.micro.finite.operator import (
+    NEO_HOOKEAN,
+    PLASTIC,
+    TANGENT_ROWS,
+    apply_tangent,
+    inverse_strain,
+    respond_cell,
+    update_state,
+)
+from multiscale.micro.hexahedron import BATCH
+from multiscale.micro.mesh import GraphMesh
+
+__all__ = ["large_strain_body"]
+
+NO_STATE = np.zeros((1, 1, 1, 8, 7, 1))
+NO_HARDENING = (0.0, 0.0, 0.0, 0.0)
+State = np.ndarray | None
+
+
+def large_strain_body(
+    mesh: GraphMesh, law: NeoHookean | J2 | Prony, *, mean_dilatation: bool
+) -> Body:
+    """Return the cell with a law at large strain.
+
+    Parameters
+    ----------
+    mesh : GraphMesh
+        The conforming mesh, clamped at its base.
+    law : NeoHookean, J2 or Prony
+    mean_dilatation : bool
+        Whether an element takes its volume change from the mean over its points (F-bar).
+    """
+    cell = _LargeStrainCell(mesh, law, mean_dilatation)
+    begin = {NeoHookean: cell.begin_elastic, J2: cell.begin_plastic, Prony: cell.begin_viscous}
+    return Body(cell.shape, begin[type(law)], cell.rest)
+
+
+@dataclass(frozen=True, eq=False)
+class _LargeStrainCell:
+    mesh: GraphMesh
+    law: NeoHookean | J2 | Prony
+    mean_dilatation: bool
+
+    @property
+    def shape(self) -> tuple[int, int, int, int]:
+        nx, ny, layers = self.mesh.shape
+        return nx, layers, 3, ny
+
+    @property
+    def points(self) -> tuple[int, ...]:
+        nx, ny, layers = self.mesh.shape
+        return nx, layers, -(-ny // BATCH), 8
+
+    @cached_property
+    def geometry(self) -> tuple[Any, ...]:
+        heights = np.ascontiguousarray(self.mesh.surface.heights, dtype=np.float64)
+        return heights, self.mesh.planes, self.mesh.map_factor, *self.mesh.surface.spacing
+
+    @cached_property
+    def tangent(self) -> np.ndarray:
+        """One buffer for the tangents of all iterations."""
+        return np.empty((*self.points[:3], TANGENT_ROWS, BATCH), dtype=np.float32)
+
+    def rest(self) -> State:
+        """State before any load, for each batch of elements."""
+        rows = self.law.n_state
+        return np.zeros((*self.points, rows, BATCH)) if rows else None
+
+    def apply(self, v: np.ndarray) -> np.ndarray:
+        out = np.empty_like(v)
+        apply_tangent(self.tangent, *self.mesh.surface.spacing, self.mean_dilatation, v, out)
+        return out
+
+    def step(
+        self, kept: np.ndarray, moduli: np.ndarray, finish: Callable[[np.ndarray], State]
+    ) -> Increment:
+        """Return the increment with what a law keeps at its points."""
+        kind = PLASTIC if isinstance(self.law, J2) else NEO_HOOKEAN
+
+        def respond(u: np.ndarray) -> Response:
+            force, flags = np.zeros_like(u), np.empty((len(u), 2))
+            respond_cell(  # type: ignore[call-arg]
+                *self.geometry,
+                kind,
+                moduli,
+                self.mean_dilatation,
+                u,
+                kept,
+                True,
+                force,
+                self.tangent,
+                flags,
+            )
+            nx, ny, layers = self.mesh.shape
+            flowing = float(flags[:, 1].sum()) / (8.0 * nx * ny * layers)
+            return Response(force, self.apply, float(flags[:, 0].min()), flowing)
+
+        return Increment(respond, finish)
+
+    def moduli(self, share: float = 1.0) -> np.ndarray:
+        hardening = self.law.hardening if isinstance(self.law, J2) else NO_HARDENING
+        return np.array([share * self.law.shear_modulus, self.law.volume_modulus, *hardening])
+
+    def begin_elastic(self, state: State, time_step: float) -> Increment:
+        return self.step(NO_STATE, self.moduli(), lambda u: None)
+
+    def begin_plastic(self, state: State, time_step: float) -> Increment:
+        assert state is not None
+
+        def finish(u: np.ndarray) -> np.ndarray:
+            new = np.empty_like(state)
+            update_state(*self.geometry, self.moduli(), u, state, new)  # type: ignore[call-arg]
+            return new
+
+        return self.step(state, self.moduli(), finish)
+
+    def begin_viscous(self, state: State, time_step: float) -> Increment:
+        assert state is not None
+        assert isinstance(self.law, Prony)
+        law = self.law.over(time_step)
+        rows = np.moveaxis(state, -2, 0)
+
+        def finish(u: np.ndarray) -> np.ndarray:
+            elastic = np.empty((*self.points, 6, BATCH))
+            inverse_strain(*self.geometry, u, elastic)  # type: ignore[call-arg]
+            elastic *= law.shear_modulus
+            new = law.advance(rows, np.moveaxis(elastic, -2, 0))
+            return np.ascontiguousarray(np.moveaxis(new, 0, -2))
+
+        frozen = np.ascontiguousarray(np.moveaxis(law.frozen_stress(rows), 0, -2))
+        return self.step(frozen, self.moduli(law.share), finish)

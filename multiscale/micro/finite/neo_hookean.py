@@ -1,0 +1,88 @@
+r"""Neo-Hookean stress and tangent of a batch, with the frozen stress of viscous branches."""
+
+from multiscale.micro.finite.batch import (
+    FLUX,
+    GEOMETRY,
+    GRADIENT,
+    LOG,
+    METRIC,
+    PULLED,
+    WEIGHT,
+    kernel,
+    point_rows,
+)
+from multiscale.micro.hexahedron import BATCH
+
+__all__ = ["neo_hookean"]
+
+LATER = METRIC + 6 * BATCH  # 9: columns of X
+CURVED = LATER + 9 * BATCH  # 6: M
+
+
+@kernel
+def neo_hookean(s, q, shear, frozen, has_frozen, tangent, wants_tangent):  # type: ignore[no-untyped-def]
+    r"""Add the flux of one Gauss point and write its tangent, both pulled back.
+
+    With :math:`R = \mu I + S_v`, the frozen second Piola-Kirchhoff stress :math:`S_v` (rows 11, 22,
+    33, 12, 23, 13), :math:`g = F^{-T} T^t`, the volumetric Kirchhoff stress :math:`\tau` and its
+    derivative :math:`\tau'` by :math:`\ln J`,
+
+    .. math::
+        P T^t = F R T^t + (\tau - \mu)\, g, \qquad
+        A_{ia,kb} = \delta_{ik} (T R T^t)_{ab} + (\mu - \tau)\, g_{ib} g_{ka} + \tau' g_{ia} g_{kb}.
+    """
+    rx, ry, _, rt = point_rows(q)
+    f, w = GRADIENT + 9 * q * BATCH, WEIGHT + q * BATCH
+    for row in range(6):
+        for v in range(BATCH):
+            s[METRIC + row * BATCH + v] = shear if row < 3 else 0.0
+        if has_frozen:
+            for v in range(BATCH):
+                s[METRIC + row * BATCH + v] += frozen[row, v]
+    for v in range(BATCH):
+        xx, yy, zz = s[METRIC + v], s[METRIC + BATCH + v], s[METRIC + 2 * BATCH + v]
+        xy, yz = s[METRIC + 3 * BATCH + v], s[METRIC + 4 * BATCH + v]
+        xz = s[METRIC + 5 * BATCH + v]
+        inverse = 1.0 / s[GEOMETRY + rt + v]
+        tx = -s[GEOMETRY + rx + 4 * BATCH + v] * inverse
+        ty = -s[GEOMETRY + ry + 4 * BATCH + v] * inverse
+        x = tx * xx + ty * xy + inverse * xz
+        y = tx * xy + ty * yy + inverse * yz
+        z = tx * xz + ty * yz + inverse * zz
+        s[LATER + v], s[LATER + BATCH + v], s[LATER + 2 * BATCH + v] = xx, xy, xz
+        s[LATER + 3 * BATCH + v], s[LATER + 4 * BATCH + v], s[LATER + 5 * BATCH + v] = xy, yy, yz
+        s[LATER + 6 * BATCH + v], s[LATER + 7 * BATCH + v], s[LATER + 8 * BATCH + v] = x, y, z
+        s[CURVED + v], s[CURVED + BATCH + v], s[CURVED + 2 * BATCH + v] = xx, xy, x
+        s[CURVED + 3 * BATCH + v], s[CURVED + 4 * BATCH + v] = yy, y
+        s[CURVED + 5 * BATCH + v] = tx * x + ty * y + inverse * z
+    for k in range(3):
+        for a in range(3):
+            row = (rx, ry, 8 * BATCH + rt)[a] + FLUX + 12 * k * BATCH
+            fk, xa = f + 3 * k * BATCH, LATER + 3 * a * BATCH
+            g = PULLED + (3 * k + a) * BATCH
+            for v in range(BATCH):
+                push = s[fk + v] * s[xa + v] + s[fk + BATCH + v] * s[xa + BATCH + v]
+                push += s[fk + 2 * BATCH + v] * s[xa + 2 * BATCH + v]
+                s[row + v] += s[w + v] * (push + (s[LOG + v] - shear) * s[g + v])
+    if wants_tangent:
+        _tangent(s, w, shear, tangent)
+
+
+@kernel
+def _tangent(s, w, shear, tangent):  # type: ignore[no-untyped-def]
+    """Write the upper triangle of A, row by row."""
+    entry = 0
+    for r in range(9):
+        i, a = r // 3, r % 3
+        for c in range(r, 9):
+            k, b = c // 3, c % 3
+            first, second = min(a, b), max(a, b)
+            m = CURVED + (second if first == 0 else 2 + second if first == 1 else 5) * BATCH
+            same = 1.0 if i == k else 0.0
+            ib, ka = PULLED + (3 * i + b) * BATCH, PULLED + (3 * k + a) * BATCH
+            ia, kb = PULLED + r * BATCH, PULLED + c * BATCH
+            for v in range(BATCH):
+                value = (shear - s[LOG + v]) * s[ib + v] * s[ka + v]
+                value += s[LOG + BATCH + v] * s[ia + v] * s[kb + v] + same * s[m + v]
+                tangent[entry, v] = s[w + v] * value
+            entry += 1

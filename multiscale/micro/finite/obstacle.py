@@ -1,0 +1,128 @@
+"""The rigid obstacle in the current configuration: gap, normal and curvature where a node is."""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from multiscale.io.surfaces import Surface
+from multiscale.micro.contact_state import obstacle_normal
+
+__all__ = ["Meeting", "Obstacle"]
+
+
+@dataclass(frozen=True)
+class Meeting:
+    r"""Where the nodes of the body meet the obstacle.
+
+    Attributes
+    ----------
+    gap : ndarray, shape (nx, ny)
+        Distance along the normal, m; negative where the body is inside.
+    normal : ndarray, shape (nx, 3, ny)
+        Unit normals into the obstacle.
+    curvature : ndarray, shape (3, nx, ny), optional
+        Second derivatives xx, xy, yy of the obstacle's height, 1/m; None for a flat.
+    """
+
+    gap: np.ndarray
+    normal: np.ndarray
+    curvature: np.ndarray | None
+
+
+@dataclass(frozen=True, eq=False)
+class Obstacle:
+    r"""Underside of a rigid body, periodic, which approaches and slides.
+
+    Parameters
+    ----------
+    body : Surface
+        The deformable body before deformation; gives the grid.
+    shape : Surface, optional
+        Heights of the obstacle on the same grid; a flat if not given.
+    follows : bool
+        Whether nodes meet the obstacle where they have moved to (large strain), or at the place
+        they started from.
+
+    Notes
+    -----
+    Between its points the obstacle is a product of Catmull-Rom splines: its normal is continuous,
+    so that sliding nodes do not chatter on kinks. The approach counts from the first touch of the
+    points of both grids before any sliding.
+    """
+
+    body: Surface
+    shape: Surface | None
+    follows: bool
+
+    @property
+    def distance(self) -> float:
+        """Offset of the obstacle's heights at first touch, m."""
+        heights = 0.0 if self.shape is None else self.shape.heights
+        return float(np.max(self.body.heights - heights))
+
+    def mean_height(self, approach: float) -> float:
+        """Mean height of the obstacle, m."""
+        mean = 0.0 if self.shape is None else float(self.shape.heights.mean())
+        return mean + self.distance - approach
+
+    def meet(self, moved: np.ndarray, approach: float, slide: np.ndarray) -> Meeting:
+        """Project nodes onto the obstacle.
+
+        Parameters
+        ----------
+        moved : ndarray, shape (nx, 3, ny)
+            Displacement of the surface, m.
+        approach : float
+            m.
+        slide : ndarray, shape (2,)
+            Displacement of the obstacle in its plane, m.
+        """
+        below = self.distance - approach - self.body.heights - moved[:, 2]
+        if self.shape is None:
+            normal = np.zeros_like(moved)
+            normal[:, 2] = 1.0
+            return Meeting(below, normal, None)
+        height, slope, curvature = self._sample(moved, slide)
+        normal = obstacle_normal(slope[0], slope[1])
+        return Meeting((below + height) * normal[:, 2], normal, curvature)
+
+    def _sample(
+        self, moved: np.ndarray, slide: np.ndarray
+    ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """Height, slopes and second derivatives of the obstacle below the nodes."""
+        assert self.shape is not None
+        heights, spacing = self.shape.heights, self.shape.spacing
+        nx, ny = heights.shape
+        grids = np.meshgrid(np.arange(nx, dtype=float), np.arange(ny, dtype=float), indexing="ij")
+        first, weights = [], []
+        for k in range(2):
+            shift = moved[:, k] - slide[k] if self.follows else -slide[k]
+            place = grids[k] + shift / spacing[k]
+            cell = np.floor(place)
+            first.append(cell.astype(int) - 1)
+            weights.append(_catmull_rom(place - cell, spacing[k]))
+        sums = np.zeros((6, nx, ny))
+        for a in range(4):
+            for b in range(4):
+                value = heights[(first[0] + a) % nx, (first[1] + b) % ny]
+                for row, (m, n) in enumerate(((0, 0), (1, 0), (0, 1), (2, 0), (1, 1), (0, 2))):
+                    sums[row] += value * weights[0][m][a] * weights[1][n][b]
+        return sums[0], sums[1:3], sums[3:]
+
+
+def _catmull_rom(t: np.ndarray, spacing: float) -> list[list[np.ndarray]]:
+    """Weights of four neighbours for the value and its first two derivatives."""
+    value = [
+        0.5 * (-t + 2.0 * t**2 - t**3),
+        0.5 * (2.0 - 5.0 * t**2 + 3.0 * t**3),
+        0.5 * (t + 4.0 * t**2 - 3.0 * t**3),
+        0.5 * (t**3 - t**2),
+    ]
+    slope = [
+        0.5 * (-1.0 + 4.0 * t - 3.0 * t**2),
+        0.5 * (9.0 * t**2 - 10.0 * t),
+        0.5 * (1.0 + 8.0 * t - 9.0 * t**2),
+        0.5 * (3.0 * t**2 - 2.0 * t),
+    ]
+    curvature = [2.0 - 3.0 * t, 9.0 * t - 5.0, 4.0 - 9.0 * t, 3.0 * t - 1.0]
+    return [value, [s / spacing for s in slope], [c / spacing**2 for c in curvature]]

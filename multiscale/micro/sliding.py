@@ -1,0 +1,330 @@
+r"""Steady sliding of a viscoelastic half-space over a rough rigid body: friction by hysteresis.
+
+In the frame of the rough body, which slides with :math:`v` along x, a wave :math:`(q_x, q_y)` of
+the surface is loaded with the frequency :math:`\omega = q_x v`. Pressure and displacement are bound
+by a complex modulus,
+
+.. math:: p_q = \frac{q\, E(\omega)}{2 (1 - \nu^2)}\, u_q, \tag{1}
+
+which is small strain and small slope.
+"""
+
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+from scipy import fft
+
+from multiscale.convergence import Status
+from multiscale.errors import CaseError
+from multiscale.io.surfaces import Surface
+from multiscale.micro.finite.krylov import minimal_residual
+
+__all__ = ["RelaxingSolid", "SlidingContact", "solve_sliding", "wlf_shift"]
+
+_LOOSE = 1e-3  # of the first residual, while the active set still changes
+
+
+def wlf_shift(temperature: float, reference: float, c1: float = 17.44, c2: float = 51.6) -> float:
+    r"""Return the shift factor of relaxation times by Williams, Landel and Ferry.
+
+    .. math:: \log_{10} a_T = -\frac{c_1 (T - T_r)}{c_2 + T - T_r}
+
+    Parameters
+    ----------
+    temperature, reference : float
+        :math:`T` and :math:`T_r`, K.
+    c1, c2 : float
+        1 and K; the defaults hold for many polymers with the glass transition as reference.
+
+    Returns
+    -------
+    float
+        :math:`a_T`, dimensionless: relaxation times at T over those at the reference.
+
+    Raises
+    ------
+    CaseError
+        If the temperature is so low that the formula has no meaning.
+
+    References
+    ----------
+    .. [1] M. L. Williams, R. F. Landel and J. D. Ferry, J. Am. Chem. Soc. 77 (1955) 3701-3707,
+       doi:10.1021/ja01619a008.
+
+    Examples
+    --------
+    >>> wlf_shift(293.0, 293.0)
+    1.0
+    >>> wlf_shift(313.0, 293.0) < 1e-3
+    True
+    """
+    above = temperature - reference
+    if not c2 + above > 0.0:
+        raise CaseError(
+            f"the shift factor has no meaning at {temperature:g} K, {-above:g} K below its "
+            f"reference; stay less than {c2:g} K below it"
+        )
+    return float(10.0 ** (-c1 * above / (c2 + above)))
+
+
+@dataclass(frozen=True)
+class RelaxingSolid:
+    r"""A linear viscoelastic solid with a Prony series and a constant Poisson's ratio.
+
+    Parameters
+    ----------
+    relaxed_modulus : float
+        :math:`E_\infty > 0` after a long time, Pa.
+    poissons_ratio : float
+        :math:`0 \le \nu \le 1/2`.
+    moduli : tuple of float
+        :math:`E_i > 0` that relax, Pa.
+    times : tuple of float
+        Their relaxation times :math:`\tau_i > 0` at the reference temperature, s.
+
+    Notes
+    -----
+    .. math:: E(\omega) = E_\infty + \sum_i E_i\, \frac{i\omega a_T\tau_i}{1 + i\omega a_T\tau_i}
+
+    Examples
+    --------
+    >>> solid = RelaxingSolid(10e6, 0.5, (90e6,), (1.0,))
+    >>> modulus = solid.complex_modulus(np.array([0.0, 1.0, 1e6]))
+    >>> (modulus / 1e6).round(3)
+    array([ 10. +0.j,  55.+45.j, 100. +0.j])
+    """
+
+    relaxed_modulus: float
+    poissons_ratio: float
+    moduli: tuple[float, ...]
+    times: tuple[float, ...]
+
+    def __post_init__(self) -> None:
+        if not 0.0 < self.relaxed_modulus < np.inf:
+            raise CaseError(f"relaxed_modulus must be positive (Pa), got {self.relaxed_modulus:g}")
+        if not 0.0 <= self.poissons_ratio <= 0.5:
+            raise CaseError(f"poissons_ratio must lie between 0 and 0.5, got {self.poissons_ratio}")
+        if len(self.moduli) != len(self.times):
+            raise CaseError(
+                f"give one modulus for each relaxation time, got {len(self.moduli)} moduli and "
+                f"{len(self.times)} times"
+            )
+        for name, unit in (("moduli", "Pa"), ("times", "s")):
+            values = getattr(self, name)
+            if not all(0.0 < value < np.inf for value in values):
+                raise CaseError(f"{name} must be positive ({unit}), got {values}")
+
+    def complex_modulus(self, frequency: np.ndarray, shift: float = 1.0) -> np.ndarray:
+        """Complex modulus, Pa, at angular frequencies, 1/s, and a shift of the times."""
+        modulus = np.full(np.shape(frequency), self.relaxed_modulus, dtype=complex)
+        for part, time in zip(self.moduli, self.times, strict=True):
+            turned = 1j * np.asarray(frequency) * shift * time
+            modulus += part * turned / (1.0 + turned)
+        return modulus
+
+
+@dataclass(frozen=True, eq=False)
+class SlidingContact:
+    r"""What a rough body and a viscoelastic one do to each other in steady sliding.
+
+    Attributes
+    ----------
+    pressure : ndarray, shape (nx, ny)
+        Pa.
+    friction : float
+        :math:`\langle p\, \partial h/\partial x \rangle / \langle p \rangle`, dimensionless.
+    contact_fraction : float
+        Share of the points in contact.
+    mean_gap : float
+        m.
+    status : Status
+    active_sets, linear_iterations : int
+    """
+
+    pressure: np.ndarray
+    friction: float
+    contact_fraction: float
+    mean_gap: float
+    status: Status
+    active_sets: int
+    linear_iterations: int
+
+
+def solve_sliding(
+    surface: Surface,
+    solid: RelaxingSolid,
+    pressure: float,
+    velocity: float,
+    *,
+    shift: float = 1.0,
+    start: np.ndarray | None = None,
+    max_iterations: int = 100,
+    tolerance: float = 1e-8,
+) -> SlidingContact:
+    r"""Solve for the pressure under a rough body that slides steadily.
+
+    Parameters
+    ----------
+    surface : Surface
+        Heights of the rough body, m; its summits touch first.
+    solid : RelaxingSolid
+    pressure : float
+        Mean pressure, Pa, positive.
+    velocity : float
+        :math:`v`, m/s, at least 0.
+    shift : float
+        Factor of all relaxation times, for instance :func:`wlf_shift`.
+    start : ndarray, optional
+        A pressure to start from, Pa.
+    max_iterations : int
+        Active sets.
+    tolerance : float
+        Bound on the distance of contact points from contact, relative to the range of heights.
+
+    Returns
+    -------
+    SlidingContact
+        Its status says whether it converged.
+
+    Raises
+    ------
+    CaseError
+        If the pressure is not positive, or something moves that has no viscosity.
+
+    Notes
+    -----
+    With the compliance :math:`C` of (1), the approach :math:`\delta` and the gap
+    :math:`g = C p + \delta - h`: :math:`0 \le p \perp g \ge 0`. The compliance is positive, though
+    not symmetric: its skew part makes the friction. A primal-dual active set is solved by minimal
+    residuals, preconditioned by the stiffness (1).
+    """
+    if not 0.0 < pressure < np.inf:
+        raise CaseError(f"the pressure must be positive (Pa), got {pressure:g}")
+    if not 0.0 <= velocity < np.inf:
+        raise CaseError(f"the velocity must not be negative (m/s), got {velocity:g}")
+    if velocity > 0.0 and not solid.moduli:
+        raise CaseError(
+            "the body slides but has no viscosity, so its answer has no rate; give it moduli that "
+            "relax, or velocity 0"
+        )
+    problem = _SlidingProblem(surface, solid, velocity * shift)
+    heights = surface.heights
+    scale = float(np.ptp(heights))
+    load = pressure * heights.size
+    p = problem.stiffen(heights - heights.mean()) + pressure if start is None else start
+    active = p > 0.0
+    linear, status, fine = 0, Status.MAX_ITERATIONS, False
+    gap, sets = heights, 0
+    while sets < max_iterations:
+        sets += 1
+        p = np.where(active, p, 0.0)
+        p = np.where(active, p + (load - p.sum()) / active.sum(), 0.0)
+        p, gap, off, iterations = problem.close(p, active, tolerance * scale, fine)
+        linear += iterations
+        wanted = np.where(active, p, -problem.typical_stiffness * gap) > 0.0
+        changed = bool(np.any(wanted != active))
+        if not np.isfinite(off):
+            status = Status.NOT_FINITE
+            break
+        if not changed and fine:
+            status = Status.CONVERGED if off <= tolerance * scale else Status.STALLED
+            break
+        fine, active = not changed, wanted
+    slope = problem.slope_x
+    return SlidingContact(
+        p,
+        float(np.sum(p * slope) / load),
+        float(active.mean()),
+        float(gap.mean()),
+        status,
+        sets,
+        linear,
+    )
+
+
+@dataclass(frozen=True, eq=False)
+class _SlidingProblem:
+    """The complex stiffness of a surface at one velocity, and one active set."""
+
+    surface: Surface
+    solid: RelaxingSolid
+    velocity: float
+
+    @cached_property
+    def waves(self) -> tuple[np.ndarray, np.ndarray]:
+        """Wavenumbers along x and their magnitude, for ``rfft2``, 1/m."""
+        (nx, ny), (lx, ly) = self.surface.heights.shape, self.surface.size
+        along = 2.0 * np.pi / lx * np.fft.fftfreq(nx, 1.0 / nx)[:, None]
+        across = 2.0 * np.pi / ly * np.arange(ny // 2 + 1)
+        along = along + 0.0 * across
+        return along, np.hypot(along, across)
+
+    @cached_property
+    def symbol(self) -> np.ndarray:
+        """Pressure over displacement for each wave (1), Pa/m; 0 for the mean."""
+        along, size = self.waves
+        modulus = self.solid.complex_modulus(along * self.velocity)
+        symbol = size * modulus / (2.0 * (1.0 - self.solid.poissons_ratio**2))
+        nx = along.shape[0]
+        symbol[nx // 2] = symbol[nx // 2].real  # the shortest wave has no direction
+        return np.asarray(symbol)
+
+    @cached_property
+    def compliance(self) -> np.ndarray:
+        """Displacement over pressure, m/Pa; 0 for the mean."""
+        symbol = self.symbol.copy()
+        symbol[0, 0] = 1.0
+        inverse = 1.0 / symbol
+        inverse[0, 0] = 0.0
+        return np.asarray(inverse)
+
+    @property
+    def typical_stiffness(self) -> float:
+        """Median of the symbol, Pa/m."""
+        return float(np.median(np.abs(self.symbol)))
+
+    @property
+    def slope_x(self) -> np.ndarray:
+        """Slope of the rough body along x by its Fourier series."""
+        along = 1j * self.waves[0]
+        along[along.shape[0] // 2] = 0.0
+        return self._filter(self.surface.heights, along)
+
+    def stiffen(self, moved: np.ndarray) -> np.ndarray:
+        """Pressure, without its mean, that moves the surface so."""
+        return self._filter(moved, self.symbol)
+
+    def respond(self, pressure: np.ndarray) -> np.ndarray:
+        """Displacement under a pressure, without its mean."""
+        return self._filter(pressure, self.compliance)
+
+    def _filter(self, values: np.ndarray, symbol: np.ndarray) -> np.ndarray:
+        return np.asarray(fft.irfft2(fft.rfft2(values) * symbol, s=values.shape))
+
+    def close(
+        self, p: np.ndarray, active: np.ndarray, goal: float, fine: bool
+    ) -> tuple[np.ndarray, np.ndarray, float, int]:
+        """Bring the active points into contact at a constant load.
+
+        Returns the pressure, the gap, the largest distance of an active point, and iterations.
+        """
+
+        def centred(values: np.ndarray) -> np.ndarray:
+            return np.where(active, values - values[active].mean(), 0.0)
+
+        def apply(x: np.ndarray) -> np.ndarray:
+            return centred(self.respond(x.reshape(active.shape))).ravel()
+
+        def precondition(r: np.ndarray) -> np.ndarray:
+            return centred(self.stiffen(r.reshape(active.shape))).ravel()
+
+        off = centred(self.surface.heights - self.respond(p)).ravel()
+        aim = 0.3 * goal if fine else max(0.3 * goal, _LOOSE * float(np.linalg.norm(off)))
+        change, iterations = minimal_residual(
+            apply, off, precondition, goal=aim, max_iterations=200
+        )
+        p = p + change.reshape(active.shape)
+        gap = self.respond(p) - self.surface.heights
+        gap = gap - gap[active].mean()
+        return p, gap, float(np.abs(gap[active]).max()), iterations

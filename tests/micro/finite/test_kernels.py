@@ -1,0 +1,192 @@
+"""The kernels of large strain against the pointwise laws, differences and homogeneous states."""
+
+import numpy as np
+import pytest
+from skfem import Basis, ElementHex1
+
+from multiscale.laws.bulk import J2, NeoHookean, Prony
+from multiscale.micro import Surface
+from multiscale.micro.finite.large_strain import large_strain_body
+from multiscale.micro.hexahedron import BATCH
+from multiscale.micro.mesh import GraphMesh, graded_planes
+
+LAYERS = 3
+E, NU = 1.0, 0.3
+LAWS = {
+    "neo-Hookean": NeoHookean(E, NU),
+    "elastic J2": J2(E, NU, 10.0),
+    "linear hardening": J2(E, NU, 0.005, 0.05),
+    "saturation": J2(E, NU, 0.005, 0.01, saturation_stress=0.02, saturation_rate=5.0),
+    "Prony": Prony(E, NU, (0.4, 0.2), (1.0, 10.0)),
+}
+MEAN = pytest.mark.parametrize("mean_dilatation", [False, True], ids=["points", "mean dilatation"])
+LAW = pytest.mark.parametrize("law", [pytest.param(law, id=name) for name, law in LAWS.items()])
+
+
+def graph_mesh(points, slope=0.3):
+    size = (1.0, 0.7)
+    heights = np.random.default_rng(11).uniform(-0.5, 0.5, points)
+    heights *= slope * min(np.divide(size, points))
+    return GraphMesh(Surface(heights, size), graded_planes(0.5, LAYERS, 0.05))
+
+
+def noise(shape, seed, size=0.004):
+    return size * np.random.default_rng(seed).standard_normal(shape)
+
+
+def loaded(mesh, law, mean_dilatation, u):
+    """A body with its increment after a first deformation, and that state."""
+    body = large_strain_body(mesh, law, mean_dilatation=mean_dilatation)
+    state = body.begin(body.rest(), 0.5).finish(u)
+    return body, body.begin(state, 2.0), state
+
+
+@pytest.mark.parametrize(
+    "points",
+    [
+        pytest.param((6, 8), id="less than a batch"),
+        pytest.param((4, 38), id="with a remainder"),
+        pytest.param((6, 1), id="plane strain"),
+        pytest.param((1, 8), id="plane strain across"),
+    ],
+)
+@MEAN
+@LAW
+def test_the_tangent_is_the_derivative_of_the_forces(law, mean_dilatation, points):
+    mesh = graph_mesh(points)
+    shape = (points[0], LAYERS, 3, points[1])
+    u, v = noise(shape, 1), noise(shape, 2, 1.0)
+    _, increment, _ = loaded(mesh, law, mean_dilatation, u)
+    u = u + noise(shape, 3, 0.003)
+    found = increment.respond(u).tangent(v)
+    ahead, behind = (increment.respond(u + s * v).force for s in (1e-6, -1e-6))
+    difference = (ahead - behind) / 2e-6
+    assert np.max(np.abs(found - difference)) < 1e-6 * np.max(np.abs(difference))
+
+
+@MEAN
+@LAW
+def test_the_tangent_is_symmetric(law, mean_dilatation):
+    mesh, shape = graph_mesh((6, 8)), (6, LAYERS, 3, 8)
+    _, increment, _ = loaded(mesh, law, mean_dilatation, noise(shape, 1))
+    tangent = increment.respond(noise(shape, 3)).tangent
+    v, w = noise(shape, 4), noise(shape, 5)
+    assert np.vdot(w, tangent(v)) == pytest.approx(np.vdot(v, tangent(w)), rel=1e-10)
+
+
+def gauss_gradients(mesh, u):
+    """Deformation gradients (3, 3, elements, points) and weights from scikit-fem."""
+    hexahedra = mesh.hexahedra()
+    nx, ny, _ = mesh.shape
+    basis = Basis(hexahedra, ElementHex1(), intorder=3)
+    i, j = (
+        np.rint(hexahedra.p[k] / step).astype(int) % n
+        for k, step, n in zip(range(2), mesh.surface.spacing, (nx, ny), strict=True)
+    )
+    flat = hexahedra.p[2] / (1.0 + mesh.surface.heights[i, j] / mesh.planes[-1])
+    plane = np.searchsorted(mesh.planes, flat - 1e-9)
+    whole = np.concatenate([np.zeros((nx, 1, 3, ny)), u], axis=1)
+    values = whole[i, plane, :, j].T
+    gradient = np.array([basis.interpolate(component).grad for component in values])
+    return gradient + np.eye(3)[:, :, None, None], basis.dx, basis, (i, plane, j)
+
+
+def stresses(law, F, state, weight, mean_dilatation):
+    """First Piola-Kirchhoff stresses by the pointwise law, F-bar by the element's mean."""
+    shape = law.respond_shape(F, state)
+    det = np.linalg.det(np.moveaxis(F, (0, 1), (-2, -1)))
+    inverse = np.moveaxis(np.linalg.inv(np.moveaxis(F, (0, 1), (-2, -1))), (-1, -2), (0, 1))
+    ratio = det
+    if mean_dilatation:
+        mean = np.sum(weight * det, axis=-1) / np.sum(weight, axis=-1)
+        ratio = np.broadcast_to(mean[:, None], det.shape)
+    return shape.stress + law.respond_volume(ratio)[0] * det * inverse, shape.state
+
+
+@MEAN
+@LAW
+def test_forces_are_those_of_the_pointwise_law(law, mean_dilatation):
+    mesh, shape = graph_mesh((4, 38)), (4, LAYERS, 3, 38)
+    first, u = noise(shape, 1), noise(shape, 2)
+    _, increment, _ = loaded(mesh, law, mean_dilatation, first)
+
+    at_first, at_second = law, law
+    if isinstance(law, Prony):
+        at_first, at_second = law.over(0.5), law.over(2.0)
+    F, weight, basis, nodes = gauss_gradients(mesh, first)
+    state = at_first.respond_shape(F, law.initial_state(F.shape[2:])).state
+    F, *_ = gauss_gradients(mesh, u)
+    stress, _ = stresses(at_second, F, state, weight, mean_dilatation)
+
+    expected = np.zeros((4, LAYERS + 1, 3, 38))
+    i, plane, j = nodes
+    for a in range(8):
+        grad = basis.basis[a][0].grad
+        force = np.einsum("ijeq,jeq,eq->ie", stress, grad, weight)
+        vertex = basis.mesh.t[a]
+        np.add.at(expected, (i[vertex], plane[vertex], slice(None), j[vertex]), force.T)
+    found = increment.respond(u).force
+    assert np.max(np.abs(found - expected[:, 1:])) < 1e-12 * np.max(np.abs(expected))
+
+
+@pytest.mark.parametrize("direction", [0, 2], ids=["shear", "compression"])
+@MEAN
+@LAW
+def test_a_homogeneous_deformation_needs_no_forces_inside(law, mean_dilatation, direction):
+    mesh = graph_mesh((6, 8))
+    nx, ny, _ = mesh.shape
+    z = mesh.planes[1:, None] + mesh.map_factor[1:, None] * mesh.surface.heights[:, None]
+    u = np.zeros((nx, LAYERS, 3, ny))
+    u[:, :, direction] = -0.1 * z
+    body = large_strain_body(mesh, law, mean_dilatation=mean_dilatation)
+    force = body.begin(body.rest(), 1.0).respond(u).force
+    assert np.max(np.abs(force[:, :-1])) < 1e-12 * np.max(np.abs(force[:, -1]))
+
+
+def test_only_plastic_and_viscous_bodies_keep_a_state():
+    mesh = graph_mesh((6, 8))
+    kept = {
+        name: large_strain_body(mesh, law, mean_dilatation=False).rest()
+        for name, law in LAWS.items()
+    }
+    assert kept["neo-Hookean"] is None
+    assert kept["linear hardening"].shape == (6, LAYERS, 1, 8, 7, BATCH)
+    assert kept["Prony"].shape == (6, LAYERS, 1, 8, 18, BATCH)
+
+
+def test_elements_that_fold_are_reported():
+    mesh, shape = graph_mesh((6, 8)), (6, LAYERS, 3, 8)
+    body = large_strain_body(mesh, LAWS["linear hardening"], mean_dilatation=True)
+    u = np.zeros(shape)
+    u[2, -1, 2, 3] = -1.0
+    response = body.begin(body.rest(), 0.0).respond(u)
+    assert not response.least_dilatation > 0.0
+    assert np.all(np.isfinite(response.force))
+
+
+@pytest.mark.slow
+def test_mean_dilatation_does_not_lock():
+    """A coarse, nearly incompressible block answers a wave of pressure like a fine one."""
+    answers = {}
+    for layers, mean in ((6, True), (6, False), (14, True)):
+        n = 2 * layers
+        flat = Surface(np.zeros((n, 1)), (1.0, 1.0 / n))
+        mesh = GraphMesh(flat, np.linspace(0.0, 0.5, layers + 1))
+        law = NeoHookean(1.0, 0.4999)
+        body = large_strain_body(mesh, law, mean_dilatation=mean)
+        tangent = body.begin(None, 0.0).respond(np.zeros((n, layers, 3, 1))).tangent
+        matrix = np.array([tangent(e).ravel() for e in unit_vectors((n, layers, 3, 1))])
+        load = np.zeros((n, layers, 3, 1))
+        load[:, -1, 2, 0] = np.cos(2.0 * np.pi * np.arange(n) / n) / n * flat.spacing[1]
+        held = np.arange(3 * n * layers) % 3 != 1  # plane strain
+        moved = np.linalg.solve(matrix[np.ix_(held, held)], load.ravel()[held])
+        answers[layers, mean] = float(load.ravel()[held] @ moved) / flat.spacing[1]
+    assert answers[6, True] == pytest.approx(answers[14, True], rel=0.1)
+    assert answers[6, False] < 0.8 * answers[14, True]
+
+
+def unit_vectors(shape):
+    for k in range(int(np.prod(shape))):
+        unit = np.zeros(shape)
+        unit.flat[k] = 1.0
+        yield unit

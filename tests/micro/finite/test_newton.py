@@ -1,0 +1,257 @@
+"""The Newton loop against the elastic solver, against its own equations, and at its limits."""
+
+import numpy as np
+import pytest
+
+from multiscale.convergence import Status
+from multiscale.errors import CaseError
+from multiscale.laws.bulk import J2, Elastic, NeoHookean, Prony
+from multiscale.micro import Cell, Path, Surface, self_affine, solve_cell
+from multiscale.micro.finite.cell import make_scene
+from multiscale.micro.finite.follow import current_weight
+from multiscale.micro.finite.history import rest_state, walk_step
+from multiscale.micro.finite.krylov import minimal_residual
+from multiscale.micro.finite.newton import Target
+from multiscale.micro.finite.obstacle import Obstacle
+
+N, LAYERS = 16, 6
+
+
+def rough(slope=0.1, seed=0, n=N):
+    return self_affine(
+        (n, n),
+        (1.0, 1.0),
+        seed,
+        hurst_exponent=0.8,
+        long_cutoff=1.0,
+        short_cutoff=0.5,
+        rms_slope=slope,
+    )
+
+
+def cell(**changes):
+    given = {"youngs_modulus": 1.0, "poissons_ratio": 0.3} | changes
+    return Cell(given.pop("surface", rough()), 0.5, LAYERS, **given)
+
+
+STILL = ((0.0, 0.0),)
+
+
+@pytest.mark.parametrize("obstacle", [None, rough(0.05, seed=5)], ids=["flat", "rough"])
+@pytest.mark.parametrize("nu", [0.3, 0.45])
+def test_without_friction_and_at_small_strain_it_is_the_elastic_solver(obstacle, nu):
+    body = cell(obstacle=obstacle, poissons_ratio=nu)
+    found = solve_cell(body, Path(pressure=(0.002, 0.02), slide=STILL * 2), recover_stress=False)
+    expected = solve_cell(body, Path(pressure=(0.002, 0.02)), recover_stress=False)
+    assert found["converged"].values.all()
+    for name in ("displacement_jump", "mean_gap"):
+        # a rough obstacle has slopes of second order here and of fourth order there
+        atol = 1e-7 if obstacle is None else 2e-3 * float(np.max(np.abs(expected[name])))
+        np.testing.assert_allclose(found[name], expected[name], rtol=1e-6, atol=atol)
+
+
+def test_large_strain_tends_to_small_strain():
+    loads = (1e-7, 1e-6)
+    flat = Surface(1e-5 * rough().heights, (1.0, 1.0))
+    found, expected = (
+        solve_cell(cell(surface=flat, bulk=bulk), Path(pressure=loads), recover_stress=False)
+        for bulk in (NeoHookean(1.0, 0.3), None)
+    )
+    np.testing.assert_allclose(
+        found["displacement_jump"].values[0, :, 0],
+        expected["displacement_jump"].values[0, :, 0],
+        rtol=1e-4,
+    )
+
+
+@pytest.mark.parametrize(
+    "bulk", [None, NeoHookean(1.0, 0.3), J2(1.0, 0.3, 0.01, 0.01)], ids=["elastic", "rubber", "J2"]
+)
+@pytest.mark.parametrize("obstacle", [None, rough(0.1, seed=5)], ids=["flat", "rough"])
+def test_a_solution_satisfies_contact_and_coulombs_law(bulk, obstacle):
+    mu = 0.3
+    body = cell(bulk=bulk, friction_coefficient=mu, obstacle=obstacle)
+    scene = make_scene(body)
+    load = 0.01
+    first = walk_step(
+        scene,
+        rest_state(scene),
+        Target(load, None, np.zeros(2), 0.0),
+        increments=1,
+        tolerance=1e-9,
+    ).state
+    slide = np.array([0.004, 0.002])
+    state = walk_step(
+        scene, first, Target(load, None, slide, 0.0), increments=1, tolerance=1e-9
+    ).state
+    assert state.status is Status.CONVERGED
+    meeting = scene.obstacle.meet(state.displacement[:, -1], state.approach, slide)
+    pressure = -np.sum(state.force * meeting.normal, axis=1)
+    tangential = state.force + pressure[:, None] * meeting.normal
+    size = np.linalg.norm(tangential, axis=1)
+    scale = pressure.max()
+    assert -state.force[:, 2].sum() == pytest.approx(load, rel=1e-8)
+    assert np.all(pressure >= -1e-7 * scale)
+    assert np.all(meeting.gap >= -1e-8)
+    assert np.all(np.abs(meeting.gap[state.active]) < 1e-8)
+    assert np.all(size <= mu * pressure + 1e-7 * scale)
+    assert state.slipping.any()
+    assert state.dissipation > 0.0
+    np.testing.assert_allclose(size[state.slipping], mu * pressure[state.slipping], atol=1e-6)
+    # what slips is pulled along by the obstacle, the way it moves
+    forward = np.sum(tangential[:, :2] * slide[None, :, None], axis=1)[state.slipping]
+    assert np.mean(forward > 0.0) > 0.9
+    internal = scene.body.begin(first.material, 0.0).respond(state.displacement).force
+    internal[:, -1] -= state.force
+    assert np.max(np.abs(internal)) < 1e-7 * scale
+
+
+def test_the_forces_balance_those_of_the_base():
+    body = cell(bulk=NeoHookean(1.0, 0.3), friction_coefficient=0.2, obstacle=rough(0.1, seed=5))
+    response = solve_cell(body, Path(pressure=(0.01, 0.01), slide=((0.0, 0.0), (0.01, 0.0))))
+    traction = response["traction"].values[0, 1]
+    assert traction[0] == pytest.approx(-0.01, rel=1e-7)
+    assert traction[1] > 0.0
+
+
+def test_full_slip_on_a_flat_gives_the_local_coefficient():
+    body = cell(friction_coefficient=0.25)
+    response = solve_cell(body, Path(pressure=(0.01,) * 2, slide=((0.0, 0.0), (0.0, 0.3))))
+    normal, along_x, along_y = response["traction"].values[0, 1]
+    assert along_y / -normal == pytest.approx(0.25, rel=2e-3)
+    assert abs(along_x) < 5e-3 * abs(normal)
+    assert response["slip_fraction"].values[0, 1] == 1.0
+
+
+def test_a_rotated_cell_gives_a_rotated_answer():
+    turned = Surface(rough().heights.T, (1.0, 1.0))
+    first, second = (
+        solve_cell(
+            cell(surface=surface, friction_coefficient=0.3, bulk=NeoHookean(1.0, 0.3)),
+            Path(pressure=(0.01, 0.01), slide=((0.0, 0.0), slide)),
+        )["traction"].values[0, 1]
+        for surface, slide in ((rough(), (0.003, 0.001)), (turned, (0.001, 0.003)))
+    )
+    np.testing.assert_allclose(first, second[[0, 2, 1]], rtol=1e-5)
+
+
+def test_an_elastic_cell_comes_back_and_a_plastic_one_does_not():
+    path = Path(pressure=(0.005, 0.02, 0.005, 0.0))
+    elastic, plastic = (
+        solve_cell(cell(bulk=bulk), path)
+        for bulk in (NeoHookean(1.0, 0.3), J2(1.0, 0.3, 0.01, 0.01))
+    )
+    gap = elastic["mean_gap"].values[0]
+    assert gap[2] == pytest.approx(gap[0], rel=1e-6)
+    assert plastic["converged"].values.all()
+    gap = plastic["mean_gap"].values[0]
+    assert gap[2] < 0.95 * gap[0]
+    assert gap[3] < elastic["mean_gap"].values[0, 3]
+    assert plastic["contact_fraction"].values[0, 3] == 0.0
+
+
+def test_a_load_reversal_at_every_step_converges():
+    slides = tuple(((-1.0) ** k * 0.004, 0.0) for k in range(6))
+    body = cell(friction_coefficient=1.5, bulk=J2(1.0, 0.3, 0.01, 0.01))
+    response = solve_cell(body, Path(pressure=(0.01,) * 6, slide=slides), tolerance=1e-7)
+    assert response["converged"].values.all()
+
+
+def test_inverted_elements_are_caught_by_shorter_increments():
+    body = cell(surface=rough(0.5), bulk=NeoHookean(1.0, 0.3))
+    height = float(np.ptp(body.surface.heights))
+    response = solve_cell(body, Path(approach=(0.9 * height,)), tolerance=1e-7)
+    assert response["converged"].values.all()
+
+
+def test_a_path_that_cannot_go_on_keeps_what_it_has_and_says_so():
+    body = cell(bulk=NeoHookean(1.0, 0.3))
+    response = solve_cell(body, Path(approach=(0.01, 0.6, 0.02)))
+    assert response["converged"].values.tolist() == [[1, 0, 0]]
+    assert np.isfinite(response["traction"].values[0, 0]).all()
+    assert np.isnan(response["traction"].values[0, 1:]).all()
+    assert "step 1 ended after" in response.attrs["ended"]
+
+
+def test_pulling_away_leaves_nothing():
+    body = cell(bulk=NeoHookean(1.0, 0.3), friction_coefficient=0.2)
+    response = solve_cell(body, Path(approach=(0.01, -0.01)))
+    assert response["converged"].values.all()
+    np.testing.assert_allclose(response["traction"].values[0, 1], 0.0, atol=1e-12)
+
+
+def test_a_viscous_cell_relaxes_to_its_soft_state():
+    law = Prony(1.0, 0.3, (0.5,), (1.0,))
+    path = Path(approach=(0.01, 0.01, 0.01), time=(0.0, 0.7, 60.0))
+    pressure = -solve_cell(cell(bulk=law), path)["traction"].values[0, :, 0]
+    at_once = -solve_cell(cell(bulk=NeoHookean(1.0, 0.3)), Path(approach=(0.01,)))["traction"]
+    assert pressure[0] == pytest.approx(float(at_once.values[0, 0, 0]), rel=1e-7)
+    assert pressure[0] > pressure[1] > pressure[2] > 0.4 * pressure[0]
+
+
+def test_the_projected_area_of_a_deformed_surface_is_the_nominal_one():
+    moved = 0.01 * np.random.default_rng(3).standard_normal((N, 3, N))
+    assert current_weight(cell(), moved).sum() == pytest.approx(1.0, rel=1e-12)
+    assert current_weight(cell(), 0.0 * moved) == pytest.approx(1.0 / N**2)
+
+
+def test_a_rough_obstacle_is_smooth_periodic_and_moves():
+    surface = rough(0.3)
+    obstacle = Obstacle(Surface(np.zeros((N, N)), (1.0, 1.0)), surface, follows=True)
+    still = np.zeros((N, 3, N))
+    there = obstacle.meet(still, 0.0, np.zeros(2))
+    back = obstacle.meet(still, 0.0, np.array([1.0, -2.0]))
+    np.testing.assert_allclose(back.gap, there.gap, atol=1e-12)
+    one = obstacle.meet(still, 0.0, np.array([1.0 / N, 0.0]))
+    np.testing.assert_allclose(one.gap, np.roll(there.gap, 1, axis=0), atol=1e-12)
+    # nodes that move with the obstacle see no change; slopes and curvatures are derivatives
+    moved = still.copy()
+    moved[:, 0] = 0.013
+    np.testing.assert_allclose(
+        obstacle.meet(moved, 0.0, np.array([0.013, 0.0])).gap, there.gap, atol=1e-12
+    )
+    height, slope, curvature = obstacle._sample(moved, np.zeros(2))
+    moved[:, 0] += 1e-6
+    ahead, steeper, _ = obstacle._sample(moved, np.zeros(2))
+    np.testing.assert_allclose((ahead - height) / 1e-6, slope[0], atol=1e-4)
+    np.testing.assert_allclose((steeper[1] - slope[1]) / 1e-6, curvature[1], atol=1e-3)
+
+
+def test_minimal_residuals_solve_a_nonsymmetric_system():
+    rng = np.random.default_rng(2)
+    matrix = np.eye(30) + 0.1 * rng.standard_normal((30, 30))
+    b = rng.standard_normal(30)
+    x, count = minimal_residual(lambda v: matrix @ v, b, lambda v: v, goal=1e-10)
+    assert count <= 30
+    np.testing.assert_allclose(matrix @ x, b, atol=1e-9)
+
+
+@pytest.mark.parametrize(
+    ("make", "message"),
+    [
+        (lambda: cell(friction_coefficient=-0.1), "friction coefficient must not be negative"),
+        (lambda: cell(geometry="flat", friction_coefficient=0.1), "neither friction nor a law"),
+        (lambda: cell(bulk=Elastic(1.0, 0.3)), "takes NeoHookean, J2 or Prony"),
+        (lambda: cell(bulk=NeoHookean(2.0, 0.3)), "youngs_modulus of the bulk law is 2"),
+        (lambda: Path(pressure=(1.0,), slide=((0.0, 0.0),) * 2), "slide needs two finite lengths"),
+        (lambda: Path(pressure=(1.0, 1.0), time=(1.0, 0.5)), "rising from 0"),
+        (lambda: Path(pressure=(1.0,), increments=0), "at least 1 increment"),
+        (
+            lambda: solve_cell(cell(bulk=NeoHookean(1.0, 0.3)), Path(pressure=(0.1,), time=(1.0,))),
+            "the body has no viscosity",
+        ),
+        (
+            lambda: solve_cell(cell(bulk=Prony(1.0, 0.3, (0.5,), (1.0,))), Path(pressure=(0.1,))),
+            "needs the time",
+        ),
+        (
+            lambda: solve_cell(
+                cell(obstacle=rough(seed=4)), Path(pressure=(0.1,), slide=((99.0, 0.0),))
+            ),
+            "is 99 periods of the cell",
+        ),
+    ],
+)
+def test_what_makes_no_sense_is_refused(make, message):
+    with pytest.raises(CaseError, match=message):
+        make()

@@ -1,0 +1,123 @@
+"""Steady viscoelastic sliding against closed forms, a table, and the elastic limits."""
+
+import numpy as np
+import pytest
+
+from multiscale.convergence import Status
+from multiscale.errors import CaseError
+from multiscale.micro import Cell, Path, Surface, solve_cell
+from multiscale.micro.sliding import RelaxingSolid, solve_sliding, wlf_shift
+
+LENGTH = 1e-3
+RUBBER = RelaxingSolid(10e6, 0.5, (90e6,), (1.0,))
+
+
+def velocity(number):
+    """Velocity at which the longest wave is loaded with ``number`` over the relaxation time."""
+    return number * LENGTH / (2.0 * np.pi)
+
+
+def random_waves(n, longest, shortest, slope):
+    """Waves of equal phases on every grid: the surface of the table."""
+    phase = np.random.default_rng(0).uniform(0.0, 2.0 * np.pi, (2 * shortest + 1,) * 2)
+    number = np.arange(-shortest, shortest + 1)
+    size = np.hypot(number[:, None], number)
+    wave = np.zeros((n, n), dtype=complex)
+    inside = (longest <= size) & (size <= shortest)
+    a, b = np.nonzero(inside)
+    wave[number[a], number[b]] = size[inside] ** -1.8 * np.exp(1j * phase[inside])
+    heights = np.fft.ifft2(wave).real
+    transform = np.fft.fft2(heights)
+    q = 2.0 * np.pi * np.fft.fftfreq(n, 1.0 / n) / LENGTH
+    slopes = [np.fft.ifft2(1j * k * transform).real for k in (q[:, None], q)]
+    rms = np.sqrt(np.mean(slopes[0] ** 2 + slopes[1] ** 2))
+    return Surface(heights * slope / rms, (LENGTH, LENGTH))
+
+
+@pytest.mark.parametrize("number", [0.1, 1.0, 5.0])
+def test_a_sinusoid_in_full_contact_dissipates_by_the_loss_modulus(number):
+    n, amplitude, pressure = 32, 0.02e-3, 12e6
+    q = 2.0 * np.pi / LENGTH
+    x = np.arange(n) / n
+    surface = Surface(amplitude * np.cos(2.0 * np.pi * x)[:, None] * np.ones(n), (LENGTH, LENGTH))
+    found = solve_sliding(surface, RUBBER, pressure, velocity(number))
+    loss = RUBBER.complex_modulus(np.array(q * velocity(number))).imag
+    expected = 0.5 * q * amplitude**2 * q * loss / (2.0 * 0.75) / pressure
+    assert found.status is Status.CONVERGED
+    assert found.contact_fraction == 1.0
+    assert found.friction == pytest.approx(expected, rel=1e-6)
+
+
+@pytest.mark.parametrize("n", [64, 128])
+def test_partial_contact_follows_the_independent_table(n):
+    surface = random_waves(n, 2, 4, 0.1)
+    expected = {0.01: 0.0180, 0.03: 0.0421, 0.1: 0.0512, 1.0: 0.0109}
+    for number, friction in expected.items():
+        found = solve_sliding(surface, RUBBER, 0.2e6, velocity(number))
+        assert found.status is Status.CONVERGED
+        assert found.friction == pytest.approx(friction, rel=0.01)
+
+
+def test_friction_over_velocity_is_a_bell_and_temperature_shifts_it():
+    surface = random_waves(32, 2, 4, 0.1)
+    numbers = np.logspace(-4.0, 2.0, 13)
+    warm, cold = (
+        [
+            solve_sliding(surface, RUBBER, 0.2e6, velocity(number), shift=shift).friction
+            for number in numbers
+        ]
+        for shift in (1.0, wlf_shift(286.0, 293.0))
+    )
+    top = int(np.argmax(warm))
+    assert 0 < top < 12
+    assert np.all(np.diff(warm[: top + 1]) > 0.0)
+    assert np.all(np.diff(warm[top:]) < 0.0)
+    assert warm[0] < 0.05 * warm[top]
+    assert int(np.argmax(cold)) < top
+    again = solve_sliding(surface, RUBBER, 0.2e6, velocity(0.1 * wlf_shift(286.0, 293.0)))
+    shifted = solve_sliding(surface, RUBBER, 0.2e6, velocity(0.1), shift=wlf_shift(286.0, 293.0))
+    assert shifted.friction == pytest.approx(again.friction, rel=1e-6)
+
+
+@pytest.mark.parametrize(("number", "modulus"), [(0.0, 10e6), (1e7, 100e6)])
+def test_very_slow_and_very_fast_sliding_are_elastic(number, modulus):
+    # waves along the sliding only: those across it would stay relaxed at any velocity
+    n = 32
+    x = 2.0 * np.pi * np.arange(n) / n
+    profile = np.cos(x) + 0.3 * np.cos(3.0 * x + 1.0)
+    surface = Surface(2e-6 * np.tile(profile[:, None], (1, n)), (LENGTH, LENGTH))
+    pressure = 0.1 * modulus * 0.02
+    found = solve_sliding(surface, RUBBER, pressure, velocity(number))
+    assert abs(found.friction) < 2e-3 * 0.02  # what the edges of the contact leave
+    body = Cell(surface, 4.0 * LENGTH, 30, modulus, 0.4999, geometry="flat")
+    elastic = solve_cell(body, Path(pressure=(pressure,)))
+    gap = float(elastic["mean_gap"].values[0, 0])
+    assert found.mean_gap == pytest.approx(gap, rel=0.01)
+
+
+@pytest.mark.parametrize(
+    ("make", "message"),
+    [
+        (lambda: RelaxingSolid(0.0, 0.5, (), ()), "relaxed_modulus must be positive"),
+        (lambda: RelaxingSolid(1.0, 0.6, (), ()), "between 0 and 0.5"),
+        (lambda: RelaxingSolid(1.0, 0.5, (1.0,), ()), "1 moduli and 0 times"),
+        (lambda: RelaxingSolid(1.0, 0.5, (1.0,), (-1.0,)), "times must be positive"),
+        (lambda: wlf_shift(200.0, 293.0), "no meaning at 200 K"),
+    ],
+)
+def test_parameters_outside_their_range_are_refused(make, message):
+    with pytest.raises(CaseError, match=message):
+        make()
+
+
+@pytest.mark.parametrize(
+    ("solid", "pressure", "speed", "message"),
+    [
+        (RUBBER, 0.0, 1.0, "pressure must be positive"),
+        (RUBBER, 1.0, -1.0, "velocity must not be negative"),
+        (RelaxingSolid(1.0, 0.5, (), ()), 1.0, 1.0, "slides but has no viscosity"),
+    ],
+)
+def test_sliding_that_makes_no_sense_is_refused(solid, pressure, speed, message):
+    with pytest.raises(CaseError, match=message):
+        solve_sliding(random_waves(16, 1, 2, 0.1), solid, pressure, speed)

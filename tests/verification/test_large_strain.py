@@ -1,0 +1,190 @@
+"""Cells with friction and at large strain against tables, closed forms and identities."""
+
+import numpy as np
+import pytest
+
+from multiscale.laws.bulk import J2, NeoHookean
+from multiscale.micro import Cell, Path, Surface, graph_cell, self_affine, solve_cell
+from multiscale.micro.finite import cell as finite_cell
+from multiscale.reference import mindlin
+
+
+def egg_box(n, amplitude):
+    wave = np.cos(2.0 * np.pi * np.arange(n) / n)
+    return Surface(amplitude * wave[:, None] * wave, (1.0, 1.0))
+
+
+@pytest.fixture
+def uniform_layers(monkeypatch):
+    """The tables were made on layers of equal thickness."""
+    for module in (finite_cell, graph_cell):
+        monkeypatch.setattr(
+            module, "graded_planes", lambda depth, layers, _: np.linspace(0.0, depth, layers + 1)
+        )
+
+
+def pressures(bulk, approaches):
+    cell = Cell(egg_box(16, 0.04), 0.5, 8, 1.0, 0.3, bulk=bulk)
+    response = solve_cell(cell, Path(approach=approaches))
+    assert response["converged"].values.all()
+    return -response["traction"].values[0, :, 0], response
+
+
+@pytest.mark.usefixtures("uniform_layers")
+def test_neo_hookean_pressures_are_those_of_the_independent_code():
+    # an independent implementation on the same mesh, to all its digits
+    expected = [4.92230658e-4, 2.69177554e-3, 8.13993483e-3, 1.67685398e-2]
+    found, _ = pressures(NeoHookean(1.0, 0.3), (0.004, 0.01, 0.02, 0.03))
+    np.testing.assert_allclose(found, expected, rtol=1e-7)
+
+
+@pytest.mark.slow
+@pytest.mark.usefixtures("uniform_layers")
+def test_plastic_pressures_are_those_of_the_independent_code():
+    expected = [3.107378e-4, 8.824388e-4, 2.703120e-3, 5.289840e-3]
+    approaches = tuple(0.002 * np.arange(1, 16))  # the increments belong to the answer
+    found, response = pressures(J2(1.0, 0.3, 1.0 / 200.0, 0.01), approaches)
+    assert np.all(response["increments"] == 1.0)
+    np.testing.assert_allclose(found[[1, 4, 9, 14]], expected, rtol=1e-6)
+
+
+@pytest.mark.slow
+@pytest.mark.usefixtures("uniform_layers")
+def test_plastic_pressures_tend_to_a_limit_as_increments_shrink():
+    law = J2(1.0, 0.3, 1.0 / 200.0, 0.01)
+    found = [pressures(law, tuple(np.linspace(0.0, 0.01, k + 1)[1:]))[0][-1] for k in (5, 10, 20)]
+    first, second = found[1] - found[0], found[2] - found[1]
+    limit = found[2] + second
+    assert abs(second) < 0.8 * abs(first)
+    assert limit == pytest.approx(8.8559e-4, rel=0.01)  # quartered steps of the independent code
+
+
+def test_tangential_over_normal_stiffness():
+    n, layers, nu = 32, 16, 0.3
+    surface = self_affine(
+        (n, n),
+        (1.0, 1.0),
+        3,
+        hurst_exponent=0.8,
+        long_cutoff=0.5,
+        short_cutoff=0.25,
+        rms_slope=0.02,
+    )
+    loads = (0.002, 0.00204)
+    pressed = solve_cell(
+        Cell(surface, 1.0, layers, 1.0, nu), Path(pressure=loads), recover_stress=False
+    )
+    sticky = Cell(surface, 1.0, layers, 1.0, nu, friction_coefficient=1e3)
+    step = 1e-3 * surface.heights.std()
+    sheared = solve_cell(sticky, Path(pressure=loads[:1] * 2, slide=((0.0, 0.0), (step, 0.0))))
+    assert sheared["slip_fraction"].values[0, 1] == 0.0
+    stiffness = [
+        float(np.diff(response["traction"].values[0, :, k])[0])
+        / float(np.diff(response["displacement_jump"].values[0, :, k])[0])
+        for response, k in ((pressed, 0), (sheared, 1))
+    ]
+    assert stiffness[1] / stiffness[0] == pytest.approx(2.0 * (1.0 - nu) / (2.0 - nu), rel=0.05)
+
+
+@pytest.mark.parametrize("bulk", [None, NeoHookean(1.0, 0.3)], ids=["small", "large strain"])
+@pytest.mark.parametrize("mu", [0.0, 0.1, 0.2, 0.3])
+def test_sliding_up_an_inclined_facet(bulk, mu):
+    n, tangent, rise = 64, 0.1, 0.8
+    x = np.arange(n) / n
+    ramp = np.where(x < rise, tangent * x, tangent * rise * (1.0 - x) / (1.0 - rise))
+    obstacle = np.tile(ramp[:, None], (1, 2))
+    inside = (0.3 * rise < x) & (x < 0.6 * rise)
+    body = obstacle - np.where(inside, 0.0, 0.02)[:, None]
+    size = (1.0, 2.0 / n)
+    cell = Cell(
+        Surface(body, size),
+        1.0,
+        12,
+        1.0,
+        0.3,
+        obstacle=Surface(obstacle, size),
+        bulk=bulk,
+        friction_coefficient=mu,
+    )
+    response = solve_cell(cell, Path(pressure=(1e-4,) * 3, slide=((0, 0), (0.02, 0), (-0.02, 0))))
+    normal, along, across = np.moveaxis(response["traction"].values[0], -1, 0)
+    assert response["converged"].values.all()
+    # up the facet and down again
+    expected = (tangent + mu) / (1.0 - mu * tangent), (tangent - mu) / (1.0 + mu * tangent)
+    np.testing.assert_allclose(-along[1:] / normal[1:], expected, rtol=1e-6, atol=1e-8)
+    np.testing.assert_allclose(across, 0.0, atol=1e-10)
+
+
+def sphere(n, radius):
+    """A paraboloid as the obstacle of a flat body."""
+    x = (np.arange(n) - n // 2) / n
+    return Surface((x[:, None] ** 2 + x**2) / (2.0 * radius), (1.0, 1.0))
+
+
+def mindlin_case(n, layers, increments, share=0.8):
+    """Press a sphere, shear it to a share of the limit, and go once around; nu = .499."""
+    nu, mu, radius, a = 0.499, 0.4, 10.0, 0.16
+    force = 4.0 / (1.0 - nu**2) * a**3 / (3.0 * radius)
+    modulus = mindlin.tangential_modulus((1.0, nu))
+    flat = Surface(np.zeros((n, n)), (1.0, 1.0))
+    cell = Cell(flat, 1.0, layers, 1.0, nu, obstacle=sphere(n, radius), friction_coefficient=mu)
+    far = float(mindlin.tangential_displacement(share, mu * force, a, modulus))
+    slides = ((0.0, 0.0), (far, 0.0), (-far, 0.0), (far, 0.0))
+    path = Path(pressure=(force,) * 4, slide=slides, increments=increments)
+    response = solve_cell(cell, path, tolerance=1e-7)
+    assert response["converged"].values.all()
+    ratio = response["traction"].values[0, :, 1] / (mu * force)
+    return response, ratio, (mu * force, a, modulus)
+
+
+@pytest.mark.slow
+def test_a_sphere_in_partial_slip_follows_cattaneo_and_mindlin():
+    losses = []
+    for increments in (4, 8):
+        response, ratio, (limit, a, modulus) = mindlin_case(64, 24, increments)
+        work = response["friction_work"].values[0]
+        losses.append((work[3] - work[1]) / mindlin.loop_energy(ratio[3], limit, a, modulus))
+    assert ratio[3] == pytest.approx(ratio[1], rel=2e-3)  # the loop closes
+    assert ratio[2] == pytest.approx(-ratio[1], rel=2e-3)
+    # backward steps dissipate too much, in proportion to their length
+    assert losses[1] == pytest.approx(1.0, abs=0.02)
+    assert 2.0 * losses[1] - losses[0] == pytest.approx(1.0, abs=0.02)
+    stick = 1.0 - response["slip_fraction"].values[0, 1]
+    assert stick == pytest.approx(mindlin.stick_radius(ratio[1]) ** 2, abs=0.06)
+
+
+def test_the_work_of_friction_is_the_work_done_on_the_obstacle():
+    """Over a closed loop the elastic energy returns, whatever the mean surface did."""
+    surface = egg_box(16, 0.02)
+    errors = []
+    for increments in (8, 32):
+        cell = Cell(surface, 1.0, 8, 1.0, 0.3, friction_coefficient=0.3)
+        amplitude = 0.01
+        turns = np.concatenate([[0.0, 1.0], np.linspace(1.0, -1.0, increments + 1)[1:]])
+        turns = np.concatenate([turns, np.linspace(-1.0, 1.0, increments + 1)[1:]]) * amplitude
+        path = Path(approach=(0.01,) * len(turns), slide=tuple((s, 0.0) for s in turns))
+        response = solve_cell(cell, path)
+        force = response["traction"].values[0, 1:, 1]
+        work = float(np.sum(0.5 * (force[1:] + force[:-1]) * np.diff(turns[1:])))
+        loss = response["friction_work"].values[0]
+        errors.append(abs((loss[-1] - loss[1]) / work - 1.0))
+    assert errors[1] < 0.02
+    assert errors[1] < 0.5 * errors[0]
+
+
+@pytest.mark.slow
+def test_a_sphere_on_a_perfectly_plastic_body_has_a_hardness_of_three_yield_stresses():
+    n, yield_stress = 64, 1e-3
+    flat = Surface(np.zeros((n, n)), (1.0, 1.0))
+    law = J2(1.0, 0.3, yield_stress)
+    cell = Cell(flat, 1.0, 16, 1.0, 0.3, obstacle=sphere(n, 1.0), bulk=law)
+    path = Path(approach=(0.0008, 0.0016, 0.0024, 0.0032, 0.004))
+    response = solve_cell(cell, path, tolerance=1e-4)
+    area = response["contact_fraction"].values[0]
+    radius = np.sqrt(area / np.pi)
+    hardness = -response["traction"].values[0, :, 0] / area / yield_stress
+    plastic = radius / yield_stress / (1.0 - 0.3**2) > 50.0  # E* a / sigma_y R
+    assert plastic.sum() >= 3
+    assert np.all(radius < 0.1)
+    # the edge of a contact of 4 to 6 points is known to a few per cent
+    np.testing.assert_allclose(hardness[plastic], 2.9, rtol=0.06)
