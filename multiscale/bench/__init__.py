@@ -50,11 +50,11 @@ def _substructures(quick: bool, report: Callable[[str], None]) -> "xr.Dataset":
 
 
 SCENES: dict[str, Scene] = {
+    "damage": _damage,
     "joints": _joints,
     "micro": _micro,
     "nonsmooth": _nonsmooth,
     "structures": _structures,
-    "damage": _damage,
     "substructures": _substructures,
 }
 """Families of scenes: whether to be quick, and what gets a line for each run, to the dataset."""
