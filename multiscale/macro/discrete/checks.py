@@ -12,7 +12,14 @@ from multiscale.errors import CaseError
 if TYPE_CHECKING:
     from multiscale.macro.discrete.system import LinkSystem
 
-__all__ = ["check_balance", "check_links", "check_nodes", "check_supports", "out_of_balance"]
+__all__ = [
+    "check_balance",
+    "check_links",
+    "check_nodes",
+    "check_supports",
+    "free_rigid_motions",
+    "out_of_balance",
+]
 
 BALANCE = 1e-6
 """Largest force out of balance, relative to the largest prestress."""
@@ -143,20 +150,24 @@ def check_supports(system: "LinkSystem") -> None:
         (np.ones(system.n_links, dtype=np.int8), tuple(system.ends.T)), (system.n_nodes,) * 2
     )
     parts, part = connected_components(graph, directed=False)
-    held = np.asarray(system.fixed.any(axis=1))
     for k in range(parts):
         inside = np.flatnonzero(part == k)
-        points = system.position[inside]
-        motion = _rigid_motions(points - points.mean(axis=0), system.n_components)
-        everything = motion.reshape(-1, 6)
-        fixed = motion[held[inside]][system.fixed[inside[held[inside]]]]
-        freedom = _rank(everything) - _rank(fixed)
+        freedom = free_rigid_motions(system.position[inside], np.asarray(system.fixed)[inside])
         if freedom:
             whole = "the structure" if parts == 1 else f"the part with node {inside[0]}"
             raise CaseError(
                 f"{whole} ({inside.size} nodes) is not supported: {freedom} of its rigid motions "
                 f"are free; hold more unknowns in fixed"
             )
+
+
+def free_rigid_motions(points: np.ndarray, fixed: np.ndarray) -> int:
+    """Count the rigid motions that are left to points, shape (nodes, 3), some of them held.
+
+    ``fixed``, shape (nodes, components), says which components are.
+    """
+    motion = _rigid_motions(points - points.mean(axis=0), fixed.shape[1])
+    return _rank(motion.reshape(-1, 6)) - _rank(motion[fixed])
 
 
 def _rigid_motions(points: np.ndarray, components: int) -> np.ndarray:

@@ -7,6 +7,8 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from multiscale.convergence import Status
+from multiscale.errors import MultiscaleError
+from multiscale.macro.discrete.checks import free_rigid_motions
 from multiscale.macro.substructures.acceleration import Anderson
 from multiscale.macro.substructures.bound import Admissible, ErrorBound
 from multiscale.macro.substructures.indicator import HeuristicIndicator
@@ -99,6 +101,7 @@ def solve_latin(
     .. [1] P. Ladevèze, D. Dureisseix, Int. J. Numer. Methods Eng. 48 (2000) 1183-1200.
     .. [2] K. Nineb, P. Alart, D. Dureisseix, Int. J. Numer. Methods Eng. (2007), on tensegrities.
     """
+    _refuse_floating(problem)
     factors = load_factors(problem, load_factor)
     method = Latin(problem, coarse=coarse, updated=updated, team=team)
     judge = _judge(method) if coarse else None
@@ -115,6 +118,18 @@ def solve_latin(
         [{name: column[name] for name in ACCOUNT} | _fields(method, column) for column in columns],
         coarse_unknowns=method.n_coarse if method.coarse_wanted else 0,
     )
+
+
+def _refuse_floating(problem: Problem) -> None:
+    """Refuse a structure without joints, which may stand on something, that nothing holds."""
+    held = problem.number < 0
+    if problem.joints or held.shape[1] < 3:
+        return
+    if freedom := free_rigid_motions(problem.position, held):
+        raise MultiscaleError(
+            f"{freedom} rigid motions of the substructures together can move without resistance; "
+            f"add supports"
+        )
 
 
 def solve_step(
