@@ -23,19 +23,16 @@ from multiscale.micro.finite.batch import (
     SCRATCH,
     VOLUME,
     WEIGHT,
-    deformation,
     edge_derivatives,
     edge_forces,
-    gather,
     kernel,
-    mesh_batch,
     point_rows,
     pull_back,
-    scatter,
+    strain_batch,
 )
 from multiscale.micro.finite.neo_hookean import neo_hookean
 from multiscale.micro.finite.plastic import plastic, plastic_state
-from multiscale.micro.hexahedron import BATCH
+from multiscale.micro.hexahedron import BATCH, gather, scatter
 
 __all__ = [
     "NEO_HOOKEAN",
@@ -138,10 +135,9 @@ def respond_cell(  # type: ignore[no-untyped-def]
                 start = batch * BATCH
                 lanes = min(BATCH, ny - start)
                 for layer in range(layers):
-                    mesh_batch(heights, planes, factor, sides, layer, start, lanes, dx, dy, s)
-                    gather(u, sides, layer, start, lanes, s)
-                    edge_derivatives(s, dx, dy)
-                    determinant = deformation(s, dx * dy / 8.0)
+                    determinant = strain_batch(
+                        heights, planes, factor, dx, dy, u, sides, layer, start, lanes, s
+                    )
                     smallest = min(smallest, determinant)
                     if not determinant > LEAST_DILATATION:
                         smallest = -1.0
@@ -161,7 +157,7 @@ def respond_cell(  # type: ignore[no-untyped-def]
                                 s, q, shear, moduli[2:], kept[q], points, wants_tangent, lanes
                             )
                     edge_forces(s, dx, dy)
-                    scatter(s, sides, layer, start, lanes, out)
+                    scatter(s[NODES:], sides, layer, start, lanes, out)
                     if wants_tangent and mean_dilatation:
                         _couple(s, volume, dx, dy, rows)
             least[i, 0], least[i, 1] = smallest, flowing
@@ -180,10 +176,7 @@ def update_state(heights, planes, factor, dx, dy, moduli, u, state, new):  # typ
             start = batch * BATCH
             lanes = min(BATCH, ny - start)
             for layer in range(layers):
-                mesh_batch(heights, planes, factor, sides, layer, start, lanes, dx, dy, s)
-                gather(u, sides, layer, start, lanes, s)
-                edge_derivatives(s, dx, dy)
-                deformation(s, dx * dy / 8.0)
+                strain_batch(heights, planes, factor, dx, dy, u, sides, layer, start, lanes, s)
                 for q in range(8):
                     pull_back(s, q)
                     for v in range(2 * BATCH):
@@ -205,10 +198,7 @@ def inverse_strain(heights, planes, factor, dx, dy, u, out):  # type: ignore[no-
             start = batch * BATCH
             lanes = min(BATCH, ny - start)
             for layer in range(layers):
-                mesh_batch(heights, planes, factor, sides, layer, start, lanes, dx, dy, s)
-                gather(u, sides, layer, start, lanes, s)
-                edge_derivatives(s, dx, dy)
-                deformation(s, dx * dy / 8.0)
+                strain_batch(heights, planes, factor, dx, dy, u, sides, layer, start, lanes, s)
                 for q in range(8):
                     pull_back(s, q)
                     for row in range(6):
@@ -240,7 +230,7 @@ def apply_tangent(tangent, dx, dy, mean_dilatation, u, out):  # type: ignore[no-
                 lanes = min(BATCH, ny - start)
                 for layer in range(layers):
                     rows = tangent[i, layer, batch]
-                    gather(u, sides, layer, start, lanes, s)
+                    gather(u, sides, layer, start, lanes, s[NODES:])
                     edge_derivatives(s, dx, dy)
                     for v in range(BATCH):
                         s[MEAN + v] = 0.0
@@ -257,7 +247,7 @@ def apply_tangent(tangent, dx, dy, mean_dilatation, u, out):  # type: ignore[no-
                         for row in range(24):
                             for v in range(BATCH):
                                 s[NODES + row * BATCH + v] += rows[COUPLING + row, v] * s[MEAN + v]
-                    scatter(s, sides, layer, start, lanes, out)
+                    scatter(s[NODES:], sides, layer, start, lanes, out)
 
 
 @kernel
