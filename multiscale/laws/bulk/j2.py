@@ -75,8 +75,8 @@ class J2(BulkLaw):
         for name, unit in (("hardening_modulus", "Pa"), ("saturation_rate", "1")):
             if not 0.0 <= getattr(self, name) < np.inf:
                 raise CaseError(
-                    f"{name} must not be negative ({unit}): a metal that softens breaks in bands as "
-                    f"thin as an element; got {getattr(self, name):g}, take 0 for perfect plasticity"
+                    f"{name} must not be negative ({unit}), or the metal softens and breaks in "
+                    f"bands as thin as an element; got {getattr(self, name):g}"
                 )
         if not self._saturation() >= self.yield_stress:
             raise CaseError(
