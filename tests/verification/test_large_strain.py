@@ -48,6 +48,36 @@ def test_plastic_pressures_are_those_of_the_independent_code():
     np.testing.assert_allclose(found[[1, 4, 9, 14]], expected, rtol=1e-6)
 
 
+def test_rubber_on_a_fine_grid_takes_few_iterations():
+    n = 64
+    surface = self_affine(
+        (n, n),
+        (1.0, 1.0),
+        0,
+        hurst_exponent=0.8,
+        long_cutoff=1.0,
+        short_cutoff=0.25,
+        rms_slope=0.2,
+    )
+    cell = Cell(surface, 1.0, 16, 1.0, 0.3, bulk=NeoHookean(1.0, 0.3))
+    response = solve_cell(cell, Path(pressure=(0.05,)), recover_stress=False)
+    assert response["increments"].values[0, 0] == 1.0
+    assert response["active_set_iterations"].values[0, 0] <= 8
+    assert response["linear_iterations"].values[0, 0] <= 40
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("ratio", [100.0, 500.0])
+def test_plastic_increments_take_few_iterations(ratio):
+    approaches = tuple(0.002 * np.arange(1, 16))
+    _, response = pressures(J2(1.0, 0.3, 1.0 / ratio, 0.01), approaches)
+    newton = response["active_set_iterations"].values[0]
+    assert np.all(response["increments"] == 1.0)  # none was cut
+    assert newton.max() <= 10
+    assert response["linear_iterations"].values.sum() <= 12 * newton.sum()
+    assert response["contact_fraction"].values[0, -1] > 0.28
+
+
 @pytest.mark.slow
 @pytest.mark.usefixtures("uniform_layers")
 def test_plastic_pressures_tend_to_a_limit_as_increments_shrink():
