@@ -28,6 +28,26 @@ class Meeting:
     normal: np.ndarray
     curvature: np.ndarray | None
 
+    def relative(self, vector: np.ndarray) -> np.ndarray:
+        """Motion of the nodes against the obstacle, but for that of the obstacle itself."""
+        return vector[:, -1]
+
+    def react(self, vector: np.ndarray, force: np.ndarray) -> None:
+        """Add to internal forces what contact forces do elsewhere: nothing to a rigid obstacle."""
+
+    def turn(
+        self, x: np.ndarray, shift: float, pressure: np.ndarray, force: np.ndarray, out: np.ndarray
+    ) -> np.ndarray | float:
+        """Change of the pressure forces as a step turns the normals on a curved obstacle."""
+        if self.curvature is None:
+            return 0.0
+        xx, xy, yy = self.curvature
+        step, factor = x[:, -1], pressure * self.normal[:, 2]
+        change = np.zeros_like(step)
+        change[:, 0] = factor * (xx * step[:, 0] + xy * step[:, 1])
+        change[:, 1] = factor * (xy * step[:, 0] + yy * step[:, 1])
+        return np.asarray(change - np.sum(change * self.normal, axis=1)[:, None] * self.normal)
+
 
 @dataclass(frozen=True, eq=False)
 class Obstacle:

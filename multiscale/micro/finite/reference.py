@@ -44,6 +44,19 @@ class Reference:
     map_factor: np.ndarray
     slopes: tuple[np.ndarray, np.ndarray] | None = None
 
+    @property
+    def convolves(self) -> bool:
+        """Whether the vertical compliance is a product for each wave."""
+        return self.slopes is None
+
+    def surface(self, vector: Field) -> Field:
+        """Part of a field at the surface, as a view."""
+        return vector[:, -1]
+
+    def relative(self, vector: Field) -> Field:
+        """Motion of the surface against the obstacle."""
+        return vector[:, -1]
+
     def solve(self, force: Field, correct: Callable[[Field], Field]) -> Field:
         """Solve for nodal forces; ``correct`` adds surface forces for the surface's motion."""
         if self.slopes is None:
@@ -126,7 +139,7 @@ class Constraint:
 
     @cached_property
     def _vertical(self) -> bool:
-        one = len(self.direction) == 1 and self.reference.slopes is None
+        one = len(self.direction) == 1 and self.reference.convolves
         return one and bool(np.all(self.direction[0, :, 2] == 1.0))
 
     def along(self, moved: Field) -> Field:
@@ -193,6 +206,7 @@ class Constraint:
 
         z = self.reference.solve(residual, correct)
         target = -self.closing * shift if distance is None else distance - self.closing * shift
-        off = np.where(self.held, target - np.sum(self.direction * z[:, -1], axis=2), 0.0)
-        z[:, -1] += self.push(off)  # neither rounding nor the inner tolerance moves what is held
+        moved = self.reference.relative(z)
+        off = np.where(self.held, target - np.sum(self.direction * moved, axis=2), 0.0)
+        self.reference.surface(z)[:] += self.push(off)  # neither rounding nor the inner tolerance moves what is held
         return z, shift

@@ -1,5 +1,6 @@
 """What is solved on a cell beyond linear elasticity, where a step goes, and its states."""
 
+from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any
 
@@ -7,7 +8,7 @@ import numpy as np
 
 from multiscale.convergence import Status
 from multiscale.micro.finite.body import Body
-from multiscale.micro.finite.obstacle import Obstacle
+from multiscale.micro.finite.obstacle import Meeting, Obstacle
 from multiscale.micro.finite.reference import Reference
 
 __all__ = ["CellState", "Scene", "Target"]
@@ -33,6 +34,34 @@ class Scene:
     obstacle: Obstacle
     friction: float
     weights: tuple[float, float]
+
+    @property
+    def grid(self) -> tuple[int, int]:
+        """Points of the surface."""
+        return self.body.shape[0], self.body.shape[3]
+
+    def surface(self, vector: np.ndarray) -> np.ndarray:
+        """Part of a displacement or force at the surface, a view of shape (nx, 3, ny)."""
+        return vector[:, -1]
+
+    def meet(self, u: np.ndarray, approach: float, slide: np.ndarray) -> Meeting:
+        """Find where the body meets the obstacle."""
+        return self.obstacle.meet(self.surface(u), approach, slide)
+
+    def slip_since(self, start: "CellState") -> Callable[..., np.ndarray]:
+        """Return ``slip(meeting, u, approach, slide)``, the motion past the obstacle, m."""
+
+        def slip(meeting: Any, u: np.ndarray, approach: float, slide: np.ndarray) -> np.ndarray:
+            moved = self.surface(u) - self.surface(start.displacement)
+            moved[:, :2] -= (slide - start.slide)[None, :, None]
+            moved[:, 2] += approach - start.approach
+            return moved
+
+        return slip
+
+    def reference_at(self, meeting: Any) -> Reference:
+        """Reference for the preconditioner where the bodies meet so."""
+        return self.reference
 
 
 @dataclass(frozen=True, eq=False)
