@@ -1,7 +1,7 @@
 """Finite elements on a representative piece of a rough interface."""
 
 from multiscale.io.surfaces import Surface
-from multiscale.micro.cell import Cell, MeshCell, Path, contact_modulus
+from multiscale.micro.cell import Cell, MeshCell, Opposite, Path, contact_modulus
 from multiscale.micro.ensemble import run_ensemble
 from multiscale.micro.sliding import RelaxingSolid, solve_sliding, wlf_shift
 from multiscale.micro.solve import solve_cell
@@ -10,6 +10,7 @@ from multiscale.micro.topography import self_affine
 __all__ = [
     "Cell",
     "MeshCell",
+    "Opposite",
     "Path",
     "RelaxingSolid",
     "Surface",

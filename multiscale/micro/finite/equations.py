@@ -26,14 +26,11 @@ import numpy as np
 
 from multiscale.micro.finite.body import Increment, Response
 from multiscale.micro.finite.krylov import minimal_residual
-from multiscale.micro.finite.obstacle import Meeting
 from multiscale.micro.finite.reference import Constraint
-from multiscale.micro.finite.scene import CellState, Scene, Target
+from multiscale.micro.finite.scene import CellState, Meeting, Scene, Target
 from multiscale.micro.finite.tangential import Tangential, evaluate_friction
 
 __all__ = ["Equations", "Iterate"]
-
-Field = np.ndarray | float
 
 LEAST_SPRING = 0.3 / 1.3  # share of the bound above which a spring helps the preconditioner
 UNLOADED = 1e-3  # of the largest contact forces so far, below which forces are measured by them
@@ -73,7 +70,7 @@ class Equations:
         if scene.friction > 0.0:
             friction = evaluate_friction(
                 force + pressure[:, None] * meeting.normal,
-                self._slip(meeting, u, delta),
+                self._slip(u, delta, meeting.normal),
                 meeting.normal,
                 active,
                 scene.friction * np.maximum(trial, 0.0),
@@ -88,10 +85,9 @@ class Equations:
     def _slip_since_start(self) -> Callable[..., np.ndarray]:
         return self.scene.slip_since(self.start)
 
-    def _slip(self, meeting: Meeting, u: np.ndarray, delta: float) -> np.ndarray:
-        """Motion of the surface past the obstacle since the start, in its tangential plane."""
-        slip = self._slip_since_start(meeting, u, delta, self.target.slide)
-        normal = meeting.normal
+    def _slip(self, u: np.ndarray, delta: float, normal: np.ndarray) -> np.ndarray:
+        """Motion past the obstacle since the start, in the tangential plane."""
+        slip = self._slip_since_start(u, delta, self.target.slide)
         return np.asarray(slip - np.sum(slip * normal, axis=1)[:, None] * normal)
 
 
@@ -180,9 +176,7 @@ class Iterate:
             strong = self.friction.share > LEAST_SPRING
             spring[2] = np.where(strong, self.scene.weights[1] * self.friction.stretch, 0.0)
         reference = self.scene.reference_at(self.meeting)
-        return Constraint(
-            reference, rows, held, spring, carries_load=self.target.load is not None
-        )
+        return Constraint(reference, rows, held, spring, carries_load=self.target.load is not None)
 
     @cached_property
     def distance(self) -> np.ndarray:
@@ -196,17 +190,19 @@ class Iterate:
     def opens(self) -> bool:
         """Whether a held motion is out of place by more than rounding."""
         lag = np.abs(self.distance).max()
-        return bool(lag > 1e-10 * max(abs(self.delta), float(np.abs(self.scene.surface(self.u)).max()), lag))
+        return bool(
+            lag > 1e-10 * max(abs(self.delta), float(np.abs(self.scene.surface(self.u)).max()), lag)
+        )
 
     @cached_property
     def residual(self) -> np.ndarray:
         """Forces out of balance in the form of the Newton equations, N."""
         residual = self.response.force.copy()
         top = self.scene.surface(residual)
-        turned: Field = 0.0
+        turned = None
         if self.friction is not None:
             turned = self.friction.stretch * self.friction.along(top)[1]
-        self._exchange(residual, top, turned)
+        self._exchange(residual, turned, 0.0)
         return residual
 
     @cached_property
@@ -234,17 +230,17 @@ class Iterate:
         return max(total / self.scale if self.scale > 0.0 else 1.0, missing)
 
     def _exchange(
-        self, vector: np.ndarray, top: np.ndarray, turned: Field, more: Field = 0.0
+        self, vector: np.ndarray, turned: np.ndarray | None, more: np.ndarray | float
     ) -> None:
         """Take the contact forces out of surface forces and leave them on the other side.
 
         They are all of the force where a node sticks. Else its normal part, with what the bound
         makes of it, what resists motion across the slip, and what turns with the normal.
         """
-        normal = self.meeting.normal
+        top, normal = self.scene.surface(vector), self.meeting.normal
         pushed = np.sum(normal * top, axis=1)
         force = pushed[:, None] * normal + more
-        if self.friction is not None:
+        if self.friction is not None and turned is not None:
             along, across = self.friction.direction
             drag = (self.scene.friction * pushed)[:, None] * along + turned[:, None] * across
             force -= np.where(self.slipping[:, None], drag, 0.0)
@@ -260,12 +256,12 @@ class Iterate:
         vertical = float(np.where(self.active, top[:, 2], 0.0).sum())
         pressure = np.where(self.active, self.pressure, 0.0)
         more = self.meeting.turn(x, shift, pressure, self.contact_force, change)
-        turned: Field = 0.0
+        turned = None
         if self.friction is not None:
             across = self.friction.direction[1]
             moved = np.sum(across * self.meeting.relative(x), axis=1) + across[:, 2] * shift
             turned = self.scene.weights[1] * self.friction.stretch * moved
-        self._exchange(change, top, turned, more)
+        self._exchange(change, turned, more)
         return change, vertical
 
     def newton_step(self, forcing: float, floor: float) -> tuple[np.ndarray, float, int]:

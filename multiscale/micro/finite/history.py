@@ -149,7 +149,7 @@ def _first_touch(scene: Scene, state: CellState, aim: Target) -> tuple[np.ndarra
     gap, closing = meeting.gap, meeting.normal[:, 2]
     if aim.approach is not None:
         return gap - closing * aim.approach < 0.0, aim.approach
-    symbol = scene.reference.vertical[0]
+    symbol = scene.vertical[0]
     force, delta, _ = solve_flat(lambda f: filter_surface(f, symbol), gap, closing, load=aim.load)
     return force > 0.0, delta
 

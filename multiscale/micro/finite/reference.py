@@ -14,17 +14,45 @@ and 0 otherwise. What remains is solved on the surface alone, by conjugate gradi
 from collections.abc import Callable
 from dataclasses import dataclass
 from functools import cached_property
+from typing import Protocol
 
 import numpy as np
 
 from multiscale.micro.lateral_fft import LateralInverse, filter_surface
 
-__all__ = ["Constraint", "Reference"]
+__all__ = ["Constraint", "Reference", "Support"]
 
 _INNER = 1e-4  # the Krylov method allows for it
 _LIMIT = 200
 
 Field = np.ndarray
+
+
+class Support(Protocol):
+    """What :class:`Constraint` needs of one flat cell, or of two that are joined."""
+
+    @property
+    def convolves(self) -> bool:
+        """Whether the vertical compliance is a product for each wave."""
+
+    @property
+    def vertical(self) -> tuple[Field, Field]:
+        """Symbols of the vertical compliance and of an approximate inverse."""
+
+    def surface(self, vector: Field) -> Field:
+        """Part of a field at the surface of the first body, as a view."""
+
+    def relative(self, vector: Field) -> Field:
+        """Motion of the surface against what is opposite."""
+
+    def solve(self, force: Field, correct: Callable[[Field], Field]) -> Field:
+        """Solve for nodal forces; ``correct`` adds surface forces for the surface's motion."""
+
+    def compliance(self, force: Field) -> Field:
+        """Motion of the surface under forces on it, shapes (nx, 3, ny)."""
+
+    def stiffness(self, moved: Field) -> Field:
+        """Find the forces on the surface that move it so, at least nearly."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -51,11 +79,11 @@ class Reference:
 
     def surface(self, vector: Field) -> Field:
         """Part of a field at the surface, as a view."""
-        return vector[:, -1]
+        return np.asarray(vector[:, -1])
 
     def relative(self, vector: Field) -> Field:
         """Motion of the surface against the obstacle."""
-        return vector[:, -1]
+        return np.asarray(vector[:, -1])
 
     def solve(self, force: Field, correct: Callable[[Field], Field]) -> Field:
         """Solve for nodal forces; ``correct`` adds surface forces for the surface's motion."""
@@ -106,7 +134,7 @@ class Constraint:
 
     Parameters
     ----------
-    reference : Reference
+    reference : Support
     direction : ndarray, shape (rows, nx, 3, ny)
         Unit directions.
     held : ndarray of bool, shape (rows, nx, ny)
@@ -117,7 +145,7 @@ class Constraint:
         Whether the approach is unknown.
     """
 
-    reference: Reference
+    reference: Support
     direction: np.ndarray
     held: np.ndarray
     spring: np.ndarray
@@ -208,5 +236,7 @@ class Constraint:
         target = -self.closing * shift if distance is None else distance - self.closing * shift
         moved = self.reference.relative(z)
         off = np.where(self.held, target - np.sum(self.direction * moved, axis=2), 0.0)
-        self.reference.surface(z)[:] += self.push(off)  # neither rounding nor the inner tolerance moves what is held
+        self.reference.surface(z)[:] += self.push(
+            off
+        )  # neither rounding nor the inner tolerance moves what is held
         return z, shift
