@@ -225,6 +225,21 @@ class Cell:
                 f"both bodies need the same area, the first has {self.surface.size} m, the "
                 f"opposite {self.obstacle.size} m; crop or repeat one"
             )
+        if (
+            self.obstacle is not None
+            and min(
+                own - other
+                for own, other in zip(
+                    self.surface.heights.shape, self.obstacle.heights.shape, strict=True
+                )
+            )
+            < 0
+        ):
+            raise CaseError(
+                f"contact is decided at the nodes of the first body, which has "
+                f"{self.surface.heights.shape} points, fewer than the opposite body with "
+                f"{self.obstacle.heights.shape}; exchange them or resample one"
+            )
         try:
             self.opposite_cell  # noqa: B018  checks itself
         except CaseError as error:

@@ -135,8 +135,8 @@ def _memory(cell: Cell | MeshCell) -> int:
         return int(8 * nx * ny * 20)
     if cell.opposite is not None:
         mu = cell.friction_coefficient
-        halves = (replace(body, opposite=None, friction_coefficient=mu) for body in cell.bodies)
-        return sum(_memory(body) for body in halves)
+        halves = (replace(body, obstacle=None, opposite=None) for body in cell.bodies)
+        return sum(_memory(replace(body, friction_coefficient=mu)) for body in halves)
     vector = nx * cell.layers * 3 * ny
     factors = nx * cell.layers * 15 * (ny // 2 + 1)
     if cell.bulk is None and cell.friction_coefficient == 0.0:

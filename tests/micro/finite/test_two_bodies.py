@@ -256,6 +256,7 @@ def test_the_other_way_round_is_the_same_up_to_the_side_of_the_nodes():
     ("make", "message"),
     [
         (lambda: pair(rough(1), Surface(np.zeros((4, 4)), (2.0, 1.0))), "both bodies need the"),
+        (lambda: pair(rough(1), rough(2, 24)), "fewer than the opposite body"),
         (lambda: pair(nu=0.3, modulus=-1.0), "the opposite body: Young's modulus must be positive"),
         (lambda: pair(other=NeoHookean(2.0, 0.3)), "the opposite body: youngs_modulus of the bulk"),
         (
