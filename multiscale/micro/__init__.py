@@ -3,6 +3,7 @@
 from multiscale.io.surfaces import Surface
 from multiscale.micro.cell import Cell, MeshCell, Opposite, Path, contact_modulus
 from multiscale.micro.ensemble import run_ensemble
+from multiscale.micro.slide import slide_cell
 from multiscale.micro.sliding import RelaxingSolid, solve_sliding, wlf_shift
 from multiscale.micro.solve import solve_cell
 from multiscale.micro.topography import self_affine
@@ -17,6 +18,7 @@ __all__ = [
     "contact_modulus",
     "run_ensemble",
     "self_affine",
+    "slide_cell",
     "solve_cell",
     "solve_sliding",
     "wlf_shift",
