@@ -5,6 +5,11 @@ import pytest
 
 from multiscale.laws.bulk import J2, NeoHookean
 from multiscale.micro import Cell, Opposite, Path, Surface, self_affine, solve_cell
+from multiscale.micro.finite.cell import make_scene
+from multiscale.micro.finite.history import rest_state, walk_step
+from multiscale.micro.finite.scene import Target
+from multiscale.micro.mesh import graded_planes
+from multiscale.reference import mindlin
 
 STEEL = J2(1.0, 0.3, 0.005, 0.01)
 RUBBER = NeoHookean(1.0, 0.3)
@@ -169,3 +174,100 @@ def test_two_rough_bodies_carry_a_lateral_force_that_does_no_work_around():
     normal, along, _ = np.moveaxis(response["traction"].values[0], -1, 0)
     assert np.abs(along / normal).max() > 0.01
     assert abs(along.sum() / normal.sum()) < 0.03 * np.abs(along / normal).max()
+
+
+def test_tangential_over_normal_stiffness_of_two_bodies():
+    n, layers, nu = 32, 12, 0.3
+    surface = self_affine(
+        (n, n), (1.0, 1.0), 3, hurst_exponent=0.8, long_cutoff=0.5, short_cutoff=0.25,
+        rms_slope=0.02,
+    )  # fmt: skip
+    loads = (0.002, 0.00204)
+    step = 1e-3 * surface.heights.std()
+    responses = [
+        solve_cell(
+            Cell(
+                surface, 1.0, layers, 1.0, nu, friction_coefficient=friction,
+                opposite=Opposite(1.0, layers, 1.0, nu),
+            ),
+            path,
+        )
+        for friction, path in (
+            (0.0, Path(pressure=loads)),
+            (1e3, Path(pressure=loads[:1] * 2, slide=((0.0, 0.0), (step, 0.0)))),
+        )
+    ]  # fmt: skip
+    assert responses[1]["slip_fraction"].values[0, 1] == 0.0
+    stiffness = [
+        float(np.diff(response["traction"].values[0, :, k])[0])
+        / float(np.diff(response["displacement_jump"].values[0, :, k])[0])
+        for k, response in enumerate(responses)
+    ]
+    assert stiffness[1] / stiffness[0] == pytest.approx(2.0 * (1.0 - nu) / (2.0 - nu), rel=0.05)
+
+
+@pytest.mark.slow
+def test_equal_spheres_in_partial_slip_follow_cattaneo_and_mindlin():
+    """Equal bodies know no coupling of normal and tangential motion, at any Poisson's ratio."""
+    n, layers, nu, mu, radius, a = 64, 16, 0.3, 0.4, 10.0, 0.16
+    modulus = 1.0 / (2.0 * (1.0 - nu**2))
+    force = 4.0 * modulus * a**3 / (3.0 * radius)
+    far = float(
+        mindlin.tangential_displacement(
+            0.8, mu * force, a, mindlin.tangential_modulus((1.0, nu), (1.0, nu))
+        )
+    )
+    x = (np.arange(n) - n // 2) / n
+    sphere = Surface((x[:, None] ** 2 + x**2) / (2.0 * radius), (1.0, 1.0))
+    cell = Cell(
+        flat(n), 1.0, layers, 1.0, nu, sphere, friction_coefficient=mu,
+        opposite=Opposite(1.0, layers, 1.0, nu),
+    )  # fmt: skip
+    path = Path(pressure=(force,) * 2, slide=((0.0, 0.0), (far, 0.0)), increments=4)
+    response = solve_cell(cell, path, tolerance=1e-7)
+    assert response["converged"].values.all()
+    area = response["contact_fraction"].values[0]
+    assert np.sqrt(area[0] / np.pi) == pytest.approx(a, rel=0.05)
+    ratio = response["traction"].values[0, 1, 1] / (mu * force)
+    assert 0.5 < ratio < 0.95
+    stick = 1.0 - response["slip_fraction"].values[0, 1]
+    assert stick == pytest.approx(mindlin.stick_radius(ratio) ** 2, abs=0.06)
+
+
+def plough(increments, mu):
+    """Work per area of an elastic egg box that ploughs a flat of steel, and where it went."""
+    n, layers, far = 16, 5, 0.006
+    cell = Cell(
+        flat(n), 0.5, layers, 1.0, 0.3, egg_box(n, 0.02), bulk=STEEL, friction_coefficient=mu,
+        opposite=body(layers=layers),
+    )  # fmt: skip
+    scene = make_scene(cell)
+    down = [(far * share, 0.0) for share in np.linspace(0.0, 1.0, 7)[1:]]
+    along = [(far, share) for share in np.linspace(0.0, 0.25, increments + 1)[1:]]
+    up = [(far * share, 0.25) for share in np.linspace(1.0, -0.2, 9)[1:]]
+    state, work = rest_state(scene), 0.0
+    for approach, slide in down + along + up:
+        before = state
+        target = Target(None, approach, np.array([slide, 0.0]))
+        walk = walk_step(scene, state, target, increments=1, tolerance=1e-6)
+        assert walk.reached == 1.0
+        state = walk.state
+        force = 0.5 * (before.force + state.force).sum((0, 2))
+        work += force[0] * (state.slide - before.slide)[0]
+        work -= force[2] * (state.approach - before.approach)
+    plastic = state.material[0][..., 6, :n]  # accumulated strain at the Gauss points
+    heights = np.diff(graded_planes(0.5, layers, 1.0 / n))
+    volume = heights[None, :, None, None, None] / n**2 / 8.0
+    taken = STEEL.yield_stress * plastic + 0.5 * STEEL.hardening_modulus * plastic**2
+    return np.array([work, float(np.sum(volume * taken)), state.dissipation])
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("mu", [0.0, 0.2], ids=["smooth", "friction"])
+def test_ploughing_costs_what_plastic_flow_and_friction_take(mu):
+    coarse, fine = plough(16, mu), plough(32, mu)
+    work, plastic, friction = 2.0 * fine - coarse  # errors in proportion to the increments
+    assert abs(fine[0] - coarse[0]) < 0.15 * fine[0]
+    left = work - plastic - friction  # elastic energy of stresses that remain
+    assert 0.0 < left < 0.25 * plastic
+    assert friction == 0.0 if mu == 0.0 else friction > plastic

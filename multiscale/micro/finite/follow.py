@@ -14,6 +14,7 @@ from multiscale.micro.finite.cell import make_scene
 from multiscale.micro.finite.history import Walk, rest_state, walk_step
 from multiscale.micro.finite.pair_scene import PairScene
 from multiscale.micro.finite.scene import CellState, Scene, Target
+from multiscale.micro.graph_cell import surface_slopes
 
 __all__ = ["current_weight", "follow_path"]
 
@@ -100,7 +101,7 @@ def _check(cell: Cell, path: Path) -> None:
     if path.slide is not None and _passes(cell):
         steps = np.diff(np.array([(0.0, 0.0), *path.slide]), axis=0)
         longest = float(np.hypot(*steps.T).max())
-        if longest > LONGEST_SLIDE * _spacing(cell):
+        if _slid_increments(cell, longest) > LONGEST_SLIDE:
             raise CaseError(
                 f"a slide of {longest:.3g} m in one step is "
                 f"{longest / min(cell.surface.size):.3g} periods of the cell and needs more than "
@@ -120,15 +121,25 @@ def _target(path: Path, k: int, area: float) -> Target:
 
 
 def _fewest_increments(cell: Cell, path: Path, state: CellState, target: Target) -> int:
-    """Increments of a step: a node passes at most one point of a rough obstacle in each."""
+    """Increments of a step."""
     count = path.increments
     if _passes(cell):
         length = float(np.hypot(*(target.slide - state.slide)))
-        count = max(count, int(np.ceil(length / _spacing(cell) - 1e-9)))
+        count = max(count, _slid_increments(cell, length))
     if target.approach is not None and np.isfinite(_largest_approach(cell)):
         moved = abs(target.approach - state.approach)
         count = max(count, int(np.ceil(moved / _largest_approach(cell) - 1e-9)))
     return count
+
+
+def _slid_increments(cell: Cell, length: float) -> int:
+    """Increments of a slide: in each a node passes at most one point of what is opposite.
+
+    Where a body flows, sliding up the slopes closes no more than a largest approach either.
+    """
+    closed = length * _rms_slope(cell)
+    passed = max(length / _spacing(cell), closed / _largest_approach(cell))
+    return int(np.ceil(passed - 1e-9))
 
 
 def _largest_approach(cell: Cell) -> float:
@@ -150,6 +161,13 @@ def _flows(cell: Cell) -> bool:
 def _passes(cell: Cell) -> bool:
     """Whether a node that slides passes points of the other surface."""
     return cell.obstacle is not None or cell.opposite is not None
+
+
+def _rms_slope(cell: Cell) -> float:
+    """Slope of both surfaces against each other."""
+    surfaces = [cell.surface] + ([] if cell.obstacle is None else [cell.obstacle])
+    slopes = [surface_slopes(surface.heights, surface.spacing) for surface in surfaces]
+    return float(np.sqrt(sum(np.mean(x**2 + y**2) for x, y in slopes)))
 
 
 def _spacing(cell: Cell) -> float:
