@@ -13,7 +13,15 @@ from multiscale.reference import layer
 if TYPE_CHECKING:
     from skfem import Element, Mesh
 
-__all__ = ["Cell", "MeshCell", "Path", "contact_modulus", "depth_caution", "lame_parameters"]
+__all__ = [
+    "Cell",
+    "MeshCell",
+    "Opposite",
+    "Path",
+    "contact_modulus",
+    "depth_caution",
+    "lame_parameters",
+]
 
 
 def contact_modulus(*bodies: tuple[float, float]) -> float:
@@ -65,8 +73,31 @@ def _check_material(youngs_modulus: float | np.ndarray, poissons_ratio: float | 
 
 
 @dataclass(frozen=True, eq=False)
+class Opposite:
+    """What makes the obstacle a deformable body: a layer behind its underside.
+
+    Parameters
+    ----------
+    depth : float
+        Distance from its clamped base to the mean plane of its underside, m.
+    layers : int
+        Layers of elements, graded towards the underside.
+    youngs_modulus, poissons_ratio : float
+        Pa and 1.
+    bulk : NeoHookean, J2 or Prony, optional
+        Law at large strain, with the moduli above; small strain if not given.
+    """
+
+    depth: float
+    layers: int
+    youngs_modulus: float
+    poissons_ratio: float
+    bulk: BulkLaw | None = None
+
+
+@dataclass(frozen=True, eq=False)
 class Cell:
-    """A periodic elastic layer whose top is a graph, pressed by a rigid obstacle.
+    """A periodic layer whose top is a graph, pressed by a rigid obstacle or a second body.
 
     Parameters
     ----------
@@ -91,6 +122,9 @@ class Cell:
         Law at large strain, with the moduli above; small strain if not given.
     friction_coefficient : float
         Of the local Coulomb law between the body and the obstacle.
+    opposite : Opposite, optional
+        Makes the obstacle deformable; contact is then that of the current configuration, and the
+        obstacle may have another grid on the same area.
 
     Raises
     ------
@@ -108,6 +142,7 @@ class Cell:
     hardness: float | None = None
     bulk: BulkLaw | None = None
     friction_coefficient: float = 0.0
+    opposite: Opposite | None = None
 
     def __post_init__(self) -> None:
         _check_material(self.youngs_modulus, self.poissons_ratio)
@@ -119,7 +154,9 @@ class Cell:
             raise CaseError(f"the depth of the cell must be positive (m), got {self.depth:g}")
         if self.layers < 2:
             raise CaseError(f"the cell needs at least 2 layers, got {self.layers}")
-        if self.obstacle is not None and (
+        if self.opposite is not None:
+            self._check_opposite()
+        elif self.obstacle is not None and (
             self.obstacle.heights.shape != self.surface.heights.shape
             or self.obstacle.size != self.surface.size
         ):
@@ -176,6 +213,59 @@ class Cell:
                     f"give the same, and one for the whole cell"
                 )
 
+    def _check_opposite(self) -> None:
+        """Refuse a second body of another size, or one that could not be a cell itself."""
+        if self.geometry == "flat":
+            raise CaseError(
+                "a flat cell has no second body; use the conforming geometry, or the composite "
+                "surface and a material with the contact modulus of both"
+            )
+        if self.obstacle is not None and self.obstacle.size != self.surface.size:
+            raise CaseError(
+                f"both bodies need the same area, the first has {self.surface.size} m, the "
+                f"opposite {self.obstacle.size} m; crop or repeat one"
+            )
+        if (
+            self.obstacle is not None
+            and min(
+                own - other
+                for own, other in zip(
+                    self.surface.heights.shape, self.obstacle.heights.shape, strict=True
+                )
+            )
+            < 0
+        ):
+            raise CaseError(
+                f"contact is decided at the nodes of the first body, which has "
+                f"{self.surface.heights.shape} points, fewer than the opposite body with "
+                f"{self.obstacle.heights.shape}; exchange them or resample one"
+            )
+        try:
+            self.opposite_cell  # noqa: B018  checks itself
+        except CaseError as error:
+            raise CaseError(f"the opposite body: {error}") from error
+
+    @property
+    def opposite_cell(self) -> "Cell":
+        """The opposite body as a cell, in its own frame: its z points out of its surface."""
+        if self.opposite is None:
+            raise ValueError("the obstacle of this cell is rigid")
+        under, body = self.obstacle, self.opposite
+        heights = np.zeros_like(self.surface.heights) if under is None else -under.heights
+        return Cell(
+            Surface(heights, self.surface.size),
+            body.depth,
+            body.layers,
+            body.youngs_modulus,
+            body.poissons_ratio,
+            bulk=body.bulk,
+        )
+
+    @property
+    def bodies(self) -> tuple["Cell", ...]:
+        """The deformable bodies."""
+        return (self,) if self.opposite is None else (self, self.opposite_cell)
+
     @property
     def heterogeneous(self) -> bool:
         """Whether moduli vary within a layer."""
@@ -210,8 +300,9 @@ class Cell:
 
     def cautions(self) -> list[str]:
         """Return what a user should know before trusting the results, one sentence each."""
-        caution = depth_caution(self.depth, max(self.surface.size))
-        return [caution] if caution else []
+        period = max(self.surface.size)
+        found = [depth_caution(body.depth, period) for body in self.bodies]
+        return [caution for caution in found if caution]
 
 
 @dataclass(frozen=True, eq=False)

@@ -1,5 +1,7 @@
 """What a cell needs, from what it is."""
 
+from dataclasses import replace
+
 from multiscale.laws.bulk import J2, BulkLaw, Prony
 from multiscale.micro.cell import Cell, MeshCell
 from multiscale.needs import Needs
@@ -36,20 +38,23 @@ def cell_needs(
     soft = graph is not None and graph.nearly_incompressible
     law = None if graph is None else graph.bulk
     friction = graph is not None and graph.friction_coefficient > 0.0
-    newton = law is not None or friction
+    pair = graph is not None and graph.opposite is not None
+    laws = (law,) if graph is None else tuple(body.bulk for body in graph.bodies)
+    large = any(one is not None for one in laws)
+    newton = large or friction or pair
     recover_stress = recover_stress and not newton
-    state = _state_variables(law)
+    state = tuple(name for one in laws for name in _state_variables(one))
     # operator: whether it is needed, what for, why not
     choices = {
         "stiffness": (
-            not flat and law is None,
+            not flat and None in laws,
             "assembled, on any mesh" if general else "matrix-free, on the conforming mesh",
             "a flat cell solves on its surface alone"
             if flat
             else "at large strain the tangent takes its place",
         ),
         "tangent": (
-            law is not None,
+            large,
             "of the law at large strain, kept in single precision at every Gauss point",
             "linear elasticity has one stiffness",
         ),
@@ -57,6 +62,11 @@ def cell_needs(
             friction,
             "three unknowns in each contact condition, nonsymmetric Krylov basis",
             "contact without friction has a symmetric problem and one unknown at a node",
+        ),
+        "opposite body": (
+            pair,
+            "forces, stiffness and layer factors of a second body; splines of its surface",
+            "the obstacle is rigid",
         ),
         "layer factors": (
             not flat and not general,
@@ -66,8 +76,8 @@ def cell_needs(
             else "the compliance of the surface, known for each wave, is enough",
         ),
         "mean dilatation": (
-            (soft or isinstance(law, J2)) and not flat,
-            "B-bar against locking" if law is None else "F-bar against locking",
+            (soft or any(isinstance(one, J2) for one in laws)) and not flat,
+            "B-bar against locking" if not large else "F-bar against locking",
             "the element is the user's choice"
             if general
             else "Poisson's ratio below 0.4, or no elements",
@@ -78,7 +88,7 @@ def cell_needs(
             "Poisson's ratio below 0.4, or no elements",
         ),
         "obstacle normals": (
-            cell.obstacle is not None and not flat,
+            (cell.obstacle is not None or pair) and not flat,
             "three displacement components in each contact condition",
             "contact acts along z alone",
         ),
@@ -104,7 +114,8 @@ def cell_needs(
         kinematics="small strain, roughness as gap of a flat layer"
         if flat
         else "small strain on the true geometry"
-        if law is None
+        + (", contact in the current configuration" if pair else "")
+        if not large
         else "large strain from the true geometry, contact in the current configuration",
         operators={name: why for name, (needed, why, _) in choices.items() if needed},
         left_out={name: why for name, (needed, _, why) in choices.items() if not needed},
@@ -122,6 +133,10 @@ def _memory(cell: Cell | MeshCell) -> int:
     nx, ny = cell.surface.heights.shape
     if cell.geometry == "flat":
         return int(8 * nx * ny * 20)
+    if cell.opposite is not None:
+        mu = cell.friction_coefficient
+        halves = (replace(body, obstacle=None, opposite=None) for body in cell.bodies)
+        return sum(_memory(replace(body, friction_coefficient=mu)) for body in halves)
     vector = nx * cell.layers * 3 * ny
     factors = nx * cell.layers * 15 * (ny // 2 + 1)
     if cell.bulk is None and cell.friction_coefficient == 0.0:

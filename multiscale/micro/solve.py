@@ -65,7 +65,10 @@ def solve_cell(
     with threadpool_limits(1, user_api="blas"):  # its threads would wait for the kernels' and spin
         needs = cell_needs(cell, keep_fields=keep_fields, recover_stress=recover_stress)
         if isinstance(cell, Cell) and (
-            needs.unknowns_per_contact == 3 or "tangent" in needs or path.slide is not None
+            needs.unknowns_per_contact == 3
+            or "tangent" in needs
+            or "opposite body" in needs
+            or path.slide is not None
         ):
             return _follow(cell, path, needs, tolerance)
         if path.slide is not None or path.time is not None:

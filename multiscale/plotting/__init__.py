@@ -29,6 +29,7 @@ from multiscale.plotting.links import (
     plot_sorted_tensions,
 )
 from multiscale.plotting.run import draw_figures
+from multiscale.plotting.sliding import draw_sliding, plot_sliding_friction, plot_steady_friction
 from multiscale.plotting.surfaces import plot_contact_map, plot_surface
 from multiscale.plotting.work_precision import (
     draw_work_precision,
@@ -42,6 +43,7 @@ __all__ = [
     "draw_granulate",
     "draw_joint",
     "draw_links",
+    "draw_sliding",
     "draw_work_precision",
     "plot_area_law",
     "plot_contact_error",
@@ -59,7 +61,9 @@ __all__ = [
     "plot_joint_life",
     "plot_joint_plan",
     "plot_joint_stiffness",
+    "plot_sliding_friction",
     "plot_sorted_tensions",
+    "plot_steady_friction",
     "plot_stiffness_against_damage",
     "plot_surface",
     "plot_woehler",

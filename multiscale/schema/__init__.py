@@ -1,7 +1,7 @@
 """The datasets that pass between the layers: names, dimensions and units, written once."""
 
 from multiscale.schema.base import COMPONENTS, Schema, Variable
-from multiscale.schema.cell import FIELDS, MICRO_RESPONSE
+from multiscale.schema.cell import FIELDS, MICRO_RESPONSE, SLIDING_RESPONSE
 from multiscale.schema.damage import DAMAGE_SECTIONS, FATIGUE, RVE_STIFFNESS, WOEHLER
 from multiscale.schema.end_to_end import END_TO_END
 from multiscale.schema.granulate import GRANULATE
@@ -25,6 +25,7 @@ __all__ = [
     "MICRO_RESPONSE",
     "RVE_STIFFNESS",
     "SCHEMAS",
+    "SLIDING_RESPONSE",
     "SWEEP",
     "WOEHLER",
     "WORK_PRECISION",
@@ -50,5 +51,6 @@ SCHEMAS = {
         GRANULATE,
         END_TO_END,
         SWEEP,
+        SLIDING_RESPONSE,
     )
 }

@@ -129,6 +129,7 @@ class Schema:
 COORDINATES = frozenset(
     {
         "nominal_pressure",
+        "sliding_distance",
         "sliding_speed",
         "rms_height",
         "rms_slope",

@@ -2,7 +2,7 @@
 
 from multiscale.schema.base import Schema, Variable
 
-__all__ = ["FIELDS", "MICRO_RESPONSE"]
+__all__ = ["FIELDS", "MICRO_RESPONSE", "SLIDING_RESPONSE"]
 
 _CELL = ("realisation", "step")
 
@@ -35,6 +35,34 @@ MICRO_RESPONSE = Schema(
         "rms_height": Variable(("realisation",), "m", "root mean square height"),
         "rms_slope": Variable(("realisation",), "1", "root mean square slope"),
         "nayak_parameter": Variable(("realisation",), "1", "Nayak parameter"),
+    },
+)
+
+_SLIDE = ("load", "step")
+
+SLIDING_RESPONSE = Schema(
+    name="sliding_response",
+    version=1,
+    variables={
+        "traction": Variable((*_SLIDE, "component"), "Pa", "averaged traction, eqs (2)-(3)"),
+        "effective_friction": Variable(
+            _SLIDE, "1", "traction along the motion over the normal one"
+        ),
+        "steady_friction": Variable(("load",), "1", "mean friction over the last period"),
+        "mean_gap": Variable(_SLIDE, "m", "mean distance of the deformed surfaces"),
+        "contact_fraction": Variable(_SLIDE, "1", "real over nominal contact area"),
+        "converged": Variable(_SLIDE, "1", "whether the contact solver converged"),
+        "active_set_iterations": Variable(_SLIDE, "1", "number of Newton iterations"),
+        "linear_iterations": Variable(_SLIDE, "1", "number of Krylov iterations"),
+        "increments": Variable(_SLIDE, "1", "increments that the step took"),
+        "wall_time": Variable(_SLIDE, "s", "wall time of the step"),
+    },
+    optional={
+        "nominal_pressure": Variable(("load",), "Pa", "prescribed mean pressure"),
+        "sliding_distance": Variable(("step",), "m", "distance slid since the start"),
+        "slip_fraction": Variable(_SLIDE, "1", "share of the contact nodes that slip"),
+        "friction_work": Variable(_SLIDE, "J m-2", "work of friction since the start, per area"),
+        "flowing_fraction": Variable(_SLIDE, "1", "share of the Gauss points that flow"),
     },
 )
 

@@ -18,6 +18,7 @@ References
    doi:10.1016/0045-7825(91)90022-X: the equations (1).
 """
 
+from collections.abc import Callable
 from dataclasses import dataclass
 from functools import cached_property
 
@@ -25,9 +26,8 @@ import numpy as np
 
 from multiscale.micro.finite.body import Increment, Response
 from multiscale.micro.finite.krylov import minimal_residual
-from multiscale.micro.finite.obstacle import Meeting
 from multiscale.micro.finite.reference import Constraint
-from multiscale.micro.finite.scene import CellState, Scene, Target
+from multiscale.micro.finite.scene import CellState, Meeting, Scene, Target
 from multiscale.micro.finite.tangential import Tangential, evaluate_friction
 
 __all__ = ["Equations", "Iterate"]
@@ -58,8 +58,8 @@ class Equations:
         """Evaluate (1) and choose the contact nodes if not given, and those that slip."""
         scene, target = self.scene, self.target
         response = self.increment.respond(u)
-        force = response.force[:, -1]
-        meeting = scene.obstacle.meet(u[:, -1], delta, target.slide)
+        force = scene.surface(response.force)
+        meeting = scene.meet(u, delta, target.slide)
         pressure = -np.sum(force * meeting.normal, axis=1)
         trial = pressure - scene.weights[0] * meeting.gap
         if active is None:
@@ -70,7 +70,7 @@ class Equations:
         if scene.friction > 0.0:
             friction = evaluate_friction(
                 force + pressure[:, None] * meeting.normal,
-                self._slip(u[:, -1], delta, meeting.normal),
+                self._slip(u, delta, meeting.normal),
                 meeting.normal,
                 active,
                 scene.friction * np.maximum(trial, 0.0),
@@ -81,11 +81,13 @@ class Equations:
             scene, target, response, u, delta, meeting, active, pressure, friction, floor
         )
 
-    def _slip(self, moved: np.ndarray, delta: float, normal: np.ndarray) -> np.ndarray:
-        """Motion of the surface past the obstacle since the start, in its tangential plane."""
-        slip = moved - self.start.displacement[:, -1]
-        slip[:, :2] -= (self.target.slide - self.start.slide)[None, :, None]
-        slip[:, 2] += delta - self.start.approach
+    @cached_property
+    def _slip_since_start(self) -> Callable[..., np.ndarray]:
+        return self.scene.slip_since(self.start)
+
+    def _slip(self, u: np.ndarray, delta: float, normal: np.ndarray) -> np.ndarray:
+        """Motion past the obstacle since the start, in the tangential plane."""
+        slip = self._slip_since_start(u, delta, self.target.slide)
         return np.asarray(slip - np.sum(slip * normal, axis=1)[:, None] * normal)
 
 
@@ -144,7 +146,8 @@ class Iterate:
     @cached_property
     def contact_force(self) -> np.ndarray:
         """Force of the obstacle on the body, shape (nx, 3, ny), N."""
-        return np.asarray(np.where(self.active[:, None], self.response.force[:, -1], 0.0))
+        force = self.scene.surface(self.response.force)
+        return np.asarray(np.where(self.active[:, None], force, 0.0))
 
     @cached_property
     def scale(self) -> float:
@@ -172,9 +175,8 @@ class Iterate:
         if self.friction is not None:
             strong = self.friction.share > LEAST_SPRING
             spring[2] = np.where(strong, self.scene.weights[1] * self.friction.stretch, 0.0)
-        return Constraint(
-            self.scene.reference, rows, held, spring, carries_load=self.target.load is not None
-        )
+        reference = self.scene.reference_at(self.meeting)
+        return Constraint(reference, rows, held, spring, carries_load=self.target.load is not None)
 
     @cached_property
     def distance(self) -> np.ndarray:
@@ -188,25 +190,27 @@ class Iterate:
     def opens(self) -> bool:
         """Whether a held motion is out of place by more than rounding."""
         lag = np.abs(self.distance).max()
-        return bool(lag > 1e-10 * max(abs(self.delta), float(np.abs(self.u[:, -1]).max()), lag))
+        return bool(
+            lag > 1e-10 * max(abs(self.delta), float(np.abs(self.scene.surface(self.u)).max()), lag)
+        )
 
     @cached_property
     def residual(self) -> np.ndarray:
         """Forces out of balance in the form of the Newton equations, N."""
         residual = self.response.force.copy()
+        top = self.scene.surface(residual)
+        turned = None
         if self.friction is not None:
-            top = residual[:, -1]
             turned = self.friction.stretch * self.friction.along(top)[1]
-            self._add_slip(top, turned, self.friction)
-        self._remove_held(residual)
+        self._exchange(residual, turned, 0.0)
         return residual
 
     @cached_property
     def error(self) -> float:
         """Residual of (1), relative to the contact forces."""
         balance = self.response.force.copy()
-        top = balance[:, -1]
-        top[:] = np.where(self.active[:, None], 0.0, top)
+        self.scene.surface(balance)[:] -= self.contact_force
+        self.meeting.react(balance, self.contact_force)
         forces = float(np.vdot(balance, balance))
         off = (
             self.contact_force
@@ -225,43 +229,40 @@ class Iterate:
             return 0.0
         return max(total / self.scale if self.scale > 0.0 else 1.0, missing)
 
-    def _add_slip(self, top: np.ndarray, turned: np.ndarray, friction: Tangential) -> None:
-        """Add to surface forces what the bound takes from the normal ones and what turns."""
-        along, across = friction.direction
-        lag = self.scene.friction * np.sum(self.meeting.normal * top, axis=1)
-        change = lag[:, None] * along + turned[:, None] * across
-        top += np.where(self.slipping[:, None], change, 0.0)
+    def _exchange(
+        self, vector: np.ndarray, turned: np.ndarray | None, more: np.ndarray | float
+    ) -> None:
+        """Take the contact forces out of surface forces and leave them on the other side.
 
-    def _remove_held(self, vector: np.ndarray) -> None:
-        """Leave out the equations of held motions, in place."""
-        top = vector[:, -1]
-        along = np.sum(self.meeting.normal * top, axis=1)
-        top -= np.where(self.active, along, 0.0)[:, None] * self.meeting.normal
-        if self.friction is not None:
-            top[:] = np.where(self.sticking[:, None], 0.0, top)
+        They are all of the force where a node sticks. Else its normal part, with what the bound
+        makes of it, what resists motion across the slip, and what turns with the normal.
+        """
+        top, normal = self.scene.surface(vector), self.meeting.normal
+        pushed = np.sum(normal * top, axis=1)
+        force = pushed[:, None] * normal + more
+        if self.friction is not None and turned is not None:
+            along, across = self.friction.direction
+            drag = (self.scene.friction * pushed)[:, None] * along + turned[:, None] * across
+            force -= np.where(self.slipping[:, None], drag, 0.0)
+            force = np.where(self.sticking[:, None], top, force)
+        force = np.where(self.active[:, None], force, 0.0)
+        top -= force
+        self.meeting.react(vector, force)
 
     def _apply(self, x: np.ndarray, shift: float) -> tuple[np.ndarray, float]:
         """Newton's matrix times a step, and the change of the vertical contact force."""
         change = self.response.tangent(x)
-        top = change[:, -1]
+        top = self.scene.surface(change)
         vertical = float(np.where(self.active, top[:, 2], 0.0).sum())
-        self._turn(x[:, -1], top)
+        pressure = np.where(self.active, self.pressure, 0.0)
+        more = self.meeting.turn(x, shift, pressure, self.contact_force, change)
+        turned = None
         if self.friction is not None:
-            spring = self.scene.weights[1] * self.friction.stretch
             across = self.friction.direction[1]
-            turned = spring * (np.sum(across * x[:, -1], axis=1) + across[:, 2] * shift)
-            self._add_slip(top, turned, self.friction)
-        self._remove_held(change)
+            moved = np.sum(across * self.meeting.relative(x), axis=1) + across[:, 2] * shift
+            turned = self.scene.weights[1] * self.friction.stretch * moved
+        self._exchange(change, turned, more)
         return change, vertical
-
-    def _turn(self, x: np.ndarray, top: np.ndarray) -> None:
-        """Add what the turning of the normals on a curved obstacle changes."""
-        if self.meeting.curvature is None:
-            return
-        xx, xy, yy = self.meeting.curvature
-        factor = np.where(self.active, self.pressure, 0.0) * self.meeting.normal[:, 2]
-        top[:, 0] -= factor * (xx * x[:, 0] + xy * x[:, 1])
-        top[:, 1] -= factor * (xy * x[:, 0] + yy * x[:, 1])
 
     def newton_step(self, forcing: float, floor: float) -> tuple[np.ndarray, float, int]:
         """Solve the linear problem; return the step, that of the approach and the iterations."""

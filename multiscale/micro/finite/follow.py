@@ -12,7 +12,9 @@ from multiscale.micro import averages
 from multiscale.micro.cell import Cell, Path
 from multiscale.micro.finite.cell import make_scene
 from multiscale.micro.finite.history import Walk, rest_state, walk_step
+from multiscale.micro.finite.pair_scene import PairScene
 from multiscale.micro.finite.scene import CellState, Scene, Target
+from multiscale.micro.graph_cell import surface_slopes
 
 __all__ = ["current_weight", "follow_path"]
 
@@ -88,7 +90,7 @@ def follow_path(
 
 
 def _check(cell: Cell, path: Path) -> None:
-    viscous = isinstance(cell.bulk, Prony)
+    viscous = any(isinstance(body.bulk, Prony) for body in cell.bodies)
     if path.time is not None and not viscous:
         raise CaseError(
             "the path has times, but the body has no viscosity and its answer no rate; leave out "
@@ -96,10 +98,10 @@ def _check(cell: Cell, path: Path) -> None:
         )
     if viscous and path.time is None:
         raise CaseError("a viscous body needs the time (s) at the end of each step of its path")
-    if path.slide is not None and cell.obstacle is not None:
+    if path.slide is not None and _passes(cell):
         steps = np.diff(np.array([(0.0, 0.0), *path.slide]), axis=0)
         longest = float(np.hypot(*steps.T).max())
-        if longest > LONGEST_SLIDE * min(cell.surface.spacing):
+        if _slid_increments(cell, longest) > LONGEST_SLIDE:
             raise CaseError(
                 f"a slide of {longest:.3g} m in one step is "
                 f"{longest / min(cell.surface.size):.3g} periods of the cell and needs more than "
@@ -119,23 +121,57 @@ def _target(path: Path, k: int, area: float) -> Target:
 
 
 def _fewest_increments(cell: Cell, path: Path, state: CellState, target: Target) -> int:
-    """Increments of a step: a node passes at most one point of a rough obstacle in each."""
+    """Increments of a step."""
     count = path.increments
-    if cell.obstacle is not None:
+    if _passes(cell):
         length = float(np.hypot(*(target.slide - state.slide)))
-        count = max(count, int(np.ceil(length / min(cell.surface.spacing) - 1e-9)))
+        count = max(count, _slid_increments(cell, length))
     if target.approach is not None and np.isfinite(_largest_approach(cell)):
         moved = abs(target.approach - state.approach)
         count = max(count, int(np.ceil(moved / _largest_approach(cell) - 1e-9)))
     return count
 
 
+def _slid_increments(cell: Cell, length: float) -> int:
+    """Increments of a slide: in each a node passes at most one point of what is opposite.
+
+    Where a body flows, sliding up the slopes closes no more than a largest approach either.
+    """
+    closed = length * _rms_slope(cell)
+    passed = max(length / _spacing(cell), closed / _largest_approach(cell))
+    return int(np.ceil(passed - 1e-9))
+
+
 def _largest_approach(cell: Cell) -> float:
     """Give what the approach may change by in one increment, m."""
-    if not isinstance(cell.bulk, J2):
+    if not _flows(cell):
         return np.inf
-    obstacle = 0.0 if cell.obstacle is None else cell.obstacle.heights
-    return PLASTIC_APPROACH * 0.5 * float(np.ptp(cell.surface.heights - obstacle)) or np.inf
+    heights, obstacle = cell.surface.heights, cell.obstacle
+    if obstacle is None or obstacle.heights.shape != heights.shape:
+        span = np.ptp(heights) + (0.0 if obstacle is None else np.ptp(obstacle.heights))
+    else:
+        span = np.ptp(heights - obstacle.heights)
+    return PLASTIC_APPROACH * 0.5 * float(span) or np.inf
+
+
+def _flows(cell: Cell) -> bool:
+    return any(isinstance(body.bulk, J2) for body in cell.bodies)
+
+
+def _passes(cell: Cell) -> bool:
+    """Whether a node that slides passes points of the other surface."""
+    return cell.obstacle is not None or cell.opposite is not None
+
+
+def _rms_slope(cell: Cell) -> float:
+    """Slope of both surfaces against each other."""
+    surfaces = [cell.surface] + ([] if cell.obstacle is None else [cell.obstacle])
+    slopes = [surface_slopes(surface.heights, surface.spacing) for surface in surfaces]
+    return float(np.sqrt(sum(np.mean(x**2 + y**2) for x, y in slopes)))
+
+
+def _spacing(cell: Cell) -> float:
+    return min(min(body.surface.spacing) for body in cell.bodies)
 
 
 def _counts(walk: Walk, seconds: float) -> dict[str, Any]:
@@ -160,19 +196,21 @@ def _missing(walk: Walk | None, seconds: float) -> dict[str, Any]:
 
 def _average(cell: Cell, scene: Scene, state: CellState, fields: bool) -> dict[str, Any]:
     """Averages (2), (3) of the source, and geometry, in the current configuration."""
-    surface = cell.surface
-    area = float(np.prod(surface.size))
-    moved = state.displacement[:, -1]
-    nominal = np.full(surface.heights.shape, area / surface.heights.size)
-    weight = nominal if cell.bulk is None else current_weight(cell, moved)
-    height = surface.heights + moved[:, 2]
-    jump = np.array([-state.approach, *state.slide]) - moved.mean(axis=(0, 2))[[2, 0, 1]]
+    area = float(np.prod(cell.surface.size))
+    moved = scene.surface(state.displacement)
+    weight = _weight(cell, moved)
+    mean, height = _means(cell, moved)
+    jump = np.array([-state.approach, *state.slide]) - mean
+    opposite_height = scene.obstacle.mean_height(state.approach)
+    if isinstance(scene, PairScene):
+        mean, depth = _means(cell.opposite_cell, scene.halves.surfaces(state.displacement)[1])
+        jump += mean * (-1.0, 1.0, 1.0)
+        opposite_height = scene.obstacle.distance - state.approach - depth
     nodal = np.moveaxis(state.force, 1, -1).reshape(-1, 3)
     step: dict[str, Any] = {
         "traction": averages.average_traction(nodal, area),
         "displacement_jump": jump,
-        "mean_gap": scene.obstacle.mean_height(state.approach)
-        - float(np.sum(weight * height)) / area,
+        "mean_gap": opposite_height - height,
         "contact_fraction": averages.contact_fraction(
             state.active,
             weight,
@@ -182,13 +220,28 @@ def _average(cell: Cell, scene: Scene, state: CellState, fields: bool) -> dict[s
     if cell.friction_coefficient > 0.0:
         step["slip_fraction"] = float(state.slipping.sum() / max(state.active.sum(), 1))
         step["friction_work"] = state.dissipation / area
-    if isinstance(cell.bulk, J2):
+    if _flows(cell):
         step["flowing_fraction"] = state.flowing
     if fields:
-        meeting = scene.obstacle.meet(moved, state.approach, state.slide)
-        step["pressure"] = (-state.force[:, 2] / nominal).T
+        meeting = scene.meet(state.displacement, state.approach, state.slide)
+        step["pressure"] = (-state.force[:, 2] * cell.surface.heights.size / area).T
         step["gap"] = (meeting.gap / meeting.normal[:, 2]).T
     return step
+
+
+def _weight(cell: Cell, moved: np.ndarray) -> np.ndarray:
+    """Area of each node on the mean plane, m2; at large strain that of the deformed surface."""
+    if cell.bulk is not None:
+        return current_weight(cell, moved)
+    heights = cell.surface.heights
+    return np.full(heights.shape, float(np.prod(cell.surface.size)) / heights.size)
+
+
+def _means(cell: Cell, moved: np.ndarray) -> tuple[np.ndarray, float]:
+    """Mean displacement of a surface, normal first, and mean height after deformation, m."""
+    area = float(np.prod(cell.surface.size))
+    height = float(np.sum(_weight(cell, moved) * (cell.surface.heights + moved[:, 2]))) / area
+    return moved.mean(axis=(0, 2))[[2, 0, 1]], height
 
 
 def current_weight(cell: Cell, moved: np.ndarray) -> np.ndarray:

@@ -45,7 +45,7 @@ class Walk:
 
 def rest_state(scene: Scene) -> CellState:
     """Return the cell before any load."""
-    nx, _, _, ny = scene.body.shape
+    nx, ny = scene.grid
     nothing = np.zeros((nx, ny), dtype=bool)
     return CellState(
         np.zeros(scene.body.shape),
@@ -147,11 +147,11 @@ def _increment(scene: Scene, state: CellState, aim: Target, tolerance: float) ->
 
 def _first_touch(scene: Scene, state: CellState, aim: Target) -> tuple[np.ndarray, float] | None:
     """Contact nodes of the flat reference, for a cell that touches nothing yet."""
-    meeting = scene.obstacle.meet(state.displacement[:, -1], 0.0, aim.slide)
+    meeting = scene.meet(state.displacement, 0.0, aim.slide)
     gap, closing = meeting.gap, meeting.normal[:, 2]
     if aim.approach is not None:
         return gap - closing * aim.approach < 0.0, aim.approach
-    symbol = scene.reference.vertical[0]
+    symbol = scene.vertical[0]
     force, delta, _ = solve_flat(lambda f: filter_surface(f, symbol), gap, closing, load=aim.load)
     return force > 0.0, delta
 
@@ -163,6 +163,6 @@ def _released(scene: Scene, state: CellState, aim: Target) -> CellState:
     reach += 0.0 if shape is None else float(np.ptp(shape.heights))
     away = replace(aim, load=None, approach=-10.0 * reach)
     free = solve_increment(scene, state, away)
-    meeting = scene.obstacle.meet(free.displacement[:, -1], 0.0, aim.slide)
+    meeting = scene.meet(free.displacement, 0.0, aim.slide)
     touch = float(np.min(meeting.gap / meeting.normal[:, 2]))
     return replace(free, approach=touch if aim.approach is None else aim.approach)

@@ -7,11 +7,11 @@ import numpy as np
 from multiscale.io.surfaces import Surface
 from multiscale.micro.contact_state import obstacle_normal
 
-__all__ = ["Meeting", "Obstacle"]
+__all__ = ["Obstacle", "RigidMeeting"]
 
 
 @dataclass(frozen=True)
-class Meeting:
+class RigidMeeting:
     r"""Where the nodes of the body meet the obstacle.
 
     Attributes
@@ -27,6 +27,26 @@ class Meeting:
     gap: np.ndarray
     normal: np.ndarray
     curvature: np.ndarray | None
+
+    def relative(self, vector: np.ndarray) -> np.ndarray:
+        """Motion of the nodes against the obstacle, but for that of the obstacle itself."""
+        return np.asarray(vector[:, -1])
+
+    def react(self, vector: np.ndarray, force: np.ndarray) -> None:
+        """Add to internal forces what contact forces do elsewhere: nothing to a rigid obstacle."""
+
+    def turn(
+        self, x: np.ndarray, shift: float, pressure: np.ndarray, force: np.ndarray, out: np.ndarray
+    ) -> np.ndarray | float:
+        """Change of the pressure forces as a step turns the normals on a curved obstacle."""
+        if self.curvature is None:
+            return 0.0
+        xx, xy, yy = self.curvature
+        step, factor = x[:, -1], pressure * self.normal[:, 2]
+        change = np.zeros_like(step)
+        change[:, 0] = factor * (xx * step[:, 0] + xy * step[:, 1])
+        change[:, 1] = factor * (xy * step[:, 0] + yy * step[:, 1])
+        return np.asarray(change - np.sum(change * self.normal, axis=1)[:, None] * self.normal)
 
 
 @dataclass(frozen=True, eq=False)
@@ -65,7 +85,7 @@ class Obstacle:
         mean = 0.0 if self.shape is None else float(self.shape.heights.mean())
         return mean + self.distance - approach
 
-    def meet(self, moved: np.ndarray, approach: float, slide: np.ndarray) -> Meeting:
+    def meet(self, moved: np.ndarray, approach: float, slide: np.ndarray) -> RigidMeeting:
         """Project nodes onto the obstacle.
 
         Parameters
@@ -81,10 +101,10 @@ class Obstacle:
         if self.shape is None:
             normal = np.zeros_like(moved)
             normal[:, 2] = 1.0
-            return Meeting(below, normal, None)
+            return RigidMeeting(below, normal, None)
         height, slope, curvature = self._sample(moved, slide)
         normal = obstacle_normal(slope[0], slope[1])
-        return Meeting((below + height) * normal[:, 2], normal, curvature)
+        return RigidMeeting((below + height) * normal[:, 2], normal, curvature)
 
     def _sample(
         self, moved: np.ndarray, slide: np.ndarray

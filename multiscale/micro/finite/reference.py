@@ -14,17 +14,45 @@ and 0 otherwise. What remains is solved on the surface alone, by conjugate gradi
 from collections.abc import Callable
 from dataclasses import dataclass
 from functools import cached_property
+from typing import Protocol
 
 import numpy as np
 
 from multiscale.micro.lateral_fft import LateralInverse, filter_surface
 
-__all__ = ["Constraint", "Reference"]
+__all__ = ["Constraint", "Reference", "Support"]
 
 _INNER = 1e-4  # the Krylov method allows for it
 _LIMIT = 200
 
 Field = np.ndarray
+
+
+class Support(Protocol):
+    """What :class:`Constraint` needs of one flat cell, or of two that are joined."""
+
+    @property
+    def convolves(self) -> bool:
+        """Whether the vertical compliance is a product for each wave."""
+
+    @property
+    def vertical(self) -> tuple[Field, Field]:
+        """Symbols of the vertical compliance and of an approximate inverse."""
+
+    def surface(self, vector: Field) -> Field:
+        """Part of a field at the surface of the first body, as a view."""
+
+    def relative(self, vector: Field) -> Field:
+        """Motion of the surface against what is opposite."""
+
+    def solve(self, force: Field, correct: Callable[[Field], Field]) -> Field:
+        """Solve for nodal forces; ``correct`` adds surface forces for the surface's motion."""
+
+    def compliance(self, force: Field) -> Field:
+        """Motion of the surface under forces on it, shapes (nx, 3, ny)."""
+
+    def stiffness(self, moved: Field) -> Field:
+        """Find the forces on the surface that move it so, at least nearly."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -43,6 +71,19 @@ class Reference:
     inverse: LateralInverse
     map_factor: np.ndarray
     slopes: tuple[np.ndarray, np.ndarray] | None = None
+
+    @property
+    def convolves(self) -> bool:
+        """Whether the vertical compliance is a product for each wave."""
+        return self.slopes is None
+
+    def surface(self, vector: Field) -> Field:
+        """Part of a field at the surface, as a view."""
+        return np.asarray(vector[:, -1])
+
+    def relative(self, vector: Field) -> Field:
+        """Motion of the surface against the obstacle."""
+        return np.asarray(vector[:, -1])
 
     def solve(self, force: Field, correct: Callable[[Field], Field]) -> Field:
         """Solve for nodal forces; ``correct`` adds surface forces for the surface's motion."""
@@ -93,7 +134,7 @@ class Constraint:
 
     Parameters
     ----------
-    reference : Reference
+    reference : Support
     direction : ndarray, shape (rows, nx, 3, ny)
         Unit directions.
     held : ndarray of bool, shape (rows, nx, ny)
@@ -104,7 +145,7 @@ class Constraint:
         Whether the approach is unknown.
     """
 
-    reference: Reference
+    reference: Support
     direction: np.ndarray
     held: np.ndarray
     spring: np.ndarray
@@ -126,7 +167,7 @@ class Constraint:
 
     @cached_property
     def _vertical(self) -> bool:
-        one = len(self.direction) == 1 and self.reference.slopes is None
+        one = len(self.direction) == 1 and self.reference.convolves
         return one and bool(np.all(self.direction[0, :, 2] == 1.0))
 
     def along(self, moved: Field) -> Field:
@@ -193,6 +234,9 @@ class Constraint:
 
         z = self.reference.solve(residual, correct)
         target = -self.closing * shift if distance is None else distance - self.closing * shift
-        off = np.where(self.held, target - np.sum(self.direction * z[:, -1], axis=2), 0.0)
-        z[:, -1] += self.push(off)  # neither rounding nor the inner tolerance moves what is held
+        moved = self.reference.relative(z)
+        off = np.where(self.held, target - np.sum(self.direction * moved, axis=2), 0.0)
+        self.reference.surface(z)[:] += self.push(
+            off
+        )  # neither rounding nor the inner tolerance moves what is held
         return z, shift

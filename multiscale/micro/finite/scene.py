@@ -1,27 +1,71 @@
 """What is solved on a cell beyond linear elasticity, where a step goes, and its states."""
 
+from abc import ABC, abstractmethod
+from collections.abc import Callable
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, Protocol
 
 import numpy as np
 
 from multiscale.convergence import Status
+from multiscale.io.surfaces import Surface
 from multiscale.micro.finite.body import Body
-from multiscale.micro.finite.obstacle import Obstacle
-from multiscale.micro.finite.reference import Reference
+from multiscale.micro.finite.obstacle import Obstacle, RigidMeeting
+from multiscale.micro.finite.reference import Reference, Support
 
-__all__ = ["CellState", "Scene", "Target"]
+__all__ = ["CellState", "Meeting", "Opponent", "RigidScene", "Scene", "Target"]
+
+
+class Meeting(Protocol):
+    """Where the nodes of the body meet what is opposite."""
+
+    @property
+    def gap(self) -> np.ndarray:
+        """Distance along the normal, shape (nx, ny), m; negative where the body is inside."""
+
+    @property
+    def normal(self) -> np.ndarray:
+        """Unit normals out of the body, shape (nx, 3, ny)."""
+
+    def relative(self, vector: np.ndarray) -> np.ndarray:
+        """Motion of the nodes against what is opposite, but for its base, shape (nx, 3, ny)."""
+
+    def react(self, vector: np.ndarray, force: np.ndarray) -> None:
+        """Add to internal forces what contact forces on the nodes leave on the other side."""
+
+    def turn(
+        self, x: np.ndarray, shift: float, pressure: np.ndarray, force: np.ndarray, out: np.ndarray
+    ) -> np.ndarray | float:
+        """Find how a step turns pressure forces; add to ``out`` how it moves their points."""
+
+
+class Opponent(Protocol):
+    """What is opposite, before deformation."""
+
+    @property
+    def body(self) -> Surface:
+        """Surface of the body, whose nodes carry the contact."""
+
+    @property
+    def shape(self) -> Surface | None:
+        """Underside of what is opposite; flat if None."""
+
+    @property
+    def distance(self) -> float:
+        """Offset of the underside's heights at first touch, m."""
+
+    def mean_height(self, approach: float) -> float:
+        """Mean height of the underside, m."""
 
 
 @dataclass(frozen=True, eq=False)
-class Scene:
+class Scene(ABC):
     r"""What does not change along a path.
 
     Attributes
     ----------
     body : Body
-    reference : Reference
-    obstacle : Obstacle
+    obstacle : Opponent
     friction : float
         Local friction coefficient; 0 leaves out everything tangential.
     weights : tuple of float
@@ -29,10 +73,78 @@ class Scene:
     """
 
     body: Body
-    reference: Reference
-    obstacle: Obstacle
+    obstacle: Opponent
     friction: float
     weights: tuple[float, float]
+
+    @property
+    @abstractmethod
+    def vertical(self) -> tuple[np.ndarray, np.ndarray]:
+        """Symbols of the vertical compliance of the surface and of an approximate inverse."""
+
+    @property
+    def grid(self) -> tuple[int, int]:
+        """Points of the surface."""
+        nx, ny = self.obstacle.body.heights.shape
+        return nx, ny
+
+    @abstractmethod
+    def surface(self, vector: np.ndarray) -> np.ndarray:
+        """Part of a displacement or force at the surface, a view of shape (nx, 3, ny)."""
+
+    @abstractmethod
+    def meet(self, u: np.ndarray, approach: float, slide: np.ndarray) -> Meeting:
+        """Find where the body meets what is opposite."""
+
+    @abstractmethod
+    def slip_since(self, start: "CellState") -> Callable[..., np.ndarray]:
+        """Return ``slip(u, approach, slide)``, the motion past what is opposite, m."""
+
+    @abstractmethod
+    def reference_at(self, meeting: Any) -> Support:
+        """Return the reference for the preconditioner where both meet."""
+
+
+@dataclass(frozen=True, eq=False)
+class RigidScene(Scene):
+    """A body against a rigid obstacle.
+
+    Attributes
+    ----------
+    obstacle : Obstacle
+    reference : Reference
+    """
+
+    obstacle: Obstacle
+    reference: Reference
+
+    @property
+    def vertical(self) -> tuple[np.ndarray, np.ndarray]:
+        """Symbols of the vertical compliance of the surface and of an approximate inverse."""
+        return self.reference.vertical
+
+    def surface(self, vector: np.ndarray) -> np.ndarray:
+        """Part of a displacement or force at the surface, a view of shape (nx, 3, ny)."""
+        return np.asarray(vector[:, -1])
+
+    def meet(self, u: np.ndarray, approach: float, slide: np.ndarray) -> RigidMeeting:
+        """Find where the body meets the obstacle."""
+        return self.obstacle.meet(self.surface(u), approach, slide)
+
+    def slip_since(self, start: "CellState") -> Callable[..., np.ndarray]:
+        """Return ``slip(u, approach, slide)``, the motion past the obstacle, m."""
+
+        def slip(u: np.ndarray, approach: float, slide: np.ndarray) -> np.ndarray:
+            moved = self.surface(u) - self.surface(start.displacement)
+            moved[:, :2] -= (slide - start.slide)[None, :, None]
+            moved[:, 2] += approach - start.approach
+            return np.asarray(moved)
+
+        return slip
+
+    def reference_at(self, meeting: Any) -> Reference:
+        """Return the reference; it is the same everywhere."""
+        return self.reference
 
 
 @dataclass(frozen=True, eq=False)

@@ -1,0 +1,142 @@
+"""Friction of a whole cell against pressure and sliding distance."""
+
+from concurrent.futures import Executor
+from typing import TYPE_CHECKING, Literal
+
+import numpy as np
+
+from multiscale.errors import CaseError
+from multiscale.executors import run_jobs
+from multiscale.micro.cell import Cell, Path
+from multiscale.micro.solve import solve_cell
+from multiscale.schema import SLIDING_RESPONSE
+
+if TYPE_CHECKING:
+    import xarray as xr
+
+__all__ = ["slide_cell"]
+
+LONGEST = 20.0  # periods of a cell
+_KEPT = (
+    "traction",
+    "mean_gap",
+    "contact_fraction",
+    "slip_fraction",
+    "friction_work",
+    "flowing_fraction",
+    "converged",
+    "active_set_iterations",
+    "linear_iterations",
+    "increments",
+    "wall_time",
+)
+
+
+def slide_cell(
+    cell: Cell,
+    pressure: tuple[float, ...],
+    distance: float,
+    *,
+    steps: int = 16,
+    along: Literal["x", "y"] = "x",
+    executor: Executor | None = None,
+    tolerance: float = 1e-8,
+) -> "xr.Dataset":
+    r"""Press a cell, then slide what is opposite over it, at each of several pressures.
+
+    Parameters
+    ----------
+    cell : Cell
+        With a rigid obstacle or two bodies.
+    pressure : tuple of float
+        Mean pressures, Pa, positive; each starts from the undeformed cell.
+    distance : float
+        How far to slide, m. After one period of the cell an elastic cell repeats itself; a plastic
+        one is run in after some.
+    steps : int
+        Steps of the result along the distance.
+    along : {"x", "y"}
+        Direction of the motion.
+    executor : Executor, optional
+        For the pressures; see :func:`multiscale.executors.run_jobs`.
+    tolerance : float
+        As of :func:`multiscale.micro.solve_cell`.
+
+    Returns
+    -------
+    Dataset
+        Follows ``SLIDING_RESPONSE``. A pressure at which the path could not go on is ``NaN`` from
+        there.
+
+    Raises
+    ------
+    CaseError
+        If a pressure or the distance makes no sense.
+
+    Notes
+    -----
+    With the averages (2) and (3) of the source and the unit vector :math:`e` of the motion,
+
+    .. math:: \mu = \frac{\langle t_T \rangle \cdot e}{-\langle t_N \rangle},    \tag{1}
+
+    and the steady value is its mean over the steps of the last period.
+    """
+    _check(cell, pressure, distance, steps, along)
+    axis = "xy".index(along)
+    slide = np.zeros((steps + 1, 2))
+    slide[:, axis] = np.linspace(0.0, distance, steps + 1)
+    found: dict[int, xr.Dataset] = {}
+    jobs = {k: (cell, one, slide, tolerance) for k, one in enumerate(pressure)}
+    run_jobs(_slide_once, jobs, executor, found.__setitem__)
+
+    values = {
+        name: np.concatenate([found[k][name].values for k in range(len(pressure))])
+        for name in _KEPT
+        if name in found[0]
+    }
+    traction = values["traction"]
+    values["effective_friction"] = -traction[..., 1 + axis] / traction[..., 0]  # (1)
+    values["steady_friction"] = _last_period(
+        values["effective_friction"], slide[:, axis], cell.surface.size[axis]
+    )
+    values |= {"nominal_pressure": np.array(pressure), "sliding_distance": slide[:, axis]}
+    ended = "; ".join(
+        f"{one:.3g} Pa: {found[k].attrs['ended']}"
+        for k, one in enumerate(pressure)
+        if "ended" in found[k].attrs
+    )
+    return SLIDING_RESPONSE.build(values, along=along, **({"ended": ended} if ended else {}))
+
+
+def _check(
+    cell: Cell, pressure: tuple[float, ...], distance: float, steps: int, along: str
+) -> None:
+    if not pressure or not all(0.0 < one < np.inf for one in pressure):
+        raise CaseError(f"a cell slides under positive pressures (Pa), got {pressure}")
+    if along not in ("x", "y"):
+        raise CaseError(f"a cell slides along 'x' or 'y', got {along!r}")
+    if steps < 1:
+        raise CaseError(f"sliding takes at least 1 step, got {steps}")
+    if not 0.0 < distance < np.inf:
+        raise CaseError(f"the sliding distance must be positive (m), got {distance:g}")
+    periods = distance / cell.surface.size["xy".index(along)]
+    if periods > LONGEST:
+        raise CaseError(
+            f"a slide of {distance:.3g} m is {periods:.3g} periods of the cell; it repeats itself "
+            f"after one, and is run in after a few where it flows: slide at most {LONGEST:g}"
+        )
+
+
+def _slide_once(cell: Cell, pressure: float, slide: np.ndarray, tolerance: float) -> "xr.Dataset":
+    path = Path(
+        pressure=(pressure,) * len(slide), slide=tuple((float(x), float(y)) for x, y in slide)
+    )
+    return solve_cell(cell, path, recover_stress=False, tolerance=tolerance)
+
+
+def _last_period(friction: np.ndarray, distance: np.ndarray, period: float) -> np.ndarray:
+    """Mean over the steps of the last period for each pressure; NaN if there is none."""
+    start = distance[-1] - period
+    if start < -1e-9 * period:
+        return np.full(len(friction), np.nan)
+    return np.asarray(friction[:, distance > start + 1e-9 * period].mean(axis=1))

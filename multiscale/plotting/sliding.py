@@ -1,0 +1,70 @@
+"""Figures of cells that slide."""
+
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from multiscale.plotting.figure import axes_or_current, new_figure, save_figure
+
+if TYPE_CHECKING:
+    import xarray as xr
+    from matplotlib.axes import Axes
+
+__all__ = ["draw_sliding", "plot_sliding_friction", "plot_steady_friction"]
+
+
+def plot_sliding_friction(response: "xr.Dataset", *, ax: "Axes | None" = None) -> "Axes":
+    """Plot friction against the sliding distance, one line per pressure, darker for less.
+
+    Parameters
+    ----------
+    response : Dataset
+        Follows ``SLIDING_RESPONSE``.
+    ax : Axes, optional
+        Where to draw. The current axes if not given.
+    """
+    from matplotlib import colormaps
+
+    ax = axes_or_current(ax)
+    distance = 1e6 * response["sliding_distance"].values
+    pressure = 1e-6 * response["nominal_pressure"].values
+    shades = colormaps["viridis"](np.linspace(0.0, 0.85, pressure.size))
+    for one, friction, shade in zip(
+        pressure, response["effective_friction"].values, shades, strict=True
+    ):
+        ax.plot(distance, friction, ".-", color=shade, markersize=4, label=f"{one:.3g} MPa")
+    ax.axhline(0.0, color="0.7", linewidth=0.5)
+    ax.set_xlabel("sliding distance (µm)")
+    ax.set_ylabel("effective friction")
+    ax.set_title("friction of the cell")
+    ax.legend(title="mean pressure", fontsize="small")
+    return ax
+
+
+def plot_steady_friction(response: "xr.Dataset", *, ax: "Axes | None" = None) -> "Axes":
+    """Plot the mean friction over the last period against pressure.
+
+    Parameters
+    ----------
+    response : Dataset
+        Follows ``SLIDING_RESPONSE``.
+    ax : Axes, optional
+        Where to draw. The current axes if not given.
+    """
+    ax = axes_or_current(ax)
+    ax.plot(1e-6 * response["nominal_pressure"].values, response["steady_friction"].values, "o-")
+    ax.set_xlabel("mean pressure (MPa)")
+    ax.set_ylabel("mean friction over the last period")
+    ax.set_ylim(bottom=min(0.0, ax.get_ylim()[0]))
+    ax.set_title("friction against pressure")
+    return ax
+
+
+def draw_sliding(response: "xr.Dataset", file: Path) -> Path:
+    """Draw friction against distance and against pressure, and write the figure."""
+    figure = new_figure(9.0, 3.8)
+    left, right = figure.subplots(1, 2)
+    plot_sliding_friction(response, ax=left)
+    plot_steady_friction(response, ax=right)
+    return save_figure(figure, file)

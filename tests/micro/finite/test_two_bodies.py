@@ -1,0 +1,282 @@
+"""Two deformable bodies: projection, exchange of forces, Newton's matrix, and bad input."""
+
+import numpy as np
+import pytest
+
+from multiscale.errors import CaseError
+from multiscale.laws.bulk import J2, NeoHookean, Prony
+from multiscale.micro import Cell, Opposite, Path, Surface, self_affine, solve_cell
+from multiscale.micro.finite.cell import make_scene
+from multiscale.micro.finite.equations import Equations
+from multiscale.micro.finite.history import rest_state, walk_step
+from multiscale.micro.finite.opposite import DeformedSurface
+from multiscale.micro.finite.scene import Target
+from multiscale.micro.finite.two_bodies import MIRROR
+from multiscale.micro.needs import cell_needs
+
+N, LAYERS = 16, 6
+
+
+def egg_box(n=N, amplitude=0.02):
+    wave = np.cos(2.0 * np.pi * np.arange(n) / n)
+    return Surface(amplitude * wave[:, None] * wave, (1.0, 1.0))
+
+
+def flat(n=N):
+    return Surface(np.zeros((n, n)), (1.0, 1.0))
+
+
+def rough(seed, n=N, slope=0.1):
+    return self_affine(
+        (n, n),
+        (1.0, 1.0),
+        seed,
+        hurst_exponent=0.8,
+        long_cutoff=1.0,
+        short_cutoff=0.5,
+        rms_slope=slope,
+    )
+
+
+def pair(surface=None, obstacle=None, *, bulk=None, other=None, modulus=1.0, nu=0.3, mu=0.0):
+    surface = rough(1) if surface is None else surface
+    return Cell(
+        surface,
+        0.5,
+        LAYERS,
+        1.0,
+        nu,
+        obstacle=obstacle,
+        bulk=bulk,
+        friction_coefficient=mu,
+        opposite=Opposite(0.5, LAYERS, modulus, nu, other),
+    )
+
+
+@pytest.fixture
+def rng():
+    return np.random.default_rng(4)
+
+
+@pytest.fixture
+def bumpy(rng):
+    """A surface that has moved far and deformed."""
+    field = 0.003 * rng.standard_normal((N, 3, 12))
+    field[:, 0] += 0.3
+    return DeformedSurface((1.0 / N, 1.0 / 12), field)
+
+
+def test_a_projection_lies_above_its_node(bumpy, rng):
+    place = rng.uniform(-2.0, 2.0, (2, 10, 8))
+    found = bumpy.above(place).field(0)
+    np.testing.assert_allclose(np.moveaxis(found[:, :2], 1, 0), place, atol=1e-12)
+
+
+def test_a_period_changes_nothing_but_the_place(bumpy, rng):
+    place = rng.uniform(0.0, 1.0, (2, 10, 8))
+    here, there = bumpy.above(place), bumpy.above(place + np.array([3.0, -2.0])[:, None, None])
+    np.testing.assert_allclose(there.field(0)[:, 2], here.field(0)[:, 2], atol=1e-12)
+    np.testing.assert_allclose(there.place[0] - here.place[0], 3.0 * N, atol=1e-9)
+
+
+def test_derivatives_of_a_surface_are_those_of_its_position(bumpy, rng):
+    place, step = rng.uniform(0.0, 9.0, (2, 10, 8)), 1e-5
+    here = bumpy.at(place)
+    for axis, first, second in ((0, 1, (3, 4)), (1, 2, (4, 5))):
+        change = np.zeros((2, 1, 1))
+        change[axis] = step
+        ahead, behind = bumpy.at(place + change), bumpy.at(place - change)
+        slope = (ahead.values - behind.values) / (2.0 * step)
+        np.testing.assert_allclose(slope[:, 0], here.values[:, first], atol=1e-8)
+        np.testing.assert_allclose(slope[:, 1], here.values[:, second[0]], atol=1e-6)
+        np.testing.assert_allclose(slope[:, 2], here.values[:, second[1]], atol=1e-6)
+
+
+def test_forces_left_on_the_nodes_have_the_resultant_and_the_moment(rng):
+    # away from the rim, where the next period would be another lever
+    field = 0.003 * rng.standard_normal((N, 3, N))
+    surface = DeformedSurface((1.0 / N, 1.0 / N), field)
+    point = surface.above(rng.uniform(0.3, 0.6, (2, 5, 5)))
+    force = rng.standard_normal((5, 3, 5))
+    left = point.spread(force)
+    grid = np.arange(N) / N
+    nodes = field.copy()
+    nodes[:, 0] += grid[:, None]
+    nodes[:, 1] += grid
+    np.testing.assert_allclose(left.sum((0, 2)), force.sum((0, 2)), atol=1e-12)
+    np.testing.assert_allclose(
+        np.cross(nodes, left, axis=1).sum((0, 2)),
+        np.cross(point.field(0), force, axis=1).sum((0, 2)),
+        atol=1e-12,
+    )
+
+
+def test_a_common_rotation_keeps_the_contact_point_and_turns_the_normal(rng):
+    height = 0.004 * rng.standard_normal((N, N))
+    grid = np.stack(np.meshgrid(np.arange(N) / N, np.arange(N) / N, indexing="ij"))
+    position = np.stack([*grid, height], axis=1)
+    angle, tilt = 0.4, 0.2
+    about_z = np.array(
+        [[np.cos(angle), -np.sin(angle), 0], [np.sin(angle), np.cos(angle), 0], [0, 0, 1.0]]
+    )
+    about_x = np.array(
+        [[1.0, 0, 0], [0, np.cos(tilt), -np.sin(tilt)], [0, np.sin(tilt), np.cos(tilt)]]
+    )
+    turn = about_x @ about_z
+    centre = np.array([0.45, 0.45, 0.0])
+
+    def rotate(x):
+        return np.einsum("ij,xjy->xiy", turn, x - centre[:, None]) + centre[:, None]
+
+    def surface(x):
+        field = x.copy()
+        field[:, 0] -= grid[0]
+        field[:, 1] -= grid[1]
+        return DeformedSurface((1.0 / N, 1.0 / N), field)
+
+    before = surface(position).above(rng.uniform(0.42, 0.48, (2, 4, 4)))
+    turned = surface(rotate(position))
+    target = rotate(before.field(0))
+    after = turned.at(before.place)  # the cell around is not periodic any more: no search
+    np.testing.assert_allclose(after.field(0), target, atol=1e-12)
+    normal = [np.cross(p.field(1), p.field(2), axis=1) for p in (before, after)]
+    np.testing.assert_allclose(normal[1], np.einsum("ij,xjy->xiy", turn, normal[0]), atol=1e-12)
+
+
+def test_a_common_motion_opens_no_gap_and_makes_no_slip(rng):
+    surface = rough(3)
+    scene = make_scene(pair(surface, surface, mu=0.3))
+    start = rest_state(scene)
+    u = np.zeros_like(start.displacement)
+    first, second = scene.halves.surfaces(u)
+    first[:] = 0.004 * rng.standard_normal(first.shape)
+    first[:, 0] += 1.7
+    second[:] = MIRROR * first
+    meeting = scene.meet(u, 0.0, np.zeros(2))
+    np.testing.assert_allclose(meeting.gap, 0.0, atol=1e-12)
+    np.testing.assert_allclose(scene.slip_since(start)(u, 0.0, np.zeros(2)), 0.0, atol=1e-12)
+
+
+@pytest.mark.parametrize("mu", [0.0, 0.3], ids=["smooth", "friction"])
+@pytest.mark.parametrize("load", [None, 0.01], ids=["approach", "load"])
+def test_newtons_matrix_is_the_derivative_of_the_equations(mu, load, rng):
+    """With the set of contacts, and of those that slip, held."""
+    scene = make_scene(pair(rough(1), rough(2), other=NeoHookean(1.0, 0.3), mu=mu))
+    slide = np.array([0.03, 0.01])
+    press = Target(0.01, None, np.zeros(2))
+    start = walk_step(scene, rest_state(scene), press, increments=1, tolerance=1e-9).state
+    target = Target(load, None if load else start.approach, slide)
+    state = walk_step(scene, start, target, increments=1, tolerance=1e-10).state
+    assert mu == 0.0 or state.slipping.any()
+    equations = Equations(scene, scene.body.begin(start.material, 0.0), start, target)
+    u, delta = state.displacement, state.approach
+    now = equations.at(u, delta, state.active)
+    x, step = rng.standard_normal(u.shape), 1e-7
+    shift = 0.3 if load else 0.0
+    # a step that keeps the contacts closed, as every Newton step does
+    x, shift = now.constraint.solve(x * scene.weights[0], 0.0 if load is None else shift)
+    size = np.abs(x).max()
+    x, shift = x / size, shift / size
+    found, _ = now._apply(x, shift)
+
+    def balance(sign):
+        there = equations.at(u + sign * step * x, delta + sign * step * shift, state.active)
+        force = there.response.force.copy()
+        contact = there.contact_force
+        if mu > 0.0:
+            # the tangential law instead of the tangential force
+            law = there.friction.bound[:, None] * there.friction.direction[0]
+            slip = law - there.pressure[:, None] * there.meeting.normal
+            contact = np.where(there.slipping[:, None], slip, contact)
+        else:
+            contact = -np.where(there.active, there.pressure, 0.0)[:, None] * there.meeting.normal
+        scene.surface(force)[:] -= contact
+        there.meeting.react(force, contact)
+        return force
+
+    difference = (balance(1.0) - balance(-1.0)) / (2.0 * step)
+    scale = np.abs(found).max()
+    if mu == 0.0:
+        np.testing.assert_allclose(difference, found, atol=2e-4 * scale)
+        other = rng.standard_normal(u.shape)
+        other, _ = now.constraint.solve(other * scene.weights[0], 0.0)
+        if load is None:
+            left, right = np.vdot(other, found), np.vdot(x, now._apply(other, 0.0)[0])
+            assert left == pytest.approx(right, rel=1e-3, abs=1e-6 * np.linalg.norm(found))
+    else:  # what the bound follows to first order: turns of the slip are left to the iteration
+        assert np.linalg.norm(difference - found) < 0.2 * np.linalg.norm(found)
+
+
+@pytest.mark.parametrize("mu", [0.0, 0.3], ids=["smooth", "friction"])
+@pytest.mark.parametrize("points", [N, 12], ids=["same grid", "other grid"])
+def test_a_solution_satisfies_contact_coulombs_law_and_both_balances(mu, points):
+    scene = make_scene(pair(rough(1), rough(2, points), bulk=J2(1.0, 0.3, 0.02, 0.01), mu=mu))
+    load, state = 0.01, rest_state(scene)
+    for slide in ((0.0, 0.0), (0.06, 0.0), (0.12, 0.02)):
+        target = Target(load, None, np.array(slide))
+        before = state
+        state = walk_step(scene, state, target, increments=1, tolerance=1e-9).state
+    meeting = scene.meet(state.displacement, state.approach, state.slide)
+    pressure = -np.sum(state.force * meeting.normal, axis=1)
+    tangential = state.force + pressure[:, None] * meeting.normal
+    scale = pressure.max()
+    assert -state.force[:, 2].sum() == pytest.approx(load, rel=1e-8)
+    assert np.all(pressure >= -1e-7 * scale)
+    assert np.all(meeting.gap >= -1e-8)
+    assert np.all(np.abs(meeting.gap[state.active]) < 1e-8)
+    assert np.all(np.linalg.norm(tangential, axis=1) <= mu * pressure + 1e-6 * scale)
+    forces = scene.body.begin(before.material, 0.0).respond(state.displacement).force
+    _, second = scene.halves.surfaces(forces)
+    # action and reaction, in the frame of the first body
+    np.testing.assert_allclose(
+        (MIRROR * second).sum((0, 2)), -state.force.sum((0, 2)), atol=1e-7 * load
+    )
+
+
+def test_bodies_without_friction_carry_no_state_and_pay_for_one_unknown():
+    needs = cell_needs(pair(rough(1), rough(2)))
+    assert "opposite body" in needs
+    assert "tangent" not in needs
+    assert needs.unknowns_per_contact == 1
+    assert needs.state_variables == ()
+    scene = make_scene(pair(rough(1), rough(2)))
+    assert scene.body.rest() == (None, None)
+    assert "opposite body" not in cell_needs(Cell(rough(1), 0.5, LAYERS, 1.0, 0.3))
+
+
+def test_the_other_way_round_is_the_same_up_to_the_side_of_the_nodes():
+    one, two = rough(1), rough(2)
+    under = Surface(-one.heights, one.size)
+    up = solve_cell(pair(one, Surface(-two.heights, two.size)), Path(pressure=(0.02,)))
+    down = solve_cell(pair(two, under), Path(pressure=(0.02,)))
+    assert down["mean_gap"].values == pytest.approx(up["mean_gap"].values, rel=5e-3)
+
+
+@pytest.mark.parametrize(
+    ("make", "message"),
+    [
+        (lambda: pair(rough(1), Surface(np.zeros((4, 4)), (2.0, 1.0))), "both bodies need the"),
+        (lambda: pair(rough(1), rough(2, 24)), "fewer than the opposite body"),
+        (lambda: pair(nu=0.3, modulus=-1.0), "the opposite body: Young's modulus must be positive"),
+        (lambda: pair(other=NeoHookean(2.0, 0.3)), "the opposite body: youngs_modulus of the bulk"),
+        (
+            lambda: Cell(
+                rough(1), 0.5, 6, 1.0, 0.3, geometry="flat", opposite=Opposite(0.5, 6, 1.0, 0.3)
+            ),
+            "a flat cell has no second body",
+        ),
+        (
+            lambda: solve_cell(pair(), Path(pressure=(0.1,), slide=((99.0, 0.0),))),
+            "is 99 periods of the cell",
+        ),
+        (
+            lambda: solve_cell(
+                pair(other=Prony(1.0, 0.3, (0.5,), (1.0,))), Path(pressure=(0.1,))
+            ),
+            "needs the time",
+        ),
+    ],
+)  # fmt: skip
+def test_what_makes_no_sense_is_refused(make, message):
+    with pytest.raises(CaseError, match=message):
+        make()

@@ -1,0 +1,73 @@
+"""Friction of cells against pressure and distance."""
+
+import numpy as np
+import pytest
+
+from multiscale.errors import CaseError
+from multiscale.micro import Cell, Opposite, Surface, slide_cell
+from multiscale.schema import SLIDING_RESPONSE
+
+N = 8
+
+
+def egg_box(amplitude):
+    wave = np.cos(2.0 * np.pi * np.arange(N) / N)
+    return Surface(amplitude * wave[:, None] * wave, (1.0, 1.0))
+
+
+@pytest.fixture
+def cell():
+    return Cell(
+        egg_box(0.02),
+        0.5,
+        4,
+        1.0,
+        0.3,
+        egg_box(-0.02),
+        friction_coefficient=0.2,
+        opposite=Opposite(0.5, 4, 1.0, 0.3),
+    )
+
+
+def test_friction_is_the_ratio_of_the_averages_at_every_load_and_step(cell):
+    response = slide_cell(cell, (0.004, 0.008), 1.0, steps=8)
+    SLIDING_RESPONSE.check(response)
+    assert response["converged"].values.all()
+    traction = response["traction"].values
+    np.testing.assert_allclose(-traction[..., 0], [[0.004] * 9, [0.008] * 9], rtol=1e-6)
+    friction = response["effective_friction"].values
+    np.testing.assert_allclose(friction, -traction[..., 1] / traction[..., 0])
+    np.testing.assert_allclose(response["steady_friction"], friction[:, 1:].mean(axis=1))
+    # uphill and downhill cost the same at a given load, but for the square of the slope
+    np.testing.assert_allclose(response["steady_friction"], 0.2, rtol=0.05)
+    assert np.ptp(friction[:, 1:]) > 0.02
+
+
+def test_sliding_along_y_is_sliding_along_x_for_an_egg_box(cell):
+    first, second = (
+        slide_cell(cell, (0.004,), 0.25, steps=2, along=axis)["effective_friction"].values
+        for axis in ("x", "y")
+    )
+    np.testing.assert_allclose(first[0, 1:], second[0, 1:], rtol=1e-6)
+
+
+def test_less_than_a_period_has_no_steady_friction(cell):
+    response = slide_cell(cell, (0.004,), 0.25, steps=1)
+    assert np.isnan(response["steady_friction"].values).all()
+
+
+@pytest.mark.parametrize(
+    ("change", "message"),
+    [
+        ({"pressure": ()}, "positive pressures"),
+        ({"pressure": (-1.0,)}, "positive pressures"),
+        ({"distance": 0.0}, "distance must be positive"),
+        ({"distance": 50.0}, "is 50 periods of the cell"),
+        ({"steps": 0}, "at least 1 step"),
+        ({"along": "z"}, "along 'x' or 'y'"),
+    ],
+    ids=lambda value: next(iter(value)) if isinstance(value, dict) else "",
+)
+def test_what_makes_no_sense_is_refused(cell, change, message):
+    with pytest.raises(CaseError, match=message):
+        slide_cell(cell, **({"pressure": (0.1,), "distance": 1.0} | change))
