@@ -26,7 +26,7 @@ from multiscale.upscaling.scales import (
     pressure_length_of_points,
     relaxation_time,
 )
-from multiscale.upscaling.sliding import friction_observations
+from multiscale.upscaling.sliding import friction_observations, tangential_observations
 from multiscale.upscaling.statistics import (
     ensemble_average,
     nayak_trend,
@@ -66,6 +66,7 @@ __all__ = [
     "required_realisations",
     "size_trend",
     "structure_budget",
+    "tangential_observations",
     "unloading_family",
     "unloading_observations",
     "with_budget",
