@@ -254,6 +254,22 @@ def test_the_budget_of_a_structure_propagates_that_of_the_law():
     assert budget.attrs["unknown"] == "cell size, scale separation"
 
 
+def test_an_answer_that_is_known_is_not_solved_again():
+    response = ensemble(6)
+    law = fit_law(response, n_samples=0)
+    law, p, asked = with_budget(law, error_budget(response, law)), np.array([2e7]), []
+
+    def solve(one):
+        asked.append(one)
+        return one.stiffness(one.gap_at(p))
+
+    twice = structure_budget("k", law, solve)
+    n = len(asked)
+    once = structure_budget("k", law, solve, answer=solve(law_from_dataset(law)))
+    assert len(asked) == 2 * n  # one of them to get the answer
+    np.testing.assert_array_equal(once["error_total"], twice["error_total"])
+
+
 def test_what_does_not_belong_together_is_refused():
     response = ensemble(6)
     law = fit_law(response, n_samples=0)
