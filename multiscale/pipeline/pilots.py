@@ -11,7 +11,7 @@ from multiscale.io import open_dataset
 from multiscale.micro import contact_modulus
 from multiscale.micro.topography import rms_height, rms_slope
 from multiscale.pipeline.cells import composite_material, make_cells
-from multiscale.pipeline.settings import Case, InstrumentSurface, SyntheticSurface
+from multiscale.pipeline.settings import Case, SyntheticSurface
 from multiscale.schema import MICRO_RESPONSE, STORED_CELLS
 
 if TYPE_CHECKING:
@@ -101,40 +101,26 @@ def stored_pilots(case: Case, large: "Surface | None") -> Pilots | None:
         None if the case is not one of flat elastic cells with one rough body whose spectrum and
         loads they cover.
     """
-    rough = [body.surface for body in case.bodies if body.surface is not None]
-    plain = case.cell.geometry == "flat" and case.hardness is None and len(rough) == 1
-    square = len(set(case.cell.size)) == 1
-    if large is None or not (plain and square) or isinstance(rough[0], InstrumentSurface):
+    if large is None or not _is_plain(case):
         return None
-    spectrum = rough[0]
-    hurst, band = spectrum.hurst_exponent, spectrum.long_cutoff / spectrum.short_cutoff
     cells = open_dataset(STORED, STORED_CELLS)
     known = cells["relative_pressure"].to_numpy()
     scale = contact_modulus(composite_material(case)) * rms_slope(large)
     load = np.array(case.micro.pressures) / scale
-    if (
-        spectrum.roll_off not in (None, spectrum.long_cutoff)
-        or not HURST_RANGE[0] <= hurst <= HURST_RANGE[1]
-        or not BAND_RANGE[0] <= band <= BAND_RANGE[1]
-        or not known[0] <= load.min() <= load.max() <= known[-1]
-    ):
+    if not known[0] <= load.min() <= load.max() <= known[-1]:
         return None
-    far = ((cells["hurst_exponent"].to_numpy() - hurst) / 0.3) ** 2
-    far += np.log2(cells["band"].to_numpy() / band) ** 2
-    cells = cells.isel(cell=np.flatnonzero(far == far.min()))
-    height = rms_height(large)
+    spectrum, height = _spectrum(case), rms_height(large)
+    cells = _nearest(cells, spectrum)
 
     def pick(waves: float, points: float) -> "xr.Dataset":
         chosen = ((cells["waves"] == waves) & (cells["points"] == points)).to_numpy()
         return _response(cells.isel(cell=np.flatnonzero(chosen)), load, case, height)
 
-    coarse = float(cells["points"].min())
-    sizes = {one: pick(one, coarse) for one in np.unique(cells["waves"])}
-    first = min(sizes)
-    fine = {one: pick(first, one) for one in np.unique(cells["points"])}
+    waves, points = np.unique(cells["waves"]), np.unique(cells["points"])
+    fine = {one: pick(waves[0], one) for one in points}
     n = min(one.sizes["realisation"] for one in fine.values())
     return Pilots(
-        {one * spectrum.long_cutoff: response for one, response in sizes.items()},
+        {one * spectrum.long_cutoff: pick(one, points[0]) for one in waves},
         {
             spectrum.short_cutoff / one: response.isel(realisation=slice(n))
             for one, response in fine.items()
@@ -142,6 +128,34 @@ def stored_pilots(case: Case, large: "Surface | None") -> Pilots | None:
         source=f"stored cells of Hurst exponent {float(cells['hurst_exponent'][0]):g} and "
         f"{float(cells['band'][0]):g} times the shortest wave",
     )
+
+
+def _spectrum(case: Case) -> SyntheticSurface:
+    """Return the spectrum of the only rough body."""
+    (one,) = [body.surface for body in case.bodies if isinstance(body.surface, SyntheticSurface)]
+    return one
+
+
+def _is_plain(case: Case) -> bool:
+    """Whether cells are flat, elastic, square and under one surface that stored ones stand for."""
+    rough = [body.surface for body in case.bodies if body.surface is not None]
+    if len(rough) > 1 or case.cell.geometry != "flat" or case.hardness is not None:
+        return False
+    one = _spectrum(case)
+    return (
+        len(set(case.cell.size)) == 1
+        and one.roll_off in (None, one.long_cutoff)
+        and HURST_RANGE[0] <= one.hurst_exponent <= HURST_RANGE[1]
+        and BAND_RANGE[0] <= one.long_cutoff / one.short_cutoff <= BAND_RANGE[1]
+    )
+
+
+def _nearest(cells: "xr.Dataset", spectrum: SyntheticSurface) -> "xr.Dataset":
+    """Select the stored cells of the spectrum that is most like another."""
+    band = spectrum.long_cutoff / spectrum.short_cutoff
+    far = ((cells["hurst_exponent"].to_numpy() - spectrum.hurst_exponent) / 0.3) ** 2
+    far += np.log2(cells["band"].to_numpy() / band) ** 2
+    return cells.isel(cell=np.flatnonzero(far == far.min()))
 
 
 def _response(cells: "xr.Dataset", load: np.ndarray, case: Case, height: float) -> "xr.Dataset":
