@@ -19,7 +19,9 @@ __all__ = [
     "differences",
     "differences_transposed",
     "element_geometry",
+    "gather",
     "lateral_heights",
+    "scatter",
 ]
 
 BATCH = 32  # elements along y in one batch; the arrays of one batch stay in the first-level cache
@@ -97,3 +99,49 @@ def element_geometry(lateral, z0, z1, f0, f1, geometry, lanes):  # type: ignore[
             slope = lateral[(4 + q) * BATCH + v]
             geometry[(4 + 2 * q) * BATCH + v] = near * slope
             geometry[(5 + 2 * q) * BATCH + v] = far * slope
+
+
+@numba.njit(cache=True, fastmath=True, error_model="numpy")
+def gather(field, sides, layer, start, lanes, nodes):  # type: ignore[no-untyped-def]
+    """Corner values of a batch, component by component; the base is held.
+
+    ``field`` has the shape (nx, layers, 3, ny) and ``sides`` are the two planes of a strip of
+    elements. Lanes without an element repeat the first one.
+    """
+    ny = field.shape[3]
+    for k in range(3):
+        for a in range(2):
+            for c in range(2):
+                low = (8 * k + 4 * a + c) * BATCH
+                high = low + 2 * BATCH
+                if layer + c == 0:
+                    for v in range(BATCH):
+                        nodes[low + v] = 0.0
+                        nodes[high + v] = 0.0
+                else:
+                    row = field[sides[a], layer + c - 1, k]
+                    for v in range(lanes):
+                        nodes[low + v] = row[start + v]
+                    for v in range(lanes - 1):
+                        nodes[high + v] = row[start + v + 1]
+                    nodes[high + lanes - 1] = row[(start + lanes) % ny]
+                    for v in range(lanes, BATCH):
+                        nodes[low + v], nodes[high + v] = nodes[low], nodes[high]
+
+
+@numba.njit(cache=True, fastmath=True, error_model="numpy")
+def scatter(nodes, sides, layer, start, lanes, out):  # type: ignore[no-untyped-def]
+    """Add corner forces to a field, the transpose of :func:`gather`."""
+    ny = out.shape[3]
+    for k in range(3):
+        for a in range(2):
+            for c in range(2):
+                low = (8 * k + 4 * a + c) * BATCH
+                high = low + 2 * BATCH
+                if layer + c > 0:
+                    row = out[sides[a], layer + c - 1, k]
+                    for v in range(lanes):
+                        row[start + v] += nodes[low + v]
+                    for v in range(lanes - 1):
+                        row[start + v + 1] += nodes[high + v]
+                    row[(start + lanes) % ny] += nodes[high + lanes - 1]

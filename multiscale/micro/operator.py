@@ -17,7 +17,9 @@ from multiscale.micro.hexahedron import (
     differences,
     differences_transposed,
     element_geometry,
+    gather,
     lateral_heights,
+    scatter,
 )
 from multiscale.micro.mesh import GraphMesh
 
@@ -136,22 +138,8 @@ def _apply(  # type: ignore[no-untyped-def]
                     for v in range(lanes):
                         first[v] = lame[i, layer, start + v]
                         second[v] = shear[i, layer, start + v]
+                    gather(u, sides, layer, start, lanes, nodes)
                     for k in range(3):
-                        for a in range(2):
-                            for c in range(2):
-                                low = (8 * k + 4 * a + c) * BATCH
-                                high = low + 2 * BATCH
-                                if layer + c == 0:
-                                    for v in range(lanes):
-                                        nodes[low + v] = 0.0
-                                        nodes[high + v] = 0.0
-                                else:
-                                    row = u[sides[a], layer + c - 1, k]
-                                    for v in range(lanes):
-                                        nodes[low + v] = row[start + v]
-                                    for v in range(lanes - 1):
-                                        nodes[high + v] = row[start + v + 1]
-                                    nodes[high + lanes - 1] = row[(start + lanes) % ny]
                         w, g = nodes[8 * k * BATCH :], grad[12 * k * BATCH :]
                         differences(w, g, X, Y, Z, 1.0 / dx, lanes)
                         differences(w, g[4 * BATCH :], Y, X, Z, 1.0 / dy, lanes)
@@ -166,17 +154,7 @@ def _apply(  # type: ignore[no-untyped-def]
                         differences_transposed(g, w, X, Y, Z, 1.0 / dx, lanes)
                         differences_transposed(g[4 * BATCH :], w, Y, X, Z, 1.0 / dy, lanes)
                         differences_transposed(g[8 * BATCH :], w, Z, X, Y, 1.0, lanes)
-                        for a in range(2):
-                            for c in range(2):
-                                low = (8 * k + 4 * a + c) * BATCH
-                                high = low + 2 * BATCH
-                                if layer + c > 0:
-                                    row = out[sides[a], layer + c - 1, k]
-                                    for v in range(lanes):
-                                        row[start + v] += nodes[low + v]
-                                    for v in range(lanes - 1):
-                                        row[start + v + 1] += nodes[high + v]
-                                    row[(start + lanes) % ny] += nodes[high + lanes - 1]
+                    scatter(nodes, sides, layer, start, lanes, out)
 
 
 def stiffness_operator(

@@ -24,6 +24,7 @@ from multiscale.micro.hexahedron import (
     differences,
     differences_transposed,
     element_geometry,
+    gather,
     lateral_heights,
 )
 
@@ -42,15 +43,12 @@ __all__ = [
     "SCRATCH",
     "VOLUME",
     "WEIGHT",
-    "deformation",
     "edge_derivatives",
     "edge_forces",
-    "gather",
     "kernel",
-    "mesh_batch",
     "point_rows",
     "pull_back",
-    "scatter",
+    "strain_batch",
 ]
 
 kernel = numba.njit(
@@ -72,48 +70,6 @@ COFACTOR = LOG + 2 * BATCH  # 9: F^-T
 PULLED = COFACTOR + 9 * BATCH  # 9: F^-T T^t
 METRIC = PULLED + 9 * BATCH  # rows of a law
 SCRATCH = METRIC + 200 * BATCH
-
-
-@kernel
-def gather(field, sides, layer, start, lanes, s):  # type: ignore[no-untyped-def]
-    """Corner values of a batch; the base is held."""
-    ny = field.shape[3]
-    for k in range(3):
-        for a in range(2):
-            for c in range(2):
-                low = NODES + (8 * k + 4 * a + c) * BATCH
-                high = low + 2 * BATCH
-                if layer + c == 0:
-                    for v in range(BATCH):
-                        s[low + v] = 0.0
-                        s[high + v] = 0.0
-                else:
-                    row = field[sides[a], layer + c - 1, k]
-                    for v in range(lanes):
-                        s[low + v] = row[start + v]
-                    for v in range(lanes - 1):
-                        s[high + v] = row[start + v + 1]
-                    s[high + lanes - 1] = row[(start + lanes) % ny]
-                    for v in range(lanes, BATCH):
-                        s[low + v], s[high + v] = s[low], s[high]
-
-
-@kernel
-def scatter(s, sides, layer, start, lanes, out):  # type: ignore[no-untyped-def]
-    """Add corner forces to the field."""
-    ny = out.shape[3]
-    for k in range(3):
-        for a in range(2):
-            for c in range(2):
-                low = NODES + (8 * k + 4 * a + c) * BATCH
-                high = low + 2 * BATCH
-                if layer + c > 0:
-                    row = out[sides[a], layer + c - 1, k]
-                    for v in range(lanes):
-                        row[start + v] += s[low + v]
-                    for v in range(lanes - 1):
-                        row[start + v + 1] += s[high + v]
-                    row[(start + lanes) % ny] += s[high + lanes - 1]
 
 
 @kernel
@@ -139,7 +95,7 @@ def edge_forces(s, dx, dy):  # type: ignore[no-untyped-def]
 
 
 @kernel
-def mesh_batch(  # type: ignore[no-untyped-def]
+def _mesh_batch(  # type: ignore[no-untyped-def]
     heights, planes, factor, sides, layer, start, lanes, dx, dy, s
 ):
     """Heights and slopes of the elements of a batch."""
@@ -172,7 +128,7 @@ def point_rows(q):  # type: ignore[no-untyped-def]
 
 
 @kernel
-def deformation(s, area):  # type: ignore[no-untyped-def]
+def _deformation(s, area):  # type: ignore[no-untyped-def]
     """F, det F and weight at the Gauss points, their mean; return the smallest det F."""
     least = 1e300
     for v in range(BATCH):
@@ -205,6 +161,17 @@ def deformation(s, area):  # type: ignore[no-untyped-def]
     for v in range(BATCH):
         s[MEAN + v] /= s[VOLUME + v]
     return least
+
+
+@kernel
+def strain_batch(  # type: ignore[no-untyped-def]
+    heights, planes, factor, dx, dy, u, sides, layer, start, lanes, s
+):
+    """F, det F and weights of a batch under a displacement; return the smallest det F."""
+    _mesh_batch(heights, planes, factor, sides, layer, start, lanes, dx, dy, s)
+    gather(u, sides, layer, start, lanes, s[NODES:])
+    edge_derivatives(s, dx, dy)
+    return _deformation(s, dx * dy / 8.0)
 
 
 @kernel

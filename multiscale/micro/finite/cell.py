@@ -7,9 +7,9 @@ from multiscale.laws.bulk import J2, NeoHookean, Prony
 from multiscale.micro.cell import Cell
 from multiscale.micro.finite.body import Body, linear_body
 from multiscale.micro.finite.large_strain import large_strain_body
-from multiscale.micro.finite.newton import Scene
 from multiscale.micro.finite.obstacle import Obstacle
 from multiscale.micro.finite.reference import Reference
+from multiscale.micro.finite.scene import Scene
 from multiscale.micro.graph_cell import surface_slopes
 from multiscale.micro.lateral_fft import factorise_flat_cell
 from multiscale.micro.mesh import GraphMesh, graded_planes

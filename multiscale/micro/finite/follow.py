@@ -12,7 +12,7 @@ from multiscale.micro import averages
 from multiscale.micro.cell import Cell, Path
 from multiscale.micro.finite.cell import make_scene
 from multiscale.micro.finite.history import Walk, rest_state, walk_step
-from multiscale.micro.finite.newton import CellState, Scene, Target
+from multiscale.micro.finite.scene import CellState, Scene, Target
 
 __all__ = ["current_weight", "follow_path"]
 

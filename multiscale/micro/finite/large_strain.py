@@ -70,7 +70,7 @@ class _LargeStrainCell:
     @cached_property
     def tangent(self) -> np.ndarray:
         """One buffer for the tangents of all iterations."""
-        return np.empty((*self.points[:3], TANGENT_ROWS, BATCH), dtype=np.float32)
+        return np.empty((*self.points[:3], TANGENT_ROWS * BATCH), dtype=np.float32)
 
     def rest(self) -> State:
         """State before any load, for each batch of elements."""

@@ -84,5 +84,5 @@ def _tangent(s, w, shear, tangent):  # type: ignore[no-untyped-def]
             for v in range(BATCH):
                 value = (shear - s[LOG + v]) * s[ib + v] * s[ka + v]
                 value += s[LOG + BATCH + v] * s[ia + v] * s[kb + v] + same * s[m + v]
-                tangent[entry, v] = s[w + v] * value
+                tangent[entry * BATCH + v] = s[w + v] * value
             entry += 1

@@ -23,19 +23,16 @@ from multiscale.micro.finite.batch import (
     SCRATCH,
     VOLUME,
     WEIGHT,
-    deformation,
     edge_derivatives,
     edge_forces,
-    gather,
     kernel,
-    mesh_batch,
     point_rows,
     pull_back,
-    scatter,
+    strain_batch,
 )
 from multiscale.micro.finite.neo_hookean import neo_hookean
 from multiscale.micro.finite.plastic import plastic, plastic_state
-from multiscale.micro.hexahedron import BATCH
+from multiscale.micro.hexahedron import BATCH, gather, scatter
 
 __all__ = [
     "NEO_HOOKEAN",
@@ -97,7 +94,7 @@ def _couple(s, modulus, dx, dy, tangent):  # type: ignore[no-untyped-def]
         s[LOG + v] = math.sqrt(curvature) / s[MEAN + v]
     for row in range(24):
         for v in range(BATCH):
-            tangent[COUPLING + row, v] = s[LOG + v] * s[NODES + row * BATCH + v]
+            tangent[(COUPLING + row) * BATCH + v] = s[LOG + v] * s[NODES + row * BATCH + v]
 
 
 @parallel_kernel
@@ -138,10 +135,9 @@ def respond_cell(  # type: ignore[no-untyped-def]
                 start = batch * BATCH
                 lanes = min(BATCH, ny - start)
                 for layer in range(layers):
-                    mesh_batch(heights, planes, factor, sides, layer, start, lanes, dx, dy, s)
-                    gather(u, sides, layer, start, lanes, s)
-                    edge_derivatives(s, dx, dy)
-                    determinant = deformation(s, dx * dy / 8.0)
+                    determinant = strain_batch(
+                        heights, planes, factor, dx, dy, u, sides, layer, start, lanes, s
+                    )
                     smallest = min(smallest, determinant)
                     if not determinant > LEAST_DILATATION:
                         smallest = -1.0
@@ -153,7 +149,7 @@ def respond_cell(  # type: ignore[no-untyped-def]
                     for q in range(8):
                         pull_back(s, q)
                         _volume(s, q, volume, mean_dilatation)
-                        points = rows[45 * q :]
+                        points = rows[45 * q * BATCH :]
                         if law == NEO_HOOKEAN:
                             neo_hookean(s, q, shear, kept[q], has, points, wants_tangent)
                         else:
@@ -161,7 +157,7 @@ def respond_cell(  # type: ignore[no-untyped-def]
                                 s, q, shear, moduli[2:], kept[q], points, wants_tangent, lanes
                             )
                     edge_forces(s, dx, dy)
-                    scatter(s, sides, layer, start, lanes, out)
+                    scatter(s[NODES:], sides, layer, start, lanes, out)
                     if wants_tangent and mean_dilatation:
                         _couple(s, volume, dx, dy, rows)
             least[i, 0], least[i, 1] = smallest, flowing
@@ -180,10 +176,7 @@ def update_state(heights, planes, factor, dx, dy, moduli, u, state, new):  # typ
             start = batch * BATCH
             lanes = min(BATCH, ny - start)
             for layer in range(layers):
-                mesh_batch(heights, planes, factor, sides, layer, start, lanes, dx, dy, s)
-                gather(u, sides, layer, start, lanes, s)
-                edge_derivatives(s, dx, dy)
-                deformation(s, dx * dy / 8.0)
+                strain_batch(heights, planes, factor, dx, dy, u, sides, layer, start, lanes, s)
                 for q in range(8):
                     pull_back(s, q)
                     for v in range(2 * BATCH):
@@ -205,10 +198,7 @@ def inverse_strain(heights, planes, factor, dx, dy, u, out):  # type: ignore[no-
             start = batch * BATCH
             lanes = min(BATCH, ny - start)
             for layer in range(layers):
-                mesh_batch(heights, planes, factor, sides, layer, start, lanes, dx, dy, s)
-                gather(u, sides, layer, start, lanes, s)
-                edge_derivatives(s, dx, dy)
-                deformation(s, dx * dy / 8.0)
+                strain_batch(heights, planes, factor, dx, dy, u, sides, layer, start, lanes, s)
                 for q in range(8):
                     pull_back(s, q)
                     for row in range(6):
@@ -234,76 +224,95 @@ def apply_tangent(tangent, dx, dy, mean_dilatation, u, out):  # type: ignore[no-
         for pair in numba.prange((nx + 1 - colour) // 2):
             i = 2 * pair + colour
             sides = (i, (i + 1) % nx)
-            s = np.zeros(SCRATCH)
+            s, w = np.zeros(SCRATCH), np.empty(18 * BATCH, np.float32)
             for batch in range(batches):
                 start = batch * BATCH
                 lanes = min(BATCH, ny - start)
                 for layer in range(layers):
                     rows = tangent[i, layer, batch]
-                    gather(u, sides, layer, start, lanes, s)
+                    gather(u, sides, layer, start, lanes, s[NODES:])
                     edge_derivatives(s, dx, dy)
                     for v in range(BATCH):
                         s[MEAN + v] = 0.0
                     if mean_dilatation:
                         for row in range(24):
                             for v in range(BATCH):
-                                s[MEAN + v] += rows[COUPLING + row, v] * s[NODES + row * BATCH + v]
+                                coupled = rows[(COUPLING + row) * BATCH + v]
+                                s[MEAN + v] += coupled * s[NODES + row * BATCH + v]
                     for k in range(36 * BATCH):
                         s[FLUX + k] = 0.0
                     for q in range(8):
-                        _multiply(s, q, rows[45 * q :])
+                        _multiply(s, q, rows[45 * q * BATCH :], w)
                     edge_forces(s, dx, dy)
                     if mean_dilatation:
                         for row in range(24):
                             for v in range(BATCH):
-                                s[NODES + row * BATCH + v] += rows[COUPLING + row, v] * s[MEAN + v]
-                    scatter(s, sides, layer, start, lanes, out)
+                                coupled = rows[(COUPLING + row) * BATCH + v]
+                                s[NODES + row * BATCH + v] += coupled * s[MEAN + v]
+                    scatter(s[NODES:], sides, layer, start, lanes, out)
 
 
 @kernel
-def _multiply(s, q, t):  # type: ignore[no-untyped-def]
-    """Symmetric 9 x 9 matrix, upper triangle row by row, times the derivatives of one point."""
+def _multiply(s, q, t, w):  # type: ignore[no-untyped-def]
+    """Symmetric 9 x 9 matrix, upper triangle row by row, times the derivatives of one point.
+
+    In single precision, like the matrix. ``w`` has 9 rows for the derivatives and 9 for the result.
+    """
     rx, ry, rz, _ = point_rows(q)
-    x0, y0, z0 = EDGES + rx, EDGES + ry, EDGES + rz
-    k = 12 * BATCH
-    f = FLUX - EDGES
+    for row in range(9):
+        x = EDGES + 12 * (row // 3) * BATCH + (rx, ry, rz)[row % 3]
+        for v in range(BATCH):
+            w[row * BATCH + v] = s[x + v]
     for v in range(BATCH):
-        a, b, c = s[x0 + v], s[y0 + v], s[z0 + v]
-        d, e, g = s[x0 + k + v], s[y0 + k + v], s[z0 + k + v]
-        h, m, n = s[x0 + 2 * k + v], s[y0 + 2 * k + v], s[z0 + 2 * k + v]
-        s[f + x0 + v] += (
-            t[0, v] * a + t[1, v] * b + t[2, v] * c + t[3, v] * d + t[4, v] * e
-            + t[5, v] * g + t[6, v] * h + t[7, v] * m + t[8, v] * n
+        a, b, c = w[v], w[BATCH + v], w[2 * BATCH + v]
+        d, e, g = w[3 * BATCH + v], w[4 * BATCH + v], w[5 * BATCH + v]
+        h, m, n = w[6 * BATCH + v], w[7 * BATCH + v], w[8 * BATCH + v]
+        w[9 * BATCH + v] = (
+            t[v] * a + t[BATCH + v] * b + t[2 * BATCH + v] * c
+            + t[3 * BATCH + v] * d + t[4 * BATCH + v] * e + t[5 * BATCH + v] * g
+            + t[6 * BATCH + v] * h + t[7 * BATCH + v] * m + t[8 * BATCH + v] * n
         )  # fmt: skip
-        s[f + y0 + v] += (
-            t[1, v] * a + t[9, v] * b + t[10, v] * c + t[11, v] * d + t[12, v] * e
-            + t[13, v] * g + t[14, v] * h + t[15, v] * m + t[16, v] * n
+        w[10 * BATCH + v] = (
+            t[BATCH + v] * a + t[9 * BATCH + v] * b + t[10 * BATCH + v] * c
+            + t[11 * BATCH + v] * d + t[12 * BATCH + v] * e + t[13 * BATCH + v] * g
+            + t[14 * BATCH + v] * h + t[15 * BATCH + v] * m + t[16 * BATCH + v] * n
         )  # fmt: skip
-        s[f + z0 + v] += (
-            t[2, v] * a + t[10, v] * b + t[17, v] * c + t[18, v] * d + t[19, v] * e
-            + t[20, v] * g + t[21, v] * h + t[22, v] * m + t[23, v] * n
+        w[11 * BATCH + v] = (
+            t[2 * BATCH + v] * a + t[10 * BATCH + v] * b + t[17 * BATCH + v] * c
+            + t[18 * BATCH + v] * d + t[19 * BATCH + v] * e + t[20 * BATCH + v] * g
+            + t[21 * BATCH + v] * h + t[22 * BATCH + v] * m + t[23 * BATCH + v] * n
         )  # fmt: skip
-        s[f + x0 + k + v] += (
-            t[3, v] * a + t[11, v] * b + t[18, v] * c + t[24, v] * d + t[25, v] * e
-            + t[26, v] * g + t[27, v] * h + t[28, v] * m + t[29, v] * n
+        w[12 * BATCH + v] = (
+            t[3 * BATCH + v] * a + t[11 * BATCH + v] * b + t[18 * BATCH + v] * c
+            + t[24 * BATCH + v] * d + t[25 * BATCH + v] * e + t[26 * BATCH + v] * g
+            + t[27 * BATCH + v] * h + t[28 * BATCH + v] * m + t[29 * BATCH + v] * n
         )  # fmt: skip
-        s[f + y0 + k + v] += (
-            t[4, v] * a + t[12, v] * b + t[19, v] * c + t[25, v] * d + t[30, v] * e
-            + t[31, v] * g + t[32, v] * h + t[33, v] * m + t[34, v] * n
+        w[13 * BATCH + v] = (
+            t[4 * BATCH + v] * a + t[12 * BATCH + v] * b + t[19 * BATCH + v] * c
+            + t[25 * BATCH + v] * d + t[30 * BATCH + v] * e + t[31 * BATCH + v] * g
+            + t[32 * BATCH + v] * h + t[33 * BATCH + v] * m + t[34 * BATCH + v] * n
         )  # fmt: skip
-        s[f + z0 + k + v] += (
-            t[5, v] * a + t[13, v] * b + t[20, v] * c + t[26, v] * d + t[31, v] * e
-            + t[35, v] * g + t[36, v] * h + t[37, v] * m + t[38, v] * n
+        w[14 * BATCH + v] = (
+            t[5 * BATCH + v] * a + t[13 * BATCH + v] * b + t[20 * BATCH + v] * c
+            + t[26 * BATCH + v] * d + t[31 * BATCH + v] * e + t[35 * BATCH + v] * g
+            + t[36 * BATCH + v] * h + t[37 * BATCH + v] * m + t[38 * BATCH + v] * n
         )  # fmt: skip
-        s[f + x0 + 2 * k + v] += (
-            t[6, v] * a + t[14, v] * b + t[21, v] * c + t[27, v] * d + t[32, v] * e
-            + t[36, v] * g + t[39, v] * h + t[40, v] * m + t[41, v] * n
+        w[15 * BATCH + v] = (
+            t[6 * BATCH + v] * a + t[14 * BATCH + v] * b + t[21 * BATCH + v] * c
+            + t[27 * BATCH + v] * d + t[32 * BATCH + v] * e + t[36 * BATCH + v] * g
+            + t[39 * BATCH + v] * h + t[40 * BATCH + v] * m + t[41 * BATCH + v] * n
         )  # fmt: skip
-        s[f + y0 + 2 * k + v] += (
-            t[7, v] * a + t[15, v] * b + t[22, v] * c + t[28, v] * d + t[33, v] * e
-            + t[37, v] * g + t[40, v] * h + t[42, v] * m + t[43, v] * n
+        w[16 * BATCH + v] = (
+            t[7 * BATCH + v] * a + t[15 * BATCH + v] * b + t[22 * BATCH + v] * c
+            + t[28 * BATCH + v] * d + t[33 * BATCH + v] * e + t[37 * BATCH + v] * g
+            + t[40 * BATCH + v] * h + t[42 * BATCH + v] * m + t[43 * BATCH + v] * n
         )  # fmt: skip
-        s[f + z0 + 2 * k + v] += (
-            t[8, v] * a + t[16, v] * b + t[23, v] * c + t[29, v] * d + t[34, v] * e
-            + t[38, v] * g + t[41, v] * h + t[43, v] * m + t[44, v] * n
+        w[17 * BATCH + v] = (
+            t[8 * BATCH + v] * a + t[16 * BATCH + v] * b + t[23 * BATCH + v] * c
+            + t[29 * BATCH + v] * d + t[34 * BATCH + v] * e + t[38 * BATCH + v] * g
+            + t[41 * BATCH + v] * h + t[43 * BATCH + v] * m + t[44 * BATCH + v] * n
         )  # fmt: skip
+    for row in range(9):
+        y = FLUX + 12 * (row // 3) * BATCH + (rx, ry, rz)[row % 3]
+        for v in range(BATCH):
+            s[y + v] += w[(9 + row) * BATCH + v]

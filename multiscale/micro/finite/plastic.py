@@ -269,7 +269,9 @@ def _tangent(s, w, tangent):  # type: ignore[no-untyped-def]
                 z = TURNED + c * BATCH
                 for v in range(BATCH):
                     value = s[p + v] * s[z + v] + s[p + BATCH + v] * s[z + 9 * BATCH + v]
-                    tangent[entry, v] = value + s[p + 2 * BATCH + v] * s[z + 18 * BATCH + v]
+                    tangent[entry * BATCH + v] = (
+                        value + s[p + 2 * BATCH + v] * s[z + 18 * BATCH + v]
+                    )
                 entry += 1
 
 

@@ -11,8 +11,8 @@ from multiscale.micro.finite.cell import make_scene
 from multiscale.micro.finite.follow import current_weight
 from multiscale.micro.finite.history import rest_state, walk_step
 from multiscale.micro.finite.krylov import minimal_residual
-from multiscale.micro.finite.newton import Target
 from multiscale.micro.finite.obstacle import Obstacle
+from multiscale.micro.finite.scene import Target
 
 N, LAYERS = 16, 6
 

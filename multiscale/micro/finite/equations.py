@@ -1,0 +1,292 @@
+r"""The equations of one load increment: geometry, material, contact and friction at once.
+
+Unknowns are the displacement :math:`u` and, if the load is prescribed, the approach
+:math:`\delta`. The contact forces are the internal forces :math:`f(u)` at the surface. With the
+pressure force :math:`p = -n \cdot f`, the gap :math:`g`, the slip :math:`w` of the step tangential
+to the obstacle and :math:`f_t` the tangential part of the force,
+
+.. math::
+    p = \max(0,\, p - \rho_n g), \qquad
+    f_t = \Pi_{\mu p}(f_t - \rho_t w),    \tag{1}
+
+with the projection :math:`\Pi` onto the disc of radius :math:`\mu p`: eqs (4)-(5) of the source
+with Coulomb friction. Normals and slips are those of the current configuration.
+
+References
+----------
+.. [1] P. Alart and A. Curnier, Comput. Methods Appl. Mech. Eng. 92 (1991) 353-375,
+   doi:10.1016/0045-7825(91)90022-X: the equations (1).
+"""
+
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+
+from multiscale.micro.finite.body import Increment, Response
+from multiscale.micro.finite.krylov import minimal_residual
+from multiscale.micro.finite.obstacle import Meeting
+from multiscale.micro.finite.reference import Constraint
+from multiscale.micro.finite.scene import CellState, Scene, Target
+from multiscale.micro.finite.tangential import Tangential, evaluate_friction
+
+__all__ = ["Equations", "Iterate"]
+
+LEAST_SPRING = 0.3 / 1.3  # share of the bound above which a spring helps the preconditioner
+UNLOADED = 1e-3  # of the largest contact forces so far, below which forces are measured by them
+
+
+@dataclass(frozen=True, eq=False)
+class Equations:
+    """The equations (1) of one increment.
+
+    Parameters
+    ----------
+    scene : Scene
+    increment : Increment
+        The body's step in time from the state at the start.
+    start : CellState
+    target : Target
+    """
+
+    scene: Scene
+    increment: Increment
+    start: CellState
+    target: Target
+
+    def at(self, u: np.ndarray, delta: float, active: np.ndarray | None = None) -> "Iterate":
+        """Evaluate (1) and choose the contact nodes if not given, and those that slip."""
+        scene, target = self.scene, self.target
+        response = self.increment.respond(u)
+        force = response.force[:, -1]
+        meeting = scene.obstacle.meet(u[:, -1], delta, target.slide)
+        pressure = -np.sum(force * meeting.normal, axis=1)
+        trial = pressure - scene.weights[0] * meeting.gap
+        if active is None:
+            active = trial > 0.0
+            if target.load and not active.any():  # something has to carry it
+                active = trial == trial.max()
+        friction = None
+        if scene.friction > 0.0:
+            friction = evaluate_friction(
+                force + pressure[:, None] * meeting.normal,
+                self._slip(u[:, -1], delta, meeting.normal),
+                meeting.normal,
+                active,
+                scene.friction * np.maximum(trial, 0.0),
+                scene.weights[1],
+            )
+        floor = UNLOADED * self.start.peak
+        return Iterate(
+            scene, target, response, u, delta, meeting, active, pressure, friction, floor
+        )
+
+    def _slip(self, moved: np.ndarray, delta: float, normal: np.ndarray) -> np.ndarray:
+        """Motion of the surface past the obstacle since the start, in its tangential plane."""
+        slip = moved - self.start.displacement[:, -1]
+        slip[:, :2] -= (self.target.slide - self.start.slide)[None, :, None]
+        slip[:, 2] += delta - self.start.approach
+        return np.asarray(slip - np.sum(slip * normal, axis=1)[:, None] * normal)
+
+
+@dataclass(frozen=True, eq=False)
+class Iterate:
+    """The equations at one displacement.
+
+    Attributes
+    ----------
+    scene : Scene
+    target : Target
+    response : Response
+    u : ndarray, shape (nx, layers, 3, ny)
+        m.
+    delta : float
+        m.
+    meeting : Meeting
+    active : ndarray of bool, shape (nx, ny)
+    pressure : ndarray, shape (nx, ny)
+        Pressure force p, N.
+    friction : Tangential or None
+    floor : float
+        Smallest force that others are measured by, N.
+    """
+
+    scene: Scene
+    target: Target
+    response: Response
+    u: np.ndarray
+    delta: float
+    meeting: Meeting
+    active: np.ndarray
+    pressure: np.ndarray
+    friction: Tangential | None
+    floor: float
+
+    @property
+    def slipping(self) -> np.ndarray:
+        """Contact nodes that slip."""
+        if self.friction is None:
+            return np.zeros_like(self.active)
+        return self.friction.slipping
+
+    @property
+    def sticking(self) -> np.ndarray:
+        """Contact nodes held in all directions."""
+        return np.asarray(self.active & ~self.slipping)
+
+    @property
+    def dissipated(self) -> float:
+        """Work of friction in the step, J."""
+        if self.friction is None:
+            return 0.0
+        return -float(np.sum(self.contact_force * self.friction.slip))
+
+    @cached_property
+    def contact_force(self) -> np.ndarray:
+        """Force of the obstacle on the body, shape (nx, 3, ny), N."""
+        return np.asarray(np.where(self.active[:, None], self.response.force[:, -1], 0.0))
+
+    @cached_property
+    def scale(self) -> float:
+        """Norm of the contact forces, N; what the load alone would make if they vanish."""
+        norm = max(float(np.linalg.norm(self.contact_force)), self.floor)
+        if self.target.load is not None:
+            return max(norm, self.target.load / float(np.sqrt(self.active.size)))
+        return norm
+
+    @cached_property
+    def missing(self) -> float:
+        """What the vertical contact force still has to change by, N; 0 at a given approach."""
+        if self.target.load is None:
+            return 0.0
+        return -self.target.load - float(self.contact_force[:, 2].sum())
+
+    @cached_property
+    def constraint(self) -> Constraint:
+        """Held motions and springs, for the preconditioner."""
+        rows, held = self.meeting.normal[None], self.active[None]
+        if self.friction is not None:
+            rows = np.concatenate([rows, self.friction.direction])
+            held = np.stack([self.active, self.sticking, self.sticking])
+        spring = np.zeros(held.shape)
+        if self.friction is not None:
+            strong = self.friction.share > LEAST_SPRING
+            spring[2] = np.where(strong, self.scene.weights[1] * self.friction.stretch, 0.0)
+        return Constraint(
+            self.scene.reference, rows, held, spring, carries_load=self.target.load is not None
+        )
+
+    @cached_property
+    def distance(self) -> np.ndarray:
+        """What the held motions still have to do, m."""
+        rows = [np.where(self.active, self.meeting.gap, 0.0)]
+        if self.friction is not None:
+            rows += list(np.where(self.sticking, -self.friction.along(self.friction.slip), 0.0))
+        return np.stack(rows)
+
+    @cached_property
+    def opens(self) -> bool:
+        """Whether a held motion is out of place by more than rounding."""
+        lag = np.abs(self.distance).max()
+        return bool(lag > 1e-10 * max(abs(self.delta), float(np.abs(self.u[:, -1]).max()), lag))
+
+    @cached_property
+    def residual(self) -> np.ndarray:
+        """Forces out of balance in the form of the Newton equations, N."""
+        residual = self.response.force.copy()
+        if self.friction is not None:
+            top = residual[:, -1]
+            turned = self.friction.stretch * self.friction.along(top)[1]
+            self._add_slip(top, turned, self.friction)
+        self._remove_held(residual)
+        return residual
+
+    @cached_property
+    def error(self) -> float:
+        """Residual of (1), relative to the contact forces."""
+        balance = self.response.force.copy()
+        top = balance[:, -1]
+        top[:] = np.where(self.active[:, None], 0.0, top)
+        forces = float(np.vdot(balance, balance))
+        off = (
+            self.contact_force
+            + np.where(self.active, self.pressure, 0.0)[:, None] * self.meeting.normal
+        )
+        if self.friction is not None:
+            off = off - self.friction.bound[:, None] * self.friction.direction[0]
+            off = np.where(self.slipping[:, None], off, 0.0)
+        forces += float(np.vdot(off, off))
+        weight = np.array([self.scene.weights[0]] + [self.scene.weights[1]] * 2)
+        held = self.distance * weight[: len(self.distance), None, None]
+        pulled = np.minimum(np.where(self.active, self.pressure, 0.0), 0.0)
+        total = np.sqrt(forces + float(np.vdot(held, held)) + float(np.vdot(pulled, pulled)))
+        missing = abs(self.missing) / self.target.load if self.target.load else 0.0
+        if total == 0.0 and missing == 0.0:
+            return 0.0
+        return max(total / self.scale if self.scale > 0.0 else 1.0, missing)
+
+    def _add_slip(self, top: np.ndarray, turned: np.ndarray, friction: Tangential) -> None:
+        """Add to surface forces what the bound takes from the normal ones and what turns."""
+        along, across = friction.direction
+        lag = self.scene.friction * np.sum(self.meeting.normal * top, axis=1)
+        change = lag[:, None] * along + turned[:, None] * across
+        top += np.where(self.slipping[:, None], change, 0.0)
+
+    def _remove_held(self, vector: np.ndarray) -> None:
+        """Leave out the equations of held motions, in place."""
+        top = vector[:, -1]
+        along = np.sum(self.meeting.normal * top, axis=1)
+        top -= np.where(self.active, along, 0.0)[:, None] * self.meeting.normal
+        if self.friction is not None:
+            top[:] = np.where(self.sticking[:, None], 0.0, top)
+
+    def _apply(self, x: np.ndarray, shift: float) -> tuple[np.ndarray, float]:
+        """Newton's matrix times a step, and the change of the vertical contact force."""
+        change = self.response.tangent(x)
+        top = change[:, -1]
+        vertical = float(np.where(self.active, top[:, 2], 0.0).sum())
+        self._turn(x[:, -1], top)
+        if self.friction is not None:
+            spring = self.scene.weights[1] * self.friction.stretch
+            across = self.friction.direction[1]
+            turned = spring * (np.sum(across * x[:, -1], axis=1) + across[:, 2] * shift)
+            self._add_slip(top, turned, self.friction)
+        self._remove_held(change)
+        return change, vertical
+
+    def _turn(self, x: np.ndarray, top: np.ndarray) -> None:
+        """Add what the turning of the normals on a curved obstacle changes."""
+        if self.meeting.curvature is None:
+            return
+        xx, xy, yy = self.meeting.curvature
+        factor = np.where(self.active, self.pressure, 0.0) * self.meeting.normal[:, 2]
+        top[:, 0] -= factor * (xx * x[:, 0] + xy * x[:, 1])
+        top[:, 1] -= factor * (xy * x[:, 0] + yy * x[:, 1])
+
+    def newton_step(self, forcing: float, floor: float) -> tuple[np.ndarray, float, int]:
+        """Solve the linear problem; return the step, that of the approach and the iterations."""
+        shape, size = self.u.shape, self.u.size
+        constraint = self.constraint
+        weight = 1.0 / np.sqrt(max(int(self.active.sum()), 1))
+        carries = constraint.carries_load
+
+        def join(vector: np.ndarray, number: float) -> np.ndarray:
+            return np.append(vector.reshape(-1), number)
+
+        def apply(x: np.ndarray) -> np.ndarray:
+            change, vertical = self._apply(x[:size].reshape(shape), x[size])
+            return join(change, weight * vertical if carries else 0.0)
+
+        def precondition(r: np.ndarray) -> np.ndarray:
+            z, shift = constraint.solve(r[:size].reshape(shape), r[size] / weight)
+            return join(z, shift)
+
+        first, shift = constraint.solve(-self.residual, self.missing, self.distance)
+        x = join(first, shift)
+        rest = join(-self.residual, weight * self.missing if carries else 0.0) - apply(x)
+        weights = self.scene.weights[0] * float(np.linalg.norm(self.distance))
+        size_now = np.hypot(float(np.linalg.norm(self.residual)), weights)
+        goal = max(forcing * size_now, floor * self.scale)
+        y, iterations = minimal_residual(apply, rest, precondition, goal=goal)
+        x += y
+        return x[:size].reshape(shape), float(x[size]), iterations + 1

@@ -1,0 +1,84 @@
+"""Stick and slip at the nodes of one iterate."""
+
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+
+__all__ = ["Tangential", "evaluate_friction"]
+
+LARGEST_SHARE = 0.9999
+
+
+@dataclass(frozen=True, eq=False)
+class Tangential:
+    """Tangential part of the contact equations.
+
+    Attributes
+    ----------
+    slip : ndarray, shape (nx, 3, ny)
+        Tangential motion past the obstacle in the increment, m.
+    direction : ndarray, shape (2, nx, 3, ny)
+        Unit tangents along and across the pull.
+    bound : ndarray, shape (nx, ny)
+        Largest friction, N.
+    slipping : ndarray of bool, shape (nx, ny)
+    share : ndarray, shape (nx, ny)
+        Bound over pull where a node slips, 0 elsewhere.
+    """
+
+    slip: np.ndarray
+    direction: np.ndarray
+    bound: np.ndarray
+    slipping: np.ndarray
+    share: np.ndarray
+
+    @cached_property
+    def stretch(self) -> np.ndarray:
+        """Resistance of a slipping node across its slip, over the weight of the equations."""
+        share = np.minimum(self.share, LARGEST_SHARE)
+        return np.asarray(share / (1.0 - share))
+
+    def along(self, vector: np.ndarray) -> np.ndarray:
+        """Parts of a vector along and across the pull, shape (2, nx, ny)."""
+        return np.asarray(np.sum(self.direction * vector, axis=2))
+
+
+def evaluate_friction(
+    tangential: np.ndarray,
+    slip: np.ndarray,
+    normal: np.ndarray,
+    active: np.ndarray,
+    bound: np.ndarray,
+    weight: float,
+) -> Tangential:
+    """Find the nodes that slip, and where to.
+
+    Parameters
+    ----------
+    tangential : ndarray, shape (nx, 3, ny)
+        Tangential part of the forces, N.
+    slip : ndarray, shape (nx, 3, ny)
+        m.
+    normal : ndarray, shape (nx, 3, ny)
+    active : ndarray of bool, shape (nx, ny)
+    bound : ndarray, shape (nx, ny)
+        Largest friction, N.
+    weight : float
+        What makes a force of a slip, N/m.
+    """
+    pulled = tangential - weight * slip
+    size = np.linalg.norm(pulled, axis=1)
+    slipping = active & (size > bound)
+    share = np.where(slipping, bound / np.where(size > 0.0, size, 1.0), 0.0)
+    return Tangential(slip, _directions(pulled, size, normal), bound, slipping, share)
+
+
+def _directions(pulled: np.ndarray, size: np.ndarray, normal: np.ndarray) -> np.ndarray:
+    """Find unit tangents along and across the pull; any where there is none."""
+    floor = 1e-12 * float(size.max())
+    sideways = np.zeros_like(pulled)
+    sideways[:, 0], sideways[:, 2] = normal[:, 2], -normal[:, 0]
+    sideways /= np.linalg.norm(sideways, axis=1, keepdims=True)
+    along = np.where((size > floor)[:, None], pulled / np.maximum(size, 1e-300)[:, None], sideways)
+    return np.stack([along, np.cross(normal, along, axis=1)])
