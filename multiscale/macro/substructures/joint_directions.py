@@ -3,6 +3,7 @@
 import numpy as np
 
 from multiscale.laws.base import InterfaceLaw
+from multiscale.laws.rigid import RigidContact
 from multiscale.macro.substructures.problem import Interface, Problem
 
 __all__ = ["body_stiffness", "joint_directions", "law_stiffness"]
@@ -39,9 +40,12 @@ def body_stiffness(problem: Problem, joint: Interface) -> tuple[float, float]:
 def law_stiffness(law: InterfaceLaw, jump: np.ndarray, state: np.ndarray) -> np.ndarray:
     """Diagonal of the tangent of a law, alike for both tangents, shape (3, points), Pa/m.
 
-    It is infinite where the jump does not tell the traction, as in rigid contact.
+    It is infinite for rigid contact, open or closed: nothing lies between none and infinite, and
+    directions that go to and fro between both do not converge.
     """
-    tangent = np.nan_to_num(law.respond(jump, state).tangent, nan=np.inf, posinf=np.inf)
+    if isinstance(law, RigidContact):
+        return np.full_like(jump, np.inf)
+    tangent = law.respond(jump, state).tangent
     shear = np.maximum(tangent[1, 1], tangent[2, 2])
     return np.stack([tangent[0, 0], shear, shear])
 
