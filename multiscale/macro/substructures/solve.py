@@ -147,8 +147,8 @@ def solve_step(
     for iteration in range(1, max_iterations + 1):
         z, r, found = method.iterate(load)
         change = method.distance(z, r)
-        size = acceleration.norm(change)
-        residual, last = method.residual(found, last, size, acceleration), found
+        size = method.norm(change)
+        residual, last = method.residual(found, last, size), found
         if callback is not None:
             callback(iteration, residual, found)
         if not np.isfinite(residual):
@@ -171,7 +171,7 @@ def solve_step(
         method.z, method.r = z, r
     jump, traction = method.joint_fields()
     if converged:
-        method.commit()
+        method.commit(found)
     return {
         "slack": method.slack(),
         "jump": jump,
