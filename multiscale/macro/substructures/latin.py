@@ -295,7 +295,7 @@ class Latin:
         return max(change / (size or 1.0), distance / (whole or 1.0))
 
     def size(self, found: Iterate) -> float:
-        """Forces of a state and what they store in the bodies, J^1/2."""
+        """Measure the forces of a state and what they store in the bodies, J^1/2."""
         bodies = self.team.total(np.array([found.u @ (self.stack.stiffness @ found.u)]))[0]
         return float(np.hypot(self.norm(self._forces(found)), np.sqrt(max(float(bodies), 0.0))))
 
