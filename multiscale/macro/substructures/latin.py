@@ -46,6 +46,11 @@ REST = 1e-2
 that takes all load away has none of its own."""
 
 
+ROUNDING = 1e3 * np.finfo(float).eps
+"""Change of the forces that rounding of the motion makes, relative to the forces in the norm of
+the diagonal of the stiffness: measured on blocks on joints a million times softer."""
+
+
 @dataclass(frozen=True, eq=False)
 class Iterate:
     """What one iteration leaves.
@@ -298,6 +303,11 @@ class Latin:
         """Measure the forces of a state and what they store in the bodies, J^1/2."""
         bodies = self.team.total(np.array([found.u @ (self.stack.stiffness @ found.u)]))[0]
         return float(np.hypot(self.norm(self._forces(found)), np.sqrt(max(float(bodies), 0.0))))
+
+    def rounding(self, found: Iterate) -> float:
+        """Part of a residual that rounding makes unavoidable where bodies move but hardly deform."""
+        moved = self.team.total(np.array([self.stack.stiffness.diagonal() @ found.u**2]))[0]
+        return ROUNDING * float(np.sqrt(moved)) / (self.size(found) or 1.0)
 
     def norm(self, value: np.ndarray) -> float:
         """Norm over all processes of what links, then sides have, shape (rows + m,)."""

@@ -65,7 +65,8 @@ def solve_latin(
         prestress. The change in an iteration decides, which is heuristic; ``error_bound`` is
         guaranteed where all is links whose prestress holds itself, and cannot fall below some
         1e-7, because the tensions of slack links are only zero to rounding. With joints there
-        is ``error_indicator``, a heuristic one: friction has no bound.
+        is ``error_indicator``, a heuristic one: friction has no bound. What rounding makes
+        unavoidable where bodies move far on soft joints is allowed for.
     max_iterations : int
         Iteration limit of a step.
     team : Team, optional
@@ -154,7 +155,7 @@ def solve_step(
         if not np.isfinite(residual):
             status = Status.NOT_FINITE
             break
-        if residual <= HEURISTIC * tolerance:
+        if residual <= max(HEURISTIC * tolerance, method.rounding(found)):
             status = Status.CONVERGED
             break
         x = acceleration.next(np.append(method.z, method.r), np.append(z, r), change, size)
