@@ -305,7 +305,7 @@ class Latin:
         return float(np.hypot(self.norm(self._forces(found)), np.sqrt(max(float(bodies), 0.0))))
 
     def rounding(self, found: Iterate) -> float:
-        """Part of a residual that rounding makes unavoidable where bodies move but hardly deform."""
+        """Bound what rounding leaves of a residual where bodies move but hardly deform."""
         moved = self.team.total(np.array([self.stack.stiffness.diagonal() @ found.u**2]))[0]
         return ROUNDING * float(np.sqrt(moved)) / (self.size(found) or 1.0)
 
