@@ -34,8 +34,9 @@ UNSURE = 1e-8
 """Largest residual that rounding excuses: without a limit, a body that runs away would count as
 in balance."""
 
-KRYLOV, RESTART = 200, 100
-"""Iterations of a linear system, and those before GMRES starts anew."""
+KRYLOV, RESTART = 2000, 100
+"""Iterations of a linear system, and those before GMRES starts anew. They cost far less than the
+factors; a direction that they left unfinished would slow Newton's method down on large grids."""
 
 
 @dataclass(frozen=True, eq=False)
