@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
+from multiscale.bench import FAMILIES
 from multiscale.errors import MultiscaleError
 
 if TYPE_CHECKING:
@@ -203,12 +204,9 @@ def report_command(out: Annotated[Path, typer.Argument(help="Folder of a finishe
 
 @app.command("bench")
 def bench_command(
-    scenes: Annotated[
+    families: Annotated[
         list[str] | None,
-        typer.Argument(
-            help="Families: damage, joints, micro, nonsmooth, structures, substructures; "
-            "all if not given."
-        ),
+        typer.Argument(help=f"Families: {', '.join(FAMILIES)}; all if not given."),
     ] = None,
     out: Annotated[Path, typer.Option("-o", "--out", help="Folder to write to.")] = Path("bench"),
     quick: Annotated[
@@ -216,19 +214,22 @@ def bench_command(
     ] = False,
 ) -> None:
     """Measure error, run time and memory, beside other codes where they are installed."""
-    from multiscale.bench import SCENES, tabulate
+    from multiscale.bench import bench, tabulate
+    from multiscale.bench.summary import join_families, tabulate_cheapest
     from multiscale.errors import CaseError
     from multiscale.io import make_folder, write_dataset
     from multiscale.plotting import draw_work_precision
     from multiscale.schema import WORK_PRECISION
 
-    chosen = scenes or list(SCENES)
+    chosen = families or list(FAMILIES)
     for name in chosen:
-        if name not in SCENES:
-            raise CaseError(f"there is no scene {name!r}; choose from {sorted(SCENES)}")
+        if name not in FAMILIES:
+            raise CaseError(f"there is no family {name!r}; choose from {', '.join(FAMILIES)}")
     make_folder(out)
+    measured = {}
     for name in chosen:
-        found = SCENES[name](quick, lambda line: typer.echo(line, err=True))
+        found = bench(name, quick=quick, report=lambda line: typer.echo(line, err=True))
+        measured[name] = found
         file = out / f"{name}.nc"
         write_dataset(found, file, WORK_PRECISION)
         draw_work_precision(found, file.with_suffix(".png"))
@@ -236,6 +237,10 @@ def bench_command(
             typer.echo(f"caution: {caution}", err=True)
         _print_table(found.attrs["title"], *tabulate(found))
         typer.echo(f"dataset and figure: {file}, {file.with_suffix('.png')}")
+    joined = join_families(measured)
+    write_dataset(joined, out / "work_precision.nc", WORK_PRECISION)
+    _print_table("cheapest way to an error of at most", *tabulate_cheapest(joined))
+    typer.echo(f"all runs: {out / 'work_precision.nc'}")
 
 
 @contextmanager

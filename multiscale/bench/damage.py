@@ -1,16 +1,14 @@
 """Two-scale fatigue: the error of cycle jumps against their run time."""
 
-import os
 from collections.abc import Callable, Mapping
 from functools import partial
-from importlib.metadata import version
 from typing import TYPE_CHECKING
 
 import numpy as np
 
-from multiscale.bench.measure import THREADS, Measured, measure
+from multiscale.bench.measure import Measured, measure
+from multiscale.bench.record import load_average, record, versions
 from multiscale.micro.damage import Block, FatigueMaterial, two_scale_fatigue
-from multiscale.schema import WORK_PRECISION
 
 if TYPE_CHECKING:
     import xarray as xr
@@ -87,7 +85,7 @@ def bench_damage(
     """
     tolerances = QUICK_TOLERANCES if quick else TOLERANCES
     repeats = 1 if quick else REPEATS
-    load = os.getloadavg()
+    load = load_average()
     rows: list[dict[str, float | str]] = []
     for scene in QUICK_SCENES if quick else SCENES:
         reference, _ = life(scene, None)
@@ -105,17 +103,13 @@ def bench_damage(
                 row["error"] = uncertainty
             rows.append(row)
             report(f"{scene}, {method}, tolerance {tolerance:g}: {run.wall_time:.3g} s")
-    return WORK_PRECISION.build(
-        {name: np.array([row[name] for row in rows]) for name in rows[0]},
+    return record(
+        rows,
         title="two-scale fatigue: error of the life against run time",
-        versions=f"multiscale {version('multiscale')}, numba {version('numba')}",
-        threads=THREADS,
-        cores=os.cpu_count() or 1,
+        versions=versions("numba"),
+        load_before=load,
         repeats=repeats,
-        load_before=load[0],
-        load_after=os.getloadavg()[0],
         wall_time_counts="median; without start of the process, imports and compilation",
-        cautions="",
     )
 
 

@@ -5,17 +5,15 @@ every iteration of LATIN the indicator stands beside the true error of the same 
 against the monolithic solution.
 """
 
-import os
 from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass
 from functools import cached_property
-from importlib.metadata import version
 from time import perf_counter
 from typing import TYPE_CHECKING
 
 import numpy as np
 
-from multiscale.bench.measure import THREADS
+from multiscale.bench.record import load_average, record, versions
 from multiscale.laws import Exponential, Frictional
 from multiscale.laws.bulk import Elastic
 from multiscale.macro import Body, solve_interface
@@ -26,7 +24,6 @@ from multiscale.macro.substructures.indicator import HeuristicIndicator, JointEr
 from multiscale.macro.substructures.joint_state import without_slip
 from multiscale.macro.substructures.latin import Iterate, Latin
 from multiscale.macro.substructures.solve import solve_step
-from multiscale.schema import WORK_PRECISION
 
 if TYPE_CHECKING:
     import xarray as xr
@@ -216,7 +213,7 @@ def bench_joints(
         Follows ``WORK_PRECISION``: one run for each step and decade of the true error, at the
         first iteration below it. Times are those of the iterations, with the indicator.
     """
-    load = os.getloadavg()
+    load = load_average()
     rows: list[dict[str, float | str]] = []
     for name, scene in list(SCENES.items())[: 2 if quick else None]:
         values = list(measure_effectivity(scene))
@@ -226,17 +223,13 @@ def bench_joints(
             f"{name}: effectivity {np.median(effectivity):.2g}, from {effectivity.min():.2g} to "
             f"{effectivity.max():.2g} in {effectivity.size} iterations"
         )
-    return WORK_PRECISION.build(
-        {name: np.array([row[name] for row in rows]) for name in rows[0]},
+    return record(
+        rows,
         title="rough joints with friction: heuristic indicator over true error",
-        versions=f"multiscale {version('multiscale')}",
-        threads=THREADS,
-        cores=os.cpu_count() or 1,
+        versions=versions(),
+        load_before=load,
         repeats=1,
-        load_before=load[0],
-        load_after=os.getloadavg()[0],
         wall_time_counts="iterations and indicator, without the preparation",
-        cautions="",
     )
 
 

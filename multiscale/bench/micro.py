@@ -4,18 +4,17 @@ The surface is self-affine with waves 4 to 16 of a square cell, so that 32 point
 not carry it and 64 are the coarsest grid. All grids sample the same band-limited surface.
 """
 
-import os
 from collections.abc import Callable, Mapping
 from functools import partial
 from typing import TYPE_CHECKING
 
 import numpy as np
 
-from multiscale.bench.measure import THREADS, Measured, measure
+from multiscale.bench.measure import Measured, measure
 from multiscale.bench.peers import CODES, TOLERANCE, Answer, Code
+from multiscale.bench.record import load_average, record
 from multiscale.bench.reference import common_reference, extrapolate
 from multiscale.io.surfaces import Surface
-from multiscale.schema import WORK_PRECISION
 
 if TYPE_CHECKING:
     import xarray as xr
@@ -94,7 +93,7 @@ def bench_micro(
     pressures = QUICK_RELATIVE_PRESSURES if quick else RELATIVE_PRESSURES
     repeats = 1 if quick else 3
     codes = {name: code for name, code in CODES.items() if code.installed}
-    load = os.getloadavg()
+    load = load_average()
     runs: dict[tuple[float, str], list[Measured[Answer]]] = {}
     for pressure in pressures:
         for n in points:
@@ -102,21 +101,18 @@ def bench_micro(
                 measured = _measure(code, n, pressure, repeats)
                 runs.setdefault((pressure, name), []).append(measured)
                 report(f"{_scene(pressure)}, n = {n}, {name}: {measured.wall_time:.3g} s")
-    found = WORK_PRECISION.build(
-        _columns(codes, runs, points),
+    found = record(
+        _rows(codes, runs, points),
         title="rough contact: mean gap and contact fraction",
         surface=f"waves 4 to 16, H = 0.8, rms slope {RMS_SLOPE:g}, E* = {CONTACT_MODULUS:g} Pa",
         versions=", ".join(
             dict.fromkeys(f"{code.distribution} {code.version}" for code in codes.values())
         ),
         tolerance=TOLERANCE,
-        threads=THREADS,
-        cores=os.cpu_count() or 1,
+        load_before=load,
         repeats=repeats,
-        load_before=load[0],
-        load_after=os.getloadavg()[0],
         wall_time_counts="median; without start of the process, imports and compilation",
-        cautions="\n".join(
+        cautions=(
             f"{name} is left out because it is not installed; pip install 'multiscale[bench]'"
             for name, code in CODES.items()
             if name not in codes
@@ -140,10 +136,10 @@ def _measure(code: Code, points: int, pressure: float, repeats: int) -> Measured
     return measure(task(points), warm_up=task(POINTS[0]), repeats=repeats)
 
 
-def _columns(
+def _rows(
     codes: Mapping[str, Code], runs: Runs, points: tuple[int, ...]
-) -> dict[str, np.ndarray]:
-    """Join the runs with their errors: the variables of the dataset."""
+) -> list[dict[str, float | str]]:
+    """Join the runs with their errors."""
     rms_height = float(scene_surface(POINTS[0]).heights.std())
     small_slope = [code.small_slope for code in codes.values()]
     rows: list[dict[str, float | str]] = []
@@ -172,7 +168,7 @@ def _columns(
                         "contact_error_uncertainty": area_uncertainty / area,
                     }
                 )
-    return {name: np.array([row[name] for row in rows]) for name in rows[0]}
+    return rows
 
 
 def _values(measured: list[Measured[Answer]]) -> np.ndarray:

@@ -1,11 +1,9 @@
 """Complementarity and friction: the residual of every method against its run time."""
 
-import os
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import dataclass
 from functools import partial
-from importlib.metadata import version
 from statistics import median_low
 from time import perf_counter
 from typing import TYPE_CHECKING
@@ -22,13 +20,13 @@ from multiscale.bench.lcp_scenes import (
     stack,
     tensegrity,
 )
+from multiscale.bench.record import load_average, record, versions
 from multiscale.bench.rigid_bodies import Bodies
 from multiscale.convergence import Solution
 from multiscale.errors import CaseError
 from multiscale.nonsmooth import solve_friction, solve_lcp, verify_friction, verify_lcp
 from multiscale.nonsmooth.friction import METHODS as FRICTION_METHODS
 from multiscale.nonsmooth.lcp import METHODS as LCP_METHODS
-from multiscale.schema import WORK_PRECISION
 
 if TYPE_CHECKING:
     import xarray as xr
@@ -184,7 +182,7 @@ def bench_nonsmooth(
     iterations of every method on the same scene that take the compilation. A hundred processes
     would take longer to start than the solvers to run, so memory is not measured.
     """
-    load = os.getloadavg()
+    load = load_average()
     repeats = 1 if quick else REPEATS
     runs, cautions = list[Run](), list[str]()
     with _one_thread():
@@ -195,17 +193,16 @@ def bench_nonsmooth(
                     continue
                 runs.append(_median([_run(problem, method) for _ in range(repeats)]))
                 report(f"{problem.scene}, {method}: {runs[-1].wall_time:.3g} s")
-    return WORK_PRECISION.build(
-        _columns(runs) | _histories(runs),
+    return record(
+        [_row(run) for run in runs],
+        _histories(runs),
         title="complementarity and friction: residual of every method",
-        versions=", ".join(f"{name} {version(name)}" for name in ("multiscale", "clarabel")),
+        versions=versions("clarabel"),
+        load_before=load,
         threads=1,
-        cores=os.cpu_count() or 1,
         repeats=repeats,
-        load_before=load[0],
-        load_after=os.getloadavg()[0],
         wall_time_counts="median; without imports and compilation",
-        cautions="\n".join(cautions),
+        cautions=cautions,
     )
 
 
@@ -254,20 +251,18 @@ def _median(runs: list[Run]) -> Run:
     return next(run for run in runs if run.wall_time == middle)
 
 
-def _columns(runs: list[Run]) -> dict[str, np.ndarray]:
-    """One entry for each run."""
-    errors = [run.problem.verify(run.solution.value) for run in runs]
+def _row(run: Run) -> dict[str, float | str]:
+    """Cost and error of a run."""
+    error = run.problem.verify(run.solution.value)
     return {
-        "scene": np.array([run.problem.scene for run in runs]),
-        "method": np.array([run.method for run in runs]),
-        "error": np.array(errors),
-        "tolerance": np.array([run.problem.tolerance for run in runs]),
-        "converged": np.array(
-            [int(error <= run.problem.tolerance) for run, error in zip(runs, errors, strict=True)]
-        ),
-        "wall_time": np.array([run.wall_time for run in runs]),
-        "iterations": np.array([len(run.solution.residuals) - 1 for run in runs]),
-        "unknowns": np.array([run.problem.unknowns for run in runs]),
+        "scene": run.problem.scene,
+        "method": run.method,
+        "error": error,
+        "tolerance": run.problem.tolerance,
+        "converged": int(error <= run.problem.tolerance),
+        "wall_time": run.wall_time,
+        "iterations": len(run.solution.residuals) - 1,
+        "unknowns": run.problem.unknowns,
     }
 
 

@@ -4,21 +4,19 @@ The prestress grows with the square of the size, as the moment of the load does,
 of slack cables stays about the same.
 """
 
-import os
 import sys
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from functools import partial
-from importlib.metadata import version
 from importlib.util import find_spec
 from typing import TYPE_CHECKING
 
 import numpy as np
 
-from multiscale.bench.measure import THREADS, Measured, measure
+from multiscale.bench.measure import Measured, measure
+from multiscale.bench.record import load_average, record, versions
 from multiscale.macro import LinkSystem, solve_static, tensegrity_grid
 from multiscale.macro.discrete import compatibility
-from multiscale.schema import WORK_PRECISION
 
 if TYPE_CHECKING:
     import xarray as xr
@@ -202,7 +200,7 @@ def bench_structures(
         for name, method in METHODS.items()
         if not method.pardiso or find_spec("pypardiso") is not None
     }
-    load = os.getloadavg()
+    load = load_average()
     rows: list[dict[str, float | str]] = []
     for load_factor in LOAD_FACTORS:
         for n in modules:
@@ -214,24 +212,17 @@ def bench_structures(
                     runs[name] = _measure(system, load_factor, method, repeats)
                     report(f"{_scene(load_factor)}, n = {n}, {name}: {runs[name].wall_time:.3g} s")
             rows += _rows(system, load_factor, runs)
-    return WORK_PRECISION.build(
-        {name: np.array([row[name] for row in rows]) for name in rows[0]},
+    return record(
+        rows,
         title="statics of tensegrity grids: growth of time and memory",
-        versions=", ".join(
-            f"{name} {version(name)}"
-            for name in ("multiscale", "scipy", "clarabel", "pypardiso")
-            if find_spec(name) is not None
-        ),
-        threads=THREADS,
-        cores=os.cpu_count() or 1,
+        versions=versions("scipy", "clarabel", "pypardiso"),
+        load_before=load,
         repeats=1 if quick else REPEATS,
-        load_before=load[0],
-        load_after=os.getloadavg()[0],
         wall_time_counts=(
             f"median, above {REPEATED} x {REPEATED} modules one run; without start of the process, "
             f"imports and compilation"
         ),
-        cautions="\n".join(
+        cautions=(
             f"{name} is left out because pypardiso is not installed; "
             f"pip install 'multiscale[pardiso]'"
             for name in METHODS

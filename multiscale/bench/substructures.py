@@ -1,17 +1,15 @@
 """Cut structures: error against run time of LATIN, Newton-Schur and the solver of the whole."""
 
-import os
 from collections.abc import Callable
 from dataclasses import dataclass, field
 from functools import partial
-from importlib.metadata import version
-from importlib.util import find_spec
 from time import perf_counter
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from multiscale.bench.measure import Measured, measure
+from multiscale.bench.record import load_average, record, versions
 from multiscale.bench.structures import distance, scene_grid
 from multiscale.laws import Exponential, Frictional
 from multiscale.laws.bulk import Elastic
@@ -34,7 +32,6 @@ from multiscale.macro.substructures import (
     split_grid,
     stacked_blocks,
 )
-from multiscale.schema import WORK_PRECISION
 
 if TYPE_CHECKING:
     import xarray as xr
@@ -234,7 +231,7 @@ def bench_substructures(
     imports and compilation. *Memory* is that of the whole process. Each method has one process
     of one thread, so that no substructure is solved beside another.
     """
-    load = os.getloadavg()
+    load = load_average()
     rows: list[dict[str, float | str]] = []
     histories = []
     warm = make_scenes(quick=True)
@@ -254,24 +251,17 @@ def bench_substructures(
             histories.append(np.zeros((0, 2)) if run.value is None else run.value.history)
             rows.append(_row(scene, method, runs))
     samples = np.concatenate(histories)
-    return WORK_PRECISION.build(
-        {name: np.array([row[name] for row in rows]) for name in rows[0]}
-        | {
+    return record(
+        rows,
+        {
             "history_run": np.repeat(np.arange(len(rows)), [len(item) for item in histories]),
             "history_seconds": samples[:, 0],
             "history_error": samples[:, 1],
         },
         title="cut structures: LATIN, Newton-Schur and the whole structure, in one process",
-        versions=", ".join(
-            f"{name} {version(name)}"
-            for name in ("multiscale", "scipy", "pypardiso")
-            if find_spec(name) is not None
-        ),
+        versions=versions("scipy", "pypardiso"),
+        load_before=load,
         threads=THREADS,
-        cores=os.cpu_count() or 1,
-        load_before=load[0],
-        load_after=os.getloadavg()[0],
-        cautions="",
     )
 
 

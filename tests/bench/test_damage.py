@@ -3,8 +3,7 @@
 import numpy as np
 import pytest
 
-from multiscale.bench import SCENES as FAMILIES
-from multiscale.bench import damage, tabulate
+from multiscale.bench import bench, damage, tabulate
 from multiscale.bench.damage import SCENES, life
 from multiscale.bench.measure import Measured
 from multiscale.plotting import draw_work_precision
@@ -26,7 +25,7 @@ def test_the_family_leaves_a_dataset_and_a_figure(monkeypatch, tmp_path):
         damage, "measure", lambda task, **_: Measured(task(), wall_time=0.1, peak_memory=1e8)
     )
     lines = []
-    found = FAMILIES["damage"](True, lines.append)
+    found = bench("damage", quick=True, report=lines.append)
     WORK_PRECISION.check(found)
     assert found["converged"].values.all()
     assert len(lines) == found.sizes["run"] == 3
@@ -40,6 +39,6 @@ def test_the_family_leaves_a_dataset_and_a_figure(monkeypatch, tmp_path):
 
 def test_a_process_that_died_leaves_no_number(monkeypatch):
     monkeypatch.setattr(damage, "measure", lambda *_, **__: Measured(None, np.nan, np.nan))
-    found = FAMILIES["damage"](True, lambda line: None)
+    found = bench("damage", quick=True)
     assert not found["converged"].values.any()
     assert np.isnan(found["error"].values).all()

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from multiscale.bench import SCENES, tabulate
+from multiscale.bench import bench, tabulate
 from multiscale.bench.joints import SCENES as JOINTS
 from multiscale.bench.joints import measure_effectivity
 
@@ -21,7 +21,7 @@ def test_the_indicator_is_near_the_true_error_of_sliding_joints(name):
 
 def test_the_table_has_the_effectivity_at_every_decade_of_the_error():
     lines = []
-    found = SCENES["joints"](True, lines.append)
+    found = bench("joints", quick=True, report=lines.append)
     assert len(lines) == 2
     assert found.sizes["run"] == 2 * 5 * 6
     assert np.all(found.error > 0.0)

@@ -5,7 +5,7 @@ from importlib.metadata import version
 import numpy as np
 import pytest
 
-from multiscale.bench import SCENES, micro, tabulate
+from multiscale.bench import bench, micro, tabulate
 from multiscale.bench.measure import Measured
 from multiscale.bench.peers import (
     CODES,
@@ -127,7 +127,7 @@ def in_this_process(monkeypatch):
 @pytest.mark.usefixtures("in_this_process")
 def test_what_is_missing_or_fails_is_told_and_nothing_is_invented(tmp_path):
     lines = []
-    found = SCENES["micro"](True, lines.append)
+    found = bench("micro", quick=True, report=lines.append)
     assert found.attrs["cautions"] == (
         "absent is left out because it is not installed; pip install 'multiscale[bench]'"
     )
@@ -169,11 +169,10 @@ def test_the_command_measures_all_that_is_installed(tmp_path, monkeypatch, capsy
     assert (tmp_path / "micro.png").exists()
 
 
-def test_a_scene_that_does_not_exist_is_refused(monkeypatch, capsys, tmp_path):
+def test_a_family_that_does_not_exist_is_refused(monkeypatch, capsys, tmp_path):
     from multiscale.cli import main
 
     monkeypatch.setattr("sys.argv", ["multiscale", "bench", "macro", "-o", str(tmp_path)])
     with pytest.raises(SystemExit, match="1"):
         main()
-    known = ["damage", "joints", "micro", "nonsmooth", "structures", "substructures"]
-    assert f"there is no scene 'macro'; choose from {known}" in capsys.readouterr().err
+    assert "there is no family 'macro'; choose from damage, joints" in capsys.readouterr().err

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from multiscale import linalg
-from multiscale.bench import SCENES, structures, tabulate
+from multiscale.bench import bench, structures, tabulate
 from multiscale.bench.measure import Measured, measure
 from multiscale.bench.structures import METHODS, Answer, distance, scene_grid, solve_grid, verify
 from multiscale.io import open_dataset, write_dataset
@@ -111,7 +111,7 @@ def without_pardiso(monkeypatch):
 @pytest.mark.usefixtures("without_pardiso")
 def test_what_is_missing_or_fails_is_told_and_nothing_is_invented(tmp_path):
     lines = []
-    found = SCENES["structures"](True, lines.append)
+    found = bench("structures", quick=True, report=lines.append)
     assert found.attrs["cautions"] == (
         "Newton, PARDISO is left out because pypardiso is not installed; "
         "pip install 'multiscale[pardiso]'"

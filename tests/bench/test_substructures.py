@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from multiscale.bench import SCENES, substructures, tabulate
+from multiscale.bench import bench, substructures, tabulate
 from multiscale.bench.measure import Measured
 from multiscale.bench.substructures import METHODS, RIGHT, make_scenes, solve_scene
 from multiscale.io import open_dataset, write_dataset
@@ -62,7 +62,7 @@ def test_a_lost_process_leaves_a_row_without_values_and_the_rest_is_drawn(monkey
     monkeypatch.setattr(substructures, "measure", lose_one)
     monkeypatch.setattr(substructures, "QUICK_MODULES", (4,))
     lines = []
-    found = SCENES["substructures"](True, lines.append)
+    found = bench("substructures", quick=True, report=lines.append)
     assert len(lines) == found.sizes["run"] == 9
     lost = np.arange(9) == 5
     np.testing.assert_array_equal(found["converged"], np.where(lost, 0, 1))

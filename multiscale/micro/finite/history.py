@@ -111,9 +111,7 @@ def walk_step(
             found.flowing,
         )
         moved = abs(found.approach - state.approach)
-        if found.status is Status.CONVERGED and (
-            moved <= TOO_FAR * largest_approach or not state.active.any()
-        ):
+        if found.status is Status.CONVERGED and moved <= TOO_FAR * largest_approach:
             state, done = found, share - reached
             reached = share
             if len(found.residuals) - 1 <= EASY:

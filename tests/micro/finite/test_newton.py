@@ -150,6 +150,16 @@ def test_an_elastic_cell_comes_back_and_a_plastic_one_does_not():
     assert plastic["contact_fraction"].values[0, 3] == 0.0
 
 
+def test_a_plastic_answer_does_not_depend_on_the_steps_of_the_path():
+    # the first increment after the touch is cut like all others
+    steel = cell(bulk=J2(1.0, 0.3, 0.005, 0.01), surface=rough(0.2, n=8))
+    ends = [
+        solve_cell(steel, Path(pressure=loads), recover_stress=False)["mean_gap"].values.ravel()[-1]
+        for loads in ((0.004,), (0.001, 0.002, 0.003, 0.004))
+    ]
+    assert ends[0] == pytest.approx(ends[1], rel=0.01)
+
+
 def test_a_load_reversal_at_every_step_converges():
     slides = tuple(((-1.0) ** k * 0.004, 0.0) for k in range(6))
     body = cell(friction_coefficient=1.5, bulk=J2(1.0, 0.3, 0.01, 0.01))
