@@ -243,6 +243,41 @@ def bench_command(
     typer.echo(f"all runs: {out / 'work_precision.nc'}")
 
 
+@app.command("stability")
+def stability_command(
+    families: Annotated[
+        list[str] | None, typer.Argument(help="Families of the table; all if not given.")
+    ] = None,
+    out: Annotated[Path, typer.Option("-o", "--out", help="Dataset to write.")] = Path(
+        "stability.nc"
+    ),
+    jobs: JobsOption = 0,
+) -> None:
+    """Run every stiff and extreme case: converged, refused with a sentence, or failed."""
+    from multiscale.bench.stability import check_stability, stability_cases, tabulate_stability
+    from multiscale.errors import CaseError, ConvergenceError
+    from multiscale.io import make_folder, write_dataset
+    from multiscale.schema import STABILITY
+
+    cases = stability_cases()
+    known = dict.fromkeys(case.family for case in cases)
+    for name in families or ():
+        if name not in known:
+            raise CaseError(f"there is no family {name!r}; choose from {', '.join(known)}")
+    make_folder(out.parent)
+    found = check_stability(
+        [case for case in cases if case.family in (families or known)],
+        jobs=jobs or _cores(),
+        report=lambda line: typer.echo(line, err=True),
+    )
+    write_dataset(found, out, STABILITY)
+    _print_table(found.attrs["title"], *tabulate_stability(found))
+    typer.echo(f"dataset: {out}")
+    failed = int((found["outcome"] == 0).sum())
+    if failed:
+        raise ConvergenceError(f"{failed} of {found.sizes['case']} cases failed; {out} says how")
+
+
 @contextmanager
 def _workers(jobs: int, dask: str | None) -> Iterator[Executor | None]:
     """Give the workers of a dask scheduler, a pool of processes, or nothing for a single job."""

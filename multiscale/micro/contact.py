@@ -188,6 +188,9 @@ def solve_contact(
             wrong &= np.arange(gap.size).reshape(gap.shape) == np.flatnonzero(wrong)[:1]
         if changed:
             active = active ^ wrong
+            if load is not None and not active.any():  # somewhere the load must go
+                distance = gap - closing * delta - body.trace(u)
+                active = distance == distance.min()
             stage = _LinearStage(body, closing, active, load)
 
     return ContactState(

@@ -1,0 +1,200 @@
+"""Every stiff and extreme case of the table: converged, refused with a sentence, or failed."""
+
+import signal
+import tomllib
+from collections.abc import Callable, Iterator
+from concurrent.futures import ProcessPoolExecutor
+from concurrent.futures.process import BrokenProcessPool
+from dataclasses import dataclass
+from importlib import resources
+from itertools import product
+from multiprocessing import get_context
+from time import perf_counter
+from typing import TYPE_CHECKING, NamedTuple
+
+import numpy as np
+
+from multiscale.bench.record import versions
+from multiscale.errors import MultiscaleError
+from multiscale.schema import STABILITY
+
+if TYPE_CHECKING:
+    import xarray as xr
+
+__all__ = ["OUTCOMES", "StabilityCase", "check_stability", "stability_cases", "tabulate_stability"]
+
+OUTCOMES = ("failed", "refused", "converged")
+"""Meanings of the flag ``outcome``: 0, 1, 2."""
+
+LONGEST = 300
+"""Seconds after which a case hangs."""
+
+
+@dataclass(frozen=True)
+class StabilityCase:
+    """One combination of parameters.
+
+    Parameters
+    ----------
+    family : str
+        Function of ``stability_cases`` that solves it.
+    parameters : tuple of (str, value)
+        Its arguments.
+    tolerance : float
+        Verified residual up to which it has converged.
+    """
+
+    family: str
+    parameters: tuple[tuple[str, float | str], ...]
+    tolerance: float
+
+    def __str__(self) -> str:
+        values = (
+            f"{name} = {value}" if isinstance(value, str) else f"{name} = {value:g}"
+            for name, value in self.parameters
+        )
+        return ", ".join(values)
+
+
+def stability_cases() -> list[StabilityCase]:
+    """Return the cases of the table, in its order."""
+    file = resources.files("multiscale.bench").joinpath("stability.toml")
+    cases = []
+    for family, table in tomllib.loads(file.read_text()).items():
+        tolerance = table.pop("tolerance")
+        for values in product(*table.values()):
+            cases.append(StabilityCase(family, tuple(zip(table, values, strict=True)), tolerance))
+    return cases
+
+
+def check_stability(
+    cases: list[StabilityCase],
+    *,
+    jobs: int = 1,
+    report: Callable[[str], None] = lambda line: None,
+) -> "xr.Dataset":
+    """Run cases in processes of their own.
+
+    Parameters
+    ----------
+    cases : list of StabilityCase
+    jobs : int
+        Processes at a time.
+    report : callable
+        Gets a line after each case.
+
+    Returns
+    -------
+    Dataset
+        Follows ``STABILITY``.
+
+    Notes
+    -----
+    A case has *converged* if the residual that is verified in its answer is within its tolerance.
+    It was *refused* if the package said in a sentence why it gives no answer. Everything else has
+    *failed*: another exception, a residual above the tolerance, a process that died or hangs.
+    """
+    found = []
+    for case, row in _run_all(cases, jobs):
+        found.append(row)
+        answer = row.sentence or f"({row.residual:.1e})"
+        report(f"{case.family}: {case}: {OUTCOMES[row.outcome]} {answer}")
+    return STABILITY.build(
+        {
+            "family": [case.family for case in cases],
+            "parameters": [str(case) for case in cases],
+            "tolerance": np.array([case.tolerance for case in cases]),
+            "outcome": np.array([row.outcome for row in found]),
+            "residual": np.array([row.residual for row in found]),
+            "wall_time": np.array([row.seconds for row in found]),
+            "sentence": [row.sentence for row in found],
+        },
+        title="stiff and extreme cases",
+        versions=versions("numpy", "scipy", "numba"),
+    )
+
+
+class _Outcome(NamedTuple):
+    """Flag of the outcome, verified residual, seconds, and why there is no answer."""
+
+    outcome: int
+    residual: float
+    seconds: float
+    sentence: str = ""
+
+
+def _run_all(cases: list[StabilityCase], jobs: int) -> Iterator[tuple[StabilityCase, _Outcome]]:
+    """Run the cases in order; one whose process dies takes nothing else with it."""
+    left = list(cases)
+    while left:
+        # spawn: a forked process would inherit locks of the kernels' threads
+        with ProcessPoolExecutor(jobs, mp_context=get_context("spawn")) as executor:
+            futures = [executor.submit(_run, case) for case in left]
+            for case, future in zip(tuple(left), futures, strict=True):
+                try:
+                    found = future.result()
+                except BrokenProcessPool:
+                    yield left.pop(0), _run_alone(case)  # which of them died, only this tells
+                    break
+                yield left.pop(0), found
+
+
+def _run_alone(case: StabilityCase) -> _Outcome:
+    """Solve a case in a process that nothing else depends on."""
+    with ProcessPoolExecutor(1, mp_context=get_context("spawn")) as executor:
+        try:
+            return executor.submit(_run, case).result()
+        except BrokenProcessPool:
+            return _Outcome(0, np.nan, np.nan, "its process died")
+
+
+def _give_up(*_: object) -> None:
+    raise TimeoutError(f"no answer in {LONGEST} s")
+
+
+def _run(case: StabilityCase) -> _Outcome:
+    """Solve a case."""
+    from multiscale.bench import stability_cases as families
+
+    signal.signal(signal.SIGALRM, _give_up)
+    signal.alarm(LONGEST)
+    begin = perf_counter()
+    try:
+        residual = float(getattr(families, case.family)(**dict(case.parameters)))
+    except MultiscaleError as error:
+        return _Outcome(1, np.nan, perf_counter() - begin, str(error))
+    except Exception as error:  # whatever it is, it is the finding
+        return _Outcome(0, np.nan, perf_counter() - begin, f"{type(error).__name__}: {error}")
+    finally:
+        signal.alarm(0)
+    seconds = perf_counter() - begin
+    if residual <= case.tolerance:
+        return _Outcome(2, residual, seconds)
+    return _Outcome(0, residual, seconds, f"residual {residual:.1e} above {case.tolerance:g}")
+
+
+def tabulate_stability(
+    stability: "xr.Dataset",
+) -> tuple[tuple[str, ...], list[tuple[str, ...]]]:
+    """Return the numbers of outcomes and the largest residual of every family, and of all.
+
+    Parameters
+    ----------
+    stability : Dataset
+        Follows ``STABILITY``.
+
+    Returns
+    -------
+    head : tuple of str
+    rows : list of tuple of str
+    """
+    families = stability["family"].values
+    groups = {str(family): families == family for family in dict.fromkeys(families)}
+    groups["all"] = np.ones(families.size, dtype=bool)
+    rows = []
+    for name, mine in groups.items():
+        counts = np.bincount(stability["outcome"].values[mine], minlength=3)
+        residual = stability["residual"].values[mine & (stability["outcome"].values == 2)]
+        worst = f"{residual.max():.1e}" if residual.size else ""
+        rows.append((name, str(mine.sum()), *(str(n) for n in counts[::-1]), worst))
+    return ("family", "cases", *OUTCOMES[::-1], "largest residual"), rows

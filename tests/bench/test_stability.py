@@ -1,0 +1,131 @@
+"""The matrix of stiff and extreme cases: its table, its outcomes, and a few of its cases."""
+
+import os
+
+import numpy as np
+import pytest
+
+from multiscale.bench import stability, stability_cases
+from multiscale.bench.stability import (
+    StabilityCase,
+    check_stability,
+    tabulate_stability,
+)
+from multiscale.bench.stability import stability_cases as read_cases
+from multiscale.errors import CaseError
+from multiscale.io import open_dataset
+from multiscale.schema import STABILITY
+
+
+def case(family, tolerance=1e-6, **parameters):
+    return StabilityCase(family, tuple(parameters.items()), tolerance)
+
+
+def test_the_table_names_at_least_120_cases_of_families_that_exist():
+    cases = read_cases()
+    assert len(cases) >= 120
+    assert len({(one.family, one.parameters) for one in cases}) == len(cases)
+    for family in {one.family for one in cases}:
+        assert callable(getattr(stability_cases, family))
+
+
+def refuse():
+    raise CaseError("zero is too small; take more")
+
+
+def hang():
+    while True:
+        pass
+
+
+@pytest.fixture
+def families(monkeypatch):
+    """Families that do what their names say, in this process."""
+
+    def raise_error():
+        raise ZeroDivisionError("by zero")
+
+    answers = {
+        "right": lambda: 1e-9,
+        "wrong": lambda: 1e-3,
+        "lost": lambda: np.nan,
+        "refuse": refuse,
+        "error": raise_error,
+        "hang": hang,
+    }
+    for name, answer in answers.items():
+        monkeypatch.setattr(stability_cases, name, answer, raising=False)
+    monkeypatch.setattr(stability, "LONGEST", 1)
+
+
+@pytest.mark.usefixtures("families")
+@pytest.mark.parametrize(
+    ("family", "outcome", "sentence"),
+    [
+        ("right", "converged", ""),
+        ("wrong", "failed", "residual 1.0e-03 above 1e-06"),
+        ("lost", "failed", "residual nan above 1e-06"),
+        ("refuse", "refused", "zero is too small; take more"),
+        ("error", "failed", "ZeroDivisionError: by zero"),
+        ("hang", "failed", "TimeoutError: no answer in 1 s"),
+    ],
+)
+def test_only_a_verified_answer_has_converged_and_only_a_sentence_refuses(
+    family, outcome, sentence
+):
+    found = stability._run(case(family))
+    assert stability.OUTCOMES[found.outcome] == outcome
+    assert found.sentence == sentence
+
+
+def test_a_process_that_dies_fails_alone(monkeypatch):
+    cases = [case("wedge", coefficient=mu) for mu in (0.3, "no number", 1.5)]
+    monkeypatch.setattr(stability, "_run", _die_without_number)
+    found = check_stability(cases, jobs=1)
+    STABILITY.check(found)
+    np.testing.assert_array_equal(found["outcome"], [2, 0, 2])
+    assert found["sentence"].values[1] == "its process died"
+    head, rows = tabulate_stability(found)
+    assert head == ("family", "cases", "converged", "refused", "failed", "largest residual")
+    assert rows[-1][:5] == ("all", "3", "2", "0", "1")
+
+
+def _die_without_number(one):
+    if isinstance(dict(one.parameters)["coefficient"], str):
+        os._exit(1)
+    return stability._Outcome(2, 1e-9, 0.1)
+
+
+@pytest.mark.parametrize(
+    "one",
+    [
+        case("structure", 1e-8, bar_over_cable=1e6, prestress=1e-6, load_factor=1000.0),
+        case("motion", 1e-8, bar_over_cable=1e6, prestress=1.0, step=0.1),
+        case("friction", 1e-8, mass_ratio=1e6, coefficient=1.5, boxes=2),
+        case("wedge", 1e-8, coefficient=1.5),
+        case("complementarity", 1e-10, contrast=1e8, points=8),
+        case("joint", law_over_block=1e12, friction=0.2, parts=2),
+        case("rough_cell", slope=0.5, relative_pressure=1e-4, poissons_ratio=0.4999),
+        case("voids", 1e-4, modulus=1e-6, porosity=0.3),
+        case("grains", 1e-4, friction=1.5, step=1e-2, density_ratio=1e6),
+    ],
+    ids=lambda one: one.family,
+)
+def test_an_extreme_case_of_a_family_converges(one):
+    found = stability._run(one)
+    assert found.outcome == 2, found.sentence
+
+
+def test_the_command_leaves_the_matrix_and_fails_with_its_cases(monkeypatch, capsys, tmp_path):
+    from multiscale.cli import main
+
+    file = tmp_path / "matrix.nc"
+    monkeypatch.setattr("sys.argv", ["multiscale", "stability", "wedge", "-o", str(file)])
+    with pytest.raises(SystemExit, match="0"):
+        main()
+    assert "largest residual" in capsys.readouterr().out
+    assert open_dataset(file, STABILITY).sizes["case"] == 4
+    monkeypatch.setattr("sys.argv", ["multiscale", "stability", "cake", "-o", str(file)])
+    with pytest.raises(SystemExit, match="1"):
+        main()
+    assert "there is no family 'cake'" in capsys.readouterr().err
