@@ -7,8 +7,8 @@ less to plough.
 
     python workflows/ploughing.py -o ploughing [--quick]
 
-leaves the dataset ``sliding_response.nc`` and its figure ``friction.png``. It takes about twenty minutes;
-``--quick`` takes a coarse grid, one pressure and a short way.
+leaves the dataset ``sliding_response.nc`` and its figure ``friction.png``. It takes about twenty
+minutes; ``--quick`` takes a coarse grid, one pressure and a short way.
 """
 
 import argparse
