@@ -215,6 +215,7 @@ def bench_command(
 ) -> None:
     """Measure error, run time and memory, beside other codes where they are installed."""
     from multiscale.bench import bench, tabulate
+    from multiscale.bench.summary import join_families, tabulate_cheapest
     from multiscale.errors import CaseError
     from multiscale.io import make_folder, write_dataset
     from multiscale.plotting import draw_work_precision
@@ -225,8 +226,10 @@ def bench_command(
         if name not in FAMILIES:
             raise CaseError(f"there is no family {name!r}; choose from {', '.join(FAMILIES)}")
     make_folder(out)
+    measured = {}
     for name in chosen:
         found = bench(name, quick=quick, report=lambda line: typer.echo(line, err=True))
+        measured[name] = found
         file = out / f"{name}.nc"
         write_dataset(found, file, WORK_PRECISION)
         draw_work_precision(found, file.with_suffix(".png"))
@@ -234,6 +237,10 @@ def bench_command(
             typer.echo(f"caution: {caution}", err=True)
         _print_table(found.attrs["title"], *tabulate(found))
         typer.echo(f"dataset and figure: {file}, {file.with_suffix('.png')}")
+    joined = join_families(measured)
+    write_dataset(joined, out / "work_precision.nc", WORK_PRECISION)
+    _print_table("cheapest way to an error of at most", *tabulate_cheapest(joined))
+    typer.echo(f"all runs: {out / 'work_precision.nc'}")
 
 
 @contextmanager

@@ -11,7 +11,18 @@ if TYPE_CHECKING:
 
 __all__ = ["FAMILIES", "bench", "tabulate"]
 
-FAMILIES = ("damage", "joints", "micro", "nonsmooth", "structures", "substructures")
+FAMILIES = (
+    "chain",
+    "damage",
+    "grains",
+    "joints",
+    "laws",
+    "micro",
+    "nonsmooth",
+    "strain",
+    "structures",
+    "substructures",
+)
 """Families of scenes; each is a module with a function of its name."""
 
 

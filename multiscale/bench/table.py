@@ -10,6 +10,8 @@ __all__ = ["tabulate"]
 
 COLUMNS: Mapping[str, tuple[str, str, float]] = {
     "points": ("points", "d", 1),
+    "realisations": ("realisations", "d", 1),
+    "time_step": ("step (ms)", ".3g", 1e3),
     "cables": ("cables", "d", 1),
     "unknowns": ("unknowns", ".0f", 1),
     "wall_time": ("time (s)", ".3g", 1),

@@ -6,6 +6,7 @@ import numpy as np
 
 from multiscale.errors import CaseError
 from multiscale.laws.base import InterfaceLaw, NormalLaw, Response
+from multiscale.laws.sliding import limit_traction
 
 __all__ = ["Frictional"]
 
@@ -73,7 +74,7 @@ class Frictional(InterfaceLaw):
         tangent = np.zeros((3, *jump.shape))
         tangent[0, 0] = stiffness
         along = trial / np.where(size > 0.0, size, 1.0)
-        slope = self.stiffness_ratio * self._stiffness_slope(gap)
+        slope = self.stiffness_ratio * self._stiffness_slope(gap, pressure, stiffness)
         for i in (0, 1):
             for j in (0, 1):
                 across = float(i == j) - np.where(slips, along[i] * along[j], 0.0)
@@ -87,23 +88,26 @@ class Frictional(InterfaceLaw):
     ) -> np.ndarray:
         r"""Find the jump on the law and on a search direction; see :class:`InterfaceLaw`.
 
-        The normal row does not feel the tangents. With the pressure known, the traction has the
-        direction of :math:`t_T^- + \kappa K (b_T / k - [\![u_T]\!]^-)`.
+        The normal row does not feel the tangents. With the pressure known, the traction is (1) of
+        :func:`limit_traction` for :math:`d = t_T^- + \kappa K (b_T / k - [\![u_T]\!]^-)` and
+        :math:`a = \kappa K / k`, elastic at :math:`\sigma = 1`.
         """
         stiffness = np.broadcast_to(stiffness, source.shape)
         jump = self.normal.resolvent(source, stiffness, state[:0])
         gap = jump[0] + self.normal.gap
         k = self.stiffness_ratio * self.normal.stiffness(gap)
         drive = state[:2] + k * (source[1:] / stiffness[1:] - state[2:])
-        size = np.sqrt(np.sum(drive**2, axis=0))
-        stuck = 1.0 / (1.0 + k / stiffness[1:])
         limit = self.friction * self.normal.pressure(gap)
-        traction = drive * np.minimum(stuck, limit / np.where(size > 0.0, size, np.inf))
-        jump[1:] = (source[1:] - np.where(size > 0.0, traction, 0.0)) / stiffness[1:]
+        traction = limit_traction(drive, k / stiffness[1:], 1.0, limit)
+        jump[1:] = (source[1:] - traction) / stiffness[1:]
         return jump
 
-    def _stiffness_slope(self, gap: np.ndarray) -> np.ndarray:
+    def _stiffness_slope(
+        self, gap: np.ndarray, pressure: np.ndarray, stiffness: np.ndarray
+    ) -> np.ndarray:
         """Differentiate the normal stiffness by a central difference, Pa/m²."""
-        step = 1e-6 * np.maximum(np.abs(gap), 1e-9)
+        loaded = stiffness > 0.0
+        length = np.where(loaded, pressure / np.where(loaded, stiffness, 1.0), 1e-9)
+        step = np.maximum(1e-5 * length, 1e-9 * np.abs(gap))
         rise = self.normal.stiffness(gap + step) - self.normal.stiffness(gap - step)
         return np.asarray(rise / (2.0 * step))

@@ -6,6 +6,7 @@ import numpy as np
 
 from multiscale.errors import CaseError
 from multiscale.laws.base import InterfaceLaw, Response
+from multiscale.laws.sliding import limit_traction
 
 __all__ = ["RigidContact"]
 
@@ -60,14 +61,15 @@ class RigidContact(InterfaceLaw):
     def resolvent(
         self, source: np.ndarray, stiffness: float | np.ndarray, state: np.ndarray
     ) -> np.ndarray:
-        """Find the jump that satisfies (1) and t + k [u] = source, in closed form."""
+        """Find the jump that satisfies (1) and t + k [u] = source; see :func:`limit_traction`."""
         k = np.broadcast_to(stiffness, source.shape)
         if not np.all(k > 0.0):
             raise ValueError("the stiffness of a search direction must be positive (Pa/m)")
         pressure = np.maximum(0.0, -source[0] - k[0] * self.gap)
         held = source[1:] - k[1:] * state  # traction that would hold the point
-        size, limit = np.sqrt(np.sum(held**2, axis=0)), self.friction * pressure
-        slides = size > limit
-        share = np.where(slides, limit / np.where(slides, size, 1.0), 1.0)
+        limit = self.friction * pressure
+        traction = limit_traction(held / k[1:], 1.0 / k[1:], 0.0, limit)
+        slides = np.sqrt(np.sum(held**2, axis=0)) > limit
+        slip = np.where(slides, (held - traction) / k[1:], 0.0)
         normal = np.where(pressure > 0.0, -self.gap, source[0] / k[0])
-        return np.stack([normal, *(state + (1.0 - share) * held / k[1:])])
+        return np.stack([normal, *(state + slip)])

@@ -60,6 +60,7 @@ def with_joint_budget(
         "joint_stiffness",
         law,
         stiffness,
+        answer=result["joint_stiffness"].to_numpy()[preloads],
         pressure=mean,
         coarser=None if coarser is None else {2.0: stiffness(law_from_dataset(law), coarser)},
         samples=0,

@@ -1,6 +1,6 @@
 """What a choice of cells will cost and how wrong it will be, from what has been computed."""
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from itertools import product
 
@@ -15,6 +15,8 @@ SIZES = range(-1, 5)
 GRIDS = range(-1, 3)
 REALISATIONS = (1, 2, 3, 4, 5, 6, 8, 10, 12, 16, 20, 24, 32, 40, 48, 64, 96, 128)
 STUDIES = (1, 2, 4, 8)
+GROWTH = 1.25
+"""Power of the unknowns in the time of a cell: iterations grow with the grid, and caches fill."""
 
 
 @dataclass(frozen=True, order=True)
@@ -23,18 +25,18 @@ class Setting:
 
     Attributes
     ----------
-    size : int
+    size : float
         The cell is :math:`2^s` times as large as that of the case, and so is its depth if the
-        case gives none.
-    grid : int
-        The spacing is :math:`2^{-g}` times that of the case.
+        case gives none; a whole number, but for stored cells.
+    grid : float
+        The spacing is :math:`2^{-g}` times that of the case; likewise.
     realisations : int
     study : int
         How many times the cells of the pilot runs tell the scatter and the bias by the size.
     """
 
-    size: int
-    grid: int
+    size: float
+    grid: float
     realisations: int
     study: int = 1
 
@@ -94,33 +96,49 @@ class Estimate:
 
 @dataclass(frozen=True)
 class CostModel:
-    """Time of a cell as a power of its number of unknowns.
+    """Time of a cell: a part that every cell takes, and one that grows with its unknowns.
 
     Attributes
     ----------
+    fixed : float
+        Of every cell, s.
     time : float
-        Of a cell of the case as it is, s.
-    exponent : float
-        Of the unknowns.
+        Beyond that, of a cell of the case as it is, s.
     layered : bool
         Whether unknowns fill the depth, so that they grow with its layers.
     """
 
+    fixed: float
     time: float
-    exponent: float
     layered: bool
 
-    def of_cell(self, size: int, grid: int) -> float:
+    @classmethod
+    def fit(cls, times: Mapping[tuple[float, float], float], *, layered: bool) -> "CostModel":
+        """Fit the times of cells, s, by (size, grid), with least relative errors."""
+        from scipy.optimize import nnls
+
+        unit, time = cls(0.0, 1.0, layered), np.array(list(times.values()))
+        growing = np.array([unit.of_cell(*kind) for kind in times])
+        columns = [np.ones(time.size), growing] if time.size > 1 else [growing]
+        *fixed, slope = nnls(np.transpose(columns) / time[:, None], np.ones(time.size))[0]
+        return cls(float(sum(fixed)), float(slope), layered)
+
+    def seen(self, setting: Setting, time: float) -> "CostModel":
+        """Scale all times by that of a cell of a setting, s."""
+        ratio = time / self.of_cell(setting.size, setting.grid)
+        return CostModel(ratio * self.fixed, ratio * self.time, self.layered)
+
+    def of_cell(self, size: float, grid: float) -> float:
         """Time of a cell, s."""
         unknowns = 4.0 ** (size + grid) * (2.0**grid if self.layered else 1.0)
-        return float(self.time * unknowns**self.exponent)
+        return float(self.fixed + self.time * unknowns**GROWTH)
 
 
 def cheapest(
     estimate: Estimate,
     costs: CostModel,
-    done: dict[tuple[int, int], int],
-    study: dict[tuple[int, int], int],
+    done: Mapping[tuple[float, float], int],
+    study: Mapping[tuple[float, float], int],
     target: float,
     limits: tuple[range, range],
 ) -> tuple[Setting, float]:
@@ -134,7 +152,8 @@ def cheapest(
     done : dict
         Realisations that are there by (size, grid); they cost nothing.
     study : dict
-        Cells of the pilot runs by (size, grid), of which a study takes a multiple.
+        Cells of the pilot runs by (size, grid), of which a study takes a multiple; empty if they
+        are stored and cannot become more.
     target : float
         Relative.
     limits : tuple of range
@@ -153,7 +172,8 @@ def cheapest(
     """
     found: list[tuple[float, Setting]] = []
     best = (np.inf, estimate.setting)
-    for setting in _settings(estimate.setting, *limits):
+    studies = STUDIES if study else (estimate.setting.study,)
+    for setting in _settings(estimate.setting, *limits, studies):
         total = estimate.at(setting).total
         best = min(best, (total, setting))
         if total <= target:
@@ -172,9 +192,11 @@ def cheapest(
     return setting, time
 
 
-def _settings(known: Setting, sizes: range, grids: range) -> Iterator[Setting]:
+def _settings(
+    known: Setting, sizes: range, grids: range, studies: tuple[int, ...]
+) -> Iterator[Setting]:
     """All settings that may be chosen."""
-    for size, grid, n, study in product(sizes, grids, REALISATIONS, STUDIES):
+    for size, grid, n, study in product(sizes, grids, REALISATIONS, studies):
         if study >= known.study:
             yield Setting(size, grid, n, study)
 

@@ -73,6 +73,7 @@ def solve_joint(case: Case, law: "xr.Dataset", *, bootstrap: bool = True) -> "xr
         "joint_stiffness",
         law,
         stiffness,
+        answer=result["joint_stiffness"].to_numpy(),
         pressure=preload,
         coarser={2.0: stiffness(law_from_dataset(law), 2)},
         samples=result["joint_stiffness_sample"].to_numpy() if samples and bootstrap else 0,

@@ -3,19 +3,28 @@
 import logging
 from collections.abc import Callable
 from concurrent.futures import Executor
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 import numpy as np
 
 from multiscale.errors import CaseError, ConvergenceError
-from multiscale.io import open_response
+from multiscale.io import Surface, open_response
+from multiscale.micro.topography import rms_height
 from multiscale.pipeline.forecast import GRIDS, SIZES, CostModel, Estimate, Setting, cheapest
 from multiscale.pipeline.joint import joint_scales, solve_joint
 from multiscale.pipeline.micro import run_micro
+from multiscale.pipeline.pilots import Pilots, stored_pilots, surface_at_large
 from multiscale.pipeline.settings import Case, InstrumentSurface
-from multiscale.upscaling import error_budget, fit_law, with_budget, without_size_bias
+from multiscale.upscaling import (
+    at_rms_height,
+    error_budget,
+    fit_law,
+    with_budget,
+    without_size_bias,
+)
+from multiscale.upscaling.budget import how_attribute
 
 if TYPE_CHECKING:
     import xarray as xr
@@ -24,16 +33,13 @@ __all__ = ["Plan", "plan", "resize"]
 
 logger = logging.getLogger(__name__)
 
-STUDY = {(-1, -1): 12, (0, -1): 6}
+STUDY: dict[tuple[float, float], int] = {(-1, -1): 8, (0, -1): 4}
 """Cells of the pilot runs by (size, grid): scatter, and bias by the size, on a coarse grid."""
 
-PAIRS = 5
+PAIRS = 4
 """Cells of the smaller pilot runs that are solved on the grid of the case, too."""
 
 MOST_ROUNDS = 8
-
-LEAST_EXPONENT, MOST_EXPONENT = 1.0, 1.5
-"""Of the unknowns in the time of a cell: small cells are dominated by what does not grow."""
 
 FEWEST_POINTS = 8
 """Of a cell, each way."""
@@ -106,60 +112,42 @@ def plan(
 
     Notes
     -----
-    Pilot runs of small cells on coarse grids tell the scatter, the bias by the size of the cell,
-    which is taken out of the law, the error of the grid and the time of a cell. From them follows
+    Stored cells of a spectrum alike, or pilot runs of small cells on coarse grids, tell the
+    scatter, the bias by the size of the cell, which is taken out of the law, the error of the grid
+    and the time of a cell. Gaps are those at the height of the surface at large. From them follows
     the setting of least time whose total is expected to be below the target; see
     :class:`~.forecast.Estimate`. Its cells are solved and its budget is estimated anew, which is
     the next forecast's base, until the estimate is below the target.
     """
     assert case.accuracy is not None
     _check(case)
-    campaign = _Campaign(case, out / "plan", executor, progress)
-    target, lines = case.accuracy.target, []
-    pilots = campaign.pilots(1)
-    estimate = campaign.estimate(Setting(0, -1, STUDY[0, -1]), pilots.study[0], pilots)
-    solved = {(0, -1): pilots.study[0], (-1, 0): pilots.pairs[0]}
-    sizes, forecast = SIZES, np.nan
-    for number in range(MOST_ROUNDS):
-        costs = _costs(case, solved)
-        setting, time = cheapest(estimate, costs, campaign.done(), STUDY, target, (sizes, GRIDS))
-        spent = campaign.spent()
-        forecast = spent + time if number == 0 else forecast
+    campaign = _Campaign(case, out / "plan", executor, progress, surface_at_large(case))
+    known, forecast = campaign.begin(), np.nan
+    lines: list[str] = []
+    for _ in range(MOST_ROUNDS):
+        setting, time, known = campaign.choose(known)
+        spent, expected = campaign.spent(), known.estimate.at(setting).total
+        forecast = forecast if lines else spent + time
         try:
-            if setting.study > estimate.setting.study:
-                pilots = campaign.pilots(setting.study)
-            response = campaign.solve(setting)
+            known, response = campaign.advance(known, setting)
         except CaseError as error:  # a measured map holds no more or no larger windows
             if setting.size <= 0:
                 raise
             logger.info("size %d: %s", setting.size, error)
-            sizes = range(sizes.start, setting.size)
+            known = replace(known, sizes=range(known.sizes.start, int(setting.size)))
             continue
-        solved[setting.size, setting.grid] = response
-        found = campaign.estimate(setting, response, pilots)
         lines.append(
-            f"round {number + 1}: {setting}; forecast {time:.3g} s and "
-            f"{100.0 * estimate.at(setting).total:.3g} %, spent {campaign.spent() - spent:.3g} s, "
-            f"estimated error {100.0 * found.total:.3g} %"
+            f"round {len(lines) + 1}: {setting}; forecast {time:.3g} s and "
+            f"{100.0 * expected:.3g} %, spent {campaign.spent() - spent:.3g} s, "
+            f"estimated error {100.0 * known.estimate.total:.3g} %"
         )
         logger.info(lines[-1])
-        estimate = found
-        if found.total <= target:
-            spent = campaign.spent()
-            lines.append(
-                f"the estimated error of {case.accuracy.quantity} is {100.0 * found.total:.3g} %, "
-                f"below the target of {100.0 * target:.3g} %; {spent:.3g} s of solver time were "
-                f"spent, {forecast:.3g} s forecast after the pilot runs"
-            )
-            chosen, law = campaign.law(setting, response, pilots, case.law.samples)
-            result = solve_joint(chosen, law, bootstrap=False)
-            folder = campaign.folder(setting)
-            return Plan(
-                chosen, response, law, result, folder, found.total, spent, forecast, tuple(lines)
-            )
+        if known.estimate.total <= case.accuracy.target:
+            return campaign.finish(known, response, tuple(lines), forecast)
     raise ConvergenceError(
-        f"the estimated error is {100.0 * estimate.total:.3g} % after {MOST_ROUNDS} rounds, above "
-        f"the target of {100.0 * target:.3g} %; run again to go on, or ask for a larger target"
+        f"the estimated error is {100.0 * known.estimate.total:.3g} % after {MOST_ROUNDS} rounds, "
+        f"above the target of {100.0 * case.accuracy.target:.3g} %; run again to go on, or ask for "
+        f"a larger target"
     )
 
 
@@ -212,11 +200,13 @@ def _check(case: Case) -> None:
 
 
 @dataclass(frozen=True, eq=False)
-class _Pilots:
-    """Responses of pilot runs: cells of several sizes by size, and the same cells by grid."""
+class _Known:
+    """What a planner knows after a round."""
 
-    study: dict[int, "xr.Dataset"]
-    pairs: dict[int, "xr.Dataset"]
+    estimate: Estimate
+    pilots: Pilots
+    costs: CostModel
+    sizes: range = SIZES  # that can be had
 
 
 @dataclass(frozen=True, eq=False)
@@ -227,6 +217,7 @@ class _Campaign:
     out: Path
     executor: Executor | None
     progress: Callable[[int], None]
+    large: Surface | None  # the surface at large
 
     def folder(self, setting: Setting, *, pilot: bool = False) -> Path:
         """Return where the cells of a setting are."""
@@ -234,57 +225,130 @@ class _Campaign:
         return self.out / (f"pilot-{name}" if pilot else name)
 
     def solve(self, setting: Setting, *, pilot: bool = False) -> "xr.Dataset":
-        """Response of the cells of a setting; those that are there are kept."""
-        return run_micro(
+        """Response of the cells of a setting, at the height of the surface at large.
+
+        Cells that are there are kept.
+        """
+        response = run_micro(
             resize(self.case, setting, pilot=pilot),
             self.folder(setting, pilot=pilot) / "micro_response.nc",
             executor=self.executor,
             progress=self.progress,
             fields=False,
         )
+        return response if self.large is None else at_rms_height(response, rms_height(self.large))
 
-    def pilots(self, multiple: int) -> "_Pilots":
+    def begin(self) -> _Known:
+        """Start from stored cells, or from pilot runs where none stand for the case."""
+        pilots = stored_pilots(self.case, self.large)
+        if pilots is None:
+            return self.begin_with_pilots()
+        edge, spacing = sorted(pilots.sizes)[1], max(pilots.grids)
+        size = float(np.log2(edge / max(self.case.cell.size)))
+        grid = float(np.log2(_spacing(self.case) / spacing))
+        response = pilots.sizes[edge]
+        setting = Setting(size, grid, response.sizes["realisation"])
+        kinds: dict[tuple[float, float], float] = {}
+        for one_edge, one in pilots.sizes.items():
+            kinds[size + float(np.log2(one_edge / edge)), grid] = _time(one)
+        costs = CostModel.fit(kinds, layered=False)
+        return _Known(self.estimate(setting, response, pilots), pilots, costs)
+
+    def begin_with_pilots(self) -> _Known:
+        """Start from pilot runs."""
+        pilots = self.pilots(1)
+        small, large = sorted(pilots.sizes)
+        times: dict[tuple[float, float], float] = {
+            (-1, -1): _time(pilots.sizes[small]),
+            (0, -1): _time(pilots.sizes[large]),
+            (-1, 0): _time(pilots.grids[min(pilots.grids)]),
+        }
+        costs = CostModel.fit(times, layered=self.case.cell.geometry != "flat")
+        setting = Setting(0, -1, STUDY[0, -1])
+        return _Known(self.estimate(setting, pilots.sizes[large], pilots), pilots, costs)
+
+    def pilots(self, multiple: int) -> Pilots:
         """Solve the pilot runs: cells of two sizes, and some of them on two grids."""
+        edge, spacing = max(self.case.cell.size), _spacing(self.case)
         study = {
-            size: self.solve(Setting(size, grid, multiple * n), pilot=True)
+            2.0**size * edge: self.solve(Setting(size, grid, multiple * n), pilot=True)
             for (size, grid), n in STUDY.items()
         }
         fine = self.solve(Setting(-1, 0, multiple * PAIRS), pilot=True)
-        coarse = study[-1].isel(realisation=slice(multiple * PAIRS))
-        return _Pilots(study, {0: fine, -1: coarse})
+        coarse = study[0.5 * edge].isel(realisation=slice(multiple * PAIRS))
+        return Pilots(study, {spacing: fine, 2.0 * spacing: coarse})
+
+    def choose(self, known: _Known) -> tuple[Setting, float, _Known]:
+        """Choose the cheapest setting, and pilot runs where stored cells do not reach so far."""
+        assert self.case.accuracy is not None
+        study = {} if known.pilots.stored else STUDY
+        limits, target = (known.sizes, GRIDS), self.case.accuracy.target
+        try:
+            return (
+                *cheapest(known.estimate, known.costs, self.done(), study, target, limits),
+                known,
+            )
+        except CaseError:
+            if not known.pilots.stored:
+                raise
+            return self.choose(replace(self.begin_with_pilots(), sizes=known.sizes))
+
+    def advance(self, known: _Known, setting: Setting) -> tuple[_Known, "xr.Dataset"]:
+        """Solve the cells of a setting, and estimate the error that they leave."""
+        more = setting.study > known.estimate.setting.study
+        pilots = self.pilots(setting.study) if more else known.pilots
+        response = self.solve(setting)
+        return replace(
+            known,
+            estimate=self.estimate(setting, response, pilots),
+            pilots=pilots,
+            costs=known.costs.seen(setting, _time(response)),
+        ), response
 
     def law(
-        self, setting: Setting, response: "xr.Dataset", pilots: "_Pilots", samples: int
+        self, setting: Setting, response: "xr.Dataset", pilots: Pilots, samples: int
     ) -> tuple[Case, "xr.Dataset"]:
         """Fit the law of a response, with its budget."""
         chosen = resize(self.case, setting)
-        sizes = {2.0 ** (size - setting.size): one for size, one in pilots.study.items()}
+        sizes, grids = pilots.beside(chosen)
         response = without_size_bias(response, sizes)
         law = fit_law(response, n_terms=chosen.law.terms, n_samples=samples)
+        scales = joint_scales(chosen)
         budget = error_budget(
-            response,
-            law,
-            resolutions={2.0 ** (setting.grid - grid): one for grid, one in pilots.pairs.items()},
-            sizes=sizes,
-            scales=joint_scales(chosen),
-            apart=True,
+            response, law, resolutions=grids, sizes=sizes, scales=scales, apart=True
         )
-        return chosen, with_budget(law, budget)
+        told = [how_attribute(one) for one in ("sampling", "cell size", "micro discretisation")]
+        sources = {one: f"{budget.attrs[one]} ({pilots.source})" for one in told}
+        return chosen, with_budget(law, budget.assign_attrs(sources))
 
-    def estimate(self, setting: Setting, response: "xr.Dataset", pilots: "_Pilots") -> Estimate:
+    def estimate(self, setting: Setting, response: "xr.Dataset", pilots: Pilots) -> Estimate:
         """Say how wrong the answer of a response is."""
         assert self.case.accuracy is not None
-        (chosen, law), quantity = (
-            self.law(setting, response, pilots, 0),
-            self.case.accuracy.quantity,
-        )
-        carrier = law
+        chosen, carrier = self.law(setting, response, pilots, 0)
+        quantity = self.case.accuracy.quantity
         if quantity == "joint_stiffness":
-            carrier = solve_joint(chosen, law, bootstrap=False)
+            carrier = solve_joint(chosen, carrier, bootstrap=False)
         one = carrier.sel(quantity=quantity)
         return Estimate(setting, one["error_half_width"].to_numpy(), one["error_bias"].to_numpy())
 
-    def done(self) -> dict[tuple[int, int], int]:
+    def finish(
+        self, known: _Known, response: "xr.Dataset", lines: tuple[str, ...], forecast: float
+    ) -> Plan:
+        """Fit the law that is the answer, and solve the joint with it."""
+        assert self.case.accuracy is not None
+        accuracy, setting, total = self.case.accuracy, known.estimate.setting, known.estimate.total
+        spent, samples = self.spent(), self.case.law.samples
+        chosen, law = self.law(setting, response, known.pilots, samples)
+        result = solve_joint(chosen, law, bootstrap=False)
+        last = (
+            f"the estimated error of {accuracy.quantity} is {100.0 * total:.3g} %, below the "
+            f"target of {100.0 * accuracy.target:.3g} %; {spent:.3g} s of solver time were spent, "
+            f"{forecast:.3g} s forecast at the start"
+        )
+        folder = self.folder(setting)
+        return Plan(chosen, response, law, result, folder, total, spent, forecast, (*lines, last))
+
+    def done(self) -> dict[tuple[float, float], int]:
         """Count the cells of each setting that are there, pilot runs apart."""
         keys = [(size, grid) for size in SIZES for grid in GRIDS]
         return {
@@ -298,21 +362,11 @@ class _Campaign:
         return sum(float(open_response(file)["wall_time"].sum()) for file in files)
 
 
-def _costs(case: Case, solved: dict[tuple[int, int], "xr.Dataset"]) -> CostModel:
-    """Fit the time of a cell to the two kinds with most unknowns among those solved.
+def _spacing(case: Case) -> float:
+    """Largest spacing of the grid, m."""
+    return max(edge / n for edge, n in zip(case.cell.size, case.cell.points, strict=True))
 
-    The median over the realisations counts, since the first one may have compiled kernels.
-    """
-    unit = CostModel(1.0, 1.0, case.cell.geometry != "flat")
-    rows: dict[float, float] = {}
-    for (size, grid), response in solved.items():
-        time = float(np.median(response["wall_time"].sum("step")))
-        unknowns = unit.of_cell(size, grid)
-        rows[unknowns] = min(time, rows.get(unknowns, np.inf))
-    *others, (large, time) = sorted(rows.items())
-    exponent = LEAST_EXPONENT
-    if others:
-        small, short = others[-1]
-        exponent = float(np.log(time / short) / np.log(large / small))
-    exponent = min(max(exponent, LEAST_EXPONENT), MOST_EXPONENT)
-    return CostModel(time / large**exponent, exponent, unit.layered)
+
+def _time(response: "xr.Dataset") -> float:
+    """Median time of a cell, s: the first one may have compiled kernels."""
+    return float(np.median(response["wall_time"].sum("step")))

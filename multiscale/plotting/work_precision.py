@@ -16,6 +16,7 @@ if TYPE_CHECKING:
 
 __all__ = ["draw_work_precision", "plot_history", "plot_work_precision"]
 
+LABELS = ("points", "realisations", "time_step", "tolerance")
 SMALLEST_ERROR = 1e-17  # where an error of zero is drawn
 
 
@@ -29,7 +30,7 @@ def plot_work_precision(
     """Plot error against run time, one line per method; dashed against the method's own limit.
 
     Below the uncertainty of the reference, drawn as a band, differences mean nothing. Points are
-    labelled with the ratio of scales, the grid or the tolerance if one is known; what did not
+    labelled with the ratio of scales, or how fine they are, if that is known; what did not
     converge is left out.
 
     Parameters
@@ -80,10 +81,10 @@ def plot_work_precision(
 
 
 def _labels(runs: "xr.Dataset") -> list[str]:
-    """Ratio of scales, grid or tolerance of every run; none if nothing is known."""
+    """Ratio of scales or setting of every run; none if nothing is known."""
     if "scale_ratio" in runs:
         return [f"1/{round(1.0 / ratio)}" for ratio in runs["scale_ratio"].values]
-    known = next((name for name in ("points", "tolerance") if name in runs), None)
+    known = next((name for name in LABELS if name in runs), None)
     if known is None:
         return []
     return [f"{value:g}" if value > 0.0 else "" for value in runs[known].values]

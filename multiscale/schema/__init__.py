@@ -6,6 +6,7 @@ from multiscale.schema.damage import DAMAGE_SECTIONS, FATIGUE, RVE_STIFFNESS, WO
 from multiscale.schema.end_to_end import END_TO_END
 from multiscale.schema.granulate import GRANULATE
 from multiscale.schema.law import ERROR_BUDGET, INTERFACE_LAW, LAW_COMPARISON
+from multiscale.schema.stored_cells import STORED_CELLS
 from multiscale.schema.structure import HOMOGENISED, MACRO_RESULT
 from multiscale.schema.sweep import SWEEP
 from multiscale.schema.work_precision import WORK_PRECISION
@@ -26,6 +27,7 @@ __all__ = [
     "RVE_STIFFNESS",
     "SCHEMAS",
     "SLIDING_RESPONSE",
+    "STORED_CELLS",
     "SWEEP",
     "WOEHLER",
     "WORK_PRECISION",
@@ -50,6 +52,7 @@ SCHEMAS = {
         HOMOGENISED,
         GRANULATE,
         END_TO_END,
+        STORED_CELLS,
         SWEEP,
         SLIDING_RESPONSE,
     )

@@ -2,7 +2,7 @@
 
 from multiscale.upscaling.admissibility import admissibility, is_admissible
 from multiscale.upscaling.budget import error_budget, with_budget
-from multiscale.upscaling.budget_terms import without_size_bias
+from multiscale.upscaling.cell_size import at_rms_height, without_size_bias
 from multiscale.upscaling.comparison import compare_laws
 from multiscale.upscaling.export import write_law_table, write_pressure_overclosure
 from multiscale.upscaling.family import FAMILIES, Family, Parameter, unloading_family
@@ -26,7 +26,7 @@ from multiscale.upscaling.scales import (
     pressure_length_of_points,
     relaxation_time,
 )
-from multiscale.upscaling.sliding import friction_observations
+from multiscale.upscaling.sliding import friction_observations, tangential_observations
 from multiscale.upscaling.statistics import (
     ensemble_average,
     nayak_trend,
@@ -44,6 +44,7 @@ __all__ = [
     "admissibility",
     "area_from_dataset",
     "area_observations",
+    "at_rms_height",
     "compare_laws",
     "compare_scales",
     "ensemble_average",
@@ -66,6 +67,7 @@ __all__ = [
     "required_realisations",
     "size_trend",
     "structure_budget",
+    "tangential_observations",
     "unloading_family",
     "unloading_observations",
     "with_budget",

@@ -14,8 +14,8 @@ from multiscale.upscaling.budget_terms import (
     pooled_sampling_term,
     sampling_term,
     separation_term,
-    size_term,
 )
+from multiscale.upscaling.cell_size import size_term
 from multiscale.upscaling.observations import normal_observations
 from multiscale.upscaling.scales import ScaleSeparation
 
@@ -96,10 +96,10 @@ def error_budget(
     -----
     - *sampling*: Student's interval of the mean for gap and contact fraction, the bootstrap band
       for the stiffness;
-    - *fit*: 1.96 times the root mean square, over the steps, of the error at a step that the fit
-      has not seen;
+    - *fit*: from the root mean square, over the steps, of the error at a step that the fit has not
+      seen, and for the stiffness at the ends from how it bends there;
     - *cell size*: with the mean :math:`m(L) = m_\infty + b L^{-q}` through the sizes, weighted
-      by their uncertainty, the bias :math:`b L^{-q}`, averaged over :math:`1 \le q \le 2` by
+      by their uncertainty, the bias :math:`b L^{-q}`, averaged over :math:`1 \le q \le 3` by
       their likelihood, and the interval about it;
     - *micro discretisation*: :func:`estimate_grid_error` of the means of the same realisations;
     - *scale separation*: with :math:`\varepsilon = \lambda_l/\ell` two independent parts: the
@@ -139,7 +139,7 @@ def error_budget(
         terms["sampling"], factor = sampling_term(response, law, p)
     if not np.any(np.isfinite(terms["sampling"])):
         how["sampling"] = "not known: one realisation tells nothing of the scatter, solve 3"
-    terms["fit"] = fit_term(law, p.size)
+    terms["fit"] = fit_term(law, p)
     if sizes:
         biases["cell size"], terms["cell size"], how["cell size"] = size_term(
             response, sizes, apart=apart

@@ -24,18 +24,19 @@ if TYPE_CHECKING:
 
 __all__ = [
     "NORMAL",
+    "each_value",
     "fit_term",
     "grid_term",
     "law_stiffness",
     "pooled_sampling_term",
+    "same_steps",
     "sampling_term",
     "separation_term",
-    "size_term",
-    "without_size_bias",
+    "students",
 ]
 
+FREE_NORMAL = "convex_decreasing"
 NORMAL = 1.959963984540054  # standard deviations to 95 %
-SIZE_ORDERS = np.linspace(1.0, 2.0, 11)  # of what a finite cell leaves out
 
 
 def law_stiffness(law: "xr.Dataset", pressure: np.ndarray) -> np.ndarray:
@@ -77,13 +78,13 @@ def pooled_sampling_term(
     """
     from scipy.stats import t
 
-    own, found = _same_steps(response, sizes, apart=True)
+    own, found = same_steps(response, sizes, apart=True)
     freedom, square = 0, np.zeros((3, own[0].pressure.size))
     for ratio, pair in [(1.0, own), *found.items()]:
         n = pair[0].n_realisations
         if n < 2:
             continue
-        values = np.array([one[1.0] for one in _each({1.0: pair})])
+        values = np.array([one[1.0] for one in each_value({1.0: pair})])
         cov = np.nanstd(values, axis=1, ddof=1) / np.abs(np.nanmean(values, axis=1))
         square += (n - 1) * (ratio * cov) ** 2
         freedom += n - 1
@@ -93,25 +94,39 @@ def pooled_sampling_term(
     return np.asarray(factor * np.sqrt(square / freedom)), factor
 
 
-def fit_term(law: "xr.Dataset", n: int) -> np.ndarray:
+def fit_term(law: "xr.Dataset", p: np.ndarray) -> np.ndarray:
     """Half-widths from the errors at steps that the fit has not seen.
 
-    Areas are interpolated, to the second order at least, and leaving one out doubles the spacing,
-    so that a fourth is left between the data.
+    Areas and gaps of free form are interpolated, to the second order at least, and leaving one out
+    doubles the spacing, so that a fourth is left between the data. A stiffness is a derivative: a
+    half is left, or the error of the step itself. At the ends of the data nothing holds its slope,
+    and it is as unsure as it departs from the power law through the two steps next to it.
     """
+    free = law.attrs["family"] == FREE_NORMAL
+    shares = {"fit_error": 0.25 if free else 1.0, "area_fit_error": 0.25}
     rows = []
-    for name in ("fit_error", "area_fit_error", "stiffness_fit_error"):
-        error = law[name].to_numpy() if name in law else np.array([np.nan])
-        known = np.isfinite(error)
-        rms = np.sqrt(np.mean(error[known] ** 2)) if np.any(known) else np.nan
-        rows.append(np.full(n, NORMAL * rms * (0.25 if name == "area_fit_error" else 1.0)))
+    for name, share in (shares | {"stiffness_fit_error": 0.5 if free else 1.0}).items():
+        error = law[name].to_numpy() if name in law else np.full(p.size, np.nan)
+        known = error[np.isfinite(error)]
+        rms = np.sqrt(np.mean(known**2)) if known.size else np.nan
+        rows.append(np.full(p.size, NORMAL * share * rms))
+    own = NORMAL * np.abs(error)
+    own[[0, -1]] = [_end_error(np.log(law_stiffness(law, p)), np.log(p), k) for k in (1, -1)]
+    rows[2] = np.fmax(rows[2], own)
     return np.array(rows)
+
+
+def _end_error(value: np.ndarray, x: np.ndarray, step: int) -> float:
+    """Distance of the first (step 1) or last (-1) value from the line through the next two."""
+    end, near, far = (0, 1, 2) if step > 0 else (-1, -2, -3)
+    slope = (value[near] - value[far]) / (x[near] - x[far])
+    return float(abs(value[end] - value[near] - slope * (x[end] - x[near])))
 
 
 Pair = tuple[Observations, Observations]  # of gaps and of areas
 
 
-def _same_steps(
+def same_steps(
     response: "xr.Dataset", others: Mapping[float, "xr.Dataset"], *, apart: bool
 ) -> tuple[Pair, dict[float, Pair]]:
     """Gaps and areas of a response, and of all that are compared, which were pressed alike."""
@@ -137,7 +152,7 @@ def _stiffness_of(gap: np.ndarray, p: np.ndarray) -> np.ndarray:
     return np.asarray(-p / np.gradient(gap, np.log(p), axis=-1))
 
 
-def _each(pairs: Mapping[float, Pair]) -> list[dict[float, np.ndarray]]:
+def each_value(pairs: Mapping[float, Pair]) -> list[dict[float, np.ndarray]]:
     """Values (realisations, steps) of gap, area and stiffness by ratio; NaN where missing."""
     gaps = {ratio: _masked(gap) for ratio, (gap, _) in pairs.items()}
     stiffness = {
@@ -151,11 +166,11 @@ def grid_term(
 ) -> tuple[np.ndarray, str]:
     """Half-widths from the same realisations on several grids, at the spacing of the response.
 
-    The mean difference of few realisations may pass through zero; the interval of the differences
-    is added. What is found on the finest grid is taken to the spacing of the response by the order
-    observed, or the lowest one.
+    The mean difference of few realisations may pass through zero: the interval of the differences
+    is added, and its variance taken out of the square of the mean, which holds it. What is found on
+    the finest grid is taken to the spacing of the response by the order observed, or the lowest.
     """
-    _, found = _same_steps(response, resolutions, apart=apart)
+    _, found = same_steps(response, resolutions, apart=apart)
     finest, next_finest = sorted(found)[:2]
     n = {ratio: gap.n_realisations for ratio, (gap, _) in found.items()}
     for ratio in found:
@@ -165,86 +180,23 @@ def grid_term(
                 f"{n[finest]}; solve the same ones on every grid"
             )
     rows, how = [], ""
-    for values in _each(found):
+    for values in each_value(found):
         mean = {ratio / finest: np.nanmean(one, axis=0) for ratio, one in values.items()}
         size = np.abs(mean[1.0])
         estimate = estimate_grid_error(mean.pop(1.0), mean)
         difference = (values[finest] - values[next_finest]) / (next_finest / finest - 1.0)
         variance = np.nanvar(difference, axis=0) / max(n[finest] - 1, 1)
-        spread = _students(variance[None], np.array([[n[finest] - 1]]))
+        spread = students(variance[None], np.array([[n[finest] - 1]]))
+        square = np.nanmean(difference, axis=0) ** 2
+        sure = np.sqrt(np.maximum(square - variance, 0.0) / np.maximum(square, 1e-300))
         order = np.where(np.isfinite(estimate.order), estimate.order, LOWEST_ORDER)
         coarser = finest**-order  # of the response than of the finest grid
-        rows.append(coarser * np.hypot(estimate.half_width, spread) / size)
+        rows.append(coarser * np.hypot(sure * estimate.half_width, spread) / size)
         how = how or estimate.how
     return np.array(rows), how
 
 
-def size_term(
-    response: "xr.Dataset", sizes: Mapping[float, "xr.Dataset"], *, apart: bool = False
-) -> tuple[np.ndarray, np.ndarray, str]:
-    r"""Bias by the size of the cell and half-widths about it, from the means of several sizes.
-
-    The part of the mean that is left to an infinite cell falls as a power of the size between 1
-    and 2: the scatter has the power 1, its square, which a bent law makes of it, 2. For each power
-    the bias is a weighted sum :math:`\sum_i w_i m_i` of the means, and powers count by their
-    likelihood; with two sizes, which fit any power, alike. How the powers differ adds to the
-    half-width. Where the response is one of the sizes, its error :math:`\epsilon_0` enters twice,
-    as :math:`(1 - w_0)\, \epsilon_0`, of which the sampling term holds one part; ensembles apart
-    from it are free of that.
-    """
-    own, found = _same_steps(response, sizes, apart=apart)
-    ratios = np.array(sorted(found))
-    shared = np.reshape(0.0 if apart else 1.0 * (ratios == 1.0), (-1, 1))
-    biases, rows, powers = [], [], []
-    for values, (answer,) in zip(_each(found), map(dict.values, _each({1.0: own})), strict=True):
-        mean = np.array([np.nanmean(values[ratio], axis=0) for ratio in ratios])
-        n = np.array([len(values[ratio]) for ratio in ratios])[:, None]
-        error = np.array([np.nanstd(values[ratio], axis=0) for ratio in ratios])
-        error = np.maximum(error / np.sqrt(np.maximum(n - 1, 1)), 1e-9 * np.abs(mean))
-        bias, noise, misfit = [], [], []
-        for order in SIZE_ORDERS:
-            weight, miss = _slope(ratios**-order, mean, error)
-            bias.append(np.sum(weight * mean, axis=0))
-            parts = (weight**2 - 2.0 * shared * weight) * error**2
-            noise.append(_students(parts, n - 1))
-            misfit.append(miss)
-        likelihood = np.exp(-0.5 * (np.array(misfit) - min(misfit)))
-        likelihood /= likelihood.sum()
-        middle = likelihood @ np.array(bias)
-        between = NORMAL**2 * (np.array(bias) - middle) ** 2
-        square = likelihood @ (np.array(noise) ** 2 + between)
-        powers.append(float(likelihood @ SIZE_ORDERS))
-        size = np.abs(np.nanmean(answer, axis=0))
-        biases.append(middle / size)
-        rows.append(np.sqrt(square) / size)
-    how = f"means over the cell size from {len(ratios)} sizes, power about {np.mean(powers):.2g}"
-    return np.array(biases), np.array(rows), how
-
-
-def without_size_bias(response: "xr.Dataset", sizes: Mapping[float, "xr.Dataset"]) -> "xr.Dataset":
-    """Return a response less the bias by the size of its cells.
-
-    Parameters
-    ----------
-    response : Dataset
-        Follows ``MICRO_RESPONSE``.
-    sizes : mapping of float to Dataset
-        Ensembles apart from it; see :func:`~.budget.error_budget`, which then counts no bias.
-    """
-    bias, _, how = size_term(response, sizes, apart=True)
-    gap, area = (1.0 - bias[k] for k in range(2))
-    steps, place = response.sizes["step"], normal_observations(response).order
-    factors = np.ones((2, steps))
-    factors[:, place] = gap, area
-    corrected = {
-        name: response[name].copy(data=response[name].to_numpy() * factor)
-        for name, factor in zip(("mean_gap", "contact_fraction"), factors, strict=True)
-    }
-    corrected["contact_fraction"] = corrected["contact_fraction"].clip(0.0, 1.0, keep_attrs=True)
-    return response.assign(corrected).assign_attrs(size_bias=f"taken out: {how}")
-
-
-def _students(variances: np.ndarray, freedom: np.ndarray) -> np.ndarray:
+def students(variances: np.ndarray, freedom: np.ndarray) -> np.ndarray:
     """95 % half-width of a sum of terms with variances (terms, steps) and freedoms (terms, 1).
 
     The freedom of the sum is that of Welch and Satterthwaite.
@@ -256,20 +208,6 @@ def _students(variances: np.ndarray, freedom: np.ndarray) -> np.ndarray:
     whole = np.where(single > 0.0, total**2 / np.where(single > 0.0, single, 1.0), np.inf)
     factor = t.ppf(0.975, np.maximum(whole, 1.0))
     return np.asarray(np.where(np.isfinite(whole), factor, NORMAL) * np.sqrt(total))
-
-
-def _slope(x: np.ndarray, mean: np.ndarray, error: np.ndarray) -> tuple[np.ndarray, float]:
-    """Weights (sizes, steps) that give the slope of a line over x from the means, and the misfit.
-
-    As x is 1 for the response, the slope is what it differs by from an infinite cell.
-    """
-    weight, x = 1.0 / error**2, x[:, None]
-    centre = (weight * x).sum(axis=0) / weight.sum(axis=0)
-    level = (weight * mean).sum(axis=0) / weight.sum(axis=0)
-    share = weight * (x - centre) / (weight * (x - centre) ** 2).sum(axis=0)
-    slope = (share * mean).sum(axis=0)
-    misfit = np.sum(weight * (mean - level - slope * (x - centre)) ** 2, axis=0)
-    return share, float(misfit.mean())  # the steps of a cell are not independent
 
 
 def _masked(observations: Observations) -> np.ndarray:

@@ -1,4 +1,4 @@
-"""Friction coefficients out of responses that slide."""
+"""Tangential stiffness and friction out of responses that are sheared or slide."""
 
 from typing import TYPE_CHECKING
 
@@ -6,46 +6,137 @@ import numpy as np
 
 from multiscale.errors import CaseError
 from multiscale.schema import MICRO_RESPONSE
-from multiscale.upscaling.observations import Observations, observe, usable_steps
+from multiscale.upscaling.observations import Observations, inherited, observe, usable_steps
 
 if TYPE_CHECKING:
     import xarray as xr
 
-__all__ = ["friction_observations"]
+__all__ = ["friction_observations", "tangential_observations"]
+
+STUCK = 0.25  # share of the contact nodes that may slip where a stiffness is observed
+SAME = 1e-3  # relative difference of the pressures of one shear
 
 
-def friction_observations(response: "xr.Dataset") -> Observations:
-    r"""Friction coefficients of a response that slides steadily, such as a sheared layer of grains.
+def tangential_observations(response: "xr.Dataset") -> Observations:
+    r"""Tangential stiffness of a response that is sheared a little at its pressures.
 
     Parameters
     ----------
     response : Dataset
-        Follows ``MICRO_RESPONSE``, with ``sliding_speed`` along ``step``.
+        Follows ``MICRO_RESPONSE``; cells with friction, whose path has at each pressure a step
+        without and one with a small slide.
+
+    Returns
+    -------
+    Observations
+        Of ``"tangential_stiffness"``, Pa/m: with the changes of the tangential traction and jump
+        from the step before, at the same pressure,
+
+        .. math:: K_T = \frac{\Delta t_T \cdot \Delta u_T}{|\Delta u_T|^2},
+
+        where at most a quarter of the contact slips, which lowers it by about an eighth.
+
+    Raises
+    ------
+    CaseError
+        If no step shears the cells, or all that do slip too much.
+    """
+    MICRO_RESPONSE.check(response)
+    counted, pressure = usable_steps(response)
+    jump = np.diff(response["displacement_jump"].to_numpy()[..., 1:], axis=1)
+    traction = np.diff(response["traction"].to_numpy()[..., 1:], axis=1)
+    slipping = _slip_fraction(response)[:, 1:]
+    square = np.sum(jump**2, axis=-1)
+    sheared = counted[:, 1:] & counted[:, :-1] & (square > 0.0)
+    sheared &= (np.abs(np.diff(pressure)) <= SAME * pressure[1:]) & _slides(response, traction)
+    if not np.any(sheared):
+        raise CaseError(
+            "no step shears the cells at the pressure of the step before; give the path at each "
+            "pressure a step without and one with a small slide, and the cells friction"
+        )
+    usable = sheared & ~(slipping > STUCK)
+    if not np.any(usable):
+        raise CaseError(
+            f"at least {100.0 * np.nanmin(slipping[sheared]):.2g} % of the contact slips in every "
+            f"shear, more than the {100.0 * STUCK:g} % at which a stiffness is observed; slide less"
+        )
+    along = np.sum(traction * jump, axis=-1)
+    stiffness = np.where(usable, along / np.where(usable, square, 1.0), np.nan)
+    steps = usable.any(axis=0)
+    return observe(
+        "tangential_stiffness", pressure[1:][steps], stiffness[:, steps], **inherited(response)
+    )
+
+
+def friction_observations(response: "xr.Dataset") -> Observations:
+    r"""Friction coefficients of a response that slides steadily.
+
+    Parameters
+    ----------
+    response : Dataset
+        Follows ``MICRO_RESPONSE``: a sheared layer of grains with ``sliding_speed`` along
+        ``step``, or cells with friction, whose steps count where all their contact slips.
 
     Returns
     -------
     Observations
         Of ``"friction_coefficient"``: :math:`|t_T| / p` for each realisation and step that
-        converged, at its pressure and speed.
+        converged, at its pressure and speed. Cells slide at the change of the jump over that of
+        the time; without times their friction has no rate, and the speed is zero.
 
     Raises
     ------
     CaseError
-        If no speed is given or no step converged.
+        If nothing slides.
     """
     MICRO_RESPONSE.check(response)
-    if "sliding_speed" not in response.variables:
-        raise CaseError(
-            "the response has no sliding_speed: friction is observed where a cell slides steadily"
-        )
     counted, pressure = usable_steps(response)
     traction = response["traction"].to_numpy()
+    if "sliding_speed" in response.variables:
+        speed = np.asarray(response["sliding_speed"].to_numpy(), dtype=float)
+    elif "slip_fraction" in response.variables:
+        slipping = _slip_fraction(response)
+        counted &= slipping == 1.0
+        if not np.any(counted):
+            raise CaseError(
+                f"friction is observed where all contact slips, but at most "
+                f"{100.0 * np.nanmax(slipping):.2g} % of it does; slide farther"
+            )
+        speed = _speeds(response, counted)
+    else:
+        raise CaseError(
+            "the response has neither sliding_speed nor slip_fraction: friction is observed where "
+            "a cell slides steadily"
+        )
     coefficient = np.linalg.norm(traction[..., 1:], axis=-1) / np.abs(traction[..., 0])
-    speed = np.asarray(response["sliding_speed"].to_numpy(), dtype=float)
-    bodies = response.attrs.get("bodies", "")
+    steps = counted.any(axis=0)
     return observe(
         "friction_coefficient",
-        (pressure, speed),
-        np.where(counted, coefficient, np.nan),
-        bodies=str(bodies),
+        (pressure[steps], speed[steps]),
+        np.where(counted, coefficient, np.nan)[:, steps],
+        **inherited(response),
     )
+
+
+def _slip_fraction(response: "xr.Dataset") -> np.ndarray:
+    """Share of the contact that slips (realisations, steps); NaN where not known."""
+    if "slip_fraction" not in response.variables:
+        return np.full(response["mean_gap"].shape, np.nan)
+    return np.asarray(response["slip_fraction"].to_numpy(), dtype=float)
+
+
+def _slides(response: "xr.Dataset", traction: np.ndarray) -> np.ndarray:
+    """Whether the tangential traction changes (realisations, steps less one), round-off apart."""
+    normal = np.abs(response["traction"].to_numpy()[:, 1:, 0])
+    return np.asarray(np.linalg.norm(traction, axis=-1) > 1e-9 * normal)
+
+
+def _speeds(response: "xr.Dataset", counted: np.ndarray) -> np.ndarray:
+    """Mean speed of the realisations that slide in a step, m/s; zero without times."""
+    if "time" not in response.variables:
+        return np.zeros(counted.shape[1])
+    moved = np.diff(response["displacement_jump"].to_numpy()[..., 1:], axis=1, prepend=0.0)
+    length = np.where(counted, np.linalg.norm(moved, axis=-1), 0.0).sum(axis=0)
+    duration = np.diff(np.asarray(response["time"].to_numpy(), dtype=float), prepend=0.0)
+    total = np.maximum(counted.sum(axis=0), 1) * np.where(duration > 0.0, duration, np.inf)
+    return np.asarray(length / total)

@@ -35,6 +35,7 @@ def structure_budget(
     law: "xr.Dataset",
     solve: Callable[[NormalLaw], np.ndarray],
     *,
+    answer: np.ndarray | None = None,
     pressure: np.ndarray | None = None,
     coarser: Mapping[float, np.ndarray] | None = None,
     samples: np.ndarray | int = 100,
@@ -49,6 +50,8 @@ def structure_budget(
         Follows ``INTERFACE_LAW`` and carries its budget; see :func:`with_budget`.
     solve : callable
         From a normal law to the answer, shape (steps,), any unit: a macro solver.
+    answer : ndarray, shape (steps,), optional
+        That with the mean law, if it is known.
     pressure : ndarray, shape (steps,), optional
         Pressure of the interface at each step, Pa, at which the errors of the law count; their
         root mean square over its data if not given.
@@ -77,16 +80,42 @@ def structure_budget(
             "the law carries no error budget; add it by with_budget(law, error_budget(...))"
         )
     mean_law = law_from_dataset(law)
-    answer = np.atleast_1d(np.asarray(solve(mean_law), dtype=float))
-    size = np.abs(answer)
+    found = solve(mean_law) if answer is None else answer
+    value = np.atleast_1d(np.asarray(found, dtype=float))
     how = {term: str(law.attrs[how_attribute(term)]) for term in ERROR_TERMS}
+    terms = _law_terms(law, mean_law, solve, value, pressure)
+    biases = _law_biases(law, solve, value, terms)
+    if not isinstance(samples, np.ndarray):
+        n = min(samples, int(law.sizes.get("sample", 0)))
+        n = n if n >= FEWEST_SAMPLES else 0
+        samples = np.array([np.atleast_1d(solve(law_from_dataset(law, k))) for k in range(n)])
+    if len(samples):
+        low, high = np.nanpercentile(samples, [2.5, 97.5], axis=0)
+        terms["sampling"] = (0.5 * (high - low) / np.abs(value))[None]
+        how["sampling"] = f"{len(samples)} bootstrap samples of the law"
+    how["macro discretisation"] = "not known: pass coarser, the answers on coarser meshes"
+    if coarser:
+        estimate = estimate_grid_error(value, coarser)
+        terms["macro discretisation"] = (estimate.half_width / np.abs(value))[None]
+        how["macro discretisation"] = estimate.how
+    return assemble_budget(terms, biases, how, (name,), None, steps=value.size)
+
+
+def _law_terms(
+    law: "xr.Dataset",
+    mean_law: NormalLaw,
+    solve: Callable[[NormalLaw], np.ndarray],
+    answer: np.ndarray,
+    pressure: np.ndarray | None,
+) -> Terms:
+    """Half-widths of the answer from those of the law, by how it depends on gaps and stiffness."""
     p = law["fit_pressure"].to_numpy() if pressure is None else np.asarray(pressure)
     middle = float(mean_law.gap_at(np.array(np.exp(np.mean(np.log(p))))))
     by = STRETCH * float(np.ptp(law["fit_mean_gap"].to_numpy()))
     shifted = np.atleast_1d(solve(StretchedLaw(mean_law, 1.0, shift=by)))
     stretched = np.atleast_1d(solve(StretchedLaw(mean_law, 1.0 + STRETCH, centre=middle)))
-    of_gap = np.abs(shifted - answer) / size / by  # 1/m
-    of_stiffness = np.abs(stretched - answer) / size / STRETCH
+    of_gap = np.abs(shifted / answer - 1.0) / by  # 1/m
+    of_stiffness = np.abs(stretched / answer - 1.0) / STRETCH
     terms: Terms = {}
     for term in ERROR_TERMS[:-1]:
         gap, stiffness = _at_pressure(law, term, pressure)
@@ -96,26 +125,23 @@ def structure_budget(
                 of_stiffness * (0.0 if stiffness is None else stiffness),
             )
             terms[term] = np.hypot(*parts)[None]
+    return terms
+
+
+def _law_biases(
+    law: "xr.Dataset",
+    solve: Callable[[NormalLaw], np.ndarray],
+    answer: np.ndarray,
+    terms: Terms,
+) -> Terms:
+    """Biases of the answer, by solving with laws without those of their gaps."""
     biases: Terms = {}
     for term in terms:
         bias = law["error_bias"].sel(quantity="mean_gap", error_term=term).to_numpy()
         if np.any(bias):
             unbiased = np.atleast_1d(solve(_unbiased(law, bias)))
-            biases[term] = ((answer - unbiased) / size)[None]
-    if not isinstance(samples, np.ndarray):
-        n = min(samples, int(law.sizes.get("sample", 0)))
-        n = n if n >= FEWEST_SAMPLES else 0
-        samples = np.array([np.atleast_1d(solve(law_from_dataset(law, k))) for k in range(n)])
-    if len(samples):
-        low, high = np.nanpercentile(samples, [2.5, 97.5], axis=0)
-        terms["sampling"] = (0.5 * (high - low) / size)[None]
-        how["sampling"] = f"{len(samples)} bootstrap samples of the law"
-    how["macro discretisation"] = "not known: pass coarser, the answers on coarser meshes"
-    if coarser:
-        estimate = estimate_grid_error(answer, coarser)
-        terms["macro discretisation"] = (estimate.half_width / size)[None]
-        how["macro discretisation"] = estimate.how
-    return assemble_budget(terms, biases, how, (name,), None, steps=answer.size)
+            biases[term] = ((answer - unbiased) / np.abs(answer))[None]
+    return biases
 
 
 def _at_pressure(

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from multiscale.errors import CaseError
-from multiscale.laws import Exponential, Frictional
+from multiscale.laws import Exponential, Frictional, RigidContact
 
 LAW = Frictional(Exponential(1e9, 0.4e-6), 0.3, 0.8)
 
@@ -41,15 +41,36 @@ def test_the_traction_never_exceeds_the_limit_and_slip_dissipates():
     assert np.all(np.sum(slip * traction[1:], axis=0)[slips] >= 0.0)
 
 
-def test_the_resolvent_is_on_the_law_and_on_the_direction():
+@pytest.mark.parametrize(
+    ("first", "second"), [(1e9, 0.5), (1e13, 0.5), (1e17, 0.5), (1e17, 1e-4), (1e13, 1e4)]
+)
+def test_the_resolvent_is_on_the_law_and_on_the_direction(first, second):
     jump, state = states(seed=1)
-    for k in (1e9, 1e13, 1e17):
-        stiffness = np.array([[k], [0.5 * k], [0.5 * k]])
-        source = LAW.respond(jump, state).traction + stiffness * jump
-        found = LAW.resolvent(source, stiffness, state)
-        traction = LAW.respond(found, state).traction
-        scale = np.abs(source).max()
-        np.testing.assert_allclose(traction + stiffness * found, source, atol=1e-11 * scale)
+    stiffness = np.array([[first], [0.5 * first], [second * first]])
+    source = LAW.respond(jump, state).traction + stiffness * jump
+    found = LAW.resolvent(source, stiffness, state)
+    traction = LAW.respond(found, state).traction
+    scale = np.abs(source).max()
+    np.testing.assert_allclose(traction + stiffness * found, source, atol=1e-10 * scale)
+
+
+@pytest.mark.parametrize("second", [1.0, 1e-5, 1e5])
+def test_rigid_contact_slides_against_its_traction_whatever_the_direction(second):
+    rng = np.random.default_rng(seed=2)
+    law, state = RigidContact(0.3), rng.normal(0, 1e-7, (2, 300))
+    k = np.array([[1e13], [1e13], [second * 1e13]])
+    source = rng.normal(0, 1e6, (3, 300)) * np.array([[1.0], [1.0], [max(1.0, second)]])
+    jump = law.resolvent(source, k, state)
+    traction, slip = source - k * jump, jump[1:] - state
+    limit = -0.3 * traction[0]
+    size, way = np.hypot(*traction[1:]), np.hypot(*slip)
+    assert np.all(size <= limit + 1e-9 * np.abs(source).max())
+    slides = (way > 1e-6 * way.max()) & (limit > 1e-2 * limit.max())
+    assert 20 < np.count_nonzero(slides) < 280
+    np.testing.assert_allclose(
+        np.sum(traction[1:] * slip, 0)[slides], (size * way)[slides], rtol=1e-6
+    )
+    np.testing.assert_allclose(size[slides], limit[slides], rtol=1e-6)
 
 
 def test_without_friction_it_is_the_normal_law():

@@ -20,12 +20,13 @@ from multiscale.macro.substructures import (
     split_boxes,
     stacked_blocks,
 )
+from multiscale.macro.substructures.joint_directions import law_stiffness
 from multiscale.nonsmooth import solve_friction
 
 E = 210e9
 
 
-def console(law, parts, push=1.5e6):
+def console(law, parts, pushes=(1.5e6,), pressure=8e6):
     """A block held at its end rests on another; pressed at one end and pushed along."""
     lower = Body(
         box_mesh((0.04, 0.02, 0.01), (4, 2, 1), origin=(0.0, 0.0, -0.01)),
@@ -36,11 +37,41 @@ def console(law, parts, push=1.5e6):
         box_mesh((0.04, 0.02, 0.01), (4, 2, 1)),
         Elastic(E, 0.3),
         supports={"right": (0.0, 0.0, 0.0)},
-        tractions={"top": (push, 0.0, lambda x, t: 8e6 * (np.asarray(x[0]) / 0.02 - 1.0))},
+        tractions={
+            "top": (
+                lambda x, push: np.full(x.shape[1], push),
+                0.0,
+                lambda x, push: pressure * (x[0] / 0.02 - 1.0),
+            )
+        },
     )
     owners = [split_boxes(body, (parts, 1, 1)) for body in (lower, upper)]
     joint = Joint((0, 1), ("top", "bottom"), law)
-    return cut_bodies([lower, upper], owners, [joint])
+    return cut_bodies([lower, upper], owners, [joint], times=pushes)
+
+
+def condensed_steps(problem, law, factors):
+    """Displacement of all unknowns and forces at the points, step by step, by solve_friction."""
+    whole = assemble(problem)
+    points = whole.weight.size
+    # the force at a point is its traction times its weight: u = W r + q, normal first
+    order = np.arange(3 * points).reshape(3, points).T.ravel()
+    J = whole.jump.toarray()[order]
+    solve = splu(whole.stiffness.tocsc()).solve
+    compliance, slipped, found = solve(J.T), np.zeros(3 * points), []
+    for factor in factors:
+        free = solve(whole.load @ factor)
+        q = J @ free - slipped
+        q[::3] += law.gap
+        scale = 1.0 / (np.abs(q).max() or 1.0)
+        friction = np.full(points, law.friction)
+        force = solve_friction(J @ compliance * 1e8, q * scale, friction, tolerance=1e-9).unwrap()
+        force *= 1e8 / scale
+        u = free + compliance @ force
+        slipped = J @ u
+        slipped[::3] = 0.0
+        found.append((u, force.reshape(-1, 3)))
+    return found
 
 
 @pytest.mark.parametrize(
@@ -57,23 +88,11 @@ def test_blocks_that_press_slide_and_gape_are_those_of_the_condensed_problem(
     parts, gap, friction, push
 ):
     law = RigidContact(friction, gap)
-    problem = console(law, parts, push)
-    whole = assemble(problem)
-    points = whole.weight.size
-    # the force at a point is its traction times its weight: u = W r + q, normal first
-    order = np.arange(3 * points).reshape(3, points).T.ravel()
-    J = whole.jump.toarray()[order]
-    solve = splu(whole.stiffness.tocsc()).solve
-    free, compliance = solve(whole.load[:, 0]), solve(J.T)
-    q = J @ free
-    q[::3] += gap
-    scale = 1.0 / np.abs(q).max()
-    force = solve_friction(J @ compliance * 1e8, q * scale, np.full(points, friction)).unwrap()
-    expected = free + compliance @ (force * 1e8 / scale)
-    touching = force[::3] > 1e-6 * force.max()
-    assert 0 < np.count_nonzero(touching) < points, "some points must be open"
-
-    sliding = np.hypot(force[1::3], force[2::3])[touching] > 0.999 * friction * force[::3][touching]
+    problem = console(law, parts, (push,))
+    ((expected, force),) = condensed_steps(problem, law, np.eye(1))
+    touching = force[:, 0] > 1e-6 * force.max()
+    assert 0 < np.count_nonzero(touching) < len(force), "some points must be open"
+    sliding = (np.hypot(*force.T[1:]) > 0.999 * friction * force[:, 0])[touching]
     assert np.all(sliding) == (friction > 0.0 and push > 1e6)
     assert np.any(sliding) == (friction > 0.0)
 
@@ -88,6 +107,35 @@ def test_blocks_that_press_slide_and_gape_are_those_of_the_condensed_problem(
     shear = np.hypot(traction[:, 1], traction[:, 2])
     assert np.all(shear <= -friction * traction[:, 0] + round_off)
     assert np.all(result.jump.values[0, :, 0] >= -gap * (1.0 + 1e-12))
+
+
+@pytest.mark.parametrize("friction", [0.1, 0.3, 0.6])
+@pytest.mark.parametrize("parts", [1, 2])
+def test_shear_to_and_fro_and_loads_taken_away_leave_what_the_condensed_problem_leaves(
+    parts, friction
+):
+    law = RigidContact(friction)
+    problem = console(law, parts, (0.0, 1e6))  # the load of a push has the pressure in it
+    press, push = np.array([1.0, 0.0]), np.array([-1.0, 1.0])
+    shear = (0.0, 0.6, 1.5, -0.6, -1.5, 0.6)
+    factors = np.array([press + s * push for s in shear] + [0.0 * press, press + push])
+    result = solve_latin(problem, factors)
+    assert np.all(result.converged == 1)
+    assert np.all(result.iterations <= 80)
+    size = float(np.abs(result.displacement).max())
+    order = np.lexsort(result.point_position.values.T)
+    turned = []
+    for step, (u, force) in enumerate(condensed_steps(problem, law, factors)):
+        expected = np.append(u, 0.0)[problem.number]
+        np.testing.assert_allclose(result.displacement[step], expected, atol=1e-6 * size)
+        turned.append(force[order, 1].sum())
+    assert turned[2] * turned[4] < 0.0, "friction must have turned"
+    assert np.all(np.abs(result.traction[6]) < 1e-6 * np.abs(result.traction[0]).max())
+
+
+def test_search_directions_of_rigid_contact_do_not_tell_open_points_from_closed_ones():
+    stiffness = law_stiffness(RigidContact(0.3), np.array([[0.0, 1e-6]] * 3), np.zeros((2, 2)))
+    assert np.all(np.isinf(stiffness))
 
 
 def test_pressed_blocks_without_a_gap_are_one_block():

@@ -18,6 +18,7 @@ from multiscale.macro.substructures import (
     bisect,
     cut_bodies,
     cut_links,
+    solve_latin,
     solve_schur,
     split_boxes,
     split_grid,
@@ -27,7 +28,7 @@ from multiscale.macro.substructures.condensation import condense, split
 from multiscale.macro.substructures.stack import Factors
 from multiscale.macro.substructures.tangent import Newton
 from multiscale.schema import MACRO_RESULT
-from tests.macro.test_substructures import stacked_blocks, tension_error
+from tests.macro.test_substructures import law_of_stiffness, stacked_blocks, tension_error
 
 FACTORS = [0.25, 1.0, 4.0]
 
@@ -156,6 +157,21 @@ def test_joints_from_hard_to_soft_converge_in_few_linear_iterations(pressure_sca
     result = solve_schur(stacked_blocks(Exponential(pressure_scale, decay_length), 1))
     assert result.converged == 1
     assert result.krylov_iterations <= 6 * result.iterations
+
+
+@pytest.mark.parametrize("parts", [1, 2])
+@pytest.mark.parametrize("ratio", [1e-6, 1e-4, 1.0, 1e6, 1e12])
+def test_joints_from_a_millionth_of_the_stiffness_of_the_blocks_to_1e12_converge(ratio, parts):
+    law = law_of_stiffness(ratio)
+    problem = stacked_blocks(law, parts, (1.0, 2.0))
+    result = solve_schur(problem, np.eye(2))
+    assert np.all(result.converged == 1)
+    assert np.all(result.iterations <= 8)
+    # what rounding excuses is far below the load, whatever the motion
+    assert np.all(result.residual <= (1e-10 if ratio > 1e-6 else 1e-8))
+    other = solve_latin(problem, np.eye(2))
+    u = [found.displacement.values for found in (result, other)]
+    np.testing.assert_allclose(u[0], u[1], atol=1e-7 * np.abs(u[1]).max())
 
 
 def test_what_did_not_converge_is_no_result(grids):

@@ -7,8 +7,12 @@ import pytest
 
 from multiscale.errors import CaseError
 from multiscale.io import open_run
+from multiscale.micro import Path, run_ensemble
+from multiscale.micro.topography import rms_height
 from multiscale.pipeline import load_case, run
+from multiscale.pipeline.cells import make_cells
 from multiscale.pipeline.forecast import (
+    GROWTH,
     REALISATIONS,
     STUDIES,
     CostModel,
@@ -16,7 +20,9 @@ from multiscale.pipeline.forecast import (
     Setting,
     cheapest,
 )
+from multiscale.pipeline.pilots import stored_pilots, surface_at_large
 from multiscale.pipeline.planner import resize
+from multiscale.upscaling import at_rms_height
 from multiscale.upscaling.budget import ERROR_TERMS, total_error
 
 CASE = """
@@ -82,7 +88,7 @@ def test_terms_are_forecast_as_they_scale():
 
 
 def test_the_cheapest_setting_is_that_of_a_search():
-    known, costs = estimate(sampling=0.2, cell_size=0.1, fit=0.01), CostModel(2.0, 1.2, False)
+    known, costs = estimate(sampling=0.2, cell_size=0.1, fit=0.01), CostModel(0.5, 2.0, False)
     ranges, study = (range(-1, 4), range(-1, 2)), {(-1, -1): 8}
     setting, time = cheapest(known, costs, {(1, 0): 5}, study, 0.05, ranges)
     assert known.at(setting).total <= 0.05
@@ -97,10 +103,68 @@ def test_the_cheapest_setting_is_that_of_a_search():
 
 
 def test_the_cost_of_a_cell_grows_with_its_unknowns():
-    flat, filled = CostModel(1.0, 1.5, False), CostModel(1.0, 1.0, True)
-    assert flat.of_cell(1, 0) == flat.of_cell(0, 1) == pytest.approx(8.0)
-    assert filled.of_cell(0, 1) == pytest.approx(8.0)  # and twice the layers
-    assert filled.of_cell(1, 0) == pytest.approx(4.0)
+    flat, filled = CostModel(0.5, 1.0, False), CostModel(0.0, 1.0, True)
+    assert flat.of_cell(1, 0) == flat.of_cell(0, 1) == pytest.approx(0.5 + 4.0**GROWTH)
+    assert filled.of_cell(0, 1) == pytest.approx(8.0**GROWTH)  # and twice the layers
+    assert filled.of_cell(1, 0) == pytest.approx(4.0**GROWTH)
+
+
+def test_the_cost_is_fitted_to_times_and_scaled_by_what_is_seen():
+    true = CostModel(0.01, 0.2, False)
+    kinds = [(-2, 0), (-1, 0), (-1, -1)]
+    found = CostModel.fit({kind: true.of_cell(*kind) for kind in kinds}, layered=False)
+    assert found.of_cell(2, 0) == pytest.approx(true.of_cell(2, 0), rel=1e-6)
+    slower = found.seen(Setting(1, 0, 3), 2.0 * true.of_cell(1, 0))
+    assert slower.of_cell(2, 0) == pytest.approx(2.0 * true.of_cell(2, 0), rel=1e-6)
+    one = CostModel.fit({(0, 0): 3.0}, layered=True)
+    assert one.of_cell(0, 0) == pytest.approx(3.0)
+
+
+def test_stored_cells_stand_for_a_case_of_their_kind(write):
+    case = write(CASE)
+    large = surface_at_large(case)
+    pilots = stored_pilots(case, large)
+    assert pilots.stored
+    assert "Hurst exponent 0.8 and 4 times" in pilots.source
+    sizes, grids = pilots.beside(case)
+    assert sorted(sizes) == [0.5, 1.0, 2.0]  # one, two and four waves; the case has two
+    assert sorted(grids) == [0.5, 1.0, 2.0]  # 16, 8 and 4 points; the case has eight
+    spread = [sizes[one]["mean_gap"].values.std(axis=0, ddof=1) for one in sorted(sizes)]
+    mean = [sizes[one]["mean_gap"].values.mean(axis=0) for one in sorted(sizes)]
+    np.testing.assert_allclose(mean[1], mean[2], rtol=0.05)
+    slope = np.polyfit(np.log([1.0, 2.0, 4.0]), np.log(np.array(spread) / mean), 1)[0]
+    np.testing.assert_allclose(slope, -1.0, atol=0.45)
+
+
+def test_stored_cells_are_those_that_are_solved(write):
+    """As the case would solve them, on its own surface and modulus."""
+    case = write(CASE)
+    large = surface_at_large(case)
+    stored = stored_pilots(case, large).sizes[2e-3]
+    cells = make_cells(resize(case, Setting(0, -1, 8)))
+    solved = run_ensemble(cells, Path(pressure=case.micro.pressures))
+    solved = at_rms_height(solved, rms_height(large))
+    for name, within in (("mean_gap", 0.1), ("contact_fraction", 0.15)):
+        found, expected = (one[name].values.mean(axis=0) for one in (stored, solved))
+        np.testing.assert_allclose(found, expected, rtol=within)
+
+
+@pytest.mark.parametrize(
+    ("old", "new"),
+    [
+        ('geometry = "flat"', 'geometry = "conforming"'),
+        ("hurst_exponent = 0.8", "hurst_exponent = 0.2"),
+        ('"4 MPa"]', '"80 MPa"]'),
+        (
+            'size = ["2 mm", "2 mm"]\npoints = [64, 64]',
+            'size = ["2 mm", "4 mm"]\npoints = [64, 128]',
+        ),
+        ('short_cutoff = "0.25 mm"', 'short_cutoff = "0.25 mm"\nroll_off = "0.5 mm"'),
+    ],
+)
+def test_other_cases_have_no_stored_cells(write, old, new):
+    case = write(CASE.replace(old, new))
+    assert stored_pilots(case, surface_at_large(case)) is None
 
 
 def test_a_resized_case_keeps_its_spacing_and_surface(write):

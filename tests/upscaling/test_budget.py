@@ -5,8 +5,9 @@ import pytest
 
 from multiscale.errors import CaseError
 from multiscale.io import open_law, save_law
-from multiscale.schema import ERROR_BUDGET, INTERFACE_LAW
+from multiscale.schema import ERROR_BUDGET, INTERFACE_LAW, MICRO_RESPONSE
 from multiscale.upscaling import (
+    at_rms_height,
     compare_scales,
     error_budget,
     fit_law,
@@ -72,6 +73,34 @@ def test_the_fit_term_grows_with_what_the_law_cannot_describe():
     assert np.all(half(rough, "fit") > 5e-3)
 
 
+def test_the_stiffness_is_unsure_where_it_bends_at_the_end_of_the_data():
+    """An exponential law has K = p / u; one that ends at complete contact rises beyond bounds."""
+    even = response_of(np.tile(TRUTH, (3, 1)))
+    found = half(error_budget(even, fit_law(even, n_samples=0)), "fit", "stiffness")
+    assert np.all(found[[0, -1]] < 0.02)
+    share = PRESSURE / (1.05 * PRESSURE[-1])
+    closing = response_of(np.tile(DECAY * (1.0 - share + share * np.log(share)), (3, 1)))
+    law = fit_law(closing, n_samples=0)
+    found = half(error_budget(closing, law), "fit", "stiffness")
+    one = law_from_dataset(law)
+    exact = PRESSURE / (DECAY * -share * np.log(share))  # -dp/dg
+    error = np.abs(one.stiffness(one.gap_at(PRESSURE)) / exact - 1.0)
+    assert error[-1] > 0.1
+    assert np.all(error <= found + 0.02)
+
+
+def test_the_variance_of_the_differences_of_grids_counts_once():
+    """No bias: what is left is the interval of the mean difference."""
+    random, found = np.random.default_rng(seed=5), []
+    for _ in range(20):
+        fine = 1.0 + 0.01 * random.standard_normal((8, 1))
+        pair = [response_of(TRUTH * one) for one in (np.ones((8, 1)), fine)]
+        budget = error_budget(pair[0], fit_law(pair[0], n_samples=0), resolutions={2.0: pair[1]})
+        spread = 2.3646 * fine.std(ddof=1) / np.sqrt(8)
+        found.append(half(budget, "micro discretisation")[0] / spread)
+    assert np.median(found) < 1.15
+
+
 @pytest.mark.parametrize("order", [1.0, 2.0])
 def test_the_discretisation_term_is_the_error_of_the_grid(order):
     """2 % of error on the grid of the response."""
@@ -131,6 +160,21 @@ def test_three_sizes_tell_the_power_and_the_bias_is_taken_out():
     budget = error_budget(corrected, fit_law(corrected, n_samples=0), sizes=sizes, apart=True)
     assert not np.any(budget["error_bias"])
     assert budget.attrs["how_cell_size"].startswith("taken out: means over the cell size from 3")
+
+
+def test_gaps_are_taken_to_the_height_of_the_surface_at_large():
+    """Gaps in proportion to heights of their own, which are 10 % too large on average."""
+    random = np.random.default_rng(seed=6)
+    height = 1e-6 * (1.1 + 0.1 * random.standard_normal(6))
+    response = response_of(TRUTH * height[:, None] / 1e-6)
+    with pytest.raises(CaseError, match="has no rms_height of its realisations; add it"):
+        at_rms_height(response, 1e-6)
+    response = MICRO_RESPONSE.assign(response, {"rms_height": height})
+    np.testing.assert_allclose(
+        at_rms_height(response, 1e-6)["mean_gap"], np.tile(TRUTH, (6, 1)), rtol=1e-12
+    )
+    with pytest.raises(CaseError, match="rms_height must be positive and finite"):
+        at_rms_height(response, 0.0)
 
 
 def test_the_total_of_a_bias_and_a_spread_is_kept_in_95_of_100():
@@ -208,6 +252,22 @@ def test_the_budget_of_a_structure_propagates_that_of_the_law():
     np.testing.assert_allclose(one["sampling"], sampling * share, rtol=0.3)
     assert np.all(np.isnan(one["cell size"]))
     assert budget.attrs["unknown"] == "cell size, scale separation"
+
+
+def test_an_answer_that_is_known_is_not_solved_again():
+    response = ensemble(6)
+    law = fit_law(response, n_samples=0)
+    law, p, asked = with_budget(law, error_budget(response, law)), np.array([2e7]), []
+
+    def solve(one):
+        asked.append(one)
+        return one.stiffness(one.gap_at(p))
+
+    twice = structure_budget("k", law, solve)
+    n = len(asked)
+    once = structure_budget("k", law, solve, answer=solve(law_from_dataset(law)))
+    assert len(asked) == 2 * n  # one of them to get the answer
+    np.testing.assert_array_equal(once["error_total"], twice["error_total"])
 
 
 def test_what_does_not_belong_together_is_refused():

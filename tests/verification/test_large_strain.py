@@ -48,6 +48,36 @@ def test_plastic_pressures_are_those_of_the_independent_code():
     np.testing.assert_allclose(found[[1, 4, 9, 14]], expected, rtol=1e-6)
 
 
+def test_rubber_on_a_fine_grid_takes_few_iterations():
+    n = 64
+    surface = self_affine(
+        (n, n),
+        (1.0, 1.0),
+        0,
+        hurst_exponent=0.8,
+        long_cutoff=1.0,
+        short_cutoff=0.25,
+        rms_slope=0.2,
+    )
+    cell = Cell(surface, 1.0, 16, 1.0, 0.3, bulk=NeoHookean(1.0, 0.3))
+    response = solve_cell(cell, Path(pressure=(0.05,)), recover_stress=False)
+    assert response["increments"].values[0, 0] == 1.0
+    assert response["active_set_iterations"].values[0, 0] <= 8
+    assert response["linear_iterations"].values[0, 0] <= 40
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("ratio", [100.0, 500.0])
+def test_plastic_increments_take_few_iterations(ratio):
+    approaches = tuple(0.002 * np.arange(1, 16))
+    _, response = pressures(J2(1.0, 0.3, 1.0 / ratio, 0.01), approaches)
+    newton = response["active_set_iterations"].values[0]
+    assert np.all(response["increments"] == 1.0)  # none was cut
+    assert newton.max() <= 10
+    assert response["linear_iterations"].values.sum() <= 12 * newton.sum()
+    assert response["contact_fraction"].values[0, -1] > 0.28
+
+
 @pytest.mark.slow
 @pytest.mark.usefixtures("uniform_layers")
 def test_plastic_pressures_tend_to_a_limit_as_increments_shrink():
@@ -188,3 +218,34 @@ def test_a_sphere_on_a_perfectly_plastic_body_has_a_hardness_of_three_yield_stre
     assert np.all(radius < 0.1)
     # the edge of a contact of 4 to 6 points is known to a few per cent
     np.testing.assert_allclose(hardness[plastic], 2.9, rtol=0.06)
+
+
+@pytest.mark.slow
+def test_the_mean_pressure_of_rough_plastic_contact_over_the_yield_stress_is_a_curve():
+    """Spots of a metal carry about three yield stresses until they grow together."""
+    n = 16
+    surface = self_affine(
+        (n, n),
+        (1.0, 1.0),
+        0,
+        hurst_exponent=0.8,
+        long_cutoff=1.0,
+        short_cutoff=0.25,
+        rms_slope=0.2,
+    )
+    height = 0.5 * float(np.ptp(surface.heights))
+    path = Path(approach=tuple(height * np.array([0.2, 0.4, 0.6, 0.8, 1.0])))
+    curves, areas = [], []
+    for ratio in (100.0, 500.0):
+        cell = Cell(surface, 0.5, 6, 1.0, 0.3, bulk=J2(1.0, 0.3, 1.0 / ratio, 0.01))
+        response = solve_cell(cell, path, tolerance=1e-5)
+        assert response["converged"].values.all()
+        areas.append(response["contact_fraction"].values[0])
+        curves.append(-response["traction"].values[0, :, 0] / areas[-1] * ratio)
+    hard, soft = curves
+    # the first spots are few points; hardening, elasticity and the depth raise the rest
+    np.testing.assert_allclose(hard[1:], 3.0, rtol=0.15)
+    np.testing.assert_allclose(soft[1:], 4.0, rtol=0.15)
+    assert np.all(np.diff(areas, axis=1) > 0.0)
+    assert np.all(areas[1] > areas[0])
+    assert np.all(soft > 0.8 * hard)

@@ -72,9 +72,12 @@ class J2(BulkLaw):
         check_moduli(self.youngs_modulus, self.poissons_ratio)
         if not (self.yield_stress > 0.0 and np.isfinite(self.yield_stress)):
             raise CaseError(f"yield_stress must be positive (Pa), got {self.yield_stress}")
-        for name in ("hardening_modulus", "saturation_rate"):
+        for name, unit in (("hardening_modulus", "Pa"), ("saturation_rate", "1")):
             if not 0.0 <= getattr(self, name) < np.inf:
-                raise CaseError(f"{name} must not be negative, got {getattr(self, name)}")
+                raise CaseError(
+                    f"{name} must not be negative ({unit}), or the metal softens and breaks in "
+                    f"bands as thin as an element; got {getattr(self, name):g}"
+                )
         if not self._saturation() >= self.yield_stress:
             raise CaseError(
                 f"saturation_stress must be at least the yield_stress {self.yield_stress:g} Pa, "

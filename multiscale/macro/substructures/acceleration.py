@@ -54,10 +54,6 @@ class Anderson:
             point[where] = x[where]
             residual[where] = self.residuals[-1][where]
 
-    def norm(self, residual: np.ndarray) -> float:
-        """Norm over all processes."""
-        return float(np.sqrt(self._products(residual[:, None], residual[:, None])[0, 0]))
-
     def next(
         self, x: np.ndarray, image: np.ndarray, residual: np.ndarray, size: float
     ) -> np.ndarray:

@@ -3,6 +3,7 @@
 import numpy as np
 
 from multiscale.laws.base import InterfaceLaw
+from multiscale.laws.rigid import RigidContact
 from multiscale.macro.substructures.problem import Interface, Problem
 
 __all__ = ["body_stiffness", "joint_directions", "law_stiffness"]
@@ -13,41 +14,46 @@ STRENGTH = 0.6
 LEAN = 0.25
 """How far the stiffness of one side leans towards that of the other, as an exponent."""
 
+RIGID = 1e4
+"""Stiffness of a side that a support holds, relative to the bodies."""
+
 SOFTEST, OPEN = 1e-3, 1e-9
 """Least stiffness of a law at a point relative to its mean, and to the bodies."""
 
 
-def body_stiffness(problem: Problem, joint: Interface) -> tuple[float, float]:
-    """Stiffness per area of what either side of a joint stands for, Pa/m.
+def body_stiffness(problem: Problem, joint: Interface) -> tuple[np.ndarray, ...]:
+    """Stiffness per area of what either side of a joint stands for, shape (3, points), Pa/m.
 
     The diagonal of a body is the stiffness of the shortest waves, and that of the longest is
     less by their ratio of lengths; the mean of both is taken. The stiffer side is taken a little
-    softer and the softer one stiffer: a stiff body has soft motions too.
+    softer and the softer one stiffer: a stiff body has soft motions too. Where a support holds a
+    side it is as good as rigid, whatever the body.
     """
-    weight, found = np.tile(joint.weight, 3), []
+    weight, found, held = np.tile(joint.weight, 3), [], []
     for owner, trace in zip(joint.sides, joint.trace, strict=True):
         touched = abs(trace).T @ weight > 0.0
         total = float(np.abs(problem.substructures[owner].stiffness.diagonal()) @ touched)
         found.append(total / weight.sum() / joint.weight.size**0.25)
-    first, second = found
-    return (
-        first ** (1.0 - LEAN) * second**LEAN,
-        second ** (1.0 - LEAN) * first**LEAN,
-    )
+        held.append((np.diff(trace.indptr) == 0).reshape(3, -1))
+    lean = [a ** (1.0 - LEAN) * b**LEAN for a, b in (found, found[::-1])]
+    return tuple(np.where(rows, RIGID * max(found), k) for rows, k in zip(held, lean, strict=True))
 
 
 def law_stiffness(law: InterfaceLaw, jump: np.ndarray, state: np.ndarray) -> np.ndarray:
     """Diagonal of the tangent of a law, alike for both tangents, shape (3, points), Pa/m.
 
-    It is infinite where the jump does not tell the traction, as in rigid contact.
+    It is infinite for rigid contact, open or closed: nothing lies between none and infinite, and
+    directions that go to and fro between both do not converge.
     """
-    tangent = np.nan_to_num(law.respond(jump, state).tangent, nan=np.inf, posinf=np.inf)
+    if isinstance(law, RigidContact):
+        return np.full_like(jump, np.inf)
+    tangent = law.respond(jump, state).tangent
     shear = np.maximum(tangent[1, 1], tangent[2, 2])
     return np.stack([tangent[0, 0], shear, shear])
 
 
 def joint_directions(
-    joint: Interface, bodies: tuple[float, float], law: np.ndarray
+    joint: Interface, bodies: tuple[np.ndarray, ...], law: np.ndarray
 ) -> tuple[np.ndarray, ...]:
     """Stiffness of both sides of a joint: the body and half of the law in series, N/m.
 
@@ -58,11 +64,11 @@ def joint_directions(
     Parameters
     ----------
     joint : Interface
-    bodies : tuple of float
+    bodies : tuple of ndarray, shape (3, points)
         Of :func:`body_stiffness`, Pa/m.
     law : ndarray, shape (3, points)
         Of :func:`law_stiffness`, Pa/m; infinite where nothing is known.
     """
     mean = np.average(law, axis=1, weights=joint.weight)[:, None]
-    law = np.maximum(law, np.maximum(SOFTEST * mean, OPEN * min(bodies)))
+    law = np.maximum(law, np.maximum(SOFTEST * mean, OPEN * np.minimum(*bodies)))
     return tuple(STRENGTH * (joint.weight / (1.0 / body + 0.5 / law)).ravel() for body in bodies)

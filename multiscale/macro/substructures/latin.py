@@ -6,7 +6,6 @@ import numpy as np
 from scipy.sparse import diags_array
 
 from multiscale.laws.base import InterfaceLaw
-from multiscale.macro.substructures.acceleration import Anderson
 from multiscale.macro.substructures.coarse import coarse_basis, prepare_coarse
 from multiscale.macro.substructures.directions import (
     interface_stiffness,
@@ -40,6 +39,16 @@ this factor, down to this: the directions tend to the tangent, which near mechan
 LAST = 1e-3
 """If less than this part changes, the softest direction is taken at once, and from then on the
 stiffness of interfaces and the accelerating iterates are kept."""
+
+
+REST = 1e-2
+"""Forces below this part of the largest of the steps before are judged against that part: a step
+that takes all load away has none of its own."""
+
+
+ROUNDING = 1e3 * np.finfo(float).eps
+"""Change of the forces that rounding of the motion makes, relative to the forces in the norm of
+the diagonal of the stiffness: measured on blocks on joints a million times softer."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -109,6 +118,7 @@ class Latin:
         self.status: np.ndarray | None = None
         self.slack_direction = SLACK
         self.z, self.r = links.prestress.copy(), np.zeros(self.sides.m)
+        self.largest = 0.0
 
     @property
     def n_coarse(self) -> int:
@@ -259,8 +269,9 @@ class Latin:
             tractions.append(force.reshape(3, -1) / face.weight)
         return np.concatenate(jumps, axis=1), np.concatenate(tractions, axis=1)
 
-    def commit(self) -> None:
+    def commit(self, found: Iterate) -> None:
         """Take the state of the laws at the present forces for the next step."""
+        self.largest = max(self.largest, self.size(found))
         for index, _, law in self.joints:
             jump = self.joint_answer(index, law, self.r)[0]
             self.states[index] = law.respond(jump, self.states[index]).state
@@ -275,22 +286,33 @@ class Latin:
         """Tension within the limits of the links, N."""
         return np.asarray(np.clip(tension, self.stack.links.lower, self.stack.links.upper))
 
-    def residual(
-        self, found: Iterate, last: Iterate | None, distance: float, acceleration: Anderson
-    ) -> float:
+    def residual(self, found: Iterate, last: Iterate | None, distance: float) -> float:
         """Change of the forces relative to them, or of all relative to all, if that is larger.
 
         Bodies on soft joints move by far more than they deform: rounding of the motion, taken
         relative to the forces, would then hide that these have long converged.
         """
-        force = self._forces(found)
-        bodies = self.team.total(np.array([found.u @ (self.stack.stiffness @ found.u)]))[0]
-        size = np.hypot(acceleration.norm(force), np.sqrt(max(float(bodies), 0.0)))
+        size = max(self.size(found), REST * self.largest)
         links = np.zeros(found.tension.size)
         held = self.k0.inverse_root @ (found.push)  # k_0^(1/2) T u
-        whole = np.hypot(size, acceleration.norm(np.append(links, held)))
-        change = acceleration.norm(force - self._forces(last)) if last else 0.0
+        whole = np.hypot(size, self.norm(np.append(links, held)))
+        change = self.norm(self._forces(found) - self._forces(last)) if last else 0.0
         return max(change / (size or 1.0), distance / (whole or 1.0))
+
+    def size(self, found: Iterate) -> float:
+        """Measure the forces of a state and what they store in the bodies, J^1/2."""
+        bodies = self.team.total(np.array([found.u @ (self.stack.stiffness @ found.u)]))[0]
+        return float(np.hypot(self.norm(self._forces(found)), np.sqrt(max(float(bodies), 0.0))))
+
+    def rounding(self, found: Iterate) -> float:
+        """Bound what rounding leaves of a residual where bodies move but hardly deform."""
+        moved = self.team.total(np.array([self.stack.stiffness.diagonal() @ found.u**2]))[0]
+        return ROUNDING * float(np.sqrt(moved)) / (self.size(found) or 1.0)
+
+    def norm(self, value: np.ndarray) -> float:
+        """Norm over all processes of what links, then sides have, shape (rows + m,)."""
+        links, sides = np.split(value, [self.z.size])
+        return float(np.sqrt(self.team.total(np.array([links @ links]))[0] + sides @ sides))
 
     def _forces(self, found: Iterate) -> np.ndarray:
         """Tensions, less the prestress, and forces in the energy norm, shape (rows + m,)."""

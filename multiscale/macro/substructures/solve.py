@@ -65,7 +65,8 @@ def solve_latin(
         prestress. The change in an iteration decides, which is heuristic; ``error_bound`` is
         guaranteed where all is links whose prestress holds itself, and cannot fall below some
         1e-7, because the tensions of slack links are only zero to rounding. With joints there
-        is ``error_indicator``, a heuristic one: friction has no bound.
+        is ``error_indicator``, a heuristic one: friction has no bound. What rounding makes
+        unavoidable where bodies move far on soft joints is allowed for.
     max_iterations : int
         Iteration limit of a step.
     team : Team, optional
@@ -147,14 +148,14 @@ def solve_step(
     for iteration in range(1, max_iterations + 1):
         z, r, found = method.iterate(load)
         change = method.distance(z, r)
-        size = acceleration.norm(change)
-        residual, last = method.residual(found, last, size, acceleration), found
+        size = method.norm(change)
+        residual, last = method.residual(found, last, size), found
         if callback is not None:
             callback(iteration, residual, found)
         if not np.isfinite(residual):
             status = Status.NOT_FINITE
             break
-        if residual <= HEURISTIC * tolerance:
+        if residual <= max(HEURISTIC * tolerance, method.rounding(found)):
             status = Status.CONVERGED
             break
         x = acceleration.next(np.append(method.z, method.r), np.append(z, r), change, size)
@@ -171,7 +172,7 @@ def solve_step(
         method.z, method.r = z, r
     jump, traction = method.joint_fields()
     if converged:
-        method.commit()
+        method.commit(found)
     return {
         "slack": method.slack(),
         "jump": jump,

@@ -30,8 +30,13 @@ slack."""
 LOOSE, FINEST = 1e-2, 1e-10
 """Largest and smallest residual at which a linear system counts as solved."""
 
-KRYLOV, RESTART = 200, 100
-"""Iterations of a linear system, and those before GMRES starts anew."""
+UNSURE = 1e-8
+"""Largest residual that rounding excuses: without a limit, a body that runs away would count as
+in balance."""
+
+KRYLOV, RESTART = 2000, 100
+"""Iterations of a linear system, and those before GMRES starts anew. They cost far less than the
+factors; a direction that they left unfinished would slow Newton's method down on large grids."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -62,6 +67,15 @@ class _Factored:
     schur: np.ndarray
     balancing: Balancing
     symmetric: bool
+
+
+@dataclass(frozen=True, eq=False)
+class _Way:
+    """Change of displacement, m, tension without slack, N, and jumps, m, in a step."""
+
+    u: np.ndarray
+    elastic: np.ndarray
+    jump: list[np.ndarray]
 
 
 class Newton:
@@ -96,7 +110,10 @@ class Newton:
         self.factors = Factors(), Factors()
         self.factored: _Factored | None = None
         self.key = np.full(links.stiffness.size + 1, np.nan)
+        self.magnitude = abs(self.stack.stiffness)
         self.u, self.elastic = np.zeros(self.stack.n), np.zeros(links.stiffness.size)
+        # jumps are summed up, as the tensions: the difference of both sides would round them away
+        self.jump = [np.zeros((3, item.weight.size)) for item in self.joints]
 
     def _placed(self, operator: csr_array, part: int) -> csr_array:
         """Let an operator of one substructure act on the unknowns of all."""
@@ -144,19 +161,19 @@ class Newton:
 
     def balance(self) -> Balance:
         """Evaluate (1)."""
-        u, tension = self.u, self.tension()
+        u, tension, tangents = self.u, self.tension(), []
         inner = self.stack.stiffness @ u
         force = self.load - inner - self.stack.links.operator.T @ tension
-        # a body that runs away without force must not look balanced: no |K| |u| here
-        tangents, largest = [], self._largest(np.append(inner, tension))
-        for joint, jump, state in zip(self.joints, self.jumps, self.states, strict=True):
-            response = joint.law.respond((jump @ u).reshape(3, -1), state)
-            traction = (joint.weight * response.traction).ravel()
-            force -= jump.T @ traction
+        for joint, place, jump, state in zip(
+            self.joints, self.jumps, self.jump, self.states, strict=True
+        ):
+            response = joint.law.respond(jump, state)
+            force -= place.T @ (joint.weight * response.traction).ravel()
             tangents.append(joint.weight * response.tangent)
         residual = float(np.abs(self.assemble(force)).max(initial=0.0)) / self.scale
+        largest = self._largest(np.append(self.magnitude @ np.abs(u), tension))
         rounding = 8.0 * np.finfo(float).eps * largest / self.scale
-        return Balance(force, residual, rounding, tangents)
+        return Balance(force, residual, min(rounding, UNSURE), tangents)
 
     def advance(self, balance: Balance, tolerance: float) -> int:
         """Take one Newton step; return the number of iterations of the linear solver."""
@@ -168,17 +185,30 @@ class Newton:
         accuracy = max(accuracy, 0.1 * tolerance / balance.residual, FINEST)
         direction, count = self._solve(balance, carries, accuracy)
 
-        links = self.stack.links
-        growth = links.stiffness * (links.operator @ direction)
+        way = self._way(direction)
         work = self._sum(balance.force @ direction)
         if self.problem.joints:
-            step = step_length(lambda step: self._slope(step, direction, growth), -work)
+            step = step_length(lambda step: self._slope(step, way), -work)
         else:
-            step = self._exact_step(direction, growth, work)
-        self.u = self.u + step * direction
-        self.elastic = self.elastic + step * growth
+            step = self._exact_step(way, work)
+        self._move(step, way)
         self.lending.follow(step)
         return count
+
+    def _way(self, direction: np.ndarray) -> _Way:
+        """Let links and joints follow a direction of the unknowns."""
+        links = self.stack.links
+        return _Way(
+            direction,
+            links.stiffness * (links.operator @ direction),
+            [(place @ direction).reshape(3, -1) for place in self.jumps],
+        )
+
+    def _move(self, step: float, way: _Way) -> None:
+        """Go along a direction."""
+        self.u = self.u + step * way.u
+        self.elastic = self.elastic + step * way.elastic
+        self.jump = [jump + step * more for jump, more in zip(self.jump, way.jump, strict=True)]
 
     def _solve(
         self, balance: Balance, carries: np.ndarray, accuracy: float
@@ -233,14 +263,20 @@ class Newton:
         options |= {"restart": RESTART, "maxiter": KRYLOV // RESTART, "callback_type": "pr_norm"}
         return gmres(S, right, **options)[0], count
 
-    def _exact_step(self, direction: np.ndarray, growth: np.ndarray, work: float) -> float:
+    def _exact_step(self, way: _Way, work: float) -> float:
         """Step to the least energy; what is linear counts as one more link that never slackens."""
-        curvature = self._sum(direction @ (self.stack.stiffness @ direction))
+        curvature = self._sum(way.u @ (self.stack.stiffness @ way.u))
         no_bound = np.array([np.inf]) if curvature > 0.0 else np.zeros(0)
         rest = np.full(no_bound.size, curvature)
         elastic, growth, stiffness, lower, upper = (
             self.team.concatenate(value)
-            for value in (self.elastic, growth, self.stack.links.stiffness, self.lower, self.upper)
+            for value in (
+                self.elastic,
+                way.elastic,
+                self.stack.links.stiffness,
+                self.lower,
+                self.upper,
+            )
         )
         return float(
             exact_step(
@@ -253,16 +289,15 @@ class Newton:
             )
         )
 
-    def _slope(self, step: float, direction: np.ndarray, growth: np.ndarray) -> float:
+    def _slope(self, step: float, way: _Way) -> float:
         """Differentiate the energy along a direction, J."""
-        here = self.u, self.elastic
-        self.u, self.elastic = here[0] + step * direction, here[1] + step * growth
+        here = self.u, self.elastic, self.jump
+        self._move(step, way)
         force = self.balance().force
-        self.u, self.elastic = here
-        return -self._sum(force @ direction)
+        self.u, self.elastic, self.jump = here
+        return -self._sum(force @ way.u)
 
     def commit(self) -> None:
         """Take the state of the laws at the present displacement for the next step."""
-        for index, (joint, jump) in enumerate(zip(self.joints, self.jumps, strict=True)):
-            response = joint.law.respond((jump @ self.u).reshape(3, -1), self.states[index])
-            self.states[index] = response.state
+        for index, (joint, jump) in enumerate(zip(self.joints, self.jump, strict=True)):
+            self.states[index] = joint.law.respond(jump, self.states[index]).state

@@ -19,6 +19,7 @@ SHRINK, GROW = 0.4, 1.7
 EASY = 7  # Newton iterations
 TOO_FAR = 1.2  # times the largest change of the approach: done again in shorter increments
 SMALLEST = 1e-4  # of a step of the path
+MOST = 200  # increments of a step beyond the fewest: what creeps on in short ones is given up
 
 
 @dataclass(frozen=True, eq=False)
@@ -88,6 +89,9 @@ def walk_step(
     reached, length = 0.0, 1.0 / increments
     count, newton, linear = 0, 0, 0
     while reached < 1.0:
+        if count == increments + MOST:
+            state = replace(state, status=Status.MAX_ITERATIONS)
+            break
         share = min(1.0, reached + length)
         share = 1.0 if 1.0 - share < 1e-9 else share
         aim = Target(

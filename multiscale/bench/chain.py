@@ -1,0 +1,96 @@
+"""The whole chain: error of the stiffness of a joint against the time from surface to answer."""
+
+from collections.abc import Callable
+from functools import partial
+from pathlib import Path
+from tempfile import TemporaryDirectory
+from typing import TYPE_CHECKING
+
+from multiscale.bench.ladder import Rung, climb
+from multiscale.bench.record import load_average, record, versions
+
+if TYPE_CHECKING:
+    import xarray as xr
+
+__all__ = ["bench_chain", "joint_stiffness"]
+
+CASE, PRELOAD = "ground_steel", 2
+"""The shipped case, and which of its preloads is looked at."""
+
+POINTS, QUICK_POINTS = (48, 64, 96, 128), (34, 48)
+REALISATIONS, QUICK_REALISATIONS = (3, 6, 12), (3,)
+MORE = 2
+"""Times the realisations of the largest run has the truth: other ones, on the finest grid."""
+
+SCENE = "stiffness of a ground steel joint"
+
+
+def joint_stiffness(points: int, realisations: int, first: int = 0) -> float:
+    """Run the case on a grid, from a first realisation on: stiffness of the joint, Pa/m."""
+    from multiscale.pipeline import load_case, run
+
+    case = load_case(CASE)
+    cell = case.cell.model_copy(update={"points": (points, points)})
+    micro = case.micro.model_copy(
+        update={"realisations": realisations, "seed": case.micro.seed + first}
+    )
+    with TemporaryDirectory() as folder:
+        results = run(case.model_copy(update={"cell": cell, "micro": micro}), Path(folder))
+    return float(results.macro_result["joint_stiffness"].values[PRELOAD])
+
+
+def bench_chain(
+    *, quick: bool = False, report: Callable[[str], None] = lambda line: None
+) -> "xr.Dataset":
+    """Run a case on several grids with several numbers of realisations.
+
+    Parameters
+    ----------
+    quick : bool
+        Two coarse grids, three realisations.
+    report : callable
+        Gets a line after each measurement.
+
+    Returns
+    -------
+    Dataset
+        Follows ``WORK_PRECISION``.
+
+    Notes
+    -----
+    *Errors* are those of the stiffness of the joint at one preload, against twice as many other
+    realisations on the finest grid; their distance from as many of the first ones is the
+    uncertainty. *Times* are those of one process, from the case to its datasets.
+    """
+    load = load_average()
+    grids = QUICK_POINTS if quick else POINTS
+    counts = QUICK_REALISATIONS if quick else REALISATIONS
+    rows = climb(
+        [
+            Rung(
+                SCENE,
+                f"{points} x {points} points",
+                partial(joint_stiffness, points, count),
+                {"realisations": count},
+            )
+            for points in grids
+            for count in counts
+        ],
+        partial(_truth, grids[-1], MORE * counts[-1]),
+        warm_up=partial(joint_stiffness, QUICK_POINTS[0], 3),
+        repeats=1,
+        report=report,
+    )
+    return record(
+        rows,
+        title="whole chain: stiffness of a joint",
+        versions=versions("scipy", "numba"),
+        load_before=load,
+        wall_time_counts="one run; without start of the process, imports and compilation",
+    )
+
+
+def _truth(points: int, count: int, scene: str, answers: list[float]) -> tuple[float, float]:
+    """Stiffness from many other realisations, and its distance from the best answer."""
+    exact = joint_stiffness(points, count, first=1000)
+    return exact, abs(answers[-1] / exact - 1.0)

@@ -1,0 +1,132 @@
+"""Grains in motion: the error of three closed forms and of a deposit against run time."""
+
+from collections.abc import Callable
+from functools import partial
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from multiscale.bench.ladder import Rung, climb
+from multiscale.bench.record import load_average, record, versions
+
+if TYPE_CHECKING:
+    import xarray as xr
+
+__all__ = ["EXACT", "answer", "bench_grains"]
+
+GRAVITY, RADIUS = 9.81, 0.01  # m/s2, m
+HEIGHT, RESTITUTION, DURATION = 1.0, 0.8, 1.2
+"""Of the fall of a bouncing grain, m; its restitution; and when its height is asked for, s."""
+FRICTION, SPEED, ROLLED = 0.3, 1.0, 0.3
+"""Of the sliding grain, its speed at the start, m/s, and when its way is asked for, s."""
+GRAINS, QUICK_GRAINS, SETTLING = 200, 20, 0.5
+"""Spheres of a deposit, and when its height is asked for, s."""
+
+BOUNCE, ROLL, DEPOSIT = (
+    "height of a bouncing grain",
+    "way of a sliding grain",
+    "height of a deposit",
+)
+STEPS, QUICK_STEPS = (8e-3, 4e-3, 2e-3, 1e-3, 5e-4), (4e-3, 2e-3)  # s
+FINEST = 8.0
+"""The deposit's reference has steps so many times shorter than the shortest."""
+COMPLIANCES = {"rigid": 0.0, "compliant": 0.05}
+
+
+def _bounced() -> float:
+    """Height at the end, between the first impact and the second or after, m."""
+    first = np.sqrt(2.0 * HEIGHT / GRAVITY)
+    begin, speed = first, RESTITUTION * GRAVITY * first
+    while begin + 2.0 * speed / GRAVITY < DURATION:
+        begin += 2.0 * speed / GRAVITY
+        speed *= RESTITUTION
+    since = DURATION - begin
+    return float(speed * since - 0.5 * GRAVITY * since**2)
+
+
+def _rolled() -> float:
+    """Way of a sphere that slides, until 5/7 of its speed is left, and then rolls, m."""
+    slides = 2.0 * SPEED / (7.0 * FRICTION * GRAVITY)
+    way = SPEED * slides - 0.5 * FRICTION * GRAVITY * slides**2
+    return way + 5.0 / 7.0 * SPEED * (ROLLED - slides)
+
+
+EXACT = {BOUNCE: _bounced(), ROLL: _rolled()}  # m
+
+
+def answer(scene: str, compliance: float, step: float, grains: int = QUICK_GRAINS) -> float:
+    """Follow a scene in steps of a length: what is asked for, m."""
+    from multiscale.macro.granulate import ContactLaw, Grains, Model, Plane, deposit, simulate
+
+    size = np.array([RADIUS])
+    floor = (Plane((0.0, 0.0, 0.0), (0.0, 0.0, 1.0)),)
+    if scene == BOUNCE:
+        grain = Grains(np.array([[0.0, 0.0, HEIGHT + RADIUS]]), size)
+        law = ContactLaw(restitution=RESTITUTION, compliance=compliance)
+        motion = simulate(Model(grain, floor, law), DURATION, step)
+        return float(motion["position"].values[-1, 0, 2]) - RADIUS
+    if scene == ROLL:
+        grain = Grains(np.array([[0.0, 0.0, RADIUS]]), size, velocity=np.array([[SPEED, 0.0, 0.0]]))
+        law = ContactLaw(FRICTION, compliance=compliance)
+        motion = simulate(Model(grain, floor, law), ROLLED, step)
+        return float(motion["position"].values[-1, 0, 0])
+    heap = deposit(np.full(grains, RADIUS), (0.1, 0.1), ContactLaw(compliance=compliance))
+    motion = simulate(heap, SETTLING, step)
+    return 2.0 * float(motion["position"].values[-1, :, 2].mean())
+
+
+def bench_grains(
+    *, quick: bool = False, report: Callable[[str], None] = lambda line: None
+) -> "xr.Dataset":
+    """Follow grains in ever shorter steps, with rigid and with compliant contacts.
+
+    Parameters
+    ----------
+    quick : bool
+        Two lengths of steps, and a smaller deposit.
+    report : callable
+        Gets a line after each measurement.
+
+    Returns
+    -------
+    Dataset
+        Follows ``WORK_PRECISION``.
+
+    Notes
+    -----
+    *Errors* are those of a closed form; of the height of a deposit, twice the mean height of its
+    grains, the distance to rigid contact in much shorter steps. Piles of other histories differ,
+    so that the deposit is not known better than the distance of both references.
+    """
+    load = load_average()
+    grains = QUICK_GRAINS if quick else GRAINS
+    lengths = QUICK_STEPS if quick else STEPS
+    rows = climb(
+        [
+            Rung(
+                scene, method, partial(answer, scene, compliance, step, grains), {"time_step": step}
+            )
+            for scene in (BOUNCE, ROLL, DEPOSIT)
+            for method, compliance in COMPLIANCES.items()
+            for step in lengths
+        ],
+        partial(_truth, min(lengths) / FINEST, grains),
+        warm_up=partial(answer, DEPOSIT, 0.05, 4e-3),
+        repeats=1,
+        report=report,
+    )
+    return record(
+        rows,
+        title="grains in motion: heights and ways",
+        versions=versions("numba"),
+        load_before=load,
+        wall_time_counts="one run; without start of the process, imports and compilation",
+    )
+
+
+def _truth(step: float, grains: int, scene: str, answers: list[float]) -> tuple[float, float]:
+    """Take the closed form, or the height in very short steps and its distance from compliance."""
+    if scene in EXACT:
+        return EXACT[scene], np.nan
+    rigid, compliant = (answer(scene, a, step, grains) for a in COMPLIANCES.values())
+    return rigid, abs(compliant / rigid - 1.0)

@@ -1,0 +1,98 @@
+"""Ladders of fidelities: the same question answered ever better, each time at its price."""
+
+from collections.abc import Callable, Iterable, Mapping
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from multiscale.bench.measure import Measured, measure
+
+__all__ = ["Rung", "climb"]
+
+
+@dataclass(frozen=True, eq=False)
+class Rung:
+    """One answer to a question.
+
+    Parameters
+    ----------
+    scene : str
+        The question.
+    method : str
+        How it is answered.
+    task : callable
+        Returns the answer: one number, or samples of it. Runs in a process of its own.
+    settings : mapping of str to float
+        How well it is answered: variables of ``WORK_PRECISION``, such as ``points``.
+    """
+
+    scene: str
+    method: str
+    task: Callable[[], float | np.ndarray]
+    settings: Mapping[str, float] = field(default_factory=dict)
+
+
+def climb(
+    rungs: Iterable[Rung],
+    truth: Callable[[str, list[float]], tuple[float, float]],
+    *,
+    warm_up: Callable[[], object],
+    repeats: int,
+    report: Callable[[str], None],
+) -> list[dict[str, float | str]]:
+    """Measure ladders, and compare their answers with the truth.
+
+    Parameters
+    ----------
+    rungs : iterable of Rung
+        Those of a scene from coarse to fine; all with settings of the same names.
+    truth : callable
+        Gets a scene and the mean answers of its rungs; returns the true answer, and how far that
+        may be off, relative to it.
+    warm_up : callable
+        Takes imports and compilation in every process, untimed.
+    repeats : int
+        Runs of each rung.
+    report : callable
+        Gets a line after each measurement.
+
+    Returns
+    -------
+    list of dict
+        Rows of ``WORK_PRECISION``. The error of samples is the root of their mean square error,
+        and their time that of one. NaN if the process died or did not converge.
+    """
+    runs: dict[Rung, Measured[float | np.ndarray]] = {}
+    for rung in rungs:
+        runs[rung] = measure(rung.task, warm_up=warm_up, repeats=repeats)
+        settings = ", ".join(f"{name} {value:g}" for name, value in rung.settings.items())
+        report(f"{rung.scene}, {rung.method}, {settings}: {runs[rung].wall_time:.3g} s")
+    answers = {
+        rung: np.atleast_1d(np.nan if run.value is None else run.value)
+        for rung, run in runs.items()
+    }
+    truths = {
+        scene: truth(scene, [float(a.mean()) for rung, a in answers.items() if rung.scene == scene])
+        for scene in dict.fromkeys(rung.scene for rung in runs)
+    }
+    return [_row(rung, runs[rung], answers[rung], *truths[rung.scene]) for rung in runs]
+
+
+def _row(
+    rung: Rung,
+    run: Measured[float | np.ndarray],
+    samples: np.ndarray,
+    exact: float,
+    uncertainty: float,
+) -> dict[str, float | str]:
+    """Cost and error of one rung."""
+    return {
+        "scene": rung.scene,
+        "method": rung.method,
+        **rung.settings,
+        "error": float(np.sqrt(np.mean((samples / exact - 1.0) ** 2))),
+        "error_uncertainty": uncertainty,
+        "wall_time": run.wall_time / samples.size,
+        "peak_memory": run.peak_memory,
+        "converged": int(np.isfinite(samples).all()),
+    }

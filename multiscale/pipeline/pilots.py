@@ -1,0 +1,182 @@
+"""The cells that a planner starts from: stored ones of a spectrum alike, or pilot runs."""
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from multiscale.io import open_dataset
+from multiscale.micro import contact_modulus
+from multiscale.micro.topography import rms_height, rms_slope
+from multiscale.pipeline.cells import composite_material, make_cells
+from multiscale.pipeline.settings import Case, SyntheticSurface
+from multiscale.schema import MICRO_RESPONSE, STORED_CELLS
+
+if TYPE_CHECKING:
+    import xarray as xr
+
+    from multiscale.io.surfaces import Surface
+
+__all__ = ["Pilots", "stored_pilots", "surface_at_large"]
+
+PILOT_RUNS = "pilot runs"
+STORED = Path(__file__).with_name("stored_cells.nc")
+HURST_RANGE, BAND_RANGE = (0.4, 0.9), (3.0, 12.0)  # what stored cells stand for
+MANY_WAVES = 32  # across a surface at large
+MOST_POINTS = 2048  # across it
+
+
+@dataclass(frozen=True, eq=False)
+class Pilots:
+    """Responses that tell the scatter and the errors by size and grid, independent of the answer.
+
+    Attributes
+    ----------
+    sizes : mapping of float to Dataset
+        By the edge of the cell, m.
+    grids : mapping of float to Dataset
+        The same cells by the spacing of their grid, m.
+    source : str
+        Where they come from, in words.
+    """
+
+    sizes: Mapping[float, "xr.Dataset"]
+    grids: Mapping[float, "xr.Dataset"]
+    source: str = PILOT_RUNS
+
+    @property
+    def stored(self) -> bool:
+        """Whether they come with the package, and cannot become more."""
+        return self.source != PILOT_RUNS
+
+    def beside(self, case: Case) -> tuple[dict[float, "xr.Dataset"], dict[float, "xr.Dataset"]]:
+        """Sizes and grids by their ratios to those of a case."""
+        edge = max(case.cell.size)
+        spacing = edge / max(case.cell.points)
+        return (
+            {one / edge: response for one, response in self.sizes.items()},
+            {one / spacing: response for one, response in self.grids.items()},
+        )
+
+
+def surface_at_large(case: Case) -> "Surface | None":
+    """Return the composite surface of a case on a patch of many waves; none of a measured map."""
+    surfaces = [body.surface for body in case.bodies if body.surface is not None]
+    synthetic = [one for one in surfaces if isinstance(one, SyntheticSurface)]
+    if len(synthetic) < len(surfaces):
+        return None
+    wave = max(one.long_cutoff for one in synthetic)
+    wanted = MANY_WAVES * wave / max(case.cell.size)
+    room = MOST_POINTS / max(case.cell.points)
+    larger = 2 ** max(0, int(np.ceil(np.log2(min(wanted, room)))))
+    cell = case.cell.model_copy(
+        update={
+            "size": tuple(larger * edge for edge in case.cell.size),
+            "points": tuple(larger * n for n in case.cell.points),
+        }
+    )
+    micro = case.micro.model_copy(update={"realisations": 1})
+    (large,) = make_cells(case.model_copy(update={"cell": cell, "micro": micro}))
+    return large.surface
+
+
+def stored_pilots(case: Case, large: "Surface | None") -> Pilots | None:
+    """Return the stored cells of the spectrum nearest to that of a case, at its pressures.
+
+    Gaps, over the height, and contact fractions of a self-affine surface depend on the pressure
+    over contact modulus and slope, on the Hurst exponent, and on the cell over the longest and the
+    grid over the shortest wave.
+
+    Parameters
+    ----------
+    case : Case
+    large : Surface or None
+        From :func:`surface_at_large`.
+
+    Returns
+    -------
+    Pilots or None
+        None if the case is not one of flat elastic cells with one rough body whose spectrum and
+        loads they cover.
+    """
+    if large is None or not _is_plain(case):
+        return None
+    cells = open_dataset(STORED, STORED_CELLS)
+    known = cells["relative_pressure"].to_numpy()
+    scale = contact_modulus(composite_material(case)) * rms_slope(large)
+    load = np.array(case.micro.pressures) / scale
+    if not known[0] <= load.min() <= load.max() <= known[-1]:
+        return None
+    spectrum, height = _spectrum(case), rms_height(large)
+    cells = _nearest(cells, spectrum)
+
+    def pick(waves: float, points: float) -> "xr.Dataset":
+        chosen = ((cells["waves"] == waves) & (cells["points"] == points)).to_numpy()
+        return _response(cells.isel(cell=np.flatnonzero(chosen)), load, case, height)
+
+    waves, points = np.unique(cells["waves"]), np.unique(cells["points"])
+    fine = {one: pick(waves[0], one) for one in points}
+    n = min(one.sizes["realisation"] for one in fine.values())
+    return Pilots(
+        {one * spectrum.long_cutoff: pick(one, points[0]) for one in waves},
+        {
+            spectrum.short_cutoff / one: response.isel(realisation=slice(n))
+            for one, response in fine.items()
+        },
+        source=f"stored cells of Hurst exponent {float(cells['hurst_exponent'][0]):g} and "
+        f"{float(cells['band'][0]):g} times the shortest wave",
+    )
+
+
+def _spectrum(case: Case) -> SyntheticSurface:
+    """Return the spectrum of the only rough body."""
+    (one,) = [body.surface for body in case.bodies if isinstance(body.surface, SyntheticSurface)]
+    return one
+
+
+def _is_plain(case: Case) -> bool:
+    """Whether cells are flat, elastic, square and under one surface that stored ones stand for."""
+    rough = [body.surface for body in case.bodies if body.surface is not None]
+    if len(rough) > 1 or case.cell.geometry != "flat" or case.hardness is not None:
+        return False
+    one = _spectrum(case)
+    return (
+        len(set(case.cell.size)) == 1
+        and one.roll_off in (None, one.long_cutoff)
+        and HURST_RANGE[0] <= one.hurst_exponent <= HURST_RANGE[1]
+        and BAND_RANGE[0] <= one.long_cutoff / one.short_cutoff <= BAND_RANGE[1]
+    )
+
+
+def _nearest(cells: "xr.Dataset", spectrum: SyntheticSurface) -> "xr.Dataset":
+    """Select the stored cells of the spectrum that is most like another."""
+    band = spectrum.long_cutoff / spectrum.short_cutoff
+    far = ((cells["hurst_exponent"].to_numpy() - spectrum.hurst_exponent) / 0.3) ** 2
+    far += np.log2(cells["band"].to_numpy() / band) ** 2
+    return cells.isel(cell=np.flatnonzero(far == far.min()))
+
+
+def _response(cells: "xr.Dataset", load: np.ndarray, case: Case, height: float) -> "xr.Dataset":
+    """Turn stored cells into a response to the pressures of a case."""
+    x = np.log(cells["relative_pressure"].to_numpy())
+
+    def at(name: str) -> np.ndarray:
+        logs = np.log(cells[name].to_numpy())
+        return np.exp([np.interp(np.log(load), x, one) for one in logs])
+
+    ones = np.ones((cells.sizes["cell"], load.size), dtype=int)
+    traction = np.zeros((*ones.shape, 3))
+    traction[..., 0] = -np.array(case.micro.pressures)
+    values = {
+        "mean_gap": height * at("gap_over_height"),
+        "contact_fraction": at("contact_fraction"),
+        "wall_time": at("wall_time"),
+        "traction": traction,
+        "displacement_jump": np.zeros(traction.shape),
+        "nominal_pressure": np.array(case.micro.pressures),
+        "rms_height": np.full(len(ones), height),
+    }
+    counts = ("converged", "active_set_iterations", "linear_iterations")
+    return MICRO_RESPONSE.build(values | dict.fromkeys(counts, ones))

@@ -1,0 +1,134 @@
+"""What is left out by cells that are too small, and responses less that."""
+
+from collections.abc import Mapping
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from multiscale.errors import CaseError
+from multiscale.upscaling.budget_terms import NORMAL, each_value, same_steps, students
+from multiscale.upscaling.observations import normal_observations
+
+if TYPE_CHECKING:
+    import xarray as xr
+
+__all__ = ["at_rms_height", "size_term", "without_size_bias"]
+
+SIZE_ORDERS = np.linspace(1.0, 3.0, 11)  # of what a finite cell leaves out
+
+
+def at_rms_height(response: "xr.Dataset", rms_height: float) -> "xr.Dataset":
+    r"""Return a response with the gaps of surfaces of another height.
+
+    Parameters
+    ----------
+    response : Dataset
+        Follows ``MICRO_RESPONSE``, with the ``rms_height`` of every realisation.
+    rms_height : float
+        Root mean square height of the surface at large, m: of a patch that holds many of its
+        longest waves, of which only the heights have to be made.
+
+    Raises
+    ------
+    CaseError
+        If the height is not positive, or the response has no heights.
+
+    Notes
+    -----
+    Small periodic cells have few long waves, and their root mean square height :math:`h_k` is not
+    that of the surface, :math:`h`. At one slope, gaps are in proportion to the heights, so that
+    :math:`g_k\, h / h_k` has most of that bias taken out, and the scatter that comes from it. What
+    proportion does not explain falls with the size of the cell, and stays in what ensembles of
+    several sizes tell of it if all of them are treated alike.
+    """
+    if not (rms_height > 0.0 and np.isfinite(rms_height)):
+        raise CaseError(f"rms_height must be positive and finite (m), got {rms_height:g}")
+    if "rms_height" not in response.variables:
+        raise CaseError(
+            "the response has no rms_height of its realisations; add it (m) along realisation"
+        )
+    ratio = rms_height / response["rms_height"].to_numpy()
+    gap = response["mean_gap"].copy(data=response["mean_gap"].to_numpy() * ratio[:, None])
+    return response.assign(mean_gap=gap)
+
+
+def size_term(
+    response: "xr.Dataset", sizes: Mapping[float, "xr.Dataset"], *, apart: bool = False
+) -> tuple[np.ndarray, np.ndarray, str]:
+    r"""Bias by the size of the cell and half-widths about it, from the means of several sizes.
+
+    The part of the mean that is left to an infinite cell falls as a power of the size: the scatter
+    has the power 1, its square, which a bent law makes of it, 2, and the lattice of the waves of a
+    periodic cell about 1.5; cells with a handful of contacts are not there yet and change faster,
+    so that powers from 1 to 3 are taken. For each power
+    the bias is a weighted sum :math:`\sum_i w_i m_i` of the means, and powers count by their
+    likelihood; with two sizes, which fit any power, alike. How the powers differ adds to the
+    half-width. Where the response is one of the sizes, its error :math:`\epsilon_0` enters twice,
+    as :math:`(1 - w_0)\, \epsilon_0`, of which the sampling term holds one part; ensembles apart
+    from it are free of that.
+    """
+    own, found = same_steps(response, sizes, apart=apart)
+    ratios = np.array(sorted(found))
+    shared = np.reshape(0.0 if apart else 1.0 * (ratios == 1.0), (-1, 1))
+    biases, rows, powers = [], [], []
+    answers = [one[1.0] for one in each_value({1.0: own})]
+    for values, answer in zip(each_value(found), answers, strict=True):
+        mean = np.array([np.nanmean(values[ratio], axis=0) for ratio in ratios])
+        n = np.array([len(values[ratio]) for ratio in ratios])[:, None]
+        error = np.array([np.nanstd(values[ratio], axis=0) for ratio in ratios])
+        error = np.maximum(error / np.sqrt(np.maximum(n - 1, 1)), 1e-9 * np.abs(mean))
+        bias, noise, misfit = [], [], []
+        for order in SIZE_ORDERS:
+            weight, miss = _slope(ratios**-order, mean, error)
+            bias.append(np.sum(weight * mean, axis=0))
+            parts = (weight**2 - 2.0 * shared * weight) * error**2
+            noise.append(students(parts, n - 1))
+            misfit.append(miss)
+        likelihood = np.exp(-0.5 * (np.array(misfit) - min(misfit)))
+        likelihood /= likelihood.sum()
+        middle = likelihood @ np.array(bias)
+        between = NORMAL**2 * (np.array(bias) - middle) ** 2
+        square = likelihood @ (np.array(noise) ** 2 + between)
+        powers.append(float(likelihood @ SIZE_ORDERS))
+        size = np.abs(np.nanmean(answer, axis=0))
+        biases.append(middle / size)
+        rows.append(np.sqrt(square) / size)
+    how = f"means over the cell size from {len(ratios)} sizes, power about {np.mean(powers):.2g}"
+    return np.array(biases), np.array(rows), how
+
+
+def without_size_bias(response: "xr.Dataset", sizes: Mapping[float, "xr.Dataset"]) -> "xr.Dataset":
+    """Return a response less the bias by the size of its cells.
+
+    Parameters
+    ----------
+    response : Dataset
+        Follows ``MICRO_RESPONSE``.
+    sizes : mapping of float to Dataset
+        Ensembles apart from it; see :func:`~.budget.error_budget`, which then counts no bias.
+    """
+    bias, _, how = size_term(response, sizes, apart=True)
+    gap, area = (1.0 - bias[k] for k in range(2))
+    steps, place = response.sizes["step"], normal_observations(response).order
+    factors = np.ones((2, steps))
+    factors[:, place] = gap, area
+    corrected = {
+        name: response[name].copy(data=response[name].to_numpy() * factor)
+        for name, factor in zip(("mean_gap", "contact_fraction"), factors, strict=True)
+    }
+    corrected["contact_fraction"] = corrected["contact_fraction"].clip(0.0, 1.0, keep_attrs=True)
+    return response.assign(corrected).assign_attrs(size_bias=f"taken out: {how}")
+
+
+def _slope(x: np.ndarray, mean: np.ndarray, error: np.ndarray) -> tuple[np.ndarray, float]:
+    """Weights (sizes, steps) that give the slope of a line over x from the means, and the misfit.
+
+    As x is 1 for the response, the slope is what it differs by from an infinite cell.
+    """
+    weight, x = 1.0 / error**2, x[:, None]
+    centre = (weight * x).sum(axis=0) / weight.sum(axis=0)
+    level = (weight * mean).sum(axis=0) / weight.sum(axis=0)
+    share = weight * (x - centre) / (weight * (x - centre) ** 2).sum(axis=0)
+    slope = (share * mean).sum(axis=0)
+    misfit = np.sum(weight * (mean - level - slope * (x - centre)) ** 2, axis=0)
+    return share, float(misfit.mean())  # the steps of a cell are not independent

@@ -1,0 +1,104 @@
+"""Ladders of fidelities against their truths, and the cheapest way to an error."""
+
+import numpy as np
+import pytest
+
+from multiscale.bench import FAMILIES, bench, ladder, tabulate
+from multiscale.bench.grains import BOUNCE, EXACT, ROLL, answer
+from multiscale.bench.ladder import Rung, climb
+from multiscale.bench.measure import Measured
+from multiscale.bench.summary import join_families, tabulate_cheapest
+from multiscale.plotting import draw_work_precision
+from multiscale.schema import WORK_PRECISION
+
+SLOW = ("chain", "grains", "strain")
+COST = {"wall_time": 0.1, "peak_memory": 1e8}
+
+
+@pytest.fixture
+def in_this_process(monkeypatch):
+    monkeypatch.setattr(ladder, "measure", lambda task, **_: Measured(task(), **COST))
+
+
+def climb_one(task, exact=2.0):
+    return climb(
+        [Rung("a", "b", task, {"points": 4})],
+        lambda scene, answers: (exact, 0.5),
+        warm_up=lambda: None,
+        repeats=1,
+        report=lambda line: None,
+    )[0]
+
+
+@pytest.mark.usefixtures("in_this_process")
+def test_the_error_of_samples_is_their_root_mean_square_and_their_time_that_of_one():
+    row = climb_one(lambda: np.array([1.0, 3.0]))
+    assert row["error"] == 0.5
+    assert row["wall_time"] == 0.05
+    assert (row["points"], row["error_uncertainty"], row["converged"]) == (4, 0.5, 1)
+
+
+@pytest.mark.usefixtures("in_this_process")
+def test_an_answer_that_is_not_there_has_no_error():
+    row = climb_one(lambda: np.nan)
+    assert row["converged"] == 0
+    assert np.isnan(row["error"])
+
+
+@pytest.mark.usefixtures("in_this_process")
+@pytest.mark.parametrize(
+    "family", ["laws", *(pytest.param(name, marks=pytest.mark.slow) for name in SLOW)]
+)
+def test_a_family_leaves_a_dataset_and_a_figure(family, tmp_path):
+    lines = []
+    found = bench(family, quick=True, report=lines.append)
+    WORK_PRECISION.check(found)
+    assert found["converged"].values.all()
+    assert len(lines) == found.sizes["run"] == len(tabulate(found)[1])
+    assert (found["error"] < 2.0).all()
+    assert draw_work_precision(found, tmp_path / "family.png").stat().st_size > 1000
+
+
+def test_grains_follow_their_closed_forms_to_first_order_of_the_step():
+    for scene in (BOUNCE, ROLL):
+        errors = [abs(answer(scene, 0.0, step) - EXACT[scene]) for step in (2e-3, 2e-4)]
+        assert errors[1] < 0.2 * errors[0]
+
+
+def family_of(errors, times, converged=None):
+    n = len(errors)
+    return WORK_PRECISION.build(
+        {
+            "scene": ["wave"] * n,
+            "method": [f"m{k}" for k in range(n)],
+            "error": np.array(errors),
+            "wall_time": np.array(times),
+            "converged": np.array(converged or [1] * n),
+        },
+        cautions="",
+        versions="one 1.0",
+    )
+
+
+def test_the_cheapest_run_below_the_error_is_named():
+    joined = join_families(
+        {
+            "one": family_of([0.5, 0.04, 0.03, 0.004], [1.0, 3.0, 2.0, 9.0]),
+            "two": family_of([0.04], [0.1], converged=[0]).assign(
+                scene=("run", ["other"], {"units": "1", "long_name": "scene"})
+            ),
+        }
+    )
+    WORK_PRECISION.check(joined)
+    assert list(joined["family"].values) == ["one"] * 4 + ["two"]
+    head, rows = tabulate_cheapest(joined)
+    assert head == ("scene", "10 %", "5 %", "2 %", "1 %")
+    assert rows[0] == ("wave", "m2, 2 s", "m2, 2 s", "m3, 9 s", "m3, 9 s")
+    assert rows[1] == ("other", *["none"] * 4)
+
+
+def test_every_family_is_a_module_with_a_function_of_its_name():
+    from importlib import import_module
+
+    for family in FAMILIES:
+        assert callable(getattr(import_module(f"multiscale.bench.{family}"), f"bench_{family}"))

@@ -1,0 +1,81 @@
+"""Cells at large strain where it is hard: steep, incompressible, soft, with much friction."""
+
+import numpy as np
+import pytest
+
+from multiscale.laws.bulk import J2, NeoHookean
+from multiscale.micro import Cell, Path, self_affine, solve_cell
+from multiscale.micro.finite import history
+
+RUBBER = NeoHookean(1.0, 0.3)
+
+
+def rough(slope, n=16):
+    return self_affine(
+        (n, n),
+        (1.0, 1.0),
+        0,
+        hurst_exponent=0.8,
+        long_cutoff=1.0,
+        short_cutoff=0.5,
+        rms_slope=slope,
+    )
+
+
+def press(bulk, path, slope=0.1, n=16, **changes):
+    cell = Cell(rough(slope, n), 0.5, 6, 1.0, bulk.poissons_ratio, bulk=bulk, **changes)
+    return solve_cell(cell, path, recover_stress=False, tolerance=1e-6)
+
+
+@pytest.mark.parametrize("mu", [0.0, 1.5])
+def test_steep_rubber_in_almost_full_contact_converges(mu):
+    response = press(RUBBER, Path(pressure=(0.05, 0.3)), 0.5, friction_coefficient=mu)
+    assert response["converged"].values.all()
+    assert response["contact_fraction"].values[0, 1] > 0.7
+
+
+def test_much_friction_and_a_reversal_at_every_step_converge():
+    slides = tuple(((-1.0) ** k * 0.01, 0.0) for k in range(4))
+    path = Path(pressure=(0.02,) * 4, slide=slides)
+    response = press(RUBBER, path, 0.2, friction_coefficient=1.5)
+    assert response["converged"].values.all()
+    forward, back = response["traction"].values[0, 2:, 1]
+    assert forward * back < 0.0
+
+
+def test_reversals_of_the_load_at_every_step_converge():
+    response = press(
+        RUBBER, Path(pressure=(0.02, 0.005, 0.03, 0.0, 0.02)), 0.2, friction_coefficient=1.5
+    )
+    assert response["converged"].values.all()
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("hardening", [0.01, 0.0], ids=["hardening", "perfect"])
+def test_a_very_soft_metal_is_pressed_and_released(hardening):
+    path = Path(approach=(0.002, 0.005, 0.003))
+    response = press(J2(1.0, 0.3, 1e-4, hardening), path)
+    assert response["converged"].values.all()
+    pressure = -response["traction"].values[0, :, 0]
+    assert pressure[0] < pressure[1]
+    assert pressure[2] < 0.1 * pressure[1]
+
+
+@pytest.mark.slow
+def test_a_nearly_incompressible_body_does_not_lock():
+    found = [
+        -press(NeoHookean(1.0, nu), Path(approach=(0.01, 0.02)), n=8)["traction"].values[0, :, 0]
+        for nu in (0.49, 0.4999)
+    ]
+    # the contact modulus tends to a limit, 4 / 3 E; the layer is stiffer as it must bulge
+    assert np.all(found[1] > found[0])
+    assert np.all(found[1] < 1.3 * found[0])
+
+
+def test_a_step_that_creeps_is_given_up_with_what_was_reached(monkeypatch):
+    monkeypatch.setattr(history, "MOST", 2)
+    path = Path(pressure=(1e-4, 0.02))
+    response = press(J2(1.0, 0.3, 0.01, 0.01), path, n=8)
+    assert response["converged"].values.tolist() == [[1, 0]]
+    assert np.isfinite(response["traction"].values[0, 0]).all()
+    assert "step 1 ended after" in response.attrs["ended"]
