@@ -70,15 +70,10 @@ def main(argv: Sequence[str] | None = None) -> int:
     )
     write_dataset(response, out / "sliding_response.nc", SLIDING_RESPONSE)
     draw_sliding(response, out / "friction.png")
-    for one, first, mean in zip(
-        pressure,
-        response["effective_friction"].values[:, 1],
-        response["steady_friction"].values,
-        strict=True,
-    ):
+    for one, friction in zip(pressure, response["effective_friction"].values, strict=True):
         sys.stdout.write(
-            f"{1e-6 * one:.0f} MPa: friction {first:.3f} at first, {mean:.3f} over the last "
-            f"period, {LOCAL_FRICTION:g} at each point\n"
+            f"{1e-6 * one:.0f} MPa: friction {friction[1]:.3f} at first, {friction[-1]:.3f} at the "
+            f"end, {LOCAL_FRICTION:g} at each point\n"
         )
     return int(not response["converged"].values.all())
 
