@@ -28,6 +28,11 @@ def at_rms_height(response: "xr.Dataset", rms_height: float) -> "xr.Dataset":
         Root mean square height of the surface at large, m: of a patch that holds many of its
         longest waves, of which only the heights have to be made.
 
+    Returns
+    -------
+    Dataset
+        With the height, m, in the attribute ``gaps_at_rms_height``.
+
     Raises
     ------
     CaseError
@@ -49,7 +54,7 @@ def at_rms_height(response: "xr.Dataset", rms_height: float) -> "xr.Dataset":
         )
     ratio = rms_height / response["rms_height"].to_numpy()
     gap = response["mean_gap"].copy(data=response["mean_gap"].to_numpy() * ratio[:, None])
-    return response.assign(mean_gap=gap)
+    return response.assign(mean_gap=gap).assign_attrs(gaps_at_rms_height=rms_height)  # m
 
 
 def size_term(

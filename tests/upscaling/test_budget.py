@@ -173,6 +173,7 @@ def test_gaps_are_taken_to_the_height_of_the_surface_at_large():
     np.testing.assert_allclose(
         at_rms_height(response, 1e-6)["mean_gap"], np.tile(TRUTH, (6, 1)), rtol=1e-12
     )
+    assert at_rms_height(response, 1e-6).attrs["gaps_at_rms_height"] == 1e-6
     with pytest.raises(CaseError, match="rms_height must be positive and finite"):
         at_rms_height(response, 0.0)
 
