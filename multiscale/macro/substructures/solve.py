@@ -170,13 +170,8 @@ def solve_step(
     judged = _estimate(method, judge, found) if converged else {}
     if converged:
         method.z, method.r = z, r
-    jump, traction = method.joint_fields()
-    if converged:
-        method.commit(found)
     return {
-        "slack": method.slack(),
-        "jump": jump,
-        "traction": traction,
+        **_local_fields(method, found, converged),
         "found": found,
         "converged": int(converged),
         "status": status,
@@ -186,6 +181,15 @@ def solve_step(
         "iterations": iteration,
         "wall_time": perf_counter() - clock,
     }
+
+
+def _local_fields(method: Latin, found: Iterate, converged: bool) -> dict[str, np.ndarray]:
+    """Slack of links, jump and traction of joints, whose states a converged step commits."""
+    jump, traction = method.joint_fields()
+    slack = method.slack()
+    if converged:
+        method.commit(found)
+    return {"slack": slack, "jump": jump, "traction": traction}
 
 
 def _judge(method: Latin) -> ErrorBound | HeuristicIndicator:
