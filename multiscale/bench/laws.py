@@ -51,8 +51,8 @@ def bench_laws(
     Notes
     -----
     *Errors* are those of the stiffness at 1 GPa, the root mean square over four ensembles, against
-    the law of free form fitted to 128 other realisations; two standard errors,
-    from quarters of them, are the uncertainty. More realisations cannot mend what a family of two parameters cannot
+    the law of free form fitted to 128 other realisations; two standard errors, from quarters of
+    them, are the uncertainty. More realisations cannot mend what a family of two parameters cannot
     say. *Times* are those of the cells and of the fit, one after the other.
     """
     return climb(
