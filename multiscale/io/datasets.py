@@ -1,5 +1,6 @@
 """Datasets in netCDF files: checked against their schema, written whole, with provenance."""
 
+import logging
 import sys
 from contextlib import AbstractContextManager, nullcontext
 from datetime import UTC, datetime
@@ -67,6 +68,8 @@ def write_dataset(
     write_bytes(path, content)
 
 
+logger = logging.getLogger(__name__)
+
 _WRITING = Lock()
 """Held while the settings of dask are other than the user's."""
 
@@ -94,19 +97,16 @@ def open_dataset(path: str | PathLike[str], schema: Schema | None = None) -> "xr
     SchemaError
         If the file is missing, damaged, of another kind or of another schema version.
     """
-    import xarray as xr
-
     path = Path(path)
     wanted = f"a {schema.name!r} dataset" if schema else "a dataset"
     if not path.is_file():
         state = "not a file" if path.exists() else "no such file"
         raise SchemaError(f"{path}: {state}; it should hold {wanted}")
-    try:
-        dataset = xr.load_dataset(path, engine="h5netcdf")
-    except Exception as error:  # h5py and xarray raise many kinds on a damaged file
+    dataset = _load(path)
+    if dataset is None:
         raise SchemaError(
             f"{path}: not a readable netCDF file (it may be truncated); make it again"
-        ) from error
+        )
     name, version = dataset.attrs.get("schema"), dataset.attrs.get("schema_version")
     expected = schema or SCHEMAS.get(str(name))
     if expected is None or name != expected.name:
@@ -120,6 +120,21 @@ def open_dataset(path: str | PathLike[str], schema: Schema | None = None) -> "xr
         expected.check(dataset)
     except SchemaError as error:
         raise SchemaError(f"{path}: {error}") from error
+    return dataset
+
+
+def _load(path: Path) -> "xr.Dataset | None":
+    """Load a file; None if it is damaged, for which h5py and xarray raise many kinds."""
+    import xarray as xr
+
+    hook, dataset = sys.unraisablehook, None
+    sys.unraisablehook = lambda _: None  # h5netcdf fails again where it drops what it cannot open
+    try:
+        dataset = xr.load_dataset(path, engine="h5netcdf")
+    except Exception as error:
+        logger.debug("%s: %s", path, error)
+    finally:
+        sys.unraisablehook = hook
     return dataset
 
 
