@@ -86,10 +86,10 @@ def build_contacts(  # type: ignore[no-untyped-def]
     """Make the arrays of the sweeps from the pairs that may touch within a step.
 
     ``law`` holds restitution, relaxation time, speed of rest and the friction coefficients of the
-    grains and of each wall; ``compliance`` (pairs,) is that of each pair. A pair takes part if it is wanted, had an impulse,
-    or comes nearer than ``near`` times its smaller radius in a step without impulses. ``cell``
-    holds the rate of strain of the cell and one over its inertia; the last array returned is what
-    the sweeps take for it.
+    grains and of each wall; ``compliance`` (pairs,) is that of each pair. A pair takes part if
+    it is wanted, had an impulse, or comes nearer than ``near`` times its smaller radius in a step
+    without impulses. ``cell`` holds the rate of strain of the cell and one over its inertia; the
+    last array returned is what the sweeps take for it.
     """
     kind, point, axis, bore = walls
     restitution, relaxation, rest, friction = law
