@@ -41,7 +41,7 @@ class ContactLaw:
 
     It is a spring of the stiffness :math:`m / (a h^2)` in a step of length h, but it forgets:
     at rest nothing overlaps. It changes the problem that is solved, which then takes far fewer
-    sweeps, with 0.05 a third or less. Where an impact would make grains overlap by more than 0.8 %
+    sweeps, with 0.02 a fourth or less. Where an impact would make grains overlap by more than 0.8 %
     of a radius, the contact is stiffened for this step; one that bounces is rigid, and so keeps its
     restitution. Pushing grains apart again may bring a little energy, which a rigid contact never
     does.
