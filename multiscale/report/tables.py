@@ -1,53 +1,22 @@
-"""The results of a run as a table, and as one self-contained page."""
+"""Results as rows of text under a head."""
 
-import base64
 from collections.abc import Sequence
-from pathlib import Path
 from typing import TYPE_CHECKING
 
 import numpy as np
-
-from multiscale.io import open_run, read_bytes, read_text, write_bytes
 
 if TYPE_CHECKING:
     import xarray as xr
 
 __all__ = [
+    "HEAD",
     "list_cycles",
     "tabulate",
     "tabulate_grains",
     "tabulate_links",
     "tabulate_scene",
     "tabulate_sweep",
-    "write_report",
 ]
-
-PAGE = """<!doctype html>
-<html lang="en">
-<meta charset="utf-8">
-<meta name="viewport" content="width=device-width, initial-scale=1">
-<title>{{ title }}</title>
-<style>
-body { font: 16px/1.5 sans-serif; max-width: 60rem; margin: 2rem auto; padding: 0 1rem; }
-table { border-collapse: collapse; } td, th { padding: .2rem .8rem; text-align: right; }
-th { border-bottom: 1px solid #888; } img { max-width: 100%; } pre { overflow-x: auto; }
-figure { display: inline-block; margin: 0; max-width: 29rem; }
-</style>
-<h1>{{ title }}</h1>
-<p>{{ summary }}</p>
-{% for caution in cautions %}<p><strong>Caution:</strong> {{ caution }}.</p>
-{% endfor %}{% for line in plan %}<p>{{ line }}.</p>
-{% endfor %}<table>
-<tr>{% for name in head %}<th>{{ name }}</th>{% endfor %}</tr>
-{% for row in rows %}<tr>{% for value in row %}<td>{{ value }}</td>{% endfor %}</tr>
-{% endfor %}</table>
-{% for name, image in figures %}<figure><img alt="{{ name }}"
-src="data:image/png;base64,{{ image }}"></figure>
-{% endfor %}<h2>Case</h2>
-<pre>{{ case }}</pre>
-<p>{{ provenance }}</p>
-</html>
-"""
 
 HEAD = (
     "preload (MPa)",
@@ -214,56 +183,3 @@ def list_cycles(result: "xr.Dataset") -> list[str]:
     if "cycle_energy" not in result:
         return []
     return [f"cycle {k}: {loss:.4g} J lost" for k, loss in enumerate(result["cycle_energy"].values)]
-
-
-def _terms(result: "xr.Dataset") -> list[str]:
-    """Say of each term of the error budget how it was estimated."""
-    if "error_total" not in result:
-        return []
-    how = {term: f"how_{term.replace(' ', '_')}" for term in result["error_term"].values}
-    lines = [f"{term}: {result.attrs[name]}" for term, name in how.items()]
-    return ["The error of the joint stiffness holds " + "; ".join(lines)]
-
-
-def write_report(out: str | Path) -> Path:
-    """Write ``report.html`` of a finished run whose figures are drawn.
-
-    Parameters
-    ----------
-    out : path
-        Run folder.
-    """
-    from jinja2 import Environment
-
-    out = Path(out)
-    tree = open_run(out, finished=True)
-    response, law, result = (
-        tree[name].to_dataset() for name in ("micro_response", "interface_law", "macro_result")
-    )
-    converged = response["converged"].values
-    page = Environment(autoescape=True).from_string(PAGE)
-    text = page.render(
-        title=response.attrs["title"],
-        summary=(
-            f"{converged.sum()} of {converged.size} cell steps converged in "
-            f"{float(response['wall_time'].sum()):.1f} s of solver time; "
-            f"{law.attrs['n_realisations']} realisations. The law stands for the "
-            f"{response.attrs['bodies']}. It is "
-            f"{'' if law.attrs['admissible'] else 'not '}positive, decreasing and convex; at a "
-            f"pressure that the fit has not seen, it errs by at most "
-            f"{100.0 * law.attrs['cross_validated_error']:.2g} % in pressure and "
-            f"{100.0 * law.attrs['cross_validated_stiffness_error']:.2g} % in stiffness."
-        ),
-        cautions=response.attrs.get("cautions", "").splitlines(),
-        plan=[*result.attrs.get("plan", "").splitlines(), *_terms(result)],
-        head=HEAD,
-        rows=tabulate(result),
-        figures=[
-            (file.stem, base64.b64encode(read_bytes(file)).decode())
-            for file in sorted((out / "figures").glob("*.png"))
-        ],
-        case=read_text(out / "case.toml"),
-        provenance=f"{result.attrs['source']}, {result.attrs['history']}",
-    )
-    write_bytes(out / "report.html", text.encode())
-    return out / "report.html"
