@@ -4,7 +4,16 @@ from typing import Annotated, Literal, Self
 
 from pydantic import Field, model_validator
 
-from multiscale.pipeline.toml_model import Count, Length, Number, Settings, quantity, with_unit
+from multiscale.pipeline.toml_model import (
+    Count,
+    Duration,
+    Length,
+    Number,
+    Settings,
+    TimeSteps,
+    quantity,
+    with_unit,
+)
 
 __all__ = [
     "GRANULATES",
@@ -19,7 +28,6 @@ __all__ = [
 
 QUICK_GRAINS, QUICK_STEPS = 60, 40
 
-Duration = Annotated[float, quantity("s"), Field(gt=0.0), with_unit("s")]
 Density = Annotated[float, quantity("kg/m^3"), Field(gt=0.0), with_unit("kg/m^3")]
 Speed = Annotated[float, quantity("m/s"), Field(ge=0.0), with_unit("m/s")]
 Stress = Annotated[float, quantity("Pa"), Field(gt=0.0), with_unit("Pa")]
@@ -127,7 +135,7 @@ class GrainSettings(Settings):
         return self
 
 
-class Motion(Settings):
+class Motion(TimeSteps):
     """How the grains are followed; see :func:`multiscale.macro.granulate.simulate`.
 
     Parameters
@@ -140,21 +148,11 @@ class Motion(Settings):
     threads, domains, frames : int
     """
 
-    step: Duration
-    duration: Duration
     tolerance: Annotated[Number, Field(gt=0.0, lt=1.0)] = 1e-4
     max_iterations: Positive = 1000
     threads: Positive = 1
     domains: Positive = 1
     frames: Annotated[Count, Field(ge=2)] = 11
-
-    @model_validator(mode="after")
-    def _check(self) -> Self:
-        if self.step > self.duration:
-            raise ValueError(
-                f"step ({self.step:g} s) must not be longer than duration ({self.duration:g} s)"
-            )
-        return self
 
 
 class GrainScene(Settings):

@@ -17,7 +17,15 @@ from multiscale.pipeline.body_settings import (
     StackedBlocks,
     Substructures,
 )
-from multiscale.pipeline.toml_model import Count, Length, Number, Settings, quantity, with_unit
+from multiscale.pipeline.toml_model import (
+    Count,
+    Length,
+    Number,
+    Settings,
+    TimeSteps,
+    quantity,
+    with_unit,
+)
 from multiscale.units import to_si
 
 __all__ = [
@@ -52,7 +60,6 @@ Rigidity = Annotated[
     PlainSerializer(lambda value: f"{value!r} N" if isfinite(value) else "inextensible"),
 ]
 Instant = Annotated[float, quantity("s"), Field(ge=0.0), with_unit("s")]
-Duration = Annotated[float, quantity("s"), Field(gt=0.0), with_unit("s")]
 Mass = Annotated[float, quantity("kg"), Field(gt=0.0), with_unit("kg")]
 
 
@@ -185,7 +192,7 @@ class Statics(Settings):
     stability: bool = False
 
 
-class Dynamics(Settings):
+class Dynamics(TimeSteps):
     """Motion from a static equilibrium; see :func:`multiscale.macro.simulate`.
 
     Parameters
@@ -204,8 +211,6 @@ class Dynamics(Settings):
         Of inextensible links that run taut.
     """
 
-    step: Duration
-    duration: Duration
     mass: Mass
     start_load_factor: Number = 0.0
     load_history: Annotated[tuple[tuple[Instant, Number], ...], Field(min_length=1)]
@@ -219,14 +224,6 @@ class Dynamics(Settings):
         if any(late <= early for early, late in pairwise(times)):
             raise ValueError("must have times that rise from one pair to the next")
         return history
-
-    @model_validator(mode="after")
-    def _check(self) -> Self:
-        if self.step > self.duration:
-            raise ValueError(
-                f"step ({self.step:g} s) must not be longer than duration ({self.duration:g} s)"
-            )
-        return self
 
 
 class Scene(Settings):

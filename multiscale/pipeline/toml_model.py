@@ -5,7 +5,7 @@ from collections.abc import Callable, Iterator, Mapping
 from difflib import get_close_matches
 from itertools import pairwise
 from pathlib import Path
-from typing import Annotated, Any, TypeVar, get_args
+from typing import Annotated, Any, Self, TypeVar, get_args
 
 from pydantic import (
     BaseModel,
@@ -15,6 +15,7 @@ from pydantic import (
     PlainSerializer,
     Strict,
     ValidationError,
+    model_validator,
 )
 
 from multiscale.errors import CaseError
@@ -23,10 +24,12 @@ from multiscale.units import to_si
 
 __all__ = [
     "Count",
+    "Duration",
     "Length",
     "Number",
     "Pressure",
     "Settings",
+    "TimeSteps",
     "must_rise",
     "quantity",
     "read_toml",
@@ -54,6 +57,7 @@ def with_unit(unit: str) -> PlainSerializer:
 
 Length = Annotated[float, quantity("m"), Field(gt=0.0), with_unit("m")]
 Pressure = Annotated[float, quantity("Pa"), Field(gt=0.0), with_unit("Pa")]
+Duration = Annotated[float, quantity("s"), Field(gt=0.0), with_unit("s")]
 Number = Annotated[float, quantity("1")]
 Count = Annotated[int, Strict()]
 
@@ -75,6 +79,27 @@ class Settings(BaseModel):
         import tomli_w
 
         return tomli_w.dumps(self.model_dump(mode="json", exclude_none=True))
+
+
+class TimeSteps(Settings):
+    """A motion in time steps.
+
+    Parameters
+    ----------
+    step, duration : quantity
+        s. The step is shortened so that a whole number of them fills the duration.
+    """
+
+    step: Duration
+    duration: Duration
+
+    @model_validator(mode="after")
+    def _check_step(self) -> Self:
+        if self.step > self.duration:
+            raise ValueError(
+                f"step ({self.step:g} s) must not be longer than duration ({self.duration:g} s)"
+            )
+        return self
 
 
 Model = TypeVar("Model", bound=Settings)

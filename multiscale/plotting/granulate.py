@@ -8,7 +8,12 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from multiscale.io import make_folder
-from multiscale.plotting.figure import axes_or_current, new_figure, save_figure
+from multiscale.plotting.figure import (
+    axes_or_current,
+    new_figure,
+    plot_energy_parts,
+    save_figure,
+)
 
 if TYPE_CHECKING:
     import xarray as xr
@@ -86,7 +91,6 @@ def plot_grain_energies(result: "xr.Dataset", *, ax: "Axes | None" = None) -> "A
         Where to draw. The current axes if not given.
     """
     ax = axes_or_current(ax)
-    time = result["time"].values
     parts = {
         "kinetic": result["kinetic_energy"].values,
         "taken by the contacts": result["contact_dissipation"].values,
@@ -94,13 +98,7 @@ def plot_grain_energies(result: "xr.Dataset", *, ax: "Axes | None" = None) -> "A
         "damped": result["damping_dissipation"].values,
         "work, negative": -result["work"].values,
     }
-    for label, energy in parts.items():
-        if np.nanmax(np.abs(energy)) > 0.0:
-            ax.plot(time, energy, label=label)
-    ax.plot(time, sum(parts.values()), color="black", linestyle="--", label="sum")
-    ax.set_xlabel("time (s)")
-    ax.set_ylabel("energy (J)")
-    ax.legend(loc="lower center", bbox_to_anchor=(0.5, 1.0), ncols=2, frameon=False)
+    plot_energy_parts(result["time"].values, parts, ax)
     return ax
 
 

@@ -97,9 +97,8 @@ def tabulate_links(result: "xr.Dataset") -> tuple[tuple[str, ...], list[tuple[st
         Follows ``MACRO_RESULT``.
     """
     along, name = ("time", "time (s)") if "time" in result.coords else ("load_factor", "load")
-    steps = result.sizes["step"]
     rows: list[tuple[str, ...]] = []
-    for k in np.unique(np.linspace(0, steps - 1, min(steps, MOST_ROWS)).round().astype(int)):
+    for k in _steps_shown(result):
         step = result.isel(step=k)
         at = f"{float(step[along]):.4g}"
         if not int(step["converged"]):
@@ -118,11 +117,17 @@ def tabulate_grains(result: "xr.Dataset") -> tuple[tuple[str, ...], list[tuple[s
     result : Dataset
         Follows ``GRANULATE``.
     """
-    steps = result.sizes["step"]
     names = ("time", "n_contacts", "kinetic_energy", "penetration", "iterations", "residual")
     head = ("time (s)", "contacts", "kinetic (J)", "overlap / R", "sweeps", "error")
-    chosen = np.unique(np.linspace(0, steps - 1, min(steps, MOST_ROWS)).round().astype(int))
-    return head, [tuple(f"{float(result[name][k]):.4g}" for name in names) for k in chosen]
+    return head, [
+        tuple(f"{float(result[name][k]):.4g}" for name in names) for k in _steps_shown(result)
+    ]
+
+
+def _steps_shown(result: "xr.Dataset") -> np.ndarray:
+    """At most ``MOST_ROWS`` steps, evenly spread, the first and the last among them."""
+    steps = result.sizes["step"]
+    return np.unique(np.linspace(0, steps - 1, min(steps, MOST_ROWS)).round().astype(int))
 
 
 def tabulate_scene(result: "xr.Dataset") -> tuple[tuple[str, ...], list[tuple[str, ...]]]:

@@ -9,6 +9,9 @@ __all__ = ["Contacts", "build_contacts", "colour", "find_wall_pairs", "missed", 
 
 PLANE, CYLINDER = 0, 1
 
+STIFFENED, LEAST = 0.1, 5e-5
+"""Share that a contact which gives way too far keeps of its compliance, and what is left alone."""
+
 
 @dataclass(frozen=True)
 class Contacts:
@@ -67,6 +70,7 @@ def build_contacts(  # type: ignore[no-untyped-def]
     kept,
     held,
     wanted,
+    compliance,
     position,
     radius,
     period,
@@ -81,14 +85,14 @@ def build_contacts(  # type: ignore[no-untyped-def]
 ):
     """Make the arrays of the sweeps from the pairs that may touch within a step.
 
-    ``law`` holds restitution, compliance, relaxation time, speed of rest and the friction
-    coefficients of the grains and of each wall. A pair takes part if it is wanted, had an impulse,
-    or comes nearer than ``near`` times its smaller radius in a step without impulses. ``cell``
-    holds the rate of strain of the cell and one over its inertia; the last array returned is what
-    the sweeps take for it.
+    ``law`` holds restitution, relaxation time, speed of rest and the friction coefficients of the
+    grains and of each wall; ``compliance`` (pairs,) is that of each pair. A pair takes part if
+    it is wanted, had an impulse, or comes nearer than ``near`` times its smaller radius in a step
+    without impulses. ``cell`` holds the rate of strain of the cell and one over its inertia; the
+    last array returned is what the sweeps take for it.
     """
     kind, point, axis, bore = walls
-    restitution, compliance, relaxation, rest, friction = law
+    restitution, relaxation, rest, friction = law
     n, m = radius.size, 0
     size = pairs.shape[0]
     ends, data = np.empty((size, 2), np.int32), np.empty((size, 8))
@@ -125,7 +129,7 @@ def build_contacts(  # type: ignore[no-untyped-def]
         data[m, 4] = 1.0 / masses
         across = mobility[i, 1] + mobility[j, 1] + mobility[i, 2] + mobility[j, 2]
         data[m, 5] = 1.0 / across
-        data[m, 6] = compliance
+        data[m, 6] = 0.0 if bounces else compliance[k]  # a spring would take from the bounce
         data[m, 7] = mu
         for a in range(3):
             impulse[m, a] = kept[k, a]
@@ -136,16 +140,35 @@ def build_contacts(  # type: ignore[no-untyped-def]
 
 @numba.njit(cache=True, error_model="numpy")
 def missed(  # type: ignore[no-untyped-def]
-    pairs, index, wanted, position, radius, period, walls, velocity, h, rate, restitution, allowed
+    pairs,
+    index,
+    data,
+    wanted,
+    compliance,
+    position,
+    radius,
+    period,
+    walls,
+    velocity,
+    h,
+    rate,
+    restitution,
+    allowed,
 ):
-    """Mark the pairs without a contact that overlap after the step; return how many are new."""
+    """Find the pairs that overlap too far after the step; return how many there are.
+
+    A pair without a contact is marked as wanted, one with a contact loses most of its compliance.
+    ``allowed`` holds the overlap of the former and of the latter, relative to the smaller radius.
+    """
     kind, point, axis, bore = walls
     new, m = 0, 0
     for k in range(pairs.shape[0]):
-        if m < index.size and index[m] == k:
+        touches = m < index.size and index[m] == k
+        if touches:
             m += 1
-            continue
-        if wanted[k] or restitution > 0.0:
+            if data[m - 1, 6] <= LEAST:
+                continue
+        elif wanted[k] or restitution > 0.0:
             continue
         i, j = pairs[k, 0], pairs[k, 1]
         gap, nx, ny, nz = _gap(i, j, position, radius, period, kind, point, axis, bore)
@@ -155,8 +178,10 @@ def missed(  # type: ignore[no-untyped-def]
         if j < radius.size:
             smaller = min(smaller, radius[j])
             u += rate * (gap + radius[i] + radius[j])
-        if gap + h * u < -allowed * smaller:
+        if gap + h * u < -allowed[int(touches)] * smaller:
             wanted[k] = True
+            if touches:
+                compliance[k] *= STIFFENED
             new += 1
     return new
 

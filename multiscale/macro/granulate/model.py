@@ -41,8 +41,10 @@ class ContactLaw:
 
     It is a spring of the stiffness :math:`m / (a h^2)` in a step of length h, but it forgets:
     at rest nothing overlaps. It changes the problem that is solved, which then takes far fewer
-    sweeps, with 0.05 a tenth or less. In impacts grains overlap by a few hundredths of a radius,
-    and pushing them apart again may bring a little energy, which a rigid contact never does.
+    sweeps, with 0.02 a fourth or less. Where an impact would make grains overlap by more than 0.8 %
+    of a radius, the contact is stiffened for this step; one that bounces is rigid, and so keeps its
+    restitution. Pushing grains apart again may bring a little energy, which a rigid contact never
+    does.
     """
 
     friction: float = 0.5

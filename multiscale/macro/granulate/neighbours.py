@@ -58,10 +58,10 @@ def find_pairs(
             else:
                 width[k, a] = cell
     table = 1 << max(4, int(2 * radius.size - 1).bit_length())
-    heads, following, cells = _fill_cells(position, level, width, count, table)
-    arguments = (position, radius, reach, period, level, width, count, heads, following, cells)
-    starts = np.concatenate([[0], np.cumsum(_count_pairs(*arguments))])
-    return np.asarray(_list_pairs(*arguments, starts))
+    grains = (position, radius, reach, period)
+    grid = (level, width, count, *_fill_cells(position, level, width, count, table))
+    starts = np.concatenate([[0], np.cumsum(_count_pairs(grains, grid))])
+    return np.asarray(_list_pairs(grains, grid, starts))
 
 
 @numba.njit(cache=True)
@@ -88,10 +88,10 @@ def _fill_cells(position, level, width, count, table):  # type: ignore[no-untype
 
 
 @numba.njit(cache=True)
-def _visit(  # type: ignore[no-untyped-def]
-    i, position, radius, reach, period, level, width, count, heads, following, cells, out, first
-):
+def _visit(i, grains, grid, out, first):  # type: ignore[no-untyped-def]
     """Count the pairs of grain i, and list them where there is room."""
+    position, radius, reach, period = grains
+    level, width, count, heads, following, cells = grid
     found = 0
     home = np.empty(3, np.int64)
     low = np.empty(3, np.int64)
@@ -138,52 +138,20 @@ def _visit(  # type: ignore[no-untyped-def]
 
 
 @numba.njit(cache=True, parallel=True)
-def _count_pairs(  # type: ignore[no-untyped-def]
-    position, radius, reach, period, level, width, count, heads, following, cells
-):
+def _count_pairs(grains, grid):  # type: ignore[no-untyped-def]
     """Count the pairs that each grain finds."""
-    found = np.empty(level.size, np.int64)
+    found = np.empty(grains[1].size, np.int64)
     none = np.empty((0, 2), np.int32)
-    for i in numba.prange(level.size):
-        found[i] = _visit(
-            i,
-            position,
-            radius,
-            reach,
-            period,
-            level,
-            width,
-            count,
-            heads,
-            following,
-            cells,
-            none,
-            0,
-        )
+    for i in numba.prange(found.size):
+        found[i] = _visit(i, grains, grid, none, 0)
     return found
 
 
 @numba.njit(cache=True, parallel=True)
-def _list_pairs(  # type: ignore[no-untyped-def]
-    position, radius, reach, period, level, width, count, heads, following, cells, starts
-):
+def _list_pairs(grains, grid, starts):  # type: ignore[no-untyped-def]
     """List the pairs in the order of the grains that find them."""
     pairs = np.empty((starts[-1], 2), np.int32)
-    for i in numba.prange(level.size):
+    for i in numba.prange(starts.size - 1):
         if starts[i + 1] > starts[i]:
-            _visit(
-                i,
-                position,
-                radius,
-                reach,
-                period,
-                level,
-                width,
-                count,
-                heads,
-                following,
-                cells,
-                pairs,
-                starts[i],
-            )
+            _visit(i, grains, grid, pairs, starts[i])
     return pairs

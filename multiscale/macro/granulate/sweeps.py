@@ -170,17 +170,60 @@ def natural_map_error(velocity, ends, data, impulse, anchor, cell):  # type: ign
 
 @numba.njit(cache=True, fastmath=True, error_model="numpy")
 def relax(velocity, mobility, ends, data, impulse, anchor, cell, target, sweeps, burst):  # type: ignore[no-untyped-def]
-    """Sweep to and fro until (3) is below the target; return the sweeps made and the error."""
+    r"""Sweep until (3) is below the target; return the sweeps made and the error.
+
+    Each sweep, from r to G(r), is a gradient for nonlinear conjugate directions, measured with the
+    masses of the contacts,
+
+        g = G(r) - r,   beta = |g|^2 / |g'|^2,   p = g + beta p',   r = r + p,           (4)
+
+    and p' is dropped where beta exceeds one. The velocities, linear in r, follow with the same
+    weights. The last sweep of a burst stays as it is, in the cones.
+
+    References
+    ----------
+    .. [1] M. Silcowitz-Hansen, S. Niebe and K. Erleben, Vis. Comput. 26 (2010) 893-901,
+       doi:10.1007/s00371-010-0502-6. Algorithm 2.
+    """
     contacts = ends.shape[0]
     error = natural_map_error(velocity, ends, data, impulse, anchor, cell)
-    done = 0
+    before, direction = np.empty_like(impulse), np.zeros_like(impulse)
+    speed, change = np.empty_like(velocity), np.zeros_like(velocity)
+    rate, turn = 0.0, 0.0
+    previous, done = np.inf, 0
     while done < sweeps and not error <= target:
-        for _ in range(min(burst, sweeps - done)):
+        last = min(done + burst, sweeps)
+        while done < last:
+            before[:], speed[:] = impulse, velocity
+            if cell is not None:
+                rate = cell[0]
             for c in range(contacts):
                 solve_contact(c, velocity, mobility, ends, data, impulse, anchor, cell)
             done += 1
+            size = 0.0
+            for c in range(contacts):
+                for k in range(3):
+                    size += (impulse[c, k] - before[c, k]) ** 2 / data[c, 4]
+            beta = size / previous if size < previous else 0.0
+            previous = size
+            _extrapolate(impulse, before, direction, beta, done < last)
+            _extrapolate(velocity, speed, change, beta, done < last)
+            if cell is not None:
+                turn = beta * turn + cell[0] - rate
+                if done < last:
+                    cell[0] = rate + turn
         error = natural_map_error(velocity, ends, data, impulse, anchor, cell)
     return done, error
+
+
+@numba.njit(inline="always", fastmath=True, error_model="numpy")
+def _extrapolate(value, before, direction, beta, moves):  # type: ignore[no-untyped-def]
+    """Take (4) for one array in place; without a move only the direction is brought up to date."""
+    for c in range(value.shape[0]):
+        for k in range(value.shape[1]):
+            direction[c, k] = beta * direction[c, k] + value[c, k] - before[c, k]
+            if moves:
+                value[c, k] = before[c, k] + direction[c, k]
 
 
 @numba.njit(cache=True, fastmath=True, parallel=True, error_model="numpy")

@@ -46,18 +46,21 @@ def test_the_bouncing_point_is_a_closed_form_of_its_impacts():
     assert bouncing_point(0.9, 3.0) == pytest.approx(0.418352, abs=1e-6)
 
 
+@pytest.mark.parametrize("compliance", [0.0, 0.05])
 @pytest.mark.parametrize("restitution", [0.5, 0.8, 0.9])
-def test_a_bouncing_grain_follows_its_closed_form_to_first_order(restitution):
+def test_a_bouncing_grain_follows_its_closed_form_to_first_order(restitution, compliance):
     errors = []
     for step in (2e-3, 2e-4):
         grain = Grains([[0.0, 0.0, 1.01]], 0.01)
-        model = Model(grain, FLOOR, ContactLaw(restitution=restitution))
-        result = simulate(model, 1.2, step, n_frames=61)
+        law = ContactLaw(restitution=restitution, compliance=compliance)
+        result = simulate(Model(grain, FLOOR, law), 1.2, step, n_frames=61)
         time = np.append(0.0, result["time"].values)[result["frame_step"].values + 1]
         exact = np.array([bouncing_point(restitution, t) for t in time])
         errors.append(np.abs(result["position"].values[:, 0, 2] - 0.01 - exact).mean())
     assert errors[0] < 5.0 * 2e-3
     assert errors[1] < 0.2 * errors[0]
+    energy = (result["kinetic_energy"] + result["elastic_energy"] - result["work"]).values
+    assert np.diff(energy, prepend=0.0).max() < 1e-9 * float(np.abs(result["work"]).max())
 
 
 @pytest.mark.parametrize("friction", [0.0, 0.1, 0.5])
@@ -126,6 +129,21 @@ def test_energy_never_grows_without_work(restitution):
 def test_rigid_grains_never_overlap_by_a_hundredth_of_a_radius():
     _, result = settled()
     assert float(result["penetration"].max()) < 2e-3
+
+
+@pytest.mark.parametrize("speed", [1.0, 5.0])
+def test_compliant_grains_that_hit_each_other_overlap_by_less_than_a_hundredth(speed):
+    position = lattice(4, 6)  # they rush down upon each other: impulses run through the heap
+    down = np.tile([0.0, 0.0, -speed], (len(position), 1))
+    edge = 2.2 * 4 * 0.01
+    law = ContactLaw(compliance=0.05)
+    walls = box((0, 0, 0), (edge, edge, np.inf))
+    result = simulate(Model(Grains(position, 0.01, velocity=down), walls, law), 0.1, 2e-3)
+    assert result["converged"].values.all()
+    assert float(result["penetration"].max()) < 0.01
+    energy = (result["kinetic_energy"] + result["elastic_energy"] - result["work"]).values
+    kinetic = 0.5 * speed**2 * 4**2 * 6 * 2600.0 * 4.0 / 3.0 * np.pi * 0.01**3
+    assert np.diff(energy, prepend=kinetic).max() < 1e-3 * kinetic
 
 
 def test_a_step_that_misses_its_tolerance_is_told():

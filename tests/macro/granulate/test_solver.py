@@ -73,6 +73,21 @@ def test_a_step_agrees_with_the_friction_solver_on_the_assembled_operator():
     )
 
 
+def test_conjugate_directions_carry_a_stack_in_fewer_sweeps_than_plain_ones():
+    n, h = 40, 1e-3  # each contact bears what lies above it
+    position = np.column_stack([np.zeros((n, 2)), 0.01 * (2.0 * np.arange(n) + 1.0)])[::-1]
+    model = Model(Grains(position, 0.01), (FLOOR,), ContactLaw(0.4))
+    conjugate, plain = (
+        advance(model, start(model), h, Solver(1e-8, 20000, threads=threads, most_assembled=0))
+        for threads in (1, 2)
+    )
+    borne = np.sort(conjugate[0].kept[:, 2])
+    weight = 9.81 * float(model.grains.mass[0]) * h
+    np.testing.assert_allclose(borne, weight * np.arange(1, n + 1), rtol=1e-5)
+    np.testing.assert_allclose(borne, np.sort(plain[0].kept[:, 2]), rtol=1e-5)
+    assert conjugate[1].sweeps < 0.2 * plain[1].sweeps
+
+
 def test_coloured_sweeps_lead_to_the_same_motion():
     model = heap()
     one = simulate(model, 5e-3, 1e-3, solver=TIGHT)
