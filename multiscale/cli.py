@@ -150,9 +150,9 @@ def fit_command(
 ) -> None:
     """Fit the interface law to a response."""
     from multiscale.io import open_response, save_law
-    from multiscale.upscaling import fit_law
+    from multiscale.upscaling import fit_branches
 
-    save_law(fit_law(open_response(response), family=family), out)
+    save_law(fit_branches(open_response(response), family=family), out)
 
 
 @app.command("macro")

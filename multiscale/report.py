@@ -220,6 +220,19 @@ def _terms(result: "xr.Dataset") -> list[str]:
     return ["The error of the joint stiffness holds " + "; ".join(lines)]
 
 
+def _unloading(law: "xr.Dataset") -> str:
+    """Say how the interface unloads, if that is known."""
+    if "unloading_stiffness_ratio" not in law:
+        return ""
+    error = float(np.sqrt(np.mean(law["unloading_fit_error"].values ** 2)))
+    return (
+        f" Unloaded, it is {float(law['unloading_stiffness_ratio']):.3g} times as stiff at first "
+        f"as it was under load, and springs back with the exponent "
+        f"{float(law['unloading_exponent']):.3g}; at a pressure that the fit has not seen, the "
+        f"spring back errs by {100.0 * error:.2g} %."
+    )
+
+
 def write_report(out: str | Path) -> Path:
     """Write ``report.html`` of a finished run whose figures are drawn.
 
@@ -248,6 +261,7 @@ def write_report(out: str | Path) -> Path:
             f"pressure that the fit has not seen, it errs by at most "
             f"{100.0 * law.attrs['cross_validated_error']:.2g} % in pressure and "
             f"{100.0 * law.attrs['cross_validated_stiffness_error']:.2g} % in stiffness."
+            f"{_unloading(law)}"
         ),
         cautions=response.attrs.get("cautions", "").splitlines(),
         plan=[*result.attrs.get("plan", "").splitlines(), *_terms(result)],

@@ -1,17 +1,28 @@
 """What a case may say: every key with its unit, range and default."""
 
 import hashlib
+from itertools import pairwise
 from pathlib import Path
 from typing import Annotated, Any, Literal, Self
 
-from pydantic import Discriminator, Field, Tag, field_validator, model_validator
+from pydantic import Discriminator, Field, Strict, Tag, field_validator, model_validator
 
 from multiscale.io import read_bytes
 from multiscale.micro.cell import depth_caution
-from multiscale.pipeline.toml_model import Count, Length, Number, Pressure, Settings, must_rise
+from multiscale.pipeline.toml_model import (
+    Count,
+    Length,
+    Number,
+    Pressure,
+    Settings,
+    must_rise,
+    quantity,
+    with_unit,
+)
 
 __all__ = [
     "POINTS_PER_WAVE",
+    "TABOR",
     "AccuracySettings",
     "Body",
     "Case",
@@ -24,6 +35,12 @@ __all__ = [
 ]
 
 FEWEST_REALISATIONS = 3  # for a band
+TABOR = 2.8
+"""Hardness over yield stress (D. Tabor, The Hardness of Metals, Oxford 1951)."""
+
+STRONGEST = 0.1
+"""Largest strain at which a metal may yield."""
+
 POINTS_PER_WAVE = 8  # of the shortest wave of a measured surface, if the case names no cut-off
 
 Points = Annotated[Count, Field(ge=4, le=8192, multiple_of=2)]
@@ -105,7 +122,10 @@ class Body(Settings):
     surface : table, optional
         Synthetic or measured roughness; smooth if not given.
     hardness : quantity, optional
-        Largest local pressure, Pa; the softer body's counts. Flat cells only.
+        Pa; the softer body's counts. In flat cells the largest local pressure; in conforming ones
+        H/2.8 is the yield stress of a metal.
+    hardening_modulus : quantity, optional
+        Rise of the yield stress with the plastic strain, Pa, at least 0; conforming cells only.
     """
 
     youngs_modulus: Pressure
@@ -119,6 +139,23 @@ class Body(Settings):
         | None
     ) = None
     hardness: Pressure | None = None
+    hardening_modulus: Annotated[float, quantity("Pa"), with_unit("Pa")] | None = None
+
+    @field_validator("hardening_modulus")
+    @classmethod
+    def _harden(cls, value: float | None) -> float | None:
+        if value is not None and value < 0.0:
+            raise ValueError(
+                "must not be negative, or the metal softens and breaks in bands as thin as an "
+                "element"
+            )
+        return value
+
+    @model_validator(mode="after")
+    def _check(self) -> Self:
+        if self.hardening_modulus is not None and self.hardness is None:
+            raise ValueError("hardening_modulus needs a hardness, from which a metal yields")
+        return self
 
 
 class CellSettings(Settings):
@@ -157,13 +194,46 @@ class MicroSettings(Settings):
         Mean pressures, Pa, rising.
     seed : int
         Of the first realisation.
+    unload : bool or list of quantities
+        Whether the cells are unloaded through the same pressures, or the falling pressures at
+        which they are, Pa.
     """
 
     realisations: Annotated[Count, Field(ge=1)]
     pressures: Annotated[tuple[Pressure, ...], Field(min_length=3)]
     seed: Annotated[Count, Field(ge=0)] = 0
+    unload: Annotated[bool, Strict()] | tuple[Pressure, ...] = False
 
     _rise = field_validator("pressures")(must_rise)
+
+    @field_validator("unload", mode="before")
+    @classmethod
+    def _say_what(cls, value: Any) -> Any:
+        if not isinstance(value, bool | list | tuple):
+            raise ValueError(f"should be true, or a list of pressures that falls, got {value!r}")
+        return value
+
+    @model_validator(mode="after")
+    def _check(self) -> Self:
+        down = (self.pressures[-1], *self.unloading)
+        if any(late >= early for early, late in pairwise(down)):
+            raise ValueError(
+                f"unload must fall from one pressure to the next, below the largest of pressures, "
+                f"{1e-6 * down[0]:g} MPa"
+            )
+        return self
+
+    @property
+    def unloading(self) -> tuple[float, ...]:
+        """Pressures on the way down, Pa."""
+        if isinstance(self.unload, bool):
+            return self.pressures[-2::-1] if self.unload else ()
+        return self.unload
+
+    @property
+    def path(self) -> tuple[float, ...]:
+        """All pressures in their order, Pa."""
+        return self.pressures + self.unloading
 
 
 class LawSettings(Settings):
@@ -247,11 +317,35 @@ class Case(Settings):
     def _check(self) -> Self:
         if self.body_1.surface is None and self.body_2.surface is None:
             raise ValueError("both bodies are smooth; give one of them a [surface] table")
-        if self.hardness is not None and self.cell.geometry != "flat":
-            raise ValueError(
-                'hardness limits the pressure of flat cells only; set geometry = "flat" in [cell]'
-            )
+        self._check_metal()
         return self
+
+    def _check_metal(self) -> None:
+        """Refuse metals and unloading that the cells do not know."""
+        flat = self.cell.geometry == "flat"
+        for number, body in enumerate(self.bodies, start=1):
+            if flat and body.hardening_modulus is not None:
+                raise ValueError(
+                    f"hardening_modulus of body_{number} means nothing to flat cells, which cap "
+                    f'the pressure; set geometry = "conforming" in [cell], or leave it out'
+                )
+            strain = (body.hardness or 0.0) / TABOR / body.youngs_modulus
+            if not flat and strain > STRONGEST:
+                raise ValueError(
+                    f"hardness of body_{number} is {1e-9 * (body.hardness or 0.0):g} GPa, so that "
+                    f"it would yield at a strain of {strain:.2g}, above {STRONGEST:g}; that of a "
+                    f"metal is about a hundredth of its youngs_modulus"
+                )
+        if self.micro.unload is not False and (flat or self.hardness is None):
+            raise ValueError(
+                "unload in [micro] needs conforming cells and the hardness of a body: without "
+                "flow an interface unloads as it was loaded"
+            )
+        if self.micro.unload is not False and self.accuracy is not None:
+            raise ValueError(
+                "unload in [micro] and a target in [accuracy] exclude each other: a planner loads "
+                "its cells alone"
+            )
 
     @property
     def bodies(self) -> tuple[Body, Body]:
@@ -261,8 +355,20 @@ class Case(Settings):
     @property
     def hardness(self) -> float | None:
         """Hardness of the softer body, Pa, if one is given."""
-        given = [body.hardness for body in self.bodies if body.hardness is not None]
-        return min(given, default=None)
+        return None if self.softer is None else self.softer.hardness
+
+    @property
+    def softer(self) -> Body | None:
+        """The body of least hardness, if one is given."""
+        given = [body for body in self.bodies if body.hardness is not None]
+        return min(given, key=lambda body: body.hardness or 0.0, default=None)
+
+    @property
+    def yield_stress(self) -> float | None:
+        r"""Yield stress of a conforming cell, Pa: :math:`\sigma_y = H/2.8` of the softer body."""
+        if self.hardness is None or self.cell.geometry == "flat":
+            return None
+        return self.hardness / TABOR
 
     def quick(self) -> Self:
         """Return the same case on a coarser grid with fewer realisations, and without a target."""
@@ -302,6 +408,12 @@ class Case(Settings):
             found.append(
                 f"the law extrapolates at the preloads {values} MPa: the cells were pressed at "
                 f"{1e-6 * low:g} to {1e-6 * high:g} MPa"
+            )
+        if self.yield_stress is not None and self.hardness is not None:
+            found.append(
+                f"the hardness of {1e-9 * self.hardness:g} GPa of the softer body became a yield "
+                f"stress of {1e-9 * self.yield_stress:.4g} GPa (H/{TABOR}) of the one body that "
+                f"stands for both, which flows for both"
             )
         if self.micro.realisations < FEWEST_REALISATIONS:
             found.append(
