@@ -15,6 +15,7 @@ if TYPE_CHECKING:
 __all__ = [
     "list_cycles",
     "tabulate",
+    "tabulate_braking",
     "tabulate_grains",
     "tabulate_links",
     "tabulate_scene",
@@ -204,6 +205,31 @@ def tabulate_scene(result: "xr.Dataset") -> tuple[tuple[str, ...], list[tuple[st
     ]
 
 
+def tabulate_braking(result: "xr.Dataset") -> tuple[tuple[str, ...], list[tuple[str, ...]]]:
+    """Return head and rows of text for a tread block: each temperature at its speeds.
+
+    Parameters
+    ----------
+    result : Dataset
+        Follows ``MACRO_RESULT``, with braking forces.
+    """
+    head = ("temperature (°C)", "speed (m/s)", "braking force (N)", "95 % band", "force / load")
+    rows: list[tuple[str, ...]] = []
+    for k in range(result.sizes["step"]):
+        step = result.isel(step=k)
+        at = (f"{float(step['temperature']) - 273.15:.4g}", f"{float(step['sliding_speed']):.3g}")
+        if not int(step["converged"]):
+            rows.append((*at, "not converged", "", ""))
+            continue
+        band = "none"
+        if "braking_force_sample" in result:
+            low, high = np.nanpercentile(step["braking_force_sample"], (2.5, 97.5))
+            band = f"{low:.4g} ... {high:.4g}"
+        force = f"{float(step['braking_force']):.4g}"
+        rows.append((*at, force, band, f"{float(step['braking_coefficient']):.3g}"))
+    return head, rows
+
+
 def list_cycles(result: "xr.Dataset") -> list[str]:
     """Say what every cycle of a joint has lost; nothing for other results."""
     if "cycle_energy" not in result:
@@ -218,6 +244,41 @@ def _terms(result: "xr.Dataset") -> list[str]:
     how = {term: f"how_{term.replace(' ', '_')}" for term in result["error_term"].values}
     lines = [f"{term}: {result.attrs[name]}" for term, name in how.items()]
     return ["The error of the joint stiffness holds " + "; ".join(lines)]
+
+
+def _of_cells(response: "xr.Dataset") -> str:
+    """Say what the cells were."""
+    converged = response["converged"].values
+    return (
+        f"{converged.sum()} of {converged.size} cell steps converged in "
+        f"{float(response['wall_time'].sum()):.1f} s of solver time; "
+        f"{response.sizes['realisation']} realisations."
+    )
+
+
+def _of_normal_law(law: "xr.Dataset") -> str:
+    """Say how good a normal law is."""
+    return (
+        f" The law is {'' if law.attrs['admissible'] else 'not '}positive, decreasing and convex; "
+        f"at a pressure that the fit has not seen, it errs by at most "
+        f"{100.0 * law.attrs['cross_validated_error']:.2g} % in pressure and "
+        f"{100.0 * law.attrs['cross_validated_stiffness_error']:.2g} % in stiffness."
+        f"{_unloading(law)}"
+    )
+
+
+def _of_friction(law: "xr.Dataset") -> str:
+    """Say what a friction law of rubber is."""
+    return (
+        f" Friction at {law.attrs['reference_temperature'] - 273.15:.4g} °C peaks at "
+        f"{float(law['peak_coefficient']):.3g} and {float(law['peak_speed']):.3g} m/s under "
+        f"{1e-3 * float(law['reference_pressure']):.3g} kPa; other temperatures shift the speed. "
+        f"The bell misses the cells by {100.0 * law.attrs['rms_error_over_peak']:.2g} % of the "
+        f"peak, root mean square, and by {100.0 * law.attrs['largest_error_over_peak']:.2g} % at "
+        f"{law.attrs['largest_error_speed']:.3g} m/s and "
+        f"{law.attrs['largest_error_temperature'] - 273.15:.4g} °C. It is friction by hysteresis "
+        f"on the waves of the road that the case names: no adhesion, no finer texture."
+    )
 
 
 def _unloading(law: "xr.Dataset") -> str:
@@ -248,25 +309,18 @@ def write_report(out: str | Path) -> Path:
     response, law, result = (
         tree[name].to_dataset() for name in ("micro_response", "interface_law", "macro_result")
     )
-    converged = response["converged"].values
+    braking = "braking_force" in result
+    head, rows = tabulate_braking(result) if braking else (HEAD, tabulate(result))
     page = Environment(autoescape=True).from_string(PAGE)
     text = page.render(
         title=response.attrs["title"],
-        summary=(
-            f"{converged.sum()} of {converged.size} cell steps converged in "
-            f"{float(response['wall_time'].sum()):.1f} s of solver time; "
-            f"{law.attrs['n_realisations']} realisations. The law stands for the "
-            f"{response.attrs['bodies']}. It is "
-            f"{'' if law.attrs['admissible'] else 'not '}positive, decreasing and convex; at a "
-            f"pressure that the fit has not seen, it errs by at most "
-            f"{100.0 * law.attrs['cross_validated_error']:.2g} % in pressure and "
-            f"{100.0 * law.attrs['cross_validated_stiffness_error']:.2g} % in stiffness."
-            f"{_unloading(law)}"
-        ),
+        summary=_of_cells(response)
+        + (_of_friction(law) if braking else _of_normal_law(law))
+        + f" The law stands for the {response.attrs['bodies']}.",
         cautions=response.attrs.get("cautions", "").splitlines(),
         plan=[*result.attrs.get("plan", "").splitlines(), *_terms(result)],
-        head=HEAD,
-        rows=tabulate(result),
+        head=head,
+        rows=rows,
         figures=[
             (file.stem, base64.b64encode(read_bytes(file)).decode())
             for file in sorted((out / "figures").glob("*.png"))

@@ -43,6 +43,9 @@ __all__ = [
     "tyre_requirements",
 ]
 
+FAINT = 0.01
+"""Friction over its peak, below which it is not fitted."""
+
 MOST_SAMPLES = 20
 """Of the law, that braking forces are computed for."""
 
@@ -108,9 +111,7 @@ def run_tyre(
 def _claim(out: Path, case: TyreCase) -> None:
     """Write the case into its run folder, unless the folder belongs to another one."""
     file = out / "case.toml"
-    if file.exists() and (
-        not is_tyre_case(file) or load_tyre(file).identity() != case.identity()
-    ):
+    if file.exists() and (not is_tyre_case(file) or load_tyre(file).identity() != case.identity()):
         raise CaseError(f"{out} holds another run; choose another folder, or delete this one")
     write_bytes(file, case.to_toml().encode())
 
@@ -127,31 +128,50 @@ def fit_friction(case: TyreCase, response: "xr.Dataset") -> "xr.Dataset":
     Notes
     -----
     Rubber at a temperature T answers to a speed :math:`v` as at the reference to :math:`a_T v`,
-    so that all temperatures together cover more of one curve,
+    so that all temperatures together cover more of one curve; errors of the fit count by their
+    size in :math:`\mu`, and a hundredth of its peak is below what a grid resolves:
 
     .. math:: \mu(p, v, T) = \mu_r(p, a_T v).    \tag{1}
     """
     shift = np.array([case.rubber.shift(T) for T in response["temperature"].values])
+    speed = response["sliding_speed"]
     shifted = response.assign_coords(
-        sliding_speed=("step", shift * response["sliding_speed"].values, response["sliding_speed"].attrs)
+        sliding_speed=("step", shift * speed.values, speed.attrs)  # (1)
     )
-    law = fit_law(friction_observations(shifted), family="bell", n_samples=case.law.samples)
+    mean, peak = _mean_friction(response)
+    seen = np.flatnonzero(mean > FAINT * peak)
+    law = fit_law(
+        friction_observations(shifted.isel(step=seen)),
+        family="bell",
+        n_samples=case.law.samples,
+        weights=(mean[seen] / peak) ** 2,
+    )
     bell: Any = fitted_law(law)
-    mean = response["traction"].isel(component=1).mean("realisation").values
-    p = response["nominal_pressure"].values
-    error = bell.coefficient(p, shifted["sliding_speed"].values) - mean / p
-    peak = float(np.max(mean / p))
+    error = bell.coefficient(response["nominal_pressure"].values, shifted["sliding_speed"].values)
+    error = np.abs(error - mean) / peak
+    worst = int(np.nanargmax(error))
     return law.assign_attrs(
         reference_temperature=case.rubber.reference_temperature,
         wlf_c1=case.rubber.wlf_c1,
         wlf_c2=case.rubber.wlf_c2,
-        rms_error_over_peak=float(np.sqrt(np.mean(error**2))) / peak,
+        rms_error_over_peak=float(np.sqrt(np.nanmean(error**2))),
+        largest_error_over_peak=float(error[worst]),
+        largest_error_speed=float(speed[worst]),
+        largest_error_temperature=float(response["temperature"][worst]),
     )
 
 
-def friction_at(
-    law: "xr.Dataset", temperature: float, sample: int | None = None
-) -> BellFriction:
+def _mean_friction(response: "xr.Dataset") -> tuple[np.ndarray, float]:
+    """Mean friction coefficient of the roads that converged at each step, and its largest value."""
+    good = response["converged"] == 1
+    shear = response["traction"].isel(component=1).where(good).mean("realisation").values
+    mean = np.asarray(shear / response["nominal_pressure"].values)
+    if not np.any(mean > 0.0):
+        raise ConvergenceError("no cell has friction at any speed and temperature")
+    return mean, float(np.nanmax(mean))
+
+
+def friction_at(law: "xr.Dataset", temperature: float, sample: int | None = None) -> BellFriction:
     """Friction law at a temperature, K, from a fitted one; a sample of it if asked for."""
     bell: Any = fitted_law(law, sample)
     names = ("reference_temperature", "wlf_c1", "wlf_c2")

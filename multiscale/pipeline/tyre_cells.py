@@ -125,9 +125,7 @@ def slide_roads(
         progress(len(results))
 
     roads = make_roads(case)
-    jobs = {
-        k: (case, roads[k], files[k], identity) for k in range(len(files)) if k not in results
-    }
+    jobs = {k: (case, roads[k], files[k], identity) for k in range(len(files)) if k not in results}
     run_jobs(_slide_and_keep, jobs, executor, finish)
     ordered = [results[k].assign_coords(realisation=[k]) for k in range(len(files))]
     response = xr.concat(ordered, "realisation", join="exact", combine_attrs="override")

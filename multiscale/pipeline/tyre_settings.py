@@ -152,7 +152,7 @@ class LawSettings(Settings):
 
 
 class TyreCase(Settings):
-    """How hard does a tread block brake on a road, over speed and temperature?
+    """One question: how hard a tread block brakes on a road, over speed and temperature.
 
     Parameters
     ----------

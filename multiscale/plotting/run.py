@@ -12,6 +12,7 @@ from multiscale.plotting.laws import (
     plot_unloading,
 )
 from multiscale.plotting.surfaces import plot_contact_map, plot_surface
+from multiscale.plotting.tyre import draw_tyre_figures
 from multiscale.schema import FIELDS
 
 __all__ = ["draw_figures"]
@@ -35,6 +36,8 @@ def draw_figures(out: str | Path) -> list[Path]:
     response, law, result = (
         tree[name].to_dataset() for name in ("micro_response", "interface_law", "macro_result")
     )
+    if "braking_force" in result:
+        return draw_tyre_figures(out)
     fields = open_dataset(out / "fields" / "fields.nc", FIELDS)
     figures = {
         "surface": lambda ax: plot_surface(fields, ax=ax),

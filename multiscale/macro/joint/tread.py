@@ -127,7 +127,9 @@ def condense_tread(block: TreadBlock) -> CondensedTread:
 
     follow = np.zeros((3 * basis.N, 1))
     follow[3 * top + 2] = 1.0
-    kept = csr_array(np.hstack([eye_array(3 * basis.N, format="csr")[:, face_rows].toarray(), follow]))
+    kept = csr_array(
+        np.hstack([eye_array(3 * basis.N, format="csr")[:, face_rows].toarray(), follow])
+    )
     outer = (K @ kept).toarray()
     solve = factorise(K[inner][:, inner], name="the stiffness of the tread block")
     stiffness = kept.T @ outer - outer[inner].T @ solve(outer[inner])
