@@ -10,7 +10,7 @@ from multiscale.errors import CaseError
 if TYPE_CHECKING:
     import pint
 
-__all__ = ["to_si"]
+__all__ = ["readable", "to_si"]
 
 # a plain number, then names with one-digit powers: nothing that a parser would have to compute
 _QUANTITY = re.compile(
@@ -76,3 +76,26 @@ def to_si(text: object, unit: str) -> float:
     if not isfinite(number):
         raise CaseError(f"{text!r} is not finite; give a number")
     return number
+
+
+def readable(value: object) -> str:
+    """Write a value for reading, a quantity with a prefix that keeps it short.
+
+    Parameters
+    ----------
+    value : object
+        A text such as ``"2000000.0 Pa"`` gets a prefix; anything else is written as it is.
+
+    Examples
+    --------
+    >>> readable("2000000.0 Pa"), readable("4e-07 m"), readable("flat"), readable(0.3)
+    ('2 MPa', '400 nm', 'flat', '0.3')
+    """
+    parts = _QUANTITY.fullmatch(value) if isinstance(value, str) else None
+    if parts is None or parts["unit"] is None or parts["unit"].startswith("%"):
+        return str(value)
+    try:
+        quantity = _registry()(f"{value}").to_compact()
+    except Exception:  # text that only looks like a quantity
+        return str(value)
+    return f"{quantity.magnitude:.6g} {quantity.units:~}"

@@ -7,7 +7,6 @@ from tempfile import TemporaryDirectory
 from typing import TYPE_CHECKING
 
 from multiscale.bench.ladder import Rung, climb
-from multiscale.bench.record import load_average, record, versions
 
 if TYPE_CHECKING:
     import xarray as xr
@@ -62,10 +61,9 @@ def bench_chain(
     realisations on the finest grid; their distance from as many of the first ones is the
     uncertainty. *Times* are those of one process, from the case to its datasets.
     """
-    load = load_average()
     grids = QUICK_POINTS if quick else POINTS
     counts = QUICK_REALISATIONS if quick else REALISATIONS
-    rows = climb(
+    return climb(
         [
             Rung(
                 SCENE,
@@ -78,15 +76,12 @@ def bench_chain(
         ],
         partial(_truth, grids[-1], MORE * counts[-1]),
         warm_up=partial(joint_stiffness, QUICK_POINTS[0], 3),
-        repeats=1,
-        report=report,
-    )
-    return record(
-        rows,
         title="whole chain: stiffness of a joint",
-        versions=versions("scipy", "numba"),
-        load_before=load,
-        wall_time_counts="one run; without start of the process, imports and compilation",
+        packages=(
+            "scipy",
+            "numba",
+        ),
+        report=report,
     )
 
 

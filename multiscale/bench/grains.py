@@ -7,7 +7,6 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from multiscale.bench.ladder import Rung, climb
-from multiscale.bench.record import load_average, record, versions
 
 if TYPE_CHECKING:
     import xarray as xr
@@ -98,10 +97,9 @@ def bench_grains(
     grains, the distance to rigid contact in much shorter steps. Piles of other histories differ,
     so that the deposit is not known better than the distance of both references.
     """
-    load = load_average()
     grains = QUICK_GRAINS if quick else GRAINS
     lengths = QUICK_STEPS if quick else STEPS
-    rows = climb(
+    return climb(
         [
             Rung(
                 scene, method, partial(answer, scene, compliance, step, grains), {"time_step": step}
@@ -112,15 +110,9 @@ def bench_grains(
         ],
         partial(_truth, min(lengths) / FINEST, grains),
         warm_up=partial(answer, DEPOSIT, 0.05, 4e-3),
-        repeats=1,
-        report=report,
-    )
-    return record(
-        rows,
         title="grains in motion: heights and ways",
-        versions=versions("numba"),
-        load_before=load,
-        wall_time_counts="one run; without start of the process, imports and compilation",
+        packages=("numba",),
+        report=report,
     )
 
 

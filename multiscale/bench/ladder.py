@@ -2,10 +2,15 @@
 
 from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass, field
+from typing import TYPE_CHECKING
 
 import numpy as np
 
 from multiscale.bench.measure import Measured, measure
+from multiscale.bench.record import load_average, record, versions
+
+if TYPE_CHECKING:
+    import xarray as xr
 
 __all__ = ["Rung", "climb"]
 
@@ -36,10 +41,11 @@ def climb(
     rungs: Iterable[Rung],
     truth: Callable[[str, list[float]], tuple[float, float]],
     *,
+    title: str,
     warm_up: Callable[[], object],
-    repeats: int,
-    report: Callable[[str], None],
-) -> list[dict[str, float | str]]:
+    packages: tuple[str, ...] = (),
+    report: Callable[[str], None] = lambda line: None,
+) -> "xr.Dataset":
     """Measure ladders, and compare their answers with the truth.
 
     Parameters
@@ -49,22 +55,25 @@ def climb(
     truth : callable
         Gets a scene and the mean answers of its rungs; returns the true answer, and how far that
         may be off, relative to it.
+    title : str
+        What is asked.
     warm_up : callable
         Takes imports and compilation in every process, untimed.
-    repeats : int
-        Runs of each rung.
+    packages : tuple of str
+        Whose versions matter.
     report : callable
         Gets a line after each measurement.
 
     Returns
     -------
-    list of dict
-        Rows of ``WORK_PRECISION``. The error of samples is the root of their mean square error,
+    Dataset
+        Follows ``WORK_PRECISION``. The error of samples is the root of their mean square error,
         and their time that of one. NaN if the process died or did not converge.
     """
+    load = load_average()
     runs: dict[Rung, Measured[float | np.ndarray]] = {}
     for rung in rungs:
-        runs[rung] = measure(rung.task, warm_up=warm_up, repeats=repeats)
+        runs[rung] = measure(rung.task, warm_up=warm_up, repeats=1)
         settings = ", ".join(f"{name} {value:g}" for name, value in rung.settings.items())
         report(f"{rung.scene}, {rung.method}, {settings}: {runs[rung].wall_time:.3g} s")
     answers = {
@@ -75,7 +84,14 @@ def climb(
         scene: truth(scene, [float(a.mean()) for rung, a in answers.items() if rung.scene == scene])
         for scene in dict.fromkeys(rung.scene for rung in runs)
     }
-    return [_row(rung, runs[rung], answers[rung], *truths[rung.scene]) for rung in runs]
+    return record(
+        [_row(rung, runs[rung], answers[rung], *truths[rung.scene]) for rung in runs],
+        title=title,
+        versions=versions(*packages),
+        load_before=load,
+        repeats=1,
+        wall_time_counts="one run; without start of the process, imports and compilation",
+    )
 
 
 def _row(

@@ -7,7 +7,6 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from multiscale.bench.ladder import Rung, climb
-from multiscale.bench.record import load_average, record, versions
 
 if TYPE_CHECKING:
     import xarray as xr
@@ -53,11 +52,10 @@ def bench_laws(
     -----
     *Errors* are those of the stiffness at 1 GPa, the root mean square over four ensembles, against
     the law of free form fitted to 128 other realisations; two standard errors, from quarters of
-    them are the uncertainty. More realisations cannot mend what a family of two parameters cannot
+    them, are the uncertainty. More realisations cannot mend what a family of two parameters cannot
     say. *Times* are those of the cells and of the fit, one after the other.
     """
-    load = load_average()
-    rows = climb(
+    return climb(
         [
             Rung(
                 SCENE,
@@ -70,15 +68,9 @@ def bench_laws(
         ],
         partial(_truth, QUICK_TRUTH if quick else TRUTH),
         warm_up=partial(stiffness, "power", range(2)),
-        repeats=1,
-        report=report,
-    )
-    return record(
-        rows,
         title="interface laws: stiffness at 1 GPa",
-        versions=versions("scipy"),
-        load_before=load,
-        wall_time_counts="cells and fit; without start of the process, imports and compilation",
+        packages=("scipy",),
+        report=report,
     )
 
 

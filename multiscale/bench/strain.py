@@ -7,7 +7,6 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from multiscale.bench.ladder import Rung, climb
-from multiscale.bench.record import load_average, record, versions
 from multiscale.bench.reference import extrapolate
 from multiscale.laws.bulk import J2, NeoHookean
 
@@ -68,9 +67,8 @@ def bench_strain(
     the distance of the finest grid from there is their uncertainty. The increments of the plastic
     path are the same on all grids, so that their error is not seen here.
     """
-    load = load_average()
     grids = QUICK_POINTS if quick else POINTS
-    rows = climb(
+    return climb(
         [
             Rung(scene, type(SCENES[scene][0]).__name__, partial(mean_gap, scene, n), {"points": n})
             for scene in SCENES
@@ -78,15 +76,9 @@ def bench_strain(
         ],
         _limit,
         warm_up=partial(mean_gap, "plastic waves", WARM),
-        repeats=1,
-        report=report,
-    )
-    return record(
-        rows,
         title="cells at large strain: mean gap",
-        versions=versions("numba"),
-        load_before=load,
-        wall_time_counts="one run; without start of the process, imports and compilation",
+        packages=("numba",),
+        report=report,
     )
 
 

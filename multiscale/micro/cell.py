@@ -1,4 +1,4 @@
-"""What is pressed against what, and how: the cell and its load path."""
+"""What is pressed against what: the cell and its material."""
 
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Literal
@@ -17,7 +17,6 @@ __all__ = [
     "Cell",
     "MeshCell",
     "Opposite",
-    "Path",
     "contact_modulus",
     "depth_caution",
     "lame_parameters",
@@ -344,66 +343,3 @@ class MeshCell:
                 f"give one Young's modulus or one per element ({self.mesh.nelements}), got "
                 f"{np.shape(self.youngs_modulus)}"
             )
-
-
-@dataclass(frozen=True, eq=False)
-class Path:
-    """A sequence of load steps, each started from the one before.
-
-    Parameters
-    ----------
-    pressure : tuple of float, optional
-        Mean pressure at each step, Pa, at least 0.
-    approach : tuple of float, optional
-        Approach of the obstacle counted from the first touch, m. Give one of the two.
-    slide : tuple of pairs of float, optional
-        Displacement of the obstacle in its plane at each step, m.
-    time : tuple of float, optional
-        Time at the end of each step, s, rising from 0: for a viscous body.
-    increments : int
-        Fewest increments of a step. More are taken where a body flows, slides or does not
-        converge.
-
-    Raises
-    ------
-    CaseError
-        If both or neither of pressure and approach are given, or a value is refused.
-    """
-
-    pressure: tuple[float, ...] | None = None
-    approach: tuple[float, ...] | None = None
-    slide: tuple[tuple[float, float], ...] | None = None
-    time: tuple[float, ...] | None = None
-    increments: int = 1
-
-    def __post_init__(self) -> None:
-        if (self.pressure is None) == (self.approach is None):
-            raise CaseError("a path prescribes either pressures or approaches; give one of them")
-        name = "approach" if self.pressure is None else "pressure"
-        steps = tuple(float(value) for value in getattr(self, name))
-        if not steps or not np.all(np.isfinite(steps)):
-            raise CaseError(f"a path needs at least one step and finite values, got {steps}")
-        if self.pressure is not None and min(steps) < 0.0:
-            raise CaseError(
-                f"pressures must not be negative (Pa), got {min(steps):g}; adhesion is not modelled"
-            )
-        object.__setattr__(self, name, steps)
-        if self.increments < 1:
-            raise CaseError(f"a step needs at least 1 increment, got {self.increments}")
-        if self.slide is not None:
-            slide = np.asarray(self.slide, dtype=float)
-            if slide.shape != (len(steps), 2) or not np.all(np.isfinite(slide)):
-                raise CaseError(
-                    f"slide needs two finite lengths (m) for each of the {len(steps)} steps, got "
-                    f"shape {slide.shape}"
-                )
-        if self.time is not None:
-            times = np.array([0.0, *self.time], dtype=float)
-            if len(times) != len(steps) + 1 or not np.all(np.diff(times) >= 0.0):
-                raise CaseError(
-                    f"time needs one value for each of the {len(steps)} steps, rising from 0 (s), "
-                    f"got {self.time}"
-                )
-
-    def __len__(self) -> int:
-        return len(self.pressure or self.approach or ())

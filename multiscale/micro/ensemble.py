@@ -9,7 +9,8 @@ from typing import TYPE_CHECKING
 from multiscale.errors import CaseError, SchemaError
 from multiscale.executors import run_jobs
 from multiscale.io import make_folder, open_dataset, write_dataset
-from multiscale.micro.cell import Cell, Path
+from multiscale.micro.cell import Cell
+from multiscale.micro.path import Path
 from multiscale.micro.solve import solve_cell
 from multiscale.micro.topography import nayak_parameter, rms_height, rms_slope
 from multiscale.schema import MICRO_RESPONSE

@@ -11,9 +11,10 @@ import numpy as np
 from multiscale.convergence import Status
 from multiscale.errors import CaseError, MultiscaleError
 from multiscale.micro import averages
-from multiscale.micro.cell import Cell, MeshCell, Path
+from multiscale.micro.cell import Cell, MeshCell
 from multiscale.micro.contact_state import ContactProblem, ContactState
 from multiscale.micro.needs import cell_needs
+from multiscale.micro.path import Path
 from multiscale.needs import Needs
 from multiscale.schema import MICRO_RESPONSE
 

@@ -21,28 +21,24 @@ def in_this_process(monkeypatch):
 
 
 def climb_one(task, exact=2.0):
-    return climb(
-        [Rung("a", "b", task, {"points": 4})],
-        lambda scene, answers: (exact, 0.5),
-        warm_up=lambda: None,
-        repeats=1,
-        report=lambda line: None,
-    )[0]
+    rungs = [Rung("a", "b", task, {"points": 4})]
+    truth = (exact, 0.5)
+    return climb(rungs, lambda *_: truth, title="c", warm_up=lambda: None).isel(run=0)
 
 
 @pytest.mark.usefixtures("in_this_process")
 def test_the_error_of_samples_is_their_root_mean_square_and_their_time_that_of_one():
-    row = climb_one(lambda: np.array([1.0, 3.0]))
-    assert row["error"] == 0.5
-    assert row["wall_time"] == 0.05
-    assert (row["points"], row["error_uncertainty"], row["converged"]) == (4, 0.5, 1)
+    run = climb_one(lambda: np.array([1.0, 3.0]))
+    assert run["error"] == 0.5
+    assert run["wall_time"] == 0.05
+    assert (run["points"], run["error_uncertainty"], run["converged"]) == (4, 0.5, 1)
 
 
 @pytest.mark.usefixtures("in_this_process")
 def test_an_answer_that_is_not_there_has_no_error():
-    row = climb_one(lambda: np.nan)
-    assert row["converged"] == 0
-    assert np.isnan(row["error"])
+    run = climb_one(lambda: np.nan)
+    assert run["converged"] == 0
+    assert np.isnan(run["error"])
 
 
 @pytest.mark.usefixtures("in_this_process")

@@ -5,10 +5,12 @@ import os
 import signal
 import subprocess
 import sys
+from shutil import which
 
 import numpy as np
 import pytest
 import xarray as xr
+from matplotlib.image import imread
 
 from multiscale.io import open_law, open_run
 from multiscale.pipeline import load_case, load_scene, run, run_scene
@@ -83,6 +85,45 @@ def test_the_report_is_self_contained(finished):
     page = (finished[0] / "report.html").read_text(encoding="utf-8")
     assert page.count("data:image/png;base64,") == 6
     assert not any(mark in page for mark in ("<script", "<link", 'src="http', "url("))
+
+
+def test_the_report_answers_its_question_and_shows_what_went_in(finished):
+    page = (finished[0] / "report.html").read_text(encoding="utf-8")
+    headings = (
+        "Joint",
+        "Interface law",
+        "Error budget",
+        "Surface",
+        "Inputs",
+        "Work and provenance",
+    )
+    places = [page.index(f"<h2>{heading}</h2>") for heading in headings]
+    assert places == sorted(places)
+    assert "its stiffness is" in page[: places[0]]
+    assert "<td>body_1.youngs_modulus</td><td>210 GPa</td>" in page
+
+
+@pytest.mark.skipif(which("chromium") is None, reason="needs the browser chromium")
+@pytest.mark.parametrize("width", [360, 1200])
+def test_a_browser_opens_the_report_without_a_word(finished, tmp_path, width):
+    page, picture = finished[0] / "report.html", tmp_path / "page.png"
+    command = [
+        "chromium",
+        "--headless",
+        "--no-sandbox",
+        "--disable-gpu",
+        "--disable-background-networking",
+        f"--user-data-dir={tmp_path / 'profile'}",
+        f"--window-size={width},2000",
+        f"--screenshot={picture}",
+        "--enable-logging=stderr",
+        page.resolve().as_uri(),
+    ]
+    shown = subprocess.run(command, capture_output=True, text=True, timeout=120, check=True)
+    assert "CONSOLE" not in shown.stderr
+    pixels = imread(picture)
+    assert pixels.shape[1] == width
+    assert np.ptp(pixels) > 0.9  # ink on paper
 
 
 def test_the_datasets_open_as_one_tree_and_agree(finished):

@@ -9,12 +9,13 @@ import numpy as np
 from multiscale.errors import CaseError
 from multiscale.laws.bulk import J2, Prony
 from multiscale.micro import averages
-from multiscale.micro.cell import Cell, Path
+from multiscale.micro.cell import Cell
 from multiscale.micro.finite.cell import make_scene
 from multiscale.micro.finite.history import Walk, rest_state, walk_step
 from multiscale.micro.finite.pair_scene import PairScene
 from multiscale.micro.finite.scene import CellState, Scene, Target
 from multiscale.micro.graph_cell import surface_slopes
+from multiscale.micro.path import Path
 
 __all__ = ["current_weight", "follow_path"]
 

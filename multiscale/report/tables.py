@@ -1,18 +1,15 @@
-"""The results of a run as a table, and as one self-contained page."""
+"""Results as rows of text under a head."""
 
-import base64
 from collections.abc import Sequence
-from pathlib import Path
 from typing import TYPE_CHECKING
 
 import numpy as np
-
-from multiscale.io import open_run, read_bytes, read_text, write_bytes
 
 if TYPE_CHECKING:
     import xarray as xr
 
 __all__ = [
+    "HEAD",
     "list_cycles",
     "tabulate",
     "tabulate_braking",
@@ -20,35 +17,7 @@ __all__ = [
     "tabulate_links",
     "tabulate_scene",
     "tabulate_sweep",
-    "write_report",
 ]
-
-PAGE = """<!doctype html>
-<html lang="en">
-<meta charset="utf-8">
-<meta name="viewport" content="width=device-width, initial-scale=1">
-<title>{{ title }}</title>
-<style>
-body { font: 16px/1.5 sans-serif; max-width: 60rem; margin: 2rem auto; padding: 0 1rem; }
-table { border-collapse: collapse; } td, th { padding: .2rem .8rem; text-align: right; }
-th { border-bottom: 1px solid #888; } img { max-width: 100%; } pre { overflow-x: auto; }
-figure { display: inline-block; margin: 0; max-width: 29rem; }
-</style>
-<h1>{{ title }}</h1>
-<p>{{ summary }}</p>
-{% for caution in cautions %}<p><strong>Caution:</strong> {{ caution }}.</p>
-{% endfor %}{% for line in plan %}<p>{{ line }}.</p>
-{% endfor %}<table>
-<tr>{% for name in head %}<th>{{ name }}</th>{% endfor %}</tr>
-{% for row in rows %}<tr>{% for value in row %}<td>{{ value }}</td>{% endfor %}</tr>
-{% endfor %}</table>
-{% for name, image in figures %}<figure><img alt="{{ name }}"
-src="data:image/png;base64,{{ image }}"></figure>
-{% endfor %}<h2>Case</h2>
-<pre>{{ case }}</pre>
-<p>{{ provenance }}</p>
-</html>
-"""
 
 HEAD = (
     "preload (MPa)",
@@ -235,98 +204,3 @@ def list_cycles(result: "xr.Dataset") -> list[str]:
     if "cycle_energy" not in result:
         return []
     return [f"cycle {k}: {loss:.4g} J lost" for k, loss in enumerate(result["cycle_energy"].values)]
-
-
-def _terms(result: "xr.Dataset") -> list[str]:
-    """Say of each term of the error budget how it was estimated."""
-    if "error_total" not in result:
-        return []
-    how = {term: f"how_{term.replace(' ', '_')}" for term in result["error_term"].values}
-    lines = [f"{term}: {result.attrs[name]}" for term, name in how.items()]
-    return ["The error of the joint stiffness holds " + "; ".join(lines)]
-
-
-def _of_cells(response: "xr.Dataset") -> str:
-    """Say what the cells were."""
-    converged = response["converged"].values
-    return (
-        f"{converged.sum()} of {converged.size} cell steps converged in "
-        f"{float(response['wall_time'].sum()):.1f} s of solver time; "
-        f"{response.sizes['realisation']} realisations."
-    )
-
-
-def _of_normal_law(law: "xr.Dataset") -> str:
-    """Say how good a normal law is."""
-    return (
-        f" The law is {'' if law.attrs['admissible'] else 'not '}positive, decreasing and convex; "
-        f"at a pressure that the fit has not seen, it errs by at most "
-        f"{100.0 * law.attrs['cross_validated_error']:.2g} % in pressure and "
-        f"{100.0 * law.attrs['cross_validated_stiffness_error']:.2g} % in stiffness."
-        f"{_unloading(law)}"
-    )
-
-
-def _of_friction(law: "xr.Dataset") -> str:
-    """Say what a friction law of rubber is."""
-    return (
-        f" Friction at {law.attrs['reference_temperature'] - 273.15:.4g} °C peaks at "
-        f"{float(law['peak_coefficient']):.3g} and {float(law['peak_speed']):.3g} m/s under "
-        f"{1e-3 * float(law['reference_pressure']):.3g} kPa; other temperatures shift the speed. "
-        f"The bell misses the cells by {100.0 * law.attrs['rms_error_over_peak']:.2g} % of the "
-        f"peak, root mean square, and by {100.0 * law.attrs['largest_error_over_peak']:.2g} % at "
-        f"{law.attrs['largest_error_speed']:.3g} m/s and "
-        f"{law.attrs['largest_error_temperature'] - 273.15:.4g} °C. It is friction by hysteresis "
-        f"on the waves of the road that the case names: no adhesion, no finer texture."
-    )
-
-
-def _unloading(law: "xr.Dataset") -> str:
-    """Say how the interface unloads, if that is known."""
-    if "unloading_stiffness_ratio" not in law:
-        return ""
-    error = float(np.sqrt(np.mean(law["unloading_fit_error"].values ** 2)))
-    return (
-        f" Unloaded, it is {float(law['unloading_stiffness_ratio']):.3g} times as stiff at first "
-        f"as it was under load, and springs back with the exponent "
-        f"{float(law['unloading_exponent']):.3g}; at a pressure that the fit has not seen, the "
-        f"spring back errs by {100.0 * error:.2g} %."
-    )
-
-
-def write_report(out: str | Path) -> Path:
-    """Write ``report.html`` of a finished run whose figures are drawn.
-
-    Parameters
-    ----------
-    out : path
-        Run folder.
-    """
-    from jinja2 import Environment
-
-    out = Path(out)
-    tree = open_run(out, finished=True)
-    response, law, result = (
-        tree[name].to_dataset() for name in ("micro_response", "interface_law", "macro_result")
-    )
-    braking = "braking_force" in result
-    head, rows = tabulate_braking(result) if braking else (HEAD, tabulate(result))
-    page = Environment(autoescape=True).from_string(PAGE)
-    text = page.render(
-        title=response.attrs["title"],
-        summary=_of_cells(response)
-        + (_of_friction(law) if braking else _of_normal_law(law))
-        + f" The law stands for the {response.attrs['bodies']}.",
-        cautions=response.attrs.get("cautions", "").splitlines(),
-        plan=[*result.attrs.get("plan", "").splitlines(), *_terms(result)],
-        head=head,
-        rows=rows,
-        figures=[
-            (file.stem, base64.b64encode(read_bytes(file)).decode())
-            for file in sorted((out / "figures").glob("*.png"))
-        ],
-        case=read_text(out / "case.toml"),
-        provenance=f"{result.attrs['source']}, {result.attrs['history']}",
-    )
-    write_bytes(out / "report.html", text.encode())
-    return out / "report.html"

@@ -1,0 +1,25 @@
+"""What a run has found, as tables and as a page."""
+
+from multiscale.report.page import write_report
+from multiscale.report.tables import (
+    HEAD,
+    list_cycles,
+    tabulate,
+    tabulate_braking,
+    tabulate_grains,
+    tabulate_links,
+    tabulate_scene,
+    tabulate_sweep,
+)
+
+__all__ = [
+    "HEAD",
+    "list_cycles",
+    "tabulate",
+    "tabulate_braking",
+    "tabulate_grains",
+    "tabulate_links",
+    "tabulate_scene",
+    "tabulate_sweep",
+    "write_report",
+]

@@ -1,0 +1,173 @@
+"""A finished run as one page that opens anywhere: no script, nothing from elsewhere."""
+
+import base64
+import tomllib
+from collections.abc import Iterator, Mapping
+from importlib import resources
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from multiscale.io import open_run, read_bytes, read_text, write_bytes
+from multiscale.report.section import Section
+from multiscale.report.tables import HEAD, tabulate
+from multiscale.report.tyre import braking_answer, braking_question, braking_sections
+from multiscale.units import readable
+
+if TYPE_CHECKING:
+    import xarray as xr
+
+__all__ = ["write_report"]
+
+
+def write_report(out: str | Path) -> Path:
+    """Write ``report.html`` of a finished run whose figures are drawn.
+
+    Parameters
+    ----------
+    out : path
+        Run folder.
+    """
+    from jinja2 import Environment
+
+    out = Path(out)
+    tree = open_run(out, finished=True)
+    response, law, result = (
+        tree[name].to_dataset() for name in ("micro_response", "interface_law", "macro_result")
+    )
+    case = tomllib.loads(read_text(out / "case.toml"))
+    drawn = {file.stem: file for file in sorted((out / "figures").glob("*.png"))}
+    if "braking_force" in result:
+        question, answer = braking_question(result), braking_answer(result)
+        sections = braking_sections(law, result, response.attrs["bodies"])
+    else:
+        question, answer = _question(result), _answer(result)
+        surface = Section("Surface", [], figures=("surface", "contact_map"))
+        sections = [_joint(result), _law(response, law), _budget(result), surface]
+    sections += [Section("Inputs", [], rows=list(_inputs(case))), _work(response, result)]
+    shown = {name for section in sections for name in section.figures}
+    sections[1].figures += tuple(name for name in drawn if name not in shown)
+    template = resources.files("multiscale.report").joinpath("page.html").read_text()
+    text = (
+        Environment(autoescape=True)
+        .from_string(template)
+        .render(
+            title=response.attrs["title"],
+            question=question,
+            answer=answer,
+            cautions=response.attrs.get("cautions", "").splitlines(),
+            sections=[_with_images(section, drawn) for section in sections],
+        )
+    )
+    write_bytes(out / "report.html", text.encode())
+    return out / "report.html"
+
+
+def _question(result: "xr.Dataset") -> str:
+    preload = 1e-6 * result["preload"].values
+    return (
+        f"How stiff is the joint of the two bodies, pressed together by {preload.min():.4g} to "
+        f"{preload.max():.4g} MPa, and how much of it touches?"
+    )
+
+
+def _answer(result: "xr.Dataset") -> list[str]:
+    """Say the largest preload that converged, with its error."""
+    done = np.flatnonzero(result["converged"].values)
+    if done.size == 0:
+        return ["No preload converged."]
+    row = dict(zip(HEAD, tabulate(result.isel(step=[done[done.size // 2]]))[0], strict=True))
+    error = f" with an error of at most {row['error (%)']} %" if row["error (%)"] else ""
+    unknown = result.attrs.get("unknown", "")
+    beside = f" The error does not count what is not known of it: {unknown}." if unknown else ""
+    return [
+        f"At {row['preload (MPa)']} MPa its stiffness is {row['joint stiffness (MPa/µm)']} MPa/µm"
+        f"{error} (95 %), and {row['contact (%)']} % of it touches."
+        f"{beside}"
+    ]
+
+
+def _joint(result: "xr.Dataset") -> Section:
+    """Table and figure of the macro result."""
+    plan = result.attrs.get("plan", "").splitlines()
+    return Section("Joint", plan, HEAD, tabulate(result), ("joint_stiffness",))
+
+
+def _law(response: "xr.Dataset", law: "xr.Dataset") -> Section:
+    """Say what the law stands for, how well it fits, and what it obeys."""
+    return Section(
+        "Interface law",
+        [
+            f"The law stands for the {response.attrs['bodies']}; it rests on "
+            f"{law.attrs['n_realisations']} realisations between "
+            f"{1e-6 * law.attrs['pressure_min']:.4g} and "
+            f"{1e-6 * law.attrs['pressure_max']:.4g} MPa.",
+            f"At a pressure that the fit has not seen, it errs by at most "
+            f"{100.0 * law.attrs['cross_validated_error']:.2g} % in pressure and "
+            f"{100.0 * law.attrs['cross_validated_stiffness_error']:.2g} % in stiffness.",
+            f"Admissibility: {law.attrs['admissibility']}.",
+            *_unloading(law),
+        ],
+        figures=("gap_law", "unloading", "area_law"),
+    )
+
+
+def _unloading(law: "xr.Dataset") -> list[str]:
+    """Say how the interface unloads, if that is known."""
+    if "unloading_stiffness_ratio" not in law:
+        return []
+    error = float(np.sqrt(np.mean(law["unloading_fit_error"].values ** 2)))
+    return [
+        f"Unloaded, it is {float(law['unloading_stiffness_ratio']):.3g} times as stiff at first as "
+        f"it was under load, and springs back with the exponent "
+        f"{float(law['unloading_exponent']):.3g}; at a pressure that the fit has not seen, the "
+        f"spring back errs by {100.0 * error:.2g} % of its length."
+    ]
+
+
+def _budget(result: "xr.Dataset") -> Section:
+    """Say of each term of the error budget how it was estimated."""
+    if "error_total" not in result:
+        return Section("Error budget", ["Nothing was estimated."])
+    terms = map(str, result["error_term"].values)
+    rows = [(term, result.attrs[f"how_{term.replace(' ', '_')}"]) for term in terms]
+    return Section(
+        "Error budget",
+        ["Half-widths of 95 % intervals of the joint stiffness; each term rests on this:"],
+        rows=rows,
+        figures=("error_budget",),
+    )
+
+
+def _inputs(table: Mapping[str, Any], prefix: str = "") -> Iterator[tuple[str, ...]]:
+    """Give the keys of a case with their values, tables flattened."""
+    for key, value in table.items():
+        if isinstance(value, dict):
+            yield from _inputs(value, f"{prefix}{key}.")
+        elif isinstance(value, list):
+            yield f"{prefix}{key}", ", ".join(readable(item) for item in value)
+        else:
+            yield f"{prefix}{key}", readable(value)
+
+
+def _work(response: "xr.Dataset", result: "xr.Dataset") -> Section:
+    """Say what was computed and with what."""
+    converged = response["converged"].values
+    rows = [
+        ("cell steps", f"{int((converged == 1).sum())} of {converged.size} converged"),
+        ("solver time of the cells", f"{float(response['wall_time'].sum()):.1f} s"),
+        ("program", str(result.attrs["source"])),
+    ]
+    rows += [("command", line) for line in str(result.attrs["history"]).splitlines()]
+    return Section("Work and provenance", [], rows=rows)
+
+
+def _with_images(section: Section, drawn: Mapping[str, Path]) -> dict[str, Any]:
+    """Replace the names of figures by their images, as far as they are drawn."""
+    images = [
+        (name.replace("_", " "), base64.b64encode(read_bytes(drawn[name])).decode())
+        for name in section.figures
+        if name in drawn
+    ]
+    return vars(section) | {"figures": images}
