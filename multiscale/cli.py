@@ -120,8 +120,9 @@ def _run_tyre(
         results = run_tyre(settings, out, executor=executor, progress=progress)
     draw_figures(out)
     write_report(out)
-    for caution in results.micro_response.attrs["cautions"].splitlines():
-        typer.echo(f"caution: {caution}", err=True)
+    for dataset in (results.micro_response, results.macro_result):
+        for caution in dataset.attrs["cautions"].splitlines():
+            typer.echo(f"caution: {caution}", err=True)
     _print_table(settings.title, *tabulate_braking(results.macro_result))
     typer.echo(f"report, figures and datasets: {out}")
 

@@ -46,6 +46,9 @@ __all__ = [
 FAINT = 0.01
 """Friction over its peak, below which it is not fitted."""
 
+TELLING = 0.05
+"""Error of the law over the peak of the friction, from which a user is told."""
+
 MOST_SAMPLES = 20
 """Of the law, that braking forces are computed for."""
 
@@ -231,6 +234,20 @@ def solve_treads(case: TyreCase, response: "xr.Dataset", law: "xr.Dataset") -> "
             "point_area": tread.weight,
         },
         title=case.title,
+        cautions=_missed(law),
+    )
+
+
+def _missed(law: "xr.Dataset") -> str:
+    """Caution against forces where the bell misses the cells."""
+    error = float(law.attrs["largest_error_over_peak"])
+    if error <= TELLING:
+        return ""
+    return (
+        f"the bell misses the cells by up to {100.0 * error:.2g} % of its peak, most at "
+        f"{law.attrs['largest_error_speed']:.3g} m/s and "
+        f"{law.attrs['largest_error_temperature'] - 273.15:.4g} °C, more than the bands of the "
+        f"forces say, which hold the scatter of the road alone"
     )
 
 

@@ -56,7 +56,11 @@ def write_report(out: str | Path) -> Path:
             title=response.attrs["title"],
             question=question,
             answer=answer,
-            cautions=response.attrs.get("cautions", "").splitlines(),
+            cautions=[
+                caution
+                for dataset in (response, result)
+                for caution in dataset.attrs.get("cautions", "").splitlines()
+            ],
             sections=[_with_images(section, drawn) for section in sections],
         )
     )

@@ -20,7 +20,8 @@ def braking_question(result: "xr.Dataset") -> str:
     speed, warm = result["sliding_speed"].values, result["temperature"].values - ZERO_CELSIUS
     return (
         f"How hard does the tread block brake under {1e-3 * float(result['preload'][0]):.4g} kPa, "
-        f"at {speed.min():.3g} to {speed.max():.3g} m/s and {warm.min():.3g} to {warm.max():.3g} °C?"
+        f"at {speed.min():.3g} to {speed.max():.3g} m/s and {warm.min():.3g} to "
+        f"{warm.max():.3g} °C?"
     )
 
 
