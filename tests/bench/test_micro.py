@@ -175,4 +175,4 @@ def test_a_family_that_does_not_exist_is_refused(monkeypatch, capsys, tmp_path):
     monkeypatch.setattr("sys.argv", ["multiscale", "bench", "macro", "-o", str(tmp_path)])
     with pytest.raises(SystemExit, match="1"):
         main()
-    assert "there is no family 'macro'; choose from damage, joints" in capsys.readouterr().err
+    assert "there is no family 'macro'; choose from chain, damage" in capsys.readouterr().err
