@@ -52,10 +52,13 @@ def run_command(
 ) -> None:
     """Run the whole chain: surface, cells, interface law, joint; or a sweep of such runs."""
     from multiscale.errors import CaseError
-    from multiscale.pipeline import load_sweep, requirements
+    from multiscale.pipeline import is_tyre_case, load_sweep, requirements
 
     if resume and not any((out / name).is_dir() for name in ("micro", "plan", "points")):
         raise CaseError(f"{out} holds no run to resume; leave out --resume to begin one")
+    if is_tyre_case(case):
+        _run_tyre(case, out, jobs, dask, quick=quick, explain=explain)
+        return
     sweep = load_sweep(case)
     if quick:
         sweep = sweep.quick()
@@ -90,6 +93,37 @@ def _run_case(settings: "Case", out: Path, jobs: int, dask: str | None) -> None:
     for line in results.macro_result.attrs.get("plan", "").splitlines():
         typer.echo(line)
     _print_table(settings.title, HEAD, tabulate(results.macro_result))
+    typer.echo(f"report, figures and datasets: {out}")
+
+
+def _run_tyre(
+    case: str, out: Path, jobs: int, dask: str | None, *, quick: bool, explain: bool
+) -> None:
+    """Run a case of rubber on a road, with figures, report and table."""
+    from multiscale.io import logging_to, make_folder
+    from multiscale.pipeline import load_tyre, run_tyre, tyre_requirements
+    from multiscale.plotting import draw_figures
+    from multiscale.report import tabulate_braking, write_report
+
+    settings = load_tyre(case)
+    if quick:
+        settings = settings.quick()
+    if explain:
+        typer.echo(tyre_requirements(settings).explain())
+        return
+    make_folder(out)
+    with (
+        logging_to(out / "log.txt"),
+        _workers(jobs, dask) as executor,
+        _progress(settings.sliding.realisations, "realisations") as progress,
+    ):
+        results = run_tyre(settings, out, executor=executor, progress=progress)
+    draw_figures(out)
+    write_report(out)
+    for dataset in (results.micro_response, results.macro_result):
+        for caution in dataset.attrs["cautions"].splitlines():
+            typer.echo(f"caution: {caution}", err=True)
+    _print_table(settings.title, *tabulate_braking(results.macro_result))
     typer.echo(f"report, figures and datasets: {out}")
 
 
@@ -150,9 +184,9 @@ def fit_command(
 ) -> None:
     """Fit the interface law to a response."""
     from multiscale.io import open_response, save_law
-    from multiscale.upscaling import fit_law
+    from multiscale.upscaling import fit_branches
 
-    save_law(fit_law(open_response(response), family=family), out)
+    save_law(fit_branches(open_response(response), family=family), out)
 
 
 @app.command("macro")

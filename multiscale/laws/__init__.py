@@ -9,6 +9,7 @@ from multiscale.laws.friction import BellFriction, Coulomb, DecayingFriction, Fr
 from multiscale.laws.frictional import Frictional
 from multiscale.laws.power import PowerLaw
 from multiscale.laws.rigid import RigidContact
+from multiscale.laws.steady_sliding import SteadySliding
 from multiscale.laws.stiffness import PowerStiffness, StiffnessLaw
 from multiscale.laws.stretched import StretchedLaw
 from multiscale.laws.unloading import HystereticLaw
@@ -31,6 +32,7 @@ __all__ = [
     "PowerStiffness",
     "Response",
     "RigidContact",
+    "SteadySliding",
     "StiffnessLaw",
     "StretchedLaw",
 ]

@@ -20,6 +20,8 @@ from multiscale.pipeline.scenes import homogenised_file, load_scene, run_scene
 from multiscale.pipeline.settings import Case
 from multiscale.pipeline.sweep import Sweep, load_sweep, run_sweep
 from multiscale.pipeline.three_ways import three_ways
+from multiscale.pipeline.tyre import is_tyre_case, load_tyre, run_tyre, tyre_requirements
+from multiscale.pipeline.tyre_settings import TyreCase
 
 __all__ = [
     "Case",
@@ -32,12 +34,15 @@ __all__ = [
     "Scene",
     "Sweep",
     "TiltedJoint",
+    "TyreCase",
     "end_to_end",
     "find_case",
     "homogenised_file",
+    "is_tyre_case",
     "load_case",
     "load_scene",
     "load_sweep",
+    "load_tyre",
     "make_cells",
     "plan",
     "requirements",
@@ -45,8 +50,10 @@ __all__ = [
     "run_micro",
     "run_scene",
     "run_sweep",
+    "run_tyre",
     "solve_concurrent",
     "solve_direct",
     "solve_sequential",
     "three_ways",
+    "tyre_requirements",
 ]

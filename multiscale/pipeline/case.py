@@ -66,6 +66,15 @@ def load_case(case: str | Path) -> Case:
     return validate_case(content, path)
 
 
+def _refuse_rubber(content: dict[str, Any], path: Path) -> None:
+    """Refuse a case of another kind."""
+    if "rubber" in content:
+        raise CaseError(
+            f"{path}: describes rubber that slides on a road, not a joint; use multiscale run, or "
+            f"load_tyre and run_tyre"
+        )
+
+
 def read_case(path: Path) -> dict[str, Any]:
     """Read a case file without checking it; paths of surfaces become absolute."""
     content = read_toml(path)
@@ -80,6 +89,7 @@ def read_case(path: Path) -> dict[str, Any]:
 
 def validate_case(content: dict[str, Any], path: Path) -> Case:
     """Turn the content of a case file into settings."""
+    _refuse_rubber(content, path)
     kinds: dict[str, type[Settings]] = {
         "synthetic": SyntheticSurface,
         "instrument": InstrumentSurface,

@@ -5,6 +5,7 @@ import numpy as np
 from multiscale.errors import CaseError
 from multiscale.io import read_surface
 from multiscale.io.surfaces import Surface
+from multiscale.laws.bulk import J2
 from multiscale.micro.cell import Cell, contact_modulus
 from multiscale.micro.topography import (
     composite,
@@ -65,14 +66,24 @@ def make_cells(case: Case) -> list[Cell]:
 
 def cell_of(case: Case, surface: Surface) -> Cell:
     """Build the cell of a case under one composite surface."""
+    material = composite_material(case)
+    flat = case.cell.geometry == "flat"
     return Cell(
         surface,
         case.cell.depth if case.cell.depth is not None else max(case.cell.size),
         case.cell.layers,
-        *composite_material(case),
+        *material,
         geometry=case.cell.geometry,
-        hardness=case.hardness,
+        hardness=case.hardness if flat else None,
+        bulk=_metal(case, material),
     )
+
+
+def _metal(case: Case, material: tuple[float, float]) -> J2 | None:
+    """Law of a conforming cell whose case gives a hardness: that of the softer body."""
+    if case.yield_stress is None or case.softer is None:
+        return None
+    return J2(*material, case.yield_stress, case.softer.hardening_modulus or 0.0)
 
 
 def _surfaces(case: Case, number: int) -> list[Surface]:

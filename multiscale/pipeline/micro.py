@@ -50,7 +50,7 @@ def run_micro(
     cells, identity = make_cells(case), case.identity()
     response = run_ensemble(
         cells,
-        LoadPath(pressure=case.micro.pressures),
+        LoadPath(pressure=case.micro.path),
         executor=executor,
         folder=file.parent / "micro",
         identity=identity,

@@ -15,7 +15,12 @@ from multiscale.pipeline.micro import run_micro, write_fields
 from multiscale.pipeline.planner import plan
 from multiscale.pipeline.settings import Case
 from multiscale.schema import MACRO_RESULT, MICRO_RESPONSE
-from multiscale.upscaling import error_budget, fit_law, with_budget
+from multiscale.upscaling import (
+    error_budget,
+    fit_branches,
+    loading_branch,
+    with_budget,
+)
 
 if TYPE_CHECKING:
     import xarray as xr
@@ -66,8 +71,9 @@ def run(
         return _run_to_target(case, out, executor, progress)
     response = run_micro(case, out / "micro_response.nc", executor=executor, progress=progress)
 
-    law = fit_law(response, n_terms=case.law.terms, n_samples=case.law.samples)
-    law = with_budget(law, error_budget(response, law, scales=joint_scales(case)))
+    loading = loading_branch(response) if case.micro.unloading else response
+    law = fit_branches(response, n_terms=case.law.terms, n_samples=case.law.samples)
+    law = with_budget(law, error_budget(loading, law, scales=joint_scales(case)))
     save_law(law, out / "interface_law.nc")
 
     result = solve_joint(case, law)

@@ -1,17 +1,26 @@
 """What a case may say: every key with its unit, range and default."""
 
 import hashlib
-from pathlib import Path
+from itertools import pairwise
 from typing import Annotated, Any, Literal, Self
 
-from pydantic import Discriminator, Field, Tag, field_validator, model_validator
+from pydantic import Field, Strict, field_validator, model_validator
 
 from multiscale.io import read_bytes
 from multiscale.micro.cell import depth_caution
-from multiscale.pipeline.toml_model import Count, Length, Number, Pressure, Settings, must_rise
+from multiscale.pipeline.rough_bodies import Body, InstrumentSurface, SyntheticSurface
+from multiscale.pipeline.toml_model import (
+    Count,
+    Length,
+    Number,
+    Pressure,
+    Settings,
+    must_rise,
+)
 
 __all__ = [
     "POINTS_PER_WAVE",
+    "TABOR",
     "AccuracySettings",
     "Body",
     "Case",
@@ -24,101 +33,15 @@ __all__ = [
 ]
 
 FEWEST_REALISATIONS = 3  # for a band
+TABOR = 2.8
+"""Hardness over yield stress (D. Tabor, The Hardness of Metals, Oxford 1951)."""
+
+STRONGEST = 0.1
+"""Largest strain at which a metal may yield."""
+
 POINTS_PER_WAVE = 8  # of the shortest wave of a measured surface, if the case names no cut-off
 
 Points = Annotated[Count, Field(ge=4, le=8192, multiple_of=2)]
-
-
-class SyntheticSurface(Settings):
-    """A self-affine surface; see :func:`multiscale.micro.self_affine`.
-
-    Parameters
-    ----------
-    rms_height, rms_slope : quantity
-        Exactly one of them; m and 1.
-    hurst_exponent : float
-        Between 0 and 1.
-    long_cutoff, short_cutoff : quantity
-        Longest and shortest wavelength, m.
-    roll_off : quantity, optional
-        Wavelength above which the spectrum is flat, m.
-    """
-
-    rms_height: Length | None = None
-    rms_slope: Annotated[Number, Field(gt=0.0)] | None = None
-    hurst_exponent: Annotated[Number, Field(ge=0.0, le=1.0)]
-    long_cutoff: Length
-    short_cutoff: Length
-    roll_off: Length | None = None
-
-    @model_validator(mode="after")
-    def _check(self) -> Self:
-        if (self.rms_height is None) == (self.rms_slope is None):
-            raise ValueError("give either rms_height or rms_slope")
-        if self.short_cutoff > self.long_cutoff:
-            raise ValueError(
-                f"short_cutoff ({self.short_cutoff:g} m) must not be longer than long_cutoff "
-                f"({self.long_cutoff:g} m)"
-            )
-        return self
-
-
-class InstrumentSurface(Settings):
-    """A measured map, cut into one window per realisation.
-
-    Parameters
-    ----------
-    file : path
-        Instrument file; relative to the case file.
-    detrend_order : int
-        0 mean, 1 plane, 2 curvature; of the whole map, and the plane of each window.
-    fill_undefined : bool
-        Whether undefined points are filled; refused otherwise.
-    periodic : {"mirror", "window"}
-        How a window is made periodic: reflected (it covers a quarter of the cell) or faded along
-        its edges.
-    short_cutoff : quantity, optional
-        Shortest wavelength kept, m; eight points of the cell's grid if not given.
-    """
-
-    file: Path
-    detrend_order: Annotated[Count, Field(ge=0, le=2)] = 2
-    fill_undefined: bool = False
-    periodic: Literal["mirror", "window"] = "mirror"
-    short_cutoff: Length | None = None
-
-
-def _kind_of_surface(value: Any) -> str:
-    named = value if isinstance(value, dict) else getattr(value, "__dict__", {})
-    return "instrument" if "file" in named else "synthetic"
-
-
-class Body(Settings):
-    """One of the two bodies.
-
-    Parameters
-    ----------
-    youngs_modulus : quantity
-        Pa.
-    poissons_ratio : float
-        From 0 to 0.4999.
-    surface : table, optional
-        Synthetic or measured roughness; smooth if not given.
-    hardness : quantity, optional
-        Largest local pressure, Pa; the softer body's counts. Flat cells only.
-    """
-
-    youngs_modulus: Pressure
-    poissons_ratio: Annotated[Number, Field(ge=0.0, le=0.4999)]
-    surface: (
-        Annotated[
-            Annotated[SyntheticSurface, Tag("synthetic")]
-            | Annotated[InstrumentSurface, Tag("instrument")],
-            Discriminator(_kind_of_surface),
-        ]
-        | None
-    ) = None
-    hardness: Pressure | None = None
 
 
 class CellSettings(Settings):
@@ -157,13 +80,46 @@ class MicroSettings(Settings):
         Mean pressures, Pa, rising.
     seed : int
         Of the first realisation.
+    unload : bool or list of quantities
+        Whether the cells are unloaded through the same pressures, or the falling pressures at
+        which they are, Pa.
     """
 
     realisations: Annotated[Count, Field(ge=1)]
     pressures: Annotated[tuple[Pressure, ...], Field(min_length=3)]
     seed: Annotated[Count, Field(ge=0)] = 0
+    unload: Annotated[bool, Strict()] | tuple[Pressure, ...] = False
 
     _rise = field_validator("pressures")(must_rise)
+
+    @field_validator("unload", mode="before")
+    @classmethod
+    def _say_what(cls, value: Any) -> Any:
+        if not isinstance(value, bool | list | tuple):
+            raise ValueError(f"should be true, or a list of pressures that falls, got {value!r}")
+        return value
+
+    @model_validator(mode="after")
+    def _check(self) -> Self:
+        down = (self.pressures[-1], *self.unloading)
+        if any(late >= early for early, late in pairwise(down)):
+            raise ValueError(
+                f"unload must fall from one pressure to the next, below the largest of pressures, "
+                f"{1e-6 * down[0]:g} MPa"
+            )
+        return self
+
+    @property
+    def unloading(self) -> tuple[float, ...]:
+        """Pressures on the way down, Pa."""
+        if isinstance(self.unload, bool):
+            return self.pressures[-2::-1] if self.unload else ()
+        return self.unload
+
+    @property
+    def path(self) -> tuple[float, ...]:
+        """All pressures in their order, Pa."""
+        return self.pressures + self.unloading
 
 
 class LawSettings(Settings):
@@ -247,11 +203,35 @@ class Case(Settings):
     def _check(self) -> Self:
         if self.body_1.surface is None and self.body_2.surface is None:
             raise ValueError("both bodies are smooth; give one of them a [surface] table")
-        if self.hardness is not None and self.cell.geometry != "flat":
-            raise ValueError(
-                'hardness limits the pressure of flat cells only; set geometry = "flat" in [cell]'
-            )
+        self._check_metal()
         return self
+
+    def _check_metal(self) -> None:
+        """Refuse metals and unloading that the cells do not know."""
+        flat = self.cell.geometry == "flat"
+        for number, body in enumerate(self.bodies, start=1):
+            if flat and body.hardening_modulus is not None:
+                raise ValueError(
+                    f"hardening_modulus of body_{number} means nothing to flat cells, which cap "
+                    f'the pressure; set geometry = "conforming" in [cell], or leave it out'
+                )
+            strain = (body.hardness or 0.0) / TABOR / body.youngs_modulus
+            if not flat and strain > STRONGEST:
+                raise ValueError(
+                    f"hardness of body_{number} is {1e-9 * (body.hardness or 0.0):g} GPa, so that "
+                    f"it would yield at a strain of {strain:.2g}, above {STRONGEST:g}; that of a "
+                    f"metal is about a hundredth of its youngs_modulus"
+                )
+        if self.micro.unload is not False and (flat or self.hardness is None):
+            raise ValueError(
+                "unload in [micro] needs conforming cells and the hardness of a body: without "
+                "flow an interface unloads as it was loaded"
+            )
+        if self.micro.unload is not False and self.accuracy is not None:
+            raise ValueError(
+                "unload in [micro] and a target in [accuracy] exclude each other: a planner loads "
+                "its cells alone"
+            )
 
     @property
     def bodies(self) -> tuple[Body, Body]:
@@ -261,8 +241,20 @@ class Case(Settings):
     @property
     def hardness(self) -> float | None:
         """Hardness of the softer body, Pa, if one is given."""
-        given = [body.hardness for body in self.bodies if body.hardness is not None]
-        return min(given, default=None)
+        return None if self.softer is None else self.softer.hardness
+
+    @property
+    def softer(self) -> Body | None:
+        """The body of least hardness, if one is given."""
+        given = [body for body in self.bodies if body.hardness is not None]
+        return min(given, key=lambda body: body.hardness or 0.0, default=None)
+
+    @property
+    def yield_stress(self) -> float | None:
+        r"""Yield stress of a conforming cell, Pa: :math:`\sigma_y = H/2.8` of the softer body."""
+        if self.hardness is None or self.cell.geometry == "flat":
+            return None
+        return self.hardness / TABOR
 
     def quick(self) -> Self:
         """Return the same case on a coarser grid with fewer realisations, and without a target."""
@@ -302,6 +294,12 @@ class Case(Settings):
             found.append(
                 f"the law extrapolates at the preloads {values} MPa: the cells were pressed at "
                 f"{1e-6 * low:g} to {1e-6 * high:g} MPa"
+            )
+        if self.yield_stress is not None and self.hardness is not None:
+            found.append(
+                f"the hardness of {1e-9 * self.hardness:g} GPa of the softer body became a yield "
+                f"stress of {1e-9 * self.yield_stress:.4g} GPa (H/{TABOR}) of the one body that "
+                f"stands for both, which flows for both"
             )
         if self.micro.realisations < FEWEST_REALISATIONS:
             found.append(

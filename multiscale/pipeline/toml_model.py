@@ -216,5 +216,7 @@ def _message(fault: Any) -> str:
         return MESSAGES[fault["type"]](fault)
     if fault["type"] == "too_long" and isinstance(fault["input"], list):
         return f"should have {fault['ctx']['max_length']} entries"
+    if fault["type"] == "too_short" and isinstance(fault["input"], list):
+        return f"should have at least {fault['ctx']['min_length']} entries"
     message = str(fault["msg"]).removeprefix("Value error, ").removeprefix("Input ")
     return message[:1].lower() + message[1:]

@@ -21,7 +21,12 @@ from multiscale.plotting.granulate import (
 )
 from multiscale.plotting.growth import plot_growth
 from multiscale.plotting.joint import draw_joint, plot_hysteresis, plot_joint_plan
-from multiscale.plotting.laws import plot_area_law, plot_gap_law, plot_joint_stiffness
+from multiscale.plotting.laws import (
+    plot_area_law,
+    plot_gap_law,
+    plot_joint_stiffness,
+    plot_unloading,
+)
 from multiscale.plotting.links import (
     draw_links,
     plot_deformed_links,
@@ -31,6 +36,12 @@ from multiscale.plotting.links import (
 from multiscale.plotting.run import draw_figures
 from multiscale.plotting.sliding import draw_sliding, plot_sliding_friction, plot_steady_friction
 from multiscale.plotting.surfaces import plot_contact_map, plot_surface
+from multiscale.plotting.tyre import (
+    draw_tyre_figures,
+    plot_braking_force,
+    plot_footprint,
+    plot_friction_bell,
+)
 from multiscale.plotting.work_precision import (
     draw_work_precision,
     plot_history,
@@ -44,15 +55,19 @@ __all__ = [
     "draw_joint",
     "draw_links",
     "draw_sliding",
+    "draw_tyre_figures",
     "draw_work_precision",
     "plot_area_law",
+    "plot_braking_force",
     "plot_contact_error",
     "plot_contact_map",
     "plot_damage_sphere",
     "plot_deformed_links",
     "plot_energies",
     "plot_error_budget",
+    "plot_footprint",
     "plot_force_network",
+    "plot_friction_bell",
     "plot_gap_law",
     "plot_grain_energies",
     "plot_growth",
@@ -66,6 +81,7 @@ __all__ = [
     "plot_steady_friction",
     "plot_stiffness_against_damage",
     "plot_surface",
+    "plot_unloading",
     "plot_woehler",
     "plot_work_precision",
     "plot_worst_section",

@@ -5,15 +5,21 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from multiscale.plotting.figure import axes_or_current
-from multiscale.upscaling import area_from_dataset, law_from_dataset
+from multiscale.upscaling import (
+    area_from_dataset,
+    hysteretic_from_dataset,
+    law_from_dataset,
+    loading_branch,
+)
 
 if TYPE_CHECKING:
     import xarray as xr
     from matplotlib.axes import Axes
 
-__all__ = ["plot_area_law", "plot_gap_law", "plot_joint_stiffness"]
+__all__ = ["plot_area_law", "plot_gap_law", "plot_joint_stiffness", "plot_unloading"]
 
 BAND = (2.5, 97.5)  # percentiles of the bands
+STATISTICS = ("mean", "std")  # over realisations, of markers with bars
 
 
 def plot_gap_law(response: "xr.Dataset", law: "xr.Dataset", *, ax: "Axes | None" = None) -> "Axes":
@@ -29,6 +35,7 @@ def plot_gap_law(response: "xr.Dataset", law: "xr.Dataset", *, ax: "Axes | None"
         Where to draw. The current axes if not given.
     """
     ax = axes_or_current(ax)
+    response = loading_branch(response)
     pressure = 1e-6 * response["nominal_pressure"].values
     for gap in 1e6 * response["mean_gap"].values:
         ax.plot(gap, pressure, ".", color="0.6", markersize=4)
@@ -48,6 +55,64 @@ def plot_gap_law(response: "xr.Dataset", law: "xr.Dataset", *, ax: "Axes | None"
     return ax
 
 
+def plot_unloading(
+    response: "xr.Dataset", law: "xr.Dataset", *, ax: "Axes | None" = None
+) -> "Axes":
+    """Plot pressure against mean gap down from the largest pressure, beside the loading.
+
+    Parameters
+    ----------
+    response : Dataset
+        Follows ``MICRO_RESPONSE``, loaded and unloaded.
+    law : Dataset
+        Follows ``INTERFACE_LAW``, with an unloading branch.
+    ax : Axes, optional
+        Where to draw. The current axes if not given.
+    """
+    ax = axes_or_current(ax)
+    hysteretic = hysteretic_from_dataset(law)
+    up = loading_branch(response)
+    down = response.drop_sel(step=up["step"].values)
+    for part, colour in ((up, "C0"), (down, "C1")):
+        mean, spread = (getattr(1e6 * part["mean_gap"], name)("realisation") for name in STATISTICS)
+        ax.errorbar(
+            mean,
+            1e-6 * part["nominal_pressure"],
+            xerr=spread,
+            fmt="o",
+            markersize=3,
+            color=colour,
+            elinewidth=0.8,
+        )
+    peak = float(up["nominal_pressure"].max())
+    along = np.linspace(1e-6 * float(up["nominal_pressure"].min()), 1e-6 * peak, 300)
+    ax.plot(1e6 * hysteretic.loading.gap_at(1e6 * along), along, color="C0", label="loading")
+
+    share = np.linspace(0.0, 1.0, 300)
+    corner = float(hysteretic.loading.gap_at(np.array(peak)))
+    samples = range(law.sizes.get("unloading_sample", 0))
+    back = [
+        hysteretic_from_dataset(law, sample).recovery(share * peak, np.array(peak))
+        for sample in samples
+    ]
+    if back:
+        low, high = 1e6 * (corner + np.percentile(back, BAND, axis=0))
+        ax.fill_betweenx(
+            1e-6 * share * peak, low, high, color="C1", alpha=0.3, linewidth=0, label="95 % band"
+        )
+    ax.plot(
+        1e6 * (corner + hysteretic.recovery(share * peak, np.array(peak))),
+        1e-6 * share * peak,
+        color="C1",
+        label=f"unloading: {hysteretic.stiffness_ratio:.3g} times as stiff at first",
+    )
+    ax.set_xlabel("mean gap (µm)")
+    ax.set_ylabel("mean pressure (MPa)")
+    ax.set_title("normal law with its unloading branch")
+    ax.legend()
+    return ax
+
+
 def plot_area_law(response: "xr.Dataset", law: "xr.Dataset", *, ax: "Axes | None" = None) -> "Axes":
     """Plot the contact fraction against the mean pressure.
 
@@ -61,6 +126,7 @@ def plot_area_law(response: "xr.Dataset", law: "xr.Dataset", *, ax: "Axes | None
         Where to draw. The current axes if not given.
     """
     ax = axes_or_current(ax)
+    response = loading_branch(response)
     pressure = 1e-6 * response["nominal_pressure"].values
     for fraction in 100.0 * response["contact_fraction"].values:
         ax.plot(pressure, fraction, ".", color="0.6", markersize=4)

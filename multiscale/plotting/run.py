@@ -5,8 +5,14 @@ from pathlib import Path
 from multiscale.io import make_folder, open_dataset, open_run
 from multiscale.plotting.budget import plot_error_budget
 from multiscale.plotting.figure import new_figure, save_figure
-from multiscale.plotting.laws import plot_area_law, plot_gap_law, plot_joint_stiffness
+from multiscale.plotting.laws import (
+    plot_area_law,
+    plot_gap_law,
+    plot_joint_stiffness,
+    plot_unloading,
+)
 from multiscale.plotting.surfaces import plot_contact_map, plot_surface
+from multiscale.plotting.tyre import draw_tyre_figures
 from multiscale.schema import FIELDS
 
 __all__ = ["draw_figures"]
@@ -30,6 +36,8 @@ def draw_figures(out: str | Path) -> list[Path]:
     response, law, result = (
         tree[name].to_dataset() for name in ("micro_response", "interface_law", "macro_result")
     )
+    if "braking_force" in result:
+        return draw_tyre_figures(out)
     fields = open_dataset(out / "fields" / "fields.nc", FIELDS)
     figures = {
         "surface": lambda ax: plot_surface(fields, ax=ax),
@@ -38,6 +46,8 @@ def draw_figures(out: str | Path) -> list[Path]:
         "area_law": lambda ax: plot_area_law(response, law, ax=ax),
         "joint_stiffness": lambda ax: plot_joint_stiffness(result, ax=ax),
     }
+    if "unloading_stiffness_ratio" in law:
+        figures["unloading"] = lambda ax: plot_unloading(response, law, ax=ax)
     if "error_total" in result:
         figures["error_budget"] = lambda ax: plot_error_budget(result, ax=ax)
     folder = make_folder(out / "figures")

@@ -2,8 +2,7 @@
 
 import base64
 import tomllib
-from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass
+from collections.abc import Iterator, Mapping
 from importlib import resources
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -11,24 +10,15 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from multiscale.io import open_run, read_bytes, read_text, write_bytes
+from multiscale.report.section import Section
 from multiscale.report.tables import HEAD, tabulate
+from multiscale.report.tyre import braking_answer, braking_question, braking_sections
 from multiscale.units import readable
 
 if TYPE_CHECKING:
     import xarray as xr
 
 __all__ = ["write_report"]
-
-
-@dataclass
-class Section:
-    """A part of the page: a heading and what stands below it."""
-
-    heading: str
-    lines: list[str]
-    head: tuple[str, ...] = ()
-    rows: Sequence[tuple[str, ...]] = ()
-    figures: tuple[str, ...] = ()
 
 
 def write_report(out: str | Path) -> Path:
@@ -48,14 +38,14 @@ def write_report(out: str | Path) -> Path:
     )
     case = tomllib.loads(read_text(out / "case.toml"))
     drawn = {file.stem: file for file in sorted((out / "figures").glob("*.png"))}
-    sections = [
-        _joint(result),
-        _law(response, law),
-        _budget(result),
-        Section("Surface", [], figures=("surface", "contact_map")),
-        Section("Inputs", [], rows=list(_inputs(case))),
-        _work(response, result),
-    ]
+    if "braking_force" in result:
+        question, answer = braking_question(result), braking_answer(result)
+        sections = braking_sections(law, result, response.attrs["bodies"])
+    else:
+        question, answer = _question(result), _answer(result)
+        surface = Section("Surface", [], figures=("surface", "contact_map"))
+        sections = [_joint(result), _law(response, law), _budget(result), surface]
+    sections += [Section("Inputs", [], rows=list(_inputs(case))), _work(response, result)]
     shown = {name for section in sections for name in section.figures}
     sections[1].figures += tuple(name for name in drawn if name not in shown)
     template = resources.files("multiscale.report").joinpath("page.html").read_text()
@@ -64,9 +54,13 @@ def write_report(out: str | Path) -> Path:
         .from_string(template)
         .render(
             title=response.attrs["title"],
-            question=_question(result),
-            answer=_answer(result),
-            cautions=response.attrs.get("cautions", "").splitlines(),
+            question=question,
+            answer=answer,
+            cautions=[
+                caution
+                for dataset in (response, result)
+                for caution in dataset.attrs.get("cautions", "").splitlines()
+            ],
             sections=[_with_images(section, drawn) for section in sections],
         )
     )
@@ -117,9 +111,23 @@ def _law(response: "xr.Dataset", law: "xr.Dataset") -> Section:
             f"{100.0 * law.attrs['cross_validated_error']:.2g} % in pressure and "
             f"{100.0 * law.attrs['cross_validated_stiffness_error']:.2g} % in stiffness.",
             f"Admissibility: {law.attrs['admissibility']}.",
+            *_unloading(law),
         ],
-        figures=("gap_law", "area_law"),
+        figures=("gap_law", "unloading", "area_law"),
     )
+
+
+def _unloading(law: "xr.Dataset") -> list[str]:
+    """Say how the interface unloads, if that is known."""
+    if "unloading_stiffness_ratio" not in law:
+        return []
+    error = float(np.sqrt(np.mean(law["unloading_fit_error"].values ** 2)))
+    return [
+        f"Unloaded, it is {float(law['unloading_stiffness_ratio']):.3g} times as stiff at first as "
+        f"it was under load, and springs back with the exponent "
+        f"{float(law['unloading_exponent']):.3g}; at a pressure that the fit has not seen, the "
+        f"spring back errs by {100.0 * error:.2g} % of its length."
+    ]
 
 
 def _budget(result: "xr.Dataset") -> Section:

@@ -12,6 +12,7 @@ __all__ = [
     "HEAD",
     "list_cycles",
     "tabulate",
+    "tabulate_braking",
     "tabulate_grains",
     "tabulate_links",
     "tabulate_scene",
@@ -176,6 +177,31 @@ def tabulate_scene(result: "xr.Dataset") -> tuple[tuple[str, ...], list[tuple[st
             strict=True,
         )
     ]
+
+
+def tabulate_braking(result: "xr.Dataset") -> tuple[tuple[str, ...], list[tuple[str, ...]]]:
+    """Return head and rows of text for a tread block: each temperature at its speeds.
+
+    Parameters
+    ----------
+    result : Dataset
+        Follows ``MACRO_RESULT``, with braking forces.
+    """
+    head = ("temperature (°C)", "speed (m/s)", "braking force (N)", "95 % band", "force / load")
+    rows: list[tuple[str, ...]] = []
+    for k in range(result.sizes["step"]):
+        step = result.isel(step=k)
+        at = (f"{float(step['temperature']) - 273.15:.4g}", f"{float(step['sliding_speed']):.3g}")
+        if not int(step["converged"]):
+            rows.append((*at, "not converged", "", ""))
+            continue
+        band = "none"
+        if "braking_force_sample" in result:
+            low, high = np.nanpercentile(step["braking_force_sample"], (2.5, 97.5))
+            band = f"{low:.4g} ... {high:.4g}"
+        force = f"{float(step['braking_force']):.4g}"
+        rows.append((*at, force, band, f"{float(step['braking_coefficient']):.3g}"))
+    return head, rows
 
 
 def list_cycles(result: "xr.Dataset") -> list[str]:

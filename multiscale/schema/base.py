@@ -131,6 +131,7 @@ COORDINATES = frozenset(
         "nominal_pressure",
         "sliding_distance",
         "sliding_speed",
+        "temperature",
         "rms_height",
         "rms_slope",
         "nayak_parameter",

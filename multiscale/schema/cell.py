@@ -32,6 +32,7 @@ MICRO_RESPONSE = Schema(
         "gap": Variable((*_CELL, "y", "x"), "m", "local gap"),
         "nominal_pressure": Variable(("step",), "Pa", "prescribed mean pressure"),
         "sliding_speed": Variable(("step",), "m s-1", "prescribed speed of sliding"),
+        "temperature": Variable(("step",), "K", "temperature of the body"),
         "rms_height": Variable(("realisation",), "m", "root mean square height"),
         "rms_slope": Variable(("realisation",), "1", "root mean square slope"),
         "nayak_parameter": Variable(("realisation",), "1", "Nayak parameter"),

@@ -37,6 +37,28 @@ INTERFACE_LAW = Schema(
         "area_fit_error": Variable(
             ("area_term",), "1", "relative error of an area law without this point"
         ),
+        "unloading_stiffness_ratio": Variable(
+            (), "1", "stiffness at the start of unloading over that of loading"
+        ),
+        "unloading_exponent": Variable((), "1", "exponent of the unloading branch"),
+        "unloading_stiffness_ratio_sample": Variable(
+            ("unloading_sample",), "1", "stiffness ratios of the bootstrap samples"
+        ),
+        "unloading_exponent_sample": Variable(
+            ("unloading_sample",), "1", "exponents of the bootstrap samples"
+        ),
+        "unloading_pressure": Variable(
+            ("unloading_step",), "Pa", "mean pressure of the unloading data"
+        ),
+        "unloading_peak_pressure": Variable(
+            ("unloading_step",), "Pa", "largest pressure before the unloading data"
+        ),
+        "unloading_recovery": Variable(
+            ("unloading_step",), "m", "spring back of the unloading data"
+        ),
+        "unloading_fit_error": Variable(
+            ("unloading_step",), "1", "error of a fit without this point over the spring back"
+        ),
         **BUDGET,
     },
 )

@@ -92,6 +92,13 @@ MACRO_RESULT = Schema(
         "tangential_stiffness": Variable(
             ("step",), "Pa m-1", "tangential stiffness of the whole joint"
         ),
+        "sliding_speed": Variable(("step",), "m s-1", "speed of steady sliding"),
+        "temperature": Variable(("step",), "K", "temperature of the body"),
+        "braking_force": Variable(("step",), "N", "force against the motion"),
+        "braking_force_sample": Variable(
+            ("sample", "step"), "N", "force against the motion for samples of the law"
+        ),
+        "braking_coefficient": Variable(("step",), "1", "force against the motion over the load"),
         "cycle_energy": Variable(("cycle",), "J", "energy that the joint loses in a closed cycle"),
         "time": Variable(("step",), "s", "time"),
         "velocity": Variable(("step", "node", "component"), "m s-1", "velocity of the nodes"),

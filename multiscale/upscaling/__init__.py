@@ -36,6 +36,12 @@ from multiscale.upscaling.statistics import (
 )
 from multiscale.upscaling.structure_errors import structure_budget, with_scales
 from multiscale.upscaling.tables import read_observations
+from multiscale.upscaling.unloading import (
+    fit_branches,
+    hysteretic_from_dataset,
+    loading_branch,
+    with_unloading,
+)
 
 __all__ = [
     "FAMILIES",
@@ -50,12 +56,15 @@ __all__ = [
     "ensemble_average",
     "error_budget",
     "estimate_grid_error",
+    "fit_branches",
     "fit_law",
     "fitted_law",
     "friction_observations",
+    "hysteretic_from_dataset",
     "is_admissible",
     "law_band",
     "law_from_dataset",
+    "loading_branch",
     "nayak_trend",
     "normal_observations",
     "observe",
@@ -72,6 +81,7 @@ __all__ = [
     "unloading_observations",
     "with_budget",
     "with_scales",
+    "with_unloading",
     "without_size_bias",
     "write_law_table",
     "write_pressure_overclosure",

@@ -1,10 +1,8 @@
 """What a case needs is said before it is run."""
 
-import pytest
 from typer.testing import CliRunner
 
 from multiscale.cli import app
-from multiscale.errors import CaseError
 from multiscale.pipeline import load_case, requirements
 from multiscale.pipeline.case import shipped_cases
 
@@ -50,9 +48,10 @@ def test_a_flat_case_with_a_hardness_needs_neither_mesh_nor_factors(tmp_path):
     assert needs.memory < 0.1 * requirements(load_case("ground_steel")).memory
 
 
-def test_a_hardness_without_the_flat_geometry_is_refused(tmp_path):
-    with pytest.raises(CaseError, match='flat cells only; set geometry = "flat" in'):
-        case_with(tmp_path, ("[body_1]", '[body_1]\nhardness = "2 GPa"'))
+def test_a_conforming_case_with_a_hardness_carries_plastic_state():
+    needs = requirements(load_case("ground_steel_plastic"))
+    assert "accumulated plastic strain" in needs.state_variables
+    assert "tangent" in needs
 
 
 def test_explaining_a_case_prints_its_needs_and_runs_nothing(tmp_path):

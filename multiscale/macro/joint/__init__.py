@@ -4,5 +4,17 @@ from multiscale.macro.joint.assembly import assemble_joint
 from multiscale.macro.joint.cycled import cycled_joint, soften
 from multiscale.macro.joint.geometry import Block, RoughJoint
 from multiscale.macro.joint.solve import rough_joint
+from multiscale.macro.joint.tread import Footprint, TreadBlock, condense_tread, slide_tread
 
-__all__ = ["Block", "RoughJoint", "assemble_joint", "cycled_joint", "rough_joint", "soften"]
+__all__ = [
+    "Block",
+    "Footprint",
+    "RoughJoint",
+    "TreadBlock",
+    "assemble_joint",
+    "condense_tread",
+    "cycled_joint",
+    "rough_joint",
+    "slide_tread",
+    "soften",
+]

@@ -1,0 +1,73 @@
+"""An interface that slides steadily: normal pressure by the gap, friction by pressure and speed."""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from multiscale.errors import CaseError
+from multiscale.laws.base import InterfaceLaw, NormalLaw, Response
+from multiscale.laws.friction import FrictionLaw
+
+__all__ = ["SteadySliding"]
+
+STEP = 1e-6  # of the pressure, in the difference of the friction
+
+
+@dataclass(frozen=True)
+class SteadySliding(InterfaceLaw):
+    r"""All points slide with the same velocity.
+
+    Parameters
+    ----------
+    normal : NormalLaw
+        Its initial gap is used.
+    friction : FrictionLaw
+    velocity : tuple of float
+        :math:`v` of side 2 against side 1 along each tangent, m/s, not zero.
+
+    Raises
+    ------
+    CaseError
+        If nothing slides.
+
+    Notes
+    -----
+    .. math:: t_N = -p(g), \qquad t_T = \mu(p, |v|)\, p\, \frac{v}{|v|}.    \tag{1}
+
+    The tangent is not symmetric; the derivative of :math:`\mu p` is a central difference.
+
+    Examples
+    --------
+    >>> from multiscale.laws import Coulomb, Exponential
+    >>> law = SteadySliding(Exponential(1e6, 1e-4), Coulomb(0.5), velocity=(2.0,))
+    >>> law.respond(np.zeros((2, 1)), np.empty((0, 1))).traction.ravel()
+    array([-1000000.,   500000.])
+    """
+
+    normal: NormalLaw
+    friction: FrictionLaw
+    velocity: tuple[float, ...]
+
+    def __post_init__(self) -> None:
+        if not 0.0 < float(np.linalg.norm(self.velocity)) < np.inf:
+            raise CaseError(f"the velocity must be finite and not zero (m/s), got {self.velocity}")
+
+    def respond(self, jump: np.ndarray, state: np.ndarray) -> Response:
+        """Evaluate (1) and its derivative."""
+        pressed = self.normal.respond(jump, state)
+        p = -pressed.traction[0]
+        direction = np.array(self.velocity) / np.linalg.norm(self.velocity)
+        slope = (self._shear(p * (1.0 + STEP)) - self._shear(p * (1.0 - STEP))) / (2.0 * STEP)
+        slope = np.divide(slope, p, out=np.zeros_like(p), where=p > 0.0)
+        traction, tangent = pressed.traction.copy(), pressed.tangent.copy()
+        for k, share in enumerate(direction, start=1):
+            traction[k] = share * self._shear(p)  # (1)
+            tangent[k, 0] = -share * slope * pressed.tangent[0, 0]
+        return Response(traction, tangent, state)
+
+    def _shear(self, pressure: np.ndarray) -> np.ndarray:
+        """Evaluate mu p, Pa; zero where there is no pressure."""
+        closed = pressure > 0.0
+        p = np.where(closed, pressure, 1.0)
+        speed = np.full(p.shape, float(np.linalg.norm(self.velocity)))
+        return np.where(closed, self.friction.coefficient(p, speed) * p, 0.0)

@@ -1,0 +1,130 @@
+"""What a case may say of its two bodies: their surfaces, and what they are made of."""
+
+from pathlib import Path
+from typing import Annotated, Any, Literal, Self
+
+from pydantic import Discriminator, Field, Tag, field_validator, model_validator
+
+from multiscale.pipeline.toml_model import (
+    Count,
+    Length,
+    Number,
+    Pressure,
+    Settings,
+    quantity,
+    with_unit,
+)
+
+__all__ = ["Body", "InstrumentSurface", "SyntheticSurface"]
+
+
+class SyntheticSurface(Settings):
+    """A self-affine surface; see :func:`multiscale.micro.self_affine`.
+
+    Parameters
+    ----------
+    rms_height, rms_slope : quantity
+        Exactly one of them; m and 1.
+    hurst_exponent : float
+        Between 0 and 1.
+    long_cutoff, short_cutoff : quantity
+        Longest and shortest wavelength, m.
+    roll_off : quantity, optional
+        Wavelength above which the spectrum is flat, m.
+    """
+
+    rms_height: Length | None = None
+    rms_slope: Annotated[Number, Field(gt=0.0)] | None = None
+    hurst_exponent: Annotated[Number, Field(ge=0.0, le=1.0)]
+    long_cutoff: Length
+    short_cutoff: Length
+    roll_off: Length | None = None
+
+    @model_validator(mode="after")
+    def _check(self) -> Self:
+        if (self.rms_height is None) == (self.rms_slope is None):
+            raise ValueError("give either rms_height or rms_slope")
+        if self.short_cutoff > self.long_cutoff:
+            raise ValueError(
+                f"short_cutoff ({self.short_cutoff:g} m) must not be longer than long_cutoff "
+                f"({self.long_cutoff:g} m)"
+            )
+        return self
+
+
+class InstrumentSurface(Settings):
+    """A measured map, cut into one window per realisation.
+
+    Parameters
+    ----------
+    file : path
+        Instrument file; relative to the case file.
+    detrend_order : int
+        0 mean, 1 plane, 2 curvature; of the whole map, and the plane of each window.
+    fill_undefined : bool
+        Whether undefined points are filled; refused otherwise.
+    periodic : {"mirror", "window"}
+        How a window is made periodic: reflected (it covers a quarter of the cell) or faded along
+        its edges.
+    short_cutoff : quantity, optional
+        Shortest wavelength kept, m; eight points of the cell's grid if not given.
+    """
+
+    file: Path
+    detrend_order: Annotated[Count, Field(ge=0, le=2)] = 2
+    fill_undefined: bool = False
+    periodic: Literal["mirror", "window"] = "mirror"
+    short_cutoff: Length | None = None
+
+
+def _kind_of_surface(value: Any) -> str:
+    named = value if isinstance(value, dict) else getattr(value, "__dict__", {})
+    return "instrument" if "file" in named else "synthetic"
+
+
+class Body(Settings):
+    """One of the two bodies.
+
+    Parameters
+    ----------
+    youngs_modulus : quantity
+        Pa.
+    poissons_ratio : float
+        From 0 to 0.4999.
+    surface : table, optional
+        Synthetic or measured roughness; smooth if not given.
+    hardness : quantity, optional
+        Pa; the softer body's counts. In flat cells the largest local pressure; in conforming ones
+        H/2.8 is the yield stress of a metal.
+    hardening_modulus : quantity, optional
+        Rise of the yield stress with the plastic strain, Pa, at least 0; conforming cells only.
+    """
+
+    youngs_modulus: Pressure
+    poissons_ratio: Annotated[Number, Field(ge=0.0, le=0.4999)]
+    surface: (
+        Annotated[
+            Annotated[SyntheticSurface, Tag("synthetic")]
+            | Annotated[InstrumentSurface, Tag("instrument")],
+            Discriminator(_kind_of_surface),
+        ]
+        | None
+    ) = None
+    hardness: Pressure | None = None
+    hardening_modulus: Annotated[float, quantity("Pa"), with_unit("Pa")] | None = None
+
+    @field_validator("hardening_modulus")
+    @classmethod
+    def _harden(cls, value: float | None) -> float | None:
+        if value is not None and value < 0.0:
+            raise ValueError(
+                "must not be negative, or the metal softens and breaks in bands as thin as an "
+                "element"
+            )
+        return value
+
+    @model_validator(mode="after")
+    def _check(self) -> Self:
+        if self.hardening_modulus is not None and self.hardness is None:
+            raise ValueError("hardening_modulus needs a hardness, from which a metal yields")
+        return self

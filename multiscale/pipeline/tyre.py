@@ -1,0 +1,289 @@
+"""From the roughness of a road to the braking force of a tread block: cells, law, footprint."""
+
+from collections.abc import Callable
+from concurrent.futures import Executor
+from dataclasses import replace
+from itertools import product
+from pathlib import Path
+from time import perf_counter
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from multiscale.errors import CaseError, ConvergenceError
+from multiscale.io import make_folder, save_law, write_bytes, write_dataset
+from multiscale.laws import BellFriction, Exponential, SteadySliding
+from multiscale.macro.joint import TreadBlock, condense_tread, slide_tread
+from multiscale.micro.sliding import wlf_shift
+from multiscale.needs import Needs
+from multiscale.pipeline.case import find_case, read_case
+from multiscale.pipeline.run import Results
+from multiscale.pipeline.toml_model import validate
+from multiscale.pipeline.tyre_cells import slide_roads
+from multiscale.pipeline.tyre_settings import TyreCase
+from multiscale.schema import MACRO_RESULT
+from multiscale.upscaling import (
+    fit_law,
+    fitted_law,
+    friction_observations,
+    law_from_dataset,
+    observe,
+)
+
+if TYPE_CHECKING:
+    import xarray as xr
+
+__all__ = [
+    "fit_friction",
+    "friction_at",
+    "is_tyre_case",
+    "load_tyre",
+    "run_tyre",
+    "solve_treads",
+    "tyre_requirements",
+]
+
+FAINT = 0.01
+"""Friction over its peak, below which it is not fitted."""
+
+TELLING = 0.05
+"""Error of the law over the peak of the friction, from which a user is told."""
+
+MOST_SAMPLES = 20
+"""Of the law, that braking forces are computed for."""
+
+
+def is_tyre_case(case: str | Path) -> bool:
+    """Whether a case file, or the shipped case of that name, is of sliding rubber."""
+    return "rubber" in read_case(find_case(case))
+
+
+def load_tyre(case: str | Path) -> TyreCase:
+    """Read a case file of sliding rubber.
+
+    Raises
+    ------
+    CaseError
+        If there is no such case, or with every fault of the file, one a line.
+
+    Examples
+    --------
+    >>> load_tyre("tyre_on_road").cell.points
+    (128, 128)
+    """
+    path = find_case(case)
+    return validate(TyreCase, read_case(path), path, {})
+
+
+def run_tyre(
+    case: TyreCase,
+    out: str | Path,
+    *,
+    executor: Executor | None = None,
+    progress: Callable[[int], None] = lambda finished: None,
+) -> Results:
+    """Run the whole chain: sliding cells, friction law, tread blocks.
+
+    Parameters
+    ----------
+    case : TyreCase
+    out : path
+        Run folder; made if needed. Finished cells of the same case found there are kept.
+    executor : Executor, optional
+        See :func:`multiscale.executors.run_jobs`.
+    progress : callable
+        Gets the number of finished realisations.
+
+    Raises
+    ------
+    MultiscaleError
+        If an input is refused, a file cannot be written, or nothing converged.
+    """
+    out = make_folder(Path(out))
+    _claim(out, case)
+    response = slide_roads(case, out / "micro_response.nc", executor=executor, progress=progress)
+    law = fit_friction(case, response)
+    save_law(law, out / "interface_law.nc")
+    result = solve_treads(case, response, law)
+    write_dataset(result, out / "macro_result.nc", MACRO_RESULT)
+    if not result["converged"].values.any():
+        raise ConvergenceError("the tread block did not converge at any speed and temperature")
+    return Results(response, law, result)
+
+
+def _claim(out: Path, case: TyreCase) -> None:
+    """Write the case into its run folder, unless the folder belongs to another one."""
+    file = out / "case.toml"
+    if file.exists() and (not is_tyre_case(file) or load_tyre(file).identity() != case.identity()):
+        raise CaseError(f"{out} holds another run; choose another folder, or delete this one")
+    write_bytes(file, case.to_toml().encode())
+
+
+def fit_friction(case: TyreCase, response: "xr.Dataset") -> "xr.Dataset":
+    r"""Fit the friction of all temperatures at once.
+
+    Returns
+    -------
+    Dataset
+        Follows ``INTERFACE_LAW``: a bell over the speed at the reference temperature;
+        :func:`friction_at` makes the law of another one of it.
+
+    Notes
+    -----
+    Rubber at a temperature T answers to a speed :math:`v` as at the reference to :math:`a_T v`,
+    so that all temperatures together cover more of one curve; errors of the fit count by their
+    size in :math:`\mu`, and a hundredth of its peak is below what a grid resolves:
+
+    .. math:: \mu(p, v, T) = \mu_r(p, a_T v).    \tag{1}
+    """
+    shift = np.array([case.rubber.shift(T) for T in response["temperature"].values])
+    speed = response["sliding_speed"]
+    shifted = response.assign_coords(
+        sliding_speed=("step", shift * speed.values, speed.attrs)  # (1)
+    )
+    mean, peak = _mean_friction(response)
+    seen = np.flatnonzero(mean > FAINT * peak)
+    law = fit_law(
+        friction_observations(shifted.isel(step=seen)),
+        family="bell",
+        n_samples=case.law.samples,
+        weights=(mean[seen] / peak) ** 2,
+    )
+    bell: Any = fitted_law(law)
+    error = bell.coefficient(response["nominal_pressure"].values, shifted["sliding_speed"].values)
+    error = np.abs(error - mean) / peak
+    worst = int(np.nanargmax(error))
+    return law.assign_attrs(
+        reference_temperature=case.rubber.reference_temperature,
+        wlf_c1=case.rubber.wlf_c1,
+        wlf_c2=case.rubber.wlf_c2,
+        rms_error_over_peak=float(np.sqrt(np.nanmean(error**2))),
+        largest_error_over_peak=float(error[worst]),
+        largest_error_speed=float(speed[worst]),
+        largest_error_temperature=float(response["temperature"][worst]),
+    )
+
+
+def _mean_friction(response: "xr.Dataset") -> tuple[np.ndarray, float]:
+    """Mean friction coefficient of the roads that converged at each step, and its largest value."""
+    good = response["converged"] == 1
+    shear = response["traction"].isel(component=1).where(good).mean("realisation").values
+    mean = np.asarray(shear / response["nominal_pressure"].values)
+    if not np.any(mean > 0.0):
+        raise ConvergenceError("no cell has friction at any speed and temperature")
+    return mean, float(np.nanmax(mean))
+
+
+def friction_at(law: "xr.Dataset", temperature: float, sample: int | None = None) -> BellFriction:
+    """Friction law at a temperature, K, from a fitted one; a sample of it if asked for."""
+    bell: Any = fitted_law(law, sample)
+    names = ("reference_temperature", "wlf_c1", "wlf_c2")
+    shift = wlf_shift(temperature, *(float(law.attrs[name]) for name in names))
+    found: BellFriction = replace(bell, peak_speed=bell.peak_speed / shift)
+    return found
+
+
+def solve_treads(case: TyreCase, response: "xr.Dataset", law: "xr.Dataset") -> "xr.Dataset":
+    """Brake a tread block at every temperature and speed.
+
+    Returns
+    -------
+    Dataset
+        Follows ``MACRO_RESULT``, with temperature and speed along ``step``.
+    """
+    block = case.tread
+    nx, ny, nz = block.elements
+    tread = condense_tread(
+        TreadBlock(
+            (block.length, block.width, block.height),
+            case.rubber.relaxed_modulus,
+            case.rubber.poissons_ratio,
+            (nx, ny, nz),
+        )
+    )
+    steps = list(product(case.sliding.temperatures, case.sliding.speeds))
+    samples = range(min(MOST_SAMPLES, law.sizes.get("sample", 0)))
+    found, times, sampled = [], [], np.full((len(samples), len(steps)), np.nan)
+    for k, (temperature, speed) in enumerate(steps):
+        begin = perf_counter()
+        normal = _normal_law(response, temperature, speed)
+        for sample in (None, *samples):
+            friction = friction_at(law, temperature, sample)
+            one = slide_tread(tread, SteadySliding(normal, friction, (speed, 0.0)), block.pressure)
+            if sample is None:
+                found.append(one)
+            elif one.solution.converged:
+                sampled[sample, k] = one.braking_force
+        times.append(perf_counter() - begin)
+    good = np.array([one.solution.converged for one in found])
+    force = np.where(good, [one.braking_force for one in found], np.nan)
+    load = block.pressure * tread.block.area
+    return MACRO_RESULT.build(
+        {
+            "converged": good.astype(int),
+            "residual": [one.solution.residuals[-1] for one in found],
+            "wall_time": times,
+            "preload": np.full(len(steps), block.pressure),
+            "temperature": [temperature for temperature, _ in steps],
+            "sliding_speed": [speed for _, speed in steps],
+            "braking_force": force,
+            "braking_coefficient": force / load,
+            **({"braking_force_sample": sampled} if samples else {}),
+            "traction": np.where(good[:, None, None], [one.traction.T for one in found], np.nan),
+            "point_position": np.vstack([tread.position, np.zeros(tread.weight.size)]).T,
+            "point_area": tread.weight,
+        },
+        title=case.title,
+        cautions=_missed(law),
+    )
+
+
+def _missed(law: "xr.Dataset") -> str:
+    """Caution against forces where the bell misses the cells."""
+    error = float(law.attrs["largest_error_over_peak"])
+    if error <= TELLING:
+        return ""
+    return (
+        f"the bell misses the cells by up to {100.0 * error:.2g} % of its peak, most at "
+        f"{law.attrs['largest_error_speed']:.3g} m/s and "
+        f"{law.attrs['largest_error_temperature'] - 273.15:.4g} °C, more than the bands of the "
+        f"forces say, which hold the scatter of the road alone"
+    )
+
+
+def _normal_law(response: "xr.Dataset", temperature: float, speed: float) -> Exponential:
+    """Exponential law of the mean gaps at one temperature and speed."""
+    at = (response["temperature"].values == temperature) & (
+        response["sliding_speed"].values == speed
+    )
+    part = response.isel(step=np.flatnonzero(at))
+    gaps = np.where(part["converged"].values == 1, part["mean_gap"].values, np.nan)
+    seen = observe("gap", part["nominal_pressure"].values, gaps)
+    law = law_from_dataset(fit_law(seen, family="exponential", n_samples=0))
+    if not isinstance(law, Exponential):
+        raise TypeError(f"expected an exponential law, got {type(law).__name__}")
+    return law
+
+
+def tyre_requirements(case: TyreCase) -> Needs:
+    """Return what a case of sliding rubber needs and what it leaves out."""
+    nx, ny = case.cell.points
+    ex, ey, ez = case.tread.elements
+    face = 3 * (2 * ex + 1) * (2 * ey + 1) + 1
+    return Needs(
+        unknowns_per_contact=1,
+        kinematics="small slopes and small strain, steady sliding",
+        operators={
+            "complex compliance": "of the half-space, for each wave of the road",
+            "tread block": f"{face} unknowns on its face, condensed once",
+            "friction law": "a bell over speed and temperature, with samples for its bands",
+        },
+        left_out={
+            "time steps": "sliding is steady in the frame of the road",
+            "mesh of the road": "the half-space is known for each wave",
+            "heat": "every temperature of the case is even and given",
+        },
+        fields=("traction of the footprint",),
+        libraries=("matplotlib", "scikit-fem"),
+        memory=int(8 * max(30 * nx * ny, 6 * face**2 + 40 * face * face * ez)),
+    )

@@ -1,0 +1,174 @@
+"""Pieces of road under sliding rubber: solved, and kept in a folder."""
+
+from collections.abc import Callable
+from concurrent.futures import Executor
+from itertools import product
+from pathlib import Path
+from time import perf_counter
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from multiscale.convergence import Status
+from multiscale.errors import CaseError, SchemaError
+from multiscale.executors import run_jobs
+from multiscale.io import make_folder, open_dataset, write_dataset
+from multiscale.io.surfaces import Surface
+from multiscale.micro.sliding import solve_sliding
+from multiscale.micro.topography import nayak_parameter, rms_height, rms_slope, self_affine
+from multiscale.pipeline.tyre_settings import TyreCase
+from multiscale.schema import MICRO_RESPONSE
+
+if TYPE_CHECKING:
+    import xarray as xr
+
+__all__ = ["make_roads", "slide_road", "slide_roads"]
+
+STEEP = 0.3  # root mean square slope
+
+
+def make_roads(case: TyreCase) -> list[Surface]:
+    """Road of each realisation."""
+    return [
+        self_affine(
+            case.cell.points, case.cell.size, case.sliding.seed + k, **case.road.model_dump()
+        )
+        for k in range(case.sliding.realisations)
+    ]
+
+
+def slide_road(case: TyreCase, road: Surface) -> "xr.Dataset":
+    """Slide rubber over one road at every temperature, pressure and speed, in this order.
+
+    Returns
+    -------
+    Dataset
+        Follows ``MICRO_RESPONSE``, with temperature and speed along ``step``.
+    """
+    slides = case.sliding
+    steps = list(product(slides.temperatures, slides.pressures, slides.speeds))
+    found, times, start = [], [], None
+    for temperature, pressure, speed in steps:
+        begin = perf_counter()
+        one = solve_sliding(
+            road,
+            case.rubber.solid,
+            pressure,
+            speed,
+            shift=case.rubber.shift(temperature),
+            start=start if speed > slides.speeds[0] else None,
+        )
+        converged = one.status is Status.CONVERGED
+        start = one.pressure if converged else None
+        found.append(one)
+        times.append(perf_counter() - begin)
+    p = np.array([pressure for _, pressure, _ in steps])
+    mean_gap = np.array([one.mean_gap for one in found])
+    traction, jump = np.zeros((2, 1, len(steps), 3))
+    traction[0, :, 0] = -p
+    traction[0, :, 1] = p * [one.friction for one in found]
+    jump[0, :, 0] = mean_gap - (road.heights.max() - road.heights.mean())
+    statistics = (rms_height, rms_slope, nayak_parameter)
+    return MICRO_RESPONSE.build(
+        {
+            "displacement_jump": jump,
+            "traction": traction,
+            "mean_gap": mean_gap[None],
+            "contact_fraction": [[one.contact_fraction for one in found]],
+            "converged": [[int(one.status is Status.CONVERGED) for one in found]],
+            "active_set_iterations": [[one.active_sets for one in found]],
+            "linear_iterations": [[one.linear_iterations for one in found]],
+            "wall_time": np.array(times)[None],
+            "nominal_pressure": p,
+            "sliding_speed": [speed for *_, speed in steps],
+            "temperature": [temperature for temperature, *_ in steps],
+            **{one.__name__: [one(road)] for one in statistics},
+        }
+    )
+
+
+def slide_roads(
+    case: TyreCase,
+    file: Path,
+    *,
+    executor: Executor | None = None,
+    progress: Callable[[int], None] = lambda finished: None,
+) -> "xr.Dataset":
+    """Slide rubber over all roads and write the response; finished roads found are kept.
+
+    Parameters
+    ----------
+    case : TyreCase
+    file : Path
+        Gets the response; realisations go to the folder ``micro`` beside it.
+    executor : Executor, optional
+        See :func:`multiscale.executors.run_jobs`.
+    progress : callable
+        Gets the number of finished realisations.
+
+    Returns
+    -------
+    Dataset
+        Follows ``MICRO_RESPONSE``.
+    """
+    import xarray as xr
+
+    folder, identity = make_folder(file.parent / "micro"), case.identity()
+    files = [folder / f"realisation-{k:04d}.nc" for k in range(case.sliding.realisations)]
+    results = {
+        k: found for k, one in enumerate(files) if (found := _finished(one, identity)) is not None
+    }
+    progress(len(results))
+
+    def finish(k: int, response: "xr.Dataset") -> None:
+        results[k] = response
+        progress(len(results))
+
+    roads = make_roads(case)
+    jobs = {k: (case, roads[k], files[k], identity) for k in range(len(files)) if k not in results}
+    run_jobs(_slide_and_keep, jobs, executor, finish)
+    ordered = [results[k].assign_coords(realisation=[k]) for k in range(len(files))]
+    response = xr.concat(ordered, "realisation", join="exact", combine_attrs="override")
+    response.attrs = {}  # provenance and identity are those of single roads
+    response = response.assign_attrs(
+        title=case.title,
+        bodies="rubber on a rigid road, in steady sliding; small slopes",
+        identity=identity,
+        cautions="\n".join([*case.cautions(), *_steepness(response)]),
+    )
+    write_dataset(response, file, MICRO_RESPONSE)
+    return response
+
+
+def _slide_and_keep(case: TyreCase, road: Surface, file: Path, identity: str) -> "xr.Dataset":
+    """Slide over one road and write its file."""
+    response = slide_road(case, road)
+    write_dataset(response, file, MICRO_RESPONSE, identity=identity)
+    return response
+
+
+def _finished(file: Path, identity: str) -> "xr.Dataset | None":
+    """Return the response of a road computed before, if it is whole."""
+    if not file.exists():
+        return None
+    try:
+        found = open_dataset(file, MICRO_RESPONSE)
+    except SchemaError:  # damaged or of another version: computed again
+        return None
+    if found.attrs.get("identity") != identity:
+        raise CaseError(
+            f"{file} was computed for another case; choose another folder, or delete "
+            f"{file.parent} to compute it again"
+        )
+    return found
+
+
+def _steepness(response: "xr.Dataset") -> list[str]:
+    """Caution against slopes for which the half-space is no longer right."""
+    steepest = float(response["rms_slope"].max())
+    if steepest <= STEEP:
+        return []
+    return [
+        f"the road has a root mean square slope of {steepest:.2g}; above {STEEP:g} friction by "
+        f"small slopes is only an estimate"
+    ]

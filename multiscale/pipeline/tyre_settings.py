@@ -1,0 +1,226 @@
+"""What a case of rubber that slides on a road may say."""
+
+import hashlib
+from itertools import pairwise
+from typing import Annotated, Self
+
+from pydantic import Field, field_validator, model_validator
+
+from multiscale.micro.sliding import RelaxingSolid, wlf_shift
+from multiscale.pipeline.settings import (
+    FEWEST_REALISATIONS,
+    POINTS_PER_WAVE,
+    Points,
+    SyntheticSurface,
+)
+from multiscale.pipeline.toml_model import (
+    Count,
+    Length,
+    Number,
+    Pressure,
+    Settings,
+    must_rise,
+    quantity,
+    with_unit,
+)
+
+__all__ = ["RoadCell", "Rubber", "Slides", "Tread", "TyreCase"]
+
+FASTEST = 100.0
+"""Speed, m/s, beyond which rubber heats more than a steady, even temperature describes."""
+
+Temperature = Annotated[float, quantity("K"), Field(gt=0.0), with_unit("K")]
+Duration = Annotated[float, quantity("s"), Field(gt=0.0), with_unit("s")]
+Speed = Annotated[float, quantity("m/s"), Field(gt=0.0, le=FASTEST), with_unit("m/s")]
+
+
+class Rubber(Settings):
+    """A linear viscoelastic solid; see :class:`multiscale.micro.sliding.RelaxingSolid`.
+
+    Parameters
+    ----------
+    relaxed_modulus : quantity
+        Young's modulus after a long time, Pa.
+    poissons_ratio : float
+        From 0 to 0.4999.
+    moduli, times : list of quantities
+        Of the Prony series: Young's moduli that relax, Pa, and their times at the reference, s.
+    reference_temperature : quantity
+        Such as ``"20 degC"``.
+    wlf_c1, wlf_c2 : quantity
+        1 and K; see :func:`multiscale.micro.sliding.wlf_shift`.
+    """
+
+    relaxed_modulus: Pressure
+    poissons_ratio: Annotated[Number, Field(ge=0.0, le=0.4999)] = 0.49
+    moduli: tuple[Pressure, ...] = ()
+    times: tuple[Duration, ...] = ()
+    reference_temperature: Temperature
+    wlf_c1: Annotated[Number, Field(gt=0.0)]
+    wlf_c2: Temperature
+
+    @model_validator(mode="after")
+    def _check(self) -> Self:
+        if not self.moduli:
+            raise ValueError(
+                "moduli names nothing that relaxes: rubber that slides without viscosity has no "
+                "friction by hysteresis; give moduli and times"
+            )
+        if len(self.moduli) != len(self.times):
+            raise ValueError(
+                f"give one of times for each of moduli, got {len(self.times)} times and "
+                f"{len(self.moduli)} moduli"
+            )
+        return self
+
+    @property
+    def solid(self) -> RelaxingSolid:
+        """The solid at the reference temperature."""
+        return RelaxingSolid(self.relaxed_modulus, self.poissons_ratio, self.moduli, self.times)
+
+    def shift(self, temperature: float) -> float:
+        """Factor of all relaxation times at a temperature, K."""
+        return wlf_shift(temperature, self.reference_temperature, self.wlf_c1, self.wlf_c2)
+
+
+class RoadCell(Settings):
+    """The representative piece of road.
+
+    Parameters
+    ----------
+    size : two quantities
+        Edge lengths, m.
+    points : two ints
+        Grid points along x and y; even.
+    """
+
+    size: tuple[Length, Length]
+    points: tuple[Points, Points]
+
+
+class Slides(Settings):
+    """The ensemble of cells: each slides at every pressure, speed and temperature.
+
+    Parameters
+    ----------
+    realisations : int
+    pressures : list of quantities
+        Mean pressures, Pa, rising, three or more.
+    speeds : list of quantities
+        m/s, rising, four or more.
+    temperatures : list of quantities
+        Such as ``"20 degC"``, rising, three or more.
+    seed : int
+        Of the first realisation.
+    """
+
+    realisations: Annotated[Count, Field(ge=1)]
+    pressures: Annotated[tuple[Pressure, ...], Field(min_length=3)]
+    speeds: Annotated[tuple[Speed, ...], Field(min_length=4)]
+    temperatures: Annotated[tuple[Temperature, ...], Field(min_length=3)]
+    seed: Annotated[Count, Field(ge=0)] = 0
+
+    _rise = field_validator("pressures", "speeds", "temperatures")(must_rise)
+
+
+class Tread(Settings):
+    """The tread block; see :class:`multiscale.macro.joint.TreadBlock`.
+
+    Parameters
+    ----------
+    length, width, height : quantity
+        Along the motion, across it, and from the road to the carcass, m.
+    pressure : quantity
+        Nominal, Pa.
+    elements : three ints
+        Along the motion, across it, and over the height.
+    """
+
+    length: Length
+    width: Length
+    height: Length
+    pressure: Pressure
+    elements: Annotated[
+        tuple[Annotated[Count, Field(ge=1, le=40)], ...], Field(min_length=3, max_length=3)
+    ] = (8, 5, 2)
+
+
+class LawSettings(Settings):
+    """The fit of the friction law: its bootstrap samples."""
+
+    samples: Annotated[Count, Field(ge=0)] = 200
+
+
+class TyreCase(Settings):
+    """One question: how hard a tread block brakes on a road, over speed and temperature.
+
+    Parameters
+    ----------
+    title : str
+    rubber : Rubber
+    road : SyntheticSurface
+    cell : RoadCell
+    sliding : Slides
+    law : LawSettings
+    tread : Tread
+    """
+
+    title: str
+    rubber: Rubber
+    road: SyntheticSurface
+    cell: RoadCell
+    sliding: Slides
+    law: LawSettings = LawSettings()
+    tread: Tread
+
+    @model_validator(mode="after")
+    def _check(self) -> Self:
+        coldest = self.rubber.reference_temperature - self.rubber.wlf_c2
+        if self.sliding.temperatures[0] <= coldest:
+            raise ValueError(
+                f"temperatures in [sliding] begin at {self.sliding.temperatures[0]:g} K, where the "
+                f"shift of [rubber] has no meaning; stay above {coldest:g} K"
+            )
+        return self
+
+    def quick(self) -> Self:
+        """Return the same case on a coarser grid with fewer realisations."""
+        points = tuple(max(4, 2 * ((n + 2) // 4)) for n in self.cell.points)
+        fewer = {"realisations": min(4, self.sliding.realisations)}
+        return self.model_copy(
+            update={
+                "title": f"{self.title} (quick)",
+                "cell": self.cell.model_copy(update={"points": points}),
+                "sliding": self.sliding.model_copy(update=fewer),
+                "law": LawSettings(samples=min(80, self.law.samples)),
+                "tread": self.tread.model_copy(update={"elements": (6, 4, 2)}),
+            }
+        )
+
+    def cautions(self) -> list[str]:
+        """Return what a user should know before trusting the results, one sentence each."""
+        found = []
+        spacing = max(
+            length / n for length, n in zip(self.cell.size, self.cell.points, strict=True)
+        )
+        if self.road.short_cutoff < 0.99 * POINTS_PER_WAVE * spacing:
+            found.append(
+                f"the shortest wave of the road has {self.road.short_cutoff / spacing:.1f} points; "
+                f"its contact needs {POINTS_PER_WAVE} or more"
+            )
+        if self.sliding.realisations < FEWEST_REALISATIONS:
+            found.append(
+                f"{self.sliding.realisations} realisation(s) say too little about the scatter: "
+                f"there are no bands below {FEWEST_REALISATIONS}"
+            )
+        wide = [one for one, late in pairwise(self.sliding.speeds) if late > 31.0 * one]
+        if wide:
+            found.append(f"the speeds leave more than 1.5 decades open above {wide[0]:g} m/s")
+        return found
+
+    def identity(self) -> str:
+        """Checksum of everything that a realisation depends on."""
+        content = self.model_dump_json(
+            exclude={"title": True, "law": True, "tread": True, "sliding": {"realisations"}}
+        )
+        return hashlib.sha256(content.encode()).hexdigest()

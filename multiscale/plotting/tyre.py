@@ -1,0 +1,194 @@
+"""Figures of rubber on a road: friction, braking force and footprint."""
+
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from multiscale.errors import CaseError
+from multiscale.io import make_folder, open_run
+from multiscale.pipeline.tyre import friction_at
+from multiscale.plotting.figure import axes_or_current, new_figure, save_figure
+from multiscale.upscaling import law_band
+
+if TYPE_CHECKING:
+    import xarray as xr
+    from matplotlib.axes import Axes
+
+__all__ = ["draw_tyre_figures", "plot_braking_force", "plot_footprint", "plot_friction_bell"]
+
+ZERO_CELSIUS = 273.15
+BAND = (2.5, 97.5)  # percentiles of the bands
+
+
+def draw_tyre_figures(out: str | Path) -> list[Path]:
+    """Draw the figures of a finished run of sliding rubber into its folder ``figures``.
+
+    Parameters
+    ----------
+    out : path
+        Run folder.
+
+    Returns
+    -------
+    list of Path
+        The PNG files, in the order of the chain.
+    """
+    tree = open_run(out, finished=True)
+    response, law, result = (
+        tree[name].to_dataset() for name in ("micro_response", "interface_law", "macro_result")
+    )
+    pressure = float(result["preload"][0])
+    best = int(np.nanargmax(result["braking_force"].values))
+    figures = {
+        "friction": lambda ax: plot_friction_bell(response, law, pressure, ax=ax),
+        "braking_force": lambda ax: plot_braking_force(result, ax=ax),
+        "footprint_pressure": lambda ax: plot_footprint(result, best, ax=ax),
+        "footprint_friction": lambda ax: plot_footprint(result, best, quantity="friction", ax=ax),
+    }
+    folder = make_folder(Path(out) / "figures")
+    files = []
+    for name, draw in figures.items():
+        figure = new_figure()
+        draw(figure.add_subplot())  # type: ignore[no-untyped-call]
+        files.append(save_figure(figure, folder / f"{name}.png"))
+    return files
+
+
+def plot_friction_bell(
+    response: "xr.Dataset", law: "xr.Dataset", pressure: float, *, ax: "Axes | None" = None
+) -> "Axes":
+    """Plot friction against speed at every temperature: cells as markers, the law with its band.
+
+    Parameters
+    ----------
+    response : Dataset
+        Follows ``MICRO_RESPONSE``, with speeds and temperatures.
+    law : Dataset
+        Follows ``INTERFACE_LAW``; see :func:`multiscale.pipeline.tyre.fit_friction`.
+    pressure : float
+        Pa; shown is the one of the cells nearest to it.
+    ax : Axes, optional
+        Where to draw. The current axes if not given.
+    """
+    ax = axes_or_current(ax)
+    p, speed = response["nominal_pressure"].values, response["sliding_speed"].values
+    nearest = float(p[np.argmin(np.abs(np.log(p / pressure)))])
+    along = np.geomspace(speed.min(), speed.max(), 200)
+    for temperature, colour in _temperatures(response):
+        at = (p == nearest) & (response["temperature"].values == temperature)
+        shear = response["traction"].isel(component=1).where(response["converged"] == 1)
+        mu = shear.values[:, at] / nearest
+        ax.errorbar(
+            speed[at],
+            np.nanmean(mu, axis=0),
+            yerr=np.nanstd(mu, axis=0),
+            fmt="o",
+            markersize=3,
+            elinewidth=0.8,
+            color=colour,
+        )
+        shift = (
+            friction_at(law, temperature).peak_speed / friction_at(law, _reference(law)).peak_speed
+        )
+
+        def bell(one: Any, shift: float = shift) -> np.ndarray:
+            return np.asarray(one.coefficient(nearest, along / shift))
+
+        try:
+            low, high = law_band(law, bell)
+            ax.fill_between(along, low, high, color=colour, alpha=0.25, linewidth=0)
+        except CaseError:  # too few realisations for a band
+            pass
+        mean = friction_at(law, temperature).coefficient(np.array(nearest), along)
+        ax.plot(along, mean, color=colour, label=f"{temperature - ZERO_CELSIUS:.4g} °C")
+    ax.set_xscale("log")
+    ax.set_ylim(bottom=0.0)
+    ax.set_xlabel("sliding speed (m/s)")
+    ax.set_ylabel("friction coefficient")
+    ax.set_title(f"friction at {1e-3 * nearest:.4g} kPa: cells and law with 95 % band")
+    ax.legend()
+    return ax
+
+
+def plot_braking_force(result: "xr.Dataset", *, ax: "Axes | None" = None) -> "Axes":
+    """Plot the braking force of a tread block against its speed at every temperature.
+
+    Parameters
+    ----------
+    result : Dataset
+        Follows ``MACRO_RESULT``, with braking forces.
+    ax : Axes, optional
+        Where to draw. The current axes if not given.
+    """
+    ax = axes_or_current(ax)
+    for temperature, colour in _temperatures(result):
+        part = result.isel(step=np.flatnonzero(result["temperature"].values == temperature))
+        speed = part["sliding_speed"].values
+        if "braking_force_sample" in part:
+            samples = part["braking_force_sample"].values
+            low, high = np.nanpercentile(samples, BAND, axis=0)
+            ax.fill_between(speed, low, high, color=colour, alpha=0.25, linewidth=0)
+        ax.plot(
+            speed,
+            part["braking_force"].values,
+            "o-",
+            markersize=3,
+            color=colour,
+            label=f"{temperature - ZERO_CELSIUS:.4g} °C",
+        )
+    ax.set_xscale("log")
+    ax.set_ylim(bottom=0.0)
+    ax.set_xlabel("sliding speed (m/s)")
+    ax.set_ylabel("braking force of the block (N)")
+    ax.set_title(f"tread block under {1e-3 * float(result['preload'][0]):.4g} kPa")
+    ax.legend()
+    return ax
+
+
+def plot_footprint(
+    result: "xr.Dataset", step: int, *, quantity: str = "pressure", ax: "Axes | None" = None
+) -> "Axes":
+    """Plot what a tread block does to the road, seen from above; it moves to the right.
+
+    Parameters
+    ----------
+    result : Dataset
+        Follows ``MACRO_RESULT``, with tractions.
+    step : int
+        Index of the step.
+    quantity : {"pressure", "friction"}
+        Normal pressure, or traction against the motion.
+    ax : Axes, optional
+        Where to draw. The current axes if not given.
+    """
+    ax = axes_or_current(ax)
+    one = result.isel(step=step)
+    x, y = 1e3 * one["point_position"].values[:, :2].T
+    traction = 1e-3 * one["traction"].values
+    value = -traction[:, 0] if quantity == "pressure" else traction[:, 1]
+    image = ax.tripcolor(x, y, value, shading="gouraud")
+    ax.figure.colorbar(image, ax=ax, label=f"{quantity} (kPa)", orientation="horizontal")
+    ax.set_aspect("equal")
+    ax.set_xlabel("along the motion (mm)")
+    ax.set_ylabel("across (mm)")
+    ax.set_title(
+        f"{quantity} at {float(one['sliding_speed']):.3g} m/s and "
+        f"{float(one['temperature']) - ZERO_CELSIUS:.4g} °C"
+    )
+    return ax
+
+
+def _temperatures(dataset: "xr.Dataset") -> list[tuple[float, str]]:
+    """Every temperature of a dataset, K, with a colour from cold to warm."""
+    from matplotlib import colormaps
+    from matplotlib.colors import to_hex
+
+    found = np.unique(dataset["temperature"].values)
+    shades = colormaps["plasma"](np.linspace(0.0, 0.8, found.size))
+    return [(float(one), to_hex(shade)) for one, shade in zip(found, shades, strict=True)]
+
+
+def _reference(law: "xr.Dataset") -> float:
+    """Return the reference temperature of the law, K."""
+    return float(law.attrs["reference_temperature"])

@@ -1,0 +1,74 @@
+"""The page of a run of rubber on a road."""
+
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from multiscale.report.section import Section
+from multiscale.report.tables import tabulate_braking
+
+if TYPE_CHECKING:
+    import xarray as xr
+
+__all__ = ["braking_answer", "braking_question", "braking_sections"]
+
+ZERO_CELSIUS = 273.15
+
+
+def braking_question(result: "xr.Dataset") -> str:
+    """Say what was asked."""
+    speed, warm = result["sliding_speed"].values, result["temperature"].values - ZERO_CELSIUS
+    return (
+        f"How hard does the tread block brake under {1e-3 * float(result['preload'][0]):.4g} kPa, "
+        f"at {speed.min():.3g} to {speed.max():.3g} m/s and {warm.min():.3g} to "
+        f"{warm.max():.3g} °C?"
+    )
+
+
+def braking_answer(result: "xr.Dataset") -> list[str]:
+    """Say where the force of every temperature is largest."""
+    lines = []
+    for temperature in np.unique(result["temperature"].values):
+        at = np.flatnonzero(
+            (result["temperature"].values == temperature) & (result["converged"].values == 1)
+        )
+        if at.size == 0:
+            lines.append(f"At {temperature - ZERO_CELSIUS:.4g} °C nothing converged.")
+            continue
+        best = result.isel(step=at[int(np.argmax(result["braking_force"].values[at]))])
+        lines.append(
+            f"At {temperature - ZERO_CELSIUS:.4g} °C it brakes by at most "
+            f"{float(best['braking_force']):.4g} N, {float(best['braking_coefficient']):.3g} of "
+            f"its load, at {float(best['sliding_speed']):.3g} m/s."
+        )
+    return lines
+
+
+def braking_sections(law: "xr.Dataset", result: "xr.Dataset", bodies: str) -> list[Section]:
+    """Give table and figures of the forces, and what the law of friction is."""
+    values = law.attrs
+    return [
+        Section("Tread block", [], *tabulate_braking(result), ("braking_force",)),
+        Section(
+            "Friction law",
+            [
+                f"The law stands for {bodies}; it rests on {values['n_realisations']} realisations "
+                f"between {1e-3 * values['pressure_min']:.4g} and "
+                f"{1e-3 * values['pressure_max']:.4g} kPa.",
+                f"At {values['reference_temperature'] - ZERO_CELSIUS:.4g} °C friction peaks at "
+                f"{float(law['peak_coefficient']):.3g} and {float(law['peak_speed']):.3g} m/s "
+                f"under {1e-3 * float(law['reference_pressure']):.3g} kPa; other temperatures "
+                f"shift the speed.",
+                f"The bell misses the cells by {100.0 * values['rms_error_over_peak']:.2g} % of "
+                f"the peak, root mean square, and by at most "
+                f"{100.0 * values['largest_error_over_peak']:.2g} %, at "
+                f"{values['largest_error_speed']:.3g} m/s and "
+                f"{values['largest_error_temperature'] - ZERO_CELSIUS:.4g} °C.",
+                "It is friction by hysteresis on the waves of the road that the case names: no "
+                "adhesion, no finer texture.",
+                f"Admissibility: {values['admissibility']}.",
+            ],
+            figures=("friction",),
+        ),
+        Section("Footprint", [], figures=("footprint_pressure", "footprint_friction")),
+    ]

@@ -1,0 +1,135 @@
+"""Both branches of the law of cells that have flowed: loading, and unloading from any pressure."""
+
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from multiscale.errors import CaseError
+from multiscale.laws import HystereticLaw
+from multiscale.schema import INTERFACE_LAW
+from multiscale.upscaling.family import unloading_family
+from multiscale.upscaling.fit import fit_law
+from multiscale.upscaling.observations import unloading_observations, usable_steps
+from multiscale.upscaling.reading import law_from_dataset
+
+if TYPE_CHECKING:
+    import xarray as xr
+
+__all__ = ["fit_branches", "hysteretic_from_dataset", "loading_branch", "with_unloading"]
+
+
+def fit_branches(response: "xr.Dataset", *, n_samples: int = 200, **options: Any) -> "xr.Dataset":
+    """Fit the law of the loading, and of the unloading if cells have flowed and were unloaded.
+
+    Parameters
+    ----------
+    response : Dataset
+        Follows ``MICRO_RESPONSE``.
+    n_samples : int
+        Bootstrap samples of each branch.
+    **options
+        See :func:`~multiscale.upscaling.fit_law`.
+
+    Returns
+    -------
+    Dataset
+        Follows ``INTERFACE_LAW``.
+    """
+    if "flowing_fraction" not in response.variables:
+        return fit_law(response, n_samples=n_samples, **options)
+    loading = loading_branch(response)
+    law = fit_law(loading, n_samples=n_samples, **options)
+    if loading.sizes["step"] == response.sizes["step"]:
+        return law
+    return with_unloading(law, response, n_samples=n_samples)
+
+
+def loading_branch(response: "xr.Dataset") -> "xr.Dataset":
+    """Return the steps of a response whose pressure was never reached before.
+
+    Parameters
+    ----------
+    response : Dataset
+        Follows ``MICRO_RESPONSE``.
+    """
+    _, pressure = usable_steps(response)
+    before = np.maximum.accumulate(np.concatenate([[0.0], pressure[:-1]]))
+    return response.isel(step=np.flatnonzero(pressure > before * (1.0 + 1e-9)))
+
+
+def with_unloading(law: "xr.Dataset", response: "xr.Dataset", *, n_samples: int) -> "xr.Dataset":
+    """Add the unloading branch to the law of the loading.
+
+    Parameters
+    ----------
+    law : Dataset
+        Follows ``INTERFACE_LAW``: the normal law of the loading branch.
+    response : Dataset
+        Follows ``MICRO_RESPONSE``, loaded and unloaded.
+    n_samples : int
+        Bootstrap samples.
+
+    Returns
+    -------
+    Dataset
+        Follows ``INTERFACE_LAW``; :func:`hysteretic_from_dataset` makes the law of it.
+
+    Raises
+    ------
+    CaseError
+        If the pressure never falls.
+
+    Notes
+    -----
+    The branches are those of :class:`~multiscale.laws.HystereticLaw`. Samples are of the spring
+    back alone: the loading law has its own.
+    """
+    loading = law_from_dataset(law)
+    seen = unloading_observations(response)
+    fitted = fit_law(seen, family=unloading_family(loading), n_samples=n_samples)
+    names = ("stiffness_ratio", "exponent")
+    values = {f"unloading_{name}": fitted[name].values for name in names}
+    values |= {f"unloading_{name}_sample": fitted[f"{name}_sample"].values for name in names}
+    values |= {
+        "unloading_pressure": fitted["fit_pressure"].values,
+        "unloading_peak_pressure": fitted["fit_peak_pressure"].values,
+        "unloading_recovery": fitted["fit_recovery"].values,
+        "unloading_fit_error": fitted["fit_error"].values,
+    }
+    return INTERFACE_LAW.assign(law, values).assign_attrs(
+        unloading_admissible=fitted.attrs["admissible"],
+        unloading_admissibility=fitted.attrs["admissibility"],
+    )
+
+
+def hysteretic_from_dataset(dataset: "xr.Dataset", sample: int | None = None) -> HystereticLaw:
+    """Make the law of a dataset with its unloading branch.
+
+    Parameters
+    ----------
+    dataset : Dataset
+        Follows ``INTERFACE_LAW``, with an unloading branch.
+    sample : int, optional
+        Which bootstrap sample of the unloading; the mean if not given.
+
+    Raises
+    ------
+    CaseError
+        If the dataset holds no unloading branch, or not this sample.
+    """
+    if "unloading_stiffness_ratio" not in dataset.variables:
+        raise CaseError(
+            "the law has no unloading branch; unload the cells (unload = true in [micro]), or "
+            "add one with with_unloading"
+        )
+    names = ("unloading_stiffness_ratio", "unloading_exponent")
+    if sample is None:
+        ratio, exponent = (float(dataset[name]) for name in names)
+    else:
+        n_samples = dataset.sizes.get("unloading_sample", 0)
+        if not 0 <= sample < n_samples:
+            raise CaseError(
+                f"the unloading has no sample {sample}; it has {n_samples}, counted from 0"
+            )
+        ratio, exponent = (float(dataset[f"{name}_sample"][sample]) for name in names)
+    return HystereticLaw(law_from_dataset(dataset), ratio, exponent)

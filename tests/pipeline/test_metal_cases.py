@@ -1,0 +1,128 @@
+"""Cases with a hardness: bodies that yield, and cells that are unloaded."""
+
+import numpy as np
+import pytest
+
+from multiscale.errors import CaseError
+from multiscale.io import open_law
+from multiscale.laws.bulk import J2
+from multiscale.pipeline import load_case, make_cells, run
+from multiscale.pipeline.case import shipped_cases
+from multiscale.plotting import draw_figures
+from multiscale.report import write_report
+from multiscale.upscaling import hysteretic_from_dataset
+
+TEXT = shipped_cases()["ground_steel_plastic"].read_text(encoding="utf-8")
+ELASTIC = TEXT.replace('hardness = "1.6 GPa"\n', "").replace('hardening_modulus = "1 GPa"\n', "")
+
+
+def case_of(tmp_path, text):
+    path = tmp_path / "case.toml"
+    path.write_text(text, encoding="utf-8")
+    return load_case(path)
+
+
+def test_the_softer_body_yields_at_its_hardness_over_2_8_and_the_case_says_so(tmp_path):
+    text = TEXT.replace('"1.6 GPa"', '"2.8 GPa"', 1).replace('"1 GPa"', '"3 GPa"', 1)
+    text = text.replace('"1.6 GPa"', '"1.4 GPa"', 1)
+    case = case_of(tmp_path, text)
+    (cell, *_) = make_cells(case.quick())
+    assert isinstance(cell.bulk, J2)
+    assert cell.bulk.yield_stress == pytest.approx(0.5e9, rel=1e-12)
+    assert cell.bulk.hardening_modulus == 1e9  # of the second, softer body
+    assert cell.hardness is None
+    (caution,) = case.cautions()
+    assert "hardness of 1.4 GPa of the softer body became a yield stress of 0.5 GPa" in caution
+
+
+def test_a_flat_case_with_a_hardness_still_caps_its_pressure(tmp_path):
+    text = TEXT.replace('hardening_modulus = "1 GPa"\n', "").replace("unload = true\n", "")
+    (cell, *_) = make_cells(case_of(tmp_path, text.replace("[cell]", '[cell]\ngeometry = "flat"')))
+    assert (cell.bulk, cell.hardness) == (None, 1.6e9)
+
+
+def test_unloading_goes_down_the_same_pressures_or_those_of_a_list(tmp_path):
+    up = (5e6, 10e6, 20e6, 40e6, 80e6, 160e6)
+    assert case_of(tmp_path, TEXT).micro.path == (*up, *up[-2::-1])
+    listed = TEXT.replace("unload = true", 'unload = ["90 MPa", "30 MPa"]')
+    assert case_of(tmp_path, listed).micro.path == (*up, 90e6, 30e6)
+    none = TEXT.replace("unload = true", "unload = false")
+    assert case_of(tmp_path, none).micro.path == up
+
+
+@pytest.mark.parametrize(
+    ("text", "message"),
+    [
+        pytest.param(
+            TEXT.replace('hardening_modulus = "1 GPa"', 'hardening_modulus = "-1 GPa"'),
+            r"\[body_1\] hardening_modulus must not be negative, or the metal softens",
+            id="softens",
+        ),
+        pytest.param(
+            TEXT.replace('hardness = "1.6 GPa"\n', ""),
+            r"hardening_modulus needs a hardness",
+            id="without-hardness",
+        ),
+        pytest.param(
+            TEXT.replace('"1.6 GPa"', '"160 GPa"'),
+            r"hardness of body_1 is 160 GPa, so that it would yield at a strain of 0\.27",
+            id="too-hard",
+        ),
+        pytest.param(
+            TEXT.replace('"210 GPa"', '"-210 GPa"'),
+            r"\[body_1\] youngs_modulus should be greater than 0",
+            id="modulus",
+        ),
+        pytest.param(
+            TEXT.replace("[cell]", '[cell]\ngeometry = "flat"'),
+            "hardening_modulus of body_1 means nothing to flat cells",
+            id="flat",
+        ),
+        pytest.param(ELASTIC, r"unload in \[micro\] needs conforming cells and", id="elastic"),
+        pytest.param(
+            TEXT.replace("unload = true", 'unload = ["90 MPa", "95 MPa"]'),
+            r"\[micro\] unload must fall from one pressure to the next, below the largest",
+            id="rises",
+        ),
+        pytest.param(
+            TEXT.replace("unload = true", 'unload = ["160 MPa"]'),
+            r"below the largest of pressures, 160 MPa",
+            id="no-fall",
+        ),
+        pytest.param(
+            TEXT.replace("unload = true", "unload = 3"),
+            r"\[micro\] unload should be true, or a list of pressures that falls, got 3",
+            id="number",
+        ),
+        pytest.param(
+            TEXT + '\n[accuracy]\ntarget = "5 %"\n', "exclude each other", id="with-target"
+        ),
+    ],
+)
+def test_bad_metal_is_refused_with_its_key(tmp_path, text, message):
+    with pytest.raises(CaseError, match=message):
+        case_of(tmp_path, text)
+
+
+@pytest.mark.slow
+def test_a_plastic_case_ends_in_a_law_with_both_branches_and_its_figure(tmp_path):
+    text = TEXT.replace("[64, 64]", "[24, 24]").replace("layers = 8", "layers = 4")
+    text = text.replace("realisations = 6", "realisations = 4")
+    case = case_of(tmp_path, text)
+    response = run(case, tmp_path / "out").micro_response
+    assert response["converged"].values.all()
+    assert response.sizes["step"] == len(case.micro.path)
+    assert response["flowing_fraction"].values.max() > 0.01
+
+    law = hysteretic_from_dataset(open_law(tmp_path / "out" / "interface_law.nc"))
+    assert law.stiffness_ratio > 1.0
+    peak, down = case.micro.pressures[-1], np.array(case.micro.unloading)
+    gap = law.loading.gap_at(np.array(peak)) + law.recovery(down, np.array(peak))
+    np.testing.assert_allclose(gap, response["mean_gap"].mean("realisation")[6:], rtol=0.03)
+    assert np.all(gap < law.loading.gap_at(down))  # what has flowed stays down
+
+    names = [file.stem for file in draw_figures(tmp_path / "out")]
+    assert "unloading" in names
+    page = write_report(tmp_path / "out").read_text(encoding="utf-8")
+    assert "H/2.8" in page
+    assert 'alt="unloading"' in page

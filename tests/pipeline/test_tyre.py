@@ -1,0 +1,198 @@
+"""Rubber on a road: from its case to friction, footprint and braking force."""
+
+import subprocess
+import sys
+
+import numpy as np
+import pytest
+from typer.testing import CliRunner
+
+from multiscale.cli import app
+from multiscale.errors import CaseError
+from multiscale.io import open_law, open_run
+from multiscale.micro.sliding import wlf_shift
+from multiscale.pipeline import load_case, load_tyre, run_tyre
+from multiscale.pipeline.case import shipped_cases
+from multiscale.pipeline.tyre import friction_at
+from multiscale.pipeline.tyre_cells import make_roads, slide_road
+from multiscale.plotting import draw_figures
+from multiscale.report import write_report
+
+TEXT = shipped_cases()["tyre_on_road"].read_text(encoding="utf-8")
+SMALL = (
+    TEXT.replace("[128, 128]", "[32, 32]")
+    .replace("realisations = 10", "realisations = 3")
+    .replace('short_cutoff = "1 mm"', 'short_cutoff = "4 mm"')
+    .replace('"200 kPa", ', "")
+    .replace('"3 cm/s", ', "")
+    .replace('"0.3 m/s", ', "")
+    .replace('"3 m/s", ', "")
+    .replace('pressure = "300 kPa"', 'pressure = "300 kPa"\nelements = [4, 3, 1]')
+    + "\n[law]\nsamples = 3\n"
+)
+
+
+def case_of(tmp_path, text):
+    path = tmp_path / "case.toml"
+    path.write_text(text, encoding="utf-8")
+    return load_tyre(path)
+
+
+@pytest.fixture(scope="module")
+def finished(tmp_path_factory):
+    folder = tmp_path_factory.mktemp("tyre")
+    case = case_of(folder, SMALL)
+    return case, folder / "out", run_tyre(case, folder / "out")
+
+
+def test_the_friction_of_the_cells_moves_along_the_speed_by_the_shift_factor(tmp_path):
+    """With a ten times shorter relaxation, ten times the speed gives the same friction."""
+    case = case_of(tmp_path, SMALL)
+    # where a_T is 10 and 1/10
+    factor = [20.0 - 101.6 / (1.0 + 8.86), 20.0, 20.0 + 101.6 / (8.86 - 1.0)]
+    text = SMALL.replace(
+        '"10 degC", "30 degC", "50 degC"', ", ".join(f'"{T:.15g} degC"' for T in factor)
+    )
+    start, end = text.index("speeds = "), text.index("temperatures = ")
+    text = text[:start] + 'speeds = ["1 cm/s", "0.1 m/s", "1 m/s", "10 m/s"]\n' + text[end:]
+    case = case_of(tmp_path, text)
+    found = slide_road(case, make_roads(case)[0])
+    assert found["converged"].values.all()
+    mu = found["traction"].values[0, :, 1].reshape(3, 3, 4)
+    np.testing.assert_allclose(mu[0, :, :3], mu[1, :, 1:], rtol=1e-5)
+    np.testing.assert_allclose(mu[1, :, :3], mu[2, :, 1:], rtol=1e-5)
+
+
+def test_the_law_is_one_bell_that_the_temperature_shifts(finished):
+    case, out, results = finished
+    law = open_law(out / "interface_law.nc")
+    cold, warm = (friction_at(law, T) for T in case.sliding.temperatures[::2])
+    shift = [wlf_shift(T, 293.15, 8.86, 101.6) for T in case.sliding.temperatures[::2]]
+    assert warm.peak_speed / cold.peak_speed == pytest.approx(shift[0] / shift[1])
+    p, v = np.array(2e5), np.geomspace(1e-3, 10.0, 5)
+    np.testing.assert_allclose(
+        warm.coefficient(p, v / shift[1]), cold.coefficient(p, v / shift[0]), rtol=1e-12
+    )
+    assert law.sizes["sample"] == 3
+    assert law.attrs["rms_error_over_peak"] < 0.15
+    assert results.micro_response["converged"].values.all()
+
+
+def test_the_braking_force_is_the_integral_of_friction_times_pressure(finished):
+    _, _, results = finished
+    result, law = results.macro_result, results.interface_law
+    assert result["converged"].values.all()
+    area, load = result["point_area"].values, 300e3 * 0.03 * 0.02
+    assert area.sum() == pytest.approx(0.03 * 0.02)
+    for k in (0, result.sizes["step"] // 2, result.sizes["step"] - 1):
+        step = result.isel(step=k)
+        p = -step["traction"].values[:, 0]
+        assert area @ p == pytest.approx(load, rel=1e-7)
+        friction = friction_at(law, float(step["temperature"]))
+        mu = friction.coefficient(p, np.full(p.shape, float(step["sliding_speed"])))
+        assert float(step["braking_force"]) == pytest.approx(area @ (mu * p), rel=1e-9)
+        assert np.ptp(p) > 0.3 * p.mean()  # the pressure of the footprint is uneven
+
+
+def test_a_second_run_keeps_the_roads_and_another_case_is_refused(finished):
+    case, out, results = finished
+    before = {file: file.stat().st_mtime_ns for file in (out / "micro").iterdir()}
+    counts = []
+    again = run_tyre(case, out, progress=counts.append)
+    assert counts == [3]
+    assert before == {file: file.stat().st_mtime_ns for file in (out / "micro").iterdir()}
+    np.testing.assert_array_equal(
+        again.macro_result["braking_force"], results.macro_result["braking_force"]
+    )
+    with pytest.raises(CaseError, match="holds another run"):
+        run_tyre(case.quick(), out)
+
+
+def test_figures_and_report_show_friction_force_and_footprint(finished):
+    _, out, _ = finished
+    names = {file.stem for file in draw_figures(out)}
+    assert names == {"friction", "braking_force", "footprint_pressure", "footprint_friction"}
+    page = write_report(out).read_text(encoding="utf-8")
+    assert page.count("data:image/png;base64,") == 4
+    assert "braking force (N)" in page
+    assert set(open_run(out)) == {"micro_response", "interface_law", "macro_result"}
+
+
+def test_a_tyre_case_is_explained_and_no_case_of_a_joint(tmp_path):
+    result = CliRunner().invoke(app, ["run", "tyre_on_road", "-o", str(tmp_path), "--explain"])
+    assert result.exit_code == 0
+    assert "complex compliance" in result.output
+    with pytest.raises(CaseError, match="describes rubber that slides on a road, not a joint"):
+        load_case("tyre_on_road")
+
+
+def test_a_tyre_case_written_by_a_run_is_the_same_case(tmp_path):
+    for case in (load_tyre("tyre_on_road"), load_tyre("tyre_on_road").quick()):
+        assert case_of(tmp_path, case.to_toml()) == case
+    assert load_tyre("tyre_on_road").cautions() == []
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "message"),
+    [
+        pytest.param(
+            'relaxed_modulus = "4 MPa"',
+            'relaxed_modulus = "-4 MPa"',
+            r"\[rubber\] relaxed_modulus should be greater than 0",
+            id="modulus",
+        ),
+        pytest.param(
+            '["1 MPa", "2 MPa"',
+            '["-1 MPa", "2 MPa"',
+            r"\[rubber\] moduli\[0\] should",
+            id="prony",
+        ),
+        pytest.param(
+            TEXT[TEXT.index("moduli") : TEXT.index("reference")],
+            "",
+            r"\[rubber\] moduli names nothing that relaxes: .* without viscosity",
+            id="no-viscosity",
+        ),
+        pytest.param('"0.1 s", ', "", "one of times for each of moduli, got 8 times", id="count"),
+        pytest.param(
+            '"30 m/s"',
+            '"300 m/s"',
+            r"\[sliding\] speeds\[7\] should be less than or equal to 100",
+            id="too-fast",
+        ),
+        pytest.param('"30 m/s"', '"30 MPa"', r"speeds\[7\] '30 MPa' cannot be", id="unit"),
+        pytest.param(
+            '"10 degC", ',
+            "",
+            "temperatures should have at least 3 entries",
+            id="temperatures",
+        ),
+        pytest.param(
+            '"10 degC"', '"-90 degC"', r"temperatures in \[sliding\] begin at 183\.15 K", id="glass"
+        ),
+        pytest.param(
+            "poissons_ratio = 0.49", "poissons_ratio = 0.6", "poissons_ratio should be", id="nu"
+        ),
+        pytest.param("[tread]", "[thread]", "has no key 'thread'; did you mean 'tread'", id="key"),
+    ],
+)
+def test_bad_rubber_is_refused_with_its_key(tmp_path, old, new, message):
+    assert old in TEXT
+    with pytest.raises(CaseError, match=message):
+        case_of(tmp_path, TEXT.replace(old, new, 1))
+
+
+@pytest.mark.slow
+def test_the_shipped_tyre_runs_on_the_command_line(tmp_path):
+    command = (sys.executable, "-c", "from multiscale.cli import main; main()")
+    done = subprocess.run(
+        [*command, "run", "tyre_on_road", "-o", "out", "--quick", "--jobs", "1"],
+        cwd=tmp_path,
+        capture_output=True,
+        text=True,
+        timeout=300,
+        check=False,
+    )
+    assert done.returncode == 0, done.stderr
+    assert "braking force (N)" in done.stdout
+    assert (tmp_path / "out" / "report.html").stat().st_size > 0

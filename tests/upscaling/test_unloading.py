@@ -1,0 +1,64 @@
+"""Both branches of a law: found again, and kept in one dataset."""
+
+import numpy as np
+import pytest
+
+from multiscale.errors import CaseError
+from multiscale.laws import Exponential, HystereticLaw
+from multiscale.schema import INTERFACE_LAW
+from multiscale.upscaling import (
+    fit_branches,
+    fit_law,
+    hysteretic_from_dataset,
+    loading_branch,
+    with_unloading,
+)
+from tests.upscaling.responses import response_of
+
+UP = np.geomspace(5e6, 160e6, 8)
+TRUTH = HystereticLaw(Exponential(4e8, 0.45e-6), stiffness_ratio=1.4, exponent=2.5)
+
+
+@pytest.fixture(scope="module")
+def response():
+    """Six realisations that differ by a factor of their lengths, loaded and unloaded."""
+    down = UP[-2::-1]
+    peak = np.array(UP[-1])
+    back = TRUTH.loading.gap_at(peak) + TRUTH.recovery(down, peak)
+    gap = np.concatenate([TRUTH.loading.gap_at(UP), back])
+    factor = 1.0 + 0.03 * np.random.default_rng(1).standard_normal((6, 1))
+    area = np.tile(np.concatenate([UP, down]) / 5e8, (6, 1))
+    return response_of(factor * gap, np.concatenate([UP, down]), area=area)
+
+
+def test_the_loading_branch_is_where_the_pressure_is_new(response):
+    np.testing.assert_allclose(loading_branch(response)["nominal_pressure"], UP)
+    path = np.array([1.0, 2.0, 1.0, 2.0, 3.0])
+    gaps = np.ones((1, 5))
+    again = loading_branch(response_of(gaps, path, area=0.1 * gaps))
+    np.testing.assert_allclose(again["nominal_pressure"], [1.0, 2.0, 3.0])
+
+
+def test_both_branches_are_found_again_with_their_samples(response):
+    law = with_unloading(fit_law(loading_branch(response), n_samples=0), response, n_samples=50)
+    INTERFACE_LAW.check(law)
+    found = hysteretic_from_dataset(law)
+    assert found.stiffness_ratio == pytest.approx(1.4, rel=0.02)
+    assert found.exponent == pytest.approx(2.5, rel=0.02)
+    samples = [hysteretic_from_dataset(law, k).recovery(2e7, np.array(1.6e8)) for k in range(50)]
+    low, high = np.percentile(samples, (2.5, 97.5))
+    assert low < found.recovery(2e7, np.array(1.6e8)) < high
+
+
+def test_cells_that_have_not_flowed_are_fitted_as_they_are(response):
+    loading = loading_branch(response)
+    law = fit_branches(loading, n_samples=0)
+    assert "unloading_exponent" not in law
+    with pytest.raises(CaseError, match="the law has no unloading branch; unload the cells"):
+        hysteretic_from_dataset(law)
+
+
+def test_a_sample_that_does_not_exist_is_refused(response):
+    law = with_unloading(fit_law(loading_branch(response), n_samples=0), response, n_samples=5)
+    with pytest.raises(CaseError, match="no sample 9; it has 5"):
+        hysteretic_from_dataset(law, 9)
