@@ -1,9 +1,7 @@
 """The command line: the Python interface with arguments and files added."""
 
-import os
 import sys
-from collections.abc import Callable, Iterator
-from concurrent.futures import Executor
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from pathlib import Path
 from time import perf_counter
@@ -12,7 +10,8 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from multiscale.bench import FAMILIES
-from multiscale.errors import MultiscaleError
+from multiscale.errors import CaseError, MultiscaleError
+from multiscale.executors import cores, workers
 
 if TYPE_CHECKING:
     from multiscale.pipeline import Case, Sweep
@@ -51,7 +50,6 @@ def run_command(
     ] = False,
 ) -> None:
     """Run the whole chain: surface, cells, interface law, joint; or a sweep of such runs."""
-    from multiscale.errors import CaseError
     from multiscale.pipeline import is_tyre_case, load_sweep, requirements
 
     if resume and not any((out / name).is_dir() for name in ("micro", "plan", "points")):
@@ -80,7 +78,7 @@ def _run_case(settings: "Case", out: Path, jobs: int, dask: str | None) -> None:
     make_folder(out)
     with (
         logging_to(out / "log.txt"),
-        _workers(jobs, dask) as executor,
+        workers(jobs, dask) as executor,
         _progress(
             settings.micro.realisations, "realisations", settings.accuracy is None
         ) as progress,
@@ -114,7 +112,7 @@ def _run_tyre(
     make_folder(out)
     with (
         logging_to(out / "log.txt"),
-        _workers(jobs, dask) as executor,
+        workers(jobs, dask) as executor,
         _progress(settings.sliding.realisations, "realisations") as progress,
     ):
         results = run_tyre(settings, out, executor=executor, progress=progress)
@@ -136,7 +134,7 @@ def _run_sweep(sweep: "Sweep", out: Path, jobs: int, dask: str | None) -> None:
     make_folder(out)
     with (
         logging_to(out / "log.txt"),
-        _workers(jobs, dask) as executor,
+        workers(jobs, dask) as executor,
         _progress(len(sweep.points), "points") as progress,
     ):
         result = run_sweep(sweep, out, executor=executor, progress=progress)
@@ -166,7 +164,7 @@ def micro_command(
         settings = settings.quick()
     make_folder(out.parent)
     with (
-        _workers(jobs, dask) as executor,
+        workers(jobs, dask) as executor,
         _progress(settings.micro.realisations, "realisations") as progress,
     ):
         run_micro(settings, out, executor=executor, progress=progress)
@@ -250,15 +248,11 @@ def bench_command(
     """Measure error, run time and memory, beside other codes where they are installed."""
     from multiscale.bench import bench, tabulate
     from multiscale.bench.summary import join_families, tabulate_cheapest
-    from multiscale.errors import CaseError
     from multiscale.io import make_folder, write_dataset
     from multiscale.plotting import draw_work_precision
     from multiscale.schema import WORK_PRECISION
 
-    chosen = families or list(FAMILIES)
-    for name in chosen:
-        if name not in FAMILIES:
-            raise CaseError(f"there is no family {name!r}; choose from {', '.join(FAMILIES)}")
+    chosen = _choose(families, FAMILIES)
     make_folder(out)
     measured = {}
     for name in chosen:
@@ -289,19 +283,17 @@ def stability_command(
 ) -> None:
     """Run every stiff and extreme case: converged, refused with a sentence, or failed."""
     from multiscale.bench.stability import check_stability, stability_cases, tabulate_stability
-    from multiscale.errors import CaseError, ConvergenceError
+    from multiscale.errors import ConvergenceError
     from multiscale.io import make_folder, write_dataset
     from multiscale.schema import STABILITY
 
     cases = stability_cases()
     known = dict.fromkeys(case.family for case in cases)
-    for name in families or ():
-        if name not in known:
-            raise CaseError(f"there is no family {name!r}; choose from {', '.join(known)}")
+    chosen = _choose(families, list(known))
     make_folder(out.parent)
     found = check_stability(
-        [case for case in cases if case.family in (families or known)],
-        jobs=jobs or _cores(),
+        [case for case in cases if case.family in chosen],
+        jobs=jobs or cores(),
         report=lambda line: typer.echo(line, err=True),
     )
     write_dataset(found, out, STABILITY)
@@ -310,66 +302,6 @@ def stability_command(
     failed = int((found["outcome"] == 0).sum())
     if failed:
         raise ConvergenceError(f"{failed} of {found.sizes['case']} cases failed; {out} says how")
-
-
-@contextmanager
-def _workers(jobs: int, dask: str | None) -> Iterator[Executor | None]:
-    """Give the workers of a dask scheduler, a pool of processes, or nothing for a single job."""
-    if dask is not None:
-        with _dask_workers(dask) as executor:
-            yield executor
-        return
-    jobs = jobs or _cores()
-    if jobs == 1:
-        yield None
-        return
-    from concurrent.futures import ProcessPoolExecutor
-    from multiprocessing import get_context
-
-    # spawn: a forked process would inherit locks of the kernels' threads
-    with ProcessPoolExecutor(
-        jobs, mp_context=get_context("spawn"), initializer=_leave_with_parent
-    ) as executor:
-        yield executor
-
-
-@contextmanager
-def _dask_workers(address: str) -> Iterator[Executor]:
-    """Give the workers of a dask scheduler."""
-    from multiscale.errors import CaseError
-
-    try:
-        from distributed import Client
-    except ImportError as error:
-        raise CaseError("--dask needs dask; install the extra 'cluster'") from error
-    try:
-        client = Client(address, timeout=10)  # type: ignore[no-untyped-call]
-    except (OSError, ValueError) as error:
-        raise CaseError(f"no dask scheduler answers at {address!r}: {error}") from error
-    with client, client.get_executor() as executor:  # type: ignore[no-untyped-call]
-        yield executor
-
-
-def _cores() -> int:
-    """Cores that this process may use."""
-    if hasattr(os, "sched_getaffinity"):
-        return len(os.sched_getaffinity(0))
-    return os.cpu_count() or 1
-
-
-def _leave_with_parent() -> None:
-    """Let a worker end when the run is killed: nobody else would tell it."""
-    from multiprocessing import parent_process
-    from threading import Thread
-
-    parent = parent_process()
-
-    def watch() -> None:
-        if parent is not None:
-            parent.join()
-            os._exit(1)
-
-    Thread(target=watch, daemon=True).start()
 
 
 @contextmanager
@@ -398,6 +330,14 @@ def _progress(total: int, what: str, shown: bool = True) -> Iterator[Callable[[i
     with Progress(console=Console(stderr=True)) as bar:
         task = bar.add_task(what, total=total)
         yield lambda finished: bar.update(task, completed=finished)
+
+
+def _choose(families: list[str] | None, known: Sequence[str]) -> Sequence[str]:
+    """Give the families asked for, all if none is."""
+    for name in families or ():
+        if name not in known:
+            raise CaseError(f"there is no family {name!r}; choose from {', '.join(known)}")
+    return families or known
 
 
 def _duration(seconds: float) -> str:

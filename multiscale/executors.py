@@ -1,13 +1,15 @@
 """Jobs for worker processes, of this machine or of others."""
 
-from collections.abc import Callable, Hashable, Mapping
+import os
+from collections.abc import Callable, Hashable, Iterator, Mapping
 from concurrent.futures import Executor, as_completed
 from concurrent.futures.process import BrokenProcessPool
+from contextlib import contextmanager
 from typing import Any, TypeVar
 
-from multiscale.errors import MultiscaleError
+from multiscale.errors import CaseError, MultiscaleError
 
-__all__ = ["run_jobs"]
+__all__ = ["cores", "run_jobs", "workers"]
 
 Key = TypeVar("Key", bound=Hashable)
 Result = TypeVar("Result")
@@ -65,3 +67,74 @@ def _call(function: Callable[..., Result], *arguments: Any) -> Result:
 
     numba.set_num_threads(1)
     return function(*arguments)
+
+
+@contextmanager
+def workers(jobs: int, dask: str | None) -> Iterator[Executor | None]:
+    """Give the workers of a dask scheduler, a pool of processes, or nothing for a single job.
+
+    Parameters
+    ----------
+    jobs : int
+        Processes of this machine; 0 takes one for each core.
+    dask : str, optional
+        Address of a scheduler, whose workers are taken instead.
+
+    Raises
+    ------
+    CaseError
+        If dask is not installed, or no scheduler answers.
+    """
+    if dask is not None:
+        with _dask_workers(dask) as executor:
+            yield executor
+        return
+    jobs = jobs or cores()
+    if jobs == 1:
+        yield None
+        return
+    from concurrent.futures import ProcessPoolExecutor
+    from multiprocessing import get_context
+
+    # spawn: a forked process would inherit locks of the kernels' threads
+    with ProcessPoolExecutor(
+        jobs, mp_context=get_context("spawn"), initializer=_leave_with_parent
+    ) as executor:
+        yield executor
+
+
+@contextmanager
+def _dask_workers(address: str) -> Iterator[Executor]:
+    """Give the workers of a dask scheduler."""
+    try:
+        from distributed import Client
+    except ImportError as error:
+        raise CaseError("--dask needs dask; install the extra 'cluster'") from error
+    try:
+        client = Client(address, timeout=10)  # type: ignore[no-untyped-call]
+    except (OSError, ValueError) as error:
+        raise CaseError(f"no dask scheduler answers at {address!r}: {error}") from error
+    with client, client.get_executor() as executor:  # type: ignore[no-untyped-call]
+        yield executor
+
+
+def cores() -> int:
+    """Count the cores that this process may use."""
+    if hasattr(os, "sched_getaffinity"):
+        return len(os.sched_getaffinity(0))
+    return os.cpu_count() or 1
+
+
+def _leave_with_parent() -> None:
+    """Let a worker end when the run is killed: nobody else would tell it."""
+    from multiprocessing import parent_process
+    from threading import Thread
+
+    parent = parent_process()
+
+    def watch() -> None:
+        if parent is not None:
+            parent.join()
+            os._exit(1)
+
+    Thread(target=watch, daemon=True).start()
