@@ -4,7 +4,7 @@ import logging
 from collections.abc import Callable, Sequence
 from concurrent.futures import Executor
 from pathlib import Path as FilePath
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 from multiscale.errors import CaseError, SchemaError
 from multiscale.executors import run_jobs
@@ -18,7 +18,7 @@ from multiscale.schema import MICRO_RESPONSE
 if TYPE_CHECKING:
     import xarray as xr
 
-__all__ = ["run_ensemble"]
+__all__ = ["run_ensemble", "run_realisations"]
 
 logger = logging.getLogger(__name__)
 
@@ -65,33 +65,77 @@ def run_ensemble(
     MultiscaleError
         If a worker process died; finished cells are kept.
     """
+    return run_realisations(
+        _solve_realisation,
+        [(cell, path, keep_fields and k == 0) for k, cell in enumerate(cells)],
+        executor=executor,
+        folder=folder,
+        identity=identity,
+        progress=progress,
+    )
+
+
+def run_realisations(
+    function: Callable[..., "xr.Dataset"],
+    arguments: Sequence[tuple[Any, ...]],
+    *,
+    executor: Executor | None,
+    folder: FilePath | None,
+    identity: str,
+    progress: Callable[[int], None],
+) -> "xr.Dataset":
+    """Compute realisations, each kept in a file of its own, and join their responses.
+
+    Parameters
+    ----------
+    function : callable
+        Importable by name; gives the response to its arguments.
+    arguments : sequence of tuple
+        One for each realisation.
+    executor, folder, identity, progress
+        See :func:`run_ensemble`.
+    """
     import xarray as xr
 
     if folder is not None:
         make_folder(folder)
-    files = [folder / f"realisation-{k:04d}.nc" if folder else None for k in range(len(cells))]
+    numbers = range(len(arguments))
+    files = [folder / f"realisation-{k:04d}.nc" if folder else None for k in numbers]
     results = {
         k: found for k, file in enumerate(files) if (found := _finished(file, identity)) is not None
     }
 
     def finish(k: int, response: "xr.Dataset") -> None:
         results[k] = response
-        logger.info("realisation %d: %d of %d are finished", k, len(results), len(cells))
+        logger.info("realisation %d: %d of %d are finished", k, len(results), len(numbers))
         progress(len(results))
 
-    todo = [k for k in range(len(cells)) if k not in results]
+    todo = [k for k in numbers if k not in results]
     progress(len(results))
-    jobs = {k: (cells[k], path, keep_fields and k == 0, files[k], identity) for k in todo}
-    run_jobs(_solve_realisation, jobs, executor, finish)
+    jobs = {k: (function, arguments[k], files[k], identity) for k in todo}
+    run_jobs(_compute_and_keep, jobs, executor, finish)
     ordered = [
         results[k]
         .drop_vars(["pressure", "gap", "x", "y"], errors="ignore")
         .assign_coords(realisation=[k])
-        for k in range(len(cells))
+        for k in numbers
     ]
     joined = xr.concat(ordered, "realisation", join="exact", combine_attrs="override")
-    joined.attrs = {}  # provenance and identity are those of single cells
+    joined.attrs = {}  # provenance and identity are those of single realisations
     return joined
+
+
+def _compute_and_keep(
+    function: Callable[..., "xr.Dataset"],
+    arguments: tuple[Any, ...],
+    file: FilePath | None,
+    identity: str,
+) -> "xr.Dataset":
+    """Compute a realisation and write its file."""
+    response = function(*arguments)
+    if file is not None:
+        write_dataset(response, file, MICRO_RESPONSE, identity=identity)
+    return response
 
 
 def _finished(file: FilePath | None, identity: str) -> "xr.Dataset | None":
@@ -110,15 +154,10 @@ def _finished(file: FilePath | None, identity: str) -> "xr.Dataset | None":
     return found
 
 
-def _solve_realisation(
-    cell: Cell, path: Path, keep_fields: bool, file: FilePath | None, identity: str
-) -> "xr.Dataset":
-    """Solve one cell, add its statistics and write its file."""
+def _solve_realisation(cell: Cell, path: Path, keep_fields: bool) -> "xr.Dataset":
+    """Solve one cell and add its statistics."""
     response = solve_cell(cell, path, keep_fields=keep_fields)
     statistics = (rms_height, rms_slope, nayak_parameter)
-    response = MICRO_RESPONSE.assign(
+    return MICRO_RESPONSE.assign(
         response, {statistic.__name__: [statistic(cell.surface)] for statistic in statistics}
     )
-    if file is not None:
-        write_dataset(response, file, MICRO_RESPONSE, identity=identity)
-    return response

@@ -10,10 +10,9 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from multiscale.convergence import Status
-from multiscale.errors import CaseError, SchemaError
-from multiscale.executors import run_jobs
-from multiscale.io import make_folder, open_dataset, write_dataset
+from multiscale.io import write_dataset
 from multiscale.io.surfaces import Surface
+from multiscale.micro.ensemble import run_realisations
 from multiscale.micro.sliding import solve_sliding
 from multiscale.micro.topography import nayak_parameter, rms_height, rms_slope, self_affine
 from multiscale.pipeline.tyre_settings import TyreCase
@@ -111,25 +110,15 @@ def slide_roads(
     Dataset
         Follows ``MICRO_RESPONSE``.
     """
-    import xarray as xr
-
-    folder, identity = make_folder(file.parent / "micro"), case.identity()
-    files = [folder / f"realisation-{k:04d}.nc" for k in range(case.sliding.realisations)]
-    results = {
-        k: found for k, one in enumerate(files) if (found := _finished(one, identity)) is not None
-    }
-    progress(len(results))
-
-    def finish(k: int, response: "xr.Dataset") -> None:
-        results[k] = response
-        progress(len(results))
-
-    roads = make_roads(case)
-    jobs = {k: (case, roads[k], files[k], identity) for k in range(len(files)) if k not in results}
-    run_jobs(_slide_and_keep, jobs, executor, finish)
-    ordered = [results[k].assign_coords(realisation=[k]) for k in range(len(files))]
-    response = xr.concat(ordered, "realisation", join="exact", combine_attrs="override")
-    response.attrs = {}  # provenance and identity are those of single roads
+    identity = case.identity()
+    response = run_realisations(
+        slide_road,
+        [(case, road) for road in make_roads(case)],
+        executor=executor,
+        folder=file.parent / "micro",
+        identity=identity,
+        progress=progress,
+    )
     response = response.assign_attrs(
         title=case.title,
         bodies="rubber on a rigid road, in steady sliding; small slopes",
@@ -138,29 +127,6 @@ def slide_roads(
     )
     write_dataset(response, file, MICRO_RESPONSE)
     return response
-
-
-def _slide_and_keep(case: TyreCase, road: Surface, file: Path, identity: str) -> "xr.Dataset":
-    """Slide over one road and write its file."""
-    response = slide_road(case, road)
-    write_dataset(response, file, MICRO_RESPONSE, identity=identity)
-    return response
-
-
-def _finished(file: Path, identity: str) -> "xr.Dataset | None":
-    """Return the response of a road computed before, if it is whole."""
-    if not file.exists():
-        return None
-    try:
-        found = open_dataset(file, MICRO_RESPONSE)
-    except SchemaError:  # damaged or of another version: computed again
-        return None
-    if found.attrs.get("identity") != identity:
-        raise CaseError(
-            f"{file} was computed for another case; choose another folder, or delete "
-            f"{file.parent} to compute it again"
-        )
-    return found
 
 
 def _steepness(response: "xr.Dataset") -> list[str]:
