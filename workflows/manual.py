@@ -54,10 +54,10 @@ def main(argv: Sequence[str] | None = None) -> int:
 
 
 def save_small(figure: Figure, file: Path) -> None:
-    """Write a figure in few colours."""
+    """Write a figure in 256 colours."""
     drawn, reduced = BytesIO(), BytesIO()
     figure.savefig(drawn, dpi=80)
-    Image.open(drawn).convert("RGB").quantize(64).save(reduced, "png", optimize=True)
+    Image.open(drawn).convert("RGB").quantize(256).save(reduced, "png", optimize=True)
     write_bytes(file, reduced.getvalue())
 
 

@@ -1,6 +1,7 @@
 """What a case may say: every key with its unit, range and default."""
 
 import hashlib
+import re
 from itertools import pairwise
 from typing import Annotated, Any, Literal, Self
 
@@ -173,6 +174,13 @@ class AccuracySettings(Settings):
     quantity: Literal["joint_stiffness", "mean_gap", "contact_fraction", "stiffness"] = (
         "joint_stiffness"
     )
+
+    @field_validator("target", mode="before")
+    @classmethod
+    def _say_percent(cls, value: Any) -> Any:
+        if re.fullmatch(r"[1-9]\d*", str(value)):
+            raise ValueError(f'{value!r} is no part of one; write it as "{value} %"')
+        return value
 
 
 class Case(Settings):

@@ -65,8 +65,9 @@ Count = Annotated[int, Strict()]
 
 def must_rise(values: tuple[float, ...]) -> tuple[float, ...]:
     """Refuse values that do not rise from one to the next."""
-    if any(late <= early for early, late in pairwise(values)):
-        raise ValueError("must rise from one to the next")
+    for early, late in pairwise(values):
+        if late <= early:
+            raise ValueError(f"must rise from one to the next, but {late:g} follows {early:g} (SI)")
     return values
 
 
