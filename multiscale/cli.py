@@ -181,10 +181,12 @@ def fit_command(
     ] = "convex_decreasing",
 ) -> None:
     """Fit the interface law to a response."""
-    from multiscale.io import open_response, save_law
+    from multiscale.io import make_folder, open_response, save_law
     from multiscale.upscaling import fit_branches
 
-    save_law(fit_branches(open_response(response), family=family), out)
+    law = fit_branches(open_response(response), family=family)
+    make_folder(out.parent)
+    save_law(law, out)
 
 
 @app.command("macro")
