@@ -191,7 +191,7 @@ def _inverse_frame(s):  # type: ignore[no-untyped-def]
 
 
 @kernel
-def plastic(s, q, shear, hardening, state, tangent, wants_tangent, lanes):  # type: ignore[no-untyped-def]
+def plastic(s, q, shear, hardening, state, tangent, lanes):  # type: ignore[no-untyped-def]
     """Add the flux of one Gauss point and write its tangent (1); return the flowing lanes."""
     _trial(s, q, state)
     _spectrum(s)
@@ -218,9 +218,8 @@ def plastic(s, q, shear, hardening, state, tangent, wants_tangent, lanes):  # ty
                 value += s[x + BATCH + v] * s[STRESS + BATCH + v] * s[p + BATCH + v]
                 value += s[x + 2 * BATCH + v] * s[STRESS + 2 * BATCH + v] * s[p + 2 * BATCH + v]
                 s[row + v] += s[w + v] * value
-    if wants_tangent:
-        _change(s)
-        _tangent(s, w, tangent)
+    _change(s)
+    _tangent(s, w, tangent)
     return flowing
 
 
