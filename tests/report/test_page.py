@@ -2,12 +2,14 @@
 
 import re
 import subprocess
-from shutil import which
+from shutil import copytree, which
 
 import numpy as np
 import pytest
 from matplotlib.image import imread
 
+from multiscale.pipeline import Sweep, load_case, run_sweep
+from multiscale.plotting import draw_figures
 from multiscale.report import write_report
 
 
@@ -62,3 +64,20 @@ def test_a_figure_that_is_clicked_covers_the_page(page, tmp_path, size):
     assert not np.array_equal(picture, photograph(page, tmp_path, size)[..., :3])
     coloured = np.ptp(picture, axis=2) > 0.2  # blue and red heights: the text is grey
     assert coloured.mean() > 0.2
+
+
+def test_the_page_of_a_sweep_has_a_row_for_each_point_and_says_which_failed(run_folder, tmp_path):
+    case = load_case(run_folder / "case.toml")
+    rough = case.model_copy(update={"cell": case.cell.model_copy(update={"points": (16, 16)})})
+    sweep = Sweep("Two <grids>", ("cell.points",), (case, rough), (("[64, 64]",), ("[16, 16]",)))
+    (tmp_path / "points").mkdir()
+    copytree(run_folder, sweep.folders(tmp_path)[0])
+    run_sweep(sweep, tmp_path)
+    draw_figures(tmp_path)
+    page = write_report(tmp_path).read_text(encoding="utf-8")
+    assert "<h1>Two &lt;grids&gt;</h1>" in page
+    assert "over 1 of 2 points with a result" in page
+    assert re.findall(r"Caution:.*16 x 16 points cannot carry", page)
+    assert page.count("<td>[64, 64]</td>") == 2  # its result, and its folder
+    assert 'alt="sweep"' in page
+    assert "multiscale 0" in page.split("Work and provenance")[1]
