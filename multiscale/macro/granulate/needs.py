@@ -5,7 +5,7 @@ from multiscale.needs import Needs, choose
 
 __all__ = ["grain_needs"]
 
-PER_GRAIN, PER_FRAME = 4000, 1500
+PER_GRAIN, PER_FRAME = 2500, 400
 """Peak memory, byte, of a dense pile: of a grain with its contacts, and of it in a frame."""
 
 

@@ -5,7 +5,7 @@ from multiscale.needs import Needs, choose
 
 __all__ = ["cut_needs", "needs_of"]
 
-PER_LINK, PER_UNKNOWN, PER_FILL = 8000, 4000, 60
+PER_LINK, PER_UNKNOWN, PER_FILL = 5000, 2800, 1300
 """Peak memory, byte: of a link; of an unknown of a body, for matrices and results; of that to the
 power of 4/3 in a substructure, for the factors of three matrices."""
 
