@@ -76,7 +76,7 @@ def _run_case(settings: "Case", out: Path, jobs: int, dask: str | None) -> None:
     from multiscale.io import logging_to, make_folder
     from multiscale.pipeline import run
     from multiscale.plotting import draw_figures
-    from multiscale.report import HEAD, tabulate, write_report
+    from multiscale.report import tabulate, write_report
 
     make_folder(out)
     with (
@@ -93,7 +93,7 @@ def _run_case(settings: "Case", out: Path, jobs: int, dask: str | None) -> None:
         typer.echo(f"caution: {caution}", err=True)
     for line in results.macro_result.attrs.get("plan", "").splitlines():
         typer.echo(line)
-    _print_table(settings.title, HEAD, tabulate(results.macro_result))
+    _print_table(settings.title, *tabulate(results.macro_result))
     typer.echo(f"report, figures and datasets: {out}")
 
 
