@@ -124,8 +124,10 @@ def read_bytes(path: Path) -> bytes:
     Raises
     ------
     CaseError
-        If the file is missing or cannot be read.
+        If the file is missing, cannot be read or has no end.
     """
+    if path.is_char_device() or path.is_fifo() or path.is_socket():
+        raise CaseError(f"{path}: is a device or a pipe; give a file")
     try:
         return path.read_bytes()
     except FileNotFoundError as error:
