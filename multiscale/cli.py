@@ -73,7 +73,7 @@ def _run_case(settings: "Case", out: Path, jobs: int, dask: str | None) -> None:
     from multiscale.io import logging_to, make_folder
     from multiscale.pipeline import run
     from multiscale.plotting import draw_figures
-    from multiscale.report import HEAD, tabulate, write_report
+    from multiscale.report import tabulate, write_report
 
     make_folder(out)
     with (
@@ -90,7 +90,7 @@ def _run_case(settings: "Case", out: Path, jobs: int, dask: str | None) -> None:
         typer.echo(f"caution: {caution}", err=True)
     for line in results.macro_result.attrs.get("plan", "").splitlines():
         typer.echo(line)
-    _print_table(settings.title, HEAD, tabulate(results.macro_result))
+    _print_table(settings.title, *tabulate(results.macro_result))
     typer.echo(f"report, figures and datasets: {out}")
 
 
@@ -181,10 +181,12 @@ def fit_command(
     ] = "convex_decreasing",
 ) -> None:
     """Fit the interface law to a response."""
-    from multiscale.io import open_response, save_law
+    from multiscale.io import make_folder, open_response, save_law
     from multiscale.upscaling import fit_branches
 
-    save_law(fit_branches(open_response(response), family=family), out)
+    law = fit_branches(open_response(response), family=family)
+    make_folder(out.parent)
+    save_law(law, out)
 
 
 @app.command("macro")

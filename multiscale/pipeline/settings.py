@@ -1,6 +1,7 @@
 """What a case may say: every key with its unit, range and default."""
 
 import hashlib
+import re
 from itertools import pairwise
 from typing import Annotated, Any, Literal, Self
 
@@ -50,13 +51,13 @@ class CellSettings(Settings):
     Parameters
     ----------
     size : two quantities
-        Edge lengths, m.
+        Edge lengths along x and y, m.
     points : two ints
-        Grid points along x and y; even.
+        Grid points along x and y.
     depth : quantity, optional
         Depth of the elastic layer, m; the longer edge if not given.
     layers : int
-        Layers of elements.
+        Layers of elements over the depth.
     geometry : {"conforming", "flat"}
         Whether the mesh follows the surface, or the surface is the gap of a flat layer: fast, for
         small slopes.
@@ -79,7 +80,7 @@ class MicroSettings(Settings):
     pressures : list of quantities
         Mean pressures, Pa, rising.
     seed : int
-        Of the first realisation.
+        Random seed of the first realisation; the next ones count on.
     unload : bool or list of quantities
         Whether the cells are unloaded through the same pressures, or the falling pressures at
         which they are, Pa.
@@ -130,7 +131,7 @@ class LawSettings(Settings):
     terms : int
         Terms of the normal law.
     samples : int
-        Bootstrap samples.
+        Bootstrap samples behind the bands.
     """
 
     terms: Annotated[Count, Field(ge=6)] = 20
@@ -147,7 +148,7 @@ class JointSettings(Settings):
     width : quantity
         Edge of their square section, m.
     preloads : list of quantities
-        Nominal pressures, Pa, rising.
+        Nominal pressures on the joint, Pa, rising; best within those of the cells.
     """
 
     height: Length
@@ -174,6 +175,13 @@ class AccuracySettings(Settings):
         "joint_stiffness"
     )
 
+    @field_validator("target", mode="before")
+    @classmethod
+    def _say_percent(cls, value: Any) -> Any:
+        if re.fullmatch(r"[1-9]\d*", str(value)):
+            raise ValueError(f'{value!r} is no part of one; write it as "{value} %"')
+        return value
+
 
 class Case(Settings):
     """One question, such as how stiff the joint of two bodies is.
@@ -181,6 +189,7 @@ class Case(Settings):
     Parameters
     ----------
     title : str
+        Stands in report and tables.
     body_1, body_2 : Body
     cell : CellSettings
     micro : MicroSettings

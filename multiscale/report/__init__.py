@@ -2,7 +2,6 @@
 
 from multiscale.report.page import write_report
 from multiscale.report.tables import (
-    HEAD,
     list_cycles,
     tabulate,
     tabulate_braking,
@@ -13,7 +12,6 @@ from multiscale.report.tables import (
 )
 
 __all__ = [
-    "HEAD",
     "list_cycles",
     "tabulate",
     "tabulate_braking",

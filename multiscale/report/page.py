@@ -11,7 +11,7 @@ import numpy as np
 
 from multiscale.io import open_run, read_bytes, read_text, write_bytes
 from multiscale.report.section import Section
-from multiscale.report.tables import HEAD, tabulate
+from multiscale.report.tables import tabulate
 from multiscale.report.tyre import braking_answer, braking_question, braking_sections
 from multiscale.units import readable
 
@@ -81,13 +81,19 @@ def _answer(result: "xr.Dataset") -> list[str]:
     done = np.flatnonzero(result["converged"].values)
     if done.size == 0:
         return ["No preload converged."]
-    row = dict(zip(HEAD, tabulate(result.isel(step=[done[done.size // 2]]))[0], strict=True))
+    head, rows = tabulate(result.isel(step=[done[done.size // 2]]))
+    row = dict(zip(head, rows[0], strict=True))
     error = f" with an error of at most {row['error (%)']} %" if row["error (%)"] else ""
+    unloading = (
+        f" When the preload begins to fall, it is {row['unloading (MPa/µm)']} MPa/µm."
+        if "unloading_stiffness" in result
+        else ""
+    )
     unknown = result.attrs.get("unknown", "")
     beside = f" The error does not count what is not known of it: {unknown}." if unknown else ""
     return [
         f"At {row['preload (MPa)']} MPa its stiffness is {row['joint stiffness (MPa/µm)']} MPa/µm"
-        f"{error} (95 %), and {row['contact (%)']} % of it touches."
+        f"{error} (95 %), and {row['contact (%)']} % of it touches.{unloading}"
         f"{beside}"
     ]
 
@@ -95,7 +101,7 @@ def _answer(result: "xr.Dataset") -> list[str]:
 def _joint(result: "xr.Dataset") -> Section:
     """Table and figure of the macro result."""
     plan = result.attrs.get("plan", "").splitlines()
-    return Section("Joint", plan, HEAD, tabulate(result), ("joint_stiffness",))
+    return Section("Joint", plan, *tabulate(result), ("joint_stiffness",))
 
 
 def _law(response: "xr.Dataset", law: "xr.Dataset") -> Section:

@@ -20,7 +20,7 @@ CURVED = LATER + 9 * BATCH  # 6: M
 
 
 @kernel
-def neo_hookean(s, q, shear, frozen, has_frozen, tangent, wants_tangent):  # type: ignore[no-untyped-def]
+def neo_hookean(s, q, shear, frozen, has_frozen, tangent):  # type: ignore[no-untyped-def]
     r"""Add the flux of one Gauss point and write its tangent, both pulled back.
 
     With :math:`R = \mu I + S_v`, the frozen second Piola-Kirchhoff stress :math:`S_v` (rows 11, 22,
@@ -64,8 +64,7 @@ def neo_hookean(s, q, shear, frozen, has_frozen, tangent, wants_tangent):  # typ
                 push = s[fk + v] * s[xa + v] + s[fk + BATCH + v] * s[xa + BATCH + v]
                 push += s[fk + 2 * BATCH + v] * s[xa + 2 * BATCH + v]
                 s[row + v] += s[w + v] * (push + (s[LOG + v] - shear) * s[g + v])
-    if wants_tangent:
-        _tangent(s, w, shear, tangent)
+    _tangent(s, w, shear, tangent)
 
 
 @kernel

@@ -43,6 +43,7 @@ TURNED = CHANGE + 81 * BATCH  # 27
 SWEEPS = 8
 LEAST = 1e-31  # sum of squares off the diagonal that counts as zero
 CLOSE = 1e-6  # relative distance of eigenvalues that counts as equal
+YIELDED = 1e-9
 HALF = math.sqrt(2.0 / 3.0)
 
 
@@ -122,7 +123,7 @@ def _return_map(s, state, shear, first, hardening, rise, rate, lanes):  # type: 
         alpha, gamma, share = state[6, v], 0.0, 0.0
         decay = math.exp(-rate * alpha) if rate > 0.0 else 1.0
         limit = first + hardening * alpha + rise * (1.0 - decay)
-        if 2.0 * shear * size > HALF * limit:
+        if 2.0 * shear * size > (1.0 - YIELDED) * HALF * limit:
             flowing += v < lanes
             slope = hardening + rise * rate * decay
             for _ in range(60):
@@ -135,6 +136,8 @@ def _return_map(s, state, shear, first, hardening, rise, rate, lanes):  # type: 
                 slope = hardening + rise * rate * decay
                 if abs(step) <= 1e-15 * size:
                     break
+            if gamma < 0.0:
+                gamma, alpha = 0.0, state[6, v]
             share = 2.0 * shear / (2.0 * shear + 2.0 / 3.0 * slope)
         ratio = gamma / size if size > 0.0 else 0.0
         keep = 2.0 * shear * (1.0 - ratio)
@@ -188,7 +191,7 @@ def _inverse_frame(s):  # type: ignore[no-untyped-def]
 
 
 @kernel
-def plastic(s, q, shear, hardening, state, tangent, wants_tangent, lanes):  # type: ignore[no-untyped-def]
+def plastic(s, q, shear, hardening, state, tangent, lanes):  # type: ignore[no-untyped-def]
     """Add the flux of one Gauss point and write its tangent (1); return the flowing lanes."""
     _trial(s, q, state)
     _spectrum(s)
@@ -215,9 +218,8 @@ def plastic(s, q, shear, hardening, state, tangent, wants_tangent, lanes):  # ty
                 value += s[x + BATCH + v] * s[STRESS + BATCH + v] * s[p + BATCH + v]
                 value += s[x + 2 * BATCH + v] * s[STRESS + 2 * BATCH + v] * s[p + 2 * BATCH + v]
                 s[row + v] += s[w + v] * value
-    if wants_tangent:
-        _change(s)
-        _tangent(s, w, tangent)
+    _change(s)
+    _tangent(s, w, tangent)
     return flowing
 
 
