@@ -11,9 +11,10 @@ from multiscale.plotting.laws import (
     plot_joint_stiffness,
     plot_unloading,
 )
+from multiscale.plotting.sliding import draw_sliding
 from multiscale.plotting.surfaces import plot_contact_map, plot_surface
 from multiscale.plotting.tyre import draw_tyre_figures
-from multiscale.schema import FIELDS
+from multiscale.schema import FIELDS, SLIDING_RESPONSE
 
 __all__ = ["draw_figures"]
 
@@ -52,6 +53,9 @@ def draw_figures(out: str | Path) -> list[Path]:
         figures["error_budget"] = lambda ax: plot_error_budget(result, ax=ax)
     folder = make_folder(out / "figures")
     files = []
+    if (out / "sliding_response.nc").exists():
+        sliding = open_dataset(out / "sliding_response.nc", SLIDING_RESPONSE)
+        files.append(draw_sliding(sliding, folder / "sliding.png"))
     for name, draw in figures.items():
         figure = new_figure()
         draw(figure.add_subplot())  # type: ignore[no-untyped-call]

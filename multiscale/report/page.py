@@ -11,6 +11,7 @@ import numpy as np
 
 from multiscale.io import open_run, read_bytes, read_text, write_bytes
 from multiscale.report.section import Section
+from multiscale.report.sliding import describe_sliding, read_sliding
 from multiscale.report.tables import tabulate
 from multiscale.report.tyre import braking_answer, braking_question, braking_sections
 from multiscale.units import readable
@@ -36,7 +37,7 @@ def write_report(out: str | Path) -> Path:
     response, law, result = (
         tree[name].to_dataset() for name in ("micro_response", "interface_law", "macro_result")
     )
-    case = tomllib.loads(read_text(out / "case.toml"))
+    case, sliding = tomllib.loads(read_text(out / "case.toml")), read_sliding(out)
     drawn = {file.stem: file for file in sorted((out / "figures").glob("*.png"))}
     if "braking_force" in result:
         question, answer = braking_question(result), braking_answer(result)
@@ -45,6 +46,8 @@ def write_report(out: str | Path) -> Path:
         question, answer = _question(result), _answer(result)
         surface = Section("Surface", [], figures=("surface", "contact_map"))
         sections = [_joint(result), _law(response, law), _budget(result), surface]
+        if sliding is not None:
+            sections.append(Section("Sliding", describe_sliding(sliding), figures=("sliding",)))
     sections += [Section("Inputs", [], rows=list(_inputs(case))), _work(response, result)]
     shown = {name for section in sections for name in section.figures}
     sections[1].figures += tuple(name for name in drawn if name not in shown)
@@ -58,7 +61,8 @@ def write_report(out: str | Path) -> Path:
             answer=answer,
             cautions=[
                 caution
-                for dataset in (response, result)
+                for dataset in (response, result, sliding)
+                if dataset is not None
                 for caution in dataset.attrs.get("cautions", "").splitlines()
             ],
             sections=[_with_images(section, drawn) for section in sections],
