@@ -136,7 +136,8 @@ def _run_sweep(sweep: "Sweep", out: Path, jobs: int, dask: str | None) -> None:
     """Run a sweep, and print a line for each of its points."""
     from multiscale.io import logging_to, make_folder
     from multiscale.pipeline import run_sweep
-    from multiscale.report import tabulate_sweep
+    from multiscale.plotting import draw_figures
+    from multiscale.report import tabulate_sweep, write_report
 
     make_folder(out)
     with (
@@ -145,11 +146,13 @@ def _run_sweep(sweep: "Sweep", out: Path, jobs: int, dask: str | None) -> None:
         _progress(len(sweep.points), "points") as progress,
     ):
         result = run_sweep(sweep, out, executor=executor, progress=progress)
+    draw_figures(out)
+    write_report(out)
     _print_table(sweep.title, *tabulate_sweep(result))
     for failure in result["failure"].values:
         if failure:
             typer.echo(f"caution: {failure}", err=True)
-    typer.echo(f"dataset: {out / 'sweep.nc'}; runs: {out / 'points'}")
+    typer.echo(f"report, figure and dataset: {out}; runs: {out / 'points'}")
 
 
 @app.command("micro")

@@ -110,9 +110,9 @@ def _finish(results: Results, out: Path) -> Results:
 
 
 def _claim(out: Path, case: Case) -> None:
-    """Write the case into its run folder, unless the folder belongs to another one."""
+    """Write the case into its run folder, unless it holds what another one has computed."""
     file = out / "case.toml"
-    if file.exists():
+    if file.exists() and any(out.rglob("*.nc")):
         other = load_case(file)
         if other.identity() != case.identity():
             raise CaseError(
