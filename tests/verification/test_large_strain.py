@@ -230,20 +230,20 @@ def test_the_work_of_friction_is_the_work_done_on_the_obstacle():
 
 @pytest.mark.slow
 def test_a_sphere_on_a_perfectly_plastic_body_has_a_hardness_of_three_yield_stresses():
-    n, yield_stress = 64, 1e-3
+    n, yield_stress, radius = 64, 1e-3, 2.0
     flat = Surface(np.zeros((n, n)), (1.0, 1.0))
     law = J2(1.0, 0.3, yield_stress)
-    cell = Cell(flat, 1.0, 16, 1.0, 0.3, obstacle=sphere(n, 1.0), bulk=law)
-    path = Path(approach=(0.0008, 0.0016, 0.0024, 0.0032, 0.004))
+    cell = Cell(flat, 1.0, 20, 1.0, 0.3, obstacle=sphere(n, radius), bulk=law)
+    path = Path(approach=(0.002, 0.003, 0.004, 0.005, 0.006))
     response = solve_cell(cell, path, tolerance=1e-4)
     area = response["contact_fraction"].values[0]
-    radius = np.sqrt(area / np.pi)
+    share = np.sqrt(area / np.pi) / radius
     hardness = -response["traction"].values[0, :, 0] / area / yield_stress
-    plastic = radius / yield_stress / (1.0 - 0.3**2) > 50.0  # E* a / sigma_y R
-    assert plastic.sum() >= 3
-    assert np.all(radius < 0.1)
-    # the edge of a contact of 4 to 6 points is known to a few per cent
-    np.testing.assert_allclose(hardness[plastic], 2.9, rtol=0.06)
+    plastic = share / yield_stress / (1.0 - 0.3**2) > 65.0  # E* a / sigma_y R
+    assert plastic.sum() == 3
+    assert np.all(share < 0.1)
+    assert np.all((hardness[plastic] > 2.8) & (hardness[plastic] < 3.0))
+    assert np.ptp(hardness[plastic]) < 0.03  # the radius is 8 to 10 points and rises by a fourth
 
 
 @pytest.mark.slow
