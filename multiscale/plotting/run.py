@@ -13,10 +13,11 @@ from multiscale.plotting.laws import (
     plot_joint_stiffness,
     plot_unloading,
 )
+from multiscale.plotting.sliding import draw_sliding
 from multiscale.plotting.surfaces import plot_contact_map, plot_surface
 from multiscale.plotting.sweep import plot_sweep
 from multiscale.plotting.tyre import draw_tyre_figures
-from multiscale.schema import FIELDS, SWEEP
+from multiscale.schema import FIELDS, SLIDING_RESPONSE, SWEEP
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -59,7 +60,11 @@ def draw_figures(out: str | Path) -> list[Path]:
         figures["unloading"] = lambda ax: plot_unloading(response, law, ax=ax)
     if "error_total" in result:
         figures["error_budget"] = lambda ax: plot_error_budget(result, ax=ax)
-    return _draw(out, figures)
+    files = _draw(out, figures)
+    if (out / "sliding_response.nc").exists():
+        sliding = open_dataset(out / "sliding_response.nc", SLIDING_RESPONSE)
+        files.append(draw_sliding(sliding, out / "figures" / "sliding.png"))
+    return files
 
 
 def _draw(out: Path, figures: "dict[str, Callable[[Axes], Axes]]") -> list[Path]:
@@ -68,6 +73,6 @@ def _draw(out: Path, figures: "dict[str, Callable[[Axes], Axes]]") -> list[Path]
     files = []
     for name, draw in figures.items():
         figure = new_figure()
-        draw(figure.add_subplot())  # type: ignore[no-untyped-call]
+        draw(figure.add_subplot())
         files.append(save_figure(figure, folder / f"{name}.png"))
     return files

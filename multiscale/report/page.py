@@ -11,6 +11,7 @@ import numpy as np
 
 from multiscale.io import open_dataset, open_run, read_bytes, read_text, write_bytes
 from multiscale.report.section import Section
+from multiscale.report.sliding import describe_sliding, read_sliding
 from multiscale.report.sweep import sweep_answer, sweep_question, sweep_sections
 from multiscale.report.tables import tabulate
 from multiscale.report.tyre import braking_answer, braking_question, braking_sections
@@ -47,7 +48,7 @@ def _run(out: Path) -> dict[str, Any]:
     response, law, result = (
         tree[name].to_dataset() for name in ("micro_response", "interface_law", "macro_result")
     )
-    case = tomllib.loads(read_text(out / "case.toml"))
+    case, sliding = tomllib.loads(read_text(out / "case.toml")), read_sliding(out)
     drawn = _drawn(out)
     if "braking_force" in result:
         question, answer = braking_question(result), braking_answer(result)
@@ -56,12 +57,15 @@ def _run(out: Path) -> dict[str, Any]:
         question, answer = _question(result), _answer(result)
         surface = Section("Surface", [], figures=("surface", "contact_map"))
         sections = [_joint(result), _law(response, law), _budget(result), surface]
+        if sliding is not None:
+            sections.append(Section("Sliding", describe_sliding(sliding), figures=("sliding",)))
     sections += [Section("Inputs", [], rows=list(_inputs(case))), _work(response, result)]
     shown = {name for section in sections for name in section.figures}
     sections[1].figures += tuple(name for name in drawn if name not in shown)
     cautions = [
         caution
-        for dataset in (response, result)
+        for dataset in (response, result, sliding)
+        if dataset is not None
         for caution in dataset.attrs.get("cautions", "").splitlines()
     ]
     return {

@@ -146,6 +146,31 @@ def test_compliant_grains_that_hit_each_other_overlap_by_less_than_a_hundredth(s
     assert np.diff(energy, prepend=kinetic).max() < 1e-3 * kinetic
 
 
+@pytest.mark.parametrize("compliance", [0.0, 0.02])
+@pytest.mark.parametrize("restitution", [0.5, 0.9])
+def test_grains_that_bounce_overlap_by_less_than_a_hundredth(restitution, compliance):
+    _, result = settled(ContactLaw(restitution=restitution, compliance=compliance), seconds=0.3)
+    assert float(result["penetration"].max()) < 0.01
+    energy = (result["kinetic_energy"] + result["elastic_energy"] - result["work"]).values
+    assert np.diff(energy, prepend=0.0).max() < 2e-4 * float(np.abs(result["work"]).max())
+
+
+@pytest.mark.parametrize("height", [1.0, 1.002, 1.004, 1.006])
+def test_a_late_impact_ends_its_step_touching_and_bounces_in_the_next(height):
+    grain = Grains([[0.0, 0.0, 0.01 + height]], 0.01)
+    h, restitution = 2e-3, 0.5
+    result = simulate(
+        Model(grain, FLOOR, ContactLaw(restitution=restitution)), 0.5, h, n_frames=251
+    )
+    gap, speed = result["position"].values[:, 0, 2] - 0.01, result["velocity"].values[:, 0, 2]
+    assert gap.min() > -1e-12
+    fastest = -speed.min()
+    rebound = float(speed.max())
+    assert rebound == pytest.approx(restitution * fastest, rel=1e-6)
+    bounced = int(np.argmax(speed))  # within half a step of the impact
+    assert abs(h * (bounced - 0.5) - np.sqrt(2.0 * height / 9.81)) < 1.01 * h
+
+
 def test_a_step_that_misses_its_tolerance_is_told():
     _, result = settled(solver=Solver(max_iterations=5, most_assembled=0), seconds=0.1)
     missed = int((result["converged"] == 0).sum())
