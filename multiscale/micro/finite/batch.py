@@ -53,6 +53,7 @@ __all__ = [
     "point_rows",
     "pull_back",
     "strain_batch",
+    "transform",
 ]
 
 kernel = numba.njit(
@@ -184,40 +185,46 @@ def strain_batch(  # type: ignore[no-untyped-def]
 @kernel
 def pull_back(s, q):  # type: ignore[no-untyped-def]
     """F^-T and F^-T T^t of (1) at a Gauss point."""
-    rx, ry, _, rt = point_rows(q)
-    f, j = GRADIENT + 9 * q * BATCH, DET + q * BATCH
+    f, det = s[GRADIENT + 9 * q * BATCH :], s[DET + q * BATCH :]
+    cofactor, pulled = s[COFACTOR:], s[PULLED:]
     for i in range(3):
         i1, i2 = 3 * ((i + 1) % 3) * BATCH, 3 * ((i + 2) % 3) * BATCH
         for m in range(3):
             m1, m2 = (m + 1) % 3 * BATCH, (m + 2) % 3 * BATCH
-            out = COFACTOR + (3 * i + m) * BATCH
+            out = (3 * i + m) * BATCH
             for v in range(BATCH):
-                cofactor = s[f + i1 + m1 + v] * s[f + i2 + m2 + v]
-                cofactor -= s[f + i1 + m2 + v] * s[f + i2 + m1 + v]
-                s[out + v] = cofactor / s[j + v]
+                value = f[i1 + m1 + v] * f[i2 + m2 + v] - f[i1 + m2 + v] * f[i2 + m1 + v]
+                cofactor[out + v] = value / det[v]
     for i in range(3):
-        c, g = COFACTOR + 3 * i * BATCH, PULLED + 3 * i * BATCH
-        for v in range(BATCH):
-            x, y, z = s[c + v], s[c + BATCH + v], s[c + 2 * BATCH + v]
-            along = z - s[GEOMETRY + rx + 4 * BATCH + v] * x
-            along -= s[GEOMETRY + ry + 4 * BATCH + v] * y
-            s[g + v], s[g + BATCH + v] = x, y
-            s[g + 2 * BATCH + v] = along / s[GEOMETRY + rt + v]
+        transform(s, q, cofactor[3 * i * BATCH :], BATCH, pulled[3 * i * BATCH :], BATCH)
 
 
 @kernel
-def logarithm(s, x, out):  # type: ignore[no-untyped-def]
+def transform(s, q, x, step, out, stride):  # type: ignore[no-untyped-def]
+    """Multiply three rows by T of (1)."""
+    rx, ry, _, rt = point_rows(q)
+    by_x, by_y = s[GEOMETRY + rx + 4 * BATCH :], s[GEOMETRY + ry + 4 * BATCH :]
+    height, second, third = s[GEOMETRY + rt :], x[step:], x[2 * step :]
+    first_out, second_out, third_out = out, out[stride:], out[2 * stride :]
+    for v in range(BATCH):
+        a, b, c = x[v], second[v], third[v]
+        first_out[v], second_out[v] = a, b
+        third_out[v] = (c - by_x[v] * a - by_y[v] * b) / height[v]
+
+
+@kernel
+def logarithm(x, out):  # type: ignore[no-untyped-def]
     """Natural logarithm of a row, by the series of atanh that all lanes share if near enough."""
     far = 0.0
     for v in range(BATCH):
-        root = math.sqrt(math.sqrt(s[x + v]))
+        root = math.sqrt(math.sqrt(x[v]))
         z = (root - 1.0) / (root + 1.0)  # ln x = 8 atanh z
         w = z * z
         series = 1.0 / 15.0 + w * (1.0 / 17.0 + w * (1.0 / 19.0 + w * (1.0 / 21.0 + w / 23.0)))
         series = 1.0 / 9.0 + w * (1.0 / 11.0 + w * (1.0 / 13.0 + w * series))
         series = 1.0 + w * (1.0 / 3.0 + w * (1.0 / 5.0 + w * (1.0 / 7.0 + w * series)))
-        s[out + v] = 8.0 * z * series
+        out[v] = 8.0 * z * series
         far += 0.0 if w < NEAR_ONE else 1.0
     if far > 0.0:
         for v in range(BATCH):
-            s[out + v] = math.log(s[x + v])
+            out[v] = math.log(x[v])

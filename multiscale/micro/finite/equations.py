@@ -33,6 +33,8 @@ from multiscale.micro.finite.tangential import Tangential, evaluate_friction
 __all__ = ["Equations", "Iterate"]
 
 LEAST_SPRING = 0.3 / 1.3  # share of the bound above which a spring helps the preconditioner
+KRYLOV_MEMORY = 1e9  # bytes, for the directions of one linear problem
+KRYLOV_ITERATIONS = (60, 400)  # fewest and most that may be stored
 UNLOADED = 1e-3  # of the largest contact forces so far, below which forces are measured by them
 
 
@@ -288,6 +290,8 @@ class Iterate:
         weights = self.scene.weights[0] * float(np.linalg.norm(self.distance))
         size_now = np.hypot(float(np.linalg.norm(self.residual)), weights)
         goal = max(forcing * size_now, floor * self.scale)
-        y, iterations = minimal_residual(apply, rest, precondition, goal=goal)
+        room = int(KRYLOV_MEMORY / (2 * x.nbytes))
+        limit = min(max(room, KRYLOV_ITERATIONS[0]), KRYLOV_ITERATIONS[1])
+        y, iterations = minimal_residual(apply, rest, precondition, goal=goal, max_iterations=limit)
         x += y
         return x[:size].reshape(shape), float(x[size]), iterations + 1

@@ -50,23 +50,33 @@ def minimal_residual(
     if not norm > goal:
         return np.zeros_like(right_hand_side), 0
     basis, searched = [right_hand_side / norm], []
-    hessenberg = np.zeros((max_iterations + 1, max_iterations))
-    weights: np.ndarray = np.zeros(0)
+    triangle = np.zeros((max_iterations, max_iterations))
+    rest = np.zeros(max_iterations + 1)
+    rest[0] = norm
+    turns: list[tuple[float, float]] = []
     for k in range(max_iterations):
         searched.append(precondition(basis[k]))
         w = apply(searched[k])
+        column = np.zeros(k + 2)
         for j in range(k + 1):
-            hessenberg[j, k] = np.vdot(basis[j], w)
-            w -= hessenberg[j, k] * basis[j]
-        hessenberg[k + 1, k] = np.linalg.norm(w)
-        small = hessenberg[: k + 2, : k + 1]
-        target = np.zeros(k + 2)
-        target[0] = norm
-        weights = np.linalg.lstsq(small, target, rcond=None)[0]
-        residual = float(np.linalg.norm(small @ weights - target))
-        if not residual > goal or not hessenberg[k + 1, k] > 1e-14 * norm:
+            column[j] = np.vdot(basis[j], w)
+            w -= column[j] * basis[j]
+        column[k + 1] = height = float(np.linalg.norm(w))
+        for j, (c, s) in enumerate(turns):  # Givens rotations make the column triangular
+            column[j], column[j + 1] = (
+                c * column[j] + s * column[j + 1],
+                c * column[j + 1] - s * column[j],
+            )
+        size = float(np.hypot(column[k], column[k + 1])) or 1.0
+        c, s = column[k] / size, column[k + 1] / size
+        turns.append((c, s))
+        triangle[:k, k], triangle[k, k] = column[:k], size
+        rest[k], rest[k + 1] = c * rest[k], -s * rest[k]
+        if not abs(rest[k + 1]) > goal or not height > 1e-14 * norm:
             break
-        basis.append(w / hessenberg[k + 1, k])
+        basis.append(w / height)
+    used = len(searched)
+    weights = np.linalg.lstsq(triangle[:used, :used], rest[:used], rcond=None)[0]
     solution = np.zeros_like(right_hand_side)
     for weight, direction in zip(weights, searched, strict=True):
         solution += weight * direction

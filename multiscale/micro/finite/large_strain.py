@@ -79,7 +79,7 @@ class _LargeStrainCell:
 
     def apply(self, v: np.ndarray) -> np.ndarray:
         out = np.empty_like(v)
-        apply_tangent(self.tangent, v, out)  # type: ignore[call-arg]
+        apply_tangent(self.tangent, v, out)
         return out
 
     def step(

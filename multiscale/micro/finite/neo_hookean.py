@@ -33,7 +33,9 @@ def neo_hookean(s, q, shear, frozen, has_frozen, tangent):  # type: ignore[no-un
         A_{ia,kb} = \delta_{ik} (T R T^t)_{ab} + (\mu - \tau)\, g_{ib} g_{ka} + \tau' g_{ia} g_{kb}.
     """
     rx, ry, _, rt = point_rows(q)
-    f, w = GRADIENT + 9 * q * BATCH, WEIGHT + q * BATCH
+    f, weight = s[GRADIENT + 9 * q * BATCH :], s[WEIGHT + q * BATCH :]
+    height = s[GEOMETRY + rt :]
+    by_x, by_y = s[GEOMETRY + rx + 4 * BATCH :], s[GEOMETRY + ry + 4 * BATCH :]
     for row in range(6):
         for v in range(BATCH):
             s[METRIC + row * BATCH + v] = shear if row < 3 else 0.0
@@ -44,9 +46,8 @@ def neo_hookean(s, q, shear, frozen, has_frozen, tangent):  # type: ignore[no-un
         xx, yy, zz = s[METRIC + v], s[METRIC + BATCH + v], s[METRIC + 2 * BATCH + v]
         xy, yz = s[METRIC + 3 * BATCH + v], s[METRIC + 4 * BATCH + v]
         xz = s[METRIC + 5 * BATCH + v]
-        inverse = 1.0 / s[GEOMETRY + rt + v]
-        tx = -s[GEOMETRY + rx + 4 * BATCH + v] * inverse
-        ty = -s[GEOMETRY + ry + 4 * BATCH + v] * inverse
+        inverse = 1.0 / height[v]
+        tx, ty = -by_x[v] * inverse, -by_y[v] * inverse
         x = tx * xx + ty * xy + inverse * xz
         y = tx * xy + ty * yy + inverse * yz
         z = tx * xz + ty * yz + inverse * zz
@@ -56,20 +57,21 @@ def neo_hookean(s, q, shear, frozen, has_frozen, tangent):  # type: ignore[no-un
         s[CURVED + v], s[CURVED + BATCH + v], s[CURVED + 2 * BATCH + v] = xx, xy, x
         s[CURVED + 3 * BATCH + v], s[CURVED + 4 * BATCH + v] = yy, y
         s[CURVED + 5 * BATCH + v] = tx * x + ty * y + inverse * z
+    force = s[LOG:]
     for k in range(3):
         for a in range(3):
-            row = (rx, ry, 8 * BATCH + rt)[a] + FLUX + 12 * k * BATCH
-            fk, xa = f + 3 * k * BATCH, LATER + 3 * a * BATCH
-            g = PULLED + (3 * k + a) * BATCH
+            row = (rx, ry, 8 * BATCH + rt)[a] + 12 * k * BATCH
+            fk, xa, out = f[3 * k * BATCH :], s[LATER + 3 * a * BATCH :], s[FLUX + row :]
+            g = s[PULLED + (3 * k + a) * BATCH :]
             for v in range(BATCH):
-                push = s[fk + v] * s[xa + v] + s[fk + BATCH + v] * s[xa + BATCH + v]
-                push += s[fk + 2 * BATCH + v] * s[xa + 2 * BATCH + v]
-                s[row + v] += s[w + v] * (push + (s[LOG + v] - shear) * s[g + v])
-    _tangent(s, w, shear, tangent)
+                push = fk[v] * xa[v] + fk[BATCH + v] * xa[BATCH + v]
+                push += fk[2 * BATCH + v] * xa[2 * BATCH + v]
+                out[v] += weight[v] * (push + (force[v] - shear) * g[v])
+    _tangent(s, weight, shear, tangent)
 
 
 @kernel
-def _tangent(s, w, shear, tangent):  # type: ignore[no-untyped-def]
+def _tangent(s, weight, shear, tangent):  # type: ignore[no-untyped-def]
     """Write the six blocks of A."""
     for block in range(6):
         i, k = FIRST[block], SECOND[block]
@@ -78,10 +80,10 @@ def _tangent(s, w, shear, tangent):  # type: ignore[no-untyped-def]
             for b in range(3):
                 first, second = min(a, b), max(a, b)
                 m = CURVED + (second if first == 0 else 2 + second if first == 1 else 5) * BATCH
-                ib, ka = PULLED + (3 * i + b) * BATCH, PULLED + (3 * k + a) * BATCH
-                ia, kb = PULLED + (3 * i + a) * BATCH, PULLED + (3 * k + b) * BATCH
-                out = tangent[(9 * block + 3 * a + b) * BATCH :]
+                ib, ka = s[PULLED + (3 * i + b) * BATCH :], s[PULLED + (3 * k + a) * BATCH :]
+                ia, kb = s[PULLED + (3 * i + a) * BATCH :], s[PULLED + (3 * k + b) * BATCH :]
+                out, curved = tangent[(9 * block + 3 * a + b) * BATCH :], s[m:]
                 for v in range(BATCH):
-                    value = (shear - s[LOG + v]) * s[ib + v] * s[ka + v]
-                    value += s[LOG + BATCH + v] * s[ia + v] * s[kb + v] + same * s[m + v]
-                    out[v] = s[w + v] * value
+                    value = (shear - s[LOG + v]) * ib[v] * ka[v]
+                    value += s[LOG + BATCH + v] * ia[v] * kb[v] + same * curved[v]
+                    out[v] = weight[v] * value

@@ -13,7 +13,6 @@ from multiscale.micro.finite.batch import (
     CHANGE,
     COFACTOR,
     DET,
-    EDGES,
     FLUX,
     LOG,
     MEAN,
@@ -22,7 +21,6 @@ from multiscale.micro.finite.batch import (
     SCRATCH,
     VOLUME,
     WEIGHT,
-    edge_derivatives,
     edge_forces,
     kernel,
     logarithm,
@@ -64,13 +62,13 @@ parallel_kernel = numba.njit(
 @kernel
 def _volume(s, q, modulus, mean_dilatation):  # type: ignore[no-untyped-def]
     """Volumetric Kirchhoff stress of U = modulus / 2 ln^2 J, and its derivative by ln J."""
-    j = DET + q * BATCH
+    det = s[DET + q * BATCH :]
     if mean_dilatation:
         for v in range(BATCH):
-            s[LOG + v] = modulus * s[CHANGE + v] / s[MEAN + v] * s[j + v]
+            s[LOG + v] = modulus * s[CHANGE + v] / s[MEAN + v] * det[v]
             s[LOG + BATCH + v] = s[LOG + v]
     else:
-        logarithm(s, j, CHANGE)
+        logarithm(det, s[CHANGE:])
         for v in range(BATCH):
             s[LOG + v], s[LOG + BATCH + v] = modulus * s[CHANGE + v], modulus
 
@@ -86,13 +84,13 @@ def _couple(s, modulus, dx, dy, c, matrix):  # type: ignore[no-untyped-def]
     for q in range(8):
         pull_back(s, q)
         rx, ry, rz, _ = point_rows(q)
+        weight, det = s[WEIGHT + q * BATCH :], s[DET + q * BATCH :]
         for k in range(3):
             for a in range(3):
-                row = (rx, ry, rz)[a] + FLUX + 12 * k * BATCH
-                g = PULLED + (3 * k + a) * BATCH
+                out = s[FLUX + (rx, ry, rz)[a] + 12 * k * BATCH :]
+                g = s[PULLED + (3 * k + a) * BATCH :]
                 for v in range(BATCH):
-                    weight = s[WEIGHT + q * BATCH + v] * s[DET + q * BATCH + v]
-                    s[row + v] += weight * s[g + v]
+                    out[v] += weight[v] * det[v] * g[v]
     edge_forces(s, dx, dy)
     for v in range(BATCH):
         curvature = max(modulus * (1.0 - s[CHANGE + v]), 0.0) / s[VOLUME + v]
@@ -159,7 +157,7 @@ def respond_cell(  # type: ignore[no-untyped-def]
                     for k in range(36 * BATCH):
                         s[FLUX + k] = 0.0
                     if mean_dilatation:
-                        logarithm(s, MEAN, CHANGE)
+                        logarithm(s[MEAN:], s[CHANGE:])
                     for q in range(8):
                         point = points[q % 4 * POINT_ROWS * BATCH :]
                         pull_back(s, q)
@@ -167,7 +165,9 @@ def respond_cell(  # type: ignore[no-untyped-def]
                         if law == NEO_HOOKEAN:
                             neo_hookean(s, q, shear, kept[q], has, point)
                         else:
-                            flowing += plastic(s, q, shear, moduli[2:], kept[q], single, point, lanes)
+                            flowing += plastic(
+                                s, q, shear, moduli[2:], kept[q], single, point, lanes
+                            )
                         if q % 4 == 3:
                             add_points(points, gradients[q - 3 :], half, rows)
                     edge_forces(s, dx, dy)
@@ -264,7 +264,7 @@ def _subtract_corner(s, x):  # type: ignore[no-untyped-def]
 
 @kernel
 def _complete_corner(y, s):  # type: ignore[no-untyped-def]
-    """Forces of all corners; together they vanish."""
+    """Find the forces of all corners; together they vanish."""
     for k in range(3):
         first = 8 * k * BATCH
         for v in range(BATCH):

@@ -22,7 +22,6 @@ import math
 from multiscale.micro.finite.batch import (
     COFACTOR,
     FLUX,
-    GEOMETRY,
     GRADIENT,
     LOG,
     METRIC,
@@ -30,6 +29,7 @@ from multiscale.micro.finite.batch import (
     kernel,
     logarithm,
     point_rows,
+    transform,
 )
 from multiscale.micro.finite.element_stiffness import FIRST, SECOND
 from multiscale.micro.hexahedron import BATCH
@@ -62,23 +62,22 @@ HALF = math.sqrt(2.0 / 3.0)
 @kernel
 def _trial(s, q, state):  # type: ignore[no-untyped-def]
     """Elastic left Cauchy-Green tensor of the step without flow."""
-    f = GRADIENT + 9 * q * BATCH
+    f, c = s[GRADIENT + 9 * q * BATCH :], s[FC:]
     for k in range(3):
-        fk, out = f + 3 * k * BATCH, FC + 3 * k * BATCH
+        fk, out = f[3 * k * BATCH :], c[3 * k * BATCH :]
         for v in range(BATCH):
-            x, y, z = s[fk + v], s[fk + BATCH + v], s[fk + 2 * BATCH + v]
+            x, y, z = fk[v], fk[BATCH + v], fk[2 * BATCH + v]
             xy, yz, xz = state[3, v], state[4, v], state[5, v]
-            s[out + v] = x * (1.0 + state[0, v]) + y * xy + z * xz
-            s[out + BATCH + v] = x * xy + y * (1.0 + state[1, v]) + z * yz
-            s[out + 2 * BATCH + v] = x * xz + y * yz + z * (1.0 + state[2, v])
+            out[v] = x * (1.0 + state[0, v]) + y * xy + z * xz
+            out[BATCH + v] = x * xy + y * (1.0 + state[1, v]) + z * yz
+            out[2 * BATCH + v] = x * xz + y * yz + z * (1.0 + state[2, v])
     for row in range(6):
-        i, j = row % 3, (row % 3 + row // 3) % 3 if row < 5 else 0
-        if row == 5:
-            i, j = 0, 2
-        g, fj, out = FC + 3 * i * BATCH, f + 3 * j * BATCH, TRIAL + row * BATCH
+        i = row % 3 if row < 5 else 0
+        j = i if row < 3 else (i + 1 if row < 5 else 2)
+        g, fj, out = c[3 * i * BATCH :], f[3 * j * BATCH :], s[TRIAL + row * BATCH :]
         for v in range(BATCH):
-            value = s[g + v] * s[fj + v] + s[g + BATCH + v] * s[fj + BATCH + v]
-            s[out + v] = value + s[g + 2 * BATCH + v] * s[fj + 2 * BATCH + v]
+            value = g[v] * fj[v] + g[BATCH + v] * fj[BATCH + v]
+            out[v] = value + g[2 * BATCH + v] * fj[2 * BATCH + v]
     for row in range(9):
         one = 1.0 if row % 4 == 0 else 0.0
         for v in range(BATCH):
@@ -164,7 +163,7 @@ def _flow(s, state, shear, first, hardening, rise, rate, lanes):  # type: ignore
 def _return_map(s, state, shear, first, hardening, rise, rate, lanes):  # type: ignore[no-untyped-def]
     """Principal stresses, elastic strains and stiffness; return the number of flowing lanes."""
     for row in range(3):
-        logarithm(s, TRIAL + row * BATCH, FLOW + row * BATCH)
+        logarithm(s[TRIAL + row * BATCH :], s[FLOW + row * BATCH :])
     for v in range(BATCH):
         x, y, z = s[FLOW + v], s[FLOW + BATCH + v], s[FLOW + 2 * BATCH + v]
         mean = (x + y + z) / 3.0
@@ -233,25 +232,21 @@ def plastic(s, q, shear, hardening, state, single, tangent, lanes):  # type: ign
     )
     _inverse_frame(s)
     rx, ry, _, rt = point_rows(q)
-    w = WEIGHT + q * BATCH
+    weight = s[WEIGHT + q * BATCH :]
     for a in range(3):
-        g, p = FC + a * BATCH, PUSHED + a * BATCH
-        for v in range(BATCH):
-            x, y, z = s[g + v], s[g + 3 * BATCH + v], s[g + 6 * BATCH + v]
-            along = z - s[GEOMETRY + rx + 4 * BATCH + v] * x
-            along -= s[GEOMETRY + ry + 4 * BATCH + v] * y
-            s[p + v], s[p + 3 * BATCH + v] = x, y
-            s[p + 6 * BATCH + v] = along / s[GEOMETRY + rt + v]
+        transform(s, q, s[FC + a * BATCH :], 3 * BATCH, s[PUSHED + a * BATCH :], 3 * BATCH)
+    stress = s[STRESS:]
     for k in range(3):
         for b in range(3):
-            row = (rx, ry, 8 * BATCH + rt)[b] + FLUX + 12 * k * BATCH
-            x, p = FRAME + 3 * k * BATCH, PUSHED + 3 * b * BATCH
+            row = (rx, ry, 8 * BATCH + rt)[b] + 12 * k * BATCH
+            out = s[FLUX + row :]
+            x, p = s[FRAME + 3 * k * BATCH :], s[PUSHED + 3 * b * BATCH :]
             for v in range(BATCH):
-                value = s[x + v] * s[STRESS + v] * s[p + v]
-                value += s[x + BATCH + v] * s[STRESS + BATCH + v] * s[p + BATCH + v]
-                value += s[x + 2 * BATCH + v] * s[STRESS + 2 * BATCH + v] * s[p + 2 * BATCH + v]
-                s[row + v] += s[w + v] * value
-    _round(s, w, single)
+                value = x[v] * stress[v] * p[v]
+                value += x[BATCH + v] * stress[BATCH + v] * p[BATCH + v]
+                value += x[2 * BATCH + v] * stress[2 * BATCH + v] * p[2 * BATCH + v]
+                out[v] += weight[v] * value
+    _round(s, weight, single)
     for block in range(6):
         k, m = 3 * FIRST[block] * BATCH, 3 * SECOND[block] * BATCH
         _tangent(single, single[k:], single[m:], tangent[9 * block * BATCH :])
@@ -259,7 +254,7 @@ def plastic(s, q, shear, hardening, state, single, tangent, lanes):  # type: ign
 
 
 @kernel
-def _round(s, w, single):  # type: ignore[no-untyped-def]
+def _round(s, weight, single):  # type: ignore[no-untyped-def]
     """Copy V, TG, and with the weight DIRECT and MIXED, in single precision."""
     for row in range(9):
         for v in range(BATCH):
@@ -267,7 +262,7 @@ def _round(s, w, single):  # type: ignore[no-untyped-def]
             single[(9 + row) * BATCH + v] = s[PUSHED + row * BATCH + v]
     for row in range(15):
         for v in range(BATCH):
-            single[(18 + row) * BATCH + v] = s[w + v] * s[DIRECT + row * BATCH + v]
+            single[(18 + row) * BATCH + v] = weight[v] * s[DIRECT + row * BATCH + v]
 
 
 @kernel

@@ -79,3 +79,10 @@ def test_a_step_that_creeps_is_given_up_with_what_was_reached(monkeypatch):
     assert response["converged"].values.tolist() == [[1, 0]]
     assert np.isfinite(response["traction"].values[0, 0]).all()
     assert "step 1 ended after" in response.attrs["ended"]
+
+
+@pytest.mark.slow
+def test_a_steep_nearly_incompressible_body_is_pressed():
+    response = press(NeoHookean(1.0, 0.499), Path(pressure=(0.01,)), 0.5)
+    assert response["converged"].values.all()
+    assert response["linear_iterations"].values[0, 0] > 60
