@@ -142,12 +142,16 @@ class Motion(TimeSteps):
     ----------
     step, duration : quantity
         s.
+    accuracy : number, optional
+        Steps change their length up to ``step``, so that impacts have this error, relative to the
+        smaller radius; all are alike if not given.
     tolerance : number
     max_iterations : int
         Sweeps in a step.
     threads, domains, frames : int
     """
 
+    accuracy: Annotated[Number, Field(gt=0.0, lt=1.0)] | None = None
     tolerance: Annotated[Number, Field(gt=0.0, lt=1.0)] = 1e-4
     max_iterations: Positive = 1000
     threads: Positive = 1

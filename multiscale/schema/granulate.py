@@ -44,6 +44,7 @@ GRANULATE = Schema(
         "branch": Variable(("contact", "component"), "m", "first centre minus second or contact"),
     },
     optional={
+        "time_step": Variable(("step",), "s", "length of the step"),
         "wall_force": Variable(("step", "wall", "component"), "N", "force of the grains on a wall"),
         "wall_position": Variable(("step", "wall", "component"), "m", "point of a wall"),
         "wall_direction": Variable(("wall", "component"), "1", "normal or axis of a wall"),
