@@ -19,7 +19,7 @@ GRANULATE = Schema(
         "penetration": Variable(("step",), "1", "largest overlap over the smaller radius"),
         "n_contacts": Variable(("step",), "1", "number of contacts that carry a force"),
         "kinetic_energy": Variable(("step",), "J", "kinetic energy"),
-        "elastic_energy": Variable(("step",), "J", "energy in the springs of compliant contacts"),
+        "elastic_energy": Variable(("step",), "J", "energy that overlaps and rebounds bring back"),
         "work": Variable(("step",), "J", "work of gravity, walls and cell since the start"),
         "contact_dissipation": Variable(("step",), "J", "energy the contacts took since the start"),
         "numerical_dissipation": Variable(

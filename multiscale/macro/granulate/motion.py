@@ -356,7 +356,7 @@ def advance(
     )
     energies = account(
         model,
-        acted,
+        (h, acted),
         (old, slow, velocity),
         contacts,
         -law.restitution * approach[index],

@@ -163,6 +163,16 @@ def test_energy_never_grows_without_work(restitution):
     np.testing.assert_allclose(total, -lost, atol=1e-12 * scale)
 
 
+@pytest.mark.parametrize("accuracy", [None, 0.1])
+@pytest.mark.parametrize(("compliance", "grows"), [(0.02, 1e-6), (0.05, 2e-4)])
+def test_overlaps_of_compliant_grains_give_back_what_they_took(compliance, grows, accuracy):
+    model = granulate.deposit(np.full(75, 0.01), (0.11, 0.11), ContactLaw(compliance=compliance))
+    result = simulate(model, 0.4, 2e-3, accuracy=accuracy)
+    energy = (result["kinetic_energy"] + result["elastic_energy"] - result["work"]).values
+    assert np.diff(energy, prepend=0.0).max() < grows * float(np.abs(result["work"]).max())
+    assert float(result["elastic_energy"].max()) > 1e-3 * float(np.abs(result["work"]).max())
+
+
 def test_rigid_grains_never_overlap_by_a_hundredth_of_a_radius():
     _, result = settled()
     assert float(result["penetration"].max()) < 2e-3
