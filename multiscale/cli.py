@@ -52,7 +52,7 @@ def run_command(
     """Run the whole chain: surface, cells, interface law, joint; or a sweep of such runs."""
     from multiscale.pipeline import is_tyre_case, load_sweep, requirements
 
-    if resume and not any((out / name).is_dir() for name in ("micro", "plan", "points")):
+    if resume and not any((out / name).exists() for name in ("log.txt", "micro", "plan", "points")):
         raise CaseError(f"{out} holds no run to resume; leave out --resume to begin one")
     if is_tyre_case(case):
         _run_tyre(case, out, jobs, dask, quick=quick, explain=explain)
@@ -61,7 +61,10 @@ def run_command(
     if quick:
         sweep = sweep.quick()
     if explain:
-        typer.echo(requirements(sweep.points[0]).explain())
+        if sweep.parameters:
+            typer.echo(f"{len(sweep.points)} points; the largest:")
+        needs = max(map(requirements, sweep.points), key=lambda needs: needs.memory)
+        typer.echo(needs.explain())
     elif sweep.parameters:
         _run_sweep(sweep, out, jobs, dask)
     else:
@@ -73,7 +76,7 @@ def _run_case(settings: "Case", out: Path, jobs: int, dask: str | None) -> None:
     from multiscale.io import logging_to, make_folder
     from multiscale.pipeline import run
     from multiscale.plotting import draw_figures
-    from multiscale.report import HEAD, tabulate, write_report
+    from multiscale.report import describe_sliding, read_sliding, tabulate, write_report
 
     make_folder(out)
     with (
@@ -86,11 +89,15 @@ def _run_case(settings: "Case", out: Path, jobs: int, dask: str | None) -> None:
         results = run(settings, out, executor=executor, progress=progress)
     draw_figures(out)
     write_report(out)
-    for caution in results.micro_response.attrs["cautions"].splitlines():
-        typer.echo(f"caution: {caution}", err=True)
+    sliding = read_sliding(out)
+    for dataset in (results.micro_response, sliding):
+        for caution in [] if dataset is None else dataset.attrs["cautions"].splitlines():
+            typer.echo(f"caution: {caution}", err=True)
     for line in results.macro_result.attrs.get("plan", "").splitlines():
         typer.echo(line)
-    _print_table(settings.title, HEAD, tabulate(results.macro_result))
+    _print_table(settings.title, *tabulate(results.macro_result))
+    for line in [] if sliding is None else describe_sliding(sliding):
+        typer.echo(line)
     typer.echo(f"report, figures and datasets: {out}")
 
 
@@ -129,7 +136,8 @@ def _run_sweep(sweep: "Sweep", out: Path, jobs: int, dask: str | None) -> None:
     """Run a sweep, and print a line for each of its points."""
     from multiscale.io import logging_to, make_folder
     from multiscale.pipeline import run_sweep
-    from multiscale.report import tabulate_sweep
+    from multiscale.plotting import draw_figures
+    from multiscale.report import tabulate_sweep, write_report
 
     make_folder(out)
     with (
@@ -138,11 +146,13 @@ def _run_sweep(sweep: "Sweep", out: Path, jobs: int, dask: str | None) -> None:
         _progress(len(sweep.points), "points") as progress,
     ):
         result = run_sweep(sweep, out, executor=executor, progress=progress)
+    draw_figures(out)
+    write_report(out)
     _print_table(sweep.title, *tabulate_sweep(result))
     for failure in result["failure"].values:
         if failure:
             typer.echo(f"caution: {failure}", err=True)
-    typer.echo(f"dataset: {out / 'sweep.nc'}; runs: {out / 'points'}")
+    typer.echo(f"report, figure and dataset: {out}; runs: {out / 'points'}")
 
 
 @app.command("micro")
@@ -156,13 +166,12 @@ def micro_command(
     dask: DaskOption = None,
 ) -> None:
     """Solve the cells of a case."""
-    from multiscale.io import make_folder
     from multiscale.pipeline import load_case, run_micro
 
+    _check_dataset(out)
     settings = load_case(case)
     if quick:
         settings = settings.quick()
-    make_folder(out.parent)
     with (
         workers(jobs, dask) as executor,
         _progress(settings.micro.realisations, "realisations") as progress,
@@ -184,6 +193,7 @@ def fit_command(
     from multiscale.io import open_response, save_law
     from multiscale.upscaling import fit_branches
 
+    _check_dataset(out)
     save_law(fit_branches(open_response(response), family=family), out)
 
 
@@ -199,18 +209,27 @@ def macro_command(
     law: Annotated[
         Path | None, typer.Option("--law", help="Interface law of rough joints.")
     ] = None,
+    explain: Annotated[
+        bool, typer.Option("--explain", help="Print what the scene needs, and stop.")
+    ] = False,
 ) -> None:
     """Solve a scene: bars and cables at rest or in motion, a plate, bodies with rough joints.
 
     Started by ``mpiexec -n N``, N processes share the substructures of a scene that is cut.
     """
     from multiscale.macro.substructures import world
-    from multiscale.pipeline import homogenised_file, load_scene, run_scene
+    from multiscale.pipeline import homogenised_file, load_scene, run_scene, scene_requirements
     from multiscale.report import list_cycles, tabulate_scene
 
-    settings = load_scene(scene)
-    team = world()
-    result = run_scene(settings.quick() if quick else settings, out, law=law, team=team)
+    settings, team = load_scene(scene), world()
+    if quick:
+        settings = settings.quick()
+    if explain:
+        if team.rank == 0:
+            typer.echo(scene_requirements(settings, processes=team.size).explain())
+        return
+    _check_dataset(out)
+    result = run_scene(settings, out, law=law, team=team)
     if team.rank:  # the first process speaks for all
         return
     for name in ("failure", "cautions"):
@@ -248,12 +267,12 @@ def bench_command(
     """Measure error, run time and memory, beside other codes where they are installed."""
     from multiscale.bench import bench, tabulate
     from multiscale.bench.summary import join_families, tabulate_cheapest
-    from multiscale.io import make_folder, write_dataset
+    from multiscale.io import try_to_write, write_dataset
     from multiscale.plotting import draw_work_precision
     from multiscale.schema import WORK_PRECISION
 
     chosen = _choose(families, FAMILIES)
-    make_folder(out)
+    try_to_write(out / "work_precision.nc")
     measured = {}
     for name in chosen:
         found = bench(name, quick=quick, report=lambda line: typer.echo(line, err=True))
@@ -284,13 +303,13 @@ def stability_command(
     """Run every stiff and extreme case: converged, refused with a sentence, or failed."""
     from multiscale.bench.stability import check_stability, stability_cases, tabulate_stability
     from multiscale.errors import ConvergenceError
-    from multiscale.io import make_folder, write_dataset
+    from multiscale.io import write_dataset
     from multiscale.schema import STABILITY
 
     cases = stability_cases()
     known = dict.fromkeys(case.family for case in cases)
     chosen = _choose(families, list(known))
-    make_folder(out.parent)
+    _check_dataset(out)
     found = check_stability(
         [case for case in cases if case.family in chosen],
         jobs=jobs or cores(),
@@ -332,6 +351,18 @@ def _progress(total: int, what: str, shown: bool = True) -> Iterator[Callable[[i
         yield lambda finished: bar.update(task, completed=finished)
 
 
+def _check_dataset(out: Path) -> None:
+    """Refuse a file for a dataset before anything is computed."""
+    from multiscale.io import try_to_write
+
+    if out.suffix != ".nc":
+        raise CaseError(
+            f"-o {out}: the result is one dataset, whose file ends in .nc; write it to "
+            f"{out.name or 'result'}.nc, for instance"
+        )
+    try_to_write(out)
+
+
 def _choose(families: list[str] | None, known: Sequence[str]) -> Sequence[str]:
     """Give the families asked for, all if none is."""
     for name in families or ():
@@ -363,4 +394,7 @@ def main() -> None:
         raise SystemExit(1) from None
     except MemoryError as error:
         typer.echo(f"multiscale: not enough memory ({error}); use fewer points or jobs", err=True)
+        raise SystemExit(1) from None
+    except OSError as error:  # of standard output, for instance
+        typer.echo(f"multiscale: {error}; free some space or look at the permissions", err=True)
         raise SystemExit(1) from None

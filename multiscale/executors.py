@@ -1,15 +1,18 @@
 """Jobs for worker processes, of this machine or of others."""
 
+import logging
 import os
 from collections.abc import Callable, Hashable, Iterator, Mapping
-from concurrent.futures import Executor, as_completed
-from concurrent.futures.process import BrokenProcessPool
+from concurrent.futures import BrokenExecutor, CancelledError, Executor, as_completed
 from contextlib import contextmanager
-from typing import Any, TypeVar
+from typing import TYPE_CHECKING, Any, TypeVar
 
 from multiscale.errors import CaseError, MultiscaleError
 
-__all__ = ["cores", "run_jobs", "workers"]
+if TYPE_CHECKING:
+    from concurrent.futures import ProcessPoolExecutor
+
+__all__ = ["cores", "process_pool", "run_jobs", "workers"]
 
 Key = TypeVar("Key", bound=Hashable)
 Result = TypeVar("Result")
@@ -51,10 +54,15 @@ def run_jobs(
         for future in as_completed(futures):
             finish(futures[future], future.result())
             done += 1
-    except BrokenProcessPool as error:
+    except BrokenExecutor as error:
         raise MultiscaleError(
             f"a worker process died after {done} of {len(jobs)} jobs, perhaps for lack of memory; "
             f"what is finished is kept, so run again with fewer jobs"
+        ) from error
+    except CancelledError as error:
+        raise MultiscaleError(
+            f"the workers were lost after {done} of {len(jobs)} jobs; what is finished is kept, so "
+            f"run again once they are back"
         ) from error
     finally:
         for future in futures:
@@ -93,14 +101,19 @@ def workers(jobs: int, dask: str | None) -> Iterator[Executor | None]:
     if jobs == 1:
         yield None
         return
+    with process_pool(jobs) as executor:
+        yield executor
+
+
+def process_pool(jobs: int) -> "ProcessPoolExecutor":
+    """Return a pool of processes that end when this one is killed."""
     from concurrent.futures import ProcessPoolExecutor
     from multiprocessing import get_context
 
     # spawn: a forked process would inherit locks of the kernels' threads
-    with ProcessPoolExecutor(
+    return ProcessPoolExecutor(
         jobs, mp_context=get_context("spawn"), initializer=_leave_with_parent
-    ) as executor:
-        yield executor
+    )
 
 
 @contextmanager
@@ -108,14 +121,22 @@ def _dask_workers(address: str) -> Iterator[Executor]:
     """Give the workers of a dask scheduler."""
     try:
         from distributed import Client
+        from distributed.scheduler import KilledWorker
     except ImportError as error:
         raise CaseError("--dask needs dask; install the extra 'cluster'") from error
+    logging.getLogger("distributed.client").setLevel(logging.CRITICAL)  # sentences tell enough
     try:
         client = Client(address, timeout=10)  # type: ignore[no-untyped-call]
     except (OSError, ValueError) as error:
         raise CaseError(f"no dask scheduler answers at {address!r}: {error}") from error
-    with client, client.get_executor() as executor:  # type: ignore[no-untyped-call]
-        yield executor
+    try:
+        with client, client.get_executor() as executor:  # type: ignore[no-untyped-call]
+            yield executor
+    except KilledWorker as error:
+        raise MultiscaleError(
+            "several workers of dask died of the same job, perhaps for lack of memory; what is "
+            "finished is kept, so run again on larger workers"
+        ) from error
 
 
 def cores() -> int:

@@ -1,8 +1,28 @@
 """What a scene needs: the only input from which solvers allocate and choose."""
 
+from collections.abc import Mapping
 from dataclasses import dataclass
 
-__all__ = ["Needs"]
+__all__ = ["Needs", "choose"]
+
+
+def choose(
+    choices: Mapping[str, tuple[bool, str, str]],
+) -> tuple[dict[str, str], dict[str, str]]:
+    """Split operators into those that are built and those that are left out.
+
+    Parameters
+    ----------
+    choices : mapping of str to (bool, str, str)
+        Of every operator: whether it is needed, what for, and why not.
+
+    Returns
+    -------
+    operators, left_out : dict of str to str
+        As :class:`Needs` takes them.
+    """
+    operators = {name: why for name, (needed, why, _) in choices.items() if needed}
+    return operators, {name: why for name, (needed, _, why) in choices.items() if not needed}
 
 
 @dataclass(frozen=True)

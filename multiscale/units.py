@@ -54,10 +54,13 @@ def to_si(text: object, unit: str) -> float:
     if unit == "1" and isinstance(text, int | float) and not isinstance(text, bool):
         number = float(text)
     elif not isinstance(text, str):
-        raise CaseError(f'{text!r} has no unit; write it as text, such as "{text} {unit}"')
+        shown = f"{text:g}" if isinstance(text, float) else text
+        raise CaseError(f'{text!r} has no unit; write it as text, such as "{shown} {unit}"')
     else:
         parts = _QUANTITY.fullmatch(text)
         if parts is None:
+            if "," in text:
+                raise CaseError(f"{text!r} has a comma; write its number with a decimal point")
             raise CaseError(
                 f'{text!r} is not a quantity; write a number and a unit, such as "1 {unit}"'
             )
@@ -69,6 +72,11 @@ def to_si(text: object, unit: str) -> float:
             number = float(f"{quantity.to(unit).magnitude:.15g}")
         except pint.DimensionalityError as error:
             raise CaseError(f"{text!r} cannot be converted to {unit}") from error
+        except pint.UndefinedUnitError as error:
+            raise CaseError(
+                f'{text!r} has an unknown unit; capitals count, as in "1 MPa" and "1 mPa"; write '
+                f'one of the kind of "1 {unit}"'
+            ) from error
         except Exception as error:  # pint raises many kinds, tokenizer errors among them
             raise CaseError(
                 f'{text!r} is not a quantity; write a number and a unit, such as "1 {unit}"'

@@ -1,24 +1,59 @@
-"""Every block of Python in the README runs as it stands."""
+"""Every block of the README runs as it stands, and what it quotes is so."""
 
+import re
+import runpy
+import shlex
+import tomllib
 from pathlib import Path
+from shutil import copytree
 
 import numpy as np
 import pytest
 
-from tests.support import write_law
+from multiscale.cli import app
+from multiscale.io import open_dataset
+from multiscale.pipeline import load_case, load_scene, load_sweep
+from multiscale.pipeline.case import validate_case
+from multiscale.schema import MACRO_RESULT
 
-README = (Path(__file__).parents[1] / "README.md").read_text(encoding="utf-8")
+ROOT = Path(__file__).parents[1]
+README = (ROOT / "README.md").read_text(encoding="utf-8")
+SLOW = ("bench", "run ground_steel", "run tyre_on_road")
 
 
-def blocks():
-    """Blocks of Python by the heading above them, numbered where there are several."""
+def blocks(language):
+    """Blocks of a language by the heading above them, numbered where there are several."""
     found = {}
     for section in README.split("\n## ")[1:]:
-        title, *parts = section.split("```python\n")
+        title, *parts = section.split(f"```{language}\n")
         for k, part in enumerate(parts):
             name = title.splitlines()[0] + (f", {k + 1}" if k else "")
             found[name] = part.split("```")[0]
     return found
+
+
+def commands():
+    """Lines of the command line, those that take minutes even if quick marked as slow."""
+    for line in "".join(blocks("bash").values()).splitlines():
+        if "bin/multiscale" not in line or "mpiexec" in line:
+            continue  # installs, or runs in the tests of parallel substructures
+        command = line.split(" && ")[-1].split("#")[0].strip()
+        slow = [pytest.mark.slow] if any(name in command for name in SLOW) else []
+        yield pytest.param(command, marks=slow, id=command.removeprefix(".venv/bin/"))
+
+
+@pytest.fixture
+def folder(run_folder, tmp_path, monkeypatch):
+    """A checkout after the main command, with the files that the README shows."""
+    monkeypatch.chdir(tmp_path)
+    copytree(run_folder, "results")
+    Path("workflows").symlink_to(ROOT / "workflows")
+    whole = [text for text in blocks("toml").values() if text.startswith("title")]
+    for name, text in zip(("my_joint.toml", "lamp.toml"), whole, strict=True):
+        Path(name).write_text(text, encoding="utf-8")
+    for name, text in zip(("nodes.csv", "links.csv"), blocks("csv").values(), strict=True):
+        Path(name).write_text(text, encoding="utf-8")
+    return tmp_path
 
 
 def damage(names):
@@ -43,24 +78,103 @@ def rough_joint(names):
     )
 
 
+def in_xarray(names):
+    pressure = names["light"]["nominal_pressure"].values
+    assert pressure.min() >= 2e6
+    assert pressure.max() <= 20e6
+    assert {"law.csv", "gap.csv", "rough_joint.inp"} <= {path.name for path in Path().iterdir()}
+
+
 CHECKS = {
     "Damage": damage,
     "Laws and their errors": laws,
+    "Results in xarray": in_xarray,
     "Substructures and rough joints": rough_joint,
 }
 """What the names that a block leaves must satisfy."""
 
 
-@pytest.mark.parametrize("name", blocks())
-def test_a_block_of_the_readme_runs(name, tmp_path, monkeypatch, capsys):
-    monkeypatch.chdir(tmp_path)
-    Path("results").mkdir()
-    write_law(Path("results/interface_law.nc"))  # what the main command leaves
+@pytest.mark.parametrize("name", blocks("python"))
+def test_a_block_of_python_runs(name, folder, capsys):
     names = {}
-    exec(compile(blocks()[name], "README.md", "exec"), names)
+    exec(compile(blocks("python")[name], "README.md", "exec"), names)
     if name in CHECKS:
         CHECKS[name](names)
 
 
 def test_every_check_is_of_a_block():
-    assert set(CHECKS) <= set(blocks())
+    assert set(CHECKS) <= set(blocks("python"))
+
+
+@pytest.mark.parametrize("command", list(commands()))
+def test_a_command_runs_quickly(command, folder, monkeypatch):
+    quick = "" if "--quick" in command or " fit " in command else " --quick"
+    for option in ("fit", "--law"):  # what the commands before it have made
+        command = command.replace(f"{option} parts/", f"{option} results/")
+    arguments = shlex.split(command + quick)
+    app(arguments[1:], standalone_mode=False)
+    if "-o" in arguments:
+        assert (folder / arguments[arguments.index("-o") + 1]).exists()
+
+
+def test_the_lamp_hangs_from_ropes_of_the_tension_of_its_polygon_of_forces(folder):
+    app(["macro", "lamp.toml", "-o", "lamp.nc"], standalone_mode=False)
+    tension = open_dataset("lamp.nc", MACRO_RESULT)["tension"].values
+    np.testing.assert_allclose(tension[1], 50.0 * np.sqrt(5.0), rtol=1e-9)  # N, sine 1/sqrt(5)
+
+
+@pytest.mark.parametrize("name", [k for k, t in blocks("toml").items() if "title" not in t])
+def test_a_piece_of_a_case_fits_into_the_whole_one(name, folder):
+    whole = tomllib.loads(Path("my_joint.toml").read_text())
+    piece = tomllib.loads(blocks("toml")[name])
+    if "sweep" in piece:
+        text = Path("my_joint.toml").read_text() + blocks("toml")[name]
+        Path("sweep.toml").write_text(text)
+        assert len(load_sweep("sweep.toml").points) == 6
+        return
+    validate_case(_joined(whole, piece), Path("my_joint.toml"))
+
+
+def _joined(whole, piece):
+    """A table with the keys of another put in; a surface of another kind replaces the first."""
+    if "file" in piece:
+        return piece
+    return whole | {
+        key: _joined(whole.get(key, {}), value) if isinstance(value, dict) else value
+        for key, value in piece.items()
+    }
+
+
+def test_whole_files_are_read(folder):
+    assert load_case("my_joint.toml").cautions() == []
+    assert load_scene("lamp.toml").structure.kind == "table"
+
+
+def test_the_tables_of_keys_are_those_of_the_models():
+    renew = runpy.run_path(str(ROOT / "workflows" / "manual.py"))["renew"]
+    assert renew(README) == README, "run python workflows/manual.py -o ."
+
+
+def test_every_key_is_explained():
+    rows = re.findall(r"^\| `(\w+)` \| .* \| (.*) \|$", README, flags=re.MULTILINE)
+    assert len(rows) > 150
+    assert [key for key, meaning in rows if len(meaning.split()) < 2] == []
+
+
+def test_sources_are_those_of_the_docstrings():
+    sources = README.split("\n## Sources")[1].split("\n## ")[0]
+    code = "".join(path.read_text() for path in (ROOT / "multiscale").rglob("*.py"))
+    named = re.findall(r"doi:([^\s;|]+)", sources)
+    assert len(named) >= 25
+    assert [doi for doi in named if doi not in code] == []
+
+
+def test_links_and_figures_are_there():
+    headings = {
+        re.sub(r"[^\w -]", "", line).replace(" ", "-").lower()
+        for line in re.findall(r"^#+ (.*)$", README, flags=re.MULTILINE)
+    }
+    assert set(re.findall(r"\]\(#([\w-]+)\)", README)) <= headings
+    figures = re.findall(r"!\[.*?\]\((.*?)\)", README)
+    assert sum((ROOT / figure).stat().st_size for figure in figures) < 150e3
+    assert len(figures) == 2

@@ -3,12 +3,10 @@
 import signal
 import tomllib
 from collections.abc import Callable, Iterator
-from concurrent.futures import ProcessPoolExecutor
 from concurrent.futures.process import BrokenProcessPool
 from dataclasses import dataclass
 from importlib import resources
 from itertools import product
-from multiprocessing import get_context
 from time import perf_counter
 from typing import TYPE_CHECKING, NamedTuple
 
@@ -16,6 +14,7 @@ import numpy as np
 
 from multiscale.bench.record import versions
 from multiscale.errors import MultiscaleError
+from multiscale.executors import process_pool
 from multiscale.schema import STABILITY
 
 if TYPE_CHECKING:
@@ -127,8 +126,7 @@ def _run_all(cases: list[StabilityCase], jobs: int) -> Iterator[tuple[StabilityC
     """Run the cases in order; one whose process dies takes nothing else with it."""
     left = list(cases)
     while left:
-        # spawn: a forked process would inherit locks of the kernels' threads
-        with ProcessPoolExecutor(jobs, mp_context=get_context("spawn")) as executor:
+        with process_pool(jobs) as executor:
             futures = [executor.submit(_run, case) for case in left]
             for case, future in zip(tuple(left), futures, strict=True):
                 try:
@@ -141,7 +139,7 @@ def _run_all(cases: list[StabilityCase], jobs: int) -> Iterator[tuple[StabilityC
 
 def _run_alone(case: StabilityCase) -> _Outcome:
     """Solve a case in a process that nothing else depends on."""
-    with ProcessPoolExecutor(1, mp_context=get_context("spawn")) as executor:
+    with process_pool(1) as executor:
         try:
             return executor.submit(_run, case).result()
         except BrokenProcessPool:

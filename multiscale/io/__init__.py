@@ -10,7 +10,14 @@ from multiscale.io.datasets import (
     write_dataset,
 )
 from multiscale.io.fields import write_surface_fields
-from multiscale.io.files import logging_to, make_folder, read_bytes, read_text, write_bytes
+from multiscale.io.files import (
+    logging_to,
+    make_folder,
+    read_bytes,
+    read_text,
+    try_to_write,
+    write_bytes,
+)
 from multiscale.io.grain_fields import write_grain_fields
 from multiscale.io.images import VoxelImage, read_images
 from multiscale.io.link_fields import write_link_fields
@@ -36,6 +43,7 @@ __all__ = [
     "read_table",
     "read_text",
     "save_law",
+    "try_to_write",
     "write_body_fields",
     "write_bytes",
     "write_dataset",

@@ -1,12 +1,11 @@
 """Fields on the contact surface as VTU files for ParaView."""
 
 from pathlib import Path
-from tempfile import TemporaryDirectory
 from typing import TYPE_CHECKING
 
 import numpy as np
 
-from multiscale.io.files import write_bytes
+from multiscale.io.files import replacing
 
 if TYPE_CHECKING:
     import xarray as xr
@@ -40,9 +39,8 @@ def write_surface_fields(fields: "xr.Dataset", size: tuple[float, float], folder
     )
     first = (np.arange(ny - 1)[:, None] * nx + np.arange(nx - 1)).ravel()
     quads = np.column_stack([first, first + 1, first + nx + 1, first + nx])
-    with TemporaryDirectory() as scratch:
-        for k in range(fields.sizes["step"]):
-            data = {name: fields[name].values[k].ravel() for name in ("pressure", "gap")}
-            file = Path(scratch) / "field.vtu"
-            meshio.Mesh(points, [("quad", quads)], point_data=data).write(file)
-            write_bytes(folder / f"contact-{k:04d}.vtu", file.read_bytes())
+    for k in range(fields.sizes["step"]):
+        data = {name: fields[name].values[k].ravel() for name in ("pressure", "gap")}
+        mesh = meshio.Mesh(points, [("quad", quads)], point_data=data)
+        with replacing(folder / f"contact-{k:04d}.vtu") as whole:
+            mesh.write(whole, file_format="vtu")

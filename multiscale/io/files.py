@@ -4,13 +4,22 @@ import errno
 import logging
 import os
 from collections.abc import Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from pathlib import Path
 from tempfile import mkstemp
 
 from multiscale.errors import CaseError, MultiscaleError
 
-__all__ = ["logging_to", "make_folder", "read_bytes", "read_text", "write_bytes", "writing"]
+__all__ = [
+    "logging_to",
+    "make_folder",
+    "read_bytes",
+    "read_text",
+    "replacing",
+    "try_to_write",
+    "write_bytes",
+    "writing",
+]
 
 
 def write_bytes(path: Path, content: bytes | memoryview) -> None:
@@ -21,13 +30,26 @@ def write_bytes(path: Path, content: bytes | memoryview) -> None:
     MultiscaleError
         If the disk is full or the folder cannot be written to.
     """
+    with replacing(path) as part:
+        part.write_bytes(content)
+
+
+@contextmanager
+def replacing(path: Path) -> Iterator[Path]:
+    """Give a temporary name beside a file; what is written there takes its place, if it is whole.
+
+    Raises
+    ------
+    MultiscaleError
+        If the disk is full or the folder cannot be written to.
+    """
     with writing(path):
         descriptor, name = mkstemp(dir=path.parent, prefix=f".{path.name}.", suffix=".part")
         part = Path(name)
         try:
-            with os.fdopen(descriptor, "wb") as file:
-                file.write(content)
-                file.flush()
+            os.close(descriptor)
+            yield part
+            with part.open("rb+") as file:
                 os.fsync(file.fileno())
             mask = os.umask(0)  # a temporary file is private; give it the mode of any other
             os.umask(mask)
@@ -52,6 +74,17 @@ def writing(path: Path) -> Iterator[None]:
         ) from error
 
 
+def try_to_write(path: Path) -> None:
+    """Make the folder of a file, and refuse at once what would fail after a long computation."""
+    make_folder(path.parent)
+    with writing(path):
+        if path.is_dir():
+            raise IsADirectoryError(errno.EISDIR, os.strerror(errno.EISDIR))
+        descriptor, name = mkstemp(dir=path.parent, prefix=f".{path.name}.", suffix=".part")
+        os.close(descriptor)
+        Path(name).unlink()
+
+
 def make_folder(path: Path) -> Path:
     """Make a folder and its parents, and return it."""
     with writing(path):
@@ -61,9 +94,9 @@ def make_folder(path: Path) -> Path:
 
 @contextmanager
 def logging_to(path: Path) -> Iterator[None]:
-    """Append what the package logs to a file while the context lasts."""
+    """Append what the package logs to a file while the context lasts, as long as it has room."""
     with writing(path):
-        handler = logging.FileHandler(path, encoding="utf-8")
+        handler = _RunLog(path, encoding="utf-8")
     handler.setFormatter(logging.Formatter("%(asctime)s %(name)s: %(message)s"))
     logger = logging.getLogger("multiscale")
     level = logger.level
@@ -74,7 +107,15 @@ def logging_to(path: Path) -> Iterator[None]:
     finally:
         logger.setLevel(level)
         logger.removeHandler(handler)
-        handler.close()
+        with suppress(OSError):  # the rest finds no room
+            handler.close()
+
+
+class _RunLog(logging.FileHandler):
+    """A log that never speaks of itself: a full disk is told by what fails for it."""
+
+    def handleError(self, record: logging.LogRecord) -> None:  # noqa: N802
+        """Leave out the line."""
 
 
 def read_bytes(path: Path) -> bytes:
@@ -83,8 +124,10 @@ def read_bytes(path: Path) -> bytes:
     Raises
     ------
     CaseError
-        If the file is missing or cannot be read.
+        If the file is missing, cannot be read or has no end.
     """
+    if path.is_char_device() or path.is_fifo() or path.is_socket():
+        raise CaseError(f"{path}: is a device or a pipe; give a file")
     try:
         return path.read_bytes()
     except FileNotFoundError as error:

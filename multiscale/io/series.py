@@ -2,13 +2,12 @@
 
 from collections.abc import Iterable
 from pathlib import Path
-from tempfile import TemporaryDirectory
 from typing import TYPE_CHECKING, Any
 from xml.sax.saxutils import quoteattr
 
 import numpy as np
 
-from multiscale.io.files import write_bytes
+from multiscale.io.files import replacing, write_bytes
 
 if TYPE_CHECKING:
     import xarray as xr
@@ -44,17 +43,14 @@ def write_series(
         If a file cannot be written.
     """
     entries = []
-    with TemporaryDirectory() as scratch:
-        for k, (at, meshes) in enumerate(zip(times, steps, strict=True)):
-            for number, (part, mesh) in enumerate(meshes.items()):
-                whole = Path(scratch) / "part.vtu"
-                mesh.write(whole)
-                file = f"{name}-{part}-{k:04d}.vtu" if part else f"{name}-{k:04d}.vtu"
-                write_bytes(folder / file, whole.read_bytes())
-                entries.append(
-                    f'    <DataSet timestep="{float(at)!r}" part="{number}" '
-                    f"file={quoteattr(file)}/>\n"
-                )
+    for k, (at, meshes) in enumerate(zip(times, steps, strict=True)):
+        for number, (part, mesh) in enumerate(meshes.items()):
+            file = f"{name}-{part}-{k:04d}.vtu" if part else f"{name}-{k:04d}.vtu"
+            with replacing(folder / file) as whole:
+                mesh.write(whole, file_format="vtu")
+            entries.append(
+                f'    <DataSet timestep="{float(at)!r}" part="{number}" file={quoteattr(file)}/>\n'
+            )
     collection = folder / f"{name}.pvd"  # last: it names only files that are there
     write_bytes(collection, _collection(entries).encode())
     return collection

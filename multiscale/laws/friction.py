@@ -10,6 +10,9 @@ from multiscale.laws.parameters import check_parameter
 
 __all__ = ["BellFriction", "Coulomb", "DecayingFriction", "FrictionLaw"]
 
+TINY = 1e-150
+"""Least pressure and speed of a bell, over those of its peak."""
+
 
 class FrictionLaw(ABC):
     r"""Isotropic friction: a coefficient gives the traction along the sliding velocity.
@@ -111,20 +114,20 @@ class DecayingFriction(FrictionLaw):
 
 @dataclass(frozen=True)
 class BellFriction(FrictionLaw):
-    r"""Friction of rubber: a power of the pressure times a bell over the logarithm of the speed.
+    r"""Friction of rubber: over the logarithm of the speed a bell that pressure lifts and moves.
 
     Parameters
     ----------
     peak_coefficient : float
         :math:`\mu_m \ge 0` at the peak speed and the reference pressure, dimensionless.
-    rest_share : float
-        :math:`0 \le r \le 1`, the share of it far from the peak speed, dimensionless.
     peak_speed : float
-        :math:`v_m > 0`, m/s.
-    width : float
-        :math:`w > 0` of the bell, in natural logarithms of the speed, dimensionless.
+        :math:`v_m > 0` at the reference pressure, m/s.
+    rise_exponent, fall_exponent : float
+        :math:`r, f > 0`, powers of the speed far below and far above the peak, dimensionless.
     pressure_exponent : float
         :math:`a`; negative where friction falls with the pressure, dimensionless.
+    speed_exponent : float
+        :math:`c`; positive where the peak moves to higher speeds with the pressure, dimensionless.
     reference_pressure : float
         :math:`p_0 > 0`, Pa.
 
@@ -137,10 +140,13 @@ class BellFriction(FrictionLaw):
     -----
     .. math::
         \mu(p, v) = \mu_m \Big(\frac{p}{p_0}\Big)^a
-        \Big( r + (1 - r)\, e^{-\ln^2(v / v_m) / w^2} \Big).    \tag{3}
+        \frac{r + f}{f\, e^{-r x} + r\, e^{f x}}, \qquad
+        x = \ln \frac{v}{v_m\, (p/p_0)^c}.    \tag{3}
 
-    Coefficients computed for rubber on rough ground rise and fall over the velocity in this way and
-    depend on the pressure [1]_.
+    The loss of a body with one relaxation time has :math:`r = f = 1`; many of them make a wider
+    bell, whose flanks may differ. Spots grow with the pressure, so that the same frequency belongs
+    to a higher speed. Coefficients computed for rubber on rough ground rise and fall over the
+    velocity and depend on the pressure [1]_.
 
     References
     ----------
@@ -149,34 +155,34 @@ class BellFriction(FrictionLaw):
 
     Examples
     --------
-    >>> law = BellFriction(1.2, 0.4, 0.01, 3.0, -0.2, 1.0e5)
-    >>> law.coefficient(np.array(1.0e5), np.array([0.0, 0.01]))
-    array([0.48, 1.2 ])
+    >>> law = BellFriction(1.2, 0.01, 1.0, 1.0, -0.2, 0.5, 1.0e5)
+    >>> law.coefficient(np.array(1.0e5), np.array([0.0, 0.005, 0.01, 0.02])).round(3)
+    array([0.  , 0.96, 1.2 , 0.96])
     """
 
     peak_coefficient: float
-    rest_share: float
     peak_speed: float
-    width: float
+    rise_exponent: float
+    fall_exponent: float
     pressure_exponent: float
+    speed_exponent: float
     reference_pressure: float
 
     def __post_init__(self) -> None:
-        for name in ("peak_coefficient", "rest_share"):
-            check_parameter(self, name, lowest=0.0)
-        for name, unit in (("peak_speed", "m/s"), ("width", "1"), ("reference_pressure", "Pa")):
+        check_parameter(self, "peak_coefficient", lowest=0.0)
+        for name in ("rise_exponent", "fall_exponent"):
+            check_parameter(self, name)
+        for name, unit in (("peak_speed", "m/s"), ("reference_pressure", "Pa")):
             check_parameter(self, name, unit)
-        if not np.all(np.asarray(self.rest_share) <= 1.0):
-            raise CaseError(f"rest_share must be at most 1, got {np.max(self.rest_share):g}")
-        if not np.all(np.isfinite(self.pressure_exponent)):
-            raise CaseError(f"pressure_exponent must be finite, got {self.pressure_exponent}")
+        for name in ("pressure_exponent", "speed_exponent"):
+            if not np.all(np.isfinite(getattr(self, name))):
+                raise CaseError(f"{name} must be finite, got {getattr(self, name)}")
 
     def coefficient(self, pressure: np.ndarray, speed: np.ndarray) -> np.ndarray:
-        """Evaluate (3); zero pressure and zero speed included where (3) has a limit."""
-        with np.errstate(divide="ignore"):
-            decades = np.log(np.asarray(speed, dtype=float) / self.peak_speed) / self.width
-            load = (np.asarray(pressure, dtype=float) / self.reference_pressure) ** (
-                self.pressure_exponent
-            )
-        bell = self.rest_share + (1.0 - self.rest_share) * np.exp(-(decades**2))
-        return np.asarray(self.peak_coefficient * load * bell)
+        """Evaluate (3); finite at zero pressure and zero speed."""
+        load = np.maximum(np.asarray(pressure, dtype=float) / self.reference_pressure, TINY)
+        pace = np.maximum(np.asarray(speed, dtype=float) / self.peak_speed, TINY)
+        x = np.log(pace) - self.speed_exponent * np.log(load)
+        r, f = self.rise_exponent, self.fall_exponent
+        bell = np.exp(np.log(r + f) - np.logaddexp(np.log(f) - r * x, np.log(r) + f * x))
+        return np.asarray(self.peak_coefficient * load**self.pressure_exponent * bell)

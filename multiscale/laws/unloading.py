@@ -74,6 +74,11 @@ class HystereticLaw(InterfaceLaw):
         check_parameter(self, "stiffness_ratio", lowest=1.0)
         check_parameter(self, "exponent", lowest=1.0)
 
+    @property
+    def gap(self) -> float:
+        """Initial gap, m."""
+        return self.loading.gap
+
     def branch(self, peak_pressure: np.ndarray) -> "UnloadingBranch":
         """Unloading branch (1) from a largest pressure :math:`p_m > 0`, Pa; any shape."""
         peak = np.asarray(peak_pressure, dtype=float)

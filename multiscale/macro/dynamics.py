@@ -16,12 +16,14 @@ from multiscale.convergence import Status
 from multiscale.errors import CaseError
 from multiscale.macro.discrete.cholesky import Solve
 from multiscale.macro.discrete.compatibility import Equations, compatibility, equations
+from multiscale.macro.discrete.needs import link_needs
 from multiscale.macro.discrete.system import LinkSystem
 from multiscale.macro.discrete.tangent import Tangent, prepare_tangent
 from multiscale.macro.energy import EnergyStep, account
 from multiscale.macro.line_search import step_length
 from multiscale.macro.mean_tension import mean_tension
 from multiscale.macro.time_series import failed_step, join_times
+from multiscale.needs import Needs
 from multiscale.nonsmooth import solve_lcp
 
 if TYPE_CHECKING:
@@ -156,6 +158,7 @@ class _State:
 class _Scheme:
     """A structure and how it is stepped."""
 
+    needs: Needs
     system: LinkSystem
     model: Equations
     tangent: Tangent
@@ -222,7 +225,8 @@ class _Scheme:
         push = self.mass * old.v + h * (
             theta * self.load(time) + (1.0 - theta) * self.load(old.time)
         )
-        if self.extensible.all():
+        impulses = "impulses" in self.needs
+        if not impulses:
             v, mean, residual, status = self._newton(h, old, drift, push)
             impulse = np.zeros_like(drift)
         else:
@@ -231,7 +235,7 @@ class _Scheme:
         u = old.u + h * (theta * v + (1.0 - theta) * old.v)
         e = self.model.elongate(u) + support
         tension = self.tension(e)
-        if not self.extensible.all():
+        if impulses:
             mean = np.where(self.extensible, theta * tension + (1.0 - theta) * old.tension, mean)
         return _State(time, h, u, v, e, support, tension, impulse, mean), residual, status
 
@@ -381,6 +385,7 @@ def _prepare(
             f"have an infinite rigidity here"
         )
     return _Scheme(
+        link_needs(system, moving=True),
         system,
         model,
         prepare_tangent(system, model),

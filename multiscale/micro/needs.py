@@ -4,7 +4,7 @@ from dataclasses import replace
 
 from multiscale.laws.bulk import J2, BulkLaw, Prony
 from multiscale.micro.cell import Cell, MeshCell
-from multiscale.needs import Needs
+from multiscale.needs import Needs, choose
 
 __all__ = ["cell_needs"]
 
@@ -44,7 +44,6 @@ def cell_needs(
     newton = large or friction or pair
     recover_stress = recover_stress and not newton
     state = tuple(name for one in laws for name in _state_variables(one))
-    # operator: whether it is needed, what for, why not
     choices = {
         "stiffness": (
             not flat and None in laws,
@@ -109,6 +108,7 @@ def cell_needs(
         ),
     }
     recovered = choices["stress recovery"][0]
+    operators, left_out = choose(choices)
     return Needs(
         unknowns_per_contact=3 if friction else 1,
         kinematics="small strain, roughness as gap of a flat layer"
@@ -117,8 +117,8 @@ def cell_needs(
         + (", contact in the current configuration" if pair else "")
         if not large
         else "large strain from the true geometry, contact in the current configuration",
-        operators={name: why for name, (needed, why, _) in choices.items() if needed},
-        left_out={name: why for name, (needed, _, why) in choices.items() if not needed},
+        operators=operators,
+        left_out=left_out,
         state_variables=state,
         fields=("pressure", "gap") if keep_fields else (),
         libraries=("numba", "scikit-fem") if recovered else ("numba",),

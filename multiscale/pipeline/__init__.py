@@ -15,6 +15,7 @@ from multiscale.pipeline.rough_structure import (
     solve_sequential,
 )
 from multiscale.pipeline.run import Results, run
+from multiscale.pipeline.scene_requirements import scene_requirements
 from multiscale.pipeline.scene_settings import Scene
 from multiscale.pipeline.scenes import homogenised_file, load_scene, run_scene
 from multiscale.pipeline.settings import Case
@@ -51,6 +52,7 @@ __all__ = [
     "run_scene",
     "run_sweep",
     "run_tyre",
+    "scene_requirements",
     "solve_concurrent",
     "solve_direct",
     "solve_sequential",

@@ -40,8 +40,9 @@ class Substructures(Settings):
     coarse : bool
         Whether a coarse problem balances the resultants of the interfaces.
     tolerance : number
+        Relative residual at which a step is solved.
     max_iterations : int
-        Of a step.
+        Largest number of iterations of a step.
     homogenise : bool
         Whether to write the stiffness of every substructure against the resultants of its
         interfaces, before and after slackening, into ``NAME-homogenised.nc``; see
@@ -63,12 +64,13 @@ class Plate(Settings):
     size : three quantities
         Lengths along x, y and z, m.
     elements : three whole numbers
-        Hexahedra along each.
+        Hexahedra along x, y and z.
     youngs_modulus : quantity
-        Pa.
+        Young's modulus, Pa.
     poissons_ratio : number
+        Poisson's ratio.
     pressure : quantity
-        At load factor one, Pa.
+        Downwards on its top at load factor one, Pa.
     """
 
     kind: Literal["plate"]
@@ -91,12 +93,13 @@ class StackedBlocks(Settings):
     size : three quantities
         Lengths of a block along x, y and z, m.
     elements : three whole numbers
-        Hexahedra of a block along each.
+        Hexahedra of a block along x, y and z.
     blocks : int
-        Two or more.
+        Number of blocks, one on the other.
     youngs_modulus : quantity
-        Pa.
+        Young's modulus, Pa.
     poissons_ratio : number
+        Poisson's ratio.
     damage : list of numbers
         Of every block, from below: its stiffness is that of the sound one times 1 - D. All are
         sound if not given.
@@ -141,23 +144,30 @@ class LapJoint(Settings):
 
     Parameters
     ----------
-    length, width, thickness : quantity
-        Of each plate, m.
+    length : quantity
+        Length of each plate along x, m.
+    width : quantity
+        Width of each plate, m.
+    thickness : quantity
+        Thickness of each plate, m.
     overlap : quantity
-        Along x, m.
-    hole, washer : quantity
-        Diameters, m.
+        Length over which they lie on each other, m.
+    hole : quantity
+        Diameter of the hole, m.
+    washer : quantity
+        Diameter of the washer, m.
     element : quantity
         Edge of an element in plan, m.
     layers : int
         Elements through each thickness.
     youngs_modulus : quantity
-        Pa.
+        Young's modulus, Pa.
     poissons_ratio : number
+        Poisson's ratio.
     damage : list of numbers
-        Of the lower and the upper plate; see :class:`StackedBlocks`.
+        Of the lower and the upper plate, as for stacked blocks.
     stiffness : path
-        Of both plates; see :class:`StackedBlocks`.
+        Of both plates, as for stacked blocks.
     """
 
     kind: Literal["lap_joint"]

@@ -66,8 +66,10 @@ def load_case(case: str | Path) -> Case:
     return validate_case(content, path)
 
 
-def _refuse_rubber(content: dict[str, Any], path: Path) -> None:
-    """Refuse a case of another kind."""
+def _refuse_others(content: dict[str, Any], path: Path) -> None:
+    """Refuse a file of another kind."""
+    if "structure" in content:
+        raise CaseError(f"{path}: describes a structure, not a joint; use multiscale macro")
     if "rubber" in content:
         raise CaseError(
             f"{path}: describes rubber that slides on a road, not a joint; use multiscale run, or "
@@ -89,7 +91,7 @@ def read_case(path: Path) -> dict[str, Any]:
 
 def validate_case(content: dict[str, Any], path: Path) -> Case:
     """Turn the content of a case file into settings."""
-    _refuse_rubber(content, path)
+    _refuse_others(content, path)
     kinds: dict[str, type[Settings]] = {
         "synthetic": SyntheticSurface,
         "instrument": InstrumentSurface,

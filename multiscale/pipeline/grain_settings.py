@@ -54,8 +54,9 @@ class Silo(Settings):
     Parameters
     ----------
     diameter : quantity
-        m.
+        Inner diameter, m.
     wall_friction : number
+        Friction coefficient of the wall.
     sinking : quantity
         Speed of the bottom, m/s.
     """
@@ -111,13 +112,20 @@ class GrainSettings(Settings):
     Parameters
     ----------
     number : int
+        Number of grains.
     radius : two quantities
-        Smallest and largest, m; every interval has its share of the volume.
+        Smallest and largest radius, m; every interval has its share of the volume.
     density : quantity
-        kg/m3.
-    friction, restitution, compliance : number
-        See :class:`multiscale.macro.granulate.ContactLaw`.
+        Of the material, kg/m3.
+    friction : number
+        Friction coefficient between grains.
+    restitution : number
+        Share of the closing speed that a contact gives back.
+    compliance : number
+        How far contacts give way, relative to rigid ones (0); see
+        :class:`multiscale.macro.granulate.ContactLaw`.
     seed : int
+        Of radii and places.
     """
 
     number: Positive
@@ -140,15 +148,23 @@ class Motion(TimeSteps):
 
     Parameters
     ----------
-    step, duration : quantity
-        s.
+    step : quantity
+        Time step, s; shortened so that a whole number of them fills the duration, or the longest if
+        an accuracy is given.
+    duration : quantity
+        How long the motion is followed, s.
     accuracy : number, optional
-        Steps change their length up to ``step``, so that impacts have this error, relative to the
-        smaller radius; all are alike if not given.
+        Of impacts, relative to the smaller radius, by which the length of the steps is chosen.
     tolerance : number
+        Error of the contacts at which a step is solved, relative to their velocities.
     max_iterations : int
-        Sweeps in a step.
-    threads, domains, frames : int
+        Largest number of sweeps in a step.
+    threads : int
+        Threads of the sweeps.
+    domains : int
+        Domains that are swept side by side.
+    frames : int
+        Instants whose grains and forces are kept.
     """
 
     accuracy: Annotated[Number, Field(gt=0.0, lt=1.0)] | None = None
@@ -165,6 +181,7 @@ class GrainScene(Settings):
     Parameters
     ----------
     title : str
+        Stands in tables and datasets.
     structure : table
         Its ``kind`` is ``"deposit"``, ``"silo"``, ``"column_collapse"`` or ``"shear_cell"``.
     grains, motion : table

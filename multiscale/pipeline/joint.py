@@ -12,6 +12,7 @@ from multiscale.schema import MACRO_RESULT
 from multiscale.upscaling import (
     area_from_dataset,
     compare_scales,
+    hysteretic_from_dataset,
     law_from_dataset,
     structure_budget,
     with_budget,
@@ -61,7 +62,7 @@ def solve_joint(case: Case, law: "xr.Dataset", *, bootstrap: bool = True) -> "xr
         areas["contact_fraction_sample"] = np.array(
             [area_from_dataset(law, sample).contact_fraction(preload) for sample in samples]
         )
-    result = MACRO_RESULT.assign(result, areas)
+    result = MACRO_RESULT.assign(result, areas | _unloading_stiffness(case, law, preload))
     if not result["converged"].values.any():
         return result
 
@@ -79,6 +80,23 @@ def solve_joint(case: Case, law: "xr.Dataset", *, bootstrap: bool = True) -> "xr
         samples=result["joint_stiffness_sample"].to_numpy() if samples and bootstrap else 0,
     )
     return with_budget(result, budget)
+
+
+def _unloading_stiffness(
+    case: Case, law: "xr.Dataset", preload: np.ndarray
+) -> dict[str, np.ndarray]:
+    """Stiffness of the joint whose preload begins to fall, and its samples; if cells unloaded."""
+    if "unloading_stiffness_ratio" not in law:
+        return {}
+    samples = range(law.sizes.get("unloading_sample", 0))
+    result = rough_joint(
+        _joint(case),
+        hysteretic_from_dataset(law),
+        preload,
+        samples=[hysteretic_from_dataset(law, sample) for sample in samples],
+    )
+    names = ("unloading_stiffness", "unloading_stiffness_sample")
+    return {name: result[name].to_numpy() for name in names if name in result}
 
 
 def _joint(case: Case, coarsening: int = 1) -> RoughJoint:

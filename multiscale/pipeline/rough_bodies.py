@@ -23,12 +23,16 @@ class SyntheticSurface(Settings):
 
     Parameters
     ----------
-    rms_height, rms_slope : quantity
-        Exactly one of them; m and 1.
-    hurst_exponent : float
-        Between 0 and 1.
-    long_cutoff, short_cutoff : quantity
-        Longest and shortest wavelength, m.
+    rms_height : quantity
+        Root mean square height, m; this or ``rms_slope``.
+    rms_slope : number
+        Root mean square slope; this or ``rms_height``.
+    hurst_exponent : number
+        From 0 (rough at every scale) to 1 (smooth in the small); about 0.8 for many surfaces.
+    long_cutoff : quantity
+        Longest wavelength, m; a cell should be several of them wide.
+    short_cutoff : quantity
+        Shortest wavelength, m; it wants eight grid points or more.
     roll_off : quantity, optional
         Wavelength above which the spectrum is flat, m.
     """
@@ -58,7 +62,7 @@ class InstrumentSurface(Settings):
     Parameters
     ----------
     file : path
-        Instrument file; relative to the case file.
+        Instrument file of any format that SurfaceTopography reads; relative to the case file.
     detrend_order : int
         0 mean, 1 plane, 2 curvature; of the whole map, and the plane of each window.
     fill_undefined : bool
@@ -88,14 +92,14 @@ class Body(Settings):
     Parameters
     ----------
     youngs_modulus : quantity
-        Pa.
-    poissons_ratio : float
-        From 0 to 0.4999.
+        Young's modulus, Pa.
+    poissons_ratio : number
+        Poisson's ratio.
     surface : table, optional
         Synthetic or measured roughness; smooth if not given.
     hardness : quantity, optional
-        Pa; the softer body's counts. In flat cells the largest local pressure; in conforming ones
-        H/2.8 is the yield stress of a metal.
+        Hardness H of a metal, Pa; the softer body's counts. In flat cells the largest local
+        pressure; in conforming ones H/2.8 is the yield stress. Elastic if not given.
     hardening_modulus : quantity, optional
         Rise of the yield stress with the plastic strain, Pa, at least 0; conforming cells only.
     """

@@ -1,5 +1,6 @@
 """What a scene may say: every key with its unit, range and default."""
 
+from functools import partial
 from itertools import pairwise
 from math import inf, isfinite
 from pathlib import Path
@@ -42,11 +43,11 @@ __all__ = [
 QUICK = 4  # modules or meshes each way
 
 
-def _read_rigidity(value: object) -> float:
+def _read_rigidity(value: object, *, unit: str) -> float:
     if value == "inextensible":
         return inf
     try:
-        return to_si(value, "N")
+        return to_si(value, unit)
     except CaseError as error:
         raise ValueError(f'{error}, or "inextensible"') from error
 
@@ -55,7 +56,7 @@ Force = Annotated[float, quantity("N"), with_unit("N")]
 Prestress = Annotated[Force, Field(ge=0.0)]
 Rigidity = Annotated[
     float,
-    BeforeValidator(_read_rigidity),
+    BeforeValidator(partial(_read_rigidity, unit="N")),
     Field(gt=0.0),
     PlainSerializer(lambda value: f"{value!r} N" if isfinite(value) else "inextensible"),
 ]
@@ -68,14 +69,20 @@ class TensegrityGrid(Settings):
 
     Parameters
     ----------
-    n, m : int
-        Modules along x and y; m = n if not given.
+    n : int
+        Modules along x.
+    m : int, optional
+        Modules along y; n if not given.
     prestress : quantity
         Tension of the upper cables at load factor zero, N.
-    size, height : quantity
-        Edge and height of a module, m.
-    cable_rigidity, bar_rigidity : quantity
-        EA, N.
+    size : quantity
+        Edge of a module, m.
+    height : quantity
+        Height of a module, m.
+    cable_rigidity : quantity
+        EA of the cables, N, or ``"inextensible"``.
+    bar_rigidity : quantity
+        EA of the bars, N, or ``"inextensible"``.
     nodal_load : quantity
         Downwards on every node at load factor one, N.
     """
@@ -96,14 +103,18 @@ class CableNet(Settings):
 
     Parameters
     ----------
-    n, m : int
-        Meshes along x and y; m = n if not given.
-    mesh, rise : quantity
-        Distance of the cables in plan and height of the saddle, m.
+    n : int
+        Meshes along x.
+    m : int, optional
+        Meshes along y; n if not given.
+    mesh : quantity
+        Distance of the cables in plan, m.
+    rise : quantity
+        Height of the saddle, m.
     prestress : quantity
         Horizontal part of every tension at load factor zero, N.
     cable_rigidity : quantity
-        EA, N.
+        EA of the cables, N, or ``"inextensible"``.
     nodal_load : quantity
         Downwards on every inner node at load factor one, N.
     """
@@ -124,6 +135,7 @@ class LinkLawSettings(Settings):
     Parameters
     ----------
     kind : {"bar", "cable", "strut"}
+        Bars pull and push, cables only pull, struts only push.
     rigidity : quantity
         EA, N, or ``"inextensible"``.
     """
@@ -140,8 +152,10 @@ class LinkTable(Settings):
 
     Parameters
     ----------
-    nodes, links : path
-        Relative to the scene file.
+    nodes : path
+        Table of nodes; relative to the scene file.
+    links : path
+        Table of links; relative to the scene file.
     laws : tables by name
     """
 
@@ -181,6 +195,7 @@ class Statics(Settings):
     Parameters
     ----------
     load_factors : list of numbers
+        Load of every step over the whole load.
     exact : bool
         Whether elongations and directions follow the moved nodes exactly.
     stability : bool
@@ -197,18 +212,20 @@ class Dynamics(TimeSteps):
 
     Parameters
     ----------
-    step, duration : quantity
-        s. The step is shortened so that a whole number of them fills the duration.
+    step : quantity
+        Time step, s; shortened so that a whole number of them fills the duration.
+    duration : quantity
+        How long the motion is followed, s.
     mass : quantity
-        Of each node, kg.
+        Mass of each node, kg.
     start_load_factor : number
-        Of the equilibrium at the start.
+        Load of the equilibrium at the start over the whole load.
     load_history : list of pairs
         Time, s, and load factor; straight lines between, constant before and after.
     theta : number
         1/2 (no numerical damping) to 1 (fully implicit).
     restitution : number
-        Of inextensible links that run taut.
+        Share of the speed that inextensible links give back when they run taut.
     """
 
     mass: Mass
@@ -232,6 +249,7 @@ class Scene(Settings):
     Parameters
     ----------
     title : str
+        Stands in tables and datasets.
     structure : table
         Its ``kind`` is ``"tensegrity_grid"``, ``"cable_net"``, ``"table"`` or ``"mesh"``;
         ``"plate"``, ``"stacked_blocks"`` or ``"lap_joint"``.

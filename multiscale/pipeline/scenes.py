@@ -95,6 +95,8 @@ def load_scene(path: str | Path) -> Scene | GrainScene:
     if path.is_dir():
         raise CaseError(f"{path} is a folder; give the scene file in it")
     content = read_toml(path)
+    if "structure" not in content and not {"body_1", "rubber"}.isdisjoint(content):
+        raise CaseError(f"{path}: is a case and no scene; use multiscale run")
     for table, keys in (
         ("structure", ("nodes", "links", "file", "stiffness")),
         ("joint", ("law",)),

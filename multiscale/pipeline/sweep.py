@@ -2,7 +2,7 @@
 
 import hashlib
 import logging
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from concurrent.futures import Executor
 from copy import deepcopy
 from dataclasses import dataclass
@@ -15,7 +15,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from multiscale.errors import CaseError, MultiscaleError
+from multiscale.errors import CaseError, MultiscaleError, SchemaError
 from multiscale.executors import run_jobs
 from multiscale.io import make_folder, open_dataset, write_dataset
 from multiscale.pipeline.case import find_case, read_case, validate_case
@@ -29,6 +29,8 @@ if TYPE_CHECKING:
 __all__ = ["Sweep", "load_sweep", "run_sweep"]
 
 MOST_POINTS = 100_000
+
+RESULT_FILE = "macro_result.nc"
 
 RESULT = ("preload", "joint_stiffness", "mean_gap", "contact_fraction")
 """Kept of each point; the rest is in its folder."""
@@ -152,14 +154,18 @@ def run_sweep(
         logger.info("point %d: %s", k, result[1] or "finished")
         progress(len(found))
 
-    jobs = {k: (case, folders[k]) for k, case in enumerate(sweep.points)}
+    for k, folder in enumerate(folders):
+        if (kept := _finished(folder)) is not None:
+            found[k] = kept, ""
+    progress(len(found))
+    jobs = {k: (case, folders[k]) for k, case in enumerate(sweep.points) if k not in found}
     run_jobs(_run_point, jobs, executor, finish)
-    failures = [found[k][1] for k in jobs]
+    results, failures = zip(*(found[k] for k in range(len(folders))), strict=True)
     if all(failures):
         raise MultiscaleError(
-            f"none of the {len(jobs)} points of the sweep has a result; the first: {failures[0]}"
+            f"none of the {len(folders)} points of the sweep has a result; the first: {failures[0]}"
         )
-    joined = _join(sweep, [found[k][0] for k in jobs], failures, [path.name for path in folders])
+    joined = _join(sweep, results, failures, [path.name for path in folders])
     write_dataset(joined, out / "sweep.nc", SWEEP)
     return joined
 
@@ -187,19 +193,32 @@ def _set(content: dict[str, Any], key: tuple[str, ...], value: Any, path: Path) 
     content[key[-1]] = value
 
 
-def _run_point(case: Case, folder: Path) -> "tuple[xr.Dataset | None, str]":
-    """Run a point unless it is finished; what is refused is a sentence, not the end."""
-    file = folder / "macro_result.nc"
+def _finished(folder: Path) -> "xr.Dataset | None":
+    """Return the result of a point run before, if it is whole and not a failure."""
+    file = folder / RESULT_FILE
+    if not file.exists():
+        return None
     try:
-        if not file.exists():
-            run(case, folder)
-        return open_dataset(file, MACRO_RESULT), ""
+        result = open_dataset(file, MACRO_RESULT)
+    except SchemaError:  # damaged or of another version: run again
+        return None
+    return result if result["converged"].values.any() else None
+
+
+def _run_point(case: Case, folder: Path) -> "tuple[xr.Dataset | None, str]":
+    """Run a point; what is refused is a sentence, not the end."""
+    try:
+        run(case, folder)
+        return open_dataset(folder / RESULT_FILE, MACRO_RESULT), ""
     except MultiscaleError as error:
         return None, str(error)
 
 
 def _join(
-    sweep: Sweep, results: "list[xr.Dataset | None]", failures: list[str], folders: list[str]
+    sweep: Sweep,
+    results: "Sequence[xr.Dataset | None]",
+    failures: Sequence[str],
+    folders: list[str],
 ) -> "xr.Dataset":
     """Join the results of all points."""
     steps = max(result.sizes["step"] for result in results if result is not None)
@@ -222,7 +241,7 @@ def _join(
         | {
             "setting": np.array(sweep.settings, dtype=str).reshape(len(results), -1),
             "folder": [f"points/{name}" for name in folders],
-            "failure": failures,
+            "failure": list(failures),
             "converged": converged,
             "joint_stiffness_low": low,
             "joint_stiffness_high": high,

@@ -3,6 +3,7 @@
 import tomllib
 from collections.abc import Callable, Iterator, Mapping
 from difflib import get_close_matches
+from functools import partial
 from itertools import pairwise
 from pathlib import Path
 from typing import Annotated, Any, Self, TypeVar, get_args
@@ -40,14 +41,14 @@ __all__ = [
 
 def quantity(unit: str) -> BeforeValidator:
     """Read text such as ``"0.8 um"`` as a float in an SI unit."""
+    return BeforeValidator(partial(_convert, unit=unit))
 
-    def convert(value: object) -> float:
-        try:
-            return to_si(value, unit)
-        except CaseError as error:
-            raise ValueError(str(error)) from error
 
-    return BeforeValidator(convert)
+def _convert(value: object, *, unit: str) -> float:
+    try:
+        return to_si(value, unit)
+    except CaseError as error:
+        raise ValueError(str(error)) from error
 
 
 def with_unit(unit: str) -> PlainSerializer:
@@ -64,8 +65,9 @@ Count = Annotated[int, Strict()]
 
 def must_rise(values: tuple[float, ...]) -> tuple[float, ...]:
     """Refuse values that do not rise from one to the next."""
-    if any(late <= early for early, late in pairwise(values)):
-        raise ValueError("must rise from one to the next")
+    for early, late in pairwise(values):
+        if late <= early:
+            raise ValueError(f"must rise from one to the next, but {late:g} follows {early:g} (SI)")
     return values
 
 
@@ -86,8 +88,10 @@ class TimeSteps(Settings):
 
     Parameters
     ----------
-    step, duration : quantity
-        s. The step is shortened so that a whole number of them fills the duration.
+    step : quantity
+        Time step, s; shortened so that a whole number of them fills the duration.
+    duration : quantity
+        s.
     """
 
     step: Duration

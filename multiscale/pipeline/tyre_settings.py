@@ -41,14 +41,18 @@ class Rubber(Settings):
     ----------
     relaxed_modulus : quantity
         Young's modulus after a long time, Pa.
-    poissons_ratio : float
-        From 0 to 0.4999.
-    moduli, times : list of quantities
-        Of the Prony series: Young's moduli that relax, Pa, and their times at the reference, s.
+    poissons_ratio : number
+        Poisson's ratio, at all times.
+    moduli : list of quantities
+        Young's moduli of the Prony series, which relax, Pa.
+    times : list of quantities
+        Their relaxation times at the reference temperature, s; one for each.
     reference_temperature : quantity
-        Such as ``"20 degC"``.
-    wlf_c1, wlf_c2 : quantity
-        1 and K; see :func:`multiscale.micro.sliding.wlf_shift`.
+        That of the times, K; written such as ``"20 degC"``.
+    wlf_c1 : number
+        First constant of Williams, Landel and Ferry, which shifts the times.
+    wlf_c2 : quantity
+        Second constant, K; see :func:`multiscale.micro.sliding.wlf_shift`.
     """
 
     relaxed_modulus: Pressure
@@ -89,9 +93,9 @@ class RoadCell(Settings):
     Parameters
     ----------
     size : two quantities
-        Edge lengths, m.
+        Edge lengths along x and y, m.
     points : two ints
-        Grid points along x and y; even.
+        Grid points along x and y.
     """
 
     size: tuple[Length, Length]
@@ -104,14 +108,15 @@ class Slides(Settings):
     Parameters
     ----------
     realisations : int
+        Number of cells.
     pressures : list of quantities
-        Mean pressures, Pa, rising, three or more.
+        Mean pressures, Pa, rising.
     speeds : list of quantities
-        m/s, rising, four or more.
+        Sliding speeds, m/s, rising.
     temperatures : list of quantities
-        Such as ``"20 degC"``, rising, three or more.
+        Temperatures, K, rising; written such as ``"20 degC"``.
     seed : int
-        Of the first realisation.
+        Random seed of the first realisation; the next ones count on.
     """
 
     realisations: Annotated[Count, Field(ge=1)]
@@ -128,12 +133,16 @@ class Tread(Settings):
 
     Parameters
     ----------
-    length, width, height : quantity
-        Along the motion, across it, and from the road to the carcass, m.
+    length : quantity
+        Along the motion, m.
+    width : quantity
+        Across the motion, m.
+    height : quantity
+        From the road to the carcass, m.
     pressure : quantity
-        Nominal, Pa.
+        Nominal pressure on the road, Pa.
     elements : three ints
-        Along the motion, across it, and over the height.
+        Elements along the motion, across it, and over the height.
     """
 
     length: Length
@@ -146,7 +155,13 @@ class Tread(Settings):
 
 
 class LawSettings(Settings):
-    """The fit of the friction law: its bootstrap samples."""
+    """The fit of the friction law.
+
+    Parameters
+    ----------
+    samples : int
+        Bootstrap samples behind the bands.
+    """
 
     samples: Annotated[Count, Field(ge=0)] = 200
 
@@ -157,6 +172,7 @@ class TyreCase(Settings):
     Parameters
     ----------
     title : str
+        Stands in report and tables.
     rubber : Rubber
     road : SyntheticSurface
     cell : RoadCell

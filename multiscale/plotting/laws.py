@@ -166,6 +166,9 @@ def plot_joint_stiffness(result: "xr.Dataset", *, ax: "Axes | None" = None) -> "
         low, high = to_plot * np.nanpercentile(samples, BAND, axis=0)
         ax.fill_between(preload, low, high, color="C0", alpha=0.3, linewidth=0, label="95 % band")
     ax.plot(preload, to_plot * result["joint_stiffness"].values, "o-", color="C0", label="joint")
+    if "unloading_stiffness" in result:
+        unloading = to_plot * result["unloading_stiffness"].values
+        ax.plot(preload, unloading, "s--", color="C3", label="joint, preload begins to fall")
     interface = to_plot * result["interface_stiffness"].values
     ax.plot(preload, interface, "--", color="C1", label="interface alone")
     solid = to_plot * float(result["solid_stiffness"])

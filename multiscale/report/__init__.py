@@ -1,8 +1,8 @@
 """What a run has found, as tables and as a page."""
 
 from multiscale.report.page import write_report
+from multiscale.report.sliding import describe_sliding, read_sliding
 from multiscale.report.tables import (
-    HEAD,
     list_cycles,
     tabulate,
     tabulate_braking,
@@ -13,8 +13,9 @@ from multiscale.report.tables import (
 )
 
 __all__ = [
-    "HEAD",
+    "describe_sliding",
     "list_cycles",
+    "read_sliding",
     "tabulate",
     "tabulate_braking",
     "tabulate_grains",

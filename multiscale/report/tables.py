@@ -9,7 +9,6 @@ if TYPE_CHECKING:
     import xarray as xr
 
 __all__ = [
-    "HEAD",
     "list_cycles",
     "tabulate",
     "tabulate_braking",
@@ -32,25 +31,29 @@ MOST_ROWS = 11
 """Of the table of a structure of links."""
 
 
-def tabulate(result: "xr.Dataset") -> list[tuple[str, ...]]:
-    """Return the results of a joint as rows of text, in the order of ``HEAD``.
+def tabulate(result: "xr.Dataset") -> tuple[tuple[str, ...], list[tuple[str, ...]]]:
+    """Return head and rows of text for a joint.
 
     Parameters
     ----------
     result : Dataset
         Follows ``MACRO_RESULT``.
     """
+    unloaded = "unloading_stiffness" in result
+    head = (*HEAD, "unloading (MPa/µm)") if unloaded else HEAD
     rows: list[tuple[str, ...]] = []
     for k in range(result.sizes["step"]):
         step = result.isel(step=k)
         if not int(step["converged"]):
-            rows.append((f"{1e-6 * float(step['preload']):.4g}", "not converged", "", "", "", ""))
+            failed = (f"{1e-6 * float(step['preload']):.4g}", "not converged")
+            rows.append(failed + ("",) * (len(head) - len(failed)))
             continue
         band = np.full(2, np.nan)
         if "joint_stiffness_sample" in result:
             band = np.nanpercentile(step["joint_stiffness_sample"], (2.5, 97.5))
-        rows.append(_row(step, band))
-    return rows
+        last = (f"{1e-12 * float(step['unloading_stiffness']):.4g}",) if unloaded else ()
+        rows.append(_row(step, band) + last)
+    return head, rows
 
 
 def tabulate_sweep(result: "xr.Dataset") -> tuple[tuple[str, ...], list[tuple[str, ...]]]:

@@ -57,8 +57,9 @@ def braking_sections(law: "xr.Dataset", result: "xr.Dataset", bodies: str) -> li
                 f"{1e-3 * values['pressure_max']:.4g} kPa.",
                 f"At {values['reference_temperature'] - ZERO_CELSIUS:.4g} °C friction peaks at "
                 f"{float(law['peak_coefficient']):.3g} and {float(law['peak_speed']):.3g} m/s "
-                f"under {1e-3 * float(law['reference_pressure']):.3g} kPa; other temperatures "
-                f"shift the speed.",
+                f"under {1e-3 * float(law['reference_pressure']):.3g} kPa; the speed of the "
+                f"peak goes with the power {float(law['speed_exponent']):.2g} of the pressure, and "
+                f"other temperatures shift it.",
                 f"The bell misses the cells by {100.0 * values['rms_error_over_peak']:.2g} % of "
                 f"the peak, root mean square, and by at most "
                 f"{100.0 * values['largest_error_over_peak']:.2g} %, at "

@@ -18,6 +18,12 @@ MACRO_RESULT = Schema(
         "joint_stiffness_sample": Variable(
             ("sample", "step"), "Pa m-1", "joint stiffness for each sample of the law"
         ),
+        "unloading_stiffness": Variable(
+            ("step",), "Pa m-1", "normal stiffness of the joint for a preload that begins to fall"
+        ),
+        "unloading_stiffness_sample": Variable(
+            ("sample", "step"), "Pa m-1", "unloading stiffness for each sample of the law"
+        ),
         "interface_stiffness": Variable(
             ("step",), "Pa m-1", "normal stiffness of the interface alone"
         ),

@@ -174,16 +174,23 @@ def _start_decaying(observations: Observations) -> dict[str, float]:
 
 
 def _start_bell(observations: Observations) -> dict[str, float]:
-    """Parabola of the coefficient over the logarithm of the speed."""
+    """Take the peak, and the mean slopes of the logarithm down to the slowest and the fastest."""
     mean, speed = observations.means()[0][0], observations.conditions[1]
     x = np.log(np.maximum(speed, speed[speed > 0.0].min()))
-    peak = x[int(np.argmax(mean))]
+    level = np.log(np.maximum(mean, 1e-3 * mean.max()))
+    peak, slowest, fastest = np.argmax(mean), np.argmin(x), np.argmax(x)
+
+    def slope(end: np.intp) -> float:
+        away = abs(float(x[end] - x[peak])) or 1.0
+        return float(np.clip((level[peak] - level[end]) / away, 0.1, 1.0))
+
     return {
         "peak_coefficient": float(mean.max()),
-        "rest_share": float(np.clip(mean.min() / mean.max(), 0.05, 0.95)),
-        "peak_speed": float(np.exp(peak)),
-        "width": max(float(np.ptp(x)) / 4.0, 0.5),
+        "peak_speed": float(np.exp(x[peak])),
+        "rise_exponent": slope(slowest),
+        "fall_exponent": slope(fastest),
         "pressure_exponent": 0.0,
+        "speed_exponent": 0.0,
     }
 
 
@@ -250,10 +257,11 @@ _FAMILIES = (
         ("friction_coefficient",),
         {
             "peak_coefficient": Parameter("1"),
-            "rest_share": Parameter("1", upper=1.0),
             "peak_speed": Parameter("m s-1"),
-            "width": Parameter("1"),
+            "rise_exponent": Parameter("1"),
+            "fall_exponent": Parameter("1"),
             "pressure_exponent": Parameter("1", lower=-np.inf),
+            "speed_exponent": Parameter("1", lower=-np.inf),
         },
         BellFriction,
         _start_bell,

@@ -9,7 +9,7 @@ from multiscale.laws import BellFriction, Coulomb, DecayingFriction
 LAWS = [
     pytest.param(Coulomb(0.4), id="coulomb"),
     pytest.param(DecayingFriction(0.5, 0.2, 0.1), id="decaying"),
-    pytest.param(BellFriction(1.2, 0.3, 0.01, 2.0, -0.3, 1e5), id="bell"),
+    pytest.param(BellFriction(1.2, 0.01, 0.3, 0.6, -0.3, 0.5, 1e5), id="bell"),
 ]
 
 
@@ -52,13 +52,38 @@ def test_an_interface_at_rest_or_without_pressure_has_no_sliding_friction(law):
 
 
 def test_limits_of_the_formulas():
-    decaying, bell = DecayingFriction(0.5, 0.2, 0.1), BellFriction(1.2, 0.25, 0.01, 2.0, -0.5, 1e5)
-    p = np.array(1e5)
-    assert decaying.coefficient(p, 0.1) == pytest.approx(0.2 + 0.3 / np.e)
-    assert bell.coefficient(p, 0.01) == pytest.approx(1.2)
-    assert bell.coefficient(p, 0.01 * np.exp(2.0)) == pytest.approx(1.2 * (0.25 + 0.75 / np.e))
-    assert bell.coefficient(4 * p, 0.01) == pytest.approx(0.6)
-    assert bell.coefficient(p, 0.0) == pytest.approx(0.3)
+    decaying = DecayingFriction(0.5, 0.2, 0.1)
+    assert decaying.coefficient(np.array(1e5), 0.1) == pytest.approx(0.2 + 0.3 / np.e)
+
+
+def test_a_bell_with_unit_exponents_is_the_loss_of_one_relaxation_time():
+    v, p = np.geomspace(1e-5, 1e5, 41), np.array(1e5)
+    loss = 2.0 * (v / 0.01) / (1.0 + (v / 0.01) ** 2)
+    bell = BellFriction(1.2, 0.01, 1.0, 1.0, 0.0, 0.0, 1e5)
+    np.testing.assert_allclose(bell.coefficient(p, v), 1.2 * loss, rtol=1e-12)
+
+
+def test_a_skew_bell_peaks_at_its_peak_speed_and_has_powers_of_the_speed_as_flanks():
+    bell, p = BellFriction(1.2, 0.01, 0.25, 0.75, -0.5, 0.5, 1e5), np.array(1e5)
+    near = 0.01 * np.exp(np.array([-1e-3, 0.0, 1e-3]))
+    mu = bell.coefficient(p, near)
+    assert mu[1] == pytest.approx(1.2)
+    assert mu[0] < mu[1] > mu[2]
+    assert mu[2] - mu[0] == pytest.approx(0.0, abs=1e-9)  # smooth there
+    slow, fast = np.array([1e-30, 1e-29]), np.array([1e29, 1e30])
+    for speeds, power in ((slow, 0.25), (fast, -0.75)):
+        low, high = bell.coefficient(p, speeds)
+        assert high / low == pytest.approx(10.0**power, rel=1e-9)
+    # four times the pressure halves the peak and moves it to twice the speed
+    assert bell.coefficient(4.0 * p, 0.02) == pytest.approx(0.6)
+    assert bell.coefficient(4.0 * p, 0.02 * np.exp(0.1)) < 0.6
+
+
+def test_a_bell_is_finite_at_rest_and_without_pressure():
+    bell = BellFriction(1.2, 0.01, 0.25, 0.75, -0.5, 0.5, 1e5)
+    p, v = np.meshgrid([0.0, 1e5], [0.0, 1.0])
+    assert np.all(np.isfinite(bell.coefficient(p, v)))
+    assert bell.coefficient(np.array(1e5), 0.0) == pytest.approx(0.0, abs=1e-30)
 
 
 @pytest.mark.parametrize(
@@ -69,9 +94,13 @@ def test_limits_of_the_formulas():
             r"friction_coefficient must not be negative, but finite \(1\), got -0.1",
         ),
         (lambda: DecayingFriction(0.3, 0.2, 0.0), r"decay_speed must be positive .*\(m/s\)"),
-        (lambda: BellFriction(1.0, 1.2, 1.0, 1.0, 0.0, 1e5), "rest_share must be at most 1"),
-        (lambda: BellFriction(1.0, 0.2, 1.0, 0.0, 0.0, 1e5), "width must be positive"),
-        (lambda: BellFriction(1.0, 0.2, 1.0, 1.0, np.nan, 1e5), "pressure_exponent must be finite"),
+        (lambda: BellFriction(1.0, 0.1, 0.0, 1.0, 0.0, 0.0, 1e5), "rise_exponent must be positive"),
+        (lambda: BellFriction(1.0, 0.1, 1.0, -1.0, 0.0, 0.0, 1e5), "fall_exponent must be posit"),
+        (
+            lambda: BellFriction(1.0, 0.1, 1.0, 1.0, np.nan, 0.0, 1e5),
+            "pressure_exponent must be fin",
+        ),
+        (lambda: BellFriction(1.0, 0.1, 1.0, 1.0, 0.0, np.inf, 1e5), "speed_exponent must be fini"),
     ],
 )
 def test_parameters_out_of_range_are_refused(make, sentence):

@@ -9,7 +9,7 @@ from multiscale.macro.joint import TreadBlock, condense_tread, slide_tread
 
 SIZE, MODULUS, PRESSURE = (0.03, 0.02, 0.008), 4e6, 0.3e6
 ROAD = Exponential(1e6, 5e-5)
-BELL = BellFriction(0.8, 0.2, 1.0, 3.0, -0.2, 3e5)
+BELL = BellFriction(0.8, 1.0, 0.4, 0.4, -0.2, 0.0, 3e5)
 
 
 @pytest.fixture(scope="module")

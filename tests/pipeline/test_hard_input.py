@@ -1,14 +1,18 @@
 """Mutated case files, scenes, datasets and surface files: an answer or a sentence, nothing else."""
 
+import faulthandler
+import os
+import signal
+import xml.etree.ElementTree as ET
+from contextlib import contextmanager
 from pathlib import Path
-from time import perf_counter
 
 import numpy as np
 import pytest
 
-from multiscale.errors import MultiscaleError
+from multiscale.errors import CaseError, MultiscaleError
 from multiscale.io import open_dataset, read_surface, write_dataset
-from multiscale.pipeline import load_scene, load_sweep
+from multiscale.pipeline import load_case, load_scene, load_sweep, run, run_scene
 from multiscale.pipeline.case import shipped_cases
 from multiscale.schema import WORK_PRECISION
 
@@ -19,7 +23,9 @@ NUMBERS = "0 -1 1e400 nan -inf true [] {} [[1]] 0x7fffffffffffffff 1979-05-27 [1
 TEXTS = "|1e400 m|-1 Pa|nan m|1 furlong|1 m m m|1 m^99|10 %|../../etc/passwd|\\u0000|<script>|%s%n"
 VALUES = (*NUMBERS.split(), *(f'"{text}"' for text in TEXTS.split("|")))
 SLOWEST = 5.0
-"""Seconds after which reading a file hangs."""
+"""Seconds of computing after which reading a file hangs, however busy the machine is."""
+STUCK = 300
+"""Seconds after which a reader that no signal reaches ends the tests, with its traceback."""
 
 
 def mutate_lines(text, rng):
@@ -44,11 +50,12 @@ def mutate_lines(text, rng):
 
 
 def mutate_bytes(data, rng):
-    """Overwrite, cut or repeat a few bytes."""
+    """Overwrite a few bytes, in half of the mutants also cut or repeat some."""
     data = bytearray(data)
+    kinds = (1, 4)[rng.integers(2)]
     for _ in range(rng.integers(1, 8)):
         at = int(rng.integers(len(data)))
-        kind = rng.integers(4)
+        kind = rng.integers(kinds)
         if kind <= 1:
             data[at] = rng.integers(256)
         elif kind == 2:
@@ -58,6 +65,28 @@ def mutate_bytes(data, rng):
         if not data:
             return b""
     return bytes(data)
+
+
+class HangError(BaseException):
+    """What no reader catches."""
+
+
+@contextmanager
+def boxed():
+    """Interrupt what computes for too long."""
+
+    def give_up(*_):
+        raise HangError
+
+    before = signal.signal(signal.SIGPROF, give_up)
+    faulthandler.dump_traceback_later(STUCK, exit=True)
+    signal.setitimer(signal.ITIMER_PROF, SLOWEST)
+    try:
+        yield
+    finally:
+        signal.setitimer(signal.ITIMER_PROF, 0.0)
+        faulthandler.cancel_dump_traceback_later()
+        signal.signal(signal.SIGPROF, before)
 
 
 def read_all(read, files, mutate, count, folder, seed):
@@ -70,16 +99,17 @@ def read_all(read, files, mutate, count, folder, seed):
         mutant = folder / f"mutant{file.suffix}"
         source = data.decode() if mutate is mutate_lines else data
         mutant.write_bytes(mutate(source, rng))
-        begin = perf_counter()
         try:
-            read(mutant)
+            with boxed():
+                read(mutant)
+        except HangError:
+            faults.append(f"{k} of {file.name}: no answer in {SLOWEST:g} s")
         except MultiscaleError as error:
             if not str(error).strip():
                 faults.append(f"{k}: refused without a sentence")
         except Exception as error:  # anything else is the finding
             faults.append(f"{k} of {file.name}: {type(error).__name__}: {error}")
-        if perf_counter() - begin > SLOWEST:
-            faults.append(f"{k} of {file.name}: took {perf_counter() - begin:.0f} s")
+        assert sorted(folder.glob(".*")) == []  # no reader writes
     return faults
 
 
@@ -126,3 +156,75 @@ def test_mutants_of_datasets_are_read_or_refused_in_a_sentence(dataset, tmp_path
 def test_mutants_of_surface_files_are_read_or_refused_in_a_sentence(scans, tmp_path, seed):
     count = 100 if seed == 1 else 2000
     assert read_all(read_surface, scans, mutate_bytes, count, tmp_path, seed) == []
+
+
+def test_a_reader_that_hangs_is_found(tmp_path):
+    def read(file):
+        while file.read_bytes() != CASES[0].read_bytes():
+            pass
+
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(f"{__name__}.SLOWEST", 0.05)
+        (fault,) = read_all(read, CASES[:1], mutate_lines, 1, tmp_path, 1)
+    assert "no answer in 0.05 s" in fault
+
+
+NASTY = '<script>alert(1)</script> & "x" $\\\\frac{ {{ 7*7 }} </title>'
+
+SMALL = (
+    shipped_cases()["ground_steel"]
+    .read_text(encoding="utf-8")
+    .replace("[128, 128]", "[36, 36]")
+    .replace("layers = 14", 'layers = 14\ngeometry = "flat"')
+    .replace("realisations = 12", "realisations = 2")
+)
+
+
+def test_a_report_shows_what_a_user_wrote_and_runs_none_of_it(tmp_path, monkeypatch):
+    from multiscale.plotting import draw_figures
+    from multiscale.report import write_report
+
+    title = SMALL.index("title = ")
+    text = SMALL[:title] + f"title = {NASTY!r}" + SMALL[SMALL.index("\n", title) :]
+    (tmp_path / "case.toml").write_text(text, encoding="utf-8")
+    monkeypatch.setattr("sys.argv", ["multiscale", "run", "<img src=x onerror=alert(1)>"])
+    out = tmp_path / "<b>out"
+    run(load_case(tmp_path / "case.toml"), out)
+    draw_figures(out)
+    page = write_report(out).read_text(encoding="utf-8")
+    assert "<script" not in page
+    assert "<img src=x" not in page
+    assert "&lt;script&gt;alert(1)&lt;/script&gt; &amp;" in page
+    assert "{{ 7*7 }}" in page
+
+
+def test_a_series_for_paraview_is_xml_whatever_its_name(tmp_path):
+    (tmp_path / "scene.toml").write_text(
+        'title = "grid"\n[structure]\nkind = "tensegrity_grid"\nn = 2\nprestress = "40 N"\n'
+        "[statics]\nload_factors = [1.0]\n"
+    )
+    name = """a"b<c>&'d"""
+    run_scene(load_scene(tmp_path / "scene.toml"), tmp_path / f"{name}.nc")
+    (entry,) = ET.parse(tmp_path / "fields" / f"{name}.pvd").iter("DataSet")
+    ET.parse(tmp_path / "fields" / entry.attrib["file"])
+
+
+@pytest.mark.parametrize("place", ["../../../../../../../../../etc/passwd", "/dev/zero", "pipe"])
+def test_a_path_leads_to_data_or_to_a_sentence(tmp_path, place):
+    os.mkfifo(tmp_path / "pipe")
+    scene = tmp_path / "scene.toml"
+    scene.write_text(
+        f'title = "links"\n[structure]\nkind = "table"\nnodes = "{place}"\nlinks = "{place}"\n'
+        '[structure.laws.a]\nkind = "bar"\nrigidity = "1 MN"\n[statics]\nload_factors = [1.0]\n'
+    )
+    with pytest.raises(CaseError, match=r"passwd|is a device or a pipe"):
+        run_scene(load_scene(scene), tmp_path / "out.nc")
+    with pytest.raises(CaseError, match=r"passwd|is a device or a pipe"):
+        read_surface(tmp_path / place)
+    assert not (tmp_path / "out.nc").exists()
+
+
+@pytest.mark.parametrize("file", [Path("/dev/zero"), Path("/dev/stdin")])
+def test_a_case_is_a_file(file):
+    with pytest.raises(CaseError, match=r"is a device or a pipe|no such file|no case named"):
+        load_case(file)

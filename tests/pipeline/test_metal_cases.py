@@ -109,7 +109,8 @@ def test_a_plastic_case_ends_in_a_law_with_both_branches_and_its_figure(tmp_path
     text = TEXT.replace("[64, 64]", "[24, 24]").replace("layers = 8", "layers = 4")
     text = text.replace("realisations = 6", "realisations = 4")
     case = case_of(tmp_path, text)
-    response = run(case, tmp_path / "out").micro_response
+    results = run(case, tmp_path / "out")
+    response, joint = results.micro_response, results.macro_result
     assert response["converged"].values.all()
     assert response.sizes["step"] == len(case.micro.path)
     assert response["flowing_fraction"].values.max() > 0.01
@@ -121,8 +122,13 @@ def test_a_plastic_case_ends_in_a_law_with_both_branches_and_its_figure(tmp_path
     np.testing.assert_allclose(gap, response["mean_gap"].mean("realisation")[6:], rtol=0.03)
     assert np.all(gap < law.loading.gap_at(down))  # what has flowed stays down
 
+    assert np.all(joint["unloading_stiffness"] > joint["joint_stiffness"])
+    low, high = np.nanpercentile(joint["unloading_stiffness_sample"], (2.5, 97.5), axis=0)
+    assert np.all((low <= joint["unloading_stiffness"]) & (joint["unloading_stiffness"] <= high))
+
     names = [file.stem for file in draw_figures(tmp_path / "out")]
     assert "unloading" in names
     page = write_report(tmp_path / "out").read_text(encoding="utf-8")
     assert "H/2.8" in page
     assert 'alt="unloading"' in page
+    assert "When the preload begins to fall" in page

@@ -208,6 +208,8 @@ def test_a_run_with_a_target_reaches_it_and_goes_on_where_it_was(write, tmp_path
     ("old", "new", "sentence"),
     [
         ('"12 %"', '"0 %"', r"\[accuracy\] target should be greater than 0"),
+        ('"12 %"', '"2"', r"\[accuracy\] target '2' is no part of one; write it as \"2 %\""),
+        ('"12 %"', "2", r"\[accuracy\] target 2 is no part of one; write it as \"2 %\""),
         ('"12 %"', '"2 mm"', r"\[accuracy\] target .*cannot be converted"),
         ('"mean_gap"', '"gap"', r"\[accuracy\] quantity should be"),
         ("[accuracy]", "[acuracy]", "has no key 'acuracy'; did you mean 'accuracy'"),

@@ -61,3 +61,12 @@ def test_explaining_a_case_prints_its_needs_and_runs_nothing(tmp_path):
     assert "unknowns per contact         1" in result.output
     assert "leaves out tilt" in result.output
     assert not out.exists()
+
+
+def test_explaining_a_sweep_tells_its_points_and_the_needs_of_the_largest(tmp_path):
+    (tmp_path / "case.toml").write_text(TEXT + "[sweep]\ncell.layers = [8, 20, 14]\n")
+    result = CliRunner().invoke(app, ["run", str(tmp_path / "case.toml"), "--explain"])
+    assert result.exit_code == 0
+    assert result.output.startswith("3 points; the largest:\n")
+    largest = requirements(case_with(tmp_path, ("layers = 14", "layers = 20")))
+    assert largest.explain() in result.output

@@ -11,7 +11,7 @@ from multiscale.cli import app
 from multiscale.errors import CaseError, ConvergenceError
 from multiscale.io import open_dataset
 from multiscale.macro import cable_net, simulate, solve_static, tensegrity_grid
-from multiscale.pipeline import load_scene, run_scene
+from multiscale.pipeline import find_case, load_case, load_scene, run_scene
 from multiscale.pipeline.scenes import make_structure
 from multiscale.schema import MACRO_RESULT
 
@@ -114,6 +114,14 @@ def test_a_refused_scene_says_what_and_where(tmp_path, text, pair, message):
     with pytest.raises(CaseError, match=message) as caught:
         load_scene(path)
     assert str(caught.value).startswith(f"{path}: ")
+
+
+def test_a_case_is_no_scene_and_a_scene_no_case(tmp_path):
+    with pytest.raises(CaseError, match="is a case and no scene; use multiscale run"):
+        load_scene(find_case("ground_steel"))
+    (tmp_path / "scene.toml").write_text(STATIC)
+    with pytest.raises(CaseError, match="describes a structure, not a joint; use multiscale macro"):
+        load_case(tmp_path / "scene.toml")
 
 
 def test_a_missing_scene_or_a_folder_is_refused(tmp_path):

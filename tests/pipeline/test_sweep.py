@@ -79,7 +79,7 @@ def test_each_point_is_the_run_of_its_case_and_a_failure_is_a_sentence(write, tm
     sweep = load_sweep(write(text))
     counts = []
     result = run_sweep(sweep, tmp_path / "out", progress=counts.append)
-    assert counts == [1, 2]
+    assert counts == [0, 1, 2]
     alone = run(sweep.points[0], tmp_path / "alone").macro_result
     np.testing.assert_array_equal(result["joint_stiffness"][0], alone["joint_stiffness"])
     np.testing.assert_array_equal(result["preload"][0], alone["preload"])

@@ -74,7 +74,7 @@ def test_the_law_is_one_bell_that_the_temperature_shifts(finished):
         warm.coefficient(p, v / shift[1]), cold.coefficient(p, v / shift[0]), rtol=1e-12
     )
     assert law.sizes["sample"] == 3
-    assert law.attrs["rms_error_over_peak"] < 0.15
+    assert law.attrs["rms_error_over_peak"] < 0.03  # of 32 x 32 points
     assert results.micro_response["converged"].values.all()
 
 
@@ -196,3 +196,7 @@ def test_the_shipped_tyre_runs_on_the_command_line(tmp_path):
     assert done.returncode == 0, done.stderr
     assert "braking force (N)" in done.stdout
     assert (tmp_path / "out" / "report.html").stat().st_size > 0
+    law = open_law(tmp_path / "out" / "interface_law.nc")
+    assert law.attrs["rms_error_over_peak"] < 0.02
+    assert law.attrs["largest_error_over_peak"] < 0.05
+    assert "the bell misses" not in done.stdout

@@ -28,7 +28,7 @@ GOOD = [
     PowerLaw(4e8, 1e-6, 1.5),
     ConvexDecreasing(np.array([1e-6]), np.array([1e27])),
     Coulomb(0.0),
-    BellFriction(1.0, 0.2, 0.01, 2.0, -0.3, 1e7),
+    BellFriction(1.0, 0.01, 0.4, 0.6, -0.3, 0.5, 1e7),
     PowerStiffness(1e13, 0.5, 1e7),
     ErrorFunctionArea(1e9),
     AreaLaw(np.array([1e6, 1e7]), np.array([0.01, 0.1])),

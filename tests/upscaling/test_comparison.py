@@ -40,7 +40,7 @@ def test_the_law_of_free_form_is_compared_by_what_it_has_not_seen():
 def test_friction_that_depends_on_speed_is_told_from_coulombs():
     p, v = (part.ravel() for part in np.meshgrid([1e5, 1e6], np.geomspace(1e-4, 1e2, 9)))
     random = np.random.default_rng(seed=1)
-    bell = BellFriction(1.0, 0.3, 0.1, 2.0, -0.1, 3e5)
+    bell = BellFriction(1.0, 0.1, 0.3, 0.5, -0.1, 0.3, 3e5)
     for law, winner in ((Coulomb(0.3), "coulomb"), (bell, "bell")):
         mu = law.coefficient(p, v) * (1.0 + 0.01 * random.standard_normal((6, p.size)))
         table = compare_laws(observe("friction_coefficient", (p, v), mu))

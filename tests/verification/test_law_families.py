@@ -117,8 +117,8 @@ CASES = [
         "bell",
         "friction_coefficient",
         SLIDING,
-        BellFriction(1.2, 0.3, 0.05, 2.5, -0.2, mean_log(SLIDING[0])),
-        "peak_coefficient rest_share peak_speed width pressure_exponent",
+        BellFriction(1.2, 0.05, 0.3, 0.6, -0.2, 0.5, mean_log(SLIDING[0])),
+        "peak_coefficient peak_speed rise_exponent fall_exponent pressure_exponent speed_exponent",
     ),
     (
         unloading_family(LOADING),

@@ -11,7 +11,7 @@ from scipy.optimize import root
 from skfem import ElementHex2
 
 from multiscale.errors import CaseError
-from multiscale.laws import ConvexDecreasing, Exponential
+from multiscale.laws import ConvexDecreasing, Exponential, HystereticLaw
 from multiscale.laws.base import InterfaceLaw, Response
 from multiscale.macro import (
     Block,
@@ -282,6 +282,22 @@ def test_a_preload_that_the_law_cannot_carry_is_reported_and_the_next_is_solved(
     np.testing.assert_array_equal(result["converged"], [1, 0, 1])
     np.testing.assert_array_equal(np.isnan(result["joint_stiffness"]), [False, True, False])
     np.testing.assert_array_equal(np.isnan(result["approach"]), [False, True, False])
+
+
+def test_a_preload_that_begins_to_fall_meets_the_stiffness_of_the_unloading_branch():
+    law = HystereticLaw(EXPONENTIAL, stiffness_ratio=1.6, exponent=2.0)
+    preload, step = np.array([8e6]), 1e-4
+    joint = steel_joint(elements=(3, 3))
+    result = rough_joint(joint, law, preload, samples=[law], tolerance=1e-13)
+    MACRO_RESULT.check(result)
+    first = rough_joint(joint, EXPONENTIAL, preload, tolerance=1e-13)
+    for name in ("joint_stiffness", "mean_gap"):
+        np.testing.assert_allclose(result[name], first[name], rtol=1e-9)
+    down = law.branch(preload[0])  # everywhere the pressure is even
+    back = rough_joint(joint, down, (1.0 - step) * preload, tolerance=1e-13)
+    difference = step * preload / (result["approach"].values - back["approach"].values)
+    np.testing.assert_allclose(result["unloading_stiffness"], difference, rtol=1e-4)
+    np.testing.assert_allclose(result["unloading_stiffness_sample"][0], difference, rtol=1e-4)
 
 
 def test_samples_of_the_law_give_the_stiffness_that_each_has_alone():

@@ -5,7 +5,6 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from scipy.sparse import csr_array, kron
-from skfem import Basis, BilinearForm, ElementHex1, FacetBasis, MeshHex
 
 from multiscale.errors import CaseError
 from multiscale.laws.bulk import AnisotropicElastic, Elastic
@@ -69,6 +68,8 @@ def box_mesh(
         if number < 1:
             raise CaseError(f"the block needs at least one element along {axis}, got {number}")
     fractions = [np.linspace(0.0, 1.0, number + 1) for number in elements]
+    from skfem import MeshHex
+
     unit = MeshHex.init_tensor(*fractions).with_boundaries(
         {
             "left": lambda x: x[0] == 0.0,
@@ -98,6 +99,8 @@ def displacement_basis(mesh: "Mesh", element: "Element | None" = None) -> "CellB
     CellBasis
         Its quadrature integrates the stiffness of undistorted elements exactly.
     """
+    from skfem import Basis, ElementHex1, MeshHex
+
     element = element or ElementHex1()
     # on a hexahedron the order counts per direction: (0, 0, 1) has the degree of one factor
     per_direction = element.maxdeg // mesh.dim() if isinstance(mesh, MeshHex) else element.maxdeg
@@ -248,6 +251,8 @@ def face_operator(
     CaseError
         If the mesh has no boundary of that name.
     """
+    from skfem import FacetBasis
+
     _check_boundary(basis, boundary)
     face = FacetBasis(basis.mesh, basis.elem, facets=boundary, intorder=order, dofs=basis.dofs)
     weight = np.asarray(face.dx)
@@ -291,6 +296,8 @@ def face_areas(basis: "CellBasis", boundary: str) -> tuple[np.ndarray, np.ndarra
        doi:10.1002/nme.1620360104: tractions of stiff interfaces oscillate with Gauss points, and
        do not with points at the nodes.
     """
+    from skfem import FacetBasis
+
     _check_boundary(basis, boundary)
     face = FacetBasis(basis.mesh, basis.elem, facets=boundary, intorder=2, dofs=basis.dofs)
     area = np.stack([(np.asarray(field[0]) * face.dx).sum(axis=1) for field in face.basis])
@@ -312,6 +319,8 @@ def _interleave(blocks: Sequence[Sequence[Any]]) -> csr_array:
 
 def _products(basis: "CellBasis", coefficient: np.ndarray) -> list[list[Any]]:
     """Matrices of the integrals of coefficient * d_i v * d_j u over the mesh."""
+    from skfem import BilinearForm
+
     d = basis.mesh.dim()
     shape = basis.dx.shape
     field = np.broadcast_to(np.broadcast_to(coefficient, shape[0])[:, None], shape)

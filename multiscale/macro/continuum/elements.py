@@ -15,14 +15,17 @@ References
 """
 
 from dataclasses import dataclass
+from typing import TYPE_CHECKING
 
 import numba
 import numpy as np
 from scipy.sparse import csr_array
-from skfem import Basis, Mesh, MeshHex, MeshQuad
 
 from multiscale.laws.bulk import BulkLaw
 from multiscale.laws.bulk.base import cofactor, cofactor_derivative
+
+if TYPE_CHECKING:
+    from skfem import Mesh
 
 __all__ = ["Elements", "element_response", "prepare_elements"]
 
@@ -49,8 +52,10 @@ class Elements:
     size: int
 
 
-def prepare_elements(mesh: Mesh) -> Elements:
+def prepare_elements(mesh: "Mesh") -> Elements:
     """Gradients and weights of a mesh of first-order elements."""
+    from skfem import Basis, MeshHex, MeshQuad
+
     order = 3 if isinstance(mesh, (MeshQuad, MeshHex)) else 1
     if isinstance(mesh, MeshHex):
         order = 2  # scikit-fem counts so on hexahedra: two points a direction

@@ -1,9 +1,12 @@
 """Contact surfaces: oriented facets, their nodes and nodal normals."""
 
 from dataclasses import dataclass
+from typing import TYPE_CHECKING
 
 import numpy as np
-from skfem import Mesh
+
+if TYPE_CHECKING:
+    from skfem import Mesh
 
 __all__ = ["Surface", "facet_normals", "nodal_areas", "nodal_normals", "surface_of"]
 
@@ -25,7 +28,7 @@ class Surface:
     nodes: np.ndarray
 
 
-def surface_of(mesh: Mesh, boundary: str) -> Surface:
+def surface_of(mesh: "Mesh", boundary: str) -> Surface:
     """Orient the facets of a boundary outwards."""
     index = np.asarray(mesh.boundaries[boundary])
     corners = mesh.facets[:, index].T

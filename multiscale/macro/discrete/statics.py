@@ -13,6 +13,7 @@ from multiscale.macro.discrete.cholesky import Solve
 from multiscale.macro.discrete.compatibility import Equations, equations
 from multiscale.macro.discrete.finite_displacement import find_finite_state
 from multiscale.macro.discrete.mechanism import factorise_taut, name_mechanism, name_motion
+from multiscale.macro.discrete.needs import link_needs
 from multiscale.macro.discrete.results import join_steps, step_values
 from multiscale.macro.discrete.small_displacement import METHODS, find_state
 from multiscale.macro.discrete.stability import (
@@ -105,11 +106,12 @@ def solve_static(
     factors = np.atleast_1d(np.asarray(load_factor, dtype=float))
     _check(system, factors, method, exact, stability)
     check_supports(system)
+    needs = link_needs(system, exact=exact, stability=stability, steps=factors.size)
     model = equations(system)
     tangent = prepare_tangent(system, model)
     limits = Limits(max_iterations, tolerance, callback)
     find: Find
-    if exact:
+    if "moved positions" in needs:
         find = _finite(system, model, tangent, limits)
     else:
         find = _small(model, tangent, method, limits)
@@ -124,7 +126,7 @@ def solve_static(
             failures.append(f"load factor {factor:g}: {_reason(model, tangent, state, method)}")
         else:
             start, reached = state.solution.value, factor
-            if stability:
+            if "eigenvalues" in needs:
                 column |= _eigenvalues(system, model, tangent, state)
         columns.append(column | {"wall_time": perf_counter() - clock})
     result = join_steps(system, factors, columns)

@@ -198,10 +198,16 @@ def _uniform_guess(model: CondensedJoint, law: InterfaceLaw, preload: float) -> 
     return np.concatenate([model.motion @ w + elastic, w, contact])
 
 
-def tangent_stiffness(model: CondensedJoint, law: InterfaceLaw, value: np.ndarray) -> float:
-    """Consistent linearisation of (1)-(3): change of pressure over change of approach, Pa/m."""
+def tangent_stiffness(
+    model: CondensedJoint, law: InterfaceLaw, value: np.ndarray, ratio: float = 1.0
+) -> float:
+    """Consistent linearisation of (1)-(3): change of pressure over change of approach, Pa/m.
+
+    The stiffness of the law is multiplied by a ratio: that of unloading over loading, for a
+    preload that begins to fall.
+    """
     j, _, _ = model.split(value)
-    K = _interface_matrix(model, _contact_force(model, law, j)[1])
+    K = _interface_matrix(model, ratio * _contact_force(model, law, j)[1])
     change = _solve_tangent(model, K, np.concatenate([np.zeros(j.size), model.arm]))
     if change is None:
         return float("nan")

@@ -13,7 +13,6 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 from scipy.sparse import block_diag, csr_array, hstack, kron, vstack
-from skfem import ElementQuad1, MeshQuad
 
 from multiscale.convergence import Solution
 from multiscale.errors import CaseError
@@ -131,6 +130,8 @@ def press_plane_joint(
     ConvergenceError
         If the solver does not converge.
     """
+    from skfem import ElementQuad1
+
     flat = np.zeros(elements)
     bases = [
         displacement_basis(_block(joint, flat, upper=upper), ElementQuad1())
@@ -220,6 +221,8 @@ def _spread(operator: csr_array, axis: int) -> csr_array:
 
 def _block(joint: PlaneJoint, profile: np.ndarray, *, upper: bool, lift: float = 0.0) -> "Mesh":
     """Mesh a block, finest at the interface, whose face bulges by the profile out of it."""
+    from skfem import MeshQuad
+
     n, L, H = profile.size, joint.width, joint.height
     ratio = H * n / L
     layers = max(2, int(np.ceil(np.log1p(ratio * (GROWTH - 1.0)) / np.log(GROWTH))))

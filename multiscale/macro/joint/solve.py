@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from multiscale.errors import CaseError
+from multiscale.laws import HystereticLaw
 from multiscale.laws.base import InterfaceLaw
 from multiscale.macro.joint.assembly import CondensedJoint, condense_joint
 from multiscale.macro.joint.equilibrium import respond, solve_preload, tangent_stiffness
@@ -35,7 +36,8 @@ def rough_joint(
     joint : RoughJoint
         Geometry, elasticity and mesh.
     law : InterfaceLaw
-        Frictionless normal law; its tangential part is not used.
+        Frictionless normal law; its tangential part is not used. One with an unloading branch is
+        loaded for the first time.
     preloads : ndarray, shape (steps,)
         Nominal pressures :math:`p > 0`, Pa: force over section. Each step starts from the one
         before.
@@ -54,7 +56,9 @@ def rough_joint(
         :math:`\mathrm{d}p / \mathrm{d}a`, Pa/m, with the approach :math:`a` of the platen where
         the force acts; ``interface_stiffness`` is the area mean of the tangent of the law, and
         ``solid_stiffness`` belongs to the same blocks without a jump between them. A step that
-        failed is NaN with ``converged`` 0; a sample that failed is NaN.
+        failed is NaN with ``converged`` 0; a sample that failed is NaN. A law with an unloading
+        branch also gives ``unloading_stiffness``, that of a preload which begins to fall and
+        comes back.
 
     Raises
     ------
@@ -82,7 +86,7 @@ def rough_joint(
         raise CaseError(f"preloads must be positive and finite (Pa), got {preloads}")
     model = condense_joint(joint)
     limits = (max_iterations, tolerance)
-    names = ("joint_stiffness", "interface_stiffness", "approach", "mean_gap", "closed_fraction")
+    names = (*_ratios(law), "interface_stiffness", "approach", "mean_gap", "closed_fraction")
     values = {name: np.full(preloads.size, np.nan) for name in names}
     converged = np.zeros(preloads.size, dtype=int)
     residual, wall_time = np.full(preloads.size, np.nan), np.zeros(preloads.size)
@@ -109,9 +113,9 @@ def rough_joint(
         "residual": residual,
         "wall_time": wall_time,
     }
-    if samples:
-        rows = [_sample_stiffness(model, sample, preloads, solutions, limits) for sample in samples]
-        result["joint_stiffness_sample"] = np.array(rows)
+    rows = [_sample_stiffness(model, sample, preloads, solutions, limits) for sample in samples]
+    for name in rows[0] if rows else ():
+        result[f"{name}_sample"] = np.array([row[name] for row in rows])
     return MACRO_RESULT.build(result)
 
 
@@ -121,14 +125,14 @@ def _sample_stiffness(
     preloads: np.ndarray,
     starts: Sequence[np.ndarray | None],
     limits: tuple[int, float],
-) -> np.ndarray:
-    """Joint stiffness of one sample of the law, Pa/m, each step started from the law's own."""
-    stiffness = np.full(preloads.size, np.nan)
-    for step, (preload, start) in enumerate(zip(preloads, starts, strict=True)):
+) -> dict[str, np.ndarray]:
+    """Stiffness of one sample of the law, Pa/m, each step started from the law's own."""
+    failed = dict.fromkeys(_ratios(sample), np.nan)
+    steps = []
+    for preload, start in zip(preloads, starts, strict=True):
         solution = solve_preload(model, sample, preload, start, limits)
-        if solution.converged:
-            stiffness[step] = tangent_stiffness(model, sample, solution.value)
-    return stiffness
+        steps.append(_stiffness(model, sample, solution.value) if solution.converged else failed)
+    return {name: np.array([step[name] for step in steps]) for name in failed}
 
 
 def _measure(model: CondensedJoint, law: InterfaceLaw, value: np.ndarray) -> dict[str, float]:
@@ -137,9 +141,23 @@ def _measure(model: CondensedJoint, law: InterfaceLaw, value: np.ndarray) -> dic
     jump = model.operator @ j
     pressure, stiffness = respond(law, jump)
     return {
-        "joint_stiffness": tangent_stiffness(model, law, value),
+        **_stiffness(model, law, value),
         "interface_stiffness": float(model.weight @ stiffness) / model.area,
         "approach": -float(model.arm @ w),
         "mean_gap": float(model.weight @ jump) / model.area + float(getattr(law, "gap", 0.0)),
         "closed_fraction": float(model.weight @ (pressure > 0.0)) / model.area,
     }
+
+
+def _stiffness(model: CondensedJoint, law: InterfaceLaw, value: np.ndarray) -> dict[str, float]:
+    """Stiffness of the joint on every branch of its law, Pa/m."""
+    return {
+        name: tangent_stiffness(model, law, value, ratio) for name, ratio in _ratios(law).items()
+    }
+
+
+def _ratios(law: InterfaceLaw) -> dict[str, float]:
+    """Stiffness of the law on its branches, over that of the loading."""
+    if isinstance(law, HystereticLaw):
+        return {"joint_stiffness": 1.0, "unloading_stiffness": law.stiffness_ratio}
+    return {"joint_stiffness": 1.0}

@@ -4,7 +4,6 @@ from dataclasses import dataclass
 
 import numpy as np
 from scipy.sparse import csr_array, eye_array, vstack
-from skfem import ElementHex2
 
 from multiscale.convergence import Solution
 from multiscale.errors import CaseError
@@ -116,6 +115,8 @@ class Footprint:
 
 def condense_tread(block: TreadBlock) -> CondensedTread:
     """Condense a block onto its face and the approach of its carcass."""
+    from skfem import ElementHex2
+
     x, y, _ = block.size
     mesh = box_mesh(block.size, block.elements, origin=(-0.5 * x, -0.5 * y, 0.0))
     basis = displacement_basis(mesh, ElementHex2())

@@ -5,7 +5,6 @@ from itertools import pairwise
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
-from skfem import MeshHex
 
 from multiscale.errors import CaseError
 from multiscale.laws.bulk import respond
@@ -94,6 +93,8 @@ def _fields(body: Body, displacement: np.ndarray) -> tuple[np.ndarray, np.ndarra
 
 def _corners(body: Body) -> np.ndarray:
     """Nodes of the elements in the order of VTK, shape (elements, corners)."""
+    from skfem import MeshHex
+
     corners = body.mesh.t.copy()
     if isinstance(body.mesh, MeshHex):
         corners[HEX_ORDER] = body.mesh.t

@@ -13,9 +13,11 @@ from multiscale.macro.substructures.acceleration import Anderson
 from multiscale.macro.substructures.bound import Admissible, ErrorBound
 from multiscale.macro.substructures.indicator import HeuristicIndicator
 from multiscale.macro.substructures.latin import AGAIN, UPDATE, Iterate, Latin
+from multiscale.macro.substructures.needs import needs_of
 from multiscale.macro.substructures.parallel import Team
 from multiscale.macro.substructures.problem import Problem
 from multiscale.macro.substructures.results import assemble_result, link_fields, load_factors
+from multiscale.needs import Needs
 
 if TYPE_CHECKING:
     import xarray as xr
@@ -104,8 +106,9 @@ def solve_latin(
     """
     _refuse_floating(problem)
     factors = load_factors(problem, load_factor)
-    method = Latin(problem, coarse=coarse, updated=updated, team=team)
-    judge = _judge(method) if coarse else None
+    needs = needs_of(problem, coarse=coarse)
+    method = Latin(problem, coarse="coarse problem" in needs, updated=updated, team=team)
+    judge = _judge(method, needs)
     columns: list[dict[str, Any]] = []
     for factor in factors:
         if columns and not columns[-1]["converged"]:  # a path ends with its first failure
@@ -192,10 +195,13 @@ def _local_fields(method: Latin, found: Iterate, converged: bool) -> dict[str, n
     return {"slack": slack, "jump": jump, "traction": traction}
 
 
-def _judge(method: Latin) -> ErrorBound | HeuristicIndicator:
-    """Return what measures the error: a bound without joints, an indicator with them."""
+def _judge(method: Latin, needs: Needs) -> ErrorBound | HeuristicIndicator | None:
+    """Return what measures the error, if anything does."""
+    bound, indicator = "error bound" in needs, "error indicator" in needs
+    if not (bound or indicator):
+        return None
     admissible = Admissible(method.stack, method.sides, method.k0.matrix, method.own)
-    if method.problem.joints:
+    if indicator:
         return HeuristicIndicator(method.problem, admissible)
     return ErrorBound(method.stack, admissible)
 

@@ -9,10 +9,10 @@ import numpy as np
 
 from multiscale.laws.bulk import J2, NeoHookean, Prony
 from multiscale.micro.finite.body import Body, Increment, Response
+from multiscale.micro.finite.element_stiffness import ENTRIES, corner_gradients
 from multiscale.micro.finite.operator import (
     NEO_HOOKEAN,
     PLASTIC,
-    TANGENT_ROWS,
     apply_tangent,
     inverse_strain,
     respond_cell,
@@ -70,7 +70,7 @@ class _LargeStrainCell:
     @cached_property
     def tangent(self) -> np.ndarray:
         """One buffer for the tangents of all iterations."""
-        return np.empty((*self.points[:3], TANGENT_ROWS * BATCH), dtype=np.float32)
+        return np.empty((*self.points[:3], ENTRIES * BATCH), dtype=np.float32)
 
     def rest(self) -> State:
         """State before any load, for each batch of elements."""
@@ -79,13 +79,14 @@ class _LargeStrainCell:
 
     def apply(self, v: np.ndarray) -> np.ndarray:
         out = np.empty_like(v)
-        apply_tangent(self.tangent, *self.mesh.surface.spacing, self.mean_dilatation, v, out)
+        apply_tangent(self.tangent, v, out)  # type: ignore[call-arg]
         return out
 
     def step(
         self, kept: np.ndarray, moduli: np.ndarray, finish: Callable[[np.ndarray], State]
     ) -> Increment:
         """Return the increment with what a law keeps at its points."""
+        gradients = corner_gradients(*self.mesh.surface.spacing)
         kind = PLASTIC if isinstance(self.law, J2) else NEO_HOOKEAN
 
         def respond(u: np.ndarray) -> Response:
@@ -97,7 +98,7 @@ class _LargeStrainCell:
                 self.mean_dilatation,
                 u,
                 kept,
-                True,
+                gradients,
                 force,
                 self.tangent,
                 flags,

@@ -1,0 +1,60 @@
+"""What a granulate needs, from its number of grains and how they touch."""
+
+from multiscale.macro.granulate.model import ContactLaw, Solver
+from multiscale.needs import Needs, choose
+
+__all__ = ["grain_needs"]
+
+PER_GRAIN, PER_FRAME = 2500, 400
+"""Peak memory, byte, of a dense pile: of a grain with its contacts, and of it in a frame."""
+
+
+def grain_needs(grains: int, frames: int, law: ContactLaw, solver: Solver) -> Needs:
+    """Return what following grains takes.
+
+    Parameters
+    ----------
+    grains, frames : int
+        Their number, and that of the steps whose positions and forces are kept.
+    law : ContactLaw
+    solver : Solver
+
+    Examples
+    --------
+    >>> needs = grain_needs(1000, 11, ContactLaw(friction=0.5), Solver())
+    >>> needs.unknowns_per_contact, "springs" in needs
+    (3, False)
+    """
+    domains = solver.domains > 1 or solver.conjugate > 0
+    choices = {
+        "sweeps": (True, "over the contacts; their operator is never assembled", ""),
+        "friction": (law.friction > 0.0, "Coulomb's disc of each contact", "no friction is given"),
+        "springs": (law.compliance > 0.0, "of compliant contacts", "contacts are rigid"),
+        "restitution": (law.restitution > 0.0, "of pairs that meet fast", "no pair bounces"),
+        "colours": (
+            solver.threads > 1 and not domains,
+            "contacts that share no grain are swept side by side",
+            "one thread sweeps in the order of the contacts" if not domains else "domains do it",
+        ),
+        "domains": (
+            domains,
+            "swept side by side, then the contacts between them",
+            "one domain",
+        ),
+        "assembled problem": (
+            solver.most_assembled > 0,
+            f"where sweeps fail in a step of at most {solver.most_assembled} contacts",
+            "sweeps alone",
+        ),
+    }
+    operators, left_out = choose(choices)
+    return Needs(
+        unknowns_per_contact=3,  # in global axes: their kernels have no others
+        kinematics="rigid grains in motion, impulses in place of forces",
+        operators=operators,
+        left_out=left_out,
+        state_variables=("position", "velocity", "spin", "impulse of each contact"),
+        fields=("position", "velocity", "spin", "contact force"),
+        libraries=("numba",),
+        memory=grains * (PER_GRAIN + PER_FRAME * frames),
+    )

@@ -1,0 +1,189 @@
+"""What case and scene files may say, as tables for the manual, from the models that read them."""
+
+import re
+from collections.abc import Iterator
+from inspect import getdoc
+from itertools import product
+from pathlib import Path
+from types import NoneType, UnionType
+from typing import Annotated, Any, Literal, Union, get_args, get_origin, get_type_hints
+
+from pydantic import BeforeValidator
+from pydantic.fields import FieldInfo
+
+from multiscale.pipeline.grain_settings import GrainScene
+from multiscale.pipeline.scene_settings import Scene
+from multiscale.pipeline.settings import Case
+from multiscale.pipeline.toml_model import Settings
+from multiscale.pipeline.tyre_settings import TyreCase
+from multiscale.units import readable
+
+__all__ = ["key_tables"]
+
+FILES: tuple[tuple[str, type[Settings]], ...] = (
+    ("Cases of a joint", Case),
+    ("Cases of a tyre on a road", TyreCase),
+    ("Scenes of bars, cables and bodies", Scene),
+    ("Scenes of grains", GrainScene),
+)
+HEAD = "| key | value | default | meaning |\n| --- | --- | --- | --- |"
+BOUNDS = {"gt": "> {:g}", "ge": "≥ {:g}", "lt": "< {:g}", "le": "≤ {:g}", "multiple_of": "even"}
+"""Signs of ranges; the only multiple asked for is of two."""
+
+
+def key_tables() -> str:
+    """Return every key with its unit, range, default and meaning, in Markdown."""
+    parts: list[str] = []
+    for title, model in FILES:
+        parts.append(f"### {title}")
+        for head, names, table in _tables(model, ()):
+            told = f"{head}{_summary(table)}"
+            if told not in parts[parts.index(f"### {title}") :]:
+                parts += [told, "\n".join([HEAD, *(_row(table, name) for name in names)])]
+    return "\n\n".join(parts)
+
+
+def _tables(
+    model: type[Settings], at: tuple[tuple[str, ...], ...]
+) -> Iterator[tuple[str, list[str], type[Settings]]]:
+    """Give head, keys and model of a table, then of the tables in it.
+
+    ``at`` has the names on the way to the table, several where several tables are alike.
+    """
+    hints = get_type_hints(model, include_extras=True)
+    inner = {name: tuple(_models(hints[name])) for name in model.model_fields}
+    head = _head(model, at)
+    keys = [name for name in inner if not inner[name]]
+    yield head, keys[1:] if "kind" in head else keys, model
+    for models in dict.fromkeys(inner.values()):
+        names = tuple(name for name in inner if inner[name] == models)
+        for one in models:
+            yield from _tables(one, (*at, names, ("NAME",)) if "laws" in names else (*at, names))
+
+
+def _head(model: type[Settings], at: tuple[tuple[str, ...], ...]) -> str:
+    """Name a table as files do, with its kind if there are several."""
+    kind = model.model_fields.get("kind")
+    values = get_args(kind.annotation) if kind else ()
+    said = f', `kind = "{values[0]}"`' if len(values) == 1 else ""
+    paths = ", ".join(f"`[{'.'.join(path)}]`" for path in product(*at))
+    return f"**{paths}**{said}: " if at else ""
+
+
+def _summary(model: type[Settings]) -> str:
+    """First sentence of the docstring."""
+    return _plain((getdoc(model) or "").split("\n\n")[0])
+
+
+def _row(model: type[Settings], name: str) -> str:
+    """Describe a key in a line of a table."""
+    hint = get_type_hints(model, include_extras=True)[name]
+    unit, value = _unit(hint), _value(hint)
+    default = _default(model.model_fields[name], unit)
+    return f"| `{name}` | {value} | {default} | {_meaning(model, name)} |"
+
+
+def _meaning(model: type[Settings], name: str) -> str:
+    """Say what the docstring says of a parameter."""
+    entries = re.findall(r"^(\w[\w, ]*)(?: : .*)?\n((?:    .*\n?)+)", getdoc(model) or "", re.M)
+    told = (text for names, text in entries if name in names.split(", "))
+    return _plain(next(told, ""))
+
+
+def _plain(text: str) -> str:
+    """Undo the marks of the docstrings."""
+    return re.sub(r":\w+:`~?([^`]*)`", r"`\1`", " ".join(text.replace("``", "`").split()))
+
+
+def _default(field: FieldInfo, unit: str) -> str:
+    """Write a default as a file would."""
+    value = field.default
+    if field.is_required():
+        return "required"
+    if value is None or value == ():
+        return ""
+    if isinstance(value, bool):
+        return f"`{str(value).lower()}`"
+    if isinstance(value, float) and unit != "1":
+        simple = not set("/^") & set(unit)
+        return f'`"{readable(f"{value!r} {unit}") if simple else f"{value:g} {unit}"}"`'
+    if isinstance(value, str):
+        return f'`"{value}"`'
+    return f"`{list(value) if isinstance(value, tuple) else f'{value:g}'}`"
+
+
+def _parts(hint: Any) -> tuple[Any, list[Any]]:
+    """Type and metadata of an annotation, with nested ones joined and None left out."""
+    if get_origin(hint) is Annotated:
+        inner, *metadata = get_args(hint)
+        kind, more = _parts(inner)
+        return kind, more + metadata
+    if get_origin(hint) in (Union, UnionType):
+        found = [one for one in get_args(hint) if one is not NoneType]
+        if len(found) == 1:
+            return _parts(found[0])
+    return hint, []
+
+
+def _models(hint: Any) -> list[type[Settings]]:
+    """Tables that an annotation names."""
+    kind, _ = _parts(hint)
+    if isinstance(kind, type) and issubclass(kind, Settings):
+        return [kind]
+    if get_origin(kind) in (Union, UnionType, dict):
+        return [model for one in get_args(kind) for model in _models(one)]
+    return []
+
+
+def _unit(hint: Any) -> str:
+    """SI unit of a quantity."""
+    kind, metadata = _parts(hint)
+    for item in metadata:
+        if isinstance(item, BeforeValidator):
+            return str(item.func.keywords["unit"])  # type: ignore[union-attr]
+    return next(filter(None, map(_unit, get_args(kind))), "") if get_origin(kind) is tuple else ""
+
+
+def _value(hint: Any) -> str:
+    """Say in a few words what may stand there."""
+    kind, metadata = _parts(hint)
+    bounds = _bounds(metadata)
+    if get_origin(kind) is Literal:
+        return " or ".join(f'`"{value}"`' for value in get_args(kind))
+    if get_origin(kind) in (Union, UnionType):
+        return " or ".join(map(_value, get_args(kind)))
+    if get_origin(kind) is tuple:
+        return _list(get_args(kind), bounds)
+    if unit := _unit(hint):
+        return ", ".join(["number" if unit == "1" else unit, *_range(bounds)])
+    words = {int: "integer", bool: "`true` or `false`", str: "text", Path: "path"}
+    return ", ".join([words[kind], *_range(bounds)])
+
+
+def _list(items: tuple[Any, ...], bounds: dict[str, Any]) -> str:
+    """Say how many values a list has, and of what."""
+    if items[-1] is not Ellipsis:
+        said = [_value(item) for item in items]
+        return f"{len(said)} × {said[0]}" if len(set(said)) == 1 else f"[{'; '.join(said)}]"
+    low, high = bounds.get("min_length", 0), bounds.get("max_length")
+    count = f"{low} × " if low == high else f"list of {low} or more: " if low else "list: "
+    return count + _value(items[0])
+
+
+def _bounds(metadata: list[Any]) -> dict[str, Any]:
+    """Constraints of a field by their names."""
+    found: dict[str, Any] = {}
+    for item in metadata:
+        for one in item.metadata if isinstance(item, FieldInfo) else ():
+            found |= {name: getattr(one, name) for name in one.__slots__}
+    return found
+
+
+def _range(bounds: dict[str, Any]) -> list[str]:
+    """Write the range of a number."""
+    said = {name: text.format(bounds[name]) for name, text in BOUNDS.items() if name in bounds}
+    if "ge" in said and "le" in said:
+        said = {"ge": f"{bounds['ge']:g} to {bounds['le']:g}"} | {
+            name: text for name, text in said.items() if name not in ("ge", "le")
+        }
+    return list(said.values())

@@ -1,0 +1,344 @@
+"""What is killed at any moment loses at most the cells in flight, and ends with the same data."""
+
+import json
+import os
+import signal
+import subprocess
+import sys
+import xml.etree.ElementTree as ET
+from pathlib import Path
+from time import perf_counter, sleep
+
+import numpy as np
+import pytest
+import xarray as xr
+from matplotlib.image import imread
+
+from multiscale.io import open_dataset
+from multiscale.pipeline.case import shipped_cases
+
+pytestmark = [
+    pytest.mark.slow,
+    pytest.mark.skipif(not Path("/proc/self").exists(), reason="looks for processes in /proc"),
+]
+
+CASE = (
+    shipped_cases()["ground_steel"]
+    .read_text(encoding="utf-8")
+    .replace("[128, 128]", "[36, 36]")
+    .replace("layers = 14", 'layers = 14\ngeometry = "flat"')
+    .replace('["5 MPa", "10 MPa", "20 MPa", "40 MPa", "80 MPa", "160 MPa"]', '["10 MPa"]')
+    + "\n[law]\nsamples = 4\n"
+)
+SWEEP = CASE.replace("realisations = 12", "realisations = 3") + (
+    '[sweep]\nbody_1.youngs_modulus = ["70 GPa", "140 GPa", "210 GPa"]\n'
+)
+SINGLE = CASE.replace("realisations = 12", "realisations = 8")
+
+COMMAND = (sys.executable, "-c", "from multiscale.cli import main; main()")
+ONE_THREAD = dict(os.environ, OMP_NUM_THREADS="1", NUMBA_NUM_THREADS="1")
+TIMED = ("wall_time",)
+"""Variables that differ from run to run."""
+DATED = ("history",)
+"""Attributes that do: the time of writing and the command."""
+
+
+class Warm:
+    """Commands that start at once; see ``warm_commands.py``."""
+
+    def __init__(self, folder):
+        self.process = subprocess.Popen(
+            [sys.executable, Path(__file__).with_name("warm_commands.py")],
+            stdin=subprocess.PIPE,
+            stdout=subprocess.PIPE,
+            text=True,
+            env=ONE_THREAD,
+        )
+        (folder / "case.toml").write_text(SWEEP, encoding="utf-8")
+        assert self.ask(folder, "run", "case.toml", "--jobs", "1") == 0
+
+    def ask(self, folder, *arguments):
+        print(json.dumps([str(folder), *arguments]), file=self.process.stdin, flush=True)
+        return self.answer()
+
+    def answer(self):
+        return int(self.process.stdout.readline())
+
+    def close(self):
+        self.process.stdin.close()
+        self.process.wait()
+        self.process.stdout.close()
+
+
+@pytest.fixture(scope="module")
+def warm(tmp_path_factory):
+    server = Warm(tmp_path_factory.mktemp("warm"))
+    yield server
+    server.close()
+
+
+def workers_of(parent):
+    """Children of a process, without the one that tracks resources."""
+    found = []
+    for folder in Path("/proc").glob("[0-9]*"):
+        try:
+            stat, line = (folder / "stat").read_text(), (folder / "cmdline").read_bytes()
+        except OSError:  # it has just ended
+            continue
+        if int(stat.rpartition(")")[2].split()[1]) == parent and b"resource_tracker" not in line:
+            found.append(int(folder.name))
+    return found
+
+
+def kill(group, what, rng):
+    """Kill a group, or one worker in it; whether there was any."""
+    try:
+        if what == "run":
+            os.killpg(group, signal.SIGKILL)
+            return True
+        workers = workers_of(group)
+        if workers:
+            os.kill(workers[rng.integers(len(workers))], signal.SIGKILL)
+        return bool(workers)
+    except ProcessLookupError:
+        return False
+
+
+def check_whole(out):
+    """Every file under a final name is whole."""
+    for file in out.rglob("*"):
+        if not file.is_file() or (file.name.startswith(".") and file.suffix == ".part"):
+            continue
+        if file.suffix == ".nc":
+            open_dataset(file)
+        elif file.suffix in (".vtu", ".pvd"):
+            ET.parse(file)
+        elif file.suffix == ".png":
+            imread(file)
+        elif file.suffix == ".html":
+            assert file.read_text(encoding="utf-8").rstrip().endswith("</html>")
+        else:
+            assert file.name in ("case.toml", "log.txt"), file
+
+
+def cells(out):
+    """Finished cells, and when they were written."""
+    return {file: file.stat().st_mtime_ns for file in out.rglob("realisation-*.nc")}
+
+
+def contents(out):
+    """Everything that a run leaves in datasets, without what tells the time."""
+    found = {}
+    for file in sorted(out.rglob("*.nc")):
+        dataset = open_dataset(file).drop_vars(TIMED, errors="ignore")
+        for name in DATED:
+            del dataset.attrs[name]
+        found[str(file.relative_to(out))] = dataset
+    return found
+
+
+def assert_identical(out, reference):
+    found = contents(out)
+    assert list(found) == list(reference)
+    for name, dataset in reference.items():
+        xr.testing.assert_identical(found[name], dataset)
+
+
+def begun(out):
+    return ["--resume"] if (out / "log.txt").exists() else []
+
+
+def check_after_kill(out, what, status, said):
+    """What must hold after a kill, before anything goes on; gives the finished cells."""
+    assert "Traceback" not in said, said
+    if what == "run":
+        assert status == -signal.SIGKILL
+    elif status != 0:  # a worker that was not needed any more may die unseen
+        assert status == 1
+        assert said.count("multiscale: a worker process died after") == 1, said
+    check_whole(out)
+    return cells(out)
+
+
+@pytest.mark.parametrize(
+    ("text", "count"), [pytest.param(SWEEP, 9, id="sweep"), pytest.param(SINGLE, 8, id="run")]
+)
+def test_what_is_killed_at_20_random_moments_ends_with_the_same_datasets(
+    warm, tmp_path, text, count, record_property
+):
+    rng = np.random.default_rng(seed=5)
+    command = ("run", "case.toml", "-o", "out", "--jobs", "2")
+    reference = tmp_path / "reference"
+    reference.mkdir()
+    (reference / "case.toml").write_text(text, encoding="utf-8")
+    begin = perf_counter()
+    warm.ask(reference, *command)
+    assert warm.answer() == 0, (reference / "output").read_text()
+    duration = perf_counter() - begin
+    expected = contents(reference / "out")
+    assert len(cells(reference / "out")) == count
+
+    kills, attempts, lost = {"run": 0, "worker": 0}, 0, []
+    while sum(kills.values()) < 20:
+        attempts += 1
+        assert attempts <= 60, kills
+        folder = tmp_path / str(attempts)
+        folder.mkdir()
+        (folder / "case.toml").write_text(text, encoding="utf-8")
+        what = ("run", "worker")[rng.integers(2)]
+        group = warm.ask(folder, *command)
+        sleep(duration * rng.uniform(0.0, 0.95))
+        hit = kill(group, what, rng)
+        status = warm.answer()
+        if not hit or status == 0:
+            continue
+        kills[what] += 1
+        out = folder / "out"
+        kept = check_after_kill(out, what, status, (folder / "output").read_text())
+        warm.ask(folder, *command, *begun(out))
+        assert warm.answer() == 0, (folder / "output").read_text()
+        after = cells(out)
+        assert {file: after[file] for file in kept} == kept
+        lost.append(count - len(kept))
+        assert_identical(out, expected)
+    record_property("kills", kills)
+    record_property("cells left to compute", lost)
+
+
+@pytest.fixture(scope="module")
+def swept(warm, tmp_path_factory):
+    """Give the datasets of a sweep that nobody killed."""
+    folder = tmp_path_factory.mktemp("swept")
+    (folder / "case.toml").write_text(SWEEP, encoding="utf-8")
+    warm.ask(folder, "run", "case.toml", "-o", "out", "--jobs", "2")
+    assert warm.answer() == 0
+    return contents(folder / "out")
+
+
+def start(folder, *arguments):
+    """Start the real command on a sweep, and wait for its first cell."""
+    (folder / "case.toml").write_text(SWEEP, encoding="utf-8")
+    begun = subprocess.Popen(
+        [*COMMAND, "run", "case.toml", "-o", "out", *arguments],
+        cwd=folder,
+        env=ONE_THREAD,
+        stderr=subprocess.PIPE,
+        text=True,
+        start_new_session=True,
+    )
+    while not cells(folder / "out"):
+        assert begun.poll() is None, begun.communicate()
+        sleep(0.05)
+    return begun
+
+
+def go_on(warm, folder, kept):
+    """Resume a run; what was kept is not computed again."""
+    warm.ask(folder, "run", "case.toml", "-o", "out", "--jobs", "2", "--resume")
+    assert warm.answer() == 0, (folder / "output").read_text()
+    assert kept
+    after = cells(folder / "out")
+    assert {file: after[file] for file in kept} == kept
+
+
+@pytest.mark.parametrize("what", ["run", "worker", "parent"])
+def test_the_real_command_survives_a_kill(warm, swept, tmp_path, what):
+    begun = start(tmp_path, "--jobs", "2")
+    workers = workers_of(begun.pid)
+    assert len(workers) == 2
+    if what == "parent":
+        begun.kill()
+    else:
+        kill(begun.pid, what, np.random.default_rng(seed=1))
+    said = begun.communicate()[1]
+    out, kind = tmp_path / "out", "worker" if what == "worker" else "run"
+    assert begun.returncode != 0
+    wait_for_the_end_of(workers)
+    go_on(warm, tmp_path, check_after_kill(out, kind, begun.returncode, said))
+    assert_identical(out, swept)
+
+
+def wait_for_the_end_of(processes):
+    """Workers leave soon after their parent."""
+    for _ in range(600):
+        if not any(Path(f"/proc/{number}").exists() for number in processes):
+            return
+        sleep(0.1)
+    raise AssertionError("a worker has outlived its parent")
+
+
+@pytest.fixture
+def dask(tmp_path):
+    """Give a scheduler with two worker processes, and its address."""
+    program, file = str(Path(sys.executable).with_name("dask")), tmp_path / "scheduler.json"
+    options = {"env": ONE_THREAD, "stderr": subprocess.DEVNULL}
+    where = ["--host", "127.0.0.1", "--no-dashboard"]
+    started = [
+        subprocess.Popen(
+            [program, "scheduler", *where, "--port", "0", "--scheduler-file", file], **options
+        )
+    ]
+    while not file.exists() or not file.read_text():
+        assert started[0].poll() is None
+        sleep(0.1)
+    address = json.loads(file.read_text())["address"]
+    worker = [program, "worker", address, "--no-nanny", "--nthreads", "1", *where]
+    started += [subprocess.Popen(worker, cwd=tmp_path, **options) for _ in range(2)]
+    yield address, started
+    for process in started:
+        process.kill()
+        process.wait()
+
+
+def test_a_worker_of_dask_that_is_killed_is_replaced_by_another(dask, swept, tmp_path):
+    address, (_, worker, _) = dask
+    begun = start(tmp_path, "--dask", address)
+    worker.kill()
+    said = begun.communicate()[1]
+    assert begun.returncode == 0, said
+    assert "Traceback" not in said
+    assert_identical(tmp_path / "out", swept)
+
+
+def test_a_scheduler_of_dask_that_is_killed_is_one_sentence(warm, dask, swept, tmp_path):
+    address, (scheduler, *_) = dask
+    begun = start(tmp_path, "--dask", address)
+    scheduler.kill()
+    said = begun.communicate()[1]
+    assert begun.returncode == 1
+    assert "Traceback" not in said, said
+    assert said.count("multiscale: the workers were lost after") == 1
+    check_whole(tmp_path / "out")
+    go_on(warm, tmp_path, cells(tmp_path / "out"))
+    assert_identical(tmp_path / "out", swept)
+
+
+PROGRAM = """
+from mpi4py.futures import MPIPoolExecutor
+from multiscale.pipeline import load_sweep, run_sweep
+
+if __name__ == "__main__":
+    with MPIPoolExecutor() as executor:
+        run_sweep(load_sweep("case.toml"), "out", executor=executor)
+"""
+
+
+def test_workers_of_mpi_give_the_same_datasets(swept, tmp_path):
+    pytest.importorskip("mpi4py")
+    launcher = Path(sys.executable).with_name("mpiexec")
+    if not launcher.exists():
+        pytest.skip("mpiexec is not beside the interpreter")
+    (tmp_path / "case.toml").write_text(SWEEP, encoding="utf-8")
+    (tmp_path / "program.py").write_text(PROGRAM, encoding="utf-8")
+    command = [launcher, "-n", "3", sys.executable, "-m", "mpi4py.futures", "program.py"]
+    done = subprocess.run(
+        command,
+        cwd=tmp_path,
+        env=ONE_THREAD,
+        capture_output=True,
+        text=True,
+        timeout=600,
+        check=False,
+    )
+    assert done.returncode == 0, done.stderr
+    assert_identical(tmp_path / "out", swept)

@@ -1,0 +1,208 @@
+"""Full disks and folders that cannot be written to are one sentence, and cost nothing finished."""
+
+import os
+import resource
+import subprocess
+import sys
+from contextlib import suppress
+from pathlib import Path
+
+import pytest
+
+from multiscale.cli import main
+from multiscale.io import open_dataset
+from tests.pipeline.test_killed import SINGLE, cells, check_whole
+
+GRID = """
+title = "grid"
+[structure]
+kind = "tensegrity_grid"
+n = 3
+[statics]
+load_factors = [0.0, 1.0]
+"""
+
+
+@pytest.fixture
+def command(monkeypatch, capsys, tmp_path):
+    """Call the command line in this process; give its exit status and what it said."""
+    (tmp_path / "case.toml").write_text(SINGLE, encoding="utf-8")
+    (tmp_path / "scene.toml").write_text(GRID, encoding="utf-8")
+    monkeypatch.chdir(tmp_path)
+
+    def call(*arguments):
+        monkeypatch.setattr("sys.argv", ["multiscale", *map(str, arguments)])
+        with pytest.raises(SystemExit) as end:
+            main()
+        return end.value.code or 0, capsys.readouterr().err
+
+    return call
+
+
+@pytest.fixture
+def disk(tmp_path):
+    """Give a file system of 256 KiB, and what changes it."""
+    folder = tmp_path / "disk"
+    folder.mkdir()
+
+    def mount(options):
+        return subprocess.run(
+            ["mount", "-t", "tmpfs", "-o", options, "tmpfs", folder], capture_output=True
+        )
+
+    if sys.platform != "linux" or mount("size=256k").returncode:
+        pytest.skip("this user may not mount a file system")
+    yield folder, lambda options: mount(f"remount,{options}").check_returncode()
+    subprocess.run(["umount", folder], check=True)
+
+
+def fill(folder):
+    """Leave no room on a file system."""
+    with (folder / "filling").open("wb", buffering=0) as file, suppress(OSError):
+        while file.write(bytes(4096)):
+            pass
+
+
+def refused(answer, message):
+    """Whether an answer is one sentence with a message."""
+    status, said = answer
+    assert status == 1, said
+    assert "Traceback" not in said
+    sentences = [line for line in said.splitlines() if line.startswith("multiscale: ")]
+    assert len(sentences) == 1, said
+    assert message in sentences[0]
+
+
+def test_a_run_on_a_disk_that_fills_keeps_its_cells_and_goes_on_with_more_room(command, disk):
+    folder, change = disk
+    out = folder / "out"
+    refused(
+        command("run", "case.toml", "-o", out, "--jobs", "1"),
+        "no space left on device; what was finished before is kept",
+    )
+    check_whole(out)
+    kept = cells(out)
+    assert 0 < len(kept) < 8
+    change("size=20m")
+    status, said = command("run", "case.toml", "-o", out, "--jobs", "1", "--resume")
+    assert status == 0, said
+    after = cells(out)
+    assert len(after) == 8
+    assert {file: after[file] for file in kept} == kept
+    assert (out / "report.html").exists()
+
+
+DATASETS = [
+    pytest.param(("macro", "scene.toml"), id="macro"),
+    pytest.param(("micro", "case.toml", "--jobs", "1"), id="micro"),
+    pytest.param(("fit", "response.nc"), id="fit"),
+    pytest.param(("stability", "wedge", "--jobs", "1"), id="stability", marks=pytest.mark.slow),
+]
+
+
+@pytest.fixture(scope="module")
+def response(tmp_path_factory):
+    from multiscale.pipeline import load_case
+    from multiscale.pipeline.micro import run_micro
+
+    folder = tmp_path_factory.mktemp("response")
+    (folder / "case.toml").write_text(SINGLE, encoding="utf-8")
+    run_micro(load_case(folder / "case.toml"), folder / "response.nc", fields=False)
+    return folder / "response.nc"
+
+
+@pytest.mark.parametrize("arguments", DATASETS)
+def test_a_full_disk_is_a_sentence_and_leaves_no_dataset(
+    command, disk, response, tmp_path, arguments
+):
+    folder, _ = disk
+    (tmp_path / "response.nc").write_bytes(response.read_bytes())
+    fill(folder)
+    refused(command(*arguments, "-o", folder / "out.nc"), "no space left on device")
+    assert list(folder.glob("*.nc")) == []
+    assert list(folder.glob(".*")) == []
+
+
+@pytest.mark.parametrize("arguments", [*DATASETS, pytest.param(("run", "case.toml"), id="run")])
+@pytest.mark.parametrize("kind", ["read-only", "below a file"])
+def test_a_folder_that_cannot_be_written_to_is_a_sentence_before_anything_is_computed(
+    command, request, tmp_path, arguments, kind, monkeypatch
+):
+    if kind == "read-only":
+        folder, change = request.getfixturevalue("disk")
+        change("ro")
+        message = "read-only file system; choose another folder"
+    else:
+        folder, message = tmp_path / "case.toml" / "folder", "not a directory"
+    for solver in ("micro.ensemble.run_realisations", "pipeline.scenes.solve_static"):
+        monkeypatch.setattr(f"multiscale.{solver}", lambda *_, **__: pytest.fail("it computed"))
+    out = folder / ("out" if arguments[0] == "run" else "out.nc")
+    (tmp_path / "response.nc").write_bytes(b"")
+    refused(command(*arguments, "-o", out), message)
+
+
+@pytest.mark.parametrize(
+    "arguments",
+    [
+        ("macro", "scene.toml"),
+        ("micro", "case.toml"),
+        ("fit", "response.nc"),
+        ("stability", "wedge"),
+    ],
+    ids=lambda arguments: arguments[0],
+)
+@pytest.mark.parametrize("name", ["name", "name.txt", ".nc/"])
+def test_a_dataset_goes_to_a_file_whose_name_says_so(command, arguments, name):
+    refused(command(*arguments, "-o", name), "the result is one dataset, whose file ends in .nc")
+    assert not Path(name).exists()
+
+
+def test_a_folder_that_has_the_name_of_the_dataset_is_a_sentence(command):
+    Path("out.nc").mkdir()
+    refused(command("macro", "scene.toml", "-o", "out.nc"), "is a directory")
+
+
+def test_files_that_grow_too_large_for_the_user_are_a_sentence(tmp_path):
+    (tmp_path / "scene.toml").write_text(GRID, encoding="utf-8")
+    done = subprocess.run(
+        [sys.executable, "-c", "from multiscale.cli import main; main()", "macro", "scene.toml"],
+        cwd=tmp_path,
+        capture_output=True,
+        text=True,
+        preexec_fn=lambda: resource.setrlimit(resource.RLIMIT_FSIZE, (16384, 16384)),
+        env=dict(os.environ, NUMBA_CACHE_DIR="", PYTHONDONTWRITEBYTECODE="1"),
+        check=False,
+    )
+    refused((done.returncode, done.stderr), "file too large; choose another folder")
+    assert list(tmp_path.iterdir()) == [tmp_path / "fields", tmp_path / "scene.toml"] or (
+        list(tmp_path.iterdir()) == [tmp_path / "scene.toml"]
+    )
+
+
+@pytest.mark.skipif(not Path("/dev/full").exists(), reason="needs the device that is always full")
+def test_a_terminal_that_takes_no_more_is_a_sentence(tmp_path):
+    (tmp_path / "scene.toml").write_text(GRID, encoding="utf-8")
+    program = "from multiscale.cli import main; main()"
+    with Path("/dev/full").open("w") as full:
+        done = subprocess.run(
+            [sys.executable, "-c", program, "macro", "scene.toml", "--explain"],
+            cwd=tmp_path,
+            stdout=full,
+            stderr=subprocess.PIPE,
+            text=True,
+            check=False,
+        )
+    refused((done.returncode, done.stderr), "No space left on device")
+
+
+def test_what_was_written_before_stays_when_its_new_version_finds_no_room(command, disk):
+    folder, change = disk
+    change("size=2m")
+    out = folder / "out.nc"
+    status, said = command("macro", "scene.toml", "-o", out)
+    assert status == 0, said
+    before = out.read_bytes()
+    fill(folder)
+    refused(command("macro", "scene.toml", "-o", out), "no space left on device")
+    assert out.read_bytes() == before
+    open_dataset(out)

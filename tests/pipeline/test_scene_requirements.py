@@ -1,0 +1,256 @@
+"""What a scene needs is said before it is solved, and is what it takes."""
+
+import json
+import os
+import subprocess
+import sys
+from dataclasses import replace
+from pathlib import Path
+from textwrap import dedent
+
+import numpy as np
+import pytest
+from typer.testing import CliRunner
+
+from multiscale.cli import app
+from multiscale.laws.link import Cable
+from multiscale.macro import cut_links, simulate, solve_latin, solve_static, tensegrity_grid, truss
+from multiscale.macro import dynamics as dynamics_module
+from multiscale.macro.discrete.needs import link_needs
+from multiscale.macro.discrete.tangent import Tangent
+from multiscale.macro.granulate import ContactLaw, Solver
+from multiscale.macro.granulate.needs import grain_needs
+from multiscale.macro.substructures import latin as latin_module
+from multiscale.macro.substructures import solve as solve_module
+from multiscale.macro.substructures import split_grid
+from multiscale.macro.substructures.needs import cut_needs, needs_of
+from multiscale.pipeline import load_scene, scene_requirements
+
+SCENES = sorted((Path(__file__).parents[2] / "workflows" / "scenes").glob("*.toml"))
+
+GRID = {
+    "structure": {"kind": "tensegrity_grid", "n": 4, "prestress": "160 N"},
+    "statics": {"load_factors": [0.0, 1.0]},
+}
+MOTION = {
+    "structure": GRID["structure"],
+    "dynamics": {
+        "step": "5 ms",
+        "duration": "25 ms",
+        "mass": "2 kg",
+        "load_history": [["0 s", 1.0]],
+    },
+}
+PLATE = {
+    "structure": {
+        "kind": "plate",
+        "size": ["4 m", "4 m", "0.2 m"],
+        "elements": [4, 4, 1],
+        "youngs_modulus": "70 GPa",
+        "poissons_ratio": 0.3,
+        "pressure": "1 kPa",
+    },
+    "substructures": {"parts": [2, 2]},
+    "statics": {"load_factors": [1.0]},
+}
+DEPOSIT = {
+    "structure": {"kind": "deposit", "size": ["10 cm", "10 cm"]},
+    "grains": {"number": 30, "radius": ["4 mm", "6 mm"], "compliance": 0.05},
+    "motion": {"step": "1 ms", "duration": "60 ms"},
+}
+
+
+def larger(scene, **structure):
+    return scene | {"structure": scene["structure"] | structure}
+
+
+LARGE = {
+    "grid": larger(GRID, n=40, prestress="16 kN"),
+    "motion": larger(MOTION, n=30, prestress="9 kN"),
+    "plate": larger(PLATE, elements=[32, 32, 2]) | {"substructures": {"parts": [4, 4]}},
+    "deposit": DEPOSIT | {"grains": DEPOSIT["grains"] | {"number": 2000}},
+}
+SMALL = {"grid": GRID, "motion": MOTION, "plate": PLATE, "deposit": DEPOSIT}
+
+
+def write(scene, file):
+    import tomli_w
+
+    file.write_text(tomli_w.dumps({"title": "one scene"} | scene), encoding="utf-8")
+    return file
+
+
+def run(code, *arguments):
+    done = subprocess.run(
+        [sys.executable, "-c", dedent(code), *map(str, arguments)],
+        capture_output=True,
+        text=True,
+        check=True,
+        timeout=600,
+        env=dict(os.environ, OMP_NUM_THREADS="1", NUMBA_NUM_THREADS="1"),
+    )
+    return json.loads(done.stdout.splitlines()[-1])
+
+
+@pytest.mark.parametrize("file", SCENES, ids=lambda file: file.stem)
+def test_every_shipped_scene_says_what_it_needs_and_what_it_leaves_out(file):
+    needs = scene_requirements(load_scene(file))
+    assert needs.operators
+    assert needs.left_out
+    assert all(needs.operators.values())
+    assert all(needs.left_out.values())
+    assert not set(needs.operators) & set(needs.left_out)
+    assert needs.memory > 1e5
+
+
+@pytest.mark.parametrize("name", SMALL)
+def test_a_scene_imports_the_libraries_it_names_and_no_other(name, tmp_path):
+    code = """
+        import json, sys
+        from pathlib import Path
+        from multiscale.pipeline import load_scene, run_scene
+        run_scene(load_scene(sys.argv[1]), Path(sys.argv[1]).with_name("out.nc"))
+        print(json.dumps([name.split(".")[0] for name in sys.modules]))
+        """
+    file = write(SMALL[name], tmp_path / "scene.toml")
+    loaded = set(run(code, file))
+    heavy = {  # without dask, which xarray loads by itself where it finds it
+        "numba": "numba",
+        "skfem": "scikit-fem",
+        "meshio": "meshio",
+        "gmsh": "gmsh",
+        "pypardiso": "pypardiso",
+        "clarabel": "clarabel",
+        "matplotlib": "matplotlib",
+        "mpi4py": "mpi4py",
+        "SurfaceTopography": "SurfaceTopography",
+    }
+    found = {heavy[module] for module in loaded & set(heavy)}
+    assert found == set(scene_requirements(load_scene(file)).libraries)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("name", LARGE)
+def test_the_memory_said_is_the_memory_taken_within_a_factor_of_two(name, tmp_path):
+    code = """
+        import json, resource, sys
+        from multiscale.pipeline import load_scene, run_scene
+        small, large, out = sys.argv[1:]
+        peaks = []
+        for scene in (small, large):  # the first brings libraries and compiled kernels
+            run_scene(load_scene(scene), out)
+            peaks.append(1024 * resource.getrusage(resource.RUSAGE_SELF).ru_maxrss)
+        print(json.dumps(peaks))
+        """
+    small = write(SMALL[name], tmp_path / "small.toml")
+    large = write(LARGE[name], tmp_path / "large.toml")
+    before, after = run(code, small, large, tmp_path / "out.nc")
+    said = scene_requirements(load_scene(large)).memory
+    assert 0.5 <= said / (after - before) <= 2.0, (said, after - before)
+
+
+def test_a_scene_says_what_its_options_add():
+    grid = tensegrity_grid(2)
+    plain, exact = link_needs(grid), link_needs(grid, exact=True)
+    assert set(plain.operators) == {"tangent", "slack"}
+    assert set(exact.operators) == {"tangent", "slack", "moved positions", "geometric stiffness"}
+    stable = link_needs(grid, stability=True)
+    assert set(stable.operators) - set(plain.operators) == {"geometric stiffness", "eigenvalues"}
+    moving = link_needs(grid, moving=True)
+    assert set(moving.operators) - set(plain.operators) == {"mass"}
+    assert moving.state_variables
+    assert plain.unknowns_per_contact == 1
+
+
+def test_a_cut_says_what_its_interfaces_take():
+    whole = cut_needs(3000)
+    assert set(whole.operators) == {"substructure stiffness", "error bound"}
+    assert set(cut_needs(3000, substructures=4).operators) - set(whole.operators) == {
+        "coarse problem"
+    }
+    rough = cut_needs(3000, joint_points=100)
+    assert rough.unknowns_per_contact == 3
+    assert "error indicator" in rough
+    assert "error bound" not in rough
+    assert "coarse problem" not in cut_needs(3000, substructures=4, coarse=False)
+
+
+def test_grains_say_what_their_law_and_their_solver_take():
+    plain = grain_needs(100, 2, ContactLaw(friction=0.0), Solver(most_assembled=0))
+    assert set(plain.operators) == {"sweeps"}
+    full = grain_needs(100, 2, ContactLaw(0.5, 0.1, 0.05), Solver(threads=2))
+    assert set(full.operators) - set(plain.operators) == {
+        "friction",
+        "springs",
+        "restitution",
+        "colours",
+        "assembled problem",
+    }
+
+
+def count(monkeypatch, owner, name):
+    """Count calls of a function."""
+    calls, function = [], getattr(owner, name)
+
+    def counted(*arguments, **options):
+        calls.append(name)
+        return function(*arguments, **options)
+
+    monkeypatch.setattr(owner, name, counted)
+    return calls
+
+
+def test_bars_that_cannot_go_slack_take_one_factorisation(monkeypatch):
+    structure = truss(4)
+    assert "slack" not in link_needs(structure)
+    factors = count(monkeypatch, Tangent, "factorise")
+    assert solve_static(structure, [1.0]).converged.values.all()
+    assert len(factors) == 1
+
+
+@pytest.mark.parametrize(
+    "options", [{}, {"exact": True}, {"stability": True}], ids=["plain", "exact", "stability"]
+)
+def test_geometric_stiffness_is_built_where_it_is_needed_and_nowhere_else(monkeypatch, options):
+    grid = tensegrity_grid(3, prestress=100.0)
+    built = count(monkeypatch, Tangent, "geometric")
+    assert solve_static(grid, 1.0, **options).converged.values.all()
+    assert bool(built) == ("geometric stiffness" in link_needs(grid, **options))
+
+
+@pytest.mark.parametrize("rigid", [False, True])
+def test_impulses_are_sought_where_a_link_has_a_fixed_length(monkeypatch, rigid):
+    grid = tensegrity_grid(2, prestress=40.0, **({"cable": Cable(np.inf)} if rigid else {}))
+    sought = count(monkeypatch, dynamics_module, "solve_lcp")
+    simulate(grid, np.array([0.0, 1e-3, 2e-3]), 2.0)
+    assert len(sought) == (2 if rigid else 0)
+    assert ("impulses" in link_needs(grid, moving=True)) is rigid
+
+
+@pytest.mark.parametrize("coarse", [False, True])
+def test_a_coarse_problem_and_a_bound_are_built_where_they_are_wanted(monkeypatch, coarse):
+    grid = tensegrity_grid(4, prestress=160.0)
+    problem = cut_links(grid, split_grid(grid, (2, 2)))
+    prepared = count(monkeypatch, latin_module, "prepare_coarse")
+    bounds = count(monkeypatch, solve_module, "Admissible")
+    solve_latin(problem, 0.5, coarse=coarse, tolerance=1e-3)
+    needs = needs_of(problem, coarse=coarse)
+    assert bool(prepared) == ("coarse problem" in needs) == coarse
+    assert bool(bounds) == ("error bound" in needs) == coarse
+
+
+def test_explaining_a_scene_prints_its_needs_and_solves_nothing(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    write(GRID, tmp_path / "scene.toml")
+    result = CliRunner().invoke(app, ["macro", "scene.toml", "--explain"])
+    assert result.exit_code == 0, result.output
+    assert "leaves out geometric stiffness  perturbations are small" in result.output
+    assert [path.name for path in tmp_path.iterdir()] == ["scene.toml"]
+
+
+def test_more_load_factors_take_more_memory(tmp_path):
+    scene = load_scene(write(GRID, tmp_path / "scene.toml"))
+    longer = scene.statics.model_copy(update={"load_factors": (0.0,) * 10})
+    more = scene_requirements(scene.model_copy(update={"statics": longer}))
+    assert more.memory > 1.5 * scene_requirements(scene).memory
+    assert replace(more, memory=0) == replace(scene_requirements(scene), memory=0)
