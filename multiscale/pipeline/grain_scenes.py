@@ -84,7 +84,12 @@ def run_grain_scene(scene: GrainScene, out: str | Path) -> "xr.Dataset":
     out, motion = Path(out), scene.motion
     model = make_granulate(scene)
     result = granulate.simulate(
-        model, motion.duration, motion.step, solver=_solver(motion), n_frames=motion.frames
+        model,
+        motion.duration,
+        motion.step,
+        accuracy=motion.accuracy,
+        solver=_solver(motion),
+        n_frames=motion.frames,
     ).assign_attrs(title=scene.title, scene=scene.to_toml())
     make_folder(out.parent)
     write_dataset(result, out, GRANULATE)

@@ -149,9 +149,12 @@ class Motion(TimeSteps):
     Parameters
     ----------
     step : quantity
-        Time step, s; shortened so that a whole number of them fills the duration.
+        Time step, s; shortened so that a whole number of them fills the duration, or the longest if
+        an accuracy is given.
     duration : quantity
         How long the motion is followed, s.
+    accuracy : number, optional
+        Of impacts, relative to the smaller radius, by which the length of the steps is chosen.
     tolerance : number
         Error of the contacts at which a step is solved, relative to their velocities.
     max_iterations : int
@@ -164,6 +167,7 @@ class Motion(TimeSteps):
         Instants whose grains and forces are kept.
     """
 
+    accuracy: Annotated[Number, Field(gt=0.0, lt=1.0)] | None = None
     tolerance: Annotated[Number, Field(gt=0.0, lt=1.0)] = 1e-4
     max_iterations: Positive = 1000
     threads: Positive = 1

@@ -19,7 +19,7 @@ GRANULATE = Schema(
         "penetration": Variable(("step",), "1", "largest overlap over the smaller radius"),
         "n_contacts": Variable(("step",), "1", "number of contacts that carry a force"),
         "kinetic_energy": Variable(("step",), "J", "kinetic energy"),
-        "elastic_energy": Variable(("step",), "J", "energy in the springs of compliant contacts"),
+        "elastic_energy": Variable(("step",), "J", "energy that overlaps and rebounds bring back"),
         "work": Variable(("step",), "J", "work of gravity, walls and cell since the start"),
         "contact_dissipation": Variable(("step",), "J", "energy the contacts took since the start"),
         "numerical_dissipation": Variable(
@@ -44,6 +44,7 @@ GRANULATE = Schema(
         "branch": Variable(("contact", "component"), "m", "first centre minus second or contact"),
     },
     optional={
+        "time_step": Variable(("step",), "s", "length of the step"),
         "wall_force": Variable(("step", "wall", "component"), "N", "force of the grains on a wall"),
         "wall_position": Variable(("step", "wall", "component"), "m", "point of a wall"),
         "wall_direction": Variable(("wall", "component"), "1", "normal or axis of a wall"),

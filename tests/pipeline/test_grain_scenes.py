@@ -67,6 +67,15 @@ def test_the_number_of_frames_and_threads_is_that_of_the_file(tmp_path):
     assert load_scene(path).motion.threads == 2
 
 
+def test_steps_follow_the_accuracy_of_the_file(tmp_path):
+    path = write(tmp_path, ('step = "2 ms"', 'step = "5 ms"\naccuracy = 0.1'))
+    result = run_scene(load_scene(path).quick(), tmp_path / "result.nc")
+    lengths = result["time_step"].values
+    assert lengths.max() <= 5e-3 * (1.0 + 1e-12)
+    assert lengths.min() < 0.9 * lengths.max()
+    assert lengths.sum() == pytest.approx(40 * 5e-3)
+
+
 @pytest.mark.parametrize(
     ("pairs", "message"),
     [

@@ -75,15 +75,15 @@ def compact(
         grains, (), law, (0.0, 0.0, 0.0), period, damping_rate=np.log(2.0) / step, pressure=pressure
     )
     state, record = start(model), Record(model)
-    record.show(-1, state, step)
+    record.show(state)
     quiet = 0
     for _ in range(max_steps):
         state, done = advance(model, state, step, solver)
-        record.add(state, done, step)
+        record.add(state, done)
         quiet = quiet + 1 if abs(state.rate) * step < REST and done.n_contacts else 0
         if quiet == QUIET:
             break
-    record.show(len(record.steps) - 1, state, step)
+    record.show(state)
     if quiet < QUIET:
         record.failure = (
             f"the cell still strains by {abs(state.rate) * step:.1e} a step after {max_steps}; "

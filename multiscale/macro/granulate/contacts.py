@@ -5,7 +5,15 @@ from dataclasses import dataclass
 import numba
 import numpy as np
 
-__all__ = ["Contacts", "build_contacts", "colour", "find_wall_pairs", "missed", "penetration"]
+__all__ = [
+    "Contacts",
+    "allowed_step",
+    "build_contacts",
+    "colour",
+    "find_wall_pairs",
+    "missed",
+    "penetration",
+]
 
 PLANE, CYLINDER = 0, 1
 
@@ -65,6 +73,47 @@ def find_wall_pairs(position, radius, reach, period, kind, point, axis, bore):  
 
 
 @numba.njit(cache=True, error_model="numpy")
+def allowed_step(  # type: ignore[no-untyped-def]
+    pairs, kept, position, radius, period, walls, velocity, longest, last, accuracy, gravity
+):
+    r"""Longest step in which no impact is missed by more than a share of a radius.
+
+    A pair of the gap g and the smaller radius R that closes with the speed u has
+
+        h <= max(g - accuracy R, accuracy R) / u,                                         (1)
+
+    so that the step before that of its impact is a short one too: what acts from the middle of a
+    long step on would take part in the impact. Grains that roll or slide over each other with the
+    speed v, or would fall from each other, have
+
+        h <= sqrt(accuracy) R / max(v, sqrt(gravity R)).                                  (2)
+
+    Pairs that do not touch close faster by what gravity may bring, since one may be held.
+    """
+    kind, point, axis, bore = walls
+    h, turn = longest, np.sqrt(accuracy)
+    for k in range(pairs.shape[0]):
+        i, j = pairs[k, 0], pairs[k, 1]
+        gap, nx, ny, nz = _gap(i, j, position, radius, period, kind, point, axis, bore)
+        smaller = min(radius[i], radius[j]) if j < radius.size else radius[i]
+        touched = kept[k, 0] != 0.0 or kept[k, 1] != 0.0 or kept[k, 2] != 0.0
+        x, y = velocity[j, 0] - velocity[i, 0], velocity[j, 1] - velocity[i, 1]
+        z = velocity[j, 2] - velocity[i, 2]
+        closing, room = x * nx + y * ny + z * nz, accuracy * smaller
+        room = max(gap - room, room)
+        if not touched:
+            closing += 0.5 * (last + h) * gravity
+        if touched and j < radius.size:
+            past = np.sqrt(max(x * x + y * y + z * z - closing * closing, 0.0))
+            past = max(past, np.sqrt(gravity * smaller))
+            if h * past > turn * smaller:
+                h = turn * smaller / past
+        if h * closing > room:
+            h = room / closing
+    return h
+
+
+@numba.njit(cache=True, error_model="numpy")
 def build_contacts(  # type: ignore[no-untyped-def]
     pairs,
     kept,
@@ -87,19 +136,20 @@ def build_contacts(  # type: ignore[no-untyped-def]
 ):
     """Make the arrays of the sweeps from the pairs that may touch within a step.
 
-    ``law`` holds restitution, relaxation time, speed of rest and the friction coefficients of the
-    grains and of each wall; ``compliance`` (pairs,) is that of each pair. A pair takes part if
-    it is wanted, had an impulse, or comes nearer than ``near`` times its smaller radius in a step
-    without impulses. ``cell`` holds the rate of strain of the cell and one over its inertia, which
-    the last but one of the arrays returned has for the sweeps.
+    ``law`` holds restitution, relaxation time, speed of rest, the shares of what acts in the step
+    before and after an impact, and the friction coefficients of the grains and of each wall;
+    ``compliance`` (pairs,) is that of each pair. A pair takes part if it is wanted, had an impulse,
+    or comes nearer than ``near`` times its smaller radius in a step without impulses. ``cell``
+    holds the rate of strain of the cell and one over its inertia, which the last but one of the
+    arrays returned has for the sweeps.
 
     An impact in the first half of a step bounces in it. One in the second half, or by a push
-    within the step that brings the velocity in ``hits`` (pairs,), ends the step touching. It bounces
-    in the next step, for which the last of the arrays returned keeps the normal velocity before
+    within the step that brings the velocity in ``hits`` (pairs,), ends the step touching, and
+    bounces in the next. For that the last of the arrays returned keeps the normal velocity before
     the impact: ``approach`` (pairs,) is that of the last step.
     """
     kind, point, axis, bore = walls
-    restitution, relaxation, rest, friction = law
+    restitution, relaxation, rest, first, last, friction = law
     n, m = radius.size, 0
     size = pairs.shape[0]
     ends, data = np.empty((size, 2), np.int32), np.empty((size, 8))
@@ -122,12 +172,13 @@ def build_contacts(  # type: ignore[no-untyped-def]
             continue
         before = (old[i, 0] - old[j, 0]) * nx + (old[i, 1] - old[j, 1]) * ny
         before += (old[i, 2] - old[j, 2]) * nz
-        fastest = min(before, approach[k], hits[k])
+        gained = ahead - cell[0] * length - before
+        fastest = min(before + first * gained, approach[k], hits[k])
         impact = restitution > 0.0 and fastest < -rest
         waits = impact and approach[k] == 0.0 and gap + 0.5 * h * before > 0.0
         bias = gap / h if gap > 0.0 else gap / relaxation
         if impact and not waits:
-            bias = restitution * fastest
+            bias = restitution * fastest - last * gained
         waiting[k] = fastest if waits else 0.0
         masses = mobility[i, 0] + mobility[j, 0] + cell[1] * length * length
         stretch[m + 2] = length

@@ -24,7 +24,7 @@ def cell_of(model: Model, period: np.ndarray) -> tuple[float, float]:
 
 def account(
     model: Model,
-    h: float,
+    times: tuple[float, float],
     velocities: tuple[np.ndarray, np.ndarray, np.ndarray],
     contacts: Contacts,
     rebound: np.ndarray,
@@ -43,7 +43,12 @@ def account(
         work - contact dissipation - numerical dissipation - damping,
 
     where the contacts take :math:`-r \cdot u` and the scheme :math:`\Delta v^T M \Delta v / 2`.
+
+    The spring of a compliant contact forgets its load but not its overlap, against which the grains
+    are pushed apart: what it keeps is its force times its overlap. ``times`` are the length of the
+    step and the time in which the forces acted, s.
     """
+    h, acted = times
     mobility, (old, slow, velocity) = model.mobility, velocities
     mass = np.zeros((len(velocity), 8))
     moves, turns = mobility[:, 0] > 0.0, mobility[:, 2] > 0.0
@@ -66,12 +71,15 @@ def account(
         if moves[k]:
             told[k] -= (told[k] @ wall.unit) * wall.unit
     walls = float(np.sum(impulse * told[j]))
-    work = h * float(np.sum(mass * model.push * velocity)) + walls + h * cell[1] * rates[2]
+    work = float(np.sum(mass * model.push * velocity)) + cell[1] * rates[2]
+    work = acted * work + walls
 
-    across = np.sum(impulse**2, axis=1) - along**2
-    data = contacts.data
-    springs = data[:, 6] * (along**2 / data[:, 4] + across / data[:, 5])
-    closing = -h * np.sum((model.push[i, :3] - model.push[j, :3]) * n, axis=1)
+    data, bias = contacts.data, contacts.data[:, 3]
+    speed = np.sum(u * n, axis=1) + rates[2] * length
+    gap = h * (np.where(bias > 0.0, bias, bias * model.law.relaxation) + speed)
+    overlap = np.where(data[:, 6] > 0.0, np.maximum(-gap, 0.0), 0.0)
+    springs = 2.0 * along / acted * overlap
+    closing = -acted * np.sum((model.push[i, :3] - model.push[j, :3]) * n, axis=1)
     rise = rebound**2 - np.sum(u * n, axis=1) ** 2 + 2.0 * rebound * np.maximum(closing, 0.0)
     springs += data[:, 4] * np.where(rebound > 0.0, np.maximum(rise, 0.0), 0.0)
     return (

@@ -43,8 +43,7 @@ class ContactLaw:
     at rest nothing overlaps. It changes the problem that is solved, which then takes far fewer
     sweeps, with 0.02 a fourth or less. Where an impact would make grains overlap by more than 0.8 %
     of a radius, the contact is stiffened for this step; one that bounces is rigid, and so keeps its
-    restitution. Pushing grains apart again may bring a little energy, which a rigid contact never
-    does.
+    restitution. Pushing grains apart again brings the energy that their overlap has kept.
     """
 
     friction: float = 0.5

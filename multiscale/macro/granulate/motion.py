@@ -9,6 +9,7 @@ from multiscale.errors import CaseError
 from multiscale.macro.granulate.bodies import Cylinder, Wall
 from multiscale.macro.granulate.contacts import (
     Contacts,
+    allowed_step,
     build_contacts,
     find_wall_pairs,
     missed,
@@ -42,7 +43,8 @@ class State:
     ``pairs`` are the neighbours with the impulses ``kept`` of the last step and what their springs
     ``held`` of them, and the normal velocities ``approach`` before impacts that have yet to bounce;
     they were found at the positions ``seen`` with the reach ``margin``. ``rate`` is that of the
-    strain of the cell, 1/s.
+    strain of the cell, 1/s. Impulses are those of forces that acted for the time ``acted`` in a
+    step of the length ``last``, s.
     """
 
     time: float
@@ -57,6 +59,8 @@ class State:
     seen: np.ndarray
     margin: float
     rate: float
+    last: float
+    acted: float
     contacts: Contacts
 
 
@@ -110,6 +114,8 @@ def start(model: Model) -> State:
         grains.position,
         0.0,
         0.0,
+        0.0,
+        np.nan,
         empty,
     )
     state = _look_around(model, state, 0.0)
@@ -204,15 +210,19 @@ def _check_period(model: Model, period: np.ndarray, margin: float) -> None:
         )
 
 
-def advance(model: Model, state: State, h: float, solver: Solver) -> tuple[State, Step]:
+def advance(
+    model: Model, state: State, h: float, solver: Solver, accuracy: float | None = None
+) -> tuple[State, Step]:
     r"""Make one Moreau-Jean step.
 
     Parameters
     ----------
     model, state : Model, State
     h : float
-        Length of the step, s.
+        Length of the step, s, or the longest if an accuracy is given.
     solver : Solver
+    accuracy : float, optional
+        By how much grains may approach in the step of their impact, relative to the smaller radius.
 
     Returns
     -------
@@ -231,20 +241,23 @@ def advance(model: Model, state: State, h: float, solver: Solver) -> tuple[State
     of two spheres, which is larger. Pairs that overlap after all are made contacts, compliant ones
     that overlap by more than 0.8 % of a radius become ten times stiffer, and the step is solved
     again. With restitution :math:`e` an impact in the first half of a step has :math:`b = e u^-`;
-    one in the second half ends the step touching, and has it in the next.
+    one in the second half ends the step touching, and has it in the next. In steps of changing
+    length the velocities are those in the middle of the steps, so that F acts from the middle of
+    the last step to that of this one, and free flight is exact.
     """
     began = perf_counter()
     n, law = model.grains.n, model.law
     old = state.velocity
-    keep = np.exp(-model.damping_rate * h)
-    slow = old.copy()
-    slow[:n] *= keep
-    free = slow + h * model.push
+    if accuracy is not None:  # no grain passes another unseen
+        fastest = float(np.sqrt(np.max(np.sum(old[:, :3] ** 2, axis=1))))
+        h = min(h, float(model.grains.radius.mean()) / max(fastest, 1e-300))
+    acted = h if accuracy is None else 0.5 * (state.last + h)
+    free = old + acted * model.push
     inertia, thrust = cell_of(model, state.period)
-    rate = keep * state.rate + h * thrust / inertia
+    rate = abs(state.rate) + acted * abs(thrust) / inertia
     moved = state.position - state.seen + h * free[:n, :3]
     speed = h * float(np.sqrt(np.max(np.sum(free[:, :3] ** 2, axis=1), initial=0.0)))
-    reach = 2.0 * speed + 4.0 * h * abs(rate) * float(model.grains.radius.max())
+    reach = 2.0 * speed + 4.0 * h * rate * float(model.grains.radius.max())
     if (
         len(state.seen)
         and 2.0 * float(np.sqrt(np.max(np.sum(moved**2, axis=1)))) + reach > state.margin
@@ -254,13 +267,27 @@ def advance(model: Model, state: State, h: float, solver: Solver) -> tuple[State
     friction = np.array(
         [law.friction, *(law.friction if w.friction is None else w.friction for w in model.walls)]
     )
-    rest = 2.0 * h * float(np.linalg.norm(model.gravity))
-    constants = (law.restitution, law.relaxation * h, rest, friction)
+    place = (state.position, model.grains.radius, state.period, walls)
+    first, last = 0.0, 0.0
+    if accuracy is not None:
+        pull = float(np.linalg.norm(model.gravity))
+        h = allowed_step(state.pairs, state.kept, *place, old, h, state.last, accuracy, pull)
+        acted = 0.5 * (state.last + h)
+        first, last = 0.5 * state.last / acted, 0.5 * h / acted
+        if np.isfinite(state.acted):  # forces last, not impulses
+            longer = acted / state.acted
+            state = replace(state, kept=longer * state.kept, held=longer * state.held)
+    keep = np.exp(-model.damping_rate * acted)
+    slow = old.copy()
+    slow[:n] *= keep
+    free = slow + acted * model.push
+    rate = keep * state.rate + acted * thrust / inertia
+    rest = 2.0 * acted * float(np.linalg.norm(model.gravity))
+    constants = (law.restitution, law.relaxation * h, rest, first, last, friction)
     wanted, hits = np.zeros(len(state.pairs), bool), np.zeros(len(state.pairs))
     compliance = np.full(len(state.pairs), law.compliance)
     searched = perf_counter() - began
 
-    place = (state.position, model.grains.radius, state.period, walls)
     kept, sweeps = state.kept, 0
     while True:
         ends, data, impulse, anchor, index, cell, approach = build_contacts(
@@ -320,6 +347,8 @@ def advance(model: Model, state: State, h: float, solver: Solver) -> tuple[State
         held=held,
         approach=approach,
         rate=float(cell[0]),
+        last=h,
+        acted=acted,
         contacts=contacts,
     )
     worst, _ = penetration(
@@ -327,7 +356,7 @@ def advance(model: Model, state: State, h: float, solver: Solver) -> tuple[State
     )
     energies = account(
         model,
-        h,
+        (h, acted),
         (old, slow, velocity),
         contacts,
         -law.restitution * approach[index],

@@ -21,6 +21,7 @@ def simulate(
     duration: float,
     step: float,
     *,
+    accuracy: float | None = None,
     solver: Solver | None = None,
     n_frames: int = 2,
     callback: Callable[[int, float], None] | None = None,
@@ -34,10 +35,16 @@ def simulate(
     duration, step : float
         s. The step is shortened so that a whole number of them fills the duration. Times of
         impacts have an error of the order of the step.
+    accuracy : float, optional
+        Steps change their length, up to ``step`` and to where the fastest grain moves by the mean
+        radius: in the step of an impact grains approach by at most this share of the smaller
+        radius, and where they roll on each other a step follows the curvature as well.
+        Dimensionless. All steps are alike if not given.
     solver : Solver, optional
         Tolerance, limit of sweeps and threads.
     n_frames : int
-        Number of steps whose positions and forces are kept, the start and the end among them.
+        Number of times, the start and the end among them, at which positions and forces are kept:
+        those of the nearest steps, or steps that end there if an accuracy is given.
     callback : callable, optional
         Called as ``callback(step, residual)``.
 
@@ -59,22 +66,32 @@ def simulate(
         )
     if n_frames < 2:
         raise CaseError(f"n_frames must be at least 2, the start and the end, got {n_frames}")
+    if accuracy is not None and not 0.0 < accuracy < 1.0:
+        raise CaseError(
+            f"accuracy must lie between 0 and 1, a share of the radius, got {accuracy:g}"
+        )
     solver = solver or Solver()
+    state, record = start(model), Record(model)
     steps = int(np.ceil(duration / step * (1.0 - 1e-12)))
-    shown = set(np.linspace(-1, steps - 1, n_frames).round().astype(int).tolist())
-    state = start(model)
-    record = Record(model)
-    record.show(-1, state, duration / steps)
-    for k in range(steps):
-        state, done = advance(model, state, duration / steps, solver)
-        record.add(state, done, duration / steps)
-        if callback is not None:
-            callback(k, done.residual)
-        if not np.isfinite(done.kinetic):
-            record.failure = f"a velocity became infinite at {state.time:g} s; take smaller steps"
-            break
-        if k in shown:
-            record.show(k, state, duration / steps)
+    if accuracy is None:
+        longest = duration / steps
+        ends = (np.linspace(0, steps, n_frames).round() * longest).tolist()
+    else:
+        longest, ends = step, np.linspace(0.0, duration, n_frames).tolist()
+    record.show(state)
+    for end in ends[1:]:
+        while state.time < end - 1e-9 * longest:
+            h = longest if accuracy is None else min(longest, end - state.time)
+            state, done = advance(model, state, h, solver, accuracy)
+            record.add(state, done)
+            if callback is not None:
+                callback(len(record.steps) - 1, done.residual)
+            if not np.isfinite(done.kinetic):
+                record.failure = (
+                    f"a velocity became infinite at {state.time:g} s; take smaller steps"
+                )
+                return record.dataset()
+        record.show(state)
     return record.dataset()
 
 
@@ -94,25 +111,26 @@ class Record:
         self.rows: list[dict[str, Any]] = []
         self.frames: list[dict[str, Any]] = []
 
-    def add(self, state: State, step: Step, h: float) -> None:
+    def add(self, state: State, step: Step) -> None:
         """Keep what is known of every step."""
         n, walls = self.model.grains.n, len(self.model.walls)
         ends, impulse = state.contacts.ends, state.contacts.impulse
         on_wall = ends[:, 1] >= n
         force = np.zeros((walls, 3))
-        np.add.at(force, ends[on_wall, 1] - n, -impulse[on_wall] / h)
+        np.add.at(force, ends[on_wall, 1] - n, -impulse[on_wall] / state.acted)
         self.steps.append(step)
         self.rows.append(
             {
                 "time": state.time,
+                "time_step": state.last,
                 "wall_force": force,
                 "wall_position": state.point,
                 "period": state.period,
             }
         )
 
-    def show(self, step: int, state: State, h: float) -> None:
-        """Keep positions and forces of a step."""
+    def show(self, state: State) -> None:
+        """Keep positions and forces of the last step."""
         n, grains = self.model.grains.n, self.model.grains
         contacts = state.contacts
         loaded = contacts.impulse.any(axis=1)
@@ -120,12 +138,12 @@ class Record:
         radius = np.append(grains.radius, np.zeros(len(self.model.walls)))
         self.frames.append(
             {
-                "frame_step": step,
+                "frame_step": len(self.steps) - 1,
                 "position": state.position,
                 "velocity": state.velocity[:n, :3],
                 "spin": state.velocity[:n, 4:7] / grains.radius[:, None],
                 "contact_ends": ends,
-                "contact_force": contacts.impulse[loaded] / h,
+                "contact_force": contacts.impulse[loaded] / state.acted,
                 "branch": normal * radius[ends].sum(axis=1)[:, None],
             }
         )
@@ -159,7 +177,8 @@ class Record:
             values[name] = np.array([frame[name] for frame in frames])
         for name in ("contact_ends", "contact_force", "branch"):
             values[name] = np.concatenate([frame[name] for frame in frames])
-        values["time"] = np.array([row["time"] for row in rows])
+        for name in ("time", "time_step"):
+            values[name] = np.array([row[name] for row in rows])
         if np.isfinite(self.model.period).any():
             values["period"] = np.array([row["period"] for row in rows])
         if self.model.walls:

@@ -63,6 +63,43 @@ def test_a_bouncing_grain_follows_its_closed_form_to_first_order(restitution, co
     assert np.diff(energy, prepend=0.0).max() < 1e-9 * float(np.abs(result["work"]).max())
 
 
+@pytest.mark.parametrize("restitution", [0.5, 0.9])
+def test_the_error_of_a_bouncing_grain_is_below_the_accuracy_asked_for(restitution):
+    for accuracy in (0.1, 0.01, 0.001):
+        grain = Grains([[0.0, 0.0, 1.01]], 0.01)
+        model = Model(grain, FLOOR, ContactLaw(restitution=restitution))
+        result = simulate(model, 1.2, 1e-2, accuracy=accuracy, n_frames=61)
+        lengths = result["time_step"].values
+        np.testing.assert_allclose(np.cumsum(lengths), result["time"].values, rtol=1e-12)
+        assert lengths.sum() == pytest.approx(1.2)
+        assert result.sizes["step"] < 300, "steps of one length have more than 10 times the error"
+        time = np.append(0.0, result["time"].values)[result["frame_step"].values + 1]
+        np.testing.assert_allclose(time, np.linspace(0.0, 1.2, 61), atol=1e-9)
+        exact = np.array([bouncing_point(restitution, t) for t in time])
+        error = np.abs(result["position"].values[:, 0, 2] - 0.01 - exact)
+        assert error.max() < accuracy * 0.01
+
+
+def test_steps_by_accuracy_beat_steps_of_one_length_in_a_small_deposit():
+    model = granulate.deposit(np.full(18, 0.01), (0.07, 0.07), ContactLaw(), seed=3)
+    solver = Solver(1e-6, 3000)
+
+    def places(step, accuracy=None):
+        result = simulate(model, 0.15, step, accuracy=accuracy, solver=solver)
+        assert result["converged"].values.all()
+        return result["position"].values[-1], result.sizes["step"]
+
+    exact, _ = places(2e-4, 1e-4)
+    fixed, many = places(1e-3)
+    coarse, _ = places(1e-2, 0.1)
+    fine, few = places(1e-2, 0.01)
+    errors = [np.abs(x - exact).max() / 0.01 for x in (coarse, fine)]
+    assert errors[1] < 0.01
+    assert errors[1] < 0.5 * errors[0]
+    assert errors[1] < 0.5 * np.abs(fixed - exact).max() / 0.01
+    assert few < 0.6 * many
+
+
 @pytest.mark.parametrize("friction", [0.0, 0.1, 0.5])
 def test_a_sphere_that_slides_ends_up_rolling_at_five_sevenths(friction):
     # v = v0 - mu g t until v = R w: 5/7 of v0, reached at t = 2 v0 / (7 mu g)
@@ -124,6 +161,16 @@ def test_energy_never_grows_without_work(restitution):
     assert np.diff(total, prepend=0.0).max() < 1e-6 * scale
     lost = result["contact_dissipation"] + result["numerical_dissipation"]
     np.testing.assert_allclose(total, -lost, atol=1e-12 * scale)
+
+
+@pytest.mark.parametrize("accuracy", [None, 0.1])
+@pytest.mark.parametrize(("compliance", "grows"), [(0.02, 1e-6), (0.05, 2e-4)])
+def test_overlaps_of_compliant_grains_give_back_what_they_took(compliance, grows, accuracy):
+    model = granulate.deposit(np.full(75, 0.01), (0.11, 0.11), ContactLaw(compliance=compliance))
+    result = simulate(model, 0.4, 2e-3, accuracy=accuracy)
+    energy = (result["kinetic_energy"] + result["elastic_energy"] - result["work"]).values
+    assert np.diff(energy, prepend=0.0).max() < grows * float(np.abs(result["work"]).max())
+    assert float(result["elastic_energy"].max()) > 1e-3 * float(np.abs(result["work"]).max())
 
 
 def test_rigid_grains_never_overlap_by_a_hundredth_of_a_radius():
@@ -232,6 +279,10 @@ def test_space_repeats_along_a_period():
         (
             lambda: simulate(Model(Grains([[0, 0, 1.0]], 0.01), FLOOR), 1.0, 2.0),
             "step must be positive and at most the duration 1 s, got 2 s",
+        ),
+        (
+            lambda: simulate(Model(Grains([[0, 0, 1.0]], 0.01), FLOOR), 1.0, 1e-3, accuracy=2.0),
+            "accuracy must lie between 0 and 1, a share of the radius, got 2",
         ),
         (
             lambda: simulate(
