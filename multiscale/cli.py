@@ -76,7 +76,7 @@ def _run_case(settings: "Case", out: Path, jobs: int, dask: str | None) -> None:
     from multiscale.io import logging_to, make_folder
     from multiscale.pipeline import run
     from multiscale.plotting import draw_figures
-    from multiscale.report import tabulate, write_report
+    from multiscale.report import describe_sliding, read_sliding, tabulate, write_report
 
     make_folder(out)
     with (
@@ -89,11 +89,15 @@ def _run_case(settings: "Case", out: Path, jobs: int, dask: str | None) -> None:
         results = run(settings, out, executor=executor, progress=progress)
     draw_figures(out)
     write_report(out)
-    for caution in results.micro_response.attrs["cautions"].splitlines():
-        typer.echo(f"caution: {caution}", err=True)
+    sliding = read_sliding(out)
+    for dataset in (results.micro_response, sliding):
+        for caution in [] if dataset is None else dataset.attrs["cautions"].splitlines():
+            typer.echo(f"caution: {caution}", err=True)
     for line in results.macro_result.attrs.get("plan", "").splitlines():
         typer.echo(line)
     _print_table(settings.title, *tabulate(results.macro_result))
+    for line in [] if sliding is None else describe_sliding(sliding):
+        typer.echo(line)
     typer.echo(f"report, figures and datasets: {out}")
 
 
@@ -132,7 +136,8 @@ def _run_sweep(sweep: "Sweep", out: Path, jobs: int, dask: str | None) -> None:
     """Run a sweep, and print a line for each of its points."""
     from multiscale.io import logging_to, make_folder
     from multiscale.pipeline import run_sweep
-    from multiscale.report import tabulate_sweep
+    from multiscale.plotting import draw_figures
+    from multiscale.report import tabulate_sweep, write_report
 
     make_folder(out)
     with (
@@ -141,11 +146,13 @@ def _run_sweep(sweep: "Sweep", out: Path, jobs: int, dask: str | None) -> None:
         _progress(len(sweep.points), "points") as progress,
     ):
         result = run_sweep(sweep, out, executor=executor, progress=progress)
+    draw_figures(out)
+    write_report(out)
     _print_table(sweep.title, *tabulate_sweep(result))
     for failure in result["failure"].values:
         if failure:
             typer.echo(f"caution: {failure}", err=True)
-    typer.echo(f"dataset: {out / 'sweep.nc'}; runs: {out / 'points'}")
+    typer.echo(f"report, figure and dataset: {out}; runs: {out / 'points'}")
 
 
 @app.command("micro")

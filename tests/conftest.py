@@ -23,3 +23,17 @@ def reference_data(request):
     if not path.is_dir():
         pytest.fail(f"--reference-data {path} is not a folder")
     return path.resolve()
+
+
+@pytest.fixture(scope="session")
+def run_folder(tmp_path_factory):
+    """What the main command leaves, of flat cells on a coarse grid."""
+    from multiscale.pipeline import load_case, run
+    from multiscale.plotting import draw_figures
+
+    case = load_case("ground_steel").quick()
+    cell = case.cell.model_copy(update={"geometry": "flat"})
+    out = tmp_path_factory.mktemp("run") / "results"
+    run(case.model_copy(update={"cell": cell}), out)
+    draw_figures(out)
+    return out

@@ -12,9 +12,8 @@ import pytest
 
 from multiscale.cli import app
 from multiscale.io import open_dataset
-from multiscale.pipeline import load_case, load_scene, load_sweep, run
+from multiscale.pipeline import load_case, load_scene, load_sweep
 from multiscale.pipeline.case import validate_case
-from multiscale.plotting import draw_figures
 from multiscale.schema import MACRO_RESULT
 
 ROOT = Path(__file__).parents[1]
@@ -41,17 +40,6 @@ def commands():
         command = line.split(" && ")[-1].split("#")[0].strip()
         slow = [pytest.mark.slow] if any(name in command for name in SLOW) else []
         yield pytest.param(command, marks=slow, id=command.removeprefix(".venv/bin/"))
-
-
-@pytest.fixture(scope="session")
-def run_folder(tmp_path_factory):
-    """What the main command leaves, of flat cells on a coarse grid."""
-    case = load_case("ground_steel").quick()
-    cell = case.cell.model_copy(update={"geometry": "flat"})
-    out = tmp_path_factory.mktemp("readme") / "results"
-    run(case.model_copy(update={"cell": cell}), out)
-    draw_figures(out)
-    return out
 
 
 @pytest.fixture

@@ -18,7 +18,7 @@ from multiscale.micro.topography import (
 )
 from multiscale.pipeline.settings import POINTS_PER_WAVE, Case, InstrumentSurface
 
-__all__ = ["cell_of", "composite_material", "longest_wave", "make_cells"]
+__all__ = ["body_surfaces", "cell_of", "composite_material", "longest_wave", "make_cells"]
 
 FEWEST_PIXELS = 16  # measured points across a window
 
@@ -55,7 +55,7 @@ def make_cells(case: Case) -> list[Cell]:
     CaseError
         If a surface cannot be made or read, or a map has too few windows.
     """
-    sides = [_surfaces(case, number) for number in (1, 2)]
+    sides = [body_surfaces(case, number) for number in (1, 2)]
     cells = []
     for k in range(case.micro.realisations):
         rough = [side[k] for side in sides if side]
@@ -86,7 +86,7 @@ def _metal(case: Case, material: tuple[float, float]) -> J2 | None:
     return J2(*material, case.yield_stress, case.softer.hardening_modulus or 0.0)
 
 
-def _surfaces(case: Case, number: int) -> list[Surface]:
+def body_surfaces(case: Case, number: int) -> list[Surface]:
     """Realisations of one body's surface; none if it is smooth."""
     body, other = case.bodies[:: 1 if number == 1 else -1]
     settings = body.surface

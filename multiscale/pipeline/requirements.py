@@ -9,6 +9,7 @@ from multiscale.micro.needs import cell_needs
 from multiscale.needs import Needs
 from multiscale.pipeline.cells import cell_of
 from multiscale.pipeline.settings import Case, InstrumentSurface
+from multiscale.pipeline.slide import pair_of
 
 __all__ = ["requirements"]
 
@@ -33,8 +34,10 @@ def requirements(case: Case) -> Needs:
     libraries = {*needs.libraries, "scikit-fem", "matplotlib"}  # the joint's blocks, the report
     if measured:
         libraries.add("SurfaceTopography")
-    return replace(
-        needs,
-        operators=needs.operators | {"joint": "blocks and interface law, a preload at a time"},
-        libraries=tuple(sorted(libraries)),
-    )
+    operators = needs.operators | {"joint": "blocks and interface law, a preload at a time"}
+    memory = needs.memory
+    if case.slide is not None:
+        pair = cell_needs(pair_of(case, case.slide, cell.surface, cell.surface))
+        operators["slide"] = "both bodies, deformable and at large strain, a pressure at a time"
+        memory = max(memory, pair.memory)
+    return replace(needs, operators=operators, libraries=tuple(sorted(libraries)), memory=memory)

@@ -14,6 +14,7 @@ from multiscale.pipeline.joint import joint_scales, solve_joint
 from multiscale.pipeline.micro import run_micro, write_fields
 from multiscale.pipeline.planner import plan
 from multiscale.pipeline.settings import Case
+from multiscale.pipeline.slide import slide_bodies
 from multiscale.schema import MACRO_RESULT, MICRO_RESPONSE
 from multiscale.upscaling import (
     error_budget,
@@ -44,7 +45,7 @@ def run(
     executor: Executor | None = None,
     progress: Callable[[int], None] = lambda finished: None,
 ) -> Results:
-    """Run the whole chain: cells, response, law, joint.
+    """Run the whole chain: cells, response, law, joint; and slide the bodies if the case says so.
 
     Parameters
     ----------
@@ -67,6 +68,8 @@ def run(
     """
     out = make_folder(Path(out))
     _claim(out, case)
+    if case.slide is not None:
+        slide_bodies(case, case.slide, out / "sliding_response.nc", executor=executor)
     if case.accuracy is not None:
         return _run_to_target(case, out, executor, progress)
     response = run_micro(case, out / "micro_response.nc", executor=executor, progress=progress)
@@ -107,9 +110,9 @@ def _finish(results: Results, out: Path) -> Results:
 
 
 def _claim(out: Path, case: Case) -> None:
-    """Write the case into its run folder, unless the folder belongs to another one."""
+    """Write the case into its run folder, unless it holds what another one has computed."""
     file = out / "case.toml"
-    if file.exists():
+    if file.exists() and any(out.rglob("*.nc")):
         other = load_case(file)
         if other.identity() != case.identity():
             raise CaseError(

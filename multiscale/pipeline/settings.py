@@ -9,6 +9,7 @@ from pydantic import Field, Strict, field_validator, model_validator
 
 from multiscale.io import read_bytes
 from multiscale.micro.cell import depth_caution
+from multiscale.micro.slide import LONGEST
 from multiscale.pipeline.rough_bodies import Body, InstrumentSurface, SyntheticSurface
 from multiscale.pipeline.toml_model import (
     Count,
@@ -30,6 +31,7 @@ __all__ = [
     "JointSettings",
     "LawSettings",
     "MicroSettings",
+    "SlideSettings",
     "SyntheticSurface",
 ]
 
@@ -158,6 +160,43 @@ class JointSettings(Settings):
     _rise = field_validator("preloads")(must_rise)
 
 
+class SlideSettings(Settings):
+    """Body 2 slides over body 1 along x: friction against pressure and distance.
+
+    Both bodies are deformable, at large strain, with the surfaces of the first realisation; what
+    they resist more than the friction of their points is ploughing.
+
+    Parameters
+    ----------
+    distance : quantity
+        How far, m; at most 20 lengths of the cell.
+    friction_coefficient : float
+        Of each point of contact.
+    pressures : list of quantities
+        Mean pressures, Pa, rising; those of the cells if not given.
+    steps : int
+        Steps of the result along the distance.
+    """
+
+    distance: Length
+    friction_coefficient: Annotated[Number, Field(ge=0.0, le=10.0)] = 0.0
+    pressures: tuple[Pressure, ...] = ()
+    steps: Annotated[Count, Field(ge=1, le=10_000)] = 16
+
+    _rise = field_validator("pressures")(must_rise)
+
+    def quick(self, case: "Case") -> Self:
+        """Return a quarter of a length of the cell, under one pressure."""
+        pressures = self.pressures or case.micro.pressures
+        return self.model_copy(
+            update={
+                "distance": min(self.distance, 0.25 * case.cell.size[0]),
+                "pressures": pressures[len(pressures) // 2 :][:1],
+                "steps": min(4, self.steps),
+            }
+        )
+
+
 class AccuracySettings(Settings):
     """How sure the answer has to be; the rest of the case is then where a planner starts from.
 
@@ -195,6 +234,8 @@ class Case(Settings):
     micro : MicroSettings
     law : LawSettings
     joint : JointSettings
+    slide : SlideSettings
+        If given, the bodies also slide over each other.
     accuracy : AccuracySettings
         If given, a planner chooses cells, grid and realisations.
     """
@@ -206,6 +247,7 @@ class Case(Settings):
     micro: MicroSettings
     law: LawSettings = LawSettings()
     joint: JointSettings
+    slide: SlideSettings | None = None
     accuracy: AccuracySettings | None = None
 
     @model_validator(mode="after")
@@ -213,7 +255,23 @@ class Case(Settings):
         if self.body_1.surface is None and self.body_2.surface is None:
             raise ValueError("both bodies are smooth; give one of them a [surface] table")
         self._check_metal()
+        if self.slide is not None:
+            self._check_slide(self.slide)
         return self
+
+    def _check_slide(self, slide: SlideSettings) -> None:
+        """Refuse what cells cannot slide, or not in reasonable time."""
+        if self.cell.geometry == "flat":
+            raise ValueError(
+                'flat cells do not slide; set geometry = "conforming" in [cell], or leave [slide] '
+                "out"
+            )
+        periods = slide.distance / self.cell.size[0]
+        if periods > LONGEST:
+            raise ValueError(
+                f"distance in [slide] is {periods:.3g} lengths of the cell, which repeats itself "
+                f"after one and is run in after a few where it flows: slide at most {LONGEST:g}"
+            )
 
     def _check_metal(self) -> None:
         """Refuse metals and unloading that the cells do not know."""
@@ -275,6 +333,7 @@ class Case(Settings):
                 "cell": self.cell.model_copy(update={"points": points}),
                 "micro": micro,
                 "law": self.law.model_copy(update={"samples": min(40, self.law.samples)}),
+                "slide": self.slide and self.slide.quick(self),
                 "accuracy": None,
             }
         )
@@ -330,6 +389,7 @@ class Case(Settings):
                 "title": True,
                 "law": True,
                 "joint": True,
+                "slide": True,
                 "accuracy": True,
                 "micro": {"realisations"},
                 "body_1": {"surface": {"file"}},

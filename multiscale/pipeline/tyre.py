@@ -112,9 +112,10 @@ def run_tyre(
 
 
 def _claim(out: Path, case: TyreCase) -> None:
-    """Write the case into its run folder, unless the folder belongs to another one."""
+    """Write the case into its run folder, unless it holds what another one has computed."""
     file = out / "case.toml"
-    if file.exists() and (not is_tyre_case(file) or load_tyre(file).identity() != case.identity()):
+    begun = file.exists() and any(out.rglob("*.nc"))
+    if begun and (not is_tyre_case(file) or load_tyre(file).identity() != case.identity()):
         raise CaseError(f"{out} holds another run; choose another folder, or delete this one")
     write_bytes(file, case.to_toml().encode())
 

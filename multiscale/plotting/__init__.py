@@ -36,6 +36,7 @@ from multiscale.plotting.links import (
 from multiscale.plotting.run import draw_figures
 from multiscale.plotting.sliding import draw_sliding, plot_sliding_friction, plot_steady_friction
 from multiscale.plotting.surfaces import plot_contact_map, plot_surface
+from multiscale.plotting.sweep import plot_sweep
 from multiscale.plotting.tyre import (
     draw_tyre_figures,
     plot_braking_force,
@@ -81,6 +82,7 @@ __all__ = [
     "plot_steady_friction",
     "plot_stiffness_against_damage",
     "plot_surface",
+    "plot_sweep",
     "plot_unloading",
     "plot_woehler",
     "plot_work_precision",

@@ -1,6 +1,8 @@
 """The figures of a finished run."""
 
+from collections.abc import Callable
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 from multiscale.io import make_folder, open_dataset, open_run
 from multiscale.plotting.budget import plot_error_budget
@@ -11,15 +13,20 @@ from multiscale.plotting.laws import (
     plot_joint_stiffness,
     plot_unloading,
 )
+from multiscale.plotting.sliding import draw_sliding
 from multiscale.plotting.surfaces import plot_contact_map, plot_surface
+from multiscale.plotting.sweep import plot_sweep
 from multiscale.plotting.tyre import draw_tyre_figures
-from multiscale.schema import FIELDS
+from multiscale.schema import FIELDS, SLIDING_RESPONSE, SWEEP
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
 
 __all__ = ["draw_figures"]
 
 
 def draw_figures(out: str | Path) -> list[Path]:
-    """Draw the figures of a finished run into its folder ``figures``.
+    """Draw the figures of a finished run or sweep into its folder ``figures``.
 
     Parameters
     ----------
@@ -32,6 +39,9 @@ def draw_figures(out: str | Path) -> list[Path]:
         The PNG files, in the order of the chain.
     """
     out = Path(out)
+    if (out / "sweep.nc").exists():
+        sweep = open_dataset(out / "sweep.nc", SWEEP)
+        return _draw(out, {"sweep": lambda ax: plot_sweep(sweep, ax=ax)})
     tree = open_run(out, finished=True)
     response, law, result = (
         tree[name].to_dataset() for name in ("micro_response", "interface_law", "macro_result")
@@ -39,7 +49,7 @@ def draw_figures(out: str | Path) -> list[Path]:
     if "braking_force" in result:
         return draw_tyre_figures(out)
     fields = open_dataset(out / "fields" / "fields.nc", FIELDS)
-    figures = {
+    figures: dict[str, Callable[[Axes], Axes]] = {
         "surface": lambda ax: plot_surface(fields, ax=ax),
         "contact_map": lambda ax: plot_contact_map(fields, ax=ax),
         "gap_law": lambda ax: plot_gap_law(response, law, ax=ax),
@@ -50,10 +60,19 @@ def draw_figures(out: str | Path) -> list[Path]:
         figures["unloading"] = lambda ax: plot_unloading(response, law, ax=ax)
     if "error_total" in result:
         figures["error_budget"] = lambda ax: plot_error_budget(result, ax=ax)
+    files = _draw(out, figures)
+    if (out / "sliding_response.nc").exists():
+        sliding = open_dataset(out / "sliding_response.nc", SLIDING_RESPONSE)
+        files.append(draw_sliding(sliding, out / "figures" / "sliding.png"))
+    return files
+
+
+def _draw(out: Path, figures: "dict[str, Callable[[Axes], Axes]]") -> list[Path]:
+    """Draw each figure on axes of its own."""
     folder = make_folder(out / "figures")
     files = []
     for name, draw in figures.items():
         figure = new_figure()
-        draw(figure.add_subplot())  # type: ignore[no-untyped-call]
+        draw(figure.add_subplot())
         files.append(save_figure(figure, folder / f"{name}.png"))
     return files

@@ -9,10 +9,13 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from multiscale.io import open_run, read_bytes, read_text, write_bytes
+from multiscale.io import open_dataset, open_run, read_bytes, read_text, write_bytes
 from multiscale.report.section import Section
+from multiscale.report.sliding import describe_sliding, read_sliding
+from multiscale.report.sweep import sweep_answer, sweep_question, sweep_sections
 from multiscale.report.tables import tabulate
 from multiscale.report.tyre import braking_answer, braking_question, braking_sections
+from multiscale.schema import SWEEP
 from multiscale.units import readable
 
 if TYPE_CHECKING:
@@ -22,7 +25,7 @@ __all__ = ["write_report"]
 
 
 def write_report(out: str | Path) -> Path:
-    """Write ``report.html`` of a finished run whose figures are drawn.
+    """Write ``report.html`` of a finished run or sweep whose figures are drawn.
 
     Parameters
     ----------
@@ -32,12 +35,21 @@ def write_report(out: str | Path) -> Path:
     from jinja2 import Environment
 
     out = Path(out)
+    content = _sweep(out) if (out / "sweep.nc").exists() else _run(out)
+    template = resources.files("multiscale.report").joinpath("page.html").read_text()
+    text = Environment(autoescape=True).from_string(template).render(content)
+    write_bytes(out / "report.html", text.encode())
+    return out / "report.html"
+
+
+def _run(out: Path) -> dict[str, Any]:
+    """Say what the page of a run says."""
     tree = open_run(out, finished=True)
     response, law, result = (
         tree[name].to_dataset() for name in ("micro_response", "interface_law", "macro_result")
     )
-    case = tomllib.loads(read_text(out / "case.toml"))
-    drawn = {file.stem: file for file in sorted((out / "figures").glob("*.png"))}
+    case, sliding = tomllib.loads(read_text(out / "case.toml")), read_sliding(out)
+    drawn = _drawn(out)
     if "braking_force" in result:
         question, answer = braking_question(result), braking_answer(result)
         sections = braking_sections(law, result, response.attrs["bodies"])
@@ -45,27 +57,41 @@ def write_report(out: str | Path) -> Path:
         question, answer = _question(result), _answer(result)
         surface = Section("Surface", [], figures=("surface", "contact_map"))
         sections = [_joint(result), _law(response, law), _budget(result), surface]
+        if sliding is not None:
+            sections.append(Section("Sliding", describe_sliding(sliding), figures=("sliding",)))
     sections += [Section("Inputs", [], rows=list(_inputs(case))), _work(response, result)]
     shown = {name for section in sections for name in section.figures}
     sections[1].figures += tuple(name for name in drawn if name not in shown)
-    template = resources.files("multiscale.report").joinpath("page.html").read_text()
-    text = (
-        Environment(autoescape=True)
-        .from_string(template)
-        .render(
-            title=response.attrs["title"],
-            question=question,
-            answer=answer,
-            cautions=[
-                caution
-                for dataset in (response, result)
-                for caution in dataset.attrs.get("cautions", "").splitlines()
-            ],
-            sections=[_with_images(section, drawn) for section in sections],
-        )
-    )
-    write_bytes(out / "report.html", text.encode())
-    return out / "report.html"
+    cautions = [
+        caution
+        for dataset in (response, result, sliding)
+        if dataset is not None
+        for caution in dataset.attrs.get("cautions", "").splitlines()
+    ]
+    return {
+        "title": response.attrs["title"],
+        "question": question,
+        "answer": answer,
+        "cautions": cautions,
+        "sections": [_with_images(section, drawn) for section in sections],
+    }
+
+
+def _sweep(out: Path) -> dict[str, Any]:
+    """Say what the page of a sweep says; a point without result is a caution."""
+    result, drawn = open_dataset(out / "sweep.nc", SWEEP), _drawn(out)
+    return {
+        "title": result.attrs["title"],
+        "question": sweep_question(result),
+        "answer": sweep_answer(result),
+        "cautions": [failure.rstrip(".") for failure in result["failure"].values if failure],
+        "sections": [_with_images(section, drawn) for section in sweep_sections(result)],
+    }
+
+
+def _drawn(out: Path) -> dict[str, Path]:
+    """Figures of a run by their names."""
+    return {file.stem: file for file in sorted((out / "figures").glob("*.png"))}
 
 
 def _question(result: "xr.Dataset") -> str:

@@ -220,3 +220,22 @@ def test_preconditioned_eigenvalues_lie_between_one_and_a_small_number(parts):
     values = eigh(S @ M @ S, S, eigvals_only=True)
     assert values[0] > 1.0 - 1e-6
     assert values[-1] < 4.0
+
+
+def test_the_callback_hears_every_iteration_of_newton(grids):
+    heard = []
+    grid = grids[8]
+    result = solve_schur(
+        cut_links(grid, split_grid(grid, (2, 2))),
+        4.0,
+        callback=lambda iteration, residual, method: heard.append((iteration, residual)),
+    )
+    assert [iteration for iteration, _ in heard] == list(range(int(result["iterations"][0]) + 1))
+    assert heard[-1][1] < 1e-6 * heard[0][1]
+
+
+def test_a_load_that_overflows_ends_the_path_without_an_answer(grids):
+    grid = grids[8]
+    result = solve_schur(cut_links(grid, split_grid(grid, (2, 2))), [1.0, 1e308, 2.0])
+    assert list(result["converged"].values) == [1, 0, 0]
+    assert list(result["iterations"].values[2:]) == [0]

@@ -5,7 +5,7 @@ import pytest
 
 from multiscale.errors import CaseError
 from multiscale.micro.topography import rms_height, rms_slope
-from multiscale.pipeline import load_case, make_cells
+from multiscale.pipeline import load_case, make_cells, run
 from multiscale.pipeline.cells import composite_material
 from multiscale.units import to_si
 
@@ -90,6 +90,16 @@ def test_a_map_with_too_few_windows_says_how_many_it_holds(case, tmp_path):
         CaseError, match=r"map.txt measures .* holds 2 separate windows .* but 4 are"
     ):
         make_cells(measured(case, path))
+
+
+def test_a_folder_in_which_nothing_was_computed_is_free_for_the_mended_case(case, tmp_path):
+    path = write_map(tmp_path / "map.txt", np.random.default_rng(seed=1).random((500, 850)))
+    with pytest.raises(CaseError, match="separate windows"):
+        run(measured(case, path), tmp_path / "out")
+    cell = case.cell.model_copy(update={"geometry": "flat"})
+    run(case.model_copy(update={"cell": cell}), tmp_path / "out")
+    with pytest.raises(CaseError, match="holds another run"):
+        run(case, tmp_path / "out")
 
 
 def test_a_measured_cutoff_finer_than_the_grid_is_refused(case, tmp_path):

@@ -4,9 +4,10 @@ import numpy as np
 import pytest
 
 from multiscale.laws.bulk import J2, NeoHookean
-from multiscale.micro import Cell, Path, Surface, graph_cell, self_affine, solve_cell
+from multiscale.micro import Cell, Path, Surface, averages, graph_cell, self_affine, solve_cell
 from multiscale.micro.finite import cell as finite_cell
 from multiscale.reference import mindlin
+from tests.support import observed_rate
 
 
 def egg_box(n, amplitude):
@@ -165,6 +166,31 @@ def mindlin_case(n, layers, increments, share=0.8):
     assert response["converged"].values.all()
     ratio = response["traction"].values[0, :, 1] / (mu * force)
     return response, ratio, (mu * force, a, modulus)
+
+
+@pytest.mark.slow
+def test_the_stick_area_tends_to_that_of_cattaneo_and_mindlin_as_the_grid_is_refined():
+    """Nodes in contact reach beyond its edge, and those that stick beyond theirs by less."""
+    nu, mu, radius, a = 0.499, 0.4, 10.0, 0.16
+    force = 4.0 / (1.0 - nu**2) * a**3 / (3.0 * radius)
+    modulus = mindlin.tangential_modulus((1.0, nu))
+    far = [mindlin.tangential_displacement(share, mu * force, a, modulus) for share in (0.4, 0.8)]
+    path = Path(pressure=(force,) * 3, slide=tuple((float(s), 0.0) for s in (0.0, *far)))
+    grids, errors, blurred = np.array([32, 64, 96]), [], []
+    for n, layers in zip(grids, (16, 24, 30), strict=True):
+        flat = Surface(np.zeros((n, n)), (1.0, 1.0))
+        cell = Cell(flat, 1.0, layers, 1.0, nu, obstacle=sphere(n, radius), friction_coefficient=mu)
+        response = solve_cell(cell, path, tolerance=1e-7)
+        stick = 1.0 - response["slip_fraction"].values[0, 1:]
+        inner = mindlin.stick_radius(response["traction"].values[0, 1:, 1] / (mu * force))
+        errors.append(np.max(np.abs(stick / inner**2 - 1.0)))
+        reach = 4.0 / np.pi / (n * a)  # the perimeter along edges is 8 r
+        beyond = averages.PERIMETER_FACTOR + averages.RIM["mean dilatation"]
+        seen = (inner + reach * averages.PERIMETER_FACTOR) / (1.0 + reach * beyond)
+        blurred.append(np.max(np.abs(stick / seen**2 - 1.0)))
+    assert observed_rate(1.0 / grids, errors) > 1.0
+    assert errors[-1] < 0.02
+    assert blurred[-1] < 0.01
 
 
 @pytest.mark.slow

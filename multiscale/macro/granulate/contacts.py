@@ -69,6 +69,8 @@ def build_contacts(  # type: ignore[no-untyped-def]
     pairs,
     kept,
     held,
+    approach,
+    hits,
     wanted,
     compliance,
     position,
@@ -88,15 +90,20 @@ def build_contacts(  # type: ignore[no-untyped-def]
     ``law`` holds restitution, relaxation time, speed of rest and the friction coefficients of the
     grains and of each wall; ``compliance`` (pairs,) is that of each pair. A pair takes part if
     it is wanted, had an impulse, or comes nearer than ``near`` times its smaller radius in a step
-    without impulses. ``cell`` holds the rate of strain of the cell and one over its inertia; the
-    last array returned is what the sweeps take for it.
+    without impulses. ``cell`` holds the rate of strain of the cell and one over its inertia, which
+    the last but one of the arrays returned has for the sweeps.
+
+    An impact in the first half of a step bounces in it. One in the second half, or by a push
+    within the step that brings the velocity in ``hits`` (pairs,), ends the step touching. It bounces
+    in the next step, for which the last of the arrays returned keeps the normal velocity before
+    the impact: ``approach`` (pairs,) is that of the last step.
     """
     kind, point, axis, bore = walls
     restitution, relaxation, rest, friction = law
     n, m = radius.size, 0
     size = pairs.shape[0]
     ends, data = np.empty((size, 2), np.int32), np.empty((size, 8))
-    stretch = np.empty(size + 2)
+    stretch, waiting = np.empty(size + 2), np.zeros(size)
     stretch[0], stretch[1] = cell
     impulse, anchor, index = np.empty((size, 3)), np.empty((size, 3)), np.empty(size, np.int64)
     for k in range(size):
@@ -115,12 +122,13 @@ def build_contacts(  # type: ignore[no-untyped-def]
             continue
         before = (old[i, 0] - old[j, 0]) * nx + (old[i, 1] - old[j, 1]) * ny
         before += (old[i, 2] - old[j, 2]) * nz
-        bounces = restitution > 0.0 and before < -rest
-        if bounces and gap + 0.5 * h * before > 0.0:
-            continue  # Moreau-Jean: it bounces if it would overlap in the middle of the step
+        fastest = min(before, approach[k], hits[k])
+        impact = restitution > 0.0 and fastest < -rest
+        waits = impact and approach[k] == 0.0 and gap + 0.5 * h * before > 0.0
         bias = gap / h if gap > 0.0 else gap / relaxation
-        if bounces:
-            bias = restitution * before
+        if impact and not waits:
+            bias = restitution * fastest
+        waiting[k] = fastest if waits else 0.0
         masses = mobility[i, 0] + mobility[j, 0] + cell[1] * length * length
         stretch[m + 2] = length
         ends[m, 0], ends[m, 1], index[m] = i, j, k
@@ -129,13 +137,13 @@ def build_contacts(  # type: ignore[no-untyped-def]
         data[m, 4] = 1.0 / masses
         across = mobility[i, 1] + mobility[j, 1] + mobility[i, 2] + mobility[j, 2]
         data[m, 5] = 1.0 / across
-        data[m, 6] = 0.0 if bounces else compliance[k]  # a spring would take from the bounce
+        data[m, 6] = 0.0 if impact else compliance[k]  # a spring would take from the bounce
         data[m, 7] = mu
         for a in range(3):
             impulse[m, a] = kept[k, a]
             anchor[m, a] = held[k, a]
         m += 1
-    return ends[:m], data[:m], impulse[:m], anchor[:m], index[:m], stretch[: m + 2]
+    return ends[:m], data[:m], impulse[:m], anchor[:m], index[:m], stretch[: m + 2], waiting
 
 
 @numba.njit(cache=True, error_model="numpy")
@@ -143,6 +151,7 @@ def missed(  # type: ignore[no-untyped-def]
     pairs,
     index,
     data,
+    hits,
     wanted,
     compliance,
     position,
@@ -152,12 +161,12 @@ def missed(  # type: ignore[no-untyped-def]
     velocity,
     h,
     rate,
-    restitution,
     allowed,
 ):
     """Find the pairs that overlap too far after the step; return how many there are.
 
-    A pair without a contact is marked as wanted, one with a contact loses most of its compliance.
+    A pair without a contact is marked as wanted and its velocity kept in ``hits``, one with a
+    contact loses most of its compliance.
     ``allowed`` holds the overlap of the former and of the latter, relative to the smaller radius.
     """
     kind, point, axis, bore = walls
@@ -168,7 +177,7 @@ def missed(  # type: ignore[no-untyped-def]
             m += 1
             if data[m - 1, 6] <= LEAST:
                 continue
-        elif wanted[k] or restitution > 0.0:
+        elif wanted[k]:
             continue
         i, j = pairs[k, 0], pairs[k, 1]
         gap, nx, ny, nz = _gap(i, j, position, radius, period, kind, point, axis, bore)
@@ -182,6 +191,8 @@ def missed(  # type: ignore[no-untyped-def]
             wanted[k] = True
             if touches:
                 compliance[k] *= STIFFENED
+            else:
+                hits[k] = u
             new += 1
     return new
 

@@ -27,11 +27,15 @@ def account(
     h: float,
     velocities: tuple[np.ndarray, np.ndarray, np.ndarray],
     contacts: Contacts,
+    rebound: np.ndarray,
     rates: tuple[float, float, float],
     length: np.ndarray,
     cell: tuple[float, float],
 ) -> tuple[float, float, float, float, float, float]:
     r"""Kinetic and elastic energy, work, and what contacts, scheme and damping took, J.
+
+    ``rebound`` (contacts,) is the normal velocity that a contact will have after an impact, m/s,
+    zero if there was none: what it will bring, and do against gravity in a step, is elastic energy.
 
     With the velocities before the step, after the damping and after the step, and
     :math:`\Delta v` the last change, the kinetic energy grows by
@@ -67,6 +71,9 @@ def account(
     across = np.sum(impulse**2, axis=1) - along**2
     data = contacts.data
     springs = data[:, 6] * (along**2 / data[:, 4] + across / data[:, 5])
+    closing = -h * np.sum((model.push[i, :3] - model.push[j, :3]) * n, axis=1)
+    rise = rebound**2 - np.sum(u * n, axis=1) ** 2 + 2.0 * rebound * np.maximum(closing, 0.0)
+    springs += data[:, 4] * np.where(rebound > 0.0, np.maximum(rise, 0.0), 0.0)
     return (
         kinetic(velocity, rates[2]),
         0.5 * float(np.sum(springs)),

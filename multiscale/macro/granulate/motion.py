@@ -40,8 +40,9 @@ class State:
     """What is known at a time.
 
     ``pairs`` are the neighbours with the impulses ``kept`` of the last step and what their springs
-    ``held`` of them; they were found at the positions ``seen`` with the reach ``margin``. ``rate``
-    is that of the strain of the cell, 1/s.
+    ``held`` of them, and the normal velocities ``approach`` before impacts that have yet to bounce;
+    they were found at the positions ``seen`` with the reach ``margin``. ``rate`` is that of the
+    strain of the cell, 1/s.
     """
 
     time: float
@@ -52,6 +53,7 @@ class State:
     pairs: np.ndarray
     kept: np.ndarray
     held: np.ndarray
+    approach: np.ndarray
     seen: np.ndarray
     margin: float
     rate: float
@@ -104,6 +106,7 @@ def start(model: Model) -> State:
         none,
         np.empty((0, 3)),
         np.empty((0, 3)),
+        np.empty(0),
         grains.position,
         0.0,
         0.0,
@@ -169,6 +172,7 @@ def _look_around(model: Model, state: State, reach: float) -> State:
     )
     pairs = pairs[np.argsort(lower, kind="stable")]
     kept, held = np.zeros((len(pairs), 3)), np.zeros((len(pairs), 3))
+    approach = np.zeros(len(pairs))
     if len(state.pairs) and len(pairs):
         before = state.pairs[:, 0].astype(np.int64) * n + state.pairs[:, 1]
         now = pairs[:, 0].astype(np.int64) * n + pairs[:, 1]
@@ -177,7 +181,16 @@ def _look_around(model: Model, state: State, reach: float) -> State:
         same = before[order[found]] == now
         kept[same] = state.kept[order[found[same]]]
         held[same] = state.held[order[found[same]]]
-    return replace(state, pairs=pairs, kept=kept, held=held, seen=state.position, margin=margin)
+        approach[same] = state.approach[order[found[same]]]
+    return replace(
+        state,
+        pairs=pairs,
+        kept=kept,
+        held=held,
+        approach=approach,
+        seen=state.position,
+        margin=margin,
+    )
 
 
 def _check_period(model: Model, period: np.ndarray, margin: float) -> None:
@@ -217,7 +230,8 @@ def advance(model: Model, state: State, h: float, solver: Solver) -> tuple[State
     with :math:`b = g/h`: the linearised gap at the end is not negative, and neither is the true one
     of two spheres, which is larger. Pairs that overlap after all are made contacts, compliant ones
     that overlap by more than 0.8 % of a radius become ten times stiffer, and the step is solved
-    again.
+    again. With restitution :math:`e` an impact in the first half of a step has :math:`b = e u^-`;
+    one in the second half ends the step touching, and has it in the next.
     """
     began = perf_counter()
     n, law = model.grains.n, model.law
@@ -242,17 +256,19 @@ def advance(model: Model, state: State, h: float, solver: Solver) -> tuple[State
     )
     rest = 2.0 * h * float(np.linalg.norm(model.gravity))
     constants = (law.restitution, law.relaxation * h, rest, friction)
-    wanted = np.zeros(len(state.pairs), bool)
+    wanted, hits = np.zeros(len(state.pairs), bool), np.zeros(len(state.pairs))
     compliance = np.full(len(state.pairs), law.compliance)
     searched = perf_counter() - began
 
     place = (state.position, model.grains.radius, state.period, walls)
     kept, sweeps = state.kept, 0
     while True:
-        ends, data, impulse, anchor, index, cell = build_contacts(
+        ends, data, impulse, anchor, index, cell, approach = build_contacts(
             state.pairs,
             kept,
             state.held,
+            state.approach,
+            hits,
             wanted,
             compliance,
             *place,
@@ -275,17 +291,18 @@ def advance(model: Model, state: State, h: float, solver: Solver) -> tuple[State
             state.pairs,
             index,
             data,
+            hits,
             wanted,
             compliance,
             *place,
             velocity,
             h,
             float(cell[0]),
-            law.restitution,
             ALLOWED,
         ):
             break
     contacts = Contacts(ends, data, impulse, anchor)
+    approach[~kept.any(axis=1)] = 0.0  # it passed by
     held = np.zeros_like(kept)
     if law.compliance > 0.0:
         held[index] = data[:, 6:7] / law.compliance * impulse
@@ -301,6 +318,7 @@ def advance(model: Model, state: State, h: float, solver: Solver) -> tuple[State
         seen=stretch * state.seen,
         kept=kept,
         held=held,
+        approach=approach,
         rate=float(cell[0]),
         contacts=contacts,
     )
@@ -312,6 +330,7 @@ def advance(model: Model, state: State, h: float, solver: Solver) -> tuple[State
         h,
         (old, slow, velocity),
         contacts,
+        -law.restitution * approach[index],
         (state.rate, keep * state.rate, new.rate),
         cell[2:],
         (inertia, thrust),

@@ -32,9 +32,8 @@ def simulate(
     model : Model
         Grains, walls and what acts on them.
     duration, step : float
-        s. The step is shortened so that a whole number of them fills the duration. Grains without
-        restitution never overlap; with it the overlap in an impact is at most half of what the
-        grains approach in a step, and times have an error of the order of the step.
+        s. The step is shortened so that a whole number of them fills the duration. Times of
+        impacts have an error of the order of the step.
     solver : Solver, optional
         Tolerance, limit of sweeps and threads.
     n_frames : int

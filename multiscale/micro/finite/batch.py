@@ -14,6 +14,8 @@ with the height :math:`h` of the element and the slopes :math:`s` of its node su
 tangents are pulled back with it once, so that a tangent is applied without any geometry.
 """
 
+import math
+
 import numba
 
 from multiscale.micro.hexahedron import (
@@ -29,6 +31,7 @@ from multiscale.micro.hexahedron import (
 )
 
 __all__ = [
+    "CHANGE",
     "COFACTOR",
     "DET",
     "EDGES",
@@ -46,6 +49,7 @@ __all__ = [
     "edge_derivatives",
     "edge_forces",
     "kernel",
+    "logarithm",
     "point_rows",
     "pull_back",
     "strain_batch",
@@ -66,10 +70,13 @@ WEIGHT = DET + 8 * BATCH  # 8: volume of each Gauss point
 VOLUME = WEIGHT + 8 * BATCH  # of the element
 MEAN = VOLUME + BATCH  # mean det F
 LOG = MEAN + BATCH  # volumetric Kirchhoff stress and its derivative by ln J
-COFACTOR = LOG + 2 * BATCH  # 9: F^-T
+CHANGE = LOG + 2 * BATCH  # ln J, of a point or of the mean
+COFACTOR = CHANGE + BATCH  # 9: F^-T
 PULLED = COFACTOR + 9 * BATCH  # 9: F^-T T^t
 METRIC = PULLED + 9 * BATCH  # rows of a law
-SCRATCH = METRIC + 200 * BATCH
+SCRATCH = METRIC + 60 * BATCH
+
+NEAR_ONE = 0.03  # squared argument of the series of the logarithm: numbers from 1/4 to 4
 
 
 @kernel
@@ -196,3 +203,21 @@ def pull_back(s, q):  # type: ignore[no-untyped-def]
             along -= s[GEOMETRY + ry + 4 * BATCH + v] * y
             s[g + v], s[g + BATCH + v] = x, y
             s[g + 2 * BATCH + v] = along / s[GEOMETRY + rt + v]
+
+
+@kernel
+def logarithm(s, x, out):  # type: ignore[no-untyped-def]
+    """Natural logarithm of a row, by the series of atanh that all lanes share if near enough."""
+    far = 0.0
+    for v in range(BATCH):
+        root = math.sqrt(math.sqrt(s[x + v]))
+        z = (root - 1.0) / (root + 1.0)  # ln x = 8 atanh z
+        w = z * z
+        series = 1.0 / 15.0 + w * (1.0 / 17.0 + w * (1.0 / 19.0 + w * (1.0 / 21.0 + w / 23.0)))
+        series = 1.0 / 9.0 + w * (1.0 / 11.0 + w * (1.0 / 13.0 + w * series))
+        series = 1.0 + w * (1.0 / 3.0 + w * (1.0 / 5.0 + w * (1.0 / 7.0 + w * series)))
+        s[out + v] = 8.0 * z * series
+        far += 0.0 if w < NEAR_ONE else 1.0
+    if far > 0.0:
+        for v in range(BATCH):
+            s[out + v] = math.log(s[x + v])

@@ -17,10 +17,21 @@ import numpy as np
 from multiscale.micro.finite.batch import kernel
 from multiscale.micro.hexahedron import BATCH, FAR, NEAR
 
-__all__ = ["ENTRIES", "MOTIONS", "add_coupling", "add_point", "corner_gradients", "multiply"]
+__all__ = [
+    "ENTRIES",
+    "FIRST",
+    "MOTIONS",
+    "POINT_ROWS",
+    "SECOND",
+    "add_coupling",
+    "add_points",
+    "corner_gradients",
+    "multiply",
+]
 
 MOTIONS = 21  # of the corners 1 to 7, component by component
 ENTRIES = 3 * 28 + 3 * 49
+POINT_ROWS = 6 * 9  # of the tangent of a Gauss point: all of each block
 FIRST, SECOND = (0, 1, 2, 0, 0, 1), (0, 1, 2, 1, 2, 2)  # components of the blocks
 
 
@@ -47,55 +58,69 @@ def corner_gradients(dx: float, dy: float) -> np.ndarray:
 
 
 @kernel
-def add_point(points, gradient, half, matrix):  # type: ignore[no-untyped-def]
-    """Add one Gauss point to (1).
+def add_points(points, gradients, half, matrix):  # type: ignore[no-untyped-def]
+    """Add four Gauss points to (1).
 
-    ``points`` has its 45 rows of A, ``gradient`` the derivatives (3, 7), ``half`` room for 21 rows.
+    ``points`` has their tangents, 9 rows for each of the six blocks, ``gradients`` the derivatives
+    (4, 3, 7), and ``half`` room for 84 rows.
     """
-    block = 0
-    for pair in range(6):
-        k, m = 3 * FIRST[pair], 3 * SECOND[pair]
-        for a in range(3):
-            r = k + a
-            x, y, z = _place(r, m), _place(r, m + 1), _place(r, m + 2)
-            for n in range(7):
-                bx, by, bz = gradient[0, n], gradient[1, n], gradient[2, n]
-                out = (7 * a + n) * BATCH
-                for v in range(BATCH):
-                    half[out + v] = bx * points[x + v] + by * points[y + v] + bz * points[z + v]
-        for row in range(7):
-            bx, by, bz = gradient[0, row], gradient[1, row], gradient[2, row]
-            for n in range(row if k == m else 0, 7):
-                x = n * BATCH
-                for v in range(BATCH):
-                    matrix[block + v] += (
-                        bx * half[x + v]
-                        + by * half[x + 7 * BATCH + v]
-                        + bz * half[x + 14 * BATCH + v]
-                    )
-                block += BATCH
+    start = 0
+    for block in range(6):
+        for q in range(4):
+            _contract(points[(6 * q + block) * 9 * BATCH :], gradients[q], half[21 * q * BATCH :])
+        _add_block(gradients, half, matrix[start:], block < 3)
+        start += (28 if block < 3 else 49) * BATCH
 
 
 @kernel
-def _place(r, c):  # type: ignore[no-untyped-def]
-    """Offset of an entry in the upper triangle of a symmetric 9 x 9 matrix, row by row."""
-    i, j = min(r, c), max(r, c)
-    return (9 * i - i * (i - 1) // 2 + j - i) * BATCH
+def _contract(a, gradient, half):  # type: ignore[no-untyped-def]
+    """Write A B of one block."""
+    for n in range(7):
+        x, y, z = gradient[0, n], gradient[1, n], gradient[2, n]
+        out = half[n * BATCH :]
+        for v in range(BATCH):
+            out[v] = a[v] * x + a[BATCH + v] * y + a[2 * BATCH + v] * z
+            out[7 * BATCH + v] = a[3 * BATCH + v] * x + a[4 * BATCH + v] * y + a[5 * BATCH + v] * z
+            out[14 * BATCH + v] = a[6 * BATCH + v] * x + a[7 * BATCH + v] * y + a[8 * BATCH + v] * z
+
+
+@kernel
+def _add_block(b, half, matrix, triangle):  # type: ignore[no-untyped-def]
+    """Add B^t A B of one block, summed over four points."""
+    entry = 0
+    for m in range(7):
+        for n in range(m if triangle else 0, 7):
+            h, out = half[n * BATCH :], matrix[entry:]
+            for v in range(BATCH):
+                out[v] += (
+                    b[0, 0, m] * h[v]
+                    + b[0, 1, m] * h[7 * BATCH + v]
+                    + b[0, 2, m] * h[14 * BATCH + v]
+                    + b[1, 0, m] * h[21 * BATCH + v]
+                    + b[1, 1, m] * h[28 * BATCH + v]
+                    + b[1, 2, m] * h[35 * BATCH + v]
+                    + b[2, 0, m] * h[42 * BATCH + v]
+                    + b[2, 1, m] * h[49 * BATCH + v]
+                    + b[2, 2, m] * h[56 * BATCH + v]
+                    + b[3, 0, m] * h[63 * BATCH + v]
+                    + b[3, 1, m] * h[70 * BATCH + v]
+                    + b[3, 2, m] * h[77 * BATCH + v]
+                )
+            entry += BATCH
 
 
 @kernel
 def add_coupling(c, matrix):  # type: ignore[no-untyped-def]
     """Add the product of a vector with itself to (1)."""
-    block = 0
-    for pair in range(6):
-        k, m = 7 * FIRST[pair], 7 * SECOND[pair]
-        for row in range(7):
-            x = (k + row) * BATCH
-            for n in range(row if k == m else 0, 7):
-                y = (m + n) * BATCH
+    entry = 0
+    for block in range(6):
+        for m in range(7):
+            x = c[(7 * FIRST[block] + m) * BATCH :]
+            for n in range(m if block < 3 else 0, 7):
+                y, out = c[(7 * SECOND[block] + n) * BATCH :], matrix[entry:]
                 for v in range(BATCH):
-                    matrix[block + v] += c[x + v] * c[y + v]
-                block += BATCH
+                    out[v] += x[v] * y[v]
+                entry += BATCH
 
 
 @kernel
@@ -103,27 +128,47 @@ def multiply(t, x, y):  # type: ignore[no-untyped-def]
     """Write the forces ``y`` of relative motions ``x``, both 21 rows."""
     for k in range(3):
         _multiply_triangle(t[28 * k * BATCH :], x[7 * k * BATCH :], y[7 * k * BATCH :])
-    for pair in range(3, 6):
-        k, m = 7 * FIRST[pair] * BATCH, 7 * SECOND[pair] * BATCH
-        block = t[(84 + 49 * (pair - 3)) * BATCH :]
-        _multiply_block(block, x[m:], y[k:], 7 * BATCH, BATCH)
-        _multiply_block(block, x[k:], y[m:], BATCH, 7 * BATCH)
+    for block in range(3, 6):
+        k, m = 7 * FIRST[block] * BATCH, 7 * SECOND[block] * BATCH
+        entries = t[(84 + 49 * (block - 3)) * BATCH :]
+        _multiply_block(entries, x[m:], y[k:])
+        _multiply_transposed(entries, x[k:], y[m:])
 
 
 @kernel
-def _multiply_block(t, x, y, row, column):  # type: ignore[no-untyped-def]
+def _multiply_block(t, x, y):  # type: ignore[no-untyped-def]
     """Add a 7 x 7 block times seven rows."""
     for r in range(7):
-        out, s = r * BATCH, t[r * row :]
+        a, out = 7 * r * BATCH, r * BATCH
         for v in range(BATCH):
             y[out + v] += (
-                s[v] * x[v]
-                + s[column + v] * x[BATCH + v]
-                + s[2 * column + v] * x[2 * BATCH + v]
-                + s[3 * column + v] * x[3 * BATCH + v]
-                + s[4 * column + v] * x[4 * BATCH + v]
-                + s[5 * column + v] * x[5 * BATCH + v]
-                + s[6 * column + v] * x[6 * BATCH + v]
+                t[a + v] * x[v]
+                + t[a + BATCH + v] * x[BATCH + v]
+                + t[a + 2 * BATCH + v] * x[2 * BATCH + v]
+                + t[a + 3 * BATCH + v] * x[3 * BATCH + v]
+                + t[a + 4 * BATCH + v] * x[4 * BATCH + v]
+                + t[a + 5 * BATCH + v] * x[5 * BATCH + v]
+                + t[a + 6 * BATCH + v] * x[6 * BATCH + v]
+            )
+
+
+@kernel
+def _multiply_transposed(t, x, y):  # type: ignore[no-untyped-def]
+    """Add the transpose of a 7 x 7 block times seven rows.
+
+    Written out so that the distances of what is read are known to the compiler.
+    """
+    for r in range(7):
+        a, out = r * BATCH, r * BATCH
+        for v in range(BATCH):
+            y[out + v] += (
+                t[a + v] * x[v]
+                + t[a + 7 * BATCH + v] * x[BATCH + v]
+                + t[a + 14 * BATCH + v] * x[2 * BATCH + v]
+                + t[a + 21 * BATCH + v] * x[3 * BATCH + v]
+                + t[a + 28 * BATCH + v] * x[4 * BATCH + v]
+                + t[a + 35 * BATCH + v] * x[5 * BATCH + v]
+                + t[a + 42 * BATCH + v] * x[6 * BATCH + v]
             )
 
 

@@ -11,6 +11,7 @@ from multiscale.micro.finite.batch import (
     kernel,
     point_rows,
 )
+from multiscale.micro.finite.element_stiffness import FIRST, SECOND
 from multiscale.micro.hexahedron import BATCH
 
 __all__ = ["neo_hookean"]
@@ -69,19 +70,18 @@ def neo_hookean(s, q, shear, frozen, has_frozen, tangent):  # type: ignore[no-un
 
 @kernel
 def _tangent(s, w, shear, tangent):  # type: ignore[no-untyped-def]
-    """Write the upper triangle of A, row by row."""
-    entry = 0
-    for r in range(9):
-        i, a = r // 3, r % 3
-        for c in range(r, 9):
-            k, b = c // 3, c % 3
-            first, second = min(a, b), max(a, b)
-            m = CURVED + (second if first == 0 else 2 + second if first == 1 else 5) * BATCH
-            same = 1.0 if i == k else 0.0
-            ib, ka = PULLED + (3 * i + b) * BATCH, PULLED + (3 * k + a) * BATCH
-            ia, kb = PULLED + r * BATCH, PULLED + c * BATCH
-            for v in range(BATCH):
-                value = (shear - s[LOG + v]) * s[ib + v] * s[ka + v]
-                value += s[LOG + BATCH + v] * s[ia + v] * s[kb + v] + same * s[m + v]
-                tangent[entry * BATCH + v] = s[w + v] * value
-            entry += 1
+    """Write the six blocks of A."""
+    for block in range(6):
+        i, k = FIRST[block], SECOND[block]
+        same = 1.0 if i == k else 0.0
+        for a in range(3):
+            for b in range(3):
+                first, second = min(a, b), max(a, b)
+                m = CURVED + (second if first == 0 else 2 + second if first == 1 else 5) * BATCH
+                ib, ka = PULLED + (3 * i + b) * BATCH, PULLED + (3 * k + a) * BATCH
+                ia, kb = PULLED + (3 * i + a) * BATCH, PULLED + (3 * k + b) * BATCH
+                out = tangent[(9 * block + 3 * a + b) * BATCH :]
+                for v in range(BATCH):
+                    value = (shear - s[LOG + v]) * s[ib + v] * s[ka + v]
+                    value += s[LOG + BATCH + v] * s[ia + v] * s[kb + v] + same * s[m + v]
+                    out[v] = s[w + v] * value

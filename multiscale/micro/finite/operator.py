@@ -10,6 +10,7 @@ import numba
 import numpy as np
 
 from multiscale.micro.finite.batch import (
+    CHANGE,
     COFACTOR,
     DET,
     EDGES,
@@ -24,18 +25,20 @@ from multiscale.micro.finite.batch import (
     edge_derivatives,
     edge_forces,
     kernel,
+    logarithm,
     point_rows,
     pull_back,
     strain_batch,
 )
 from multiscale.micro.finite.element_stiffness import (
     MOTIONS,
+    POINT_ROWS,
     add_coupling,
-    add_point,
+    add_points,
     multiply,
 )
 from multiscale.micro.finite.neo_hookean import neo_hookean
-from multiscale.micro.finite.plastic import plastic, plastic_state
+from multiscale.micro.finite.plastic import SINGLE_ROWS, plastic, plastic_state
 from multiscale.micro.hexahedron import BATCH, gather, scatter
 
 __all__ = [
@@ -64,11 +67,12 @@ def _volume(s, q, modulus, mean_dilatation):  # type: ignore[no-untyped-def]
     j = DET + q * BATCH
     if mean_dilatation:
         for v in range(BATCH):
-            s[LOG + v] = modulus * math.log(s[MEAN + v]) / s[MEAN + v] * s[j + v]
+            s[LOG + v] = modulus * s[CHANGE + v] / s[MEAN + v] * s[j + v]
             s[LOG + BATCH + v] = s[LOG + v]
     else:
+        logarithm(s, j, CHANGE)
         for v in range(BATCH):
-            s[LOG + v], s[LOG + BATCH + v] = modulus * math.log(s[j + v]), modulus
+            s[LOG + v], s[LOG + BATCH + v] = modulus * s[CHANGE + v], modulus
 
 
 @kernel
@@ -91,7 +95,7 @@ def _couple(s, modulus, dx, dy, c, matrix):  # type: ignore[no-untyped-def]
                     s[row + v] += weight * s[g + v]
     edge_forces(s, dx, dy)
     for v in range(BATCH):
-        curvature = max(modulus * (1.0 - math.log(s[MEAN + v])), 0.0) / s[VOLUME + v]
+        curvature = max(modulus * (1.0 - s[CHANGE + v]), 0.0) / s[VOLUME + v]
         s[LOG + v] = math.sqrt(curvature) / s[MEAN + v]
     for k in range(3):
         for corner in range(7):
@@ -134,8 +138,9 @@ def respond_cell(  # type: ignore[no-untyped-def]
             i = 2 * pair + colour
             sides = (i, (i + 1) % nx)
             s = np.zeros(SCRATCH)
-            points = np.empty(45 * BATCH, np.float32)
-            half = np.empty(MOTIONS * BATCH, np.float32)
+            points = np.empty(4 * POINT_ROWS * BATCH, np.float32)
+            single = np.empty(SINGLE_ROWS * BATCH, np.float32)
+            half = np.empty(4 * MOTIONS * BATCH, np.float32)
             smallest, flowing = 1e300, 0
             for batch in range(batches):
                 start = batch * BATCH
@@ -153,14 +158,18 @@ def respond_cell(  # type: ignore[no-untyped-def]
                     kept = state[i, layer, batch] if has else state[0, 0, 0]
                     for k in range(36 * BATCH):
                         s[FLUX + k] = 0.0
+                    if mean_dilatation:
+                        logarithm(s, MEAN, CHANGE)
                     for q in range(8):
+                        point = points[q % 4 * POINT_ROWS * BATCH :]
                         pull_back(s, q)
                         _volume(s, q, volume, mean_dilatation)
                         if law == NEO_HOOKEAN:
-                            neo_hookean(s, q, shear, kept[q], has, points)
+                            neo_hookean(s, q, shear, kept[q], has, point)
                         else:
-                            flowing += plastic(s, q, shear, moduli[2:], kept[q], points, lanes)
-                        add_point(points, gradients[q], half, rows)
+                            flowing += plastic(s, q, shear, moduli[2:], kept[q], single, point, lanes)
+                        if q % 4 == 3:
+                            add_points(points, gradients[q - 3 :], half, rows)
                     edge_forces(s, dx, dy)
                     scatter(s[NODES:], sides, layer, start, lanes, out)
                     if mean_dilatation:

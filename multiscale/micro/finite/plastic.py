@@ -1,14 +1,20 @@
 r"""J2 plasticity in logarithmic strain for a batch: return map, spectral tangent, new state.
 
 The equations are those of :class:`multiscale.laws.bulk.J2`. In the principal frame :math:`V` of the
-trial :math:`b = F C_p^{-1} F^t`, with :math:`G = F^{-1} V` and :math:`m_{ab} = V_a \otimes T G_b`,
+trial :math:`b = F C_p^{-1} F^t`, with :math:`G = F^{-1} V`, the stress and its derivative are
 
 .. math::
-    P T^t = \sum_a \tau_a m_{aa}, \qquad A = \sum m_{ab}\, k_{ab,cd}\, m_{cd}, \tag{1}
+    P T^t = V \tau (TG)^t, \qquad A_{kl} = TG\, W_{kl}\, (TG)^t,    \tag{1}
 
-where only :math:`k_{aa,cc} = \partial\tau_a/\partial\varepsilon_c - \tau_a \delta_{ac}`,
-:math:`k_{ab,ab} = t \lambda_b` and :math:`k_{ab,ba} = t \lambda_a - \tau_a` with
-:math:`t = (\tau_a - \tau_b)/(\lambda_a - \lambda_b)` are not zero.
+for each pair of components :math:`k, l`, where
+
+.. math::
+    (W_{kl})_{ab} = V_{ka} V_{lb} (\partial\tau_a/\partial\varepsilon_b)
+        + V_{kb} V_{la} (t \lambda_a - \tau_a), \qquad
+    (W_{kl})_{aa} = V_{ka} V_{la} (\partial\tau_a/\partial\varepsilon_a - \tau_a)
+        + \sum_{b \ne a} V_{kb} V_{lb}\, t \lambda_a,    \tag{2}
+
+with :math:`t = (\tau_a - \tau_b)/(\lambda_a - \lambda_b)`.
 """
 
 import math
@@ -22,28 +28,34 @@ from multiscale.micro.finite.batch import (
     METRIC,
     WEIGHT,
     kernel,
+    logarithm,
     point_rows,
 )
+from multiscale.micro.finite.element_stiffness import FIRST, SECOND
 from multiscale.micro.hexahedron import BATCH
 
-__all__ = ["plastic", "plastic_state"]
+__all__ = ["SINGLE_ROWS", "plastic", "plastic_state"]
 
 FC = METRIC  # 9: F C_p^-1, later F^-1 V
 TRIAL = FC + 9 * BATCH  # 6: b in rows 11, 22, 33, 12, 23, 13; the first three become eigenvalues
 FRAME = TRIAL + 6 * BATCH  # 9: V
 STRESS = FRAME + 9 * BATCH  # 3: Kirchhoff
-FLOW = STRESS + 3 * BATCH  # 3: elastic logarithmic strains after the return
+FLOW = STRESS + 3 * BATCH  # 3: elastic logarithmic strains, before and after the return
 ALPHA = FLOW + 3 * BATCH  # accumulated plastic strain
-DIRECT = ALPHA + BATCH  # 9: k_aa,cc
-MIXED = DIRECT + 9 * BATCH  # 9: for 12, 23, 13: k_ab,ab, k_ba,ba, k_ab,ba
+SIZE = ALPHA + BATCH  # of the deviatoric strain
+GAMMA = SIZE + BATCH  # flow of the step
+LIMIT = GAMMA + BATCH  # yield stress, and its slope
+SLOPE = LIMIT + BATCH
+FLOWS = SLOPE + BATCH  # 1 where it flows, 0 elsewhere
+DIRECT = FLOWS + BATCH  # 6: derivatives of the stresses 11, 22, 33, 12, 23, 31
+MIXED = DIRECT + 6 * BATCH  # 9: for 12, 23, 31: t lambda_a, t lambda_b, t lambda_a - tau_a
 PUSHED = MIXED + 9 * BATCH  # 9: T G
-CHANGE = PUSHED + 9 * BATCH  # 81: k m
-TURNED = CHANGE + 81 * BATCH  # 27
+SINGLE_ROWS = 33  # of V, TG, DIRECT and MIXED in single precision
 
 SWEEPS = 8
-LEAST = 1e-31  # sum of squares off the diagonal that counts as zero
+LEAST = 1e-30  # sum of squares off the diagonal over a batch that counts as zero
 CLOSE = 1e-6  # relative distance of eigenvalues that counts as equal
-YIELDED = 1e-9
+YIELDED = 1e-9  # what is so close to yield takes the tangent of flow
 HALF = math.sqrt(2.0 / 3.0)
 
 
@@ -77,12 +89,12 @@ def _trial(s, q, state):  # type: ignore[no-untyped-def]
 def _spectrum(s):  # type: ignore[no-untyped-def]
     """Eigenvalues and vectors by Jacobi's rotations, all lanes at once."""
     for _ in range(SWEEPS):
-        largest = 0.0
+        rest = 0.0
         for v in range(BATCH):
             xy, yz = s[TRIAL + 3 * BATCH + v], s[TRIAL + 4 * BATCH + v]
             xz = s[TRIAL + 5 * BATCH + v]
-            largest = max(largest, xy * xy + yz * yz + xz * xz)
-        if largest < LEAST:
+            rest += xy * xy + yz * yz + xz * xz
+        if rest < LEAST:
             break
         for p in range(3):
             r = (p + 1) % 3
@@ -110,69 +122,90 @@ def _spectrum(s):  # type: ignore[no-untyped-def]
 
 
 @kernel
+def _yield_stress(s, first, hardening, rise, rate):  # type: ignore[no-untyped-def]
+    """Yield stress, and its slope by the plastic strain."""
+    for v in range(BATCH):
+        s[LIMIT + v], s[SLOPE + v] = first + hardening * s[ALPHA + v], hardening
+    if rate > 0.0:
+        for v in range(BATCH):
+            decay = math.exp(-rate * s[ALPHA + v])
+            s[LIMIT + v] += rise * (1.0 - decay)
+            s[SLOPE + v] += rise * rate * decay
+
+
+@kernel
+def _flow(s, state, shear, first, hardening, rise, rate, lanes):  # type: ignore[no-untyped-def]
+    """Find the flow of the step by Newton's iteration; return the number of flowing lanes."""
+    for v in range(BATCH):
+        s[ALPHA + v], s[GAMMA + v] = state[6, v], 0.0
+    _yield_stress(s, first, hardening, rise, rate)
+    flowing = 0.0
+    for v in range(BATCH):
+        beyond = 2.0 * shear * s[SIZE + v] > (1.0 - YIELDED) * HALF * s[LIMIT + v]
+        s[FLOWS + v] = 1.0 if beyond else 0.0
+        flowing += s[FLOWS + v] if v < lanes else 0.0
+    if flowing == 0.0:
+        return 0
+    for _ in range(60):
+        moved = 0.0
+        for v in range(BATCH):
+            step = 2.0 * shear * (s[SIZE + v] - s[GAMMA + v]) - HALF * s[LIMIT + v]
+            step *= s[FLOWS + v] / (2.0 * shear + 2.0 / 3.0 * s[SLOPE + v])
+            s[GAMMA + v] = max(s[GAMMA + v] + step, 0.0)
+            s[ALPHA + v] = state[6, v] + HALF * s[GAMMA + v]
+            moved += 1.0 if abs(step) > 1e-15 * s[SIZE + v] and s[GAMMA + v] > 0.0 else 0.0
+        _yield_stress(s, first, hardening, rise, rate)
+        if moved == 0.0:
+            break
+    return int(flowing)
+
+
+@kernel
 def _return_map(s, state, shear, first, hardening, rise, rate, lanes):  # type: ignore[no-untyped-def]
     """Principal stresses, elastic strains and stiffness; return the number of flowing lanes."""
-    flowing = 0
+    for row in range(3):
+        logarithm(s, TRIAL + row * BATCH, FLOW + row * BATCH)
     for v in range(BATCH):
-        x = 0.5 * math.log(s[TRIAL + v])
-        y = 0.5 * math.log(s[TRIAL + BATCH + v])
-        z = 0.5 * math.log(s[TRIAL + 2 * BATCH + v])
+        x, y, z = s[FLOW + v], s[FLOW + BATCH + v], s[FLOW + 2 * BATCH + v]
         mean = (x + y + z) / 3.0
-        a, b, c = x - mean, y - mean, z - mean
-        size = math.sqrt(a * a + b * b + c * c)
-        alpha, gamma, share = state[6, v], 0.0, 0.0
-        decay = math.exp(-rate * alpha) if rate > 0.0 else 1.0
-        limit = first + hardening * alpha + rise * (1.0 - decay)
-        if 2.0 * shear * size > (1.0 - YIELDED) * HALF * limit:
-            flowing += v < lanes
-            slope = hardening + rise * rate * decay
-            for _ in range(60):
-                step = 2.0 * shear * (size - gamma) - HALF * limit
-                step /= 2.0 * shear + 2.0 / 3.0 * slope
-                gamma += step
-                alpha = state[6, v] + HALF * gamma
-                decay = math.exp(-rate * alpha) if rate > 0.0 else 1.0
-                limit = first + hardening * alpha + rise * (1.0 - decay)
-                slope = hardening + rise * rate * decay
-                if abs(step) <= 1e-15 * size:
-                    break
-            if gamma < 0.0:
-                gamma, alpha = 0.0, state[6, v]
-            share = 2.0 * shear / (2.0 * shear + 2.0 / 3.0 * slope)
-        ratio = gamma / size if size > 0.0 else 0.0
+        a, b, c = 0.5 * (x - mean), 0.5 * (y - mean), 0.5 * (z - mean)
+        s[FLOW + v], s[FLOW + BATCH + v], s[FLOW + 2 * BATCH + v] = 0.5 * x, 0.5 * y, 0.5 * z
+        s[DIRECT + v], s[DIRECT + BATCH + v], s[DIRECT + 2 * BATCH + v] = a, b, c
+        s[SIZE + v] = math.sqrt(a * a + b * b + c * c)
+    flowing = _flow(s, state, shear, first, hardening, rise, rate, lanes)
+    for v in range(BATCH):
+        a, b, c = s[DIRECT + v], s[DIRECT + BATCH + v], s[DIRECT + 2 * BATCH + v]
+        size = s[SIZE + v] + 1e-300
+        ratio = s[GAMMA + v] / size
+        share = s[FLOWS + v] * 2.0 * shear / (2.0 * shear + 2.0 / 3.0 * s[SLOPE + v])
         keep = 2.0 * shear * (1.0 - ratio)
-        lose = 2.0 * shear * (share - ratio) / (size * size) if size > 0.0 else 0.0
-        volume, stiff = s[LOG + v], s[LOG + BATCH + v]
-        s[ALPHA + v] = alpha
+        lose = 2.0 * shear * (share - ratio)
+        volume = s[LOG + v]
         s[STRESS + v] = keep * a + volume
         s[STRESS + BATCH + v] = keep * b + volume
         s[STRESS + 2 * BATCH + v] = keep * c + volume
-        s[FLOW + v], s[FLOW + BATCH + v] = x - ratio * a, y - ratio * b
-        s[FLOW + 2 * BATCH + v] = z - ratio * c
-        common = stiff - keep / 3.0
+        s[FLOW + v] -= ratio * a
+        s[FLOW + BATCH + v] -= ratio * b
+        s[FLOW + 2 * BATCH + v] -= ratio * c
+        a, b, c = a / size, b / size, c / size
+        common = s[LOG + BATCH + v] - keep / 3.0
         s[DIRECT + v] = common + keep - lose * a * a - s[STRESS + v]
-        s[DIRECT + BATCH + v] = common - lose * a * b
-        s[DIRECT + 2 * BATCH + v] = common - lose * a * c
-        s[DIRECT + 4 * BATCH + v] = common + keep - lose * b * b - s[STRESS + BATCH + v]
-        s[DIRECT + 5 * BATCH + v] = common - lose * b * c
-        s[DIRECT + 8 * BATCH + v] = common + keep - lose * c * c - s[STRESS + 2 * BATCH + v]
-    for v in range(BATCH):
-        s[DIRECT + 3 * BATCH + v] = s[DIRECT + BATCH + v]
-        s[DIRECT + 6 * BATCH + v] = s[DIRECT + 2 * BATCH + v]
-        s[DIRECT + 7 * BATCH + v] = s[DIRECT + 5 * BATCH + v]
+        s[DIRECT + BATCH + v] = common + keep - lose * b * b - s[STRESS + BATCH + v]
+        s[DIRECT + 2 * BATCH + v] = common + keep - lose * c * c - s[STRESS + 2 * BATCH + v]
+        s[DIRECT + 3 * BATCH + v] = common - lose * a * b
+        s[DIRECT + 4 * BATCH + v] = common - lose * b * c
+        s[DIRECT + 5 * BATCH + v] = common - lose * c * a
+        s[SIZE + v] = keep  # of a difference of strains
     for p in range(3):
         a, b = p * BATCH, (p + 1) % 3 * BATCH
         for v in range(BATCH):
-            first_value, second_value = s[TRIAL + a + v], s[TRIAL + b + v]
-            gap, total = first_value - second_value, first_value + second_value
-            equal = abs(gap) <= CLOSE * total
-            # with equal strains the stress difference is keep times the strain difference
-            keep = s[DIRECT + 4 * a + v] + s[STRESS + a + v] - s[DIRECT + 3 * a + b + v]
-            t = (s[STRESS + a + v] - s[STRESS + b + v]) / (1.0 if equal else gap)
-            t = keep / total if equal else t
-            s[MIXED + 3 * a + v] = t * second_value
-            s[MIXED + 3 * a + BATCH + v] = t * first_value
-            s[MIXED + 3 * a + 2 * BATCH + v] = t * first_value - s[STRESS + a + v]
+            x, y = s[TRIAL + a + v], s[TRIAL + b + v]
+            equal = abs(x - y) <= CLOSE * (x + y)
+            t = (s[STRESS + a + v] - s[STRESS + b + v]) / (1.0 if equal else x - y)
+            t = s[SIZE + v] / (x + y) if equal else t
+            s[MIXED + 3 * a + v] = t * x
+            s[MIXED + 3 * a + BATCH + v] = t * y
+            s[MIXED + 3 * a + 2 * BATCH + v] = t * x - s[STRESS + a + v]
     return flowing
 
 
@@ -191,7 +224,7 @@ def _inverse_frame(s):  # type: ignore[no-untyped-def]
 
 
 @kernel
-def plastic(s, q, shear, hardening, state, tangent, lanes):  # type: ignore[no-untyped-def]
+def plastic(s, q, shear, hardening, state, single, tangent, lanes):  # type: ignore[no-untyped-def]
     """Add the flux of one Gauss point and write its tangent (1); return the flowing lanes."""
     _trial(s, q, state)
     _spectrum(s)
@@ -218,63 +251,58 @@ def plastic(s, q, shear, hardening, state, tangent, lanes):  # type: ignore[no-u
                 value += s[x + BATCH + v] * s[STRESS + BATCH + v] * s[p + BATCH + v]
                 value += s[x + 2 * BATCH + v] * s[STRESS + 2 * BATCH + v] * s[p + 2 * BATCH + v]
                 s[row + v] += s[w + v] * value
-    _change(s)
-    _tangent(s, w, tangent)
+    _round(s, w, single)
+    for block in range(6):
+        k, m = 3 * FIRST[block] * BATCH, 3 * SECOND[block] * BATCH
+        _tangent(single, single[k:], single[m:], tangent[9 * block * BATCH :])
     return flowing
 
 
 @kernel
-def _change(s):  # type: ignore[no-untyped-def]
-    """Multiply the nine vectors m of (1) by k."""
-    for a in range(3):
-        out = CHANGE + 36 * a * BATCH  # k_aa,cc m_cc
-        for k in range(3):
-            for b in range(3):
-                x, p = FRAME + 3 * k * BATCH, PUSHED + 3 * b * BATCH
-                d, z = DIRECT + 3 * a * BATCH, out + (3 * k + b) * BATCH
-                for v in range(BATCH):
-                    value = s[d + v] * s[x + v] * s[p + v]
-                    value += s[d + BATCH + v] * s[x + BATCH + v] * s[p + BATCH + v]
-                    value += s[d + 2 * BATCH + v] * s[x + 2 * BATCH + v] * s[p + 2 * BATCH + v]
-                    s[z + v] = value
-    for a in range(3):
-        c = (a + 1) % 3
-        mixed = MIXED + 3 * a * BATCH
-        first, second = CHANGE + 9 * (3 * a + c) * BATCH, CHANGE + 9 * (3 * c + a) * BATCH
-        for k in range(3):
-            xa, xc = FRAME + (3 * k + a) * BATCH, FRAME + (3 * k + c) * BATCH
-            for b in range(3):
-                pa, pc = PUSHED + (3 * b + a) * BATCH, PUSHED + (3 * b + c) * BATCH
-                z = (3 * k + b) * BATCH
-                for v in range(BATCH):
-                    m_ac, m_ca = s[xa + v] * s[pc + v], s[xc + v] * s[pa + v]
-                    both = s[mixed + 2 * BATCH + v]
-                    s[first + z + v] = s[mixed + v] * m_ac + both * m_ca
-                    s[second + z + v] = s[mixed + BATCH + v] * m_ca + both * m_ac
+def _round(s, w, single):  # type: ignore[no-untyped-def]
+    """Copy V, TG, and with the weight DIRECT and MIXED, in single precision."""
+    for row in range(9):
+        for v in range(BATCH):
+            single[row * BATCH + v] = s[FRAME + row * BATCH + v]
+            single[(9 + row) * BATCH + v] = s[PUSHED + row * BATCH + v]
+    for row in range(15):
+        for v in range(BATCH):
+            single[(18 + row) * BATCH + v] = s[w + v] * s[DIRECT + row * BATCH + v]
 
 
 @kernel
-def _tangent(s, w, tangent):  # type: ignore[no-untyped-def]
-    """Upper triangle of A = sum m_ab (k m)_ab, row by row."""
-    entry = 0
-    for i in range(3):
-        x = FRAME + 3 * i * BATCH
-        for b in range(3):  # contract with V_i
-            for c in range(3 * i, 9):
-                z, out = CHANGE + (9 * b + c) * BATCH, TURNED + (9 * b + c) * BATCH
-                for v in range(BATCH):
-                    value = s[x + v] * s[z + v] + s[x + BATCH + v] * s[z + 27 * BATCH + v]
-                    s[out + v] = s[w + v] * (value + s[x + 2 * BATCH + v] * s[z + 54 * BATCH + v])
-        for a in range(3):
-            p = PUSHED + 3 * a * BATCH
-            for c in range(3 * i + a, 9):
-                z = TURNED + c * BATCH
-                for v in range(BATCH):
-                    value = s[p + v] * s[z + v] + s[p + BATCH + v] * s[z + 9 * BATCH + v]
-                    tangent[entry * BATCH + v] = (
-                        value + s[p + 2 * BATCH + v] * s[z + 18 * BATCH + v]
-                    )
-                entry += 1
+def _tangent(w, first, second, out):  # type: ignore[no-untyped-def]
+    """Write the nine rows of A for two components, whose rows of V are given."""
+    for v in range(BATCH):
+        a, b, c = first[v], first[BATCH + v], first[2 * BATCH + v]
+        d, e, f = second[v], second[BATCH + v], second[2 * BATCH + v]
+        ad, be, cf = a * d, b * e, c * f
+        # W of (2)
+        xx = ad * w[18 * BATCH + v] + be * w[24 * BATCH + v] + cf * w[31 * BATCH + v]
+        yy = be * w[19 * BATCH + v] + ad * w[25 * BATCH + v] + cf * w[27 * BATCH + v]
+        zz = cf * w[20 * BATCH + v] + be * w[28 * BATCH + v] + ad * w[30 * BATCH + v]
+        xy = a * e * w[21 * BATCH + v] + b * d * w[26 * BATCH + v]
+        yx = b * d * w[21 * BATCH + v] + a * e * w[26 * BATCH + v]
+        yz = b * f * w[22 * BATCH + v] + c * e * w[29 * BATCH + v]
+        zy = c * e * w[22 * BATCH + v] + b * f * w[29 * BATCH + v]
+        zx = c * d * w[23 * BATCH + v] + a * f * w[32 * BATCH + v]
+        xz = a * f * w[23 * BATCH + v] + c * d * w[32 * BATCH + v]
+        # A = TG W TG^t
+        p, q, r = w[9 * BATCH + v], w[10 * BATCH + v], w[11 * BATCH + v]
+        g, h, i = w[12 * BATCH + v], w[13 * BATCH + v], w[14 * BATCH + v]
+        j, k, m = w[15 * BATCH + v], w[16 * BATCH + v], w[17 * BATCH + v]
+        x, y, z = p * xx + q * yx + r * zx, p * xy + q * yy + r * zy, p * xz + q * yz + r * zz
+        out[v] = x * p + y * q + z * r
+        out[BATCH + v] = x * g + y * h + z * i
+        out[2 * BATCH + v] = x * j + y * k + z * m
+        x, y, z = g * xx + h * yx + i * zx, g * xy + h * yy + i * zy, g * xz + h * yz + i * zz
+        out[3 * BATCH + v] = x * p + y * q + z * r
+        out[4 * BATCH + v] = x * g + y * h + z * i
+        out[5 * BATCH + v] = x * j + y * k + z * m
+        x, y, z = j * xx + k * yx + m * zx, j * xy + k * yy + m * zy, j * xz + k * yz + m * zz
+        out[6 * BATCH + v] = x * p + y * q + z * r
+        out[7 * BATCH + v] = x * g + y * h + z * i
+        out[8 * BATCH + v] = x * j + y * k + z * m
 
 
 @kernel
@@ -282,7 +310,7 @@ def plastic_state(s, q, shear, hardening, state, new):  # type: ignore[no-untype
     """State at the end of the step: C_p^-1 - I = F^-1 b_e F^-t - I and the plastic strain."""
     _trial(s, q, state)
     _spectrum(s)
-    _return_map(s, state, shear, hardening[0], hardening[1], hardening[2], hardening[3], 0)
+    _return_map(s, state, shear, hardening[0], hardening[1], hardening[2], hardening[3], BATCH)
     _inverse_frame(s)
     for v in range(BATCH):
         if s[ALPHA + v] == state[6, v]:  # what did not flow keeps its state to the last bit

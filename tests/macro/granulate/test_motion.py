@@ -146,6 +146,31 @@ def test_compliant_grains_that_hit_each_other_overlap_by_less_than_a_hundredth(s
     assert np.diff(energy, prepend=kinetic).max() < 1e-3 * kinetic
 
 
+@pytest.mark.parametrize("compliance", [0.0, 0.02])
+@pytest.mark.parametrize("restitution", [0.5, 0.9])
+def test_grains_that_bounce_overlap_by_less_than_a_hundredth(restitution, compliance):
+    _, result = settled(ContactLaw(restitution=restitution, compliance=compliance), seconds=0.3)
+    assert float(result["penetration"].max()) < 0.01
+    energy = (result["kinetic_energy"] + result["elastic_energy"] - result["work"]).values
+    assert np.diff(energy, prepend=0.0).max() < 2e-4 * float(np.abs(result["work"]).max())
+
+
+@pytest.mark.parametrize("height", [1.0, 1.002, 1.004, 1.006])
+def test_a_late_impact_ends_its_step_touching_and_bounces_in_the_next(height):
+    grain = Grains([[0.0, 0.0, 0.01 + height]], 0.01)
+    h, restitution = 2e-3, 0.5
+    result = simulate(
+        Model(grain, FLOOR, ContactLaw(restitution=restitution)), 0.5, h, n_frames=251
+    )
+    gap, speed = result["position"].values[:, 0, 2] - 0.01, result["velocity"].values[:, 0, 2]
+    assert gap.min() > -1e-12
+    fastest = -speed.min()
+    rebound = float(speed.max())
+    assert rebound == pytest.approx(restitution * fastest, rel=1e-6)
+    bounced = int(np.argmax(speed))  # within half a step of the impact
+    assert abs(h * (bounced - 0.5) - np.sqrt(2.0 * height / 9.81)) < 1.01 * h
+
+
 def test_a_step_that_misses_its_tolerance_is_told():
     _, result = settled(solver=Solver(max_iterations=5, most_assembled=0), seconds=0.1)
     missed = int((result["converged"] == 0).sum())
@@ -219,6 +244,29 @@ def test_space_repeats_along_a_period():
             "disc 1 leaves the plane y = 0 m",
         ),
         (lambda: granulate.Cylinder((0, 0, 0), (0, 0, 1)), "radius of a cylinder must be positive"),
+        (lambda: ContactLaw(compliance=np.inf), "compliance must be finite and not negative"),
+        (lambda: ContactLaw(relaxation=0.5), "relaxation must be at least one step, got 0.5"),
+        (lambda: granulate.Solver(tolerance=1.0), "tolerance must lie between 0 and 1, got 1"),
+        (lambda: granulate.Solver(domains=0), "domains must be at least 1, got 0"),
+        (lambda: granulate.Solver(conjugate=-1), "conjugate must not be negative, got -1"),
+        (lambda: Model(Grains([[0, 0, 1.0]], 0.01), damping_rate=-1.0), r"damping_rate .* got -1"),
+        (lambda: Model(Grains([[0, 0, 1.0]], 0.01), pressure=1e3), "periodic in space and has no"),
+        (
+            lambda: Model(Grains([[0, 0, 1.0]], 0.01), period=(1.0, 1.0, 1.0), pressure=np.nan),
+            "pressure must be finite",
+        ),
+        (lambda: Grains([[0, 0]], 0.1), r"position must have shape \(grains, 3\), got \(1, 2\)"),
+        (lambda: Grains([[0, 0, 1]], 0.1, velocity=[[0, 0]]), r"velocity must have shape \(1, 3\)"),
+        (lambda: Grains([[0, 0, np.nan]], 0.1), "position of grain 0 must be finite"),
+        (lambda: Grains([[0, 0, 1]], 0.1, thickness=-1.0), "thickness of discs must be positive"),
+        (lambda: Plane((0, 0, np.inf), (0, 0, 1)), "point of a wall must be three finite numbers"),
+        (lambda: Plane((0, 0, 0), (0, 0, 1), friction=-0.1), "friction of a wall must not be neg"),
+        (lambda: Plane((0, 0, 0), (0, 0, 1), mass=-1.0), "mass of a wall must be positive"),
+        (lambda: Plane((0, 0, 0), (0, 0, 1), force=np.nan), "force on a wall must be finite"),
+        (lambda: Plane((0, 0, 0), (0, 0, 1), force=1.0), "infinite mass does not follow a force"),
+        (lambda: granulate.draw_radii(0, 0.1, 0.2), "there must be at least one grain, got 0"),
+        (lambda: granulate.draw_radii(5, 0.2, 0.1), "rise from the smallest to the largest"),
+        (lambda: granulate.compact([0.1] * 8, 0.0, ContactLaw()), "pressure must be positive"),
         (lambda: Plane((0, 0, 0), (0, 0, 0)), "direction of a wall must not be zero"),
     ],
 )

@@ -1,0 +1,45 @@
+"""Figure of a sweep."""
+
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from multiscale.plotting.figure import axes_or_current
+
+if TYPE_CHECKING:
+    import xarray as xr
+    from matplotlib.axes import Axes
+
+__all__ = ["plot_sweep"]
+
+MOST_NAMED = 10  # points in the legend
+
+
+def plot_sweep(result: "xr.Dataset", *, ax: "Axes | None" = None) -> "Axes":
+    """Plot the stiffness of the joint over the preload, a line with its band for each point.
+
+    Parameters
+    ----------
+    result : Dataset
+        Follows ``SWEEP``.
+    ax : Axes, optional
+        Where to draw. The current axes if not given.
+    """
+    import matplotlib
+
+    ax = axes_or_current(ax)
+    count = result.sizes["point"]
+    colours = matplotlib.colormaps["viridis"](np.linspace(0.0, 0.9, count))
+    for k, colour in enumerate(colours):
+        point = result.isel(point=k)
+        preload = 1e-6 * point["preload"].values
+        label = ", ".join(map(str, point["setting"].values)) if count <= MOST_NAMED else None
+        ax.plot(preload, 1e-12 * point["joint_stiffness"], "o-", color=colour, label=label)
+        low, high = (1e-12 * point[f"joint_stiffness_{end}"].values for end in ("low", "high"))
+        ax.fill_between(preload, low, high, color=colour, alpha=0.2, linewidth=0)
+    ax.set_xlabel("preload (MPa)")
+    ax.set_ylabel("joint stiffness (MPa/µm)")
+    ax.set_title(", ".join(map(str, result["parameter"].values)), fontsize="small")
+    if count <= MOST_NAMED:
+        ax.legend(fontsize="small")
+    return ax

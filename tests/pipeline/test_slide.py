@@ -1,0 +1,166 @@
+"""Cases whose bodies slide: both rough and deformable, friction against pressure and distance."""
+
+import numpy as np
+import pytest
+from typer.testing import CliRunner
+
+from multiscale.cli import app
+from multiscale.errors import CaseError
+from multiscale.io import open_dataset
+from multiscale.laws.bulk import J2, NeoHookean
+from multiscale.micro import Path, solve_cell
+from multiscale.micro.slide import slide_cell
+from multiscale.pipeline import load_case, make_cells, requirements, run
+from multiscale.pipeline.case import shipped_cases
+from multiscale.pipeline.slide import make_pair
+from multiscale.plotting import draw_figures
+from multiscale.report import describe_sliding, write_report
+from multiscale.schema import SLIDING_RESPONSE
+
+SLIDE = """
+[slide]
+distance = "100 um"
+friction_coefficient = 0.1
+pressures = ["20 MPa", "80 MPa"]
+steps = 2
+"""
+ELASTIC = (
+    shipped_cases()["ground_steel_plastic"]
+    .read_text(encoding="utf-8")
+    .replace('hardness = "1.6 GPa"\n', "")
+    .replace('hardening_modulus = "1 GPa"\n', "")
+    .replace("unload = true\n", "")
+    .replace("[64, 64]", "[12, 12]")
+    .replace("layers = 8", "layers = 4")
+    .replace('short_cutoff = "50 um"', 'short_cutoff = "133 um"')
+    .replace("realisations = 6", "realisations = 3")
+)
+
+
+def case_of(tmp_path, text):
+    path = tmp_path / "case.toml"
+    path.write_text(text, encoding="utf-8")
+    return load_case(path)
+
+
+@pytest.fixture(scope="module")
+def finished(tmp_path_factory):
+    folder = tmp_path_factory.mktemp("slide")
+    case = case_of(folder, ELASTIC + SLIDE)
+    run(case, folder / "out")
+    return (
+        case,
+        folder / "out",
+        open_dataset(folder / "out" / "sliding_response.nc", SLIDING_RESPONSE),
+    )
+
+
+def test_the_two_bodies_have_the_gaps_of_their_composite_surface(tmp_path):
+    case = case_of(tmp_path, ELASTIC + SLIDE)
+    pair, one = make_pair(case, case.slide), make_cells(case)[0]
+    np.testing.assert_allclose(
+        pair.surface.heights - pair.obstacle.heights, one.surface.heights, rtol=0.0, atol=1e-18
+    )
+    assert pair.opposite is not None
+    assert isinstance(pair.bulk, NeoHookean)
+    # at small slopes two bodies press as the one that stands for both
+    path = Path(pressure=(20e6, 80e6))
+    gaps = [solve_cell(cell, path)["mean_gap"].values[0] for cell in (pair, one)]
+    np.testing.assert_allclose(*gaps, rtol=0.02)
+
+
+def test_only_the_body_with_a_hardness_flows(tmp_path):
+    text = ELASTIC.replace("[body_2]", '[body_2]\nhardness = "2.8 GPa"') + SLIDE
+    case = case_of(tmp_path, text)
+    pair = make_pair(case, case.slide)
+    assert isinstance(pair.bulk, NeoHookean)
+    assert isinstance(pair.opposite.bulk, J2)
+    assert pair.opposite.bulk.yield_stress == pytest.approx(1e9)
+
+
+def test_a_run_leaves_friction_against_pressure_and_distance(finished):
+    case, _, response = finished
+    assert response["converged"].values.all()
+    np.testing.assert_allclose(response["nominal_pressure"], [20e6, 80e6])
+    np.testing.assert_allclose(response["sliding_distance"], [0.0, 50e-6, 100e-6])
+    expected = slide_cell(
+        make_pair(case, case.slide), (20e6, 80e6), 100e-6, steps=2, tolerance=1e-6
+    )
+    np.testing.assert_array_equal(response["effective_friction"], expected["effective_friction"])
+    # elastic bodies resist with the friction of their points, but for the slopes they climb
+    friction = response["effective_friction"].values[:, 1:]
+    assert np.all(np.abs(friction - 0.1) < 0.05)
+    assert np.all(response["slip_fraction"].values[:, 1:] == 1.0)
+
+
+def test_a_second_run_keeps_the_sliding_and_another_distance_is_slid_anew(finished):
+    case, out, _ = finished
+    file = out / "sliding_response.nc"
+    before, cells = file.stat().st_mtime_ns, (out / "micro" / "realisation-0000.nc").stat()
+    run(case, out)
+    assert file.stat().st_mtime_ns == before
+    shorter = case.slide.model_copy(update={"distance": 20e-6, "pressures": (20e6,), "steps": 1})
+    run(case.model_copy(update={"slide": shorter}), out)
+    found = open_dataset(file, SLIDING_RESPONSE)
+    assert float(found["sliding_distance"][-1]) == pytest.approx(20e-6)
+    assert (out / "micro" / "realisation-0000.nc").stat().st_mtime_ns == cells.st_mtime_ns
+    run(case, out)
+
+
+def test_figure_and_report_show_the_sliding(finished):
+    _, out, response = finished
+    assert "sliding" in {file.stem for file in draw_figures(out)}
+    page = write_report(out).read_text(encoding="utf-8")
+    lines = describe_sliding(response)
+    assert lines[0].startswith("Under 20 MPa the friction of the cell over 100 µm is at most 0.")
+    assert all(line in page for line in lines)
+
+
+def test_what_sliding_needs_is_told_and_quick_takes_less(tmp_path):
+    case = case_of(tmp_path, ELASTIC + SLIDE)
+    assert "both bodies" in requirements(case).operators["slide"]
+    assert requirements(case).memory > requirements(case_of(tmp_path, ELASTIC)).memory
+    quick = case_of(tmp_path, ELASTIC.replace("133 um", "150 um") + SLIDE).quick()
+    assert quick.slide.pressures == (80e6,)
+    assert quick.slide.distance == pytest.approx(100e-6)
+    again = case_of(tmp_path, quick.to_toml())
+    assert again == quick
+
+
+@pytest.mark.parametrize(
+    ("text", "message"),
+    [
+        pytest.param(
+            ELASTIC.replace("[cell]", '[cell]\ngeometry = "flat"') + SLIDE,
+            "flat cells do not slide; set geometry",
+            id="flat",
+        ),
+        pytest.param(
+            ELASTIC + SLIDE.replace('"100 um"', '"10 mm"'),
+            r"distance in \[slide\] is 25 lengths of the cell, .* slide at most 20",
+            id="far",
+        ),
+        pytest.param(
+            ELASTIC + SLIDE.replace('"100 um"', '"-1 um"'), r"\[slide\] distance should", id="back"
+        ),
+        pytest.param(
+            ELASTIC + SLIDE.replace('"20 MPa", ', '"90 MPa", '),
+            r"\[slide\] pressures must rise",
+            id="falls",
+        ),
+        pytest.param(
+            ELASTIC + SLIDE.replace("= 0.1", "= -0.1"), r"\[slide\] friction_coefficient", id="mu"
+        ),
+        pytest.param(ELASTIC + SLIDE.replace("steps", "step"), "did you mean 'steps'", id="key"),
+    ],
+)
+def test_bad_sliding_is_refused_with_its_key(tmp_path, text, message):
+    with pytest.raises(CaseError, match=message):
+        case_of(tmp_path, text)
+
+
+def test_the_command_line_prints_the_friction(finished):
+    _, out, _ = finished
+    result = CliRunner().invoke(app, ["run", str(out / "case.toml"), "-o", str(out), "--jobs", "1"])
+    assert result.exit_code == 0, result.output
+    assert "Under 80 MPa the friction of the cell" in result.output

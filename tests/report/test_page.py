@@ -1,0 +1,83 @@
+"""The page of a run: figures zoom without a script, and nothing comes from elsewhere."""
+
+import re
+import subprocess
+from shutil import copytree, which
+
+import numpy as np
+import pytest
+from matplotlib.image import imread
+
+from multiscale.pipeline import Sweep, load_case, run_sweep
+from multiscale.plotting import draw_figures
+from multiscale.report import write_report
+
+
+@pytest.fixture(scope="module")
+def page(run_folder):
+    return write_report(run_folder).read_text(encoding="utf-8")
+
+
+def photograph(text, folder, size):
+    """Show a page in a browser and return the picture."""
+    (folder / "page.html").write_text(text, encoding="utf-8")
+    command = [
+        "chromium",
+        "--headless",
+        "--no-sandbox",
+        "--disable-gpu",
+        "--disable-background-networking",
+        f"--user-data-dir={folder / 'profile'}",
+        f"--window-size={size[0]},{size[1]}",
+        f"--screenshot={folder / 'page.png'}",
+        (folder / "page.html").resolve().as_uri(),
+    ]
+    subprocess.run(command, capture_output=True, timeout=120, check=True)
+    return imread(folder / "page.png")
+
+
+def test_the_page_has_no_script_and_fetches_nothing(page):
+    assert "<script" not in page
+    assert re.findall(r"(?:src|href)=\"(?!data:)", page) == []
+
+
+def test_the_page_tells_what_was_found_how_and_what_to_beware_of(page):
+    found = re.findall(r"<h2>(.*?)</h2>", page)
+    assert found == [
+        "Joint",
+        "Interface law",
+        "Error budget",
+        "Surface",
+        "Inputs",
+        "Work and provenance",
+    ]
+    assert page.count("Caution:") == 2
+    assert "multiscale 0" in page.split("Work and provenance")[1]
+
+
+@pytest.mark.skipif(which("chromium") is None, reason="needs the browser chromium")
+@pytest.mark.parametrize("size", [(1200, 900), (360, 740)], ids=["desk", "phone"])
+def test_a_figure_that_is_clicked_covers_the_page(page, tmp_path, size):
+    start = page.rindex('<input type="checkbox"', 0, page.index('alt="surface"'))
+    zoomed = page[:start] + page[start:].replace("<input", "<input checked", 1)
+    picture = photograph(zoomed, tmp_path, size)[..., :3]
+    assert not np.array_equal(picture, photograph(page, tmp_path, size)[..., :3])
+    coloured = np.ptp(picture, axis=2) > 0.2  # blue and red heights: the text is grey
+    assert coloured.mean() > 0.2
+
+
+def test_the_page_of_a_sweep_has_a_row_for_each_point_and_says_which_failed(run_folder, tmp_path):
+    case = load_case(run_folder / "case.toml")
+    rough = case.model_copy(update={"cell": case.cell.model_copy(update={"points": (16, 16)})})
+    sweep = Sweep("Two <grids>", ("cell.points",), (case, rough), (("[64, 64]",), ("[16, 16]",)))
+    (tmp_path / "points").mkdir()
+    copytree(run_folder, sweep.folders(tmp_path)[0])
+    run_sweep(sweep, tmp_path)
+    draw_figures(tmp_path)
+    page = write_report(tmp_path).read_text(encoding="utf-8")
+    assert "<h1>Two &lt;grids&gt;</h1>" in page
+    assert "over 1 of 2 points with a result" in page
+    assert re.findall(r"Caution:.*16 x 16 points cannot carry", page)
+    assert page.count("<td>[64, 64]</td>") == 2  # its result, and its folder
+    assert 'alt="sweep"' in page
+    assert "multiscale 0" in page.split("Work and provenance")[1]
