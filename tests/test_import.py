@@ -32,3 +32,8 @@ def test_importing_the_package_is_a_matter_of_milliseconds():
     # a count instead of a time: what takes long is what is imported
     extra = modules_after("import multiscale") - modules_after("pass")
     assert all(name.split(".")[0] in {"multiscale"} for name in extra)
+
+
+def test_cases_and_scenes_bring_no_mesher_and_no_plot_before_they_are_solved():
+    loaded = modules_after("import multiscale.pipeline, multiscale.cli")
+    assert loaded.isdisjoint({"skfem", "gmsh", "meshio", "matplotlib", "SurfaceTopography"})

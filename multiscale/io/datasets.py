@@ -12,6 +12,7 @@ from typing import TYPE_CHECKING
 from multiscale import __version__
 from multiscale.errors import SchemaError
 from multiscale.io.files import write_bytes
+from multiscale.io.global_heap import is_endless
 from multiscale.schema import (
     INTERFACE_LAW,
     MACRO_RESULT,
@@ -130,6 +131,8 @@ def _load(path: Path) -> "xr.Dataset | None":
     hook, dataset = sys.unraisablehook, None
     sys.unraisablehook = lambda _: None  # h5netcdf fails again where it drops what it cannot open
     try:
+        if is_endless(path):
+            return None
         dataset = xr.load_dataset(path, engine="h5netcdf")
     except Exception as error:
         logger.debug("%s: %s", path, error)

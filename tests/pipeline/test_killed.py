@@ -1,6 +1,7 @@
 """What is killed at any moment loses at most the cells in flight, and ends with the same data."""
 
 import json
+import logging
 import os
 import signal
 import subprocess
@@ -164,7 +165,7 @@ def check_after_kill(out, what, status, said):
     ("text", "count"), [pytest.param(SWEEP, 9, id="sweep"), pytest.param(SINGLE, 8, id="run")]
 )
 def test_what_is_killed_at_20_random_moments_ends_with_the_same_datasets(
-    warm, tmp_path, text, count, record_property
+    warm, tmp_path, text, count
 ):
     rng = np.random.default_rng(seed=5)
     command = ("run", "case.toml", "-o", "out", "--jobs", "2")
@@ -201,8 +202,7 @@ def test_what_is_killed_at_20_random_moments_ends_with_the_same_datasets(
         assert {file: after[file] for file in kept} == kept
         lost.append(count - len(kept))
         assert_identical(out, expected)
-    record_property("kills", kills)
-    record_property("cells left to compute", lost)
+    logging.getLogger(__name__).info("%s; cells left to compute: %s", kills, lost)
 
 
 @pytest.fixture(scope="module")
@@ -265,6 +265,23 @@ def wait_for_the_end_of(processes):
             return
         sleep(0.1)
     raise AssertionError("a worker has outlived its parent")
+
+
+def test_workers_of_the_stability_table_leave_with_a_killed_command(tmp_path):
+    begun = subprocess.Popen(
+        [*COMMAND, "stability", "--jobs", "2", "-o", "stability.nc"],
+        cwd=tmp_path,
+        env=ONE_THREAD,
+        stderr=subprocess.PIPE,
+        text=True,
+    )
+    begun.stderr.readline()  # of the first case
+    workers = workers_of(begun.pid)
+    begun.kill()
+    begun.communicate()
+    assert len(workers) == 2
+    wait_for_the_end_of(workers)
+    assert list(tmp_path.iterdir()) == []
 
 
 @pytest.fixture

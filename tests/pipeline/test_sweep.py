@@ -1,5 +1,7 @@
 """Sweeps: every combination of listed values, run on any workers."""
 
+from importlib import import_module
+
 import numpy as np
 import pytest
 import xarray as xr
@@ -7,6 +9,7 @@ import xarray as xr
 from multiscale.errors import CaseError, MultiscaleError
 from multiscale.pipeline import load_case, load_sweep, run, run_sweep
 from multiscale.pipeline.case import shipped_cases
+from multiscale.pipeline.joint import solve_joint
 
 SMALL = (
     shipped_cases()["ground_steel"]
@@ -98,6 +101,27 @@ def test_a_sweep_that_grows_keeps_its_points(write, tmp_path):
     assert kept.stat().st_mtime_ns == before
     assert list(grown["cell.layers"].values) == [6.0, 8.0]
     assert grown["converged"].values.all()
+
+
+def test_a_point_that_failed_fails_again_and_a_damaged_one_is_run_again(
+    write, tmp_path, monkeypatch
+):
+    def solve(case, law):
+        result = solve_joint(case, law)
+        if case.cell.layers == 8:
+            result["converged"][:] = 0
+        return result
+
+    monkeypatch.setattr(import_module("multiscale.pipeline.run"), "solve_joint", solve)
+    flat = SMALL.replace("layers = 14", 'layers = 14\ngeometry = "flat"')
+    sweep = load_sweep(write(flat + "[sweep]\ncell.layers = [8, 14]\n"))
+    first = run_sweep(sweep, tmp_path / "out")
+    assert "the joint did not converge at any of 6 preloads" in first["failure"].values[0]
+    assert first["failure"].values[1] == ""
+    damaged = sweep.folders(tmp_path / "out")[1] / "macro_result.nc"
+    damaged.write_bytes(damaged.read_bytes()[:1000])
+    second = run_sweep(sweep, tmp_path / "out")
+    xr.testing.assert_identical(first, second)
 
 
 def test_a_sweep_without_any_result_is_an_error(write, tmp_path):
