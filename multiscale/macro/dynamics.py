@@ -14,6 +14,7 @@ from scipy.sparse import csr_array, diags_array
 
 from multiscale.convergence import Status
 from multiscale.errors import CaseError
+from multiscale.macro.discrete.checks import masses_of
 from multiscale.macro.discrete.cholesky import Solve
 from multiscale.macro.discrete.compatibility import Equations, compatibility, equations
 from multiscale.macro.discrete.needs import link_needs
@@ -362,21 +363,10 @@ def _prepare(
     load_factor: Callable[[float], float],
     support_motion: Callable[[float], np.ndarray] | None,
 ) -> _Scheme:
-    """Check the masses and set up the operators."""
+    """Set up the operators."""
     model = equations(system)
     free = model.number >= 0
-    given = np.asarray(mass, dtype=float)
-    if given.ndim == 1:
-        given = given[:, None]
-    try:
-        masses = np.broadcast_to(given, free.shape)
-    except ValueError:
-        raise CaseError(
-            f"mass must be one number or one per node ({system.n_nodes},), got {np.shape(mass)}"
-        ) from None
-    if not np.all(masses[free] > 0.0) or not np.all(np.isfinite(masses[free])):
-        node = int(np.argwhere(free & ~((masses > 0.0) & np.isfinite(masses)))[0, 0])
-        raise CaseError(f"mass of node {node} must be positive (kg), got {masses[node].min():g}")
+    masses = masses_of(system, mass, free)
     extensible = np.isfinite(model.stiffness)
     rigid_bar = ~extensible & np.isinf(model.lower) & np.isinf(model.upper)
     if rigid_bar.any():

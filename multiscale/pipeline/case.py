@@ -6,7 +6,8 @@ from pathlib import Path
 from typing import Any
 
 from multiscale.errors import CaseError
-from multiscale.pipeline.settings import Case, InstrumentSurface, SyntheticSurface
+from multiscale.pipeline.rough_bodies import InstrumentSurface, SyntheticSurface
+from multiscale.pipeline.settings import Case
 from multiscale.pipeline.toml_model import Settings, read_toml, validate
 
 __all__ = ["find_case", "load_case", "read_case", "shipped_cases", "validate_case"]

@@ -16,7 +16,8 @@ from multiscale.micro.topography import (
     self_affine,
     window,
 )
-from multiscale.pipeline.settings import POINTS_PER_WAVE, Case, InstrumentSurface
+from multiscale.pipeline.rough_bodies import InstrumentSurface
+from multiscale.pipeline.settings import POINTS_PER_WAVE, Case
 
 __all__ = ["body_surfaces", "cell_of", "composite_material", "longest_wave", "make_cells"]
 

@@ -11,7 +11,8 @@ from multiscale.io import open_dataset
 from multiscale.micro import contact_modulus
 from multiscale.micro.topography import rms_height, rms_slope
 from multiscale.pipeline.cells import composite_material, make_cells
-from multiscale.pipeline.settings import Case, SyntheticSurface
+from multiscale.pipeline.rough_bodies import SyntheticSurface
+from multiscale.pipeline.settings import Case
 from multiscale.schema import MICRO_RESPONSE, STORED_CELLS
 
 if TYPE_CHECKING:

@@ -16,7 +16,8 @@ from multiscale.pipeline.forecast import GRIDS, SIZES, CostModel, Estimate, Sett
 from multiscale.pipeline.joint import joint_scales, solve_joint
 from multiscale.pipeline.micro import run_micro
 from multiscale.pipeline.pilots import Pilots, stored_pilots, surface_at_large
-from multiscale.pipeline.settings import Case, InstrumentSurface
+from multiscale.pipeline.rough_bodies import InstrumentSurface
+from multiscale.pipeline.settings import Case
 from multiscale.upscaling import (
     at_rms_height,
     error_budget,

@@ -8,7 +8,8 @@ from multiscale.io.surfaces import Surface
 from multiscale.micro.needs import cell_needs
 from multiscale.needs import Needs
 from multiscale.pipeline.cells import cell_of
-from multiscale.pipeline.settings import Case, InstrumentSurface
+from multiscale.pipeline.rough_bodies import InstrumentSurface
+from multiscale.pipeline.settings import Case
 from multiscale.pipeline.slide import pair_of
 
 __all__ = ["requirements"]

@@ -11,9 +11,10 @@ from multiscale.io import open_dataset, write_dataset
 from multiscale.io.surfaces import Surface
 from multiscale.laws.bulk import J2, BulkLaw, NeoHookean
 from multiscale.micro import Cell, Opposite, slide_cell
+from multiscale.pipeline.case_tables import SlideSettings
 from multiscale.pipeline.cells import body_surfaces
 from multiscale.pipeline.rough_bodies import Body
-from multiscale.pipeline.settings import TABOR, Case, SlideSettings
+from multiscale.pipeline.settings import TABOR, Case
 from multiscale.schema import SLIDING_RESPONSE
 
 if TYPE_CHECKING:

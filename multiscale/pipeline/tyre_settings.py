@@ -7,12 +7,9 @@ from typing import Annotated, Self
 from pydantic import Field, field_validator, model_validator
 
 from multiscale.micro.sliding import RelaxingSolid, wlf_shift
-from multiscale.pipeline.settings import (
-    FEWEST_REALISATIONS,
-    POINTS_PER_WAVE,
-    Points,
-    SyntheticSurface,
-)
+from multiscale.pipeline.case_tables import Points
+from multiscale.pipeline.rough_bodies import SyntheticSurface
+from multiscale.pipeline.settings import FEWEST_REALISATIONS, POINTS_PER_WAVE
 from multiscale.pipeline.toml_model import (
     Count,
     Length,

@@ -18,6 +18,7 @@ __all__ = [
     "check_nodes",
     "check_supports",
     "free_rigid_motions",
+    "masses_of",
     "out_of_balance",
 ]
 
@@ -198,3 +199,20 @@ def _nodes(numbers: np.ndarray) -> str:
     named = ", ".join(str(number) for number in numbers[:5])
     more = f" and {numbers.size - 5} more" if numbers.size > 5 else ""
     return f"nodes {named}{more} have"
+
+
+def masses_of(system: "LinkSystem", mass: np.ndarray | float, free: np.ndarray) -> np.ndarray:
+    """Give every component of the nodes its mass, kg; those that are free need one."""
+    given = np.asarray(mass, dtype=float)
+    if given.ndim == 1:
+        given = given[:, None]
+    try:
+        masses = np.broadcast_to(given, free.shape)
+    except ValueError:
+        raise CaseError(
+            f"mass must be one number or one per node ({system.n_nodes},), got {np.shape(mass)}"
+        ) from None
+    if not np.all(masses[free] > 0.0) or not np.all(np.isfinite(masses[free])):
+        node = int(np.argwhere(free & ~((masses > 0.0) & np.isfinite(masses)))[0, 0])
+        raise CaseError(f"mass of node {node} must be positive (kg), got {masses[node].min():g}")
+    return masses
