@@ -55,7 +55,6 @@ SINGLE_ROWS = 33  # of V, TG, DIRECT and MIXED in single precision
 SWEEPS = 8
 LEAST = 1e-30  # sum of squares off the diagonal over a batch that counts as zero
 CLOSE = 1e-6  # relative distance of eigenvalues that counts as equal
-YIELDED = 1e-9  # what is so close to yield takes the tangent of flow
 HALF = math.sqrt(2.0 / 3.0)
 
 
@@ -140,7 +139,7 @@ def _flow(s, state, shear, first, hardening, rise, rate, lanes):  # type: ignore
     _yield_stress(s, first, hardening, rise, rate)
     flowing = 0.0
     for v in range(BATCH):
-        beyond = 2.0 * shear * s[SIZE + v] > (1.0 - YIELDED) * HALF * s[LIMIT + v]
+        beyond = 2.0 * shear * s[SIZE + v] > HALF * s[LIMIT + v]
         s[FLOWS + v] = 1.0 if beyond else 0.0
         flowing += s[FLOWS + v] if v < lanes else 0.0
     if flowing == 0.0:
@@ -150,9 +149,9 @@ def _flow(s, state, shear, first, hardening, rise, rate, lanes):  # type: ignore
         for v in range(BATCH):
             step = 2.0 * shear * (s[SIZE + v] - s[GAMMA + v]) - HALF * s[LIMIT + v]
             step *= s[FLOWS + v] / (2.0 * shear + 2.0 / 3.0 * s[SLOPE + v])
-            s[GAMMA + v] = max(s[GAMMA + v] + step, 0.0)
+            s[GAMMA + v] += step
             s[ALPHA + v] = state[6, v] + HALF * s[GAMMA + v]
-            moved += 1.0 if abs(step) > 1e-15 * s[SIZE + v] and s[GAMMA + v] > 0.0 else 0.0
+            moved += 1.0 if abs(step) > 1e-15 * s[SIZE + v] else 0.0
         _yield_stress(s, first, hardening, rise, rate)
         if moved == 0.0:
             break
