@@ -173,6 +173,7 @@ def large_strain(material: str, slope: float, friction: float) -> float:
     from multiscale.laws.bulk import J2, NeoHookean
     from multiscale.micro import Cell
     from multiscale.micro.finite.cell import make_scene
+    from multiscale.micro.finite.follow import largest_approach
     from multiscale.micro.finite.history import rest_state, walk_step
     from multiscale.micro.finite.scene import Target
 
@@ -185,7 +186,14 @@ def large_strain(material: str, slope: float, friction: float) -> float:
     scene, away = make_scene(cell), 0.02 * np.ptp(surface.heights)
     state = rest_state(scene)
     for slide in np.array([[0.0, 0.0], [away, 0.0], [-away, 0.0]]):
-        walk = walk_step(scene, state, Target(load, None, slide, 0.0), increments=1, tolerance=1e-8)
+        walk = walk_step(
+            scene,
+            state,
+            Target(load, None, slide, 0.0),
+            increments=1,
+            tolerance=1e-8,
+            largest_approach=largest_approach(cell),
+        )
         state = walk.state
         if walk.reached < 1.0:
             raise ConvergenceError(f"the path ends: {state.status.value}")

@@ -17,7 +17,7 @@ from multiscale.micro.finite.scene import CellState, Scene, Target
 from multiscale.micro.graph_cell import surface_slopes
 from multiscale.micro.path import Path
 
-__all__ = ["current_weight", "follow_path"]
+__all__ = ["current_weight", "follow_path", "largest_approach"]
 
 logger = logging.getLogger(__name__)
 
@@ -67,7 +67,7 @@ def follow_path(
             target,
             increments=_fewest_increments(cell, path, state, target),
             tolerance=tolerance,
-            largest_approach=_largest_approach(cell),
+            largest_approach=largest_approach(cell),
         )
         logger.info(
             "step %d: %s, %d increments, %d Newton, %d linear iterations",
@@ -127,9 +127,9 @@ def _fewest_increments(cell: Cell, path: Path, state: CellState, target: Target)
     if _passes(cell):
         length = float(np.hypot(*(target.slide - state.slide)))
         count = max(count, _slid_increments(cell, length))
-    if target.approach is not None and np.isfinite(_largest_approach(cell)):
+    if target.approach is not None and np.isfinite(largest_approach(cell)):
         moved = abs(target.approach - state.approach)
-        count = max(count, int(np.ceil(moved / _largest_approach(cell) - 1e-9)))
+        count = max(count, int(np.ceil(moved / largest_approach(cell) - 1e-9)))
     return count
 
 
@@ -139,11 +139,11 @@ def _slid_increments(cell: Cell, length: float) -> int:
     Where a body flows, sliding up the slopes closes no more than a largest approach either.
     """
     closed = length * _rms_slope(cell)
-    passed = max(length / _spacing(cell), closed / _largest_approach(cell))
+    passed = max(length / _spacing(cell), closed / largest_approach(cell))
     return int(np.ceil(passed - 1e-9))
 
 
-def _largest_approach(cell: Cell) -> float:
+def largest_approach(cell: Cell) -> float:
     """Give what the approach may change by in one increment, m."""
     if not _flows(cell):
         return np.inf

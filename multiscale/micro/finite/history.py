@@ -19,7 +19,7 @@ SHRINK, GROW = 0.4, 1.7
 EASY = 7  # Newton iterations
 TOO_FAR = 1.2  # times the largest change of the approach: done again in shorter increments
 SMALLEST = 1e-4  # of a step of the path
-MOST = 200  # increments of a step beyond the fewest: what creeps on in short ones is given up
+MOST = 400  # increments of a step beyond the fewest: what creeps on in short ones is given up
 
 
 @dataclass(frozen=True, eq=False)
