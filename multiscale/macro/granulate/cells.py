@@ -8,9 +8,10 @@ import numpy as np
 from multiscale.errors import CaseError
 from multiscale.macro.granulate.bodies import Grains, Plane
 from multiscale.macro.granulate.model import ContactLaw, Model, Solver
-from multiscale.macro.granulate.motion import advance, start
+from multiscale.macro.granulate.motion import advance
 from multiscale.macro.granulate.packing import place_loosely
 from multiscale.macro.granulate.simulate import Record, final_grains, simulate
+from multiscale.macro.granulate.state import start
 from multiscale.schema import MICRO_RESPONSE
 
 if TYPE_CHECKING:

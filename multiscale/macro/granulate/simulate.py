@@ -7,7 +7,8 @@ import numpy as np
 
 from multiscale.errors import CaseError
 from multiscale.macro.granulate.model import Model, Solver
-from multiscale.macro.granulate.motion import State, Step, advance, start
+from multiscale.macro.granulate.motion import Step, advance
+from multiscale.macro.granulate.state import State, start
 from multiscale.schema import GRANULATE
 
 if TYPE_CHECKING:

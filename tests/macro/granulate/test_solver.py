@@ -6,7 +6,8 @@ import pytest
 from scipy.sparse import csr_array
 
 from multiscale.macro.granulate import ContactLaw, Grains, Model, Plane, Solver, box, simulate
-from multiscale.macro.granulate.motion import advance, start
+from multiscale.macro.granulate.motion import advance
+from multiscale.macro.granulate.state import start
 from multiscale.nonsmooth import solve_friction
 
 FLOOR = Plane((0.0, 0.0, 0.0), (0.0, 0.0, 1.0))
