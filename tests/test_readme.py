@@ -5,7 +5,7 @@ import runpy
 import shlex
 import tomllib
 from pathlib import Path
-from shutil import copytree
+from shutil import copytree, rmtree
 
 import numpy as np
 import pytest
@@ -111,6 +111,8 @@ def test_a_command_runs_quickly(command, folder, monkeypatch):
     quick = "" if "--quick" in command or " fit " in command else " --quick"
     for option in ("fit", "--law"):  # what the commands before it have made
         command = command.replace(f"{option} parts/", f"{option} results/")
+    if " run " in command:
+        rmtree("results")
     arguments = shlex.split(command + quick)
     app(arguments[1:], standalone_mode=False)
     if "-o" in arguments:

@@ -11,7 +11,7 @@ from statistics import median
 from time import perf_counter
 from typing import Generic, TypeVar
 
-__all__ = ["THREADS", "Measured", "measure"]
+__all__ = ["THREADS", "Measured", "measure", "peak_memory"]
 
 THREADS = 2
 """Threads that a measured code may use, if nothing else is said."""
@@ -90,10 +90,10 @@ def _run(
         begin = perf_counter()
         value = task()
         elapsed = perf_counter() - begin
-    return value, elapsed, _peak_memory()
+    return value, elapsed, peak_memory()
 
 
-def _peak_memory() -> float:
+def peak_memory() -> float:
     """Largest resident memory of this process so far, byte."""
     from multiscale.io import read_text
 

@@ -133,13 +133,14 @@ def test_a_scene_imports_the_libraries_it_names_and_no_other(name, tmp_path):
 @pytest.mark.parametrize("name", LARGE)
 def test_the_memory_said_is_the_memory_taken_within_a_factor_of_two(name, tmp_path):
     code = """
-        import json, resource, sys
+        import json, sys
+        from multiscale.bench.measure import peak_memory
         from multiscale.pipeline import load_scene, run_scene
         small, large, out = sys.argv[1:]
         peaks = []
         for scene in (small, large):  # the first brings libraries and compiled kernels
             run_scene(load_scene(scene), out)
-            peaks.append(1024 * resource.getrusage(resource.RUSAGE_SELF).ru_maxrss)
+            peaks.append(peak_memory())
         print(json.dumps(peaks))
         """
     small = write(SMALL[name], tmp_path / "small.toml")

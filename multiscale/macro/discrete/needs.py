@@ -1,5 +1,7 @@
 """What a structure of bars and cables needs, from what it is and what is asked of it."""
 
+from importlib.util import find_spec
+
 import numpy as np
 
 from multiscale.macro.discrete.system import LinkSystem
@@ -10,6 +12,9 @@ __all__ = ["link_needs"]
 LINK, UNKNOWN = (600, 200), (600, 100)
 """Peak memory, byte, of a link and of an unknown: for operators and factors, and for what every
 step leaves. Measured on grids and nets of 12,000 to 58,000 links."""
+
+SUPERLU_FACTORS = 2500
+"""More of it, byte of an unknown, where SuperLU factorises because pypardiso is not installed."""
 
 
 def link_needs(
@@ -78,6 +83,7 @@ def link_needs(
         ),
     }
     operators, left_out = choose(choices)
+    factors = 0 if find_spec("pypardiso") else SUPERLU_FACTORS
     return Needs(
         unknowns_per_contact=1,
         kinematics="moved positions, exact" if exact else "small perturbations",
@@ -86,7 +92,8 @@ def link_needs(
         state_variables=("displacement", "velocity", "tension") if moving else (),
         fields=("tension", "slack", "displacement"),
         libraries=("numba",),
-        memory=sum(
+        memory=factors * unknowns
+        + sum(
             count * (once + steps * each)
             for count, (once, each) in ((system.n_links, LINK), (unknowns, UNKNOWN))
         ),
