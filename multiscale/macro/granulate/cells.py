@@ -93,9 +93,8 @@ def compact(
     result = record.dataset()
     edges = state.period[np.isfinite(state.period)]
     volume = float(np.prod(edges)) * (grains.thickness or 1.0)
-    contacts = state.contacts
-    along = np.sum(contacts.impulse * contacts.data[:, :3], axis=1) / step
-    both = grains.radius[contacts.ends].sum(axis=1)
+    along = state.contacts.normal_impulse / step
+    both = grains.radius[state.contacts.ends].sum(axis=1)
     found = float(along @ both) / (volume * edges.size)
     return result.assign_attrs(
         solid_fraction=float(grains.volume.sum()) / volume, stress_error=found / pressure - 1.0

@@ -50,23 +50,26 @@ def account(
     """
     h, acted = times
     mobility, (old, slow, velocity) = model.mobility, velocities
-    mass = np.zeros((len(velocity), 8))
-    moves, turns = mobility[:, 0] > 0.0, mobility[:, 2] > 0.0
+    mass, moves = np.zeros_like(velocity), mobility[:, 0] > 0.0
     mass[moves, :3] = 1.0 / mobility[moves, :1]
-    mass[turns, 4:7] = 1.0 / mobility[turns, 2:]
+    if "rotation" in model.needs:
+        turns = mobility[:, 2] > 0.0
+        mass[turns, 4:7] = 1.0 / mobility[turns, 2:]
     inertia = cell[0] if np.isfinite(cell[0]) else 0.0
 
     def kinetic(v: np.ndarray, rate: float) -> float:
         return 0.5 * float(np.sum(mass * v * v)) + 0.5 * inertia * rate**2
 
-    n, impulse, (i, j) = contacts.data[:, :3], contacts.impulse, contacts.ends.T
-    v, w = velocity[:, :3], velocity[:, 4:7]
-    along = np.sum(impulse * n, axis=1)
-    u = v[i] - v[j] - np.cross(w[i] + w[j], n)
+    n, impulse, (i, j) = contacts.data[:, :3], contacts.vectors, contacts.ends.T
+    v, along = velocity[:, :3], contacts.normal_impulse
+    u = v[i] - v[j]
+    if contacts.coulomb is not None:
+        w = velocity[:, 4:7]
+        u = u - np.cross(w[i] + w[j], n)
     power = float(np.sum(impulse * u)) + rates[2] * float(along @ length)
 
     # walls move as they are told: altogether, or across the normal along which they are loaded
-    told = np.where((mobility[:, 1] == 0.0)[:, None], v, 0.0)
+    told = np.where((np.arange(len(v)) >= model.grains.n)[:, None], v, 0.0)
     for k, wall in enumerate(model.walls, model.grains.n):
         if moves[k]:
             told[k] -= (told[k] @ wall.unit) * wall.unit
@@ -77,7 +80,7 @@ def account(
     data, bias = contacts.data, contacts.data[:, 3]
     speed = np.sum(u * n, axis=1) + rates[2] * length
     gap = h * (np.where(bias > 0.0, bias, bias * model.law.relaxation) + speed)
-    overlap = np.where(data[:, 6] > 0.0, np.maximum(-gap, 0.0), 0.0)
+    overlap = np.where(data[:, 5] > 0.0, np.maximum(-gap, 0.0), 0.0)
     springs = 2.0 * along / acted * overlap
     closing = -acted * np.sum((model.push[i, :3] - model.push[j, :3]) * n, axis=1)
     rise = rebound**2 - np.sum(u * n, axis=1) ** 2 + 2.0 * rebound * np.maximum(closing, 0.0)

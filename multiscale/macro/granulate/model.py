@@ -8,6 +8,8 @@ import numpy as np
 from multiscale.errors import CaseError
 from multiscale.macro.granulate.bodies import Cylinder, Grains, Plane, Wall
 from multiscale.macro.granulate.contacts import CYLINDER, PLANE
+from multiscale.macro.granulate.needs import grain_needs
+from multiscale.needs import Needs
 
 __all__ = ["ContactLaw", "Model", "Solver"]
 
@@ -149,12 +151,33 @@ class Model:
             raise CaseError(f"pressure must be finite (Pa), got {self.pressure:g}")
 
     @cached_property
+    def needs(self) -> Needs:
+        """What following the grains takes: the arrays of the motion are allocated from it."""
+        return grain_needs(
+            self.grains.n,
+            2,
+            self.law,
+            Solver(),
+            wall_friction=max((wall.friction or 0.0 for wall in self.walls), default=0.0),
+            spinning=bool(np.any(self.grains.spin)),
+        )
+
+    @cached_property
+    def friction(self) -> np.ndarray | None:
+        """Coefficients of the grains and of each wall, shape (1 + walls,), if there is friction."""
+        if "friction" not in self.needs:
+            return None
+        own = self.law.friction
+        return np.array([own, *(own if w.friction is None else w.friction for w in self.walls)])
+
+    @cached_property
     def mobility(self) -> np.ndarray:
         """Rows of :mod:`multiscale.macro.granulate.sweeps`, 1/kg."""
-        grains = self.grains
-        mobility = np.zeros((grains.n + len(self.walls), 3))
-        mobility[: grains.n, 0] = mobility[: grains.n, 1] = 1.0 / grains.mass
-        mobility[: grains.n, 2] = grains.radius**2 / grains.inertia
+        grains, turns = self.grains, "rotation" in self.needs
+        mobility = np.zeros((grains.n + len(self.walls), 3 if turns else 1))
+        mobility[: grains.n, :2] = 1.0 / grains.mass[:, None]
+        if turns:
+            mobility[: grains.n, 2] = grains.radius**2 / grains.inertia
         for w, wall in enumerate(self.walls):
             if isinstance(wall, Plane):
                 mobility[grains.n + w, 0] = 1.0 / wall.mass
@@ -170,8 +193,8 @@ class Model:
 
     @cached_property
     def push(self) -> np.ndarray:
-        """Acceleration of the bodies without contacts, shape (bodies, 8), m/s2."""
-        push = np.zeros((self.mobility.shape[0], 8))
+        """Acceleration of the bodies without contacts, in the shape of their velocities, m/s2."""
+        push = np.zeros((self.mobility.shape[0], 8 if "rotation" in self.needs else 4))
         push[: self.grains.n, :3] = self.gravity
         for w, wall in enumerate(self.walls, self.grains.n):
             if isinstance(wall, Plane):

@@ -197,20 +197,16 @@ def _meet(
     """Solve (1), again with the pairs that overlap after all."""
     h, acted, changing = times
     law = model.law
-    friction = [
-        law.friction,
-        *(law.friction if w.friction is None else w.friction for w in model.walls),
-    ]
     shares = (0.5 * state.last / acted, 0.5 * h / acted) if changing else (0.0, 0.0)
     rest = 2.0 * acted * float(np.linalg.norm(model.gravity))
-    constants = (law.restitution, law.relaxation * h, rest, *shares, friction)
+    constants = (law.restitution, law.relaxation * h, rest, *shares)
     place = (state.position, model.grains.radius, state.period, model.walls_at(state.point))
     inertia, _ = cell_of(model, state.period)
     wanted, hits = np.zeros(len(state.pairs), bool), np.zeros(len(state.pairs))
     compliance = np.full(len(state.pairs), law.compliance)
     kept, sweeps = state.kept, 0
     while True:
-        ends, data, impulse, anchor, index, cell, approach = build_contacts(
+        arrays, index, cell, approach = build_contacts(
             state.pairs,
             kept,
             state.held,
@@ -223,22 +219,20 @@ def _meet(
             free.velocity,
             model.mobility,
             constants,
+            model.friction,
             h,
             NEAR,
             (free.rate, 1.0 / inertia),
         )
-        velocity = free.velocity.copy()
-        done, residual = solve_step(
-            model, solver, state.position, velocity, ends, data, impulse, anchor, cell
-        )
+        contacts, velocity = Contacts(*arrays), free.velocity.copy()
+        done, residual = solve_step(model, solver, state.position, velocity, contacts, cell)
         sweeps += done
         kept = np.zeros_like(state.kept)
-        kept[index] = impulse
+        kept[index] = contacts.impulse
         after = (velocity, h, float(cell[0]), ALLOWED)
-        if not missed(state.pairs, index, data, hits, wanted, compliance, *place, *after):
+        if not missed(state.pairs, index, contacts.data, hits, wanted, compliance, *place, *after):
             break
     approach[~kept.any(axis=1)] = 0.0  # it passed by
-    contacts = Contacts(ends, data, impulse, anchor)
     return _Met(contacts, index, velocity, approach, cell, sweeps, residual)
 
 
@@ -248,7 +242,7 @@ def _move(model: Model, state: State, times: tuple[float, float], met: _Met) -> 
     kept, held = np.zeros_like(state.kept), np.zeros_like(state.kept)
     kept[met.numbers] = met.contacts.impulse
     if model.law.compliance > 0.0:
-        share = met.contacts.data[:, 6:7] / model.law.compliance
+        share = met.contacts.data[:, 5:6] / model.law.compliance
         held[met.numbers] = share * met.contacts.impulse
     stretch = np.where(np.isfinite(state.period), 1.0 + h * rate, 1.0)
     return replace(

@@ -56,14 +56,17 @@ def start(model: Model) -> State:
         If grains overlap, lie behind a wall, or nothing holds them against gravity.
     """
     grains, walls = model.grains, model.walls
-    velocity = np.zeros((grains.n + len(walls), 8))
+    velocity = np.zeros_like(model.push)
     velocity[: grains.n, :3] = grains.velocity
-    velocity[: grains.n, 4:7] = grains.radius[:, None] * grains.spin
+    if "rotation" in model.needs:
+        velocity[: grains.n, 4:7] = grains.radius[:, None] * grains.spin
     for w, wall in enumerate(walls, grains.n):
         velocity[w, :3] = wall.velocity
     point = np.array([wall.point for wall in walls], dtype=float).reshape(-1, 3)
     none = np.empty((0, 2), np.int32)
-    empty = Contacts(none, np.empty((0, 8)), np.empty((0, 3)), np.empty((0, 3)))
+    impulse = np.empty((0, model.needs.unknowns_per_contact))
+    coulomb = np.empty((0, 2)) if "friction" in model.needs else None
+    empty = Contacts(none, np.empty((0, 6)), coulomb, impulse, impulse)
     period = np.array(model.period, dtype=float)
     state = State(
         0.0,
@@ -72,8 +75,8 @@ def start(model: Model) -> State:
         point,
         period,
         none,
-        np.empty((0, 3)),
-        np.empty((0, 3)),
+        impulse,
+        impulse,
         np.empty(0),
         grains.position,
         0.0,
@@ -141,7 +144,8 @@ def look_around(model: Model, state: State, reach: float) -> State:
         height[pairs[:, 0]], np.append(height, np.full(len(model.walls), -np.inf))[pairs[:, 1]]
     )
     pairs = pairs[np.argsort(lower, kind="stable")]
-    kept, held = np.zeros((len(pairs), 3)), np.zeros((len(pairs), 3))
+    kept = np.zeros((len(pairs), state.kept.shape[1]))
+    held = np.zeros_like(kept)
     approach = np.zeros(len(pairs))
     if len(state.pairs) and len(pairs):
         before = state.pairs[:, 0].astype(np.int64) * n + state.pairs[:, 1]
