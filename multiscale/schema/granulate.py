@@ -50,5 +50,11 @@ GRANULATE = Schema(
         "wall_direction": Variable(("wall", "component"), "1", "normal or axis of a wall"),
         "wall_radius": Variable(("wall",), "m", "radius of a cylinder, zero for a plane"),
         "period": Variable(("step", "component"), "m", "edges of the periodic cell"),
+        "stress": Variable(
+            ("step", "component"), "Pa", "mean normal stresses of the cell, tension positive"
+        ),
+        "strain": Variable(
+            ("step", "component"), "1", "logarithmic strain of the cell since the start"
+        ),
     },
 )

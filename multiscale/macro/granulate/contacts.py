@@ -175,8 +175,8 @@ def build_contacts(  # type: ignore[no-untyped-def]
     step before and after an impact; ``friction`` the coefficients of the grains and of each wall,
     or ``None`` without friction; ``compliance`` (pairs,) is that of each pair. A pair takes part if
     it is wanted, had an impulse, or comes nearer than ``near`` times its smaller radius in a step
-    without impulses. ``cell`` holds the rate of strain of the cell and one over its inertia, which
-    the last but one of the arrays returned has for the sweeps.
+    without impulses. ``cell`` (2, 3) holds the rates of strain of the cell and one over the
+    root of its inertia, which the last but one of the arrays returned has for the sweeps.
 
     An impact in the first half of a step bounces in it. One in the second half, or by a push
     within the step that brings the velocity in ``hits`` (pairs,), ends the step touching, and
@@ -189,8 +189,8 @@ def build_contacts(  # type: ignore[no-untyped-def]
     size, width = kept.shape
     ends, data = np.empty((size, 2), np.int32), np.empty((size, 6))
     coulomb = np.empty((0 if friction is None else size, 2))
-    stretch, waiting = np.empty(size + 2), np.zeros(size)
-    stretch[0], stretch[1] = cell
+    stretch, waiting = np.empty((size + 2, 3)), np.zeros(size)
+    stretch[:2] = cell
     impulse, anchor = np.empty((size, width)), np.empty((size, width))
     index = np.empty(size, np.int64)
     for k in range(size):
@@ -200,14 +200,15 @@ def build_contacts(  # type: ignore[no-untyped-def]
             smaller, length = min(radius[i], radius[j]), gap + radius[i] + radius[j]
         else:
             smaller, length = radius[i], 0.0
-        ahead = cell[0] * length  # normal velocity without impulses, and before the step
+        affine = length * (cell[0, 0] * nx * nx + cell[0, 1] * ny * ny + cell[0, 2] * nz * nz)
+        ahead = affine  # normal velocity without impulses, and before the step
         ahead += (velocity[i, 0] - velocity[j, 0]) * nx + (velocity[i, 1] - velocity[j, 1]) * ny
         ahead += (velocity[i, 2] - velocity[j, 2]) * nz
         if not (wanted[k] or _borne(k, kept) or gap + h * min(ahead, 0.0) < near * smaller):
             continue
         before = (old[i, 0] - old[j, 0]) * nx + (old[i, 1] - old[j, 1]) * ny
         before += (old[i, 2] - old[j, 2]) * nz
-        gained = ahead - cell[0] * length - before
+        gained = ahead - affine - before
         fastest = min(before + first * gained, approach[k], hits[k])
         impact = restitution > 0.0 and fastest < -rest
         waits = impact and approach[k] == 0.0 and gap + 0.5 * h * before > 0.0
@@ -215,8 +216,10 @@ def build_contacts(  # type: ignore[no-untyped-def]
         if impact and not waits:
             bias = restitution * fastest - last * gained
         waiting[k] = fastest if waits else 0.0
-        masses = mobility[i, 0] + mobility[j, 0] + cell[1] * length * length
-        stretch[m + 2] = length
+        bx, by, bz = length * nx, length * ny, length * nz
+        stretch[m + 2, 0], stretch[m + 2, 1], stretch[m + 2, 2] = bx, by, bz
+        give = (cell[1, 0] * bx) ** 2 + (cell[1, 1] * by) ** 2 + (cell[1, 2] * bz) ** 2
+        masses = mobility[i, 0] + mobility[j, 0] + give
         ends[m, 0], ends[m, 1], index[m] = i, j, k
         data[m, 0], data[m, 1], data[m, 2] = nx, ny, nz
         data[m, 3] = bias
@@ -224,7 +227,7 @@ def build_contacts(  # type: ignore[no-untyped-def]
         data[m, 5] = 0.0 if impact else compliance[k]  # a spring would take from the bounce
         if friction is not None:
             masses = mobility[i, 1] + mobility[j, 1] + mobility[i, 2] + mobility[j, 2]
-            coulomb[m, 0], coulomb[m, 1] = 1.0 / masses, friction[max(0, 1 + j - n)]
+            coulomb[m, 0], coulomb[m, 1] = 1.0 / (masses + give), friction[max(0, 1 + j - n)]
         for a in range(width):
             impulse[m, a] = kept[k, a]
             anchor[m, a] = held[k, a]
@@ -274,7 +277,8 @@ def missed(  # type: ignore[no-untyped-def]
         smaller = radius[i]
         if j < radius.size:
             smaller = min(smaller, radius[j])
-            u += rate * (gap + radius[i] + radius[j])
+            affine = rate[0] * nx * nx + rate[1] * ny * ny + rate[2] * nz * nz
+            u += affine * (gap + radius[i] + radius[j])
         if gap + h * u < -allowed[int(touches)] * smaller:
             wanted[k] = True
             if touches:

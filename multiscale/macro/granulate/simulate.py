@@ -127,8 +127,15 @@ class Record:
                 "wall_force": force,
                 "wall_position": state.point,
                 "period": state.period,
+                "strain": self._strain(state.period),
             }
         )
+
+    def _strain(self, period: np.ndarray) -> np.ndarray:
+        """Logarithmic strain of the cell along its axes, zero where space does not repeat."""
+        strain, repeats = np.zeros(3), self.model.strained
+        strain[repeats] = np.log(period[repeats] / np.asarray(self.model.period)[repeats])
+        return strain
 
     def show(self, state: State) -> None:
         """Keep positions and forces of the last step."""
@@ -181,6 +188,9 @@ class Record:
             values[name] = np.concatenate([frame[name] for frame in frames])
         for name in ("time", "time_step"):
             values[name] = np.array([row[name] for row in rows])
+        if self.model.pressure is not None:
+            values["stress"] = np.array([step.stress for step in steps])
+            values["strain"] = np.array([row["strain"] for row in rows])
         if np.isfinite(self.model.period).any():
             values["period"] = np.array([row["period"] for row in rows])
         if self.model.walls:

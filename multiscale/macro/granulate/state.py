@@ -25,8 +25,8 @@ class State:
 
     ``pairs`` are the neighbours with the impulses ``kept`` of the last step and what their springs
     ``held`` of them, and the normal velocities ``approach`` before impacts that have yet to bounce;
-    they were found at the positions ``seen`` with the reach ``margin``. ``rate`` is that of the
-    strain of the cell, 1/s. Impulses are those of forces that acted for the time ``acted`` in a
+    they were found at the positions ``seen`` with the reach ``margin``. ``rate`` (3,) is that of
+    the strain of the cell, 1/s. Impulses are those of forces that acted for the time ``acted`` in a
     step of the length ``last``, s.
     """
 
@@ -41,7 +41,7 @@ class State:
     approach: np.ndarray
     seen: np.ndarray
     margin: float
-    rate: float
+    rate: np.ndarray
     last: float
     acted: float
     contacts: Contacts
@@ -80,7 +80,7 @@ def start(model: Model) -> State:
         np.empty(0),
         grains.position,
         0.0,
-        0.0,
+        np.zeros(3),
         0.0,
         np.nan,
         empty,

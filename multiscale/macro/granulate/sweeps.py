@@ -13,8 +13,9 @@ The arrays of the kernels, for b bodies (grains first, then walls) and m contact
   which costs nothing, where no contact has friction;
 - ``impulse``, ``anchor`` (m, 3): r in global axes and what its springs start from, N s; (m, 1),
   along the normal, without friction;
-- ``cell`` (m + 2,): rate of strain of a periodic cell, 1/s, one over its inertia, 1/(kg m2), and
-  the distance of the centres of every contact, m; ``None``, which costs nothing, where it is rigid.
+- ``cell`` (m + 2, 3): along each axis the rate of strain of a periodic cell, 1/s, one over the root
+  of its inertia, 1/(kg m2)^.5, zero where the rate is given, and the branch of every contact, from
+  centre j to centre i, m; ``None``, which costs nothing, where it is rigid.
 """
 
 import numba
@@ -46,6 +47,26 @@ def relative_velocity(i, j, nx, ny, nz, velocity, coulomb):  # type: ignore[no-u
     uy = velocity[i, 1] - velocity[j, 1] - (wz * nx - wx * nz)
     uz = velocity[i, 2] - velocity[j, 2] - (wx * ny - wy * nx)
     return ux, uy, uz
+
+
+@numba.njit(inline="always", fastmath=True, error_model="numpy")
+def _strained(c, ux, uy, uz, cell):  # type: ignore[no-untyped-def]
+    """Add to u what the strain of the cell brings along each axis."""
+    if cell is not None:
+        ux += cell[0, 0] * cell[c + 2, 0]
+        uy += cell[0, 1] * cell[c + 2, 1]
+        uz += cell[0, 2] * cell[c + 2, 2]
+    return ux, uy, uz
+
+
+@numba.njit(inline="always", fastmath=True, error_model="numpy")
+def _strain(c, dx, dy, dz, cell):  # type: ignore[no-untyped-def]
+    """Add to the rates of strain, alike where they are free, what an impulse d brings."""
+    moment = cell[1, 0] * cell[c + 2, 0] * dx + cell[1, 1] * cell[c + 2, 1] * dy
+    moment += cell[1, 2] * cell[c + 2, 2] * dz
+    cell[0, 0] += cell[1, 0] * moment
+    cell[0, 1] += cell[1, 1] * moment
+    cell[0, 2] += cell[1, 2] * moment
 
 
 @numba.njit(inline="always", fastmath=True, error_model="numpy")
@@ -115,9 +136,8 @@ def sweep(first, last, velocity, mobility, ends, data, coulomb, impulse, anchor,
         if coulomb is not None:
             mass, friction = coulomb[c, 0], coulomb[c, 1]
         ux, uy, uz = relative_velocity(i, j, nx, ny, nz, velocity, coulomb)
+        ux, uy, uz = _strained(c, ux, uy, uz, cell)
         u = ux * nx + uy * ny + uz * nz
-        if cell is not None:
-            u += cell[0] * cell[c + 2]
         rx, ry, rz = components(c, impulse, coulomb)
         ax, ay, az = components(c, anchor, coulomb)
         old = along(rx, ry, rz, nx, ny, nz, coulomb)
@@ -128,7 +148,9 @@ def sweep(first, last, velocity, mobility, ends, data, coulomb, impulse, anchor,
             moves = normal != old
             if moves:
                 impulse[c, 0] = normal
-                push(i, j, nx, ny, nz, normal - old, velocity, mobility)
+                dn = normal - old
+                dx, dy, dz = dn * nx, dn * ny, dn * nz
+                push(i, j, nx, ny, nz, dn, velocity, mobility)
         else:
             tx = (rx - old * nx + a * (ax - held * nx) - (ux - u * nx) * mass) * give
             ty = (ry - old * ny + a * (ay - held * ny) - (uy - u * ny) * mass) * give
@@ -143,7 +165,7 @@ def sweep(first, last, velocity, mobility, ends, data, coulomb, impulse, anchor,
                 impulse[c, 0], impulse[c, 1], impulse[c, 2] = rx + dx, ry + dy, rz + dz
                 push_across(i, j, nx, ny, nz, dx, dy, dz, normal - old, velocity, mobility)
         if cell is not None and moves:
-            cell[0] += cell[1] * cell[c + 2] * (normal - old)
+            _strain(c, dx, dy, dz, cell)
 
 
 @numba.njit(cache=True, fastmath=True, error_model="numpy")
@@ -154,11 +176,12 @@ def apply_impulses(velocity, mobility, ends, data, coulomb, impulse, cell):  # t
         x, y, z = components(c, impulse, coulomb)
         normal = along(x, y, z, nx, ny, nz, coulomb)
         if coulomb is None:
+            x, y, z = normal * nx, normal * ny, normal * nz
             push(i, j, nx, ny, nz, normal, velocity, mobility)
         else:
             push_across(i, j, nx, ny, nz, x, y, z, normal, velocity, mobility)
         if cell is not None:
-            cell[0] += cell[1] * cell[c + 2] * normal
+            _strain(c, x, y, z, cell)
 
 
 @numba.njit(cache=True, fastmath=True, error_model="numpy")
@@ -168,8 +191,7 @@ def closing_size(velocity, ends, data, coulomb, cell):  # type: ignore[no-untype
     for c in range(ends.shape[0]):
         nx, ny, nz, b = data[c, 0], data[c, 1], data[c, 2], data[c, 3]
         ux, uy, uz = relative_velocity(ends[c, 0], ends[c, 1], nx, ny, nz, velocity, coulomb)
-        if cell is not None:
-            b += cell[0] * cell[c + 2]
+        ux, uy, uz = _strained(c, ux, uy, uz, cell)
         ux, uy, uz = ux + b * nx, uy + b * ny, uz + b * nz
         if ux * nx + uy * ny + uz * nz < 0.0:
             total += (ux * ux + uy * uy + uz * uz) * data[c, 4]
@@ -192,13 +214,12 @@ def natural_map_error(velocity, ends, data, coulomb, impulse, anchor, cell):  # 
             mu = coulomb[c, 1]
         rho = data[c, 4] / (1.0 + a)
         ux, uy, uz = relative_velocity(ends[c, 0], ends[c, 1], nx, ny, nz, velocity, coulomb)
+        ux, uy, uz = _strained(c, ux, uy, uz, cell)
         u = ux * nx + uy * ny + uz * nz
         rx, ry, rz = components(c, impulse, coulomb)
         old = along(rx, ry, rz, nx, ny, nz, coulomb)
         rx, ry, rz = rx - old * nx, ry - old * ny, rz - old * nz
         ux, uy, uz = ux - u * nx, uy - u * ny, uz - u * nz
-        if cell is not None:
-            u += cell[0] * cell[c + 2]
         if a > 0.0:
             ax, ay, az = components(c, anchor, coulomb)
             held = along(ax, ay, az, nx, ny, nz, coulomb)
@@ -247,14 +268,14 @@ def relax(velocity, mobility, ends, data, coulomb, impulse, anchor, cell, target
     error = natural_map_error(velocity, ends, data, coulomb, impulse, anchor, cell)
     before, direction = np.empty_like(impulse), np.zeros_like(impulse)
     speed, change = np.empty_like(velocity), np.zeros_like(velocity)
-    rate, turn = 0.0, 0.0
+    rate, turn = np.zeros(3), np.zeros(3)
     previous, done = np.inf, 0
     while done < sweeps and not error <= target:
         last = min(done + burst, sweeps)
         while done < last:
             before[:], speed[:] = impulse, velocity
             if cell is not None:
-                rate = cell[0]
+                rate[:] = cell[0]
             sweep(0, contacts, velocity, mobility, ends, data, coulomb, impulse, anchor, cell)
             done += 1
             size = 0.0
@@ -266,7 +287,7 @@ def relax(velocity, mobility, ends, data, coulomb, impulse, anchor, cell, target
             _extrapolate(impulse, before, direction, beta, done < last)
             _extrapolate(velocity, speed, change, beta, done < last)
             if cell is not None:
-                turn = beta * turn + cell[0] - rate
+                turn[:] = beta * turn + cell[0] - rate
                 if done < last:
                     cell[0] = rate + turn
         error = natural_map_error(velocity, ends, data, coulomb, impulse, anchor, cell)
