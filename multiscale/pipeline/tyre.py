@@ -28,6 +28,7 @@ from multiscale.upscaling import (
     friction_observations,
     law_from_dataset,
     observe,
+    require_law,
 )
 
 if TYPE_CHECKING:
@@ -176,12 +177,23 @@ def _mean_friction(response: "xr.Dataset") -> tuple[np.ndarray, float]:
 
 
 def friction_at(law: "xr.Dataset", temperature: float, sample: int | None = None) -> BellFriction:
-    """Friction law at a temperature, K, from a fitted one; a sample of it if asked for."""
-    bell: Any = fitted_law(law, sample)
+    """Friction law at a temperature, K, from a fitted one; a sample of it if asked for.
+
+    Raises
+    ------
+    CaseError
+        If the dataset holds no bell, or not what shifts it.
+    """
+    bell = fitted_law(law, sample)
+    if not isinstance(bell, BellFriction):
+        raise CaseError(
+            f"the dataset holds a law of the family {law.attrs.get('family')!r}, expected a bell "
+            f"of friction; pass the law of a run of rubber on a road"
+        )
     names = ("reference_temperature", "wlf_c1", "wlf_c2")
+    require_law(law, *names)
     shift = wlf_shift(temperature, *(float(law.attrs[name]) for name in names))
-    found: BellFriction = replace(bell, peak_speed=bell.peak_speed / shift)
-    return found
+    return replace(bell, peak_speed=bell.peak_speed / shift)
 
 
 def solve_treads(case: TyreCase, response: "xr.Dataset", law: "xr.Dataset") -> "xr.Dataset":

@@ -17,6 +17,7 @@ from multiscale.report.tables import tabulate
 from multiscale.report.tyre import braking_answer, braking_question, braking_sections
 from multiscale.schema import SWEEP
 from multiscale.units import readable
+from multiscale.upscaling import require_law
 
 if TYPE_CHECKING:
     import xarray as xr
@@ -132,6 +133,15 @@ def _joint(result: "xr.Dataset") -> Section:
 
 def _law(response: "xr.Dataset", law: "xr.Dataset") -> Section:
     """Say what the law stands for, how well it fits, and what it obeys."""
+    require_law(
+        law,
+        "n_realisations",
+        "pressure_min",
+        "pressure_max",
+        "cross_validated_error",
+        "cross_validated_stiffness_error",
+        "admissibility",
+    )
     return Section(
         "Interface law",
         [

@@ -102,7 +102,7 @@ def fit_term(law: "xr.Dataset", p: np.ndarray) -> np.ndarray:
     half is left, or the error of the step itself. At the ends of the data nothing holds its slope,
     and it is as unsure as it departs from the power law through the two steps next to it.
     """
-    free = law.attrs["family"] == FREE_NORMAL
+    free = law.attrs.get("family", FREE_NORMAL) == FREE_NORMAL
     shares = {"fit_error": 0.25 if free else 1.0, "area_fit_error": 0.25}
     rows = []
     for name, share in (shares | {"stiffness_fit_error": 0.5 if free else 1.0}).items():
