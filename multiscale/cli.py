@@ -74,9 +74,9 @@ def run_command(
 def _run_case(settings: "Case", out: Path, jobs: int, dask: str | None) -> None:
     """Run a case, with figures, report and table."""
     from multiscale.io import logging_to, make_folder
-    from multiscale.pipeline import run
+    from multiscale.pipeline import read_sliding, run
     from multiscale.plotting import draw_figures
-    from multiscale.report import describe_sliding, read_sliding, tabulate, write_report
+    from multiscale.report import describe_sliding, tabulate, write_report
 
     make_folder(out)
     with (

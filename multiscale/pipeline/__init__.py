@@ -1,6 +1,6 @@
 """What needs more than one layer: cases and their run, scenes and theirs."""
 
-from multiscale.pipeline.case import find_case, load_case
+from multiscale.pipeline.case import find_case, is_tyre_case, load_case, load_tyre
 from multiscale.pipeline.cells import make_cells
 from multiscale.pipeline.concurrent import CellLaw
 from multiscale.pipeline.end_to_end import EndToEndCase, end_to_end
@@ -19,9 +19,10 @@ from multiscale.pipeline.scene_requirements import scene_requirements
 from multiscale.pipeline.scene_settings import Scene
 from multiscale.pipeline.scenes import homogenised_file, load_scene, run_scene
 from multiscale.pipeline.settings import Case
+from multiscale.pipeline.slide import read_sliding
 from multiscale.pipeline.sweep import Sweep, load_sweep, run_sweep
 from multiscale.pipeline.three_ways import three_ways
-from multiscale.pipeline.tyre import is_tyre_case, load_tyre, run_tyre, tyre_requirements
+from multiscale.pipeline.tyre import run_tyre, tyre_requirements
 from multiscale.pipeline.tyre_settings import TyreCase
 
 __all__ = [
@@ -46,6 +47,7 @@ __all__ = [
     "load_tyre",
     "make_cells",
     "plan",
+    "read_sliding",
     "requirements",
     "run",
     "run_micro",

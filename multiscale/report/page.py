@@ -10,8 +10,9 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from multiscale.io import open_dataset, open_run, read_bytes, read_text, write_bytes
+from multiscale.pipeline import read_sliding
 from multiscale.report.section import Section
-from multiscale.report.sliding import describe_sliding, read_sliding
+from multiscale.report.sliding import describe_sliding
 from multiscale.report.sweep import sweep_answer, sweep_question, sweep_sections
 from multiscale.report.tables import tabulate
 from multiscale.report.tyre import braking_answer, braking_question, braking_sections
@@ -61,8 +62,6 @@ def _run(out: Path) -> dict[str, Any]:
         if sliding is not None:
             sections.append(Section("Sliding", describe_sliding(sliding), figures=("sliding",)))
     sections += [Section("Inputs", [], rows=list(_inputs(case))), _work(response, result)]
-    shown = {name for section in sections for name in section.figures}
-    sections[1].figures += tuple(name for name in drawn if name not in shown)
     cautions = [
         caution
         for dataset in (response, result, sliding)
