@@ -3,12 +3,14 @@
 from pathlib import Path
 
 from multiscale.errors import CaseError
-from multiscale.io import read_text, remove, write_bytes
+from multiscale.io import open_dataset, read_text, remove, write_bytes
 from multiscale.pipeline.case import is_tyre_case, load_case, load_tyre
 from multiscale.pipeline.settings import Case
+from multiscale.pipeline.slide import read_sliding
 from multiscale.pipeline.tyre_settings import TyreCase
+from multiscale.schema import MACRO_RESULT, MICRO_RESPONSE
 
-__all__ = ["claim_folder"]
+__all__ = ["claim_folder", "read_cautions"]
 
 
 def claim_folder(out: Path, case: Case | TyreCase) -> None:
@@ -41,3 +43,18 @@ def claim_folder(out: Path, case: Case | TyreCase) -> None:
         if read_text(file) != text:
             remove(out / "macro_result.nc")
     write_bytes(file, text.encode())
+
+
+def read_cautions(out: Path) -> list[str]:
+    """Return what a user should know before trusting a finished run, one sentence each."""
+    datasets = [
+        open_dataset(out / "micro_response.nc", MICRO_RESPONSE),
+        open_dataset(out / "macro_result.nc", MACRO_RESULT),
+        read_sliding(out),
+    ]
+    return [
+        caution
+        for dataset in datasets
+        if dataset is not None
+        for caution in str(dataset.attrs.get("cautions", "")).splitlines()
+    ]

@@ -10,10 +10,15 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from multiscale.io import open_dataset, open_run, read_bytes, read_text, write_bytes
-from multiscale.pipeline import read_sliding
+from multiscale.pipeline import read_cautions, read_sliding
 from multiscale.report.section import Section
 from multiscale.report.sliding import describe_sliding
-from multiscale.report.sweep import sweep_answer, sweep_question, sweep_sections
+from multiscale.report.sweep import (
+    list_sweep_cautions,
+    sweep_answer,
+    sweep_question,
+    sweep_sections,
+)
 from multiscale.report.tables import tabulate
 from multiscale.report.tyre import braking_answer, braking_question, braking_sections
 from multiscale.schema import SWEEP
@@ -62,29 +67,23 @@ def _run(out: Path) -> dict[str, Any]:
         if sliding is not None:
             sections.append(Section("Sliding", describe_sliding(sliding), figures=("sliding",)))
     sections += [Section("Inputs", [], rows=list(_inputs(case))), _work(response, result)]
-    cautions = [
-        caution
-        for dataset in (response, result, sliding)
-        if dataset is not None
-        for caution in dataset.attrs.get("cautions", "").splitlines()
-    ]
     return {
         "title": response.attrs["title"],
         "question": question,
         "answer": answer,
-        "cautions": cautions,
+        "cautions": read_cautions(out),
         "sections": [_with_images(section, drawn) for section in sections],
     }
 
 
 def _sweep(out: Path) -> dict[str, Any]:
-    """Say what the page of a sweep says; a point without result is a caution."""
+    """Say what the page of a sweep says."""
     result, drawn = open_dataset(out / "sweep.nc", SWEEP), _drawn(out)
     return {
         "title": result.attrs["title"],
         "question": sweep_question(result),
         "answer": sweep_answer(result),
-        "cautions": [failure.rstrip(".") for failure in result["failure"].values if failure],
+        "cautions": list_sweep_cautions(result),
         "sections": [_with_images(section, drawn) for section in sweep_sections(result)],
     }
 

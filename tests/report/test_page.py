@@ -77,7 +77,11 @@ def test_the_page_of_a_sweep_has_a_row_for_each_point_and_says_which_failed(run_
     page = write_report(tmp_path).read_text(encoding="utf-8")
     assert "<h1>Two &lt;grids&gt;</h1>" in page
     assert "over 1 of 2 points with a result" in page
-    assert re.findall(r"Caution:.*16 x 16 points cannot carry", page)
-    assert page.count("<td>[64, 64]</td>") == 2  # its result, and its folder
+    assert re.findall(
+        r"Caution:</strong> at cell.points = \[16, 16\]: no result: .*cannot carry", page
+    )
+    assert re.findall(r"Caution:</strong> at every point with a result: the shortest wave of", page)
+    assert page.count("<td>[64, 64]</td>") == 1  # its result
+    assert re.findall(r"cell.points = \[64, 64\]</t.>\s*<td>points/", page)  # its folder
     assert 'alt="sweep"' in page
     assert "multiscale 0" in page.split("Work and provenance")[1]
