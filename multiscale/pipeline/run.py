@@ -9,7 +9,8 @@ from typing import TYPE_CHECKING
 from multiscale.convergence import Status
 from multiscale.errors import ConvergenceError
 from multiscale.io import make_folder, save_law, write_dataset
-from multiscale.pipeline.joint import joint_scales, solve_joint
+from multiscale.pipeline.case_budget import case_budget
+from multiscale.pipeline.joint import solve_joint
 from multiscale.pipeline.micro import run_micro, write_fields
 from multiscale.pipeline.planner import plan
 from multiscale.pipeline.run_folder import claim_folder
@@ -17,7 +18,6 @@ from multiscale.pipeline.settings import Case
 from multiscale.pipeline.slide import slide_bodies
 from multiscale.schema import MACRO_RESULT, MICRO_RESPONSE
 from multiscale.upscaling import (
-    error_budget,
     fit_branches,
     loading_branch,
     with_budget,
@@ -76,7 +76,7 @@ def run(
 
     loading = loading_branch(response) if case.micro.unloading else response
     law = fit_branches(response, n_terms=case.law.terms, n_samples=case.law.samples)
-    law = with_budget(law, error_budget(loading, law, scales=joint_scales(case)))
+    law = with_budget(law, case_budget(case, loading, law))
     save_law(law, out / "interface_law.nc")
 
     result = solve_joint(case, law)

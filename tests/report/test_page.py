@@ -55,6 +55,13 @@ def test_the_page_tells_what_was_found_how_and_what_to_beware_of(page):
     assert "multiscale 0" in page.split("Work and provenance")[1]
 
 
+def test_what_is_not_known_is_told_in_the_keys_of_the_case(page):
+    told = "not known: cells of one size were solved; a target in [accuracy] solves others"
+    assert told in page
+    assert told.replace("of one size", "on one grid") in page
+    assert "not known: pass" not in page
+
+
 @pytest.mark.skipif(which("chromium") is None, reason="needs the browser chromium")
 @pytest.mark.parametrize("size", [(1200, 900), (360, 740)], ids=["desk", "phone"])
 def test_a_figure_that_is_clicked_covers_the_page(page, tmp_path, size):
