@@ -311,8 +311,8 @@ def stability_command(
         [case for case in cases if case.family in chosen],
         jobs=jobs or cores(),
         report=lambda line: typer.echo(line, err=True),
+        keep=lambda found: write_dataset(found, out, STABILITY),
     )
-    write_dataset(found, out, STABILITY)
     _print_table(found.attrs["title"], *tabulate_stability(found))
     typer.echo(f"dataset: {out}")
     failed = int((found["outcome"] == 0).sum())
