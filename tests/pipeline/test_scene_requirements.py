@@ -211,6 +211,15 @@ def test_grains_say_what_their_law_and_their_solver_take():
     }
 
 
+def test_a_cell_that_strains_is_swept_by_one_thread_and_says_so():
+    needs = grain_needs(100, 2, ContactLaw(), Solver(threads=2, domains=2), strained=True)
+    assert {"cell strain", "sweeps", "friction", "rotation"} == set(needs.operators)
+    still = grain_needs(100, 2, ContactLaw(), Solver(threads=2, most_assembled=0))
+    assert {"colours", "sweeps", "friction", "rotation"} == set(still.operators)
+    biaxial = scene_requirements(load_scene(SCENES[0].parent / "biaxial.toml"))
+    assert "cell strain" in biaxial
+
+
 @pytest.mark.parametrize(
     ("law", "changes", "unknowns", "turns"),
     [

@@ -191,6 +191,7 @@ class Model:
             Solver(),
             wall_friction=max((wall.friction or 0.0 for wall in self.walls), default=0.0),
             spinning=bool(np.any(self.grains.spin)),
+            strained=self.pressure is not None,
         )
 
     @cached_property

@@ -22,6 +22,7 @@ def grain_needs(
     *,
     wall_friction: float = 0.0,
     spinning: bool = False,
+    strained: bool = False,
 ) -> Needs:
     """Return what following grains takes.
 
@@ -35,6 +36,8 @@ def grain_needs(
         Largest coefficient of a wall that has one of its own.
     spinning : bool
         Whether grains spin at the start.
+    strained : bool
+        Whether a periodic cell strains under a pressure: one thread sweeps it.
 
     Examples
     --------
@@ -47,15 +50,20 @@ def grain_needs(
     """
     friction = max(law.friction, wall_friction) > 0.0
     turns = friction or spinning
-    domains = solver.domains > 1 or solver.conjugate > 0
+    domains = not strained and (solver.domains > 1 or solver.conjugate > 0)
     choices = {
         "sweeps": (True, "over the contacts; their operator is never assembled", ""),
         "friction": (friction, "Coulomb's disc of each contact", "no friction is given"),
         "rotation": (turns, "spins and moments of inertia", "nothing turns the grains"),
+        "cell strain": (
+            strained,
+            "rates along the axes, branch of each contact",
+            "no cell strains",
+        ),
         "springs": (law.compliance > 0.0, "of compliant contacts", "contacts are rigid"),
         "restitution": (law.restitution > 0.0, "of pairs that meet fast", "no pair bounces"),
         "colours": (
-            solver.threads > 1 and not domains,
+            solver.threads > 1 and not domains and not strained,
             "contacts that share no grain are swept side by side",
             "one thread sweeps in the order of the contacts" if not domains else "domains do it",
         ),
@@ -65,7 +73,7 @@ def grain_needs(
             "one domain",
         ),
         "assembled problem": (
-            solver.most_assembled > 0,
+            solver.most_assembled > 0 and not strained,
             f"where sweeps fail in a step of at most {solver.most_assembled} contacts",
             "sweeps alone",
         ),

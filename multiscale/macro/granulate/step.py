@@ -49,7 +49,7 @@ def solve_step(
         Natural-map error relative to the velocities of the contacts that would close.
     """
     ends, data, coulomb, impulse, anchor = contacts.arrays
-    strained = None if model.pressure is None else cell
+    strained = cell if "cell strain" in model.needs else None
     scale = closing_size(velocity, ends, data, coulomb, strained)
     if scale == 0.0:
         impulse[:] = 0.0
