@@ -21,6 +21,7 @@ def solve_increment(
     target: Target,
     guess: tuple[np.ndarray, float] | None = None,
     *,
+    predicted: tuple[np.ndarray, float] | None = None,
     max_iterations: int = 40,
     tolerance: float = 1e-8,
 ) -> CellState:
@@ -33,6 +34,8 @@ def solve_increment(
     target : Target
     guess : tuple, optional
         Contact nodes and approach to start from, for a cell not in contact yet.
+    predicted : tuple, optional
+        Displacement and approach to start from, taken if they are nearer to equilibrium.
     max_iterations : int
         Newton iterations.
     tolerance : float
@@ -50,6 +53,10 @@ def solve_increment(
     if guess is not None:
         active, delta = guess
     now = equations.at(start.displacement, delta, active)
+    if predicted is not None:
+        ahead = equations.at(predicted[0], predicted[1] if target.approach is None else delta)
+        if ahead.response.least_dilatation > LEAST_DILATATION and ahead.error < now.error:
+            now = ahead
     residuals: list[float] = []
     linear, status = 0, Status.MAX_ITERATIONS
     for _ in range(max_iterations):
