@@ -163,7 +163,9 @@ def _press(
         ahead = _extrapolate(before, state, length / done) if done > 0.0 else None
         found = _increment(scene, state, aim, tolerance, ahead, work)
         if found.status is Status.CONVERGED and sign * (found.load - load) >= 0.0:
-            found = _increment(scene, state, target, tolerance, None, work)
+            part = (load - state.load) / (found.load - state.load)
+            between = _extrapolate(state, found, part - 1.0)
+            found = _increment(scene, state, target, tolerance, between, work)
             if found.status is Status.CONVERGED:
                 return found
         if found.status is Status.CONVERGED:

@@ -53,6 +53,7 @@ def test_a_load_that_one_asperity_cannot_carry_is_carried_when_the_next_one_touc
     assert walk.state.approach > 0.01
     assert walk.state.active[6, 6]
     assert walk.state.load == pytest.approx(1.5 * before, rel=1e-8)
+    assert walk.newton_iterations < 200  # 360 by ever shorter increments of the load
 
 
 def test_pressed_by_a_load_or_by_an_approach_a_body_that_flows_is_in_the_same_state():
@@ -82,5 +83,5 @@ def test_where_an_increment_starts_does_not_change_where_it_ends():
         target = Target(None, approach, np.zeros(2))
         one = walk_step(scene, state, target, increments=1, tolerance=1e-10)
         state, newton = one.state, newton + one.newton_iterations
-    assert whole.newton_iterations < newton  # it goes on as in the increment before
+    assert whole.newton_iterations < 0.75 * newton  # it goes on as in the increment before
     np.testing.assert_allclose(whole.state.force, state.force, atol=1e-9 * state.load)
