@@ -55,8 +55,9 @@ def solve_increment(
     now = equations.at(start.displacement, delta, active)
     if predicted is not None:
         ahead = equations.at(predicted[0], predicted[1] if target.approach is None else delta)
-        if ahead.response.least_dilatation > LEAST_DILATATION and ahead.error < now.error:
-            now = ahead
+        nearer = ahead.response.least_dilatation > LEAST_DILATATION and ahead.error < now.error
+        # the tangent is that of the last place looked at
+        now = ahead if nearer else equations.at(start.displacement, delta, active)
     residuals: list[float] = []
     linear, status = 0, Status.MAX_ITERATIONS
     for _ in range(max_iterations):
@@ -107,14 +108,16 @@ def _verdict(residuals: list[float], tolerance: float) -> Status | None:
 
 def _search(equations: Equations, now: Iterate, move: np.ndarray, shift: float) -> Iterate | None:
     """Shorten a Newton step until no element folds and, with nothing to close, the error falls."""
-    share = 1.0
-    best: Iterate | None = None
+    share, least, best = 1.0, np.inf, 0.0
     for _ in range(HALVINGS):
         found = equations.at(now.u + share * move, now.delta + share * shift)
         if found.response.least_dilatation > LEAST_DILATATION:
             if now.opens or found.error <= (1.0 - 1e-3 * share) * now.error:
                 return found
-            if best is None or found.error < best.error:
-                best = found
+            if found.error < least:
+                least, best = found.error, share
         share *= 0.5
-    return best
+    if best == 0.0:
+        return None
+    # once more, because the tangent is that of the last place looked at
+    return equations.at(now.u + best * move, now.delta + best * shift)
