@@ -74,9 +74,9 @@ def run_command(
 def _run_case(settings: "Case", out: Path, jobs: int, dask: str | None) -> None:
     """Run a case, with figures, report and table."""
     from multiscale.io import logging_to, make_folder
-    from multiscale.pipeline import run
+    from multiscale.pipeline import read_cautions, read_sliding, run
     from multiscale.plotting import draw_figures
-    from multiscale.report import describe_sliding, read_sliding, tabulate, write_report
+    from multiscale.report import describe_sliding, tabulate, write_report
 
     make_folder(out)
     with (
@@ -90,9 +90,8 @@ def _run_case(settings: "Case", out: Path, jobs: int, dask: str | None) -> None:
     draw_figures(out)
     write_report(out)
     sliding = read_sliding(out)
-    for dataset in (results.micro_response, sliding):
-        for caution in [] if dataset is None else dataset.attrs["cautions"].splitlines():
-            typer.echo(f"caution: {caution}", err=True)
+    for caution in read_cautions(out):
+        typer.echo(f"caution: {caution}", err=True)
     for line in results.macro_result.attrs.get("plan", "").splitlines():
         typer.echo(line)
     _print_table(settings.title, *tabulate(results.macro_result))
@@ -106,7 +105,7 @@ def _run_tyre(
 ) -> None:
     """Run a case of rubber on a road, with figures, report and table."""
     from multiscale.io import logging_to, make_folder
-    from multiscale.pipeline import load_tyre, run_tyre, tyre_requirements
+    from multiscale.pipeline import load_tyre, read_cautions, run_tyre, tyre_requirements
     from multiscale.plotting import draw_figures
     from multiscale.report import tabulate_braking, write_report
 
@@ -125,9 +124,8 @@ def _run_tyre(
         results = run_tyre(settings, out, executor=executor, progress=progress)
     draw_figures(out)
     write_report(out)
-    for dataset in (results.micro_response, results.macro_result):
-        for caution in dataset.attrs["cautions"].splitlines():
-            typer.echo(f"caution: {caution}", err=True)
+    for caution in read_cautions(out):
+        typer.echo(f"caution: {caution}", err=True)
     _print_table(settings.title, *tabulate_braking(results.macro_result))
     typer.echo(f"report, figures and datasets: {out}")
 
@@ -137,7 +135,7 @@ def _run_sweep(sweep: "Sweep", out: Path, jobs: int, dask: str | None) -> None:
     from multiscale.io import logging_to, make_folder
     from multiscale.pipeline import run_sweep
     from multiscale.plotting import draw_figures
-    from multiscale.report import tabulate_sweep, write_report
+    from multiscale.report import list_sweep_cautions, tabulate_sweep, write_report
 
     make_folder(out)
     with (
@@ -149,9 +147,8 @@ def _run_sweep(sweep: "Sweep", out: Path, jobs: int, dask: str | None) -> None:
     draw_figures(out)
     write_report(out)
     _print_table(sweep.title, *tabulate_sweep(result))
-    for failure in result["failure"].values:
-        if failure:
-            typer.echo(f"caution: {failure}", err=True)
+    for caution in list_sweep_cautions(result):
+        typer.echo(f"caution: {caution}", err=True)
     typer.echo(f"report, figure and dataset: {out}; runs: {out / 'points'}")
 
 
@@ -314,8 +311,8 @@ def stability_command(
         [case for case in cases if case.family in chosen],
         jobs=jobs or cores(),
         report=lambda line: typer.echo(line, err=True),
+        keep=lambda found: write_dataset(found, out, STABILITY),
     )
-    write_dataset(found, out, STABILITY)
     _print_table(found.attrs["title"], *tabulate_stability(found))
     typer.echo(f"dataset: {out}")
     failed = int((found["outcome"] == 0).sum())

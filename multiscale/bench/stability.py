@@ -71,6 +71,7 @@ def check_stability(
     *,
     jobs: int = 1,
     report: Callable[[str], None] = lambda line: None,
+    keep: "Callable[[xr.Dataset], None]" = lambda found: None,
 ) -> "xr.Dataset":
     """Run cases in processes of their own.
 
@@ -81,11 +82,14 @@ def check_stability(
         Processes at a time.
     report : callable
         Gets a line after each case.
+    keep : callable
+        Gets what has been found after each case, so that nothing is lost if the run is killed.
 
     Returns
     -------
     Dataset
-        Follows ``STABILITY``.
+        Follows ``STABILITY``; the attribute ``cases`` is the number of all, also in what is kept
+        on the way.
 
     Notes
     -----
@@ -93,24 +97,13 @@ def check_stability(
     It was *refused* if the package said in a sentence why it gives no answer. Everything else has
     *failed*: another exception, a residual above the tolerance, a process that died or hangs.
     """
-    found = []
+    found: list[_Outcome] = []
     for case, row in _run_all(cases, jobs):
         found.append(row)
         answer = row.sentence or f"({row.residual:.1e})"
         report(f"{case.family}: {case}: {OUTCOMES[row.outcome]} {answer}")
-    return STABILITY.build(
-        {
-            "family": [case.family for case in cases],
-            "parameters": [str(case) for case in cases],
-            "tolerance": np.array([case.tolerance for case in cases]),
-            "outcome": np.array([row.outcome for row in found]),
-            "residual": np.array([row.residual for row in found]),
-            "wall_time": np.array([row.seconds for row in found]),
-            "sentence": [row.sentence for row in found],
-        },
-        title="stiff and extreme cases",
-        versions=versions("numpy", "scipy", "numba"),
-    )
+        keep(_join(cases, found))
+    return _join(cases, found)
 
 
 class _Outcome(NamedTuple):
@@ -120,6 +113,25 @@ class _Outcome(NamedTuple):
     residual: float
     seconds: float
     sentence: str = ""
+
+
+def _join(cases: list[StabilityCase], found: list[_Outcome]) -> "xr.Dataset":
+    """Arrange what has been found so far of the first cases."""
+    done = cases[: len(found)]
+    return STABILITY.build(
+        {
+            "family": [case.family for case in done],
+            "parameters": [str(case) for case in done],
+            "tolerance": np.array([case.tolerance for case in done]),
+            "outcome": np.array([row.outcome for row in found]),
+            "residual": np.array([row.residual for row in found]),
+            "wall_time": np.array([row.seconds for row in found]),
+            "sentence": [row.sentence for row in found],
+        },
+        title="stiff and extreme cases",
+        versions=versions("numpy", "scipy", "numba"),
+        cases=len(cases),
+    )
 
 
 def _run_all(cases: list[StabilityCase], jobs: int) -> Iterator[tuple[StabilityCase, _Outcome]]:

@@ -15,6 +15,7 @@ from multiscale.io.files import (
     make_folder,
     read_bytes,
     read_text,
+    remove,
     try_to_write,
     write_bytes,
 )
@@ -42,6 +43,7 @@ __all__ = [
     "read_surface",
     "read_table",
     "read_text",
+    "remove",
     "save_law",
     "try_to_write",
     "write_body_fields",

@@ -15,6 +15,7 @@ __all__ = [
     "make_folder",
     "read_bytes",
     "read_text",
+    "remove",
     "replacing",
     "try_to_write",
     "write_bytes",
@@ -83,6 +84,12 @@ def try_to_write(path: Path) -> None:
         descriptor, name = mkstemp(dir=path.parent, prefix=f".{path.name}.", suffix=".part")
         os.close(descriptor)
         Path(name).unlink()
+
+
+def remove(path: Path) -> None:
+    """Remove a file, if it is there."""
+    with writing(path):
+        path.unlink(missing_ok=True)
 
 
 def make_folder(path: Path) -> Path:

@@ -22,6 +22,8 @@ if TYPE_CHECKING:
 
 __all__ = ["assemble_elasticity", "assemble_mesh_cell"]
 
+Operator = Callable[[np.ndarray], np.ndarray]
+
 
 def assemble_elasticity(
     cell_basis: "CellBasis", lame: float | np.ndarray, shear: float | np.ndarray
@@ -96,23 +98,8 @@ def assemble_mesh_cell(cell: MeshCell, needs: Needs) -> ContactProblem:
     basis = Basis(cell.mesh, cell.element, intorder=max(order, 1))
     lame, shear = lame_parameters(cell.youngs_modulus, cell.poissons_ratio)
     points = basis.doflocs
-    low, high = points.min(axis=1), points.max(axis=1)
-    image = _periodic_images(points, low, high) if cell.periodic else np.arange(basis.N)
-
-    # unknowns: clamped at the base, one for all periodic images, no motion across sliding sides
-    free = np.ones((3, basis.N), dtype=bool)
-    free[:, image != np.arange(basis.N)] = False
-    free[:, image[basis.get_dofs("base").all()]] = False
-    if not cell.periodic:
-        for k in range(2):
-            edge = np.isclose(points[k], low[k]) | np.isclose(points[k], high[k])
-            free[k, edge] = False
-    number = np.where(free, np.cumsum(free).reshape(free.shape) - 1, -1)
-    unknown = np.concatenate([number[k, image] for k in range(3)])
-    kept = np.flatnonzero(unknown >= 0)
-    expand = sparse.csr_array(
-        (np.ones(len(kept)), (kept, unknown[kept])), shape=(3 * basis.N, int(free.sum()))
-    )
+    image = _periodic_images(points) if cell.periodic else np.arange(basis.N)
+    expand = _expansion(basis, image, periodic=cell.periodic)
     stiffness = sparse.csr_array(expand.T @ assemble_elasticity(basis, lame, shear) @ expand)
     solve_free = factorise(stiffness, name="the stiffness of the cell")
 
@@ -121,30 +108,7 @@ def assemble_mesh_cell(cell: MeshCell, needs: Needs) -> ContactProblem:
     obstacle, slopes = _obstacle(cell.obstacle, points[:2, nodes])
     obstacle = obstacle + np.max(surface - obstacle)
     normal = obstacle_normal(*slopes)
-    rows = np.tile(np.arange(len(nodes)), 3)
-    columns = np.concatenate([nodes + k * basis.N for k in range(3)])
-    trace = sparse.csr_array(
-        sparse.csr_array((normal.T.ravel(), (rows, columns)), shape=(len(nodes), 3 * basis.N))
-        @ expand
-    )
-    push = sparse.csr_array(trace.T)
-
-    def solve(force: np.ndarray, correct: Callable[[np.ndarray], np.ndarray] | None) -> np.ndarray:
-        u = solve_free(force)
-        return u if correct is None else u - solve_free(push @ correct(trace @ u))
-
-    def add(vector: np.ndarray, values: np.ndarray) -> None:
-        vector += push @ values
-
-    body = ElasticBody(
-        apply=lambda u: stiffness @ u,
-        solve=solve,
-        trace=lambda u: trace @ u,
-        add=add,
-        compliance=lambda force: trace @ solve_free(push @ force),
-        surface_stiffness=lambda values: values,
-        shape=(stiffness.shape[0],),
-    )
+    body = _elastic_body(stiffness, solve_free, _normal_trace(nodes, normal, basis.N) @ expand)
 
     def recover(u: np.ndarray, active: np.ndarray) -> np.ndarray:
         touching = np.zeros(basis.N, dtype=bool)
@@ -166,10 +130,65 @@ def assemble_mesh_cell(cell: MeshCell, needs: Needs) -> ContactProblem:
     )
 
 
-def _periodic_images(points: np.ndarray, low: np.ndarray, high: np.ndarray) -> np.ndarray:
+def _expansion(basis: "CellBasis", image: np.ndarray, *, periodic: bool) -> sparse.csr_array:
+    """Displacements of all nodes from the unknowns.
+
+    These are clamped at the base, one for all periodic images, without motion across sliding sides.
+    """
+    points = basis.doflocs
+    free = np.ones((3, basis.N), dtype=bool)
+    free[:, image != np.arange(basis.N)] = False
+    free[:, image[basis.get_dofs("base").all()]] = False
+    if not periodic:
+        low, high = points.min(axis=1), points.max(axis=1)
+        for k in range(2):
+            edge = np.isclose(points[k], low[k]) | np.isclose(points[k], high[k])
+            free[k, edge] = False
+    number = np.where(free, np.cumsum(free).reshape(free.shape) - 1, -1)
+    unknown = np.concatenate([number[k, image] for k in range(3)])
+    kept = np.flatnonzero(unknown >= 0)
+    return sparse.csr_array(
+        (np.ones(len(kept)), (kept, unknown[kept])), shape=(3 * basis.N, int(free.sum()))
+    )
+
+
+def _normal_trace(nodes: np.ndarray, normal: np.ndarray, count: int) -> sparse.csr_array:
+    """Displacements of the contact nodes along the normals (nodes, 3), from those of all nodes."""
+    rows = np.tile(np.arange(len(nodes)), 3)
+    columns = np.concatenate([nodes + k * count for k in range(3)])
+    return sparse.csr_array((normal.T.ravel(), (rows, columns)), shape=(len(nodes), 3 * count))
+
+
+def _elastic_body(
+    stiffness: sparse.csr_array, solve_free: Operator, normal_trace: sparse.csr_array
+) -> ElasticBody:
+    """Operators of a body from its stiffness, the inverse of it, and the trace on the contact."""
+    trace = sparse.csr_array(normal_trace)
+    push = sparse.csr_array(trace.T)
+
+    def solve(force: np.ndarray, correct: Operator | None) -> np.ndarray:
+        u = solve_free(force)
+        return u if correct is None else u - solve_free(push @ correct(trace @ u))
+
+    def add(vector: np.ndarray, values: np.ndarray) -> None:
+        vector += push @ values
+
+    return ElasticBody(
+        apply=lambda u: stiffness @ u,
+        solve=solve,
+        trace=lambda u: trace @ u,
+        add=add,
+        compliance=lambda force: trace @ solve_free(push @ force),
+        surface_stiffness=lambda values: values,
+        shape=(stiffness.shape[0],),
+    )
+
+
+def _periodic_images(points: np.ndarray) -> np.ndarray:
     """Return the node that stands for each node: itself, or its image on the low sides."""
     from scipy.spatial import KDTree
 
+    low, high = points.min(axis=1), points.max(axis=1)
     size = high - low
     place = points.copy()
     for k in range(2):

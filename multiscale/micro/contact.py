@@ -123,23 +123,7 @@ def solve_contact(
     if load == 0.0 or (approach is not None and np.all(gap >= closing * approach)):
         return untouched(body.shape, gap, closing, approach)
 
-    reference, delta, _ = solve_flat(
-        body.compliance,
-        gap,
-        closing,
-        load=load,
-        approach=approach,
-        start=start.reference_force,
-    )
-    u = start.displacement.copy()
-    change = np.zeros(body.shape)
-    body.add(change, start.reference_force - reference)
-    u += body.solve(change, None)
-    del change
-    active = reference + start.force - start.reference_force > 0.0
-    if not active.any():
-        active = reference > 0.0
-
+    u, delta, reference, active = _begin(body, gap, closing, load, approach, start)
     out_of_balance = -body.apply(u)
     residuals: list[float] = []
     n_linear, fewest, patience, changed, sharp = 0, gap.size + 1, _BLOCKS, True, False
@@ -203,6 +187,29 @@ def solve_contact(
         tuple(residuals),
         n_linear,
     )
+
+
+def _begin(
+    body: ElasticBody,
+    gap: np.ndarray,
+    closing: np.ndarray,
+    load: float | None,
+    approach: float | None,
+    start: ContactState,
+) -> tuple[np.ndarray, float, np.ndarray, np.ndarray]:
+    """Displacement, approach, forces and active set to begin with.
+
+    They are those of the last step, and what the problem with K_0 says of the change since.
+    """
+    reference, delta, _ = solve_flat(
+        body.compliance, gap, closing, load=load, approach=approach, start=start.reference_force
+    )
+    u = start.displacement.copy()
+    change = np.zeros(body.shape)
+    body.add(change, start.reference_force - reference)
+    u += body.solve(change, None)
+    active = reference + start.force - start.reference_force > 0.0
+    return u, delta, reference, active if active.any() else reference > 0.0
 
 
 def _wrong_nodes(

@@ -42,13 +42,7 @@ def assemble_graph_cell(cell: Cell, needs: Needs) -> ContactProblem:
         (nx, ny), spacing, mesh.planes, *cell.layer_moduli, mean_dilatation=b_bar
     )
 
-    if cell.obstacle is None:
-        obstacle = np.full((nx, ny), surface.heights.max())
-        normal = np.zeros((nx, 3, ny))
-        normal[:, 2] = 1.0
-    else:
-        obstacle = cell.obstacle.heights + np.max(surface.heights - cell.obstacle.heights)
-        normal = obstacle_normal(*surface_slopes(obstacle, spacing))
+    obstacle, normal = _obstacle(cell)
     slopes = surface_slopes(surface.heights, spacing) if "tilt" in needs else None
     inclined = "obstacle normals" in needs
     trace, add = _normal_operators(normal if inclined else None)
@@ -68,27 +62,6 @@ def assemble_graph_cell(cell: Cell, needs: Needs) -> ContactProblem:
         shape=(nx, cell.layers, 3, ny),
     )
 
-    def recover(displacement: np.ndarray, active: np.ndarray) -> np.ndarray:
-        from skfem import ElementHex1
-
-        top = mesh.hexahedra(first_layer=cell.layers - 1)
-        i, j = (np.rint(top.p[k] / spacing[k]).astype(int) % n for k, n in ((0, nx), (1, ny)))
-        upper = np.zeros(top.nvertices, dtype=bool)
-        upper[np.unique(top.facets[:, top.boundaries["top"]])] = True
-        layer = np.where(upper, -1, -2)
-        centre = top.p[:, top.t].mean(axis=1)
-        cells = [np.floor(centre[k] / spacing[k]).astype(int) for k in range(2)]
-        return recovered_force(
-            top,
-            ElementHex1(),
-            displacement[i, layer, :, j].T,
-            active[i, j] & upper,
-            *(
-                value[-1] if value.ndim == 1 else value[cells[0], -1, cells[1]]
-                for value in (lame, shear)
-            ),
-        )
-
     closing = normal[:, 2]
     return ContactProblem(
         partial(solve_contact, body, (obstacle - surface.heights) * closing, closing),
@@ -97,8 +70,41 @@ def assemble_graph_cell(cell: Cell, needs: Needs) -> ContactProblem:
         obstacle,
         np.full((nx, ny), spacing[0] * spacing[1]),
         surface_displacement=lambda u: u[:, -1],
-        recover=recover if "stress recovery" in needs else None,
+        recover=partial(_recover, cell, mesh) if "stress recovery" in needs else None,
         rim=RIM["mean dilatation" if b_bar else "trilinear"],
+    )
+
+
+def _obstacle(cell: Cell) -> tuple[np.ndarray, np.ndarray]:
+    """Heights of the obstacle at first touch, m, and its normals (x, 3, y)."""
+    heights = cell.surface.heights
+    if cell.obstacle is None:
+        normal = np.zeros((heights.shape[0], 3, heights.shape[1]))
+        normal[:, 2] = 1.0
+        return np.full(heights.shape, heights.max()), normal
+    obstacle = cell.obstacle.heights + np.max(heights - cell.obstacle.heights)
+    return obstacle, obstacle_normal(*surface_slopes(obstacle, cell.surface.spacing))
+
+
+def _recover(
+    cell: Cell, mesh: GraphMesh, displacement: np.ndarray, active: np.ndarray
+) -> np.ndarray:
+    """Force on the contact spots from the stress of the uppermost elements, N."""
+    from skfem import ElementHex1
+
+    (nx, ny), spacing = cell.surface.heights.shape, cell.surface.spacing
+    top = mesh.hexahedra(first_layer=cell.layers - 1)
+    i, j = (np.rint(top.p[k] / spacing[k]).astype(int) % n for k, n in ((0, nx), (1, ny)))
+    upper = np.zeros(top.nvertices, dtype=bool)
+    upper[np.unique(top.facets[:, top.boundaries["top"]])] = True
+    layer = np.where(upper, -1, -2)
+    centre = top.p[:, top.t].mean(axis=1)
+    cells = [np.floor(centre[k] / spacing[k]).astype(int) for k in range(2)]
+    moduli = (
+        value[-1] if value.ndim == 1 else value[cells[0], -1, cells[1]] for value in cell.moduli
+    )
+    return recovered_force(
+        top, ElementHex1(), displacement[i, layer, :, j].T, active[i, j] & upper, *moduli
     )
 
 

@@ -59,10 +59,15 @@ def solve_cell(
     Raises
     ------
     CaseError
-        If the cell cannot be meshed.
+        If the cell cannot be meshed, or is asked for what its kind does not have.
     """
     from threadpoolctl import threadpool_limits
 
+    if keep_fields and not isinstance(cell, Cell):
+        raise CaseError(
+            "keep_fields keeps values on the grid of a surface, and a general mesh has none; leave "
+            "it out"
+        )
     with threadpool_limits(1, user_api="blas"):  # its threads would wait for the kernels' and spin
         needs = cell_needs(cell, keep_fields=keep_fields, recover_stress=recover_stress)
         if isinstance(cell, Cell) and (

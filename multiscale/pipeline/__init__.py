@@ -1,6 +1,6 @@
 """What needs more than one layer: cases and their run, scenes and theirs."""
 
-from multiscale.pipeline.case import find_case, load_case
+from multiscale.pipeline.case import find_case, is_tyre_case, load_case, load_tyre
 from multiscale.pipeline.cells import make_cells
 from multiscale.pipeline.concurrent import CellLaw
 from multiscale.pipeline.end_to_end import EndToEndCase, end_to_end
@@ -15,13 +15,15 @@ from multiscale.pipeline.rough_structure import (
     solve_sequential,
 )
 from multiscale.pipeline.run import Results, run
+from multiscale.pipeline.run_folder import read_cautions
 from multiscale.pipeline.scene_requirements import scene_requirements
 from multiscale.pipeline.scene_settings import Scene
 from multiscale.pipeline.scenes import homogenised_file, load_scene, run_scene
 from multiscale.pipeline.settings import Case
-from multiscale.pipeline.sweep import Sweep, load_sweep, run_sweep
+from multiscale.pipeline.slide import read_sliding
+from multiscale.pipeline.sweep import Sweep, load_sweep, name_point, run_sweep
 from multiscale.pipeline.three_ways import three_ways
-from multiscale.pipeline.tyre import is_tyre_case, load_tyre, run_tyre, tyre_requirements
+from multiscale.pipeline.tyre import run_tyre, tyre_requirements
 from multiscale.pipeline.tyre_settings import TyreCase
 
 __all__ = [
@@ -45,7 +47,10 @@ __all__ = [
     "load_sweep",
     "load_tyre",
     "make_cells",
+    "name_point",
     "plan",
+    "read_cautions",
+    "read_sliding",
     "requirements",
     "run",
     "run_micro",

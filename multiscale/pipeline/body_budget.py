@@ -15,6 +15,7 @@ from multiscale.upscaling import (
     with_budget,
     with_scales,
 )
+from multiscale.upscaling.budget import how_attribute
 
 if TYPE_CHECKING:
     import xarray as xr
@@ -65,6 +66,12 @@ def with_joint_budget(
         coarser=None if coarser is None else {2.0: stiffness(law_from_dataset(law), coarser)},
         samples=0,
     )
+    if coarser is None:
+        told = (
+            "not known: elements of twice the size do not fit; give smaller ones, or an even "
+            "number of them, in [structure]"
+        )
+        budget = budget.assign_attrs({how_attribute("macro discretisation"): told})
     names = ("error_half_width", "error_bias", "error_total")
     values = {}
     for name in names:

@@ -9,8 +9,17 @@ from multiscale.errors import CaseError
 from multiscale.pipeline.rough_bodies import InstrumentSurface, SyntheticSurface
 from multiscale.pipeline.settings import Case
 from multiscale.pipeline.toml_model import Settings, read_toml, validate
+from multiscale.pipeline.tyre_settings import TyreCase
 
-__all__ = ["find_case", "load_case", "read_case", "shipped_cases", "validate_case"]
+__all__ = [
+    "find_case",
+    "is_tyre_case",
+    "load_case",
+    "load_tyre",
+    "read_case",
+    "shipped_cases",
+    "validate_case",
+]
 
 
 def shipped_cases() -> dict[str, Path]:
@@ -65,6 +74,28 @@ def load_case(case: str | Path) -> Case:
     if "sweep" in content:
         raise CaseError(f"{path}: lists values in [sweep]; load it with load_sweep")
     return validate_case(content, path)
+
+
+def is_tyre_case(case: str | Path) -> bool:
+    """Whether a case file, or the shipped case of that name, is of sliding rubber."""
+    return "rubber" in read_case(find_case(case))
+
+
+def load_tyre(case: str | Path) -> TyreCase:
+    """Read a case file of sliding rubber.
+
+    Raises
+    ------
+    CaseError
+        If there is no such case, or with every fault of the file, one a line.
+
+    Examples
+    --------
+    >>> load_tyre("tyre_on_road").cell.points
+    (128, 128)
+    """
+    path = find_case(case)
+    return validate(TyreCase, read_case(path), path, {})
 
 
 def _refuse_others(content: dict[str, Any], path: Path) -> None:

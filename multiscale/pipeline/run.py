@@ -7,17 +7,17 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from multiscale.convergence import Status
-from multiscale.errors import CaseError, ConvergenceError
-from multiscale.io import make_folder, save_law, write_bytes, write_dataset
-from multiscale.pipeline.case import load_case
-from multiscale.pipeline.joint import joint_scales, solve_joint
+from multiscale.errors import ConvergenceError
+from multiscale.io import make_folder, save_law, write_dataset
+from multiscale.pipeline.case_budget import case_budget
+from multiscale.pipeline.joint import solve_joint
 from multiscale.pipeline.micro import run_micro, write_fields
 from multiscale.pipeline.planner import plan
+from multiscale.pipeline.run_folder import claim_folder
 from multiscale.pipeline.settings import Case
 from multiscale.pipeline.slide import slide_bodies
 from multiscale.schema import MACRO_RESULT, MICRO_RESPONSE
 from multiscale.upscaling import (
-    error_budget,
     fit_branches,
     loading_branch,
     with_budget,
@@ -67,7 +67,7 @@ def run(
         If an input is refused, a file cannot be written, or no realisation converged.
     """
     out = make_folder(Path(out))
-    _claim(out, case)
+    claim_folder(out, case)
     if case.slide is not None:
         slide_bodies(case, case.slide, out / "sliding_response.nc", executor=executor)
     if case.accuracy is not None:
@@ -76,7 +76,7 @@ def run(
 
     loading = loading_branch(response) if case.micro.unloading else response
     law = fit_branches(response, n_terms=case.law.terms, n_samples=case.law.samples)
-    law = with_budget(law, error_budget(loading, law, scales=joint_scales(case)))
+    law = with_budget(law, case_budget(case, loading, law))
     save_law(law, out / "interface_law.nc")
 
     result = solve_joint(case, law)
@@ -107,16 +107,3 @@ def _finish(results: Results, out: Path) -> Results:
             f"{Status.MAX_ITERATIONS.value}"
         )
     return results
-
-
-def _claim(out: Path, case: Case) -> None:
-    """Write the case into its run folder, unless it holds what another one has computed."""
-    file = out / "case.toml"
-    if file.exists() and any(out.rglob("*.nc")):
-        other = load_case(file)
-        if other.identity() != case.identity():
-            raise CaseError(
-                f"{out} holds another run, {other.title!r} with {other.cell.points[0]} x "
-                f"{other.cell.points[1]} points; choose another folder, or delete this one"
-            )
-    write_bytes(file, case.to_toml().encode())

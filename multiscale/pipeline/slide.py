@@ -15,12 +15,13 @@ from multiscale.pipeline.case_tables import SlideSettings
 from multiscale.pipeline.cells import body_surfaces
 from multiscale.pipeline.rough_bodies import Body
 from multiscale.pipeline.settings import TABOR, Case
+from multiscale.pipeline.toml_model import read_toml
 from multiscale.schema import SLIDING_RESPONSE
 
 if TYPE_CHECKING:
     import xarray as xr
 
-__all__ = ["make_pair", "pair_of", "slide_bodies"]
+__all__ = ["make_pair", "pair_of", "read_sliding", "slide_bodies"]
 
 TOLERANCE = 1e-6
 """Of the contact solver, relative to the norm of the contact forces."""
@@ -102,6 +103,17 @@ def slide_bodies(
     )
     write_dataset(response, file, SLIDING_RESPONSE)
     return response
+
+
+def read_sliding(out: Path) -> "xr.Dataset | None":
+    """Open how the bodies of a run slide, if its case says that they do.
+
+    One that an earlier case of the same cells has left waits for it.
+    """
+    file = out / "sliding_response.nc"
+    if not file.exists() or "slide" not in read_toml(out / "case.toml"):
+        return None
+    return open_dataset(file, SLIDING_RESPONSE)
 
 
 def _bulk(body: Body) -> BulkLaw:

@@ -2,7 +2,7 @@
 
 import hashlib
 import logging
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from concurrent.futures import Executor
 from copy import deepcopy
 from dataclasses import dataclass
@@ -20,13 +20,14 @@ from multiscale.executors import run_jobs
 from multiscale.io import make_folder, open_dataset, write_dataset
 from multiscale.pipeline.case import find_case, read_case, validate_case
 from multiscale.pipeline.run import run
+from multiscale.pipeline.run_folder import read_cautions
 from multiscale.pipeline.settings import Case
 from multiscale.schema import MACRO_RESULT, SWEEP
 
 if TYPE_CHECKING:
     import xarray as xr
 
-__all__ = ["Sweep", "load_sweep", "run_sweep"]
+__all__ = ["Sweep", "load_sweep", "name_point", "run_sweep"]
 
 MOST_POINTS = 100_000
 
@@ -99,6 +100,7 @@ def load_sweep(case: str | Path) -> Sweep:
         raise CaseError(
             f"{path}: [sweep] makes {count} points; list fewer values, at most {MOST_POINTS} points"
         )
+    parameters = tuple(".".join(key) for key in lists)
     points, settings = [], []
     for values in product(*lists.values()):
         said = tuple(str(value) for value in values)
@@ -106,12 +108,15 @@ def load_sweep(case: str | Path) -> Sweep:
         for key, value in zip(lists, values, strict=True):
             _set(point, key, value, path)
         if lists:
-            names = (f"{'.'.join(key)} = {text}" for key, text in zip(lists, said, strict=True))
-            point["title"] = f"{content.get('title', '')}: {', '.join(names)}"
+            point["title"] = f"{content.get('title', '')}: {name_point(parameters, said)}"
         points.append(validate_case(point, path))
         settings.append(said)
-    title = str(content["title"])
-    return Sweep(title, tuple(".".join(key) for key in lists), tuple(points), tuple(settings))
+    return Sweep(str(content["title"]), parameters, tuple(points), tuple(settings))
+
+
+def name_point(parameters: Iterable[str], setting: Iterable[str]) -> str:
+    """Say which point of a sweep is meant: its keys in full, with their values."""
+    return ", ".join(f"{key} = {text}" for key, text in zip(parameters, setting, strict=True))
 
 
 def run_sweep(
@@ -147,11 +152,12 @@ def run_sweep(
     """
     out = make_folder(Path(out))
     folders = sweep.folders(out)
+    names = [name_point(sweep.parameters, setting) for setting in sweep.settings]
     found: dict[int, tuple[xr.Dataset | None, str]] = {}
 
     def finish(k: int, result: "tuple[xr.Dataset | None, str]") -> None:
         found[k] = result
-        logger.info("point %d: %s", k, result[1] or "finished")
+        logger.info("%s: %s", names[k], result[1] or "finished")
         progress(len(found))
 
     for k, folder in enumerate(folders):
@@ -163,24 +169,28 @@ def run_sweep(
     results, failures = zip(*(found[k] for k in range(len(folders))), strict=True)
     if all(failures):
         raise MultiscaleError(
-            f"none of the {len(folders)} points of the sweep has a result; the first: {failures[0]}"
+            f"none of the {len(folders)} points of the sweep has a result; at {names[0]}: "
+            f"{failures[0]}"
         )
     joined = _join(sweep, results, failures, [path.name for path in folders])
     write_dataset(joined, out / "sweep.nc", SWEEP)
     return joined
 
 
-def _lists(table: Mapping[str, Any], path: Path) -> Iterator[tuple[tuple[str, ...], list[Any]]]:
-    """Keys of a table and the lists that stand there."""
+def _lists(
+    table: Mapping[str, Any], path: Path, above: tuple[str, ...] = ()
+) -> Iterator[tuple[tuple[str, ...], list[Any]]]:
+    """Keys of a table, in full, and the lists that stand there."""
     for name, value in table.items():
+        key = (*above, name)
         if isinstance(value, Mapping):
-            for key, values in _lists(value, path):
-                yield (name, *key), values
+            yield from _lists(value, path, key)
         elif isinstance(value, list) and value:
-            yield (name,), value
+            yield key, value
         else:
             raise CaseError(
-                f"{path}: [sweep] {name} should be a list of at least one value, got {value!r}"
+                f"{path}: [sweep] {'.'.join(key)} should be a list of at least one value, got "
+                f"{value!r}"
             )
 
 
@@ -199,7 +209,7 @@ def _finished(folder: Path) -> "xr.Dataset | None":
     if not file.exists():
         return None
     try:
-        result = open_dataset(file, MACRO_RESULT)
+        result = _read_point(folder)
     except SchemaError:  # damaged or of another version: run again
         return None
     return result if result["converged"].values.any() else None
@@ -209,9 +219,15 @@ def _run_point(case: Case, folder: Path) -> "tuple[xr.Dataset | None, str]":
     """Run a point; what is refused is a sentence, not the end."""
     try:
         run(case, folder)
-        return open_dataset(folder / RESULT_FILE, MACRO_RESULT), ""
+        return _read_point(folder), ""
     except MultiscaleError as error:
         return None, str(error)
+
+
+def _read_point(folder: Path) -> "xr.Dataset":
+    """Open the result of a point, with the cautions of its whole run."""
+    result = open_dataset(folder / RESULT_FILE, MACRO_RESULT)
+    return result.assign_attrs(cautions="\n".join(read_cautions(folder)))
 
 
 def _join(
@@ -242,6 +258,7 @@ def _join(
             "setting": np.array(sweep.settings, dtype=str).reshape(len(results), -1),
             "folder": [f"points/{name}" for name in folders],
             "failure": list(failures),
+            "caution": ["" if one is None else one.attrs["cautions"] for one in results],
             "converged": converged,
             "joint_stiffness_low": low,
             "joint_stiffness_high": high,

@@ -11,14 +11,13 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from multiscale.errors import CaseError, ConvergenceError
-from multiscale.io import make_folder, save_law, write_bytes, write_dataset
+from multiscale.io import make_folder, save_law, write_dataset
 from multiscale.laws import BellFriction, Exponential, SteadySliding
 from multiscale.macro.joint import TreadBlock, condense_tread, slide_tread
 from multiscale.micro.sliding import wlf_shift
 from multiscale.needs import Needs
-from multiscale.pipeline.case import find_case, read_case
 from multiscale.pipeline.run import Results
-from multiscale.pipeline.toml_model import validate
+from multiscale.pipeline.run_folder import claim_folder
 from multiscale.pipeline.tyre_cells import slide_roads
 from multiscale.pipeline.tyre_settings import TyreCase
 from multiscale.schema import MACRO_RESULT
@@ -28,6 +27,7 @@ from multiscale.upscaling import (
     friction_observations,
     law_from_dataset,
     observe,
+    require_law,
 )
 
 if TYPE_CHECKING:
@@ -36,8 +36,6 @@ if TYPE_CHECKING:
 __all__ = [
     "fit_friction",
     "friction_at",
-    "is_tyre_case",
-    "load_tyre",
     "run_tyre",
     "solve_treads",
     "tyre_requirements",
@@ -51,28 +49,6 @@ TELLING = 0.05
 
 MOST_SAMPLES = 20
 """Of the law, that braking forces are computed for."""
-
-
-def is_tyre_case(case: str | Path) -> bool:
-    """Whether a case file, or the shipped case of that name, is of sliding rubber."""
-    return "rubber" in read_case(find_case(case))
-
-
-def load_tyre(case: str | Path) -> TyreCase:
-    """Read a case file of sliding rubber.
-
-    Raises
-    ------
-    CaseError
-        If there is no such case, or with every fault of the file, one a line.
-
-    Examples
-    --------
-    >>> load_tyre("tyre_on_road").cell.points
-    (128, 128)
-    """
-    path = find_case(case)
-    return validate(TyreCase, read_case(path), path, {})
 
 
 def run_tyre(
@@ -100,7 +76,7 @@ def run_tyre(
         If an input is refused, a file cannot be written, or nothing converged.
     """
     out = make_folder(Path(out))
-    _claim(out, case)
+    claim_folder(out, case)
     response = slide_roads(case, out / "micro_response.nc", executor=executor, progress=progress)
     law = fit_friction(case, response)
     save_law(law, out / "interface_law.nc")
@@ -109,15 +85,6 @@ def run_tyre(
     if not result["converged"].values.any():
         raise ConvergenceError("the tread block did not converge at any speed and temperature")
     return Results(response, law, result)
-
-
-def _claim(out: Path, case: TyreCase) -> None:
-    """Write the case into its run folder, unless it holds what another one has computed."""
-    file = out / "case.toml"
-    begun = file.exists() and any(out.rglob("*.nc"))
-    if begun and (not is_tyre_case(file) or load_tyre(file).identity() != case.identity()):
-        raise CaseError(f"{out} holds another run; choose another folder, or delete this one")
-    write_bytes(file, case.to_toml().encode())
 
 
 def fit_friction(case: TyreCase, response: "xr.Dataset") -> "xr.Dataset":
@@ -176,12 +143,23 @@ def _mean_friction(response: "xr.Dataset") -> tuple[np.ndarray, float]:
 
 
 def friction_at(law: "xr.Dataset", temperature: float, sample: int | None = None) -> BellFriction:
-    """Friction law at a temperature, K, from a fitted one; a sample of it if asked for."""
-    bell: Any = fitted_law(law, sample)
+    """Friction law at a temperature, K, from a fitted one; a sample of it if asked for.
+
+    Raises
+    ------
+    CaseError
+        If the dataset holds no bell, or not what shifts it.
+    """
+    bell = fitted_law(law, sample)
+    if not isinstance(bell, BellFriction):
+        raise CaseError(
+            f"the dataset holds a law of the family {law.attrs.get('family')!r}, expected a bell "
+            f"of friction; pass the law of a run of rubber on a road"
+        )
     names = ("reference_temperature", "wlf_c1", "wlf_c2")
+    require_law(law, *names)
     shift = wlf_shift(temperature, *(float(law.attrs[name]) for name in names))
-    found: BellFriction = replace(bell, peak_speed=bell.peak_speed / shift)
-    return found
+    return replace(bell, peak_speed=bell.peak_speed / shift)
 
 
 def solve_treads(case: TyreCase, response: "xr.Dataset", law: "xr.Dataset") -> "xr.Dataset":

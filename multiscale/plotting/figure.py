@@ -10,11 +10,21 @@ from multiscale.io import write_bytes
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
+    from matplotlib.cm import ScalarMappable
     from matplotlib.figure import Figure
 
-__all__ = ["axes_or_current", "new_figure", "plot_energy_parts", "save_figure"]
+__all__ = ["add_colour_bar", "axes_or_current", "new_figure", "plot_energy_parts", "save_figure"]
 
 DOTS_PER_INCH = 150
+
+PASSES = 4
+"""Of the layout: axes of fixed aspect change in size with the room for what stands at them."""
+
+WIDE = 1.5
+"""Width over height from which a colour bar is longer below axes than beside them."""
+
+BAR, BESIDE, BELOW = 0.12, 0.08, 0.65
+"""Thickness of a colour bar, its distance from axes, and from axes with their label, inches."""
 
 
 def axes_or_current(ax: "Axes | None") -> "Axes":
@@ -33,6 +43,28 @@ def new_figure(width: float = 5.2, height: float = 4.0) -> "Figure":
     return Figure(figsize=(width, height), layout="constrained")
 
 
+def add_colour_bar(mappable: "ScalarMappable", ax: "Axes", label: str) -> None:
+    """Put a colour bar beside axes whose limits and equal aspect are set, below wide ones.
+
+    Axes of fixed aspect may be far smaller than the room they were given, at whose edge a bar
+    would stand apart from them. This one is as long as the axes are.
+    """
+    from matplotlib.transforms import ScaledTranslation, blended_transform_factory
+
+    (left, right), (low, high) = ax.get_xlim(), ax.get_ylim()
+    wide = right - left > WIDE * (high - low)
+    corner = ScaledTranslation(0.0 if wide else 1.0, 0.0, ax.transAxes)  # type: ignore[arg-type]
+    inches, along = ax.figure.dpi_scale_trans + corner, ax.transAxes
+    if wide:
+        below = blended_transform_factory(along, inches)
+        place = ax.inset_axes((0.0, -BELOW, 1.0, BAR), transform=below)
+    else:
+        beside = blended_transform_factory(inches, along)
+        place = ax.inset_axes((BESIDE, 0.0, BAR, 1.0), transform=beside)
+    orientation = "horizontal" if wide else "vertical"
+    ax.figure.colorbar(mappable, cax=place, label=label, orientation=orientation)
+
+
 def plot_energy_parts(time: np.ndarray, parts: dict[str, np.ndarray], ax: "Axes") -> None:
     """Plot energies over time, J and s: those that are not zero throughout, and the sum of all."""
     for label, energy in parts.items():
@@ -46,6 +78,10 @@ def plot_energy_parts(time: np.ndarray, parts: dict[str, np.ndarray], ax: "Axes"
 
 def save_figure(figure: "Figure", file: Path) -> Path:
     """Write a figure as PNG, whole or not at all."""
+    layout = figure.get_layout_engine()
+    if layout is not None:
+        for _ in range(PASSES):
+            layout.execute(figure)
     buffer = BytesIO()
     figure.savefig(buffer, format="png", dpi=DOTS_PER_INCH)
     write_bytes(file, buffer.getvalue())

@@ -9,6 +9,7 @@ import numpy as np
 
 from multiscale.io import make_folder
 from multiscale.plotting.figure import (
+    add_colour_bar,
     axes_or_current,
     new_figure,
     plot_energy_parts,
@@ -76,7 +77,7 @@ def plot_force_network(
     at = np.append(0.0, result["time"].values)[int(result["frame_step"][frame]) + 1]
     ax.set_title(f"t = {at:.3g} s, {int(inside.sum())} contacts")
     if inside.any() and ax.figure is not None:
-        ax.figure.colorbar(network, ax=ax, label="force (N)", shrink=0.8)
+        add_colour_bar(network, ax, "force (N)")
     return ax
 
 

@@ -7,7 +7,12 @@ import numpy as np
 
 from multiscale.io import make_folder
 from multiscale.plotting.budget import plot_error_budget
-from multiscale.plotting.figure import axes_or_current, new_figure, save_figure
+from multiscale.plotting.figure import (
+    add_colour_bar,
+    axes_or_current,
+    new_figure,
+    save_figure,
+)
 
 if TYPE_CHECKING:
     import xarray as xr
@@ -53,7 +58,6 @@ def plot_joint_plan(
     if quantity == "pressure":
         pressure = -1e-6 * result["traction"].values[step, mine, 0]
         dots = ax.scatter(x, y, c=pressure, vmin=0.0, **marker)
-        ax.figure.colorbar(dots, ax=ax, label="pressure (MPa)", shrink=0.7)
     else:
         state, area = result["contact_state"].values[step, mine], result["point_area"].values[mine]
         for value, (name, colour) in enumerate(zip(ZONES, COLOURS, strict=True)):
@@ -63,6 +67,8 @@ def plot_joint_plan(
         ax.legend(loc="upper center", bbox_to_anchor=(0.5, -0.18), ncols=3, frameon=False)
     ax.set_aspect("equal")
     ax.set(xlabel="x (mm)", ylabel="y (mm)")
+    if quantity == "pressure":
+        add_colour_bar(dots, ax, "pressure (MPa)")
     preload, shear = (1e-6 * float(result[name].values[step]) for name in ("preload", "shear"))
     ax.set_title(f"preload {preload:.3g} MPa, shear {shear:.3g} MPa")
     return ax

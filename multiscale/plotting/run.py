@@ -4,7 +4,8 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from multiscale.io import make_folder, open_dataset, open_run
+from multiscale.io import make_folder, open_dataset, open_run, remove
+from multiscale.pipeline import read_sliding
 from multiscale.plotting.budget import plot_error_budget
 from multiscale.plotting.figure import new_figure, save_figure
 from multiscale.plotting.laws import (
@@ -17,7 +18,7 @@ from multiscale.plotting.sliding import draw_sliding
 from multiscale.plotting.surfaces import plot_contact_map, plot_surface
 from multiscale.plotting.sweep import plot_sweep
 from multiscale.plotting.tyre import draw_tyre_figures
-from multiscale.schema import FIELDS, SLIDING_RESPONSE, SWEEP
+from multiscale.schema import FIELDS, SWEEP
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -61,9 +62,11 @@ def draw_figures(out: str | Path) -> list[Path]:
     if "error_total" in result:
         figures["error_budget"] = lambda ax: plot_error_budget(result, ax=ax)
     files = _draw(out, figures)
-    if (out / "sliding_response.nc").exists():
-        sliding = open_dataset(out / "sliding_response.nc", SLIDING_RESPONSE)
-        files.append(draw_sliding(sliding, out / "figures" / "sliding.png"))
+    sliding, picture = read_sliding(out), out / "figures" / "sliding.png"
+    if sliding is not None:
+        files.append(draw_sliding(sliding, picture))
+    else:
+        remove(picture)  # of a case that slid
     return files
 
 

@@ -8,7 +8,7 @@ import numpy as np
 from multiscale.errors import CaseError
 from multiscale.io import make_folder, open_run
 from multiscale.pipeline.tyre import friction_at
-from multiscale.plotting.figure import axes_or_current, new_figure, save_figure
+from multiscale.plotting.figure import add_colour_bar, axes_or_current, new_figure, save_figure
 from multiscale.upscaling import law_band
 
 if TYPE_CHECKING:
@@ -168,10 +168,10 @@ def plot_footprint(
     traction = 1e-3 * one["traction"].values
     value = -traction[:, 0] if quantity == "pressure" else traction[:, 1]
     image = ax.tripcolor(x, y, value, shading="gouraud")
-    ax.figure.colorbar(image, ax=ax, label=f"{quantity} (kPa)", orientation="horizontal")
     ax.set_aspect("equal")
     ax.set_xlabel("along the motion (mm)")
     ax.set_ylabel("across (mm)")
+    add_colour_bar(image, ax, f"{quantity} (kPa)")
     ax.set_title(
         f"{quantity} at {float(one['sliding_speed']):.3g} m/s and "
         f"{float(one['temperature']) - ZERO_CELSIUS:.4g} °C"

@@ -1,7 +1,8 @@
 """What a run has found, as tables and as a page."""
 
 from multiscale.report.page import write_report
-from multiscale.report.sliding import describe_sliding, read_sliding
+from multiscale.report.sliding import describe_sliding
+from multiscale.report.sweep import list_sweep_cautions
 from multiscale.report.tables import (
     list_cycles,
     tabulate,
@@ -15,7 +16,7 @@ from multiscale.report.tables import (
 __all__ = [
     "describe_sliding",
     "list_cycles",
-    "read_sliding",
+    "list_sweep_cautions",
     "tabulate",
     "tabulate_braking",
     "tabulate_grains",

@@ -10,13 +10,20 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from multiscale.io import open_dataset, open_run, read_bytes, read_text, write_bytes
+from multiscale.pipeline import read_cautions, read_sliding
 from multiscale.report.section import Section
-from multiscale.report.sliding import describe_sliding, read_sliding
-from multiscale.report.sweep import sweep_answer, sweep_question, sweep_sections
+from multiscale.report.sliding import describe_sliding
+from multiscale.report.sweep import (
+    list_sweep_cautions,
+    sweep_answer,
+    sweep_question,
+    sweep_sections,
+)
 from multiscale.report.tables import tabulate
 from multiscale.report.tyre import braking_answer, braking_question, braking_sections
 from multiscale.schema import SWEEP
 from multiscale.units import readable
+from multiscale.upscaling import require_law
 
 if TYPE_CHECKING:
     import xarray as xr
@@ -60,31 +67,23 @@ def _run(out: Path) -> dict[str, Any]:
         if sliding is not None:
             sections.append(Section("Sliding", describe_sliding(sliding), figures=("sliding",)))
     sections += [Section("Inputs", [], rows=list(_inputs(case))), _work(response, result)]
-    shown = {name for section in sections for name in section.figures}
-    sections[1].figures += tuple(name for name in drawn if name not in shown)
-    cautions = [
-        caution
-        for dataset in (response, result, sliding)
-        if dataset is not None
-        for caution in dataset.attrs.get("cautions", "").splitlines()
-    ]
     return {
         "title": response.attrs["title"],
         "question": question,
         "answer": answer,
-        "cautions": cautions,
+        "cautions": read_cautions(out),
         "sections": [_with_images(section, drawn) for section in sections],
     }
 
 
 def _sweep(out: Path) -> dict[str, Any]:
-    """Say what the page of a sweep says; a point without result is a caution."""
+    """Say what the page of a sweep says."""
     result, drawn = open_dataset(out / "sweep.nc", SWEEP), _drawn(out)
     return {
         "title": result.attrs["title"],
         "question": sweep_question(result),
         "answer": sweep_answer(result),
-        "cautions": [failure.rstrip(".") for failure in result["failure"].values if failure],
+        "cautions": list_sweep_cautions(result),
         "sections": [_with_images(section, drawn) for section in sweep_sections(result)],
     }
 
@@ -132,6 +131,15 @@ def _joint(result: "xr.Dataset") -> Section:
 
 def _law(response: "xr.Dataset", law: "xr.Dataset") -> Section:
     """Say what the law stands for, how well it fits, and what it obeys."""
+    require_law(
+        law,
+        "n_realisations",
+        "pressure_min",
+        "pressure_max",
+        "cross_validated_error",
+        "cross_validated_stiffness_error",
+        "admissibility",
+    )
     return Section(
         "Interface law",
         [

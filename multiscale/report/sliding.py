@@ -1,23 +1,13 @@
 """What a page says of bodies that slide over each other."""
 
-from pathlib import Path
 from typing import TYPE_CHECKING
 
 import numpy as np
 
-from multiscale.io import open_dataset
-from multiscale.schema import SLIDING_RESPONSE
-
 if TYPE_CHECKING:
     import xarray as xr
 
-__all__ = ["describe_sliding", "read_sliding"]
-
-
-def read_sliding(out: Path) -> "xr.Dataset | None":
-    """Open how the bodies of a run slide, if they do."""
-    file = out / "sliding_response.nc"
-    return open_dataset(file, SLIDING_RESPONSE) if file.exists() else None
+__all__ = ["describe_sliding"]
 
 
 def describe_sliding(response: "xr.Dataset") -> list[str]:

@@ -6,6 +6,7 @@ import numpy as np
 
 from multiscale.report.section import Section
 from multiscale.report.tables import tabulate_braking
+from multiscale.upscaling import require_law
 
 if TYPE_CHECKING:
     import xarray as xr
@@ -13,6 +14,23 @@ if TYPE_CHECKING:
 __all__ = ["braking_answer", "braking_question", "braking_sections"]
 
 ZERO_CELSIUS = 273.15
+
+LAW = (
+    "n_realisations",
+    "pressure_min",
+    "pressure_max",
+    "reference_temperature",
+    "peak_coefficient",
+    "peak_speed",
+    "reference_pressure",
+    "speed_exponent",
+    "rms_error_over_peak",
+    "largest_error_over_peak",
+    "largest_error_speed",
+    "largest_error_temperature",
+    "admissibility",
+)
+"""What the page says of a law of friction."""
 
 
 def braking_question(result: "xr.Dataset") -> str:
@@ -46,6 +64,7 @@ def braking_answer(result: "xr.Dataset") -> list[str]:
 
 def braking_sections(law: "xr.Dataset", result: "xr.Dataset", bodies: str) -> list[Section]:
     """Give table and figures of the forces, and what the law of friction is."""
+    require_law(law, *LAW)
     values = law.attrs
     return [
         Section("Tread block", [], *tabulate_braking(result), ("braking_force",)),

@@ -25,4 +25,7 @@ SWEEP = Schema(
         "mean_gap": Variable(("point", "step"), "m", "area mean of the gap of the joint"),
         "contact_fraction": Variable(("point", "step"), "1", "real over nominal contact area"),
     },
+    optional={
+        "caution": Variable(("point",), "1", "what to beware of at a point, a line for each"),
+    },
 )

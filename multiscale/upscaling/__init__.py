@@ -18,6 +18,7 @@ from multiscale.upscaling.reading import (
     fitted_law,
     law_band,
     law_from_dataset,
+    require_law,
 )
 from multiscale.upscaling.resolution import estimate_grid_error
 from multiscale.upscaling.scales import (
@@ -73,6 +74,7 @@ __all__ = [
     "read_observations",
     "realisation_trend",
     "relaxation_time",
+    "require_law",
     "required_realisations",
     "size_trend",
     "structure_budget",

@@ -102,7 +102,7 @@ def fit_term(law: "xr.Dataset", p: np.ndarray) -> np.ndarray:
     half is left, or the error of the step itself. At the ends of the data nothing holds its slope,
     and it is as unsure as it departs from the power law through the two steps next to it.
     """
-    free = law.attrs["family"] == FREE_NORMAL
+    free = law.attrs.get("family", FREE_NORMAL) == FREE_NORMAL
     shares = {"fit_error": 0.25 if free else 1.0, "area_fit_error": 0.25}
     rows = []
     for name, share in (shares | {"stiffness_fit_error": 0.5 if free else 1.0}).items():
@@ -220,7 +220,8 @@ def separation_term(
 ) -> np.ndarray:
     """Half-widths from uneven pressure and from the few cells that one structure holds.
 
-    The scatter is the coefficient of variation of single cells, (3, steps); NaN counts as none.
+    The scatter is the coefficient of variation of single cells, (3, steps); what is not finite,
+    as that of one realisation, counts as none.
     """
     mean_law, area_law = law_from_dataset(law), area_from_dataset(law)
     functions: tuple[Callable[[np.ndarray], np.ndarray], ...] = (
@@ -229,7 +230,7 @@ def separation_term(
         lambda q: mean_law.stiffness(mean_law.gap_at(q)),
     )
     step, rows = 0.05, []
-    for evaluate, cov in zip(functions, np.nan_to_num(scatter), strict=True):
+    for evaluate, cov in zip(functions, np.nan_to_num(scatter, posinf=0.0), strict=True):
         low, middle, high = (evaluate(p * np.exp(s)) for s in (-step, 0.0, step))
         first = (high - low) / (2.0 * step)  # d/d ln p
         second = (high - 2.0 * middle + low) / step**2

@@ -9,7 +9,7 @@ import numpy as np
 from multiscale.errors import CaseError
 from multiscale.io import write_bytes
 from multiscale.units import to_si
-from multiscale.upscaling.reading import area_from_dataset, law_band, law_from_dataset
+from multiscale.upscaling.reading import area_from_dataset, law_band, law_from_dataset, require_law
 
 if TYPE_CHECKING:
     import xarray as xr
@@ -116,6 +116,8 @@ def write_pressure_overclosure(
     """
     if not (name and name.isascii() and name.replace("_", "a").replace("-", "a").isalnum()):
         raise CaseError(f"{name!r} cannot name a surface interaction; use letters and digits")
+    require_law(dataset, "pressure_min", "pressure_max", "n_realisations")
+    family = dataset.attrs.get("family", "convex_decreasing")
     low, high = (float(dataset.attrs[key]) for key in ("pressure_min", "pressure_max"))
     p, overclosure, first = pressure_overclosure(
         law_from_dataset(dataset), (low, high), tolerance=tolerance
@@ -137,7 +139,7 @@ def write_pressure_overclosure(
         )
     lines = [
         f"** pressure ({pressure_unit}), overclosure ({length_unit}) of a rough interface",
-        f"** {dataset.attrs.get('title', 'interface law')}, {dataset.attrs['family']}, "
+        f"** {dataset.attrs.get('title', 'interface law')}, {family}, "
         f"{dataset.attrs['n_realisations']} realisations",
         f"** zero overclosure: mean planes {first / length:.6g} {length_unit} apart",
         f"** from {low / pressure:.4g} to {high / pressure:.4g} {pressure_unit}, chords within "
@@ -170,6 +172,7 @@ def write_law_table(
     n_points : int
         Number of pressures, even in the logarithm over the range of the data.
     """
+    require_law(dataset, "pressure_min", "pressure_max")
     p = np.geomspace(dataset.attrs["pressure_min"], dataset.attrs["pressure_max"], n_points)
     law = law_from_dataset(dataset)
     gap = law.gap_at(p)

@@ -15,7 +15,7 @@ from multiscale.upscaling.family import FAMILIES, Family
 if TYPE_CHECKING:
     import xarray as xr
 
-__all__ = ["area_from_dataset", "fitted_law", "law_band", "law_from_dataset"]
+__all__ = ["area_from_dataset", "fitted_law", "law_band", "law_from_dataset", "require_law"]
 
 
 def law_from_dataset(
@@ -71,7 +71,7 @@ def _laws(
     INTERFACE_LAW.check(dataset)
     name = dataset.attrs.get("family", "convex_decreasing")
     if name == "convex_decreasing":
-        _require(dataset, name, ["knot", "coefficient", "coefficient_sample"])
+        require_law(dataset, "knot", "coefficient")
         knot, ends = dataset["knot"].to_numpy(), dataset.attrs
         data = float(ends.get("pressure_min", 0.0)), float(ends.get("pressure_max", np.inf))
         coefficients = _pick(dataset, "coefficient", samples)
@@ -81,8 +81,9 @@ def _laws(
         raise CaseError(
             f"the law is of the family {name!r}, which is not built in; pass it as family=..."
         )
-    held = str(dataset.attrs.get("held", "")).split()
-    _require(dataset, family.name, [*family.parameters, *held])
+    require_law(dataset, "held", *family.parameters)
+    held = str(dataset.attrs["held"]).split()
+    require_law(dataset, *held)
     given = {key: float(dataset[key]) for key in held}
     columns = [_pick(dataset, key, samples) for key in family.parameters]
     return [
@@ -100,7 +101,7 @@ def area_from_dataset(dataset: "xr.Dataset", sample: int | None = None) -> AreaL
         If the dataset holds none, or not this sample.
     """
     INTERFACE_LAW.check(dataset)
-    _require(dataset, "monotone", ["area_pressure", "area_fraction", "area_fraction_sample"])
+    require_law(dataset, "area_pressure", "area_fraction")
     (fraction,) = _pick(dataset, "area_fraction", [sample])
     return AreaLaw(dataset["area_pressure"].to_numpy(), fraction)
 
@@ -137,6 +138,7 @@ def law_band(
     """
     if not 0.0 < confidence < 1.0:
         raise CaseError(f"confidence must lie between 0 and 1, got {confidence:g}")
+    require_law(dataset, "n_realisations", "uncertainty")
     n_samples, n = int(dataset.sizes.get("sample", 0)), int(dataset.attrs["n_realisations"])
     by_realisation = "realisations" in str(dataset.attrs["uncertainty"])
     if n_samples == 0 or (by_realisation and confidence > most_confident(n)):
@@ -161,13 +163,21 @@ def law_band(
     return np.asarray(low), np.asarray(high)
 
 
-def _require(dataset: "xr.Dataset", family: str, names: list[str]) -> None:
-    """Refuse a dataset that lacks variables of its family."""
-    missing = [name for name in names if name not in dataset.variables]
+def require_law(dataset: "xr.Dataset", *names: str) -> None:
+    """Refuse a law that lacks variables or attributes, as one of an earlier version may.
+
+    Raises
+    ------
+    CaseError
+        With the names of all that are missing.
+    """
+    missing = [name for name in names if name not in {**dataset.variables, **dataset.attrs}]
     if missing:
+        place = dataset.encoding.get("source", "the law")
+        family = dataset.attrs.get("family", "convex_decreasing")
         raise CaseError(
-            f"a law of the family {family!r} needs {', '.join(missing)}, which the dataset does "
-            f"not have; fit the law again"
+            f"{place}: a law of the family {family!r} needs {', '.join(missing)}, which the "
+            f"dataset, perhaps of an earlier version, does not have; run the fit again"
         )
 
 
@@ -177,6 +187,8 @@ def _pick(dataset: "xr.Dataset", name: str, samples: Sequence[int | None]) -> li
     for sample in samples:
         if sample is not None and not 0 <= sample < n_samples:
             raise CaseError(f"the law has no sample {sample}; it has {n_samples}, counted from 0")
-    mean = dataset[name].to_numpy()
-    drawn = dataset[f"{name}_sample"].to_numpy() if n_samples else mean
+    mean = drawn = dataset[name].to_numpy()
+    if n_samples:
+        require_law(dataset, f"{name}_sample")
+        drawn = dataset[f"{name}_sample"].to_numpy()
     return [np.asarray(mean if sample is None else drawn[sample]) for sample in samples]

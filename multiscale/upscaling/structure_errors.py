@@ -17,7 +17,7 @@ from multiscale.upscaling.budget import (
 from multiscale.upscaling.budget_terms import separation_term
 from multiscale.upscaling.fit import fit_law
 from multiscale.upscaling.observations import observe
-from multiscale.upscaling.reading import law_from_dataset
+from multiscale.upscaling.reading import law_from_dataset, require_law
 from multiscale.upscaling.resolution import estimate_grid_error
 from multiscale.upscaling.scales import ScaleSeparation
 
@@ -82,6 +82,7 @@ def structure_budget(
     mean_law = law_from_dataset(law)
     found = solve(mean_law) if answer is None else answer
     value = np.atleast_1d(np.asarray(found, dtype=float))
+    require_law(law, "fit_mean_gap", "error_bias", *map(how_attribute, ERROR_TERMS))
     how = {term: str(law.attrs[how_attribute(term)]) for term in ERROR_TERMS}
     terms = _law_terms(law, mean_law, solve, value, pressure)
     biases = _law_biases(law, solve, value, terms)

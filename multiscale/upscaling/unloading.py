@@ -10,7 +10,7 @@ from multiscale.schema import INTERFACE_LAW
 from multiscale.upscaling.family import unloading_family
 from multiscale.upscaling.fit import fit_law
 from multiscale.upscaling.observations import unloading_observations, usable_steps
-from multiscale.upscaling.reading import law_from_dataset
+from multiscale.upscaling.reading import law_from_dataset, require_law
 
 if TYPE_CHECKING:
     import xarray as xr
@@ -123,6 +123,7 @@ def hysteretic_from_dataset(dataset: "xr.Dataset", sample: int | None = None) ->
             "add one with with_unloading"
         )
     names = ("unloading_stiffness_ratio", "unloading_exponent")
+    require_law(dataset, *names)
     if sample is None:
         ratio, exponent = (float(dataset[name]) for name in names)
     else:
@@ -131,5 +132,6 @@ def hysteretic_from_dataset(dataset: "xr.Dataset", sample: int | None = None) ->
             raise CaseError(
                 f"the unloading has no sample {sample}; it has {n_samples}, counted from 0"
             )
+        require_law(dataset, *(f"{name}_sample" for name in names))
         ratio, exponent = (float(dataset[f"{name}_sample"][sample]) for name in names)
     return HystereticLaw(law_from_dataset(dataset), ratio, exponent)

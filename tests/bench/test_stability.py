@@ -13,7 +13,7 @@ from multiscale.bench.stability import (
 )
 from multiscale.bench.stability import stability_cases as read_cases
 from multiscale.errors import CaseError
-from multiscale.io import open_dataset
+from multiscale.io import open_dataset, write_dataset
 from multiscale.schema import STABILITY
 
 
@@ -88,6 +88,22 @@ def test_a_process_that_dies_fails_alone(monkeypatch):
     head, rows = tabulate_stability(found)
     assert head == ("family", "cases", "converged", "refused", "failed", "largest residual")
     assert rows[-1][:5] == ("all", "3", "2", "0", "1")
+
+
+def test_what_is_found_is_kept_after_every_case(monkeypatch, tmp_path):
+    cases = [case("wedge", coefficient=mu) for mu in (0.3, 0.6, 1.5)]
+    monkeypatch.setattr(stability, "_run", _die_without_number)
+
+    def keep(found):
+        write_dataset(found, tmp_path / "stability.nc", STABILITY)
+        if found.sizes["case"] == 2:
+            raise KeyboardInterrupt
+
+    with pytest.raises(KeyboardInterrupt):
+        check_stability(cases, keep=keep)
+    kept = open_dataset(tmp_path / "stability.nc", STABILITY)
+    assert list(kept["parameters"].values) == ["coefficient = 0.3", "coefficient = 0.6"]
+    assert kept.attrs["cases"] == 3
 
 
 def _die_without_number(one):

@@ -28,7 +28,8 @@ from multiscale.macro.substructures.condensation import condense, split
 from multiscale.macro.substructures.stack import Factors
 from multiscale.macro.substructures.tangent import Newton
 from multiscale.schema import MACRO_RESULT
-from tests.macro.test_substructures import law_of_stiffness, stacked_blocks, tension_error
+from tests.macro.test_cut_joints import law_of_stiffness, stacked_blocks
+from tests.macro.test_substructures import tension_error
 
 FACTORS = [0.25, 1.0, 4.0]
 

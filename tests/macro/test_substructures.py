@@ -1,4 +1,4 @@
-"""Substructures against monolithic solvers: tensegrity, plate and rough joint."""
+"""Substructures against monolithic solvers: tensegrity, plate and porous bar."""
 
 from dataclasses import replace
 
@@ -7,13 +7,11 @@ import pytest
 from scipy.sparse.linalg import spsolve
 
 from multiscale.errors import CaseError, MultiscaleError
-from multiscale.laws import Exponential, Frictional, RigidContact
 from multiscale.laws.bulk import AnisotropicElastic, Elastic
 from multiscale.laws.link import Bar, Cable
-from multiscale.macro import Body, solve_interface, solve_static, tensegrity_grid
+from multiscale.macro import Body, solve_static, tensegrity_grid
 from multiscale.macro.continuum.blocks import box_mesh
 from multiscale.macro.substructures import (
-    Joint,
     assemble,
     bisect,
     cut_bodies,
@@ -170,11 +168,6 @@ def test_structures_without_support_or_balance_are_refused_with_a_sentence():
     floating = replace(grid, fixed=np.zeros_like(grid.fixed))
     with pytest.raises(MultiscaleError, match="can move without resistance; add supports"):
         solve_latin(cut_links(floating, split_grid(floating, (2, 2))))
-    lifted = stacked_blocks(law_of_stiffness(1.0), 2, tilt=4.0)  # beyond the edge: it tips over
-    result = solve_latin(lifted, max_iterations=60)
-    assert result.converged == 0
-    assert "the steps end before step 0" in result.attrs["failure"]
-    assert np.isnan(result.displacement).all()
 
 
 @pytest.mark.parametrize("parts", [1, 2, 4])
@@ -226,180 +219,6 @@ def test_a_cut_bar_of_a_porous_solid_stretches_and_shears_with_its_whole_complia
     assert 0.5 * u @ (whole.stiffness @ u) == pytest.approx(energy, rel=1e-9)
 
 
-def stacked_blocks(law, parts, times=(1.0,), contrast=1.0, tilt=0.2):
-    """Two blocks of 20 mm under a pressure that is not quite even, then pushed."""
-    elements = (4, 4, 3)
-    lower = Body(
-        box_mesh((0.02, 0.02, 0.02), elements, origin=(0.0, 0.0, -0.02)),
-        Elastic(contrast * 210e9, 0.3),
-        supports={"bottom": (0.0, 0.0, 0.0)},
-    )
-    upper = Body(
-        box_mesh((0.02, 0.02, 0.02), elements),
-        Elastic(210e9, 0.3),
-        supports={"front": (None, 0.0, None)},
-        tractions={
-            "top": (
-                lambda x, t: 1.4e6 * (t - 1.0),
-                0.0,
-                lambda x, t: -20e6 * (1.0 + tilt * (100.0 * x[0] - 1.0)),
-            )
-        },
-    )
-    owners = [split_boxes(body, (parts, parts, 1)) for body in (lower, upper)]
-    joint = Joint((0, 1), ("top", "bottom"), law)
-    return cut_bodies([lower, upper], owners, [joint], times=times)
-
-
-@pytest.mark.parametrize("parts", [1, 2])
-def test_a_rough_joint_with_friction_loaded_and_unloaded_is_the_monolithic_one(parts):
-    law = Frictional(Exponential(1e9, 0.4e-6), 0.2)
-    times = (1.0, 2.0, 3.0, 1.5)  # pressed, pushed twice, and pushed back
-    problem = stacked_blocks(law, parts, times)
-    result = solve_latin(problem, np.eye(len(times)))
-    assert np.all(result.converged == 1)
-
-    whole = assemble(problem)
-    K, load, jump, weight = whole.stiffness, whole.load, whole.jump, whole.weight
-    state, u = np.zeros((4, weight.size)), None
-    for step in range(len(times)):
-        solution = solve_interface(K, load[:, step], jump, weight, law, state=state, start=u)
-        assert solution.converged
-        u = solution.value
-        before, state = state, law.respond((jump @ u).reshape(3, -1), state).state
-        expected = np.append(u, 0.0)[problem.number]
-        size = np.abs(expected).max()
-        np.testing.assert_allclose(result.displacement[step], expected, atol=1e-8 * size)
-        traction = law.respond((jump @ u).reshape(3, -1), before).traction.T
-        found = result.traction.values[step]
-        np.testing.assert_allclose(found, traction, atol=1e-7 * np.abs(traction).max())
-        np.testing.assert_allclose(
-            result.jump.values[step], (jump @ u).reshape(3, -1).T, atol=1e-8 * size
-        )
-
-
-def test_a_joint_that_is_pushed_beyond_its_friction_ends_the_path():
-    law = Frictional(Exponential(1e9, 0.4e-6), 0.2)  # 4 MPa are the limit
-    result = solve_latin(stacked_blocks(law, 1, (1.0, 6.0, 1.0)), np.eye(3), max_iterations=60)
-    np.testing.assert_array_equal(result.converged, [1, 0, 0])
-    assert np.isnan(result.displacement[1:]).all()
-
-
-def law_of_stiffness(ratio):
-    """Law whose stiffness at 20 MPa is a ratio of that of a block."""
-    return Frictional(Exponential(20e6, 20e6 * 0.02 / (ratio * 210e9)), 0.2)
-
-
-def whole_blocks(problem, law, steps=1):
-    """Displacement of the nodes in every step, in one piece."""
-    whole, state, u, found = assemble(problem), None, None, []
-    for step in range(steps):
-        u = solve_interface(
-            whole.stiffness,
-            whole.load[:, step],
-            whole.jump,
-            whole.weight,
-            law,
-            state=state,
-            start=u,
-        ).unwrap()
-        before = np.zeros((law.n_state, whole.weight.size)) if state is None else state
-        state = law.respond((whole.jump @ u).reshape(3, -1), before).state
-        found.append(np.append(u, 0.0)[problem.number])
-    return np.array(found)
-
-
-@pytest.mark.parametrize("parts", [1, 2])
-@pytest.mark.parametrize("ratio", [1e-6, 1e-4, 1e-2, 1.0, 1e2, 1e4, 1e8, 1e12])
-def test_joints_from_a_millionth_of_the_stiffness_of_the_blocks_to_1e12_converge(ratio, parts):
-    law = law_of_stiffness(ratio)
-    problem = stacked_blocks(law, parts, (1.0, 2.0))
-    result = solve_latin(problem, np.eye(2))
-    assert np.all(result.converged == 1)
-    assert np.all(result.iterations <= 55)
-    force = np.einsum("spd,p->sd", result.traction.values, result.point_area.values)
-    np.testing.assert_allclose(force[:, 0], -20e6 * 0.02**2, rtol=1e-7)
-    if 1e-4 <= ratio <= 1e4:
-        expected = whole_blocks(problem, law, steps=2)
-        size = np.abs(expected).max()
-        np.testing.assert_allclose(result.displacement, expected, atol=1e-8 * size)
-
-
-@pytest.mark.parametrize("parts", [1, 2])
-@pytest.mark.parametrize(
-    ("solve", "law"),
-    [
-        (solve_latin, Frictional(Exponential(1e9, 0.4e-6, gap=1e-3), 0.2)),
-        (solve_schur, Frictional(Exponential(1e9, 0.4e-6, gap=1e-3), 0.2)),
-        (solve_latin, RigidContact(0.2)),
-    ],
-)
-def test_a_joint_that_is_open_everywhere_leaves_both_bodies_alone(solve, law, parts):
-    size, steel = (0.02, 0.02, 0.02), Elastic(210e9, 0.3)
-    held, pulled = (0.0, 0.0, 0.0), (0.0, 0.0, 5e6)
-    lower = Body(
-        box_mesh(size, (4, 4, 2), origin=(0.0, 0.0, -0.02)), steel, supports={"bottom": held}
-    )
-    upper = Body(
-        box_mesh(size, (4, 4, 2)),
-        steel,
-        supports={"top": held},
-        tractions={"left": pulled, "right": pulled},
-    )
-    owners = [split_boxes(body, (parts, parts, 1)) for body in (lower, upper)]
-    problem = cut_bodies([lower, upper], owners, [Joint((0, 1), ("top", "bottom"), law)])
-    result = solve(problem)
-    assert result.converged == 1
-    if solve is solve_latin:
-        assert np.all(result.traction == 0.0)
-    whole = assemble(problem)
-    expected = np.append(spsolve(whole.stiffness.tocsc(), whole.load[:, 0]), 0.0)[problem.number]
-    size = np.abs(expected).max()
-    np.testing.assert_allclose(result.displacement[0], expected, atol=1e-8 * size)
-
-
-@pytest.mark.parametrize("parts", [1, 2])
-@pytest.mark.parametrize("contrast", [1e-4, 1e4])
-@pytest.mark.parametrize("ratio", [1e-6, 1.0, 1e4, 1e12])
-def test_a_base_much_softer_or_stiffer_than_the_block_converges(contrast, ratio, parts):
-    law = law_of_stiffness(ratio)
-    for tilt in (0.2, 1.5):
-        times = (1.0, 2.0, 1.0)
-        problem = stacked_blocks(law, parts, times, contrast=contrast, tilt=tilt)
-        result = solve_latin(problem, np.eye(len(times)))
-        assert np.all(result.converged == 1)
-        assert np.all(result.iterations <= 100)
-        force = np.einsum("spd,p->sd", result.traction.values, result.point_area.values)
-        np.testing.assert_allclose(force[:, 0], -20e6 * 0.02**2, rtol=1e-7)
-        shear = 1.4e6 * 0.02**2 * (np.array(times) - 1.0)
-        np.testing.assert_allclose(force[:, 1], shear, atol=1e-7 * 20e6 * 0.02**2)
-
-
-@pytest.mark.parametrize("ratio", [1e-2, 1.0, 1e2])
-def test_a_joint_that_opens_on_one_side_is_the_monolithic_one(ratio):
-    law = law_of_stiffness(ratio)
-    problem = stacked_blocks(law, 2, tilt=1.5)  # the edge would pull by half the pressure
-    result = solve_latin(problem)
-    assert result.converged == 1
-    assert result.iterations <= 70
-    (expected,) = whole_blocks(problem, law)
-    size = np.abs(expected).max()
-    np.testing.assert_allclose(result.displacement[0], expected, atol=1e-8 * size)
-
-
-def test_directions_that_follow_a_soft_law_save_iterations():
-    problem = stacked_blocks(law_of_stiffness(1e-2), 2)
-    updated, fixed = (solve_latin(problem, updated=status) for status in (True, False))
-    assert 1.5 * updated.iterations.item() < fixed.iterations.item()
-
-
-def test_the_indicator_of_joints_is_heuristic_by_name_and_small_at_the_end():
-    result = solve_latin(stacked_blocks(law_of_stiffness(1.0), 2, (1.0, 2.0)), np.eye(2))
-    assert np.isnan(result.error_bound).all()
-    assert np.all((result.error_indicator > 0.0) & (result.error_indicator < 1e-7))
-    assert "heuristic" in result.error_indicator.attrs["long_name"]
-
-
 def test_bad_cuts_are_refused(grid):
     with pytest.raises(CaseError, match="one entry per link"):
         cut_links(grid, np.zeros(3, dtype=int))
@@ -415,12 +234,3 @@ def test_bad_cuts_are_refused(grid):
         cut_links(stiff, split_grid(stiff, (2, 2)))
     with pytest.raises(CaseError, match="load cases"):
         solve_latin(cut_links(grid, split_grid(grid, (2, 2))), np.ones((2, 3)))
-
-
-def test_faces_that_do_not_match_are_refused():
-    lower = Body(box_mesh((1.0, 1.0, 1.0), (2, 2, 1), origin=(0, 0, -1.0)), Elastic(1e9, 0.3))
-    upper = Body(box_mesh((1.0, 1.0, 1.0), (3, 3, 1)), Elastic(1e9, 0.3))
-    whole = [np.zeros(4, dtype=int), np.zeros(9, dtype=int)]
-    joint = Joint((0, 1), ("top", "bottom"), Exponential(1e9, 1e-6))
-    with pytest.raises(CaseError, match="do not match"):
-        cut_bodies([lower, upper], whole, [joint])

@@ -161,3 +161,9 @@ def test_a_mesh_whose_sides_do_not_match_is_refused():
 def test_missing_boundaries_are_named():
     with pytest.raises(CaseError, match=r"no boundary named \['base', 'sides', 'top'\]"):
         MeshCell(MeshTet(), ElementTetP1(), 1.0, 0.3)
+
+
+def test_fields_of_a_general_mesh_are_refused():
+    cell = MeshCell(named(wavy_box(2, 0.02)), ElementHex2(), 1.0, 0.3)
+    with pytest.raises(CaseError, match="a general mesh has none; leave it out"):
+        solve_cell(cell, PATH, keep_fields=True)

@@ -1,5 +1,7 @@
 """Cases whose bodies slide: both rough and deformable, friction against pressure and distance."""
 
+from shutil import copytree
+
 import numpy as np
 import pytest
 from typer.testing import CliRunner
@@ -114,6 +116,24 @@ def test_figure_and_report_show_the_sliding(finished):
     lines = describe_sliding(response)
     assert lines[0].startswith("Under 20 MPa the friction of the cell over 100 µm is at most 0.")
     assert all(line in page for line in lines)
+
+
+def test_a_case_that_no_longer_slides_shows_no_sliding_and_keeps_it(finished, tmp_path):
+    case, first, _ = finished
+    out = tmp_path / "out"
+    copytree(first, out)
+    draw_figures(out)
+    assert (out / "figures" / "sliding.png").exists()
+    before = (out / "sliding_response.nc").stat().st_mtime_ns
+    run(case.model_copy(update={"slide": None}), out)
+    assert "sliding" not in {file.stem for file in draw_figures(out)}
+    assert not (out / "figures" / "sliding.png").exists()
+    page = write_report(out).read_text(encoding="utf-8")
+    assert "<h2>Sliding" not in page
+    assert 'alt="sliding"' not in page
+    run(case, out)
+    assert (out / "sliding_response.nc").stat().st_mtime_ns == before
+    assert "sliding" in {file.stem for file in draw_figures(out)}
 
 
 def test_what_sliding_needs_is_told_and_quick_takes_less(tmp_path):

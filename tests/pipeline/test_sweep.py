@@ -5,7 +5,9 @@ from importlib import import_module
 import numpy as np
 import pytest
 import xarray as xr
+from typer.testing import CliRunner
 
+from multiscale.cli import app
 from multiscale.errors import CaseError, MultiscaleError
 from multiscale.pipeline import load_case, load_sweep, run, run_sweep
 from multiscale.pipeline.case import shipped_cases
@@ -54,7 +56,8 @@ def test_a_table_that_the_case_leaves_out_may_be_swept(write):
     ("table", "message"),
     [
         ("sweep = 3", r"\[sweep\] should be a table of lists, got 3"),
-        ("[sweep]\ncell.layers = 8", "layers should be a list of at least one value, got 8"),
+        ("[sweep]\ncell.layers = 8", r"\[sweep\] cell.layers should be a list of .*, got 8"),
+        ("[sweep]\nbody_2.surface.seed = 8", r"\[sweep\] body_2.surface.seed should be a list"),
         ("[sweep]\ncell.layers = []", "list of at least one value"),
         ("[sweep]\ncell.layer = [8]", "has no key 'layer'; did you mean 'layers'"),
         ("[sweep]\ncell.layers = [8, -1]", r"\[cell\] layers should be greater"),
@@ -126,8 +129,28 @@ def test_a_point_that_failed_fails_again_and_a_damaged_one_is_run_again(
 
 def test_a_sweep_without_any_result_is_an_error(write, tmp_path):
     sweep = load_sweep(write(SMALL + "[sweep]\ncell.points = [[16, 16]]\n"))
-    with pytest.raises(MultiscaleError, match="none of the 1 points of the sweep has a result"):
+    with pytest.raises(MultiscaleError, match=r"none of the 1 points .* at cell.points = \[16"):
         run_sweep(sweep, tmp_path / "out")
+
+
+def test_messages_tell_keys_of_one_name_apart_and_cautions_of_points_are_told(write, tmp_path):
+    flat = SMALL.replace("layers = 14", 'layers = 14\ngeometry = "flat"')
+    modulus = '.youngs_modulus = ["70 GPa", "210 GPa"]'
+    table = f"[sweep]\nbody_1{modulus}\nbody_2{modulus}\ncell.points = [[36, 36], [16, 16]]\n"
+    arguments = ["run", str(write(flat + table)), "-o", str(tmp_path / "out"), "--jobs", "1"]
+    first = CliRunner().invoke(app, arguments)
+    assert first.exit_code == 0, first.output
+    setting = "body_1.youngs_modulus = 70 GPa, body_2.youngs_modulus = {} GPa, cell.points = [16"
+    for one in (70, 210):
+        assert setting.format(one) in first.stderr
+    # each reason once, with its points
+    assert first.stderr.count("no result: [body_1.surface] 16 x 16 points cannot carry") == 1
+    assert "and 1 more: no result" in first.stderr
+    told = "caution: at every point with a result: the shortest wave of body_1 has 2.2 points"
+    assert told in first.stderr
+    assert setting.format(210) in (tmp_path / "out" / "log.txt").read_text(encoding="utf-8")
+    # points that are found finished are told of, too
+    assert told in CliRunner().invoke(app, arguments).stderr
 
 
 def test_workers_of_a_dask_scheduler_give_the_same_dataset(write, tmp_path):

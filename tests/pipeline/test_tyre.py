@@ -1,5 +1,6 @@
 """Rubber on a road: from its case to friction, footprint and braking force."""
 
+import shutil
 import subprocess
 import sys
 
@@ -9,7 +10,7 @@ from typer.testing import CliRunner
 
 from multiscale.cli import app
 from multiscale.errors import CaseError
-from multiscale.io import open_law, open_run
+from multiscale.io import open_law, open_run, save_law
 from multiscale.micro.sliding import wlf_shift
 from multiscale.pipeline import load_case, load_tyre, run_tyre
 from multiscale.pipeline.case import shipped_cases
@@ -17,6 +18,7 @@ from multiscale.pipeline.tyre import friction_at
 from multiscale.pipeline.tyre_cells import make_roads, slide_road
 from multiscale.plotting import draw_figures
 from multiscale.report import write_report
+from multiscale.upscaling import fit_law, friction_observations
 
 TEXT = shipped_cases()["tyre_on_road"].read_text(encoding="utf-8")
 SMALL = (
@@ -76,6 +78,29 @@ def test_the_law_is_one_bell_that_the_temperature_shifts(finished):
     assert law.sizes["sample"] == 3
     assert law.attrs["rms_error_over_peak"] < 0.03  # of 32 x 32 points
     assert results.micro_response["converged"].values.all()
+
+
+@pytest.mark.parametrize(
+    "lost", ["speed_exponent", "speed_exponent_sample", "held", "wlf_c1", "rms_error_over_peak"]
+)
+def test_a_law_of_an_earlier_version_is_answered_in_a_sentence(finished, tmp_path, lost):
+    _, out, _ = finished
+    old = tmp_path / "old"
+    shutil.copytree(out, old)
+    law = open_law(old / "interface_law.nc").drop_vars(lost, errors="ignore")
+    law.attrs.pop(lost, None)
+    save_law(law, old / "interface_law.nc")
+    told = rf"old/interface_law.nc: a law of the family 'bell' needs {lost}, .*; run the fit again"
+    reader = write_report if lost == "rms_error_over_peak" else draw_figures
+    with pytest.raises(CaseError, match=told):
+        reader(old)
+
+
+def test_a_law_of_another_family_is_no_friction_of_rubber(finished):
+    _, _, results = finished
+    seen = friction_observations(results.micro_response.isel(step=range(4)))
+    with pytest.raises(CaseError, match="a law of the family 'coulomb', expected a bell"):
+        friction_at(fit_law(seen, family="coulomb", n_samples=0), 300.0)
 
 
 def test_the_braking_force_is_the_integral_of_friction_times_pressure(finished):

@@ -55,6 +55,13 @@ def test_the_page_tells_what_was_found_how_and_what_to_beware_of(page):
     assert "multiscale 0" in page.split("Work and provenance")[1]
 
 
+def test_what_is_not_known_is_told_in_the_keys_of_the_case(page):
+    told = "not known: cells of one size were solved; a target in [accuracy] solves others"
+    assert told in page
+    assert told.replace("of one size", "on one grid") in page
+    assert "not known: pass" not in page
+
+
 @pytest.mark.skipif(which("chromium") is None, reason="needs the browser chromium")
 @pytest.mark.parametrize("size", [(1200, 900), (360, 740)], ids=["desk", "phone"])
 def test_a_figure_that_is_clicked_covers_the_page(page, tmp_path, size):
@@ -77,7 +84,11 @@ def test_the_page_of_a_sweep_has_a_row_for_each_point_and_says_which_failed(run_
     page = write_report(tmp_path).read_text(encoding="utf-8")
     assert "<h1>Two &lt;grids&gt;</h1>" in page
     assert "over 1 of 2 points with a result" in page
-    assert re.findall(r"Caution:.*16 x 16 points cannot carry", page)
-    assert page.count("<td>[64, 64]</td>") == 2  # its result, and its folder
+    assert re.findall(
+        r"Caution:</strong> at cell.points = \[16, 16\]: no result: .*cannot carry", page
+    )
+    assert re.findall(r"Caution:</strong> at every point with a result: the shortest wave of", page)
+    assert page.count("<td>[64, 64]</td>") == 1  # its result
+    assert re.findall(r"cell.points = \[64, 64\]</t.>\s*<td>points/", page)  # its folder
     assert 'alt="sweep"' in page
     assert "multiscale 0" in page.split("Work and provenance")[1]

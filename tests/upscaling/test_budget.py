@@ -64,6 +64,14 @@ def test_one_realisation_leaves_sampling_unknown():
     assert "solve 3" in budget.attrs["how_sampling"]
 
 
+def test_one_realisation_still_tells_how_uneven_the_pressure_is_in_a_structure():
+    response = ensemble(1)
+    budget = error_budget(response, fit_law(response), scales=compare_scales(0.1, 0.5, 1.0))
+    assert budget.attrs["unknown"] == "sampling, cell size, micro discretisation"
+    half_width = budget["error_half_width"].sel(error_term="scale separation").values
+    assert np.isfinite(half_width).all()
+
+
 def test_the_fit_term_grows_with_what_the_law_cannot_describe():
     response = ensemble(8, spread=0.0)
     exact = error_budget(response, fit_law(response, family="exponential"))

@@ -122,7 +122,6 @@ def _straight(state, target, material, substeps):  # type: ignore[no-untyped-def
     shear = material[E] / (2.0 * (1.0 + nu))
     b = 2.0 * (4.0 - 5.0 * nu) / (15.0 * (1.0 - nu))
     start = state[14:].copy()
-    begin = 0.0
     xi, change, middle, flow = np.empty(6), np.empty(6), np.empty(6), np.empty(6)
     mean, mean_change = np.sum(start[:3]) / 3.0, np.sum(target[:3] - start[:3]) / 3.0
     loss = 1.0 - b * state[0] * material[FEEDBACK]
@@ -130,16 +129,10 @@ def _straight(state, target, material, substeps):  # type: ignore[no-untyped-def
         hydro, hydro_change = (mean, mean_change) if i < 3 else (0.0, 0.0)
         xi[i] = (start[i] - hydro - 2.0 * shear * (1.0 - b) * state[2 + i]) / loss - state[8 + i]
         change[i] = (target[i] - start[i] - hydro_change) / loss
-    # the elastic part ends where |xi + t change| = limit, if it does
-    A, B = _equivalent(change) ** 2, _product(xi, change)
-    gap = (limit - _equivalent(xi)) * (limit + _equivalent(xi))
     if _equivalent(xi + change) <= limit * (1.0 + 1e-14):
         state[14:] = target
         return 1.0
-    if A > 0.0 and (gap > 0.0 or B < 0.0):
-        root = np.sqrt(max(B * B + A * max(gap, 0.0), 0.0))
-        begin = gap / (B + root) if B > 0.0 else (root - B) / A
-        begin = min(max(begin, 0.0), 1.0)
+    begin = _elastic_share(xi, change, limit)
     # deviator and mean of the effective stress where the step starts, for the energy
     old = np.empty(6)
     effective_stress(state, start, target, begin, material, shear, b, old)
@@ -160,24 +153,48 @@ def _straight(state, target, material, substeps):  # type: ignore[no-untyped-def
                 state[2 + i] += flow[i]
                 state[8 + i] += 2.0 / 3.0 * material[HARDENING] * (1.0 - feedback) * flow[i]
                 new[i] -= 2.0 * shear * (1.0 - b) / (1.0 - b * feedback) * flow[i]
-            before = state[1]
-            state[1] += dp
-            active = min(dp, state[1] - material[THRESHOLD])
-            if active > 0.0:
-                for i in range(6):
-                    middle[i] = 0.5 * (old[i] + new[i])
-                rate = _rate(old, state[0], material) + 4.0 * _rate(middle, state[0], material)
-                rate = (rate + _rate(new, state[0], material)) / 6.0
-                damage = rate * active
-                if state[0] + damage >= material[CRITICAL]:
-                    left = (material[CRITICAL] - state[0]) / damage
-                    share = (state[1] - active + left * active - before) / dp
-                    state[0] = material[CRITICAL]
-                    return begin + (1.0 - begin) * (step + share) / substeps
-                state[0] += damage
+            share = _harm(state, dp, old, middle, new, material)
+            if state[0] >= material[CRITICAL]:
+                return begin + (1.0 - begin) * (step + share) / substeps
         old[:] = new
     state[14:] = target
     return 1.0
+
+
+@numba.njit(cache=True, error_model="numpy")
+def _elastic_share(xi, change, limit):  # type: ignore[no-untyped-def]
+    """Share of a step that is elastic: it ends where |xi + t change| = limit."""
+    A, B = _equivalent(change) ** 2, _product(xi, change)
+    gap = (limit - _equivalent(xi)) * (limit + _equivalent(xi))
+    if not (A > 0.0 and (gap > 0.0 or B < 0.0)):
+        return 0.0
+    root = np.sqrt(max(B * B + A * max(gap, 0.0), 0.0))
+    begin = gap / (B + root) if B > 0.0 else (root - B) / A
+    return min(max(begin, 0.0), 1.0)
+
+
+@numba.njit(cache=True, error_model="numpy")
+def _harm(state, dp, old, middle, new, material):  # type: ignore[no-untyped-def]
+    """Add a plastic step and its damage (2), by Simpson's rule between two effective stresses.
+
+    Returns the share of the step after which damage is critical, or 1.
+    """
+    before = state[1]
+    state[1] += dp
+    active = min(dp, state[1] - material[THRESHOLD])
+    if not active > 0.0:
+        return 1.0
+    for i in range(6):
+        middle[i] = 0.5 * (old[i] + new[i])
+    rate = _rate(old, state[0], material) + 4.0 * _rate(middle, state[0], material)
+    rate = (rate + _rate(new, state[0], material)) / 6.0
+    damage = rate * active
+    if not state[0] + damage >= material[CRITICAL]:
+        state[0] += damage
+        return 1.0
+    left = (material[CRITICAL] - state[0]) / damage
+    state[0] = material[CRITICAL]
+    return (state[1] - active + left * active - before) / dp
 
 
 @numba.njit(cache=True, error_model="numpy")

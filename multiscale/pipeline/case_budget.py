@@ -1,0 +1,45 @@
+"""The error budget of a case: what is not known of it is said in the keys of its file."""
+
+from typing import TYPE_CHECKING
+
+from multiscale.pipeline.joint import joint_scales
+from multiscale.pipeline.settings import FEWEST_REALISATIONS, Case
+from multiscale.upscaling import error_budget
+from multiscale.upscaling.budget import how_attribute
+
+if TYPE_CHECKING:
+    import xarray as xr
+
+__all__ = ["case_budget"]
+
+
+def case_budget(case: Case, response: "xr.Dataset", law: "xr.Dataset") -> "xr.Dataset":
+    """Estimate the errors of the law of a case whose cells have one size and one grid.
+
+    Parameters
+    ----------
+    case : Case
+    response : Dataset
+        Follows ``MICRO_RESPONSE``: of the loading.
+    law : Dataset
+        Follows ``INTERFACE_LAW``.
+
+    Returns
+    -------
+    Dataset
+        Follows ``ERROR_BUDGET``.
+    """
+    budget = error_budget(response, law, scales=joint_scales(case))
+    remedy = "a target in [accuracy] solves others"
+    if case.micro.unload is not False:  # which excludes a target
+        remedy = "run the case with another {} in [cell], and compare"
+    told = {
+        "sampling": f"one realisation tells nothing of the scatter; give realisations = "
+        f"{FEWEST_REALISATIONS} or more in [micro]",
+        "cell size": f"cells of one size were solved; {remedy.format('size')}",
+        "micro discretisation": f"cells on one grid were solved; {remedy.format('points')}",
+    }
+    unknown = str(budget.attrs["unknown"]).split(", ")
+    return budget.assign_attrs(
+        {how_attribute(term): f"not known: {told[term]}" for term in told if term in unknown}
+    )

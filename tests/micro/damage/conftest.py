@@ -1,0 +1,12 @@
+"""What needs a library of the system."""
+
+import pytest
+
+
+@pytest.fixture
+def gmsh():
+    try:
+        import gmsh
+    except OSError as error:
+        pytest.skip(f"gmsh lacks a system library ({error}); README, Limits, names the packages")
+    return gmsh

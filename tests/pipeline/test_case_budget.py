@@ -1,0 +1,47 @@
+"""What a budget does not know is said in the keys of a case or scene file."""
+
+import pytest
+
+from multiscale.io import open_law, open_response
+from multiscale.pipeline import load_case, load_scene, run_scene
+from multiscale.pipeline.case_budget import case_budget
+from multiscale.upscaling import fit_law
+
+SCENE = """
+title = "Two blocks"
+[structure]
+kind = "stacked_blocks"
+size = ["20 mm", "20 mm", "10 mm"]
+elements = [3, 3, 1]
+youngs_modulus = "210 GPa"
+poissons_ratio = 0
+[joint]
+friction = 0.2
+[loading]
+preloads = ["5 MPa", "80 MPa"]
+"""
+
+
+@pytest.mark.parametrize("unload", [False, True])
+def test_every_term_that_is_not_known_names_a_key(run_folder, unload):
+    case = load_case(run_folder / "case.toml")
+    case = case.model_copy(update={"micro": case.micro.model_copy(update={"unload": unload})})
+    response = open_response(run_folder / "micro_response.nc").isel(realisation=[0])
+    told = case_budget(case, response, fit_law(response, n_samples=0)).attrs
+    assert told["unknown"] == "sampling, cell size, micro discretisation"
+    assert "give realisations = 3 or more in [micro]" in told["how_sampling"]
+    for term, key in (("cell_size", "size"), ("micro_discretisation", "points")):
+        remedy = f"another {key} in [cell]" if unload else "a target in [accuracy]"
+        assert remedy in told[f"how_{term}"]
+    assert not told["how_scale_separation"].startswith("not known")
+
+
+def test_a_scene_whose_elements_cannot_be_doubled_says_so(run_folder, tmp_path):
+    (tmp_path / "scene.toml").write_text(SCENE, encoding="utf-8")
+    assert "error_half_width" in open_law(run_folder / "interface_law.nc")
+    result = run_scene(
+        load_scene(tmp_path / "scene.toml"),
+        tmp_path / "result.nc",
+        law=run_folder / "interface_law.nc",
+    )
+    assert "an even number of them, in [structure]" in result.attrs["how_macro_discretisation"]
