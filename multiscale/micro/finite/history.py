@@ -17,6 +17,7 @@ logger = logging.getLogger(__name__)
 
 SHRINK, GROW = 0.4, 1.7
 EASY = 7  # Newton iterations
+FIRST = 0.2  # of the largest change of the approach, where a load has found no equilibrium
 TOO_FAR = 1.2  # times the largest change of the approach: done again in shorter increments
 SMALLEST = 1e-4  # of a step of the path
 MOST = 400  # increments of a step beyond the fewest: what creeps on in short ones is given up
@@ -84,65 +85,135 @@ def walk_step(
     largest_approach : float
         What the approach may change by in one increment, m: for bodies whose answer depends on it.
     """
-    begin, state = start, start
-    load = -float(start.force[:, 2].sum())
-    reached, length = 0.0, 1.0 / increments
-    count, newton, linear = 0, 0, 0
+    state, before, work = start, start, np.zeros(3, dtype=int)
+    reached, done, length = 0.0, 0.0, 1.0 / increments
     while reached < 1.0:
-        if count == increments + MOST:
+        if work[0] == increments + MOST:
             state = replace(state, status=Status.MAX_ITERATIONS)
             break
         share = min(1.0, reached + length)
         share = 1.0 if 1.0 - share < 1e-9 else share
-        aim = Target(
-            None if target.load is None else load + share * (target.load - load),
-            None
-            if target.approach is None
-            else begin.approach + share * (target.approach - begin.approach),
-            begin.slide + share * (target.slide - begin.slide),
-            (share - reached) * target.time_step,
-        )
-        found = _increment(scene, state, aim, tolerance)
-        count += 1
-        newton += len(found.residuals) - 1
-        linear += found.linear_iterations
-        logger.debug(
-            "to %.4f: %s in %d iterations, %d linear, error %.1e, flowing %.3f",
-            share,
-            found.status.name,
-            len(found.residuals) - 1,
-            found.linear_iterations,
-            found.residuals[-1],
-            found.flowing,
-        )
+        part = share - reached
+        aim = _between(start, target, share, part)
+        ahead = _extrapolate(before, state, part / done) if done > 0.0 else None
+        found = _increment(scene, state, aim, tolerance, ahead, work)
         moved = abs(found.approach - state.approach)
         if found.status is Status.CONVERGED and moved <= TOO_FAR * largest_approach:
-            state, done = found, share - reached
-            reached = share
+            before, state, done, reached = state, found, part, share
             if len(found.residuals) - 1 <= EASY:
-                length = min(1.0 / increments, GROW * done)
+                length = min(1.0 / increments, GROW * part)
             if moved > 0.0:
-                length = min(length, done * largest_approach / moved)
+                length = min(length, part * largest_approach / moved)
         elif found.status is Status.CONVERGED:
-            length = (share - reached) * largest_approach / moved
+            length = part * largest_approach / moved
+        elif _presses(start, target, largest_approach):
+            state = _press(scene, state, target, largest_approach, tolerance, work)
+            wanted = float(target.load or 0.0) - start.load
+            carried = (state.load - start.load) / wanted
+            reached = 1.0 if state.status is Status.CONVERGED else carried
+            break
         else:
-            length = SHRINK * (share - reached)
+            length = SHRINK * part
             if length < SMALLEST:
                 state = replace(state, status=found.status)
                 break
+    count, newton, linear = map(int, work)
     return Walk(state, count, newton, linear, reached)
 
 
-def _increment(scene: Scene, state: CellState, aim: Target, tolerance: float) -> CellState:
-    """Solve one increment; without contact nothing is to be solved."""
-    if aim.load == 0.0:
-        return _released(scene, state, aim)
+def _between(start: CellState, target: Target, share: float, part: float) -> Target:
+    """Give the target of an increment of length ``part`` that ends at a share of the step."""
+
+    def at(begin: float, end: float | None) -> float | None:
+        return None if end is None else begin + share * (end - begin)
+
+    return Target(
+        at(start.load, target.load),
+        at(start.approach, target.approach),
+        start.slide + share * (target.slide - start.slide),
+        part * target.time_step,
+    )
+
+
+def _presses(start: CellState, target: Target, largest_approach: float) -> bool:
+    """Whether a step changes the load alone, and the body flows."""
+    changes = target.load is not None and target.load not in (0.0, start.load)
+    return changes and bool(np.isfinite(largest_approach) and np.all(target.slide == start.slide))
+
+
+def _press(
+    scene: Scene,
+    state: CellState,
+    target: Target,
+    largest_approach: float,
+    tolerance: float,
+    work: np.ndarray,
+) -> CellState:
+    """Move a body that flows until it carries the load of a target.
+
+    Where nothing hardens, more load may find no equilibrium before another asperity touches; a
+    smaller gap does.
+    """
+    load = float(target.load or 0.0)
+    sign = 1.0 if load > state.load else -1.0
+    before, done, length = state, 0.0, FIRST * largest_approach
+    status, most = Status.MAX_ITERATIONS, work[0] + MOST
+    while work[0] < most:
+        aim = Target(None, state.approach + sign * length, target.slide)
+        ahead = _extrapolate(before, state, length / done) if done > 0.0 else None
+        found = _increment(scene, state, aim, tolerance, ahead, work)
+        if found.status is Status.CONVERGED and sign * (found.load - load) >= 0.0:
+            part = (load - state.load) / (found.load - state.load)
+            between = _extrapolate(state, found, part - 1.0)
+            found = _increment(scene, state, target, tolerance, between, work)
+            if found.status is Status.CONVERGED:
+                return found
+        if found.status is Status.CONVERGED:
+            before, state, done = state, found, length
+            if len(found.residuals) - 1 <= EASY:
+                length = min(largest_approach, GROW * length)
+        else:
+            length *= SHRINK
+            if length < SMALLEST * largest_approach:
+                status = found.status
+                break
+    return replace(state, status=status)
+
+
+def _extrapolate(before: CellState, state: CellState, ratio: float) -> tuple[np.ndarray, float]:
+    """Go on as in the last increment."""
+    u = state.displacement + ratio * (state.displacement - before.displacement)
+    return u, state.approach + ratio * (state.approach - before.approach)
+
+
+def _increment(
+    scene: Scene,
+    state: CellState,
+    aim: Target,
+    tolerance: float,
+    ahead: tuple[np.ndarray, float] | None,
+    work: np.ndarray,
+) -> CellState:
+    """Solve one increment and count it; without contact nothing is to be solved."""
     guess = None
-    if not state.active.any():
+    if aim.load != 0.0 and not state.active.any():
         guess = _first_touch(scene, state, aim)
-        if guess is not None and not guess[0].any():
-            return _released(scene, state, aim)
-    return solve_increment(scene, state, aim, guess, tolerance=tolerance)
+    if aim.load == 0.0 or (guess is not None and not guess[0].any()):
+        found = _released(scene, state, aim)
+    else:
+        found = solve_increment(scene, state, aim, guess, predicted=ahead, tolerance=tolerance)
+    work += (1, len(found.residuals) - 1, found.linear_iterations)
+    logger.debug(
+        "load %.3g N, approach %.4g m: %s in %d iterations, %d linear, error %.1e, flowing %.3f",
+        found.load,
+        found.approach,
+        found.status.name,
+        len(found.residuals) - 1,
+        found.linear_iterations,
+        found.residuals[-1],
+        found.flowing,
+    )
+    return found
 
 
 def _first_touch(scene: Scene, state: CellState, aim: Target) -> tuple[np.ndarray, float] | None:

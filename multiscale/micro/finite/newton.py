@@ -21,6 +21,7 @@ def solve_increment(
     target: Target,
     guess: tuple[np.ndarray, float] | None = None,
     *,
+    predicted: tuple[np.ndarray, float] | None = None,
     max_iterations: int = 40,
     tolerance: float = 1e-8,
 ) -> CellState:
@@ -33,6 +34,8 @@ def solve_increment(
     target : Target
     guess : tuple, optional
         Contact nodes and approach to start from, for a cell not in contact yet.
+    predicted : tuple, optional
+        Displacement and approach to start from, taken if they are nearer to equilibrium.
     max_iterations : int
         Newton iterations.
     tolerance : float
@@ -50,6 +53,11 @@ def solve_increment(
     if guess is not None:
         active, delta = guess
     now = equations.at(start.displacement, delta, active)
+    if predicted is not None:
+        ahead = equations.at(predicted[0], predicted[1] if target.approach is None else delta)
+        nearer = ahead.response.least_dilatation > LEAST_DILATATION and ahead.error < now.error
+        # the tangent is that of the last place looked at
+        now = ahead if nearer else equations.at(start.displacement, delta, active)
     residuals: list[float] = []
     linear, status = 0, Status.MAX_ITERATIONS
     for _ in range(max_iterations):
@@ -100,14 +108,16 @@ def _verdict(residuals: list[float], tolerance: float) -> Status | None:
 
 def _search(equations: Equations, now: Iterate, move: np.ndarray, shift: float) -> Iterate | None:
     """Shorten a Newton step until no element folds and, with nothing to close, the error falls."""
-    share = 1.0
-    best: Iterate | None = None
+    share, least, best = 1.0, np.inf, 0.0
     for _ in range(HALVINGS):
         found = equations.at(now.u + share * move, now.delta + share * shift)
         if found.response.least_dilatation > LEAST_DILATATION:
             if now.opens or found.error <= (1.0 - 1e-3 * share) * now.error:
                 return found
-            if best is None or found.error < best.error:
-                best = found
+            if found.error < least:
+                least, best = found.error, share
         share *= 0.5
-    return best
+    if best == 0.0:
+        return None
+    # once more, because the tangent is that of the last place looked at
+    return equations.at(now.u + best * move, now.delta + best * shift)

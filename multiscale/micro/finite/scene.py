@@ -200,3 +200,8 @@ class CellState:
     linear_iterations: int = 0
     flowing: float = 0.0
     peak: float = 0.0
+
+    @property
+    def load(self) -> float:
+        """Vertical load that the contact carries, N."""
+        return -float(self.force[:, 2].sum())

@@ -1,0 +1,87 @@
+"""Paths in increments: what a body that flows without hardening carries, and where a path ends."""
+
+import numpy as np
+import pytest
+
+from multiscale.convergence import Status
+from multiscale.laws.bulk import J2
+from multiscale.micro import Cell, Surface
+from multiscale.micro.finite import history
+from multiscale.micro.finite.cell import make_scene
+from multiscale.micro.finite.follow import largest_approach
+from multiscale.micro.finite.history import rest_state, walk_step
+from multiscale.micro.finite.scene import Target
+
+YIELD = 1e-4  # of Young's modulus
+
+
+def peaks(height=0.02, second=0.0, hardening=0.0):
+    """Two sharp asperities, one lower than the other, of metal that flows at once."""
+    heights = np.zeros((8, 8))
+    heights[2, 2] = height
+    heights[6, 6] = height - second
+    bulk = J2(1.0, 0.3, YIELD, hardening)
+    return Cell(Surface(heights, (1.0, 1.0)), 0.5, 4, 1.0, 0.3, bulk=bulk)
+
+
+def press(cell, load):
+    scene = make_scene(cell)
+    return walk_step(
+        scene,
+        rest_state(scene),
+        Target(load, None, np.zeros(2)),
+        increments=1,
+        tolerance=1e-8,
+        largest_approach=largest_approach(cell),
+    )
+
+
+def load_of_the_first(cell, approach):
+    """Load at an approach, in increments as short as plastic bodies are given."""
+    scene = make_scene(cell)
+    count = int(np.ceil(approach / largest_approach(cell)))
+    target = Target(None, approach, np.zeros(2))
+    return walk_step(scene, rest_state(scene), target, increments=count, tolerance=1e-8).state.load
+
+
+def test_a_load_that_one_asperity_cannot_carry_is_carried_when_the_next_one_touches():
+    cell = peaks(second=0.01)
+    before = load_of_the_first(cell, 0.0095)  # the lower one does not touch yet
+    walk = press(cell, 1.5 * before)
+    assert walk.reached == 1.0
+    assert walk.state.status is Status.CONVERGED
+    assert walk.state.approach > 0.01
+    assert walk.state.active[6, 6]
+    assert walk.state.load == pytest.approx(1.5 * before, rel=1e-8)
+    assert walk.newton_iterations < 200  # 360 by ever shorter increments of the load
+
+
+def test_pressed_by_a_load_or_by_an_approach_a_body_that_flows_is_in_the_same_state():
+    cell = peaks(second=0.01)
+    state = press(cell, 1.5 * load_of_the_first(cell, 0.0095)).state
+    found = load_of_the_first(cell, state.approach)
+    assert found == pytest.approx(state.load, rel=0.02)  # the increments differ
+
+
+def test_a_load_that_is_not_reached_leaves_the_part_that_was(monkeypatch):
+    cell = peaks(second=0.01)
+    load = 1.5 * load_of_the_first(cell, 0.0095)
+    monkeypatch.setattr(history, "MOST", 8)
+    walk = press(cell, load)
+    assert walk.state.status is Status.MAX_ITERATIONS
+    assert 0.0 < walk.reached < 1.0
+    assert walk.state.load == pytest.approx(walk.reached * load)
+
+
+def test_where_an_increment_starts_does_not_change_where_it_ends():
+    cell = peaks(hardening=0.01)
+    scene = make_scene(cell)
+    target = Target(None, 0.004, np.zeros(2))
+    whole = walk_step(scene, rest_state(scene), target, increments=4, tolerance=1e-10)
+    state, newton = rest_state(scene), 0
+    for approach in (0.001, 0.002, 0.003, 0.004):
+        target = Target(None, approach, np.zeros(2))
+        one = walk_step(scene, state, target, increments=1, tolerance=1e-10)
+        state, newton = one.state, newton + one.newton_iterations
+    assert whole.newton_iterations < 0.75 * newton  # it goes on as in the increment before
+    np.testing.assert_allclose(whole.state.force, state.force, atol=1e-9 * state.load)
