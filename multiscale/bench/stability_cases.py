@@ -243,7 +243,8 @@ def grains(friction: float, step: float, density_ratio: float) -> float:
         box((0.0, 0.0, 0.0), (0.07, 0.07, np.inf)),
         ContactLaw(friction),
     )
-    result = simulate(model, 20 * step, step, solver=Solver(max_iterations=5000))
+    duration = max(20 * step, 0.04)  # s, in which the uppermost grain lands on the others
+    result = simulate(model, duration, step, solver=Solver(max_iterations=5000))
     overlap = float(result["penetration"].max())
     return max(float(result["residual"].max()), overlap if overlap > 0.01 else 0.0)
 

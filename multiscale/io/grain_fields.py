@@ -17,8 +17,8 @@ __all__ = ["write_grain_fields"]
 def write_grain_fields(result: "xr.Dataset", folder: Path, *, name: str = "grains") -> Path:
     """Write one VTU file per frame, and the collection that ParaView opens as a series.
 
-    A grain is a point with its radius, velocity and spin: show it with the filter *Glyph*, a sphere
-    scaled by twice the radius. A contact is a line with its force.
+    A grain is a point with its radius, velocity and, if grains turn, spin: show it with the filter
+    *Glyph*, a sphere scaled by twice the radius. A contact is a line with its force.
 
     Parameters
     ----------
@@ -59,8 +59,7 @@ def _frame(result: "xr.Dataset", k: int) -> Any:
     m = len(force)
     grains = {
         "radius": result["radius"].values,
-        "velocity": frame["velocity"].values,
-        "spin": frame["spin"].values,
+        **{name: frame[name].values for name in ("velocity", "spin") if name in frame},
     }
     return meshio.Mesh(
         np.concatenate([frame["position"].values, first, second]),

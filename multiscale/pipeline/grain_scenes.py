@@ -7,6 +7,7 @@ from multiscale.io import make_folder, write_dataset, write_grain_fields
 from multiscale.macro import granulate
 from multiscale.macro.granulate import ContactLaw, Model, Solver
 from multiscale.pipeline.grain_settings import (
+    Biaxial,
     ColumnCollapse,
     Deposit,
     GrainScene,
@@ -32,12 +33,14 @@ def make_granulate(scene: GrainScene) -> Model:
     -------
     Model
         At the beginning of the motion that the scene asks for: the column of a collapse has
-        settled, and the grains of a shear cell are pressed.
+        settled, and the grains of a shear cell or of a biaxial test are pressed.
 
     Raises
     ------
     CaseError
         If the grains do not fit.
+    ConvergenceError
+        If the grains of a biaxial test do not come to rest under their pressure.
     """
     given, grains = scene.structure, scene.grains
     law = ContactLaw(grains.friction, grains.restitution, grains.compliance)
@@ -59,6 +62,10 @@ def make_granulate(scene: GrainScene) -> Model:
         step = scene.motion.step
         still = granulate.simulate(model, given.settling, step, solver=_solver(scene.motion))
         return granulate.release(model, granulate.final_grains(model, still))
+    if isinstance(given, Biaxial):
+        return granulate.biaxial_cell(
+            radii, given.pressure, given.strain_rate, law, planar=given.planar, **options
+        )[0]
     return granulate.shear_layer(radii, given.size, given.pressure, given.speed, law, **options)[0]
 
 

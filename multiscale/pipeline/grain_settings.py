@@ -17,6 +17,7 @@ from multiscale.pipeline.toml_model import (
 
 __all__ = [
     "GRANULATES",
+    "Biaxial",
     "ColumnCollapse",
     "Deposit",
     "GrainScene",
@@ -31,6 +32,7 @@ QUICK_GRAINS, QUICK_STEPS = 60, 40
 Density = Annotated[float, quantity("kg/m^3"), Field(gt=0.0), with_unit("kg/m^3")]
 Speed = Annotated[float, quantity("m/s"), Field(ge=0.0), with_unit("m/s")]
 Stress = Annotated[float, quantity("Pa"), Field(gt=0.0), with_unit("Pa")]
+StrainRate = Annotated[float, quantity("s^-1"), Field(gt=0.0), with_unit("s^-1")]
 Friction = Annotated[Number, Field(ge=0.0)]
 Positive = Annotated[Count, Field(ge=1)]
 
@@ -102,7 +104,26 @@ class ShearCell(Settings):
     speed: Speed
 
 
-GRANULATES = ("deposit", "silo", "column_collapse", "shear_cell")
+class Biaxial(Settings):
+    """Grains in a periodic cell, compacted, then shortened along z under a lateral pressure.
+
+    Parameters
+    ----------
+    pressure : quantity
+        Of the compaction, and then on the sides of the cell, Pa.
+    strain_rate : quantity
+        Of the axial strain, 1/s; see :func:`multiscale.macro.granulate.biaxial_cell`.
+    planar : bool
+        Discs in place of spheres.
+    """
+
+    kind: Literal["biaxial"]
+    pressure: Stress
+    strain_rate: StrainRate
+    planar: bool = False
+
+
+GRANULATES = ("deposit", "silo", "column_collapse", "shear_cell", "biaxial")
 """Kinds of structures that are grains."""
 
 
@@ -183,12 +204,15 @@ class GrainScene(Settings):
     title : str
         Stands in tables and datasets.
     structure : table
-        Its ``kind`` is ``"deposit"``, ``"silo"``, ``"column_collapse"`` or ``"shear_cell"``.
+        Its ``kind`` is ``"deposit"``, ``"silo"``, ``"column_collapse"``, ``"shear_cell"`` or
+        ``"biaxial"``.
     grains, motion : table
     """
 
     title: str
-    structure: Annotated[Deposit | Silo | ColumnCollapse | ShearCell, Field(discriminator="kind")]
+    structure: Annotated[
+        Deposit | Silo | ColumnCollapse | ShearCell | Biaxial, Field(discriminator="kind")
+    ]
     grains: GrainSettings
     motion: Motion
 

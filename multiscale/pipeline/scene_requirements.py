@@ -10,7 +10,7 @@ from multiscale.macro.granulate.needs import grain_needs
 from multiscale.macro.substructures.needs import cut_needs
 from multiscale.needs import Needs
 from multiscale.pipeline.body_settings import BODIES, LapJoint, Plate, StackedBlocks, Substructures
-from multiscale.pipeline.grain_settings import GrainScene
+from multiscale.pipeline.grain_settings import Biaxial, GrainScene, Silo
 from multiscale.pipeline.scene_settings import Scene
 from multiscale.pipeline.scenes import make_structure
 
@@ -55,7 +55,11 @@ def _grain_needs(scene: GrainScene) -> Needs:
     grains, motion = scene.grains, scene.motion
     law = ContactLaw(grains.friction, grains.restitution, grains.compliance)
     solver = Solver(motion.tolerance, motion.max_iterations, motion.threads, motion.domains)
-    return grain_needs(grains.number, motion.frames, law, solver)
+    wall = scene.structure.wall_friction if isinstance(scene.structure, Silo) else 0.0
+    strained = isinstance(scene.structure, Biaxial)
+    return grain_needs(
+        grains.number, motion.frames, law, solver, wall_friction=wall, strained=strained
+    )
 
 
 def _link_needs(scene: Scene) -> Needs:

@@ -39,6 +39,7 @@ from multiscale.pipeline.body_settings import BODIES, LapJoint, Plate, StackedBl
 from multiscale.pipeline.grain_scenes import run_grain_scene
 from multiscale.pipeline.grain_settings import (
     GRANULATES,
+    Biaxial,
     ColumnCollapse,
     Deposit,
     GrainScene,
@@ -74,6 +75,7 @@ KINDS: dict[str, type[Settings]] = {
     "silo": Silo,
     "column_collapse": ColumnCollapse,
     "shear_cell": ShearCell,
+    "biaxial": Biaxial,
 }
 LAWS: dict[str, type[LinkLaw]] = {"bar": Bar, "cable": Cable, "strut": Strut}
 

@@ -15,6 +15,7 @@ from multiscale.plotting.damage import (
 )
 from multiscale.plotting.granulate import (
     draw_granulate,
+    plot_biaxial_curve,
     plot_contact_error,
     plot_force_network,
     plot_grain_energies,
@@ -59,6 +60,7 @@ __all__ = [
     "draw_tyre_figures",
     "draw_work_precision",
     "plot_area_law",
+    "plot_biaxial_curve",
     "plot_braking_force",
     "plot_contact_error",
     "plot_contact_map",

@@ -20,7 +20,13 @@ if TYPE_CHECKING:
     import xarray as xr
     from matplotlib.axes import Axes
 
-__all__ = ["draw_granulate", "plot_contact_error", "plot_force_network", "plot_grain_energies"]
+__all__ = [
+    "draw_granulate",
+    "plot_biaxial_curve",
+    "plot_contact_error",
+    "plot_force_network",
+    "plot_grain_energies",
+]
 
 
 def plot_force_network(
@@ -125,6 +131,29 @@ def plot_contact_error(result: "xr.Dataset", *, ax: "Axes | None" = None) -> "Ax
     return ax
 
 
+def plot_biaxial_curve(result: "xr.Dataset", *, ax: "Axes | None" = None) -> "Axes":
+    """Plot stress ratio and volumetric strain against the axial strain of a cell.
+
+    Parameters
+    ----------
+    result : Dataset
+        Follows ``GRANULATE``, of a cell under a pressure.
+    ax : Axes, optional
+        Where to draw. The current axes if not given.
+    """
+    from multiscale.macro.granulate import biaxial_curve
+
+    ax, curve = axes_or_current(ax), biaxial_curve(result)
+    strain = 100.0 * curve["axial_strain"].values
+    ax.plot(strain, curve["stress_ratio"].values, linewidth=0.8)
+    ax.set_xlabel("axial strain (%)")
+    ax.set_ylabel("stress ratio q/p", color="C0")
+    right = ax.twinx()
+    right.plot(strain, 100.0 * curve["volumetric_strain"].values, color="C1")
+    right.set_ylabel("volumetric strain (%), compaction positive", color="C1")
+    return ax
+
+
 def draw_granulate(result: "xr.Dataset", folder: Path) -> list[Path]:
     """Draw the force network, the energies and the error of the solver into PNG files.
 
@@ -144,6 +173,8 @@ def draw_granulate(result: "xr.Dataset", folder: Path) -> list[Path]:
         "energies": plot_grain_energies,
         "contact_error": plot_contact_error,
     }
+    if "stress" in result:
+        plots["biaxial_curve"] = plot_biaxial_curve
     files = []
     for name, plot in plots.items():
         figure = new_figure(6.0, 5.0)

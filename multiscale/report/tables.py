@@ -123,8 +123,16 @@ def tabulate_grains(result: "xr.Dataset") -> tuple[tuple[str, ...], list[tuple[s
     """
     names = ("time", "n_contacts", "kinetic_energy", "penetration", "iterations", "residual")
     head = ("time (s)", "contacts", "kinetic (J)", "overlap / R", "sweeps", "error")
-    return head, [
-        tuple(f"{float(result[name][k]):.4g}" for name in names) for k in _steps_shown(result)
+    rows = [tuple(f"{float(result[name][k]):.4g}" for name in names) for k in _steps_shown(result)]
+    if "stress" not in result:
+        return head, rows
+    from multiscale.macro.granulate import biaxial_curve
+
+    curve = biaxial_curve(result).isel(step=_steps_shown(result))
+    more = zip(curve["axial_strain"].values, curve["stress_ratio"].values, strict=True)
+    return (*head, "axial strain", "q/p"), [
+        (*row, f"{strain:.4g}", f"{ratio:.4g}")
+        for row, (strain, ratio) in zip(rows, more, strict=True)
     ]
 
 

@@ -33,7 +33,6 @@ GRANULATE = Schema(
         "frame_step": Variable(("frame",), "1", "step that a frame shows, -1 for the start"),
         "position": Variable(_GRAIN, "m", "centres"),
         "velocity": Variable(_GRAIN, "m s-1", "velocities"),
-        "spin": Variable(_GRAIN, "rad s-1", "angular velocities"),
         "contact_frame": Variable(("contact",), "1", "frame that a contact belongs to"),
         "contact_ends": Variable(
             ("contact", "end"), "1", "grain, and grain or number of grains plus that of the wall"
@@ -44,11 +43,18 @@ GRANULATE = Schema(
         "branch": Variable(("contact", "component"), "m", "first centre minus second or contact"),
     },
     optional={
+        "spin": Variable(_GRAIN, "rad s-1", "angular velocities"),
         "time_step": Variable(("step",), "s", "length of the step"),
         "wall_force": Variable(("step", "wall", "component"), "N", "force of the grains on a wall"),
         "wall_position": Variable(("step", "wall", "component"), "m", "point of a wall"),
         "wall_direction": Variable(("wall", "component"), "1", "normal or axis of a wall"),
         "wall_radius": Variable(("wall",), "m", "radius of a cylinder, zero for a plane"),
         "period": Variable(("step", "component"), "m", "edges of the periodic cell"),
+        "stress": Variable(
+            ("step", "component"), "Pa", "mean normal stresses of the cell, tension positive"
+        ),
+        "strain": Variable(
+            ("step", "component"), "1", "logarithmic strain of the cell since the start"
+        ),
     },
 )

@@ -76,6 +76,23 @@ def test_steps_follow_the_accuracy_of_the_file(tmp_path):
     assert lengths.sum() == pytest.approx(40 * 5e-3)
 
 
+def test_a_biaxial_test_leaves_its_curve_in_dataset_table_and_figure(tmp_path):
+    scene = load_scene(SCENES / "biaxial.toml")
+    assert scene.structure.strain_rate == 0.03
+    out = tmp_path / "result.nc"
+    done = CliRunner().invoke(
+        app, ["macro", str(SCENES / "biaxial.toml"), "--quick", "-o", str(out)]
+    )
+    assert done.exit_code == 0, done.output
+    assert "q/p" in done.output
+    result = open_dataset(out, GRANULATE)
+    assert result["stress"].attrs["units"] == "Pa"
+    time = result["time"].values
+    np.testing.assert_allclose(-result["strain"][:, 2], 0.03 * time, rtol=1e-3)
+    names = [file.stem for file in draw_granulate(result, tmp_path / "figures")]
+    assert "biaxial_curve" in names
+
+
 @pytest.mark.parametrize(
     ("pairs", "message"),
     [

@@ -4,6 +4,7 @@ import json
 import os
 import subprocess
 import sys
+import tracemalloc
 from dataclasses import replace
 from pathlib import Path
 from textwrap import dedent
@@ -14,12 +15,22 @@ from typer.testing import CliRunner
 
 from multiscale.cli import app
 from multiscale.laws.link import Cable
-from multiscale.macro import cut_links, simulate, solve_latin, solve_static, tensegrity_grid, truss
+from multiscale.macro import (
+    cut_links,
+    granulate,
+    simulate,
+    solve_latin,
+    solve_static,
+    tensegrity_grid,
+    truss,
+)
 from multiscale.macro import dynamics as dynamics_module
 from multiscale.macro.discrete.needs import link_needs
 from multiscale.macro.discrete.tangent import Tangent
-from multiscale.macro.granulate import ContactLaw, Solver
+from multiscale.macro.granulate import ContactLaw, Grains, Model, Solver, box
+from multiscale.macro.granulate.motion import advance
 from multiscale.macro.granulate.needs import grain_needs
+from multiscale.macro.granulate.state import start
 from multiscale.macro.substructures import latin as latin_module
 from multiscale.macro.substructures import solve as solve_module
 from multiscale.macro.substructures import split_grid
@@ -60,6 +71,9 @@ DEPOSIT = {
 }
 
 
+SMOOTH = DEPOSIT | {"grains": DEPOSIT["grains"] | {"friction": 0.0}}
+
+
 def larger(scene, **structure):
     return scene | {"structure": scene["structure"] | structure}
 
@@ -69,8 +83,15 @@ LARGE = {
     "motion": larger(MOTION, n=30, prestress="9 kN"),
     "plate": larger(PLATE, elements=[32, 32, 2]) | {"substructures": {"parts": [4, 4]}},
     "deposit": DEPOSIT | {"grains": DEPOSIT["grains"] | {"number": 2000}},
+    "smooth grains": SMOOTH | {"grains": SMOOTH["grains"] | {"number": 2000}},
 }
-SMALL = {"grid": GRID, "motion": MOTION, "plate": PLATE, "deposit": DEPOSIT}
+SMALL = {
+    "grid": GRID,
+    "motion": MOTION,
+    "plate": PLATE,
+    "deposit": DEPOSIT,
+    "smooth grains": SMOOTH,
+}
 
 
 def write(scene, file):
@@ -182,11 +203,69 @@ def test_grains_say_what_their_law_and_their_solver_take():
     full = grain_needs(100, 2, ContactLaw(0.5, 0.1, 0.05), Solver(threads=2))
     assert set(full.operators) - set(plain.operators) == {
         "friction",
+        "rotation",
         "springs",
         "restitution",
         "colours",
         "assembled problem",
     }
+
+
+def test_a_cell_that_strains_is_swept_by_one_thread_and_says_so():
+    needs = grain_needs(100, 2, ContactLaw(), Solver(threads=2, domains=2), strained=True)
+    assert {"cell strain", "sweeps", "friction", "rotation"} == set(needs.operators)
+    still = grain_needs(100, 2, ContactLaw(), Solver(threads=2, most_assembled=0))
+    assert {"colours", "sweeps", "friction", "rotation"} == set(still.operators)
+    biaxial = scene_requirements(load_scene(SCENES[0].parent / "biaxial.toml"))
+    assert "cell strain" in biaxial
+
+
+@pytest.mark.parametrize(
+    ("law", "changes", "unknowns", "turns"),
+    [
+        pytest.param(ContactLaw(0.0), {}, 1, False, id="smooth"),
+        pytest.param(ContactLaw(0.5), {}, 3, True, id="rough"),
+        pytest.param(ContactLaw(0.0), {"wall_friction": 0.3}, 3, True, id="rough wall"),
+        pytest.param(ContactLaw(0.0), {"spin": 1.0}, 1, True, id="smooth and spinning"),
+    ],
+)
+def test_grains_take_the_unknowns_and_the_spins_that_they_need(law, changes, unknowns, turns):
+    spin = np.full((8, 3), changes.get("spin", 0.0))
+    places = np.stack(np.meshgrid(*[[0.0101, 0.0303]] * 3), axis=-1).reshape(-1, 3)
+    walls = box((0, 0, 0), (0.0404, 0.0404, np.inf), friction=changes.get("wall_friction"))
+    model = Model(Grains(places, 0.01, spin=spin), walls, law)
+    assert model.needs.unknowns_per_contact == unknowns
+    assert ("friction" in model.needs) == (unknowns == 3)
+    assert ("rotation" in model.needs) == turns
+    state, step = advance(model, start(model), 5e-3, Solver())
+    assert step.n_contacts > 0
+    contacts = state.contacts
+    assert {a.shape[1] for a in (state.kept, state.held, contacts.impulse, contacts.anchor)} == {
+        unknowns
+    }
+    assert (contacts.coulomb is None) == (unknowns == 1)
+    assert {state.velocity.shape[1], model.push.shape[1]} == {8 if turns else 4}
+    assert model.mobility.shape[1] == (3 if turns else 1)
+    motion = granulate.simulate(model, 0.02, 5e-3)
+    assert ("spin" in motion) == turns == ("spin" in model.needs.fields)
+    if unknowns == 1 and turns:
+        np.testing.assert_allclose(motion["spin"].values[-1], spin, rtol=1e-12)
+
+
+def test_a_step_without_friction_allocates_less():
+    peaks = []
+    places = np.stack(np.meshgrid(*[np.arange(10)] * 3), axis=-1).reshape(-1, 3)
+    for friction in (0.0, 0.5):
+        walls = box((0, 0, 0), (0.202, 0.202, np.inf))
+        model = Model(Grains((2.02 * places + 1.01) * 0.01, 0.01), walls, ContactLaw(friction))
+        state = start(model)
+        for measured in (False, True):  # the first step compiles
+            if measured:
+                tracemalloc.start()
+            state, _ = advance(model, state, 2e-3, Solver(max_iterations=10))
+        peaks.append(tracemalloc.get_traced_memory()[1])
+        tracemalloc.stop()
+    assert peaks[0] < 0.75 * peaks[1]
 
 
 def count(monkeypatch, owner, name):

@@ -1,6 +1,7 @@
 """Rigid grains in frictional contact: the far end of the way from a truss to a granulate."""
 
 from multiscale.macro.granulate.arrangements import column, deposit, release, silo
+from multiscale.macro.granulate.biaxial import biaxial_cell, biaxial_curve
 from multiscale.macro.granulate.bodies import Cylinder, Grains, Plane, Wall, box
 from multiscale.macro.granulate.cells import compact, shear_layer, shear_response
 from multiscale.macro.granulate.model import ContactLaw, Model, Solver
@@ -16,6 +17,8 @@ __all__ = [
     "Plane",
     "Solver",
     "Wall",
+    "biaxial_cell",
+    "biaxial_curve",
     "box",
     "column",
     "compact",

@@ -1,4 +1,4 @@
-r"""The contacts of a step as a friction problem with an assembled Delassus operator.
+r"""The contacts of a step as one problem with an assembled Delassus operator.
 
 For what Gauss-Seidel does not solve: heavy grains on light ones, wedges.
 """
@@ -6,7 +6,8 @@ For what Gauss-Seidel does not solve: heavy grains on light ones, wedges.
 import numpy as np
 from scipy.sparse import coo_array, csr_array, diags_array
 
-from multiscale.nonsmooth import solve_friction
+from multiscale.macro.granulate.contacts import Contacts
+from multiscale.nonsmooth import solve_friction, solve_lcp
 
 __all__ = ["solve_assembled"]
 
@@ -14,32 +15,34 @@ __all__ = ["solve_assembled"]
 def solve_assembled(
     velocity: np.ndarray,
     mobility: np.ndarray,
-    ends: np.ndarray,
-    data: np.ndarray,
-    anchor: np.ndarray,
-    impulse: np.ndarray,
+    contacts: Contacts,
     tolerance: float,
 ) -> np.ndarray:
-    r"""Solve the contacts by :func:`multiscale.nonsmooth.solve_friction`.
+    r"""Solve the contacts by :func:`multiscale.nonsmooth.solve_friction`, or as an LCP without it.
 
     Parameters
     ----------
-    velocity, mobility, ends, data, anchor : ndarray
+    velocity, mobility : ndarray
         As in :mod:`multiscale.macro.granulate.sweeps`; the velocities are those without impulses.
-    impulse : ndarray, shape (contacts, 3)
-        Start, N s.
+    contacts : Contacts
+        Whose impulses are the start.
     tolerance : float
         Dimensionless.
 
     Returns
     -------
-    ndarray, shape (contacts, 3)
-        Impulses in global axes, N s: the best that was found, which the caller measures.
+    ndarray
+        Impulses, N s, in the shape of those of the contacts: the best that was found, which the
+        caller measures.
     """
+    ends, data, coulomb, impulse, anchor = contacts.arrays
+    if coulomb is None:
+        return _solve_normal(velocity, mobility, contacts, tolerance)
     m = len(ends)
     frames = _frames(data[:, :3])  # (contacts, 3, 3), rows normal and tangents
     transfer, inverse = _transfer(frames, ends, mobility)
-    compliance = data[:, 6:7] / np.column_stack([data[:, 4], data[:, 5], data[:, 5]])  # 1/kg
+    across = coulomb[:, 0]
+    compliance = data[:, 5:6] / np.column_stack([data[:, 4], across, across])  # 1/kg
     operator = transfer.T @ diags_array(inverse) @ transfer + diags_array(compliance.ravel())
 
     u = velocity[ends[:, 0]] - velocity[ends[:, 1]]
@@ -49,9 +52,29 @@ def solve_assembled(
     free -= compliance * np.einsum("cab,cb->ca", frames, anchor)
     begin = np.einsum("cab,cb->ca", frames, impulse).ravel()
     found = solve_friction(
-        csr_array(operator), free.ravel(), data[:, 7], tolerance=tolerance, start=begin
+        csr_array(operator), free.ravel(), coulomb[:, 1], tolerance=tolerance, start=begin
     )
     return np.asarray(np.einsum("cab,ca->cb", frames, found.value.reshape(m, 3)))
+
+
+def _solve_normal(
+    velocity: np.ndarray, mobility: np.ndarray, contacts: Contacts, tolerance: float
+) -> np.ndarray:
+    """Do the same with one impulse per contact, and three velocities per body."""
+    normal, m = contacts.data[:, :3], len(contacts.ends)
+    compliance = contacts.data[:, 5] / contacts.data[:, 4]  # 1/kg
+    at = 3 * contacts.ends[:, :, None] + np.arange(3)
+    values = np.stack([normal, -normal], axis=1)
+    place = np.broadcast_to(np.arange(m)[:, None, None], values.shape)
+    transfer = csr_array(
+        coo_array((values.ravel(), (at.ravel(), place.ravel())), shape=(3 * len(mobility), m))
+    )
+    inverse = np.repeat(mobility[:, 0], 3)
+    operator = transfer.T @ diags_array(inverse) @ transfer + diags_array(compliance)
+    free = transfer.T @ velocity[:, :3].ravel() + contacts.data[:, 3]
+    free -= compliance * contacts.anchor[:, 0]
+    found = solve_lcp(csr_array(operator), free, tolerance=tolerance, start=contacts.impulse[:, 0])
+    return np.asarray(found.value[:, None])
 
 
 def _frames(normal: np.ndarray) -> np.ndarray:

@@ -99,8 +99,10 @@ class Grains:
         """Moments of inertia about the axis of rotation, shape (grains,), kg m2."""
         return np.asarray((0.5 if self.planar else 0.4) * self.mass * self.radius**2)
 
-    def moved(self, position: np.ndarray, velocity: np.ndarray, spin: np.ndarray) -> Self:
-        """Return the same grains elsewhere."""
+    def moved(
+        self, position: np.ndarray, velocity: np.ndarray, spin: np.ndarray | None = None
+    ) -> Self:
+        """Return the same grains elsewhere, without spin if none is given."""
         return replace(self, position=position, velocity=velocity, spin=spin)
 
 

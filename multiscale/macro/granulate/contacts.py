@@ -1,6 +1,7 @@
 """From neighbours to contacts: gaps, normals, masses and biases for the sweeps."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from typing import Self
 
 import numba
 import numpy as np
@@ -27,8 +28,32 @@ class Contacts:
 
     ends: np.ndarray
     data: np.ndarray
+    coulomb: np.ndarray | None
     impulse: np.ndarray
     anchor: np.ndarray
+
+    @property
+    def arrays(self) -> tuple[np.ndarray, np.ndarray, np.ndarray | None, np.ndarray, np.ndarray]:
+        """All of them, as the kernels take them."""
+        return self.ends, self.data, self.coulomb, self.impulse, self.anchor
+
+    def reordered(self, order: np.ndarray) -> Self:
+        """Return the contacts in another order."""
+        return replace(
+            self, **{name: value[order] for name, value in vars(self).items() if value is not None}
+        )
+
+    @property
+    def normal_impulse(self) -> np.ndarray:
+        """Shape (contacts,), N s."""
+        if self.coulomb is None:
+            return self.impulse[:, 0]
+        return np.asarray(np.sum(self.impulse * self.data[:, :3], axis=1))
+
+    @property
+    def vectors(self) -> np.ndarray:
+        """Impulses in global axes, shape (contacts, 3), N s."""
+        return self.impulse * self.data[:, :3] if self.coulomb is None else self.impulse
 
 
 @numba.njit(inline="always", error_model="numpy")
@@ -56,6 +81,15 @@ def _gap(i, j, position, radius, period, kind, point, axis, bore):  # type: igno
     if length == 0.0:
         return bore[w] - radius[i], 1.0, 0.0, 0.0
     return bore[w] - length - radius[i], -nx / length, -ny / length, -nz / length
+
+
+@numba.njit(inline="always", error_model="numpy")
+def _borne(k, kept):  # type: ignore[no-untyped-def]
+    """Whether a pair had an impulse in the last step."""
+    borne = False
+    for a in range(kept.shape[1]):
+        borne = borne or kept[k, a] != 0.0
+    return borne
 
 
 @numba.njit(cache=True, error_model="numpy")
@@ -96,7 +130,7 @@ def allowed_step(  # type: ignore[no-untyped-def]
         i, j = pairs[k, 0], pairs[k, 1]
         gap, nx, ny, nz = _gap(i, j, position, radius, period, kind, point, axis, bore)
         smaller = min(radius[i], radius[j]) if j < radius.size else radius[i]
-        touched = kept[k, 0] != 0.0 or kept[k, 1] != 0.0 or kept[k, 2] != 0.0
+        touched = _borne(k, kept)
         x, y = velocity[j, 0] - velocity[i, 0], velocity[j, 1] - velocity[i, 1]
         z = velocity[j, 2] - velocity[i, 2]
         closing, room = x * nx + y * ny + z * nz, accuracy * smaller
@@ -130,18 +164,19 @@ def build_contacts(  # type: ignore[no-untyped-def]
     velocity,
     mobility,
     law,
+    friction,
     h,
     near,
     cell,
 ):
     """Make the arrays of the sweeps from the pairs that may touch within a step.
 
-    ``law`` holds restitution, relaxation time, speed of rest, the shares of what acts in the step
-    before and after an impact, and the friction coefficients of the grains and of each wall;
-    ``compliance`` (pairs,) is that of each pair. A pair takes part if it is wanted, had an impulse,
-    or comes nearer than ``near`` times its smaller radius in a step without impulses. ``cell``
-    holds the rate of strain of the cell and one over its inertia, which the last but one of the
-    arrays returned has for the sweeps.
+    ``law`` holds restitution, relaxation time, speed of rest, and the shares of what acts in the
+    step before and after an impact; ``friction`` the coefficients of the grains and of each wall,
+    or ``None`` without friction; ``compliance`` (pairs,) is that of each pair. A pair takes part if
+    it is wanted, had an impulse, or comes nearer than ``near`` times its smaller radius in a step
+    without impulses. ``cell`` (2, 3) holds the rates of strain of the cell and one over the
+    root of its inertia, which the last but one of the arrays returned has for the sweeps.
 
     An impact in the first half of a step bounces in it. One in the second half, or by a push
     within the step that brings the velocity in ``hits`` (pairs,), ends the step touching, and
@@ -149,30 +184,31 @@ def build_contacts(  # type: ignore[no-untyped-def]
     the impact: ``approach`` (pairs,) is that of the last step.
     """
     kind, point, axis, bore = walls
-    restitution, relaxation, rest, first, last, friction = law
+    restitution, relaxation, rest, first, last = law
     n, m = radius.size, 0
-    size = pairs.shape[0]
-    ends, data = np.empty((size, 2), np.int32), np.empty((size, 8))
-    stretch, waiting = np.empty(size + 2), np.zeros(size)
-    stretch[0], stretch[1] = cell
-    impulse, anchor, index = np.empty((size, 3)), np.empty((size, 3)), np.empty(size, np.int64)
+    size, width = kept.shape
+    ends, data = np.empty((size, 2), np.int32), np.empty((size, 6))
+    coulomb = np.empty((0 if friction is None else size, 2))
+    stretch, waiting = np.empty((size + 2, 3)), np.zeros(size)
+    stretch[:2] = cell
+    impulse, anchor = np.empty((size, width)), np.empty((size, width))
+    index = np.empty(size, np.int64)
     for k in range(size):
         i, j = pairs[k, 0], pairs[k, 1]
         gap, nx, ny, nz = _gap(i, j, position, radius, period, kind, point, axis, bore)
         if j < n:
             smaller, length = min(radius[i], radius[j]), gap + radius[i] + radius[j]
-            mu = friction[0]
         else:
-            smaller, length, mu = radius[i], 0.0, friction[1 + j - n]
-        ahead = cell[0] * length  # normal velocity without impulses, and before the step
+            smaller, length = radius[i], 0.0
+        affine = length * (cell[0, 0] * nx * nx + cell[0, 1] * ny * ny + cell[0, 2] * nz * nz)
+        ahead = affine  # normal velocity without impulses, and before the step
         ahead += (velocity[i, 0] - velocity[j, 0]) * nx + (velocity[i, 1] - velocity[j, 1]) * ny
         ahead += (velocity[i, 2] - velocity[j, 2]) * nz
-        had = kept[k, 0] != 0.0 or kept[k, 1] != 0.0 or kept[k, 2] != 0.0
-        if not (wanted[k] or had or gap + h * min(ahead, 0.0) < near * smaller):
+        if not (wanted[k] or _borne(k, kept) or gap + h * min(ahead, 0.0) < near * smaller):
             continue
         before = (old[i, 0] - old[j, 0]) * nx + (old[i, 1] - old[j, 1]) * ny
         before += (old[i, 2] - old[j, 2]) * nz
-        gained = ahead - cell[0] * length - before
+        gained = ahead - affine - before
         fastest = min(before + first * gained, approach[k], hits[k])
         impact = restitution > 0.0 and fastest < -rest
         waits = impact and approach[k] == 0.0 and gap + 0.5 * h * before > 0.0
@@ -180,21 +216,25 @@ def build_contacts(  # type: ignore[no-untyped-def]
         if impact and not waits:
             bias = restitution * fastest - last * gained
         waiting[k] = fastest if waits else 0.0
-        masses = mobility[i, 0] + mobility[j, 0] + cell[1] * length * length
-        stretch[m + 2] = length
+        bx, by, bz = length * nx, length * ny, length * nz
+        stretch[m + 2, 0], stretch[m + 2, 1], stretch[m + 2, 2] = bx, by, bz
+        give = (cell[1, 0] * bx) ** 2 + (cell[1, 1] * by) ** 2 + (cell[1, 2] * bz) ** 2
+        masses = mobility[i, 0] + mobility[j, 0] + give
         ends[m, 0], ends[m, 1], index[m] = i, j, k
         data[m, 0], data[m, 1], data[m, 2] = nx, ny, nz
         data[m, 3] = bias
         data[m, 4] = 1.0 / masses
-        across = mobility[i, 1] + mobility[j, 1] + mobility[i, 2] + mobility[j, 2]
-        data[m, 5] = 1.0 / across
-        data[m, 6] = 0.0 if impact else compliance[k]  # a spring would take from the bounce
-        data[m, 7] = mu
-        for a in range(3):
+        data[m, 5] = 0.0 if impact else compliance[k]  # a spring would take from the bounce
+        if friction is not None:
+            masses = mobility[i, 1] + mobility[j, 1] + mobility[i, 2] + mobility[j, 2]
+            coulomb[m, 0], coulomb[m, 1] = 1.0 / (masses + give), friction[max(0, 1 + j - n)]
+        for a in range(width):
             impulse[m, a] = kept[k, a]
             anchor[m, a] = held[k, a]
         m += 1
-    return ends[:m], data[:m], impulse[:m], anchor[:m], index[:m], stretch[: m + 2], waiting
+    across = None if friction is None else coulomb[:m]
+    contacts = ends[:m], data[:m], across, impulse[:m], anchor[:m]
+    return contacts, index[:m], stretch[: m + 2], waiting
 
 
 @numba.njit(cache=True, error_model="numpy")
@@ -226,7 +266,7 @@ def missed(  # type: ignore[no-untyped-def]
         touches = m < index.size and index[m] == k
         if touches:
             m += 1
-            if data[m - 1, 6] <= LEAST:
+            if data[m - 1, 5] <= LEAST:
                 continue
         elif wanted[k]:
             continue
@@ -237,7 +277,8 @@ def missed(  # type: ignore[no-untyped-def]
         smaller = radius[i]
         if j < radius.size:
             smaller = min(smaller, radius[j])
-            u += rate * (gap + radius[i] + radius[j])
+            affine = rate[0] * nx * nx + rate[1] * ny * ny + rate[2] * nz * nz
+            u += affine * (gap + radius[i] + radius[j])
         if gap + h * u < -allowed[int(touches)] * smaller:
             wanted[k] = True
             if touches:

@@ -8,10 +8,12 @@ import numba
 import numpy as np
 
 from multiscale.macro.granulate.sweeps import (
+    along,
+    components,
     natural_map_error,
     push,
     relative_velocity,
-    solve_contact,
+    sweep,
 )
 
 __all__ = ["order_contacts", "relax_domains", "split_grains"]
@@ -83,7 +85,9 @@ def order_contacts(
 
 
 @numba.njit(cache=True, fastmath=True, error_model="numpy")
-def _descend(first, last, steps, velocity, mobility, ends, data, impulse, anchor, work, change):  # type: ignore[no-untyped-def]
+def _descend(  # type: ignore[no-untyped-def]
+    first, last, steps, velocity, mobility, ends, data, coulomb, impulse, anchor, work, change
+):
     r"""Conjugate projected gradients on the normal impulses of some contacts.
 
     Tangential impulses are held. With the masses of the contacts as preconditioner P and the
@@ -92,17 +96,19 @@ def _descend(first, last, steps, velocity, mobility, ends, data, impulse, anchor
         p = P w + beta p,   beta = max(0, w.P(w - w') / w'.P w'),                         (1)
         r = max(0, r + (p.w / p.W p) p).                                                  (2)
 
-    ``work`` (contacts, 2) holds w and p, ``change`` (bodies, 8) the velocities that p brings.
+    ``work`` (contacts, 2) holds w and p, ``change`` (bodies, 4) the velocities that p brings.
     """
     previous = 0.0
     for step in range(steps):
         size, overlap = 0.0, 0.0
         for c in range(first, last):
             i, j = ends[c, 0], ends[c, 1]
-            nx, ny, nz, a, mass = data[c, 0], data[c, 1], data[c, 2], data[c, 6], data[c, 4]
-            ux, uy, uz = relative_velocity(i, j, nx, ny, nz, velocity)
-            r = impulse[c, 0] * nx + impulse[c, 1] * ny + impulse[c, 2] * nz
-            held = anchor[c, 0] * nx + anchor[c, 1] * ny + anchor[c, 2] * nz
+            nx, ny, nz, a, mass = data[c, 0], data[c, 1], data[c, 2], data[c, 5], data[c, 4]
+            ux, uy, uz = relative_velocity(i, j, nx, ny, nz, velocity, None)
+            rx, ry, rz = components(c, impulse, coulomb)
+            r = along(rx, ry, rz, nx, ny, nz, coulomb)
+            ax, ay, az = components(c, anchor, coulomb)
+            held = along(ax, ay, az, nx, ny, nz, coulomb)
             w = -(ux * nx + uy * ny + uz * nz + data[c, 3] + a * (r - held) / mass)
             if step == 0:
                 work[c, 1] = 0.0
@@ -111,7 +117,7 @@ def _descend(first, last, steps, velocity, mobility, ends, data, impulse, anchor
             size += mass * w * w
             overlap += mass * w * work[c, 0]
             work[c, 0] = w
-            for k in range(8):
+            for k in range(3):
                 change[i, k] = 0.0
                 change[j, k] = 0.0
         if size == 0.0:
@@ -124,27 +130,43 @@ def _descend(first, last, steps, velocity, mobility, ends, data, impulse, anchor
             p = data[c, 4] * work[c, 0] + beta * work[c, 1]
             work[c, 1] = p
             slope += p * work[c, 0]
-            push(ends[c, 0], ends[c, 1], nx, ny, nz, p * nx, p * ny, p * nz, p, change, mobility)
+            push(ends[c, 0], ends[c, 1], nx, ny, nz, p, change, mobility)
         for c in range(first, last):
             nx, ny, nz, p = data[c, 0], data[c, 1], data[c, 2], work[c, 1]
-            ux, uy, uz = relative_velocity(ends[c, 0], ends[c, 1], nx, ny, nz, change)
-            curvature += p * (ux * nx + uy * ny + uz * nz) + data[c, 6] * p * p / data[c, 4]
+            ux, uy, uz = relative_velocity(ends[c, 0], ends[c, 1], nx, ny, nz, change, None)
+            curvature += p * (ux * nx + uy * ny + uz * nz) + data[c, 5] * p * p / data[c, 4]
         if curvature <= 0.0 or slope <= 0.0:
             return
         length = slope / curvature
         for c in range(first, last):
             nx, ny, nz = data[c, 0], data[c, 1], data[c, 2]
-            r = impulse[c, 0] * nx + impulse[c, 1] * ny + impulse[c, 2] * nz
+            rx, ry, rz = components(c, impulse, coulomb)
+            r = along(rx, ry, rz, nx, ny, nz, coulomb)
             d = max(0.0, r + length * work[c, 1]) - r  # (2)
-            impulse[c, 0] += d * nx
-            impulse[c, 1] += d * ny
-            impulse[c, 2] += d * nz
-            push(ends[c, 0], ends[c, 1], nx, ny, nz, d * nx, d * ny, d * nz, d, velocity, mobility)
+            if coulomb is None:
+                impulse[c, 0] += d
+            else:
+                impulse[c, 0] += d * nx
+                impulse[c, 1] += d * ny
+                impulse[c, 2] += d * nz
+            push(ends[c, 0], ends[c, 1], nx, ny, nz, d, velocity, mobility)
 
 
 @numba.njit(cache=True, fastmath=True, parallel=True, error_model="numpy")
 def relax_domains(  # type: ignore[no-untyped-def]
-    velocity, mobility, ends, data, impulse, anchor, bounds, inner, conjugate, target, rounds, burst
+    velocity,
+    mobility,
+    ends,
+    data,
+    coulomb,
+    impulse,
+    anchor,
+    bounds,
+    inner,
+    conjugate,
+    target,
+    rounds,
+    burst,
 ):
     """Solve domains side by side and the interface between them, round by round.
 
@@ -152,17 +174,17 @@ def relax_domains(  # type: ignore[no-untyped-def]
     gradients on its normal impulses, and the interface a sweep. Returns the rounds made and
     the error of :func:`multiscale.macro.granulate.sweeps.natural_map_error`.
     """
-    error = natural_map_error(velocity, ends, data, impulse, anchor, None)
+    arrays = (velocity, mobility, ends, data, coulomb, impulse, anchor, None)
+    error = natural_map_error(velocity, ends, data, coulomb, impulse, anchor, None)
     work = np.zeros((ends.shape[0] if conjugate > 0 else 0, 2))
-    change = np.zeros((velocity.shape[0] if conjugate > 0 else 0, 8))
+    change = np.zeros((velocity.shape[0] if conjugate > 0 else 0, 4))
     done = 0
     while done < rounds and not error <= target:
         for _ in range(min(burst, rounds - done)):
             for part in numba.prange(bounds.size - 1):
                 first, last = bounds[part], bounds[part + 1]
                 for _ in range(inner):
-                    for c in range(first, last):
-                        solve_contact(c, velocity, mobility, ends, data, impulse, anchor, None)
+                    sweep(first, last, *arrays)
                 if conjugate > 0:
                     _descend(
                         first,
@@ -172,13 +194,13 @@ def relax_domains(  # type: ignore[no-untyped-def]
                         mobility,
                         ends,
                         data,
+                        coulomb,
                         impulse,
                         anchor,
                         work,
                         change,
                     )
-            for c in range(bounds[-1], ends.shape[0]):
-                solve_contact(c, velocity, mobility, ends, data, impulse, anchor, None)
+            sweep(bounds[-1], ends.shape[0], *arrays)
             done += 1
-        error = natural_map_error(velocity, ends, data, impulse, anchor, None)
+        error = natural_map_error(velocity, ends, data, coulomb, impulse, anchor, None)
     return done, error

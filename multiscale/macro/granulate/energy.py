@@ -12,14 +12,18 @@ def cell_of(model: Model, period: np.ndarray) -> tuple[float, float]:
     r"""Inertia of a periodic cell, kg m2, and the moment of the pressure on it, J.
 
     The inertia is that of the grains in an affine motion, :math:`m L^2 / 4`; the pressure does the
-    work :math:`-p\,V\,d\,\dot\varepsilon` in d directions. A cell of given size never moves.
+    work :math:`-p\,V\,d\,\dot\varepsilon` in the d directions in which the cell is free to strain.
+    Where another strain is given the cell is lighter, :math:`m (2 R)^2`, and so follows its
+    pressure. A cell of given size never moves.
     """
     if model.pressure is None:
         return np.inf, 0.0
-    edges = period[np.isfinite(period)]
-    inertia = 0.25 * float(model.grains.mass.sum()) * float(np.mean(edges**2))
-    volume = float(np.prod(edges)) * (model.grains.thickness or 1.0)
-    return inertia, -model.pressure * volume * edges.size
+    edges, mass = period[model.free], float(model.grains.mass.sum())
+    if model.driven:
+        inertia = mass * float(2.0 * model.grains.radius.mean()) ** 2
+    else:
+        inertia = 0.25 * mass * float(np.mean(edges**2))
+    return inertia, -model.pressure * model.volume(period) * edges.size
 
 
 def account(
@@ -28,8 +32,8 @@ def account(
     velocities: tuple[np.ndarray, np.ndarray, np.ndarray],
     contacts: Contacts,
     rebound: np.ndarray,
-    rates: tuple[float, float, float],
-    length: np.ndarray,
+    rates: tuple[np.ndarray, np.ndarray, np.ndarray],
+    branch: np.ndarray,
     cell: tuple[float, float],
 ) -> tuple[float, float, float, float, float, float]:
     r"""Kinetic and elastic energy, work, and what contacts, scheme and damping took, J.
@@ -50,34 +54,42 @@ def account(
     """
     h, acted = times
     mobility, (old, slow, velocity) = model.mobility, velocities
-    mass = np.zeros((len(velocity), 8))
-    moves, turns = mobility[:, 0] > 0.0, mobility[:, 2] > 0.0
+    mass, moves = np.zeros_like(velocity), mobility[:, 0] > 0.0
     mass[moves, :3] = 1.0 / mobility[moves, :1]
-    mass[turns, 4:7] = 1.0 / mobility[turns, 2:]
+    if "rotation" in model.needs:
+        turns = mobility[:, 2] > 0.0
+        mass[turns, 4:7] = 1.0 / mobility[turns, 2:]
     inertia = cell[0] if np.isfinite(cell[0]) else 0.0
 
-    def kinetic(v: np.ndarray, rate: float) -> float:
-        return 0.5 * float(np.sum(mass * v * v)) + 0.5 * inertia * rate**2
+    def kinetic(v: np.ndarray, rate: np.ndarray) -> float:
+        return 0.5 * float(np.sum(mass * v * v)) + 0.5 * inertia * alike(rate) ** 2
 
-    n, impulse, (i, j) = contacts.data[:, :3], contacts.impulse, contacts.ends.T
-    v, w = velocity[:, :3], velocity[:, 4:7]
-    along = np.sum(impulse * n, axis=1)
-    u = v[i] - v[j] - np.cross(w[i] + w[j], n)
-    power = float(np.sum(impulse * u)) + rates[2] * float(along @ length)
+    def alike(rate: np.ndarray) -> float:
+        return float(np.sum(rate[model.free])) / max(1, int(model.free.sum()))
+
+    n, impulse, (i, j) = contacts.data[:, :3], contacts.vectors, contacts.ends.T
+    v, along = velocity[:, :3], contacts.normal_impulse
+    u = v[i] - v[j]
+    if contacts.coulomb is not None:
+        w = velocity[:, 4:7]
+        u = u - np.cross(w[i] + w[j], n)
+    moments = np.sum(impulse * branch, axis=0)  # on the cell, along its axes
+    power = float(np.sum(impulse * u)) + float(moments @ rates[2])
 
     # walls move as they are told: altogether, or across the normal along which they are loaded
-    told = np.where((mobility[:, 1] == 0.0)[:, None], v, 0.0)
+    told = np.where((np.arange(len(v)) >= model.grains.n)[:, None], v, 0.0)
     for k, wall in enumerate(model.walls, model.grains.n):
         if moves[k]:
             told[k] -= (told[k] @ wall.unit) * wall.unit
     walls = float(np.sum(impulse * told[j]))
-    work = float(np.sum(mass * model.push * velocity)) + cell[1] * rates[2]
-    work = acted * work + walls
+    told_rate = np.where(model.free, 0.0, rates[2])
+    work = float(np.sum(mass * model.push * velocity)) + cell[1] * alike(rates[2])
+    work = acted * work + walls - float(moments @ told_rate)
 
     data, bias = contacts.data, contacts.data[:, 3]
-    speed = np.sum(u * n, axis=1) + rates[2] * length
+    speed = np.sum((u + rates[2] * branch) * n, axis=1)
     gap = h * (np.where(bias > 0.0, bias, bias * model.law.relaxation) + speed)
-    overlap = np.where(data[:, 6] > 0.0, np.maximum(-gap, 0.0), 0.0)
+    overlap = np.where(data[:, 5] > 0.0, np.maximum(-gap, 0.0), 0.0)
     springs = 2.0 * along / acted * overlap
     closing = -acted * np.sum((model.push[i, :3] - model.push[j, :3]) * n, axis=1)
     rise = rebound**2 - np.sum(u * n, axis=1) ** 2 + 2.0 * rebound * np.maximum(closing, 0.0)

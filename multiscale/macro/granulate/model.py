@@ -8,6 +8,8 @@ import numpy as np
 from multiscale.errors import CaseError
 from multiscale.macro.granulate.bodies import Cylinder, Grains, Plane, Wall
 from multiscale.macro.granulate.contacts import CYLINDER, PLANE
+from multiscale.macro.granulate.needs import grain_needs
+from multiscale.needs import Needs
 
 __all__ = ["ContactLaw", "Model", "Solver"]
 
@@ -122,6 +124,9 @@ class Model:
     pressure : float, optional
         On a periodic cell without walls, which strains alike along its axes, Pa; a cell of given
         size if not given.
+    strain_rate : tuple of float, optional
+        Rates of the logarithmic strain of such a cell along its axes, 1/s, extension positive;
+        ``None`` where the pressure rules.
 
     Raises
     ------
@@ -136,25 +141,75 @@ class Model:
     period: tuple[float, float, float] = (np.inf, np.inf, np.inf)
     damping_rate: float = 0.0
     pressure: float | None = None
+    strain_rate: tuple[float | None, float | None, float | None] = (None, None, None)
 
     def __post_init__(self) -> None:
         if not self.damping_rate >= 0.0:
             raise CaseError(f"damping_rate must not be negative (1/s), got {self.damping_rate:g}")
         if self.pressure is None:
+            if self.driven:
+                raise CaseError("a strain rate needs a pressure along the other axes, got none")
             return
         needed = [0, 2] if self.grains.planar else [0, 1, 2]
-        if not np.all(np.isfinite(np.asarray(self.period)[needed])) or self.walls:
+        if not np.all(self.strained[needed]) or self.walls:
             raise CaseError("a pressure acts on a cell that is periodic in space and has no walls")
         if not np.isfinite(self.pressure):
             raise CaseError(f"pressure must be finite (Pa), got {self.pressure:g}")
 
+    @property
+    def strained(self) -> np.ndarray:
+        """Along which axes space repeats."""
+        return np.array([bool(np.isfinite(length)) for length in self.period])
+
+    @cached_property
+    def free(self) -> np.ndarray:
+        """Along which axes the cell strains under its pressure."""
+        told = np.array([rate is not None for rate in self.strain_rate])
+        return self.strained & ~told if self.pressure is not None else np.zeros(3, bool)
+
+    @property
+    def driven(self) -> bool:
+        """Whether a strain rate of the cell is given."""
+        return any(rate is not None for rate in self.strain_rate)
+
+    @cached_property
+    def told_rate(self) -> np.ndarray:
+        """Rates of strain that are given, zero elsewhere, shape (3,), 1/s."""
+        return np.array([rate or 0.0 for rate in self.strain_rate])
+
+    def volume(self, period: np.ndarray) -> float:
+        """Volume of the cell, m3."""
+        return float(np.prod(period[np.isfinite(period)])) * (self.grains.thickness or 1.0)
+
+    @cached_property
+    def needs(self) -> Needs:
+        """What following the grains takes: the arrays of the motion are allocated from it."""
+        return grain_needs(
+            self.grains.n,
+            2,
+            self.law,
+            Solver(),
+            wall_friction=max((wall.friction or 0.0 for wall in self.walls), default=0.0),
+            spinning=bool(np.any(self.grains.spin)),
+            strained=self.pressure is not None,
+        )
+
+    @cached_property
+    def friction(self) -> np.ndarray | None:
+        """Coefficients of the grains and of each wall, shape (1 + walls,), if there is friction."""
+        if "friction" not in self.needs:
+            return None
+        own = self.law.friction
+        return np.array([own, *(own if w.friction is None else w.friction for w in self.walls)])
+
     @cached_property
     def mobility(self) -> np.ndarray:
         """Rows of :mod:`multiscale.macro.granulate.sweeps`, 1/kg."""
-        grains = self.grains
-        mobility = np.zeros((grains.n + len(self.walls), 3))
-        mobility[: grains.n, 0] = mobility[: grains.n, 1] = 1.0 / grains.mass
-        mobility[: grains.n, 2] = grains.radius**2 / grains.inertia
+        grains, turns = self.grains, "rotation" in self.needs
+        mobility = np.zeros((grains.n + len(self.walls), 3 if turns else 1))
+        mobility[: grains.n, :2] = 1.0 / grains.mass[:, None]
+        if turns:
+            mobility[: grains.n, 2] = grains.radius**2 / grains.inertia
         for w, wall in enumerate(self.walls):
             if isinstance(wall, Plane):
                 mobility[grains.n + w, 0] = 1.0 / wall.mass
@@ -170,8 +225,8 @@ class Model:
 
     @cached_property
     def push(self) -> np.ndarray:
-        """Acceleration of the bodies without contacts, shape (bodies, 8), m/s2."""
-        push = np.zeros((self.mobility.shape[0], 8))
+        """Acceleration of the bodies without contacts, in the shape of their velocities, m/s2."""
+        push = np.zeros((self.mobility.shape[0], 8 if "rotation" in self.needs else 4))
         push[: self.grains.n, :3] = self.gravity
         for w, wall in enumerate(self.walls, self.grains.n):
             if isinstance(wall, Plane):

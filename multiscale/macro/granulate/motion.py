@@ -30,7 +30,10 @@ the smaller radius."""
 
 @dataclass(frozen=True)
 class Step:
-    """How a step went: energies in J, times in s, the rest dimensionless."""
+    """How a step went: energies in J, times in s, the rest dimensionless.
+
+    ``stress`` are the mean normal stresses of a cell under a pressure along its axes, Pa.
+    """
 
     residual: float
     converged: bool
@@ -45,6 +48,7 @@ class Step:
     damping: float
     search_time: float
     solver_time: float
+    stress: np.ndarray | None
 
 
 def advance(
@@ -111,7 +115,14 @@ def advance(
         *energies,
         searched,
         total - searched,
+        None if model.pressure is None else _stress(model, state.period, met, acted),
     )
+
+
+def _stress(model: Model, period: np.ndarray, met: "_Met", acted: float) -> np.ndarray:
+    """Diagonal of the mean stress after Love and Weber, shape (3,), Pa; tension positive."""
+    moments = np.sum(met.contacts.vectors * met.cell[2:], axis=0)
+    return np.asarray(-moments / (acted * model.volume(period)))
 
 
 class _Free(NamedTuple):
@@ -119,15 +130,15 @@ class _Free(NamedTuple):
 
     damped: np.ndarray
     velocity: np.ndarray
-    damped_rate: float
-    rate: float
+    damped_rate: np.ndarray
+    rate: np.ndarray
 
 
 class _Met(NamedTuple):
     """Contacts of a step with the ``numbers`` of their pairs, and the velocities after it.
 
-    ``cell`` holds the rate of strain of the cell, one over its inertia, and the length along which
-    it moves each contact.
+    ``cell`` holds the rates of strain of the cell, one over the root of its inertia, and the
+    branches along which it moves each contact.
     """
 
     contacts: Contacts
@@ -173,7 +184,8 @@ def _with_neighbours(model: Model, state: State, h: float, acted: float) -> Stat
     n, radius = model.grains.n, model.grains.radius
     free = state.velocity + acted * model.push
     inertia, thrust = cell_of(model, state.period)
-    rate = abs(state.rate) + acted * abs(thrust) / inertia
+    told = np.abs(np.where(model.free, state.rate, model.told_rate))
+    rate = float(told.max()) + acted * abs(thrust) / inertia
     moved = state.position - state.seen + h * free[:n, :3]
     speed = h * float(np.sqrt(np.max(np.sum(free[:, :3] ** 2, axis=1), initial=0.0)))
     reach = 2.0 * speed + 4.0 * h * rate * float(radius.max())
@@ -187,8 +199,10 @@ def _push(model: Model, state: State, acted: float) -> _Free:
     damped = state.velocity.copy()
     damped[: model.grains.n] *= keep
     inertia, thrust = cell_of(model, state.period)
-    rate = keep * state.rate
-    return _Free(damped, damped + acted * model.push, rate, rate + acted * thrust / inertia)
+    rate = np.where(model.free, state.rate if model.driven else keep * state.rate, model.told_rate)
+    return _Free(
+        damped, damped + acted * model.push, rate, rate + acted * thrust / inertia * model.free
+    )
 
 
 def _meet(
@@ -197,20 +211,16 @@ def _meet(
     """Solve (1), again with the pairs that overlap after all."""
     h, acted, changing = times
     law = model.law
-    friction = [
-        law.friction,
-        *(law.friction if w.friction is None else w.friction for w in model.walls),
-    ]
     shares = (0.5 * state.last / acted, 0.5 * h / acted) if changing else (0.0, 0.0)
     rest = 2.0 * acted * float(np.linalg.norm(model.gravity))
-    constants = (law.restitution, law.relaxation * h, rest, *shares, friction)
+    constants = (law.restitution, law.relaxation * h, rest, *shares)
     place = (state.position, model.grains.radius, state.period, model.walls_at(state.point))
     inertia, _ = cell_of(model, state.period)
     wanted, hits = np.zeros(len(state.pairs), bool), np.zeros(len(state.pairs))
     compliance = np.full(len(state.pairs), law.compliance)
     kept, sweeps = state.kept, 0
     while True:
-        ends, data, impulse, anchor, index, cell, approach = build_contacts(
+        arrays, index, cell, approach = build_contacts(
             state.pairs,
             kept,
             state.held,
@@ -223,34 +233,34 @@ def _meet(
             free.velocity,
             model.mobility,
             constants,
+            model.friction,
             h,
             NEAR,
-            (free.rate, 1.0 / inertia),
+            np.array([free.rate, model.free / np.sqrt(inertia)]),
         )
-        velocity = free.velocity.copy()
-        done, residual = solve_step(
-            model, solver, state.position, velocity, ends, data, impulse, anchor, cell
-        )
+        contacts, velocity = Contacts(*arrays), free.velocity.copy()
+        done, residual = solve_step(model, solver, state.position, velocity, contacts, cell)
         sweeps += done
         kept = np.zeros_like(state.kept)
-        kept[index] = impulse
-        after = (velocity, h, float(cell[0]), ALLOWED)
-        if not missed(state.pairs, index, data, hits, wanted, compliance, *place, *after):
+        kept[index] = contacts.impulse
+        after = (velocity, h, cell[0], ALLOWED)
+        if not missed(state.pairs, index, contacts.data, hits, wanted, compliance, *place, *after):
             break
     approach[~kept.any(axis=1)] = 0.0  # it passed by
-    contacts = Contacts(ends, data, impulse, anchor)
     return _Met(contacts, index, velocity, approach, cell, sweeps, residual)
 
 
 def _move(model: Model, state: State, times: tuple[float, float], met: _Met) -> State:
     """Move grains, walls and the cell, and keep what the next step begins from."""
-    (h, acted), n, rate = times, model.grains.n, float(met.cell[0])
+    (h, acted), n, rate = times, model.grains.n, met.cell[0].copy()
     kept, held = np.zeros_like(state.kept), np.zeros_like(state.kept)
     kept[met.numbers] = met.contacts.impulse
     if model.law.compliance > 0.0:
-        share = met.contacts.data[:, 6:7] / model.law.compliance
+        share = met.contacts.data[:, 5:6] / model.law.compliance
         held[met.numbers] = share * met.contacts.impulse
-    stretch = np.where(np.isfinite(state.period), 1.0 + h * rate, 1.0)
+    stretch = np.where(model.strained, 1.0 + h * rate, 1.0)
+    widest = 2.0 * float(model.grains.radius.max())  # pairs at the margin come nearer by the strain
+    margin = min(1.0, float(stretch.min())) * (widest + state.margin) - widest
     return replace(
         state,
         time=state.time + h,
@@ -259,6 +269,7 @@ def _move(model: Model, state: State, times: tuple[float, float], met: _Met) -> 
         point=state.point + h * met.velocity[n:, :3],
         period=stretch * state.period,
         seen=stretch * state.seen,
+        margin=margin,
         kept=kept,
         held=held,
         approach=met.approach,

@@ -1,15 +1,29 @@
 """What a granulate needs, from its number of grains and how they touch."""
 
-from multiscale.macro.granulate.model import ContactLaw, Solver
+from typing import TYPE_CHECKING
+
 from multiscale.needs import Needs, choose
+
+if TYPE_CHECKING:
+    from multiscale.macro.granulate.model import ContactLaw, Solver
 
 __all__ = ["grain_needs"]
 
-PER_GRAIN, PER_FRAME = 2500, 400
-"""Peak memory, byte, of a dense pile: of a grain with its contacts, and of it in a frame."""
+PER_GRAIN, PER_UNKNOWN, PER_FRAME = 1450, 350, 400
+"""Peak memory, byte, of a dense pile: of a grain, of each unknown that its contacts have, and of it
+in a frame."""
 
 
-def grain_needs(grains: int, frames: int, law: ContactLaw, solver: Solver) -> Needs:
+def grain_needs(
+    grains: int,
+    frames: int,
+    law: "ContactLaw",
+    solver: "Solver",
+    *,
+    wall_friction: float = 0.0,
+    spinning: bool = False,
+    strained: bool = False,
+) -> Needs:
     """Return what following grains takes.
 
     Parameters
@@ -18,21 +32,38 @@ def grain_needs(grains: int, frames: int, law: ContactLaw, solver: Solver) -> Ne
         Their number, and that of the steps whose positions and forces are kept.
     law : ContactLaw
     solver : Solver
+    wall_friction : float
+        Largest coefficient of a wall that has one of its own.
+    spinning : bool
+        Whether grains spin at the start.
+    strained : bool
+        Whether a periodic cell strains under a pressure: one thread sweeps it.
 
     Examples
     --------
+    >>> from multiscale.macro.granulate import ContactLaw, Solver
     >>> needs = grain_needs(1000, 11, ContactLaw(friction=0.5), Solver())
     >>> needs.unknowns_per_contact, "springs" in needs
     (3, False)
+    >>> grain_needs(1000, 11, ContactLaw(friction=0.0), Solver()).unknowns_per_contact
+    1
     """
-    domains = solver.domains > 1 or solver.conjugate > 0
+    friction = max(law.friction, wall_friction) > 0.0
+    turns = friction or spinning
+    domains = not strained and (solver.domains > 1 or solver.conjugate > 0)
     choices = {
         "sweeps": (True, "over the contacts; their operator is never assembled", ""),
-        "friction": (law.friction > 0.0, "Coulomb's disc of each contact", "no friction is given"),
+        "friction": (friction, "Coulomb's disc of each contact", "no friction is given"),
+        "rotation": (turns, "spins and moments of inertia", "nothing turns the grains"),
+        "cell strain": (
+            strained,
+            "rates along the axes, branch of each contact",
+            "no cell strains",
+        ),
         "springs": (law.compliance > 0.0, "of compliant contacts", "contacts are rigid"),
         "restitution": (law.restitution > 0.0, "of pairs that meet fast", "no pair bounces"),
         "colours": (
-            solver.threads > 1 and not domains,
+            solver.threads > 1 and not domains and not strained,
             "contacts that share no grain are swept side by side",
             "one thread sweeps in the order of the contacts" if not domains else "domains do it",
         ),
@@ -42,19 +73,21 @@ def grain_needs(grains: int, frames: int, law: ContactLaw, solver: Solver) -> Ne
             "one domain",
         ),
         "assembled problem": (
-            solver.most_assembled > 0,
+            solver.most_assembled > 0 and not strained,
             f"where sweeps fail in a step of at most {solver.most_assembled} contacts",
             "sweeps alone",
         ),
     }
     operators, left_out = choose(choices)
+    spin = ("spin",) if turns else ()
+    unknowns = 3 if friction else 1
     return Needs(
-        unknowns_per_contact=3,  # in global axes: their kernels have no others
+        unknowns_per_contact=unknowns,
         kinematics="rigid grains in motion, impulses in place of forces",
         operators=operators,
         left_out=left_out,
-        state_variables=("position", "velocity", "spin", "impulse of each contact"),
-        fields=("position", "velocity", "spin", "contact force"),
+        state_variables=("position", "velocity", *spin, "impulse of each contact"),
+        fields=("position", "velocity", *spin, "contact force"),
         libraries=("numba",),
-        memory=grains * (PER_GRAIN + PER_FRAME * frames),
+        memory=grains * (PER_GRAIN + PER_UNKNOWN * unknowns + PER_FRAME * frames),
     )

@@ -115,7 +115,7 @@ class Record:
     def add(self, state: State, step: Step) -> None:
         """Keep what is known of every step."""
         n, walls = self.model.grains.n, len(self.model.walls)
-        ends, impulse = state.contacts.ends, state.contacts.impulse
+        ends, impulse = state.contacts.ends, state.contacts.vectors
         on_wall = ends[:, 1] >= n
         force = np.zeros((walls, 3))
         np.add.at(force, ends[on_wall, 1] - n, -impulse[on_wall] / state.acted)
@@ -127,14 +127,21 @@ class Record:
                 "wall_force": force,
                 "wall_position": state.point,
                 "period": state.period,
+                "strain": self._strain(state.period),
             }
         )
+
+    def _strain(self, period: np.ndarray) -> np.ndarray:
+        """Logarithmic strain of the cell along its axes, zero where space does not repeat."""
+        strain, repeats = np.zeros(3), self.model.strained
+        strain[repeats] = np.log(period[repeats] / np.asarray(self.model.period)[repeats])
+        return strain
 
     def show(self, state: State) -> None:
         """Keep positions and forces of the last step."""
         n, grains = self.model.grains.n, self.model.grains
         contacts = state.contacts
-        loaded = contacts.impulse.any(axis=1)
+        loaded, force = contacts.impulse.any(axis=1), contacts.vectors / state.acted
         ends, normal = contacts.ends[loaded], contacts.data[loaded, :3]
         radius = np.append(grains.radius, np.zeros(len(self.model.walls)))
         self.frames.append(
@@ -142,12 +149,13 @@ class Record:
                 "frame_step": len(self.steps) - 1,
                 "position": state.position,
                 "velocity": state.velocity[:n, :3],
-                "spin": state.velocity[:n, 4:7] / grains.radius[:, None],
                 "contact_ends": ends,
-                "contact_force": contacts.impulse[loaded] / state.acted,
+                "contact_force": force[loaded],
                 "branch": normal * radius[ends].sum(axis=1)[:, None],
             }
         )
+        if "rotation" in self.model.needs:
+            self.frames[-1]["spin"] = state.velocity[:n, 4:7] / grains.radius[:, None]
 
     def dataset(self) -> "xr.Dataset":
         """Return what has been kept, after ``GRANULATE``."""
@@ -174,12 +182,15 @@ class Record:
                 np.arange(len(frames)), [len(frame["contact_ends"]) for frame in frames]
             ),
         }
-        for name in ("frame_step", "position", "velocity", "spin"):
+        for name in ("frame_step", *self.model.needs.fields[:-1]):
             values[name] = np.array([frame[name] for frame in frames])
         for name in ("contact_ends", "contact_force", "branch"):
             values[name] = np.concatenate([frame[name] for frame in frames])
         for name in ("time", "time_step"):
             values[name] = np.array([row[name] for row in rows])
+        if self.model.pressure is not None:
+            values["stress"] = np.array([step.stress for step in steps])
+            values["strain"] = np.array([row["strain"] for row in rows])
         if np.isfinite(self.model.period).any():
             values["period"] = np.array([row["period"] for row in rows])
         if self.model.walls:
@@ -220,4 +231,5 @@ def final_grains(model: Model, result: "xr.Dataset") -> Any:
         Follows ``GRANULATE``.
     """
     last = result.isel(frame=-1)
-    return model.grains.moved(*(last[name].values for name in ("position", "velocity", "spin")))
+    spin = last["spin"].values if "spin" in last else None
+    return model.grains.moved(last["position"].values, last["velocity"].values, spin)

@@ -25,8 +25,8 @@ class State:
 
     ``pairs`` are the neighbours with the impulses ``kept`` of the last step and what their springs
     ``held`` of them, and the normal velocities ``approach`` before impacts that have yet to bounce;
-    they were found at the positions ``seen`` with the reach ``margin``. ``rate`` is that of the
-    strain of the cell, 1/s. Impulses are those of forces that acted for the time ``acted`` in a
+    they were found at the positions ``seen`` with the reach ``margin``. ``rate`` (3,) is that of
+    the strain of the cell, 1/s. Impulses are those of forces that acted for the time ``acted`` in a
     step of the length ``last``, s.
     """
 
@@ -41,7 +41,7 @@ class State:
     approach: np.ndarray
     seen: np.ndarray
     margin: float
-    rate: float
+    rate: np.ndarray
     last: float
     acted: float
     contacts: Contacts
@@ -56,14 +56,17 @@ def start(model: Model) -> State:
         If grains overlap, lie behind a wall, or nothing holds them against gravity.
     """
     grains, walls = model.grains, model.walls
-    velocity = np.zeros((grains.n + len(walls), 8))
+    velocity = np.zeros_like(model.push)
     velocity[: grains.n, :3] = grains.velocity
-    velocity[: grains.n, 4:7] = grains.radius[:, None] * grains.spin
+    if "rotation" in model.needs:
+        velocity[: grains.n, 4:7] = grains.radius[:, None] * grains.spin
     for w, wall in enumerate(walls, grains.n):
         velocity[w, :3] = wall.velocity
     point = np.array([wall.point for wall in walls], dtype=float).reshape(-1, 3)
     none = np.empty((0, 2), np.int32)
-    empty = Contacts(none, np.empty((0, 8)), np.empty((0, 3)), np.empty((0, 3)))
+    impulse = np.empty((0, model.needs.unknowns_per_contact))
+    coulomb = np.empty((0, 2)) if "friction" in model.needs else None
+    empty = Contacts(none, np.empty((0, 6)), coulomb, impulse, impulse)
     period = np.array(model.period, dtype=float)
     state = State(
         0.0,
@@ -72,12 +75,12 @@ def start(model: Model) -> State:
         point,
         period,
         none,
-        np.empty((0, 3)),
-        np.empty((0, 3)),
+        impulse,
+        impulse,
         np.empty(0),
         grains.position,
         0.0,
-        0.0,
+        np.zeros(3),
         0.0,
         np.nan,
         empty,
@@ -141,7 +144,8 @@ def look_around(model: Model, state: State, reach: float) -> State:
         height[pairs[:, 0]], np.append(height, np.full(len(model.walls), -np.inf))[pairs[:, 1]]
     )
     pairs = pairs[np.argsort(lower, kind="stable")]
-    kept, held = np.zeros((len(pairs), 3)), np.zeros((len(pairs), 3))
+    kept = np.zeros((len(pairs), state.kept.shape[1]))
+    held = np.zeros_like(kept)
     approach = np.zeros(len(pairs))
     if len(state.pairs) and len(pairs):
         before = state.pairs[:, 0].astype(np.int64) * n + state.pairs[:, 1]

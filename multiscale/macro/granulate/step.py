@@ -3,7 +3,7 @@
 import numpy as np
 
 from multiscale.macro.granulate.assembled import solve_assembled
-from multiscale.macro.granulate.contacts import colour
+from multiscale.macro.granulate.contacts import Contacts, colour
 from multiscale.macro.granulate.domains import order_contacts, relax_domains, split_grains
 from multiscale.macro.granulate.model import Model, Solver
 from multiscale.macro.granulate.sweeps import (
@@ -25,10 +25,7 @@ def solve_step(
     solver: Solver,
     position: np.ndarray,
     velocity: np.ndarray,
-    ends: np.ndarray,
-    data: np.ndarray,
-    impulse: np.ndarray,
-    anchor: np.ndarray,
+    contacts: Contacts,
     cell: np.ndarray,
 ) -> tuple[int, float]:
     r"""Solve the contacts of a step in place.
@@ -38,9 +35,11 @@ def solve_step(
     model, solver : Model, Solver
     position : ndarray, shape (grains, 3)
         m.
-    velocity, ends, data, impulse, anchor, cell : ndarray
+    velocity, cell : ndarray
         As in :mod:`multiscale.macro.granulate.sweeps`; the velocities are those without impulses
         and become those with them.
+    contacts : Contacts
+        Whose impulses are a guess and become the solution.
 
     Returns
     -------
@@ -49,18 +48,17 @@ def solve_step(
     residual : float
         Natural-map error relative to the velocities of the contacts that would close.
     """
-    strained = cell if cell[1] > 0.0 else None
-    scale = closing_size(velocity, ends, data, strained)
+    ends, data, coulomb, impulse, anchor = contacts.arrays
+    strained = cell if "cell strain" in model.needs else None
+    scale = closing_size(velocity, ends, data, coulomb, strained)
     if scale == 0.0:
         impulse[:] = 0.0
         return 0, 0.0
     free, mobility, target = velocity.copy(), model.mobility, solver.tolerance * scale
-    apply_impulses(velocity, mobility, ends, data, impulse, strained)
+    apply_impulses(velocity, mobility, ends, data, coulomb, impulse, strained)
     limit = solver.max_iterations
     if strained is not None or (solver.threads == solver.domains == 1 and not solver.conjugate):
-        done, error = relax(
-            velocity, mobility, ends, data, impulse, anchor, strained, target, limit, BURST
-        )
+        done, error = relax(velocity, mobility, *contacts.arrays, strained, target, limit, BURST)
     else:
         moves = np.asarray(mobility.any(axis=1))
         if solver.domains == 1 and not solver.conjugate:
@@ -68,8 +66,8 @@ def solve_step(
         else:
             domain = split_grains(position, min(solver.domains, model.grains.n))
             order, bounds = order_contacts(ends, domain, moves)
-        sorted_impulse = impulse[order]
-        arrays = (velocity, mobility, ends[order], data[order], sorted_impulse, anchor[order])
+        sorted_contacts = contacts.reordered(order)
+        arrays = (velocity, mobility, *sorted_contacts.arrays)
         if solver.domains == 1 and not solver.conjugate:
             done, error = relax_coloured(*arrays, bounds, solver.threads, target, limit, BURST)
         else:
@@ -82,12 +80,12 @@ def solve_step(
                 limit,
                 1 if solver.conjugate else BURST,
             )
-        impulse[order] = sorted_impulse
+        impulse[order] = sorted_contacts.impulse
     if error <= target or strained is not None or len(ends) > solver.most_assembled:
         return done, error / scale
-    found = solve_assembled(free, mobility, ends, data, anchor, impulse, 0.1 * solver.tolerance)
-    apply_impulses(free, mobility, ends, data, found, None)
-    new = natural_map_error(free, ends, data, found, anchor, None)
+    found = solve_assembled(free, mobility, contacts, 0.1 * solver.tolerance)
+    apply_impulses(free, mobility, ends, data, coulomb, found, None)
+    new = natural_map_error(free, ends, data, coulomb, found, anchor, None)
     if new < error:
         velocity[:], impulse[:], error = free, found, new
     return done, error / scale

@@ -2,38 +2,47 @@ r"""Gauss-Seidel on the contacts of grains, whose Delassus operator is never ass
 
 The arrays of the kernels, for b bodies (grains first, then walls) and m contacts:
 
-- ``velocity`` (b, 8): velocity in columns 0-2 and radius times spin in 4-6, m/s;
+- ``velocity`` (b, 8): velocity in columns 0-2 and radius times spin in 4-6, m/s; (b, 4) where
+  nothing turns;
 - ``mobility`` (b, 3): one over the mass along the normal and across it, and the squared radius
-  over the inertia, 1/kg;
+  over the inertia, 1/kg; the first alone where nothing turns;
 - ``ends`` (m, 2): the bodies i and j; the normal points from j to i;
-- ``data`` (m, 8): normal; bias b, m/s; masses of the contact along and across the normal, kg;
-  compliance a and friction coefficient, dimensionless;
-- ``impulse``, ``anchor`` (m, 3): r in global axes and what its springs start from, N s;
-- ``cell`` (m + 2,): rate of strain of a periodic cell, 1/s, one over its inertia, 1/(kg m2), and
-  the distance of the centres of every contact, m; ``None``, which costs nothing, where it is rigid.
+- ``data`` (m, 6): normal; bias b, m/s; mass of the contact along the normal, kg; compliance a,
+  dimensionless;
+- ``coulomb`` (m, 2): mass of the contact across the normal, kg, and friction coefficient; ``None``,
+  which costs nothing, where no contact has friction;
+- ``impulse``, ``anchor`` (m, 3): r in global axes and what its springs start from, N s; (m, 1),
+  along the normal, without friction;
+- ``cell`` (m + 2, 3): along each axis the rate of strain of a periodic cell, 1/s, one over the root
+  of its inertia, 1/(kg m2)^.5, zero where the rate is given, and the branch of every contact, from
+  centre j to centre i, m; ``None``, which costs nothing, where it is rigid.
 """
 
 import numba
 import numpy as np
 
 __all__ = [
+    "along",
     "apply_impulses",
     "closing_size",
+    "components",
     "natural_map_error",
     "push",
     "relative_velocity",
     "relax",
     "relax_coloured",
-    "solve_contact",
+    "sweep",
 ]
 
 
 @numba.njit(inline="always", fastmath=True, error_model="numpy")
-def relative_velocity(i, j, nx, ny, nz, velocity):  # type: ignore[no-untyped-def]
-    """Return u at the contact, body i minus body j."""
-    wx = velocity[i, 4] + velocity[j, 4]
-    wy = velocity[i, 5] + velocity[j, 5]
-    wz = velocity[i, 6] + velocity[j, 6]
+def relative_velocity(i, j, nx, ny, nz, velocity, coulomb):  # type: ignore[no-untyped-def]
+    """Return u at the contact, body i minus body j; without friction that of the centres."""
+    wx, wy, wz = 0.0, 0.0, 0.0
+    if coulomb is not None:
+        wx = velocity[i, 4] + velocity[j, 4]
+        wy = velocity[i, 5] + velocity[j, 5]
+        wz = velocity[i, 6] + velocity[j, 6]
     ux = velocity[i, 0] - velocity[j, 0] - (wy * nz - wz * ny)
     uy = velocity[i, 1] - velocity[j, 1] - (wz * nx - wx * nz)
     uz = velocity[i, 2] - velocity[j, 2] - (wx * ny - wy * nx)
@@ -41,7 +50,56 @@ def relative_velocity(i, j, nx, ny, nz, velocity):  # type: ignore[no-untyped-de
 
 
 @numba.njit(inline="always", fastmath=True, error_model="numpy")
-def push(i, j, nx, ny, nz, dx, dy, dz, dn, velocity, mobility):  # type: ignore[no-untyped-def]
+def _strained(c, ux, uy, uz, cell):  # type: ignore[no-untyped-def]
+    """Add to u what the strain of the cell brings along each axis."""
+    if cell is not None:
+        ux += cell[0, 0] * cell[c + 2, 0]
+        uy += cell[0, 1] * cell[c + 2, 1]
+        uz += cell[0, 2] * cell[c + 2, 2]
+    return ux, uy, uz
+
+
+@numba.njit(inline="always", fastmath=True, error_model="numpy")
+def _strain(c, dx, dy, dz, cell):  # type: ignore[no-untyped-def]
+    """Add to the rates of strain, alike where they are free, what an impulse d brings."""
+    moment = cell[1, 0] * cell[c + 2, 0] * dx + cell[1, 1] * cell[c + 2, 1] * dy
+    moment += cell[1, 2] * cell[c + 2, 2] * dz
+    cell[0, 0] += cell[1, 0] * moment
+    cell[0, 1] += cell[1, 1] * moment
+    cell[0, 2] += cell[1, 2] * moment
+
+
+@numba.njit(inline="always", fastmath=True, error_model="numpy")
+def components(c, impulse, coulomb):  # type: ignore[no-untyped-def]
+    """Return an impulse in global axes, or its one component along the normal first."""
+    if coulomb is None:
+        x, y, z = impulse[c, 0], 0.0, 0.0
+    else:
+        x, y, z = impulse[c, 0], impulse[c, 1], impulse[c, 2]
+    return x, y, z
+
+
+@numba.njit(inline="always", fastmath=True, error_model="numpy")
+def along(x, y, z, nx, ny, nz, coulomb):  # type: ignore[no-untyped-def]
+    """Return the normal part of such components."""
+    return x if coulomb is None else x * nx + y * ny + z * nz
+
+
+@numba.njit(cache=True, fastmath=True, error_model="numpy")
+def push(i, j, nx, ny, nz, dn, velocity, mobility):  # type: ignore[no-untyped-def]
+    """Add to the velocities what an impulse d along the normal brings."""
+    along = mobility[i, 0] * dn
+    velocity[i, 0] += along * nx
+    velocity[i, 1] += along * ny
+    velocity[i, 2] += along * nz
+    along = mobility[j, 0] * dn
+    velocity[j, 0] -= along * nx
+    velocity[j, 1] -= along * ny
+    velocity[j, 2] -= along * nz
+
+
+@numba.njit(cache=True, fastmath=True, error_model="numpy")
+def push_across(i, j, nx, ny, nz, dx, dy, dz, dn, velocity, mobility):  # type: ignore[no-untyped-def]
     """Add to the velocities what an impulse d with the normal part dn brings."""
     tx, ty, tz = ny * dz - nz * dy, nz * dx - nx * dz, nx * dy - ny * dx
     across, turn = mobility[i, 1], mobility[i, 2]  # i is a grain, equally heavy along and across
@@ -61,63 +119,79 @@ def push(i, j, nx, ny, nz, dx, dy, dz, dn, velocity, mobility):  # type: ignore[
     velocity[j, 6] -= turn * tz
 
 
-@numba.njit(inline="always", fastmath=True, error_model="numpy")
-def solve_contact(c, velocity, mobility, ends, data, impulse, anchor, cell):  # type: ignore[no-untyped-def]
-    r"""Solve one contact exactly while the others are held.
+@numba.njit(cache=True, fastmath=True, error_model="numpy")
+def sweep(first, last, velocity, mobility, ends, data, coulomb, impulse, anchor, cell):  # type: ignore[no-untyped-def]
+    r"""Solve some contacts in their order, each exactly while the others are held.
 
     W is diagonal there, so the normal part comes first and bounds the tangential one:
 
         r_N = max(0, (r_N + a anchor_N - m_N (u_N + b)) / (1 + a)),                      (1)
         r_T = projection of (r_T + a anchor_T - m_T u_T) / (1 + a) on the disc mu r_N.   (2)
     """
-    i, j = ends[c, 0], ends[c, 1]
-    nx, ny, nz = data[c, 0], data[c, 1], data[c, 2]
-    mass, a, friction = data[c, 5], data[c, 6], data[c, 7]
-    ux, uy, uz = relative_velocity(i, j, nx, ny, nz, velocity)
-    u = ux * nx + uy * ny + uz * nz
-    if cell is not None:
-        u += cell[0] * cell[c + 2]
-    rx, ry, rz = impulse[c, 0], impulse[c, 1], impulse[c, 2]
-    ax, ay, az = anchor[c, 0], anchor[c, 1], anchor[c, 2]
-    old, held = rx * nx + ry * ny + rz * nz, ax * nx + ay * ny + az * nz
-    give = 1.0 / (1.0 + a)
-    normal = max(0.0, (old + a * held - (u + data[c, 3]) * data[c, 4]) * give)  # (1)
-    tx = (rx - old * nx + a * (ax - held * nx) - (ux - u * nx) * mass) * give
-    ty = (ry - old * ny + a * (ay - held * ny) - (uy - u * ny) * mass) * give
-    tz = (rz - old * nz + a * (az - held * nz) - (uz - u * nz) * mass) * give
-    square, bound = tx * tx + ty * ty + tz * tz, friction * normal
-    if square > bound * bound:  # (2)
-        shrink = bound / np.sqrt(square)
-        tx, ty, tz = tx * shrink, ty * shrink, tz * shrink
-    dx, dy, dz = normal * nx + tx - rx, normal * ny + ty - ry, normal * nz + tz - rz
-    if dx != 0.0 or dy != 0.0 or dz != 0.0:
-        impulse[c, 0], impulse[c, 1], impulse[c, 2] = rx + dx, ry + dy, rz + dz
-        push(i, j, nx, ny, nz, dx, dy, dz, normal - old, velocity, mobility)
-        if cell is not None:
-            cell[0] += cell[1] * cell[c + 2] * (normal - old)
+    # the loop is in here: a function for one contact counts references to the arrays every time
+    for c in range(first, last):
+        i, j = ends[c, 0], ends[c, 1]
+        nx, ny, nz = data[c, 0], data[c, 1], data[c, 2]
+        mass, a, friction = 0.0, data[c, 5], 0.0
+        if coulomb is not None:
+            mass, friction = coulomb[c, 0], coulomb[c, 1]
+        ux, uy, uz = relative_velocity(i, j, nx, ny, nz, velocity, coulomb)
+        ux, uy, uz = _strained(c, ux, uy, uz, cell)
+        u = ux * nx + uy * ny + uz * nz
+        rx, ry, rz = components(c, impulse, coulomb)
+        ax, ay, az = components(c, anchor, coulomb)
+        old = along(rx, ry, rz, nx, ny, nz, coulomb)
+        held = along(ax, ay, az, nx, ny, nz, coulomb)
+        give = 1.0 / (1.0 + a)
+        normal = max(0.0, (old + a * held - (u + data[c, 3]) * data[c, 4]) * give)  # (1)
+        if coulomb is None:
+            moves = normal != old
+            if moves:
+                impulse[c, 0] = normal
+                dn = normal - old
+                dx, dy, dz = dn * nx, dn * ny, dn * nz
+                push(i, j, nx, ny, nz, dn, velocity, mobility)
+        else:
+            tx = (rx - old * nx + a * (ax - held * nx) - (ux - u * nx) * mass) * give
+            ty = (ry - old * ny + a * (ay - held * ny) - (uy - u * ny) * mass) * give
+            tz = (rz - old * nz + a * (az - held * nz) - (uz - u * nz) * mass) * give
+            square, bound = tx * tx + ty * ty + tz * tz, friction * normal
+            if square > bound * bound:  # (2)
+                shrink = bound / np.sqrt(square)
+                tx, ty, tz = tx * shrink, ty * shrink, tz * shrink
+            dx, dy, dz = normal * nx + tx - rx, normal * ny + ty - ry, normal * nz + tz - rz
+            moves = dx != 0.0 or dy != 0.0 or dz != 0.0
+            if moves:
+                impulse[c, 0], impulse[c, 1], impulse[c, 2] = rx + dx, ry + dy, rz + dz
+                push_across(i, j, nx, ny, nz, dx, dy, dz, normal - old, velocity, mobility)
+        if cell is not None and moves:
+            _strain(c, dx, dy, dz, cell)
 
 
 @numba.njit(cache=True, fastmath=True, error_model="numpy")
-def apply_impulses(velocity, mobility, ends, data, impulse, cell):  # type: ignore[no-untyped-def]
+def apply_impulses(velocity, mobility, ends, data, coulomb, impulse, cell):  # type: ignore[no-untyped-def]
     """Add M^-1 H r to the velocities in place."""
     for c in range(ends.shape[0]):
-        nx, ny, nz = data[c, 0], data[c, 1], data[c, 2]
-        x, y, z = impulse[c, 0], impulse[c, 1], impulse[c, 2]
-        along = x * nx + y * ny + z * nz
-        push(ends[c, 0], ends[c, 1], nx, ny, nz, x, y, z, along, velocity, mobility)
+        i, j, nx, ny, nz = ends[c, 0], ends[c, 1], data[c, 0], data[c, 1], data[c, 2]
+        x, y, z = components(c, impulse, coulomb)
+        normal = along(x, y, z, nx, ny, nz, coulomb)
+        if coulomb is None:
+            x, y, z = normal * nx, normal * ny, normal * nz
+            push(i, j, nx, ny, nz, normal, velocity, mobility)
+        else:
+            push_across(i, j, nx, ny, nz, x, y, z, normal, velocity, mobility)
         if cell is not None:
-            cell[0] += cell[1] * cell[c + 2] * along
+            _strain(c, x, y, z, cell)
 
 
 @numba.njit(cache=True, fastmath=True, error_model="numpy")
-def closing_size(velocity, ends, data, cell):  # type: ignore[no-untyped-def]
+def closing_size(velocity, ends, data, coulomb, cell):  # type: ignore[no-untyped-def]
     """Norm of u + b n over the contacts that close, with their masses, sqrt(J)."""
     total = 0.0
     for c in range(ends.shape[0]):
         nx, ny, nz, b = data[c, 0], data[c, 1], data[c, 2], data[c, 3]
-        ux, uy, uz = relative_velocity(ends[c, 0], ends[c, 1], nx, ny, nz, velocity)
-        if cell is not None:
-            b += cell[0] * cell[c + 2]
+        ux, uy, uz = relative_velocity(ends[c, 0], ends[c, 1], nx, ny, nz, velocity, coulomb)
+        ux, uy, uz = _strained(c, ux, uy, uz, cell)
         ux, uy, uz = ux + b * nx, uy + b * ny, uz + b * nz
         if ux * nx + uy * ny + uz * nz < 0.0:
             total += (ux * ux + uy * uy + uz * uz) * data[c, 4]
@@ -125,7 +199,7 @@ def closing_size(velocity, ends, data, cell):  # type: ignore[no-untyped-def]
 
 
 @numba.njit(cache=True, fastmath=True, error_model="numpy")
-def natural_map_error(velocity, ends, data, impulse, anchor, cell):  # type: ignore[no-untyped-def]
+def natural_map_error(velocity, ends, data, coulomb, impulse, anchor, cell):  # type: ignore[no-untyped-def]
     r"""Norm of Coulomb's law as an equation, every contact with its mass, sqrt(J).
 
     De Saxce's form, with the step rho of each contact and the compliance in u:
@@ -135,24 +209,29 @@ def natural_map_error(velocity, ends, data, impulse, anchor, cell):  # type: ign
     total = 0.0
     for c in range(ends.shape[0]):
         nx, ny, nz = data[c, 0], data[c, 1], data[c, 2]
-        a, mu = data[c, 6], data[c, 7]
+        a, mu = data[c, 5], 0.0
+        if coulomb is not None:
+            mu = coulomb[c, 1]
         rho = data[c, 4] / (1.0 + a)
-        ux, uy, uz = relative_velocity(ends[c, 0], ends[c, 1], nx, ny, nz, velocity)
+        ux, uy, uz = relative_velocity(ends[c, 0], ends[c, 1], nx, ny, nz, velocity, coulomb)
+        ux, uy, uz = _strained(c, ux, uy, uz, cell)
         u = ux * nx + uy * ny + uz * nz
-        rx, ry, rz = impulse[c, 0], impulse[c, 1], impulse[c, 2]
-        old = rx * nx + ry * ny + rz * nz
+        rx, ry, rz = components(c, impulse, coulomb)
+        old = along(rx, ry, rz, nx, ny, nz, coulomb)
         rx, ry, rz = rx - old * nx, ry - old * ny, rz - old * nz
         ux, uy, uz = ux - u * nx, uy - u * ny, uz - u * nz
-        if cell is not None:
-            u += cell[0] * cell[c + 2]
         if a > 0.0:
-            ax, ay, az = anchor[c, 0], anchor[c, 1], anchor[c, 2]
-            held = ax * nx + ay * ny + az * nz
+            ax, ay, az = components(c, anchor, coulomb)
+            held = along(ax, ay, az, nx, ny, nz, coulomb)
             u += a * (old - held) / data[c, 4]
-            spring = a / data[c, 5]
-            ux += spring * (rx - ax + held * nx)
-            uy += spring * (ry - ay + held * ny)
-            uz += spring * (rz - az + held * nz)
+            if coulomb is not None:
+                spring = a / coulomb[c, 0]
+                ux += spring * (rx - ax + held * nx)
+                uy += spring * (ry - ay + held * ny)
+                uz += spring * (rz - az + held * nz)
+        if coulomb is None:
+            total += (old - max(0.0, old - rho * (u + data[c, 3]))) ** 2 / rho
+            continue
         slip = np.sqrt(ux * ux + uy * uy + uz * uz)
         height = old - rho * (u + data[c, 3] + mu * slip)
         tx, ty, tz = rx - rho * ux, ry - rho * uy, rz - rho * uz
@@ -169,7 +248,7 @@ def natural_map_error(velocity, ends, data, impulse, anchor, cell):  # type: ign
 
 
 @numba.njit(cache=True, fastmath=True, error_model="numpy")
-def relax(velocity, mobility, ends, data, impulse, anchor, cell, target, sweeps, burst):  # type: ignore[no-untyped-def]
+def relax(velocity, mobility, ends, data, coulomb, impulse, anchor, cell, target, sweeps, burst):  # type: ignore[no-untyped-def]
     r"""Sweep until (3) is below the target; return the sweeps made and the error.
 
     Each sweep, from r to G(r), is a gradient for nonlinear conjugate directions, measured with the
@@ -185,34 +264,33 @@ def relax(velocity, mobility, ends, data, impulse, anchor, cell, target, sweeps,
     .. [1] M. Silcowitz-Hansen, S. Niebe and K. Erleben, Vis. Comput. 26 (2010) 893-901,
        doi:10.1007/s00371-010-0502-6. Algorithm 2.
     """
-    contacts = ends.shape[0]
-    error = natural_map_error(velocity, ends, data, impulse, anchor, cell)
+    contacts, width = ends.shape[0], 1 if coulomb is None else 3
+    error = natural_map_error(velocity, ends, data, coulomb, impulse, anchor, cell)
     before, direction = np.empty_like(impulse), np.zeros_like(impulse)
     speed, change = np.empty_like(velocity), np.zeros_like(velocity)
-    rate, turn = 0.0, 0.0
+    rate, turn = np.zeros(3), np.zeros(3)
     previous, done = np.inf, 0
     while done < sweeps and not error <= target:
         last = min(done + burst, sweeps)
         while done < last:
             before[:], speed[:] = impulse, velocity
             if cell is not None:
-                rate = cell[0]
-            for c in range(contacts):
-                solve_contact(c, velocity, mobility, ends, data, impulse, anchor, cell)
+                rate[:] = cell[0]
+            sweep(0, contacts, velocity, mobility, ends, data, coulomb, impulse, anchor, cell)
             done += 1
             size = 0.0
             for c in range(contacts):
-                for k in range(3):
+                for k in range(width):
                     size += (impulse[c, k] - before[c, k]) ** 2 / data[c, 4]
             beta = size / previous if size < previous else 0.0
             previous = size
             _extrapolate(impulse, before, direction, beta, done < last)
             _extrapolate(velocity, speed, change, beta, done < last)
             if cell is not None:
-                turn = beta * turn + cell[0] - rate
+                turn[:] = beta * turn + cell[0] - rate
                 if done < last:
                     cell[0] = rate + turn
-        error = natural_map_error(velocity, ends, data, impulse, anchor, cell)
+        error = natural_map_error(velocity, ends, data, coulomb, impulse, anchor, cell)
     return done, error
 
 
@@ -228,26 +306,23 @@ def _extrapolate(value, before, direction, beta, moves):  # type: ignore[no-unty
 
 @numba.njit(cache=True, fastmath=True, parallel=True, error_model="numpy")
 def relax_coloured(  # type: ignore[no-untyped-def]
-    velocity, mobility, ends, data, impulse, anchor, bounds, threads, target, sweeps, burst
+    velocity, mobility, ends, data, coulomb, impulse, anchor, bounds, threads, target, sweeps, burst
 ):
     """Do the same colour by colour, in as many parts; what comes after the last bound has none."""
-    error = natural_map_error(velocity, ends, data, impulse, anchor, None)
+    arrays = (velocity, mobility, ends, data, coulomb, impulse, anchor, None)
+    error = natural_map_error(velocity, ends, data, coulomb, impulse, anchor, None)
     done = 0
     while done < sweeps and not error <= target:
         for _ in range(min(burst, sweeps - done)):
             for k in range(bounds.size - 1):
                 first, size = bounds[k], bounds[k + 1] - bounds[k]
                 if size < 64:
-                    for c in range(first, first + size):
-                        solve_contact(c, velocity, mobility, ends, data, impulse, anchor, None)
+                    sweep(first, first + size, *arrays)
                 else:
                     for t in numba.prange(threads):
-                        for c in range(
-                            first + size * t // threads, first + size * (t + 1) // threads
-                        ):
-                            solve_contact(c, velocity, mobility, ends, data, impulse, anchor, None)
-            for c in range(bounds[-1], ends.shape[0]):
-                solve_contact(c, velocity, mobility, ends, data, impulse, anchor, None)
+                        low, high = size * t // threads, size * (t + 1) // threads
+                        sweep(first + low, first + high, *arrays)
+            sweep(bounds[-1], ends.shape[0], *arrays)
             done += 1
-        error = natural_map_error(velocity, ends, data, impulse, anchor, None)
+        error = natural_map_error(velocity, ends, data, coulomb, impulse, anchor, None)
     return done, error

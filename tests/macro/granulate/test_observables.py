@@ -44,6 +44,15 @@ def test_radii_share_the_volume_evenly():
     np.testing.assert_allclose(share / share.sum(), 0.25, atol=5e-3)
 
 
+def test_neighbours_are_found_in_a_cell_that_shrinks_with_grains_that_do_not_move_in_it():
+    packing = granulate.compact(
+        granulate.draw_radii(60, 0.01, 0.014), 1e3, ContactLaw(0.5), planar=True
+    )
+    assert packing.attrs["failure"] == ""
+    assert packing.attrs["solid_fraction"] == pytest.approx(0.8, abs=0.05)
+    assert packing.attrs["stress_error"] == pytest.approx(0.0, abs=1e-3)
+
+
 def test_a_sheared_layer_is_a_response_of_a_joint():
     radii = np.full(16, 0.005)
     response = granulate.shear_response(

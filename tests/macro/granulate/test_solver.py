@@ -5,7 +5,16 @@ import numpy as np
 import pytest
 from scipy.sparse import csr_array
 
-from multiscale.macro.granulate import ContactLaw, Grains, Model, Plane, Solver, box, simulate
+from multiscale.macro.granulate import (
+    ContactLaw,
+    Grains,
+    Model,
+    Plane,
+    Solver,
+    box,
+    compact,
+    simulate,
+)
 from multiscale.macro.granulate.motion import advance
 from multiscale.macro.granulate.state import start
 from multiscale.nonsmooth import solve_friction
@@ -65,7 +74,7 @@ def test_a_step_agrees_with_the_friction_solver_on_the_assembled_operator():
     bias[:, 0] = contacts.data[:, 3]
     q = H.T @ free.ravel() + bias.ravel()
     solution = solve_friction(
-        csr_array(H.T @ (inverse[:, None] * H)), q, contacts.data[:, 7], tolerance=1e-9
+        csr_array(H.T @ (inverse[:, None] * H)), q, contacts.coulomb[:, 1], tolerance=1e-9
     )
     velocity = (free.ravel() + inverse * (H @ solution.unwrap())).reshape(n, 6)
     np.testing.assert_allclose(new.velocity[:n, :3], velocity[:, :3], atol=1e-6)
@@ -126,6 +135,44 @@ def test_conjugate_gradients_need_fewer_rounds_than_sweeps_without_friction():
     assert rounds[1] < 0.2 * rounds[0]
 
 
+@pytest.mark.parametrize("compliance", [0.0, 0.05])
+@pytest.mark.parametrize(
+    "options",
+    [
+        pytest.param({}, id="sweeps"),
+        pytest.param({"threads": 2}, id="colours"),
+        pytest.param({"domains": 4, "conjugate": 5}, id="domains"),
+        pytest.param({"max_iterations": 1, "most_assembled": 1000}, id="assembled"),
+    ],
+)
+def test_one_unknown_per_contact_leads_where_three_without_friction_do(options, compliance):
+    base = heap(64)
+    found = []
+    for friction in (0.0, 1e-13):  # a trace of it has three unknowns
+        model = Model(base.grains, base.walls, ContactLaw(friction, compliance=compliance))
+        state = start(model)
+        for _ in range(3):
+            solver = Solver(**({"tolerance": 1e-11, "max_iterations": 50000} | options))
+            state, step = advance(model, state, 1e-3, solver)
+            assert step.residual < 1e-9
+        assert step.n_contacts > 20
+        found.append((model.needs.unknowns_per_contact, state.velocity[:, :3]))
+    (one, scalar), (three, full) = found
+    assert (one, three) == (1, 3)
+    # what a spring holds turns with the normal, or loses the square of the angle
+    np.testing.assert_allclose(scalar, full, atol=2e-5 if compliance else 1e-8)
+
+
+def test_a_cell_without_friction_is_pressed_alike_with_one_and_three_unknowns():
+    found = [
+        compact(np.full(20, 0.01), 1e3, ContactLaw(friction), planar=True, max_steps=25)
+        for friction in (0.0, 1e-13)
+    ]
+    assert ["spin" in packing for packing in found] == [False, True]
+    np.testing.assert_allclose(*(p["position"].values[-1] for p in found), atol=1e-4)
+    np.testing.assert_allclose(*(p["period"].values[-1] for p in found), rtol=1e-3)
+
+
 @pytest.mark.skipif(numba.config.NUMBA_NUM_THREADS < 2, reason="there is one thread only")
 def test_the_number_of_threads_changes_no_digit_of_coloured_sweeps():
     model = heap(729)
@@ -150,10 +197,11 @@ def test_friction_and_steps_at_their_ends_stay_sound(friction, step):
     assert np.diff(total).max() < 1e-9
 
 
-def test_a_heavy_grain_rests_on_a_light_one():
+@pytest.mark.parametrize("friction", [0.0, 0.5])
+def test_a_heavy_grain_rests_on_a_light_one(friction):
     # mass ratio 1e6: Gauss-Seidel alone needs about as many sweeps
     grains = Grains([[0.0, 0.0, 0.01], [0.0, 0.0, 0.03]], 0.01, [2.6, 2.6e6])
-    model = Model(grains, (FLOOR,))
+    model = Model(grains, (FLOOR,), ContactLaw(friction))
     result = simulate(model, 0.02, 2e-3, solver=Solver(max_iterations=1000))
     assert result["converged"].values.all()
     force = result["wall_force"].values[-1, 0, 2]
