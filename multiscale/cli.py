@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from multiscale.bench import FAMILIES
+from multiscale.bench import FAMILIES, STABILITY_FAMILIES
 from multiscale.errors import CaseError, MultiscaleError
 from multiscale.executors import cores, workers
 
@@ -290,7 +290,10 @@ def bench_command(
 @app.command("stability")
 def stability_command(
     families: Annotated[
-        list[str] | None, typer.Argument(help="Families of the table; all if not given.")
+        list[str] | None,
+        typer.Argument(
+            help=f"Families of the table: {', '.join(STABILITY_FAMILIES)}; all if not given."
+        ),
     ] = None,
     out: Annotated[Path, typer.Option("-o", "--out", help="Dataset to write.")] = Path(
         "stability.nc"
@@ -304,8 +307,7 @@ def stability_command(
     from multiscale.schema import STABILITY
 
     cases = stability_cases()
-    known = dict.fromkeys(case.family for case in cases)
-    chosen = _choose(families, list(known))
+    chosen = _choose(families, STABILITY_FAMILIES)
     _check_dataset(out)
     found = check_stability(
         [case for case in cases if case.family in chosen],

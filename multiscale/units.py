@@ -96,8 +96,8 @@ def readable(value: object) -> str:
 
     Examples
     --------
-    >>> readable("2000000.0 Pa"), readable("4e-07 m"), readable("flat"), readable(0.3)
-    ('2 MPa', '400 nm', 'flat', '0.3')
+    >>> readable("2000000.0 Pa"), readable("4e-07 m"), readable("0.01 m/s"), readable("flat")
+    ('2 MPa', '400 nm', '10 mm/s', 'flat')
     """
     parts = _QUANTITY.fullmatch(value) if isinstance(value, str) else None
     if parts is None or parts["unit"] is None or parts["unit"].startswith("%"):
@@ -106,4 +106,4 @@ def readable(value: object) -> str:
         quantity = _registry()(f"{value}").to_compact()
     except Exception:  # text that only looks like a quantity
         return str(value)
-    return f"{quantity.magnitude:.6g} {quantity.units:~}"
+    return f"{quantity.magnitude:.6g} {quantity.units:~P}"

@@ -9,7 +9,7 @@ from multiscale.bench.table import tabulate
 if TYPE_CHECKING:
     import xarray as xr
 
-__all__ = ["FAMILIES", "bench", "tabulate"]
+__all__ = ["FAMILIES", "STABILITY_FAMILIES", "bench", "tabulate"]
 
 FAMILIES = (
     "chain",
@@ -24,6 +24,21 @@ FAMILIES = (
     "substructures",
 )
 """Families of scenes; each is a module with a function of its name."""
+
+STABILITY_FAMILIES = (
+    "structure",
+    "motion",
+    "cut_structure",
+    "joint",
+    "friction",
+    "wedge",
+    "complementarity",
+    "rough_cell",
+    "large_strain",
+    "grains",
+    "voids",
+)
+"""Families of stiff and extreme cases, in the order of their table."""
 
 
 def bench(

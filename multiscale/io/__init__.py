@@ -6,6 +6,7 @@ from multiscale.io.datasets import (
     open_law,
     open_response,
     open_run,
+    reading_run,
     save_law,
     write_dataset,
 )
@@ -43,6 +44,7 @@ __all__ = [
     "read_surface",
     "read_table",
     "read_text",
+    "reading_run",
     "remove",
     "save_law",
     "try_to_write",

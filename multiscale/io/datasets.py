@@ -1,8 +1,10 @@
 """Datasets in netCDF files: checked against their schema, written whole, with provenance."""
 
 import logging
+import re
 import sys
-from contextlib import AbstractContextManager, nullcontext
+from collections.abc import Iterator
+from contextlib import AbstractContextManager, contextmanager, nullcontext
 from datetime import UTC, datetime
 from os import PathLike
 from pathlib import Path
@@ -29,6 +31,7 @@ __all__ = [
     "open_law",
     "open_response",
     "open_run",
+    "reading_run",
     "save_law",
     "write_dataset",
 ]
@@ -186,3 +189,22 @@ def open_run(folder: str | PathLike[str], *, finished: bool = False) -> "xr.Data
         state = "the run is not finished" if found else "no results"
         raise SchemaError(f"{folder}: {state}; a finished run leaves {names}")
     return xr.DataTree.from_dict(found, name=folder.name)
+
+
+@contextmanager
+def reading_run(folder: str | PathLike[str]) -> Iterator[None]:
+    """Turn what a dataset of a run lacks into a sentence: schemas leave much of it optional.
+
+    Raises
+    ------
+    SchemaError
+        If a variable or an attribute is read that is not there.
+    """
+    try:
+        yield
+    except KeyError as error:
+        lost = re.search(r"'([^']*)'", str(error))
+        raise SchemaError(
+            f"{folder}: a dataset of the run has no {lost[1] if lost else error}, as one of an "
+            f"earlier version; run the case again into the same folder"
+        ) from error

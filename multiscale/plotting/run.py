@@ -4,7 +4,7 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from multiscale.io import make_folder, open_dataset, open_run, remove
+from multiscale.io import make_folder, open_dataset, open_run, reading_run, remove
 from multiscale.pipeline import read_sliding
 from multiscale.plotting.budget import plot_error_budget
 from multiscale.plotting.figure import new_figure, save_figure
@@ -39,7 +39,12 @@ def draw_figures(out: str | Path) -> list[Path]:
     list of Path
         The PNG files, in the order of the chain.
     """
-    out = Path(out)
+    with reading_run(out):
+        return _draw_all(Path(out))
+
+
+def _draw_all(out: Path) -> list[Path]:
+    """Draw what the folder holds."""
     if (out / "sweep.nc").exists():
         sweep = open_dataset(out / "sweep.nc", SWEEP)
         return _draw(out, {"sweep": lambda ax: plot_sweep(sweep, ax=ax)})

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from multiscale.io import open_dataset, open_run, read_bytes, read_text, write_bytes
+from multiscale.io import open_dataset, open_run, read_bytes, read_text, reading_run, write_bytes
 from multiscale.pipeline import read_cautions, read_sliding
 from multiscale.report.section import Section
 from multiscale.report.sliding import describe_sliding
@@ -42,7 +42,8 @@ def write_report(out: str | Path) -> Path:
     from jinja2 import Environment
 
     out = Path(out)
-    content = _sweep(out) if (out / "sweep.nc").exists() else _run(out)
+    with reading_run(out):
+        content = _sweep(out) if (out / "sweep.nc").exists() else _run(out)
     template = resources.files("multiscale.report").joinpath("page.html").read_text()
     text = Environment(autoescape=True).from_string(template).render(content)
     write_bytes(out / "report.html", text.encode())
@@ -191,6 +192,8 @@ def _inputs(table: Mapping[str, Any], prefix: str = "") -> Iterator[tuple[str, .
             yield from _inputs(value, f"{prefix}{key}.")
         elif isinstance(value, list):
             yield f"{prefix}{key}", ", ".join(readable(item) for item in value)
+        elif isinstance(value, bool):
+            yield f"{prefix}{key}", str(value).lower()  # as the file says it
         else:
             yield f"{prefix}{key}", readable(value)
 

@@ -8,6 +8,7 @@ import numpy as np
 
 from multiscale.errors import CaseError
 from multiscale.laws import FrictionLaw, HystereticLaw, NormalLaw, StiffnessLaw
+from multiscale.units import readable
 
 __all__ = ["Admissibility", "Check", "admissibility", "is_admissible"]
 
@@ -57,9 +58,9 @@ class Admissibility:
 
     def __str__(self) -> str:
         """Return the report as one line."""
-        low, high = self.pressure_range
+        low, high = (readable(f"{end:.3g} Pa") for end in self.pressure_range)
         checks = "; ".join(str(check) for check in self.checks)
-        return f"{checks} (from {low:.3g} to {high:.3g} Pa)"
+        return f"{checks} (from {low} to {high})"
 
 
 def admissibility(

@@ -43,10 +43,10 @@ class ScaleSeparation:
 
     def __str__(self) -> str:
         """Return the report as text."""
-        time = "no times given" if np.isnan(self.time_ratio) else f"times {self.time_ratio:.3g}"
+        time = "" if np.isnan(self.time_ratio) else f", times {self.time_ratio:.3g}"
         head = (
             f"longest wavelength {self.wavelength_ratio:.3g} of the length over which the pressure "
-            f"varies, cell {self.cell_ratio:.3g} of the interface, {time}"
+            f"varies, cell {self.cell_ratio:.3g} of the interface{time}"
         )
         return "; ".join([head, *self.cautions])
 

@@ -5,11 +5,12 @@ from shutil import copytree
 import pytest
 
 from multiscale.errors import CaseError, SchemaError
-from multiscale.io import make_folder, read_text
+from multiscale.io import make_folder, open_dataset, read_text, write_dataset
 from multiscale.pipeline import load_case, load_tyre, run
 from multiscale.pipeline.run_folder import claim_folder
 from multiscale.plotting import draw_figures
 from multiscale.report import write_report
+from multiscale.schema import SCHEMAS
 
 
 @pytest.fixture
@@ -53,6 +54,25 @@ def test_a_folder_of_a_sweep_takes_no_single_run(tmp_path):
     (tmp_path / "out" / "sweep.nc").touch()
     with pytest.raises(CaseError, match="holds a sweep; choose another folder"):
         run(load_case("ground_steel"), tmp_path / "out")
+
+
+@pytest.mark.parametrize(
+    ("name", "lost", "show"),
+    [
+        ("macro_result", "contact_fraction", write_report),
+        ("macro_result", "how_fit", write_report),
+        ("macro_result", "interface_stiffness", draw_figures),
+        ("micro_response", "bodies", write_report),
+        ("micro_response", "nominal_pressure", draw_figures),
+    ],
+)
+def test_a_dataset_of_an_earlier_version_is_answered_in_a_sentence(folder, name, lost, show):
+    file, schema = folder / f"{name}.nc", SCHEMAS[name]
+    old = open_dataset(file, schema).drop_vars(lost, errors="ignore")
+    old.attrs.pop(lost, None)
+    write_dataset(old, file, schema)
+    with pytest.raises(SchemaError, match=f"has no {lost}, as one of .*; run the case again"):
+        show(folder)
 
 
 def test_every_figure_that_is_drawn_stands_on_the_page_and_no_other(folder):
