@@ -13,11 +13,13 @@ import numpy as np
 from multiscale.errors import CaseError, ConvergenceError
 from multiscale.io import make_folder, save_law, write_dataset
 from multiscale.laws import BellFriction, Exponential, SteadySliding
-from multiscale.macro.joint import TreadBlock, condense_tread, slide_tread
+from multiscale.macro.joint import Footprint, TreadBlock, condense_tread, slide_tread
+from multiscale.macro.joint.tread import CondensedTread
 from multiscale.micro.sliding import wlf_shift
 from multiscale.needs import Needs
 from multiscale.pipeline.run import Results
 from multiscale.pipeline.run_folder import claim_folder
+from multiscale.pipeline.tyre_budget import with_braking_budget
 from multiscale.pipeline.tyre_cells import slide_roads
 from multiscale.pipeline.tyre_settings import TyreCase
 from multiscale.schema import MACRO_RESULT
@@ -170,39 +172,33 @@ def solve_treads(case: TyreCase, response: "xr.Dataset", law: "xr.Dataset") -> "
     Dataset
         Follows ``MACRO_RESULT``, with temperature and speed along ``step``.
     """
-    block = case.tread
-    nx, ny, nz = block.elements
-    tread = condense_tread(
-        TreadBlock(
-            (block.length, block.width, block.height),
-            case.rubber.relaxed_modulus,
-            case.rubber.poissons_ratio,
-            (nx, ny, nz),
-        )
-    )
+    pressure, elements = case.tread.pressure, case.tread.elements
+    fewer = tuple(-(-count // 2) for count in elements)
+    tread, coarse = _condense(case, elements), _condense(case, fewer)
     steps = list(product(case.sliding.temperatures, case.sliding.speeds))
     samples = range(min(MOST_SAMPLES, law.sizes.get("sample", 0)))
-    found, times, sampled = [], [], np.full((len(samples), len(steps)), np.nan)
+    found, coarser, times = [], [], []
+    sampled = np.full((len(samples), len(steps)), np.nan)
     for k, (temperature, speed) in enumerate(steps):
         begin = perf_counter()
         normal = _normal_law(response, temperature, speed)
-        for sample in (None, *samples):
+        mean = SteadySliding(normal, friction_at(law, temperature), (speed, 0.0))
+        found.append(slide_tread(tread, mean, pressure))
+        coarser.append(_force(slide_tread(coarse, mean, pressure)))
+        for sample in samples:
             friction = friction_at(law, temperature, sample)
-            one = slide_tread(tread, SteadySliding(normal, friction, (speed, 0.0)), block.pressure)
-            if sample is None:
-                found.append(one)
-            elif one.solution.converged:
-                sampled[sample, k] = one.braking_force
+            one = slide_tread(tread, SteadySliding(normal, friction, (speed, 0.0)), pressure)
+            sampled[sample, k] = _force(one)
         times.append(perf_counter() - begin)
     good = np.array([one.solution.converged for one in found])
-    force = np.where(good, [one.braking_force for one in found], np.nan)
-    load = block.pressure * tread.block.area
-    return MACRO_RESULT.build(
+    force = np.array([_force(one) for one in found])
+    load = pressure * tread.block.area
+    result = MACRO_RESULT.build(
         {
             "converged": good.astype(int),
             "residual": [one.solution.residuals[-1] for one in found],
             "wall_time": times,
-            "preload": np.full(len(steps), block.pressure),
+            "preload": np.full(len(steps), pressure),
             "temperature": [temperature for temperature, _ in steps],
             "sliding_speed": [speed for _, speed in steps],
             "braking_force": force,
@@ -215,6 +211,23 @@ def solve_treads(case: TyreCase, response: "xr.Dataset", law: "xr.Dataset") -> "
         title=case.title,
         cautions=_missed(law),
     )
+    ratio = float(np.prod(elements) / np.prod(fewer)) ** (1.0 / 3.0)
+    return with_braking_budget(result, law, {ratio: np.array(coarser)} if ratio > 1.0 else {})
+
+
+def _condense(case: TyreCase, elements: tuple[int, ...]) -> CondensedTread:
+    """Condense the tread block on so many elements."""
+    block, (nx, ny, nz) = case.tread, elements
+    size = (block.length, block.width, block.height)
+    rubber = case.rubber
+    return condense_tread(
+        TreadBlock(size, rubber.relaxed_modulus, rubber.poissons_ratio, (nx, ny, nz))
+    )
+
+
+def _force(footprint: Footprint) -> float:
+    """Braking force, N; NaN if it did not converge."""
+    return footprint.braking_force if footprint.solution.converged else np.nan
 
 
 def _missed(law: "xr.Dataset") -> str:

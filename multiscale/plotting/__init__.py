@@ -43,6 +43,7 @@ from multiscale.plotting.tyre import (
     plot_braking_force,
     plot_footprint,
     plot_friction_bell,
+    plot_road,
 )
 from multiscale.plotting.work_precision import (
     draw_work_precision,
@@ -79,6 +80,7 @@ __all__ = [
     "plot_joint_life",
     "plot_joint_plan",
     "plot_joint_stiffness",
+    "plot_road",
     "plot_sliding_friction",
     "plot_sorted_tensions",
     "plot_steady_friction",

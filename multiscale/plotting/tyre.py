@@ -7,7 +7,9 @@ import numpy as np
 
 from multiscale.errors import CaseError
 from multiscale.io import make_folder, open_run
+from multiscale.pipeline import load_tyre
 from multiscale.pipeline.tyre import friction_at
+from multiscale.pipeline.tyre_cells import make_roads
 from multiscale.plotting.figure import add_colour_bar, axes_or_current, new_figure, save_figure
 from multiscale.upscaling import law_band
 
@@ -15,7 +17,15 @@ if TYPE_CHECKING:
     import xarray as xr
     from matplotlib.axes import Axes
 
-__all__ = ["draw_tyre_figures", "plot_braking_force", "plot_footprint", "plot_friction_bell"]
+    from multiscale.io.surfaces import Surface
+
+__all__ = [
+    "draw_tyre_figures",
+    "plot_braking_force",
+    "plot_footprint",
+    "plot_friction_bell",
+    "plot_road",
+]
 
 ZERO_CELSIUS = 273.15
 BAND = (2.5, 97.5)  # percentiles of the bands
@@ -38,6 +48,9 @@ def draw_tyre_figures(out: str | Path) -> list[Path]:
     response, law, result = (
         tree[name].to_dataset() for name in ("micro_response", "interface_law", "macro_result")
     )
+    case = load_tyre(Path(out) / "case.toml")
+    one = case.sliding.model_copy(update={"realisations": 1})
+    (road,) = make_roads(case.model_copy(update={"sliding": one}))
     pressure = float(result["preload"][0])
     best = int(np.nanargmax(result["braking_force"].values))
     figures = {
@@ -45,6 +58,7 @@ def draw_tyre_figures(out: str | Path) -> list[Path]:
         "braking_force": lambda ax: plot_braking_force(result, ax=ax),
         "footprint_pressure": lambda ax: plot_footprint(result, best, ax=ax),
         "footprint_friction": lambda ax: plot_footprint(result, best, quantity="friction", ax=ax),
+        "road": lambda ax: plot_road(road, ax=ax),
     }
     folder = make_folder(Path(out) / "figures")
     files = []
@@ -53,6 +67,29 @@ def draw_tyre_figures(out: str | Path) -> list[Path]:
         draw(figure.add_subplot())  # type: ignore[no-untyped-call]
         files.append(save_figure(figure, folder / f"{name}.png"))
     return files
+
+
+def plot_road(road: "Surface", *, ax: "Axes | None" = None) -> "Axes":
+    """Plot the heights of a road.
+
+    Parameters
+    ----------
+    road : Surface
+    ax : Axes, optional
+        Where to draw. The current axes if not given.
+    """
+    ax = axes_or_current(ax)
+    height = 1e3 * (road.heights - road.heights.mean()).T
+    largest = float(np.abs(height).max())
+    extent = (0.0, 1e3 * road.size[0], 0.0, 1e3 * road.size[1])
+    image = ax.imshow(
+        height, origin="lower", extent=extent, cmap="RdBu_r", vmin=-largest, vmax=largest
+    )
+    ax.set_xlabel("x (mm)")
+    ax.set_ylabel("y (mm)")
+    ax.set_title("road, realisation 0")
+    add_colour_bar(image, ax, "height (mm)")
+    return ax
 
 
 def plot_friction_bell(

@@ -7,6 +7,7 @@ import numpy as np
 from multiscale.report.section import Section
 from multiscale.report.tables import tabulate_braking
 from multiscale.upscaling import require_law
+from multiscale.upscaling.budget import how_attribute
 
 if TYPE_CHECKING:
     import xarray as xr
@@ -53,13 +54,41 @@ def braking_answer(result: "xr.Dataset") -> list[str]:
         if at.size == 0:
             lines.append(f"At {temperature - ZERO_CELSIUS:.4g} °C nothing converged.")
             continue
-        best = result.isel(step=at[int(np.argmax(result["braking_force"].values[at]))])
+        best = _hardest(result.isel(step=at))
+        error = ""
+        if "error_total" in result:
+            error = f" ± {100.0 * float(best['error_total'].squeeze()):.2g} %"
         lines.append(
             f"At {temperature - ZERO_CELSIUS:.4g} °C it brakes by at most "
-            f"{float(best['braking_force']):.4g} N, {float(best['braking_coefficient']):.3g} of "
-            f"its load, at {float(best['sliding_speed']):.3g} m/s."
+            f"{float(best['braking_force']):.4g} N{error}, "
+            f"{float(best['braking_coefficient']):.3g} of its load, at "
+            f"{float(best['sliding_speed']):.3g} m/s."
         )
     return lines
+
+
+def _hardest(result: "xr.Dataset") -> "xr.Dataset":
+    """Step of the largest force."""
+    return result.isel(step=int(np.nanargmax(result["braking_force"].values)))
+
+
+def _budget(result: "xr.Dataset") -> Section:
+    """Say of each term of the error budget how large it is and how it was estimated."""
+    if "error_total" not in result:
+        return Section("Error budget", ["Nothing was estimated."])
+    best = _hardest(result).squeeze("quantity")
+    rows = []
+    for term, half in zip(
+        result["error_term"].values, best["error_half_width"].values, strict=True
+    ):
+        known = f"{100.0 * half:.2g}" if np.isfinite(half) else ""
+        rows.append((str(term), known, result.attrs[how_attribute(str(term))]))
+    return Section(
+        "Error budget",
+        ["Half-widths of 95 % intervals of the braking force, where it is largest of all."],
+        ("term", "half-width (%)", "rests on"),
+        rows,
+    )
 
 
 def braking_sections(law: "xr.Dataset", result: "xr.Dataset", bodies: str) -> list[Section]:
@@ -90,5 +119,7 @@ def braking_sections(law: "xr.Dataset", result: "xr.Dataset", bodies: str) -> li
             ],
             figures=("friction",),
         ),
+        _budget(result),
         Section("Footprint", [], figures=("footprint_pressure", "footprint_friction")),
+        Section("Road", [], figures=("road",)),
     ]

@@ -14,7 +14,7 @@ from multiscale.io import open_law, open_run, save_law
 from multiscale.micro.sliding import wlf_shift
 from multiscale.pipeline import load_case, load_tyre, run_tyre
 from multiscale.pipeline.case import shipped_cases
-from multiscale.pipeline.tyre import friction_at
+from multiscale.pipeline.tyre import friction_at, solve_treads
 from multiscale.pipeline.tyre_cells import make_roads, slide_road
 from multiscale.plotting import draw_figures
 from multiscale.report import write_report
@@ -136,9 +136,10 @@ def test_a_second_run_keeps_the_roads_and_another_case_is_refused(finished):
 def test_figures_and_report_show_friction_force_and_footprint(finished):
     _, out, _ = finished
     names = {file.stem for file in draw_figures(out)}
-    assert names == {"friction", "braking_force", "footprint_pressure", "footprint_friction"}
+    pictures = {"friction", "braking_force", "footprint_pressure", "footprint_friction", "road"}
+    assert names == pictures
     page = write_report(out).read_text(encoding="utf-8")
-    assert page.count("data:image/png;base64,") == 4
+    assert page.count("data:image/png;base64,") == len(pictures)
     assert "braking force (N)" in page
     assert set(open_run(out)) == {"micro_response", "interface_law", "macro_result"}
 
@@ -225,3 +226,22 @@ def test_the_shipped_tyre_runs_on_the_command_line(tmp_path):
     assert law.attrs["rms_error_over_peak"] < 0.02
     assert law.attrs["largest_error_over_peak"] < 0.05
     assert "the bell misses" not in done.stdout
+
+
+def test_a_braking_force_has_an_error_budget(finished):
+    result = finished[2].macro_result
+    known = result["error_half_width"].squeeze("quantity").dropna("error_term")
+    assert list(known["error_term"].values) == ["sampling", "fit", "macro discretisation"]
+    assert np.all(known > 0.0)
+    total = np.sqrt((known**2).sum("error_term"))
+    np.testing.assert_allclose(result["error_total"].squeeze("quantity"), total)
+    assert result.attrs["unknown"] == "cell size, micro discretisation, scale separation"
+
+
+def test_smaller_elements_change_the_force_by_less_than_their_term(finished):
+    case, _, results = finished
+    finer = case.model_copy(update={"tread": case.tread.model_copy(update={"elements": (8, 6, 2)})})
+    change = solve_treads(finer, results.micro_response, results.interface_law)["braking_force"]
+    change = change / results.macro_result["braking_force"] - 1.0
+    term = results.macro_result["error_half_width"].sel(error_term="macro discretisation")
+    assert np.all(np.abs(change) <= term.squeeze("quantity"))

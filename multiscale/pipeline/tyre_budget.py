@@ -1,0 +1,64 @@
+"""The error budget of braking forces: what is not known is said in the keys of the case."""
+
+from collections.abc import Mapping
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from multiscale.upscaling import estimate_grid_error, with_budget
+from multiscale.upscaling.budget import assemble_budget
+from multiscale.upscaling.budget_terms import NORMAL
+
+if TYPE_CHECKING:
+    import xarray as xr
+
+__all__ = ["with_braking_budget"]
+
+OTHERS = "not known: {} were solved; run the case with {} in [cell], and compare"
+
+
+def with_braking_budget(
+    result: "xr.Dataset", law: "xr.Dataset", coarser: Mapping[float, np.ndarray]
+) -> "xr.Dataset":
+    """Return the result of a tread block with the error budget of its braking force.
+
+    Parameters
+    ----------
+    result : Dataset
+        Follows ``MACRO_RESULT``, with samples of the force if the law has any.
+    law : Dataset
+        The bell of friction, with its misfit.
+    coarser : mapping of float to ndarray, shape (steps,)
+        From the ratio of the elements' sizes to the force, N, on larger ones; may be empty.
+
+    Notes
+    -----
+    - *sampling*: from the standard deviation over samples of the law;
+    - *fit*: from the root mean square by which the bell misses the cells;
+    - *macro discretisation*: :func:`multiscale.upscaling.estimate_grid_error`.
+    """
+    force = np.abs(result["braking_force"].to_numpy())
+    terms = {}
+    how = {
+        "sampling": "not known: the law has no samples; give them in [law], and 3 or more "
+        "realisations in [sliding]",
+        "fit": "root mean square by which the bell misses the cells",
+        "cell size": OTHERS.format("cells of one size", "another size"),
+        "micro discretisation": OTHERS.format("cells on one grid", "other points"),
+        "scale separation": "not known: the pressure of the footprint is taken as even over the "
+        "waves of the road",
+        "macro discretisation": "not known: elements of twice the size do not fit; give smaller "
+        "ones in [tread]",
+    }
+    if result.sizes.get("sample", 0) > 1:
+        samples = result["braking_force_sample"].to_numpy()
+        terms["sampling"] = NORMAL * np.std(samples, axis=0, ddof=1) / force
+        how["sampling"] = f"{len(samples)} bootstrap samples of the law"
+    missed = float(law.attrs["rms_error_over_peak"]) * float(law["peak_coefficient"])
+    terms["fit"] = NORMAL * missed / np.abs(result["braking_coefficient"].to_numpy())
+    if coarser:
+        estimate = estimate_grid_error(force, coarser)
+        terms["macro discretisation"] = estimate.half_width / force
+        how["macro discretisation"] = estimate.how
+    budget = assemble_budget(terms, {}, how, ("braking_force",), None, steps=force.size)
+    return with_budget(result, budget)
