@@ -2,14 +2,14 @@
 
 import os
 import signal
-from concurrent.futures import ProcessPoolExecutor, ThreadPoolExecutor
-from multiprocessing import get_context
+from concurrent.futures import ThreadPoolExecutor
 
 import numpy as np
 import pytest
 import xarray as xr
 
 from multiscale.errors import CaseError, MultiscaleError
+from multiscale.executors import process_pool, run_jobs
 from multiscale.micro import Cell, Path, run_ensemble, self_affine
 from multiscale.micro import ensemble as module
 from multiscale.micro.topography import rms_slope
@@ -59,7 +59,7 @@ def test_executors_give_the_same_response(cells, tmp_path):
     serial = run_ensemble(cells, PATH)
     with ThreadPoolExecutor(1) as executor:
         same(serial, run_ensemble(cells, PATH, executor=executor))
-    with ProcessPoolExecutor(2, mp_context=get_context("spawn")) as executor:
+    with process_pool(2) as executor:
         same(serial, run_ensemble(cells, PATH, executor=executor, folder=tmp_path))
     assert len(list(tmp_path.glob("realisation-*.nc"))) == 3
 
@@ -105,10 +105,10 @@ def _die(*_):
     os.kill(os.getpid(), signal.SIGKILL)
 
 
-def test_a_killed_worker_is_one_sentence(cells, monkeypatch):
-    monkeypatch.setattr(module, "_solve_realisation", _die)
+def test_a_killed_worker_is_one_sentence():
+    jobs = dict.fromkeys(range(3), ())
     with (
-        ProcessPoolExecutor(1, mp_context=get_context("fork")) as executor,
+        process_pool(1) as executor,
         pytest.raises(MultiscaleError, match="a worker process died after 0 of 3 jobs"),
     ):
-        run_ensemble(cells, PATH, executor=executor)
+        run_jobs(_die, jobs, executor, lambda key, result: None)
