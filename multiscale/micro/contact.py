@@ -27,8 +27,11 @@ __all__ = ["ElasticBody", "solve_contact"]
 _LOOSE = 1e-2  # reduction of the residual before the active set is questioned for the first time
 _INNER = 1e-7  # tolerance of the surface problems inside the preconditioner
 _BLOCKS = 5  # exchanges of all wrong nodes that may pass without fewer of them
-_LINEAR_LIMIT = 500  # conjugate-gradient iterations on one active set
-_PATIENCE = 50  # of them without a smaller residual: rounding has the last word
+_LINEAR_LIMIT = 5000  # conjugate-gradient iterations on one active set
+_PATIENCE = 300  # of them without a smaller residual: rounding has the last word; 50 to 100 are
+# usual where Poisson's ratio is .4999 on slopes of one half
+_SMALLER = 0.9  # times the least residual so far
+_ROUNDING = np.finfo(float).eps  # residual below which the recurrence means nothing
 
 
 @dataclass(frozen=True)
@@ -301,9 +304,10 @@ class _LinearStage:
         best, patience = np.inf, _PATIENCE
         for iteration in range(_LINEAR_LIMIT):
             residual = self.residual(out_of_balance, force)
-            patience = _PATIENCE if residual < best else patience - 1
-            best = min(best, residual)
-            if not residual > target or patience == 0:
+            patience -= 1
+            if residual < _SMALLER * best:
+                best, patience = residual, _PATIENCE
+            if not residual > max(target, _ROUNDING) or patience == 0:
                 return delta, iteration
             z, shift = self.precondition(out_of_balance, force)
             # the rounding and the inner tolerance must not move the constrained nodes

@@ -123,6 +123,7 @@ def _die_without_number(one):
         case("complementarity", 1e-10, contrast=1e8, points=8),
         case("joint", law_over_block=1e12, friction=0.2, parts=2),
         case("rough_cell", slope=0.5, relative_pressure=1e-4, poissons_ratio=0.4999),
+        case("rough_cell", slope=0.5, relative_pressure=0.1, poissons_ratio=0.4999),
         case("voids", 1e-4, modulus=1e-6, porosity=0.3),
         case("grains", 1e-4, friction=1.5, step=1e-2, density_ratio=1e6),
     ],
