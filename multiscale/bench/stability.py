@@ -25,7 +25,7 @@ __all__ = ["OUTCOMES", "StabilityCase", "check_stability", "stability_cases", "t
 OUTCOMES = ("failed", "refused", "converged")
 """Meanings of the flag ``outcome``: 0, 1, 2."""
 
-LONGEST = 300
+LONGEST = 1800
 """Seconds after which a case hangs."""
 
 
