@@ -1,11 +1,15 @@
 """Datasets in netCDF files: checked against their schema, written whole, with provenance."""
 
 import logging
+import os
+import platform
 import re
 import sys
 from collections.abc import Iterator
 from contextlib import AbstractContextManager, contextmanager, nullcontext
 from datetime import UTC, datetime
+from functools import cache
+from importlib.metadata import version
 from os import PathLike
 from pathlib import Path
 from threading import Lock
@@ -65,6 +69,7 @@ def write_dataset(
         schema_version=schema.version,
         source=f"multiscale {__version__}",
         history=f"{now}: {' '.join([Path(sys.argv[0]).name, *sys.argv[1:]])}",
+        environment=_environment(),
         **attributes,
     )
     with _WRITING, _without_cluster():
@@ -73,6 +78,18 @@ def write_dataset(
 
 
 logger = logging.getLogger(__name__)
+
+
+@cache
+def _environment() -> str:
+    """Name what computes: interpreter, libraries and machine."""
+    libraries = ", ".join(f"{name} {version(name)}" for name in LIBRARIES)
+    machine = f"{platform.system()} on {platform.machine()}, {os.cpu_count()} cores"
+    return f"Python {platform.python_version()}, {libraries}; {machine}"
+
+
+LIBRARIES = ("numpy", "scipy", "numba", "scikit-fem", "xarray")
+"""Those that numbers depend on."""
 
 _WRITING = Lock()
 """Held while the settings of dask are other than the user's."""

@@ -11,7 +11,7 @@ import numpy as np
 
 from multiscale.io import open_dataset, open_run, read_bytes, read_text, reading_run, write_bytes
 from multiscale.pipeline import read_cautions, read_sliding
-from multiscale.report.section import Section
+from multiscale.report.section import Section, provenance
 from multiscale.report.sliding import describe_sliding
 from multiscale.report.sweep import (
     list_sweep_cautions,
@@ -201,13 +201,11 @@ def _inputs(table: Mapping[str, Any], prefix: str = "") -> Iterator[tuple[str, .
 def _work(response: "xr.Dataset", result: "xr.Dataset") -> Section:
     """Say what was computed and with what."""
     converged = response["converged"].values
-    rows = [
+    rows: list[tuple[str, ...]] = [
         ("cell steps", f"{int((converged == 1).sum())} of {converged.size} converged"),
         ("solver time of the cells", f"{float(response['wall_time'].sum()):.1f} s"),
-        ("program", str(result.attrs["source"])),
     ]
-    rows += [("command", line) for line in str(result.attrs["history"]).splitlines()]
-    return Section("Work and provenance", [], rows=rows)
+    return Section("Work and provenance", [], rows=rows + provenance(result))
 
 
 def _with_images(section: Section, drawn: Mapping[str, Path]) -> dict[str, Any]:

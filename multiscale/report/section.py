@@ -2,8 +2,12 @@
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import TYPE_CHECKING
 
-__all__ = ["Section"]
+if TYPE_CHECKING:
+    import xarray as xr
+
+__all__ = ["Section", "provenance"]
 
 
 @dataclass
@@ -15,3 +19,11 @@ class Section:
     head: tuple[str, ...] = ()
     rows: Sequence[tuple[str, ...]] = ()
     figures: tuple[str, ...] = ()
+
+
+def provenance(result: "xr.Dataset") -> list[tuple[str, ...]]:
+    """Say with what a dataset was computed, by which command and when."""
+    rows = [("program", str(result.attrs["source"]))]
+    if "environment" in result.attrs:  # a run of an earlier version has none
+        rows.append(("computed with", str(result.attrs["environment"])))
+    return [*rows, ("command", str(result.attrs["history"]))]

@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from multiscale.pipeline import name_point
-from multiscale.report.section import Section
+from multiscale.report.section import Section, provenance
 from multiscale.report.tables import tabulate_sweep
 
 if TYPE_CHECKING:
@@ -83,9 +83,8 @@ def sweep_sections(result: "xr.Dataset") -> list[Section]:
     head, rows = tabulate_sweep(result)
     told = ["multiscale report FOLDER writes the page of a point from its run folder."]
     runs = list(zip(_names(result), map(str, result["folder"].values), strict=True))
-    work = [("program", str(result.attrs["source"])), ("command", str(result.attrs["history"]))]
     return [
         Section("Points", ["Each at its largest preload."], head, rows, ("sweep",)),
         Section("Runs", told, rows=runs),
-        Section("Work and provenance", [], rows=work),
+        Section("Work and provenance", [], rows=provenance(result)),
     ]

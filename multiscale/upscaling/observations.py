@@ -22,7 +22,9 @@ __all__ = [
     "unloading_observations",
 ]
 
-_OWN_ATTRIBUTES = frozenset({"schema", "schema_version", "Conventions", "source", "history"})
+_OWN_ATTRIBUTES = frozenset(
+    {"schema", "schema_version", "Conventions", "source", "history", "environment"}
+)
 
 
 @dataclass(frozen=True)

@@ -50,6 +50,7 @@ def test_a_file_tells_where_it_comes_from(response, tmp_path):
     assert attrs["schema"] == "micro_response"
     assert attrs["identity"] == "abc"
     assert attrs["source"].startswith("multiscale ")
+    assert f"numpy {np.__version__}, " in attrs["environment"]
     assert {"history", "Conventions", "schema_version"} <= set(attrs)
 
 
