@@ -79,6 +79,9 @@ def write_dataset(
 
 logger = logging.getLogger(__name__)
 
+LIBRARIES = ("numpy", "scipy", "numba", "scikit-fem", "xarray")
+"""Those that numbers depend on."""
+
 
 @cache
 def _environment() -> str:
@@ -87,9 +90,6 @@ def _environment() -> str:
     machine = f"{platform.system()} on {platform.machine()}, {os.cpu_count()} cores"
     return f"Python {platform.python_version()}, {libraries}; {machine}"
 
-
-LIBRARIES = ("numpy", "scipy", "numba", "scikit-fem", "xarray")
-"""Those that numbers depend on."""
 
 _WRITING = Lock()
 """Held while the settings of dask are other than the user's."""
