@@ -201,6 +201,16 @@ def test_a_scaling_of_the_unknowns_changes_nothing_but_the_unknowns():
     np.testing.assert_array_equal(solution.unwrap() * scale, reference.unwrap())
 
 
+def test_a_scaling_that_rounds_changes_the_unknowns_by_rounding_alone():
+    matrix, vector = grains(50)
+    scale = 10.0 ** np.random.default_rng(seed=1).uniform(-4.0, 4.0, vector.size)
+    reference = solve_lcp(matrix, vector)
+    solution = solve_lcp(csr_array(scale[:, None] * matrix.toarray() * scale), scale * vector)
+    np.testing.assert_allclose(
+        solution.unwrap() * scale, reference.unwrap(), atol=1e-8 * np.max(reference.value)
+    )
+
+
 def test_dense_and_sparse_agree():
     matrix, vector = grains(50)
     np.testing.assert_allclose(
