@@ -35,7 +35,8 @@ def run_jobs(
         Arguments.
     executor : Executor, optional
         Any of ``concurrent.futures``, of dask (``Client.get_executor()``) or of mpi4py; serial,
-        with all threads, if not given.
+        with all threads, if not given. A pool of processes must spawn them
+        (``multiprocessing.get_context("spawn")``): threads of kernels do not survive a fork.
     finish : callable
         Gets key and result of each job, in this process.
 

@@ -37,3 +37,14 @@ def test_importing_the_package_is_a_matter_of_milliseconds():
 def test_cases_and_scenes_bring_no_mesher_and_no_plot_before_they_are_solved():
     loaded = modules_after("import multiscale.pipeline, multiscale.cli")
     assert loaded.isdisjoint({"skfem", "gmsh", "meshio", "matplotlib", "SurfaceTopography"})
+
+
+@pytest.mark.parametrize("first", ["multiscale, numba", "numba, multiscale"])
+def test_kernels_run_on_openmp_where_there_is_one(first):
+    """With TBB a fork of a process whose kernels have run can take minutes."""
+    pytest.importorskip("numba.np.ufunc.omppool")
+    program = f"import {first}; numba.set_num_threads(1); print(numba.threading_layer())"
+    done = subprocess.run(
+        [sys.executable, "-c", program], capture_output=True, text=True, check=True, timeout=120
+    )
+    assert done.stdout.strip() == "omp"
