@@ -5,6 +5,16 @@ from pathlib import Path
 import pytest
 
 
+def pytest_configure(config):
+    """One process of many takes one thread for its kernels; tests of threads ask for more."""
+    if hasattr(config, "workerinput"):
+        import numba
+
+        import multiscale  # noqa: F401 - chooses the library of the threads
+
+        numba.set_num_threads(1)
+
+
 def pytest_addoption(parser):
     parser.addoption(
         "--reference-data",

@@ -1,13 +1,26 @@
 """What several tests need."""
 
 import signal
+from contextlib import contextmanager
 
+import numba
 import numpy as np
 
 from multiscale.io import save_law
 from multiscale.micro import Surface
 from multiscale.schema import MICRO_RESPONSE
 from multiscale.upscaling import fit_law
+
+
+@contextmanager
+def threads(count):
+    """Give the kernels a number of threads, at most those of the machine."""
+    before = numba.get_num_threads()
+    numba.set_num_threads(min(count, numba.config.NUMBA_NUM_THREADS))
+    try:
+        yield
+    finally:
+        numba.set_num_threads(before)
 
 
 def observed_rate(sizes, errors):

@@ -1,6 +1,5 @@
 """Coloured sweeps give the numbers of serial ones, and colours keep neighbours apart."""
 
-import numba
 import numpy as np
 
 from multiscale.bench.friction_scenes import random_stack, sphere_pile
@@ -8,6 +7,7 @@ from multiscale.nonsmooth.colouring import colour_contacts
 from multiscale.nonsmooth.friction import solve_friction
 from multiscale.nonsmooth.friction_problem import scale_friction
 from multiscale.nonsmooth.gauss_seidel import sweep, sweep_coloured
+from tests.support import threads
 
 
 def test_contacts_of_one_colour_share_no_block():
@@ -39,10 +39,8 @@ def test_coloured_sweeps_equal_serial_ones_bit_by_bit():
 def test_the_answer_of_a_large_problem_does_not_depend_on_the_threads(monkeypatch):
     monkeypatch.setattr("multiscale.nonsmooth.gauss_seidel.MANY", 10)
     W, q, mu = sphere_pile(60, np.random.default_rng(seed=2)).condensed()
-    threads = numba.get_num_threads()
     values = []
-    for count in {1, threads}:
-        numba.set_num_threads(count)
-        values.append(solve_friction(W, q, mu, method="gauss_seidel", max_iterations=40).value)
-    numba.set_num_threads(threads)
-    np.testing.assert_array_equal(values[0], values[-1])
+    for count in (1, 2):
+        with threads(count):
+            values.append(solve_friction(W, q, mu, method="gauss_seidel", max_iterations=40).value)
+    np.testing.assert_array_equal(*values)

@@ -1,6 +1,5 @@
 """Full disks and folders that cannot be written to are one sentence, and cost nothing finished."""
 
-import resource
 import subprocess
 import sys
 from contextlib import suppress
@@ -164,15 +163,16 @@ def test_a_folder_that_has_the_name_of_the_dataset_is_a_sentence(command):
 def test_files_that_grow_too_large_for_the_user_are_a_sentence(tmp_path):
     scene = tmp_path / "scene.toml"
     scene.write_text(GRID, encoding="utf-8")
-    solve = ["-c", "from multiscale.cli import main; main()", "macro", scene, "-o"]
+    command = "from multiscale.cli import main; main()"
+    limit = "import resource; resource.setrlimit(resource.RLIMIT_FSIZE, (16384, 16384));"
 
-    def solve_to(folder, **options):
-        arguments = [sys.executable, *solve, tmp_path / folder / "macro_result.nc"]
-        return subprocess.run(arguments, capture_output=True, text=True, check=False, **options)
+    def solve_to(folder, program):
+        arguments = [sys.executable, "-c", program, "macro", scene, "-o"]
+        out = tmp_path / folder / "macro_result.nc"
+        return subprocess.run([*arguments, out], capture_output=True, text=True, check=False)
 
-    solve_to("free").check_returncode()  # the kernels that are kept are larger files
-    limit = (16384, 16384)
-    done = solve_to("limited", preexec_fn=lambda: resource.setrlimit(resource.RLIMIT_FSIZE, limit))
+    solve_to("free", command).check_returncode()  # the kernels that are kept are larger files
+    done = solve_to("limited", limit + command)
     refused((done.returncode, done.stderr), "file too large; choose another folder")
     assert {file.name for file in (tmp_path / "limited").iterdir()} <= {"fields"}
 

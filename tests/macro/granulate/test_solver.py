@@ -18,6 +18,7 @@ from multiscale.macro.granulate import (
 from multiscale.macro.granulate.motion import advance
 from multiscale.macro.granulate.state import start
 from multiscale.nonsmooth import solve_friction
+from tests.support import threads
 
 FLOOR = Plane((0.0, 0.0, 0.0), (0.0, 0.0, 1.0))
 TIGHT = Solver(tolerance=1e-9, max_iterations=50000)
@@ -88,8 +89,8 @@ def test_conjugate_directions_carry_a_stack_in_fewer_sweeps_than_plain_ones():
     position = np.column_stack([np.zeros((n, 2)), 0.01 * (2.0 * np.arange(n) + 1.0)])[::-1]
     model = Model(Grains(position, 0.01), (FLOOR,), ContactLaw(0.4))
     conjugate, plain = (
-        advance(model, start(model), h, Solver(1e-8, 20000, threads=threads, most_assembled=0))
-        for threads in (1, 2)
+        advance(model, start(model), h, Solver(1e-8, 20000, threads=count, most_assembled=0))
+        for count in (1, 2)
     )
     borne = np.sort(conjugate[0].kept[:, 2])
     weight = 9.81 * float(model.grains.mass[0]) * h
@@ -178,10 +179,9 @@ def test_the_number_of_threads_changes_no_digit_of_coloured_sweeps():
     model = heap(729)
     solver = Solver(1e-6, 200, threads=2)
     found = []
-    for threads in (1, 2):
-        numba.set_num_threads(threads)
-        found.append(simulate(model, 3e-3, 1e-3, solver=solver)["velocity"].values[-1])
-    numba.set_num_threads(numba.config.NUMBA_NUM_THREADS)
+    for count in (1, 2):
+        with threads(count):
+            found.append(simulate(model, 3e-3, 1e-3, solver=solver)["velocity"].values[-1])
     np.testing.assert_array_equal(*found)
 
 

@@ -5,6 +5,7 @@ import pytest
 
 from multiscale.micro.damage.voxel_operator import VoxelOperator
 from multiscale.micro.lateral_fft import brick_stiffness
+from tests.support import threads
 
 EDGES = (0.3, 0.5, 0.2)
 SHAPES = [(4, 3, 5), (5, 4, 2), (1, 4, 3), (3, 1, 1), (2, 2, 1)]
@@ -68,14 +69,9 @@ def test_the_preconditioner_inverts_the_stiffness_of_a_uniform_box(shape, rng):
 
 
 def test_threads_do_not_change_the_forces(rng):
-    import numba
-
     lame, shear = rng.uniform(0.1, 2.0, (2, 7, 4, 6))
     operator, u = VoxelOperator(lame, shear, EDGES), rng.normal(size=(3, 7, 4, 6))
-    many = operator.forces(u)
-    before = numba.get_num_threads()
-    try:
-        numba.set_num_threads(1)
-        np.testing.assert_allclose(operator.forces(u), many, rtol=1e-12, atol=1e-14)
-    finally:
-        numba.set_num_threads(before)
+    with threads(1):
+        one = operator.forces(u)
+    with threads(2):
+        np.testing.assert_allclose(operator.forces(u), one, rtol=1e-12, atol=1e-14)
