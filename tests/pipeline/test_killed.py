@@ -39,6 +39,8 @@ SINGLE = CASE.replace("realisations = 12", "realisations = 8")
 
 COMMAND = (sys.executable, "-c", "from multiscale.cli import main; main()")
 ONE_THREAD = dict(os.environ, OMP_NUM_THREADS="1", NUMBA_NUM_THREADS="1")
+KILLS_OF_ONE = 4
+"""Times that a run is killed before it may end, all but the first while it goes on."""
 TIMED = ("wall_time",)
 """Variables that differ from run to run."""
 DATED = ("history",)
@@ -159,12 +161,21 @@ def begun(out):
     return ["--resume"] if (out / "log.txt").exists() else []
 
 
+def go_on(warm, folder, kept):
+    """End a run; what was kept is not computed again."""
+    out = folder / "out"
+    warm.ask(folder, "run", "case.toml", "-o", "out", "--jobs", "2", *begun(out))
+    assert warm.answer() == 0, (folder / "output").read_text()
+    after = cells(out)
+    assert {file: after[file] for file in kept} == kept
+
+
 def check_after_kill(out, what, status, said):
     """What must hold after a kill, before anything goes on; gives the finished cells."""
     assert "Traceback" not in said, said
     if what == "run":
         assert status == -signal.SIGKILL
-    elif status != 0:  # a worker that was not needed any more may die unseen
+    else:
         assert status == 1
         assert said.count("multiscale: a worker process died after") == 1, said
     check_whole(out)
@@ -187,29 +198,34 @@ def test_what_is_killed_at_20_random_moments_ends_with_the_same_datasets(
     total, expected = len(files(reference / "out")), contents(reference / "out")
     assert len(cells(reference / "out")) == count
 
-    kills, attempts, lost = {"run": 0, "worker": 0}, 0, []
+    kills, runs, lost = {"run": 0, "worker": 0}, 0, []
     while sum(kills.values()) < 20:
-        attempts += 1
-        assert attempts <= 100, kills
-        folder = tmp_path / str(attempts)
+        runs += 1
+        assert runs <= 50, kills
+        folder = tmp_path / str(runs)
         folder.mkdir()
         (folder / "case.toml").write_text(text, encoding="utf-8")
-        what = ("run", "worker")[rng.integers(2)]
-        group = warm.ask(folder, *command)
-        wait_for(rng.integers(total), folder / "out", group)
-        sleep(rng.uniform(0.0, 0.2))
-        hit = kill(group, what, rng)
-        status = warm.answer()
-        if not hit or (what == "run" and status == 0):  # it had ended
-            continue
-        kills[what] += 1
-        out = folder / "out"
-        kept = check_after_kill(out, what, status, (folder / "output").read_text())
-        warm.ask(folder, *command, *begun(out))
-        assert warm.answer() == 0, (folder / "output").read_text()
-        after = cells(out)
-        assert {file: after[file] for file in kept} == kept
-        lost.append(count - len(kept))
+        kept, out = {}, folder / "out"
+        for _ in range(KILLS_OF_ONE):
+            done = len(files(out))
+            if done == total:
+                break
+            early = done < count and rng.random() < 0.8  # while there are workers
+            what = ("run", "worker", "worker")[rng.integers(3)] if early else "run"
+            (folder / "output").unlink(missing_ok=True)
+            group = warm.ask(folder, *command, *begun(out))
+            wait_for(rng.integers(done, count if early else total), out, group)
+            sleep(rng.uniform(0.0, 0.2))
+            hit = kill(group, what, rng)
+            status = warm.answer()
+            if not hit or status == 0:  # it had ended, or did not need the worker any more
+                break
+            kills[what] += 1
+            found = check_after_kill(out, what, status, (folder / "output").read_text())
+            assert {file: found[file] for file in kept} == kept
+            kept = found
+            lost.append(count - len(kept))
+        go_on(warm, folder, kept)
         assert_identical(out, expected)
     logging.getLogger(__name__).info("%s; cells left to compute: %s", kills, lost)
 
@@ -241,15 +257,6 @@ def start(folder, *arguments):
     return begun
 
 
-def go_on(warm, folder, kept):
-    """Resume a run; what was kept is not computed again."""
-    warm.ask(folder, "run", "case.toml", "-o", "out", "--jobs", "2", "--resume")
-    assert warm.answer() == 0, (folder / "output").read_text()
-    assert kept
-    after = cells(folder / "out")
-    assert {file: after[file] for file in kept} == kept
-
-
 @pytest.mark.parametrize("what", ["run", "worker", "parent"])
 def test_the_real_command_survives_a_kill(warm, swept, tmp_path, what):
     begun = start(tmp_path, "--jobs", "2")
@@ -263,7 +270,9 @@ def test_the_real_command_survives_a_kill(warm, swept, tmp_path, what):
     out, kind = tmp_path / "out", "worker" if what == "worker" else "run"
     assert begun.returncode != 0
     wait_for_the_end_of(workers)
-    go_on(warm, tmp_path, check_after_kill(out, kind, begun.returncode, said))
+    kept = check_after_kill(out, kind, begun.returncode, said)
+    assert kept
+    go_on(warm, tmp_path, kept)
     assert_identical(out, swept)
 
 
@@ -337,7 +346,9 @@ def test_a_scheduler_of_dask_that_is_killed_is_one_sentence(warm, dask, swept, t
     assert "Traceback" not in said, said
     assert said.count("multiscale: the workers were lost after") == 1
     check_whole(tmp_path / "out")
-    go_on(warm, tmp_path, cells(tmp_path / "out"))
+    kept = cells(tmp_path / "out")
+    assert kept
+    go_on(warm, tmp_path, kept)
     assert_identical(tmp_path / "out", swept)
 
 
