@@ -72,7 +72,8 @@ def tabulate_cheapest(
     -------
     head : tuple of str
     rows : list of tuple of str
-        One for each scene; "none" where no run reached the error.
+        One for each scene; "none" where no run reached the error, "unknown" where the reference is
+        less certain than that.
     """
     head = ("scene", *(f"{100.0 * target:g} %" for target in TARGETS))
     scenes = dict.fromkeys(str(scene) for scene in work_precision["scene"].values)
@@ -84,7 +85,11 @@ def tabulate_cheapest(
 
 def _cheapest(work_precision: "xr.Dataset", scene: str, target: float) -> str:
     """Name the run of least time below an error, with its time."""
-    good = (work_precision["scene"].values == scene) & (work_precision["converged"].values == 1)
+    runs = work_precision["scene"].values == scene
+    uncertainty = work_precision.get("error_uncertainty")
+    if uncertainty is not None and np.any(uncertainty.values[runs] > target):
+        return "unknown"
+    good = runs & (work_precision["converged"].values == 1)
     good &= work_precision["error"].values <= target
     if not good.any():
         return "none"

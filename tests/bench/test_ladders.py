@@ -93,6 +93,13 @@ def test_the_cheapest_run_below_the_error_is_named():
     assert rows[1] == ("other", *["none"] * 4)
 
 
+def test_an_error_below_the_uncertainty_of_the_reference_is_unknown():
+    family = family_of([0.001, 0.001], [1.0, 2.0])
+    family["error_uncertainty"] = ("run", [0.03, 0.03])
+    _, rows = tabulate_cheapest(family)
+    assert rows[0] == ("wave", "m0, 1 s", "m0, 1 s", "unknown", "unknown")
+
+
 def test_every_family_is_a_module_with_a_function_of_its_name():
     from importlib import import_module
 
