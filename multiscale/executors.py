@@ -57,8 +57,9 @@ def run_jobs(
             done += 1
     except BrokenExecutor as error:
         raise MultiscaleError(
-            f"a worker process died after {done} of {len(jobs)} jobs, perhaps for lack of memory; "
-            f"what is finished is kept, so run again with fewer jobs"
+            f"a worker process died after {done} of {len(jobs)} jobs, perhaps for lack of memory, "
+            f"or forked where it should be spawned; what is finished is kept, so run again with "
+            f"fewer jobs"
         ) from error
     except CancelledError as error:
         raise MultiscaleError(
