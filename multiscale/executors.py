@@ -12,7 +12,7 @@ from multiscale.errors import CaseError, MultiscaleError
 if TYPE_CHECKING:
     from concurrent.futures import ProcessPoolExecutor
 
-__all__ = ["cores", "process_pool", "run_jobs", "workers"]
+__all__ = ["call_on_one_thread", "cores", "process_pool", "run_jobs", "workers"]
 
 Key = TypeVar("Key", bound=Hashable)
 Result = TypeVar("Result")
@@ -49,7 +49,9 @@ def run_jobs(
         for key, arguments in jobs.items():
             finish(key, function(*arguments))
         return
-    futures = {executor.submit(_call, function, *job): key for key, job in jobs.items()}
+    futures = {
+        executor.submit(call_on_one_thread, function, *job): key for key, job in jobs.items()
+    }
     done = 0
     try:
         for future in as_completed(futures):
@@ -71,8 +73,8 @@ def run_jobs(
             future.cancel()
 
 
-def _call(function: Callable[..., Result], *arguments: Any) -> Result:
-    """Call a function on one thread."""
+def call_on_one_thread(function: Callable[..., Result], *arguments: Any) -> Result:
+    """Call a function in a process that shares its machine with others."""
     import numba
 
     numba.set_num_threads(1)

@@ -14,7 +14,7 @@ import numpy as np
 
 from multiscale.bench.record import versions
 from multiscale.errors import MultiscaleError
-from multiscale.executors import process_pool
+from multiscale.executors import call_on_one_thread, process_pool
 from multiscale.schema import STABILITY
 
 if TYPE_CHECKING:
@@ -73,7 +73,7 @@ def check_stability(
     report: Callable[[str], None] = lambda line: None,
     keep: "Callable[[xr.Dataset], None]" = lambda found: None,
 ) -> "xr.Dataset":
-    """Run cases in processes of their own.
+    """Run cases in processes of their own, each on one thread.
 
     Parameters
     ----------
@@ -139,7 +139,7 @@ def _run_all(cases: list[StabilityCase], jobs: int) -> Iterator[tuple[StabilityC
     left = list(cases)
     while left:
         with process_pool(jobs) as executor:
-            futures = [executor.submit(_run, case) for case in left]
+            futures = [executor.submit(call_on_one_thread, _run, case) for case in left]
             for case, future in zip(tuple(left), futures, strict=True):
                 try:
                     found = future.result()
@@ -153,7 +153,7 @@ def _run_alone(case: StabilityCase) -> _Outcome:
     """Solve a case in a process that nothing else depends on."""
     with process_pool(1) as executor:
         try:
-            return executor.submit(_run, case).result()
+            return executor.submit(call_on_one_thread, _run, case).result()
         except BrokenProcessPool:
             return _Outcome(0, np.nan, np.nan, "its process died")
 

@@ -107,6 +107,18 @@ def test_what_is_found_is_kept_after_every_case(monkeypatch, tmp_path):
     assert kept.attrs["cases"] == 3
 
 
+def test_every_case_runs_on_one_thread_since_others_run_beside_it(monkeypatch):
+    monkeypatch.setattr(stability, "_run", _count_threads)
+    found = check_stability([case("wedge", coefficient=mu) for mu in (0.3, 0.6)], jobs=2)
+    np.testing.assert_array_equal(found["residual"], 1.0)
+
+
+def _count_threads(_one):
+    import numba
+
+    return stability._Outcome(2, float(numba.get_num_threads()), 0.1)
+
+
 def _die_without_number(one):
     if isinstance(dict(one.parameters)["coefficient"], str):
         os._exit(1)
