@@ -1,5 +1,6 @@
 """Importing the package is cheap: heavy libraries come with what needs them."""
 
+import os
 import subprocess
 import sys
 
@@ -48,3 +49,28 @@ def test_kernels_run_on_openmp_where_there_is_one(first):
         [sys.executable, "-c", program], capture_output=True, text=True, check=True, timeout=120
     )
     assert done.stdout.strip() == "omp"
+
+
+@pytest.mark.parametrize(
+    ("own", "spins"),
+    [
+        ({}, "20000"),
+        ({"GOMP_SPINCOUNT": "7"}, "7"),
+        ({"OMP_WAIT_POLICY": "active"}, "None"),
+    ],
+    ids=["no wish", "a number", "a policy"],
+)
+def test_idle_threads_sleep_soon_unless_the_user_has_a_wish(own, spins):
+    """A thread that spins takes its core from another process for ten milliseconds a loop."""
+    policies = ("GOMP_SPINCOUNT", "OMP_WAIT_POLICY")
+    others = {name: value for name, value in os.environ.items() if name not in policies}
+    program = "import multiscale, os; print(os.environ.get('GOMP_SPINCOUNT'))"
+    done = subprocess.run(
+        [sys.executable, "-c", program],
+        env=others | own,
+        capture_output=True,
+        text=True,
+        check=True,
+        timeout=60,
+    )
+    assert done.stdout.strip() == spins
