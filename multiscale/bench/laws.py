@@ -25,8 +25,10 @@ FAMILIES = ("convex_decreasing", "exponential", "power")
 REALISATIONS, QUICK_REALISATIONS = (2, 4, 8, 16, 32), (2, 4)
 SAMPLES = 4
 """Ensembles of each size, so that the error is not one of luck."""
-TRUTH, QUICK_TRUTH = 128, 16
+TRUTH, QUICK_TRUTH = 1024, 16
 """Realisations that the truth is the mean of: none of them is in an ensemble."""
+PARTS = 8
+"""Equal shares of them, whose scatter tells how far the truth may be off."""
 
 SCENE = "stiffness of a rough interface"
 
@@ -51,7 +53,7 @@ def bench_laws(
     Notes
     -----
     *Errors* are those of the stiffness at 1 GPa, the root mean square over four ensembles, against
-    the law of free form fitted to 128 other realisations; two standard errors, from quarters of
+    the law of free form fitted to 1024 other realisations; two standard errors, from eighths of
     them, are the uncertainty. More realisations cannot mend what a family of two parameters cannot
     say. *Times* are those of the cells and of the fit, one after the other.
     """
@@ -111,6 +113,7 @@ def _samples(family: str, count: int) -> np.ndarray:
 def _truth(count: int, scene: str, answers: list[float]) -> tuple[float, float]:
     """Stiffness of many realisations, and two of its relative standard errors."""
     first = SAMPLES * max(REALISATIONS)  # seeds after those of the ensembles
-    seeds = np.arange(first, first + count).reshape(4, -1)
-    quarters = np.array([stiffness("convex_decreasing", quarter) for quarter in seeds])
-    return float(quarters.mean()), float(quarters.std(ddof=1) / quarters.mean())
+    shares = np.arange(first, first + count).reshape(PARTS, -1)
+    parts = np.array([stiffness("convex_decreasing", share) for share in shares])
+    mean = parts.mean()
+    return float(mean), float(2.0 * parts.std(ddof=1) / np.sqrt(PARTS) / mean)
