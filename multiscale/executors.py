@@ -74,7 +74,7 @@ def run_jobs(
 
 
 def call_on_one_thread(function: Callable[..., Result], *arguments: Any) -> Result:
-    """Call a function in a process that shares its machine with others."""
+    """Call a function with one thread for kernels: its process shares the machine with others."""
     import numba
 
     numba.set_num_threads(1)

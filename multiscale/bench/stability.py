@@ -73,7 +73,7 @@ def check_stability(
     report: Callable[[str], None] = lambda line: None,
     keep: "Callable[[xr.Dataset], None]" = lambda found: None,
 ) -> "xr.Dataset":
-    """Run cases in processes of their own, each on one thread.
+    """Run cases in processes of their own, with one thread for kernels.
 
     Parameters
     ----------
