@@ -104,9 +104,7 @@ def _solve_cell(
         POISSONS_RATIO,
         geometry=geometry,
     )
-    response = solve_cell(
-        cell, Path(pressure=(pressure,)), recover_stress=False, tolerance=TOLERANCE
-    )
+    response = solve_cell(cell, Path(pressure=(pressure,)), tolerance=TOLERANCE)
     points = surface.heights.size
     return Answer(
         float(response["mean_gap"].item()),

@@ -38,7 +38,7 @@ def mean_gap(scene: str, points: int) -> float:
     surface = Surface(AMPLITUDE * wave[:, None] * wave, (1.0, 1.0))
     layers = max(4, points // 2)
     cell = Cell(surface, 0.5, layers, YOUNG, POISSON, bulk=law)
-    response = solve_cell(cell, Path(pressure=(pressure * YOUNG,)), recover_stress=False)
+    response = solve_cell(cell, Path(pressure=(pressure * YOUNG,)))
     if not response["converged"].values.all():
         return np.nan
     return float(response["mean_gap"].values.ravel()[-1])

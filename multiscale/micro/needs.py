@@ -14,7 +14,7 @@ _VECTORS = 9  # displacement-sized arrays alive at the peak of a contact solve
 
 
 def cell_needs(
-    cell: Cell | MeshCell, *, keep_fields: bool = False, recover_stress: bool = True
+    cell: Cell | MeshCell, *, keep_fields: bool = False, recover_stress: bool = False
 ) -> Needs:
     """Return what solving a cell takes.
 

@@ -132,7 +132,7 @@ def _slide_once(cell: Cell, pressure: float, slide: np.ndarray, tolerance: float
     path = Path(
         pressure=(pressure,) * len(slide), slide=tuple((float(x), float(y)) for x, y in slide)
     )
-    return solve_cell(cell, path, recover_stress=False, tolerance=tolerance)
+    return solve_cell(cell, path, tolerance=tolerance)
 
 
 def _last_period(friction: np.ndarray, distance: np.ndarray, period: float) -> np.ndarray:

@@ -33,7 +33,7 @@ def solve_cell(
     path: Path,
     *,
     keep_fields: bool = False,
-    recover_stress: bool = True,
+    recover_stress: bool = False,
     tolerance: float = 1e-8,
 ) -> "xr.Dataset":
     """Press a cell along a path and average what its surface carries.
@@ -45,7 +45,8 @@ def solve_cell(
     keep_fields : bool
         Keep pressure and gap at every surface node (graph cells).
     recover_stress : bool
-        Also integrate the averages from the recovered Cauchy stress.
+        Also integrate the averages from the recovered Cauchy stress: a check of the averages from
+        contact forces, and as dear as the contact itself.
     tolerance : float
         Of the contact solver, relative to the norm of the contact forces.
 

@@ -83,7 +83,7 @@ class RoughWave(RoughStructure):
         wave = self.amplitude * np.cos(2.0 * np.pi * x / self.length)
         surface = Surface(rough.heights + wave[:, None], rough.size)
         path = Path(pressure=(self.pressure,))
-        found = solve_cell(self.cell(surface), path, keep_fields=True, recover_stress=False)
+        found = solve_cell(self.cell(surface), path, keep_fields=True)
         if not found["converged"].values.all():
             raise ConvergenceError(
                 f"the wave with its roughness resolved by {n} x {n} points did not converge; "

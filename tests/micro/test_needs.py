@@ -54,7 +54,7 @@ def plain_cell(n=N, **changes):
     ],
 )
 def test_each_feature_is_built_only_where_it_is_used(changes, built):
-    needs = cell_needs(plain_cell(**changes), recover_stress=False)
+    needs = cell_needs(plain_cell(**changes))
     assert set(needs.operators) == built
     assert not built & set(needs.left_out)
     assert all(f"builds {name}" in needs.explain() for name in built)
@@ -69,9 +69,9 @@ def test_an_operator_nobody_knows_is_a_mistake_of_the_programmer():
 def test_the_memory_said_is_the_memory_taken(geometry):
     cell = plain_cell(96, geometry=geometry)
     path = Path(pressure=(0.01,))
-    solve_cell(cell, path, recover_stress=False)  # compiles
+    solve_cell(cell, path)  # compiles
     tracemalloc.start()
-    solve_cell(cell, path, recover_stress=False)
+    solve_cell(cell, path)
     peak = tracemalloc.get_traced_memory()[1]
     tracemalloc.stop()
     assert cell_needs(cell).memory == pytest.approx(peak, rel=0.1)
@@ -110,9 +110,9 @@ def test_a_frictionless_run_takes_less_than_half_the_memory_of_a_frictional_one(
         cell = plain_cell(96, friction_coefficient=mu)
         slide = ((0.0, 0.0), (0.004, 0.0)) if mu else None
         path = Path(approach=(0.02, 0.02), slide=slide)
-        solve_cell(cell, path, recover_stress=False)  # compiles
+        solve_cell(cell, path)  # compiles
         tracemalloc.start()
-        solve_cell(cell, path, recover_stress=False)
+        solve_cell(cell, path)
         peaks.append(tracemalloc.get_traced_memory()[1])
         tracemalloc.stop()
     assert peaks[0] <= 0.5 * peaks[1], peaks
@@ -138,7 +138,7 @@ def test_what_a_plain_run_costs(monkeypatch):
 
     monkeypatch.setattr(graph_cell_module, "stiffness_operator", counted_operator)
     monkeypatch.setattr(LateralInverse, "solve", counted_solve)
-    response = solve_cell(plain_cell(), Path(pressure=(0.002, 0.02)), recover_stress=False)
+    response = solve_cell(plain_cell(), Path(pressure=(0.002, 0.02)))
     assert response["converged"].values.all()
     steps = response["linear_iterations"].values.sum()
     sets = response["active_set_iterations"].values.sum()
@@ -153,7 +153,7 @@ def test_a_run_without_recovered_stress_does_without_scikit_fem():
         "from multiscale.micro import Cell, Path, Surface, solve_cell\n"
         "x = np.cos(2 * np.pi * np.arange(8) / 8)\n"
         "cell = Cell(Surface(0.01 * np.outer(x, x), (1.0, 1.0)), 1.0, 4, 1.0, 0.3)\n"
-        "solve_cell(cell, Path(pressure=(0.001,)), recover_stress=False)\n"
+        "solve_cell(cell, Path(pressure=(0.001,)))\n"
         "print('\\n'.join(sys.modules))"
     )
     done = subprocess.run(

@@ -80,7 +80,7 @@ def test_tangential_average_vanishes_without_friction_on_small_slopes():
     flat = Surface(np.zeros((n, n)), (1.0, 1.0))
     # the rough side is the obstacle: its normals carry the horizontal traction
     cell = Cell(flat, 1.0, 16, 0.91, 0.3, obstacle=Surface(-surface.heights, (1.0, 1.0)))
-    response = solve_cell(cell, Path(pressure=(0.05 * slope, 0.2 * slope)), recover_stress=False)
+    response = solve_cell(cell, Path(pressure=(0.05 * slope, 0.2 * slope)))
     normal, *tangential = np.moveaxis(response["traction"].values[0], -1, 0)
     assert np.max(np.abs(tangential / normal)) <= 5e-4 * slope
 
@@ -97,7 +97,7 @@ def test_an_inclined_facet_gives_its_slope_as_traction_ratio(gentle, orientation
         obstacle, body = reversed_x(obstacle), reversed_x(body)
     size = (1.0, 2.0 / n)
     cell = Cell(Surface(body, size), 1.0, 24, 1.0, 0.3, obstacle=Surface(obstacle, size))
-    response = solve_cell(cell, Path(pressure=(1e-5, 1e-4, 1e-3)))
+    response = solve_cell(cell, Path(pressure=(1e-5, 1e-4, 1e-3)), recover_stress=True)
     normal, along_x, along_y = np.moveaxis(response["traction"].values[0], -1, 0)
     np.testing.assert_allclose(along_x / normal, -orientation * tangent, rtol=1e-9)
     np.testing.assert_allclose(along_y, 0.0, atol=1e-12)
@@ -112,7 +112,7 @@ def test_mirrored_sawtooth_indenters_give_mirrored_averages():
     for mirror in (np.asarray, reversed_x):
         obstacle = Surface(mirror(-sawtooth(n, 0.8, 0.1)), size)
         cell = Cell(Surface(np.zeros((n, 2)), size), 1.0, 24, 1.0, 0.3, obstacle=obstacle)
-        response = solve_cell(cell, Path(pressure=(1e-3, 1e-2)), recover_stress=False)
+        response = solve_cell(cell, Path(pressure=(1e-3, 1e-2)))
         found.append(response["traction"].values[0])
     np.testing.assert_allclose(found[0][:, 0], found[1][:, 0], rtol=1e-8)
     np.testing.assert_allclose(found[0][:, 1], -found[1][:, 1], rtol=1e-6)
@@ -148,7 +148,7 @@ def test_a_cell_turned_by_a_right_angle_gives_turned_averages():
             0.3,
             obstacle=Surface(turn(obstacle.heights), (1.0, 1.0)),
         )
-        found.append(solve_cell(cell, Path(pressure=(0.01,)), recover_stress=False))
+        found.append(solve_cell(cell, Path(pressure=(0.01,))))
     first, second = (response["traction"].values[0, 0] for response in found)
     np.testing.assert_allclose(first, second[[0, 2, 1]], atol=1e-8 * abs(first[0]))
 
@@ -157,7 +157,7 @@ def test_recovered_stress_tends_to_the_multipliers_under_refinement():
     sizes, errors = [], []
     for n in (16, 32, 64):
         cell = Cell(egg_box(n, 0.02), 1.0, n // 2, 1.0, 0.3)
-        response = solve_cell(cell, Path(pressure=(0.005, 0.02)))
+        response = solve_cell(cell, Path(pressure=(0.005, 0.02)), recover_stress=True)
         recovered, traction = (
             response[name].values[0, :, 0] for name in ("recovered_traction", "traction")
         )

@@ -61,7 +61,7 @@ def test_rubber_on_a_fine_grid_takes_few_iterations():
         rms_slope=0.2,
     )
     cell = Cell(surface, 1.0, 16, 1.0, 0.3, bulk=NeoHookean(1.0, 0.3))
-    response = solve_cell(cell, Path(pressure=(0.05,)), recover_stress=False)
+    response = solve_cell(cell, Path(pressure=(0.05,)))
     assert response["increments"].values[0, 0] == 1.0
     assert response["active_set_iterations"].values[0, 0] <= 8
     assert response["linear_iterations"].values[0, 0] <= 40
@@ -102,9 +102,7 @@ def test_tangential_over_normal_stiffness():
         rms_slope=0.02,
     )
     loads = (0.002, 0.00204)
-    pressed = solve_cell(
-        Cell(surface, 1.0, layers, 1.0, nu), Path(pressure=loads), recover_stress=False
-    )
+    pressed = solve_cell(Cell(surface, 1.0, layers, 1.0, nu), Path(pressure=loads))
     sticky = Cell(surface, 1.0, layers, 1.0, nu, friction_coefficient=1e3)
     step = 1e-3 * surface.heights.std()
     sheared = solve_cell(sticky, Path(pressure=loads[:1] * 2, slide=((0.0, 0.0), (step, 0.0))))

@@ -38,7 +38,7 @@ OTHER_VOLUME = 0.019963844 / 0.020316292
 
 def forces(n, layers, bulk=None):
     cell = Cell(egg_box(n, 0.02), 1.0, layers, 1.0, 0.3, bulk=bulk)
-    response = solve_cell(cell, Path(approach=APPROACH), recover_stress=False)
+    response = solve_cell(cell, Path(approach=APPROACH))
     assert response["converged"].values.all()
     if bulk is METAL:
         np.testing.assert_array_equal(response["increments"], 10.0)

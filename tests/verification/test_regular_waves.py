@@ -14,9 +14,7 @@ def test_westergaards_wave_in_plane_strain():
     cell = Cell(wave((n, 2), amplitude), 1.5, 100, youngs_modulus=0.91, poissons_ratio=0.3)
     ratio = np.array([0.1, 0.25, 0.5, 0.75])
     full = westergaard.full_contact_pressure(amplitude, 1.0, contact_modulus=1.0)
-    response = solve_cell(
-        cell, Path(pressure=tuple(ratio * full)), keep_fields=True, recover_stress=False
-    )
+    response = solve_cell(cell, Path(pressure=tuple(ratio * full)), keep_fields=True)
     assert response["converged"].values.all()
 
     fraction = response["contact_fraction"].values[0]
@@ -40,7 +38,7 @@ def test_the_egg_box_against_a_fine_boundary_element_solution(n, ratio, fraction
     amplitude = 1e-4  # fraction and gap: half-space solved on 256 x 256 points by Fourier methods
     cell = Cell(egg_box(n, amplitude), 1.5, 24, youngs_modulus=0.91, poissons_ratio=0.3)
     full = johnson.full_contact_pressure(amplitude, 1.0, contact_modulus=1.0)
-    response = solve_cell(cell, Path(pressure=(ratio * full,)), recover_stress=False)
+    response = solve_cell(cell, Path(pressure=(ratio * full,)))
     assert response["contact_fraction"].item() == pytest.approx(fraction, rel=2e-2)
     assert response["mean_gap"].item() / amplitude == pytest.approx(gap, rel=2e-2)
 
@@ -50,7 +48,7 @@ def test_the_egg_box_near_full_contact_obeys_johnson():
     cell = Cell(egg_box(n, amplitude), 1.5, 24, youngs_modulus=0.91, poissons_ratio=0.3)
     ratio = np.array([0.9, 0.95])
     full = johnson.full_contact_pressure(amplitude, 1.0, contact_modulus=1.0)
-    response = solve_cell(cell, Path(pressure=tuple(ratio * full)), recover_stress=False)
+    response = solve_cell(cell, Path(pressure=tuple(ratio * full)))
     fraction = response["contact_fraction"].values[0]
     np.testing.assert_allclose(fraction, johnson.contact_fraction_high(ratio), rtol=3e-3)
 
@@ -67,7 +65,7 @@ def test_pressure_and_energy_of_full_contact():
         rms_slope=1e-5,
     )
     cell = Cell(surface, 1.5, 40, youngs_modulus=0.91, poissons_ratio=0.3)
-    response = solve_cell(cell, Path(pressure=(5e-5,)), keep_fields=True, recover_stress=False)
+    response = solve_cell(cell, Path(pressure=(5e-5,)), keep_fields=True)
     assert response["contact_fraction"].item() == 1.0
 
     pressure = response["pressure"].values[0, 0].T
@@ -89,7 +87,7 @@ def test_a_single_asperity_obeys_hertz():
     cell = Cell(Surface(cap, (1.0, 1.0)), 2.0, 40, youngs_modulus=0.91, poissons_ratio=0.3)
     width = 0.1  # contact radius
     load = 4.0 * width**3 / (3.0 * radius)
-    response = solve_cell(cell, Path(pressure=(load,)), keep_fields=True, recover_stress=False)
+    response = solve_cell(cell, Path(pressure=(load,)), keep_fields=True)
     highest = 1.5 * load / (np.pi * width**2)
     assert response["pressure"].values.max() == pytest.approx(highest, rel=1e-2)
     assert response["contact_fraction"].item() == pytest.approx(np.pi * width**2, rel=3e-2)

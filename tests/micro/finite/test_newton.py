@@ -41,8 +41,8 @@ STILL = ((0.0, 0.0),)
 @pytest.mark.parametrize("nu", [0.3, 0.45])
 def test_without_friction_and_at_small_strain_it_is_the_elastic_solver(obstacle, nu):
     body = cell(obstacle=obstacle, poissons_ratio=nu)
-    found = solve_cell(body, Path(pressure=(0.002, 0.02), slide=STILL * 2), recover_stress=False)
-    expected = solve_cell(body, Path(pressure=(0.002, 0.02)), recover_stress=False)
+    found = solve_cell(body, Path(pressure=(0.002, 0.02), slide=STILL * 2))
+    expected = solve_cell(body, Path(pressure=(0.002, 0.02)))
     assert found["converged"].values.all()
     for name in ("displacement_jump", "mean_gap"):
         # a rough obstacle has slopes of second order here and of fourth order there
@@ -54,7 +54,7 @@ def test_large_strain_tends_to_small_strain():
     loads = (1e-7, 1e-6)
     flat = Surface(1e-5 * rough().heights, (1.0, 1.0))
     found, expected = (
-        solve_cell(cell(surface=flat, bulk=bulk), Path(pressure=loads), recover_stress=False)
+        solve_cell(cell(surface=flat, bulk=bulk), Path(pressure=loads))
         for bulk in (NeoHookean(1.0, 0.3), None)
     )
     np.testing.assert_allclose(
@@ -154,7 +154,7 @@ def test_a_plastic_answer_does_not_depend_on_the_steps_of_the_path():
     # the first increment after the touch is cut like all others
     steel = cell(bulk=J2(1.0, 0.3, 0.005, 0.01), surface=rough(0.2, n=8))
     ends = [
-        solve_cell(steel, Path(pressure=loads), recover_stress=False)["mean_gap"].values.ravel()[-1]
+        solve_cell(steel, Path(pressure=loads))["mean_gap"].values.ravel()[-1]
         for loads in ((0.004,), (0.001, 0.002, 0.003, 0.004))
     ]
     assert ends[0] == pytest.approx(ends[1], rel=0.01)

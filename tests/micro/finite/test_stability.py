@@ -24,7 +24,7 @@ def rough(slope, n=16):
 
 def press(bulk, path, slope=0.1, n=16, **changes):
     cell = Cell(rough(slope, n), 0.5, 6, 1.0, bulk.poissons_ratio, bulk=bulk, **changes)
-    return solve_cell(cell, path, recover_stress=False, tolerance=1e-6)
+    return solve_cell(cell, path, tolerance=1e-6)
 
 
 @pytest.mark.parametrize("mu", [0.0, 1.5])
