@@ -275,6 +275,7 @@ def large_strain(material: str, slope: float, friction: float) -> float:
     cell = Cell(surface, 0.5, LAYERS, YOUNG, POISSON, bulk=law, friction_coefficient=friction)
     scene, away = make_scene(cell), 0.02 * np.ptp(surface.heights)
     state = rest_state(scene)
+    faults = []
     for slide in np.array([[0.0, 0.0], [away, 0.0], [-away, 0.0]]):
         walk = walk_step(
             scene,
@@ -287,23 +288,23 @@ def large_strain(material: str, slope: float, friction: float) -> float:
         state = walk.state
         if walk.reached < 1.0:
             raise ConvergenceError(f"the path ends: {state.status.value}")
-    # what a body has become gives its stress back without flowing again
-    balance = scene.body.begin(state.material, 0.0).respond(state.displacement).force
-    balance[:, -1] -= state.force
-    meeting = scene.meet(state.displacement, state.approach, state.slide)
-    pressure = -np.sum(state.force * meeting.normal, axis=1)
-    shear = np.linalg.norm(state.force + pressure[:, None] * meeting.normal, axis=1)
-    largest, height = pressure.max(), np.ptp(surface.heights)
-    return float(
-        max(
+        # what a body has become gives its stress back without flowing again
+        balance = scene.body.begin(state.material, 0.0).respond(state.displacement).force
+        balance[:, -1] -= state.force
+        meeting = scene.meet(state.displacement, state.approach, state.slide)
+        pressure = -np.sum(state.force * meeting.normal, axis=1)
+        shear = np.linalg.norm(state.force + pressure[:, None] * meeting.normal, axis=1)
+        largest, height = pressure.max(), np.ptp(surface.heights)
+        faults += [
             np.abs(balance).max() / largest,
-            abs(state.load / load - 1.0),
+            abs(pressure.sum() / load - 1.0),
             -pressure.min() / largest,
             (shear - friction * pressure).max() / largest,
             -meeting.gap.min() / height,
             np.abs(meeting.gap[state.active]).max() / height,
-        )
-    )
+            np.abs(state.slide - slide).max() / away,
+        ]
+    return float(max(faults))
 
 
 def _surface(slope: float) -> "Surface":
@@ -321,7 +322,7 @@ def _surface(slope: float) -> "Surface":
 
 
 def grains(friction: float, step: float, density_ratio: float) -> float:
-    """Heap of spheres that falls: largest residual of a step, or overlap beyond 1 %."""
+    """Heap of spheres that falls: worst of contact, momentum, Coulomb's cone and overlap."""
     from multiscale.macro.granulate import ContactLaw, Grains, Model, Solver, box, simulate
 
     places = np.stack(np.meshgrid(*[np.arange(3)] * 3, indexing="ij"), axis=-1).reshape(-1, 3)
@@ -333,10 +334,47 @@ def grains(friction: float, step: float, density_ratio: float) -> float:
         box((0.0, 0.0, 0.0), (0.07, 0.07, np.inf)),
         ContactLaw(friction),
     )
-    duration = max(20 * step, 0.04)  # s, in which the uppermost grain lands on the others
-    result = simulate(model, duration, step, solver=Solver(max_iterations=5000))
-    overlap = float(result["penetration"].max())
-    return max(float(result["residual"].max()), overlap if overlap > 0.01 else 0.0)
+    steps = round(max(20 * step, 0.04) / step)  # until the uppermost grain lands on the others
+    result = simulate(
+        model, steps * step, step, solver=Solver(max_iterations=5000), n_frames=steps + 1
+    )
+    overlap = _overlap(result["position"].values, model.grains.radius)
+    return max(
+        float(result["residual"].max()),
+        overlap if overlap > 0.01 else 0.0,
+        _unbalanced(result, friction),
+    )
+
+
+def _overlap(position: np.ndarray, radius: np.ndarray) -> float:
+    """Largest overlap of two equal grains over their radius, in all frames."""
+    away = np.linalg.norm(position[:, :, None] - position[:, None], axis=-1)
+    away[:, np.arange(len(radius)), np.arange(len(radius))] = np.inf
+    return 2.0 - float(away.min()) / radius[0]
+
+
+def _unbalanced(result: "xr.Dataset", friction: float) -> float:
+    """Largest fault in momentum and in Coulomb's cone of all frames, over the largest force."""
+    mass, n = result["mass"].values, result.sizes["grain"]
+    ends, force = result["contact_ends"].values, result["contact_force"].values
+    normal = result["branch"].values / np.linalg.norm(result["branch"], axis=1)[:, None]
+    pressing = np.sum(force * normal, axis=1)
+    shear = np.linalg.norm(force - pressing[:, None] * normal, axis=1)
+    gain = np.diff(result["velocity"].values, axis=0) * mass[:, None]
+    gain /= result["time_step"].values[:, None, None]
+    gain[..., 2] += 9.81 * mass
+    after = result["contact_frame"].values > 0
+    frame, at = result["contact_frame"].values[after] - 1, ends[after]
+    np.subtract.at(gain, (frame, at[:, 0]), force[after])
+    inner = at[:, 1] < n
+    np.add.at(gain, (frame[inner], at[inner, 1]), force[after][inner])
+    largest = max(float(np.abs(force).max(initial=0.0)), float(9.81 * mass.max()))
+    faults = (
+        np.abs(gain).max(),
+        -pressing.min(initial=0.0),
+        (shear - friction * pressing).max(initial=0.0),
+    )
+    return float(max(faults)) / largest
 
 
 def voids(modulus: float, porosity: float) -> float:
