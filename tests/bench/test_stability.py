@@ -150,7 +150,7 @@ def test_an_extreme_case_of_a_family_converges(one):
 
 
 def change(place, name, factor):
-    """Multiply the last entries of a result along its first axis, as a fault in a solver would."""
+    """Multiply the later entries of a result, as a fault in a solver would."""
     module, function = place.rsplit(".", 1)
     solve = getattr(import_module(module), function)
 
@@ -158,10 +158,11 @@ def change(place, name, factor):
         found = solve(*arguments, **options)
         if isinstance(found, xr.Dataset):
             found = found.copy(deep=True)
-            found[name].values[-1] *= factor
+            value = found[name].values
+            value[len(value) // 3 :] *= factor
             return found
         value = np.array(getattr(found, name), dtype=float)
-        value[-1] *= factor
+        value[len(value) // 3 :] *= factor
         return replace(found, **{name: value})
 
     return wrong
@@ -195,7 +196,7 @@ MILD = {
         ("friction", "nonsmooth.solve_friction", "value", 1.01),
         ("wedge", "nonsmooth.solve_friction", "value", 1.01),
         ("complementarity", "nonsmooth.solve_lcp", "value", 1.01),
-        ("grains", "macro.granulate.simulate", "velocity", 1.01),
+        ("grains", "macro.granulate.simulate", "velocity", 1.1),
         ("grains", "macro.granulate.simulate", "position", 0.9),
         ("grains", "macro.granulate.simulate", "contact_force", 2.0),
         ("voids", "micro.damage.effective_stiffness", "value", 0.1),
