@@ -34,7 +34,7 @@ class Needs:
     unknowns_per_contact : int
         1 without friction, 3 with it.
     kinematics : str
-        For instance ``"small strain on the true geometry"``.
+        For instance ``"small strain, the mesh follows the surface"``.
     operators : dict of str to str
         What is built, and what for.
     left_out : dict of str to str

@@ -79,9 +79,9 @@ def bench_micro(
     relative to it. ``error`` and ``contact_error`` are against a common reference, the half-space
     problem for small slopes: of the limits that the codes which approximate it tend to, the one
     that was extrapolated least; its uncertainty is the distance to the others. ``own_error`` and
-    ``own_contact_error`` are against the limit of the code itself. The conforming cell solves the
-    true geometry: against the common reference it ends at the difference of the two models, which
-    is of the first order in the slope, because contact is on the summits, softer than a half-space.
+    ``own_contact_error`` are against the limit of the code itself. The mesh of the conforming cell
+    follows the surface: against the common reference it ends at the difference of the two models,
+    of the first order in the slope, because contact is on the summits, softer than a half-space.
 
     *Limits.* Richardson's, with the observed order for the mean gap and order 1 for the contact
     fraction, whose error sits in the pixels along the perimeter and is too irregular for more.

@@ -113,10 +113,10 @@ def cell_needs(
         unknowns_per_contact=3 if friction else 1,
         kinematics="small strain, roughness as gap of a flat layer"
         if flat
-        else "small strain on the true geometry"
+        else "small strain, the mesh follows the surface"
         + (", contact in the current configuration" if pair else "")
         if not large
-        else "large strain from the true geometry, contact in the current configuration",
+        else "large strain, the mesh follows the surface, contact in the current configuration",
         operators=operators,
         left_out=left_out,
         state_variables=state,

@@ -1,9 +1,12 @@
 """The matrix of stiff and extreme cases: its table, its outcomes, and a few of its cases."""
 
 import os
+from dataclasses import replace
+from importlib import import_module
 
 import numpy as np
 import pytest
+import xarray as xr
 
 from multiscale.bench import STABILITY_FAMILIES, stability, stability_cases
 from multiscale.bench.stability import (
@@ -144,6 +147,67 @@ def _die_without_number(one):
 def test_an_extreme_case_of_a_family_converges(one):
     found = stability._run(one)
     assert found.outcome == 2, found.sentence
+
+
+def change(place, name, factor):
+    """Multiply the later entries of a result, as a fault in a solver would."""
+    module, function = place.rsplit(".", 1)
+    solve = getattr(import_module(module), function)
+
+    def wrong(*arguments, **options):
+        found = solve(*arguments, **options)
+        if isinstance(found, xr.Dataset):
+            found = found.copy(deep=True)
+            value = found[name].values
+            value[len(value) // 3 :] *= factor
+            return found
+        value = np.array(getattr(found, name), dtype=float)
+        value[len(value) // 3 :] *= factor
+        return replace(found, **{name: value})
+
+    return wrong
+
+
+MILD = {
+    "structure": {"bar_over_cable": 1.0, "prestress": 1.0, "load_factor": 4.0},
+    "motion": {"bar_over_cable": 1.0, "prestress": 1.0, "step": 1e-3},
+    "cut_structure": {"bar_over_cable": 1.0, "load_factor": 4.0, "parts": 2},
+    "joint": {"law_over_block": 1.0, "friction": 0.2, "parts": 1},
+    "friction": {"mass_ratio": 1.0, "coefficient": 0.3, "boxes": 2},
+    "wedge": {"coefficient": 0.3},
+    "complementarity": {"contrast": 1.0, "points": 8},
+    "grains": {"friction": 0.5, "step": 1e-3, "density_ratio": 1.0},
+    "voids": {"modulus": 1e-6, "porosity": 0.3},
+}
+
+
+@pytest.mark.parametrize(
+    ("family", "solver", "name", "factor"),
+    [
+        ("structure", "bench.structures.solve_grid", "tension", 1.01),
+        ("structure", "bench.structures.solve_grid", "displacement", 1.01),
+        ("motion", "macro.simulate", "displacement", 1.01),
+        ("motion", "macro.simulate", "velocity", 1.01),
+        ("motion", "macro.simulate", "tension", 1.01),
+        ("motion", "macro.simulate", "elastic_energy", 1.01),
+        ("cut_structure", "macro.solve_latin", "tension", 1.01),
+        ("joint", "macro.substructures.load_joint", "traction", -7.0),
+        ("joint", "macro.substructures.load_joint", "traction", 1.0001),
+        ("friction", "nonsmooth.solve_friction", "value", 1.01),
+        ("wedge", "nonsmooth.solve_friction", "value", 1.01),
+        ("complementarity", "nonsmooth.solve_lcp", "value", 1.01),
+        ("grains", "macro.granulate.simulate", "velocity", 1.1),
+        ("grains", "macro.granulate.simulate", "position", 0.9),
+        ("grains", "macro.granulate.simulate", "contact_force", 2.0),
+        ("voids", "micro.damage.effective_stiffness", "value", 0.1),
+        ("voids", "micro.damage.effective_stiffness", "value", 1.001),
+    ],
+)
+def test_a_wrong_answer_of_any_step_fails(monkeypatch, family, solver, name, factor):
+    monkeypatch.setattr(f"multiscale.{solver}", change(f"multiscale.{solver}", name, factor))
+    tolerance = next(one.tolerance for one in read_cases() if one.family == family)
+    found = stability._run(case(family, tolerance, **MILD[family]))
+    assert stability.OUTCOMES[found.outcome] == "failed"
 
 
 def test_the_command_leaves_the_matrix_and_fails_with_its_cases(monkeypatch, capsys, tmp_path):

@@ -63,7 +63,7 @@ References
 import numba
 import numpy as np
 
-__all__ = ["SIZE", "effective_stress", "run_cycles"]
+__all__ = ["SIZE", "damage_rate", "effective_stress", "run_cycles"]
 
 SIZE = 20
 """Length of the state: D, p, plastic strain (6), back stress (6), last macro stress (6)."""
@@ -186,8 +186,8 @@ def _harm(state, dp, old, middle, new, material):  # type: ignore[no-untyped-def
         return 1.0
     for i in range(6):
         middle[i] = 0.5 * (old[i] + new[i])
-    rate = _rate(old, state[0], material) + 4.0 * _rate(middle, state[0], material)
-    rate = (rate + _rate(new, state[0], material)) / 6.0
+    rate = damage_rate(old, state[0], material) + 4.0 * damage_rate(middle, state[0], material)
+    rate = (rate + damage_rate(new, state[0], material)) / 6.0
     damage = rate * active
     if not state[0] + damage >= material[CRITICAL]:
         state[0] += damage
@@ -240,7 +240,7 @@ def effective_stress(state, start, target, t, material, shear, b, out):  # type:
 
 
 @numba.njit(cache=True, error_model="numpy")
-def _rate(stress, damage, material):  # type: ignore[no-untyped-def]
+def damage_rate(stress, damage, material):  # type: ignore[no-untyped-def]
     """Damage (Y / S)^s for each plastic strain, with the energy (4)."""
     young, nu, h = material[E], material[NU], material[CLOSURE]
     trace = stress[0] + stress[1] + stress[2]

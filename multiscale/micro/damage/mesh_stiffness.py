@@ -30,7 +30,7 @@ from multiscale.micro.damage.rve import LOST, check_elastic, summarise_loads
 if TYPE_CHECKING:
     from skfem import CellBasis, MeshTet
 
-__all__ = ["mesh_stiffness"]
+__all__ = ["mesh_stiffness", "solve_periodic"]
 
 LARGEST_RESIDUAL = 1e-8
 """Residual of the direct solver, relative to the load, above which it counts as failed."""
@@ -79,30 +79,9 @@ def mesh_stiffness(
         raise CaseError("the stiffness needs a periodic volume; set periodic=True")
     mesh = mesh_cavities(rve, element_size)
     basis = _basis(mesh, rve, quadratic)
-    stiffness = assemble_elasticity(basis, lame, shear)
-
-    points = basis.doflocs
     number = _unknowns(basis, mesh, np.array(rve.size))
-    count = int(number.max()) + 1
-    one = csr_array((np.ones(basis.N), (np.arange(basis.N), number)), shape=(basis.N, count))
-    place = csr_array(block_diag([one, one, one]))
-    pieces = connected_components(one.T @ stiffness[: basis.N, : basis.N] @ one)[1]
-    held = np.unique(pieces, return_index=True)[1]  # no piece moves as a whole
-    pinned = np.concatenate([held + axis * count for axis in range(3)])
-    free = np.setdiff1d(np.arange(3 * count), pinned)
-
-    linear = np.stack([(_tensor(k) @ points).ravel() for k in range(6)], axis=1)
-    periodic = csr_array(place.T @ stiffness @ place)
-    load = -(place.T @ (stiffness @ linear))
-    matrix = periodic[free][:, free]
-    solve = factorise(matrix, name="the stiffness of the volume")
-    w = np.zeros((3 * count, 6))
-    w[free] = solve(load[free])
-    u = linear + place @ w
-    energy = u.T @ (stiffness @ u) / np.prod(rve.size)
-
-    scale = np.linalg.norm(stiffness @ linear, axis=0)
-    residual = np.linalg.norm(matrix @ w[free] - load[free], axis=0) / scale
+    u, energy, residual = solve_periodic(basis, number, lame, shear)
+    energy /= np.prod(rve.size)
     seconds = perf_counter() - begin
     loads = [
         Solution(
@@ -115,6 +94,52 @@ def mesh_stiffness(
     ]
     symmetric = 0.5 * youngs_modulus * (energy + energy.T)
     return summarise_loads(symmetric, loads, LOST * youngs_modulus)
+
+
+def solve_periodic(
+    basis: "CellBasis", number: np.ndarray, lame: float | np.ndarray, shear: float | np.ndarray
+) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Solve (1) by factors for the six mean strains.
+
+    Parameters
+    ----------
+    basis : CellBasis
+        Basis of one displacement component.
+    number : ndarray of int, shape (basis.N,)
+        Periodic unknown of every node.
+    lame, shear : float or ndarray, shape (elements,)
+        Lame's parameters, Pa.
+
+    Returns
+    -------
+    displacement : ndarray, shape (3 basis.N, 6)
+        Component by component, m.
+    energy : ndarray, shape (6, 6)
+        Twice the energy of pairs of mean strains, J.
+    residual : ndarray, shape (6,)
+        Residual of the factors, relative to the load; dimensionless.
+    """
+    stiffness = assemble_elasticity(basis, lame, shear)
+    count = int(number.max()) + 1
+    one = csr_array((np.ones(basis.N), (np.arange(basis.N), number)), shape=(basis.N, count))
+    place = csr_array(block_diag([one, one, one]))
+    joined = csr_array(one.T @ stiffness[: basis.N, : basis.N] @ one)
+    joined.eliminate_zeros()  # voids without stiffness join nothing
+    held = np.unique(connected_components(joined)[1], return_index=True)[1]
+    pinned = np.concatenate([held + axis * count for axis in range(3)])
+    free = np.setdiff1d(np.arange(3 * count), pinned)  # no piece moves as a whole
+
+    linear = np.stack([(_tensor(k) @ basis.doflocs).ravel() for k in range(6)], axis=1)
+    periodic = csr_array(place.T @ stiffness @ place)
+    load = -(place.T @ (stiffness @ linear))
+    matrix = periodic[free][:, free]
+    solve = factorise(matrix, name="the stiffness of the volume")
+    w = np.zeros((3 * count, 6))
+    w[free] = solve(load[free])
+    u = linear + place @ w
+    scale = np.linalg.norm(stiffness @ linear, axis=0)
+    residual = np.linalg.norm(matrix @ w[free] - load[free], axis=0) / scale
+    return u, u.T @ (stiffness @ u), residual
 
 
 def _basis(mesh: CrackedMesh, rve: Cavities, quadratic: bool) -> "CellBasis":

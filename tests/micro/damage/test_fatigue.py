@@ -8,7 +8,7 @@ from scipy.integrate import solve_ivp
 
 from multiscale.errors import CaseError
 from multiscale.micro.damage import Block, FatigueMaterial, two_scale_fatigue, woehler_curve
-from multiscale.micro.damage.inclusion import SIZE, effective_stress, run_cycles
+from multiscale.micro.damage.inclusion import SIZE, damage_rate, effective_stress, run_cycles
 from multiscale.reference.fatigue import (
     damage_per_cycle,
     plastic_strain_per_cycle,
@@ -223,6 +223,26 @@ def test_compression_damages_less_if_cracks_close():
     # of a reversed cycle half the damage is left, and the time to its onset is the same
     initiation = 0.05 / plastic_strain_per_cycle(230e6, E, NU, LIMIT)
     assert (half - initiation) / (whole - initiation) == pytest.approx(2.0, rel=2e-2)
+
+
+@pytest.mark.parametrize("damage", [0.0, 0.4, 0.95])
+@pytest.mark.parametrize("closure", [0.0, 0.2, 1.0])
+def test_the_energy_that_drives_damage_has_its_closed_form(damage, closure):
+    stress = 1e8 * np.random.default_rng(seed=6).normal(size=(3, 3))
+    stress = stress + stress.T
+    closed = closure * ((1.0 - damage) / (1.0 - closure * damage)) ** 2
+    principal = np.linalg.eigvalsh(stress)
+    assert principal[0] < 0.0 < principal[-1]
+    for sign in (1.0, -1.0):
+        values, trace = sign * principal, sign * np.trace(stress)
+        open_part = np.sum(values[values > 0.0] ** 2), max(trace, 0.0) ** 2
+        closed_part = np.sum(values[values < 0.0] ** 2), min(trace, 0.0) ** 2
+        both = [a + closed * c for a, c in zip(open_part, closed_part, strict=True)]
+        energy = ((1.0 + NU) * both[0] - NU * both[1]) / (2.0 * E)
+        i, j = np.array([(0, 0), (1, 1), (2, 2), (1, 2), (0, 2), (0, 1)]).T
+        parameters = dataclasses.replace(FULL, closure=closure).parameters()
+        found = damage_rate(sign * stress[i, j], damage, parameters)
+        assert found == pytest.approx((energy / STRENGTH) ** 2, rel=1e-10)
 
 
 def test_damage_in_the_localisation_shortens_the_life():
