@@ -183,9 +183,9 @@ def _corners(
     if whole.filled is not None:
         total[1:, 1:] = np.cumsum(np.cumsum(whole.filled, axis=0), axis=1)
     filled = (total[m:, n:] - total[:-m, n:] - total[m:, :-n] + total[:-m, :-n]) / (m * n)
+    places = np.argsort(filled, axis=None, kind="stable")
     free, taken = filled <= most, []
-    for place in np.argsort(filled, axis=None, kind="stable"):
-        i, j = divmod(int(place), filled.shape[1])
+    for i, j in zip(*(one.tolist() for one in np.unravel_index(places, filled.shape)), strict=True):
         if free[i, j]:
             taken.append((i, j))
             free[max(0, i - m + 1) : i + m, max(0, j - n + 1) : j + n] = False
