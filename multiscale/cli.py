@@ -76,7 +76,13 @@ def _run_case(settings: "Case", out: Path, jobs: int, dask: str | None) -> None:
     from multiscale.io import logging_to, make_folder
     from multiscale.pipeline import read_cautions, read_sliding, run
     from multiscale.plotting import draw_figures
-    from multiscale.report import describe_sliding, tabulate, write_report
+    from multiscale.report import (
+        describe_sliding,
+        list_cutoffs,
+        tabulate,
+        tabulate_roughness,
+        write_report,
+    )
 
     make_folder(out)
     with (
@@ -95,6 +101,9 @@ def _run_case(settings: "Case", out: Path, jobs: int, dask: str | None) -> None:
     for line in results.macro_result.attrs.get("plan", "").splitlines():
         typer.echo(line)
     _print_table(settings.title, *tabulate(results.macro_result))
+    head, rows = tabulate_roughness(results.micro_response)
+    if rows:
+        _print_table(" ".join(list_cutoffs(results.micro_response)), head, rows)
     for line in [] if sliding is None else describe_sliding(sliding):
         typer.echo(line)
     typer.echo(f"report, figures and datasets: {out}")
@@ -173,7 +182,9 @@ def micro_command(
         workers(jobs, dask) as executor,
         _progress(settings.micro.realisations, "realisations") as progress,
     ):
-        run_micro(settings, out, executor=executor, progress=progress)
+        response = run_micro(settings, out, executor=executor, progress=progress)
+    for caution in response.attrs["cautions"].splitlines():
+        typer.echo(f"caution: {caution}", err=True)
 
 
 @app.command("fit")

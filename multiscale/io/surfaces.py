@@ -31,12 +31,15 @@ class Surface:
         Edge lengths (Lx, Ly) of the cell, m, with ``dx = Lx / nx``: the grid is that of a periodic
         surface, whose node ``nx`` is node 0 again. ``nx != ny`` and ``dx != dy`` are normal. One
         point across means a profile, whose cell is in plane strain; its width is arbitrary.
+    filled : ndarray of bool, shape (nx, ny), optional
+        Which points of a map were filled and not measured; none if not given. Detrended and
+        cropped maps keep it.
 
     Raises
     ------
     CaseError
         If the heights are not a map of finite numbers with at least 2 points along one direction,
-        or a length is not positive.
+        a length is not positive, or the filled points are those of another map.
 
     Examples
     --------
@@ -47,6 +50,7 @@ class Surface:
 
     heights: np.ndarray
     size: tuple[float, float]
+    filled: np.ndarray | None = None
 
     def __post_init__(self) -> None:
         heights: np.ndarray = np.ma.filled(
@@ -66,6 +70,11 @@ class Surface:
             )
         if len(size) != 2 or not all(0.0 < length < np.inf for length in size):
             raise CaseError(f"size must be two positive lengths (m), got {size}")
+        if self.filled is not None and self.filled.shape != heights.shape:
+            raise CaseError(
+                f"filled must say of each of {heights.shape[0]} x {heights.shape[1]} heights "
+                f"whether it was filled, got an array of shape {self.filled.shape}"
+            )
         object.__setattr__(self, "heights", heights)
         object.__setattr__(self, "size", size)
 
@@ -73,6 +82,11 @@ class Surface:
     def spacing(self) -> tuple[float, float]:
         """Distances (dx, dy) of neighbouring nodes, m."""
         return self.size[0] / self.heights.shape[0], self.size[1] / self.heights.shape[1]
+
+    @property
+    def filled_share(self) -> float:
+        """Filled points over all points, dimensionless."""
+        return 0.0 if self.filled is None else float(np.mean(self.filled))
 
 
 def remove_trend(heights: np.ndarray, order: int) -> np.ndarray:
@@ -128,7 +142,8 @@ def read_surface(
     fill_undefined : bool
         Fill undefined points, after detrending, by the solution of Laplace's equation with their
         defined neighbours as boundary values. Filled regions are too smooth, so they lower the
-        root mean square slope. Undefined points are refused otherwise.
+        root mean square slope; the result says which points they are. Undefined points are
+        refused otherwise.
     channel : int or str, optional
         Number, counted from 0, or name of the channel. The format's default height channel if not
         given.
@@ -136,7 +151,8 @@ def read_surface(
     Returns
     -------
     Surface
-        Heights and size in m, mean height 0 unless points were filled. A measured map is not
+        Heights and size in m, mean height 0 unless points were filled: ``filled`` says which,
+        ``filled_share`` how many. A measured map is not
         periodic: see :func:`multiscale.micro.topography.mirror` and
         :func:`~multiscale.micro.topography.window`.
 
@@ -174,7 +190,7 @@ def read_surface(
             filled = library.Topography(masked, size).interpolate_undefined_data()
             heights = np.ma.getdata(filled.heights())
         try:
-            return Surface(heights, size)  # type: ignore[arg-type]
+            return Surface(heights, size, undefined if undefined.any() else None)  # type: ignore[arg-type]
         except CaseError as error:
             raise CaseError(f"{path}: {error}") from error
 

@@ -1,6 +1,6 @@
 """The cells of a case: solved, and kept in a folder."""
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from concurrent.futures import Executor
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -8,8 +8,15 @@ from typing import TYPE_CHECKING
 from multiscale.io import make_folder, open_dataset, write_dataset, write_surface_fields
 from multiscale.micro import Path as LoadPath
 from multiscale.micro import contact_modulus, run_ensemble
-from multiscale.pipeline.cells import composite_material, longest_wave, make_cells
+from multiscale.micro.topography import Roughness
+from multiscale.pipeline.cells import (
+    composite_material,
+    longest_wave,
+    make_cells,
+    measured_cells,
+)
 from multiscale.pipeline.settings import Case
+from multiscale.pipeline.windows import STAGES, Measured
 from multiscale.schema import FIELDS, MICRO_RESPONSE
 
 if TYPE_CHECKING:
@@ -47,7 +54,7 @@ def run_micro(
     Dataset
         Follows ``MICRO_RESPONSE``.
     """
-    cells, identity = make_cells(case), case.identity()
+    (cells, measured), identity = measured_cells(case), case.identity()
     response = run_ensemble(
         cells,
         LoadPath(pressure=case.micro.path),
@@ -59,14 +66,14 @@ def run_micro(
     )
     if fields:
         write_fields(case, file.parent, file.parent)
-    response = response.assign_attrs(
+    response = _with_roughness(response, measured).assign_attrs(
         title=case.title,
         contact_modulus=contact_modulus(composite_material(case)),
         longest_wave=longest_wave(case),
         cell_size=max(case.cell.size),
         bodies="composite surface of body_1 and body_2; 1/E* = sum (1 - nu^2)/E; small slopes",
         identity=identity,
-        cautions="\n".join([*case.cautions(), *_steepness(response)]),
+        cautions="\n".join([*case.cautions(), *_steepness(response), *_losses(measured)]),
     )
     write_dataset(response, file, MICRO_RESPONSE)
     return response
@@ -111,3 +118,28 @@ def _steepness(response: "xr.Dataset") -> list[str]:
         f"the composite surface has a root mean square slope of {steepest:.2g}; above {STEEP:g} "
         f"one elastic body no longer stands for two"
     ]
+
+
+def _losses(measured: Mapping[str, Measured]) -> list[str]:
+    """Caution against what the cells lack of the measured bodies."""
+    return [f"{name}: {caution}" for name, one in measured.items() for caution in one.cautions]
+
+
+def _with_roughness(response: "xr.Dataset", measured: Mapping[str, Measured]) -> "xr.Dataset":
+    """Add the roughness of measured bodies from map to cell, and the filled share of windows."""
+    if not measured:
+        return response
+    records = list(measured.values())
+    values = {
+        f"body_{name}": [[getattr(stage, name) for stage in one.stages] for one in records]
+        for name in Roughness.__annotations__
+    }
+    filled = {
+        "map_filled_share": [one.map_filled for one in records],
+        "filled_share": [one.filled for one in records],
+    }
+    return (
+        MICRO_RESPONSE.assign(response, values | filled)
+        .assign_coords(body=list(measured), stage=list(STAGES))
+        .assign_attrs({f"cutoff_{name}": one.cutoff for name, one in measured.items()})
+    )

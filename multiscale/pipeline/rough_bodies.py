@@ -67,16 +67,20 @@ class InstrumentSurface(Settings):
         0 mean, 1 plane, 2 curvature; of the whole map, and the plane of each window.
     fill_undefined : bool
         Whether undefined points are filled; refused otherwise.
+    filled : number
+        Largest share of filled points in a window.
     periodic : {"mirror", "window"}
         How a window is made periodic: reflected (it covers a quarter of the cell) or faded along
         its edges.
     short_cutoff : quantity, optional
-        Shortest wavelength kept, m; eight points of the cell's grid if not given.
+        Shortest wavelength kept, m; eight points of the cell's grid if not given, so that another
+        grid has another surface.
     """
 
     file: Path
     detrend_order: Annotated[Count, Field(ge=0, le=2)] = 2
     fill_undefined: bool = False
+    filled: Annotated[Number, Field(ge=0.0, le=1.0)] = 0.1
     periodic: Literal["mirror", "window"] = "mirror"
     short_cutoff: Length | None = None
 

@@ -183,12 +183,6 @@ class Case(Settings):
                 f"{self.micro.realisations} realisation(s) say too little about the scatter: there "
                 f"are no bands below {FEWEST_REALISATIONS}"
             )
-        for number, body in enumerate(self.bodies, start=1):
-            if isinstance(body.surface, InstrumentSurface) and body.surface.periodic == "window":
-                found.append(
-                    f"the windows of body_{number} fade along their edges, which lowers their rms "
-                    f"height by about an eighth"
-                )
         return found
 
     def identity(self) -> str:

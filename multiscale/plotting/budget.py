@@ -43,7 +43,7 @@ def plot_error_budget(
     share = np.nan_to_num(half**2) / np.maximum(np.nansum(half**2, axis=0), 1e-300)
     at, bottom = np.arange(total.size), np.zeros(total.size)
     for k, term in enumerate(one["error_term"].values):
-        if np.all(np.isnan(half[k])):
+        if not np.any(half[k] > 0.0):  # not known, or nothing
             continue
         ax.bar(at, share[k] * total, 0.7, bottom=bottom, color=f"C{k}", label=str(term))
         bottom = bottom + share[k] * total

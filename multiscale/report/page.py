@@ -11,6 +11,7 @@ import numpy as np
 
 from multiscale.io import open_dataset, open_run, read_bytes, read_text, reading_run, write_bytes
 from multiscale.pipeline import read_cautions, read_sliding
+from multiscale.report.roughness import list_cutoffs, tabulate_roughness
 from multiscale.report.section import Section, provenance
 from multiscale.report.sliding import describe_sliding
 from multiscale.report.sweep import (
@@ -63,7 +64,12 @@ def _run(out: Path) -> dict[str, Any]:
         sections = braking_sections(law, result, response.attrs["bodies"])
     else:
         question, answer = _question(result), _answer(result)
-        surface = Section("Surface", [], figures=("surface", "contact_map"))
+        surface = Section(
+            "Surface",
+            list_cutoffs(response),
+            *tabulate_roughness(response),
+            ("surface", "contact_map"),
+        )
         sections = [_joint(result), _law(response, law), _budget(result), surface]
         if sliding is not None:
             sections.append(Section("Sliding", describe_sliding(sliding), figures=("sliding",)))

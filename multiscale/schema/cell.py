@@ -5,6 +5,7 @@ from multiscale.schema.base import Schema, Variable
 __all__ = ["FIELDS", "MICRO_RESPONSE", "SLIDING_RESPONSE"]
 
 _CELL = ("realisation", "step")
+_STAGE = ("body", "stage")
 
 MICRO_RESPONSE = Schema(
     name="micro_response",
@@ -36,6 +37,18 @@ MICRO_RESPONSE = Schema(
         "rms_height": Variable(("realisation",), "m", "root mean square height"),
         "rms_slope": Variable(("realisation",), "1", "root mean square slope"),
         "nayak_parameter": Variable(("realisation",), "1", "Nayak parameter"),
+        "body_rms_height": Variable(_STAGE, "m", "root mean square height of a measured body"),
+        "body_rms_slope": Variable(_STAGE, "1", "root mean square slope of a measured body"),
+        "body_longest_wave": Variable(
+            _STAGE, "m", "wavelength above which a hundredth of the mean square height lies"
+        ),
+        "body_shortest_wave": Variable(
+            _STAGE, "m", "wavelength below which a hundredth of the mean square slope lies"
+        ),
+        "map_filled_share": Variable(("body",), "1", "filled points of the map over all points"),
+        "filled_share": Variable(
+            ("body", "realisation"), "1", "filled points of the window over all points"
+        ),
     },
 )
 

@@ -18,6 +18,7 @@ from multiscale.upscaling.budget_terms import (
 from multiscale.upscaling.cell_size import size_term
 from multiscale.upscaling.observations import normal_observations
 from multiscale.upscaling.scales import ScaleSeparation
+from multiscale.upscaling.surface_error import surface_term
 
 if TYPE_CHECKING:
     import xarray as xr
@@ -36,6 +37,7 @@ ERROR_TERMS = (
     "fit",
     "cell size",
     "micro discretisation",
+    "surface",
     "scale separation",
     "macro discretisation",
 )
@@ -102,6 +104,8 @@ def error_budget(
       by their uncertainty, the bias :math:`b L^{-q}`, averaged over :math:`1 \le q \le 3` by
       their likelihood, and the interval about it;
     - *micro discretisation*: :func:`estimate_grid_error` of the means of the same realisations;
+    - *surface*: what the cells lack of the height and the slope of measured maps, see
+      :func:`~.surface_error.surface_term`; nothing where surfaces were made from a spectrum;
     - *scale separation*: with :math:`\varepsilon = \lambda_l/\ell` two independent parts: the
       pressure is not even over a wave, :math:`\tfrac12 f''(p)\, (\varepsilon p)^2 / 12` of a
       quantity :math:`f`; and the length :math:`\ell` of one structure holds only
@@ -151,6 +155,7 @@ def error_budget(
         terms["micro discretisation"], how["micro discretisation"] = grid_term(
             response, resolutions, apart=apart
         )
+    terms["surface"], how["surface"] = surface_term(response, law, p)
     if scales is not None:
         terms["scale separation"] = separation_term(law, terms["sampling"] / factor, p, scales)
         how["scale separation"] = str(scales)

@@ -11,6 +11,7 @@ import pytest
 from multiscale.errors import CaseError
 from multiscale.io import Surface, read_surface
 from multiscale.io.surfaces import remove_trend
+from multiscale.micro.topography import crop, detrend
 
 HEADER = "# Width: 12 um\n# Height: 5 um\n# Value units: nm\n"
 
@@ -112,9 +113,25 @@ def test_undefined_points_are_filled_harmonically(tmp_path):
     holed = harmonic.copy()
     holed[2:5, 2:4] = np.nan
     path = write_text(tmp_path / "map.txt", holed)
-    filled = read_surface(path, detrend_order=0, fill_undefined=True).heights
+    surface = read_surface(path, detrend_order=0, fill_undefined=True)
     expected = 1e-9 * (harmonic - np.nanmean(holed))
-    np.testing.assert_allclose(filled, expected, atol=1e-20)
+    np.testing.assert_allclose(surface.heights, expected, atol=1e-20)
+    np.testing.assert_array_equal(surface.filled, np.isnan(holed))
+    assert surface.filled_share == pytest.approx(6 / 56)
+
+
+def test_a_map_without_holes_has_no_filled_points(tmp_path, heights):
+    surface = read_surface(write_text(tmp_path / "map.txt", heights), fill_undefined=True)
+    assert surface.filled is None
+    assert surface.filled_share == 0.0
+
+
+def test_detrended_and_cropped_maps_know_their_filled_points(heights):
+    filled = heights > 1.0
+    piece = crop(detrend(Surface(heights, (6.0, 5.0), filled)), (1, 2), (4, 3))
+    np.testing.assert_array_equal(piece.filled, filled[1:5, 2:5])
+    with pytest.raises(CaseError, match=r"each of 6 x 5 heights .* array of shape \(5, 6\)"):
+        Surface(heights, (6.0, 5.0), filled.T)
 
 
 def test_channel_is_found_by_name_and_by_number(tmp_path, heights):

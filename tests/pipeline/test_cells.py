@@ -3,10 +3,13 @@
 import numpy as np
 import pytest
 
+from multiscale.cli import run_command
 from multiscale.errors import CaseError
+from multiscale.io import open_dataset, open_response
 from multiscale.micro.topography import rms_height, rms_slope
 from multiscale.pipeline import load_case, make_cells, run
 from multiscale.pipeline.cells import composite_material
+from multiscale.schema import MACRO_RESULT
 from multiscale.units import to_si
 
 
@@ -130,9 +133,11 @@ def test_two_sides_from_one_map_share_no_window(case, tmp_path):
         make_cells(both_measured(case, path))
 
 
-def test_the_first_windows_do_not_depend_on_how_many_are_asked_for(case, tmp_path):
+@pytest.mark.parametrize("bodies", [1, 2])
+def test_the_first_windows_do_not_depend_on_how_many_are_asked_for(case, tmp_path, bodies):
     rng = np.random.default_rng(seed=1)
-    settings = measured(case, write_map(tmp_path / "map.txt", rng.standard_normal((900, 850))))
+    path = write_map(tmp_path / "map.txt", rng.standard_normal((900 * bodies, 850)))
+    settings = measured(case, path) if bodies == 1 else both_measured(case, path)
     fewer = settings.model_copy(
         update={"micro": settings.micro.model_copy(update={"realisations": 2})}
     )
@@ -174,3 +179,57 @@ def test_identity_follows_the_content_of_an_instrument_file_not_its_place(case, 
     first = measured(case, write_map(tmp_path / "a.txt", heights)).identity()
     assert measured(case, write_map(tmp_path / "b.txt", heights)).identity() == first
     assert measured(case, write_map(tmp_path / "a.txt", 2.0 * heights)).identity() != first
+
+
+def test_a_run_with_a_measured_map_says_what_its_cells_hold_of_it(case, tmp_path, capsys):
+    heights = np.random.default_rng(seed=1).standard_normal((200, 100))
+    heights[150:180, 20:70] = np.nan
+    write_map(tmp_path / "map.txt", heights)
+    surface = 'surface = { file = "map.txt", fill_undefined = true }'
+    (tmp_path / "case.toml").write_text(MEASURED.replace("SURFACE", surface), encoding="utf-8")
+    run_command(str(tmp_path / "case.toml"), tmp_path / "out", jobs=1)
+    printed = capsys.readouterr()
+    response = open_response(tmp_path / "out" / "micro_response.nc")
+    known = heights[np.isfinite(heights)]
+    held = response["body_rms_height"].sel(body="body_1")
+    assert float(held.sel(stage="map")) == pytest.approx(1e-6 * known.std(), rel=0.02)
+    cells = np.sqrt(np.mean(response["rms_height"].values ** 2))
+    assert float(held.sel(stage="cells")) == pytest.approx(cells, rel=1e-9)
+    assert float(response["map_filled_share"][0]) == pytest.approx(1500 / 20000)
+    assert np.all(response["filled_share"].values == 0.0)
+    assert "caution: body_1: the cells hold" in printed.err
+    assert "body_1 windows" in printed.out
+    cutoff = "The cells of body_1 keep the waves down to 25 um, 8 points of the grid"
+    assert cutoff in printed.out
+    page = (tmp_path / "out" / "report.html").read_text(encoding="utf-8")
+    assert cutoff in page
+    assert "<td>body_1 cells</td>" in page
+    assert "<td>0, 0, 0</td>" in page
+    result = open_dataset(tmp_path / "out" / "macro_result.nc", MACRO_RESULT)
+    assert "surface" in result.attrs["unknown"].split(", ")
+    assert "too little to infer the rest from" in result.attrs["how_surface"]
+
+
+MEASURED = """
+title = "Measured"
+[body_1]
+youngs_modulus = "210 GPa"
+poissons_ratio = 0.3
+SURFACE
+[body_2]
+youngs_modulus = "210 GPa"
+poissons_ratio = 0.3
+[cell]
+size = ["100 um", "100 um"]
+points = [32, 32]
+geometry = "flat"
+[micro]
+realisations = 3
+pressures = ["10 MPa", "30 MPa", "100 MPa", "300 MPa"]
+[law]
+samples = 0
+[joint]
+height = "20 mm"
+width = "20 mm"
+preloads = ["20 MPa"]
+"""

@@ -146,6 +146,7 @@ def test_the_datasets_open_as_one_tree_and_agree(finished):
     assert list(known["error_term"].values) == [
         "sampling",
         "fit",
+        "surface",
         "scale separation",
         "macro discretisation",
     ]

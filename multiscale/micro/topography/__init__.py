@@ -21,6 +21,7 @@ from multiscale.micro.topography.preparation import (
     resample,
     window,
 )
+from multiscale.micro.topography.roughness import Roughness, Spectrum, oblique_lay, spectrum
 from multiscale.micro.topography.statistics import (
     nayak_parameter,
     power_spectral_density,
@@ -30,16 +31,20 @@ from multiscale.micro.topography.statistics import (
 from multiscale.micro.topography.synthesis import self_affine
 
 __all__ = [
+    "Roughness",
+    "Spectrum",
     "composite",
     "crop",
     "detrend",
     "low_pass",
     "mirror",
     "nayak_parameter",
+    "oblique_lay",
     "power_spectral_density",
     "resample",
     "rms_height",
     "rms_slope",
     "self_affine",
+    "spectrum",
     "window",
 ]

@@ -25,7 +25,7 @@ def detrend(surface: Surface, order: int = 1) -> Surface:
 
     A piece of a map has its own mean and tilt: remove them after :func:`crop`.
     """
-    return Surface(remove_trend(surface.heights, order), surface.size)
+    return Surface(remove_trend(surface.heights, order), surface.size, surface.filled)
 
 
 def mirror(surface: Surface) -> Surface:
@@ -102,7 +102,9 @@ def crop(surface: Surface, origin: tuple[int, int], points: tuple[int, int]) -> 
         )
     (i, j), (nx, ny) = origin, points
     dx, dy = surface.spacing
-    return Surface(surface.heights[i : i + nx, j : j + ny], (nx * dx, ny * dy))
+    piece = np.s_[i : i + nx, j : j + ny]
+    filled = None if surface.filled is None else surface.filled[piece]
+    return Surface(surface.heights[piece], (nx * dx, ny * dy), filled)
 
 
 def resample(surface: Surface, points: tuple[int, int]) -> Surface:

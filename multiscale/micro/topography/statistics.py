@@ -114,7 +114,7 @@ def power_spectral_density(surface: Surface) -> "xr.Dataset":
     """
     import xarray as xr
 
-    q, power = _power(surface)
+    q, power = wave_power(surface)
     rings = np.rint(q / (2.0 * np.pi / min(surface.size))).astype(int).ravel()
     weights = _weights(surface).ravel()
     number = np.bincount(rings, weights)
@@ -163,7 +163,7 @@ def _weights(surface: Surface) -> np.ndarray:
     return weights
 
 
-def _power(surface: Surface) -> tuple[np.ndarray, np.ndarray]:
+def wave_power(surface: Surface) -> tuple[np.ndarray, np.ndarray]:
     """Wavenumbers, rad/m, and their shares of the mean square height, m^2."""
     modulus = np.abs(fft.rfft2(surface.heights, norm="forward"))
     return wavenumbers(surface), _weights(surface) * modulus**2
@@ -171,5 +171,5 @@ def _power(surface: Surface) -> tuple[np.ndarray, np.ndarray]:
 
 def _moment(surface: Surface, order: int) -> float:
     """Sum of q^order |h_q|^2, m^(2 - order)."""
-    q, power = _power(surface)
+    q, power = wave_power(surface)
     return float(np.sum(q**order * power))

@@ -1,0 +1,173 @@
+"""Which waves hold the height and the slope of a map, and in which direction they run."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from scipy import fft
+
+from multiscale.io.surfaces import Surface
+from multiscale.micro.topography.preparation import window
+from multiscale.micro.topography.statistics import wave_power
+
+__all__ = ["Roughness", "Spectrum", "oblique_lay", "spectrum"]
+
+REST = 0.01  # of the mean squares, beyond the longest and the shortest wave
+
+
+@dataclass(frozen=True)
+class Roughness:
+    """Statistics of one or several surfaces.
+
+    Attributes
+    ----------
+    rms_height : float
+        m.
+    rms_slope : float
+        Dimensionless.
+    longest_wave : float
+        Wavelength, m, above which a hundredth of the mean square height lies.
+    shortest_wave : float
+        Wavelength, m, below which a hundredth of the mean square slope lies.
+    """
+
+    rms_height: float
+    rms_slope: float
+    longest_wave: float
+    shortest_wave: float
+
+
+@dataclass(frozen=True, eq=False)
+class Spectrum:
+    """Waves of surfaces of one grid, in rising order.
+
+    Attributes
+    ----------
+    wavenumber : ndarray, shape (waves,)
+        rad/m.
+    power : ndarray, shape (waves,)
+        Share of each wave in the mean square height, averaged over the surfaces, m^2.
+    measured : tuple of float
+        Mean squares of height and slope of the measured points over those of all points.
+    """
+
+    wavenumber: np.ndarray
+    power: np.ndarray
+    measured: tuple[float, float] = (1.0, 1.0)
+
+    def roughness(self) -> Roughness:
+        """Return the statistics of the measured points."""
+        height, slope = (
+            float(np.sqrt(share * np.sum(self.wavenumber**order * self.power)))
+            for share, order in zip(self.measured, (0, 2), strict=True)
+        )
+        return Roughness(
+            height,
+            slope,
+            self.length_holding(np.sqrt(1.0 - REST)),
+            self.cutoff_holding(np.sqrt(1.0 - REST), order=2),
+        )
+
+    def cutoff_holding(self, share: float, *, order: int) -> float:
+        """Longest cut-off, m, that leaves a share of the rms height (order 0) or slope (order 2).
+
+        By Parseval's identity this is exact for :func:`low_pass` of periodic surfaces.
+        """
+        return self._reach(self.wavenumber, self.power * self.wavenumber**order, share)
+
+    def length_holding(self, share: float) -> float:
+        """Shortest length, m, such that the waves up to it hold a share of the rms height."""
+        return self._reach(self.wavenumber[::-1], self.power[::-1], share)
+
+    @staticmethod
+    def _reach(q: np.ndarray, weight: np.ndarray, share: float) -> float:
+        """Wavelength, m, of the wave with which a running sum reaches the square of a share."""
+        held = np.cumsum(weight)
+        last = np.searchsorted(held, share**2 * held[-1] * (1.0 - 1e-12))
+        return float(2.0 * np.pi / q[min(last, q.size - 1)])
+
+
+def spectrum(surfaces: Sequence[Surface], *, periodic: bool = True) -> Spectrum:
+    r"""Mean spectrum of surfaces of one grid and size.
+
+    Parameters
+    ----------
+    surfaces : sequence of Surface
+    periodic : bool
+        Whether they are. The waves of a map are otherwise those of its mirror image,
+        :math:`\cos(\pi i x / L_x) \cos(\pi j y / L_y)`, which is continuous across its edges, and
+        filled points lie at the mean height of the others.
+
+    Returns
+    -------
+    Spectrum
+    """
+    if periodic:
+        found = [wave_power(one) for one in surfaces]
+        q, power, measured = found[0][0], np.mean([one for _, one in found], axis=0), (1.0, 1.0)
+    else:
+        first = surfaces[0]
+        i, j = (
+            np.arange(n) * np.pi / edge
+            for n, edge in zip(first.heights.shape, first.size, strict=True)
+        )
+        q = np.hypot(i[:, None], j)
+        level = [_level(one) for one in surfaces]
+        waves = [fft.dctn(heights, norm="ortho") for heights in level]
+        power = np.mean(np.square(waves), axis=0) / first.heights.size
+        parts = [_measured(*pair) for pair in zip(surfaces, level, strict=True)]
+        height, slope, height_of_all, slope_of_all = np.sum(parts, axis=0)
+        measured = (height / height_of_all, slope / slope_of_all)
+    order = np.argsort(q, axis=None)[1:]  # the first is the mean
+    return Spectrum(q.ravel()[order], power.ravel()[order], measured)
+
+
+def _level(surface: Surface) -> np.ndarray:
+    """Heights about the mean of the measured points, zero at the others, m."""
+    known = np.s_[:] if surface.filled is None else ~surface.filled
+    level = np.zeros(surface.heights.shape)
+    level[known] = surface.heights[known] - surface.heights[known].mean()
+    return level
+
+
+def _measured(surface: Surface, level: np.ndarray) -> tuple[float, float, float, float]:
+    """Mean squares of heights and differences: of measured points, then of all points."""
+    known = np.ones(level.shape, dtype=bool) if surface.filled is None else ~surface.filled
+    slopes = [0.0, 0.0]
+    for axis, step in enumerate(surface.spacing):
+        square = (np.diff(level, axis=axis) / step) ** 2
+        both = np.logical_and(*(np.delete(known, end, axis=axis) for end in (0, -1)))
+        slopes[0] += float(np.mean(square[both])) if both.any() else 0.0
+        slopes[1] += float(np.mean(square))
+    return float(np.mean(level[known] ** 2)), slopes[0], float(np.mean(level**2)), slopes[1]
+
+
+def oblique_lay(surface: Surface, short_cutoff: float) -> tuple[float, float]:
+    r"""Direction of the lay of a map, and how much of it a mirror image loses.
+
+    Parameters
+    ----------
+    surface : Surface
+        The map, detrended. Hann's window makes it periodic.
+    short_cutoff : float
+        Waves that are shorter do not count, m.
+
+    Returns
+    -------
+    angle : float
+        Of the lay (the direction of ridges and grooves) to the x axis, rad, from 0 to pi.
+    oblique : float
+        :math:`2 |T_{xy}| / (T_{xx} + T_{yy})` of
+        :math:`T = \sum_q q\, q^T |\hat h_q|^2 = \langle \nabla h\, \nabla h^T \rangle`:
+        0 for an isotropic map and for a lay along an axis, :math:`|\sin 2\theta|` for parallel
+        ridges. Mirrored, a wave :math:`(q_x, q_y)` becomes four, :math:`(\pm q_x, \pm q_y)`, so
+        that :math:`T_{xy}` vanishes: ridges become a herringbone.
+    """
+    faded = window(surface, taper=0.5)
+    q, power = wave_power(faded)
+    power = np.where(q <= 2.0 * np.pi / short_cutoff, power, 0.0)
+    (nx, ny), (dx, dy) = faded.heights.shape, faded.spacing
+    qx, qy = 2.0 * np.pi * fft.fftfreq(nx, dx)[:, None], 2.0 * np.pi * fft.rfftfreq(ny, dy)
+    xx, yy, xy = (float(np.sum(product * power)) for product in (qx**2, qy**2, qx * qy))
+    across = 0.5 * np.arctan2(2.0 * xy, xx - yy)
+    return float((across + 0.5 * np.pi) % np.pi), 2.0 * abs(xy) / max(xx + yy, 1e-300)

@@ -1,0 +1,301 @@
+"""Windows of a measured map as surfaces of cells, and what is left of its roughness in them."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from multiscale.errors import CaseError
+from multiscale.io import read_surface
+from multiscale.io.surfaces import Surface
+from multiscale.micro.topography import (
+    Roughness,
+    Spectrum,
+    crop,
+    detrend,
+    low_pass,
+    mirror,
+    oblique_lay,
+    resample,
+    spectrum,
+    window,
+)
+from multiscale.pipeline.case_tables import CellSettings
+from multiscale.pipeline.rough_bodies import InstrumentSurface
+from multiscale.pipeline.settings import POINTS_PER_WAVE
+
+__all__ = ["STAGES", "Measured", "cut_windows"]
+
+STAGES = ("map", "windows", "cells")
+"""Where the roughness of a body is measured, labels of the dimension ``stage``."""
+
+FEWEST_PIXELS = 16  # measured points across a window
+HELD = 0.9
+"""Share of the rms height and slope of a map below which its cells need a caution."""
+
+OBLIQUE = 1.0 / 3.0
+"""Share of the lay lost in a mirror image that needs a caution: ridges at 10 degrees to an axis."""
+
+
+@dataclass(frozen=True, eq=False)
+class Measured:
+    """What cells hold of the roughness of a measured map.
+
+    Attributes
+    ----------
+    stages : tuple of Roughness
+        Of the map, of its windows and of the cells.
+    map_filled : float
+        Share of filled points of the map.
+    filled : tuple of float
+        Share of filled points of each window.
+    cutoff : str
+        The shortest wave that was kept, and what chose it.
+    cautions : tuple of str
+        What is lost between map and cells, one sentence each.
+    """
+
+    stages: tuple[Roughness, Roughness, Roughness]
+    map_filled: float
+    filled: tuple[float, ...]
+    cutoff: str
+    cautions: tuple[str, ...]
+
+
+def cut_windows(
+    settings: InstrumentSurface, cell: CellSettings, which: range, needed: int, seed: int
+) -> tuple[list[Surface], Measured]:
+    """Cut separate windows from a measured map and make them periodic and band-limited.
+
+    Parameters
+    ----------
+    settings : InstrumentSurface
+        The map.
+    cell : CellSettings
+        Size and grid of the cells.
+    which : range
+        Numbers of the windows to cut.
+    needed : int
+        Windows that the map must hold.
+    seed : int
+        Of the order of the windows, which are the same whatever their number.
+
+    Returns
+    -------
+    list of Surface
+        Periodic and band-limited, on the grid of the cells.
+    Measured
+
+    Raises
+    ------
+    CaseError
+        If the map cannot be read, has too few windows, or the cut-off makes no sense.
+
+    Notes
+    -----
+    A window is a whole number of pixels, which take the size of the cell, or of its half if it is
+    mirrored: lengths change by half a pixel at most, and heights not at all.
+    """
+    whole = read_surface(
+        settings.file,
+        detrend_order=settings.detrend_order,
+        fill_undefined=settings.fill_undefined,
+    )
+    cutoff, chosen = _cutoff(settings, cell, whole.spacing)
+    share = 0.5 if settings.periodic == "mirror" else 1.0
+    size = (share * cell.size[0], share * cell.size[1])
+    pixels = [round(edge / step) for edge, step in zip(size, whole.spacing, strict=True)]
+    if min(pixels) < FEWEST_PIXELS:
+        raise CaseError(
+            f"a window of {size[0]:.3g} x {size[1]:.3g} m has only {min(pixels)} measured points "
+            f"across, where {settings.file.name} has one each {max(whole.spacing):.3g} m; make the "
+            f"cell at least {FEWEST_PIXELS * max(whole.spacing) / share:.3g} m large"
+        )
+    corners = _corners(whole, (pixels[0], pixels[1]), settings.filled, seed)
+    if len(corners) < needed:
+        raise CaseError(_too_few(whole, settings, size, len(corners), needed))
+    pieces = [detrend(_cut(whole, corners[k], pixels, size)) for k in which]
+    if any(np.ptp(piece.heights) == 0.0 for piece in pieces):
+        raise CaseError(f"{settings.file.name} has a window of constant height; crop it")
+    periodic = [(mirror if settings.periodic == "mirror" else window)(piece) for piece in pieces]
+    surfaces = [resample(low_pass(piece, cutoff), cell.points) for piece in periodic]
+    if any(np.ptp(surface.heights) == 0.0 for surface in surfaces):
+        raise CaseError(
+            f"{settings.file.name} has a window without waves of {cutoff:.3g} m and more; give a "
+            f"finer grid with a shorter short_cutoff"
+        )
+    of_map, of_pieces = spectrum([whole], periodic=False), spectrum(pieces, periodic=False)
+    stages = of_map.roughness(), of_pieces.roughness(), spectrum(surfaces).roughness()
+    return surfaces, Measured(
+        stages,
+        whole.filled_share,
+        tuple(piece.filled_share for piece in pieces),
+        f"{_length(cutoff)}, {chosen}",
+        (
+            *_losses(stages, of_map, spectrum(periodic), cell, share, chosen),
+            *_herringbone(settings, whole, cutoff),
+        ),
+    )
+
+
+def _cutoff(
+    settings: InstrumentSurface, cell: CellSettings, pixel: tuple[float, float]
+) -> tuple[float, str]:
+    """Shortest wavelength to keep, m, and what chose it: the case, the grid or the pixels."""
+    spacing = max(edge / n for edge, n in zip(cell.size, cell.points, strict=True))
+    by_grid, by_map = POINTS_PER_WAVE * spacing, 2.0 * max(pixel)
+    resolved = max(by_grid, by_map)
+    if settings.short_cutoff is not None:
+        cutoff, chosen = settings.short_cutoff, "the short_cutoff of the case"
+    elif by_grid < by_map:
+        cutoff, chosen = resolved, "two pixels of the map"
+    else:
+        cutoff = resolved
+        chosen = f"{POINTS_PER_WAVE} points of the grid, as the case gives no short_cutoff"
+    least = max(2.0 * spacing, 2.0 / float(np.hypot(1.0 / pixel[0], 1.0 / pixel[1])))  # diagonal
+    if cutoff < least:
+        raise CaseError(
+            f"short_cutoff {cutoff:.3g} m is finer than the grid; with {spacing:.3g} m between its "
+            f"points and {max(pixel):.3g} m between the measured ones it must be at least "
+            f"{least:.3g} m, better {resolved:.3g} m"
+        )
+    if cutoff > 0.5 * min(cell.size):
+        raise CaseError(
+            f"short_cutoff {cutoff:.3g} m leaves no roughness in a cell of {min(cell.size):.3g} m; "
+            f"it must be at most half as long as the cell"
+        )
+    return cutoff, chosen
+
+
+def _corners(
+    whole: Surface, pixels: tuple[int, int], most: float, seed: int
+) -> list[tuple[int, int]]:
+    """Corners of separate windows, those of fewest filled points first.
+
+    Of all places, the one with fewest filled points and nearest to the first corner of the map is
+    taken, then the next that overlaps none of those taken, as long as no more than ``most`` of its
+    points are filled. Windows that are filled alike follow each other in a random order.
+    """
+    (nx, ny), (m, n) = whole.heights.shape, pixels
+    if m > nx or n > ny:
+        return []
+    total = np.zeros((nx + 1, ny + 1))
+    if whole.filled is not None:
+        total[1:, 1:] = np.cumsum(np.cumsum(whole.filled, axis=0), axis=1)
+    filled = (total[m:, n:] - total[:-m, n:] - total[m:, :-n] + total[:-m, :-n]) / (m * n)
+    places = np.argsort(filled, axis=None, kind="stable")
+    free, taken = filled <= most, []
+    for i, j in zip(*(one.tolist() for one in np.unravel_index(places, filled.shape)), strict=True):
+        if free[i, j]:
+            taken.append((i, j))
+            free[max(0, i - m + 1) : i + m, max(0, j - n + 1) : j + n] = False
+    order = np.random.default_rng(seed).permutation(len(taken))
+    return sorted((taken[k] for k in order), key=lambda corner: filled[corner])
+
+
+def _too_few(
+    whole: Surface, settings: InstrumentSurface, size: tuple[float, float], found: int, count: int
+) -> str:
+    """Say which windows there are, and of which size there are enough."""
+    within = (
+        f" with at most {100.0 * settings.filled:.3g} % of their points filled"
+        if whole.filled_share
+        else ""
+    )
+    said = (
+        f"{settings.file.name} measures {whole.size[0]:.3g} x {whole.size[1]:.3g} m and holds "
+        f"{found} separate windows of {size[0]:.3g} x {size[1]:.3g} m{within}, but {count} are "
+        f"needed; ask for fewer realisations"
+    )
+    scale = 1.0
+    while True:
+        scale *= 0.95
+        smaller = [scale * edge for edge in size]
+        pixels = [round(edge / step) for edge, step in zip(smaller, whole.spacing, strict=True)]
+        if min(pixels) < FEWEST_PIXELS:
+            break
+        enough = len(_corners(whole, (pixels[0], pixels[1]), settings.filled, 0))
+        if enough >= count:
+            double = 2.0 if settings.periodic == "mirror" else 1.0
+            said += (
+                f", or make the cell {double * smaller[0]:.3g} x {double * smaller[1]:.3g} m, "
+                f"for which there are {enough} windows"
+            )
+            break
+    return said + (", or allow more by filled in the surface table" if within else "")
+
+
+def _cut(
+    whole: Surface, corner: tuple[int, int], pixels: Sequence[int], size: tuple[float, float]
+) -> Surface:
+    """Cut the window at a corner; its pixels take the size."""
+    piece = crop(whole, corner, (pixels[0], pixels[1]))
+    return Surface(piece.heights, size, piece.filled)
+
+
+def _losses(
+    stages: tuple[Roughness, Roughness, Roughness],
+    of_map: Spectrum,
+    of_periodic: Spectrum,
+    cell: CellSettings,
+    window_share: float,
+    chosen: str,
+) -> list[str]:
+    """Say where height or slope is lost on the way to the cell, and what would hold it."""
+    found = []
+    faded = of_periodic.roughness()
+    for order, name in ((0, "rms_height"), (2, "rms_slope")):
+        whole, pieces, periodic, cells = (
+            float(getattr(one, name)) for one in (stages[0], stages[1], faded, stages[2])
+        )
+        if cells >= HELD * whole:
+            continue
+        lost = []
+        if pieces < HELD * whole:
+            edge = of_map.length_holding(HELD) / window_share
+            lost.append(
+                f"its windows hold {pieces / whole:.2g}, "
+                + (
+                    f"where cells of {_length(edge)} have room for the waves of {HELD:g}"
+                    if order == 0 and edge > max(cell.size)
+                    else "as the map is rougher elsewhere: more realisations cover more of it"
+                )
+            )
+        if periodic < HELD * pieces:
+            lost.append(
+                f"filled points leave {periodic / pieces:.2g}"
+                if window_share < 1.0
+                else f"fading along the edges leaves {periodic / pieces:.2g}, where periodic = "
+                f'"mirror" leaves all'
+            )
+        if cells < HELD * periodic:
+            cutoff = 0.995 * of_periodic.cutoff_holding(HELD, order=order)  # is said in 3 digits
+            points = (2 * int(np.ceil(0.5 * POINTS_PER_WAVE * edge / cutoff)) for edge in cell.size)
+            lost.append(
+                f"the cut-off ({chosen}) leaves {cells / periodic:.2g}, where short_cutoff = "
+                f'"{_length(cutoff)}" on a grid of {" x ".join(map(str, points))} points would '
+                f"leave {HELD:g}"
+            )
+        found.append(
+            f"the cells hold {cells / whole:.2g} of the {name.replace('_', ' ')} of the map: "
+            + "; ".join(lost or ["windows, edges and cut-off take a little each"])
+        )
+    return found
+
+
+def _herringbone(settings: InstrumentSurface, whole: Surface, cutoff: float) -> list[str]:
+    """Caution against mirroring a lay that is oblique to the edges of the window."""
+    angle, oblique = oblique_lay(whole, cutoff)
+    if settings.periodic != "mirror" or oblique < OBLIQUE:
+        return []
+    degrees = np.rad2deg(angle)
+    return [
+        f"the lay runs at {degrees:.0f} degrees to the x axis, and mirrored it becomes a "
+        f"herringbone of {degrees:.0f} and {180.0 - degrees:.0f} degrees: measure the map along "
+        f'its lay, or set periodic = "window"'
+    ]
+
+
+def _length(value: float) -> str:
+    """Write a length as a case file has it."""
+    return f"{1e6 * value:.3g} um"

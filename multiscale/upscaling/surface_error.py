@@ -1,0 +1,67 @@
+"""What a law lacks where its cells hold less than the roughness that was measured."""
+
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from multiscale.upscaling.budget_terms import law_stiffness
+from multiscale.upscaling.reading import area_from_dataset, law_from_dataset
+
+if TYPE_CHECKING:
+    import xarray as xr
+
+__all__ = ["surface_term"]
+
+FEWEST_HELD = 0.5
+"""Share of height or slope below which a law would be read at less than half its pressures."""
+
+
+def surface_term(
+    response: "xr.Dataset", law: "xr.Dataset", p: np.ndarray
+) -> tuple[np.ndarray, str]:
+    r"""Half-widths from the height and the slope of measured maps that the cells lack.
+
+    The gap of an elastic surface over its height, and its contact fraction, are functions of
+    :math:`p / (E^* h'_\mathrm{rms})` and of the form of the spectrum. Cells that hold the shares
+    :math:`s_h` of the height and :math:`s_g` of the slope thus stand, for one form, for
+
+    .. math::
+        \bar g(s_g\, p) / s_h, \qquad A(s_g\, p), \qquad
+        s_h\, k(s_g\, p) / s_g \qquad\text{instead of}\qquad
+        \bar g(p), \quad A(p), \quad k(p) = -\mathrm{d}p / \mathrm{d}\bar g.
+
+    The changes by :math:`s_h` and by :math:`s_g` are added, not set off against each other. As the
+    lost waves change the form too, which similarity does not tell, they count twice.
+    """
+    found = _shares_held(response)
+    if found is None:
+        return np.zeros((3, p.size)), "nothing: the surfaces of the cells are not parts of maps"
+    height, slope = found
+    how = f"the cells hold {height:.3g} of the rms height and {slope:.3g} of the rms slope measured"
+    if min(found) < FEWEST_HELD:
+        return np.full((3, p.size), np.nan), f"not known: {how}, too little to infer the rest from"
+    mean_law, area_law = law_from_dataset(law), area_from_dataset(law)
+    similar = law_stiffness(law, slope * p) / slope
+    gap, area = mean_law.gap_at, area_law.contact_fraction
+    rows = [
+        1.0 / height - 1.0 + np.abs(gap(slope * p) / gap(p) - 1.0),
+        np.abs(area(slope * p) / area(p) - 1.0),
+        1.0 - height + np.abs(similar / law_stiffness(law, p) - 1.0),
+    ]
+    return 2.0 * np.array(rows), how
+
+
+def _shares_held(response: "xr.Dataset") -> tuple[float, float] | None:
+    """Shares of the rms height and slope of composite surfaces that cells hold of measured maps.
+
+    Squares of independent bodies add. Windows that are rougher than their map lack nothing.
+    """
+    if "body_rms_height" not in response:
+        return None
+    shares = []
+    for name in ("rms_height", "rms_slope"):
+        body = response[f"body_{name}"]
+        lost = body.sel(stage="map").to_numpy() ** 2 - body.sel(stage="cells").to_numpy() ** 2
+        held = float(np.mean(response[name].to_numpy() ** 2))
+        shares.append(np.sqrt(held / (held + np.sum(np.maximum(lost, 0.0)))))
+    return float(shares[0]), float(shares[1])

@@ -1,0 +1,186 @@
+"""From a measured map to cells: what is held, what was filled, and what is said of it."""
+
+import numpy as np
+import pytest
+
+from multiscale.errors import CaseError
+from multiscale.io import Surface
+from multiscale.micro.topography import rms_height, rms_slope, self_affine
+from multiscale.pipeline import windows
+from multiscale.pipeline.case_tables import CellSettings
+from multiscale.pipeline.rough_bodies import InstrumentSurface
+from multiscale.pipeline.windows import cut_windows
+
+PIXEL = 1e-6
+
+
+@pytest.fixture
+def cut(monkeypatch):
+    """Cut windows from a map made by hand: surfaces and what they hold of it."""
+
+    def of(heights, size, points, *, filled=None, count=4, needed=None, seed=0, **settings):
+        edges = tuple(n * PIXEL for n in heights.shape)
+        whole = Surface(heights - heights.mean(), edges, filled)
+        monkeypatch.setattr(windows, "read_surface", lambda *args, **options: whole)
+        given = InstrumentSurface.model_validate({"file": "map.txt", **settings})
+        cell = CellSettings.model_validate({"size": [size, size], "points": [points, points]})
+        return cut_windows(given, cell, range(count), needed or count, seed)
+
+    return of
+
+
+def noise(shape, seed=1):
+    return 1e-9 * np.random.default_rng(seed).standard_normal(shape)
+
+
+def rough(n, shortest, seed=1):
+    """A periodic map of n x n pixels whose shortest wave is a number of pixels."""
+    return self_affine(
+        (n, n),
+        (n * PIXEL, n * PIXEL),
+        seed,
+        hurst_exponent=0.8,
+        long_cutoff=0.1 * n * PIXEL,
+        short_cutoff=shortest * PIXEL,
+        rms_slope=0.05,
+    ).heights
+
+
+def test_roughness_is_measured_at_the_map_the_windows_and_the_cells(cut):
+    heights = rough(256, 8)
+    surfaces, held = cut(heights, "128 um", 128)
+    of_map, of_windows, of_cells = held.stages
+    assert of_map.rms_height == pytest.approx(heights.std(), rel=1e-9)
+    for name, statistic in (("rms_height", rms_height), ("rms_slope", rms_slope)):
+        cells = np.sqrt(np.mean([statistic(one) ** 2 for one in surfaces]))
+        assert getattr(of_cells, name) == pytest.approx(cells, rel=1e-9)
+    # a grid that carries every pixel of a mirrored window loses what lies below the cut-off alone
+    assert of_windows.rms_height == pytest.approx(of_cells.rms_height, rel=1e-2)
+    assert of_cells.shortest_wave == pytest.approx(8 * PIXEL, rel=0.1)
+
+
+def test_windows_keep_every_pixel_as_it_was_measured(cut):
+    # white noise lives on the shortest waves: interpolation between pixels would damp it
+    _, held = cut(noise((301, 303)), "100.7 um", 128, short_cutoff="1.6 um", count=9)
+    assert held.stages[1].rms_height == pytest.approx(held.stages[0].rms_height, rel=0.03)
+    assert held.stages[1].rms_slope == pytest.approx(held.stages[0].rms_slope, rel=0.03)
+
+
+def test_a_lost_roughness_is_a_caution_whose_advice_holds(cut):
+    heights = rough(256, 4)
+    _, held = cut(heights, "128 um", 32)
+    assert held.cutoff == "32 um, 8 points of the grid, as the case gives no short_cutoff"
+    (said,) = [one for one in held.cautions if "rms slope" in one]
+    share = held.stages[2].rms_slope / held.stages[0].rms_slope
+    assert share < 0.5
+    assert f"the cells hold {share:.2g} of the rms slope of the map" in said
+    assert "the cut-off (8 points of the grid, as the case gives no short_cutoff) leaves" in said
+    cutoff = said.split('short_cutoff = "')[1].split('"')[0]
+    points = int(said.split("grid of ")[1].split(" x ")[0])
+    _, better = cut(heights, "128 um", points, short_cutoff=cutoff)
+    assert better.stages[2].rms_slope >= 0.9 * better.stages[1].rms_slope
+    assert not [one for one in better.cautions if "leaves" in one]
+    _, worse = cut(heights, "128 um", points, short_cutoff=f"{1.1 * float(cutoff[:-3])} um")
+    assert worse.stages[2].rms_slope < 0.9 * worse.stages[1].rms_slope
+
+
+def test_windows_that_are_too_small_for_the_long_waves_say_which_cells_are_not(cut):
+    x = np.arange(512)
+    heights = 1e-6 * np.cos(2.0 * np.pi * x / 128.0)[:, None] + noise((512, 512))
+    _, held = cut(heights, "64 um", 32)
+    (said,) = [one for one in held.cautions if "rms height" in one]
+    needed = float(said.split("where cells of ")[1].split(" um")[0])
+    assert needed == pytest.approx(256.0, rel=0.02)  # windows of one wave, mirrored
+    _, held = cut(heights, f"{needed} um", 128)
+    assert not [one for one in held.cautions if "rms height" in one]
+
+
+def test_fading_is_told_with_its_share(cut):
+    _, held = cut(rough(256, 8), "100 um", 100, periodic="window")
+    (said,) = [one for one in held.cautions if "rms height" in one]
+    # Tukey's window of a tenth at either end: (1 - 5/4 * .1)^2 of the mean square
+    share = float(said.split("fading along the edges leaves ")[1].split(",")[0])
+    assert share == pytest.approx(1.0 - 1.25 * 0.1, abs=0.04)
+    assert 'where periodic = "mirror" leaves all' in said
+
+
+def hole(shape, *corners, edge):
+    filled = np.zeros(shape, dtype=bool)
+    for i, j in corners:
+        filled[i : i + edge, j : j + edge] = True
+    return filled
+
+
+def test_windows_avoid_holes_wherever_they_lie(cut):
+    # the tiling from the corner would meet a hole in all of its nine windows
+    shape, edge = (380, 380), 60
+    corners = [(90 + 100 * i, 90 + 100 * j) for i in range(3) for j in range(3)]
+    filled = hole(shape, (0, 170), edge=edge) | hole(shape, *corners, edge=6)
+    _, held = cut(noise(shape), "160 um", 64, filled=filled, count=6, short_cutoff="20 um")
+    assert held.map_filled == pytest.approx(filled.mean())
+    assert held.filled == (0.0,) * 6
+
+
+def test_separate_windows_share_no_pixel_and_follow_in_order_of_their_filled_share(cut):
+    shape = (300, 300)
+    mark = np.arange(90000.0).reshape(shape)  # every height is of one pixel
+    filled = hole(shape, (0, 0), (100, 100), (220, 30), edge=28)
+    whole = Surface(mark, (3e-4, 3e-4), filled)
+    corners = windows._corners(whole, (60, 60), 0.1, seed=3)
+    seen = np.concatenate([mark[i : i + 60, j : j + 60].ravel() for i, j in corners])
+    assert seen.size == np.unique(seen).size
+    share = [filled[i : i + 60, j : j + 60].mean() for i, j in corners]
+    assert share == sorted(share)
+    assert max(share) <= 0.1
+    assert corners == windows._corners(whole, (60, 60), 0.1, seed=3)
+
+
+def test_mostly_filled_windows_are_refused_with_the_size_that_is_not(cut):
+    shape = (240, 240)
+    filled = np.zeros(shape, dtype=bool)
+    filled[::4, ::3] = filled[1::4, ::3] = True  # a sixth of the points, everywhere
+    filled[:100, :100] = False
+    given = {"filled": filled, "short_cutoff": "12 um"}
+    with pytest.raises(CaseError, match=r"at most 10 % of their points filled, but 4 are") as error:
+        cut(noise(shape), "200 um", 64, **given)
+    said = str(error.value)
+    assert "or allow more by filled in the surface table" in said
+    size = float(said.split("make the cell ")[1].split(" x ")[0])
+    surfaces, held = cut(noise(shape), f"{size} m", 64, **given)
+    assert len(surfaces) == 4
+    assert max(held.filled) <= 0.1
+
+
+def test_a_case_may_allow_more_filled_points(cut, monkeypatch):
+    shape = (200, 200)
+    filled = np.zeros(shape, dtype=bool)
+    filled[::5] = True
+    with pytest.raises(CaseError, match="holds 0 separate windows"):
+        cut(noise(shape), "200 um", 64, filled=filled, short_cutoff="12 um")
+    whole = Surface(noise(shape), (2e-4, 2e-4), filled)
+    monkeypatch.setattr(windows, "read_surface", lambda *args, **options: whole)
+    given = {"file": "map.txt", "filled": "30 %", "short_cutoff": "12 um"}
+    cell = CellSettings.model_validate({"size": ["200 um"] * 2, "points": [64, 64]})
+    _, held = cut_windows(InstrumentSurface.model_validate(given), cell, range(4), 4, 0)
+    assert held.filled == pytest.approx((0.2,) * 4)
+
+
+@pytest.mark.parametrize(
+    ("degrees", "periodic", "cautioned"),
+    [(30, "mirror", True), (0, "mirror", False), (90, "mirror", False), (30, "window", False)],
+)
+def test_an_oblique_lay_that_is_mirrored_is_a_caution(cut, degrees, periodic, cautioned):
+    random = np.random.default_rng(seed=2)
+    angle = np.deg2rad(degrees)
+    x, y = np.meshgrid(np.arange(256.0), np.arange(256.0), indexing="ij")
+    across = -np.sin(angle) * x + np.cos(angle) * y
+    heights = sum(
+        1e-6 * np.cos(2.0 * np.pi * k * across / 256.0 + random.uniform(0.0, 6.0))
+        for k in np.arange(8.0, 20.0, 0.37)
+    )
+    _, held = cut(heights, "100 um", 100, periodic=periodic)
+    said = [one for one in held.cautions if "herringbone" in one]
+    assert bool(said) == cautioned
+    if cautioned:
+        assert "the lay runs at 30 degrees to the x axis" in said[0]
+        assert "herringbone of 30 and 150 degrees" in said[0]
