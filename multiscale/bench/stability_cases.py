@@ -92,13 +92,14 @@ def cut_structure(bar_over_cable: float, load_factor: float, parts: int) -> floa
 
 def joint(law_over_block: float, friction: float, parts: int) -> float:
     """Two blocks with a rough joint, by LATIN: distance of its tractions from the whole."""
-    from multiscale.laws import Exponential, Frictional
+    from multiscale.laws import Exponential, Sliders
     from multiscale.laws.bulk import Elastic
     from multiscale.macro.substructures import JointLoading, load_joint, stacked_blocks
 
     edge, pressure = 0.02, 20e6  # m, Pa
     decay = pressure * edge / (law_over_block * YOUNG)  # K = p / decay
-    law = Frictional(Exponential(10.0 * pressure, decay), friction)
+    normal = Exponential(10.0 * pressure, decay)
+    law = Sliders(normal, friction, pressures=(0.1 * pressure, 10.0 * pressure))
     blocks = stacked_blocks((edge, edge, edge), (2, 2, 2), [Elastic(YOUNG, POISSON)] * 2, [law])
     shear = min(0.5 * friction, 0.3) * pressure  # a half would tip the upper block
     loading = JointLoading((pressure,), shear=shear, cycles=1 if shear else 0, steps=2)
