@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from multiscale.bench.record import load_average, record, versions
-from multiscale.laws import Exponential, Frictional
+from multiscale.laws import Exponential, Sliders
 from multiscale.laws.bulk import Elastic
 from multiscale.macro import Body, solve_interface
 from multiscale.macro.continuum import box_mesh
@@ -70,11 +70,10 @@ class JointScene:
     parts: int
 
     @cached_property
-    def law(self) -> Frictional:
+    def law(self) -> Sliders:
         """Law of the joint, whose stiffness is its pressure over its decay length."""
-        return Frictional(
-            Exponential(PRESSURE, PRESSURE * EDGE / (self.ratio * YOUNG)), self.friction
-        )
+        normal = Exponential(PRESSURE, PRESSURE * EDGE / (self.ratio * YOUNG))
+        return Sliders(normal, self.friction, pressures=(0.1 * PRESSURE, 10.0 * PRESSURE))
 
     def cut(self, elements: tuple[int, int, int] = (4, 4, 3)) -> Problem:
         """One load case for each of ``TIMES``."""

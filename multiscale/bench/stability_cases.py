@@ -14,7 +14,7 @@ if TYPE_CHECKING:
     import xarray as xr
 
     from multiscale.io.surfaces import Surface
-    from multiscale.laws import Frictional
+    from multiscale.laws import Sliders
     from multiscale.laws.bulk import BulkLaw
     from multiscale.macro import LinkSystem
     from multiscale.macro.substructures.problem import Problem
@@ -116,13 +116,14 @@ def cut_structure(bar_over_cable: float, load_factor: float, parts: int) -> floa
 
 def joint(law_over_block: float, friction: float, parts: int) -> float:
     """Two blocks with a rough joint, by LATIN: distance of all tractions from one piece."""
-    from multiscale.laws import Exponential, Frictional
+    from multiscale.laws import Exponential, Sliders
     from multiscale.laws.bulk import Elastic
     from multiscale.macro.substructures import JointLoading, load_joint, stacked_blocks
 
     edge, pressure = 0.02, 20e6  # m, Pa
     decay = pressure * edge / (law_over_block * YOUNG)  # K = p / decay
-    law = Frictional(Exponential(10.0 * pressure, decay), friction)
+    normal = Exponential(10.0 * pressure, decay)
+    law = Sliders(normal, friction, pressures=(0.1 * pressure, 10.0 * pressure))
     blocks = stacked_blocks((edge, edge, edge), (2, 2, 2), [Elastic(YOUNG, POISSON)] * 2, [law])
     shear = min(0.5 * friction, 0.3) * pressure  # a half would tip the upper block
     loading = JointLoading((pressure,), shear=shear, cycles=1 if shear else 0, steps=2)
@@ -137,7 +138,7 @@ def joint(law_over_block: float, friction: float, parts: int) -> float:
 
 def solve_in_one_piece(
     problem: "Problem",
-    law: "Frictional",
+    law: "Sliders",
     steps: "Iterable[tuple[np.ndarray, np.ndarray]]",
     scales: tuple[float, float, float],
 ) -> np.ndarray:
@@ -147,7 +148,7 @@ def solve_in_one_piece(
     ----------
     problem : Problem
         Bodies and joints without links, cut or not.
-    law : Frictional
+    law : Sliders
         Law of all joints.
     steps : iterable of (ndarray, ndarray)
         Load factors of a step, and the jumps from which Newton's method starts, shape

@@ -11,7 +11,7 @@ import numpy as np
 from multiscale.bench.measure import Measured, measure
 from multiscale.bench.record import load_average, record, versions
 from multiscale.bench.structures import distance, scene_grid
-from multiscale.laws import Exponential, Frictional
+from multiscale.laws import Exponential, Sliders
 from multiscale.laws.bulk import Elastic
 from multiscale.linalg import factorise
 from multiscale.macro import (
@@ -139,7 +139,7 @@ def make_scenes(*, quick: bool = False) -> list[Scene]:
     )
     cut = cut_bodies([plate], [split_boxes(plate, (4, 4, 1))])
     scenes.append(Scene("plate in 4 x 4", cut, np.ones((1, 1)), repeats=repeats))
-    law = Frictional(Exponential(2e9, 0.2e-6), 0.2)
+    law = Sliders(Exponential(2e9, 0.2e-6), 0.2, pressures=(1e6, 1e8))
     elements = (8 * fine, 4 * fine, 4 * fine)
     blocks = stacked_blocks((0.04, 0.02, 0.02), elements, [Elastic(210e9, 0.3)] * 2, [law])
     load = np.array([[20e6, 3e6]])  # Pa; half of the joint slips

@@ -7,7 +7,7 @@ import numpy as np
 
 from multiscale.errors import ConvergenceError
 
-__all__ = ["InterfaceLaw", "NormalLaw", "Response", "climb"]
+__all__ = ["InterfaceLaw", "NormalLaw", "Response", "Sliding", "climb"]
 
 
 @dataclass(frozen=True)
@@ -29,6 +29,26 @@ class Response:
     state: np.ndarray
 
 
+@dataclass(frozen=True)
+class Sliding:
+    """What a step along the interface does, at every point.
+
+    Attributes
+    ----------
+    slipping : ndarray
+        Share of the pressure on what slips in the step, 0 to 1.
+    dissipated : ndarray
+        Work of the traction along the interface at the end of the step less the change of the
+        energy stored, J/m²: never negative, and what slip takes to first order in the step.
+    stored : ndarray
+        Energy that the tangential traction has stored at the end of the step, J/m².
+    """
+
+    slipping: np.ndarray
+    dissipated: np.ndarray
+    stored: np.ndarray
+
+
 class InterfaceLaw(ABC):
     """Maps a displacement jump to a traction, pointwise.
 
@@ -42,6 +62,20 @@ class InterfaceLaw(ABC):
     @abstractmethod
     def respond(self, jump: np.ndarray, state: np.ndarray) -> Response:
         """Traction, tangent and new state for a jump of shape (d, ...), m."""
+
+    @property
+    def normal_law(self) -> "InterfaceLaw":
+        """The law of the gap alone, which is all of a law without tangential traction."""
+        return self
+
+    def at_rest(self, jump: np.ndarray) -> np.ndarray:
+        """State of an interface that rests at a jump without tangential traction."""
+        return np.zeros((self.n_state, *jump.shape[1:]))
+
+    def sliding(self, jump: np.ndarray, state: np.ndarray) -> Sliding:
+        """Slip and energy of the step from a state to a jump; without resistance all slips."""
+        none = np.zeros(jump.shape[1:])
+        return Sliding(none + 1.0, none, none)
 
     def resolvent(
         self, source: np.ndarray, stiffness: float | np.ndarray, state: np.ndarray
@@ -90,9 +124,12 @@ class NormalLaw(InterfaceLaw):
     :math:`g = [\![u_N]\!] + g_0`, and says what pressure and stiffness are. Then
 
     .. math:: t_N = -p(g), \qquad t_T = 0, \qquad \mathrm{d}t_N / \mathrm{d}g = K(g).    \tag{2}
+
+    The data of a law with ``pressure_range``, Pa, end there.
     """
 
     gap: float
+    pressure_range = (0.0, np.inf)
 
     @abstractmethod
     def pressure(self, gap: np.ndarray) -> np.ndarray:
@@ -105,6 +142,16 @@ class NormalLaw(InterfaceLaw):
     @abstractmethod
     def gap_at(self, pressure: np.ndarray) -> np.ndarray:
         """Local gap, m, at which the pressure, Pa, is reached: the inverse of ``pressure``."""
+
+    def elastic_curve(self, low: float, high: float) -> tuple["NormalLaw", float, float]:
+        """Curve on which the pressure falls without loss, and its pressures between two, Pa."""
+        return self, low, high
+
+    def on_curve(
+        self, gap: np.ndarray, state: np.ndarray
+    ) -> tuple[np.ndarray, float | np.ndarray, float | np.ndarray]:
+        """Gap on the elastic curve of a local gap, m, and the scales of its force and length."""
+        return gap, 1.0, 1.0
 
     def respond(self, jump: np.ndarray, state: np.ndarray) -> Response:
         """Evaluate (2)."""

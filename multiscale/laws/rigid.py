@@ -68,7 +68,7 @@ class RigidContact(InterfaceLaw):
         pressure = np.maximum(0.0, -source[0] - k[0] * self.gap)
         held = source[1:] - k[1:] * state  # traction that would hold the point
         limit = self.friction * pressure
-        traction = limit_traction(held / k[1:], 1.0 / k[1:], 0.0, limit)
+        traction = limit_traction(held / k[1:], 1.0 / k[1:], limit)
         slides = np.sqrt(np.sum(held**2, axis=0)) > limit
         slip = np.where(slides, (held - traction) / k[1:], 0.0)
         normal = np.where(pressure > 0.0, -self.gap, source[0] / k[0])

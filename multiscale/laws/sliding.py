@@ -11,17 +11,13 @@ NEGLIGIBLE, TINY = 1e-14, 1e-150
 """Limit, relative to the traction without one, that is as good as none; and least divisor."""
 
 
-def limit_traction(
-    drive: np.ndarray, softness: np.ndarray, least: float, limit: np.ndarray
-) -> np.ndarray:
+def limit_traction(drive: np.ndarray, softness: np.ndarray, limit: np.ndarray) -> np.ndarray:
     r"""Find the tangential traction on a search direction, no larger than a limit.
 
     Parameters
     ----------
     drive, softness : ndarray, shape (2, ...)
         :math:`d` and :math:`a \ge 0`; only their ratio to each other has a unit, Pa.
-    least : float
-        :math:`\sigma_0 \ge 0`.
     limit : ndarray, shape (...)
         :math:`\ell \ge 0`, Pa.
 
@@ -32,7 +28,7 @@ def limit_traction(
 
     Notes
     -----
-    With the least :math:`\sigma \ge \sigma_0` that allows it,
+    With the least :math:`\sigma \ge 0` that allows it,
 
     .. math:: t_i = \frac{d_i}{\sigma + a_i}, \qquad |t| \le \ell.    \tag{1}
 
@@ -45,7 +41,7 @@ def limit_traction(
     .. [1] J. J. Moré, D. C. Sorensen, SIAM J. Sci. Stat. Comput. 4 (1983) 553-572,
        doi:10.1137/0904038.
     """
-    sigma = np.full(limit.shape, float(least))
+    sigma = np.zeros(limit.shape)
     for _ in range(MAX_ITERATIONS):
         traction = drive / np.maximum(sigma + softness, TINY)  # (1)
         size = np.sqrt(np.sum(traction**2, axis=0))

@@ -50,6 +50,11 @@ class StretchedLaw(NormalLaw):
     def __post_init__(self) -> None:
         check_parameter(self, "factor")
 
+    @property
+    def pressure_range(self) -> tuple[float, float]:  # type: ignore[override]
+        """Pressures of the data of the other law, Pa."""
+        return self.law.pressure_range
+
     def pressure(self, gap: np.ndarray) -> np.ndarray:
         """Pressure, Pa, at a local gap, m."""
         return self.law.pressure(self._own(gap))

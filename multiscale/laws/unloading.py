@@ -6,6 +6,7 @@ import numpy as np
 
 from multiscale.laws.base import InterfaceLaw, NormalLaw, Response, climb
 from multiscale.laws.parameters import check_parameter
+from multiscale.laws.power import PowerLaw
 
 __all__ = ["HystereticLaw", "UnloadingBranch"]
 
@@ -78,6 +79,23 @@ class HystereticLaw(InterfaceLaw):
     def gap(self) -> float:
         """Initial gap, m."""
         return self.loading.gap
+
+    @property
+    def pressure_range(self) -> tuple[float, float]:
+        """Pressures of the data of the loading law, Pa."""
+        return self.loading.pressure_range
+
+    def elastic_curve(self, low: float, high: float) -> tuple[NormalLaw, float, float]:
+        r"""Curve :math:`\langle 1 - x\rangle_+^n` of (1), and its part between two pressures."""
+        return PowerLaw(1.0, 1.0, self.exponent), low / high, 1.0
+
+    def on_curve(
+        self, gap: np.ndarray, state: np.ndarray
+    ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        r"""Place :math:`x = (g - g_m) / \ell_m` on (1), and its scales :math:`p_m, \ell_m`."""
+        peak = state[0]
+        branch = self.branch(np.where(peak > 0.0, peak, 1.0))  # without a peak nothing is carried
+        return np.maximum(gap - branch.corner, 0.0) / branch.length, peak, branch.length
 
     def branch(self, peak_pressure: np.ndarray) -> "UnloadingBranch":
         """Unloading branch (1) from a largest pressure :math:`p_m > 0`, Pa; any shape."""

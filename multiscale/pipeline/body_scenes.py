@@ -7,7 +7,7 @@ import numpy as np
 
 from multiscale.errors import CaseError
 from multiscale.io import open_dataset, open_law
-from multiscale.laws import Damaged, Frictional, NormalLaw
+from multiscale.laws import Damaged, NormalLaw, Sliders
 from multiscale.laws.bulk import AnisotropicElastic, Elastic
 from multiscale.macro import Body, cut_bodies, solve_latin
 from multiscale.macro.continuum import box_mesh
@@ -27,6 +27,7 @@ from multiscale.pipeline.body_budget import with_joint_budget
 from multiscale.pipeline.body_settings import (
     JointLawSettings,
     LapJoint,
+    Loading,
     Plate,
     StackedBlocks,
     Substructures,
@@ -104,10 +105,11 @@ def cut_scene(scene: "Scene", law: Path | None = None) -> Problem:
 
 def make_assembly(scene: "Scene", normal: NormalLaw) -> RoughAssembly:
     """Build the bodies and joints of a scene, whose sound joints have a normal law."""
-    given, joint = scene.structure, scene.joint
+    given, joint, loading = scene.structure, scene.joint, scene.loading
     assert isinstance(given, StackedBlocks | LapJoint)
     assert joint is not None
-    laws = _laws(joint, given.joints, normal)
+    assert loading is not None
+    laws = _laws(joint, given.joints, normal, loading)
     materials = [_material(given, 1.0 - D) for D in _damage(given)]
     if isinstance(given, StackedBlocks):
         return stacked_blocks(given.size, given.elements, materials, laws)
@@ -140,10 +142,16 @@ def _open_law(scene: "Scene", law: Path | None) -> "xr.Dataset":
     return open_law(path)
 
 
-def _laws(joint: JointLawSettings, count: int, sound: NormalLaw) -> list[Frictional]:
+def _laws(joint: JointLawSettings, count: int, sound: NormalLaw, loading: Loading) -> list[Sliders]:
     """Law of every joint: the fitted one, less its damage, with friction."""
     return [
-        Frictional(Damaged(sound, D) if D else sound, joint.friction, joint.stiffness_ratio)
+        Sliders(
+            Damaged(sound, D) if D else sound,
+            joint.friction,
+            joint.stiffness_ratio,
+            pressures=loading.joint_pressures,
+            slabs=loading.slabs,
+        )
         for D in joint.damage or (0.0,) * count
     ]
 

@@ -23,6 +23,13 @@ QUICK = 4
 FEW = 2
 """Load steps to the amplitude, at most."""
 
+LEAST, MOST = 0.1, 3.0
+"""Pressures of a joint that count, relative to the least and the largest preload."""
+
+SLABS, FEW_SLABS = 32, 8
+"""Slabs of the law of a joint under cycles, and of one that is only pressed: their shear errs by up
+to 1 and 8 % of the friction limit."""
+
 Positive = Annotated[Count, Field(ge=1)]
 Edges = tuple[Length, Length, Length]
 Elements = tuple[Positive, Positive, Positive]
@@ -220,7 +227,7 @@ class JointLawSettings(Settings):
     friction : number
         Coefficient of Coulomb's law.
     stiffness_ratio : number
-        Tangential over normal stiffness.
+        Tangential over normal stiffness, of springs that slip one after the other.
     damage : list of numbers
         Of every joint, from below: it carries 1 - D times what the law says. All are sound if not
         given.
@@ -257,6 +264,16 @@ class Loading(Settings):
         if (self.shear is None) != (self.cycles == 0):
             raise ValueError("give both shear and cycles, or neither")
         return self
+
+    @property
+    def joint_pressures(self) -> tuple[float, float]:
+        """Pressures for which the law of the joints is fine, Pa."""
+        return LEAST * min(self.preloads), MOST * max(self.preloads)
+
+    @property
+    def slabs(self) -> int:
+        """Slabs of the law of the joints: the loss of a cycle is a small difference."""
+        return SLABS if self.cycles else FEW_SLABS
 
     def quick(self) -> Self:
         """Return one cycle of few steps."""

@@ -95,6 +95,7 @@ def _body_needs(scene: Scene) -> Needs:
         joint_points=face * joints,
         substructures=bodies * cut.parts[0] * cut.parts[1],
         coarse=cut.coarse,
+        slabs=scene.loading.slabs if scene.loading else 0,
     )
 
 

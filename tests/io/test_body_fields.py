@@ -8,7 +8,7 @@ import pytest
 
 from multiscale.errors import CaseError, SchemaError
 from multiscale.io import write_body_fields
-from multiscale.laws import Damaged, Exponential, Frictional
+from multiscale.laws import Damaged, Exponential, Sliders
 from multiscale.laws.bulk import Elastic
 from multiscale.macro import Body
 from multiscale.macro.continuum import box_mesh
@@ -39,7 +39,7 @@ def volumes(mesh):
 @pytest.fixture(scope="module")
 def result():
     materials = [Elastic((1.0 - DAMAGE) * E, 0.0), Elastic(E, 0.0)]
-    law = Frictional(Damaged(NORMAL, 0.5), 0.2)
+    law = Sliders(Damaged(NORMAL, 0.5), 0.2, pressures=(1e6, 1e8))
     blocks = stacked_blocks((0.02, 0.02, 0.01), (2, 3, 2), materials, [law])
     loaded = load_joint(blocks, JointLoading(PRELOADS), parts=(2, 1))
     return add_body_fields(loaded, blocks.bodies, damage=(DAMAGE, 0.0))

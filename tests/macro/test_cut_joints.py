@@ -5,7 +5,7 @@ import pytest
 from scipy.sparse.linalg import spsolve
 
 from multiscale.errors import CaseError
-from multiscale.laws import Exponential, Frictional, RigidContact
+from multiscale.laws import Exponential, RigidContact, Sliders
 from multiscale.laws.bulk import Elastic
 from multiscale.macro import Body, solve_interface
 from multiscale.macro.continuum.blocks import box_mesh
@@ -46,7 +46,7 @@ def stacked_blocks(law, parts, times=(1.0,), contrast=1.0, tilt=0.2):
 
 @pytest.mark.parametrize("parts", [1, 2])
 def test_a_rough_joint_with_friction_loaded_and_unloaded_is_the_monolithic_one(parts):
-    law = Frictional(Exponential(1e9, 0.4e-6), 0.2)
+    law = Sliders(Exponential(1e9, 0.4e-6), 0.2, pressures=(1e6, 1e8))
     times = (1.0, 2.0, 3.0, 1.5)  # pressed, pushed twice, and pushed back
     problem = stacked_blocks(law, parts, times)
     result = solve_latin(problem, np.eye(len(times)))
@@ -54,7 +54,7 @@ def test_a_rough_joint_with_friction_loaded_and_unloaded_is_the_monolithic_one(p
 
     whole = assemble(problem)
     K, load, jump, weight = whole.stiffness, whole.load, whole.jump, whole.weight
-    state, u = np.zeros((4, weight.size)), None
+    state, u = np.zeros((law.n_state, weight.size)), None
     for step in range(len(times)):
         solution = solve_interface(K, load[:, step], jump, weight, law, state=state, start=u)
         assert solution.converged
@@ -72,7 +72,7 @@ def test_a_rough_joint_with_friction_loaded_and_unloaded_is_the_monolithic_one(p
 
 
 def test_a_joint_that_is_pushed_beyond_its_friction_ends_the_path():
-    law = Frictional(Exponential(1e9, 0.4e-6), 0.2)  # 4 MPa are the limit
+    law = Sliders(Exponential(1e9, 0.4e-6), 0.2, pressures=(1e6, 1e8))  # 4 MPa are the limit
     result = solve_latin(stacked_blocks(law, 1, (1.0, 6.0, 1.0)), np.eye(3), max_iterations=60)
     np.testing.assert_array_equal(result.converged, [1, 0, 0])
     assert np.isnan(result.displacement[1:]).all()
@@ -80,7 +80,8 @@ def test_a_joint_that_is_pushed_beyond_its_friction_ends_the_path():
 
 def law_of_stiffness(ratio):
     """Law whose stiffness at 20 MPa is a ratio of that of a block."""
-    return Frictional(Exponential(20e6, 20e6 * 0.02 / (ratio * 210e9)), 0.2)
+    normal = Exponential(20e6, 20e6 * 0.02 / (ratio * 210e9))
+    return Sliders(normal, 0.2, pressures=(1e6, 1e8))
 
 
 def whole_blocks(problem, law, steps=1):
@@ -122,8 +123,8 @@ def test_joints_from_a_millionth_of_the_stiffness_of_the_blocks_to_1e12_converge
 @pytest.mark.parametrize(
     ("solve", "law"),
     [
-        (solve_latin, Frictional(Exponential(1e9, 0.4e-6, gap=1e-3), 0.2)),
-        (solve_schur, Frictional(Exponential(1e9, 0.4e-6, gap=1e-3), 0.2)),
+        (solve_latin, Sliders(Exponential(1e9, 0.4e-6, gap=1e-3), 0.2, pressures=(1e6, 1e8))),
+        (solve_schur, Sliders(Exponential(1e9, 0.4e-6, gap=1e-3), 0.2, pressures=(1e6, 1e8))),
         (solve_latin, RigidContact(0.2)),
     ],
 )

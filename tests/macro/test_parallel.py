@@ -19,7 +19,7 @@ PROGRAM = dedent(
     """
     import sys
     import numpy as np
-    from multiscale.laws import Exponential, Frictional
+    from multiscale.laws import Exponential, Sliders
     from multiscale.macro import cut_links, solve_latin, solve_schur, tensegrity_grid
     from multiscale.macro.substructures import split_grid, world
     from tests.macro.test_schur import thin_plate
@@ -27,7 +27,7 @@ PROGRAM = dedent(
 
     team, solve = world(), {"latin": solve_latin, "schur": solve_schur}[sys.argv[2]]
     grid = tensegrity_grid(8, prestress=2550.0 / 4.0)
-    law = Frictional(Exponential(1e9, 0.4e-6), 0.2)
+    law = Sliders(Exponential(1e9, 0.4e-6), 0.2, pressures=(1e6, 1e8))
     scenes = {
         "tension": (cut_links(grid, split_grid(grid, (4, 4))), np.array([0.5, 1.0])),
         "plate": (thin_plate(4), 1.0),

@@ -7,7 +7,7 @@ from scipy.sparse import block_diag, csr_array
 from scipy.sparse.linalg import spsolve
 
 from multiscale.errors import CaseError
-from multiscale.laws import Exponential, Frictional
+from multiscale.laws import Exponential, Sliders
 from multiscale.laws.bulk import Elastic
 from multiscale.linalg import factorise
 from multiscale.macro import Body, solve_interface, solve_static, tensegrity_grid
@@ -121,7 +121,7 @@ def monolithic(problem, law, steps):
 
 @pytest.mark.parametrize("parts", [1, 2])
 def test_a_rough_joint_with_friction_loaded_and_unloaded_is_the_monolithic_one(parts):
-    law = Frictional(Exponential(1e9, 0.4e-6), 0.2)
+    law = Sliders(Exponential(1e9, 0.4e-6), 0.2, pressures=(1e6, 1e8))
     times = (1.0, 2.0, 3.0, 1.5)  # pressed, pushed twice, and pushed back
     problem = stacked_blocks(law, parts, times)
     result = solve_schur(problem, np.eye(len(times)))
@@ -182,7 +182,7 @@ def test_what_did_not_converge_is_no_result(grids):
     np.testing.assert_array_equal(result.converged, [0, 0])
     assert np.isnan(result.tension).all()
     assert np.isnan(result.displacement).all()
-    law = Frictional(Exponential(1e9, 0.4e-6), 0.2)  # 4 MPa are the limit
+    law = Sliders(Exponential(1e9, 0.4e-6), 0.2, pressures=(1e6, 1e8))  # 4 MPa are the limit
     pushed = solve_schur(stacked_blocks(law, 1, (1.0, 6.0, 1.0)), np.eye(3), max_iterations=20)
     np.testing.assert_array_equal(pushed.converged, [1, 0, 0])
     assert np.isnan(pushed.displacement[1:]).all()

@@ -7,7 +7,7 @@ import pytest
 
 from multiscale.convergence import Status
 from multiscale.errors import CaseError, ConvergenceError
-from multiscale.laws import Frictional
+from multiscale.laws import Sliders
 from multiscale.laws.bulk import Elastic
 from multiscale.macro import Block, RoughJoint, assemble_joint, rough_joint
 from multiscale.macro.monolithic import solve_interface
@@ -152,7 +152,7 @@ def test_substructures_take_cells_with_friction(fitted):
     steel = Elastic(210e9, 0.3)
     results = []
     for normal in (CellLaw(rough_cell(), 0.1 * RMS), fitted):
-        law = Frictional(normal, friction=0.2)
+        law = Sliders(normal, friction=0.2, pressures=(1e6, 3e7), slabs=8)
         blocks = stacked_blocks((0.02, 0.02, 0.01), (2, 2, 1), [steel, steel], [law])
         results.append(load_joint(blocks, JointLoading((1e7,)), parts=(2, 1)))
         assert results[-1]["converged"].values.all()

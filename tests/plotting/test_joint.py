@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from matplotlib.figure import Figure
 
-from multiscale.laws import Exponential, Frictional
+from multiscale.laws import Exponential, Sliders
 from multiscale.laws.bulk import Elastic
 from multiscale.macro.substructures import JointLoading, load_joint, stacked_blocks
 from multiscale.plotting import draw_joint, plot_hysteresis, plot_joint_plan
@@ -12,7 +12,7 @@ from multiscale.plotting import draw_joint, plot_hysteresis, plot_joint_plan
 
 @pytest.fixture(scope="module")
 def result():
-    law = Frictional(Exponential(1e9, 0.2e-6), 0.2)
+    law = Sliders(Exponential(1e9, 0.2e-6), 0.2, pressures=(1e6, 1e8))
     blocks = stacked_blocks((0.03, 0.02, 0.01), (3, 2, 1), [Elastic(70e9, 0.3)] * 2, [law])
     loading = JointLoading((2e6, 10e6), shear=1.6e6, cycles=1, steps=3)
     return load_joint(blocks, loading, tolerance=1e-6)

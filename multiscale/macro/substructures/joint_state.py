@@ -6,8 +6,8 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from scipy.sparse import csr_array, diags_array
 
-from multiscale.laws.base import InterfaceLaw
-from multiscale.laws.frictional import Frictional
+from multiscale.errors import ConvergenceError
+from multiscale.laws.base import InterfaceLaw, Sliding
 from multiscale.macro.substructures.assembled import Assembled
 from multiscale.macro.substructures.problem import Interface
 from multiscale.macro.substructures.stack import Factors
@@ -15,7 +15,16 @@ from multiscale.macro.substructures.stack import Factors
 if TYPE_CHECKING:
     import xarray as xr
 
-__all__ = ["OPENED", "SLIPS", "STICKS", "cautions", "contact_state", "stiffness", "without_slip"]
+__all__ = [
+    "OPENED",
+    "SLIPS",
+    "STICKS",
+    "advance",
+    "cautions",
+    "contact_state",
+    "stiffness",
+    "without_slip",
+]
 
 OPENED, STICKS, SLIPS = 0, 1, 2
 """States of a point of a joint."""
@@ -23,9 +32,11 @@ OPENED, STICKS, SLIPS = 0, 1, 2
 OPEN = 1e-6
 """Pressure, relative to the largest of the step, up to which a point counts as open."""
 
-CREEP = 1e-3
-"""Slip in a step up to which a point counts as sticking, relative to its elastic displacement at
-the friction limit."""
+MOST = 0.5
+"""Share of the pressure of a point above which what slips makes it a slipping one."""
+
+GAIN = 1e-12
+"""Energy that rounding may win in a step, relative to the largest that a point has stored."""
 
 
 def contact_state(joints: Sequence[Interface], result: "xr.Dataset") -> dict[str, Any]:
@@ -40,11 +51,17 @@ def contact_state(joints: Sequence[Interface], result: "xr.Dataset") -> dict[str
     Returns
     -------
     dict
-        Variables of ``MACRO_RESULT``, NaN where a step failed. A point without friction slips;
-        one that stays at its limit without further slip sticks.
+        Variables of ``MACRO_RESULT``, NaN where a step failed. A point slips if what slips in the
+        step carries most of its pressure, so that one without friction slips, and one that stays
+        at its limit without further slip sticks.
+
+    Raises
+    ------
+    ConvergenceError
+        If a step wins energy; see :func:`advance`.
     """
     pressure = -result["traction"].values[..., 0]
-    state = np.where(_slips(joints, result), SLIPS, STICKS)
+    state = np.where(_slipping(joints, result) > MOST, SLIPS, STICKS)
     state = np.where(pressure <= OPEN * pressure.max(axis=1, keepdims=True), OPENED, state)
     failed = np.isnan(pressure)
     largest = _at_points(joints, "pressure_range", (0.0, np.inf))[:, 1]
@@ -125,38 +142,50 @@ def cautions(result: "xr.Dataset") -> Iterator[str]:
         )
 
 
-def _slips(joints: Sequence[Interface], result: "xr.Dataset") -> np.ndarray:
-    """Whether a point slips in a step, shape (steps, points): eq (1) of :class:`Frictional`."""
-    traction = np.moveaxis(result["traction"].values, 2, 0)  # (3, steps, points)
-    jump = np.moveaxis(result["jump"].values, 2, 0)
-    before = np.concatenate([traction[1:], jump[1:]])
-    before = np.concatenate([np.zeros_like(before[:, :1]), before[:, :-1]], axis=1)
-    found, first = [], 0
+def _slipping(joints: Sequence[Interface], result: "xr.Dataset") -> np.ndarray:
+    """Share of the pressure of a point that slips in a step, shape (steps, points).
+
+    The jumps of a path tell the states of the laws.
+    """
+    jump = np.moveaxis(result["jump"].values, 2, 0)  # (3, steps, points)
+    found, first = np.full(jump.shape[1:], np.nan), 0
     for face in joints:
-        points, law = slice(first, first + face.weight.size), face.law
+        law, points = face.law, slice(first, first + face.weight.size)
         first = points.stop
-        if not isinstance(law, Frictional):
-            found.append(np.ones(jump[0, :, points].shape, dtype=bool))
-            continue
-        gap = jump[0, :, points] + law.normal.gap
-        k = law.stiffness_ratio * law.normal.stiffness(gap)
-        trial = before[:2, :, points] + k * (jump[1:, :, points] - before[2:, :, points])
-        limit = law.friction * law.normal.pressure(gap)
-        found.append(np.hypot(*trial) > (1.0 + CREEP) * limit)
-    return np.concatenate(found, axis=1)
+        assert law is not None
+        state = np.zeros((law.n_state, face.weight.size))
+        for step in np.flatnonzero(result["converged"].values == 1):
+            state, account = advance(law, jump[:, step, points], state)
+            found[step, points] = account.slipping
+    return found
+
+
+def advance(law: InterfaceLaw, jump: np.ndarray, state: np.ndarray) -> tuple[np.ndarray, Sliding]:
+    """State after a step of a joint, and what the step did.
+
+    Raises
+    ------
+    ConvergenceError
+        If the dissipation, work less the change of the energy stored, is negative at a point.
+    """
+    account = law.sliding(jump, state)
+    won, most = -account.dissipated.min(initial=0.0), account.stored.max(initial=0.0)
+    if won > GAIN * most:
+        raise ConvergenceError(
+            f"a step wins {won:.3g} J/m2 at a point of a joint that stores {most:.3g} J/m2 at "
+            f"most: {type(law).__name__} is wrong, as is every answer of the path; report this scene"
+        )
+    return law.respond(jump, state).state, account
 
 
 def without_slip(law: InterfaceLaw, jump: np.ndarray) -> np.ndarray:
     """Diagonal of the tangent about a jump at which nothing slips, shape (3, points), Pa/m."""
-    state = np.zeros((law.n_state, jump.shape[1]))
-    if isinstance(law, Frictional):
-        state[2:] = jump[1:]  # far from the limit, where the traction is zero
-    tangent = law.respond(jump, state).tangent
+    tangent = law.respond(jump, law.at_rest(jump)).tangent
     return np.stack([tangent[i, i] for i in range(3)])
 
 
 def _at_points(joints: Sequence[Interface], name: str, default: Any) -> np.ndarray:
     """Give every point what the normal law of its joint has of that name."""
-    laws = [face.law.normal if isinstance(face.law, Frictional) else face.law for face in joints]
+    laws = [face.law.normal_law for face in joints if face.law is not None]
     values = np.array([getattr(law, name, default) for law in laws], dtype=float)
     return np.repeat(values, [face.weight.size for face in joints], axis=0)

@@ -17,6 +17,7 @@ from multiscale.macro.substructures.joint_directions import (
     joint_directions,
     law_stiffness,
 )
+from multiscale.macro.substructures.joint_state import advance
 from multiscale.macro.substructures.parallel import Alone, Team, share
 from multiscale.macro.substructures.problem import Problem
 from multiscale.macro.substructures.stack import Factors, lay_out_sides, stack
@@ -274,7 +275,7 @@ class Latin:
         self.largest = max(self.largest, self.size(found))
         for index, _, law in self.joints:
             jump = self.joint_answer(index, law, self.r)[0]
-            self.states[index] = law.respond(jump, self.states[index]).state
+            self.states[index], _ = advance(law, jump, self.states[index])
 
     def slack(self) -> np.ndarray:
         """Distance by which the ends of every link miss it, shape (rows,), m."""

@@ -18,6 +18,7 @@ def cut_needs(
     substructures: int = 1,
     coarse: bool = True,
     moving: bool = False,
+    slabs: int = 0,
 ) -> Needs:
     """Return what :func:`solve_latin` takes, or :func:`simulate_latin`.
 
@@ -34,6 +35,8 @@ def cut_needs(
         Whether a coarse problem is wanted.
     moving : bool
         Whether the structure is followed in time.
+    slabs : int
+        Sliders at a point of a joint, if its law has them.
 
     Examples
     --------
@@ -52,7 +55,8 @@ def cut_needs(
         ),
         "joint laws": (
             joint_points > 0,
-            "jump and traction, three components a point",
+            "jump and traction, three components a point"
+            + (f"; {slabs} slabs of sliders" if slabs else ""),
             "the interfaces are perfect",
         ),
         "coarse problem": (

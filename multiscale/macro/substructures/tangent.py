@@ -14,6 +14,7 @@ from multiscale.macro.substructures.balancing import Balancing, lay_out, prepare
 from multiscale.macro.substructures.carried import carry_joints
 from multiscale.macro.substructures.coarse import coarse_basis
 from multiscale.macro.substructures.condensation import Condensed, condense, split
+from multiscale.macro.substructures.joint_state import advance
 from multiscale.macro.substructures.parallel import Alone, Team, share, together
 from multiscale.macro.substructures.problem import Problem
 from multiscale.macro.substructures.stack import Factors, lay_out_sides, stack
@@ -300,4 +301,4 @@ class Newton:
     def commit(self) -> None:
         """Take the state of the laws at the present displacement for the next step."""
         for index, (joint, jump) in enumerate(zip(self.joints, self.jump, strict=True)):
-            self.states[index] = joint.law.respond(jump, self.states[index]).state
+            self.states[index], _ = advance(joint.law, jump, self.states[index])

@@ -1,0 +1,176 @@
+"""Machine code of the bed of sliders: equations (a) to (d) of :class:`Sliders`, point by point.
+
+``edges`` has the gap, pressure and stiffness at the upper edge of every slab on the elastic curve,
+shape (3, slabs). ``start`` and ``end`` of a step have, of every point, the gap, pressure and
+stiffness on that curve and the scales of force and length, shape (5, points).
+"""
+
+import numba
+import numpy as np
+
+__all__ = ["resolve", "respond"]
+
+TINY = 1e-300
+"""Least divisor."""
+
+NEAR = 1e-5
+"""Change of the gap, relative to pressure over stiffness, below which that of the load of a slab
+is rounding."""
+
+MAX_ITERATIONS, HALVINGS, CLOSE = 100, 40, 1e-13
+"""Of Newton's method, and the forces out of balance, relative to all of them, at which it ends."""
+
+
+@numba.njit(cache=True, error_model="numpy")
+def _slab(i, place, c, edges):  # type: ignore[no-untyped-def]
+    """Load and stiffness (a) of slab i at point c."""
+    gap, upper = place[0, c], edges[0, i]
+    if gap >= upper:
+        return 0.0, 0.0
+    h, p, K = gap, place[1, c], place[2, c]
+    if i > 0 and gap < edges[0, i - 1]:
+        h, p, K = edges[0, i - 1], edges[1, i - 1], edges[2, i - 1]
+    w = max(K - edges[2, i], 0.0)
+    N = p - edges[1, i] - edges[2, i] * (upper - h) + w * (h - gap)  # (a)
+    N = min(max(N, w * (h - gap)), w * (upper - gap))  # what rounding leaves of it
+    return place[3, c] * N, place[3, c] / place[4, c] * w
+
+
+@numba.njit(cache=True, error_model="numpy")
+def _step(i, c, start, end, loaded, edges):  # type: ignore[no-untyped-def]
+    """Load and stiffness at the end; share of the force kept, and m of (b); the rule of m."""
+    N0, w0 = _slab(i, start, c, edges)
+    N, w = _slab(i, end, c, edges)
+    keep = w / loaded if loaded > w else 1.0
+    fall = (start[0, c] - end[0, c]) * end[4, c]
+    flows = start[3, c] != end[3, c]
+    if flows or abs(start[0, c] - end[0, c]) * end[2, c] <= NEAR * end[1, c]:
+        return N, w, keep, min(0.5 * (w0 + w), w), 0.5 if w0 < w else 1.0
+    if fall <= 0.0:
+        return N, w, keep, w, 1.0
+    return N, w, keep, min(max((N - N0) / fall, min(w0, w)), w), 0.0
+
+
+@numba.njit(parallel=True, cache=True, error_model="numpy")
+def respond(jump, state, start, end, slope, edges, friction, kappa, creep):  # type: ignore[no-untyped-def]
+    """Tangential traction, tangent, new state and account of a step, (a) to (d).
+
+    ``slope`` has, of every point, the derivatives with the gap of the stiffness of the slab that
+    holds the gap, and of the logarithms of the scales of force and of force over length.
+    """
+    slabs, points = edges.shape[1], jump.shape[1]
+    traction, tangent = np.empty((2, points)), np.empty((2, 3, points))
+    new, account = np.empty(state.shape), np.empty((4, points))
+    for c in numba.prange(points):
+        x = jump[1, c] - state[3 * slabs + 1, c]
+        y = jump[2, c] - state[3 * slabs + 2, c]
+        tx = ty = d_xn = d_yn = d_xx = d_xy = d_yy = stored = left = load = slipping = 0.0
+        for i in range(slabs):
+            a, b, l0 = state[i, c], state[slabs + i, c], state[2 * slabs + i, c]
+            stored += (a * a + b * b) / l0 if l0 > 0.0 else 0.0
+            N, w, keep, m, part = _step(i, c, start, end, l0, edges)
+            if w == 0.0:  # open
+                new[i, c] = new[slabs + i, c] = new[2 * slabs + i, c] = 0.0
+                continue
+            held = i == 0 or end[0, c] >= edges[0, i - 1]
+            dw = w * slope[2, c] + (slope[0, c] if held else 0.0)
+            dN = N * slope[1, c] if slope[1, c] != 0.0 else -w
+            fall = (start[0, c] - end[0, c]) * end[4, c]
+            dm = part * dw if part > 0.0 else (dN + m) / fall
+            lost = dw / l0 if l0 > w else 0.0
+            fx, fy = lost * a + dm * x, lost * b + dm * y  # of the trial force with the gap
+            a, b = keep * a, keep * b
+            before = a * a + b * b
+            moment = 2.0 * (a * x + b * y) + m * (x * x + y * y)
+            a, b = a + m * x, b + m * y  # (c)
+            size, cap = np.sqrt(a * a + b * b), friction * N / kappa
+            if size > cap:
+                share, nx, ny = cap / size, a / size, b / size
+                jx, jy, jo = share * ny * ny, share * nx * nx, -share * nx * ny
+                d_xn, d_yn = d_xn + friction * dN * nx, d_yn + friction * dN * ny
+                a, b, carries = share * a, share * b, w
+            else:
+                jx, jy, jo, carries = 1.0, 1.0, 0.0, min(l0, w)
+                if size > 0.0:  # (d)
+                    moment += before / carries if carries > 0.0 else 0.0
+                    carries = min(max(size * size / max(moment, TINY), carries), w)
+            d_xn, d_yn = d_xn + kappa * (jx * fx + jo * fy), d_yn + kappa * (jo * fx + jy * fy)
+            d_xx, d_xy, d_yy = d_xx + kappa * m * jx, d_xy + kappa * m * jo, d_yy + kappa * m * jy
+            left += (a * a + b * b) / carries if carries > 0.0 else 0.0
+            tx, ty, load = tx + kappa * a, ty + kappa * b, load + N
+            slipping += N if size > (1.0 + creep) * cap else 0.0
+            new[i, c], new[slabs + i, c], new[2 * slabs + i, c] = a, b, carries
+        new[3 * slabs :, c] = jump[:, c]
+        traction[0, c], traction[1, c] = tx, ty
+        tangent[0, 0, c], tangent[0, 1, c], tangent[0, 2, c] = d_xn, d_xx, d_xy
+        tangent[1, 0, c], tangent[1, 1, c], tangent[1, 2, c] = d_yn, d_xy, d_yy
+        account[0, c], account[1, c] = tx * x + ty * y, 0.5 * kappa * stored
+        account[2, c], account[3, c] = 0.5 * kappa * left, slipping / max(load, TINY)
+    return traction, tangent, new, account
+
+
+@numba.njit(cache=True, error_model="numpy")
+def _forces(force, m, cap, k, x, y):  # type: ignore[no-untyped-def]
+    """Traction (c) at a change of the jump, and the tangent of traction and direction."""
+    tx = ty = h_xy = 0.0
+    h_xx, h_yy = k[0], k[1]
+    for i in range(m.size):
+        a, b = force[0, i] + m[i] * x, force[1, i] + m[i] * y
+        size = np.sqrt(a * a + b * b)
+        if size > cap[i]:
+            h, nx, ny = m[i] * cap[i] / size, a / size, b / size
+            tx, ty = tx + cap[i] * nx, ty + cap[i] * ny
+            h_xx, h_yy, h_xy = h_xx + h * ny * ny, h_yy + h * nx * nx, h_xy - h * nx * ny
+        else:
+            tx, ty, h_xx, h_yy = tx + a, ty + b, h_xx + m[i], h_yy + m[i]
+    return tx, ty, h_xx, h_yy, h_xy
+
+
+@numba.njit(parallel=True, cache=True, error_model="numpy")
+def resolve(source, k, state, start, end, edges, friction, kappa):  # type: ignore[no-untyped-def]
+    """Tangential jump on the law and on a search direction, and the points without any.
+
+    The forces (c) and k x are the gradient of a strictly convex function: Newton's method with the
+    step halved until the slope along it is small enough. It ends in the exact piece where all is
+    in one direction.
+    """
+    slabs, points = edges.shape[1], source.shape[1]
+    jump, failed = np.empty((2, points)), np.zeros(points, dtype=np.bool_)
+    for c in numba.prange(points):
+        force, m, cap, kc = np.empty((2, slabs)), np.empty(slabs), np.empty(slabs), k[1:, c].copy()
+        stiffness = size = 0.0
+        last_x, last_y = state[3 * slabs + 1, c], state[3 * slabs + 2, c]
+        bx, by = source[1, c] - kc[0] * last_x, source[2, c] - kc[1] * last_y
+        x, y = bx, by
+        for i in range(slabs):
+            N, _, keep, m[i], _ = _step(i, c, start, end, state[2 * slabs + i, c], edges)
+            cap[i], m[i] = friction * N, kappa * m[i]
+            for row in range(2):
+                force[row, i] = kappa * keep * state[row * slabs + i, c]
+            stiffness += m[i]
+            size += cap[i] + abs(force[0, i]) + abs(force[1, i])
+            x, y = x - force[0, i], y - force[1, i]
+        x, y = x / (kc[0] + stiffness), y / (kc[1] + stiffness)
+        tx, ty, h_xx, h_yy, h_xy = _forces(force, m, cap, kc, x, y)
+        failed[c] = True
+        for _ in range(MAX_ITERATIONS):
+            fx, fy = tx + kc[0] * x - bx, ty + kc[1] * y - by
+            small_x = abs(fx) <= CLOSE * (size + abs(bx) + abs(kc[0] * x))
+            if small_x and abs(fy) <= CLOSE * (size + abs(by) + abs(kc[1] * y)):
+                failed[c] = False
+                break
+            det = h_xx * h_yy - h_xy * h_xy
+            dx, dy = (h_xy * fy - h_yy * fx) / det, (h_xy * fx - h_xx * fy) / det
+            slope, s = dx * fx + dy * fy, 1.0
+            for _ in range(HALVINGS):
+                u, v = x + s * dx, y + s * dy
+                tx, ty, h_xx, h_yy, h_xy = _forces(force, m, cap, kc, u, v)
+                after = dx * (tx + kc[0] * u - bx) + dy * (ty + kc[1] * v - by)
+                if after <= -0.5 * slope:
+                    break
+                s *= 0.5
+            x, y = u, v
+        # the form that rounding of the larger term spoils less
+        jump[0, c] = (source[1, c] - tx) / kc[0] if kc[0] > stiffness else last_x + x
+        jump[1, c] = (source[2, c] - ty) / kc[1] if kc[1] > stiffness else last_y + y
+    return jump, failed

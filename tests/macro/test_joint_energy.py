@@ -1,0 +1,119 @@
+"""No step of a joint wins energy, and a law with which one does is told."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from multiscale.errors import ConvergenceError
+from multiscale.laws import Exponential, InterfaceLaw, Response, Sliders, Sliding
+from multiscale.laws.bulk import Elastic
+from multiscale.macro.substructures import (
+    LapShape,
+    assemble,
+    lap_joint,
+    solve_latin,
+    solve_schur,
+    stacked_blocks,
+)
+from multiscale.macro.substructures.joint_state import advance
+from tests.support import keep_ignoring_broken_pipes
+
+NORMAL, KAPPA = Exponential(1e9, 0.25e-6), 0.8
+STEEL = Elastic(210e9, 0.3)
+
+
+class OneSpring(InterfaceLaw):
+    """One spring of stiffness kappa K(g) without slip; the state is its traction and the jump."""
+
+    n_state = 5
+
+    def respond(self, jump, state):
+        k = KAPPA * NORMAL.stiffness(jump[0])
+        traction = np.stack([-NORMAL.pressure(jump[0]), *(state[:2] + k * (jump[1:] - state[3:]))])
+        return Response(traction, np.zeros((3, *jump.shape)), np.concatenate([traction[1:], jump]))
+
+    def sliding(self, jump, state):
+        new = self.respond(jump, state).state
+        before, after = (
+            0.5 * np.sum(one[:2] ** 2, axis=0) / (KAPPA * NORMAL.stiffness(one[2]))
+            for one in (state, new)
+        )
+        work = np.sum(new[:2] * (jump[1:] - state[3:]), axis=0)
+        return Sliding(0.0 * work, work - (after - before), after)
+
+
+class Winning(Sliders):
+    """A bed of sliders whose steps win a little of what they store."""
+
+    def sliding(self, jump, state):
+        account = super().sliding(jump, state)
+        return replace(account, dissipated=-2e-12 * account.stored)
+
+
+def shear_at_a_high_pressure_and_back_at_a_low_one():
+    gap = NORMAL.gap_at(np.array([1e8, 1e8, 2e7, 2e7, 1e8]))
+    shear = np.array([0.0, 1e-8, 1e-8, 0.0, 0.0])
+    return np.stack([gap, shear, 0.0 * shear]).T[:, :, None]
+
+
+def test_one_spring_wins_energy_where_the_pressure_falls_and_that_is_told():
+    """Of t = kappa K d = 3.2 MPa: E = t^2 / (2 kappa K) grows from .016 to .08 J/m2."""
+    law, jumps = OneSpring(), shear_at_a_high_pressure_and_back_at_a_low_one()
+    state, _ = advance(law, jumps[0], np.zeros((5, 1)))
+    state, _ = advance(law, jumps[1], state)
+    with pytest.raises(ConvergenceError, match=r"a step wins 0\.064 J/m2 at a point of a joint"):
+        advance(law, jumps[2], state)
+
+
+def test_a_bed_of_sliders_loses_energy_there():
+    law, lost = Sliders(NORMAL, 0.3, KAPPA, pressures=(1e6, 1e8)), []
+    jumps = shear_at_a_high_pressure_and_back_at_a_low_one()
+    state = law.at_rest(jumps[0])
+    for jump in jumps:
+        state, account = advance(law, jump, state)
+        lost.append(account.dissipated[0])
+    assert lost[2] == pytest.approx(0.8 * 0.016, rel=0.05)  # of the springs that leave contact
+
+
+@pytest.mark.parametrize("solve", [solve_latin, solve_schur])
+def test_solvers_refuse_a_step_that_wins_energy(solve):
+    law = Winning(NORMAL, 0.3, KAPPA, pressures=(1e6, 1e8))
+    blocks = stacked_blocks((0.02, 0.02, 0.01), (2, 2, 1), [STEEL] * 2, [law])
+    with pytest.raises(ConvergenceError, match="J/m2 at most: Winning is wrong, as is every"):
+        solve(blocks.cut(), np.array([[2e7, 1e6], [1e7, 1e6]]))
+
+
+def loss_of_steps(problem, result):
+    """Dissipation of every step, J, and the largest energy stored."""
+    (face,), found, most = problem.joints, [], 0.0
+    state = np.zeros((face.law.n_state, face.weight.size))
+    for jump in result.jump.values:
+        state, account = advance(face.law, jump.T, state)
+        found.append(account.dissipated @ face.weight)
+        most = max(most, float(account.stored @ face.weight))
+    return np.array(found), most
+
+
+@pytest.mark.slow
+def test_a_lap_joint_under_cycles_whose_preload_changes_too_loses_energy_in_every_step():
+    pytest.importorskip("gmsh", exc_type=Exception)
+    shape = LapShape(0.1, 0.04, 0.008, 0.04, 0.009, 0.018, 0.01, layers=1)
+    law = Sliders(Exponential(1e9, 0.18e-6), 0.2, pressures=(1e6, 1e8))
+    problem = lap_joint(shape, (STEEL, STEEL), law).cut()
+    keep_ignoring_broken_pipes()
+    phase = np.linspace(0.0, 6.0 * np.pi, 49)
+    # a closed path of preload and shear, a quarter of a cycle apart, both ways
+    for way in (1.0, -1.0):
+        factors = np.stack([3e7 + 2e7 * np.cos(phase), 1.2e6 * np.sin(way * phase)], axis=1)
+        result = solve_latin(problem, factors, tolerance=1e-6)
+        assert result.converged.values.all()
+        lost, most = loss_of_steps(problem, result)
+        assert np.all(lost >= -1e-12 * most)
+        # work of the loads in the last cycle, which is closed, by the trapezoidal rule
+        whole, free = assemble(problem), problem.number >= 0
+        u = np.empty((len(factors), problem.n))
+        u[:, problem.number[free]] = result.displacement.values[:, free]
+        moved, mean = np.diff(u[32:], axis=0), 0.5 * (factors[32:-1] + factors[33:])
+        work = np.sum(mean * (moved @ whole.load))
+        assert 0.0 < work <= lost[33:].sum()
