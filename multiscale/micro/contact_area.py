@@ -21,6 +21,10 @@ terms give :math:`\alpha / \beta`. At :math:`z = 1` it gives the square root far
 spacings beyond the outermost node, where :math:`b = \tfrac12 - a_1` and
 :math:`B = \tfrac14 - \sum n a_n`. As the edge moves by one spacing, :math:`\lambda_1 / \lambda_0`
 falls from infinity to :math:`1 + b`; there the next node comes into contact.
+
+References
+----------
+.. [1] B. Noble, Methods Based on the Wiener-Hopf Technique, Pergamon Press, 1958: the method.
 """
 
 from dataclasses import dataclass
@@ -30,6 +34,7 @@ import numpy as np
 __all__ = ["HALF_SPACE", "EdgeLayer", "contact_fraction", "edge_layer"]
 
 TINY = np.finfo(float).tiny
+LEVEL = 0.1  # of squares, step inwards over step before: 0 in an even pressure, 1 at a smooth edge
 
 
 @dataclass(frozen=True)
@@ -112,9 +117,10 @@ def contact_fraction(
     one or two nodes, the forces tell no place and :math:`s` is its mean :math:`\tfrac12 - B`. Sides
     along x and y share an oblique edge by the squares of the slopes of :math:`\lambda^2`.
 
-    Under a flowing material the pressure is even and drops at once. If inwards the forces stop
-    rising at a flowing node :math:`k \le 2`, that node is full, and the nodes outside it are full
-    by the shares of its force that they carry,
+    Under a flowing material the pressure is even and drops at once. If :math:`\lambda^2`, which
+    rises by equal steps inside a smooth edge, levels off at a flowing node :math:`k \le 2` (by less
+    than a tenth of the step before), that node is full, and the nodes outside it are full by the
+    shares of its force that they carry,
 
     .. math:: s = \tfrac12 - k + \sum_{i < k} \lambda_i / \lambda_k.    \tag{3}
     """
@@ -131,8 +137,8 @@ def contact_fraction(
                 inwards = [np.roll(square, k * side, axis)[outer] for k in range(4)]
                 place = _smooth_edge(inwards, edge)
                 for k in (2, 1, 0):
-                    full = np.roll(may_flow, k * side, axis)[outer] & (inwards[k + 1] <= inwards[k])
-                    place = np.where(full & (inwards[k] > 0.0), _sharp_edge(inwards, k), place)
+                    full = np.roll(may_flow, k * side, axis)[outer] & _levels_off(inwards, k)
+                    place = np.where(full, _sharp_edge(inwards, k), place)
                 area += float(np.sum(share[outer] * (place - 0.5)))
     return max(area / float(np.sum(weight)), 0.0)
 
@@ -153,6 +159,13 @@ def _smooth_edge(inwards: list[np.ndarray], edge: EdgeLayer) -> np.ndarray:
     least = 1.0 + edge.ratio
     place = 1.0 / (np.maximum(ratio, least) - edge.ratio) - edge.reach  # (2)
     return np.where((third > 0.0) | (ratio > least), place, 0.5 - edge.reach)
+
+
+def _levels_off(inwards: list[np.ndarray], k: int) -> np.ndarray:
+    """Whether the squares of forces hardly rise inwards of a contact node."""
+    before = inwards[k - 1] if k else 0.0
+    flat = inwards[k + 1] - inwards[k] <= LEVEL * (inwards[k] - before)
+    return np.asarray(flat & (inwards[k] > 0.0))
 
 
 def _sharp_edge(inwards: list[np.ndarray], k: int) -> np.ndarray:
