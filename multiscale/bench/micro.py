@@ -84,7 +84,7 @@ def bench_micro(
     of the first order in the slope, because contact is on the summits, softer than a half-space.
 
     *Limits.* Richardson's, with the observed order for the mean gap and order 1 for the contact
-    fraction, whose error sits in the pixels along the perimeter and is too irregular for more.
+    fraction, whose error sits at the edges of the spots and is too irregular for more.
 
     *Times* are from heights to averages in a process of its own, with all that depends on the
     heights, after a solve on the coarsest grid that takes the imports and the compilation.

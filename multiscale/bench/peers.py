@@ -37,7 +37,7 @@ class Answer:
     mean_gap : float
         Nominal-area mean of obstacle minus deformed surface, m.
     contact_fraction : float
-        Real over nominal contact area, 1, corrected for its perimeter in the same way for all.
+        Real over nominal contact area, 1, with its edges found in the same way for all.
     iterations : int
         Steps of conjugate gradients.
     unknowns : int
@@ -184,12 +184,12 @@ def _answer(
     converged: bool,
 ) -> Answer:
     """Average the fields of a boundary-element code, whose half-space has no mean displacement."""
-    from multiscale.micro.averages import contact_fraction
+    from multiscale.micro.contact_area import contact_fraction
 
     gap, active = displacement - surface.heights, pressure > 0.0
     return Answer(
         float(np.mean(gap) - np.mean(gap[active])),  # the gap of the contact nodes is zero
-        contact_fraction(active, np.ones(active.shape)),
+        contact_fraction(pressure, np.ones(pressure.shape)),
         iterations,
         active.size,
         converged,

@@ -5,13 +5,14 @@ from typing import TYPE_CHECKING, cast
 import numpy as np
 
 from multiscale.convergence import Status
-from multiscale.errors import ConvergenceError
+from multiscale.errors import ConvergenceError, MultiscaleError
 
 if TYPE_CHECKING:
     from collections.abc import Iterable
     from functools import partial
 
     import xarray as xr
+    from scipy.sparse import sparray
 
     from multiscale.io.surfaces import Surface
     from multiscale.laws import Sliders
@@ -39,6 +40,8 @@ MODULES = 8
 REFERENCE_PRESTRESS, CABLE_RIGIDITY = 600.0, 4e6
 """Of the grids, N."""
 YOUNG, POISSON = 210e9, 0.3  # Pa, 1
+FLOOR = 1e-3
+"""Stiffness lent to a joint in a singular tangent, relative to that of its law."""
 POINTS, LAYERS = 16, 6
 """Of the cells."""
 
@@ -170,54 +173,53 @@ def solve_in_one_piece(
     -----
     Newton's method on
 
-    .. math:: K u + B^T (w\, t) = f, \qquad B u = j, \qquad t = t(j)    \tag{1}
+    .. math:: K u + B^T (w\, t(Q y)) = f, \qquad Q^T B u = y,    \tag{1}
 
-    keeps the jump :math:`j` as an unknown of its own, so that a stiff law does not amplify the
-    rounding of differences of displacements.
+    with an orthonormal basis :math:`Q` of all jumps :math:`B u`. The jump :math:`y` is an unknown
+    of its own, so that a stiff law does not amplify the rounding of differences of displacements.
     """
-    from scipy.sparse import block_array, diags_array, eye_array
-    from scipy.sparse.linalg import splu
+    from scipy.linalg import orth
+    from scipy.sparse import block_array, csr_array, diags_array, eye_array
 
+    from multiscale.linalg import factorise
     from multiscale.macro.substructures.assembled import assemble
 
     traction_scale, jump_scale, length = scales
     whole = assemble(problem)
-    n, points = problem.n, whole.weight.size
+    points = whole.weight.size
     state = np.zeros((law.n_state, points))
-    weight = traction_scale * np.tile(whole.weight, 3)
+    Q = orth(whole.jump.toarray())
+    trace, ratio = csr_array(Q.T @ whole.jump), jump_scale / length
+    weight = np.tile(whole.weight, 3) / whole.weight.sum()
     force_scale = traction_scale * float(whole.weight.sum())
-    K, B = whole.stiffness * (length / force_scale), whole.jump
-    push = B.T @ diags_array(weight / force_scale)
-    unit, ratio = eye_array(3 * points), jump_scale / length
-    u, t, found = np.zeros(n), np.zeros(3 * points), []  # over their scales
+    K, push = whole.stiffness * (length / force_scale), whole.jump.T @ diags_array(weight)
+
+    def step_of(fault: np.ndarray, D: "sparray", floor: float) -> np.ndarray:
+        softened = (D + floor * eye_array(3 * points)) @ Q
+        matrix = [[K, push @ csr_array(softened)], [trace, -ratio * eye_array(Q.shape[1])]]
+        name = "the tangent of the structure in one piece"
+        return factorise(block_array(matrix, format="csc"), name=name)(-fault)
+
+    u, found = np.zeros(problem.n), []  # displacements over their scale
     for factor, start in steps:
-        load, j = whole.load @ factor / force_scale, start.T.ravel() / jump_scale
+        load, y = whole.load @ factor / force_scale, Q.T @ start.T.ravel() / jump_scale
         for _ in range(50):
-            response = law.respond((jump_scale * j).reshape(3, points), state)
-            fault = np.concatenate(
-                [
-                    K @ u + push @ t - load,
-                    (B @ u - ratio * j) / max(1.0, ratio),
-                    response.traction.ravel() / traction_scale - t,
-                ]
-            )
+            response = law.respond((jump_scale * Q @ y).reshape(3, points), state)
+            t = response.traction.ravel() / traction_scale
+            fault = np.concatenate([K @ u + push @ t - load, trace @ u - ratio * y])
             if np.abs(fault).max() <= 1e-10 * max(1.0, np.abs(u).max()):
                 break
             D = block_array([[diags_array(entry) for entry in row] for row in response.tangent])
-            matrix = block_array(
-                [
-                    [K, push, None],
-                    [B / max(1.0, ratio), None, -min(ratio, 1.0) * unit],
-                    [None, -unit, D * (jump_scale / traction_scale)],
-                ],
-                format="csc",
-            )
-            change = splu(matrix).solve(-fault)
-            u, t, j = u + change[:n], t + change[n : -3 * points], j + change[-3 * points :]
+            D = D * (jump_scale / traction_scale)
+            try:
+                change = step_of(fault, D, 0.0)
+            except MultiscaleError:  # an iterate in which all points slip
+                change = step_of(fault, D, FLOOR)
+            u, y = u + change[: u.size], y + change[u.size :]
         else:
             raise ConvergenceError(f"the structure in one piece keeps {np.abs(fault).max():.1e}")
         state = response.state
-        found.append(traction_scale * t.reshape(3, points).T)
+        found.append(response.traction.T)
     return np.array(found)
 
 

@@ -8,24 +8,11 @@ if TYPE_CHECKING:
     from skfem import Element, Mesh
 
 __all__ = [
-    "RIM",
     "average_traction",
-    "contact_fraction",
     "dual_basis",
     "mean_gap",
     "recovered_force",
 ]
-
-PERIMETER_FACTOR = (np.pi - 1.0 + np.log(2.0)) / 24.0
-
-RIM = {"trilinear": 0.075, "mean dilatation": 0.16}
-"""Element edges by which contact nodes of hexahedra reach farther than those of an exact surface.
-
-The pressure falls as a square root towards every edge of a contact, so that the share is one number
-for one kind of element. Measured on flat cells against the exact compliance at equal loads: .05-.08
-and .16 on Westergaard's wave, .06-.10 and .15-.19 on self-affine surfaces with 16 and 32 points in
-the shortest wave at contact fractions of 3-76 %.
-"""
 
 
 def dual_basis(normal: np.ndarray, tangents: np.ndarray) -> np.ndarray:
@@ -80,56 +67,6 @@ def average_traction(
     if frame is None:
         frame = np.eye(3)[[2, 0, 1]]
     return np.asarray(frame @ np.sum(force, axis=0) / nominal_area)  # (2), (3)
-
-
-def contact_fraction(
-    active: np.ndarray,
-    weight: np.ndarray,
-    saturated: np.ndarray | None = None,
-    *,
-    rim: float = 0.0,
-) -> float:
-    r"""Real over nominal contact area.
-
-    Parameters
-    ----------
-    active : ndarray of bool
-        Contact nodes.
-    weight : ndarray
-        Nominal area of each node, m2.
-    saturated : ndarray of bool, optional
-        Contact nodes at the hardness of the surface.
-    rim : float
-        What the nodes of finite elements carry beyond the edge of the contact, in element edges;
-        see :data:`RIM`.
-
-    Notes
-    -----
-    On a periodic grid, where every node stands for one pixel, the pixels cut by the edge of the
-    contact are corrected on average by
-
-    .. math:: A = A_p - \frac{\pi - 1 + \ln 2}{24} S_d \Delta x,
-
-    with :math:`A_p` the area of all active pixels and :math:`S_d` the perimeter counted along pixel
-    edges; an edge of one pixel costs the same share of a pixel in both directions.
-    A saturated node is in contact with all of its pixel and has no such edge. A profile (one point
-    across) has ends instead of a perimeter, which are right on average.
-
-    References
-    ----------
-    .. [1] V. A. Yastrebov, G. Anciaux and J.-F. Molinari, Tribol. Int. 114 (2017) 161-171,
-       doi:10.1016/j.triboint.2017.04.023.
-    """
-    fraction = float(np.sum(weight[active]) / np.sum(weight))
-    if active.ndim == 2 and min(active.shape) > 1 and 0.0 < fraction < 1.0:
-        elastic = active if saturated is None else active & ~saturated
-        edges = sum(
-            np.count_nonzero(elastic & ~np.roll(active, shift, axis))
-            for axis in (0, 1)
-            for shift in (1, -1)
-        )
-        fraction -= (PERIMETER_FACTOR + rim) * edges / active.size
-    return max(fraction, 0.0)
 
 
 def mean_gap(obstacle_height: np.ndarray, surface_height: np.ndarray, weight: np.ndarray) -> float:

@@ -6,6 +6,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from multiscale.convergence import Status
+from multiscale.micro.contact_area import HALF_SPACE, EdgeLayer
 
 __all__ = ["ContactProblem", "ContactState", "obstacle_normal", "untouched"]
 
@@ -32,8 +33,8 @@ class ContactProblem:
         facets that touch an active node, shape (3,), N; None where there is no stress field.
     cap : float
         Largest contact force of a node, N.
-    rim : float
-        As in :func:`multiscale.micro.averages.contact_fraction`.
+    edges : tuple of EdgeLayer
+        Of the grid of contact nodes, along x and y.
     """
 
     solve: Callable[..., "ContactState"]
@@ -44,7 +45,7 @@ class ContactProblem:
     surface_displacement: Callable[[np.ndarray], np.ndarray]
     recover: Callable[[np.ndarray, np.ndarray], np.ndarray] | None
     cap: float = np.inf
-    rim: float = 0.0
+    edges: tuple[EdgeLayer, EdgeLayer] = (HALF_SPACE, HALF_SPACE)
 
     @property
     def nominal_area(self) -> float:

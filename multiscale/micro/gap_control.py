@@ -25,8 +25,8 @@ import numpy as np
 
 from multiscale.convergence import Status
 from multiscale.errors import CaseError
-from multiscale.micro.averages import contact_fraction
 from multiscale.micro.cell import Cell
+from multiscale.micro.contact_area import contact_fraction
 from multiscale.micro.flat import solve_flat
 from multiscale.micro.lateral_fft import filter_surface
 from multiscale.micro.layered import layered_compliance
@@ -156,7 +156,7 @@ class GapCell:
             mean_gap,
             float(np.sum(force)) / area,  # (2)
             float(np.sum(tangent)) / area,  # (2)
-            contact_fraction(active, np.full(force.shape, self.node_area)),
+            contact_fraction(force, np.full(force.shape, self.node_area)),
             node,
             force.ravel()[node],
             status,

@@ -5,16 +5,21 @@ from functools import partial
 
 import numpy as np
 
-from multiscale.micro.averages import RIM, recovered_force
+from multiscale.laws.bulk import J2
+from multiscale.micro.averages import recovered_force
 from multiscale.micro.cell import Cell
 from multiscale.micro.contact import ElasticBody, solve_contact
+from multiscale.micro.contact_area import EdgeLayer, edge_layer
 from multiscale.micro.contact_state import ContactProblem, obstacle_normal
 from multiscale.micro.lateral_fft import LateralInverse, factorise_flat_cell, filter_surface
+from multiscale.micro.layered import layered_compliance
 from multiscale.micro.mesh import GraphMesh, graded_planes
 from multiscale.micro.operator import stiffness_operator
 from multiscale.needs import Needs
 
-__all__ = ["assemble_graph_cell", "surface_slopes"]
+__all__ = ["assemble_graph_cell", "element_edges", "surface_slopes"]
+
+EDGE_POINTS = 32  # of the waves that tell what elements do at an edge of contact
 
 
 def assemble_graph_cell(cell: Cell, needs: Needs) -> ContactProblem:
@@ -71,8 +76,25 @@ def assemble_graph_cell(cell: Cell, needs: Needs) -> ContactProblem:
         np.full((nx, ny), spacing[0] * spacing[1]),
         surface_displacement=lambda u: u[:, -1],
         recover=partial(_recover, cell, mesh) if "stress recovery" in needs else None,
-        rim=RIM["mean dilatation" if b_bar else "trilinear"],
+        edges=element_edges(cell),
     )
+
+
+def element_edges(cell: Cell) -> tuple[EdgeLayer, EdgeLayer]:
+    """Return what the elements of a cell, and of an opposite one, do at an edge along x and y."""
+    n, edges = EDGE_POINTS, []
+    for spacing in cell.surface.spacing:
+        discrete, exact = np.zeros((2, n // 2 + 1))
+        for body in cell.bodies:
+            planes = graded_planes(body.depth, body.layers, min(body.surface.spacing))
+            soft = body.nearly_incompressible or isinstance(body.bulk, J2)
+            inverse = factorise_flat_cell(
+                (n, 1), (spacing, spacing), planes, *body.layer_moduli, mean_dilatation=soft
+            )
+            discrete += spacing**2 * inverse.surface_compliance[5][: n // 2 + 1, 0]
+            exact += layered_compliance((1, n), (1.0, n * spacing), planes, *body.layer_moduli)[0]
+        edges.append(edge_layer(discrete / exact))
+    return edges[0], edges[1]
 
 
 def _obstacle(cell: Cell) -> tuple[np.ndarray, np.ndarray]:

@@ -1,12 +1,14 @@
 r"""Steady sliding of a viscoelastic half-space over a rough rigid body: friction by hysteresis.
 
-In the frame of the rough body, which slides with :math:`v` along x, a wave :math:`(q_x, q_y)` of
-the surface is loaded with the frequency :math:`\omega = q_x v`. Pressure and displacement are bound
-by a complex modulus,
+The half-space moves with :math:`v` along :math:`+x` over the rough body, or the rough body along
+:math:`-x` under it. In the frame of the rough body, a wave :math:`e^{i(q_x x + q_y y)}` of the
+surface is :math:`e^{i \omega t}` for a point of the half-space, with :math:`\omega = q_x v`.
+Pressure and displacement are bound by a complex modulus,
 
 .. math:: p_q = \frac{q\, E(\omega)}{2 (1 - \nu^2)}\, u_q, \tag{1}
 
-which is small strain and small slope.
+which is small strain and small slope. The pressure leads the displacement: it is higher on the
+slopes that the half-space climbs, :math:`\partial h / \partial x > 0`, and lower behind summits.
 """
 
 from dataclasses import dataclass
@@ -18,6 +20,7 @@ from scipy import fft
 from multiscale.convergence import Status
 from multiscale.errors import CaseError
 from multiscale.io.surfaces import Surface
+from multiscale.micro.contact_area import contact_fraction
 from multiscale.micro.finite.krylov import minimal_residual
 
 __all__ = ["RelaxingSolid", "SlidingContact", "solve_sliding", "wlf_shift"]
@@ -133,9 +136,10 @@ class SlidingContact:
     pressure : ndarray, shape (nx, ny)
         Pa.
     friction : float
-        :math:`\langle p\, \partial h/\partial x \rangle / \langle p \rangle`, dimensionless.
+        :math:`\langle p\, \partial h/\partial x \rangle / \langle p \rangle`, dimensionless: the
+        force on the half-space along :math:`-x`, against its motion, over the load.
     contact_fraction : float
-        Share of the points in contact.
+        Real over nominal contact area.
     mean_gap : float
         m.
     status : Status
@@ -167,7 +171,7 @@ def solve_sliding(
     Parameters
     ----------
     surface : Surface
-        Heights of the rough body, m; its summits touch first.
+        Heights of the rough body below the half-space, m; its summits touch first.
     solid : RelaxingSolid
     pressure : float
         Mean pressure, Pa, positive.
@@ -235,7 +239,7 @@ def solve_sliding(
     return SlidingContact(
         p,
         float(np.sum(p * slope) / load),
-        float(active.mean()),
+        contact_fraction(p, np.ones_like(p)),
         float(gap.mean()),
         status,
         sets,
@@ -260,14 +264,19 @@ class _SlidingProblem:
         along = along + 0.0 * across
         return along, np.hypot(along, across)
 
+    @property
+    def undirected(self) -> slice:
+        """Row of the wave with two points along x, which has no direction; none if nx is odd."""
+        half, odd = divmod(self.surface.heights.shape[0], 2)
+        return slice(half, half + 1 - odd)
+
     @cached_property
     def symbol(self) -> np.ndarray:
         """Pressure over displacement for each wave (1), Pa/m; 0 for the mean."""
         along, size = self.waves
         modulus = self.solid.complex_modulus(along * self.velocity)
         symbol = size * modulus / (2.0 * (1.0 - self.solid.poissons_ratio**2))
-        nx = along.shape[0]
-        symbol[nx // 2] = symbol[nx // 2].real  # the shortest wave has no direction
+        symbol[self.undirected] = symbol[self.undirected].real
         return np.asarray(symbol)
 
     @cached_property
@@ -288,7 +297,7 @@ class _SlidingProblem:
     def slope_x(self) -> np.ndarray:
         """Slope of the rough body along x by its Fourier series."""
         along = 1j * self.waves[0]
-        along[along.shape[0] // 2] = 0.0
+        along[self.undirected] = 0.0
         return self._filter(self.surface.heights, along)
 
     def stiffen(self, moved: np.ndarray) -> np.ndarray:

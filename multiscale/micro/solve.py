@@ -12,6 +12,7 @@ from multiscale.convergence import Status
 from multiscale.errors import CaseError, MultiscaleError
 from multiscale.micro import averages
 from multiscale.micro.cell import Cell, MeshCell
+from multiscale.micro.contact_area import contact_fraction
 from multiscale.micro.contact_state import ContactProblem, ContactState
 from multiscale.micro.needs import cell_needs
 from multiscale.micro.path import Path
@@ -167,8 +168,8 @@ def _average(problem: ContactProblem, state: ContactState) -> dict[str, Any]:
         "mean_gap": averages.mean_gap(
             problem.obstacle_height - state.approach, problem.surface_height + moved[:, 2], weight
         ),
-        "contact_fraction": averages.contact_fraction(
-            state.active, weight, state.force >= problem.cap, rim=problem.rim
+        "contact_fraction": contact_fraction(
+            state.force, weight, edges=problem.edges, flowing=state.force >= problem.cap
         ),
     }
     if problem.recover is not None:

@@ -48,6 +48,47 @@ def test_a_sinusoid_in_full_contact_dissipates_by_the_loss_modulus(number):
     assert found.friction == pytest.approx(expected, rel=1e-6)
 
 
+@pytest.mark.parametrize("n", [5, 9, 15])
+def test_on_an_odd_grid_the_shortest_wave_dissipates_in_full(n):
+    amplitude, pressure, shortest = 0.02e-3 / n, 12e6, n // 2
+    q = 2.0 * np.pi / LENGTH * shortest
+    wave = amplitude * np.cos(2.0 * np.pi * shortest * np.arange(n) / n)
+    surface = Surface(np.tile(wave[:, None], (1, 3)), (LENGTH, LENGTH))
+    speed = velocity(1.0) / shortest
+    found = solve_sliding(surface, RUBBER, pressure, speed)
+    loss = RUBBER.complex_modulus(np.array(q * speed)).imag
+    expected = 0.5 * q * amplitude**2 * q * loss / (2.0 * 0.75) / pressure
+    assert found.friction == pytest.approx(expected, rel=1e-6)
+
+
+@pytest.mark.parametrize("number", [0.01, 0.1, 1.0])
+def test_odd_grids_have_the_friction_of_even_ones(number):
+    found = [
+        solve_sliding(random_waves(n, 2, 4, 0.1), RUBBER, 0.2e6, velocity(number)).friction
+        for n in (63, 64, 65)
+    ]
+    np.testing.assert_allclose(found, found[1], rtol=6e-3)
+
+
+def test_the_pressure_lies_on_the_slopes_that_the_half_space_climbs():
+    """Its points move along +x: they meet a summit from the left and are pressed before it."""
+    n, amplitude = 64, 0.02e-3
+    x = np.arange(n) / n - 0.5
+    surface = Surface(
+        amplitude * np.tile(np.cos(2.0 * np.pi * x)[:, None], (1, 2)), (LENGTH, LENGTH)
+    )
+    found = solve_sliding(surface, RUBBER, 0.5e6, velocity(1.0))
+    pressure = found.pressure[:, 0]
+    assert np.sum(x * pressure) < -0.02 * np.sum(pressure)
+    # full contact, for a point of the half-space in its own time
+    full = solve_sliding(surface, RUBBER, 12e6, velocity(1.0)).pressure[:, 0] - 12e6
+    time = 2.0 * np.pi * x  # x / v over the relaxation time: the point passes x from left to right
+    stiffness = 2.0 * np.pi / LENGTH / (2.0 * 0.75) * amplitude
+    # a Maxwell arm: its stress relaxes with rate 1 while the height changes
+    arm = 90e6 * (np.cos(time) - np.sin(time)) / 2.0
+    np.testing.assert_allclose(full, stiffness * (10e6 * np.cos(time) + arm), atol=1e-6 * 12e6)
+
+
 @pytest.mark.parametrize("n", [64, 128])
 def test_partial_contact_follows_the_independent_table(n):
     surface = random_waves(n, 2, 4, 0.1)

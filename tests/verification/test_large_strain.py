@@ -4,8 +4,10 @@ import numpy as np
 import pytest
 
 from multiscale.laws.bulk import J2, NeoHookean
-from multiscale.micro import Cell, Path, Surface, averages, graph_cell, self_affine, solve_cell
+from multiscale.micro import Cell, Path, Surface, graph_cell, self_affine, solve_cell
+from multiscale.micro.contact_area import HALF_SPACE
 from multiscale.micro.finite import cell as finite_cell
+from multiscale.micro.graph_cell import element_edges
 from multiscale.reference import mindlin
 from tests.support import observed_rate
 
@@ -182,9 +184,8 @@ def test_the_stick_area_tends_to_that_of_cattaneo_and_mindlin_as_the_grid_is_ref
         stick = 1.0 - response["slip_fraction"].values[0, 1:]
         inner = mindlin.stick_radius(response["traction"].values[0, 1:, 1] / (mu * force))
         errors.append(np.max(np.abs(stick / inner**2 - 1.0)))
-        reach = 4.0 / np.pi / (n * a)  # the perimeter along edges is 8 r
-        beyond = averages.PERIMETER_FACTOR + averages.RIM["mean dilatation"]
-        seen = (inner + reach * averages.PERIMETER_FACTOR) / (1.0 + reach * beyond)
+        reach = element_edges(cell)[0].reach / (n * a)
+        seen = (inner + HALF_SPACE.reach / (n * a)) / (1.0 + reach)
         blurred.append(np.max(np.abs(stick / seen**2 - 1.0)))
     assert observed_rate(1.0 / grids, errors) > 1.0
     assert errors[-1] < 0.02

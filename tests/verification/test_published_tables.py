@@ -60,8 +60,7 @@ def test_two_decades_of_roughness_have_the_area_and_energy_of_molecular_dynamics
         nodes.append((response["pressure"].values[0] > 0.0).mean(axis=(1, 2)))
         energies.append(energy / full)
     np.testing.assert_allclose(np.mean(energies, axis=0), GFMD[:, 2], rtol=0.05)
-    # theirs are nodes counted: corrected for their perimeter ours are 7.5, 6, 2.5 and 0 % lower,
-    # on 1024 and on 2048 points
+    # theirs are nodes counted
     np.testing.assert_allclose(np.mean(nodes, axis=0), GFMD[:, 1], rtol=0.05)
 
 

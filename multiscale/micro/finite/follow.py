@@ -10,11 +10,12 @@ from multiscale.errors import CaseError
 from multiscale.laws.bulk import J2, Prony
 from multiscale.micro import averages
 from multiscale.micro.cell import Cell
+from multiscale.micro.contact_area import EdgeLayer, contact_fraction
 from multiscale.micro.finite.cell import make_scene
 from multiscale.micro.finite.history import Walk, rest_state, walk_step
 from multiscale.micro.finite.pair_scene import PairScene
 from multiscale.micro.finite.scene import CellState, Scene, Target
-from multiscale.micro.graph_cell import surface_slopes
+from multiscale.micro.graph_cell import element_edges, surface_slopes
 from multiscale.micro.path import Path
 
 __all__ = ["current_weight", "follow_path", "largest_approach"]
@@ -53,7 +54,7 @@ def follow_path(
     """
     _check(cell, path)
     scene = make_scene(cell)
-    area = float(np.prod(cell.surface.size))
+    area, edges = float(np.prod(cell.surface.size)), element_edges(cell)
     state, steps, ended = rest_state(scene), [], ""
     for k in range(len(path)):
         begin = perf_counter()
@@ -86,7 +87,9 @@ def follow_path(
             steps.append(_missing(walk, perf_counter() - begin))
             continue
         state = walk.state
-        steps.append(_counts(walk, perf_counter() - begin) | _average(cell, scene, state, fields))
+        steps.append(
+            _counts(walk, perf_counter() - begin) | _average(cell, edges, scene, state, fields)
+        )
     return steps, ended
 
 
@@ -195,7 +198,13 @@ def _missing(walk: Walk | None, seconds: float) -> dict[str, Any]:
     }
 
 
-def _average(cell: Cell, scene: Scene, state: CellState, fields: bool) -> dict[str, Any]:
+def _average(
+    cell: Cell,
+    edges: tuple[EdgeLayer, EdgeLayer],
+    scene: Scene,
+    state: CellState,
+    fields: bool,
+) -> dict[str, Any]:
     """Averages (2), (3) of the source, and geometry, in the current configuration."""
     area = float(np.prod(cell.surface.size))
     moved = scene.surface(state.displacement)
@@ -212,10 +221,11 @@ def _average(cell: Cell, scene: Scene, state: CellState, fields: bool) -> dict[s
         "traction": averages.average_traction(nodal, area),
         "displacement_jump": jump,
         "mean_gap": opposite_height - height,
-        "contact_fraction": averages.contact_fraction(
-            state.active,
+        "contact_fraction": contact_fraction(
+            np.where(state.active, -state.force[:, 2], 0.0),
             weight,
-            rim=averages.RIM["trilinear" if cell.bulk is None else "mean dilatation"],
+            edges=edges,
+            flowing=_flows(cell),
         ),
     }
     if cell.friction_coefficient > 0.0:

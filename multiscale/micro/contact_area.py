@@ -1,0 +1,174 @@
+r"""Real contact area: where between two nodes the contact ends.
+
+Towards the edge of a smooth contact the pressure falls as the square root of the distance. A
+straight edge along a row of nodes with the spacing :math:`h` is a problem of Wiener and Hopf. With
+the compliance :math:`C(\theta)` of the nodes under a wave :math:`q = \theta / h`, over
+:math:`C_0` of the continuous surface,
+
+.. math::
+    f(\theta) &= \ln \left( \frac{C}{C_0}\, \frac{2 \sin(\theta / 2)}{\theta} \right),
+    \qquad 0 \le \theta \le \pi, \\
+    B &= \frac14 + \frac{1}{4 \pi} \int_0^\pi \frac{f}{\sin^2(\theta / 2)}\, \mathrm{d}\theta,
+    \qquad b = \frac12 - \frac1\pi \int_0^\pi f \cos \theta\, \mathrm{d}\theta.    \tag{1}
+
+The forces :math:`\lambda_0, \lambda_1, \ldots` of the nodes, from the outermost node inwards, have
+the generating function :math:`(\alpha + \beta z) (1 - z)^{-3/2} e^{-f_+(z)}` with the part
+:math:`f_+ = \sum_{n > 0} a_n z^n` of :math:`f = a_0 + 2 \sum a_n \cos n \theta`. Its first two
+terms give :math:`\alpha / \beta`. At :math:`z = 1` it gives the square root far inside, which ends
+
+.. math:: s = \frac{1}{\lambda_1 / \lambda_0 - b} - B    \tag{2}
+
+spacings beyond the outermost node, where :math:`b = \tfrac12 - a_1` and
+:math:`B = \tfrac14 - \sum n a_n`. As the edge moves by one spacing, :math:`\lambda_1 / \lambda_0`
+falls from infinity to :math:`1 + b`; there the next node comes into contact.
+
+References
+----------
+.. [1] B. Noble, Methods Based on the Wiener-Hopf Technique, Pergamon Press, 1958: the method.
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+__all__ = ["HALF_SPACE", "EdgeLayer", "contact_fraction", "edge_layer"]
+
+TINY = np.finfo(float).tiny
+LEVEL = 0.1  # of squares, step inwards over step before: 0 in an even pressure, 1 at a smooth edge
+
+
+@dataclass(frozen=True)
+class EdgeLayer:
+    """What a grid does to the forces at a straight edge of contact, (1).
+
+    Attributes
+    ----------
+    reach : float
+        :math:`B`: by how much more than half a spacing contact nodes reach beyond the edge in the
+        mean over its places, in spacings.
+    ratio : float
+        :math:`b`, dimensionless.
+    """
+
+    reach: float
+    ratio: float
+
+
+def edge_layer(compliance_ratio: np.ndarray) -> EdgeLayer:
+    r"""Evaluate (1).
+
+    Parameters
+    ----------
+    compliance_ratio : ndarray, shape (waves,)
+        :math:`C / C_0` at equidistant :math:`\theta` from 0 to :math:`\pi`, at least two. The first
+        value is not read: a layer on a base has a mean displacement of its own.
+
+    Examples
+    --------
+    >>> exact = edge_layer(np.ones(65))  # by the Fourier series of the nodes
+    >>> round(exact.reach, 2), round(exact.ratio, 2)
+    (0.19, 0.41)
+    """
+    theta = np.linspace(0.0, np.pi, len(compliance_ratio))[1:]
+    f = np.log(compliance_ratio[1:] * 2.0 * np.sin(0.5 * theta) / theta)
+    start = f[0] - (f[1] - f[0]) / 3.0 if len(f) > 1 else f[0]  # even in theta
+    f = np.concatenate([[0.0], f - start])
+    theta = np.concatenate([[0.0], theta])
+    weighted = f[1:] / np.sin(0.5 * theta[1:]) ** 2
+    weighted = np.concatenate([weighted[:1], weighted])
+    return EdgeLayer(
+        float(0.25 + np.trapezoid(weighted, theta) / (4.0 * np.pi)),
+        float(0.5 - np.trapezoid(f * np.cos(theta), theta) / np.pi),
+    )
+
+
+HALF_SPACE = edge_layer(np.ones(65))
+"""The exact compliance of a flat surface, by the Fourier series of the nodes."""
+
+
+def contact_fraction(
+    force: np.ndarray,
+    weight: np.ndarray,
+    *,
+    edges: tuple[EdgeLayer, EdgeLayer] = (HALF_SPACE, HALF_SPACE),
+    flowing: np.ndarray | bool = False,
+) -> float:
+    r"""Real over nominal contact area.
+
+    Parameters
+    ----------
+    force : ndarray, shape (nx, ny) or (nodes,)
+        Normal contact forces, N; positive at contact nodes. A grid is periodic; nodes without a
+        grid are counted.
+    weight : ndarray
+        Area of each node on the mean plane, m2.
+    edges : tuple of EdgeLayer
+        Along x and y.
+    flowing : ndarray of bool or bool
+        Nodes under which the material may flow.
+
+    Notes
+    -----
+    Each contact node counts with its area, and each side on which the next node is free adds
+    :math:`s - \tfrac12` of it, with :math:`s` of (2). In (2),
+    :math:`\lambda_1^2 - \lambda_0^2` is the slope of :math:`\lambda^2` at the outermost node, of
+    second order in the spacing where :math:`\lambda^2` is concave, as under a round asperity.
+    :math:`\lambda_1 / \lambda_0` is taken as at least :math:`1 + b`; where it is less in spots of
+    one or two nodes, the forces tell no place and :math:`s` is its mean :math:`\tfrac12 - B`. Sides
+    along x and y share an oblique edge by the squares of the slopes of :math:`\lambda^2`.
+
+    Under a flowing material the pressure is even and drops at once. If :math:`\lambda^2`, which
+    rises by equal steps inside a smooth edge, levels off at a flowing node :math:`k \le 2` (by less
+    than a tenth of the step before), that node is full, and the nodes outside it are full by the
+    shares of its force that they carry,
+
+    .. math:: s = \tfrac12 - k + \sum_{i < k} \lambda_i / \lambda_k.    \tag{3}
+    """
+    active = force > 0.0
+    area = float(np.sum(weight[active]))
+    if force.ndim == 2 and active.any() and not active.all():
+        square = np.where(active, force / np.max(force), 0.0) ** 2
+        may_flow = np.broadcast_to(flowing, force.shape)
+        fall = [_fall(square, axis) ** 2 for axis in (0, 1)]
+        for axis, edge in enumerate(edges):
+            share = weight * fall[axis] / np.maximum(fall[0] + fall[1], TINY)
+            for side in (1, -1):
+                outer = active & ~np.roll(active, -side, axis)
+                inwards = [np.roll(square, k * side, axis)[outer] for k in range(4)]
+                place = _smooth_edge(inwards, edge)
+                for k in (2, 1, 0):
+                    full = np.roll(may_flow, k * side, axis)[outer] & _levels_off(inwards, k)
+                    place = np.where(full, _sharp_edge(inwards, k), place)
+                area += float(np.sum(share[outer] * (place - 0.5)))
+    return max(area / float(np.sum(weight)), 0.0)
+
+
+def _fall(square: np.ndarray, axis: int) -> np.ndarray:
+    """Slope of the squares along an axis at each contact node, at an edge at least their fall."""
+    low, high = np.roll(square, 1, axis), np.roll(square, -1, axis)
+    both = (low > 0.0) & (high > 0.0)
+    steepest = np.maximum(np.maximum(low, high) - square, square)
+    return np.asarray(np.where(both, 0.5 * (high - low), steepest))
+
+
+def _smooth_edge(inwards: list[np.ndarray], edge: EdgeLayer) -> np.ndarray:
+    """Place of an edge where the pressure falls as a square root, from squares of forces (2)."""
+    first, second, third = inwards[:3]
+    bend = np.where(third > 0.0, np.minimum(first - 2.0 * second + third, 0.0), 0.0)
+    ratio = np.sqrt((second - 0.5 * bend) / np.maximum(first, TINY))
+    least = 1.0 + edge.ratio
+    place = 1.0 / (np.maximum(ratio, least) - edge.ratio) - edge.reach  # (2)
+    return np.where((third > 0.0) | (ratio > least), place, 0.5 - edge.reach)
+
+
+def _levels_off(inwards: list[np.ndarray], k: int) -> np.ndarray:
+    """Whether the squares of forces hardly rise inwards of a contact node."""
+    before = inwards[k - 1] if k else 0.0
+    flat = inwards[k + 1] - inwards[k] <= LEVEL * (inwards[k] - before)
+    return np.asarray(flat & (inwards[k] > 0.0))
+
+
+def _sharp_edge(inwards: list[np.ndarray], k: int) -> np.ndarray:
+    """Place of an edge where an even pressure drops at once, from squares of forces (3)."""
+    shares = [np.sqrt(one / np.maximum(inwards[k], TINY)) for one in inwards[:k]]
+    return np.asarray(0.5 - k + sum(shares))
