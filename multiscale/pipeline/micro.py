@@ -66,7 +66,7 @@ def run_micro(
         cell_size=max(case.cell.size),
         bodies="composite surface of body_1 and body_2; 1/E* = sum (1 - nu^2)/E; small slopes",
         identity=identity,
-        cautions="\n".join([*case.cautions(), *_steepness(response)]),
+        cautions="\n".join([*case.cautions(), *_steepness(response), *_ended(response)]),
     )
     write_dataset(response, file, MICRO_RESPONSE)
     return response
@@ -100,6 +100,11 @@ def write_fields(case: Case, cells: Path, out: Path) -> None:
     folder = make_folder(out / "fields")
     write_dataset(fields, folder / "fields.nc", FIELDS)
     write_surface_fields(fields, cell.surface.size, folder)
+
+
+def _ended(response: "xr.Dataset") -> list[str]:
+    """Say which realisations lack steps, and why."""
+    return str(response.attrs.get("ended", "")).splitlines()
 
 
 def _steepness(response: "xr.Dataset") -> list[str]:

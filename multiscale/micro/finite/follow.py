@@ -10,6 +10,7 @@ from multiscale.errors import CaseError
 from multiscale.laws.bulk import J2, Prony
 from multiscale.micro import averages
 from multiscale.micro.cell import Cell
+from multiscale.micro.checkpoint import Checkpoint
 from multiscale.micro.finite.cell import make_scene
 from multiscale.micro.finite.history import Walk, rest_state, walk_step
 from multiscale.micro.finite.pair_scene import PairScene
@@ -26,8 +27,13 @@ LONGEST_SLIDE = 1000  # increments in one step of the path
 
 
 def follow_path(
-    cell: Cell, path: Path, *, fields: bool, tolerance: float
-) -> tuple[list[dict[str, Any]], str]:
+    cell: Cell,
+    path: Path,
+    *,
+    fields: bool,
+    tolerance: float,
+    checkpoint: Checkpoint | None = None,
+) -> list[dict[str, Any]]:
     """Follow a path until it ends or cannot go on.
 
     Parameters
@@ -38,13 +44,14 @@ def follow_path(
         Whether local pressures and gaps are kept.
     tolerance : float
         Of each increment, relative to the norm of the contact forces.
+    checkpoint : Checkpoint, optional
+        As of :func:`multiscale.micro.solve_cell`.
 
     Returns
     -------
-    steps : list of dict
-        Averages of each step; of a step that was not reached, that it was not.
-    ended : str
-        Why the path ended early; empty if it did not.
+    list of dict
+        Averages of each step; of a step that was not reached, that it was not. The one at which
+        the path ended early says why, as ``ended``.
 
     Raises
     ------
@@ -54,10 +61,11 @@ def follow_path(
     _check(cell, path)
     scene = make_scene(cell)
     area = float(np.prod(cell.surface.size))
-    state, steps, ended = rest_state(scene), [], ""
-    for k in range(len(path)):
+    steps, known = ([], None) if checkpoint is None else checkpoint.found(CellState)
+    state = known or rest_state(scene)
+    for k in range(len(steps), len(path)):
         begin = perf_counter()
-        if ended:
+        if any("ended" in step for step in steps):
             steps.append(_missing(None, 0.0))
             continue
         target = _target(path, k, area)
@@ -79,15 +87,19 @@ def follow_path(
         )
         if walk.reached < 1.0:
             ended = (
-                f"step {k} ended after {100.0 * walk.reached:.3g} % of its way: "
+                f"step {k} ended after {100.0 * walk.reached:.3g} % of its way, {walk.increments} "
+                f"increments and {walk.linear_iterations} linear iterations: "
                 f"{walk.state.status.value}"
             )
             logger.warning("%s", ended)
-            steps.append(_missing(walk, perf_counter() - begin))
-            continue
-        state = walk.state
-        steps.append(_counts(walk, perf_counter() - begin) | _average(cell, scene, state, fields))
-    return steps, ended
+            steps.append(_missing(walk, perf_counter() - begin) | {"ended": ended})
+        else:
+            state = walk.state
+            average = _average(cell, scene, state, fields)
+            steps.append(_counts(walk, perf_counter() - begin) | average)
+        if checkpoint is not None:
+            checkpoint.keep(steps, state)
+    return steps
 
 
 def _check(cell: Cell, path: Path) -> None:
