@@ -132,6 +132,17 @@ def test_grids_of_other_cells_tell_the_error_at_the_spacing_of_the_response():
         error_budget(response, fit_law(response), sizes={1.0: response}, apart=True)
 
 
+def test_a_step_at_which_two_grids_agree_has_no_larger_error_than_the_others():
+    """An error of first order, and one step at which the finest two grids agree, by chance."""
+    factor = {r: np.full(PRESSURE.size, 1.0 + 0.02 * r) for r in (0.25, 0.5, 1.0)}
+    factor[0.25][3] = 1.0101
+    grids = {r: ensemble(factor=one, seed=9) for r, one in factor.items()}
+    response = ensemble(factor=1.02)
+    budget = error_budget(response, fit_law(response), resolutions=grids, apart=True)
+    found = half(budget, "micro discretisation")
+    assert found[3] < np.median(found) < 1.5 * 0.02
+
+
 @pytest.mark.parametrize("apart", [False, True])
 def test_the_size_term_finds_the_bias_of_a_small_cell(apart):
     """Means 1 + .04 / L: the response at L = 2 is 2 % off. Its scatter enters twice if it is one of
