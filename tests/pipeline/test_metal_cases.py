@@ -22,17 +22,20 @@ def case_of(tmp_path, text):
     return load_case(path)
 
 
-def test_the_softer_body_yields_at_its_hardness_over_2_8_and_the_case_says_so(tmp_path):
+def test_the_softer_body_yields_where_its_hardness_says_and_the_case_says_so(tmp_path):
     text = TEXT.replace('"1.6 GPa"', '"2.8 GPa"', 1).replace('"1 GPa"', '"3 GPa"', 1)
     text = text.replace('"1.6 GPa"', '"1.4 GPa"', 1)
     case = case_of(tmp_path, text)
     (cell, *_) = make_cells(case.quick())
     assert isinstance(cell.bulk, J2)
-    assert cell.bulk.yield_stress == pytest.approx(0.5e9, rel=1e-12)
+    assert cell.bulk.yield_stress == pytest.approx(0.42e9, rel=1e-12)
     assert cell.bulk.hardening_modulus == 1e9  # of the second, softer body
+    # the flow stress at the plastic strain under an indenter is the hardness over 2.8
+    stress, _ = cell.bulk.flow_stress(np.array(0.08))
+    assert 2.8 * stress == pytest.approx(1.4e9)
     assert cell.hardness is None
     (caution,) = case.cautions()
-    assert "hardness of 1.4 GPa of the softer body became a yield stress of 0.5 GPa" in caution
+    assert "hardness of 1.4 GPa of the softer body became a yield stress of 0.42 GPa" in caution
 
 
 def test_a_flat_case_with_a_hardness_still_caps_its_pressure(tmp_path):
@@ -67,6 +70,11 @@ def test_unloading_goes_down_the_same_pressures_or_those_of_a_list(tmp_path):
             TEXT.replace('"1.6 GPa"', '"160 GPa"'),
             r"hardness of body_1 is 160 GPa, so that it would yield at a strain of 0\.27",
             id="too-hard",
+        ),
+        pytest.param(
+            TEXT.replace('hardening_modulus = "1 GPa"', 'hardening_modulus = "8 GPa"'),
+            r"\[body_1\] a hardening_modulus of 8 GPa alone .* give less than 7\.14 GPa",
+            id="hardens",
         ),
         pytest.param(
             TEXT.replace('"210 GPa"', '"-210 GPa"'),
