@@ -1,5 +1,6 @@
 """Finished steps of a path in a file, with which a process that was killed goes on."""
 
+from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, TypeVar
@@ -56,8 +57,8 @@ class Checkpoint:
         with replacing(self.file) as part, part.open("wb") as file:
             np.savez(file, allow_pickle=False, **content)
 
-    def found(self, kind: type[State]) -> tuple[Steps, State | None]:
-        """Read steps and state; none if the file is missing, damaged or of another identity."""
+    def found(self, kind: Callable[..., State]) -> tuple[Steps, State | None]:
+        """Read steps and state of a kind; none from a missing, damaged or another's file."""
         try:
             with np.load(self.file, allow_pickle=False) as archive:
                 content = {name: value[()] for name, value in archive.items()}

@@ -305,7 +305,7 @@ class _LinearStage:
         target: float,
         most: int,
     ) -> tuple[float, int]:
-        """Reduce the residual to ``target`` in ``most`` iterations; u and forces change in place."""
+        """Reduce the residual to ``target``; ``u`` and the forces are changed in place."""
         p, p_delta, rz_old = np.zeros(self.body.shape), 0.0, 1.0
         best, patience = np.inf, _PATIENCE
         for iteration in range(most):

@@ -131,7 +131,9 @@ def run_realisations(
     ]
     joined = xr.concat(ordered, "realisation", join="exact", combine_attrs="override")
     ended = "\n".join(
-        f"realisation {k}: {results[k].attrs['ended']}" for k in numbers if "ended" in results[k].attrs
+        f"realisation {k}: {results[k].attrs['ended']}"
+        for k in numbers
+        if "ended" in results[k].attrs
     )
     # provenance and identity are those of single realisations
     joined.attrs = {"ended": ended} if ended else {}

@@ -137,12 +137,12 @@ class Body(Settings):
     def _check(self) -> Self:
         if self.hardening_modulus is not None and self.hardness is None:
             raise ValueError("hardening_modulus needs a hardness, from which a metal yields")
-        if self.yield_stress is not None and not self.yield_stress > 0.0:
+        if self.hardness is not None and not (self.yield_stress or 0.0) > 0.0:
+            hardening, given = (1e-9 * (v or 0.0) for v in (self.hardening_modulus, self.hardness))
             raise ValueError(
-                f"a hardening_modulus of {1e-9 * (self.hardening_modulus or 0.0):g} GPa alone gives "
-                f"more than the hardness of {1e-9 * (self.hardness or 0.0):g} GPa and leaves no "
-                f"yield stress; give less than {1e-9 * (self.hardness or 0.0) / TABOR / INDENTED:.3g} "
-                f"GPa"
+                f"a hardening_modulus of {hardening:g} GPa alone gives more than the hardness of "
+                f"{given:g} GPa and leaves no yield stress; give less than "
+                f"{given / TABOR / INDENTED:.3g} GPa"
             )
         return self
 

@@ -11,6 +11,7 @@ from multiscale.upscaling.budget_terms import (
     NORMAL,
     fit_term,
     grid_term,
+    increment_term,
     pooled_sampling_term,
     sampling_term,
     separation_term,
@@ -101,7 +102,8 @@ def error_budget(
     - *cell size*: with the mean :math:`m(L) = m_\infty + b L^{-q}` through the sizes, weighted
       by their uncertainty, the bias :math:`b L^{-q}`, averaged over :math:`1 \le q \le 3` by
       their likelihood, and the interval about it;
-    - *micro discretisation*: :func:`estimate_grid_error` of the means of the same realisations;
+    - *micro discretisation*: :func:`estimate_grid_error` of the means of the same realisations,
+      and of cells that flow what halved increments of one realisation tell, of first order;
     - *scale separation*: with :math:`\varepsilon = \lambda_l/\ell` two independent parts: the
       pressure is not even over a wave, :math:`\tfrac12 f''(p)\, (\varepsilon p)^2 / 12` of a
       quantity :math:`f`; and the length :math:`\ell` of one structure holds only
@@ -151,6 +153,12 @@ def error_budget(
         terms["micro discretisation"], how["micro discretisation"] = grid_term(
             response, resolutions, apart=apart
         )
+    if "mean_gap_increment_error" in response.variables:
+        of_path, told = increment_term(response)
+        if resolutions:
+            grid = terms["micro discretisation"]
+            terms["micro discretisation"] = np.hypot(grid, of_path)
+        how["micro discretisation"] += f"; {told}"
     if scales is not None:
         terms["scale separation"] = separation_term(law, terms["sampling"] / factor, p, scales)
         how["scale separation"] = str(scales)

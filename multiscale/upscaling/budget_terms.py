@@ -27,6 +27,7 @@ __all__ = [
     "each_value",
     "fit_term",
     "grid_term",
+    "increment_term",
     "law_stiffness",
     "pooled_sampling_term",
     "same_steps",
@@ -200,6 +201,20 @@ def grid_term(
         rows.append(near**-order * np.hypot(sure * half, spread) / size)
         how = how or estimate.how
     return np.array(rows), how
+
+
+def increment_term(response: "xr.Dataset") -> tuple[np.ndarray, str]:
+    """Half-widths from the increments of a body that flows, and how they were told."""
+    gap = normal_observations(response)
+    error, area = (
+        response[f"{name}_increment_error"].to_numpy()[gap.order]
+        for name in ("mean_gap", "contact_fraction")
+    )
+    mean = np.nanmean(_masked(gap), axis=0)
+    slope = _stiffness_of(mean * (1.0 + error), gap.pressure) / _stiffness_of(mean, gap.pressure)
+    term = SAFETY * np.abs([error, area, slope - 1.0])
+    worst = ", ".join(f"{100.0 * one:.2g} %" for one in term.max(axis=1))
+    return term, f"increments, halved in one realisation: up to {worst} of gap, area and stiffness"
 
 
 def students(variances: np.ndarray, freedom: np.ndarray) -> np.ndarray:

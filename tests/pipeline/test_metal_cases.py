@@ -6,10 +6,13 @@ import pytest
 from multiscale.errors import CaseError
 from multiscale.io import open_law
 from multiscale.laws.bulk import J2
+from multiscale.micro import Cell, Path, Surface, solve_cell
 from multiscale.pipeline import load_case, make_cells, run
 from multiscale.pipeline.case import shipped_cases
+from multiscale.pipeline.micro import _increments, increment_errors
 from multiscale.plotting import draw_figures
 from multiscale.report import write_report
+from multiscale.schema import MICRO_RESPONSE
 from multiscale.upscaling import hysteretic_from_dataset
 
 TEXT = shipped_cases()["ground_steel_plastic"].read_text(encoding="utf-8")
@@ -140,3 +143,24 @@ def test_a_plastic_case_ends_in_a_law_with_both_branches_and_its_figure(tmp_path
     assert "H/2.8" in page
     assert 'alt="unloading"' in page
     assert "When the preload begins to fall" in page
+
+
+def test_halved_increments_tell_the_error_that_the_increments_leave():
+    """Against increments of an eighth, which leave a tenth of it."""
+    x = np.cos(2.0 * np.pi * np.arange(8) / 8)
+    cell = Cell(
+        Surface(0.02 * np.add.outer(x, x), (1.0, 1.0)),
+        *(1.0, 6, 1.0, 0.3),
+        bulk=J2(1.0, 0.3, 0.01, 0.05),
+    )
+    one, half, eighth = (
+        solve_cell(cell, Path(pressure=(0.01,), refinement=k), tolerance=1e-6) for k in (1, 2, 8)
+    )
+    assert half["increments"].item() > one["increments"].item()
+    found = increment_errors(one, half)["mean_gap_increment_error"][0]
+    exact = one["mean_gap"].item() / eighth["mean_gap"].item() - 1.0
+    assert 0.005 < abs(exact) < 0.03
+    assert found == pytest.approx(exact, rel=0.35)
+    response = MICRO_RESPONSE.assign(one, increment_errors(one, half))
+    (caution,) = _increments(response)
+    assert f"leave up to {100.0 * abs(found):.2g} % in the mean gap" in caution

@@ -75,7 +75,7 @@ def follow_path(
             target,
             increments=_fewest_increments(cell, path, state, target),
             tolerance=tolerance,
-            largest_approach=largest_approach(cell),
+            largest_approach=largest_approach(cell, path.refinement),
         )
         logger.info(
             "step %d: %s, %d increments, %d Newton, %d linear iterations",
@@ -114,7 +114,7 @@ def _check(cell: Cell, path: Path) -> None:
     if path.slide is not None and _passes(cell):
         steps = np.diff(np.array([(0.0, 0.0), *path.slide]), axis=0)
         longest = float(np.hypot(*steps.T).max())
-        if _slid_increments(cell, longest) > LONGEST_SLIDE:
+        if _slid_increments(cell, longest, largest_approach(cell, path.refinement)) > LONGEST_SLIDE:
             raise CaseError(
                 f"a slide of {longest:.3g} m in one step is "
                 f"{longest / min(cell.surface.size):.3g} periods of the cell and needs more than "
@@ -135,27 +135,27 @@ def _target(path: Path, k: int, area: float) -> Target:
 
 def _fewest_increments(cell: Cell, path: Path, state: CellState, target: Target) -> int:
     """Increments of a step."""
-    count = path.increments
+    count, largest = path.increments, largest_approach(cell, path.refinement)
     if _passes(cell):
         length = float(np.hypot(*(target.slide - state.slide)))
-        count = max(count, _slid_increments(cell, length))
-    if target.approach is not None and np.isfinite(largest_approach(cell)):
+        count = max(count, _slid_increments(cell, length, largest))
+    if target.approach is not None and np.isfinite(largest):
         moved = abs(target.approach - state.approach)
-        count = max(count, int(np.ceil(moved / largest_approach(cell) - 1e-9)))
+        count = max(count, int(np.ceil(moved / largest - 1e-9)))
     return count
 
 
-def _slid_increments(cell: Cell, length: float) -> int:
+def _slid_increments(cell: Cell, length: float, largest: float) -> int:
     """Increments of a slide: in each a node passes at most one point of what is opposite.
 
     Where a body flows, sliding up the slopes closes no more than a largest approach either.
     """
     closed = length * _rms_slope(cell)
-    passed = max(length / _spacing(cell), closed / largest_approach(cell))
+    passed = max(length / _spacing(cell), closed / largest)
     return int(np.ceil(passed - 1e-9))
 
 
-def largest_approach(cell: Cell) -> float:
+def largest_approach(cell: Cell, refinement: int = 1) -> float:
     """Give what the approach may change by in one increment, m."""
     if not _flows(cell):
         return np.inf
@@ -164,7 +164,7 @@ def largest_approach(cell: Cell) -> float:
         span = np.ptp(heights) + (0.0 if obstacle is None else np.ptp(obstacle.heights))
     else:
         span = np.ptp(heights - obstacle.heights)
-    return PLASTIC_APPROACH * 0.5 * float(span) or np.inf
+    return PLASTIC_APPROACH * 0.5 * float(span) / refinement or np.inf
 
 
 def _flows(cell: Cell) -> bool:
