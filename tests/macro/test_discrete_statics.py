@@ -14,8 +14,7 @@ from multiscale.macro import (
     solve_static,
     tensegrity_grid,
 )
-from multiscale.macro.discrete import stability
-from multiscale.macro.discrete import compatibility, newton
+from multiscale.macro.discrete import compatibility, newton, stability
 
 
 def equilibrium_error(system, result, load_factor):
