@@ -21,7 +21,7 @@ FIRST = 0.2  # of the largest change of the approach, where a load has found no 
 TOO_FAR = 1.2  # times the largest change of the approach: done again in shorter increments
 SMALLEST = 1e-4  # of a step of the path
 MOST = 400  # increments of a step beyond the fewest: what creeps on in short ones is given up
-LINEAR = (1_000, 40_000)  # linear iterations of a step: for each of the fewest increments, and more
+LINEAR = (1_000, 20_000)  # linear iterations of a step: for each of the fewest increments, and more
 
 
 @dataclass(frozen=True, eq=False)
