@@ -17,6 +17,10 @@ class Status(Enum):
 
     CONVERGED = "converged"
     MAX_ITERATIONS = "the iteration limit was reached; raise max_iterations or cut the load step"
+    WORK_SPENT = (
+        "the linear iterations allowed in all were spent; Poisson's ratios near .5, steep slopes "
+        "and long steps take most of them: lower one of these"
+    )
     NOT_FINITE = "a value became NaN or infinite; check units and boundary conditions"
     STALLED = "the residual stopped falling; the problem is too ill-conditioned for the tolerance"
     INFEASIBLE = "no admissible state exists: the data push against what nothing can resist"

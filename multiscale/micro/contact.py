@@ -27,7 +27,7 @@ __all__ = ["ElasticBody", "solve_contact"]
 _LOOSE = 1e-2  # reduction of the residual before the active set is questioned for the first time
 _INNER = 1e-7  # tolerance of the surface problems inside the preconditioner
 _BLOCKS = 5  # exchanges of all wrong nodes that may pass without fewer of them
-_LINEAR_LIMIT = 5000  # conjugate-gradient iterations on one active set
+_LINEAR_LIMIT = 5000  # conjugate-gradient iterations on all active sets of a solve together
 _PATIENCE = 300  # of them without a smaller residual: rounding has the last word; 50 to 100 are
 # usual where Poisson's ratio is .4999 on slopes of one half
 _SMALLER = 0.9  # times the least residual so far
@@ -145,7 +145,9 @@ def solve_contact(
         target = (
             tolerance if sharp else max(tolerance, _LOOSE * stage.residual(out_of_balance, force))
         )
-        delta, iterations = stage.conjugate_gradients(u, delta, out_of_balance, force, target)
+        delta, iterations = stage.conjugate_gradients(
+            u, delta, out_of_balance, force, target, _LINEAR_LIMIT - n_linear
+        )
         n_linear += iterations
 
         wrong = _wrong_nodes(active, force, closing * delta + body.trace(u) - gap, tolerance)
@@ -159,6 +161,9 @@ def solve_contact(
             break
         if n_wrong == 0 and residuals[-1] <= tolerance:
             status = Status.CONVERGED
+            break
+        if n_linear >= _LINEAR_LIMIT:
+            status = Status.WORK_SPENT
             break
 
         if sharp and n_wrong == 0 and len(residuals) > 1 and residuals[-1] > 0.5 * residuals[-2]:
@@ -298,11 +303,12 @@ class _LinearStage:
         out_of_balance: np.ndarray,
         force: np.ndarray,
         target: float,
+        most: int,
     ) -> tuple[float, int]:
         """Reduce the residual to ``target``; ``u`` and the forces are changed in place."""
         p, p_delta, rz_old = np.zeros(self.body.shape), 0.0, 1.0
         best, patience = np.inf, _PATIENCE
-        for iteration in range(_LINEAR_LIMIT):
+        for iteration in range(most):
             residual = self.residual(out_of_balance, force)
             patience -= 1
             if residual < _SMALLER * best:
@@ -324,4 +330,4 @@ class _LinearStage:
             force -= alpha * reaction
             delta += alpha * p_delta
             rz_old = rz
-        return delta, _LINEAR_LIMIT
+        return delta, most

@@ -8,8 +8,9 @@ from typing import TYPE_CHECKING, Any
 
 from multiscale.errors import CaseError, SchemaError
 from multiscale.executors import run_jobs
-from multiscale.io import make_folder, open_dataset, write_dataset
+from multiscale.io import make_folder, open_dataset, remove, write_dataset
 from multiscale.micro.cell import Cell
+from multiscale.micro.checkpoint import Checkpoint
 from multiscale.micro.path import Path
 from multiscale.micro.solve import solve_cell
 from multiscale.micro.topography import nayak_parameter, rms_height, rms_slope
@@ -45,7 +46,7 @@ def run_ensemble(
         See :func:`multiscale.executors.run_jobs`.
     folder : Path, optional
         Gets ``realisation-0000.nc`` and so on, each written when it is finished. Those already
-        there are not computed again.
+        there are not computed again, nor steps that took long of one that was killed.
     identity : str
         What the cells were made from, for instance the checksum of a case.
     keep_fields : bool
@@ -67,7 +68,15 @@ def run_ensemble(
     """
     return run_realisations(
         _solve_realisation,
-        [(cell, path, keep_fields and k == 0) for k, cell in enumerate(cells)],
+        [
+            (
+                cell,
+                path,
+                keep_fields and k == 0,
+                folder and Checkpoint(_steps_of(_file_of(folder, k)), identity),
+            )
+            for k, cell in enumerate(cells)
+        ],
         executor=executor,
         folder=folder,
         identity=identity,
@@ -100,7 +109,7 @@ def run_realisations(
     if folder is not None:
         make_folder(folder)
     numbers = range(len(arguments))
-    files = [folder / f"realisation-{k:04d}.nc" if folder else None for k in numbers]
+    files = [_file_of(folder, k) if folder else None for k in numbers]
     results = {
         k: found for k, file in enumerate(files) if (found := _finished(file, identity)) is not None
     }
@@ -121,7 +130,13 @@ def run_realisations(
         for k in numbers
     ]
     joined = xr.concat(ordered, "realisation", join="exact", combine_attrs="override")
-    joined.attrs = {}  # provenance and identity are those of single realisations
+    ended = "\n".join(
+        f"realisation {k}: {results[k].attrs['ended']}"
+        for k in numbers
+        if "ended" in results[k].attrs
+    )
+    # provenance and identity are those of single realisations
+    joined.attrs = {"ended": ended} if ended else {}
     return joined
 
 
@@ -135,6 +150,7 @@ def _compute_and_keep(
     response = function(*arguments)
     if file is not None:
         write_dataset(response, file, MICRO_RESPONSE, identity=identity)
+        remove(_steps_of(file))
     return response
 
 
@@ -154,9 +170,21 @@ def _finished(file: FilePath | None, identity: str) -> "xr.Dataset | None":
     return found
 
 
-def _solve_realisation(cell: Cell, path: Path, keep_fields: bool) -> "xr.Dataset":
+def _file_of(folder: FilePath, k: int) -> FilePath:
+    """File of a realisation."""
+    return folder / f"realisation-{k:04d}.nc"
+
+
+def _steps_of(file: FilePath) -> FilePath:
+    """File of the finished steps of a realisation that is not finished."""
+    return file.with_name(f".{file.stem}.npz")
+
+
+def _solve_realisation(
+    cell: Cell, path: Path, keep_fields: bool, checkpoint: Checkpoint | None
+) -> "xr.Dataset":
     """Solve one cell and add its statistics."""
-    response = solve_cell(cell, path, keep_fields=keep_fields)
+    response = solve_cell(cell, path, keep_fields=keep_fields, checkpoint=checkpoint)
     statistics = (rms_height, rms_slope, nayak_parameter)
     return MICRO_RESPONSE.assign(
         response, {statistic.__name__: [statistic(cell.surface)] for statistic in statistics}

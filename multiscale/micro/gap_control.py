@@ -35,7 +35,7 @@ from multiscale.micro.mesh import graded_planes
 __all__ = ["GapCell", "GapState", "assemble_gap_cell"]
 
 _START = 1e-3  # tolerance of the projected gradients that find the first contact nodes
-_LINEAR_LIMIT = 1000  # conjugate-gradient iterations on one set of contact nodes
+_LINEAR_LIMIT = 5000  # conjugate-gradient iterations on all sets of contact nodes together
 
 Operator = Callable[[np.ndarray], np.ndarray]
 
@@ -137,8 +137,12 @@ class GapCell:
         active = force > 0.0
         status, n_linear = Status.MAX_ITERATIONS, 0
         for _ in range(max_iterations):
-            force, n = self._linear_stage(approach - self.gap, active, force, tolerance)
+            most = _LINEAR_LIMIT - n_linear
+            force, n = self._linear_stage(approach - self.gap, active, force, tolerance, most)
             n_linear += n
+            if n_linear >= _LINEAR_LIMIT:
+                status = Status.WORK_SPENT
+                break
             opening = self.compliance(force) + self.gap - approach
             slack = 100.0 * tolerance
             pulls = active & (force < -slack * float(np.max(force)))
@@ -147,7 +151,10 @@ class GapCell:
                 status = Status.CONVERGED
                 break
             active = (active & ~pulls) | overlaps
-        tangent, n = self._linear_stage(np.ones_like(force), active, np.zeros_like(force), 1e-9)
+        ones, nothing = np.ones_like(force), np.zeros_like(force)
+        tangent, n = self._linear_stage(ones, active, nothing, 1e-9, _LINEAR_LIMIT)
+        if n >= _LINEAR_LIMIT:
+            status = Status.WORK_SPENT
         if not np.isfinite(np.sum(force) + np.sum(tangent)):
             status = Status.NOT_FINITE
         node = np.flatnonzero(active)
@@ -186,15 +193,20 @@ class GapCell:
         return force
 
     def _linear_stage(
-        self, distance: np.ndarray, active: np.ndarray, start: np.ndarray, tolerance: float
+        self,
+        distance: np.ndarray,
+        active: np.ndarray,
+        start: np.ndarray,
+        tolerance: float,
+        most: int,
     ) -> tuple[np.ndarray, int]:
-        """Solve the first of (2) by conjugate gradients; return the forces and the iterations."""
+        """Solve the first of (2) in ``most`` conjugate gradients; return forces and iterations."""
         force = np.where(active, start, 0.0)
         target = np.where(active, distance, 0.0)
         r = target - np.where(active, self.compliance(force), 0.0) if force.any() else target
         goal = tolerance * float(np.linalg.norm(target))
         p, rz_old = np.zeros_like(r), 1.0
-        for iteration in range(_LINEAR_LIMIT):
+        for iteration in range(most):
             if not float(np.linalg.norm(r)) > goal:
                 return force, iteration
             z = np.where(active, self.preconditioner(r), 0.0)
@@ -205,7 +217,7 @@ class GapCell:
             force = force + alpha * p
             r = r - alpha * q
             rz_old = rz
-        return np.full_like(force, np.nan), _LINEAR_LIMIT
+        return force, most
 
 
 def assemble_gap_cell(cell: Cell) -> GapCell:

@@ -26,6 +26,8 @@ class Path:
     increments : int
         Fewest increments of a step. More are taken where a body flows, slides or does not
         converge.
+    refinement : int
+        How many times shorter than by default the increments of a body that flows are.
 
     Raises
     ------
@@ -38,6 +40,7 @@ class Path:
     slide: tuple[tuple[float, float], ...] | None = None
     time: tuple[float, ...] | None = None
     increments: int = 1
+    refinement: int = 1
 
     def __post_init__(self) -> None:
         if (self.pressure is None) == (self.approach is None):
@@ -51,8 +54,9 @@ class Path:
                 f"pressures must not be negative (Pa), got {min(steps):g}; adhesion is not modelled"
             )
         object.__setattr__(self, name, steps)
-        if self.increments < 1:
-            raise CaseError(f"a step needs at least 1 increment, got {self.increments}")
+        for name in ("increments", "refinement"):
+            if getattr(self, name) < 1:
+                raise CaseError(f"{name} of a path must be at least 1, got {getattr(self, name)}")
         if self.slide is not None:
             slide = np.asarray(self.slide, dtype=float)
             if slide.shape != (len(steps), 2) or not np.all(np.isfinite(slide)):

@@ -12,6 +12,7 @@ from multiscale.convergence import Status
 from multiscale.errors import CaseError, MultiscaleError
 from multiscale.micro import averages
 from multiscale.micro.cell import Cell, MeshCell
+from multiscale.micro.checkpoint import Checkpoint
 from multiscale.micro.contact_area import contact_fraction
 from multiscale.micro.contact_state import ContactProblem, ContactState
 from multiscale.micro.needs import cell_needs
@@ -36,6 +37,7 @@ def solve_cell(
     keep_fields: bool = False,
     recover_stress: bool = False,
     tolerance: float = 1e-8,
+    checkpoint: Checkpoint | None = None,
 ) -> "xr.Dataset":
     """Press a cell along a path and average what its surface carries.
 
@@ -50,13 +52,15 @@ def solve_cell(
         contact forces, and as dear as the contact itself.
     tolerance : float
         Of the contact solver, relative to the norm of the contact forces.
+    checkpoint : Checkpoint, optional
+        Gets the steps that took long as they are finished; those found there are not solved again.
 
     Returns
     -------
     Dataset
         Follows ``MICRO_RESPONSE``, with one realisation. A step that did not converge is ``NaN``
-        with ``converged`` 0. Later steps are still tried if the body has no memory; with friction,
-        at large strain or sliding the path ends there, and the attribute ``ended`` says why.
+        with ``converged`` 0, and the attribute ``ended`` says why. Later steps are still tried if
+        the body has no memory; with friction, at large strain or sliding the path ends there.
 
     Raises
     ------
@@ -78,7 +82,7 @@ def solve_cell(
             or "opposite body" in needs
             or path.slide is not None
         ):
-            return _follow(cell, path, needs, tolerance)
+            return _follow(cell, path, needs, tolerance, checkpoint)
         if path.slide is not None or path.time is not None:
             raise CaseError(
                 "a linear elastic body on a general mesh neither slides nor knows time; leave out "
@@ -87,7 +91,9 @@ def solve_cell(
         problem = _assemble(cell, needs)
         state: ContactState | None = None
         steps: list[dict[str, Any]] = []
-        for k in range(len(path)):
+        if checkpoint is not None:
+            steps, state = checkpoint.found(ContactState)
+        for k in range(len(steps), len(path)):
             begin = perf_counter()
             found = problem.solve(
                 load=None if path.pressure is None else path.pressure[k] * problem.nominal_area,
@@ -109,6 +115,14 @@ def solve_cell(
             )
             if needs.fields and converged:
                 steps[-1] |= _local_fields(problem, found)
+            if not converged:
+                steps[-1]["ended"] = (
+                    f"step {k} ended after {len(found.residuals)} active sets and "
+                    f"{found.linear_iterations} linear iterations: {found.status.value}"
+                )
+                logger.warning("%s", steps[-1]["ended"])
+            if checkpoint is not None:
+                checkpoint.keep(steps, state)
             logger.info(
                 "step %d: %s, %d active sets, %d linear iterations",
                 k,
@@ -119,14 +133,18 @@ def solve_cell(
     return _dataset(steps, path, problem.weight.T.shape, needs)
 
 
-def _follow(cell: Cell, path: Path, needs: Needs, tolerance: float) -> "xr.Dataset":
+def _follow(
+    cell: Cell, path: Path, needs: Needs, tolerance: float, checkpoint: Checkpoint | None
+) -> "xr.Dataset":
     """Follow a path with friction, at large strain or sliding."""
     for caution in cell.cautions():
         logger.warning("%s", caution)
     with _compiled():
         from multiscale.micro.finite.follow import follow_path
-    steps, ended = follow_path(cell, path, fields=bool(needs.fields), tolerance=tolerance)
-    return _dataset(steps, path, cell.surface.heights.T.shape, needs, ended)
+    steps = follow_path(
+        cell, path, fields=bool(needs.fields), tolerance=tolerance, checkpoint=checkpoint
+    )
+    return _dataset(steps, path, cell.surface.heights.T.shape, needs)
 
 
 @contextmanager
@@ -192,7 +210,6 @@ def _dataset(
     path: Path,
     grid: tuple[int, ...],
     needs: Needs,
-    ended: str = "",
 ) -> "xr.Dataset":
     """Join the steps; what a failed step lacks is NaN."""
     shapes: dict[str, tuple[int, ...]] = {
@@ -216,4 +233,5 @@ def _dataset(
         values["nominal_pressure"] = np.array(path.pressure)
     if path.time is not None:
         values["time"] = np.array(path.time)
+    ended = "; ".join(str(step["ended"]) for step in steps if "ended" in step)
     return MICRO_RESPONSE.build(values, **({"ended": ended} if ended else {}))

@@ -32,7 +32,7 @@ PARTS = (
     "sampling",
     "cell size",
     "fit",
-    "scale separation",
+    "remainder",
     "discretisation of the law",
     "discretisation resolved",
 )
@@ -127,8 +127,9 @@ def end_to_end(
       large as the structure;
     - *fit*: S with the law of one cell, less the answer of the concurrent way with the same cell,
       the mean over eight: more than that of a law fitted to all, whose data are smoother;
-    - *scale separation*: what is left of :math:`S'/D - 1`, the *paired error*, in which law and
-      structure have the very same surfaces;
+    - *remainder*: what the other parts leave of :math:`S'/D - 1`, the *paired error*, in which law
+      and structure have the very same surfaces: scale separation, which is not computed by itself,
+      and the errors of the other parts;
     - *discretisation* of the law (grid of the cells and points of the structure) and of what is
       resolved, by :func:`~multiscale.upscaling.estimate_grid_error` from the same surfaces with
       twice the points.
@@ -183,11 +184,11 @@ def _compare(
     fine = solve_direct(structure, range(FEW), points_per_wave=2 * px)
     resolved = _doubled(direct.gaps[:FEW], fine.gaps, D)
     known = (fit, grid, (-resolved[0], resolved[1]))
-    separation = (
+    remainder = (
         paired[0] - sum(part[0] for part in known),
         float(np.linalg.norm([paired[1], *(part[1] for part in known)])),
     )
-    parts = [(0.0, sampling), size, fit, separation, *known[1:]]
+    parts = [(0.0, sampling), size, fit, remainder, *known[1:]]
     answer = cells.answers[0]
     return {
         "scale_ratio": case.ratio,

@@ -33,16 +33,15 @@ def joint_scales(case: Case) -> ScaleSeparation:
     return compare_scales(longest_wave(case), max(case.cell.size), case.joint.width)
 
 
-def solve_joint(case: Case, law: "xr.Dataset", *, bootstrap: bool = True) -> "xr.Dataset":
+def solve_joint(case: Case, law: "xr.Dataset") -> "xr.Dataset":
     """Press two blocks together through the law and its samples.
 
     Parameters
     ----------
     case : Case
     law : Dataset
-        Follows ``INTERFACE_LAW`` and carries its budget.
-    bootstrap : bool
-        Whether the samples of the law tell the sampling error of the joint, or its own budget.
+        Follows ``INTERFACE_LAW`` and carries its budget, which tells the sampling error of the
+        joint if the law has no samples.
 
     Returns
     -------
@@ -77,7 +76,7 @@ def solve_joint(case: Case, law: "xr.Dataset", *, bootstrap: bool = True) -> "xr
         answer=result["joint_stiffness"].to_numpy(),
         pressure=preload,
         coarser={2.0: stiffness(law_from_dataset(law), 2)},
-        samples=result["joint_stiffness_sample"].to_numpy() if samples and bootstrap else 0,
+        samples=result["joint_stiffness_sample"].to_numpy() if samples else 0,
     )
     return with_budget(result, budget)
 

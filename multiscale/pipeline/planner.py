@@ -307,13 +307,17 @@ class _Campaign:
         ), response
 
     def law(
-        self, setting: Setting, response: "xr.Dataset", pilots: Pilots, samples: int
+        self, setting: Setting, response: "xr.Dataset", pilots: Pilots
     ) -> tuple[Case, "xr.Dataset"]:
-        """Fit the law of a response, with its budget."""
+        """Fit the law of a response, with its budget.
+
+        It has no bootstrap samples: their bands would hold the scatter of few cells, and neither
+        that of the pilot runs nor the errors by size and grid, which the budget has.
+        """
         chosen = resize(self.case, setting)
         sizes, grids = pilots.beside(chosen)
         response = without_size_bias(response, sizes)
-        law = fit_law(response, n_terms=chosen.law.terms, n_samples=samples)
+        law = fit_law(response, n_terms=chosen.law.terms, n_samples=0)
         scales = joint_scales(chosen)
         budget = error_budget(
             response, law, resolutions=grids, sizes=sizes, scales=scales, apart=True
@@ -325,10 +329,10 @@ class _Campaign:
     def estimate(self, setting: Setting, response: "xr.Dataset", pilots: Pilots) -> Estimate:
         """Say how wrong the answer of a response is."""
         assert self.case.accuracy is not None
-        chosen, carrier = self.law(setting, response, pilots, 0)
+        chosen, carrier = self.law(setting, response, pilots)
         quantity = self.case.accuracy.quantity
         if quantity == "joint_stiffness":
-            carrier = solve_joint(chosen, carrier, bootstrap=False)
+            carrier = solve_joint(chosen, carrier)
         one = carrier.sel(quantity=quantity)
         return Estimate(setting, one["error_half_width"].to_numpy(), one["error_bias"].to_numpy())
 
@@ -338,9 +342,9 @@ class _Campaign:
         """Fit the law that is the answer, and solve the joint with it."""
         assert self.case.accuracy is not None
         accuracy, setting, total = self.case.accuracy, known.estimate.setting, known.estimate.total
-        spent, samples = self.spent(), self.case.law.samples
-        chosen, law = self.law(setting, response, known.pilots, samples)
-        result = solve_joint(chosen, law, bootstrap=False)
+        spent = self.spent()
+        chosen, law = self.law(setting, response, known.pilots)
+        result = solve_joint(chosen, law)
         last = (
             f"the estimated error of {accuracy.quantity} is {100.0 * total:.3g} %, below the "
             f"target of {100.0 * accuracy.target:.3g} %; {spent:.3g} s of solver time were spent, "

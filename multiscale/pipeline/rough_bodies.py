@@ -15,7 +15,11 @@ from multiscale.pipeline.toml_model import (
     with_unit,
 )
 
-__all__ = ["Body", "InstrumentSurface", "SyntheticSurface"]
+__all__ = ["TABOR", "Body", "InstrumentSurface", "SyntheticSurface"]
+
+TABOR, INDENTED = 2.8, 0.08
+"""Hardness over flow stress, and plastic strain of that under a Vickers indenter (D. Tabor, The
+Hardness of Metals, Oxford 1951)."""
 
 
 class SyntheticSurface(Settings):
@@ -103,9 +107,11 @@ class Body(Settings):
         Synthetic or measured roughness; smooth if not given.
     hardness : quantity, optional
         Hardness H of a metal, Pa; the softer body's counts. In flat cells the largest local
-        pressure; in conforming ones H/2.8 is the yield stress. Elastic if not given.
+        pressure; in conforming ones H/2.8 is the flow stress at a plastic strain of .08. Elastic if
+        not given.
     hardening_modulus : quantity, optional
-        Rise of the yield stress with the plastic strain, Pa, at least 0; conforming cells only.
+        Rise of the yield stress with the plastic strain, Pa, at least 0 and below H/.224;
+        conforming cells only.
     """
 
     youngs_modulus: Pressure
@@ -135,4 +141,22 @@ class Body(Settings):
     def _check(self) -> Self:
         if self.hardening_modulus is not None and self.hardness is None:
             raise ValueError("hardening_modulus needs a hardness, from which a metal yields")
+        if self.hardness is not None and not (self.yield_stress or 0.0) > 0.0:
+            hardening, given = (1e-9 * (v or 0.0) for v in (self.hardening_modulus, self.hardness))
+            raise ValueError(
+                f"a hardening_modulus of {hardening:g} GPa alone gives more than the hardness of "
+                f"{given:g} GPa and leaves no yield stress; give less than "
+                f"{given / TABOR / INDENTED:.3g} GPa"
+            )
         return self
+
+    @property
+    def yield_stress(self) -> float | None:
+        r"""Yield stress of conforming cells, Pa: :math:`\sigma_y = H/2.8 - 0.08\, h`.
+
+        The indenter meets the stress to which its own plastic strain, of .08 in the mean, has
+        raised the yield stress by the hardening modulus :math:`h`.
+        """
+        if self.hardness is None:
+            return None
+        return self.hardness / TABOR - INDENTED * (self.hardening_modulus or 0.0)

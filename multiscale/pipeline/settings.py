@@ -16,15 +16,12 @@ from multiscale.pipeline.case_tables import (
     MicroSettings,
     SlideSettings,
 )
-from multiscale.pipeline.rough_bodies import Body, InstrumentSurface
+from multiscale.pipeline.rough_bodies import TABOR, Body, InstrumentSurface
 from multiscale.pipeline.toml_model import Settings
 
-__all__ = ["FEWEST_REALISATIONS", "POINTS_PER_WAVE", "TABOR", "Case"]
+__all__ = ["FEWEST_REALISATIONS", "POINTS_PER_WAVE", "Case"]
 
 FEWEST_REALISATIONS = 3  # for a band
-TABOR = 2.8
-"""Hardness over yield stress (D. Tabor, The Hardness of Metals, Oxford 1951)."""
-
 STRONGEST = 0.1
 """Largest strain at which a metal may yield."""
 
@@ -91,7 +88,7 @@ class Case(Settings):
                     f"hardening_modulus of body_{number} means nothing to flat cells, which cap "
                     f'the pressure; set geometry = "conforming" in [cell], or leave it out'
                 )
-            strain = (body.hardness or 0.0) / TABOR / body.youngs_modulus
+            strain = (body.yield_stress or 0.0) / body.youngs_modulus
             if not flat and strain > STRONGEST:
                 raise ValueError(
                     f"hardness of body_{number} is {1e-9 * (body.hardness or 0.0):g} GPa, so that "
@@ -127,10 +124,10 @@ class Case(Settings):
 
     @property
     def yield_stress(self) -> float | None:
-        r"""Yield stress of a conforming cell, Pa: :math:`\sigma_y = H/2.8` of the softer body."""
-        if self.hardness is None or self.cell.geometry == "flat":
+        """Yield stress of a conforming cell, Pa: that of the softer body."""
+        if self.softer is None or self.cell.geometry == "flat":
             return None
-        return self.hardness / TABOR
+        return self.softer.yield_stress
 
     def quick(self) -> Self:
         """Return the same case on a coarser grid with fewer realisations, and without a target."""
@@ -175,8 +172,8 @@ class Case(Settings):
         if self.yield_stress is not None and self.hardness is not None:
             found.append(
                 f"the hardness of {1e-9 * self.hardness:g} GPa of the softer body became a yield "
-                f"stress of {1e-9 * self.yield_stress:.4g} GPa (H/{TABOR}) of the one body that "
-                f"stands for both, which flows for both"
+                f"stress of {1e-9 * self.yield_stress:.4g} GPa (H/{TABOR} less what hardening adds "
+                f"under an indenter) of the one body that stands for both, which flows for both"
             )
         if self.micro.realisations < FEWEST_REALISATIONS:
             found.append(

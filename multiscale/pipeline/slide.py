@@ -14,7 +14,7 @@ from multiscale.micro import Cell, Opposite, slide_cell
 from multiscale.pipeline.case_tables import SlideSettings
 from multiscale.pipeline.cells import body_surfaces
 from multiscale.pipeline.rough_bodies import Body
-from multiscale.pipeline.settings import TABOR, Case
+from multiscale.pipeline.settings import Case
 from multiscale.pipeline.toml_model import read_toml
 from multiscale.schema import SLIDING_RESPONSE
 
@@ -118,11 +118,11 @@ def read_sliding(out: Path) -> "xr.Dataset | None":
 
 def _bulk(body: Body) -> BulkLaw:
     """Law of a body at large strain."""
-    if body.hardness is None:
+    if body.yield_stress is None:
         return NeoHookean(body.youngs_modulus, body.poissons_ratio)
     return J2(
         body.youngs_modulus,
         body.poissons_ratio,
-        body.hardness / TABOR,
+        body.yield_stress,
         body.hardening_modulus or 0.0,
     )

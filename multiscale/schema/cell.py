@@ -28,6 +28,12 @@ MICRO_RESPONSE = Schema(
         "friction_work": Variable(_CELL, "J m-2", "work of friction since the start, per area"),
         "flowing_fraction": Variable(_CELL, "1", "share of the Gauss points that flow"),
         "increments": Variable(_CELL, "1", "increments that the step took"),
+        "mean_gap_increment_error": Variable(
+            ("step",), "1", "error of the gap by the increments of a body that flows, relative"
+        ),
+        "contact_fraction_increment_error": Variable(
+            ("step",), "1", "error of the area by the increments of a body that flows, relative"
+        ),
         "time": Variable(("step",), "s", "time at the end of the step"),
         "pressure": Variable((*_CELL, "y", "x"), "Pa", "local contact pressure"),
         "gap": Variable((*_CELL, "y", "x"), "m", "local gap"),

@@ -6,7 +6,7 @@ __all__ = ["END_TO_END"]
 
 END_TO_END = Schema(
     name="end_to_end",
-    version=1,
+    version=2,
     variables={
         "scale_ratio": Variable(("case",), "1", "longest wave over the length of the structure"),
         "points_per_wave": Variable(("case",), "1", "grid points per shortest wave"),

@@ -11,6 +11,7 @@ from multiscale.upscaling.budget_terms import (
     NORMAL,
     fit_term,
     grid_term,
+    increment_term,
     pooled_sampling_term,
     sampling_term,
     separation_term,
@@ -103,7 +104,8 @@ def error_budget(
     - *cell size*: with the mean :math:`m(L) = m_\infty + b L^{-q}` through the sizes, weighted
       by their uncertainty, the bias :math:`b L^{-q}`, averaged over :math:`1 \le q \le 3` by
       their likelihood, and the interval about it;
-    - *micro discretisation*: :func:`estimate_grid_error` of the means of the same realisations;
+    - *micro discretisation*: :func:`estimate_grid_error` of the means of the same realisations,
+      and of cells that flow what halved increments of one realisation tell, of first order;
     - *surface*: what the cells lack of the height and the slope of measured maps, see
       :func:`~.surface_error.surface_term`; nothing where surfaces were made from a spectrum;
     - *scale separation*: with :math:`\varepsilon = \lambda_l/\ell` two independent parts: the
@@ -155,6 +157,12 @@ def error_budget(
         terms["micro discretisation"], how["micro discretisation"] = grid_term(
             response, resolutions, apart=apart
         )
+    if "mean_gap_increment_error" in response.variables:
+        of_path, told = increment_term(response)
+        if resolutions:
+            grid = terms["micro discretisation"]
+            terms["micro discretisation"] = np.hypot(grid, of_path)
+        how["micro discretisation"] += f"; {told}"
     terms["surface"], how["surface"] = surface_term(response, law, p)
     if scales is not None:
         terms["scale separation"] = separation_term(law, terms["sampling"] / factor, p, scales)

@@ -15,7 +15,7 @@ from multiscale.upscaling.observations import (
     normal_observations,
 )
 from multiscale.upscaling.reading import area_from_dataset, law_band, law_from_dataset
-from multiscale.upscaling.resolution import LOWEST_ORDER, estimate_grid_error
+from multiscale.upscaling.resolution import LOWEST_ORDER, SAFETY, estimate_grid_error
 from multiscale.upscaling.scales import ScaleSeparation
 from multiscale.upscaling.statistics import ensemble_average
 
@@ -27,6 +27,7 @@ __all__ = [
     "each_value",
     "fit_term",
     "grid_term",
+    "increment_term",
     "law_stiffness",
     "pooled_sampling_term",
     "same_steps",
@@ -166,9 +167,11 @@ def grid_term(
 ) -> tuple[np.ndarray, str]:
     """Half-widths from the same realisations on several grids, at the spacing of the response.
 
-    The mean difference of few realisations may pass through zero: the interval of the differences
-    is added, and its variance taken out of the square of the mean, which holds it. What is found on
-    the finest grid is taken to the spacing of the response by the order observed, or the lowest.
+    The error at the spacing of the response, or at the spacing compared that is nearest to it, is
+    its difference to the finest grid, which was solved, and what the finest grid leaves by the
+    order observed, or the lowest. The mean difference of few realisations may pass through zero:
+    the interval of the differences is added, and its variance taken out of the square of the mean,
+    which holds it.
     """
     _, found = same_steps(response, resolutions, apart=apart)
     finest, next_finest = sorted(found)[:2]
@@ -179,21 +182,39 @@ def grid_term(
                 f"the response at the ratio {ratio:g} has {n[ratio]} realisations, not "
                 f"{n[finest]}; solve the same ones on every grid"
             )
+    near = min(found, key=lambda ratio: abs(np.log(ratio)))
     rows, how = [], ""
     for values in each_value(found):
         mean = {ratio / finest: np.nanmean(one, axis=0) for ratio, one in values.items()}
         size = np.abs(mean[1.0])
         estimate = estimate_grid_error(mean.pop(1.0), mean)
-        difference = (values[finest] - values[next_finest]) / (next_finest / finest - 1.0)
-        variance = np.nanvar(difference, axis=0) / max(n[finest] - 1, 1)
+        order = estimate.order if np.isfinite(estimate.order) else LOWEST_ORDER
+        solved = values[near] - values[finest]
+        error = solved + (values[next_finest] - values[finest]) / (
+            (next_finest / finest) ** order - 1.0
+        )
+        variance = np.nanvar(error, axis=0) / max(n[finest] - 1, 1)
         spread = students(variance[None], np.array([[n[finest] - 1]]))
-        square = np.nanmean(difference, axis=0) ** 2
+        square = np.nanmean(error, axis=0) ** 2
         sure = np.sqrt(np.maximum(square - variance, 0.0) / np.maximum(square, 1e-300))
-        order = np.where(np.isfinite(estimate.order), estimate.order, LOWEST_ORDER)
-        coarser = finest**-order  # of the response than of the finest grid
-        rows.append(coarser * np.hypot(sure * estimate.half_width, spread) / size)
+        half = SAFETY * np.abs(np.nanmean(solved, axis=0)) + estimate.half_width
+        rows.append(near**-order * np.hypot(sure * half, spread) / size)
         how = how or estimate.how
     return np.array(rows), how
+
+
+def increment_term(response: "xr.Dataset") -> tuple[np.ndarray, str]:
+    """Half-widths from the increments of a body that flows, and how they were told."""
+    gap = normal_observations(response)
+    error, area = (
+        response[f"{name}_increment_error"].to_numpy()[gap.order]
+        for name in ("mean_gap", "contact_fraction")
+    )
+    mean = np.nanmean(_masked(gap), axis=0)
+    slope = _stiffness_of(mean * (1.0 + error), gap.pressure) / _stiffness_of(mean, gap.pressure)
+    term = SAFETY * np.abs([error, area, slope - 1.0])
+    worst = ", ".join(f"{100.0 * one:.2g} %" for one in term.max(axis=1))
+    return term, f"increments, halved in one realisation: up to {worst} of gap, area and stiffness"
 
 
 def students(variances: np.ndarray, freedom: np.ndarray) -> np.ndarray:

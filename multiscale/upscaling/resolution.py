@@ -11,6 +11,7 @@ __all__ = ["GridEstimate", "estimate_grid_error"]
 
 ORDERS = (0.5, 3.0)  # outside, differences do not tell an order
 LOWEST_ORDER = 1.0
+ALIKE = 0.5  # cosine of the differences over the steps
 SAFETY = 1.25
 UNSURE = 3.0
 
@@ -25,15 +26,15 @@ class GridEstimate:
         Estimated error of the answer, answer minus limit, in its unit.
     half_width : ndarray, shape (steps,)
         About a 95 % bound on its size, same unit.
-    order : ndarray, shape (steps,)
-        Observed order; NaN where the grids tell none.
+    order : float
+        Observed order, one for all steps; NaN if the grids tell none.
     how : str
         The estimate in words.
     """
 
     error: np.ndarray
     half_width: np.ndarray
-    order: np.ndarray
+    order: float
     how: str
 
 
@@ -55,16 +56,19 @@ def estimate_grid_error(answer: np.ndarray, coarser: Mapping[float, np.ndarray])
 
     Notes
     -----
-    With :math:`d_1 = f_1 - f_2` from the finest two grids and :math:`d_2 = f_2 - f_3`,
+    With :math:`d_1 = f_1 - f_2` from the finest two grids and :math:`d_2 = f_2 - f_3`, and norms
+    over the steps of differences relative to :math:`f_1`,
 
     .. math::
-        q = \frac{\ln (d_2 / d_1)}{\ln r}, \qquad e = -\frac{d_1}{r^q - 1}, \qquad
+        q = \frac{\ln (\|d_2\| / \|d_1\|)}{\ln r}, \qquad e = -\frac{d_1}{r^q - 1}, \qquad
         |e_{95}| = 1.25\, |e|.    \tag{1}
 
-    With one coarser grid the order is 1, that of the contact fraction and the lowest of the
-    averages. Where three grids tell no order between 0.5 and 3, because the differences change
-    sign or grow, the bound is three times the largest difference. The factors are those of the
-    grid convergence index [1]_.
+    The order belongs to the discretisation and is one for all steps: at a single step, where a
+    difference passes through zero, the ratio of both may be anything, and the bound is at least
+    that of the root mean square of :math:`e` there. With one coarser grid the order is 1, that of
+    the contact fraction and the lowest of the averages. Where three grids tell no order between
+    0.5 and 3, or the differences are not alike (a cosine below a half), the bound is three times
+    the largest difference. The factors are those of the grid convergence index [1]_.
 
     References
     ----------
@@ -80,19 +84,18 @@ def estimate_grid_error(answer: np.ndarray, coarser: Mapping[float, np.ndarray])
     d1 = fine - coarser[r]
     if len(ratios) == 1 or abs(ratios[1] - r**2) > 0.05 * r**2:
         error = -d1 / (r**LOWEST_ORDER - 1.0)
-        order = np.full(fine.shape, np.nan)
         how = f"one coarser grid (spacing {r:g} times), order taken as {LOWEST_ORDER:g}"
-        return GridEstimate(error, SAFETY * np.abs(error), order, how)
+        return GridEstimate(error, SAFETY * np.abs(error), np.nan, how)
     d2 = coarser[r] - coarser[ratios[1]]
-    with np.errstate(divide="ignore", invalid="ignore"):
-        order = np.log(d2 / d1) / np.log(r)
-    sure = (order >= ORDERS[0]) & (order <= ORDERS[1])
-    q = np.where(sure, order, LOWEST_ORDER)
-    error = -d1 / (r**q - 1.0)
-    unsure = UNSURE * np.maximum(np.abs(d1), np.abs(d2)) / (r - 1.0)
+    scale = np.where(fine != 0.0, np.abs(fine), 1.0)
+    product, *squares = (float(np.nansum(one / scale**2)) for one in (d1 * d2, d1**2, d2**2))
     how = f"two coarser grids (spacing {r:g} and {ratios[1]:g} times), observed order "
-    how += f"{np.median(order[sure]):.2g}" if np.any(sure) else "none"
-    if not np.all(sure):
-        how += f", none at {np.count_nonzero(~sure)} of {sure.size} steps"
-    half = np.where(sure, SAFETY * np.abs(error), unsure)
-    return GridEstimate(error, half, np.where(sure, order, np.nan), how)
+    order = 0.5 * np.log(squares[1] / squares[0]) / np.log(r) if min(squares) > 0.0 else np.nan
+    alike = product > ALIKE * np.sqrt(squares[0] * squares[1])
+    if not (alike and ORDERS[0] <= order <= ORDERS[1]):
+        unsure = UNSURE * np.maximum(np.abs(d1), np.abs(d2)) / (r - 1.0)
+        return GridEstimate(-d1 / (r**LOWEST_ORDER - 1.0), unsure, np.nan, how + "none")
+    error = -d1 / (r**order - 1.0)
+    usual = scale * np.sqrt(np.nanmean((error / scale) ** 2))
+    size = np.where(d1 * d2 > 0.0, np.abs(error), np.fmax(np.abs(error), usual))
+    return GridEstimate(error, SAFETY * size, float(order), how + f"{order:.2g}")

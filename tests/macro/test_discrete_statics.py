@@ -5,7 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from multiscale.errors import CaseError
+from multiscale.errors import CaseError, ConvergenceError
 from multiscale.laws.link import Bar, Beam, Cable, Strut
 from multiscale.macro import (
     LinkSystem,
@@ -14,7 +14,7 @@ from multiscale.macro import (
     solve_static,
     tensegrity_grid,
 )
-from multiscale.macro.discrete import compatibility, newton
+from multiscale.macro.discrete import compatibility, newton, stability
 
 
 def equilibrium_error(system, result, load_factor):
@@ -296,7 +296,7 @@ def test_the_critical_factor_of_a_column_tends_to_eulers_load():
     np.testing.assert_allclose(np.divide(errors[:-1], errors[1:]), 4.0, rtol=0.05)
 
 
-def test_two_bars_and_a_spring_buckle_at_half_spring_times_length():
+def test_two_bars_and_a_spring_buckle_at_half_spring_times_length(monkeypatch):
     position = np.array([[0.0, 0, 0], [1.5, 0, 0], [3.0, 0, 0], [1.5, 1.0, 0]])
     spring = Bar(400.0)
     system = LinkSystem(
@@ -311,6 +311,9 @@ def test_two_bars_and_a_spring_buckle_at_half_spring_times_length():
     assert critical_factor(system, [1.0, 2.0]) == np.inf
     with pytest.raises(CaseError, match="load_factors must increase"):
         critical_factor(system, [2.0, 1.0])
+    monkeypatch.setattr(stability, "BISECTIONS", 10)
+    with pytest.raises(ConvergenceError, match="after 10 bisections the critical load factor"):
+        critical_factor(system, [1.0, 1e3])
     result = solve_static(system, [0.0, 100.0, 400.0], stability=True)
     np.testing.assert_allclose(result.tangent_eigenvalue, 400.0, rtol=1e-6)
     lost = 2.0 * result.load_factor / 1.5

@@ -142,6 +142,17 @@ def test_an_unconverged_step_is_not_a_number_and_says_so():
     assert np.isnan(response["mean_gap"].item())
 
 
+def test_all_active_sets_share_one_budget_of_linear_iterations(monkeypatch):
+    cell = cell_of(rough(n=16, slope=0.5), poissons_ratio=0.49999)
+    monkeypatch.setattr(contact, "_LINEAR_LIMIT", 120)
+    response = solve_cell(cell, Path(pressure=(0.01, 0.0)), recover_stress=False)
+    assert response["converged"].values.tolist() == [[0, 1]]
+    assert response["active_set_iterations"].values[0, 0] > 1
+    assert response["linear_iterations"].values[0, 0] == 120
+    assert response.attrs["ended"].startswith("step 0 ended after")
+    assert "120 linear iterations: the linear iterations allowed" in response.attrs["ended"]
+
+
 def dense_body(stiffness, rng):
     """A body of contact nodes alone, with a reference that is only spectrally close to it."""
     n = len(stiffness)

@@ -3,15 +3,19 @@
 import os
 import signal
 from concurrent.futures import ThreadPoolExecutor
+from dataclasses import replace
 
 import numpy as np
 import pytest
 import xarray as xr
 
+from multiscale.convergence import Status
 from multiscale.errors import CaseError, MultiscaleError
 from multiscale.executors import process_pool, run_jobs
-from multiscale.micro import Cell, Path, run_ensemble, self_affine
+from multiscale.micro import Cell, Path, checkpoint, contact, run_ensemble, self_affine, solve
 from multiscale.micro import ensemble as module
+from multiscale.micro.checkpoint import Checkpoint
+from multiscale.micro.contact_state import ContactState
 from multiscale.micro.topography import rms_slope
 from multiscale.schema import MICRO_RESPONSE
 
@@ -112,3 +116,56 @@ def test_a_killed_worker_is_one_sentence():
         pytest.raises(MultiscaleError, match="a worker process died after 0 of 3 jobs"),
     ):
         run_jobs(_die, jobs, executor, lambda key, result: None)
+
+
+@pytest.mark.parametrize("geometry", ["flat", "conforming"])
+def test_a_realisation_that_is_killed_goes_on_after_its_last_step(
+    cells, geometry, tmp_path, monkeypatch
+):
+    path = Path(pressure=(0.001, 0.002, 0.004, 0.008))
+    one = [replace(cells[0], geometry=geometry)]
+    whole = run_ensemble(one, path)
+    monkeypatch.setattr(checkpoint, "WORTH", 0.0)
+    average, solved = solve._average, []
+
+    def killed(problem, state):
+        if len(solved) == 3:
+            raise KeyboardInterrupt
+        solved.append(state)
+        return average(problem, state)
+
+    monkeypatch.setattr(solve, "_average", killed)
+    with pytest.raises(KeyboardInterrupt):
+        run_ensemble(one, path, folder=tmp_path, identity="a")
+    monkeypatch.setattr(solve, "_average", lambda *given: solved.append(0) or average(*given))
+    timed = ["wall_time"]
+    other = run_ensemble(one, path, folder=tmp_path / "other", identity="b")
+    assert len(solved) == 3 + 4
+    response = run_ensemble(one, path, folder=tmp_path, identity="a")
+    assert len(solved) == 3 + 4 + 1
+    for found in (response, other):
+        xr.testing.assert_identical(found.drop_vars(timed), whole.drop_vars(timed))
+    assert [file.name for file in tmp_path.iterdir() if file.is_file()] == ["realisation-0000.nc"]
+
+
+@pytest.mark.parametrize("content", [b"", b"PK no archive", None])
+def test_steps_of_another_case_or_a_damaged_file_are_not_taken(content, tmp_path, monkeypatch):
+    monkeypatch.setattr(checkpoint, "WORTH", 0.0)
+    kept = Checkpoint(tmp_path / "steps.npz", "a")
+    state = ContactState(np.ones(3), np.ones(2), 1.0, np.array([True, False]), np.zeros(2))
+    kept.keep([{"wall_time": 1.0, "ended": "step 0"}], state)
+    steps, found = kept.found(ContactState)
+    assert steps == [{"wall_time": 1.0, "ended": "step 0"}]
+    np.testing.assert_array_equal(found.displacement, np.ones(3))
+    assert found.status is Status.CONVERGED
+    if content is not None:
+        kept.file.write_bytes(content)
+    assert replace(kept, identity="b").found(ContactState) == ([], None)
+
+
+def test_a_realisation_says_why_it_lacks_steps(cells, tmp_path, monkeypatch):
+    monkeypatch.setattr(contact, "_LINEAR_LIMIT", 1)
+    response = run_ensemble(cells[:2], PATH)
+    assert not response["converged"].values.any()
+    lines = response.attrs["ended"].splitlines()
+    assert [line[:33] for line in lines] == [f"realisation {k}: step 0 ended after" for k in (0, 1)]

@@ -6,10 +6,13 @@ import pytest
 from multiscale.errors import CaseError
 from multiscale.io import open_law
 from multiscale.laws.bulk import J2
+from multiscale.micro import Cell, Path, Surface, solve_cell
 from multiscale.pipeline import load_case, make_cells, run
 from multiscale.pipeline.case import shipped_cases
+from multiscale.pipeline.micro import _increments, increment_errors
 from multiscale.plotting import draw_figures
 from multiscale.report import write_report
+from multiscale.schema import MICRO_RESPONSE
 from multiscale.upscaling import hysteretic_from_dataset
 
 TEXT = shipped_cases()["ground_steel_plastic"].read_text(encoding="utf-8")
@@ -22,17 +25,20 @@ def case_of(tmp_path, text):
     return load_case(path)
 
 
-def test_the_softer_body_yields_at_its_hardness_over_2_8_and_the_case_says_so(tmp_path):
+def test_the_softer_body_yields_where_its_hardness_says_and_the_case_says_so(tmp_path):
     text = TEXT.replace('"1.6 GPa"', '"2.8 GPa"', 1).replace('"1 GPa"', '"3 GPa"', 1)
     text = text.replace('"1.6 GPa"', '"1.4 GPa"', 1)
     case = case_of(tmp_path, text)
     (cell, *_) = make_cells(case.quick())
     assert isinstance(cell.bulk, J2)
-    assert cell.bulk.yield_stress == pytest.approx(0.5e9, rel=1e-12)
+    assert cell.bulk.yield_stress == pytest.approx(0.42e9, rel=1e-12)
     assert cell.bulk.hardening_modulus == 1e9  # of the second, softer body
+    # the flow stress at the plastic strain under an indenter is the hardness over 2.8
+    stress, _ = cell.bulk.flow_stress(np.array(0.08))
+    assert 2.8 * stress == pytest.approx(1.4e9)
     assert cell.hardness is None
     (caution,) = case.cautions()
-    assert "hardness of 1.4 GPa of the softer body became a yield stress of 0.5 GPa" in caution
+    assert "hardness of 1.4 GPa of the softer body became a yield stress of 0.42 GPa" in caution
 
 
 def test_a_flat_case_with_a_hardness_still_caps_its_pressure(tmp_path):
@@ -67,6 +73,11 @@ def test_unloading_goes_down_the_same_pressures_or_those_of_a_list(tmp_path):
             TEXT.replace('"1.6 GPa"', '"160 GPa"'),
             r"hardness of body_1 is 160 GPa, so that it would yield at a strain of 0\.27",
             id="too-hard",
+        ),
+        pytest.param(
+            TEXT.replace('hardening_modulus = "1 GPa"', 'hardening_modulus = "8 GPa"'),
+            r"\[body_1\] a hardening_modulus of 8 GPa alone .* give less than 7\.14 GPa",
+            id="hardens",
         ),
         pytest.param(
             TEXT.replace('"210 GPa"', '"-210 GPa"'),
@@ -114,6 +125,8 @@ def test_a_plastic_case_ends_in_a_law_with_both_branches_and_its_figure(tmp_path
     assert response["converged"].values.all()
     assert response.sizes["step"] == len(case.micro.path)
     assert response["flowing_fraction"].values.max() > 0.01
+    assert 0.0 < np.abs(response["mean_gap_increment_error"]).max() < 0.05
+    assert "the increments of the body that flows leave" in response.attrs["cautions"]
 
     law = hysteretic_from_dataset(open_law(tmp_path / "out" / "interface_law.nc"))
     assert law.stiffness_ratio > 1.0
@@ -132,3 +145,25 @@ def test_a_plastic_case_ends_in_a_law_with_both_branches_and_its_figure(tmp_path
     assert "H/2.8" in page
     assert 'alt="unloading"' in page
     assert "When the preload begins to fall" in page
+
+
+@pytest.mark.slow
+def test_halved_increments_tell_the_error_that_the_increments_leave():
+    """Against increments of an eighth, which leave a tenth of it."""
+    x = np.cos(2.0 * np.pi * np.arange(8) / 8)
+    cell = Cell(
+        Surface(0.02 * np.add.outer(x, x), (1.0, 1.0)),
+        *(1.0, 6, 1.0, 0.3),
+        bulk=J2(1.0, 0.3, 0.01, 0.05),
+    )
+    one, half, eighth = (
+        solve_cell(cell, Path(pressure=(0.01,), refinement=k), tolerance=1e-6) for k in (1, 2, 8)
+    )
+    assert half["increments"].item() > one["increments"].item()
+    found = increment_errors(one, half)["mean_gap_increment_error"][0]
+    exact = one["mean_gap"].item() / eighth["mean_gap"].item() - 1.0
+    assert 0.005 < abs(exact) < 0.03
+    assert found == pytest.approx(exact, rel=0.35)
+    response = MICRO_RESPONSE.assign(one, increment_errors(one, half))
+    (caution,) = _increments(response)
+    assert f"leave up to {100.0 * abs(found):.2g} % in the mean gap" in caution

@@ -184,6 +184,8 @@ def test_a_run_with_a_target_reaches_it_and_goes_on_where_it_was(write, tmp_path
     results = run(case, tmp_path / "out")
     assert float(results.interface_law["error_total"].sel(quantity="mean_gap").max()) <= 0.12
     assert results.macro_result.attrs["unknown"] == ""
+    assert results.interface_law.sizes["sample"] == 0  # bands would hold a part of the error only
+    assert "joint_stiffness_sample" not in results.macro_result
     lines = results.macro_result.attrs["plan"].splitlines()
     assert "forecast" in lines[0]
     assert "spent" in lines[0]

@@ -27,7 +27,7 @@ def test_one_coarser_grid_bounds_the_error_of_any_order_from_one_on():
     for order in (1.0, 2.0, 3.0):
         estimate = estimate_grid_error(np.array([1.1]), {2.0: np.array([1.0 + 0.1 * 2.0**order])})
         assert estimate.half_width[0] >= 0.1
-        assert np.isnan(estimate.order[0])
+        assert np.isnan(estimate.order)
         assert "order taken as 1" in estimate.how
 
 
@@ -36,7 +36,16 @@ def test_grids_that_tell_no_order_give_a_wide_bound_and_say_so():
         np.array([1.0, 1.0]), {2.0: np.array([1.1, 1.1]), 4.0: np.array([1.0, 1.11])}
     )
     np.testing.assert_allclose(estimate.half_width, 0.3)
-    assert "none at 2 of 2 steps" in estimate.how
+    assert estimate.how.endswith("observed order none")
+
+
+def test_a_step_whose_difference_passes_through_zero_has_no_order_of_its_own():
+    first, second = np.full(6, 0.02), np.full(6, 0.04)
+    first[3], second[4] = 0.0026, -0.001  # alone they would tell orders of 4, and none
+    estimate = estimate_grid_error(np.ones(6), {2.0: 1.0 - first, 4.0: 1.0 - first - second})
+    assert estimate.order == pytest.approx(1.0, abs=0.1)
+    np.testing.assert_allclose(estimate.half_width, 1.25 * np.abs(estimate.error), rtol=0.1)
+    assert np.max(estimate.half_width) < 0.03
 
 
 def test_a_grid_is_not_judged_by_finer_or_no_others():

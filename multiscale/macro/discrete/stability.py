@@ -15,6 +15,9 @@ from multiscale.macro.discrete.tangent import Tangent, prepare_tangent
 
 __all__ = ["critical_factor", "material_entries", "smallest_eigenvalue", "stability_entries"]
 
+BISECTIONS = 100
+LARGEST_SHIFT = 1e3  # of the diagonal: more makes no matrix of a structure definite
+
 
 def critical_factor(
     system: LinkSystem, load_factors: Sequence[float], *, tolerance: float = 1e-6
@@ -40,7 +43,7 @@ def critical_factor(
     CaseError
         If the load factors do not increase, or the structure is not supported.
     ConvergenceError
-        If an equilibrium is not found.
+        If an equilibrium is not found, or no bracket as narrow as asked for.
 
     Notes
     -----
@@ -76,10 +79,16 @@ def critical_factor(
     else:
         return float(np.inf)
     high = factor
-    while high - low > tolerance * abs(high):
+    for _ in range(BISECTIONS):
+        if high - low <= tolerance * abs(high):
+            return high
         middle = 0.5 * (low + high)
         low, high = (middle, high) if stable(middle) else (low, middle)
-    return high
+    raise ConvergenceError(
+        f"after {BISECTIONS} bisections the critical load factor lies between {low:.9g} and "
+        f"{high:.9g}, which is not within {tolerance:g} of it; ask for a larger tolerance, or for "
+        f"load_factors of which the first is nearer to it"
+    )
 
 
 def material_entries(model: Equations, tangent: Tangent, state: State) -> np.ndarray:
@@ -119,22 +128,25 @@ def smallest_eigenvalue(tangent: Tangent, entries: np.ndarray) -> float:
 
     Notes
     -----
-    Lanczos on the inverse of the matrix, shifted by as much as makes it positive definite.
+    Lanczos on the inverse of the matrix, shifted by as much as makes it positive definite. NaN if
+    none does, or Lanczos does not converge.
     """
     n = tangent.start.size - 1
     diagonal = tangent.diagonal
     matrix = tangent.matrix(entries)
     if n < 20:
         return float(np.linalg.eigvalsh(matrix.toarray())[0])
-    shift = 0.0
-    while True:
+    shift, largest = 0.0, float(np.abs(entries[diagonal]).max())
+    while not shift > LARGEST_SHIFT * largest:
         held = entries.copy()
         held[diagonal] += shift
         try:
             solve = tangent.factorise(held, signs=True)
             break
         except MultiscaleError:
-            shift = max(10.0 * shift, 1e-10 * float(np.abs(entries[diagonal]).max()))
+            shift = max(10.0 * shift, 1e-10 * largest)
+    else:
+        return float(np.nan)
     inverse = LinearOperator((n, n), matvec=solve, dtype=float)
     start = np.random.default_rng(seed=0).standard_normal(n)
     try:

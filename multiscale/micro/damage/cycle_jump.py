@@ -72,8 +72,9 @@ def advance(
             second = _slow(trial.state, material) - y - J * first
             change = _change(first, second)
             ahead = y + 0.5 * J * (first + second)
-            if trial.broken or change > tolerance or ahead[0] >= material.critical_damage:
-                jump = 0.5 * J if trial.broken else J * max(0.2, 0.8 * tolerance / change)
+            broken = trial.broken or ahead[0] >= material.critical_damage
+            if broken or change > tolerance:
+                jump = 0.5 * J if broken else J * max(0.2, 0.8 * tolerance / change)
                 continue
             run.state[:] = trial.state
             _set_slow(run.state, ahead, material)

@@ -10,6 +10,7 @@ from multiscale.errors import CaseError
 from multiscale.laws.bulk import J2, Prony
 from multiscale.micro import averages
 from multiscale.micro.cell import Cell
+from multiscale.micro.checkpoint import Checkpoint
 from multiscale.micro.contact_area import EdgeLayer, contact_fraction
 from multiscale.micro.finite.cell import make_scene
 from multiscale.micro.finite.history import Walk, rest_state, walk_step
@@ -27,8 +28,13 @@ LONGEST_SLIDE = 1000  # increments in one step of the path
 
 
 def follow_path(
-    cell: Cell, path: Path, *, fields: bool, tolerance: float
-) -> tuple[list[dict[str, Any]], str]:
+    cell: Cell,
+    path: Path,
+    *,
+    fields: bool,
+    tolerance: float,
+    checkpoint: Checkpoint | None = None,
+) -> list[dict[str, Any]]:
     """Follow a path until it ends or cannot go on.
 
     Parameters
@@ -39,13 +45,14 @@ def follow_path(
         Whether local pressures and gaps are kept.
     tolerance : float
         Of each increment, relative to the norm of the contact forces.
+    checkpoint : Checkpoint, optional
+        As of :func:`multiscale.micro.solve_cell`.
 
     Returns
     -------
-    steps : list of dict
-        Averages of each step; of a step that was not reached, that it was not.
-    ended : str
-        Why the path ended early; empty if it did not.
+    list of dict
+        Averages of each step; of a step that was not reached, that it was not. The one at which
+        the path ended early says why, as ``ended``.
 
     Raises
     ------
@@ -55,10 +62,11 @@ def follow_path(
     _check(cell, path)
     scene = make_scene(cell)
     area, edges = float(np.prod(cell.surface.size)), element_edges(cell)
-    state, steps, ended = rest_state(scene), [], ""
-    for k in range(len(path)):
+    steps, known = ([], None) if checkpoint is None else checkpoint.found(CellState)
+    state = known or rest_state(scene)
+    for k in range(len(steps), len(path)):
         begin = perf_counter()
-        if ended:
+        if any("ended" in step for step in steps):
             steps.append(_missing(None, 0.0))
             continue
         target = _target(path, k, area)
@@ -68,7 +76,7 @@ def follow_path(
             target,
             increments=_fewest_increments(cell, path, state, target),
             tolerance=tolerance,
-            largest_approach=largest_approach(cell),
+            largest_approach=largest_approach(cell, path.refinement),
         )
         logger.info(
             "step %d: %s, %d increments, %d Newton, %d linear iterations",
@@ -80,17 +88,19 @@ def follow_path(
         )
         if walk.reached < 1.0:
             ended = (
-                f"step {k} ended after {100.0 * walk.reached:.3g} % of its way: "
+                f"step {k} ended after {100.0 * walk.reached:.3g} % of its way, {walk.increments} "
+                f"increments and {walk.linear_iterations} linear iterations: "
                 f"{walk.state.status.value}"
             )
             logger.warning("%s", ended)
-            steps.append(_missing(walk, perf_counter() - begin))
-            continue
-        state = walk.state
-        steps.append(
-            _counts(walk, perf_counter() - begin) | _average(cell, edges, scene, state, fields)
-        )
-    return steps, ended
+            steps.append(_missing(walk, perf_counter() - begin) | {"ended": ended})
+        else:
+            state = walk.state
+            average = _average(cell, edges, scene, state, fields)
+            steps.append(_counts(walk, perf_counter() - begin) | average)
+        if checkpoint is not None:
+            checkpoint.keep(steps, state)
+    return steps
 
 
 def _check(cell: Cell, path: Path) -> None:
@@ -105,7 +115,7 @@ def _check(cell: Cell, path: Path) -> None:
     if path.slide is not None and _passes(cell):
         steps = np.diff(np.array([(0.0, 0.0), *path.slide]), axis=0)
         longest = float(np.hypot(*steps.T).max())
-        if _slid_increments(cell, longest) > LONGEST_SLIDE:
+        if _slid_increments(cell, longest, largest_approach(cell, path.refinement)) > LONGEST_SLIDE:
             raise CaseError(
                 f"a slide of {longest:.3g} m in one step is "
                 f"{longest / min(cell.surface.size):.3g} periods of the cell and needs more than "
@@ -126,27 +136,27 @@ def _target(path: Path, k: int, area: float) -> Target:
 
 def _fewest_increments(cell: Cell, path: Path, state: CellState, target: Target) -> int:
     """Increments of a step."""
-    count = path.increments
+    count, largest = path.increments, largest_approach(cell, path.refinement)
     if _passes(cell):
         length = float(np.hypot(*(target.slide - state.slide)))
-        count = max(count, _slid_increments(cell, length))
-    if target.approach is not None and np.isfinite(largest_approach(cell)):
+        count = max(count, _slid_increments(cell, length, largest))
+    if target.approach is not None and np.isfinite(largest):
         moved = abs(target.approach - state.approach)
-        count = max(count, int(np.ceil(moved / largest_approach(cell) - 1e-9)))
+        count = max(count, int(np.ceil(moved / largest - 1e-9)))
     return count
 
 
-def _slid_increments(cell: Cell, length: float) -> int:
+def _slid_increments(cell: Cell, length: float, largest: float) -> int:
     """Increments of a slide: in each a node passes at most one point of what is opposite.
 
     Where a body flows, sliding up the slopes closes no more than a largest approach either.
     """
     closed = length * _rms_slope(cell)
-    passed = max(length / _spacing(cell), closed / largest_approach(cell))
+    passed = max(length / _spacing(cell), closed / largest)
     return int(np.ceil(passed - 1e-9))
 
 
-def largest_approach(cell: Cell) -> float:
+def largest_approach(cell: Cell, refinement: int = 1) -> float:
     """Give what the approach may change by in one increment, m."""
     if not _flows(cell):
         return np.inf
@@ -155,7 +165,7 @@ def largest_approach(cell: Cell) -> float:
         span = np.ptp(heights) + (0.0 if obstacle is None else np.ptp(obstacle.heights))
     else:
         span = np.ptp(heights - obstacle.heights)
-    return PLASTIC_APPROACH * 0.5 * float(span) or np.inf
+    return PLASTIC_APPROACH * 0.5 * float(span) / refinement or np.inf
 
 
 def _flows(cell: Cell) -> bool:

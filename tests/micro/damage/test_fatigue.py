@@ -1,6 +1,7 @@
 """Two-scale fatigue against closed forms, an independent integration, and its own cycles."""
 
 import dataclasses
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -8,6 +9,7 @@ from scipy.integrate import solve_ivp
 
 from multiscale.errors import CaseError
 from multiscale.micro.damage import Block, FatigueMaterial, two_scale_fatigue, woehler_curve
+from multiscale.micro.damage.cycle_jump import Run, advance
 from multiscale.micro.damage.inclusion import SIZE, damage_rate, effective_stress, run_cycles
 from multiscale.reference.fatigue import (
     damage_per_cycle,
@@ -384,3 +386,26 @@ def test_a_woehler_curve_falls_to_the_limit():
 def test_what_cannot_be_is_refused_with_a_sentence(call, sentence):
     with pytest.raises(CaseError, match=sentence):
         call()
+
+
+def test_a_jump_whose_end_would_be_broken_is_shortened_until_it_is_not():
+    """Damage that grows faster and faster, where a trial ends sound and the jump would not."""
+    passes = 0
+
+    def once(run):
+        nonlocal passes
+        passes += 1
+        assert passes < 10_000, "the same jump is tried for ever"
+        run.state[0] += 8.5e-5 * (1.0 + 1.64 * run.state[0])
+        run.state[1] += 8.5e-5
+        run.cycles += 1
+        run.broken = bool(run.state[0] >= 1.0)
+
+    state = np.zeros(14)
+    state[1] = 1e-3  # beyond the threshold
+    material = SimpleNamespace(hardening=1.0, feedback=1.0, threshold=0.0, critical_damage=1.0)
+    run = Run(state)
+    advance(run, once, 60_000, material, 0.2, lambda: None)
+    assert run.broken
+    # the closed form of dD/dN = r (1 + a D)
+    assert run.cycles == pytest.approx(np.log(2.64) / (8.5e-5 * 1.64), rel=0.05)

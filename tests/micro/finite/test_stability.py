@@ -81,6 +81,14 @@ def test_a_step_that_creeps_is_given_up_with_what_was_reached(monkeypatch):
     assert "step 1 ended after" in response.attrs["ended"]
 
 
+def test_a_step_that_has_spent_its_linear_iterations_is_given_up(monkeypatch):
+    monkeypatch.setattr(history, "LINEAR", (0, 20))
+    response = press(NeoHookean(1.0, 0.3), Path(pressure=(1e-4, 0.02), increments=4), n=8)
+    assert response["converged"].values.tolist() == [[1, 0]]
+    assert 20 <= response["linear_iterations"].values[0, 1] < 60
+    assert "linear iterations: the linear iterations allowed" in response.attrs["ended"]
+
+
 @pytest.mark.slow
 def test_a_steep_nearly_incompressible_body_is_pressed():
     response = press(NeoHookean(1.0, 0.499), Path(pressure=(0.01,)), 0.5)
