@@ -19,8 +19,8 @@ MAX_ITERATIONS = 50
 TOLERANCE = 1e-12
 """Of a step: momentum out of balance, relative to the largest one; or what rounding leaves."""
 
-SMALLEST = np.finfo(float).tiny / TOLERANCE
-"""Momentum, N s, below which numbers have too few digits for the tolerance."""
+SMALLEST = float(np.sqrt(np.finfo(float).tiny))
+"""Momentum, N s, or rate, m/s, of motions whose energy is no floating-point number."""
 
 
 @dataclass(frozen=True)
@@ -94,7 +94,9 @@ def limited_motion(
         y = x[:n] - solve(now.momentum + columns @ x[n:])
         if bound.size:
             give = solve(columns)
-            found = solve_lcp(A @ give + C, bound - A @ (y + give @ x[n:]), start=x[n:])
+            rates = bound - A @ (y + give @ x[n:])
+            rates[np.abs(rates) < SMALLEST] = 0.0
+            found = solve_lcp(A @ give + C, rates, start=x[n:])
             p, accuracy = found.value, found.residuals[-1]
             y = y - give @ (p - x[n:])
             if not found.converged:
