@@ -23,6 +23,7 @@ class Status(Enum):
     )
     NOT_FINITE = "a value became NaN or infinite; check units and boundary conditions"
     STALLED = "the residual stopped falling; the problem is too ill-conditioned for the tolerance"
+    JAMMED = "no solution was found, and where friction can jam there need not be one"
     INFEASIBLE = "no admissible state exists: the data push against what nothing can resist"
 
 

@@ -21,20 +21,18 @@ from multiscale.macro.discrete.needs import link_needs
 from multiscale.macro.discrete.system import LinkSystem
 from multiscale.macro.discrete.tangent import Tangent, prepare_tangent
 from multiscale.macro.energy import EnergyStep, account
-from multiscale.macro.line_search import step_length
+from multiscale.macro.limited_motion import Balance, largest, limited_motion
 from multiscale.macro.mean_tension import mean_tension
 from multiscale.macro.time_series import failed_step, join_times
 from multiscale.needs import Needs
-from multiscale.nonsmooth import solve_lcp
 
 if TYPE_CHECKING:
     import xarray as xr
 
 __all__ = ["simulate"]
 
-MAX_ITERATIONS = 50
-TOLERANCE = 1e-12
-"""Of a step: momentum out of balance, relative to the largest one; or what rounding leaves."""
+ADMISSIBLE = 1e-9
+"""Elongation, relative to its length, that an inextensible link may have at the start."""
 
 
 def simulate(
@@ -80,28 +78,36 @@ def simulate(
     Raises
     ------
     CaseError
-        If times, masses or the scheme are refused.
+        If times, masses or the scheme are refused, or the start stretches an inextensible link.
 
     Notes
     -----
     A step of size h from :math:`(u^-, v^-)` solves
 
     .. math::
-        M (v^+ - v^-) + h B^T \bar\tau = h F_\theta, \qquad
+        M (v^+ - v^-) + h B^T \bar\tau + B_r^T \pi = h F_\theta, \qquad
         u^+ = u^- + h (\theta v^+ + (1 - \theta) v^-),    \tag{1}
 
     with :math:`x_\theta = \theta x^+ + (1 - \theta) x^-`, (9) of the source for
-    :math:`\theta = 1`. The tension :math:`\bar\tau` of the step wins no energy, whatever goes
-    slack and however large the step is; :math:`\theta = 1/2` loses none. It enters by a
-    semismooth Newton method, whose matrix is positive definite. Inextensible links carry
-    impulses :math:`\pi`: with the others condensed, with :math:`\tau_\theta`, (11) of the source,
+    :math:`\theta = 1`. The tension :math:`\bar\tau` of the links that give wins no energy,
+    whatever goes slack and however large the step is; :math:`\theta = 1/2` loses none.
+    Inextensible links carry impulses :math:`\pi`, (11) of the source,
 
     .. math::
-        0 \le \pi \perp -\left( \eta^+ + e^- / h \right) \ge 0,    \tag{2}
+        0 \le \pi \perp -e^+ \ge 0,    \tag{2}
 
     so that their ends never come farther apart than their length. With a coefficient of
-    restitution :math:`\rho`, links that would be taut in the middle of the step obey
-    :math:`0 \le \pi \perp -(\eta^+ + \rho\, \eta^-) \ge 0` in place of (2).
+    restitution :math:`\rho > 0`, links that would be taut in the middle of the step obey, in
+    place of (2), with the rates :math:`\eta` of their elongations,
+
+    .. math::
+        0 \le \pi \perp \max(-\rho\, \eta^-, -\eta^-) - \eta^+ \ge 0, \qquad
+        u^+ = u^- + h \bigl( \theta v^+ + (1 - \theta) v^-
+        + (\theta - \tfrac12) M^{-1} B_r^T \pi \bigr).    \tag{3}
+
+    The impulses of (3) act in the middle of the step, so that they do the work
+    :math:`-\tfrac12 \pi (\eta^+ + \eta^-) \le 0` for every theta; the others do
+    :math:`-\pi\, \Delta e / h \le 0`. No step of any size wins energy.
 
     References
     ----------
@@ -134,9 +140,6 @@ def simulate(
     return join_times(system, rows)
 
 
-Gradient = Callable[[np.ndarray], tuple[np.ndarray, np.ndarray, np.ndarray]]
-
-
 @dataclass(frozen=True)
 class _State:
     """What is known at a time, after a step of which ``mean`` is the tension.
@@ -157,7 +160,11 @@ class _State:
 
 @dataclass(frozen=True)
 class _Scheme:
-    """A structure and how it is stepped."""
+    """A structure and how it is stepped.
+
+    Stiffness and prestress of inextensible links are zero; their side is 1 if they pull, -1 if
+    they push.
+    """
 
     needs: Needs
     system: LinkSystem
@@ -167,6 +174,9 @@ class _Scheme:
     operator: csr_array
     mass: np.ndarray
     extensible: np.ndarray
+    side: np.ndarray
+    stiffness: np.ndarray
+    prestress: np.ndarray
     theta: float
     restitution: float
     load_factor: Callable[[float], float]
@@ -184,6 +194,13 @@ class _Scheme:
             u, v = ((np.asarray(given, dtype=float) * self.model.unit)[free] for given in start)
         support = self.support(time)
         e = self.model.elongate(u) + support
+        excess = self.side[: self.system.n_links] * e[: self.system.n_links]
+        worst = int(np.argmax(excess / self.system.length))
+        if excess[worst] > ADMISSIBLE * self.system.length[worst]:
+            raise CaseError(
+                f"the start changes the length of link {worst}, which is inextensible, by "
+                f"{excess[worst]:.3g} m; move its nodes to where it is slack or just taut"
+            )
         tension = self.tension(e)
         return _State(time, np.inf, u, v, e, support, tension, np.zeros_like(e), tension)
 
@@ -200,11 +217,8 @@ class _Scheme:
 
     def tension(self, elongation: np.ndarray) -> np.ndarray:
         """Tension of the extensible links, N; zero in the others."""
-        model = self.model
-        k = np.where(self.extensible, model.stiffness, 0.0)
-        elastic = model.prestress + k * elongation
-        tension = np.clip(elastic, model.lower, model.upper)
-        return np.where(self.extensible, tension, 0.0)
+        elastic = self.prestress + self.stiffness * elongation
+        return np.asarray(np.clip(elastic, self.model.lower, self.model.upper))
 
     def slack(self, elongation: np.ndarray) -> np.ndarray:
         """Distance by which the ends of each link miss it, m; zero where it is taut."""
@@ -226,50 +240,54 @@ class _Scheme:
         push = self.mass * old.v + h * (
             theta * self.load(time) + (1.0 - theta) * self.load(old.time)
         )
-        impulses = "impulses" in self.needs
-        if not impulses:
-            v, mean, residual, status = self._newton(h, old, drift, push)
-            impulse = np.zeros_like(drift)
-        else:
-            v, impulse, residual, status = self._impulses(h, old, drift, moved / h, push)
-            mean = impulse / h
-        u = old.u + h * (theta * v + (1.0 - theta) * old.v)
+        before = self.prestress + self.stiffness * old.elongation
+        balance = partial(self._balance, h, before, (drift, push))
+        live, sign, bound = self._limits(h, old, drift, moved / h)
+        A = csr_array(diags_array(sign) @ self.operator[live])
+        # with (3): y = v+ + (2 theta - 1) / (2 theta) M^-1 B_r^T pi, and p = pi / (2 theta)
+        late = 2.0 * theta - 1.0 if self.restitution > 0.0 else 0.0
+        C = late * (A @ (A.T.toarray() / self.mass[:, None]))
+        found = limited_motion(lambda y: balance(y)[0], self._factorise, old.v, (A, bound, C))
+        y, p = np.split(found.value, [old.v.size])
+
+        u = old.u + h * (theta * y + (1.0 - theta) * old.v)
+        v = y - late * (A.T @ p) / self.mass
+        impulse = np.zeros_like(drift)
+        impulse[live] = (1.0 + late) * sign * p
         e = self.model.elongate(u) + support
-        tension = self.tension(e)
-        if impulses:
-            mean = np.where(self.extensible, theta * tension + (1.0 - theta) * old.tension, mean)
-        return _State(time, h, u, v, e, support, tension, impulse, mean), residual, status
+        mean = np.where(self.extensible, balance(y)[1], impulse / h)
+        state = _State(time, h, u, v, e, support, self.tension(e), impulse, mean)
+        return state, found.residuals[-1], found.status
 
-    def _newton(
-        self, h: float, old: _State, drift: np.ndarray, push: np.ndarray
-    ) -> tuple[np.ndarray, np.ndarray, float, Status]:
-        """Solve M v + h B^T tau(drift + s B v) = push: the gradient of a convex function of v."""
-        model, scale = self.model, float(np.abs(push).max(initial=0.0)) or 1.0
-        step = h * self.theta
-        rounding = 8.0 * np.finfo(float).eps * h * float(model.stiffness.max())
-        before = model.prestress + model.stiffness * old.elongation
+    def _limits(
+        self, h: float, old: _State, drift: np.ndarray, moved: np.ndarray
+    ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """Inextensible links that may act, their signs, and the bounds (2), (3) of their rates."""
+        live = np.flatnonzero(~self.extensible)
+        sign = self.side[live]
+        if self.restitution == 0.0:
+            return live, sign, -sign * drift[live] / (h * self.theta)  # (2)
+        rate = sign * (self.model.elongate(old.v) + moved)[live]
+        near = sign * old.elongation[live] + 0.5 * h * rate >= 0.0
+        bound = np.maximum(-self.restitution * rate, -rate) - sign * moved[live]  # (3)
+        return live[near], sign[near], bound[near]
 
-        def gradient(velocity: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-            after = model.prestress + model.stiffness * (drift + step * model.elongate(velocity))
-            tension, slope = mean_tension(before, after, model.lower, model.upper, self.theta)
-            return self.mass * velocity + h * model.gather(tension) - push, tension, slope
-
-        v = old.v
-        residual, tension, slope = gradient(v)
-        for _ in range(MAX_ITERATIONS):
-            size = max(scale, h * float(np.abs(tension).max(initial=0.0)))
-            error = float(np.abs(residual).max(initial=0.0)) / size
-            cancelling = np.abs(drift) + step * np.abs(model.elongate(v))
-            unavoidable = rounding * float(cancelling.max()) / size
-            if not np.isfinite(error):
-                return v, tension, error, Status.NOT_FINITE
-            if error <= max(TOLERANCE, unavoidable):
-                return v, tension, error, Status.CONVERGED
-            solve = self._factorise(h * step * slope * model.stiffness)
-            dv = -solve(residual)
-            v = v + step_length(partial(_slope, gradient, v, dv), float(dv @ residual)) * dv
-            residual, tension, slope = gradient(v)
-        return v, tension, error, Status.MAX_ITERATIONS
+    def _balance(
+        self, h: float, before: np.ndarray, known: tuple[np.ndarray, np.ndarray], y: np.ndarray
+    ) -> tuple[Balance, np.ndarray]:
+        """Momentum of (1) without impulses for u+ = u- + h (theta y + ...), and the tension."""
+        model, step, k, (drift, push) = self.model, h * self.theta, self.stiffness, known
+        growth = step * model.elongate(y)
+        after = self.prestress + k * (drift + growth)
+        tension, slope = mean_tension(before, after, model.lower, model.upper, self.theta)
+        cancelling = largest(np.abs(drift) + np.abs(growth))
+        balance = Balance(
+            self.mass * y + h * model.gather(tension) - push,
+            h * step * slope * k,
+            max(largest(push), h * largest(tension)),
+            8.0 * np.finfo(float).eps * h * largest(k) * cancelling,
+        )
+        return balance, tension
 
     def _factorise(self, stiffness: np.ndarray) -> Solve:
         """Factors of M + B^T k B, with the stiffness times squared steps, kg."""
@@ -277,46 +295,21 @@ class _Scheme:
         entries[self.tangent.diagonal] += self.mass
         return self.tangent.factorise(entries)
 
-    def _impulses(
-        self, h: float, old: _State, drift: np.ndarray, moved: np.ndarray, push: np.ndarray
-    ) -> tuple[np.ndarray, np.ndarray, float, Status]:
-        """Solve the complementarity problem (11) of the unilateral links, the others condensed."""
-        model, step = self.model, h * self.theta
-        one_sided = np.isfinite(model.lower) | np.isfinite(model.upper)
-        k = np.where(one_sided, 0.0, model.stiffness)
-        solve = self._factorise(step**2 * k)
-        push = push - h * (1.0 - self.theta) * model.gather(old.tension)
-        free = solve(
-            push - step * model.gather(np.where(one_sided, 0.0, model.prestress) + k * drift)
-        )
-
-        sign = np.where(np.isfinite(model.lower), 1.0, -1.0)  # a strut pushes
-        eta = self.model.elongate(old.v) + moved
-        relaxed = np.where(self.extensible, model.prestress / model.stiffness, 0.0)
-        bound = sign * ((drift + relaxed) / step)
-        bouncing = ~self.extensible & (self.restitution > 0.0)
-        near = sign * (old.elongation + 0.5 * h * eta) >= 0.0
-        bound[bouncing] = (sign * (self.restitution * eta + moved))[bouncing]
-        live = np.flatnonzero(one_sided & (near | ~bouncing))
-
-        B = diags_array(sign[live]) @ self.operator[live]
-        W = B @ solve(np.asarray(B.T.todense())) + np.diag(1.0 / (step**2 * model.stiffness[live]))
-        found = solve_lcp(W, -(B @ free) - bound[live], start=old.impulse[live] * sign[live])
-        impulse = np.zeros_like(drift)
-        impulse[live] = sign[live] * found.value
-        v = free - solve(B.T @ found.value)
-        return v, impulse, found.residuals[-1], found.status
-
     def energy(self, old: _State, new: _State) -> EnergyStep:
         """Return the account of a step."""
         force = self.theta * self.load(new.time) + (1.0 - self.theta) * self.load(old.time)
         work = float(force @ (new.u - old.u)) + float(new.mean @ (new.support - old.support))
+        growth, change = new.elongation - old.elongation, new.v - old.v
+        if self.restitution > 0.0:  # the work of (3) is done at the mean of both rates
+            mean = 0.5 * new.step * self.model.elongate(old.v + new.v)
+            growth = np.where(self.extensible, growth, mean + new.support - old.support)
+            change = change + self.model.gather(new.impulse) / self.mass
         return account(
             self.mass,
-            (old.v, new.v),
+            (new.v, change),
             (self.stored(old.tension), self.stored(new.tension)),
             new.mean,
-            new.elongation - old.elongation,
+            growth,
             work,
             self.theta,
         )
@@ -383,13 +376,11 @@ def _prepare(
         compatibility(system),
         (masses / np.square(model.unit))[free],
         extensible,
+        np.where(extensible, 0.0, np.where(np.isfinite(model.lower), 1.0, -1.0)),
+        np.where(extensible, model.stiffness, 0.0),
+        np.where(extensible, model.prestress, 0.0),
         theta,
         restitution,
         load_factor,
         support_motion,
     )
-
-
-def _slope(gradient: Gradient, v: np.ndarray, dv: np.ndarray, length: float) -> float:
-    """Return the derivative of the function behind a gradient along a direction."""
-    return float(dv @ gradient(v + length * dv)[0])

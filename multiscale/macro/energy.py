@@ -49,13 +49,13 @@ def account(
     mass : ndarray, shape (n,)
         kg.
     velocity : tuple of ndarray, shape (n,)
-        Before and after, m/s.
+        At the end, and its change :math:`\mathrm{d}v` but by impulses in the middle, m/s.
     elastic : tuple of ndarray, shape (rows,)
         Energy of each link before and after, J.
     tension : ndarray, shape (rows,)
         Mean of the step, N: impulse over step size.
     growth : ndarray, shape (rows,)
-        :math:`\Delta e`, m.
+        :math:`\Delta e`, m; of impulses in the middle, the mean rate times the step.
     work : float
         :math:`F_\theta \cdot \Delta u` and the work of moving supports, J.
     theta : float
@@ -72,8 +72,7 @@ def account(
     with :func:`multiscale.macro.mean_tension.mean_tension`, or :math:`\theta = 1`, each term of
     the sum is at least zero because :math:`V_l` is convex.
     """
-    before, after = velocity
-    change = after - before
+    after, change = velocity
     lost = tension * growth - (elastic[1] - elastic[0])
     return EnergyStep(
         kinetic=0.5 * float(after @ (mass * after)),

@@ -169,18 +169,24 @@ def verify_friction(
     .. math::
         \max\Bigl( \|F_1\|, \ \bigl\|\rho^{-1} F_\rho\bigr\| \Bigr) \le
         \mathrm{tolerance} \, \|q\|.    \tag{1}
+
+    All numbers are computed in the units of :func:`natural_units`, so that no square of them
+    underflows or overflows.
     """
     contacts = np.size(friction)
-    r = np.asarray(reaction, dtype=float).reshape(contacts, -1).T
-    u = np.asarray(delassus @ reaction + velocity).reshape(r.T.shape).T
-    if not np.all(np.isfinite(r)):
+    mobility, speed = natural_units(delassus, np.reshape(velocity, (contacts, -1)))
+    with np.errstate(all="ignore"):  # what overflows is not finite and is not accepted
+        W, q = delassus / mobility, np.asarray(velocity) / speed
+        r = (np.asarray(reaction, dtype=float) / speed * mobility).reshape(contacts, -1).T
+        u = np.asarray(W @ r.T.ravel() + q).reshape(r.T.shape).T
+    if not np.all(np.isfinite(r)) or not np.all(np.isfinite(u)):
         return Verdict(np.inf, np.inf, np.inf, np.inf, tolerance)
-    scale = closing_norm(np.reshape(velocity, (contacts, -1)))
+    scale = closing_norm(q.reshape(contacts, -1))
 
-    step = contact_mass(delassus.diagonal().reshape(contacts, -1))
+    step, unit = contact_mass(W.diagonal().reshape(contacts, -1)), unit_step(mobility)
     error = max(
         float(norm(natural_map(u, r, friction, step) / step)),
-        float(norm(natural_map(u, r, friction))) - ROUND_OFF * float(norm(r)),
+        float(norm(natural_map(u, r, friction, unit)) - ROUND_OFF * norm(r)) / unit,
     )  # (1)
     outside = norm(r - project_friction_cone(r, friction), axis=0)
     return Verdict(
@@ -190,6 +196,37 @@ def verify_friction(
         equilibrium=_unbalance(motion, reaction),
         tolerance=tolerance,
     )
+
+
+def natural_units(delassus: csr_array | np.ndarray, velocity: np.ndarray) -> tuple[float, float]:
+    """Powers of two below the largest mobility and the largest closing velocity.
+
+    Parameters
+    ----------
+    delassus : csr_array or ndarray, shape (d * contacts, d * contacts)
+        1/kg.
+    velocity : ndarray, shape (contacts, d)
+        m/s; all of it counts if nothing closes.
+
+    Returns
+    -------
+    tuple of float
+        1/kg and m/s; their quotient is the unit of impulses.
+    """
+    closing = np.abs(velocity[velocity[:, 0] < 0.0])
+    speed = float(closing.max(initial=0.0)) or float(np.abs(velocity).max(initial=0.0))
+    mobility = float(np.abs(delassus.diagonal()).max(initial=0.0))
+    return _power_of_two(mobility), _power_of_two(speed)
+
+
+def unit_step(mobility: float) -> float:
+    """Step of 1 kg in natural units, within the range in which the natural map changes."""
+    return float(np.clip(mobility, 1e-100, 1e100))
+
+
+def _power_of_two(value: float) -> float:
+    """Largest power of two that is not above a value; one for zero."""
+    return float(np.ldexp(1.0, np.frexp(value)[1] - 1)) if value > 0.0 else 1.0
 
 
 def closing_norm(velocity: np.ndarray) -> float:

@@ -11,13 +11,15 @@ from scipy.sparse import csr_array, issparse
 from multiscale.convergence import Solution, Status
 from multiscale.errors import CaseError
 from multiscale.nonsmooth.admm import admm
-from multiscale.nonsmooth.coulomb import verify_friction
+from multiscale.nonsmooth.coulomb import natural_units, unit_step, verify_friction
 from multiscale.nonsmooth.definiteness import refuse_indefinite
 from multiscale.nonsmooth.friction_gradient import spectral_gradient
 from multiscale.nonsmooth.friction_problem import ScaledFriction, scale_friction
 from multiscale.nonsmooth.friction_schedule import run_schedule
 from multiscale.nonsmooth.frozen_bound import frozen_bound
 from multiscale.nonsmooth.gauss_seidel import gauss_seidel
+from multiscale.nonsmooth.jamming import jamming
+from multiscale.nonsmooth.magnitudes import refuse_out_of_range
 from multiscale.nonsmooth.progress import Progress
 from multiscale.nonsmooth.projections import project_friction_cone
 from multiscale.nonsmooth.semismooth_newton import semismooth_newton
@@ -101,12 +103,14 @@ def solve_friction(
     -------
     Solution
         ``value`` is :math:`r`, shape (d * contacts,), N s: the best answer found, even where
-        the status is not ``CONVERGED``. The status follows the verifier.
+        the status is not ``CONVERGED``. The status follows the verifier; ``INFEASIBLE`` and
+        ``JAMMED`` come with a certificate in ``detail``.
 
     Raises
     ------
     CaseError
-        If the data do not fit, are not finite, or W is indefinite.
+        If the data do not fit, are not finite, W is indefinite, or the impulses are beyond the
+        floating-point numbers.
     ValueError
         If the start has another shape than the velocity.
 
@@ -136,7 +140,12 @@ def solve_friction(
 
     if np.all(velocity[::dim] >= 0.0):  # nothing closes: r = 0 is an answer
         return _conclude(delassus, velocity, friction, np.zeros_like(velocity), tolerance)
-    problem = scale_friction(delassus, velocity, friction)
+    refuse_out_of_range(velocity[::dim], delassus.diagonal()[::dim])
+    mobility, speed = natural_units(delassus, velocity.reshape(contacts, dim))
+    impulse = speed / mobility
+    problem = scale_friction(
+        delassus / mobility, velocity / speed, friction, step=unit_step(mobility)
+    )
     refuse_indefinite(problem)
     stuck = _immobile(delassus, velocity.reshape(contacts, dim))
     if stuck is not None:
@@ -146,7 +155,7 @@ def solve_friction(
     first = np.zeros((contacts, 3))
     if start is not None:
         first[:, :dim] = np.reshape(start, (contacts, dim))
-        first = first / problem.reaction_unit
+        first = first / impulse / problem.reaction_unit
     options = {} if max_iterations is None else {"max_iterations": max_iterations}
     with np.errstate(all="ignore"):  # what overflows is never the best answer
         solved = progress.note(first)
@@ -162,7 +171,7 @@ def solve_friction(
     within = project_friction_cone(found, friction)
     solution = min(
         (
-            _conclude(delassus, velocity, friction, answer.T.ravel(), tolerance, progress)
+            _conclude(delassus, velocity, friction, impulse * answer.T.ravel(), tolerance, progress)
             for answer in (within, found)
         ),
         key=lambda solution: np.nan_to_num(solution.residuals[-1], nan=np.inf),
@@ -170,6 +179,8 @@ def solve_friction(
     if solution.converged:
         return solution
     refuse_indefinite(problem, THOROUGH)
+    if certificate := jamming(problem):
+        return replace(solution, status=certificate[0], detail=certificate[1])
     if max_iterations is not None and solution.status is Status.STALLED:
         return replace(solution, status=Status.MAX_ITERATIONS)
     return solution

@@ -30,10 +30,10 @@ class ScaledFriction:
         :math:`\hat\mu > 0`.
     reaction_unit, velocity_unit : ndarray, shape (contacts, 3)
         :math:`r = \hat r` times the first, N s, and :math:`u = \hat u` times the second, m/s.
-    measure : tuple of ndarray
-        Friction coefficient and contact mass of the user's problem, for the error.
+    measure : tuple (friction, mass, step)
+        Friction coefficients and contact masses of the given problem, and its step of 1 kg.
     size : float
-        Norm of the user's :math:`q` that errors are relative to, m/s.
+        Norm of the given :math:`q` that errors are relative to, m/s.
     """
 
     blocks: np.ndarray
@@ -44,7 +44,7 @@ class ScaledFriction:
     friction: np.ndarray
     reaction_unit: np.ndarray
     velocity_unit: np.ndarray
-    measure: tuple[np.ndarray, np.ndarray]
+    measure: tuple[np.ndarray, np.ndarray, float]
     size: float
 
     def respond(self, reaction: np.ndarray) -> np.ndarray:
@@ -60,7 +60,7 @@ class ScaledFriction:
             reaction * self.reaction_unit,
             *self.measure,
         )
-        slack = ROUND_OFF * float(norm(reaction * self.reaction_unit))
+        slack = ROUND_OFF * float(norm(reaction * self.reaction_unit)) / self.measure[2]
         return max(float(squares[0]), float(squares[1]) - slack) / self.size
 
 
@@ -70,6 +70,7 @@ def scale_friction(
     friction: np.ndarray,
     *,
     isotropic: bool = False,
+    step: float = 1.0,
 ) -> ScaledFriction:
     r"""Bring a friction problem into dimensionless form.
 
@@ -83,6 +84,8 @@ def scale_friction(
         :math:`\mu`, dimensionless.
     isotropic : bool
         Scale normal and tangent alike, instead of each by its own mobility.
+    step : float
+        1 kg in the units of the data, for the error.
 
     Returns
     -------
@@ -129,7 +132,7 @@ def scale_friction(
         friction=np.where(friction > 0.0, friction, 1.0) * unit[:, 0] / unit[:, 1],  # (1)
         reaction_unit=unit * size,
         velocity_unit=size / unit,
-        measure=(np.asarray(friction, dtype=float), contact_mass(mobility[:, :dim])),
+        measure=(np.asarray(friction, dtype=float), contact_mass(mobility[:, :dim]), step),
         size=closing_norm(velocity.reshape(contacts, dim)),
     )
 
@@ -210,14 +213,14 @@ def add_product(blocks, columns, starts, reaction, velocity):  # type: ignore[no
 
 
 @numba.njit(cache=True)
-def natural_map_squares(velocity, reaction, friction, mass):  # type: ignore[no-untyped-def]
-    """Norms of the natural map over the contact mass, m/s, and with a unit step."""
+def natural_map_squares(velocity, reaction, friction, mass, unit):  # type: ignore[no-untyped-def]
+    """Norms of the natural map over its step, m/s: the contact mass, and the mass unit."""
     weighted, plain = 0.0, 0.0
     for i in range(friction.size):
         mu = friction[i]
         shift = mu * np.sqrt(velocity[i, 1] ** 2 + velocity[i, 2] ** 2)
         for turn in range(2):
-            step = mass[i] if turn == 0 else 1.0
+            step = mass[i] if turn == 0 else unit
             y0 = reaction[i, 0] - step * (velocity[i, 0] + shift)
             y1 = reaction[i, 1] - step * velocity[i, 1]
             y2 = reaction[i, 2] - step * velocity[i, 2]
@@ -232,5 +235,5 @@ def natural_map_squares(velocity, reaction, friction, mass):  # type: ignore[no-
             if turn == 0:
                 weighted += square / (step * step)
             else:
-                plain += square
+                plain += square / (step * step)
     return np.sqrt(weighted), np.sqrt(plain)

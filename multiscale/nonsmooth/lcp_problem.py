@@ -7,6 +7,7 @@ from scipy.sparse import csr_array, issparse
 
 from multiscale.nonsmooth.complementarity import data_size
 from multiscale.nonsmooth.lcp_operator import Delassus, Entries, lcp_operator
+from multiscale.nonsmooth.magnitudes import refuse_out_of_range
 
 __all__ = ["ScaledLCP", "scale_lcp"]
 
@@ -64,7 +65,8 @@ def scale_lcp(matrix: csr_array | np.ndarray | Delassus, vector: np.ndarray) -> 
     Raises
     ------
     CaseError
-        If the matrix is not square, the vector does not fit, or an entry is not finite.
+        If the matrix is not square, the vector does not fit, an entry is not finite, or the
+        unknowns are beyond the floating-point numbers.
     """
     operator, vector = lcp_operator(matrix, vector)
     if isinstance(operator, Delassus) and (
@@ -72,6 +74,7 @@ def scale_lcp(matrix: csr_array | np.ndarray | Delassus, vector: np.ndarray) -> 
     ):
         operator = operator.entries()
     scale = operator.scale()
+    refuse_out_of_range(vector, np.square(1.0 / scale))
     size = data_size(scale * vector) or 1.0
     scaled = operator.scaled(scale)
     return ScaledLCP(scaled, scale * vector / size, size * scale, _is_symmetric(scaled))

@@ -14,9 +14,12 @@ from multiscale.macro.continuum.coulomb import linearise
 from multiscale.macro.continuum.elements import element_response, prepare_elements
 from multiscale.macro.continuum.mortar import couple
 from multiscale.macro.continuum.surface import facet_normals, nodal_areas, surface_of
+from multiscale.macro.continuum.system import prepare_system
 from multiscale.nonsmooth.coulomb import alart_curnier
 from tests.contact_scenes import block, moved
 from tests.support import keep_ignoring_broken_pipes
+
+RUBBER = NeoHookean(2e7, 0.3)
 
 MESHES = [
     pytest.param(MeshTri, id="tri"),
@@ -158,6 +161,124 @@ def test_surfaces_beyond_reach_or_back_to_back_do_not_see_each_other():
     f1, f2, x1, x2 = surfaces(3, (MeshHex, MeshHex), seed=5)
     assert couple((f1, f2), (x1, x2), reach=0.05)[0].sum() == 0.0
     assert couple((f1, f2[:, ::-1]), (x1, x2))[0].sum() == 0.0
+
+
+def rotation(d, angle):
+    if d == 2:
+        return rotation_2d(angle)
+    return Rotation.from_rotvec(angle * np.array([1.0, 0.5, -0.3])).as_matrix()
+
+
+def curved_pair(d, *, bend=0.1, law=RUBBER, supports=None, **contact):
+    """A short block on a longer one; their common surface is wavy, their meshes do not match."""
+    kind = MeshQuad if d == 2 else MeshHex
+    lower = block(
+        kind, (8, *(3,) * (d - 2), 2), (-0.5, *(0.0,) * (d - 1)), (1.5, *(1.0,) * (d - 1))
+    )
+    upper = block(
+        kind, (5, *(2,) * (d - 2), 2), (0.0,) * (d - 1) + (1.0,), (1.0,) * (d - 1) + (2.0,)
+    )
+    bodies = {}
+    for name, mesh in (("lower", lower), ("upper", upper)):
+        wave = bend * np.sin(np.pi * mesh.p[0]) * np.isclose(mesh.p[-1], 1.0)
+        x = np.concatenate([mesh.p[:-1], (mesh.p[-1] + wave)[None]])
+        held = {"bottom" if name == "lower" else "top": (supports or {}).get(name, (0.0,) * d)}
+        bodies[name] = Body(moved(mesh, x), law, held)
+    joint = Contact(("upper", "bottom"), ("lower", "top"), 0.8, **contact)
+    return ContactProblem(bodies, {"joint": joint})
+
+
+def step_jump(problem, before, now):
+    """Gap and slip between two placements x -> function(body, x), shape (nodes, d), m."""
+    system = prepare_system(problem)
+    d = system.start.shape[1]
+    motion = [
+        np.concatenate(
+            [
+                (place(name, body.mesh.p.T) - body.mesh.p.T).ravel()
+                for name, body in problem.bodies.items()
+            ]
+        )
+        for place in (before, now)
+    ]
+    start = system.couplings(np.zeros(system.start.size), 0.0, None)
+    couplings = [system.couplings(u, 1.0, start) for u in motion]
+    jump = system.jump(*couplings, motion, (1.0, 1.0))
+    return jump.reshape(-1, d)[couplings[0][0].kept[:, 0] & couplings[1][0].kept[:, 0]]
+
+
+def slid(distance, turn=None, shift=0.0):
+    """Both bodies turned, the upper one slid before by a distance along x."""
+
+    def place(name, x):
+        x = x + (distance * np.eye(x.shape[1])[0] if name == "upper" else 0.0)
+        return x @ (np.eye(x.shape[1]) if turn is None else turn).T + shift
+
+    return place
+
+
+@pytest.mark.parametrize("d", [2, 3])
+@pytest.mark.parametrize("finite_sliding", [False, True])
+def test_the_slip_between_bodies_is_of_the_step_alone(d, finite_sliding):
+    problem = curved_pair(d, bend=0.0, finite_sliding=finite_sliding)
+    jump = step_jump(problem, slid(0.1), slid(0.25))
+    np.testing.assert_allclose(jump[:, 1], -0.15, rtol=1e-12)
+    np.testing.assert_allclose(jump[:, [0, *range(2, d)]], 0.0, atol=1e-13)
+
+
+@pytest.mark.parametrize("finite_sliding", [False, True])
+def test_the_slip_on_an_obstacle_is_of_the_step_alone(finite_sliding):
+    body = Body(block(MeshQuad, (3, 2), (0, 0), (1, 1)), RUBBER, {"top": (0.0, 0.0)})
+    floor = Plane((0.0, 0.0), (0.0, 1.0))
+    contact = Contact(("upper", "bottom"), floor, 0.8, finite_sliding)
+    problem = ContactProblem({"upper": body}, {"joint": contact})
+    jump = step_jump(problem, slid(0.1), slid(0.25))
+    np.testing.assert_allclose(jump[:, 1], -0.15, rtol=1e-12)
+    np.testing.assert_allclose(jump[:, 0], 0.0, atol=1e-13)
+
+
+@pytest.mark.parametrize("d", [2, 3])
+def test_gap_and_slip_do_not_change_under_a_rigid_motion_of_both_bodies(d):
+    problem = curved_pair(d, finite_sliding=True)
+    turn = rotation(d, 1.2)
+    stuck = step_jump(problem, slid(0.1), slid(0.1, turn, 3.0))
+    assert np.abs(stuck[:, 0]).max() > 1e-3  # there is a gap that turns
+    np.testing.assert_allclose(stuck[:, 1:], 0.0, atol=1e-13)
+    one, other = (step_jump(problem, slid(0.1), slid(0.14, R, 3.0)) for R in (None, turn))
+    np.testing.assert_allclose(other[:, 0], one[:, 0], atol=1e-13)
+    sizes = [np.linalg.norm(jump[:, 1:], axis=1) for jump in (one, other)]
+    np.testing.assert_allclose(sizes[1], sizes[0], atol=1e-13)
+    assert sizes[0].max() == pytest.approx(0.04, rel=0.1)
+
+
+@pytest.mark.parametrize("d", [2, pytest.param(3, marks=pytest.mark.slow)])
+def test_bodies_that_stick_and_turn_keep_their_tractions_and_lose_no_work(d):
+    def path(lift):
+        def component(i):
+            def move(x, time):
+                place = np.array(x)
+                place[-1] -= lift * min(time, 1.0)
+                turned = np.einsum("ij,j...->i...", rotation(d, max(0.0, time - 1.0)), place)
+                return turned[i] - x[i]
+
+            return move
+
+        return tuple(component(i) for i in range(d))
+
+    supports = {"lower": path(0.0), "upper": path(0.02)}
+    problem = curved_pair(d, supports=supports, finite_sliding=True, fitted=True)
+    pressed, *turned = (
+        step.unwrap().contact["joint"] for step in solve_contact(problem, (1.0, 1.6, 2.2))
+    )
+    shear = np.linalg.norm(pressed.traction[1:], axis=0)
+    top = pressed.pressure.max()
+    assert shear.max() > 0.1 * top
+    for surface in turned:
+        np.testing.assert_allclose(surface.pressure, pressed.pressure, atol=1e-6 * top)
+        size = np.linalg.norm(surface.traction[1:], axis=0)
+        np.testing.assert_allclose(size, shear, atol=1e-6 * top)
+        work = np.sum(surface.area * np.sum(surface.traction[1:] * surface.slip, axis=0))
+        assert abs(work) < 1e-9 * 0.02 * np.sum(surface.area * surface.pressure)
 
 
 def local_data(components, seed=6):

@@ -83,9 +83,9 @@ def test_both_residuals_vanish_together_and_the_kernel_agrees():
     mu, mass = rng.uniform(0.0, 2.0, 50), rng.uniform(0.1, 10.0, 50)
     mu[:5] = 0.0
     weighted, plain = natural_map_squares(
-        np.ascontiguousarray(u.T), np.ascontiguousarray(r.T), mu, mass
+        np.ascontiguousarray(u.T), np.ascontiguousarray(r.T), mu, mass, 3.0
     )
-    assert plain == pytest.approx(np.linalg.norm(natural_map(u, r, mu)), rel=1e-13)
+    assert plain == pytest.approx(np.linalg.norm(natural_map(u, r, mu, 3.0) / 3.0), rel=1e-13)
     assert weighted == pytest.approx(np.linalg.norm(natural_map(u, r, mu, mass) / mass), rel=1e-13)
     for i in range(50):
         G = rng.normal(size=(3, 3))

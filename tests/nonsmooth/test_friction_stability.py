@@ -114,6 +114,57 @@ def test_a_contact_that_nothing_can_move_makes_the_problem_infeasible():
     assert "contact 1 closes at 0.5 m/s" in solution.detail
 
 
+def wedge(angle, friction, closing, velocity):
+    """1 kg between two rigid walls that close, inclined to its way out; W and q of two contacts.
+
+    The walls lean by an angle, rad; the body moves out of the wedge at a velocity, m/s.
+    """
+    c, s = np.cos(angle), np.sin(angle)
+    H = np.array([[c, s], [-s, c], [-c, s], [-s, -c]])  # normal and tangent of either wall
+    return H @ H.T, H @ [0.0, velocity] - closing * np.array([1, 0, 1, 0]), np.full(2, friction)
+
+
+@pytest.mark.parametrize("friction", [0.0, 0.3])
+def test_parallel_walls_that_close_on_a_rigid_body_have_no_solution(friction):
+    solution = solve_friction(*wedge(0.0, friction, 1.0, -1.0))
+    assert solution.status is Status.INFEASIBLE
+    assert "normal impulses at 2 contacts" in solution.detail
+    assert solve_friction(*wedge(0.0, friction, 0.0, -1.0)).converged
+    assert solve_friction(*wedge(0.0, friction, -1.0, -1.0)).converged
+
+
+@pytest.mark.parametrize(
+    ("friction", "closing", "velocity", "status"),
+    [
+        pytest.param(0.19, 1.0, 0.0, Status.CONVERGED, id="slips out"),
+        pytest.param(0.21, 1.0, 0.0, Status.JAMMED, id="jams"),
+        pytest.param(0.21, 1e-9, 0.0, Status.JAMMED, id="jams slowly"),
+        pytest.param(0.21, 0.0, -1.0, Status.CONVERGED, id="walls at rest"),
+        pytest.param(0.21, 1.0, 20.0, Status.CONVERGED, id="leaves by itself"),
+    ],
+)
+def test_a_wedge_jams_where_friction_exceeds_its_slope(friction, closing, velocity, status):
+    # walls that close push the body out if tan(angle) > friction; otherwise no impulse stops them
+    solution = solve_friction(*wedge(np.arctan(0.2), friction, closing, velocity))
+    assert solution.status is status
+    assert ("impulses with friction at 2 contacts" in solution.detail) is (status is Status.JAMMED)
+
+
+@pytest.mark.parametrize("mobility", [1e-300, 1e-200, 1e-155, 1e-100, 1e100, 1e155, 1e200, 1e300])
+@pytest.mark.parametrize("speed", [1e-250, 1e-160, 1.0, 1e160, 1e250])
+def test_numbers_whose_squares_underflow_or_overflow_are_solved_or_refused(mobility, speed):
+    W, q, mu = np.eye(6), np.array([-1.0, 0.3, 0.1, -0.5, 1.0, 0.0]), np.array([0.5, 0.3])
+    expected = solve_friction(W, q, mu).unwrap()
+    if abs(np.log10(speed) - np.log10(mobility)) > 300.5:
+        with pytest.raises(CaseError, match="outside of the floating-point numbers"):
+            solve_friction(mobility * W, speed * q, mu)
+        return
+    impulses = solve_friction(mobility * W, speed * q, mu).unwrap()
+    np.testing.assert_allclose(impulses / (speed / mobility), expected, atol=1e-8)
+    assert not verify_friction(mobility * W, speed * q, mu, 0.9 * impulses).accepted
+    assert not verify_friction(mobility * W, speed * q, mu, 0.0 * impulses).accepted
+
+
 E3, Q3, MU1 = np.eye(3), np.array([-1.0, 0.0, 0.0]), np.array([0.5])
 
 

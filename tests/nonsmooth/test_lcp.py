@@ -356,3 +356,9 @@ def test_projected_gradients_refuse_a_matrix_without_symmetry():
 def test_a_body_without_mass_is_refused():
     with pytest.raises(CaseError, match="diagonal at unknown 1 is 0"):
         Delassus(csr_array(np.diag([1.0, 0.0])), csr_array(np.eye(2)))
+
+
+@pytest.mark.parametrize(("unit", "size"), [(1e300, 1e-300), (1e-200, 1e200), (1.0, 1e305)])
+def test_unknowns_that_are_no_numbers_are_refused(unit, size):
+    with pytest.raises(CaseError, match="outside of the floating-point numbers"):
+        solve_lcp(unit * np.eye(2), size * np.array([-1.0, 1.0]))

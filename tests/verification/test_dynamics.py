@@ -207,6 +207,69 @@ def test_no_step_is_too_large_to_win_energy(theta, step):
         np.testing.assert_allclose(energy, energy[0], rtol=1e-10)
 
 
+def two_masses(stiffness, ratio):
+    """1 kg on a cable from the left, another 1 kg on an inextensible one from the right.
+
+    A cable of another stiffness joins them; all run along z and are as long as they are.
+    """
+    position = np.zeros((4, 3))
+    position[:, 2] = np.arange(4.0)
+    fixed = np.ones((4, 3), dtype=bool)
+    fixed[1:3, 2] = False
+    return LinkSystem(
+        position=position,
+        ends=np.array([[0, 1], [1, 2], [2, 3]]),
+        laws=(Cable(stiffness), Cable(ratio * stiffness), Cable(np.inf)),
+        kind=np.arange(3),
+        fixed=fixed,
+        load=np.zeros((4, 3)),
+    )
+
+
+@pytest.mark.parametrize("theta", [0.5, 0.75, 1.0])
+@pytest.mark.parametrize("restitution", [0.0, 0.5, 1.0])
+@pytest.mark.parametrize(("h", "ratio"), [(1e-2, 1e3), (1e-1, 1.0), (1.0, 1e-3)])
+def test_links_that_give_win_no_energy_beside_inextensible_ones(h, ratio, restitution, theta):
+    displacement, velocity = np.zeros((2, 4, 3))
+    displacement[1:3, 2], velocity[1:3, 2] = [0.1, 0.3], [2.0, -1.0]
+    response = simulate(
+        two_masses(1000.0, ratio),
+        np.arange(41) * h,
+        1.0,
+        start=(displacement, velocity),
+        theta=theta,
+        restitution=restitution,
+    )
+    assert response["converged"].values.all()
+    energy = (response["kinetic_energy"] + response["elastic_energy"]).values
+    assert np.all(np.diff(energy) < 1e-10 * energy[0])
+    assert np.ptp(energy_left(response)) < 1e-9 * energy[0]
+    assert response["smallest_link_dissipation"].values.min() > -1e-10 * energy[0]
+    assert response["impulse"].values.any()
+    if theta == 0.5 and restitution == 1.0:
+        np.testing.assert_allclose(energy, energy[0], rtol=1e-9)
+
+
+def test_an_idle_inextensible_link_changes_nothing():
+    beside = two_masses(1000.0, 0.1)
+    beside.fixed[:, 2] = [True, False, True, False]  # 1 kg between cables, and one that rests
+    alone = LinkSystem(
+        *(beside.position[:3], beside.ends[:2], beside.laws[:2], np.arange(2)),
+        *(beside.fixed[:3], beside.load[:3]),
+    )
+    velocity = np.zeros((4, 3))
+    velocity[1, 2] = 0.1
+    times = np.arange(41) * 0.1
+    motions = [
+        simulate(system, times, 1.0, start=(np.zeros((n, 3)), velocity[:n]), theta=0.5)
+        for system, n in ((beside, 4), (alone, 3))
+    ]
+    pair = [motion["velocity"].values[:, :3] for motion in motions]
+    np.testing.assert_allclose(*pair, atol=1e-10)
+    energy = motions[0]["kinetic_energy"] + motions[0]["elastic_energy"]
+    np.testing.assert_allclose(energy, 0.005, rtol=1e-10)
+
+
 def test_the_mean_tension_is_the_quotient_of_energies_and_its_slope_the_derivative():
     rng = np.random.default_rng(3)
     before, after = rng.normal(size=(2, 400))
@@ -238,6 +301,11 @@ def test_the_mean_tension_is_the_quotient_of_energies_and_its_slope_the_derivati
             {"start": (np.zeros(3), np.zeros(3))}, r"must have shape \(2, 3\)", id="start"
         ),
         pytest.param({"system": hanging(Bar(np.inf))}, "inextensible bar", id="bar"),
+        pytest.param(
+            {"system": hanging(Cable(np.inf)), "start": lifted(-0.1)},
+            r"changes the length of link 0, which is inextensible, by 0.1 m",
+            id="stretched",
+        ),
     ],
 )
 def test_what_is_refused_says_why(changes, message):

@@ -123,7 +123,8 @@ class Condensed:
     def _jump(self, before: Equilibrium, u: np.ndarray, time: float) -> np.ndarray:
         """Gap and slip of a displacement, m."""
         motions = (before.displacement, u)
-        return self.system.jump(before.couplings, motions, (before.time, time))
+        couplings = before.couplings
+        return self.system.jump(couplings, couplings, motions, (before.time, time))
 
     def _direction(self, law: LocalLaw) -> np.ndarray:
         """Newton step of the reactions, Pa; open components leave at once."""
@@ -153,7 +154,7 @@ class Condensed:
 
 def condense(system: System, start: Equilibrium) -> Condensed | None:
     """Factorise the bodies and compute W; None if a body is held by its contacts alone."""
-    joined = system.join(start.couplings)
+    joined = system.join(start.couplings, start.couplings)
     stiffness = system.internal(start.displacement, start.state)[1]
     fixed = system.fixed(0.0)[0]
     free = np.ones(stiffness.shape[0], dtype=bool)

@@ -291,7 +291,7 @@ def _report(system: System, solution: Solution, end: Equilibrium) -> ContactStep
         )
     names = list(system.problem.bodies)
     force = system.internal(u, end.state)[0] if solution.converged else np.full_like(u, np.nan)
-    joined = system.join(end.couplings)
+    joined = system.join(end.couplings, end.couplings)
     fixed = system.fixed(end.time)[0]
     support = np.zeros_like(u)
     support[fixed] = (force - joined.operator.T @ r.ravel() - system.load(end.time))[fixed]

@@ -92,7 +92,7 @@ def rest(system: System) -> Equilibrium:
     """State before the first load step."""
     u = np.zeros(system.start.size)
     couplings = system.couplings(u, 0.0, None)
-    jump = system.jump(couplings, (u, u), (0.0, 0.0))
+    jump = system.jump(couplings, couplings, (u, u), (0.0, 0.0))
     return Equilibrium(0.0, u, np.zeros_like(jump), system.initial_state(), couplings, jump)
 
 
@@ -173,11 +173,12 @@ class _Step:
 
     def evaluate(self, u: np.ndarray, reaction: np.ndarray, old: tuple[Coupling, ...]) -> _Trial:
         """Residual and tangents at a displacement and a reaction."""
-        system = self.system
+        system, before = self.system, self.before
         couplings = system.couplings(u, self.time, old)
-        joined = system.join(couplings)
-        force, tangent, state, smallest = system.internal(u, self.before.state)
-        jump = system.jump(couplings, (self.before.displacement, u), (self.before.time, self.time))
+        joined = system.join(before.couplings, couplings)
+        force, tangent, state, smallest = system.internal(u, before.state)
+        motion, times = (before.displacement, u), (before.time, self.time)
+        jump = system.jump(before.couplings, couplings, motion, times)
         stiffness = contact_stiffness(system, joined)
         law = linearise(reaction, jump, system.friction, stiffness, joined.kept)
         contact = joined.operator.T @ reaction.ravel()  # H r
@@ -239,7 +240,7 @@ class _Step:
         # row of the law times the area, reaction in units of the contact stiffness: all N/m
         rho = np.repeat(contact_stiffness(system, joined), system.components)
         area = np.repeat(joined.area, system.components)
-        by_jump = _block_diagonal(law.by_jump)[live] @ B
+        by_jump = _block_diagonal(law.by_jump)[live] @ joined.tangent
         by_reaction = diags_array(area[live]) @ _block_diagonal(law.by_reaction)[live]
         rhs = np.concatenate(
             [

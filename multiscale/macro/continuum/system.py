@@ -4,7 +4,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field
 
 import numpy as np
-from scipy.sparse import block_diag, csr_array, kron, vstack
+from scipy.sparse import block_diag, csr_array, diags_array, kron, vstack
 
 from multiscale.errors import CaseError
 from multiscale.laws.bulk import BulkLaw, BulkResponse
@@ -17,6 +17,7 @@ from multiscale.macro.continuum.interface import (
     build_coupling,
     fit,
     local_jump,
+    slip_operator,
 )
 from multiscale.macro.continuum.obstacle import Obstacle, obstacle_motion
 from multiscale.macro.continuum.surface import surface_of
@@ -82,11 +83,14 @@ class Joined:
     ----------
     operator : csr_array, shape (nodes * c, unknowns)
         Weighted jump in the local frames, B, m²; its transpose times the reaction is H r.
+    tangent : csr_array, shape (nodes * c, unknowns)
+        Derivative of the weighted jump: slip takes the partners of the step before.
     area, kept
         As in :class:`Coupling`, of all interfaces.
     """
 
     operator: csr_array
+    tangent: csr_array
     area: np.ndarray
     kept: np.ndarray
 
@@ -196,38 +200,52 @@ class System:
             result.append(build_coupling(interface, x if moving else self.start, self.start, shift))
         return tuple(result)
 
-    def join(self, couplings: tuple[Coupling, ...]) -> Joined:
-        """Stack couplings; without friction only the normal rows."""
+    def join(self, before: tuple[Coupling, ...], couplings: tuple[Coupling, ...]) -> Joined:
+        """Stack couplings of the step before and now; without friction only the normal rows."""
         c, d = self.components, self.start.shape[1]
-        rows, areas, kept = (
-            [csr_array((0, self.start.size))],
+        nothing = csr_array((0, self.start.size))
+        rows, tangents, areas, kept = (
+            [nothing],
+            [nothing],
             [np.zeros(0)],
             [np.zeros((0, c), bool)],
         )
-        for coupling in couplings:
+        for interface, old, coupling in zip(self.interfaces, before, couplings, strict=True):
             n = len(coupling.area)
             frame = coupling.frame[:, :c]
             a = np.broadcast_to(np.arange(n)[:, None, None], frame.shape)
             i = c * a + np.arange(c)[None, :, None]
             j = d * a + np.arange(d)[None, None, :]
             turn = csr_array((frame.ravel(), (i.ravel(), j.ravel())), shape=(n * c, n * d))
-            rows.append(turn @ kron(coupling.operator, np.eye(d), format="csr"))
+            now = turn @ kron(coupling.operator, np.eye(d), format="csr")
+            rows.append(now)
+            if c > 1 and interface.follows:
+                along = diags_array((np.arange(n * c) % c > 0).astype(float))
+                slip = turn @ kron(slip_operator(old, coupling), np.eye(d), format="csr")
+                now = now + along @ (slip - now)
+            tangents.append(now)
             areas.append(coupling.area)
             kept.append(coupling.kept[:, :c])
-        return Joined(csr_array(vstack(rows)), np.concatenate(areas), np.concatenate(kept))
+        return Joined(
+            csr_array(vstack(rows)),
+            csr_array(vstack(tangents)),
+            np.concatenate(areas),
+            np.concatenate(kept),
+        )
 
     def jump(
         self,
+        before: tuple[Coupling, ...],
         couplings: tuple[Coupling, ...],
         motion: tuple[np.ndarray, np.ndarray],
         times: tuple[float, float],
     ) -> np.ndarray:
-        """Gap and slip of all contact nodes, shape (contact nodes, c), m."""
+        """Gap and slip of a step at all contact nodes, shape (contact nodes, c), m."""
         d = self.start.shape[1]
         fields = (motion[0].reshape(-1, d), motion[1].reshape(-1, d))
         parts = [
-            local_jump(interface, coupling, self.start, fields, times)[:, : self.components]
-            for interface, coupling in zip(self.interfaces, couplings, strict=True)
+            local_jump(interface, (old, now), self.start, fields, times)[:, : self.components]
+            for interface, old, now in zip(self.interfaces, before, couplings, strict=True)
         ]
         return np.concatenate([np.zeros((0, self.components)), *parts])
 

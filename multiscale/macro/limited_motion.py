@@ -1,0 +1,123 @@
+r"""Velocities at the end of a time step: the minimum of a convex function under limits of rates."""
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from functools import partial
+
+import numpy as np
+from scipy.sparse import csr_array
+
+from multiscale.convergence import Solution, Status
+from multiscale.macro.discrete.cholesky import Solve
+from multiscale.macro.line_search import step_length
+from multiscale.nonsmooth import solve_lcp
+
+__all__ = ["Balance", "largest", "limited_motion"]
+
+MAX_ITERATIONS = 50
+
+TOLERANCE = 1e-12
+"""Of a step: momentum out of balance, relative to the largest one; or what rounding leaves."""
+
+SMALLEST = float(np.sqrt(np.finfo(float).tiny))
+"""Momentum, N s, or rate, m/s, of motions whose energy is no floating-point number."""
+
+
+@dataclass(frozen=True)
+class Balance:
+    r"""Momentum of a step without impulses: the gradient of a convex function of the velocity.
+
+    Attributes
+    ----------
+    momentum : ndarray, shape (n,)
+        :math:`g(y)`, N s.
+    stiffness : ndarray, shape (rows,)
+        Of the links, times squared steps, kg: what the tangent of g takes.
+    largest, rounding : float
+        Largest term of the sum, and what rounding leaves of it, N s.
+    """
+
+    momentum: np.ndarray
+    stiffness: np.ndarray
+    largest: float
+    rounding: float
+
+
+def limited_motion(
+    balance: Callable[[np.ndarray], Balance],
+    factorise: Callable[[np.ndarray], Solve],
+    start: np.ndarray,
+    limits: tuple[csr_array, np.ndarray, np.ndarray],
+) -> Solution:
+    r"""Solve the balance of momentum under limits.
+
+    Parameters
+    ----------
+    balance : callable
+        :math:`y \mapsto g(y)`.
+    factorise : callable
+        Takes the stiffness of a balance; returns the inverse of the tangent :math:`g'`.
+    start : ndarray, shape (n,)
+        First y, m/s.
+    limits : tuple of csr_array, shape (m, n), ndarray, shape (m,), and ndarray, shape (m, m)
+        A, dimensionless; b, m/s; and C, 1/kg, positive semidefinite.
+
+    Returns
+    -------
+    Solution
+        ``value`` is y, m/s, followed by p, N s.
+
+    Notes
+    -----
+    The solution of
+
+    .. math:: g(y) + A^T p = 0, \qquad 0 \le p \perp b - A y + C p \ge 0    \tag{1}
+
+    is the minimum of a convex function of y and p with the gradient :math:`(g, C p)` under
+    :math:`A y - C p \le b`. Newton's method linearises g, condenses y, solves the complementarity
+    problem for p and searches along the step.
+    """
+    A, bound, C = limits
+    columns = A.T.toarray()
+    n = start.size
+    residuals: list[float] = []
+
+    def slope(x: np.ndarray, dx: np.ndarray, share: float) -> float:
+        y, p = np.split(x + share * dx, [n])
+        return float(dx[:n] @ balance(y).momentum + dx[n:] @ (C @ p))
+
+    p, accuracy = np.zeros_like(bound), 0.0
+    x = np.append(start, p)
+    now = balance(start)
+    for iteration in range(MAX_ITERATIONS):
+        solve = factorise(now.stiffness)
+        y = x[:n] - solve(now.momentum + columns @ x[n:])
+        if bound.size:
+            give = solve(columns)
+            rates = bound - A @ (y + give @ x[n:])
+            rates[np.abs(rates) < SMALLEST] = 0.0
+            found = solve_lcp(A @ give + C, rates, start=x[n:])
+            p, accuracy = found.value, found.residuals[-1]
+            y = y - give @ (p - x[n:])
+            if not found.converged:
+                return Solution(np.append(y, p), found.status, (*residuals, accuracy))
+        new = balance(y)
+        size = max(new.largest, largest(p), SMALLEST)
+        residuals.append(largest(new.momentum + columns @ p) / size)
+        if not np.isfinite(residuals[-1]):
+            return Solution(np.append(y, p), Status.NOT_FINITE, tuple(residuals))
+        if residuals[-1] <= max(TOLERANCE, new.rounding / size):
+            residuals[-1] = max(residuals[-1], accuracy)
+            return Solution(np.append(y, p), Status.CONVERGED, tuple(residuals))
+        dx = np.append(y, p) - x
+        if iteration or not bound.size:  # the start need not keep the limits, full steps do
+            length = step_length(partial(slope, x, dx), slope(x, dx, 0.0))
+            dx = (min(length, 1.0) if bound.size else length) * dx
+        x = x + dx
+        now = balance(x[:n])
+    return Solution(x, Status.MAX_ITERATIONS, tuple(residuals))
+
+
+def largest(vector: np.ndarray) -> float:
+    """Return the largest size of the entries, zero if there are none."""
+    return float(np.abs(vector).max(initial=0.0))
