@@ -27,7 +27,6 @@ __all__ = [
     "each_value",
     "fit_term",
     "grid_term",
-    "law_stiffness",
     "same_steps",
     "sampling_term",
     "separation_term",
@@ -43,12 +42,6 @@ FIT_ERRORS = {
 
 GROWTH = 10.0  # of differences from one interval to the next, beyond which nothing can be continued
 NORMAL = 1.959963984540054  # standard deviations to 95 %
-
-
-def law_stiffness(law: "xr.Dataset", pressure: np.ndarray) -> np.ndarray:
-    """Stiffness of the mean law, Pa/m."""
-    one = law_from_dataset(law)
-    return one.stiffness(one.gap_at(pressure))
 
 
 def sampling_term(
@@ -111,7 +104,8 @@ def fit_term(law: "xr.Dataset", p: np.ndarray) -> np.ndarray:
         errors.append(error)
     rows[0][[0, -1]] = np.fmax(rows[0][[0, -1]], errors[0][[1, -2]])
     rows[2] = np.fmax(rows[2], errors[2])
-    gap, own = law["fit_mean_gap"].to_numpy(), np.log(p / law_stiffness(law, p))
+    gap, one = law["fit_mean_gap"].to_numpy(), law_from_dataset(law)
+    own = np.log(p / one.stiffness(one.gap_at(p)))
     ends = [_end_error(gap[::k], np.log(p)[::k], own[::k]) for k in (-1, 1)]
     rows[2][[0, -1]] = np.fmax(rows[2][[0, -1]], NORMAL * np.array(ends))
     return np.array(rows)
@@ -163,8 +157,8 @@ def same_steps(
 def each_value(pairs: Mapping[float, Pair]) -> list[dict[float, np.ndarray]]:
     """Values (realisations, steps) of gap, area and stiffness by ratio; NaN where missing."""
     return [
-        {ratio: _masked(gap) for ratio, (gap, _) in pairs.items()},
-        {ratio: _masked(area) for ratio, (_, area) in pairs.items()},
+        {ratio: gap.masked for ratio, (gap, _) in pairs.items()},
+        {ratio: area.masked for ratio, (_, area) in pairs.items()},
         {ratio: stiffness_of_each(gap) for ratio, (gap, _) in pairs.items()},
     ]
 
@@ -216,11 +210,6 @@ def students(variances: np.ndarray, freedom: np.ndarray) -> np.ndarray:
     whole = np.where(single > 0.0, total**2 / np.where(single > 0.0, single, 1.0), np.inf)
     factor = t.ppf(0.975, np.maximum(whole, 1.0))
     return np.asarray(np.where(np.isfinite(whole), factor, NORMAL) * np.sqrt(total))
-
-
-def _masked(observations: Observations) -> np.ndarray:
-    """Values with NaN where there are none."""
-    return np.where(observations.counted, observations.values, np.nan)
 
 
 def separation_term(

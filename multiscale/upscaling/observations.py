@@ -127,6 +127,11 @@ class Observations:
         """Number of realisations."""
         return len(self.values)
 
+    @property
+    def masked(self) -> np.ndarray:
+        """Values with NaN where there are none."""
+        return np.where(self.counted, self.values, np.nan)
+
     def means(self, counts: np.ndarray | None = None) -> tuple[np.ndarray, np.ndarray]:
         """Mean values of samples, and their weights.
 

@@ -59,7 +59,7 @@ def fit_convex_decreasing(
     p, n = observations.pressure, observations.pressure.size
     mean = observations.means()[0]
     sample_mean, sample_weight = observations.means(counts)
-    gap, sample_gap, largest = mean, sample_mean, float(np.nanmax(_masked(observations)))
+    gap, sample_gap, largest = mean, sample_mean, float(np.nanmax(observations.masked))
     if observations.quantity == "normal_stiffness":
         gap = integrate_stiffness(p, mean)
         sample_gap = integrate_stiffness(p, np.where(sample_weight > 0.0, sample_mean, mean))
@@ -173,11 +173,6 @@ def normal_errors(
 def at_inner(error: np.ndarray, n: int) -> np.ndarray:
     """Errors at all n points of fits without one of them: NaN at the ends."""
     return np.pad(error[: n - 2], 1, constant_values=np.nan)
-
-
-def _masked(observations: Observations) -> np.ndarray:
-    """Values with NaN where there are none."""
-    return np.where(observations.counted, observations.values, np.nan)
 
 
 def _check_falls(p: np.ndarray, gap: np.ndarray) -> None:

@@ -190,6 +190,8 @@ def test_the_fit_term_of_the_stiffness_at_the_highest_pressure_is_of_the_size_of
     error = abs(exact[-1] / one.stiffness(one.gap_at(p))[-1] - 1.0)
     found = half(error_budget(closing, law), "fit", "stiffness")[-1]
     assert error <= found <= 0.05 + 6.0 * error
+    if full >= 2.0:  # holes of four spacings show higher orders than the second, not believed
+        assert (law["gap_fit_share"], law["stiffness_fit_share"]) == (0.25, 0.5)
 
 
 def test_the_variance_of_the_differences_of_grids_counts_once():
