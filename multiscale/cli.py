@@ -202,7 +202,10 @@ def fit_command(
     from multiscale.upscaling import fit_branches
 
     _check_dataset(out)
-    save_law(fit_branches(open_response(response), family=family), out)
+    law = fit_branches(open_response(response), family=family)
+    save_law(law, out)
+    for caution in law.attrs["cautions"].splitlines():
+        typer.echo(f"caution: {caution}", err=True)
 
 
 @app.command("macro")

@@ -8,7 +8,7 @@ from multiscale.pipeline.case import is_tyre_case, load_case, load_tyre
 from multiscale.pipeline.settings import Case
 from multiscale.pipeline.slide import read_sliding
 from multiscale.pipeline.tyre_settings import TyreCase
-from multiscale.schema import MACRO_RESULT, MICRO_RESPONSE
+from multiscale.schema import INTERFACE_LAW, MACRO_RESULT, MICRO_RESPONSE
 
 __all__ = ["claim_folder", "read_cautions"]
 
@@ -49,12 +49,14 @@ def read_cautions(out: Path) -> list[str]:
     """Return what a user should know before trusting a finished run, one sentence each."""
     datasets = [
         open_dataset(out / "micro_response.nc", MICRO_RESPONSE),
+        open_dataset(out / "interface_law.nc", INTERFACE_LAW),
         open_dataset(out / "macro_result.nc", MACRO_RESULT),
         read_sliding(out),
     ]
-    return [
+    found = [
         caution
         for dataset in datasets
         if dataset is not None
         for caution in str(dataset.attrs.get("cautions", "")).splitlines()
     ]
+    return list(dict.fromkeys(found))  # a law repeats those of its response

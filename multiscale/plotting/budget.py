@@ -22,13 +22,14 @@ def plot_error_budget(
     """Draw the half-width of the 95 % interval of each step as a bar, stacked by its terms.
 
     The height of a bar is the total. As terms add as squares, each takes its share of the sum of
-    the squares; what is not known is named in the legend and not in the bar.
+    the squares; what is not known is named in the legend and not in the bar. A total that lacks a
+    term is no bar but the word unknown.
 
     Parameters
     ----------
     budget : Dataset
-        Follows ``ERROR_BUDGET``, or a law or macro result that carries one; steps without a
-        total are left out.
+        Follows ``ERROR_BUDGET``, or a law or macro result that carries one; steps without any
+        term are left out.
     quantity : str, optional
         Which; the first if not given.
     ax : Axes, optional
@@ -37,9 +38,10 @@ def plot_error_budget(
     ax = axes_or_current(ax)
     chosen = str(budget["quantity"].values[0]) if quantity is None else quantity
     one = budget.sel(quantity=chosen)
-    one = one.isel(step=np.flatnonzero(np.isfinite(one["error_total"].values)))
+    one = one.isel(step=np.flatnonzero(one["error_half_width"].notnull().any("error_term")))
     half = 100.0 * total_error(one["error_bias"].values, one["error_half_width"].values)
-    total = 100.0 * one["error_total"].values
+    known = np.isfinite(one["error_total"].values)
+    total = np.where(known, 100.0 * one["error_total"].values, 0.0)
     share = np.nan_to_num(half**2) / np.maximum(np.nansum(half**2, axis=0), 1e-300)
     at, bottom = np.arange(total.size), np.zeros(total.size)
     for k, term in enumerate(one["error_term"].values):
@@ -49,13 +51,13 @@ def plot_error_budget(
         bottom = bottom + share[k] * total
     for term in filter(None, str(budget.attrs.get("unknown", "")).split(", ")):
         ax.bar(0, 0.0, color="none", edgecolor="0.5", hatch="///", label=f"{term}: not known")
-    for x, height in zip(at, total, strict=True):
-        if height > SMALLEST_SHARE * total.max():
-            ax.text(
-                float(x), float(height), f"{height:.2g}", ha="center", va="bottom", fontsize="small"
-            )
+    top = total.max(initial=0.0)
+    for x, height, told in zip(at, total, known, strict=True):
+        if height > SMALLEST_SHARE * top or not told:
+            said = f"{height:.2g}" if told else "unknown"
+            ax.text(float(x), float(height), said, ha="center", va="bottom", fontsize="small")
     ax.set_xticks(at, _labels(one))
-    ax.set_ylim(0.0, 1.5 * total.max())  # room for the legend
+    ax.set_ylim(0.0, 1.5 * top or 1.0)  # room for the legend
     ax.set_xlabel("mean pressure (MPa)")
     ax.set_ylabel(f"95 % half-width of {chosen.replace('_', ' ')} (%)")
     ax.set_title("error budget")

@@ -115,7 +115,9 @@ def _answer(result: "xr.Dataset") -> list[str]:
         return ["No preload converged."]
     head, rows = tabulate(result.isel(step=[done[done.size // 2]]))
     row = dict(zip(head, rows[0], strict=True))
-    error = f" with an error of at most {row['error (%)']} %" if row["error (%)"] else ""
+    error = f" with an error of at most {row['error (%)']} % (95 %)" if row["error (%)"] else ""
+    if row["error (%)"] == "unknown":
+        error = " with an unknown error"
     unloading = (
         f" When the preload begins to fall, it is {row['unloading (MPa/µm)']} MPa/µm."
         if "unloading_stiffness" in result
@@ -123,9 +125,11 @@ def _answer(result: "xr.Dataset") -> list[str]:
     )
     unknown = result.attrs.get("unknown", "")
     beside = f" The error does not count what is not known of it: {unknown}." if unknown else ""
+    if row["error (%)"] == "unknown":
+        beside = f" Not known of the error: {unknown}; see the error budget."
     return [
         f"At {row['preload (MPa)']} MPa its stiffness is {row['joint stiffness (MPa/µm)']} MPa/µm"
-        f"{error} (95 %), and {row['contact (%)']} % of it touches.{unloading}"
+        f"{error}, and {row['contact (%)']} % of it touches.{unloading}"
         f"{beside}"
     ]
 
@@ -143,6 +147,8 @@ def _law(response: "xr.Dataset", law: "xr.Dataset") -> Section:
         "n_realisations",
         "pressure_min",
         "pressure_max",
+        "pressures_per_decade",
+        "branches",
         "cross_validated_error",
         "cross_validated_stiffness_error",
         "admissibility",
@@ -153,7 +159,9 @@ def _law(response: "xr.Dataset", law: "xr.Dataset") -> Section:
             f"The law stands for the {response.attrs['bodies']}; it rests on "
             f"{law.attrs['n_realisations']} realisations between "
             f"{1e-6 * law.attrs['pressure_min']:.4g} and "
-            f"{1e-6 * law.attrs['pressure_max']:.4g} MPa.",
+            f"{1e-6 * law.attrs['pressure_max']:.4g} MPa, "
+            f"{law.attrs['pressures_per_decade']:.2g} pressures a decade. Branches: "
+            f"{law.attrs['branches']}.",
             f"At a pressure that the fit has not seen, it errs by at most "
             f"{100.0 * law.attrs['cross_validated_error']:.2g} % in pressure and "
             f"{100.0 * law.attrs['cross_validated_stiffness_error']:.2g} % in stiffness.",

@@ -10,6 +10,7 @@ if TYPE_CHECKING:
 
 __all__ = [
     "list_cycles",
+    "say_error",
     "tabulate",
     "tabulate_braking",
     "tabulate_grains",
@@ -86,10 +87,15 @@ def _row(step: "xr.Dataset", band: "Sequence[float] | np.ndarray") -> tuple[str,
         f"{1e-6 * float(step['preload']):.4g}",
         f"{1e-12 * float(step['joint_stiffness']):.4g}",
         "none" if np.isnan(low) else f"{low:.4g} ... {high:.4g}",
-        f"{100.0 * float(step['error_total'][0]):.2g}" if "error_total" in step else "",
+        say_error(float(step["error_total"][0])) if "error_total" in step else "",
         f"{1e6 * float(step['mean_gap']):.4g}",
         f"{100.0 * float(step['contact_fraction']):.3g}",
     )
+
+
+def say_error(total: float) -> str:
+    """Total of an error budget in per cent, or that a term it must hold could not be computed."""
+    return f"{100.0 * total:.2g}" if np.isfinite(total) else "unknown"
 
 
 def tabulate_links(result: "xr.Dataset") -> tuple[tuple[str, ...], list[tuple[str, ...]]]:
@@ -172,11 +178,14 @@ def tabulate_scene(result: "xr.Dataset") -> tuple[tuple[str, ...], list[tuple[st
         )
         shown = result.isel(step=np.flatnonzero(result["shear"].values == 0.0))
         shown = shown.isel(step=np.flatnonzero(np.isfinite(shown["joint_stiffness"].values)))
-        columns = [scale * shown[name].values for name, scale in zip(names, scales, strict=True)]
+        columns = [
+            [f"{scale * value:.4g}" for value in shown[name].values]
+            for name, scale in zip(names, scales, strict=True)
+        ]
         if "error_total" in shown:
             head = (*head, "error (%)")
-            columns.append(100.0 * shown["error_total"].values[0])
-        return head, [tuple(f"{value:.4g}" for value in row) for row in zip(*columns, strict=True)]
+            columns.append([say_error(total) for total in shown["error_total"].values[0]])
+        return head, list(zip(*columns, strict=True))
     largest = 1e6 * np.abs(result["displacement"].values).max(axis=(1, 2))
     return ("load", "largest displacement (µm)", "iterations", "residual"), [
         (f"{load:.4g}", f"{u:.4g}", f"{n}", f"{residual:.1e}")

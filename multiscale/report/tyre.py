@@ -5,7 +5,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from multiscale.report.section import Section
-from multiscale.report.tables import tabulate_braking
+from multiscale.report.tables import say_error, tabulate_braking
 from multiscale.upscaling import require_law
 from multiscale.upscaling.budget import how_attribute
 
@@ -57,7 +57,8 @@ def braking_answer(result: "xr.Dataset") -> list[str]:
         best = _hardest(result.isel(step=at))
         error = ""
         if "error_total" in result:
-            error = f" ± {100.0 * float(best['error_total'].squeeze()):.2g} %"
+            said = say_error(float(best["error_total"].squeeze()))
+            error = " ± an unknown error" if said == "unknown" else f" ± {said} %"
         lines.append(
             f"At {temperature - ZERO_CELSIUS:.4g} °C it brakes by at most "
             f"{float(best['braking_force']):.4g} N{error}, "

@@ -154,6 +154,10 @@ BUDGET = {
     "error_bias": Variable(
         ("quantity", "error_term", "step"), "1", "part of the error whose sign is known, estimated"
     ),
-    "error_total": Variable(("quantity", "step"), "1", "all known terms together"),
+    "error_total": Variable(
+        ("quantity", "step"),
+        "1",
+        "sampling, fit and the terms given together, NaN if one is not known",
+    ),
 }
 """Errors that laws and results carry."""

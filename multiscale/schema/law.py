@@ -37,6 +37,11 @@ INTERFACE_LAW = Schema(
         "area_fit_error": Variable(
             ("area_term",), "1", "relative error of an area law without this point"
         ),
+        "gap_fit_share": Variable((), "1", "part of fit_error that is left between the data"),
+        "stiffness_fit_share": Variable(
+            (), "1", "part of stiffness_fit_error that is left at the data"
+        ),
+        "area_fit_share": Variable((), "1", "part of area_fit_error that is left between the data"),
         "unloading_stiffness_ratio": Variable(
             (), "1", "stiffness at the start of unloading over that of loading"
         ),

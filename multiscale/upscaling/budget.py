@@ -1,6 +1,6 @@
 """How wrong a law is: every term estimated and none assumed."""
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -12,7 +12,6 @@ from multiscale.upscaling.budget_terms import (
     fit_term,
     grid_term,
     increment_term,
-    pooled_sampling_term,
     sampling_term,
     separation_term,
 )
@@ -26,6 +25,7 @@ if TYPE_CHECKING:
 
 __all__ = [
     "ERROR_TERMS",
+    "add_up",
     "assemble_budget",
     "error_budget",
     "how_attribute",
@@ -43,6 +43,9 @@ ERROR_TERMS = (
     "macro discretisation",
 )
 """Labels of the dimension ``error_term``."""
+
+ALWAYS = ("sampling", "fit", "surface")
+"""Terms that every total holds; the others enter if something was given to estimate them."""
 
 ONE_SIDED = 6.0  # standard deviations from which a bias leaves one tail alone
 TAIL = 1.6448536269514722  # standard deviations to 95 % of one side
@@ -86,9 +89,12 @@ def error_budget(
     Dataset
         Follows ``ERROR_BUDGET``: half-widths of 95 % intervals relative to the value, for each
         quantity, term and step of the law; NaN for a term that nothing was given for. A bias,
-        answer minus truth, is zero where no sign is known, and never taken out. The total
-        is that of the known terms; the attribute ``unknown`` lists the others, and ``how_...``
-        says of each term how it was estimated, or what would tell it.
+        answer minus truth, is zero where no sign is known, and never taken out. The total holds
+        sampling, fit and every term that something was given for; the attribute ``unknown`` lists
+        those that are not known, and ``how_...`` says of each term how it was estimated, or what
+        would tell it. A term that cannot be
+        computed from what was given, such as the sampling of one realisation, makes the total
+        unknown, NaN, at its quantity and step, and never smaller.
 
     Raises
     ------
@@ -97,10 +103,11 @@ def error_budget(
 
     Notes
     -----
-    - *sampling*: Student's interval of the mean for gap and contact fraction, the bootstrap band
-      for the stiffness;
+    - *sampling*: Student's interval of the mean; of the stiffness, the one of the compliances of
+      single realisations. Two realisations give an interval, one gives none;
     - *fit*: from the root mean square, over the steps, of the error at a step that the fit has not
-      seen, and for the stiffness at the ends from how it bends there;
+      seen, by its decay with the spacing, and for the stiffness at the ends from how it bends
+      there;
     - *cell size*: with the mean :math:`m(L) = m_\infty + b L^{-q}` through the sizes, weighted
       by their uncertainty, the bias :math:`b L^{-q}`, averaged over :math:`1 \le q \le 3` by
       their likelihood, and the interval about it;
@@ -129,8 +136,7 @@ def error_budget(
     terms: Terms = {}
     biases: Terms = {}
     how = {
-        "sampling": f"Student's interval of {gap.n_realisations} realisations, and the bootstrap "
-        f"band of the stiffness",
+        "sampling": f"Student's interval of {gap.n_realisations} realisations",
         "fit": "error at pressures that the fit has not seen",
         "cell size": "not known: pass sizes, responses of cells of another size",
         "micro discretisation": "not known: pass resolutions, the same realisations on coarser "
@@ -138,11 +144,10 @@ def error_budget(
         "scale separation": "not known: pass scales from compare_scales",
         "macro discretisation": "not in a law: see structure_budget",
     }
-    if apart and sizes:
-        terms["sampling"], factor = pooled_sampling_term(response, sizes)
+    pooled = sizes if apart else None
+    terms["sampling"], factor = sampling_term(response, law, pooled)
+    if pooled:
         how["sampling"] = "Student's interval, with the scatter of the sizes, which falls as 1/L"
-    else:
-        terms["sampling"], factor = sampling_term(response, law, p)
     if not np.any(np.isfinite(terms["sampling"])):
         how["sampling"] = "not known: one realisation tells nothing of the scatter, solve 3"
     terms["fit"] = fit_term(law, p)
@@ -224,6 +229,15 @@ def how_attribute(term: str) -> str:
     return "how_" + term.replace(" ", "_")
 
 
+def add_up(half: np.ndarray, bias: np.ndarray, given: Sequence[bool]) -> np.ndarray:
+    """Totals of half-widths and biases (quantity, term, step), with the terms that were given.
+
+    NaN where one of these, the sampling or the fit is not known.
+    """
+    counted = [term in ALWAYS or one for term, one in zip(ERROR_TERMS, given, strict=True)]
+    return total_error(bias.sum(axis=1), np.sqrt(np.sum(half[:, counted] ** 2, axis=1)))
+
+
 def assemble_budget(
     terms: Terms,
     biases: Terms,
@@ -248,7 +262,7 @@ def assemble_budget(
         for k, term in enumerate(ERROR_TERMS)
         if np.all(np.isnan(half[:, k])) and not how[term].startswith("not in a law")
     ]
-    total = total_error(bias.sum(axis=1), np.sqrt(np.nansum(half**2, axis=1)))
+    total = add_up(half, bias, [term in terms for term in ERROR_TERMS])
     values = {"error_half_width": half, "error_bias": bias, "error_total": total}
     if pressure is not None:
         values["nominal_pressure"] = pressure

@@ -9,15 +9,15 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from multiscale.errors import CaseError
+from multiscale.upscaling.fit import stiffness_of_each
 from multiscale.upscaling.observations import (
     Observations,
     area_observations,
     normal_observations,
 )
-from multiscale.upscaling.reading import area_from_dataset, law_band, law_from_dataset
+from multiscale.upscaling.reading import area_from_dataset, law_from_dataset, require_law
 from multiscale.upscaling.resolution import LOWEST_ORDER, SAFETY, estimate_grid_error
 from multiscale.upscaling.scales import ScaleSeparation
-from multiscale.upscaling.statistics import ensemble_average
 
 if TYPE_CHECKING:
     import xarray as xr
@@ -28,100 +28,107 @@ __all__ = [
     "fit_term",
     "grid_term",
     "increment_term",
-    "law_stiffness",
-    "pooled_sampling_term",
     "same_steps",
     "sampling_term",
     "separation_term",
     "students",
 ]
 
-FREE_NORMAL = "convex_decreasing"
+FIT_ERRORS = {
+    "fit_error": "gap_fit_share",
+    "area_fit_error": "area_fit_share",
+    "stiffness_fit_error": "stiffness_fit_share",
+}
+"""From the errors at points that a fit has not seen to the shares that are left between them."""
+
+GROWTH = 10.0  # of differences from one interval to the next, beyond which nothing can be continued
 NORMAL = 1.959963984540054  # standard deviations to 95 %
 
 
-def law_stiffness(law: "xr.Dataset", pressure: np.ndarray) -> np.ndarray:
-    """Stiffness of the mean law, Pa/m."""
-    one = law_from_dataset(law)
-    return one.stiffness(one.gap_at(pressure))
-
-
 def sampling_term(
-    response: "xr.Dataset", law: "xr.Dataset", p: np.ndarray
+    response: "xr.Dataset", law: "xr.Dataset", sizes: Mapping[float, "xr.Dataset"] | None
 ) -> tuple[np.ndarray, float]:
-    """Half-widths from the scatter of the realisations, and what they are of it."""
-    from scipy.stats import t
+    r"""Half-widths from the scatter of the realisations, and their ratio to the scatter.
 
-    rows = []
-    for variable in ("mean_gap", "contact_fraction"):
-        average = ensemble_average(response, variable)
-        rows.append(average.half_width / np.abs(average.mean))
-    stiffness = np.full(p.size, np.nan)
-    try:
-        low, high = law_band(law, lambda one: one.stiffness(one.gap_at(p)))
-        stiffness = 0.5 * (high - low) / law_stiffness(law, p)
-    except CaseError:  # too few realisations or samples for a band
-        pass
-    n = average.n.max()
-    return np.array([*rows, stiffness]), float(t.ppf(0.975, max(n - 1, 1)) / np.sqrt(n))
+    One rule serves all quantities and numbers of realisations: Student's interval of the mean.
+    Gap and contact fraction are means over the realisations, and so is the compliance
+    :math:`1/K` of a law through mean gaps, whose relative interval is the one of the stiffness;
+    each realisation has a law of its own. Two realisations give an interval, one gives none: NaN.
 
-
-def pooled_sampling_term(
-    response: "xr.Dataset", sizes: Mapping[float, "xr.Dataset"]
-) -> tuple[np.ndarray, float]:
-    r"""Half-widths from the scatter of the realisations and of cells of other sizes.
-
-    The coefficient of variation falls as :math:`1/L`, see :func:`size_trend`, so that with
-    :math:`\nu_i = N_i - 1` and the sizes :math:`r_i` relative to the response
+    The scatter of ``sizes``, cells of other sizes apart from the response, counts too. It falls as
+    :math:`1/L`, see :func:`size_trend`, so that with :math:`\nu_i = N_i - 1` and the sizes
+    :math:`r_i` relative to the response
 
     .. math:: \mathrm{CoV}^2 = \frac{\sum_i \nu_i\, (r_i\, \mathrm{CoV}_i)^2}{\sum_i \nu_i},
         \qquad w = t_{0.975,\, \sum \nu_i}\, \mathrm{CoV} / \sqrt{N_0}.
     """
     from scipy.stats import t
 
-    own, found = same_steps(response, sizes, apart=True)
-    freedom, square = 0, np.zeros((3, own[0].pressure.size))
-    for ratio, pair in [(1.0, own), *found.items()]:
-        n = pair[0].n_realisations
-        if n < 2:
-            continue
-        values = np.array([one[1.0] for one in each_value({1.0: pair})])
-        cov = np.nanstd(values, axis=1, ddof=1) / np.abs(np.nanmean(values, axis=1))
-        square += (n - 1) * (ratio * cov) ** 2
-        freedom += n - 1
-    if not freedom:
-        return np.full(square.shape, np.nan), np.nan
-    factor = float(t.ppf(0.975, freedom) / np.sqrt(own[0].n_realisations))
-    return np.asarray(factor * np.sqrt(square / freedom)), factor
+    own, others = same_steps(response, sizes or {}, apart=bool(sizes))
+    answer = [*each_value({1.0: own})[:2], {1.0: stiffness_of_each(own[0], law)}]
+    ensembles = [(1.0, [one[1.0] for one in answer])]
+    if sizes:
+        found = each_value(others)
+        ensembles += [(ratio, [one[ratio] for one in found]) for ratio in others]
+    freedom = square = np.zeros((3, own[0].pressure.size))
+    for ratio, (gap, area, stiffness) in ensembles:
+        values = np.stack([gap, area, 1.0 / stiffness])
+        counted = np.isfinite(values)
+        n = counted.sum(axis=1)
+        mean = np.where(counted, values, 0.0).sum(axis=1) / np.maximum(n, 1)
+        spread = np.where(counted, values - mean[:, None], 0.0)
+        size = np.where(mean == 0.0, np.nan, mean)
+        square = square + (ratio / size) ** 2 * np.sum(spread**2, axis=1)  # nu (r CoV)^2
+        freedom = freedom + np.maximum(n - 1, 0)
+    n = np.isfinite(np.stack(ensembles[0][1])).sum(axis=1)
+    factor = t.ppf(0.975, np.maximum(freedom, 1)) / np.sqrt(np.maximum(n, 1))
+    known = np.where((freedom > 0) & (n > 0), square / np.maximum(freedom, 1), np.nan)
+    return factor * np.sqrt(known), float(factor.min())
 
 
 def fit_term(law: "xr.Dataset", p: np.ndarray) -> np.ndarray:
     """Half-widths from the errors at steps that the fit has not seen.
 
-    Areas and gaps of free form are interpolated, to the second order at least, and leaving one out
-    doubles the spacing, so that a fourth is left between the data. A stiffness is a derivative: a
-    half is left, or the error of the step itself. At the ends of the data nothing holds its slope,
-    and it is as unsure as it departs from the power law through the two steps next to it.
+    Of the root mean square of these errors, the share that the decay with the spacing leaves is
+    taken, see :func:`~.spline_law.decay_share`; a family with parameters has no decay. At the ends
+    of the data, which have a neighbour on one side only, the error of the gap at the step beside
+    counts whole. A stiffness counts the error of the step itself as well, and at the ends its
+    distance from the slopes of the gap continued, see :func:`_end_error`.
     """
-    free = law.attrs.get("family", FREE_NORMAL) == FREE_NORMAL
-    shares = {"fit_error": 0.25 if free else 1.0, "area_fit_error": 0.25}
-    rows = []
-    for name, share in (shares | {"stiffness_fit_error": 0.5 if free else 1.0}).items():
-        error = law[name].to_numpy() if name in law else np.full(p.size, np.nan)
+    require_law(law, *FIT_ERRORS, *FIT_ERRORS.values())
+    rows, errors = [], []
+    for name, share in FIT_ERRORS.items():
+        error = NORMAL * np.abs(law[name].to_numpy())
         known = error[np.isfinite(error)]
         rms = np.sqrt(np.mean(known**2)) if known.size else np.nan
-        rows.append(np.full(p.size, NORMAL * share * rms))
-    own = NORMAL * np.abs(error)
-    own[[0, -1]] = [_end_error(np.log(law_stiffness(law, p)), np.log(p), k) for k in (1, -1)]
-    rows[2] = np.fmax(rows[2], own)
+        rows.append(np.full(p.size, float(law[share]) * rms))
+        errors.append(error)
+    rows[0][[0, -1]] = np.fmax(rows[0][[0, -1]], errors[0][[1, -2]])
+    rows[2] = np.fmax(rows[2], errors[2])
+    gap, one = law["fit_mean_gap"].to_numpy(), law_from_dataset(law)
+    own = np.log(p / one.stiffness(one.gap_at(p)))
+    ends = [_end_error(gap[::k], np.log(p)[::k], own[::k]) for k in (-1, 1)]
+    rows[2][[0, -1]] = np.fmax(rows[2][[0, -1]], NORMAL * np.array(ends))
     return np.array(rows)
 
 
-def _end_error(value: np.ndarray, x: np.ndarray, step: int) -> float:
-    """Distance of the first (step 1) or last (-1) value from the line through the next two."""
-    end, near, far = (0, 1, 2) if step > 0 else (-1, -2, -3)
-    slope = (value[near] - value[far]) / (x[near] - x[far])
-    return float(abs(value[end] - value[near] - slope * (x[end] - x[near])))
+def _end_error(gap: np.ndarray, x: np.ndarray, own: np.ndarray) -> float:
+    r"""Distance of the last compliance of a law from the mean ones of the intervals, continued.
+
+    Let :math:`c_1, c_2, c_3` be the logarithms of the mean slopes :math:`|\Delta g / \Delta x|`,
+    :math:`x = \ln p`, of the last three intervals, the last one first. If their differences grow
+    by one factor :math:`\gamma`, Newton's series of backward differences, half a step on, gives
+
+    .. math:: c = c_1 + (c_1 - c_2)\, \frac{(1 - r)^{-1/2} - 1}{r}, \qquad
+        r = 1 - 1/\gamma, \quad \gamma = \frac{c_1 - c_2}{c_2 - c_3},
+
+    with :math:`1 \le \gamma \le` :data:`GROWTH`; :math:`\gamma = 1` continues a power law.
+    """
+    c = np.log(np.abs(np.diff(gap) / np.diff(x)))[::-1]
+    last, before = c[0] - c[1], c[1] - c[2] if c.size > 2 else 0.0
+    growth = last / before if last * before > 0.0 else 1.0
+    r = 1.0 - 1.0 / np.clip(growth, 1.0 + 1e-6, GROWTH)
+    return float(abs(own[-1] - c[0] - last * ((1.0 - r) ** -0.5 - 1.0) / r))
 
 
 Pair = tuple[Observations, Observations]  # of gaps and of areas
@@ -148,18 +155,13 @@ def same_steps(
     return own, found
 
 
-def _stiffness_of(gap: np.ndarray, p: np.ndarray) -> np.ndarray:
-    """Stiffness from differences of gaps (..., steps), Pa/m: to compare ensembles only."""
-    return np.asarray(-p / np.gradient(gap, np.log(p), axis=-1))
-
-
 def each_value(pairs: Mapping[float, Pair]) -> list[dict[float, np.ndarray]]:
     """Values (realisations, steps) of gap, area and stiffness by ratio; NaN where missing."""
-    gaps = {ratio: _masked(gap) for ratio, (gap, _) in pairs.items()}
-    stiffness = {
-        ratio: _stiffness_of(gaps[ratio], gap.pressure) for ratio, (gap, _) in pairs.items()
-    }
-    return [gaps, {ratio: _masked(area) for ratio, (_, area) in pairs.items()}, stiffness]
+    return [
+        {ratio: gap.masked for ratio, (gap, _) in pairs.items()},
+        {ratio: area.masked for ratio, (_, area) in pairs.items()},
+        {ratio: stiffness_of_each(gap) for ratio, (gap, _) in pairs.items()},
+    ]
 
 
 def grid_term(
@@ -229,11 +231,6 @@ def students(variances: np.ndarray, freedom: np.ndarray) -> np.ndarray:
     whole = np.where(single > 0.0, total**2 / np.where(single > 0.0, single, 1.0), np.inf)
     factor = t.ppf(0.975, np.maximum(whole, 1.0))
     return np.asarray(np.where(np.isfinite(whole), factor, NORMAL) * np.sqrt(total))
-
-
-def _masked(observations: Observations) -> np.ndarray:
-    """Values with NaN where there are none."""
-    return np.where(observations.counted, observations.values, np.nan)
 
 
 def separation_term(

@@ -19,17 +19,25 @@ from multiscale.upscaling.observations import (
 )
 from multiscale.upscaling.parametric import BY_REALISATION, NONE, fit_family
 from multiscale.upscaling.reading import area_from_dataset, fitted_law
+from multiscale.upscaling.regression import regression_of
+from multiscale.upscaling.spline import N_TERMS, RIDGE
 from multiscale.upscaling.spline_law import (
     Values,
     fit_area,
     fit_convex_decreasing,
+    fit_each,
     unseen_errors,
 )
 
 if TYPE_CHECKING:
     import xarray as xr
 
-__all__ = ["FREE_FORM", "fit_law"]
+__all__ = ["FREE_FORM", "fit_law", "stiffness_of_each"]
+
+BRANCHES = "measured: loading; assumed: unloading along the same curve; not in the law: shear"
+
+LARGEST_GAP = 0.1  # m; the coarsest texture of roads has 0.02 m
+FEWEST_PER_DECADE = 2
 
 FREE_FORM = {
     "gap": "convex_decreasing",
@@ -44,9 +52,9 @@ def fit_law(
     family: str | Family | None = None,
     fixed: Mapping[str, float] | None = None,
     weights: np.ndarray | None = None,
-    n_terms: int = 20,
+    n_terms: int = N_TERMS,
     n_samples: int = 200,
-    ridge: float = 3e-4,
+    ridge: float = RIDGE,
     seed: int = 0,
 ) -> "xr.Dataset":
     r"""Fit a law to the response of an ensemble of cells, or to other observations.
@@ -82,10 +90,12 @@ def fit_law(
     Dataset
         Follows ``INTERFACE_LAW``; a family with parameters has one variable for each and one
         ``..._sample`` along ``sample``. Attributes: ``family``, ``quantity``,
-        ``n_realisations``, ``n_samples``, ``pressure_min``, ``pressure_max`` (Pa) and for normal
-        laws ``gap_min``, ``gap_max`` (m) of the data, the errors of the fit below (1),
-        ``admissible`` (1 or 0) and ``admissibility`` (a sentence for each check), ``seed``,
-        ``uncertainty`` (a sentence), and what the data say of the surface.
+        ``n_realisations``, ``n_samples``, ``pressure_min``, ``pressure_max`` (Pa),
+        ``pressures_per_decade``, ``branches`` (which are measured and which assumed) and for normal
+        laws ``gap_min``, ``gap_max`` (m) of the data, ``cautions`` (a line each, with those of the
+        response), the errors of the fit below (1), ``admissible`` (1 or 0) and ``admissibility``
+        (a sentence for each check), ``seed``, ``uncertainty`` (a sentence), and what the data say
+        of the surface.
 
         - ``maximum_fit_error``: largest relative error (of the pressure, for a normal law) at the
           data;
@@ -107,11 +117,19 @@ def fit_law(
     Notes
     -----
     The law of free form is :class:`~multiscale.laws.ConvexDecreasing`. Its knots are even in the
-    logarithm of the pressure and common to all samples. With 8 noise-free pressures it returns
-    exponential, power, Greenwood-Williamson and Westergaard laws (up to half the pressure of
-    complete contact) with less than 0.2 % error of pressure and 2 % of stiffness over the whole
-    range of the data. Outside this range the law extrapolates. Where the stiffness tends to
-    infinity, as at complete contact, its error grows.
+    logarithm of the pressure and common to all samples. Its accuracy depends on the pressures per
+    decade. Of noise-free exponential, power, Greenwood-Williamson and Westergaard laws (up to half
+    the pressure of complete contact) over one to three decades it errs by at most
+
+    ================== ===== ===== ===== =====
+    pressures a decade 2     3     4     8
+    ================== ===== ===== ===== =====
+    pressure           4 %   .4 %  .25 % .08 %
+    stiffness          20 %  5 %   3 %   1 %
+    ================== ===== ===== ===== =====
+
+    most of it Westergaard's at the highest pressures. Outside its range the law extrapolates. Where
+    the stiffness tends to infinity, as at complete contact, its error grows.
 
     The bootstrap resamples whole realisations with replacement, since the steps of one are
     correlated; the samples are spread as by :func:`widening` so that 95 % intervals keep their
@@ -143,7 +161,42 @@ def fit_law(
         )
     if not isinstance(data, Observations):
         values = fit_area(area_observations(data), counts) | values
+        attributes["branches"] = BRANCHES
     return _build(observations, chosen, values, attributes | found | {"seed": seed})
+
+
+def stiffness_of_each(observations: Observations, law: "xr.Dataset | None" = None) -> np.ndarray:
+    """Stiffness of laws that are fitted to one realisation each.
+
+    Parameters
+    ----------
+    observations : Observations
+        Of the gap.
+    law : Dataset, optional
+        Follows ``INTERFACE_LAW``: the laws are of its family, with the same parameters fixed; of
+        free form if not given.
+
+    Returns
+    -------
+    ndarray, shape (realisations, points)
+        Pa/m; NaN where a realisation has no value or its fit does not settle.
+    """
+    mean, counted = observations.means()[0][0], observations.counted
+    gap, ones = np.where(counted, observations.values, mean), np.ones(mean.size)
+    family = FREE_FORM["gap"] if law is None else str(law.attrs["family"])
+    laws: list[Any]
+    if law is None or family == FREE_FORM["gap"]:
+        laws = fit_each(observations, gap)
+    else:
+        fixed = {name: float(law[name]) for name in str(law.attrs["fixed"]).split()}
+        regression = regression_of(FAMILIES[family], observations, fixed, ones)
+        found = regression.solve_many(gap, 1.0 * counted, regression.solve(mean, ones))
+        laws = [None if one is None else regression.law(one) for one in found]
+    stiffness = np.full(gap.shape, np.nan)
+    for k, one in enumerate(laws):
+        if one is not None:
+            stiffness[k] = one.stiffness(gap[k])
+    return np.where(counted, stiffness, np.nan)
 
 
 def _check_options(n_terms: int, n_samples: int, ridge: float) -> None:
@@ -207,8 +260,7 @@ def _build(
             **{f"fit_{name}": condition for name, condition in conditions},
             quantity.variable: mean,
         },
-        **observations.attributes,
-        **attributes,
+        **{**observations.attributes, **attributes, **_describe(observations, mean)},
         family=family if isinstance(family, str) else family.name,
         quantity=observations.quantity,
         n_realisations=observations.n_realisations,
@@ -222,6 +274,26 @@ def _build(
         law = fitted_law(dataset, family=family if isinstance(family, Family) else None)
     report = admissibility(law, (float(p.min()), float(p.max())))
     return dataset.assign_attrs(admissible=int(report.passed), admissibility=str(report))
+
+
+def _describe(observations: Observations, mean: np.ndarray) -> dict[str, Any]:
+    """Pressures per decade, and what is unlikely of the data or makes the law coarse."""
+    cautions, pressure = [str(observations.attributes.get("cautions", ""))], observations.pressure
+    if observations.quantity == "gap" and mean.max() > LARGEST_GAP:
+        cautions.append(
+            f"the largest mean gap of {mean.max():.3g} m is larger than roughness keeps open; give "
+            f"gaps in m"
+        )
+    found, steps = {}, np.unique(pressure).size - 1
+    if steps:
+        each = steps / np.log10(pressure.max() / pressure.min())
+        found["pressures_per_decade"] = float(each)
+        if observations.quantity == "gap" and each < FEWEST_PER_DECADE * (1.0 - 1e-9):
+            cautions.append(
+                f"the law rests on {each:.2g} pressures a decade; from {FEWEST_PER_DECADE} on its "
+                f"accuracy was measured"
+            )
+    return found | {"cautions": "\n".join(filter(None, cautions))}
 
 
 def _schema(observations: Observations, family: str | Family) -> Schema:

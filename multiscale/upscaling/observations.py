@@ -22,6 +22,9 @@ __all__ = [
     "unloading_observations",
 ]
 
+HIGHEST_GAP = 100.0
+"""Mean gap over the rms height above which units are wrong, or a single spike is all contact."""
+
 _OWN_ATTRIBUTES = frozenset(
     {"schema", "schema_version", "Conventions", "source", "history", "environment"}
 )
@@ -123,6 +126,11 @@ class Observations:
     def n_realisations(self) -> int:
         """Number of realisations."""
         return len(self.values)
+
+    @property
+    def masked(self) -> np.ndarray:
+        """Values with NaN where there are none."""
+        return np.where(self.counted, self.values, np.nan)
 
     def means(self, counts: np.ndarray | None = None) -> tuple[np.ndarray, np.ndarray]:
         """Mean values of samples, and their weights.
@@ -315,11 +323,27 @@ def _observe_response(quantity: str, response: "xr.Dataset", variable: str) -> O
 
 
 def usable_steps(response: "xr.Dataset") -> tuple[np.ndarray, np.ndarray]:
-    """Which steps of which realisations count, and the pressure of every step, Pa."""
-    gap, area = response["mean_gap"].to_numpy(), response["contact_fraction"].to_numpy()
+    """Which steps of which realisations count, and the pressure of every step, Pa.
+
+    Raises
+    ------
+    CaseError
+        If a step that is said to have converged has no value, gaps are out of proportion to the
+        heights, or the averaged traction contradicts the pressure.
+    """
     own = -response["traction"].sel(component="n").to_numpy()
-    counted = (response["converged"].to_numpy() == 1) & np.isfinite(gap) & np.isfinite(area)
-    counted &= np.isfinite(own)
+    counted = response["converged"].to_numpy() == 1
+    values = {"mean_gap": response["mean_gap"].to_numpy(), "normal traction": own}
+    values["contact_fraction"] = response["contact_fraction"].to_numpy()
+    for name, value in values.items():
+        wrong = np.argwhere(counted & ~np.isfinite(value))
+        if wrong.size:
+            k, j = wrong[0]
+            raise CaseError(
+                f"realisation {k}, step {j}: {name} is {value[k, j]} although converged is 1; "
+                f"set converged to 0 for a step that failed, or solve it again"
+            )
+    _check_heights(response, values["mean_gap"], counted)
     total = counted.sum(axis=0)
     mean = np.where(counted, own, 0.0).sum(axis=0) / np.maximum(total, 1)
     if "nominal_pressure" not in response.variables:
@@ -334,6 +358,22 @@ def usable_steps(response: "xr.Dataset") -> tuple[np.ndarray, np.ndarray]:
             f"traction"
         )
     return counted, pressure
+
+
+def _check_heights(response: "xr.Dataset", gap: np.ndarray, counted: np.ndarray) -> None:
+    """Refuse gaps that no surface of these heights keeps open."""
+    if "rms_height" not in response.variables:
+        return
+    height = response["rms_height"].to_numpy()[:, None]
+    wrong = np.argwhere(counted & (gap > HIGHEST_GAP * height))
+    if wrong.size:
+        k, j = wrong[0]
+        raise CaseError(
+            f"realisation {k}, step {j}: the mean gap of {gap[k, j]:.3g} m is "
+            f"{gap[k, j] / height[k, 0]:.3g} times the rms height of {height[k, 0]:.3g} m, and "
+            f"summits keep surfaces at most about 5 of them apart; convert both to m, or take "
+            f"spikes out of the map"
+        )
 
 
 def unloading_observations(response: "xr.Dataset") -> Observations:

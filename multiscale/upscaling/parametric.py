@@ -117,7 +117,8 @@ def _errors(
     if observations.quantity in ("gap", "normal_stiffness"):
         p, law = observations.pressure, regression.law(best)
         gap = mean if observations.quantity == "gap" else integrate_stiffness(p, mean)
-        values, more = normal_errors(law, [regression.law(one) for one in blind], p, gap)
+        laws = [regression.law(one) for one in blind[1:-1]]  # a misfit does not decay: share 1
+        values, more = normal_errors(law, laws, np.arange(1, n - 1), p, gap)
         return values, attributes | more
     error = np.array([regression.predict(one)[j] for j, one in enumerate(blind)])
     error = (error - mean) / regression.scale

@@ -10,9 +10,9 @@ from multiscale.laws import NormalLaw, StretchedLaw
 from multiscale.upscaling.budget import (
     ERROR_TERMS,
     Terms,
+    add_up,
     assemble_budget,
     how_attribute,
-    total_error,
 )
 from multiscale.upscaling.budget_terms import separation_term
 from multiscale.upscaling.fit import fit_law
@@ -68,7 +68,9 @@ def structure_budget(
         Follows ``ERROR_BUDGET``, with one quantity. *Sampling* comes from the samples of the law.
         The other terms of the law enter by the change of the answer when all gaps are larger, and
         when the law is softer about the mean pressure, by what they are of gap and stiffness; a
-        bias by solving with a law of free form through the gaps without it.
+        bias by solving with a law of free form through the gaps without it. A term of the law
+        that is not known at a pressure, or without samples not for the stiffness, makes the total
+        unknown, NaN.
 
     Raises
     ------
@@ -117,15 +119,12 @@ def _law_terms(
     stretched = np.atleast_1d(solve(StretchedLaw(mean_law, 1.0 + STRETCH, centre=middle)))
     of_gap = np.abs(shifted / answer - 1.0) / by  # 1/m
     of_stiffness = np.abs(stretched / answer - 1.0) / STRETCH
+    known = law["error_half_width"].notnull().any(("quantity", "step"))
     terms: Terms = {}
     for term in ERROR_TERMS[:-1]:
-        gap, stiffness = _at_pressure(law, term, pressure)
-        if gap is not None or stiffness is not None:
-            parts = (
-                of_gap * (0.0 if gap is None else gap),
-                of_stiffness * (0.0 if stiffness is None else stiffness),
-            )
-            terms[term] = np.hypot(*parts)[None]
+        if known.sel(error_term=term):
+            gap, stiffness = _at_pressure(law, term, pressure)
+            terms[term] = np.hypot(of_gap * gap, of_stiffness * stiffness)[None]
     return terms
 
 
@@ -147,19 +146,16 @@ def _law_biases(
 
 def _at_pressure(
     law: "xr.Dataset", term: str, pressure: np.ndarray | None
-) -> tuple[np.ndarray | None, np.ndarray | None]:
-    """Half-widths of a term for the gap, m, and the stiffness, relative; nothing if not known."""
-    found: list[np.ndarray | None] = []
+) -> tuple[np.ndarray, np.ndarray]:
+    """Half-widths of a term for the gap, m, and the stiffness, relative; NaN if not known."""
+    found = []
     data = law["fit_pressure"].to_numpy()
     for quantity, scale in (("mean_gap", np.abs(law["fit_mean_gap"].to_numpy())), ("stiffness", 1)):
         one = law["error_half_width"].sel(error_term=term, quantity=quantity).to_numpy() * scale
-        known = np.isfinite(one)
-        if not np.any(known):
-            found.append(None)
-        elif pressure is None:
-            found.append(np.sqrt(np.mean(one[known] ** 2)))
+        if pressure is None:
+            found.append(np.sqrt(np.mean(one**2)))
         else:
-            found.append(np.interp(np.log(pressure), np.log(data[known]), one[known]))
+            found.append(np.interp(np.log(pressure), np.log(data), one))
     return found[0], found[1]
 
 
@@ -184,8 +180,8 @@ def with_scales(law: "xr.Dataset", scales: ScaleSeparation) -> "xr.Dataset":
     p = law["fit_pressure"].to_numpy()
     scatter = half.sel(error_term="sampling").to_numpy() / float(law.attrs["sampling_factor"])
     half.loc[{"error_term": "scale separation"}] = separation_term(law, scatter, p, scales)
-    spread = np.sqrt(np.nansum(half.to_numpy() ** 2, axis=1))
-    total = law["error_total"].copy(data=total_error(bias.sum("error_term").to_numpy(), spread))
+    given = half.notnull().any(("quantity", "step")).to_numpy().tolist()
+    total = law["error_total"].copy(data=add_up(half.to_numpy(), bias.to_numpy(), given))
     unknown = [one for one in str(law.attrs["unknown"]).split(", ") if one != "scale separation"]
     return law.assign(error_half_width=half, error_total=total).assign_attrs(
         {how_attribute("scale separation"): str(scales), "unknown": ", ".join(unknown)}

@@ -99,6 +99,7 @@ def with_unloading(law: "xr.Dataset", response: "xr.Dataset", *, n_samples: int)
     return INTERFACE_LAW.assign(law, values).assign_attrs(
         unloading_admissible=fitted.attrs["admissible"],
         unloading_admissibility=fitted.attrs["admissibility"],
+        branches="measured: loading and unloading; not in the law: shear",
     )
 
 

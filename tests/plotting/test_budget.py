@@ -39,3 +39,10 @@ def test_bars_stack_up_to_the_total(axes, carried):
     assert "scale separation: not known" in names
     assert ax.get_ylabel() == "95 % half-width of stiffness (%)"
     assert ax.get_xticklabels()[0].get_text() == "5"
+
+
+def test_a_total_that_lacks_a_term_is_no_bar_but_the_word_unknown(axes):
+    response = response_of(exponential_gaps(1))
+    ax = plot_error_budget(error_budget(response, fit_law(response)), ax=axes)
+    assert [text.get_text() for text in ax.texts] == 8 * ["unknown"]
+    assert max(bar.get_height() for bar in ax.patches) == 0.0

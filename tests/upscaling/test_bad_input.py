@@ -1,9 +1,12 @@
 """Data that cannot carry what is asked are refused in a sentence that says what would be enough."""
 
+import re
+
 import numpy as np
 import pytest
 
 from multiscale.errors import MultiscaleError
+from multiscale.schema import MICRO_RESPONSE
 from multiscale.upscaling import ensemble_average, error_budget, fit_law, law_band, size_trend
 from tests.upscaling.responses import PRESSURE, exponential_gaps, response_of
 
@@ -28,6 +31,31 @@ def zigzag():
     gaps = GAPS.copy()
     gaps[:, 4] = gaps[:, 2]
     return response_of(gaps)
+
+
+def lost():
+    gaps = GAPS.copy()
+    gaps[2, 3] = np.nan
+    return response_of(gaps)
+
+
+def with_heights(factor):
+    return MICRO_RESPONSE.assign(response_of(factor * GAPS), {"rms_height": np.full(6, 1e-6)})
+
+
+def test_a_gap_that_no_roughness_keeps_open_is_a_caution_where_heights_are_not_known():
+    assert fit_law(response_of(GAPS), n_samples=0).attrs["cautions"] == ""
+    caution = fit_law(response_of(1e6 * GAPS), n_samples=0).attrs["cautions"]
+    assert re.match(r"the largest mean gap of 2\.\d+ m is larger than roughness keeps", caution)
+
+
+def test_a_law_says_its_pressures_per_decade_and_which_branches_are_measured():
+    law = fit_law(response_of(GAPS), n_samples=0)
+    assert law.attrs["pressures_per_decade"] == pytest.approx(7 / np.log10(20.0))
+    assert law.attrs["branches"].startswith("measured: loading; assumed: unloading along the same")
+    few = np.geomspace(1e4, 1e8, 8)
+    coarse = fit_law(response_of(GAPS, few, area=np.tile(few / 5e8, (6, 1))), n_samples=0)
+    assert "the law rests on 1.8 pressures a decade; from 2 on" in coarse.attrs["cautions"]
 
 
 def budget_of(**others):
@@ -58,6 +86,14 @@ def budget_of(**others):
         (
             lambda: budget_of(sizes={0.5: response()}, apart=True),
             "compared among themselves, so that two are needed, got 1",
+        ),
+        (
+            lambda: fit_law(lost()),
+            "realisation 2, step 3: mean_gap is nan although converged is 1; set converged to 0",
+        ),
+        (
+            lambda: fit_law(with_heights(1e6)),
+            r"realisation 0, step 0: the mean gap of .* m is .* times the rms height of 1e-06 m",
         ),
         # not monotone, or contradictory
         (

@@ -1,0 +1,39 @@
+"""An error that cannot be computed is said to be unknown wherever it is printed."""
+
+import numpy as np
+import pytest
+
+from multiscale.report.tables import say_error, tabulate
+from multiscale.report.tyre import braking_answer
+from multiscale.schema import MACRO_RESULT
+
+
+def test_a_total_is_a_percentage_or_unknown():
+    assert say_error(0.0123) == "1.2"
+    assert say_error(float("nan")) == "unknown"
+
+
+def joint(total):
+    one = np.ones(1)
+    values = {"joint_stiffness": 1e13 * one, "mean_gap": 1e-6 * one, "contact_fraction": 0.1 * one}
+    values |= {"preload": 1e7 * one, "converged": np.ones(1, dtype=int)}
+    values |= {"residual": 0.0 * one, "wall_time": one}
+    budget = {"error_total": [[total]], "error_half_width": [[[total]]], "error_bias": [[[0.0]]]}
+    return MACRO_RESULT.build(values | budget)
+
+
+@pytest.mark.parametrize(("total", "said"), [(0.0123, "1.2"), (np.nan, "unknown")])
+def test_the_table_of_a_joint_says_so(total, said):
+    head, rows = tabulate(joint(total))
+    assert dict(zip(head, rows[0], strict=True))["error (%)"] == said
+
+
+@pytest.mark.parametrize(("total", "said"), [(0.0123, "± 1.2 %"), (np.nan, "± an unknown error")])
+def test_the_answer_of_a_tread_block_says_so(total, said):
+    result = joint(total).assign(
+        temperature=("step", [293.15]),
+        sliding_speed=("step", [1.0]),
+        braking_force=("step", [50.0]),
+        braking_coefficient=("step", [0.5]),
+    )
+    assert said in braking_answer(result)[0]
