@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from multiscale.bench import FAMILIES, STABILITY_FAMILIES
-from multiscale.errors import CaseError, MultiscaleError
+from multiscale.errors import CaseError, ConvergenceError, MultiscaleError
 from multiscale.executors import cores, workers
 
 if TYPE_CHECKING:
@@ -243,15 +243,16 @@ def macro_command(
     result = run_scene(settings, out, law=law, team=team)
     if team.rank:  # the first process speaks for all
         return
-    for name in ("failure", "cautions"):
-        for caution in result.attrs.get(name, "").splitlines():
-            typer.echo(f"caution: {caution}", err=True)
+    for caution in result.attrs.get("cautions", "").splitlines():
+        typer.echo(f"caution: {caution}", err=True)
     _print_table(result.attrs["title"], *tabulate_scene(result))
     for line in list_cycles(result):
         typer.echo(line)
     if settings.substructures is not None and settings.substructures.homogenise:
         typer.echo(f"condensed substructures: {homogenised_file(out)}")
     typer.echo(f"dataset: {out}; for ParaView: {out.parent / 'fields' / f'{out.stem}.pvd'}")
+    if failure := result.attrs.get("failure"):
+        raise ConvergenceError(f"{settings.title}: {failure}")
 
 
 @app.command("report")
@@ -316,7 +317,6 @@ def stability_command(
 ) -> None:
     """Run every stiff and extreme case: converged, refused with a sentence, or failed."""
     from multiscale.bench.stability import check_stability, stability_cases, tabulate_stability
-    from multiscale.errors import ConvergenceError
     from multiscale.io import write_dataset
     from multiscale.schema import STABILITY
 

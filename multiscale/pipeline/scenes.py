@@ -1,5 +1,6 @@
 """Scene files: read, solved, and written as a dataset and for ParaView."""
 
+from collections.abc import Iterator
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -164,8 +165,8 @@ def run_scene(
     -------
     Dataset
         Follows ``MACRO_RESULT``, or ``GRANULATE`` for grains. The attribute ``failure`` says which
-        steps failed and why, ``cautions`` where a law answered beyond its data or the contacts of
-        grains missed their tolerance.
+        steps failed and why, ``cautions`` where a law answered beyond its data, nodes moved
+        farther than the structure measures or the contacts of grains missed their tolerance.
 
     Raises
     ------
@@ -183,7 +184,10 @@ def run_scene(
     if law is not None and scene.joint is None:
         raise CaseError(f"{scene.title}: the scene has no joint that the law {law} could be of")
     result = solve_bodies(scene, law, team) if bodies else _solve_links(scene, team)
-    result = result.assign_attrs(title=scene.title, scene=scene.to_toml())
+    cautions = [result.attrs.get("cautions", ""), *_too_far(result)]
+    result = result.assign_attrs(
+        title=scene.title, scene=scene.to_toml(), cautions="\n".join(filter(None, cautions))
+    )
     if writes:
         make_folder(out.parent)
         write_dataset(result, out, MACRO_RESULT)
@@ -195,6 +199,17 @@ def run_scene(
         condensed = _homogenise(scene, result, law).assign_attrs(title=scene.title)
         write_dataset(condensed, homogenised_file(out), HOMOGENISED)
     return result
+
+
+def _too_far(result: "xr.Dataset") -> Iterator[str]:
+    """Say if nodes move by more than the structure measures."""
+    size = float(np.ptp(result["position"].values, axis=0).max())
+    moved = float(np.abs(np.nan_to_num(result["displacement"].values)).max(initial=0.0))
+    if moved > size:
+        yield (
+            f"nodes move by up to {moved:.3g} m, more than the structure measures ({size:.3g} m), "
+            f"where no law of its parts holds: check loads, moduli and their units"
+        )
 
 
 def homogenised_file(out: Path) -> Path:

@@ -228,4 +228,7 @@ def list_cycles(result: "xr.Dataset") -> list[str]:
     """Say what every cycle of a joint has lost; nothing for other results."""
     if "cycle_energy" not in result:
         return []
-    return [f"cycle {k}: {loss:.4g} J lost" for k, loss in enumerate(result["cycle_energy"].values)]
+    return [
+        f"cycle {k}: not closed" if np.isnan(loss) else f"cycle {k}: {loss:.4g} J lost"
+        for k, loss in enumerate(result["cycle_energy"].values)
+    ]

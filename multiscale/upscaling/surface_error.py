@@ -4,7 +4,6 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from multiscale.upscaling.budget_terms import law_stiffness
 from multiscale.upscaling.reading import area_from_dataset, law_from_dataset
 
 if TYPE_CHECKING:
@@ -41,12 +40,12 @@ def surface_term(
     if min(found) < FEWEST_HELD:
         return np.full((3, p.size), np.nan), f"not known: {how}, too little to infer the rest from"
     mean_law, area_law = law_from_dataset(law), area_from_dataset(law)
-    similar = law_stiffness(law, slope * p) / slope
     gap, area = mean_law.gap_at, area_law.contact_fraction
+    similar = mean_law.stiffness(gap(slope * p)) / slope
     rows = [
         1.0 / height - 1.0 + np.abs(gap(slope * p) / gap(p) - 1.0),
         np.abs(area(slope * p) / area(p) - 1.0),
-        1.0 - height + np.abs(similar / law_stiffness(law, p) - 1.0),
+        1.0 - height + np.abs(similar / mean_law.stiffness(gap(p)) - 1.0),
     ]
     return 2.0 * np.array(rows), how
 

@@ -348,6 +348,36 @@ def test_a_body_that_floats_away_is_named():
         solve_contact(pulled)
 
 
+@pytest.mark.parametrize("finite_sliding", [False, True])
+def test_a_block_pushed_beyond_its_friction_ends_the_path_with_capacity_and_load(finite_sliding):
+    """1 MN/m press a block on its base, friction carries 0.2 MN/m of a push along it."""
+
+    def push(force):
+        low = moved(SQUARE, SQUARE.p - np.array([[0.0], [1.0 - 1e-5]]))  # closed from the start
+        tractions = {
+            "top": (
+                lambda x, t: np.full(x.shape[1], force * max(t - 1.0, 0.0)),
+                lambda x, t: np.full(x.shape[1], -1e6 * min(t, 1.0)),
+            )
+        }
+        bodies = {
+            "base": Body(low, Elastic(1e9, 0.3), supports={"bottom": (0.0, 0.0)}),
+            "block": Body(SQUARE, Elastic(1e9, 0.3), tractions=tractions),
+        }
+        sides = ("block", "bottom"), ("base", "top")
+        contact = Contact(*sides, friction_coefficient=0.2, finite_sliding=finite_sliding)
+        return solve_contact(ContactProblem(bodies, {"joint": contact}), (1.0, 2.0))
+
+    assert all(step.solution.converged for step in push(0.19e6))
+    pressed, slid = push(0.21e6)
+    assert pressed.solution.converged
+    assert not slid.solution.converged
+    assert np.isnan(slid.displacement["block"]).all()
+    message = r"'block' slides away at time 2: of its load of 2.1e\+05 N/m .* about 2e\+05 N/m"
+    with pytest.raises(ConvergenceError, match=message):
+        slid.unwrap()
+
+
 def test_a_nonlinear_problem_is_not_condensed():
     body = Body(SQUARE, J2(1e9, 0.3, 1e6), {"top": (0.0, -1e-3)})
     with pytest.raises(CaseError, match="only a linear problem can be condensed"):

@@ -1,5 +1,7 @@
 """Rough joints of cut bodies against monolithic solvers, under laws from soft to stiff."""
 
+import re
+
 import numpy as np
 import pytest
 from scipy.sparse.linalg import spsolve
@@ -17,6 +19,7 @@ from multiscale.macro.substructures import (
     solve_schur,
     split_boxes,
 )
+from multiscale.macro.substructures.capacity import find_slide
 
 
 def stacked_blocks(law, parts, times=(1.0,), contrast=1.0, tilt=0.2):
@@ -71,11 +74,95 @@ def test_a_rough_joint_with_friction_loaded_and_unloaded_is_the_monolithic_one(p
         )
 
 
-def test_a_joint_that_is_pushed_beyond_its_friction_ends_the_path():
-    law = Sliders(Exponential(1e9, 0.4e-6), 0.2, pressures=(1e6, 1e8))  # 4 MPa are the limit
-    result = solve_latin(stacked_blocks(law, 1, (1.0, 6.0, 1.0)), np.eye(3), max_iterations=60)
+def pushed(law, parts, share, tilt=0.0):
+    """The blocks pressed by 8 kN, of which friction carries 1600 N, pushed by a share, let go."""
+    return stacked_blocks(law, parts, (1.0, 1.0 + share * 1600.0 / (1.4e6 * 4e-4), 1.0), tilt=tilt)
+
+
+def say_slide(result):
+    """Load and capacity, N, in the sentence of a step that slides away."""
+    said = result.attrs["failure"]
+    found = re.search(r"on joint 0 under a load of (\S+) N, .* carries about (\S+) N", said)
+    assert found, said
+    return float(found[1]), float(found[2])
+
+
+@pytest.mark.parametrize(
+    ("solve", "parts"),
+    [
+        (solve_latin, 1),
+        (solve_latin, 2),
+        (solve_schur, 1),
+        pytest.param(solve_schur, 2, marks=pytest.mark.slow),
+    ],
+)
+def test_a_push_just_below_friction_is_held_and_one_just_above_it_is_refused(solve, parts):
+    law = Sliders(Exponential(1e9, 0.4e-6), 0.2, pressures=(1e6, 1e8))
+    held = solve(pushed(law, parts, 0.99), np.eye(3))
+    assert np.all(held.converged == 1)
+    assert "failure" not in held.attrs
+    result = solve(pushed(law, parts, 1.5), np.eye(3))
     np.testing.assert_array_equal(result.converged, [1, 0, 0])
+    np.testing.assert_array_equal(result.displacement[0], held.displacement[0])
     assert np.isnan(result.displacement[1:]).all()
+    assert "the steps end before step 1: no equilibrium" in result.attrs["failure"]
+    np.testing.assert_allclose(say_slide(result), [1.5 * 1600.0, 1600.0], rtol=0.05)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("share", [1.001, 1.02, 1.2])
+@pytest.mark.parametrize(
+    "law", [Sliders(Exponential(1e9, 1e-6), 0.2, pressures=(1e6, 1e8)), RigidContact(0.2)]
+)
+@pytest.mark.parametrize("parts", [1, 2])
+def test_a_push_at_any_share_above_friction_names_load_and_capacity(parts, law, share):
+    result = solve_latin(pushed(law, parts, share), np.eye(3))
+    np.testing.assert_array_equal(result.converged, [1, 0, 0])
+    np.testing.assert_allclose(say_slide(result), [share * 1600.0, 1600.0], rtol=0.05)
+
+
+@pytest.mark.parametrize("coarse", [True, False])
+def test_a_block_that_runs_away_is_never_in_balance(coarse):
+    # a residual relative to the motion once called this converged, 3e8 m away
+    law = Sliders(Exponential(1e9, 1e-8), 0.2, pressures=(1e6, 1e8))
+    result = solve_latin(pushed(law, 1, 1.75), np.eye(3), tolerance=1e-6, coarse=coarse)
+    np.testing.assert_array_equal(result.converged, [1, 0, 0])
+    np.testing.assert_allclose(say_slide(result), [2800.0, 1600.0], rtol=0.05)
+
+
+@pytest.mark.parametrize("solve", [solve_latin, solve_schur])
+@pytest.mark.parametrize("force", [1e8, 1e30])
+def test_an_absurd_push_ends_the_path_in_a_sentence(solve, force):
+    law = Sliders(Exponential(1e9, 0.4e-6), 0.2, pressures=(1e6, 1e8))
+    result = solve(pushed(law, 1, force / 1600.0), np.eye(3))
+    np.testing.assert_array_equal(result.converged, [1, 0, 0])
+    assert "the steps end before step 1: no equilibrium found" in result.attrs["failure"]
+
+
+def test_what_friction_carries_is_the_least_over_all_joints_that_a_motion_slides():
+    """A tower of three: the middle joint has half the friction; a part of the push acts there."""
+    size, steel = (0.02, 0.02, 0.02), Elastic(210e9, 0.3)
+    floor = {"bottom": (0.0, 0.0, 0.0)}
+    loads = ({}, {}, {"right": (1e6, 0.0, 0.0), "top": (0.0, 0.0, -20e6)})
+    bodies = [
+        Body(
+            box_mesh(size, (2, 2, 2), origin=(0.0, 0.0, k * 0.02)),
+            steel,
+            supports={} if k else floor,
+            tractions=load,
+        )
+        for k, load in enumerate(loads)
+    ]
+    laws = [Sliders(Exponential(1e9, 0.4e-6), mu, pressures=(1e6, 1e8)) for mu in (0.2, 0.1)]
+    joints = [Joint((k, k + 1), ("top", "bottom"), law) for k, law in enumerate(laws)]
+    problem = cut_bodies(bodies, [split_boxes(body, (1, 1, 1)) for body in bodies], joints)
+    load = np.concatenate([part.load[:, 0] for part in problem.substructures])
+    even = np.full(18, 20e6)
+    assert find_slide(problem, load, even) is None  # 400 N of 800 N
+    slide = find_slide(problem, 3.0 * load, even)
+    assert slide.joints == (1,)
+    np.testing.assert_allclose([slide.load, slide.capacity], [1200.0, 800.0], rtol=2e-3)
+    assert find_slide(problem, -load, even).joints == ()  # it lifts
 
 
 def law_of_stiffness(ratio):
@@ -207,5 +294,6 @@ def test_a_block_that_tips_over_does_not_converge():
     lifted = stacked_blocks(law_of_stiffness(1.0), 2, tilt=4.0)  # beyond the edge: it tips over
     result = solve_latin(lifted, max_iterations=60)
     assert result.converged == 0
-    assert "the steps end before step 0" in result.attrs["failure"]
+    assert "the steps end before step 0: no equilibrium found" in result.attrs["failure"]
+    assert "tips" in result.attrs["failure"]
     assert np.isnan(result.displacement).all()

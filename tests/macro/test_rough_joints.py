@@ -1,5 +1,7 @@
 """Blocks and plates with rough joints: closed forms, equilibrium, friction and energy."""
 
+import re
+
 import numpy as np
 import pytest
 
@@ -202,12 +204,34 @@ def test_pressures_beyond_the_data_are_a_caution_with_their_share():
 def test_shear_beyond_friction_ends_the_path_and_says_when():
     blocks = stacked_blocks((0.02, 0.02, 0.01), (2, 2, 1), [Elastic(70e9, 0.0)] * 2, [LAW])
     loading = JointLoading((5e6,), shear=1.5e6, cycles=1, steps=2)  # 1 MPa is the limit
-    result = load_joint(blocks, loading, max_iterations=60)
-    assert result.converged.values[0] == 1
-    assert result.converged.values[-1] == 0
-    assert "the steps end before step 2" in result.attrs["failure"]
+    result = load_joint(blocks, loading)
+    np.testing.assert_array_equal(result.converged, [1, 1] + 9 * [0])
+    assert "the steps end before step 2: no equilibrium found" in result.attrs["failure"]
     assert np.isnan(result.contact_state[-1]).all()
     assert np.isnan(result.cycle_energy).all()
+
+
+def test_a_lap_joint_is_refused_above_the_friction_under_its_bolt_and_held_below(gmsh):
+    joint = lap_joint(SHAPE, (STEEL, STEEL), LAW)
+    bolt = 0.2 * 50e6 * joint.preload_area  # N; the guide of the end carries a little of it
+
+    def pull(share):
+        return load_joint(
+            joint,
+            JointLoading((50e6,), shear=share * bolt / joint.shear_area, cycles=1, steps=1),
+            tolerance=1e-6,
+        )
+
+    held = pull(0.85)
+    assert held.converged.values.all()
+    assert float(held.cycle_energy[0]) > 0.0
+    slid = pull(1.2)
+    np.testing.assert_array_equal(slid.converged, [1, 0, 0, 0, 0, 0])
+    assert np.isnan(slid.cycle_energy).all()
+    found = re.search(r"load of (\S+) N, .* carries about (\S+) N", slid.attrs["failure"])
+    load, capacity = (float(one) for one in found.groups())
+    assert load == pytest.approx(1.2 * bolt, rel=1e-3)
+    assert capacity == pytest.approx(bolt, rel=0.1)
 
 
 @pytest.mark.parametrize(

@@ -240,3 +240,10 @@ def test_a_load_that_overflows_ends_the_path_without_an_answer(grids):
     result = solve_schur(cut_links(grid, split_grid(grid, (2, 2))), [1.0, 1e308, 2.0])
     assert list(result["converged"].values) == [1, 0, 0]
     assert list(result["iterations"].values[2:]) == [0]
+
+
+def test_linear_systems_left_unfinished_are_told(monkeypatch):
+    monkeypatch.setattr("multiscale.macro.substructures.tangent.KRYLOV", 1)
+    result = solve_schur(thin_plate(4), max_iterations=3)
+    assert result.converged == 0
+    assert "3 of its linear systems were left unfinished after 1 iterations" in result.failure

@@ -1,5 +1,6 @@
 """Scenes of substructures and rough joints: what they say, solve, and refuse."""
 
+import re
 from pathlib import Path
 
 import numpy as np
@@ -186,6 +187,22 @@ def test_pressures_beyond_the_law_are_a_caution_on_the_command_line(tmp_path):
     )
     assert done.exit_code == 0
     assert "caution: up to 100 % of the joint area carries pressures beyond" in done.output
+
+
+def test_blocks_that_slide_away_keep_their_steps_and_exit_with_capacity_and_load(tmp_path, blocks):
+    scene = write(tmp_path, BLOCKS + 'shear = "4.4 MPa"\ncycles = 1\nsteps = 2\n')
+    out = tmp_path / "slid.nc"
+    done = CliRunner().invoke(app, ["macro", str(scene), "-o", str(out)])
+    assert done.exit_code == 1
+    found = re.search(r"load of (\S+) N, .* carries about (\S+) N", str(done.exception))
+    np.testing.assert_allclose([float(one) for one in found.groups()], [1760.0, 1600.0], rtol=0.05)
+    assert "cycle 0: not closed" in done.output
+    assert "nan" not in done.output
+    result = open_dataset(out, MACRO_RESULT)
+    np.testing.assert_array_equal(result["converged"], [1, 1, 1] + 9 * [0])
+    assert "the steps end before step 3: no equilibrium" in result.attrs["failure"]
+    expected = expected_stiffness(tmp_path / "law.nc", [5e6, 20e6])
+    np.testing.assert_allclose(result.joint_stiffness[:2], expected, rtol=1e-6)
 
 
 def test_laws_of_other_units_or_kinds_are_refused(blocks, tmp_path):

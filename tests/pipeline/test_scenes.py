@@ -185,6 +185,22 @@ def test_a_motion_starts_from_the_equilibrium_and_follows_its_history(tmp_path):
     )
 
 
+def test_a_support_that_is_neither_held_nor_free_is_refused(hanging):
+    nodes = hanging / "nodes.csv"
+    nodes.write_text(NODES.replace("0,0,1,1,1,0", "0,0,1,1,2,0"), encoding="utf-8")
+    with pytest.raises(CaseError, match=r"fix_y of node 1 must be 1 \(held\) or 0, got 2"):
+        run_scene(load_scene(write(hanging, HANGING)), hanging / "out.nc")
+
+
+def test_nodes_that_move_farther_than_the_structure_measures_are_a_caution(hanging):
+    sound = run_scene(load_scene(write(hanging, HANGING)), hanging / "out.nc")
+    assert sound.attrs["cautions"] == ""
+    nodes = hanging / "nodes.csv"
+    nodes.write_text(NODES.replace("-50", "-1e30"), encoding="utf-8")
+    found = run_scene(load_scene(write(hanging, HANGING)), hanging / "out.nc")
+    assert "nodes move by up to 1e+25 m, more than the structure measures (2 m)" in found.cautions
+
+
 def test_a_motion_that_fails_says_when_and_keeps_what_was_found(tmp_path, monkeypatch):
     monkeypatch.setattr("multiscale.macro.dynamics.MAX_ITERATIONS", 2)
     scene = load_scene(write(tmp_path, MOVING, ('"5 ms"', '"100 ms"'), ("= 1.0", "= 4.0"))).quick()
@@ -195,8 +211,8 @@ def test_a_motion_that_fails_says_when_and_keeps_what_was_found(tmp_path, monkey
     done = CliRunner().invoke(
         app, ["macro", str(tmp_path / "scene.toml"), "--quick", "-o", str(tmp_path / "again.nc")]
     )
-    assert done.exit_code == 0
-    assert "caution: the motion ends before" in done.output
+    assert done.exit_code == 1
+    assert "the motion ends before" in str(done.exception)
     assert "not converged" in done.output
 
 

@@ -11,7 +11,7 @@ from time import perf_counter
 
 import numpy as np
 
-from multiscale.convergence import Solution
+from multiscale.convergence import Solution, Status
 from multiscale.errors import CaseError, ConvergenceError
 from multiscale.macro.continuum.condensed import condense
 from multiscale.macro.continuum.newton import Equilibrium, newton_step, rest
@@ -140,7 +140,7 @@ def solve_contact(
         If the times do not increase from zero, a load is not finite, two surfaces have no
         common area, or ``condensed`` is asked for a problem that is not linear.
     ConvergenceError
-        If a body can move without force.
+        If a body can move without force in the first step. In a later one the step says so.
 
     Examples
     --------
@@ -165,7 +165,13 @@ def solve_contact(
 
     steps: list[ContactStep] = []
     for time in times:
-        solution, end = _march(solve, state, time)
+        try:
+            solution, end = _march(solve, state, time)
+        except ConvergenceError as error:
+            if not steps:
+                raise
+            solution = Solution(state.displacement, Status.INFEASIBLE, detail=str(error))
+            end = replace(state, time=time)
         steps.append(_report(system, solution, end))
         if not solution.converged:
             break

@@ -30,8 +30,9 @@ PATIENCE = 15
 CYCLE = 4
 """Iterations without a smaller residual after which steps are halved to leave a cycle."""
 
-ROUND_OFF = 8.0 * np.finfo(float).eps
-"""Unbalance, relative to the terms of K u, that rounding leaves: it counts with stiff bodies."""
+ROUND_OFF, UNSURE = 8.0 * np.finfo(float).eps, 1e-6
+"""Unbalance, relative to the terms of K u, that rounding leaves: it counts with stiff bodies; and
+the largest residual that it excuses, or a body that runs away would count as in balance."""
 
 SMALLEST_RATIO = 0.05
 """Volume ratio of an element below which a Newton step is shortened."""
@@ -194,7 +195,7 @@ class _Step:
         error = float(np.hypot(norm(unbalance[free]), np.hypot(norm(wrong), norm(late))))
         residual = error / scale if scale > 0.0 else float(error > 0.0)
         size = float(norm((abs(tangent) @ np.abs(u))[free]))
-        floor = ROUND_OFF * size / scale if scale > 0.0 else 0.0
+        floor = min(UNSURE, ROUND_OFF * size / scale) if scale > 0.0 else 0.0
         end = Equilibrium(self.time, u, reaction, state, couplings, jump)
         usable = smallest > SMALLEST_RATIO and bool(np.isfinite(residual))
         return _Trial(end, unbalance, tangent, joined, law, residual, floor, usable)
@@ -295,10 +296,38 @@ class _Step:
             return ConvergenceError(
                 f"the tangent stiffness is singular at time {self.time:g}: {error}"
             )
+        for name in loose:
+            if slides := self._slides(name):
+                return ConvergenceError(slides)
         return ConvergenceError(
             f"{' and '.join(repr(name) for name in loose)} can move without force at time "
             f"{self.time:g}: the supports do not hold it and no contact closes; "
             f"add supports or move it by prescribed displacements"
+        )
+
+    def _slides(self, name: str) -> str | None:
+        """Say what the friction before this step carries of the load on a body, if too little."""
+        system, before, first = self.system, self.before, 0
+        d, body = system.start.shape[1], list(system.problem.bodies).index(name)
+        low, high = system.first[body : body + 2]
+        carried, normal = 0.0, np.zeros(d)
+        for interface, coupling in zip(system.interfaces, before.couplings, strict=True):
+            part = slice(first, first + len(coupling.area))
+            first = part.stop
+            if any(low <= nodes[0] < high for nodes in interface.nodes):
+                force = before.reaction[part, 0] * coupling.area
+                carried += float(system.friction[part] @ force)
+                normal += force @ coupling.frame[:, 0]
+        load = self.load[system.unknowns(body)].reshape(-1, d).sum(axis=0)
+        normal /= norm(normal) or 1.0
+        along = float(norm(load - (load @ normal) * normal))
+        if not 0.0 < carried < along:
+            return None
+        unit = "N" if d == 3 else "N/m"
+        return (
+            f"{name!r} slides away at time {self.time:g}: of its load of {along:.4g} {unit} along "
+            f"its contacts their friction carries about {carried:.4g} {unit}; lower the load, "
+            f"press harder, or prescribe the displacement"
         )
 
 

@@ -38,7 +38,8 @@ def system_from_table(
     Raises
     ------
     CaseError
-        If a column is missing or unknown, a law has no meaning, or the structure is refused.
+        If a column is missing or unknown, a support is neither 0 nor 1, a law has no meaning, or
+        the structure is refused.
 
     Examples
     --------
@@ -57,11 +58,18 @@ def system_from_table(
     _check_columns("links", links, ["first", "second", "law"], ["prestress", "group"])
     position = np.stack([np.asarray(nodes[axis], dtype=float) for axis in "xyz"], axis=1)
 
-    def columns(what: str, kind: type) -> np.ndarray:
-        empty: np.ndarray = np.zeros(len(position), dtype=kind)
+    def columns(what: str) -> np.ndarray:
+        empty = np.zeros(len(position))
         found = [np.asarray(_get(nodes, f"{what}_{motion}", empty)) for motion in motions]
-        return np.stack(found, axis=1).astype(kind)
+        return np.stack(found, axis=1).astype(float)
 
+    held = columns("fix")
+    if wrong := np.argwhere((held != 0.0) & (held != 1.0)).tolist():
+        node, motion = wrong[0]
+        raise CaseError(
+            f"fix_{motions[motion]} of node {node} must be 1 (held) or 0, got "
+            f"{held[node, motion]:g}; supports do not move"
+        )
     names = [str(name) for name in links["law"]]
     known = list(laws)
     for row, name in enumerate(names):
@@ -72,8 +80,8 @@ def system_from_table(
         np.stack([np.asarray(links[end], dtype=int) for end in ("first", "second")], axis=1),
         tuple(laws.values()),
         np.array([known.index(name) for name in names], dtype=int),
-        columns("fix", bool),
-        columns("load", float),
+        held == 1.0,
+        columns("load"),
         prestress=np.asarray(_get(links, "prestress", np.zeros(0)), dtype=float),
         group=np.asarray(_get(links, "group", np.zeros(0)), dtype=int),
     )

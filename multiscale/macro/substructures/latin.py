@@ -6,6 +6,7 @@ import numpy as np
 from scipy.sparse import diags_array
 
 from multiscale.laws.base import InterfaceLaw
+from multiscale.macro.substructures.capacity import Slide, find_slide
 from multiscale.macro.substructures.coarse import coarse_basis, prepare_coarse
 from multiscale.macro.substructures.directions import (
     interface_stiffness,
@@ -47,9 +48,10 @@ REST = 1e-2
 that takes all load away has none of its own."""
 
 
-ROUNDING = 1e3 * np.finfo(float).eps
+ROUNDING, UNSURE = 1e3 * np.finfo(float).eps, 1e-6
 """Change of the forces that rounding of the motion makes, relative to the forces in the norm of
-the diagonal of the stiffness: measured on blocks on joints a million times softer."""
+the diagonal of the stiffness, measured on blocks on joints a million times softer; and the largest
+that is allowed for: without a limit, a body that runs away would count as in balance."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -287,18 +289,22 @@ class Latin:
         """Tension within the limits of the links, N."""
         return np.asarray(np.clip(tension, self.stack.links.lower, self.stack.links.upper))
 
-    def residual(self, found: Iterate, last: Iterate | None, distance: float) -> float:
+    def residual(self, found: Iterate, last: Iterate | None, distance: np.ndarray) -> float:
         """Change of the forces relative to them, or of all relative to all, if that is larger.
 
         Bodies on soft joints move by far more than they deform: rounding of the motion, taken
-        relative to the forces, would then hide that these have long converged.
+        relative to the forces, would then hide that these have long converged. Bodies that slide
+        away move without limit: relative to the forces are what is out of balance on perfect
+        interfaces and, on joints, the distance, twice that of these forces from the laws.
         """
-        size = max(self.size(found), REST * self.largest)
-        links = np.zeros(found.tension.size)
+        size, links = max(self.size(found), REST * self.largest), np.zeros(found.tension.size)
+        loose = self.k0.inverse_root @ self.sides.mean(found.force)
+        astray = np.where(self.sides.perfect, loose, distance[links.size :])
         held = self.k0.inverse_root @ (found.push)  # k_0^(1/2) T u
         whole = np.hypot(size, self.norm(np.append(links, held)))
         change = self.norm(self._forces(found) - self._forces(last)) if last else 0.0
-        return max(change / (size or 1.0), distance / (whole or 1.0))
+        change = max(change, float(np.linalg.norm(astray)))
+        return max(change / (size or 1.0), self.norm(distance) / (whole or 1.0))
 
     def size(self, found: Iterate) -> float:
         """Measure the forces of a state and what they store in the bodies, J^1/2."""
@@ -308,7 +314,20 @@ class Latin:
     def rounding(self, found: Iterate) -> float:
         """Bound what rounding leaves of a residual where bodies move but hardly deform."""
         moved = self.team.total(np.array([self.stack.stiffness.diagonal() @ found.u**2]))[0]
-        return ROUNDING * float(np.sqrt(moved)) / (self.size(found) or 1.0)
+        return min(UNSURE, ROUNDING * float(np.sqrt(moved)) / (self.size(found) or 1.0))
+
+    def far(self, found: Iterate) -> bool:
+        """Whether a body has moved by more than the size of the structure."""
+        moved = self.team.concatenate(np.array([np.abs(found.u).max(initial=0.0)]))
+        return float(moved.max()) > float(np.ptp(self.problem.position, axis=0).max())
+
+    def pressure(self) -> np.ndarray:
+        """Contact pressure at all points of all joints, Pa."""
+        return np.asarray(-self.joint_fields()[1][0])
+
+    def slide(self, load: np.ndarray, pressure: np.ndarray) -> Slide | None:
+        """Say whether the load overcomes the friction of the joints at their pressures, Pa."""
+        return find_slide(self.problem, self.team.concatenate(load), pressure)
 
     def norm(self, value: np.ndarray) -> float:
         """Norm over all processes of what links, then sides have, shape (rows + m,)."""

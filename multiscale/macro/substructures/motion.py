@@ -53,7 +53,7 @@ def simulate_latin(
     -------
     Dataset
         Follows ``MACRO_RESULT``, one step for each time. A step that fails is NaN with
-        ``converged`` 0, and the later ones are not tried.
+        ``converged`` 0, the attribute ``failure`` says why, and the later ones are not tried.
 
     Raises
     ------
@@ -88,8 +88,9 @@ def simulate_latin(
             method, push[local] / shares[local], None, tolerance, max_iterations, None
         )
         if not step["converged"]:
-            rows.append(_failed(rows[0], time, step))
-            break
+            return _dataset(problem, [*rows, _failed(rows[0], time, step)]).assign_attrs(
+                failure=f"the motion ends before {time:g} s: {step['failure']}"
+            )
         following = problem.average(method.team.concatenate(step["found"].u))
         v, u = (following - u) / h, following
         tension = method.admissible(step["found"].tension)

@@ -56,7 +56,7 @@ def assemble_result(
     values: dict[str, Any] = {
         name: np.array([column[name] for column in columns])
         for name in columns[0]
-        if name != "status"
+        if name != "failure"
     }
     for name in FIELDS:
         if name in values:
@@ -83,7 +83,7 @@ def assemble_result(
     if "jump" in values:
         result = result.assign_coords(direction=list(COMPONENTS))
     failed = np.flatnonzero(values["converged"] == 0)
-    if failed.size and "status" in columns[0]:
-        reason = columns[failed[0]]["status"].value
+    if failed.size:
+        reason = columns[failed[0]]["failure"]
         result = result.assign_attrs(failure=f"the steps end before step {failed[0]}: {reason}")
     return result.assign_coords(component=["x", "y", "z"])

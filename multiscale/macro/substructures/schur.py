@@ -56,7 +56,7 @@ def solve_schur(
         the later ones are not tried. ``iterations`` counts the Newton steps,
         ``krylov_iterations`` those of the linear solver in all of them. Attributes:
         ``unknowns``, ``shared_unknowns``, ``coarse_unknowns``, ``substructures``,
-        ``interfaces``.
+        ``interfaces`` and, of a step that failed, ``failure``, as in :func:`solve_latin`.
 
     Raises
     ------
@@ -109,9 +109,10 @@ def _solve_step(
     """Newton's method for one load."""
     clock = perf_counter()
     method.start(factor)
-    status, krylov = Status.MAX_ITERATIONS, 0
+    status, krylov, closest = Status.MAX_ITERATIONS, 0, method.balance()
     for iteration in range(max_iterations + 1):
         balance = method.balance()
+        closest = min(closest, balance, key=lambda one: one.residual)
         if callback is not None:
             callback(iteration, balance.residual, method)
         if not np.isfinite(balance.residual):
@@ -138,6 +139,7 @@ def _solve_step(
             method.team.concatenate(method.slack()),
         ),
         "converged": int(converged),
+        "failure": "" if converged else method.why(status, closest),
         "residual": balance.residual,
         "iterations": iteration,
         "krylov_iterations": krylov,

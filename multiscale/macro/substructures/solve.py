@@ -26,7 +26,7 @@ __all__ = ["solve_latin", "solve_step"]
 
 ACCOUNT = (
     "converged",
-    "status",
+    "failure",
     "residual",
     "error_bound",
     "error_indicator",
@@ -81,8 +81,9 @@ def solve_latin(
     Dataset
         Follows ``MACRO_RESULT``. A step that did not converge is NaN with ``converged`` 0, and
         the later ones are not tried. Attributes: ``unknowns``, ``coarse_unknowns``,
-        ``substructures``, ``interfaces`` and, of a step that failed, ``failure``. Joints add jump
-        and traction at their points, in their own frame: normal, then both tangents.
+        ``substructures``, ``interfaces`` and, of a step that failed, ``failure``: where friction
+        cannot carry the load, :func:`~.capacity.find_slide` says so. Joints add jump and traction
+        at their points, in their own frame: normal, then both tangents.
 
     Raises
     ------
@@ -148,11 +149,12 @@ def solve_step(
     clock = perf_counter()
     acceleration = Anderson(method.team, method.z.size)
     status, residual, due, last = Status.MAX_ITERATIONS, np.inf, UPDATE, None
+    pressure, closest = method.pressure(), np.inf
     for iteration in range(1, max_iterations + 1):
         z, r, found = method.iterate(load)
         change = method.distance(z, r)
         size = method.norm(change)
-        residual, last = method.residual(found, last, size), found
+        residual, last = method.residual(found, last, change), found
         if callback is not None:
             callback(iteration, residual, found)
         if not np.isfinite(residual):
@@ -161,6 +163,12 @@ def solve_step(
         if residual <= max(HEURISTIC * tolerance, method.rounding(found)):
             status = Status.CONVERGED
             break
+        if iteration % UPDATE == 0:
+            if residual < closest:  # a body that runs away takes wild pressures on its way
+                pressure, closest = method.pressure(), residual
+            if method.far(found) and method.slide(load, pressure):
+                status = Status.INFEASIBLE
+                break
         x = acceleration.next(np.append(method.z, method.r), np.append(z, r), change, size)
         method.z, method.r = x[: z.size], x[z.size :]
         if method.updated and iteration >= due:
@@ -177,7 +185,7 @@ def solve_step(
         **_local_fields(method, found, converged),
         "found": found,
         "converged": int(converged),
-        "status": status,
+        "failure": "" if converged else str(method.slide(load, pressure) or status.value),
         "residual": residual,
         "error_bound": judged.get("error_bound", np.nan),
         "error_indicator": judged.get("error_indicator", np.nan),

@@ -7,10 +7,12 @@ import numpy as np
 from scipy.sparse import block_array, csr_array, diags_array
 from scipy.sparse.linalg import LinearOperator, cg, gmres
 
+from multiscale.convergence import Status
 from multiscale.linalg import factorise
 from multiscale.macro.discrete.newton import Lending, exact_step
 from multiscale.macro.line_search import step_length
 from multiscale.macro.substructures.balancing import Balancing, lay_out, prepare_balancing
+from multiscale.macro.substructures.capacity import find_slide
 from multiscale.macro.substructures.carried import carry_joints
 from multiscale.macro.substructures.coarse import coarse_basis
 from multiscale.macro.substructures.condensation import Condensed, condense, split
@@ -52,12 +54,15 @@ class Balance:
         Largest of the whole structure and what rounding makes of it, relative to the load.
     tangents : list of ndarray, shape (3, 3, points)
         Of the joints, times the weights, N/m.
+    pressures : list of ndarray, shape (points,)
+        On the joints, Pa.
     """
 
     force: np.ndarray
     residual: float
     rounding: float
     tangents: list[np.ndarray]
+    pressures: list[np.ndarray]
 
 
 @dataclass(frozen=True, eq=False)
@@ -103,7 +108,8 @@ class Newton:
         self.slot = slot[self.parts.edge]
         basis = coarse_basis(carried)
         self.layout = lay_out(self.parts, self.slot, basis, carried.interfaces, mine, self.team)
-        self.joints = [joint for joint in joints if joint.owner in mine]
+        self.places = [place for place, joint in enumerate(joints) if joint.owner in mine]
+        self.joints = [joints[place] for place in self.places]
         self.jumps = [self._placed(joint.jump, joint.owner - mine[0]) for joint in self.joints]
         self.states = [np.zeros((item.law.n_state, item.weight.size)) for item in self.joints]
         links = self.stack.links
@@ -124,7 +130,7 @@ class Newton:
 
     def start(self, factor: np.ndarray) -> None:
         """Begin a step with factors of the load cases."""
-        self.load = self.stack.load @ factor
+        self.factor, self.load, self.unfinished = factor, self.stack.load @ factor, 0
         links = self.stack.links
         self.lower, self.upper = links.lower - links.prestress, links.upper - links.prestress
         self.lending, self.known = Lending(), None
@@ -162,7 +168,7 @@ class Newton:
 
     def balance(self) -> Balance:
         """Evaluate (1)."""
-        u, tension, tangents = self.u, self.tension(), []
+        u, tension, tangents, pressures = self.u, self.tension(), [], []
         inner = self.stack.stiffness @ u
         force = self.load - inner - self.stack.links.operator.T @ tension
         for joint, place, jump, state in zip(
@@ -171,10 +177,11 @@ class Newton:
             response = joint.law.respond(jump, state)
             force -= place.T @ (joint.weight * response.traction).ravel()
             tangents.append(joint.weight * response.tangent)
+            pressures.append(-response.traction[0])
         residual = float(np.abs(self.assemble(force)).max(initial=0.0)) / self.scale
         largest = self._largest(np.append(self.magnitude @ np.abs(u), tension))
         rounding = 8.0 * np.finfo(float).eps * largest / self.scale
-        return Balance(force, residual, min(rounding, UNSURE), tangents)
+        return Balance(force, residual, min(rounding, UNSURE), tangents, pressures)
 
     def advance(self, balance: Balance, tolerance: float) -> int:
         """Take one Newton step; return the number of iterations of the linear solver."""
@@ -259,10 +266,13 @@ class Newton:
         S = LinearOperator((n, n), matvec=partial(layout.multiply, factored.schur), dtype=float)
         M = LinearOperator((n, n), matvec=factored.balancing, dtype=float)
         options = {"rtol": 0.0, "atol": bound, "M": M, "maxiter": KRYLOV, "callback": note}
-        if factored.symmetric:
-            return cg(S, right, **options)[0], count
-        options |= {"restart": RESTART, "maxiter": KRYLOV // RESTART, "callback_type": "pr_norm"}
-        return gmres(S, right, **options)[0], count
+        krylov = cg
+        if not factored.symmetric:
+            restarted = {"restart": RESTART, "maxiter": KRYLOV // RESTART}
+            krylov, options = gmres, options | restarted | {"callback_type": "pr_norm"}
+        edge, info = krylov(S, right, **options)
+        self.unfinished += info != 0  # Newton's own residual judges what such a direction is worth
+        return edge, count
 
     def _exact_step(self, way: _Way, work: float) -> float:
         """Step to the least energy; what is linear counts as one more link that never slackens."""
@@ -297,6 +307,20 @@ class Newton:
         force = self.balance().force
         self.u, self.elastic, self.jump = here
         return -self._sum(force @ way.u)
+
+    def why(self, status: Status, closest: Balance) -> str:
+        """Say why a step failed, from where it was closest to a solution."""
+        load = np.concatenate([part.load @ self.factor for part in self.problem.substructures])
+        found = dict(self.team.collect(list(zip(self.places, closest.pressures, strict=True))))
+        pressure = np.concatenate([np.zeros(0), *(found[place] for place in sorted(found))])
+        if slide := find_slide(self.problem, load, pressure):
+            return str(slide)
+        if self.unfinished:
+            return (
+                f"{status.value}; {self.unfinished} of its linear systems were left unfinished "
+                f"after {KRYLOV} iterations, so cut the structure into fewer or more compact parts"
+            )
+        return status.value
 
     def commit(self) -> None:
         """Take the state of the laws at the present displacement for the next step."""

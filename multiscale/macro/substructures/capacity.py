@@ -1,0 +1,183 @@
+r"""What friction can carry: the kinematic theorem of limit analysis for bodies on joints."""
+
+from dataclasses import dataclass
+from itertools import pairwise
+
+import numpy as np
+from scipy.optimize import linprog
+from scipy.sparse import block_array, block_diag, coo_array, csr_array, diags_array, eye_array
+from scipy.sparse.csgraph import connected_components
+
+from multiscale.macro.substructures.problem import Problem, Substructure, rigid_motions
+
+__all__ = ["Slide", "find_slide"]
+
+FREE = 1e-9
+"""Energy of a rigid motion, relative to that of the diagonal of the stiffness, that is none."""
+
+CORNERS, CUTS, CLOSE = 8, 20, 1e-6
+"""Directions in which the slip is measured at first, and how often its own are added, until that
+changes its work by no more than this, relative to the work of all friction for a slip of one."""
+
+NOTHING = 1e-6
+"""Share of a load up to which friction carries nothing: the joints open, or none resists."""
+
+
+@dataclass(frozen=True)
+class Slide:
+    """A rigid motion of bodies against each other that the load drives.
+
+    Attributes
+    ----------
+    load, capacity : float
+        Power of the load, and the most that friction takes of it, per largest slip, N. Where
+        bodies slide without turning, these are forces.
+    joints : tuple of int
+        Numbers of the joints that slide; none where bodies part or nothing holds them.
+    """
+
+    load: float
+    capacity: float
+    joints: tuple[int, ...]
+
+    def __str__(self) -> str:
+        """Say why there is no equilibrium."""
+        if not self.joints:
+            return (
+                "no equilibrium found: the load lifts, tips or moves a body that neither supports "
+                "nor joints hold; add supports or press the joints"
+            )
+        named = " and ".join(str(joint) for joint in self.joints)
+        return (
+            f"no equilibrium found: the bodies slide on joint {named} under a load of "
+            f"{self.load:.4g} N, of which friction carries about {self.capacity:.4g} N; lower "
+            f"the load, or press harder"
+        )
+
+
+def find_slide(problem: Problem, load: np.ndarray, pressure: np.ndarray) -> Slide | None:
+    r"""Find the rigid motion that friction resists least, if the load overcomes it.
+
+    Parameters
+    ----------
+    problem : Problem
+    load : ndarray, shape (unknowns of the substructures,)
+        N.
+    pressure : ndarray, shape (points of all joints,)
+        Contact pressure, Pa, that limits friction. If it is not finite, nothing is found.
+
+    Returns
+    -------
+    Slide, optional
+        Nothing if the load :math:`f` is within what friction carries.
+
+    Notes
+    -----
+    With the rigid motions :math:`Z a` that supports leave to the bodies, jumps :math:`J Z a` and
+    areas :math:`w`, the load shares of which there is an equilibrium end at
+
+    .. math::
+        \lambda = \min_a \sum w \mu p\, |J_T Z a|, \qquad f \cdot Z a = 1, \quad J_N Z a \ge 0,
+        \tag{1}
+
+    if friction is bounded by :math:`\mu p`; the normal traction may be any pressure. Equilibrium
+    needs :math:`\lambda \ge 1`. Any motion bounds it from above.
+    """
+    if not problem.joints or not np.all(np.isfinite(pressure)):
+        return None
+    modes = _free_motions(problem)
+    power = load @ modes
+    if not np.any(np.abs(power) > NOTHING * np.abs(load).sum()):
+        return None
+    normal, *across = _jumps(problem, modes)
+    sizes = [joint.weight.size for joint in problem.joints]
+    friction = [float(getattr(joint.law, "friction", 0.0)) for joint in problem.joints]
+    area = np.concatenate([joint.weight for joint in problem.joints])
+    bound = np.repeat(friction, sizes) * area * np.maximum(pressure, 0.0)
+    a = _weakest(power, normal, across, bound)
+    if a is None:
+        return None
+    slip, opening = np.hypot(*(J @ a for J in across)), float(np.max(normal @ a))
+    work, taken, largest = float(power @ a), float(bound @ slip), float(slip.max())  # (1)
+    if taken >= work:
+        return None
+    if largest == 0.0 or (taken < NOTHING * work and opening > NOTHING * largest):
+        return Slide(work, taken, ())
+    numbers = np.repeat([joint.joint for joint in problem.joints], sizes)
+    slides = tuple(np.unique(numbers[slip > NOTHING * largest]).tolist())
+    return Slide(work / largest, taken / largest, slides)
+
+
+def _free_motions(problem: Problem) -> np.ndarray:
+    """Rigid motions of every body that its supports leave free, shape (unknowns, motions).
+
+    A body is what substructures that share unknowns make.
+    """
+    parts = problem.substructures
+    numbers = np.concatenate([part.unknown for part in parts])
+    owner = np.repeat(np.arange(len(parts)), [part.n for part in parts])
+    shared = coo_array((np.ones(owner.size), (owner, numbers)), shape=(len(parts), problem.n))
+    body = connected_components(shared @ shared.T, directed=False)[1][owner]
+    position = np.concatenate([part.position for part in parts])
+    component = np.concatenate([part.component for part in parts])
+    K = block_diag([_stiffness(part) for part in parts], format="csr")
+    found = [np.zeros((owner.size, 0))]
+    for index in range(int(body.max()) + 1):
+        mine = np.flatnonzero(body == index)
+        motions = np.zeros((owner.size, 6))
+        motions[mine] = rigid_motions(position[mine], component[mine])
+        motions /= np.abs(motions).max(axis=0)
+        energy, size = motions.T @ (K @ motions), K.diagonal() @ motions**2
+        value, vector = np.linalg.eigh(energy / np.sqrt(np.outer(size, size)))
+        free = vector[:, value < FREE] / np.sqrt(size)[:, None]
+        free = motions @ free
+        found.append(free / np.abs(free).max(axis=0))
+    return np.concatenate(found, axis=1)
+
+
+def _stiffness(part: Substructure) -> csr_array:
+    """Stiffness of a substructure whose links are all taut, N/m."""
+    if part.links is None:
+        return part.stiffness
+    B = part.links.operator
+    return csr_array(part.stiffness + B.T @ diags_array(part.links.stiffness) @ B)
+
+
+def _jumps(problem: Problem, modes: np.ndarray) -> list[np.ndarray]:
+    """Jump of rigid motions at the points of all joints: normal, then both tangents."""
+    start = np.cumsum([0, *(part.n for part in problem.substructures)])
+    moved = [modes[first:last] for first, last in pairwise(start)]
+    jumps = [
+        np.split(joint.trace[1] @ moved[joint.sides[1]] - joint.trace[0] @ moved[joint.sides[0]], 3)
+        for joint in problem.joints
+    ]
+    return [np.concatenate(direction) for direction in zip(*jumps, strict=True)]
+
+
+def _weakest(
+    power: np.ndarray, normal: np.ndarray, across: list[np.ndarray], bound: np.ndarray
+) -> np.ndarray | None:
+    """Minimise (1) by linear programs with more and more tangents of the slip; None if held."""
+    points, count = normal.shape
+    drive, weight = power / np.abs(power).max(), bound / (bound.sum() or 1.0)
+    angles = [np.full((points, 1), 2.0 * np.pi * k / CORNERS) for k in range(CORNERS)]
+    rows = [[csr_array(-normal), None]]
+    for _ in range(CUTS):
+        for at in angles:
+            slip = csr_array(np.cos(at) * across[0] + np.sin(at) * across[1])
+            rows.append([slip, -eye_array(points)])
+        found = linprog(
+            np.append(np.zeros(count), weight),
+            A_ub=block_array(rows, format="csr"),
+            b_ub=np.zeros(len(rows) * points),
+            A_eq=np.append(drive, np.zeros(points))[None],
+            b_eq=[1.0],
+            bounds=[(None, None)] * count + [(0.0, None)] * points,
+        )
+        if found.status != 0:
+            return None
+        slips = [J @ found.x[:count] for J in across]
+        if weight @ np.hypot(*slips) <= found.fun + CLOSE:
+            break
+        angles = [np.arctan2(*slips[::-1])[:, None]]
+    return np.asarray(found.x[:count])
