@@ -184,7 +184,7 @@ class Sliders(InterfaceLaw):
         traction, whole = response.traction.copy(), response.tangent.copy()
         traction[1:] = shear.reshape(2, *shape)
         whole[1:] = tangent.reshape(2, 3, *shape)
-        new = np.concatenate([response.state, bed.reshape(-1, *shape)])
+        new = np.concatenate([response.state, bed.reshape(len(bed), *shape)])
         return Response(traction, whole, new), account.reshape(4, *shape)
 
     def resolvent(

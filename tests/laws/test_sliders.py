@@ -384,3 +384,20 @@ def test_a_bed_needs_no_pressures_where_its_law_has_data():
 def test_parameters_outside_their_range_are_refused(make, message):
     with pytest.raises(CaseError, match=message):
         make()
+
+
+@pytest.mark.parametrize("shape", [(3,), (3, 5), (3, 4, 6), (3, 0)])
+def test_arrays_keep_their_shape_and_arguments_their_values(shape):
+    law, rng = bed(slabs=4), np.random.default_rng(3)
+    jump = np.stack([np.full(shape[1:], 0.6e-6), *rng.normal(0.0, 1e-7, (2, *shape[1:]))])
+    state = law.at_rest(0.9 * jump)
+    copies = jump.copy(), state.copy()
+    response = law.respond(jump, state)
+    assert response.traction.shape == shape
+    assert response.tangent.shape == (3, *shape)
+    assert response.state.shape == state.shape == (law.n_state, *shape[1:])
+    assert law.sliding(jump, state).stored.shape == shape[1:]
+    found = law.resolvent(response.traction + 1e13 * jump, 1e13, state)
+    np.testing.assert_allclose(found, jump, rtol=1e-9, atol=1e-16)
+    np.testing.assert_array_equal(jump, copies[0])
+    np.testing.assert_array_equal(state, copies[1])
