@@ -142,7 +142,7 @@ def make_scenes(*, quick: bool = False) -> list[Scene]:
     law = Sliders(Exponential(2e9, 0.2e-6), 0.2, pressures=(1e6, 1e8))
     elements = (8 * fine, 4 * fine, 4 * fine)
     blocks = stacked_blocks((0.04, 0.02, 0.02), elements, [Elastic(210e9, 0.3)] * 2, [law])
-    load = np.array([[20e6, 3e6]])  # Pa; half of the joint slips
+    load = np.array([[20e6, 3e6]])  # Pa; three fifths of the joint slip
     scenes.append(Scene("rough joint in 2 x 2 x 1", blocks.cut((2, 1)), load, repeats=repeats))
     return scenes
 

@@ -45,7 +45,9 @@ class Sliders(InterfaceLaw):
     slabs : int
         Number M of slabs. At constant pressure 16, 24, 32 and 48 err by at most 3.3, 1.8, 1.1 and
         0.6 % of :math:`\mu p` over two decades of pressure, 6.1, 3.3, 2.0 and 1.1 % over four, and
-        the root mean square is a fifth. Cycles whose slip is less than a slab wide lose nothing.
+        the root mean square is a fifth. Cycles of the amplitude :math:`a = \mu p / (\kappa K)`
+        over two decades lose 14, 7, 5 and 2 % too much at most, of 2a 4, 2, 1.2 and .6 %; of a/2
+        still 9 % with 48 slabs, and nothing where no slab slips.
 
     Raises
     ------
@@ -114,7 +116,7 @@ class Sliders(InterfaceLaw):
     friction: float
     stiffness_ratio: float = 0.8
     pressures: tuple[float, float] | None = None
-    slabs: int = 32
+    slabs: int = 48
 
     def __post_init__(self) -> None:
         check_parameter(self, "friction", lowest=0.0)
@@ -182,7 +184,7 @@ class Sliders(InterfaceLaw):
         traction, whole = response.traction.copy(), response.tangent.copy()
         traction[1:] = shear.reshape(2, *shape)
         whole[1:] = tangent.reshape(2, 3, *shape)
-        new = np.concatenate([response.state, bed.reshape(-1, *shape)])
+        new = np.concatenate([response.state, bed.reshape(len(bed), *shape)])
         return Response(traction, whole, new), account.reshape(4, *shape)
 
     def resolvent(

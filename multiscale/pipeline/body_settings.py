@@ -26,9 +26,9 @@ FEW = 2
 LEAST, MOST = 0.1, 3.0
 """Pressures of a joint that count, relative to the least and the largest preload."""
 
-SLABS, FEW_SLABS = 32, 8
-"""Slabs of the law of a joint under cycles, and of one that is only pressed: their shear errs by up
-to 1 and 8 % of the friction limit."""
+SLABS, FEW_SLABS = 48, 8
+"""Slabs of the law of a joint under cycles, whose loss is a small difference, and of one that is
+only pressed: their shear errs by up to .5 and 8 % of the friction limit; see :class:`Sliders`."""
 
 Positive = Annotated[Count, Field(ge=1)]
 Edges = tuple[Length, Length, Length]

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from multiscale.errors import ConvergenceError
-from multiscale.laws import Exponential, InterfaceLaw, Response, Sliders, Sliding
+from multiscale.laws import Exponential, HystereticLaw, InterfaceLaw, Response, Sliders, Sliding
 from multiscale.laws.bulk import Elastic
 from multiscale.macro.substructures import (
     LapShape,
@@ -82,6 +82,18 @@ def test_solvers_refuse_a_step_that_wins_energy(solve):
     blocks = stacked_blocks((0.02, 0.02, 0.01), (2, 2, 1), [STEEL] * 2, [law])
     with pytest.raises(ConvergenceError, match="J/m2 at most: Winning is wrong, as is every"):
         solve(blocks.cut(), np.array([[2e7, 1e6], [1e7, 1e6]]))
+
+
+def test_metal_that_flows_and_slips_is_solved_alike_by_both_solvers():
+    metal = HystereticLaw(Exponential(1e9, 0.2e-6), 2.5, 1.6)
+    law = Sliders(metal, 0.3, KAPPA, pressures=(1e6, 1e8), slabs=16)
+    problem = stacked_blocks((0.02, 0.02, 0.01), (2, 2, 1), [STEEL] * 2, [law]).cut()
+    path = np.array([[1e7, 0.0], [2e7, 2e6], [8e6, 1e6], [3e7, -2e6]])
+    one, two = solve_latin(problem, path), solve_schur(problem, path)
+    assert one.converged.values.all()
+    assert two.converged.values.all()
+    size = np.abs(two.displacement.values).max()
+    np.testing.assert_allclose(one.displacement, two.displacement, atol=1e-6 * size)
 
 
 def loss_of_steps(problem, result):

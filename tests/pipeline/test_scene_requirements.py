@@ -14,6 +14,7 @@ import pytest
 from typer.testing import CliRunner
 
 from multiscale.cli import app
+from multiscale.laws import Exponential
 from multiscale.laws.link import Cable
 from multiscale.macro import (
     cut_links,
@@ -36,6 +37,7 @@ from multiscale.macro.substructures import solve as solve_module
 from multiscale.macro.substructures import split_grid
 from multiscale.macro.substructures.needs import cut_needs, needs_of
 from multiscale.pipeline import load_scene, scene_requirements
+from multiscale.pipeline.body_scenes import make_assembly
 
 SCENES = sorted((Path(__file__).parents[2] / "workflows" / "scenes").glob("*.toml"))
 
@@ -195,6 +197,19 @@ def test_a_cut_says_what_its_interfaces_take():
     assert "error indicator" in rough
     assert "error bound" not in rough
     assert "coarse problem" not in cut_needs(3000, substructures=4, coarse=False)
+
+
+def test_a_joint_without_cycles_has_fewer_slabs_and_says_so():
+    (path,) = (file for file in SCENES if file.stem == "rough_blocks")
+    cycled = load_scene(path)
+    loading = cycled.loading.model_copy(update={"cycles": 0, "shear": None})
+    pressed = cycled.model_copy(update={"loading": loading})
+    normal = Exponential(1e9, 0.2e-6)
+    for scene, slabs in ((cycled, 48), (pressed, 8)):
+        assert f"; {slabs} slabs of sliders" in scene_requirements(scene).operators["joint laws"]
+        (joint,) = make_assembly(scene, normal).joints
+        assert joint.law.slabs == slabs
+        assert joint.law.pressures == (0.2e6, 60e6)
 
 
 def test_grains_say_what_their_law_and_their_solver_take():

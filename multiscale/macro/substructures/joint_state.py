@@ -173,7 +173,7 @@ def advance(law: InterfaceLaw, jump: np.ndarray, state: np.ndarray) -> tuple[np.
     if won > GAIN * most:
         raise ConvergenceError(
             f"a step wins {won:.3g} J/m2 at a point of a joint that stores {most:.3g} J/m2 at "
-            f"most: {type(law).__name__} is wrong, and so is the whole path; report this scene"
+            f"most: {type(law).__name__} is wrong, as is every answer of the path; report the case"
         )
     return law.respond(jump, state).state, account
 
