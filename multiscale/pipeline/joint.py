@@ -5,7 +5,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from multiscale.laws import NormalLaw
-from multiscale.macro import Block, RoughJoint, rough_joint
+from multiscale.macro import Block, RoughJoint, press_joint
 from multiscale.pipeline.cells import longest_wave
 from multiscale.pipeline.settings import Case
 from multiscale.schema import MACRO_RESULT
@@ -51,7 +51,7 @@ def solve_joint(case: Case, law: "xr.Dataset", *, bootstrap: bool = True) -> "xr
     """
     samples = range(law.sizes["sample"])
     preload = np.array(case.joint.preloads)
-    result = rough_joint(
+    result = press_joint(
         _joint(case),
         law_from_dataset(law),
         preload,
@@ -66,9 +66,8 @@ def solve_joint(case: Case, law: "xr.Dataset", *, bootstrap: bool = True) -> "xr
     if not result["converged"].values.any():
         return result
 
-    def stiffness(one: NormalLaw, coarsening: int = 1) -> np.ndarray:
-        pressed = rough_joint(_joint(case, coarsening), one, preload)
-        return np.asarray(pressed["joint_stiffness"].to_numpy())
+    def stiffness(one: NormalLaw) -> np.ndarray:
+        return np.asarray(press_joint(_joint(case), one, preload)["joint_stiffness"].to_numpy())
 
     budget = structure_budget(
         "joint_stiffness",
@@ -76,7 +75,7 @@ def solve_joint(case: Case, law: "xr.Dataset", *, bootstrap: bool = True) -> "xr
         stiffness,
         answer=result["joint_stiffness"].to_numpy(),
         pressure=preload,
-        coarser={2.0: stiffness(law_from_dataset(law), 2)},
+        exact="none: blocks and law in series are a closed form under even pressure",
         samples=result["joint_stiffness_sample"].to_numpy() if samples and bootstrap else 0,
     )
     return with_budget(result, budget)
@@ -89,7 +88,7 @@ def _unloading_stiffness(
     if "unloading_stiffness_ratio" not in law:
         return {}
     samples = range(law.sizes.get("unloading_sample", 0))
-    result = rough_joint(
+    result = press_joint(
         _joint(case),
         hysteretic_from_dataset(law),
         preload,
@@ -99,11 +98,9 @@ def _unloading_stiffness(
     return {name: result[name].to_numpy() for name in names if name in result}
 
 
-def _joint(case: Case, coarsening: int = 1) -> RoughJoint:
-    """Make the joint of a case, on elements that are larger by a whole factor."""
+def _joint(case: Case) -> RoughJoint:
+    """Make the joint of a case."""
     lower, upper = (
-        Block(case.joint.height, body.youngs_modulus, body.poissons_ratio, 4 // coarsening)
-        for body in case.bodies
+        Block(case.joint.height, body.youngs_modulus, body.poissons_ratio) for body in case.bodies
     )
-    width, n = case.joint.width, 6 // coarsening
-    return RoughJoint((width, width), lower, upper, elements=(n, n))
+    return RoughJoint((case.joint.width, case.joint.width), lower, upper)

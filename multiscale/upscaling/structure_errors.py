@@ -38,6 +38,7 @@ def structure_budget(
     answer: np.ndarray | None = None,
     pressure: np.ndarray | None = None,
     coarser: Mapping[float, np.ndarray] | None = None,
+    exact: str = "",
     samples: np.ndarray | int = 100,
 ) -> "xr.Dataset":
     """Carry the error budget of a law to an answer of the structure.
@@ -58,6 +59,8 @@ def structure_budget(
     coarser : mapping of float to ndarray, shape (steps,), optional
         Answers with the mean law on coarser meshes, by the ratio of the spacings; see
         :func:`estimate_grid_error`.
+    exact : str, optional
+        Why the structure with a law is solved without an error of its own, if it is.
     samples : int or ndarray, shape (samples, steps)
         How many bootstrap samples of the law are solved, from the first on, or their answers.
         With fewer than 40, sampling enters as the other terms do.
@@ -95,7 +98,10 @@ def structure_budget(
         terms["sampling"] = (0.5 * (high - low) / np.abs(value))[None]
         how["sampling"] = f"{len(samples)} bootstrap samples of the law"
     how["macro discretisation"] = "not known: pass coarser, the answers on coarser meshes"
-    if coarser:
+    if exact:
+        terms["macro discretisation"] = np.zeros((1, value.size))
+        how["macro discretisation"] = exact
+    elif coarser:
         estimate = estimate_grid_error(value, coarser)
         terms["macro discretisation"] = (estimate.half_width / np.abs(value))[None]
         how["macro discretisation"] = estimate.how

@@ -17,7 +17,7 @@ from multiscale.schema import MACRO_RESULT
 if TYPE_CHECKING:
     import xarray as xr
 
-__all__ = ["rough_joint"]
+__all__ = ["check_preloads", "ratios", "rough_joint"]
 
 
 def rough_joint(
@@ -81,12 +81,10 @@ def rough_joint(
     are unknowns of their own: neither is the small difference of large numbers, however stiff
     the law or the blocks. The monolithic form of the same problem is :func:`assemble_joint`.
     """
-    preloads = np.asarray(preloads, dtype=float)
-    if not np.all((preloads > 0.0) & np.isfinite(preloads)):
-        raise CaseError(f"preloads must be positive and finite (Pa), got {preloads}")
+    preloads = check_preloads(preloads)
     model = condense_joint(joint)
     limits = (max_iterations, tolerance)
-    names = (*_ratios(law), "interface_stiffness", "approach", "mean_gap", "closed_fraction")
+    names = (*ratios(law), "interface_stiffness", "approach", "mean_gap", "closed_fraction")
     values = {name: np.full(preloads.size, np.nan) for name in names}
     converged = np.zeros(preloads.size, dtype=int)
     residual, wall_time = np.full(preloads.size, np.nan), np.zeros(preloads.size)
@@ -127,7 +125,7 @@ def _sample_stiffness(
     limits: tuple[int, float],
 ) -> dict[str, np.ndarray]:
     """Stiffness of one sample of the law, Pa/m, each step started from the law's own."""
-    failed = dict.fromkeys(_ratios(sample), np.nan)
+    failed = dict.fromkeys(ratios(sample), np.nan)
     steps = []
     for preload, start in zip(preloads, starts, strict=True):
         solution = solve_preload(model, sample, preload, start, limits)
@@ -152,11 +150,19 @@ def _measure(model: CondensedJoint, law: InterfaceLaw, value: np.ndarray) -> dic
 def _stiffness(model: CondensedJoint, law: InterfaceLaw, value: np.ndarray) -> dict[str, float]:
     """Stiffness of the joint on every branch of its law, Pa/m."""
     return {
-        name: tangent_stiffness(model, law, value, ratio) for name, ratio in _ratios(law).items()
+        name: tangent_stiffness(model, law, value, ratio) for name, ratio in ratios(law).items()
     }
 
 
-def _ratios(law: InterfaceLaw) -> dict[str, float]:
+def check_preloads(preloads: np.ndarray) -> np.ndarray:
+    """Refuse preloads that press nothing."""
+    given = np.asarray(preloads, dtype=float)
+    if not np.all((given > 0.0) & np.isfinite(given)):
+        raise CaseError(f"preloads must be positive and finite (Pa), got {given}")
+    return given
+
+
+def ratios(law: InterfaceLaw) -> dict[str, float]:
     """Stiffness of the law on its branches, over that of the loading."""
     if isinstance(law, HystereticLaw):
         return {"joint_stiffness": 1.0, "unloading_stiffness": law.stiffness_ratio}
