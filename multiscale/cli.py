@@ -76,7 +76,7 @@ def _run_case(settings: "Case", out: Path, jobs: int, dask: str | None) -> None:
     from multiscale.io import logging_to, make_folder
     from multiscale.pipeline import read_cautions, read_sliding, run
     from multiscale.plotting import draw_figures
-    from multiscale.report import describe_sliding, tabulate, write_report
+    from multiscale.report import describe_sliding, list_facts, tabulate, write_report
 
     make_folder(out)
     with (
@@ -95,7 +95,8 @@ def _run_case(settings: "Case", out: Path, jobs: int, dask: str | None) -> None:
     for line in results.macro_result.attrs.get("plan", "").splitlines():
         typer.echo(line)
     _print_table(settings.title, *tabulate(results.macro_result))
-    for line in [] if sliding is None else describe_sliding(sliding):
+    told = [] if sliding is None else describe_sliding(sliding)
+    for line in [*list_facts(results.macro_result), *told]:
         typer.echo(line)
     typer.echo(f"report, figures and datasets: {out}")
 
@@ -107,7 +108,7 @@ def _run_tyre(
     from multiscale.io import logging_to, make_folder
     from multiscale.pipeline import load_tyre, read_cautions, run_tyre, tyre_requirements
     from multiscale.plotting import draw_figures
-    from multiscale.report import tabulate_braking, write_report
+    from multiscale.report import list_facts, tabulate_braking, write_report
 
     settings = load_tyre(case)
     if quick:
@@ -127,6 +128,8 @@ def _run_tyre(
     for caution in read_cautions(out):
         typer.echo(f"caution: {caution}", err=True)
     _print_table(settings.title, *tabulate_braking(results.macro_result))
+    for line in list_facts(results.macro_result):
+        typer.echo(line)
     typer.echo(f"report, figures and datasets: {out}")
 
 
@@ -173,7 +176,10 @@ def micro_command(
         workers(jobs, dask) as executor,
         _progress(settings.micro.realisations, "realisations") as progress,
     ):
-        run_micro(settings, out, executor=executor, progress=progress)
+        response = run_micro(settings, out, executor=executor, progress=progress)
+    for caution in str(response.attrs["cautions"]).splitlines():
+        typer.echo(f"caution: {caution}", err=True)
+    typer.echo(response.attrs["behaviour"])
 
 
 @app.command("fit")
@@ -216,7 +222,7 @@ def macro_command(
     """
     from multiscale.macro.substructures import world
     from multiscale.pipeline import homogenised_file, load_scene, run_scene, scene_requirements
-    from multiscale.report import list_cycles, tabulate_scene
+    from multiscale.report import list_cycles, list_facts, tabulate_scene
 
     settings, team = load_scene(scene), world()
     if quick:
@@ -233,7 +239,7 @@ def macro_command(
         for caution in result.attrs.get(name, "").splitlines():
             typer.echo(f"caution: {caution}", err=True)
     _print_table(result.attrs["title"], *tabulate_scene(result))
-    for line in list_cycles(result):
+    for line in [*list_facts(result), *list_cycles(result)]:
         typer.echo(line)
     if settings.substructures is not None and settings.substructures.homogenise:
         typer.echo(f"condensed substructures: {homogenised_file(out)}")

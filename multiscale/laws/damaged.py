@@ -54,9 +54,9 @@ class Damaged(NormalLaw):
         return self.law.gap
 
     @property
-    def pressure_range(self) -> tuple[float, float]:
+    def pressure_range(self) -> tuple[float, float]:  # type: ignore[override]
         """Pressures that the data of the sound law carry, less the damage, Pa."""
-        low, high = getattr(self.law, "pressure_range", (0.0, np.inf))
+        low, high = self.law.pressure_range
         return (1.0 - self.damage) * low, (1.0 - self.damage) * high
 
     def pressure(self, gap: np.ndarray) -> np.ndarray:

@@ -79,6 +79,11 @@ class HystereticLaw(InterfaceLaw):
         """Initial gap, m."""
         return self.loading.gap
 
+    @property
+    def pressure_range(self) -> tuple[float, float]:  # type: ignore[override]
+        """Pressures of the data of the loading, Pa."""
+        return self.loading.pressure_range
+
     def branch(self, peak_pressure: np.ndarray) -> "UnloadingBranch":
         """Unloading branch (1) from a largest pressure :math:`p_m > 0`, Pa; any shape."""
         peak = np.asarray(peak_pressure, dtype=float)

@@ -117,7 +117,7 @@ class CellLaw(NormalLaw):
         return self._held.touch
 
     @property
-    def pressure_range(self) -> tuple[float, float]:
+    def pressure_range(self) -> tuple[float, float]:  # type: ignore[override]
         """Pressures that cells answer, Pa; beyond, the law goes on along its tangent."""
         return 0.0, self._memory.state(self._memory.last).pressure
 

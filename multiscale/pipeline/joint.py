@@ -7,13 +7,16 @@ import numpy as np
 from multiscale.laws import NormalLaw
 from multiscale.macro import Block, RoughJoint, press_joint
 from multiscale.pipeline.cells import longest_wave
+from multiscale.pipeline.real_contact import behaviour, real_pressure
 from multiscale.pipeline.settings import Case
 from multiscale.schema import MACRO_RESULT
 from multiscale.upscaling import (
     area_from_dataset,
+    cell_share,
     compare_scales,
     hysteretic_from_dataset,
     law_from_dataset,
+    over_steps,
     structure_budget,
     with_budget,
 )
@@ -22,7 +25,10 @@ from multiscale.upscaling.scales import ScaleSeparation
 if TYPE_CHECKING:
     import xarray as xr
 
-__all__ = ["joint_scales", "solve_joint"]
+__all__ = ["STIFFNESSES", "joint_scales", "solve_joint"]
+
+STIFFNESSES = ("joint_stiffness", "interface_stiffness", "solid_stiffness")
+"""Of the whole, of its interface and of its bodies: all have an error budget."""
 
 
 def joint_scales(case: Case) -> ScaleSeparation:
@@ -47,38 +53,57 @@ def solve_joint(case: Case, law: "xr.Dataset", *, bootstrap: bool = True) -> "xr
     Returns
     -------
     Dataset
-        Follows ``MACRO_RESULT``, with the budget of the joint stiffness.
+        Follows ``MACRO_RESULT``, with the budget of :data:`STIFFNESSES`.
     """
+    joint, preload, extrapolate = _joint(case), np.array(case.joint.preloads), case.law.extrapolate
     samples = range(law.sizes["sample"])
-    preload = np.array(case.joint.preloads)
     result = press_joint(
-        _joint(case),
+        joint,
         law_from_dataset(law),
         preload,
         samples=[law_from_dataset(law, sample) for sample in samples],
+        extrapolate=extrapolate,
     )
-    areas = {"contact_fraction": area_from_dataset(law).contact_fraction(preload)}
+    fraction = area_from_dataset(law).contact_fraction(preload)
+    areas = {"contact_fraction": fraction, "real_pressure": real_pressure(preload, fraction)}
     if samples:
         areas["contact_fraction_sample"] = np.array(
             [area_from_dataset(law, sample).contact_fraction(preload) for sample in samples]
         )
-    result = MACRO_RESULT.assign(result, areas | _unloading_stiffness(case, law, preload))
-    if not result["converged"].values.any():
+    kept = np.isfinite(result["joint_stiffness"].to_numpy())
+    areas |= _unloading_stiffness(case, law, preload)
+    areas = {name: np.where(kept, value, np.nan) for name, value in areas.items()}
+    scales = joint_scales(case)
+    told = [str(result.attrs["cautions"]), *scales.cautions]
+    result = MACRO_RESULT.assign(result, areas).assign_attrs(
+        cautions="\n".join(filter(None, told)),
+        facts="\n".join([*behaviour(law), cell_share(max(case.cell.size), case.joint.width)]),
+    )
+    steps = np.flatnonzero(kept & (result["known"].values == 1))
+    if not steps.size:
         return result
 
     def stiffness(one: NormalLaw) -> np.ndarray:
-        return np.asarray(press_joint(_joint(case), one, preload)["joint_stiffness"].to_numpy())
+        pressed = press_joint(joint, one, preload[steps], extrapolate=True)
+        return np.stack([pressed[name].to_numpy() for name in STIFFNESSES])
 
+    known = result.isel(step=steps)
+    drawn: np.ndarray | int = 0
+    if samples and bootstrap:
+        names = ("joint_stiffness_sample", "interface_stiffness_sample")
+        rows = [known[name].to_numpy() for name in names]
+        solid = np.broadcast_to(known["solid_stiffness"].to_numpy(), rows[0].shape)
+        drawn = np.stack([*rows, solid], axis=1)
     budget = structure_budget(
-        "joint_stiffness",
+        STIFFNESSES,
         law,
         stiffness,
-        answer=result["joint_stiffness"].to_numpy(),
-        pressure=preload,
+        answer=np.stack([known[name].to_numpy() for name in STIFFNESSES]),
+        pressure=preload[steps],
         exact="none: blocks and law in series are a closed form under even pressure",
-        samples=result["joint_stiffness_sample"].to_numpy() if samples and bootstrap else 0,
+        samples=drawn,
     )
-    return with_budget(result, budget)
+    return with_budget(result, over_steps(budget, steps, preload.size))
 
 
 def _unloading_stiffness(
@@ -93,6 +118,7 @@ def _unloading_stiffness(
         hysteretic_from_dataset(law),
         preload,
         samples=[hysteretic_from_dataset(law, sample) for sample in samples],
+        extrapolate=True,  # the loading has told what is known
     )
     names = ("unloading_stiffness", "unloading_stiffness_sample")
     return {name: result[name].to_numpy() for name in names if name in result}

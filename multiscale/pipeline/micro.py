@@ -9,6 +9,7 @@ from multiscale.io import make_folder, open_dataset, write_dataset, write_surfac
 from multiscale.micro import Path as LoadPath
 from multiscale.micro import contact_modulus, run_ensemble
 from multiscale.pipeline.cells import composite_material, longest_wave, make_cells
+from multiscale.pipeline.real_contact import with_real_pressure
 from multiscale.pipeline.settings import Case
 from multiscale.schema import FIELDS, MICRO_RESPONSE
 
@@ -68,6 +69,7 @@ def run_micro(
         identity=identity,
         cautions="\n".join([*case.cautions(), *_steepness(response)]),
     )
+    response = with_real_pressure(case, response)
     write_dataset(response, file, MICRO_RESPONSE)
     return response
 

@@ -109,7 +109,7 @@ def cycled_joint(
         found.append(
             press_joint(worn, Damaged(law, D) if damage_interface else law, np.array([preload]))
         )
-    names = [str(name) for name in found[0].data_vars if found[0][name].dims == ("step",)]
+    names = [str(name) for name, value in found[0].data_vars.items() if "step" in value.dims]
     values = {name: np.concatenate([one[name].values for one in found]) for name in names}
     return MACRO_RESULT.build(
         {
@@ -117,5 +117,8 @@ def cycled_joint(
             "preload": np.full(damage.size, preload),
             "damage": damage,
             "cycles": np.interp(damage, known[start:], cycles[start:]),
-        }
+        },
+        cautions="\n".join(
+            dict.fromkeys(one.attrs["cautions"] for one in found if one.attrs["cautions"])
+        ),
     )

@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from multiscale.laws import HystereticLaw, NormalLaw
+from multiscale.macro.data_range import load_shares, with_load_shares
 from multiscale.macro.joint.geometry import RoughJoint
 from multiscale.macro.joint.solve import check_preloads, ratios, rough_joint
 from multiscale.schema import MACRO_RESULT
@@ -26,12 +27,13 @@ def press_joint(
     preloads: np.ndarray,
     *,
     samples: Sequence[NormalLaw | HystereticLaw] = (),
+    extrapolate: bool = False,
 ) -> "xr.Dataset":
     r"""Press the joint, in closed form where its pressure is even; see :func:`rough_joint`.
 
     Parameters
     ----------
-    joint, law, preloads, samples
+    joint, law, preloads, samples, extrapolate
         As for :func:`rough_joint`, which solves what has an eccentric force.
 
     Returns
@@ -57,17 +59,16 @@ def press_joint(
         a = p \Big(\frac{h_1}{E_1} + \frac{h_2}{E_2}\Big) - (g(p) - g_0).    \tag{1}
     """
     if joint.eccentricity is not None:
-        return rough_joint(joint, law, preloads, samples=samples)
+        return rough_joint(joint, law, preloads, samples=samples, extrapolate=extrapolate)
     begin = perf_counter()
     p = check_preloads(preloads)
     soft = joint.lower.compliance + joint.upper.compliance  # m/Pa
     normal = _loading(law)
     gap = normal.gap_at(p)
-    K, residual = normal.stiffness(gap), np.abs(normal.pressure(gap) / p - 1.0)
+    residual = np.abs(normal.pressure(gap) / p - 1.0)
     good = residual <= TOLERANCE
     measured = {
         **_stiffness(law, p, soft),
-        "interface_stiffness": K,
         "approach": p * soft - (gap - normal.gap),
         "mean_gap": gap,
         "closed_fraction": np.ones(p.size),
@@ -79,17 +80,20 @@ def press_joint(
         if rows
         else {}
     )
-    return MACRO_RESULT.build(
+    result = MACRO_RESULT.build(
         {
             "preload": p,
             **values,
             **sampled,
-            "solid_stiffness": 1.0 / soft,
+            "solid_stiffness": np.full(p.size, 1.0 / soft),
             "converged": good.astype(int),
             "residual": residual,
             "wall_time": np.full(p.size, (perf_counter() - begin) / p.size),
         }
     )
+    shares = load_shares(p[:, None], np.ones(1), law.pressure_range)[..., None]
+    data = np.array([law.pressure_range])
+    return with_load_shares(result, shares, data, extrapolate=extrapolate)
 
 
 def _loading(law: NormalLaw | HystereticLaw) -> NormalLaw:
@@ -98,7 +102,8 @@ def _loading(law: NormalLaw | HystereticLaw) -> NormalLaw:
 
 
 def _stiffness(law: NormalLaw | HystereticLaw, p: np.ndarray, soft: float) -> dict[str, np.ndarray]:
-    """Stiffness (1) of the joint on every branch of its law, Pa/m."""
+    """Stiffness of the interface, and (1) on every branch of its law, Pa/m."""
     normal = _loading(law)
     K = normal.stiffness(normal.gap_at(p))
-    return {name: 1.0 / (1.0 / (ratio * K) + soft) for name, ratio in ratios(law).items()}
+    branches = {name: 1.0 / (1.0 / (ratio * K) + soft) for name, ratio in ratios(law).items()}
+    return {"interface_stiffness": K, **branches}
