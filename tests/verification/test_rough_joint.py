@@ -258,7 +258,7 @@ def test_a_law_of_any_stiffness_is_solved_or_reported(kind, contrast, eccentrici
         assert result["converged"].values.all()
     if result["converged"].values.all():
         assert float(result["residual"][0]) <= 1e-10
-        assert 0.0 < float(result["joint_stiffness"][0]) <= float(result["solid_stiffness"])
+        assert 0.0 < float(result["joint_stiffness"][0]) <= float(result["solid_stiffness"][0])
     else:
         assert np.isnan(result["joint_stiffness"].values).all()
     if eccentricity is None and kind == "exponential":
