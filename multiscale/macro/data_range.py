@@ -13,7 +13,7 @@ if TYPE_CHECKING:
 
 __all__ = ["FAR", "MOST", "load_shares", "with_load_shares"]
 
-FAR = 3.0
+FAR = 2.0
 """Factor outside the data beyond which a law knows nothing."""
 
 MOST = 0.05

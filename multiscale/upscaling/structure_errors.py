@@ -160,8 +160,8 @@ def _law_terms(
         gap, stiffness = _at_pressure(law, term, pressure)
         if gap is not None or stiffness is not None:
             parts = (
-                of_gap * (0.0 if gap is None else gap),
-                of_stiffness * (0.0 if stiffness is None else stiffness),
+                of_gap * (np.nan if gap is None else gap),
+                of_stiffness * (np.nan if stiffness is None else stiffness),
             )
             terms[term] = np.hypot(*parts)
     return terms

@@ -213,6 +213,9 @@ def test_load_beyond_the_data_is_a_caution_and_far_beyond_them_unknown():
         assert not found[2:].any()
     assert np.isnan(result.cycle_energy).all()
 
+    cut = load_joint(blocks, JointLoading((9e6,)), parts=(2, 1))
+    np.testing.assert_allclose(cut.load_above, [[0.0, 1.0]], atol=1e-12)  # of joints, not pieces
+
     told = load_joint(blocks, loading, extrapolate=True)
     np.testing.assert_array_equal(told.known, result.known)
     np.testing.assert_array_equal(told.joint_stiffness[:2], result.joint_stiffness[:2])

@@ -263,6 +263,16 @@ def test_the_budget_of_a_structure_propagates_that_of_the_law():
     assert budget.attrs["unknown"] == "cell size, scale separation"
 
 
+def test_a_term_of_which_the_law_knows_half_is_unknown_in_the_structure():
+    response = ensemble(20)
+    law = fit_law(response, family="exponential")
+    law, p = with_budget(law, error_budget(response, law)), np.array([1e7, 5e7])
+    law["error_half_width"].loc[{"quantity": "stiffness", "error_term": "sampling"}] = np.nan
+    budget = structure_budget("k", law, lambda one: one.stiffness(one.gap_at(p)), samples=0)
+    assert np.isnan(half(budget, "sampling", "k")).all()
+    assert "sampling" in budget.attrs["unknown"]
+
+
 def test_several_answers_have_the_budget_that_each_has_alone():
     response = ensemble(20)
     law = fit_law(response, family="exponential")

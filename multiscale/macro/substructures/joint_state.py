@@ -137,7 +137,7 @@ def stiffness(
 def joint_shares(
     joints: Sequence[Interface], result: "xr.Dataset"
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Shares of the load of every joint outside the data of its law, and these data.
+    """Shares of the load of every joint, however cut, outside the data of its law, and these data.
 
     Parameters
     ----------
@@ -152,14 +152,14 @@ def joint_shares(
     data : ndarray, shape (joints, 2)
         Pa.
     """
-    pressure = -result["traction"].values[..., 0]
-    ends = np.cumsum([face.weight.size for face in joints])[:-1]
-    data = np.array([_normal(face.law).pressure_range for face in joints])
+    pressure, number = -result["traction"].values[..., 0], result["point_joint"].values
+    area = np.concatenate([face.weight for face in joints])
+    ranges = {face.joint: _normal(face.law).pressure_range for face in joints}
     shares = [
-        load_shares(part, face.weight, one)
-        for part, face, one in zip(np.split(pressure, ends, axis=1), joints, data, strict=True)
+        load_shares(pressure[:, number == joint], area[number == joint], one)
+        for joint, one in ranges.items()
     ]
-    return np.stack(shares, axis=2), data
+    return np.stack(shares, axis=2), np.array(list(ranges.values()))
 
 
 def _slips(joints: Sequence[Interface], result: "xr.Dataset") -> np.ndarray:
