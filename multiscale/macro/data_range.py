@@ -26,20 +26,8 @@ ROUND_OFF = 1e-6
 """Relative distance up to which a pressure lies at the end of the data and not outside."""
 
 GIVEN = frozenset(
-    {
-        "preload",
-        "shear",
-        "load_factor",
-        "cycles",
-        "damage",
-        "sliding_speed",
-        "temperature",
-        "residual",
-        "wall_time",
-        "load_below",
-        "load_above",
-        "load_far",
-    }
+    "preload shear load_factor cycles damage sliding_speed temperature residual wall_time "
+    "load_below load_above load_far".split()
 )
 """What a step has without being an answer."""
 

@@ -121,7 +121,7 @@ def _answer(result: "xr.Dataset") -> list[str]:
         f"At {row['preload (MPa)']} MPa its stiffness is {row['joint stiffness (MPa/µm)']} MPa/µm"
         f"{error} (95 %), and {row['contact (%)']} % of it touches, under "
         f"{row['real pressure (MPa)']} MPa on the mean.{unloading} "
-        f"It is that of an interface with {row['interface (MPa/µm)']} in series with bodies with "
+        f"In MPa/µm, the interface alone has {row['interface (MPa/µm)']} and the bodies "
         f"{row['bodies (MPa/µm)']}.{beside}",
         *list_facts(result)[:1],
     ]
