@@ -26,8 +26,20 @@ ROUND_OFF = 1e-6
 """Relative distance up to which a pressure lies at the end of the data and not outside."""
 
 GIVEN = frozenset(
-    "preload shear load_factor cycles damage sliding_speed temperature residual wall_time "
-    "load_below load_above load_far".split()
+    {
+        "preload",
+        "shear",
+        "load_factor",
+        "cycles",
+        "damage",
+        "sliding_speed",
+        "temperature",
+        "residual",
+        "wall_time",
+        "load_below",
+        "load_above",
+        "load_far",
+    }
 )
 """What a step has without being an answer."""
 
