@@ -79,6 +79,7 @@ def _run_case(settings: "Case", out: Path, jobs: int, dask: str | None) -> None:
     from multiscale.report import (
         describe_sliding,
         list_cutoffs,
+        list_facts,
         tabulate,
         tabulate_roughness,
         write_report,
@@ -104,7 +105,8 @@ def _run_case(settings: "Case", out: Path, jobs: int, dask: str | None) -> None:
     head, rows = tabulate_roughness(results.micro_response)
     if rows:
         _print_table(" ".join(list_cutoffs(results.micro_response)), head, rows)
-    for line in [] if sliding is None else describe_sliding(sliding):
+    told = [] if sliding is None else describe_sliding(sliding)
+    for line in [*list_facts(results.macro_result), *told]:
         typer.echo(line)
     typer.echo(f"report, figures and datasets: {out}")
 
@@ -116,7 +118,7 @@ def _run_tyre(
     from multiscale.io import logging_to, make_folder
     from multiscale.pipeline import load_tyre, read_cautions, run_tyre, tyre_requirements
     from multiscale.plotting import draw_figures
-    from multiscale.report import tabulate_braking, write_report
+    from multiscale.report import list_facts, tabulate_braking, write_report
 
     settings = load_tyre(case)
     if quick:
@@ -136,6 +138,8 @@ def _run_tyre(
     for caution in read_cautions(out):
         typer.echo(f"caution: {caution}", err=True)
     _print_table(settings.title, *tabulate_braking(results.macro_result))
+    for line in list_facts(results.macro_result):
+        typer.echo(line)
     typer.echo(f"report, figures and datasets: {out}")
 
 
@@ -183,8 +187,9 @@ def micro_command(
         _progress(settings.micro.realisations, "realisations") as progress,
     ):
         response = run_micro(settings, out, executor=executor, progress=progress)
-    for caution in response.attrs["cautions"].splitlines():
+    for caution in str(response.attrs["cautions"]).splitlines():
         typer.echo(f"caution: {caution}", err=True)
+    typer.echo(response.attrs["behaviour"])
 
 
 @app.command("fit")
@@ -230,7 +235,7 @@ def macro_command(
     """
     from multiscale.macro.substructures import world
     from multiscale.pipeline import homogenised_file, load_scene, run_scene, scene_requirements
-    from multiscale.report import list_cycles, tabulate_scene
+    from multiscale.report import list_cycles, list_facts, tabulate_scene
 
     settings, team = load_scene(scene), world()
     if quick:
@@ -246,7 +251,7 @@ def macro_command(
     for caution in result.attrs.get("cautions", "").splitlines():
         typer.echo(f"caution: {caution}", err=True)
     _print_table(result.attrs["title"], *tabulate_scene(result))
-    for line in list_cycles(result):
+    for line in [*list_facts(result), *list_cycles(result)]:
         typer.echo(line)
     if settings.substructures is not None and settings.substructures.homogenise:
         typer.echo(f"condensed substructures: {homogenised_file(out)}")

@@ -374,7 +374,7 @@ def _overlap(position: np.ndarray, radius: np.ndarray) -> float:
     """Largest overlap of two equal grains over their radius, in all frames."""
     away = np.linalg.norm(position[:, :, None] - position[:, None], axis=-1)
     away[:, np.arange(len(radius)), np.arange(len(radius))] = np.inf
-    return 2.0 - float(away.min()) / radius[0]
+    return float(2.0 - away.min() / radius[0])
 
 
 def _unbalanced(result: "xr.Dataset", friction: float) -> float:

@@ -55,9 +55,18 @@ class InterfaceLaw(ABC):
     Every array has its component axis first, row 0 normal; any axes may follow (elements,
     points, quadrature points). A law never changes its arguments and keeps nothing between
     calls: the state goes in and comes out.
+
+    Attributes
+    ----------
+    n_state : int
+        Number of internal variables of a point.
+    pressure_range : tuple of float
+        Lowest and highest pressure of the data that the law was fitted to, Pa; all pressures for a
+        law that was not fitted.
     """
 
     n_state: int = 0
+    pressure_range: tuple[float, float] = (0.0, np.inf)
 
     @abstractmethod
     def respond(self, jump: np.ndarray, state: np.ndarray) -> Response:

@@ -22,6 +22,8 @@ class Exponential(NormalLaw):
         :math:`u_0 > 0`, m.
     gap : float, default 0.0
         :math:`g_0` of :class:`NormalLaw`, m.
+    pressure_range : tuple of float, default (0, inf)
+        Lowest and highest pressure of the data that it was fitted to, Pa.
 
     Raises
     ------
@@ -50,6 +52,7 @@ class Exponential(NormalLaw):
     pressure_scale: float
     decay_length: float
     gap: float = 0.0
+    pressure_range: tuple[float, float] = (0.0, np.inf)
 
     def __post_init__(self) -> None:
         check_parameter(self, "pressure_scale", "Pa")

@@ -24,6 +24,8 @@ class PowerLaw(NormalLaw):
         :math:`m \ge 1`, dimensionless.
     gap : float, default 0.0
         :math:`g_0` of :class:`NormalLaw`, m.
+    pressure_range : tuple of float, default (0, inf)
+        Lowest and highest pressure of the data that it was fitted to, Pa.
 
     Raises
     ------
@@ -53,6 +55,7 @@ class PowerLaw(NormalLaw):
     support: float
     exponent: float
     gap: float = 0.0
+    pressure_range: tuple[float, float] = (0.0, np.inf)
 
     def __post_init__(self) -> None:
         check_parameter(self, "pressure_scale", "Pa")

@@ -81,7 +81,7 @@ class HystereticLaw(InterfaceLaw):
         return self.loading.gap
 
     @property
-    def pressure_range(self) -> tuple[float, float]:
+    def pressure_range(self) -> tuple[float, float]:  # type: ignore[override]
         """Pressures of the data of the loading law, Pa."""
         return self.loading.pressure_range
 

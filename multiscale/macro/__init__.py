@@ -32,6 +32,7 @@ from multiscale.macro.joint import (
     RoughJoint,
     assemble_joint,
     cycled_joint,
+    press_joint,
     rough_joint,
     soften,
 )
@@ -66,6 +67,7 @@ __all__ = [
     "homogenise",
     "load_mesh",
     "mechanism_modes",
+    "press_joint",
     "quadruplex_module",
     "rough_joint",
     "self_stress",

@@ -23,7 +23,7 @@ from multiscale.macro.substructures import (
     split_boxes,
     stacked_blocks,
 )
-from multiscale.pipeline.body_budget import with_joint_budget
+from multiscale.pipeline.body_budget import with_contact, with_joint_budget
 from multiscale.pipeline.body_settings import (
     JointLawSettings,
     LapJoint,
@@ -32,6 +32,7 @@ from multiscale.pipeline.body_settings import (
     StackedBlocks,
     Substructures,
 )
+from multiscale.pipeline.joint import STIFFNESSES
 from multiscale.schema import RVE_STIFFNESS
 from multiscale.upscaling import law_from_dataset
 
@@ -80,15 +81,17 @@ def solve_bodies(scene: "Scene", law: Path | None, team: Team | None = None) -> 
     loads, dataset = scene.loading, _open_law(scene, law)
     loading = JointLoading(loads.preloads, loads.shear or 0.0, loads.cycles, loads.steps)
     assembly = make_assembly(scene, law_from_dataset(dataset))
-    result = load_joint(assembly, loading, parts=cut.parts, **options)
+    extrapolate = scene.joint is not None and scene.joint.extrapolate
+    result = load_joint(assembly, loading, parts=cut.parts, extrapolate=extrapolate, **options)
+    result = with_contact(result, dataset)
     if "error_half_width" in dataset and result["converged"].values.all():
 
         def stiffness(normal: NormalLaw, structure: StackedBlocks | LapJoint = given) -> Any:
             changed = scene.model_copy(update={"structure": structure})
             pressed = JointLoading(loads.preloads)
             parts = make_assembly(changed, normal)
-            found = load_joint(parts, pressed, parts=cut.parts, **options)
-            return found["joint_stiffness"].to_numpy()
+            found = load_joint(parts, pressed, parts=cut.parts, extrapolate=True, **options)
+            return np.stack([found[name].to_numpy() for name in STIFFNESSES])
 
         result = with_joint_budget(result, dataset, stiffness, given.coarser())
     return add_body_fields(result, assembly.bodies, damage=_damage(given))

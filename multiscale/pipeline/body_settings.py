@@ -231,12 +231,16 @@ class JointLawSettings(Settings):
     damage : list of numbers
         Of every joint, from below: it carries 1 - D times what the law says. All are sound if not
         given.
+    extrapolate : bool
+        Whether answers stand where more than 5 % of the load of a joint lies beyond a factor of 2
+        outside the pressures of the law; they are unknown otherwise.
     """
 
     law: Path | None = None
     friction: Annotated[Number, Field(ge=0.0)]
     stiffness_ratio: Annotated[Number, Field(gt=0.0)] = 0.8
     damage: tuple[Damage, ...] = ()
+    extrapolate: bool = False
 
 
 class Loading(Settings):

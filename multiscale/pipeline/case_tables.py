@@ -115,10 +115,14 @@ class LawSettings(Settings):
         Terms of the normal law.
     samples : int
         Bootstrap samples behind the bands.
+    extrapolate : bool
+        Whether answers stand where more than 5 % of a load lies beyond a factor of 2 outside the
+        pressures of the cells; they are unknown otherwise.
     """
 
     terms: Annotated[Count, Field(ge=6)] = 20
     samples: Annotated[Count, Field(ge=0)] = 200
+    extrapolate: bool = False
 
 
 class JointSettings(Settings):

@@ -5,15 +5,18 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from multiscale.laws import NormalLaw
-from multiscale.macro import Block, RoughJoint, rough_joint
+from multiscale.macro import Block, RoughJoint, press_joint
 from multiscale.pipeline.cells import longest_wave
+from multiscale.pipeline.real_contact import behaviour, real_pressure
 from multiscale.pipeline.settings import Case
 from multiscale.schema import MACRO_RESULT
 from multiscale.upscaling import (
     area_from_dataset,
+    cell_share,
     compare_scales,
     hysteretic_from_dataset,
     law_from_dataset,
+    over_steps,
     structure_budget,
     with_budget,
 )
@@ -22,7 +25,10 @@ from multiscale.upscaling.scales import ScaleSeparation
 if TYPE_CHECKING:
     import xarray as xr
 
-__all__ = ["joint_scales", "solve_joint"]
+__all__ = ["STIFFNESSES", "joint_scales", "solve_joint"]
+
+STIFFNESSES = ("joint_stiffness", "interface_stiffness", "solid_stiffness")
+"""Of the whole, of its interface and of its bodies: all have an error budget."""
 
 
 def joint_scales(case: Case) -> ScaleSeparation:
@@ -46,39 +52,57 @@ def solve_joint(case: Case, law: "xr.Dataset") -> "xr.Dataset":
     Returns
     -------
     Dataset
-        Follows ``MACRO_RESULT``, with the budget of the joint stiffness.
+        Follows ``MACRO_RESULT``, with the budget of :data:`STIFFNESSES`.
     """
+    joint, preload, extrapolate = _joint(case), np.array(case.joint.preloads), case.law.extrapolate
     samples = range(law.sizes["sample"])
-    preload = np.array(case.joint.preloads)
-    result = rough_joint(
-        _joint(case),
+    result = press_joint(
+        joint,
         law_from_dataset(law),
         preload,
         samples=[law_from_dataset(law, sample) for sample in samples],
+        extrapolate=extrapolate,
     )
-    areas = {"contact_fraction": area_from_dataset(law).contact_fraction(preload)}
+    fraction = area_from_dataset(law).contact_fraction(preload)
+    areas = {"contact_fraction": fraction, "real_pressure": real_pressure(preload, fraction)}
     if samples:
         areas["contact_fraction_sample"] = np.array(
             [area_from_dataset(law, sample).contact_fraction(preload) for sample in samples]
         )
-    result = MACRO_RESULT.assign(result, areas | _unloading_stiffness(case, law, preload))
-    if not result["converged"].values.any():
+    kept = np.isfinite(result["joint_stiffness"].to_numpy())
+    areas |= _unloading_stiffness(case, law, preload)
+    areas = {name: np.where(kept, value, np.nan) for name, value in areas.items()}
+    scales = joint_scales(case)
+    told = [str(result.attrs["cautions"]), *scales.cautions]
+    result = MACRO_RESULT.assign(result, areas).assign_attrs(
+        cautions="\n".join(filter(None, told)),
+        facts="\n".join([*behaviour(law), cell_share(max(case.cell.size), case.joint.width)]),
+    )
+    steps = np.flatnonzero(kept & (result["known"].values == 1))
+    if not steps.size:
         return result
 
-    def stiffness(one: NormalLaw, coarsening: int = 1) -> np.ndarray:
-        pressed = rough_joint(_joint(case, coarsening), one, preload)
-        return np.asarray(pressed["joint_stiffness"].to_numpy())
+    def stiffness(one: NormalLaw) -> np.ndarray:
+        pressed = press_joint(joint, one, preload[steps], extrapolate=True)
+        return np.stack([pressed[name].to_numpy() for name in STIFFNESSES])
 
+    known = result.isel(step=steps)
+    drawn: np.ndarray | int = 0
+    if samples:
+        names = ("joint_stiffness_sample", "interface_stiffness_sample")
+        rows = [known[name].to_numpy() for name in names]
+        solid = np.broadcast_to(known["solid_stiffness"].to_numpy(), rows[0].shape)
+        drawn = np.stack([*rows, solid], axis=1)
     budget = structure_budget(
-        "joint_stiffness",
+        STIFFNESSES,
         law,
         stiffness,
-        answer=result["joint_stiffness"].to_numpy(),
-        pressure=preload,
-        coarser={2.0: stiffness(law_from_dataset(law), 2)},
-        samples=result["joint_stiffness_sample"].to_numpy() if samples else 0,
+        answer=np.stack([known[name].to_numpy() for name in STIFFNESSES]),
+        pressure=preload[steps],
+        exact="none: blocks and law in series are a closed form under even pressure",
+        samples=drawn,
     )
-    return with_budget(result, budget)
+    return with_budget(result, over_steps(budget, steps, preload.size))
 
 
 def _unloading_stiffness(
@@ -88,21 +112,20 @@ def _unloading_stiffness(
     if "unloading_stiffness_ratio" not in law:
         return {}
     samples = range(law.sizes.get("unloading_sample", 0))
-    result = rough_joint(
+    result = press_joint(
         _joint(case),
         hysteretic_from_dataset(law),
         preload,
         samples=[hysteretic_from_dataset(law, sample) for sample in samples],
+        extrapolate=True,  # the loading has told what is known
     )
     names = ("unloading_stiffness", "unloading_stiffness_sample")
     return {name: result[name].to_numpy() for name in names if name in result}
 
 
-def _joint(case: Case, coarsening: int = 1) -> RoughJoint:
-    """Make the joint of a case, on elements that are larger by a whole factor."""
+def _joint(case: Case) -> RoughJoint:
+    """Make the joint of a case."""
     lower, upper = (
-        Block(case.joint.height, body.youngs_modulus, body.poissons_ratio, 4 // coarsening)
-        for body in case.bodies
+        Block(case.joint.height, body.youngs_modulus, body.poissons_ratio) for body in case.bodies
     )
-    width, n = case.joint.width, 6 // coarsening
-    return RoughJoint((width, width), lower, upper, elements=(n, n))
+    return RoughJoint((case.joint.width, case.joint.width), lower, upper)

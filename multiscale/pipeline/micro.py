@@ -17,6 +17,7 @@ from multiscale.pipeline.cells import (
     make_cells,
     measured_cells,
 )
+from multiscale.pipeline.real_contact import with_real_pressure
 from multiscale.pipeline.settings import Case
 from multiscale.pipeline.windows import STAGES, Measured
 from multiscale.schema import FIELDS, MICRO_RESPONSE
@@ -93,6 +94,7 @@ def run_micro(
             ]
         ),
     )
+    response = with_real_pressure(case, response)
     write_dataset(response, file, MICRO_RESPONSE)
     return response
 

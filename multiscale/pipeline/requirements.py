@@ -32,13 +32,22 @@ def requirements(case: Case) -> Needs:
     cell = cell_of(case, Surface(np.zeros(case.cell.points), case.cell.size))
     needs = cell_needs(cell, keep_fields=True)
     measured = any(isinstance(body.surface, InstrumentSurface) for body in case.bodies)
-    libraries = {*needs.libraries, "scikit-fem", "matplotlib"}  # the joint's blocks, the report
+    libraries = {*needs.libraries, "matplotlib"}  # the report
     if measured:
         libraries.add("SurfaceTopography")
-    operators = needs.operators | {"joint": "blocks and interface law, a preload at a time"}
+    operators = needs.operators | {"joint": "blocks and interface law in series, in closed form"}
+    left_out = needs.left_out | {
+        "joint mesh": "the pressure on the joint is even, and a closed form is exact"
+    }
     memory = needs.memory
     if case.slide is not None:
         pair = cell_needs(pair_of(case, case.slide, cell.surface, cell.surface))
         operators["slide"] = "both bodies, deformable and at large strain, a pressure at a time"
         memory = max(memory, pair.memory)
-    return replace(needs, operators=operators, libraries=tuple(sorted(libraries)), memory=memory)
+    return replace(
+        needs,
+        operators=operators,
+        left_out=left_out,
+        libraries=tuple(sorted(libraries)),
+        memory=memory,
+    )

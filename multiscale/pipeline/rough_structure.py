@@ -11,6 +11,7 @@ import numpy as np
 
 from multiscale.errors import CaseError
 from multiscale.laws import AreaLaw, NormalLaw
+from multiscale.macro.data_range import FAR, MOST, load_shares
 from multiscale.micro import Cell, Path, Surface, run_ensemble, self_affine
 from multiscale.pipeline.concurrent import CellLaw
 from multiscale.upscaling import area_from_dataset, fit_law, law_from_dataset
@@ -203,7 +204,7 @@ def solve_sequential(
     response = run_ensemble(cells, Path(pressure=tuple(structure.pressures)), executor=executor)
     law, area = laws_of(response)
     fitted = perf_counter()
-    answer = structure.solve(law, area)
+    answer = checked(structure.solve(law, area), law)
     end = perf_counter()
     solved = int(response["converged"].sum())
     return Way((answer,), end - begin, end - fitted, solved, 0, response)
@@ -218,7 +219,27 @@ def laws_of(response: "xr.Dataset") -> tuple[NormalLaw, AreaLaw]:
 def answer_of(structure: RoughStructure, response: "xr.Dataset", refined: int = 1) -> Answer:
     """Answer of the structure with the law of a response."""
     law, area = laws_of(response)
-    return structure.solve(law, area, refined=refined)
+    return checked(structure.solve(law, area, refined=refined), law)
+
+
+def checked(answer: Answer, law: NormalLaw) -> Answer:
+    """Refuse an answer that rests on pressures far outside the data of its law.
+
+    Raises
+    ------
+    CaseError
+        If more than 5 % of the load lies beyond a factor of 2 outside.
+    """
+    even = np.ones(answer.pressure.size)
+    far = float(load_shares(answer.pressure[None], even, law.pressure_range)[2, 0])
+    if far > MOST:
+        low, high = law.pressure_range
+        raise CaseError(
+            f"{100.0 * far:.3g} % of the load of the structure lies more than a factor of {FAR:g} "
+            f"outside the pressures of its cells, {1e-6 * low:.4g} to {1e-6 * high:.4g} MPa: its "
+            f"answer is unknown; press the cells at these pressures"
+        )
+    return answer
 
 
 def solve_concurrent(
@@ -245,9 +266,10 @@ def solve_concurrent(
             structure.cell(structure.surface(seed, points_per_wave, waves)),
             None if spacing is None else spacing * structure.rms_height,
         )
-        answers.append(structure.solve(law))
+        answer = structure.solve(law)
         solved += law.account["solved"]
         reused += law.account["reused"]
+        answers.append(checked(answer, law))
     seconds = perf_counter() - begin
     return Way(tuple(answers), seconds, seconds, solved, reused)
 

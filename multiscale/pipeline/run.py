@@ -6,6 +6,8 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+import numpy as np
+
 from multiscale.convergence import Status
 from multiscale.errors import ConvergenceError
 from multiscale.io import make_folder, save_law, write_dataset
@@ -98,7 +100,7 @@ def _run_to_target(
 
 
 def _finish(results: Results, out: Path) -> Results:
-    """Write the result of the joint, and refuse one that did not converge at all."""
+    """Write the result of the joint, and refuse one that is nowhere known."""
     result = results.macro_result
     write_dataset(result, out / "macro_result.nc", MACRO_RESULT)
     if not result["converged"].values.any():
@@ -106,4 +108,6 @@ def _finish(results: Results, out: Path) -> Results:
             f"the joint did not converge at any of {result.sizes['step']} preloads: "
             f"{Status.MAX_ITERATIONS.value}"
         )
+    if not np.isfinite(result["joint_stiffness"].values).any():
+        raise ConvergenceError(f"the joint is unknown at every preload: {result.attrs['cautions']}")
     return results

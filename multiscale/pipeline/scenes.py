@@ -195,6 +195,10 @@ def run_scene(
         write_fields(result, make_folder(out.parent / "fields"), name=out.stem)
     if not result["converged"].values.any():
         raise ConvergenceError(f"{scene.title}: no step converged; {result.attrs['failure']}")
+    if "known" in result and np.isnan(result["approach"].values).all():
+        raise ConvergenceError(
+            f"{scene.title}: the answer is unknown at every step; {result.attrs['cautions']}"
+        )
     if writes and scene.substructures is not None and scene.substructures.homogenise:
         condensed = _homogenise(scene, result, law).assign_attrs(title=scene.title)
         write_dataset(condensed, homogenised_file(out), HOMOGENISED)
@@ -294,4 +298,5 @@ def _homogenise(scene: Scene, result: "xr.Dataset", law: Path | None) -> "xr.Dat
     else:
         assert scene.substructures is not None
         problem = _cut(make_structure(scene), scene.substructures)
-    return homogenise(problem, result, step=int(np.flatnonzero(result["converged"].values)[-1]))
+    solved = np.isfinite(result["displacement"].values).all(axis=(1, 2))
+    return homogenise(problem, result, step=int(np.flatnonzero(solved)[-1]))

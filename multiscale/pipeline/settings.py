@@ -6,6 +6,7 @@ from typing import Self
 from pydantic import model_validator
 
 from multiscale.io import read_bytes
+from multiscale.macro.data_range import FAR
 from multiscale.micro.cell import depth_caution
 from multiscale.micro.slide import LONGEST
 from multiscale.pipeline.case_tables import (
@@ -22,8 +23,8 @@ from multiscale.pipeline.toml_model import Settings
 __all__ = ["FEWEST_REALISATIONS", "POINTS_PER_WAVE", "Case"]
 
 FEWEST_REALISATIONS = 3  # for a band
-STRONGEST = 0.1
-"""Largest strain at which a metal may yield."""
+HARDEST = 0.1
+"""Largest hardness over Young's modulus; that of diamond is about as large."""
 
 POINTS_PER_WAVE = 8  # of the shortest wave of a measured surface, if the case names no cut-off
 
@@ -35,6 +36,8 @@ class Case(Settings):
     ----------
     title : str
         Stands in report and tables.
+    elastic : bool
+        Whether a real contact pressure that no metal bears is meant, as that of rubber is.
     body_1, body_2 : Body
     cell : CellSettings
     micro : MicroSettings
@@ -47,6 +50,7 @@ class Case(Settings):
     """
 
     title: str
+    elastic: bool = False
     body_1: Body
     body_2: Body
     cell: CellSettings
@@ -61,6 +65,7 @@ class Case(Settings):
         if self.body_1.surface is None and self.body_2.surface is None:
             raise ValueError("both bodies are smooth; give one of them a [surface] table")
         self._check_metal()
+        self._check_preloads()
         if self.slide is not None:
             self._check_slide(self.slide)
         return self
@@ -88,13 +93,15 @@ class Case(Settings):
                     f"hardening_modulus of body_{number} means nothing to flat cells, which cap "
                     f'the pressure; set geometry = "conforming" in [cell], or leave it out'
                 )
-            strain = (body.yield_stress or 0.0) / body.youngs_modulus
-            if not flat and strain > STRONGEST:
+            ratio = (body.hardness or 0.0) / body.youngs_modulus
+            if ratio > HARDEST:
                 raise ValueError(
-                    f"hardness of body_{number} is {1e-9 * (body.hardness or 0.0):g} GPa, so that "
-                    f"it would yield at a strain of {strain:.2g}, above {STRONGEST:g}; that of a "
-                    f"metal is about a hundredth of its youngs_modulus"
+                    f"hardness of body_{number} is {1e-9 * (body.hardness or 0.0):g} GPa, "
+                    f"{ratio:.2g} of its youngs_modulus, and nothing is harder than {HARDEST:g}; "
+                    f"that of a metal is about a hundredth, and a body that does not flow has none"
                 )
+        if self.elastic and self.hardness is not None:
+            raise ValueError("elastic = true and a hardness exclude each other; leave one out")
         if self.micro.unload is not False and (flat or self.hardness is None):
             raise ValueError(
                 "unload in [micro] needs conforming cells and the hardness of a body: without "
@@ -104,6 +111,20 @@ class Case(Settings):
             raise ValueError(
                 "unload in [micro] and a target in [accuracy] exclude each other: a planner loads "
                 "its cells alone"
+            )
+
+    def _check_preloads(self) -> None:
+        """Refuse a joint that the cells will tell nothing of."""
+        low, high = self.micro.pressures[0] / FAR, self.micro.pressures[-1] * FAR
+        far = [p for p in self.joint.preloads if not low <= p <= high]
+        target = self.accuracy is not None and self.accuracy.quantity == "joint_stiffness"
+        if far and (target or (len(far) == len(self.joint.preloads) and not self.law.extrapolate)):
+            raise ValueError(
+                f"preloads in [joint] of {', '.join(f'{1e-6 * p:g}' for p in far)} MPa lie more "
+                f"than a factor of {FAR:g} outside the pressures in [micro], "
+                f"{1e-6 * self.micro.pressures[0]:g} to {1e-6 * self.micro.pressures[-1]:g} MPa: "
+                f"the joint would be unknown there; press the cells at such pressures"
+                + ("" if target else ", or set extrapolate = true in [law]")
             )
 
     @property
@@ -161,14 +182,6 @@ class Case(Settings):
             shallow := depth_caution(self.cell.depth, max(self.cell.size))
         ):
             found.append(shallow)
-        low, high = self.micro.pressures[0], self.micro.pressures[-1]
-        outside = [p for p in self.joint.preloads if not low <= p <= high]
-        if outside:
-            values = ", ".join(f"{1e-6 * p:g}" for p in outside)
-            found.append(
-                f"the law extrapolates at the preloads {values} MPa: the cells were pressed at "
-                f"{1e-6 * low:g} to {1e-6 * high:g} MPa"
-            )
         if self.yield_stress is not None and self.hardness is not None:
             found.append(
                 f"the hardness of {1e-9 * self.hardness:g} GPa of the softer body became a yield "
@@ -187,6 +200,7 @@ class Case(Settings):
         content = self.model_dump_json(
             exclude={
                 "title": True,
+                "elastic": True,
                 "law": True,
                 "joint": True,
                 "slide": True,

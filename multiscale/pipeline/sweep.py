@@ -19,6 +19,7 @@ from multiscale.errors import CaseError, MultiscaleError, SchemaError
 from multiscale.executors import run_jobs
 from multiscale.io import make_folder, open_dataset, write_dataset
 from multiscale.pipeline.case import find_case, read_case, validate_case
+from multiscale.pipeline.joint import STIFFNESSES
 from multiscale.pipeline.run import run
 from multiscale.pipeline.run_folder import read_cautions
 from multiscale.pipeline.settings import Case
@@ -33,7 +34,7 @@ MOST_POINTS = 100_000
 
 RESULT_FILE = "macro_result.nc"
 
-RESULT = ("preload", "joint_stiffness", "mean_gap", "contact_fraction")
+RESULT = ("preload", *STIFFNESSES, "mean_gap", "contact_fraction", "real_pressure")
 """Kept of each point; the rest is in its folder."""
 
 logger = logging.getLogger(__name__)
@@ -240,6 +241,7 @@ def _join(
     steps = max(result.sizes["step"] for result in results if result is not None)
     shape = (len(results), steps)
     values: dict[str, Any] = {name: np.full(shape, np.nan) for name in RESULT}
+    values["error_total"] = np.full((shape[0], len(STIFFNESSES), steps), np.nan)
     low, high = np.full((2, *shape), np.nan)
     converged = np.zeros(shape, dtype=int)
     for k, result in enumerate(results):
@@ -249,9 +251,13 @@ def _join(
         converged[here] = result["converged"].values
         for name in RESULT:
             values[name][here] = result[name].values
+        if "error_total" in result:
+            chosen = result["error_total"].sel(quantity=list(STIFFNESSES))
+            values["error_total"][k, :, : result.sizes["step"]] = chosen.values
         if "joint_stiffness_sample" in result:
-            band = np.nanpercentile(result["joint_stiffness_sample"].values, (2.5, 97.5), axis=0)
-            low[here], high[here] = band
+            known = np.flatnonzero(np.isfinite(result["joint_stiffness"].values))
+            drawn = result["joint_stiffness_sample"].values[:, known]
+            low[k, known], high[k, known] = np.nanpercentile(drawn, (2.5, 97.5), axis=0)
     joined = SWEEP.build(
         values
         | {
@@ -265,7 +271,8 @@ def _join(
         },
         title=sweep.title,
     )
-    return joined.assign_coords(parameter=list(sweep.parameters), **_coordinates(sweep))
+    labels = {"parameter": list(sweep.parameters), "quantity": list(STIFFNESSES)}
+    return joined.assign_coords(labels | _coordinates(sweep))
 
 
 def _coordinates(sweep: Sweep) -> dict[str, Any]:

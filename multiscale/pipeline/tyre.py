@@ -13,6 +13,7 @@ import numpy as np
 from multiscale.errors import CaseError, ConvergenceError
 from multiscale.io import make_folder, save_law, write_dataset
 from multiscale.laws import BellFriction, Exponential, SteadySliding
+from multiscale.macro.data_range import load_shares, with_load_shares
 from multiscale.macro.joint import Footprint, TreadBlock, condense_tread, slide_tread
 from multiscale.macro.joint.tread import CondensedTread
 from multiscale.micro.sliding import wlf_shift
@@ -24,6 +25,7 @@ from multiscale.pipeline.tyre_cells import slide_roads
 from multiscale.pipeline.tyre_settings import TyreCase
 from multiscale.schema import MACRO_RESULT
 from multiscale.upscaling import (
+    cell_share,
     fit_law,
     fitted_law,
     friction_observations,
@@ -177,11 +179,12 @@ def solve_treads(case: TyreCase, response: "xr.Dataset", law: "xr.Dataset") -> "
     tread, coarse = _condense(case, elements), _condense(case, fewer)
     steps = list(product(case.sliding.temperatures, case.sliding.speeds))
     samples = range(min(MOST_SAMPLES, law.sizes.get("sample", 0)))
-    found, coarser, times = [], [], []
+    found, coarser, times, ranges = [], [], [], []
     sampled = np.full((len(samples), len(steps)), np.nan)
     for k, (temperature, speed) in enumerate(steps):
         begin = perf_counter()
         normal = _normal_law(response, temperature, speed)
+        ranges.append(normal.pressure_range)
         mean = SteadySliding(normal, friction_at(law, temperature), (speed, 0.0))
         found.append(slide_tread(tread, mean, pressure))
         coarser.append(_force(slide_tread(coarse, mean, pressure)))
@@ -211,8 +214,21 @@ def solve_treads(case: TyreCase, response: "xr.Dataset", law: "xr.Dataset") -> "
         title=case.title,
         cautions=_missed(law),
     )
+    pressure_of = np.array(
+        [np.where(one.solution.converged, -one.traction[0], np.nan) for one in found]
+    )
+    data = np.array(ranges)
+    shares = load_shares(pressure_of, tread.weight, data)[..., None]
+    ends = np.array([[data[:, 0].max(), data[:, 1].min()]])
+    result = with_load_shares(result, shares, ends, extrapolate=case.law.extrapolate)
     ratio = float(np.prod(elements) / np.prod(fewer)) ** (1.0 / 3.0)
-    return with_braking_budget(result, law, {ratio: np.array(coarser)} if ratio > 1.0 else {})
+    coarse_force = {ratio: np.array(coarser)} if ratio > 1.0 else {}
+    result = with_braking_budget(result, law, coarse_force)
+    total = result["error_total"].where(result["known"] == 1)
+    edge = min(case.tread.length, case.tread.width)
+    return result.assign(error_total=total).assign_attrs(
+        facts=cell_share(max(case.cell.size), edge)
+    )
 
 
 def _condense(case: TyreCase, elements: tuple[int, ...]) -> CondensedTread:

@@ -158,9 +158,13 @@ class LawSettings(Settings):
     ----------
     samples : int
         Bootstrap samples behind the bands.
+    extrapolate : bool
+        Whether forces stand where more than 5 % of the load lies beyond a factor of 2 outside the
+        pressures of the cells; they are unknown otherwise.
     """
 
     samples: Annotated[Count, Field(ge=0)] = 200
+    extrapolate: bool = False
 
 
 class TyreCase(Settings):
@@ -205,7 +209,7 @@ class TyreCase(Settings):
                 "title": f"{self.title} (quick)",
                 "cell": self.cell.model_copy(update={"points": points}),
                 "sliding": self.sliding.model_copy(update=fewer),
-                "law": LawSettings(samples=min(80, self.law.samples)),
+                "law": self.law.model_copy(update={"samples": min(80, self.law.samples)}),
                 "tread": self.tread.model_copy(update={"elements": (6, 4, 2)}),
             }
         )

@@ -159,6 +159,7 @@ def plot_joint_stiffness(result: "xr.Dataset", *, ax: "Axes | None" = None) -> "
         Where to draw. The current axes if not given.
     """
     ax = axes_or_current(ax)
+    result = result.isel(step=np.flatnonzero(np.isfinite(result["joint_stiffness"].values)))
     preload = 1e-6 * result["preload"].values
     to_plot = 1e-12  # Pa/m to MPa/um
     if "joint_stiffness_sample" in result:
@@ -171,8 +172,8 @@ def plot_joint_stiffness(result: "xr.Dataset", *, ax: "Axes | None" = None) -> "
         ax.plot(preload, unloading, "s--", color="C3", label="joint, preload begins to fall")
     interface = to_plot * result["interface_stiffness"].values
     ax.plot(preload, interface, "--", color="C1", label="interface alone")
-    solid = to_plot * float(result["solid_stiffness"])
-    ax.axhline(solid, color="0.4", linestyle=":", label="blocks without interface")
+    solid = to_plot * result["solid_stiffness"].values
+    ax.plot(preload, solid, color="0.4", linestyle=":", label="bodies alone")
     ax.set_xscale("log")
     ax.set_yscale("log")
     ax.set_xlabel("preload (MPa)")

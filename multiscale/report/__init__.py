@@ -6,6 +6,7 @@ from multiscale.report.sliding import describe_sliding
 from multiscale.report.sweep import list_sweep_cautions
 from multiscale.report.tables import (
     list_cycles,
+    list_facts,
     tabulate,
     tabulate_braking,
     tabulate_grains,
@@ -18,6 +19,7 @@ __all__ = [
     "describe_sliding",
     "list_cutoffs",
     "list_cycles",
+    "list_facts",
     "list_sweep_cautions",
     "tabulate",
     "tabulate_braking",

@@ -20,7 +20,7 @@ from multiscale.report.sweep import (
     sweep_question,
     sweep_sections,
 )
-from multiscale.report.tables import tabulate
+from multiscale.report.tables import list_facts, tabulate
 from multiscale.report.tyre import braking_answer, braking_question, braking_sections
 from multiscale.schema import SWEEP
 from multiscale.units import readable
@@ -109,10 +109,10 @@ def _question(result: "xr.Dataset") -> str:
 
 
 def _answer(result: "xr.Dataset") -> list[str]:
-    """Say the largest preload that converged, with its error."""
-    done = np.flatnonzero(result["converged"].values)
+    """Say the middle one of the preloads with an answer, with its error, and what flows."""
+    done = np.flatnonzero(np.isfinite(result["joint_stiffness"].values))
     if done.size == 0:
-        return ["No preload converged."]
+        return ["The answer is known at no preload."]
     head, rows = tabulate(result.isel(step=[done[done.size // 2]]))
     row = dict(zip(head, rows[0], strict=True))
     error = f" with an error of at most {row['error (%)']} % (95 %)" if row["error (%)"] else ""
@@ -129,15 +129,18 @@ def _answer(result: "xr.Dataset") -> list[str]:
         beside = f" Not known of the error: {unknown}; see the error budget."
     return [
         f"At {row['preload (MPa)']} MPa its stiffness is {row['joint stiffness (MPa/µm)']} MPa/µm"
-        f"{error}, and {row['contact (%)']} % of it touches.{unloading}"
-        f"{beside}"
+        f"{error}, and {row['contact (%)']} % of it touches, under "
+        f"{row['real pressure (MPa)']} MPa on the mean.{unloading} "
+        f"In MPa/µm, the interface alone has {row['interface (MPa/µm)']} and the bodies "
+        f"{row['bodies (MPa/µm)']}.{beside}",
+        *list_facts(result)[:1],
     ]
 
 
 def _joint(result: "xr.Dataset") -> Section:
     """Table and figure of the macro result."""
-    plan = result.attrs.get("plan", "").splitlines()
-    return Section("Joint", plan, *tabulate(result), ("joint_stiffness",))
+    told = [*result.attrs.get("plan", "").splitlines(), *list_facts(result)]
+    return Section("Joint", told, *tabulate(result), ("joint_stiffness",))
 
 
 def _law(response: "xr.Dataset", law: "xr.Dataset") -> Section:

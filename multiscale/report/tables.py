@@ -10,6 +10,7 @@ if TYPE_CHECKING:
 
 __all__ = [
     "list_cycles",
+    "list_facts",
     "say_error",
     "tabulate",
     "tabulate_braking",
@@ -24,8 +25,11 @@ HEAD = (
     "joint stiffness (MPa/µm)",
     "95 % band",
     "error (%)",
+    "interface (MPa/µm)",
+    "bodies (MPa/µm)",
     "mean gap (µm)",
     "contact (%)",
+    "real pressure (MPa)",
 )
 
 MOST_ROWS = 11
@@ -45,9 +49,8 @@ def tabulate(result: "xr.Dataset") -> tuple[tuple[str, ...], list[tuple[str, ...
     rows: list[tuple[str, ...]] = []
     for k in range(result.sizes["step"]):
         step = result.isel(step=k)
-        if not int(step["converged"]):
-            failed = (f"{1e-6 * float(step['preload']):.4g}", "not converged")
-            rows.append(failed + ("",) * (len(head) - len(failed)))
+        if missing := _missing(step):
+            rows.append(_padded((f"{1e-6 * float(step['preload']):.4g}", missing), head))
             continue
         band = np.full(2, np.nan)
         if "joint_stiffness_sample" in result:
@@ -70,9 +73,9 @@ def tabulate_sweep(result: "xr.Dataset") -> tuple[tuple[str, ...], list[tuple[st
     for k in range(result.sizes["point"]):
         point = result.isel(point=k)
         said = tuple(map(str, point["setting"].values))
-        done = np.flatnonzero(point["converged"].values)
+        done = np.flatnonzero(np.isfinite(point["joint_stiffness"].values))
         if done.size == 0:
-            rows.append((*said, "", "no result", "", "", "", ""))
+            rows.append(_padded((*said, "", "no result"), head))
             continue
         step = point.isel(step=done[-1])
         band = (float(step[f"joint_stiffness_{end}"]) for end in ("low", "high"))
@@ -87,15 +90,46 @@ def _row(step: "xr.Dataset", band: "Sequence[float] | np.ndarray") -> tuple[str,
         f"{1e-6 * float(step['preload']):.4g}",
         f"{1e-12 * float(step['joint_stiffness']):.4g}",
         "none" if np.isnan(low) else f"{low:.4g} ... {high:.4g}",
-        say_error(float(step["error_total"][0])) if "error_total" in step else "",
+        _error(step, "joint_stiffness"),
+        _part(step, "interface_stiffness"),
+        _part(step, "solid_stiffness"),
         f"{1e6 * float(step['mean_gap']):.4g}",
         f"{100.0 * float(step['contact_fraction']):.3g}",
+        f"{1e-6 * float(step['real_pressure']):.4g}" if "real_pressure" in step else "",
     )
 
 
 def say_error(total: float) -> str:
     """Total of an error budget in per cent, or that a term it must hold could not be computed."""
     return f"{100.0 * total:.2g}" if np.isfinite(total) else "unknown"
+
+
+def _missing(step: "xr.Dataset") -> str:
+    """Why a step has no answer; empty if it has."""
+    if not int(step["converged"]):
+        return "not converged"
+    return "unknown" if "known" in step and np.isnan(step["approach"]) else ""
+
+
+def _padded(row: tuple[str, ...], head: Sequence[str]) -> tuple[str, ...]:
+    """Fill a row up with empty cells."""
+    return row + ("",) * (len(head) - len(row))
+
+
+def _error(step: "xr.Dataset", name: str) -> str:
+    """Total error of a quantity, per cent; empty if nothing was estimated."""
+    if "error_total" not in step or name not in step["quantity"].values:
+        return ""
+    return say_error(float(step["error_total"].sel(quantity=name)))
+
+
+def _part(step: "xr.Dataset", name: str) -> str:
+    """Stiffness of a part of the joint, MPa/µm, with its error; empty in an earlier version."""
+    if name not in step:
+        return ""
+    error = _error(step, name)
+    beside = f" ± {error} %" if error not in ("", "unknown") else ""
+    return f"{1e-12 * float(step[name]):.4g}{beside}"
 
 
 def tabulate_links(result: "xr.Dataset") -> tuple[tuple[str, ...], list[tuple[str, ...]]]:
@@ -161,31 +195,7 @@ def tabulate_scene(result: "xr.Dataset") -> tuple[tuple[str, ...], list[tuple[st
     if "contact_force" in result:
         return tabulate_grains(result)
     if "tangential_stiffness" in result:
-        head: tuple[str, ...] = (
-            "preload (MPa)",
-            "joint stiffness (MPa/µm)",
-            "tangential (MPa/µm)",
-            "stick (%)",
-            "slip (%)",
-            "open (%)",
-        )
-        scales = (1e-6, 1e-12, 1e-12, 100.0, 100.0, 100.0)
-        names = (
-            "preload",
-            "joint_stiffness",
-            "tangential_stiffness",
-            *(f"{state}_fraction" for state in ("stick", "slip", "open")),
-        )
-        shown = result.isel(step=np.flatnonzero(result["shear"].values == 0.0))
-        shown = shown.isel(step=np.flatnonzero(np.isfinite(shown["joint_stiffness"].values)))
-        columns = [
-            [f"{scale * value:.4g}" for value in shown[name].values]
-            for name, scale in zip(names, scales, strict=True)
-        ]
-        if "error_total" in shown:
-            head = (*head, "error (%)")
-            columns.append([say_error(total) for total in shown["error_total"].values[0]])
-        return head, list(zip(*columns, strict=True))
+        return _tabulate_preloads(result)
     largest = 1e6 * np.abs(result["displacement"].values).max(axis=(1, 2))
     return ("load", "largest displacement (µm)", "iterations", "residual"), [
         (f"{load:.4g}", f"{u:.4g}", f"{n}", f"{residual:.1e}")
@@ -197,6 +207,45 @@ def tabulate_scene(result: "xr.Dataset") -> tuple[tuple[str, ...], list[tuple[st
             strict=True,
         )
     ]
+
+
+def _tabulate_preloads(result: "xr.Dataset") -> tuple[tuple[str, ...], list[tuple[str, ...]]]:
+    """Head and rows of bodies with joints at their preloads."""
+    states = ("stick", "slip", "open")
+    head = (
+        "preload (MPa)",
+        "joint stiffness (MPa/µm)",
+        "error (%)",
+        "interface (MPa/µm)",
+        "bodies (MPa/µm)",
+        "tangential (MPa/µm)",
+        *(f"{state} (%)" for state in states),
+        "real pressure (MPa)",
+    )
+    rows: list[tuple[str, ...]] = []
+    for k in range(int(np.argmax(result["shear"].values != 0.0)) or result.sizes["step"]):
+        step = result.isel(step=k)
+        preload = f"{1e-6 * float(step['preload']):.4g}"
+        if missing := _missing(step):
+            rows.append(_padded((preload, missing), head))
+            continue
+        row = (
+            preload,
+            f"{1e-12 * float(step['joint_stiffness']):.4g}",
+            _error(step, "joint_stiffness"),
+            _part(step, "interface_stiffness"),
+            _part(step, "solid_stiffness"),
+            f"{1e-12 * float(step['tangential_stiffness']):.4g}",
+            *(f"{100.0 * float(step[f'{state}_fraction']):.4g}" for state in states),
+            f"{1e-6 * float(step['real_pressure']):.4g}" if "real_pressure" in step else "",
+        )
+        rows.append(row)
+    return head, rows
+
+
+def list_facts(result: "xr.Dataset") -> list[str]:
+    """Say what stands beside the table of a result: what flows, and how large a cell is."""
+    return str(result.attrs.get("facts", "")).splitlines()
 
 
 def tabulate_braking(result: "xr.Dataset") -> tuple[tuple[str, ...], list[tuple[str, ...]]]:
@@ -214,6 +263,9 @@ def tabulate_braking(result: "xr.Dataset") -> tuple[tuple[str, ...], list[tuple[
         at = (f"{float(step['temperature']) - 273.15:.4g}", f"{float(step['sliding_speed']):.3g}")
         if not int(step["converged"]):
             rows.append((*at, "not converged", "", ""))
+            continue
+        if np.isnan(step["braking_force"]):
+            rows.append((*at, "unknown", "", ""))
             continue
         band = "none"
         if "braking_force_sample" in result:

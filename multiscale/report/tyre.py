@@ -5,7 +5,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from multiscale.report.section import Section
-from multiscale.report.tables import say_error, tabulate_braking
+from multiscale.report.tables import list_facts, say_error, tabulate_braking
 from multiscale.upscaling import require_law
 from multiscale.upscaling.budget import how_attribute
 
@@ -49,10 +49,11 @@ def braking_answer(result: "xr.Dataset") -> list[str]:
     lines = []
     for temperature in np.unique(result["temperature"].values):
         at = np.flatnonzero(
-            (result["temperature"].values == temperature) & (result["converged"].values == 1)
+            (result["temperature"].values == temperature)
+            & np.isfinite(result["braking_force"].values)
         )
         if at.size == 0:
-            lines.append(f"At {temperature - ZERO_CELSIUS:.4g} °C nothing converged.")
+            lines.append(f"At {temperature - ZERO_CELSIUS:.4g} °C no force is known.")
             continue
         best = _hardest(result.isel(step=at))
         error = ""
@@ -97,7 +98,7 @@ def braking_sections(law: "xr.Dataset", result: "xr.Dataset", bodies: str) -> li
     require_law(law, *LAW)
     values = law.attrs
     return [
-        Section("Tread block", [], *tabulate_braking(result), ("braking_force",)),
+        Section("Tread block", list_facts(result), *tabulate_braking(result), ("braking_force",)),
         Section(
             "Friction law",
             [

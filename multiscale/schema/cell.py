@@ -21,6 +21,7 @@ MICRO_RESPONSE = Schema(
         "wall_time": Variable(_CELL, "s", "wall time of the step"),
     },
     optional={
+        "real_pressure": Variable(_CELL, "Pa", "mean pressure on the real contact area"),
         "recovered_traction": Variable(
             (*_CELL, "component"), "Pa", "averaged traction from the recovered Cauchy stress"
         ),

@@ -6,7 +6,7 @@ __all__ = ["HOMOGENISED", "MACRO_RESULT"]
 
 MACRO_RESULT = Schema(
     name="macro_result",
-    version=1,
+    version=2,
     variables={
         "converged": Variable(("step",), "1", "whether the macro solver converged"),
         "residual": Variable(("step",), "1", "residual relative to the load"),
@@ -27,12 +27,18 @@ MACRO_RESULT = Schema(
         "interface_stiffness": Variable(
             ("step",), "Pa m-1", "normal stiffness of the interface alone"
         ),
-        "solid_stiffness": Variable((), "Pa m-1", "stiffness of the blocks without interface"),
+        "interface_stiffness_sample": Variable(
+            ("sample", "step"), "Pa m-1", "interface stiffness for each sample of the law"
+        ),
+        "solid_stiffness": Variable(("step",), "Pa m-1", "normal stiffness of the bodies alone"),
         "approach": Variable(("step",), "m", "displacement of the loaded platen"),
         "mean_gap": Variable(("step",), "m", "area mean of the gap of the joint"),
         "contact_fraction": Variable(("step",), "1", "real over nominal contact area"),
         "contact_fraction_sample": Variable(
             ("sample", "step"), "1", "contact fraction for each sample of the law"
+        ),
+        "real_pressure": Variable(
+            ("step",), "Pa", "mean pressure on the real contact area: load over that area"
         ),
         "closed_fraction": Variable(("step",), "1", "share of the interface that carries pressure"),
         "position": Variable(("node", "component"), "m", "position of the nodes"),
@@ -88,9 +94,16 @@ MACRO_RESULT = Schema(
         "open_fraction": Variable(("step",), "1", "share of the joint area that is open"),
         "stick_fraction": Variable(("step",), "1", "share of the joint area that sticks"),
         "slip_fraction": Variable(("step",), "1", "share of the joint area that slips"),
-        "beyond_fraction": Variable(
-            ("step",), "1", "share of the joint area whose pressure lies beyond the data of the law"
+        "load_below": Variable(
+            ("step", "interface"), "1", "share of the load at pressures below the data of the law"
         ),
+        "load_above": Variable(
+            ("step", "interface"), "1", "share of the load at pressures above the data of the law"
+        ),
+        "load_far": Variable(
+            ("step", "interface"), "1", "share of the load beyond a factor of 2 outside the data"
+        ),
+        "known": Variable(("step",), "1", "whether the data of the laws reach the answer"),
         "shear": Variable(("step",), "Pa", "tangential traction on the loaded face"),
         "shear_displacement": Variable(
             ("step",), "m", "mean displacement of the loaded face along the tangential traction"

@@ -26,6 +26,18 @@ SWEEP = Schema(
         "contact_fraction": Variable(("point", "step"), "1", "real over nominal contact area"),
     },
     optional={
+        "interface_stiffness": Variable(
+            ("point", "step"), "Pa m-1", "normal stiffness of the interface alone"
+        ),
+        "solid_stiffness": Variable(
+            ("point", "step"), "Pa m-1", "normal stiffness of the bodies alone"
+        ),
+        "real_pressure": Variable(
+            ("point", "step"), "Pa", "mean pressure on the real contact area"
+        ),
+        "error_total": Variable(
+            ("point", "quantity", "step"), "1", "total error of a stiffness, relative"
+        ),
         "caution": Variable(("point",), "1", "what to beware of at a point, a line for each"),
     },
 )

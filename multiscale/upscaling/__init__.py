@@ -22,6 +22,7 @@ from multiscale.upscaling.reading import (
 )
 from multiscale.upscaling.resolution import estimate_grid_error
 from multiscale.upscaling.scales import (
+    cell_share,
     compare_scales,
     pressure_length,
     pressure_length_of_points,
@@ -35,7 +36,7 @@ from multiscale.upscaling.statistics import (
     required_realisations,
     size_trend,
 )
-from multiscale.upscaling.structure_errors import structure_budget, with_scales
+from multiscale.upscaling.structure_errors import over_steps, structure_budget, with_scales
 from multiscale.upscaling.tables import read_observations
 from multiscale.upscaling.unloading import (
     fit_branches,
@@ -52,6 +53,7 @@ __all__ = [
     "area_from_dataset",
     "area_observations",
     "at_rms_height",
+    "cell_share",
     "compare_laws",
     "compare_scales",
     "ensemble_average",
@@ -69,6 +71,7 @@ __all__ = [
     "nayak_trend",
     "normal_observations",
     "observe",
+    "over_steps",
     "pressure_length",
     "pressure_length_of_points",
     "read_observations",

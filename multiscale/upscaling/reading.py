@@ -70,10 +70,11 @@ def _laws(
     """Make several laws of a dataset, which is checked and read once."""
     INTERFACE_LAW.check(dataset)
     name = dataset.attrs.get("family", "convex_decreasing")
+    ends = dataset.attrs
+    data = float(ends.get("pressure_min", 0.0)), float(ends.get("pressure_max", np.inf))
     if name == "convex_decreasing":
         require_law(dataset, "knot", "coefficient")
-        knot, ends = dataset["knot"].to_numpy(), dataset.attrs
-        data = float(ends.get("pressure_min", 0.0)), float(ends.get("pressure_max", np.inf))
+        knot = dataset["knot"].to_numpy()
         coefficients = _pick(dataset, "coefficient", samples)
         return [ConvexDecreasing(knot, one, pressure_range=data) for one in coefficients]
     family = family or FAMILIES.get(str(name))
@@ -84,7 +85,9 @@ def _laws(
     require_law(dataset, "held", *family.parameters)
     held = str(dataset.attrs["held"]).split()
     require_law(dataset, *held)
-    given = {key: float(dataset[key]) for key in held}
+    given: dict[str, Any] = {key: float(dataset[key]) for key in held}
+    if family.told:
+        given["pressure_range"] = data
     columns = [_pick(dataset, key, samples) for key in family.parameters]
     return [
         family.make(**dict(zip(family.parameters, map(float, row), strict=True)), **given)

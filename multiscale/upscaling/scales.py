@@ -8,6 +8,7 @@ from multiscale.errors import CaseError
 
 __all__ = [
     "ScaleSeparation",
+    "cell_share",
     "compare_scales",
     "pressure_length",
     "pressure_length_of_points",
@@ -107,6 +108,14 @@ def compare_scales(
         cell_size / (macro_length if extent is None else extent),
         float(ratio),
         tuple(cautions),
+    )
+
+
+def cell_share(cell_size: float, extent: float) -> str:
+    """Say how large a cell is beside the interface; both edges in m."""
+    return (
+        f"A cell of {1e3 * cell_size:.4g} mm is {cell_size / extent:.2g} of the edge of the "
+        f"interface, {1e3 * extent:.4g} mm."
     )
 
 

@@ -1,12 +1,13 @@
 """How wrong an answer of the structure is, from the error budget of its law."""
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from typing import TYPE_CHECKING
 
 import numpy as np
 
 from multiscale.errors import CaseError
 from multiscale.laws import NormalLaw, StretchedLaw
+from multiscale.schema import ERROR_BUDGET
 from multiscale.upscaling.budget import (
     ERROR_TERMS,
     Terms,
@@ -24,28 +25,30 @@ from multiscale.upscaling.scales import ScaleSeparation
 if TYPE_CHECKING:
     import xarray as xr
 
-__all__ = ["structure_budget", "with_scales"]
+__all__ = ["over_steps", "structure_budget", "with_scales"]
 
 STRETCH = 0.02  # of the gaps, to see how an answer depends on them
 FEWEST_SAMPLES = 40  # for a percentile interval
 
 
 def structure_budget(
-    name: str,
+    name: str | Sequence[str],
     law: "xr.Dataset",
     solve: Callable[[NormalLaw], np.ndarray],
     *,
     answer: np.ndarray | None = None,
     pressure: np.ndarray | None = None,
     coarser: Mapping[float, np.ndarray] | None = None,
+    exact: str = "",
     samples: np.ndarray | int = 100,
 ) -> "xr.Dataset":
-    """Carry the error budget of a law to an answer of the structure.
+    """Carry the error budget of a law to an answer of the structure, or to several.
 
     Parameters
     ----------
-    name : str
-        Of the answer, for instance ``"joint_stiffness"``.
+    name : str or sequence of str
+        Of the answer, for instance ``"joint_stiffness"``. Several answers have an axis of their
+        own before that of the steps, here and in the arrays below.
     law : Dataset
         Follows ``INTERFACE_LAW`` and carries its budget; see :func:`with_budget`.
     solve : callable
@@ -58,6 +61,8 @@ def structure_budget(
     coarser : mapping of float to ndarray, shape (steps,), optional
         Answers with the mean law on coarser meshes, by the ratio of the spacings; see
         :func:`estimate_grid_error`.
+    exact : str, optional
+        Why the structure with a law is solved without an error of its own, if it is.
     samples : int or ndarray, shape (samples, steps)
         How many bootstrap samples of the law are solved, from the first on, or their answers.
         With fewer than 40, sampling enters as the other terms do.
@@ -65,12 +70,12 @@ def structure_budget(
     Returns
     -------
     Dataset
-        Follows ``ERROR_BUDGET``, with one quantity. *Sampling* comes from the samples of the law.
-        The other terms of the law enter by the change of the answer when all gaps are larger, and
-        when the law is softer about the mean pressure, by what they are of gap and stiffness; a
-        bias by solving with a law of free form through the gaps without it. A term of the law
-        that is not known at a pressure, or without samples not for the stiffness, makes the total
-        unknown, NaN.
+        Follows ``ERROR_BUDGET``, with a quantity for each answer. *Sampling* comes from the
+        samples of the law. The other terms of the law enter by the change of the answer when all
+        gaps are larger, and when the law is softer about the mean pressure, by what they are of
+        gap and stiffness; a bias by solving with a law of free form through the gaps without it.
+        A term of the law that is not known at a pressure, or without samples not for the
+        stiffness, makes the total unknown, NaN.
 
     Raises
     ------
@@ -81,27 +86,60 @@ def structure_budget(
         raise CaseError(
             "the law carries no error budget; add it by with_budget(law, error_budget(...))"
         )
-    mean_law = law_from_dataset(law)
-    found = solve(mean_law) if answer is None else answer
-    value = np.atleast_1d(np.asarray(found, dtype=float))
+    mean_law, names = law_from_dataset(law), (name,) if isinstance(name, str) else tuple(name)
+
+    def solved(one: NormalLaw) -> np.ndarray:
+        return _rows(solve(one), names)
+
+    value = solved(mean_law) if answer is None else _rows(answer, names)
     require_law(law, "fit_mean_gap", "error_bias", *map(how_attribute, ERROR_TERMS))
     how = {term: str(law.attrs[how_attribute(term)]) for term in ERROR_TERMS}
-    terms = _law_terms(law, mean_law, solve, value, pressure)
-    biases = _law_biases(law, solve, value, terms)
+    terms = _law_terms(law, mean_law, solved, value, pressure)
+    biases = _law_biases(law, solved, value, terms)
     if not isinstance(samples, np.ndarray):
         n = min(samples, int(law.sizes.get("sample", 0)))
         n = n if n >= FEWEST_SAMPLES else 0
-        samples = np.array([np.atleast_1d(solve(law_from_dataset(law, k))) for k in range(n)])
+        samples = np.array([solved(law_from_dataset(law, k)) for k in range(n)])
     if len(samples):
-        low, high = np.nanpercentile(samples, [2.5, 97.5], axis=0)
-        terms["sampling"] = (0.5 * (high - low) / np.abs(value))[None]
+        rows = np.reshape(samples, (len(samples), *value.shape))
+        low, high = np.nanpercentile(rows, [2.5, 97.5], axis=0)
+        terms["sampling"] = 0.5 * (high - low) / np.abs(value)
         how["sampling"] = f"{len(samples)} bootstrap samples of the law"
     how["macro discretisation"] = "not known: pass coarser, the answers on coarser meshes"
-    if coarser:
-        estimate = estimate_grid_error(value, coarser)
-        terms["macro discretisation"] = (estimate.half_width / np.abs(value))[None]
+    if exact:
+        terms["macro discretisation"] = np.zeros(value.shape)
+        how["macro discretisation"] = exact
+    elif coarser:
+        estimate = estimate_grid_error(value, {r: _rows(a, names) for r, a in coarser.items()})
+        terms["macro discretisation"] = estimate.half_width / np.abs(value)
         how["macro discretisation"] = estimate.how
-    return assemble_budget(terms, biases, how, (name,), None, steps=value.size)
+    return assemble_budget(terms, biases, how, names, None, steps=value.shape[1])
+
+
+def over_steps(budget: "xr.Dataset", steps: np.ndarray, count: int) -> "xr.Dataset":
+    """Return a budget of some steps as one of all of them, NaN at the others.
+
+    Parameters
+    ----------
+    budget : Dataset
+        Follows ``ERROR_BUDGET``.
+    steps : ndarray of int
+        Which the budget is of.
+    count : int
+        Number of all steps.
+    """
+    values = {}
+    for name in ("error_half_width", "error_bias", "error_total"):
+        values[name] = np.full((*budget[name].shape[:-1], count), np.nan)
+        values[name][..., steps] = budget[name].to_numpy()
+    return ERROR_BUDGET.build(values, **budget.attrs).assign_coords(
+        quantity=budget["quantity"].values, error_term=budget["error_term"].values
+    )
+
+
+def _rows(answer: np.ndarray, names: Sequence[str]) -> np.ndarray:
+    """Answers as rows over the steps, one for each name."""
+    return np.reshape(np.asarray(answer, dtype=float), (len(names), -1))
 
 
 def _law_terms(
@@ -115,8 +153,8 @@ def _law_terms(
     p = law["fit_pressure"].to_numpy() if pressure is None else np.asarray(pressure)
     middle = float(mean_law.gap_at(np.array(np.exp(np.mean(np.log(p))))))
     by = STRETCH * float(np.ptp(law["fit_mean_gap"].to_numpy()))
-    shifted = np.atleast_1d(solve(StretchedLaw(mean_law, 1.0, shift=by)))
-    stretched = np.atleast_1d(solve(StretchedLaw(mean_law, 1.0 + STRETCH, centre=middle)))
+    shifted = solve(StretchedLaw(mean_law, 1.0, shift=by))
+    stretched = solve(StretchedLaw(mean_law, 1.0 + STRETCH, centre=middle))
     of_gap = np.abs(shifted / answer - 1.0) / by  # 1/m
     of_stiffness = np.abs(stretched / answer - 1.0) / STRETCH
     known = law["error_half_width"].notnull().any(("quantity", "step"))
@@ -124,8 +162,14 @@ def _law_terms(
     for term in ERROR_TERMS[:-1]:
         if known.sel(error_term=term):
             gap, stiffness = _at_pressure(law, term, pressure)
-            terms[term] = np.hypot(of_gap * gap, of_stiffness * stiffness)[None]
+            parts = _product(of_gap, gap), _product(of_stiffness, stiffness)
+            terms[term] = np.hypot(*parts)
     return terms
+
+
+def _product(change: np.ndarray, half_width: np.ndarray) -> np.ndarray:
+    """Half-width of an answer by its change with a quantity; nothing unknown if it changes not."""
+    return np.where(change == 0.0, 0.0, change * half_width)
 
 
 def _law_biases(
@@ -139,8 +183,7 @@ def _law_biases(
     for term in terms:
         bias = law["error_bias"].sel(quantity="mean_gap", error_term=term).to_numpy()
         if np.any(bias):
-            unbiased = np.atleast_1d(solve(_unbiased(law, bias)))
-            biases[term] = ((answer - unbiased) / np.abs(answer))[None]
+            biases[term] = (answer - solve(_unbiased(law, bias))) / np.abs(answer)
     return biases
 
 

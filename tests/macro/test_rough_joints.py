@@ -187,18 +187,56 @@ def test_a_lap_joint_loses_energy_and_its_bolted_stiffness_grows_with_the_preloa
     assert np.isnan(lap.joint_stiffness[2:]).all()
 
 
-def test_pressures_beyond_the_data_are_a_caution_with_their_share():
-    law = Sliders(
-        ConvexDecreasing(np.array([0.0, 1e-6]), np.array([0.0, 1e25]), pressure_range=(1e5, 4e6)),
-        0.2,
+def limited(*ends):
+    """Law with data between two pressures."""
+    cubic = ConvexDecreasing(np.array([0.0, 1e-6]), np.array([0.0, 1e25]), pressure_range=ends)
+    return Sliders(cubic, 0.2)
+
+
+def test_load_beyond_the_data_is_a_caution_and_far_beyond_them_unknown():
+    materials = [Elastic(70e9, 0.0)] * 3
+    laws = [limited(1e6, 100e6), limited(1e6, 4e6)]
+    blocks = stacked_blocks((0.02, 0.02, 0.01), (2, 2, 1), materials, laws)
+    loading = JointLoading((3e6, 5e6, 9e6), shear=0.1e6, cycles=1, steps=1)
+    result = load_joint(blocks, loading)
+    np.testing.assert_allclose(result.load_above[:3], [[0, 0], [0, 1], [0, 1]], atol=1e-12)
+    np.testing.assert_allclose(result.load_far[:3], [[0, 0], [0, 0], [0, 1]], atol=1e-12)
+    np.testing.assert_array_equal(result.known[:4], [1, 1, 0, 0])
+    far, near = result.attrs["cautions"].splitlines()
+    assert (
+        "100 % of the load lies more than a factor of 2 outside the pressures of the law of" in far
     )
-    blocks = stacked_blocks((0.02, 0.02, 0.01), (2, 2, 1), [Elastic(70e9, 0.0)] * 2, [law])
-    inside = load_joint(blocks, JointLoading((3e6,)))
-    assert inside.attrs["cautions"] == ""
-    result = load_joint(blocks, JointLoading((3e6, 5e6)))
-    np.testing.assert_allclose(result.beyond_fraction, [0.0, 1.0])
-    assert "up to 100 % of the joint area" in result.attrs["cautions"]
-    assert "at most 5 MPa in step 1" in result.attrs["cautions"]
+    assert "interface 1, 1 MPa to 4 MPa" in far
+    assert "at step 2 with the preload 9 MPa: the answer there is unknown" in far
+    assert "below and 100 % above the pressures of the law of interface 1" in near
+    for name in ("joint_stiffness", "approach", "displacement", "traction"):
+        found = np.isfinite(result[name].values.reshape(result.sizes["step"], -1))
+        assert found[:2].all()
+        assert not found[2:].any()
+    assert np.isnan(result.cycle_energy).all()
+
+    cut = load_joint(blocks, JointLoading((9e6,)), parts=(2, 1))
+    np.testing.assert_allclose(cut.load_above, [[0.0, 1.0]], atol=1e-12)  # of joints, not pieces
+
+    told = load_joint(blocks, loading, extrapolate=True)
+    np.testing.assert_array_equal(told.known, result.known)
+    np.testing.assert_array_equal(told.joint_stiffness[:2], result.joint_stiffness[:2])
+    assert np.isfinite(told.joint_stiffness[2])
+    assert np.isfinite(told.cycle_energy).all()
+    assert "extrapolated, and its error is unknown" in told.attrs["cautions"]
+
+
+def test_joint_and_bodies_in_series_are_the_whole(lap):
+    """Springs for blocks, and for the lap joint the compliances of joint and bodies add up."""
+    E, h, pressure = 70e9, 0.01, np.array([2e6, 20e6])
+    blocks = stacked_blocks((0.02, 0.02, h), (2, 2, 1), [Elastic(E, 0.0)] * 3, [LAW, LAW])
+    found = load_joint(blocks, JointLoading(tuple(pressure)))
+    of_law = LAW.normal.stiffness(LAW.normal.gap_at(pressure))
+    np.testing.assert_allclose(found.interface_stiffness, 0.5 * of_law, rtol=1e-6)
+    np.testing.assert_allclose(found.solid_stiffness, E / (3.0 * h), rtol=1e-6)
+    whole = series(lap.interface_stiffness[:2].values, lap.solid_stiffness[:2].values)
+    np.testing.assert_allclose(whole, lap.joint_stiffness[:2], rtol=1e-9)
+    assert lap.interface_stiffness[1] > lap.interface_stiffness[0]
 
 
 def test_shear_beyond_friction_ends_the_path_and_says_when():

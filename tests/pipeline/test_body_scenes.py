@@ -179,14 +179,34 @@ def test_damage_of_blocks_and_joints_enters_their_springs(tmp_path):
     np.testing.assert_allclose(result.joint_stiffness, expected, rtol=1e-6)
 
 
-def test_pressures_beyond_the_law_are_a_caution_on_the_command_line(tmp_path):
-    law = write_law(tmp_path / "law.nc", (1e6, 10e6))
-    out = str(tmp_path / "blocks.nc")
-    done = CliRunner().invoke(
-        app, ["macro", str(write(tmp_path, BLOCKS)), "-o", out, "--law", str(law)]
-    )
-    assert done.exit_code == 0
-    assert "caution: up to 100 % of the joint area carries pressures beyond" in done.output
+@pytest.mark.parametrize(
+    ("highest", "more", "status", "said"),
+    [
+        (10e6, "", 0, "caution: up to 0 % of the load lies below and 100 % above the pressures"),
+        (8e6, "", 0, "          20                   unknown"),
+        (8e6, "extrapolate = true\n", 0, "only extrapolated, and its error is unknown"),
+        (2e6, "", 1, "Two blocks: the answer is unknown at every step; up to 100 % of the load"),
+    ],
+)
+def test_load_beyond_the_law_is_told_on_the_command_line(tmp_path, highest, more, status, said):
+    law = write_law(tmp_path / "law.nc", (1e5, highest))
+    scene = write(tmp_path, BLOCKS, ("friction = 0.2\n", f"friction = 0.2\n{more}"))
+    arguments = ["macro", str(scene), "-o", str(tmp_path / "blocks.nc"), "--law", str(law)]
+    done = CliRunner().invoke(app, arguments)
+    assert done.exit_code == status
+    assert said in f"{done.output}{done.exception}"
+
+
+def test_a_scene_tells_its_real_pressure_and_the_size_of_its_cells(blocks, tmp_path):
+    law = open_law(tmp_path / "law.nc")
+    law = law.assign_attrs(cell_size=1e-3, behaviour="The answer is elastic.")
+    save_law(law, tmp_path / "law.nc")
+    result = run_scene(load_scene(blocks), tmp_path / "blocks.nc")
+    np.testing.assert_allclose(result.contact_fraction, [5e6 / 5e9, 20e6 / 5e9], rtol=1e-5)
+    np.testing.assert_allclose(result.real_pressure, 5e9, rtol=1e-5)
+    facts = result.attrs["facts"].splitlines()
+    assert facts[0] == "The answer is elastic."
+    assert facts[1] == "A cell of 1 mm is 0.05 of the edge of the interface, 20 mm."
 
 
 def test_blocks_that_slide_away_keep_their_steps_and_exit_with_capacity_and_load(tmp_path, blocks):

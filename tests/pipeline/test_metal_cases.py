@@ -70,14 +70,22 @@ def test_unloading_goes_down_the_same_pressures_or_those_of_a_list(tmp_path):
             id="without-hardness",
         ),
         pytest.param(
-            TEXT.replace('"1.6 GPa"', '"160 GPa"'),
-            r"hardness of body_1 is 160 GPa, so that it would yield at a strain of 0\.27",
+            TEXT.replace('"1.6 GPa"', '"22 GPa"', 1),
+            r"hardness of body_1 is 22 GPa, 0\.1 of its youngs_modulus, and nothing is harder",
             id="too-hard",
         ),
         pytest.param(
             TEXT.replace('hardening_modulus = "1 GPa"', 'hardening_modulus = "8 GPa"'),
             r"\[body_1\] a hardening_modulus of 8 GPa alone .* give less than 7\.14 GPa",
             id="hardens",
+        ),
+        pytest.param(
+            TEXT.replace('hardening_modulus = "1 GPa"\n', "")
+            .replace('"1.6 GPa"', '"30 GPa"', 1)
+            .replace("unload = true\n", "")
+            .replace("[cell]", '[cell]\ngeometry = "flat"'),
+            r"hardness of body_1 is 30 GPa, 0\.14 of its youngs_modulus",
+            id="too-hard-flat",
         ),
         pytest.param(
             TEXT.replace('"210 GPa"', '"-210 GPa"'),

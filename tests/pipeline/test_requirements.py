@@ -26,6 +26,7 @@ def test_a_plain_case_leaves_out_what_it_does_not_use():
     assert "stiffness" in needs
     assert "mean dilatation" not in needs
     assert "SurfaceTopography" not in needs.libraries
+    assert "joint mesh" not in needs  # a closed form
 
 
 def test_a_nearly_incompressible_case_says_what_it_adds():

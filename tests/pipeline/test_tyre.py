@@ -238,6 +238,23 @@ def test_a_braking_force_has_an_error_budget(finished):
     assert result.attrs["unknown"] == "cell size, micro discretisation, scale separation"
 
 
+def test_a_tread_far_beyond_the_pressures_of_its_roads_has_no_force(finished):
+    case, _, results = finished
+    assert results.macro_result["known"].values.all()
+    told = results.macro_result.attrs["facts"]
+    assert told == "A cell of 16 mm is 0.8 of the edge of the interface, 20 mm."
+    heavy = case.model_copy(update={"tread": case.tread.model_copy(update={"pressure": 3e6})})
+    law = heavy.law.model_copy(update={"extrapolate": True})
+    given = results.micro_response, results.interface_law
+    result = solve_treads(heavy, *given)
+    assert not result["known"].values.any()
+    assert np.isnan(result["braking_force"]).all()
+    assert "the pressures of the law, 100 kPa to 800 kPa" in result.attrs["cautions"]
+    kept = solve_treads(heavy.model_copy(update={"law": law}), *given)
+    assert np.isfinite(kept["braking_force"][kept["converged"].values == 1]).all()
+    assert np.isnan(kept["error_total"]).all()
+
+
 def test_smaller_elements_change_the_force_by_less_than_their_term(finished):
     case, _, results = finished
     finer = case.model_copy(update={"tread": case.tread.model_copy(update={"elements": (8, 6, 2)})})

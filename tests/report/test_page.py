@@ -51,7 +51,7 @@ def test_the_page_tells_what_was_found_how_and_what_to_beware_of(page):
         "Inputs",
         "Work and provenance",
     ]
-    assert page.count("Caution:") == 2
+    assert page.count("Caution:") == 3  # two grids, and the pressure of elastic spots
     assert "multiscale 0" in page.split("Work and provenance")[1]
     assert "numpy" in page.split("Work and provenance")[1]
     assert "(from 2 MPa to 240 MPa)" in page
@@ -63,6 +63,14 @@ def test_what_is_not_known_is_told_in_the_keys_of_the_case(page):
     assert told in page
     assert told.replace("of one size", "on one grid") in page
     assert "not known: pass" not in page
+
+
+def test_the_answer_shows_the_interface_the_bodies_and_that_it_is_elastic(page):
+    answer = page[: page.index("<h2>Joint</h2>")]
+    assert re.findall(r"the interface alone has [\d.]+ ± [\d.]+ % and the bodies 21 ± 0 %", answer)
+    assert re.findall(r"of it touches, under [\d.]+ MPa on the mean", answer)
+    assert "The answer is elastic: no body has a hardness, and nothing flows." in answer
+    assert "A cell of 0.8 mm is 0.08 of the edge of the interface, 10 mm." in page
 
 
 @pytest.mark.skipif(which("chromium") is None, reason="needs the browser chromium")

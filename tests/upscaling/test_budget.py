@@ -398,6 +398,46 @@ def test_the_budget_of_a_structure_propagates_that_of_the_law():
     assert budget.attrs["unknown"] == "cell size, scale separation"
 
 
+def test_a_term_of_which_the_law_knows_half_is_unknown_in_the_structure():
+    response = ensemble(20)
+    law = fit_law(response, family="exponential")
+    law, p = with_budget(law, error_budget(response, law)), np.array([1e7, 5e7])
+    law["error_half_width"].loc[{"quantity": "stiffness", "error_term": "sampling"}] = np.nan
+    budget = structure_budget("k", law, lambda one: one.stiffness(one.gap_at(p)), samples=0)
+    assert np.isnan(half(budget, "sampling", "k")).all()
+    assert "sampling" in budget.attrs["unknown"]
+
+
+def test_several_answers_have_the_budget_that_each_has_alone():
+    response = ensemble(20)
+    law = fit_law(response, family="exponential")
+    law, p = with_budget(law, error_budget(response, law)), np.array([1e7, 5e7])
+
+    def stiffness(one):
+        return one.stiffness(one.gap_at(p))
+
+    def series(one):
+        return 1.0 / (1.0 / stiffness(one) + 1e-14)
+
+    solves = {"joint_stiffness": series, "interface_stiffness": stiffness}
+    coarser = {2.0: np.stack([1.01 * solve(law_from_dataset(law)) for solve in solves.values()])}
+    together = structure_budget(
+        tuple(solves),
+        law,
+        lambda one: np.stack([solve(one) for solve in solves.values()]),
+        coarser=coarser,
+    )
+    ERROR_BUDGET.check(together)
+    for k, (name, solve) in enumerate(solves.items()):
+        alone = structure_budget(name, law, solve, coarser={2.0: coarser[2.0][k]})
+        for variable in ("error_half_width", "error_total"):
+            row = together[variable].sel(quantity=name)
+            np.testing.assert_allclose(row, alone[variable][0], rtol=1e-12)
+    # what the bodies do not share is the law's own
+    total = together["error_total"].values
+    assert np.all(total[1] > total[0])
+
+
 def test_an_answer_that_is_known_is_not_solved_again():
     response = ensemble(6)
     law = fit_law(response, n_samples=0)

@@ -13,11 +13,14 @@ from skfem import ElementHex2
 from multiscale.errors import CaseError
 from multiscale.laws import ConvexDecreasing, Exponential, HystereticLaw
 from multiscale.laws.base import InterfaceLaw, Response
+from multiscale.laws.bulk import AnisotropicElastic
 from multiscale.macro import (
     Block,
     RoughJoint,
     assemble_joint,
+    press_joint,
     rough_joint,
+    soften,
     solve_interface,
 )
 from multiscale.reference import joint as closed_form
@@ -255,7 +258,7 @@ def test_a_law_of_any_stiffness_is_solved_or_reported(kind, contrast, eccentrici
         assert result["converged"].values.all()
     if result["converged"].values.all():
         assert float(result["residual"][0]) <= 1e-10
-        assert 0.0 < float(result["joint_stiffness"][0]) <= float(result["solid_stiffness"])
+        assert 0.0 < float(result["joint_stiffness"][0]) <= float(result["solid_stiffness"][0])
     else:
         assert np.isnan(result["joint_stiffness"].values).all()
     if eccentricity is None and kind == "exponential":
@@ -315,6 +318,46 @@ def test_samples_of_the_law_give_the_stiffness_that_each_has_alone():
         np.testing.assert_allclose(row, alone["joint_stiffness"], rtol=1e-7)
 
 
+def sheared_block():
+    """Return a block of a tensor that couples pressure along z to all shears."""
+    rng = np.random.default_rng(seed=8)
+    root = np.eye(6) + 0.3 * rng.uniform(-1.0, 1.0, (6, 6))
+    return Block(0.01, E, 0.3, layers=2, effective=AnisotropicElastic(70e9 * root @ root.T))
+
+
+@pytest.mark.parametrize(
+    "law",
+    [
+        *LAWS,
+        pytest.param(Exponential(PRESSURE_SCALE, 0.72e-6, gap=2e-6), id="gap"),
+        pytest.param(HystereticLaw(STIFF_CUBIC, 1.6, 2.0), id="hysteretic"),
+    ],
+)
+@pytest.mark.parametrize(
+    "upper",
+    [
+        pytest.param(Block(0.02, 70e9, 0.45, layers=1), id="unequal"),
+        pytest.param(soften(Block(0.02, 210e9, 0.3, layers=1), 0.5), id="softened"),
+        pytest.param(sheared_block(), id="anisotropic"),
+    ],
+)
+def test_springs_in_series_equal_the_blocks_of_elements(law, upper):
+    joint = RoughJoint(SECTION, Block(0.03, E, 0.3, layers=2), upper, elements=(3, 2))
+    pressed = press_joint(joint, law, PRELOADS, samples=[law, law])
+    resolved = rough_joint(joint, law, PRELOADS, samples=[law, law], tolerance=1e-13)
+    MACRO_RESULT.check(pressed)
+    assert set(pressed) == set(resolved)
+    assert pressed["converged"].values.all()
+    for name in set(pressed) - {"wall_time", "residual"}:
+        np.testing.assert_allclose(pressed[name], resolved[name], rtol=1e-10, err_msg=name)
+
+
+def test_an_eccentric_force_is_no_closed_form():
+    joint = steel_joint(elements=(3, 3), eccentricity=(0.01, 0.0))
+    pressed, resolved = (call(joint, EXPONENTIAL, PRELOADS) for call in (press_joint, rough_joint))
+    np.testing.assert_array_equal(pressed["joint_stiffness"], resolved["joint_stiffness"])
+
+
 def test_many_samples_take_seconds():
     knots = np.geomspace(0.05e-6, 3e-6, 20)
     rng = np.random.default_rng(seed=7)
@@ -343,6 +386,11 @@ def test_many_samples_take_seconds():
             lambda: rough_joint(steel_joint(), EXPONENTIAL, np.array([0.0])),
             "preloads must be positive",
             id="preload",
+        ),
+        pytest.param(
+            lambda: press_joint(steel_joint(), EXPONENTIAL, np.array([1e6, -1.0])),
+            "preloads must be positive",
+            id="preload in series",
         ),
     ],
 )

@@ -2,6 +2,7 @@
 
 from multiscale.macro.joint.assembly import assemble_joint
 from multiscale.macro.joint.cycled import cycled_joint, soften
+from multiscale.macro.joint.even import press_joint
 from multiscale.macro.joint.geometry import Block, RoughJoint
 from multiscale.macro.joint.solve import rough_joint
 from multiscale.macro.joint.tread import Footprint, TreadBlock, condense_tread, slide_tread
@@ -14,6 +15,7 @@ __all__ = [
     "assemble_joint",
     "condense_tread",
     "cycled_joint",
+    "press_joint",
     "rough_joint",
     "slide_tread",
     "soften",

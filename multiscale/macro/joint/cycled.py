@@ -8,8 +8,8 @@ import numpy as np
 from multiscale.errors import CaseError
 from multiscale.laws import Damaged, NormalLaw
 from multiscale.laws.bulk import AnisotropicElastic
+from multiscale.macro.joint.even import press_joint
 from multiscale.macro.joint.geometry import Block, RoughJoint
-from multiscale.macro.joint.solve import rough_joint
 from multiscale.schema import FATIGUE, MACRO_RESULT, RVE_STIFFNESS
 
 if TYPE_CHECKING:
@@ -107,9 +107,9 @@ def cycled_joint(
             joint, lower=soften(joint.lower, 1.0 - D), upper=soften(joint.upper, 1.0 - D)
         )
         found.append(
-            rough_joint(worn, Damaged(law, D) if damage_interface else law, np.array([preload]))
+            press_joint(worn, Damaged(law, D) if damage_interface else law, np.array([preload]))
         )
-    names = [str(name) for name in found[0].data_vars if found[0][name].dims == ("step",)]
+    names = [str(name) for name, value in found[0].data_vars.items() if "step" in value.dims]
     values = {name: np.concatenate([one[name].values for one in found]) for name in names}
     return MACRO_RESULT.build(
         {
@@ -117,5 +117,8 @@ def cycled_joint(
             "preload": np.full(damage.size, preload),
             "damage": damage,
             "cycles": np.interp(damage, known[start:], cycles[start:]),
-        }
+        },
+        cautions="\n".join(
+            dict.fromkeys(one.attrs["cautions"] for one in found if one.attrs["cautions"])
+        ),
     )

@@ -3,6 +3,8 @@
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
+import numpy as np
+
 from multiscale.errors import CaseError
 from multiscale.laws.bulk import AnisotropicElastic, Elastic
 
@@ -46,6 +48,13 @@ class Block:
     def law(self) -> Elastic | AnisotropicElastic:
         """Elasticity of the block."""
         return self.effective or Elastic(self.youngs_modulus, self.poissons_ratio)
+
+    @property
+    def compliance(self) -> float:
+        """Shortening under an even pressure along z and no other stress, m/Pa."""
+        if self.effective is None:
+            return self.height / self.youngs_modulus
+        return self.height * float(np.linalg.inv(self.effective.stiffness)[2, 2])
 
     def __post_init__(self) -> None:
         if not self.height > 0.0:

@@ -9,6 +9,7 @@ import numpy as np
 from multiscale.errors import CaseError
 from multiscale.laws import HystereticLaw
 from multiscale.laws.base import InterfaceLaw
+from multiscale.macro.data_range import load_shares, with_load_shares
 from multiscale.macro.joint.assembly import CondensedJoint, condense_joint
 from multiscale.macro.joint.equilibrium import respond, solve_preload, tangent_stiffness
 from multiscale.macro.joint.geometry import RoughJoint
@@ -17,7 +18,7 @@ from multiscale.schema import MACRO_RESULT
 if TYPE_CHECKING:
     import xarray as xr
 
-__all__ = ["rough_joint"]
+__all__ = ["check_preloads", "ratios", "rough_joint"]
 
 
 def rough_joint(
@@ -26,6 +27,7 @@ def rough_joint(
     preloads: np.ndarray,
     *,
     samples: Sequence[InterfaceLaw] = (),
+    extrapolate: bool = False,
     max_iterations: int = 100,
     tolerance: float = 1e-10,
 ) -> "xr.Dataset":
@@ -43,6 +45,9 @@ def rough_joint(
         before.
     samples : sequence of InterfaceLaw
         Bootstrap samples of the law; each gives one row of ``joint_stiffness_sample``.
+    extrapolate : bool
+        Whether steps far outside the data of the law keep what it extrapolates; see
+        :func:`~multiscale.macro.data_range.with_load_shares`.
     max_iterations : int
         Iteration limit of a step.
     tolerance : float
@@ -56,7 +61,8 @@ def rough_joint(
         :math:`\mathrm{d}p / \mathrm{d}a`, Pa/m, with the approach :math:`a` of the platen where
         the force acts; ``interface_stiffness`` is the area mean of the tangent of the law, and
         ``solid_stiffness`` belongs to the same blocks without a jump between them. A step that
-        failed is NaN with ``converged`` 0; a sample that failed is NaN. A law with an unloading
+        failed is NaN with ``converged`` 0, one far outside the data of the law is NaN with
+        ``known`` 0; a sample that failed is NaN. A law with an unloading
         branch also gives ``unloading_stiffness``, that of a preload which begins to fall and
         comes back.
 
@@ -81,15 +87,14 @@ def rough_joint(
     are unknowns of their own: neither is the small difference of large numbers, however stiff
     the law or the blocks. The monolithic form of the same problem is :func:`assemble_joint`.
     """
-    preloads = np.asarray(preloads, dtype=float)
-    if not np.all((preloads > 0.0) & np.isfinite(preloads)):
-        raise CaseError(f"preloads must be positive and finite (Pa), got {preloads}")
+    preloads = check_preloads(preloads)
     model = condense_joint(joint)
     limits = (max_iterations, tolerance)
-    names = (*_ratios(law), "interface_stiffness", "approach", "mean_gap", "closed_fraction")
+    names = (*ratios(law), "interface_stiffness", "approach", "mean_gap", "closed_fraction")
     values = {name: np.full(preloads.size, np.nan) for name in names}
     converged = np.zeros(preloads.size, dtype=int)
     residual, wall_time = np.full(preloads.size, np.nan), np.zeros(preloads.size)
+    pressure = np.full((preloads.size, model.weight.size), np.nan)
     solutions: list[np.ndarray | None] = []
 
     for step, preload in enumerate(preloads):
@@ -103,12 +108,14 @@ def rough_joint(
         if solution.converged:
             for name, value in _measure(model, law, solution.value).items():
                 values[name][step] = value
+            jump = model.operator @ model.split(solution.value)[0]
+            pressure[step] = respond(law, jump)[0]
         wall_time[step] = perf_counter() - before
 
     result = {
         "preload": preloads,
         **values,
-        "solid_stiffness": model.solid_stiffness,
+        "solid_stiffness": np.full(preloads.size, model.solid_stiffness),
         "converged": converged,
         "residual": residual,
         "wall_time": wall_time,
@@ -116,7 +123,9 @@ def rough_joint(
     rows = [_sample_stiffness(model, sample, preloads, solutions, limits) for sample in samples]
     for name in rows[0] if rows else ():
         result[f"{name}_sample"] = np.array([row[name] for row in rows])
-    return MACRO_RESULT.build(result)
+    shares = load_shares(pressure, model.weight, law.pressure_range)[..., None]
+    data = np.array([law.pressure_range])
+    return with_load_shares(MACRO_RESULT.build(result), shares, data, extrapolate=extrapolate)
 
 
 def _sample_stiffness(
@@ -127,7 +136,7 @@ def _sample_stiffness(
     limits: tuple[int, float],
 ) -> dict[str, np.ndarray]:
     """Stiffness of one sample of the law, Pa/m, each step started from the law's own."""
-    failed = dict.fromkeys(_ratios(sample), np.nan)
+    failed = dict.fromkeys(("interface_stiffness", *ratios(sample)), np.nan)
     steps = []
     for preload, start in zip(preloads, starts, strict=True):
         solution = solve_preload(model, sample, preload, start, limits)
@@ -139,10 +148,9 @@ def _measure(model: CondensedJoint, law: InterfaceLaw, value: np.ndarray) -> dic
     """Quantities of ``MACRO_RESULT`` at a solution."""
     j, w, _ = model.split(value)
     jump = model.operator @ j
-    pressure, stiffness = respond(law, jump)
+    pressure = respond(law, jump)[0]
     return {
         **_stiffness(model, law, value),
-        "interface_stiffness": float(model.weight @ stiffness) / model.area,
         "approach": -float(model.arm @ w),
         "mean_gap": float(model.weight @ jump) / model.area + float(getattr(law, "gap", 0.0)),
         "closed_fraction": float(model.weight @ (pressure > 0.0)) / model.area,
@@ -150,13 +158,25 @@ def _measure(model: CondensedJoint, law: InterfaceLaw, value: np.ndarray) -> dic
 
 
 def _stiffness(model: CondensedJoint, law: InterfaceLaw, value: np.ndarray) -> dict[str, float]:
-    """Stiffness of the joint on every branch of its law, Pa/m."""
+    """Stiffness of the interface, and of the joint on every branch of its law, Pa/m."""
+    K = respond(law, model.operator @ model.split(value)[0])[1]
     return {
-        name: tangent_stiffness(model, law, value, ratio) for name, ratio in _ratios(law).items()
+        "interface_stiffness": float(model.weight @ K) / model.area,
+        **{
+            name: tangent_stiffness(model, law, value, ratio) for name, ratio in ratios(law).items()
+        },
     }
 
 
-def _ratios(law: InterfaceLaw) -> dict[str, float]:
+def check_preloads(preloads: np.ndarray) -> np.ndarray:
+    """Refuse preloads that press nothing."""
+    given = np.asarray(preloads, dtype=float)
+    if not np.all((given > 0.0) & np.isfinite(given)):
+        raise CaseError(f"preloads must be positive and finite (Pa), got {given}")
+    return given
+
+
+def ratios(law: InterfaceLaw) -> dict[str, float]:
     """Stiffness of the law on its branches, over that of the loading."""
     if isinstance(law, HystereticLaw):
         return {"joint_stiffness": 1.0, "unloading_stiffness": law.stiffness_ratio}

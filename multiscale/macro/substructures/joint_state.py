@@ -1,6 +1,6 @@
 """What the tractions of a joint say: open, sticking, slipping, stiff, beyond the data."""
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -8,6 +8,7 @@ from scipy.sparse import csr_array, diags_array
 
 from multiscale.errors import ConvergenceError
 from multiscale.laws.base import InterfaceLaw, Sliding
+from multiscale.macro.data_range import load_shares
 from multiscale.macro.substructures.assembled import Assembled
 from multiscale.macro.substructures.problem import Interface
 from multiscale.macro.substructures.stack import Factors
@@ -20,8 +21,8 @@ __all__ = [
     "SLIPS",
     "STICKS",
     "advance",
-    "cautions",
     "contact_state",
+    "joint_shares",
     "stiffness",
     "without_slip",
 ]
@@ -64,7 +65,6 @@ def contact_state(joints: Sequence[Interface], result: "xr.Dataset") -> dict[str
     state = np.where(_slipping(joints, result) > MOST, SLIPS, STICKS)
     state = np.where(pressure <= OPEN * pressure.max(axis=1, keepdims=True), OPENED, state)
     failed = np.isnan(pressure)
-    largest = _at_points(joints, "pressure_range", (0.0, np.inf))[:, 1]
     area = np.concatenate([face.weight for face in joints])
     share = area / area.sum()
 
@@ -78,7 +78,6 @@ def contact_state(joints: Sequence[Interface], result: "xr.Dataset") -> dict[str
         "open_fraction": fraction(state == OPENED),
         "stick_fraction": fraction(state == STICKS),
         "slip_fraction": fraction(state == SLIPS),
-        "beyond_fraction": fraction(pressure > largest),
     }
 
 
@@ -88,8 +87,8 @@ def stiffness(
     result: "xr.Dataset",
     area: np.ndarray,
     steps: Sequence[int],
-) -> np.ndarray:
-    r"""Stiffness :math:`A / (f \cdot K_T^{-1} f)` of every load case, no point slipping.
+) -> dict[str, np.ndarray]:
+    r"""Stiffness of the structure, of its joints and of its bodies, no point slipping.
 
     Parameters
     ----------
@@ -105,10 +104,22 @@ def stiffness(
 
     Returns
     -------
-    ndarray, shape (all steps, cases)
-        Pa/m.
+    dict
+        Variables of ``MACRO_RESULT``, Pa/m, over all steps.
+
+    Notes
+    -----
+    With the stiffness :math:`K` of the bodies, the tangents :math:`k` of the laws, the weights
+    :math:`w` and the jump :math:`B u`, the compliance under the forces :math:`f` of 1 Pa on a face
+    of area A is that of joints and bodies in series, by the work that each of them stores,
+
+    .. math::
+        \frac1{k_{\mathrm{all}}} = \frac{f \cdot u}{A}
+            = \frac{B u \cdot w k B u}{A} + \frac{u \cdot K u}{A}, \qquad
+        (K + B^T w k B)\, u = f.    \tag{1}
     """
-    found = np.full((result.sizes["step"], area.size), np.nan)
+    names = ("joint_stiffness", "tangential_stiffness", "interface_stiffness", "solid_stiffness")
+    found = np.full((len(names), result.sizes["step"]), np.nan)
     factorise, weight = Factors(), np.tile(whole.weight, 3)
     for step in steps:
         if result["converged"].values[step] != 1:
@@ -125,21 +136,39 @@ def stiffness(
         )
         tangent = whole.jump.T @ diags_array(weight * k.ravel()) @ whole.jump
         u = factorise(csr_array(whole.stiffness + tangent))(whole.load)
-        found[step] = area / np.sum(whole.load * u, axis=0)
-    return found
+        pressed = u[:, 0]
+        work = [*np.sum(whole.load * u, axis=0), pressed @ (tangent @ pressed)]  # (1)
+        work.append(pressed @ (whole.stiffness @ pressed))
+        found[:, step] = area[[0, 1, 0, 0]] / np.array(work)
+    return dict(zip(names, found, strict=True))
 
 
-def cautions(result: "xr.Dataset") -> Iterator[str]:
-    """Say where pressures lie beyond the data of a law."""
-    beyond = result["beyond_fraction"].values
-    if np.any(beyond > 0.0):
-        step = int(np.nanargmax(beyond))
-        pressure = -float(result["traction"].values[step, :, 0].min())
-        yield (
-            f"up to {100.0 * beyond[step]:.3g} % of the joint area carries pressures beyond those "
-            f"that its law was fitted to, at most {1e-6 * pressure:.3g} MPa in step {step}; there "
-            f"the law extrapolates: fit it to higher pressures"
-        )
+def joint_shares(
+    joints: Sequence[Interface], result: "xr.Dataset"
+) -> tuple[np.ndarray, np.ndarray]:
+    """Shares of the load of every joint, however cut, outside the data of its law, and these data.
+
+    Parameters
+    ----------
+    joints : sequence of Interface
+    result : Dataset
+        Of :func:`solve_latin`.
+
+    Returns
+    -------
+    shares : ndarray, shape (3, steps, joints)
+        See :func:`~multiscale.macro.data_range.load_shares`.
+    data : ndarray, shape (joints, 2)
+        Pa.
+    """
+    pressure, number = -result["traction"].values[..., 0], result["point_joint"].values
+    area = np.concatenate([face.weight for face in joints])
+    ranges = {face.joint: _normal(face.law).pressure_range for face in joints}
+    shares = [
+        load_shares(pressure[:, number == joint], area[number == joint], one)
+        for joint, one in ranges.items()
+    ]
+    return np.stack(shares, axis=2), np.array(list(ranges.values()))
 
 
 def _slipping(joints: Sequence[Interface], result: "xr.Dataset") -> np.ndarray:
@@ -184,8 +213,13 @@ def without_slip(law: InterfaceLaw, jump: np.ndarray) -> np.ndarray:
     return np.stack([tangent[i, i] for i in range(3)])
 
 
+def _normal(law: InterfaceLaw | None) -> InterfaceLaw:
+    """Law of the pressure of a joint."""
+    assert law is not None  # a joint has one
+    return law.normal_law
+
+
 def _at_points(joints: Sequence[Interface], name: str, default: Any) -> np.ndarray:
     """Give every point what the normal law of its joint has of that name."""
-    laws = [face.law.normal_law for face in joints if face.law is not None]
-    values = np.array([getattr(law, name, default) for law in laws], dtype=float)
+    values = np.array([getattr(_normal(face.law), name, default) for face in joints], dtype=float)
     return np.repeat(values, [face.weight.size for face in joints], axis=0)

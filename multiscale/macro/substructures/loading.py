@@ -7,8 +7,9 @@ import numpy as np
 
 from multiscale.errors import CaseError
 from multiscale.laws.rigid import RigidContact
+from multiscale.macro.data_range import with_load_shares
 from multiscale.macro.substructures.assembled import assemble
-from multiscale.macro.substructures.joint_state import cautions, contact_state, stiffness
+from multiscale.macro.substructures.joint_state import contact_state, joint_shares, stiffness
 from multiscale.macro.substructures.parallel import Team
 from multiscale.macro.substructures.rough import RoughAssembly
 from multiscale.macro.substructures.solve import solve_latin
@@ -80,6 +81,7 @@ def load_joint(
     max_iterations: int = 400,
     coarse: bool = True,
     team: Team | None = None,
+    extrapolate: bool = False,
 ) -> "xr.Dataset":
     r"""Press and shear bodies with rough joints.
 
@@ -92,13 +94,16 @@ def load_joint(
         Substructures of every body along x and y.
     tolerance, max_iterations, coarse, team
         See :func:`solve_latin`.
+    extrapolate : bool
+        Whether steps far outside the data of a law keep what it extrapolates; see
+        :func:`~multiscale.macro.data_range.with_load_shares`.
 
     Returns
     -------
     Dataset
         Follows ``MACRO_RESULT``: what :func:`solve_latin` gives, and approach, shear, stiffness,
-        open, sticking and slipping shares of the joints, and energy per cycle. The attribute
-        ``cautions`` has a line for pressures beyond the data of a law.
+        open, sticking and slipping shares of the joints, their load outside the data of their
+        laws, and energy per cycle.
 
     Raises
     ------
@@ -141,14 +146,15 @@ def load_joint(
         "shear_displacement": along,
         **contact_state(problem.joints, result),
     }
-    tangent = stiffness(problem.joints, whole, result, area, range(len(loading.preloads)))
-    values["joint_stiffness"], values["tangential_stiffness"] = tangent.T
-    if loading.cycles:
-        values["cycle_energy"] = area[1] * _work(loading, factors[:, 1], along)
+    values |= stiffness(problem.joints, whole, result, area, range(len(loading.preloads)))
+    shares, data = joint_shares(problem.joints, result)
     result = MACRO_RESULT.assign(result, values)
+    result = with_load_shares(result, shares, data, extrapolate=extrapolate)
     if loading.cycles:
-        result = result.assign_coords(cycle=range(loading.cycles))
-    return result.assign_attrs(cautions="\n".join(cautions(result)))
+        along = result["shear_displacement"].to_numpy()
+        lost = {"cycle_energy": area[1] * _work(loading, factors[:, 1], along)}
+        result = MACRO_RESULT.assign(result, lost).assign_coords(cycle=range(loading.cycles))
+    return result
 
 
 def _work(loading: JointLoading, shear: np.ndarray, along: np.ndarray) -> np.ndarray:

@@ -1,0 +1,152 @@
+"""How much of a load lies outside the data of its laws, and what is then unknown."""
+
+from collections.abc import Iterator
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from multiscale.schema import MACRO_RESULT
+from multiscale.units import readable
+
+if TYPE_CHECKING:
+    import xarray as xr
+
+__all__ = ["FAR", "MOST", "load_shares", "with_load_shares"]
+
+FAR = 2.0
+"""Factor outside the data beyond which a law knows nothing."""
+
+MOST = 0.05
+"""Share of the load of an interface that may lie farther out."""
+
+FAINT = 0.01
+"""Share of the load outside the data that is stored and not worth a caution."""
+
+ROUND_OFF = 1e-6
+"""Relative distance up to which a pressure lies at the end of the data and not outside."""
+
+GIVEN = frozenset(
+    {
+        "preload",
+        "shear",
+        "load_factor",
+        "cycles",
+        "damage",
+        "sliding_speed",
+        "temperature",
+        "residual",
+        "wall_time",
+        "load_below",
+        "load_above",
+        "load_far",
+    }
+)
+"""What a step has without being an answer."""
+
+
+def load_shares(
+    pressure: np.ndarray, area: np.ndarray, data: tuple[float, float] | np.ndarray
+) -> np.ndarray:
+    """Shares of the load of an interface that lie below, above and far outside the data.
+
+    Parameters
+    ----------
+    pressure : ndarray, shape (steps, points)
+        Pa; NaN where a step failed.
+    area : ndarray, shape (points,)
+        That a point stands for, m².
+    data : tuple of float or ndarray, shape (2,) or (steps, 2)
+        Lowest and highest pressure of the data, Pa.
+
+    Returns
+    -------
+    ndarray, shape (3, steps)
+        Below the data, above them, and more than a factor of ``FAR`` outside either end;
+        dimensionless, NaN where a step failed.
+    """
+    low, high = np.moveaxis(np.asarray(data, dtype=float), -1, 0)[..., None]
+    load = np.maximum(pressure, 0.0) * area
+    total = np.sum(load, axis=1)
+    where = (
+        pressure < (1.0 - ROUND_OFF) * low,
+        pressure > (1.0 + ROUND_OFF) * high,
+        (pressure < (1.0 - ROUND_OFF) * low / FAR) | (pressure > (1.0 + ROUND_OFF) * FAR * high),
+    )
+    return np.array(
+        [np.sum(load * one, axis=1) / np.where(total > 0.0, total, 1.0) for one in where]
+    )
+
+
+def with_load_shares(
+    result: "xr.Dataset",
+    shares: np.ndarray,
+    data: np.ndarray,
+    *,
+    extrapolate: bool = False,
+) -> "xr.Dataset":
+    """Return a result that says how far its laws were used outside their data.
+
+    Parameters
+    ----------
+    result : Dataset
+        Follows ``MACRO_RESULT``.
+    shares : ndarray, shape (3, steps, interfaces)
+        From :func:`load_shares`.
+    data : ndarray, shape (interfaces, 2)
+        Lowest and highest pressure of the data of every interface, Pa.
+    extrapolate : bool
+        Whether what a law extrapolates stays as the answer.
+
+    Returns
+    -------
+    Dataset
+        With the shares and ``known``, 0 where more than ``MOST`` of the load of an interface lies
+        far outside: there every answer is NaN unless extrapolated. The attribute ``cautions`` has
+        a line for it, and for a smaller share outside the data.
+    """
+    known = ~np.any(shares[2] > MOST, axis=1)
+    names = ("load_below", "load_above", "load_far")
+    values = dict(zip(names, shares, strict=True)) | {"known": known.astype(int)}
+    result = MACRO_RESULT.assign(result, values).assign_coords(interface=range(shares.shape[2]))
+    if not extrapolate and not known.all():
+        answers = [
+            name
+            for name, value in result.data_vars.items()
+            if "step" in value.dims and value.dtype.kind == "f" and name not in GIVEN
+        ]
+        kept = result["known"] == 1
+        result = result.assign({name: result[name].where(kept) for name in answers})
+    told = [str(result.attrs.get("cautions", "")), *_cautions(result, data, extrapolate)]
+    return result.assign_attrs(cautions="\n".join(filter(None, told)))
+
+
+def _cautions(result: "xr.Dataset", data: np.ndarray, extrapolate: bool) -> Iterator[str]:
+    """Say which interfaces carry load outside the data of their laws."""
+    below, above, far = (result[f"load_{name}"].values for name in ("below", "above", "far"))
+    for number, (low, high) in enumerate(data):
+        name = f" of interface {number}" if len(data) > 1 else ""
+        ends = " to ".join(readable(f"{end:.4g} Pa") for end in (low, high))
+        range_ = f"the pressures of the law{name}, {ends}"
+        lost = np.flatnonzero(far[:, number] > MOST)
+        if lost.size:
+            then = "only extrapolated, and its error is unknown" if extrapolate else "unknown"
+            yield (
+                f"up to {100.0 * far[lost, number].max():.3g} % of the load lies more than a "
+                f"factor of {FAR:g} outside {range_}, at {lost.size} of {len(far)} steps, first "
+                f"{_place(result, lost[0])}: the answer there is {then}; press the cells at these "
+                f"pressures" + ("" if extrapolate else ", or set extrapolate = true beside the law")
+            )
+        near = np.setdiff1d(np.flatnonzero(below[:, number] + above[:, number] > FAINT), lost)
+        if near.size:
+            step = near[np.argmax((below + above)[near, number])]
+            yield (
+                f"up to {100.0 * below[step, number]:.3g} % of the load lies below and "
+                f"{100.0 * above[step, number]:.3g} % above {range_}, {_place(result, step)}: "
+                f"there the law extrapolates"
+            )
+
+
+def _place(result: "xr.Dataset", step: int) -> str:
+    """Say which step is meant."""
+    preload = float(result["preload"].values[step])
+    return f"at step {step} with the preload {readable(f'{preload:.4g} Pa')}"

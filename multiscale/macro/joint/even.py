@@ -1,0 +1,109 @@
+"""A joint under even pressure, which is two blocks and a law in series."""
+
+from collections.abc import Sequence
+from time import perf_counter
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from multiscale.laws import HystereticLaw, NormalLaw
+from multiscale.macro.data_range import load_shares, with_load_shares
+from multiscale.macro.joint.geometry import RoughJoint
+from multiscale.macro.joint.solve import check_preloads, ratios, rough_joint
+from multiscale.schema import MACRO_RESULT
+
+if TYPE_CHECKING:
+    import xarray as xr
+
+__all__ = ["press_joint"]
+
+TOLERANCE = 1e-8
+"""Error of the pressure at the gap that a law was inverted to, relative to the preload."""
+
+
+def press_joint(
+    joint: RoughJoint,
+    law: NormalLaw | HystereticLaw,
+    preloads: np.ndarray,
+    *,
+    samples: Sequence[NormalLaw | HystereticLaw] = (),
+    extrapolate: bool = False,
+) -> "xr.Dataset":
+    r"""Press the joint, in closed form where its pressure is even; see :func:`rough_joint`.
+
+    Parameters
+    ----------
+    joint, law, preloads, samples, extrapolate
+        As for :func:`rough_joint`, which solves what has an eccentric force.
+
+    Returns
+    -------
+    Dataset
+        As :func:`rough_joint` gives it.
+
+    Raises
+    ------
+    CaseError
+        If a preload is not positive.
+
+    Notes
+    -----
+    Between guided platens without friction, and without friction in the interface, an even
+    pressure p and uniaxial stress satisfy all equations, and a pressure that falls with the gap
+    allows no other solution. With the heights :math:`h_i` and moduli :math:`E_i` of the blocks
+    along z (of an anisotropic block :math:`1/S_{zzzz}`), the initial gap :math:`g_0`, and gap
+    :math:`g(p)` and stiffness :math:`K(p)` of the law,
+
+    .. math::
+        \frac1k = \frac1{K(p)} + \frac{h_1}{E_1} + \frac{h_2}{E_2}, \qquad
+        a = p \Big(\frac{h_1}{E_1} + \frac{h_2}{E_2}\Big) - (g(p) - g_0).    \tag{1}
+    """
+    if joint.eccentricity is not None:
+        return rough_joint(joint, law, preloads, samples=samples, extrapolate=extrapolate)
+    begin = perf_counter()
+    p = check_preloads(preloads)
+    soft = joint.lower.compliance + joint.upper.compliance  # m/Pa
+    normal = _loading(law)
+    gap = normal.gap_at(p)
+    residual = np.abs(normal.pressure(gap) / p - 1.0)
+    good = residual <= TOLERANCE
+    measured = {
+        **_stiffness(law, p, soft),
+        "approach": p * soft - (gap - normal.gap),
+        "mean_gap": gap,
+        "closed_fraction": np.ones(p.size),
+    }
+    values = {name: np.where(good, value, np.nan) for name, value in measured.items()}
+    rows = [_stiffness(sample, p, soft) for sample in samples]
+    sampled = (
+        {f"{name}_sample": np.array([row[name] for row in rows]) for name in rows[0]}
+        if rows
+        else {}
+    )
+    result = MACRO_RESULT.build(
+        {
+            "preload": p,
+            **values,
+            **sampled,
+            "solid_stiffness": np.full(p.size, 1.0 / soft),
+            "converged": good.astype(int),
+            "residual": residual,
+            "wall_time": np.full(p.size, (perf_counter() - begin) / p.size),
+        }
+    )
+    shares = load_shares(p[:, None], np.ones(1), law.pressure_range)[..., None]
+    data = np.array([law.pressure_range])
+    return with_load_shares(result, shares, data, extrapolate=extrapolate)
+
+
+def _loading(law: NormalLaw | HystereticLaw) -> NormalLaw:
+    """Law of the first loading."""
+    return law.loading if isinstance(law, HystereticLaw) else law
+
+
+def _stiffness(law: NormalLaw | HystereticLaw, p: np.ndarray, soft: float) -> dict[str, np.ndarray]:
+    """Stiffness of the interface, and (1) on every branch of its law, Pa/m."""
+    normal = _loading(law)
+    K = normal.stiffness(normal.gap_at(p))
+    branches = {name: 1.0 / (1.0 / (ratio * K) + soft) for name, ratio in ratios(law).items()}
+    return {"interface_stiffness": K, **branches}

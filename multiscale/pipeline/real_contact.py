@@ -1,0 +1,86 @@
+"""What the real contact of cells bears: its mean pressure, and which body flows under it."""
+
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from multiscale.micro import contact_modulus
+from multiscale.pipeline.cells import composite_material
+from multiscale.pipeline.rough_bodies import TABOR
+from multiscale.pipeline.settings import Case
+from multiscale.schema import MICRO_RESPONSE
+from multiscale.units import readable
+
+if TYPE_CHECKING:
+    import xarray as xr
+
+__all__ = ["behaviour", "real_pressure", "with_real_pressure"]
+
+ELASTIC = 0.01
+"""Mean real pressure over the contact modulus above which hardly a metal is elastic."""
+
+ABOVE = 1.1
+"""Mean real pressure over the hardness from which a user is told."""
+
+
+def real_pressure(pressure: np.ndarray, contact_fraction: np.ndarray) -> np.ndarray:
+    """Mean pressure on the real contact area, Pa; NaN where nothing touches."""
+    touching = np.where(contact_fraction > 0.0, contact_fraction, np.nan)
+    return np.asarray(pressure / touching)
+
+
+def with_real_pressure(case: Case, response: "xr.Dataset") -> "xr.Dataset":
+    """Return a response with its mean real pressure, what flows under it, and cautions about both.
+
+    Parameters
+    ----------
+    case : Case
+    response : Dataset
+        Follows ``MICRO_RESPONSE``, with the nominal pressures.
+    """
+    p = response["nominal_pressure"].to_numpy()
+    good, area = response["converged"].to_numpy() == 1, response["contact_fraction"].to_numpy()
+    real = np.where(good, real_pressure(p, area), np.nan)
+    mean = real_pressure(p * good.sum(axis=0), np.where(good, area, 0.0).sum(axis=0))
+    largest = float(np.nanmax(mean, initial=0.0))
+    told, hardness, caution = _flow(case), case.hardness, ""
+    bears = f"the real contact bears up to {readable(f'{largest:.3g} Pa')} on the mean"
+    if hardness is None:
+        modulus = contact_modulus(composite_material(case))
+        if largest > ELASTIC * modulus and not case.elastic:
+            caution = (
+                f"{bears}, {largest / modulus:.2g} of the contact modulus, and nothing flows: a "
+                f"metal does well below; give its hardness, or set elastic = true for a body that "
+                f"does not flow"
+            )
+    else:
+        told += f" The real contact bears up to {largest / hardness:.2f} of that hardness."
+        if largest > ABOVE * hardness:
+            caution = (
+                f"{bears}, {largest / hardness:.2f} of the hardness of the softer body: it "
+                f"hardens, or the grid does not resolve its contact"
+            )
+    lines = [str(response.attrs.get("cautions", "")), caution]
+    response = MICRO_RESPONSE.assign(response, {"real_pressure": real})
+    return response.assign_attrs(behaviour=told, cautions="\n".join(filter(None, lines)))
+
+
+def _flow(case: Case) -> str:
+    """Say which body flows, and how."""
+    if case.hardness is None:
+        return "The answer is elastic: no body has a hardness, and nothing flows."
+    alike = case.body_1.hardness == case.body_2.hardness
+    number = 1 + case.bodies.index(case.softer) if case.softer else 0
+    which = "both bodies" if alike else f"body_{number}, the softer body,"
+    hardness = f"the hardness of {1e-9 * case.hardness:g} GPa of {which}"
+    if case.yield_stress is None:
+        return f"The local pressure is cut off at {hardness}; all else is elastic."
+    return (
+        f"The one body that stands for both flows from a yield stress of "
+        f"{1e-9 * case.yield_stress:.4g} GPa on, {hardness} over {TABOR} less what hardening adds."
+    )
+
+
+def behaviour(dataset: "xr.Dataset") -> list[str]:
+    """Say what of a response or law flows, if it is told."""
+    return [str(dataset.attrs["behaviour"])] if "behaviour" in dataset.attrs else []

@@ -1,0 +1,70 @@
+"""How much of a load lies outside the data of a law, and what is then unknown."""
+
+import numpy as np
+import pytest
+
+from multiscale.laws import Exponential, HystereticLaw, PowerLaw
+from multiscale.macro import Block, RoughJoint, press_joint, rough_joint
+from multiscale.macro.data_range import load_shares
+from multiscale.upscaling import fit_law, law_from_dataset, observe
+
+BLOCK = Block(0.02, 210e9, 0.3, layers=1)
+LAW = Exponential(4e9, 0.7e-6, pressure_range=(2e6, 30e6))
+PRELOADS = np.array([0.9e6, 1e6, 2e6, 30e6, 60e6, 61e6, 5e9])
+
+
+def joint(eccentricity=None):
+    return RoughJoint((0.05, 0.04), BLOCK, BLOCK, elements=(8, 1), eccentricity=eccentricity)
+
+
+def test_the_shares_of_a_linear_pressure_are_those_of_its_integral():
+    """With p = P x the load below a pressure a is (a/P)^2 of it."""
+    x = (np.arange(20_000) + 0.5) / 20_000
+    pressure = np.array([8e6, 1e6])[:, None] * x
+    below, above, far = load_shares(pressure, np.ones(x.size), (2e6, 3e6))
+    np.testing.assert_allclose(below, [1 / 16, 1.0], rtol=1e-3)
+    np.testing.assert_allclose(above, [1 - 9 / 64, 0.0], rtol=1e-3)
+    np.testing.assert_allclose(far, [1 / 64 + 1 - 36 / 64, 1.0], rtol=1e-3)
+
+
+def test_points_count_by_their_area_and_a_failed_step_has_no_share():
+    pressure = np.array([[1.0, 4.0], [0.0, 0.0], [np.nan, np.nan]])
+    below, above, far = load_shares(pressure, np.array([3.0, 1.0]), (2.0, 8.0))
+    np.testing.assert_allclose(below, [3 / 7, 0.0, np.nan])
+    np.testing.assert_allclose(above, [0.0, 0.0, np.nan])
+    np.testing.assert_allclose(far, [0.0, 0.0, np.nan])
+
+
+@pytest.mark.parametrize("press", [press_joint, rough_joint])
+@pytest.mark.parametrize("law", [LAW, HystereticLaw(LAW, 1.5, 2.0)])
+def test_an_even_preload_is_known_up_to_a_factor_of_two_outside_the_data(press, law):
+    result = press(joint(), law, PRELOADS, samples=[law])
+    assert result["converged"].values.all()
+    np.testing.assert_array_equal(result["known"], [0, 1, 1, 1, 1, 0, 0])
+    np.testing.assert_allclose(result["load_below"][:, 0], [1, 1, 0, 0, 0, 0, 0], atol=1e-9)
+    np.testing.assert_allclose(result["load_above"][:, 0], [0, 0, 0, 0, 1, 1, 1], atol=1e-9)
+    for name in ("joint_stiffness", "mean_gap", "approach", "interface_stiffness"):
+        np.testing.assert_array_equal(np.isfinite(result[name]), result["known"] == 1)
+    sampled = np.isfinite(result["joint_stiffness_sample"][0])
+    np.testing.assert_array_equal(sampled, result["known"] == 1)
+    assert "at 3 of 7 steps, first at step 0 with the preload 900 kPa" in result.attrs["cautions"]
+    kept = press(joint(), law, PRELOADS, extrapolate=True)
+    assert float(kept["mean_gap"][-1]) < 0.0  # what the law extrapolates at 5 GPa
+    np.testing.assert_array_equal(kept["known"], result["known"])
+
+
+def test_an_eccentric_joint_counts_the_load_of_its_edge():
+    preload = np.array([5e6, 25e6])
+    plain = rough_joint(joint((0.012, 0.0)), LAW, preload)
+    even = press_joint(joint(), LAW, preload)
+    assert even["load_above"].values.max() == 0.0
+    assert 0.0 < float(plain["load_above"][1, 0]) < 1.0
+    assert float(plain["load_below"][0, 0]) > 0.0
+
+
+@pytest.mark.parametrize("family", ["exponential", "power", None])
+def test_a_fitted_law_of_any_family_knows_its_data(family):
+    p = np.geomspace(1e6, 50e6, 8)
+    law = PowerLaw(1e9, 2e-6, 2.0)
+    fitted = fit_law(observe("gap", p, law.gap_at(p)), family=family, n_samples=0)
+    assert law_from_dataset(fitted).pressure_range == pytest.approx((1e6, 50e6))

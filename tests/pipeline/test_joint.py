@@ -1,0 +1,85 @@
+"""The joint of a case: what its answer rests on, and what of it is unknown."""
+
+import numpy as np
+import pytest
+
+from multiscale.errors import CaseError
+from multiscale.io import open_law
+from multiscale.laws import Exponential
+from multiscale.pipeline import load_case
+from multiscale.pipeline.joint import solve_joint
+from multiscale.pipeline.rough_structure import Answer, checked
+from multiscale.report import list_facts, tabulate
+
+PRELOADS = (5e6, 40e6, 400e6, 600e6)  # of cells up to 240 MPa
+
+
+def solve(run_folder, **law):
+    case = load_case(run_folder / "case.toml")
+    joint = case.joint.model_copy(update={"preloads": PRELOADS})
+    case = case.model_copy(update={"joint": joint, "law": case.law.model_copy(update=law)})
+    return solve_joint(case, open_law(run_folder / "interface_law.nc"))
+
+
+@pytest.fixture(scope="module")
+def result(run_folder):
+    return solve(run_folder)
+
+
+def test_interface_and_bodies_stand_beside_the_joint_each_with_its_error(result):
+    """At a given pressure dk/k = (k/K) dK/K, and nothing of the law is in the bodies."""
+    known = result.isel(step=slice(2))
+    k, K, solid = (known[f"{name}_stiffness"].values for name in ("joint", "interface", "solid"))
+    np.testing.assert_allclose(1.0 / k, 1.0 / K + 1.0 / solid, rtol=1e-12)
+    terms = known["error_half_width"].sel(error_term=["fit", "scale separation", "sampling"])
+    shares = terms.sel(quantity="joint_stiffness") / terms.sel(quantity="interface_stiffness")
+    np.testing.assert_allclose(shares[:2], np.broadcast_to(k / K, (2, 2)), rtol=0.05)
+    np.testing.assert_allclose(shares[2], k / K, rtol=0.5)  # samples lie far apart
+    total = known["error_total"]
+    np.testing.assert_array_equal(total.sel(quantity="solid_stiffness"), 0.0)
+    assert np.all(total.sel(quantity="interface_stiffness") > total.sel(quantity="joint_stiffness"))
+
+
+def test_the_table_shows_the_parts_their_errors_and_the_real_pressure(result):
+    head, rows = tabulate(result)
+    row = dict(zip(head, rows[1], strict=True))
+    error = 100.0 * float(result["error_total"].sel(quantity="interface_stiffness")[1])
+    K = 1e-12 * float(result["interface_stiffness"][1])
+    assert row["interface (MPa/µm)"] == f"{K:.4g} ± {error:.2g} %"
+    assert row["bodies (MPa/µm)"] == "21 ± 0 %"
+    real = 40.0 / float(result["contact_fraction"][1])
+    assert float(row["real pressure (MPa)"]) == pytest.approx(real, rel=1e-3)
+    assert list_facts(result) == [
+        "The answer is elastic: no body has a hardness, and nothing flows.",
+        "A cell of 0.8 mm is 0.08 of the edge of the interface, 10 mm.",
+    ]
+
+
+def test_a_preload_far_beyond_the_cells_has_no_answer_and_no_error(result):
+    np.testing.assert_array_equal(result["known"], [1, 1, 1, 0])
+    for name in ("joint_stiffness", "mean_gap", "contact_fraction", "real_pressure"):
+        np.testing.assert_array_equal(np.isfinite(result[name]), [True, True, True, False])
+    assert np.isnan(result["error_total"].values[:, -1]).all()
+    assert np.isfinite(result["error_total"].values[:, :-1]).all()
+    _, rows = tabulate(result)
+    assert rows[-1][:3] == ("600", "unknown", "")
+    far, near = result.attrs["cautions"].splitlines()
+    assert "at step 3 with the preload 600 MPa: the answer there is unknown" in far
+    assert "100 % above the pressures of the law, 2 MPa to 240 MPa, at step 2" in near
+
+
+def test_what_is_extrapolated_on_demand_has_no_error(run_folder, result):
+    told = solve(run_folder, extrapolate=True)
+    np.testing.assert_array_equal(told["joint_stiffness"][:3], result["joint_stiffness"][:3])
+    assert np.isfinite(told["joint_stiffness"][3])
+    assert np.isnan(told["error_total"].values[:, -1]).all()
+    _, rows = tabulate(told)
+    assert rows[-1][3] == "unknown"
+
+
+def test_a_structure_solved_in_three_ways_is_refused_outside_its_cells():
+    law = Exponential(1e9, 1e-6, pressure_range=(1e6, 1e8))
+    x, pressure = np.arange(4.0), np.array([1e6, 2e8, 1e8, 0.0])
+    assert checked(Answer(0.0, 0.0, x, pressure), law).mean_gap == 0.0
+    with pytest.raises(CaseError, match=r"66\.6 % of the load of the structure lies more than a"):
+        checked(Answer(0.0, 0.0, x, pressure + np.array([0.0, 1e6, 0.0, 0.0])), law)

@@ -1,0 +1,85 @@
+"""What the real contact bears: its mean pressure, who flows, and what is refused for it."""
+
+import numpy as np
+import pytest
+
+from multiscale.pipeline import load_case
+from multiscale.pipeline.real_contact import real_pressure, with_real_pressure
+from multiscale.schema import MICRO_RESPONSE
+
+MODULUS = 210e9 / (2.0 * (1.0 - 0.3**2))  # contact modulus of steel on steel
+
+
+def response(*fractions):
+    """Two cells, one above and one below the mean, at 1, 2, 3 ... MPa."""
+    area = np.array(fractions) * np.array([[0.9], [1.1]])
+    p = 1e6 * np.arange(1.0, 1.0 + area.shape[1])
+    ones = np.ones(area.shape, dtype=int)
+    values = {
+        "displacement_jump": np.zeros((*area.shape, 3)),
+        "traction": np.zeros((*area.shape, 3)),
+        "mean_gap": 1e-6 * ones,
+        "contact_fraction": area,
+        "converged": ones,
+        "active_set_iterations": ones,
+        "linear_iterations": ones,
+        "wall_time": 1.0 * ones,
+        "nominal_pressure": p,
+    }
+    return MICRO_RESPONSE.build(values)
+
+
+def steel(**changes):
+    return load_case("ground_steel").model_copy(update=changes)
+
+
+def metal(first, second, geometry="conforming"):
+    """Steel of two hardnesses, Pa."""
+    case = load_case("ground_steel")
+    bodies = {
+        f"body_{k}": body.model_copy(update={"hardness": hardness})
+        for k, body, hardness in zip((1, 2), case.bodies, (first, second), strict=True)
+    }
+    cell = case.cell.model_copy(update={"geometry": geometry})
+    return case.model_copy(update=bodies | {"cell": cell})
+
+
+def test_the_real_pressure_is_the_load_over_the_area_that_touches():
+    found = with_real_pressure(steel(), response(0.1, 0.0, 0.5))
+    MICRO_RESPONSE.check(found)
+    expected = [[1e6 / 0.09, np.nan, 3e6 / 0.45], [1e6 / 0.11, np.nan, 3e6 / 0.55]]
+    np.testing.assert_allclose(found["real_pressure"], expected)
+    np.testing.assert_array_equal(real_pressure(2e6, np.array([0.0, 0.5])), [np.nan, 4e6])
+
+
+@pytest.mark.parametrize(("share", "told"), [(0.0099, False), (0.0101, True)])
+def test_elastic_metal_is_a_caution_above_a_hundredth_of_the_contact_modulus(share, told):
+    touching = 1e6 / (share * MODULUS)
+    found = with_real_pressure(steel(), response(touching))
+    assert found.attrs["behaviour"] == (
+        "The answer is elastic: no body has a hardness, and nothing flows."
+    )
+    assert ("give its hardness, or set elastic = true" in found.attrs["cautions"]) == told
+    meant = with_real_pressure(steel(elastic=True), response(touching))
+    assert meant.attrs["cautions"] == ""
+    assert "elastic" in meant.attrs["behaviour"]
+
+
+def test_a_hardness_is_compared_with_the_real_pressure_and_says_who_flows():
+    told = with_real_pressure(metal(2.8e9, 1.4e9), response(1e6 / 1.26e9))
+    assert told.attrs["behaviour"] == (
+        "The one body that stands for both flows from a yield stress of 0.5 GPa on, the hardness "
+        "of 1.4 GPa of body_2, the softer body, over 2.8. The real contact bears up to 0.90 of "
+        "that hardness."
+    )
+    assert told.attrs["cautions"] == ""
+    above = with_real_pressure(metal(2e9, 2e9), response(1e6 / 3e9))
+    assert "of both bodies over 2.8" in above.attrs["behaviour"]
+    assert "3 GPa on the mean, 1.50 of the hardness" in above.attrs["cautions"]
+    flat = with_real_pressure(metal(2e9, None, "flat"), response(1e6 / 2e9))
+    assert "cut off at the hardness of 2 GPa of body_1" in flat.attrs["behaviour"]
+
+
+def test_what_a_case_says_of_flow_and_of_its_law_changes_no_cell():
+    law = steel().law.model_copy(update={"extrapolate": True})
+    assert steel(elastic=True, law=law).identity() == steel().identity()
