@@ -7,7 +7,7 @@ from itertools import product
 import numpy as np
 
 from multiscale.errors import CaseError
-from multiscale.upscaling.budget import ERROR_TERMS, total_error
+from multiscale.upscaling.budget import ERROR_TERMS, add_up, total_error
 
 __all__ = ["CostModel", "Estimate", "Setting", "cheapest"]
 
@@ -65,9 +65,9 @@ class Estimate:
 
     @property
     def total(self) -> float:
-        """Largest total over the steps, relative."""
-        spread = np.sqrt(np.nansum(self.half_width**2, axis=0))
-        return float(np.max(total_error(self.bias.sum(axis=0), spread)))
+        """Largest total over the steps, relative; NaN where a term of a step is not known."""
+        given = np.isfinite(self.half_width).any(axis=1).tolist()
+        return float(np.max(add_up(self.half_width[None], self.bias[None], given)))
 
     def at(self, setting: Setting) -> "Estimate":
         r"""Return what is expected at another setting.

@@ -25,7 +25,7 @@ from multiscale.upscaling import (
     with_budget,
     without_size_bias,
 )
-from multiscale.upscaling.budget import how_attribute
+from multiscale.upscaling.budget import ALWAYS, ERROR_TERMS, how_attribute
 
 if TYPE_CHECKING:
     import xarray as xr
@@ -334,7 +334,20 @@ class _Campaign:
         if quantity == "joint_stiffness":
             carrier = solve_joint(chosen, carrier)
         one = carrier.sel(quantity=quantity)
-        return Estimate(setting, one["error_half_width"].to_numpy(), one["error_bias"].to_numpy())
+        half = one["error_half_width"].to_numpy()
+        estimate = Estimate(setting, half, one["error_bias"].to_numpy())
+        if not np.isfinite(estimate.total):
+            missing = [
+                term
+                for term, known in zip(ERROR_TERMS, np.isfinite(half), strict=True)
+                if not known.all() and (known.any() or term in ALWAYS)
+            ]
+            raise CaseError(
+                f"{self.case.title}: the error of {quantity} cannot be estimated: "
+                f"{', '.join(missing)} is not known at all pressures; change the keys that the "
+                f"cautions name, or leave out [accuracy]"
+            )
+        return estimate
 
     def finish(
         self, known: _Known, response: "xr.Dataset", lines: tuple[str, ...], forecast: float
