@@ -12,10 +12,10 @@ if TYPE_CHECKING:
     from functools import partial
 
     import xarray as xr
-    from scipy.sparse import sparray
 
     from multiscale.io.surfaces import Surface
     from multiscale.laws import Sliders
+    from multiscale.laws.base import Response
     from multiscale.laws.bulk import BulkLaw
     from multiscale.macro import LinkSystem
     from multiscale.macro.substructures.problem import Problem
@@ -130,13 +130,15 @@ def joint(law_over_block: float, friction: float, parts: int) -> float:
     blocks = stacked_blocks((edge, edge, edge), (2, 2, 2), [Elastic(YOUNG, POISSON)] * 2, [law])
     shear = min(0.5 * friction, 0.3) * pressure  # a half would tip the upper block
     loading = JointLoading((pressure,), shear=shear, cycles=1 if shear else 0, steps=2)
-    cut = load_joint(blocks, loading, parts=(parts, parts))
+    cut = load_joint(blocks, loading, parts=(parts, parts), tolerance=1e-9)
     _refuse_failure(cut)
     problem = blocks.cut((parts, parts))
     scales = (pressure, decay, pressure * edge / YOUNG)
     steps = zip(loading.factors(), cut["jump"].values, strict=True)
     exact = solve_in_one_piece(problem, law, steps, scales)
-    return float(np.abs(cut["traction"].values - exact).max() / pressure)
+    # the law feels the rounding of jumps that are long against its decay
+    rounding = 4.0 * np.finfo(float).eps * np.abs(cut["jump"].values).max() / decay
+    return max(0.0, float(np.abs(cut["traction"].values - exact).max() / pressure) - rounding)
 
 
 def solve_in_one_piece(
@@ -167,7 +169,7 @@ def solve_in_one_piece(
     Raises
     ------
     ConvergenceError
-        If 50 iterations do not reach a residual of 1e-10.
+        If 100 iterations do not reach a residual of 1e-10.
 
     Notes
     -----
@@ -194,28 +196,37 @@ def solve_in_one_piece(
     force_scale = traction_scale * float(whole.weight.sum())
     K, push = whole.stiffness * (length / force_scale), whole.jump.T @ diags_array(weight)
 
-    def step_of(fault: np.ndarray, D: "sparray", floor: float) -> np.ndarray:
-        softened = (D + floor * eye_array(3 * points)) @ Q
-        matrix = [[K, push @ csr_array(softened)], [trace, -ratio * eye_array(Q.shape[1])]]
+    def respond(u: np.ndarray, y: np.ndarray, load: np.ndarray) -> "tuple[np.ndarray, Response]":
+        response = law.respond((jump_scale * Q @ y).reshape(3, points), state)
+        t = response.traction.ravel() / traction_scale
+        return np.concatenate([K @ u + push @ t - load, trace @ u - ratio * y]), response
+
+    def direction(fault: np.ndarray, tangent: np.ndarray, floor: float) -> np.ndarray:
+        D = block_array([[diags_array(entry) for entry in row] for row in tangent])
+        D = D * (jump_scale / traction_scale) + floor * eye_array(3 * points)
+        matrix = [[K, push @ csr_array(D @ Q)], [trace, -ratio * eye_array(Q.shape[1])]]
         name = "the tangent of the structure in one piece"
         return factorise(block_array(matrix, format="csc"), name=name)(-fault)
 
     u, found = np.zeros(problem.n), []  # displacements over their scale
     for factor, start in steps:
         load, y = whole.load @ factor / force_scale, Q.T @ start.T.ravel() / jump_scale
-        for _ in range(50):
-            response = law.respond((jump_scale * Q @ y).reshape(3, points), state)
-            t = response.traction.ravel() / traction_scale
-            fault = np.concatenate([K @ u + push @ t - load, trace @ u - ratio * y])
-            if np.abs(fault).max() <= 1e-10 * max(1.0, np.abs(u).max()):
+        fault, response = respond(u, y, load)
+        for _ in range(100):
+            rounding = np.finfo(float).eps * np.abs(y).max()  # jumps over those that the law feels
+            if np.abs(fault).max() <= 1e-10 * max(1.0, np.abs(u).max()) + 4.0 * rounding:
                 break
-            D = block_array([[diags_array(entry) for entry in row] for row in response.tangent])
-            D = D * (jump_scale / traction_scale)
             try:
-                change = step_of(fault, D, 0.0)
+                change = direction(fault, response.tangent, 0.0)
             except MultiscaleError:  # an iterate in which all points slip
-                change = step_of(fault, D, FLOOR)
-            u, y = u + change[: u.size], y + change[u.size :]
+                change = direction(fault, response.tangent, FLOOR)
+            before = np.linalg.norm(fault)
+            for length in (*0.5 ** np.arange(6), 1.0):  # the whole step where none is shorter
+                new = u + length * change[: u.size], y + length * change[u.size :]
+                fault, response = respond(*new, load)
+                if np.linalg.norm(fault) < before:
+                    break
+            u, y = new
         else:
             raise ConvergenceError(f"the structure in one piece keeps {np.abs(fault).max():.1e}")
         state = response.state
