@@ -121,11 +121,26 @@ def test_a_push_at_any_share_above_friction_names_load_and_capacity(parts, law, 
 
 @pytest.mark.parametrize("coarse", [True, False])
 def test_a_block_that_runs_away_is_never_in_balance(coarse):
-    # a residual relative to the motion once called this converged, 3e8 m away
     law = Frictional(Exponential(1e9, 1e-8), 0.2)
     result = solve_latin(pushed(law, 1, 1.75), np.eye(3), tolerance=1e-6, coarse=coarse)
     np.testing.assert_array_equal(result.converged, [1, 0, 0])
     np.testing.assert_allclose(say_slide(result), [2800.0, 1600.0], rtol=0.05)
+
+
+def test_the_residual_alone_knows_a_block_that_runs_away_from_one_in_balance(monkeypatch):
+    monkeypatch.setattr("multiscale.macro.substructures.latin.find_slide", lambda *_: None)
+    law = Frictional(Exponential(1e9, 1e-8), 0.2)
+    result = solve_latin(pushed(law, 1, 1.75), np.eye(3), tolerance=1e-6)
+    np.testing.assert_array_equal(result.converged, [1, 0, 0])
+    assert "the iteration limit was reached" in result.failure
+
+
+@pytest.mark.slow
+def test_forces_out_of_balance_between_substructures_do_not_hide_behind_the_motion():
+    # without a coarse problem, relative to the motion they fell below 1e-4 on the way
+    law = Frictional(Exponential(1e9, 1e-8), 0.2)
+    result = solve_latin(pushed(law, 2, 1.05), np.eye(3), tolerance=1e-3, coarse=False)
+    np.testing.assert_array_equal(result.converged, [1, 0, 0])
 
 
 @pytest.mark.parametrize("solve", [solve_latin, solve_schur])
