@@ -22,7 +22,7 @@ __all__ = [
     "unloading_observations",
 ]
 
-HIGHEST_GAP = 100.0
+HIGHEST_GAP = 20.0
 """Mean gap over the rms height above which units are wrong, or a single spike is all contact."""
 
 _OWN_ATTRIBUTES = frozenset(

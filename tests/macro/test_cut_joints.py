@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from scipy.sparse.linalg import spsolve
 
-from multiscale.errors import CaseError
+from multiscale.errors import CaseError, ConvergenceError
 from multiscale.laws import Exponential, RigidContact, Sliders
 from multiscale.laws.bulk import Elastic
 from multiscale.macro import Body, solve_interface
@@ -106,7 +106,7 @@ def test_a_push_just_below_friction_is_held_and_one_just_above_it_is_refused(sol
     np.testing.assert_array_equal(result.displacement[0], held.displacement[0])
     assert np.isnan(result.displacement[1:]).all()
     assert "the steps end before step 1: no equilibrium" in result.attrs["failure"]
-    np.testing.assert_allclose(say_slide(result), [1.5 * 1600.0, 1600.0], rtol=0.05)
+    np.testing.assert_allclose(say_slide(result), [1.5 * 1600.0, 1600.0], rtol=1e-3)
 
 
 @pytest.mark.slow
@@ -118,16 +118,47 @@ def test_a_push_just_below_friction_is_held_and_one_just_above_it_is_refused(sol
 def test_a_push_at_any_share_above_friction_names_load_and_capacity(parts, law, share):
     result = solve_latin(pushed(law, parts, share), np.eye(3))
     np.testing.assert_array_equal(result.converged, [1, 0, 0])
-    np.testing.assert_allclose(say_slide(result), [share * 1600.0, 1600.0], rtol=0.05)
+    np.testing.assert_allclose(say_slide(result), [share * 1600.0, 1600.0], rtol=1e-3)
 
 
 @pytest.mark.parametrize("coarse", [True, False])
 def test_a_block_that_runs_away_is_never_in_balance(coarse):
-    # a residual relative to the motion once called this converged, 3e8 m away
     law = Sliders(Exponential(1e9, 1e-8), 0.2, pressures=(1e6, 1e8))
     result = solve_latin(pushed(law, 1, 1.75), np.eye(3), tolerance=1e-6, coarse=coarse)
     np.testing.assert_array_equal(result.converged, [1, 0, 0])
-    np.testing.assert_allclose(say_slide(result), [2800.0, 1600.0], rtol=0.05)
+    np.testing.assert_allclose(say_slide(result), [2800.0, 1600.0], rtol=1e-3)
+
+
+def test_the_residual_alone_knows_a_block_that_runs_away_from_one_in_balance(monkeypatch):
+    monkeypatch.setattr("multiscale.macro.substructures.latin.find_slide", lambda *_: None)
+    law = Sliders(Exponential(1e9, 1e-8), 0.2, pressures=(1e6, 1e8))
+    result = solve_latin(pushed(law, 1, 1.75), np.eye(3), tolerance=1e-6)
+    np.testing.assert_array_equal(result.converged, [1, 0, 0])
+    assert "the iteration limit was reached" in result.failure
+
+
+def test_a_step_that_a_law_has_no_answer_to_keeps_the_steps_before(monkeypatch):
+    law = Sliders(Exponential(1e9, 0.4e-6), 0.2, pressures=(1e6, 1e8))
+    resolvent = Sliders.resolvent
+
+    def give_up(self, source, stiffness, state):
+        if np.abs(state).max() > 0.0:  # from the second step on
+            raise ConvergenceError("no jump on the search direction")
+        return resolvent(self, source, stiffness, state)
+
+    monkeypatch.setattr(Sliders, "resolvent", give_up)
+    result = solve_latin(pushed(law, 1, 0.5), np.eye(3))
+    np.testing.assert_array_equal(result.converged, [1, 0, 0])
+    assert np.isnan(result.displacement[1:]).all()
+    assert "the steps end before step 1: no jump on the search direction" in result.failure
+
+
+@pytest.mark.slow
+def test_forces_out_of_balance_between_substructures_do_not_hide_behind_the_motion():
+    # without a coarse problem, relative to the motion they fell below 1e-4 on the way
+    law = Sliders(Exponential(1e9, 1e-8), 0.2, pressures=(1e6, 1e8))
+    result = solve_latin(pushed(law, 2, 1.05), np.eye(3), tolerance=1e-3, coarse=False)
+    np.testing.assert_array_equal(result.converged, [1, 0, 0])
 
 
 @pytest.mark.parametrize("solve", [solve_latin, solve_schur])
@@ -136,7 +167,7 @@ def test_an_absurd_push_ends_the_path_in_a_sentence(solve, force):
     law = Sliders(Exponential(1e9, 0.4e-6), 0.2, pressures=(1e6, 1e8))
     result = solve(pushed(law, 1, force / 1600.0), np.eye(3))
     np.testing.assert_array_equal(result.converged, [1, 0, 0])
-    assert "the steps end before step 1: no equilibrium found" in result.attrs["failure"]
+    np.testing.assert_allclose(say_slide(result), [force, 1600.0], rtol=1e-3)
 
 
 def test_what_friction_carries_is_the_least_over_all_joints_that_a_motion_slides():

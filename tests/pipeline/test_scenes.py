@@ -202,7 +202,7 @@ def test_nodes_that_move_farther_than_the_structure_measures_are_a_caution(hangi
 
 
 def test_a_motion_that_fails_says_when_and_keeps_what_was_found(tmp_path, monkeypatch):
-    monkeypatch.setattr("multiscale.macro.dynamics.MAX_ITERATIONS", 2)
+    monkeypatch.setattr("multiscale.macro.limited_motion.MAX_ITERATIONS", 2)
     scene = load_scene(write(tmp_path, MOVING, ('"5 ms"', '"100 ms"'), ("= 1.0", "= 4.0"))).quick()
     result = run_scene(scene, tmp_path / "motion.nc")
     assert result["converged"].values[0] == 1

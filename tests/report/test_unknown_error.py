@@ -19,7 +19,8 @@ def joint(total):
     values |= {"preload": 1e7 * one, "converged": np.ones(1, dtype=int)}
     values |= {"residual": 0.0 * one, "wall_time": one}
     budget = {"error_total": [[total]], "error_half_width": [[[total]]], "error_bias": [[[0.0]]]}
-    return MACRO_RESULT.build(values | budget)
+    result = MACRO_RESULT.build(values | budget)
+    return result.assign_coords(quantity=["joint_stiffness"])
 
 
 @pytest.mark.parametrize(("total", "said"), [(0.0123, "1.2"), (np.nan, "unknown")])

@@ -20,7 +20,7 @@ CORNERS, CUTS, CLOSE = 8, 20, 1e-6
 changes its work by no more than this, relative to the work of all friction for a slip of one."""
 
 NOTHING = 1e-6
-"""Share of a load up to which friction carries nothing: the joints open, or none resists."""
+"""Share of a load whose power is none, and of the largest slip that is none."""
 
 
 @dataclass(frozen=True)
@@ -30,10 +30,10 @@ class Slide:
     Attributes
     ----------
     load, capacity : float
-        Power of the load, and the most that friction takes of it, per largest slip, N. Where
-        bodies slide without turning, these are forces.
+        Power of the load, and what friction takes of it, per largest slip, N: forces where bodies
+        slide without turning. NaN where they do not slide.
     joints : tuple of int
-        Numbers of the joints that slide; none where bodies part or nothing holds them.
+        Numbers of the joints that slide; none where bodies lift or tip, or nothing holds them.
     """
 
     load: float
@@ -55,7 +55,7 @@ class Slide:
         )
 
 
-def find_slide(problem: Problem, load: np.ndarray, pressure: np.ndarray) -> Slide | None:
+def find_slide(problem: Problem, load: np.ndarray, *pressures: np.ndarray) -> Slide | None:
     r"""Find the rigid motion that friction resists least, if the load overcomes it.
 
     Parameters
@@ -63,8 +63,10 @@ def find_slide(problem: Problem, load: np.ndarray, pressure: np.ndarray) -> Slid
     problem : Problem
     load : ndarray, shape (unknowns of the substructures,)
         N.
-    pressure : ndarray, shape (points of all joints,)
-        Contact pressure, Pa, that limits friction. If it is not finite, nothing is found.
+    *pressures : ndarray, shape (points of all joints,)
+        Contact pressure, Pa, that limits friction: those of the step before, for instance, then
+        those of an unfinished iteration. The first that the load overcomes counts; some that are
+        empty or not finite do not.
 
     Returns
     -------
@@ -83,7 +85,7 @@ def find_slide(problem: Problem, load: np.ndarray, pressure: np.ndarray) -> Slid
     if friction is bounded by :math:`\mu p`; the normal traction may be any pressure. Equilibrium
     needs :math:`\lambda \ge 1`. Any motion bounds it from above.
     """
-    if not problem.joints or not np.all(np.isfinite(pressure)):
+    if not problem.joints:
         return None
     modes = _free_motions(problem)
     power = load @ modes
@@ -93,19 +95,24 @@ def find_slide(problem: Problem, load: np.ndarray, pressure: np.ndarray) -> Slid
     sizes = [joint.weight.size for joint in problem.joints]
     friction = [float(getattr(joint.law, "friction", 0.0)) for joint in problem.joints]
     area = np.concatenate([joint.weight for joint in problem.joints])
-    bound = np.repeat(friction, sizes) * area * np.maximum(pressure, 0.0)
-    a = _weakest(power, normal, across, bound)
-    if a is None:
-        return None
-    slip, opening = np.hypot(*(J @ a for J in across)), float(np.max(normal @ a))
-    work, taken, largest = float(power @ a), float(bound @ slip), float(slip.max())  # (1)
-    if taken >= work:
-        return None
-    if largest == 0.0 or (taken < NOTHING * work and opening > NOTHING * largest):
-        return Slide(work, taken, ())
+    limit = np.repeat(friction, sizes) * area
     numbers = np.repeat([joint.joint for joint in problem.joints], sizes)
-    slides = tuple(np.unique(numbers[slip > NOTHING * largest]).tolist())
-    return Slide(work / largest, taken / largest, slides)
+    known = [one for one in pressures if one.size and np.all(np.isfinite(one))]
+    sliding = np.concatenate([normal, -normal])
+    # sliding first: what also tips has a capacity that can be told
+    for kept, pressure in [(sliding, one) for one in known] + [(normal, one) for one in known]:
+        bound = limit * np.maximum(pressure, 0.0)
+        a = _weakest(power, kept, across, bound)
+        if a is None:
+            continue
+        slip, work = np.hypot(*(J @ a for J in across)), float(power @ a)
+        taken, largest = float(bound @ slip), float(slip.max())
+        if taken < work and kept is normal:
+            return Slide(np.nan, np.nan, ())
+        if taken < work and largest > 0.0:
+            slides = tuple(np.unique(numbers[slip > NOTHING * largest]).tolist())
+            return Slide(work / largest, taken / largest, slides)
+    return None
 
 
 def _free_motions(problem: Problem) -> np.ndarray:
@@ -158,7 +165,7 @@ def _weakest(
     power: np.ndarray, normal: np.ndarray, across: list[np.ndarray], bound: np.ndarray
 ) -> np.ndarray | None:
     """Minimise (1) by linear programs with more and more tangents of the slip; None if held."""
-    points, count = normal.shape
+    points, count = across[0].shape
     drive, weight = power / np.abs(power).max(), bound / (bound.sum() or 1.0)
     angles = [np.full((points, 1), 2.0 * np.pi * k / CORNERS) for k in range(CORNERS)]
     rows = [[csr_array(-normal), None]]
@@ -169,7 +176,7 @@ def _weakest(
         found = linprog(
             np.append(np.zeros(count), weight),
             A_ub=block_array(rows, format="csr"),
-            b_ub=np.zeros(len(rows) * points),
+            b_ub=np.zeros(len(normal) + (len(rows) - 1) * points),
             A_eq=np.append(drive, np.zeros(points))[None],
             b_eq=[1.0],
             bounds=[(None, None)] * count + [(0.0, None)] * points,

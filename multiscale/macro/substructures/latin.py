@@ -121,7 +121,7 @@ class Latin:
         self.status: np.ndarray | None = None
         self.slack_direction = SLACK
         self.z, self.r = links.prestress.copy(), np.zeros(self.sides.m)
-        self.largest = 0.0
+        self.largest, self.before = 0.0, np.zeros(0)
 
     @property
     def n_coarse(self) -> int:
@@ -274,7 +274,7 @@ class Latin:
 
     def commit(self, found: Iterate) -> None:
         """Take the state of the laws at the present forces for the next step."""
-        self.largest = max(self.largest, self.size(found))
+        self.largest, self.before = max(self.largest, self.size(found)), self.pressure()
         for index, _, law in self.joints:
             jump = self.joint_answer(index, law, self.r)[0]
             self.states[index], _ = advance(law, jump, self.states[index])
@@ -326,8 +326,8 @@ class Latin:
         return np.asarray(-self.joint_fields()[1][0])
 
     def slide(self, load: np.ndarray, pressure: np.ndarray) -> Slide | None:
-        """Say whether the load overcomes the friction of the joints at their pressures, Pa."""
-        return find_slide(self.problem, self.team.concatenate(load), pressure)
+        """Say whether the load overcomes friction at pressures, Pa: of the step before or these."""
+        return find_slide(self.problem, self.team.concatenate(load), self.before, pressure)
 
     def norm(self, value: np.ndarray) -> float:
         """Norm over all processes of what links, then sides have, shape (rows + m,)."""

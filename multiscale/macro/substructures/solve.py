@@ -116,7 +116,12 @@ def solve_latin(
             columns.append(columns[-1] | {"iterations": 0, "wall_time": 0.0})
             continue
         load = method.stack.load @ factor
-        columns.append(solve_step(method, load, judge, tolerance, max_iterations, callback))
+        try:
+            columns.append(solve_step(method, load, judge, tolerance, max_iterations, callback))
+        except MultiscaleError as error:  # a law without an answer: the steps before are kept
+            if not columns:
+                raise
+            columns.append(columns[-1] | {"converged": 0, "failure": str(error)})
     return assemble_result(
         problem,
         factors,

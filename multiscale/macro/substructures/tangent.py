@@ -114,7 +114,7 @@ class Newton:
         self.states = [np.zeros((item.law.n_state, item.weight.size)) for item in self.joints]
         links = self.stack.links
         self.taut = self.assemble(self.stack.matrix(links.stiffness, None).diagonal())[self.unknown]
-        self.factors = Factors(), Factors()
+        self.factors, self.before = (Factors(), Factors()), np.zeros(0)
         self.factored: _Factored | None = None
         self.key = np.full(links.stiffness.size + 1, np.nan)
         self.magnitude = abs(self.stack.stiffness)
@@ -311,9 +311,8 @@ class Newton:
     def why(self, status: Status, closest: Balance) -> str:
         """Say why a step failed, from where it was closest to a solution."""
         load = np.concatenate([part.load @ self.factor for part in self.problem.substructures])
-        found = dict(self.team.collect(list(zip(self.places, closest.pressures, strict=True))))
-        pressure = np.concatenate([np.zeros(0), *(found[place] for place in sorted(found))])
-        if slide := find_slide(self.problem, load, pressure):
+        pressure = self._joined(closest.pressures)
+        if slide := find_slide(self.problem, load, self.before, pressure):
             return str(slide)
         if self.unfinished:
             return (
@@ -322,7 +321,13 @@ class Newton:
             )
         return status.value
 
+    def _joined(self, pressures: list[np.ndarray]) -> np.ndarray:
+        """Pressure at all points of the joints of all processes, Pa, in their order."""
+        found = dict(self.team.collect(list(zip(self.places, pressures, strict=True))))
+        return np.concatenate([np.zeros(0), *(found[place] for place in sorted(found))])
+
     def commit(self) -> None:
         """Take the state of the laws at the present displacement for the next step."""
+        self.before = self._joined(self.balance().pressures)
         for index, (joint, jump) in enumerate(zip(self.joints, self.jump, strict=True)):
             self.states[index], _ = advance(joint.law, jump, self.states[index])

@@ -245,7 +245,7 @@ def test_minimal_residuals_solve_a_nonsymmetric_system():
         (lambda: cell(bulk=NeoHookean(2.0, 0.3)), "youngs_modulus of the bulk law is 2"),
         (lambda: Path(pressure=(1.0,), slide=((0.0, 0.0),) * 2), "slide needs two finite lengths"),
         (lambda: Path(pressure=(1.0, 1.0), time=(1.0, 0.5)), "rising from 0"),
-        (lambda: Path(pressure=(1.0,), increments=0), "at least 1 increment"),
+        (lambda: Path(pressure=(1.0,), increments=0), "increments of a path must be at least 1"),
         (
             lambda: solve_cell(cell(bulk=NeoHookean(1.0, 0.3)), Path(pressure=(0.1,), time=(1.0,))),
             "the body has no viscosity",
