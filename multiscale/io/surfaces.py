@@ -292,6 +292,6 @@ def _check_undefined(path: Path, undefined: np.ndarray, fill: bool) -> None:
     if number and not fill:
         raise CaseError(
             f"{path}: {number} of {undefined.size} points ({number / undefined.size:.2%}) are "
-            f"undefined; fill them with fill_undefined=True or crop the map in the instrument's "
+            f"undefined; set fill_undefined to true or crop the map in the instrument's "
             f"software"
         )

@@ -101,7 +101,7 @@ def test_methods_that_need_extensible_links_say_so():
     for method in ("newton", "lcp"):
         with pytest.raises(CaseError, match=f"method '{method}' needs extensible links"):
             solve_static(grid, method=method)
-    with pytest.raises(CaseError, match="exact=True needs extensible links"):
+    with pytest.raises(CaseError, match="exact needs extensible links"):
         solve_static(grid, exact=True)
 
 
@@ -111,9 +111,9 @@ def test_faulty_options_are_refused():
         solve_static(grid, method="magic")
     with pytest.raises(CaseError, match="load_factor must be a finite number"):
         solve_static(grid, [0.0, np.nan])
-    with pytest.raises(CaseError, match="leave out exact=True"):
+    with pytest.raises(CaseError, match="leave out exact"):
         solve_static(grid, exact=True, stability=True)
-    with pytest.raises(CaseError, match="exact=True has one method"):
+    with pytest.raises(CaseError, match="exact has one method"):
         solve_static(grid, exact=True, method="lcp")
     with pytest.raises(CaseError, match="at most 5000; use method='auto'"):
         solve_static(tensegrity_grid(21), method="lcp")

@@ -158,7 +158,7 @@ def check_supports(system: "LinkSystem") -> None:
             whole = "the structure" if parts == 1 else f"the part with node {inside[0]}"
             raise CaseError(
                 f"{whole} ({inside.size} nodes) is not supported: {freedom} of its rigid motions "
-                f"are free; hold more unknowns in fixed"
+                f"are free; hold more directions of its nodes"
             )
 
 

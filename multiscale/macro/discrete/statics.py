@@ -146,13 +146,13 @@ def _check(
     if not exact:
         return
     if system.n_components == 6:
-        raise CaseError("exact=True takes links alone, because beams rotate by small angles")
+        raise CaseError("exact takes links alone, because beams rotate by small angles")
     if np.isinf(system.stiffness).any():
-        raise CaseError("exact=True needs extensible links; give a finite rigidity")
+        raise CaseError("exact needs extensible links; give a finite rigidity")
     if method != "auto":
-        raise CaseError(f"exact=True has one method, 'auto', got {method!r}")
+        raise CaseError(f"exact has one method, 'auto', got {method!r}")
     if stability:
-        raise CaseError("stability=True takes small perturbations; leave out exact=True")
+        raise CaseError("stability takes small perturbations; leave out exact")
 
 
 def _finite(system: LinkSystem, model: Equations, tangent: Tangent, limits: Limits) -> Find:
