@@ -138,7 +138,8 @@ def joint(law_over_block: float, friction: float, parts: int) -> float:
     exact = solve_in_one_piece(problem, law, steps, scales)
     # the law feels the rounding of jumps that are long against its decay
     rounding = 4.0 * np.finfo(float).eps * np.abs(cut["jump"].values).max() / decay
-    return max(0.0, float(np.abs(cut["traction"].values - exact).max() / pressure) - rounding)
+    distance = float(np.abs(cut["traction"].values - exact).max()) / pressure
+    return max(0.0, distance - float(rounding))
 
 
 def solve_in_one_piece(

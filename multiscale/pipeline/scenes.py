@@ -78,6 +78,9 @@ KINDS: dict[str, type[Settings]] = {
     "shear_cell": ShearCell,
     "biaxial": Biaxial,
 }
+FURTHEST = 0.05
+"""Displacement of the ends of a link against each other, over its length, that counts as small."""
+
 LAWS: dict[str, type[LinkLaw]] = {"bar": Bar, "cable": Cable, "strut": Strut}
 
 
@@ -184,7 +187,10 @@ def run_scene(
     if law is not None and scene.joint is None:
         raise CaseError(f"{scene.title}: the scene has no joint that the law {law} could be of")
     result = solve_bodies(scene, law, team) if bodies else _solve_links(scene, team)
-    cautions = [result.attrs.get("cautions", ""), *_too_far(result)]
+    cautions = [
+        result.attrs.get("cautions", ""),
+        *_too_far(result, small=scene.statics is not None and not scene.statics.exact),
+    ]
     result = result.assign_attrs(
         title=scene.title, scene=scene.to_toml(), cautions="\n".join(filter(None, cautions))
     )
@@ -205,8 +211,8 @@ def run_scene(
     return result
 
 
-def _too_far(result: "xr.Dataset") -> Iterator[str]:
-    """Say if nodes move by more than the structure measures."""
+def _too_far(result: "xr.Dataset", *, small: bool) -> Iterator[str]:
+    """Say where nodes move by more than the structure measures, or links turn too far."""
     size = float(np.ptp(result["position"].values, axis=0).max())
     moved = float(np.abs(np.nan_to_num(result["displacement"].values)).max(initial=0.0))
     if moved > size:
@@ -214,6 +220,17 @@ def _too_far(result: "xr.Dataset") -> Iterator[str]:
             f"nodes move by up to {moved:.3g} m, more than the structure measures ({size:.3g} m), "
             f"where no law of its parts holds: check loads, moduli and their units"
         )
+    elif small and "ends" in result:
+        first, second = result["ends"].values.T
+        apart = np.diff(result["position"].values[result["ends"].values], axis=1)[:, 0]
+        u = np.nan_to_num(result["displacement"].values)[:, :, :3]
+        turned = np.linalg.norm(u[:, second] - u[:, first], axis=2) / np.linalg.norm(apart, axis=1)
+        if turned.max() > FURTHEST:
+            yield (
+                f"the ends of a link move against each other by up to {turned.max():.2g} of its "
+                f"length, and small displacements err by about as much: set exact to true in "
+                f"[statics]"
+            )
 
 
 def homogenised_file(out: Path) -> Path:

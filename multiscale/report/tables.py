@@ -84,13 +84,14 @@ def tabulate_sweep(result: "xr.Dataset") -> tuple[tuple[str, ...], list[tuple[st
 
 
 def _row(step: "xr.Dataset", band: "Sequence[float] | np.ndarray") -> tuple[str, ...]:
-    """Results at one preload, in the order of ``HEAD``."""
+    """Results at one preload, in the order of ``HEAD``; no band beside an unknown error."""
     low, high = (1e-12 * end for end in band)
+    error = _error(step, "joint_stiffness")
     return (
         f"{1e-6 * float(step['preload']):.4g}",
         f"{1e-12 * float(step['joint_stiffness']):.4g}",
-        "none" if np.isnan(low) else f"{low:.4g} ... {high:.4g}",
-        _error(step, "joint_stiffness"),
+        "none" if np.isnan(low) or error == "unknown" else f"{low:.4g} ... {high:.4g}",
+        error,
         _part(step, "interface_stiffness"),
         _part(step, "solid_stiffness"),
         f"{1e6 * float(step['mean_gap']):.4g}",
