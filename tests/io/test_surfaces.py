@@ -103,7 +103,8 @@ def test_plane_is_removed_unless_told_otherwise(tmp_path, heights):
 
 def test_undefined_points_are_refused_with_their_number_and_share(tmp_path, heights):
     heights[2, 1:4] = np.nan
-    with pytest.raises(CaseError, match=r"3 of 30 points \(10.00%\) are undefined; set fill_undefined"):
+    said = r"3 of 30 points \(10.00%\) are undefined; set fill_undefined"
+    with pytest.raises(CaseError, match=said):
         read_surface(write_text(tmp_path / "map.txt", heights))
 
 

@@ -23,7 +23,7 @@ from multiscale.pipeline.forecast import (
 from multiscale.pipeline.pilots import stored_pilots, surface_at_large
 from multiscale.pipeline.planner import resize
 from multiscale.upscaling import at_rms_height
-from multiscale.upscaling.budget import ERROR_TERMS, total_error
+from multiscale.upscaling.budget import ALWAYS, ERROR_TERMS, total_error
 
 CASE = """
 title = "Flat cells"
@@ -70,6 +70,7 @@ def write(tmp_path):
 
 def estimate(**terms):
     half, bias = np.full((len(ERROR_TERMS), 2), np.nan), np.zeros((len(ERROR_TERMS), 2))
+    half[[ERROR_TERMS.index(one) for one in ALWAYS]] = 0.0
     for name, value in terms.items():
         half[ERROR_TERMS.index(name.replace("_", " "))] = value
     return Estimate(Setting(0, 0, 8), half, bias)

@@ -121,7 +121,8 @@ def solve_latin(
         except MultiscaleError as error:  # a law without an answer: the steps before are kept
             if not columns:
                 raise
-            columns.append(columns[-1] | {"converged": 0, "failure": str(error)})
+            failure = str(method.slide(load, method.before) or error)
+            columns.append(columns[-1] | {"converged": 0, "failure": failure})
     return assemble_result(
         problem,
         factors,
