@@ -59,6 +59,8 @@ def run_command(
         return
     sweep = load_sweep(case)
     if quick:
+        if any(point.accuracy for point in sweep.points):
+            typer.echo("--quick leaves out the target of [accuracy]", err=True)
         sweep = sweep.quick()
     if explain:
         if sweep.parameters:

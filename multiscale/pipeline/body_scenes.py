@@ -84,6 +84,9 @@ def solve_bodies(scene: "Scene", law: Path | None, team: Team | None = None) -> 
     extrapolate = scene.joint is not None and scene.joint.extrapolate
     result = load_joint(assembly, loading, parts=cut.parts, extrapolate=extrapolate, **options)
     result = with_contact(result, dataset)
+    told = [f"its law: {one}" for one in str(dataset.attrs.get("cautions", "")).splitlines()]
+    cautions = "\n".join(filter(None, [str(result.attrs["cautions"]), *told]))
+    result = result.assign_attrs(cautions=cautions)
     if "error_half_width" in dataset and result["converged"].values.all():
 
         def stiffness(normal: NormalLaw, structure: StackedBlocks | LapJoint = given) -> Any:
