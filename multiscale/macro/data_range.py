@@ -5,7 +5,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from multiscale.schema import MACRO_RESULT
+from multiscale.schema import MACRO_RESULT, with_cautions
 from multiscale.units import readable
 
 if TYPE_CHECKING:
@@ -116,8 +116,7 @@ def with_load_shares(
         ]
         kept = result["known"] == 1
         result = result.assign({name: result[name].where(kept) for name in answers})
-    told = [str(result.attrs.get("cautions", "")), *_cautions(result, data, extrapolate)]
-    return result.assign_attrs(cautions="\n".join(filter(None, told)))
+    return with_cautions(result, *_cautions(result, data, extrapolate))
 
 
 def _cautions(result: "xr.Dataset", data: np.ndarray, extrapolate: bool) -> Iterator[str]:

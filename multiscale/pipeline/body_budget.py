@@ -8,7 +8,7 @@ import numpy as np
 from multiscale.pipeline.body_settings import LapJoint, StackedBlocks
 from multiscale.pipeline.joint import STIFFNESSES
 from multiscale.pipeline.real_contact import behaviour, real_pressure
-from multiscale.schema import MACRO_RESULT
+from multiscale.schema import MACRO_RESULT, with_cautions
 from multiscale.upscaling import (
     area_from_dataset,
     cell_share,
@@ -62,12 +62,11 @@ def with_joint_budget(
     pressure = -traction[steps, :, 0]
     closed = pressure > 0.0
     mean = np.sum(pressure * area, axis=1) / np.sum(closed * area, axis=1)
-    told = [str(result.attrs["cautions"])]
     if {"longest_wave", "cell_size", "sampling_factor"} <= set(law.attrs):
         wave, cell = float(law.attrs["longest_wave"]), float(law.attrs["cell_size"])
         length, extent = _lengths(result, pressure[-1])
         scales = compare_scales(wave, cell, length, extent=extent)
-        law, told = with_scales(law, scales), [*told, *scales.cautions]
+        law, result = with_scales(law, scales), with_cautions(result, *scales.cautions)
 
     def known_stiffness(*changed: Any) -> np.ndarray:
         return stiffness(*changed)[:, steps]
@@ -87,7 +86,6 @@ def with_joint_budget(
             "number of them, in [structure]"
         )
         budget = budget.assign_attrs({how_attribute("macro discretisation"): why})
-    result = result.assign_attrs(cautions="\n".join(filter(None, told)))
     return with_budget(result, over_steps(budget, steps, result.sizes["step"]))
 
 

@@ -33,7 +33,7 @@ from multiscale.pipeline.body_settings import (
     Substructures,
 )
 from multiscale.pipeline.joint import STIFFNESSES
-from multiscale.schema import RVE_STIFFNESS
+from multiscale.schema import RVE_STIFFNESS, with_cautions
 from multiscale.upscaling import law_from_dataset
 
 if TYPE_CHECKING:
@@ -84,9 +84,8 @@ def solve_bodies(scene: "Scene", law: Path | None, team: Team | None = None) -> 
     extrapolate = scene.joint is not None and scene.joint.extrapolate
     result = load_joint(assembly, loading, parts=cut.parts, extrapolate=extrapolate, **options)
     result = with_contact(result, dataset)
-    told = [f"its law: {one}" for one in str(dataset.attrs.get("cautions", "")).splitlines()]
-    cautions = "\n".join(filter(None, [str(result.attrs["cautions"]), *told]))
-    result = result.assign_attrs(cautions=cautions)
+    of_law = str(dataset.attrs.get("cautions", "")).splitlines()
+    result = with_cautions(result, *(f"its law: {one}" for one in of_law))
     if "error_half_width" in dataset and result["converged"].values.all():
 
         def stiffness(normal: NormalLaw, structure: StackedBlocks | LapJoint = given) -> Any:

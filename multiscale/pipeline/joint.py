@@ -9,7 +9,7 @@ from multiscale.macro import Block, RoughJoint, press_joint
 from multiscale.pipeline.cells import longest_wave
 from multiscale.pipeline.real_contact import behaviour, real_pressure
 from multiscale.pipeline.settings import Case
-from multiscale.schema import MACRO_RESULT
+from multiscale.schema import MACRO_RESULT, with_cautions
 from multiscale.upscaling import (
     area_from_dataset,
     cell_share,
@@ -72,10 +72,8 @@ def solve_joint(case: Case, law: "xr.Dataset") -> "xr.Dataset":
     kept = np.isfinite(result["joint_stiffness"].to_numpy())
     areas |= _unloading_stiffness(case, law, preload)
     areas = {name: np.where(kept, value, np.nan) for name, value in areas.items()}
-    scales = joint_scales(case)
-    told = [str(result.attrs["cautions"]), *scales.cautions]
-    result = MACRO_RESULT.assign(result, areas).assign_attrs(
-        cautions="\n".join(filter(None, told)),
+    result = MACRO_RESULT.assign(with_cautions(result, *joint_scales(case).cautions), areas)
+    result = result.assign_attrs(
         facts="\n".join([*behaviour(law), cell_share(max(case.cell.size), case.joint.width)]),
     )
     steps = np.flatnonzero(kept & (result["known"].values == 1))

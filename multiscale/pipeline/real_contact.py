@@ -8,7 +8,7 @@ from multiscale.micro import contact_modulus
 from multiscale.pipeline.cells import composite_material
 from multiscale.pipeline.rough_bodies import TABOR
 from multiscale.pipeline.settings import Case
-from multiscale.schema import MICRO_RESPONSE
+from multiscale.schema import MICRO_RESPONSE, with_cautions
 from multiscale.units import readable
 
 if TYPE_CHECKING:
@@ -60,9 +60,8 @@ def with_real_pressure(case: Case, response: "xr.Dataset") -> "xr.Dataset":
                 f"{bears}, {largest / hardness:.2f} of the hardness of the softer body: it "
                 f"hardens, or the grid does not resolve its contact"
             )
-    lines = [str(response.attrs.get("cautions", "")), caution]
     response = MICRO_RESPONSE.assign(response, {"real_pressure": real})
-    return response.assign_attrs(behaviour=told, cautions="\n".join(filter(None, lines)))
+    return with_cautions(response, caution).assign_attrs(behaviour=told)
 
 
 def _flow(case: Case) -> str:

@@ -57,7 +57,7 @@ from multiscale.pipeline.scene_settings import (
     TensegrityGrid,
 )
 from multiscale.pipeline.toml_model import Settings, read_toml, validate
-from multiscale.schema import HOMOGENISED, MACRO_RESULT
+from multiscale.schema import HOMOGENISED, MACRO_RESULT, with_cautions
 
 if TYPE_CHECKING:
     import xarray as xr
@@ -187,13 +187,9 @@ def run_scene(
     if law is not None and scene.joint is None:
         raise CaseError(f"{scene.title}: the scene has no joint that the law {law} could be of")
     result = solve_bodies(scene, law, team) if bodies else _solve_links(scene, team)
-    cautions = [
-        result.attrs.get("cautions", ""),
-        *_too_far(result, small=scene.statics is not None and not scene.statics.exact),
-    ]
-    result = result.assign_attrs(
-        title=scene.title, scene=scene.to_toml(), cautions="\n".join(filter(None, cautions))
-    )
+    small = scene.statics is not None and not scene.statics.exact
+    result = with_cautions(result, *_too_far(result, small=small))
+    result = result.assign_attrs(title=scene.title, scene=scene.to_toml())
     if writes:
         make_folder(out.parent)
         write_dataset(result, out, MACRO_RESULT)

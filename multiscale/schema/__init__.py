@@ -1,6 +1,6 @@
 """The datasets that pass between the layers: names, dimensions and units, written once."""
 
-from multiscale.schema.base import COMPONENTS, Schema, Variable
+from multiscale.schema.base import COMPONENTS, Schema, Variable, with_cautions
 from multiscale.schema.cell import FIELDS, MICRO_RESPONSE, SLIDING_RESPONSE
 from multiscale.schema.damage import DAMAGE_SECTIONS, FATIGUE, RVE_STIFFNESS, WOEHLER
 from multiscale.schema.end_to_end import END_TO_END
@@ -35,6 +35,7 @@ __all__ = [
     "WORK_PRECISION",
     "Schema",
     "Variable",
+    "with_cautions",
 ]
 
 SCHEMAS = {

@@ -9,7 +9,7 @@ from multiscale.errors import SchemaError
 if TYPE_CHECKING:
     import xarray as xr
 
-__all__ = ["BUDGET", "COMPONENTS", "Schema", "Variable"]
+__all__ = ["BUDGET", "COMPONENTS", "Schema", "Variable", "with_cautions"]
 
 COMPONENTS = ("n", "t1", "t2")
 """Labels of the dimension ``component``: the normal and the two tangents of the joint."""
@@ -161,3 +161,9 @@ BUDGET = {
     ),
 }
 """Errors that laws and results carry."""
+
+
+def with_cautions(dataset: "xr.Dataset", *lines: str) -> "xr.Dataset":
+    """Return a dataset whose attribute ``cautions`` has further lines; empty ones are left out."""
+    found = (str(dataset.attrs.get("cautions", "")), *lines)
+    return dataset.assign_attrs(cautions="\n".join(filter(None, found)))
