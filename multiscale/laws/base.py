@@ -133,12 +133,9 @@ class NormalLaw(InterfaceLaw):
     :math:`g = [\![u_N]\!] + g_0`, and says what pressure and stiffness are. Then
 
     .. math:: t_N = -p(g), \qquad t_T = 0, \qquad \mathrm{d}t_N / \mathrm{d}g = K(g).    \tag{2}
-
-    The data of a law with ``pressure_range``, Pa, end there.
     """
 
     gap: float
-    pressure_range = (0.0, np.inf)
 
     @abstractmethod
     def pressure(self, gap: np.ndarray) -> np.ndarray:

@@ -53,7 +53,7 @@ class Family:
     broadcasts : bool, default False
         Whether a parameter may be an array that broadcasts with what the law is asked for, so
         that many samples are fitted at once.
-    told : bool, default False
+    takes_range : bool, default False
         Whether ``make`` takes ``pressure_range``, the pressures of the data, Pa, outside which a
         normal law extrapolates.
 
@@ -80,7 +80,7 @@ class Family:
         default=lambda observations: {}
     )
     broadcasts: bool = False
-    told: bool = False
+    takes_range: bool = False
 
 
 def _gaps(observations: Observations) -> tuple[np.ndarray, np.ndarray]:
@@ -206,7 +206,7 @@ _FAMILIES = (
         Exponential,
         _start_exponential,
         broadcasts=True,
-        told=True,
+        takes_range=True,
     ),
     Family(
         "power",
@@ -219,7 +219,7 @@ _FAMILIES = (
         PowerLaw,
         _start_power,
         broadcasts=True,
-        told=True,
+        takes_range=True,
     ),
     Family(
         "error_function",

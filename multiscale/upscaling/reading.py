@@ -86,7 +86,7 @@ def _laws(
     held = str(dataset.attrs["held"]).split()
     require_law(dataset, *held)
     given: dict[str, Any] = {key: float(dataset[key]) for key in held}
-    if family.told:
+    if family.takes_range:
         given["pressure_range"] = data
     columns = [_pick(dataset, key, samples) for key in family.parameters]
     return [

@@ -218,7 +218,13 @@ def with_scales(law: "xr.Dataset", scales: ScaleSeparation) -> "xr.Dataset":
         Follows ``INTERFACE_LAW`` and carries its budget.
     scales : ScaleSeparation
         From :func:`compare_scales`.
+
+    Raises
+    ------
+    CaseError
+        If the budget lacks a term, as that of an earlier version may.
     """
+    require_law(law, "error_bias", *map(how_attribute, ERROR_TERMS))
     half, bias = law["error_half_width"].copy(deep=True), law["error_bias"]
     p = law["fit_pressure"].to_numpy()
     scatter = half.sel(error_term="sampling").to_numpy() / float(law.attrs["sampling_factor"])

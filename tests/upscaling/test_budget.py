@@ -468,3 +468,13 @@ def test_what_does_not_belong_together_is_refused():
     budget = error_budget(response, law)
     with pytest.raises(CaseError, match="budget has 8 steps, the dataset 7"):
         with_budget(law.isel(step=slice(1, None)), budget)
+
+
+def test_a_budget_of_an_earlier_version_is_refused_in_a_sentence():
+    response = ensemble()
+    law = fit_law(response, n_samples=0)
+    law = with_budget(law, error_budget(response, law))
+    old = law.drop_attrs(deep=False).sel(error_term=law["error_term"] != "surface")
+    old = old.assign_attrs({k: v for k, v in law.attrs.items() if k != "how_surface"})
+    with pytest.raises(CaseError, match=r"needs how_surface, .* of an earlier version"):
+        with_scales(old, compare_scales(1e-5, 1e-4, 1e-2, extent=1e-2))
