@@ -97,7 +97,8 @@ def plot_hysteresis(result: "xr.Dataset", *, ax: "Axes | None" = None) -> "Axes"
     slip = result["shear_displacement"].values[steps] - shear / stiffness
     ax.plot(1e6 * slip, 1e-6 * shear, ".-", color="C0", linewidth=1.0, markersize=4)
     loss = result["cycle_energy"].values[-1]
-    ax.set_title(f"last cycle: {1e3 * loss:.3g} mJ lost")
+    said = "no loss known" if np.isnan(loss) else f"{1e3 * loss:.3g} mJ lost"
+    ax.set_title(f"last cycle: {said}")
     ax.set_xlabel("tangential displacement less the elastic one (µm)")
     ax.set_ylabel("tangential traction (MPa)")
     return ax

@@ -281,7 +281,8 @@ def list_cycles(result: "xr.Dataset") -> list[str]:
     """Say what every cycle of a joint has lost; nothing for other results."""
     if "cycle_energy" not in result:
         return []
+    missing = "unknown" if result["converged"].values.all() else "not closed"
     return [
-        f"cycle {k}: not closed" if np.isnan(loss) else f"cycle {k}: {loss:.4g} J lost"
+        f"cycle {k}: {missing}" if np.isnan(loss) else f"cycle {k}: {loss:.4g} J lost"
         for k, loss in enumerate(result["cycle_energy"].values)
     ]

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from multiscale.report.tables import say_error, tabulate
+from multiscale.report.tables import list_cycles, say_error, tabulate
 from multiscale.report.tyre import braking_answer
 from multiscale.schema import MACRO_RESULT
 
@@ -38,3 +38,9 @@ def test_the_answer_of_a_tread_block_says_so(total, said):
         braking_coefficient=("step", [0.5]),
     )
     assert said in braking_answer(result)[0]
+
+
+@pytest.mark.parametrize(("converged", "said"), [(1, "unknown"), (0, "not closed")])
+def test_a_cycle_without_a_loss_says_why(converged, said):
+    result = joint(0.01).assign(converged=("step", [converged]), cycle_energy=("cycle", [np.nan]))
+    assert list_cycles(result) == [f"cycle 0: {said}"]
