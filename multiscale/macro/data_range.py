@@ -14,7 +14,7 @@ if TYPE_CHECKING:
 __all__ = ["FAR", "MOST", "load_shares", "with_load_shares"]
 
 FAR = 2.0
-"""Factor outside the data beyond which a law knows nothing."""
+"""Factor outside the data beyond which the answer of a law is unknown."""
 
 MOST = 0.05
 """Share of the load of an interface that may lie farther out."""
@@ -41,7 +41,7 @@ GIVEN = frozenset(
         "load_far",
     }
 )
-"""What a step has without being an answer."""
+"""Variables of a step that are given or count work, and stay where the answers are unknown."""
 
 
 def load_shares(

@@ -1,4 +1,4 @@
-"""What the real contact of cells bears: its mean pressure, and which body flows under it."""
+"""Mean pressure on the real contact area of cells, and the body that flows under it."""
 
 from typing import TYPE_CHECKING
 
@@ -44,20 +44,20 @@ def with_real_pressure(case: Case, response: "xr.Dataset") -> "xr.Dataset":
     mean = real_pressure(p * good.sum(axis=0), np.where(good, area, 0.0).sum(axis=0))
     largest = float(np.nanmax(mean, initial=0.0))
     told, hardness, caution = _flow(case), case.hardness, ""
-    bears = f"the real contact bears up to {readable(f'{largest:.3g} Pa')} on the mean"
+    reached = f"the mean real pressure reaches {readable(f'{largest:.3g} Pa')}"
     if hardness is None:
         modulus = contact_modulus(composite_material(case))
         if largest > ELASTIC * modulus and not case.elastic:
             caution = (
-                f"{bears}, {largest / modulus:.2g} of the contact modulus, and nothing flows: a "
+                f"{reached}, {largest / modulus:.2g} of the contact modulus, and nothing flows: a "
                 f"metal does well below; give its hardness, or set elastic = true for a body that "
                 f"does not flow"
             )
     else:
-        told += f" The real contact bears up to {largest / hardness:.2f} of that hardness."
+        told += f" The mean real pressure reaches {largest / hardness:.2f} of that hardness."
         if largest > ABOVE * hardness:
             caution = (
-                f"{bears}, {largest / hardness:.2f} of the hardness of the softer body: it "
+                f"{reached}, {largest / hardness:.2f} of the hardness of the softer body: it "
                 f"hardens, or the grid does not resolve its contact"
             )
     response = MICRO_RESPONSE.assign(response, {"real_pressure": real})

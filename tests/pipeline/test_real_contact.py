@@ -69,13 +69,13 @@ def test_a_hardness_is_compared_with_the_real_pressure_and_says_who_flows():
     told = with_real_pressure(metal(2.8e9, 1.4e9), response(1e6 / 1.26e9))
     assert told.attrs["behaviour"] == (
         "The one body that stands for both flows from a yield stress of 0.5 GPa on, the hardness "
-        "of 1.4 GPa of body_2, the softer body, over 2.8 less what hardening adds. The real "
-        "contact bears up to 0.90 of that hardness."
+        "of 1.4 GPa of body_2, the softer body, over 2.8 less what hardening adds. The mean "
+        "real pressure reaches 0.90 of that hardness."
     )
     assert told.attrs["cautions"] == ""
     above = with_real_pressure(metal(2e9, 2e9), response(1e6 / 3e9))
     assert "of both bodies over 2.8" in above.attrs["behaviour"]
-    assert "3 GPa on the mean, 1.50 of the hardness" in above.attrs["cautions"]
+    assert "3 GPa, 1.50 of the hardness" in above.attrs["cautions"]
     flat = with_real_pressure(metal(2e9, None, "flat"), response(1e6 / 2e9))
     assert "cut off at the hardness of 2 GPa of body_1" in flat.attrs["behaviour"]
 
