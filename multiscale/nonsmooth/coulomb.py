@@ -16,6 +16,9 @@ from multiscale.nonsmooth.projections import (
 
 __all__ = ["Verdict", "alart_curnier", "natural_map", "shifted_velocity", "verify_friction"]
 
+ORDINARY = 1e50
+"""Numbers between this and its inverse have powers that neither underflow nor overflow."""
+
 ROUND_OFF = 64.0 * np.finfo(float).eps
 """Round-off granted to a reaction whose number is huge beside that of the velocity."""
 
@@ -199,7 +202,7 @@ def verify_friction(
 
 
 def natural_units(delassus: csr_array | np.ndarray, velocity: np.ndarray) -> tuple[float, float]:
-    """Powers of two below the largest mobility and the largest closing velocity.
+    """Units in which no power underflows: of mobility and closing velocity, powers of two.
 
     Parameters
     ----------
@@ -225,8 +228,10 @@ def unit_step(mobility: float) -> float:
 
 
 def _power_of_two(value: float) -> float:
-    """Largest power of two that is not above a value; one for zero."""
-    return float(np.ldexp(1.0, np.frexp(value)[1] - 1)) if value > 0.0 else 1.0
+    """Largest power of two that is not above a value; one for zero and for ordinary numbers."""
+    if value == 0.0 or 1.0 / ORDINARY < value < ORDINARY:
+        return 1.0
+    return float(np.ldexp(1.0, np.frexp(value)[1] - 1))
 
 
 def closing_norm(velocity: np.ndarray) -> float:

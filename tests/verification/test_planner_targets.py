@@ -35,7 +35,7 @@ geometry = "flat"
 [micro]
 seed = {seed}
 realisations = 4
-pressures = ["3 MPa", "8 MPa", "20 MPa", "50 MPa"]
+pressures = ["3 MPa", "5 MPa", "9 MPa", "16 MPa", "28 MPa", "50 MPa"]
 [law]
 samples = 40
 [joint]
