@@ -38,13 +38,14 @@ def with_braking_budget(
     - *macro discretisation*: :func:`multiscale.upscaling.estimate_grid_error`.
     """
     force = np.abs(result["braking_force"].to_numpy())
-    terms = {"surface": np.zeros((1, force.size))}
+    terms = {term: np.zeros((1, force.size)) for term in ("increments", "surface")}
     how = {
         "sampling": "not known: the law has no samples; give them in [law], and 3 or more "
         "realisations in [sliding]",
         "fit": "root mean square by which the bell misses the cells",
         "cell size": OTHERS.format("cells of one size", "another size"),
         "micro discretisation": OTHERS.format("cells on one grid", "other points"),
+        "increments": "nothing: rubber does not flow",
         "surface": "nothing: the roads are made from a spectrum, which the cells hold whole",
         "scale separation": "not known: the pressure of the footprint is taken as even over the "
         "waves of the road",

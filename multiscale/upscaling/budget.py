@@ -38,13 +38,14 @@ ERROR_TERMS = (
     "fit",
     "cell size",
     "micro discretisation",
+    "increments",
     "surface",
     "scale separation",
     "macro discretisation",
 )
 """Labels of the dimension ``error_term``."""
 
-ALWAYS = ("sampling", "fit", "surface")
+ALWAYS = ("sampling", "fit", "increments", "surface")
 """Terms that every total holds; the others enter if something was given to estimate them."""
 
 ONE_SIDED = 6.0  # standard deviations from which a bias leaves one tail alone
@@ -90,7 +91,7 @@ def error_budget(
         Follows ``ERROR_BUDGET``: half-widths of 95 % intervals relative to the value, for each
         quantity, term and step of the law; NaN for a term that nothing was given for. A bias,
         answer minus truth, is zero where no sign is known, and never taken out. The total holds
-        sampling, fit and every term that something was given for; the attribute ``unknown`` lists
+        sampling, fit, increments, surface and every term that something was given for; the attribute ``unknown`` lists
         those that are not known, and ``how_...`` says of each term how it was estimated, or what
         would tell it. A term that cannot be
         computed from what was given, such as the sampling of one realisation, makes the total
@@ -111,8 +112,9 @@ def error_budget(
     - *cell size*: with the mean :math:`m(L) = m_\infty + b L^{-q}` through the sizes, weighted
       by their uncertainty, the bias :math:`b L^{-q}`, averaged over :math:`1 \le q \le 3` by
       their likelihood, and the interval about it;
-    - *micro discretisation*: :func:`estimate_grid_error` of the means of the same realisations,
-      and of cells that flow what halved increments of one realisation tell, of first order;
+    - *micro discretisation*: :func:`estimate_grid_error` of the means of the same realisations;
+    - *increments*: of cells that flow, what halved increments of one realisation tell, of first
+      order; nothing where no body flows;
     - *surface*: what the cells lack of the height and the slope of measured maps, see
       :func:`~.surface_error.surface_term`; nothing where surfaces were made from a spectrum;
     - *scale separation*: with :math:`\varepsilon = \lambda_l/\ell` two independent parts: the
@@ -162,12 +164,7 @@ def error_budget(
         terms["micro discretisation"], how["micro discretisation"] = grid_term(
             response, resolutions, apart=apart
         )
-    if "mean_gap_increment_error" in response.variables:
-        of_path, told = increment_term(response)
-        if resolutions:
-            grid = terms["micro discretisation"]
-            terms["micro discretisation"] = np.hypot(grid, of_path)
-        how["micro discretisation"] += f"; {told}"
+    terms["increments"], how["increments"] = increment_term(response)
     terms["surface"], how["surface"] = surface_term(response, law, p)
     if scales is not None:
         terms["scale separation"] = separation_term(law, terms["sampling"] / factor, p, scales)
@@ -232,7 +229,7 @@ def how_attribute(term: str) -> str:
 def add_up(half: np.ndarray, bias: np.ndarray, given: Sequence[bool]) -> np.ndarray:
     """Totals of half-widths and biases (quantity, term, step), with the terms that were given.
 
-    NaN where one of these, the sampling or the fit is not known.
+    NaN where one of these, or of :data:`ALWAYS`, is not known.
     """
     counted = [term in ALWAYS or one for term, one in zip(ERROR_TERMS, given, strict=True)]
     return total_error(bias.sum(axis=1), np.sqrt(np.sum(half[:, counted] ** 2, axis=1)))

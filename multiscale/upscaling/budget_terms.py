@@ -208,6 +208,11 @@ def grid_term(
 def increment_term(response: "xr.Dataset") -> tuple[np.ndarray, str]:
     """Half-widths from the increments of a body that flows, and how they were told."""
     gap = normal_observations(response)
+    if "flowing_fraction" not in response.variables:
+        return np.zeros((3, gap.pressure.size)), "nothing: no body of the cells flows in increments"
+    if "mean_gap_increment_error" not in response.variables:
+        told = "not known: no cell was solved with halved increments too"
+        return np.full((3, gap.pressure.size), np.nan), told
     error, area = (
         response[f"{name}_increment_error"].to_numpy()[gap.order]
         for name in ("mean_gap", "contact_fraction")
@@ -216,7 +221,7 @@ def increment_term(response: "xr.Dataset") -> tuple[np.ndarray, str]:
     slope = np.gradient(mean, x) / np.gradient(mean * (1.0 + error), x)  # of pressure over gap
     term = SAFETY * np.abs([error, area, slope - 1.0])
     worst = ", ".join(f"{100.0 * one:.2g} %" for one in term.max(axis=1))
-    return term, f"increments, halved in one realisation: up to {worst} of gap, area and stiffness"
+    return term, f"halved in one realisation: up to {worst} of gap, area and stiffness"
 
 
 def students(variances: np.ndarray, freedom: np.ndarray) -> np.ndarray:

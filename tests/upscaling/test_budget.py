@@ -229,19 +229,24 @@ def test_grids_of_other_cells_tell_the_error_at_the_spacing_of_the_response():
         error_budget(response, fit_law(response), sizes={1.0: response}, apart=True)
 
 
-def test_what_increments_leave_is_part_of_the_discretisation():
+def test_what_increments_leave_enters_every_total():
     response, n = ensemble(factor=1.02), PRESSURE.size
-    coarse, errors = {2.0: ensemble(factor=1.04)}, (0.04 * np.ones(n), 0.01 * np.ones(n))
     names = ("mean_gap_increment_error", "contact_fraction_increment_error")
-    flowing = MICRO_RESPONSE.assign(response, dict(zip(names, errors, strict=True)))
+    errors = dict(zip(names, (0.04 * np.ones(n), 0.01 * np.ones(n)), strict=True))
+    share = {"flowing_fraction": np.full(response["mean_gap"].shape, 0.1)}
     law = fit_law(response, n_samples=0)
-    without, found = (error_budget(one, law, resolutions=coarse) for one in (response, flowing))
+    rigid = error_budget(response, law)
+    found = error_budget(MICRO_RESPONSE.assign(response, errors | share), law)
     for quantity, error in (("mean_gap", 0.04), ("contact_fraction", 0.01)):
-        before, after = (half(one, "micro discretisation", quantity) for one in (without, found))
+        np.testing.assert_allclose(half(found, "increments", quantity), 1.25 * error)
+        before, after = (one["error_total"].sel(quantity=quantity) for one in (rigid, found))
         np.testing.assert_allclose(after, np.hypot(before, 1.25 * error))
-    told = error_budget(flowing, law)
-    assert "micro discretisation" in told.attrs["unknown"]  # the grid is
-    assert "up to 5 %, 1.2 %, 4.8 % of gap" in told.attrs["how_micro_discretisation"]
+    assert "up to 5 %, 1.2 %, 4.8 % of gap" in found.attrs["how_increments"]
+    assert not half(rigid, "increments").any()
+    # cells that flow, and that nobody solved with halved increments
+    blind = error_budget(MICRO_RESPONSE.assign(response, share), law)
+    assert "increments" in blind.attrs["unknown"]
+    assert blind["error_total"].isnull().all()
 
 
 def test_a_step_at_which_two_grids_agree_has_no_larger_error_than_the_others():
