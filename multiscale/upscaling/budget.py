@@ -91,11 +91,10 @@ def error_budget(
         Follows ``ERROR_BUDGET``: half-widths of 95 % intervals relative to the value, for each
         quantity, term and step of the law; NaN for a term that nothing was given for. A bias,
         answer minus truth, is zero where no sign is known, and never taken out. The total holds
-        sampling, fit, increments, surface and every term that something was given for; the attribute ``unknown`` lists
+        :data:`ALWAYS` and every term that something was given for; the attribute ``unknown`` lists
         those that are not known, and ``how_...`` says of each term how it was estimated, or what
-        would tell it. A term that cannot be
-        computed from what was given, such as the sampling of one realisation, makes the total
-        unknown, NaN, at its quantity and step, and never smaller.
+        would tell it. A term that cannot be computed from what was given, such as the sampling of
+        one realisation, makes the total unknown, NaN, at its quantity and step, and never smaller.
 
     Raises
     ------
