@@ -8,6 +8,7 @@ import numpy as np
 
 from multiscale.io import save_law
 from multiscale.micro import Surface
+from multiscale.nonsmooth.projections import project_ball
 from multiscale.schema import MICRO_RESPONSE
 from multiscale.upscaling import fit_law
 
@@ -26,6 +27,14 @@ def threads(count):
 def observed_rate(sizes, errors):
     """Slope of log error against log size, by least squares."""
     return float(np.polyfit(np.log(sizes), np.log(np.abs(errors)), 1)[0])
+
+
+def alart_curnier(velocity, reaction, friction, step=1.0):
+    """Residual of Coulomb's law after Alart and Curnier: normal and tangent apart."""
+    ahead = reaction - step * velocity
+    normal = np.maximum(ahead[0], 0.0)
+    tangent = project_ball(ahead[1:], friction * normal)
+    return reaction - np.concatenate([normal[None], tangent])
 
 
 def wave(points, amplitude):

@@ -7,7 +7,7 @@ from scipy.sparse.linalg import splu
 
 from multiscale import linalg
 from multiscale.errors import MultiscaleError
-from multiscale.linalg import factorise
+from multiscale.linalg import factorise, minimal_residual
 
 
 def chain(n, contrast=1.0):
@@ -126,3 +126,12 @@ def test_entries_that_are_not_finite_are_refused():
 def test_a_matrix_that_is_not_square_is_refused():
     with pytest.raises(ValueError, match=r"must be square, got shape \(2, 3\)"):
         factorise(np.zeros((2, 3)))
+
+
+def test_minimal_residuals_solve_a_nonsymmetric_system():
+    rng = np.random.default_rng(2)
+    matrix = np.eye(30) + 0.1 * rng.standard_normal((30, 30))
+    b = rng.standard_normal(30)
+    x, count = minimal_residual(lambda v: matrix @ v, b, np.copy, goal=1e-10, room=60)
+    assert count <= 30
+    np.testing.assert_allclose(matrix @ x, b, atol=1e-9)

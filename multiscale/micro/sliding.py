@@ -20,8 +20,8 @@ from scipy import fft
 from multiscale.convergence import Status
 from multiscale.errors import CaseError
 from multiscale.io.surfaces import Surface
+from multiscale.linalg import minimal_residual
 from multiscale.micro.contact_area import contact_fraction
-from multiscale.micro.finite.krylov import minimal_residual
 
 __all__ = ["RelaxingSolid", "SlidingContact", "solve_sliding", "wlf_shift"]
 
@@ -330,9 +330,7 @@ class _SlidingProblem:
 
         off = centred(self.surface.heights - self.respond(p)).ravel()
         aim = 0.3 * goal if fine else max(0.3 * goal, _LOOSE * float(np.linalg.norm(off)))
-        change, iterations = minimal_residual(
-            apply, off, precondition, goal=aim, max_iterations=200
-        )
+        change, iterations = minimal_residual(apply, off, precondition, goal=aim, room=200)
         p = p + change.reshape(active.shape)
         gap = self.respond(p) - self.surface.heights
         gap = gap - gap[active].mean()

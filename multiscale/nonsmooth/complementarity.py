@@ -11,7 +11,6 @@ from multiscale.nonsmooth.lcp_operator import Delassus, lcp_operator
 __all__ = [
     "Verification",
     "data_size",
-    "fischer_burmeister",
     "lcp_verifier",
     "natural_map",
     "verify_lcp",
@@ -48,42 +47,6 @@ def natural_map(first: np.ndarray, second: np.ndarray) -> np.ndarray:
     array([ 0.,  0., -1.])
     """
     return np.asarray(np.minimum(first, second))
-
-
-def fischer_burmeister(first: np.ndarray, second: np.ndarray) -> np.ndarray:
-    r"""Fischer-Burmeister function, :math:`a + b - \sqrt{a^2 + b^2}`.
-
-    It has the zeros of the natural map and lies between :math:`2 - \sqrt 2` and
-    :math:`2 + \sqrt 2` times it.
-
-    Parameters
-    ----------
-    first, second : ndarray, shape (n,)
-        :math:`a` and :math:`b`, scaled to the same unit.
-
-    Returns
-    -------
-    ndarray, shape (n,)
-        In the unit of the arguments.
-
-    Notes
-    -----
-    For a positive sum it is computed as :math:`2ab / (a + b + \sqrt{a^2 + b^2})`, which does
-    not cancel.
-
-    References
-    ----------
-    .. [1] A. Fischer, Optimization 24 (1992) 269-284, doi:10.1080/02331939208843795.
-
-    Examples
-    --------
-    >>> fischer_burmeister(np.array([3.0, 0.0]), np.array([4.0, 5.0]))
-    array([2., 0.])
-    """
-    total, radius = first + second, np.hypot(first, second)
-    positive = total > 0.0
-    divisor = np.where(positive, total + radius, 1.0)
-    return np.asarray(np.where(positive, 2.0 * (first / divisor) * second, total - radius))
 
 
 @dataclass(frozen=True)

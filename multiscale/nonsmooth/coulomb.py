@@ -10,11 +10,10 @@ from numpy.linalg import norm
 from scipy.sparse import csr_array
 
 from multiscale.nonsmooth.projections import (
-    project_ball,
     project_friction_cone,
 )
 
-__all__ = ["Verdict", "alart_curnier", "natural_map", "shifted_velocity", "verify_friction"]
+__all__ = ["Verdict", "natural_map", "shifted_velocity", "verify_friction"]
 
 ORDINARY = 1e50
 """Numbers between this and its inverse have powers that neither underflow nor overflow."""
@@ -63,33 +62,6 @@ def natural_map(
     """
     ahead = reaction - step * shifted_velocity(velocity, friction)
     return np.asarray(reaction - project_friction_cone(ahead, friction))  # (1)
-
-
-def alart_curnier(
-    velocity: np.ndarray,
-    reaction: np.ndarray,
-    friction: np.ndarray,
-    step: np.ndarray | float = 1.0,
-) -> np.ndarray:
-    r"""Residual of Coulomb's law after Alart and Curnier: normal and tangent apart.
-
-    Parameters and result are those of :func:`natural_map`.
-
-    Notes
-    -----
-    With :math:`z = r - \rho u` and the ball :math:`B` of radius :math:`\mu \max(0, z_N)`,
-
-    .. math:: F_N = r_N - \max(0, z_N), \qquad F_T = r_T - P_B(z_T).    \tag{1}
-
-    References
-    ----------
-    .. [1] P. Alart and A. Curnier, Comput. Methods Appl. Mech. Eng. 92 (1991) 353-375,
-       doi:10.1016/0045-7825(91)90022-X.
-    """
-    ahead = reaction - step * velocity
-    normal = np.maximum(ahead[0], 0.0)
-    tangent = project_ball(ahead[1:], friction * normal)
-    return np.asarray(reaction - np.concatenate([normal[None], tangent]))  # (1)
 
 
 @dataclass(frozen=True)

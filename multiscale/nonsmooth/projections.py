@@ -7,7 +7,6 @@ import numpy as np
 
 __all__ = [
     "project_ball",
-    "project_dual_cone",
     "project_friction_cone",
     "project_positive",
 ]
@@ -76,27 +75,3 @@ def project_friction_cone(vector: np.ndarray, friction: np.ndarray | float) -> n
     shrink = friction * height / np.where(length > 0.0, length, 1.0)
     surface = np.concatenate([height[None], shrink * tangent])
     return np.asarray(np.where(inside, vector, surface))  # (1)
-
-
-def project_dual_cone(vector: np.ndarray, friction: np.ndarray | float) -> np.ndarray:
-    r"""Projection onto the dual of Coulomb's cone.
-
-    Parameters
-    ----------
-    vector : ndarray, shape (d, ...)
-        Points, normal component first, in any unit.
-    friction : ndarray, shape (...), or float
-        Friction coefficient :math:`\mu \ge 0`, dimensionless.
-
-    Returns
-    -------
-    ndarray, shape (d, ...)
-        The nearest point of :math:`K_\mu^* = \{x : \mu \|x_T\| \le x_N\}`.
-
-    Notes
-    -----
-    By Moreau's decomposition,
-
-    .. math:: P_{K^*}(x) = x + P_K(-x).    \tag{1}
-    """
-    return np.asarray(vector + project_friction_cone(-vector, friction))  # (1)

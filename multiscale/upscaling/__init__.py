@@ -26,13 +26,10 @@ from multiscale.upscaling.scales import (
     compare_scales,
     pressure_length,
     pressure_length_of_points,
-    relaxation_time,
 )
 from multiscale.upscaling.sliding import friction_observations, tangential_observations
 from multiscale.upscaling.statistics import (
     ensemble_average,
-    nayak_trend,
-    realisation_trend,
     required_realisations,
     size_trend,
 )
@@ -68,15 +65,12 @@ __all__ = [
     "law_band",
     "law_from_dataset",
     "loading_branch",
-    "nayak_trend",
     "normal_observations",
     "observe",
     "over_steps",
     "pressure_length",
     "pressure_length_of_points",
     "read_observations",
-    "realisation_trend",
-    "relaxation_time",
     "require_law",
     "required_realisations",
     "size_trend",

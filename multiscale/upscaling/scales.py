@@ -12,13 +12,10 @@ __all__ = [
     "compare_scales",
     "pressure_length",
     "pressure_length_of_points",
-    "relaxation_time",
 ]
 
 FARTHEST_CELL = 1.0  # cell over macro length
 DISTINCT_TIMES = 10.0  # ratio of times that counts as apart
-
-SLOW_PART = 0.2  # share of a relaxation that is left to its slowest mode
 
 
 @dataclass(frozen=True)
@@ -177,47 +174,3 @@ def pressure_length_of_points(
     mean = float(np.sum(area * pressure**2))
     extent = float(np.ptp(position))
     return float(np.sqrt(mean / square)) if square > 1e-12 * mean / extent**2 else float(np.inf)
-
-
-def relaxation_time(time: np.ndarray, value: np.ndarray) -> float:
-    r"""Slowest relaxation time of a record at constant load or constant approach.
-
-    Parameters
-    ----------
-    time : ndarray, shape (points,)
-        s, rising.
-    value : ndarray, shape (points,)
-        A traction or a gap, any unit, that tends to a limit.
-
-    Returns
-    -------
-    float
-        Time constant, s, of the exponential through the last fifth of the change.
-
-    Raises
-    ------
-    CaseError
-        If the record has not come to rest: its limit is then not known.
-    """
-    from scipy.optimize import leastsq
-
-    t, f = np.asarray(time, dtype=float), np.asarray(value, dtype=float)
-    if t.size < 5 or not np.all(np.diff(t) > 0.0):
-        raise CaseError(f"a relaxation needs at least 5 rising times (s), got {t.size}")
-    tail = np.abs(f - f[-1]) <= SLOW_PART * abs(f[0] - f[-1])
-    first = int(np.argmax(tail)) if abs(f[0] - f[-1]) > 0.0 else 0
-    x, y = t[first:] - t[first], f[first:]
-    if y.size < 4 or float(np.ptp(y)) == 0.0:
-        raise CaseError("the record does not relax in steps that can be seen; sample it earlier")
-    (_, log_tau, _), _ = leastsq(
-        lambda c: c[0] * np.exp(-x / np.exp(c[1])) + c[2] - y,
-        (y[0] - y[-1], np.log(x[-1] / 4.0), y[-1]),
-        maxfev=5000,
-    )
-    tau = float(np.exp(log_tau))
-    if tau > 0.5 * float(t[-1] - t[0]):
-        raise CaseError(
-            f"the record of {t[-1] - t[0]:.3g} s has not come to rest: it still changes with a "
-            f"time constant of about {tau:.2g} s; record at least {3.0 * tau:.2g} s"
-        )
-    return tau

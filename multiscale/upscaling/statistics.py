@@ -20,8 +20,6 @@ __all__ = [
     "Average",
     "Trend",
     "ensemble_average",
-    "nayak_trend",
-    "realisation_trend",
     "required_realisations",
     "size_trend",
 ]
@@ -172,51 +170,6 @@ def required_realisations(
     return n
 
 
-def realisation_trend(
-    response: "xr.Dataset", variable: str = "mean_gap", *, pressure: float | None = None
-) -> Trend:
-    """Follow the mean of a quantity as realisations come in.
-
-    Parameters
-    ----------
-    response : Dataset
-        Follows ``MICRO_RESPONSE``; at least four realisations.
-    variable : {"mean_gap", "contact_fraction"}
-    pressure : float, optional
-        Step at this nominal pressure, Pa; the middle one if not given.
-
-    Returns
-    -------
-    Trend
-        Over the number of realisations, from two on; the slope is that of the logarithm of the
-        half-width, about -1/2, with a bootstrap interval over the order of the realisations.
-    """
-    from scipy.stats import t
-
-    values = _at(response, variable, pressure)
-    if values.size < 4:
-        raise CaseError(
-            f"the convergence with the number of realisations needs at least 4 of them, got "
-            f"{values.size}"
-        )
-    n = np.arange(2, values.size + 1)
-    factor = t.ppf(0.975, n - 1) / np.sqrt(n)
-    random = np.random.default_rng(seed=0)
-
-    def half_width(order: np.ndarray) -> np.ndarray:
-        return np.asarray(factor * np.array([np.std(values[order[:k]], ddof=1) for k in n]))
-
-    own = half_width(np.arange(values.size))
-    mean = np.cumsum(values)[1:] / n
-    slopes = []
-    for _ in range(200):
-        width = half_width(random.permutation(values.size))
-        slopes.append(np.polyfit(np.log(n), np.log(np.maximum(width, 1e-300)), 1)[0])
-    low, high = np.percentile(slopes, [2.5, 97.5])
-    interval = np.array([mean - own, mean + own])
-    return Trend(n, mean, interval, float(np.mean(slopes)), (float(low), float(high)))
-
-
 def size_trend(
     responses: Mapping[float, "xr.Dataset"],
     variable: str = "mean_gap",
@@ -267,72 +220,6 @@ def size_trend(
     slope = float(np.polyfit(np.log(size), np.log(spread), 1)[0])
     low, high = np.percentile(slopes, [2.5, 97.5])
     return Trend(size, np.array(spread), np.array(interval).T, slope, (float(low), float(high)))
-
-
-def nayak_trend(responses: "list[xr.Dataset]", *, relative_pressure: float) -> Trend:
-    r"""Area of light contact over the Nayak parameter.
-
-    Parameters
-    ----------
-    responses : list of Dataset
-        Follow ``MICRO_RESPONSE``, with the coordinates ``rms_slope`` and ``nayak_parameter`` and
-        the attribute ``contact_modulus`` (Pa); at least three, of different spectra.
-    relative_pressure : float
-        :math:`p / (E^* g)` with the contact modulus and the root mean square slope, inside the
-        range of every response.
-
-    Returns
-    -------
-    Trend
-        :math:`\kappa = A E^* g / p` over the mean Nayak parameter, with Student intervals; the
-        slope is :math:`\mathrm{d}\kappa/\mathrm{d}\ln\alpha` of the least-squares line, with a
-        bootstrap interval over the realisations of each response.
-    """
-    from scipy.stats import t
-
-    if len(responses) < 3:
-        raise CaseError(f"a trend over the Nayak parameter needs 3 responses, got {len(responses)}")
-    nayak, mean, interval, samples = [], [], [], []
-    random = np.random.default_rng(seed=0)
-    for response in responses:
-        missing = {"rms_slope", "nayak_parameter"} - set(response.variables)
-        if missing or "contact_modulus" not in response.attrs:
-            lacking = ", ".join(sorted(missing)) or "the attribute contact_modulus"
-            raise CaseError(
-                f"the Nayak trend needs rms_slope and nayak_parameter of each realisation and the "
-                f"contact modulus; missing: {lacking}"
-            )
-        kappa = _kappa(response, relative_pressure)
-        n = kappa.size
-        half = t.ppf(0.975, n - 1) * np.std(kappa, ddof=1) / np.sqrt(n) if n > 1 else np.inf
-        nayak.append(float(response["nayak_parameter"].mean()))
-        mean.append(kappa.mean())
-        interval.append((kappa.mean() - half, kappa.mean() + half))
-        samples.append(kappa[random.integers(0, n, (2000, n))].mean(axis=1))
-    x = np.log(nayak)
-    low, high = np.percentile(np.polyfit(x, np.array(samples), 1)[0], [2.5, 97.5])
-    slope = float(np.polyfit(x, mean, 1)[0])
-    return Trend(
-        np.array(nayak), np.array(mean), np.array(interval).T, slope, (float(low), float(high))
-    )
-
-
-def _kappa(response: "xr.Dataset", relative_pressure: float) -> np.ndarray:
-    """Return A E* g / p of each realisation at one relative pressure, by interpolation."""
-    seen = area_observations(response)
-    scale = float(response.attrs["contact_modulus"]) * response["rms_slope"].to_numpy()
-    if not seen.pressure[0] <= relative_pressure * scale.mean() <= seen.pressure[-1]:
-        raise CaseError(
-            f"the relative pressure {relative_pressure:g} lies outside the range of a response, "
-            f"{seen.pressure[0] / scale.mean():.3g} to {seen.pressure[-1] / scale.mean():.3g}"
-        )
-    x = np.log(seen.pressure)
-    return np.array(
-        [
-            np.interp(np.log(relative_pressure * one), x, area) / relative_pressure
-            for area, one in zip(seen.values, scale, strict=True)
-        ]
-    )
 
 
 def _observe(response: "xr.Dataset", variable: str) -> Observations:

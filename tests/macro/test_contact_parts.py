@@ -15,9 +15,8 @@ from multiscale.macro.continuum.elements import element_response, prepare_elemen
 from multiscale.macro.continuum.mortar import couple
 from multiscale.macro.continuum.surface import facet_normals, nodal_areas, surface_of
 from multiscale.macro.continuum.system import prepare_system
-from multiscale.nonsmooth.coulomb import alart_curnier
 from tests.contact_scenes import block, moved
-from tests.support import keep_ignoring_broken_pipes
+from tests.support import alart_curnier, keep_ignoring_broken_pipes
 
 RUBBER = NeoHookean(2e7, 0.3)
 

@@ -13,7 +13,7 @@ from multiscale.bench.friction_scenes import (
     wedged_block,
 )
 from multiscale.nonsmooth import split_interior_point as split_module
-from multiscale.nonsmooth.coulomb import alart_curnier, verify_friction
+from multiscale.nonsmooth.coulomb import verify_friction
 from multiscale.nonsmooth.friction import METHODS, solve_friction
 from multiscale.nonsmooth.friction_problem import scale_friction
 from multiscale.nonsmooth.lorentz import apply, lorentz_problem
@@ -21,6 +21,7 @@ from multiscale.nonsmooth.progress import Progress
 from multiscale.nonsmooth.semismooth_newton import linearise
 from multiscale.nonsmooth.shifted_interior_point import shifted_interior_point
 from multiscale.nonsmooth.split_interior_point import split_interior_point
+from tests.support import alart_curnier
 
 
 @pytest.mark.parametrize("method", sorted(METHODS))

@@ -3,14 +3,14 @@
 import numpy as np
 import pytest
 
-from multiscale.nonsmooth.coulomb import alart_curnier, natural_map
+from multiscale.nonsmooth.coulomb import natural_map
 from multiscale.nonsmooth.friction_problem import natural_map_squares
 from multiscale.nonsmooth.one_contact import solve_contact
 from multiscale.nonsmooth.projections import (
     project_ball,
-    project_dual_cone,
     project_friction_cone,
 )
+from tests.support import alart_curnier
 
 
 def test_an_opening_contact_carries_nothing():
@@ -58,7 +58,7 @@ def test_projections_split_a_vector_into_orthogonal_parts():
         assert np.all(length <= friction * inside[0] * (1.0 + 1e-14) + 1e-15)
         assert np.all(inside[0] >= 0.0)
         np.testing.assert_allclose(np.sum(inside * polar, axis=0), 0.0, atol=1e-14)
-        dual = project_dual_cone(vector, friction)
+        dual = vector + project_friction_cone(-vector, friction)  # Moreau's decomposition
         assert np.all(dual[0] >= friction * np.linalg.norm(dual[1:], axis=0) - 1e-14)
         np.testing.assert_allclose(np.sum(dual * (vector - dual), axis=0), 0.0, atol=1e-13)
         np.testing.assert_allclose(project_friction_cone(inside, friction), inside, atol=1e-15)

@@ -8,7 +8,6 @@ from multiscale.upscaling import (
     compare_scales,
     estimate_grid_error,
     pressure_length,
-    relaxation_time,
 )
 
 
@@ -82,20 +81,3 @@ def test_the_length_of_a_cosine_is_its_inverse_wave_number():
         1 / (2.0 * np.pi), rel=1e-2
     )
     assert pressure_length(np.ones(5), 1.0) == np.inf
-
-
-@pytest.mark.parametrize("unit", [1e-6, 1.0, 1e6])
-def test_the_slowest_relaxation_is_found(unit):
-    t = unit * np.linspace(0.0, 10.0, 200)
-    f = 3.0 + 2.0 * np.exp(-t / (0.1 * unit)) + 1.0 * np.exp(-t / (1.5 * unit))
-    assert relaxation_time(t, f) == pytest.approx(1.5 * unit, rel=0.05)
-
-
-def test_a_record_that_has_not_come_to_rest_is_refused_with_the_time_it_needs():
-    t = np.linspace(0.0, 1.0, 50)
-    with pytest.raises(CaseError, match=r"has not come to rest: .* record at least"):
-        relaxation_time(t, np.exp(-t / 5.0))
-    with pytest.raises(CaseError, match="at least 5 rising times"):
-        relaxation_time(t[::-1], t)
-    with pytest.raises(CaseError, match="does not relax in steps"):
-        relaxation_time(t, np.ones(50))

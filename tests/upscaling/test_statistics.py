@@ -7,12 +7,10 @@ from scipy.stats import t
 from multiscale.errors import CaseError
 from multiscale.upscaling import (
     ensemble_average,
-    nayak_trend,
-    realisation_trend,
     required_realisations,
     size_trend,
 )
-from tests.upscaling.responses import PRESSURE, exponential_gaps, response_of
+from tests.upscaling.responses import exponential_gaps, response_of
 
 
 def scattered(n, spread, seed=0):
@@ -74,17 +72,6 @@ def test_too_few_realisations_are_refused_with_the_number_that_suffices():
         ensemble_average(response, "gap")
 
 
-def test_half_widths_fall_as_the_root_of_the_number_of_realisations():
-    trend = realisation_trend(scattered(60, 0.05))
-    assert trend.at[0] == 2
-    assert trend.at[-1] == 60
-    # Student's factor falls as well, so a little steeper than -1/2
-    assert -0.8 < trend.slope < -0.45
-    assert trend.slope_interval[0] < trend.slope < trend.slope_interval[1]
-    with pytest.raises(CaseError, match="needs at least 4 of them, got 3"):
-        realisation_trend(scattered(3, 0.05))
-
-
 def test_the_slope_of_the_scatter_is_found_with_its_uncertainty():
     inside = []
     for seed in range(60):
@@ -102,32 +89,3 @@ def test_trends_over_the_size_ask_for_enough():
         size_trend({1.0: scattered(5, 0.1), 2.0: scattered(40, 0.1)})
     with pytest.raises(CaseError, match=r"no step at 1 Pa; the nearest is at 5e\+06 Pa"):
         size_trend({1.0: scattered(9, 0.1), 2.0: scattered(9, 0.1)}, pressure=1.0)
-
-
-def with_spectrum(kappa, nayak, n=6):
-    """Area kappa p / (E* g) with 2 % of scatter, for E* = 1 GPa and g = .1."""
-    random = np.random.default_rng(int(100 * nayak))
-    area = kappa * PRESSURE / 1e8 * (1.0 + 0.02 * random.standard_normal((n, 1)))
-    response = response_of(exponential_gaps(n), area=np.minimum(area, 1.0), contact_modulus=1e9)
-    return response.assign_coords(
-        rms_slope=("realisation", np.full(n, 0.1), {"units": "1"}),
-        nayak_parameter=("realisation", np.full(n, nayak), {"units": "1"}),
-    )
-
-
-def test_the_trend_of_the_area_over_the_nayak_parameter_is_found():
-    """kappa = 2.5 - .1 ln(alpha), close to computed surfaces."""
-    responses = [
-        with_spectrum(2.5 - 0.1 * np.log(alpha), alpha) for alpha in (2.0, 6.0, 18.0, 100.0)
-    ]
-    trend = nayak_trend(responses, relative_pressure=0.1)
-    np.testing.assert_allclose(trend.at, [2.0, 6.0, 18.0, 100.0])
-    assert trend.slope_interval[0] <= -0.1 <= trend.slope_interval[1]
-    assert trend.slope_interval[1] < 0.0
-    with pytest.raises(CaseError, match="needs 3 responses, got 2"):
-        nayak_trend(responses[:2], relative_pressure=0.1)
-    with pytest.raises(CaseError, match=r"0.001 lies outside the range .* 0.05 to 1"):
-        nayak_trend(responses, relative_pressure=1e-3)
-    bare = [one.drop_vars("nayak_parameter") for one in responses]
-    with pytest.raises(CaseError, match="missing: nayak_parameter"):
-        nayak_trend(bare, relative_pressure=0.1)

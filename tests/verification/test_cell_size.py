@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from multiscale.micro import Cell, Path, run_ensemble, self_affine
-from multiscale.upscaling import nayak_trend, size_trend
+from multiscale.upscaling import size_trend
 
 MODULUS, NU, SLOPE, WAVE = 1e9, 0.3, 0.1, 1e-3
 CONTACT_MODULUS = MODULUS / (1.0 - NU**2)
@@ -68,8 +68,12 @@ def test_area_of_light_contact_falls_with_the_nayak_parameter():
         ensemble(1, 12, (0.01, 0.02, 0.05), ratio=16, seed=10, long_cutoff=WAVE / part)
         for part in (1, 4, 8)
     ]
-    trend = nayak_trend(responses, relative_pressure=0.02)
-    assert np.all(np.diff(trend.at) < 0.0)
-    assert trend.at[0] > 5.0 * trend.at[-1]
-    assert -0.2 < trend.slope < -0.02
-    assert trend.slope_interval[1] < 0.0
+    nayak = np.array([float(one["nayak_parameter"].mean()) for one in responses])
+    area = np.array([one["contact_fraction"].isel(step=1).to_numpy() for one in responses])
+    kappa = area / 0.02  # A E* h' / p
+    assert np.all(np.diff(nayak) < 0.0)
+    assert nayak[0] > 5.0 * nayak[-1]
+    drawn = np.random.default_rng(0).integers(0, area.shape[1], (2000, area.shape[1]))
+    slope = np.polyfit(np.log(nayak), kappa[:, drawn].mean(axis=2), 1)[0]
+    assert -0.2 < slope.mean() < -0.02
+    assert np.percentile(slope, 97.5) < 0.0

@@ -5,7 +5,7 @@ from multiscale.macro.granulate.biaxial import biaxial_cell, biaxial_curve
 from multiscale.macro.granulate.bodies import Cylinder, Grains, Plane, Wall, box
 from multiscale.macro.granulate.cells import compact, shear_layer, shear_response
 from multiscale.macro.granulate.model import ContactLaw, Model, Solver
-from multiscale.macro.granulate.observables import coordination, fraction_below, love_weber, network
+from multiscale.macro.granulate.observables import coordination, love_weber, network
 from multiscale.macro.granulate.packing import draw_radii, place_loosely
 from multiscale.macro.granulate.simulate import final_grains, simulate
 
@@ -26,7 +26,6 @@ __all__ = [
     "deposit",
     "draw_radii",
     "final_grains",
-    "fraction_below",
     "love_weber",
     "network",
     "place_loosely",

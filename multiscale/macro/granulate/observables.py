@@ -7,7 +7,7 @@ import numpy as np
 if TYPE_CHECKING:
     import xarray as xr
 
-__all__ = ["coordination", "fraction_below", "love_weber", "network"]
+__all__ = ["coordination", "love_weber", "network"]
 
 
 def network(result: "xr.Dataset", frame: int = -1) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
@@ -100,25 +100,3 @@ def coordination(ends: np.ndarray, n_grains: int, *, rattlers_below: int = 4) ->
         held &= ~loose
     number = int(held.sum())
     return (float(count[held].sum()) / number if number else 0.0), n_grains - number
-
-
-def fraction_below(position: np.ndarray, radius: np.ndarray, height: float, area: float) -> float:
-    r"""Return the solid fraction of a bed between z = 0 and a height.
-
-    Parameters
-    ----------
-    position, radius : ndarray, shapes (grains, 3) and (grains,)
-        m.
-    height : float
-        m.
-    area : float
-        Of the cross-section, m2.
-
-    Notes
-    -----
-    A sphere cut at the distance :math:`d \in [-R, R]` above its centre has
-    :math:`\pi (2 R^3/3 + R^2 d - d^3/3)` below the cut.
-    """
-    d = np.clip(height - position[:, 2], -radius, radius)
-    inside = np.pi * (2.0 / 3.0 * radius**3 + radius**2 * d - d**3 / 3.0)
-    return float(inside.sum()) / (area * height)

@@ -15,7 +15,6 @@ from multiscale.micro.damage.compare import compare_stiffness
 from multiscale.micro.damage.elasticity import (
     hashin_shtrikman_bound,
     isotropic_stiffness,
-    symmetry_class,
     voigt_bound,
     youngs_modulus_along,
 )
@@ -49,7 +48,6 @@ __all__ = [
     "plane_damage",
     "random_spheres",
     "spheres",
-    "symmetry_class",
     "two_scale_fatigue",
     "voigt_bound",
     "voxelise",

@@ -12,7 +12,6 @@ __all__ = [
     "hashin_shtrikman_bound",
     "isotropic_stiffness",
     "rotate_stiffness",
-    "symmetry_class",
     "voigt_bound",
     "youngs_modulus_along",
 ]
@@ -100,73 +99,6 @@ def rotate_stiffness(stiffness: np.ndarray, rotation: np.ndarray) -> np.ndarray:
     turned = np.einsum("ia,jb,kc,ld,abcd->ijkl", Q, Q, Q, Q, full, optimize=True)
     i, j = np.array(PAIRS).T
     return np.asarray(turned[i[:, None], j[:, None], i, j])
-
-
-def symmetry_class(
-    stiffness: np.ndarray, *, tolerance: float = 0.01
-) -> tuple[str, dict[str, float]]:
-    """Name the highest symmetry about the axes x, y and z that a stiffness has.
-
-    Parameters
-    ----------
-    stiffness : ndarray, shape (6, 6)
-        Pa.
-    tolerance : float
-        Largest distance, relative to the norm of the stiffness.
-
-    Returns
-    -------
-    name : str
-        ``isotropic``, ``cubic``, ``transversely isotropic about x`` (y, z), ``tetragonal about
-        x`` (y, z), ``orthotropic`` or ``anisotropic``.
-    distances : dict of str to float
-        Relative distance to the nearest stiffness of each class.
-    """
-    size = float(np.linalg.norm(MANDEL[:, None] * stiffness * MANDEL)) or 1.0
-    distances = {
-        name: float(np.linalg.norm(MANDEL[:, None] * (near - stiffness) * MANDEL)) / size
-        for name, near in _nearest(stiffness).items()
-    }
-    name = next((name for name, away in distances.items() if away <= tolerance), "anisotropic")
-    return name, distances
-
-
-def _nearest(C: np.ndarray) -> dict[str, np.ndarray]:
-    """Nearest stiffness of every class, the highest symmetry first."""
-    orthotropic = np.zeros((6, 6))
-    orthotropic[:3, :3] = C[:3, :3]
-    orthotropic[range(3, 6), range(3, 6)] = np.diag(C)[3:]
-    tetragonal, transverse = {}, {}
-    for k, name in enumerate("xyz"):
-        quarter = _turn(k, 0.5 * np.pi)
-        both = 0.5 * (orthotropic + rotate_stiffness(orthotropic, quarter))
-        tetragonal[f"tetragonal about {name}"] = both
-        steps = [rotate_stiffness(both, _turn(k, a)) for a in np.arange(8) * np.pi / 8]
-        transverse[f"transversely isotropic about {name}"] = np.mean(steps, axis=0)
-    cubic = orthotropic.copy()
-    off = ~np.eye(3, dtype=bool)
-    cubic[:3, :3] = np.where(off, C[:3, :3][off].mean(), np.trace(C[:3, :3]) / 3.0)
-    cubic[range(3, 6), range(3, 6)] = np.diag(C)[3:].mean()
-    bulk = float(cubic[0, 0] + 2.0 * cubic[0, 1]) / 3.0
-    shear = float(cubic[0, 0] - cubic[0, 1] + 3.0 * cubic[3, 3]) / 5.0
-    isotropic = np.diag([2.0 * shear] * 3 + [shear] * 3)
-    isotropic[:3, :3] += bulk - 2.0 * shear / 3.0
-    return {
-        "isotropic": isotropic,
-        "cubic": cubic,
-        **transverse,
-        **tetragonal,
-        "orthotropic": orthotropic,
-    }
-
-
-def _turn(axis: int, angle: float) -> np.ndarray:
-    """Rotation about x, y or z."""
-    i, j = (axis + 1) % 3, (axis + 2) % 3
-    Q = np.eye(3)
-    Q[i, i] = Q[j, j] = np.cos(angle)
-    Q[i, j], Q[j, i] = -np.sin(angle), np.sin(angle)
-    return Q
 
 
 def voigt_bound(solid: np.ndarray, porosity: float) -> np.ndarray:

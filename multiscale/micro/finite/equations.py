@@ -24,8 +24,8 @@ from functools import cached_property
 
 import numpy as np
 
+from multiscale.linalg import minimal_residual
 from multiscale.micro.finite.body import Increment, Response
-from multiscale.micro.finite.krylov import minimal_residual
 from multiscale.micro.finite.reference import Constraint
 from multiscale.micro.finite.scene import CellState, Meeting, Scene, Target
 from multiscale.micro.finite.tangential import Tangential, evaluate_friction
@@ -292,6 +292,6 @@ class Iterate:
         goal = max(forcing * size_now, floor * self.scale)
         room = int(KRYLOV_MEMORY / (2 * x.nbytes))
         limit = min(max(room, KRYLOV_ITERATIONS[0]), KRYLOV_ITERATIONS[1])
-        y, iterations = minimal_residual(apply, rest, precondition, goal=goal, max_iterations=limit)
+        y, iterations = minimal_residual(apply, rest, precondition, goal=goal, room=limit)
         x += y
         return x[:size].reshape(shape), float(x[size]), iterations + 1

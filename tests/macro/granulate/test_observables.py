@@ -24,14 +24,6 @@ def test_love_weber_gives_the_stress_that_a_loaded_lid_puts_in():
     np.testing.assert_allclose(stress[:2, :2], 0.0, atol=1e-6 * 20.0 / area)
 
 
-def test_solid_fraction_cuts_spheres_exactly():
-    radius = np.array([1.0])
-    whole = granulate.fraction_below(np.array([[0, 0, 1.0]]), radius, 2.0, 4.0)
-    assert whole == pytest.approx(np.pi / 6.0)
-    half = granulate.fraction_below(np.array([[0, 0, 1.0]]), radius, 1.0, 4.0)
-    assert half == pytest.approx(np.pi / 6.0)
-
-
 def test_loose_grains_are_taken_away_until_none_is_left():
     # a chain hangs off a tetrahedron: it unravels from its end
     ends = np.array([[0, 1], [0, 2], [0, 3], [1, 2], [1, 3], [2, 3], [3, 4], [4, 5]])

@@ -10,7 +10,6 @@ from multiscale.micro import Cell, Path, Surface, self_affine, solve_cell
 from multiscale.micro.finite.cell import make_scene
 from multiscale.micro.finite.follow import current_weight
 from multiscale.micro.finite.history import rest_state, walk_step
-from multiscale.micro.finite.krylov import minimal_residual
 from multiscale.micro.finite.obstacle import Obstacle
 from multiscale.micro.finite.scene import Target
 
@@ -225,15 +224,6 @@ def test_a_rough_obstacle_is_smooth_periodic_and_moves():
     ahead, steeper, _ = obstacle._sample(moved, np.zeros(2))
     np.testing.assert_allclose((ahead - height) / 1e-6, slope[0], atol=1e-4)
     np.testing.assert_allclose((steeper[1] - slope[1]) / 1e-6, curvature[1], atol=1e-3)
-
-
-def test_minimal_residuals_solve_a_nonsymmetric_system():
-    rng = np.random.default_rng(2)
-    matrix = np.eye(30) + 0.1 * rng.standard_normal((30, 30))
-    b = rng.standard_normal(30)
-    x, count = minimal_residual(lambda v: matrix @ v, b, lambda v: v, goal=1e-10)
-    assert count <= 30
-    np.testing.assert_allclose(matrix @ x, b, atol=1e-9)
 
 
 @pytest.mark.parametrize(
