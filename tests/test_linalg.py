@@ -5,9 +5,10 @@ import pytest
 from scipy.sparse import block_array, csc_array, csr_array, eye_array, kron
 from scipy.sparse.linalg import splu
 
-from multiscale import linalg
 from multiscale.errors import MultiscaleError
-from multiscale.linalg import factorise, minimal_residual
+from multiscale.numerics import factorisation
+from multiscale.numerics.factorisation import factorise
+from multiscale.numerics.krylov import minimal_residual
 
 
 def chain(n, contrast=1.0):
@@ -87,17 +88,17 @@ def test_a_saddle_point_without_a_diagonal_is_solved(stiffness):
 def test_a_pattern_that_is_not_symmetric_is_solved():
     rng = np.random.default_rng(seed=3)
     matrix = csr_array(np.triu(rng.normal(size=(40, 40))) + 10.0 * np.eye(40))
-    assert not linalg._has_symmetric_pattern(csc_array(matrix))
+    assert not factorisation._has_symmetric_pattern(csc_array(matrix))
     exact = rng.normal(size=40)
     np.testing.assert_allclose(factorise(matrix)(matrix @ exact), exact, rtol=1e-9)
 
 
 def test_pivots_that_lose_digits_are_not_kept(monkeypatch):
-    monkeypatch.setattr(linalg, "SMALL_PIVOT", 0.0)  # takes any pivot of the diagonal
+    monkeypatch.setattr(factorisation, "SMALL_PIVOT", 0.0)  # takes any pivot of the diagonal
     n = 60
     matrix = csr_array(1e-14 * np.eye(n) + np.diag(np.ones(n - 1), 1) + np.diag(np.ones(n - 1), -1))
     exact = np.random.default_rng(seed=4).normal(size=n)
-    solution = linalg._superlu_factors(matrix, np.ones(n))(matrix @ exact)
+    solution = factorisation._superlu_factors(matrix, np.ones(n))(matrix @ exact)
     np.testing.assert_allclose(solution, exact, atol=1e-10)
 
 
@@ -109,10 +110,10 @@ def test_the_order_for_symmetric_patterns_has_less_fill(monkeypatch):
         fills.append(factors.nnz)
         return factors
 
-    monkeypatch.setattr(linalg, "splu", watch)
-    monkeypatch.setattr(linalg, "new_pardiso", lambda: None)
+    monkeypatch.setattr(factorisation, "splu", watch)
+    monkeypatch.setattr(factorisation, "new_pardiso", lambda: None)
     factorise(plane(60))
-    monkeypatch.setattr(linalg, "LARGEST_ASYMMETRY", -1.0)
+    monkeypatch.setattr(factorisation, "LARGEST_ASYMMETRY", -1.0)
     factorise(plane(60))
     assert len(fills) == 2
     assert fills[0] < 0.8 * fills[1]

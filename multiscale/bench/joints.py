@@ -14,10 +14,10 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from multiscale.bench.record import load_average, record, versions
+from multiscale.fe.boxes import box_mesh
 from multiscale.laws import Exponential, Sliders
 from multiscale.laws.bulk import Elastic
 from multiscale.macro import Body, solve_interface
-from multiscale.macro.continuum import box_mesh
 from multiscale.macro.substructures import Joint, Problem, assemble, cut_bodies, split_boxes
 from multiscale.macro.substructures.bound import Admissible
 from multiscale.macro.substructures.indicator import HeuristicIndicator, JointError

@@ -14,7 +14,7 @@ from multiscale.bench.measure import Measured, measure
 from multiscale.bench.peers import CODES, TOLERANCE, Answer, Code
 from multiscale.bench.record import load_average, record
 from multiscale.bench.reference import common_reference, extrapolate
-from multiscale.io.surfaces import Surface
+from multiscale.surfaces.surface import Surface
 
 if TYPE_CHECKING:
     import xarray as xr

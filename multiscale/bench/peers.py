@@ -9,7 +9,7 @@ from typing import Literal
 import numpy as np
 
 from multiscale.bench.measure import THREADS
-from multiscale.io.surfaces import Surface
+from multiscale.surfaces.surface import Surface
 
 __all__ = [
     "CODES",

@@ -13,13 +13,13 @@ if TYPE_CHECKING:
 
     import xarray as xr
 
-    from multiscale.io.surfaces import Surface
     from multiscale.laws import Sliders
     from multiscale.laws.base import Response
     from multiscale.laws.bulk import BulkLaw
     from multiscale.macro import LinkSystem
     from multiscale.macro.substructures.problem import Problem
     from multiscale.micro.contact_state import ContactState
+    from multiscale.surfaces.surface import Surface
 
 __all__ = [
     "complementarity",
@@ -184,8 +184,8 @@ def solve_in_one_piece(
     from scipy.linalg import orth
     from scipy.sparse import block_array, csr_array, diags_array, eye_array
 
-    from multiscale.linalg import factorise
     from multiscale.macro.substructures.assembled import assemble
+    from multiscale.numerics.factorisation import factorise
 
     traction_scale, jump_scale, length = scales
     whole = assemble(problem)
@@ -417,9 +417,9 @@ def voids(modulus: float, porosity: float) -> float:
     """Volume with voids, filled or not: distance of its stiffness from assembled bricks."""
     from skfem import Basis, ElementHex1, MeshHex
 
+    from multiscale.laws.bulk.moduli import lame_parameters
     from multiscale.micro.damage import effective_stiffness, random_spheres, voxelise
     from multiscale.micro.damage.mesh_stiffness import solve_periodic
-    from multiscale.micro.damage.rve import check_elastic
 
     n = 12
     image = voxelise(random_spheres((1.0, 1.0, 1.0), 0.13, porosity=porosity, seed=1), n)
@@ -429,7 +429,7 @@ def voids(modulus: float, porosity: float) -> float:
     share = np.where(image.void[tuple(place)], modulus, 1.0)
     basis = Basis(mesh, ElementHex1())
     number = np.ravel_multi_index(tuple(np.rint(n * basis.doflocs).astype(int) % n), (n, n, n))
-    lame, shear = (value * share for value in check_elastic(YOUNG, POISSON))
+    lame, shear = (value * share for value in lame_parameters(1.0, POISSON))
     exact = YOUNG * solve_periodic(basis, number, lame, shear)[1]  # of 1 m3
     return float(np.abs(found - exact).max() / np.abs(exact).max())
 

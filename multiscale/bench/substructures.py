@@ -11,9 +11,9 @@ import numpy as np
 from multiscale.bench.measure import Measured, measure
 from multiscale.bench.record import load_average, record, versions
 from multiscale.bench.structures import distance, scene_grid
+from multiscale.fe.boxes import box_mesh
 from multiscale.laws import Exponential, Sliders
 from multiscale.laws.bulk import Elastic
-from multiscale.linalg import factorise
 from multiscale.macro import (
     Body,
     LinkSystem,
@@ -24,7 +24,6 @@ from multiscale.macro import (
     solve_schur,
     solve_static,
 )
-from multiscale.macro.continuum import box_mesh
 from multiscale.macro.substructures import (
     Problem,
     assemble,
@@ -32,6 +31,7 @@ from multiscale.macro.substructures import (
     split_grid,
     stacked_blocks,
 )
+from multiscale.numerics.factorisation import factorise
 
 if TYPE_CHECKING:
     import xarray as xr

@@ -24,12 +24,11 @@ from multiscale.io.grain_fields import write_grain_fields
 from multiscale.io.images import VoxelImage, read_images
 from multiscale.io.link_fields import write_link_fields
 from multiscale.io.meshes import MeshArrays, open_mesh, read_mesh
-from multiscale.io.surfaces import Surface, read_surface
+from multiscale.io.surface_file import read_surface
 from multiscale.io.tables import read_table
 
 __all__ = [
     "MeshArrays",
-    "Surface",
     "VoxelImage",
     "logging_to",
     "make_folder",

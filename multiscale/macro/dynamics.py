@@ -15,7 +15,6 @@ from scipy.sparse import csr_array, diags_array
 from multiscale.convergence import Status
 from multiscale.errors import CaseError
 from multiscale.macro.discrete.checks import masses_of
-from multiscale.macro.discrete.cholesky import Solve
 from multiscale.macro.discrete.compatibility import Equations, compatibility, equations
 from multiscale.macro.discrete.needs import link_needs
 from multiscale.macro.discrete.system import LinkSystem
@@ -25,6 +24,7 @@ from multiscale.macro.limited_motion import Balance, largest, limited_motion
 from multiscale.macro.mean_tension import mean_tension
 from multiscale.macro.time_series import failed_step, join_times
 from multiscale.needs import Needs
+from multiscale.numerics.cholesky import Solve
 
 if TYPE_CHECKING:
     import xarray as xr

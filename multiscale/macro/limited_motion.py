@@ -8,9 +8,9 @@ import numpy as np
 from scipy.sparse import csr_array
 
 from multiscale.convergence import Solution, Status
-from multiscale.macro.discrete.cholesky import Solve
-from multiscale.macro.line_search import step_length
 from multiscale.nonsmooth import solve_lcp
+from multiscale.numerics.cholesky import Solve
+from multiscale.numerics.line_search import step_length
 
 __all__ = ["Balance", "largest", "limited_motion"]
 

@@ -10,8 +10,8 @@ from scipy.sparse import block_array, csr_array, diags_array, issparse
 from multiscale.convergence import Solution, Status, verdict
 from multiscale.errors import MultiscaleError
 from multiscale.laws.base import InterfaceLaw
-from multiscale.linalg import factorise
-from multiscale.macro.line_search import step_length
+from multiscale.numerics.factorisation import factorise
+from multiscale.numerics.line_search import step_length
 
 __all__ = ["solve_interface"]
 

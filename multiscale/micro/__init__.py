@@ -1,13 +1,14 @@
 """Finite elements on a representative piece of a rough interface."""
 
-from multiscale.io.surfaces import Surface
-from multiscale.micro.cell import Cell, MeshCell, Opposite, contact_modulus
+from multiscale.laws.bulk.moduli import contact_modulus
+from multiscale.micro.cell import Cell, MeshCell, Opposite
 from multiscale.micro.ensemble import run_ensemble
 from multiscale.micro.path import Path
 from multiscale.micro.slide import slide_cell
 from multiscale.micro.sliding import RelaxingSolid, solve_sliding, wlf_shift
 from multiscale.micro.solve import solve_cell
-from multiscale.micro.topography import self_affine
+from multiscale.surfaces import self_affine
+from multiscale.surfaces.surface import Surface
 
 __all__ = [
     "Cell",

@@ -8,76 +8,23 @@ import numpy as np
 from scipy import sparse
 
 from multiscale.errors import CaseError
-from multiscale.io.surfaces import Surface
-from multiscale.linalg import factorise
+from multiscale.fe.elasticity import assemble_elasticity
+from multiscale.laws.bulk.moduli import lame_parameters
 from multiscale.micro.averages import recovered_force
-from multiscale.micro.cell import MeshCell, lame_parameters
+from multiscale.micro.cell import MeshCell
 from multiscale.micro.contact import ElasticBody, solve_contact
 from multiscale.micro.contact_state import ContactProblem, obstacle_normal
 from multiscale.needs import Needs
+from multiscale.numerics.factorisation import factorise
+from multiscale.surfaces.surface import Surface
 
 if TYPE_CHECKING:
     from skfem import CellBasis
     from skfem import FacetBasis as Facets
 
-__all__ = ["assemble_elasticity", "assemble_mesh_cell"]
+__all__ = ["assemble_mesh_cell"]
 
 Operator = Callable[[np.ndarray], np.ndarray]
-
-
-def assemble_elasticity(
-    cell_basis: "CellBasis", lame: float | np.ndarray, shear: float | np.ndarray
-) -> sparse.csr_array:
-    r"""Stiffness of isotropic elasticity from scalar forms.
-
-    Parameters
-    ----------
-    cell_basis : CellBasis
-        Basis of one displacement component.
-    lame, shear : float or ndarray, shape (elements,)
-        Lame's parameters, Pa.
-
-    Returns
-    -------
-    csr_array, shape (3 n, 3 n)
-        Component by component.
-
-    Notes
-    -----
-    With :math:`G_{ij} = \int c\,\partial_i v\,\partial_j w`, the block of components i and j is
-    :math:`\lambda G_{ij} + \mu G_{ji} + \delta_{ij}\,\mu\,\mathrm{tr}\,G`. Nine scalar forms cost a
-    fifth of one vector form.
-    """
-    from skfem import BilinearForm
-
-    dim = cell_basis.mesh.dim()
-
-    def form(i: int, j: int, factor: float | np.ndarray) -> sparse.csr_array:
-        weight = np.broadcast_to(factor, (cell_basis.mesh.nelements,))[:, None]
-
-        @BilinearForm
-        def gradients(u, v, w):  # type: ignore[no-untyped-def]
-            return weight * v.grad[i] * u.grad[j]
-
-        return sparse.csr_array(gradients.assemble(cell_basis))
-
-    uniform = np.ndim(lame) == 0 and np.ndim(shear) == 0
-    if uniform:
-        unit = [[form(i, j, 1.0) for j in range(dim)] for i in range(dim)]
-        by_lame, by_shear = (
-            [[factor * entry for entry in row] for row in unit] for factor in (lame, shear)
-        )
-    else:
-        by_lame, by_shear = (
-            [[form(i, j, factor) for j in range(dim)] for i in range(dim)]
-            for factor in (lame, shear)
-        )
-    trace = sum((by_shear[k][k] for k in range(1, dim)), start=by_shear[0][0])
-    blocks = [
-        [by_lame[i][j] + by_shear[j][i] + (trace if i == j else 0 * trace) for j in range(dim)]
-        for i in range(dim)
-    ]
-    return sparse.csr_array(sparse.block_array(blocks))
 
 
 def assemble_mesh_cell(cell: MeshCell, needs: Needs) -> ContactProblem:
@@ -115,7 +62,7 @@ def assemble_mesh_cell(cell: MeshCell, needs: Needs) -> ContactProblem:
         touching[nodes[active]] = True
         vertices = touching[image][basis.nodal_dofs[0]]
         return recovered_force(
-            cell.mesh, cell.element, (expand @ u).reshape(3, -1), vertices, lame, shear
+            cell.mesh, cell.element, (expand @ u).reshape(-1, 3).T, vertices, lame, shear
         )
 
     closing = normal[:, 2]
@@ -125,7 +72,7 @@ def assemble_mesh_cell(cell: MeshCell, needs: Needs) -> ContactProblem:
         surface,
         obstacle,
         weight,
-        surface_displacement=lambda u: (expand @ u).reshape(3, -1)[:, nodes].T,
+        surface_displacement=lambda u: (expand @ u).reshape(-1, 3)[nodes],
         recover=recover if "stress recovery" in needs else None,
     )
 
@@ -136,16 +83,16 @@ def _expansion(basis: "CellBasis", image: np.ndarray, *, periodic: bool) -> spar
     These are clamped at the base, one for all periodic images, without motion across sliding sides.
     """
     points = basis.doflocs
-    free = np.ones((3, basis.N), dtype=bool)
-    free[:, image != np.arange(basis.N)] = False
-    free[:, image[basis.get_dofs("base").all()]] = False
+    free = np.ones((basis.N, 3), dtype=bool)
+    free[image != np.arange(basis.N)] = False
+    free[image[basis.get_dofs("base").all()]] = False
     if not periodic:
         low, high = points.min(axis=1), points.max(axis=1)
         for k in range(2):
             edge = np.isclose(points[k], low[k]) | np.isclose(points[k], high[k])
-            free[k, edge] = False
+            free[edge, k] = False
     number = np.where(free, np.cumsum(free).reshape(free.shape) - 1, -1)
-    unknown = np.concatenate([number[k, image] for k in range(3)])
+    unknown = number[image].ravel()
     kept = np.flatnonzero(unknown >= 0)
     return sparse.csr_array(
         (np.ones(len(kept)), (kept, unknown[kept])), shape=(3 * basis.N, int(free.sum()))
@@ -154,9 +101,9 @@ def _expansion(basis: "CellBasis", image: np.ndarray, *, periodic: bool) -> spar
 
 def _normal_trace(nodes: np.ndarray, normal: np.ndarray, count: int) -> sparse.csr_array:
     """Displacements of the contact nodes along the normals (nodes, 3), from those of all nodes."""
-    rows = np.tile(np.arange(len(nodes)), 3)
-    columns = np.concatenate([nodes + k * count for k in range(3)])
-    return sparse.csr_array((normal.T.ravel(), (rows, columns)), shape=(len(nodes), 3 * count))
+    rows = np.repeat(np.arange(len(nodes)), 3)
+    columns = (3 * nodes[:, None] + np.arange(3)).ravel()
+    return sparse.csr_array((normal.ravel(), (rows, columns)), shape=(len(nodes), 3 * count))
 
 
 def _elastic_body(

@@ -6,9 +6,10 @@ from typing import TYPE_CHECKING, Literal
 import numpy as np
 
 from multiscale.errors import CaseError
-from multiscale.io.surfaces import Surface
 from multiscale.laws.bulk import J2, BulkLaw, NeoHookean, Prony
+from multiscale.laws.bulk.moduli import lame_parameters
 from multiscale.reference import layer
+from multiscale.surfaces.surface import Surface
 
 if TYPE_CHECKING:
     from skfem import Element, Mesh
@@ -17,34 +18,8 @@ __all__ = [
     "Cell",
     "MeshCell",
     "Opposite",
-    "contact_modulus",
     "depth_caution",
-    "lame_parameters",
 ]
-
-
-def contact_modulus(*bodies: tuple[float, float]) -> float:
-    r"""Contact modulus :math:`1/E^* = \sum (1-\nu_i^2)/E_i`, Pa.
-
-    Parameters
-    ----------
-    *bodies : tuple of float
-        Young's modulus, Pa, and Poisson's ratio of each body.
-
-    Examples
-    --------
-    >>> round(contact_modulus((210e9, 0.3), (210e9, 0.3)) / 1e9, 3)
-    115.385
-    """
-    return 1.0 / sum((1.0 - nu**2) / modulus for modulus, nu in bodies)
-
-
-def lame_parameters(
-    youngs_modulus: float | np.ndarray, poissons_ratio: float | np.ndarray
-) -> tuple[np.ndarray, np.ndarray]:
-    """Lame's parameters (lambda, mu) of an isotropic material, Pa."""
-    modulus, nu = np.asarray(youngs_modulus), np.asarray(poissons_ratio)
-    return modulus * nu / ((1.0 + nu) * (1.0 - 2.0 * nu)), modulus / (2.0 * (1.0 + nu))
 
 
 def depth_caution(depth: float, period: float) -> str | None:

@@ -13,8 +13,8 @@ from multiscale.micro.cell import Cell
 from multiscale.micro.checkpoint import Checkpoint
 from multiscale.micro.path import Path
 from multiscale.micro.solve import solve_cell
-from multiscale.micro.topography import nayak_parameter, rms_height, rms_slope
 from multiscale.schema import MICRO_RESPONSE
+from multiscale.surfaces import nayak_parameter, rms_height, rms_slope
 
 if TYPE_CHECKING:
     import xarray as xr

@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from multiscale.errors import CaseError
-from multiscale.io.surfaces import Surface
+from multiscale.surfaces.surface import Surface
 
 if TYPE_CHECKING:
     from skfem import MeshHex

@@ -19,9 +19,9 @@ from scipy import fft
 
 from multiscale.convergence import Status
 from multiscale.errors import CaseError
-from multiscale.io.surfaces import Surface
-from multiscale.linalg import minimal_residual
 from multiscale.micro.contact_area import contact_fraction
+from multiscale.numerics.krylov import minimal_residual
+from multiscale.surfaces.surface import Surface
 
 __all__ = ["RelaxingSolid", "SlidingContact", "solve_sliding", "wlf_shift"]
 

@@ -1,7 +1,5 @@
 r"""Alternating directions for Coulomb friction: factorise once, then project and solve."""
 
-from collections.abc import Callable
-
 import numpy as np
 from numpy.linalg import norm
 
@@ -9,11 +7,15 @@ from multiscale.nonsmooth.block_system import factorise_blocks
 from multiscale.nonsmooth.friction_problem import ScaledFriction
 from multiscale.nonsmooth.progress import Recorder
 from multiscale.nonsmooth.projections import project_friction_cone
+from multiscale.numerics.anderson import Anderson
 
 __all__ = ["admm"]
 
 LOOK = 5
 """Iterations between two looks at the error."""
+
+GROWTH = 1.5
+"""Defect, relative to the last, above which an accelerated step is dropped."""
 
 
 def admm(
@@ -39,7 +41,7 @@ def admm(
     penalty : float
         :math:`\rho`, relative to the diagonal of :math:`W`.
     memory : int
-        Steps that the acceleration looks back; 0 switches it off.
+        Steps that the acceleration looks back.
 
     Returns
     -------
@@ -75,37 +77,17 @@ def admm(
     u[:, 0] += friction * np.hypot(u[:, 1], u[:, 2])
     v = reaction - u / penalty
     image = advance(v)
-    past: list[tuple[np.ndarray, np.ndarray]] = []
+    acceleration = Anderson(memory)
     for iteration in range(1, max_iterations + 1):
-        v, image = _anderson(advance, v, image, past, memory)
+        defect = image - v
+        new = acceleration.next(v.ravel(), image.ravel(), defect.ravel(), float(norm(defect)))
+        plain, v = image, new.reshape(v.shape)
+        image = advance(v)
+        if not norm(image - v) <= GROWTH * norm(defect):
+            acceleration.forget()
+            v, image = plain, advance(plain)
         if not np.all(np.isfinite(image)):
             break
         if iteration % LOOK == 0 and progress.note(project_friction_cone(v.T, friction).T):
             break
     return np.asarray(project_friction_cone(v.T, friction).T)
-
-
-def _anderson(
-    advance: Callable[[np.ndarray], np.ndarray],
-    v: np.ndarray,
-    image: np.ndarray,
-    past: list[tuple[np.ndarray, np.ndarray]],
-    memory: int,
-) -> tuple[np.ndarray, np.ndarray]:
-    """Next v and its image; ``past`` holds earlier images and defects and is brought up to date."""
-    if memory == 0:
-        return image, advance(image)
-    past.append((image.ravel(), (image - v).ravel()))
-    del past[: -memory - 1]
-    if len(past) > 1:
-        images = np.diff(np.array([one[0] for one in past]), axis=0)
-        defects = np.diff(np.array([one[1] for one in past]), axis=0)
-        gram = defects @ defects.T
-        gram += (1e-12 * np.trace(gram) + 1e-300) * np.eye(len(gram))
-        weights = np.linalg.solve(gram, defects @ past[-1][1])
-        new = image - (weights @ images).reshape(v.shape)
-        ahead = advance(new)
-        if norm(ahead - new) <= 1.5 * norm(image - v):
-            return new, ahead
-        past.clear()
-    return image, advance(image)

@@ -2,7 +2,7 @@ r"""Linear systems with the block pattern of a friction problem.
 
 The systems of Newton and interior-point methods may be singular up to round-off on purpose, where
 the impulses are not unique, so they are factorised here without the check of
-:func:`multiscale.linalg.factorise`; the methods look at what comes out.
+:func:`multiscale.numerics.factorisation.factorise`; the methods look at what comes out.
 """
 
 from collections.abc import Callable

@@ -11,7 +11,7 @@ from scipy.sparse import block_array, csc_array, csr_array, diags_array, isspars
 from scipy.sparse.linalg import splu
 
 from multiscale.errors import CaseError
-from multiscale.linalg import factorise
+from multiscale.numerics.factorisation import factorise
 
 __all__ = ["Delassus", "Entries", "Solve", "lcp_operator"]
 

@@ -1,14 +1,13 @@
 """Extreme eigenvalues of a symmetric matrix by Lanczos, and the refusal of indefinite ones."""
 
 import numpy as np
-from numpy.linalg import norm
-from scipy.linalg import eigh_tridiagonal
 from scipy.sparse import csr_array
 from scipy.sparse.linalg import ArpackNoConvergence, eigsh
 
 from multiscale.errors import CaseError
 from multiscale.nonsmooth.lcp_operator import Entries
 from multiscale.nonsmooth.lcp_problem import ScaledLCP
+from multiscale.numerics.lanczos import lanczos
 
 __all__ = ["extreme_eigenvalues", "refuse_indefinite"]
 
@@ -41,18 +40,7 @@ def extreme_eigenvalues(matrix: csr_array | np.ndarray) -> tuple[float, float]:
         full = matrix if isinstance(matrix, np.ndarray) else matrix.toarray()
         values = np.linalg.eigvalsh(full)
         return float(values[0]), float(values[-1])
-    diagonal, off = np.zeros(STEPS), np.zeros(STEPS)
-    previous, vector = np.zeros(n), np.random.default_rng(seed=0).standard_normal(n)
-    vector /= norm(vector)
-    for step in range(STEPS):
-        image = matrix @ vector
-        diagonal[step] = vector @ image
-        image -= diagonal[step] * vector + off[step - 1] * previous
-        off[step] = norm(image)
-        if off[step] <= 1e-12 * abs(diagonal[0]):
-            break
-        previous, vector = vector, image / off[step]
-    values = eigh_tridiagonal(diagonal[: step + 1], off[:step], eigvals_only=True)
+    values = lanczos(lambda v: matrix @ v, n, STEPS)[0]
     return float(values[0]), 1.02 * float(values[-1])
 
 

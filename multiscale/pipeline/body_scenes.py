@@ -6,11 +6,11 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from multiscale.errors import CaseError
+from multiscale.fe.boxes import box_mesh
 from multiscale.io import open_dataset, open_law
 from multiscale.laws import Damaged, NormalLaw, Sliders
 from multiscale.laws.bulk import AnisotropicElastic, Elastic
 from multiscale.macro import Body, cut_bodies, solve_latin
-from multiscale.macro.continuum import box_mesh
 from multiscale.macro.substructures import (
     JointLoading,
     LapShape,

@@ -3,13 +3,14 @@
 import numpy as np
 
 from multiscale.errors import CaseError
-from multiscale.io.surfaces import Surface
 from multiscale.laws.bulk import J2
-from multiscale.micro.cell import Cell, contact_modulus
-from multiscale.micro.topography import composite, self_affine
+from multiscale.laws.bulk.moduli import contact_modulus
+from multiscale.micro.cell import Cell
 from multiscale.pipeline.rough_bodies import InstrumentSurface
 from multiscale.pipeline.settings import Case
 from multiscale.pipeline.windows import Measured, cut_windows
+from multiscale.surfaces import composite, self_affine
+from multiscale.surfaces.surface import Surface
 
 __all__ = [
     "body_surfaces",

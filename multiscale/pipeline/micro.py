@@ -10,7 +10,6 @@ import numpy as np
 from multiscale.io import make_folder, open_dataset, write_dataset, write_surface_fields
 from multiscale.micro import Path as LoadPath
 from multiscale.micro import contact_modulus, run_ensemble
-from multiscale.micro.topography import Roughness
 from multiscale.pipeline.cells import (
     composite_material,
     longest_wave,
@@ -21,6 +20,7 @@ from multiscale.pipeline.real_contact import with_real_pressure
 from multiscale.pipeline.settings import Case
 from multiscale.pipeline.windows import STAGES, Measured
 from multiscale.schema import FIELDS, MICRO_RESPONSE
+from multiscale.surfaces import Roughness
 
 if TYPE_CHECKING:
     import xarray as xr

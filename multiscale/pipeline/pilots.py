@@ -9,16 +9,16 @@ import numpy as np
 
 from multiscale.io import open_dataset
 from multiscale.micro import contact_modulus
-from multiscale.micro.topography import rms_height, rms_slope
 from multiscale.pipeline.cells import composite_material, make_cells
 from multiscale.pipeline.rough_bodies import SyntheticSurface
 from multiscale.pipeline.settings import Case
 from multiscale.schema import MICRO_RESPONSE, STORED_CELLS
+from multiscale.surfaces import rms_height, rms_slope
 
 if TYPE_CHECKING:
     import xarray as xr
 
-    from multiscale.io.surfaces import Surface
+    from multiscale.surfaces.surface import Surface
 
 __all__ = ["Pilots", "stored_pilots", "surface_at_large"]
 

@@ -10,14 +10,14 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from multiscale.errors import CaseError, ConvergenceError
-from multiscale.io import Surface, open_response
-from multiscale.micro.topography import rms_height
+from multiscale.io import open_response
 from multiscale.pipeline.forecast import GRIDS, SIZES, CostModel, Estimate, Setting, cheapest
 from multiscale.pipeline.joint import joint_scales, solve_joint
 from multiscale.pipeline.micro import run_micro
 from multiscale.pipeline.pilots import Pilots, stored_pilots, surface_at_large
 from multiscale.pipeline.rough_bodies import InstrumentSurface
 from multiscale.pipeline.settings import Case
+from multiscale.surfaces import Surface, rms_height
 from multiscale.upscaling import (
     at_rms_height,
     error_budget,

@@ -8,7 +8,6 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from multiscale.io import open_dataset, write_dataset
-from multiscale.io.surfaces import Surface
 from multiscale.laws.bulk import J2, BulkLaw, NeoHookean
 from multiscale.micro import Cell, Opposite, slide_cell
 from multiscale.pipeline.case_tables import SlideSettings
@@ -17,6 +16,7 @@ from multiscale.pipeline.rough_bodies import Body
 from multiscale.pipeline.settings import Case
 from multiscale.pipeline.toml_model import read_toml
 from multiscale.schema import SLIDING_RESPONSE
+from multiscale.surfaces.surface import Surface
 
 if TYPE_CHECKING:
     import xarray as xr

@@ -7,8 +7,10 @@ import numpy as np
 
 from multiscale.errors import CaseError
 from multiscale.io import read_surface
-from multiscale.io.surfaces import Surface
-from multiscale.micro.topography import (
+from multiscale.pipeline.case_tables import CellSettings
+from multiscale.pipeline.rough_bodies import InstrumentSurface
+from multiscale.pipeline.settings import POINTS_PER_WAVE
+from multiscale.surfaces import (
     Roughness,
     Spectrum,
     crop,
@@ -20,9 +22,7 @@ from multiscale.micro.topography import (
     spectrum,
     window,
 )
-from multiscale.pipeline.case_tables import CellSettings
-from multiscale.pipeline.rough_bodies import InstrumentSurface
-from multiscale.pipeline.settings import POINTS_PER_WAVE
+from multiscale.surfaces.surface import Surface
 
 __all__ = ["STAGES", "Measured", "cut_windows"]
 

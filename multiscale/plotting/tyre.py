@@ -17,7 +17,7 @@ if TYPE_CHECKING:
     import xarray as xr
     from matplotlib.axes import Axes
 
-    from multiscale.io.surfaces import Surface
+    from multiscale.surfaces.surface import Surface
 
 __all__ = [
     "draw_tyre_figures",

@@ -6,7 +6,6 @@ All lengths in m, forces in N (N/m for the cylinder), pressures and moduli in Pa
 import numpy as np
 
 __all__ = [
-    "contact_modulus",
     "cylinder_half_width",
     "cylinder_pressure",
     "punch_force",
@@ -16,22 +15,6 @@ __all__ = [
     "sphere_radius",
     "sphere_stiffness",
 ]
-
-
-def contact_modulus(*bodies: tuple[float, float]) -> float:
-    r"""Contact modulus of one or two bodies, :math:`1/E^* = \sum (1 - \nu_i^2)/E_i`, Pa.
-
-    Parameters
-    ----------
-    *bodies : tuple of float
-        Young's modulus (Pa) and Poisson's ratio of each elastic body.
-
-    Examples
-    --------
-    >>> round(contact_modulus((210e9, 0.3), (210e9, 0.3)) / 1e9, 3)
-    115.385
-    """
-    return 1.0 / sum((1.0 - nu**2) / E for E, nu in bodies)
 
 
 def sphere_radius(force: float, radius: float, modulus: float) -> float:
@@ -44,7 +27,7 @@ def sphere_radius(force: float, radius: float, modulus: float) -> float:
     radius : float
         :math:`1/R = \sum 1/R_i`, m.
     modulus : float
-        :math:`E^*` of :func:`contact_modulus`, Pa.
+        :math:`E^*` of :func:`~multiscale.laws.bulk.moduli.contact_modulus`, Pa.
 
     References
     ----------
@@ -52,6 +35,7 @@ def sphere_radius(force: float, radius: float, modulus: float) -> float:
 
     Examples
     --------
+    >>> from multiscale.laws.bulk.moduli import contact_modulus
     >>> a = sphere_radius(100.0, 0.01, contact_modulus((210e9, 0.3), (210e9, 0.3)))
     >>> round(1e3 * a, 6)  # mm
     0.186626
@@ -98,6 +82,7 @@ def cylinder_half_width(force: float, radius: float, modulus: float) -> float:
 
     Examples
     --------
+    >>> from multiscale.laws.bulk.moduli import contact_modulus
     >>> a = cylinder_half_width(35e6, 0.05, contact_modulus((210e9, 0.3), (70e9, 0.3)))
     >>> round(1e3 * a, 4)  # mm, the cylinder on a block of NAFEMS
     6.2146

@@ -7,13 +7,13 @@ from importlib.util import find_spec
 import numpy as np
 import pytest
 
-from multiscale import linalg
 from multiscale.bench import bench, structures, tabulate
 from multiscale.bench.measure import Measured, measure
 from multiscale.bench.structures import METHODS, Answer, distance, scene_grid, solve_grid, verify
 from multiscale.io import open_dataset, write_dataset
 from multiscale.macro import quadruplex_module, self_stress, solve_static
 from multiscale.macro.discrete import compatibility
+from multiscale.numerics import factorisation
 from multiscale.plotting import draw_work_precision
 from multiscale.schema import WORK_PRECISION
 
@@ -80,7 +80,7 @@ def test_the_share_of_slack_cables_does_not_depend_on_the_size():
 def takes_pardiso(method):
     """Solve, and tell whether PARDISO factorises in this process."""
     solve_grid(scene_grid(2), 1.0, method)
-    return linalg.new_pardiso() is not None
+    return factorisation.new_pardiso() is not None
 
 
 @pytest.mark.parametrize("name", ["Newton, PARDISO", "Newton, SuperLU"])
@@ -103,9 +103,9 @@ def without_pardiso(monkeypatch):
     monkeypatch.setattr(structures, "measure", lose_one)
     monkeypatch.setattr(structures, "QUICK_MODULES", (2, 4))
     monkeypatch.setitem(sys.modules, "pypardiso", None)
-    linalg._blank_pardiso.cache_clear()
+    factorisation._blank_pardiso.cache_clear()
     yield
-    linalg._blank_pardiso.cache_clear()
+    factorisation._blank_pardiso.cache_clear()
 
 
 @pytest.mark.usefixtures("without_pardiso")

@@ -7,11 +7,11 @@ import numpy as np
 import pytest
 
 from multiscale.errors import CaseError, SchemaError
+from multiscale.fe.boxes import box_mesh
 from multiscale.io import write_body_fields
 from multiscale.laws import Damaged, Exponential, Sliders
 from multiscale.laws.bulk import Elastic
 from multiscale.macro import Body
-from multiscale.macro.continuum import box_mesh
 from multiscale.macro.substructures import (
     JointLoading,
     add_body_fields,

@@ -9,9 +9,9 @@ import numpy as np
 import pytest
 
 from multiscale.errors import CaseError
-from multiscale.io import Surface, read_surface
-from multiscale.io.surfaces import remove_trend
-from multiscale.micro.topography import crop, detrend
+from multiscale.io import read_surface
+from multiscale.surfaces import Surface, crop, detrend
+from multiscale.surfaces.surface import remove_trend
 
 HEADER = "# Width: 12 um\n# Height: 5 um\n# Value units: nm\n"
 
@@ -230,7 +230,7 @@ def test_missing_library_is_named_with_its_installation(tmp_path, heights, monke
 
 def test_importing_the_reader_loads_no_heavy_library():
     code = (
-        "import sys, multiscale.io.surfaces; "
+        "import sys, multiscale.io.surface_file; "
         "print([m for m in ('SurfaceTopography', 'pint', 'numba') if m in sys.modules])"
     )
     run = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)

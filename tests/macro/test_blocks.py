@@ -23,15 +23,10 @@ from skfem import (
 from skfem.models.elasticity import lame_parameters, linear_elasticity
 
 from multiscale.errors import CaseError
+from multiscale.fe.boxes import box_mesh
+from multiscale.fe.elasticity import displacement_basis, elastic_matrix, stiffness_matrix
+from multiscale.fe.faces import face_operator, face_unknowns
 from multiscale.laws.bulk import AnisotropicElastic
-from multiscale.macro.continuum import (
-    box_mesh,
-    displacement_basis,
-    elastic_matrix,
-    face_operator,
-    face_unknowns,
-    stiffness_matrix,
-)
 
 E, NU = 2.5, 0.3
 LAME, SHEAR = E * NU / ((1.0 + NU) * (1.0 - 2.0 * NU)), E / (2.0 * (1.0 + NU))

@@ -7,13 +7,13 @@ from scipy.spatial.transform import Rotation
 from skfem import MeshHex, MeshQuad, MeshTet, MeshTri
 
 from multiscale.errors import CaseError
+from multiscale.fe.elasticity import displacement_basis, stiffness_matrix
+from multiscale.fe.elements import element_response, prepare_elements
+from multiscale.fe.facets import facet_normals, nodal_areas, surface_of
+from multiscale.fe.mortar import couple
 from multiscale.laws.bulk import J2, Elastic, NeoHookean
 from multiscale.macro import Body, Contact, ContactProblem, Plane, load_mesh, solve_contact
-from multiscale.macro.continuum import displacement_basis, stiffness_matrix
 from multiscale.macro.continuum.coulomb import linearise
-from multiscale.macro.continuum.elements import element_response, prepare_elements
-from multiscale.macro.continuum.mortar import couple
-from multiscale.macro.continuum.surface import facet_normals, nodal_areas, surface_of
 from multiscale.macro.continuum.system import prepare_system
 from tests.contact_scenes import block, moved
 from tests.support import alart_curnier, keep_ignoring_broken_pipes

@@ -7,10 +7,10 @@ import pytest
 from scipy.sparse.linalg import spsolve
 
 from multiscale.errors import CaseError, ConvergenceError
+from multiscale.fe.boxes import box_mesh
 from multiscale.laws import Exponential, RigidContact, Sliders
 from multiscale.laws.bulk import Elastic
 from multiscale.macro import Body, solve_interface
-from multiscale.macro.continuum.blocks import box_mesh
 from multiscale.macro.substructures import (
     Joint,
     assemble,

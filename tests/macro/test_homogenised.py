@@ -5,9 +5,9 @@ import pytest
 from scipy.sparse import csr_array
 
 from multiscale.errors import CaseError
+from multiscale.fe.boxes import box_mesh
 from multiscale.laws.bulk import Elastic
 from multiscale.macro import Body, solve_static, tensegrity_grid
-from multiscale.macro.continuum.blocks import box_mesh
 from multiscale.macro.substructures import (
     Links,
     Problem,

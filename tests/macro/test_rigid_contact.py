@@ -5,10 +5,10 @@ import pytest
 from scipy.sparse.linalg import splu
 
 from multiscale.errors import CaseError
+from multiscale.fe.boxes import box_mesh
 from multiscale.laws import RigidContact
 from multiscale.laws.bulk import Elastic
 from multiscale.macro import Body
-from multiscale.macro.continuum import box_mesh
 from multiscale.macro.substructures import (
     Joint,
     JointLoading,

@@ -6,10 +6,11 @@ import numpy as np
 import pytest
 
 from multiscale.errors import CaseError
+from multiscale.fe.boxes import box_mesh
+from multiscale.fe.lap_mesh import lap_meshes
 from multiscale.laws import ConvexDecreasing, Exponential, Sliders
 from multiscale.laws.bulk import Elastic
 from multiscale.macro import Body
-from multiscale.macro.continuum import box_mesh
 from multiscale.macro.substructures import (
     Joint,
     JointLoading,
@@ -19,7 +20,6 @@ from multiscale.macro.substructures import (
     load_joint,
     stacked_blocks,
 )
-from multiscale.macro.substructures.lap import lap_meshes
 from multiscale.reference.joint import joint_stiffness, series
 from tests.support import keep_ignoring_broken_pipes
 

@@ -7,11 +7,10 @@ from scipy.sparse import block_diag, csr_array
 from scipy.sparse.linalg import spsolve
 
 from multiscale.errors import CaseError
+from multiscale.fe.boxes import box_mesh
 from multiscale.laws import Exponential, Sliders
 from multiscale.laws.bulk import Elastic
-from multiscale.linalg import factorise
 from multiscale.macro import Body, solve_interface, solve_static, tensegrity_grid
-from multiscale.macro.continuum.blocks import box_mesh
 from multiscale.macro.substructures import (
     Joint,
     assemble,
@@ -27,6 +26,7 @@ from multiscale.macro.substructures.balancing import prepare_balancing
 from multiscale.macro.substructures.condensation import condense, split
 from multiscale.macro.substructures.stack import Factors
 from multiscale.macro.substructures.tangent import Newton
+from multiscale.numerics.factorisation import factorise
 from multiscale.schema import MACRO_RESULT
 from tests.macro.test_cut_joints import law_of_stiffness, stacked_blocks
 from tests.macro.test_substructures import tension_error

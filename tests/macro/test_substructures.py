@@ -7,10 +7,10 @@ import pytest
 from scipy.sparse.linalg import spsolve
 
 from multiscale.errors import CaseError, MultiscaleError
+from multiscale.fe.boxes import box_mesh
 from multiscale.laws.bulk import AnisotropicElastic, Elastic
 from multiscale.laws.link import Bar, Cable
 from multiscale.macro import Body, solve_static, tensegrity_grid
-from multiscale.macro.continuum.blocks import box_mesh
 from multiscale.macro.substructures import (
     assemble,
     bisect,

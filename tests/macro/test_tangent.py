@@ -5,10 +5,10 @@ import pytest
 
 from multiscale.errors import MultiscaleError
 from multiscale.macro import tensegrity_grid
-from multiscale.macro.discrete import cholesky
 from multiscale.macro.discrete.compatibility import equations
 from multiscale.macro.discrete.stability import is_definite, smallest_eigenvalue
 from multiscale.macro.discrete.tangent import prepare_tangent
+from multiscale.numerics import cholesky
 
 
 @pytest.fixture(params=["pardiso", "superlu"])

@@ -16,8 +16,8 @@ from multiscale.micro import Cell, Path, checkpoint, contact, run_ensemble, self
 from multiscale.micro import ensemble as module
 from multiscale.micro.checkpoint import Checkpoint
 from multiscale.micro.contact_state import ContactState
-from multiscale.micro.topography import rms_slope
 from multiscale.schema import MICRO_RESPONSE
+from multiscale.surfaces import rms_slope
 
 PATH = Path(pressure=(0.001, 0.01))
 

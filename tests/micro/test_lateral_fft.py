@@ -3,8 +3,8 @@
 import numpy as np
 import pytest
 
+from multiscale.laws.bulk.moduli import lame_parameters
 from multiscale.micro import Surface
-from multiscale.micro.cell import lame_parameters
 from multiscale.micro.lateral_fft import brick_stiffness, factorise_flat_cell
 from multiscale.micro.mesh import GraphMesh, graded_planes
 from multiscale.micro.operator import stiffness_operator

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from multiscale.micro.cell import lame_parameters
+from multiscale.laws.bulk.moduli import lame_parameters
 from multiscale.micro.lateral_fft import factorise_flat_cell
 from multiscale.micro.layered import layered_compliance
 from multiscale.reference import layer

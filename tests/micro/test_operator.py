@@ -5,8 +5,8 @@ import pytest
 from skfem import Basis, ElementHex1
 
 from multiscale.errors import CaseError
+from multiscale.fe.elasticity import assemble_elasticity
 from multiscale.micro import Surface
-from multiscale.micro.assembly import assemble_elasticity
 from multiscale.micro.mesh import GraphMesh, graded_planes
 from multiscale.micro.operator import stiffness_operator
 

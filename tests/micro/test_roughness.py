@@ -3,8 +3,8 @@
 import numpy as np
 import pytest
 
-from multiscale.io import Surface
-from multiscale.micro.topography import (
+from multiscale.surfaces import (
+    Surface,
     crop,
     low_pass,
     mirror,

@@ -5,9 +5,10 @@ import pytest
 from numpy import cos, pi, sin
 
 from multiscale.errors import CaseError
-from multiscale.io import Surface, read_surface
+from multiscale.io import read_surface
 from multiscale.micro import self_affine
-from multiscale.micro.topography import (
+from multiscale.surfaces import (
+    Surface,
     composite,
     crop,
     detrend,

@@ -8,7 +8,6 @@ import pytest
 from multiscale.errors import CaseError
 from multiscale.io import open_run
 from multiscale.micro import Path, run_ensemble
-from multiscale.micro.topography import rms_height
 from multiscale.pipeline import load_case, run
 from multiscale.pipeline.cells import make_cells
 from multiscale.pipeline.forecast import (
@@ -22,6 +21,7 @@ from multiscale.pipeline.forecast import (
 )
 from multiscale.pipeline.pilots import stored_pilots, surface_at_large
 from multiscale.pipeline.planner import resize
+from multiscale.surfaces import rms_height
 from multiscale.upscaling import at_rms_height
 from multiscale.upscaling.budget import ALWAYS, ERROR_TERMS, total_error
 

@@ -4,12 +4,11 @@ import numpy as np
 import pytest
 
 from multiscale.errors import CaseError
-from multiscale.io import Surface
-from multiscale.micro.topography import rms_height, rms_slope, self_affine
 from multiscale.pipeline import windows
 from multiscale.pipeline.case_tables import CellSettings
 from multiscale.pipeline.rough_bodies import InstrumentSurface
 from multiscale.pipeline.windows import cut_windows
+from multiscale.surfaces import Surface, rms_height, rms_slope, self_affine
 
 PIXEL = 1e-6
 

@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 
 from multiscale.micro import Cell, Path, run_ensemble, self_affine
-from multiscale.micro.topography import low_pass, rms_height, rms_slope
 from multiscale.schema import MICRO_RESPONSE
+from multiscale.surfaces import low_pass, rms_height, rms_slope
 from multiscale.upscaling import error_budget, fit_law
 from tests.upscaling.responses import DECAY, PRESSURE, exponential_gaps, response_of
 

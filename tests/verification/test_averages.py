@@ -4,10 +4,10 @@ import numpy as np
 import pytest
 from skfem import Basis, ElementHex1
 
+from multiscale.fe.elasticity import assemble_elasticity
+from multiscale.laws.bulk.moduli import lame_parameters
 from multiscale.micro import Cell, Path, Surface, self_affine, solve_cell
-from multiscale.micro.assembly import assemble_elasticity
 from multiscale.micro.averages import average_traction, dual_basis
-from multiscale.micro.cell import lame_parameters
 from multiscale.micro.graph_cell import assemble_graph_cell
 from multiscale.micro.mesh import GraphMesh, graded_planes
 from multiscale.micro.needs import cell_needs

@@ -142,7 +142,7 @@ METAL = J2(200e9, 0.3, 700e6, 300e6)
 
 
 def volume(mesh, displacement):
-    from multiscale.macro.continuum.elements import prepare_elements
+    from multiscale.fe.elements import prepare_elements
 
     return prepare_elements(scenes.moved(mesh, mesh.p + displacement)).weight.sum()
 

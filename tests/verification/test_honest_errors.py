@@ -14,10 +14,10 @@ from typing import TYPE_CHECKING
 import numpy as np
 import pytest
 
-from multiscale.io.surfaces import Surface
 from multiscale.macro import Block, RoughJoint, rough_joint
 from multiscale.micro import Cell, Path, run_ensemble, self_affine
-from multiscale.micro.topography import rms_height
+from multiscale.surfaces import rms_height
+from multiscale.surfaces.surface import Surface
 from multiscale.upscaling import (
     area_from_dataset,
     at_rms_height,

@@ -6,12 +6,12 @@ import numpy as np
 import pytest
 
 from multiscale.micro import Path, run_ensemble
-from multiscale.micro.topography import rms_height
 from multiscale.pipeline import load_case
 from multiscale.pipeline.cells import make_cells
 from multiscale.pipeline.forecast import CostModel, Setting
 from multiscale.pipeline.pilots import stored_pilots, surface_at_large
 from multiscale.pipeline.planner import plan, resize
+from multiscale.surfaces import rms_height
 from multiscale.upscaling import at_rms_height
 
 CASE = """

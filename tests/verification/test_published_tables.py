@@ -8,9 +8,9 @@ import numpy as np
 import pytest
 
 from multiscale.micro import Cell, Path, self_affine, solve_cell
-from multiscale.micro.topography import nayak_parameter
-from multiscale.micro.topography.statistics import wavenumbers
 from multiscale.reference import full_contact
+from multiscale.surfaces import nayak_parameter
+from multiscale.surfaces.statistics import wavenumbers
 
 
 def press(surface, pressures):

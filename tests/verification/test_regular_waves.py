@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 
 from multiscale.micro import Cell, Path, Surface, self_affine, solve_cell
-from multiscale.micro.topography import rms_slope
 from multiscale.reference import full_contact, johnson, westergaard
+from multiscale.surfaces import rms_slope
 from tests.support import egg_box, wave
 
 

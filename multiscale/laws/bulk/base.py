@@ -5,9 +5,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from multiscale.errors import CaseError
-
-__all__ = ["BulkLaw", "BulkResponse", "check_moduli", "cofactor", "cofactor_derivative", "respond"]
+__all__ = ["BulkLaw", "BulkResponse", "cofactor", "cofactor_derivative", "respond"]
 
 
 @dataclass(frozen=True)
@@ -128,11 +126,3 @@ def cofactor_derivative(gradient: np.ndarray) -> np.ndarray:
             second[i, j, i1, j2] = -gradient[i2, j1]
             second[i, j, i2, j1] = -gradient[i1, j2]
     return second
-
-
-def check_moduli(youngs_modulus: float, poissons_ratio: float) -> None:
-    """Refuse moduli outside their range."""
-    if not (youngs_modulus > 0.0 and np.isfinite(youngs_modulus)):
-        raise CaseError(f"youngs_modulus must be positive (Pa), got {youngs_modulus}")
-    if not -1.0 < poissons_ratio < 0.5:
-        raise CaseError(f"poissons_ratio must lie between -1 and 0.5, got {poissons_ratio}")

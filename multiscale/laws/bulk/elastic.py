@@ -4,7 +4,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from multiscale.laws.bulk.base import BulkLaw, BulkResponse, check_moduli
+from multiscale.laws.bulk.base import BulkLaw, BulkResponse
+from multiscale.laws.bulk.moduli import check_moduli, lame_parameters
 
 __all__ = ["Elastic"]
 
@@ -52,7 +53,7 @@ class Elastic(BulkLaw):
 
     def respond_shape(self, gradient: np.ndarray, state: np.ndarray) -> BulkResponse:
         """Evaluate P_s of (1)."""
-        mu = self.youngs_modulus / (2.0 * (1.0 + self.poissons_ratio))
+        _, mu = lame_parameters(self.youngs_modulus, self.poissons_ratio)
         points = gradient.shape[2:]
         eye = np.eye(3).reshape(3, 3, *(1,) * len(points))
         stress = mu * (gradient + gradient.swapaxes(0, 1) - 2.0 * eye)
@@ -65,6 +66,5 @@ class Elastic(BulkLaw):
 
     def respond_volume(self, dilatation: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """U' and U'' of (1)."""
-        nu = self.poissons_ratio
-        lame = self.youngs_modulus * nu / ((1.0 + nu) * (1.0 - 2.0 * nu))
+        lame, _ = lame_parameters(self.youngs_modulus, self.poissons_ratio)
         return lame * (dilatation - 1.0), np.full_like(dilatation, lame)

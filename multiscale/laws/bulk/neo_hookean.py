@@ -7,10 +7,10 @@ import numpy as np
 from multiscale.laws.bulk.base import (
     BulkLaw,
     BulkResponse,
-    check_moduli,
     cofactor,
     cofactor_derivative,
 )
+from multiscale.laws.bulk.moduli import check_moduli, lame_parameters
 
 __all__ = ["NeoHookean"]
 
@@ -55,13 +55,12 @@ class NeoHookean(BulkLaw):
     @property
     def shear_modulus(self) -> float:
         """Shear modulus, Pa."""
-        return self.youngs_modulus / (2.0 * (1.0 + self.poissons_ratio))
+        return float(lame_parameters(self.youngs_modulus, self.poissons_ratio)[1])
 
     @property
     def volume_modulus(self) -> float:
         """Factor of the volume energy, Pa: Lamé's first parameter."""
-        nu = self.poissons_ratio
-        return self.youngs_modulus * nu / ((1.0 + nu) * (1.0 - 2.0 * nu))
+        return float(lame_parameters(self.youngs_modulus, self.poissons_ratio)[0])
 
     def respond_shape(self, gradient: np.ndarray, state: np.ndarray) -> BulkResponse:
         """Evaluate mu (F - F^-T)."""

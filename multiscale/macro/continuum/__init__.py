@@ -1,13 +1,5 @@
 """Elastic continua."""
 
-from multiscale.macro.continuum.blocks import (
-    box_mesh,
-    displacement_basis,
-    elastic_matrix,
-    face_operator,
-    face_unknowns,
-    stiffness_matrix,
-)
 from multiscale.macro.continuum.body import Body
 from multiscale.macro.continuum.contact import ContactStep, SurfaceState, solve_contact
 from multiscale.macro.continuum.interface import Contact
@@ -26,12 +18,6 @@ __all__ = [
     "Plane",
     "Sphere",
     "SurfaceState",
-    "box_mesh",
-    "displacement_basis",
-    "elastic_matrix",
-    "face_operator",
-    "face_unknowns",
     "load_mesh",
     "solve_contact",
-    "stiffness_matrix",
 ]

@@ -1,7 +1,7 @@
 r"""Two surfaces that may touch: coupling, frames, gap and slip.
 
 Side 1 is a surface of a body and carries the reaction; side 2 is a surface of another body or a
-rigid obstacle. With the matrices of :mod:`~multiscale.macro.continuum.mortar` the weighted jump
+rigid obstacle. With the matrices of :mod:`~multiscale.fe.mortar` the weighted jump
 of a nodal field is
 
 .. math:: B u = M u_2 - D u_1 ,    \tag{1}
@@ -30,9 +30,9 @@ import numpy as np
 from scipy.sparse import csr_array, diags_array
 
 from multiscale.errors import CaseError
-from multiscale.macro.continuum.mortar import couple
+from multiscale.fe.facets import ContactFace, nodal_areas, nodal_normals
+from multiscale.fe.mortar import couple
 from multiscale.macro.continuum.obstacle import Obstacle, obstacle_motion
-from multiscale.macro.continuum.surface import Surface, nodal_areas, nodal_normals
 
 __all__ = [
     "Contact",
@@ -100,7 +100,7 @@ class Interface:
         Of the contact.
     contact : Contact
         What the user gave.
-    surfaces : tuple of Surface
+    surfaces : tuple of ContactFace
         Side 1, and side 2 unless it is an obstacle.
     nodes : tuple of ndarray
         Their nodes, numbered over all bodies.
@@ -112,7 +112,7 @@ class Interface:
 
     name: str
     contact: Contact
-    surfaces: tuple[Surface, ...]
+    surfaces: tuple[ContactFace, ...]
     nodes: tuple[np.ndarray, ...]
     free: np.ndarray
     offset: np.ndarray

@@ -6,15 +6,13 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from multiscale.errors import CaseError
+from multiscale.fe.boxes import HEX_ORDER
 from multiscale.io import read_mesh
 
 if TYPE_CHECKING:
     from skfem import Mesh
 
 __all__ = ["load_mesh"]
-
-HEX_ORDER = [0, 4, 3, 1, 7, 5, 2, 6]
-"""Corners of a hexahedron of scikit-fem among those of VTK."""
 
 
 def load_mesh(path: Path, *, scale: float = 1.0) -> "Mesh":

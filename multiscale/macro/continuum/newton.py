@@ -17,10 +17,10 @@ from scipy.sparse import block_array, csr_array, diags_array
 
 from multiscale.convergence import Solution, Status, verdict
 from multiscale.errors import ConvergenceError, MultiscaleError
-from multiscale.linalg import factorise
 from multiscale.macro.continuum.coulomb import LocalLaw, linearise
 from multiscale.macro.continuum.interface import Coupling
 from multiscale.macro.continuum.system import Joined, System
+from multiscale.numerics.factorisation import factorise
 
 __all__ = ["Equilibrium", "contact_stiffness", "newton_step", "rest"]
 

@@ -7,9 +7,10 @@ import numpy as np
 from scipy.sparse import block_diag, csr_array, diags_array, kron, vstack
 
 from multiscale.errors import CaseError
+from multiscale.fe.elements import Elements, element_response, prepare_elements
+from multiscale.fe.facets import surface_of
 from multiscale.laws.bulk import BulkLaw, BulkResponse
 from multiscale.macro.continuum.body import Body, fixed_motion, load_vector
-from multiscale.macro.continuum.elements import Elements, element_response, prepare_elements
 from multiscale.macro.continuum.interface import (
     Contact,
     Coupling,
@@ -20,7 +21,6 @@ from multiscale.macro.continuum.interface import (
     slip_operator,
 )
 from multiscale.macro.continuum.obstacle import Obstacle, obstacle_motion
-from multiscale.macro.continuum.surface import surface_of
 
 __all__ = ["ContactProblem", "Joined", "System", "prepare_system"]
 

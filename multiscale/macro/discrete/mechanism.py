@@ -5,10 +5,10 @@ from numpy.linalg import norm
 from scipy.linalg import svd
 
 from multiscale.errors import CaseError, MultiscaleError
-from multiscale.macro.discrete.cholesky import Solve
 from multiscale.macro.discrete.compatibility import Equations, compatibility
 from multiscale.macro.discrete.system import LinkSystem
 from multiscale.macro.discrete.tangent import Tangent
+from multiscale.numerics.cholesky import Solve
 
 __all__ = ["factorise_taut", "mechanism_modes", "name_mechanism", "name_motion", "self_stress"]
 

@@ -8,10 +8,10 @@ import numpy as np
 
 from multiscale.convergence import Solution, Status
 from multiscale.errors import MultiscaleError
-from multiscale.macro.discrete.cholesky import Solve
 from multiscale.macro.discrete.compatibility import Equations
 from multiscale.macro.discrete.state import Limits, State, force_scale, round_off, state_of
 from multiscale.macro.discrete.tangent import Tangent
+from multiscale.numerics.cholesky import Solve
 
 __all__ = ["RESIDUAL_STIFFNESS", "Lending", "exact_step", "solve_newton"]
 

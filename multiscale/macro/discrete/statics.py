@@ -9,7 +9,6 @@ import numpy as np
 from multiscale.convergence import Solution, Status
 from multiscale.errors import CaseError, MultiscaleError
 from multiscale.macro.discrete.checks import check_supports
-from multiscale.macro.discrete.cholesky import Solve
 from multiscale.macro.discrete.compatibility import Equations, equations
 from multiscale.macro.discrete.finite_displacement import find_finite_state
 from multiscale.macro.discrete.mechanism import factorise_taut, name_mechanism, name_motion
@@ -24,6 +23,7 @@ from multiscale.macro.discrete.stability import (
 from multiscale.macro.discrete.state import Limits, State, state_of
 from multiscale.macro.discrete.system import LinkSystem
 from multiscale.macro.discrete.tangent import Tangent, prepare_tangent
+from multiscale.numerics.cholesky import Solve
 
 if TYPE_CHECKING:
     import xarray as xr

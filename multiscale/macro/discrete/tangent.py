@@ -6,9 +6,9 @@ import numba
 import numpy as np
 from scipy.sparse import coo_array, csr_array
 
-from multiscale.macro.discrete.cholesky import Factorise, Solve, prepare_cholesky
 from multiscale.macro.discrete.compatibility import Equations
 from multiscale.macro.discrete.system import LinkSystem
+from multiscale.numerics.cholesky import Factorise, Solve, prepare_cholesky
 
 __all__ = ["Tangent", "prepare_tangent"]
 

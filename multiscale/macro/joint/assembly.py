@@ -6,15 +6,11 @@ from typing import TYPE_CHECKING
 import numpy as np
 from scipy.sparse import block_array, block_diag, csr_array, eye_array, hstack, vstack
 
-from multiscale.linalg import factorise
-from multiscale.macro.continuum.blocks import (
-    box_mesh,
-    displacement_basis,
-    elastic_matrix,
-    face_operator,
-    face_unknowns,
-)
+from multiscale.fe.boxes import box_mesh
+from multiscale.fe.elasticity import displacement_basis, elastic_matrix
+from multiscale.fe.faces import face_operator, face_unknowns
 from multiscale.macro.joint.geometry import Block, RoughJoint
+from multiscale.numerics.factorisation import factorise
 
 if TYPE_CHECKING:
     from skfem import CellBasis

@@ -15,7 +15,7 @@ import numpy as np
 from multiscale.convergence import Solution, Status, verdict
 from multiscale.laws.base import InterfaceLaw
 from multiscale.macro.joint.assembly import CondensedJoint
-from multiscale.macro.line_search import step_length
+from multiscale.numerics.line_search import step_length
 
 __all__ = ["respond", "solve_preload", "tangent_stiffness"]
 

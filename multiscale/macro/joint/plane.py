@@ -16,9 +16,10 @@ from scipy.sparse import block_diag, csr_array, hstack, kron, vstack
 
 from multiscale.convergence import Solution
 from multiscale.errors import CaseError
+from multiscale.fe.elasticity import displacement_basis, stiffness_matrix
+from multiscale.fe.faces import face_operator
 from multiscale.laws.base import NormalLaw
 from multiscale.laws.bulk import Elastic
-from multiscale.macro.continuum.blocks import displacement_basis, face_operator, stiffness_matrix
 from multiscale.macro.continuum.body import Body
 from multiscale.macro.continuum.contact import ContactStep, solve_contact
 from multiscale.macro.continuum.interface import Contact

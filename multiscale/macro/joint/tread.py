@@ -7,16 +7,12 @@ from scipy.sparse import csr_array, eye_array, vstack
 
 from multiscale.convergence import Solution
 from multiscale.errors import CaseError
+from multiscale.fe.boxes import box_mesh
+from multiscale.fe.elasticity import displacement_basis, stiffness_matrix
+from multiscale.fe.faces import face_operator, face_unknowns
 from multiscale.laws.steady_sliding import SteadySliding
-from multiscale.linalg import factorise
-from multiscale.macro.continuum.blocks import (
-    box_mesh,
-    displacement_basis,
-    face_operator,
-    face_unknowns,
-    stiffness_matrix,
-)
 from multiscale.macro.monolithic import solve_interface
+from multiscale.numerics.factorisation import factorise
 
 __all__ = ["Footprint", "TreadBlock", "condense_tread", "slide_tread"]
 

@@ -44,7 +44,7 @@ def assemble(problem: Problem) -> Assembled:
     --------
     >>> from multiscale.laws.bulk import Elastic
     >>> from multiscale.macro import Body, cut_bodies
-    >>> from multiscale.macro.continuum import box_mesh
+    >>> from multiscale.fe.boxes import box_mesh
     >>> body = Body(box_mesh((1.0, 1.0, 1.0), (2, 1, 1)), Elastic(1e9, 0.3))
     >>> assemble(cut_bodies([body], [np.array([0, 1])])).stiffness.shape
     (36, 36)

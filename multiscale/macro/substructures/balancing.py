@@ -7,10 +7,10 @@ from functools import partial
 import numpy as np
 from scipy.sparse import coo_array, csr_array
 
-from multiscale.macro.discrete.cholesky import Solve
 from multiscale.macro.substructures.condensation import Split
 from multiscale.macro.substructures.parallel import Team, together
 from multiscale.macro.substructures.problem import Interface
+from multiscale.numerics.cholesky import Solve
 
 __all__ = ["Balancing", "Layout", "lay_out", "prepare_balancing"]
 

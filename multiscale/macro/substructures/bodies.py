@@ -9,9 +9,10 @@ from scipy.sparse.csgraph import connected_components
 from scipy.spatial import cKDTree
 
 from multiscale.errors import CaseError
+from multiscale.fe.elasticity import displacement_basis, elastic_matrix
+from multiscale.fe.faces import face_areas
 from multiscale.laws.base import InterfaceLaw
 from multiscale.laws.bulk import AnisotropicElastic, Elastic
-from multiscale.macro.continuum.blocks import displacement_basis, elastic_matrix, face_areas
 from multiscale.macro.continuum.body import Body, fixed_motion, load_vector
 from multiscale.macro.substructures.problem import Interface, Problem, Substructure
 

@@ -7,10 +7,10 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from multiscale.errors import CaseError
+from multiscale.fe.boxes import HEX_ORDER
+from multiscale.fe.elasticity import displacement_basis
 from multiscale.laws.bulk import respond
-from multiscale.macro.continuum.blocks import displacement_basis
 from multiscale.macro.continuum.body import Body
-from multiscale.macro.continuum.mesh_file import HEX_ORDER
 from multiscale.schema import MACRO_RESULT
 
 if TYPE_CHECKING:

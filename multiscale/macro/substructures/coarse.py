@@ -6,10 +6,10 @@ import numpy as np
 from scipy.sparse import block_diag, coo_array, csr_array
 
 from multiscale.errors import MultiscaleError
-from multiscale.macro.discrete.cholesky import Solve
 from multiscale.macro.substructures.parallel import Team
 from multiscale.macro.substructures.problem import Interface, Problem
 from multiscale.macro.substructures.stack import Factors, Sides, Stack
+from multiscale.numerics.cholesky import Solve
 
 __all__ = ["Coarse", "coarse_basis", "prepare_coarse"]
 

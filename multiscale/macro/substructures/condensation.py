@@ -6,7 +6,7 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.sparse import csr_array
 
-from multiscale.macro.discrete.cholesky import Solve
+from multiscale.numerics.cholesky import Solve
 
 __all__ = ["Condensed", "Split", "condense", "split"]
 

@@ -6,12 +6,14 @@ from dataclasses import dataclass
 import numpy as np
 
 from multiscale.errors import CaseError
+from multiscale.fe.boxes import box_mesh
+from multiscale.fe.elasticity import displacement_basis
+from multiscale.fe.faces import face_operator
+from multiscale.fe.lap_mesh import LapShape, lap_meshes
 from multiscale.laws.base import InterfaceLaw
 from multiscale.laws.bulk import AnisotropicElastic, Elastic
-from multiscale.macro.continuum.blocks import box_mesh, displacement_basis, face_operator
 from multiscale.macro.continuum.body import Body, Value
 from multiscale.macro.substructures.bodies import Joint, cut_bodies, split_boxes
-from multiscale.macro.substructures.lap import LapShape, lap_meshes
 from multiscale.macro.substructures.problem import Problem
 
 __all__ = ["RoughAssembly", "lap_joint", "stacked_blocks"]

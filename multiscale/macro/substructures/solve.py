@@ -9,7 +9,6 @@ import numpy as np
 from multiscale.convergence import Status
 from multiscale.errors import MultiscaleError
 from multiscale.macro.discrete.checks import free_rigid_motions
-from multiscale.macro.substructures.acceleration import Anderson
 from multiscale.macro.substructures.bound import Admissible, ErrorBound
 from multiscale.macro.substructures.indicator import HeuristicIndicator
 from multiscale.macro.substructures.latin import AGAIN, UPDATE, Iterate, Latin
@@ -18,6 +17,7 @@ from multiscale.macro.substructures.parallel import Team
 from multiscale.macro.substructures.problem import Problem
 from multiscale.macro.substructures.results import assemble_result, link_fields, load_factors
 from multiscale.needs import Needs
+from multiscale.numerics.anderson import Anderson
 
 if TYPE_CHECKING:
     import xarray as xr
@@ -33,6 +33,9 @@ ACCOUNT = (
     "iterations",
     "wall_time",
 )
+
+MEMORY, RELAXED = 16, 0.95
+"""Iterates that the acceleration keeps; share of an image in the next iterate."""
 
 HEURISTIC = 0.1
 """Change in an iteration, relative to the tolerance, at which the error counts as within it."""
@@ -153,7 +156,12 @@ def solve_step(
 ) -> dict[str, Any]:
     """Iterate on one load until the error is small enough."""
     clock = perf_counter()
-    acceleration = Anderson(method.team, method.z.size)
+    own = method.z.size  # the entries behind are the same in all processes and count once
+
+    def products(a: np.ndarray, b: np.ndarray) -> np.ndarray:
+        return np.asarray(method.team.total(a[:own].T @ b[:own]) + a[own:].T @ b[own:])
+
+    acceleration = Anderson(MEMORY, relaxation=RELAXED, products=products)
     status, residual, due, last = Status.MAX_ITERATIONS, np.inf, UPDATE, None
     pressure, closest = method.pressure(), np.inf
     for iteration in range(1, max_iterations + 1):

@@ -6,8 +6,8 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.sparse import block_diag, csr_array, diags_array, vstack
 
-from multiscale.macro.discrete.cholesky import Factorise, Solve, prepare_cholesky
 from multiscale.macro.substructures.problem import Interface, Links, Problem, Substructure
+from multiscale.numerics.cholesky import Factorise, Solve, prepare_cholesky
 
 __all__ = ["Sides", "Stack", "lay_out_sides", "stack"]
 

@@ -8,9 +8,7 @@ from scipy.sparse import block_array, csr_array, diags_array
 from scipy.sparse.linalg import LinearOperator, cg, gmres
 
 from multiscale.convergence import Status
-from multiscale.linalg import factorise
 from multiscale.macro.discrete.newton import Lending, exact_step
-from multiscale.macro.line_search import step_length
 from multiscale.macro.substructures.balancing import Balancing, lay_out, prepare_balancing
 from multiscale.macro.substructures.capacity import find_slide
 from multiscale.macro.substructures.carried import carry_joints
@@ -20,6 +18,8 @@ from multiscale.macro.substructures.joint_state import advance
 from multiscale.macro.substructures.parallel import Alone, Team, share, together
 from multiscale.macro.substructures.problem import Problem
 from multiscale.macro.substructures.stack import Factors, lay_out_sides, stack
+from multiscale.numerics.factorisation import factorise
+from multiscale.numerics.line_search import step_length
 
 __all__ = ["Balance", "Newton"]
 

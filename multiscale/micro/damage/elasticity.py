@@ -6,6 +6,7 @@ Strains and stresses are ordered xx, yy, zz, yz, xz, xy with shear angles.
 import numpy as np
 
 from multiscale.errors import CaseError
+from multiscale.laws.bulk.moduli import lame_parameters
 
 __all__ = [
     "drop_soft_modes",
@@ -30,8 +31,7 @@ def isotropic_stiffness(youngs_modulus: float, poissons_ratio: float) -> np.ndar
     ndarray, shape (6, 6)
         Pa.
     """
-    E, nu = youngs_modulus, poissons_ratio
-    lame, shear = E * nu / ((1.0 + nu) * (1.0 - 2.0 * nu)), 0.5 * E / (1.0 + nu)
+    lame, shear = lame_parameters(youngs_modulus, poissons_ratio)
     stiffness = np.diag([2.0 * shear] * 3 + [shear] * 3)
     stiffness[:3, :3] += lame
     return stiffness

@@ -14,18 +14,19 @@ from time import perf_counter
 from typing import TYPE_CHECKING
 
 import numpy as np
-from scipy.sparse import block_diag, coo_array, csr_array
+from scipy.sparse import coo_array, csr_array, kron
 from scipy.sparse.csgraph import connected_components
 
 from multiscale.convergence import Solution, Status
 from multiscale.errors import CaseError
-from multiscale.linalg import factorise
-from multiscale.micro.assembly import assemble_elasticity
+from multiscale.fe.elasticity import assemble_elasticity
+from multiscale.laws.bulk.moduli import check_moduli, lame_parameters
 from multiscale.micro.damage.bodies import Cylinders, Ellipsoids
 from multiscale.micro.damage.cavities import Cavities
 from multiscale.micro.damage.crack_faces import CrackedMesh
 from multiscale.micro.damage.mesh import mesh_cavities
-from multiscale.micro.damage.rve import LOST, check_elastic, summarise_loads
+from multiscale.micro.damage.rve import LOST, summarise_loads
+from multiscale.numerics.factorisation import factorise
 
 if TYPE_CHECKING:
     from skfem import CellBasis, MeshTet
@@ -74,7 +75,8 @@ def mesh_stiffness(
             f"mesh_stiffness takes Cavities, got {type(rve).__name__}; effective_stiffness takes "
             f"voxel images"
         )
-    lame, shear = check_elastic(youngs_modulus, poissons_ratio)
+    check_moduli(youngs_modulus, poissons_ratio)
+    lame, shear = lame_parameters(1.0, poissons_ratio)  # over Young's modulus
     if not rve.periodic:
         raise CaseError("the stiffness needs a periodic volume; set periodic=True")
     mesh = mesh_cavities(rve, element_size)
@@ -113,7 +115,7 @@ def solve_periodic(
     Returns
     -------
     displacement : ndarray, shape (3 basis.N, 6)
-        Component by component, m.
+        Three components of each node, m.
     energy : ndarray, shape (6, 6)
         Twice the energy of pairs of mean strains, J.
     residual : ndarray, shape (6,)
@@ -122,14 +124,14 @@ def solve_periodic(
     stiffness = assemble_elasticity(basis, lame, shear)
     count = int(number.max()) + 1
     one = csr_array((np.ones(basis.N), (np.arange(basis.N), number)), shape=(basis.N, count))
-    place = csr_array(block_diag([one, one, one]))
-    joined = csr_array(one.T @ stiffness[: basis.N, : basis.N] @ one)
+    place = csr_array(kron(one, np.eye(3)))
+    joined = csr_array(one.T @ stiffness[::3, ::3] @ one)
     joined.eliminate_zeros()  # voids without stiffness join nothing
     held = np.unique(connected_components(joined)[1], return_index=True)[1]
-    pinned = np.concatenate([held + axis * count for axis in range(3)])
+    pinned = (3 * held[:, None] + np.arange(3)).ravel()
     free = np.setdiff1d(np.arange(3 * count), pinned)  # no piece moves as a whole
 
-    linear = np.stack([(_tensor(k) @ basis.doflocs).ravel() for k in range(6)], axis=1)
+    linear = np.stack([(_tensor(k) @ basis.doflocs).T.ravel() for k in range(6)], axis=1)
     periodic = csr_array(place.T @ stiffness @ place)
     load = -(place.T @ (stiffness @ linear))
     matrix = periodic[free][:, free]

@@ -41,8 +41,9 @@ from multiscale.micro.damage.elasticity import drop_soft_modes
 
 if TYPE_CHECKING:
     from multiscale.micro.damage.voxel_operator import VoxelOperator
+from multiscale.laws.bulk.moduli import check_moduli, lame_parameters
 
-__all__ = ["STRAINS", "check_elastic", "effective_stiffness", "summarise_loads"]
+__all__ = ["STRAINS", "effective_stiffness", "summarise_loads"]
 
 STRAINS = ("xx", "yy", "zz", "yz", "xz", "xy")
 """Order of strains and stresses; shear strains are angles, twice the tensor components."""
@@ -109,7 +110,8 @@ def effective_stiffness(
             f"effective_stiffness takes a VoxelImage, got {type(image).__name__}; turn cavities "
             f"into one by voxelise(rve, 64), or mesh them by mesh_stiffness"
         )
-    lame, shear = check_elastic(youngs_modulus, poissons_ratio)
+    check_moduli(youngs_modulus, poissons_ratio)
+    lame, shear = lame_parameters(1.0, poissons_ratio)  # over Young's modulus
     if not 0.0 <= void_modulus < np.inf:
         raise CaseError(f"void_modulus must not be negative (Pa), got {void_modulus:g}")
     if image.void.all() and void_modulus == 0.0:
@@ -180,16 +182,6 @@ def _solve(
             break
         turn(power / previous, z, p)
     return Solution(u, status, tuple(residuals), tuple(seconds)), r
-
-
-def check_elastic(youngs_modulus: float, poissons_ratio: float) -> tuple[float, float]:
-    """Lame's parameters over Young's modulus; moduli out of range are refused."""
-    if not (youngs_modulus > 0.0 and np.isfinite(youngs_modulus)):
-        raise CaseError(f"youngs_modulus must be positive (Pa), got {youngs_modulus:g}")
-    if not -1.0 < poissons_ratio < 0.5:
-        raise CaseError(f"poissons_ratio must lie between -1 and 0.5, got {poissons_ratio:g}")
-    nu = poissons_ratio
-    return nu / ((1.0 + nu) * (1.0 - 2.0 * nu)), 0.5 / (1.0 + nu)
 
 
 def summarise_loads(stiffness: np.ndarray, loads: list[Solution], lost: float) -> Solution:

@@ -3,7 +3,6 @@
 import numpy as np
 from scipy import fft
 
-from multiscale.io.surfaces import Surface
 from multiscale.laws.bulk import J2, NeoHookean, Prony
 from multiscale.micro.cell import Cell
 from multiscale.micro.finite.body import Body, linear_body
@@ -18,6 +17,7 @@ from multiscale.micro.graph_cell import surface_slopes
 from multiscale.micro.lateral_fft import LateralInverse, factorise_flat_cell
 from multiscale.micro.mesh import GraphMesh, graded_planes
 from multiscale.micro.operator import stiffness_operator
+from multiscale.surfaces.surface import Surface
 
 __all__ = ["make_scene"]
 

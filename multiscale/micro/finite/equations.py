@@ -24,11 +24,11 @@ from functools import cached_property
 
 import numpy as np
 
-from multiscale.linalg import minimal_residual
 from multiscale.micro.finite.body import Increment, Response
 from multiscale.micro.finite.reference import Constraint
 from multiscale.micro.finite.scene import CellState, Meeting, Scene, Target
 from multiscale.micro.finite.tangential import Tangential, evaluate_friction
+from multiscale.numerics.krylov import minimal_residual
 
 __all__ = ["Equations", "Iterate"]
 

@@ -4,8 +4,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from multiscale.io.surfaces import Surface
 from multiscale.micro.contact_state import obstacle_normal
+from multiscale.surfaces.surface import Surface
 
 __all__ = ["Obstacle", "RigidMeeting"]
 

@@ -8,10 +8,10 @@ from typing import Any, Protocol
 import numpy as np
 
 from multiscale.convergence import Status
-from multiscale.io.surfaces import Surface
 from multiscale.micro.finite.body import Body
 from multiscale.micro.finite.obstacle import Obstacle, RigidMeeting
 from multiscale.micro.finite.reference import Reference, Support
+from multiscale.surfaces.surface import Surface
 
 __all__ = ["CellState", "Meeting", "Opponent", "RigidScene", "Scene", "Target"]
 

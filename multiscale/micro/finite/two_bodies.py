@@ -25,9 +25,9 @@ from typing import Any
 
 import numpy as np
 
-from multiscale.io.surfaces import Surface
 from multiscale.micro.finite.body import Body, Increment, Response
 from multiscale.micro.finite.opposite import DeformedSurface, Projection
+from multiscale.surfaces.surface import Surface
 
 __all__ = ["MIRROR", "Halves", "PairMeeting", "Underside", "join_bodies"]
 

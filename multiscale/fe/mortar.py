@@ -21,7 +21,7 @@ import numba
 import numpy as np
 from scipy.sparse import csr_array
 
-from multiscale.macro.continuum.surface import facet_normals
+from multiscale.fe.facets import facet_normals
 
 __all__ = ["couple"]
 

@@ -1,16 +1,16 @@
 """Anderson acceleration of a fixed-point iteration, with a way back."""
 
-import numpy as np
+from collections.abc import Callable
 
-from multiscale.macro.substructures.parallel import Team
+import numpy as np
 
 __all__ = ["Anderson"]
 
-MEMORY, WORSE, DAMPED, RELAXED = 16, 10.0, 0.5, 0.95
-"""Kept iterates; residual, relative to the best, above which they are dropped; relaxation of the
-step after that, and of all others."""
+WORSE, DAMPED = 10.0, 0.5
+"""Residual, relative to the best, above which the iterates are dropped; relaxation after that."""
 
 REGULAR = 1e-10
+"""Added to the diagonal of the scaled inner products of the changes."""
 
 
 class Anderson:
@@ -18,18 +18,26 @@ class Anderson:
 
     Parameters
     ----------
-    team : Team
-        Processes that share the vectors.
-    alone : int
-        Entries from here on are the same in all processes and count once.
+    memory : int
+        Iterates that are kept beside the last.
+    relaxation : float
+        Share of an image in the next iterate; the rest is the iterate itself.
+    products : callable
+        Inner products of the columns of two arrays (n, k) and (n, m), shape (k, m).
 
     References
     ----------
     .. [1] H. F. Walker, P. Ni, SIAM J. Numer. Anal. 49 (2011) 1715-1735, doi:10.1137/10078356X.
     """
 
-    def __init__(self, team: Team, alone: int) -> None:
-        self.team, self.alone = team, alone
+    def __init__(
+        self,
+        memory: int,
+        *,
+        relaxation: float = 1.0,
+        products: Callable[[np.ndarray, np.ndarray], np.ndarray] = lambda a, b: a.T @ b,
+    ) -> None:
+        self.memory, self.relaxation, self.products = memory, relaxation, products
         self.forget()
 
     def forget(self) -> None:
@@ -62,23 +70,18 @@ class Anderson:
             self.forget()
             self.best = size
             return DAMPED * image + (1.0 - DAMPED) * x
-        plain = RELAXED * image + (1.0 - RELAXED) * x
-        self.points = [*self.points, plain][-MEMORY - 1 :]
-        self.residuals = [*self.residuals, residual][-MEMORY - 1 :]
+        plain = self.relaxation * image + (1.0 - self.relaxation) * x
+        self.points = [*self.points, plain][-self.memory - 1 :]
+        self.residuals = [*self.residuals, residual][-self.memory - 1 :]
         self.best = min(size, self.best)
         if len(self.points) == 1:
             return plain
         change = residual[:, None] - np.array(self.residuals[:-1]).T
-        matrix = self._products(change, change)
+        matrix = self.products(change, change)
         scale = np.sqrt(matrix.diagonal())
         scale[scale == 0.0] = 1.0
         matrix = matrix / np.outer(scale, scale)
         matrix[np.diag_indices_from(matrix)] += REGULAR
-        weight = np.linalg.solve(matrix, self._products(change, residual[:, None])[:, 0] / scale)
+        weight = np.linalg.solve(matrix, self.products(change, residual[:, None])[:, 0] / scale)
         step = (plain[:, None] - np.array(self.points[:-1]).T) @ (weight / scale)
         return np.asarray(plain - step)
-
-    def _products(self, a: np.ndarray, b: np.ndarray) -> np.ndarray:
-        """Inner products of columns over all processes."""
-        shared, own = slice(self.alone, None), slice(self.alone)
-        return np.asarray(self.team.total(a[own].T @ b[own]) + a[shared].T @ b[shared])

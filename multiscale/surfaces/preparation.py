@@ -4,8 +4,8 @@ import numpy as np
 from scipy import fft
 
 from multiscale.errors import CaseError
-from multiscale.io.surfaces import Surface, remove_trend
-from multiscale.micro.topography.statistics import wavenumbers
+from multiscale.surfaces.statistics import wavenumbers
+from multiscale.surfaces.surface import Surface, remove_trend
 
 __all__ = [
     "composite",

@@ -9,10 +9,10 @@ Everything here works with the discrete Fourier series of a periodic surface on 
 
 so that a mean over the cell is a sum over the waves,
 :math:`\langle h^2 \rangle = \sum_q |\hat h_q|^2` (Parseval). Nodes, units and the meaning of the
-size are those of :class:`multiscale.io.surfaces.Surface`.
+size are those of :class:`multiscale.surfaces.Surface`.
 """
 
-from multiscale.micro.topography.preparation import (
+from multiscale.surfaces.preparation import (
     composite,
     crop,
     detrend,
@@ -21,18 +21,20 @@ from multiscale.micro.topography.preparation import (
     resample,
     window,
 )
-from multiscale.micro.topography.roughness import Roughness, Spectrum, oblique_lay, spectrum
-from multiscale.micro.topography.statistics import (
+from multiscale.surfaces.roughness import Roughness, Spectrum, oblique_lay, spectrum
+from multiscale.surfaces.statistics import (
     nayak_parameter,
     power_spectral_density,
     rms_height,
     rms_slope,
 )
-from multiscale.micro.topography.synthesis import self_affine
+from multiscale.surfaces.surface import Surface
+from multiscale.surfaces.synthesis import self_affine
 
 __all__ = [
     "Roughness",
     "Spectrum",
+    "Surface",
     "composite",
     "crop",
     "detrend",

@@ -6,9 +6,9 @@ from dataclasses import dataclass
 import numpy as np
 from scipy import fft
 
-from multiscale.io.surfaces import Surface
-from multiscale.micro.topography.preparation import window
-from multiscale.micro.topography.statistics import wave_power
+from multiscale.surfaces.preparation import window
+from multiscale.surfaces.statistics import wave_power
+from multiscale.surfaces.surface import Surface
 
 __all__ = ["Roughness", "Spectrum", "oblique_lay", "spectrum"]
 

@@ -9,7 +9,7 @@ from scipy.sparse import csc_array, csr_matrix
 from scipy.sparse.linalg import splu
 
 from multiscale.errors import MultiscaleError
-from multiscale.linalg import new_pardiso
+from multiscale.numerics.factorisation import new_pardiso
 
 __all__ = ["Factorise", "Solve", "prepare_cholesky"]
 

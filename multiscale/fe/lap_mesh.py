@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from multiscale.errors import CaseError
-from multiscale.macro.continuum.mesh_file import HEX_ORDER
+from multiscale.fe.boxes import HEX_ORDER
 
 if TYPE_CHECKING:
     from skfem import Mesh

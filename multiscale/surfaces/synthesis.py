@@ -4,7 +4,7 @@ import numpy as np
 from scipy import fft
 
 from multiscale.errors import CaseError
-from multiscale.io.surfaces import Surface
+from multiscale.surfaces.surface import Surface
 
 __all__ = ["self_affine"]
 

@@ -1,4 +1,4 @@
-"""Contact surfaces: oriented facets, their nodes and nodal normals."""
+"""Contact faces: oriented facets, their nodes and nodal normals."""
 
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
@@ -8,11 +8,11 @@ import numpy as np
 if TYPE_CHECKING:
     from skfem import Mesh
 
-__all__ = ["Surface", "facet_normals", "nodal_areas", "nodal_normals", "surface_of"]
+__all__ = ["ContactFace", "facet_normals", "nodal_areas", "nodal_normals", "surface_of"]
 
 
 @dataclass(frozen=True)
-class Surface:
+class ContactFace:
     """Facets of a named boundary.
 
     Attributes
@@ -28,7 +28,7 @@ class Surface:
     nodes: np.ndarray
 
 
-def surface_of(mesh: "Mesh", boundary: str) -> Surface:
+def surface_of(mesh: "Mesh", boundary: str) -> ContactFace:
     """Orient the facets of a boundary outwards."""
     index = np.asarray(mesh.boundaries[boundary])
     corners = mesh.facets[:, index].T
@@ -41,7 +41,7 @@ def surface_of(mesh: "Mesh", boundary: str) -> Surface:
     outward = np.sum(facet_normals(x) * (centre - inside), axis=1) > 0.0
     corners = np.where(outward[:, None], corners, corners[:, ::-1])
     nodes, local = np.unique(corners, return_inverse=True)
-    return Surface(local.reshape(corners.shape), nodes)
+    return ContactFace(local.reshape(corners.shape), nodes)
 
 
 def facet_normals(x: np.ndarray) -> np.ndarray:
@@ -54,12 +54,12 @@ def facet_normals(x: np.ndarray) -> np.ndarray:
     return 0.5 * np.cross(x[:, 2] - x[:, 0], x[:, 3] - x[:, 1])
 
 
-def nodal_normals(surface: Surface, x: np.ndarray, free: np.ndarray) -> np.ndarray:
+def nodal_normals(surface: ContactFace, x: np.ndarray, free: np.ndarray) -> np.ndarray:
     """Average the facets around each node to unit normals, shape (n, d).
 
     Parameters
     ----------
-    surface : Surface
+    surface : ContactFace
         The surface.
     x : ndarray, shape (n, d)
         Positions of its nodes, m.
@@ -77,7 +77,7 @@ def nodal_normals(surface: Surface, x: np.ndarray, free: np.ndarray) -> np.ndarr
     return np.where(size > 0.7, along / np.where(size > 0.0, size, 1.0), normal)
 
 
-def nodal_areas(surface: Surface, x: np.ndarray) -> np.ndarray:
+def nodal_areas(surface: ContactFace, x: np.ndarray) -> np.ndarray:
     """Area that belongs to each node, m² (m in 2D): integral of its shape function."""
     corners = x[surface.facets]
     area = np.zeros(len(surface.nodes))

@@ -6,7 +6,7 @@ import numpy as np
 from scipy import fft
 
 from multiscale.errors import CaseError
-from multiscale.io.surfaces import Surface
+from multiscale.surfaces.surface import Surface
 
 if TYPE_CHECKING:
     import xarray as xr

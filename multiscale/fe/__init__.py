@@ -1,0 +1,1 @@
+"""Finite elements on scikit-fem meshes: elasticity, faces, boxes, mortar, named meshes."""

@@ -1,0 +1,72 @@
+"""Meshes of boxes, with named faces."""
+
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from multiscale.errors import CaseError
+
+if TYPE_CHECKING:
+    from skfem import Mesh
+
+__all__ = ["HEX_ORDER", "box_mesh"]
+
+HEX_ORDER = [0, 4, 3, 1, 7, 5, 2, 6]
+"""Corners of a hexahedron of scikit-fem among those of VTK."""
+
+
+def box_mesh(
+    size: tuple[float, float, float],
+    elements: tuple[int, int, int],
+    *,
+    origin: tuple[float, float, float] = (0.0, 0.0, 0.0),
+) -> "Mesh":
+    """Mesh a box with equal hexahedra and name its faces.
+
+    Parameters
+    ----------
+    size : tuple of float
+        Lengths along x, y and z, m.
+    elements : tuple of int
+        Number of elements along x, y and z.
+    origin : tuple of float
+        Corner with the smallest coordinates, m.
+
+    Returns
+    -------
+    Mesh
+        Boundaries ``left`` and ``right`` (x), ``front`` and ``back`` (y), ``bottom`` and
+        ``top`` (z).
+
+    Raises
+    ------
+    CaseError
+        If a length or a number of elements is not positive.
+
+    Examples
+    --------
+    >>> mesh = box_mesh((0.1, 0.1, 0.02), (4, 4, 2))
+    >>> sorted(mesh.boundaries)
+    ['back', 'bottom', 'front', 'left', 'right', 'top']
+    >>> len(mesh.boundaries["top"])
+    16
+    """
+    for length, number, axis in zip(size, elements, "xyz", strict=True):
+        if not (length > 0.0 and np.isfinite(length)):
+            raise CaseError(f"the block must have a positive length along {axis} (m), got {length}")
+        if number < 1:
+            raise CaseError(f"the block needs at least one element along {axis}, got {number}")
+    fractions = [np.linspace(0.0, 1.0, number + 1) for number in elements]
+    from skfem import MeshHex
+
+    unit = MeshHex.init_tensor(*fractions).with_boundaries(
+        {
+            "left": lambda x: x[0] == 0.0,
+            "right": lambda x: x[0] == 1.0,
+            "front": lambda x: x[1] == 0.0,
+            "back": lambda x: x[1] == 1.0,
+            "bottom": lambda x: x[2] == 0.0,
+            "top": lambda x: x[2] == 1.0,
+        }
+    )
+    return unit.scaled(size).translated(origin)

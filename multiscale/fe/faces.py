@@ -1,0 +1,135 @@
+"""Named faces of a mesh: their unknowns, values on them, and their areas."""
+
+from typing import TYPE_CHECKING
+
+import numpy as np
+from scipy.sparse import csr_array
+
+from multiscale.errors import CaseError
+
+if TYPE_CHECKING:
+    from skfem import CellBasis
+
+__all__ = ["face_areas", "face_operator", "face_unknowns"]
+
+ROUNDING = 1e-12
+"""Areas below this share of the largest are rounding."""
+
+
+def face_unknowns(basis: "CellBasis", boundary: str) -> np.ndarray:
+    """Unknowns of one component on a named boundary, sorted by z, then y, then x.
+
+    Two faces with the same lateral mesh are therefore numbered alike.
+
+    Parameters
+    ----------
+    basis : CellBasis
+        Of a scalar Lagrange element.
+    boundary : str
+        Name of a boundary of the mesh.
+
+    Returns
+    -------
+    ndarray of int
+        Unknowns ``a``; the component ``i`` of the displacement is unknown ``d a + i``.
+
+    Raises
+    ------
+    CaseError
+        If the mesh has no boundary of that name.
+    """
+    _check_boundary(basis, boundary)
+    unknowns = np.asarray(basis.get_dofs(boundary).all())
+    # on a grid of 1e-9 of the mesh, so that rounding does not decide the order
+    extent = np.ptp(basis.mesh.p, axis=1).max()
+    x = np.round(basis.doflocs[:, unknowns] / (1e-9 * extent))
+    return unknowns[np.lexsort(x)]
+
+
+def face_operator(
+    basis: "CellBasis", boundary: str, *, order: int = 3
+) -> tuple[csr_array, np.ndarray, np.ndarray]:
+    """Values of one displacement component at the quadrature points of a face.
+
+    Parameters
+    ----------
+    basis : CellBasis
+        Of a scalar element.
+    boundary : str
+        Name of a boundary of the mesh.
+    order : int
+        Polynomial degree that the quadrature integrates exactly, per direction on a box.
+
+    Returns
+    -------
+    operator : csr_array, shape (points, n)
+        Maps the unknowns of a component to its values, dimensionless.
+    weight : ndarray, shape (points,)
+        Quadrature weights, m² (m in two dimensions).
+    position : ndarray, shape (d, points)
+        Coordinates of the points, m.
+
+    Raises
+    ------
+    CaseError
+        If the mesh has no boundary of that name.
+    """
+    from skfem import FacetBasis
+
+    _check_boundary(basis, boundary)
+    face = FacetBasis(basis.mesh, basis.elem, facets=boundary, intorder=order, dofs=basis.dofs)
+    weight = np.asarray(face.dx)
+    point = np.arange(weight.size).reshape(weight.shape)
+    position = np.asarray(face.global_coordinates())
+    values = np.stack([np.broadcast_to(np.asarray(field[0]), weight.shape) for field in face.basis])
+    columns = np.broadcast_to(face.element_dofs[:, :, None], values.shape)
+    rows = np.broadcast_to(point, values.shape)
+    operator = csr_array(
+        (values.ravel(), (rows.ravel(), columns.ravel())), shape=(weight.size, basis.N)
+    )
+    return operator, weight.ravel(), position.reshape(position.shape[0], -1)
+
+
+def face_areas(basis: "CellBasis", boundary: str) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    r"""Area that every node of a face stands for: quadrature at the nodes.
+
+    Parameters
+    ----------
+    basis : CellBasis
+        Of a scalar element of first order.
+    boundary : str
+        Name of a boundary of the mesh.
+
+    Returns
+    -------
+    node, facet : ndarray of int, shape (corners,)
+        Unknown and facet, counted in the boundary, of every corner of a facet.
+    area : ndarray, shape (corners,)
+        :math:`\int \varphi` over the facet, with the shape function :math:`\varphi` of the
+        corner, m² (m in two dimensions).
+
+    Raises
+    ------
+    CaseError
+        If the mesh has no boundary of that name.
+
+    References
+    ----------
+    .. [1] J. C. J. Schellekens, R. de Borst, Int. J. Numer. Methods Eng. 36 (1993) 43-66,
+       doi:10.1002/nme.1620360104: tractions of stiff interfaces oscillate with Gauss points, and
+       do not with points at the nodes.
+    """
+    from skfem import FacetBasis
+
+    _check_boundary(basis, boundary)
+    face = FacetBasis(basis.mesh, basis.elem, facets=boundary, intorder=2, dofs=basis.dofs)
+    area = np.stack([(np.asarray(field[0]) * face.dx).sum(axis=1) for field in face.basis])
+    local, facet = np.nonzero(area > ROUNDING * area.max())  # nodes off the face have no area
+    return face.element_dofs[local, facet], facet, area[local, facet]
+
+
+def _check_boundary(basis: "CellBasis", boundary: str) -> None:
+    """Refuse a boundary that the mesh does not name."""
+    known = sorted(basis.mesh.boundaries or {})
+    if boundary not in known:
+        raise CaseError(f"the mesh has no boundary {boundary!r}; its boundaries are {known}")

@@ -1,0 +1,42 @@
+r"""Moduli of isotropic elasticity: their range, Lamé's parameters, the contact modulus."""
+
+import numpy as np
+
+from multiscale.errors import CaseError
+
+__all__ = ["check_moduli", "contact_modulus", "lame_parameters"]
+
+
+def check_moduli(youngs_modulus: float | np.ndarray, poissons_ratio: float | np.ndarray) -> None:
+    """Refuse a Young's modulus, Pa, or a Poisson's ratio outside its range, naming the first."""
+    E, nu = np.ravel(youngs_modulus), np.ravel(poissons_ratio)
+    wrong = E[~((E > 0.0) & np.isfinite(E))]
+    if wrong.size:
+        raise CaseError(f"youngs_modulus must be positive (Pa), got {wrong[0]:g}")
+    wrong = nu[~((nu > -1.0) & (nu < 0.5))]
+    if wrong.size:
+        raise CaseError(f"poissons_ratio must lie between -1 and 0.5, got {wrong[0]:g}")
+
+
+def contact_modulus(*bodies: tuple[float, float]) -> float:
+    r"""Contact modulus :math:`1/E^* = \sum (1-\nu_i^2)/E_i`, Pa.
+
+    Parameters
+    ----------
+    *bodies : tuple of float
+        Young's modulus, Pa, and Poisson's ratio of each body.
+
+    Examples
+    --------
+    >>> round(contact_modulus((210e9, 0.3), (210e9, 0.3)) / 1e9, 3)
+    115.385
+    """
+    return 1.0 / sum((1.0 - nu**2) / modulus for modulus, nu in bodies)
+
+
+def lame_parameters(
+    youngs_modulus: float | np.ndarray, poissons_ratio: float | np.ndarray
+) -> tuple[np.ndarray, np.ndarray]:
+    r"""Lamé's parameters :math:`\lambda` and :math:`\mu`, Pa; of one number or of arrays."""
+    E, nu = np.asarray(youngs_modulus), np.asarray(poissons_ratio)
+    return E * nu / ((1.0 + nu) * (1.0 - 2.0 * nu)), E / (2.0 * (1.0 + nu))

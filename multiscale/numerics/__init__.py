@@ -1,0 +1,1 @@
+"""Linear and nonlinear algebra that several kinds of mechanics share."""

@@ -1,0 +1,59 @@
+"""Generalised minimal residuals with a preconditioner that may change."""
+
+from collections.abc import Callable
+
+import numpy as np
+from numpy.linalg import norm
+from scipy.sparse.linalg import LinearOperator, gcrotmk
+
+__all__ = ["minimal_residual"]
+
+Operator = Callable[[np.ndarray], np.ndarray]
+
+
+def minimal_residual(
+    apply: Operator, right_hand_side: np.ndarray, precondition: Operator, *, goal: float, room: int
+) -> tuple[np.ndarray, int]:
+    r"""Solve :math:`A x = b` approximately by flexible GMRES without restart.
+
+    Parameters
+    ----------
+    apply, precondition : callable
+        :math:`A` and a fair inverse of it, which may change from call to call.
+    right_hand_side : ndarray, shape (n,)
+        :math:`b`.
+    goal : float
+        Norm of the residual at which to stop.
+    room : int
+        Directions that may be stored, which is the limit of the iterations.
+
+    Returns
+    -------
+    solution : ndarray, shape (n,)
+        The best in the space built, whether it meets the goal or not.
+    iterations : int
+
+    References
+    ----------
+    .. [1] Y. Saad, SIAM J. Sci. Comput. 14 (1993) 461-469, doi:10.1137/0914028.
+
+    Examples
+    --------
+    >>> matrix = np.diag([1.0, 2.0, 4.0])
+    >>> x, _ = minimal_residual(lambda v: matrix @ v, np.ones(3), np.copy, goal=1e-12, room=60)
+    >>> x.round(6)
+    array([1.  , 0.5 , 0.25])
+    """
+    iterations = 0
+
+    def counted(vector: np.ndarray) -> np.ndarray:
+        nonlocal iterations
+        iterations += 1
+        return precondition(vector)
+
+    if not norm(right_hand_side) > goal:
+        return np.zeros_like(right_hand_side), 0
+    shape = 2 * right_hand_side.shape
+    A, M = (LinearOperator(shape, one, dtype=float) for one in (apply, counted))
+    x, _ = gcrotmk(A, right_hand_side, M=M, rtol=0.0, atol=goal, maxiter=1, m=room, k=1)
+    return x, iterations

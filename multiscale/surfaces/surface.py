@@ -1,0 +1,114 @@
+"""A rough surface: heights on a regular grid."""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from multiscale.errors import CaseError
+
+__all__ = ["Surface", "remove_trend"]
+
+
+@dataclass(frozen=True, eq=False)
+class Surface:
+    """Heights of a surface on a regular grid of one rectangular cell.
+
+    Parameters
+    ----------
+    heights : ndarray, shape (nx, ny)
+        Height at the nodes ``x_i = i dx``, ``y_j = j dy``, m; positive out of the body. The array
+        is copied.
+    size : tuple of float
+        Edge lengths (Lx, Ly) of the cell, m, with ``dx = Lx / nx``: the grid is that of a periodic
+        surface, whose node ``nx`` is node 0 again. ``nx != ny`` and ``dx != dy`` are normal. One
+        point across means a profile, whose cell is in plane strain; its width is arbitrary.
+    filled : ndarray of bool, shape (nx, ny), optional
+        Which points of a map were filled and not measured; none if not given. Detrended and
+        cropped maps keep it.
+
+    Raises
+    ------
+    CaseError
+        If the heights are not a map of finite numbers with at least 2 points along one direction,
+        a length is not positive, or the filled points are those of another map.
+
+    Examples
+    --------
+    >>> surface = Surface(np.zeros((4, 2)), size=(8.0e-6, 2.0e-6))
+    >>> surface.spacing
+    (2e-06, 1e-06)
+    """
+
+    heights: np.ndarray
+    size: tuple[float, float]
+    filled: np.ndarray | None = None
+
+    def __post_init__(self) -> None:
+        heights: np.ndarray = np.ma.filled(
+            np.ma.array(self.heights, dtype=float, copy=True), np.nan
+        )
+        size = tuple(float(length) for length in self.size)
+        if heights.ndim != 2 or min(heights.shape) < 1 or heights.size < 2:
+            raise CaseError(
+                f"heights must be a map (nx, ny) of at least 2 x 1 points, got an array of shape "
+                f"{heights.shape}"
+            )
+        undefined = np.count_nonzero(~np.isfinite(heights))
+        if undefined:
+            raise CaseError(
+                f"{undefined} of {heights.size} heights are undefined (NaN or infinite); fill them "
+                f"or crop the map"
+            )
+        if len(size) != 2 or not all(0.0 < length < np.inf for length in size):
+            raise CaseError(f"size must be two positive lengths (m), got {size}")
+        if self.filled is not None and self.filled.shape != heights.shape:
+            raise CaseError(
+                f"filled must say of each of {heights.shape[0]} x {heights.shape[1]} heights "
+                f"whether it was filled, got an array of shape {self.filled.shape}"
+            )
+        object.__setattr__(self, "heights", heights)
+        object.__setattr__(self, "size", size)
+
+    @property
+    def spacing(self) -> tuple[float, float]:
+        """Distances (dx, dy) of neighbouring nodes, m."""
+        return self.size[0] / self.heights.shape[0], self.size[1] / self.heights.shape[1]
+
+    @property
+    def filled_share(self) -> float:
+        """Filled points over all points, dimensionless."""
+        return 0.0 if self.filled is None else float(np.mean(self.filled))
+
+
+def remove_trend(heights: np.ndarray, order: int) -> np.ndarray:
+    r"""Subtract the least-squares polynomial of a total degree.
+
+    Parameters
+    ----------
+    heights : ndarray, shape (nx, ny)
+        Heights, m. Points that are NaN take no part in the fit and stay NaN.
+    order : {0, 1, 2}
+        Degree: 0 removes the mean, 1 a plane, 2 a plane and the curvature.
+
+    Returns
+    -------
+    ndarray, shape (nx, ny)
+        :math:`h - \sum_{i+j \le n} c_{ij}\, x^i y^j`, m.
+
+    Raises
+    ------
+    CaseError
+        If the order is none of the three.
+    """
+    if order not in (0, 1, 2):
+        raise CaseError(
+            f"the detrending order must be 0 (mean), 1 (plane) or 2 (curvature), got {order!r}"
+        )
+    x, y = np.meshgrid(*(np.linspace(-1.0, 1.0, n) for n in heights.shape), indexing="ij")
+    powers = [(i, j) for i in range(order + 1) for j in range(order + 1 - i)]
+    basis = np.stack([x**i * y**j for i, j in powers], axis=-1)
+    defined = np.isfinite(heights)
+    heights = heights - np.mean(heights[defined])  # a large offset would cost the fit its digits
+    coefficients = np.linalg.lstsq(basis[defined], heights[defined], rcond=None)[0]
+    detrended: np.ndarray = heights - basis @ coefficients
+    return detrended
