@@ -6,6 +6,7 @@ import numpy as np
 from skfem import MeshHex, MeshQuad
 
 from multiscale.laws.bulk import Elastic
+from multiscale.laws.bulk.moduli import contact_modulus
 from multiscale.macro import (
     Body,
     Contact,
@@ -20,7 +21,7 @@ from multiscale.reference.rings import NestedRings
 
 STEEL = (210e9, 0.3)
 FORCE, RADIUS, FRICTION = 100.0, 10e-3, 0.3  # N, m: two steel spheres of the validation plan
-MODULUS = hertz.contact_modulus(STEEL, STEEL)
+MODULUS = contact_modulus(STEEL, STEEL)
 CONTACT_RADIUS = hertz.sphere_radius(FORCE, RADIUS, MODULUS)
 APPROACH = hertz.sphere_approach(FORCE, RADIUS, MODULUS)
 PEAK = 1.5 * FORCE / (np.pi * CONTACT_RADIUS**2)
@@ -296,7 +297,7 @@ def ball_on_rough_half_space(friction, rings, growth):
         return a * start ** (1.0 - time) if time > 0.0 else 0.0
 
     def force(time):
-        return 4.0 * hertz.contact_modulus(material) * reached(time) ** 3 / (3.0 * radius), 0.0
+        return 4.0 * contact_modulus(material) * reached(time) ** 3 / (3.0 * radius), 0.0
 
     far = [far_field(i, -1, material, force, lambda t: (0.0, 0.0)) for i in range(3)]
     supports = {"far": far, "x": (0.0, None, None), "y": (None, 0.0, None)}
