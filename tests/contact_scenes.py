@@ -16,8 +16,8 @@ from multiscale.macro import (
     Sphere,
     solve_contact,
 )
-from multiscale.reference import hertz, mindlin
-from multiscale.reference.rings import NestedRings
+from tests.closed_forms import hertz, mindlin
+from tests.closed_forms.rings import NestedRings
 
 STEEL = (210e9, 0.3)
 FORCE, RADIUS, FRICTION = 100.0, 10e-3, 0.3  # N, m: two steel spheres of the validation plan

@@ -8,7 +8,7 @@ import numpy as np
 from multiscale.errors import CaseError
 from multiscale.laws.bulk import J2, BulkLaw, NeoHookean, Prony
 from multiscale.laws.bulk.moduli import lame_parameters
-from multiscale.reference import layer
+from multiscale.micro import bonded_layer
 from multiscale.surfaces.surface import Surface
 
 if TYPE_CHECKING:
@@ -26,7 +26,7 @@ def depth_caution(depth: float, period: float) -> str | None:
     """Return what a layer thinner than the period does to the answer, if it is."""
     if depth >= 0.99 * period:
         return None
-    share = float(layer.ratio_bonded(np.array(2.0 * np.pi * depth / period), 0.3))
+    share = float(bonded_layer.ratio_bonded(np.array(2.0 * np.pi * depth / period), 0.3))
     return (
         f"a depth of {depth:.3g} m below a period of {period:.3g} m makes the longest wave "
         f"{100.0 * (1.0 - share):.2g} % too stiff"

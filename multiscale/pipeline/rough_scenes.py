@@ -14,8 +14,8 @@ from multiscale.macro.joint.plane import (
     resolve_plane_joint,
 )
 from multiscale.micro import Cell, Path, Surface, contact_modulus, solve_cell
+from multiscale.pipeline import westergaard
 from multiscale.pipeline.rough_structure import Answer, RoughStructure
-from multiscale.reference import westergaard
 
 __all__ = ["RoughWave", "TiltedJoint"]
 

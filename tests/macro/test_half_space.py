@@ -6,7 +6,7 @@ import pytest
 from multiscale.errors import CaseError
 from multiscale.laws import Exponential
 from multiscale.macro.half_space import half_space_stiffness, press_profile
-from multiscale.reference import westergaard
+from multiscale.pipeline import westergaard
 
 LENGTH, MODULUS = 1e-3, 1e11
 

@@ -20,7 +20,7 @@ from multiscale.macro.substructures import (
     load_joint,
     stacked_blocks,
 )
-from multiscale.reference.joint import joint_stiffness, series
+from tests.closed_forms.joint import joint_stiffness, series
 from tests.support import keep_ignoring_broken_pipes
 
 STEEL = Elastic(210e9, 0.3)

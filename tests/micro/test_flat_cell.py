@@ -5,7 +5,7 @@ import pytest
 
 from multiscale.errors import CaseError
 from multiscale.micro import Cell, Path, Surface, self_affine, solve_cell
-from multiscale.reference import westergaard
+from multiscale.pipeline import westergaard
 from tests.support import wave
 
 

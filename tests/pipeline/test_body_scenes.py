@@ -13,9 +13,9 @@ from multiscale.errors import CaseError, SchemaError
 from multiscale.io import open_dataset, open_law, save_law, write_dataset
 from multiscale.macro import solve_static, tensegrity_grid
 from multiscale.pipeline import load_scene, run_scene
-from multiscale.reference.joint import series
 from multiscale.schema import HOMOGENISED, MACRO_RESULT, RVE_STIFFNESS
 from multiscale.upscaling import law_from_dataset
+from tests.closed_forms.joint import series
 from tests.support import write_law
 
 SCENES = Path(__file__).parents[2] / "workflows" / "scenes"

@@ -15,8 +15,8 @@ from matplotlib.image import imread
 from multiscale.io import open_dataset, open_law, open_run
 from multiscale.pipeline import load_case, load_scene, run, run_scene
 from multiscale.pipeline.case import shipped_cases
-from multiscale.reference import joint as closed_form
 from multiscale.upscaling import law_from_dataset
+from tests.closed_forms import joint as closed_form
 
 ROUGH_BLOCKS = """
 title = "Two blocks under uniaxial stress"

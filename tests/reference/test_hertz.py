@@ -5,8 +5,8 @@ import pytest
 from scipy.integrate import quad
 
 from multiscale.laws.bulk.moduli import contact_modulus
-from multiscale.reference import hertz, mindlin
-from multiscale.reference.rings import NestedRings
+from tests.closed_forms import hertz, mindlin
+from tests.closed_forms.rings import NestedRings
 
 STEEL = (210e9, 0.3)
 MODULUS = contact_modulus(STEEL, STEEL)

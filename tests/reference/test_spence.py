@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 
 from multiscale.errors import CaseError
-from multiscale.reference.mindlin import full_stick_load_ratio, spence_stick_radius
-from multiscale.reference.spence import punch_with_friction
+from tests.closed_forms.mindlin import full_stick_load_ratio, spence_stick_radius
+from tests.closed_forms.spence import punch_with_friction
 
 
 @pytest.mark.parametrize(("poissons_ratio", "expected"), [(0.0, 1.09861), (0.3, 1.02863)])

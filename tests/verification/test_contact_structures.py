@@ -7,8 +7,8 @@ from skfem import MeshHex, MeshQuad, MeshTri
 from multiscale.laws.bulk import J2, Elastic, NeoHookean
 from multiscale.laws.bulk.moduli import contact_modulus
 from multiscale.macro import Body, Contact, ContactProblem, Graph, Plane, solve_contact
-from multiscale.reference import hertz, mindlin, spence
 from tests import contact_scenes as scenes
+from tests.closed_forms import hertz, mindlin, spence
 from tests.contact_scenes import CONTACT_RADIUS, FORCE, FRICTION, LIMIT, PEAK, near
 from tests.support import observed_rate
 

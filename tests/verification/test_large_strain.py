@@ -8,7 +8,7 @@ from multiscale.micro import Cell, Path, Surface, graph_cell, self_affine, solve
 from multiscale.micro.contact_area import HALF_SPACE
 from multiscale.micro.finite import cell as finite_cell
 from multiscale.micro.graph_cell import element_edges
-from multiscale.reference import mindlin
+from tests.closed_forms import mindlin
 from tests.support import observed_rate
 
 

@@ -8,9 +8,9 @@ import numpy as np
 import pytest
 
 from multiscale.micro import Cell, Path, self_affine, solve_cell
-from multiscale.reference import full_contact
 from multiscale.surfaces import nayak_parameter
 from multiscale.surfaces.statistics import wavenumbers
+from tests.closed_forms import full_contact
 
 
 def press(surface, pressures):

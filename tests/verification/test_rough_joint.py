@@ -23,8 +23,8 @@ from multiscale.macro import (
     soften,
     solve_interface,
 )
-from multiscale.reference import joint as closed_form
 from multiscale.schema import MACRO_RESULT
+from tests.closed_forms import joint as closed_form
 
 E, HEIGHT = 210e9, 0.02
 SECTION = (0.05, 0.04)

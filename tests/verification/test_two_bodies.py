@@ -9,7 +9,7 @@ from multiscale.micro.finite.cell import make_scene
 from multiscale.micro.finite.history import rest_state, walk_step
 from multiscale.micro.finite.scene import Target
 from multiscale.micro.mesh import graded_planes
-from multiscale.reference import mindlin
+from tests.closed_forms import mindlin
 
 STEEL = J2(1.0, 0.3, 0.005, 0.01)
 RUBBER = NeoHookean(1.0, 0.3)

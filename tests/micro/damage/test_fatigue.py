@@ -11,12 +11,12 @@ from multiscale.errors import CaseError
 from multiscale.micro.damage import Block, FatigueMaterial, two_scale_fatigue, woehler_curve
 from multiscale.micro.damage.cycle_jump import Run, advance
 from multiscale.micro.damage.inclusion import SIZE, damage_rate, effective_stress, run_cycles
-from multiscale.reference.fatigue import (
+from multiscale.schema import FATIGUE, WOEHLER
+from tests.closed_forms.fatigue import (
     damage_per_cycle,
     plastic_strain_per_cycle,
     reversed_life,
 )
-from multiscale.schema import FATIGUE, WOEHLER
 from tests.support import observed_rate
 
 E, NU, LIMIT, STRENGTH = 200e9, 0.3, 200e6, 0.5e6

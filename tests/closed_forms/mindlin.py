@@ -139,7 +139,7 @@ def spence_stick_radius(friction: float, poissons_ratio: float) -> float:
         \beta = \frac{1 - 2\nu}{2(1 - \nu)},
 
     with the complete elliptic integral :math:`K` of the given modulus. It leaves out the effect of
-    the shear on the pressure, which :func:`multiscale.reference.spence.punch_with_friction`
+    the shear on the pressure, which :func:`tests.closed_forms.spence.punch_with_friction`
     keeps: at :math:`\nu = 0.3` the radius is then smaller by 11, 2.5 and 0.8 per cent for
     :math:`\mu = 0.1, 0.3, 0.5`.
 

@@ -29,7 +29,7 @@ def punch_with_friction(
         Rings of constant traction on the contact; the radius is known to about their width.
     coupled : bool
         Whether the shear acts on the pressure. Without, the stick radius is the closed form of
-        :func:`~multiscale.reference.mindlin.spence_stick_radius`.
+        :func:`~tests.closed_forms.mindlin.spence_stick_radius`.
 
     Returns
     -------

@@ -1,0 +1,1 @@
+"""Closed forms that the solvers are checked against: plain functions of arrays."""
