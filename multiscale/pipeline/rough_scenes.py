@@ -14,7 +14,6 @@ from multiscale.macro.joint.plane import (
     resolve_plane_joint,
 )
 from multiscale.micro import Cell, Path, Surface, contact_modulus, solve_cell
-from multiscale.pipeline import westergaard
 from multiscale.pipeline.rough_structure import Answer, RoughStructure
 
 __all__ = ["RoughWave", "TiltedJoint"]
@@ -53,7 +52,7 @@ class RoughWave(RoughStructure):
     @property
     def pressure(self) -> float:
         """Nominal pressure, Pa."""
-        return 0.5 * westergaard.full_contact_pressure(self.amplitude, self.length, self.modulus)
+        return 0.5 * np.pi * self.modulus * self.amplitude / self.length
 
     @property
     def pressures(self) -> np.ndarray:

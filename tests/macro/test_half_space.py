@@ -6,7 +6,7 @@ import pytest
 from multiscale.errors import CaseError
 from multiscale.laws import Exponential
 from multiscale.macro.half_space import half_space_stiffness, press_profile
-from multiscale.pipeline import westergaard
+from tests.closed_forms import westergaard
 
 LENGTH, MODULUS = 1e-3, 1e11
 

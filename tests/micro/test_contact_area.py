@@ -7,7 +7,7 @@ from multiscale.laws.bulk import J2, NeoHookean
 from multiscale.micro import Cell, Path, Surface, solve_cell
 from multiscale.micro.contact_area import HALF_SPACE, contact_fraction, edge_layer
 from multiscale.micro.sliding import RelaxingSolid, solve_sliding
-from multiscale.pipeline import westergaard
+from tests.closed_forms import westergaard
 
 THETA = np.linspace(0.0, np.pi, 2049)
 SINE = np.append(1.0, 0.5 * THETA[1:] / np.sin(0.5 * THETA[1:]))  # C = 1 / (2 sin(theta / 2))

@@ -5,7 +5,7 @@ import pytest
 
 from multiscale.errors import CaseError
 from multiscale.micro import Cell, Path, Surface, self_affine, solve_cell
-from multiscale.pipeline import westergaard
+from tests.closed_forms import westergaard
 from tests.support import wave
 
 

@@ -8,7 +8,7 @@ from multiscale.convergence import Status
 from multiscale.errors import CaseError
 from multiscale.micro import Cell, Path, Surface, self_affine, solve_cell
 from multiscale.micro.gap_control import assemble_gap_cell
-from multiscale.pipeline import westergaard
+from tests.closed_forms import westergaard
 from tests.support import wave
 
 

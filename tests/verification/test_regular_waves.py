@@ -4,9 +4,8 @@ import numpy as np
 import pytest
 
 from multiscale.micro import Cell, Path, Surface, self_affine, solve_cell
-from multiscale.pipeline import westergaard
 from multiscale.surfaces import rms_slope
-from tests.closed_forms import full_contact, johnson
+from tests.closed_forms import full_contact, johnson, westergaard
 from tests.support import egg_box, wave
 
 
