@@ -86,13 +86,23 @@ def _laws(
     held = str(dataset.attrs["held"]).split()
     require_law(dataset, *held)
     given: dict[str, Any] = {key: float(dataset[key]) for key in held}
-    if family.takes_range:
-        given["pressure_range"] = data
     columns = [_pick(dataset, key, samples) for key in family.parameters]
-    return [
+    laws = [
         family.make(**dict(zip(family.parameters, map(float, row), strict=True)), **given)
         for row in zip(*columns, strict=True)
     ]
+    return [_within(law, data) if isinstance(law, NormalLaw) else law for law in laws]
+
+
+def _within(law: NormalLaw, data: tuple[float, float]) -> NormalLaw:
+    """Tell a law the pressures of its data, Pa."""
+    try:
+        return replace(law, pressure_range=data)  # type: ignore[type-var]
+    except TypeError:
+        raise CaseError(
+            f"{type(law).__name__} has no place for the pressures of its data: make it a dataclass "
+            f"with the fields gap and pressure_range, as NormalLaw says"
+        ) from None
 
 
 def area_from_dataset(dataset: "xr.Dataset", sample: int | None = None) -> AreaLaw:
