@@ -32,7 +32,9 @@ class Slide:
     ----------
     load, capacity : float
         Power of the load, and what friction takes of it, per largest slip, N: forces where bodies
-        slide without turning. NaN where they do not slide.
+        slide without turning. NaN where they do not slide. The pressures are not those of the
+        load, of which there is no equilibrium: where supports bear a part of what presses a joint,
+        the capacity changes with the load, by some .5 % in a lap joint.
     joints : tuple of int
         Numbers of the joints that slide; none where bodies lift or tip, or nothing holds them.
     """
@@ -51,8 +53,8 @@ class Slide:
         named = " and ".join(str(joint) for joint in self.joints)
         return (
             f"no equilibrium found: the bodies slide on joint {named} under a load of "
-            f"{self.load:.4g} N, of which friction carries about {self.capacity:.4g} N; lower "
-            f"the load, or press harder"
+            f"{self.load:.4g} N, of which friction carries about {self.capacity:.4g} N at the "
+            f"pressures before they slid; lower the load, or press harder"
         )
 
 
