@@ -57,7 +57,9 @@ class SteadySliding(InterfaceLaw):
         pressed = self.normal.respond(jump, state)
         p = -pressed.traction[0]
         direction = np.array(self.velocity) / np.linalg.norm(self.velocity)
-        slope = (self.friction_limit(p * (1.0 + STEP)) - self.friction_limit(p * (1.0 - STEP))) / (2.0 * STEP)
+        slope = (self.friction_limit(p * (1.0 + STEP)) - self.friction_limit(p * (1.0 - STEP))) / (
+            2.0 * STEP
+        )
         slope = np.divide(slope, p, out=np.zeros_like(p), where=p > 0.0)
         traction, tangent = pressed.traction.copy(), pressed.tangent.copy()
         for k, share in enumerate(direction, start=1):

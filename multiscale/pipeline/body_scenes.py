@@ -87,7 +87,9 @@ def solve_bodies(scene: "Scene", law: Path | None, team: Team | None = None) -> 
     of_law = str(dataset.attrs.get("cautions", "")).splitlines()
     result = with_cautions(result, *(f"its law: {one}" for one in of_law))
     if "error_half_width" in dataset:
-        solved = int(result["converged"][: len(loads.preloads)].sum())  # the first failure is the end
+        solved = int(
+            result["converged"][: len(loads.preloads)].sum()
+        )  # the first failure is the end
 
         def stiffness(normal: NormalLaw, structure: StackedBlocks | LapJoint = given) -> Any:
             changed = scene.model_copy(update={"structure": structure})

@@ -19,6 +19,7 @@ from multiscale.pipeline.case_tables import (
 )
 from multiscale.pipeline.rough_bodies import Body, InstrumentSurface
 from multiscale.pipeline.toml_model import Settings
+from multiscale.units import readable
 
 __all__ = ["FEWEST_REALISATIONS", "POINTS_PER_WAVE", "Case"]
 
@@ -182,6 +183,12 @@ class Case(Settings):
             shallow := depth_caution(self.cell.depth, max(self.cell.size))
         ):
             found.append(shallow)
+        if self.cell.depth is not None and self.accuracy is not None:
+            found.append(
+                f"depth in [cell] stays {readable(f'{self.cell.depth:.4g} m')} under the cells of "
+                f"all sizes that [accuracy] compares, and their errors mix with those of the depth; "
+                f"leave it out, and it grows with the cells"
+            )
         if self.micro.realisations < FEWEST_REALISATIONS:
             found.append(
                 f"{self.micro.realisations} realisation(s) say too little about the scatter: there "

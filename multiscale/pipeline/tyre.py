@@ -282,14 +282,14 @@ def tyre_requirements(case: TyreCase) -> Needs:
         unknowns_per_contact=1,
         kinematics="small slopes and small strain, steady sliding",
         operators={
-            "complex compliance": "of the half-space, for each wave of the road",
-            "tread block": f"{face} unknowns on its face, condensed once",
+            "complex compliance": "stiffness and loss of the rubber, for each wave of the road",
+            "tread block": f"{face} unknowns on its face stand for all of it",
             "friction law": "a bell over speed and temperature, with samples for its bands",
         },
         left_out={
             "time steps": "sliding is steady in the frame of the road",
-            "mesh of the road": "the half-space is known for each wave",
-            "heat": "every temperature of the case is even and given",
+            "mesh of the road": "a half-space of rubber is known in closed form for each wave",
+            "heat": "the temperature is even, and each of the case is given",
         },
         fields=("traction of the footprint",),
         libraries=("matplotlib", "scikit-fem"),

@@ -117,7 +117,5 @@ def test_a_failed_step_is_not_known():
     values = {"converged": np.array([1, 0]), "residual": np.zeros(2), "wall_time": np.zeros(2)}
     shares = np.array([[0.0, np.nan]] * 3)[..., None]
     preload = {"preload": np.array([1e6, 2e6])}
-    result = with_load_shares(
-        MACRO_RESULT.build(values | preload), shares, np.array([[1e6, 1e8]])
-    )
+    result = with_load_shares(MACRO_RESULT.build(values | preload), shares, np.array([[1e6, 1e8]]))
     np.testing.assert_array_equal(result["known"], [1, 0])

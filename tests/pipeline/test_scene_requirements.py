@@ -339,7 +339,7 @@ def test_explaining_a_scene_prints_its_needs_and_solves_nothing(tmp_path, monkey
     write(GRID, tmp_path / "scene.toml")
     result = CliRunner().invoke(app, ["macro", "scene.toml", "--explain"])
     assert result.exit_code == 0, result.output
-    assert "leaves out geometric stiffness  perturbations are small" in result.output
+    assert "leaves out geometric stiffness  displacements count as small" in result.output
     assert [path.name for path in tmp_path.iterdir()] == ["scene.toml"]
 
 
