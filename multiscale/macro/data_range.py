@@ -101,8 +101,8 @@ def with_load_shares(
     -------
     Dataset
         With the shares and ``known``, 0 where a step failed or more than ``MOST`` of the load of an
-        interface lies far outside: there every answer is NaN unless extrapolated. The attribute ``cautions`` has
-        a line for it, and for a smaller share outside the data.
+        interface lies far outside: there every answer is NaN unless extrapolated. The attribute
+        ``cautions`` has a line for it, and for a smaller share outside the data.
     """
     known = np.all(shares[2] <= MOST, axis=1)
     names = ("load_below", "load_above", "load_far")

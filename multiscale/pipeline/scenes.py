@@ -211,7 +211,7 @@ def run_scene(
 
 
 def _too_far(result: "xr.Dataset", statics: Statics | None) -> Iterator[str]:
-    """Say where nodes move by more than the structure measures, or links turn or stretch too far."""
+    """Say where nodes move farther than the structure measures, or links turn or strain much."""
     size = float(np.ptp(result["position"].values, axis=0).max())
     moved = float(np.abs(np.nan_to_num(result["displacement"].values)).max(initial=0.0))
     if moved > size:

@@ -74,7 +74,7 @@ def grain_needs(
         ),
         "assembled problem": (
             solver.most_assembled > 0 and not strained,
-            f"all contacts at once, where sweeps fail in a step of at most {solver.most_assembled} contacts",
+            f"all contacts at once, where sweeps fail on at most {solver.most_assembled} of them",
             "sweeps alone",
         ),
     }
