@@ -198,6 +198,16 @@ def test_load_beyond_the_law_is_told_on_the_command_line(tmp_path, highest, more
     assert said in f"{done.output}{done.exception}"
 
 
+@pytest.mark.parametrize("quick", [True, False])
+def test_the_shipped_lap_joint_is_known_with_the_shipped_law(run_folder, tmp_path, quick):
+    scene = load_scene(SCENES / "lap_joint.toml")
+    pressed = scene.loading.model_copy(update={"cycles": 0, "shear": None})
+    scene = scene.model_copy(update={"loading": pressed})
+    law = run_folder / "interface_law.nc"
+    result = run_scene(scene.quick() if quick else scene, tmp_path / "lap.nc", law=law)
+    assert result["known"].values.tolist() == [1, 1, 1]
+
+
 def test_a_scene_tells_its_real_pressure_and_the_size_of_its_cells(blocks, tmp_path):
     law = open_law(tmp_path / "law.nc")
     law = law.assign_attrs(cell_size=1e-3, behaviour="The answer is elastic.")
