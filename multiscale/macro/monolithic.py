@@ -21,6 +21,10 @@ PATIENCE = 30
 FLOOR = 1e-8
 """Stiffness lent to an open interface in a singular tangent, relative to that of the bodies."""
 
+GROWTH, HALVINGS = 100.0, 40
+"""Factor by which a step may raise the residual, and how often it is halved to keep to that: along
+a step the energy of a law without potential may fall while its forces grow beyond all numbers."""
+
 
 @np.errstate(over="ignore", invalid="ignore")  # an overflow shows in the residual
 def solve_interface(
@@ -85,7 +89,8 @@ def solve_interface(
     -----
     If the law derives from a convex potential, the derivative of the total energy along a
     Newton step decides the length of the step, so that any start converges. A law without
-    potential gets full steps where the energy argument fails.
+    potential gets full steps where the energy argument fails. Steps that raise the residual a
+    hundredfold are halved.
     """
     n, points = stiffness.shape[0], weight.size
     if load.shape != (n,) or jump_operator.shape[1] != n or jump_operator.shape[0] % points:
@@ -111,9 +116,15 @@ def solve_interface(
         if direction is None:
             return Solution(u, Status.STALLED, tuple(residuals))
         slope = problem.slope(u, direction)
-        u = u + step_length(slope, float(direction @ residual)) * direction
-        residual, tangent = problem.linearise(u)
-        residuals.append(float(norm(residual)) / scale)
+        length, start = step_length(slope, float(direction @ residual)), u
+        for _ in range(HALVINGS):
+            u = start + length * direction
+            residual, tangent = problem.linearise(u)
+            size = float(norm(residual)) / scale
+            if size <= GROWTH * residuals[-1]:
+                break
+            length *= 0.5
+        residuals.append(size)
 
     return Solution(u, Status.MAX_ITERATIONS, tuple(residuals))
 

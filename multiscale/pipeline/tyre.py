@@ -87,7 +87,10 @@ def run_tyre(
     result = solve_treads(case, response, law)
     write_dataset(result, out / "macro_result.nc", MACRO_RESULT)
     if not result["converged"].values.any():
-        raise ConvergenceError("the tread block did not converge at any speed and temperature")
+        raise ConvergenceError(
+            f"the tread block did not converge at any speed and temperature:\n"
+            f"{result.attrs['cautions']}"
+        )
     return Results(response, law, result)
 
 
@@ -194,6 +197,12 @@ def solve_treads(case: TyreCase, response: "xr.Dataset", law: "xr.Dataset") -> "
             sampled[sample, k] = _force(one)
         times.append(perf_counter() - begin)
     good = np.array([one.solution.converged for one in found])
+    failures = [
+        f"no braking force at {speed:.3g} m/s and {temperature - 273.15:.4g} °C: "
+        f"{one.solution.detail}"
+        for (temperature, speed), one in zip(steps, found, strict=True)
+        if not one.solution.converged
+    ]
     force = np.array([_force(one) for one in found])
     load = pressure * tread.block.area
     result = MACRO_RESULT.build(
@@ -212,7 +221,7 @@ def solve_treads(case: TyreCase, response: "xr.Dataset", law: "xr.Dataset") -> "
             "point_area": tread.weight,
         },
         title=case.title,
-        cautions=_missed(law),
+        cautions="\n".join(filter(None, [_missed(law), *failures])),
     )
     pressure_of = np.array(
         [np.where(one.solution.converged, -one.traction[0], np.nan) for one in found]
