@@ -1,7 +1,7 @@
 """Figures of the laws of the interface and of the joint that carries them."""
 
 from dataclasses import replace
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -94,7 +94,7 @@ def plot_unloading(
     corner = float(hysteretic.loading.gap_at(np.array(peak)))
     if law.sizes.get("unloading_sample"):
         names = ("stiffness_ratio", "exponent")
-        drawn = {name: law[f"unloading_{name}_sample"].values[:, None] for name in names}
+        drawn: Any = {name: law[f"unloading_{name}_sample"].values[:, None] for name in names}
         back = replace(hysteretic, **drawn).recovery(share * peak, np.array(peak))
         low, high = 1e6 * (corner + np.percentile(back, BAND, axis=0))
         ax.fill_betweenx(
