@@ -92,7 +92,7 @@ def fit_each(observations: Observations, gap: np.ndarray) -> list[ConvexDecreasi
     _check_falls(p, mean)
     knot, level = place_knots(p, mean, N_TERMS, float(gap.max()))
     found = fit_spline(p, gap, 1.0 * observations.counted, knot, level, ridge=RIDGE)
-    return [ConvexDecreasing(knot, coefficient) for coefficient in found]
+    return [ConvexDecreasing(knot, one, pressure_range=(p[0], p[-1])) for one in found]
 
 
 def left_out(n: int) -> tuple[np.ndarray, np.ndarray]:
