@@ -5,7 +5,7 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.linalg import norm
-from scipy.sparse import block_array, csr_array, diags_array, issparse
+from scipy.sparse import csr_array, issparse
 
 from multiscale.convergence import Solution, Status, verdict
 from multiscale.errors import MultiscaleError
@@ -160,12 +160,13 @@ class _Problem:
 
     def direction(self, residual: np.ndarray, tangent: np.ndarray) -> np.ndarray | None:
         """Newton direction, m; with a floor under the tangent where it is singular."""
-        floor = np.zeros_like(tangent)
-        floor[0, 0] = FLOOR * self._body_stiffness() * self.weight
         fallback = None
-        for added in (0.0, floor):
+        for floor in (0.0, FLOOR):
+            if floor:
+                tangent = tangent.copy()
+                tangent[0, 0] += floor * self._body_stiffness() * self.weight
             try:
-                solve = factorise(self._matrix(tangent + added), name="the tangent stiffness")
+                solve = factorise(self._matrix(tangent), name="the tangent stiffness")
             except MultiscaleError:
                 continue
             direction = -solve(residual)
@@ -176,9 +177,11 @@ class _Problem:
 
     def _matrix(self, tangent: np.ndarray) -> csr_array | np.ndarray:
         """Consistent tangent K + B^T (w D) B, N/m."""
-        blocks = [[diags_array(entry) for entry in row] for row in tangent]
-        B = self.jump_operator
-        matrix = self.stiffness + B.T @ (block_array(blocks, format="csr") @ B)
+        B, points = self.jump_operator, self.weight.size
+        i, j, at = np.nonzero(tangent)
+        place = (points * i + at, points * j + at)
+        weighted = csr_array((tangent[i, j, at], place), shape=(B.shape[0],) * 2)
+        matrix = self.stiffness + B.T @ (weighted @ B)
         return csr_array(matrix) if issparse(matrix) else np.asarray(matrix)
 
     def _body_stiffness(self) -> float:
