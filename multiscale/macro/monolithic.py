@@ -2,6 +2,7 @@
 
 from collections.abc import Callable
 from dataclasses import dataclass
+from functools import lru_cache
 
 import numpy as np
 from numpy.linalg import norm
@@ -115,15 +116,15 @@ def solve_interface(
         direction = problem.direction(residual, tangent)
         if direction is None:
             return Solution(u, Status.STALLED, tuple(residuals))
-        slope = problem.slope(u, direction)
-        length, start = step_length(slope, float(direction @ residual)), u
+        there = problem.along(u, direction)
+        step = step_length(_slope(there, direction), float(direction @ residual))
         for _ in range(HALVINGS):
-            u = start + length * direction
-            residual, tangent = problem.linearise(u)
+            ahead, (residual, tangent) = u + step * direction, there(step)
             size = float(norm(residual)) / scale
             if size <= GROWTH * residuals[-1]:
                 break
-            length *= 0.5
+            step *= 0.5
+        u = ahead
         residuals.append(size)
 
     return Solution(u, Status.MAX_ITERATIONS, tuple(residuals))
@@ -150,13 +151,11 @@ class _Problem:
         force = self.jump_operator.T @ (self.weight * response.traction).ravel()
         return self.stiffness @ u + force - self.load, self.weight * response.tangent
 
-    def slope(self, u: np.ndarray, direction: np.ndarray) -> Callable[[float], float]:
-        """Return the derivative of the energy along a direction, J, as a function of the step."""
-
-        def evaluate(step: float) -> float:
-            return float(direction @ self.linearise(u + step * direction)[0])
-
-        return evaluate
+    def along(
+        self, u: np.ndarray, direction: np.ndarray
+    ) -> Callable[[float], tuple[np.ndarray, np.ndarray]]:
+        """Return what :meth:`linearise` gives after a step, once for the same step in a row."""
+        return lru_cache(maxsize=1)(lambda step: self.linearise(u + step * direction))
 
     def direction(self, residual: np.ndarray, tangent: np.ndarray) -> np.ndarray | None:
         """Newton direction, m; with a floor under the tangent where it is singular."""
@@ -189,3 +188,10 @@ class _Problem:
         touched = abs(self.jump_operator[: self.weight.size]).T @ self.weight
         diagonal = np.abs(self.stiffness.diagonal())
         return float(np.sum(diagonal[touched > 0.0]) / np.sum(touched))
+
+
+def _slope(
+    there: Callable[[float], tuple[np.ndarray, np.ndarray]], direction: np.ndarray
+) -> Callable[[float], float]:
+    """Return the derivative of the energy along a direction, J, as a function of the step."""
+    return lambda step: float(direction @ there(step)[0])
