@@ -12,7 +12,6 @@ from multiscale.pipeline.settings import Case
 from multiscale.schema import MACRO_RESULT, with_cautions
 from multiscale.upscaling import (
     area_from_dataset,
-    areas_from_dataset,
     cell_share,
     compare_scales,
     fitted_laws,
@@ -67,10 +66,6 @@ def solve_joint(case: Case, law: "xr.Dataset") -> "xr.Dataset":
     )
     fraction = area_from_dataset(law).contact_fraction(preload)
     areas = {"contact_fraction": fraction, "real_pressure": real_pressure(preload, fraction)}
-    if samples:
-        areas["contact_fraction_sample"] = np.array(
-            [one.contact_fraction(preload) for one in areas_from_dataset(law, samples)]
-        )
     kept = np.isfinite(result["joint_stiffness"].to_numpy())
     areas |= _unloading_stiffness(law, result)
     areas = {name: np.where(kept, value, np.nan) for name, value in areas.items()}
