@@ -34,7 +34,7 @@ class Slide:
         Power of the load, and what friction takes of it, per largest slip, N: forces where bodies
         slide without turning. NaN where they do not slide. The pressures are not those of the
         load, of which there is no equilibrium: where supports bear a part of what presses a joint,
-        the capacity changes with the load, by some .5 % in a lap joint.
+        the capacity changes with the load, by less than a per cent in a lap joint.
     joints : tuple of int
         Numbers of the joints that slide; none where bodies lift or tip, or nothing holds them.
     """
