@@ -67,9 +67,9 @@ class Needs:
     def explain(self) -> str:
         """Return the needs as text, one line each."""
         rows = [
-            ("kinematics", self.kinematics),
+            ("assumes", self.kinematics),
             ("unknowns per contact", str(self.unknowns_per_contact)),
-            ("state variables", ", ".join(self.state_variables) or "none"),
+            ("history kept", ", ".join(self.state_variables) or "none"),
             ("fields kept", ", ".join(self.fields) or "none"),
             ("libraries", ", ".join(self.libraries)),
             ("memory", f"{self.memory / 1e6:.3g} MB for the largest solve"),

@@ -60,12 +60,18 @@ class InterfaceLaw(ABC):
     ----------
     n_state : int
         Number of internal variables of a point.
+    gap : float
+        Initial gap between the mean planes, m.
+    damage : float
+        Share of the interface that carries nothing, dimensionless.
     pressure_range : tuple of float
         Lowest and highest pressure of the data that the law was fitted to, Pa; all pressures for a
         law that was not fitted.
     """
 
     n_state: int = 0
+    gap: float = 0.0
+    damage: float = 0.0
     pressure_range: tuple[float, float] = (0.0, np.inf)
 
     @abstractmethod
@@ -76,6 +82,10 @@ class InterfaceLaw(ABC):
     def normal_law(self) -> "InterfaceLaw":
         """The law of the gap alone, which is all of a law without tangential traction."""
         return self
+
+    def friction_limit(self, pressure: np.ndarray) -> np.ndarray:
+        """Largest traction along the interface at a pressure, Pa; none without friction."""
+        return 0.0 * pressure
 
     def at_rest(self, jump: np.ndarray) -> np.ndarray:
         """State of an interface that rests at a jump without tangential traction."""
@@ -129,13 +139,11 @@ class InterfaceLaw(ABC):
 class NormalLaw(InterfaceLaw):
     r"""A frictionless law: the pressure depends on the gap alone, positive, decreasing, convex.
 
-    A subclass has an initial gap ``gap``, m, so that the local gap is
-    :math:`g = [\![u_N]\!] + g_0`, and says what pressure and stiffness are. Then
+    A subclass has the fields ``gap``, m, so that the local gap is :math:`g = [\![u_N]\!] + g_0`,
+    and ``pressure_range`` if it is fitted, and says what pressure and stiffness are. Then
 
     .. math:: t_N = -p(g), \qquad t_T = 0, \qquad \mathrm{d}t_N / \mathrm{d}g = K(g).    \tag{2}
     """
-
-    gap: float
 
     @abstractmethod
     def pressure(self, gap: np.ndarray) -> np.ndarray:
@@ -213,7 +221,7 @@ def climb(
         f = t + k * jump[0] - source[0]
         scale = np.maximum(np.maximum(np.abs(t), np.abs(source[0])), k * np.abs(jump[0]))
         step = -f / (response.tangent[0, 0] + k)
-        spacing = 4.0 * np.finfo(float).eps * (np.abs(jump[0]) + abs(getattr(law, "gap", 0.0)))
+        spacing = 4.0 * np.finfo(float).eps * (np.abs(jump[0]) + abs(law.gap))
         ratio = np.abs(f) / np.where(scale > 0.0, scale, 1.0)
         # from the second iterate on all are left of the root, which only round-off can pass
         passed = (iteration > 0) & (f >= 0.0) & (ratio <= 1e-9)

@@ -1,6 +1,6 @@
 """A normal law whose interface is damaged in part."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import numpy as np
 
@@ -39,7 +39,7 @@ class Damaged(NormalLaw):
     """
 
     law: NormalLaw
-    damage: float
+    damage: float = field()
 
     def __post_init__(self) -> None:
         if not 0.0 <= self.damage < 1.0:

@@ -53,6 +53,10 @@ class RigidContact(InterfaceLaw):
         if not np.isfinite(self.gap):
             raise CaseError(f"the initial gap must be finite (m), got {self.gap:g}")
 
+    def friction_limit(self, pressure: np.ndarray) -> np.ndarray:
+        """Coulomb's limit, Pa, at a pressure, Pa."""
+        return self.friction * pressure
+
     def respond(self, jump: np.ndarray, state: np.ndarray) -> Response:
         """No traction where the gap is open, NaN where it is closed; state for the next step."""
         apart = np.where(jump[0] + self.gap > 0.0, 0.0, np.nan)
@@ -67,7 +71,7 @@ class RigidContact(InterfaceLaw):
             raise ValueError("the stiffness of a search direction must be positive (Pa/m)")
         pressure = np.maximum(0.0, -source[0] - k[0] * self.gap)
         held = source[1:] - k[1:] * state  # traction that would hold the point
-        limit = self.friction * pressure
+        limit = self.friction_limit(pressure)
         traction = limit_traction(held / k[1:], 1.0 / k[1:], limit)
         slides = np.sqrt(np.sum(held**2, axis=0)) > limit
         slip = np.where(slides, (held - traction) / k[1:], 0.0)

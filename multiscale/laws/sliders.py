@@ -153,6 +153,10 @@ class Sliders(InterfaceLaw):
         state[-3:] = jump
         return state
 
+    def friction_limit(self, pressure: np.ndarray) -> np.ndarray:
+        """Coulomb's limit, Pa, at a pressure, Pa."""
+        return self.friction * pressure
+
     def respond(self, jump: np.ndarray, state: np.ndarray) -> Response:
         """Evaluate (a) to (d) with their consistent tangent."""
         return self._step(jump, state)[0]

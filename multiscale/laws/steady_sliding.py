@@ -57,15 +57,17 @@ class SteadySliding(InterfaceLaw):
         pressed = self.normal.respond(jump, state)
         p = -pressed.traction[0]
         direction = np.array(self.velocity) / np.linalg.norm(self.velocity)
-        slope = (self._shear(p * (1.0 + STEP)) - self._shear(p * (1.0 - STEP))) / (2.0 * STEP)
+        slope = (self.friction_limit(p * (1.0 + STEP)) - self.friction_limit(p * (1.0 - STEP))) / (
+            2.0 * STEP
+        )
         slope = np.divide(slope, p, out=np.zeros_like(p), where=p > 0.0)
         traction, tangent = pressed.traction.copy(), pressed.tangent.copy()
         for k, share in enumerate(direction, start=1):
-            traction[k] = share * self._shear(p)  # (1)
+            traction[k] = share * self.friction_limit(p)  # (1)
             tangent[k, 0] = -share * slope * pressed.tangent[0, 0]
         return Response(traction, tangent, state)
 
-    def _shear(self, pressure: np.ndarray) -> np.ndarray:
+    def friction_limit(self, pressure: np.ndarray) -> np.ndarray:
         """Evaluate mu p, Pa; zero where there is no pressure."""
         closed = pressure > 0.0
         p = np.where(closed, pressure, 1.0)

@@ -76,7 +76,7 @@ class HystereticLaw(InterfaceLaw):
         check_parameter(self, "exponent", lowest=1.0)
 
     @property
-    def gap(self) -> float:
+    def gap(self) -> float:  # type: ignore[override]
         """Initial gap, m."""
         return self.loading.gap
 

@@ -100,11 +100,11 @@ def with_load_shares(
     Returns
     -------
     Dataset
-        With the shares and ``known``, 0 where more than ``MOST`` of the load of an interface lies
-        far outside: there every answer is NaN unless extrapolated. The attribute ``cautions`` has
-        a line for it, and for a smaller share outside the data.
+        With the shares and ``known``, 0 where a step failed or more than ``MOST`` of the load of an
+        interface lies far outside: there every answer is NaN unless extrapolated. The attribute
+        ``cautions`` has a line for it, and for a smaller share outside the data.
     """
-    known = ~np.any(shares[2] > MOST, axis=1)
+    known = np.all(shares[2] <= MOST, axis=1)
     names = ("load_below", "load_above", "load_far")
     values = dict(zip(names, shares, strict=True)) | {"known": known.astype(int)}
     result = MACRO_RESULT.assign(result, values).assign_coords(interface=range(shares.shape[2]))

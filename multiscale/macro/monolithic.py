@@ -2,10 +2,11 @@
 
 from collections.abc import Callable
 from dataclasses import dataclass
+from functools import lru_cache
 
 import numpy as np
 from numpy.linalg import norm
-from scipy.sparse import block_array, csr_array, diags_array, issparse
+from scipy.sparse import csr_array, issparse
 
 from multiscale.convergence import Solution, Status, verdict
 from multiscale.errors import MultiscaleError
@@ -20,6 +21,10 @@ PATIENCE = 30
 
 FLOOR = 1e-8
 """Stiffness lent to an open interface in a singular tangent, relative to that of the bodies."""
+
+GROWTH, HALVINGS = 100.0, 40
+"""Factor by which a step may raise the residual, and how often it is halved to keep to that: along
+a step the energy of a law without potential may fall while its forces grow beyond all numbers."""
 
 
 @np.errstate(over="ignore", invalid="ignore")  # an overflow shows in the residual
@@ -85,7 +90,8 @@ def solve_interface(
     -----
     If the law derives from a convex potential, the derivative of the total energy along a
     Newton step decides the length of the step, so that any start converges. A law without
-    potential gets full steps where the energy argument fails.
+    potential gets full steps where the energy argument fails. Steps that raise the residual a
+    hundredfold are halved.
     """
     n, points = stiffness.shape[0], weight.size
     if load.shape != (n,) or jump_operator.shape[1] != n or jump_operator.shape[0] % points:
@@ -110,10 +116,16 @@ def solve_interface(
         direction = problem.direction(residual, tangent)
         if direction is None:
             return Solution(u, Status.STALLED, tuple(residuals))
-        slope = problem.slope(u, direction)
-        u = u + step_length(slope, float(direction @ residual)) * direction
-        residual, tangent = problem.linearise(u)
-        residuals.append(float(norm(residual)) / scale)
+        there = problem.along(u, direction)
+        step = step_length(_slope(there, direction), float(direction @ residual))
+        for _ in range(HALVINGS):
+            ahead, (residual, tangent) = u + step * direction, there(step)
+            size = float(norm(residual)) / scale
+            if size <= GROWTH * residuals[-1]:
+                break
+            step *= 0.5
+        u = ahead
+        residuals.append(size)
 
     return Solution(u, Status.MAX_ITERATIONS, tuple(residuals))
 
@@ -139,22 +151,21 @@ class _Problem:
         force = self.jump_operator.T @ (self.weight * response.traction).ravel()
         return self.stiffness @ u + force - self.load, self.weight * response.tangent
 
-    def slope(self, u: np.ndarray, direction: np.ndarray) -> Callable[[float], float]:
-        """Return the derivative of the energy along a direction, J, as a function of the step."""
-
-        def evaluate(step: float) -> float:
-            return float(direction @ self.linearise(u + step * direction)[0])
-
-        return evaluate
+    def along(
+        self, u: np.ndarray, direction: np.ndarray
+    ) -> Callable[[float], tuple[np.ndarray, np.ndarray]]:
+        """Return what :meth:`linearise` gives after a step, once for the same step in a row."""
+        return lru_cache(maxsize=1)(lambda step: self.linearise(u + step * direction))
 
     def direction(self, residual: np.ndarray, tangent: np.ndarray) -> np.ndarray | None:
         """Newton direction, m; with a floor under the tangent where it is singular."""
-        floor = np.zeros_like(tangent)
-        floor[0, 0] = FLOOR * self._body_stiffness() * self.weight
         fallback = None
-        for added in (0.0, floor):
+        for floor in (0.0, FLOOR):
+            if floor:
+                tangent = tangent.copy()
+                tangent[0, 0] += floor * self._body_stiffness() * self.weight
             try:
-                solve = factorise(self._matrix(tangent + added), name="the tangent stiffness")
+                solve = factorise(self._matrix(tangent), name="the tangent stiffness")
             except MultiscaleError:
                 continue
             direction = -solve(residual)
@@ -165,9 +176,11 @@ class _Problem:
 
     def _matrix(self, tangent: np.ndarray) -> csr_array | np.ndarray:
         """Consistent tangent K + B^T (w D) B, N/m."""
-        blocks = [[diags_array(entry) for entry in row] for row in tangent]
-        B = self.jump_operator
-        matrix = self.stiffness + B.T @ (block_array(blocks, format="csr") @ B)
+        B, points = self.jump_operator, self.weight.size
+        i, j, at = np.nonzero(tangent)
+        place = (points * i + at, points * j + at)
+        weighted = csr_array((tangent[i, j, at], place), shape=(B.shape[0],) * 2)
+        matrix = self.stiffness + B.T @ (weighted @ B)
         return csr_array(matrix) if issparse(matrix) else np.asarray(matrix)
 
     def _body_stiffness(self) -> float:
@@ -175,3 +188,10 @@ class _Problem:
         touched = abs(self.jump_operator[: self.weight.size]).T @ self.weight
         diagonal = np.abs(self.stiffness.diagonal())
         return float(np.sum(diagonal[touched > 0.0]) / np.sum(touched))
+
+
+def _slope(
+    there: Callable[[float], tuple[np.ndarray, np.ndarray]], direction: np.ndarray
+) -> Callable[[float], float]:
+    """Return the derivative of the energy along a direction, J, as a function of the step."""
+    return lambda step: float(direction @ there(step)[0])

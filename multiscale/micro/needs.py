@@ -47,64 +47,67 @@ def cell_needs(
     choices = {
         "stiffness": (
             not flat and None in laws,
-            "assembled, on any mesh" if general else "matrix-free, on the conforming mesh",
+            "of the elements, " + ("as a matrix" if general else "applied without a matrix"),
             "a flat cell solves on its surface alone"
             if flat
-            else "at large strain the tangent takes its place",
+            else "it changes with the strain, which the tangent follows",
         ),
         "tangent": (
             large,
-            "of the law at large strain, kept in single precision at every Gauss point",
-            "linear elasticity has one stiffness",
+            "stiffness of the elements as they are strained, in single precision",
+            "the material is linear elastic: its stiffness does not change",
         ),
         "friction": (
             friction,
-            "three unknowns in each contact condition, nonsymmetric Krylov basis",
-            "contact without friction has a symmetric problem and one unknown at a node",
+            "three unknowns at a node in contact, one normal and two along the surface",
+            "without friction a node in contact has one unknown, the normal one",
         ),
         "opposite body": (
             pair,
-            "forces, stiffness and layer factors of a second body; splines of its surface",
-            "the obstacle is rigid",
+            "a second deformable body",
+            "the counterface is rigid",
         ),
         "layer factors": (
             not flat and not general,
-            "lateral-FFT inverse of the flat cell: the preconditioner",
-            "the general path has a preconditioner of its own"
+            "the solution of the same cell with a flat face, which speeds up the iteration",
+            "a matrix is at hand, and has another way to speed up the iteration"
             if general
-            else "the compliance of the surface, known for each wave, is enough",
+            else "a flat cell is known in closed form for each wave of the surface",
         ),
         "mean dilatation": (
             (soft or any(isinstance(one, J2) for one in laws)) and not flat,
-            "B-bar against locking" if not large else "F-bar against locking",
+            "averages the change of volume over an element, which is too stiff otherwise ("
+            + ("F-bar)" if large else "B-bar)"),
             "the element is the user's choice"
             if general
             else "Poisson's ratio below 0.4, or no elements",
         ),
         "tilt": (
             soft and not flat,
-            "keeps the preconditioner good near incompressibility",
+            "speeds up the iteration where Poisson's ratio is near 0.5",
             "Poisson's ratio below 0.4, or no elements",
         ),
         "obstacle normals": (
             (cell.obstacle is not None or pair) and not flat,
-            "three displacement components in each contact condition",
+            "directions of contact: the counterface is rough or moves",
             "contact acts along z alone",
         ),
         "element moduli": (
             graph is not None and graph.heterogeneous,
-            "one pair of moduli for each element",
+            "moduli that differ from element to element",
             "moduli vary at most from layer to layer",
         ),
         "stress recovery": (
             recover_stress and not flat,
-            "averages from the Cauchy stress, beside those from contact forces",
-            "a flat cell has no stress field" if flat else "not asked for, or not linear",
+            "means of the stress in the body, beside those of the contact forces",
+            "a flat cell has no stress field"
+            if flat
+            else "nobody asks for the stress, or the material is not linear",
         ),
         "hardness cap": (
             graph is not None and graph.hardness is not None,
-            "local pressure is limited",
-            "no hardness is given",
+            "local pressure stays below the hardness",
+            "no hardness is given, or the metal flows by itself",
         ),
     }
     recovered = choices["stress recovery"][0]
@@ -132,7 +135,7 @@ def _memory(cell: Cell | MeshCell) -> int:
         return int(8 * 3 * cell.mesh.nvertices * 81 * 4)  # rows of 81 entries, and factors
     nx, ny = cell.surface.heights.shape
     if cell.geometry == "flat":
-        return int(8 * nx * ny * 20)
+        return int(8 * nx * ny * 22)
     if cell.opposite is not None:
         mu = cell.friction_coefficient
         halves = (replace(body, obstacle=None, opposite=None) for body in cell.bodies)

@@ -288,7 +288,7 @@ class _SlidingProblem:
         inverse[0, 0] = 0.0
         return np.asarray(inverse)
 
-    @property
+    @cached_property
     def typical_stiffness(self) -> float:
         """Median of the symbol, Pa/m."""
         return float(np.median(np.abs(self.symbol)))

@@ -138,7 +138,7 @@ def _follow(
 ) -> "xr.Dataset":
     """Follow a path with friction, at large strain or sliding."""
     for caution in cell.cautions():
-        logger.warning("%s", caution)
+        logger.warning("caution: %s", caution)
     with _compiled():
         from multiscale.micro.finite.follow import follow_path
     steps = follow_path(
@@ -165,7 +165,7 @@ def _assemble(cell: Cell | MeshCell, needs: Needs) -> ContactProblem:
 
         return assemble_mesh_cell(cell, needs)
     for caution in cell.cautions():
-        logger.warning("%s", caution)
+        logger.warning("caution: %s", caution)
     with _compiled():
         from multiscale.micro.flat_cell import assemble_flat_cell
         from multiscale.micro.graph_cell import assemble_graph_cell

@@ -1,6 +1,6 @@
 """The joint of a case: two blocks pressed together through the law, with the error budget."""
 
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -14,9 +14,10 @@ from multiscale.upscaling import (
     area_from_dataset,
     cell_share,
     compare_scales,
-    hysteretic_from_dataset,
+    fitted_laws,
     law_from_dataset,
     over_steps,
+    require_law,
     structure_budget,
     with_budget,
 )
@@ -60,17 +61,13 @@ def solve_joint(case: Case, law: "xr.Dataset") -> "xr.Dataset":
         joint,
         law_from_dataset(law),
         preload,
-        samples=[law_from_dataset(law, sample) for sample in samples],
+        samples=fitted_laws(law, samples),
         extrapolate=extrapolate,
     )
     fraction = area_from_dataset(law).contact_fraction(preload)
     areas = {"contact_fraction": fraction, "real_pressure": real_pressure(preload, fraction)}
-    if samples:
-        areas["contact_fraction_sample"] = np.array(
-            [area_from_dataset(law, sample).contact_fraction(preload) for sample in samples]
-        )
     kept = np.isfinite(result["joint_stiffness"].to_numpy())
-    areas |= _unloading_stiffness(case, law, preload)
+    areas |= _unloading_stiffness(law, result)
     areas = {name: np.where(kept, value, np.nan) for name, value in areas.items()}
     result = MACRO_RESULT.assign(with_cautions(result, *joint_scales(case).cautions), areas)
     result = result.assign_attrs(
@@ -103,22 +100,21 @@ def solve_joint(case: Case, law: "xr.Dataset") -> "xr.Dataset":
     return with_budget(result, over_steps(budget, steps, preload.size))
 
 
-def _unloading_stiffness(
-    case: Case, law: "xr.Dataset", preload: np.ndarray
-) -> dict[str, np.ndarray]:
-    """Stiffness of the joint whose preload begins to fall, and its samples; if cells unloaded."""
+def _unloading_stiffness(law: "xr.Dataset", result: "xr.Dataset") -> dict[str, np.ndarray]:
+    r"""Stiffness of the joint whose preload begins to fall, and its samples; if cells unloaded.
+
+    With the factor :math:`\beta` of the unloading branch, (1) of
+    :func:`~multiscale.macro.press_joint` for :math:`\beta K` instead of :math:`K`.
+    """
     if "unloading_stiffness_ratio" not in law:
         return {}
-    samples = range(law.sizes.get("unloading_sample", 0))
-    result = press_joint(
-        _joint(case),
-        hysteretic_from_dataset(law),
-        preload,
-        samples=[hysteretic_from_dataset(law, sample) for sample in samples],
-        extrapolate=True,  # the loading has told what is known
-    )
-    names = ("unloading_stiffness", "unloading_stiffness_sample")
-    return {name: result[name].to_numpy() for name in names if name in result}
+    K, solid = (result[name].to_numpy() for name in ("interface_stiffness", "solid_stiffness"))
+    ratio: dict[str, Any] = {"unloading_stiffness": float(law["unloading_stiffness_ratio"])}
+    if law.sizes.get("unloading_sample"):
+        require_law(law, "unloading_stiffness_ratio_sample")
+        drawn = law["unloading_stiffness_ratio_sample"].to_numpy()[:, None]
+        ratio["unloading_stiffness_sample"] = drawn
+    return {name: 1.0 / (1.0 / (beta * K) + 1.0 / solid) for name, beta in ratio.items()}
 
 
 def _joint(case: Case) -> RoughJoint:

@@ -7,6 +7,7 @@ import numpy as np
 from multiscale.micro.needs import cell_needs
 from multiscale.needs import Needs
 from multiscale.pipeline.cells import cell_of
+from multiscale.pipeline.forecast import GRIDS, REALISATIONS, SIZES
 from multiscale.pipeline.rough_bodies import InstrumentSurface
 from multiscale.pipeline.settings import Case
 from multiscale.pipeline.slide import pair_of
@@ -35,7 +36,19 @@ def requirements(case: Case) -> Needs:
     libraries = {*needs.libraries, "matplotlib"}  # the report
     if measured:
         libraries.add("SurfaceTopography")
-    operators = needs.operators | {"joint": "blocks and interface law in series, in closed form"}
+    nx, ny = case.cell.points
+    operators = {
+        "cells": f"{case.micro.realisations} of {nx} x {ny} points, each under "
+        f"{len(case.micro.path)} pressures",
+        **needs.operators,
+        "joint": "blocks and interface law in series, in closed form",
+    }
+    if case.accuracy is not None:
+        operators["planner"] = (
+            "starts from these cells, whose memory this is, and chooses size, grid and number of "
+            f"those of the answer: at most {2 ** SIZES[-1]} times as large, {2 ** GRIDS[-1]} times "
+            f"as fine, {REALISATIONS[-1]}"
+        )
     left_out = needs.left_out | {
         "joint mesh": "the pressure on the joint is even, and a closed form is exact"
     }

@@ -54,6 +54,7 @@ from multiscale.pipeline.scene_settings import (
     LinkMesh,
     LinkTable,
     Scene,
+    Statics,
     TensegrityGrid,
 )
 from multiscale.pipeline.toml_model import Settings, read_toml, validate
@@ -80,6 +81,9 @@ KINDS: dict[str, type[Settings]] = {
 }
 FURTHEST = 0.05
 """Displacement of the ends of a link against each other, over its length, that counts as small."""
+
+STRAINED = 0.1
+"""Strain of a link that carries above which its law, linear elastic, is beyond what cables do."""
 
 LAWS: dict[str, type[LinkLaw]] = {"bar": Bar, "cable": Cable, "strut": Strut}
 
@@ -187,8 +191,7 @@ def run_scene(
     if law is not None and scene.joint is None:
         raise CaseError(f"{scene.title}: the scene has no joint that the law {law} could be of")
     result = solve_bodies(scene, law, team) if bodies else _solve_links(scene, team)
-    small = scene.statics is not None and not scene.statics.exact
-    result = with_cautions(result, *_too_far(result, small=small))
+    result = with_cautions(result, *_too_far(result, scene.statics))
     result = result.assign_attrs(title=scene.title, scene=scene.to_toml())
     if writes:
         make_folder(out.parent)
@@ -207,8 +210,8 @@ def run_scene(
     return result
 
 
-def _too_far(result: "xr.Dataset", *, small: bool) -> Iterator[str]:
-    """Say where nodes move by more than the structure measures, or links turn too far."""
+def _too_far(result: "xr.Dataset", statics: Statics | None) -> Iterator[str]:
+    """Say where nodes move farther than the structure measures, or links turn or strain much."""
     size = float(np.ptp(result["position"].values, axis=0).max())
     moved = float(np.abs(np.nan_to_num(result["displacement"].values)).max(initial=0.0))
     if moved > size:
@@ -216,12 +219,22 @@ def _too_far(result: "xr.Dataset", *, small: bool) -> Iterator[str]:
             f"nodes move by up to {moved:.3g} m, more than the structure measures ({size:.3g} m), "
             f"where no law of its parts holds: check loads, moduli and their units"
         )
-    elif small and "ends" in result:
+    elif statics is not None and "ends" in result:
         first, second = result["ends"].values.T
         apart = np.diff(result["position"].values[result["ends"].values], axis=1)[:, 0]
         u = np.nan_to_num(result["displacement"].values)[:, :, :3]
-        turned = np.linalg.norm(u[:, second] - u[:, first], axis=2) / np.linalg.norm(apart, axis=1)
-        if turned.max() > FURTHEST:
+        moved_apart, length = u[:, second] - u[:, first], np.linalg.norm(apart, axis=1)
+        turned = np.linalg.norm(moved_apart, axis=2) / length
+        strain = np.abs(np.linalg.norm(apart + moved_apart, axis=2) / length - 1.0)
+        strain = np.where(result["slack"].values > 0.0, 0.0, strain)
+        if statics.exact and strain.max() > STRAINED:
+            link = int(np.argmax(strain.max(axis=0)))
+            yield (
+                f"link {link} changes its length by up to {strain.max():.2g} of it, and more than "
+                f"{STRAINED:g} is outside the linear law of its material: check loads, rigidities "
+                f"and their units"
+            )
+        if not statics.exact and turned.max() > FURTHEST:
             yield (
                 f"the ends of a link move against each other by up to {turned.max():.2g} of its "
                 f"length, and small displacements err by about as much: set exact to true in "

@@ -17,8 +17,9 @@ from multiscale.pipeline.case_tables import (
     MicroSettings,
     SlideSettings,
 )
-from multiscale.pipeline.rough_bodies import TABOR, Body, InstrumentSurface
+from multiscale.pipeline.rough_bodies import Body, InstrumentSurface
 from multiscale.pipeline.toml_model import Settings
+from multiscale.units import readable
 
 __all__ = ["FEWEST_REALISATIONS", "POINTS_PER_WAVE", "Case"]
 
@@ -182,11 +183,11 @@ class Case(Settings):
             shallow := depth_caution(self.cell.depth, max(self.cell.size))
         ):
             found.append(shallow)
-        if self.yield_stress is not None and self.hardness is not None:
+        if self.cell.depth is not None and self.accuracy is not None:
             found.append(
-                f"the hardness of {1e-9 * self.hardness:g} GPa of the softer body became a yield "
-                f"stress of {1e-9 * self.yield_stress:.4g} GPa (H/{TABOR} less what hardening adds "
-                f"under an indenter) of the one body that stands for both, which flows for both"
+                f"depth in [cell] stays {readable(f'{self.cell.depth:.4g} m')} under the cells of "
+                f"all sizes that [accuracy] compares, and their errors mix with those of the "
+                f"depth; leave it out, and it grows with the cells"
             )
         if self.micro.realisations < FEWEST_REALISATIONS:
             found.append(

@@ -1,6 +1,6 @@
 """From the roughness of a road to the braking force of a tread block: cells, law, footprint."""
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from concurrent.futures import Executor
 from dataclasses import replace
 from itertools import product
@@ -28,6 +28,7 @@ from multiscale.upscaling import (
     cell_share,
     fit_law,
     fitted_law,
+    fitted_laws,
     friction_observations,
     law_from_dataset,
     observe,
@@ -87,7 +88,10 @@ def run_tyre(
     result = solve_treads(case, response, law)
     write_dataset(result, out / "macro_result.nc", MACRO_RESULT)
     if not result["converged"].values.any():
-        raise ConvergenceError("the tread block did not converge at any speed and temperature")
+        raise ConvergenceError(
+            f"the tread block did not converge at any speed and temperature:\n"
+            f"{result.attrs['cautions']}"
+        )
     return Results(response, law, result)
 
 
@@ -146,16 +150,23 @@ def _mean_friction(response: "xr.Dataset") -> tuple[np.ndarray, float]:
     return mean, float(np.nanmax(mean))
 
 
-def friction_at(law: "xr.Dataset", temperature: float, sample: int | None = None) -> BellFriction:
-    """Friction law at a temperature, K, from a fitted one; a sample of it if asked for.
+def friction_at(law: "xr.Dataset", temperature: float) -> BellFriction:
+    """Friction law at a temperature, K, from a fitted one.
 
     Raises
     ------
     CaseError
         If the dataset holds no bell, or not what shifts it.
     """
-    bell = fitted_law(law, sample)
-    if not isinstance(bell, BellFriction):
+    return _frictions_at(law, temperature, [None])[0]
+
+
+def _frictions_at(
+    law: "xr.Dataset", temperature: float, samples: Sequence[int | None]
+) -> list[BellFriction]:
+    """Do the same for the mean law (None) and for samples."""
+    bells = fitted_laws(law, samples)
+    if not isinstance(bells[0], BellFriction):
         raise CaseError(
             f"the dataset holds a law of the family {law.attrs.get('family')!r}, expected a bell "
             f"of friction; pass the law of a run of rubber on a road"
@@ -163,7 +174,7 @@ def friction_at(law: "xr.Dataset", temperature: float, sample: int | None = None
     names = ("reference_temperature", "wlf_c1", "wlf_c2")
     require_law(law, *names)
     shift = wlf_shift(temperature, *(float(law.attrs[name]) for name in names))
-    return replace(bell, peak_speed=bell.peak_speed / shift)
+    return [replace(bell, peak_speed=bell.peak_speed / shift) for bell in bells]
 
 
 def solve_treads(case: TyreCase, response: "xr.Dataset", law: "xr.Dataset") -> "xr.Dataset":
@@ -185,15 +196,19 @@ def solve_treads(case: TyreCase, response: "xr.Dataset", law: "xr.Dataset") -> "
         begin = perf_counter()
         normal = _normal_law(response, temperature, speed)
         ranges.append(normal.pressure_range)
-        mean = SteadySliding(normal, friction_at(law, temperature), (speed, 0.0))
+        frictions = _frictions_at(law, temperature, [None, *samples])
+        mean, *drawn = (SteadySliding(normal, one, (speed, 0.0)) for one in frictions)
         found.append(slide_tread(tread, mean, pressure))
         coarser.append(_force(slide_tread(coarse, mean, pressure)))
-        for sample in samples:
-            friction = friction_at(law, temperature, sample)
-            one = slide_tread(tread, SteadySliding(normal, friction, (speed, 0.0)), pressure)
-            sampled[sample, k] = _force(one)
+        sampled[:, k] = [_force(slide_tread(tread, one, pressure)) for one in drawn]
         times.append(perf_counter() - begin)
     good = np.array([one.solution.converged for one in found])
+    failures = [
+        f"no braking force at {speed:.3g} m/s and {temperature - 273.15:.4g} °C: "
+        f"{one.solution.detail}"
+        for (temperature, speed), one in zip(steps, found, strict=True)
+        if not one.solution.converged
+    ]
     force = np.array([_force(one) for one in found])
     load = pressure * tread.block.area
     result = MACRO_RESULT.build(
@@ -212,7 +227,7 @@ def solve_treads(case: TyreCase, response: "xr.Dataset", law: "xr.Dataset") -> "
             "point_area": tread.weight,
         },
         title=case.title,
-        cautions=_missed(law),
+        cautions="\n".join(filter(None, [_missed(law), *failures])),
     )
     pressure_of = np.array(
         [np.where(one.solution.converged, -one.traction[0], np.nan) for one in found]
@@ -282,14 +297,14 @@ def tyre_requirements(case: TyreCase) -> Needs:
         unknowns_per_contact=1,
         kinematics="small slopes and small strain, steady sliding",
         operators={
-            "complex compliance": "of the half-space, for each wave of the road",
-            "tread block": f"{face} unknowns on its face, condensed once",
+            "complex compliance": "stiffness and loss of the rubber, for each wave of the road",
+            "tread block": f"{face} unknowns on its face stand for all of it",
             "friction law": "a bell over speed and temperature, with samples for its bands",
         },
         left_out={
             "time steps": "sliding is steady in the frame of the road",
-            "mesh of the road": "the half-space is known for each wave",
-            "heat": "every temperature of the case is even and given",
+            "mesh of the road": "a half-space of rubber is known in closed form for each wave",
+            "heat": "the temperature is even, and each of the case is given",
         },
         fields=("traction of the footprint",),
         libraries=("matplotlib", "scikit-fem"),

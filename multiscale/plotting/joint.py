@@ -5,6 +5,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from multiscale.errors import CaseError
 from multiscale.io import make_folder
 from multiscale.plotting.budget import plot_error_budget
 from multiscale.plotting.figure import (
@@ -107,7 +108,7 @@ def plot_hysteresis(result: "xr.Dataset", *, ax: "Axes | None" = None) -> "Axes"
 def draw_joint(result: "xr.Dataset", folder: Path) -> list[Path]:
     """Draw the figures of a joint into a folder: zones, pressure, loop if cycled, error budget.
 
-    Zones are drawn where most of the area slips.
+    Zones are drawn at the step at which most of the area slips.
 
     Parameters
     ----------
@@ -115,8 +116,17 @@ def draw_joint(result: "xr.Dataset", folder: Path) -> list[Path]:
         Follows ``MACRO_RESULT``, with the points of joints.
     folder : Path
         Made if needed.
+
+    Raises
+    ------
+    CaseError
+        If no step has an answer.
     """
-    step = int(np.nanargmax(result["slip_fraction"].values))
+    slips = result["slip_fraction"].values
+    if np.isnan(slips).all():
+        why = result.attrs.get("failure") or result.attrs.get("cautions", "")
+        raise CaseError(f"no step has an answer, so that there is no joint to draw: {why}")
+    step = int(np.nanargmax(slips))
     folder, files = make_folder(folder), []
     draw = {
         "contact_zones": lambda ax: plot_joint_plan(result, step=step, ax=ax),

@@ -1,12 +1,15 @@
 """Figures of the laws of the interface and of the joint that carries them."""
 
-from typing import TYPE_CHECKING
+from dataclasses import replace
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from multiscale.plotting.figure import axes_or_current
 from multiscale.upscaling import (
     area_from_dataset,
+    areas_from_dataset,
+    fitted_laws,
     hysteretic_from_dataset,
     law_from_dataset,
     loading_branch,
@@ -40,9 +43,8 @@ def plot_gap_law(response: "xr.Dataset", law: "xr.Dataset", *, ax: "Axes | None"
     for gap in 1e6 * response["mean_gap"].values:
         ax.plot(gap, pressure, ".", color="0.6", markersize=4)
     along = np.geomspace(pressure.min(), pressure.max(), 200)
-    band = [
-        law_from_dataset(law, sample).gap_at(1e6 * along) for sample in range(law.sizes["sample"])
-    ]
+    samples = fitted_laws(law, range(law.sizes["sample"]))
+    band = [sample.gap_at(1e6 * along) for sample in samples]
     if band:
         low, high = 1e6 * np.percentile(band, BAND, axis=0)
         ax.fill_betweenx(along, low, high, color="C0", alpha=0.3, linewidth=0, label="95 % band")
@@ -90,12 +92,10 @@ def plot_unloading(
 
     share = np.linspace(0.0, 1.0, 300)
     corner = float(hysteretic.loading.gap_at(np.array(peak)))
-    samples = range(law.sizes.get("unloading_sample", 0))
-    back = [
-        hysteretic_from_dataset(law, sample).recovery(share * peak, np.array(peak))
-        for sample in samples
-    ]
-    if back:
+    if law.sizes.get("unloading_sample"):
+        names = ("stiffness_ratio", "exponent")
+        drawn: Any = {name: law[f"unloading_{name}_sample"].values[:, None] for name in names}
+        back = replace(hysteretic, **drawn).recovery(share * peak, np.array(peak))
         low, high = 1e6 * (corner + np.percentile(back, BAND, axis=0))
         ax.fill_betweenx(
             1e-6 * share * peak, low, high, color="C1", alpha=0.3, linewidth=0, label="95 % band"
@@ -131,10 +131,8 @@ def plot_area_law(response: "xr.Dataset", law: "xr.Dataset", *, ax: "Axes | None
     for fraction in 100.0 * response["contact_fraction"].values:
         ax.plot(pressure, fraction, ".", color="0.6", markersize=4)
     along = np.linspace(0.0, pressure.max(), 200)
-    band = [
-        area_from_dataset(law, sample).contact_fraction(1e6 * along)
-        for sample in range(law.sizes["sample"])
-    ]
+    samples = areas_from_dataset(law, range(law.sizes["sample"]))
+    band = [sample.contact_fraction(1e6 * along) for sample in samples]
     if band:
         low, high = 100.0 * np.percentile(band, BAND, axis=0)
         ax.fill_between(along, low, high, color="C0", alpha=0.3, linewidth=0, label="95 % band")

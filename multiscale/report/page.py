@@ -115,7 +115,7 @@ def _answer(result: "xr.Dataset") -> list[str]:
         return ["The answer is known at no preload."]
     head, rows = tabulate(result.isel(step=[done[done.size // 2]]))
     row = dict(zip(head, rows[0], strict=True))
-    error = f" with an error of at most {row['error (%)']} % (95 %)" if row["error (%)"] else ""
+    error = f" with a 95 % error bound of {row['error (%)']} %" if row["error (%)"] else ""
     if row["error (%)"] == "unknown":
         error = " with an unknown error"
     unloading = (
@@ -165,7 +165,7 @@ def _law(response: "xr.Dataset", law: "xr.Dataset") -> Section:
             f"{1e-6 * law.attrs['pressure_max']:.4g} MPa, "
             f"{law.attrs['pressures_per_decade']:.2g} pressures a decade. Branches: "
             f"{law.attrs['branches']}.",
-            f"At a pressure that the fit has not seen, it errs by at most "
+            f"At pressures that were left out of the fit it erred by up to "
             f"{100.0 * law.attrs['cross_validated_error']:.2g} % in pressure and "
             f"{100.0 * law.attrs['cross_validated_stiffness_error']:.2g} % in stiffness.",
             f"Admissibility: {law.attrs['admissibility']}.",

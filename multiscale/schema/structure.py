@@ -22,7 +22,7 @@ MACRO_RESULT = Schema(
             ("step",), "Pa m-1", "normal stiffness of the joint for a preload that begins to fall"
         ),
         "unloading_stiffness_sample": Variable(
-            ("sample", "step"), "Pa m-1", "unloading stiffness for each sample of the law"
+            ("unloading_sample", "step"), "Pa m-1", "unloading stiffness for each of its samples"
         ),
         "interface_stiffness": Variable(
             ("step",), "Pa m-1", "normal stiffness of the interface alone"
@@ -34,9 +34,6 @@ MACRO_RESULT = Schema(
         "approach": Variable(("step",), "m", "displacement of the loaded platen"),
         "mean_gap": Variable(("step",), "m", "area mean of the gap of the joint"),
         "contact_fraction": Variable(("step",), "1", "real over nominal contact area"),
-        "contact_fraction_sample": Variable(
-            ("sample", "step"), "1", "contact fraction for each sample of the law"
-        ),
         "real_pressure": Variable(
             ("step",), "Pa", "mean pressure on the real contact area: load over that area"
         ),

@@ -15,7 +15,9 @@ from multiscale.upscaling.observations import (
 )
 from multiscale.upscaling.reading import (
     area_from_dataset,
+    areas_from_dataset,
     fitted_law,
+    fitted_laws,
     law_band,
     law_from_dataset,
     require_law,
@@ -49,6 +51,7 @@ __all__ = [
     "admissibility",
     "area_from_dataset",
     "area_observations",
+    "areas_from_dataset",
     "at_rms_height",
     "cell_share",
     "compare_laws",
@@ -59,6 +62,7 @@ __all__ = [
     "fit_branches",
     "fit_law",
     "fitted_law",
+    "fitted_laws",
     "friction_observations",
     "hysteretic_from_dataset",
     "is_admissible",

@@ -90,19 +90,23 @@ def fit_term(law: "xr.Dataset", p: np.ndarray) -> np.ndarray:
     """Half-widths from the errors at steps that the fit has not seen.
 
     Of the root mean square of these errors, the share that the decay with the spacing leaves is
-    taken, see :func:`~.spline_law.decay_share`; a family with parameters has no decay. At the ends
+    taken, see :func:`~.spline_law.decay_share`, times Student's factor of their number, since few
+    are small by chance; a family with parameters has no decay. At the ends
     of the data, which have a neighbour on one side only, the error of the gap at the step beside
     counts whole. A stiffness counts the error of the step itself as well, and at the ends its
     distance from the slopes of the gap continued, see :func:`_end_error`.
     """
     require_law(law, *FIT_ERRORS, *FIT_ERRORS.values())
+    from scipy.stats import t
+
     rows, errors = [], []
     for name, share in FIT_ERRORS.items():
-        error = NORMAL * np.abs(law[name].to_numpy())
+        error = law[name].to_numpy()
         known = error[np.isfinite(error)]
         rms = np.sqrt(np.mean(known**2)) if known.size else np.nan
-        rows.append(np.full(p.size, float(law[share]) * rms))
-        errors.append(error)
+        factor = t.ppf(0.975, max(known.size, 1))
+        rows.append(np.full(p.size, factor * float(law[share]) * rms))
+        errors.append(NORMAL * np.abs(error))
     rows[0][[0, -1]] = np.fmax(rows[0][[0, -1]], errors[0][[1, -2]])
     rows[2] = np.fmax(rows[2], errors[2])
     gap, one = law["fit_mean_gap"].to_numpy(), law_from_dataset(law)

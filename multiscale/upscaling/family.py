@@ -44,7 +44,8 @@ class Family:
     parameters : mapping of str to Parameter
         What is fitted.
     make : callable
-        The law, from the parameters and what is held, as keywords.
+        The law, from the parameters and what is held, as keywords. A normal law gets the pressures
+        of the data as its ``pressure_range``.
     start : callable
         Estimates of the parameters, SI, inside their ranges, from observations.
     held : callable, optional
@@ -53,9 +54,6 @@ class Family:
     broadcasts : bool, default False
         Whether a parameter may be an array that broadcasts with what the law is asked for, so
         that many samples are fitted at once.
-    takes_range : bool, default False
-        Whether ``make`` takes ``pressure_range``, the pressures of the data, Pa, outside which a
-        normal law extrapolates.
 
     Examples
     --------
@@ -80,7 +78,6 @@ class Family:
         default=lambda observations: {}
     )
     broadcasts: bool = False
-    takes_range: bool = False
 
 
 def _gaps(observations: Observations) -> tuple[np.ndarray, np.ndarray]:
@@ -206,7 +203,6 @@ _FAMILIES = (
         Exponential,
         _start_exponential,
         broadcasts=True,
-        takes_range=True,
     ),
     Family(
         "power",
@@ -219,7 +215,6 @@ _FAMILIES = (
         PowerLaw,
         _start_power,
         broadcasts=True,
-        takes_range=True,
     ),
     Family(
         "error_function",

@@ -1,13 +1,14 @@
 """What laws are fitted to: values of one quantity at known conditions, by realisation."""
 
-from collections.abc import Callable, Mapping
-from dataclasses import dataclass, field
+from collections.abc import Callable, Iterator, Mapping
+from dataclasses import dataclass, field, replace
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from multiscale.errors import CaseError
-from multiscale.schema import MICRO_RESPONSE
+from multiscale.schema import MICRO_RESPONSE, with_cautions
+from multiscale.units import readable
 
 if TYPE_CHECKING:
     import xarray as xr
@@ -24,6 +25,10 @@ __all__ = [
 
 HIGHEST_GAP = 20.0
 """Mean gap over the rms height above which units are wrong, or a single spike is all contact."""
+
+LIGHT, DEEPEST = 0.05, 5.0
+"""Contact fraction up to which pressing leaves the heights as they are, and valleys, over the rms
+height, that no surface but a scratched one has."""
 
 _OWN_ATTRIBUTES = frozenset(
     {"schema", "schema_version", "Conventions", "source", "history", "environment"}
@@ -246,7 +251,7 @@ def _scale(quantity: str, x: tuple[np.ndarray, ...], mean: np.ndarray) -> np.nda
 
 
 def normal_observations(response: "xr.Dataset") -> Observations:
-    """Mean gaps of a response at its rising pressures; what failed is left out.
+    r"""Mean gaps of a response at its rising pressures; what failed is left out.
 
     Parameters
     ----------
@@ -258,8 +263,46 @@ def normal_observations(response: "xr.Dataset") -> Observations:
     CaseError
         If fewer than three pressures are usable, one occurs twice, or the averaged traction
         contradicts the pressure.
+
+    Notes
+    -----
+    Of heights of zero mean and root mean square h that end at g, in a share A of the area, and at
+    -v below, Cantelli's and the inequality of Bhatia and Davis say
+
+    .. math:: g \le h \sqrt{1/A - 1}, \qquad g \ge h^2 / v.    \tag{1}
+
+    Contact flattens a surface, so that h without load serves for the first, and light contact for
+    the second. Mean gaps beyond either are a caution: units differ, for instance.
     """
-    return _observe_response("gap", response, "mean_gap")
+    found = _observe_response("gap", response, "mean_gap")
+    told = with_cautions(response, *_odd_gaps(response, found))
+    return replace(found, attributes=inherited(told))
+
+
+def _odd_gaps(response: "xr.Dataset", found: Observations) -> Iterator[str]:
+    """Say which mean gaps do not fit heights and contact fractions, by (1)."""
+    if "rms_height" not in response.variables:
+        return
+    kept = response.isel(step=found.order)
+    area = kept["contact_fraction"].where(kept["converged"] == 1).mean("realisation").to_numpy()
+    share = found.means()[0][0] / float(response["rms_height"].mean())
+    p = [readable(f"{one:.3g} Pa") for one in found.pressure]
+    most = np.sqrt(1.0 / np.where(area > 0.0, area, np.nan) - 1.0)
+    if np.any(share > most):
+        j = int(np.nanargmax(share / most))
+        yield (
+            f"the mean gap of {share[j]:.3g} rms heights at {p[j]} is larger than {most[j]:.3g}, "
+            f"the most that any surface leaves that touches in {100.0 * area[j]:.3g} % of its "
+            f"area: give gaps and rms heights in m"
+        )
+    light = np.flatnonzero(area <= LIGHT)
+    if light.size and share[light].min() < 1.0 / DEEPEST:
+        j = int(light[np.argmin(share[light])])
+        yield (
+            f"the mean gap of {share[j]:.3g} rms heights at {p[j]} needs valleys deeper than "
+            f"{1.0 / max(share[j], 1e-9):.3g} of them, since little touches: if the surface has "
+            f"none, give gaps and rms heights in m"
+        )
 
 
 def area_observations(response: "xr.Dataset") -> Observations:

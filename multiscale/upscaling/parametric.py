@@ -111,14 +111,17 @@ def _errors(
 ) -> tuple[Values, dict[str, Any]]:
     """Errors of the fit at its data and of fits that lack one point each; the criterion."""
     n, k = mean.size, len(regression.free)
-    found = regression.solve_many(np.tile(mean, (n, 1)), 1.0 - np.eye(n), best)
+    normal = observations.quantity in ("gap", "normal_stiffness")
+    judged = np.arange(1, n - 1) if normal else np.arange(n)
+    kept = 1.0 - np.eye(n)[judged]
+    found = regression.solve_many(np.tile(mean, (judged.size, 1)), kept, best)
     blind = [dict(best) if one is None else one for one in found]
     attributes = {"akaike_criterion": _akaike(regression, best, mean), "n_parameters": k}
-    if observations.quantity in ("gap", "normal_stiffness"):
+    if normal:
         p, law = observations.pressure, regression.law(best)
         gap = mean if observations.quantity == "gap" else integrate_stiffness(p, mean)
-        laws = [regression.law(one) for one in blind[1:-1]]  # a misfit does not decay: share 1
-        values, more = normal_errors(law, laws, np.arange(1, n - 1), p, gap)
+        laws = [regression.law(one) for one in blind]  # a misfit does not decay: share 1
+        values, more = normal_errors(law, laws, judged, p, gap)
         return values, attributes | more
     error = np.array([regression.predict(one)[j] for j, one in enumerate(blind)])
     error = (error - mean) / regression.scale

@@ -15,7 +15,15 @@ from multiscale.upscaling.family import FAMILIES, Family
 if TYPE_CHECKING:
     import xarray as xr
 
-__all__ = ["area_from_dataset", "fitted_law", "law_band", "law_from_dataset", "require_law"]
+__all__ = [
+    "area_from_dataset",
+    "areas_from_dataset",
+    "fitted_law",
+    "fitted_laws",
+    "law_band",
+    "law_from_dataset",
+    "require_law",
+]
 
 
 def law_from_dataset(
@@ -61,13 +69,13 @@ def fitted_law(
     CaseError
         If the family is unknown, or the dataset does not hold what it needs.
     """
-    return _laws(dataset, [sample], family)[0]
+    return fitted_laws(dataset, [sample], family=family)[0]
 
 
-def _laws(
-    dataset: "xr.Dataset", samples: Sequence[int | None], family: Family | None = None
+def fitted_laws(
+    dataset: "xr.Dataset", samples: Sequence[int | None], *, family: Family | None = None
 ) -> list[Any]:
-    """Make several laws of a dataset, which is checked and read once."""
+    """Make several laws of a dataset, which is checked and read once; see :func:`fitted_law`."""
     INTERFACE_LAW.check(dataset)
     name = dataset.attrs.get("family", "convex_decreasing")
     ends = dataset.attrs
@@ -86,13 +94,23 @@ def _laws(
     held = str(dataset.attrs["held"]).split()
     require_law(dataset, *held)
     given: dict[str, Any] = {key: float(dataset[key]) for key in held}
-    if family.takes_range:
-        given["pressure_range"] = data
     columns = [_pick(dataset, key, samples) for key in family.parameters]
-    return [
+    laws = [
         family.make(**dict(zip(family.parameters, map(float, row), strict=True)), **given)
         for row in zip(*columns, strict=True)
     ]
+    return [_within(law, data) if isinstance(law, NormalLaw) else law for law in laws]
+
+
+def _within(law: NormalLaw, data: tuple[float, float]) -> NormalLaw:
+    """Tell a law the pressures of its data, Pa."""
+    try:
+        return replace(law, pressure_range=data)  # type: ignore[type-var]
+    except TypeError:
+        raise CaseError(
+            f"{type(law).__name__} has no place for the pressures of its data: make it a dataclass "
+            f"with the fields gap and pressure_range, as NormalLaw says"
+        ) from None
 
 
 def area_from_dataset(dataset: "xr.Dataset", sample: int | None = None) -> AreaLaw:
@@ -103,10 +121,15 @@ def area_from_dataset(dataset: "xr.Dataset", sample: int | None = None) -> AreaL
     CaseError
         If the dataset holds none, or not this sample.
     """
+    return areas_from_dataset(dataset, [sample])[0]
+
+
+def areas_from_dataset(dataset: "xr.Dataset", samples: Sequence[int | None]) -> list[AreaLaw]:
+    """Make several area laws of a dataset, which is checked and read once."""
     INTERFACE_LAW.check(dataset)
     require_law(dataset, "area_pressure", "area_fraction")
-    (fraction,) = _pick(dataset, "area_fraction", [sample])
-    return AreaLaw(dataset["area_pressure"].to_numpy(), fraction)
+    p = dataset["area_pressure"].to_numpy()
+    return [AreaLaw(p, one) for one in _pick(dataset, "area_fraction", samples)]
 
 
 def law_band(
@@ -156,7 +179,7 @@ def law_band(
             f"{n_samples} samples are too few for a band of {100 * confidence:g} %; fit the law "
             f"with n_samples = {needed} or more"
         )
-    laws = _laws(dataset, [None, *range(n_samples)], family)
+    laws = fitted_laws(dataset, [None, *range(n_samples)], family=family)
     centre, *answers = (evaluate(law) for law in laws)
     tail = 50.0 * (1.0 - confidence)
     ends = np.percentile(np.array(answers), [tail, 100.0 - tail], axis=0)

@@ -92,7 +92,7 @@ def fit_each(observations: Observations, gap: np.ndarray) -> list[ConvexDecreasi
     _check_falls(p, mean)
     knot, level = place_knots(p, mean, N_TERMS, float(gap.max()))
     found = fit_spline(p, gap, 1.0 * observations.counted, knot, level, ridge=RIDGE)
-    return [ConvexDecreasing(knot, coefficient) for coefficient in found]
+    return [ConvexDecreasing(knot, one, pressure_range=(p[0], p[-1])) for one in found]
 
 
 def left_out(n: int) -> tuple[np.ndarray, np.ndarray]:
@@ -129,7 +129,10 @@ def decay_share(
     With the root mean squares :math:`e_2, e_4` of their errors, noise apart, the share is
     :math:`e_2 / e_4`, the decay over another halving, but at most 1. A hole of four spacings may
     be a decade, where errors do not decay by their order yet: orders above 2 of a value, 1 of its
-    derivative, are not believed. Below five points no decay is seen, and the share is 1.
+    derivative, are not believed. Below five points no decay is seen, and the share is 1: of mean
+    gaps of four flat cells at four pressures over 0.9 to 1.9 decades, against 33 pressures of the
+    same cells, the root mean square error over :math:`e_2` was 0.24 to 0.36 in the median, but
+    1.7 to 4.5 in one case of twenty, as two errors are small by chance.
     """
     known = np.isfinite(error)
     square = np.where(known, error**2 - noise, 0.0)

@@ -16,11 +16,11 @@ from multiscale.upscaling.budget import (
     how_attribute,
 )
 from multiscale.upscaling.budget_terms import separation_term
-from multiscale.upscaling.fit import fit_law
 from multiscale.upscaling.observations import observe
-from multiscale.upscaling.reading import law_from_dataset, require_law
+from multiscale.upscaling.reading import fitted_laws, law_from_dataset, require_law
 from multiscale.upscaling.resolution import estimate_grid_error
 from multiscale.upscaling.scales import ScaleSeparation
+from multiscale.upscaling.spline_law import fit_each
 
 if TYPE_CHECKING:
     import xarray as xr
@@ -99,7 +99,7 @@ def structure_budget(
     if not isinstance(samples, np.ndarray):
         n = min(samples, int(law.sizes.get("sample", 0)))
         n = n if n >= FEWEST_SAMPLES else 0
-        samples = np.array([solved(law_from_dataset(law, k)) for k in range(n)])
+        samples = np.array([solved(one) for one in fitted_laws(law, range(n))])
     if len(samples):
         rows = np.reshape(samples, (len(samples), *value.shape))
         low, high = np.nanpercentile(rows, [2.5, 97.5], axis=0)
@@ -206,7 +206,7 @@ def _unbiased(law: "xr.Dataset", bias: np.ndarray) -> NormalLaw:
     """Return the law through the gaps of the data less their bias, which is relative."""
     gap = law["fit_mean_gap"].to_numpy() * (1.0 - bias)
     data = observe("gap", law["fit_pressure"].to_numpy(), gap)
-    return law_from_dataset(fit_law(data, n_samples=0))
+    return fit_each(data, data.values)[0]
 
 
 def with_scales(law: "xr.Dataset", scales: ScaleSeparation) -> "xr.Dataset":

@@ -168,11 +168,12 @@ def change(place, name, factor):
     return wrong
 
 
-MILD = {
+SCENES = {
     "structure": {"bar_over_cable": 1.0, "prestress": 1.0, "load_factor": 4.0},
     "motion": {"bar_over_cable": 1.0, "prestress": 1.0, "step": 1e-3},
     "cut_structure": {"bar_over_cable": 1.0, "load_factor": 4.0, "parts": 2},
     "joint": {"law_over_block": 1.0, "friction": 0.2, "parts": 1},
+    "stiff joint": {"law_over_block": 1e12, "friction": 1.5, "parts": 1},
     "friction": {"mass_ratio": 1.0, "coefficient": 0.3, "boxes": 2},
     "wedge": {"coefficient": 0.3},
     "complementarity": {"contrast": 1.0, "points": 8},
@@ -182,7 +183,7 @@ MILD = {
 
 
 @pytest.mark.parametrize(
-    ("family", "solver", "name", "factor"),
+    ("scene", "solver", "name", "factor"),
     [
         ("structure", "bench.structures.solve_grid", "tension", 1.01),
         ("structure", "bench.structures.solve_grid", "displacement", 1.01),
@@ -193,6 +194,10 @@ MILD = {
         ("cut_structure", "macro.solve_latin", "tension", 1.01),
         ("joint", "macro.substructures.load_joint", "traction", -7.0),
         ("joint", "macro.substructures.load_joint", "traction", 1.0001),
+        ("joint", "macro.substructures.load_joint", "jump", 1.0001),
+        ("stiff joint", "macro.substructures.load_joint", "traction", -7.0),
+        ("stiff joint", "macro.substructures.load_joint", "traction", 1.00001),
+        ("stiff joint", "macro.substructures.load_joint", "jump", 1.00001),
         ("friction", "nonsmooth.solve_friction", "value", 1.01),
         ("wedge", "nonsmooth.solve_friction", "value", 1.01),
         ("complementarity", "nonsmooth.solve_lcp", "value", 1.01),
@@ -203,10 +208,11 @@ MILD = {
         ("voids", "micro.damage.effective_stiffness", "value", 1.001),
     ],
 )
-def test_a_wrong_answer_of_any_step_fails(monkeypatch, family, solver, name, factor):
+def test_a_wrong_answer_of_any_step_fails(monkeypatch, scene, solver, name, factor):
+    family = scene.split()[-1]
     monkeypatch.setattr(f"multiscale.{solver}", change(f"multiscale.{solver}", name, factor))
     tolerance = next(one.tolerance for one in read_cases() if one.family == family)
-    found = stability._run(case(family, tolerance, **MILD[family]))
+    found = stability._run(case(family, tolerance, **SCENES[scene]))
     assert stability.OUTCOMES[found.outcome] == "failed"
 
 

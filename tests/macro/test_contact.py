@@ -6,7 +6,7 @@ from skfem import MeshHex, MeshQuad, MeshTet, MeshTri, MeshTri2
 
 from multiscale.convergence import Status
 from multiscale.errors import CaseError, ConvergenceError
-from multiscale.laws.bulk import J2, Elastic, NeoHookean
+from multiscale.laws.bulk import J2, Elastic, NeoHookean, Prony
 from multiscale.macro import (
     Body,
     Contact,
@@ -166,6 +166,18 @@ def test_supports_carry_what_the_contact_passes():
     np.testing.assert_allclose(step.support_force["base"].sum(axis=1), -force, rtol=1e-8)
     np.testing.assert_allclose(step.support_force["die"].sum(axis=1), force, rtol=1e-8)
     assert force[2] < 0.0 < force[0]
+
+
+@pytest.mark.parametrize(
+    "law", [Prony(1e9, 0.3, (0.6,), (1.0,), time_step=0.5), J2(1e9, 0.3, 5e6, 1e7)], ids=type
+)
+def test_supports_of_bodies_with_memory_carry_the_contact_at_the_end_of_the_step(law):
+    mesh = block(MeshHex, (2, 2, 2), (0.0,) * 3, (1.0,) * 3)
+    body = Body(mesh, law, {"top": (0.0, 0.0, -0.1)})
+    contact = Contact(("block", "bottom"), Plane((0.0, 0.0, 0.0), (0.0, 0.0, 1.0)))
+    for step in solve_contact(ContactProblem({"block": body}, {"floor": contact}), (0.5, 1.0)):
+        carried = step.unwrap().support_force["block"].sum(axis=1)
+        np.testing.assert_allclose(carried[2], step.contact["floor"].force[2], rtol=1e-7)
 
 
 @pytest.mark.parametrize("finite_sliding", [False, True])

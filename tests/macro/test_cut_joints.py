@@ -13,8 +13,11 @@ from multiscale.laws.bulk import Elastic
 from multiscale.macro import Body, solve_interface
 from multiscale.macro.substructures import (
     Joint,
+    JointLoading,
     assemble,
     cut_bodies,
+    load_joint,
+    rough,
     solve_latin,
     solve_schur,
     split_boxes,
@@ -219,6 +222,21 @@ def whole_blocks(problem, law, steps=1):
         state = law.respond((whole.jump @ u).reshape(3, -1), before).state
         found.append(np.append(u, 0.0)[problem.number])
     return np.array(found)
+
+
+def test_a_piece_of_a_cut_joint_that_opens_jumps_as_far_as_its_bodies_are_apart():
+    """One corner, a piece of its own, opens and closes again under friction of 1.5."""
+    size, materials = (0.02, 0.02, 0.02), [Elastic(210e9, 0.3)] * 2
+    law = Sliders(law_of_stiffness(1e6).normal, 1.5, pressures=(2e6, 2e8))
+    blocks = rough.stacked_blocks(size, (2, 2, 2), materials, [law])
+    loading = JointLoading((20e6,), shear=6e6, cycles=1, steps=2)
+    result, problem = load_joint(blocks, loading, parts=(2, 2)), blocks.cut((2, 2))
+    pressure = -result.traction.values[..., 0]
+    assert np.any(pressure.min(axis=0) < 1e-9 * 20e6)
+    free, u = problem.number >= 0, np.empty((result.sizes["step"], problem.n))
+    u[:, problem.number[free]] = result.displacement.values[:, free]
+    apart = (assemble(problem).jump @ u.T).T.reshape(len(u), 3, -1).swapaxes(1, 2)
+    np.testing.assert_allclose(result.jump, apart, atol=1e-8 * 20e6 * 0.02 / 210e9)
 
 
 @pytest.mark.parametrize("parts", [1, 2])

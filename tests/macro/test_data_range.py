@@ -3,10 +3,12 @@
 import numpy as np
 import pytest
 
-from multiscale.laws import Exponential, HystereticLaw, PowerLaw
+from multiscale.errors import CaseError
+from multiscale.laws import Exponential, HystereticLaw, NormalLaw, PowerLaw
 from multiscale.macro import Block, RoughJoint, press_joint, rough_joint
-from multiscale.macro.data_range import load_shares
-from multiscale.upscaling import fit_law, law_from_dataset, observe
+from multiscale.macro.data_range import load_shares, with_load_shares
+from multiscale.schema import MACRO_RESULT
+from multiscale.upscaling import Family, Parameter, fit_law, law_from_dataset, observe
 
 BLOCK = Block(0.02, 210e9, 0.3, layers=1)
 LAW = Exponential(4e9, 0.7e-6, pressure_range=(2e6, 30e6))
@@ -48,6 +50,7 @@ def test_an_even_preload_is_known_up_to_a_factor_of_two_outside_the_data(press, 
     sampled = np.isfinite(result["joint_stiffness_sample"][0])
     np.testing.assert_array_equal(sampled, result["known"] == 1)
     assert "at 3 of 7 steps, first at step 0 with the preload 900 kPa" in result.attrs["cautions"]
+    assert np.isfinite(result["solid_stiffness"]).all()  # no law enters it
     kept = press(joint(), law, PRELOADS, extrapolate=True)
     assert float(kept["mean_gap"][-1]) < 0.0  # what the law extrapolates at 5 GPa
     np.testing.assert_array_equal(kept["known"], result["known"])
@@ -68,3 +71,51 @@ def test_a_fitted_law_of_any_family_knows_its_data(family):
     law = PowerLaw(1e9, 2e-6, 2.0)
     fitted = fit_law(observe("gap", p, law.gap_at(p)), family=family, n_samples=0)
     assert law_from_dataset(fitted).pressure_range == pytest.approx((1e6, 50e6))
+
+
+def own_family(law):
+    return Family(
+        "own",
+        ("gap",),
+        {"pressure_scale": Parameter("Pa")},
+        make=lambda pressure_scale: law(pressure_scale, 0.5e-6),
+        start=lambda seen: {"pressure_scale": float(seen.pressure.max())},
+    )
+
+
+def test_a_fitted_law_of_a_family_of_ones_own_knows_its_data():
+    p = np.geomspace(1e6, 50e6, 8)
+    seen, family = observe("gap", p, Exponential(2e9, 0.5e-6).gap_at(p)), own_family(Exponential)
+    law = law_from_dataset(fit_law(seen, family=family, n_samples=0), gap=1e-6, family=family)
+    assert law.pressure_range == pytest.approx((1e6, 50e6))
+    assert law.pressure_scale == pytest.approx(2e9)
+    known = press_joint(joint(), law, np.array([10e6, 5e9]))["known"]
+    np.testing.assert_array_equal(known, [1, 0])
+
+
+def test_a_law_without_a_place_for_its_data_is_refused():
+    class Placeless(NormalLaw):
+        def __init__(self, scale, length):
+            self.law = Exponential(scale, length)
+
+        def pressure(self, gap):
+            return self.law.pressure(gap)
+
+        def stiffness(self, gap):
+            return self.law.stiffness(gap)
+
+        def gap_at(self, pressure):
+            return self.law.gap_at(pressure)
+
+    p = np.geomspace(1e6, 50e6, 8)
+    seen = observe("gap", p, Exponential(2e9, 0.5e-6).gap_at(p))
+    with pytest.raises(CaseError, match="Placeless has no place for the pressures of its data"):
+        fit_law(seen, family=own_family(Placeless), n_samples=0)
+
+
+def test_a_failed_step_is_not_known():
+    values = {"converged": np.array([1, 0]), "residual": np.zeros(2), "wall_time": np.zeros(2)}
+    shares = np.array([[0.0, np.nan]] * 3)[..., None]
+    preload = {"preload": np.array([1e6, 2e6])}
+    result = with_load_shares(MACRO_RESULT.build(values | preload), shares, np.array([[1e6, 1e8]]))
+    np.testing.assert_array_equal(result["known"], [1, 0])

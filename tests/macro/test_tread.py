@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from multiscale.errors import CaseError
+from multiscale.errors import CaseError, ConvergenceError
 from multiscale.laws import BellFriction, Coulomb, Exponential, SteadySliding
 from multiscale.macro.joint import TreadBlock, condense_tread, slide_tread
 
@@ -58,6 +58,24 @@ def test_friction_moves_the_pressure_to_the_edge_that_leads_and_turns_with_the_m
 
     assert centre(1.0) > 0.01 * SIZE[0]
     assert centre(-1.0) == pytest.approx(-centre(1.0), rel=1e-6)
+
+
+@pytest.mark.parametrize("mu", [0.8, 1.0, 1.2, 1.4])
+def test_friction_that_moves_the_pressure_far_still_has_its_steady_state(tread, mu):
+    """The energy along a step is that of a law with potential, which friction has not."""
+    found = slide_tread(tread, SteadySliding(ROAD, Coulomb(mu), (1.0, 0.0)), PRESSURE)
+    assert found.solution.converged
+    assert found.load == pytest.approx(PRESSURE * tread.block.area, rel=1e-7)
+    assert found.braking_force == pytest.approx(mu * found.load, rel=1e-7)
+
+
+@pytest.mark.filterwarnings("error")
+def test_friction_that_tips_the_block_says_how_far_it_would_shear_it(tread):
+    found = slide_tread(tread, SteadySliding(ROAD, Coulomb(3.0), (1.0, 0.0)), PRESSURE)
+    strain = 3.0 * PRESSURE / (MODULUS / (2.0 * 1.49))
+    told = rf"coefficient of 3 at 3e\+05 Pa would shear the block by {strain:.2g} of its height"
+    with pytest.raises(ConvergenceError, match=told):
+        found.solution.unwrap()
 
 
 def test_a_coefficient_that_falls_with_the_pressure_brakes_less_where_the_pressure_is_uneven(tread):

@@ -14,9 +14,10 @@ from multiscale.io import open_dataset, open_law, save_law, write_dataset
 from multiscale.macro import solve_static, tensegrity_grid
 from multiscale.pipeline import load_scene, run_scene
 from multiscale.schema import HOMOGENISED, MACRO_RESULT, RVE_STIFFNESS
-from multiscale.upscaling import law_from_dataset
+from multiscale.upscaling import error_budget, fit_law, law_from_dataset, with_budget
 from tests.closed_forms.joint import series
 from tests.support import write_law
+from tests.upscaling.responses import response_of
 
 SCENES = Path(__file__).parents[2] / "workflows" / "scenes"
 GRID = (SCENES / "tensegrity_substructures.toml").read_text(encoding="utf-8")
@@ -197,6 +198,16 @@ def test_load_beyond_the_law_is_told_on_the_command_line(tmp_path, highest, more
     assert said in f"{done.output}{done.exception}"
 
 
+@pytest.mark.parametrize("quick", [True, False])
+def test_the_shipped_lap_joint_is_known_with_the_shipped_law(run_folder, tmp_path, quick):
+    scene = load_scene(SCENES / "lap_joint.toml")
+    pressed = scene.loading.model_copy(update={"cycles": 0, "shear": None})
+    scene = scene.model_copy(update={"loading": pressed})
+    law = run_folder / "interface_law.nc"
+    result = run_scene(scene.quick() if quick else scene, tmp_path / "lap.nc", law=law)
+    assert result["known"].values.tolist() == [1, 1, 1]
+
+
 def test_a_scene_tells_its_real_pressure_and_the_size_of_its_cells(blocks, tmp_path):
     law = open_law(tmp_path / "law.nc")
     law = law.assign_attrs(cell_size=1e-3, behaviour="The answer is elastic.")
@@ -223,6 +234,24 @@ def test_blocks_that_slide_away_keep_their_steps_and_exit_with_capacity_and_load
     assert "the steps end before step 3: no equilibrium" in result.attrs["failure"]
     expected = expected_stiffness(tmp_path / "law.nc", [5e6, 20e6])
     np.testing.assert_allclose(result.joint_stiffness[:2], expected, rtol=1e-6)
+
+
+def test_steps_before_one_that_slides_away_keep_their_errors_in_the_print(tmp_path):
+    p = np.geomspace(1e6, 2e8, 9)
+    response = response_of(
+        np.array([[0.98], [1.0], [1.03]]) * 0.2e-6 * np.log(2e9 / p), p, contact_modulus=115e9
+    )
+    law = fit_law(response, n_samples=0)
+    save_law(with_budget(law, error_budget(response, law)), tmp_path / "law.nc")
+    printed = []
+    for shear in ("1 MPa", "4.4 MPa"):
+        scene = write(tmp_path, BLOCKS + f'shear = "{shear}"\ncycles = 1\nsteps = 2\n')
+        arguments = ["macro", str(scene), "-o", str(tmp_path / "blocks.nc")]
+        done = CliRunner().invoke(app, arguments)
+        printed.append(done.stdout.splitlines()[:4])
+    assert done.exit_code == 1
+    assert "±" in printed[0][2]
+    assert printed[0] == printed[1]  # the preloads have not slid
 
 
 def test_laws_of_other_units_or_kinds_are_refused(blocks, tmp_path):

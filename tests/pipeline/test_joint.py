@@ -6,19 +6,25 @@ import pytest
 from multiscale.errors import CaseError
 from multiscale.io import open_law
 from multiscale.laws import Exponential
+from multiscale.macro import Block, RoughJoint, press_joint
 from multiscale.pipeline import load_case
 from multiscale.pipeline.joint import solve_joint
 from multiscale.pipeline.rough_structure import Answer, checked
 from multiscale.report import list_facts, tabulate
+from multiscale.schema import INTERFACE_LAW
+from multiscale.upscaling import hysteretic_from_dataset
 
 PRELOADS = (5e6, 40e6, 400e6, 600e6)  # of cells up to 240 MPa
 
 
-def solve(run_folder, **law):
+def case_of(run_folder, **law):
     case = load_case(run_folder / "case.toml")
     joint = case.joint.model_copy(update={"preloads": PRELOADS})
-    case = case.model_copy(update={"joint": joint, "law": case.law.model_copy(update=law)})
-    return solve_joint(case, open_law(run_folder / "interface_law.nc"))
+    return case.model_copy(update={"joint": joint, "law": case.law.model_copy(update=law)})
+
+
+def solve(run_folder, **law):
+    return solve_joint(case_of(run_folder, **law), open_law(run_folder / "interface_law.nc"))
 
 
 @pytest.fixture(scope="module")
@@ -75,6 +81,24 @@ def test_what_is_extrapolated_on_demand_has_no_error(run_folder, result):
     assert np.isnan(told["error_total"].values[:, -1]).all()
     _, rows = tabulate(told)
     assert rows[-1][3] == "unknown"
+
+
+@pytest.mark.parametrize("extrapolate", [False, True])
+def test_a_preload_that_begins_to_fall_meets_the_unloading_branch(run_folder, extrapolate):
+    law = open_law(run_folder / "interface_law.nc")
+    spread = np.linspace(0.9, 1.1, law.sizes["sample"] - 3)  # some fits did not settle
+    values = {"unloading_stiffness_ratio": 1.4, "unloading_exponent": 2.0}
+    values |= {f"{name}_sample": one * spread for name, one in values.items()}
+    law = INTERFACE_LAW.assign(law, values)
+    case = case_of(run_folder, extrapolate=extrapolate)
+    result = solve_joint(case, law)
+    block = Block(case.joint.height, case.bodies[0].youngs_modulus, case.bodies[0].poissons_ratio)
+    joint = RoughJoint((case.joint.width, case.joint.width), block, block)
+    mean, *samples = (hysteretic_from_dataset(law, k) for k in (None, *range(spread.size)))
+    pressed = press_joint(joint, mean, PRELOADS, samples=samples, extrapolate=extrapolate)
+    assert np.isfinite(pressed["unloading_stiffness_sample"][:, :3]).all()
+    for name in ("unloading_stiffness", "unloading_stiffness_sample"):
+        np.testing.assert_allclose(result[name], pressed[name], rtol=1e-12)
 
 
 def test_a_structure_solved_in_three_ways_is_refused_outside_its_cells():

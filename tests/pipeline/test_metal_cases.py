@@ -37,8 +37,7 @@ def test_the_softer_body_yields_where_its_hardness_says_and_the_case_says_so(tmp
     stress, _ = cell.bulk.flow_stress(np.array(0.08))
     assert 2.8 * stress == pytest.approx(1.4e9)
     assert cell.hardness is None
-    (caution,) = case.cautions()
-    assert "hardness of 1.4 GPa of the softer body became a yield stress of 0.42 GPa" in caution
+    assert case.cautions() == []  # the response tells the yield stress
 
 
 def test_a_flat_case_with_a_hardness_still_caps_its_pressure(tmp_path):

@@ -55,6 +55,23 @@ def test_a_conforming_case_with_a_hardness_carries_plastic_state():
     assert "tangent" in needs
 
 
+def test_a_target_says_that_what_is_told_is_of_the_cells_at_the_start(tmp_path):
+    plain = requirements(load_case("ground_steel"))
+    aimed = requirements(case_with(tmp_path, ("[joint]", '[accuracy]\ntarget = "5 %"\n[joint]')))
+    assert plain.operators["cells"] == "12 of 128 x 128 points, each under 8 pressures"
+    added = set(aimed.operators) - set(plain.operators)
+    assert added == {"planner"}
+    assert "starts from these cells, whose memory this is" in aimed.operators["planner"]
+
+
+def test_a_given_depth_under_cells_of_several_sizes_is_a_caution(tmp_path):
+    target = ("[joint]", '[accuracy]\ntarget = "5 %"\n[joint]')
+    depth = ("[cell]", '[cell]\ndepth = "0.8 mm"')
+    (caution,) = case_with(tmp_path, target, depth).cautions()
+    assert "depth in [cell] stays 800 µm under the cells of all sizes" in caution
+    assert case_with(tmp_path, target).cautions() == case_with(tmp_path, depth).cautions() == []
+
+
 def test_explaining_a_case_prints_its_needs_and_runs_nothing(tmp_path):
     out = tmp_path / "out"
     result = CliRunner().invoke(app, ["run", "ground_steel", "-o", str(out), "--explain"])

@@ -303,3 +303,15 @@ def test_the_command_prints_slack_and_tension(tmp_path):
     assert float(last[2]) == pytest.approx(
         1e-3 * float(result["tension"].sel(step=4).max()), rel=1e-3
     )
+
+
+@pytest.mark.parametrize(("rigidity", "strain"), [("500 N", 80 / 500), ("1 kN", 0.0)])
+def test_links_strained_beyond_their_linear_law_are_a_caution_with_the_worst(
+    hanging, rigidity, strain
+):
+    """The upper link bears both weights: its strain is their sum over the rigidity."""
+    pairs = (('"100 kN"', f'"{rigidity}"'), ("[statics]\n", "[statics]\nexact = true\n"))
+    result = run_scene(load_scene(write(hanging, HANGING, *pairs)), hanging / "out.nc")
+    said = f"link 0 changes its length by up to {strain:.2g} of it" if strain else ""
+    assert result.attrs.get("cautions", "").startswith(said)
+    assert bool(result.attrs.get("cautions")) == bool(strain)

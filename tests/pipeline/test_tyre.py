@@ -263,6 +263,19 @@ def test_a_tread_far_beyond_the_pressures_of_its_roads_has_no_force(finished):
     assert np.isnan(kept["error_total"]).all()
 
 
+def test_a_tread_that_its_friction_tips_says_so_at_each_speed_and_temperature(finished):
+    case, _, results = finished
+    law = results.interface_law
+    names = ("peak_coefficient", "peak_coefficient_sample")
+    rough = law.assign({name: 100.0 * law[name] for name in names})
+    result = solve_treads(case, results.micro_response, rough)
+    failed = np.sum(result["converged"].values == 0)
+    assert failed > 0
+    told = [one for one in result.attrs["cautions"].splitlines() if "no braking force at" in one]
+    assert len(told) == failed
+    assert all("would shear the block by" in one for one in told)
+
+
 def test_smaller_elements_change_the_force_by_less_than_their_term(finished):
     case, _, results = finished
     finer = case.model_copy(update={"tread": case.tread.model_copy(update={"elements": (8, 6, 2)})})

@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 from matplotlib.figure import Figure
 
+from multiscale.errors import CaseError
 from multiscale.laws import Exponential, Sliders
 from multiscale.laws.bulk import Elastic
 from multiscale.macro.substructures import JointLoading, load_joint, stacked_blocks
@@ -52,3 +53,10 @@ def test_all_figures_of_a_joint_are_written(result, tmp_path):
     files = draw_joint(result, tmp_path / "figures")
     assert [file.stem for file in files] == ["contact_zones", "pressure", "hysteresis"]
     assert all(file.read_bytes().startswith(b"\x89PNG") for file in files)
+
+
+def test_a_joint_that_slid_away_at_once_is_refused_with_the_reason(result, tmp_path):
+    failed = result.assign(slip_fraction=result["slip_fraction"] * np.nan)
+    with pytest.raises(CaseError, match=r"no step has an answer, .* to draw: it slides away"):
+        draw_joint(failed.assign_attrs(failure="it slides away"), tmp_path / "figures")
+    assert not (tmp_path / "figures").exists()

@@ -49,6 +49,31 @@ def test_a_gap_that_no_roughness_keeps_open_is_a_caution_where_heights_are_not_k
     assert re.match(r"the largest mean gap of 2\.\d+ m is larger than roughness keeps", caution)
 
 
+@pytest.mark.parametrize(
+    ("factor", "said"),
+    [
+        (1.0, ""),
+        (9.0, "is larger than 2.58, the most that any surface leaves that touches in 13 %"),
+        (0.1, "needs valleys deeper than 6.99 of them, since little touches"),
+    ],
+)
+def test_a_slip_of_units_by_ten_is_a_caution(factor, said):
+    """With .13 of them in contact heights leave at most sqrt(1/.13 - 1) = 2.6 times their rms."""
+    caution = fit_law(with_heights(factor), n_samples=0).attrs["cautions"]
+    assert said in caution
+    assert bool(caution) == bool(said)
+
+
+def test_no_surface_that_is_flat_but_for_its_peaks_leaves_more_than_the_bound():
+    """Heights of two values, the peaks in contact, are the worst case of the bound."""
+    area = PRESSURE[None] / 5e8
+    worst = 1e-6 * np.sqrt(1.0 / area - 1.0)
+    heights = {"rms_height": np.full(1, 1e-6)}
+    for factor, cautions in ((0.999, 0), (1.001, 1)):
+        data = MICRO_RESPONSE.assign(response_of(factor * worst, area=area), heights)
+        assert len(fit_law(data, n_samples=0).attrs["cautions"].splitlines()) == cautions
+
+
 def test_a_law_says_its_pressures_per_decade_and_which_branches_are_measured():
     law = fit_law(response_of(GAPS), n_samples=0)
     assert law.attrs["pressures_per_decade"] == pytest.approx(7 / np.log10(20.0))

@@ -7,7 +7,14 @@ from multiscale.errors import CaseError, SchemaError
 from multiscale.io import open_law, save_law
 from multiscale.laws import Exponential
 from multiscale.schema import INTERFACE_LAW
-from multiscale.upscaling import area_from_dataset, fit_law, is_admissible, law_from_dataset
+from multiscale.upscaling import (
+    area_from_dataset,
+    areas_from_dataset,
+    fit_law,
+    fitted_laws,
+    is_admissible,
+    law_from_dataset,
+)
 from tests.upscaling.responses import PRESSURE, exponential_gaps, response_of
 
 
@@ -34,10 +41,13 @@ def test_the_result_follows_its_schema_and_tells_where_it_comes_from():
 
 def test_every_sample_is_an_admissible_law():
     law = fit_law(response_of(exponential_gaps(6, spread=0.1)), n_samples=30)
-    for sample in range(30):
-        one = law_from_dataset(law, sample)
+    areas = areas_from_dataset(law, range(30))
+    for sample, one in enumerate(fitted_laws(law, range(30))):
         assert is_admissible(one, one.pressure_range)
-        area_from_dataset(law, sample)
+        same = law_from_dataset(law, sample)
+        np.testing.assert_array_equal(one.pressure(1e-6), same.pressure(1e-6))
+        fraction = area_from_dataset(law, sample).contact_fraction(PRESSURE)
+        np.testing.assert_array_equal(areas[sample].contact_fraction(PRESSURE), fraction)
 
 
 def test_a_law_that_pulls_or_bends_the_wrong_way_is_not_admissible():

@@ -52,6 +52,7 @@ class Hardening(NormalLaw):
     limit: float  # K, Pa/m
     length: float
     gap: float = 0.0
+    pressure_range: tuple[float, float] = (0.0, np.inf)
 
     def pressure(self, gap):
         return self.limit * self.length * np.logaddexp(0.0, -np.asarray(gap) / self.length)

@@ -95,21 +95,22 @@ class Condensed:
 
         force = load + self.joined.operator.T @ r.ravel()
         u = self._displacement(force, motion)
-        if status is Status.CONVERGED and not self._balanced(u, force, tolerance):
+        unbalance = self.stiffness @ u - force
+        if status is Status.CONVERGED and not self._balanced(u, force, unbalance, tolerance):
             status = Status.STALLED
         jump = self._jump(before, u, time)
-        end = Equilibrium(time, u, r, before.state, before.couplings, jump)
+        end = Equilibrium(time, u, r, before.state, before.couplings, jump, unbalance)
         return Solution(u, status, tuple(residuals)), end
 
-    def _balanced(self, u: np.ndarray, force: np.ndarray, tolerance: float) -> bool:
+    def _balanced(
+        self, u: np.ndarray, force: np.ndarray, unbalance: np.ndarray, tolerance: float
+    ) -> bool:
         """Whether the displacement is in equilibrium, to the tolerance or to round-off."""
         free = np.ones(u.size, dtype=bool)
         free[self.fixed] = False
-        unbalance = float(norm((self.stiffness @ u - force)[free]))
-        reaction = float(norm((self.stiffness @ u - force)[~free]))
         terms = float(norm((abs(self.stiffness) @ np.abs(u))[free]))
-        scale = max(float(norm(force)), reaction)
-        return unbalance <= max(tolerance * scale, ROUND_OFF * terms)
+        scale = max(float(norm(force)), float(norm(unbalance[~free])))
+        return float(norm(unbalance[free])) <= max(tolerance * scale, ROUND_OFF * terms)
 
     def _displacement(self, force: np.ndarray, motion: np.ndarray) -> np.ndarray:
         """Displacement under given forces and supports, m."""

@@ -296,11 +296,9 @@ def _report(system: System, solution: Solution, end: Equilibrium) -> ContactStep
             place, coupling.frame, traction, jump[:, 0], coupling.area, jump[:, 1:].T
         )
     names = list(system.problem.bodies)
-    force = system.internal(u, end.state)[0] if solution.converged else np.full_like(u, np.nan)
-    joined = system.join(end.couplings, end.couplings)
     fixed = system.fixed(end.time)[0]
     support = np.zeros_like(u)
-    support[fixed] = (force - joined.operator.T @ r.ravel() - system.load(end.time))[fixed]
+    support[fixed] = end.unbalance[fixed] if solution.converged else np.nan
     parts = [system.unknowns(k) for k in range(len(names))]
     return ContactStep(
         end.time,

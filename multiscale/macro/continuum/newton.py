@@ -65,6 +65,8 @@ class Equilibrium:
         Of the interfaces.
     jump : ndarray, shape (contact nodes, c)
         Gap and slip of the step, m.
+    unbalance : ndarray, shape (unknowns,)
+        Internal less external and contact forces, N: what the supports carry.
     """
 
     time: float
@@ -73,6 +75,7 @@ class Equilibrium:
     state: tuple[np.ndarray, ...]
     couplings: tuple[Coupling, ...]
     jump: np.ndarray
+    unbalance: np.ndarray
 
 
 @dataclass(frozen=True)
@@ -80,9 +83,9 @@ class _Trial:
     """A state, its residual and what the next Newton step needs."""
 
     end: Equilibrium
-    unbalance: np.ndarray
     tangent: csr_array
     joined: Joined
+    rho: np.ndarray
     law: LocalLaw
     residual: float
     floor: float
@@ -94,7 +97,7 @@ def rest(system: System) -> Equilibrium:
     u = np.zeros(system.start.size)
     couplings = system.couplings(u, 0.0, None)
     jump = system.jump(couplings, couplings, (u, u), (0.0, 0.0))
-    return Equilibrium(0.0, u, np.zeros_like(jump), system.initial_state(), couplings, jump)
+    return Equilibrium(0.0, u, np.zeros_like(jump), system.initial_state(), couplings, jump, u)
 
 
 def newton_step(
@@ -180,8 +183,8 @@ class _Step:
         force, tangent, state, smallest = system.internal(u, before.state)
         motion, times = (before.displacement, u), (before.time, self.time)
         jump = system.jump(before.couplings, couplings, motion, times)
-        stiffness = contact_stiffness(system, joined)
-        law = linearise(reaction, jump, system.friction, stiffness, joined.kept)
+        rho = contact_stiffness(system, joined)
+        law = linearise(reaction, jump, system.friction, rho, joined.kept)
         contact = joined.operator.T @ reaction.ravel()  # H r
         unbalance = force - contact - self.load  # (4)
 
@@ -196,9 +199,9 @@ class _Step:
         residual = error / scale if scale > 0.0 else float(error > 0.0)
         size = float(norm((abs(tangent) @ np.abs(u))[free]))
         floor = min(UNSURE, ROUND_OFF * size / scale) if scale > 0.0 else 0.0
-        end = Equilibrium(self.time, u, reaction, state, couplings, jump)
+        end = Equilibrium(self.time, u, reaction, state, couplings, jump, unbalance)
         usable = smallest > SMALLEST_RATIO and bool(np.isfinite(residual))
-        return _Trial(end, unbalance, tangent, joined, law, residual, floor, usable)
+        return _Trial(end, tangent, joined, rho, law, residual, floor, usable)
 
     def direction(self, trial: _Trial, *, may_land: bool) -> tuple[np.ndarray, np.ndarray, bool]:
         """Newton step (m, Pa), and whether a loose body was put down for it."""
@@ -239,13 +242,13 @@ class _Step:
         dr = np.where(live, 0.0, -law.residual.ravel())
         B = joined.operator
         # row of the law times the area, reaction in units of the contact stiffness: all N/m
-        rho = np.repeat(contact_stiffness(system, joined), system.components)
+        rho = np.repeat(trial.rho, system.components)
         area = np.repeat(joined.area, system.components)
         by_jump = _block_diagonal(law.by_jump)[live] @ joined.tangent
         by_reaction = diags_array(area[live]) @ _block_diagonal(law.by_reaction)[live]
         rhs = np.concatenate(
             [
-                (-trial.unbalance - trial.tangent @ du + B.T @ dr)[free],
+                (-trial.end.unbalance - trial.tangent @ du + B.T @ dr)[free],
                 -area[live] * law.residual.ravel()[live] - by_jump @ du - by_reaction @ dr,
             ]
         )
@@ -278,7 +281,7 @@ class _Step:
                 closed[part] = gap <= gap.min() + 1e-6 * np.sqrt(coupling.area.max())
         if not closed.any():
             return None
-        rho = contact_stiffness(self.system, trial.joined)
+        rho = trial.rho
         residual, by_reaction, by_jump = (
             np.array(part) for part in (law.residual, law.by_reaction, law.by_jump)
         )

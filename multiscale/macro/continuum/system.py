@@ -2,6 +2,7 @@
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field
+from functools import cached_property
 
 import numpy as np
 from scipy.sparse import block_diag, csr_array, diags_array, kron, vstack
@@ -117,9 +118,6 @@ class System:
         Coefficient of friction of every contact node.
     components : int
         Unknowns of a contact node: 1 if no contact has friction, else d.
-    diagonal : ndarray, shape (unknowns,)
-        Of the first stiffness without its resistance to a change of volume, N/m: what a contact
-        node feels, for nearly incompressible bodies too. Zero where a support holds the unknown.
     """
 
     problem: ContactProblem
@@ -130,7 +128,23 @@ class System:
     interfaces: tuple[Interface, ...]
     friction: np.ndarray
     components: int
-    diagonal: np.ndarray
+
+    @cached_property
+    def diagonal(self) -> np.ndarray:
+        """Diagonal of the first stiffness, shape (unknowns,), N/m, zero where a support holds.
+
+        It lacks the resistance to a change of volume: this is what a contact node feels, of nearly
+        incompressible bodies too.
+        """
+        parts = []
+        for body, elements in zip(self.problem.bodies.values(), self.elements, strict=True):
+            rest = body.law.initial_state(elements.weight.shape)
+            undeformed = np.zeros(elements.size)
+            shape = element_response(elements, _ShapeAlone(body.law), undeformed, rest)[1]
+            parts.append(shape.diagonal())
+        diagonal = np.concatenate(parts)
+        diagonal[self.fixed(0.0)[0]] = 0.0
+        return diagonal
 
     @property
     def is_linear(self) -> bool:
@@ -278,15 +292,14 @@ def prepare_system(problem: ContactProblem) -> System:
     start = np.concatenate([body.mesh.p.T for body in bodies])
     elements = tuple(prepare_elements(body.mesh) for body in bodies)
     free = np.ones(start.size, dtype=bool)
-    linear, diagonals = [], []
+    linear: list[csr_array | None] = []
     for k, (body, part) in enumerate(zip(bodies, elements, strict=True)):
-        rest = body.law.initial_state(part.weight.shape)
-        matrix = element_response(part, body.law, np.zeros(part.size), rest)[1]
-        linear.append(None if body.law.finite_strain else matrix)
-        shape = element_response(part, _ShapeAlone(body.law), np.zeros(part.size), rest)[1]
-        diagonals.append(shape.diagonal())
         free[start.shape[1] * first[k] + fixed_motion(body, 0.0)[0]] = False
-    diagonal = np.where(free, np.concatenate(diagonals), 0.0)
+        if body.law.finite_strain:
+            linear.append(None)
+            continue
+        rest = body.law.initial_state(part.weight.shape)
+        linear.append(element_response(part, body.law, np.zeros(part.size), rest)[1])
     interfaces = _interfaces(problem, first, start, free.reshape(start.shape))
     friction = [
         np.full(len(interface.nodes[0]), interface.contact.friction_coefficient)
@@ -302,7 +315,6 @@ def prepare_system(problem: ContactProblem) -> System:
         interfaces,
         np.concatenate([np.zeros(0), *friction]),
         start.shape[1] if rough else 1,
-        diagonal,
     )
 
 

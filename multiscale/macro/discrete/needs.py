@@ -49,21 +49,21 @@ def link_needs(
     lower, upper = system.bounds
     one_sided = bool((np.isfinite(lower) | np.isfinite(upper)).any())
     choices = {
-        "tangent": (True, "of the links that are taut; its pattern is analysed once", ""),
+        "tangent": (True, "stiffness of the links that are taut", ""),
         "slack": (
             one_sided,
-            "a condition of each cable or strut",
-            "every link carries tension and pressure",
+            "a cable or strut that would bear the other sign carries nothing",
+            "every link carries tension and compression",
         ),
         "moved positions": (
             exact,
             "lengths and directions follow the nodes",
-            "perturbations are small",
+            "displacements count as small",
         ),
         "geometric stiffness": (
             exact or stability,
             "of the tensions, in the tangent" + ("" if exact else " whose eigenvalue is sought"),
-            "perturbations are small",
+            "displacements count as small",
         ),
         "eigenvalues": (
             stability,
@@ -78,15 +78,15 @@ def link_needs(
         "mass": (moving, "of the nodes, in the matrix of every step", "at rest"),
         "impulses": (
             moving and rigid,
-            "complementarity problem of the one-sided links, dense",
-            "every link gives" if moving else "at rest",
+            "jumps of velocity where links of fixed length become taut",
+            "every link is extensible" if moving else "at rest",
         ),
     }
     operators, left_out = choose(choices)
     factors = 0 if find_spec("pypardiso") else SUPERLU_FACTORS
     return Needs(
         unknowns_per_contact=1,
-        kinematics="moved positions, exact" if exact else "small perturbations",
+        kinematics="large displacements" if exact else "small displacements",
         operators=operators,
         left_out=left_out,
         state_variables=("displacement", "velocity", "tension") if moving else (),

@@ -53,12 +53,7 @@ def account(
     step and the time in which the forces acted, s.
     """
     h, acted = times
-    mobility, (old, slow, velocity) = model.mobility, velocities
-    mass, moves = np.zeros_like(velocity), mobility[:, 0] > 0.0
-    mass[moves, :3] = 1.0 / mobility[moves, :1]
-    if "rotation" in model.needs:
-        turns = mobility[:, 2] > 0.0
-        mass[turns, 4:7] = 1.0 / mobility[turns, 2:]
+    mass, (old, slow, velocity) = model.masses, velocities
     inertia = cell[0] if np.isfinite(cell[0]) else 0.0
 
     def kinetic(v: np.ndarray, rate: np.ndarray) -> float:
@@ -79,7 +74,7 @@ def account(
     # walls move as they are told: altogether, or across the normal along which they are loaded
     told = np.where((np.arange(len(v)) >= model.grains.n)[:, None], v, 0.0)
     for k, wall in enumerate(model.walls, model.grains.n):
-        if moves[k]:
+        if mass[k, 0] > 0.0:
             told[k] -= (told[k] @ wall.unit) * wall.unit
     walls = float(np.sum(impulse * told[j]))
     told_rate = np.where(model.free, 0.0, rates[2])

@@ -216,6 +216,17 @@ class Model:
         return mobility
 
     @cached_property
+    def masses(self) -> np.ndarray:
+        """What moves with the bodies, in the shape of their velocities, kg; zero for walls told."""
+        masses, mobility = np.zeros_like(self.push), self.mobility
+        moves = mobility[:, 0] > 0.0
+        masses[moves, :3] = 1.0 / mobility[moves, :1]
+        if "rotation" in self.needs:
+            turns = mobility[:, 2] > 0.0
+            masses[turns, 4:7] = 1.0 / mobility[turns, 2:]
+        return masses
+
+    @cached_property
     def shapes(self) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """Kind, direction and radius of the walls."""
         kind = np.array([CYLINDER if isinstance(w, Cylinder) else PLANE for w in self.walls], int)

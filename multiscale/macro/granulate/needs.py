@@ -52,8 +52,8 @@ def grain_needs(
     turns = friction or spinning
     domains = not strained and (solver.domains > 1 or solver.conjugate > 0)
     choices = {
-        "sweeps": (True, "over the contacts; their operator is never assembled", ""),
-        "friction": (friction, "Coulomb's disc of each contact", "no friction is given"),
+        "sweeps": (True, "over the contacts, one after the other, again and again", ""),
+        "friction": (friction, "Coulomb's limit at each contact", "no friction is given"),
         "rotation": (turns, "spins and moments of inertia", "nothing turns the grains"),
         "cell strain": (
             strained,
@@ -74,7 +74,7 @@ def grain_needs(
         ),
         "assembled problem": (
             solver.most_assembled > 0 and not strained,
-            f"where sweeps fail in a step of at most {solver.most_assembled} contacts",
+            f"all contacts at once, where sweeps fail on at most {solver.most_assembled} of them",
             "sweeps alone",
         ),
     }

@@ -85,7 +85,6 @@ def press_joint(
             "preload": p,
             **values,
             **sampled,
-            "solid_stiffness": np.full(p.size, 1.0 / soft),
             "converged": good.astype(int),
             "residual": residual,
             "wall_time": np.full(p.size, (perf_counter() - begin) / p.size),
@@ -93,7 +92,9 @@ def press_joint(
     )
     shares = load_shares(p[:, None], np.ones(1), law.pressure_range)[..., None]
     data = np.array([law.pressure_range])
-    return with_load_shares(result, shares, data, extrapolate=extrapolate)
+    result = with_load_shares(result, shares, data, extrapolate=extrapolate)
+    solid = np.full(p.size, 1.0 / soft)  # no law enters it
+    return MACRO_RESULT.assign(result, {"solid_stiffness": solid})
 
 
 def _loading(law: NormalLaw | HystereticLaw) -> NormalLaw:

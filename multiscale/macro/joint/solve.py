@@ -115,7 +115,6 @@ def rough_joint(
     result = {
         "preload": preloads,
         **values,
-        "solid_stiffness": np.full(preloads.size, model.solid_stiffness),
         "converged": converged,
         "residual": residual,
         "wall_time": wall_time,
@@ -125,7 +124,9 @@ def rough_joint(
         result[f"{name}_sample"] = np.array([row[name] for row in rows])
     shares = load_shares(pressure, model.weight, law.pressure_range)[..., None]
     data = np.array([law.pressure_range])
-    return with_load_shares(MACRO_RESULT.build(result), shares, data, extrapolate=extrapolate)
+    found = with_load_shares(MACRO_RESULT.build(result), shares, data, extrapolate=extrapolate)
+    solid = np.full(preloads.size, model.solid_stiffness)  # no law enters it
+    return MACRO_RESULT.assign(found, {"solid_stiffness": solid})
 
 
 def _sample_stiffness(
@@ -152,7 +153,7 @@ def _measure(model: CondensedJoint, law: InterfaceLaw, value: np.ndarray) -> dic
     return {
         **_stiffness(model, law, value),
         "approach": -float(model.arm @ w),
-        "mean_gap": float(model.weight @ jump) / model.area + float(getattr(law, "gap", 0.0)),
+        "mean_gap": float(model.weight @ jump) / model.area + law.gap,
         "closed_fraction": float(model.weight @ (pressure > 0.0)) / model.area,
     }
 

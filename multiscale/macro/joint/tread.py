@@ -1,6 +1,6 @@
 """A rubber block that slides on the ground under load: its footprint and its braking force."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from scipy.sparse import csr_array, eye_array, vstack
@@ -167,7 +167,9 @@ def slide_tread(
 
     .. math:: K u + B^T (w\, t(B u)) = f.
 
-    Friction bends the block about the edge that leads, so that pressure moves there.
+    Friction bends the block about the edge that leads, so that pressure moves there. Where friction
+    shears the block by about a third of its height or more, there may be no steady state: the
+    ``detail`` of a solution that did not converge says so.
     """
     if not 0.0 < pressure < np.inf:
         raise CaseError(f"the pressure must be positive (Pa), got {pressure:g}")
@@ -185,6 +187,20 @@ def slide_tread(
         start=start,
         tolerance=tolerance,
     )
+    if not solution.converged:
+        solution = replace(solution, detail=_describe(tread.block, law, pressure))
     jump = (tread.jump_operator @ solution.value).reshape(3, -1)
     traction = law.respond(jump, np.empty((0, tread.weight.size))).traction
     return Footprint(traction, jump, tread.weight, solution)
+
+
+def _describe(block: TreadBlock, law: SteadySliding, pressure: float) -> str:
+    """Say how far the friction of an even pressure, Pa, would shear a block."""
+    speed = np.array(np.linalg.norm(law.velocity))
+    mu = float(law.friction.coefficient(np.array(pressure), speed))
+    strain = 2.0 * (1.0 + block.poissons_ratio) * mu * pressure / block.youngs_modulus
+    return (
+        f"a friction coefficient of {mu:.3g} at {pressure:.3g} Pa would shear the block by "
+        f"{strain:.2g} of its height and bends it over the edge that leads, where no steady "
+        f"sliding was found; lower the friction or the pressure, or take stiffer rubber"
+    )

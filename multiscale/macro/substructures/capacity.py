@@ -1,5 +1,6 @@
 r"""What friction can carry: the kinematic theorem of limit analysis for bodies on joints."""
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from itertools import pairwise
 
@@ -8,7 +9,7 @@ from scipy.optimize import linprog
 from scipy.sparse import block_array, block_diag, coo_array, csr_array, diags_array, eye_array
 from scipy.sparse.csgraph import connected_components
 
-from multiscale.macro.substructures.problem import Problem, Substructure, rigid_motions
+from multiscale.macro.substructures.problem import Interface, Problem, Substructure, rigid_motions
 
 __all__ = ["Slide", "find_slide"]
 
@@ -31,7 +32,9 @@ class Slide:
     ----------
     load, capacity : float
         Power of the load, and what friction takes of it, per largest slip, N: forces where bodies
-        slide without turning. NaN where they do not slide.
+        slide without turning. NaN where they do not slide. The pressures are not those of the
+        load, of which there is no equilibrium: where supports bear a part of what presses a joint,
+        the capacity changes with the load, by less than a per cent in a lap joint.
     joints : tuple of int
         Numbers of the joints that slide; none where bodies lift or tip, or nothing holds them.
     """
@@ -50,8 +53,8 @@ class Slide:
         named = " and ".join(str(joint) for joint in self.joints)
         return (
             f"no equilibrium found: the bodies slide on joint {named} under a load of "
-            f"{self.load:.4g} N, of which friction carries about {self.capacity:.4g} N; lower "
-            f"the load, or press harder"
+            f"{self.load:.4g} N, of which friction carries about {self.capacity:.4g} N at the "
+            f"pressures before they slid; lower the load, or press harder"
         )
 
 
@@ -93,15 +96,13 @@ def find_slide(problem: Problem, load: np.ndarray, *pressures: np.ndarray) -> Sl
         return None
     normal, *across = _jumps(problem, modes)
     sizes = [joint.weight.size for joint in problem.joints]
-    friction = [float(getattr(joint.law, "friction", 0.0)) for joint in problem.joints]
     area = np.concatenate([joint.weight for joint in problem.joints])
-    limit = np.repeat(friction, sizes) * area
     numbers = np.repeat([joint.joint for joint in problem.joints], sizes)
     known = [one for one in pressures if one.size and np.all(np.isfinite(one))]
     sliding = np.concatenate([normal, -normal])
     # sliding first: what also tips has a capacity that can be told
     for kept, pressure in [(sliding, one) for one in known] + [(normal, one) for one in known]:
-        bound = limit * np.maximum(pressure, 0.0)
+        bound = area * _friction(problem.joints, np.maximum(pressure, 0.0))
         a = _weakest(power, kept, across, bound)
         if a is None:
             continue
@@ -113,6 +114,13 @@ def find_slide(problem: Problem, load: np.ndarray, *pressures: np.ndarray) -> Sl
             slides = tuple(np.unique(numbers[slip > NOTHING * largest]).tolist())
             return Slide(work / largest, taken / largest, slides)
     return None
+
+
+def _friction(joints: Sequence[Interface], pressure: np.ndarray) -> np.ndarray:
+    """Largest traction along the joints at their pressures, both at all points, Pa."""
+    ends = np.cumsum([joint.weight.size for joint in joints])
+    parts = zip(joints, np.split(pressure, ends[:-1]), strict=True)
+    return np.concatenate([joint.law.friction_limit(p) for joint, p in parts if joint.law])
 
 
 def _free_motions(problem: Problem) -> np.ndarray:

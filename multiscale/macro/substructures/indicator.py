@@ -87,7 +87,7 @@ class HeuristicIndicator:
         stressed = u + fields.change
         apart = stressed - fields.continuous
         bodies = team.total(np.array([apart @ (K @ apart), stressed @ (K @ stressed)]))
-        error, size = float(bodies[0]), float(bodies[1])
+        error, size = (max(float(one), 0.0) for one in bodies)  # rounding may leave less
         tractions = [np.zeros((3, 0))]
         for index, face in enumerate(self.problem.interfaces):
             if face.law is None:

@@ -18,7 +18,7 @@ RIGID = 1e4
 """Stiffness of a side that a support holds, relative to the bodies."""
 
 SOFTEST, OPEN = 1e-3, 1e-9
-"""Least stiffness of a law at a point relative to its mean, and to the bodies."""
+"""Least stiffness of a law at a point relative to its mean over the joint, and to the bodies."""
 
 
 def body_stiffness(problem: Problem, joint: Interface) -> tuple[np.ndarray, ...]:
@@ -53,7 +53,7 @@ def law_stiffness(law: InterfaceLaw, jump: np.ndarray, state: np.ndarray) -> np.
 
 
 def joint_directions(
-    joint: Interface, bodies: tuple[np.ndarray, ...], law: np.ndarray
+    joint: Interface, bodies: tuple[np.ndarray, ...], law: np.ndarray, mean: np.ndarray
 ) -> tuple[np.ndarray, ...]:
     """Stiffness of both sides of a joint: the body and half of the law in series, N/m.
 
@@ -68,7 +68,9 @@ def joint_directions(
         Of :func:`body_stiffness`, Pa/m.
     law : ndarray, shape (3, points)
         Of :func:`law_stiffness`, Pa/m; infinite where nothing is known.
+    mean : ndarray, shape (3, 1)
+        Its mean over the joint, however cut: a piece that is open has none of its own, and a
+        direction without stiffness would not feel where its points are.
     """
-    mean = np.average(law, axis=1, weights=joint.weight)[:, None]
     law = np.maximum(law, np.maximum(SOFTEST * mean, OPEN * np.minimum(*bodies)))
     return tuple(STRENGTH * (joint.weight / (1.0 / body + 0.5 / law)).ravel() for body in bodies)

@@ -67,13 +67,14 @@ def contact_state(joints: Sequence[Interface], result: "xr.Dataset") -> dict[str
     failed = np.isnan(pressure)
     area = np.concatenate([face.weight for face in joints])
     share = area / area.sum()
+    laws = [_normal(face.law) for face in joints]
 
     def fraction(where: np.ndarray) -> np.ndarray:
         return np.asarray(np.where(failed, np.nan, where) @ share)
 
     return {
-        "gap": result["jump"].values[..., 0] + _at_points(joints, "gap", 0.0),
-        "point_damage": _at_points(joints, "damage", 0.0),
+        "gap": result["jump"].values[..., 0] + _at_points(joints, [law.gap for law in laws]),
+        "point_damage": _at_points(joints, [law.damage for law in laws]),
         "contact_state": np.where(failed, np.nan, state),
         "open_fraction": fraction(state == OPENED),
         "stick_fraction": fraction(state == STICKS),
@@ -219,7 +220,6 @@ def _normal(law: InterfaceLaw | None) -> InterfaceLaw:
     return law.normal_law
 
 
-def _at_points(joints: Sequence[Interface], name: str, default: Any) -> np.ndarray:
-    """Give every point what the normal law of its joint has of that name."""
-    values = np.array([getattr(_normal(face.law), name, default) for face in joints], dtype=float)
-    return np.repeat(values, [face.weight.size for face in joints], axis=0)
+def _at_points(joints: Sequence[Interface], values: Sequence[float]) -> np.ndarray:
+    """Give every point the value of its joint."""
+    return np.repeat(values, [face.weight.size for face in joints])

@@ -1,5 +1,6 @@
 r"""Micro-macro LATIN: one stage knows the links and laws, the other the structure."""
 
+from collections import defaultdict
 from dataclasses import dataclass
 
 import numpy as np
@@ -110,11 +111,9 @@ class Latin:
             for face in problem.interfaces
         ]
         self.bodies = {index: body_stiffness(problem, face) for index, face, _ in self.joints}
-        self.joint_k = {
-            index: joint_directions(face, self.bodies[index], np.full(unknown, np.inf))
-            for index, face, _ in self.joints
-            for unknown in [(3, face.weight.size)]
-        }
+        self.joint_k = self.directions(
+            {index: np.full((3, face.weight.size), np.inf) for index, face, _ in self.joints}
+        )
         self.perfect_k: dict[int, np.ndarray] = {}
         self.look_behind(np.ones(links.stiffness.size))
         self.direct(np.where(self.stack.one_sided, FIRST, 1.0))
@@ -253,15 +252,30 @@ class Latin:
 
     def update_joints(self) -> bool:
         """Adapt the search directions of joints to the laws where they are; say if any did."""
+        tangents = {
+            index: law_stiffness(law, self.joint_answer(index, law, self.r)[0], self.states[index])
+            for index, _, law in self.joints
+        }
         changed = False
-        for index, face, law in self.joints:
-            jump = self.joint_answer(index, law, self.r)[0]
-            tangent = law_stiffness(law, jump, self.states[index])
-            found = joint_directions(face, self.bodies[index], tangent)
+        for index, found in self.directions(tangents).items():
             ratio = np.concatenate(found) / np.concatenate(self.joint_k[index])
             if max(ratio.max(), 1.0 / ratio.min()) > CHANGE:
                 self.joint_k[index], changed = found, True
         return changed
+
+    def directions(self, tangents: dict[int, np.ndarray]) -> dict[int, tuple[np.ndarray, ...]]:
+        """Search directions of both sides of all joints, given the stiffness of their laws."""
+        total: dict[int, np.ndarray] = defaultdict(lambda: np.zeros((3, 1)))
+        area: dict[int, float] = defaultdict(float)
+        for index, face, _ in self.joints:
+            total[face.joint] += (tangents[index] @ face.weight)[:, None]
+            area[face.joint] += face.weight.sum()
+        return {
+            index: joint_directions(
+                face, self.bodies[index], tangents[index], total[face.joint] / area[face.joint]
+            )
+            for index, face, _ in self.joints
+        }
 
     def joint_fields(self) -> tuple[np.ndarray, np.ndarray]:
         """Jump, m, and traction, Pa, at all points of all joints, shape (3, points)."""

@@ -50,23 +50,23 @@ def cut_needs(
         "substructure stiffness": (True, "factorised for each part by itself", ""),
         "links": (
             links > 0,
-            "cables and bars inside the parts; a projection of each",
+            "cables and bars inside the parts, some of which may go slack",
             "the parts are elastic bodies",
         ),
         "joint laws": (
             joint_points > 0,
             "jump and traction, three components a point"
             + (f"; {slabs} slabs of sliders" if slabs else ""),
-            "the interfaces are perfect",
+            "the parts hang together",
         ),
         "coarse problem": (
             coarse and faces,
-            "balances the resultants of the interfaces",
+            "balances the parts as wholes: more parts take hardly more iterations",
             "coarse = false" if faces else "there is one part and no joint",
         ),
         "error bound": (
             judged and not joint_points,
-            "guaranteed, from admissible forces",
+            "guaranteed, from forces in balance",
             "friction has no bound" if joint_points else "of statics with a coarse problem alone",
         ),
         "error indicator": (

@@ -2,7 +2,7 @@
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from functools import partial
+from functools import cached_property, partial
 from time import perf_counter
 from typing import TYPE_CHECKING
 
@@ -200,12 +200,17 @@ class _Life:
             note()
         return run, record
 
+    @cached_property
+    def parameters(self) -> np.ndarray:
+        """Of the material, for the kernel."""
+        return self.material.parameters()
+
     def go(self, block: Block, cycles: int, run: Run) -> None:
         """Go through every cycle."""
         from multiscale.micro.damage.inclusion import run_cycles
 
         done, run.elastic = run_cycles(
-            run.state, block.stress, cycles, self.material.parameters(), self.substeps
+            run.state, block.stress, cycles, self.parameters, self.substeps
         )
         run.cycles += done
         run.computed += done

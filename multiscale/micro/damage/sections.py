@@ -284,6 +284,8 @@ def _refine(
     """Climb from the worst sections found; closed planes keep their normal."""
     from scipy.optimize import minimize
 
+    from multiscale.micro.damage.voxel_sections import box_section
+
     step = float(np.ptp(offset, axis=1).max()) / max(1, 2 * (offset.shape[1] - 1)) or 0.1 * min(
         rve.size
     )
@@ -303,8 +305,8 @@ def _refine(
         def negative(x: np.ndarray) -> float:
             n, d = plane(x)
             if not closed:
-                half = 0.5 * float(np.abs(n) @ rve.size)
-                if abs(d) > _largest_offset(rve.size, n, half, smallest):
+                centre, area = box_section(rve.size, n, np.array([0.0, d]))
+                if area < smallest * centre:
                     return 0.0
             value = float(plane_damage(rve, n, d, slab=slab, closed=closed))
             return -value if np.isfinite(value) else 0.0

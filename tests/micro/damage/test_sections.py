@@ -91,6 +91,17 @@ def test_images_of_lattices_have_their_damage(name, radius):
         assert found == pytest.approx(exact, rel=0.02)
 
 
+@pytest.mark.parametrize("smallest", [0.3, 0.5, 0.8])
+def test_the_worst_plane_cuts_no_corner_smaller_than_asked_for(smallest):
+    rve = Cavities(CUBE, [spheres([[0.2, 0.2, 0.2]], 0.3)])
+    found = max_damage(rve, level=1, sections=9, smallest_section=smallest)
+    place = np.array([0.0, float(found["worst_offset"])])
+    through_centre, area = box_section(CUBE, found["worst_normal"].values, place)
+    assert area >= smallest * through_centre
+    corners = max_damage(rve, level=1, sections=9, smallest_section=0.0)
+    assert corners["maximum_damage"] > 1.1 * found["maximum_damage"]
+
+
 def test_the_worst_plane_of_a_lattice_is_the_densest_one():
     found = max_damage(lattice("simple cubic", 0.3, edge=1.0), closed=True, level=0)
     assert float(found["maximum_damage"]) == pytest.approx(np.pi * 0.09, rel=1e-9)
