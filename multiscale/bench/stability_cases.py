@@ -16,7 +16,7 @@ if TYPE_CHECKING:
     from multiscale.laws import Sliders
     from multiscale.laws.bulk import BulkLaw
     from multiscale.macro import LinkSystem
-    from multiscale.macro.substructures.assembled import Assembled
+    from multiscale.macro.substructures.whole_structure import Assembled
     from multiscale.micro.contact_state import ContactState
     from multiscale.surfaces.surface import Surface
 
@@ -59,7 +59,7 @@ def _grid(bar_over_cable: float, prestress: float) -> "LinkSystem":
 
 def structure(bar_over_cable: float, prestress: float, load_factor: float) -> float:
     """Tensegrity grid at rest: distance from equilibrium and from the laws of its links."""
-    from multiscale.bench.structures import Method, solve_grid, verify
+    from multiscale.bench.structures_family import Method, solve_grid, verify
 
     grid = _grid(bar_over_cable, prestress)
     return verify(grid, load_factor, solve_grid(grid, load_factor, Method("auto", MODULES)))
@@ -109,7 +109,7 @@ def motion(bar_over_cable: float, prestress: float, step: float) -> float:
 
 def cut_structure(bar_over_cable: float, load_factor: float, parts: int) -> float:
     """Grid cut into substructures, by LATIN: distance of its tensions from those of the whole."""
-    from multiscale.bench.structures import distance
+    from multiscale.bench.structures_family import distance
     from multiscale.macro import cut_links, solve_latin, solve_static
     from multiscale.macro.substructures import split_grid
 
@@ -125,7 +125,7 @@ def joint(law_over_block: float, friction: float, parts: int) -> float:
     from multiscale.laws import Exponential, Sliders
     from multiscale.laws.bulk import Elastic
     from multiscale.macro.substructures import JointLoading, load_joint, stacked_blocks
-    from multiscale.macro.substructures.assembled import assemble
+    from multiscale.macro.substructures.whole_structure import assemble
 
     edge, pressure = 0.02, 20e6  # m, Pa
     decay = pressure * edge / (law_over_block * YOUNG)  # K = p / decay
@@ -236,8 +236,8 @@ def complementarity(contrast: float, points: int) -> float:
 def rough_cell(slope: float, relative_pressure: float, poissons_ratio: float) -> float:
     """Elastic cell: worst of balance, load and the conditions of contact."""
     from multiscale.micro import Cell
+    from multiscale.micro.cell_needs import cell_needs
     from multiscale.micro.graph_cell import assemble_graph_cell
-    from multiscale.micro.needs import cell_needs
 
     cell = Cell(_surface(slope), 0.5, LAYERS, YOUNG, poissons_ratio)
     problem = assemble_graph_cell(cell, cell_needs(cell))
@@ -266,7 +266,7 @@ def large_strain(material: str, slope: float, friction: float) -> float:
     """Cell pressed, sheared and sheared back: worst of balance, contact and Coulomb's law."""
     from multiscale.laws.bulk import J2, NeoHookean
     from multiscale.micro import Cell
-    from multiscale.micro.finite.cell import make_scene
+    from multiscale.micro.finite.finite_cell import make_scene
     from multiscale.micro.finite.follow import largest_approach
     from multiscale.micro.finite.history import rest_state, walk_step
     from multiscale.micro.finite.scene import Target

@@ -22,7 +22,7 @@ import numpy as np
 from scipy.sparse import csr_array
 
 from multiscale.laws.bulk import BulkLaw
-from multiscale.laws.bulk.base import cofactor, cofactor_derivative
+from multiscale.laws.bulk.bulk_law import cofactor, cofactor_derivative
 
 if TYPE_CHECKING:
     from skfem import Mesh

@@ -1,6 +1,7 @@
 """Readers and writers: the only place where files are opened."""
 
 from multiscale.io.body_fields import write_body_fields
+from multiscale.io.csv_tables import read_table
 from multiscale.io.datasets import (
     open_dataset,
     open_law,
@@ -25,7 +26,6 @@ from multiscale.io.images import VoxelImage, read_images
 from multiscale.io.link_fields import write_link_fields
 from multiscale.io.meshes import MeshArrays, open_mesh, read_mesh
 from multiscale.io.surface_file import read_surface
-from multiscale.io.tables import read_table
 
 __all__ = [
     "MeshArrays",

@@ -1,14 +1,14 @@
 """Interface laws: the same objects at every scale."""
 
 from multiscale.laws.area import AreaLaw, ErrorFunctionArea
-from multiscale.laws.base import InterfaceLaw, NormalLaw, Response, Sliding
 from multiscale.laws.convex_decreasing import ConvexDecreasing
 from multiscale.laws.damaged import Damaged
 from multiscale.laws.exponential import Exponential
-from multiscale.laws.friction import BellFriction, Coulomb, DecayingFriction, FrictionLaw
+from multiscale.laws.interface_law import InterfaceLaw, NormalLaw, Response, Sliding
 from multiscale.laws.power import PowerLaw
 from multiscale.laws.rigid import RigidContact
 from multiscale.laws.sliders import Sliders
+from multiscale.laws.sliding_friction import BellFriction, Coulomb, DecayingFriction, FrictionLaw
 from multiscale.laws.steady_sliding import SteadySliding
 from multiscale.laws.stiffness import PowerStiffness, StiffnessLaw
 from multiscale.laws.stretched import StretchedLaw

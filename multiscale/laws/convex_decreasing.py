@@ -6,7 +6,7 @@ from functools import cached_property
 import numpy as np
 
 from multiscale.errors import CaseError, ConvergenceError
-from multiscale.laws.base import NormalLaw, climb
+from multiscale.laws.interface_law import NormalLaw, climb
 
 __all__ = ["ConvexDecreasing"]
 

@@ -5,7 +5,7 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from multiscale.errors import CaseError
-from multiscale.laws.base import NormalLaw
+from multiscale.laws.interface_law import NormalLaw
 
 __all__ = ["Damaged"]
 

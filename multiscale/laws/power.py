@@ -4,7 +4,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from multiscale.laws.base import NormalLaw
+from multiscale.laws.interface_law import NormalLaw
 from multiscale.laws.parameters import check_parameter
 
 __all__ = ["PowerLaw"]

@@ -5,8 +5,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from multiscale.errors import CaseError
-from multiscale.laws.base import InterfaceLaw, Response
-from multiscale.laws.sliding import limit_traction
+from multiscale.laws.coulomb_point import limit_traction
+from multiscale.laws.interface_law import InterfaceLaw, Response
 
 __all__ = ["RigidContact"]
 

@@ -6,7 +6,7 @@ from functools import cached_property
 import numpy as np
 
 from multiscale.errors import CaseError, ConvergenceError
-from multiscale.laws.base import InterfaceLaw, NormalLaw, Response, Sliding
+from multiscale.laws.interface_law import InterfaceLaw, NormalLaw, Response, Sliding
 from multiscale.laws.parameters import check_parameter
 from multiscale.laws.unloading import HystereticLaw
 

@@ -5,8 +5,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from multiscale.errors import CaseError
-from multiscale.laws.base import InterfaceLaw, NormalLaw, Response
-from multiscale.laws.friction import FrictionLaw
+from multiscale.laws.interface_law import InterfaceLaw, NormalLaw, Response
+from multiscale.laws.sliding_friction import FrictionLaw
 
 __all__ = ["SteadySliding"]
 

@@ -4,7 +4,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from multiscale.laws.base import InterfaceLaw, NormalLaw, Response, climb
+from multiscale.laws.interface_law import InterfaceLaw, NormalLaw, Response, climb
 from multiscale.laws.parameters import check_parameter
 from multiscale.laws.power import PowerLaw
 

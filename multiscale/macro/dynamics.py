@@ -16,11 +16,11 @@ from multiscale.convergence import Status
 from multiscale.errors import CaseError
 from multiscale.macro.discrete.checks import masses_of
 from multiscale.macro.discrete.compatibility import Equations, compatibility, equations
-from multiscale.macro.discrete.needs import link_needs
-from multiscale.macro.discrete.system import LinkSystem
-from multiscale.macro.discrete.tangent import Tangent, prepare_tangent
-from multiscale.macro.energy import EnergyStep, account
+from multiscale.macro.discrete.link_needs import link_needs
+from multiscale.macro.discrete.link_system import LinkSystem
+from multiscale.macro.discrete.link_tangent import Tangent, prepare_tangent
 from multiscale.macro.limited_motion import Balance, largest, limited_motion
+from multiscale.macro.link_energy import EnergyStep, account
 from multiscale.macro.mean_tension import mean_tension
 from multiscale.macro.time_series import failed_step, join_times
 from multiscale.needs import Needs

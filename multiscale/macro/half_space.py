@@ -6,7 +6,7 @@ from scipy.sparse import eye_array
 
 from multiscale.convergence import Solution
 from multiscale.errors import CaseError
-from multiscale.laws.base import NormalLaw
+from multiscale.laws.interface_law import NormalLaw
 from multiscale.macro.monolithic import solve_interface
 
 __all__ = ["half_space_stiffness", "press_profile"]

@@ -10,7 +10,7 @@ from scipy.sparse import csr_array, issparse
 
 from multiscale.convergence import Solution, Status, verdict
 from multiscale.errors import MultiscaleError
-from multiscale.laws.base import InterfaceLaw
+from multiscale.laws.interface_law import InterfaceLaw
 from multiscale.numerics.factorisation import factorise
 from multiscale.numerics.line_search import step_length
 

@@ -5,7 +5,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from multiscale.macro.discrete.description import describe
-from multiscale.macro.discrete.system import LinkSystem
+from multiscale.macro.discrete.link_system import LinkSystem
 from multiscale.schema import MACRO_RESULT
 
 if TYPE_CHECKING:

@@ -10,9 +10,9 @@ from multiscale.errors import CaseError, SchemaError
 from multiscale.executors import run_jobs
 from multiscale.io import make_folder, open_dataset, remove, write_dataset
 from multiscale.micro.cell import Cell
+from multiscale.micro.cell_solver import solve_cell
 from multiscale.micro.checkpoint import Checkpoint
 from multiscale.micro.path import Path
-from multiscale.micro.solve import solve_cell
 from multiscale.schema import MICRO_RESPONSE
 from multiscale.surfaces import nayak_parameter, rms_height, rms_slope
 

@@ -8,9 +8,9 @@ from multiscale.convergence import Status
 from multiscale.micro.cell import Cell
 from multiscale.micro.contact_state import ContactProblem, ContactState, untouched
 from multiscale.micro.flat import solve_flat
+from multiscale.micro.graph_mesh import graded_planes
 from multiscale.micro.lateral_fft import filter_surface
 from multiscale.micro.layered import layered_compliance
-from multiscale.micro.mesh import graded_planes
 
 __all__ = ["assemble_flat_cell"]
 

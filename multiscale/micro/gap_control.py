@@ -28,9 +28,9 @@ from multiscale.errors import CaseError
 from multiscale.micro.cell import Cell
 from multiscale.micro.contact_area import contact_fraction
 from multiscale.micro.flat import solve_flat
+from multiscale.micro.graph_mesh import graded_planes
 from multiscale.micro.lateral_fft import filter_surface
 from multiscale.micro.layered import layered_compliance
-from multiscale.micro.mesh import graded_planes
 
 __all__ = ["GapCell", "GapState", "assemble_gap_cell"]
 

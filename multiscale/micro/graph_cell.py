@@ -8,13 +8,13 @@ import numpy as np
 from multiscale.laws.bulk import J2
 from multiscale.micro.averages import recovered_force
 from multiscale.micro.cell import Cell
-from multiscale.micro.contact import ElasticBody, solve_contact
 from multiscale.micro.contact_area import EdgeLayer, edge_layer
 from multiscale.micro.contact_state import ContactProblem, obstacle_normal
+from multiscale.micro.elastic_contact import ElasticBody, solve_contact
+from multiscale.micro.elastic_operator import stiffness_operator
+from multiscale.micro.graph_mesh import GraphMesh, graded_planes
 from multiscale.micro.lateral_fft import LateralInverse, factorise_flat_cell, filter_surface
 from multiscale.micro.layered import layered_compliance
-from multiscale.micro.mesh import GraphMesh, graded_planes
-from multiscale.micro.operator import stiffness_operator
 from multiscale.needs import Needs
 
 __all__ = ["assemble_graph_cell", "element_edges", "surface_slopes"]

@@ -8,8 +8,8 @@ import numpy as np
 from multiscale.errors import CaseError
 from multiscale.executors import run_jobs
 from multiscale.micro.cell import Cell
+from multiscale.micro.cell_solver import solve_cell
 from multiscale.micro.path import Path
-from multiscale.micro.solve import solve_cell
 from multiscale.schema import SLIDING_RESPONSE
 
 if TYPE_CHECKING:

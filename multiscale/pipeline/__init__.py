@@ -1,10 +1,11 @@
 """What needs more than one layer: cases and their run, scenes and theirs."""
 
 from multiscale.pipeline.case import find_case, is_tyre_case, load_case, load_tyre
-from multiscale.pipeline.cells import make_cells
+from multiscale.pipeline.case_cells import make_cells
+from multiscale.pipeline.case_response import run_micro
+from multiscale.pipeline.case_slide import read_sliding
 from multiscale.pipeline.concurrent import CellLaw
 from multiscale.pipeline.end_to_end import EndToEndCase, end_to_end
-from multiscale.pipeline.micro import run_micro
 from multiscale.pipeline.planner import Plan, plan
 from multiscale.pipeline.requirements import requirements
 from multiscale.pipeline.rough_scenes import RoughWave, TiltedJoint
@@ -20,7 +21,6 @@ from multiscale.pipeline.scene_requirements import scene_requirements
 from multiscale.pipeline.scene_settings import Scene
 from multiscale.pipeline.scenes import homogenised_file, load_scene, run_scene
 from multiscale.pipeline.settings import Case
-from multiscale.pipeline.slide import read_sliding
 from multiscale.pipeline.sweep import Sweep, load_sweep, name_point, run_sweep
 from multiscale.pipeline.three_ways import three_ways
 from multiscale.pipeline.tyre import run_tyre, tyre_requirements

@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from multiscale.pipeline.body_settings import LapJoint, StackedBlocks
-from multiscale.pipeline.joint import STIFFNESSES
+from multiscale.pipeline.case_joint import STIFFNESSES
 from multiscale.pipeline.real_contact import behaviour, real_pressure
 from multiscale.schema import MACRO_RESULT, with_cautions
 from multiscale.upscaling import (
@@ -44,7 +44,8 @@ def with_joint_budget(
         Follows ``INTERFACE_LAW`` and carries its budget.
     stiffness : callable
         From a normal law, and optionally another mesh of the structure, to the stiffnesses of
-        :data:`~multiscale.pipeline.joint.STIFFNESSES` at the preloads, shape (3, preloads), Pa/m.
+        :data:`~multiscale.pipeline.case_joint.STIFFNESSES` at the preloads, shape (3, preloads),
+        Pa/m.
     coarser : StackedBlocks or LapJoint, optional
         The structure on elements of twice the size, if it has them.
 

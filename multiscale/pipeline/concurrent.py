@@ -10,7 +10,7 @@ import numpy as np
 
 from multiscale.convergence import Status
 from multiscale.errors import CaseError, ConvergenceError
-from multiscale.laws.base import NormalLaw, Response
+from multiscale.laws.interface_law import NormalLaw, Response
 from multiscale.micro import Cell
 
 if TYPE_CHECKING:

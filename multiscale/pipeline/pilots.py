@@ -9,7 +9,7 @@ import numpy as np
 
 from multiscale.io import open_dataset
 from multiscale.micro import contact_modulus
-from multiscale.pipeline.cells import composite_material, make_cells
+from multiscale.pipeline.case_cells import composite_material, make_cells
 from multiscale.pipeline.rough_bodies import SyntheticSurface
 from multiscale.pipeline.settings import Case
 from multiscale.schema import MICRO_RESPONSE, STORED_CELLS

@@ -5,7 +5,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from multiscale.micro import contact_modulus
-from multiscale.pipeline.cells import composite_material
+from multiscale.pipeline.case_cells import composite_material
 from multiscale.pipeline.rough_bodies import TABOR
 from multiscale.pipeline.settings import Case
 from multiscale.schema import MICRO_RESPONSE, with_cautions

@@ -4,13 +4,13 @@ from dataclasses import replace
 
 import numpy as np
 
-from multiscale.micro.needs import cell_needs
+from multiscale.micro.cell_needs import cell_needs
 from multiscale.needs import Needs
-from multiscale.pipeline.cells import cell_of
+from multiscale.pipeline.case_cells import cell_of
+from multiscale.pipeline.case_slide import pair_of
 from multiscale.pipeline.forecast import GRIDS, REALISATIONS, SIZES
 from multiscale.pipeline.rough_bodies import InstrumentSurface
 from multiscale.pipeline.settings import Case
-from multiscale.pipeline.slide import pair_of
 from multiscale.surfaces.surface import Surface
 
 __all__ = ["requirements"]

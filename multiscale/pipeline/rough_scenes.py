@@ -7,7 +7,7 @@ import numpy as np
 from multiscale.errors import ConvergenceError
 from multiscale.laws import AreaLaw, NormalLaw
 from multiscale.macro.half_space import press_profile
-from multiscale.macro.joint.plane import (
+from multiscale.macro.joint.plane_joint import (
     PlaneJoint,
     PlanePressure,
     press_plane_joint,

@@ -12,12 +12,12 @@ from multiscale.convergence import Status
 from multiscale.errors import ConvergenceError
 from multiscale.io import make_folder, save_law, write_dataset
 from multiscale.pipeline.case_budget import case_budget
-from multiscale.pipeline.joint import solve_joint
-from multiscale.pipeline.micro import run_micro, write_fields
+from multiscale.pipeline.case_joint import solve_joint
+from multiscale.pipeline.case_response import run_micro, write_fields
+from multiscale.pipeline.case_slide import slide_bodies
 from multiscale.pipeline.planner import plan
 from multiscale.pipeline.run_folder import claim_folder
 from multiscale.pipeline.settings import Case
-from multiscale.pipeline.slide import slide_bodies
 from multiscale.schema import MACRO_RESULT, MICRO_RESPONSE
 from multiscale.upscaling import (
     fit_branches,

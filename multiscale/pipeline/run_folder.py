@@ -5,8 +5,8 @@ from pathlib import Path
 from multiscale.errors import CaseError
 from multiscale.io import open_dataset, read_text, remove, write_bytes
 from multiscale.pipeline.case import is_tyre_case, load_case, load_tyre
+from multiscale.pipeline.case_slide import read_sliding
 from multiscale.pipeline.settings import Case
-from multiscale.pipeline.slide import read_sliding
 from multiscale.pipeline.tyre_settings import TyreCase
 from multiscale.schema import INTERFACE_LAW, MACRO_RESULT, MICRO_RESPONSE
 

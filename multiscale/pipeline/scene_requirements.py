@@ -4,10 +4,10 @@ from dataclasses import replace
 from importlib.util import find_spec
 from math import ceil
 
-from multiscale.macro.discrete.needs import link_needs
+from multiscale.macro.discrete.link_needs import link_needs
 from multiscale.macro.granulate import ContactLaw, Solver
-from multiscale.macro.granulate.needs import grain_needs
-from multiscale.macro.substructures.needs import cut_needs
+from multiscale.macro.granulate.grain_needs import grain_needs
+from multiscale.macro.substructures.substructure_needs import cut_needs
 from multiscale.needs import Needs
 from multiscale.pipeline.body_settings import BODIES, LapJoint, Plate, StackedBlocks, Substructures
 from multiscale.pipeline.grain_settings import Biaxial, GrainScene, Silo

@@ -19,7 +19,7 @@ from multiscale.errors import CaseError, MultiscaleError, SchemaError
 from multiscale.executors import run_jobs
 from multiscale.io import make_folder, open_dataset, write_dataset
 from multiscale.pipeline.case import find_case, read_case, validate_case
-from multiscale.pipeline.joint import STIFFNESSES
+from multiscale.pipeline.case_joint import STIFFNESSES
 from multiscale.pipeline.run import run
 from multiscale.pipeline.run_folder import read_cautions
 from multiscale.pipeline.settings import Case

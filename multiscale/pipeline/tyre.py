@@ -16,7 +16,7 @@ from multiscale.laws import BellFriction, Exponential, SteadySliding
 from multiscale.macro.data_range import load_shares, with_load_shares
 from multiscale.macro.joint import Footprint, TreadBlock, condense_tread, slide_tread
 from multiscale.macro.joint.tread import CondensedTread
-from multiscale.micro.sliding import wlf_shift
+from multiscale.micro.viscoelastic_sliding import wlf_shift
 from multiscale.needs import Needs
 from multiscale.pipeline.run import Results
 from multiscale.pipeline.run_folder import claim_folder

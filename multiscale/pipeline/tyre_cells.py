@@ -12,7 +12,7 @@ import numpy as np
 from multiscale.convergence import Status
 from multiscale.io import write_dataset
 from multiscale.micro.ensemble import run_realisations
-from multiscale.micro.sliding import solve_sliding
+from multiscale.micro.viscoelastic_sliding import solve_sliding
 from multiscale.pipeline.tyre_settings import TyreCase
 from multiscale.schema import MICRO_RESPONSE
 from multiscale.surfaces import nayak_parameter, rms_height, rms_slope, self_affine

@@ -6,7 +6,7 @@ from typing import Annotated, Self
 
 from pydantic import Field, field_validator, model_validator
 
-from multiscale.micro.sliding import RelaxingSolid, wlf_shift
+from multiscale.micro.viscoelastic_sliding import RelaxingSolid, wlf_shift
 from multiscale.pipeline.case_tables import Points
 from multiscale.pipeline.rough_bodies import SyntheticSurface
 from multiscale.pipeline.settings import FEWEST_REALISATIONS, POINTS_PER_WAVE
@@ -32,7 +32,7 @@ Speed = Annotated[float, quantity("m/s"), Field(gt=0.0, le=FASTEST), with_unit("
 
 
 class Rubber(Settings):
-    """A linear viscoelastic solid; see :class:`multiscale.micro.sliding.RelaxingSolid`.
+    """A linear viscoelastic solid; see :class:`multiscale.micro.RelaxingSolid`.
 
     Parameters
     ----------
@@ -49,7 +49,7 @@ class Rubber(Settings):
     wlf_c1 : number
         First constant of Williams, Landel and Ferry, which shifts the times.
     wlf_c2 : quantity
-        Second constant, K; see :func:`multiscale.micro.sliding.wlf_shift`.
+        Second constant, K; see :func:`multiscale.micro.viscoelastic_sliding.wlf_shift`.
     """
 
     relaxed_modulus: Pressure

@@ -4,8 +4,8 @@ Labels and conversion to um, MPa and kN happen here and nowhere else. Functions 
 with ``draw`` make whole figures and write them.
 """
 
-from multiscale.plotting.budget import plot_error_budget
-from multiscale.plotting.damage import (
+from multiscale.plotting.budget_figures import plot_error_budget
+from multiscale.plotting.damage_figures import (
     draw_damage,
     plot_damage_sphere,
     plot_joint_life,
@@ -13,39 +13,43 @@ from multiscale.plotting.damage import (
     plot_woehler,
     plot_worst_section,
 )
-from multiscale.plotting.granulate import (
+from multiscale.plotting.grain_figures import (
     draw_granulate,
     plot_biaxial_curve,
     plot_contact_error,
     plot_force_network,
     plot_grain_energies,
 )
-from multiscale.plotting.growth import plot_growth
-from multiscale.plotting.joint import draw_joint, plot_hysteresis, plot_joint_plan
-from multiscale.plotting.laws import (
+from multiscale.plotting.growth_figures import plot_growth
+from multiscale.plotting.joint_figures import draw_joint, plot_hysteresis, plot_joint_plan
+from multiscale.plotting.law_figures import (
     plot_area_law,
     plot_gap_law,
     plot_joint_stiffness,
     plot_unloading,
 )
-from multiscale.plotting.links import (
+from multiscale.plotting.link_figures import (
     draw_links,
     plot_deformed_links,
     plot_energies,
     plot_sorted_tensions,
 )
-from multiscale.plotting.run import draw_figures
-from multiscale.plotting.sliding import draw_sliding, plot_sliding_friction, plot_steady_friction
-from multiscale.plotting.surfaces import plot_contact_map, plot_surface
-from multiscale.plotting.sweep import plot_sweep
-from multiscale.plotting.tyre import (
+from multiscale.plotting.run_figures import draw_figures
+from multiscale.plotting.sliding_figures import (
+    draw_sliding,
+    plot_sliding_friction,
+    plot_steady_friction,
+)
+from multiscale.plotting.surface_figures import plot_contact_map, plot_surface
+from multiscale.plotting.sweep_figures import plot_sweep
+from multiscale.plotting.tyre_figures import (
     draw_tyre_figures,
     plot_braking_force,
     plot_footprint,
     plot_friction_bell,
     plot_road,
 )
-from multiscale.plotting.work_precision import (
+from multiscale.plotting.work_precision_figures import (
     draw_work_precision,
     plot_history,
     plot_work_precision,

@@ -1,10 +1,8 @@
 """What a run has found, as tables and as a page."""
 
 from multiscale.report.page import write_report
-from multiscale.report.roughness import list_cutoffs, tabulate_roughness
-from multiscale.report.sliding import describe_sliding
-from multiscale.report.sweep import list_sweep_cautions
-from multiscale.report.tables import (
+from multiscale.report.roughness_section import list_cutoffs, tabulate_roughness
+from multiscale.report.rows import (
     list_cycles,
     list_facts,
     tabulate,
@@ -14,6 +12,8 @@ from multiscale.report.tables import (
     tabulate_scene,
     tabulate_sweep,
 )
+from multiscale.report.sliding_section import describe_sliding
+from multiscale.report.sweep_page import list_sweep_cautions
 
 __all__ = [
     "describe_sliding",

@@ -11,17 +11,17 @@ import numpy as np
 
 from multiscale.io import open_dataset, open_run, read_bytes, read_text, reading_run, write_bytes
 from multiscale.pipeline import read_cautions, read_sliding
-from multiscale.report.roughness import list_cutoffs, tabulate_roughness
+from multiscale.report.roughness_section import list_cutoffs, tabulate_roughness
+from multiscale.report.rows import list_facts, tabulate
 from multiscale.report.section import Section, provenance
-from multiscale.report.sliding import describe_sliding
-from multiscale.report.sweep import (
+from multiscale.report.sliding_section import describe_sliding
+from multiscale.report.sweep_page import (
     list_sweep_cautions,
     sweep_answer,
     sweep_question,
     sweep_sections,
 )
-from multiscale.report.tables import list_facts, tabulate
-from multiscale.report.tyre import braking_answer, braking_question, braking_sections
+from multiscale.report.tyre_page import braking_answer, braking_question, braking_sections
 from multiscale.schema import SWEEP
 from multiscale.units import readable
 from multiscale.upscaling import require_law

@@ -1,12 +1,24 @@
 """From micro responses to interface laws with their uncertainty."""
 
 from multiscale.upscaling.admissibility import admissibility, is_admissible
+from multiscale.upscaling.branches import (
+    fit_branches,
+    hysteretic_from_dataset,
+    loading_branch,
+    with_unloading,
+)
 from multiscale.upscaling.budget import error_budget, with_budget
 from multiscale.upscaling.cell_size import at_rms_height, without_size_bias
 from multiscale.upscaling.comparison import compare_laws
+from multiscale.upscaling.ensemble_statistics import (
+    ensemble_average,
+    required_realisations,
+    size_trend,
+)
 from multiscale.upscaling.export import write_law_table, write_pressure_overclosure
 from multiscale.upscaling.family import FAMILIES, Family, Parameter, unloading_family
 from multiscale.upscaling.fit import fit_law
+from multiscale.upscaling.observation_tables import read_observations
 from multiscale.upscaling.observations import (
     area_observations,
     normal_observations,
@@ -29,19 +41,10 @@ from multiscale.upscaling.scales import (
     pressure_length,
     pressure_length_of_points,
 )
-from multiscale.upscaling.sliding import friction_observations, tangential_observations
-from multiscale.upscaling.statistics import (
-    ensemble_average,
-    required_realisations,
-    size_trend,
-)
 from multiscale.upscaling.structure_errors import over_steps, structure_budget, with_scales
-from multiscale.upscaling.tables import read_observations
-from multiscale.upscaling.unloading import (
-    fit_branches,
-    hysteretic_from_dataset,
-    loading_branch,
-    with_unloading,
+from multiscale.upscaling.tangential_observations import (
+    friction_observations,
+    tangential_observations,
 )
 
 __all__ = [

@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 
 from multiscale.bench import bench, tabulate
-from multiscale.bench.joints import SCENES as JOINTS
-from multiscale.bench.joints import measure_effectivity
+from multiscale.bench.joints_family import SCENES as JOINTS
+from multiscale.bench.joints_family import measure_effectivity
 
 
 @pytest.mark.parametrize("name", ["law like the blocks", "stiff law"])

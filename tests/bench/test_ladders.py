@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from multiscale.bench import FAMILIES, bench, ladder, tabulate
-from multiscale.bench.grains import BOUNCE, EXACT, ROLL, answer
+from multiscale.bench.grains_family import BOUNCE, EXACT, ROLL, answer
 from multiscale.bench.ladder import Rung, climb
 from multiscale.bench.measure import Measured
 from multiscale.bench.summary import join_families, tabulate_cheapest

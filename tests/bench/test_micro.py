@@ -5,7 +5,7 @@ from importlib.metadata import version
 import numpy as np
 import pytest
 
-from multiscale.bench import bench, micro, tabulate
+from multiscale.bench import bench, micro_family, tabulate
 from multiscale.bench.measure import Measured
 from multiscale.bench.peers import (
     CODES,
@@ -101,7 +101,7 @@ def test_the_boundary_element_codes_agree():
 
 
 def test_all_grids_sample_the_same_surface():
-    coarse, fine = (micro.scene_surface(n).heights for n in (64, 256))
+    coarse, fine = (micro_family.scene_surface(n).heights for n in (64, 256))
     np.testing.assert_allclose(fine[::4, ::4], coarse, rtol=0.0, atol=1e-12 * np.ptp(coarse))
 
 
@@ -118,9 +118,9 @@ def in_this_process(monkeypatch):
         "lost": Code(fail_once, "multiscale", "multiscale"),
         "absent": Code(solve_flat, "absent", "no_such_module"),
     }
-    monkeypatch.setattr(micro, "CODES", codes)
+    monkeypatch.setattr(micro_family, "CODES", codes)
     monkeypatch.setattr(
-        micro, "measure", lambda task, *, warm_up, repeats: Measured(task(), 0.5, 1e8)
+        micro_family, "measure", lambda task, *, warm_up, repeats: Measured(task(), 0.5, 1e8)
     )
 
 

@@ -3,8 +3,8 @@
 import numpy as np
 import pytest
 
-from multiscale.bench import nonsmooth, tabulate
-from multiscale.bench.nonsmooth import (
+from multiscale.bench import nonsmooth_family, tabulate
+from multiscale.bench.nonsmooth_family import (
     FRICTION_SCENES,
     LCP_SCENES,
     bench_nonsmooth,
@@ -142,8 +142,10 @@ def test_a_method_that_lies_is_not_called_converged(monkeypatch):
         return Solution(np.zeros(60), Status.CONVERGED, (1.0, 0.0), (0.0, 1e-9))
 
     problem = lcp_problem("not symmetric", quick=True)
-    dishonest = nonsmooth.Problem("lie", 60, problem.tolerance, ("auto",), lie, problem.verify)
-    monkeypatch.setattr(nonsmooth, "_problems", lambda quick: iter([dishonest]))
+    dishonest = nonsmooth_family.Problem(
+        "lie", 60, problem.tolerance, ("auto",), lie, problem.verify
+    )
+    monkeypatch.setattr(nonsmooth_family, "_problems", lambda quick: iter([dishonest]))
     found = bench_nonsmooth(quick=True)
     assert found["converged"].item() == 0
     assert found["error"].item() == pytest.approx(1.0)

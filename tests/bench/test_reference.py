@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from multiscale.bench.reference import common_reference, extrapolate
+from multiscale.bench.limits import common_reference, extrapolate
 
 
 @pytest.mark.parametrize("order", [1.0, 1.5, 2.0])

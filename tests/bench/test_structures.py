@@ -7,9 +7,16 @@ from importlib.util import find_spec
 import numpy as np
 import pytest
 
-from multiscale.bench import bench, structures, tabulate
+from multiscale.bench import bench, structures_family, tabulate
 from multiscale.bench.measure import Measured, measure
-from multiscale.bench.structures import METHODS, Answer, distance, scene_grid, solve_grid, verify
+from multiscale.bench.structures_family import (
+    METHODS,
+    Answer,
+    distance,
+    scene_grid,
+    solve_grid,
+    verify,
+)
 from multiscale.io import open_dataset, write_dataset
 from multiscale.macro import quadruplex_module, self_stress, solve_static
 from multiscale.macro.discrete import compatibility
@@ -100,8 +107,8 @@ def without_pardiso(monkeypatch):
             return Measured(None, np.nan, np.nan)
         return Measured(task(), 0.5, 1e8)
 
-    monkeypatch.setattr(structures, "measure", lose_one)
-    monkeypatch.setattr(structures, "QUICK_MODULES", (2, 4))
+    monkeypatch.setattr(structures_family, "measure", lose_one)
+    monkeypatch.setattr(structures_family, "QUICK_MODULES", (2, 4))
     monkeypatch.setitem(sys.modules, "pypardiso", None)
     factorisation._blank_pardiso.cache_clear()
     yield

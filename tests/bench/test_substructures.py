@@ -3,9 +3,9 @@
 import numpy as np
 import pytest
 
-from multiscale.bench import bench, substructures, tabulate
+from multiscale.bench import bench, substructures_family, tabulate
 from multiscale.bench.measure import Measured
-from multiscale.bench.substructures import METHODS, RIGHT, make_scenes, solve_scene
+from multiscale.bench.substructures_family import METHODS, RIGHT, make_scenes, solve_scene
 from multiscale.io import open_dataset, write_dataset
 from multiscale.macro.substructures import assemble
 from multiscale.plotting import draw_work_precision
@@ -58,8 +58,8 @@ def test_a_lost_process_leaves_a_row_without_values_and_the_rest_is_drawn(monkey
             return Measured(None, np.nan, np.nan)
         return Measured(task(), 0.5, 1e8)
 
-    monkeypatch.setattr(substructures, "measure", lose_one)
-    monkeypatch.setattr(substructures, "QUICK_MODULES", (4,))
+    monkeypatch.setattr(substructures_family, "measure", lose_one)
+    monkeypatch.setattr(substructures_family, "QUICK_MODULES", (4,))
     lines = []
     found = bench("substructures", quick=True, report=lines.append)
     assert len(lines) == found.sizes["run"] == 9

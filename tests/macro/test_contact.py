@@ -234,8 +234,8 @@ def test_a_moving_obstacle_drags_the_body_along():
 
 
 def test_without_friction_a_contact_node_has_one_unknown():
-    from multiscale.macro.continuum.newton import rest
-    from multiscale.macro.continuum.system import prepare_system
+    from multiscale.macro.continuum.contact_newton import rest
+    from multiscale.macro.continuum.contact_system import prepare_system
 
     one = prepare_system(stack((MeshHex, MeshHex), **UPPER_FIRST))
     three = prepare_system(stack((MeshHex, MeshHex), **UPPER_FIRST, friction_coefficient=0.1))

@@ -13,8 +13,8 @@ from multiscale.fe.facets import facet_normals, nodal_areas, surface_of
 from multiscale.fe.mortar import couple
 from multiscale.laws.bulk import J2, Elastic, NeoHookean
 from multiscale.macro import Body, Contact, ContactProblem, Plane, load_mesh, solve_contact
-from multiscale.macro.continuum.coulomb import linearise
-from multiscale.macro.continuum.system import prepare_system
+from multiscale.macro.continuum.contact_system import prepare_system
+from multiscale.macro.continuum.nodal_coulomb import linearise
 from tests.contact_scenes import block, moved
 from tests.support import alart_curnier, keep_ignoring_broken_pipes
 

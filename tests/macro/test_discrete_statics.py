@@ -14,7 +14,7 @@ from multiscale.macro import (
     solve_static,
     tensegrity_grid,
 )
-from multiscale.macro.discrete import compatibility, newton, stability
+from multiscale.macro.discrete import compatibility, link_newton, link_stability
 
 
 def equilibrium_error(system, result, load_factor):
@@ -53,7 +53,7 @@ def test_a_step_that_does_not_converge_is_nan_and_says_why():
 def test_an_interior_point_takes_over_where_newton_gives_up(monkeypatch):
     grid = tensegrity_grid(8, prestress=300.0)
     reference = solve_static(grid, 10.0)
-    monkeypatch.setattr(newton, "PATIENCE", 1)
+    monkeypatch.setattr(link_newton, "PATIENCE", 1)
     assert solve_static(grid, 10.0, method="newton").converged == 0
     result = solve_static(grid, 10.0)
     assert result.converged == 1
@@ -311,7 +311,7 @@ def test_two_bars_and_a_spring_buckle_at_half_spring_times_length(monkeypatch):
     assert critical_factor(system, [1.0, 2.0]) == np.inf
     with pytest.raises(CaseError, match="load_factors must increase"):
         critical_factor(system, [2.0, 1.0])
-    monkeypatch.setattr(stability, "BISECTIONS", 10)
+    monkeypatch.setattr(link_stability, "BISECTIONS", 10)
     with pytest.raises(ConvergenceError, match="after 10 bisections the critical load factor"):
         critical_factor(system, [1.0, 1e3])
     result = solve_static(system, [0.0, 100.0, 400.0], stability=True)

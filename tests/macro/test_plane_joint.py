@@ -5,7 +5,7 @@ import pytest
 
 from multiscale.errors import CaseError
 from multiscale.laws import Exponential
-from multiscale.macro.joint.plane import PlaneJoint, press_plane_joint, resolve_plane_joint
+from multiscale.macro.joint.plane_joint import PlaneJoint, press_plane_joint, resolve_plane_joint
 from tests.closed_forms import westergaard
 
 E, LENGTH, HEIGHT = 1e11, 0.02, 0.01

@@ -24,8 +24,8 @@ from multiscale.macro.substructures import (
 )
 from multiscale.macro.substructures.balancing import prepare_balancing
 from multiscale.macro.substructures.condensation import condense, split
+from multiscale.macro.substructures.cut_tangent import Newton
 from multiscale.macro.substructures.stack import Factors
-from multiscale.macro.substructures.tangent import Newton
 from multiscale.numerics.factorisation import factorise
 from multiscale.schema import MACRO_RESULT
 from tests.macro.test_cut_joints import law_of_stiffness, stacked_blocks
@@ -243,7 +243,7 @@ def test_a_load_that_overflows_ends_the_path_without_an_answer(grids):
 
 
 def test_linear_systems_left_unfinished_are_told(monkeypatch):
-    monkeypatch.setattr("multiscale.macro.substructures.tangent.KRYLOV", 1)
+    monkeypatch.setattr("multiscale.macro.substructures.cut_tangent.KRYLOV", 1)
     result = solve_schur(thin_plate(4), max_iterations=3)
     assert result.converged == 0
     assert "3 of its linear systems were left unfinished after 1 iterations" in result.failure

@@ -6,8 +6,8 @@ import pytest
 from multiscale.errors import MultiscaleError
 from multiscale.macro import tensegrity_grid
 from multiscale.macro.discrete.compatibility import equations
-from multiscale.macro.discrete.stability import is_definite, smallest_eigenvalue
-from multiscale.macro.discrete.tangent import prepare_tangent
+from multiscale.macro.discrete.link_stability import is_definite, smallest_eigenvalue
+from multiscale.macro.discrete.link_tangent import prepare_tangent
 from multiscale.numerics import cholesky
 
 

@@ -5,12 +5,12 @@ import pytest
 
 from multiscale.convergence import Status
 from multiscale.errors import CaseError
-from multiscale.micro import Cell, MeshCell, Path, Surface, contact, self_affine, solve_cell
-from multiscale.micro.contact import ElasticBody
+from multiscale.micro import Cell, MeshCell, Path, Surface, elastic_contact, self_affine, solve_cell
+from multiscale.micro.cell_needs import cell_needs
+from multiscale.micro.elastic_contact import ElasticBody
 from multiscale.micro.flat import solve_flat
 from multiscale.micro.graph_cell import assemble_graph_cell
-from multiscale.micro.mesh import GraphMesh, graded_planes
-from multiscale.micro.needs import cell_needs
+from multiscale.micro.graph_mesh import GraphMesh, graded_planes
 from tests.support import egg_box
 
 
@@ -144,7 +144,7 @@ def test_an_unconverged_step_is_not_a_number_and_says_so():
 
 def test_all_active_sets_share_one_budget_of_linear_iterations(monkeypatch):
     cell = cell_of(rough(n=16, slope=0.5), poissons_ratio=0.49999)
-    monkeypatch.setattr(contact, "_LINEAR_LIMIT", 120)
+    monkeypatch.setattr(elastic_contact, "_LINEAR_LIMIT", 120)
     response = solve_cell(cell, Path(pressure=(0.01, 0.0)), recover_stress=False)
     assert response["converged"].values.tolist() == [[0, 1]]
     assert response["active_set_iterations"].values[0, 0] > 1
@@ -176,14 +176,14 @@ def dense_body(stiffness, rng):
 def test_random_problems_agree_with_non_negative_least_squares(blocks, monkeypatch):
     from scipy.optimize import nnls
 
-    monkeypatch.setattr(contact, "_BLOCKS", blocks)
+    monkeypatch.setattr(elastic_contact, "_BLOCKS", blocks)
     rng = np.random.default_rng(seed=0)
     for _ in range(100):
         n = rng.integers(3, 30)
         factor = rng.standard_normal((n, n))
         stiffness = factor @ factor.T + 10.0 ** rng.uniform(-3.0, 0.0) * np.eye(n)
         gap, approach = rng.uniform(0.0, 1.0, n), rng.uniform(0.2, 2.0)
-        state = contact.solve_contact(
+        state = elastic_contact.solve_contact(
             dense_body(stiffness, rng), gap, np.ones(n), approach=approach, max_iterations=300
         )
         assert state.status is Status.CONVERGED

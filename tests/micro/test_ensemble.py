@@ -12,7 +12,15 @@ import xarray as xr
 from multiscale.convergence import Status
 from multiscale.errors import CaseError, MultiscaleError
 from multiscale.executors import process_pool, run_jobs
-from multiscale.micro import Cell, Path, checkpoint, contact, run_ensemble, self_affine, solve
+from multiscale.micro import (
+    Cell,
+    Path,
+    cell_solver,
+    checkpoint,
+    elastic_contact,
+    run_ensemble,
+    self_affine,
+)
 from multiscale.micro import ensemble as module
 from multiscale.micro.checkpoint import Checkpoint
 from multiscale.micro.contact_state import ContactState
@@ -126,7 +134,7 @@ def test_a_realisation_that_is_killed_goes_on_after_its_last_step(
     one = [replace(cells[0], geometry=geometry)]
     whole = run_ensemble(one, path)
     monkeypatch.setattr(checkpoint, "WORTH", 0.0)
-    average, solved = solve._average, []
+    average, solved = cell_solver._average, []
 
     def killed(problem, state):
         if len(solved) == 3:
@@ -134,10 +142,10 @@ def test_a_realisation_that_is_killed_goes_on_after_its_last_step(
         solved.append(state)
         return average(problem, state)
 
-    monkeypatch.setattr(solve, "_average", killed)
+    monkeypatch.setattr(cell_solver, "_average", killed)
     with pytest.raises(KeyboardInterrupt):
         run_ensemble(one, path, folder=tmp_path, identity="a")
-    monkeypatch.setattr(solve, "_average", lambda *given: solved.append(0) or average(*given))
+    monkeypatch.setattr(cell_solver, "_average", lambda *given: solved.append(0) or average(*given))
     timed = ["wall_time"]
     other = run_ensemble(one, path, folder=tmp_path / "other", identity="b")
     assert len(solved) == 3 + 4
@@ -164,7 +172,7 @@ def test_steps_of_another_case_or_a_damaged_file_are_not_taken(content, tmp_path
 
 
 def test_a_realisation_says_why_it_lacks_steps(cells, tmp_path, monkeypatch):
-    monkeypatch.setattr(contact, "_LINEAR_LIMIT", 1)
+    monkeypatch.setattr(elastic_contact, "_LINEAR_LIMIT", 1)
     response = run_ensemble(cells[:2], PATH)
     assert not response["converged"].values.any()
     lines = response.attrs["ended"].splitlines()

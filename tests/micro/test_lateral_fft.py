@@ -5,9 +5,9 @@ import pytest
 
 from multiscale.laws.bulk.moduli import lame_parameters
 from multiscale.micro import Surface, bonded_layer
+from multiscale.micro.elastic_operator import stiffness_operator
+from multiscale.micro.graph_mesh import GraphMesh, graded_planes
 from multiscale.micro.lateral_fft import brick_stiffness, factorise_flat_cell
-from multiscale.micro.mesh import GraphMesh, graded_planes
-from multiscale.micro.operator import stiffness_operator
 
 
 def flat_cell(points, size, layers, modulus, nu=0.3, mean_dilatation=False):

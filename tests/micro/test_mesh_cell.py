@@ -6,7 +6,7 @@ from skfem import ElementHex1, ElementHex2, ElementTetP1, ElementTetP2, MeshHex,
 
 from multiscale.errors import CaseError
 from multiscale.micro import Cell, MeshCell, Path, Surface, self_affine, solve_cell
-from multiscale.micro.mesh import GraphMesh, graded_planes
+from multiscale.micro.graph_mesh import GraphMesh, graded_planes
 from tests.support import egg_box, keep_ignoring_broken_pipes
 
 PATH = Path(pressure=(1e-3, 1e-2, 1e-1))

@@ -10,8 +10,8 @@ import pytest
 from multiscale.laws.bulk import J2, NeoHookean
 from multiscale.micro import Cell, Path, Surface, self_affine, solve_cell
 from multiscale.micro import graph_cell as graph_cell_module
+from multiscale.micro.cell_needs import cell_needs
 from multiscale.micro.lateral_fft import LateralInverse
-from multiscale.micro.needs import cell_needs
 
 N, LAYERS = 48, 10
 

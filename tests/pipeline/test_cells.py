@@ -7,7 +7,7 @@ from multiscale.cli import run_command
 from multiscale.errors import CaseError
 from multiscale.io import open_dataset, open_response
 from multiscale.pipeline import load_case, make_cells, run
-from multiscale.pipeline.cells import composite_material
+from multiscale.pipeline.case_cells import composite_material
 from multiscale.schema import MACRO_RESULT
 from multiscale.surfaces import rms_height, rms_slope
 from multiscale.units import to_si

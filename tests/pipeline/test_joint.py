@@ -8,7 +8,7 @@ from multiscale.io import open_law
 from multiscale.laws import Exponential
 from multiscale.macro import Block, RoughJoint, press_joint
 from multiscale.pipeline import load_case
-from multiscale.pipeline.joint import solve_joint
+from multiscale.pipeline.case_joint import solve_joint
 from multiscale.pipeline.rough_structure import Answer, checked
 from multiscale.report import list_facts, tabulate
 from multiscale.schema import INTERFACE_LAW

@@ -9,7 +9,7 @@ from multiscale.errors import CaseError
 from multiscale.io import open_run
 from multiscale.micro import Path, run_ensemble
 from multiscale.pipeline import load_case, run
-from multiscale.pipeline.cells import make_cells
+from multiscale.pipeline.case_cells import make_cells
 from multiscale.pipeline.forecast import (
     GROWTH,
     REALISATIONS,

@@ -102,7 +102,7 @@ DATASETS = [
 @pytest.fixture(scope="module")
 def response(tmp_path_factory):
     from multiscale.pipeline import load_case
-    from multiscale.pipeline.micro import run_micro
+    from multiscale.pipeline.case_response import run_micro
 
     folder = tmp_path_factory.mktemp("response")
     (folder / "case.toml").write_text(SINGLE, encoding="utf-8")

@@ -27,16 +27,16 @@ from multiscale.macro import (
 )
 from multiscale.macro import dynamics as dynamics_module
 from multiscale.macro import limited_motion as motion_module
-from multiscale.macro.discrete.needs import link_needs
-from multiscale.macro.discrete.tangent import Tangent
+from multiscale.macro.discrete.link_needs import link_needs
+from multiscale.macro.discrete.link_tangent import Tangent
 from multiscale.macro.granulate import ContactLaw, Grains, Model, Solver, box
-from multiscale.macro.granulate.motion import advance
-from multiscale.macro.granulate.needs import grain_needs
-from multiscale.macro.granulate.state import start
+from multiscale.macro.granulate.grain_motion import advance
+from multiscale.macro.granulate.grain_needs import grain_needs
+from multiscale.macro.granulate.grain_state import start
 from multiscale.macro.substructures import latin as latin_module
-from multiscale.macro.substructures import solve as solve_module
+from multiscale.macro.substructures import latin_solver as solve_module
 from multiscale.macro.substructures import split_grid
-from multiscale.macro.substructures.needs import cut_needs, needs_of
+from multiscale.macro.substructures.substructure_needs import cut_needs, needs_of
 from multiscale.pipeline import load_scene, scene_requirements
 from multiscale.pipeline.body_scenes import make_assembly
 

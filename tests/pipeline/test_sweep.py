@@ -11,7 +11,7 @@ from multiscale.cli import app
 from multiscale.errors import CaseError, MultiscaleError
 from multiscale.pipeline import load_case, load_sweep, run, run_sweep
 from multiscale.pipeline.case import shipped_cases
-from multiscale.pipeline.joint import solve_joint
+from multiscale.pipeline.case_joint import solve_joint
 
 SMALL = (
     shipped_cases()["ground_steel"]

@@ -11,7 +11,7 @@ from typer.testing import CliRunner
 from multiscale.cli import app
 from multiscale.errors import CaseError
 from multiscale.io import open_law, open_run, save_law
-from multiscale.micro.sliding import wlf_shift
+from multiscale.micro.viscoelastic_sliding import wlf_shift
 from multiscale.pipeline import load_case, load_tyre, run_tyre
 from multiscale.pipeline.case import shipped_cases
 from multiscale.pipeline.tyre import friction_at, solve_treads

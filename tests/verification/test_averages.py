@@ -8,9 +8,9 @@ from multiscale.fe.elasticity import assemble_elasticity
 from multiscale.laws.bulk.moduli import lame_parameters
 from multiscale.micro import Cell, Path, Surface, self_affine, solve_cell
 from multiscale.micro.averages import average_traction, dual_basis
+from multiscale.micro.cell_needs import cell_needs
 from multiscale.micro.graph_cell import assemble_graph_cell
-from multiscale.micro.mesh import GraphMesh, graded_planes
-from multiscale.micro.needs import cell_needs
+from multiscale.micro.graph_mesh import GraphMesh, graded_planes
 from tests.support import egg_box, observed_rate
 
 

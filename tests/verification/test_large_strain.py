@@ -6,7 +6,7 @@ import pytest
 from multiscale.laws.bulk import J2, NeoHookean
 from multiscale.micro import Cell, Path, Surface, graph_cell, self_affine, solve_cell
 from multiscale.micro.contact_area import HALF_SPACE
-from multiscale.micro.finite import cell as finite_cell
+from multiscale.micro.finite import finite_cell
 from multiscale.micro.graph_cell import element_edges
 from tests.closed_forms import mindlin
 from tests.support import observed_rate

@@ -18,7 +18,7 @@ import pytest
 
 from multiscale.laws.bulk import J2, NeoHookean
 from multiscale.micro import Cell, Path, graph_cell, solve_cell
-from multiscale.micro.finite import cell as finite_cell
+from multiscale.micro.finite import finite_cell
 from tests.support import egg_box
 
 APPROACH = (0.01, 0.02, 0.03, 0.04)

@@ -7,7 +7,7 @@ import pytest
 
 from multiscale.micro import Path, run_ensemble
 from multiscale.pipeline import load_case
-from multiscale.pipeline.cells import make_cells
+from multiscale.pipeline.case_cells import make_cells
 from multiscale.pipeline.forecast import CostModel, Setting
 from multiscale.pipeline.pilots import stored_pilots, surface_at_large
 from multiscale.pipeline.planner import plan, resize

@@ -12,8 +12,8 @@ from skfem import ElementHex2
 
 from multiscale.errors import CaseError
 from multiscale.laws import ConvexDecreasing, Exponential, HystereticLaw
-from multiscale.laws.base import InterfaceLaw, Response
 from multiscale.laws.bulk import AnisotropicElastic
+from multiscale.laws.interface_law import InterfaceLaw, Response
 from multiscale.macro import (
     Block,
     RoughJoint,

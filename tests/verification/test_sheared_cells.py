@@ -5,7 +5,7 @@ import pytest
 
 from multiscale.errors import CaseError
 from multiscale.micro import Cell, Path, run_ensemble, self_affine
-from multiscale.micro.sliding import RelaxingSolid, solve_sliding
+from multiscale.micro.viscoelastic_sliding import RelaxingSolid, solve_sliding
 from multiscale.upscaling import (
     fit_law,
     fitted_law,

@@ -5,10 +5,10 @@ import pytest
 
 from multiscale.laws.bulk import J2, NeoHookean
 from multiscale.micro import Cell, Opposite, Path, Surface, self_affine, solve_cell
-from multiscale.micro.finite.cell import make_scene
+from multiscale.micro.finite.finite_cell import make_scene
 from multiscale.micro.finite.history import rest_state, walk_step
 from multiscale.micro.finite.scene import Target
-from multiscale.micro.mesh import graded_planes
+from multiscale.micro.graph_mesh import graded_planes
 from tests.closed_forms import mindlin
 
 STEEL = J2(1.0, 0.3, 0.005, 0.01)

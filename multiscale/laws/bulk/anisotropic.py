@@ -6,7 +6,7 @@ from functools import cached_property
 import numpy as np
 
 from multiscale.errors import CaseError
-from multiscale.laws.bulk.base import BulkLaw, BulkResponse
+from multiscale.laws.bulk.bulk_law import BulkLaw, BulkResponse
 
 __all__ = ["AnisotropicElastic"]
 

@@ -4,7 +4,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from multiscale.laws.bulk.base import BulkLaw, BulkResponse
+from multiscale.laws.bulk.bulk_law import BulkLaw, BulkResponse
 from multiscale.laws.bulk.moduli import check_moduli, lame_parameters
 
 __all__ = ["Elastic"]

@@ -5,7 +5,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from multiscale.errors import CaseError
-from multiscale.laws.bulk.base import BulkLaw, BulkResponse
+from multiscale.laws.bulk.bulk_law import BulkLaw, BulkResponse
 from multiscale.laws.bulk.moduli import check_moduli
 
 __all__ = ["J2"]

@@ -4,7 +4,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from multiscale.laws.bulk.base import (
+from multiscale.laws.bulk.bulk_law import (
     BulkLaw,
     BulkResponse,
     cofactor,

@@ -6,7 +6,7 @@ from typing import Self
 import numpy as np
 
 from multiscale.errors import CaseError
-from multiscale.laws.bulk.base import BulkLaw, BulkResponse
+from multiscale.laws.bulk.bulk_law import BulkLaw, BulkResponse
 from multiscale.laws.bulk.neo_hookean import NeoHookean
 
 __all__ = ["Prony"]

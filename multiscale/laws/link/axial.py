@@ -2,7 +2,7 @@
 
 from dataclasses import dataclass
 
-from multiscale.laws.link.base import LinkLaw
+from multiscale.laws.link.link_law import LinkLaw
 
 __all__ = ["Bar", "Cable", "Strut"]
 

@@ -5,7 +5,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from multiscale.errors import CaseError
-from multiscale.laws.link.base import LinkLaw
+from multiscale.laws.link.link_law import LinkLaw
 
 __all__ = ["Beam"]
 

@@ -1,11 +1,11 @@
 """Elastic continua."""
 
 from multiscale.macro.continuum.body import Body
-from multiscale.macro.continuum.contact import ContactStep, SurfaceState, solve_contact
+from multiscale.macro.continuum.contact_steps import ContactStep, SurfaceState, solve_contact
+from multiscale.macro.continuum.contact_system import ContactProblem
 from multiscale.macro.continuum.interface import Contact
 from multiscale.macro.continuum.mesh_file import load_mesh
-from multiscale.macro.continuum.obstacle import Cylinder, Graph, Obstacle, Plane, Sphere
-from multiscale.macro.continuum.system import ContactProblem
+from multiscale.macro.continuum.rigid_obstacle import Cylinder, Graph, Obstacle, Plane, Sphere
 
 __all__ = [
     "Body",

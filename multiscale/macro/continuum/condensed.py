@@ -17,9 +17,15 @@ from scipy.sparse import csr_array
 
 from multiscale.convergence import Solution, Status, verdict
 from multiscale.errors import MultiscaleError
-from multiscale.macro.continuum.coulomb import LocalLaw, linearise
-from multiscale.macro.continuum.newton import CYCLE, PATIENCE, RELAXATION, ROUND_OFF, Equilibrium
-from multiscale.macro.continuum.system import Joined, System
+from multiscale.macro.continuum.contact_newton import (
+    CYCLE,
+    PATIENCE,
+    RELAXATION,
+    ROUND_OFF,
+    Equilibrium,
+)
+from multiscale.macro.continuum.contact_system import Joined, System
+from multiscale.macro.continuum.nodal_coulomb import LocalLaw, linearise
 from multiscale.numerics.factorisation import factorise
 
 __all__ = ["Condensed", "condense"]

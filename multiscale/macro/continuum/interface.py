@@ -32,7 +32,7 @@ from scipy.sparse import csr_array, diags_array
 from multiscale.errors import CaseError
 from multiscale.fe.facets import ContactFace, nodal_areas, nodal_normals
 from multiscale.fe.mortar import couple
-from multiscale.macro.continuum.obstacle import Obstacle, obstacle_motion
+from multiscale.macro.continuum.rigid_obstacle import Obstacle, obstacle_motion
 
 __all__ = [
     "Contact",

@@ -10,7 +10,7 @@ from scipy.sparse.csgraph import connected_components
 from multiscale.errors import CaseError
 
 if TYPE_CHECKING:
-    from multiscale.macro.discrete.system import LinkSystem
+    from multiscale.macro.discrete.link_system import LinkSystem
 
 __all__ = [
     "check_balance",

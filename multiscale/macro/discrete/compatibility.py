@@ -7,7 +7,7 @@ import numpy as np
 from scipy.sparse import csr_array
 
 from multiscale.laws.link import Beam
-from multiscale.macro.discrete.system import LinkSystem
+from multiscale.macro.discrete.link_system import LinkSystem
 
 __all__ = ["Equations", "compatibility", "elongations", "equations", "nodal_forces"]
 

@@ -5,7 +5,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from multiscale.errors import CaseError
-from multiscale.macro.discrete.system import LinkSystem
+from multiscale.macro.discrete.link_system import LinkSystem
 
 __all__ = ["Configuration", "actual", "prestressed", "relaxed", "with_relaxed_length"]
 

@@ -4,7 +4,7 @@ from typing import Any
 
 import numpy as np
 
-from multiscale.macro.discrete.system import LinkSystem
+from multiscale.macro.discrete.link_system import LinkSystem
 
 __all__ = ["describe"]
 

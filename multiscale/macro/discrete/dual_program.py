@@ -5,7 +5,7 @@ from scipy.sparse import csc_array, diags_array, vstack
 
 from multiscale.convergence import Solution, Status
 from multiscale.macro.discrete.compatibility import Equations
-from multiscale.macro.discrete.state import force_scale
+from multiscale.macro.discrete.link_state import force_scale
 
 __all__ = ["solve_dual_program"]
 

@@ -8,10 +8,10 @@ import numpy as np
 from multiscale.convergence import Solution, Status
 from multiscale.errors import MultiscaleError
 from multiscale.macro.discrete.compatibility import Equations
-from multiscale.macro.discrete.newton import RESIDUAL_STIFFNESS
-from multiscale.macro.discrete.state import Limits, State, force_scale
-from multiscale.macro.discrete.system import LinkSystem
-from multiscale.macro.discrete.tangent import Tangent
+from multiscale.macro.discrete.link_newton import RESIDUAL_STIFFNESS
+from multiscale.macro.discrete.link_state import Limits, State, force_scale
+from multiscale.macro.discrete.link_system import LinkSystem
+from multiscale.macro.discrete.link_tangent import Tangent
 
 __all__ = ["find_finite_state"]
 

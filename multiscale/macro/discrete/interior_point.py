@@ -8,8 +8,8 @@ import numpy as np
 from multiscale.convergence import Solution, Status
 from multiscale.errors import MultiscaleError
 from multiscale.macro.discrete.compatibility import Equations
-from multiscale.macro.discrete.state import Limits, State, force_scale
-from multiscale.macro.discrete.tangent import Tangent
+from multiscale.macro.discrete.link_state import Limits, State, force_scale
+from multiscale.macro.discrete.link_tangent import Tangent
 from multiscale.numerics.cholesky import Solve
 
 __all__ = ["solve_interior_point"]

@@ -6,8 +6,8 @@ from scipy.linalg import svd
 
 from multiscale.errors import CaseError, MultiscaleError
 from multiscale.macro.discrete.compatibility import Equations, compatibility
-from multiscale.macro.discrete.system import LinkSystem
-from multiscale.macro.discrete.tangent import Tangent
+from multiscale.macro.discrete.link_system import LinkSystem
+from multiscale.macro.discrete.link_tangent import Tangent
 from multiscale.numerics.cholesky import Solve
 
 __all__ = ["factorise_taut", "mechanism_modes", "name_mechanism", "name_motion", "self_stress"]

@@ -7,12 +7,12 @@ import numpy as np
 from multiscale.convergence import Solution, Status
 from multiscale.errors import CaseError
 from multiscale.macro.discrete.compatibility import Equations
-from multiscale.macro.discrete.complementarity import solve_complementarity
 from multiscale.macro.discrete.dual_program import solve_dual_program
 from multiscale.macro.discrete.interior_point import solve_interior_point
-from multiscale.macro.discrete.newton import solve_newton
-from multiscale.macro.discrete.state import Limits, State, state_of
-from multiscale.macro.discrete.tangent import Tangent
+from multiscale.macro.discrete.link_complementarity import solve_complementarity
+from multiscale.macro.discrete.link_newton import solve_newton
+from multiscale.macro.discrete.link_state import Limits, State, state_of
+from multiscale.macro.discrete.link_tangent import Tangent
 from multiscale.numerics.cholesky import Solve
 
 __all__ = ["METHODS", "find_state"]

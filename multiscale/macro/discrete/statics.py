@@ -11,18 +11,18 @@ from multiscale.errors import CaseError, MultiscaleError
 from multiscale.macro.discrete.checks import check_supports
 from multiscale.macro.discrete.compatibility import Equations, equations
 from multiscale.macro.discrete.finite_displacement import find_finite_state
-from multiscale.macro.discrete.mechanism import factorise_taut, name_mechanism, name_motion
-from multiscale.macro.discrete.needs import link_needs
-from multiscale.macro.discrete.results import join_steps, step_values
-from multiscale.macro.discrete.small_displacement import METHODS, find_state
-from multiscale.macro.discrete.stability import (
+from multiscale.macro.discrete.link_needs import link_needs
+from multiscale.macro.discrete.link_stability import (
     material_entries,
     smallest_eigenvalue,
     stability_entries,
 )
-from multiscale.macro.discrete.state import Limits, State, state_of
-from multiscale.macro.discrete.system import LinkSystem
-from multiscale.macro.discrete.tangent import Tangent, prepare_tangent
+from multiscale.macro.discrete.link_state import Limits, State, state_of
+from multiscale.macro.discrete.link_system import LinkSystem
+from multiscale.macro.discrete.link_tangent import Tangent, prepare_tangent
+from multiscale.macro.discrete.mechanism import factorise_taut, name_mechanism, name_motion
+from multiscale.macro.discrete.small_displacement import METHODS, find_state
+from multiscale.macro.discrete.static_results import join_steps, step_values
 from multiscale.numerics.cholesky import Solve
 
 if TYPE_CHECKING:

@@ -6,7 +6,7 @@ import numpy as np
 
 from multiscale.errors import CaseError
 from multiscale.laws.link import Bar, Cable
-from multiscale.macro.discrete.system import LinkSystem
+from multiscale.macro.discrete.link_system import LinkSystem
 
 __all__ = ["quadruplex_module", "tensegrity_grid"]
 

@@ -2,11 +2,11 @@
 
 from multiscale.macro.granulate.arrangements import column, deposit, release, silo
 from multiscale.macro.granulate.biaxial import biaxial_cell, biaxial_curve
-from multiscale.macro.granulate.bodies import Cylinder, Grains, Plane, Wall, box
-from multiscale.macro.granulate.cells import compact, shear_layer, shear_response
+from multiscale.macro.granulate.grain_bodies import Cylinder, Grains, Plane, Wall, box
+from multiscale.macro.granulate.grain_cells import compact, shear_layer, shear_response
+from multiscale.macro.granulate.loose_packing import draw_radii, place_loosely
 from multiscale.macro.granulate.model import ContactLaw, Model, Solver
 from multiscale.macro.granulate.observables import coordination, love_weber, network
-from multiscale.macro.granulate.packing import draw_radii, place_loosely
 from multiscale.macro.granulate.simulate import final_grains, simulate
 
 __all__ = [

@@ -3,9 +3,9 @@
 import numpy as np
 
 from multiscale.errors import CaseError
-from multiscale.macro.granulate.bodies import Cylinder, Grains, Plane, box
+from multiscale.macro.granulate.grain_bodies import Cylinder, Grains, Plane, box
+from multiscale.macro.granulate.loose_packing import lattice, place_loosely
 from multiscale.macro.granulate.model import ContactLaw, Model
-from multiscale.macro.granulate.packing import lattice, place_loosely
 
 __all__ = ["column", "deposit", "release", "silo"]
 

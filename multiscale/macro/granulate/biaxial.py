@@ -6,8 +6,8 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from multiscale.errors import CaseError, ConvergenceError
-from multiscale.macro.granulate.bodies import Grains
-from multiscale.macro.granulate.cells import compact, resolving_step
+from multiscale.macro.granulate.grain_bodies import Grains
+from multiscale.macro.granulate.grain_cells import compact, resolving_step
 from multiscale.macro.granulate.model import ContactLaw, Model, Solver
 
 if TYPE_CHECKING:

@@ -6,9 +6,9 @@ from functools import cached_property
 import numpy as np
 
 from multiscale.errors import CaseError
-from multiscale.macro.granulate.bodies import Cylinder, Grains, Plane, Wall
 from multiscale.macro.granulate.contacts import CYLINDER, PLANE
-from multiscale.macro.granulate.needs import grain_needs
+from multiscale.macro.granulate.grain_bodies import Cylinder, Grains, Plane, Wall
+from multiscale.macro.granulate.grain_needs import grain_needs
 from multiscale.needs import Needs
 
 __all__ = ["ContactLaw", "Model", "Solver"]

@@ -6,9 +6,9 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from multiscale.errors import CaseError
+from multiscale.macro.granulate.grain_motion import Step, advance
+from multiscale.macro.granulate.grain_state import State, start
 from multiscale.macro.granulate.model import Model, Solver
-from multiscale.macro.granulate.motion import Step, advance
-from multiscale.macro.granulate.state import State, start
 from multiscale.schema import GRANULATE
 
 if TYPE_CHECKING:

@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from multiscale.macro.granulate.assembled import solve_assembled
+from multiscale.macro.granulate.assembled_grains import solve_assembled
 from multiscale.macro.granulate.contacts import Contacts, colour
 from multiscale.macro.granulate.domains import order_contacts, relax_domains, split_grains
 from multiscale.macro.granulate.model import Model, Solver

@@ -1,6 +1,6 @@
 r"""Equilibrium of a condensed joint under one load.
 
-The equations are those of :func:`~multiscale.macro.joint.solve.rough_joint`:
+The equations are those of :func:`~multiscale.macro.joint.joint_solver.rough_joint`:
 
 .. math::
     j &= R w + C \lambda, \tag{1} \\
@@ -13,8 +13,8 @@ from functools import partial
 import numpy as np
 
 from multiscale.convergence import Solution, Status, verdict
-from multiscale.laws.base import InterfaceLaw
-from multiscale.macro.joint.assembly import CondensedJoint
+from multiscale.laws.interface_law import InterfaceLaw
+from multiscale.macro.joint.joint_assembly import CondensedJoint
 from multiscale.numerics.line_search import step_length
 
 __all__ = ["respond", "solve_preload", "tangent_stiffness"]

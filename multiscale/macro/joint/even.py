@@ -9,7 +9,7 @@ import numpy as np
 from multiscale.laws import HystereticLaw, NormalLaw
 from multiscale.macro.data_range import load_shares, with_load_shares
 from multiscale.macro.joint.geometry import RoughJoint
-from multiscale.macro.joint.solve import check_preloads, ratios, rough_joint
+from multiscale.macro.joint.joint_solver import check_preloads, ratios, rough_joint
 from multiscale.schema import MACRO_RESULT
 
 if TYPE_CHECKING:

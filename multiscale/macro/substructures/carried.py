@@ -6,7 +6,7 @@ import numpy as np
 from scipy.sparse import csr_array
 
 from multiscale.errors import CaseError
-from multiscale.laws.base import InterfaceLaw
+from multiscale.laws.interface_law import InterfaceLaw
 from multiscale.laws.rigid import RigidContact
 from multiscale.macro.substructures.problem import Problem, Substructure
 

@@ -6,7 +6,7 @@ from scipy.sparse.csgraph import connected_components
 
 from multiscale.errors import CaseError
 from multiscale.macro.discrete.compatibility import Equations, compatibility, equations
-from multiscale.macro.discrete.system import LinkSystem
+from multiscale.macro.discrete.link_system import LinkSystem
 from multiscale.macro.substructures.problem import Links, Problem, Substructure
 
 __all__ = ["bisect", "cut_links", "split_grid"]

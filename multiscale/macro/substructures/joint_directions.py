@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from multiscale.laws.base import InterfaceLaw
+from multiscale.laws.interface_law import InterfaceLaw
 from multiscale.laws.rigid import RigidContact
 from multiscale.macro.substructures.problem import Interface, Problem
 

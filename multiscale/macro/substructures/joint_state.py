@@ -7,11 +7,11 @@ import numpy as np
 from scipy.sparse import csr_array, diags_array
 
 from multiscale.errors import ConvergenceError
-from multiscale.laws.base import InterfaceLaw, Sliding
+from multiscale.laws.interface_law import InterfaceLaw, Sliding
 from multiscale.macro.data_range import load_shares
-from multiscale.macro.substructures.assembled import Assembled
 from multiscale.macro.substructures.problem import Interface
 from multiscale.macro.substructures.stack import Factors
+from multiscale.macro.substructures.whole_structure import Assembled
 
 if TYPE_CHECKING:
     import xarray as xr

@@ -6,14 +6,9 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.sparse import diags_array
 
-from multiscale.laws.base import InterfaceLaw
+from multiscale.laws.interface_law import InterfaceLaw
 from multiscale.macro.substructures.capacity import Slide, find_slide
 from multiscale.macro.substructures.coarse import coarse_basis, prepare_coarse
-from multiscale.macro.substructures.directions import (
-    interface_stiffness,
-    schur_complements,
-    side_stiffness,
-)
 from multiscale.macro.substructures.joint_directions import (
     body_stiffness,
     joint_directions,
@@ -22,6 +17,11 @@ from multiscale.macro.substructures.joint_directions import (
 from multiscale.macro.substructures.joint_state import advance
 from multiscale.macro.substructures.parallel import Alone, Team, share
 from multiscale.macro.substructures.problem import Problem
+from multiscale.macro.substructures.search_directions import (
+    interface_stiffness,
+    schur_complements,
+    side_stiffness,
+)
 from multiscale.macro.substructures.stack import Factors, lay_out_sides, stack
 
 __all__ = ["Iterate", "Latin"]

@@ -8,11 +8,11 @@ import numpy as np
 from multiscale.errors import CaseError
 from multiscale.laws.rigid import RigidContact
 from multiscale.macro.data_range import with_load_shares
-from multiscale.macro.substructures.assembled import assemble
 from multiscale.macro.substructures.joint_state import contact_state, joint_shares, stiffness
+from multiscale.macro.substructures.latin_solver import solve_latin
 from multiscale.macro.substructures.parallel import Team
 from multiscale.macro.substructures.rough import RoughAssembly
-from multiscale.macro.substructures.solve import solve_latin
+from multiscale.macro.substructures.whole_structure import assemble
 from multiscale.schema import MACRO_RESULT
 
 if TYPE_CHECKING:

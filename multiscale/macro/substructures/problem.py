@@ -8,7 +8,7 @@ import numpy as np
 from scipy.sparse import csr_array
 
 from multiscale.errors import CaseError
-from multiscale.laws.base import InterfaceLaw
+from multiscale.laws.interface_law import InterfaceLaw
 
 __all__ = ["Interface", "Links", "Problem", "Substructure", "rigid_motions"]
 

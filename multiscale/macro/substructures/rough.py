@@ -10,10 +10,10 @@ from multiscale.fe.boxes import box_mesh
 from multiscale.fe.elasticity import displacement_basis
 from multiscale.fe.faces import face_operator
 from multiscale.fe.lap_mesh import LapShape, lap_meshes
-from multiscale.laws.base import InterfaceLaw
 from multiscale.laws.bulk import AnisotropicElastic, Elastic
+from multiscale.laws.interface_law import InterfaceLaw
 from multiscale.macro.continuum.body import Body, Value
-from multiscale.macro.substructures.bodies import Joint, cut_bodies, split_boxes
+from multiscale.macro.substructures.cut_bodies import Joint, cut_bodies, split_boxes
 from multiscale.macro.substructures.problem import Problem
 
 __all__ = ["RoughAssembly", "lap_joint", "stacked_blocks"]

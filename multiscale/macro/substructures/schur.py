@@ -8,10 +8,10 @@ import numpy as np
 
 from multiscale.convergence import Status
 from multiscale.errors import MultiscaleError
+from multiscale.macro.substructures.cut_results import assemble_result, link_fields, load_factors
+from multiscale.macro.substructures.cut_tangent import Newton
 from multiscale.macro.substructures.parallel import Team
 from multiscale.macro.substructures.problem import Problem
-from multiscale.macro.substructures.results import assemble_result, link_fields, load_factors
-from multiscale.macro.substructures.tangent import Newton
 
 if TYPE_CHECKING:
     import xarray as xr

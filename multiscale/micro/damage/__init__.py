@@ -1,16 +1,8 @@
 """Damage: plane sections of a representative volume, its stiffness, and fatigue."""
 
 from multiscale.io.images import VoxelImage
-from multiscale.micro.damage.bodies import (
-    Cracks,
-    Cylinders,
-    Ellipsoids,
-    cylinders,
-    ellipsoids,
-    penny_cracks,
-    spheres,
-)
 from multiscale.micro.damage.cavities import Cavities, crack_density_tensor, voxelise
+from multiscale.micro.damage.cavity_packing import boolean_spheres, lattice, random_spheres
 from multiscale.micro.damage.compare import compare_stiffness
 from multiscale.micro.damage.elasticity import (
     hashin_shtrikman_bound,
@@ -21,9 +13,17 @@ from multiscale.micro.damage.elasticity import (
 from multiscale.micro.damage.fatigue import two_scale_fatigue, woehler_curve
 from multiscale.micro.damage.fatigue_material import Block, FatigueMaterial
 from multiscale.micro.damage.mesh_stiffness import mesh_stiffness
-from multiscale.micro.damage.packing import boolean_spheres, lattice, random_spheres
 from multiscale.micro.damage.rve import effective_stiffness
 from multiscale.micro.damage.sections import max_damage, plane_damage
+from multiscale.micro.damage.shapes import (
+    Cracks,
+    Cylinders,
+    Ellipsoids,
+    cylinders,
+    ellipsoids,
+    penny_cracks,
+    spheres,
+)
 
 __all__ = [
     "Block",

@@ -9,7 +9,7 @@ import numpy as np
 
 from multiscale.errors import CaseError
 from multiscale.io.images import VoxelImage
-from multiscale.micro.damage.bodies import FLAT, Bodies, Cracks, Cylinders, Ellipsoids, Mapped
+from multiscale.micro.damage.shapes import FLAT, Bodies, Cracks, Cylinders, Ellipsoids, Mapped
 
 __all__ = ["Cavities", "check_box", "crack_density_tensor", "first_overlap", "voxelise"]
 

@@ -21,11 +21,11 @@ from multiscale.convergence import Solution, Status
 from multiscale.errors import CaseError
 from multiscale.fe.elasticity import assemble_elasticity
 from multiscale.laws.bulk.moduli import check_moduli, lame_parameters
-from multiscale.micro.damage.bodies import Cylinders, Ellipsoids
 from multiscale.micro.damage.cavities import Cavities
+from multiscale.micro.damage.cavity_mesh import mesh_cavities
 from multiscale.micro.damage.crack_faces import CrackedMesh
-from multiscale.micro.damage.mesh import mesh_cavities
 from multiscale.micro.damage.rve import LOST, summarise_loads
+from multiscale.micro.damage.shapes import Cylinders, Ellipsoids
 from multiscale.numerics.factorisation import factorise
 
 if TYPE_CHECKING:

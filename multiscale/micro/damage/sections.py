@@ -20,7 +20,7 @@ from multiscale.micro.damage.directions import (
     miller_indices,
     sphere_directions,
 )
-from multiscale.micro.damage.plane import Plane
+from multiscale.micro.damage.plane_damage import Plane
 from multiscale.schema import DAMAGE_SECTIONS
 
 if TYPE_CHECKING:

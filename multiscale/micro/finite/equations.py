@@ -24,7 +24,7 @@ from functools import cached_property
 
 import numpy as np
 
-from multiscale.micro.finite.body import Increment, Response
+from multiscale.micro.finite.finite_body import Increment, Response
 from multiscale.micro.finite.reference import Constraint
 from multiscale.micro.finite.scene import CellState, Meeting, Scene, Target
 from multiscale.micro.finite.tangential import Tangential, evaluate_friction

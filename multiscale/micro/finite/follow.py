@@ -12,7 +12,7 @@ from multiscale.micro import averages
 from multiscale.micro.cell import Cell
 from multiscale.micro.checkpoint import Checkpoint
 from multiscale.micro.contact_area import EdgeLayer, contact_fraction
-from multiscale.micro.finite.cell import make_scene
+from multiscale.micro.finite.finite_cell import make_scene
 from multiscale.micro.finite.history import Walk, rest_state, walk_step
 from multiscale.micro.finite.pair_scene import PairScene
 from multiscale.micro.finite.scene import CellState, Scene, Target

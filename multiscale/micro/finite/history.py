@@ -6,7 +6,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from multiscale.convergence import Status
-from multiscale.micro.finite.newton import solve_increment
+from multiscale.micro.finite.cell_newton import solve_increment
 from multiscale.micro.finite.scene import CellState, Scene, Target
 from multiscale.micro.flat import solve_flat
 from multiscale.micro.lateral_fft import filter_surface

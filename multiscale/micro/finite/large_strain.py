@@ -8,9 +8,9 @@ from typing import Any
 import numpy as np
 
 from multiscale.laws.bulk import J2, NeoHookean, Prony
-from multiscale.micro.finite.body import Body, Increment, Response
 from multiscale.micro.finite.element_stiffness import ENTRIES, corner_gradients
-from multiscale.micro.finite.operator import (
+from multiscale.micro.finite.finite_body import Body, Increment, Response
+from multiscale.micro.finite.tangent_operator import (
     NEO_HOOKEAN,
     PLASTIC,
     apply_tangent,
@@ -18,8 +18,8 @@ from multiscale.micro.finite.operator import (
     respond_cell,
     update_state,
 )
+from multiscale.micro.graph_mesh import GraphMesh
 from multiscale.micro.hexahedron import BATCH
-from multiscale.micro.mesh import GraphMesh
 
 __all__ = ["large_strain_body"]
 

@@ -8,8 +8,8 @@ from typing import Any, Protocol
 import numpy as np
 
 from multiscale.convergence import Status
-from multiscale.micro.finite.body import Body
-from multiscale.micro.finite.obstacle import Obstacle, RigidMeeting
+from multiscale.micro.finite.finite_body import Body
+from multiscale.micro.finite.height_obstacle import Obstacle, RigidMeeting
 from multiscale.micro.finite.reference import Reference, Support
 from multiscale.surfaces.surface import Surface
 

@@ -25,7 +25,7 @@ from typing import Any
 
 import numpy as np
 
-from multiscale.micro.finite.body import Body, Increment, Response
+from multiscale.micro.finite.finite_body import Body, Increment, Response
 from multiscale.micro.finite.opposite import DeformedSurface, Projection
 from multiscale.surfaces.surface import Surface
 

@@ -15,8 +15,8 @@ from multiscale.macro.granulate import (
     compact,
     simulate,
 )
-from multiscale.macro.granulate.motion import advance
-from multiscale.macro.granulate.state import start
+from multiscale.macro.granulate.grain_motion import advance
+from multiscale.macro.granulate.grain_state import start
 from multiscale.nonsmooth import solve_friction
 from tests.support import threads
 

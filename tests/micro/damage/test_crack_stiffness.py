@@ -21,8 +21,8 @@ from multiscale.micro.damage import (
     spheres,
     voxelise,
 )
+from multiscale.micro.damage.cavity_mesh import mesh_cavities
 from multiscale.micro.damage.directions import sphere_directions
-from multiscale.micro.damage.mesh import mesh_cavities
 from tests.micro.damage.solid import CUBE, MIDDLE, NU, E, ratio
 from tests.support import observed_rate
 

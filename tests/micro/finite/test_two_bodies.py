@@ -6,13 +6,13 @@ import pytest
 from multiscale.errors import CaseError
 from multiscale.laws.bulk import J2, NeoHookean, Prony
 from multiscale.micro import Cell, Opposite, Path, Surface, self_affine, solve_cell
-from multiscale.micro.finite.cell import make_scene
+from multiscale.micro.cell_needs import cell_needs
 from multiscale.micro.finite.equations import Equations
+from multiscale.micro.finite.finite_cell import make_scene
 from multiscale.micro.finite.history import rest_state, walk_step
 from multiscale.micro.finite.opposite import DeformedSurface
 from multiscale.micro.finite.scene import Target
 from multiscale.micro.finite.two_bodies import MIRROR
-from multiscale.micro.needs import cell_needs
 
 N, LAYERS = 16, 6
 

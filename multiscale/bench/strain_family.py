@@ -1,0 +1,88 @@
+"""Cells at large strain: the error of the mean gap against run time, grid by grid."""
+
+from collections.abc import Callable
+from functools import partial
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from multiscale.bench.ladder import Rung, climb
+from multiscale.bench.limits import extrapolate
+from multiscale.laws.bulk import J2, NeoHookean
+
+if TYPE_CHECKING:
+    import xarray as xr
+
+__all__ = ["SCENES", "bench_strain", "mean_gap"]
+
+YOUNG, POISSON = 1e9, 0.3  # Pa, 1
+AMPLITUDE = 0.04
+"""Of the waves, over their length: slopes up to a quarter."""
+
+SCENES = {
+    "rubber waves": (NeoHookean(YOUNG, POISSON), 0.06),
+    "plastic waves": (J2(YOUNG, POISSON, 0.005 * YOUNG, 0.01 * YOUNG), 0.006),
+}
+"""Law of the body, and mean pressure over Young's modulus."""
+
+POINTS, QUICK_POINTS = (8, 16, 32, 64), (8, 12, 16)
+WARM = 8
+
+
+def mean_gap(scene: str, points: int) -> float:
+    """Press waves on a grid of so many points along an edge: mean gap over wavelength."""
+    from multiscale.micro import Cell, Path, Surface, solve_cell
+
+    law, pressure = SCENES[scene]
+    wave = np.cos(2.0 * np.pi * np.arange(points) / points)
+    surface = Surface(AMPLITUDE * wave[:, None] * wave, (1.0, 1.0))
+    layers = max(4, points // 2)
+    cell = Cell(surface, 0.5, layers, YOUNG, POISSON, bulk=law)
+    response = solve_cell(cell, Path(pressure=(pressure * YOUNG,)))
+    if not response["converged"].values.all():
+        return np.nan
+    return float(response["mean_gap"].values.ravel()[-1])
+
+
+def bench_strain(
+    *, quick: bool = False, report: Callable[[str], None] = lambda line: None
+) -> "xr.Dataset":
+    """Press waves of rubber and of plastic steel on grids of all sizes.
+
+    Parameters
+    ----------
+    quick : bool
+        Three coarse grids.
+    report : callable
+        Gets a line after each measurement.
+
+    Returns
+    -------
+    Dataset
+        Follows ``WORK_PRECISION``.
+
+    Notes
+    -----
+    *Errors* are those of the mean gap against its limit, extrapolated from the three finest grids;
+    the distance of the finest grid from there is their uncertainty. The increments of the plastic
+    path are the same on all grids, so that their error is not seen here.
+    """
+    grids = QUICK_POINTS if quick else POINTS
+    return climb(
+        [
+            Rung(scene, type(SCENES[scene][0]).__name__, partial(mean_gap, scene, n), {"points": n})
+            for scene in SCENES
+            for n in grids
+        ],
+        _limit,
+        warm_up=partial(mean_gap, "plastic waves", WARM),
+        title="cells at large strain: mean gap",
+        packages=("numba",),
+        report=report,
+    )
+
+
+def _limit(scene: str, gaps: list[float]) -> tuple[float, float]:
+    """Extrapolate the gap, and say how far the finest grid is from there."""
+    limit = extrapolate(np.array(gaps))
+    return limit, abs(gaps[-1] / limit - 1.0)

@@ -1,0 +1,285 @@
+"""Cut structures: error against run time of LATIN, Newton-Schur and the solver of the whole."""
+
+from collections.abc import Callable
+from dataclasses import dataclass, field
+from functools import partial
+from time import perf_counter
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from multiscale.bench.measure import Measured, measure
+from multiscale.bench.record import load_average, record, versions
+from multiscale.bench.structures_family import distance, scene_grid
+from multiscale.fe.boxes import box_mesh
+from multiscale.laws import Exponential, Sliders
+from multiscale.laws.bulk import Elastic
+from multiscale.macro import (
+    Body,
+    LinkSystem,
+    cut_bodies,
+    cut_links,
+    solve_interface,
+    solve_latin,
+    solve_schur,
+    solve_static,
+)
+from multiscale.macro.substructures import (
+    Problem,
+    assemble,
+    split_boxes,
+    split_grid,
+    stacked_blocks,
+)
+from multiscale.numerics.factorisation import factorise
+
+if TYPE_CHECKING:
+    import xarray as xr
+
+__all__ = ["METHODS", "Answer", "Scene", "bench_substructures", "make_scenes", "solve_scene"]
+
+METHODS = ("whole structure", "Newton-Schur", "LATIN")
+"""The first one is the reference of the others, and the second one that of the first."""
+
+MODULES, QUICK_MODULES = (16, 32, 64, 128), (8, 16)
+"""Along an edge of the grid."""
+
+EDGE = 8
+"""Modules along an edge of a substructure, at most: half of the smallest grid."""
+
+TOLERANCE = 1e-8
+"""Asked of the substructured solvers."""
+
+RIGHT = 1e-7
+"""Error up to which an answer counts as converged: the stopping test of LATIN is heuristic."""
+
+THREADS = 1
+"""The substructures of a process are solved one after the other, whatever the threads."""
+
+ONCE = 64
+"""Modules along an edge from which on each method runs once."""
+
+
+@dataclass(frozen=True, eq=False)
+class Scene:
+    """A structure at one load.
+
+    Attributes
+    ----------
+    name : str
+    structure : LinkSystem or Problem
+        Links that are still to be cut, or elastic bodies, assembled and cut.
+    factor : ndarray, shape (1, cases)
+        Of the load cases.
+    parts : tuple of int
+        Substructures of links along x and y.
+    repeats : int
+        Runs of each method.
+    """
+
+    name: str
+    structure: LinkSystem | Problem
+    factor: np.ndarray
+    parts: tuple[int, int] = (1, 1)
+    repeats: int = 3
+
+    def cut(self) -> Problem:
+        """Cut the structure, unless it is cut already."""
+        if isinstance(self.structure, Problem):
+            return self.structure
+        return cut_links(self.structure, split_grid(self.structure, self.parts))
+
+    def error(self, value: np.ndarray, reference: np.ndarray) -> float:
+        """Relative distance of tensions, or of displacements, in the norm of the energy."""
+        if isinstance(self.structure, LinkSystem):
+            return distance(self.structure, value, reference)
+        K = assemble(self.structure).stiffness
+        change, size = (float(u @ (K @ u)) for u in (value - reference, reference))
+        return float(np.sqrt(max(change, 0.0) / size))
+
+
+@dataclass(frozen=True, eq=False)
+class Answer:
+    """What a method found.
+
+    Attributes
+    ----------
+    value : ndarray
+        Tensions of the links, N, or displacement of the unknowns of the bodies, m.
+    converged : bool
+        Whether the method says so.
+    iterations : float
+    unknowns : int
+    history : ndarray, shape (samples, 2)
+        Seconds and error after each iteration, if the method tells and there was a reference.
+    """
+
+    value: np.ndarray
+    converged: bool
+    iterations: float
+    unknowns: int
+    history: np.ndarray = field(default_factory=lambda: np.zeros((0, 2)))
+
+
+def make_scenes(*, quick: bool = False) -> list[Scene]:
+    """Make tensegrity grids with 14 % of slack cables, a plate and a rough joint."""
+    scenes = []
+    for n in QUICK_MODULES if quick else MODULES:
+        parts = n // min(EDGE, n // 2)
+        repeats = 1 if quick or n >= ONCE else 3
+        name = f"grid, {n} x {n} modules in {parts} x {parts}"
+        scenes.append(Scene(name, scene_grid(n), np.ones((1, 1)), (parts, parts), repeats))
+    fine, repeats = (1, 1) if quick else (2, 3)
+    clamped = (0.0, 0.0, 0.0)
+    plate = Body(
+        box_mesh((4.0, 4.0, 0.2), (16 * fine, 16 * fine, fine)),
+        Elastic(70e9, 0.3),
+        supports={"left": clamped, "right": clamped},
+        tractions={"top": (0.0, 0.0, -1e3)},
+    )
+    cut = cut_bodies([plate], [split_boxes(plate, (4, 4, 1))])
+    scenes.append(Scene("plate in 4 x 4", cut, np.ones((1, 1)), repeats=repeats))
+    law = Sliders(Exponential(2e9, 0.2e-6), 0.2, pressures=(1e6, 1e8))
+    elements = (8 * fine, 4 * fine, 4 * fine)
+    blocks = stacked_blocks((0.04, 0.02, 0.02), elements, [Elastic(210e9, 0.3)] * 2, [law])
+    load = np.array([[20e6, 3e6]])  # Pa; three fifths of the joint slip
+    scenes.append(Scene("rough joint in 2 x 2 x 1", blocks.cut((2, 1)), load, repeats=repeats))
+    return scenes
+
+
+def solve_scene(scene: Scene, method: str, reference: np.ndarray | None = None) -> Answer:
+    """Solve a scene by one of ``METHODS``; with a reference, note the errors on the way."""
+    if method == METHODS[0]:
+        return _solve_whole(scene)
+    begin, history = perf_counter(), []
+    problem = scene.cut()
+    order = np.concatenate(
+        [part.links.number if part.links else [] for part in problem.substructures]
+    )
+
+    def note(_: int, __: float, state: Any) -> None:
+        if reference is None:
+            return
+        if isinstance(scene.structure, Problem):
+            latin = method == METHODS[2]
+            value = problem.average(state.u) if latin else state.displacement()
+        else:
+            value = np.empty(order.size)
+            value[order.astype(int)] = state.tension if method == METHODS[2] else state.tension()
+        history.append((perf_counter() - begin, scene.error(value, reference)))
+
+    solve = solve_latin if method == METHODS[2] else solve_schur
+    result = solve(problem, scene.factor, tolerance=TOLERANCE, callback=note)
+    free = problem.number >= 0
+    value = np.empty(problem.n)
+    if isinstance(scene.structure, Problem):
+        value[problem.number[free]] = result["displacement"].values[0][free]
+    else:
+        value = result["tension"].values[0]
+    return Answer(
+        value,
+        bool(result["converged"][0]),
+        float(result["iterations"][0]),
+        problem.n,
+        np.array(history).reshape(-1, 2),
+    )
+
+
+def _solve_whole(scene: Scene) -> Answer:
+    """Solve without a cut."""
+    if isinstance(scene.structure, LinkSystem):
+        result = solve_static(scene.structure, float(scene.factor[0, 0]))
+        unknowns = int(np.count_nonzero(~scene.structure.fixed))
+        steps = int(result["iterations"]) - 1
+        return Answer(result["tension"].values, bool(result["converged"]), steps, unknowns)
+    whole = assemble(scene.structure)
+    load = whole.load @ scene.factor[0]
+    if not scene.structure.joints:
+        return Answer(factorise(whole.stiffness)(load), True, 1, load.size)
+    law = scene.structure.joints[0].law
+    assert law is not None
+    solution = solve_interface(whole.stiffness, load, whole.jump, whole.weight, law)
+    return Answer(solution.value, solution.converged, len(solution.residuals) - 1, load.size)
+
+
+def bench_substructures(
+    *, quick: bool = False, report: Callable[[str], None] = lambda line: None
+) -> "xr.Dataset":
+    """Solve every scene by LATIN, by Newton-Schur and without a cut.
+
+    Parameters
+    ----------
+    quick : bool
+        Two small grids, coarser bodies, and one run of each method.
+    report : callable
+        Gets a line after each measurement.
+
+    Returns
+    -------
+    Dataset
+        Follows ``WORK_PRECISION``, with histories.
+
+    Notes
+    -----
+    *Errors* are distances in the norm of the energy: of the tensions, see
+    :func:`multiscale.bench.structures_family.distance`, or of the displacements of bodies, with the
+    stiffness of the bodies. The whole structure is the reference of the substructured solvers;
+    its own error is its distance from the answer of Newton-Schur.
+
+    *Times* begin with the structure of links, or with the assembled substructures of bodies, and
+    count the cut of the former; each run has a process of its own, after a small one that takes
+    imports and compilation. *Memory* is that of the whole process. Each method has one process
+    of one thread, so that no substructure is solved beside another.
+    """
+    load = load_average()
+    rows: list[dict[str, float | str]] = []
+    histories = []
+    warm = make_scenes(quick=True)
+    for scene in make_scenes(quick=quick):
+        small = warm[0] if isinstance(scene.structure, LinkSystem) else warm[-1]
+        runs: dict[str, Measured[Answer]] = {}
+        for method in METHODS:
+            whole = runs[METHODS[0]].value if runs else None
+            runs[method] = measure(
+                partial(solve_scene, scene, method, None if whole is None else whole.value),
+                warm_up=partial(solve_scene, small, method),
+                repeats=scene.repeats,
+                threads=THREADS,
+            )
+            report(f"{scene.name}, {method}: {runs[method].wall_time:.3g} s")
+        for method, run in runs.items():
+            histories.append(np.zeros((0, 2)) if run.value is None else run.value.history)
+            rows.append(_row(scene, method, runs))
+    samples = np.concatenate(histories)
+    return record(
+        rows,
+        {
+            "history_run": np.repeat(np.arange(len(rows)), [len(item) for item in histories]),
+            "history_seconds": samples[:, 0],
+            "history_error": samples[:, 1],
+        },
+        title="cut structures: LATIN, Newton-Schur and the whole structure, in one process",
+        versions=versions("scipy", "pypardiso"),
+        load_before=load,
+        threads=THREADS,
+    )
+
+
+def _row(scene: Scene, method: str, runs: dict[str, Measured[Answer]]) -> dict[str, float | str]:
+    """Cost and error of one method; NaN if a process died."""
+    run, other = runs[method], runs[METHODS[0] if method != METHODS[0] else METHODS[1]]
+    error = np.nan
+    if run.value is not None and other.value is not None:
+        error = scene.error(run.value.value, other.value.value)
+    claims = run.value is not None and run.value.converged
+    return {
+        "scene": scene.name,
+        "method": method,
+        "unknowns": np.nan if run.value is None else run.value.unknowns,
+        "wall_time": run.wall_time,
+        "peak_memory": run.peak_memory,
+        "iterations": np.nan if run.value is None else run.value.iterations,
+        "error": error,
+        "tolerance": TOLERANCE,
+        "converged": int(claims and error <= RIGHT),
+    }

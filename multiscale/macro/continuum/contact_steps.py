@@ -1,0 +1,310 @@
+r"""Structures in contact: the static problem (4)-(5) of the source.
+
+.. math:: K u - H r = f, \qquad 0 \le H^t u \perp r \ge 0,
+
+with Coulomb friction, for bodies of any bulk law, between each other and with rigid obstacles.
+"""
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
+from time import perf_counter
+
+import numpy as np
+
+from multiscale.convergence import Solution, Status
+from multiscale.errors import CaseError, ConvergenceError
+from multiscale.macro.continuum.condensed import condense
+from multiscale.macro.continuum.contact_newton import Equilibrium, newton_step, rest
+from multiscale.macro.continuum.contact_system import ContactProblem, System, prepare_system
+
+__all__ = ["ContactStep", "SurfaceState", "solve_contact"]
+
+CUTS = 6
+"""How often a load step may be halved."""
+
+FEW = 1500
+"""Contact unknowns up to which a linear problem is condensed onto them."""
+
+
+@dataclass(frozen=True)
+class SurfaceState:
+    """What a contact looks like at the end of a load step, node by node of side 1.
+
+    Attributes
+    ----------
+    position : ndarray, shape (d, nodes)
+        Undeformed, m.
+    frame : ndarray, shape (nodes, d, d)
+        Rows n (from side 1 to side 2), t1, t2.
+    traction : ndarray, shape (d, nodes)
+        In that frame, work-conjugate to the jump; contact negative, Pa. Per deformed area between
+        bodies, per undeformed area on an obstacle.
+    gap : ndarray, shape (nodes,)
+        Mean over the area of the node, m; NaN where nothing lies opposite.
+    area : ndarray, shape (nodes,)
+        Of the node, weight of the traction, m² (m in two dimensions).
+    slip : ndarray, shape (d - 1, nodes)
+        Slip of side 2 against side 1 in this load step, m; empty without friction.
+    """
+
+    position: np.ndarray
+    frame: np.ndarray
+    traction: np.ndarray
+    gap: np.ndarray
+    area: np.ndarray
+    slip: np.ndarray
+
+    @property
+    def pressure(self) -> np.ndarray:
+        """Contact pressure, shape (nodes,), Pa, never negative."""
+        return np.asarray(-self.traction[0])
+
+    @property
+    def force(self) -> np.ndarray:
+        """Force on side 2, shape (d,), N (N/m in two dimensions); side 1 feels its opposite."""
+        return np.asarray(-np.einsum("ka,aki,a->i", self.traction, self.frame, self.area))
+
+
+@dataclass(frozen=True)
+class ContactStep:
+    """End of a load step.
+
+    Attributes
+    ----------
+    time : float
+        Of the step.
+    solution : Solution
+        Why the solver stopped, and its residuals; the value is the displacement of all bodies.
+    displacement : dict of str to ndarray, shape (d, nodes)
+        Per body, m. NaN if the step did not converge.
+    contact : dict of str to SurfaceState
+        Per contact. NaN if the step did not converge.
+    state : dict of str to ndarray
+        Internal variables per body, shape (n_state, elements, points).
+    support_force : dict of str to ndarray, shape (d, nodes)
+        Nodal forces of the supports on each body, N.
+    """
+
+    time: float
+    solution: Solution
+    displacement: dict[str, np.ndarray]
+    contact: dict[str, SurfaceState]
+    state: dict[str, np.ndarray]
+    support_force: dict[str, np.ndarray]
+
+    def unwrap(self) -> "ContactStep":
+        """Return the step, or raise if it did not converge."""
+        self.solution.unwrap()
+        return self
+
+
+def solve_contact(
+    problem: ContactProblem,
+    times: Sequence[float] = (1.0,),
+    *,
+    condensed: bool | None = None,
+    max_iterations: int = 60,
+    tolerance: float = 1e-9,
+    callback: Callable[[float, int, float], None] | None = None,
+) -> tuple[ContactStep, ...]:
+    r"""Solve bodies in contact along a loading path.
+
+    Parameters
+    ----------
+    problem : ContactProblem
+        Bodies, contacts and their loads.
+    times : sequence of float
+        Ends of the load steps, increasing and positive; the path starts undeformed at zero.
+        Friction and plasticity remember the steps.
+    condensed : bool, optional
+        Whether to condense a linear problem onto its contact unknowns: the Delassus operator
+        :math:`W = H^t K^{-1} H` by one factorisation. By default where it can be done and the
+        contacts are few; otherwise the displacement is kept.
+    max_iterations : int
+        Iteration limit of a step. A step that fails is cut into halves.
+    tolerance : float
+        Bound on the unbalanced forces and the error of the contact law, relative to the largest
+        of load, reaction of the supports and contact force; dimensionless.
+    callback : callable, optional
+        Called as ``callback(time, iteration, residual)``.
+
+    Returns
+    -------
+    tuple of ContactStep
+        One per time, up to and including the first that did not converge; see
+        :meth:`ContactStep.unwrap`.
+
+    Raises
+    ------
+    CaseError
+        If the times do not increase from zero, a load is not finite, two surfaces have no
+        common area, or ``condensed`` is asked for a problem that is not linear.
+    ConvergenceError
+        If a body can move without force in the first step. In a later one the step says so.
+
+    Examples
+    --------
+    >>> from skfem import MeshQuad
+    >>> from multiscale.laws.bulk import Elastic
+    >>> from multiscale.macro import Body, Contact, ContactProblem, Plane, solve_contact
+    >>> mesh = MeshQuad().refined(2).with_defaults()
+    >>> block = Body(mesh, Elastic(1e9, 0.0), supports={"top": (0.0, -1e-3)})
+    >>> floor = Plane((0.0, 0.0), (0.0, 1.0))
+    >>> problem = ContactProblem({"block": block}, {"floor": Contact(("block", "bottom"), floor)})
+    >>> step = solve_contact(problem)[-1].unwrap()
+    >>> step.contact["floor"].pressure.round(3)
+    array([1000000., 1000000., 1000000., 1000000., 1000000.])
+    """
+    times = [float(time) for time in times]
+    if not times or not np.all(np.diff([0.0, *times]) > 0.0) or not np.isfinite(times[-1]):
+        raise CaseError(f"times must increase from zero and be finite, got {times}")
+    system = prepare_system(problem)
+    state = rest(system)
+    _check_common_area(system, state)
+    solve = _choose(system, state, condensed, (max_iterations, tolerance), callback)
+
+    steps: list[ContactStep] = []
+    for time in times:
+        try:
+            solution, end = _march(solve, state, time)
+        except ConvergenceError as error:
+            if not steps:
+                raise
+            solution = Solution(state.displacement, Status.INFEASIBLE, detail=str(error))
+            end = replace(state, time=time)
+        steps.append(_report(system, solution, end))
+        if not solution.converged:
+            break
+        state = end
+    return tuple(steps)
+
+
+Solve = Callable[[Equilibrium, float], tuple[Solution, Equilibrium]]
+
+
+def _choose(
+    system: System,
+    state: Equilibrium,
+    condensed: bool | None,
+    limits: tuple[int, float],
+    callback: Callable[[float, int, float], None] | None,
+) -> Solve:
+    """Newton on all unknowns, or on those of the contacts."""
+    max_iterations, tolerance = limits
+    if condensed and not system.is_linear:
+        raise CaseError(
+            "only a linear problem can be condensed: small strain and small sliding; "
+            "leave out condensed=True"
+        )
+    few = state.reaction.size <= FEW
+    if system.is_linear and (condensed or (condensed is None and few)):
+        model = condense(system, state)
+        if model is not None:
+            return lambda before, time: model.step(
+                before, time, max_iterations, tolerance, _at(callback, time)
+            )
+        if condensed:
+            raise CaseError(
+                "a body is held by its contacts alone, so the problem cannot be condensed; "
+                "leave out condensed=True or add supports"
+            )
+    return lambda before, time: newton_step(
+        system,
+        before,
+        time,
+        max_iterations=max_iterations,
+        tolerance=tolerance,
+        callback=_at(callback, time),
+    )
+
+
+def _at(
+    callback: Callable[[float, int, float], None] | None, time: float
+) -> Callable[[int, float], None] | None:
+    """Bind the callback to one load step."""
+    if callback is None:
+        return None
+    return lambda iteration, residual: callback(time, iteration, residual)
+
+
+def _march(solve: Solve, before: Equilibrium, time: float) -> tuple[Solution, Equilibrium]:
+    """Reach a time, in one step or in halves of it."""
+    clock = perf_counter()
+    slip = np.zeros_like(before.jump[:, 1:])
+    residuals: list[float] = []
+    seconds: list[float] = []
+    trail: list[str] = []
+    length = smallest = time - before.time
+    smallest /= 2.0**CUTS
+    while True:
+        to_go = time - before.time
+        target = time if to_go <= 1.5 * length else before.time + length
+        try:
+            solution, end = solve(before, target)
+        except ConvergenceError:
+            if length <= smallest or not trail:
+                raise
+            length *= 0.5
+            continue
+        residuals += solution.residuals
+        seconds += [perf_counter() - clock] * len(solution.residuals)
+        trail.append(f"step to {target:g}: {solution.status.name.lower()}")
+        if solution.converged:
+            slip += end.jump[:, 1:]  # the parts of a step that was cut count together
+        if solution.converged and target == time:
+            break
+        if solution.converged:
+            before = end
+        elif length > smallest:
+            length *= 0.5
+        else:
+            break
+    whole = Solution(
+        solution.value, solution.status, tuple(residuals), tuple(seconds), tuple(trail)
+    )
+    return whole, replace(end, jump=np.hstack([end.jump[:, :1], slip]))
+
+
+def _check_common_area(system: System, state: Equilibrium) -> None:
+    """Refuse contacts whose surfaces do not face each other."""
+    for interface, coupling in zip(system.interfaces, state.couplings, strict=True):
+        if not np.any(coupling.kept[:, 0]):
+            raise CaseError(
+                f"contact {interface.name!r}: the surfaces {interface.contact.side1} and "
+                f"{interface.contact.side2} have no common area; check positions, boundaries "
+                f"and reach"
+            )
+
+
+def _report(system: System, solution: Solution, end: Equilibrium) -> ContactStep:
+    """Split a state into bodies and contacts; NaN unless it converged."""
+    d, c = system.start.shape[1], system.components
+    u, r = end.displacement, end.reaction
+    if not solution.converged:
+        u, r = np.full_like(u, np.nan), np.full_like(r, np.nan)
+    contact, first = {}, 0
+    for interface, coupling in zip(system.interfaces, end.couplings, strict=True):
+        part = slice(first, first + len(coupling.area))
+        first = part.stop
+        traction = np.zeros((d, len(coupling.area)))
+        traction[:c] = -r[part].T
+        jump = np.where(coupling.kept[:, :1], end.jump[part], np.nan)
+        if not solution.converged:
+            jump = np.full_like(jump, np.nan)
+        place = system.start[interface.nodes[0]].T
+        contact[interface.name] = SurfaceState(
+            place, coupling.frame, traction, jump[:, 0], coupling.area, jump[:, 1:].T
+        )
+    names = list(system.problem.bodies)
+    fixed = system.fixed(end.time)[0]
+    support = np.zeros_like(u)
+    support[fixed] = end.unbalance[fixed] if solution.converged else np.nan
+    parts = [system.unknowns(k) for k in range(len(names))]
+    return ContactStep(
+        end.time,
+        solution,
+        {name: u[part].reshape(-1, d).T for name, part in zip(names, parts, strict=True)},
+        contact,
+        dict(zip(names, end.state, strict=True)),
+        {name: support[part].reshape(-1, d).T for name, part in zip(names, parts, strict=True)},
+    )

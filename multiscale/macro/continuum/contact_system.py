@@ -1,0 +1,337 @@
+"""All bodies and contacts of a problem under one numbering."""
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from functools import cached_property
+
+import numpy as np
+from scipy.sparse import block_diag, csr_array, diags_array, kron, vstack
+
+from multiscale.errors import CaseError
+from multiscale.fe.elements import Elements, element_response, prepare_elements
+from multiscale.fe.facets import surface_of
+from multiscale.laws.bulk import BulkLaw, BulkResponse
+from multiscale.macro.continuum.body import Body, fixed_motion, load_vector
+from multiscale.macro.continuum.interface import (
+    Contact,
+    Coupling,
+    Interface,
+    build_coupling,
+    fit,
+    local_jump,
+    slip_operator,
+)
+from multiscale.macro.continuum.rigid_obstacle import Obstacle, obstacle_motion
+
+__all__ = ["ContactProblem", "Joined", "System", "prepare_system"]
+
+
+@dataclass(frozen=True)
+class ContactProblem:
+    """Bodies and the contacts between them.
+
+    Parameters
+    ----------
+    bodies : mapping of str to Body
+        All of two or all of three dimensions.
+    contacts : mapping of str to Contact
+        May be empty.
+
+    Raises
+    ------
+    CaseError
+        If a contact names an unknown body or boundary, no body has a support, or a body has
+        neither support nor contact.
+    """
+
+    bodies: Mapping[str, Body]
+    contacts: Mapping[str, Contact] = field(default_factory=dict)
+
+    def __post_init__(self) -> None:
+        if not self.bodies:
+            raise CaseError("a contact problem needs at least one body")
+        dims = {name: body.mesh.dim() for name, body in self.bodies.items()}
+        if len(set(dims.values())) > 1:
+            raise CaseError(f"all bodies must have the same number of dimensions, got {dims}")
+        touched = set()
+        for name, contact in self.contacts.items():
+            for side in (contact.side1, contact.side2):
+                if isinstance(side, Obstacle):
+                    continue
+                if side[0] not in self.bodies:
+                    raise CaseError(
+                        f"contact {name!r} names no body of the problem: {side[0]!r}; "
+                        f"its bodies are {sorted(self.bodies)}"
+                    )
+                self.bodies[side[0]].check_boundary(side[1])
+                touched.add(side[0])
+            if contact.side1 == contact.side2:
+                raise CaseError(f"both sides of contact {name!r} are the same surface")
+        if not any(body.supports for body in self.bodies.values()):
+            raise CaseError("no body has a support; hold one of them by its supports")
+        for name, body in self.bodies.items():
+            if not body.supports and name not in touched:
+                raise CaseError(
+                    f"body {name!r} has neither a support nor a contact; give it one of them"
+                )
+
+
+@dataclass(frozen=True)
+class Joined:
+    """All interfaces in one configuration, one node after the other.
+
+    Attributes
+    ----------
+    operator : csr_array, shape (nodes * c, unknowns)
+        Weighted jump in the local frames, B, m²; its transpose times the reaction is H r.
+    tangent : csr_array, shape (nodes * c, unknowns)
+        Derivative of the weighted jump: slip takes the partners of the step before.
+    area, kept
+        As in :class:`Coupling`, of all interfaces.
+    """
+
+    operator: csr_array
+    tangent: csr_array
+    area: np.ndarray
+    kept: np.ndarray
+
+
+@dataclass(frozen=True)
+class System:
+    """The problem in arrays; unknown d a + i is component i of node a, counted over all bodies.
+
+    Attributes
+    ----------
+    problem : ContactProblem
+        What the user gave.
+    start : ndarray, shape (nodes, d)
+        Undeformed positions, m.
+    elements : tuple of Elements
+        Per body.
+    linear : tuple of csr_array or None
+        Constant stiffness of bodies at small strain, N/m.
+    first : ndarray of int
+        First node of each body, and the number of nodes.
+    interfaces : tuple of Interface
+        Per contact.
+    friction : ndarray, shape (contact nodes,)
+        Coefficient of friction of every contact node.
+    components : int
+        Unknowns of a contact node: 1 if no contact has friction, else d.
+    """
+
+    problem: ContactProblem
+    start: np.ndarray
+    elements: tuple[Elements, ...]
+    linear: tuple[csr_array | None, ...]
+    first: np.ndarray
+    interfaces: tuple[Interface, ...]
+    friction: np.ndarray
+    components: int
+
+    @cached_property
+    def diagonal(self) -> np.ndarray:
+        """Diagonal of the first stiffness, shape (unknowns,), N/m, zero where a support holds.
+
+        It lacks the resistance to a change of volume: this is what a contact node feels, of nearly
+        incompressible bodies too.
+        """
+        parts = []
+        for body, elements in zip(self.problem.bodies.values(), self.elements, strict=True):
+            rest = body.law.initial_state(elements.weight.shape)
+            undeformed = np.zeros(elements.size)
+            shape = element_response(elements, _ShapeAlone(body.law), undeformed, rest)[1]
+            parts.append(shape.diagonal())
+        diagonal = np.concatenate(parts)
+        diagonal[self.fixed(0.0)[0]] = 0.0
+        return diagonal
+
+    @property
+    def is_linear(self) -> bool:
+        """Whether everything but the contact law is linear."""
+        moving = any(interface.contact.finite_sliding for interface in self.interfaces)
+        return not moving and all(matrix is not None for matrix in self.linear)
+
+    def unknowns(self, body: int) -> slice:
+        """Unknowns of a body."""
+        d = self.start.shape[1]
+        return slice(d * self.first[body], d * self.first[body + 1])
+
+    def fixed(self, time: float) -> tuple[np.ndarray, np.ndarray]:
+        """Prescribed unknowns and their displacement, m."""
+        parts = [fixed_motion(body, time) for body in self.problem.bodies.values()]
+        shifts = [self.unknowns(k).start for k in range(len(parts))]
+        index = [dofs + shift for (dofs, _), shift in zip(parts, shifts, strict=True)]
+        return np.concatenate(index), np.concatenate([value for _, value in parts])
+
+    def load(self, time: float) -> np.ndarray:
+        """External forces, N."""
+        return np.concatenate([load_vector(body, time) for body in self.problem.bodies.values()])
+
+    def initial_state(self) -> tuple[np.ndarray, ...]:
+        """Undeformed state of all bodies."""
+        bodies = self.problem.bodies.values()
+        return tuple(
+            body.law.initial_state(elements.weight.shape)
+            for body, elements in zip(bodies, self.elements, strict=True)
+        )
+
+    def internal(
+        self, u: np.ndarray, state: tuple[np.ndarray, ...]
+    ) -> tuple[np.ndarray, csr_array, tuple[np.ndarray, ...], float]:
+        """Compute internal forces (N), tangent (N/m), new state and smallest volume ratio."""
+        forces, matrices, states, smallest = [], [], [], np.inf
+        for k, body in enumerate(self.problem.bodies.values()):
+            part, linear = u[self.unknowns(k)], self.linear[k]
+            if linear is not None:
+                forces.append(linear @ part)
+                matrices.append(linear)
+                states.append(state[k])
+                continue
+            force, matrix, new, ratio = element_response(self.elements[k], body.law, part, state[k])
+            forces.append(force)
+            matrices.append(matrix)
+            states.append(new)
+            smallest = min(smallest, ratio)
+        tangent = csr_array(block_diag(matrices, format="csr"))
+        return np.concatenate(forces), tangent, tuple(states), smallest
+
+    def couplings(
+        self, u: np.ndarray, time: float, old: tuple[Coupling, ...] | None
+    ) -> tuple[Coupling, ...]:
+        """Couplings at a displacement; those of small sliding stay as they are."""
+        d = self.start.shape[1]
+        x = self.start + u.reshape(-1, d)
+        result = []
+        for k, interface in enumerate(self.interfaces):
+            moving = interface.contact.finite_sliding
+            if old is not None and not moving:
+                result.append(old[k])
+                continue
+            side2, shift = interface.contact.side2, np.zeros(d)
+            if moving and isinstance(side2, Obstacle):
+                shift = obstacle_motion(side2, d, time)
+            result.append(build_coupling(interface, x if moving else self.start, self.start, shift))
+        return tuple(result)
+
+    def join(self, before: tuple[Coupling, ...], couplings: tuple[Coupling, ...]) -> Joined:
+        """Stack couplings of the step before and now; without friction only the normal rows."""
+        c, d = self.components, self.start.shape[1]
+        nothing = csr_array((0, self.start.size))
+        rows, tangents, areas, kept = (
+            [nothing],
+            [nothing],
+            [np.zeros(0)],
+            [np.zeros((0, c), bool)],
+        )
+        for interface, old, coupling in zip(self.interfaces, before, couplings, strict=True):
+            n = len(coupling.area)
+            frame = coupling.frame[:, :c]
+            a = np.broadcast_to(np.arange(n)[:, None, None], frame.shape)
+            i = c * a + np.arange(c)[None, :, None]
+            j = d * a + np.arange(d)[None, None, :]
+            turn = csr_array((frame.ravel(), (i.ravel(), j.ravel())), shape=(n * c, n * d))
+            now = turn @ kron(coupling.operator, np.eye(d), format="csr")
+            rows.append(now)
+            if c > 1 and interface.follows:
+                along = diags_array((np.arange(n * c) % c > 0).astype(float))
+                slip = turn @ kron(slip_operator(old, coupling), np.eye(d), format="csr")
+                now = now + along @ (slip - now)
+            tangents.append(now)
+            areas.append(coupling.area)
+            kept.append(coupling.kept[:, :c])
+        return Joined(
+            csr_array(vstack(rows)),
+            csr_array(vstack(tangents)),
+            np.concatenate(areas),
+            np.concatenate(kept),
+        )
+
+    def jump(
+        self,
+        before: tuple[Coupling, ...],
+        couplings: tuple[Coupling, ...],
+        motion: tuple[np.ndarray, np.ndarray],
+        times: tuple[float, float],
+    ) -> np.ndarray:
+        """Gap and slip of a step at all contact nodes, shape (contact nodes, c), m."""
+        d = self.start.shape[1]
+        fields = (motion[0].reshape(-1, d), motion[1].reshape(-1, d))
+        parts = [
+            local_jump(interface, (old, now), self.start, fields, times)[:, : self.components]
+            for interface, old, now in zip(self.interfaces, before, couplings, strict=True)
+        ]
+        return np.concatenate([np.zeros((0, self.components)), *parts])
+
+
+@dataclass(frozen=True)
+class _ShapeAlone(BulkLaw):
+    """A law without its resistance to a change of volume."""
+
+    law: BulkLaw
+
+    @property
+    def finite_strain(self) -> bool:  # type: ignore[override]
+        """As the law."""
+        return self.law.finite_strain
+
+    def respond_shape(self, gradient: np.ndarray, state: np.ndarray) -> BulkResponse:
+        """As the law."""
+        return self.law.respond_shape(gradient, state)
+
+    def respond_volume(self, dilatation: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """No resistance."""
+        nothing = np.zeros_like(dilatation)
+        return nothing, nothing
+
+
+def prepare_system(problem: ContactProblem) -> System:
+    """Give every unknown its number and compute what stays."""
+    bodies = list(problem.bodies.values())
+    first = np.cumsum([0] + [body.mesh.p.shape[1] for body in bodies])
+    start = np.concatenate([body.mesh.p.T for body in bodies])
+    elements = tuple(prepare_elements(body.mesh) for body in bodies)
+    free = np.ones(start.size, dtype=bool)
+    linear: list[csr_array | None] = []
+    for k, (body, part) in enumerate(zip(bodies, elements, strict=True)):
+        free[start.shape[1] * first[k] + fixed_motion(body, 0.0)[0]] = False
+        if body.law.finite_strain:
+            linear.append(None)
+            continue
+        rest = body.law.initial_state(part.weight.shape)
+        linear.append(element_response(part, body.law, np.zeros(part.size), rest)[1])
+    interfaces = _interfaces(problem, first, start, free.reshape(start.shape))
+    friction = [
+        np.full(len(interface.nodes[0]), interface.contact.friction_coefficient)
+        for interface in interfaces
+    ]
+    rough = any(contact.friction_coefficient > 0.0 for contact in problem.contacts.values())
+    return System(
+        problem,
+        start,
+        elements,
+        tuple(linear),
+        first,
+        interfaces,
+        np.concatenate([np.zeros(0), *friction]),
+        start.shape[1] if rough else 1,
+    )
+
+
+def _interfaces(
+    problem: ContactProblem, first: np.ndarray, start: np.ndarray, free: np.ndarray
+) -> tuple[Interface, ...]:
+    """Build the interface of every contact."""
+    names = list(problem.bodies)
+    interfaces = []
+    for name, contact in problem.contacts.items():
+        sides = [side for side in (contact.side1, contact.side2) if not isinstance(side, Obstacle)]
+        surfaces = tuple(surface_of(problem.bodies[b].mesh, boundary) for b, boundary in sides)
+        nodes = tuple(
+            surface.nodes + first[names.index(b)]
+            for surface, (b, _) in zip(surfaces, sides, strict=True)
+        )
+        one = nodes[0]
+        interface = Interface(name, contact, surfaces, nodes, free[one], np.zeros(len(one)))
+        interfaces.append(fit(interface, start))
+    return tuple(interfaces)

@@ -1,0 +1,163 @@
+"""Stiffness that is left under load: tangent eigenvalues and the critical load factor."""
+
+from collections.abc import Sequence
+
+import numpy as np
+from scipy.sparse.linalg import ArpackNoConvergence, LinearOperator, eigsh
+
+from multiscale.errors import CaseError, ConvergenceError, MultiscaleError
+from multiscale.macro.discrete.checks import check_supports
+from multiscale.macro.discrete.compatibility import Equations, equations
+from multiscale.macro.discrete.link_state import Limits, State
+from multiscale.macro.discrete.link_system import LinkSystem
+from multiscale.macro.discrete.link_tangent import Tangent, prepare_tangent
+from multiscale.macro.discrete.small_displacement import find_state
+
+__all__ = ["critical_factor", "material_entries", "smallest_eigenvalue", "stability_entries"]
+
+BISECTIONS = 100
+LARGEST_SHIFT = 1e3  # of the diagonal: more makes no matrix of a structure definite
+
+
+def critical_factor(
+    system: LinkSystem, load_factors: Sequence[float], *, tolerance: float = 1e-6
+) -> float:
+    r"""Load factor at which the structure loses its stability.
+
+    Parameters
+    ----------
+    system : LinkSystem
+        The structure.
+    load_factors : sequence of float
+        Increasing; the first that is unstable is bracketed with the one before and bisected.
+    tolerance : float
+        Width of the last bracket relative to its upper end; dimensionless.
+
+    Returns
+    -------
+    float
+        The factor; infinite if the structure is stable at all load factors.
+
+    Raises
+    ------
+    CaseError
+        If the load factors do not increase, or the structure is not supported.
+    ConvergenceError
+        If an equilibrium is not found, or no bracket as narrow as asked for.
+
+    Notes
+    -----
+    The equilibrium is that of small perturbations. Its tangent, to which the geometric
+    stiffness of the tensions is added,
+
+    .. math:: K(\alpha) = B^T k B + \sum \frac{\tau}{L} (I - n n^T),    \tag{1}
+
+    with slack links left out, is tested for definiteness by its Cholesky factors. A beam that
+    bends between its nodes must be divided for that bending to count.
+    """
+    factors = [float(factor) for factor in load_factors]
+    if not factors or not np.all(np.diff(factors) > 0.0):
+        raise CaseError(f"load_factors must increase, got {factors}")
+    check_supports(system)
+    model = equations(system)
+    tangent = prepare_tangent(system, model)
+    start = np.zeros(model.n)
+
+    def stable(factor: float) -> bool:
+        nonlocal start
+        state = find_state(model, tangent, factor, start, "auto", Limits())
+        if not state.solution.converged:
+            raise ConvergenceError(f"no equilibrium found at load factor {factor:g}")
+        start = state.solution.value
+        return is_definite(tangent, stability_entries(system, model, tangent, state))
+
+    low = factors[0]
+    for factor in factors:
+        if not stable(factor):
+            break
+        low = factor
+    else:
+        return float(np.inf)
+    high = factor
+    for _ in range(BISECTIONS):
+        if high - low <= tolerance * abs(high):
+            return high
+        middle = 0.5 * (low + high)
+        low, high = (middle, high) if stable(middle) else (low, middle)
+    raise ConvergenceError(
+        f"after {BISECTIONS} bisections the critical load factor lies between {low:.9g} and "
+        f"{high:.9g}, which is not within {tolerance:g} of it; ask for a larger tolerance, or for "
+        f"load_factors of which the first is nearer to it"
+    )
+
+
+def material_entries(model: Equations, tangent: Tangent, state: State) -> np.ndarray:
+    """Tangent B^T k B of the links that carry force, upper triangle, N/m."""
+    taut = (state.slack == 0.0) & np.isfinite(model.stiffness)
+    return tangent.entries(np.where(taut, model.stiffness, 0.0))
+
+
+def stability_entries(
+    system: LinkSystem, model: Equations, tangent: Tangent, state: State
+) -> np.ndarray:
+    """Tangent (1) with the geometric stiffness, upper triangle, N/m."""
+    links = system.n_links
+    across = state.tension[:links] / system.length
+    geometric = tangent.geometric(system.direction, np.zeros(links), across)
+    return np.asarray(material_entries(model, tangent, state) + geometric)
+
+
+def is_definite(tangent: Tangent, entries: np.ndarray) -> bool:
+    """Whether a symmetric matrix is positive definite."""
+    try:
+        tangent.factorise(entries, signs=True)
+    except MultiscaleError:
+        return False
+    return True
+
+
+def smallest_eigenvalue(tangent: Tangent, entries: np.ndarray) -> float:
+    """Smallest eigenvalue of a symmetric matrix, N/m.
+
+    Parameters
+    ----------
+    tangent : Tangent
+        Its pattern.
+    entries : ndarray
+        Its upper triangle, N/m.
+
+    Notes
+    -----
+    Lanczos on the inverse of the matrix, shifted by as much as makes it positive definite. NaN if
+    none does, or Lanczos does not converge.
+    """
+    n = tangent.start.size - 1
+    diagonal = tangent.diagonal
+    matrix = tangent.matrix(entries)
+    if n < 20:
+        return float(np.linalg.eigvalsh(matrix.toarray())[0])
+    shift, largest = 0.0, float(np.abs(entries[diagonal]).max())
+    while not shift > LARGEST_SHIFT * largest:
+        held = entries.copy()
+        held[diagonal] += shift
+        try:
+            solve = tangent.factorise(held, signs=True)
+            break
+        except MultiscaleError:
+            shift = max(10.0 * shift, 1e-10 * largest)
+    else:
+        return float(np.nan)
+    inverse = LinearOperator((n, n), matvec=solve, dtype=float)
+    start = np.random.default_rng(seed=0).standard_normal(n)
+    try:
+        values = eigsh(
+            matrix,
+            k=1,
+            sigma=-shift,
+            OPinv=inverse,
+            v0=start,
+            return_eigenvectors=False,
+        )
+    except ArpackNoConvergence:
+        return float(np.nan)
+    return float(values[0])

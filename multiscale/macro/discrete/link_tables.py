@@ -1,0 +1,196 @@
+"""Structures from tables of nodes and links, and from line meshes."""
+
+from collections.abc import Mapping
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from multiscale.errors import CaseError
+from multiscale.laws.link import Beam, LinkLaw
+from multiscale.macro.discrete.link_system import LinkSystem
+
+if TYPE_CHECKING:
+    from meshio import Mesh
+
+__all__ = ["system_from_mesh", "system_from_table"]
+
+MOTIONS = ("x", "y", "z", "rx", "ry", "rz")
+"""Components of a node in the names of columns."""
+
+
+def system_from_table(
+    nodes: Mapping[str, Any], links: Mapping[str, Any], laws: Mapping[str, LinkLaw]
+) -> LinkSystem:
+    """Build a structure from two tables.
+
+    Parameters
+    ----------
+    nodes : mapping of str to array_like
+        A dict of columns, a pandas table or the like. ``x``, ``y``, ``z``: position, m. May
+        have ``fix_x``, ``fix_y``, ``fix_z``: whether held; ``load_x``, ...: force at load factor
+        one, N; and with beams ``fix_rx``, ..., ``load_rx``, ...: rotations and moments, N m.
+    links : mapping of str to array_like
+        ``first`` and ``second``: rows of the nodes, from 0; ``law``: name of its law. May have
+        ``prestress``, N, and ``group``.
+    laws : mapping of str to LinkLaw
+        The laws by name.
+
+    Raises
+    ------
+    CaseError
+        If a column is missing or unknown, a support is neither 0 nor 1, a law has no meaning, or
+        the structure is refused.
+
+    Examples
+    --------
+    >>> from multiscale.laws.link import Cable
+    >>> nodes = {"x": [0.0, 0.0], "y": [0.0, 0.0], "z": [1.0, 0.0], "fix_x": [1, 1],
+    ...          "fix_y": [1, 1], "fix_z": [1, 0], "load_z": [0.0, -50.0]}
+    >>> links = {"first": [0], "second": [1], "law": ["rope"]}
+    >>> rope = system_from_table(nodes, links, {"rope": Cable(rigidity=1e5)})
+    >>> rope.length
+    array([1.])
+    """
+    c = 6 if any(isinstance(law, Beam) for law in laws.values()) else 3
+    motions = MOTIONS[:c]
+    optional = [f"{what}_{motion}" for what in ("fix", "load") for motion in motions]
+    _check_columns("nodes", nodes, ["x", "y", "z"], optional)
+    _check_columns("links", links, ["first", "second", "law"], ["prestress", "group"])
+    position = np.stack([np.asarray(nodes[axis], dtype=float) for axis in "xyz"], axis=1)
+
+    def columns(what: str) -> np.ndarray:
+        empty = np.zeros(len(position))
+        found = [np.asarray(_get(nodes, f"{what}_{motion}", empty)) for motion in motions]
+        return np.stack(found, axis=1).astype(float)
+
+    held = columns("fix")
+    if wrong := np.argwhere((held != 0.0) & (held != 1.0)).tolist():
+        node, motion = wrong[0]
+        raise CaseError(
+            f"fix_{motions[motion]} of node {node} must be 1 (held) or 0, got "
+            f"{held[node, motion]:g}; supports do not move"
+        )
+    names = [str(name) for name in links["law"]]
+    known = list(laws)
+    for row, name in enumerate(names):
+        if name not in laws:
+            raise CaseError(f"law {name!r} of link {row} is not among the laws: {known}")
+    return LinkSystem(
+        position,
+        np.stack([np.asarray(links[end], dtype=int) for end in ("first", "second")], axis=1),
+        tuple(laws.values()),
+        np.array([known.index(name) for name in names], dtype=int),
+        held == 1.0,
+        columns("load"),
+        prestress=np.asarray(_get(links, "prestress", np.zeros(0)), dtype=float),
+        group=np.asarray(_get(links, "group", np.zeros(0)), dtype=int),
+    )
+
+
+def system_from_mesh(
+    mesh: "Mesh",
+    laws: Mapping[str, LinkLaw],
+    *,
+    supports: tuple[str, ...],
+    load: tuple[float, ...] = (0.0, 0.0, 0.0),
+    scale: float = 1.0,
+) -> LinkSystem:
+    """Build a structure from the line elements of a mesh.
+
+    Parameters
+    ----------
+    mesh : meshio.Mesh
+        What ``meshio.read`` returns. Lines belong to named sets: cell sets, or physical groups of
+        gmsh. Supports are named sets of points, or groups of vertex elements.
+    laws : mapping of str to LinkLaw
+        The law of every set of lines.
+    supports : tuple of str
+        Sets whose nodes are held in all unknowns.
+    load : tuple of float
+        Force (N), with beams followed by the moment (N m), on every free node at load factor
+        one.
+    scale : float
+        Length of one unit of the file, m.
+
+    Raises
+    ------
+    CaseError
+        If a set is not there, a line has no law or two, or the structure is refused.
+    """
+    c = 6 if any(isinstance(law, Beam) for law in laws.values()) else 3
+    ends, kind = [], []
+    for index, name in enumerate(laws):
+        lines = _cells(mesh, name, "line")
+        ends.append(lines)
+        kind.append(np.full(len(lines), index))
+    used, renumbered = np.unique(np.concatenate(ends), return_inverse=True)
+    number = np.full(len(mesh.points), -1)
+    number[used] = np.arange(used.size)
+    fixed = np.zeros((used.size, c), dtype=bool)
+    for name in supports:
+        found = number[_points(mesh, name)]
+        fixed[found[found >= 0]] = True
+    force = np.zeros((used.size, c))
+    force[:, : len(load)] = load
+    force[fixed] = 0.0
+    position = np.zeros((used.size, 3))
+    position[:, : mesh.points.shape[1]] = scale * mesh.points[used]
+    return LinkSystem(
+        position,
+        renumbered.reshape(-1, 2),
+        tuple(laws.values()),
+        np.concatenate(kind),
+        fixed,
+        force,
+    )
+
+
+def _get(table: Mapping[str, Any], name: str, default: np.ndarray) -> Any:
+    """Return a column, or its default."""
+    return table[name] if name in list(table.keys()) else default
+
+
+def _check_columns(
+    what: str, table: Mapping[str, Any], needed: list[str], optional: list[str]
+) -> None:
+    """Refuse tables with missing, unknown or uneven columns."""
+    names = list(table.keys())
+    missing = [name for name in needed if name not in names]
+    unknown = [name for name in names if name not in needed + optional]
+    if missing or unknown:
+        raise CaseError(
+            f"the table of {what} lacks the columns {missing} and has the unknown columns "
+            f"{unknown}; known: {needed + optional}"
+        )
+    sizes = {name: len(table[name]) for name in names}
+    if len(set(sizes.values())) != 1:
+        raise CaseError(f"the columns of {what} must have one length, got {sizes}")
+
+
+def _cells(mesh: "Mesh", name: str, kind: str) -> np.ndarray:
+    """Elements of a kind in a named set, shape (elements, corners)."""
+    found = []
+    groups = mesh.cell_data.get("gmsh:physical")
+    for k, block in enumerate(mesh.cells):
+        if block.type != kind:
+            continue
+        if name in mesh.cell_sets and mesh.cell_sets[name][k] is not None:
+            found.append(block.data[np.asarray(mesh.cell_sets[name][k], dtype=int)])
+        elif name in mesh.field_data and groups is not None:
+            found.append(block.data[groups[k] == mesh.field_data[name][0]])
+    cells = np.concatenate(found) if found else np.zeros((0, 2), dtype=int)
+    if kind == "line" and not len(cells):
+        known = sorted({*mesh.cell_sets, *mesh.field_data})
+        raise CaseError(f"the mesh has no lines in a set named {name!r}; its sets: {known}")
+    return cells
+
+
+def _points(mesh: "Mesh", name: str) -> np.ndarray:
+    """Points of a named set."""
+    if name in mesh.point_sets:
+        return np.asarray(mesh.point_sets[name], dtype=int)
+    points = np.unique(_cells(mesh, name, "vertex"))
+    if not points.size:
+        known = sorted({*mesh.point_sets, *mesh.cell_sets, *mesh.field_data})
+        raise CaseError(f"the mesh has no points in a set named {name!r}; its sets: {known}")
+    return points

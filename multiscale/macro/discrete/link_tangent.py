@@ -1,0 +1,190 @@
+r"""Tangent stiffness :math:`B^T k B`: pattern and ordering once, numbers and factors often."""
+
+from dataclasses import dataclass
+
+import numba
+import numpy as np
+from scipy.sparse import coo_array, csr_array
+
+from multiscale.macro.discrete.compatibility import Equations
+from multiscale.macro.discrete.link_system import LinkSystem
+from multiscale.numerics.cholesky import Factorise, Solve, prepare_cholesky
+
+__all__ = ["Tangent", "prepare_tangent"]
+
+
+@dataclass(frozen=True, eq=False)
+class Tangent:
+    """Symmetric matrices of one pattern, given by the entries of their upper triangle.
+
+    Attributes
+    ----------
+    start, column : ndarray of int
+        Pattern by rows: where a row starts, and its columns, increasing.
+    place : ndarray of int, shape (rows, w (w + 1) / 2)
+        Which entry the product of two coefficients of a row of B adds to, -1 where one is held.
+    coefficient : ndarray, shape (rows, w)
+        Entries of B.
+    cholesky : callable
+        As :func:`prepare_cholesky` returns it.
+    """
+
+    start: np.ndarray
+    column: np.ndarray
+    place: np.ndarray
+    coefficient: np.ndarray
+    cholesky: Factorise
+
+    @property
+    def diagonal(self) -> np.ndarray:
+        """Which entries lie on the diagonal, shape (n,)."""
+        return self.start[:-1]
+
+    def entries(self, stiffness: np.ndarray) -> np.ndarray:
+        """Upper triangle of B^T k B, N/m, for stiffness k of the rows, shape (rows,), N/m."""
+        return np.asarray(_fill(self.place, self.coefficient, stiffness, self.column.size))
+
+    def geometric(self, direction: np.ndarray, along: np.ndarray, across: np.ndarray) -> np.ndarray:
+        """Upper triangle of a sum over links, N/m.
+
+        Parameters
+        ----------
+        direction : ndarray, shape (links, 3)
+            Of every link.
+        along, across : ndarray, shape (links,)
+            Stiffness along it and across it, tension over length, N/m.
+        """
+        size = self.column.size
+        return np.asarray(_fill_geometric(self.place, direction, along, across, size))
+
+    def matrix(self, entries: np.ndarray) -> csr_array:
+        """Both triangles, shape (n, n), N/m."""
+        n = self.start.size - 1
+        upper = csr_array((entries, self.column, self.start), shape=(n, n))
+        strict = entries.copy()
+        strict[self.diagonal] = 0.0
+        lower = csr_array((strict, self.column, self.start), shape=(n, n)).T
+        return csr_array(upper + lower)
+
+    def factorise(self, entries: np.ndarray, *, signs: bool = False) -> Solve:
+        """Return the solve with a matrix.
+
+        Raises
+        ------
+        MultiscaleError
+            If it is singular; with ``signs`` also if it is not positive definite.
+        """
+        return self.cholesky(entries, signs)
+
+
+def prepare_tangent(system: LinkSystem, model: Equations) -> Tangent:
+    """Find the pattern of the tangent and where every link adds to it."""
+    first, second = system.ends.T
+    nodes = np.arange(system.n_nodes)
+    low, high = np.minimum(first, second), np.maximum(first, second)
+    pairs = (np.append(low, nodes), np.append(high, nodes))
+    size = (system.n_nodes, system.n_nodes)
+    graph = csr_array(coo_array((np.ones(pairs[0].size, dtype=np.int8), pairs), shape=size))
+    graph.sort_indices()
+    start, column = _pattern(graph.indptr, graph.indices, model.number, model.n)
+    place = _places(model.unknown, start, column)
+    return Tangent(start, column, place, model.coefficient, prepare_cholesky(start, column))
+
+
+@numba.njit(cache=True, error_model="numpy")
+def _pattern(
+    graph_start: np.ndarray, neighbour: np.ndarray, number: np.ndarray, n: int
+) -> tuple[np.ndarray, np.ndarray]:
+    """Upper triangle of the unknowns from that of the nodes."""
+    c = number.shape[1]
+    start = np.zeros(n + 1, dtype=np.int32)
+    for passes in range(2):
+        if passes:
+            for row in range(n):
+                start[row + 1] += start[row]
+            column = np.empty(start[n], dtype=np.int32)
+        filled = 0
+        for node in range(number.shape[0]):
+            for p in range(c):
+                if number[node, p] < 0:
+                    continue
+                for other in range(graph_start[node], graph_start[node + 1]):
+                    b = neighbour[other]
+                    for q in range(p if b == node else 0, c):
+                        if number[b, q] >= 0:
+                            if passes:
+                                column[filled] = number[b, q]
+                                filled += 1
+                            else:
+                                start[number[node, p] + 1] += 1
+    return start, column
+
+
+@numba.njit(cache=True, error_model="numpy")
+def _places(unknown: np.ndarray, start: np.ndarray, column: np.ndarray) -> np.ndarray:
+    """Entry to which every product of two coefficients of a row adds."""
+    width = unknown.shape[1]
+    place = np.full((unknown.shape[0], width * (width + 1) // 2), -1, dtype=np.int32)
+    for row in range(unknown.shape[0]):
+        pair = -1
+        for p in range(width):
+            for q in range(p, width):
+                pair += 1
+                i, j = unknown[row, p], unknown[row, q]
+                if i < 0 or j < 0:
+                    continue
+                if i > j:
+                    i, j = j, i
+                low, high = start[i], start[i + 1]
+                while low < high:
+                    middle = (low + high) // 2
+                    if column[middle] < j:
+                        low = middle + 1
+                    else:
+                        high = middle
+                place[row, pair] = low
+    return place
+
+
+@numba.njit(cache=True, error_model="numpy")
+def _fill(
+    place: np.ndarray, coefficient: np.ndarray, stiffness: np.ndarray, size: int
+) -> np.ndarray:
+    """Sum k b b^T over the rows b of B."""
+    entries = np.zeros(size)
+    for row in range(place.shape[0]):
+        pair = 0
+        for p in range(coefficient.shape[1]):
+            scaled = stiffness[row] * coefficient[row, p]
+            for q in range(p, coefficient.shape[1]):
+                if place[row, pair] >= 0:
+                    entries[place[row, pair]] += scaled * coefficient[row, q]
+                pair += 1
+    return entries
+
+
+@numba.njit(cache=True, error_model="numpy")
+def _fill_geometric(
+    place: np.ndarray,
+    direction: np.ndarray,
+    along: np.ndarray,
+    across: np.ndarray,
+    size: int,
+) -> np.ndarray:
+    """Sum along n n^T + across (I - n n^T) over the links, with opposite signs at their ends."""
+    entries = np.zeros(size)
+    width = int(np.sqrt(2.0 * place.shape[1]))  # w (w + 1) / 2 products
+    c = width // 2
+    for link in range(direction.shape[0]):
+        pair = -1
+        for p in range(width):
+            for q in range(p, width):
+                pair += 1
+                i, j = p % c, q % c
+                if place[link, pair] < 0 or i > 2 or j > 2:
+                    continue
+                value = (along[link] - across[link]) * direction[link, i] * direction[link, j]
+                if i == j:
+                    value += across[link]
+                entries[place[link, pair]] += value if p // c == q // c else -value
+    return entries

@@ -1,0 +1,79 @@
+"""Results of statics as a dataset."""
+
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from multiscale.laws.link import Beam
+from multiscale.macro.discrete.compatibility import Equations
+from multiscale.macro.discrete.description import describe
+from multiscale.macro.discrete.link_state import State
+from multiscale.macro.discrete.link_system import LinkSystem
+from multiscale.schema import MACRO_RESULT
+
+if TYPE_CHECKING:
+    import xarray as xr
+
+__all__ = ["join_steps", "step_values"]
+
+
+def step_values(system: LinkSystem, model: Equations, state: State) -> dict[str, Any]:
+    """Give the variables of one step; NaN unless it converged."""
+    solution, links = state.solution, system.n_links
+    valid = 1.0 if solution.converged else np.nan
+    motion = valid * model.at_nodes(solution.value)
+    column: dict[str, Any] = {
+        "converged": int(solution.converged),
+        "residual": solution.residuals[-1] if solution.residuals else np.nan,
+        "iterations": len(solution.residuals),
+        "tension": valid * state.tension[:links],
+        "slack": valid * state.slack[:links],
+        "displacement": motion[:, :3],
+    }
+    if system.n_components == 6:
+        column["rotation"] = motion[:, 3:]
+        column["moment"] = valid * _moments(system, state.tension[links:])
+    return column
+
+
+def _moments(system: LinkSystem, modes: np.ndarray) -> np.ndarray:
+    """Torsion and end moments of the beams, shape (links, 5), N m; NaN for other links."""
+    moment = np.full((system.n_links, 5), np.nan)
+    first = 0
+    for index, law in enumerate(system.laws):
+        if isinstance(law, Beam):
+            links = np.flatnonzero(system.kind == index)
+            part = modes[first : first + 5 * links.size].reshape(-1, 5)
+            first += 5 * links.size
+            twist, even_y, odd_y, even_z, odd_z = part.T
+            moment[links] = np.stack(
+                [twist, odd_y + even_y, odd_y - even_y, odd_z + even_z, odd_z - even_z], axis=1
+            )
+    return moment
+
+
+def join_steps(
+    system: LinkSystem, factors: np.ndarray, columns: list[dict[str, Any]]
+) -> "xr.Dataset":
+    """Join the steps to a dataset after ``MACRO_RESULT``."""
+    import xarray as xr
+
+    names = [name for column in columns for name in column]
+    values = {
+        name: np.array([column.get(name, np.nan) for column in columns])
+        for name in dict.fromkeys(names)
+    }
+    values |= {"load_factor": factors, **describe(system)}
+    result = MACRO_RESULT.assign(xr.Dataset(), values)
+    labels: dict[str, Any] = {
+        "step": range(factors.size),
+        "link": range(system.n_links),
+        "node": range(system.n_nodes),
+        "component": ["x", "y", "z"],
+        "end": range(2),
+    }
+    if "moment" in values:
+        labels["part"] = ["torsion", "y1", "y2", "z1", "z2"]
+    result = result.assign_coords(labels)
+    MACRO_RESULT.check(result)
+    return result

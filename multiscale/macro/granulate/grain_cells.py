@@ -1,0 +1,250 @@
+"""Representative volumes of grains: compacted, and sheared as the third body of a joint."""
+
+from dataclasses import replace
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from multiscale.errors import CaseError
+from multiscale.macro.granulate.grain_bodies import Grains, Plane
+from multiscale.macro.granulate.grain_motion import advance
+from multiscale.macro.granulate.grain_state import start
+from multiscale.macro.granulate.loose_packing import place_loosely
+from multiscale.macro.granulate.model import ContactLaw, Model, Solver
+from multiscale.macro.granulate.simulate import Record, final_grains, simulate
+from multiscale.schema import MICRO_RESPONSE
+
+if TYPE_CHECKING:
+    import xarray as xr
+
+__all__ = ["compact", "resolving_step", "shear_layer", "shear_response"]
+
+REST, QUIET = 1e-6, 20
+"""Strain of a step below which a cell is at rest, and for how many steps."""
+
+
+def compact(
+    radii: np.ndarray,
+    pressure: float,
+    law: ContactLaw,
+    *,
+    planar: bool = False,
+    density: float = 2600.0,
+    max_steps: int = 2000,
+    solver: Solver | None = None,
+    seed: int = 0,
+) -> "xr.Dataset":
+    r"""Press grains in a periodic cell until they bear the pressure, slowly.
+
+    Parameters
+    ----------
+    radii : ndarray, shape (grains,)
+        m.
+    pressure : float
+        On the cell, Pa.
+    law : ContactLaw
+        How they touch.
+    planar : bool
+        Discs, 1 m thick, in place of spheres.
+    density : float
+        kg/m3.
+    max_steps : int
+        Limit of steps.
+    solver : Solver, optional
+    seed : int
+        Of the loose cell at the start.
+
+    Returns
+    -------
+    Dataset
+        Follows ``GRANULATE``; the last frame is the packing. Attributes: ``solid_fraction``,
+        ``stress_error``, the relative difference of the mean stress after Love and Weber and the
+        pressure, and ``failure`` if the cell has not come to rest.
+
+    Notes
+    -----
+    Rigid grains of mass m without gravity know one time, :math:`\sqrt{m / (p R)}`; the steps are a
+    fifth of it. Velocities are taken away in every step, so that the motion is quasi-static, and
+    the cell follows its pressure as a body of finite inertia, which never asks what cannot be.
+    """
+    if not (pressure > 0.0 and np.isfinite(pressure)):
+        raise CaseError(f"pressure must be positive (Pa), got {pressure:g}")
+    solver = solver or Solver(tolerance=1e-4, max_iterations=2000)
+    grains, edge = _loose_cell(radii, planar, density, seed)
+    period = (edge, np.inf, edge) if planar else (edge, edge, edge)
+    step = resolving_step(grains, pressure)
+    model = Model(
+        grains, (), law, (0.0, 0.0, 0.0), period, damping_rate=np.log(2.0) / step, pressure=pressure
+    )
+    state, record = start(model), Record(model)
+    record.show(state)
+    quiet = 0
+    for _ in range(max_steps):
+        state, done = advance(model, state, step, solver)
+        record.add(state, done)
+        fastest = float(np.abs(state.rate).max()) * step
+        quiet = quiet + 1 if fastest < REST and done.n_contacts else 0
+        if quiet == QUIET:
+            break
+    record.show(state)
+    if quiet < QUIET:
+        record.failure = (
+            f"the cell still strains by {fastest:.1e} a step after {max_steps}; raise max_steps"
+        )
+    result = record.dataset()
+    found = -float(result["stress"].values[-1, model.free].mean())
+    return result.assign_attrs(
+        solid_fraction=float(grains.volume.sum()) / model.volume(state.period),
+        stress_error=found / pressure - 1.0,
+    )
+
+
+def resolving_step(grains: Grains, pressure: float) -> float:
+    """Length of a step that resolves rearrangements, a fifth of their time, s."""
+    length = grains.thickness or float(grains.radius.mean())
+    return 0.2 * float(np.sqrt(grains.mass.mean() / (pressure * length)))
+
+
+def _loose_cell(radii: np.ndarray, planar: bool, density: float, seed: int) -> tuple[Grains, float]:
+    """Grains on a jittered lattice in a square or cubic cell, in random order."""
+    radii = np.random.default_rng(seed).permutation(np.asarray(radii, dtype=float))
+    along = int(np.ceil(len(radii) ** (1.0 / (2.0 if planar else 3.0))))
+    edge = 2.3 * float(radii.max()) * along
+    high = np.array([edge, edge, np.inf])
+    thickness = 1.0 if planar else None
+    grains = place_loosely(
+        radii, np.zeros(3), high, density=density, thickness=thickness, seed=seed
+    )
+    return grains, edge * 1.02
+
+
+def shear_layer(
+    radii: np.ndarray,
+    size: tuple[float, float],
+    pressure: float,
+    speed: float,
+    law: ContactLaw,
+    *,
+    wall_friction: float | None = None,
+    density: float = 2600.0,
+    seed: int = 0,
+) -> tuple[Model, float]:
+    r"""Grains between two plates, a third body: pressed, and then to be sheared.
+
+    Parameters
+    ----------
+    radii : ndarray, shape (grains,)
+        m.
+    size : tuple of float
+        Periods along x and y, m.
+    pressure : float
+        On the upper plate, Pa.
+    speed : float
+        Of the upper plate along x, m/s.
+    law : ContactLaw
+    wall_friction : float, optional
+        Coefficient of the plates; that of the grains if not given.
+    density : float
+        kg/m3.
+    seed : int
+
+    Returns
+    -------
+    model : Model
+        Grains pressed and at rest, the upper plate about to move: the first wall is the lower one.
+    step : float
+        Length of a step that resolves the rearrangements, s.
+    """
+    if not (pressure > 0.0 and np.isfinite(pressure)):
+        raise CaseError(f"pressure must be positive (Pa), got {pressure:g}")
+    high = np.array([*size, np.inf])
+    grains = place_loosely(radii, np.zeros(3), high, density=density, seed=seed)
+    top = float((grains.position[:, 2] + grains.radius).max())
+    area, mass = size[0] * size[1], float(grains.mass.sum())
+    plates = (
+        Plane((0.0, 0.0, 0.0), (0.0, 0.0, 1.0), friction=wall_friction),
+        Plane(
+            (0.0, 0.0, 1.01 * top),
+            (0.0, 0.0, -1.0),
+            friction=wall_friction,
+            mass=mass,
+            force=pressure * area,
+        ),
+    )
+    step = resolving_step(grains, pressure)
+    model = Model(grains, plates, law, (0.0, 0.0, 0.0), (*size, np.inf), np.log(2.0) / step)
+    pressed = simulate(model, 300 * step, step)
+    height = float(pressed["wall_position"][-1, 1, 2])
+    loaded = replace(plates[1], point=(0.0, 0.0, height), velocity=(speed, 0.0, 0.0))
+    still = np.zeros_like(grains.position)
+    ready = final_grains(model, pressed).moved(pressed["position"].values[-1], still, still)
+    return replace(model, grains=ready, walls=(plates[0], loaded), damping_rate=0.0), step
+
+
+def shear_response(
+    radii: np.ndarray,
+    size: tuple[float, float],
+    pressures: np.ndarray,
+    speeds: np.ndarray,
+    law: ContactLaw,
+    *,
+    n_realisations: int = 3,
+    n_steps: int = 400,
+) -> "xr.Dataset":
+    r"""Shear a layer of grains at several pressures and speeds.
+
+    Parameters
+    ----------
+    radii : ndarray, shape (grains,)
+        m.
+    size : tuple of float
+        Periods along x and y, m.
+    pressures, speeds : ndarray, shape (steps,)
+        Of the upper plate, Pa and m/s.
+    law : ContactLaw
+    n_realisations : int
+        Number of packings.
+    n_steps : int
+        Time steps of each; the second half is averaged.
+
+    Returns
+    -------
+    Dataset
+        Follows ``MICRO_RESPONSE``, with the pressure and ``sliding_speed`` along ``step``. The
+        traction is that of the plates, eqs (2)-(3) of the source with forces in place of
+        tractions; ``mean_gap`` is their distance, and rigid grains have no contact area.
+    """
+    pressures, speeds = np.broadcast_arrays(
+        np.atleast_1d(np.asarray(pressures, float)), np.atleast_1d(np.asarray(speeds, float))
+    )
+    shape, area = (n_realisations, pressures.size), size[0] * size[1]
+    values = {name: np.zeros(shape) for name in ("mean_gap", "converged", "wall_time", "sweeps")}
+    traction, jump = np.zeros((*shape, 3)), np.zeros((*shape, 3))
+    for r in range(n_realisations):
+        for k, (pressure, speed) in enumerate(zip(pressures, speeds, strict=True)):
+            model, step = shear_layer(radii, size, pressure, speed, law, seed=r)
+            motion = simulate(model, n_steps * step, step)
+            late = slice(n_steps // 2, None)
+            force = motion["wall_force"].values[late, 1].mean(axis=0)  # of the grains on the plate
+            height = motion["wall_position"].values[:, 1, 2]
+            traction[r, k] = np.array([-force[2], -force[0], -force[1]]) / area
+            jump[r, k] = [height[-1] - height[0], speed * n_steps * step, 0.0]
+            values["mean_gap"][r, k] = height[late].mean()
+            values["converged"][r, k] = float(motion["converged"].values[late].mean() > 0.9)
+            values["wall_time"][r, k] = float(motion["wall_time"].sum())
+            values["sweeps"][r, k] = float(motion["iterations"].sum())
+    return MICRO_RESPONSE.build(
+        {
+            "displacement_jump": jump,
+            "traction": traction,
+            "mean_gap": values["mean_gap"],
+            "contact_fraction": np.zeros(shape),
+            "converged": values["converged"].astype(int),
+            "active_set_iterations": np.zeros(shape, int),
+            "linear_iterations": values["sweeps"].astype(int),
+            "wall_time": values["wall_time"],
+            "nominal_pressure": pressures,
+            "sliding_speed": speeds,
+        },
+        bodies="grains between two plates",
+    )

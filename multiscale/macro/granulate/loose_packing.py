@@ -1,0 +1,125 @@
+"""Grains of many sizes, placed loosely so that they can fall."""
+
+import numpy as np
+
+from multiscale.errors import CaseError
+from multiscale.macro.granulate.grain_bodies import Grains
+
+__all__ = ["draw_radii", "place_loosely"]
+
+
+def draw_radii(n: int, smallest: float, largest: float, *, seed: int = 0) -> np.ndarray:
+    r"""Draw radii of which every interval has its share of the volume.
+
+    Parameters
+    ----------
+    n : int
+        Number of grains.
+    smallest, largest : float
+        m.
+    seed : int
+
+    Returns
+    -------
+    ndarray, shape (n,)
+        m, in random order.
+
+    Raises
+    ------
+    CaseError
+        If the sizes are refused.
+
+    Notes
+    -----
+    The volume of spheres is spread evenly over the radius, so their number has a density in
+    proportion to :math:`R^{-3}`, and :math:`R = (a^{-2} - q\,(a^{-2} - b^{-2}))^{-1/2}` for an even
+    :math:`q` and radii from a to b.
+    """
+    if not 0.0 < smallest <= largest < np.inf:
+        raise CaseError(
+            f"radii must be positive and rise from the smallest to the largest (m), got "
+            f"{smallest:g} and {largest:g}"
+        )
+    if n < 1:
+        raise CaseError(f"there must be at least one grain, got {n}")
+    share = np.random.default_rng(seed).uniform(size=n)
+    inverse = smallest**-2 - share * (smallest**-2 - largest**-2)
+    return np.asarray(np.clip(inverse**-0.5, smallest, largest))
+
+
+def place_loosely(
+    radii: np.ndarray,
+    low: np.ndarray,
+    high: np.ndarray,
+    *,
+    density: float = 2600.0,
+    thickness: float | None = None,
+    seed: int = 0,
+) -> Grains:
+    """Place grains on a jittered lattice, layer upon layer, inside a box or a round pipe.
+
+    Parameters
+    ----------
+    radii : ndarray, shape (grains,)
+        m.
+    low, high : array_like, shape (3,)
+        Corners of the box, m; it is filled from below as far up as need be. Where only x and y of
+        the lattice inside a circle are wanted, see the silo of
+        :mod:`multiscale.macro.granulate.arrangements`.
+    density : float
+        kg/m3.
+    thickness : float, optional
+        Of discs, m, placed at y = 0; spheres if not given.
+    seed : int
+        Of the jitter.
+
+    Raises
+    ------
+    CaseError
+        If the largest grain does not fit.
+    """
+    low, high = np.asarray(low, dtype=float), np.asarray(high, dtype=float)
+    largest = float(np.max(radii))
+    spacing = 2.2 * largest
+    cells = np.floor((high[:2] - low[:2]) / spacing + 1e-9).astype(int)
+    if thickness is not None:
+        cells[1] = 1
+    if cells.min() < 1:
+        raise CaseError(
+            f"a grain of radius {largest:g} m needs {spacing:g} m, the box is "
+            f"{float((high - low)[:2].min()):g} m wide; take smaller grains"
+        )
+    return Grains(
+        lattice(len(radii), cells, low, high, largest, seed, flat=thickness is not None),
+        radii,
+        density,
+        thickness=thickness,
+    )
+
+
+def lattice(
+    n: int,
+    cells: np.ndarray,
+    low: np.ndarray,
+    high: np.ndarray,
+    radius: float,
+    seed: int,
+    *,
+    flat: bool = False,
+) -> np.ndarray:
+    """Centres on a jittered lattice that fills a box from below, shape (n, 3), m."""
+    k = np.arange(n)
+    layer, rest = np.divmod(k, int(cells[0] * cells[1]))
+    row, column = np.divmod(rest, int(cells[1]))
+    width = (high[:2] - low[:2]) / cells
+    centre = np.column_stack(
+        [
+            low[0] + (row + 0.5) * width[0],
+            low[1] + (column + 0.5) * width[1],
+            low[2] + 1.2 * radius + layer * 2.3 * radius,
+        ]
+    )
+    centre += np.random.default_rng(seed).uniform(-0.05, 0.05, centre.shape) * radius
+    if flat:
+        centre[:, 1] = 0.0
+    return centre

@@ -1,0 +1,184 @@
+"""Two elastic blocks pressed together through a rough interface."""
+
+from collections.abc import Sequence
+from time import perf_counter
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from multiscale.errors import CaseError
+from multiscale.laws import HystereticLaw
+from multiscale.laws.interface_law import InterfaceLaw
+from multiscale.macro.data_range import load_shares, with_load_shares
+from multiscale.macro.joint.equilibrium import respond, solve_preload, tangent_stiffness
+from multiscale.macro.joint.geometry import RoughJoint
+from multiscale.macro.joint.joint_assembly import CondensedJoint, condense_joint
+from multiscale.schema import MACRO_RESULT
+
+if TYPE_CHECKING:
+    import xarray as xr
+
+__all__ = ["check_preloads", "ratios", "rough_joint"]
+
+
+def rough_joint(
+    joint: RoughJoint,
+    law: InterfaceLaw,
+    preloads: np.ndarray,
+    *,
+    samples: Sequence[InterfaceLaw] = (),
+    extrapolate: bool = False,
+    max_iterations: int = 100,
+    tolerance: float = 1e-10,
+) -> "xr.Dataset":
+    r"""Press the joint and return its normal stiffness at every preload.
+
+    Parameters
+    ----------
+    joint : RoughJoint
+        Geometry, elasticity and mesh.
+    law : InterfaceLaw
+        Frictionless normal law; its tangential part is not used. One with an unloading branch is
+        loaded for the first time.
+    preloads : ndarray, shape (steps,)
+        Nominal pressures :math:`p > 0`, Pa: force over section. Each step starts from the one
+        before.
+    samples : sequence of InterfaceLaw
+        Bootstrap samples of the law; each gives one row of ``joint_stiffness_sample``.
+    extrapolate : bool
+        Whether steps far outside the data of the law keep what it extrapolates; see
+        :func:`~multiscale.macro.data_range.with_load_shares`.
+    max_iterations : int
+        Iteration limit of a step.
+    tolerance : float
+        Bound on the residual of (1)-(3): forces relative to the preload, displacements relative
+        to the largest of them; dimensionless.
+
+    Returns
+    -------
+    Dataset
+        Follows ``MACRO_RESULT``. The stiffness is the consistent tangent
+        :math:`\mathrm{d}p / \mathrm{d}a`, Pa/m, with the approach :math:`a` of the platen where
+        the force acts; ``interface_stiffness`` is the area mean of the tangent of the law, and
+        ``solid_stiffness`` belongs to the same blocks without a jump between them. A step that
+        failed is NaN with ``converged`` 0, one far outside the data of the law is NaN with
+        ``known`` 0; a sample that failed is NaN. A law with an unloading
+        branch also gives ``unloading_stiffness``, that of a preload which begins to fall and
+        comes back.
+
+    Raises
+    ------
+    CaseError
+        If a preload is not positive.
+
+    Notes
+    -----
+    The blocks are condensed once onto the normal jump :math:`j` of the interface. With the
+    compliance :math:`C = C_1 + C_2` of both blocks for nodal forces :math:`\lambda` on their
+    faces, and the rigid motion :math:`w` of the platen,
+
+    .. math::
+        j &= R w + C \lambda, \tag{1} \\
+        \lambda &= N^T (\omega\, p(N j)), \tag{2} \\
+        R^T \lambda &= \ell P, \tag{3}
+
+    where :math:`N` interpolates to the quadrature points, :math:`\omega` are their weights and
+    :math:`\ell` is the motion that the force :math:`P` works on. Jump and elastic displacement
+    are unknowns of their own: neither is the small difference of large numbers, however stiff
+    the law or the blocks. The monolithic form of the same problem is :func:`assemble_joint`.
+    """
+    preloads = check_preloads(preloads)
+    model = condense_joint(joint)
+    limits = (max_iterations, tolerance)
+    names = (*ratios(law), "interface_stiffness", "approach", "mean_gap", "closed_fraction")
+    values = {name: np.full(preloads.size, np.nan) for name in names}
+    converged = np.zeros(preloads.size, dtype=int)
+    residual, wall_time = np.full(preloads.size, np.nan), np.zeros(preloads.size)
+    pressure = np.full((preloads.size, model.weight.size), np.nan)
+    solutions: list[np.ndarray | None] = []
+
+    for step, preload in enumerate(preloads):
+        before = perf_counter()
+        start = solutions[-1] if solutions else None
+        solution = solve_preload(model, law, preload, start, limits)
+        solutions.append(solution.value if solution.converged else None)
+        converged[step] = solution.converged
+        if solution.residuals:
+            residual[step] = solution.residuals[-1]
+        if solution.converged:
+            for name, value in _measure(model, law, solution.value).items():
+                values[name][step] = value
+            jump = model.operator @ model.split(solution.value)[0]
+            pressure[step] = respond(law, jump)[0]
+        wall_time[step] = perf_counter() - before
+
+    result = {
+        "preload": preloads,
+        **values,
+        "converged": converged,
+        "residual": residual,
+        "wall_time": wall_time,
+    }
+    rows = [_sample_stiffness(model, sample, preloads, solutions, limits) for sample in samples]
+    for name in rows[0] if rows else ():
+        result[f"{name}_sample"] = np.array([row[name] for row in rows])
+    shares = load_shares(pressure, model.weight, law.pressure_range)[..., None]
+    data = np.array([law.pressure_range])
+    found = with_load_shares(MACRO_RESULT.build(result), shares, data, extrapolate=extrapolate)
+    solid = np.full(preloads.size, model.solid_stiffness)  # no law enters it
+    return MACRO_RESULT.assign(found, {"solid_stiffness": solid})
+
+
+def _sample_stiffness(
+    model: CondensedJoint,
+    sample: InterfaceLaw,
+    preloads: np.ndarray,
+    starts: Sequence[np.ndarray | None],
+    limits: tuple[int, float],
+) -> dict[str, np.ndarray]:
+    """Stiffness of one sample of the law, Pa/m, each step started from the law's own."""
+    failed = dict.fromkeys(("interface_stiffness", *ratios(sample)), np.nan)
+    steps = []
+    for preload, start in zip(preloads, starts, strict=True):
+        solution = solve_preload(model, sample, preload, start, limits)
+        steps.append(_stiffness(model, sample, solution.value) if solution.converged else failed)
+    return {name: np.array([step[name] for step in steps]) for name in failed}
+
+
+def _measure(model: CondensedJoint, law: InterfaceLaw, value: np.ndarray) -> dict[str, float]:
+    """Quantities of ``MACRO_RESULT`` at a solution."""
+    j, w, _ = model.split(value)
+    jump = model.operator @ j
+    pressure = respond(law, jump)[0]
+    return {
+        **_stiffness(model, law, value),
+        "approach": -float(model.arm @ w),
+        "mean_gap": float(model.weight @ jump) / model.area + law.gap,
+        "closed_fraction": float(model.weight @ (pressure > 0.0)) / model.area,
+    }
+
+
+def _stiffness(model: CondensedJoint, law: InterfaceLaw, value: np.ndarray) -> dict[str, float]:
+    """Stiffness of the interface, and of the joint on every branch of its law, Pa/m."""
+    K = respond(law, model.operator @ model.split(value)[0])[1]
+    return {
+        "interface_stiffness": float(model.weight @ K) / model.area,
+        **{
+            name: tangent_stiffness(model, law, value, ratio) for name, ratio in ratios(law).items()
+        },
+    }
+
+
+def check_preloads(preloads: np.ndarray) -> np.ndarray:
+    """Refuse preloads that press nothing."""
+    given = np.asarray(preloads, dtype=float)
+    if not np.all((given > 0.0) & np.isfinite(given)):
+        raise CaseError(f"preloads must be positive and finite (Pa), got {given}")
+    return given
+
+
+def ratios(law: InterfaceLaw) -> dict[str, float]:
+    """Stiffness of the law on its branches, over that of the loading."""
+    if isinstance(law, HystereticLaw):
+        return {"joint_stiffness": 1.0, "unloading_stiffness": law.stiffness_ratio}
+    return {"joint_stiffness": 1.0}

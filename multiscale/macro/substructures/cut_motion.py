@@ -1,0 +1,197 @@
+"""Moreau-Jean steps of a structure that has been cut."""
+
+from collections.abc import Callable
+from dataclasses import replace
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from scipy.sparse import csr_array, diags_array
+
+from multiscale.errors import CaseError
+from multiscale.macro.substructures.cut_results import link_fields
+from multiscale.macro.substructures.latin import Latin
+from multiscale.macro.substructures.latin_solver import solve_step
+from multiscale.macro.substructures.parallel import Team
+from multiscale.macro.substructures.problem import Problem
+from multiscale.schema import MACRO_RESULT
+
+if TYPE_CHECKING:
+    import xarray as xr
+
+__all__ = ["simulate_latin"]
+
+
+def simulate_latin(
+    problem: Problem,
+    times: np.ndarray,
+    mass: float | np.ndarray,
+    *,
+    load_factor: Callable[[float], float] = lambda time: 1.0,
+    start: tuple[np.ndarray, np.ndarray] | None = None,
+    tolerance: float = 1e-10,
+    max_iterations: int = 400,
+    team: Team | None = None,
+) -> "xr.Dataset":
+    r"""Follow a cut structure in time, by implicit steps of :func:`multiscale.macro.simulate`.
+
+    Parameters
+    ----------
+    problem : Problem
+        The structure, cut; one load case.
+    times : ndarray, shape (steps + 1,)
+        Rising by equal steps h, s. The first is the initial state.
+    mass : float or ndarray, shape (nodes,)
+        Mass of each node, kg.
+    load_factor : callable
+        :math:`\alpha(t)`.
+    start : tuple of ndarray, shape (nodes, 3), optional
+        Displacement, m, and velocity, m/s, at the first time; at rest if not given.
+    tolerance, max_iterations, team
+        As :func:`solve_latin`, of each step.
+
+    Returns
+    -------
+    Dataset
+        Follows ``MACRO_RESULT``, one step for each time. A step that fails is NaN with
+        ``converged`` 0, the attribute ``failure`` says why, and the later ones are not tried.
+
+    Raises
+    ------
+    CaseError
+        If times or masses are refused.
+
+    Notes
+    -----
+    With :math:`u^+ = u^- + h v^+`, a step of (6), (9) of the source is the static problem
+
+    .. math::
+        \frac{M}{h^2} u^+ + B^T \tau^+ = F^+ + \frac{M}{h^2} \left(u^- + h v^-\right),
+
+    so that the mass is a stiffness of the substructures. It makes them positive definite.
+    """
+    times = np.asarray(times, dtype=float)
+    h = _step(times)
+    masses = _masses(problem, mass)
+    inertia = masses / h**2
+    method = Latin(_with_stiffness(problem, inertia), team=team)
+    local = np.concatenate([problem.substructures[part].unknown for part in method.parts])
+    shares = problem.sum_up([np.ones(part.n) for part in problem.substructures])
+    force = problem.sum_up([part.load[:, 0] for part in problem.substructures])
+    u, v = _initial(problem, start)
+    tension = _tension(method, u[local])
+    at_rest = {"converged": 1, "residual": 0.0, "wall_time": 0.0}
+    rows = [_row(method, times[0], u, v, tension, at_rest)]
+
+    for time in times[1:]:
+        push = load_factor(time) * force + inertia * (u + h * v)
+        step = solve_step(
+            method, push[local] / shares[local], None, tolerance, max_iterations, None
+        )
+        if not step["converged"]:
+            return _dataset(problem, [*rows, _failed(rows[0], time, step)]).assign_attrs(
+                failure=f"the motion ends before {time:g} s: {step['failure']}"
+            )
+        following = problem.average(method.team.concatenate(step["found"].u))
+        v, u = (following - u) / h, following
+        tension = method.admissible(step["found"].tension)
+        rows.append(_row(method, time, u, v, tension, step))
+    return _dataset(problem, rows)
+
+
+def _step(times: np.ndarray) -> float:
+    """Equal step of the times, s."""
+    steps = np.diff(times)
+    if times.ndim != 1 or times.size < 2 or not np.all(steps > 0.0):
+        raise CaseError(f"times must rise and be at least two (s), got {times[:5]}")
+    h = float(steps.mean())
+    if np.ptp(steps) > 1e-9 * h:
+        raise CaseError(
+            f"times must rise by equal steps, because the substructures are factorised for one; "
+            f"got steps from {steps.min():g} to {steps.max():g} s"
+        )
+    return h
+
+
+def _masses(problem: Problem, mass: float | np.ndarray) -> np.ndarray:
+    """Mass of every unknown, kg."""
+    nodes = len(problem.position)
+    if np.ndim(mass) and np.shape(mass) != (nodes,):
+        raise CaseError(f"mass must be one number or one per node ({nodes},), got {np.shape(mass)}")
+    spread = np.broadcast_to(np.asarray(mass, dtype=float), (nodes,))
+    free = problem.number >= 0
+    at = np.empty(problem.n)
+    at[problem.number[free]] = np.broadcast_to(spread[:, None], free.shape)[free]
+    if not np.all((at > 0.0) & np.isfinite(at)):
+        raise CaseError(f"mass must be positive and finite (kg), got {at.min():g}")
+    return at
+
+
+def _with_stiffness(problem: Problem, stiffness: np.ndarray) -> Problem:
+    """Add a diagonal to the stiffness, shared out."""
+    shares = problem.sum_up([np.ones(part.n) for part in problem.substructures])
+    parts = tuple(
+        replace(
+            part,
+            stiffness=csr_array(
+                part.stiffness + diags_array(stiffness[part.unknown] / shares[part.unknown])
+            ),
+        )
+        for part in problem.substructures
+    )
+    return replace(problem, substructures=parts)
+
+
+def _initial(
+    problem: Problem, start: tuple[np.ndarray, np.ndarray] | None
+) -> tuple[np.ndarray, np.ndarray]:
+    """Displacement and velocity of the unknowns at the first time."""
+    if start is None:
+        return np.zeros(problem.n), np.zeros(problem.n)
+    free = problem.number >= 0
+    out = []
+    for name, given in zip(("displacement", "velocity"), start, strict=True):
+        if np.shape(given) != free.shape:
+            raise CaseError(f"start {name} must have shape {free.shape}, got {np.shape(given)}")
+        vector = np.empty(problem.n)
+        vector[problem.number[free]] = np.asarray(given, dtype=float)[free]
+        out.append(vector)
+    return out[0], out[1]
+
+
+def _tension(method: Latin, u: np.ndarray) -> np.ndarray:
+    """Tension of the links of this process for a displacement."""
+    links = method.stack.links
+    return method.admissible(links.prestress + links.stiffness * (links.operator @ u))
+
+
+def _row(
+    method: Latin,
+    time: float,
+    u: np.ndarray,
+    v: np.ndarray,
+    tension: np.ndarray,
+    step: dict[str, Any],
+) -> dict[str, Any]:
+    """One row of the dataset."""
+    problem = method.problem
+    team = method.team
+    slack = team.concatenate(method.slack())
+    fields = link_fields(problem, team.concatenate(tension), slack) | {
+        "displacement": np.append(u, 0.0)[problem.number[:, :3]],
+        "velocity": np.append(v, 0.0)[problem.number[:, :3]],
+    }
+    account = {name: step[name] for name in ("converged", "residual", "wall_time")}
+    return {"time": time, **account, **fields}
+
+
+def _failed(first: dict[str, Any], time: float, step: dict[str, Any]) -> dict[str, Any]:
+    """Row of a step without solution."""
+    row = {name: np.full_like(value, np.nan, dtype=float) for name, value in first.items()}
+    return row | {"time": time, "converged": 0} | {n: step[n] for n in ("residual", "wall_time")}
+
+
+def _dataset(problem: Problem, rows: list[dict[str, Any]]) -> "xr.Dataset":
+    """Join the rows."""
+    values: dict[str, Any] = {name: np.array([row[name] for row in rows]) for name in rows[0]}
+    result = MACRO_RESULT.build(values | {"position": problem.position})
+    return result.assign_coords(component=["x", "y", "z"])

@@ -1,0 +1,333 @@
+r"""Newton steps of a structure that has been cut."""
+
+from dataclasses import dataclass
+from functools import partial
+
+import numpy as np
+from scipy.sparse import block_array, csr_array, diags_array
+from scipy.sparse.linalg import LinearOperator, cg, gmres
+
+from multiscale.convergence import Status
+from multiscale.macro.discrete.link_newton import Lending, exact_step
+from multiscale.macro.substructures.balancing import Balancing, lay_out, prepare_balancing
+from multiscale.macro.substructures.capacity import find_slide
+from multiscale.macro.substructures.carried import carry_joints
+from multiscale.macro.substructures.coarse import coarse_basis
+from multiscale.macro.substructures.condensation import Condensed, condense, split
+from multiscale.macro.substructures.joint_state import advance
+from multiscale.macro.substructures.parallel import Alone, Team, share, together
+from multiscale.macro.substructures.problem import Problem
+from multiscale.macro.substructures.stack import Factors, lay_out_sides, stack
+from multiscale.numerics.factorisation import factorise
+from multiscale.numerics.line_search import step_length
+
+__all__ = ["Balance", "Newton"]
+
+HELD = 1e-12
+"""Stiffness lent to every unknown in the tangent, relative to its diagonal."""
+
+REGULAR = 1e-6
+"""Stiffness lent to shared unknowns in the preconditioner, relative to the diagonal without
+slack."""
+
+LOOSE, FINEST = 1e-2, 1e-10
+"""Largest and smallest residual at which a linear system counts as solved."""
+
+UNSURE = 1e-8
+"""Largest residual that rounding excuses: without a limit, a body that runs away would count as
+in balance."""
+
+KRYLOV, RESTART = 2000, 100
+"""Iterations of a linear system, and those before GMRES starts anew. They cost far less than the
+factors; a direction that they left unfinished would slow Newton's method down on large grids."""
+
+
+@dataclass(frozen=True, eq=False)
+class Balance:
+    """Forces out of balance.
+
+    Attributes
+    ----------
+    force : ndarray, shape (unknowns of the substructures,)
+        N.
+    residual, rounding : float
+        Largest of the whole structure and what rounding makes of it, relative to the load.
+    tangents : list of ndarray, shape (3, 3, points)
+        Of the joints, times the weights, N/m.
+    pressures : list of ndarray, shape (points,)
+        On the joints, Pa.
+    """
+
+    force: np.ndarray
+    residual: float
+    rounding: float
+    tangents: list[np.ndarray]
+    pressures: list[np.ndarray]
+
+
+@dataclass(frozen=True, eq=False)
+class _Factored:
+    """A tangent, condensed; its Schur complements in one table; and its preconditioner."""
+
+    condensed: Condensed
+    schur: np.ndarray
+    balancing: Balancing
+    symmetric: bool
+
+
+@dataclass(frozen=True, eq=False)
+class _Way:
+    """Change of displacement, m, tension without slack, N, and jumps, m, in a step."""
+
+    u: np.ndarray
+    elastic: np.ndarray
+    jump: list[np.ndarray]
+
+
+class Newton:
+    r"""A structure, the displacement reached, and steps towards equilibrium.
+
+    A process holds some of the substructures; what all share is the same in every digit.
+
+    .. math::
+        \sum_E R_E^T \left( K u_E + B^T P(\tau^0 + k B u_E) + J^T w\, t(J u_E) - f_E \right) = 0,
+        \qquad u_E = R_E u,    \tag{1}
+
+    with the links and joints of every substructure :math:`E`.
+    """
+
+    def __init__(self, problem: Problem, team: Team | None = None) -> None:
+        self.problem, self.team = problem, team or Alone()
+        carried, joints = carry_joints(problem)
+        mine = share(len(carried.substructures), self.team)
+        self.stack = stack(carried, mine)
+        self.unknown = np.concatenate([carried.substructures[part].unknown for part in mine])
+        self.parts = split(self.stack.start, self.stack.shared)
+        sides, slot = lay_out_sides(carried), np.zeros(self.stack.n, dtype=int)
+        slot[self.stack.trace.indices] = sides.slot[sides.start[mine[0]] : sides.start[mine.stop]]
+        self.slot = slot[self.parts.edge]
+        basis = coarse_basis(carried)
+        self.layout = lay_out(self.parts, self.slot, basis, carried.interfaces, mine, self.team)
+        self.places = [place for place, joint in enumerate(joints) if joint.owner in mine]
+        self.joints = [joints[place] for place in self.places]
+        self.jumps = [self._placed(joint.jump, joint.owner - mine[0]) for joint in self.joints]
+        self.states = [np.zeros((item.law.n_state, item.weight.size)) for item in self.joints]
+        links = self.stack.links
+        self.taut = self.assemble(self.stack.matrix(links.stiffness, None).diagonal())[self.unknown]
+        self.factors, self.before = (Factors(), Factors()), np.zeros(0)
+        self.factored: _Factored | None = None
+        self.key = np.full(links.stiffness.size + 1, np.nan)
+        self.magnitude = abs(self.stack.stiffness)
+        self.u, self.elastic = np.zeros(self.stack.n), np.zeros(links.stiffness.size)
+        # jumps are summed up, as the tensions: the difference of both sides would round them away
+        self.jump = [np.zeros((3, item.weight.size)) for item in self.joints]
+
+    def _placed(self, operator: csr_array, part: int) -> csr_array:
+        """Let an operator of one substructure act on the unknowns of all."""
+        shape = (operator.shape[0], self.stack.n)
+        columns = operator.indices + self.stack.start[part]
+        return csr_array((operator.data, columns, operator.indptr), shape=shape)
+
+    def start(self, factor: np.ndarray) -> None:
+        """Begin a step with factors of the load cases."""
+        self.factor, self.load, self.unfinished = factor, self.stack.load @ factor, 0
+        links = self.stack.links
+        self.lower, self.upper = links.lower - links.prestress, links.upper - links.prestress
+        self.lending, self.known = Lending(), None
+        self.scale = float(np.abs(self.assemble(self.load)).max(initial=0.0)) or (
+            self._largest(links.prestress) or 1.0
+        )
+
+    def assemble(self, force: np.ndarray) -> np.ndarray:
+        """Add up over the substructures of all processes, shape (problem.n,)."""
+        return self.team.total(np.bincount(self.unknown, force, minlength=self.problem.n))
+
+    def _largest(self, value: np.ndarray) -> float:
+        """Largest size of an entry in all processes."""
+        own = np.abs(value).max(initial=0.0)
+        return float(self.team.concatenate(np.array([own])).max())
+
+    def _sum(self, value: float | np.integer) -> float:
+        """Add up over the processes."""
+        return float(self.team.total(np.array([value], dtype=float))[0])
+
+    def tension(self) -> np.ndarray:
+        """Tension of the links, N."""
+        links = self.stack.links
+        return np.asarray(links.prestress + np.clip(self.elastic, self.lower, self.upper))
+
+    def slack(self) -> np.ndarray:
+        """Distance by which the ends of a link miss it, m."""
+        change = np.clip(self.elastic, self.lower, self.upper)
+        return np.asarray(np.abs(change - self.elastic) / self.stack.links.stiffness)
+
+    def displacement(self) -> np.ndarray:
+        """Displacement of the unknowns of the whole structure, m."""
+        shares = self.assemble(np.ones(self.stack.n))
+        return np.asarray(self.assemble(self.u) / np.maximum(shares, 1.0))
+
+    def balance(self) -> Balance:
+        """Evaluate (1)."""
+        u, tension, tangents, pressures = self.u, self.tension(), [], []
+        inner = self.stack.stiffness @ u
+        force = self.load - inner - self.stack.links.operator.T @ tension
+        for joint, place, jump, state in zip(
+            self.joints, self.jumps, self.jump, self.states, strict=True
+        ):
+            response = joint.law.respond(jump, state)
+            force -= place.T @ (joint.weight * response.traction).ravel()
+            tangents.append(joint.weight * response.tangent)
+            pressures.append(-response.traction[0])
+        residual = float(np.abs(self.assemble(force)).max(initial=0.0)) / self.scale
+        largest = self._largest(np.append(self.magnitude @ np.abs(u), tension))
+        rounding = 8.0 * np.finfo(float).eps * largest / self.scale
+        return Balance(force, residual, min(rounding, UNSURE), tangents, pressures)
+
+    def advance(self, balance: Balance, tolerance: float) -> int:
+        """Take one Newton step; return the number of iterations of the linear solver."""
+        carries = np.clip(self.elastic, self.lower, self.upper) == self.elastic
+        if self.known is not None and not self._sum(np.count_nonzero(carries != self.known)):
+            self.lending.settle()
+        self.known = carries
+        accuracy = min(LOOSE, balance.residual)
+        accuracy = max(accuracy, 0.1 * tolerance / balance.residual, FINEST)
+        direction, count = self._solve(balance, carries, accuracy)
+
+        way = self._way(direction)
+        work = self._sum(balance.force @ direction)
+        if self.problem.joints:
+            step = step_length(lambda step: self._slope(step, way), -work)
+        else:
+            step = self._exact_step(way, work)
+        self._move(step, way)
+        self.lending.follow(step)
+        return count
+
+    def _way(self, direction: np.ndarray) -> _Way:
+        """Let links and joints follow a direction of the unknowns."""
+        links = self.stack.links
+        return _Way(
+            direction,
+            links.stiffness * (links.operator @ direction),
+            [(place @ direction).reshape(3, -1) for place in self.jumps],
+        )
+
+    def _move(self, step: float, way: _Way) -> None:
+        """Go along a direction."""
+        self.u = self.u + step * way.u
+        self.elastic = self.elastic + step * way.elastic
+        self.jump = [jump + step * more for jump, more in zip(self.jump, way.jump, strict=True)]
+
+    def _solve(
+        self, balance: Balance, carries: np.ndarray, accuracy: float
+    ) -> tuple[np.ndarray, int]:
+        """Newton direction and the number of iterations that it took."""
+        key = np.append(carries, self.lending.share)
+        changed = self._sum(np.count_nonzero(key != self.key))
+        if self.problem.joints or self.factored is None or changed:
+            self.factored, self.key = self._factorise(balance, carries), key
+        edge, count = self._solve_shared(self.factored, balance.force, accuracy)
+        return self.factored.condensed.expand(balance.force, edge[self.slot]), count
+
+    def _factorise(self, balance: Balance, carries: np.ndarray) -> _Factored:
+        """Condense the tangent and prepare what preconditions it."""
+        share = np.where(carries, 1.0, self.lending.share)
+        matrix = self.stack.matrix(share * self.stack.links.stiffness, None)
+        symmetric = True
+        for jump, tangent in zip(self.jumps, balance.tangents, strict=True):
+            symmetric &= np.array_equal(tangent, tangent.transpose(1, 0, 2))
+            blocks = [[diags_array(entry) for entry in row] for row in tangent]
+            matrix = matrix + jump.T @ block_array(blocks, format="csr") @ jump
+        matrix = csr_array(matrix + HELD * diags_array(self.taut))
+        symmetric = not self._sum(not symmetric)
+        inside, coarse = self.factors if symmetric else (factorise, factorise)
+        condensed = together(self.team, lambda: condense(matrix, self.parts, inside))
+        schur = self.layout.gather(condensed.blocks)
+        added = np.zeros(self.layout.shared.shape)
+        added[self.parts.owner, self.parts.column] = REGULAR * self.taut[self.parts.edge]
+        balancing = prepare_balancing(self.layout, schur, added, coarse)
+        return _Factored(condensed, schur, balancing, symmetric)
+
+    def _solve_shared(
+        self, factored: _Factored, force: np.ndarray, accuracy: float
+    ) -> tuple[np.ndarray, int]:
+        """Displacement of the shared unknowns by a preconditioned Krylov method."""
+        layout, n, count = self.layout, self.layout.n_shared, 0
+        if not n:
+            return np.zeros(0), 0
+
+        def note(_: object) -> None:
+            nonlocal count
+            count += 1
+
+        own = np.bincount(self.slot, factored.condensed.reduce(force), minlength=n)
+        right = self.team.total(own)
+        bound = accuracy * float(np.linalg.norm(self.assemble(force)))
+        S = LinearOperator((n, n), matvec=partial(layout.multiply, factored.schur), dtype=float)
+        M = LinearOperator((n, n), matvec=factored.balancing, dtype=float)
+        options = {"rtol": 0.0, "atol": bound, "M": M, "maxiter": KRYLOV, "callback": note}
+        krylov = cg
+        if not factored.symmetric:
+            restarted = {"restart": RESTART, "maxiter": KRYLOV // RESTART}
+            krylov, options = gmres, options | restarted | {"callback_type": "pr_norm"}
+        edge, info = krylov(S, right, **options)
+        self.unfinished += info != 0  # Newton's own residual judges what such a direction is worth
+        return edge, count
+
+    def _exact_step(self, way: _Way, work: float) -> float:
+        """Step to the least energy; what is linear counts as one more link that never slackens."""
+        curvature = self._sum(way.u @ (self.stack.stiffness @ way.u))
+        no_bound = np.array([np.inf]) if curvature > 0.0 else np.zeros(0)
+        rest = np.full(no_bound.size, curvature)
+        elastic, growth, stiffness, lower, upper = (
+            self.team.concatenate(value)
+            for value in (
+                self.elastic,
+                way.elastic,
+                self.stack.links.stiffness,
+                self.lower,
+                self.upper,
+            )
+        )
+        return float(
+            exact_step(
+                np.append(elastic, 0.0 * rest),
+                np.append(growth, rest),
+                np.append(stiffness, rest),
+                np.append(lower, -no_bound),
+                np.append(upper, no_bound),
+                work,
+            )
+        )
+
+    def _slope(self, step: float, way: _Way) -> float:
+        """Differentiate the energy along a direction, J."""
+        here = self.u, self.elastic, self.jump
+        self._move(step, way)
+        force = self.balance().force
+        self.u, self.elastic, self.jump = here
+        return -self._sum(force @ way.u)
+
+    def why(self, status: Status, closest: Balance) -> str:
+        """Say why a step failed, from where it was closest to a solution."""
+        load = np.concatenate([part.load @ self.factor for part in self.problem.substructures])
+        pressure = self._joined(closest.pressures)
+        if slide := find_slide(self.problem, load, self.before, pressure):
+            return str(slide)
+        if self.unfinished:
+            return (
+                f"{status.value}; {self.unfinished} of its linear systems were left unfinished "
+                f"after {KRYLOV} iterations, so cut the structure into fewer or more compact parts"
+            )
+        return status.value
+
+    def _joined(self, pressures: list[np.ndarray]) -> np.ndarray:
+        """Pressure at all points of the joints of all processes, Pa, in their order."""
+        found = dict(self.team.collect(list(zip(self.places, pressures, strict=True))))
+        return np.concatenate([np.zeros(0), *(found[place] for place in sorted(found))])
+
+    def commit(self) -> None:
+        """Take the state of the laws at the present displacement for the next step."""
+        self.before = self._joined(self.balance().pressures)
+        for index, (joint, jump) in enumerate(zip(self.joints, self.jump, strict=True)):
+            self.states[index], _ = advance(joint.law, jump, self.states[index])

@@ -1,0 +1,252 @@
+"""Solve a structure that has been cut, step by step."""
+
+from collections.abc import Callable
+from time import perf_counter
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from multiscale.convergence import Status
+from multiscale.errors import MultiscaleError
+from multiscale.macro.discrete.checks import free_rigid_motions
+from multiscale.macro.substructures.bound import Admissible, ErrorBound
+from multiscale.macro.substructures.cut_results import assemble_result, link_fields, load_factors
+from multiscale.macro.substructures.indicator import HeuristicIndicator
+from multiscale.macro.substructures.latin import AGAIN, UPDATE, Iterate, Latin
+from multiscale.macro.substructures.parallel import Team
+from multiscale.macro.substructures.problem import Problem
+from multiscale.macro.substructures.substructure_needs import needs_of
+from multiscale.needs import Needs
+from multiscale.numerics.anderson import Anderson
+
+if TYPE_CHECKING:
+    import xarray as xr
+
+__all__ = ["solve_latin", "solve_step"]
+
+ACCOUNT = (
+    "converged",
+    "failure",
+    "residual",
+    "error_bound",
+    "error_indicator",
+    "iterations",
+    "wall_time",
+)
+
+MEMORY, RELAXED = 16, 0.95
+"""Iterates that the acceleration keeps; share of an image in the next iterate."""
+
+HEURISTIC = 0.1
+"""Change in an iteration, relative to the tolerance, at which the error counts as within it."""
+
+
+def solve_latin(
+    problem: Problem,
+    load_factor: float | np.ndarray = 1.0,
+    *,
+    coarse: bool = True,
+    updated: bool = True,
+    tolerance: float = 1e-8,
+    max_iterations: int = 400,
+    team: Team | None = None,
+    callback: Callable[[int, float, Iterate], None] | None = None,
+) -> "xr.Dataset":
+    r"""Solve substructures and interfaces by the micro-macro LATIN method.
+
+    Parameters
+    ----------
+    problem : Problem
+        The structure, cut.
+    load_factor : float or ndarray, shape (steps,) or (steps, cases)
+        Factors of the load cases, one row for each step; each starts from the one before.
+    coarse : bool
+        Whether a coarse problem balances the resultants of the interfaces in every iteration.
+        Without it the number of iterations grows with the number of substructures.
+    updated : bool
+        Whether the search directions follow the status of the links and the laws of joints.
+    tolerance : float
+        Of the tensions, in the norm of :math:`k^{-1}` relative to their change from the
+        prestress. The change in an iteration decides, which is heuristic; ``error_bound`` is
+        guaranteed where all is links whose prestress holds itself, and cannot fall below some
+        1e-7, because the tensions of slack links are only zero to rounding. With joints there
+        is ``error_indicator``, a heuristic one: friction has no bound. What rounding makes
+        unavoidable where bodies move far on soft joints is allowed for.
+    max_iterations : int
+        Iteration limit of a step.
+    team : Team, optional
+        Processes that share the substructures; all call this function, and all get the result.
+    callback : callable, optional
+        Called as ``callback(iteration, residual, iterate)``.
+
+    Returns
+    -------
+    Dataset
+        Follows ``MACRO_RESULT``. A step that did not converge is NaN with ``converged`` 0, and
+        the later ones are not tried. Attributes: ``unknowns``, ``coarse_unknowns``,
+        ``substructures``, ``interfaces`` and, of a step that failed, ``failure``: where friction
+        cannot carry the load, :func:`~.capacity.find_slide` says so. Joints add jump and traction
+        at their points, in their own frame: normal, then both tangents.
+
+    Raises
+    ------
+    CaseError
+        If load factors do not fit the load cases.
+    MultiscaleError
+        If the whole structure can move without resistance.
+
+    Notes
+    -----
+    Each iteration is a *local stage*, one scalar projection for each link and a mean for each
+    interface, and a *linear stage*, one solve for each substructure with factors that last
+    until the status of a link or joint changes, and one coarse solve. Anderson acceleration
+    combines the last iterates. One process with :func:`multiscale.macro.solve_static` is faster
+    at every size that fits it.
+
+    References
+    ----------
+    .. [1] P. Ladevèze, D. Dureisseix, Int. J. Numer. Methods Eng. 48 (2000) 1183-1200.
+    .. [2] K. Nineb, P. Alart, D. Dureisseix, Int. J. Numer. Methods Eng. (2007), on tensegrities.
+    """
+    _refuse_floating(problem)
+    factors = load_factors(problem, load_factor)
+    needs = needs_of(problem, coarse=coarse)
+    method = Latin(problem, coarse="coarse problem" in needs, updated=updated, team=team)
+    judge = _judge(method, needs)
+    columns: list[dict[str, Any]] = []
+    for factor in factors:
+        if columns and not columns[-1]["converged"]:  # a path ends with its first failure
+            columns.append(columns[-1] | {"iterations": 0, "wall_time": 0.0})
+            continue
+        load = method.stack.load @ factor
+        try:
+            columns.append(solve_step(method, load, judge, tolerance, max_iterations, callback))
+        except MultiscaleError as error:  # a law without an answer: the steps before are kept
+            if not columns:
+                raise
+            failure = str(method.slide(load, method.before) or error)
+            columns.append(columns[-1] | {"converged": 0, "failure": failure})
+    return assemble_result(
+        problem,
+        factors,
+        [{name: column[name] for name in ACCOUNT} | _fields(method, column) for column in columns],
+        coarse_unknowns=method.n_coarse if method.coarse_wanted else 0,
+    )
+
+
+def _refuse_floating(problem: Problem) -> None:
+    """Refuse a structure without joints, which may stand on something, that nothing holds."""
+    held = problem.number < 0
+    if problem.joints or held.shape[1] < 3:
+        return
+    if freedom := free_rigid_motions(problem.position, held):
+        raise MultiscaleError(
+            f"{freedom} rigid motions of the substructures together can move without resistance; "
+            f"add supports"
+        )
+
+
+def solve_step(
+    method: Latin,
+    load: np.ndarray,
+    judge: ErrorBound | HeuristicIndicator | None,
+    tolerance: float,
+    max_iterations: int,
+    callback: Callable[[int, float, Iterate], None] | None,
+) -> dict[str, Any]:
+    """Iterate on one load until the error is small enough."""
+    clock = perf_counter()
+    own = method.z.size  # the entries behind are the same in all processes and count once
+
+    def products(a: np.ndarray, b: np.ndarray) -> np.ndarray:
+        return np.asarray(method.team.total(a[:own].T @ b[:own]) + a[own:].T @ b[own:])
+
+    acceleration = Anderson(MEMORY, relaxation=RELAXED, products=products)
+    status, residual, due, last = Status.MAX_ITERATIONS, np.inf, UPDATE, None
+    pressure, closest = method.pressure(), np.inf
+    for iteration in range(1, max_iterations + 1):
+        z, r, found = method.iterate(load)
+        change = method.distance(z, r)
+        size = method.norm(change)
+        residual, last = method.residual(found, last, change), found
+        if callback is not None:
+            callback(iteration, residual, found)
+        if not np.isfinite(residual):
+            status = Status.NOT_FINITE
+            break
+        if residual <= max(HEURISTIC * tolerance, method.rounding(found)):
+            status = Status.CONVERGED
+            break
+        if iteration % UPDATE == 0:
+            if residual < closest:  # a body that runs away takes wild pressures on its way
+                pressure, closest = method.pressure(), residual
+            if method.far(found) and method.slide(load, pressure):
+                status = Status.INFEASIBLE
+                break
+        x = acceleration.next(np.append(method.z, method.r), np.append(z, r), change, size)
+        method.z, method.r = x[: z.size], x[z.size :]
+        if method.updated and iteration >= due:
+            renewed = method.update()
+            if renewed is not None:
+                acceleration.renew(renewed, np.append(method.z, method.r))
+            major = renewed is not None and renewed.all()
+            due = iteration + (UPDATE if major else AGAIN)
+    converged = status is Status.CONVERGED
+    judged = _estimate(method, judge, found) if converged else {}
+    if converged:
+        method.z, method.r = z, r
+    return {
+        **_local_fields(method, found, converged),
+        "found": found,
+        "converged": int(converged),
+        "failure": "" if converged else str(method.slide(load, pressure) or status.value),
+        "residual": residual,
+        "error_bound": judged.get("error_bound", np.nan),
+        "error_indicator": judged.get("error_indicator", np.nan),
+        "iterations": iteration,
+        "wall_time": perf_counter() - clock,
+    }
+
+
+def _local_fields(method: Latin, found: Iterate, converged: bool) -> dict[str, np.ndarray]:
+    """Slack of links, jump and traction of joints, whose states a converged step commits."""
+    jump, traction = method.joint_fields()
+    slack = method.slack()
+    if converged:
+        method.commit(found)
+    return {"slack": slack, "jump": jump, "traction": traction}
+
+
+def _judge(method: Latin, needs: Needs) -> ErrorBound | HeuristicIndicator | None:
+    """Return what measures the error, if anything does."""
+    bound, indicator = "error bound" in needs, "error indicator" in needs
+    if not (bound or indicator):
+        return None
+    admissible = Admissible(method.stack, method.sides, method.k0.matrix, method.own)
+    if indicator:
+        return HeuristicIndicator(method.problem, admissible)
+    return ErrorBound(method.stack, admissible)
+
+
+def _estimate(
+    method: Latin, judge: ErrorBound | HeuristicIndicator | None, found: Iterate
+) -> dict[str, float]:
+    """Error of a state, relative to its size, under the name that says what it is worth."""
+    if isinstance(judge, ErrorBound):
+        bound = judge.evaluate(found.u, found.tension, found.force, method.team)
+        return {"error_bound": bound.relative}
+    if isinstance(judge, HeuristicIndicator):
+        error = judge.evaluate(found.u, found.force, method.states, method.joint_k, method.team)
+        return {"error_indicator": error.estimate.relative}
+    return {}
+
+
+def _fields(method: Latin, column: dict[str, Any]) -> dict[str, np.ndarray]:
+    """Displacement of the nodes, and what is known of the links and joints of all processes."""
+    problem, team, found = method.problem, method.team, column["found"]
+    u = problem.average(team.concatenate(found.u))
+    fields = {"displacement": np.append(u, 0.0)[problem.number[:, :3]]}
+    if problem.joints:
+        fields |= {name: column[name].T for name in ("jump", "traction")}
+    tension = team.concatenate(method.admissible(found.tension))
+    return fields | link_fields(problem, tension, team.concatenate(column["slack"]))

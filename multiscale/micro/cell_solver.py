@@ -1,0 +1,237 @@
+"""One path on one cell: from geometry to averaged response."""
+
+import logging
+from collections.abc import Iterator
+from contextlib import contextmanager
+from time import perf_counter
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from multiscale.convergence import Status
+from multiscale.errors import CaseError, MultiscaleError
+from multiscale.micro import averages
+from multiscale.micro.cell import Cell, MeshCell
+from multiscale.micro.cell_needs import cell_needs
+from multiscale.micro.checkpoint import Checkpoint
+from multiscale.micro.contact_area import contact_fraction
+from multiscale.micro.contact_state import ContactProblem, ContactState
+from multiscale.micro.path import Path
+from multiscale.needs import Needs
+from multiscale.schema import MICRO_RESPONSE
+
+if TYPE_CHECKING:
+    import xarray as xr
+
+__all__ = ["solve_cell"]
+
+logger = logging.getLogger(__name__)
+
+_EXTRA = ("slip_fraction", "friction_work", "flowing_fraction", "increments")
+
+
+def solve_cell(
+    cell: Cell | MeshCell,
+    path: Path,
+    *,
+    keep_fields: bool = False,
+    recover_stress: bool = False,
+    tolerance: float = 1e-8,
+    checkpoint: Checkpoint | None = None,
+) -> "xr.Dataset":
+    """Press a cell along a path and average what its surface carries.
+
+    Parameters
+    ----------
+    cell : Cell or MeshCell
+    path : Path
+    keep_fields : bool
+        Keep pressure and gap at every surface node (graph cells).
+    recover_stress : bool
+        Also integrate the averages from the recovered Cauchy stress: a check of the averages from
+        contact forces, and as dear as the contact itself.
+    tolerance : float
+        Of the contact solver, relative to the norm of the contact forces.
+    checkpoint : Checkpoint, optional
+        Gets the steps that took long as they are finished; those found there are not solved again.
+
+    Returns
+    -------
+    Dataset
+        Follows ``MICRO_RESPONSE``, with one realisation. A step that did not converge is ``NaN``
+        with ``converged`` 0, and the attribute ``ended`` says why. Later steps are still tried if
+        the body has no memory; with friction, at large strain or sliding the path ends there.
+
+    Raises
+    ------
+    CaseError
+        If the cell cannot be meshed, or is asked for what its kind does not have.
+    """
+    from threadpoolctl import threadpool_limits
+
+    if keep_fields and not isinstance(cell, Cell):
+        raise CaseError(
+            "keep_fields keeps values on the grid of a surface, and a general mesh has none; leave "
+            "it out"
+        )
+    with threadpool_limits(1, user_api="blas"):  # its threads would wait for the kernels' and spin
+        needs = cell_needs(cell, keep_fields=keep_fields, recover_stress=recover_stress)
+        if isinstance(cell, Cell) and (
+            needs.unknowns_per_contact == 3
+            or "tangent" in needs
+            or "opposite body" in needs
+            or path.slide is not None
+        ):
+            return _follow(cell, path, needs, tolerance, checkpoint)
+        if path.slide is not None or path.time is not None:
+            raise CaseError(
+                "a linear elastic body on a general mesh neither slides nor knows time; leave out "
+                "slide and time"
+            )
+        problem = _assemble(cell, needs)
+        state: ContactState | None = None
+        steps: list[dict[str, Any]] = []
+        if checkpoint is not None:
+            steps, state = checkpoint.found(ContactState)
+        for k in range(len(steps), len(path)):
+            begin = perf_counter()
+            found = problem.solve(
+                load=None if path.pressure is None else path.pressure[k] * problem.nominal_area,
+                approach=None if path.approach is None else path.approach[k],
+                start=state,
+                tolerance=tolerance,
+            )
+            converged = found.status is Status.CONVERGED
+            state = found if converged else state
+            step = _average(problem, found) if converged else {}
+            steps.append(
+                step
+                | {
+                    "converged": int(converged),
+                    "active_set_iterations": len(found.residuals),
+                    "linear_iterations": found.linear_iterations,
+                    "wall_time": perf_counter() - begin,
+                }
+            )
+            if needs.fields and converged:
+                steps[-1] |= _local_fields(problem, found)
+            if not converged:
+                steps[-1]["ended"] = (
+                    f"step {k} ended after {len(found.residuals)} active sets and "
+                    f"{found.linear_iterations} linear iterations: {found.status.value}"
+                )
+                logger.warning("%s", steps[-1]["ended"])
+            if checkpoint is not None:
+                checkpoint.keep(steps, state)
+            logger.info(
+                "step %d: %s, %d active sets, %d linear iterations",
+                k,
+                found.status.value,
+                len(found.residuals),
+                found.linear_iterations,
+            )
+    return _dataset(steps, path, problem.weight.T.shape, needs)
+
+
+def _follow(
+    cell: Cell, path: Path, needs: Needs, tolerance: float, checkpoint: Checkpoint | None
+) -> "xr.Dataset":
+    """Follow a path with friction, at large strain or sliding."""
+    for caution in cell.cautions():
+        logger.warning("caution: %s", caution)
+    with _compiled():
+        from multiscale.micro.finite.follow import follow_path
+    steps = follow_path(
+        cell, path, fields=bool(needs.fields), tolerance=tolerance, checkpoint=checkpoint
+    )
+    return _dataset(steps, path, cell.surface.heights.T.shape, needs)
+
+
+@contextmanager
+def _compiled() -> Iterator[None]:
+    """Name what is missing if numba finds no folder for its cache."""
+    try:
+        yield
+    except RuntimeError as error:
+        raise MultiscaleError(
+            f"the compiled kernels cannot be kept ({error}); set NUMBA_CACHE_DIR to a folder that "
+            f"can be written to"
+        ) from error
+
+
+def _assemble(cell: Cell | MeshCell, needs: Needs) -> ContactProblem:
+    if isinstance(cell, MeshCell):
+        from multiscale.micro.mesh_cell import assemble_mesh_cell
+
+        return assemble_mesh_cell(cell, needs)
+    for caution in cell.cautions():
+        logger.warning("caution: %s", caution)
+    with _compiled():
+        from multiscale.micro.flat_cell import assemble_flat_cell
+        from multiscale.micro.graph_cell import assemble_graph_cell
+    if cell.geometry == "flat":
+        return assemble_flat_cell(cell)
+    return assemble_graph_cell(cell, needs)
+
+
+def _average(problem: ContactProblem, state: ContactState) -> dict[str, Any]:
+    """Averages of one converged step."""
+    area, weight = problem.nominal_area, problem.weight
+    nodal = np.moveaxis(-state.force[:, None] * problem.normal, 1, -1).reshape(-1, 3)
+    moved = problem.surface_displacement(state.displacement)
+    mean = np.array([np.sum(weight * moved[:, k]) / area for k in (2, 0, 1)])
+    step = {
+        "traction": averages.average_traction(nodal, area),
+        "displacement_jump": np.array([-state.approach, 0.0, 0.0]) - mean,
+        "mean_gap": averages.mean_gap(
+            problem.obstacle_height - state.approach, problem.surface_height + moved[:, 2], weight
+        ),
+        "contact_fraction": contact_fraction(
+            state.force, weight, edges=problem.edges, flowing=state.force >= problem.cap
+        ),
+    }
+    if problem.recover is not None:
+        force = problem.recover(state.displacement, state.active)
+        step["recovered_traction"] = averages.average_traction(force[None], area)
+    return step
+
+
+def _local_fields(problem: ContactProblem, state: ContactState) -> dict[str, np.ndarray]:
+    """Pressure on the nominal area and vertical gap at every node, shape (ny, nx)."""
+    deformed = problem.surface_height + problem.surface_displacement(state.displacement)[:, 2]
+    return {
+        "pressure": (state.force * problem.normal[:, 2] / problem.weight).T,
+        "gap": (problem.obstacle_height - state.approach - deformed).T,
+    }
+
+
+def _dataset(
+    steps: list[dict[str, Any]],
+    path: Path,
+    grid: tuple[int, ...],
+    needs: Needs,
+) -> "xr.Dataset":
+    """Join the steps; what a failed step lacks is NaN."""
+    shapes: dict[str, tuple[int, ...]] = {
+        "traction": (3,),
+        "displacement_jump": (3,),
+        "mean_gap": (),
+        "contact_fraction": (),
+    }
+    if "stress recovery" in needs:
+        shapes["recovered_traction"] = (3,)
+    shapes |= dict.fromkeys(needs.fields, grid)
+    known = {name for step in steps for name in step}
+    shapes |= {name: () for name in _EXTRA if name in known}
+    values: dict[str, Any] = {
+        name: np.array([step.get(name, np.full(shape, np.nan)) for step in steps])[None]
+        for name, shape in shapes.items()
+    }
+    for name in ("converged", "active_set_iterations", "linear_iterations", "wall_time"):
+        values[name] = np.array([step[name] for step in steps])[None]
+    if path.pressure is not None:
+        values["nominal_pressure"] = np.array(path.pressure)
+    if path.time is not None:
+        values["time"] = np.array(path.time)
+    ended = "; ".join(str(step["ended"]) for step in steps if "ended" in step)
+    return MICRO_RESPONSE.build(values, **({"ended": ended} if ended else {}))

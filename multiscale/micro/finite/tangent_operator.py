@@ -1,0 +1,276 @@
+r"""Internal forces of the layered cell at large strain, and its tangent, matrix-free.
+
+Displacements and forces are arrays of shape ``(nx, layers, 3, ny)``. The tangent is kept as the
+stiffness matrix of each element; one kernel applies it whatever the law.
+"""
+
+import math
+
+import numba
+import numpy as np
+
+from multiscale.micro.finite.batch import (
+    CHANGE,
+    COFACTOR,
+    DET,
+    FLUX,
+    LOG,
+    MEAN,
+    NODES,
+    PULLED,
+    SCRATCH,
+    VOLUME,
+    WEIGHT,
+    edge_forces,
+    kernel,
+    logarithm,
+    point_rows,
+    pull_back,
+    strain_batch,
+)
+from multiscale.micro.finite.element_stiffness import (
+    MOTIONS,
+    POINT_ROWS,
+    add_coupling,
+    add_points,
+    multiply,
+)
+from multiscale.micro.finite.neo_hookean_kernel import neo_hookean
+from multiscale.micro.finite.plastic import SINGLE_ROWS, plastic, plastic_state
+from multiscale.micro.hexahedron import BATCH, gather, scatter
+
+__all__ = [
+    "NEO_HOOKEAN",
+    "PLASTIC",
+    "apply_tangent",
+    "inverse_strain",
+    "respond_cell",
+    "update_state",
+]
+
+NEO_HOOKEAN, PLASTIC = 0, 1
+LEAST_DILATATION = 1e-3
+
+parallel_kernel = numba.njit(
+    parallel=True,
+    cache=True,
+    fastmath={"contract", "reassoc", "nsz", "arcp"},
+    error_model="numpy",
+)
+
+
+@kernel
+def _volume(s, q, modulus, mean_dilatation):  # type: ignore[no-untyped-def]
+    """Volumetric Kirchhoff stress of U = modulus / 2 ln^2 J, and its derivative by ln J."""
+    det = s[DET + q * BATCH :]
+    if mean_dilatation:
+        for v in range(BATCH):
+            s[LOG + v] = modulus * s[CHANGE + v] / s[MEAN + v] * det[v]
+            s[LOG + BATCH + v] = s[LOG + v]
+    else:
+        logarithm(det, s[CHANGE:])
+        for v in range(BATCH):
+            s[LOG + v], s[LOG + BATCH + v] = modulus * s[CHANGE + v], modulus
+
+
+@kernel
+def _couple(s, modulus, dx, dy, c, matrix):  # type: ignore[no-untyped-def]
+    """Add the vector whose square is the stiffness against a change of the mean dilatation.
+
+    Where the element has grown by more than e the stiffness would be negative and is left out.
+    """
+    for k in range(36 * BATCH):
+        s[FLUX + k] = 0.0
+    for q in range(8):
+        pull_back(s, q)
+        rx, ry, rz, _ = point_rows(q)
+        weight, det = s[WEIGHT + q * BATCH :], s[DET + q * BATCH :]
+        for k in range(3):
+            for a in range(3):
+                out = s[FLUX + (rx, ry, rz)[a] + 12 * k * BATCH :]
+                g = s[PULLED + (3 * k + a) * BATCH :]
+                for v in range(BATCH):
+                    out[v] += weight[v] * det[v] * g[v]
+    edge_forces(s, dx, dy)
+    for v in range(BATCH):
+        curvature = max(modulus * (1.0 - s[CHANGE + v]), 0.0) / s[VOLUME + v]
+        s[LOG + v] = math.sqrt(curvature) / s[MEAN + v]
+    for k in range(3):
+        for corner in range(7):
+            row, out = (8 * k + corner + 1) * BATCH, (7 * k + corner) * BATCH
+            for v in range(BATCH):
+                c[out + v] = s[LOG + v] * s[NODES + row + v]
+    add_coupling(c, matrix)
+
+
+@parallel_kernel
+def respond_cell(  # type: ignore[no-untyped-def]
+    heights,
+    planes,
+    factor,
+    dx,
+    dy,
+    law,
+    moduli,
+    mean_dilatation,
+    u,
+    state,
+    gradients,
+    out,
+    tangent,
+    least,
+):
+    """Compute the forces and the tangent.
+
+    ``moduli`` are the shear modulus, the modulus of the volume and four numbers of the hardening.
+    ``state`` is what a law keeps (rows of a batch: J2), or the frozen stress of viscous branches.
+    ``least`` gets the smallest det F of each strip of elements, and the number of flowing points.
+    Elements that are nearly inverted answer nothing.
+    """
+    nx, layers, _, ny = u.shape
+    batches = (ny + BATCH - 1) // BATCH
+    shear, volume = moduli[0], moduli[1]
+    has = state.shape[5] > 1
+    for colour in range(2):
+        for pair in numba.prange((nx + 1 - colour) // 2):
+            i = 2 * pair + colour
+            sides = (i, (i + 1) % nx)
+            s = np.zeros(SCRATCH)
+            points = np.empty(4 * POINT_ROWS * BATCH, np.float32)
+            single = np.empty(SINGLE_ROWS * BATCH, np.float32)
+            half = np.empty(4 * MOTIONS * BATCH, np.float32)
+            smallest, flowing = 1e300, 0
+            for batch in range(batches):
+                start = batch * BATCH
+                lanes = min(BATCH, ny - start)
+                for layer in range(layers):
+                    determinant = strain_batch(
+                        heights, planes, factor, dx, dy, u, sides, layer, start, lanes, s
+                    )
+                    smallest = min(smallest, determinant)
+                    if not determinant > LEAST_DILATATION:
+                        smallest = -1.0
+                        continue
+                    rows = tangent[i, layer, batch]
+                    rows[:] = 0.0
+                    kept = state[i, layer, batch] if has else state[0, 0, 0]
+                    for k in range(36 * BATCH):
+                        s[FLUX + k] = 0.0
+                    if mean_dilatation:
+                        logarithm(s[MEAN:], s[CHANGE:])
+                    for q in range(8):
+                        point = points[q % 4 * POINT_ROWS * BATCH :]
+                        pull_back(s, q)
+                        _volume(s, q, volume, mean_dilatation)
+                        if law == NEO_HOOKEAN:
+                            neo_hookean(s, q, shear, kept[q], has, point)
+                        else:
+                            flowing += plastic(
+                                s, q, shear, moduli[2:], kept[q], single, point, lanes
+                            )
+                        if q % 4 == 3:
+                            add_points(points, gradients[q - 3 :], half, rows)
+                    edge_forces(s, dx, dy)
+                    scatter(s[NODES:], sides, layer, start, lanes, out)
+                    if mean_dilatation:
+                        _couple(s, volume, dx, dy, half, rows)
+            least[i, 0], least[i, 1] = smallest, flowing
+
+
+@parallel_kernel
+def update_state(heights, planes, factor, dx, dy, moduli, u, state, new):  # type: ignore[no-untyped-def]
+    """Write the state of J2 plasticity at the end of a step."""
+    nx, layers, _, ny = u.shape
+    batches = (ny + BATCH - 1) // BATCH
+    for strip in numba.prange(nx):
+        i = np.int64(strip)
+        sides = (i, (i + 1) % nx)
+        s = np.zeros(SCRATCH)
+        for batch in range(batches):
+            start = batch * BATCH
+            lanes = min(BATCH, ny - start)
+            for layer in range(layers):
+                strain_batch(heights, planes, factor, dx, dy, u, sides, layer, start, lanes, s)
+                for q in range(8):
+                    pull_back(s, q)
+                    for v in range(2 * BATCH):
+                        s[LOG + v] = 0.0
+                    old = state[i, layer, batch, q]
+                    plastic_state(s, q, moduli[0], moduli[2:], old, new[i, layer, batch, q])
+
+
+@parallel_kernel
+def inverse_strain(heights, planes, factor, dx, dy, u, out):  # type: ignore[no-untyped-def]
+    """Write I - C^-1 at every Gauss point, rows 11, 22, 33, 12, 23, 13."""
+    nx, layers, _, ny = u.shape
+    batches = (ny + BATCH - 1) // BATCH
+    for strip in numba.prange(nx):
+        i = np.int64(strip)
+        sides = (i, (i + 1) % nx)
+        s = np.zeros(SCRATCH)
+        for batch in range(batches):
+            start = batch * BATCH
+            lanes = min(BATCH, ny - start)
+            for layer in range(layers):
+                strain_batch(heights, planes, factor, dx, dy, u, sides, layer, start, lanes, s)
+                for q in range(8):
+                    pull_back(s, q)
+                    for row in range(6):
+                        a = row % 3 if row < 5 else 0
+                        b = a if row < 3 else (a + 1 if row < 5 else 2)
+                        one = 1.0 if row < 3 else 0.0
+                        for v in range(BATCH):
+                            value = s[COFACTOR + a * BATCH + v] * s[COFACTOR + b * BATCH + v]
+                            for k in range(1, 3):
+                                x = COFACTOR + (3 * k + a) * BATCH + v
+                                y = COFACTOR + (3 * k + b) * BATCH + v
+                                value += s[x] * s[y]
+                            out[i, layer, batch, q, row, v] = one - value
+
+
+@parallel_kernel
+def apply_tangent(tangent, u, out):  # type: ignore[no-untyped-def]
+    """Tangent times a displacement."""
+    nx, layers, _, ny = u.shape
+    batches = (ny + BATCH - 1) // BATCH
+    out[:] = 0.0
+    for colour in range(2):
+        for pair in numba.prange((nx + 1 - colour) // 2):
+            i = 2 * pair + colour
+            sides = (i, (i + 1) % nx)
+            s = np.empty(24 * BATCH)
+            x, y = np.empty(MOTIONS * BATCH, np.float32), np.empty(MOTIONS * BATCH, np.float32)
+            for batch in range(batches):
+                start = batch * BATCH
+                lanes = min(BATCH, ny - start)
+                for layer in range(layers):
+                    gather(u, sides, layer, start, lanes, s)
+                    _subtract_corner(s, x)
+                    multiply(tangent[i, layer, batch], x, y)
+                    _complete_corner(y, s)
+                    scatter(s, sides, layer, start, lanes, out)
+
+
+@kernel
+def _subtract_corner(s, x):  # type: ignore[no-untyped-def]
+    """Motions of the corners 1 to 7 relative to corner 0."""
+    for k in range(3):
+        first = 8 * k * BATCH
+        for corner in range(7):
+            row, out = first + (corner + 1) * BATCH, (7 * k + corner) * BATCH
+            for v in range(BATCH):
+                x[out + v] = s[row + v] - s[first + v]
+
+
+@kernel
+def _complete_corner(y, s):  # type: ignore[no-untyped-def]
+    """Find the forces of all corners; together they vanish."""
+    for k in range(3):
+        first = 8 * k * BATCH
+        for v in range(BATCH):
+            s[first + v] = 0.0
+        for corner in range(7):
+            row, x = first + (corner + 1) * BATCH, (7 * k + corner) * BATCH
+            for v in range(BATCH):
+                s[row + v] = y[x + v]
+                s[first + v] -= y[x + v]

@@ -1,0 +1,230 @@
+"""Figures of damage: each takes a dataset or a volume and axes, and returns the axes."""
+
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from multiscale.io import make_folder
+from multiscale.io.images import VoxelImage
+from multiscale.micro.damage.cavities import Cavities
+from multiscale.micro.damage.compare import section_image
+from multiscale.micro.damage.plane_damage import Plane
+from multiscale.plotting.figure import axes_or_current, new_figure, save_figure
+
+if TYPE_CHECKING:
+    import xarray as xr
+    from matplotlib.axes import Axes
+    from mpl_toolkits.mplot3d import Axes3D
+
+__all__ = [
+    "draw_damage",
+    "plot_damage_sphere",
+    "plot_joint_life",
+    "plot_stiffness_against_damage",
+    "plot_woehler",
+    "plot_worst_section",
+]
+
+
+def plot_damage_sphere(sections: "xr.Dataset", *, ax: "Axes3D") -> "Axes3D":
+    """Colour the sphere of normals by the damage of the worst section of each.
+
+    Parameters
+    ----------
+    sections : Dataset
+        Follows ``DAMAGE_SECTIONS``.
+    ax : Axes3D
+        Where to draw. The worst normal is an arrow.
+    """
+    from matplotlib import colormaps
+    from matplotlib.cm import ScalarMappable
+    from matplotlib.colors import Normalize
+    from mpl_toolkits.mplot3d.art3d import Poly3DCollection
+    from scipy.spatial import ConvexHull
+
+    normals = sections["normal"].values
+    worst = sections["damage"].values.max(axis=1)
+    points, values = np.concatenate([normals, -normals]), np.concatenate([worst, worst])
+    corners = ConvexHull(points).simplices
+    scale = Normalize(0.0, float(worst.max()) or 1.0)
+    colours = colormaps["viridis"](scale(values[corners].mean(axis=1)))
+    ax.add_collection3d(
+        Poly3DCollection(points[corners], facecolors=colours, edgecolors="white", linewidths=0.2)
+    )
+    n = sections["worst_normal"].values
+    n = n if n[2] >= 0.0 else -n
+    ax.quiver(*n, *(0.6 * n), color="black", arrow_length_ratio=0.25)
+    ax.view_init(elev=25.0, azim=float(np.degrees(np.arctan2(n[1], n[0]))) - 35.0)  # faces it
+    ax.set(xlim=(-1.2, 1.2), ylim=(-1.2, 1.2), zlim=(-1.2, 1.2))
+    ax.set(xlabel="x", ylabel="y", zlabel="z")
+    ax.set(xticks=[-1, 0, 1], yticks=[-1, 0, 1], zticks=[-1, 0, 1])
+    ax.set_box_aspect((1.0, 1.0, 1.0))
+    mappable = ScalarMappable(scale, colormaps["viridis"])
+    ax.figure.colorbar(mappable, ax=ax, label="damage of the worst section", shrink=0.6, pad=0.1)
+    return ax
+
+
+def plot_worst_section(
+    rve: Cavities | VoxelImage, sections: "xr.Dataset", *, ax: "Axes | None" = None
+) -> "Axes":
+    """Draw the void in the worst section.
+
+    Parameters
+    ----------
+    rve : Cavities or VoxelImage
+        The volume that the sections are of.
+    sections : Dataset
+        Follows ``DAMAGE_SECTIONS``.
+    ax : Axes, optional
+        Where to draw. The current axes if not given.
+    """
+    from matplotlib.colors import ListedColormap
+
+    ax = axes_or_current(ax)
+    normal = sections["worst_normal"].values
+    origin = 0.5 * np.array(rve.size) + float(sections["worst_offset"]) * normal
+    along, value = section_image(rve, origin, Plane.through(origin, normal).frame)
+    inside = np.isfinite(value)
+    rows, columns = np.flatnonzero(inside.any(axis=1)), np.flatnonzero(inside.any(axis=0))
+    unit, name = _length_unit(max(rve.size))
+    low, high = (unit * along[[k[0], k[-1]]] for k in (columns, rows))
+    ax.imshow(
+        value[rows[0] : rows[-1] + 1, columns[0] : columns[-1] + 1],
+        origin="lower",
+        extent=(low[0], low[1], high[0], high[1]),
+        cmap=ListedColormap(["0.8", "C3"]),
+        vmin=0.0,
+        vmax=1.0,
+        interpolation="nearest",
+    )
+    ax.set_xlabel(f"along the section ({name})")
+    ax.set_ylabel(f"along the section ({name})")
+    at = ", ".join(f"{0.0 if abs(k) < 5e-3 else k:.2f}" for k in normal)
+    ax.set_title(f"D = {float(sections['maximum_damage']):.3f}, normal ({at})")
+    return ax
+
+
+def plot_woehler(curve: "xr.Dataset", *, ax: "Axes | None" = None) -> "Axes":
+    """Plot stress amplitude against cycles to initiation and to rupture; run-outs are arrows.
+
+    Parameters
+    ----------
+    curve : Dataset
+        Follows ``WOEHLER``.
+    ax : Axes, optional
+        Where to draw. The current axes if not given.
+    """
+    ax = axes_or_current(ax)
+    amplitude = 1e-6 * curve["amplitude"].values
+    life, onset = curve["cycles_to_rupture"].values, curve["cycles_to_initiation"].values
+    broken = np.isfinite(life)
+    ax.semilogx(life[broken], amplitude[broken], "o-", label="rupture")
+    begun = broken & np.isfinite(onset) & (onset > 0.0)
+    ax.semilogx(onset[begun], amplitude[begun], "s--", label="onset of damage")
+    endless = np.isinf(life)
+    if endless.any():
+        end = 3.0 * life[broken].max() if broken.any() else 1e7
+        ax.semilogx(
+            np.full(endless.sum(), end), amplitude[endless], ">", color="C2", label="endless"
+        )
+    ax.set_xlabel("cycles")
+    ax.set_ylabel("stress amplitude (MPa)")
+    ax.legend(loc="lower center", bbox_to_anchor=(0.5, 1.0), ncols=3, frameon=False)
+    return ax
+
+
+def plot_stiffness_against_damage(comparison: "xr.Dataset", *, ax: "Axes | None" = None) -> "Axes":
+    """Plot Young's modulus along normals against their damage, beside the line 1 - D.
+
+    Parameters
+    ----------
+    comparison : Dataset
+        Follows ``RVE_STIFFNESS``.
+    ax : Axes, optional
+        Where to draw. The current axes if not given.
+    """
+    ax = axes_or_current(ax)
+    damage, modulus = comparison["damage"].values, comparison["modulus_ratio"].values
+    phi = float(comparison["porosity"])
+    line = np.array([0.0, max(1.2 * damage.max(), 1e-3)])
+    ax.plot(line, 1.0 - line, color="black", linestyle="--", label="1 - D")
+    ax.plot(damage, modulus, "o", markersize=3, label="finite elements, one normal each")
+    ax.axvline(phi, color="0.6", linewidth=0.8)
+    ax.annotate("porosity", (phi, 1.0), (3, 0), textcoords="offset points", color="0.4", va="top")
+    ax.set_xlabel("damage of the worst section, D")
+    ax.set_ylabel("Young's modulus over that of the solid")
+    ax.legend(loc="lower left")
+    return ax
+
+
+def plot_joint_life(result: "xr.Dataset", *, ax: "Axes | None" = None) -> "Axes":
+    """Plot the stiffness of a joint over its life.
+
+    Parameters
+    ----------
+    result : Dataset
+        Follows ``MACRO_RESULT``, with cycles.
+    ax : Axes, optional
+        Where to draw. The current axes if not given.
+    """
+    ax = axes_or_current(ax)
+    cycles = result["cycles"].values
+    for name, label in (("joint_stiffness", "joint"), ("interface_stiffness", "interface alone")):
+        value = result[name].values
+        ax.plot(cycles, value / value[0], "o-", label=label)
+    ax.plot(cycles, 1.0 - result["damage"].values, color="black", linestyle="--", label="1 - D")
+    ax.set_xlabel("cycles")
+    ax.set_ylabel("stiffness over that of the first cycle")
+    ax.legend()
+    return ax
+
+
+def draw_damage(
+    folder: Path,
+    *,
+    sections: "xr.Dataset | None" = None,
+    rve: Cavities | VoxelImage | None = None,
+    curve: "xr.Dataset | None" = None,
+    comparison: "xr.Dataset | None" = None,
+    joint: "xr.Dataset | None" = None,
+) -> list[Path]:
+    """Draw the figures of what is given into PNG files.
+
+    Parameters
+    ----------
+    folder : Path
+        Made if needed.
+    sections, curve, comparison, joint : Dataset, optional
+        As in the functions of this module.
+    rve : Cavities or VoxelImage, optional
+        The volume of ``sections``, for its worst one.
+    """
+    make_folder(folder)
+    drawn = []
+    if sections is not None:
+        figure = new_figure()
+        plot_damage_sphere(sections, ax=figure.add_subplot(projection="3d"))
+        drawn.append(save_figure(figure, folder / "damage_sphere.png"))
+    if sections is not None and rve is not None:
+        figure = new_figure()
+        plot_worst_section(rve, sections, ax=figure.add_subplot())
+        drawn.append(save_figure(figure, folder / "worst_section.png"))
+    for data, plot, name in (
+        (curve, plot_woehler, "woehler"),
+        (comparison, plot_stiffness_against_damage, "stiffness_against_damage"),
+        (joint, plot_joint_life, "joint_life"),
+    ):
+        if data is not None:
+            figure = new_figure()
+            plot(data, ax=figure.add_subplot())
+            drawn.append(save_figure(figure, folder / f"{name}.png"))
+    return drawn
+
+
+def _length_unit(length: float) -> tuple[float, str]:
+    """Choose the unit in which a length is a handy number."""
+    for factor, name in ((1.0, "m"), (1e3, "mm"), (1e6, "µm")):
+        if factor * length >= 0.5:
+            return factor, name
+    return 1e9, "nm"

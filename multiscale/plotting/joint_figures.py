@@ -1,0 +1,143 @@
+"""Figures of rough joints: where they slip, and what a cycle costs."""
+
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from multiscale.errors import CaseError
+from multiscale.io import make_folder
+from multiscale.plotting.budget_figures import plot_error_budget
+from multiscale.plotting.figure import (
+    add_colour_bar,
+    axes_or_current,
+    new_figure,
+    save_figure,
+)
+
+if TYPE_CHECKING:
+    import xarray as xr
+    from matplotlib.axes import Axes
+
+__all__ = ["draw_joint", "plot_hysteresis", "plot_joint_plan"]
+
+ZONES = ("open", "stick", "slip")
+COLOURS = ("0.8", "C0", "C3")
+
+
+def plot_joint_plan(
+    result: "xr.Dataset",
+    *,
+    quantity: str = "contact_state",
+    step: int = -1,
+    joint: int = 0,
+    ax: "Axes | None" = None,
+) -> "Axes":
+    """Plot in plan where a joint is open, sticks and slips, or its pressure.
+
+    Parameters
+    ----------
+    result : Dataset
+        Follows ``MACRO_RESULT``, with the points of joints.
+    quantity : str
+        ``"contact_state"`` or ``"pressure"``.
+    step : int
+        Step; the last one if not given.
+    joint : int
+        Number of the joint.
+    ax : Axes, optional
+        Where to draw. The current axes if not given.
+    """
+    ax = axes_or_current(ax)
+    mine = np.flatnonzero(result["point_joint"].values == joint)
+    x, y = 1e3 * result["point_position"].values[mine, :2].T
+    # markers that fill their share of the axes, about
+    marker: dict[str, Any] = {
+        "s": float(np.clip(3e4 / max(mine.size, 1), 4.0, 200.0)),
+        "marker": "s",
+    }
+    if quantity == "pressure":
+        pressure = -1e-6 * result["traction"].values[step, mine, 0]
+        dots = ax.scatter(x, y, c=pressure, vmin=0.0, **marker)
+    else:
+        state, area = result["contact_state"].values[step, mine], result["point_area"].values[mine]
+        for value, (name, colour) in enumerate(zip(ZONES, COLOURS, strict=True)):
+            here = state == value
+            label = f"{name}, {100.0 * area[here].sum() / area.sum():.0f} %"
+            ax.scatter(x[here], y[here], color=colour, label=label, **marker)
+        ax.legend(loc="upper center", bbox_to_anchor=(0.5, -0.18), ncols=3, frameon=False)
+    ax.set_aspect("equal")
+    ax.set(xlabel="x (mm)", ylabel="y (mm)")
+    if quantity == "pressure":
+        add_colour_bar(dots, ax, "pressure (MPa)")
+    preload, shear = (1e-6 * float(result[name].values[step]) for name in ("preload", "shear"))
+    ax.set_title(f"preload {preload:.3g} MPa, shear {shear:.3g} MPa")
+    return ax
+
+
+def plot_hysteresis(result: "xr.Dataset", *, ax: "Axes | None" = None) -> "Axes":
+    """Plot the shear over the displacement that it works on, a closed loop for the energy lost.
+
+    The elastic displacement, shear over the stiffness without slip, is taken off: it would hide
+    a slender loop, and encloses nothing.
+
+    Parameters
+    ----------
+    result : Dataset
+        Follows ``MACRO_RESULT``, with the cycles of a joint.
+    ax : Axes, optional
+        Where to draw. The current axes if not given.
+    """
+    ax = axes_or_current(ax)
+    last = result["preload"].values == result["preload"].values[-1]
+    sheared = last & (np.cumsum(np.abs(result["shear"].values)) > 0.0)
+    first = int(np.flatnonzero(sheared)[0])
+    steps = slice(max(first - 1, 0), None)
+    stiffness = result["tangential_stiffness"].values[max(first - 1, 0)]
+    shear = result["shear"].values[steps]
+    slip = result["shear_displacement"].values[steps] - shear / stiffness
+    ax.plot(1e6 * slip, 1e-6 * shear, ".-", color="C0", linewidth=1.0, markersize=4)
+    loss = result["cycle_energy"].values[-1]
+    said = "no loss known" if np.isnan(loss) else f"{1e3 * loss:.3g} mJ lost"
+    ax.set_title(f"last cycle: {said}")
+    ax.set_xlabel("tangential displacement less the elastic one (µm)")
+    ax.set_ylabel("tangential traction (MPa)")
+    return ax
+
+
+def draw_joint(result: "xr.Dataset", folder: Path) -> list[Path]:
+    """Draw the figures of a joint into a folder: zones, pressure, loop if cycled, error budget.
+
+    Zones are drawn at the step at which most of the area slips.
+
+    Parameters
+    ----------
+    result : Dataset
+        Follows ``MACRO_RESULT``, with the points of joints.
+    folder : Path
+        Made if needed.
+
+    Raises
+    ------
+    CaseError
+        If no step has an answer.
+    """
+    slips = result["slip_fraction"].values
+    if np.isnan(slips).all():
+        why = result.attrs.get("failure") or result.attrs.get("cautions", "")
+        raise CaseError(f"no step has an answer, so that there is no joint to draw: {why}")
+    step = int(np.nanargmax(slips))
+    folder, files = make_folder(folder), []
+    draw = {
+        "contact_zones": lambda ax: plot_joint_plan(result, step=step, ax=ax),
+        "pressure": lambda ax: plot_joint_plan(result, quantity="pressure", step=step, ax=ax),
+    }
+    if "cycle_energy" in result:
+        draw["hysteresis"] = lambda ax: plot_hysteresis(result, ax=ax)
+    if "error_total" in result:
+        draw["error_budget"] = lambda ax: plot_error_budget(result, ax=ax)
+    for name, plot in draw.items():
+        figure = new_figure()
+        plot(figure.add_subplot())  # type: ignore[no-untyped-call]
+        files.append(save_figure(figure, folder / f"{name}.png"))
+    return files

@@ -1,0 +1,185 @@
+"""Figures of what the bench measured: error against run time."""
+
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from multiscale.plotting.figure import axes_or_current, new_figure, save_figure
+from multiscale.plotting.growth_figures import draw_growth_panels
+
+if TYPE_CHECKING:
+    import xarray as xr
+    from matplotlib.artist import Artist
+    from matplotlib.axes import Axes
+    from matplotlib.figure import Figure
+
+__all__ = ["draw_work_precision", "plot_history", "plot_work_precision"]
+
+LABELS = ("points", "realisations", "time_step", "tolerance")
+SMALLEST_ERROR = 1e-17  # where an error of zero is drawn
+
+
+def plot_work_precision(
+    work_precision: "xr.Dataset",
+    *,
+    scene: str | None = None,
+    error: str = "error",
+    ax: "Axes | None" = None,
+) -> "Axes":
+    """Plot error against run time, one line per method; dashed against the method's own limit.
+
+    Below the uncertainty of the reference, drawn as a band, differences mean nothing. Points are
+    labelled with the ratio of scales, or how fine they are, if that is known; what did not
+    converge is left out.
+
+    Parameters
+    ----------
+    work_precision : Dataset
+        Follows ``WORK_PRECISION``.
+    scene : str, optional
+        Whose runs to plot; all if not given.
+    error : str
+        The variable to plot. ``own_`` and ``_uncertainty`` around it name those that go with it.
+    ax : Axes, optional
+        Where to draw. The current axes if not given.
+    """
+    ax = axes_or_current(ax)
+    runs = work_precision
+    if scene is not None:
+        runs = runs.isel(run=np.flatnonzero(runs["scene"].values == scene))
+        ax.set_title(scene)
+    for k, method in enumerate(dict.fromkeys(runs["method"].values)):
+        of = runs.isel(run=np.flatnonzero(runs["method"].values == method))
+        time = of["wall_time"].values
+        ax.plot(time, of[error].values, "o-", color=f"C{k}", label=method)
+        if f"own_{error}" in of:
+            own = of[f"own_{error}"].values
+            ax.plot(time, own, "--", color=f"C{k}", linewidth=0.8)
+        for run, label in enumerate(_labels(of)):
+            ax.annotate(
+                label,
+                (time[run], float(of[error][run])),
+                xytext=(3, 3),
+                textcoords="offset points",
+                fontsize=6,
+                color=f"C{k}",
+            )
+    ax.set_xscale("log")
+    ax.set_yscale("log")
+    if ax.get_xlim()[1] > 10.0 * ax.get_xlim()[0]:  # a decade has a label of its own
+        ax.xaxis.set_minor_formatter("")
+    if f"{error}_uncertainty" in runs and np.isfinite(runs[f"{error}_uncertainty"]).any():
+        low, high = ax.get_ylim()
+        uncertainty = float(runs[f"{error}_uncertainty"].max())
+        low = min(low, 0.5 * uncertainty)
+        ax.axhspan(0.1 * low, uncertainty, color="0.9", linewidth=0)
+        ax.set_ylim(low, high)
+    ax.set_xlabel("wall time (s)")
+    ax.set_ylabel(runs[error].attrs["long_name"])
+    return ax
+
+
+def _labels(runs: "xr.Dataset") -> list[str]:
+    """Ratio of scales or setting of every run; none if nothing is known."""
+    if "scale_ratio" in runs:
+        return [f"1/{round(1.0 / ratio)}" for ratio in runs["scale_ratio"].values]
+    known = next((name for name in LABELS if name in runs), None)
+    if known is None:
+        return []
+    return [f"{value:g}" if value > 0.0 else "" for value in runs[known].values]
+
+
+def plot_history(work_precision: "xr.Dataset", *, scene: str, ax: "Axes | None" = None) -> "Axes":
+    """Plot the smallest error so far against time, one line per method.
+
+    Each line ends in a marker at the error and the time of the whole run, open if the run did not
+    converge; the dotted line is the error asked for. A colour means the same method in all scenes.
+
+    Parameters
+    ----------
+    work_precision : Dataset
+        Follows ``WORK_PRECISION``, with the histories and tolerances.
+    scene : str
+        Whose runs to plot.
+    ax : Axes, optional
+        Where to draw. The current axes if not given.
+    """
+    ax = axes_or_current(ax)
+    methods = list(dict.fromkeys(work_precision["method"].values))
+    for k in np.flatnonzero(work_precision["scene"].values == scene):
+        run = work_precision.isel(run=k)
+        rank = methods.index(run["method"].item())
+        color = "black" if rank == 0 else f"C{rank - 1}"
+        mine = work_precision["history_run"].values == k
+        error = np.fmin.accumulate(work_precision["history_error"].values[mine])
+        time = [*work_precision["history_seconds"].values[mine], float(run["wall_time"])]
+        error = np.maximum([*error, float(run["error"])], SMALLEST_ERROR)
+        ax.plot(time, error, color=color, label=methods[rank])
+        face = color if run["converged"] else "white"
+        ax.plot(time[-1], error[-1], "o", color=color, markerfacecolor=face)
+        ax.axhline(float(run["tolerance"]), color="0.6", linestyle=":", linewidth=0.8)
+    ax.set_xscale("log")
+    ax.set_yscale("log")
+    ax.set_title(scene, fontsize="medium")
+    ax.set_xlabel("time since the start (s)")
+    ax.set_ylabel("relative error (1)")
+    return ax
+
+
+def draw_work_precision(work_precision: "xr.Dataset", file: Path) -> Path:
+    """Draw what was measured into a PNG file.
+
+    If the dataset has sizes, how time and memory grow with them; if it has histories, a panel for
+    each scene with them; otherwise a panel for each scene and each of its errors.
+
+    Parameters
+    ----------
+    work_precision : Dataset
+        Follows ``WORK_PRECISION``.
+    file : Path
+        To write.
+    """
+    if "cables" in work_precision:
+        figure = draw_growth_panels(work_precision)
+    elif "history_error" in work_precision:
+        figure = _history_panels(work_precision)
+    else:
+        figure = _error_panels(work_precision)
+    return save_figure(figure, file)
+
+
+def _error_panels(work_precision: "xr.Dataset") -> "Figure":
+    """Scenes side by side, errors below each other."""
+    scenes = list(dict.fromkeys(work_precision["scene"].values))
+    errors = [name for name in ("error", "contact_error") if name in work_precision]
+    figure = new_figure(4.6 * len(scenes), 3.6 * len(errors))
+    panels = figure.subplots(len(errors), len(scenes), squeeze=False)
+    for row, error in zip(panels, errors, strict=True):
+        for ax, scene in zip(row, scenes, strict=True):
+            plot_work_precision(work_precision, scene=scene, error=error, ax=ax)
+    panels[0, 0].legend(fontsize=7)
+    return figure
+
+
+def _history_panels(work_precision: "xr.Dataset") -> "Figure":
+    """Scenes in rows of three, and one legend for all."""
+    scenes = list(dict.fromkeys(work_precision["scene"].values))
+    rows = -(-len(scenes) // 3)
+    figure = new_figure(13.8, 3.4 * rows + 0.6)
+    panels = figure.subplots(rows, 3, squeeze=False).ravel()
+    lines: dict[str, Artist] = {}
+    for ax, scene in zip(panels, scenes, strict=False):
+        plot_history(work_precision, scene=scene, ax=ax)
+        handles, labels = ax.get_legend_handles_labels()
+        lines |= dict(zip(labels, handles, strict=True))
+    for ax in panels[len(scenes) :]:
+        ax.set_axis_off()
+    figure.legend(
+        list(lines.values()),
+        list(lines),
+        loc="outside lower center",
+        ncols=6,
+        title="filled: converged; open: not converged; dotted: error asked for",
+    )
+    return figure

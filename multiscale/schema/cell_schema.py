@@ -1,0 +1,99 @@
+"""Datasets of cells: responses and fields."""
+
+from multiscale.schema.dataset_schema import Schema, Variable
+
+__all__ = ["FIELDS", "MICRO_RESPONSE", "SLIDING_RESPONSE"]
+
+_CELL = ("realisation", "step")
+_STAGE = ("body", "stage")
+
+MICRO_RESPONSE = Schema(
+    name="micro_response",
+    version=1,
+    variables={
+        "displacement_jump": Variable((*_CELL, "component"), "m", "mean displacement jump"),
+        "traction": Variable((*_CELL, "component"), "Pa", "averaged traction, eqs (2)-(3)"),
+        "mean_gap": Variable(_CELL, "m", "mean distance of obstacle and deformed surface"),
+        "contact_fraction": Variable(_CELL, "1", "real over nominal contact area"),
+        "converged": Variable(_CELL, "1", "whether the contact solver converged"),
+        "active_set_iterations": Variable(_CELL, "1", "number of active-set iterations"),
+        "linear_iterations": Variable(_CELL, "1", "number of conjugate-gradient iterations"),
+        "wall_time": Variable(_CELL, "s", "wall time of the step"),
+    },
+    optional={
+        "real_pressure": Variable(_CELL, "Pa", "mean pressure on the real contact area"),
+        "recovered_traction": Variable(
+            (*_CELL, "component"), "Pa", "averaged traction from the recovered Cauchy stress"
+        ),
+        "slip_fraction": Variable(_CELL, "1", "share of the contact nodes that slip"),
+        "friction_work": Variable(_CELL, "J m-2", "work of friction since the start, per area"),
+        "flowing_fraction": Variable(_CELL, "1", "share of the Gauss points that flow"),
+        "increments": Variable(_CELL, "1", "increments that the step took"),
+        "mean_gap_increment_error": Variable(
+            ("step",), "1", "error of the gap by the increments of a body that flows, relative"
+        ),
+        "contact_fraction_increment_error": Variable(
+            ("step",), "1", "error of the area by the increments of a body that flows, relative"
+        ),
+        "time": Variable(("step",), "s", "time at the end of the step"),
+        "pressure": Variable((*_CELL, "y", "x"), "Pa", "local contact pressure"),
+        "gap": Variable((*_CELL, "y", "x"), "m", "local gap"),
+        "nominal_pressure": Variable(("step",), "Pa", "prescribed mean pressure"),
+        "sliding_speed": Variable(("step",), "m s-1", "prescribed speed of sliding"),
+        "temperature": Variable(("step",), "K", "temperature of the body"),
+        "rms_height": Variable(("realisation",), "m", "root mean square height"),
+        "rms_slope": Variable(("realisation",), "1", "root mean square slope"),
+        "nayak_parameter": Variable(("realisation",), "1", "Nayak parameter"),
+        "body_rms_height": Variable(_STAGE, "m", "root mean square height of a measured body"),
+        "body_rms_slope": Variable(_STAGE, "1", "root mean square slope of a measured body"),
+        "body_longest_wave": Variable(
+            _STAGE, "m", "wavelength above which a hundredth of the mean square height lies"
+        ),
+        "body_shortest_wave": Variable(
+            _STAGE, "m", "wavelength below which a hundredth of the mean square slope lies"
+        ),
+        "map_filled_share": Variable(("body",), "1", "filled points of the map over all points"),
+        "filled_share": Variable(
+            ("body", "realisation"), "1", "filled points of the window over all points"
+        ),
+    },
+)
+
+_SLIDE = ("load", "step")
+
+SLIDING_RESPONSE = Schema(
+    name="sliding_response",
+    version=1,
+    variables={
+        "traction": Variable((*_SLIDE, "component"), "Pa", "averaged traction, eqs (2)-(3)"),
+        "effective_friction": Variable(
+            _SLIDE, "1", "traction along the motion over the normal one"
+        ),
+        "steady_friction": Variable(("load",), "1", "mean friction over the last period"),
+        "mean_gap": Variable(_SLIDE, "m", "mean distance of the deformed surfaces"),
+        "contact_fraction": Variable(_SLIDE, "1", "real over nominal contact area"),
+        "converged": Variable(_SLIDE, "1", "whether the contact solver converged"),
+        "active_set_iterations": Variable(_SLIDE, "1", "number of Newton iterations"),
+        "linear_iterations": Variable(_SLIDE, "1", "number of Krylov iterations"),
+        "increments": Variable(_SLIDE, "1", "increments that the step took"),
+        "wall_time": Variable(_SLIDE, "s", "wall time of the step"),
+    },
+    optional={
+        "nominal_pressure": Variable(("load",), "Pa", "prescribed mean pressure"),
+        "sliding_distance": Variable(("step",), "m", "distance slid since the start"),
+        "slip_fraction": Variable(_SLIDE, "1", "share of the contact nodes that slip"),
+        "friction_work": Variable(_SLIDE, "J m-2", "work of friction since the start, per area"),
+        "flowing_fraction": Variable(_SLIDE, "1", "share of the Gauss points that flow"),
+    },
+)
+
+FIELDS = Schema(
+    name="fields",
+    version=1,
+    variables={
+        "height": Variable(("y", "x"), "m", "height of the composite surface"),
+        "pressure": Variable(("step", "y", "x"), "Pa", "local contact pressure"),
+        "gap": Variable(("step", "y", "x"), "m", "local gap"),
+    },
+    optional={"nominal_pressure": Variable(("step",), "Pa", "prescribed mean pressure")},
+)

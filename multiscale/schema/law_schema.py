@@ -1,0 +1,91 @@
+"""Datasets of laws: fits, their errors and their comparison."""
+
+from multiscale.schema.dataset_schema import BUDGET, Schema, Variable
+
+__all__ = ["ERROR_BUDGET", "INTERFACE_LAW", "LAW_COMPARISON"]
+
+INTERFACE_LAW = Schema(
+    name="interface_law",
+    version=1,
+    variables={"fit_pressure": Variable(("step",), "Pa", "mean pressure of the data fitted")},
+    optional={
+        "knot": Variable(("term",), "m", "gap at which a term of the normal law vanishes"),
+        "coefficient": Variable(("term",), "Pa m-3", "coefficient of the normal law"),
+        "coefficient_sample": Variable(
+            ("sample", "term"), "Pa m-3", "coefficients of the bootstrap samples"
+        ),
+        "area_pressure": Variable(("area_term",), "Pa", "pressure knots of the area law"),
+        "area_fraction": Variable(("area_term",), "1", "contact fraction at the pressure knots"),
+        "area_fraction_sample": Variable(
+            ("sample", "area_term"), "1", "contact fractions of the bootstrap samples"
+        ),
+        "fit_mean_gap": Variable(("step",), "m", "mean gap of the data fitted"),
+        "fit_stiffness": Variable(("step",), "Pa m-1", "stiffness of the data fitted"),
+        "fit_contact_fraction": Variable(("step",), "1", "contact fraction of the data fitted"),
+        "fit_friction_coefficient": Variable(
+            ("step",), "1", "friction coefficient of the data fitted"
+        ),
+        "fit_recovery": Variable(("step",), "m", "spring back of the data fitted"),
+        "fit_speed": Variable(("step",), "m s-1", "sliding speed of the data fitted"),
+        "fit_peak_pressure": Variable(("step",), "Pa", "largest pressure before unloading"),
+        "fit_error": Variable(
+            ("step",), "1", "relative error of a fit without this point, of the quantity fitted"
+        ),
+        "stiffness_fit_error": Variable(
+            ("step",), "1", "relative error of the stiffness of a fit without this point"
+        ),
+        "area_fit_error": Variable(
+            ("area_term",), "1", "relative error of an area law without this point"
+        ),
+        "gap_fit_share": Variable((), "1", "part of fit_error that is left between the data"),
+        "stiffness_fit_share": Variable(
+            (), "1", "part of stiffness_fit_error that is left at the data"
+        ),
+        "area_fit_share": Variable((), "1", "part of area_fit_error that is left between the data"),
+        "unloading_stiffness_ratio": Variable(
+            (), "1", "stiffness at the start of unloading over that of loading"
+        ),
+        "unloading_exponent": Variable((), "1", "exponent of the unloading branch"),
+        "unloading_stiffness_ratio_sample": Variable(
+            ("unloading_sample",), "1", "stiffness ratios of the bootstrap samples"
+        ),
+        "unloading_exponent_sample": Variable(
+            ("unloading_sample",), "1", "exponents of the bootstrap samples"
+        ),
+        "unloading_pressure": Variable(
+            ("unloading_step",), "Pa", "mean pressure of the unloading data"
+        ),
+        "unloading_peak_pressure": Variable(
+            ("unloading_step",), "Pa", "largest pressure before the unloading data"
+        ),
+        "unloading_recovery": Variable(
+            ("unloading_step",), "m", "spring back of the unloading data"
+        ),
+        "unloading_fit_error": Variable(
+            ("unloading_step",), "1", "error of a fit without this point over the spring back"
+        ),
+        **BUDGET,
+    },
+)
+"""A law of a family with parameters also has a scalar per parameter, and one per sample."""
+
+ERROR_BUDGET = Schema(
+    name="error_budget",
+    version=1,
+    variables=BUDGET,
+    optional={"nominal_pressure": Variable(("step",), "Pa", "pressure of the steps")},
+)
+
+LAW_COMPARISON = Schema(
+    name="law_comparison",
+    version=1,
+    variables={
+        "cross_validated_error": Variable(
+            ("family",), "1", "root mean square error at points a fit has not seen"
+        ),
+        "n_parameters": Variable(("family",), "1", "number of free parameters"),
+        "akaike_criterion": Variable(("family",), "1", "corrected information criterion"),
+        "akaike_weight": Variable(("family",), "1", "relative likelihood of the family"),
+        "admissible": Variable(("family",), "1", "whether the law is admissible"),
+    },
+)
