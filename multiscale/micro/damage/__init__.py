@@ -4,7 +4,7 @@ from multiscale.io.images import VoxelImage
 from multiscale.micro.damage.cavities import Cavities, crack_density_tensor, voxelise
 from multiscale.micro.damage.cavity_packing import boolean_spheres, lattice, random_spheres
 from multiscale.micro.damage.compare import compare_stiffness
-from multiscale.micro.damage.elasticity import (
+from multiscale.micro.damage.effective_moduli import (
     hashin_shtrikman_bound,
     isotropic_stiffness,
     voigt_bound,

@@ -37,7 +37,7 @@ import numpy as np
 from multiscale.convergence import Solution, Status, verdict
 from multiscale.errors import CaseError
 from multiscale.io.images import VoxelImage
-from multiscale.micro.damage.elasticity import drop_soft_modes
+from multiscale.micro.damage.effective_moduli import drop_soft_modes
 
 if TYPE_CHECKING:
     from multiscale.micro.damage.voxel_operator import VoxelOperator

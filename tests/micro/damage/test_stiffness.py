@@ -28,7 +28,7 @@ from multiscale.micro.damage import (
     voxelise,
     youngs_modulus_along,
 )
-from multiscale.micro.damage.elasticity import rotate_stiffness
+from multiscale.micro.damage.effective_moduli import rotate_stiffness
 from tests.micro.damage.solid import CUBE, MIDDLE, NU, E, ratio
 from tests.support import observed_rate
 
