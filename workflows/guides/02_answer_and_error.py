@@ -28,8 +28,8 @@ for term in joint["error_term"].values:
     print(term, "-", joint.attrs["how_" + term.replace(" ", "_")])
 
 # A term for which nothing was computed is listed as not known, with the key that makes it known.
-# With a target in [accuracy] all terms are estimated. Without a target, a run knows nothing of the
-# cell size and of the discretisation of the cells.
+# With a target in [accuracy] all terms are estimated; without a target, a run has no estimate of
+# the cell size and of the discretisation of the cells.
 print(joint.attrs["unknown"])
 
 # Sampling, fit and surface belong to every total: where one of them, or another term that the case

@@ -50,8 +50,8 @@ slid = slide_cell(pair, (20e6, 80e6), 50e-6, steps=8)  # one period
 print(slid["effective_friction"], slid["steady_friction"])
 
 # The nodes of the first body carry the contact, so that the first body should not be the coarser
-# one: where the points of the second body do not divide those of the first, a uniform pressure is
-# reproduced within a few per cent.
+# one: where the points of the second body do not divide the points of the first body, a uniform
+# pressure is reproduced within a few per cent.
 #
 # Metal that flows is ploughed: workflows/ploughing.py slides hard on soft steel and draws friction
 # against pressure and distance. The increments count there too: sliding up the rms slope closes by

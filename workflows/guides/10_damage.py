@@ -17,10 +17,10 @@ from multiscale.micro.damage import (
     youngs_modulus_along,
 )
 
-# Damage of plane sections of a representative volume: cavities and flat cracks are in closed form;
-# a voxel image is read by read_images("stack.tif"), with the extra "images". The largest damage
-# over the planes of a random medium is a size effect: it falls towards the porosity as the volume
-# grows. Read it together with the size, the mean and the quantiles in the dataset.
+# Damage of plane sections of a representative volume, eq (1): cavities and flat cracks are in
+# closed form; a voxel image is read by read_images("stack.tif"), with the extra "images". The
+# largest damage over the planes of a random medium is a size effect: it falls towards the porosity
+# as the volume grows. Read it together with the size, the mean and the quantiles in the dataset.
 pores = random_spheres((1e-3, 1e-3, 1e-3), 1.5e-4, porosity=0.1, seed=1)
 sections = max_damage(pores, level=1, sections=17)
 print(float(sections["maximum_damage"]), sections["worst_normal"].values)
