@@ -21,9 +21,10 @@ for part in ("joint_stiffness", "interface_stiffness", "solid_stiffness"):
     sampling = joint["error_half_width"].sel(quantity=part, error_term="sampling")
     print(part, total.values, "of it sampling", sampling.values)
 
-# The 95 % band of a figure holds the scatter of the realisations alone. The total is the half-width
-# of a 95 % interval that counts every known term: sampling, fit, size of the cells, discretisation,
-# increments, surface, scale separation. An attribute says how each term was found.
+# The 95 % band of a figure holds the scatter of the realisations alone. The total, printed as
+# "error (%)", is the half-width of a 95 % interval that counts every known term: sampling, fit,
+# size of the cells, discretisation, increments, surface, scale separation. An attribute says how
+# each term was found.
 for term in joint["error_term"].values:
     print(term, "-", joint.attrs["how_" + term.replace(" ", "_")])
 
