@@ -1,7 +1,5 @@
 """Three ways to one answer, and the parts of the error from cells to structure."""
 
-from pathlib import Path
-
 import numpy as np
 import pytest
 
@@ -133,13 +131,3 @@ def test_what_cannot_be_computed_is_refused():
         Effort(1 / 4, 2, finest=12)
     with pytest.raises(CaseError, match=r"scenes of .*, got \['plate'\]"):
         three_ways(scenes=("plate",))
-
-
-def test_the_readme_route_runs(capsys):
-    text = (Path(__file__).parents[2] / "README.md").read_text(encoding="utf-8")
-    blocks = [part.split("```")[0] for part in text.split("```python\n")[1:]]
-    (block,) = [part for part in blocks if "solve_concurrent" in part]
-    exec(compile(block, "README.md", "exec"), {})
-    lines = [line.split() for line in capsys.readouterr().out.splitlines()]
-    gaps = [float(line[1]) for line in lines]
-    np.testing.assert_allclose(gaps, np.mean(gaps), rtol=0.05)

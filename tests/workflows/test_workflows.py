@@ -24,6 +24,17 @@ def test_every_workflow_runs(script, tmp_path):
     assert list(tmp_path.rglob("*.nc"))
 
 
+def test_the_pictures_of_the_manual_are_made_anew(tmp_path):
+    script = runpy.run_path(str(FOLDER / "manual" / "pictures.py"))
+    names = ["ground_steel", "tensegrity_grid", "rough_blocks", "deposit"]
+    assert not script["main"]([*names, "--quick", "-o", str(tmp_path)])
+    made = {path.stem for path in (tmp_path / "workflows" / "figures").glob("*.png")}
+    assert made == {"chain", "structures", *names}
+    shipped = list((FOLDER / "figures").glob("*.png"))
+    assert {path.stem for path in shipped} == {"chain", "structures", *script["SHOWN"]}
+    assert sum(path.stat().st_size for path in shipped) < 400e3
+
+
 @pytest.mark.parametrize("scene", sorted(FOLDER.glob("scenes/*.toml")), ids=lambda path: path.stem)
 def test_every_scene_runs(scene, tmp_path):
     settings = load_scene(scene).quick()

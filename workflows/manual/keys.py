@@ -1,4 +1,9 @@
-"""What case and scene files may say, as tables for the manual, from the models that read them."""
+"""The tables of keys of case files and scenes, written from the models that read them.
+
+    python workflows/manual/keys.py
+
+from the root of a checkout renews the tables in ``microcases/README.md``.
+"""
 
 import re
 from collections.abc import Iterator
@@ -18,7 +23,8 @@ from multiscale.pipeline.toml_model import Settings
 from multiscale.pipeline.tyre_settings import TyreCase
 from multiscale.units import readable
 
-__all__ = ["key_tables"]
+PAGE = Path(__file__).parents[2] / "microcases" / "README.md"
+BEGIN, END = "<!-- keys: written by workflows/manual/keys.py -->\n", "\n<!-- end of keys -->"
 
 FILES: tuple[tuple[str, type[Settings]], ...] = (
     ("Cases of a joint", Case),
@@ -29,6 +35,17 @@ FILES: tuple[tuple[str, type[Settings]], ...] = (
 HEAD = "| key | value | default | meaning |\n| --- | --- | --- | --- |"
 BOUNDS = {"gt": "> {:g}", "ge": "≥ {:g}", "lt": "< {:g}", "le": "≤ {:g}", "multiple_of": "even"}
 """Signs of ranges; the only multiple asked for is of two."""
+
+
+def main() -> None:
+    """Renew the page of keys."""
+    PAGE.write_text(renew(PAGE.read_text(encoding="utf-8")), encoding="utf-8")
+
+
+def renew(page: str) -> str:
+    """Put the tables of keys between their marks."""
+    before, rest = page.split(BEGIN)
+    return f"{before}{BEGIN}{key_tables()}{END}{rest.split(END)[1]}"
 
 
 def key_tables() -> str:
@@ -187,3 +204,7 @@ def _range(bounds: dict[str, Any]) -> list[str]:
             name: text for name, text in said.items() if name not in ("ge", "le")
         }
     return list(said.values())
+
+
+if __name__ == "__main__":
+    main()

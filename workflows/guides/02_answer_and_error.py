@@ -1,0 +1,47 @@
+"""The answer and its error: what a run states, and how far it can be trusted.
+
+Question: which part of the stated error comes from the scatter of the surfaces, and what has not
+been estimated at all?
+
+    python workflows/guides/02_answer_and_error.py
+
+reads the folder ``results`` of the first command in the README.
+"""
+
+from multiscale.io import open_run
+
+joint = open_run("results")["macro_result"].to_dataset()
+
+# The stiffness of the joint is force over displacement of both blocks, and includes the blocks.
+# The stiffness times the nominal area is the force per displacement. Interface and bodies are its
+# two parts in series, each with an error of its own, so that stiff bodies hide no interface. A run
+# prints all three in MPa/um; datasets have Pa/m.
+for part in ("joint_stiffness", "interface_stiffness", "solid_stiffness"):
+    total = joint["error_total"].sel(quantity=part)  # relative, at each preload
+    sampling = joint["error_half_width"].sel(quantity=part, error_term="sampling")
+    print(part, total.values, "of it sampling", sampling.values)
+
+# The 95 % band of a figure holds the scatter of the realisations alone. The total, printed as
+# "error (%)", is the half-width of a 95 % interval that counts every known term: sampling, fit,
+# size of the cells, discretisation, increments, surface, scale separation. An attribute says how
+# each term was found.
+for term in joint["error_term"].values:
+    print(term, "-", joint.attrs["how_" + term.replace(" ", "_")])
+
+# A term for which nothing was computed is listed as not known, with the key that makes it known.
+# With a target in [accuracy] all terms are estimated; without a target, a run has no estimate of
+# the cell size and of the discretisation of the cells.
+print(joint.attrs["unknown"])
+
+# Sampling, fit and surface belong to every total: where one of them, or another term that the case
+# asks for, cannot be computed, the total is NaN in the dataset and "unknown" in print.
+#
+# One realisation gives no sampling error. From two realisations on every quantity has Student's
+# interval: 12.7 standard errors for two, 4.3 for three. Three realisations give samples of the law,
+# and with them bands of the joint; four give a 95 % band of the law.
+
+# Cautions are printed and stand in the report. They concern too few points to the shortest wave,
+# lost roughness of a map, load outside the pressures of the cells, a real pressure that no metal
+# bears, and too few realisations. A caution does not stop a run, and none should stay unexplained
+# in an answer that matters.
+print(joint.attrs["cautions"] or "no cautions")

@@ -1,0 +1,53 @@
+"""Substructures and rough joints: preload, shear cycles, stick, slip and loss.
+
+Question: how stiff is the joint of two blocks, where does it slip, and what does a cycle cost?
+
+    python workflows/guides/08_joints.py
+
+reads the law in the folder ``results`` of the first command in the README.
+"""
+
+from multiscale.io import open_law
+from multiscale.laws import Sliders
+from multiscale.laws.bulk import Elastic
+from multiscale.macro.substructures import JointLoading, load_joint, stacked_blocks
+from multiscale.upscaling import law_from_dataset
+
+# A structure is cut into substructures that a micro-macro method solves side by side. Where two
+# bodies meet, an interface carries a law, here the fitted one with friction: a bed of springs that
+# slip one after the other. The friction coefficient and the ratio of tangential to normal stiffness
+# are assumptions; cells lose 2 to 10 % more in a cycle than the bed.
+normal = law_from_dataset(open_law("results/interface_law.nc"))
+law = Sliders(normal, friction=0.2, stiffness_ratio=0.8)
+steel = Elastic(210e9, 0.3)
+blocks = stacked_blocks((0.04, 0.02, 0.01), (4, 2, 1), [steel, steel], [law])
+loading = JointLoading((5e6, 10e6, 20e6), shear=3e6, cycles=1, steps=4)  # Pa
+joint = load_joint(blocks, loading, parts=(2, 1))
+print(joint["joint_stiffness"].values[:3], joint["tangential_stiffness"].values[:3])  # Pa/m
+print(joint["slip_fraction"].values)  # share of the joint that slips in a step
+print(joint["cycle_energy"].values)  # J
+
+# Both sides of an interface are plane and have the same mesh. A shear beyond friction ends the
+# steps, and the result says where. A joint may also be rigid (RigidContact: unilateral, with
+# Coulomb friction), for solve_latin.
+#
+# The scenes rough_blocks.toml and lap_joint.toml ask the same of files. The second has two plates
+# with a bolt hole, meshed by gmsh; the bolt is a constant pressure under its washers. In a scene
+# blocks and joints may be damaged, damage = [0.3, 0], and blocks may have the elastic tensor of a
+# volume with cavities, stiffness = "rve_stiffness.nc". With homogenise = true in [substructures]
+# the file macro_result-homogenised.nc holds the stiffness of every substructure against the
+# resultants of its interfaces, before and after slackening.
+#
+# A scene prints, at each preload, the stiffness and the shares that stick, slip and are open, the
+# energy that a cycle loses, and a caution with the share of the load outside the data of the law.
+# Its dataset has traction, jump and state at every point. multiscale.plotting.draw_joint draws the
+# zones, the pressure and the loop. The series for ParaView has displacement, von Mises stress,
+# strain energy and damage of the bodies, and gap, pressure, shear and state of the joint.
+#
+# Under mpiexec (pip install '.[mpi]') processes share the substructures, with the same answer:
+#
+#   mpiexec -n 2 multiscale macro workflows/scenes/tensegrity_substructures.toml -o macro_result.nc
+#
+# In one process the solver of the whole structure (solve_static) is faster at every size measured,
+# up to 128 x 128 modules. solve_schur is a Newton method on the interfaces, beside the micro-macro
+# solve_latin.

@@ -1,0 +1,42 @@
+"""Damage: cavities and cracks in a volume, its stiffness, and its life in fatigue.
+
+Question: how much does a tenth of pores weaken a section, soften the volume and shorten its life?
+
+    python workflows/guides/10_damage.py
+"""
+
+import numpy as np
+
+from multiscale.micro.damage import (
+    FatigueMaterial,
+    effective_stiffness,
+    max_damage,
+    random_spheres,
+    two_scale_fatigue,
+    voxelise,
+    youngs_modulus_along,
+)
+
+# Damage of plane sections of a representative volume, eq (1): cavities and flat cracks are in
+# closed form; a voxel image is read by read_images("stack.tif"), with the extra "images". The
+# largest damage over the planes of a random medium is a size effect: it falls towards the porosity
+# as the volume grows. Read it together with the size, the mean and the quantiles in the dataset.
+pores = random_spheres((1e-3, 1e-3, 1e-3), 1.5e-4, porosity=0.1, seed=1)
+sections = max_damage(pores, level=1, sections=17)
+print(float(sections["maximum_damage"]), sections["worst_normal"].values)
+
+# The damage of a section is geometric. The stiffness comes from finite elements with periodic
+# conditions, and is not (1 - damage) times the stiffness of the matrix. mesh_stiffness meshes
+# cavities and cracks with gmsh instead, also where cracks meet each other or a face of the box. A
+# crack through the whole section leaves no stiffness, and the solution says so. soften gives the
+# tensor of the volume to the block of a joint.
+stiffness = effective_stiffness(voxelise(pores, 24), 71e9, 0.33).unwrap()  # 6 x 6, Pa
+print(youngs_modulus_along(stiffness, np.eye(3)) / 71e9)
+
+# Fatigue. Below the yield stress a weak micro-inclusion flows, and its damage ends in a crack. The
+# history of stress is uniaxial, or of shape (points, 6).
+alloy = FatigueMaterial(71e9, 0.33, fatigue_limit=70e6, damage_strength=0.2e6, hardening=5e9)
+life = two_scale_fatigue(np.array([90e6, -90e6]), alloy)
+print(float(life["cycles_to_rupture"]))
+
+# workflows/damage_to_joint.py goes from pores to the life of a joint and its loss of stiffness.

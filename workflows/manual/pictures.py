@@ -1,0 +1,141 @@
+"""The pictures of the manual, made anew.
+
+``chain.png`` follows a case from its surface to its joint; ``structures.png`` has slack cables of a
+tensegrity grid, zones of stick and slip, and the forces in a pile of grains. The other pictures
+are those of the gallery.
+
+    python workflows/manual/pictures.py [NAME ...] -o . [--quick]
+
+from the root of a checkout writes ``workflows/figures/*.png`` and, in ``results``, the datasets of
+the named cases, scenes and scripts (of all, without a name), and prints their times. Names of
+joints need ``ground_steel`` before them. ``--quick`` is coarser.
+"""
+
+import argparse
+import runpy
+import sys
+from collections.abc import Mapping, Sequence
+from functools import partial
+from io import BytesIO
+from pathlib import Path
+from time import perf_counter
+
+import xarray as xr
+from matplotlib.figure import Figure
+from PIL import Image
+
+from multiscale import plotting
+from multiscale.io import make_folder, open_dataset, open_run, write_bytes
+from multiscale.pipeline import load_case, load_scene, load_tyre, run, run_scene, run_tyre
+from multiscale.schema import FIELDS
+
+WORKFLOWS = Path(__file__).parents[1]
+SHOWN = {
+    "ground_steel": lambda run, ax: plotting.plot_joint_stiffness(run["macro_result"], ax=ax),
+    "ground_steel_plastic": lambda run, ax: plotting.plot_unloading(
+        run["micro_response"], run["interface_law"], ax=ax
+    ),
+    "road_texture": lambda run, ax: plotting.plot_area_law(
+        run["micro_response"], run["interface_law"], ax=ax
+    ),
+    "tyre_on_road": lambda run, ax: plotting.plot_braking_force(run["macro_result"], ax=ax),
+    "tensegrity_grid": plotting.plot_sorted_tensions,
+    "tensegrity_substructures": plotting.plot_deformed_links,
+    "cable_net": plotting.plot_deformed_links,
+    "sudden_unloading": plotting.plot_energies,
+    "rough_blocks": plotting.plot_hysteresis,
+    "lap_joint": plotting.plot_joint_plan,
+    "deposit": plotting.plot_force_network,
+    "silo": plotting.plot_force_network,
+    "column_collapse": plotting.plot_force_network,
+    "shear_cell": plotting.plot_force_network,
+    "biaxial": plotting.plot_biaxial_curve,
+    "damage_to_joint": plotting.plot_joint_life,
+    "ploughing": plotting.plot_sliding_friction,
+    "three_ways": partial(plotting.plot_work_precision, scene="rough wave"),
+}
+LEFT = {
+    "damage_to_joint": "macro_result.nc",
+    "ploughing": "sliding_response.nc",
+    "three_ways": "work_precision.nc",
+}
+"""Datasets of scripts."""
+
+STRUCTURES = ("tensegrity_grid", "rough_blocks", "deposit")
+
+
+def main(argv: Sequence[str] | None = None) -> int:
+    """Solve cases and scenes, and draw them."""
+    parser = argparse.ArgumentParser(description=(__doc__ or "").splitlines()[0])
+    parser.add_argument("names", nargs="*", default=list(SHOWN), help="cases, scenes and scripts")
+    parser.add_argument("-o", "--out", type=Path, default=Path("manual"))
+    parser.add_argument("--quick", action="store_true", help="coarse cells, few modules and grains")
+    arguments = parser.parse_args(argv)
+    figures = make_folder(arguments.out / "workflows" / "figures")
+    results, found = arguments.out / "results", {}
+    for name in arguments.names:
+        start = perf_counter()
+        found[name] = solve(name, results, quick=arguments.quick)
+        sys.stdout.write(f"{name}: {perf_counter() - start:.0f} s\n")
+        figure = Figure(figsize=(4.8, 3.6), layout="constrained")
+        space = SHOWN[name] is plotting.plot_deformed_links
+        SHOWN[name](found[name], ax=figure.add_subplot(projection="3d" if space else None))
+        save_small(figure, figures / f"{name}.png", colours=32)
+    if "ground_steel" in found:
+        fields = open_dataset(results / "ground_steel" / "fields" / "fields.nc", FIELDS)
+        save_small(draw_chain(found["ground_steel"], fields), figures / "chain.png")
+    if set(STRUCTURES) <= set(found):
+        save_small(
+            draw_structures(*(found[name] for name in STRUCTURES)), figures / "structures.png"
+        )
+    return 0
+
+
+def solve(name: str, results: Path, *, quick: bool) -> "xr.Dataset | Mapping[str, xr.Dataset]":
+    """Return the dataset of a scene or script, or the datasets of a case by their names."""
+    scene, out = WORKFLOWS / "scenes" / f"{name}.toml", results / name
+    if name in LEFT:
+        main = runpy.run_path(str(WORKFLOWS / f"{name}.py"))["main"]
+        main(["-o", str(out), *(["--quick"] if quick else [])])
+        return xr.load_dataset(out / LEFT[name])
+    if scene.is_file():
+        settings = load_scene(scene)
+        law = results / "ground_steel" / "interface_law.nc" if settings.joint else None
+        settings = settings.quick() if quick else settings
+        return run_scene(settings, out / "macro_result.nc", law=law)
+    load, solve_case = (load_tyre, run_tyre) if name == "tyre_on_road" else (load_case, run)
+    solve_case(load(name).quick() if quick else load(name), out)
+    return {key: node.to_dataset() for key, node in open_run(out).items()}
+
+
+def save_small(figure: Figure, file: Path, *, colours: int = 256) -> None:
+    """Write a figure in few colours."""
+    drawn, reduced = BytesIO(), BytesIO()
+    figure.savefig(drawn, dpi=80)
+    Image.open(drawn).convert("RGB").quantize(colours).save(reduced, "png", optimize=True)
+    write_bytes(file, reduced.getvalue())
+
+
+def draw_chain(run: "Mapping[str, xr.Dataset]", fields: xr.Dataset) -> Figure:
+    """Draw a run from its surface to its joint."""
+    figure = Figure(figsize=(14.0, 3.4), layout="constrained")
+    axes = figure.subplots(1, 4)
+    plotting.plot_surface(fields, ax=axes[0]).set_title("1 surface")
+    plotting.plot_contact_map(fields, step=-1, ax=axes[1]).set_title("2 contact of a cell")
+    gap_law = plotting.plot_gap_law(run["micro_response"], run["interface_law"], ax=axes[2])
+    gap_law.set_title("3 interface law")
+    plotting.plot_joint_stiffness(run["macro_result"], ax=axes[3]).set_title("4 joint")
+    return figure
+
+
+def draw_structures(grid: xr.Dataset, joint: xr.Dataset, grains: xr.Dataset) -> Figure:
+    """Draw slack cables, zones of stick and slip, and a force network."""
+    figure = Figure(figsize=(14.0, 4.0), layout="constrained")
+    plotting.plot_deformed_links(grid, ax=figure.add_subplot(131, projection="3d"), scale=5.0)
+    plotting.plot_joint_plan(joint, ax=figure.add_subplot(132))
+    plotting.plot_force_network(grains, ax=figure.add_subplot(133))
+    return figure
+
+
+if __name__ == "__main__":
+    raise SystemExit(main())
