@@ -18,11 +18,11 @@ from multiscale.fe.boxes import box_mesh
 from multiscale.laws import Exponential, Sliders
 from multiscale.laws.bulk import Elastic
 from multiscale.macro import Body, solve_interface
-from multiscale.macro.substructures import Joint, Problem, assemble, cut_bodies, split_boxes
+from multiscale.macro.substructures import CutProblem, Joint, assemble, cut_bodies, split_boxes
 from multiscale.macro.substructures.bound import Admissible
 from multiscale.macro.substructures.indicator import HeuristicIndicator, JointError
 from multiscale.macro.substructures.joint_state import without_slip
-from multiscale.macro.substructures.latin import Iterate, Latin
+from multiscale.macro.substructures.latin import Latin, LatinIterate
 from multiscale.macro.substructures.latin_solver import solve_step
 
 if TYPE_CHECKING:
@@ -75,7 +75,7 @@ class JointScene:
         normal = Exponential(PRESSURE, PRESSURE * EDGE / (self.ratio * YOUNG))
         return Sliders(normal, self.friction, pressures=(0.1 * PRESSURE, 10.0 * PRESSURE))
 
-    def cut(self, elements: tuple[int, int, int] = (4, 4, 3)) -> Problem:
+    def cut(self, elements: tuple[int, int, int] = (4, 4, 3)) -> CutProblem:
         """One load case for each of ``TIMES``."""
         size, material = (EDGE, EDGE, EDGE), Elastic(YOUNG, 0.3)
         lower = Body(
@@ -140,7 +140,7 @@ def _watch(method: Latin, judge: HeuristicIndicator, step: int) -> list[tuple[fl
     found: list[tuple[float, JointError]] = []
     clock = perf_counter()
 
-    def note(iteration: int, residual: float, iterate: Iterate) -> None:
+    def note(iteration: int, residual: float, iterate: LatinIterate) -> None:
         error = judge.evaluate(iterate.u, iterate.force, method.states, method.joint_k, method.team)
         found.append((perf_counter() - clock, error))
 
@@ -152,7 +152,7 @@ def _watch(method: Latin, judge: HeuristicIndicator, step: int) -> list[tuple[fl
 class _Exact:
     """Solution of a step and the norm in which errors are measured."""
 
-    problem: Problem
+    problem: CutProblem
     u: np.ndarray
     traction: np.ndarray
     weight: np.ndarray
@@ -176,7 +176,7 @@ class _Exact:
         return float(np.sqrt(total))
 
 
-def _monolithic(scene: JointScene, problem: Problem) -> Iterator[_Exact]:
+def _monolithic(scene: JointScene, problem: CutProblem) -> Iterator[_Exact]:
     """Solve the structure in one piece, step by step."""
     whole, law = assemble(problem), scene.law
     state, u = np.zeros((law.n_state, whole.weight.size)), None

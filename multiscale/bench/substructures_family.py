@@ -25,7 +25,7 @@ from multiscale.macro import (
     solve_static,
 )
 from multiscale.macro.substructures import (
-    Problem,
+    CutProblem,
     assemble,
     split_boxes,
     split_grid,
@@ -78,14 +78,14 @@ class Scene:
     """
 
     name: str
-    structure: LinkSystem | Problem
+    structure: LinkSystem | CutProblem
     factor: np.ndarray
     parts: tuple[int, int] = (1, 1)
     repeats: int = 3
 
-    def cut(self) -> Problem:
+    def cut(self) -> CutProblem:
         """Cut the structure, unless it is cut already."""
-        if isinstance(self.structure, Problem):
+        if isinstance(self.structure, CutProblem):
             return self.structure
         return cut_links(self.structure, split_grid(self.structure, self.parts))
 
@@ -160,7 +160,7 @@ def solve_scene(scene: Scene, method: str, reference: np.ndarray | None = None) 
     def note(_: int, __: float, state: Any) -> None:
         if reference is None:
             return
-        if isinstance(scene.structure, Problem):
+        if isinstance(scene.structure, CutProblem):
             latin = method == METHODS[2]
             value = problem.average(state.u) if latin else state.displacement()
         else:
@@ -172,7 +172,7 @@ def solve_scene(scene: Scene, method: str, reference: np.ndarray | None = None) 
     result = solve(problem, scene.factor, tolerance=TOLERANCE, callback=note)
     free = problem.number >= 0
     value = np.empty(problem.n)
-    if isinstance(scene.structure, Problem):
+    if isinstance(scene.structure, CutProblem):
         value[problem.number[free]] = result["displacement"].values[0][free]
     else:
         value = result["tension"].values[0]

@@ -15,7 +15,7 @@ from scipy.sparse import csr_array, diags_array
 from multiscale.convergence import Status
 from multiscale.errors import CaseError
 from multiscale.macro.discrete.checks import masses_of
-from multiscale.macro.discrete.compatibility import Equations, compatibility, equations
+from multiscale.macro.discrete.compatibility import LinkEquations, compatibility, equations
 from multiscale.macro.discrete.link_needs import link_needs
 from multiscale.macro.discrete.link_system import LinkSystem
 from multiscale.macro.discrete.link_tangent import Tangent, prepare_tangent
@@ -168,9 +168,9 @@ class _Scheme:
 
     needs: Needs
     system: LinkSystem
-    model: Equations
+    model: LinkEquations
     tangent: Tangent
-    held: Equations
+    held: LinkEquations
     operator: csr_array
     mass: np.ndarray
     extensible: np.ndarray

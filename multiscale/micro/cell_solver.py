@@ -15,7 +15,7 @@ from multiscale.micro.cell import Cell, MeshCell
 from multiscale.micro.cell_needs import cell_needs
 from multiscale.micro.checkpoint import Checkpoint
 from multiscale.micro.contact_area import contact_fraction
-from multiscale.micro.contact_state import ContactProblem, ContactState
+from multiscale.micro.contact_state import CellProblem, ContactState
 from multiscale.micro.path import Path
 from multiscale.needs import Needs
 from multiscale.schema import MICRO_RESPONSE
@@ -159,7 +159,7 @@ def _compiled() -> Iterator[None]:
         ) from error
 
 
-def _assemble(cell: Cell | MeshCell, needs: Needs) -> ContactProblem:
+def _assemble(cell: Cell | MeshCell, needs: Needs) -> CellProblem:
     if isinstance(cell, MeshCell):
         from multiscale.micro.mesh_cell import assemble_mesh_cell
 
@@ -174,7 +174,7 @@ def _assemble(cell: Cell | MeshCell, needs: Needs) -> ContactProblem:
     return assemble_graph_cell(cell, needs)
 
 
-def _average(problem: ContactProblem, state: ContactState) -> dict[str, Any]:
+def _average(problem: CellProblem, state: ContactState) -> dict[str, Any]:
     """Averages of one converged step."""
     area, weight = problem.nominal_area, problem.weight
     nodal = np.moveaxis(-state.force[:, None] * problem.normal, 1, -1).reshape(-1, 3)
@@ -196,7 +196,7 @@ def _average(problem: ContactProblem, state: ContactState) -> dict[str, Any]:
     return step
 
 
-def _local_fields(problem: ContactProblem, state: ContactState) -> dict[str, np.ndarray]:
+def _local_fields(problem: CellProblem, state: ContactState) -> dict[str, np.ndarray]:
     """Pressure on the nominal area and vertical gap at every node, shape (ny, nx)."""
     deformed = problem.surface_height + problem.surface_displacement(state.displacement)[:, 2]
     return {

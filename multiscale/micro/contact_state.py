@@ -8,11 +8,11 @@ import numpy as np
 from multiscale.convergence import Status
 from multiscale.micro.contact_area import HALF_SPACE, EdgeLayer
 
-__all__ = ["ContactProblem", "ContactState", "obstacle_normal", "untouched"]
+__all__ = ["CellProblem", "ContactState", "obstacle_normal", "untouched"]
 
 
 @dataclass(frozen=True, eq=False)
-class ContactProblem:
+class CellProblem:
     """How a cell answers a load, and the geometry of its contact nodes.
 
     Attributes

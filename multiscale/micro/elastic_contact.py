@@ -22,7 +22,7 @@ from multiscale.convergence import Status
 from multiscale.micro.contact_state import ContactState, untouched
 from multiscale.micro.flat import solve_flat
 
-__all__ = ["ElasticBody", "solve_contact"]
+__all__ = ["ElasticBody", "solve_elastic_contact"]
 
 _LOOSE = 1e-2  # reduction of the residual before the active set is questioned for the first time
 _INNER = 1e-7  # tolerance of the surface problems inside the preconditioner
@@ -69,7 +69,7 @@ class ElasticBody:
     shape: tuple[int, ...]
 
 
-def solve_contact(
+def solve_elastic_contact(
     body: ElasticBody,
     gap: np.ndarray,
     closing: np.ndarray,

@@ -6,7 +6,7 @@ import numpy as np
 
 from multiscale.convergence import Status
 from multiscale.micro.cell import Cell
-from multiscale.micro.contact_state import ContactProblem, ContactState, untouched
+from multiscale.micro.contact_state import CellProblem, ContactState, untouched
 from multiscale.micro.flat import solve_flat
 from multiscale.micro.graph_mesh import graded_planes
 from multiscale.micro.lateral_fft import filter_surface
@@ -17,7 +17,7 @@ __all__ = ["assemble_flat_cell"]
 TOLERANCE = 1e-6  # relative to the range of the gap; see solve_flat
 
 
-def assemble_flat_cell(cell: Cell) -> ContactProblem:
+def assemble_flat_cell(cell: Cell) -> CellProblem:
     """Set up the contact of a cell whose roughness is gap alone, on a flat elastic layer."""
     heights, spacing = cell.surface.heights, cell.surface.spacing
     nx, ny = heights.shape
@@ -62,7 +62,7 @@ def assemble_flat_cell(cell: Cell) -> ContactProblem:
             displacement, force, delta, force > 0.0, force, status, (residuals[-1],), len(residuals)
         )
 
-    return ContactProblem(
+    return CellProblem(
         solve,
         normal,
         heights,

@@ -9,8 +9,8 @@ from multiscale.laws.bulk import J2
 from multiscale.micro.averages import recovered_force
 from multiscale.micro.cell import Cell
 from multiscale.micro.contact_area import EdgeLayer, edge_layer
-from multiscale.micro.contact_state import ContactProblem, obstacle_normal
-from multiscale.micro.elastic_contact import ElasticBody, solve_contact
+from multiscale.micro.contact_state import CellProblem, obstacle_normal
+from multiscale.micro.elastic_contact import ElasticBody, solve_elastic_contact
 from multiscale.micro.elastic_operator import stiffness_operator
 from multiscale.micro.graph_mesh import GraphMesh, graded_planes
 from multiscale.micro.lateral_fft import LateralInverse, factorise_flat_cell, filter_surface
@@ -22,7 +22,7 @@ __all__ = ["assemble_graph_cell", "element_edges", "surface_slopes"]
 EDGE_POINTS = 32  # of the waves that tell what elements do at an edge of contact
 
 
-def assemble_graph_cell(cell: Cell, needs: Needs) -> ContactProblem:
+def assemble_graph_cell(cell: Cell, needs: Needs) -> CellProblem:
     r"""Set up the operators that a graph cell needs, and its contact geometry.
 
     Raises
@@ -68,8 +68,8 @@ def assemble_graph_cell(cell: Cell, needs: Needs) -> ContactProblem:
     )
 
     closing = normal[:, 2]
-    return ContactProblem(
-        partial(solve_contact, body, (obstacle - surface.heights) * closing, closing),
+    return CellProblem(
+        partial(solve_elastic_contact, body, (obstacle - surface.heights) * closing, closing),
         normal,
         surface.heights,
         obstacle,

@@ -12,8 +12,8 @@ from multiscale.fe.elasticity import assemble_elasticity
 from multiscale.laws.bulk.moduli import lame_parameters
 from multiscale.micro.averages import recovered_force
 from multiscale.micro.cell import MeshCell
-from multiscale.micro.contact_state import ContactProblem, obstacle_normal
-from multiscale.micro.elastic_contact import ElasticBody, solve_contact
+from multiscale.micro.contact_state import CellProblem, obstacle_normal
+from multiscale.micro.elastic_contact import ElasticBody, solve_elastic_contact
 from multiscale.needs import Needs
 from multiscale.numerics.factorisation import factorise
 from multiscale.surfaces.surface import Surface
@@ -27,7 +27,7 @@ __all__ = ["assemble_mesh_cell"]
 Operator = Callable[[np.ndarray], np.ndarray]
 
 
-def assemble_mesh_cell(cell: MeshCell, needs: Needs) -> ContactProblem:
+def assemble_mesh_cell(cell: MeshCell, needs: Needs) -> CellProblem:
     """Set up operators and contact geometry on any mesh.
 
     Raises
@@ -66,8 +66,8 @@ def assemble_mesh_cell(cell: MeshCell, needs: Needs) -> ContactProblem:
         )
 
     closing = normal[:, 2]
-    return ContactProblem(
-        partial(solve_contact, body, (obstacle - surface) * closing, closing),
+    return CellProblem(
+        partial(solve_elastic_contact, body, (obstacle - surface) * closing, closing),
         normal,
         surface,
         obstacle,

@@ -12,9 +12,9 @@ from multiscale.laws import Damaged, NormalLaw, Sliders
 from multiscale.laws.bulk import AnisotropicElastic, Elastic
 from multiscale.macro import Body, cut_bodies, solve_latin
 from multiscale.macro.substructures import (
+    CutProblem,
     JointLoading,
     LapShape,
-    Problem,
     RoughAssembly,
     Team,
     add_body_fields,
@@ -102,7 +102,7 @@ def solve_bodies(scene: "Scene", law: Path | None, team: Team | None = None) -> 
     return add_body_fields(result, assembly.bodies, damage=_damage(given))
 
 
-def cut_scene(scene: "Scene", law: Path | None = None) -> Problem:
+def cut_scene(scene: "Scene", law: Path | None = None) -> CutProblem:
     """Cut the bodies of a scene; arguments as for :func:`solve_bodies`."""
     cut = scene.substructures or Substructures()
     if not isinstance(scene.structure, Plate):

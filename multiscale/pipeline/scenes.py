@@ -27,7 +27,7 @@ from multiscale.macro import (
 )
 from multiscale.macro.discrete.description import describe
 from multiscale.macro.substructures import (
-    Problem,
+    CutProblem,
     Team,
     cut_links,
     homogenise,
@@ -269,7 +269,7 @@ def _solve_links(scene: Scene, team: Team | None) -> "xr.Dataset":
     )
 
 
-def _cut(system: LinkSystem, cut: Substructures) -> Problem:
+def _cut(system: LinkSystem, cut: Substructures) -> CutProblem:
     """Cut a structure of links into boxes."""
     return cut_links(system, split_grid(system, cut.parts))
 

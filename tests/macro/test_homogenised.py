@@ -9,8 +9,8 @@ from multiscale.fe.boxes import box_mesh
 from multiscale.laws.bulk import Elastic
 from multiscale.macro import Body, solve_static, tensegrity_grid
 from multiscale.macro.substructures import (
+    CutProblem,
     Links,
-    Problem,
     Substructure,
     cut_bodies,
     cut_links,
@@ -134,7 +134,7 @@ def springs(count, stiffness):
     position = np.zeros((unknown.size, 3))
     position[:, 0] = unknown
     number = np.stack([unknown, np.full(unknown.size, -1), np.full(unknown.size, -1)], axis=1)
-    return Problem(tuple(parts), position, number)
+    return CutProblem(tuple(parts), position, number)
 
 
 def test_springs_in_series_are_one_and_none_when_one_is_slack():

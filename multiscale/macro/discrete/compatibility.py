@@ -9,11 +9,11 @@ from scipy.sparse import csr_array
 from multiscale.laws.link import Beam
 from multiscale.macro.discrete.link_system import LinkSystem
 
-__all__ = ["Equations", "compatibility", "elongations", "equations", "nodal_forces"]
+__all__ = ["LinkEquations", "compatibility", "elongations", "equations", "nodal_forces"]
 
 
 @dataclass(frozen=True, eq=False)
-class Equations:
+class LinkEquations:
     r"""The structure as mathematics: :math:`B^T \tau(B u) = \alpha F^d`.
 
     A row is an elongation, one per link in their order; the other modes of the beams follow.
@@ -71,7 +71,7 @@ class Equations:
         return np.asarray(nodal_forces(self.unknown, self.coefficient, tension, self.n))
 
 
-def equations(system: LinkSystem) -> Equations:
+def equations(system: LinkSystem) -> LinkEquations:
     """Write one row per deformation of the links, and number the unknowns.
 
     Parameters
@@ -96,7 +96,7 @@ def equations(system: LinkSystem) -> Equations:
         coefficient = np.concatenate([coefficient, beam_coefficient])
         stiffness = np.concatenate([stiffness, beam_stiffness])
     extra = rows.size - system.n_links
-    return Equations(
+    return LinkEquations(
         unknown=np.ascontiguousarray(number[system.ends[rows]].reshape(rows.size, -1)),
         coefficient=(coefficient / unit).reshape(rows.size, -1),
         stiffness=stiffness,

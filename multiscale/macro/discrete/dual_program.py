@@ -4,7 +4,7 @@ import numpy as np
 from scipy.sparse import csc_array, diags_array, vstack
 
 from multiscale.convergence import Solution, Status
-from multiscale.macro.discrete.compatibility import Equations
+from multiscale.macro.discrete.compatibility import LinkEquations
 from multiscale.macro.discrete.link_state import force_scale
 
 __all__ = ["solve_dual_program"]
@@ -14,7 +14,7 @@ TOLERANCES = (1e-13, 1e-12, 1e-11, 1e-10)
 
 
 def solve_dual_program(
-    model: Equations, load_factor: float, *, tolerance: float = 1e-8
+    model: LinkEquations, load_factor: float, *, tolerance: float = 1e-8
 ) -> Solution:
     r"""Find the tensions of least complementary energy among those that balance the load.
 
@@ -82,7 +82,7 @@ def solve_dual_program(
     return Solution(value, Status.STALLED, (residual,), detail=f"clarabel says {said}")
 
 
-def _transposed(model: Equations) -> csc_array:
+def _transposed(model: LinkEquations) -> csc_array:
     """B^T, shape (n, rows)."""
     row = np.repeat(np.arange(len(model.unknown)), model.unknown.shape[1])
     column, value = model.unknown.ravel(), model.coefficient.ravel()

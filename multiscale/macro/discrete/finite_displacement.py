@@ -7,9 +7,9 @@ import numpy as np
 
 from multiscale.convergence import Solution, Status
 from multiscale.errors import MultiscaleError
-from multiscale.macro.discrete.compatibility import Equations
+from multiscale.macro.discrete.compatibility import LinkEquations
 from multiscale.macro.discrete.link_newton import RESIDUAL_STIFFNESS
-from multiscale.macro.discrete.link_state import Limits, State, force_scale
+from multiscale.macro.discrete.link_state import Limits, LinkState, force_scale
 from multiscale.macro.discrete.link_system import LinkSystem
 from multiscale.macro.discrete.link_tangent import Tangent
 
@@ -24,12 +24,12 @@ HALVINGS = 12
 
 def find_finite_state(
     system: LinkSystem,
-    model: Equations,
+    model: LinkEquations,
     tangent: Tangent,
     load_factors: tuple[float, float],
     start: np.ndarray,
     limits: Limits,
-) -> State:
+) -> LinkState:
     r"""Follow the equilibrium from one load factor to another.
 
     .. math::
@@ -76,7 +76,7 @@ def find_finite_state(
     shape = problem.shape(solution.value)
     slack = np.abs(shape.tension - shape.elastic) / model.stiffness
     whole = Solution(solution.value, solution.status, tuple(residuals), tuple(seconds))
-    return State(whole, shape.tension, slack)
+    return LinkState(whole, shape.tension, slack)
 
 
 @dataclass(frozen=True, eq=False)
@@ -94,7 +94,7 @@ class _Problem:
     """Equation (1)."""
 
     system: LinkSystem
-    model: Equations
+    model: LinkEquations
     tangent: Tangent
 
     def shape(self, u: np.ndarray) -> _Shape:
@@ -171,7 +171,7 @@ def _newton(problem: _Problem, load_factor: float, start: np.ndarray, limits: Li
     return Solution(u, Status.MAX_ITERATIONS, tuple(residuals))
 
 
-def _rounding(model: Equations, u: np.ndarray, shape: _Shape) -> float:
+def _rounding(model: LinkEquations, u: np.ndarray, shape: _Shape) -> float:
     """Force out of balance that the rounding of displacement and tensions brings, N."""
     stiffest = float(model.stiffness.max()) * float(np.abs(u).max(initial=0.0))
     return float(8.0 * np.finfo(float).eps * (np.abs(shape.tension).max() + stiffest))

@@ -7,8 +7,8 @@ import numpy as np
 
 from multiscale.convergence import Solution, Status
 from multiscale.errors import MultiscaleError
-from multiscale.macro.discrete.compatibility import Equations
-from multiscale.macro.discrete.link_state import Limits, State, force_scale
+from multiscale.macro.discrete.compatibility import LinkEquations
+from multiscale.macro.discrete.link_state import Limits, LinkState, force_scale
 from multiscale.macro.discrete.link_tangent import Tangent
 from multiscale.numerics.cholesky import Solve
 
@@ -33,11 +33,11 @@ LENT = 1e6
 
 @np.errstate(all="ignore")  # an overflow shows in the residual
 def solve_interior_point(
-    model: Equations,
+    model: LinkEquations,
     tangent: Tangent,
     load_factor: float,
     limits: Limits,
-) -> State:
+) -> LinkState:
     r"""Find tensions and slacks together, from the inside of their range.
 
     .. math::
@@ -123,7 +123,7 @@ class _Point:
 class _Problem:
     """Conditions (1) and their linearisation."""
 
-    def __init__(self, model: Equations, load: np.ndarray) -> None:
+    def __init__(self, model: LinkEquations, load: np.ndarray) -> None:
         self.model, self.load = model, load
         self.sign = np.where(np.isfinite(model.lower), 1.0, 0.0) - np.isfinite(model.upper)
         self.one_sided = self.sign != 0.0
@@ -214,7 +214,7 @@ class _Problem:
         status: Status,
         residuals: list[float] | None = None,
         seconds: list[float] | None = None,
-    ) -> State:
+    ) -> LinkState:
         """Set the smaller one of tension and slack to zero; then measure the equilibrium."""
         taut = np.abs(point.tau) > self.measure * point.slack
         tension = np.where(taut | ~self.one_sided, point.tau, 0.0)
@@ -225,7 +225,7 @@ class _Problem:
             scale = force_scale(self.model, self.load)
             residuals[-1] = float(np.abs(balance).max(initial=0.0)) / scale
         solution = Solution(point.u, status, tuple(residuals), tuple(seconds or []))
-        return State(solution, tension, slack)
+        return LinkState(solution, tension, slack)
 
 
 def _mehrotra_step(problem: _Problem, point: _Point, weight: np.ndarray, solve: Solve) -> _Point:

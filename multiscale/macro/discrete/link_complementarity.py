@@ -4,7 +4,7 @@ import numpy as np
 
 from multiscale.convergence import Solution
 from multiscale.errors import CaseError
-from multiscale.macro.discrete.compatibility import Equations
+from multiscale.macro.discrete.compatibility import LinkEquations
 from multiscale.macro.discrete.link_tangent import Tangent
 from multiscale.nonsmooth import solve_lcp
 
@@ -15,7 +15,7 @@ LARGEST = 5000
 
 
 def complementarity_problem(
-    model: Equations, tangent: Tangent, load_factor: float
+    model: LinkEquations, tangent: Tangent, load_factor: float
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     r"""Condense the structure onto the links that may go slack.
 
@@ -63,7 +63,7 @@ def complementarity_problem(
 
 
 def solve_complementarity(
-    model: Equations, tangent: Tangent, load_factor: float, *, tolerance: float = 1e-10
+    model: LinkEquations, tangent: Tangent, load_factor: float, *, tolerance: float = 1e-10
 ) -> Solution:
     """Solve (10) by :func:`multiscale.nonsmooth.solve_lcp`.
 

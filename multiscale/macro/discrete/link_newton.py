@@ -8,8 +8,8 @@ import numpy as np
 
 from multiscale.convergence import Solution, Status
 from multiscale.errors import MultiscaleError
-from multiscale.macro.discrete.compatibility import Equations
-from multiscale.macro.discrete.link_state import Limits, State, force_scale, round_off, state_of
+from multiscale.macro.discrete.compatibility import LinkEquations
+from multiscale.macro.discrete.link_state import Limits, LinkState, force_scale, round_off, state_of
 from multiscale.macro.discrete.link_tangent import Tangent
 from multiscale.numerics.cholesky import Solve
 
@@ -63,13 +63,13 @@ class Lending:
 
 @np.errstate(over="ignore", invalid="ignore")  # an overflow shows in the residual
 def solve_newton(
-    model: Equations,
+    model: LinkEquations,
     tangent: Tangent,
     load_factor: float,
     start: np.ndarray,
     limits: Limits,
     taut: Solve | None = None,
-) -> State:
+) -> LinkState:
     r"""Find the displacement at which the tensions balance the load.
 
     .. math::

@@ -7,8 +7,8 @@ from scipy.sparse.linalg import ArpackNoConvergence, LinearOperator, eigsh
 
 from multiscale.errors import CaseError, ConvergenceError, MultiscaleError
 from multiscale.macro.discrete.checks import check_supports
-from multiscale.macro.discrete.compatibility import Equations, equations
-from multiscale.macro.discrete.link_state import Limits, State
+from multiscale.macro.discrete.compatibility import LinkEquations, equations
+from multiscale.macro.discrete.link_state import Limits, LinkState
 from multiscale.macro.discrete.link_system import LinkSystem
 from multiscale.macro.discrete.link_tangent import Tangent, prepare_tangent
 from multiscale.macro.discrete.small_displacement import find_state
@@ -91,14 +91,14 @@ def critical_factor(
     )
 
 
-def material_entries(model: Equations, tangent: Tangent, state: State) -> np.ndarray:
+def material_entries(model: LinkEquations, tangent: Tangent, state: LinkState) -> np.ndarray:
     """Tangent B^T k B of the links that carry force, upper triangle, N/m."""
     taut = (state.slack == 0.0) & np.isfinite(model.stiffness)
     return tangent.entries(np.where(taut, model.stiffness, 0.0))
 
 
 def stability_entries(
-    system: LinkSystem, model: Equations, tangent: Tangent, state: State
+    system: LinkSystem, model: LinkEquations, tangent: Tangent, state: LinkState
 ) -> np.ndarray:
     """Tangent (1) with the geometric stiffness, upper triangle, N/m."""
     links = system.n_links

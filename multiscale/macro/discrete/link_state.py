@@ -6,9 +6,9 @@ from dataclasses import dataclass
 import numpy as np
 
 from multiscale.convergence import Solution
-from multiscale.macro.discrete.compatibility import Equations
+from multiscale.macro.discrete.compatibility import LinkEquations
 
-__all__ = ["Limits", "State", "force_scale", "round_off", "state_of"]
+__all__ = ["Limits", "LinkState", "force_scale", "round_off", "state_of"]
 
 
 @dataclass(frozen=True)
@@ -21,7 +21,7 @@ class Limits:
 
 
 @dataclass(frozen=True, eq=False)
-class State:
+class LinkState:
     """Equilibrium at a load factor.
 
     Attributes
@@ -37,7 +37,9 @@ class State:
     slack: np.ndarray
 
 
-def state_of(model: Equations, solution: Solution, change: np.ndarray | None = None) -> State:
+def state_of(
+    model: LinkEquations, solution: Solution, change: np.ndarray | None = None
+) -> LinkState:
     """Tensions (14), (15) of the source and slacks.
 
     Parameters
@@ -53,10 +55,10 @@ def state_of(model: Equations, solution: Solution, change: np.ndarray | None = N
         change = model.stiffness * model.elongate(solution.value)
     elastic = model.prestress + change
     tension = np.clip(elastic, model.lower, model.upper)
-    return State(solution, tension, np.abs(tension - elastic) / model.stiffness)
+    return LinkState(solution, tension, np.abs(tension - elastic) / model.stiffness)
 
 
-def force_scale(model: Equations, load: np.ndarray) -> float:
+def force_scale(model: LinkEquations, load: np.ndarray) -> float:
     """Force that residuals are relative to, N: the largest load, or prestress without load."""
     return float(np.abs(load).max(initial=0.0)) or float(np.abs(model.prestress).max()) or 1.0
 

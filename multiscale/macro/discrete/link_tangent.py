@@ -6,7 +6,7 @@ import numba
 import numpy as np
 from scipy.sparse import coo_array, csr_array
 
-from multiscale.macro.discrete.compatibility import Equations
+from multiscale.macro.discrete.compatibility import LinkEquations
 from multiscale.macro.discrete.link_system import LinkSystem
 from multiscale.numerics.cholesky import Factorise, Solve, prepare_cholesky
 
@@ -77,7 +77,7 @@ class Tangent:
         return self.cholesky(entries, signs)
 
 
-def prepare_tangent(system: LinkSystem, model: Equations) -> Tangent:
+def prepare_tangent(system: LinkSystem, model: LinkEquations) -> Tangent:
     """Find the pattern of the tangent and where every link adds to it."""
     first, second = system.ends.T
     nodes = np.arange(system.n_nodes)

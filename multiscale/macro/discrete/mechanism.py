@@ -5,7 +5,7 @@ from numpy.linalg import norm
 from scipy.linalg import svd
 
 from multiscale.errors import CaseError, MultiscaleError
-from multiscale.macro.discrete.compatibility import Equations, compatibility
+from multiscale.macro.discrete.compatibility import LinkEquations, compatibility
 from multiscale.macro.discrete.link_system import LinkSystem
 from multiscale.macro.discrete.link_tangent import Tangent
 from multiscale.numerics.cholesky import Solve
@@ -90,7 +90,7 @@ def _decompose(system: LinkSystem) -> tuple[np.ndarray, np.ndarray, int]:
     return left, right, int(np.count_nonzero(values > RANK * values.max(initial=0.0)))
 
 
-def factorise_taut(model: Equations, tangent: Tangent) -> Solve:
+def factorise_taut(model: LinkEquations, tangent: Tangent) -> Solve:
     """Factorise the stiffness of the structure without slack.
 
     Raises
@@ -109,7 +109,7 @@ def factorise_taut(model: Equations, tangent: Tangent) -> Solve:
     return solve
 
 
-def name_mechanism(model: Equations, tangent: Tangent, u: np.ndarray) -> str:
+def name_mechanism(model: LinkEquations, tangent: Tangent, u: np.ndarray) -> str:
     """Say which nodes can move without resistance in a state, or nothing if none can.
 
     Parameters
@@ -141,7 +141,7 @@ def name_mechanism(model: Equations, tangent: Tangent, u: np.ndarray) -> str:
     return name_motion(model, motion)
 
 
-def name_motion(model: Equations, motion: np.ndarray) -> str:
+def name_motion(model: LinkEquations, motion: np.ndarray) -> str:
     """Say which nodes move most in a motion without resistance, shape (n,)."""
     size = norm(model.at_nodes(motion)[:, :3], axis=1)
     if not size.any():

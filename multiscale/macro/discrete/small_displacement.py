@@ -6,12 +6,12 @@ import numpy as np
 
 from multiscale.convergence import Solution, Status
 from multiscale.errors import CaseError
-from multiscale.macro.discrete.compatibility import Equations
+from multiscale.macro.discrete.compatibility import LinkEquations
 from multiscale.macro.discrete.dual_program import solve_dual_program
 from multiscale.macro.discrete.interior_point import solve_interior_point
 from multiscale.macro.discrete.link_complementarity import solve_complementarity
 from multiscale.macro.discrete.link_newton import solve_newton
-from multiscale.macro.discrete.link_state import Limits, State, state_of
+from multiscale.macro.discrete.link_state import Limits, LinkState, state_of
 from multiscale.macro.discrete.link_tangent import Tangent
 from multiscale.numerics.cholesky import Solve
 
@@ -21,14 +21,14 @@ METHODS = ("auto", "newton", "interior_point", "lcp", "dual")
 
 
 def find_state(
-    model: Equations,
+    model: LinkEquations,
     tangent: Tangent,
     load_factor: float,
     start: np.ndarray,
     method: str,
     limits: Limits,
     taut: Solve | None = None,
-) -> State:
+) -> LinkState:
     """Solve for one load factor.
 
     Parameters
@@ -65,14 +65,14 @@ def find_state(
 
 
 def _primal(
-    model: Equations,
+    model: LinkEquations,
     tangent: Tangent,
     load_factor: float,
     start: np.ndarray,
     method: str,
     limits: Limits,
     taut: Solve | None,
-) -> State:
+) -> LinkState:
     """Newton; where its tangent becomes singular an interior point, then Newton to the end."""
     parts: list[tuple[str, Solution]] = []
     if method != "interior_point":
@@ -100,7 +100,7 @@ def _joined(parts: list[tuple[str, Solution]]) -> Solution:
     return replace(last, residuals=tuple(residuals), seconds=tuple(seconds), trail=trail)
 
 
-def _by_dual_program(model: Equations, load_factor: float, limits: Limits) -> State:
+def _by_dual_program(model: LinkEquations, load_factor: float, limits: Limits) -> LinkState:
     """Tensions from the program itself, slacks from its displacement."""
     answer = solve_dual_program(model, load_factor, tolerance=max(limits.tolerance, 1e-7))
     tension, u = np.split(answer.value, [len(model.unknown)])
@@ -110,4 +110,4 @@ def _by_dual_program(model: Equations, load_factor: float, limits: Limits) -> St
     # of a pair of which one should be zero, the smaller is rounding
     typical = np.median(give[give > 0.0]) if give.any() else 0.0
     slack = np.where(one_sided & (misfit > typical * np.abs(tension)), misfit, 0.0)
-    return State(replace(answer, value=u), tension, slack)
+    return LinkState(replace(answer, value=u), tension, slack)

@@ -5,9 +5,9 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from multiscale.laws.link import Beam
-from multiscale.macro.discrete.compatibility import Equations
+from multiscale.macro.discrete.compatibility import LinkEquations
 from multiscale.macro.discrete.description import describe
-from multiscale.macro.discrete.link_state import State
+from multiscale.macro.discrete.link_state import LinkState
 from multiscale.macro.discrete.link_system import LinkSystem
 from multiscale.schema import MACRO_RESULT
 
@@ -17,7 +17,7 @@ if TYPE_CHECKING:
 __all__ = ["join_steps", "step_values"]
 
 
-def step_values(system: LinkSystem, model: Equations, state: State) -> dict[str, Any]:
+def step_values(system: LinkSystem, model: LinkEquations, state: LinkState) -> dict[str, Any]:
     """Give the variables of one step; NaN unless it converged."""
     solution, links = state.solution, system.n_links
     valid = 1.0 if solution.converged else np.nan

@@ -9,7 +9,7 @@ import numpy as np
 from multiscale.convergence import Solution, Status
 from multiscale.errors import CaseError, MultiscaleError
 from multiscale.macro.discrete.checks import check_supports
-from multiscale.macro.discrete.compatibility import Equations, equations
+from multiscale.macro.discrete.compatibility import LinkEquations, equations
 from multiscale.macro.discrete.finite_displacement import find_finite_state
 from multiscale.macro.discrete.link_needs import link_needs
 from multiscale.macro.discrete.link_stability import (
@@ -17,7 +17,7 @@ from multiscale.macro.discrete.link_stability import (
     smallest_eigenvalue,
     stability_entries,
 )
-from multiscale.macro.discrete.link_state import Limits, State, state_of
+from multiscale.macro.discrete.link_state import Limits, LinkState, state_of
 from multiscale.macro.discrete.link_system import LinkSystem
 from multiscale.macro.discrete.link_tangent import Tangent, prepare_tangent
 from multiscale.macro.discrete.mechanism import factorise_taut, name_mechanism, name_motion
@@ -30,7 +30,7 @@ if TYPE_CHECKING:
 
 __all__ = ["solve_static"]
 
-Find = Callable[[np.ndarray, float, float], State]
+Find = Callable[[np.ndarray, float, float], LinkState]
 """State from a start, the load factor it belongs to, and the one to reach."""
 
 TRY_EXACT = "exact=True counts the stiffness that the prestress gives"
@@ -155,14 +155,14 @@ def _check(
         raise CaseError("stability takes small perturbations; leave out exact")
 
 
-def _finite(system: LinkSystem, model: Equations, tangent: Tangent, limits: Limits) -> Find:
+def _finite(system: LinkSystem, model: LinkEquations, tangent: Tangent, limits: Limits) -> Find:
     """Find equilibria in the moved positions."""
     return lambda start, reached, factor: find_finite_state(
         system, model, tangent, (reached, factor), start, limits
     )
 
 
-def _small(model: Equations, tangent: Tangent, method: str, limits: Limits) -> Find:
+def _small(model: LinkEquations, tangent: Tangent, method: str, limits: Limits) -> Find:
     """Find equilibria in the positions of the prestressed structure, unless it is a mechanism."""
     taut: Solve | None = None
     if method != "dual":
@@ -172,7 +172,7 @@ def _small(model: Equations, tangent: Tangent, method: str, limits: Limits) -> F
             nothing = Solution(np.zeros(model.n), Status.STALLED, detail=TRY_EXACT)
             return lambda start, reached, factor: state_of(model, nothing, 0.0 * model.prestress)
 
-    def find(start: np.ndarray, reached: float, factor: float) -> State:
+    def find(start: np.ndarray, reached: float, factor: float) -> LinkState:
         nonlocal taut
         fresh, taut = taut, None  # the factors last until the next factorisation
         return find_state(model, tangent, factor, start, method, limits, fresh)
@@ -180,7 +180,7 @@ def _small(model: Equations, tangent: Tangent, method: str, limits: Limits) -> F
     return find
 
 
-def _reason(model: Equations, tangent: Tangent, state: State, method: str) -> str:
+def _reason(model: LinkEquations, tangent: Tangent, state: LinkState, method: str) -> str:
     """Say in one sentence why a step failed, and which nodes can move freely."""
     solution = state.solution
     if solution.status is Status.INFEASIBLE and method != "lcp":
@@ -193,7 +193,7 @@ def _reason(model: Equations, tangent: Tangent, state: State, method: str) -> st
 
 
 def _eigenvalues(
-    system: LinkSystem, model: Equations, tangent: Tangent, state: State
+    system: LinkSystem, model: LinkEquations, tangent: Tangent, state: LinkState
 ) -> dict[str, float]:
     """Smallest eigenvalues of the tangent, N/m."""
     return {

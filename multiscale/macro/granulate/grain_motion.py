@@ -14,7 +14,7 @@ from multiscale.macro.granulate.contacts import (
     penetration,
 )
 from multiscale.macro.granulate.grain_energy import account, cell_of
-from multiscale.macro.granulate.grain_state import State, look_around
+from multiscale.macro.granulate.grain_state import GrainState, look_around
 from multiscale.macro.granulate.model import Model, Solver
 from multiscale.macro.granulate.step import solve_step
 
@@ -52,8 +52,8 @@ class Step:
 
 
 def advance(
-    model: Model, state: State, h: float, solver: Solver, accuracy: float | None = None
-) -> tuple[State, Step]:
+    model: Model, state: GrainState, h: float, solver: Solver, accuracy: float | None = None
+) -> tuple[GrainState, Step]:
     r"""Make one Moreau-Jean step.
 
     Parameters
@@ -151,8 +151,8 @@ class _Met(NamedTuple):
 
 
 def _choose_step(
-    model: Model, state: State, h: float, accuracy: float | None
-) -> tuple[State, float, float]:
+    model: Model, state: GrainState, h: float, accuracy: float | None
+) -> tuple[GrainState, float, float]:
     """Look for neighbours if need be; give the length of the step and the time that forces act."""
     if accuracy is None:
         return _with_neighbours(model, state, h, h), h, h
@@ -179,7 +179,7 @@ def _choose_step(
     return state, h, acted
 
 
-def _with_neighbours(model: Model, state: State, h: float, acted: float) -> State:
+def _with_neighbours(model: Model, state: GrainState, h: float, acted: float) -> GrainState:
     """Find the neighbours anew if grains may have come nearer than their list reaches."""
     n, radius = model.grains.n, model.grains.radius
     free = state.velocity + acted * model.push
@@ -193,7 +193,7 @@ def _with_neighbours(model: Model, state: State, h: float, acted: float) -> Stat
     return look_around(model, state, 2.0 * reach) if farthest + reach > state.margin else state
 
 
-def _push(model: Model, state: State, acted: float) -> _Free:
+def _push(model: Model, state: GrainState, acted: float) -> _Free:
     """Let damping, gravity, walls and the pressure on the cell act, without impulses."""
     keep = np.exp(-model.damping_rate * acted)
     damped = state.velocity.copy()
@@ -206,7 +206,7 @@ def _push(model: Model, state: State, acted: float) -> _Free:
 
 
 def _meet(
-    model: Model, state: State, solver: Solver, times: tuple[float, float, bool], free: _Free
+    model: Model, state: GrainState, solver: Solver, times: tuple[float, float, bool], free: _Free
 ) -> _Met:
     """Solve (1), again with the pairs that overlap after all."""
     h, acted, changing = times
@@ -250,7 +250,7 @@ def _meet(
     return _Met(contacts, index, velocity, approach, cell, sweeps, residual)
 
 
-def _move(model: Model, state: State, times: tuple[float, float], met: _Met) -> State:
+def _move(model: Model, state: GrainState, times: tuple[float, float], met: _Met) -> GrainState:
     """Move grains, walls and the cell, and keep what the next step begins from."""
     (h, acted), n, rate = times, model.grains.n, met.cell[0].copy()
     kept, held = np.zeros_like(state.kept), np.zeros_like(state.kept)

@@ -10,7 +10,7 @@ from multiscale.macro.granulate.grain_bodies import Cylinder, Wall
 from multiscale.macro.granulate.model import Model
 from multiscale.macro.granulate.neighbours import find_pairs
 
-__all__ = ["State", "look_around", "start"]
+__all__ = ["GrainState", "look_around", "start"]
 
 SKIN = 0.3
 """Reach of the neighbour list beyond what moves in a step, relative to the mean radius."""
@@ -20,7 +20,7 @@ OVERLAP = 0.01
 
 
 @dataclass(frozen=True)
-class State:
+class GrainState:
     """What is known at a time.
 
     ``pairs`` are the neighbours with the impulses ``kept`` of the last step and what their springs
@@ -47,7 +47,7 @@ class State:
     contacts: Contacts
 
 
-def start(model: Model) -> State:
+def start(model: Model) -> GrainState:
     """Return the state at the beginning.
 
     Raises
@@ -68,7 +68,7 @@ def start(model: Model) -> State:
     coulomb = np.empty((0, 2)) if "friction" in model.needs else None
     empty = Contacts(none, np.empty((0, 6)), coulomb, impulse, impulse)
     period = np.array(model.period, dtype=float)
-    state = State(
+    state = GrainState(
         0.0,
         grains.position,
         velocity,
@@ -114,7 +114,7 @@ def _holds(wall: Wall, gravity: np.ndarray) -> bool:
     return along < 0.0
 
 
-def _check_overlap(model: Model, state: State) -> None:
+def _check_overlap(model: Model, state: GrainState) -> None:
     """Refuse grains that overlap each other or a wall."""
     walls = model.walls_at(state.point)
     worst, which = penetration(
@@ -129,7 +129,7 @@ def _check_overlap(model: Model, state: State) -> None:
         )
 
 
-def look_around(model: Model, state: State, reach: float) -> State:
+def look_around(model: Model, state: GrainState, reach: float) -> GrainState:
     """Find the neighbours anew and hand the impulses over."""
     radius, n = model.grains.radius, model.mobility.shape[0]
     margin = reach + SKIN * float(radius.mean())

@@ -7,7 +7,7 @@ import numpy as np
 
 from multiscale.errors import CaseError
 from multiscale.macro.granulate.grain_motion import Step, advance
-from multiscale.macro.granulate.grain_state import State, start
+from multiscale.macro.granulate.grain_state import GrainState, start
 from multiscale.macro.granulate.model import Model, Solver
 from multiscale.schema import GRANULATE
 
@@ -112,7 +112,7 @@ class Record:
         self.rows: list[dict[str, Any]] = []
         self.frames: list[dict[str, Any]] = []
 
-    def add(self, state: State, step: Step) -> None:
+    def add(self, state: GrainState, step: Step) -> None:
         """Keep what is known of every step."""
         n, walls = self.model.grains.n, len(self.model.walls)
         ends, impulse = state.contacts.ends, state.contacts.vectors
@@ -137,7 +137,7 @@ class Record:
         strain[repeats] = np.log(period[repeats] / np.asarray(self.model.period)[repeats])
         return strain
 
-    def show(self, state: State) -> None:
+    def show(self, state: GrainState) -> None:
         """Keep positions and forces of the last step."""
         n, grains = self.model.grains.n, self.model.grains
         contacts = state.contacts

@@ -9,7 +9,7 @@ from multiscale.macro.substructures.joint_fields import add_body_fields
 from multiscale.macro.substructures.latin_solver import solve_latin
 from multiscale.macro.substructures.loading import JointLoading, load_joint
 from multiscale.macro.substructures.parallel import Alone, Ranks, Team, world
-from multiscale.macro.substructures.problem import Interface, Links, Problem, Substructure
+from multiscale.macro.substructures.problem import CutInterface, CutProblem, Links, Substructure
 from multiscale.macro.substructures.rough import RoughAssembly, lap_joint, stacked_blocks
 from multiscale.macro.substructures.schur import solve_schur
 from multiscale.macro.substructures.whole_structure import Assembled, assemble
@@ -17,12 +17,12 @@ from multiscale.macro.substructures.whole_structure import Assembled, assemble
 __all__ = [
     "Alone",
     "Assembled",
-    "Interface",
+    "CutInterface",
+    "CutProblem",
     "Joint",
     "JointLoading",
     "LapShape",
     "Links",
-    "Problem",
     "Ranks",
     "RoughAssembly",
     "Substructure",

@@ -9,7 +9,7 @@ from scipy.sparse import coo_array, csr_array
 
 from multiscale.macro.substructures.condensation import Split
 from multiscale.macro.substructures.parallel import Team, together
-from multiscale.macro.substructures.problem import Interface
+from multiscale.macro.substructures.problem import CutInterface
 from multiscale.numerics.cholesky import Solve
 
 __all__ = ["Balancing", "Layout", "lay_out", "prepare_balancing"]
@@ -69,7 +69,7 @@ def lay_out(
     parts: Split,
     slot: np.ndarray,
     basis: csr_array,
-    interfaces: Sequence[Interface],
+    interfaces: Sequence[CutInterface],
     mine: range,
     team: Team,
 ) -> Layout:

@@ -9,7 +9,12 @@ from scipy.optimize import linprog
 from scipy.sparse import block_array, block_diag, coo_array, csr_array, diags_array, eye_array
 from scipy.sparse.csgraph import connected_components
 
-from multiscale.macro.substructures.problem import Interface, Problem, Substructure, rigid_motions
+from multiscale.macro.substructures.problem import (
+    CutInterface,
+    CutProblem,
+    Substructure,
+    rigid_motions,
+)
 
 __all__ = ["Slide", "find_slide"]
 
@@ -58,7 +63,7 @@ class Slide:
         )
 
 
-def find_slide(problem: Problem, load: np.ndarray, *pressures: np.ndarray) -> Slide | None:
+def find_slide(problem: CutProblem, load: np.ndarray, *pressures: np.ndarray) -> Slide | None:
     r"""Find the rigid motion that friction resists least, if the load overcomes it.
 
     Parameters
@@ -116,14 +121,14 @@ def find_slide(problem: Problem, load: np.ndarray, *pressures: np.ndarray) -> Sl
     return None
 
 
-def _friction(joints: Sequence[Interface], pressure: np.ndarray) -> np.ndarray:
+def _friction(joints: Sequence[CutInterface], pressure: np.ndarray) -> np.ndarray:
     """Largest traction along the joints at their pressures, both at all points, Pa."""
     ends = np.cumsum([joint.weight.size for joint in joints])
     parts = zip(joints, np.split(pressure, ends[:-1]), strict=True)
     return np.concatenate([joint.law.friction_limit(p) for joint, p in parts if joint.law])
 
 
-def _free_motions(problem: Problem) -> np.ndarray:
+def _free_motions(problem: CutProblem) -> np.ndarray:
     """Rigid motions of every body that its supports leave free, shape (unknowns, motions).
 
     A body is what substructures that share unknowns make.
@@ -158,7 +163,7 @@ def _stiffness(part: Substructure) -> csr_array:
     return csr_array(part.stiffness + B.T @ diags_array(part.links.stiffness) @ B)
 
 
-def _jumps(problem: Problem, modes: np.ndarray) -> list[np.ndarray]:
+def _jumps(problem: CutProblem, modes: np.ndarray) -> list[np.ndarray]:
     """Jump of rigid motions at the points of all joints: normal, then both tangents."""
     start = np.cumsum([0, *(part.n for part in problem.substructures)])
     moved = [modes[first:last] for first, last in pairwise(start)]

@@ -8,7 +8,7 @@ from scipy.sparse import csr_array
 from multiscale.errors import CaseError
 from multiscale.laws.interface_law import InterfaceLaw
 from multiscale.laws.rigid import RigidContact
-from multiscale.macro.substructures.problem import Problem, Substructure
+from multiscale.macro.substructures.problem import CutProblem, Substructure
 
 __all__ = ["CarriedJoint", "carry_joints"]
 
@@ -34,7 +34,7 @@ class CarriedJoint:
     weight: np.ndarray
 
 
-def carry_joints(problem: Problem) -> tuple[Problem, list[CarriedJoint]]:
+def carry_joints(problem: CutProblem) -> tuple[CutProblem, list[CarriedJoint]]:
     """Add every joint to its second side, and to it the unknowns of the first side on the joint.
 
     What was a joint between two substructures is then a perfect interface, on the first side of
@@ -71,7 +71,7 @@ def carry_joints(problem: Problem) -> tuple[Problem, list[CarriedJoint]]:
                 f"jump; solve_latin takes rigid contact as well"
             )
         carried.append(CarriedJoint(second, csr_array(above - below), joint.law, joint.weight))
-    return Problem(tuple(parts), problem.position, problem.number), carried
+    return CutProblem(tuple(parts), problem.position, problem.number), carried
 
 
 def _widen(part: Substructure, other: Substructure, unknowns: np.ndarray) -> Substructure:

@@ -7,7 +7,7 @@ from scipy.sparse import block_diag, coo_array, csr_array
 
 from multiscale.errors import MultiscaleError
 from multiscale.macro.substructures.parallel import Team
-from multiscale.macro.substructures.problem import Interface, Problem
+from multiscale.macro.substructures.problem import CutInterface, CutProblem
 from multiscale.macro.substructures.stack import Factors, Sides, Stack
 from multiscale.numerics.cholesky import Solve
 
@@ -17,7 +17,7 @@ INDEPENDENT = 1e-8
 """Size of a motion, relative to the largest, below which it is no motion of the interface."""
 
 
-def coarse_basis(problem: Problem) -> csr_array:
+def coarse_basis(problem: CutProblem) -> csr_array:
     """Motions whose work the coarse problem balances, shape (slots, coarse unknowns).
 
     The resultants of an interface between two substructures, and every force of a weak
@@ -27,7 +27,7 @@ def coarse_basis(problem: Problem) -> csr_array:
     return csr_array(block_diag(blocks, format="csr")) if blocks else csr_array((0, 0))
 
 
-def _basis_of(face: Interface, problem: Problem) -> np.ndarray:
+def _basis_of(face: CutInterface, problem: CutProblem) -> np.ndarray:
     """Orthonormal motions of one interface."""
     if len(face.sides) > 2:
         return np.eye(face.size)

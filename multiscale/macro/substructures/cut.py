@@ -5,14 +5,14 @@ from scipy.sparse import csr_array
 from scipy.sparse.csgraph import connected_components
 
 from multiscale.errors import CaseError
-from multiscale.macro.discrete.compatibility import Equations, compatibility, equations
+from multiscale.macro.discrete.compatibility import LinkEquations, compatibility, equations
 from multiscale.macro.discrete.link_system import LinkSystem
-from multiscale.macro.substructures.problem import Links, Problem, Substructure
+from multiscale.macro.substructures.problem import CutProblem, Links, Substructure
 
 __all__ = ["bisect", "cut_links", "split_grid"]
 
 
-def cut_links(system: LinkSystem, owner: np.ndarray) -> Problem:
+def cut_links(system: LinkSystem, owner: np.ndarray) -> CutProblem:
     """Cut a structure of links at its nodes.
 
     Parameters
@@ -61,11 +61,11 @@ def cut_links(system: LinkSystem, owner: np.ndarray) -> Problem:
         )
         for part, unknown in enumerate(held_by)
     ]
-    return Problem(tuple(parts), system.position, model.number)
+    return CutProblem(tuple(parts), system.position, model.number)
 
 
 def _part(
-    model: Equations,
+    model: LinkEquations,
     operator: csr_array,
     mine: np.ndarray,
     unknown: np.ndarray,

@@ -14,7 +14,7 @@ from multiscale.fe.faces import face_areas
 from multiscale.laws.bulk import AnisotropicElastic, Elastic
 from multiscale.laws.interface_law import InterfaceLaw
 from multiscale.macro.continuum.body import Body, fixed_motion, load_vector
-from multiscale.macro.substructures.problem import Interface, Problem, Substructure
+from multiscale.macro.substructures.problem import CutInterface, CutProblem, Substructure
 
 __all__ = ["Joint", "cut_bodies", "split_boxes"]
 
@@ -67,7 +67,7 @@ def cut_bodies(
     joints: Sequence[Joint] = (),
     *,
     times: Sequence[float] = (1.0,),
-) -> Problem:
+) -> CutProblem:
     """Cut bodies in three dimensions.
 
     Parameters
@@ -106,7 +106,7 @@ def cut_bodies(
             place, joint, bodies, owners, number, first_node, first_part, parts
         )
     ]
-    return Problem(tuple(parts), position, number, tuple(interfaces))
+    return CutProblem(tuple(parts), position, number, tuple(interfaces))
 
 
 def _number(bodies: Sequence[Body], times: Sequence[float]) -> np.ndarray:
@@ -194,7 +194,7 @@ def _interfaces(
     first_node: np.ndarray,
     first_part: np.ndarray,
     parts: Sequence[Substructure],
-) -> list[Interface]:
+) -> list[CutInterface]:
     """One interface for each pair of substructures that a joint joins.
 
     Its points are nodes. One that several pairs share goes to the pair that has most of its
@@ -228,7 +228,9 @@ def _interfaces(
             traces.append(_trace(number[first_node[body] + at], frame, parts[sides[-1]].unknown))
         position = upper.mesh.p[:, nodes[mine]].T
         found.append(
-            Interface((sides[0], sides[1]), tuple(traces), joint.law, weight[mine], position, place)
+            CutInterface(
+                (sides[0], sides[1]), tuple(traces), joint.law, weight[mine], position, place
+            )
         )
     return found
 

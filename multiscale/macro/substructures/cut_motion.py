@@ -12,7 +12,7 @@ from multiscale.macro.substructures.cut_results import link_fields
 from multiscale.macro.substructures.latin import Latin
 from multiscale.macro.substructures.latin_solver import solve_step
 from multiscale.macro.substructures.parallel import Team
-from multiscale.macro.substructures.problem import Problem
+from multiscale.macro.substructures.problem import CutProblem
 from multiscale.schema import MACRO_RESULT
 
 if TYPE_CHECKING:
@@ -22,7 +22,7 @@ __all__ = ["simulate_latin"]
 
 
 def simulate_latin(
-    problem: Problem,
+    problem: CutProblem,
     times: np.ndarray,
     mass: float | np.ndarray,
     *,
@@ -112,7 +112,7 @@ def _step(times: np.ndarray) -> float:
     return h
 
 
-def _masses(problem: Problem, mass: float | np.ndarray) -> np.ndarray:
+def _masses(problem: CutProblem, mass: float | np.ndarray) -> np.ndarray:
     """Mass of every unknown, kg."""
     nodes = len(problem.position)
     if np.ndim(mass) and np.shape(mass) != (nodes,):
@@ -126,7 +126,7 @@ def _masses(problem: Problem, mass: float | np.ndarray) -> np.ndarray:
     return at
 
 
-def _with_stiffness(problem: Problem, stiffness: np.ndarray) -> Problem:
+def _with_stiffness(problem: CutProblem, stiffness: np.ndarray) -> CutProblem:
     """Add a diagonal to the stiffness, shared out."""
     shares = problem.sum_up([np.ones(part.n) for part in problem.substructures])
     parts = tuple(
@@ -142,7 +142,7 @@ def _with_stiffness(problem: Problem, stiffness: np.ndarray) -> Problem:
 
 
 def _initial(
-    problem: Problem, start: tuple[np.ndarray, np.ndarray] | None
+    problem: CutProblem, start: tuple[np.ndarray, np.ndarray] | None
 ) -> tuple[np.ndarray, np.ndarray]:
     """Displacement and velocity of the unknowns at the first time."""
     if start is None:
@@ -190,7 +190,7 @@ def _failed(first: dict[str, Any], time: float, step: dict[str, Any]) -> dict[st
     return row | {"time": time, "converged": 0} | {n: step[n] for n in ("residual", "wall_time")}
 
 
-def _dataset(problem: Problem, rows: list[dict[str, Any]]) -> "xr.Dataset":
+def _dataset(problem: CutProblem, rows: list[dict[str, Any]]) -> "xr.Dataset":
     """Join the rows."""
     values: dict[str, Any] = {name: np.array([row[name] for row in rows]) for name in rows[0]}
     result = MACRO_RESULT.build(values | {"position": problem.position})

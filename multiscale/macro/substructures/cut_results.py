@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from multiscale.errors import CaseError
-from multiscale.macro.substructures.problem import Problem
+from multiscale.macro.substructures.problem import CutProblem
 from multiscale.schema import COMPONENTS, MACRO_RESULT
 
 if TYPE_CHECKING:
@@ -17,7 +17,7 @@ __all__ = ["assemble_result", "link_fields", "load_factors"]
 FIELDS = ("displacement", "tension", "slack", "jump", "traction")
 
 
-def load_factors(problem: Problem, load_factor: float | np.ndarray) -> np.ndarray:
+def load_factors(problem: CutProblem, load_factor: float | np.ndarray) -> np.ndarray:
     """One row of factors for each step, shape (steps, cases).
 
     Raises
@@ -37,7 +37,9 @@ def load_factors(problem: Problem, load_factor: float | np.ndarray) -> np.ndarra
     return factors
 
 
-def link_fields(problem: Problem, tension: np.ndarray, slack: np.ndarray) -> dict[str, np.ndarray]:
+def link_fields(
+    problem: CutProblem, tension: np.ndarray, slack: np.ndarray
+) -> dict[str, np.ndarray]:
     """Tension, N, and slack, m, in the order of the whole structure from that of the parts."""
     if not problem.n_links:
         return {}
@@ -47,7 +49,7 @@ def link_fields(problem: Problem, tension: np.ndarray, slack: np.ndarray) -> dic
 
 
 def assemble_result(
-    problem: Problem,
+    problem: CutProblem,
     factors: np.ndarray,
     columns: Sequence[dict[str, Any]],
     **attributes: str | float | int,

@@ -16,7 +16,7 @@ from multiscale.macro.substructures.coarse import coarse_basis
 from multiscale.macro.substructures.condensation import Condensed, condense, split
 from multiscale.macro.substructures.joint_state import advance
 from multiscale.macro.substructures.parallel import Alone, Team, share, together
-from multiscale.macro.substructures.problem import Problem
+from multiscale.macro.substructures.problem import CutProblem
 from multiscale.macro.substructures.stack import Factors, lay_out_sides, stack
 from multiscale.numerics.factorisation import factorise
 from multiscale.numerics.line_search import step_length
@@ -96,7 +96,7 @@ class Newton:
     with the links and joints of every substructure :math:`E`.
     """
 
-    def __init__(self, problem: Problem, team: Team | None = None) -> None:
+    def __init__(self, problem: CutProblem, team: Team | None = None) -> None:
         self.problem, self.team = problem, team or Alone()
         carried, joints = carry_joints(problem)
         mine = share(len(carried.substructures), self.team)

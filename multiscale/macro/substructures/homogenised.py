@@ -7,7 +7,7 @@ from scipy.sparse import block_diag, csr_array, diags_array
 
 from multiscale.errors import CaseError
 from multiscale.macro.substructures.coarse import coarse_basis
-from multiscale.macro.substructures.problem import Problem
+from multiscale.macro.substructures.problem import CutProblem
 from multiscale.macro.substructures.stack import Factors, Stack, lay_out_sides, stack
 from multiscale.schema import HOMOGENISED
 
@@ -21,7 +21,7 @@ HELD = 1e-12
 
 
 def homogenise(
-    problem: Problem, result: "xr.Dataset | None" = None, *, step: int = -1
+    problem: CutProblem, result: "xr.Dataset | None" = None, *, step: int = -1
 ) -> "xr.Dataset":
     r"""Condense every substructure onto the resultants of its interfaces.
 
@@ -91,7 +91,7 @@ def homogenise(
     return dataset.assign_coords(status=["taut", "slackened"])
 
 
-def _slack_links(problem: Problem, result: "xr.Dataset | None", step: int) -> np.ndarray:
+def _slack_links(problem: CutProblem, result: "xr.Dataset | None", step: int) -> np.ndarray:
     """Which links are slack, shape (links,)."""
     if not problem.n_links:
         return np.zeros(0, dtype=bool)
@@ -109,7 +109,7 @@ def _slack_links(problem: Problem, result: "xr.Dataset | None", step: int) -> np
     return np.asarray(slack.values > 0.0)
 
 
-def _motions(problem: Problem, parts: Stack) -> tuple[list[np.ndarray], list[np.ndarray]]:
+def _motions(problem: CutProblem, parts: Stack) -> tuple[list[np.ndarray], list[np.ndarray]]:
     """Transposed :math:`C_E`, shape (n, coarse of it), and the numbers of its coarse unknowns."""
     on_sides = csr_array(coarse_basis(problem)[lay_out_sides(problem).slot])
     motions = csr_array(parts.trace.T @ on_sides)

@@ -29,7 +29,7 @@ import numpy as np
 
 from multiscale.macro.substructures.bound import Admissible, Estimate
 from multiscale.macro.substructures.parallel import Team
-from multiscale.macro.substructures.problem import Problem
+from multiscale.macro.substructures.problem import CutProblem
 
 __all__ = ["HeuristicIndicator", "JointError"]
 
@@ -56,7 +56,7 @@ class JointError:
 class HeuristicIndicator:
     """Evaluate (2) for states of the linear stage, whose coarse forces are balanced."""
 
-    def __init__(self, problem: Problem, admissible: Admissible) -> None:
+    def __init__(self, problem: CutProblem, admissible: Admissible) -> None:
         self.problem, self.admissible = problem, admissible
 
     def evaluate(

@@ -4,7 +4,7 @@ import numpy as np
 
 from multiscale.laws.interface_law import InterfaceLaw
 from multiscale.laws.rigid import RigidContact
-from multiscale.macro.substructures.problem import Interface, Problem
+from multiscale.macro.substructures.problem import CutInterface, CutProblem
 
 __all__ = ["body_stiffness", "joint_directions", "law_stiffness"]
 
@@ -21,7 +21,7 @@ SOFTEST, OPEN = 1e-3, 1e-9
 """Least stiffness of a law at a point relative to its mean over the joint, and to the bodies."""
 
 
-def body_stiffness(problem: Problem, joint: Interface) -> tuple[np.ndarray, ...]:
+def body_stiffness(problem: CutProblem, joint: CutInterface) -> tuple[np.ndarray, ...]:
     """Stiffness per area of what either side of a joint stands for, shape (3, points), Pa/m.
 
     The diagonal of a body is the stiffness of the shortest waves, and that of the longest is
@@ -53,7 +53,7 @@ def law_stiffness(law: InterfaceLaw, jump: np.ndarray, state: np.ndarray) -> np.
 
 
 def joint_directions(
-    joint: Interface, bodies: tuple[np.ndarray, ...], law: np.ndarray, mean: np.ndarray
+    joint: CutInterface, bodies: tuple[np.ndarray, ...], law: np.ndarray, mean: np.ndarray
 ) -> tuple[np.ndarray, ...]:
     """Stiffness of both sides of a joint: the body and half of the law in series, N/m.
 

@@ -9,7 +9,7 @@ from scipy.sparse import csr_array, diags_array
 from multiscale.errors import ConvergenceError
 from multiscale.laws.interface_law import InterfaceLaw, Sliding
 from multiscale.macro.data_range import load_shares
-from multiscale.macro.substructures.problem import Interface
+from multiscale.macro.substructures.problem import CutInterface
 from multiscale.macro.substructures.stack import Factors
 from multiscale.macro.substructures.whole_structure import Assembled
 
@@ -40,7 +40,7 @@ GAIN = 1e-12
 """Energy that rounding may win in a step, relative to the largest that a point has stored."""
 
 
-def contact_state(joints: Sequence[Interface], result: "xr.Dataset") -> dict[str, Any]:
+def contact_state(joints: Sequence[CutInterface], result: "xr.Dataset") -> dict[str, Any]:
     """State of every point and its shares of the area.
 
     Parameters
@@ -83,7 +83,7 @@ def contact_state(joints: Sequence[Interface], result: "xr.Dataset") -> dict[str
 
 
 def stiffness(
-    joints: Sequence[Interface],
+    joints: Sequence[CutInterface],
     whole: Assembled,
     result: "xr.Dataset",
     area: np.ndarray,
@@ -145,7 +145,7 @@ def stiffness(
 
 
 def joint_shares(
-    joints: Sequence[Interface], result: "xr.Dataset"
+    joints: Sequence[CutInterface], result: "xr.Dataset"
 ) -> tuple[np.ndarray, np.ndarray]:
     """Shares of the load of every joint, however cut, outside the data of its law, and these data.
 
@@ -172,7 +172,7 @@ def joint_shares(
     return np.stack(shares, axis=2), np.array(list(ranges.values()))
 
 
-def _slipping(joints: Sequence[Interface], result: "xr.Dataset") -> np.ndarray:
+def _slipping(joints: Sequence[CutInterface], result: "xr.Dataset") -> np.ndarray:
     """Share of the pressure of a point that slips in a step, shape (steps, points).
 
     The jumps of a path tell the states of the laws.
@@ -220,6 +220,6 @@ def _normal(law: InterfaceLaw | None) -> InterfaceLaw:
     return law.normal_law
 
 
-def _at_points(joints: Sequence[Interface], values: Sequence[float]) -> np.ndarray:
+def _at_points(joints: Sequence[CutInterface], values: Sequence[float]) -> np.ndarray:
     """Give every point the value of its joint."""
     return np.repeat(values, [face.weight.size for face in joints])

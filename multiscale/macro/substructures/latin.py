@@ -16,7 +16,7 @@ from multiscale.macro.substructures.joint_directions import (
 )
 from multiscale.macro.substructures.joint_state import advance
 from multiscale.macro.substructures.parallel import Alone, Team, share
-from multiscale.macro.substructures.problem import Problem
+from multiscale.macro.substructures.problem import CutProblem
 from multiscale.macro.substructures.search_directions import (
     interface_stiffness,
     schur_complements,
@@ -24,7 +24,7 @@ from multiscale.macro.substructures.search_directions import (
 )
 from multiscale.macro.substructures.stack import Factors, lay_out_sides, stack
 
-__all__ = ["Iterate", "Latin"]
+__all__ = ["Latin", "LatinIterate"]
 
 FIRST, TAUT, SLACK = 1.0, 10.0, 0.05
 """Stiffness of the search direction of a link relative to its own: at first, and by status."""
@@ -56,7 +56,7 @@ that is allowed for: without a limit, a body that runs away would count as in ba
 
 
 @dataclass(frozen=True, eq=False)
-class Iterate:
+class LatinIterate:
     """What one iteration leaves.
 
     Attributes
@@ -86,7 +86,7 @@ class Latin:
 
     def __init__(
         self,
-        problem: Problem,
+        problem: CutProblem,
         *,
         coarse: bool = True,
         updated: bool = True,
@@ -162,7 +162,7 @@ class Latin:
                 self.team,
             )
 
-    def iterate(self, load: np.ndarray) -> tuple[np.ndarray, np.ndarray, Iterate]:
+    def iterate(self, load: np.ndarray) -> tuple[np.ndarray, np.ndarray, LatinIterate]:
         """Run the local and the linear stage from z and r."""
         links, k, across = self.stack.links, self.stack.links.stiffness, self.across
         one = self.stack.one_sided
@@ -188,7 +188,7 @@ class Latin:
         return (
             np.where(one, tension - across * slack, tension),
             push - force,
-            Iterate(u, tension, force, push),
+            LatinIterate(u, tension, force, push),
         )
 
     def local_sides(self, r: np.ndarray) -> np.ndarray:
@@ -286,7 +286,7 @@ class Latin:
             tractions.append(force.reshape(3, -1) / face.weight)
         return np.concatenate(jumps, axis=1), np.concatenate(tractions, axis=1)
 
-    def commit(self, found: Iterate) -> None:
+    def commit(self, found: LatinIterate) -> None:
         """Take the state of the laws at the present forces for the next step."""
         self.largest, self.before = max(self.largest, self.size(found)), self.pressure()
         for index, _, law in self.joints:
@@ -303,7 +303,9 @@ class Latin:
         """Tension within the limits of the links, N."""
         return np.asarray(np.clip(tension, self.stack.links.lower, self.stack.links.upper))
 
-    def residual(self, found: Iterate, last: Iterate | None, distance: np.ndarray) -> float:
+    def residual(
+        self, found: LatinIterate, last: LatinIterate | None, distance: np.ndarray
+    ) -> float:
         """Change of the forces relative to them, or of all relative to all, if that is larger.
 
         Bodies on soft joints move by far more than they deform: rounding of the motion, taken
@@ -320,17 +322,17 @@ class Latin:
         change = max(change, float(np.linalg.norm(astray)))
         return max(change / (size or 1.0), self.norm(distance) / (whole or 1.0))
 
-    def size(self, found: Iterate) -> float:
+    def size(self, found: LatinIterate) -> float:
         """Measure the forces of a state and what they store in the bodies, J^1/2."""
         bodies = self.team.total(np.array([found.u @ (self.stack.stiffness @ found.u)]))[0]
         return float(np.hypot(self.norm(self._forces(found)), np.sqrt(max(float(bodies), 0.0))))
 
-    def rounding(self, found: Iterate) -> float:
+    def rounding(self, found: LatinIterate) -> float:
         """Bound what rounding leaves of a residual where bodies move but hardly deform."""
         moved = self.team.total(np.array([self.stack.stiffness.diagonal() @ found.u**2]))[0]
         return min(UNSURE, ROUNDING * float(np.sqrt(moved)) / (self.size(found) or 1.0))
 
-    def far(self, found: Iterate) -> bool:
+    def far(self, found: LatinIterate) -> bool:
         """Whether a body has moved by more than the size of the structure."""
         moved = self.team.concatenate(np.array([np.abs(found.u).max(initial=0.0)]))
         return float(moved.max()) > float(np.ptp(self.problem.position, axis=0).max())
@@ -348,7 +350,7 @@ class Latin:
         links, sides = np.split(value, [self.z.size])
         return float(np.sqrt(self.team.total(np.array([links @ links]))[0] + sides @ sides))
 
-    def _forces(self, found: Iterate) -> np.ndarray:
+    def _forces(self, found: LatinIterate) -> np.ndarray:
         """Tensions, less the prestress, and forces in the energy norm, shape (rows + m,)."""
         links = self.stack.links
         change = (found.tension - links.prestress) / np.sqrt(links.stiffness)

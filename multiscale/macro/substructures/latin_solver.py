@@ -12,9 +12,9 @@ from multiscale.macro.discrete.checks import free_rigid_motions
 from multiscale.macro.substructures.bound import Admissible, ErrorBound
 from multiscale.macro.substructures.cut_results import assemble_result, link_fields, load_factors
 from multiscale.macro.substructures.indicator import HeuristicIndicator
-from multiscale.macro.substructures.latin import AGAIN, UPDATE, Iterate, Latin
+from multiscale.macro.substructures.latin import AGAIN, UPDATE, Latin, LatinIterate
 from multiscale.macro.substructures.parallel import Team
-from multiscale.macro.substructures.problem import Problem
+from multiscale.macro.substructures.problem import CutProblem
 from multiscale.macro.substructures.substructure_needs import needs_of
 from multiscale.needs import Needs
 from multiscale.numerics.anderson import Anderson
@@ -42,7 +42,7 @@ HEURISTIC = 0.1
 
 
 def solve_latin(
-    problem: Problem,
+    problem: CutProblem,
     load_factor: float | np.ndarray = 1.0,
     *,
     coarse: bool = True,
@@ -50,7 +50,7 @@ def solve_latin(
     tolerance: float = 1e-8,
     max_iterations: int = 400,
     team: Team | None = None,
-    callback: Callable[[int, float, Iterate], None] | None = None,
+    callback: Callable[[int, float, LatinIterate], None] | None = None,
 ) -> "xr.Dataset":
     r"""Solve substructures and interfaces by the micro-macro LATIN method.
 
@@ -134,7 +134,7 @@ def solve_latin(
     )
 
 
-def _refuse_floating(problem: Problem) -> None:
+def _refuse_floating(problem: CutProblem) -> None:
     """Refuse a structure without joints, which may stand on something, that nothing holds."""
     held = problem.number < 0
     if problem.joints or held.shape[1] < 3:
@@ -152,7 +152,7 @@ def solve_step(
     judge: ErrorBound | HeuristicIndicator | None,
     tolerance: float,
     max_iterations: int,
-    callback: Callable[[int, float, Iterate], None] | None,
+    callback: Callable[[int, float, LatinIterate], None] | None,
 ) -> dict[str, Any]:
     """Iterate on one load until the error is small enough."""
     clock = perf_counter()
@@ -208,7 +208,7 @@ def solve_step(
     }
 
 
-def _local_fields(method: Latin, found: Iterate, converged: bool) -> dict[str, np.ndarray]:
+def _local_fields(method: Latin, found: LatinIterate, converged: bool) -> dict[str, np.ndarray]:
     """Slack of links, jump and traction of joints, whose states a converged step commits."""
     jump, traction = method.joint_fields()
     slack = method.slack()
@@ -229,7 +229,7 @@ def _judge(method: Latin, needs: Needs) -> ErrorBound | HeuristicIndicator | Non
 
 
 def _estimate(
-    method: Latin, judge: ErrorBound | HeuristicIndicator | None, found: Iterate
+    method: Latin, judge: ErrorBound | HeuristicIndicator | None, found: LatinIterate
 ) -> dict[str, float]:
     """Error of a state, relative to its size, under the name that says what it is worth."""
     if isinstance(judge, ErrorBound):

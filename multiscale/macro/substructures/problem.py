@@ -10,7 +10,7 @@ from scipy.sparse import csr_array
 from multiscale.errors import CaseError
 from multiscale.laws.interface_law import InterfaceLaw
 
-__all__ = ["Interface", "Links", "Problem", "Substructure", "rigid_motions"]
+__all__ = ["CutInterface", "CutProblem", "Links", "Substructure", "rigid_motions"]
 
 
 @dataclass(frozen=True, eq=False)
@@ -102,7 +102,7 @@ def rigid_motions(position: np.ndarray, component: np.ndarray) -> np.ndarray:
 
 
 @dataclass(frozen=True, eq=False)
-class Interface:
+class CutInterface:
     r"""Where substructures meet.
 
     Attributes
@@ -136,7 +136,7 @@ class Interface:
 
 
 @dataclass(frozen=True, eq=False)
-class Problem:
+class CutProblem:
     """A structure that has been cut.
 
     Attributes
@@ -158,14 +158,14 @@ class Problem:
     substructures: tuple[Substructure, ...]
     position: np.ndarray
     number: np.ndarray
-    joints: tuple[Interface, ...] = ()
+    joints: tuple[CutInterface, ...] = ()
 
     def __post_init__(self) -> None:
         for place, joint in enumerate(self.joints):
             _check_joint(place, joint, self.substructures)
 
     @cached_property
-    def interfaces(self) -> tuple[Interface, ...]:
+    def interfaces(self) -> tuple[CutInterface, ...]:
         """Perfect interfaces, then those with a law."""
         return (*_perfect_interfaces(self.substructures), *self.joints)
 
@@ -195,7 +195,7 @@ class Problem:
         return sum(part.links.number.size for part in self.substructures if part.links)
 
 
-def _perfect_interfaces(parts: Sequence[Substructure]) -> list[Interface]:
+def _perfect_interfaces(parts: Sequence[Substructure]) -> list[CutInterface]:
     """Group the shared unknowns by the substructures that share them."""
     numbers = np.concatenate([part.unknown for part in parts])
     owner = np.repeat(np.arange(len(parts)), [part.n for part in parts])
@@ -208,7 +208,7 @@ def _perfect_interfaces(parts: Sequence[Substructure]) -> list[Interface]:
             entries = order[first:last]
             classes.setdefault(tuple(owner[entries].tolist()), []).append(local[entries])
     return [
-        Interface(
+        CutInterface(
             sides,
             tuple(
                 _selection(parts[side].n, rows) for side, rows in zip(sides, shared, strict=True)
@@ -224,7 +224,7 @@ def _selection(n: int, rows: np.ndarray) -> csr_array:
     return csr_array((np.ones(m), (np.arange(m), rows)), shape=(m, n))
 
 
-def _check_joint(place: int, joint: Interface, parts: Sequence[Substructure]) -> None:
+def _check_joint(place: int, joint: CutInterface, parts: Sequence[Substructure]) -> None:
     """Refuse traces that do not fit."""
     if len(joint.sides) != 2 or len(joint.trace) != 2:
         raise CaseError(f"interface {place} has a law and must have two sides, got {joint.sides}")

@@ -14,7 +14,7 @@ from multiscale.laws.bulk import AnisotropicElastic, Elastic
 from multiscale.laws.interface_law import InterfaceLaw
 from multiscale.macro.continuum.body import Body, Value
 from multiscale.macro.substructures.cut_bodies import Joint, cut_bodies, split_boxes
-from multiscale.macro.substructures.problem import Problem
+from multiscale.macro.substructures.problem import CutProblem
 
 __all__ = ["RoughAssembly", "lap_joint", "stacked_blocks"]
 
@@ -37,7 +37,7 @@ class RoughAssembly:
     preload_area: float
     shear_area: float
 
-    def cut(self, parts: tuple[int, int] = (1, 1)) -> Problem:
+    def cut(self, parts: tuple[int, int] = (1, 1)) -> CutProblem:
         """Cut every body into boxes in plan; two load cases, preload and shear.
 
         Raises

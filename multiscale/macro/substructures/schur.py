@@ -11,7 +11,7 @@ from multiscale.errors import MultiscaleError
 from multiscale.macro.substructures.cut_results import assemble_result, link_fields, load_factors
 from multiscale.macro.substructures.cut_tangent import Newton
 from multiscale.macro.substructures.parallel import Team
-from multiscale.macro.substructures.problem import Problem
+from multiscale.macro.substructures.problem import CutProblem
 
 if TYPE_CHECKING:
     import xarray as xr
@@ -20,7 +20,7 @@ __all__ = ["solve_schur"]
 
 
 def solve_schur(
-    problem: Problem,
+    problem: CutProblem,
     load_factor: float | np.ndarray = 1.0,
     *,
     tolerance: float = 1e-10,

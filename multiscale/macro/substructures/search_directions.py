@@ -8,7 +8,7 @@ from scipy.sparse import csr_array, diags_array
 
 from multiscale.macro.substructures.condensation import condense, split
 from multiscale.macro.substructures.parallel import Team
-from multiscale.macro.substructures.problem import Problem
+from multiscale.macro.substructures.problem import CutProblem
 from multiscale.macro.substructures.stack import Factors, Sides, Stack
 
 __all__ = ["SideStiffness", "interface_stiffness", "schur_complements", "side_stiffness"]
@@ -32,7 +32,7 @@ class SideStiffness:
 
 
 def interface_stiffness(
-    problem: Problem,
+    problem: CutProblem,
     schur: list[tuple[np.ndarray, np.ndarray]],
     parts: range,
     team: Team,
@@ -151,7 +151,7 @@ def schur_complements(
 
 
 def side_stiffness(
-    problem: Problem,
+    problem: CutProblem,
     sides: Sides,
     perfect: dict[int, np.ndarray],
     joints: dict[int, tuple[np.ndarray, ...]],

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.sparse import block_diag, csr_array, diags_array, vstack
 
-from multiscale.macro.substructures.problem import Interface, Links, Problem, Substructure
+from multiscale.macro.substructures.problem import CutInterface, CutProblem, Links, Substructure
 from multiscale.numerics.cholesky import Factorise, Solve, prepare_cholesky
 
 __all__ = ["Sides", "Stack", "lay_out_sides", "stack"]
@@ -46,7 +46,7 @@ class Sides:
         return np.asarray((np.bincount(self.slot, value) / self.count)[self.slot])
 
 
-def lay_out_sides(problem: Problem) -> Sides:
+def lay_out_sides(problem: CutProblem) -> Sides:
     """Give every side of every interface its rows."""
     parts, interfaces = problem.substructures, problem.interfaces
     first_slot = np.cumsum([0, *(face.size for face in interfaces)])
@@ -70,7 +70,7 @@ def lay_out_sides(problem: Problem) -> Sides:
     )
 
 
-def _sides_of(interfaces: Sequence[Interface], count: int) -> list[list[tuple[int, int]]]:
+def _sides_of(interfaces: Sequence[CutInterface], count: int) -> list[list[tuple[int, int]]]:
     """Interface and side that every substructure has."""
     found: list[list[tuple[int, int]]] = [[] for _ in range(count)]
     for index, face in enumerate(interfaces):
@@ -151,7 +151,7 @@ def _upper(matrix: csr_array) -> csr_array:
     return upper
 
 
-def stack(problem: Problem, parts: Sequence[int]) -> Stack:
+def stack(problem: CutProblem, parts: Sequence[int]) -> Stack:
     """Put substructures side by side.
 
     Parameters
@@ -187,7 +187,7 @@ def stack(problem: Problem, parts: Sequence[int]) -> Stack:
 
 
 def _traces(
-    interfaces: Sequence[Interface], chosen: Sequence[Substructure], parts: Sequence[int]
+    interfaces: Sequence[CutInterface], chosen: Sequence[Substructure], parts: Sequence[int]
 ) -> csr_array:
     """Traces in the order of :class:`Sides`."""
     blocks = []

@@ -1,6 +1,6 @@
 """What a structure that is cut needs, from its size."""
 
-from multiscale.macro.substructures.problem import Problem
+from multiscale.macro.substructures.problem import CutProblem
 from multiscale.needs import Needs, choose
 
 __all__ = ["cut_needs", "needs_of"]
@@ -93,7 +93,7 @@ def cut_needs(
     )
 
 
-def needs_of(problem: Problem, *, coarse: bool = True, moving: bool = False) -> Needs:
+def needs_of(problem: CutProblem, *, coarse: bool = True, moving: bool = False) -> Needs:
     """Return what a problem takes; see :func:`cut_needs`."""
     return cut_needs(
         problem.n,

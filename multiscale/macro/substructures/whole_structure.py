@@ -5,7 +5,7 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.sparse import csr_array, vstack
 
-from multiscale.macro.substructures.problem import Problem, Substructure
+from multiscale.macro.substructures.problem import CutProblem, Substructure
 
 __all__ = ["Assembled", "assemble"]
 
@@ -32,7 +32,7 @@ class Assembled:
     weight: np.ndarray
 
 
-def assemble(problem: Problem) -> Assembled:
+def assemble(problem: CutProblem) -> Assembled:
     """Add up the substructures of a problem.
 
     Parameters
@@ -73,7 +73,7 @@ def assemble(problem: Problem) -> Assembled:
     )
 
 
-def _placement(problem: Problem, part: Substructure) -> csr_array:
+def _placement(problem: CutProblem, part: Substructure) -> csr_array:
     """Pick the unknowns of a substructure out of those of the structure."""
     rows = np.arange(part.n)
     return csr_array((np.ones(part.n), (rows, part.unknown)), shape=(part.n, problem.n))

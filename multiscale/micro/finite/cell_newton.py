@@ -3,8 +3,8 @@
 import numpy as np
 
 from multiscale.convergence import Status
-from multiscale.micro.finite.equations import Equations, Iterate
-from multiscale.micro.finite.scene import CellState, Scene, Target
+from multiscale.micro.finite.equations import CellEquations, Iterate
+from multiscale.micro.finite.scene import CellScene, CellState, Target
 
 __all__ = ["solve_increment"]
 
@@ -16,7 +16,7 @@ PATIENCE = 12  # iterations in which the error has to halve
 
 
 def solve_increment(
-    scene: Scene,
+    scene: CellScene,
     start: CellState,
     target: Target,
     guess: tuple[np.ndarray, float] | None = None,
@@ -48,7 +48,7 @@ def solve_increment(
         Its status says whether it is in equilibrium.
     """
     step = scene.body.begin(start.material, target.time_step)
-    equations = Equations(scene, step, start, target)
+    equations = CellEquations(scene, step, start, target)
     active, delta = None, start.approach if target.approach is None else target.approach
     if guess is not None:
         active, delta = guess
@@ -106,7 +106,9 @@ def _verdict(residuals: list[float], tolerance: float) -> Status | None:
     return None
 
 
-def _search(equations: Equations, now: Iterate, move: np.ndarray, shift: float) -> Iterate | None:
+def _search(
+    equations: CellEquations, now: Iterate, move: np.ndarray, shift: float
+) -> Iterate | None:
     """Shorten a Newton step until no element folds and, with nothing to close, the error falls."""
     share, least, best = 1.0, np.inf, 0.0
     for _ in range(HALVINGS):

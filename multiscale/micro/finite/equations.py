@@ -24,13 +24,13 @@ from functools import cached_property
 
 import numpy as np
 
-from multiscale.micro.finite.finite_body import Increment, Response
+from multiscale.micro.finite.finite_body import BodyResponse, Increment
 from multiscale.micro.finite.reference import Constraint
-from multiscale.micro.finite.scene import CellState, Meeting, Scene, Target
+from multiscale.micro.finite.scene import CellScene, CellState, Meeting, Target
 from multiscale.micro.finite.tangential import Tangential, evaluate_friction
 from multiscale.numerics.krylov import minimal_residual
 
-__all__ = ["Equations", "Iterate"]
+__all__ = ["CellEquations", "Iterate"]
 
 LEAST_SPRING = 0.3 / 1.3  # share of the bound above which a spring helps the preconditioner
 KRYLOV_MEMORY = 1e9  # bytes, for the directions of one linear problem
@@ -39,7 +39,7 @@ UNLOADED = 1e-3  # of the largest contact forces so far, below which forces are 
 
 
 @dataclass(frozen=True, eq=False)
-class Equations:
+class CellEquations:
     """The equations (1) of one increment.
 
     Parameters
@@ -51,7 +51,7 @@ class Equations:
     target : Target
     """
 
-    scene: Scene
+    scene: CellScene
     increment: Increment
     start: CellState
     target: Target
@@ -115,9 +115,9 @@ class Iterate:
         Smallest force that others are measured by, N.
     """
 
-    scene: Scene
+    scene: CellScene
     target: Target
-    response: Response
+    response: BodyResponse
     u: np.ndarray
     delta: float
     meeting: Meeting

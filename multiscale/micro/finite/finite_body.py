@@ -6,11 +6,11 @@ from typing import Any
 
 import numpy as np
 
-__all__ = ["Body", "Increment", "Response", "linear_body"]
+__all__ = ["BodyResponse", "FiniteBody", "Increment", "linear_body"]
 
 
 @dataclass(frozen=True, eq=False)
-class Response:
+class BodyResponse:
     """What a body answers to a displacement.
 
     Attributes
@@ -38,17 +38,17 @@ class Increment:
     Attributes
     ----------
     respond : callable
-        ``respond(displacement)`` gives a :class:`Response`.
+        ``respond(displacement)`` gives a :class:`BodyResponse`.
     finish : callable
         ``finish(displacement)`` gives the state at the end.
     """
 
-    respond: Callable[[np.ndarray], Response]
+    respond: Callable[[np.ndarray], BodyResponse]
     finish: Callable[[np.ndarray], Any]
 
 
 @dataclass(frozen=True, eq=False)
-class Body:
+class FiniteBody:
     """A deformable body.
 
     Attributes
@@ -66,9 +66,9 @@ class Body:
     rest: Callable[[], Any]
 
 
-def linear_body(apply: Callable[[np.ndarray], np.ndarray], shape: tuple[int, ...]) -> Body:
+def linear_body(apply: Callable[[np.ndarray], np.ndarray], shape: tuple[int, ...]) -> FiniteBody:
     """Return a linear elastic body from its stiffness; it carries no state."""
     increment = Increment(
-        respond=lambda u: Response(apply(u), apply, 1.0, 0.0), finish=lambda u: None
+        respond=lambda u: BodyResponse(apply(u), apply, 1.0, 0.0), finish=lambda u: None
     )
-    return Body(shape, lambda state, time_step: increment, lambda: None)
+    return FiniteBody(shape, lambda state, time_step: increment, lambda: None)

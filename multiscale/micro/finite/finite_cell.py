@@ -6,13 +6,13 @@ from scipy import fft
 from multiscale.laws.bulk import J2, NeoHookean, Prony
 from multiscale.micro.cell import Cell
 from multiscale.micro.elastic_operator import stiffness_operator
-from multiscale.micro.finite.finite_body import Body, linear_body
-from multiscale.micro.finite.height_obstacle import Obstacle
+from multiscale.micro.finite.finite_body import FiniteBody, linear_body
+from multiscale.micro.finite.height_obstacle import HeightObstacle
 from multiscale.micro.finite.large_strain import large_strain_body
 from multiscale.micro.finite.pair_reference import PairReference, add_compliances
 from multiscale.micro.finite.pair_scene import PairScene
 from multiscale.micro.finite.reference import Reference
-from multiscale.micro.finite.scene import RigidScene, Scene
+from multiscale.micro.finite.scene import CellScene, RigidScene
 from multiscale.micro.finite.two_bodies import Halves, Underside, join_bodies
 from multiscale.micro.graph_cell import surface_slopes
 from multiscale.micro.graph_mesh import GraphMesh, graded_planes
@@ -24,12 +24,12 @@ __all__ = ["make_scene"]
 TANGENTIAL_WEIGHT = 0.3  # of the stiffness of a node against a force in the plane
 
 
-def make_scene(cell: Cell) -> Scene:
+def make_scene(cell: Cell) -> CellScene:
     """Set up what solving a cell with friction, at large strain or with two bodies takes."""
     body, reference = _body(cell), _reference(cell)
     mu = cell.friction_coefficient
     if cell.opposite is None:
-        obstacle = Obstacle(cell.surface, cell.obstacle, follows=cell.bulk is not None)
+        obstacle = HeightObstacle(cell.surface, cell.obstacle, follows=cell.bulk is not None)
         return RigidScene(body, obstacle, mu, _weights(reference.inverse), reference)
     other = cell.opposite_cell
     second = _body(other)
@@ -77,7 +77,7 @@ def _weights(inverse: LateralInverse) -> tuple[float, float]:
     return float(np.median(1.0 / symbols[5])), TANGENTIAL_WEIGHT / own
 
 
-def _body(cell: Cell) -> Body:
+def _body(cell: Cell) -> FiniteBody:
     mesh, soft = _mesh(cell), cell.nearly_incompressible
     nx, ny, layers = mesh.shape
     if cell.bulk is None:

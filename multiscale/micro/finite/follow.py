@@ -15,7 +15,7 @@ from multiscale.micro.contact_area import EdgeLayer, contact_fraction
 from multiscale.micro.finite.finite_cell import make_scene
 from multiscale.micro.finite.history import Walk, rest_state, walk_step
 from multiscale.micro.finite.pair_scene import PairScene
-from multiscale.micro.finite.scene import CellState, Scene, Target
+from multiscale.micro.finite.scene import CellScene, CellState, Target
 from multiscale.micro.graph_cell import element_edges, surface_slopes
 from multiscale.micro.path import Path
 
@@ -211,7 +211,7 @@ def _missing(walk: Walk | None, seconds: float) -> dict[str, Any]:
 def _average(
     cell: Cell,
     edges: tuple[EdgeLayer, EdgeLayer],
-    scene: Scene,
+    scene: CellScene,
     state: CellState,
     fields: bool,
 ) -> dict[str, Any]:

@@ -7,7 +7,7 @@ import numpy as np
 from multiscale.micro.contact_state import obstacle_normal
 from multiscale.surfaces.surface import Surface
 
-__all__ = ["Obstacle", "RigidMeeting"]
+__all__ = ["HeightObstacle", "RigidMeeting"]
 
 
 @dataclass(frozen=True)
@@ -50,7 +50,7 @@ class RigidMeeting:
 
 
 @dataclass(frozen=True, eq=False)
-class Obstacle:
+class HeightObstacle:
     r"""Underside of a rigid body, periodic, which approaches and slides.
 
     Parameters

@@ -7,7 +7,7 @@ import numpy as np
 
 from multiscale.convergence import Status
 from multiscale.micro.finite.cell_newton import solve_increment
-from multiscale.micro.finite.scene import CellState, Scene, Target
+from multiscale.micro.finite.scene import CellScene, CellState, Target
 from multiscale.micro.flat import solve_flat
 from multiscale.micro.lateral_fft import filter_surface
 
@@ -45,7 +45,7 @@ class Walk:
     reached: float
 
 
-def rest_state(scene: Scene) -> CellState:
+def rest_state(scene: CellScene) -> CellState:
     """Return the cell before any load."""
     nx, ny = scene.grid
     nothing = np.zeros((nx, ny), dtype=bool)
@@ -63,7 +63,7 @@ def rest_state(scene: Scene) -> CellState:
 
 
 def walk_step(
-    scene: Scene,
+    scene: CellScene,
     start: CellState,
     target: Target,
     *,
@@ -151,7 +151,7 @@ def _presses(start: CellState, target: Target, largest_approach: float) -> bool:
 
 
 def _press(
-    scene: Scene,
+    scene: CellScene,
     state: CellState,
     target: Target,
     largest_approach: float,
@@ -196,7 +196,7 @@ def _extrapolate(before: CellState, state: CellState, ratio: float) -> tuple[np.
 
 
 def _increment(
-    scene: Scene,
+    scene: CellScene,
     state: CellState,
     aim: Target,
     tolerance: float,
@@ -225,7 +225,9 @@ def _increment(
     return found
 
 
-def _first_touch(scene: Scene, state: CellState, aim: Target) -> tuple[np.ndarray, float] | None:
+def _first_touch(
+    scene: CellScene, state: CellState, aim: Target
+) -> tuple[np.ndarray, float] | None:
     """Contact nodes of the flat reference, for a cell that touches nothing yet."""
     meeting = scene.meet(state.displacement, 0.0, aim.slide)
     gap, closing = meeting.gap, meeting.normal[:, 2]
@@ -236,7 +238,7 @@ def _first_touch(scene: Scene, state: CellState, aim: Target) -> tuple[np.ndarra
     return force > 0.0, delta
 
 
-def _released(scene: Scene, state: CellState, aim: Target) -> CellState:
+def _released(scene: CellScene, state: CellState, aim: Target) -> CellState:
     """Take the obstacle away and bring it back to the first touch, or where it is asked to be."""
     reach = float(np.ptp(scene.obstacle.body.heights)) + abs(state.approach)
     shape = scene.obstacle.shape

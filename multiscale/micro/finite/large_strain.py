@@ -9,7 +9,7 @@ import numpy as np
 
 from multiscale.laws.bulk import J2, NeoHookean, Prony
 from multiscale.micro.finite.element_stiffness import ENTRIES, corner_gradients
-from multiscale.micro.finite.finite_body import Body, Increment, Response
+from multiscale.micro.finite.finite_body import BodyResponse, FiniteBody, Increment
 from multiscale.micro.finite.tangent_operator import (
     NEO_HOOKEAN,
     PLASTIC,
@@ -30,7 +30,7 @@ State = np.ndarray | None
 
 def large_strain_body(
     mesh: GraphMesh, law: NeoHookean | J2 | Prony, *, mean_dilatation: bool
-) -> Body:
+) -> FiniteBody:
     """Return the cell with a law at large strain.
 
     Parameters
@@ -43,7 +43,7 @@ def large_strain_body(
     """
     cell = _LargeStrainCell(mesh, law, mean_dilatation)
     begin = {NeoHookean: cell.begin_elastic, J2: cell.begin_plastic, Prony: cell.begin_viscous}
-    return Body(cell.shape, begin[type(law)], cell.rest)
+    return FiniteBody(cell.shape, begin[type(law)], cell.rest)
 
 
 @dataclass(frozen=True, eq=False)
@@ -89,7 +89,7 @@ class _LargeStrainCell:
         gradients = corner_gradients(*self.mesh.surface.spacing)
         kind = PLASTIC if isinstance(self.law, J2) else NEO_HOOKEAN
 
-        def respond(u: np.ndarray) -> Response:
+        def respond(u: np.ndarray) -> BodyResponse:
             force, flags = np.zeros_like(u), np.empty((len(u), 2))
             respond_cell(  # type: ignore[call-arg]
                 *self.geometry,
@@ -105,7 +105,7 @@ class _LargeStrainCell:
             )
             nx, ny, layers = self.mesh.shape
             flowing = float(flags[:, 1].sum()) / (8.0 * nx * ny * layers)
-            return Response(force, self.apply, float(flags[:, 0].min()), flowing)
+            return BodyResponse(force, self.apply, float(flags[:, 0].min()), flowing)
 
         return Increment(respond, finish)
 

@@ -6,14 +6,14 @@ from dataclasses import dataclass
 import numpy as np
 
 from multiscale.micro.finite.pair_reference import JoinedReference, PairReference
-from multiscale.micro.finite.scene import CellState, Scene
+from multiscale.micro.finite.scene import CellScene, CellState
 from multiscale.micro.finite.two_bodies import MIRROR, Halves, PairMeeting, Underside
 
 __all__ = ["PairScene"]
 
 
 @dataclass(frozen=True, eq=False)
-class PairScene(Scene):
+class PairScene(CellScene):
     """A scene with two deformable bodies.
 
     Attributes

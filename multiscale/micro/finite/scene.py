@@ -8,12 +8,12 @@ from typing import Any, Protocol
 import numpy as np
 
 from multiscale.convergence import Status
-from multiscale.micro.finite.finite_body import Body
-from multiscale.micro.finite.height_obstacle import Obstacle, RigidMeeting
+from multiscale.micro.finite.finite_body import FiniteBody
+from multiscale.micro.finite.height_obstacle import HeightObstacle, RigidMeeting
 from multiscale.micro.finite.reference import Reference, Support
 from multiscale.surfaces.surface import Surface
 
-__all__ = ["CellState", "Meeting", "Opponent", "RigidScene", "Scene", "Target"]
+__all__ = ["CellScene", "CellState", "Meeting", "Opponent", "RigidScene", "Target"]
 
 
 class Meeting(Protocol):
@@ -59,7 +59,7 @@ class Opponent(Protocol):
 
 
 @dataclass(frozen=True, eq=False)
-class Scene(ABC):
+class CellScene(ABC):
     r"""What does not change along a path.
 
     Attributes
@@ -72,7 +72,7 @@ class Scene(ABC):
         :math:`\rho_n` and :math:`\rho_t`, N/m.
     """
 
-    body: Body
+    body: FiniteBody
     obstacle: Opponent
     friction: float
     weights: tuple[float, float]
@@ -106,7 +106,7 @@ class Scene(ABC):
 
 
 @dataclass(frozen=True, eq=False)
-class RigidScene(Scene):
+class RigidScene(CellScene):
     """A body against a rigid obstacle.
 
     Attributes
@@ -115,7 +115,7 @@ class RigidScene(Scene):
     reference : Reference
     """
 
-    obstacle: Obstacle
+    obstacle: HeightObstacle
     reference: Reference
 
     @property

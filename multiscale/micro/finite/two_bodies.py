@@ -25,7 +25,7 @@ from typing import Any
 
 import numpy as np
 
-from multiscale.micro.finite.finite_body import Body, Increment, Response
+from multiscale.micro.finite.finite_body import BodyResponse, FiniteBody, Increment
 from multiscale.micro.finite.opposite import DeformedSurface, Projection
 from multiscale.surfaces.surface import Surface
 
@@ -61,7 +61,7 @@ class Halves:
         return first[:, -1], second[:, -1]
 
 
-def join_bodies(first: Body, second: Body) -> Body:
+def join_bodies(first: FiniteBody, second: FiniteBody) -> FiniteBody:
     """Return two bodies as one, whose state is the pair of their states."""
     halves = Halves((first.shape, second.shape))
     sizes = np.array([np.prod(shape) for shape in halves.shapes], dtype=float)
@@ -69,7 +69,7 @@ def join_bodies(first: Body, second: Body) -> Body:
     def begin(state: Any, time_step: float) -> Increment:
         steps = [body.begin(s, time_step) for body, s in zip((first, second), state, strict=True)]
 
-        def respond(u: np.ndarray) -> Response:
+        def respond(u: np.ndarray) -> BodyResponse:
             one, two = (
                 step.respond(np.ascontiguousarray(part))
                 for step, part in zip(steps, halves.split(u), strict=True)
@@ -79,7 +79,7 @@ def join_bodies(first: Body, second: Body) -> Body:
                 a, b = halves.split(x)
                 return halves.join(one.tangent(a), two.tangent(b))
 
-            return Response(
+            return BodyResponse(
                 halves.join(one.force, two.force),
                 tangent,
                 min(one.least_dilatation, two.least_dilatation),
@@ -93,7 +93,7 @@ def join_bodies(first: Body, second: Body) -> Body:
 
         return Increment(respond, finish)
 
-    return Body((int(sizes.sum()),), begin, lambda: (first.rest(), second.rest()))
+    return FiniteBody((int(sizes.sum()),), begin, lambda: (first.rest(), second.rest()))
 
 
 @dataclass(frozen=True, eq=False)

@@ -9,7 +9,7 @@ from multiscale.laws.bulk import J2, Elastic, NeoHookean, Prony
 from multiscale.micro import Cell, Path, Surface, self_affine, solve_cell
 from multiscale.micro.finite.finite_cell import make_scene
 from multiscale.micro.finite.follow import current_weight
-from multiscale.micro.finite.height_obstacle import Obstacle
+from multiscale.micro.finite.height_obstacle import HeightObstacle
 from multiscale.micro.finite.history import rest_state, walk_step
 from multiscale.micro.finite.scene import Target
 
@@ -206,7 +206,7 @@ def test_the_projected_area_of_a_deformed_surface_is_the_nominal_one():
 
 def test_a_rough_obstacle_is_smooth_periodic_and_moves():
     surface = rough(0.3)
-    obstacle = Obstacle(Surface(np.zeros((N, N)), (1.0, 1.0)), surface, follows=True)
+    obstacle = HeightObstacle(Surface(np.zeros((N, N)), (1.0, 1.0)), surface, follows=True)
     still = np.zeros((N, 3, N))
     there = obstacle.meet(still, 0.0, np.zeros(2))
     back = obstacle.meet(still, 0.0, np.array([1.0, -2.0]))

@@ -7,7 +7,7 @@ from multiscale.errors import CaseError
 from multiscale.laws.bulk import J2, NeoHookean, Prony
 from multiscale.micro import Cell, Opposite, Path, Surface, self_affine, solve_cell
 from multiscale.micro.cell_needs import cell_needs
-from multiscale.micro.finite.equations import Equations
+from multiscale.micro.finite.equations import CellEquations
 from multiscale.micro.finite.finite_cell import make_scene
 from multiscale.micro.finite.history import rest_state, walk_step
 from multiscale.micro.finite.opposite import DeformedSurface
@@ -168,7 +168,7 @@ def test_newtons_matrix_is_the_derivative_of_the_equations(mu, load, rng):
     target = Target(load, None if load else start.approach, slide)
     state = walk_step(scene, start, target, increments=1, tolerance=1e-10).state
     assert mu == 0.0 or state.slipping.any()
-    equations = Equations(scene, scene.body.begin(start.material, 0.0), start, target)
+    equations = CellEquations(scene, scene.body.begin(start.material, 0.0), start, target)
     u, delta = state.displacement, state.approach
     now = equations.at(u, delta, state.active)
     x, step = rng.standard_normal(u.shape), 1e-7
