@@ -5,16 +5,13 @@ from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from pathlib import Path
 from time import perf_counter
-from typing import TYPE_CHECKING, Annotated
+from typing import Annotated
 
 import typer
 
 from multiscale.bench import FAMILIES, STABILITY_FAMILIES
 from multiscale.errors import CaseError, ConvergenceError, MultiscaleError
 from multiscale.executors import cores, workers
-
-if TYPE_CHECKING:
-    from multiscale.pipeline import Case, Sweep
 
 __all__ = ["main"]
 
@@ -50,13 +47,12 @@ def run_command(
     ] = False,
 ) -> None:
     """Run the whole chain: surface, cells, interface law, joint; or a sweep of such runs."""
-    from multiscale.pipeline import is_tyre_case, load_sweep, requirements
+    from multiscale.io import logging_to, make_folder
+    from multiscale.pipeline import load_sweep, requirements, run, run_sweep
+    from multiscale.report import draw_figures, open_finished, write_report
 
     if resume and not any((out / name).exists() for name in ("log.txt", "micro", "plan", "points")):
         raise CaseError(f"{out} holds no run to resume; leave out --resume to begin one")
-    if is_tyre_case(case):
-        _run_tyre(case, out, jobs, dask, quick=quick, explain=explain)
-        return
     sweep = load_sweep(case)
     if quick:
         if any(point.accuracy for point in sweep.points):
@@ -67,104 +63,30 @@ def run_command(
             typer.echo(f"{len(sweep.points)} points; the largest:")
         needs = max(map(requirements, sweep.points), key=lambda needs: needs.memory)
         typer.echo(needs.explain())
-    elif sweep.parameters:
-        _run_sweep(sweep, out, jobs, dask)
-    else:
-        _run_case(sweep.points[0], out, jobs, dask)
-
-
-def _run_case(settings: "Case", out: Path, jobs: int, dask: str | None) -> None:
-    """Run a case, with figures, report and table."""
-    from multiscale.io import logging_to, make_folder
-    from multiscale.pipeline import read_cautions, read_sliding, run
-    from multiscale.plotting import draw_figures
-    from multiscale.report import (
-        describe_sliding,
-        list_cutoffs,
-        list_facts,
-        tabulate,
-        tabulate_roughness,
-        write_report,
-    )
-
-    make_folder(out)
-    with (
-        logging_to(out / "log.txt"),
-        workers(jobs, dask) as executor,
-        _progress(
-            settings.micro.realisations, "realisations", settings.accuracy is None
-        ) as progress,
-    ):
-        results = run(settings, out, executor=executor, progress=progress)
-    draw_figures(out)
-    write_report(out)
-    sliding = read_sliding(out)
-    for caution in read_cautions(out):
-        typer.echo(f"caution: {caution}", err=True)
-    for line in results.macro_result.attrs.get("plan", "").splitlines():
-        typer.echo(line)
-    _print_table(settings.title, *tabulate(results.macro_result))
-    head, rows = tabulate_roughness(results.micro_response)
-    if rows:
-        _print_table(" ".join(list_cutoffs(results.micro_response)), head, rows)
-    told = [] if sliding is None else describe_sliding(sliding)
-    for line in [*list_facts(results.macro_result), *told]:
-        typer.echo(line)
-    typer.echo(f"report, figures and datasets: {out}")
-
-
-def _run_tyre(
-    case: str, out: Path, jobs: int, dask: str | None, *, quick: bool, explain: bool
-) -> None:
-    """Run a case of rubber on a road, with figures, report and table."""
-    from multiscale.io import logging_to, make_folder
-    from multiscale.pipeline import load_tyre, read_cautions, run_tyre, tyre_requirements
-    from multiscale.plotting import draw_figures
-    from multiscale.report import list_facts, tabulate_braking, write_report
-
-    settings = load_tyre(case)
-    if quick:
-        settings = settings.quick()
-    if explain:
-        typer.echo(tyre_requirements(settings).explain())
         return
+    one = None if sweep.parameters else sweep.points[0]
+    total, what = (one.realisations, "realisations") if one else (len(sweep.points), "points")
     make_folder(out)
     with (
         logging_to(out / "log.txt"),
         workers(jobs, dask) as executor,
-        _progress(settings.sliding.realisations, "realisations") as progress,
+        _progress(total, what, one is None or one.accuracy is None) as progress,
     ):
-        results = run_tyre(settings, out, executor=executor, progress=progress)
+        if one:
+            run(one, out, executor=executor, progress=progress)
+        else:
+            run_sweep(sweep, out, executor=executor, progress=progress)
     draw_figures(out)
     write_report(out)
-    for caution in read_cautions(out):
+    finished = open_finished(out)
+    for caution in finished.cautions:
         typer.echo(f"caution: {caution}", err=True)
-    _print_table(settings.title, *tabulate_braking(results.macro_result))
-    for line in list_facts(results.macro_result):
+    for line in finished.lines():
         typer.echo(line)
-    typer.echo(f"report, figures and datasets: {out}")
-
-
-def _run_sweep(sweep: "Sweep", out: Path, jobs: int, dask: str | None) -> None:
-    """Run a sweep, and print a line for each of its points."""
-    from multiscale.io import logging_to, make_folder
-    from multiscale.pipeline import run_sweep
-    from multiscale.plotting import draw_figures
-    from multiscale.report import list_sweep_cautions, tabulate_sweep, write_report
-
-    make_folder(out)
-    with (
-        logging_to(out / "log.txt"),
-        workers(jobs, dask) as executor,
-        _progress(len(sweep.points), "points") as progress,
-    ):
-        result = run_sweep(sweep, out, executor=executor, progress=progress)
-    draw_figures(out)
-    write_report(out)
-    _print_table(sweep.title, *tabulate_sweep(result))
-    for caution in list_sweep_cautions(result):
-        typer.echo(f"caution: {caution}", err=True)
-    typer.echo(f"report, figure and dataset: {out}; runs: {out / 'points'}")
+    if one:
+        typer.echo(f"report, figures and datasets: {out}")
+    else:
+        typer.echo(f"report, figure and dataset: {out}; runs: {out / 'points'}")
 
 
 @app.command("micro")
@@ -265,8 +187,7 @@ def macro_command(
 @app.command("report")
 def report_command(out: Annotated[Path, typer.Argument(help="Folder of a finished run.")]) -> None:
     """Draw the figures and write the report of a finished run again."""
-    from multiscale.plotting import draw_figures
-    from multiscale.report import write_report
+    from multiscale.report import draw_figures, write_report
 
     draw_figures(out)
     typer.echo(write_report(out))
@@ -399,10 +320,10 @@ def _duration(seconds: float) -> str:
 
 
 def _print_table(title: str, head: tuple[str, ...], rows: list[tuple[str, ...]]) -> None:
-    widths = [max(map(len, column)) for column in zip(head, *rows, strict=True)]
-    typer.echo(title)
-    for row in (head, *rows):
-        typer.echo("  ".join(f"{cell:>{width}}" for cell, width in zip(row, widths, strict=True)))
+    from multiscale.pipeline.stage import format_table
+
+    for line in format_table(title, head, rows):
+        typer.echo(line)
 
 
 def main() -> None:

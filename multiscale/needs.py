@@ -1,9 +1,9 @@
 """What a scene needs: the only input from which solvers allocate and choose."""
 
-from collections.abc import Mapping
-from dataclasses import dataclass
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass, field
 
-__all__ = ["Needs", "choose"]
+__all__ = ["Needs", "choose", "join_needs"]
 
 
 def choose(
@@ -49,10 +49,10 @@ class Needs:
         Estimated peak memory of the largest solve, byte.
     """
 
-    unknowns_per_contact: int
-    kinematics: str
-    operators: dict[str, str]
-    left_out: dict[str, str]
+    unknowns_per_contact: int = 1
+    kinematics: str = ""
+    operators: dict[str, str] = field(default_factory=dict)
+    left_out: dict[str, str] = field(default_factory=dict)
     state_variables: tuple[str, ...] = ()
     fields: tuple[str, ...] = ()
     libraries: tuple[str, ...] = ()
@@ -78,3 +78,24 @@ class Needs:
         ]
         width = max(len(name) for name, _ in rows)
         return "\n".join(f"{name:{width}}  {value}" for name, value in rows)
+
+
+def join_needs(parts: Iterable[Needs]) -> Needs:
+    """Join the needs of stages that run one after another: the largest memory counts.
+
+    Parameters
+    ----------
+    parts : iterable of Needs
+        At least one, and one of them with kinematics.
+    """
+    parts = list(parts)
+    return Needs(
+        unknowns_per_contact=max(part.unknowns_per_contact for part in parts),
+        kinematics="; ".join(part.kinematics for part in parts if part.kinematics),
+        operators={name: why for part in parts for name, why in part.operators.items()},
+        left_out={name: why for part in parts for name, why in part.left_out.items()},
+        state_variables=tuple(name for part in parts for name in part.state_variables),
+        fields=tuple(name for part in parts for name in part.fields),
+        libraries=tuple(sorted({name for part in parts for name in part.libraries})),
+        memory=max(part.memory for part in parts),
+    )

@@ -10,7 +10,10 @@ from multiscale.errors import CaseError
 if TYPE_CHECKING:
     import pint
 
-__all__ = ["readable", "to_si"]
+__all__ = ["ZERO_CELSIUS", "readable", "to_si"]
+
+ZERO_CELSIUS = 273.15
+"""Melting point of ice, K."""
 
 # a plain number, then names with one-digit powers: nothing that a parser would have to compute
 _QUANTITY = re.compile(

@@ -39,7 +39,7 @@ def reference_data(request):
 def run_folder(tmp_path_factory):
     """What the main command leaves, of flat cells on a coarse grid."""
     from multiscale.pipeline import load_case, run
-    from multiscale.plotting import draw_figures
+    from multiscale.report import draw_figures
 
     case = load_case("ground_steel").quick()
     cell = case.cell.model_copy(update={"geometry": "flat"})

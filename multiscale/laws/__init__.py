@@ -12,6 +12,7 @@ from multiscale.laws.sliding_friction import BellFriction, Coulomb, DecayingFric
 from multiscale.laws.steady_sliding import SteadySliding
 from multiscale.laws.stiffness import PowerStiffness, StiffnessLaw
 from multiscale.laws.stretched import StretchedLaw
+from multiscale.laws.temperature_shift import wlf_shift
 from multiscale.laws.unloading import HystereticLaw
 
 __all__ = [
@@ -36,4 +37,5 @@ __all__ = [
     "SteadySliding",
     "StiffnessLaw",
     "StretchedLaw",
+    "wlf_shift",
 ]

@@ -1,12 +1,13 @@
 """Finite elements on a representative piece of a rough interface."""
 
+from multiscale.laws import wlf_shift
 from multiscale.laws.bulk.moduli import contact_modulus
 from multiscale.micro.cell import Cell, MeshCell, Opposite
 from multiscale.micro.cell_solver import solve_cell
 from multiscale.micro.ensemble import run_ensemble
 from multiscale.micro.path import Path
 from multiscale.micro.slide import slide_cell
-from multiscale.micro.viscoelastic_sliding import RelaxingSolid, solve_sliding, wlf_shift
+from multiscale.micro.viscoelastic_sliding import RelaxingSolid, solve_sliding
 from multiscale.surfaces import self_affine
 from multiscale.surfaces.surface import Surface
 

@@ -23,52 +23,9 @@ from multiscale.micro.contact_area import contact_fraction
 from multiscale.numerics.krylov import minimal_residual
 from multiscale.surfaces.surface import Surface
 
-__all__ = ["RelaxingSolid", "SlidingContact", "solve_sliding", "wlf_shift"]
+__all__ = ["RelaxingSolid", "SlidingContact", "solve_sliding"]
 
 _LOOSE = 1e-3  # of the first residual, while the active set still changes
-
-
-def wlf_shift(temperature: float, reference: float, c1: float = 17.44, c2: float = 51.6) -> float:
-    r"""Return the shift factor of relaxation times by Williams, Landel and Ferry.
-
-    .. math:: \log_{10} a_T = -\frac{c_1 (T - T_r)}{c_2 + T - T_r}
-
-    Parameters
-    ----------
-    temperature, reference : float
-        :math:`T` and :math:`T_r`, K.
-    c1, c2 : float
-        1 and K; the defaults hold for many polymers with the glass transition as reference.
-
-    Returns
-    -------
-    float
-        :math:`a_T`, dimensionless: relaxation times at T over those at the reference.
-
-    Raises
-    ------
-    CaseError
-        If the temperature is so low that the formula has no meaning.
-
-    References
-    ----------
-    .. [1] M. L. Williams, R. F. Landel and J. D. Ferry, J. Am. Chem. Soc. 77 (1955) 3701-3707,
-       doi:10.1021/ja01619a008.
-
-    Examples
-    --------
-    >>> wlf_shift(293.0, 293.0)
-    1.0
-    >>> wlf_shift(313.0, 293.0) < 1e-3
-    True
-    """
-    above = temperature - reference
-    if not c2 + above > 0.0:
-        raise CaseError(
-            f"the shift factor has no meaning at {temperature:g} K, {-above:g} K below its "
-            f"reference; stay less than {c2:g} K below it"
-        )
-    return float(10.0 ** (-c1 * above / (c2 + above)))
 
 
 @dataclass(frozen=True)
@@ -178,7 +135,7 @@ def solve_sliding(
     velocity : float
         :math:`v`, m/s, at least 0.
     shift : float
-        Factor of all relaxation times, for instance :func:`wlf_shift`.
+        Factor of all relaxation times, for instance :func:`~multiscale.laws.wlf_shift`.
     start : ndarray, optional
         A pressure to start from, Pa.
     max_iterations : int

@@ -6,8 +6,8 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from multiscale.pipeline.body_settings import LapJoint, StackedBlocks
-from multiscale.pipeline.case_joint import STIFFNESSES
 from multiscale.pipeline.real_contact import behaviour, real_pressure
+from multiscale.pipeline.stages.joint import STIFFNESSES
 from multiscale.schema import MACRO_RESULT, with_cautions
 from multiscale.upscaling import (
     area_from_dataset,
@@ -44,7 +44,7 @@ def with_joint_budget(
         Follows ``INTERFACE_LAW`` and carries its budget.
     stiffness : callable
         From a normal law, and optionally another mesh of the structure, to the stiffnesses of
-        :data:`~multiscale.pipeline.case_joint.STIFFNESSES` at the preloads, shape (3, preloads),
+        :data:`~multiscale.pipeline.stages.joint.STIFFNESSES` at the preloads, shape (3, preloads),
         Pa/m.
     coarser : StackedBlocks or LapJoint, optional
         The structure on elements of twice the size, if it has them.

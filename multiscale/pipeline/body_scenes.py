@@ -32,7 +32,7 @@ from multiscale.pipeline.body_settings import (
     StackedBlocks,
     Substructures,
 )
-from multiscale.pipeline.case_joint import STIFFNESSES
+from multiscale.pipeline.stages.joint import STIFFNESSES
 from multiscale.schema import RVE_STIFFNESS, with_cautions
 from multiscale.upscaling import law_from_dataset
 

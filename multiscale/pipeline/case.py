@@ -13,8 +13,8 @@ from multiscale.pipeline.tyre_settings import TyreCase
 
 __all__ = [
     "find_case",
-    "is_tyre_case",
     "load_case",
+    "load_file",
     "load_tyre",
     "read_case",
     "shipped_cases",
@@ -76,9 +76,10 @@ def load_case(case: str | Path) -> Case:
     return validate_case(content, path)
 
 
-def is_tyre_case(case: str | Path) -> bool:
-    """Whether a case file, or the shipped case of that name, is of sliding rubber."""
-    return "rubber" in read_case(find_case(case))
+def load_file(case: str | Path) -> Case | TyreCase:
+    """Read a case file of any kind, which its tables tell; see :func:`load_case`."""
+    path = find_case(case)
+    return load_tyre(path) if "rubber" in read_case(path) else load_case(path)
 
 
 def load_tyre(case: str | Path) -> TyreCase:
@@ -105,7 +106,7 @@ def _refuse_others(content: dict[str, Any], path: Path) -> None:
     if "rubber" in content:
         raise CaseError(
             f"{path}: describes rubber that slides on a road, not a joint; use multiscale run, or "
-            f"load_tyre and run_tyre"
+            f"load_tyre and run"
         )
 
 

@@ -2,8 +2,8 @@
 
 from typing import TYPE_CHECKING
 
-from multiscale.pipeline.case_joint import joint_scales
 from multiscale.pipeline.settings import FEWEST_REALISATIONS, Case
+from multiscale.pipeline.stages.joint import joint_scales
 from multiscale.upscaling import error_budget
 from multiscale.upscaling.budget import how_attribute
 

@@ -1,16 +1,22 @@
 """A run folder: whose it is, and what of it still stands."""
 
+from collections.abc import Mapping
 from pathlib import Path
+from typing import TYPE_CHECKING
 
-from multiscale.errors import CaseError
+from multiscale.errors import CaseError, SchemaError
 from multiscale.io import open_dataset, read_text, remove, write_bytes
-from multiscale.pipeline.case import is_tyre_case, load_case, load_tyre
-from multiscale.pipeline.case_slide import read_sliding
+from multiscale.pipeline.case import load_file
 from multiscale.pipeline.settings import Case
+from multiscale.pipeline.stage import Shown
+from multiscale.pipeline.stages import stages_of
+from multiscale.pipeline.toml_model import read_toml
 from multiscale.pipeline.tyre_settings import TyreCase
-from multiscale.schema import INTERFACE_LAW, MACRO_RESULT, MICRO_RESPONSE
 
-__all__ = ["claim_folder", "read_cautions"]
+if TYPE_CHECKING:
+    import xarray as xr
+
+__all__ = ["claim_folder", "list_cautions", "open_stages"]
 
 
 def claim_folder(out: Path, case: Case | TyreCase) -> None:
@@ -34,7 +40,7 @@ def claim_folder(out: Path, case: Case | TyreCase) -> None:
         raise CaseError(f"{out} holds a sweep; choose another folder for a single run")
     file, text = out / "case.toml", case.to_toml()
     if file.exists() and any(out.rglob("*.nc")):
-        other = load_tyre(file) if is_tyre_case(file) else load_case(file)
+        other = load_file(file)
         if type(other) is not type(case) or other.identity() != case.identity():
             raise CaseError(
                 f"{out} holds another run, {other.title!r} with {other.cell.points[0]} x "
@@ -45,18 +51,24 @@ def claim_folder(out: Path, case: Case | TyreCase) -> None:
     write_bytes(file, text.encode())
 
 
-def read_cautions(out: Path) -> list[str]:
+def open_stages(out: Path) -> "dict[Shown, xr.Dataset]":
+    """Open the datasets that the stages of a finished run have left, in their order.
+
+    Raises
+    ------
+    SchemaError
+        If a dataset is missing or refused.
+    """
+    if not (out / "case.toml").exists():
+        raise SchemaError(f"{out}: no results; a run leaves its case.toml and datasets")
+    stages = stages_of(read_toml(out / "case.toml"))
+    if not all((out / stage.file).exists() for stage in stages):
+        names = ", ".join(stage.file for stage in stages)
+        raise SchemaError(f"{out}: the run is not finished; a finished run leaves {names}")
+    return {stage: open_dataset(out / stage.file, stage.schema) for stage in stages}
+
+
+def list_cautions(found: "Mapping[Shown, xr.Dataset]") -> list[str]:
     """Return what a user should know before trusting a finished run, one sentence each."""
-    datasets = [
-        open_dataset(out / "micro_response.nc", MICRO_RESPONSE),
-        open_dataset(out / "interface_law.nc", INTERFACE_LAW),
-        open_dataset(out / "macro_result.nc", MACRO_RESULT),
-        read_sliding(out),
-    ]
-    found = [
-        caution
-        for dataset in datasets
-        if dataset is not None
-        for caution in str(dataset.attrs.get("cautions", "")).splitlines()
-    ]
-    return list(dict.fromkeys(found))  # a law repeats those of its response
+    cautions = [one for stage, dataset in found.items() for one in stage.cautions(dataset)]
+    return list(dict.fromkeys(cautions))  # a law repeats those of its response

@@ -129,6 +129,11 @@ class Case(Settings):
             )
 
     @property
+    def realisations(self) -> int:
+        """Number of cells."""
+        return self.micro.realisations
+
+    @property
     def bodies(self) -> tuple[Body, Body]:
         """Both bodies."""
         return self.body_1, self.body_2

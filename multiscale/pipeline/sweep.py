@@ -17,12 +17,13 @@ import numpy as np
 
 from multiscale.errors import CaseError, MultiscaleError, SchemaError
 from multiscale.executors import run_jobs
-from multiscale.io import make_folder, open_dataset, write_dataset
-from multiscale.pipeline.case import find_case, read_case, validate_case
-from multiscale.pipeline.case_joint import STIFFNESSES
+from multiscale.io import make_folder, write_dataset
+from multiscale.pipeline.case import find_case, load_tyre, read_case, validate_case
 from multiscale.pipeline.run import run
-from multiscale.pipeline.run_folder import read_cautions
+from multiscale.pipeline.run_folder import list_cautions, open_stages
 from multiscale.pipeline.settings import Case
+from multiscale.pipeline.stages.joint import STIFFNESSES
+from multiscale.pipeline.tyre_settings import TyreCase
 from multiscale.schema import MACRO_RESULT, SWEEP
 
 if TYPE_CHECKING:
@@ -31,8 +32,6 @@ if TYPE_CHECKING:
 __all__ = ["Sweep", "load_sweep", "name_point", "run_sweep"]
 
 MOST_POINTS = 100_000
-
-RESULT_FILE = "macro_result.nc"
 
 RESULT = ("preload", *STIFFNESSES, "mean_gap", "contact_fraction", "real_pressure")
 """Kept of each point; the rest is in its folder."""
@@ -49,7 +48,7 @@ class Sweep:
     title : str
     parameters : tuple of str
         Keys that vary, such as ``"cell.points"``; none in a file without ``[sweep]``.
-    points : tuple of Case
+    points : tuple of Case or TyreCase
         Every combination of the values, the last key fastest.
     settings : tuple of tuple of str
         For each point the values, as the file says them.
@@ -57,7 +56,7 @@ class Sweep:
 
     title: str
     parameters: tuple[str, ...]
-    points: tuple[Case, ...]
+    points: tuple[Case | TyreCase, ...]
     settings: tuple[tuple[str, ...], ...]
 
     def quick(self) -> "Sweep":
@@ -92,6 +91,9 @@ def load_sweep(case: str | Path) -> Sweep:
     """
     path = find_case(case)
     content = read_case(path)
+    if "rubber" in content:
+        tyre = load_tyre(path)
+        return Sweep(tyre.title, (), (tyre,), ((),))
     table = content.pop("sweep", {})
     lists = dict(_lists(table, path)) if isinstance(table, Mapping) else {}
     if not lists and table != {}:
@@ -206,17 +208,14 @@ def _set(content: dict[str, Any], key: tuple[str, ...], value: Any, path: Path) 
 
 def _finished(folder: Path) -> "xr.Dataset | None":
     """Return the result of a point run before, if it is whole and not a failure."""
-    file = folder / RESULT_FILE
-    if not file.exists():
-        return None
     try:
         result = _read_point(folder)
-    except SchemaError:  # damaged or of another version: run again
+    except SchemaError:  # missing, damaged or of another version: run again
         return None
     return result if result["converged"].values.any() else None
 
 
-def _run_point(case: Case, folder: Path) -> "tuple[xr.Dataset | None, str]":
+def _run_point(case: Case | TyreCase, folder: Path) -> "tuple[xr.Dataset | None, str]":
     """Run a point; what is refused is a sentence, not the end."""
     try:
         run(case, folder)
@@ -227,8 +226,9 @@ def _run_point(case: Case, folder: Path) -> "tuple[xr.Dataset | None, str]":
 
 def _read_point(folder: Path) -> "xr.Dataset":
     """Open the result of a point, with the cautions of its whole run."""
-    result = open_dataset(folder / RESULT_FILE, MACRO_RESULT)
-    return result.assign_attrs(cautions="\n".join(read_cautions(folder)))
+    found = open_stages(folder)
+    (result,) = (data for stage, data in found.items() if stage.schema is MACRO_RESULT)
+    return result.assign_attrs(cautions="\n".join(list_cautions(found)))
 
 
 def _join(

@@ -76,6 +76,11 @@ class Settings(BaseModel):
 
     model_config = ConfigDict(frozen=True, extra="forbid")
 
+    @property
+    def tables(self) -> frozenset[str]:
+        """Tables and keys that are given or have a default."""
+        return frozenset(name for name, value in self if value is not None)
+
     def to_toml(self) -> str:
         """Return a file of these settings, in SI units."""
         import tomli_w

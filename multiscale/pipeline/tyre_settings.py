@@ -2,11 +2,12 @@
 
 import hashlib
 from itertools import pairwise
-from typing import Annotated, Self
+from typing import Annotated, ClassVar, Self
 
 from pydantic import Field, field_validator, model_validator
 
-from multiscale.micro.viscoelastic_sliding import RelaxingSolid, wlf_shift
+from multiscale.laws import wlf_shift
+from multiscale.micro.viscoelastic_sliding import RelaxingSolid
 from multiscale.pipeline.case_tables import Points
 from multiscale.pipeline.rough_bodies import SyntheticSurface
 from multiscale.pipeline.settings import FEWEST_REALISATIONS, POINTS_PER_WAVE
@@ -49,7 +50,7 @@ class Rubber(Settings):
     wlf_c1 : number
         First constant of Williams, Landel and Ferry, which shifts the times.
     wlf_c2 : quantity
-        Second constant, K; see :func:`multiscale.micro.viscoelastic_sliding.wlf_shift`.
+        Second constant, K; see :func:`multiscale.laws.wlf_shift`.
     """
 
     relaxed_modulus: Pressure
@@ -189,6 +190,14 @@ class TyreCase(Settings):
     sliding: Slides
     law: LawSettings = LawSettings()
     tread: Tread
+
+    accuracy: ClassVar[None] = None
+    """No planner: it chooses cells of joints alone."""
+
+    @property
+    def realisations(self) -> int:
+        """Number of roads."""
+        return self.sliding.realisations
 
     @model_validator(mode="after")
     def _check(self) -> Self:

@@ -34,7 +34,6 @@ from multiscale.plotting.link_figures import (
     plot_energies,
     plot_sorted_tensions,
 )
-from multiscale.plotting.run_figures import draw_figures
 from multiscale.plotting.sliding_figures import (
     draw_sliding,
     plot_sliding_friction,
@@ -43,7 +42,6 @@ from multiscale.plotting.sliding_figures import (
 from multiscale.plotting.surface_figures import plot_contact_map, plot_surface
 from multiscale.plotting.sweep_figures import plot_sweep
 from multiscale.plotting.tyre_figures import (
-    draw_tyre_figures,
     plot_braking_force,
     plot_footprint,
     plot_friction_bell,
@@ -57,12 +55,10 @@ from multiscale.plotting.work_precision_figures import (
 
 __all__ = [
     "draw_damage",
-    "draw_figures",
     "draw_granulate",
     "draw_joint",
     "draw_links",
     "draw_sliding",
-    "draw_tyre_figures",
     "draw_work_precision",
     "plot_area_law",
     "plot_biaxial_curve",

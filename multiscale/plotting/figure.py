@@ -1,5 +1,6 @@
 """What every figure needs: axes to draw on, a canvas, and a file."""
 
+from collections.abc import Callable
 from io import BytesIO
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -13,7 +14,14 @@ if TYPE_CHECKING:
     from matplotlib.cm import ScalarMappable
     from matplotlib.figure import Figure
 
-__all__ = ["add_colour_bar", "axes_or_current", "new_figure", "plot_energy_parts", "save_figure"]
+__all__ = [
+    "add_colour_bar",
+    "axes_or_current",
+    "new_figure",
+    "on_axes",
+    "plot_energy_parts",
+    "save_figure",
+]
 
 DOTS_PER_INCH = 150
 
@@ -86,3 +94,14 @@ def save_figure(figure: "Figure", file: Path) -> Path:
     figure.savefig(buffer, format="png", dpi=DOTS_PER_INCH)
     write_bytes(file, buffer.getvalue())
     return file
+
+
+def on_axes(plot: "Callable[[Axes], object]") -> Callable[[Path], Path]:
+    """Make the function that plots on axes of their own and writes the figure to a file."""
+
+    def draw(file: Path) -> Path:
+        figure = new_figure()
+        plot(figure.add_subplot())
+        return save_figure(figure, file)
+
+    return draw

@@ -1,17 +1,14 @@
 """Figures of rubber on a road: friction, braking force and footprint."""
 
-from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from multiscale.errors import CaseError
-from multiscale.io import make_folder, open_run
-from multiscale.pipeline import load_tyre
-from multiscale.pipeline.tyre import friction_at
-from multiscale.pipeline.tyre_cells import make_roads
-from multiscale.plotting.figure import add_colour_bar, axes_or_current, new_figure, save_figure
+from multiscale.plotting.figure import add_colour_bar, axes_or_current
+from multiscale.units import ZERO_CELSIUS
 from multiscale.upscaling import law_band
+from multiscale.upscaling.rubber_friction import friction_at
 
 if TYPE_CHECKING:
     import xarray as xr
@@ -20,53 +17,13 @@ if TYPE_CHECKING:
     from multiscale.surfaces.surface import Surface
 
 __all__ = [
-    "draw_tyre_figures",
     "plot_braking_force",
     "plot_footprint",
     "plot_friction_bell",
     "plot_road",
 ]
 
-ZERO_CELSIUS = 273.15
 BAND = (2.5, 97.5)  # percentiles of the bands
-
-
-def draw_tyre_figures(out: str | Path) -> list[Path]:
-    """Draw the figures of a finished run of sliding rubber into its folder ``figures``.
-
-    Parameters
-    ----------
-    out : path
-        Run folder.
-
-    Returns
-    -------
-    list of Path
-        The PNG files, in the order of the chain.
-    """
-    tree = open_run(out, finished=True)
-    response, law, result = (
-        tree[name].to_dataset() for name in ("micro_response", "interface_law", "macro_result")
-    )
-    case = load_tyre(Path(out) / "case.toml")
-    one = case.sliding.model_copy(update={"realisations": 1})
-    (road,) = make_roads(case.model_copy(update={"sliding": one}))
-    pressure = float(result["preload"][0])
-    best = int(np.nanargmax(result["braking_force"].values))
-    figures = {
-        "friction": lambda ax: plot_friction_bell(response, law, pressure, ax=ax),
-        "braking_force": lambda ax: plot_braking_force(result, ax=ax),
-        "footprint_pressure": lambda ax: plot_footprint(result, best, ax=ax),
-        "footprint_friction": lambda ax: plot_footprint(result, best, quantity="friction", ax=ax),
-        "road": lambda ax: plot_road(road, ax=ax),
-    }
-    folder = make_folder(Path(out) / "figures")
-    files = []
-    for name, draw in figures.items():
-        figure = new_figure()
-        draw(figure.add_subplot())  # type: ignore[no-untyped-call]
-        files.append(save_figure(figure, folder / f"{name}.png"))
-    return files
 
 
 def plot_road(road: "Surface", *, ax: "Axes | None" = None) -> "Axes":
@@ -102,7 +59,7 @@ def plot_friction_bell(
     response : Dataset
         Follows ``MICRO_RESPONSE``, with speeds and temperatures.
     law : Dataset
-        Follows ``INTERFACE_LAW``; see :func:`multiscale.pipeline.tyre.fit_friction`.
+        Follows ``INTERFACE_LAW``; see :func:`multiscale.pipeline.stages.friction_law.fit_friction`.
     pressure : float
         Pa; shown is the one of the cells nearest to it.
     ax : Axes, optional

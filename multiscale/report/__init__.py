@@ -1,32 +1,16 @@
 """What a run has found, as tables and as a page."""
 
+from multiscale.pipeline.rows import list_cycles, list_facts, tabulate_links, tabulate_scene
+from multiscale.report.finished_run import FinishedRun, draw_figures, open_finished
 from multiscale.report.page import write_report
-from multiscale.report.roughness_section import list_cutoffs, tabulate_roughness
-from multiscale.report.rows import (
-    list_cycles,
-    list_facts,
-    tabulate,
-    tabulate_braking,
-    tabulate_grains,
-    tabulate_links,
-    tabulate_scene,
-    tabulate_sweep,
-)
-from multiscale.report.sliding_section import describe_sliding
-from multiscale.report.sweep_page import list_sweep_cautions
 
 __all__ = [
-    "describe_sliding",
-    "list_cutoffs",
+    "FinishedRun",
+    "draw_figures",
     "list_cycles",
     "list_facts",
-    "list_sweep_cautions",
-    "tabulate",
-    "tabulate_braking",
-    "tabulate_grains",
+    "open_finished",
     "tabulate_links",
-    "tabulate_roughness",
     "tabulate_scene",
-    "tabulate_sweep",
     "write_report",
 ]

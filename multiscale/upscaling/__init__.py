@@ -35,6 +35,7 @@ from multiscale.upscaling.reading import (
     require_law,
 )
 from multiscale.upscaling.resolution import estimate_grid_error
+from multiscale.upscaling.rubber_friction import friction_at
 from multiscale.upscaling.scales import (
     cell_share,
     compare_scales,
@@ -66,6 +67,7 @@ __all__ = [
     "fit_law",
     "fitted_law",
     "fitted_laws",
+    "friction_at",
     "friction_observations",
     "hysteretic_from_dataset",
     "is_admissible",

@@ -5,8 +5,9 @@ import pytest
 
 from multiscale.convergence import Status
 from multiscale.errors import CaseError
+from multiscale.laws import wlf_shift
 from multiscale.micro import Cell, Path, Surface, solve_cell
-from multiscale.micro.viscoelastic_sliding import RelaxingSolid, solve_sliding, wlf_shift
+from multiscale.micro.viscoelastic_sliding import RelaxingSolid, solve_sliding
 
 LENGTH = 1e-3
 RUBBER = RelaxingSolid(10e6, 0.5, (90e6,), (1.0,))

@@ -198,8 +198,7 @@ SMALL = (
 
 
 def test_a_report_shows_what_a_user_wrote_and_runs_none_of_it(tmp_path, monkeypatch):
-    from multiscale.plotting import draw_figures
-    from multiscale.report import write_report
+    from multiscale.report import draw_figures, write_report
 
     title = SMALL.index("title = ")
     text = SMALL[:title] + f"title = {NASTY!r}" + SMALL[SMALL.index("\n", title) :]

@@ -8,9 +8,9 @@ from multiscale.io import open_law
 from multiscale.laws import Exponential
 from multiscale.macro import Block, RoughJoint, press_joint
 from multiscale.pipeline import load_case
-from multiscale.pipeline.case_joint import solve_joint
 from multiscale.pipeline.rough_structure import Answer, checked
-from multiscale.report import list_facts, tabulate
+from multiscale.pipeline.rows import list_facts, tabulate
+from multiscale.pipeline.stages.joint import solve_joint
 from multiscale.schema import INTERFACE_LAW
 from multiscale.upscaling import hysteretic_from_dataset
 

@@ -10,8 +10,7 @@ from multiscale.micro import Cell, Path, Surface, solve_cell
 from multiscale.pipeline import load_case, make_cells, run
 from multiscale.pipeline.case import shipped_cases
 from multiscale.pipeline.case_response import _increments, increment_errors
-from multiscale.plotting import draw_figures
-from multiscale.report import write_report
+from multiscale.report import draw_figures, write_report
 from multiscale.schema import MICRO_RESPONSE
 from multiscale.upscaling import hysteretic_from_dataset
 

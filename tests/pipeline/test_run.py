@@ -91,8 +91,8 @@ def test_the_report_answers_its_question_and_shows_what_went_in(finished):
     page = (finished[0] / "report.html").read_text(encoding="utf-8")
     headings = (
         "Joint",
-        "Interface law",
         "Error budget",
+        "Interface law",
         "Surface",
         "Inputs",
         "Work and provenance",

@@ -8,8 +8,7 @@ from multiscale.errors import CaseError, SchemaError
 from multiscale.io import make_folder, open_dataset, read_text, write_dataset
 from multiscale.pipeline import load_case, load_tyre, run
 from multiscale.pipeline.run_folder import claim_folder
-from multiscale.plotting import draw_figures
-from multiscale.report import write_report
+from multiscale.report import draw_figures, write_report
 from multiscale.schema import SCHEMAS
 
 

@@ -14,9 +14,8 @@ from multiscale.micro import Path, solve_cell
 from multiscale.micro.slide import slide_cell
 from multiscale.pipeline import load_case, make_cells, requirements, run
 from multiscale.pipeline.case import shipped_cases
-from multiscale.pipeline.case_slide import make_pair
-from multiscale.plotting import draw_figures
-from multiscale.report import describe_sliding, write_report
+from multiscale.pipeline.stages.sliding import describe_sliding, make_pair
+from multiscale.report import draw_figures, write_report
 from multiscale.schema import SLIDING_RESPONSE
 
 SLIDE = """

@@ -11,7 +11,7 @@ from multiscale.cli import app
 from multiscale.errors import CaseError, MultiscaleError
 from multiscale.pipeline import load_case, load_sweep, run, run_sweep
 from multiscale.pipeline.case import shipped_cases
-from multiscale.pipeline.case_joint import solve_joint
+from multiscale.pipeline.stages.joint import solve_joint
 
 SMALL = (
     shipped_cases()["ground_steel"]
@@ -115,7 +115,7 @@ def test_a_point_that_failed_fails_again_and_a_damaged_one_is_run_again(
             result["converged"][:] = 0
         return result
 
-    monkeypatch.setattr(import_module("multiscale.pipeline.run"), "solve_joint", solve)
+    monkeypatch.setattr(import_module("multiscale.pipeline.stages.joint"), "solve_joint", solve)
     flat = SMALL.replace("layers = 14", 'layers = 14\ngeometry = "flat"')
     sweep = load_sweep(write(flat + "[sweep]\ncell.layers = [8, 14]\n"))
     first = run_sweep(sweep, tmp_path / "out")

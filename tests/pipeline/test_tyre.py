@@ -11,14 +11,13 @@ from typer.testing import CliRunner
 from multiscale.cli import app
 from multiscale.errors import CaseError
 from multiscale.io import open_law, open_run, save_law
-from multiscale.micro.viscoelastic_sliding import wlf_shift
-from multiscale.pipeline import load_case, load_tyre, run_tyre
+from multiscale.laws import wlf_shift
+from multiscale.pipeline import load_case, load_tyre, run
 from multiscale.pipeline.case import shipped_cases
-from multiscale.pipeline.tyre import friction_at, solve_treads
-from multiscale.pipeline.tyre_cells import make_roads, slide_road
-from multiscale.plotting import draw_figures
-from multiscale.report import write_report
-from multiscale.upscaling import fit_law, friction_observations
+from multiscale.pipeline.stages.braking import solve_treads
+from multiscale.pipeline.stages.roads import make_roads, slide_road
+from multiscale.report import draw_figures, write_report
+from multiscale.upscaling import fit_law, friction_at, friction_observations
 
 TEXT = shipped_cases()["tyre_on_road"].read_text(encoding="utf-8")
 SMALL = (
@@ -44,7 +43,7 @@ def case_of(tmp_path, text):
 def finished(tmp_path_factory):
     folder = tmp_path_factory.mktemp("tyre")
     case = case_of(folder, SMALL)
-    return case, folder / "out", run_tyre(case, folder / "out")
+    return case, folder / "out", run(case, folder / "out")
 
 
 def test_the_friction_of_the_cells_moves_along_the_speed_by_the_shift_factor(tmp_path):
@@ -123,14 +122,14 @@ def test_a_second_run_keeps_the_roads_and_another_case_is_refused(finished):
     case, out, results = finished
     before = {file: file.stat().st_mtime_ns for file in (out / "micro").iterdir()}
     counts = []
-    again = run_tyre(case, out, progress=counts.append)
+    again = run(case, out, progress=counts.append)
     assert counts == [3]
     assert before == {file: file.stat().st_mtime_ns for file in (out / "micro").iterdir()}
     np.testing.assert_array_equal(
         again.macro_result["braking_force"], results.macro_result["braking_force"]
     )
     with pytest.raises(CaseError, match="holds another run"):
-        run_tyre(case.quick(), out)
+        run(case.quick(), out)
 
 
 def test_figures_and_report_show_friction_force_and_footprint(finished):

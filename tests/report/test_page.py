@@ -9,8 +9,7 @@ import pytest
 from matplotlib.image import imread
 
 from multiscale.pipeline import Sweep, load_case, run_sweep
-from multiscale.plotting import draw_figures
-from multiscale.report import write_report
+from multiscale.report import draw_figures, write_report
 
 
 @pytest.fixture(scope="module")
@@ -45,8 +44,8 @@ def test_the_page_tells_what_was_found_how_and_what_to_beware_of(page):
     found = re.findall(r"<h2>(.*?)</h2>", page)
     assert found == [
         "Joint",
-        "Interface law",
         "Error budget",
+        "Interface law",
         "Surface",
         "Inputs",
         "Work and provenance",

@@ -3,8 +3,8 @@
 import numpy as np
 import pytest
 
-from multiscale.report.rows import list_cycles, say_error, tabulate
-from multiscale.report.tyre_page import braking_answer
+from multiscale.pipeline.rows import list_cycles, say_error, tabulate
+from multiscale.pipeline.stages.braking import braking_answer
 from multiscale.schema import MACRO_RESULT
 
 

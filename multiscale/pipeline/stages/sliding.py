@@ -1,7 +1,7 @@
-"""The bodies of a case slide over each other: both rough, deformable and at large strain."""
+"""Stage: the bodies of a case slide over each other."""
 
 import hashlib
-from concurrent.futures import Executor
+from collections.abc import Iterator
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -10,18 +10,22 @@ import numpy as np
 from multiscale.io import open_dataset, write_dataset
 from multiscale.laws.bulk import J2, BulkLaw, NeoHookean
 from multiscale.micro import Cell, Opposite, slide_cell
+from multiscale.micro.cell_needs import cell_needs
+from multiscale.needs import Needs
 from multiscale.pipeline.case_cells import body_surfaces
 from multiscale.pipeline.case_tables import SlideSettings
 from multiscale.pipeline.rough_bodies import Body
 from multiscale.pipeline.settings import Case
-from multiscale.pipeline.toml_model import read_toml
+from multiscale.pipeline.stage import Datasets, Job, Section, Stage
+from multiscale.plotting.sliding_figures import draw_sliding
 from multiscale.schema import SLIDING_RESPONSE
 from multiscale.surfaces.surface import Surface
 
 if TYPE_CHECKING:
     import xarray as xr
 
-__all__ = ["make_pair", "pair_of", "read_sliding", "slide_bodies"]
+__all__ = ["SLIDING", "describe_sliding", "make_pair"]
+
 
 TOLERANCE = 1e-6
 """Of the contact solver, relative to the norm of the contact forces."""
@@ -62,37 +66,21 @@ def pair_of(case: Case, slide: SlideSettings, lower: Surface, upper: Surface) ->
     )
 
 
-def slide_bodies(
-    case: Case, slide: SlideSettings, file: Path, *, executor: Executor | None = None
-) -> "xr.Dataset":
-    """Slide body 2 over body 1 and write the response; one of the same case found is kept.
-
-    Parameters
-    ----------
-    case : Case
-    slide : SlideSettings
-        Of the case.
-    file : Path
-        Gets the response.
-    executor : Executor, optional
-        For the pressures; see :func:`multiscale.executors.run_jobs`.
-
-    Returns
-    -------
-    Dataset
-        Follows ``SLIDING_RESPONSE``.
-    """
+def _run(case: Case, found: Datasets, job: Job) -> "xr.Dataset":
+    """Slide body 2 over body 1; the response of the same slide that is found is kept."""
+    slide, file = case.slide, job.out / SLIDING.file
+    assert slide is not None  # its table asks for the stage
     identity = hashlib.sha256(f"{case.identity()} {slide.model_dump_json()}".encode()).hexdigest()
     if file.exists():
-        found = open_dataset(file, SLIDING_RESPONSE)
-        if found.attrs.get("identity") == identity:
-            return found
+        kept = open_dataset(file, SLIDING_RESPONSE)
+        if kept.attrs.get("identity") == identity:
+            return kept
     response = slide_cell(
         make_pair(case, slide),
         slide.pressures or case.micro.pressures,
         slide.distance,
         steps=slide.steps,
-        executor=executor,
+        executor=job.executor,
         tolerance=TOLERANCE,
     )
     ended = str(response.attrs.get("ended", ""))
@@ -105,17 +93,6 @@ def slide_bodies(
     return response
 
 
-def read_sliding(out: Path) -> "xr.Dataset | None":
-    """Open how the bodies of a run slide, if its case says that they do.
-
-    One that an earlier case of the same cells has left waits for it.
-    """
-    file = out / "sliding_response.nc"
-    if not file.exists() or "slide" not in read_toml(out / "case.toml"):
-        return None
-    return open_dataset(file, SLIDING_RESPONSE)
-
-
 def _bulk(body: Body) -> BulkLaw:
     """Law of a body at large strain."""
     if body.yield_stress is None:
@@ -126,3 +103,57 @@ def _bulk(body: Body) -> BulkLaw:
         body.yield_stress,
         body.hardening_modulus or 0.0,
     )
+
+
+def _needs(case: Case) -> Needs:
+    assert case.slide is not None
+    smooth = Surface(np.zeros(case.cell.points), case.cell.size)
+    pair = cell_needs(pair_of(case, case.slide, smooth, smooth))
+    told = {"slide": "both bodies, deformable and at large strain, a pressure at a time"}
+    return Needs(operators=told, memory=pair.memory)
+
+
+def _lines(found: Datasets) -> list[str]:
+    return describe_sliding(found[SLIDING.name])
+
+
+def _sections(found: Datasets, out: Path) -> Iterator[Section]:
+    response = found[SLIDING.name]
+    figures = {"sliding": lambda file: draw_sliding(response, file)}
+    yield Section("Sliding", describe_sliding(response), figures=figures)
+
+
+def describe_sliding(response: "xr.Dataset") -> list[str]:
+    """Say the friction of each pressure: its largest value, and where it settles."""
+    way = float(response["sliding_distance"][-1])
+    lines = []
+    for load in range(response.sizes["load"]):
+        one = response.isel(load=load)
+        friction = one["effective_friction"].values[1:]
+        pressure = 1e-6 * float(one["nominal_pressure"])
+        if not np.isfinite(friction).any():
+            lines.append(f"Under {pressure:.4g} MPa nothing slid.")
+            continue
+        steady = float(one["steady_friction"])
+        last = friction[np.isfinite(friction)][-1]
+        end = (
+            f"{steady:.3g} over the last length of the cell"
+            if np.isfinite(steady)
+            else f"{last:.3g} at the end"
+        )
+        lines.append(
+            f"Under {pressure:.4g} MPa the friction of the cell over {1e6 * way:.4g} µm is at most "
+            f"{np.nanmax(friction):.3g}, and {end}."
+        )
+    return lines
+
+
+SLIDING = Stage(
+    schema=SLIDING_RESPONSE,
+    tables=("slide",),
+    run=_run,
+    needs=_needs,
+    lines=_lines,
+    sections=_sections,
+    pictures=("sliding",),
+)

@@ -1,25 +1,29 @@
-"""What the page of a sweep says."""
+"""How the points of a sweep are shown, each a run in a folder of its own."""
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Iterator
+from pathlib import Path
 from typing import TYPE_CHECKING
 
 import numpy as np
 
-from multiscale.pipeline import name_point
-from multiscale.report.rows import tabulate_sweep
-from multiscale.report.section import Section, provenance
+from multiscale.pipeline.rows import tabulate_sweep
+from multiscale.pipeline.stage import Datasets, Section, Shown, Summary, format_table
+from multiscale.pipeline.sweep import name_point
+from multiscale.plotting.figure import on_axes
+from multiscale.plotting.sweep_figures import plot_sweep
+from multiscale.schema import SWEEP
 
 if TYPE_CHECKING:
     import xarray as xr
 
-__all__ = ["list_sweep_cautions", "sweep_answer", "sweep_question", "sweep_sections"]
+__all__ = ["POINTS"]
 
 
 MOST_NAMED = 3
 """Points that are named for one caution."""
 
 
-def list_sweep_cautions(result: "xr.Dataset") -> list[str]:
+def _list_cautions(result: "xr.Dataset") -> list[str]:
     """Say why points have no result, and what to beware of at others: each once, with its points.
 
     Parameters
@@ -62,29 +66,42 @@ def _list(names: list[str], at: list[int]) -> str:
     return f"{named}; and {len(at) - MOST_NAMED} more" if len(at) > MOST_NAMED else named
 
 
-def sweep_question(result: "xr.Dataset") -> str:
-    """Say what is varied."""
+def _summary(found: Datasets) -> Summary:
+    """Say what is varied, and the range of the stiffnesses at the largest preload of each point."""
+    result = found[POINTS.name]
     names = ", ".join(map(str, result["parameter"].values))
-    return f"How does the stiffness of the joint depend on {names}?"
-
-
-def sweep_answer(result: "xr.Dataset") -> list[str]:
-    """Say the range of the stiffnesses at the largest preload of each point."""
     rows = 1e-12 * result["joint_stiffness"].values
     last = [row[np.isfinite(row)][-1] for row in rows if np.isfinite(row).any()]
-    return [
-        f"From {min(last):.4g} to {max(last):.4g} MPa/µm at the largest preload, over {len(last)} "
-        f"of {len(rows)} points with a result."
-    ]
+    return Summary(
+        result.attrs["title"],
+        f"How does the stiffness of the joint depend on {names}?",
+        [
+            f"From {min(last):.4g} to {max(last):.4g} MPa/µm at the largest preload, over "
+            f"{len(last)} of {len(rows)} points with a result."
+        ],
+    )
 
 
-def sweep_sections(result: "xr.Dataset") -> list[Section]:
-    """Return table and figure, and where the runs are."""
-    head, rows = tabulate_sweep(result)
+def _lines(found: Datasets) -> list[str]:
+    result = found[POINTS.name]
+    return format_table(result.attrs["title"], *tabulate_sweep(result))
+
+
+def _sections(found: Datasets, out: Path) -> Iterator[Section]:
+    result = found[POINTS.name]
     told = ["multiscale report FOLDER writes the page of a point from its run folder."]
     runs = list(zip(_names(result), map(str, result["folder"].values), strict=True))
-    return [
-        Section("Points", ["Each at its largest preload."], head, rows, ("sweep",)),
-        Section("Runs", told, rows=runs),
-        Section("Work and provenance", [], rows=provenance(result)),
-    ]
+    figure = on_axes(lambda ax: plot_sweep(result, ax=ax))
+    yield Section(
+        "Points", ["Each at its largest preload."], *tabulate_sweep(result), {"sweep": figure}
+    )
+    yield Section("Runs", told, rows=runs)
+
+
+POINTS = Shown(
+    schema=SWEEP,
+    cautions=_list_cautions,
+    lines=_lines,
+    sections=_sections,
+    summary=_summary,
+)

@@ -5,6 +5,8 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from multiscale.units import ZERO_CELSIUS
+
 if TYPE_CHECKING:
     import xarray as xr
 
@@ -261,7 +263,8 @@ def tabulate_braking(result: "xr.Dataset") -> tuple[tuple[str, ...], list[tuple[
     rows: list[tuple[str, ...]] = []
     for k in range(result.sizes["step"]):
         step = result.isel(step=k)
-        at = (f"{float(step['temperature']) - 273.15:.4g}", f"{float(step['sliding_speed']):.3g}")
+        warm = float(step["temperature"]) - ZERO_CELSIUS
+        at = (f"{warm:.4g}", f"{float(step['sliding_speed']):.3g}")
         if not int(step["converged"]):
             rows.append((*at, "not converged", "", ""))
             continue

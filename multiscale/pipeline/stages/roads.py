@@ -1,7 +1,6 @@
-"""Pieces of road under sliding rubber: solved, and kept in a folder."""
+"""Stage: rubber slides over pieces of road."""
 
-from collections.abc import Callable
-from concurrent.futures import Executor
+from collections.abc import Iterator
 from itertools import product
 from pathlib import Path
 from time import perf_counter
@@ -13,15 +12,23 @@ from multiscale.convergence import Status
 from multiscale.io import write_dataset
 from multiscale.micro.ensemble import run_realisations
 from multiscale.micro.viscoelastic_sliding import solve_sliding
+from multiscale.needs import Needs
+from multiscale.pipeline.case import load_tyre
+from multiscale.pipeline.stage import Datasets, Job, Section, Stage
+from multiscale.pipeline.stages.cells import count_cells
 from multiscale.pipeline.tyre_settings import TyreCase
+from multiscale.plotting.figure import on_axes
+from multiscale.plotting.tyre_figures import plot_road
 from multiscale.schema import MICRO_RESPONSE
 from multiscale.surfaces import nayak_parameter, rms_height, rms_slope, self_affine
 from multiscale.surfaces.surface import Surface
 
 if TYPE_CHECKING:
     import xarray as xr
+    from matplotlib.axes import Axes
 
-__all__ = ["make_roads", "slide_road", "slide_roads"]
+__all__ = ["ROADS", "make_roads", "slide_road"]
+
 
 STEEP = 0.3  # root mean square slope
 
@@ -86,49 +93,6 @@ def slide_road(case: TyreCase, road: Surface) -> "xr.Dataset":
     )
 
 
-def slide_roads(
-    case: TyreCase,
-    file: Path,
-    *,
-    executor: Executor | None = None,
-    progress: Callable[[int], None] = lambda finished: None,
-) -> "xr.Dataset":
-    """Slide rubber over all roads and write the response; finished roads found are kept.
-
-    Parameters
-    ----------
-    case : TyreCase
-    file : Path
-        Gets the response; realisations go to the folder ``micro`` beside it.
-    executor : Executor, optional
-        See :func:`multiscale.executors.run_jobs`.
-    progress : callable
-        Gets the number of finished realisations.
-
-    Returns
-    -------
-    Dataset
-        Follows ``MICRO_RESPONSE``.
-    """
-    identity = case.identity()
-    response = run_realisations(
-        slide_road,
-        [(case, road) for road in make_roads(case)],
-        executor=executor,
-        folder=file.parent / "micro",
-        identity=identity,
-        progress=progress,
-    )
-    response = response.assign_attrs(
-        title=case.title,
-        bodies="rubber on a rigid road, in steady sliding; small slopes",
-        identity=identity,
-        cautions="\n".join([*case.cautions(), *_steepness(response)]),
-    )
-    write_dataset(response, file, MICRO_RESPONSE)
-    return response
-
-
 def _steepness(response: "xr.Dataset") -> list[str]:
     """Caution against slopes for which the half-space is no longer right."""
     steepest = float(response["rms_slope"].max())
@@ -138,3 +102,62 @@ def _steepness(response: "xr.Dataset") -> list[str]:
         f"the road has a root mean square slope of {steepest:.2g}; above {STEEP:g} friction by "
         f"small slopes is only an estimate"
     ]
+
+
+def _run(case: TyreCase, found: Datasets, job: Job) -> "xr.Dataset":
+    """Slide rubber over all roads; finished roads that are found are kept."""
+    out = job.out
+    identity = case.identity()
+    response = run_realisations(
+        slide_road,
+        [(case, road) for road in make_roads(case)],
+        executor=job.executor,
+        folder=out / "micro",
+        identity=identity,
+        progress=job.progress,
+    )
+    response = response.assign_attrs(
+        title=case.title,
+        bodies="rubber on a rigid road, in steady sliding; small slopes",
+        identity=identity,
+        cautions="\n".join([*case.cautions(), *_steepness(response)]),
+    )
+    write_dataset(response, out / ROADS.file, MICRO_RESPONSE)
+    return response
+
+
+def _needs(case: TyreCase) -> Needs:
+    nx, ny = case.cell.points
+    return Needs(
+        kinematics="small slopes and small strain, steady sliding",
+        operators={
+            "complex compliance": "stiffness and loss of the rubber, for each wave of the road"
+        },
+        left_out={
+            "time steps": "sliding is steady in the frame of the road",
+            "mesh of the road": "a half-space of rubber is known in closed form for each wave",
+            "heat": "the temperature is even, and each of the case is given",
+        },
+        memory=8 * 30 * nx * ny,
+    )
+
+
+def _sections(found: Datasets, out: Path) -> Iterator[Section]:
+    def plot(ax: "Axes") -> "Axes":
+        case = load_tyre(out / "case.toml")
+        one = case.sliding.model_copy(update={"realisations": 1})
+        (road,) = make_roads(case.model_copy(update={"sliding": one}))
+        return plot_road(road, ax=ax)
+
+    yield Section("Road", figures={"road": on_axes(plot)})
+
+
+ROADS = Stage(
+    schema=MICRO_RESPONSE,
+    tables=("rubber", "sliding"),
+    run=_run,
+    needs=_needs,
+    sections=_sections,
+    pictures=("road",),
+    work=count_cells,
+)

@@ -1,0 +1,162 @@
+"""What a stage of a case is: it takes earlier datasets, leaves one of its own, and shows it."""
+
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from concurrent.futures import Executor
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, TypeAlias
+
+from multiscale.needs import Needs
+from multiscale.schema import Schema
+
+if TYPE_CHECKING:
+    import xarray as xr
+
+__all__ = [
+    "Datasets",
+    "Job",
+    "Section",
+    "Shown",
+    "Stage",
+    "Summary",
+    "format_table",
+    "list_cautions",
+]
+
+Datasets: TypeAlias = "Mapping[str, xr.Dataset]"
+"""Dataset of every stage, by its name."""
+
+
+@dataclass(frozen=True)
+class Section:
+    """A part of the page of a run.
+
+    Attributes
+    ----------
+    heading : str
+    lines : sequence of str
+        Paragraphs.
+    head, rows : tuple of str, sequence of tuple of str
+        A table.
+    figures : mapping of str to callable
+        From the name of a figure to a function that draws it into the file that it is given.
+    """
+
+    heading: str
+    lines: Sequence[str] = ()
+    head: tuple[str, ...] = ()
+    rows: Sequence[tuple[str, ...]] = ()
+    figures: Mapping[str, Callable[[Path], Path]] = field(default_factory=dict)
+
+
+@dataclass(frozen=True)
+class Summary:
+    """What a run was for: title, question, and the answer in a few sentences."""
+
+    title: str
+    question: str
+    answer: Sequence[str]
+
+
+@dataclass(frozen=True)
+class Job:
+    """Where and with what the stages of a case are run.
+
+    Attributes
+    ----------
+    out : Path
+        Run folder, which exists.
+    executor : Executor or None
+        See :func:`multiscale.executors.run_jobs`.
+    progress : callable
+        Gets the number of finished realisations.
+    """
+
+    out: Path
+    executor: Executor | None = None
+    progress: Callable[[int], None] = lambda finished: None
+
+
+def list_cautions(dataset: "xr.Dataset") -> list[str]:
+    """Return the cautions that a dataset carries as an attribute, one sentence each."""
+    return str(dataset.attrs.get("cautions", "")).splitlines()
+
+
+def _nothing(*_: object) -> tuple[()]:
+    """Return nothing to show, and nothing to refuse."""
+    return ()
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class Shown:
+    """A dataset of a run or a sweep, in a file named after its schema, and how it is shown.
+
+    Attributes
+    ----------
+    schema : Schema
+    cautions : callable
+        From the dataset to what a user should know before trusting it, one sentence each.
+    lines : callable
+        From the datasets of a run to what the command line prints.
+    sections : callable
+        From the datasets and the run folder to parts of the page, with their figures.
+    work : callable
+        From the datasets to rows that say how much was computed.
+    summary : callable
+        From the datasets to the head of the page; the last one of a run counts.
+    """
+
+    schema: Schema
+    cautions: Callable[["xr.Dataset"], Iterable[str]] = list_cautions
+    lines: Callable[[Datasets], Iterable[str]] = _nothing
+    sections: Callable[[Datasets, Path], Iterable[Section]] = _nothing
+    work: Callable[[Datasets], Iterable[tuple[str, str]]] = _nothing
+    summary: Callable[[Datasets], Summary] | None = None
+
+    @property
+    def name(self) -> str:
+        """Name of the dataset."""
+        return self.schema.name
+
+    @property
+    def file(self) -> str:
+        """Name of the file in the run folder."""
+        return f"{self.name}.nc"
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class Stage(Shown):
+    """A stage of a case.
+
+    Attributes
+    ----------
+    tables : tuple of str
+        Tables of a case file that together ask for the stage.
+    run : callable
+        From the case, the datasets of earlier stages and the job to the dataset of the stage,
+        which it also writes to the run folder.
+    needs : callable
+        From the case to the :class:`Needs` of the stage.
+    check : callable
+        Refuses a dataset that has been written but answers nothing.
+    pictures : tuple of str
+        Names of all figures that the sections may have.
+    """
+
+    tables: tuple[str, ...]
+    run: Callable[[Any, Datasets, Job], "xr.Dataset"]
+    needs: Callable[[Any], Needs] = lambda case: Needs()
+    check: Callable[["xr.Dataset"], object] = _nothing
+    pictures: tuple[str, ...] = ()
+
+
+def format_table(title: str, head: tuple[str, ...], rows: Sequence[tuple[str, ...]]) -> list[str]:
+    """Return a title, a head and rows of text as lines with aligned columns."""
+    widths = [max(map(len, column)) for column in zip(head, *rows, strict=True)]
+    return [
+        title,
+        *(
+            "  ".join(f"{cell:>{width}}" for cell, width in zip(row, widths, strict=True))
+            for row in (head, *rows)
+        ),
+    ]

@@ -1,0 +1,30 @@
+"""The stages of all cases: to add one is to add a file and a line here."""
+
+from collections.abc import Container
+
+from multiscale.pipeline.stage import Stage
+from multiscale.pipeline.stages.braking import BRAKING
+from multiscale.pipeline.stages.cells import CELLS
+from multiscale.pipeline.stages.fitted_law import FITTED_LAW
+from multiscale.pipeline.stages.friction_law import FRICTION_LAW
+from multiscale.pipeline.stages.joint import JOINT
+from multiscale.pipeline.stages.roads import ROADS
+from multiscale.pipeline.stages.sliding import SLIDING
+
+__all__ = ["STAGES", "stages_of"]
+
+STAGES: tuple[Stage, ...] = (
+    SLIDING,
+    CELLS,
+    FITTED_LAW,
+    JOINT,
+    ROADS,
+    FRICTION_LAW,
+    BRAKING,
+)
+"""In the order in which they are run."""
+
+
+def stages_of(tables: Container[str]) -> tuple[Stage, ...]:
+    """Return the stages that the tables of a case file ask for, in their order."""
+    return tuple(stage for stage in STAGES if all(table in tables for table in stage.tables))

@@ -1,0 +1,275 @@
+"""Stage: a tread block brakes on the road, by the law of friction."""
+
+from collections.abc import Iterator
+from itertools import product
+from pathlib import Path
+from time import perf_counter
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from multiscale.errors import ConvergenceError
+from multiscale.io import write_dataset
+from multiscale.laws import Exponential, SteadySliding
+from multiscale.macro.data_range import load_shares, with_load_shares
+from multiscale.macro.joint import Footprint, TreadBlock, condense_tread, slide_tread
+from multiscale.macro.joint.tread import CondensedTread
+from multiscale.needs import Needs
+from multiscale.pipeline.rows import list_facts, say_error, tabulate_braking
+from multiscale.pipeline.stage import Datasets, Job, Section, Stage, Summary, format_table
+from multiscale.pipeline.tyre_budget import with_braking_budget
+from multiscale.pipeline.tyre_settings import TyreCase
+from multiscale.plotting.figure import on_axes
+from multiscale.plotting.tyre_figures import plot_braking_force, plot_footprint
+from multiscale.schema import INTERFACE_LAW, MACRO_RESULT, MICRO_RESPONSE
+from multiscale.units import ZERO_CELSIUS
+from multiscale.upscaling import cell_share, fit_law, law_from_dataset, observe
+from multiscale.upscaling.budget import how_attribute
+from multiscale.upscaling.rubber_friction import frictions_at
+
+if TYPE_CHECKING:
+    import xarray as xr
+
+__all__ = ["BRAKING", "braking_answer", "solve_treads"]
+
+
+TELLING = 0.05
+"""Error of the law over the peak of the friction, from which a user is told."""
+
+MOST_SAMPLES = 20
+"""Of the law, that braking forces are computed for."""
+
+
+def solve_treads(case: TyreCase, response: "xr.Dataset", law: "xr.Dataset") -> "xr.Dataset":
+    """Brake a tread block at every temperature and speed.
+
+    Returns
+    -------
+    Dataset
+        Follows ``MACRO_RESULT``, with temperature and speed along ``step``.
+    """
+    pressure, elements = case.tread.pressure, case.tread.elements
+    fewer = tuple(-(-count // 2) for count in elements)
+    tread, coarse = _condense(case, elements), _condense(case, fewer)
+    steps = list(product(case.sliding.temperatures, case.sliding.speeds))
+    samples = range(min(MOST_SAMPLES, law.sizes.get("sample", 0)))
+    found, coarser, times, ranges = [], [], [], []
+    sampled = np.full((len(samples), len(steps)), np.nan)
+    for k, (temperature, speed) in enumerate(steps):
+        begin = perf_counter()
+        normal = _normal_law(response, temperature, speed)
+        ranges.append(normal.pressure_range)
+        frictions = frictions_at(law, temperature, [None, *samples])
+        mean, *drawn = (SteadySliding(normal, one, (speed, 0.0)) for one in frictions)
+        found.append(slide_tread(tread, mean, pressure))
+        coarser.append(_force(slide_tread(coarse, mean, pressure)))
+        sampled[:, k] = [_force(slide_tread(tread, one, pressure)) for one in drawn]
+        times.append(perf_counter() - begin)
+    good = np.array([one.solution.converged for one in found])
+    failures = [
+        f"no braking force at {speed:.3g} m/s and {temperature - ZERO_CELSIUS:.4g} °C: "
+        f"{one.solution.detail}"
+        for (temperature, speed), one in zip(steps, found, strict=True)
+        if not one.solution.converged
+    ]
+    force = np.array([_force(one) for one in found])
+    load = pressure * tread.block.area
+    result = MACRO_RESULT.build(
+        {
+            "converged": good.astype(int),
+            "residual": [one.solution.residuals[-1] for one in found],
+            "wall_time": times,
+            "preload": np.full(len(steps), pressure),
+            "temperature": [temperature for temperature, _ in steps],
+            "sliding_speed": [speed for _, speed in steps],
+            "braking_force": force,
+            "braking_coefficient": force / load,
+            **({"braking_force_sample": sampled} if samples else {}),
+            "traction": np.where(good[:, None, None], [one.traction.T for one in found], np.nan),
+            "point_position": np.vstack([tread.position, np.zeros(tread.weight.size)]).T,
+            "point_area": tread.weight,
+        },
+        title=case.title,
+        cautions="\n".join(filter(None, [_missed(law), *failures])),
+    )
+    pressure_of = np.array(
+        [np.where(one.solution.converged, -one.traction[0], np.nan) for one in found]
+    )
+    data = np.array(ranges)
+    shares = load_shares(pressure_of, tread.weight, data)[..., None]
+    ends = np.array([[data[:, 0].max(), data[:, 1].min()]])
+    result = with_load_shares(result, shares, ends, extrapolate=case.law.extrapolate)
+    ratio = float(np.prod(elements) / np.prod(fewer)) ** (1.0 / 3.0)
+    coarse_force = {ratio: np.array(coarser)} if ratio > 1.0 else {}
+    result = with_braking_budget(result, law, coarse_force)
+    total = result["error_total"].where(result["known"] == 1)
+    edge = min(case.tread.length, case.tread.width)
+    return result.assign(error_total=total).assign_attrs(
+        facts=cell_share(max(case.cell.size), edge)
+    )
+
+
+def _condense(case: TyreCase, elements: tuple[int, ...]) -> CondensedTread:
+    """Condense the tread block on so many elements."""
+    block, (nx, ny, nz) = case.tread, elements
+    size = (block.length, block.width, block.height)
+    rubber = case.rubber
+    return condense_tread(
+        TreadBlock(size, rubber.relaxed_modulus, rubber.poissons_ratio, (nx, ny, nz))
+    )
+
+
+def _force(footprint: Footprint) -> float:
+    """Braking force, N; NaN if it did not converge."""
+    return footprint.braking_force if footprint.solution.converged else np.nan
+
+
+def _missed(law: "xr.Dataset") -> str:
+    """Caution against forces where the bell misses the cells."""
+    error = float(law.attrs["largest_error_over_peak"])
+    if error <= TELLING:
+        return ""
+    return (
+        f"the bell misses the cells by up to {100.0 * error:.2g} % of its peak, most at "
+        f"{law.attrs['largest_error_speed']:.3g} m/s and "
+        f"{law.attrs['largest_error_temperature'] - ZERO_CELSIUS:.4g} °C, more than the bands of "
+        f"the forces say, which hold the scatter of the road alone"
+    )
+
+
+def _normal_law(response: "xr.Dataset", temperature: float, speed: float) -> Exponential:
+    """Exponential law of the mean gaps at one temperature and speed."""
+    at = (response["temperature"].values == temperature) & (
+        response["sliding_speed"].values == speed
+    )
+    part = response.isel(step=np.flatnonzero(at))
+    gaps = np.where(part["converged"].values == 1, part["mean_gap"].values, np.nan)
+    seen = observe("gap", part["nominal_pressure"].values, gaps)
+    law = law_from_dataset(fit_law(seen, family="exponential", n_samples=0))
+    if not isinstance(law, Exponential):
+        raise TypeError(f"expected an exponential law, got {type(law).__name__}")
+    return law
+
+
+def _run(case: TyreCase, found: Datasets, job: Job) -> "xr.Dataset":
+    result = solve_treads(case, found[MICRO_RESPONSE.name], found[INTERFACE_LAW.name])
+    write_dataset(result, job.out / BRAKING.file, MACRO_RESULT)
+    return result
+
+
+def _needs(case: TyreCase) -> Needs:
+    ex, ey, ez = case.tread.elements
+    face = 3 * (2 * ex + 1) * (2 * ey + 1) + 1
+    return Needs(
+        operators={"tread block": f"{face} unknowns on its face stand for all of it"},
+        fields=("traction of the footprint",),
+        libraries=("matplotlib", "scikit-fem"),
+        memory=8 * (6 * face**2 + 40 * face * face * ez),
+    )
+
+
+def _check(result: "xr.Dataset") -> None:
+    """Refuse a tread block that brakes nowhere."""
+    if not result["converged"].values.any():
+        raise ConvergenceError(
+            f"the tread block did not converge at any speed and temperature:\n"
+            f"{result.attrs['cautions']}"
+        )
+
+
+def _lines(found: Datasets) -> list[str]:
+    result = found[BRAKING.name]
+    table = format_table(result.attrs["title"], *tabulate_braking(result))
+    return [*table, *list_facts(result)]
+
+
+def _summary(found: Datasets) -> Summary:
+    result = found[BRAKING.name]
+    return Summary(result.attrs["title"], _question(result), braking_answer(result))
+
+
+def _question(result: "xr.Dataset") -> str:
+    """Say what was asked."""
+    speed, warm = result["sliding_speed"].values, result["temperature"].values - ZERO_CELSIUS
+    return (
+        f"How hard does the tread block brake under {1e-3 * float(result['preload'][0]):.4g} kPa, "
+        f"at {speed.min():.3g} to {speed.max():.3g} m/s and {warm.min():.3g} to "
+        f"{warm.max():.3g} °C?"
+    )
+
+
+def braking_answer(result: "xr.Dataset") -> list[str]:
+    """Say where the force of every temperature is largest."""
+    lines = []
+    for temperature in np.unique(result["temperature"].values):
+        at = np.flatnonzero(
+            (result["temperature"].values == temperature)
+            & np.isfinite(result["braking_force"].values)
+        )
+        if at.size == 0:
+            lines.append(f"At {temperature - ZERO_CELSIUS:.4g} °C no force is known.")
+            continue
+        best = _hardest(result.isel(step=at))
+        error = ""
+        if "error_total" in result:
+            said = say_error(float(best["error_total"].squeeze()))
+            error = " ± an unknown error" if said == "unknown" else f" ± {said} %"
+        lines.append(
+            f"At {temperature - ZERO_CELSIUS:.4g} °C it brakes by at most "
+            f"{float(best['braking_force']):.4g} N{error}, "
+            f"{float(best['braking_coefficient']):.3g} of its load, at "
+            f"{float(best['sliding_speed']):.3g} m/s."
+        )
+    return lines
+
+
+def _hardest(result: "xr.Dataset") -> "xr.Dataset":
+    """Step of the largest force."""
+    return result.isel(step=int(np.nanargmax(result["braking_force"].values)))
+
+
+def _sections(found: Datasets, out: Path) -> Iterator[Section]:
+    result = found[BRAKING.name]
+    force = on_axes(lambda ax: plot_braking_force(result, ax=ax))
+    yield Section(
+        "Tread block", list_facts(result), *tabulate_braking(result), {"braking_force": force}
+    )
+    yield _budget(result)
+    best = int(np.nanargmax(result["braking_force"].values))
+    pressed = on_axes(lambda ax: plot_footprint(result, best, ax=ax))
+    rubbed = on_axes(lambda ax: plot_footprint(result, best, quantity="friction", ax=ax))
+    yield Section(
+        "Footprint", figures={"footprint_pressure": pressed, "footprint_friction": rubbed}
+    )
+
+
+def _budget(result: "xr.Dataset") -> Section:
+    """Say of each term of the error budget how large it is and how it was estimated."""
+    if "error_total" not in result:
+        return Section("Error budget", ["Nothing was estimated."])
+    best = _hardest(result).squeeze("quantity")
+    rows = []
+    for term, half in zip(
+        result["error_term"].values, best["error_half_width"].values, strict=True
+    ):
+        known = f"{100.0 * half:.2g}" if np.isfinite(half) else ""
+        rows.append((str(term), known, result.attrs[how_attribute(str(term))]))
+    return Section(
+        "Error budget",
+        ["Half-widths of 95 % intervals of the braking force, where it is largest of all."],
+        ("term", "half-width (%)", "rests on"),
+        rows,
+    )
+
+
+BRAKING = Stage(
+    schema=MACRO_RESULT,
+    tables=("rubber", "tread"),
+    run=_run,
+    needs=_needs,
+    check=_check,
+    lines=_lines,
+    sections=_sections,
+    pictures=("braking_force", "footprint_pressure", "footprint_friction"),
+    summary=_summary,
+)

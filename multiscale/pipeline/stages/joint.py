@@ -1,0 +1,251 @@
+"""Stage: two blocks pressed together through the interface law."""
+
+from collections.abc import Iterator
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from multiscale.convergence import Status
+from multiscale.errors import ConvergenceError
+from multiscale.io import write_dataset
+from multiscale.laws import NormalLaw
+from multiscale.macro import Block, RoughJoint, press_joint
+from multiscale.needs import Needs
+from multiscale.pipeline.case_cells import longest_wave
+from multiscale.pipeline.real_contact import behaviour, real_pressure
+from multiscale.pipeline.rows import list_facts, tabulate
+from multiscale.pipeline.settings import Case
+from multiscale.pipeline.stage import Datasets, Job, Section, Stage, Summary, format_table
+from multiscale.plotting.budget_figures import plot_error_budget
+from multiscale.plotting.figure import on_axes
+from multiscale.plotting.law_figures import plot_joint_stiffness
+from multiscale.schema import INTERFACE_LAW, MACRO_RESULT, MICRO_RESPONSE, with_cautions
+from multiscale.upscaling import (
+    area_from_dataset,
+    cell_share,
+    compare_scales,
+    fitted_laws,
+    law_from_dataset,
+    over_steps,
+    require_law,
+    structure_budget,
+    with_budget,
+)
+from multiscale.upscaling.scales import ScaleSeparation
+
+if TYPE_CHECKING:
+    import xarray as xr
+
+__all__ = ["JOINT", "STIFFNESSES", "joint_scales", "solve_joint"]
+
+
+STIFFNESSES = ("joint_stiffness", "interface_stiffness", "solid_stiffness")
+"""Of the whole, of its interface and of its bodies: all have an error budget."""
+
+
+def joint_scales(case: Case) -> ScaleSeparation:
+    """Compare the scales of the cells with those of the joint, whose pressure is even.
+
+    Nothing varies over less than its width, which holds only so many cells.
+    """
+    return compare_scales(longest_wave(case), max(case.cell.size), case.joint.width)
+
+
+def solve_joint(case: Case, law: "xr.Dataset") -> "xr.Dataset":
+    """Press two blocks together through the law and its samples.
+
+    Parameters
+    ----------
+    case : Case
+    law : Dataset
+        Follows ``INTERFACE_LAW`` and carries its budget, which tells the sampling error of the
+        joint if the law has no samples.
+
+    Returns
+    -------
+    Dataset
+        Follows ``MACRO_RESULT``, with the budget of :data:`STIFFNESSES`.
+    """
+    joint, preload, extrapolate = _joint(case), np.array(case.joint.preloads), case.law.extrapolate
+    samples = range(law.sizes["sample"])
+    result = press_joint(
+        joint,
+        law_from_dataset(law),
+        preload,
+        samples=fitted_laws(law, samples),
+        extrapolate=extrapolate,
+    )
+    fraction = area_from_dataset(law).contact_fraction(preload)
+    areas = {"contact_fraction": fraction, "real_pressure": real_pressure(preload, fraction)}
+    kept = np.isfinite(result["joint_stiffness"].to_numpy())
+    areas |= _unloading_stiffness(law, result)
+    areas = {name: np.where(kept, value, np.nan) for name, value in areas.items()}
+    result = MACRO_RESULT.assign(with_cautions(result, *joint_scales(case).cautions), areas)
+    result = result.assign_attrs(
+        facts="\n".join([*behaviour(law), cell_share(max(case.cell.size), case.joint.width)]),
+    )
+    steps = np.flatnonzero(kept & (result["known"].values == 1))
+    if not steps.size:
+        return result
+
+    def stiffness(one: NormalLaw) -> np.ndarray:
+        pressed = press_joint(joint, one, preload[steps], extrapolate=True)
+        return np.stack([pressed[name].to_numpy() for name in STIFFNESSES])
+
+    known = result.isel(step=steps)
+    drawn: np.ndarray | int = 0
+    if samples:
+        names = ("joint_stiffness_sample", "interface_stiffness_sample")
+        rows = [known[name].to_numpy() for name in names]
+        solid = np.broadcast_to(known["solid_stiffness"].to_numpy(), rows[0].shape)
+        drawn = np.stack([*rows, solid], axis=1)
+    budget = structure_budget(
+        STIFFNESSES,
+        law,
+        stiffness,
+        answer=np.stack([known[name].to_numpy() for name in STIFFNESSES]),
+        pressure=preload[steps],
+        exact="none: blocks and law in series are a closed form under even pressure",
+        samples=drawn,
+    )
+    return with_budget(result, over_steps(budget, steps, preload.size))
+
+
+def _unloading_stiffness(law: "xr.Dataset", result: "xr.Dataset") -> dict[str, np.ndarray]:
+    r"""Stiffness of the joint whose preload begins to fall, and its samples; if cells unloaded.
+
+    With the factor :math:`\beta` of the unloading branch, (1) of
+    :func:`~multiscale.macro.press_joint` for :math:`\beta K` instead of :math:`K`.
+    """
+    if "unloading_stiffness_ratio" not in law:
+        return {}
+    K, solid = (result[name].to_numpy() for name in ("interface_stiffness", "solid_stiffness"))
+    ratio: dict[str, Any] = {"unloading_stiffness": float(law["unloading_stiffness_ratio"])}
+    if law.sizes.get("unloading_sample"):
+        require_law(law, "unloading_stiffness_ratio_sample")
+        drawn = law["unloading_stiffness_ratio_sample"].to_numpy()[:, None]
+        ratio["unloading_stiffness_sample"] = drawn
+    return {name: 1.0 / (1.0 / (beta * K) + 1.0 / solid) for name, beta in ratio.items()}
+
+
+def _joint(case: Case) -> RoughJoint:
+    """Make the joint of a case."""
+    lower, upper = (
+        Block(case.joint.height, body.youngs_modulus, body.poissons_ratio) for body in case.bodies
+    )
+    return RoughJoint((case.joint.width, case.joint.width), lower, upper)
+
+
+def _run(case: Case, found: Datasets, job: Job) -> "xr.Dataset":
+    result = solve_joint(case, found[INTERFACE_LAW.name])
+    write_dataset(result, job.out / JOINT.file, MACRO_RESULT)
+    return result
+
+
+def _needs(case: Case) -> Needs:
+    return Needs(
+        operators={"joint": "blocks and interface law in series, in closed form"},
+        left_out={"joint mesh": "the pressure on the joint is even, and a closed form is exact"},
+        libraries=("matplotlib",),  # the report
+    )
+
+
+def _check(result: "xr.Dataset") -> None:
+    """Refuse a joint that is nowhere known."""
+    if not result["converged"].values.any():
+        raise ConvergenceError(
+            f"the joint did not converge at any of {result.sizes['step']} preloads: "
+            f"{Status.MAX_ITERATIONS.value}"
+        )
+    if not np.isfinite(result["joint_stiffness"].values).any():
+        raise ConvergenceError(f"the joint is unknown at every preload: {result.attrs['cautions']}")
+
+
+def _lines(found: Datasets) -> Iterator[str]:
+    result = found[JOINT.name]
+    yield from _decisions(result)
+    yield from format_table(found[MICRO_RESPONSE.name].attrs["title"], *tabulate(result))
+    yield from list_facts(result)
+
+
+def _decisions(result: "xr.Dataset") -> list[str]:
+    """Say what a planner has decided, if there was one."""
+    return str(result.attrs.get("plan", "")).splitlines()
+
+
+def _summary(found: Datasets) -> Summary:
+    result = found[JOINT.name]
+    return Summary(found[MICRO_RESPONSE.name].attrs["title"], _question(result), _answer(result))
+
+
+def _question(result: "xr.Dataset") -> str:
+    preload = 1e-6 * result["preload"].values
+    return (
+        f"How stiff is the joint of the two bodies, pressed together by {preload.min():.4g} to "
+        f"{preload.max():.4g} MPa, and how much of it touches?"
+    )
+
+
+def _answer(result: "xr.Dataset") -> list[str]:
+    """Say the middle one of the preloads with an answer, with its error, and what flows."""
+    done = np.flatnonzero(np.isfinite(result["joint_stiffness"].values))
+    if done.size == 0:
+        return ["The answer is known at no preload."]
+    head, rows = tabulate(result.isel(step=[done[done.size // 2]]))
+    row = dict(zip(head, rows[0], strict=True))
+    error = f" with a 95 % error bound of {row['error (%)']} %" if row["error (%)"] else ""
+    if row["error (%)"] == "unknown":
+        error = " with an unknown error"
+    unloading = (
+        f" When the preload begins to fall, it is {row['unloading (MPa/µm)']} MPa/µm."
+        if "unloading_stiffness" in result
+        else ""
+    )
+    unknown = result.attrs.get("unknown", "")
+    beside = f" The error does not count what is not known of it: {unknown}." if unknown else ""
+    if row["error (%)"] == "unknown":
+        beside = f" Not known of the error: {unknown}; see the error budget."
+    return [
+        f"At {row['preload (MPa)']} MPa its stiffness is {row['joint stiffness (MPa/µm)']} MPa/µm"
+        f"{error}, and {row['contact (%)']} % of it touches, under "
+        f"{row['real pressure (MPa)']} MPa on the mean.{unloading} "
+        f"In MPa/µm, the interface alone has {row['interface (MPa/µm)']} and the bodies "
+        f"{row['bodies (MPa/µm)']}.{beside}",
+        *list_facts(result)[:1],
+    ]
+
+
+def _sections(found: Datasets, out: Path) -> Iterator[Section]:
+    result = found[JOINT.name]
+    told = [*_decisions(result), *list_facts(result)]
+    stiffness = on_axes(lambda ax: plot_joint_stiffness(result, ax=ax))
+    yield Section("Joint", told, *tabulate(result), {"joint_stiffness": stiffness})
+    yield _budget(result)
+
+
+def _budget(result: "xr.Dataset") -> Section:
+    """Say of each term of the error budget how it was estimated."""
+    if "error_total" not in result:
+        return Section("Error budget", ["Nothing was estimated."])
+    terms = map(str, result["error_term"].values)
+    rows = [(term, result.attrs[f"how_{term.replace(' ', '_')}"]) for term in terms]
+    return Section(
+        "Error budget",
+        ["Half-widths of 95 % intervals of the joint stiffness; each term rests on this:"],
+        rows=rows,
+        figures={"error_budget": on_axes(lambda ax: plot_error_budget(result, ax=ax))},
+    )
+
+
+JOINT = Stage(
+    schema=MACRO_RESULT,
+    tables=("micro", "joint"),
+    run=_run,
+    needs=_needs,
+    check=_check,
+    lines=_lines,
+    sections=_sections,
+    pictures=("joint_stiffness", "error_budget"),
+    summary=_summary,
+)

@@ -1,0 +1,100 @@
+"""A finished run or sweep: its datasets, and what its stages show of them."""
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from multiscale.io import make_folder, open_dataset, reading_run, remove
+from multiscale.pipeline.run_folder import list_cautions, open_stages
+from multiscale.pipeline.stage import Section, Shown
+from multiscale.pipeline.stages import STAGES
+from multiscale.pipeline.sweep_points import POINTS
+from multiscale.pipeline.toml_model import read_toml
+
+if TYPE_CHECKING:
+    import xarray as xr
+
+__all__ = ["FinishedRun", "draw_figures", "open_finished"]
+
+
+@dataclass(frozen=True)
+class FinishedRun:
+    """What the folder of a finished run or sweep holds.
+
+    Attributes
+    ----------
+    out : Path
+        Run folder.
+    stages : tuple of Shown
+        Stages of a run in the order in which they were run, or the points of a sweep.
+    found : dict of str to Dataset
+        Datasets of the stages, by name.
+    cautions : list of str
+        What a user should know before trusting the results, one sentence each.
+    case : dict
+        Content of the case file; empty for a sweep, whose points have theirs.
+    """
+
+    out: Path
+    stages: tuple[Shown, ...]
+    found: "dict[str, xr.Dataset]"
+    cautions: list[str]
+    case: dict[str, Any]
+
+    def sections(self) -> list[Section]:
+        """Return what the stages show on the page, the last stage first."""
+        return [
+            part for stage in self.stages[::-1] for part in stage.sections(self.found, self.out)
+        ]
+
+    def lines(self) -> Iterator[str]:
+        """Yield what the stages tell on the command line, the last stage first."""
+        for stage in self.stages[::-1]:
+            yield from stage.lines(self.found)
+
+
+def open_finished(out: Path) -> FinishedRun:
+    """Open what a finished run or sweep has left.
+
+    Raises
+    ------
+    SchemaError
+        If a dataset is missing or refused.
+    """
+    file = out / POINTS.file
+    swept = file.exists()
+    opened = {POINTS: open_dataset(file, POINTS.schema)} if swept else open_stages(out)
+    case = {} if swept else read_toml(out / "case.toml")
+    found = {stage.name: dataset for stage, dataset in opened.items()}
+    return FinishedRun(out, tuple(opened), found, list_cautions(opened), case)
+
+
+def draw_figures(out: str | Path) -> list[Path]:
+    """Draw the figures of a finished run or sweep into its folder ``figures``.
+
+    Figures that the stages of another case have left there are removed.
+
+    Parameters
+    ----------
+    out : path
+        Run folder.
+
+    Returns
+    -------
+    list of Path
+        The PNG files, in the order of the page.
+    """
+    with reading_run(out):
+        sections = open_finished(Path(out)).sections()
+        folder = make_folder(Path(out) / "figures")
+        files = [
+            draw(folder / f"{name}.png")
+            for section in sections
+            for name, draw in section.figures.items()
+        ]
+    for stage in STAGES:
+        for name in stage.pictures:
+            if (file := folder / f"{name}.png") not in files:
+                remove(file)
+    return files

@@ -1,0 +1,110 @@
+"""A case is made of stages, and nothing but its own file knows a stage by name."""
+
+import shutil
+
+import numpy as np
+
+from multiscale.io import write_dataset
+from multiscale.needs import Needs, join_needs
+from multiscale.pipeline import load_case, load_sweep, requirements, run, stages
+from multiscale.pipeline.stage import Section, Stage, format_table
+from multiscale.pipeline.stages import STAGES, stages_of
+from multiscale.report import draw_figures, open_finished, write_report
+from multiscale.schema import MICRO_RESPONSE, Schema, Variable
+
+MEAN_PRESSURE = Schema(
+    "mean_pressure", 1, {"mean_real_pressure": Variable(("step",), "Pa", "mean real pressure")}
+)
+
+
+def press(case, found, job):
+    """Mean real pressure of the cells: nominal pressure over the share that touches."""
+    response = found[MICRO_RESPONSE.name]
+    share = response["contact_fraction"].mean("realisation").values
+    values = {"mean_real_pressure": response["nominal_pressure"].values / share}
+    result = MEAN_PRESSURE.build(values)
+    write_dataset(result, job.out / "mean_pressure.nc", MEAN_PRESSURE)
+    return result
+
+
+def show(found, out):
+    pressure = 1e-6 * found["mean_pressure"]["mean_real_pressure"].values
+    yield Section("Mean real pressure", [f"At most {pressure.max():.4g} MPa."])
+
+
+ADDED = Stage(
+    schema=MEAN_PRESSURE,
+    tables=("micro",),
+    run=press,
+    needs=lambda case: Needs(operators={"mean pressure": "of the spots that touch"}),
+    lines=lambda found: ["mean real pressure is known"],
+    sections=show,
+)
+
+
+def test_the_tables_of_a_file_ask_for_its_stages():
+    joint = ["micro_response", "interface_law", "macro_result"]
+    for name in ("ground_steel", "tyre_on_road"):
+        (case,) = load_sweep(name).points
+        assert [stage.name for stage in stages_of(case.tables)] == joint
+    assert [stage.name for stage in stages_of({"slide"})] == ["sliding_response"]
+    assert [stage.name for stage in stages_of({"micro"})] == joint[:2]
+    assert stages_of({"structure", "joint"}) == ()  # of a scene
+
+
+def test_a_stage_that_is_added_is_run_told_and_shown(run_folder, tmp_path, monkeypatch):
+    monkeypatch.setattr(stages, "STAGES", (*STAGES, ADDED))
+    out = tmp_path / "out"
+    shutil.copytree(run_folder, out)
+    case = load_case(out / "case.toml")
+    assert "mean pressure" in requirements(case)
+    run(case, out)
+    finished = open_finished(out)
+    response, added = (finished.found[name] for name in ("micro_response", "mean_pressure"))
+    np.testing.assert_allclose(
+        added["mean_real_pressure"] * response["contact_fraction"].mean("realisation"),
+        response["nominal_pressure"],
+        rtol=1e-12,
+    )
+    assert next(finished.lines()) == "mean real pressure is known"
+    page = write_report(out).read_text(encoding="utf-8")
+    assert "<h2>Mean real pressure</h2>" in page
+    assert "How stiff is the joint of the two bodies" in page
+
+
+def test_every_figure_of_a_stage_is_one_that_it_names(run_folder):
+    """Those of another case are found by these names, and removed."""
+    finished = open_finished(run_folder)
+    for stage in finished.stages:
+        sections = stage.sections(finished.found, run_folder)
+        drawn = {name for section in sections for name in section.figures}
+        assert drawn == set(stage.pictures) - {"unloading"}  # which needs cells that unload
+
+
+def test_figures_of_stages_that_are_not_asked_for_go_and_others_stay(run_folder, tmp_path):
+    out = tmp_path / "out"
+    shutil.copytree(run_folder, out)
+    for name in ("sliding", "my_own"):
+        (out / "figures" / f"{name}.png").write_bytes(b"")
+    assert "sliding" not in {file.stem for file in draw_figures(out)}
+    assert not (out / "figures" / "sliding.png").exists()
+    assert (out / "figures" / "my_own.png").exists()
+
+
+def test_needs_of_stages_are_joined_and_the_largest_memory_counts():
+    one = Needs(1, "small strain", {"a": "why"}, {"b": "why not"}, libraries=("x", "y"), memory=3)
+    other = Needs(3, operators={"c": "too"}, fields=("gap",), libraries=("y",), memory=2)
+    assert join_needs([one, other]) == Needs(
+        3,
+        "small strain",
+        {"a": "why", "c": "too"},
+        {"b": "why not"},
+        fields=("gap",),
+        libraries=("x", "y"),
+        memory=3,
+    )
+
+
+def test_a_table_is_aligned_to_the_right():
+    table = format_table("title", ("a", "long"), [("1.25", "2"), ("3", "x")])
+    assert table == ["title", "   a  long", "1.25     2", "   3     x"]
