@@ -5,8 +5,8 @@ Question: how does the friction of rubber on asphalt depend on its speed and tem
     python workflows/guides/12_sliding_tyres.py
 """
 
-from multiscale.micro import self_affine
 from multiscale.laws import wlf_shift
+from multiscale.micro import self_affine
 from multiscale.micro.viscoelastic_sliding import RelaxingSolid, solve_sliding
 
 # The rubber is a Prony series, shifted by temperature after Williams, Landel and Ferry. The road is
