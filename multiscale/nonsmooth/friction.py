@@ -23,7 +23,6 @@ from multiscale.nonsmooth.magnitudes import refuse_out_of_range
 from multiscale.nonsmooth.progress import Progress
 from multiscale.nonsmooth.projections import project_friction_cone
 from multiscale.nonsmooth.semismooth_newton import semismooth_newton
-from multiscale.nonsmooth.shifted_interior_point import shifted_interior_point
 from multiscale.nonsmooth.split_interior_point import split_interior_point
 
 __all__ = ["METHODS", "solve_friction"]
@@ -35,26 +34,21 @@ THOROUGH = 200
 """Lanczos steps with which an unsolved problem is looked at once more."""
 
 
-def _polished(path: Callable[..., np.ndarray]) -> Callable[..., np.ndarray]:
-    """Finish an interior point, which needs no start, by Newton's method."""
-
-    def run(
-        problem: ScaledFriction, reaction: np.ndarray, progress: Progress, **options: int
-    ) -> np.ndarray:
-        path(problem, progress, **options)
-        if progress.best is None or progress.smallest <= progress.target:
-            return reaction
-        return semismooth_newton(problem, progress.best, progress, 15, regularisation=1e-10)
-
-    return run
+def _interior_point(
+    problem: ScaledFriction, reaction: np.ndarray, progress: Progress, **options: int
+) -> np.ndarray:
+    """Finish the interior point, which needs no start, by Newton's method."""
+    split_interior_point(problem, progress, **options)
+    if progress.best is None or progress.smallest <= progress.target:
+        return reaction
+    return semismooth_newton(problem, progress.best, progress, 15, regularisation=1e-10)
 
 
 METHODS: dict[str, Callable[..., np.ndarray]] = {
     "gauss_seidel": gauss_seidel,
     "projected_gradient": spectral_gradient,
     "newton": partial(semismooth_newton, regularisation=1e-4),
-    "interior_point": _polished(split_interior_point),
-    "shifted_interior_point": _polished(shifted_interior_point),
+    "interior_point": _interior_point,
     "admm": admm,
     "frozen_bound": frozen_bound,
 }

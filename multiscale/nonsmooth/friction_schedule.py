@@ -11,7 +11,6 @@ from multiscale.nonsmooth.frozen_bound import frozen_bound
 from multiscale.nonsmooth.gauss_seidel import BURST, gauss_seidel
 from multiscale.nonsmooth.progress import Progress
 from multiscale.nonsmooth.semismooth_newton import semismooth_newton
-from multiscale.nonsmooth.shifted_interior_point import shifted_interior_point
 from multiscale.nonsmooth.split_interior_point import split_interior_point
 
 __all__ = ["run_schedule"]
@@ -49,9 +48,9 @@ def run_schedule(
     3. Alternating directions with acceleration: one factorisation.
     4. Spectral gradients, where W is full: they never factorise.
     5. The interior point that keeps the normal apart, finished by Newton's method.
-    6. The sequence of problems with known friction bound, undamped and damped.
-    7. The interior point with De Saxcé's term; where W is small, other starts of both too.
-    8. Gradients and alternating directions without acceleration, slow and patient.
+    6. The sequence of problems with known friction bound; where W is small, also damped, and the
+       interior point from another start.
+    7. Gradients and alternating directions without acceleration, slow and patient.
     """
     run = _Schedule(problem, progress, max_iterations)
     if run.sweep(reaction):  # 1
@@ -62,11 +61,11 @@ def run_schedule(
         return
     if run.alternate(60, 10) or (heavy and run.descend(2000)):  # 3, 4
         return
-    if run.split(1.0) or run.frozen(1.0) or run.shifted(1e-12):  # 5, 6, 7
+    if run.split(1.0) or run.frozen(1.0):  # 5, 6
         return
-    if not large and (run.frozen(0.5) or run.split(10.0) or run.shifted(1e-8)):  # 6, 7
+    if not large and (run.frozen(0.5) or run.split(10.0)):  # 6
         return
-    if not run.descend(5000) and not run.alternate(2000, 0):  # 8
+    if not run.descend(5000) and not run.alternate(2000, 0):  # 7
         run.newton(25, 1e-6)
 
 
@@ -119,11 +118,6 @@ class _Schedule:
     def split(self, centre: float) -> bool:
         self.progress.trail.append("interior_point")
         split_interior_point(self.problem, self.progress, min(60, self.limit), centre)
-        return self.solved or self.newton(15, 1e-10)
-
-    def shifted(self, regularisation: float) -> bool:
-        self.progress.trail.append("shifted_interior_point")
-        shifted_interior_point(self.problem, self.progress, min(60, self.limit), regularisation)
         return self.solved or self.newton(15, 1e-10)
 
     def frozen(self, relaxation: float) -> bool:
