@@ -13,7 +13,6 @@ from multiscale.errors import CaseError
 from multiscale.nonsmooth.admm import admm
 from multiscale.nonsmooth.coulomb import natural_units, unit_step, verify_friction
 from multiscale.nonsmooth.definiteness import refuse_indefinite
-from multiscale.nonsmooth.friction_gradient import spectral_gradient
 from multiscale.nonsmooth.friction_problem import ScaledFriction, scale_friction
 from multiscale.nonsmooth.friction_schedule import run_schedule
 from multiscale.nonsmooth.frozen_bound import frozen_bound
@@ -46,7 +45,6 @@ def _interior_point(
 
 METHODS: dict[str, Callable[..., np.ndarray]] = {
     "gauss_seidel": gauss_seidel,
-    "projected_gradient": spectral_gradient,
     "newton": partial(semismooth_newton, regularisation=1e-4),
     "interior_point": _interior_point,
     "admm": admm,

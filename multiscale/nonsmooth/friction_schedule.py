@@ -5,7 +5,6 @@ from dataclasses import dataclass
 import numpy as np
 
 from multiscale.nonsmooth.admm import admm
-from multiscale.nonsmooth.friction_gradient import spectral_gradient
 from multiscale.nonsmooth.friction_problem import ScaledFriction
 from multiscale.nonsmooth.frozen_bound import frozen_bound
 from multiscale.nonsmooth.gauss_seidel import BURST, gauss_seidel
@@ -46,11 +45,10 @@ def run_schedule(
     1. Bursts of Gauss-Seidel sweeps while each cuts the error by 20.
     2. A few Newton steps, unless W is so full that a factorisation outweighs many solves.
     3. Alternating directions with acceleration: one factorisation.
-    4. Spectral gradients, where W is full: they never factorise.
-    5. The interior point that keeps the normal apart, finished by Newton's method.
-    6. The sequence of problems with known friction bound; where W is small, also damped, and the
+    4. The interior point that keeps the normal apart, finished by Newton's method.
+    5. The sequence of problems with known friction bound; where W is small, also damped, and the
        interior point from another start.
-    7. Gradients and alternating directions without acceleration, slow and patient.
+    6. Alternating directions without acceleration, slow and patient.
     """
     run = _Schedule(problem, progress, max_iterations)
     if run.sweep(reaction):  # 1
@@ -59,13 +57,11 @@ def run_schedule(
     heavy = large and problem.columns.size > FULL * problem.friction.size
     if not heavy and run.newton(15, 1e-4):  # 2
         return
-    if run.alternate(60, 10) or (heavy and run.descend(2000)):  # 3, 4
+    if run.alternate(60, 10) or run.split(1.0) or run.frozen(1.0):  # 3, 4, 5
         return
-    if run.split(1.0) or run.frozen(1.0):  # 5, 6
+    if not large and (run.frozen(0.5) or run.split(10.0)):  # 5
         return
-    if not large and (run.frozen(0.5) or run.split(10.0)):  # 6
-        return
-    if not run.descend(5000) and not run.alternate(2000, 0):  # 7
+    if not run.alternate(2000, 0):  # 6
         run.newton(25, 1e-6)
 
 
@@ -107,12 +103,6 @@ class _Schedule:
         self.progress.trail.append("admm")
         iterations = min(iterations, self.limit)
         admm(self.problem, self.best, self.progress, iterations, memory=memory)
-        return self.solved
-
-    def descend(self, iterations: int) -> bool:
-        self.progress.trail.append("projected_gradient")
-        iterations = min(iterations, self.limit)
-        spectral_gradient(self.problem, self.best, self.progress, iterations)
         return self.solved
 
     def split(self, centre: float) -> bool:
