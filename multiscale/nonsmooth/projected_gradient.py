@@ -6,7 +6,7 @@ import numba
 import numpy as np
 
 from multiscale.nonsmooth.lcp_problem import ScaledLCP
-from multiscale.nonsmooth.spectrum import extreme_eigenvalues
+from multiscale.nonsmooth.spectrum import largest_eigenvalue
 
 __all__ = ["iterate_projected_gradient"]
 
@@ -49,7 +49,7 @@ def iterate_projected_gradient(problem: ScaledLCP, start: np.ndarray) -> Iterato
        doi:10.1007/s10589-005-4557-7.
     """
     rows = problem.entries.rows
-    largest = extreme_eigenvalues(problem.entries.matrix)[1]
+    largest = largest_eigenvalue(problem.entries.matrix)
     x, direction, carried = start.copy(), np.zeros_like(start), False
     while True:
         ray = _advance(

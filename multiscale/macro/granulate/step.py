@@ -32,8 +32,8 @@ def solve_step(
     ----------
     model, solver : Model, Solver
     velocity, cell : ndarray
-        Arrays as in :mod:`multiscale.macro.granulate.sweeps`; the velocities are those without impulses
-        and become those with them.
+        Arrays of :mod:`multiscale.macro.granulate.sweeps`; the velocities are those without
+        impulses and become those with them.
     contacts : Contacts
         Whose impulses are a guess and become the solution.
 
