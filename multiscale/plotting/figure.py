@@ -1,19 +1,27 @@
 """What every figure needs: axes to draw on, a canvas, and a file."""
 
+from collections.abc import Callable, Mapping
 from io import BytesIO
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 import numpy as np
 
-from multiscale.io import write_bytes
+from multiscale.io import make_folder, write_bytes
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.cm import ScalarMappable
     from matplotlib.figure import Figure
 
-__all__ = ["add_colour_bar", "axes_or_current", "new_figure", "plot_energy_parts", "save_figure"]
+__all__ = [
+    "add_colour_bar",
+    "axes_or_current",
+    "new_figure",
+    "plot_energy_parts",
+    "save_figure",
+    "save_figures",
+]
 
 DOTS_PER_INCH = 150
 
@@ -71,8 +79,7 @@ def plot_energy_parts(time: np.ndarray, parts: dict[str, np.ndarray], ax: "Axes"
         if np.nanmax(np.abs(energy)) > 0.0:
             ax.plot(time, energy, label=label)
     ax.plot(time, np.sum(list(parts.values()), axis=0), color="black", linestyle="--", label="sum")
-    ax.set_xlabel("time (s)")
-    ax.set_ylabel("energy (J)")
+    ax.set(xlabel="time (s)", ylabel="energy (J)")
     ax.legend(loc="lower center", bbox_to_anchor=(0.5, 1.0), ncols=2, frameon=False)
 
 
@@ -86,3 +93,19 @@ def save_figure(figure: "Figure", file: Path) -> Path:
     figure.savefig(buffer, format="png", dpi=DOTS_PER_INCH)
     write_bytes(file, buffer.getvalue())
     return file
+
+
+def save_figures(
+    figures: "Mapping[str, Callable[[Axes], object]]",
+    folder: Path,
+    width: float = 5.2,
+    height: float = 4.0,
+) -> list[Path]:
+    """Draw figures, each on axes of its own, into PNG files of their names; sizes in inches."""
+    make_folder(folder)
+    files = []
+    for name, draw in figures.items():
+        figure = new_figure(width, height)
+        draw(figure.add_subplot())
+        files.append(save_figure(figure, folder / f"{name}.png"))
+    return files

@@ -50,8 +50,7 @@ def plot_sorted_tensions(
         ax.plot(
             rank, np.sort(tension[k])[::-1], color=colours[k], label=f"{symbol} = {at:.3g}{unit}"
         )
-    ax.set_xlabel(f"{law}s, sorted (number)")
-    ax.set_ylabel("tension (kN)")
+    ax.set(xlabel=f"{law}s, sorted (number)", ylabel="tension (kN)")
     ax.legend()
     return ax
 

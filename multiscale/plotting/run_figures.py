@@ -4,10 +4,10 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from multiscale.io import make_folder, open_dataset, open_run, reading_run, remove
+from multiscale.io import open_dataset, open_run, reading_run, remove
 from multiscale.pipeline import read_sliding
 from multiscale.plotting.budget_figures import plot_error_budget
-from multiscale.plotting.figure import new_figure, save_figure
+from multiscale.plotting.figure import save_figures
 from multiscale.plotting.law_figures import (
     plot_area_law,
     plot_gap_law,
@@ -47,7 +47,7 @@ def _draw_all(out: Path) -> list[Path]:
     """Draw what the folder holds."""
     if (out / "sweep.nc").exists():
         sweep = open_dataset(out / "sweep.nc", SWEEP)
-        return _draw(out, {"sweep": lambda ax: plot_sweep(sweep, ax=ax)})
+        return save_figures({"sweep": lambda ax: plot_sweep(sweep, ax=ax)}, out / "figures")
     tree = open_run(out, finished=True)
     response, law, result = (
         tree[name].to_dataset() for name in ("micro_response", "interface_law", "macro_result")
@@ -66,21 +66,10 @@ def _draw_all(out: Path) -> list[Path]:
         figures["unloading"] = lambda ax: plot_unloading(response, law, ax=ax)
     if "error_total" in result:
         figures["error_budget"] = lambda ax: plot_error_budget(result, ax=ax)
-    files = _draw(out, figures)
+    files = save_figures(figures, out / "figures")
     sliding, picture = read_sliding(out), out / "figures" / "sliding.png"
     if sliding is not None:
         files.append(draw_sliding(sliding, picture))
     else:
         remove(picture)  # of a case that slid
-    return files
-
-
-def _draw(out: Path, figures: "dict[str, Callable[[Axes], Axes]]") -> list[Path]:
-    """Draw each figure on axes of its own."""
-    folder = make_folder(out / "figures")
-    files = []
-    for name, draw in figures.items():
-        figure = new_figure()
-        draw(figure.add_subplot())
-        files.append(save_figure(figure, folder / f"{name}.png"))
     return files

@@ -6,11 +6,11 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from multiscale.errors import CaseError
-from multiscale.io import make_folder, open_run
+from multiscale.io import open_run
 from multiscale.pipeline import load_tyre
 from multiscale.pipeline.tyre import friction_at
 from multiscale.pipeline.tyre_cells import make_roads
-from multiscale.plotting.figure import add_colour_bar, axes_or_current, new_figure, save_figure
+from multiscale.plotting.figure import add_colour_bar, axes_or_current, save_figures
 from multiscale.upscaling import law_band
 
 if TYPE_CHECKING:
@@ -60,13 +60,7 @@ def draw_tyre_figures(out: str | Path) -> list[Path]:
         "footprint_friction": lambda ax: plot_footprint(result, best, quantity="friction", ax=ax),
         "road": lambda ax: plot_road(road, ax=ax),
     }
-    folder = make_folder(Path(out) / "figures")
-    files = []
-    for name, draw in figures.items():
-        figure = new_figure()
-        draw(figure.add_subplot())  # type: ignore[no-untyped-call]
-        files.append(save_figure(figure, folder / f"{name}.png"))
-    return files
+    return save_figures(figures, Path(out) / "figures")
 
 
 def plot_road(road: "Surface", *, ax: "Axes | None" = None) -> "Axes":
@@ -85,9 +79,7 @@ def plot_road(road: "Surface", *, ax: "Axes | None" = None) -> "Axes":
     image = ax.imshow(
         height, origin="lower", extent=extent, cmap="RdBu_r", vmin=-largest, vmax=largest
     )
-    ax.set_xlabel("x (mm)")
-    ax.set_ylabel("y (mm)")
-    ax.set_title("road, realisation 0")
+    ax.set(xlabel="x (mm)", ylabel="y (mm)", title="road, realisation 0")
     add_colour_bar(image, ax, "height (mm)")
     return ax
 
@@ -206,8 +198,7 @@ def plot_footprint(
     value = -traction[:, 0] if quantity == "pressure" else traction[:, 1]
     image = ax.tripcolor(x, y, value, shading="gouraud")
     ax.set_aspect("equal")
-    ax.set_xlabel("along the motion (mm)")
-    ax.set_ylabel("across (mm)")
+    ax.set(xlabel="along the motion (mm)", ylabel="across (mm)")
     add_colour_bar(image, ax, f"{quantity} (kPa)")
     ax.set_title(
         f"{quantity} at {float(one['sliding_speed']):.3g} m/s and "
