@@ -43,10 +43,10 @@ NEGATIVE = 1e-4
 
 
 def _interior_point(
-    problem: ScaledFriction, reaction: np.ndarray, progress: Progress, **options: int
+    problem: ScaledFriction, reaction: np.ndarray, progress: Progress, max_iterations: int = 60
 ) -> np.ndarray:
     """Finish the interior point, which needs no start, by Newton's method."""
-    split_interior_point(problem, progress, **options)
+    split_interior_point(problem, progress, max_iterations)
     if progress.best is None or progress.smallest <= progress.target:
         return reaction
     return semismooth_newton(problem, progress.best, progress, 15, regularisation=1e-10)
