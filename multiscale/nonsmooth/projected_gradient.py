@@ -63,7 +63,6 @@ def iterate_projected_gradient(problem: ScaledLCP, start: np.ndarray) -> Iterato
 
 @numba.njit(cache=True, error_model="numpy")
 def _multiply(data, indices, indptr, x, out):  # type: ignore[no-untyped-def]
-    """Write A x to out."""
     for i in range(out.size):
         total = 0.0
         for entry in range(indptr[i], indptr[i + 1]):

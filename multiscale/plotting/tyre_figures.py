@@ -104,6 +104,7 @@ def plot_friction_bell(
     p, speed = response["nominal_pressure"].values, response["sliding_speed"].values
     nearest = float(p[np.argmin(np.abs(np.log(p / pressure)))])
     along = np.geomspace(speed.min(), speed.max(), 200)
+    reference = float(law.attrs["reference_temperature"])
     for temperature, colour in _temperatures(response):
         at = (p == nearest) & (response["temperature"].values == temperature)
         shear = response["traction"].isel(component=1).where(response["converged"] == 1)
@@ -117,9 +118,7 @@ def plot_friction_bell(
             elinewidth=0.8,
             color=colour,
         )
-        shift = (
-            friction_at(law, temperature).peak_speed / friction_at(law, _reference(law)).peak_speed
-        )
+        shift = friction_at(law, temperature).peak_speed / friction_at(law, reference).peak_speed
 
         def bell(one: Any, shift: float = shift) -> np.ndarray:
             return np.asarray(one.coefficient(nearest, along / shift))
@@ -215,8 +214,3 @@ def _temperatures(dataset: "xr.Dataset") -> list[tuple[float, str]]:
     found = np.unique(dataset["temperature"].values)
     shades = colormaps["plasma"](np.linspace(0.0, 0.8, found.size))
     return [(float(one), to_hex(shade)) for one, shade in zip(found, shades, strict=True)]
-
-
-def _reference(law: "xr.Dataset") -> float:
-    """Return the reference temperature of the law, K."""
-    return float(law.attrs["reference_temperature"])
