@@ -60,5 +60,5 @@ def bench(
     Dataset
         Follows ``WORK_PRECISION``.
     """
-    module = import_module(f"multiscale.bench.{family}")
+    module = import_module(f"multiscale.bench.{family}_family")
     return cast("xr.Dataset", getattr(module, f"bench_{family}")(quick=quick, report=report))

@@ -1,13 +1,12 @@
 """Two-scale fatigue: the error of cycle jumps against their run time."""
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable
 from functools import partial
 from typing import TYPE_CHECKING
 
 import numpy as np
 
-from multiscale.bench.measure import Measured, measure
-from multiscale.bench.record import load_average, record, versions
+from multiscale.bench.ladder import Rung, climb
 from multiscale.micro.damage import Block, FatigueMaterial, two_scale_fatigue
 
 if TYPE_CHECKING:
@@ -26,6 +25,8 @@ QUICK_SCENES = SCENES[1:2]
 TOLERANCES = (0.3, 0.1, 0.03, 0.01, 0.003, 0.001)
 """Of the jumps."""
 QUICK_TOLERANCES = (0.1, 0.01)
+
+EVERY = "every cycle"
 
 SUBSTEPS = 16
 """Of every piece of a cycle; four times as many tell their error."""
@@ -83,52 +84,32 @@ def bench_damage(
     *Times* are those of :func:`multiscale.micro.damage.two_scale_fatigue` in a process of its own,
     after a warm-up that takes imports and compilation.
     """
-    tolerances = QUICK_TOLERANCES if quick else TOLERANCES
-    repeats = 1 if quick else REPEATS
-    load = load_average()
-    rows: list[dict[str, float | str]] = []
-    for scene in QUICK_SCENES if quick else SCENES:
-        reference, _ = life(scene, None)
-        uncertainty = abs(reference / life(scene, None, 4 * SUBSTEPS)[0] - 1.0)
-        methods: Mapping[float, tuple[str, float | None]] = {0.0: ("every cycle", None)} | {
-            tolerance: ("cycle jumps", tolerance) for tolerance in tolerances
-        }
-        for tolerance, (method, given) in methods.items():
-            run = measure(
-                partial(life, scene, given), warm_up=partial(life, scene, 0.3), repeats=repeats
+    tolerances = (None, *(QUICK_TOLERANCES if quick else TOLERANCES))
+    found = climb(
+        [
+            Rung(
+                scene,
+                EVERY if tolerance is None else "cycle jumps",
+                partial(life, scene, tolerance),
+                {"tolerance": tolerance or 0.0},
+                count="iterations",
             )
-            row = _row(scene, method, tolerance, run, reference)
-            row["error_uncertainty"] = uncertainty
-            if given is None and run.value is not None:
-                row["error"] = uncertainty
-            rows.append(row)
-            report(f"{scene}, {method}, tolerance {tolerance:g}: {run.wall_time:.3g} s")
-    return record(
-        rows,
+            for scene in (QUICK_SCENES if quick else SCENES)
+            for tolerance in tolerances
+        ],
+        _truth,
+        warm_up=partial(life, SCENES[1], 0.3),
         title="two-scale fatigue: error of the life against run time",
-        versions=versions("numba"),
-        load_before=load,
-        repeats=repeats,
-        wall_time_counts="median; without start of the process, imports and compilation",
+        packages=("numba",),
+        repeats=1 if quick else REPEATS,
+        report=report,
     )
+    error, every = found["error"].values, found["method"].values == EVERY
+    error[every] += found["error_uncertainty"].values[every]  # zero, or NaN if it did not end
+    return found
 
 
-def _row(
-    scene: str,
-    method: str,
-    tolerance: float,
-    run: Measured[tuple[float, float]],
-    reference: float,
-) -> dict[str, float | str]:
-    """Cost and error of one run; NaN if its process died."""
-    found, followed = run.value or (np.nan, np.nan)
-    return {
-        "scene": scene,
-        "method": method,
-        "tolerance": tolerance,
-        "wall_time": run.wall_time,
-        "peak_memory": run.peak_memory,
-        "iterations": followed,
-        "converged": int(np.isfinite(found)),
-        "error": abs(found / reference - 1.0),
-    }
+def _truth(scene: str, lives: list[float]) -> tuple[float, float]:
+    """Follow every cycle, and say what four times the substeps change."""
+    reference, _ = life(scene, None)
+    return reference, abs(reference / life(scene, None, 4 * SUBSTEPS)[0] - 1.0)

@@ -15,6 +15,10 @@ if TYPE_CHECKING:
 __all__ = ["Rung", "climb"]
 
 
+Answer = float | np.ndarray | tuple[float, float]
+"""A number, samples of it, or a number with a count of the work."""
+
+
 @dataclass(frozen=True, eq=False)
 class Rung:
     """One answer to a question.
@@ -27,14 +31,17 @@ class Rung:
         How it is answered.
     task : callable
         Returns the answer: one number, or samples of it. Runs in a process of its own.
+    count : str
+        Variable of ``WORK_PRECISION`` that the task returns after its answer, if any.
     settings : mapping of str to float
         How well it is answered: variables of ``WORK_PRECISION``, such as ``points``.
     """
 
     scene: str
     method: str
-    task: Callable[[], float | np.ndarray]
+    task: Callable[[], Answer]
     settings: Mapping[str, float] = field(default_factory=dict)
+    count: str = ""
 
 
 def climb(
@@ -44,6 +51,7 @@ def climb(
     title: str,
     warm_up: Callable[[], object],
     packages: tuple[str, ...] = (),
+    repeats: int = 1,
     report: Callable[[str], None] = lambda line: None,
 ) -> "xr.Dataset":
     """Measure ladders, and compare their answers with the truth.
@@ -61,6 +69,8 @@ def climb(
         Takes imports and compilation in every process, untimed.
     packages : tuple of str
         Whose versions matter.
+    repeats : int
+        Number of runs of each, whose median time counts.
     report : callable
         Gets a line after each measurement.
 
@@ -71,32 +81,39 @@ def climb(
         and their time that of one. NaN if the process died or did not converge.
     """
     load = load_average()
-    runs: dict[Rung, Measured[float | np.ndarray]] = {}
+    runs: dict[Rung, Measured[Answer]] = {}
     for rung in rungs:
-        runs[rung] = measure(rung.task, warm_up=warm_up, repeats=1)
+        runs[rung] = measure(rung.task, warm_up=warm_up, repeats=repeats)
         settings = ", ".join(f"{name} {value:g}" for name, value in rung.settings.items())
         report(f"{rung.scene}, {rung.method}, {settings}: {runs[rung].wall_time:.3g} s")
-    answers = {
-        rung: np.atleast_1d(np.nan if run.value is None else run.value)
-        for rung, run in runs.items()
-    }
+    answers, counts = dict[Rung, np.ndarray](), dict[Rung, dict[str, float]]()
+    for rung, run in runs.items():
+        found = np.atleast_1d((np.nan, np.nan) if run.value is None else run.value)
+        answers[rung] = found[:1] if rung.count else found
+        counts[rung] = {rung.count: float(found[1])} if rung.count else {}
     truths = {
         scene: truth(scene, [float(a.mean()) for rung, a in answers.items() if rung.scene == scene])
         for scene in dict.fromkeys(rung.scene for rung in runs)
     }
     return record(
-        [_row(rung, runs[rung], answers[rung], *truths[rung.scene]) for rung in runs],
+        [
+            _row(rung, runs[rung], answers[rung], *truths[rung.scene]) | counts[rung]
+            for rung in runs
+        ],
         title=title,
         versions=versions(*packages),
         load_before=load,
-        repeats=1,
-        wall_time_counts="one run; without start of the process, imports and compilation",
+        repeats=repeats,
+        wall_time_counts=(
+            f"{'median' if repeats > 1 else 'one run'}; without start of the process, imports and "
+            f"compilation"
+        ),
     )
 
 
 def _row(
     rung: Rung,
-    run: Measured[float | np.ndarray],
+    run: Measured[Answer],
     samples: np.ndarray,
     exact: float,
     uncertainty: float,

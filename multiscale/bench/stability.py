@@ -163,7 +163,6 @@ def _give_up(*_: object) -> None:
 
 
 def _run(case: StabilityCase) -> _Outcome:
-    """Solve a case."""
     from multiscale.bench import stability_cases as families
 
     signal.signal(signal.SIGALRM, _give_up)

@@ -238,7 +238,6 @@ def _scene(load_factor: float) -> str:
 def _measure(
     system: LinkSystem, load_factor: float, method: Method, repeats: int
 ) -> Measured[Answer]:
-    """Measure one method on one grid."""
     return measure(
         partial(solve_grid, system, load_factor, method),
         warm_up=partial(solve_grid, scene_grid(SMALL), load_factor, method),

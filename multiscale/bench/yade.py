@@ -24,8 +24,6 @@ SAFE = 0.3
 SCRIPT = """
 import json
 import numpy as np
-from resource import RUSAGE_SELF, getrusage
-from time import perf_counter
 from yade import O, utils
 
 given = json.load(open("grains.json"))
@@ -50,15 +48,12 @@ O.engines = [
 ]
 steps = int(np.ceil(given["duration"] / given["step"]))
 O.dt = given["duration"] / steps
-began, used = perf_counter(), sum(getrusage(RUSAGE_SELF)[:2])
 O.run(steps, True)
-wall, used = perf_counter() - began, sum(getrusage(RUSAGE_SELF)[:2]) - used
 z = np.array([b.state.pos[2] for b in O.bodies if isinstance(b.shape, Sphere)])
 overlap = np.array([i.geom.penetrationDepth for i in O.interactions if i.isReal])
 json.dump({
-    "height": 2.0 * z.mean(), "top": z.max() + radius[0], "kinetic_energy": utils.kineticEnergy(),
-    "contacts": int((overlap > 0.0).sum()), "overlap": overlap.max() / radius[0],
-    "steps": steps, "wall_time": wall, "cpu_time": used}, open("settled.json", "w"))
+    "height": 2.0 * z.mean(), "contacts": int((overlap > 0.0).sum()),
+    "overlap": overlap.max() / radius[0], "steps": steps}, open("settled.json", "w"))
 """
 
 
@@ -70,25 +65,16 @@ class Settled:
     ----------
     height : float
         Twice the mean height of the centres, m.
-    top : float
-        Highest point, m.
-    kinetic_energy : float
-        J.
     contacts, steps : int
+        Number of overlapping pairs, and of time steps.
     overlap : float
-        Largest, relative to the radius.
-    wall_time, cpu_time : float
-        Of the steps, without start and set-up, s.
+        Largest overlap relative to the radius.
     """
 
     height: float
-    top: float
-    kinetic_energy: float
     contacts: int
     overlap: float
     steps: int
-    wall_time: float
-    cpu_time: float
 
 
 def installed() -> bool:

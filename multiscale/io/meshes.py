@@ -85,7 +85,7 @@ def read_mesh(path: Path) -> MeshArrays:
     mesh = open_mesh(path)
     found = {name: block for name, block in mesh.cells_dict.items() if len(block)}
     kinds = [name for name in SOLIDS if name in found]
-    solids = [name for name in kinds if name not in _facet_kinds(kinds)]
+    solids = [name for name in kinds if name not in {FACETS[kind] for kind in kinds}]
     if len(solids) != 1:
         raise CaseError(
             f"{path}: a body needs elements of one kind out of {', '.join(SOLIDS)} (first order), "
@@ -109,11 +109,6 @@ def read_mesh(path: Path) -> MeshArrays:
     return MeshArrays(
         kind, np.ascontiguousarray(points), renumbered.reshape(cells.shape), boundaries
     )
-
-
-def _facet_kinds(kinds: list[str]) -> set[str]:
-    """Elements that are there as facets of others."""
-    return {FACETS[kind] for kind in kinds}
 
 
 def _named_facets(mesh: Any, facet: str) -> dict[str, np.ndarray]:

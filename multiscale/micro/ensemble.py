@@ -171,7 +171,6 @@ def _finished(file: FilePath | None, identity: str) -> "xr.Dataset | None":
 
 
 def _file_of(folder: FilePath, k: int) -> FilePath:
-    """File of a realisation."""
     return folder / f"realisation-{k:04d}.nc"
 
 

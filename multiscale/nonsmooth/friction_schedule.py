@@ -5,13 +5,11 @@ from dataclasses import dataclass
 import numpy as np
 
 from multiscale.nonsmooth.admm import admm
-from multiscale.nonsmooth.friction_gradient import spectral_gradient
 from multiscale.nonsmooth.friction_problem import ScaledFriction
 from multiscale.nonsmooth.frozen_bound import frozen_bound
 from multiscale.nonsmooth.gauss_seidel import BURST, gauss_seidel
 from multiscale.nonsmooth.progress import Progress
 from multiscale.nonsmooth.semismooth_newton import semismooth_newton
-from multiscale.nonsmooth.shifted_interior_point import shifted_interior_point
 from multiscale.nonsmooth.split_interior_point import split_interior_point
 
 __all__ = ["run_schedule"]
@@ -47,11 +45,10 @@ def run_schedule(
     1. Bursts of Gauss-Seidel sweeps while each cuts the error by 20.
     2. A few Newton steps, unless W is so full that a factorisation outweighs many solves.
     3. Alternating directions with acceleration: one factorisation.
-    4. Spectral gradients, where W is full: they never factorise.
-    5. The interior point that keeps the normal apart, finished by Newton's method.
-    6. The sequence of problems with known friction bound, undamped and damped.
-    7. The interior point with De Saxcé's term; where W is small, other starts of both too.
-    8. Gradients and alternating directions without acceleration, slow and patient.
+    4. The interior point that keeps the normal apart, finished by Newton's method.
+    5. The sequence of problems with known friction bound; where W is small, also damped, and the
+       interior point from another start.
+    6. Alternating directions without acceleration, slow and patient.
     """
     run = _Schedule(problem, progress, max_iterations)
     if run.sweep(reaction):  # 1
@@ -60,13 +57,11 @@ def run_schedule(
     heavy = large and problem.columns.size > FULL * problem.friction.size
     if not heavy and run.newton(15, 1e-4):  # 2
         return
-    if run.alternate(60, 10) or (heavy and run.descend(2000)):  # 3, 4
+    if run.alternate(60, 10) or run.split(1.0) or run.frozen(1.0):  # 3, 4, 5
         return
-    if run.split(1.0) or run.frozen(1.0) or run.shifted(1e-12):  # 5, 6, 7
+    if not large and (run.frozen(0.5) or run.split(10.0)):  # 5
         return
-    if not large and (run.frozen(0.5) or run.split(10.0) or run.shifted(1e-8)):  # 6, 7
-        return
-    if not run.descend(5000) and not run.alternate(2000, 0):  # 8
+    if not run.alternate(2000, 0):  # 6
         run.newton(25, 1e-6)
 
 
@@ -110,20 +105,9 @@ class _Schedule:
         admm(self.problem, self.best, self.progress, iterations, memory=memory)
         return self.solved
 
-    def descend(self, iterations: int) -> bool:
-        self.progress.trail.append("projected_gradient")
-        iterations = min(iterations, self.limit)
-        spectral_gradient(self.problem, self.best, self.progress, iterations)
-        return self.solved
-
     def split(self, centre: float) -> bool:
         self.progress.trail.append("interior_point")
         split_interior_point(self.problem, self.progress, min(60, self.limit), centre)
-        return self.solved or self.newton(15, 1e-10)
-
-    def shifted(self, regularisation: float) -> bool:
-        self.progress.trail.append("shifted_interior_point")
-        shifted_interior_point(self.problem, self.progress, min(60, self.limit), regularisation)
         return self.solved or self.newton(15, 1e-10)
 
     def frozen(self, relaxation: float) -> bool:

@@ -19,7 +19,7 @@ from multiscale.nonsmooth.lcp_problem import ScaledLCP, scale_lcp
 from multiscale.nonsmooth.newton_min import iterate_newton_min
 from multiscale.nonsmooth.pivoting import iterate_pivoting
 from multiscale.nonsmooth.projected_gradient import iterate_projected_gradient
-from multiscale.nonsmooth.spectrum import refuse_indefinite
+from multiscale.nonsmooth.spectrum import FIRST_LOOK, SMALL, THOROUGH, refuse_indefinite
 
 __all__ = ["solve_lcp"]
 
@@ -37,6 +37,15 @@ NEEDS_SYMMETRY = ("projected_gradient", "conic")
 
 PATIENCE = 100
 """Iterates without a residual cut to a half after which a method that is alone gives up."""
+
+INDEFINITE = (
+    "matrix is symmetric but indefinite: its smallest eigenvalue, with the diagonal scaled to one, "
+    "is {value:.3g}, and constraint {worst} carries {share:.0%} of its vector; check the sign of "
+    "that row, or use method='pivoting', which needs no definiteness"
+)
+
+NEGATIVE = 1e-6
+"""Smallest eigenvalue of the scaled matrix, with its sign changed, that counts as negative."""
 
 LARGEST_PIVOTING = 1000
 """Number of constraints up to which ``auto`` tries pivoting."""
@@ -127,7 +136,7 @@ def solve_lcp(
     if first.shape != problem.vector.shape:
         raise ValueError(f"start must have shape {problem.vector.shape}, got {first.shape}")
     if method != "pivoting":
-        refuse_indefinite(problem)
+        _refuse_indefinite(problem, SMALL if problem.vector.size <= SMALL else FIRST_LOOK)
 
     residuals, seconds, last = list[float](), list[float](), dict[str, np.ndarray]()
     best, smallest = first, np.inf
@@ -201,6 +210,13 @@ def _progresses(residuals: list[float], stage: _Stage) -> bool:
     return min(latest) <= stage.factor * min(earlier)
 
 
+def _refuse_indefinite(problem: ScaledLCP, steps: int) -> None:
+    """Refuse a symmetric matrix of given entries with a clearly negative eigenvalue."""
+    size = problem.vector.size
+    if problem.is_symmetric and isinstance(problem.operator, Entries) and size > 0:
+        refuse_indefinite(problem.operator.product, size, steps, INDEFINITE, atol=NEGATIVE)
+
+
 def _failure(
     problem: ScaledLCP, method: str, last: dict[str, np.ndarray], limit: bool
 ) -> tuple[Status, str]:
@@ -209,5 +225,5 @@ def _failure(
     if detail:
         return Status.INFEASIBLE, detail
     if method != "pivoting":
-        refuse_indefinite(problem, thorough=True)
+        _refuse_indefinite(problem, THOROUGH)
     return (Status.MAX_ITERATIONS if limit else Status.STALLED), ""

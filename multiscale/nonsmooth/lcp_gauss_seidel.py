@@ -48,7 +48,6 @@ def iterate_gauss_seidel(problem: ScaledLCP, start: np.ndarray) -> Iterator[np.n
 
 @numba.njit(cache=True, error_model="numpy")
 def _sweep(data, indices, indptr, diagonal, vector, x):  # type: ignore[no-untyped-def]
-    """Change x by SWEEPS sweeps."""
     n = x.size
     for sweep in range(SWEEPS):
         for step in range(n):

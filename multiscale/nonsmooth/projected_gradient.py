@@ -6,7 +6,7 @@ import numba
 import numpy as np
 
 from multiscale.nonsmooth.lcp_problem import ScaledLCP
-from multiscale.nonsmooth.spectrum import extreme_eigenvalues
+from multiscale.nonsmooth.spectrum import largest_eigenvalue
 
 __all__ = ["iterate_projected_gradient"]
 
@@ -49,7 +49,7 @@ def iterate_projected_gradient(problem: ScaledLCP, start: np.ndarray) -> Iterato
        doi:10.1007/s10589-005-4557-7.
     """
     rows = problem.entries.rows
-    largest = extreme_eigenvalues(problem.entries.matrix)[1]
+    largest = largest_eigenvalue(problem.entries.matrix)
     x, direction, carried = start.copy(), np.zeros_like(start), False
     while True:
         ray = _advance(
@@ -63,7 +63,6 @@ def iterate_projected_gradient(problem: ScaledLCP, start: np.ndarray) -> Iterato
 
 @numba.njit(cache=True, error_model="numpy")
 def _multiply(data, indices, indptr, x, out):  # type: ignore[no-untyped-def]
-    """Write A x to out."""
     for i in range(out.size):
         total = 0.0
         for entry in range(indptr[i], indptr[i + 1]):

@@ -106,4 +106,4 @@ def run_grain_scene(scene: GrainScene, out: str | Path) -> "xr.Dataset":
 
 def _solver(motion: Motion) -> Solver:
     """Return how the contacts are solved."""
-    return Solver(motion.tolerance, motion.max_iterations, motion.threads, motion.domains)
+    return Solver(motion.tolerance, motion.max_iterations, motion.threads)

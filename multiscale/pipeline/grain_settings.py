@@ -182,8 +182,6 @@ class Motion(TimeSteps):
         Largest number of sweeps in a step.
     threads : int
         Threads of the sweeps.
-    domains : int
-        Domains that are swept side by side.
     frames : int
         Instants whose grains and forces are kept.
     """
@@ -192,7 +190,6 @@ class Motion(TimeSteps):
     tolerance: Annotated[Number, Field(gt=0.0, lt=1.0)] = 1e-4
     max_iterations: Positive = 1000
     threads: Positive = 1
-    domains: Positive = 1
     frames: Annotated[Count, Field(ge=2)] = 11
 
 
@@ -223,7 +220,7 @@ class GrainScene(Settings):
 
     @property
     def substructures(self) -> None:
-        """Domains of grains are an option of the solver, see :class:`Motion`."""
+        """Grains are not cut into substructures."""
         return
 
     def quick(self) -> Self:

@@ -54,7 +54,7 @@ def _grain_needs(scene: GrainScene) -> Needs:
     """Grains in motion."""
     grains, motion = scene.grains, scene.motion
     law = ContactLaw(grains.friction, grains.restitution, grains.compliance)
-    solver = Solver(motion.tolerance, motion.max_iterations, motion.threads, motion.domains)
+    solver = Solver(motion.tolerance, motion.max_iterations, motion.threads)
     wall = scene.structure.wall_friction if isinstance(scene.structure, Silo) else 0.0
     strained = isinstance(scene.structure, Biaxial)
     return grain_needs(

@@ -1,5 +1,6 @@
 """Figures of damage: each takes a dataset or a volume and axes, and returns the axes."""
 
+from collections.abc import Callable
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -10,7 +11,7 @@ from multiscale.io.images import VoxelImage
 from multiscale.micro.damage.cavities import Cavities
 from multiscale.micro.damage.compare import section_image
 from multiscale.micro.damage.plane_damage import Plane
-from multiscale.plotting.figure import axes_or_current, new_figure, save_figure
+from multiscale.plotting.figure import axes_or_current, new_figure, save_figure, save_figures
 
 if TYPE_CHECKING:
     import xarray as xr
@@ -98,8 +99,7 @@ def plot_worst_section(
         vmax=1.0,
         interpolation="nearest",
     )
-    ax.set_xlabel(f"along the section ({name})")
-    ax.set_ylabel(f"along the section ({name})")
+    ax.set(xlabel=f"along the section ({name})", ylabel=f"along the section ({name})")
     at = ", ".join(f"{0.0 if abs(k) < 5e-3 else k:.2f}" for k in normal)
     ax.set_title(f"D = {float(sections['maximum_damage']):.3f}, normal ({at})")
     return ax
@@ -128,8 +128,7 @@ def plot_woehler(curve: "xr.Dataset", *, ax: "Axes | None" = None) -> "Axes":
         ax.semilogx(
             np.full(endless.sum(), end), amplitude[endless], ">", color="C2", label="endless"
         )
-    ax.set_xlabel("cycles")
-    ax.set_ylabel("stress amplitude (MPa)")
+    ax.set(xlabel="cycles", ylabel="stress amplitude (MPa)")
     ax.legend(loc="lower center", bbox_to_anchor=(0.5, 1.0), ncols=3, frameon=False)
     return ax
 
@@ -152,8 +151,7 @@ def plot_stiffness_against_damage(comparison: "xr.Dataset", *, ax: "Axes | None"
     ax.plot(damage, modulus, "o", markersize=3, label="finite elements, one normal each")
     ax.axvline(phi, color="0.6", linewidth=0.8)
     ax.annotate("porosity", (phi, 1.0), (3, 0), textcoords="offset points", color="0.4", va="top")
-    ax.set_xlabel("damage of the worst section, D")
-    ax.set_ylabel("Young's modulus over that of the solid")
+    ax.set(xlabel="damage of the worst section, D", ylabel="Young's modulus over that of the solid")
     ax.legend(loc="lower left")
     return ax
 
@@ -174,8 +172,7 @@ def plot_joint_life(result: "xr.Dataset", *, ax: "Axes | None" = None) -> "Axes"
         value = result[name].values
         ax.plot(cycles, value / value[0], "o-", label=label)
     ax.plot(cycles, 1.0 - result["damage"].values, color="black", linestyle="--", label="1 - D")
-    ax.set_xlabel("cycles")
-    ax.set_ylabel("stiffness over that of the first cycle")
+    ax.set(xlabel="cycles", ylabel="stiffness over that of the first cycle")
     ax.legend()
     return ax
 
@@ -206,20 +203,18 @@ def draw_damage(
         figure = new_figure()
         plot_damage_sphere(sections, ax=figure.add_subplot(projection="3d"))
         drawn.append(save_figure(figure, folder / "damage_sphere.png"))
+    figures: dict[str, Callable[[Axes], Axes]] = {}
     if sections is not None and rve is not None:
-        figure = new_figure()
-        plot_worst_section(rve, sections, ax=figure.add_subplot())
-        drawn.append(save_figure(figure, folder / "worst_section.png"))
-    for data, plot, name in (
-        (curve, plot_woehler, "woehler"),
-        (comparison, plot_stiffness_against_damage, "stiffness_against_damage"),
-        (joint, plot_joint_life, "joint_life"),
-    ):
-        if data is not None:
-            figure = new_figure()
-            plot(data, ax=figure.add_subplot())
-            drawn.append(save_figure(figure, folder / f"{name}.png"))
-    return drawn
+        figures["worst_section"] = lambda ax: plot_worst_section(rve, sections, ax=ax)
+    if curve is not None:
+        figures["woehler"] = lambda ax: plot_woehler(curve, ax=ax)
+    if comparison is not None:
+        figures["stiffness_against_damage"] = lambda ax: plot_stiffness_against_damage(
+            comparison, ax=ax
+        )
+    if joint is not None:
+        figures["joint_life"] = lambda ax: plot_joint_life(joint, ax=ax)
+    return drawn + save_figures(figures, folder)
 
 
 def _length_unit(length: float) -> tuple[float, str]:

@@ -1,19 +1,16 @@
 """Figures of granulates: each takes a dataset and axes, and returns the axes."""
 
 from collections.abc import Callable
-from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 import numpy as np
 
-from multiscale.io import make_folder
 from multiscale.plotting.figure import (
     add_colour_bar,
     axes_or_current,
-    new_figure,
     plot_energy_parts,
-    save_figure,
+    save_figures,
 )
 
 if TYPE_CHECKING:
@@ -78,8 +75,7 @@ def plot_force_network(
     ax.add_collection(network)
     ax.autoscale_view()
     ax.set_aspect("equal")
-    ax.set_xlabel("x (mm)")
-    ax.set_ylabel("z (mm)")
+    ax.set(xlabel="x (mm)", ylabel="z (mm)")
     at = np.append(0.0, result["time"].values)[int(result["frame_step"][frame]) + 1]
     ax.set_title(f"t = {at:.3g} s, {int(inside.sum())} contacts")
     if inside.any() and ax.figure is not None:
@@ -125,8 +121,7 @@ def plot_contact_error(result: "xr.Dataset", *, ax: "Axes | None" = None) -> "Ax
     ax.semilogy(time[met], error[met], ".", markersize=2, label="tolerance met")
     if not met.all():
         ax.semilogy(time[~met], error[~met], "x", markersize=3, color="C3", label="missed")
-    ax.set_xlabel("time (s)")
-    ax.set_ylabel("error relative to closing velocities")
+    ax.set(xlabel="time (s)", ylabel="error relative to closing velocities")
     ax.legend()
     return ax
 
@@ -164,20 +159,14 @@ def draw_granulate(result: "xr.Dataset", folder: Path) -> list[Path]:
     folder : Path
         Made if needed.
     """
-    make_folder(folder)
     y = result["position"].values[-1, :, 1]
     middle, half = 0.5 * (y.min() + y.max()), 2.0 * float(result["radius"].max())
     slab = (float(middle - half), float(middle + half))
     plots: dict[str, Callable[..., Axes]] = {
-        "force_network": partial(plot_force_network, slab=slab),
-        "energies": plot_grain_energies,
-        "contact_error": plot_contact_error,
+        "force_network": lambda ax: plot_force_network(result, slab=slab, ax=ax),
+        "energies": lambda ax: plot_grain_energies(result, ax=ax),
+        "contact_error": lambda ax: plot_contact_error(result, ax=ax),
     }
     if "stress" in result:
-        plots["biaxial_curve"] = plot_biaxial_curve
-    files = []
-    for name, plot in plots.items():
-        figure = new_figure(6.0, 5.0)
-        plot(result, ax=figure.add_subplot())
-        files.append(save_figure(figure, folder / f"{name}.png"))
-    return files
+        plots["biaxial_curve"] = lambda ax: plot_biaxial_curve(result, ax=ax)
+    return save_figures(plots, folder, 6.0, 5.0)

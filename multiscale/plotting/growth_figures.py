@@ -66,8 +66,7 @@ def plot_growth(
         _label_within_decades(ax)
     if cables.size:
         _draw_proportion(ax, cables, factor * cost)
-    ax.set_xlabel("number of cables")
-    ax.set_ylabel(label)
+    ax.set(xlabel="number of cables", ylabel=label)
     ax.grid(color="0.92")
     ax.legend(loc="upper left", fontsize=8)
     return ax

@@ -6,13 +6,11 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from multiscale.errors import CaseError
-from multiscale.io import make_folder
 from multiscale.plotting.budget_figures import plot_error_budget
 from multiscale.plotting.figure import (
     add_colour_bar,
     axes_or_current,
-    new_figure,
-    save_figure,
+    save_figures,
 )
 
 if TYPE_CHECKING:
@@ -127,7 +125,6 @@ def draw_joint(result: "xr.Dataset", folder: Path) -> list[Path]:
         why = result.attrs.get("failure") or result.attrs.get("cautions", "")
         raise CaseError(f"no step has an answer, so that there is no joint to draw: {why}")
     step = int(np.nanargmax(slips))
-    folder, files = make_folder(folder), []
     draw = {
         "contact_zones": lambda ax: plot_joint_plan(result, step=step, ax=ax),
         "pressure": lambda ax: plot_joint_plan(result, quantity="pressure", step=step, ax=ax),
@@ -136,8 +133,4 @@ def draw_joint(result: "xr.Dataset", folder: Path) -> list[Path]:
         draw["hysteresis"] = lambda ax: plot_hysteresis(result, ax=ax)
     if "error_total" in result:
         draw["error_budget"] = lambda ax: plot_error_budget(result, ax=ax)
-    for name, plot in draw.items():
-        figure = new_figure()
-        plot(figure.add_subplot())  # type: ignore[no-untyped-call]
-        files.append(save_figure(figure, folder / f"{name}.png"))
-    return files
+    return save_figures(draw, folder)

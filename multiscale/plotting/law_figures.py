@@ -50,9 +50,9 @@ def plot_gap_law(response: "xr.Dataset", law: "xr.Dataset", *, ax: "Axes | None"
         ax.fill_betweenx(along, low, high, color="C0", alpha=0.3, linewidth=0, label="95 % band")
     ax.plot(1e6 * law_from_dataset(law).gap_at(1e6 * along), along, color="C0", label="law")
     ax.set_yscale("log")
-    ax.set_xlabel("mean gap (µm)")
-    ax.set_ylabel("mean pressure (MPa)")
-    ax.set_title("normal law and realisations")
+    ax.set(
+        xlabel="mean gap (µm)", ylabel="mean pressure (MPa)", title="normal law and realisations"
+    )
     ax.legend()
     return ax
 
@@ -174,8 +174,6 @@ def plot_joint_stiffness(result: "xr.Dataset", *, ax: "Axes | None" = None) -> "
     ax.plot(preload, solid, color="0.4", linestyle=":", label="bodies alone")
     ax.set_xscale("log")
     ax.set_yscale("log")
-    ax.set_xlabel("preload (MPa)")
-    ax.set_ylabel("normal stiffness (MPa/µm)")
-    ax.set_title("joint stiffness")
+    ax.set(xlabel="preload (MPa)", ylabel="normal stiffness (MPa/µm)", title="joint stiffness")
     ax.legend()
     return ax

@@ -40,18 +40,19 @@ def plot_sorted_tensions(
     ax : Axes, optional
         Where to draw. The current axes if not given.
     """
+    from matplotlib import colormaps
+
     ax = axes_or_current(ax)
     tension = 1e-3 * result["tension"].values[:, result["law"].values == law]
     name, symbol, unit = _steps(result)
-    colours = _colours(len(tension))
+    colours = colormaps["viridis"](np.linspace(0.0, 0.9, len(tension)))
     rank = np.arange(1, tension.shape[1] + 1)
     for k in np.flatnonzero(result["converged"].values):
         at = float(result[name][k])
         ax.plot(
             rank, np.sort(tension[k])[::-1], color=colours[k], label=f"{symbol} = {at:.3g}{unit}"
         )
-    ax.set_xlabel(f"{law}s, sorted (number)")
-    ax.set_ylabel("tension (kN)")
+    ax.set(xlabel=f"{law}s, sorted (number)", ylabel="tension (kN)")
     ax.legend()
     return ax
 
@@ -159,10 +160,3 @@ def draw_links(result: "xr.Dataset", folder: Path, *, scale: float = 1.0) -> lis
 def _steps(result: "xr.Dataset") -> tuple[str, str, str]:
     """Name, symbol and unit of what tells the steps apart."""
     return ("time", "t", " s") if "time" in result.coords else ("load_factor", "α", "")
-
-
-def _colours(count: int) -> np.ndarray:
-    """Colours of an ordered series, shape (count, 4)."""
-    import matplotlib as mpl
-
-    return np.asarray(mpl.colormaps["viridis"](np.linspace(0.0, 0.9, count)))

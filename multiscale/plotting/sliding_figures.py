@@ -35,9 +35,9 @@ def plot_sliding_friction(response: "xr.Dataset", *, ax: "Axes | None" = None) -
     ):
         ax.plot(distance, friction, ".-", color=shade, markersize=4, label=f"{one:.3g} MPa")
     ax.axhline(0.0, color="0.7", linewidth=0.5)
-    ax.set_xlabel("sliding distance (µm)")
-    ax.set_ylabel("effective friction")
-    ax.set_title("friction of the cell")
+    ax.set(
+        xlabel="sliding distance (µm)", ylabel="effective friction", title="friction of the cell"
+    )
     ax.legend(title="mean pressure", fontsize="small")
     return ax
 
@@ -54,8 +54,7 @@ def plot_steady_friction(response: "xr.Dataset", *, ax: "Axes | None" = None) ->
     """
     ax = axes_or_current(ax)
     ax.plot(1e-6 * response["nominal_pressure"].values, response["steady_friction"].values, "o-")
-    ax.set_xlabel("mean pressure (MPa)")
-    ax.set_ylabel("mean friction over the last period")
+    ax.set(xlabel="mean pressure (MPa)", ylabel="mean friction over the last period")
     ax.set_ylim(bottom=min(0.0, ax.get_ylim()[0]))
     ax.set_title("friction against pressure")
     return ax

@@ -35,9 +35,7 @@ def plot_surface(fields: "xr.Dataset", *, ax: "Axes | None" = None) -> "Axes":
         vmax=largest,
     )
     ax.figure.colorbar(image, ax=ax, label="height (µm)")
-    ax.set_xlabel("x (µm)")
-    ax.set_ylabel("y (µm)")
-    ax.set_title("composite surface, realisation 0")
+    ax.set(xlabel="x (µm)", ylabel="y (µm)", title="composite surface, realisation 0")
     return ax
 
 
@@ -67,8 +65,7 @@ def plot_contact_map(
         interpolation="none",
     )
     ax.figure.colorbar(image, ax=ax, label="local pressure (MPa)")
-    ax.set_xlabel("x (µm)")
-    ax.set_ylabel("y (µm)")
+    ax.set(xlabel="x (µm)", ylabel="y (µm)")
     nominal = 1e-6 * float(fields["nominal_pressure"].values[step])
     ax.set_title(f"contact at {nominal:.3g} MPa mean pressure")
     return ax

@@ -75,8 +75,7 @@ def plot_work_precision(
         low = min(low, 0.5 * uncertainty)
         ax.axhspan(0.1 * low, uncertainty, color="0.9", linewidth=0)
         ax.set_ylim(low, high)
-    ax.set_xlabel("wall time (s)")
-    ax.set_ylabel(runs[error].attrs["long_name"])
+    ax.set(xlabel="wall time (s)", ylabel=runs[error].attrs["long_name"])
     return ax
 
 
@@ -122,8 +121,7 @@ def plot_history(work_precision: "xr.Dataset", *, scene: str, ax: "Axes | None" 
     ax.set_xscale("log")
     ax.set_yscale("log")
     ax.set_title(scene, fontsize="medium")
-    ax.set_xlabel("time since the start (s)")
-    ax.set_ylabel("relative error (1)")
+    ax.set(xlabel="time since the start (s)", ylabel="relative error (1)")
     return ax
 
 

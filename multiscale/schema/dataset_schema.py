@@ -1,7 +1,7 @@
 """What a schema is: names, dimensions and units of a dataset."""
 
-from collections.abc import Mapping
-from dataclasses import dataclass, field
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass, field, replace
 from typing import TYPE_CHECKING, Any
 
 from multiscale.errors import SchemaError
@@ -42,6 +42,15 @@ class Schema:
     version: int
     variables: Mapping[str, Variable]
     optional: Mapping[str, Variable] = field(default_factory=dict)
+
+    def with_samples(self, **names: Iterable[str]) -> "Schema":
+        """Add the samples ``..._sample`` of optional variables, named for each dimension."""
+        samples = {
+            f"{name}_sample": Variable((along, *one.dims), one.units, f"{one.long_name}, samples")
+            for along, own in names.items()
+            for name, one in ((name, self.optional[name]) for name in own)
+        }
+        return replace(self, optional={**self.optional, **samples})
 
     def check(self, dataset: "xr.Dataset") -> None:
         """Raise if a variable is missing or has other dimensions or units.

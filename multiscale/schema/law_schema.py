@@ -11,14 +11,8 @@ INTERFACE_LAW = Schema(
     optional={
         "knot": Variable(("term",), "m", "gap at which a term of the normal law vanishes"),
         "coefficient": Variable(("term",), "Pa m-3", "coefficient of the normal law"),
-        "coefficient_sample": Variable(
-            ("sample", "term"), "Pa m-3", "coefficients of the bootstrap samples"
-        ),
         "area_pressure": Variable(("area_term",), "Pa", "pressure knots of the area law"),
         "area_fraction": Variable(("area_term",), "1", "contact fraction at the pressure knots"),
-        "area_fraction_sample": Variable(
-            ("sample", "area_term"), "1", "contact fractions of the bootstrap samples"
-        ),
         "fit_mean_gap": Variable(("step",), "m", "mean gap of the data fitted"),
         "fit_stiffness": Variable(("step",), "Pa m-1", "stiffness of the data fitted"),
         "fit_contact_fraction": Variable(("step",), "1", "contact fraction of the data fitted"),
@@ -46,12 +40,6 @@ INTERFACE_LAW = Schema(
             (), "1", "stiffness at the start of unloading over that of loading"
         ),
         "unloading_exponent": Variable((), "1", "exponent of the unloading branch"),
-        "unloading_stiffness_ratio_sample": Variable(
-            ("unloading_sample",), "1", "stiffness ratios of the bootstrap samples"
-        ),
-        "unloading_exponent_sample": Variable(
-            ("unloading_sample",), "1", "exponents of the bootstrap samples"
-        ),
         "unloading_pressure": Variable(
             ("unloading_step",), "Pa", "mean pressure of the unloading data"
         ),
@@ -66,6 +54,9 @@ INTERFACE_LAW = Schema(
         ),
         **BUDGET,
     },
+).with_samples(
+    sample=("coefficient", "area_fraction"),
+    unloading_sample=("unloading_stiffness_ratio", "unloading_exponent"),
 )
 """A law of a family with parameters also has a scalar per parameter, and one per sample."""
 

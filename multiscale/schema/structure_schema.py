@@ -15,20 +15,11 @@ MACRO_RESULT = Schema(
     optional={
         "preload": Variable(("step",), "Pa", "nominal preload"),
         "joint_stiffness": Variable(("step",), "Pa m-1", "normal stiffness of the whole joint"),
-        "joint_stiffness_sample": Variable(
-            ("sample", "step"), "Pa m-1", "joint stiffness for each sample of the law"
-        ),
         "unloading_stiffness": Variable(
             ("step",), "Pa m-1", "normal stiffness of the joint for a preload that begins to fall"
         ),
-        "unloading_stiffness_sample": Variable(
-            ("unloading_sample", "step"), "Pa m-1", "unloading stiffness for each of its samples"
-        ),
         "interface_stiffness": Variable(
             ("step",), "Pa m-1", "normal stiffness of the interface alone"
-        ),
-        "interface_stiffness_sample": Variable(
-            ("sample", "step"), "Pa m-1", "interface stiffness for each sample of the law"
         ),
         "solid_stiffness": Variable(("step",), "Pa m-1", "normal stiffness of the bodies alone"),
         "approach": Variable(("step",), "m", "displacement of the loaded platen"),
@@ -111,9 +102,6 @@ MACRO_RESULT = Schema(
         "sliding_speed": Variable(("step",), "m s-1", "speed of steady sliding"),
         "temperature": Variable(("step",), "K", "temperature of the body"),
         "braking_force": Variable(("step",), "N", "force against the motion"),
-        "braking_force_sample": Variable(
-            ("sample", "step"), "N", "force against the motion for samples of the law"
-        ),
         "braking_coefficient": Variable(("step",), "1", "force against the motion over the load"),
         "cycle_energy": Variable(("cycle",), "J", "energy that the joint loses in a closed cycle"),
         "time": Variable(("step",), "s", "time"),
@@ -133,6 +121,9 @@ MACRO_RESULT = Schema(
         ),
         **BUDGET,
     },
+).with_samples(
+    sample=("joint_stiffness", "interface_stiffness", "braking_force"),
+    unloading_sample=("unloading_stiffness",),
 )
 
 HOMOGENISED = Schema(

@@ -223,7 +223,6 @@ def size_trend(
 
 
 def _observe(response: "xr.Dataset", variable: str) -> Observations:
-    """Observations of a variable."""
     if variable not in _OBSERVE:
         raise CaseError(f"no average of {variable!r}; choose from {', '.join(_OBSERVE)}")
     return _OBSERVE[variable](response)

@@ -300,11 +300,9 @@ def _schema(observations: Observations, family: str | Family) -> Schema:
     """Return the schema of the law with the parameters of its family."""
     if isinstance(family, str):
         return INTERFACE_LAW
-    added = {}
-    for name, parameter in family.parameters.items():
-        text = f"parameter of the {family.name} law"
-        added[name] = Variable((), parameter.unit, text)
-        added[f"{name}_sample"] = Variable(("sample",), parameter.unit, f"{text}, samples")
+    text = f"parameter of the {family.name} law"
+    added = {name: Variable((), one.unit, text) for name, one in family.parameters.items()}
     for name, (_, unit) in family.held(observations).items():
         added[name] = Variable((), unit, f"given by the data to the {family.name} law")
-    return replace(INTERFACE_LAW, optional={**INTERFACE_LAW.optional, **added})
+    law = replace(INTERFACE_LAW, optional={**INTERFACE_LAW.optional, **added})
+    return law.with_samples(sample=family.parameters)

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from multiscale.bench import bench, damage_family, tabulate
+from multiscale.bench import bench, ladder, tabulate
 from multiscale.bench.damage_family import SCENES, life
 from multiscale.bench.measure import Measured
 from multiscale.plotting import draw_work_precision
@@ -22,7 +22,7 @@ def test_jumps_give_the_life_of_every_cycle_for_a_share_of_them(scene):
 
 def test_the_family_leaves_a_dataset_and_a_figure(monkeypatch, tmp_path):
     monkeypatch.setattr(
-        damage_family, "measure", lambda task, **_: Measured(task(), wall_time=0.1, peak_memory=1e8)
+        ladder, "measure", lambda task, **_: Measured(task(), wall_time=0.1, peak_memory=1e8)
     )
     lines = []
     found = bench("damage", quick=True, report=lines.append)
@@ -38,7 +38,7 @@ def test_the_family_leaves_a_dataset_and_a_figure(monkeypatch, tmp_path):
 
 
 def test_a_process_that_died_leaves_no_number(monkeypatch):
-    monkeypatch.setattr(damage_family, "measure", lambda *_, **__: Measured(None, np.nan, np.nan))
+    monkeypatch.setattr(ladder, "measure", lambda *_, **__: Measured(None, np.nan, np.nan))
     found = bench("damage", quick=True)
     assert not found["converged"].values.any()
     assert np.isnan(found["error"].values).all()

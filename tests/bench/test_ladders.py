@@ -104,4 +104,6 @@ def test_every_family_is_a_module_with_a_function_of_its_name():
     from importlib import import_module
 
     for family in FAMILIES:
-        assert callable(getattr(import_module(f"multiscale.bench.{family}"), f"bench_{family}"))
+        assert callable(
+            getattr(import_module(f"multiscale.bench.{family}_family"), f"bench_{family}")
+        )

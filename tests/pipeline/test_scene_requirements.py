@@ -228,7 +228,7 @@ def test_grains_say_what_their_law_and_their_solver_take():
 
 
 def test_a_cell_that_strains_is_swept_by_one_thread_and_says_so():
-    needs = grain_needs(100, 2, ContactLaw(), Solver(threads=2, domains=2), strained=True)
+    needs = grain_needs(100, 2, ContactLaw(), Solver(threads=2), strained=True)
     assert {"cell strain", "sweeps", "friction", "rotation"} == set(needs.operators)
     still = grain_needs(100, 2, ContactLaw(), Solver(threads=2, most_assembled=0))
     assert {"colours", "sweeps", "friction", "rotation"} == set(still.operators)

@@ -36,8 +36,8 @@ print(granulate.coordination(ends, 100, rattlers_below=2))
 # above 1e-3, and the friction solver on the assembled operator left the one that it was given at
 # 1.4e-3. Overlaps stay below a thousandth of a radius all the same. With a compliance of 0.02 every
 # step meets the tolerance in 76 sweeps on average; with 0.005 still 99 % do, in 306 sweeps. Without
-# restitution nothing overlaps by more than 0.8 % of a radius. Conjugate directions need one thread
-# and one domain.
+# restitution nothing overlaps by more than 0.8 % of a radius. Conjugate directions need one
+# thread.
 #
 # Energy. Kinetic energy and the energy in overlaps grow by up to 1e-6 of all the work in a step
 # with a compliance of 0.02, and by 2e-5 with 0.05. Grains with restitution bounce within a step of

@@ -54,7 +54,7 @@ def key_tables() -> str:
     for title, model in FILES:
         parts.append(f"### {title}")
         for head, names, table in _tables(model, ()):
-            told = f"{head}{_summary(table)}"
+            told = head + _plain((getdoc(table) or "").split("\n\n")[0])
             if told not in parts[parts.index(f"### {title}") :]:
                 parts += [told, "\n".join([HEAD, *(_row(table, name) for name in names)])]
     return "\n\n".join(parts)
@@ -85,11 +85,6 @@ def _head(model: type[Settings], at: tuple[tuple[str, ...], ...]) -> str:
     said = f', `kind = "{values[0]}"`' if len(values) == 1 else ""
     paths = ", ".join(f"`[{'.'.join(path)}]`" for path in product(*at))
     return f"**{paths}**{said}: " if at else ""
-
-
-def _summary(model: type[Settings]) -> str:
-    """First sentence of the docstring."""
-    return _plain((getdoc(model) or "").split("\n\n")[0])
 
 
 def _row(model: type[Settings], name: str) -> str:

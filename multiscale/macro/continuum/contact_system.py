@@ -321,7 +321,6 @@ def prepare_system(problem: ContactProblem) -> System:
 def _interfaces(
     problem: ContactProblem, first: np.ndarray, start: np.ndarray, free: np.ndarray
 ) -> tuple[Interface, ...]:
-    """Build the interface of every contact."""
     names = list(problem.bodies)
     interfaces = []
     for name, contact in problem.contacts.items():

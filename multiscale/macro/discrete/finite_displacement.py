@@ -144,7 +144,6 @@ class _Problem:
 
 @np.errstate(all="ignore")  # an overflow shows in the residual
 def _newton(problem: _Problem, load_factor: float, start: np.ndarray, limits: Limits) -> Solution:
-    """Newton at one load factor."""
     model, u = problem.model, start
     scale = force_scale(model, load_factor * model.load)
     shape = problem.shape(u)

@@ -146,7 +146,6 @@ def system_from_mesh(
 
 
 def _get(table: Mapping[str, Any], name: str, default: np.ndarray) -> Any:
-    """Return a column, or its default."""
     return table[name] if name in list(table.keys()) else default
 
 
@@ -186,7 +185,6 @@ def _cells(mesh: "Mesh", name: str, kind: str) -> np.ndarray:
 
 
 def _points(mesh: "Mesh", name: str) -> np.ndarray:
-    """Points of a named set."""
     if name in mesh.point_sets:
         return np.asarray(mesh.point_sets[name], dtype=int)
     points = np.unique(_cells(mesh, name, "vertex"))

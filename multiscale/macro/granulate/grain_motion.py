@@ -239,7 +239,7 @@ def _meet(
             np.array([free.rate, model.free / np.sqrt(inertia)]),
         )
         contacts, velocity = Contacts(*arrays), free.velocity.copy()
-        done, residual = solve_step(model, solver, state.position, velocity, contacts, cell)
+        done, residual = solve_step(model, solver, velocity, contacts, cell)
         sweeps += done
         kept = np.zeros_like(state.kept)
         kept[index] = contacts.impulse

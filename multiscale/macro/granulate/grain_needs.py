@@ -50,7 +50,6 @@ def grain_needs(
     """
     friction = max(law.friction, wall_friction) > 0.0
     turns = friction or spinning
-    domains = not strained and (solver.domains > 1 or solver.conjugate > 0)
     choices = {
         "sweeps": (True, "over the contacts, one after the other, again and again", ""),
         "friction": (friction, "Coulomb's limit at each contact", "no friction is given"),
@@ -63,14 +62,9 @@ def grain_needs(
         "springs": (law.compliance > 0.0, "of compliant contacts", "contacts are rigid"),
         "restitution": (law.restitution > 0.0, "of pairs that meet fast", "no pair bounces"),
         "colours": (
-            solver.threads > 1 and not domains and not strained,
+            solver.threads > 1 and not strained,
             "contacts that share no grain are swept side by side",
-            "one thread sweeps in the order of the contacts" if not domains else "domains do it",
-        ),
-        "domains": (
-            domains,
-            "swept side by side, then the contacts between them",
-            "one domain",
+            "one thread sweeps in the order of the contacts",
         ),
         "assembled problem": (
             solver.most_assembled > 0 and not strained,

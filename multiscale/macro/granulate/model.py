@@ -77,12 +77,6 @@ class Solver:
         Limit of sweeps in a step.
     threads : int
         1 sweeps in the order of the contacts, more colour by colour.
-    domains : int
-        Into which the grains are cut; each is swept by itself, side by side, and the contacts
-        between them after that.
-    conjugate : int
-        Steps of conjugate projected gradients that every domain adds to a sweep. Without friction
-        they replace tens of sweeps; with friction they bring little.
     most_assembled : int
         A step of at most so many contacts that the sweeps do not solve is given to
         :func:`multiscale.nonsmooth.solve_friction`.
@@ -91,18 +85,14 @@ class Solver:
     tolerance: float = 1e-4
     max_iterations: int = 1000
     threads: int = 1
-    domains: int = 1
-    conjugate: int = 0
     most_assembled: int = 400
 
     def __post_init__(self) -> None:
         if not 0.0 < self.tolerance < 1.0:
             raise CaseError(f"tolerance must lie between 0 and 1, got {self.tolerance:g}")
-        for name in ("max_iterations", "threads", "domains"):
+        for name in ("max_iterations", "threads"):
             if getattr(self, name) < 1:
                 raise CaseError(f"{name} must be at least 1, got {getattr(self, name)}")
-        if self.conjugate < 0:
-            raise CaseError(f"conjugate must not be negative, got {self.conjugate}")
 
 
 @dataclass(frozen=True)

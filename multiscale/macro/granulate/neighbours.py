@@ -139,7 +139,6 @@ def _visit(i, grains, grid, out, first):  # type: ignore[no-untyped-def]
 
 @numba.njit(cache=True, parallel=True)
 def _count_pairs(grains, grid):  # type: ignore[no-untyped-def]
-    """Count the pairs that each grain finds."""
     found = np.empty(grains[1].size, np.int64)
     none = np.empty((0, 2), np.int32)
     for i in numba.prange(found.size):

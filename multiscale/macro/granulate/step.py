@@ -4,7 +4,6 @@ import numpy as np
 
 from multiscale.macro.granulate.assembled_grains import solve_assembled
 from multiscale.macro.granulate.contacts import Contacts, colour
-from multiscale.macro.granulate.domains import order_contacts, relax_domains, split_grains
 from multiscale.macro.granulate.model import Model, Solver
 from multiscale.macro.granulate.sweeps import (
     apply_impulses,
@@ -23,7 +22,6 @@ BURST = 10
 def solve_step(
     model: Model,
     solver: Solver,
-    position: np.ndarray,
     velocity: np.ndarray,
     contacts: Contacts,
     cell: np.ndarray,
@@ -33,18 +31,16 @@ def solve_step(
     Parameters
     ----------
     model, solver : Model, Solver
-    position : ndarray, shape (grains, 3)
-        m.
     velocity, cell : ndarray
-        As in :mod:`multiscale.macro.granulate.sweeps`; the velocities are those without impulses
-        and become those with them.
+        Arrays of :mod:`multiscale.macro.granulate.sweeps`; the velocities are those without
+        impulses and become those with them.
     contacts : Contacts
         Whose impulses are a guess and become the solution.
 
     Returns
     -------
     sweeps : int
-        Made, or rounds of domains.
+        Number of sweeps made.
     residual : float
         Natural-map error relative to the velocities of the contacts that would close.
     """
@@ -57,29 +53,14 @@ def solve_step(
     free, mobility, target = velocity.copy(), model.mobility, solver.tolerance * scale
     apply_impulses(velocity, mobility, ends, data, coulomb, impulse, strained)
     limit = solver.max_iterations
-    if strained is not None or (solver.threads == solver.domains == 1 and not solver.conjugate):
+    if strained is not None or solver.threads == 1:
         done, error = relax(velocity, mobility, *contacts.arrays, strained, target, limit, BURST)
     else:
         moves = np.asarray(mobility.any(axis=1))
-        if solver.domains == 1 and not solver.conjugate:
-            order, bounds = colour(ends, model.grains.n, moves)
-        else:
-            domain = split_grains(position, min(solver.domains, model.grains.n))
-            order, bounds = order_contacts(ends, domain, moves)
+        order, bounds = colour(ends, model.grains.n, moves)
         sorted_contacts = contacts.reordered(order)
         arrays = (velocity, mobility, *sorted_contacts.arrays)
-        if solver.domains == 1 and not solver.conjugate:
-            done, error = relax_coloured(*arrays, bounds, solver.threads, target, limit, BURST)
-        else:
-            done, error = relax_domains(
-                *arrays,
-                bounds,
-                1,
-                solver.conjugate,
-                target,
-                limit,
-                1 if solver.conjugate else BURST,
-            )
+        done, error = relax_coloured(*arrays, bounds, solver.threads, target, limit, BURST)
         impulse[order] = sorted_contacts.impulse
     if error <= target or strained is not None or len(ends) > solver.most_assembled:
         return done, error / scale

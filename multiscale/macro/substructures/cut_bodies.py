@@ -134,7 +134,6 @@ def _number(bodies: Sequence[Body], times: Sequence[float]) -> np.ndarray:
 def _parts(
     body: Body, index: int, owner: np.ndarray, number: np.ndarray, times: Sequence[float]
 ) -> list[Substructure]:
-    """Substructures of one body."""
     if not isinstance(body.law, Elastic | AnisotropicElastic):
         raise CaseError(
             f"body {index} must be Elastic or AnisotropicElastic to be cut, "

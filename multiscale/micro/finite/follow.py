@@ -135,7 +135,6 @@ def _target(path: Path, k: int, area: float) -> Target:
 
 
 def _fewest_increments(cell: Cell, path: Path, state: CellState, target: Target) -> int:
-    """Increments of a step."""
     count, largest = path.increments, largest_approach(cell, path.refinement)
     if _passes(cell):
         length = float(np.hypot(*(target.slide - state.slide)))

@@ -108,41 +108,12 @@ def test_coloured_sweeps_lead_to_the_same_motion():
     np.testing.assert_allclose(one["velocity"][-1], two["velocity"][-1], atol=1e-6)
 
 
-@pytest.mark.parametrize("domains", [1, 4, 16, 64])
-@pytest.mark.parametrize("conjugate", [0, 5])
-def test_domains_lead_to_the_same_motion(domains, conjugate):
-    base = heap(125)
-    law = ContactLaw(0.4, compliance=0.05)
-    model = Model(base.grains, base.walls, law)
-    found = []
-    for solver in (
-        Solver(1e-11, 20000, most_assembled=0),
-        Solver(1e-11, 20000, domains=domains, conjugate=conjugate, most_assembled=0),
-    ):
-        new, step = advance(model, start(model), 1e-3, solver)
-        assert step.converged
-        assert step.n_contacts > 50
-        found.append(new.velocity)
-    np.testing.assert_allclose(*found, atol=1e-8)
-
-
-def test_conjugate_gradients_need_fewer_rounds_than_sweeps_without_friction():
-    base = heap(125)
-    model = Model(base.grains, base.walls, ContactLaw(0.0))
-    rounds = [
-        advance(model, start(model), 1e-3, Solver(1e-8, 5000, conjugate=steps))[1].sweeps
-        for steps in (0, 20)
-    ]
-    assert rounds[1] < 0.2 * rounds[0]
-
-
 @pytest.mark.parametrize("compliance", [0.0, 0.05])
 @pytest.mark.parametrize(
     "options",
     [
         pytest.param({}, id="sweeps"),
         pytest.param({"threads": 2}, id="colours"),
-        pytest.param({"domains": 4, "conjugate": 5}, id="domains"),
         pytest.param({"max_iterations": 1, "most_assembled": 1000}, id="assembled"),
     ],
 )
