@@ -1,13 +1,13 @@
 """What every figure needs: axes to draw on, a canvas, and a file."""
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from io import BytesIO
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 import numpy as np
 
-from multiscale.io import write_bytes
+from multiscale.io import make_folder, write_bytes
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -21,6 +21,7 @@ __all__ = [
     "on_axes",
     "plot_energy_parts",
     "save_figure",
+    "save_figures",
 ]
 
 DOTS_PER_INCH = 150
@@ -96,12 +97,25 @@ def save_figure(figure: "Figure", file: Path) -> Path:
     return file
 
 
-def on_axes(plot: "Callable[[Axes], object]") -> Callable[[Path], Path]:
-    """Make the function that plots on axes of their own and writes the figure to a file."""
+def on_axes(
+    plot: "Callable[[Axes], object]", width: float = 5.2, height: float = 4.0
+) -> Callable[[Path], Path]:
+    """Make the function that plots on axes of their own, of sizes in inches, into a file."""
 
     def draw(file: Path) -> Path:
-        figure = new_figure()
+        figure = new_figure(width, height)
         plot(figure.add_subplot())
         return save_figure(figure, file)
 
     return draw
+
+
+def save_figures(
+    plots: "Mapping[str, Callable[[Axes], object]]",
+    folder: Path,
+    width: float = 5.2,
+    height: float = 4.0,
+) -> list[Path]:
+    """Draw figures, each on axes of its own, into PNG files of their names; sizes in inches."""
+    make_folder(folder)
+    return [on_axes(plot, width, height)(folder / f"{name}.png") for name, plot in plots.items()]
