@@ -174,7 +174,7 @@ def macro_command(
         return
     for caution in result.attrs.get("cautions", "").splitlines():
         typer.echo(f"caution: {caution}", err=True)
-    _print_table(result.attrs["title"], *tabulate_scene(result))
+    _print_table(result.attrs["title"], *tabulate_scene(settings.structure.kind, result))
     for line in [*list_facts(result), *list_cycles(result)]:
         typer.echo(line)
     if settings.substructures is not None and settings.substructures.homogenise:

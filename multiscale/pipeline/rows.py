@@ -1,10 +1,11 @@
 """Results as rows of text under a head."""
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from typing import TYPE_CHECKING
 
 import numpy as np
 
+from multiscale.pipeline.grain_settings import GRANULATES
 from multiscale.units import ZERO_CELSIUS
 
 if TYPE_CHECKING:
@@ -185,33 +186,6 @@ def _steps_shown(result: "xr.Dataset") -> np.ndarray:
     return np.unique(np.linspace(0, steps - 1, min(steps, MOST_ROWS)).round().astype(int))
 
 
-def tabulate_scene(result: "xr.Dataset") -> tuple[tuple[str, ...], list[tuple[str, ...]]]:
-    """Return head and rows of text for what a scene has given.
-
-    Parameters
-    ----------
-    result : Dataset
-        Follows ``MACRO_RESULT``: links, joints at their preloads, or a body under its loads.
-    """
-    if "tension" in result:
-        return tabulate_links(result)
-    if "contact_force" in result:
-        return tabulate_grains(result)
-    if "tangential_stiffness" in result:
-        return _tabulate_preloads(result)
-    largest = 1e6 * np.abs(result["displacement"].values).max(axis=(1, 2))
-    return ("load", "largest displacement (µm)", "iterations", "residual"), [
-        (f"{load:.4g}", f"{u:.4g}", f"{n}", f"{residual:.1e}")
-        for load, u, n, residual in zip(
-            result["load_factor"].values,
-            largest,
-            result["iterations"].values,
-            result["residual"].values,
-            strict=True,
-        )
-    ]
-
-
 def _tabulate_preloads(result: "xr.Dataset") -> tuple[tuple[str, ...], list[tuple[str, ...]]]:
     """Head and rows of bodies with joints at their preloads."""
     states = ("stick", "slip", "open")
@@ -244,6 +218,45 @@ def _tabulate_preloads(result: "xr.Dataset") -> tuple[tuple[str, ...], list[tupl
         )
         rows.append(row)
     return head, rows
+
+
+def _tabulate_loads(result: "xr.Dataset") -> tuple[tuple[str, ...], list[tuple[str, ...]]]:
+    """Head and rows of a body under its loads."""
+    largest = 1e6 * np.abs(result["displacement"].values).max(axis=(1, 2))
+    return ("load", "largest displacement (µm)", "iterations", "residual"), [
+        (f"{load:.4g}", f"{u:.4g}", f"{n}", f"{residual:.1e}")
+        for load, u, n, residual in zip(
+            result["load_factor"].values,
+            largest,
+            result["iterations"].values,
+            result["residual"].values,
+            strict=True,
+        )
+    ]
+
+
+TABLES: dict[str, Callable[["xr.Dataset"], tuple[tuple[str, ...], list[tuple[str, ...]]]]] = {
+    **dict.fromkeys(("tensegrity_grid", "cable_net", "table", "mesh"), tabulate_links),
+    **dict.fromkeys(GRANULATES, tabulate_grains),
+    **dict.fromkeys(("stacked_blocks", "lap_joint"), _tabulate_preloads),
+    "plate": _tabulate_loads,
+}
+"""Table of each kind of structure."""
+
+
+def tabulate_scene(
+    kind: str, result: "xr.Dataset"
+) -> tuple[tuple[str, ...], list[tuple[str, ...]]]:
+    """Return head and rows of text for what a scene has given.
+
+    Parameters
+    ----------
+    kind : str
+        Kind of its structure.
+    result : Dataset
+        Follows ``MACRO_RESULT``, or ``GRANULATE`` for grains.
+    """
+    return TABLES[kind](result)
 
 
 def list_facts(result: "xr.Dataset") -> list[str]:

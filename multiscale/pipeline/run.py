@@ -1,6 +1,6 @@
 """The main job: the stages of a case, from its surfaces to the answer."""
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterator, Mapping
 from concurrent.futures import Executor
 from dataclasses import dataclass
 from pathlib import Path
@@ -22,13 +22,41 @@ if TYPE_CHECKING:
 __all__ = ["Results", "run"]
 
 
-@dataclass(frozen=True)
-class Results:
-    """What a run has computed; the datasets follow the schemas of the same names."""
+@dataclass(frozen=True, eq=False)
+class Results(Mapping[str, "xr.Dataset"]):
+    """What a run has computed: the dataset of every stage by its name, which is its schema's.
 
-    micro_response: "xr.Dataset"
-    interface_law: "xr.Dataset"
-    macro_result: "xr.Dataset"
+    Attributes
+    ----------
+    found : dict of str to Dataset
+        In the order in which the stages were run.
+    """
+
+    found: "dict[str, xr.Dataset]"
+
+    def __getitem__(self, name: str) -> "xr.Dataset":
+        return self.found[name]
+
+    def __iter__(self) -> Iterator[str]:
+        return iter(self.found)
+
+    def __len__(self) -> int:
+        return len(self.found)
+
+    @property
+    def micro_response(self) -> "xr.Dataset":
+        """Response of the cells."""
+        return self.found[MICRO_RESPONSE.name]
+
+    @property
+    def interface_law(self) -> "xr.Dataset":
+        """Law fitted to the response."""
+        return self.found[INTERFACE_LAW.name]
+
+    @property
+    def macro_result(self) -> "xr.Dataset":
+        """Answer of the joint or of the tread block."""
+        return self.found[MACRO_RESULT.name]
 
 
 def run(
@@ -66,8 +94,7 @@ def run(
         if stage.name not in found:
             found[stage.name] = stage.run(case, found, job)
         stage.check(found[stage.name])
-    names = (MICRO_RESPONSE.name, INTERFACE_LAW.name, MACRO_RESULT.name)
-    return Results(*(found[name] for name in names))
+    return Results({stage.name: found[stage.name] for stage in stages_of(case.tables)})
 
 
 def _plan(case: Case, job: Job) -> "dict[str, xr.Dataset]":

@@ -12,7 +12,8 @@ from multiscale.errors import CaseError, ConvergenceError
 from multiscale.io import open_dataset
 from multiscale.macro import cable_net, simulate, solve_static, tensegrity_grid
 from multiscale.pipeline import find_case, load_case, load_scene, run_scene
-from multiscale.pipeline.scenes import make_structure
+from multiscale.pipeline.rows import TABLES
+from multiscale.pipeline.scenes import KINDS, make_structure
 from multiscale.schema import MACRO_RESULT
 
 SCENES = Path(__file__).parents[2] / "workflows" / "scenes"
@@ -315,3 +316,7 @@ def test_links_strained_beyond_their_linear_law_are_a_caution_with_the_worst(
     said = f"link 0 changes its length by up to {strain:.2g} of it" if strain else ""
     assert result.attrs.get("cautions", "").startswith(said)
     assert bool(result.attrs.get("cautions")) == bool(strain)
+
+
+def test_every_kind_of_structure_has_a_table():
+    assert TABLES.keys() == KINDS.keys()

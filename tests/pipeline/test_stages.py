@@ -58,7 +58,9 @@ def test_a_stage_that_is_added_is_run_told_and_shown(run_folder, tmp_path, monke
     shutil.copytree(run_folder, out)
     case = load_case(out / "case.toml")
     assert "mean pressure" in requirements(case)
-    run(case, out)
+    results = run(case, out)
+    assert list(results) == ["micro_response", "interface_law", "macro_result", "mean_pressure"]
+    assert results["macro_result"] is results.macro_result
     finished = open_finished(out)
     response, added = (finished.found[name] for name in ("micro_response", "mean_pressure"))
     np.testing.assert_allclose(
