@@ -6,12 +6,14 @@ from contextlib import contextmanager
 from difflib import get_close_matches
 from os import PathLike
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from multiscale.errors import CaseError
-from multiscale.surfaces.surface import Surface, remove_trend
+
+if TYPE_CHECKING:
+    from multiscale.surfaces import Surface
 
 __all__ = ["read_surface"]
 
@@ -24,7 +26,7 @@ def read_surface(
     detrend_order: int = 1,
     fill_undefined: bool = False,
     channel: int | str | None = None,
-) -> Surface:
+) -> "Surface":
     """Read a measured topography from an instrument file.
 
     Parameters
@@ -62,6 +64,8 @@ def read_surface(
     Formats without length or checksum, such as plain text cut between two rows, do not tell that
     the file is incomplete.
     """
+    from multiscale.surfaces.surface import Surface, remove_trend
+
     path = Path(path)
     _check_file(path)
     with _reading(path) as (library, reader):

@@ -185,8 +185,8 @@ SCENES = {
 @pytest.mark.parametrize(
     ("scene", "solver", "name", "factor"),
     [
-        ("structure", "bench.structures.solve_grid", "tension", 1.01),
-        ("structure", "bench.structures.solve_grid", "displacement", 1.01),
+        ("structure", "bench.structures_family.solve_grid", "tension", 1.01),
+        ("structure", "bench.structures_family.solve_grid", "displacement", 1.01),
         ("motion", "macro.simulate", "displacement", 1.01),
         ("motion", "macro.simulate", "velocity", 1.01),
         ("motion", "macro.simulate", "tension", 1.01),

@@ -183,7 +183,7 @@ def test_random_problems_agree_with_non_negative_least_squares(blocks, monkeypat
         factor = rng.standard_normal((n, n))
         stiffness = factor @ factor.T + 10.0 ** rng.uniform(-3.0, 0.0) * np.eye(n)
         gap, approach = rng.uniform(0.0, 1.0, n), rng.uniform(0.2, 2.0)
-        state = elastic_contact.solve_contact(
+        state = elastic_contact.solve_elastic_contact(
             dense_body(stiffness, rng), gap, np.ones(n), approach=approach, max_iterations=300
         )
         assert state.status is Status.CONVERGED

@@ -31,12 +31,12 @@ def scikit_fem_forces(mesh, lame, shear, u):
     flat = hexahedra.p[2] / (1.0 + mesh.surface.heights[tuple(lateral)] / mesh.planes[-1])
     plane = np.searchsorted(mesh.planes, flat - 1e-9)
     whole = np.concatenate([np.zeros((nx, 1, 3, ny)), u], axis=1)
-    values = whole[lateral[0], plane, :, lateral[1]].T
+    values = whole[lateral[0], plane, :, lateral[1]]
     layer = plane[hexahedra.t].min(axis=0)
     stiffness = assemble_elasticity(basis, lame[layer], shear[layer])
-    forces = (stiffness @ values.ravel()).reshape(3, -1)
+    forces = (stiffness @ values.ravel()).reshape(-1, 3)
     folded = np.zeros_like(whole)
-    np.add.at(folded, (lateral[0], plane, slice(None), lateral[1]), forces.T)
+    np.add.at(folded, (lateral[0], plane, slice(None), lateral[1]), forces)
     return folded[:, 1:]
 
 

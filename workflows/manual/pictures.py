@@ -26,7 +26,7 @@ from PIL import Image
 
 from multiscale import plotting
 from multiscale.io import make_folder, open_dataset, open_run, write_bytes
-from multiscale.pipeline import load_case, load_scene, load_tyre, run, run_scene, run_tyre
+from multiscale.pipeline import load_case, load_scene, load_tyre, run, run_scene
 from multiscale.schema import FIELDS
 
 WORKFLOWS = Path(__file__).parents[1]
@@ -103,7 +103,7 @@ def solve(name: str, results: Path, *, quick: bool) -> "xr.Dataset | Mapping[str
         law = results / "ground_steel" / "interface_law.nc" if settings.joint else None
         settings = settings.quick() if quick else settings
         return run_scene(settings, out / "macro_result.nc", law=law)
-    load, solve_case = (load_tyre, run_tyre) if name == "tyre_on_road" else (load_case, run)
+    load, solve_case = (load_tyre, run) if name == "tyre_on_road" else (load_case, run)
     solve_case(load(name).quick() if quick else load(name), out)
     return {key: node.to_dataset() for key, node in open_run(out).items()}
 

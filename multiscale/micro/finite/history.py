@@ -21,7 +21,7 @@ FIRST = 0.2  # of the largest change of the approach, where a load has found no 
 TOO_FAR = 1.2  # times the largest change of the approach: done again in shorter increments
 SMALLEST = 1e-4  # of a step of the path
 MOST = 400  # increments of a step beyond the fewest: what creeps on in short ones is given up
-LINEAR = (1_000, 20_000)  # linear iterations of a step: for each of the fewest increments, and more
+LINEAR = (1_000, 20_000)  # linear iterations of a step: for each increment, and more
 
 
 @dataclass(frozen=True, eq=False)
@@ -87,10 +87,9 @@ def walk_step(
         What the approach may change by in one increment, m: for bodies whose answer depends on it.
     """
     state, before, work = start, start, np.zeros(3, dtype=int)
-    limits = (increments + MOST, increments * LINEAR[0] + LINEAR[1])
     reached, done, length = 0.0, 0.0, 1.0 / increments
     while reached < 1.0:
-        if (spent := _spent(work, limits)) is not None:
+        if (spent := _spent(work, increments)) is not None:
             state = replace(state, status=spent)
             break
         share = min(1.0, reached + length)
@@ -109,7 +108,7 @@ def walk_step(
         elif found.status is Status.CONVERGED:
             length = part * largest_approach / moved
         elif _presses(start, target, largest_approach):
-            state = _press(scene, state, target, largest_approach, tolerance, work, limits)
+            state = _press(scene, state, target, largest_approach, tolerance, work, increments)
             wanted = float(target.load or 0.0) - start.load
             carried = (state.load - start.load) / wanted
             reached = 1.0 if state.status is Status.CONVERGED else carried
@@ -123,11 +122,12 @@ def walk_step(
     return Walk(state, count, newton, linear, reached)
 
 
-def _spent(work: np.ndarray, limits: tuple[int, int]) -> Status | None:
+def _spent(work: np.ndarray, increments: int) -> Status | None:
     """Say which limit of a step was reached: of increments, or of linear iterations."""
-    if work[0] >= limits[0]:
+    if work[0] >= increments + MOST:
         return Status.MAX_ITERATIONS
-    return Status.WORK_SPENT if work[2] >= limits[1] else None
+    most = LINEAR[0] * max(increments, work[0]) + LINEAR[1]
+    return Status.WORK_SPENT if work[2] >= most else None
 
 
 def _between(start: CellState, target: Target, share: float, part: float) -> Target:
@@ -157,7 +157,7 @@ def _press(
     largest_approach: float,
     tolerance: float,
     work: np.ndarray,
-    limits: tuple[int, int],
+    increments: int,
 ) -> CellState:
     """Move a body that flows until it carries the load of a target.
 
@@ -167,7 +167,7 @@ def _press(
     load = float(target.load or 0.0)
     sign = 1.0 if load > state.load else -1.0
     before, done, length = state, 0.0, FIRST * largest_approach
-    while (status := _spent(work, limits)) is None:
+    while (status := _spent(work, increments)) is None:
         aim = Target(None, state.approach + sign * length, target.slide)
         ahead = _extrapolate(before, state, length / done) if done > 0.0 else None
         found = _increment(scene, state, aim, tolerance, ahead, work)
