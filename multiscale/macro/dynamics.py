@@ -280,7 +280,8 @@ class _Scheme:
         growth = step * model.elongate(y)
         after = self.prestress + k * (drift + growth)
         tension, slope = mean_tension(before, after, model.lower, model.upper, self.theta)
-        cancelling = largest(np.abs(drift) + np.abs(growth))
+        # elongations are differences, of their own and of the motions of the nodes
+        cancelling = largest(np.abs(drift) + np.abs(growth)) + step * largest(y)
         balance = Balance(
             self.mass * y + h * model.gather(tension) - push,
             h * step * slope * k,
