@@ -41,6 +41,7 @@ FIT_ERRORS = {
 }
 """From the errors at points that a fit has not seen to the shares that are left between them."""
 
+FEWEST_UNSEEN = 3  # errors at points that a fit has not seen: those of five pressures
 GROWTH = 10.0  # of differences from one interval to the next, beyond which nothing can be continued
 NORMAL = 1.959963984540054  # standard deviations to 95 %
 
@@ -91,7 +92,8 @@ def fit_term(law: "xr.Dataset", p: np.ndarray) -> np.ndarray:
 
     Of the root mean square of these errors, the share that the decay with the spacing leaves is
     taken, see :func:`~.spline_law.decay_share`, times Student's factor of their number, since few
-    are small by chance; a family with parameters has no decay. At the ends
+    are small by chance; fewer than :data:`FEWEST_UNSEEN` tell no decay, and their whole error is
+    taken as it is. A family with parameters has no decay. At the ends
     of the data, which have a neighbour on one side only, the error of the gap at the step beside
     counts whole. A stiffness counts the error of the step itself as well, and at the ends its
     distance from the slopes of the gap continued, see :func:`_end_error`.
@@ -104,7 +106,7 @@ def fit_term(law: "xr.Dataset", p: np.ndarray) -> np.ndarray:
         error = law[name].to_numpy()
         known = error[np.isfinite(error)]
         rms = np.sqrt(np.mean(known**2)) if known.size else np.nan
-        factor = t.ppf(0.975, max(known.size, 1))
+        factor = t.ppf(0.975, known.size) if known.size >= FEWEST_UNSEEN else NORMAL
         rows.append(np.full(p.size, factor * float(law[share]) * rms))
         errors.append(NORMAL * np.abs(error))
     rows[0][[0, -1]] = np.fmax(rows[0][[0, -1]], errors[0][[1, -2]])

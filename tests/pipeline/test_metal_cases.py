@@ -148,7 +148,7 @@ def test_a_plastic_case_ends_in_a_law_with_both_branches_and_its_figure(tmp_path
     names = [file.stem for file in draw_figures(tmp_path / "out")]
     assert "unloading" in names
     page = write_report(tmp_path / "out").read_text(encoding="utf-8")
-    assert "H/2.8" in page
+    assert "over 2.8 less what hardening adds" in page
     assert 'alt="unloading"' in page
     assert "When the preload begins to fall" in page
 
