@@ -159,7 +159,7 @@ def joint_faults(
     steps : iterable of (ndarray, ndarray, ndarray)
         Load factors of a step, jumps :math:`y` (m) and tractions :math:`t` (Pa), shape (points, 3).
     stiffness : float
-        Size k of tractions over that of jumps, Pa/m.
+        Ratio k of the size of the tractions to the size of the jumps, Pa/m.
 
     Returns
     -------
@@ -174,10 +174,10 @@ def joint_faults(
 
     .. math:: (K + k B^T w B)\, u = f + B^T w\, (k y - t),
 
-    so that :math:`k |B u - y|` is what is wrong of either. The law gives the tractions
-    :math:`\hat t` at jumps that differ from y by no more than the rounding of y and of the jumps
-    before, with :math:`|\hat t - t|` wrong. It is asked for them by ``respond`` alone; the
-    resolvent just says where in the rounding to look.
+    so that :math:`k |B u - y|` is the error of jumps and tractions together. The law gives the
+    tractions :math:`\hat t` at jumps that differ from y by no more than the rounding of y and of
+    the jumps before, with :math:`|\hat t - t|` wrong. It is asked for them by ``respond`` alone;
+    the resolvent just says where in the rounding to look.
     """
     from scipy.sparse import csr_array, diags_array
 

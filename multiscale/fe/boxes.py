@@ -12,7 +12,7 @@ if TYPE_CHECKING:
 __all__ = ["HEX_ORDER", "box_mesh"]
 
 HEX_ORDER = [0, 4, 3, 1, 7, 5, 2, 6]
-"""Corners of a hexahedron of scikit-fem among those of VTK."""
+"""Places, in a hexahedron of VTK, of the corners of one of scikit-fem."""
 
 
 def box_mesh(

@@ -47,7 +47,7 @@ def assemble_elasticity(
     Parameters
     ----------
     basis : CellBasis
-        Of a scalar element; d space dimensions, n unknowns per component. Two dimensions mean
+        Basis of a scalar element; d space dimensions, n unknowns per component. Two dimensions mean
         plane strain.
     lame, shear : float or ndarray, shape (elements,)
         :math:`\lambda` and :math:`\mu`, Pa.
@@ -92,7 +92,7 @@ def stiffness_matrix(
     Parameters
     ----------
     basis : CellBasis
-        Of a scalar element, see :func:`displacement_basis`.
+        Basis of a scalar element, see :func:`displacement_basis`.
     youngs_modulus : float or ndarray, shape (elements,)
         :math:`E > 0`, Pa.
     poissons_ratio : float or ndarray, shape (elements,)

@@ -103,8 +103,8 @@ def solve(name: str, results: Path, *, quick: bool) -> "xr.Dataset | Mapping[str
         law = results / "ground_steel" / "interface_law.nc" if settings.joint else None
         settings = settings.quick() if quick else settings
         return run_scene(settings, out / "macro_result.nc", law=law)
-    load, solve_case = (load_tyre, run) if name == "tyre_on_road" else (load_case, run)
-    solve_case(load(name).quick() if quick else load(name), out)
+    load = load_tyre if name == "tyre_on_road" else load_case
+    run(load(name).quick() if quick else load(name), out)
     return {key: node.to_dataset() for key, node in open_run(out).items()}
 
 

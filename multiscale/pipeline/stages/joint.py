@@ -32,6 +32,7 @@ from multiscale.upscaling import (
     structure_budget,
     with_budget,
 )
+from multiscale.upscaling.budget import how_attribute
 from multiscale.upscaling.scales import ScaleSeparation
 
 if TYPE_CHECKING:
@@ -229,7 +230,7 @@ def _budget(result: "xr.Dataset") -> Section:
     if "error_total" not in result:
         return Section("Error budget", ["Nothing was estimated."])
     terms = map(str, result["error_term"].values)
-    rows = [(term, result.attrs[f"how_{term.replace(' ', '_')}"]) for term in terms]
+    rows = [(term, result.attrs[how_attribute(term)]) for term in terms]
     return Section(
         "Error budget",
         ["Half-widths of 95 % intervals of the joint stiffness; each term rests on this:"],
