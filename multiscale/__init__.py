@@ -1,9 +1,25 @@
-"""Rough contact at the micro scale, condensed into laws for large non-smooth structures."""
+"""Rough contact at the micro scale, condensed into laws for large non-smooth structures.
+
+What most scripts use can be taken from here, ``multiscale.solve_cell`` for instance; each name
+brings its module, and the heavy libraries of that, when it is first asked for.
+"""
 
 import os
 import sys
 
 __version__ = "0.1.0"
+
+_HOME = {
+    "surfaces": ("Surface", "self_affine"),
+    "io": ("open_law", "open_response", "open_run", "read_surface", "save_law"),
+    "micro": ("Cell", "Path", "run_ensemble", "solve_cell"),
+    "micro.damage": ("max_damage", "plane_damage", "two_scale_fatigue"),
+    "upscaling": ("error_budget", "fit_law", "law_from_dataset"),
+    "nonsmooth": ("solve_friction", "solve_lcp", "verify_friction", "verify_lcp"),
+    "macro": ("rough_joint", "simulate", "solve_latin", "solve_static", "tensegrity_grid"),
+    "pipeline": ("load_case", "run"),
+}
+_MODULE = {name: module for module, names in _HOME.items() for name in names}
 
 # TBB, which numba would take first, can wait for minutes where a process that has it forks, and
 # starts short loops six times slower than OpenMP
@@ -14,3 +30,18 @@ if "OMP_WAIT_POLICY" not in os.environ:
     os.environ.setdefault("GOMP_SPINCOUNT", "20000")
 if "numba" in sys.modules:  # it has read its settings
     sys.modules["numba"].config.reload_config()
+
+
+def __getattr__(name: str) -> object:
+    """Bring a name of the package from its module when it is first asked for."""
+    from importlib import import_module
+
+    if name not in _MODULE:
+        raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
+    globals()[name] = getattr(import_module(f"{__name__}.{_MODULE[name]}"), name)
+    return globals()[name]
+
+
+def __dir__() -> list[str]:
+    """Return the names that scripts use."""
+    return sorted(["__version__", *_MODULE])

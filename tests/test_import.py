@@ -6,6 +6,8 @@ import sys
 
 import pytest
 
+import multiscale
+
 HEAVY = ("numba", "matplotlib", "gmsh", "skfem", "SurfaceTopography", "pint")
 
 
@@ -74,3 +76,10 @@ def test_idle_threads_sleep_soon_unless_the_user_has_a_wish(own, spins):
         timeout=60,
     )
     assert done.stdout.strip() == spins
+
+
+def test_the_package_offers_what_scripts_use_without_importing_it_first():
+    for name in set(dir(multiscale)) - {"__version__"}:
+        assert callable(getattr(multiscale, name))
+    with pytest.raises(AttributeError, match="module 'multiscale' has no attribute 'solve_cel'"):
+        _ = multiscale.solve_cel

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from multiscale.bench.ladder import Rung, climb
-from multiscale.micro.damage import Block, FatigueMaterial, two_scale_fatigue
+from multiscale.micro.damage import FatigueMaterial, StressBlock, two_scale_fatigue
 
 if TYPE_CHECKING:
     import xarray as xr
@@ -34,19 +34,19 @@ SUBSTEPS = 16
 REPEATS = 3
 
 
-def scene_history(scene: str) -> list[Block]:
+def scene_history(scene: str) -> list[StressBlock]:
     """Stress history of a scene, Pa."""
     limit = MATERIAL.fatigue_limit
     if scene == SCENES[0]:
-        return [Block(1.001 * limit * np.array([1.0, -1.0]))]
+        return [StressBlock(1.001 * limit * np.array([1.0, -1.0]))]
     if scene == SCENES[1]:  # out of phase: the principal axes turn
         angle = np.arange(8) * np.pi / 4.0
         path = np.zeros((8, 6))
         path[:, 0], path[:, 5] = np.cos(angle), np.sin(angle) / np.sqrt(3.0)
-        return [Block(1.05 * limit * path)]
+        return [StressBlock(1.05 * limit * path)]
     amplitudes, cycles = (1.05, 0.9, 1.15), (50, 1000, 5)
     return [
-        Block(share * limit * np.array([1.0, -1.0]), count)
+        StressBlock(share * limit * np.array([1.0, -1.0]), count)
         for share, count in zip(amplitudes, cycles, strict=True)
     ]
 

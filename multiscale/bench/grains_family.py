@@ -59,21 +59,21 @@ EXACT = {BOUNCE: _bounced(), ROLL: _rolled()}  # m
 
 def answer(scene: str, compliance: float, step: float, grains: int = QUICK_GRAINS) -> float:
     """Follow a scene in steps of a length: what is asked for, m."""
-    from multiscale.macro.granulate import ContactLaw, Grains, Model, Plane, simulate
+    from multiscale.macro.granulate import ContactLaw, Grains, Model, PlaneWall, simulate_grains
 
     size = np.array([RADIUS])
-    floor = (Plane((0.0, 0.0, 0.0), (0.0, 0.0, 1.0)),)
+    floor = (PlaneWall((0.0, 0.0, 0.0), (0.0, 0.0, 1.0)),)
     if scene == BOUNCE:
         grain = Grains(np.array([[0.0, 0.0, HEIGHT + RADIUS]]), size)
         law = ContactLaw(restitution=RESTITUTION, compliance=compliance)
-        motion = simulate(Model(grain, floor, law), DURATION, step)
+        motion = simulate_grains(Model(grain, floor, law), DURATION, step)
         return float(motion["position"].values[-1, 0, 2]) - RADIUS
     if scene == ROLL:
         grain = Grains(np.array([[0.0, 0.0, RADIUS]]), size, velocity=np.array([[SPEED, 0.0, 0.0]]))
         law = ContactLaw(FRICTION, compliance=compliance)
-        motion = simulate(Model(grain, floor, law), ROLLED, step)
+        motion = simulate_grains(Model(grain, floor, law), ROLLED, step)
         return float(motion["position"].values[-1, 0, 0])
-    motion = simulate(_heap(grains, compliance), SETTLING, step)
+    motion = simulate_grains(_heap(grains, compliance), SETTLING, step)
     return 2.0 * float(motion["position"].values[-1, :, 2].mean())
 
 

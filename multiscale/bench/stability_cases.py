@@ -327,7 +327,7 @@ def _surface(slope: float) -> "Surface":
 
 def grains(friction: float, step: float, density_ratio: float) -> float:
     """Heap of spheres that falls: worst of contact, momentum, Coulomb's cone and overlap."""
-    from multiscale.macro.granulate import ContactLaw, Grains, Model, Solver, box, simulate
+    from multiscale.macro.granulate import ContactLaw, Grains, Model, Solver, box, simulate_grains
 
     places = np.stack(np.meshgrid(*[np.arange(3)] * 3, indexing="ij"), axis=-1).reshape(-1, 3)
     position = (2.05 * places + 1.05) * 0.01
@@ -339,7 +339,7 @@ def grains(friction: float, step: float, density_ratio: float) -> float:
         ContactLaw(friction),
     )
     steps = round(max(20 * step, 0.04) / step)  # until the uppermost grain lands on the others
-    result = simulate(
+    result = simulate_grains(
         model, steps * step, step, solver=Solver(max_iterations=5000), n_frames=steps + 1
     )
     overlap = _overlap(result["position"].values, model.grains.radius)

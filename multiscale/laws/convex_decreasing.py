@@ -6,7 +6,7 @@ from functools import cached_property
 import numpy as np
 
 from multiscale.errors import CaseError, ConvergenceError
-from multiscale.laws.interface_law import NormalLaw, climb
+from multiscale.laws.interface_law import NormalLaw, newton_from_the_left
 
 __all__ = ["ConvexDecreasing"]
 
@@ -155,7 +155,7 @@ class ConvexDecreasing(NormalLaw):
         if np.any(left < 0):
             return super().resolvent(source, stiffness, state)
         start = np.where(left < knot.size - 1, knot[left], b / k)
-        return climb(self, source, stiffness, state, start)
+        return newton_from_the_left(self, source, stiffness, state, start)
 
     @cached_property
     def _at_knots(self) -> np.ndarray:

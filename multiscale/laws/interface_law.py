@@ -7,7 +7,7 @@ import numpy as np
 
 from multiscale.errors import ConvergenceError
 
-__all__ = ["InterfaceLaw", "NormalLaw", "Response", "Sliding", "climb"]
+__all__ = ["InterfaceLaw", "NormalLaw", "Response", "Sliding", "newton_from_the_left"]
 
 
 @dataclass(frozen=True)
@@ -133,7 +133,7 @@ class InterfaceLaw(ABC):
         not of this kind brings its own resolvent.
         """
         stiffness = np.broadcast_to(stiffness, source.shape)
-        return climb(self, source, stiffness, state, source[0] / stiffness[0])
+        return newton_from_the_left(self, source, stiffness, state, source[0] / stiffness[0])
 
 
 class NormalLaw(InterfaceLaw):
@@ -191,10 +191,10 @@ class NormalLaw(InterfaceLaw):
         pressed = source[0] < 0.0
         floor = self.gap_at(np.where(pressed, -source[0], 1.0)) - self.gap
         start = np.where(pressed, np.maximum(start, floor), start)
-        return climb(self, source, stiffness, state, start)
+        return newton_from_the_left(self, source, stiffness, state, start)
 
 
-def climb(
+def newton_from_the_left(
     law: InterfaceLaw,
     source: np.ndarray,
     stiffness: np.ndarray,

@@ -8,7 +8,7 @@ stiffness on that curve and the scales of force and length, shape (5, points).
 import numba
 import numpy as np
 
-__all__ = ["resolve", "respond"]
+__all__ = ["resolve", "respond_slabs"]
 
 TINY = 1e-300
 """Least divisor."""
@@ -52,7 +52,7 @@ def _step(i, c, start, end, loaded, edges):  # type: ignore[no-untyped-def]
 
 
 @numba.njit(parallel=True, cache=True, error_model="numpy")
-def respond(jump, state, start, end, slope, edges, friction, kappa, creep):  # type: ignore[no-untyped-def]
+def respond_slabs(jump, state, start, end, slope, edges, friction, kappa, creep):  # type: ignore[no-untyped-def]
     """Tangential traction, tangent, new state and account of a step, (a) to (d).
 
     ``slope`` has, of every point, the derivatives with the gap of the stiffness of the slab that

@@ -168,12 +168,12 @@ class Sliders(InterfaceLaw):
 
     def _step(self, jump: np.ndarray, state: np.ndarray) -> tuple[Response, np.ndarray]:
         """Response, and work, stored energy before and after, and share of the load that slips."""
-        from multiscale.laws.slabs import respond
+        from multiscale.laws.slabs import respond_slabs
 
         own = self.normal.n_state
         response = self.normal.respond(jump, state[:own])
         start, end = self._place(state[-3], state[:own]), self._place(jump[0], response.state)
-        shear, tangent, bed, account = respond(
+        shear, tangent, bed, account = respond_slabs(
             _flat(jump),
             _flat(state[own:]),
             start,
@@ -262,7 +262,7 @@ class Sliders(InterfaceLaw):
     def _slope(
         self, jump: np.ndarray, state: np.ndarray, start: np.ndarray, end: np.ndarray
     ) -> np.ndarray:
-        """Differentiate with the gap what :func:`respond` of ``slabs`` asks for, centrally."""
+        """Differentiate with the gap what :func:`respond_slabs` asks for, centrally."""
         gap, p, K, force, length = end
         slope, flows = np.zeros((3, gap.size)), force != start[3]
         decay = np.where(K > 0.0, p / np.where(K > 0.0, K, 1.0), 1e-9)

@@ -4,7 +4,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from multiscale.laws.interface_law import InterfaceLaw, NormalLaw, Response, climb
+from multiscale.laws.interface_law import InterfaceLaw, NormalLaw, Response, newton_from_the_left
 from multiscale.laws.parameters import check_parameter
 from multiscale.laws.power import PowerLaw
 
@@ -138,7 +138,9 @@ class HystereticLaw(InterfaceLaw):
         if np.any(back):
             branch = self.branch(state[0][back])
             corner = branch.corner - self.loading.gap
-            jump[:, back] = climb(branch, source[:, back], k[:, back], state[:, back], corner)
+            jump[:, back] = newton_from_the_left(
+                branch, source[:, back], k[:, back], state[:, back], corner
+            )
         return jump
 
 

@@ -11,9 +11,9 @@ from multiscale.units import readable
 if TYPE_CHECKING:
     import xarray as xr
 
-__all__ = ["FAR", "MOST", "load_shares", "with_load_shares"]
+__all__ = ["MOST", "REACH", "load_shares", "with_load_shares"]
 
-FAR = 2.0
+REACH = 2.0
 """Factor outside the data beyond which the answer of a law is unknown."""
 
 MOST = 0.05
@@ -61,7 +61,7 @@ def load_shares(
     Returns
     -------
     ndarray, shape (3, steps)
-        Below the data, above them, and more than a factor of ``FAR`` outside either end;
+        Below the data, above them, and more than a factor of ``REACH`` outside either end;
         dimensionless, NaN where a step failed.
     """
     low, high = np.moveaxis(np.asarray(data, dtype=float), -1, 0)[..., None]
@@ -70,7 +70,8 @@ def load_shares(
     where = (
         pressure < (1.0 - ROUND_OFF) * low,
         pressure > (1.0 + ROUND_OFF) * high,
-        (pressure < (1.0 - ROUND_OFF) * low / FAR) | (pressure > (1.0 + ROUND_OFF) * FAR * high),
+        (pressure < (1.0 - ROUND_OFF) * low / REACH)
+        | (pressure > (1.0 + ROUND_OFF) * REACH * high),
     )
     return np.array(
         [np.sum(load * one, axis=1) / np.where(total > 0.0, total, 1.0) for one in where]
@@ -131,7 +132,7 @@ def _cautions(result: "xr.Dataset", data: np.ndarray, extrapolate: bool) -> Iter
             then = "only extrapolated, and its error is unknown" if extrapolate else "unknown"
             yield (
                 f"up to {100.0 * far[lost, number].max():.3g} % of the load lies more than a "
-                f"factor of {FAR:g} outside {range_}, at {lost.size} of {len(far)} steps, first "
+                f"factor of {REACH:g} outside {range_}, at {lost.size} of {len(far)} steps, first "
                 f"{_place(result, lost[0])}: the answer there is {then}; press the cells at these "
                 f"pressures" + ("" if extrapolate else ", or set extrapolate = true beside the law")
             )

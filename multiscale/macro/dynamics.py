@@ -19,8 +19,8 @@ from multiscale.macro.discrete.compatibility import LinkEquations, compatibility
 from multiscale.macro.discrete.link_needs import link_needs
 from multiscale.macro.discrete.link_system import LinkSystem
 from multiscale.macro.discrete.link_tangent import Tangent, prepare_tangent
-from multiscale.macro.limited_motion import Balance, largest, limited_motion
-from multiscale.macro.link_energy import EnergyStep, account
+from multiscale.macro.limited_motion import MomentumBalance, largest, limited_motion
+from multiscale.macro.link_energy import EnergyStep, account_links
 from multiscale.macro.mean_tension import mean_tension
 from multiscale.macro.time_series import failed_step, join_times
 from multiscale.needs import Needs
@@ -274,7 +274,7 @@ class _Scheme:
 
     def _balance(
         self, h: float, before: np.ndarray, known: tuple[np.ndarray, np.ndarray], y: np.ndarray
-    ) -> tuple[Balance, np.ndarray]:
+    ) -> tuple[MomentumBalance, np.ndarray]:
         """Momentum of (1) without impulses for u+ = u- + h (theta y + ...), and the tension."""
         model, step, k, (drift, push) = self.model, h * self.theta, self.stiffness, known
         growth = step * model.elongate(y)
@@ -282,7 +282,7 @@ class _Scheme:
         tension, slope = mean_tension(before, after, model.lower, model.upper, self.theta)
         # elongations are differences, of their own and of the motions of the nodes
         cancelling = largest(np.abs(drift) + np.abs(growth)) + step * largest(y)
-        balance = Balance(
+        balance = MomentumBalance(
             self.mass * y + h * model.gather(tension) - push,
             h * step * slope * k,
             max(largest(push), h * largest(tension)),
@@ -305,7 +305,7 @@ class _Scheme:
             mean = 0.5 * new.step * self.model.elongate(old.v + new.v)
             growth = np.where(self.extensible, growth, mean + new.support - old.support)
             change = change + self.model.gather(new.impulse) / self.mass
-        return account(
+        return account_links(
             self.mass,
             (new.v, change),
             (self.stored(old.tension), self.stored(new.tension)),

@@ -12,7 +12,7 @@ from multiscale.nonsmooth import solve_lcp
 from multiscale.numerics.cholesky import Solve
 from multiscale.numerics.line_search import step_length
 
-__all__ = ["Balance", "largest", "limited_motion"]
+__all__ = ["MomentumBalance", "largest", "limited_motion"]
 
 MAX_ITERATIONS = 50
 
@@ -24,7 +24,7 @@ SMALLEST = float(np.sqrt(np.finfo(float).tiny))
 
 
 @dataclass(frozen=True)
-class Balance:
+class MomentumBalance:
     r"""Momentum of a step without impulses: the gradient of a convex function of the velocity.
 
     Attributes
@@ -44,7 +44,7 @@ class Balance:
 
 
 def limited_motion(
-    balance: Callable[[np.ndarray], Balance],
+    balance: Callable[[np.ndarray], MomentumBalance],
     factorise: Callable[[np.ndarray], Solve],
     start: np.ndarray,
     limits: tuple[csr_array, np.ndarray, np.ndarray],

@@ -4,7 +4,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-__all__ = ["EnergyStep", "account"]
+__all__ = ["EnergyStep", "account_links"]
 
 
 @dataclass(frozen=True)
@@ -33,7 +33,7 @@ class EnergyStep:
     smallest_link: float
 
 
-def account(
+def account_links(
     mass: np.ndarray,
     velocity: tuple[np.ndarray, np.ndarray],
     elastic: tuple[np.ndarray, np.ndarray],

@@ -60,7 +60,7 @@ def make_granulate(scene: GrainScene) -> Model:
     if isinstance(given, ColumnCollapse):
         model = granulate.column(radii, given.width, law, **options)
         step = scene.motion.step
-        still = granulate.simulate(model, given.settling, step, solver=_solver(scene.motion))
+        still = granulate.simulate_grains(model, given.settling, step, solver=_solver(scene.motion))
         return granulate.release(model, granulate.final_grains(model, still))
     if isinstance(given, Biaxial):
         return granulate.biaxial_cell(
@@ -90,7 +90,7 @@ def run_grain_scene(scene: GrainScene, out: str | Path) -> "xr.Dataset":
     """
     out, motion = Path(out), scene.motion
     model = make_granulate(scene)
-    result = granulate.simulate(
+    result = granulate.simulate_grains(
         model,
         motion.duration,
         motion.step,

@@ -165,7 +165,7 @@ class GrainSettings(Settings):
 
 
 class Motion(TimeSteps):
-    """How the grains are followed; see :func:`multiscale.macro.granulate.simulate`.
+    """How the grains are followed; see :func:`multiscale.macro.granulate.simulate_grains`.
 
     Parameters
     ----------

@@ -11,7 +11,7 @@ import numpy as np
 
 from multiscale.errors import CaseError
 from multiscale.laws import AreaLaw, NormalLaw
-from multiscale.macro.data_range import FAR, MOST, load_shares
+from multiscale.macro.data_range import MOST, REACH, load_shares
 from multiscale.micro import Cell, Path, Surface, run_ensemble, self_affine
 from multiscale.pipeline.concurrent import CellLaw
 from multiscale.upscaling import area_from_dataset, fit_law, law_from_dataset
@@ -235,9 +235,9 @@ def checked(answer: Answer, law: NormalLaw) -> Answer:
     if far > MOST:
         low, high = law.pressure_range
         raise CaseError(
-            f"{100.0 * far:.3g} % of the load of the structure lies more than a factor of {FAR:g} "
-            f"outside the pressures of its cells, {1e-6 * low:.4g} to {1e-6 * high:.4g} MPa: its "
-            f"answer is unknown; press the cells at these pressures"
+            f"{100.0 * far:.3g} % of the load of the structure lies more than a factor of "
+            f"{REACH:g} outside the pressures of its cells, {1e-6 * low:.4g} to {1e-6 * high:.4g} "
+            f"MPa: its answer is unknown; press the cells at these pressures"
         )
     return answer
 

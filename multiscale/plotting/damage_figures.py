@@ -10,7 +10,7 @@ from multiscale.io import make_folder
 from multiscale.io.images import VoxelImage
 from multiscale.micro.damage.cavities import Cavities
 from multiscale.micro.damage.compare import section_image
-from multiscale.micro.damage.plane_damage import Plane
+from multiscale.micro.damage.plane_damage import SectionPlane
 from multiscale.plotting.figure import axes_or_current, new_figure, save_figure, save_figures
 
 if TYPE_CHECKING:
@@ -85,7 +85,7 @@ def plot_worst_section(
     ax = axes_or_current(ax)
     normal = sections["worst_normal"].values
     origin = 0.5 * np.array(rve.size) + float(sections["worst_offset"]) * normal
-    along, value = section_image(rve, origin, Plane.through(origin, normal).frame)
+    along, value = section_image(rve, origin, SectionPlane.through(origin, normal).frame)
     inside = np.isfinite(value)
     rows, columns = np.flatnonzero(inside.any(axis=1)), np.flatnonzero(inside.any(axis=0))
     unit, name = _length_unit(max(rve.size))

@@ -5,7 +5,7 @@ import pytest
 
 from multiscale.bench import yade
 from multiscale.errors import ConvergenceError
-from multiscale.macro.granulate import ContactLaw, deposit, simulate
+from multiscale.macro.granulate import ContactLaw, deposit, simulate_grains
 
 pytestmark = pytest.mark.skipif(not yade.installed(), reason="YADE is not installed")
 
@@ -16,7 +16,7 @@ def heap(n):
 
 def test_yade_and_this_package_let_a_heap_settle_alike():
     model = heap(60)
-    theirs, ours = yade.settle(model, 0.5), simulate(model, 0.5, 2e-3)
+    theirs, ours = yade.settle(model, 0.5), simulate_grains(model, 0.5, 2e-3)
     z = ours["position"].values[-1, :, 2]
     assert 2.0 * z.mean() == pytest.approx(theirs.height, rel=0.05)
     assert int(ours["n_contacts"][-1]) == pytest.approx(theirs.contacts, rel=0.1)

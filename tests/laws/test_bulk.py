@@ -10,7 +10,7 @@ from multiscale.laws.bulk import (
     Elastic,
     NeoHookean,
     Prony,
-    respond,
+    respond_bulk,
 )
 
 E, NU = 2.0, 0.3
@@ -39,7 +39,7 @@ def gradients(size, seed):
 def committed(law):
     """A state that has seen some deformation."""
     rest = law.initial_state((POINTS,))
-    return respond(law, gradients(0.1, seed=3), rest).state
+    return respond_bulk(law, gradients(0.1, seed=3), rest).state
 
 
 def rotations(seed):
@@ -51,12 +51,15 @@ def rotations(seed):
 @pytest.mark.parametrize("law", LAWS)
 def test_the_tangent_is_the_derivative_of_the_stress(law):
     F, state = gradients(0.15, seed=1), committed(law)
-    tangent = respond(law, F, state).tangent
+    tangent = respond_bulk(law, F, state).tangent
     for k in range(3):
         for m in range(3):
             step = np.zeros_like(F)
             step[k, m] = 1e-6
-            change = respond(law, F + step, state).stress - respond(law, F - step, state).stress
+            change = (
+                respond_bulk(law, F + step, state).stress
+                - respond_bulk(law, F - step, state).stress
+            )
             np.testing.assert_allclose(tangent[:, :, k, m], change / 2e-6, atol=1e-8)
 
 
@@ -67,7 +70,7 @@ def test_a_tensor_answers_with_all_its_entries():
     H = np.random.default_rng(seed=5).normal(size=(3, 3))
     strain = np.array([H[0, 0], H[1, 1], H[2, 2], H[1, 2] + H[2, 1], H[0, 2] + H[2, 0]])
     stress = C @ np.append(strain, H[0, 1] + H[1, 0])
-    found = respond(law, np.eye(3) + H, np.empty(0)).stress
+    found = respond_bulk(law, np.eye(3) + H, np.empty(0)).stress
     np.testing.assert_allclose(found, stress[[[0, 5, 4], [5, 1, 3], [4, 3, 2]]], rtol=1e-12)
     # both parts of the energy are convex, so that no element gains from a change of volume
     shape = C - law.lame * np.pad(np.ones((3, 3)), (0, 3))
@@ -79,7 +82,7 @@ def test_a_tensor_answers_with_all_its_entries():
 def test_small_strain_is_hookes_law(law):
     small = 1e-7 * np.random.default_rng(seed=2).normal(size=(3, 3, POINTS))
     F = np.eye(3)[:, :, None] + small
-    stress = respond(law, F, law.initial_state((POINTS,))).stress
+    stress = respond_bulk(law, F, law.initial_state((POINTS,))).stress
     strain = 0.5 * (small + small.swapaxes(0, 1))
     expected = LAME * np.trace(strain) * np.eye(3)[:, :, None] + 2 * MU * strain
     np.testing.assert_allclose(stress, expected, atol=1e-5 * np.abs(expected).max())
@@ -88,14 +91,14 @@ def test_small_strain_is_hookes_law(law):
 @pytest.mark.parametrize("law", LAWS)
 def test_the_undeformed_body_has_no_stress(law):
     F = np.broadcast_to(np.eye(3)[:, :, None], (3, 3, POINTS))
-    assert not respond(law, F, law.initial_state((POINTS,))).stress.any()
+    assert not respond_bulk(law, F, law.initial_state((POINTS,))).stress.any()
 
 
 @pytest.mark.parametrize("law", FINITE)
 def test_a_rotation_turns_the_stress_with_it(law):
     F, R, state = gradients(0.15, seed=5), rotations(seed=6), committed(law)
-    turned = respond(law, np.einsum("ijp,jkp->ikp", R, F), state)
-    still = respond(law, F, state)
+    turned = respond_bulk(law, np.einsum("ijp,jkp->ikp", R, F), state)
+    still = respond_bulk(law, F, state)
     expected = np.einsum("ijp,jkp->ikp", R, still.stress)
     np.testing.assert_allclose(turned.stress, expected, atol=1e-13)
     np.testing.assert_allclose(turned.state, still.state, atol=1e-13)
@@ -104,7 +107,7 @@ def test_a_rotation_turns_the_stress_with_it(law):
 @pytest.mark.parametrize("law", FINITE)
 def test_the_cauchy_stress_is_symmetric(law):
     F = gradients(0.15, seed=7)
-    P = respond(law, F, committed(law)).stress
+    P = respond_bulk(law, F, committed(law)).stress
     kirchhoff = np.einsum("ikp,jkp->ijp", P, F)
     np.testing.assert_allclose(kirchhoff, kirchhoff.swapaxes(0, 1), atol=1e-13)
 
@@ -113,8 +116,8 @@ def test_the_cauchy_stress_is_symmetric(law):
 def test_points_do_not_see_each_other_and_arguments_stay(law):
     F, state = gradients(0.15, seed=8), committed(law)
     before = F.copy(), state.copy()
-    together = respond(law, F, state)
-    alone = respond(law, F[:, :, 4], state[:, 4])
+    together = respond_bulk(law, F, state)
+    alone = respond_bulk(law, F[:, :, 4], state[:, 4])
     np.testing.assert_allclose(alone.stress, together.stress[:, :, 4], atol=1e-14)
     np.testing.assert_allclose(alone.state, together.state[:, 4], atol=1e-14)
     np.testing.assert_array_equal(F, before[0])
@@ -123,7 +126,7 @@ def test_points_do_not_see_each_other_and_arguments_stay(law):
 
 def test_flow_ends_on_the_yield_surface_and_keeps_the_volume():
     F, state = gradients(0.15, seed=9), committed(SOFT)
-    response = respond(SOFT, F, state)
+    response = respond_bulk(SOFT, F, state)
     kirchhoff = np.einsum("ikp,jkp->ijp", response.stress, F)
     deviator = kirchhoff - np.trace(kirchhoff) / 3.0 * np.eye(3)[:, :, None]
     equivalent = np.sqrt(1.5 * np.sum(deviator**2, axis=(0, 1)))
@@ -141,7 +144,7 @@ def test_flow_ends_on_the_yield_surface_and_keeps_the_volume():
 def test_plastic_work_is_never_negative():
     state, dissipated = SOFT.initial_state((POINTS,)), np.zeros(POINTS)
     for seed in range(6):
-        new = respond(SOFT, gradients(0.1, seed), state).state
+        new = respond_bulk(SOFT, gradients(0.1, seed), state).state
         assert np.all(new[6] >= state[6])
         dissipated += SOFT.flow_stress(new[6])[0] * (new[6] - state[6])
         state = new
@@ -150,8 +153,8 @@ def test_plastic_work_is_never_negative():
 
 def test_a_repeated_deformation_flows_no_further():
     F = gradients(0.15, seed=10)
-    first = respond(SOFT, F, committed(SOFT))
-    again = respond(SOFT, F, first.state)
+    first = respond_bulk(SOFT, F, committed(SOFT))
+    again = respond_bulk(SOFT, F, first.state)
     np.testing.assert_allclose(again.state, first.state, atol=1e-13)
     np.testing.assert_allclose(again.stress, first.stress, atol=1e-13)
 
@@ -163,7 +166,7 @@ def test_simple_tension_follows_the_hardening_curve():
     along = stress / 200e9 + plastic
     across = -0.3 * stress / 200e9 - 0.5 * plastic
     F = np.diag(np.exp([along, across, across]))
-    response = respond(law, F, law.initial_state(()))
+    response = respond_bulk(law, F, law.initial_state(()))
     kirchhoff = response.stress @ F.T
     np.testing.assert_allclose(np.diag(kirchhoff), [stress, 0.0, 0.0], atol=1e-6 * stress)
     assert response.state[6] == pytest.approx(plastic, rel=1e-9)
@@ -173,10 +176,10 @@ def test_a_held_shear_relaxes_as_the_prony_series():
     F = np.eye(3)
     F[0, 1] = 0.3
     law = VISCOUS.over(0.0)
-    first = respond(law, F, law.initial_state(()))
+    first = respond_bulk(law, F, law.initial_state(()))
     state, times = first.state, np.array([0.5, 1.0, 4.0, 30.0])
     for before, now in zip(np.array([0.0, *times]), times, strict=False):
-        response = respond(law.over(now - before), F, state)
+        response = respond_bulk(law.over(now - before), F, state)
         state = response.state
         share = 1.0 - 0.4 * (1.0 - np.exp(-now)) - 0.3 * (1.0 - np.exp(-now / 20.0))
         assert response.stress[0, 1] == pytest.approx(share * first.stress[0, 1], rel=1e-12)
@@ -190,7 +193,7 @@ def test_a_small_oscillation_gives_the_complex_modulus_of_the_series():
     for k, now in enumerate(times):
         F = np.eye(3)
         F[0, 1] = size * np.sin(omega * now)
-        response = respond(law, F, state)
+        response = respond_bulk(law, F, state)
         state, stress[k] = response.state, response.stress[0, 1]
     late = times > 40.0  # the start has been forgotten but by the slow branch, which is constant
     basis = np.stack([np.sin(omega * times), np.cos(omega * times), np.exp(-times / 20.0)])

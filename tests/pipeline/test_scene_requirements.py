@@ -30,7 +30,7 @@ from multiscale.macro import limited_motion as motion_module
 from multiscale.macro.discrete.link_needs import link_needs
 from multiscale.macro.discrete.link_tangent import Tangent
 from multiscale.macro.granulate import ContactLaw, Grains, Model, Solver, box
-from multiscale.macro.granulate.grain_motion import advance
+from multiscale.macro.granulate.grain_motion import step_grains
 from multiscale.macro.granulate.grain_needs import grain_needs
 from multiscale.macro.granulate.grain_state import start
 from multiscale.macro.substructures import latin as latin_module
@@ -253,7 +253,7 @@ def test_grains_take_the_unknowns_and_the_spins_that_they_need(law, changes, unk
     assert model.needs.unknowns_per_contact == unknowns
     assert ("friction" in model.needs) == (unknowns == 3)
     assert ("rotation" in model.needs) == turns
-    state, step = advance(model, start(model), 5e-3, Solver())
+    state, step = step_grains(model, start(model), 5e-3, Solver())
     assert step.n_contacts > 0
     contacts = state.contacts
     assert {a.shape[1] for a in (state.kept, state.held, contacts.impulse, contacts.anchor)} == {
@@ -262,7 +262,7 @@ def test_grains_take_the_unknowns_and_the_spins_that_they_need(law, changes, unk
     assert (contacts.coulomb is None) == (unknowns == 1)
     assert {state.velocity.shape[1], model.push.shape[1]} == {8 if turns else 4}
     assert model.mobility.shape[1] == (3 if turns else 1)
-    motion = granulate.simulate(model, 0.02, 5e-3)
+    motion = granulate.simulate_grains(model, 0.02, 5e-3)
     assert ("spin" in motion) == turns == ("spin" in model.needs.fields)
     if unknowns == 1 and turns:
         np.testing.assert_allclose(motion["spin"].values[-1], spin, rtol=1e-12)
@@ -278,7 +278,7 @@ def test_a_step_without_friction_allocates_less():
         for measured in (False, True):  # the first step compiles
             if measured:
                 tracemalloc.start()
-            state, _ = advance(model, state, 2e-3, Solver(max_iterations=10))
+            state, _ = step_grains(model, state, 2e-3, Solver(max_iterations=10))
         peaks.append(tracemalloc.get_traced_memory()[1])
         tracemalloc.stop()
     assert peaks[0] < 0.75 * peaks[1]

@@ -32,7 +32,7 @@ def test_the_wall_of_a_silo_bears_the_weight_as_janssen_says():
     radii, diameter, friction = granulate.draw_radii(1200, 0.003, 0.0035), 0.05, 0.5
     law = ContactLaw(0.5, compliance=0.05)
     model = granulate.silo(radii, diameter, law, wall_friction=friction, sinking=0.005)
-    result = granulate.simulate(model, 0.8, 1e-3, n_frames=17)
+    result = granulate.simulate_grains(model, 0.8, 1e-3, n_frames=17)
     assert result["converged"].values.mean() >= 0.99
     profiles = [silo_profile(result, frame, diameter, 0.02) for frame in range(-5, 0)]
     depth, stress, density = (np.mean(parts, axis=0) for parts in zip(*profiles, strict=True))
@@ -60,10 +60,10 @@ def test_a_column_runs_as_far_as_its_height_tells(aspect):
     radii, width = granulate.draw_radii(500, 0.003, 0.004), 0.14 / aspect**0.5
     law, solver = ContactLaw(1.0, compliance=0.05), Solver(max_iterations=500)
     model = granulate.column(radii, width, law)
-    still = granulate.simulate(model, 0.6, 1e-3, solver=solver)
+    still = granulate.simulate_grains(model, 0.6, 1e-3, solver=solver)
     column = granulate.release(model, granulate.final_grains(model, still))
     a = np.quantile(column.grains.position[:, 2], 0.98) / width
-    result = granulate.simulate(column, 1.0, 1e-3, solver=solver)
+    result = granulate.simulate_grains(column, 1.0, 1e-3, solver=solver)
     front = front_of_heap(result)
     expected = 2.5 * a if a < 2.0 else 3.25 * a**0.7
     assert front / width - 1.0 == pytest.approx(expected, rel=0.25)

@@ -13,7 +13,7 @@ from multiscale.macro import granulate
 # collapses, and grains as the third body of a joint.
 law = granulate.ContactLaw(friction=0.5, compliance=0.02)  # compliance 0: rigid
 model = granulate.deposit(np.full(100, 0.01), (0.1, 0.1), law)  # spheres of 1 cm, box of 10 cm
-motion = granulate.simulate(model, duration=0.1, step=2e-3)
+motion = granulate.simulate_grains(model, duration=0.1, step=2e-3)
 print(float(motion["converged"].mean()), motion.attrs["cautions"])  # share of steps solved
 ends, force, branch = granulate.network(motion)  # of the last frame, N and m
 print(granulate.coordination(ends, 100, rattlers_below=2))

@@ -1,7 +1,7 @@
 """Bulk laws: deformation gradient in, stress and consistent tangent out."""
 
 from multiscale.laws.bulk.anisotropic import AnisotropicElastic
-from multiscale.laws.bulk.bulk_law import BulkLaw, BulkResponse, respond
+from multiscale.laws.bulk.bulk_law import BulkLaw, BulkResponse, respond_bulk
 from multiscale.laws.bulk.elastic import Elastic
 from multiscale.laws.bulk.j2 import J2
 from multiscale.laws.bulk.neo_hookean import NeoHookean
@@ -15,5 +15,5 @@ __all__ = [
     "Elastic",
     "NeoHookean",
     "Prony",
-    "respond",
+    "respond_bulk",
 ]

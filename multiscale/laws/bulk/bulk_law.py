@@ -5,7 +5,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-__all__ = ["BulkLaw", "BulkResponse", "cofactor", "cofactor_derivative", "respond"]
+__all__ = ["BulkLaw", "BulkResponse", "cofactor", "cofactor_derivative", "respond_bulk"]
 
 
 @dataclass(frozen=True)
@@ -63,7 +63,7 @@ class BulkLaw(ABC):
         return np.zeros((self.n_state, *shape))
 
 
-def respond(law: BulkLaw, gradient: np.ndarray, state: np.ndarray) -> BulkResponse:
+def respond_bulk(law: BulkLaw, gradient: np.ndarray, state: np.ndarray) -> BulkResponse:
     """Evaluate both parts (1) of a law at a point.
 
     Parameters

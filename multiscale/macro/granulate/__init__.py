@@ -2,19 +2,19 @@
 
 from multiscale.macro.granulate.arrangements import column, deposit, release, silo
 from multiscale.macro.granulate.biaxial import biaxial_cell, biaxial_curve
-from multiscale.macro.granulate.grain_bodies import Cylinder, Grains, Plane, Wall, box
+from multiscale.macro.granulate.grain_bodies import Grains, PipeWall, PlaneWall, Wall, box
 from multiscale.macro.granulate.grain_cells import compact, shear_layer, shear_response
+from multiscale.macro.granulate.grain_simulation import final_grains, simulate_grains
 from multiscale.macro.granulate.loose_packing import draw_radii, place_loosely
 from multiscale.macro.granulate.model import ContactLaw, Model, Solver
 from multiscale.macro.granulate.observables import coordination, love_weber, network
-from multiscale.macro.granulate.simulate import final_grains, simulate
 
 __all__ = [
     "ContactLaw",
-    "Cylinder",
     "Grains",
     "Model",
-    "Plane",
+    "PipeWall",
+    "PlaneWall",
     "Solver",
     "Wall",
     "biaxial_cell",
@@ -33,5 +33,5 @@ __all__ = [
     "shear_layer",
     "shear_response",
     "silo",
-    "simulate",
+    "simulate_grains",
 ]

@@ -50,7 +50,7 @@ def biaxial_cell(
     Returns
     -------
     model : Model
-        For :func:`multiscale.macro.granulate.simulate`.
+        For :func:`multiscale.macro.granulate.simulate_grains`.
     step : float
         Length of a step that resolves the rearrangements, s.
 

@@ -8,7 +8,7 @@ import numpy as np
 
 from multiscale.errors import CaseError
 
-__all__ = ["Cylinder", "Grains", "Plane", "Wall", "box"]
+__all__ = ["Grains", "PipeWall", "PlaneWall", "Wall", "box"]
 
 
 @dataclass(frozen=True)
@@ -158,7 +158,7 @@ class Wall:
 
 
 @dataclass(frozen=True)
-class Plane(Wall):
+class PlaneWall(Wall):
     """A plane of unlimited extent: held, moved with a velocity, or loaded along its normal.
 
     Parameters
@@ -185,7 +185,7 @@ class Plane(Wall):
 
 
 @dataclass(frozen=True)
-class Cylinder(Wall):
+class PipeWall(Wall):
     """The inside of an unlimited round pipe.
 
     Parameters
@@ -207,7 +207,7 @@ def box(
     high: Sequence[float] | np.ndarray,
     *,
     friction: float | None = None,
-) -> tuple[Plane, ...]:
+) -> tuple[PlaneWall, ...]:
     """Return the planes of a box.
 
     Parameters
@@ -229,7 +229,7 @@ def box(
                 x, y, z = np.eye(3)[a].tolist()
                 at = float(corner[a])
                 planes.append(
-                    Plane(
+                    PlaneWall(
                         (at * x, at * y, at * z), (sign * x, sign * y, sign * z), friction=friction
                     )
                 )

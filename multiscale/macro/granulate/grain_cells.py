@@ -6,12 +6,12 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from multiscale.errors import CaseError
-from multiscale.macro.granulate.grain_bodies import Grains, Plane
-from multiscale.macro.granulate.grain_motion import advance
+from multiscale.macro.granulate.grain_bodies import Grains, PlaneWall
+from multiscale.macro.granulate.grain_motion import step_grains
+from multiscale.macro.granulate.grain_simulation import Record, final_grains, simulate_grains
 from multiscale.macro.granulate.grain_state import start
 from multiscale.macro.granulate.loose_packing import place_loosely
 from multiscale.macro.granulate.model import ContactLaw, Model, Solver
-from multiscale.macro.granulate.simulate import Record, final_grains, simulate
 from multiscale.schema import MICRO_RESPONSE
 
 if TYPE_CHECKING:
@@ -80,7 +80,7 @@ def compact(
     record.show(state)
     quiet = 0
     for _ in range(max_steps):
-        state, done = advance(model, state, step, solver)
+        state, done = step_grains(model, state, step, solver)
         record.add(state, done)
         fastest = float(np.abs(state.rate).max()) * step
         quiet = quiet + 1 if fastest < REST and done.n_contacts else 0
@@ -162,8 +162,8 @@ def shear_layer(
     top = float((grains.position[:, 2] + grains.radius).max())
     area, mass = size[0] * size[1], float(grains.mass.sum())
     plates = (
-        Plane((0.0, 0.0, 0.0), (0.0, 0.0, 1.0), friction=wall_friction),
-        Plane(
+        PlaneWall((0.0, 0.0, 0.0), (0.0, 0.0, 1.0), friction=wall_friction),
+        PlaneWall(
             (0.0, 0.0, 1.01 * top),
             (0.0, 0.0, -1.0),
             friction=wall_friction,
@@ -173,7 +173,7 @@ def shear_layer(
     )
     step = resolving_step(grains, pressure)
     model = Model(grains, plates, law, (0.0, 0.0, 0.0), (*size, np.inf), np.log(2.0) / step)
-    pressed = simulate(model, 300 * step, step)
+    pressed = simulate_grains(model, 300 * step, step)
     height = float(pressed["wall_position"][-1, 1, 2])
     loaded = replace(plates[1], point=(0.0, 0.0, height), velocity=(speed, 0.0, 0.0))
     still = np.zeros_like(grains.position)
@@ -223,7 +223,7 @@ def shear_response(
     for r in range(n_realisations):
         for k, (pressure, speed) in enumerate(zip(pressures, speeds, strict=True)):
             model, step = shear_layer(radii, size, pressure, speed, law, seed=r)
-            motion = simulate(model, n_steps * step, step)
+            motion = simulate_grains(model, n_steps * step, step)
             late = slice(n_steps // 2, None)
             force = motion["wall_force"].values[late, 1].mean(axis=0)  # of the grains on the plate
             height = motion["wall_position"].values[:, 1, 2]

@@ -5,10 +5,10 @@ import numpy as np
 from multiscale.macro.granulate.contacts import Contacts
 from multiscale.macro.granulate.model import Model
 
-__all__ = ["account", "cell_of"]
+__all__ = ["account_grains", "cell_inertia"]
 
 
-def cell_of(model: Model, period: np.ndarray) -> tuple[float, float]:
+def cell_inertia(model: Model, period: np.ndarray) -> tuple[float, float]:
     r"""Inertia of a periodic cell, kg m2, and the moment of the pressure on it, J.
 
     The inertia is that of the grains in an affine motion, :math:`m L^2 / 4`; the pressure does the
@@ -26,7 +26,7 @@ def cell_of(model: Model, period: np.ndarray) -> tuple[float, float]:
     return inertia, -model.pressure * model.volume(period) * edges.size
 
 
-def account(
+def account_grains(
     model: Model,
     times: tuple[float, float],
     velocities: tuple[np.ndarray, np.ndarray, np.ndarray],

@@ -13,12 +13,12 @@ from multiscale.macro.granulate.contacts import (
     missed,
     penetration,
 )
-from multiscale.macro.granulate.grain_energy import account, cell_of
+from multiscale.macro.granulate.grain_energy import account_grains, cell_inertia
 from multiscale.macro.granulate.grain_state import GrainState, look_around
 from multiscale.macro.granulate.model import Model, Solver
-from multiscale.macro.granulate.step import solve_step
+from multiscale.macro.granulate.step import solve_velocities
 
-__all__ = ["Step", "advance"]
+__all__ = ["Step", "step_grains"]
 
 NEAR = 0.02
 """Pairs that come this near, relative to the smaller radius, are contacts from the outset."""
@@ -51,7 +51,7 @@ class Step:
     stress: np.ndarray | None
 
 
-def advance(
+def step_grains(
     model: Model, state: GrainState, h: float, solver: Solver, accuracy: float | None = None
 ) -> tuple[GrainState, Step]:
     r"""Make one Moreau-Jean step.
@@ -95,7 +95,7 @@ def advance(
     worst, _ = penetration(
         new.pairs, new.position, model.grains.radius, new.period, model.walls_at(new.point)
     )
-    energies = account(
+    energies = account_grains(
         model,
         (h, acted),
         (state.velocity, free.damped, new.velocity),
@@ -103,7 +103,7 @@ def advance(
         -model.law.restitution * new.approach[met.numbers],
         (state.rate, free.damped_rate, new.rate),
         met.cell[2:],
-        cell_of(model, state.period),
+        cell_inertia(model, state.period),
     )
     total = perf_counter() - began
     return new, Step(
@@ -183,7 +183,7 @@ def _with_neighbours(model: Model, state: GrainState, h: float, acted: float) ->
     """Find the neighbours anew if grains may have come nearer than their list reaches."""
     n, radius = model.grains.n, model.grains.radius
     free = state.velocity + acted * model.push
-    inertia, thrust = cell_of(model, state.period)
+    inertia, thrust = cell_inertia(model, state.period)
     told = np.abs(np.where(model.free, state.rate, model.told_rate))
     rate = float(told.max()) + acted * abs(thrust) / inertia
     moved = state.position - state.seen + h * free[:n, :3]
@@ -198,7 +198,7 @@ def _push(model: Model, state: GrainState, acted: float) -> _Free:
     keep = np.exp(-model.damping_rate * acted)
     damped = state.velocity.copy()
     damped[: model.grains.n] *= keep
-    inertia, thrust = cell_of(model, state.period)
+    inertia, thrust = cell_inertia(model, state.period)
     rate = np.where(model.free, state.rate if model.driven else keep * state.rate, model.told_rate)
     return _Free(
         damped, damped + acted * model.push, rate, rate + acted * thrust / inertia * model.free
@@ -215,7 +215,7 @@ def _meet(
     rest = 2.0 * acted * float(np.linalg.norm(model.gravity))
     constants = (law.restitution, law.relaxation * h, rest, *shares)
     place = (state.position, model.grains.radius, state.period, model.walls_at(state.point))
-    inertia, _ = cell_of(model, state.period)
+    inertia, _ = cell_inertia(model, state.period)
     wanted, hits = np.zeros(len(state.pairs), bool), np.zeros(len(state.pairs))
     compliance = np.full(len(state.pairs), law.compliance)
     kept, sweeps = state.kept, 0
@@ -239,7 +239,7 @@ def _meet(
             np.array([free.rate, model.free / np.sqrt(inertia)]),
         )
         contacts, velocity = Contacts(*arrays), free.velocity.copy()
-        done, residual = solve_step(model, solver, velocity, contacts, cell)
+        done, residual = solve_velocities(model, solver, velocity, contacts, cell)
         sweeps += done
         kept = np.zeros_like(state.kept)
         kept[index] = contacts.impulse

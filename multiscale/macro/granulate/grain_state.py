@@ -6,7 +6,7 @@ import numpy as np
 
 from multiscale.errors import CaseError
 from multiscale.macro.granulate.contacts import Contacts, find_wall_pairs, penetration
-from multiscale.macro.granulate.grain_bodies import Cylinder, Wall
+from multiscale.macro.granulate.grain_bodies import PipeWall, Wall
 from multiscale.macro.granulate.model import Model
 from multiscale.macro.granulate.neighbours import find_pairs
 
@@ -109,7 +109,7 @@ def _check_hold(model: Model) -> None:
 def _holds(wall: Wall, gravity: np.ndarray) -> bool:
     """Whether a wall stops what falls."""
     along = float(wall.unit @ gravity)
-    if isinstance(wall, Cylinder):
+    if isinstance(wall, PipeWall):
         return abs(along) < (1.0 - 1e-9) * float(np.linalg.norm(gravity))
     return along < 0.0
 

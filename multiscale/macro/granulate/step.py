@@ -13,13 +13,13 @@ from multiscale.macro.granulate.sweeps import (
     relax_coloured,
 )
 
-__all__ = ["solve_step"]
+__all__ = ["solve_velocities"]
 
 BURST = 10
 """Sweeps between two looks at the error."""
 
 
-def solve_step(
+def solve_velocities(
     model: Model,
     solver: Solver,
     velocity: np.ndarray,

@@ -31,7 +31,7 @@ __all__ = [
     "relative_velocity",
     "relax",
     "relax_coloured",
-    "sweep",
+    "sweep_grains",
 ]
 
 
@@ -120,7 +120,7 @@ def push_across(i, j, nx, ny, nz, dx, dy, dz, dn, velocity, mobility):  # type: 
 
 
 @numba.njit(cache=True, fastmath=True, error_model="numpy")
-def sweep(first, last, velocity, mobility, ends, data, coulomb, impulse, anchor, cell):  # type: ignore[no-untyped-def]
+def sweep_grains(first, last, velocity, mobility, ends, data, coulomb, impulse, anchor, cell):  # type: ignore[no-untyped-def]
     r"""Solve some contacts in their order, each exactly while the others are held.
 
     W is diagonal there, so the normal part comes first and bounds the tangential one:
@@ -276,7 +276,9 @@ def relax(velocity, mobility, ends, data, coulomb, impulse, anchor, cell, target
             before[:], speed[:] = impulse, velocity
             if cell is not None:
                 rate[:] = cell[0]
-            sweep(0, contacts, velocity, mobility, ends, data, coulomb, impulse, anchor, cell)
+            sweep_grains(
+                0, contacts, velocity, mobility, ends, data, coulomb, impulse, anchor, cell
+            )
             done += 1
             size = 0.0
             for c in range(contacts):
@@ -317,12 +319,12 @@ def relax_coloured(  # type: ignore[no-untyped-def]
             for k in range(bounds.size - 1):
                 first, size = bounds[k], bounds[k + 1] - bounds[k]
                 if size < 64:
-                    sweep(first, first + size, *arrays)
+                    sweep_grains(first, first + size, *arrays)
                 else:
                     for t in numba.prange(threads):
                         low, high = size * t // threads, size * (t + 1) // threads
-                        sweep(first + low, first + high, *arrays)
-            sweep(bounds[-1], ends.shape[0], *arrays)
+                        sweep_grains(first + low, first + high, *arrays)
+            sweep_grains(bounds[-1], ends.shape[0], *arrays)
             done += 1
         error = natural_map_error(velocity, ends, data, coulomb, impulse, anchor, None)
     return done, error

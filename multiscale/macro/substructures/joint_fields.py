@@ -9,7 +9,7 @@ import numpy as np
 from multiscale.errors import CaseError
 from multiscale.fe.boxes import HEX_ORDER
 from multiscale.fe.elasticity import displacement_basis
-from multiscale.laws.bulk import respond
+from multiscale.laws.bulk import respond_bulk
 from multiscale.macro.continuum.body import Body
 from multiscale.schema import MACRO_RESULT
 
@@ -83,7 +83,7 @@ def _fields(body: Body, displacement: np.ndarray) -> tuple[np.ndarray, np.ndarra
     stresses, energies = [], []
     for u in displacement:
         gradient = np.einsum("aei,ajep->ijep", u[basis.element_dofs], slopes)
-        stress = respond(body.law, eye + gradient, np.zeros((0, *share.shape))).stress
+        stress = respond_bulk(body.law, eye + gradient, np.zeros((0, *share.shape))).stress
         energies.append(0.5 * np.einsum("ijep,ijep,ep->e", stress, gradient, share))
         mean = np.einsum("ijep,ep->ije", stress, share)
         deviator = mean - np.trace(mean) / 3.0 * np.eye(3)[:, :, None]

@@ -11,7 +11,7 @@ from multiscale.micro.damage.effective_moduli import (
     youngs_modulus_along,
 )
 from multiscale.micro.damage.fatigue import two_scale_fatigue, woehler_curve
-from multiscale.micro.damage.fatigue_material import Block, FatigueMaterial
+from multiscale.micro.damage.fatigue_material import FatigueMaterial, StressBlock
 from multiscale.micro.damage.mesh_stiffness import mesh_stiffness
 from multiscale.micro.damage.rve import effective_stiffness
 from multiscale.micro.damage.sections import max_damage, plane_damage
@@ -26,12 +26,12 @@ from multiscale.micro.damage.shapes import (
 )
 
 __all__ = [
-    "Block",
     "Cavities",
     "Cracks",
     "Cylinders",
     "Ellipsoids",
     "FatigueMaterial",
+    "StressBlock",
     "VoxelImage",
     "boolean_spheres",
     "compare_stiffness",

@@ -9,7 +9,7 @@ import numpy as np
 
 from multiscale.errors import CaseError
 from multiscale.io.images import VoxelImage
-from multiscale.micro.damage.shapes import FLAT, Bodies, Cracks, Cylinders, Ellipsoids, Mapped
+from multiscale.micro.damage.shapes import FLAT, Cracks, Cylinders, Ellipsoids, Mapped, Shapes
 
 __all__ = ["Cavities", "check_box", "crack_density_tensor", "first_overlap", "voxelise"]
 
@@ -44,7 +44,7 @@ class Cavities:
     """
 
     size: tuple[float, float, float]
-    bodies: Sequence[Bodies] = ()
+    bodies: Sequence[Shapes] = ()
     periodic: bool = True
     overlap: bool = True
 
@@ -74,11 +74,11 @@ class Cavities:
         return float(np.prod(self.size))
 
     @cached_property
-    def images(self) -> list[Bodies]:
+    def images(self) -> list[Shapes]:
         """All bodies that reach into the box, periodic images among them."""
         return [kind for kind, _ in self.sources()]
 
-    def sources(self) -> list[tuple[Bodies, np.ndarray]]:
+    def sources(self) -> list[tuple[Shapes, np.ndarray]]:
         """Bodies that reach into the box, and which one each is an image of."""
         found = []
         size = np.array(self.size)
@@ -184,12 +184,12 @@ def first_overlap(rve: Cavities) -> tuple[int, int] | None:
     return None
 
 
-def _boxes_meet(first: Bodies, i: int, second: Bodies) -> np.ndarray:
+def _boxes_meet(first: Shapes, i: int, second: Shapes) -> np.ndarray:
     away = np.abs(second.centre - first.centre[i])
     return np.asarray(np.all(away < first.reach[i] + second.reach, axis=1))
 
 
-def _overlap(first: Bodies, i: int, second: Bodies, j: int) -> bool:
+def _overlap(first: Shapes, i: int, second: Shapes, j: int) -> bool:
     """Whether two bodies overlap: exact for ellipsoids, on the safe side for others."""
     if isinstance(first, Ellipsoids) and isinstance(second, Ellipsoids):
         away = second.centre[j] - first.centre[i]
@@ -220,7 +220,7 @@ def contact_function(away: np.ndarray, first: np.ndarray, second: np.ndarray) ->
     return -float(minimize_scalar(negative, bounds=(0.0, 1.0), method="bounded").fun)
 
 
-def _rod(kind: Bodies, k: int) -> tuple[np.ndarray, np.ndarray, float]:
+def _rod(kind: Shapes, k: int) -> tuple[np.ndarray, np.ndarray, float]:
     """Centre, half axis and radius of a round rod (or ball) that holds a body."""
     if isinstance(kind, Cylinders):
         half = min(kind.half_length[k], 1e6 * kind.radius[k])

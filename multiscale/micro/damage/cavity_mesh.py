@@ -12,9 +12,9 @@ import numpy as np
 from multiscale.errors import CaseError
 from multiscale.micro.damage.cavities import Cavities
 from multiscale.micro.damage.crack_faces import CrackedMesh, open_cracks
-from multiscale.micro.damage.plane_damage import Plane
+from multiscale.micro.damage.plane_damage import SectionPlane
 from multiscale.micro.damage.sections import box_polygon
-from multiscale.micro.damage.shapes import FLAT, Bodies, Cracks, Cylinders, Ellipsoids
+from multiscale.micro.damage.shapes import FLAT, Cracks, Cylinders, Ellipsoids, Shapes
 
 __all__ = ["mesh_cavities"]
 
@@ -151,7 +151,7 @@ def _visible(cracks: Cracks, size: np.ndarray) -> list[int]:
     visible: list[int] = []
     whole = np.zeros(len(centre), dtype=bool)
     for k, root in enumerate(cracks.root):
-        plane = Plane.through(centre[k], normal[k])
+        plane = SectionPlane.through(centre[k], normal[k])
         corners = np.linalg.pinv(root) @ (box_polygon(plane, size) @ plane.frame).T
         whole[k] = np.all(np.linalg.norm(corners, axis=0) <= 1.0)
     for k in np.argsort(~whole, kind="stable"):
@@ -173,7 +173,7 @@ def _on_face(gmsh: Any, curve: int, size: np.ndarray) -> bool:
     )
 
 
-def _solid(occ: Any, kind: Bodies, k: int, length: float, rve: Cavities) -> int:
+def _solid(occ: Any, kind: Shapes, k: int, length: float, rve: Cavities) -> int:
     """Add a cavity."""
     centre = kind.centre[k] / length
     if isinstance(kind, Cylinders):
@@ -215,7 +215,7 @@ def _match_faces(gmsh: Any, size: np.ndarray) -> None:
     faces = {
         tag: np.array([*gmsh.model.occ.getCenterOfMass(2, tag), gmsh.model.occ.getMass(2, tag)])
         for _, tag in gmsh.model.getEntities(2)
-        if gmsh.model.getType(2, tag) == "Plane"
+        if gmsh.model.getType(2, tag) == "SectionPlane"
     }
     margin = 1e-6
     for axis in range(3):

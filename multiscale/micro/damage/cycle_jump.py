@@ -7,7 +7,7 @@ import numpy as np
 
 from multiscale.micro.damage.fatigue_material import FatigueMaterial
 
-__all__ = ["Run", "advance"]
+__all__ = ["Run", "pass_cycles"]
 
 GROWTH = 4.0
 """Largest ratio of a jump to the one before."""
@@ -31,7 +31,7 @@ class Run:
 Pass = Callable[[Run], None]
 
 
-def advance(
+def pass_cycles(
     run: Run,
     once: Pass,
     count: int,

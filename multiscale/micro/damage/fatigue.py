@@ -9,8 +9,8 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from multiscale.errors import CaseError
-from multiscale.micro.damage.cycle_jump import Run, advance
-from multiscale.micro.damage.fatigue_material import Block, FatigueMaterial
+from multiscale.micro.damage.cycle_jump import Run, pass_cycles
+from multiscale.micro.damage.fatigue_material import FatigueMaterial, StressBlock
 from multiscale.schema import FATIGUE, WOEHLER
 
 if TYPE_CHECKING:
@@ -20,7 +20,7 @@ __all__ = ["two_scale_fatigue", "woehler_curve"]
 
 
 def two_scale_fatigue(
-    history: np.ndarray | Block | Sequence[float] | Sequence[Block],
+    history: np.ndarray | StressBlock | Sequence[float] | Sequence[StressBlock],
     material: FatigueMaterial,
     *,
     jump_tolerance: float | None = 0.02,
@@ -31,9 +31,9 @@ def two_scale_fatigue(
 
     Parameters
     ----------
-    history : ndarray, sequence of float, Block or sequence of Block
-        Macro stress: one cycle, see :class:`Block`, repeated for ever; or blocks one after the
-        other, which are repeated as a whole.
+    history : ndarray, sequence of float, StressBlock or sequence of StressBlock
+        Macro stress: one cycle, see :class:`StressBlock`, repeated for ever; or blocks one after
+        the other, which are repeated as a whole.
     material : FatigueMaterial
         Volume and inclusion.
     jump_tolerance : float, optional
@@ -146,14 +146,16 @@ def woehler_curve(
     return WOEHLER.build({"amplitude": amplitudes, **values}, stress_ratio=stress_ratio)
 
 
-def _program(history: np.ndarray | Block | Sequence[float] | Sequence[Block]) -> list[Block]:
+def _program(
+    history: np.ndarray | StressBlock | Sequence[float] | Sequence[StressBlock],
+) -> list[StressBlock]:
     """Blocks of a history, of which a single path is one."""
-    if isinstance(history, Block):
+    if isinstance(history, StressBlock):
         return [history]
-    if isinstance(history, Sequence) and all(isinstance(part, Block) for part in history):
-        return [part for part in history if isinstance(part, Block)]
+    if isinstance(history, Sequence) and all(isinstance(part, StressBlock) for part in history):
+        return [part for part in history if isinstance(part, StressBlock)]
     try:
-        return [Block(np.asarray(history, dtype=float))]
+        return [StressBlock(np.asarray(history, dtype=float))]
     except (TypeError, ValueError) as error:
         raise CaseError(
             f"a history is one path of numbers or a list of Blocks, got {history!r}"
@@ -164,7 +166,7 @@ def _program(history: np.ndarray | Block | Sequence[float] | Sequence[Block]) ->
 class _Life:
     """How a program of blocks is gone through."""
 
-    program: list[Block]
+    program: list[StressBlock]
     material: FatigueMaterial
     tolerance: float | None
     substeps: int
@@ -185,7 +187,7 @@ class _Life:
         left = int(max(1, max_cycles // length))
         if self.tolerance is not None:
             once = partial(self.go, self.program[0], 1) if alone else self.through_program
-            advance(run, once, left, self.material, self.tolerance, note)
+            pass_cycles(run, once, left, self.material, self.tolerance, note)
             return run, record
         while left > 0 and not (run.broken or run.elastic):
             many = min(left, max(1, int(run.cycles) // (20 * length)))  # passes for each record
@@ -205,7 +207,7 @@ class _Life:
         """Of the material, for the kernel."""
         return self.material.parameters()
 
-    def go(self, block: Block, cycles: int, run: Run) -> None:
+    def go(self, block: StressBlock, cycles: int, run: Run) -> None:
         """Go through every cycle."""
         from multiscale.micro.damage.inclusion import run_cycles
 
@@ -225,7 +227,7 @@ class _Life:
                 self.go(block, block.cycles, run)
             else:
                 once = partial(self.go, block, 1)
-                advance(run, once, block.cycles, self.material, self.tolerance, lambda: None)
+                pass_cycles(run, once, block.cycles, self.material, self.tolerance, lambda: None)
             if run.broken:
                 return
             if run.elastic:  # the cycles left change nothing but their number

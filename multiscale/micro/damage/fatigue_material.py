@@ -6,7 +6,7 @@ import numpy as np
 
 from multiscale.errors import CaseError
 
-__all__ = ["Block", "FatigueMaterial"]
+__all__ = ["FatigueMaterial", "StressBlock"]
 
 
 @dataclass(frozen=True)
@@ -96,7 +96,7 @@ class FatigueMaterial:
 
 
 @dataclass(frozen=True)
-class Block:
+class StressBlock:
     """A stress path that is gone through many times.
 
     Parameters

@@ -4,11 +4,11 @@ from dataclasses import dataclass
 
 import numpy as np
 
-__all__ = ["Plane", "perpendicular"]
+__all__ = ["SectionPlane", "perpendicular"]
 
 
 @dataclass(frozen=True)
-class Plane:
+class SectionPlane:
     """A plane with coordinates of its own: x = origin + y @ frame.
 
     Attributes
@@ -27,9 +27,9 @@ class Plane:
     slab: float = 0.0
 
     @staticmethod
-    def through(origin: np.ndarray, normal: np.ndarray, slab: float = 0.0) -> "Plane":
+    def through(origin: np.ndarray, normal: np.ndarray, slab: float = 0.0) -> "SectionPlane":
         """Choose the coordinates of a plane."""
-        return Plane(origin, normal, perpendicular(normal[None])[0], slab)
+        return SectionPlane(origin, normal, perpendicular(normal[None])[0], slab)
 
 
 def perpendicular(unit: np.ndarray) -> np.ndarray:

@@ -20,7 +20,7 @@ from multiscale.micro.damage.directions import (
     miller_indices,
     sphere_directions,
 )
-from multiscale.micro.damage.plane_damage import Plane
+from multiscale.micro.damage.plane_damage import SectionPlane
 from multiscale.schema import DAMAGE_SECTIONS
 
 if TYPE_CHECKING:
@@ -200,7 +200,7 @@ def _analytic_sections(
 
     bodies, size = rve.images, np.array(rve.size)
     lost, area = np.zeros(len(distances)), np.zeros(len(distances))
-    through = Plane.through(0.5 * size, normal, slab)
+    through = SectionPlane.through(0.5 * size, normal, slab)
     for k, distance in enumerate(distances):
         plane = replace(through, origin=0.5 * size + distance * normal)
         polygon = box_polygon(plane, size)
@@ -212,7 +212,7 @@ def _analytic_sections(
     return lost, area
 
 
-def box_polygon(plane: Plane, size: np.ndarray) -> np.ndarray:
+def box_polygon(plane: SectionPlane, size: np.ndarray) -> np.ndarray:
     """Corners of the section of a box, shape (n, 2), m.
 
     Anticlockwise in the coordinates of the plane, and empty if the plane misses the box.
@@ -294,7 +294,7 @@ def _refine(
     row = rows[0]
     best = (float(damage[row, peak[row]]), normals[row], float(offset[row, peak[row]]))
     for row in rows:
-        frame = Plane.through(np.zeros(3), normals[row]).frame
+        frame = SectionPlane.through(np.zeros(3), normals[row]).frame
 
         def plane(
             x: np.ndarray, row: int = row, frame: np.ndarray = frame

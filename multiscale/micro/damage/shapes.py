@@ -7,17 +7,17 @@ from typing import TYPE_CHECKING, Protocol, Self
 import numpy as np
 
 from multiscale.errors import CaseError
-from multiscale.micro.damage.plane_damage import Plane, perpendicular
+from multiscale.micro.damage.plane_damage import SectionPlane, perpendicular
 
 if TYPE_CHECKING:
     from multiscale.micro.damage.planar import Ellipses
 
 __all__ = [
-    "Bodies",
     "Cracks",
     "Cylinders",
     "Ellipsoids",
     "Mapped",
+    "Shapes",
     "cylinders",
     "ellipsoids",
     "penny_cracks",
@@ -28,7 +28,7 @@ FLAT = 1e-9
 """Below this share of its size a length counts as zero."""
 
 
-class Bodies(Protocol):
+class Shapes(Protocol):
     """What every kind of body offers."""
 
     @property
@@ -45,7 +45,7 @@ class Bodies(Protocol):
         """Pick bodies, moved by a shift of shape (3,) or (picked, 3), m."""
         ...
 
-    def section(self, plane: Plane) -> "Ellipses":
+    def section(self, plane: SectionPlane) -> "Ellipses":
         """Return what a plane cuts out of them."""
         ...
 
@@ -87,7 +87,7 @@ class Ellipsoids(Mapped):
         """Volumes, shape (n,), m³."""
         return np.asarray(4.0 / 3.0 * np.pi * np.abs(np.linalg.det(self.root)))
 
-    def section(self, plane: Plane) -> "Ellipses":
+    def section(self, plane: SectionPlane) -> "Ellipses":
         """Ellipses: in the unit ball the plane is (R^T n) . w = -d."""
         distance = (self.centre - plane.origin) @ plane.normal
         support = np.einsum("nij,i->nj", self.root, plane.normal)
@@ -140,7 +140,7 @@ class Cylinders:
             self.half_length[index],
         )
 
-    def section(self, plane: Plane) -> "Ellipses":
+    def section(self, plane: SectionPlane) -> "Ellipses":
         """Ellipses between the two lines in which the plane meets the ends."""
         distance = (self.centre - plane.origin) @ plane.normal
         cosine = self.axis @ plane.normal
@@ -198,7 +198,7 @@ class Cracks(Mapped):
         across = np.cross(self.root[:, :, 0], self.root[:, :, 1])
         return np.asarray(np.pi * np.linalg.norm(across, axis=1))
 
-    def section(self, plane: Plane) -> "Ellipses":
+    def section(self, plane: SectionPlane) -> "Ellipses":
         """Shadows on the plane, of area A abs(n . m), of the cracks that meet its slab."""
         distance = np.abs((self.centre - plane.origin) @ plane.normal)
         height = np.linalg.norm(np.einsum("nij,i->nj", self.root, plane.normal), axis=1)

@@ -7,7 +7,7 @@ import pytest
 
 from multiscale.errors import CaseError
 from multiscale.macro import granulate
-from multiscale.macro.granulate import ContactLaw, Grains, Model, Solver, simulate
+from multiscale.macro.granulate import ContactLaw, Grains, Model, Solver, simulate_grains
 
 PRESSURE, RADIUS = 1e3, 0.01  # Pa, m
 
@@ -36,7 +36,7 @@ def test_a_triangular_lattice_of_discs_follows_rowes_closed_form(friction):
     # rows part along x, so that contacts inclined at the angle t bear alone: where they slip, the
     # stress ratio is tan(t) tan(t + atan(mu)) (Rowe, 1962). Rows that roll keep below it.
     model, step = lattice(friction, 1e-5)
-    result = simulate(model, 40 * step, step, solver=Solver(1e-8, 20000))
+    result = simulate_grains(model, 40 * step, step, solver=Solver(1e-8, 20000))
     assert result["converged"].values.all()
     a, b = result["period"].values[-1, 0] / 8.0, result["period"].values[-1, 2] / 4.0
     assert a**2 + b**2 == pytest.approx(4.0 * RADIUS**2, rel=1e-7)
@@ -65,7 +65,7 @@ def test_run(request):
     rate = 4e-4 / step
     solver = Solver(max_iterations=500)
     model, step = granulate.biaxial_cell(radii, PRESSURE, rate, law, planar=True, solver=solver)
-    return request.param, model, step, simulate(model, 0.08 / rate, step)
+    return request.param, model, step, simulate_grains(model, 0.08 / rate, step)
 
 
 def test_friction_of_the_bulk_is_small_without_friction_and_plausible_with_it(test_run):
@@ -101,7 +101,7 @@ def test_at_rest_the_lateral_stress_is_the_pressure_and_the_network_bears_it(tes
         period=period,
         strain_rate=(None, None, 0.0),
     )
-    rest = simulate(held, 400 * step, step, solver=Solver(1e-6, 5000))
+    rest = simulate_grains(held, 400 * step, step, solver=Solver(1e-6, 5000))
     assert float(rest["strain"].values[-1, 2]) == 0.0
     assert -float(rest["stress"].values[-1, 0]) == pytest.approx(PRESSURE, rel=1e-5)
     _, force, branch = granulate.network(rest)
@@ -114,7 +114,7 @@ def test_at_rest_the_lateral_stress_is_the_pressure_and_the_network_bears_it(tes
 def test_energy_of_rigid_grains_never_grows_without_work(test_run):
     _, model, step, _ = test_run
     rigid = replace(model, law=replace(model.law, compliance=0.0))
-    result = simulate(rigid, 60 * step, step, solver=Solver(max_iterations=3000))
+    result = simulate_grains(rigid, 60 * step, step, solver=Solver(max_iterations=3000))
     energy = (result["kinetic_energy"] - result["work"]).values
     scale = float(np.abs(result["work"]).max())
     assert np.diff(energy).max() < 1e-6 * scale
@@ -128,7 +128,7 @@ def test_the_bulk_of_spheres_bears_more_shear_than_smooth_plates_pass_on():
     radii, law = granulate.draw_radii(300, 0.009, 0.011), ContactLaw(0.5, compliance=0.02)
     _, step = granulate.biaxial_cell(radii, PRESSURE, 0.0, law)
     model, step = granulate.biaxial_cell(radii, PRESSURE, 4e-4 / step, law)
-    result = simulate(model, 250 * step, step)
+    result = simulate_grains(model, 250 * step, step)
     bulk = float(granulate.biaxial_curve(result)["mobilised_friction"][125:].mean())
     assert 0.25 < bulk < 0.45  # 20 degrees or so for spheres of 0.5
     shear = granulate.shear_response(

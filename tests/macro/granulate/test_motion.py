@@ -5,9 +5,17 @@ import pytest
 
 from multiscale.errors import CaseError
 from multiscale.macro import granulate
-from multiscale.macro.granulate import ContactLaw, Grains, Model, Plane, Solver, box, simulate
+from multiscale.macro.granulate import (
+    ContactLaw,
+    Grains,
+    Model,
+    PlaneWall,
+    Solver,
+    box,
+    simulate_grains,
+)
 
-FLOOR = (Plane((0.0, 0.0, 0.0), (0.0, 0.0, 1.0)),)
+FLOOR = (PlaneWall((0.0, 0.0, 0.0), (0.0, 0.0, 1.0)),)
 TIGHT = Solver(tolerance=1e-10, max_iterations=20000)
 
 
@@ -38,7 +46,7 @@ def settled(law=None, seconds=0.3, n=5, layers=3, solver=None, **changes):
     model = Model(
         Grains(position, 0.01, **changes), box((0, 0, 0), (edge, edge, np.inf)), law or ContactLaw()
     )
-    return model, simulate(model, seconds, 2e-3, solver=solver)
+    return model, simulate_grains(model, seconds, 2e-3, solver=solver)
 
 
 def test_the_bouncing_point_is_a_closed_form_of_its_impacts():
@@ -53,7 +61,7 @@ def test_a_bouncing_grain_follows_its_closed_form_to_first_order(restitution, co
     for step in (2e-3, 2e-4):
         grain = Grains([[0.0, 0.0, 1.01]], 0.01)
         law = ContactLaw(restitution=restitution, compliance=compliance)
-        result = simulate(Model(grain, FLOOR, law), 1.2, step, n_frames=61)
+        result = simulate_grains(Model(grain, FLOOR, law), 1.2, step, n_frames=61)
         time = np.append(0.0, result["time"].values)[result["frame_step"].values + 1]
         exact = np.array([bouncing_point(restitution, t) for t in time])
         errors.append(np.abs(result["position"].values[:, 0, 2] - 0.01 - exact).mean())
@@ -68,7 +76,7 @@ def test_the_error_of_a_bouncing_grain_is_below_the_accuracy_asked_for(restituti
     for accuracy in (0.1, 0.01, 0.001):
         grain = Grains([[0.0, 0.0, 1.01]], 0.01)
         model = Model(grain, FLOOR, ContactLaw(restitution=restitution))
-        result = simulate(model, 1.2, 1e-2, accuracy=accuracy, n_frames=61)
+        result = simulate_grains(model, 1.2, 1e-2, accuracy=accuracy, n_frames=61)
         lengths = result["time_step"].values
         np.testing.assert_allclose(np.cumsum(lengths), result["time"].values, rtol=1e-12)
         assert lengths.sum() == pytest.approx(1.2)
@@ -85,7 +93,7 @@ def test_steps_by_accuracy_beat_steps_of_one_length_in_a_small_deposit():
     solver = Solver(1e-6, 3000)
 
     def places(step, accuracy=None):
-        result = simulate(model, 0.15, step, accuracy=accuracy, solver=solver)
+        result = simulate_grains(model, 0.15, step, accuracy=accuracy, solver=solver)
         assert result["converged"].values.all()
         return result["position"].values[-1], result.sizes["step"]
 
@@ -105,7 +113,7 @@ def test_a_sphere_that_slides_ends_up_rolling_at_five_sevenths(friction):
     # v = v0 - mu g t until v = R w: 5/7 of v0, reached at t = 2 v0 / (7 mu g)
     grain = Grains([[0.0, 0.0, 0.01]], 0.01, velocity=[[1.0, 0.0, 0.0]])
     model = Model(grain, FLOOR, ContactLaw(friction=friction))
-    result = simulate(model, 0.1, 1e-4, solver=TIGHT)
+    result = simulate_grains(model, 0.1, 1e-4, solver=TIGHT)
     slowed = max(1.0 - friction * 9.81 * 0.1, 5.0 / 7.0) if friction else 1.0
     assert float(result["velocity"][-1, 0, 0]) == pytest.approx(slowed, rel=2e-3)
     if slowed == 5.0 / 7.0:
@@ -114,7 +122,7 @@ def test_a_sphere_that_slides_ends_up_rolling_at_five_sevenths(friction):
 
 def test_a_disc_rolls_at_two_thirds_and_stays_in_its_plane():
     grain = Grains([[0.0, 0.3, 0.01]], 0.01, velocity=[[1.0, 0.0, 0.0]], thickness=0.1)
-    result = simulate(Model(grain, FLOOR), 0.15, 1e-4, solver=TIGHT)
+    result = simulate_grains(Model(grain, FLOOR), 0.15, 1e-4, solver=TIGHT)
     assert float(result["velocity"][-1, 0, 0]) == pytest.approx(2.0 / 3.0, rel=1e-3)
     assert np.all(result["position"].values[:, :, 1] == 0.3)
 
@@ -128,7 +136,7 @@ def test_newtons_cradle_hands_the_velocity_to_the_last_ball():
         law=ContactLaw(friction=0.0, restitution=1.0),
         gravity=(0.0, 0.0, 0.0),
     )
-    result = simulate(model, 2e-3, 2e-5, solver=TIGHT)
+    result = simulate_grains(model, 2e-3, 2e-5, solver=TIGHT)
     np.testing.assert_allclose(result["velocity"][-1, :, 0], [0.0, 0.0, 0.0, 0.0, 1.0], atol=1e-12)
     assert float(result["kinetic_energy"][-1]) == pytest.approx(
         0.5 * float(model.grains.mass[0]), rel=1e-12
@@ -140,7 +148,7 @@ def test_a_sphere_rolls_down_a_slope_with_five_sevenths_of_the_pull():
         [np.sin(0.3), 0.0, -np.cos(0.3)]
     )  # friction enough: tan(.3) 2/7 = .09
     grain = Grains([[0.0, 0.0, 0.01]], 0.01)
-    result = simulate(Model(grain, FLOOR, gravity=tuple(gravity)), 0.05, 1e-4)
+    result = simulate_grains(Model(grain, FLOOR, gravity=tuple(gravity)), 0.05, 1e-4)
     assert float(result["velocity"][-1, 0, 0]) == pytest.approx(
         5.0 / 7.0 * gravity[0] * 0.05, rel=1e-3
     )
@@ -167,7 +175,7 @@ def test_energy_never_grows_without_work(restitution):
 @pytest.mark.parametrize(("compliance", "grows"), [(0.02, 1e-6), (0.05, 2e-4)])
 def test_overlaps_of_compliant_grains_give_back_what_they_took(compliance, grows, accuracy):
     model = granulate.deposit(np.full(75, 0.01), (0.11, 0.11), ContactLaw(compliance=compliance))
-    result = simulate(model, 0.4, 2e-3, accuracy=accuracy)
+    result = simulate_grains(model, 0.4, 2e-3, accuracy=accuracy)
     energy = (result["kinetic_energy"] + result["elastic_energy"] - result["work"]).values
     assert np.diff(energy, prepend=0.0).max() < grows * float(np.abs(result["work"]).max())
     assert float(result["elastic_energy"].max()) > 1e-3 * float(np.abs(result["work"]).max())
@@ -185,7 +193,7 @@ def test_compliant_grains_that_hit_each_other_overlap_by_less_than_a_hundredth(s
     edge = 2.2 * 4 * 0.01
     law = ContactLaw(compliance=0.05)
     walls = box((0, 0, 0), (edge, edge, np.inf))
-    result = simulate(Model(Grains(position, 0.01, velocity=down), walls, law), 0.1, 2e-3)
+    result = simulate_grains(Model(Grains(position, 0.01, velocity=down), walls, law), 0.1, 2e-3)
     assert result["converged"].values.all()
     assert float(result["penetration"].max()) < 0.01
     energy = (result["kinetic_energy"] + result["elastic_energy"] - result["work"]).values
@@ -206,7 +214,7 @@ def test_grains_that_bounce_overlap_by_less_than_a_hundredth(restitution, compli
 def test_a_late_impact_ends_its_step_touching_and_bounces_in_the_next(height):
     grain = Grains([[0.0, 0.0, 0.01 + height]], 0.01)
     h, restitution = 2e-3, 0.5
-    result = simulate(
+    result = simulate_grains(
         Model(grain, FLOOR, ContactLaw(restitution=restitution)), 0.5, h, n_frames=251
     )
     gap, speed = result["position"].values[:, 0, 2] - 0.01, result["velocity"].values[:, 0, 2]
@@ -232,7 +240,7 @@ def test_momentum_and_spin_are_kept_in_a_collision():
     velocity = np.array([[1.0, 0.2, -0.1], [-0.5, 0.1, 0.3]])
     spin = rng.uniform(-10.0, 10.0, (2, 3))
     grains = Grains(position, 0.01, [1000.0, 4000.0], velocity, spin)
-    result = simulate(Model(grains, gravity=(0.0, 0.0, 0.0)), 5e-3, 1e-5, solver=TIGHT)
+    result = simulate_grains(Model(grains, gravity=(0.0, 0.0, 0.0)), 5e-3, 1e-5, solver=TIGHT)
 
     def moments(frame):
         x, v, w = (result[name].values[frame] for name in ("position", "velocity", "spin"))
@@ -245,16 +253,16 @@ def test_momentum_and_spin_are_kept_in_a_collision():
 
 
 def test_a_loaded_wall_presses_with_its_force():
-    lid = Plane((0.0, 0.0, 0.0205), (0.0, 0.0, -1.0), mass=0.1, force=50.0)
+    lid = PlaneWall((0.0, 0.0, 0.0205), (0.0, 0.0, -1.0), mass=0.1, force=50.0)
     model = Model(Grains([[0.0, 0.0, 0.01]], 0.01), (*FLOOR, lid), gravity=(0.0, 0.0, 0.0))
-    result = simulate(model, 0.05, 1e-3, solver=TIGHT)
+    result = simulate_grains(model, 0.05, 1e-3, solver=TIGHT)
     np.testing.assert_allclose(result["wall_force"][-1, :, 2], [-50.0, 50.0], rtol=1e-6)
 
 
 def test_space_repeats_along_a_period():
     grains = Grains([[0.02, 0.0, 0.0], [0.08, 0.0, 0.0]], 0.01, velocity=[[-1.0, 0, 0], [0, 0, 0]])
     model = Model(grains, gravity=(0.0, 0.0, 0.0), period=(0.1, np.inf, np.inf))
-    result = simulate(model, 0.1, 1e-3, solver=TIGHT)  # they meet across the border
+    result = simulate_grains(model, 0.1, 1e-3, solver=TIGHT)  # they meet across the border
     np.testing.assert_allclose(result["velocity"][-1, :, 0], -0.5, atol=1e-9)
 
 
@@ -263,29 +271,33 @@ def test_space_repeats_along_a_period():
     [
         (lambda: Grains([[0, 0, 0.01]], 0.0), r"radius of grain 0 must be positive \(m\), got 0"),
         (
-            lambda: simulate(Model(Grains([[0, 0, 0.02], [0, 0, 0.03]], 0.01), FLOOR), 1.0, 1e-3),
+            lambda: simulate_grains(
+                Model(Grains([[0, 0, 0.02], [0, 0, 0.03]], 0.01), FLOOR), 1.0, 1e-3
+            ),
             "grain 0 overlaps grain 1 by 1 of its radius at the start",
         ),
         (
-            lambda: simulate(Model(Grains([[0, 0, -0.5]], 0.01), FLOOR), 1.0, 1e-3),
+            lambda: simulate_grains(Model(Grains([[0, 0, -0.5]], 0.01), FLOOR), 1.0, 1e-3),
             "grain 0 overlaps wall 0",
         ),
         (
-            lambda: simulate(Model(Grains([[0, 0, 1.0]], 0.01)), 1.0, 1e-3),
+            lambda: simulate_grains(Model(Grains([[0, 0, 1.0]], 0.01)), 1.0, 1e-3),
             "no wall holds the grains against gravity",
         ),
         (lambda: ContactLaw(friction=-0.1), "friction must be finite and not negative, got -0.1"),
         (lambda: ContactLaw(restitution=1.5), "restitution must lie between 0 and 1, got 1.5"),
         (
-            lambda: simulate(Model(Grains([[0, 0, 1.0]], 0.01), FLOOR), 1.0, 2.0),
+            lambda: simulate_grains(Model(Grains([[0, 0, 1.0]], 0.01), FLOOR), 1.0, 2.0),
             "step must be positive and at most the duration 1 s, got 2 s",
         ),
         (
-            lambda: simulate(Model(Grains([[0, 0, 1.0]], 0.01), FLOOR), 1.0, 1e-3, accuracy=2.0),
+            lambda: simulate_grains(
+                Model(Grains([[0, 0, 1.0]], 0.01), FLOOR), 1.0, 1e-3, accuracy=2.0
+            ),
             "accuracy must lie between 0 and 1, a share of the radius, got 2",
         ),
         (
-            lambda: simulate(
+            lambda: simulate_grains(
                 Model(Grains([[0, 0, 1.0]], 0.01), FLOOR, period=(0.03, np.inf, np.inf)), 1.0, 1e-3
             ),
             "period along x is 0.03 m and must be at least",
@@ -294,7 +306,7 @@ def test_space_repeats_along_a_period():
             lambda: Grains([[0, 0, 1], [0, 1, 1]], 0.1, thickness=1.0),
             "disc 1 leaves the plane y = 0 m",
         ),
-        (lambda: granulate.Cylinder((0, 0, 0), (0, 0, 1)), "radius of a cylinder must be positive"),
+        (lambda: granulate.PipeWall((0, 0, 0), (0, 0, 1)), "radius of a cylinder must be positive"),
         (lambda: ContactLaw(compliance=np.inf), "compliance must be finite and not negative"),
         (lambda: ContactLaw(relaxation=0.5), "relaxation must be at least one step, got 0.5"),
         (lambda: granulate.Solver(tolerance=1.0), "tolerance must lie between 0 and 1, got 1"),
@@ -309,15 +321,24 @@ def test_space_repeats_along_a_period():
         (lambda: Grains([[0, 0, 1]], 0.1, velocity=[[0, 0]]), r"velocity must have shape \(1, 3\)"),
         (lambda: Grains([[0, 0, np.nan]], 0.1), "position of grain 0 must be finite"),
         (lambda: Grains([[0, 0, 1]], 0.1, thickness=-1.0), "thickness of discs must be positive"),
-        (lambda: Plane((0, 0, np.inf), (0, 0, 1)), "point of a wall must be three finite numbers"),
-        (lambda: Plane((0, 0, 0), (0, 0, 1), friction=-0.1), "friction of a wall must not be neg"),
-        (lambda: Plane((0, 0, 0), (0, 0, 1), mass=-1.0), "mass of a wall must be positive"),
-        (lambda: Plane((0, 0, 0), (0, 0, 1), force=np.nan), "force on a wall must be finite"),
-        (lambda: Plane((0, 0, 0), (0, 0, 1), force=1.0), "infinite mass does not follow a force"),
+        (
+            lambda: PlaneWall((0, 0, np.inf), (0, 0, 1)),
+            "point of a wall must be three finite numbers",
+        ),
+        (
+            lambda: PlaneWall((0, 0, 0), (0, 0, 1), friction=-0.1),
+            "friction of a wall must not be neg",
+        ),
+        (lambda: PlaneWall((0, 0, 0), (0, 0, 1), mass=-1.0), "mass of a wall must be positive"),
+        (lambda: PlaneWall((0, 0, 0), (0, 0, 1), force=np.nan), "force on a wall must be finite"),
+        (
+            lambda: PlaneWall((0, 0, 0), (0, 0, 1), force=1.0),
+            "infinite mass does not follow a force",
+        ),
         (lambda: granulate.draw_radii(0, 0.1, 0.2), "there must be at least one grain, got 0"),
         (lambda: granulate.draw_radii(5, 0.2, 0.1), "rise from the smallest to the largest"),
         (lambda: granulate.compact([0.1] * 8, 0.0, ContactLaw()), "pressure must be positive"),
-        (lambda: Plane((0, 0, 0), (0, 0, 0)), "direction of a wall must not be zero"),
+        (lambda: PlaneWall((0, 0, 0), (0, 0, 0)), "direction of a wall must not be zero"),
     ],
 )
 def test_bad_input_is_named(make, message):

@@ -9,18 +9,18 @@ from multiscale.macro.granulate import (
     ContactLaw,
     Grains,
     Model,
-    Plane,
+    PlaneWall,
     Solver,
     box,
     compact,
-    simulate,
+    simulate_grains,
 )
-from multiscale.macro.granulate.grain_motion import advance
+from multiscale.macro.granulate.grain_motion import step_grains
 from multiscale.macro.granulate.grain_state import start
 from multiscale.nonsmooth import solve_friction
 from tests.support import threads
 
-FLOOR = Plane((0.0, 0.0, 0.0), (0.0, 0.0, 1.0))
+FLOOR = PlaneWall((0.0, 0.0, 0.0), (0.0, 0.0, 1.0))
 TIGHT = Solver(tolerance=1e-9, max_iterations=50000)
 
 
@@ -63,7 +63,7 @@ def delassus(model, contacts):
 def test_a_step_agrees_with_the_friction_solver_on_the_assembled_operator():
     model = heap()
     state, h = start(model), 1e-3
-    new, step = advance(model, state, h, TIGHT)
+    new, step = step_grains(model, state, h, TIGHT)
     assert step.converged
     assert step.n_contacts > 10
     contacts = new.contacts
@@ -89,7 +89,7 @@ def test_conjugate_directions_carry_a_stack_in_fewer_sweeps_than_plain_ones():
     position = np.column_stack([np.zeros((n, 2)), 0.01 * (2.0 * np.arange(n) + 1.0)])[::-1]
     model = Model(Grains(position, 0.01), (FLOOR,), ContactLaw(0.4))
     conjugate, plain = (
-        advance(model, start(model), h, Solver(1e-8, 20000, threads=count, most_assembled=0))
+        step_grains(model, start(model), h, Solver(1e-8, 20000, threads=count, most_assembled=0))
         for count in (1, 2)
     )
     borne = np.sort(conjugate[0].kept[:, 2])
@@ -101,8 +101,8 @@ def test_conjugate_directions_carry_a_stack_in_fewer_sweeps_than_plain_ones():
 
 def test_coloured_sweeps_lead_to_the_same_motion():
     model = heap()
-    one = simulate(model, 5e-3, 1e-3, solver=TIGHT)
-    two = simulate(
+    one = simulate_grains(model, 5e-3, 1e-3, solver=TIGHT)
+    two = simulate_grains(
         model, 5e-3, 1e-3, solver=Solver(TIGHT.tolerance, TIGHT.max_iterations, threads=2)
     )
     np.testing.assert_allclose(one["velocity"][-1], two["velocity"][-1], atol=1e-6)
@@ -125,7 +125,7 @@ def test_one_unknown_per_contact_leads_where_three_without_friction_do(options, 
         state = start(model)
         for _ in range(3):
             solver = Solver(**({"tolerance": 1e-11, "max_iterations": 50000} | options))
-            state, step = advance(model, state, 1e-3, solver)
+            state, step = step_grains(model, state, 1e-3, solver)
             assert step.residual < 1e-9
         assert step.n_contacts > 20
         found.append((model.needs.unknowns_per_contact, state.velocity[:, :3]))
@@ -152,7 +152,7 @@ def test_the_number_of_threads_changes_no_digit_of_coloured_sweeps():
     found = []
     for count in (1, 2):
         with threads(count):
-            found.append(simulate(model, 3e-3, 1e-3, solver=solver)["velocity"].values[-1])
+            found.append(simulate_grains(model, 3e-3, 1e-3, solver=solver)["velocity"].values[-1])
     np.testing.assert_array_equal(*found)
 
 
@@ -161,7 +161,7 @@ def test_the_number_of_threads_changes_no_digit_of_coloured_sweeps():
 def test_friction_and_steps_at_their_ends_stay_sound(friction, step):
     base = heap()
     model = Model(base.grains, base.walls, ContactLaw(friction))
-    result = simulate(model, 10 * step, step, solver=Solver(max_iterations=5000))
+    result = simulate_grains(model, 10 * step, step, solver=Solver(max_iterations=5000))
     assert result["converged"].values.all()
     assert float(result["penetration"].max()) < 0.01
     total = (result["kinetic_energy"] - result["work"]).values
@@ -173,7 +173,7 @@ def test_a_heavy_grain_rests_on_a_light_one(friction):
     # mass ratio 1e6: Gauss-Seidel alone needs about as many sweeps
     grains = Grains([[0.0, 0.0, 0.01], [0.0, 0.0, 0.03]], 0.01, [2.6, 2.6e6])
     model = Model(grains, (FLOOR,), ContactLaw(friction))
-    result = simulate(model, 0.02, 2e-3, solver=Solver(max_iterations=1000))
+    result = simulate_grains(model, 0.02, 2e-3, solver=Solver(max_iterations=1000))
     assert result["converged"].values.all()
     force = result["wall_force"].values[-1, 0, 2]
     assert -force == pytest.approx(9.81 * float(grains.mass.sum()), rel=1e-3)
@@ -186,7 +186,7 @@ def test_sizes_of_one_to_twenty_are_borne():
     position = np.vstack([small, [[0.015, 0.015, 0.0235]]])
     radius = np.append(np.full(144, 0.001), 0.02)
     walls = box((-0.02, -0.02, 0.0), (0.05, 0.05, np.inf))
-    result = simulate(Model(Grains(position, radius), walls), 0.05, 1e-3)
+    result = simulate_grains(Model(Grains(position, radius), walls), 0.05, 1e-3)
     assert float(result["penetration"].max()) < 0.01
     assert np.isfinite(result["kinetic_energy"].values).all()
     # the small ones carry the large one as balls of a bearing, which goes on rolling
@@ -198,11 +198,11 @@ def test_a_wedge_that_jams_keeps_its_grain_and_says_what_it_missed():
     # half-angle below atan(mu): the grain sticks whatever pushes it; impulses are not unique
     half = np.arctan(0.5) - 0.1
     planes = [
-        Plane((0, 0, 0), (np.cos(half), 0, np.sin(half)), friction=0.5),
-        Plane((0, 0, 0), (-np.cos(half), 0, np.sin(half)), friction=0.5),
+        PlaneWall((0, 0, 0), (np.cos(half), 0, np.sin(half)), friction=0.5),
+        PlaneWall((0, 0, 0), (-np.cos(half), 0, np.sin(half)), friction=0.5),
     ]
     grain = Grains([[0.0, 0.0, 0.0101 / np.sin(half)]], 0.01, velocity=[[0, 0, -1.0]])
-    result = simulate(Model(grain, tuple(planes)), 0.1, 1e-3)
+    result = simulate_grains(Model(grain, tuple(planes)), 0.1, 1e-3)
     assert result["converged"].values[-20:].all()
     assert float(np.linalg.norm(result["velocity"][-1])) < 1e-6
     assert float(result["penetration"].max()) < 0.01
@@ -217,7 +217,7 @@ def test_a_hyperstatic_pile_stays_at_rest():
     ]
     walls = (FLOOR, *box((-radius, -np.inf, -np.inf), ((2 * n - 1) * radius, np.inf, np.inf)))
     grains = Grains(np.array(centre), radius, thickness=0.01)
-    result = simulate(Model(grains, walls), 0.1, 2e-3, solver=Solver(1e-6, 5000))
+    result = simulate_grains(Model(grains, walls), 0.1, 2e-3, solver=Solver(1e-6, 5000))
     moved = np.abs(result["position"].values[-1] - grains.position).max()
     assert moved < 1e-4 * radius
     weight = 9.81 * float(grains.mass.sum())

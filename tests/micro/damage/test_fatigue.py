@@ -8,8 +8,8 @@ import pytest
 from scipy.integrate import solve_ivp
 
 from multiscale.errors import CaseError
-from multiscale.micro.damage import Block, FatigueMaterial, two_scale_fatigue, woehler_curve
-from multiscale.micro.damage.cycle_jump import Run, advance
+from multiscale.micro.damage import FatigueMaterial, StressBlock, two_scale_fatigue, woehler_curve
+from multiscale.micro.damage.cycle_jump import Run, pass_cycles
 from multiscale.micro.damage.inclusion import SIZE, damage_rate, effective_stress, run_cycles
 from multiscale.schema import FATIGUE, WOEHLER
 from tests.closed_forms.fatigue import (
@@ -282,9 +282,9 @@ def test_the_error_falls_with_the_tolerance_of_the_jumps():
 
 
 BLOCKS = [
-    Block(reversed_stress(210e6), 50),
-    Block(reversed_stress(150e6), 1000),
-    Block(reversed_stress(230e6), 5),
+    StressBlock(reversed_stress(210e6), 50),
+    StressBlock(reversed_stress(150e6), 1000),
+    StressBlock(reversed_stress(230e6), 5),
 ]
 
 
@@ -371,12 +371,12 @@ def test_a_woehler_curve_falls_to_the_limit():
         (lambda: dataclasses.replace(PLAIN, critical_damage=1.5), "up to 1, got 1.5"),
         (lambda: dataclasses.replace(PLAIN, closure=2.0), "closure must lie from 0 to 1, got 2"),
         (lambda: dataclasses.replace(PLAIN, poissons_ratio=0.5), "between -1 and 0.5"),
-        (lambda: Block(np.zeros((3, 4))), r"shape \(points,\) or \(points, 6\)"),
-        (lambda: Block(np.array([np.nan])), "must be finite"),
-        (lambda: Block(np.ones(2), 0), "at least one cycle, got 0"),
+        (lambda: StressBlock(np.zeros((3, 4))), r"shape \(points,\) or \(points, 6\)"),
+        (lambda: StressBlock(np.array([np.nan])), "must be finite"),
+        (lambda: StressBlock(np.ones(2), 0), "at least one cycle, got 0"),
         (lambda: two_scale_fatigue([], PLAIN), "holds no block"),
         (lambda: two_scale_fatigue("tension", PLAIN), "one path of numbers or a list of Blocks"),
-        (lambda: two_scale_fatigue([Block(np.ones(2)), 3.0], PLAIN), "or a list of Blocks"),
+        (lambda: two_scale_fatigue([StressBlock(np.ones(2)), 3.0], PLAIN), "or a list of Blocks"),
         (lambda: two_scale_fatigue(np.ones(2), PLAIN, jump_tolerance=2.0), "between 0 and 1"),
         (lambda: two_scale_fatigue(np.ones(2), PLAIN, max_cycles=0), "at least 1"),
         (lambda: woehler_curve(PLAIN, np.array([-1e6])), "amplitudes must be positive"),
@@ -405,7 +405,7 @@ def test_a_jump_whose_end_would_be_broken_is_shortened_until_it_is_not():
     state[1] = 1e-3  # beyond the threshold
     material = SimpleNamespace(hardening=1.0, feedback=1.0, threshold=0.0, critical_damage=1.0)
     run = Run(state)
-    advance(run, once, 60_000, material, 0.2, lambda: None)
+    pass_cycles(run, once, 60_000, material, 0.2, lambda: None)
     assert run.broken
     # the closed form of dD/dN = r (1 + a D)
     assert run.cycles == pytest.approx(np.log(2.64) / (8.5e-5 * 1.64), rel=0.05)

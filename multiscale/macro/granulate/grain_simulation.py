@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from multiscale.errors import CaseError
-from multiscale.macro.granulate.grain_motion import Step, advance
+from multiscale.macro.granulate.grain_motion import Step, step_grains
 from multiscale.macro.granulate.grain_state import GrainState, start
 from multiscale.macro.granulate.model import Model, Solver
 from multiscale.schema import GRANULATE
@@ -14,10 +14,10 @@ from multiscale.schema import GRANULATE
 if TYPE_CHECKING:
     import xarray as xr
 
-__all__ = ["Record", "final_grains", "simulate"]
+__all__ = ["Record", "final_grains", "simulate_grains"]
 
 
-def simulate(
+def simulate_grains(
     model: Model,
     duration: float,
     step: float,
@@ -83,7 +83,7 @@ def simulate(
     for end in ends[1:]:
         while state.time < end - 1e-9 * longest:
             h = longest if accuracy is None else min(longest, end - state.time)
-            state, done = advance(model, state, h, solver, accuracy)
+            state, done = step_grains(model, state, h, solver, accuracy)
             record.add(state, done)
             if callback is not None:
                 callback(len(record.steps) - 1, done.residual)
