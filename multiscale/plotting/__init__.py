@@ -1,5 +1,7 @@
 """One function per figure: takes a dataset and axes, returns the axes, neither shows nor saves.
 
+``ax`` is always where to draw, the current axes if not given, and is what the function returns.
+
 Labels and conversion to um, MPa and kN happen here and nowhere else. Functions whose names begin
 with ``draw`` make whole figures and write them.
 """

@@ -32,8 +32,6 @@ def plot_error_budget(
         term are left out.
     quantity : str, optional
         Which; the first if not given.
-    ax : Axes, optional
-        Where to draw. The current axes if not given.
     """
     ax = axes_or_current(ax)
     chosen = str(budget["quantity"].values[0]) if quantity is None else quantity

@@ -77,8 +77,6 @@ def plot_worst_section(
         The volume that the sections are of.
     sections : Dataset
         Follows ``DAMAGE_SECTIONS``.
-    ax : Axes, optional
-        Where to draw. The current axes if not given.
     """
     from matplotlib.colors import ListedColormap
 
@@ -112,8 +110,6 @@ def plot_woehler(curve: "xr.Dataset", *, ax: "Axes | None" = None) -> "Axes":
     ----------
     curve : Dataset
         Follows ``WOEHLER``.
-    ax : Axes, optional
-        Where to draw. The current axes if not given.
     """
     ax = axes_or_current(ax)
     amplitude = 1e-6 * curve["amplitude"].values
@@ -140,8 +136,6 @@ def plot_stiffness_against_damage(comparison: "xr.Dataset", *, ax: "Axes | None"
     ----------
     comparison : Dataset
         Follows ``RVE_STIFFNESS``.
-    ax : Axes, optional
-        Where to draw. The current axes if not given.
     """
     ax = axes_or_current(ax)
     damage, modulus = comparison["damage"].values, comparison["modulus_ratio"].values
@@ -163,8 +157,6 @@ def plot_joint_life(result: "xr.Dataset", *, ax: "Axes | None" = None) -> "Axes"
     ----------
     result : Dataset
         Follows ``MACRO_RESULT``, with cycles.
-    ax : Axes, optional
-        Where to draw. The current axes if not given.
     """
     ax = axes_or_current(ax)
     cycles = result["cycles"].values

@@ -43,8 +43,6 @@ def plot_force_network(
         The last one if not given.
     slab : tuple of float, optional
         Range of y of the grains and contacts shown, m; all if not given.
-    ax : Axes, optional
-        Where to draw. The current axes if not given.
     """
     from matplotlib.collections import LineCollection, PatchCollection
     from matplotlib.patches import Circle
@@ -90,8 +88,6 @@ def plot_grain_energies(result: "xr.Dataset", *, ax: "Axes | None" = None) -> "A
     ----------
     result : Dataset
         Follows ``GRANULATE``.
-    ax : Axes, optional
-        Where to draw. The current axes if not given.
     """
     ax = axes_or_current(ax)
     parts = {
@@ -112,8 +108,6 @@ def plot_contact_error(result: "xr.Dataset", *, ax: "Axes | None" = None) -> "Ax
     ----------
     result : Dataset
         Follows ``GRANULATE``.
-    ax : Axes, optional
-        Where to draw. The current axes if not given.
     """
     ax = axes_or_current(ax)
     time, error = result["time"].values, result["residual"].values
@@ -133,8 +127,6 @@ def plot_biaxial_curve(result: "xr.Dataset", *, ax: "Axes | None" = None) -> "Ax
     ----------
     result : Dataset
         Follows ``GRANULATE``, of a cell under a pressure.
-    ax : Axes, optional
-        Where to draw. The current axes if not given.
     """
     from multiscale.macro.granulate import biaxial_curve
 

@@ -36,8 +36,6 @@ def plot_growth(
         Follows ``WORK_PRECISION``, with the number of cables.
     quantity : str
         ``"wall_time"`` or ``"peak_memory"``.
-    ax : Axes, optional
-        Where to draw. The current axes if not given.
     """
     ax = axes_or_current(ax)
     label, factor = QUANTITIES[quantity]

@@ -43,8 +43,6 @@ def plot_joint_plan(
         Step; the last one if not given.
     joint : int
         Number of the joint.
-    ax : Axes, optional
-        Where to draw. The current axes if not given.
     """
     ax = axes_or_current(ax)
     mine = np.flatnonzero(result["point_joint"].values == joint)
@@ -83,8 +81,6 @@ def plot_hysteresis(result: "xr.Dataset", *, ax: "Axes | None" = None) -> "Axes"
     ----------
     result : Dataset
         Follows ``MACRO_RESULT``, with the cycles of a joint.
-    ax : Axes, optional
-        Where to draw. The current axes if not given.
     """
     ax = axes_or_current(ax)
     last = result["preload"].values == result["preload"].values[-1]

@@ -34,8 +34,6 @@ def plot_gap_law(response: "xr.Dataset", law: "xr.Dataset", *, ax: "Axes | None"
         Follows ``MICRO_RESPONSE``.
     law : Dataset
         Follows ``INTERFACE_LAW``.
-    ax : Axes, optional
-        Where to draw. The current axes if not given.
     """
     ax = axes_or_current(ax)
     response = loading_branch(response)
@@ -68,8 +66,6 @@ def plot_unloading(
         Follows ``MICRO_RESPONSE``, loaded and unloaded.
     law : Dataset
         Follows ``INTERFACE_LAW``, with an unloading branch.
-    ax : Axes, optional
-        Where to draw. The current axes if not given.
     """
     ax = axes_or_current(ax)
     hysteretic = hysteretic_from_dataset(law)
@@ -122,8 +118,6 @@ def plot_area_law(response: "xr.Dataset", law: "xr.Dataset", *, ax: "Axes | None
         Follows ``MICRO_RESPONSE``.
     law : Dataset
         Follows ``INTERFACE_LAW``.
-    ax : Axes, optional
-        Where to draw. The current axes if not given.
     """
     ax = axes_or_current(ax)
     response = loading_branch(response)
@@ -153,8 +147,6 @@ def plot_joint_stiffness(result: "xr.Dataset", *, ax: "Axes | None" = None) -> "
     ----------
     result : Dataset
         Follows ``MACRO_RESULT``.
-    ax : Axes, optional
-        Where to draw. The current axes if not given.
     """
     ax = axes_or_current(ax)
     result = result.isel(step=np.flatnonzero(np.isfinite(result["joint_stiffness"].values)))

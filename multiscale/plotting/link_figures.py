@@ -37,8 +37,6 @@ def plot_sorted_tensions(
         Follows ``MACRO_RESULT``, with the links of a structure.
     law : str
         Kind of the links to plot.
-    ax : Axes, optional
-        Where to draw. The current axes if not given.
     """
     from matplotlib import colormaps
 
@@ -114,8 +112,6 @@ def plot_energies(result: "xr.Dataset", *, ax: "Axes | None" = None) -> "Axes":
     ----------
     result : Dataset
         Follows ``MACRO_RESULT``, with energies.
-    ax : Axes, optional
-        Where to draw. The current axes if not given.
     """
     ax = axes_or_current(ax)
     parts = {

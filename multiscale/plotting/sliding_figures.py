@@ -21,8 +21,6 @@ def plot_sliding_friction(response: "xr.Dataset", *, ax: "Axes | None" = None) -
     ----------
     response : Dataset
         Follows ``SLIDING_RESPONSE``.
-    ax : Axes, optional
-        Where to draw. The current axes if not given.
     """
     from matplotlib import colormaps
 
@@ -49,8 +47,6 @@ def plot_steady_friction(response: "xr.Dataset", *, ax: "Axes | None" = None) ->
     ----------
     response : Dataset
         Follows ``SLIDING_RESPONSE``.
-    ax : Axes, optional
-        Where to draw. The current axes if not given.
     """
     ax = axes_or_current(ax)
     ax.plot(1e-6 * response["nominal_pressure"].values, response["steady_friction"].values, "o-")

@@ -20,8 +20,6 @@ def plot_surface(fields: "xr.Dataset", *, ax: "Axes | None" = None) -> "Axes":
     ----------
     fields : Dataset
         Follows ``FIELDS``.
-    ax : Axes, optional
-        Where to draw. The current axes if not given.
     """
     ax = axes_or_current(ax)
     height = 1e6 * fields["height"].values
@@ -50,8 +48,6 @@ def plot_contact_map(
         Follows ``FIELDS``.
     step : int, optional
         Load step; the middle one if not given.
-    ax : Axes, optional
-        Where to draw. The current axes if not given.
     """
     ax = axes_or_current(ax)
     step = fields.sizes["step"] // 2 if step is None else step

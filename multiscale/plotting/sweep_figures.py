@@ -22,8 +22,6 @@ def plot_sweep(result: "xr.Dataset", *, ax: "Axes | None" = None) -> "Axes":
     ----------
     result : Dataset
         Follows ``SWEEP``.
-    ax : Axes, optional
-        Where to draw. The current axes if not given.
     """
     import matplotlib
 

@@ -32,8 +32,6 @@ def plot_road(road: "Surface", *, ax: "Axes | None" = None) -> "Axes":
     Parameters
     ----------
     road : Surface
-    ax : Axes, optional
-        Where to draw. The current axes if not given.
     """
     ax = axes_or_current(ax)
     height = 1e3 * (road.heights - road.heights.mean()).T
@@ -62,8 +60,6 @@ def plot_friction_bell(
         Follows ``INTERFACE_LAW``; see :func:`multiscale.pipeline.stages.friction_law.fit_friction`.
     pressure : float
         Pa; shown is the one of the cells nearest to it.
-    ax : Axes, optional
-        Where to draw. The current axes if not given.
     """
     ax = axes_or_current(ax)
     p, speed = response["nominal_pressure"].values, response["sliding_speed"].values
@@ -112,8 +108,6 @@ def plot_braking_force(result: "xr.Dataset", *, ax: "Axes | None" = None) -> "Ax
     ----------
     result : Dataset
         Follows ``MACRO_RESULT``, with braking forces.
-    ax : Axes, optional
-        Where to draw. The current axes if not given.
     """
     ax = axes_or_current(ax)
     for temperature, colour in _temperatures(result):
@@ -153,8 +147,6 @@ def plot_footprint(
         Index of the step.
     quantity : {"pressure", "friction"}
         Normal pressure, or traction against the motion.
-    ax : Axes, optional
-        Where to draw. The current axes if not given.
     """
     ax = axes_or_current(ax)
     one = result.isel(step=step)

@@ -41,8 +41,6 @@ def plot_work_precision(
         Whose runs to plot; all if not given.
     error : str
         The variable to plot. ``own_`` and ``_uncertainty`` around it name those that go with it.
-    ax : Axes, optional
-        Where to draw. The current axes if not given.
     """
     ax = axes_or_current(ax)
     runs = work_precision
@@ -101,8 +99,6 @@ def plot_history(work_precision: "xr.Dataset", *, scene: str, ax: "Axes | None" 
         Follows ``WORK_PRECISION``, with the histories and tolerances.
     scene : str
         Whose runs to plot.
-    ax : Axes, optional
-        Where to draw. The current axes if not given.
     """
     ax = axes_or_current(ax)
     methods = list(dict.fromkeys(work_precision["method"].values))
