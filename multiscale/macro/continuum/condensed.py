@@ -17,6 +17,7 @@ from scipy.sparse import csr_array
 
 from multiscale.convergence import Solution, Status, verdict
 from multiscale.errors import MultiscaleError
+from multiscale.fe.condensation import compliances
 from multiscale.macro.continuum.contact_newton import (
     CYCLE,
     PATIENCE,
@@ -29,9 +30,6 @@ from multiscale.macro.continuum.nodal_coulomb import LocalLaw, linearise
 from multiscale.numerics.factorisation import factorise
 
 __all__ = ["Condensed", "condense"]
-
-COLUMNS = 64
-"""Right-hand sides that are solved together."""
 
 
 @dataclass(frozen=True)
@@ -171,13 +169,8 @@ def condense(system: System, start: Equilibrium) -> Condensed | None:
     except MultiscaleError:
         return None
     B = csr_array(joined.operator[:, free])
-    n = B.shape[0]
-    W = np.zeros((n, n))
-    for first in range(0, n, COLUMNS):
-        part = slice(first, min(first + COLUMNS, n))
-        W[:, part] = B @ solve(B[part].T.toarray())
     area = np.repeat(np.where(joined.area > 0.0, joined.area, 1.0), system.components)
-    W /= area[:, None]
+    W = compliances(solve, B)[0] / area[:, None]
     own = W.diagonal()[:: system.components]
     usual = float(np.median(own[own > 0.0])) if np.any(own > 0.0) else 1.0
     rho = RELAXATION / np.where(own > 0.0, own, usual)
