@@ -15,7 +15,7 @@ from numpy.linalg import norm
 from scipy.linalg import lu_factor, lu_solve
 from scipy.sparse import csr_array
 
-from multiscale.convergence import Solution, Status, verdict
+from multiscale.convergence import Solution, Status
 from multiscale.errors import MultiscaleError
 from multiscale.fe.condensation import compliances
 from multiscale.macro.continuum.contact_newton import (
@@ -28,6 +28,7 @@ from multiscale.macro.continuum.contact_newton import (
 from multiscale.macro.continuum.contact_system import Joined, System
 from multiscale.macro.continuum.nodal_coulomb import LocalLaw, linearise
 from multiscale.numerics.factorisation import factorise
+from multiscale.numerics.newton import Limits, NewtonRun
 
 __all__ = ["Condensed", "condense"]
 
@@ -66,9 +67,7 @@ class Condensed:
         self,
         before: Equilibrium,
         time: float,
-        max_iterations: int,
-        tolerance: float,
-        callback: Callable[[int, float], None] | None = None,
+        limits: Limits,
     ) -> tuple[Solution, Equilibrium]:
         """Solve one load step; arguments and result as of ``newton_step``."""
         load = self.system.load(time)
@@ -79,32 +78,28 @@ class Condensed:
         scale = max(float(norm(load)), support)
 
         r = np.array(before.reaction)
-        residuals: list[float] = []
-        status = Status.MAX_ITERATIONS
-        for iteration in range(max_iterations + 1):
-            jump = q + (self.delassus @ r.ravel()).reshape(r.shape)  # (1)
-            law = linearise(r, jump, self.system.friction, self.rho, self.joined.kept)
-            size = max(scale, float(norm(self.joined.operator.T @ r.ravel())))
-            error = float(norm(law.residual * self.joined.area[:, None]))
-            residuals.append(error / size if size > 0.0 else float(error > 0.0))
-            if callback is not None:
-                callback(iteration, residuals[-1])
-            if reason := verdict(residuals, tolerance, PATIENCE):
-                status = reason
-                break
-            if iteration == max_iterations:
-                break
-            stuck = int(np.argmin(residuals)) < iteration - CYCLE
-            r = r + (0.5 if stuck else 1.0) * self._direction(law)
+        law, residual = self._linearise(r, q, scale)
+        run = NewtonRun(limits, PATIENCE)
+        while run.goes_on(residual):
+            r = r + (0.5 if run.since_best > CYCLE else 1.0) * self._direction(law)
+            law, residual = self._linearise(r, q, scale)
 
         force = load + self.joined.operator.T @ r.ravel()
         u = self._displacement(force, motion)
         unbalance = self.stiffness @ u - force
-        if status is Status.CONVERGED and not self._balanced(u, force, unbalance, tolerance):
-            status = Status.STALLED
+        if run.converged and not self._balanced(u, force, unbalance, limits.tolerance):
+            run.stop(Status.STALLED)
         jump = self._jump(before, u, time)
         end = Equilibrium(time, u, r, before.state, before.couplings, jump, unbalance)
-        return Solution(u, status, tuple(residuals)), end
+        return run.solution(u), end
+
+    def _linearise(self, r: np.ndarray, q: np.ndarray, scale: float) -> tuple[LocalLaw, float]:
+        """Contact law at a reaction, and its error relative to the forces."""
+        jump = q + (self.delassus @ r.ravel()).reshape(r.shape)  # (1)
+        law = linearise(r, jump, self.system.friction, self.rho, self.joined.kept)
+        size = max(scale, float(norm(self.joined.operator.T @ r.ravel())))
+        error = float(norm(law.residual * self.joined.area[:, None]))
+        return law, error / size if size > 0.0 else float(error > 0.0)
 
     def _balanced(
         self, u: np.ndarray, force: np.ndarray, unbalance: np.ndarray, tolerance: float

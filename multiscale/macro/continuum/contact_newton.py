@@ -8,19 +8,19 @@ for any bulk law and either kind of sliding: material, geometry, contact set and
 updated in one loop, and the displacement is kept as the main unknown.
 """
 
-from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
 from numpy.linalg import norm
 from scipy.sparse import block_array, csr_array, diags_array
 
-from multiscale.convergence import Solution, Status, verdict
+from multiscale.convergence import Solution
 from multiscale.errors import ConvergenceError, MultiscaleError
 from multiscale.macro.continuum.contact_system import Joined, System
 from multiscale.macro.continuum.interface import Coupling
 from multiscale.macro.continuum.nodal_coulomb import LocalLaw, linearise
 from multiscale.numerics.factorisation import factorise
+from multiscale.numerics.newton import Limits, NewtonRun
 
 __all__ = ["Equilibrium", "contact_stiffness", "newton_step", "rest"]
 
@@ -101,13 +101,7 @@ def rest(system: System) -> Equilibrium:
 
 
 def newton_step(
-    system: System,
-    before: Equilibrium,
-    time: float,
-    *,
-    max_iterations: int,
-    tolerance: float,
-    callback: Callable[[int, float], None] | None = None,
+    system: System, before: Equilibrium, time: float, limits: Limits
 ) -> tuple[Solution, Equilibrium]:
     """Solve one load step.
 
@@ -119,14 +113,10 @@ def newton_step(
         End of the step before.
     time : float
         End of this step.
-    max_iterations : int
-        Iteration limit.
-    tolerance : float
-        Bound on the unbalanced forces and the error of the contact law, relative to the largest
-        of load, reaction of the supports and contact force; dimensionless. Rounding of the
-        internal forces, where it is larger, counts as converged too.
-    callback : callable, optional
-        Called as ``callback(iteration, residual)``.
+    limits : Limits
+        The tolerance bounds the unbalanced forces and the error of the contact law, relative to
+        the largest of load, reaction of the supports and contact force. Rounding of the internal
+        forces, where it is larger, counts as converged too.
 
     Returns
     -------
@@ -144,24 +134,15 @@ def newton_step(
     load = system.load(time)
     problem = _Step(system, before, time, load, fixed, motion)
     trial = problem.evaluate(before.displacement, before.reaction, before.couplings)
-    residuals: list[float] = []
     landings = LANDINGS
+    run = NewtonRun(limits, PATIENCE)
 
-    for iteration in range(max_iterations + 1):
-        residuals.append(trial.residual)
-        if callback is not None:
-            callback(iteration, residuals[-1])
-        u = trial.end.displacement
-        if reason := verdict(residuals, max(tolerance, trial.floor), PATIENCE):
-            return Solution(u, reason, tuple(residuals)), trial.end
-        if iteration == max_iterations:
-            break
-        stuck = int(np.argmin(residuals)) < iteration - CYCLE
+    while run.goes_on(trial.residual, trial.floor):
         du, dr, landed = problem.direction(trial, may_land=landings > 0)
         landings -= landed
-        trial = problem.advance(trial, du, dr, 0.5 if stuck else 1.0)
+        trial = problem.advance(trial, du, dr, 0.5 if run.since_best > CYCLE else 1.0)
 
-    return Solution(u, Status.MAX_ITERATIONS, tuple(residuals)), trial.end
+    return run.solution(trial.end.displacement), trial.end
 
 
 @dataclass(frozen=True)

@@ -7,7 +7,7 @@ with Coulomb friction, for bodies of any bulk law, between each other and with r
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
-from time import perf_counter
+from functools import partial
 
 import numpy as np
 
@@ -16,6 +16,7 @@ from multiscale.errors import CaseError, ConvergenceError
 from multiscale.macro.continuum.condensed import condense
 from multiscale.macro.continuum.contact_newton import Equilibrium, newton_step, rest
 from multiscale.macro.continuum.contact_system import ContactProblem, System, prepare_system
+from multiscale.numerics.newton import Limits, join_solutions, march
 
 __all__ = ["ContactStep", "SurfaceState", "solve_contact"]
 
@@ -161,7 +162,7 @@ def solve_contact(
     system = prepare_system(problem)
     state = rest(system)
     _check_common_area(system, state)
-    solve = _choose(system, state, condensed, (max_iterations, tolerance), callback)
+    solve = _choose(system, state, condensed, Limits(max_iterations, tolerance), callback)
 
     steps: list[ContactStep] = []
     for time in times:
@@ -186,11 +187,14 @@ def _choose(
     system: System,
     state: Equilibrium,
     condensed: bool | None,
-    limits: tuple[int, float],
+    limits: Limits,
     callback: Callable[[float, int, float], None] | None,
 ) -> Solve:
     """Newton on all unknowns, or on those of the contacts."""
-    max_iterations, tolerance = limits
+
+    def at(time: float) -> Limits:
+        return replace(limits, callback=callback and partial(callback, time))
+
     if condensed and not system.is_linear:
         raise CaseError(
             "only a linear problem can be condensed: small strain and small sliding; "
@@ -200,68 +204,24 @@ def _choose(
     if system.is_linear and (condensed or (condensed is None and few)):
         model = condense(system, state)
         if model is not None:
-            return lambda before, time: model.step(
-                before, time, max_iterations, tolerance, _at(callback, time)
-            )
+            return lambda before, time: model.step(before, time, at(time))
         if condensed:
             raise CaseError(
                 "a body is held by its contacts alone, so the problem cannot be condensed; "
                 "leave out condensed=True or add supports"
             )
-    return lambda before, time: newton_step(
-        system,
-        before,
-        time,
-        max_iterations=max_iterations,
-        tolerance=tolerance,
-        callback=_at(callback, time),
-    )
-
-
-def _at(
-    callback: Callable[[float, int, float], None] | None, time: float
-) -> Callable[[int, float], None] | None:
-    """Bind the callback to one load step."""
-    if callback is None:
-        return None
-    return lambda iteration, residual: callback(time, iteration, residual)
+    return lambda before, time: newton_step(system, before, time, at(time))
 
 
 def _march(solve: Solve, before: Equilibrium, time: float) -> tuple[Solution, Equilibrium]:
     """Reach a time, in one step or in halves of it."""
-    clock = perf_counter()
-    slip = np.zeros_like(before.jump[:, 1:])
-    residuals: list[float] = []
-    seconds: list[float] = []
-    trail: list[str] = []
-    length = smallest = time - before.time
-    smallest /= 2.0**CUTS
-    while True:
-        to_go = time - before.time
-        target = time if to_go <= 1.5 * length else before.time + length
-        try:
-            solution, end = solve(before, target)
-        except ConvergenceError:
-            if length <= smallest or not trail:
-                raise
-            length *= 0.5
-            continue
-        residuals += solution.residuals
-        seconds += [perf_counter() - clock] * len(solution.residuals)
-        trail.append(f"step to {target:g}: {solution.status.name.lower()}")
-        if solution.converged:
-            slip += end.jump[:, 1:]  # the parts of a step that was cut count together
-        if solution.converged and target == time:
-            break
-        if solution.converged:
-            before = end
-        elif length > smallest:
-            length *= 0.5
-        else:
-            break
-    whole = Solution(
-        solution.value, solution.status, tuple(residuals), tuple(seconds), tuple(trail)
-    )
+    parts = march(solve, before, (before.time, time), CUTS)
+    # the parts of a step that was cut count together
+    slips = (part.state.jump[:, 1:] for part in parts if part.solution.converged)
+    slip = sum(slips, start=np.zeros_like(before.jump[:, 1:]))
+    trail = [f"step to {part.aim:g}: {part.solution.status.name.lower()}" for part in parts]
+    end = parts[-1].state
+    whole = join_solutions([part.solution for part in parts], trail)
     return whole, replace(end, jump=np.hstack([end.jump[:, :1], slip]))
 
 
