@@ -13,9 +13,9 @@ import numpy as np
 
 from multiscale.convergence import Solution, Status
 from multiscale.errors import CaseError, ConvergenceError
-from multiscale.macro.continuum.condensed import condense
+from multiscale.macro.continuum.condensed_contact import condense_contact
 from multiscale.macro.continuum.contact_newton import Equilibrium, newton_step, rest
-from multiscale.macro.continuum.contact_system import ContactProblem, System, prepare_system
+from multiscale.macro.continuum.finite_assembly import FiniteAssembly
 from multiscale.numerics.newton import Limits, join_solutions, march
 
 __all__ = ["ContactStep", "SurfaceState", "solve_contact"]
@@ -100,7 +100,7 @@ class ContactStep:
 
 
 def solve_contact(
-    problem: ContactProblem,
+    assembly: FiniteAssembly,
     times: Sequence[float] = (1.0,),
     *,
     condensed: bool | None = None,
@@ -112,7 +112,7 @@ def solve_contact(
 
     Parameters
     ----------
-    problem : ContactProblem
+    assembly : FiniteAssembly
         Bodies, contacts and their loads.
     times : sequence of float
         Ends of the load steps, increasing and positive; the path starts undeformed at zero.
@@ -147,22 +147,21 @@ def solve_contact(
     --------
     >>> from skfem import MeshQuad
     >>> from multiscale.laws.bulk import Elastic
-    >>> from multiscale.macro import Body, Contact, ContactProblem, Plane, solve_contact
+    >>> from multiscale.macro import Body, Contact, FiniteAssembly, Plane, solve_contact
     >>> mesh = MeshQuad().refined(2).with_defaults()
     >>> block = Body(mesh, Elastic(1e9, 0.0), supports={"top": (0.0, -1e-3)})
     >>> floor = Plane((0.0, 0.0), (0.0, 1.0))
-    >>> problem = ContactProblem({"block": block}, {"floor": Contact(("block", "bottom"), floor)})
-    >>> step = solve_contact(problem)[-1].unwrap()
+    >>> pair = FiniteAssembly({"block": block}, {"floor": Contact(("block", "bottom"), floor)})
+    >>> step = solve_contact(pair)[-1].unwrap()
     >>> step.contact["floor"].pressure.round(3)
     array([1000000., 1000000., 1000000., 1000000., 1000000.])
     """
     times = [float(time) for time in times]
     if not times or not np.all(np.diff([0.0, *times]) > 0.0) or not np.isfinite(times[-1]):
         raise CaseError(f"times must increase from zero and be finite, got {times}")
-    system = prepare_system(problem)
-    state = rest(system)
-    _check_common_area(system, state)
-    solve = _choose(system, state, condensed, Limits(max_iterations, tolerance), callback)
+    state = rest(assembly)
+    _check_common_area(assembly, state)
+    solve = _choose(assembly, state, condensed, Limits(max_iterations, tolerance), callback)
 
     steps: list[ContactStep] = []
     for time in times:
@@ -173,7 +172,7 @@ def solve_contact(
                 raise
             solution = Solution(state.displacement, Status.INFEASIBLE, detail=str(error))
             end = replace(state, time=time)
-        steps.append(_report(system, solution, end))
+        steps.append(_report(assembly, solution, end))
         if not solution.converged:
             break
         state = end
@@ -184,7 +183,7 @@ Solve = Callable[[Equilibrium, float], tuple[Solution, Equilibrium]]
 
 
 def _choose(
-    system: System,
+    assembly: FiniteAssembly,
     state: Equilibrium,
     condensed: bool | None,
     limits: Limits,
@@ -195,14 +194,14 @@ def _choose(
     def at(time: float) -> Limits:
         return replace(limits, callback=callback and partial(callback, time))
 
-    if condensed and not system.is_linear:
+    if condensed and not assembly.is_linear:
         raise CaseError(
             "only a linear problem can be condensed: small strain and small sliding; "
             "leave out condensed=True"
         )
     few = state.reaction.size <= FEW
-    if system.is_linear and (condensed or (condensed is None and few)):
-        model = condense(system, state)
+    if assembly.is_linear and (condensed or (condensed is None and few)):
+        model = condense_contact(assembly, state)
         if model is not None:
             return lambda before, time: model.step(before, time, at(time))
         if condensed:
@@ -210,7 +209,7 @@ def _choose(
                 "a body is held by its contacts alone, so the problem cannot be condensed; "
                 "leave out condensed=True or add supports"
             )
-    return lambda before, time: newton_step(system, before, time, at(time))
+    return lambda before, time: newton_step(assembly, before, time, at(time))
 
 
 def _march(solve: Solve, before: Equilibrium, time: float) -> tuple[Solution, Equilibrium]:
@@ -225,9 +224,9 @@ def _march(solve: Solve, before: Equilibrium, time: float) -> tuple[Solution, Eq
     return whole, replace(end, jump=np.hstack([end.jump[:, :1], slip]))
 
 
-def _check_common_area(system: System, state: Equilibrium) -> None:
+def _check_common_area(assembly: FiniteAssembly, state: Equilibrium) -> None:
     """Refuse contacts whose surfaces do not face each other."""
-    for interface, coupling in zip(system.interfaces, state.couplings, strict=True):
+    for interface, coupling in zip(assembly.interfaces, state.couplings, strict=True):
         if not np.any(coupling.kept[:, 0]):
             raise CaseError(
                 f"contact {interface.name!r}: the surfaces {interface.contact.side1} and "
@@ -236,14 +235,14 @@ def _check_common_area(system: System, state: Equilibrium) -> None:
             )
 
 
-def _report(system: System, solution: Solution, end: Equilibrium) -> ContactStep:
+def _report(assembly: FiniteAssembly, solution: Solution, end: Equilibrium) -> ContactStep:
     """Split a state into bodies and contacts; NaN unless it converged."""
-    d, c = system.start.shape[1], system.components
+    d, c = assembly.start.shape[1], assembly.components
     u, r = end.displacement, end.reaction
     if not solution.converged:
         u, r = np.full_like(u, np.nan), np.full_like(r, np.nan)
     contact, first = {}, 0
-    for interface, coupling in zip(system.interfaces, end.couplings, strict=True):
+    for interface, coupling in zip(assembly.interfaces, end.couplings, strict=True):
         part = slice(first, first + len(coupling.area))
         first = part.stop
         traction = np.zeros((d, len(coupling.area)))
@@ -251,15 +250,15 @@ def _report(system: System, solution: Solution, end: Equilibrium) -> ContactStep
         jump = np.where(coupling.kept[:, :1], end.jump[part], np.nan)
         if not solution.converged:
             jump = np.full_like(jump, np.nan)
-        place = system.start[interface.nodes[0]].T
+        place = assembly.start[interface.nodes[0]].T
         contact[interface.name] = SurfaceState(
             place, coupling.frame, traction, jump[:, 0], coupling.area, jump[:, 1:].T
         )
-    names = list(system.problem.bodies)
-    fixed = system.fixed(end.time)[0]
+    names = list(assembly.bodies)
+    fixed = assembly.fixed(end.time)[0]
     support = np.zeros_like(u)
     support[fixed] = end.unbalance[fixed] if solution.converged else np.nan
-    parts = [system.unknowns(k) for k in range(len(names))]
+    parts = [assembly.unknowns(k) for k in range(len(names))]
     return ContactStep(
         end.time,
         solution,

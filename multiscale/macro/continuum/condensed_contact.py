@@ -25,23 +25,23 @@ from multiscale.macro.continuum.contact_newton import (
     ROUND_OFF,
     Equilibrium,
 )
-from multiscale.macro.continuum.contact_system import Joined, System
+from multiscale.macro.continuum.finite_assembly import FiniteAssembly, JoinedContacts
 from multiscale.macro.continuum.nodal_coulomb import LocalLaw, linearise
 from multiscale.numerics.factorisation import factorise
 from multiscale.numerics.newton import Limits, NewtonRun
 
-__all__ = ["Condensed", "condense"]
+__all__ = ["CondensedContact", "condense_contact"]
 
 
 @dataclass(frozen=True)
-class Condensed:
+class CondensedContact:
     """A linear contact problem in its reactions.
 
     Attributes
     ----------
-    system : System
+    assembly : FiniteAssembly
         The problem.
-    joined : Joined
+    joined : JoinedContacts
         Its contact operator.
     stiffness : csr_array, shape (unknowns, unknowns)
         Of all bodies, N/m.
@@ -55,8 +55,8 @@ class Condensed:
         Stiffness of the contact law, Pa/m.
     """
 
-    system: System
-    joined: Joined
+    assembly: FiniteAssembly
+    joined: JoinedContacts
     stiffness: csr_array
     fixed: np.ndarray
     solve: Callable[[np.ndarray], np.ndarray]
@@ -70,8 +70,8 @@ class Condensed:
         limits: Limits,
     ) -> tuple[Solution, Equilibrium]:
         """Solve one load step; arguments and result as of ``newton_step``."""
-        load = self.system.load(time)
-        _, motion = self.system.fixed(time)
+        load = self.assembly.load(time)
+        _, motion = self.assembly.fixed(time)
         without = self._displacement(load, motion)
         q = self._jump(before, without, time)
         support = float(norm((self.stiffness @ without)[self.fixed]))
@@ -96,7 +96,7 @@ class Condensed:
     def _linearise(self, r: np.ndarray, q: np.ndarray, scale: float) -> tuple[LocalLaw, float]:
         """Contact law at a reaction, and its error relative to the forces."""
         jump = q + (self.delassus @ r.ravel()).reshape(r.shape)  # (1)
-        law = linearise(r, jump, self.system.friction, self.rho, self.joined.kept)
+        law = linearise(r, jump, self.assembly.friction, self.rho, self.joined.kept)
         size = max(scale, float(norm(self.joined.operator.T @ r.ravel())))
         error = float(norm(law.residual * self.joined.area[:, None]))
         return law, error / size if size > 0.0 else float(error > 0.0)
@@ -124,7 +124,7 @@ class Condensed:
         """Gap and slip of a displacement, m."""
         motions = (before.displacement, u)
         couplings = before.couplings
-        return self.system.jump(couplings, couplings, motions, (before.time, time))
+        return self.assembly.jump(couplings, couplings, motions, (before.time, time))
 
     def _direction(self, law: LocalLaw) -> np.ndarray:
         """Newton step of the reactions, Pa; open components leave at once."""
@@ -152,11 +152,11 @@ class Condensed:
         return dr.reshape(shape)
 
 
-def condense(system: System, start: Equilibrium) -> Condensed | None:
+def condense_contact(assembly: FiniteAssembly, start: Equilibrium) -> CondensedContact | None:
     """Factorise the bodies and compute W; None if a body is held by its contacts alone."""
-    joined = system.join(start.couplings, start.couplings)
-    stiffness = system.internal(start.displacement, start.state)[1]
-    fixed = system.fixed(0.0)[0]
+    joined = assembly.join(start.couplings, start.couplings)
+    stiffness = assembly.internal(start.displacement, start.state)[1]
+    fixed = assembly.fixed(0.0)[0]
     free = np.ones(stiffness.shape[0], dtype=bool)
     free[fixed] = False
     try:
@@ -164,9 +164,9 @@ def condense(system: System, start: Equilibrium) -> Condensed | None:
     except MultiscaleError:
         return None
     B = csr_array(joined.operator[:, free])
-    area = np.repeat(np.where(joined.area > 0.0, joined.area, 1.0), system.components)
+    area = np.repeat(np.where(joined.area > 0.0, joined.area, 1.0), assembly.components)
     W = compliances(solve, B)[0] / area[:, None]
-    own = W.diagonal()[:: system.components]
+    own = W.diagonal()[:: assembly.components]
     usual = float(np.median(own[own > 0.0])) if np.any(own > 0.0) else 1.0
     rho = RELAXATION / np.where(own > 0.0, own, usual)
-    return Condensed(system, joined, stiffness, fixed, solve, W, rho)
+    return CondensedContact(assembly, joined, stiffness, fixed, solve, W, rho)
