@@ -45,8 +45,6 @@ class CondensedContact:
         Its contact operator.
     stiffness : csr_array, shape (unknowns, unknowns)
         Of all bodies, N/m.
-    fixed : ndarray of int
-        Prescribed unknowns.
     solve : callable
         Inverse of the stiffness of the free unknowns.
     delassus : ndarray, shape (contact unknowns, contact unknowns)
@@ -58,7 +56,6 @@ class CondensedContact:
     assembly: FiniteAssembly
     joined: JoinedContacts
     stiffness: csr_array
-    fixed: np.ndarray
     solve: Callable[[np.ndarray], np.ndarray]
     delassus: np.ndarray
     rho: np.ndarray
@@ -71,10 +68,10 @@ class CondensedContact:
     ) -> tuple[Solution, Equilibrium]:
         """Solve one load step; arguments and result as of ``newton_step``."""
         load = self.assembly.load(time)
-        _, motion = self.assembly.fixed(time)
+        motion = self.assembly.supported(time)
         without = self._displacement(load, motion)
         q = self._jump(before, without, time)
-        support = float(norm((self.stiffness @ without)[self.fixed]))
+        support = float(norm((self.stiffness @ without)[~self.assembly.free]))
         scale = max(float(norm(load)), support)
 
         r = np.array(before.reaction)
@@ -105,18 +102,15 @@ class CondensedContact:
         self, u: np.ndarray, force: np.ndarray, unbalance: np.ndarray, tolerance: float
     ) -> bool:
         """Whether the displacement is in equilibrium, to the tolerance or to round-off."""
-        free = np.ones(u.size, dtype=bool)
-        free[self.fixed] = False
+        free = self.assembly.free
         terms = float(norm((abs(self.stiffness) @ np.abs(u))[free]))
         scale = max(float(norm(force)), float(norm(unbalance[~free])))
         return float(norm(unbalance[free])) <= max(tolerance * scale, ROUND_OFF * terms)
 
     def _displacement(self, force: np.ndarray, motion: np.ndarray) -> np.ndarray:
         """Displacement under given forces and supports, m."""
-        u = np.zeros(force.size)
-        u[self.fixed] = motion
-        free = np.ones(force.size, dtype=bool)
-        free[self.fixed] = False
+        u, free = np.zeros(force.size), self.assembly.free
+        u[~free] = motion
         u[free] = self.solve((force - self.stiffness @ u)[free])
         return u
 
@@ -156,9 +150,7 @@ def condense_contact(assembly: FiniteAssembly, start: Equilibrium) -> CondensedC
     """Factorise the bodies and compute W; None if a body is held by its contacts alone."""
     joined = assembly.join(start.couplings, start.couplings)
     stiffness = assembly.internal(start.displacement, start.state)[1]
-    fixed = assembly.fixed(0.0)[0]
-    free = np.ones(stiffness.shape[0], dtype=bool)
-    free[fixed] = False
+    free = assembly.free
     try:
         solve = factorise(csr_array(stiffness[free][:, free]), name="the stiffness of the bodies")
     except MultiscaleError:
@@ -169,4 +161,4 @@ def condense_contact(assembly: FiniteAssembly, start: Equilibrium) -> CondensedC
     own = W.diagonal()[:: assembly.components]
     usual = float(np.median(own[own > 0.0])) if np.any(own > 0.0) else 1.0
     rho = RELAXATION / np.where(own > 0.0, own, usual)
-    return CondensedContact(assembly, joined, stiffness, fixed, solve, W, rho)
+    return CondensedContact(assembly, joined, stiffness, solve, W, rho)

@@ -130,9 +130,7 @@ def newton_step(
     ConvergenceError
         If a body can move without force.
     """
-    fixed, motion = assembly.fixed(time)
-    load = assembly.load(time)
-    problem = _Step(assembly, before, time, load, fixed, motion)
+    problem = _Step(assembly, before, time, assembly.load(time), assembly.supported(time))
     trial = problem.evaluate(before.displacement, before.reaction, before.couplings)
     landings = LANDINGS
     run = NewtonRun(limits, PATIENCE)
@@ -153,7 +151,6 @@ class _Step:
     before: Equilibrium
     time: float
     load: np.ndarray
-    fixed: np.ndarray
     motion: np.ndarray
 
     def evaluate(self, u: np.ndarray, reaction: np.ndarray, old: tuple[Coupling, ...]) -> _Trial:
@@ -169,13 +166,10 @@ class _Step:
         contact = joined.operator.T @ reaction.ravel()  # H r
         unbalance = force - contact - self.load  # (4)
 
-        free = np.ones(u.size, dtype=bool)
-        free[self.fixed] = False
-        scale = max(
-            float(norm(self.load)), float(norm(contact)), float(norm((force - contact)[self.fixed]))
-        )
+        free = assembly.free
+        scale = max(float(norm(f)) for f in (self.load, contact, (force - contact)[~free]))
         wrong = law.residual * joined.area[:, None]
-        late = tangent.diagonal()[self.fixed] * (self.motion - u[self.fixed])
+        late = tangent.diagonal()[~free] * (self.motion - u[~free])
         error = float(np.hypot(norm(unbalance[free]), np.hypot(norm(wrong), norm(late))))
         residual = error / scale if scale > 0.0 else float(error > 0.0)
         size = float(norm((abs(tangent) @ np.abs(u))[free]))
@@ -213,11 +207,9 @@ class _Step:
     def _direction(self, trial: _Trial, law: LocalLaw) -> tuple[np.ndarray, np.ndarray]:
         """Solve the linearised problem; open components leave it at once."""
         assembly, joined = self.assembly, trial.joined
-        n = trial.end.displacement.size
-        free = np.ones(n, dtype=bool)
-        free[self.fixed] = False
-        du = np.zeros(n)
-        du[self.fixed] = self.motion - trial.end.displacement[self.fixed]
+        free = assembly.free
+        du = np.zeros(free.size)
+        du[~free] = self.motion - trial.end.displacement[~free]
 
         live = np.any(law.by_jump != 0.0, axis=2).ravel()
         dr = np.where(live, 0.0, -law.residual.ravel())
@@ -251,11 +243,9 @@ class _Step:
 
     def _close_nearest(self, trial: _Trial) -> LocalLaw | None:
         """Contact law with the nearest nodes of every open interface closed: a loose body lands."""
-        law, jump, first = trial.law, trial.end.jump, 0
+        law, jump = trial.law, trial.end.jump
         closed = np.zeros(len(jump), dtype=bool)
-        for coupling in trial.end.couplings:
-            part = slice(first, first + len(coupling.area))
-            first = part.stop
+        for part, coupling in zip(self.assembly.contact_nodes, trial.end.couplings, strict=True):
             possible = trial.joined.kept[part, 0]
             if possible.any() and not np.any(law.by_jump[part, 0, 0]):
                 gap = np.where(possible, jump[part, 0], np.inf)
@@ -275,7 +265,7 @@ class _Step:
     def _loose(self, error: MultiscaleError) -> ConvergenceError:
         """Name the bodies that their supports alone do not hold."""
         names = list(self.assembly.bodies)
-        loose = [name for k, name in enumerate(names) if not _is_held(self.assembly, k, self.fixed)]
+        loose = [name for k, name in enumerate(names) if not _is_held(self.assembly, k)]
         if not loose:
             return ConvergenceError(
                 f"the tangent stiffness is singular at time {self.time:g}: {error}"
@@ -291,13 +281,12 @@ class _Step:
 
     def _slides(self, name: str) -> str | None:
         """Say what the friction before this step carries of the load on a body, if too little."""
-        assembly, before, first = self.assembly, self.before, 0
+        assembly, before = self.assembly, self.before
         d, body = assembly.start.shape[1], list(assembly.bodies).index(name)
         low, high = assembly.first[body : body + 2]
         carried, normal = 0.0, np.zeros(d)
-        for interface, coupling in zip(assembly.interfaces, before.couplings, strict=True):
-            part = slice(first, first + len(coupling.area))
-            first = part.stop
+        parts = zip(assembly.interfaces, assembly.contact_nodes, before.couplings, strict=True)
+        for interface, part, coupling in parts:
             if any(low <= nodes[0] < high for nodes in interface.nodes):
                 force = before.reaction[part, 0] * coupling.area
                 carried += float(assembly.friction[part] @ force)
@@ -335,9 +324,8 @@ def _block_diagonal(blocks: np.ndarray) -> csr_array:
     return csr_array((blocks.ravel(), (i.ravel(), j.ravel())), shape=(n * c, n * c))
 
 
-def _is_held(assembly: FiniteAssembly, body: int, fixed: np.ndarray) -> bool:
+def _is_held(assembly: FiniteAssembly, body: int) -> bool:
     """Whether the supports of a body stop all its rigid motions."""
-    part = assembly.unknowns(body)
     d = assembly.start.shape[1]
     x = assembly.start[assembly.first[body] : assembly.first[body + 1]]
     x = (x - x.mean(axis=0)) / np.abs(x - x.mean(axis=0)).max()
@@ -347,7 +335,7 @@ def _is_held(assembly: FiniteAssembly, body: int, fixed: np.ndarray) -> bool:
             turn = np.zeros_like(x)
             turn[:, i], turn[:, j] = -x[:, j], x[:, i]
             modes.append(turn.ravel())
-    own = fixed[(fixed >= part.start) & (fixed < part.stop)] - part.start
+    own = np.flatnonzero(~assembly.free[assembly.unknowns(body)])
     if own.size == 0:
         return False
     held = np.array(modes)[:, own]

@@ -241,10 +241,9 @@ def _report(assembly: FiniteAssembly, solution: Solution, end: Equilibrium) -> C
     u, r = end.displacement, end.reaction
     if not solution.converged:
         u, r = np.full_like(u, np.nan), np.full_like(r, np.nan)
-    contact, first = {}, 0
-    for interface, coupling in zip(assembly.interfaces, end.couplings, strict=True):
-        part = slice(first, first + len(coupling.area))
-        first = part.stop
+    contact = {}
+    parts = zip(assembly.interfaces, assembly.contact_nodes, end.couplings, strict=True)
+    for interface, part, coupling in parts:
         traction = np.zeros((d, len(coupling.area)))
         traction[:c] = -r[part].T
         jump = np.where(coupling.kept[:, :1], end.jump[part], np.nan)
@@ -255,15 +254,14 @@ def _report(assembly: FiniteAssembly, solution: Solution, end: Equilibrium) -> C
             place, coupling.frame, traction, jump[:, 0], coupling.area, jump[:, 1:].T
         )
     names = list(assembly.bodies)
-    fixed = assembly.fixed(end.time)[0]
-    support = np.zeros_like(u)
-    support[fixed] = end.unbalance[fixed] if solution.converged else np.nan
-    parts = [assembly.unknowns(k) for k in range(len(names))]
+    carried = end.unbalance if solution.converged else np.nan
+    support = np.where(assembly.free, 0.0, carried)
+    own = [assembly.unknowns(k) for k in range(len(names))]
     return ContactStep(
         end.time,
         solution,
-        {name: u[part].reshape(-1, d).T for name, part in zip(names, parts, strict=True)},
+        {name: u[part].reshape(-1, d).T for name, part in zip(names, own, strict=True)},
         contact,
         dict(zip(names, end.state, strict=True)),
-        {name: support[part].reshape(-1, d).T for name, part in zip(names, parts, strict=True)},
+        {name: support[part].reshape(-1, d).T for name, part in zip(names, own, strict=True)},
     )

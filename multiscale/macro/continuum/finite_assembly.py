@@ -3,6 +3,7 @@
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from functools import cached_property
+from itertools import pairwise
 
 import numpy as np
 from scipy.sparse import block_diag, csr_array, diags_array, kron, vstack
@@ -107,6 +108,14 @@ class FiniteAssembly:
         return np.concatenate([body.mesh.p.T for body in self.bodies.values()])
 
     @cached_property
+    def free(self) -> np.ndarray:
+        """Unknowns that no support holds, shape (unknowns,)."""
+        free = np.ones(self.start.size, dtype=bool)
+        for k, body in enumerate(self.bodies.values()):
+            free[self.unknowns(k)][fixed_motion(body, 0.0)[0]] = False
+        return free
+
+    @cached_property
     def elements(self) -> tuple[Elements, ...]:
         """Elements of each body."""
         return tuple(prepare_elements(body.mesh) for body in self.bodies.values())
@@ -122,8 +131,6 @@ class FiniteAssembly:
     @cached_property
     def interfaces(self) -> tuple[Interface, ...]:
         """Contacts with the numbers of their nodes."""
-        free = np.ones(self.start.size, dtype=bool)
-        free[self.fixed(0.0)[0]] = False
         names, interfaces = list(self.bodies), []
         for name, contact in self.contacts.items():
             surfaces = tuple(
@@ -134,8 +141,8 @@ class FiniteAssembly:
                 for surface, (b, _) in zip(surfaces, contact.surfaces, strict=True)
             )
             one = nodes[0]
-            held = free.reshape(self.start.shape)[one]
-            interface = Interface(name, contact, surfaces, nodes, held, np.zeros(len(one)))
+            free = self.free.reshape(self.start.shape)[one]
+            interface = Interface(name, contact, surfaces, nodes, free, np.zeros(len(one)))
             interfaces.append(fit(interface, self.start))
         return tuple(interfaces)
 
@@ -149,6 +156,12 @@ class FiniteAssembly:
                 for interface in self.interfaces
             ]
         )
+
+    @cached_property
+    def contact_nodes(self) -> tuple[slice, ...]:
+        """Contact nodes of each interface, which are the nodes of its side 1."""
+        end = np.cumsum([0] + [len(interface.nodes[0]) for interface in self.interfaces])
+        return tuple(slice(a, b) for a, b in pairwise(end))
 
     @property
     def components(self) -> int:
@@ -168,8 +181,7 @@ class FiniteAssembly:
                 for body, elements in zip(self.bodies.values(), self.elements, strict=True)
             ]
         )
-        diagonal[self.fixed(0.0)[0]] = 0.0
-        return diagonal
+        return np.where(self.free, diagonal, 0.0)
 
     @property
     def is_linear(self) -> bool:
@@ -182,12 +194,9 @@ class FiniteAssembly:
         d = self.start.shape[1]
         return slice(d * self.first[body], d * self.first[body + 1])
 
-    def fixed(self, time: float) -> tuple[np.ndarray, np.ndarray]:
-        """Prescribed unknowns and their displacement, m."""
-        parts = [fixed_motion(body, time) for body in self.bodies.values()]
-        shifts = [self.unknowns(k).start for k in range(len(parts))]
-        index = [dofs + shift for (dofs, _), shift in zip(parts, shifts, strict=True)]
-        return np.concatenate(index), np.concatenate([value for _, value in parts])
+    def supported(self, time: float) -> np.ndarray:
+        """Displacement of the unknowns that supports hold, in their order, m."""
+        return np.concatenate([fixed_motion(body, time)[1] for body in self.bodies.values()])
 
     def load(self, time: float) -> np.ndarray:
         """External forces, N."""
