@@ -78,7 +78,7 @@ class Solution:
         return self.value
 
 
-def verdict(residuals: Sequence[float], tolerance: float, patience: int) -> Status | None:
+def verdict(residuals: Sequence[float], tolerance: float, patience: float) -> Status | None:
     """Say why an iteration should stop after its last residual, or ``None`` if it may go on.
 
     Parameters
@@ -87,7 +87,7 @@ def verdict(residuals: Sequence[float], tolerance: float, patience: int) -> Stat
         All so far, at least one.
     tolerance : float
         Up to which the last one counts as converged.
-    patience : int
+    patience : float
         Iterations without a smaller residual after which there is no hope.
     """
     if not isfinite(residuals[-1]):

@@ -10,7 +10,7 @@ from multiscale.laws.bulk.moduli import contact_modulus
 from multiscale.macro import (
     Body,
     Contact,
-    ContactProblem,
+    FiniteAssembly,
     Graph,
     Plane,
     Sphere,
@@ -105,7 +105,7 @@ def cylinder_on_block(size, *, swapped=False, **contact):
     base = Body(below, Elastic(70e9, 0.3), supports={"axis": (0.0, None), "base": (0.0, 0.0)})
     sides = (("cylinder", "contact"), ("block", "contact"))
     sides = sides[::-1] if swapped else sides
-    problem = ContactProblem(
+    problem = FiniteAssembly(
         {"cylinder": cylinder, "block": base}, {"joint": Contact(*sides, **contact)}
     )
     return solve_contact(problem)[-1].unwrap()
@@ -162,7 +162,7 @@ def ball_on_half_space(points):
     ]
     supports = {"far": far, "x": (0.0, None, None), "y": (None, 0.0, None)}
     ball = Sphere((0.0, 0.0, RADIUS), RADIUS, motion=(0.0, 0.0, -APPROACH))
-    problem = ContactProblem(
+    problem = FiniteAssembly(
         {"base": Body(mesh, Elastic(*material), supports)},
         {"ball": Contact(("base", "contact"), ball)},
     )
@@ -267,7 +267,7 @@ def two_steel_balls(path, *mesh):
         supports = {"far": far, "plane": (None, 0.0, None)}
         bodies[name] = Body(half_ball(*mesh, side), Elastic(*STEEL), supports)
     contact = Contact(("below", "contact"), ("above", "contact"), FRICTION)
-    steps = solve_contact(ContactProblem(bodies, {"joint": contact}), times[1:], condensed=True)
+    steps = solve_contact(FiniteAssembly(bodies, {"joint": contact}), times[1:], condensed=True)
     return [step.unwrap() for step in steps]
 
 
@@ -306,7 +306,7 @@ def ball_on_rough_half_space(friction, rings, growth):
         lambda x: x / radius,
         motion=(0.0, 0.0, lambda x, t: -(reached(t) ** 2) / radius),
     )
-    problem = ContactProblem(
+    problem = FiniteAssembly(
         {"base": Body(mesh, Elastic(*material), supports)},
         {"ball": Contact(("base", "contact"), ball, friction)},
     )
@@ -328,7 +328,7 @@ def inclined_slider(friction, *, deformable, finite_sliding=False):
         bodies["ramp"] = Body(ramp, Elastic(1e9, 0.3), supports={"bottom": (0.0, 0.0)})
         side2 = ("ramp", "top")
     contact = Contact(("slider", "bottom"), side2, friction, finite_sliding)
-    steps = solve_contact(ContactProblem(bodies, {"slope": contact}), (1.0, 1.5, 2.0))
+    steps = solve_contact(FiniteAssembly(bodies, {"slope": contact}), (1.0, 1.5, 2.0))
     force = -steps[-1].unwrap().contact["slope"].force
     return -force[0] / force[1]
 
@@ -371,7 +371,7 @@ def nested_rings(n, kind=MeshQuad):
     bodies = {name: Body(mesh, Elastic(1e9, 0.2), held) for name, mesh in meshes.items()}
     bodies["outer"] = replace(bodies["outer"], tractions={"outside": (push(0), push(1))})
     contact = Contact(("outer", "inside"), ("inner", "outside"), fitted=True)
-    step = solve_contact(ContactProblem(bodies, {"joint": contact}))[-1].unwrap()
+    step = solve_contact(FiniteAssembly(bodies, {"joint": contact}))[-1].unwrap()
 
     surface = step.contact["joint"]
     exact = RINGS.contact_pressure(np.arctan2(surface.position[1], surface.position[0]))

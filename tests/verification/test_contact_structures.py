@@ -6,7 +6,7 @@ from skfem import MeshHex, MeshQuad, MeshTri
 
 from multiscale.laws.bulk import J2, Elastic, NeoHookean
 from multiscale.laws.bulk.moduli import contact_modulus
-from multiscale.macro import Body, Contact, ContactProblem, Graph, Plane, solve_contact
+from multiscale.macro import Body, Contact, FiniteAssembly, Graph, Plane, solve_contact
 from tests import contact_scenes as scenes
 from tests.closed_forms import hertz, mindlin, spence
 from tests.contact_scenes import CONTACT_RADIUS, FORCE, FRICTION, LIMIT, PEAK, near
@@ -89,7 +89,7 @@ def flat_punch(points, friction=0.0):
     body = Body(mesh, Elastic(*material), {"far": far, "plane": (None, 0.0, None)})
     punch = Plane((0.0, 0.0, 0.0), (0.0, 0.0, -1.0), motion=(0.0, 0.0, -depth))
     contact = Contact(("base", "contact"), punch, friction)
-    problem = ContactProblem({"base": body}, {"punch": contact})
+    problem = FiniteAssembly({"base": body}, {"punch": contact})
     surface = solve_contact(problem)[-1].unwrap().contact["punch"]
     r = np.hypot(*surface.position[:2])
     inner = r < 0.7 * a
@@ -134,7 +134,7 @@ def billet(friction, law, *, squeeze=0.35, steps=10, elements=(3, 4)):
     held = {"x": (0.0, None, None), "y": (None, 0.0, None), "middle": (None, None, 0.0)}
     plate = Plane((0, 0, height), (0, 0, -1), motion=(0.0, 0.0, -squeeze * height))
     contact = Contact(("billet", "upper"), plate, friction, finite_sliding=True)
-    problem = ContactProblem({"billet": Body(mesh, law, held)}, {"plate": contact})
+    problem = FiniteAssembly({"billet": Body(mesh, law, held)}, {"plate": contact})
     times = np.linspace(0.0, 1.0, steps + 1)[1:]
     return [step.unwrap() for step in solve_contact(problem, times, tolerance=1e-8)], mesh
 
@@ -208,7 +208,7 @@ def ironing(friction, *, swapped=False):
     sides = (("die", "bottom"), ("base", "top"))
     contact = Contact(*(sides[::-1] if swapped else sides), friction, finite_sliding=True)
     times = np.r_[np.linspace(0.0, 1.0, 6)[1:], np.linspace(1.0, 2.0, 11)[1:]]
-    steps = solve_contact(ContactProblem(bodies, {"joint": contact}), times, tolerance=1e-8)
+    steps = solve_contact(FiniteAssembly(bodies, {"joint": contact}), times, tolerance=1e-8)
     side = -1.0 if swapped else 1.0
     return np.array([side * step.unwrap().contact["joint"].force for step in steps])
 
@@ -228,7 +228,7 @@ def test_the_slip_of_a_step_that_was_cut_is_whole():
     drive = (lambda x, t: 3e-4 * max(0.0, t - 1.0), lambda x, t: -1e-3 * min(t, 1.0))
     body = Body(base, Elastic(1e9, 0.3), {"top": drive})
     floor = Contact(("base", "bottom"), Plane((0.0, 0.0), (0.0, 1.0)), 0.3)
-    problem = ContactProblem({"base": body}, {"floor": floor})
+    problem = FiniteAssembly({"base": body}, {"floor": floor})
     once, cut = (solve_contact(problem, (1.0, 2.0), max_iterations=n)[-1] for n in (60, 3))
     assert len(once.unwrap().solution.trail) == 1 < len(cut.unwrap().solution.trail)
     whole = once.contact["floor"].slip
@@ -324,6 +324,6 @@ def test_a_graph_presses_like_the_sphere_that_it_follows():
     forces = []
     for obstacle in (ball, cap):
         contact = Contact(("base", "top"), obstacle, finite_sliding=True)
-        problem = ContactProblem({"base": body}, {"ball": contact})
+        problem = FiniteAssembly({"base": body}, {"ball": contact})
         forces.append(solve_contact(problem)[-1].unwrap().contact["ball"].force)
     np.testing.assert_allclose(forces[0], forces[1], rtol=1e-3, atol=1e-3 * forces[0][2])

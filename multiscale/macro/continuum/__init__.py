@@ -2,7 +2,7 @@
 
 from multiscale.macro.continuum.body import Body
 from multiscale.macro.continuum.contact_steps import ContactStep, SurfaceState, solve_contact
-from multiscale.macro.continuum.contact_system import ContactProblem
+from multiscale.macro.continuum.finite_assembly import FiniteAssembly
 from multiscale.macro.continuum.interface import Contact
 from multiscale.macro.continuum.mesh_file import load_mesh
 from multiscale.macro.continuum.rigid_obstacle import Cylinder, Graph, Obstacle, Plane, Sphere
@@ -10,9 +10,9 @@ from multiscale.macro.continuum.rigid_obstacle import Cylinder, Graph, Obstacle,
 __all__ = [
     "Body",
     "Contact",
-    "ContactProblem",
     "ContactStep",
     "Cylinder",
+    "FiniteAssembly",
     "Graph",
     "Obstacle",
     "Plane",

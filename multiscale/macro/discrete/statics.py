@@ -17,13 +17,14 @@ from multiscale.macro.discrete.link_stability import (
     smallest_eigenvalue,
     stability_entries,
 )
-from multiscale.macro.discrete.link_state import Limits, LinkState, state_of
+from multiscale.macro.discrete.link_state import LinkState, state_of
 from multiscale.macro.discrete.link_system import LinkSystem
 from multiscale.macro.discrete.link_tangent import Tangent, prepare_tangent
 from multiscale.macro.discrete.mechanism import factorise_taut, name_mechanism, name_motion
 from multiscale.macro.discrete.small_displacement import METHODS, find_state
 from multiscale.macro.discrete.static_results import join_steps, step_values
 from multiscale.numerics.cholesky import Solve
+from multiscale.numerics.newton import Limits
 
 if TYPE_CHECKING:
     import xarray as xr
