@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from multiscale.bench.ladder import Rung, climb
+from multiscale.bench.ladder import Rung, against, climb
 from multiscale.micro.damage import FatigueMaterial, StressBlock, two_scale_fatigue
 
 if TYPE_CHECKING:
@@ -91,17 +91,16 @@ def bench_damage(
                 scene,
                 EVERY if tolerance is None else "cycle jumps",
                 partial(life, scene, tolerance),
+                partial(life, SCENES[1], 0.3),
                 {"tolerance": tolerance or 0.0},
-                count="iterations",
+                1 if quick else REPEATS,
             )
             for scene in (QUICK_SCENES if quick else SCENES)
             for tolerance in tolerances
         ],
-        _truth,
-        warm_up=partial(life, SCENES[1], 0.3),
+        against(_truth, count="iterations"),
         title="two-scale fatigue: error of the life against run time",
         packages=("numba",),
-        repeats=1 if quick else REPEATS,
         report=report,
     )
     error, every = found["error"].values, found["method"].values == EVERY

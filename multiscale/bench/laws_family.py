@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from multiscale.bench.ladder import Rung, climb
+from multiscale.bench.ladder import Rung, against, climb
 
 if TYPE_CHECKING:
     import xarray as xr
@@ -63,13 +63,13 @@ def bench_laws(
                 SCENE,
                 family.replace("_", " "),
                 partial(_samples, family, count),
+                partial(stiffness, "power", range(2)),
                 {"realisations": count},
             )
             for family in FAMILIES
             for count in (QUICK_REALISATIONS if quick else REALISATIONS)
         ],
-        partial(_truth, QUICK_TRUTH if quick else TRUTH),
-        warm_up=partial(stiffness, "power", range(2)),
+        against(partial(_truth, QUICK_TRUTH if quick else TRUTH)),
         title="interface laws: stiffness at 1 GPa",
         packages=("scipy",),
         report=report,

@@ -229,6 +229,7 @@ def _dataset(
     }
     for name in ("converged", "active_set_iterations", "linear_iterations", "wall_time"):
         values[name] = np.array([step[name] for step in steps])[None]
+    values["branch"] = path.branch
     if path.pressure is not None:
         values["nominal_pressure"] = np.array(path.pressure)
     if path.time is not None:

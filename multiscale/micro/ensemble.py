@@ -50,7 +50,7 @@ def run_ensemble(
     identity : str
         What the cells were made from, for instance the checksum of a case.
     keep_fields : bool
-        Keep the local fields of realisation 0, in its file.
+        Keep the heights and the local fields of realisation 0, in its file.
     progress : callable
         Gets the number of finished realisations.
 
@@ -125,7 +125,7 @@ def run_realisations(
     run_jobs(_compute_and_keep, jobs, executor, finish)
     ordered = [
         results[k]
-        .drop_vars(["pressure", "gap", "x", "y"], errors="ignore")
+        .drop_vars(["height", "pressure", "gap", "x", "y"], errors="ignore")
         .assign_coords(realisation=[k])
         for k in numbers
     ]
@@ -185,6 +185,6 @@ def _solve_realisation(
     """Solve one cell and add its statistics."""
     response = solve_cell(cell, path, keep_fields=keep_fields, checkpoint=checkpoint)
     statistics = (rms_height, rms_slope, nayak_parameter)
-    return MICRO_RESPONSE.assign(
-        response, {statistic.__name__: [statistic(cell.surface)] for statistic in statistics}
-    )
+    values = {statistic.__name__: [statistic(cell.surface)] for statistic in statistics}
+    height = {"height": cell.surface.heights.T[None]} if keep_fields else {}
+    return MICRO_RESPONSE.assign(response, values | height)

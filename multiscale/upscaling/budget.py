@@ -16,7 +16,7 @@ from multiscale.upscaling.budget_terms import (
     separation_term,
 )
 from multiscale.upscaling.cell_size import size_term
-from multiscale.upscaling.observations import normal_observations
+from multiscale.upscaling.response_observations import normal_observations
 from multiscale.upscaling.scales import ScaleSeparation
 from multiscale.upscaling.surface_error import surface_term
 

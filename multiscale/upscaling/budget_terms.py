@@ -10,13 +10,10 @@ import numpy as np
 
 from multiscale.errors import CaseError
 from multiscale.upscaling.fit import stiffness_of_each
-from multiscale.upscaling.observations import (
-    Observations,
-    area_observations,
-    normal_observations,
-)
+from multiscale.upscaling.observations import Observations
 from multiscale.upscaling.reading import area_from_dataset, law_from_dataset, require_law
 from multiscale.upscaling.resolution import LOWEST_ORDER, SAFETY, estimate_grid_error
+from multiscale.upscaling.response_observations import area_observations, normal_observations
 from multiscale.upscaling.scales import ScaleSeparation
 
 if TYPE_CHECKING:

@@ -7,7 +7,7 @@ import numpy as np
 
 from multiscale.errors import CaseError
 from multiscale.upscaling.budget_terms import NORMAL, each_value, same_steps, students
-from multiscale.upscaling.observations import normal_observations
+from multiscale.upscaling.response_observations import normal_observations
 
 if TYPE_CHECKING:
     import xarray as xr

@@ -5,7 +5,7 @@ from importlib.metadata import version
 import numpy as np
 import pytest
 
-from multiscale.bench import bench, micro_family, tabulate
+from multiscale.bench import bench, ladder, micro_family, tabulate
 from multiscale.bench.measure import Measured
 from multiscale.bench.peers import (
     CODES,
@@ -119,9 +119,7 @@ def in_this_process(monkeypatch):
         "absent": Code(solve_flat, "absent", "no_such_module"),
     }
     monkeypatch.setattr(micro_family, "CODES", codes)
-    monkeypatch.setattr(
-        micro_family, "measure", lambda task, *, warm_up, repeats: Measured(task(), 0.5, 1e8)
-    )
+    monkeypatch.setattr(ladder, "measure", lambda task, **_: Measured(task(), 0.5, 1e8))
 
 
 @pytest.mark.usefixtures("in_this_process")

@@ -7,7 +7,7 @@ from importlib.util import find_spec
 import numpy as np
 import pytest
 
-from multiscale.bench import bench, structures_family, tabulate
+from multiscale.bench import bench, ladder, structures_family, tabulate
 from multiscale.bench.measure import Measured, measure
 from multiscale.bench.structures_family import (
     METHODS,
@@ -101,13 +101,13 @@ def test_each_method_has_the_factorisation_of_its_name(name):
 def without_pardiso(monkeypatch):
     """Skip the processes, have no PARDISO, and lose one process."""
 
-    def lose_one(task, *, warm_up, repeats):
+    def lose_one(task, **_):
         system, _, method = task.args
         if system.n_links == 4**2 * 16 and method.method == "dual":
             return Measured(None, np.nan, np.nan)
         return Measured(task(), 0.5, 1e8)
 
-    monkeypatch.setattr(structures_family, "measure", lose_one)
+    monkeypatch.setattr(ladder, "measure", lose_one)
     monkeypatch.setattr(structures_family, "QUICK_MODULES", (2, 4))
     monkeypatch.setitem(sys.modules, "pypardiso", None)
     factorisation._blank_pardiso.cache_clear()

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from multiscale.laws import ConvexDecreasing
-from multiscale.schema import MICRO_RESPONSE
+from multiscale.schema import MICRO_RESPONSE, branch_of
 from multiscale.upscaling import area_from_dataset, fit_law, law_from_dataset
 
 
@@ -61,6 +61,7 @@ def response_of(pressure, gap, area=None):
             "displacement_jump": np.zeros((*gap.shape, 3)),
             "traction": traction,
             "mean_gap": gap,
+            "branch": branch_of(pressure),
             "contact_fraction": np.tile(pressure / pressure.max(), (len(gap), 1))
             if area is None
             else area,

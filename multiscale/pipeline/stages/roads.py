@@ -86,6 +86,7 @@ def slide_road(case: TyreCase, road: Surface) -> "xr.Dataset":
             "linear_iterations": [[one.linear_iterations for one in found]],
             "wall_time": np.array(times)[None],
             "nominal_pressure": p,
+            "branch": np.zeros(len(steps), int),  # every step starts anew
             "sliding_speed": [speed for *_, speed in steps],
             "temperature": [temperature for temperature, *_ in steps],
             **{one.__name__: [one(road)] for one in statistics},

@@ -40,7 +40,8 @@ def make_pair(case: Case, slide: SlideSettings) -> Cell:
         If a surface cannot be made or read.
     """
     smooth = Surface(np.zeros(case.cell.points), case.cell.size)
-    lower, upper = ([*body_surfaces(case, number)[0], smooth][0] for number in (1, 2))
+    first = case.model_copy(update={"micro": case.micro.model_copy(update={"realisations": 1})})
+    lower, upper = ([*body_surfaces(first, number)[0], smooth][0] for number in (1, 2))
     return pair_of(case, slide, lower, upper)
 
 
