@@ -133,6 +133,7 @@ def test_a_sweep_without_any_result_is_an_error(write, tmp_path):
         run_sweep(sweep, tmp_path / "out")
 
 
+@pytest.mark.slow
 def test_messages_tell_keys_of_one_name_apart_and_cautions_of_points_are_told(write, tmp_path):
     modulus = '.youngs_modulus = ["70 GPa", "210 GPa"]'
     table = f"[sweep]\nbody_1{modulus}\nbody_2{modulus}\ncell.points = [[36, 36], [16, 16]]\n"
@@ -152,6 +153,7 @@ def test_messages_tell_keys_of_one_name_apart_and_cautions_of_points_are_told(wr
     assert told in CliRunner().invoke(app, arguments).stderr
 
 
+@pytest.mark.slow
 def test_workers_of_a_dask_scheduler_give_the_same_dataset(write, tmp_path):
     from distributed import Client, LocalCluster
 
