@@ -88,7 +88,7 @@ def plot_energy_parts(time: np.ndarray, parts: dict[str, np.ndarray], ax: "Axes"
 def save_figure(figure: "Figure", file: Path) -> Path:
     """Write a figure as PNG, whole or not at all."""
     layout = figure.get_layout_engine()
-    if layout is not None:
+    if layout is not None and any(ax.get_aspect() != "auto" for ax in figure.axes):
         for _ in range(PASSES):
             layout.execute(figure)
     buffer = BytesIO()

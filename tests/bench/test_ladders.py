@@ -54,6 +54,7 @@ def test_a_family_leaves_a_dataset_and_a_figure(family, tmp_path):
     assert draw_work_precision(found, tmp_path / "family.png").stat().st_size > 1000
 
 
+@pytest.mark.slow
 def test_grains_follow_their_closed_forms_to_first_order_of_the_step():
     for scene in (BOUNCE, ROLL):
         errors = [abs(answer(scene, 0.0, step) - EXACT[scene]) for step in (2e-3, 2e-4)]

@@ -198,6 +198,7 @@ def test_load_beyond_the_law_is_told_on_the_command_line(tmp_path, highest, more
     assert said in f"{done.output}{done.exception}"
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("quick", [True, False])
 def test_the_shipped_lap_joint_is_known_with_the_shipped_law(run_folder, tmp_path, quick):
     scene = load_scene(SCENES / "lap_joint.toml")

@@ -127,7 +127,17 @@ def test_every_shipped_scene_says_what_it_needs_and_what_it_leaves_out(file):
     assert needs.memory > 1e5
 
 
-@pytest.mark.parametrize("name", SMALL)
+@pytest.mark.parametrize(
+    "name",
+    [
+        "grid",
+        "deposit",
+        *(
+            pytest.param(one, marks=pytest.mark.slow)
+            for one in ("motion", "plate", "smooth grains")
+        ),
+    ],
+)
 def test_a_scene_imports_the_libraries_it_names_and_no_other(name, tmp_path):
     code = """
         import json, sys

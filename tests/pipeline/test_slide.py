@@ -117,6 +117,7 @@ def test_figure_and_report_show_the_sliding(finished):
     assert all(line in page for line in lines)
 
 
+@pytest.mark.slow
 def test_a_case_that_no_longer_slides_shows_no_sliding_and_keeps_it(finished, tmp_path):
     case, first, _ = finished
     out = tmp_path / "out"
@@ -178,6 +179,7 @@ def test_bad_sliding_is_refused_with_its_key(tmp_path, text, message):
         case_of(tmp_path, text)
 
 
+@pytest.mark.slow
 def test_the_command_line_prints_the_friction(finished):
     _, out, _ = finished
     result = CliRunner().invoke(app, ["run", str(out / "case.toml"), "-o", str(out), "--jobs", "1"])
