@@ -14,7 +14,6 @@ if TYPE_CHECKING:
     import xarray as xr
 
     from multiscale.laws import Sliders
-    from multiscale.laws.bulk import BulkLaw
     from multiscale.macro import LinkSystem
     from multiscale.macro.substructures.whole_structure import Assembled
     from multiscale.micro.contact_state import ContactState
@@ -235,12 +234,12 @@ def complementarity(contrast: float, points: int) -> float:
 
 def rough_cell(slope: float, relative_pressure: float, poissons_ratio: float) -> float:
     """Elastic cell: worst of balance, load and the conditions of contact."""
-    from multiscale.micro import Cell
-    from multiscale.micro.cell_needs import cell_needs
+    from multiscale.laws.bulk import Elastic
+    from multiscale.micro import GraphCell
     from multiscale.micro.graph_cell import assemble_graph_cell
 
-    cell = Cell(_surface(slope), 0.5, LAYERS, YOUNG, poissons_ratio)
-    problem = assemble_graph_cell(cell, cell_needs(cell))
+    cell = GraphCell(_surface(slope), 0.5, LAYERS, Elastic(YOUNG, poissons_ratio))
+    problem = assemble_graph_cell(cell)
     body, gap, closing = cast("partial[ContactState]", problem.solve).args
     load = relative_pressure * slope * YOUNG / (1.0 - poissons_ratio**2)
     state = problem.solve(load=load)
@@ -265,18 +264,18 @@ def rough_cell(slope: float, relative_pressure: float, poissons_ratio: float) ->
 def large_strain(material: str, slope: float, friction: float) -> float:
     """Cell pressed, sheared and sheared back: worst of balance, contact and Coulomb's law."""
     from multiscale.laws.bulk import J2, NeoHookean
-    from multiscale.micro import Cell
+    from multiscale.micro import FiniteCell
     from multiscale.micro.finite.finite_cell import make_scene
     from multiscale.micro.finite.follow import largest_approach
     from multiscale.micro.finite.history import rest_state, walk_step
     from multiscale.micro.finite.scene import Target
 
-    law: BulkLaw = NeoHookean(YOUNG, POISSON)
+    law: NeoHookean | J2 = NeoHookean(YOUNG, POISSON)
     load = 0.05 * slope * YOUNG
     if material == "steel":
         law, load = J2(YOUNG, POISSON, 1e-4 * YOUNG), 1e-4 * YOUNG
     surface = _surface(slope)
-    cell = Cell(surface, 0.5, LAYERS, YOUNG, POISSON, bulk=law, friction_coefficient=friction)
+    cell = FiniteCell(surface, 0.5, LAYERS, law, friction_coefficient=friction)
     scene, away = make_scene(cell), 0.02 * np.ptp(surface.heights)
     state = rest_state(scene)
     faults = []

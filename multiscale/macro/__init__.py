@@ -14,7 +14,7 @@ links or elastic bodies, cut           :func:`solve_latin`, :func:`solve_schur`:
 :func:`cut_bodies`)
 ``RoughJoint``: two elastic blocks     :func:`rough_joint`: a normal law, condensed onto the jump
 matrices of elastic bodies and a jump  :func:`solve_interface`: any law, all unknowns together
-grains                                 :func:`granulate.simulate`
+grains                                 :func:`granulate.simulate_grains`
 =====================================  ==========================================================
 """
 

@@ -5,7 +5,7 @@ from functools import partial
 import numpy as np
 
 from multiscale.convergence import Status
-from multiscale.micro.cell import Cell
+from multiscale.micro.cell import FlatCell
 from multiscale.micro.contact_state import CellProblem, ContactState, untouched
 from multiscale.micro.flat import solve_flat
 from multiscale.micro.graph_mesh import graded_planes
@@ -17,7 +17,7 @@ __all__ = ["assemble_flat_cell"]
 TOLERANCE = 1e-6  # relative to the range of the gap; see solve_flat
 
 
-def assemble_flat_cell(cell: Cell) -> CellProblem:
+def assemble_flat_cell(cell: FlatCell) -> CellProblem:
     """Set up the contact of a cell whose roughness is gap alone, on a flat elastic layer."""
     heights, spacing = cell.surface.heights, cell.surface.spacing
     nx, ny = heights.shape

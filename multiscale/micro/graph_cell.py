@@ -5,9 +5,8 @@ from functools import partial
 
 import numpy as np
 
-from multiscale.laws.bulk import J2
 from multiscale.micro.averages import recovered_force
-from multiscale.micro.cell import Cell
+from multiscale.micro.cell import GraphCell, PeriodicLayer
 from multiscale.micro.contact_area import EdgeLayer, edge_layer
 from multiscale.micro.contact_state import CellProblem, obstacle_normal
 from multiscale.micro.elastic_contact import ElasticBody, solve_elastic_contact
@@ -15,14 +14,13 @@ from multiscale.micro.elastic_operator import stiffness_operator
 from multiscale.micro.graph_mesh import GraphMesh, graded_planes
 from multiscale.micro.lateral_fft import LateralInverse, factorise_flat_cell, filter_surface
 from multiscale.micro.layered import layered_compliance
-from multiscale.needs import Needs
 
 __all__ = ["assemble_graph_cell", "element_edges", "surface_slopes"]
 
 EDGE_POINTS = 32  # of the waves that tell what elements do at an edge of contact
 
 
-def assemble_graph_cell(cell: Cell, needs: Needs) -> CellProblem:
+def assemble_graph_cell(cell: GraphCell, *, recover_stress: bool = False) -> CellProblem:
     r"""Set up the operators that a graph cell needs, and its contact geometry.
 
     Raises
@@ -42,23 +40,22 @@ def assemble_graph_cell(cell: Cell, needs: Needs) -> CellProblem:
     (nx, ny), spacing = surface.heights.shape, surface.spacing
     mesh = GraphMesh(surface, graded_planes(cell.depth, cell.layers, min(spacing)))
     lame, shear = cell.moduli
-    b_bar = "mean dilatation" in needs
     inverse = factorise_flat_cell(
-        (nx, ny), spacing, mesh.planes, *cell.layer_moduli, mean_dilatation=b_bar
+        (nx, ny), spacing, mesh.planes, *cell.layer_moduli, mean_dilatation=cell.mean_dilatation
     )
 
     obstacle, normal = _obstacle(cell)
-    slopes = surface_slopes(surface.heights, spacing) if "tilt" in needs else None
-    inclined = "obstacle normals" in needs
-    trace, add = _normal_operators(normal if inclined else None)
-    if not inclined and slopes is None:
+    tilted = cell.nearly_incompressible
+    slopes = surface_slopes(surface.heights, spacing) if tilted else None
+    trace, add = _normal_operators(None if cell.obstacle is None else normal)
+    if cell.obstacle is None and slopes is None:
         solve, compliance = _vertical_reference(inverse)
     else:
         solve, compliance = _inclined_reference(inverse, normal, slopes, mesh.map_factor[1:])
     stiffness = 1.0 / inverse.surface_compliance[5]
 
     body = ElasticBody(
-        apply=stiffness_operator(mesh, lame, shear, mean_dilatation=b_bar),
+        apply=stiffness_operator(mesh, lame, shear, mean_dilatation=cell.mean_dilatation),
         solve=solve,
         trace=trace,
         add=add,
@@ -75,21 +72,24 @@ def assemble_graph_cell(cell: Cell, needs: Needs) -> CellProblem:
         obstacle,
         np.full((nx, ny), spacing[0] * spacing[1]),
         surface_displacement=lambda u: u[:, -1],
-        recover=partial(_recover, cell, mesh) if "stress recovery" in needs else None,
+        recover=partial(_recover, cell, mesh) if recover_stress else None,
         edges=element_edges(cell),
     )
 
 
-def element_edges(cell: Cell) -> tuple[EdgeLayer, EdgeLayer]:
-    """Return what the elements of a cell, and of an opposite one, do at an edge along x and y."""
+def element_edges(cell: PeriodicLayer) -> tuple[EdgeLayer, EdgeLayer]:
+    """Return what the elements of the bodies of a cell do at an edge along x and y."""
     n, edges = EDGE_POINTS, []
     for spacing in cell.surface.spacing:
         discrete, exact = np.zeros((2, n // 2 + 1))
         for body in cell.bodies:
             planes = graded_planes(body.depth, body.layers, min(body.surface.spacing))
-            soft = body.nearly_incompressible or isinstance(body.bulk, J2)
             inverse = factorise_flat_cell(
-                (n, 1), (spacing, spacing), planes, *body.layer_moduli, mean_dilatation=soft
+                (n, 1),
+                (spacing, spacing),
+                planes,
+                *body.layer_moduli,
+                mean_dilatation=body.mean_dilatation,
             )
             discrete += spacing**2 * inverse.surface_compliance[5][: n // 2 + 1, 0]
             exact += layered_compliance((1, n), (1.0, n * spacing), planes, *body.layer_moduli)[0]
@@ -97,7 +97,7 @@ def element_edges(cell: Cell) -> tuple[EdgeLayer, EdgeLayer]:
     return edges[0], edges[1]
 
 
-def _obstacle(cell: Cell) -> tuple[np.ndarray, np.ndarray]:
+def _obstacle(cell: GraphCell) -> tuple[np.ndarray, np.ndarray]:
     """Heights of the obstacle at first touch, m, and its normals (x, 3, y)."""
     heights = cell.surface.heights
     if cell.obstacle is None:
@@ -109,7 +109,7 @@ def _obstacle(cell: Cell) -> tuple[np.ndarray, np.ndarray]:
 
 
 def _recover(
-    cell: Cell, mesh: GraphMesh, displacement: np.ndarray, active: np.ndarray
+    cell: GraphCell, mesh: GraphMesh, displacement: np.ndarray, active: np.ndarray
 ) -> np.ndarray:
     """Force on the contact spots from the stress of the uppermost elements, N."""
     from skfem import ElementHex1

@@ -5,8 +5,8 @@ import pytest
 
 from multiscale.convergence import Status
 from multiscale.errors import CaseError
+from multiscale.laws.bulk import GradedElastic
 from multiscale.micro import Cell, MeshCell, Path, Surface, elastic_contact, self_affine, solve_cell
-from multiscale.micro.cell_needs import cell_needs
 from multiscale.micro.elastic_contact import ElasticBody
 from multiscale.micro.flat import solve_flat
 from multiscale.micro.graph_cell import assemble_graph_cell
@@ -33,7 +33,7 @@ def cell_of(surface, **changes):
 
 @pytest.mark.parametrize("pressure", [1e-6, 1e-3, 1e-2, 1.0])
 def test_solution_satisfies_every_condition_of_contact(pressure):
-    problem = assemble_graph_cell(cell_of(rough()), cell_needs(cell_of(rough())))
+    problem = assemble_graph_cell(cell_of(rough()))
     body, gap, closing = problem.solve.args
     state = problem.solve(load=pressure)
     assert state.status is Status.CONVERGED
@@ -52,7 +52,7 @@ def test_solution_satisfies_every_condition_of_contact(pressure):
 
 def test_prescribing_the_approach_found_for_a_pressure_gives_the_pressure_back():
     cell = cell_of(rough())
-    problem = assemble_graph_cell(cell, cell_needs(cell))
+    problem = assemble_graph_cell(cell)
     state = problem.solve(load=0.02)
     response = solve_cell(cell, Path(approach=(state.approach,)))
     assert response["traction"].values[0, 0, 0] == pytest.approx(-0.02, rel=1e-6)
@@ -134,7 +134,7 @@ def test_an_approach_short_of_the_first_touch_carries_nothing():
 
 
 def test_an_unconverged_step_is_not_a_number_and_says_so():
-    problem = assemble_graph_cell(cell_of(rough()), cell_needs(cell_of(rough())))
+    problem = assemble_graph_cell(cell_of(rough()))
     state = problem.solve(load=0.02, max_iterations=1)
     assert state.status is Status.MAX_ITERATIONS
     response = solve_cell(cell_of(rough()), Path(pressure=(0.02,)), tolerance=1e-30)
@@ -252,7 +252,7 @@ def test_moduli_of_elements_agree_with_the_assembled_path():
             ),
         }
     )
-    body = MeshCell(named, ElementHex1(), modulus[i, k, j], 0.3)
+    body = MeshCell(named, ElementHex1(), GradedElastic(modulus[i, k, j], 0.3))
     general = solve_cell(body, path, recover_stress=True)
     for name in ("mean_gap", "traction", "recovered_traction", "displacement_jump"):
         np.testing.assert_allclose(fast[name], general[name], rtol=1e-4, atol=1e-9)

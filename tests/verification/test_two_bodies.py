@@ -3,8 +3,8 @@
 import numpy as np
 import pytest
 
-from multiscale.laws.bulk import J2, NeoHookean
-from multiscale.micro import Cell, Opposite, Path, Surface, self_affine, solve_cell
+from multiscale.laws.bulk import J2, Elastic, NeoHookean
+from multiscale.micro import Cell, Path, SecondBody, Surface, self_affine, solve_cell
 from multiscale.micro.finite.finite_cell import make_scene
 from multiscale.micro.finite.history import rest_state, walk_step
 from multiscale.micro.finite.scene import Target
@@ -25,7 +25,7 @@ def flat(n):
 
 
 def body(bulk=None, modulus=1.0, layers=8):
-    return Opposite(0.5, layers, modulus, 0.3, bulk)
+    return SecondBody(0.5, layers, bulk or Elastic(modulus, 0.3))
 
 
 @pytest.mark.parametrize("bulk", [None, RUBBER, STEEL], ids=["elastic", "rubber", "steel"])
@@ -188,7 +188,7 @@ def test_tangential_over_normal_stiffness_of_two_bodies():
         solve_cell(
             Cell(
                 surface, 1.0, layers, 1.0, nu, friction_coefficient=friction,
-                opposite=Opposite(1.0, layers, 1.0, nu),
+                opposite=SecondBody(1.0, layers, Elastic(1.0, nu)),
             ),
             path,
         )
@@ -221,7 +221,7 @@ def test_equal_spheres_in_partial_slip_follow_cattaneo_and_mindlin():
     sphere = Surface((x[:, None] ** 2 + x**2) / (2.0 * radius), (1.0, 1.0))
     cell = Cell(
         flat(n), 1.0, layers, 1.0, nu, sphere, friction_coefficient=mu,
-        opposite=Opposite(1.0, layers, 1.0, nu),
+        opposite=SecondBody(1.0, layers, Elastic(1.0, nu)),
     )  # fmt: skip
     path = Path(pressure=(force,) * 2, slide=((0.0, 0.0), (far, 0.0)), increments=4)
     response = solve_cell(cell, path, tolerance=1e-7)

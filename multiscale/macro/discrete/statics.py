@@ -11,7 +11,6 @@ from multiscale.errors import CaseError, MultiscaleError
 from multiscale.macro.discrete.checks import check_supports
 from multiscale.macro.discrete.compatibility import LinkEquations, equations
 from multiscale.macro.discrete.finite_displacement import find_finite_state
-from multiscale.macro.discrete.link_needs import link_needs
 from multiscale.macro.discrete.link_stability import (
     material_entries,
     smallest_eigenvalue,
@@ -107,12 +106,11 @@ def solve_static(
     factors = np.atleast_1d(np.asarray(load_factor, dtype=float))
     _check(system, factors, method, exact, stability)
     check_supports(system)
-    needs = link_needs(system, exact=exact, stability=stability, steps=factors.size)
     model = equations(system)
     tangent = prepare_tangent(system, model)
     limits = Limits(max_iterations, tolerance, callback)
     find: Find
-    if "moved positions" in needs:
+    if exact:
         find = _finite(system, model, tangent, limits)
     else:
         find = _small(model, tangent, method, limits)
@@ -127,7 +125,7 @@ def solve_static(
             failures.append(f"load factor {factor:g}: {_reason(model, tangent, state, method)}")
         else:
             start, reached = state.solution.value, factor
-            if "eigenvalues" in needs:
+            if stability:
                 column |= _eigenvalues(system, model, tangent, state)
         columns.append(column | {"wall_time": perf_counter() - clock})
     result = join_steps(system, factors, columns)

@@ -58,14 +58,14 @@ def start(model: Model) -> GrainState:
     grains, walls = model.grains, model.walls
     velocity = np.zeros_like(model.push)
     velocity[: grains.n, :3] = grains.velocity
-    if "rotation" in model.needs:
+    if model.turns:
         velocity[: grains.n, 4:7] = grains.radius[:, None] * grains.spin
     for w, wall in enumerate(walls, grains.n):
         velocity[w, :3] = wall.velocity
     point = np.array([wall.point for wall in walls], dtype=float).reshape(-1, 3)
     none = np.empty((0, 2), np.int32)
-    impulse = np.empty((0, model.needs.unknowns_per_contact))
-    coulomb = np.empty((0, 2)) if "friction" in model.needs else None
+    impulse = np.empty((0, 3 if model.frictional else 1))
+    coulomb = np.empty((0, 2)) if model.frictional else None
     empty = Contacts(none, np.empty((0, 6)), coulomb, impulse, impulse)
     period = np.array(model.period, dtype=float)
     state = GrainState(

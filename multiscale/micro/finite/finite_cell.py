@@ -3,8 +3,8 @@
 import numpy as np
 from scipy import fft
 
-from multiscale.laws.bulk import J2, NeoHookean, Prony
-from multiscale.micro.cell import Cell
+from multiscale.laws.bulk import Elastic, GradedElastic
+from multiscale.micro.cell import FiniteCell, PeriodicLayer
 from multiscale.micro.elastic_operator import stiffness_operator
 from multiscale.micro.finite.finite_body import FiniteBody, linear_body
 from multiscale.micro.finite.height_obstacle import HeightObstacle
@@ -24,14 +24,14 @@ __all__ = ["make_scene"]
 TANGENTIAL_WEIGHT = 0.3  # of the stiffness of a node against a force in the plane
 
 
-def make_scene(cell: Cell) -> CellScene:
+def make_scene(cell: FiniteCell) -> CellScene:
     """Set up what solving a cell with friction, at large strain or with two bodies takes."""
     body, reference = _body(cell), _reference(cell)
     mu = cell.friction_coefficient
-    if cell.opposite is None:
-        obstacle = HeightObstacle(cell.surface, cell.obstacle, follows=cell.bulk is not None)
+    if cell.second is None:
+        obstacle = HeightObstacle(cell.surface, cell.obstacle, follows=cell.law.finite_strain)
         return RigidScene(body, obstacle, mu, _weights(reference.inverse), reference)
-    other = cell.opposite_cell
+    other = cell.second_layer
     second = _body(other)
     compliance = _flat_inverse(other, cell.surface).surface_compliance
     both = Reference(add_compliances(reference.inverse, compliance), np.ones(1))
@@ -46,12 +46,12 @@ def make_scene(cell: Cell) -> CellScene:
     )
 
 
-def _mesh(cell: Cell) -> GraphMesh:
+def _mesh(cell: PeriodicLayer) -> GraphMesh:
     planes = graded_planes(cell.depth, cell.layers, min(cell.surface.spacing))
     return GraphMesh(cell.surface, planes)
 
 
-def _flat_inverse(cell: Cell, grid: Surface) -> LateralInverse:
+def _flat_inverse(cell: PeriodicLayer, grid: Surface) -> LateralInverse:
     """Factorise the flat cell on the points of a surface."""
     return factorise_flat_cell(
         grid.heights.shape,
@@ -62,7 +62,7 @@ def _flat_inverse(cell: Cell, grid: Surface) -> LateralInverse:
     )
 
 
-def _reference(cell: Cell) -> Reference:
+def _reference(cell: PeriodicLayer) -> Reference:
     soft = cell.nearly_incompressible
     slopes = surface_slopes(cell.surface.heights, cell.surface.spacing) if soft else None
     inverse = _flat_inverse(cell, cell.surface)
@@ -77,11 +77,10 @@ def _weights(inverse: LateralInverse) -> tuple[float, float]:
     return float(np.median(1.0 / symbols[5])), TANGENTIAL_WEIGHT / own
 
 
-def _body(cell: Cell) -> FiniteBody:
-    mesh, soft = _mesh(cell), cell.nearly_incompressible
-    nx, ny, layers = mesh.shape
-    if cell.bulk is None:
-        stiffness = stiffness_operator(mesh, *cell.moduli, mean_dilatation=soft)
+def _body(cell: PeriodicLayer) -> FiniteBody:
+    mesh, law = _mesh(cell), cell.law
+    if isinstance(law, Elastic | GradedElastic):
+        nx, ny, layers = mesh.shape
+        stiffness = stiffness_operator(mesh, *cell.moduli, mean_dilatation=cell.mean_dilatation)
         return linear_body(stiffness, (nx, layers, 3, ny))
-    assert isinstance(cell.bulk, NeoHookean | J2 | Prony)
-    return large_strain_body(mesh, cell.bulk, mean_dilatation=soft or isinstance(cell.bulk, J2))
+    return large_strain_body(mesh, law, mean_dilatation=cell.mean_dilatation)
