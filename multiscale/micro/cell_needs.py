@@ -40,32 +40,48 @@ class CellPart(StrEnum):
 
 
 _MEAN = "averages the change of volume over an element, which is too stiff otherwise ({})"
-_WHY = {
-    CellPart.STIFFNESS: "of the elements, applied without a matrix",
-    CellPart.TANGENT: "stiffness of the elements as they are strained, in single precision",
-    CellPart.FRICTION: "three unknowns at a node in contact, one normal and two along the surface",
-    CellPart.SECOND_BODY: "a second deformable body",
-    CellPart.LAYER_FACTORS: "the solution of the same cell with a flat face, which speeds up the "
-    "iteration",
-    CellPart.MEAN_DILATATION: _MEAN.format("B-bar"),
-    CellPart.TILT: "speeds up the iteration where Poisson's ratio is near 0.5",
-    CellPart.OBSTACLE_NORMALS: "directions of contact: the counterface is rough or moves",
-    CellPart.ELEMENT_MODULI: "moduli that differ from element to element",
-    CellPart.STRESS_RECOVERY: "means of the stress in the body, beside those of the contact forces",
-    CellPart.HARDNESS_CAP: "local pressure stays below the hardness",
-}
-_WHY_NOT = {
-    CellPart.STIFFNESS: "it changes with the strain, which the tangent follows",
-    CellPart.TANGENT: "the material is linear elastic: its stiffness does not change",
-    CellPart.FRICTION: "without friction a node in contact has one unknown, the normal one",
-    CellPart.SECOND_BODY: "the counterface is rigid",
-    CellPart.LAYER_FACTORS: "a flat cell is known in closed form for each wave of the surface",
-    CellPart.MEAN_DILATATION: "Poisson's ratio below 0.4, or no elements",
-    CellPart.TILT: "Poisson's ratio below 0.4, or no elements",
-    CellPart.OBSTACLE_NORMALS: "contact acts along z alone",
-    CellPart.ELEMENT_MODULI: "moduli vary at most from layer to layer",
-    CellPart.STRESS_RECOVERY: "nobody asks for the stress, or the material is not linear",
-    CellPart.HARDNESS_CAP: "no hardness is given, or the metal flows by itself",
+_REASONS = {  # why a part is built and why it is left out, but for what a kind says itself
+    CellPart.STIFFNESS: (
+        "of the elements, applied without a matrix",
+        "it changes with the strain, which the tangent follows",
+    ),
+    CellPart.TANGENT: (
+        "stiffness of the elements as they are strained, in single precision",
+        "the material is linear elastic: its stiffness does not change",
+    ),
+    CellPart.FRICTION: (
+        "three unknowns at a node in contact, one normal and two along the surface",
+        "without friction a node in contact has one unknown, the normal one",
+    ),
+    CellPart.SECOND_BODY: ("a second deformable body", "the counterface is rigid"),
+    CellPart.LAYER_FACTORS: (
+        "the solution of the same cell with a flat face, which speeds up the iteration",
+        "a flat cell is known in closed form for each wave of the surface",
+    ),
+    CellPart.MEAN_DILATATION: (
+        _MEAN.format("B-bar"),
+        "Poisson's ratio below 0.4, or no elements",
+    ),
+    CellPart.TILT: (
+        "speeds up the iteration where Poisson's ratio is near 0.5",
+        "Poisson's ratio below 0.4, or no elements",
+    ),
+    CellPart.OBSTACLE_NORMALS: (
+        "directions of contact: the counterface is rough or moves",
+        "contact acts along z alone",
+    ),
+    CellPart.ELEMENT_MODULI: (
+        "moduli that differ from element to element",
+        "moduli vary at most from layer to layer",
+    ),
+    CellPart.STRESS_RECOVERY: (
+        "means of the stress in the body, beside those of the contact forces",
+        "nobody asks for the stress, or the material is not linear",
+    ),
+    CellPart.HARDNESS_CAP: (
+        "local pressure stays below the hardness",
+        "no hardness is given, or the metal flows by itself",
+    ),
 }
 
 
@@ -90,12 +106,10 @@ def cell_needs(cell: AnyCell, *, keep_fields: bool = False, recover_stress: bool
     return _needs(cell, recovered, {"fields": ("pressure", "gap") if keep_fields else ()})
 
 
-def _choices(built: Mapping[CellPart, bool], reasons: Mapping[CellPart, str]) -> tuple[Choice, ...]:
-    """Choices of all parts, with reasons of one kind before the usual; the rest is left out."""
-    choices = (
-        choose(part, built.get(part, False), _WHY[part], _WHY_NOT[part]) for part in CellPart
-    )
-    return tuple(replace(one, why=reasons.get(CellPart(one.part), one.why)) for one in choices)
+def _choices(built: Mapping[CellPart, bool], reasons: Mapping[str, str]) -> tuple[Choice, ...]:
+    """Choices of all parts, with the reasons of one kind before the usual; others are left out."""
+    usual = (choose(part, built.get(part, False), *_REASONS[part]) for part in CellPart)
+    return tuple(replace(one, why=reasons.get(one.part, one.why)) for one in usual)
 
 
 @singledispatch

@@ -11,12 +11,11 @@ from multiscale.micro.finite.height_obstacle import HeightObstacle
 from multiscale.micro.finite.large_strain import large_strain_body
 from multiscale.micro.finite.pair_reference import PairReference, add_compliances
 from multiscale.micro.finite.pair_scene import PairScene
-from multiscale.micro.finite.reference import Reference
 from multiscale.micro.finite.scene import CellScene, RigidScene
 from multiscale.micro.finite.two_bodies import Halves, Underside, join_bodies
-from multiscale.micro.graph_cell import surface_slopes
+from multiscale.micro.flat_reference import Reference, flat_inverse, flat_reference
 from multiscale.micro.graph_mesh import GraphMesh, graded_planes
-from multiscale.micro.lateral_fft import LateralInverse, factorise_flat_cell
+from multiscale.micro.lateral_fft import LateralInverse
 from multiscale.surfaces.surface import Surface
 
 __all__ = ["make_scene"]
@@ -26,14 +25,16 @@ TANGENTIAL_WEIGHT = 0.3  # of the stiffness of a node against a force in the pla
 
 def make_scene(cell: FiniteCell) -> CellScene:
     """Set up what solving a cell with friction, at large strain or with two bodies takes."""
-    body, reference = _body(cell), _reference(cell)
+    mesh = _mesh(cell)
+    body, reference = _body(cell, mesh), flat_reference(cell, mesh)
     mu = cell.friction_coefficient
     if cell.second is None:
         obstacle = HeightObstacle(cell.surface, cell.obstacle, follows=cell.law.finite_strain)
         return RigidScene(body, obstacle, mu, _weights(reference.inverse), reference)
     other = cell.second_layer
-    second = _body(other)
-    compliance = _flat_inverse(other, cell.surface).surface_compliance
+    mesh = _mesh(other)
+    second = _body(other, mesh)
+    compliance = flat_inverse(other, mesh, cell.surface).surface_compliance
     both = Reference(add_compliances(reference.inverse, compliance), np.ones(1))
     halves = Halves((body.shape, second.shape))
     return PairScene(
@@ -41,7 +42,7 @@ def make_scene(cell: FiniteCell) -> CellScene:
         Underside(cell.surface, Surface(-other.surface.heights, other.surface.size)),
         mu,
         _weights(both.inverse),
-        PairReference(reference, _reference(other), both, halves),
+        PairReference(reference, flat_reference(other, mesh), both, halves),
         halves,
     )
 
@@ -49,24 +50,6 @@ def make_scene(cell: FiniteCell) -> CellScene:
 def _mesh(cell: PeriodicLayer) -> GraphMesh:
     planes = graded_planes(cell.depth, cell.layers, min(cell.surface.spacing))
     return GraphMesh(cell.surface, planes)
-
-
-def _flat_inverse(cell: PeriodicLayer, grid: Surface) -> LateralInverse:
-    """Factorise the flat cell on the points of a surface."""
-    return factorise_flat_cell(
-        grid.heights.shape,
-        grid.spacing,
-        _mesh(cell).planes,
-        *cell.layer_moduli,
-        mean_dilatation=cell.nearly_incompressible,
-    )
-
-
-def _reference(cell: PeriodicLayer) -> Reference:
-    soft = cell.nearly_incompressible
-    slopes = surface_slopes(cell.surface.heights, cell.surface.spacing) if soft else None
-    inverse = _flat_inverse(cell, cell.surface)
-    return Reference(inverse, _mesh(cell).map_factor[1:], slopes)
 
 
 def _weights(inverse: LateralInverse) -> tuple[float, float]:
@@ -77,8 +60,8 @@ def _weights(inverse: LateralInverse) -> tuple[float, float]:
     return float(np.median(1.0 / symbols[5])), TANGENTIAL_WEIGHT / own
 
 
-def _body(cell: PeriodicLayer) -> FiniteBody:
-    mesh, law = _mesh(cell), cell.law
+def _body(cell: PeriodicLayer, mesh: GraphMesh) -> FiniteBody:
+    law = cell.law
     if isinstance(law, Elastic | GradedElastic):
         nx, ny, layers = mesh.shape
         stiffness = stiffness_operator(mesh, *cell.moduli, mean_dilatation=cell.mean_dilatation)

@@ -15,7 +15,8 @@ from multiscale.micro.finite.finite_cell import make_scene
 from multiscale.micro.finite.history import Walk, rest_state, walk_step
 from multiscale.micro.finite.pair_scene import PairScene
 from multiscale.micro.finite.scene import CellScene, CellState, Target
-from multiscale.micro.graph_cell import element_edges, surface_slopes
+from multiscale.micro.flat_reference import surface_slopes
+from multiscale.micro.graph_cell import element_edges
 from multiscale.micro.path import Path
 
 __all__ = ["current_weight", "follow_path", "largest_approach"]
