@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from multiscale.bench import yade
-from multiscale.bench.ladder import Rung, climb
+from multiscale.bench.ladder import Rung, measure_ladders
 from multiscale.bench.measure import THREADS
 
 if TYPE_CHECKING:
@@ -59,10 +59,10 @@ EXACT = {BOUNCE: _bounced(), ROLL: _rolled()}  # m
 
 def answer(scene: str, compliance: float, step: float, grains: int = QUICK_GRAINS) -> float:
     """Follow a scene in steps of a length: what is asked for, m."""
-    from multiscale.macro.granulate import ContactLaw, Grains, Model, Plane, simulate
+    from multiscale.macro.granulate import ContactLaw, Grains, Model, PlaneWall, simulate
 
     size = np.array([RADIUS])
-    floor = (Plane((0.0, 0.0, 0.0), (0.0, 0.0, 1.0)),)
+    floor = (PlaneWall((0.0, 0.0, 0.0), (0.0, 0.0, 1.0)),)
     if scene == BOUNCE:
         grain = Grains(np.array([[0.0, 0.0, HEIGHT + RADIUS]]), size)
         law = ContactLaw(restitution=RESTITUTION, compliance=compliance)
@@ -124,7 +124,7 @@ def bench_grains(
     if yade.installed():
         step = yade.time_step(_heap(1))
         rungs.append(Rung(DEPOSIT, "YADE", partial(_yade, grains), {"time_step": step}))
-    return climb(
+    return measure_ladders(
         rungs,
         partial(_truth, min(lengths) / FINEST, grains),
         warm_up=partial(answer, DEPOSIT, 0.05, 4e-3),

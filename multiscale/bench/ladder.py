@@ -12,7 +12,7 @@ from multiscale.bench.record import load_average, record, versions
 if TYPE_CHECKING:
     import xarray as xr
 
-__all__ = ["Rung", "climb"]
+__all__ = ["Rung", "measure_ladders"]
 
 
 Answer = float | np.ndarray | tuple[float, float]
@@ -44,7 +44,7 @@ class Rung:
     count: str = ""
 
 
-def climb(
+def measure_ladders(
     rungs: Iterable[Rung],
     truth: Callable[[str, list[float]], tuple[float, float]],
     *,

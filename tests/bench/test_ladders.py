@@ -5,7 +5,7 @@ import pytest
 
 from multiscale.bench import FAMILIES, bench, ladder, tabulate
 from multiscale.bench.grains_family import BOUNCE, EXACT, ROLL, answer
-from multiscale.bench.ladder import Rung, climb
+from multiscale.bench.ladder import Rung, measure_ladders
 from multiscale.bench.measure import Measured
 from multiscale.bench.summary import join_families, tabulate_cheapest
 from multiscale.plotting import draw_work_precision
@@ -23,7 +23,7 @@ def in_this_process(monkeypatch):
 def climb_one(task, exact=2.0):
     rungs = [Rung("a", "b", task, {"points": 4})]
     truth = (exact, 0.5)
-    return climb(rungs, lambda *_: truth, title="c", warm_up=lambda: None).isel(run=0)
+    return measure_ladders(rungs, lambda *_: truth, title="c", warm_up=lambda: None).isel(run=0)
 
 
 @pytest.mark.usefixtures("in_this_process")

@@ -2,7 +2,7 @@
 
 from multiscale.macro.granulate.arrangements import column, deposit, release, silo
 from multiscale.macro.granulate.biaxial import biaxial_cell, biaxial_curve
-from multiscale.macro.granulate.grain_bodies import Cylinder, Grains, Plane, Wall, box
+from multiscale.macro.granulate.grain_bodies import CylinderWall, Grains, PlaneWall, Wall, box
 from multiscale.macro.granulate.grain_cells import compact, shear_layer, shear_response
 from multiscale.macro.granulate.loose_packing import draw_radii, place_loosely
 from multiscale.macro.granulate.model import ContactLaw, Model, Solver
@@ -11,10 +11,10 @@ from multiscale.macro.granulate.simulate import final_grains, simulate
 
 __all__ = [
     "ContactLaw",
-    "Cylinder",
+    "CylinderWall",
     "Grains",
     "Model",
-    "Plane",
+    "PlaneWall",
     "Solver",
     "Wall",
     "biaxial_cell",

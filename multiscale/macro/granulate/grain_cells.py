@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from multiscale.errors import CaseError
-from multiscale.macro.granulate.grain_bodies import Grains, Plane
+from multiscale.macro.granulate.grain_bodies import Grains, PlaneWall
 from multiscale.macro.granulate.grain_motion import advance
 from multiscale.macro.granulate.grain_state import start
 from multiscale.macro.granulate.loose_packing import place_loosely
@@ -162,8 +162,8 @@ def shear_layer(
     top = float((grains.position[:, 2] + grains.radius).max())
     area, mass = size[0] * size[1], float(grains.mass.sum())
     plates = (
-        Plane((0.0, 0.0, 0.0), (0.0, 0.0, 1.0), friction=wall_friction),
-        Plane(
+        PlaneWall((0.0, 0.0, 0.0), (0.0, 0.0, 1.0), friction=wall_friction),
+        PlaneWall(
             (0.0, 0.0, 1.01 * top),
             (0.0, 0.0, -1.0),
             friction=wall_friction,

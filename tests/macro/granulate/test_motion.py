@@ -5,9 +5,9 @@ import pytest
 
 from multiscale.errors import CaseError
 from multiscale.macro import granulate
-from multiscale.macro.granulate import ContactLaw, Grains, Model, Plane, Solver, box, simulate
+from multiscale.macro.granulate import ContactLaw, Grains, Model, PlaneWall, Solver, box, simulate
 
-FLOOR = (Plane((0.0, 0.0, 0.0), (0.0, 0.0, 1.0)),)
+FLOOR = (PlaneWall((0.0, 0.0, 0.0), (0.0, 0.0, 1.0)),)
 TIGHT = Solver(tolerance=1e-10, max_iterations=20000)
 
 
@@ -245,7 +245,7 @@ def test_momentum_and_spin_are_kept_in_a_collision():
 
 
 def test_a_loaded_wall_presses_with_its_force():
-    lid = Plane((0.0, 0.0, 0.0205), (0.0, 0.0, -1.0), mass=0.1, force=50.0)
+    lid = PlaneWall((0.0, 0.0, 0.0205), (0.0, 0.0, -1.0), mass=0.1, force=50.0)
     model = Model(Grains([[0.0, 0.0, 0.01]], 0.01), (*FLOOR, lid), gravity=(0.0, 0.0, 0.0))
     result = simulate(model, 0.05, 1e-3, solver=TIGHT)
     np.testing.assert_allclose(result["wall_force"][-1, :, 2], [-50.0, 50.0], rtol=1e-6)
@@ -294,7 +294,10 @@ def test_space_repeats_along_a_period():
             lambda: Grains([[0, 0, 1], [0, 1, 1]], 0.1, thickness=1.0),
             "disc 1 leaves the plane y = 0 m",
         ),
-        (lambda: granulate.Cylinder((0, 0, 0), (0, 0, 1)), "radius of a cylinder must be positive"),
+        (
+            lambda: granulate.CylinderWall((0, 0, 0), (0, 0, 1)),
+            "radius of a cylinder must be positive",
+        ),
         (lambda: ContactLaw(compliance=np.inf), "compliance must be finite and not negative"),
         (lambda: ContactLaw(relaxation=0.5), "relaxation must be at least one step, got 0.5"),
         (lambda: granulate.Solver(tolerance=1.0), "tolerance must lie between 0 and 1, got 1"),
@@ -309,15 +312,24 @@ def test_space_repeats_along_a_period():
         (lambda: Grains([[0, 0, 1]], 0.1, velocity=[[0, 0]]), r"velocity must have shape \(1, 3\)"),
         (lambda: Grains([[0, 0, np.nan]], 0.1), "position of grain 0 must be finite"),
         (lambda: Grains([[0, 0, 1]], 0.1, thickness=-1.0), "thickness of discs must be positive"),
-        (lambda: Plane((0, 0, np.inf), (0, 0, 1)), "point of a wall must be three finite numbers"),
-        (lambda: Plane((0, 0, 0), (0, 0, 1), friction=-0.1), "friction of a wall must not be neg"),
-        (lambda: Plane((0, 0, 0), (0, 0, 1), mass=-1.0), "mass of a wall must be positive"),
-        (lambda: Plane((0, 0, 0), (0, 0, 1), force=np.nan), "force on a wall must be finite"),
-        (lambda: Plane((0, 0, 0), (0, 0, 1), force=1.0), "infinite mass does not follow a force"),
+        (
+            lambda: PlaneWall((0, 0, np.inf), (0, 0, 1)),
+            "point of a wall must be three finite numbers",
+        ),
+        (
+            lambda: PlaneWall((0, 0, 0), (0, 0, 1), friction=-0.1),
+            "friction of a wall must not be neg",
+        ),
+        (lambda: PlaneWall((0, 0, 0), (0, 0, 1), mass=-1.0), "mass of a wall must be positive"),
+        (lambda: PlaneWall((0, 0, 0), (0, 0, 1), force=np.nan), "force on a wall must be finite"),
+        (
+            lambda: PlaneWall((0, 0, 0), (0, 0, 1), force=1.0),
+            "infinite mass does not follow a force",
+        ),
         (lambda: granulate.draw_radii(0, 0.1, 0.2), "there must be at least one grain, got 0"),
         (lambda: granulate.draw_radii(5, 0.2, 0.1), "rise from the smallest to the largest"),
         (lambda: granulate.compact([0.1] * 8, 0.0, ContactLaw()), "pressure must be positive"),
-        (lambda: Plane((0, 0, 0), (0, 0, 0)), "direction of a wall must not be zero"),
+        (lambda: PlaneWall((0, 0, 0), (0, 0, 0)), "direction of a wall must not be zero"),
     ],
 )
 def test_bad_input_is_named(make, message):

@@ -5,7 +5,7 @@ import pytest
 
 from multiscale.errors import CaseError
 from multiscale.macro import granulate
-from multiscale.macro.granulate import ContactLaw, Grains, Model, Plane, Solver, simulate
+from multiscale.macro.granulate import ContactLaw, Grains, Model, PlaneWall, Solver, simulate
 from multiscale.schema import MICRO_RESPONSE
 
 
@@ -13,9 +13,9 @@ def test_love_weber_gives_the_stress_that_a_loaded_lid_puts_in():
     # four spheres in a square between two plates: the force of the lid over the area is the stress
     radius = 0.01
     centre = [(x, y, radius) for x in (0.012, 0.036) for y in (0.012, 0.036)]
-    lid = Plane((0, 0, 2.001 * radius), (0, 0, -1), mass=0.1, force=20.0)
+    lid = PlaneWall((0, 0, 2.001 * radius), (0, 0, -1), mass=0.1, force=20.0)
     grains = Grains(np.array(centre), radius)
-    model = Model(grains, (Plane((0, 0, 0), (0, 0, 1)), lid), gravity=(0, 0, 0))
+    model = Model(grains, (PlaneWall((0, 0, 0), (0, 0, 1)), lid), gravity=(0, 0, 0))
     result = simulate(model, 0.05, 1e-3, solver=Solver(1e-9, 5000))
     _, force, branch = granulate.network(result)
     area = 0.048**2

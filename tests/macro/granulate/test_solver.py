@@ -9,7 +9,7 @@ from multiscale.macro.granulate import (
     ContactLaw,
     Grains,
     Model,
-    Plane,
+    PlaneWall,
     Solver,
     box,
     compact,
@@ -20,7 +20,7 @@ from multiscale.macro.granulate.grain_state import start
 from multiscale.nonsmooth import solve_friction
 from tests.support import threads
 
-FLOOR = Plane((0.0, 0.0, 0.0), (0.0, 0.0, 1.0))
+FLOOR = PlaneWall((0.0, 0.0, 0.0), (0.0, 0.0, 1.0))
 TIGHT = Solver(tolerance=1e-9, max_iterations=50000)
 
 
@@ -198,8 +198,8 @@ def test_a_wedge_that_jams_keeps_its_grain_and_says_what_it_missed():
     # half-angle below atan(mu): the grain sticks whatever pushes it; impulses are not unique
     half = np.arctan(0.5) - 0.1
     planes = [
-        Plane((0, 0, 0), (np.cos(half), 0, np.sin(half)), friction=0.5),
-        Plane((0, 0, 0), (-np.cos(half), 0, np.sin(half)), friction=0.5),
+        PlaneWall((0, 0, 0), (np.cos(half), 0, np.sin(half)), friction=0.5),
+        PlaneWall((0, 0, 0), (-np.cos(half), 0, np.sin(half)), friction=0.5),
     ]
     grain = Grains([[0.0, 0.0, 0.0101 / np.sin(half)]], 0.01, velocity=[[0, 0, -1.0]])
     result = simulate(Model(grain, tuple(planes)), 0.1, 1e-3)
