@@ -11,9 +11,9 @@ from multiscale.macro import (
     Body,
     Contact,
     FiniteAssembly,
-    Graph,
-    Plane,
-    Sphere,
+    RigidGraph,
+    RigidPlane,
+    RigidSphere,
     solve_contact,
 )
 from tests.closed_forms import hertz, mindlin
@@ -161,7 +161,7 @@ def ball_on_half_space(points):
         for i in range(3)
     ]
     supports = {"far": far, "x": (0.0, None, None), "y": (None, 0.0, None)}
-    ball = Sphere((0.0, 0.0, RADIUS), RADIUS, motion=(0.0, 0.0, -APPROACH))
+    ball = RigidSphere((0.0, 0.0, RADIUS), RADIUS, motion=(0.0, 0.0, -APPROACH))
     problem = FiniteAssembly(
         {"base": Body(mesh, Elastic(*material), supports)},
         {"ball": Contact(("base", "contact"), ball)},
@@ -301,7 +301,7 @@ def ball_on_rough_half_space(friction, rings, growth):
 
     far = [far_field(i, -1, material, force, lambda t: (0.0, 0.0)) for i in range(3)]
     supports = {"far": far, "x": (0.0, None, None), "y": (None, 0.0, None)}
-    ball = Graph(
+    ball = RigidGraph(
         lambda x: (x[0] ** 2 + x[1] ** 2) / (2.0 * radius),
         lambda x: x / radius,
         motion=(0.0, 0.0, lambda x, t: -(reached(t) ** 2) / radius),
@@ -321,7 +321,7 @@ def inclined_slider(friction, *, deformable, finite_sliding=False):
     slider = moved(mesh, [mesh.p[0], mesh.p[1] + 0.1 * mesh.p[0]])
     drive = (lambda x, t: 0.02 * max(0.0, t - 1.0), lambda x, t: -2e-3 * min(t, 1.0))
     bodies = {"slider": Body(slider, Elastic(1e9, 0.3), supports={"top": drive})}
-    side2 = Plane((0.0, 0.0), (-0.1, 1.0))
+    side2 = RigidPlane((0.0, 0.0), (-0.1, 1.0))
     if deformable:
         ramp = block(MeshQuad, (13, 3), (-1.0, -1.0), (3.0, 0.0))
         ramp = moved(ramp, [ramp.p[0], ramp.p[1] + 0.1 * ramp.p[0] * (ramp.p[1] + 1.0)])

@@ -6,7 +6,7 @@ from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import TYPE_CHECKING
 
-from multiscale.bench.ladder import Rung, against, climb
+from multiscale.bench.ladder import Rung, against, measure_ladders
 
 if TYPE_CHECKING:
     import xarray as xr
@@ -63,7 +63,7 @@ def bench_chain(
     """
     grids = QUICK_POINTS if quick else POINTS
     counts = QUICK_REALISATIONS if quick else REALISATIONS
-    return climb(
+    return measure_ladders(
         [
             Rung(
                 SCENE,

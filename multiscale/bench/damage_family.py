@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from multiscale.bench.ladder import Rung, against, climb
+from multiscale.bench.ladder import Rung, against, measure_ladders
 from multiscale.micro.damage import FatigueMaterial, StressBlock, two_scale_fatigue
 
 if TYPE_CHECKING:
@@ -85,7 +85,7 @@ def bench_damage(
     after a warm-up that takes imports and compilation.
     """
     tolerances = (None, *(QUICK_TOLERANCES if quick else TOLERANCES))
-    found = climb(
+    found = measure_ladders(
         [
             Rung(
                 scene,

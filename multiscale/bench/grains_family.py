@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from multiscale.bench import yade
-from multiscale.bench.ladder import Rung, against, climb
+from multiscale.bench.ladder import Rung, against, measure_ladders
 from multiscale.bench.measure import THREADS
 
 if TYPE_CHECKING:
@@ -131,7 +131,7 @@ def bench_grains(
     if yade.installed():
         step = yade.time_step(_heap(1))
         rungs.append(Rung(DEPOSIT, "YADE", partial(_yade, grains), warm_up, {"time_step": step}))
-    return climb(
+    return measure_ladders(
         rungs,
         against(partial(_truth, min(lengths) / FINEST, grains)),
         title="grains in motion: heights and ways",

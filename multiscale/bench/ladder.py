@@ -13,7 +13,7 @@ from multiscale.bench.record import load_average, record, versions
 if TYPE_CHECKING:
     import xarray as xr
 
-__all__ = ["Columns", "Judge", "Rung", "Runs", "against", "climb"]
+__all__ = ["Columns", "Judge", "Rung", "Runs", "against", "measure_ladders"]
 
 
 @dataclass(frozen=True, eq=False)
@@ -57,7 +57,7 @@ Judge = Callable[[str, Runs], Iterable[Columns]]
 """From a scene and its runs to ``error``, ``converged`` and more of each of them."""
 
 
-def climb(
+def measure_ladders(
     rungs: Iterable[Rung],
     judge: Judge,
     *,

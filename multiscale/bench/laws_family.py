@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from multiscale.bench.ladder import Rung, against, climb
+from multiscale.bench.ladder import Rung, against, measure_ladders
 
 if TYPE_CHECKING:
     import xarray as xr
@@ -57,7 +57,7 @@ def bench_laws(
     them, are the uncertainty. More realisations cannot mend what a family of two parameters cannot
     say. *Times* are those of the cells and of the fit, one after the other.
     """
-    return climb(
+    return measure_ladders(
         [
             Rung(
                 SCENE,

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from multiscale.bench.ladder import Columns, Rung, Runs, climb
+from multiscale.bench.ladder import Columns, Rung, Runs, measure_ladders
 from multiscale.bench.limits import common_reference, extrapolate
 from multiscale.bench.peers import CODES, TOLERANCE, Answer, Code
 from multiscale.surfaces.surface import Surface
@@ -92,7 +92,7 @@ def bench_micro(
         mean_pressure = pressure * CONTACT_MODULUS * RMS_SLOPE
         return partial(code.solve, scene_surface(n), mean_pressure, CONTACT_MODULUS)
 
-    found = climb(
+    found = measure_ladders(
         [
             Rung(
                 f"micro, p = {pressure:g} E* h'",

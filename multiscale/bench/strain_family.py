@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from multiscale.bench.ladder import Rung, against, climb
+from multiscale.bench.ladder import Rung, against, measure_ladders
 from multiscale.bench.limits import extrapolate
 from multiscale.laws.bulk import J2, NeoHookean
 
@@ -68,7 +68,7 @@ def bench_strain(
     path are the same on all grids, so that their error is not seen here.
     """
     grids = QUICK_POINTS if quick else POINTS
-    return climb(
+    return measure_ladders(
         [
             Rung(
                 scene,

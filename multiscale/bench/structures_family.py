@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from multiscale.bench.ladder import Columns, Rung, Runs, climb
+from multiscale.bench.ladder import Columns, Rung, Runs, measure_ladders
 from multiscale.macro import LinkSystem, solve_static, tensegrity_grid
 from multiscale.macro.discrete import compatibility
 
@@ -216,7 +216,7 @@ def bench_structures(
         for name, method in methods.items()
         if n <= method.largest
     }
-    return climb(
+    return measure_ladders(
         rungs,
         partial(_judge, rungs),
         title="statics of tensegrity grids: growth of time and memory",

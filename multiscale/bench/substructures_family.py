@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from multiscale.bench.ladder import Columns, Rung, Runs, climb
+from multiscale.bench.ladder import Columns, Rung, Runs, measure_ladders
 from multiscale.bench.structures_family import distance, scene_grid
 from multiscale.fe.boxes import box_mesh
 from multiscale.laws import Exponential, Sliders
@@ -245,7 +245,7 @@ def bench_substructures(
                 follows=whole,
             )
             rungs[rung], whole = scene, whole or rung
-    return climb(
+    return measure_ladders(
         rungs,
         partial(_judge, rungs),
         title="cut structures: LATIN, Newton-Schur and the whole structure, in one process",

@@ -5,7 +5,7 @@ import pytest
 
 from multiscale.bench import FAMILIES, bench, ladder, tabulate
 from multiscale.bench.grains_family import BOUNCE, EXACT, ROLL, answer
-from multiscale.bench.ladder import Rung, against, climb
+from multiscale.bench.ladder import Rung, against, measure_ladders
 from multiscale.bench.measure import Measured
 from multiscale.bench.summary import join_families, tabulate_cheapest
 from multiscale.plotting import draw_work_precision
@@ -22,7 +22,7 @@ def in_this_process(monkeypatch):
 
 def climb_one(task, exact=2.0):
     rungs = [Rung("a", "b", task, lambda: None, {"points": 4})]
-    return climb(rungs, against(lambda *_: (exact, 0.5)), title="c").isel(run=0)
+    return measure_ladders(rungs, against(lambda *_: (exact, 0.5)), title="c").isel(run=0)
 
 
 @pytest.mark.usefixtures("in_this_process")

@@ -10,11 +10,11 @@ from multiscale.laws.bulk import J2, Elastic, NeoHookean, Prony
 from multiscale.macro import (
     Body,
     Contact,
-    Cylinder,
     FiniteAssembly,
-    Graph,
-    Plane,
-    Sphere,
+    RigidCylinder,
+    RigidGraph,
+    RigidPlane,
+    RigidSphere,
     solve_contact,
 )
 from tests.contact_scenes import block, inclined_slider, moved
@@ -174,7 +174,7 @@ def test_supports_carry_what_the_contact_passes():
 def test_supports_of_bodies_with_memory_carry_the_contact_at_the_end_of_the_step(law):
     mesh = block(MeshHex, (2, 2, 2), (0.0,) * 3, (1.0,) * 3)
     body = Body(mesh, law, {"top": (0.0, 0.0, -0.1)})
-    contact = Contact(("block", "bottom"), Plane((0.0, 0.0, 0.0), (0.0, 0.0, 1.0)))
+    contact = Contact(("block", "bottom"), RigidPlane((0.0, 0.0, 0.0), (0.0, 0.0, 1.0)))
     for step in solve_contact(FiniteAssembly({"block": body}, {"floor": contact}), (0.5, 1.0)):
         carried = step.unwrap().support_force["block"].sum(axis=1)
         np.testing.assert_allclose(carried[2], step.contact["floor"].force[2], rtol=1e-7)
@@ -191,11 +191,11 @@ def test_a_slider_on_a_slope_needs_its_friction_and_its_climb(deformable, finite
 
 
 OBSTACLES = [
-    pytest.param(Plane((0.0, 0.0, 1.0), (0.0, 0.0, -2.0)), id="plane"),
-    pytest.param(Sphere((0.5, 0.5, 6.0), 5.0), id="sphere"),
-    pytest.param(Cylinder((0.5, 0.0, 6.0), (0.0, 3.0, 0.0), 5.0), id="cylinder"),
+    pytest.param(RigidPlane((0.0, 0.0, 1.0), (0.0, 0.0, -2.0)), id="plane"),
+    pytest.param(RigidSphere((0.5, 0.5, 6.0), 5.0), id="sphere"),
+    pytest.param(RigidCylinder((0.5, 0.0, 6.0), (0.0, 3.0, 0.0), 5.0), id="cylinder"),
     pytest.param(
-        Graph(lambda x: 1.0 + 0.1 * (x[0] - 0.5) ** 2, lambda x: 0.2 * (x - 0.5) * [[1], [0]]),
+        RigidGraph(lambda x: 1.0 + 0.1 * (x[0] - 0.5) ** 2, lambda x: 0.2 * (x - 0.5) * [[1], [0]]),
         id="graph",
     ),
 ]
@@ -225,7 +225,7 @@ def test_no_node_enters_an_obstacle(obstacle, finite_sliding):
 def test_a_moving_obstacle_drags_the_body_along():
     body = Body(block(MeshQuad, (4, 4), (0, 0), (1, 1)), LAW, {"bottom": (0.0, 0.0)})
     path = (lambda x, t: 1e-3 * max(0.0, t - 1.0), lambda x, t: -1e-3 * min(t, 1.0))
-    contact = Contact(("block", "top"), Plane((0, 1), (0, -1), path), friction_coefficient=0.5)
+    contact = Contact(("block", "top"), RigidPlane((0, 1), (0, -1), path), friction_coefficient=0.5)
     pressed, dragged = solve_contact(FiniteAssembly({"block": body}, {"p": contact}), (1.0, 1.1))
     assert pressed.unwrap().contact["p"].force[0] == pytest.approx(0.0, abs=1e-3)
     assert dragged.unwrap().contact["p"].force[0] < 0.0  # on the obstacle: it is held back
@@ -256,7 +256,7 @@ def test_a_step_that_fails_is_reported_as_data_and_ends_the_path():
 
 def test_a_problem_without_load_stays_at_rest():
     body = Body(block(MeshQuad, (2, 2), (0, 0), (1, 1)), LAW, {"bottom": (0.0, 0.0)})
-    contact = Contact(("block", "top"), Plane((0, 1), (0, -1)), 0.3)
+    contact = Contact(("block", "top"), RigidPlane((0, 1), (0, -1)), 0.3)
     step = solve_contact(FiniteAssembly({"block": body}, {"p": contact}))[-1].unwrap()
     assert not step.displacement["block"].any()
 
@@ -270,7 +270,7 @@ def test_iterations_are_reported_to_the_callback():
 
 SQUARE = block(MeshQuad, (2, 2), (0, 0), (1, 1))
 HELD = {"bottom": (0.0, 0.0)}
-FLOOR = Plane((0.0, 0.0), (0.0, 1.0))
+FLOOR = RigidPlane((0.0, 0.0), (0.0, 1.0))
 
 
 def square(**options):
@@ -293,8 +293,12 @@ REFUSED = [
     pytest.param(
         lambda: Contact(("a", "top"), FLOOR, -0.1), "must not be negative", id="negative friction"
     ),
-    pytest.param(lambda: Sphere((0, 0), -1.0), "radius of an obstacle must be positive", id="ball"),
-    pytest.param(lambda: Plane((0, 0), (0, 0)), "needs a direction", id="plane without normal"),
+    pytest.param(
+        lambda: RigidSphere((0, 0), -1.0), "radius of an obstacle must be positive", id="ball"
+    ),
+    pytest.param(
+        lambda: RigidPlane((0, 0), (0, 0)), "needs a direction", id="plane without normal"
+    ),
     pytest.param(
         lambda: FiniteAssembly({"a": square()}, {"c": Contact(("a", "top"), FLOOR)}),
         "no body has a support",

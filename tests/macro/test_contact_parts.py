@@ -12,7 +12,7 @@ from multiscale.fe.elements import element_response, prepare_elements
 from multiscale.fe.facets import facet_normals, nodal_areas, surface_of
 from multiscale.fe.mortar import couple
 from multiscale.laws.bulk import J2, Elastic, NeoHookean
-from multiscale.macro import Body, Contact, FiniteAssembly, Plane, load_mesh, solve_contact
+from multiscale.macro import Body, Contact, FiniteAssembly, RigidPlane, load_mesh, solve_contact
 from multiscale.macro.continuum.nodal_coulomb import linearise
 from tests.contact_scenes import block, moved
 from tests.support import alart_curnier, keep_ignoring_broken_pipes
@@ -226,7 +226,7 @@ def test_the_slip_between_bodies_is_of_the_step_alone(d, finite_sliding):
 @pytest.mark.parametrize("finite_sliding", [False, True])
 def test_the_slip_on_an_obstacle_is_of_the_step_alone(finite_sliding):
     body = Body(block(MeshQuad, (3, 2), (0, 0), (1, 1)), RUBBER, {"top": (0.0, 0.0)})
-    floor = Plane((0.0, 0.0), (0.0, 1.0))
+    floor = RigidPlane((0.0, 0.0), (0.0, 1.0))
     contact = Contact(("upper", "bottom"), floor, 0.8, finite_sliding)
     problem = FiniteAssembly({"upper": body}, {"joint": contact})
     jump = step_jump(problem, slid(0.1), slid(0.25))
@@ -367,7 +367,7 @@ def test_a_mesh_of_gmsh_is_pressed_between_plates(tmp_path):
 
     mesh = load_mesh(tmp_path / "block.msh")
     body = Body(mesh, Elastic(1e9, 0.3), {"bottom": (0.0, 0.0)})
-    plate = Plane((0.0, 1.0), (0.0, -1.0), motion=(0.0, -1e-3))
+    plate = RigidPlane((0.0, 1.0), (0.0, -1.0), motion=(0.0, -1e-3))
     problem = FiniteAssembly({"block": body}, {"plate": Contact(("block", "top"), plate)})
     surface = solve_contact(problem)[-1].unwrap().contact["plate"]
     assert np.sum(surface.area) == pytest.approx(2.0)

@@ -6,7 +6,7 @@ from skfem import MeshHex, MeshQuad, MeshTri
 
 from multiscale.laws.bulk import J2, Elastic, NeoHookean
 from multiscale.laws.bulk.moduli import contact_modulus
-from multiscale.macro import Body, Contact, FiniteAssembly, Graph, Plane, solve_contact
+from multiscale.macro import Body, Contact, FiniteAssembly, RigidGraph, RigidPlane, solve_contact
 from tests import contact_scenes as scenes
 from tests.closed_forms import hertz, mindlin, spence
 from tests.contact_scenes import CONTACT_RADIUS, FORCE, FRICTION, LIMIT, PEAK, near
@@ -87,7 +87,7 @@ def flat_punch(points, friction=0.0):
         for i in range(3)
     ]
     body = Body(mesh, Elastic(*material), {"far": far, "plane": (None, 0.0, None)})
-    punch = Plane((0.0, 0.0, 0.0), (0.0, 0.0, -1.0), motion=(0.0, 0.0, -depth))
+    punch = RigidPlane((0.0, 0.0, 0.0), (0.0, 0.0, -1.0), motion=(0.0, 0.0, -depth))
     contact = Contact(("base", "contact"), punch, friction)
     problem = FiniteAssembly({"base": body}, {"punch": contact})
     surface = solve_contact(problem)[-1].unwrap().contact["punch"]
@@ -132,7 +132,7 @@ def billet(friction, law, *, squeeze=0.35, steps=10, elements=(3, 4)):
     place = [radius * s * np.sqrt(1 - t**2 / 2), radius * t * np.sqrt(1 - s**2 / 2), height * z]
     mesh = scenes.moved(unit, place)
     held = {"x": (0.0, None, None), "y": (None, 0.0, None), "middle": (None, None, 0.0)}
-    plate = Plane((0, 0, height), (0, 0, -1), motion=(0.0, 0.0, -squeeze * height))
+    plate = RigidPlane((0, 0, height), (0, 0, -1), motion=(0.0, 0.0, -squeeze * height))
     contact = Contact(("billet", "upper"), plate, friction, finite_sliding=True)
     problem = FiniteAssembly({"billet": Body(mesh, law, held)}, {"plate": contact})
     times = np.linspace(0.0, 1.0, steps + 1)[1:]
@@ -227,7 +227,7 @@ def test_the_slip_of_a_step_that_was_cut_is_whole():
     base = scenes.block(MeshQuad, (12, 4), (0.0, 0.0), (2.0, 1.0))
     drive = (lambda x, t: 3e-4 * max(0.0, t - 1.0), lambda x, t: -1e-3 * min(t, 1.0))
     body = Body(base, Elastic(1e9, 0.3), {"top": drive})
-    floor = Contact(("base", "bottom"), Plane((0.0, 0.0), (0.0, 1.0)), 0.3)
+    floor = Contact(("base", "bottom"), RigidPlane((0.0, 0.0), (0.0, 1.0)), 0.3)
     problem = FiniteAssembly({"base": body}, {"floor": floor})
     once, cut = (solve_contact(problem, (1.0, 2.0), max_iterations=n)[-1] for n in (60, 3))
     assert len(once.unwrap().solution.trail) == 1 < len(cut.unwrap().solution.trail)
@@ -315,8 +315,8 @@ def test_a_graph_presses_like_the_sphere_that_it_follows():
     )
     radius = 5.0
     down = (0.0, 0.0, -0.05)
-    ball = scenes.Sphere((0.0, 0.0, radius), radius, motion=down)
-    cap = Graph(
+    ball = scenes.RigidSphere((0.0, 0.0, radius), radius, motion=down)
+    cap = RigidGraph(
         lambda x: radius - np.sqrt(radius**2 - x[0] ** 2 - x[1] ** 2),
         lambda x: x / np.sqrt(radius**2 - x[0] ** 2 - x[1] ** 2),
         motion=down,

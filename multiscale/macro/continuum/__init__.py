@@ -5,18 +5,24 @@ from multiscale.macro.continuum.contact_steps import ContactStep, SurfaceState, 
 from multiscale.macro.continuum.finite_assembly import FiniteAssembly
 from multiscale.macro.continuum.interface import Contact
 from multiscale.macro.continuum.mesh_file import load_mesh
-from multiscale.macro.continuum.rigid_obstacle import Cylinder, Graph, Obstacle, Plane, Sphere
+from multiscale.macro.continuum.rigid_obstacle import (
+    RigidCylinder,
+    RigidGraph,
+    RigidObstacle,
+    RigidPlane,
+    RigidSphere,
+)
 
 __all__ = [
     "Body",
     "Contact",
     "ContactStep",
-    "Cylinder",
     "FiniteAssembly",
-    "Graph",
-    "Obstacle",
-    "Plane",
-    "Sphere",
+    "RigidCylinder",
+    "RigidGraph",
+    "RigidObstacle",
+    "RigidPlane",
+    "RigidSphere",
     "SurfaceState",
     "load_mesh",
     "solve_contact",

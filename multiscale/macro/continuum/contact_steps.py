@@ -147,10 +147,10 @@ def solve_contact(
     --------
     >>> from skfem import MeshQuad
     >>> from multiscale.laws.bulk import Elastic
-    >>> from multiscale.macro import Body, Contact, FiniteAssembly, Plane, solve_contact
+    >>> from multiscale.macro import Body, Contact, FiniteAssembly, RigidPlane, solve_contact
     >>> mesh = MeshQuad().refined(2).with_defaults()
     >>> block = Body(mesh, Elastic(1e9, 0.0), supports={"top": (0.0, -1e-3)})
-    >>> floor = Plane((0.0, 0.0), (0.0, 1.0))
+    >>> floor = RigidPlane((0.0, 0.0), (0.0, 1.0))
     >>> pair = FiniteAssembly({"block": block}, {"floor": Contact(("block", "bottom"), floor)})
     >>> step = solve_contact(pair)[-1].unwrap()
     >>> step.contact["floor"].pressure.round(3)

@@ -32,7 +32,7 @@ from scipy.sparse import csr_array, diags_array
 from multiscale.errors import CaseError
 from multiscale.fe.facets import ContactFace, nodal_areas, nodal_normals
 from multiscale.fe.mortar import couple
-from multiscale.macro.continuum.rigid_obstacle import Obstacle, obstacle_motion
+from multiscale.macro.continuum.rigid_obstacle import RigidObstacle, obstacle_motion
 
 __all__ = [
     "Contact",
@@ -56,7 +56,7 @@ class Contact:
     ----------
     side1 : tuple of str
         Body and boundary that carry the contact traction. The finer mesh belongs here.
-    side2 : tuple of str or Obstacle
+    side2 : tuple of str or RigidObstacle
         Body and boundary, or a rigid obstacle.
     friction_coefficient : float, default 0.0
         Coulomb's :math:`\mu \ge 0`, dimensionless.
@@ -75,7 +75,7 @@ class Contact:
     """
 
     side1: tuple[str, str]
-    side2: tuple[str, str] | Obstacle
+    side2: tuple[str, str] | RigidObstacle
     friction_coefficient: float = 0.0
     finite_sliding: bool = False
     reach: float = np.inf
@@ -90,14 +90,14 @@ class Contact:
             raise CaseError(f"the reach of a contact must be positive (m), got {self.reach}")
 
     @property
-    def obstacle(self) -> Obstacle | None:
+    def obstacle(self) -> RigidObstacle | None:
         """Side 2 if it is rigid."""
-        return self.side2 if isinstance(self.side2, Obstacle) else None
+        return self.side2 if isinstance(self.side2, RigidObstacle) else None
 
     @property
     def surfaces(self) -> tuple[tuple[str, str], ...]:
         """Sides that are surfaces of bodies: body and boundary."""
-        return (self.side1,) if isinstance(self.side2, Obstacle) else (self.side1, self.side2)
+        return (self.side1,) if isinstance(self.side2, RigidObstacle) else (self.side1, self.side2)
 
 
 @dataclass(frozen=True)

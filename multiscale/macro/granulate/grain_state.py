@@ -6,7 +6,6 @@ import numpy as np
 
 from multiscale.errors import CaseError
 from multiscale.macro.granulate.contacts import Contacts, find_wall_pairs, penetration
-from multiscale.macro.granulate.grain_bodies import PipeWall, Wall
 from multiscale.macro.granulate.model import Model
 from multiscale.macro.granulate.neighbours import find_pairs
 
@@ -97,21 +96,13 @@ def _check_hold(model: Model) -> None:
     if gravity.shape != (3,) or not np.all(np.isfinite(gravity)):
         raise CaseError(f"gravity must be three finite numbers (m/s2), got {model.gravity}")
     below = any(np.isinf(model.period[a]) and gravity[a] != 0.0 for a in range(3)) and not any(
-        _holds(wall, gravity) for wall in model.walls
+        wall.holds(gravity) for wall in model.walls
     )
     if below:
         raise CaseError(
             f"no wall holds the grains against gravity {tuple(map(float, gravity))} m/s2: they "
             f"fall for ever; close the box or set gravity to zero"
         )
-
-
-def _holds(wall: Wall, gravity: np.ndarray) -> bool:
-    """Whether a wall stops what falls."""
-    along = float(wall.unit @ gravity)
-    if isinstance(wall, PipeWall):
-        return abs(along) < (1.0 - 1e-9) * float(np.linalg.norm(gravity))
-    return along < 0.0
 
 
 def _check_overlap(model: Model, state: GrainState) -> None:

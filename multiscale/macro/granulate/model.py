@@ -7,7 +7,7 @@ import numpy as np
 
 from multiscale.errors import CaseError
 from multiscale.macro.granulate.contacts import CYLINDER, PLANE
-from multiscale.macro.granulate.grain_bodies import Grains, PipeWall, PlaneWall, Wall
+from multiscale.macro.granulate.grain_bodies import Grains, Wall
 
 __all__ = ["ContactLaw", "Model", "Solver"]
 
@@ -195,9 +195,7 @@ class Model:
         mobility[: grains.n, :2] = 1.0 / grains.mass[:, None]
         if turns:
             mobility[: grains.n, 2] = grains.radius**2 / grains.inertia
-        for w, wall in enumerate(self.walls):
-            if isinstance(wall, PlaneWall):
-                mobility[grains.n + w, 0] = 1.0 / wall.mass
+        mobility[grains.n :, 0] = [wall.mobility for wall in self.walls]
         return mobility
 
     @cached_property
@@ -214,10 +212,9 @@ class Model:
     @cached_property
     def shapes(self) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """Kind, direction and radius of the walls."""
-        kind = np.array([CYLINDER if isinstance(w, PipeWall) else PLANE for w in self.walls], int)
         axis = np.array([wall.unit for wall in self.walls]).reshape(-1, 3)
-        bore = np.array([w.radius if isinstance(w, PipeWall) else 0.0 for w in self.walls], float)
-        return kind, axis, bore
+        bore = np.array([wall.bore for wall in self.walls], float)
+        return np.where(bore > 0.0, CYLINDER, PLANE), axis, bore
 
     @cached_property
     def push(self) -> np.ndarray:
@@ -225,8 +222,7 @@ class Model:
         push = np.zeros((self.mobility.shape[0], 8 if self.turns else 4))
         push[: self.grains.n, :3] = self.gravity
         for w, wall in enumerate(self.walls, self.grains.n):
-            if isinstance(wall, PlaneWall):
-                push[w, :3] = wall.force / wall.mass * wall.unit
+            push[w, :3] = wall.acceleration
         return push
 
     def walls_at(self, point: np.ndarray) -> tuple[np.ndarray, ...]:

@@ -306,7 +306,10 @@ def test_space_repeats_along_a_period():
             lambda: Grains([[0, 0, 1], [0, 1, 1]], 0.1, thickness=1.0),
             "disc 1 leaves the plane y = 0 m",
         ),
-        (lambda: granulate.PipeWall((0, 0, 0), (0, 0, 1)), "radius of a cylinder must be positive"),
+        (
+            lambda: granulate.CylinderWall((0, 0, 0), (0, 0, 1)),
+            "radius of a cylinder must be positive",
+        ),
         (lambda: ContactLaw(compliance=np.inf), "compliance must be finite and not negative"),
         (lambda: ContactLaw(relaxation=0.5), "relaxation must be at least one step, got 0.5"),
         (lambda: granulate.Solver(tolerance=1.0), "tolerance must lie between 0 and 1, got 1"),
