@@ -4,7 +4,6 @@ from functools import partial
 
 import numpy as np
 
-from multiscale.convergence import Status
 from multiscale.micro.cell import FlatCell
 from multiscale.micro.contact_state import CellProblem, ContactState, untouched
 from multiscale.micro.flat import solve_flat
@@ -43,7 +42,7 @@ def assemble_flat_cell(cell: FlatCell) -> CellProblem:
     ) -> ContactState:
         if load == 0.0 or (approach is not None and approach <= 0.0):
             return untouched((nx, 3, ny), gap, closing, approach)
-        force, delta, residuals = solve_flat(
+        found = solve_flat(
             respond,
             gap,
             closing,
@@ -55,11 +54,16 @@ def assemble_flat_cell(cell: FlatCell) -> CellProblem:
             tolerance=max(tolerance, TOLERANCE),
         )
         displacement = np.zeros((nx, 3, ny))
-        displacement[:, 2] = -respond(force)
-        done = residuals[-1] <= max(tolerance, TOLERANCE)
-        status = Status.CONVERGED if done else Status.MAX_ITERATIONS
+        displacement[:, 2] = -respond(found.value)
         return ContactState(
-            displacement, force, delta, force > 0.0, force, status, (residuals[-1],), len(residuals)
+            displacement,
+            found.value,
+            found.approach,
+            found.value > 0.0,
+            found.value,
+            found.status,
+            found.residuals[-1:],
+            len(found.residuals),
         )
 
     return CellProblem(

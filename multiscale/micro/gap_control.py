@@ -180,14 +180,14 @@ class GapCell:
         guess = np.zeros_like(self.gap)  # solve_flat takes zeros for no guess
         if start is not None:
             guess.flat[start.node] = np.maximum(start.force, 0.0)
-        force, _, _ = solve_flat(
+        force = solve_flat(
             self.compliance,
             self.gap,
             np.ones_like(self.gap),
             approach=approach,
             start=guess,
             tolerance=_START,
-        )
+        ).value
         if not np.any(force > 0.0):  # a touch of one node
             force = np.where(self.gap < approach, 1.0, 0.0)
         return force
