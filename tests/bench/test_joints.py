@@ -8,7 +8,9 @@ from multiscale.bench.joints_family import SCENES as JOINTS
 from multiscale.bench.joints_family import measure_effectivity
 
 
-@pytest.mark.parametrize("name", ["law like the blocks", "stiff law"])
+@pytest.mark.parametrize(
+    "name", [pytest.param("law like the blocks", marks=pytest.mark.slow), "stiff law"]
+)
 def test_the_indicator_is_near_the_true_error_of_sliding_joints(name):
     runs = list(measure_effectivity(JOINTS[name]))
     assert {run["step"] for run in runs} == {0, 1, 2, 3, 4}

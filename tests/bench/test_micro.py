@@ -86,6 +86,7 @@ def test_the_conforming_cell_has_the_area_of_tamaas_for_small_slopes(seed):
     np.testing.assert_allclose(area, expected, rtol=0.03)
 
 
+@pytest.mark.slow
 def test_the_boundary_element_codes_agree():
     pytest.importorskip("tamaas")
     pytest.importorskip("ContactMechanics")

@@ -90,6 +90,7 @@ def test_what_fails_in_one_process_raises_in_all():
         together(Alone(), lambda: np.linalg.inv(np.zeros((2, 2))))
 
 
+@pytest.mark.slow
 def test_the_command_spreads_a_scene_and_writes_it_once(tmp_path):
     pytest.importorskip("mpi4py")
     launcher = Path(sys.executable).with_name("mpiexec")

@@ -13,6 +13,7 @@ from tests.contact_scenes import CONTACT_RADIUS, FORCE, FRICTION, LIMIT, PEAK, n
 from tests.support import observed_rate
 
 
+@pytest.mark.slow
 def test_a_ball_on_a_half_space_is_hertzs():
     force, peak, radius, _ = scenes.ball_on_half_space(6)
     assert force == pytest.approx(FORCE, rel=0.02)
@@ -213,7 +214,13 @@ def ironing(friction, *, swapped=False):
     return np.array([side * step.unwrap().contact["joint"].force for step in steps])
 
 
-@pytest.mark.parametrize("swapped", [False, True], ids=["die first", "base first"])
+@pytest.mark.parametrize(
+    "swapped",
+    [
+        pytest.param(False, marks=pytest.mark.slow, id="die first"),
+        pytest.param(True, id="base first"),
+    ],
+)
 def test_ironing_has_smooth_resultants(swapped):
     force = ironing(0.2, swapped=swapped)[8:]  # drawn along, away from the start
     tangent, normal = force[:, 0], -force[:, 1]

@@ -118,7 +118,15 @@ def test_tangential_over_normal_stiffness():
 
 
 @pytest.mark.parametrize("bulk", [None, NeoHookean(1.0, 0.3)], ids=["small", "large strain"])
-@pytest.mark.parametrize("mu", [0.0, 0.1, 0.2, 0.3])
+@pytest.mark.parametrize(
+    "mu",
+    [
+        0.0,
+        pytest.param(0.1, marks=pytest.mark.slow),
+        0.2,
+        pytest.param(0.3, marks=pytest.mark.slow),
+    ],
+)
 def test_sliding_up_an_inclined_facet(bulk, mu):
     n, tangent, rise = 64, 0.1, 0.8
     x = np.arange(n) / n
