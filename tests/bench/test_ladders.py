@@ -41,8 +41,13 @@ def test_an_answer_that_is_not_there_has_no_error():
 
 
 @pytest.mark.usefixtures("in_this_process")
-@pytest.mark.slow
-@pytest.mark.parametrize("family", ["laws", "chain", "grains", "strain"])
+@pytest.mark.parametrize(
+    "family",
+    [
+        pytest.param("laws", marks=pytest.mark.slow),
+        *(pytest.param(name, marks=pytest.mark.long) for name in ("chain", "grains", "strain")),
+    ],
+)
 def test_a_family_leaves_a_dataset_and_a_figure(family, tmp_path):
     lines = []
     found = bench(family, quick=True, report=lines.append)

@@ -151,7 +151,7 @@ def test_what_is_missing_or_fails_is_told_and_nothing_is_invented(tmp_path):
     assert (tmp_path / "micro.png").stat().st_size > 10_000
 
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_the_command_measures_all_that_is_installed(tmp_path, monkeypatch, capsys):
     from multiscale.cli import main
 

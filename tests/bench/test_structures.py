@@ -147,7 +147,7 @@ def test_what_is_missing_or_fails_is_told_and_nothing_is_invented(tmp_path):
     assert sum("not converged" in " ".join(row) for row in rows) == 2
 
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_the_command_measures_every_method_and_all_of_them_agree(tmp_path, monkeypatch, capsys):
     from multiscale.cli import main
 

@@ -79,7 +79,7 @@ def test_a_lost_process_leaves_a_row_without_values_and_the_rest_is_drawn(monkey
     assert sum("not converged" in " ".join(row) for row in rows) == 1
 
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_the_command_measures_every_method(tmp_path, monkeypatch, capsys):
     from multiscale.cli import main
 

@@ -45,7 +45,7 @@ PROGRAM = dedent(
 )
 
 
-@pytest.mark.slow
+@pytest.mark.long
 @pytest.mark.parametrize("method", ["latin", "schur"])
 def test_the_answer_is_the_same_for_any_number_of_processes(method, tmp_path):
     pytest.importorskip("mpi4py")

@@ -260,7 +260,7 @@ def sheared_balls():
     return [step.contact["joint"] for step in steps]
 
 
-@pytest.mark.slow
+@pytest.mark.long
 @pytest.mark.parametrize("ratio", [0.25, 0.5, 0.75, 0.9])
 def test_partial_slip_between_steel_balls_is_mindlins(sheared_balls, ratio):
     surface = sheared_balls[AMPLITUDES.index(ratio)]
@@ -277,7 +277,7 @@ def test_partial_slip_between_steel_balls_is_mindlins(sheared_balls, ratio):
     assert stick / contact == pytest.approx(float(mindlin.stick_radius(ratio)), rel=0.03)
 
 
-@pytest.mark.slow
+@pytest.mark.long
 @pytest.mark.parametrize(("ratio", "expected"), [(0.5, 1.07238e-6), (0.9, 1.22179e-5)])
 def test_a_cycle_of_partial_slip_loses_the_energy_of_mindlin_and_deresiewicz(
     sheared_balls, ratio, expected
@@ -297,7 +297,7 @@ SPENCE_RINGS = np.r_[
 ]
 
 
-@pytest.mark.slow
+@pytest.mark.long
 @pytest.mark.parametrize(("friction", "growth"), [(0.1, 1.2), (0.3, 1.05), (0.5, 1.05)])
 def test_a_ball_pressed_with_friction_sticks_where_theory_says(friction, growth):
     r, surface = scenes.ball_on_rough_half_space(friction, SPENCE_RINGS, growth)

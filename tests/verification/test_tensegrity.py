@@ -112,7 +112,7 @@ def test_the_number_of_iterations_hardly_grows_with_the_size(load_factor, most):
     assert counts[2] <= counts[1] + 5
 
 
-@pytest.mark.slow
+@pytest.mark.long
 @pytest.mark.parametrize("load_factor", [1.0, 4.0])
 def test_a_grid_of_786432_cables_is_solved(load_factor):
     pytest.importorskip("pypardiso", reason="takes SuperLU many minutes")

@@ -217,7 +217,7 @@ def test_tangential_over_normal_stiffness_of_two_bodies():
     assert stiffness[1] / stiffness[0] == pytest.approx(2.0 * (1.0 - nu) / (2.0 - nu), rel=0.05)
 
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_equal_spheres_in_partial_slip_follow_cattaneo_and_mindlin():
     """Equal bodies know no coupling of normal and tangential motion, at any Poisson's ratio."""
     n, layers, nu, mu, radius, a = 64, 16, 0.3, 0.4, 10.0, 0.16
@@ -273,7 +273,7 @@ def plough(increments, mu):
     return np.array([work, float(np.sum(volume * taken)), state.dissipation])
 
 
-@pytest.mark.slow
+@pytest.mark.long
 @pytest.mark.parametrize("mu", [0.0, 0.2], ids=["smooth", "friction"])
 def test_ploughing_costs_what_plastic_flow_and_friction_take(mu):
     coarse, fine = plough(16, mu), plough(32, mu)
