@@ -21,6 +21,7 @@ def test_the_indicator_is_near_the_true_error_of_sliding_joints(name):
     assert late.max() < 30.0
 
 
+@pytest.mark.slow
 def test_the_table_has_the_effectivity_at_every_decade_of_the_error():
     lines = []
     found = bench("joints", quick=True, report=lines.append)

@@ -76,6 +76,7 @@ def test_the_squared_norm_of_a_change_without_slack_is_the_work_of_the_load(grid
     assert distance(grid, tension, reference) ** 2 * size == pytest.approx(work, rel=1e-8)
 
 
+@pytest.mark.slow
 def test_the_share_of_slack_cables_does_not_depend_on_the_size():
     for load_factor, share in ((1.0, 0.141), (4.0, 0.284)):
         for n in (8, 16, 32):

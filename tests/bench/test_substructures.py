@@ -51,6 +51,7 @@ def test_errors_of_bodies_are_those_of_their_stresses(scenes):
     assert scene.error(u, u) == 0.0
 
 
+@pytest.mark.slow
 def test_a_lost_process_leaves_a_row_without_values_and_the_rest_is_drawn(monkeypatch, tmp_path):
     def lose_one(task, *, warm_up, repeats, threads):
         scene, method, _ = task.args

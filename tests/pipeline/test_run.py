@@ -265,9 +265,10 @@ def test_a_killed_run_goes_on_where_it_was(tmp_path):
     assert kept == {path: path.stat().st_mtime_ns for path in kept}
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("file", "size", "detrend"),
-    [("tmd-1.tmd", "9 mm", 2), pytest.param("al3d-1.al3d", "60 um", 2, marks=pytest.mark.slow)],
+    [("tmd-1.tmd", "9 mm", 2), ("al3d-1.al3d", "60 um", 2)],
 )
 def test_the_whole_chain_runs_on_measured_files(reference_data, tmp_path, file, size, detrend):
     text = shipped_cases()["ground_steel"].read_text(encoding="utf-8")

@@ -131,10 +131,9 @@ def test_every_shipped_scene_says_what_it_needs_and_what_it_leaves_out(file):
     "name",
     [
         "grid",
-        "deposit",
         *(
             pytest.param(one, marks=pytest.mark.slow)
-            for one in ("motion", "plate", "smooth grains")
+            for one in ("deposit", "motion", "plate", "smooth grains")
         ),
     ],
 )

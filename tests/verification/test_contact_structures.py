@@ -162,6 +162,7 @@ def test_upsetting_without_friction_follows_the_hardening_curve():
         assert step.contact["plate"].force[2] == pytest.approx(force, rel=1e-4)
 
 
+@pytest.mark.slow
 def test_upsetting_with_friction_keeps_the_volume_and_bulges():
     steps, mesh = billet(0.2, METAL)
     rest = volume(mesh, 0.0 * mesh.p)

@@ -141,6 +141,7 @@ def test_a_rotated_cell_gives_a_rotated_answer():
     np.testing.assert_allclose(first, second[[0, 2, 1]], rtol=1e-5)
 
 
+@pytest.mark.slow
 def test_an_elastic_cell_comes_back_and_a_plastic_one_does_not():
     path = Path(pressure=(0.005, 0.02, 0.005, 0.0))
     elastic, plastic = (
@@ -182,6 +183,7 @@ def test_inverted_elements_are_caught_by_shorter_increments():
     assert response["converged"].values.all()
 
 
+@pytest.mark.slow
 def test_a_path_that_cannot_go_on_keeps_what_it_has_and_says_so():
     body = cell(bulk=NeoHookean(1.0, 0.3))
     response = solve_cell(body, Path(approach=(0.01, 0.6, 0.02)))
