@@ -175,6 +175,7 @@ def test_fields_are_those_of_the_contact(finished):
     )
 
 
+@pytest.mark.slow
 def test_a_second_run_keeps_the_cells_and_gives_the_same_law(finished, command):
     out, _ = finished
     before = (out / "micro" / "realisation-0002.nc").stat().st_mtime_ns
