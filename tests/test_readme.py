@@ -22,7 +22,14 @@ PAGES = {
     for name in ("README.md", "microcases/README.md", "workflows/README.md", "workflows/bench.md")
 }
 README, KEYS = PAGES["README.md"], PAGES["microcases/README.md"]
-SLOW = ("bench", "run ground_steel", "run tyre_on_road", "micro my_joint", "lap_joint")
+SLOW = (
+    "bench",
+    "run ground_steel",
+    "run tyre_on_road",
+    "run my_joint.toml -o",
+    "micro my_joint",
+    "lap_joint",
+)
 
 
 def blocks(language):

@@ -11,7 +11,6 @@ from multiscale.bench.summary import join_families, tabulate_cheapest
 from multiscale.plotting import draw_work_precision
 from multiscale.schema import WORK_PRECISION
 
-SLOW = ("chain", "grains", "strain")
 COST = {"wall_time": 0.1, "peak_memory": 1e8}
 
 
@@ -42,7 +41,11 @@ def test_an_answer_that_is_not_there_has_no_error():
 
 @pytest.mark.usefixtures("in_this_process")
 @pytest.mark.parametrize(
-    "family", ["laws", *(pytest.param(name, marks=pytest.mark.slow) for name in SLOW)]
+    "family",
+    [
+        pytest.param("laws", marks=pytest.mark.slow),
+        *(pytest.param(name, marks=pytest.mark.long) for name in ("chain", "grains", "strain")),
+    ],
 )
 def test_a_family_leaves_a_dataset_and_a_figure(family, tmp_path):
     lines = []

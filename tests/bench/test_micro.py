@@ -86,6 +86,7 @@ def test_the_conforming_cell_has_the_area_of_tamaas_for_small_slopes(seed):
     np.testing.assert_allclose(area, expected, rtol=0.03)
 
 
+@pytest.mark.slow
 def test_the_boundary_element_codes_agree():
     pytest.importorskip("tamaas")
     pytest.importorskip("ContactMechanics")
@@ -148,7 +149,7 @@ def test_what_is_missing_or_fails_is_told_and_nothing_is_invented(tmp_path):
     assert (tmp_path / "micro.png").stat().st_size > 10_000
 
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_the_command_measures_all_that_is_installed(tmp_path, monkeypatch, capsys):
     from multiscale.cli import main
 

@@ -76,6 +76,7 @@ def test_the_squared_norm_of_a_change_without_slack_is_the_work_of_the_load(grid
     assert distance(grid, tension, reference) ** 2 * size == pytest.approx(work, rel=1e-8)
 
 
+@pytest.mark.slow
 def test_the_share_of_slack_cables_does_not_depend_on_the_size():
     for load_factor, share in ((1.0, 0.141), (4.0, 0.284)):
         for n in (8, 16, 32):
@@ -147,7 +148,7 @@ def test_what_is_missing_or_fails_is_told_and_nothing_is_invented(tmp_path):
     assert sum("not converged" in " ".join(row) for row in rows) == 2
 
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_the_command_measures_every_method_and_all_of_them_agree(tmp_path, monkeypatch, capsys):
     from multiscale.cli import main
 

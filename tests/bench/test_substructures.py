@@ -51,6 +51,7 @@ def test_errors_of_bodies_are_those_of_their_stresses(scenes):
     assert scene.error(u, u) == 0.0
 
 
+@pytest.mark.slow
 def test_a_lost_process_leaves_a_row_without_values_and_the_rest_is_drawn(monkeypatch, tmp_path):
     def lose_one(task, **_):
         scene, method, *_ = task.args
@@ -79,7 +80,7 @@ def test_a_lost_process_leaves_a_row_without_values_and_the_rest_is_drawn(monkey
     assert sum("not converged" in " ".join(row) for row in rows) == 1
 
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_the_command_measures_every_method(tmp_path, monkeypatch, capsys):
     from multiscale.cli import main
 

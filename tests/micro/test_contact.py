@@ -66,7 +66,10 @@ def test_a_step_does_not_depend_on_the_path_to_it():
         assert loop[name].values[0, -1] == pytest.approx(direct[name].values[0, 0], rel=1e-6)
 
 
-@pytest.mark.parametrize(("nu", "limit"), [(0.3, 20), (0.49, 30), (0.499, 60)])
+@pytest.mark.parametrize(
+    ("nu", "limit"),
+    [(0.3, 20), *(pytest.param(*row, marks=pytest.mark.slow) for row in ((0.49, 30), (0.499, 60)))],
+)
 def test_linear_iterations_do_not_grow_with_the_grid(nu, limit):
     counts = []
     for n in (32, 64, 128):

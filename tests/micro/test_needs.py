@@ -102,6 +102,7 @@ def test_friction_and_large_strain_are_paid_where_they_are_used(changes, built, 
     assert needs.unknowns_per_contact == (3 if CellPart.FRICTION in built else 1)
 
 
+@pytest.mark.slow
 def test_a_frictionless_run_takes_less_than_half_the_memory_of_a_frictional_one():
     peaks = []
     for mu in (0.0, 0.3):

@@ -148,6 +148,7 @@ def test_newton_on_cells_converges_quadratically():
     assert len(solution.residuals) <= 6
 
 
+@pytest.mark.slow
 def test_substructures_take_cells_with_friction(fitted):
     steel = Elastic(210e9, 0.3)
     results = []

@@ -62,6 +62,7 @@ def refused(answer, message):
     assert message in sentences[0]
 
 
+@pytest.mark.slow
 def test_a_run_on_a_disk_that_fills_keeps_its_cells_and_goes_on_with_more_room(command, disk):
     folder, change = disk
     out = folder / "out"
@@ -151,6 +152,7 @@ def test_a_folder_that_has_the_name_of_the_dataset_is_a_sentence(command):
     refused(command("macro", "scene.toml", "-o", "out.nc"), "is a directory")
 
 
+@pytest.mark.slow
 def test_files_that_grow_too_large_for_the_user_are_a_sentence(tmp_path):
     scene = tmp_path / "scene.toml"
     command = "from multiscale.cli import main; main()"

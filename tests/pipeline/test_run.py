@@ -175,6 +175,7 @@ def test_fields_are_those_of_the_contact(finished):
     )
 
 
+@pytest.mark.slow
 def test_a_second_run_keeps_the_cells_and_gives_the_same_law(finished, command):
     out, _ = finished
     before = (out / "micro" / "realisation-0002.nc").stat().st_mtime_ns
@@ -265,6 +266,7 @@ def test_a_killed_run_goes_on_where_it_was(tmp_path):
     assert kept == {path: path.stat().st_mtime_ns for path in kept}
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("file", "size", "detrend"),
     [("tmd-1.tmd", "9 mm", 2), ("al3d-1.al3d", "60 um", 2)],

@@ -130,10 +130,9 @@ def test_every_shipped_scene_says_what_it_needs_and_what_it_leaves_out(file):
     "name",
     [
         "grid",
-        "deposit",
         *(
             pytest.param(one, marks=pytest.mark.slow)
-            for one in ("motion", "plate", "smooth grains")
+            for one in ("deposit", "motion", "plate", "smooth grains")
         ),
     ],
 )
@@ -162,7 +161,7 @@ def test_a_scene_imports_the_libraries_it_names_and_no_other(name, tmp_path):
     assert found == set(scene_requirements(load_scene(file)).libraries)
 
 
-@pytest.mark.slow
+@pytest.mark.long
 @pytest.mark.parametrize("name", LARGE)
 def test_the_memory_said_is_the_memory_taken_within_a_factor_of_two(name, tmp_path):
     code = """

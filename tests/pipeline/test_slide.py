@@ -94,6 +94,7 @@ def test_a_run_leaves_friction_against_pressure_and_distance(finished):
     assert np.all(response["slip_fraction"].values[:, 1:] == 1.0)
 
 
+@pytest.mark.slow
 def test_a_second_run_keeps_the_sliding_and_another_distance_is_slid_anew(finished):
     case, out, _ = finished
     file = out / "sliding_response.nc"

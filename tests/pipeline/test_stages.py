@@ -3,6 +3,7 @@
 import shutil
 
 import numpy as np
+import pytest
 
 from multiscale.io import write_dataset
 from multiscale.needs import Choice, Needs, join_needs
@@ -83,6 +84,7 @@ def test_every_figure_of_a_stage_is_one_that_it_names(run_folder):
         assert drawn == set(stage.pictures) - {"unloading"}  # which needs cells that unload
 
 
+@pytest.mark.slow
 def test_figures_of_stages_that_are_not_asked_for_go_and_others_stay(run_folder, tmp_path):
     out = tmp_path / "out"
     shutil.copytree(run_folder, out)

@@ -107,6 +107,7 @@ def test_a_sweep_that_grows_keeps_its_points(write, tmp_path):
     assert grown["converged"].values.all()
 
 
+@pytest.mark.slow
 def test_a_point_that_failed_fails_again_and_a_damaged_one_is_run_again(
     write, tmp_path, monkeypatch
 ):

@@ -65,6 +65,7 @@ def test_average_traction_is_the_base_reaction_over_the_nominal_area(obstacle):
     np.testing.assert_allclose(averages[[1, 2, 0]], reaction, atol=1e-8 * abs(averages[0]))
 
 
+@pytest.mark.slow
 def test_tangential_average_vanishes_without_friction_on_small_slopes():
     n, slope = 256, 1e-3  # 16 points in the shortest wave
     surface = self_affine(

@@ -13,6 +13,7 @@ from tests.contact_scenes import CONTACT_RADIUS, FORCE, FRICTION, LIMIT, PEAK, n
 from tests.support import observed_rate
 
 
+@pytest.mark.slow
 def test_a_ball_on_a_half_space_is_hertzs():
     force, peak, radius, _ = scenes.ball_on_half_space(6)
     assert force == pytest.approx(FORCE, rel=0.02)
@@ -161,6 +162,7 @@ def test_upsetting_without_friction_follows_the_hardening_curve():
         assert step.contact["plate"].force[2] == pytest.approx(force, rel=1e-4)
 
 
+@pytest.mark.slow
 def test_upsetting_with_friction_keeps_the_volume_and_bulges():
     steps, mesh = billet(0.2, METAL)
     rest = volume(mesh, 0.0 * mesh.p)
@@ -213,7 +215,13 @@ def ironing(friction, *, swapped=False):
     return np.array([side * step.unwrap().contact["joint"].force for step in steps])
 
 
-@pytest.mark.parametrize("swapped", [False, True], ids=["die first", "base first"])
+@pytest.mark.parametrize(
+    "swapped",
+    [
+        pytest.param(False, marks=pytest.mark.slow, id="die first"),
+        pytest.param(True, id="base first"),
+    ],
+)
 def test_ironing_has_smooth_resultants(swapped):
     force = ironing(0.2, swapped=swapped)[8:]  # drawn along, away from the start
     tangent, normal = force[:, 0], -force[:, 1]
@@ -253,7 +261,7 @@ def sheared_balls():
     return [step.contact["joint"] for step in steps]
 
 
-@pytest.mark.slow
+@pytest.mark.long
 @pytest.mark.parametrize("ratio", [0.25, 0.5, 0.75, 0.9])
 def test_partial_slip_between_steel_balls_is_mindlins(sheared_balls, ratio):
     surface = sheared_balls[AMPLITUDES.index(ratio)]
@@ -270,7 +278,7 @@ def test_partial_slip_between_steel_balls_is_mindlins(sheared_balls, ratio):
     assert stick / contact == pytest.approx(float(mindlin.stick_radius(ratio)), rel=0.03)
 
 
-@pytest.mark.slow
+@pytest.mark.long
 @pytest.mark.parametrize(("ratio", "expected"), [(0.5, 1.07238e-6), (0.9, 1.22179e-5)])
 def test_a_cycle_of_partial_slip_loses_the_energy_of_mindlin_and_deresiewicz(
     sheared_balls, ratio, expected
@@ -290,7 +298,7 @@ SPENCE_RINGS = np.r_[
 ]
 
 
-@pytest.mark.slow
+@pytest.mark.long
 @pytest.mark.parametrize(("friction", "growth"), [(0.1, 1.2), (0.3, 1.05), (0.5, 1.05)])
 def test_a_ball_pressed_with_friction_sticks_where_theory_says(friction, growth):
     r, surface = scenes.ball_on_rough_half_space(friction, SPENCE_RINGS, growth)

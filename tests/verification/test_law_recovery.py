@@ -150,7 +150,7 @@ def quantities(law, pressures):
     return np.array([decay, *law.pressure(0.45 * np.log(0.4 / pressures)), *gap[21:]])
 
 
-@pytest.mark.slow
+@pytest.mark.long
 @pytest.mark.parametrize("n_realisations", [4, 12, 20])
 def test_bootstrap_bands_cover_the_true_law(n_realisations):
     """Realisations with 3 % scatter of the gap between them and .01 of white noise, in rms

@@ -28,7 +28,14 @@ def body(bulk=None, modulus=1.0, layers=8):
     return SecondBody(0.5, layers, bulk or Elastic(modulus, 0.3))
 
 
-@pytest.mark.parametrize("bulk", [None, RUBBER, STEEL], ids=["elastic", "rubber", "steel"])
+@pytest.mark.parametrize(
+    "bulk",
+    [
+        pytest.param(None, id="elastic"),
+        pytest.param(RUBBER, id="rubber"),
+        pytest.param(STEEL, id="steel", marks=pytest.mark.slow),
+    ],
+)
 def test_two_equal_bodies_are_one_on_a_rigid_flat_half_way_between(bulk):
     """But for the splines of the second, which are not flat across the edge of a contact."""
     n, far = 16, 0.01
@@ -150,13 +157,17 @@ def test_friction_over_one_wavelength_is_that_of_the_independent_code(n, layers)
         np.testing.assert_allclose(pressure, expected, rtol=0.003)
 
 
-@pytest.mark.parametrize("bulk", [None, RUBBER], ids=["elastic", "rubber"])
+@pytest.mark.parametrize(
+    "bulk",
+    [pytest.param(None, id="elastic"), pytest.param(RUBBER, id="rubber", marks=pytest.mark.slow)],
+)
 def test_without_friction_a_wavelength_costs_nothing(bulk):
     pressure, shear = over_one_wavelength(16, 8, 0.0, bulk=bulk)
     assert abs(shear.sum()) < 1e-8 * pressure.sum()
     assert np.abs(shear / pressure).max() > 0.05
 
 
+@pytest.mark.slow
 def test_two_rough_bodies_carry_a_lateral_force_that_does_no_work_around():
     n, steps = 16, 16
 
@@ -206,7 +217,7 @@ def test_tangential_over_normal_stiffness_of_two_bodies():
     assert stiffness[1] / stiffness[0] == pytest.approx(2.0 * (1.0 - nu) / (2.0 - nu), rel=0.05)
 
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_equal_spheres_in_partial_slip_follow_cattaneo_and_mindlin():
     """Equal bodies know no coupling of normal and tangential motion, at any Poisson's ratio."""
     n, layers, nu, mu, radius, a = 64, 16, 0.3, 0.4, 10.0, 0.16
@@ -262,7 +273,7 @@ def plough(increments, mu):
     return np.array([work, float(np.sum(volume * taken)), state.dissipation])
 
 
-@pytest.mark.slow
+@pytest.mark.long
 @pytest.mark.parametrize("mu", [0.0, 0.2], ids=["smooth", "friction"])
 def test_ploughing_costs_what_plastic_flow_and_friction_take(mu):
     coarse, fine = plough(16, mu), plough(32, mu)

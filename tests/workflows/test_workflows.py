@@ -13,7 +13,7 @@ from multiscale.schema import GRANULATE, MACRO_RESULT
 from tests.support import write_law
 
 FOLDER = Path(__file__).parents[2] / "workflows"
-SLOW = ("ploughing", "three_ways")
+SLOW = ("damage_to_joint", "ploughing", "tensegrity_grid", "three_ways")
 
 
 @pytest.mark.parametrize(

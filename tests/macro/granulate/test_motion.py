@@ -55,7 +55,9 @@ def test_the_bouncing_point_is_a_closed_form_of_its_impacts():
 
 
 @pytest.mark.parametrize("compliance", [0.0, 0.05])
-@pytest.mark.parametrize("restitution", [0.5, 0.8, 0.9])
+@pytest.mark.parametrize(
+    "restitution", [0.5, *(pytest.param(e, marks=pytest.mark.slow) for e in (0.8, 0.9))]
+)
 def test_a_bouncing_grain_follows_its_closed_form_to_first_order(restitution, compliance):
     errors = []
     for step in (2e-3, 2e-4):

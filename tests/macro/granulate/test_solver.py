@@ -84,6 +84,7 @@ def test_a_step_agrees_with_the_friction_solver_on_the_assembled_operator():
     )
 
 
+@pytest.mark.slow
 def test_conjugate_directions_carry_a_stack_in_fewer_sweeps_than_plain_ones():
     n, h = 40, 1e-3  # each contact bears what lies above it
     position = np.column_stack([np.zeros((n, 2)), 0.01 * (2.0 * np.arange(n) + 1.0)])[::-1]
