@@ -215,7 +215,7 @@ def _match_faces(gmsh: Any, size: np.ndarray) -> None:
     faces = {
         tag: np.array([*gmsh.model.occ.getCenterOfMass(2, tag), gmsh.model.occ.getMass(2, tag)])
         for _, tag in gmsh.model.getEntities(2)
-        if gmsh.model.getType(2, tag) == "SectionPlane"
+        if gmsh.model.getType(2, tag) == "Plane"
     }
     margin = 1e-6
     for axis in range(3):
