@@ -9,7 +9,7 @@ from scipy.integrate import solve_ivp
 
 from multiscale.errors import CaseError
 from multiscale.micro.damage import FatigueMaterial, StressBlock, two_scale_fatigue, woehler_curve
-from multiscale.micro.damage.cycle_jump import Run, pass_cycles
+from multiscale.micro.damage.cycle_jump import FatigueProgress, pass_cycles
 from multiscale.micro.damage.inclusion import SIZE, damage_rate, effective_stress, run_cycles
 from multiscale.schema import FATIGUE, WOEHLER
 from tests.closed_forms.fatigue import (
@@ -375,8 +375,14 @@ def test_a_woehler_curve_falls_to_the_limit():
         (lambda: StressBlock(np.array([np.nan])), "must be finite"),
         (lambda: StressBlock(np.ones(2), 0), "at least one cycle, got 0"),
         (lambda: two_scale_fatigue([], PLAIN), "holds no block"),
-        (lambda: two_scale_fatigue("tension", PLAIN), "one path of numbers or a list of Blocks"),
-        (lambda: two_scale_fatigue([StressBlock(np.ones(2)), 3.0], PLAIN), "or a list of Blocks"),
+        (
+            lambda: two_scale_fatigue("tension", PLAIN),
+            "one path of numbers or a list of StressBlocks",
+        ),
+        (
+            lambda: two_scale_fatigue([StressBlock(np.ones(2)), 3.0], PLAIN),
+            "or a list of StressBlocks",
+        ),
         (lambda: two_scale_fatigue(np.ones(2), PLAIN, jump_tolerance=2.0), "between 0 and 1"),
         (lambda: two_scale_fatigue(np.ones(2), PLAIN, max_cycles=0), "at least 1"),
         (lambda: woehler_curve(PLAIN, np.array([-1e6])), "amplitudes must be positive"),
@@ -404,7 +410,7 @@ def test_a_jump_whose_end_would_be_broken_is_shortened_until_it_is_not():
     state = np.zeros(14)
     state[1] = 1e-3  # beyond the threshold
     material = SimpleNamespace(hardening=1.0, feedback=1.0, threshold=0.0, critical_damage=1.0)
-    run = Run(state)
+    run = FatigueProgress(state)
     pass_cycles(run, once, 60_000, material, 0.2, lambda: None)
     assert run.broken
     # the closed form of dD/dN = r (1 + a D)
