@@ -147,7 +147,7 @@ def plot_stiffness_against_damage(comparison: "xr.Dataset", *, ax: "Axes | None"
     ax.plot(damage, modulus, "o", markersize=3, label="finite elements, one normal each")
     ax.axvline(phi, color="0.6", linewidth=0.8)
     ax.annotate("porosity", (phi, 1.0), (3, 0), textcoords="offset points", color="0.4", va="top")
-    ax.set(xlabel="damage of the worst section, D", ylabel="Young's modulus over that of the solid")
+    ax.set(xlabel="damage of the worst section, D", ylabel="Young's modulus over solid modulus")
     ax.legend(loc="lower left")
     return ax
 
@@ -166,7 +166,7 @@ def plot_joint_life(result: "xr.Dataset", *, ax: "Axes | None" = None) -> "Axes"
         value = result[name].values
         ax.plot(cycles, value / value[0], "o-", label=label)
     ax.plot(cycles, 1.0 - result["damage"].values, color="black", linestyle="--", label="1 - D")
-    ax.set(xlabel="cycles", ylabel="stiffness over that of the first cycle")
+    ax.set(xlabel="cycles", ylabel="stiffness over initial stiffness")
     ax.legend()
     return ax
 

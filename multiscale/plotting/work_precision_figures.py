@@ -69,7 +69,7 @@ def plot_work_precision(
             )
     ax.set_xscale("log")
     ax.set_yscale("log")
-    if ax.get_xlim()[1] > 10.0 * ax.get_xlim()[0]:  # a decade has a label of its own
+    if ax.get_xlim()[1] > 10.0 * ax.get_xlim()[0]:  # each decade has a label
         ax.xaxis.set_minor_formatter("")
     if f"{error}_uncertainty" in runs and np.isfinite(runs[f"{error}_uncertainty"]).any():
         low, high = ax.get_ylim()

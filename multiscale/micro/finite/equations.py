@@ -10,7 +10,7 @@ to the obstacle and :math:`f_t` the tangential part of the force,
     f_t = \Pi_{\mu p}(f_t - \rho_t w),    \tag{1}
 
 with the projection :math:`\Pi` onto the disc of radius :math:`\mu p`: eqs (4)-(5) of the source
-with Coulomb friction. Normals and slips are those of the current configuration.
+with Coulomb friction. Normals and slips refer to the current configuration.
 
 References
 ----------

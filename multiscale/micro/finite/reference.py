@@ -261,7 +261,6 @@ class Constraint:
         target = -self.closing * shift if distance is None else distance - self.closing * shift
         moved = self.reference.relative(z)
         off = np.where(self.held, target - np.sum(self.direction * moved, axis=2), 0.0)
-        self.reference.surface(z)[:] += self.push(
-            off
-        )  # neither rounding nor the inner tolerance moves what is held
+        # prescribed motions are exact despite rounding and the inner tolerance
+        self.reference.surface(z)[:] += self.push(off)
         return z, shift
