@@ -48,7 +48,15 @@ def mesh_cavities(rve: Cavities, element_size: float) -> CrackedMesh:
     """
     if not (element_size > 0.0 and np.isfinite(element_size)):
         raise CaseError(f"element_size must be positive (m), got {element_size:g}")
-    _check_cracks(rve)
+    for kind in rve.images:
+        if isinstance(kind, Cracks):
+            flat = kind.reach < NEGLIGIBLE * kind.reach.max(axis=1, keepdims=True)
+            on = np.minimum(np.abs(kind.centre), np.abs(kind.centre - rve.size))
+            if np.any(flat & (on < NEGLIGIBLE * np.array(rve.size))):
+                raise CaseError(
+                    "a crack lies in a face of the box; shift all bodies, which does not change a "
+                    "periodic volume"
+                )
     length = max(rve.size)  # gmsh's tolerances are absolute: mesh in units of the longest edge
     with _model() as gmsh:
         try:
@@ -95,19 +103,6 @@ def _model() -> Iterator[Any]:
         gmsh.model.remove()
         if started:
             gmsh.finalize()
-
-
-def _check_cracks(rve: Cavities) -> None:
-    """Refuse cracks that lie in a face of the box."""
-    for kind in rve.images:
-        if isinstance(kind, Cracks):
-            flat = kind.reach < NEGLIGIBLE * kind.reach.max(axis=1, keepdims=True)
-            on = np.minimum(np.abs(kind.centre), np.abs(kind.centre - rve.size))
-            if np.any(flat & (on < NEGLIGIBLE * np.array(rve.size))):
-                raise CaseError(
-                    "a crack lies in a face of the box; shift all bodies, which changes nothing "
-                    "in a periodic volume"
-                )
 
 
 def _geometry(gmsh: Any, rve: Cavities, length: float) -> list[tuple[int, list[int]]]:

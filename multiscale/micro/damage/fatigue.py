@@ -187,9 +187,9 @@ class _Life:
         self, max_cycles: float
     ) -> tuple[FatigueProgress, list[tuple[float, float, float]]]:
         """Repeat the blocks until rupture, shakedown or the last cycle."""
-        from multiscale.micro.damage.inclusion import SIZE
+        from multiscale.micro.damage.inclusion import STATE_SIZE
 
-        run, record = FatigueProgress(np.zeros(SIZE)), [(0.0, 0.0, 0.0)]
+        run, record = FatigueProgress(np.zeros(STATE_SIZE)), [(0.0, 0.0, 0.0)]
         threshold = self.material.threshold
 
         def note() -> None:

@@ -64,9 +64,9 @@ References
 import numba
 import numpy as np
 
-__all__ = ["SIZE", "damage_rate", "effective_stress", "run_cycles"]
+__all__ = ["STATE_SIZE", "damage_rate", "effective_stress", "run_cycles"]
 
-SIZE = 20
+STATE_SIZE = 20
 """Length of the state: D, p, plastic strain (6), back stress (6, Pa), last macro stress (6, Pa)."""
 
 # places of the parameters in the array of a material
@@ -80,7 +80,7 @@ def run_cycles(state, path, cycles, material, substeps):  # type: ignore[no-unty
     Parameters
     ----------
     state : ndarray, shape (20,)
-        State in the order of ``SIZE``, changed in place.
+        State in the order of ``STATE_SIZE``, changed in place.
     path : ndarray, shape (points, 6)
         Corners of the path, Pa: xx, yy, zz, yz, xz, xy.
     cycles : int

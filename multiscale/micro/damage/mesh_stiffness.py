@@ -25,6 +25,7 @@ from multiscale.laws.bulk.moduli import check_moduli, lame_parameters
 from multiscale.micro.damage.cavities import Cavities
 from multiscale.micro.damage.cavity_mesh import mesh_cavities
 from multiscale.micro.damage.crack_faces import CrackedMesh
+from multiscale.micro.damage.effective_moduli import COMPONENTS
 from multiscale.micro.damage.rve import LOST_STIFFNESS, summarise_loads
 from multiscale.micro.damage.shapes import Cylinders, Ellipsoids
 from multiscale.numerics.factorisation import factorise
@@ -190,7 +191,7 @@ def _curved(mesh: "MeshTet", rve: Cavities, front: np.ndarray) -> "MeshTet":
 
 def _tensor(k: int) -> np.ndarray:
     """Return the unit strain number k as a tensor; shear strains are angles."""
-    i, j = ((0, 0), (1, 1), (2, 2), (1, 2), (0, 2), (0, 1))[k]
+    i, j = COMPONENTS[k]
     strain = np.zeros((3, 3))
     strain[i, j] += 0.5
     strain[j, i] += 0.5

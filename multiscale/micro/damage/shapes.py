@@ -163,7 +163,9 @@ class Cylinders:
         centre = (self.centre - plane.origin) @ plane.frame.T
         width = np.sqrt(np.maximum(0.0, self.radius**2 - distance**2))
         long = 1e6 * self.radius[:, None] * slope
-        strip_root = np.stack([long, width[:, None] * _turned(slope)], axis=2)
+        length = np.maximum(np.hypot(slope[:, 0], slope[:, 1]), np.finfo(float).tiny)
+        across = np.stack([-slope[:, 1], slope[:, 0]], axis=1) / length[:, None]
+        strip_root = np.stack([long, width[:, None] * across], axis=2)
         root = np.where(along[:, None, None], strip_root, root)
         centre = np.where(along[:, None], centre, centre - (distance / safe)[:, None] * slope)
 
@@ -339,12 +341,6 @@ def _ellipses(centre: np.ndarray, root: np.ndarray, strip: np.ndarray | None = N
     if strip is None:
         strip = np.tile([0.0, 0.0, -np.inf, np.inf], (len(centre), 1))
     return Ellipses(centre, root, strip)
-
-
-def _turned(vectors: np.ndarray) -> np.ndarray:
-    """Return unit vectors at right angles to vectors in the plane, shape (n, 2)."""
-    size = np.maximum(np.hypot(vectors[:, 0], vectors[:, 1]), np.finfo(float).tiny)
-    return np.asarray(np.stack([-vectors[:, 1], vectors[:, 0]], axis=1) / size[:, None])
 
 
 def _points(centre: np.ndarray) -> np.ndarray:
