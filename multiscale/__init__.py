@@ -1,7 +1,7 @@
 """Rough contact at the micro scale, condensed into laws for large non-smooth structures.
 
-What most scripts use can be taken from here, ``multiscale.solve_cell`` for instance; each name
-brings its module, and the heavy libraries of that, when it is first asked for.
+The names that most scripts use can be imported from here, such as ``multiscale.solve_cell``. The
+module of a name, with its heavy libraries, is imported when the name is first used.
 """
 
 import os
@@ -9,7 +9,7 @@ import sys
 
 __version__ = "0.1.0"
 
-_HOME = {
+_NAMES = {
     "surfaces": ("Surface", "self_affine"),
     "io": ("open_law", "open_response", "open_run", "read_surface", "save_law"),
     "micro": ("Cell", "Path", "run_ensemble", "solve_cell"),
@@ -19,21 +19,21 @@ _HOME = {
     "macro": ("rough_joint", "simulate", "solve_latin", "solve_static", "tensegrity_grid"),
     "pipeline": ("load_case", "run"),
 }
-_MODULE = {name: module for module, names in _HOME.items() for name in names}
+_MODULE = {name: module for module, names in _NAMES.items() for name in names}
 
-# TBB, which numba would take first, can wait for minutes where a process that has it forks, and
-# starts short loops six times slower than OpenMP
+# TBB, the first choice of numba, can block for minutes after a fork, and starts short loops six
+# times slower than OpenMP
 os.environ.setdefault("NUMBA_THREADING_LAYER_PRIORITY", "omp tbb workqueue")
-# threads that wait for work spin for about a millisecond instead of ten, with which two processes
-# on the same cores take eight times as long as one
+# idle threads spin for about a millisecond instead of ten: with ten, two processes on the same
+# cores take eight times as long as one
 if "OMP_WAIT_POLICY" not in os.environ:
     os.environ.setdefault("GOMP_SPINCOUNT", "20000")
-if "numba" in sys.modules:  # it has read its settings
+if "numba" in sys.modules:  # numba has read its settings already
     sys.modules["numba"].config.reload_config()
 
 
 def __getattr__(name: str) -> object:
-    """Bring a name of the package from its module when it is first asked for."""
+    """Import a name of the package from its module when it is first used."""
     from importlib import import_module
 
     if name not in _MODULE:
@@ -43,5 +43,5 @@ def __getattr__(name: str) -> object:
 
 
 def __dir__() -> list[str]:
-    """Return the names that scripts use."""
+    """List the names that scripts use."""
     return sorted(["__version__", *_MODULE])

@@ -1,4 +1,4 @@
-"""What every iterative solver returns."""
+"""Results of iterative solvers, and why they stopped."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -18,13 +18,13 @@ class Status(Enum):
     CONVERGED = "converged"
     MAX_ITERATIONS = "the iteration limit was reached; raise max_iterations or cut the load step"
     WORK_SPENT = (
-        "the linear iterations allowed in all were spent; Poisson's ratios near .5, steep slopes "
-        "and long steps take most of them: lower one of these"
+        "the limit on linear iterations was reached; Poisson's ratios near .5, steep slopes and "
+        "long steps need most iterations: lower one of these"
     )
     NOT_FINITE = "a value became NaN or infinite; check units and boundary conditions"
     STALLED = "the residual stopped falling; the problem is too ill-conditioned for the tolerance"
-    JAMMED = "no solution was found, and where friction can jam there need not be one"
-    INFEASIBLE = "no admissible state exists: the data push against what nothing can resist"
+    JAMMED = "no solution was found, and none may exist, because friction can jam the bodies"
+    INFEASIBLE = "no admissible state exists: the data contradict the constraints"
 
 
 @dataclass(frozen=True)
@@ -34,18 +34,18 @@ class Solution:
     Attributes
     ----------
     value : ndarray
-        The solution; its shape and unit are those the solver's docstring states.
+        The solution, with the shape and unit in the docstring of the solver.
     status : Status
         Why the solver stopped.
     residuals : tuple of float
         Dimensionless residual after each iteration. Empty if none was computed.
     seconds : tuple of float
-        Time since the start of the solver at which each residual was known, s. Empty if the
-        solver keeps no time.
+        Time from the start of the solver to each residual, s. Empty if the solver measures no
+        time.
     trail : tuple of str
-        Methods in the order in which they ran. Empty for a solver that is one method.
+        Methods in the order in which they ran. Empty for a solver with a single method.
     detail : str
-        What the status leaves open about this problem: where, and what to do. Empty if nothing.
+        Place and remedy of a failure, beyond the status. Empty if there is no more to say.
     """
 
     value: np.ndarray
@@ -67,7 +67,7 @@ class Solution:
         return self.status is Status.CONVERGED
 
     def unwrap(self) -> np.ndarray:
-        """Return the value, or raise if the solver did not converge."""
+        """Return the value, or raise a ``ConvergenceError`` if the solver did not converge."""
         if not self.converged:
             last = f"{self.residuals[-1]:.1e}" if self.residuals else "never computed"
             detail = f"; {self.detail}" if self.detail else ""
@@ -79,16 +79,16 @@ class Solution:
 
 
 def verdict(residuals: Sequence[float], tolerance: float, patience: float) -> Status | None:
-    """Say why an iteration should stop after its last residual, or ``None`` if it may go on.
+    """Return why an iteration should stop after its last residual, or ``None`` to continue.
 
     Parameters
     ----------
     residuals : sequence of float
-        All so far, at least one.
+        Residuals of all iterations, at least one; dimensionless.
     tolerance : float
-        Up to which the last one counts as converged.
+        Largest residual that counts as converged, dimensionless.
     patience : float
-        Iterations without a smaller residual after which there is no hope.
+        Iterations without a smaller residual after which the iteration counts as stalled.
     """
     if not isfinite(residuals[-1]):
         return Status.NOT_FINITE

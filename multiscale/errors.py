@@ -1,10 +1,10 @@
-"""The errors a user can mend; each message is one sentence: what, where, found, what to do."""
+"""Errors that a user can correct; a message is one sentence: problem, place, value, remedy."""
 
 __all__ = ["CaseError", "ConvergenceError", "MultiscaleError", "SchemaError"]
 
 
 class MultiscaleError(Exception):
-    """Base of every error whose message is written for the user."""
+    """Base of all errors with a message for the user."""
 
 
 class CaseError(MultiscaleError):

@@ -1,4 +1,4 @@
-"""Jobs for worker processes, of this machine or of others."""
+"""Jobs for worker processes on this machine or on a cluster."""
 
 import logging
 import os
@@ -24,26 +24,26 @@ def run_jobs(
     executor: Executor | None,
     finish: Callable[[Key, Result], None],
 ) -> None:
-    """Call a function once for each job, and take its results as they come.
+    """Call a function once for each job, and process the results in the order of completion.
 
     Parameters
     ----------
     function : callable
-        Importable by name, if there is an executor. Workers call it with one thread for kernels:
-        they share the machine.
+        The function, importable by name if an executor is given. Workers call it with one thread
+        for kernels, because they share the machine.
     jobs : mapping of key to tuple
-        Arguments.
+        Arguments of each call.
     executor : Executor, optional
-        Any of ``concurrent.futures``, of dask (``Client.get_executor()``) or of mpi4py; serial,
-        with all threads, if not given. A pool of processes must spawn them
+        Executor of ``concurrent.futures``, dask (``Client.get_executor()``) or mpi4py; serial, with
+        all threads, if not given. A pool must spawn its processes
         (``multiprocessing.get_context("spawn")``): threads of kernels do not survive a fork.
     finish : callable
-        Gets key and result of each job, in this process.
+        ``finish(key, result)`` is called in this process after each job.
 
     Raises
     ------
     MultiscaleError
-        If a worker process died.
+        If a worker process died or the workers were lost.
     """
     if executor is None:
         for key, arguments in jobs.items():
@@ -60,13 +60,13 @@ def run_jobs(
     except BrokenExecutor as error:
         raise MultiscaleError(
             f"a worker process died after {done} of {len(jobs)} jobs, perhaps for lack of memory, "
-            f"or forked where it should be spawned; what is finished is kept, so run again with "
-            f"fewer jobs"
+            f"or because it was forked instead of spawned; finished results are kept, so run "
+            f"again with fewer jobs"
         ) from error
     except CancelledError as error:
         raise MultiscaleError(
-            f"the workers were lost after {done} of {len(jobs)} jobs; what is finished is kept, so "
-            f"run again once they are back"
+            f"the workers were lost after {done} of {len(jobs)} jobs; finished results are kept, "
+            f"so run again once the workers are back"
         ) from error
     finally:
         for future in futures:
@@ -74,7 +74,7 @@ def run_jobs(
 
 
 def call_on_one_thread(function: Callable[..., Result], *arguments: Any) -> Result:
-    """Call a function with one thread for kernels: its process shares the machine with others."""
+    """Call a function with one thread for kernels, in a process that shares its machine."""
     import numba
 
     numba.set_num_threads(1)
@@ -83,19 +83,19 @@ def call_on_one_thread(function: Callable[..., Result], *arguments: Any) -> Resu
 
 @contextmanager
 def workers(jobs: int, dask: str | None) -> Iterator[Executor | None]:
-    """Give the workers of a dask scheduler, a pool of processes, or nothing for a single job.
+    """Yield the workers of a dask scheduler, a pool of processes, or None for a single job.
 
     Parameters
     ----------
     jobs : int
-        Processes of this machine; 0 takes one for each core.
+        Number of processes on this machine; 0 for one per core.
     dask : str, optional
-        Address of a scheduler, whose workers are taken instead.
+        Address of a scheduler whose workers replace the processes.
 
     Raises
     ------
     CaseError
-        If dask is not installed, or no scheduler answers.
+        If dask is not installed, or no scheduler answers at the address.
     """
     if dask is not None:
         with _dask_workers(dask) as executor:
@@ -110,7 +110,7 @@ def workers(jobs: int, dask: str | None) -> Iterator[Executor | None]:
 
 
 def process_pool(jobs: int) -> "ProcessPoolExecutor":
-    """Return a pool of processes that end when this one is killed."""
+    """Return a pool of processes that end when this process is killed."""
     from concurrent.futures import ProcessPoolExecutor
     from multiprocessing import get_context
 
@@ -122,13 +122,13 @@ def process_pool(jobs: int) -> "ProcessPoolExecutor":
 
 @contextmanager
 def _dask_workers(address: str) -> Iterator[Executor]:
-    """Give the workers of a dask scheduler."""
+    """Yield the workers of a dask scheduler."""
     try:
         from distributed import Client
         from distributed.scheduler import KilledWorker
     except ImportError as error:
         raise CaseError("--dask needs dask; install the extra 'cluster'") from error
-    logging.getLogger("distributed.client").setLevel(logging.CRITICAL)  # sentences tell enough
+    logging.getLogger("distributed.client").setLevel(logging.CRITICAL)  # errors below are sentences
     try:
         client = Client(address, timeout=10)  # type: ignore[no-untyped-call]
     except (OSError, ValueError) as error:
@@ -138,8 +138,8 @@ def _dask_workers(address: str) -> Iterator[Executor]:
             yield executor
     except KilledWorker as error:
         raise MultiscaleError(
-            "several workers of dask died of the same job, perhaps for lack of memory; what is "
-            "finished is kept, so run again on larger workers"
+            "several workers of dask died of the same job, perhaps for lack of memory; finished "
+            "results are kept, so run again on larger workers"
         ) from error
 
 
@@ -151,7 +151,7 @@ def cores() -> int:
 
 
 def _leave_with_parent() -> None:
-    """Let a worker end when the run is killed: nobody else would tell it."""
+    """End this worker when its parent process ends, even if the parent is killed."""
     from multiprocessing import parent_process
     from threading import Thread
 

@@ -1,4 +1,4 @@
-"""Quantities with units in, SI floats out."""
+"""Conversion of quantities with units to floats in SI units."""
 
 import re
 from functools import cache
@@ -15,7 +15,7 @@ __all__ = ["ZERO_CELSIUS", "readable", "to_si"]
 ZERO_CELSIUS = 273.15
 """Melting point of ice, K."""
 
-# a plain number, then names with one-digit powers: nothing that a parser would have to compute
+# a plain number, then names with one-digit powers, so that the parser has no expression to compute
 _QUANTITY = re.compile(
     r"\s*(?P<number>[-+]?(?:\d+\.?\d*|\.\d+)(?:e[-+]?\d+)?|[-+]?(?:nan|inf))"
     r"\s*(?P<unit>(?:[^\W\d]+|%)(?:(?:\^|\*\*)-?\d)?(?:\s*[/*·]\s*[^\W\d]+(?:(?:\^|\*\*)-?\d)?){0,4})?\s*",
@@ -36,9 +36,14 @@ def to_si(text: object, unit: str) -> float:
     Parameters
     ----------
     text : str
-        Number and unit. A bare number is taken only where ``unit`` is ``"1"``.
+        Number and unit. A number without a unit is accepted only if ``unit`` is ``"1"``.
     unit : str
         The SI unit of the result, for instance ``"m"`` or ``"Pa"``.
+
+    Returns
+    -------
+    float
+        The number in ``unit``.
 
     Raises
     ------
@@ -77,10 +82,10 @@ def to_si(text: object, unit: str) -> float:
             raise CaseError(f"{text!r} cannot be converted to {unit}") from error
         except pint.UndefinedUnitError as error:
             raise CaseError(
-                f'{text!r} has an unknown unit; capitals count, as in "1 MPa" and "1 mPa"; write '
-                f'one of the kind of "1 {unit}"'
+                f'{text!r} has an unknown unit; capitals count, as in "1 MPa" and "1 mPa"; '
+                f'write a quantity such as "1 {unit}"'
             ) from error
-        except Exception as error:  # pint raises many kinds, tokenizer errors among them
+        except Exception as error:  # pint raises exceptions of many kinds
             raise CaseError(
                 f'{text!r} is not a quantity; write a number and a unit, such as "1 {unit}"'
             ) from error
@@ -90,12 +95,12 @@ def to_si(text: object, unit: str) -> float:
 
 
 def readable(value: object) -> str:
-    """Write a value for reading, a quantity with a prefix that keeps it short.
+    """Format a value for reading, a quantity with a prefix for a short number.
 
     Parameters
     ----------
     value : object
-        A text such as ``"2000000.0 Pa"`` gets a prefix; anything else is written as it is.
+        A text such as ``"2000000.0 Pa"`` gets a prefix; other values are written unchanged.
 
     Examples
     --------
@@ -107,6 +112,6 @@ def readable(value: object) -> str:
         return str(value)
     try:
         quantity = _registry()(f"{value}").to_compact()
-    except Exception:  # text that only looks like a quantity
+    except Exception:  # a text that resembles a quantity
         return str(value)
     return f"{quantity.magnitude:.6g} {quantity.units:~P}"

@@ -14,48 +14,56 @@ if TYPE_CHECKING:
 
 __all__ = ["write_body_fields"]
 
-CELLS = {4: "tetra", 8: "hexahedron"}
-"""Elements by their number of corners."""
+ELEMENT_NAMES = {4: "tetra", 8: "hexahedron"}
+"""Elements in meshio by their number of corners."""
 
-ON_ELEMENTS = ("equivalent_stress", "energy_density")
-CONSTANT = ("element_body", "element_damage")
-AT_POINTS = ("gap", "contact_state")
+ELEMENT_VARIABLES = ("equivalent_stress", "energy_density")
+"""Variables of elements at every step."""
+
+CONSTANT_VARIABLES = ("element_body", "element_damage")
+"""Variables of elements without steps."""
+
+POINT_VARIABLES = ("gap", "contact_state")
+"""Variables of the points of joints at every step."""
 
 
 def write_body_fields(result: "xr.Dataset", folder: Path, *, name: str = "bodies") -> Path:
     """Write the elements of every step, and the points of joints beside them as a second part.
 
-    The filter *Warp By Vector* with the displacement of the nodes moves the bodies. Points carry
-    gap, pressure, shear traction (its length), ``contact_state`` (0 open, 1 sticks, 2 slips),
-    damage and number of their joint; elements von Mises stress, density of the strain energy,
-    damage and number of their body.
+    The filter *Warp By Vector* with the displacement of the nodes moves the bodies. Points have
+    gap, m, pressure and magnitude of the shear traction, Pa, ``contact_state`` (0 open, 1 sticks,
+    2 slips), damage and number of their joint. Elements have von Mises stress, Pa, density of the
+    strain energy, J/m³, damage and number of their body.
 
     Parameters
     ----------
     result : Dataset
-        Follows ``MACRO_RESULT``, with what :func:`multiscale.macro.substructures.add_body_fields`
-        adds.
+        Follows ``MACRO_RESULT``, with the fields that
+        :func:`multiscale.macro.substructures.add_body_fields` adds.
     folder : Path
-        Gets ``NAME.pvd``, ``NAME-0000.vtu`` and, with joints, ``NAME-joints-0000.vtu`` and so on.
+        Folder for ``NAME.pvd``, ``NAME-0000.vtu`` and so on, with joints also
+        ``NAME-joints-0000.vtu`` and so on.
     name : str
-        Of the series.
+        Name of the series.
 
     Returns
     -------
     Path
-        The collection; for its steps see :func:`write_link_fields`.
+        File of the collection; for its steps see :func:`write_link_fields`.
 
     Raises
     ------
     SchemaError
-        If the dataset does not follow the schema or says nothing of the elements.
+        If the dataset does not follow the schema or has no elements.
     MultiscaleError
         If a file cannot be written.
     """
     MACRO_RESULT.check(result)
     missing = [needed for needed in ("position", "displacement", "corners") if needed not in result]
     if missing:
-        raise SchemaError(f"the result has no {', '.join(missing)}: not one of elastic bodies")
+        raise SchemaError(
+            f"the result has no {', '.join(missing)}: it is no result of elastic bodies"
+        )
     steps = (
         {"": _bodies(result, k)} | ({"joints": _joints(result, k)} if "traction" in result else {})
         for k in range(result.sizes["step"])
@@ -68,11 +76,11 @@ def _bodies(result: "xr.Dataset", step: int) -> Any:
     import meshio
 
     corners = result["corners"].values
-    values = {key: [result[key].values[step]] for key in ON_ELEMENTS if key in result}
-    constant = {key: [result[key].values] for key in CONSTANT if key in result}
+    values = {key: [result[key].values[step]] for key in ELEMENT_VARIABLES if key in result}
+    constant = {key: [result[key].values] for key in CONSTANT_VARIABLES if key in result}
     return meshio.Mesh(
         result["position"].values,
-        [(CELLS[corners.shape[1]], corners)],
+        [(ELEMENT_NAMES[corners.shape[1]], corners)],
         point_data={"displacement": result["displacement"].values[step]},
         cell_data=values | constant,
     )
@@ -86,7 +94,7 @@ def _joints(result: "xr.Dataset", step: int) -> Any:
     values = {
         "pressure": -traction[:, 0],
         "shear": np.hypot(traction[:, 1], traction[:, 2]),
-        **{key: result[key].values[step] for key in AT_POINTS if key in result},
+        **{key: result[key].values[step] for key in POINT_VARIABLES if key in result},
         **{key: result[f"point_{key}"].values for key in ("joint", "damage")},
     }
     points = result["point_position"].values

@@ -10,7 +10,8 @@ from multiscale.io.files import read_text
 
 __all__ = ["read_table"]
 
-NAMES = {int: "a whole number", float: "a number"}
+TYPE_NAMES = {int: "a whole number", float: "a number"}
+"""Names of the types of a column in messages."""
 
 
 def read_table(path: Path, types: Mapping[str, type]) -> dict[str, list[Any]]:
@@ -19,14 +20,19 @@ def read_table(path: Path, types: Mapping[str, type]) -> dict[str, list[Any]]:
     Parameters
     ----------
     path : Path
-        Comma separated.
+        File with comma-separated values.
     types : mapping of str to type
-        ``str`` or ``int`` for the columns that do not hold floats.
+        ``str`` or ``int`` for the columns without floats.
+
+    Returns
+    -------
+    dict of str to list
+        Values of each column in the units of the file.
 
     Raises
     ------
     CaseError
-        If the file is missing, a line is too short or too long, or a number is none.
+        If the file is missing, a line has too few or too many entries, or a number is invalid.
     """
     lines = csv.reader(read_text(path).splitlines())
     rows = [(lines.line_num, [cell.strip() for cell in row]) for row in lines if row]
@@ -45,6 +51,6 @@ def read_table(path: Path, types: Mapping[str, type]) -> dict[str, list[Any]]:
                 table[name].append(kind(cell))
             except ValueError as error:
                 raise CaseError(
-                    f"{path}, line {number}: {name} should be {NAMES[kind]}, got {cell!r}"
+                    f"{path}, line {number}: {name} should be {TYPE_NAMES[kind]}, got {cell!r}"
                 ) from error
     return table

@@ -1,4 +1,4 @@
-"""Datasets in netCDF files: checked against their schema, written whole, with provenance."""
+"""Datasets in netCDF files: checked against their schema, written atomically, with provenance."""
 
 import logging
 import os
@@ -40,6 +40,14 @@ __all__ = [
     "write_dataset",
 ]
 
+logger = logging.getLogger(__name__)
+
+LIBRARIES = ("numpy", "scipy", "numba", "scikit-fem", "xarray")
+"""Libraries whose version can change a number."""
+
+_WRITING = Lock()
+"""Locked while the settings of dask differ from the settings of the user."""
+
 
 def write_dataset(
     dataset: "xr.Dataset", path: Path, schema: Schema, **attributes: str | float | int
@@ -49,10 +57,13 @@ def write_dataset(
     Parameters
     ----------
     dataset : Dataset
+        The dataset.
     path : Path
+        The netCDF file.
     schema : Schema
+        Schema of the dataset.
     **attributes
-        More attributes, such as the checksum of the case.
+        Further attributes, such as the checksum of the case.
 
     Raises
     ------
@@ -77,22 +88,12 @@ def write_dataset(
     write_bytes(path, content)
 
 
-logger = logging.getLogger(__name__)
-
-LIBRARIES = ("numpy", "scipy", "numba", "scikit-fem", "xarray")
-"""Those that numbers depend on."""
-
-
 @cache
 def _environment() -> str:
-    """Name what computes: interpreter, libraries and machine."""
+    """Name interpreter, libraries and machine."""
     libraries = ", ".join(f"{name} {version(name)}" for name in LIBRARIES)
     machine = f"{platform.system()} on {platform.machine()}, {os.cpu_count()} cores"
     return f"Python {platform.python_version()}, {libraries}; {machine}"
-
-
-_WRITING = Lock()
-"""Held while the settings of dask are other than the user's."""
 
 
 def _without_cluster() -> AbstractContextManager[object]:
@@ -110,8 +111,9 @@ def open_dataset(path: str | PathLike[str], schema: Schema | None = None) -> "xr
     Parameters
     ----------
     path : path
+        The netCDF file.
     schema : Schema, optional
-        The one it must follow; the one it names if not given.
+        Schema that the dataset must follow; the schema that it names if not given.
 
     Raises
     ------
@@ -146,11 +148,13 @@ def open_dataset(path: str | PathLike[str], schema: Schema | None = None) -> "xr
 
 
 def _load(path: Path) -> "xr.Dataset | None":
-    """Load a file; None if it is damaged, for which h5py and xarray raise many kinds."""
+    """Load a file; None if it is damaged. Then h5py and xarray raise exceptions of many kinds."""
     import xarray as xr
 
     hook, dataset = sys.unraisablehook, None
-    sys.unraisablehook = lambda _: None  # h5netcdf fails again where it drops what it cannot open
+    sys.unraisablehook = lambda _: (
+        None
+    )  # h5netcdf fails again when it deletes a file it cannot open
     try:
         if is_endless(path):
             return None
@@ -178,19 +182,19 @@ def save_law(law: "xr.Dataset", path: str | PathLike[str]) -> None:
 
 
 def open_run(folder: str | PathLike[str], *, finished: bool = False) -> "xr.DataTree":
-    """Read what a run has left: one node each for response, law and macro result.
+    """Read the results of a run: one node each for response, law and macro result.
 
     Parameters
     ----------
     folder : path
         Run folder.
     finished : bool
-        Whether all three must be there.
+        Whether all three results must be there.
 
     Raises
     ------
     SchemaError
-        If the folder holds none of them, or not all of a finished run, or a file is refused.
+        If the folder has no results, or not all results of a finished run, or a file is refused.
     """
     import xarray as xr
 
@@ -211,18 +215,23 @@ def open_run(folder: str | PathLike[str], *, finished: bool = False) -> "xr.Data
 
 @contextmanager
 def reading_run(folder: str | PathLike[str]) -> Iterator[None]:
-    """Turn what a dataset of a run lacks into a sentence: schemas leave much of it optional.
+    """Report a missing optional variable or attribute of a dataset of a run in a sentence.
+
+    Parameters
+    ----------
+    folder : path
+        Run folder, for the message.
 
     Raises
     ------
     SchemaError
-        If a variable or an attribute is read that is not there.
+        If a variable or an attribute is read that the dataset does not have.
     """
     try:
         yield
     except KeyError as error:
         lost = re.search(r"'([^']*)'", str(error))
         raise SchemaError(
-            f"{folder}: a dataset of the run has no {lost[1] if lost else error}, as one of an "
+            f"{folder}: a dataset of the run has no {lost[1] if lost else error}, as in runs of an "
             f"earlier version; run the case again into the same folder"
         ) from error

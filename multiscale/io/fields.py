@@ -14,7 +14,7 @@ __all__ = ["write_surface_fields"]
 
 
 def write_surface_fields(fields: "xr.Dataset", size: tuple[float, float], folder: Path) -> None:
-    """Write one VTU file per step: the surface as quadrilaterals with its pressure and gap.
+    """Write one VTU file per step: the surface as quadrilaterals with pressure, Pa, and gap, m.
 
     Parameters
     ----------
@@ -23,7 +23,7 @@ def write_surface_fields(fields: "xr.Dataset", size: tuple[float, float], folder
     size : tuple of float
         Edge lengths of the cell, m.
     folder : Path
-        Gets ``contact-0000.vtu`` and so on.
+        Folder for ``contact-0000.vtu`` and so on.
 
     Raises
     ------

@@ -1,4 +1,4 @@
-"""Files that are either whole or absent, and sentences for what the system refuses."""
+"""Files that are either complete or absent, and errors of the operating system as sentences."""
 
 import errno
 import logging
@@ -26,6 +26,13 @@ __all__ = [
 def write_bytes(path: Path, content: bytes | memoryview) -> None:
     """Write a file under a temporary name, force it to the disk, then rename it.
 
+    Parameters
+    ----------
+    path : Path
+        The file.
+    content : bytes or memoryview
+        Its whole content.
+
     Raises
     ------
     MultiscaleError
@@ -37,7 +44,12 @@ def write_bytes(path: Path, content: bytes | memoryview) -> None:
 
 @contextmanager
 def replacing(path: Path) -> Iterator[Path]:
-    """Give a temporary name beside a file; what is written there takes its place, if it is whole.
+    """Yield a temporary name beside a file, and rename it to the file if no error occurs.
+
+    Parameters
+    ----------
+    path : Path
+        The file.
 
     Raises
     ------
@@ -52,7 +64,7 @@ def replacing(path: Path) -> Iterator[Path]:
             yield part
             with part.open("rb+") as file:
                 os.fsync(file.fileno())
-            mask = os.umask(0)  # a temporary file is private; give it the mode of any other
+            mask = os.umask(0)  # a temporary file is private; set the mode of ordinary files
             os.umask(mask)
             part.chmod(0o666 & ~mask)
             part.replace(path)
@@ -63,20 +75,20 @@ def replacing(path: Path) -> Iterator[Path]:
 
 @contextmanager
 def writing(path: Path) -> Iterator[None]:
-    """Turn an operating system's error on writing into a sentence."""
+    """Report an error of the operating system on writing as a ``MultiscaleError``."""
     try:
         yield
     except OSError as error:
         remedy = "choose another folder"
         if error.errno in (errno.ENOSPC, errno.EDQUOT):
-            remedy = "what was finished before is kept, so free some space and run again"
+            remedy = "finished results stay, so free some space and run again"
         raise MultiscaleError(
             f"cannot write {path}: {(error.strerror or str(error)).lower()}; {remedy}"
         ) from error
 
 
 def try_to_write(path: Path) -> None:
-    """Make the folder of a file, and refuse at once what would fail after a long computation."""
+    """Make the folder of a file, and refuse a file that cannot be written, before a long run."""
     make_folder(path.parent)
     with writing(path):
         if path.is_dir():
@@ -101,7 +113,7 @@ def make_folder(path: Path) -> Path:
 
 @contextmanager
 def logging_to(path: Path) -> Iterator[None]:
-    """Append what the package logs to a file while the context lasts, as long as it has room."""
+    """Append the log of the package to a file within the context; a full disk ends the log."""
     with writing(path):
         handler = _RunLog(path, encoding="utf-8")
     handler.setFormatter(logging.Formatter("%(asctime)s %(name)s: %(message)s"))
@@ -114,15 +126,15 @@ def logging_to(path: Path) -> Iterator[None]:
     finally:
         logger.setLevel(level)
         logger.removeHandler(handler)
-        with suppress(OSError):  # the rest finds no room
+        with suppress(OSError):  # the disk is full
             handler.close()
 
 
 class _RunLog(logging.FileHandler):
-    """A log that never speaks of itself: a full disk is told by what fails for it."""
+    """A log without errors of its own: other writers report a full disk."""
 
     def handleError(self, record: logging.LogRecord) -> None:  # noqa: N802
-        """Leave out the line."""
+        """Leave out the line that cannot be written."""
 
 
 def read_bytes(path: Path) -> bytes:
@@ -131,7 +143,7 @@ def read_bytes(path: Path) -> bytes:
     Raises
     ------
     CaseError
-        If the file is missing, cannot be read or has no end.
+        If the file is missing, cannot be read, or is a device or a pipe.
     """
     if path.is_char_device() or path.is_fifo() or path.is_socket():
         raise CaseError(f"{path}: is a device or a pipe; give a file")

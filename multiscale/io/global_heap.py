@@ -1,4 +1,4 @@
-"""Damage of netCDF files that the HDF5 library would read for ever."""
+"""Damage of netCDF files that causes an endless loop in the HDF5 library."""
 
 from mmap import ACCESS_READ, mmap
 from pathlib import Path
@@ -14,12 +14,13 @@ size), both little-endian."""
 def is_endless(file: Path) -> bool:
     """Whether a collection of the global heap has an object that does not lead to the next one.
 
-    Texts of attributes lie in such collections. An object without size makes the library (2.0.0)
-    look at it again and again.
+    Such collections contain the texts of attributes. The library (2.0.0) reads an object without
+    size without end.
 
     Parameters
     ----------
     file : Path
+        A netCDF file.
 
     References
     ----------
@@ -37,7 +38,7 @@ def is_endless(file: Path) -> bool:
 
 
 def _is_endless(data: mmap, start: int) -> bool:
-    """Whether the collection that starts at a byte does not end."""
+    """Whether the library would not reach the end of the collection at a byte."""
     if start + COLLECTION.size > len(data):
         return False
     _, version, size = COLLECTION.unpack_from(data, start)
@@ -47,7 +48,7 @@ def _is_endless(data: mmap, start: int) -> bool:
     at = start + COLLECTION.size
     while at + OBJECT.size <= end:
         index, _, length = OBJECT.unpack_from(data, at)
-        # the last object, of index 0, is what is free, and counts its header
+        # the last object, of index 0, is the free space; its size includes its header
         step = length if index == 0 else OBJECT.size + 8 * -(-length // 8)
         if not 0 < step <= end - at:
             return True

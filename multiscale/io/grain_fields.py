@@ -17,22 +17,23 @@ __all__ = ["write_grain_fields"]
 def write_grain_fields(result: "xr.Dataset", folder: Path, *, name: str = "grains") -> Path:
     """Write one VTU file per frame, and the collection that ParaView opens as a series.
 
-    A grain is a point with its radius, velocity and, if grains turn, spin: show it with the filter
-    *Glyph*, a sphere scaled by twice the radius. A contact is a line with its force.
+    A grain is a point with its radius, m, velocity, m/s, and, if grains turn, spin, rad/s. The
+    filter *Glyph* shows it as a sphere scaled by twice the radius. A contact is a line with its
+    force, N.
 
     Parameters
     ----------
     result : Dataset
         Follows ``GRANULATE``.
     folder : Path
-        Gets ``NAME.pvd``, ``NAME-0000.vtu`` and so on.
+        Folder for ``NAME.pvd``, ``NAME-0000.vtu`` and so on.
     name : str
-        Of the series.
+        Name of the series.
 
     Returns
     -------
     Path
-        The collection, with the frames at their times.
+        File of the collection, with the frames at their times, s.
 
     Raises
     ------

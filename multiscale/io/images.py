@@ -1,4 +1,4 @@
-"""Binary images of a volume: what a tomograph or a packing gives."""
+"""Binary images of a volume, from a tomograph or from closed forms."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -70,10 +70,23 @@ class VoxelImage:
     def from_voxels(
         void: np.ndarray, voxel_size: float | Sequence[float] | None = None
     ) -> "VoxelImage":
-        """Make an image from the edge of its voxels, or from their three edges, m."""
+        """Make an image from the edges of its voxels.
+
+        Parameters
+        ----------
+        void : ndarray of bool or of 0 and 1, shape (nx, ny, nz)
+            Whether a voxel is void.
+        voxel_size : float or sequence of float
+            Edge of cubic voxels, or edges along x, y and z, m.
+
+        Raises
+        ------
+        CaseError
+            If ``voxel_size`` is None or has neither one nor three edges, or the image is refused.
+        """
         if voxel_size is None:
             raise CaseError(
-                "the image says nothing of the size of its voxels; give voxel_size (m), three "
+                "the image has no size of its voxels; give voxel_size (m), three "
                 "edges if they are not cubes"
             )
         if np.size(voxel_size) not in (1, 3):
@@ -86,14 +99,14 @@ class VoxelImage:
         return VoxelImage(void, (float(x), float(y), float(z)))
 
     def coarsened(self) -> "VoxelImage":
-        """Half the resolution: a voxel is void if half of its eight parts are."""
+        """Halve the resolution: a voxel is void if more than half of its eight parts are."""
         shape = [n - n % 2 for n in self.void.shape]
         if min(shape) < 2:
             raise CaseError(f"an image of {self.void.shape} voxels cannot be coarsened")
         whole = self.void[: shape[0], : shape[1], : shape[2]]
         parts = whole.reshape(shape[0] // 2, 2, shape[1] // 2, 2, shape[2] // 2, 2)
         count = parts.sum(axis=(1, 3, 5))
-        # of the undecided every second, so that the porosity keeps its mean
+        # every second undecided voxel is void, so that the porosity keeps its mean
         odd = np.indices(count.shape).sum(axis=0) % 2
         x, y, z = (n * h for n, h in zip(shape, self.spacing, strict=True))
         return VoxelImage((count > 4) | ((count == 4) & (odd == 1)), (x, y, z))
@@ -113,20 +126,20 @@ def read_images(
         File, or folder whose ``.tif`` or ``.tiff`` files, in the order of their names with
         numbers as numbers, are slices along z.
     void_value : float
-        Value of the voxels that are void; the image must hold no more than one other.
+        Value of void voxels; the image must have at most one other value.
     voxel_size : float or sequence of float, optional
-        Edge of the voxels, or edges along x, y and z, m. Taken from the file if not given.
+        Edge of cubic voxels, or edges along x, y and z, m. Read from the file if not given.
 
     Returns
     -------
     VoxelImage
-        Columns of the pages along x, their rows along y, pages along z.
+        The volume, with columns of the pages along x, rows along y and pages along z.
 
     Raises
     ------
     CaseError
-        If there is no such file, it cannot be read, it is not a stack, not binary, gives no size
-        of its voxels, or tifffile is not installed.
+        If the file is missing, cannot be read, is not a binary stack, has no size of its voxels,
+        or tifffile is not installed.
     """
     path = Path(path)
     if not path.exists():
@@ -155,7 +168,7 @@ def read_images(
 
 
 def _read_pages(path: Path) -> tuple[np.ndarray, tuple[float, float, float] | None]:
-    """Pages (z, y, x) and edges of the voxels, m, if the file gives all three."""
+    """Read the pages (z, y, x) and, if the file has all three, the edges of the voxels, m."""
     try:
         import tifffile
     except ImportError as error:
@@ -174,13 +187,13 @@ def _read_pages(path: Path) -> tuple[np.ndarray, tuple[float, float, float] | No
             return np.asarray(file.asarray()), _voxel_edges(file)
     except CaseError:
         raise
-    except Exception as error:  # damaged files raise any kind
+    except Exception as error:  # damaged files raise exceptions of any kind
         line = (str(error).strip().splitlines() or [type(error).__name__])[0][:200]
         raise CaseError(f"{path}: cannot be read as images ({line}); export it again") from error
 
 
 def _voxel_edges(file: Any) -> tuple[float, float, float] | None:
-    """Edges of the voxels in the style of ImageJ: resolution in x and y, spacing in z."""
+    """Edges of the voxels, m, in the metadata of ImageJ: resolution in x and y, spacing in z."""
     lengths = {"micron": 1e-6, "um": 1e-6, "\\u00B5m": 1e-6, "mm": 1e-3, "nm": 1e-9, "m": 1.0}
     about = file.imagej_metadata or {}
     unit = lengths.get(str(about.get("unit", "")).replace("µ", "u"))

@@ -12,8 +12,11 @@ if TYPE_CHECKING:
 
 __all__ = ["write_link_fields"]
 
-ON_LINKS = ("tension", "slack", "impulse")
-ON_NODES = ("displacement", "velocity", "rotation")
+LINK_VARIABLES = ("tension", "slack", "impulse")
+"""Variables of links at every step."""
+
+NODE_VARIABLES = ("displacement", "velocity", "rotation")
+"""Variables of nodes at every step."""
 
 
 def write_link_fields(result: "xr.Dataset", folder: Path, *, name: str = "links") -> Path:
@@ -27,27 +30,29 @@ def write_link_fields(result: "xr.Dataset", folder: Path, *, name: str = "links"
     result : Dataset
         Follows ``MACRO_RESULT``, with the position of the nodes and the ends of the links.
     folder : Path
-        Gets ``NAME.pvd``, ``NAME-0000.vtu`` and so on.
+        Folder for ``NAME.pvd``, ``NAME-0000.vtu`` and so on.
     name : str
-        Of the series.
+        Name of the series.
 
     Returns
     -------
     Path
-        The collection. Its steps are at their times, or at their load factors where these rise,
-        else at their numbers.
+        File of the collection. Its steps are at their times, s, or at rising load factors, else at
+        their numbers.
 
     Raises
     ------
     SchemaError
-        If the dataset does not follow the schema or says nothing of the structure.
+        If the dataset does not follow the schema or has no nodes and links.
     MultiscaleError
         If a file cannot be written.
     """
     MACRO_RESULT.check(result)
     missing = [needed for needed in ("position", "ends", "tension") if needed not in result]
     if missing:
-        raise SchemaError(f"the result has no {', '.join(missing)}: not one of nodes and links")
+        raise SchemaError(
+            f"the result has no {', '.join(missing)}: it is no result of nodes and links"
+        )
     steps = ({"": _links(result, k)} for k in range(result.sizes["step"]))
     return write_series(folder, name, timesteps(result), steps)
 
@@ -56,7 +61,7 @@ def _links(result: "xr.Dataset", step: int) -> Any:
     """Lines with the values of links and nodes at a step."""
     import meshio
 
-    nodes = {key: result[key].values[step] for key in ON_NODES if key in result}
-    links = {key: [result[key].values[step]] for key in ON_LINKS if key in result}
+    nodes = {key: result[key].values[step] for key in NODE_VARIABLES if key in result}
+    links = {key: [result[key].values[step]] for key in LINK_VARIABLES if key in result}
     lines = [("line", result["ends"].values)]
     return meshio.Mesh(result["position"].values, lines, point_data=nodes, cell_data=links)

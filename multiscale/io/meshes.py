@@ -14,7 +14,7 @@ if TYPE_CHECKING:
 __all__ = ["MeshArrays", "open_mesh", "read_mesh"]
 
 SOLIDS = ("hexahedron", "tetra", "quad", "triangle")
-"""Elements that a body is made of, three dimensions before two."""
+"""Elements of a body, three dimensions before two."""
 
 FACETS = {"hexahedron": "quad", "tetra": "triangle", "quad": "line", "triangle": "line"}
 """Facets of these elements."""
@@ -29,7 +29,7 @@ class MeshArrays:
     kind : str
         ``"triangle"``, ``"quad"``, ``"tetra"`` or ``"hexahedron"``.
     points : ndarray, shape (d, n)
-        Coordinates in the unit of the file.
+        Coordinates of the corners in the unit of the file.
     cells : ndarray of int, shape (elements, corners)
         Corners in the order of VTK.
     boundaries : dict of str to ndarray of int, shape (facets, corners)
@@ -44,6 +44,11 @@ class MeshArrays:
 
 def open_mesh(path: Path) -> "Mesh":
     """Read a mesh of any elements with its named sets.
+
+    Parameters
+    ----------
+    path : Path
+        A file of any format that meshio reads.
 
     Raises
     ------
@@ -63,8 +68,8 @@ def open_mesh(path: Path) -> "Mesh":
 def read_mesh(path: Path) -> MeshArrays:
     """Read a mesh of one kind of element with its named boundaries.
 
-    In gmsh a boundary gets its name as a physical group of lines or surfaces, and the solid
-    needs a physical group of its own to be written.
+    In gmsh a physical group of lines or surfaces names a boundary, and the solid needs its own
+    physical group, since gmsh writes no other elements.
 
     Parameters
     ----------
@@ -74,13 +79,13 @@ def read_mesh(path: Path) -> MeshArrays:
     Returns
     -------
     MeshArrays
-        Points that no element uses are left out; a mesh in the plane z = const has two
+        The mesh without points that no element uses; a mesh in the plane z = const has two
         dimensions.
 
     Raises
     ------
     CaseError
-        If the file cannot be read, has no solid elements or has them of two kinds.
+        If the file cannot be read, has no solid elements, or has two kinds of them.
     """
     mesh = open_mesh(path)
     found = {name: block for name, block in mesh.cells_dict.items() if len(block)}
@@ -112,10 +117,10 @@ def read_mesh(path: Path) -> MeshArrays:
 
 
 def _named_facets(mesh: Any, facet: str) -> dict[str, np.ndarray]:
-    """Facets of one kind by the name of their group."""
+    """Facets of one kind, shape (facets, corners), by the name of their group."""
     members = {name: sets for name, sets in mesh.cell_sets.items() if ":" not in name}
     groups = mesh.cell_data.get("gmsh:physical")
-    if groups is not None:  # older gmsh formats keep numbers, and their names apart
+    if groups is not None:  # older gmsh formats store numbers, and the names elsewhere
         for name, (tag, _) in mesh.field_data.items():
             members.setdefault(name, [np.flatnonzero(group == tag) for group in groups])
     named: dict[str, list[np.ndarray]] = {}

@@ -23,19 +23,19 @@ def write_series(
     Parameters
     ----------
     folder : Path
-        Gets ``NAME.pvd``, ``NAME-0000.vtu`` and so on; ``NAME-PART-0000.vtu`` of a named part.
+        Folder for ``NAME.pvd``, ``NAME-0000.vtu`` and so on; ``NAME-PART-0000.vtu`` for a named
+        part.
     name : str
-        Of the series.
+        Name of the series.
     times : ndarray, shape (steps,)
-        Where the steps stand in it.
+        Times, load factors or numbers of the steps.
     steps : iterable of dict
-        A meshio mesh for each part of a step, by the name of the part; ``""`` of the only or the
-        main one.
+        A meshio mesh for each part of a step, by the name of the part; the main part is ``""``.
 
     Returns
     -------
     Path
-        The collection.
+        File of the collection.
 
     Raises
     ------
@@ -51,23 +51,19 @@ def write_series(
             entries.append(
                 f'    <DataSet timestep="{float(at)!r}" part="{number}" file={quoteattr(file)}/>\n'
             )
-    collection = folder / f"{name}.pvd"  # last: it names only files that are there
-    write_bytes(collection, _collection(entries).encode())
-    return collection
-
-
-def timesteps(result: "xr.Dataset") -> np.ndarray:
-    """Where the steps of a result stand: at times or load factors if these rise, else numbered."""
-    for name in ("time", "load_factor"):
-        if name in result.coords and np.all(np.diff(result[name].values) > 0.0):
-            return np.asarray(result[name].values)
-    return np.arange(result.sizes["step"])
-
-
-def _collection(entries: list[str]) -> str:
-    """Text of a ``.pvd`` file."""
-    return (
+    collection = folder / f"{name}.pvd"  # written last: it names only existing files
+    text = (
         '<?xml version="1.0"?>\n<VTKFile type="Collection" version="0.1">\n  <Collection>\n'
         + "".join(entries)
         + "  </Collection>\n</VTKFile>\n"
     )
+    write_bytes(collection, text.encode())
+    return collection
+
+
+def timesteps(result: "xr.Dataset") -> np.ndarray:
+    """Return rising times, s, or load factors of the steps of a result, else their numbers."""
+    for name in ("time", "load_factor"):
+        if name in result.coords and np.all(np.diff(result[name].values) > 0.0):
+            return np.asarray(result[name].values)
+    return np.arange(result.sizes["step"])

@@ -32,15 +32,15 @@ def read_surface(
     Parameters
     ----------
     path : path
-        File of any format that SurfaceTopography reads; the format is found from the content.
+        File of any format that SurfaceTopography reads; its content determines the format.
     detrend_order : {0, 1, 2}
         Degree of the polynomial that is removed: 0 the mean, 1 a plane (a tilted sample), 2 also
         the curvature (a ball or a cylinder). The fit uses the defined points only.
     fill_undefined : bool
         Fill undefined points, after detrending, by the solution of Laplace's equation with their
         defined neighbours as boundary values. Filled regions are too smooth, so they lower the
-        root mean square slope; the result says which points they are. Undefined points are
-        refused otherwise.
+        root mean square slope; the result marks their points. Without it undefined points are
+        refused.
     channel : int or str, optional
         Number, counted from 0, or name of the channel. The format's default height channel if not
         given.
@@ -48,21 +48,20 @@ def read_surface(
     Returns
     -------
     Surface
-        Heights and size in m, mean height 0 unless points were filled: ``filled`` says which,
-        ``filled_share`` how many. A measured map is not
-        periodic: see :func:`multiscale.surfaces.mirror` and
-        :func:`~multiscale.surfaces.window`.
+        Heights and size in m. The mean height is 0 unless points were filled; ``filled`` marks
+        them, and ``filled_share`` is their share. A measured map is not periodic: see
+        :func:`multiscale.surfaces.mirror` and :func:`~multiscale.surfaces.window`.
 
     Raises
     ------
     CaseError
-        If there is no such file, it cannot be read as a height map, it gives no unit or no lateral
-        size, it has undefined points, it is flat, or SurfaceTopography is not installed.
+        If the file is missing, cannot be read as a height map, has no unit or no lateral size, has
+        undefined points, is flat, or SurfaceTopography is not installed.
 
     Notes
     -----
-    Formats without length or checksum, such as plain text cut between two rows, do not tell that
-    the file is incomplete.
+    An incomplete file is not detected in formats without length or checksum, such as plain text
+    cut between two rows.
     """
     from multiscale.surfaces.surface import Surface, remove_trend
 
@@ -76,7 +75,17 @@ def read_surface(
         heights: np.ndarray = np.ma.filled(np.ma.array(topography.heights(), dtype=float), np.nan)
         undefined = ~np.isfinite(heights)
         heights[undefined] = np.nan
-        _check_undefined(path, undefined, fill_undefined)
+        n_undefined = np.count_nonzero(undefined)
+        if n_undefined == undefined.size:
+            raise CaseError(
+                f"{path}: no point has a defined height; choose another channel or file"
+            )
+        if n_undefined and not fill_undefined:
+            raise CaseError(
+                f"{path}: {n_undefined} of {undefined.size} points "
+                f"({n_undefined / undefined.size:.2%}) are undefined; set fill_undefined to true "
+                f"or crop the map in the instrument's software"
+            )
         scale = np.nanmax(np.abs(heights))
         heights = remove_trend(heights, detrend_order)
         if np.nanstd(heights) <= 1e-13 * scale:  # round-off of the fit
@@ -95,7 +104,7 @@ def read_surface(
 
 
 def _check_file(path: Path) -> None:
-    """Refuse what is not a file with content."""
+    """Refuse a path that is not a file with content."""
     if path.is_dir():
         raise CaseError(f"{path}: is a directory; give one topography file in it")
     if not path.exists():
@@ -114,7 +123,7 @@ def _check_file(path: Path) -> None:
 
 @contextmanager
 def _reading(path: Path) -> Iterator[tuple[Any, Any]]:
-    """Open a file with SurfaceTopography and turn whatever it raises into one sentence."""
+    """Open a file with SurfaceTopography and report its errors in one sentence."""
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")
         try:
@@ -127,7 +136,7 @@ def _reading(path: Path) -> Iterator[tuple[Any, Any]]:
             ) from error
         warnings.simplefilter("error", RuntimeWarning)  # arithmetic on a damaged header
         try:
-            stream = path.open("rb")  # ours, as not every reader closes a file it fails to read
+            stream = path.open("rb")  # not every reader closes a file that it fails to read
         except OSError as error:
             raise CaseError(
                 f"{path}: cannot be opened ({error.strerror}); check the permissions"
@@ -142,7 +151,7 @@ def _reading(path: Path) -> Iterator[tuple[Any, Any]]:
                 f"{path}: no known topography format; the file is damaged, cut off, or of another "
                 f"kind, so copy it again or export it from the instrument in another format"
             ) from error
-        except Exception as error:  # damaged files raise any kind
+        except Exception as error:  # damaged files raise exceptions of any kind
             lines = str(error).strip().splitlines() or [type(error).__name__]
             raise CaseError(
                 f"{path}: cannot be read as a topography, probably because it is damaged or cut "
@@ -151,7 +160,7 @@ def _reading(path: Path) -> Iterator[tuple[Any, Any]]:
 
 
 def _pick_channel(path: Path, reader: Any, channel: int | str | None) -> Any:
-    """Find the channel asked for among those that hold heights."""
+    """Find a channel by number or name among the channels of heights."""
     from SurfaceTopography.IO.Reader import DataKind
 
     known = {entry.index: entry for entry in reader.channels if entry.data_kind == DataKind.HEIGHT}
@@ -168,7 +177,7 @@ def _pick_channel(path: Path, reader: Any, channel: int | str | None) -> Any:
 
 
 def _check_channel(path: Path, entry: Any) -> None:
-    """Refuse line scans and maps without scale."""
+    """Refuse line scans and maps without unit or size."""
     if entry.dim == 1 or entry.is_uniform is False:
         raise CaseError(
             f"{path}: holds a line scan or scattered points; give a map on a regular grid"
@@ -180,17 +189,4 @@ def _check_channel(path: Path, entry: Any) -> None:
             f"{path}: the file gives no {' and no '.join(missing)}; export it in a format that "
             f"does (in a text file the header lines '# Width: 10 um', '# Height: 10 um', "
             f"'# Value units: um'), or build Surface(heights, size) in Python"
-        )
-
-
-def _check_undefined(path: Path, undefined: np.ndarray, fill: bool) -> None:
-    """Refuse undefined points unless they may be filled, and can be."""
-    number = np.count_nonzero(undefined)
-    if number == undefined.size:
-        raise CaseError(f"{path}: no point has a defined height; choose another channel or file")
-    if number and not fill:
-        raise CaseError(
-            f"{path}: {number} of {undefined.size} points ({number / undefined.size:.2%}) are "
-            f"undefined; set fill_undefined to true or crop the map in the instrument's "
-            f"software"
         )

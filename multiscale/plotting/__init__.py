@@ -1,8 +1,8 @@
-"""One function per figure: takes a dataset and axes, returns the axes, neither shows nor saves.
+"""One function per figure: it takes a dataset and axes, returns the axes, and saves nothing.
 
-``ax`` is always where to draw, the current axes if not given, and is what the function returns.
+Every function draws on ``ax``, the current axes if not given, and returns these axes.
 
-Labels and conversion to um, MPa and kN happen here and nowhere else. Functions whose names begin
+Only here quantities get labels and are converted to µm, MPa and kN. Functions whose names begin
 with ``draw`` make whole figures and write them.
 """
 

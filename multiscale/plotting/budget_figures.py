@@ -13,7 +13,8 @@ if TYPE_CHECKING:
 
 __all__ = ["plot_error_budget"]
 
-SMALLEST_SHARE = 0.02  # of the largest total, below which a caption would not fit
+SMALLEST_SHARE = 0.02
+"""Ratio to the largest total below which a bar has no caption."""
 
 
 def plot_error_budget(
@@ -21,9 +22,9 @@ def plot_error_budget(
 ) -> "Axes":
     """Draw the half-width of the 95 % interval of each step as a bar, stacked by its terms.
 
-    The height of a bar is the total. As terms add as squares, each takes its share of the sum of
-    the squares; what is not known is named in the legend and not in the bar. A total that lacks a
-    term is no bar but the word unknown.
+    The height of a bar is the total. As terms add as squares, each term has its share of the sum
+    of the squares; unknown terms are named in the legend alone. A total with an unknown term has
+    no bar but the word unknown.
 
     Parameters
     ----------
@@ -31,7 +32,7 @@ def plot_error_budget(
         Follows ``ERROR_BUDGET``, or a law or macro result that carries one; steps without any
         term are left out.
     quantity : str, optional
-        Which; the first if not given.
+        Quantity to plot; the first of the budget if not given.
     """
     ax = axes_or_current(ax)
     chosen = str(budget["quantity"].values[0]) if quantity is None else quantity
@@ -43,17 +44,17 @@ def plot_error_budget(
     share = np.nan_to_num(half**2) / np.maximum(np.nansum(half**2, axis=0), 1e-300)
     at, bottom = np.arange(total.size), np.zeros(total.size)
     for k, term in enumerate(one["error_term"].values):
-        if not np.any(half[k] > 0.0):  # not known, or nothing
+        if not np.any(half[k] > 0.0):  # unknown or zero
             continue
         ax.bar(at, share[k] * total, 0.7, bottom=bottom, color=f"C{k}", label=str(term))
         bottom = bottom + share[k] * total
     for term in filter(None, str(budget.attrs.get("unknown", "")).split(", ")):
         ax.bar(0, 0.0, color="none", edgecolor="0.5", hatch="///", label=f"{term}: not known")
     top = total.max(initial=0.0)
-    for x, height, told in zip(at, total, known, strict=True):
-        if height > SMALLEST_SHARE * top or not told:
-            said = f"{height:.2g}" if told else "unknown"
-            ax.text(float(x), float(height), said, ha="center", va="bottom", fontsize="small")
+    for x, height, is_known in zip(at, total, known, strict=True):
+        if height > SMALLEST_SHARE * top or not is_known:
+            caption = f"{height:.2g}" if is_known else "unknown"
+            ax.text(float(x), float(height), caption, ha="center", va="bottom", fontsize="small")
     ax.set_xticks(at, _labels(one))
     ax.set_ylim(0.0, 1.5 * top or 1.0)  # room for the legend
     ax.set_xlabel("mean pressure (MPa)")
@@ -64,7 +65,7 @@ def plot_error_budget(
 
 
 def _labels(budget: "xr.Dataset") -> list[str]:
-    """Pressures of the steps, MPa, by whatever name the dataset has them."""
+    """Pressures of the steps, MPa, from the first of three variables; else numbers of the steps."""
     for name in ("nominal_pressure", "fit_pressure", "preload"):
         if name in budget.variables:
             return [f"{1e-6 * value:.3g}" for value in budget[name].values]

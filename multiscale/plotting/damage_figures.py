@@ -1,4 +1,4 @@
-"""Figures of damage: each takes a dataset or a volume and axes, and returns the axes."""
+"""Figures of damage, stiffness and fatigue."""
 
 from collections.abc import Callable
 from pathlib import Path
@@ -29,14 +29,14 @@ __all__ = [
 
 
 def plot_damage_sphere(sections: "xr.Dataset", *, ax: "Axes3D") -> "Axes3D":
-    """Colour the sphere of normals by the damage of the worst section of each.
+    """Colour the sphere of normals by the damage of their worst sections.
 
     Parameters
     ----------
     sections : Dataset
         Follows ``DAMAGE_SECTIONS``.
     ax : Axes3D
-        Where to draw. The worst normal is an arrow.
+        Axes to draw on. An arrow shows the worst normal.
     """
     from matplotlib import colormaps
     from matplotlib.cm import ScalarMappable
@@ -56,7 +56,9 @@ def plot_damage_sphere(sections: "xr.Dataset", *, ax: "Axes3D") -> "Axes3D":
     n = sections["worst_normal"].values
     n = n if n[2] >= 0.0 else -n
     ax.quiver(*n, *(0.6 * n), color="black", arrow_length_ratio=0.25)
-    ax.view_init(elev=25.0, azim=float(np.degrees(np.arctan2(n[1], n[0]))) - 35.0)  # faces it
+    ax.view_init(
+        elev=25.0, azim=float(np.degrees(np.arctan2(n[1], n[0]))) - 35.0
+    )  # view on the arrow
     ax.set(xlim=(-1.2, 1.2), ylim=(-1.2, 1.2), zlim=(-1.2, 1.2))
     ax.set(xlabel="x", ylabel="y", zlabel="z")
     ax.set(xticks=[-1, 0, 1], yticks=[-1, 0, 1], zticks=[-1, 0, 1])
@@ -74,7 +76,7 @@ def plot_worst_section(
     Parameters
     ----------
     rve : Cavities or VoxelImage
-        The volume that the sections are of.
+        The volume of the sections.
     sections : Dataset
         Follows ``DAMAGE_SECTIONS``.
     """
@@ -130,7 +132,7 @@ def plot_woehler(curve: "xr.Dataset", *, ax: "Axes | None" = None) -> "Axes":
 
 
 def plot_stiffness_against_damage(comparison: "xr.Dataset", *, ax: "Axes | None" = None) -> "Axes":
-    """Plot Young's modulus along normals against their damage, beside the line 1 - D.
+    """Plot Young's modulus along normals against the damage of their sections, and the line 1 - D.
 
     Parameters
     ----------
@@ -145,7 +147,7 @@ def plot_stiffness_against_damage(comparison: "xr.Dataset", *, ax: "Axes | None"
     ax.plot(damage, modulus, "o", markersize=3, label="finite elements, one normal each")
     ax.axvline(phi, color="0.6", linewidth=0.8)
     ax.annotate("porosity", (phi, 1.0), (3, 0), textcoords="offset points", color="0.4", va="top")
-    ax.set(xlabel="damage of the worst section, D", ylabel="Young's modulus over that of the solid")
+    ax.set(xlabel="damage of the worst section, D", ylabel="Young's modulus over solid modulus")
     ax.legend(loc="lower left")
     return ax
 
@@ -164,7 +166,7 @@ def plot_joint_life(result: "xr.Dataset", *, ax: "Axes | None" = None) -> "Axes"
         value = result[name].values
         ax.plot(cycles, value / value[0], "o-", label=label)
     ax.plot(cycles, 1.0 - result["damage"].values, color="black", linestyle="--", label="1 - D")
-    ax.set(xlabel="cycles", ylabel="stiffness over that of the first cycle")
+    ax.set(xlabel="cycles", ylabel="stiffness over initial stiffness")
     ax.legend()
     return ax
 
@@ -178,16 +180,22 @@ def draw_damage(
     comparison: "xr.Dataset | None" = None,
     joint: "xr.Dataset | None" = None,
 ) -> list[Path]:
-    """Draw the figures of what is given into PNG files.
+    """Draw the figures of the given datasets into PNG files.
 
     Parameters
     ----------
     folder : Path
-        Made if needed.
-    sections, curve, comparison, joint : Dataset, optional
-        As in the functions of this module.
+        Folder of the files, made if needed.
+    sections : Dataset, optional
+        Follows ``DAMAGE_SECTIONS``, for the sphere of normals.
     rve : Cavities or VoxelImage, optional
-        The volume of ``sections``, for its worst one.
+        The volume of ``sections``, for its worst section.
+    curve : Dataset, optional
+        Follows ``WOEHLER``.
+    comparison : Dataset, optional
+        Follows ``RVE_STIFFNESS``.
+    joint : Dataset, optional
+        Follows ``MACRO_RESULT``, with cycles.
     """
     make_folder(folder)
     drawn = []
@@ -210,7 +218,7 @@ def draw_damage(
 
 
 def _length_unit(length: float) -> tuple[float, str]:
-    """Choose the unit in which a length is a handy number."""
+    """Choose the unit of a length, m, for a short number; return its factor and name."""
     for factor, name in ((1.0, "m"), (1e3, "mm"), (1e6, "µm")):
         if factor * length >= 0.5:
             return factor, name

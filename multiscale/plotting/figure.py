@@ -1,4 +1,4 @@
-"""What every figure needs: axes to draw on, a canvas, and a file."""
+"""Common parts of figures: axes, canvas, colour bars and files."""
 
 from collections.abc import Callable, Mapping
 from io import BytesIO
@@ -26,18 +26,18 @@ __all__ = [
 
 DOTS_PER_INCH = 150
 
-PASSES = 4
-"""Of the layout: axes of fixed aspect change in size with the room for what stands at them."""
+LAYOUT_PASSES = 4
+"""Number of layout passes: axes of fixed aspect change in size with the room for their labels."""
 
-WIDE = 1.5
-"""Width over height from which a colour bar is longer below axes than beside them."""
+WIDE_ASPECT = 1.5
+"""Width over height of axes above which a colour bar stands below them."""
 
-BAR, BESIDE, BELOW = 0.12, 0.08, 0.65
-"""Thickness of a colour bar, its distance from axes, and from axes with their label, inches."""
+BAR_THICKNESS, BAR_BESIDE, BAR_BELOW = 0.12, 0.08, 0.65
+"""Thickness of a colour bar, its distance beside axes, and below axes with labels, inches."""
 
 
 def axes_or_current(ax: "Axes | None") -> "Axes":
-    """Return the axes given, or the current ones."""
+    """Return the given axes, or the current axes for None."""
     if ax is None:
         import matplotlib.pyplot as plt
 
@@ -46,7 +46,7 @@ def axes_or_current(ax: "Axes | None") -> "Axes":
 
 
 def new_figure(width: float = 5.2, height: float = 4.0) -> "Figure":
-    """Return an empty figure that no window shows; width and height in inches."""
+    """Return an empty figure without a window; width and height in inches."""
     from matplotlib.figure import Figure
 
     return Figure(figsize=(width, height), layout="constrained")
@@ -55,27 +55,46 @@ def new_figure(width: float = 5.2, height: float = 4.0) -> "Figure":
 def add_colour_bar(mappable: "ScalarMappable", ax: "Axes", label: str) -> None:
     """Put a colour bar beside axes whose limits and equal aspect are set, below wide ones.
 
-    Axes of fixed aspect may be far smaller than the room they were given, at whose edge a bar
-    would stand apart from them. This one is as long as the axes are.
+    Axes of fixed aspect may be far smaller than their room in the layout, at whose edge a bar
+    would stand apart from them. This bar is as long as the axes.
+
+    Parameters
+    ----------
+    mappable : ScalarMappable
+        Coloured artist on the axes.
+    ax : Axes
+        The axes.
+    label : str
+        Quantity and unit.
     """
     from matplotlib.transforms import ScaledTranslation, blended_transform_factory
 
     (left, right), (low, high) = ax.get_xlim(), ax.get_ylim()
-    wide = right - left > WIDE * (high - low)
+    wide = right - left > WIDE_ASPECT * (high - low)
     corner = ScaledTranslation(0.0 if wide else 1.0, 0.0, ax.transAxes)  # type: ignore[arg-type]
     inches, along = ax.figure.dpi_scale_trans + corner, ax.transAxes
     if wide:
         below = blended_transform_factory(along, inches)
-        place = ax.inset_axes((0.0, -BELOW, 1.0, BAR), transform=below)
+        place = ax.inset_axes((0.0, -BAR_BELOW, 1.0, BAR_THICKNESS), transform=below)
     else:
         beside = blended_transform_factory(inches, along)
-        place = ax.inset_axes((BESIDE, 0.0, BAR, 1.0), transform=beside)
+        place = ax.inset_axes((BAR_BESIDE, 0.0, BAR_THICKNESS, 1.0), transform=beside)
     orientation = "horizontal" if wide else "vertical"
     ax.figure.colorbar(mappable, cax=place, label=label, orientation=orientation)
 
 
 def plot_energy_parts(time: np.ndarray, parts: dict[str, np.ndarray], ax: "Axes") -> None:
-    """Plot energies over time, J and s: those that are not zero throughout, and the sum of all."""
+    """Plot energies over time and their sum, without parts that are zero throughout.
+
+    Parameters
+    ----------
+    time : ndarray, shape (steps,)
+        Times, s.
+    parts : dict of str to ndarray, shape (steps,)
+        Energies by their label, J.
+    ax : Axes
+        Axes to draw on.
+    """
     for label, energy in parts.items():
         if np.nanmax(np.abs(energy)) > 0.0:
             ax.plot(time, energy, label=label)
@@ -86,10 +105,10 @@ def plot_energy_parts(time: np.ndarray, parts: dict[str, np.ndarray], ax: "Axes"
 
 
 def save_figure(figure: "Figure", file: Path) -> Path:
-    """Write a figure as PNG, whole or not at all."""
+    """Write a figure as a complete PNG file, or no file."""
     layout = figure.get_layout_engine()
     if layout is not None and any(ax.get_aspect() != "auto" for ax in figure.axes):
-        for _ in range(PASSES):
+        for _ in range(LAYOUT_PASSES):
             layout.execute(figure)
     buffer = BytesIO()
     figure.savefig(buffer, format="png", dpi=DOTS_PER_INCH)
@@ -100,7 +119,7 @@ def save_figure(figure: "Figure", file: Path) -> Path:
 def on_axes(
     plot: "Callable[[Axes], object]", width: float = 5.2, height: float = 4.0
 ) -> Callable[[Path], Path]:
-    """Make the function that plots on axes of their own, of sizes in inches, into a file."""
+    """Return ``draw(file)``, which plots on new axes, with sizes in inches, into a PNG file."""
 
     def draw(file: Path) -> Path:
         figure = new_figure(width, height)
@@ -116,6 +135,6 @@ def save_figures(
     width: float = 5.2,
     height: float = 4.0,
 ) -> list[Path]:
-    """Draw figures, each on axes of its own, into PNG files of their names; sizes in inches."""
+    """Draw each figure on new axes into a PNG file of its name; width and height in inches."""
     make_folder(folder)
     return [on_axes(plot, width, height)(folder / f"{name}.png") for name, plot in plots.items()]

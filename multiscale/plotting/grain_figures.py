@@ -1,4 +1,4 @@
-"""Figures of granulates: each takes a dataset and axes, and returns the axes."""
+"""Figures of granulates."""
 
 from collections.abc import Callable
 from pathlib import Path
@@ -33,16 +33,16 @@ def plot_force_network(
     slab: tuple[float, float] | None = None,
     ax: "Axes | None" = None,
 ) -> "Axes":
-    """Plot grains and forces seen along y: lines as thick as their force.
+    """Plot grains and contact forces seen along y; the width of a line is its force.
 
     Parameters
     ----------
     result : Dataset
         Follows ``GRANULATE``.
     frame : int
-        The last one if not given.
+        Number of the frame; the last one if not given.
     slab : tuple of float, optional
-        Range of y of the grains and contacts shown, m; all if not given.
+        Range of y, m, of the plotted grains and contacts; all if not given.
     """
     from matplotlib.collections import LineCollection, PatchCollection
     from matplotlib.patches import Circle
@@ -82,7 +82,7 @@ def plot_force_network(
 
 
 def plot_grain_energies(result: "xr.Dataset", *, ax: "Axes | None" = None) -> "Axes":
-    """Plot where the energy of the grains goes, and its sum, which stays as it was.
+    """Plot the parts of the energy of the grains, and their sum, which is constant.
 
     Parameters
     ----------
@@ -102,7 +102,7 @@ def plot_grain_energies(result: "xr.Dataset", *, ax: "Axes | None" = None) -> "A
 
 
 def plot_contact_error(result: "xr.Dataset", *, ax: "Axes | None" = None) -> "Axes":
-    """Plot the error of the contact solver in every step; missed tolerances stand out.
+    """Plot the error of the contact solver in every step; missed tolerances have crosses.
 
     Parameters
     ----------
@@ -126,7 +126,7 @@ def plot_biaxial_curve(result: "xr.Dataset", *, ax: "Axes | None" = None) -> "Ax
     Parameters
     ----------
     result : Dataset
-        Follows ``GRANULATE``, of a cell under a pressure.
+        Follows ``GRANULATE``, for a cell under pressure.
     """
     from multiscale.macro.granulate import biaxial_curve
 
@@ -149,7 +149,7 @@ def draw_granulate(result: "xr.Dataset", folder: Path) -> list[Path]:
     result : Dataset
         Follows ``GRANULATE``.
     folder : Path
-        Made if needed.
+        Folder of the files, made if needed.
     """
     y = result["position"].values[-1, :, 1]
     middle, half = 0.5 * (y.min() + y.max()), 2.0 * float(result["radius"].max())

@@ -1,4 +1,4 @@
-"""Figures of how time and memory grow with the size of a structure."""
+"""Figures of the growth of time and memory with the size of a structure."""
 
 from typing import TYPE_CHECKING
 
@@ -14,10 +14,10 @@ if TYPE_CHECKING:
 __all__ = ["draw_growth_panels", "plot_growth"]
 
 QUANTITIES = {"wall_time": ("wall time (s)", 1.0), "peak_memory": ("peak memory (MB)", 1e-6)}
-"""Label and factor of what can be plotted."""
+"""Label and unit factor of each quantity that can be plotted."""
 
-ROOM = 3.0
-"""Factor by which the axis goes on above the lines, for the legend."""
+LEGEND_ROOM = 3.0
+"""Factor by which the axis extends above the lines, for the legend."""
 
 
 def plot_growth(
@@ -25,10 +25,10 @@ def plot_growth(
 ) -> "Axes":
     """Plot time or memory against the number of cables, one line per method and scene.
 
-    A colour means the same method; the first scene has filled markers, the others open ones. The
-    legend tells how a line grows between its two largest structures: its slope, or for memory,
-    which begins with that of interpreter and libraries, the memory per cable. The dotted line is
-    in proportion to the cables. What did not converge is left out.
+    A method has one colour; the first scene has filled markers, the other scenes open ones. The
+    legend gives the growth of a line between its two largest structures: the slope of the time, or
+    the memory per cable, since memory begins with interpreter and libraries. The dotted line is
+    proportional to the number of cables. Runs that did not converge are left out.
 
     Parameters
     ----------
@@ -37,6 +37,8 @@ def plot_growth(
     quantity : str
         ``"wall_time"`` or ``"peak_memory"``.
     """
+    from matplotlib.ticker import LogLocator, NullFormatter, StrMethodFormatter
+
     ax = axes_or_current(ax)
     label, factor = QUANTITIES[quantity]
     runs = work_precision.isel(run=np.flatnonzero(work_precision["converged"].values))
@@ -59,9 +61,11 @@ def plot_growth(
     ax.set_xscale("log")
     ax.set_yscale("log")
     low, high = ax.get_ylim()
-    ax.set_ylim(low, ROOM * high)
-    if high < 100.0 * low:
-        _label_within_decades(ax)
+    ax.set_ylim(low, LEGEND_ROOM * high)
+    if high < 100.0 * low:  # few decades: label 1, 2 and 5 of each
+        ax.yaxis.set_major_locator(LogLocator(subs=(1.0, 2.0, 5.0)))
+        ax.yaxis.set_major_formatter(StrMethodFormatter("{x:g}"))
+        ax.yaxis.set_minor_formatter(NullFormatter())
     if cables.size:
         _draw_proportion(ax, cables, factor * cost)
     ax.set(xlabel="number of cables", ylabel=label)
@@ -71,7 +75,13 @@ def plot_growth(
 
 
 def draw_growth_panels(work_precision: "xr.Dataset") -> "Figure":
-    """Time and memory side by side."""
+    """Draw time and memory side by side.
+
+    Parameters
+    ----------
+    work_precision : Dataset
+        Follows ``WORK_PRECISION``, with the number of cables.
+    """
     figure = new_figure(11.0, 5.0)
     for ax, quantity in zip(figure.subplots(1, 2), QUANTITIES, strict=True):
         plot_growth(work_precision, quantity=quantity, ax=ax)
@@ -79,7 +89,7 @@ def draw_growth_panels(work_precision: "xr.Dataset") -> "Figure":
 
 
 def _slope(cables: np.ndarray, cost: np.ndarray) -> str:
-    """Slope between the two largest structures; nothing with fewer."""
+    """Slope between the two largest structures; empty for fewer structures."""
     if cables.size < 2:
         return ""
     last = np.argsort(cables)[-2:]
@@ -88,7 +98,7 @@ def _slope(cables: np.ndarray, cost: np.ndarray) -> str:
 
 
 def _per_cable(cables: np.ndarray, memory: np.ndarray) -> str:
-    """Memory of a cable between the two largest structures; nothing with fewer."""
+    """Memory per cable between the two largest structures; empty for fewer structures."""
     if cables.size < 2:
         return ""
     last = np.argsort(cables)[-2:]
@@ -97,7 +107,7 @@ def _per_cable(cables: np.ndarray, memory: np.ndarray) -> str:
 
 
 def _draw_proportion(ax: "Axes", cables: np.ndarray, cost: np.ndarray) -> None:
-    """Draw a line of slope one below the cheapest run on the largest structure, if in view."""
+    """Draw a line of slope one below the cheapest run of the largest structure, if in view."""
     (left, right), (bottom, top) = ax.get_xlim(), ax.get_ylim()
     largest = cables.max()
     end = 0.5 * cost[cables == largest].min()
@@ -105,12 +115,3 @@ def _draw_proportion(ax: "Axes", cables: np.ndarray, cost: np.ndarray) -> None:
         along = np.array([cables.min(), largest])
         ax.plot(along, end * along / largest, ":", color="0.5", label="slope 1")
         ax.set(xlim=(left, right), ylim=(bottom, top))
-
-
-def _label_within_decades(ax: "Axes") -> None:
-    """Label 1, 2 and 5 of each decade, because there are few decades."""
-    from matplotlib.ticker import LogLocator, NullFormatter, StrMethodFormatter
-
-    ax.yaxis.set_major_locator(LogLocator(subs=(1.0, 2.0, 5.0)))
-    ax.yaxis.set_major_formatter(StrMethodFormatter("{x:g}"))
-    ax.yaxis.set_minor_formatter(NullFormatter())

@@ -1,4 +1,4 @@
-"""Figures of rough joints: where they slip, and what a cycle costs."""
+"""Figures of rough joints: zones of slip, pressure and hysteresis."""
 
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -20,7 +20,10 @@ if TYPE_CHECKING:
 __all__ = ["draw_joint", "plot_hysteresis", "plot_joint_plan"]
 
 ZONES = ("open", "stick", "slip")
-COLOURS = ("0.8", "C0", "C3")
+"""Names of the values 0, 1 and 2 of ``contact_state``."""
+
+ZONE_COLOURS = ("0.8", "C0", "C3")
+"""Colours of the zones."""
 
 
 def plot_joint_plan(
@@ -31,7 +34,7 @@ def plot_joint_plan(
     joint: int = 0,
     ax: "Axes | None" = None,
 ) -> "Axes":
-    """Plot in plan where a joint is open, sticks and slips, or its pressure.
+    """Plot the open, sticking and slipping zones of a joint in plan, or its pressure.
 
     Parameters
     ----------
@@ -47,7 +50,7 @@ def plot_joint_plan(
     ax = axes_or_current(ax)
     mine = np.flatnonzero(result["point_joint"].values == joint)
     x, y = 1e3 * result["point_position"].values[mine, :2].T
-    # markers that fill their share of the axes, about
+    # each marker fills about its share of the axes
     marker: dict[str, Any] = {
         "s": float(np.clip(3e4 / max(mine.size, 1), 4.0, 200.0)),
         "marker": "s",
@@ -57,7 +60,7 @@ def plot_joint_plan(
         dots = ax.scatter(x, y, c=pressure, vmin=0.0, **marker)
     else:
         state, area = result["contact_state"].values[step, mine], result["point_area"].values[mine]
-        for value, (name, colour) in enumerate(zip(ZONES, COLOURS, strict=True)):
+        for value, (name, colour) in enumerate(zip(ZONES, ZONE_COLOURS, strict=True)):
             here = state == value
             label = f"{name}, {100.0 * area[here].sum() / area.sum():.0f} %"
             ax.scatter(x[here], y[here], color=colour, label=label, **marker)
@@ -72,10 +75,10 @@ def plot_joint_plan(
 
 
 def plot_hysteresis(result: "xr.Dataset", *, ax: "Axes | None" = None) -> "Axes":
-    """Plot the shear over the displacement that it works on, a closed loop for the energy lost.
+    """Plot the shear of the last cycle over its displacement; the loop encloses the lost energy.
 
-    The elastic displacement, shear over the stiffness without slip, is taken off: it would hide
-    a slender loop, and encloses nothing.
+    The elastic displacement, shear over the stiffness without slip, is subtracted: it would hide a
+    slender loop, and encloses no area.
 
     Parameters
     ----------
@@ -92,15 +95,15 @@ def plot_hysteresis(result: "xr.Dataset", *, ax: "Axes | None" = None) -> "Axes"
     slip = result["shear_displacement"].values[steps] - shear / stiffness
     ax.plot(1e6 * slip, 1e-6 * shear, ".-", color="C0", linewidth=1.0, markersize=4)
     loss = result["cycle_energy"].values[-1]
-    said = "no loss known" if np.isnan(loss) else f"{1e3 * loss:.3g} mJ lost"
-    ax.set_title(f"last cycle: {said}")
+    caption = "no loss known" if np.isnan(loss) else f"{1e3 * loss:.3g} mJ lost"
+    ax.set_title(f"last cycle: {caption}")
     ax.set_xlabel("tangential displacement less the elastic one (µm)")
     ax.set_ylabel("tangential traction (MPa)")
     return ax
 
 
 def draw_joint(result: "xr.Dataset", folder: Path) -> list[Path]:
-    """Draw the figures of a joint into a folder: zones, pressure, loop if cycled, error budget.
+    """Draw zones, pressure and, if known, hysteresis and error budget of a joint into PNG files.
 
     Zones are drawn at the step at which most of the area slips.
 
@@ -109,7 +112,7 @@ def draw_joint(result: "xr.Dataset", folder: Path) -> list[Path]:
     result : Dataset
         Follows ``MACRO_RESULT``, with the points of joints.
     folder : Path
-        Made if needed.
+        Folder of the files, made if needed.
 
     Raises
     ------

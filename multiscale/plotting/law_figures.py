@@ -1,4 +1,4 @@
-"""Figures of the laws of the interface and of the joint that carries them."""
+"""Figures of the laws of the interface and of the stiffness of a joint."""
 
 from dataclasses import replace
 from typing import TYPE_CHECKING, Any
@@ -21,12 +21,15 @@ if TYPE_CHECKING:
 
 __all__ = ["plot_area_law", "plot_gap_law", "plot_joint_stiffness", "plot_unloading"]
 
-BAND = (2.5, 97.5)  # percentiles of the bands
-STATISTICS = ("mean", "std")  # over realisations, of markers with bars
+BAND_PERCENTILES = (2.5, 97.5)
+"""Percentiles of the 95 % bands."""
+
+STATISTICS = ("mean", "std")
+"""Statistics over realisations, drawn as markers with bars."""
 
 
 def plot_gap_law(response: "xr.Dataset", law: "xr.Dataset", *, ax: "Axes | None" = None) -> "Axes":
-    """Plot pressure against mean gap: realisations as markers, the law with its band as a line.
+    """Plot pressure against mean gap: realisations as markers, the law as a line with its band.
 
     Parameters
     ----------
@@ -44,7 +47,7 @@ def plot_gap_law(response: "xr.Dataset", law: "xr.Dataset", *, ax: "Axes | None"
     samples = fitted_laws(law, range(law.sizes["sample"]))
     band = [sample.gap_at(1e6 * along) for sample in samples]
     if band:
-        low, high = 1e6 * np.percentile(band, BAND, axis=0)
+        low, high = 1e6 * np.percentile(band, BAND_PERCENTILES, axis=0)
         ax.fill_betweenx(along, low, high, color="C0", alpha=0.3, linewidth=0, label="95 % band")
     ax.plot(1e6 * law_from_dataset(law).gap_at(1e6 * along), along, color="C0", label="law")
     ax.set_yscale("log")
@@ -58,7 +61,7 @@ def plot_gap_law(response: "xr.Dataset", law: "xr.Dataset", *, ax: "Axes | None"
 def plot_unloading(
     response: "xr.Dataset", law: "xr.Dataset", *, ax: "Axes | None" = None
 ) -> "Axes":
-    """Plot pressure against mean gap down from the largest pressure, beside the loading.
+    """Plot pressure against mean gap for unloading from the largest pressure, beside loading.
 
     Parameters
     ----------
@@ -92,7 +95,7 @@ def plot_unloading(
         names = ("stiffness_ratio", "exponent")
         drawn: Any = {name: law[f"unloading_{name}_sample"].values[:, None] for name in names}
         back = replace(hysteretic, **drawn).recovery(share * peak, np.array(peak))
-        low, high = 1e6 * (corner + np.percentile(back, BAND, axis=0))
+        low, high = 1e6 * (corner + np.percentile(back, BAND_PERCENTILES, axis=0))
         ax.fill_betweenx(
             1e-6 * share * peak, low, high, color="C1", alpha=0.3, linewidth=0, label="95 % band"
         )
@@ -110,7 +113,7 @@ def plot_unloading(
 
 
 def plot_area_law(response: "xr.Dataset", law: "xr.Dataset", *, ax: "Axes | None" = None) -> "Axes":
-    """Plot the contact fraction against the mean pressure.
+    """Plot the contact fraction against the mean pressure: realisations, and the law with its band.
 
     Parameters
     ----------
@@ -128,7 +131,7 @@ def plot_area_law(response: "xr.Dataset", law: "xr.Dataset", *, ax: "Axes | None
     samples = areas_from_dataset(law, range(law.sizes["sample"]))
     band = [sample.contact_fraction(1e6 * along) for sample in samples]
     if band:
-        low, high = 100.0 * np.percentile(band, BAND, axis=0)
+        low, high = 100.0 * np.percentile(band, BAND_PERCENTILES, axis=0)
         ax.fill_between(along, low, high, color="C0", alpha=0.3, linewidth=0, label="95 % band")
     ax.plot(
         along, 100.0 * area_from_dataset(law).contact_fraction(1e6 * along), color="C0", label="law"
@@ -141,7 +144,7 @@ def plot_area_law(response: "xr.Dataset", law: "xr.Dataset", *, ax: "Axes | None
 
 
 def plot_joint_stiffness(result: "xr.Dataset", *, ax: "Axes | None" = None) -> "Axes":
-    """Plot the joint's stiffness against its preload, with the band of the law's samples.
+    """Plot the stiffness of a joint against its preload, with the band of the samples of the law.
 
     Parameters
     ----------
@@ -154,7 +157,7 @@ def plot_joint_stiffness(result: "xr.Dataset", *, ax: "Axes | None" = None) -> "
     to_plot = 1e-12  # Pa/m to MPa/um
     if "joint_stiffness_sample" in result:
         samples = result["joint_stiffness_sample"].values
-        low, high = to_plot * np.nanpercentile(samples, BAND, axis=0)
+        low, high = to_plot * np.nanpercentile(samples, BAND_PERCENTILES, axis=0)
         ax.fill_between(preload, low, high, color="C0", alpha=0.3, linewidth=0, label="95 % band")
     ax.plot(preload, to_plot * result["joint_stiffness"].values, "o-", color="C0", label="joint")
     if "unloading_stiffness" in result:

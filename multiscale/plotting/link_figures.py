@@ -29,7 +29,7 @@ __all__ = [
 def plot_sorted_tensions(
     result: "xr.Dataset", *, law: str = "cable", ax: "Axes | None" = None
 ) -> "Axes":
-    """Plot the tensions of links in falling order, one line for each step that converged.
+    """Plot the tensions of links in falling order, one line for each converged step.
 
     Parameters
     ----------
@@ -42,7 +42,7 @@ def plot_sorted_tensions(
 
     ax = axes_or_current(ax)
     tension = 1e-3 * result["tension"].values[:, result["law"].values == law]
-    name, symbol, unit = _steps(result)
+    name, symbol, unit = _step_coordinate(result)
     colours = colormaps["viridis"](np.linspace(0.0, 0.9, len(tension)))
     rank = np.arange(1, tension.shape[1] + 1)
     for k in np.flatnonzero(result["converged"].values):
@@ -58,9 +58,9 @@ def plot_sorted_tensions(
 def plot_deformed_links(
     result: "xr.Dataset", *, ax: "Axes3D", step: int = -1, scale: float = 1.0
 ) -> "Axes3D":
-    """Plot the moved structure coloured by tension; slack links are dashed in black.
+    """Plot the deformed structure coloured by tension; slack links are dashed in black.
 
-    Compression is negative: then the colours diverge from zero.
+    With compression, which is negative, the colours diverge from zero.
 
     Parameters
     ----------
@@ -100,13 +100,13 @@ def plot_deformed_links(
     ax.zaxis.set_major_locator(MaxNLocator(2))
     ax.set(xlabel="x (m)", ylabel="y (m)", zlabel="z (m)")
     ax.figure.colorbar(taut, ax=ax, label="tension (kN)", shrink=0.6)
-    name, symbol, unit = _steps(result)
+    name, symbol, unit = _step_coordinate(result)
     ax.set_title(f"{symbol} = {float(one[name]):.3g}{unit}, displacements times {scale:g}")
     return ax
 
 
 def plot_energies(result: "xr.Dataset", *, ax: "Axes | None" = None) -> "Axes":
-    """Plot where the energy of a moving structure is, and its sum, which stays as it was.
+    """Plot the parts of the energy of a moving structure, and their sum, which is constant.
 
     Parameters
     ----------
@@ -133,8 +133,8 @@ def draw_links(result: "xr.Dataset", folder: Path, *, scale: float = 1.0) -> lis
     result : Dataset
         Follows ``MACRO_RESULT``, with the links of a structure.
     folder : Path
-        Made if needed. Gets the deformed structure, and sorted tensions or, of a motion,
-        energies.
+        Folder, made if needed, for the deformed structure, and for the sorted tensions or, of a
+        motion, the energies.
     scale : float
         Factor of the displacements.
     """
@@ -153,6 +153,6 @@ def draw_links(result: "xr.Dataset", folder: Path, *, scale: float = 1.0) -> lis
     return [first, save_figure(figure, folder / "deformed_links.png")]
 
 
-def _steps(result: "xr.Dataset") -> tuple[str, str, str]:
-    """Name, symbol and unit of what tells the steps apart."""
+def _step_coordinate(result: "xr.Dataset") -> tuple[str, str, str]:
+    """Name, symbol and unit of the coordinate of the steps."""
     return ("time", "t", " s") if "time" in result.coords else ("load_factor", "α", "")

@@ -1,4 +1,4 @@
-"""Figures of cells that slide."""
+"""Figures of sliding cells."""
 
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -15,7 +15,7 @@ __all__ = ["draw_sliding", "plot_sliding_friction", "plot_steady_friction"]
 
 
 def plot_sliding_friction(response: "xr.Dataset", *, ax: "Axes | None" = None) -> "Axes":
-    """Plot friction against the sliding distance, one line per pressure, darker for less.
+    """Plot friction against the sliding distance, one line per pressure, darker at lower pressure.
 
     Parameters
     ----------
@@ -57,7 +57,15 @@ def plot_steady_friction(response: "xr.Dataset", *, ax: "Axes | None" = None) ->
 
 
 def draw_sliding(response: "xr.Dataset", file: Path) -> Path:
-    """Draw friction against distance and against pressure, and write the figure."""
+    """Draw friction against distance and against pressure, and write the figure.
+
+    Parameters
+    ----------
+    response : Dataset
+        Follows ``SLIDING_RESPONSE``.
+    file : Path
+        The PNG file.
+    """
     figure = new_figure(9.0, 3.8)
     left, right = figure.subplots(1, 2)
     plot_sliding_friction(response, ax=left)

@@ -1,4 +1,4 @@
-"""Figures of the small scale: heights and contact."""
+"""Figures of cells: heights and contact pressure."""
 
 from typing import TYPE_CHECKING
 

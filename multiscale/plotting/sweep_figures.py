@@ -12,7 +12,8 @@ if TYPE_CHECKING:
 
 __all__ = ["plot_sweep"]
 
-MOST_NAMED = 10  # points in the legend
+LARGEST_LEGEND = 10
+"""Largest number of points with a legend."""
 
 
 def plot_sweep(result: "xr.Dataset", *, ax: "Axes | None" = None) -> "Axes":
@@ -31,13 +32,13 @@ def plot_sweep(result: "xr.Dataset", *, ax: "Axes | None" = None) -> "Axes":
     for k, colour in enumerate(colours):
         point = result.isel(point=k)
         preload = 1e-6 * point["preload"].values
-        label = ", ".join(map(str, point["setting"].values)) if count <= MOST_NAMED else None
+        label = ", ".join(map(str, point["setting"].values)) if count <= LARGEST_LEGEND else None
         ax.plot(preload, 1e-12 * point["joint_stiffness"], "o-", color=colour, label=label)
         low, high = (1e-12 * point[f"joint_stiffness_{end}"].values for end in ("low", "high"))
         ax.fill_between(preload, low, high, color=colour, alpha=0.2, linewidth=0)
     ax.set_xlabel("preload (MPa)")
     ax.set_ylabel("joint stiffness (MPa/µm)")
     ax.set_title(", ".join(map(str, result["parameter"].values)), fontsize="small")
-    if count <= MOST_NAMED:
+    if count <= LARGEST_LEGEND:
         ax.legend(fontsize="small")
     return ax

@@ -23,7 +23,8 @@ __all__ = [
     "plot_road",
 ]
 
-BAND = (2.5, 97.5)  # percentiles of the bands
+BAND_PERCENTILES = (2.5, 97.5)
+"""Percentiles of the 95 % bands."""
 
 
 def plot_road(road: "Surface", *, ax: "Axes | None" = None) -> "Axes":
@@ -32,6 +33,7 @@ def plot_road(road: "Surface", *, ax: "Axes | None" = None) -> "Axes":
     Parameters
     ----------
     road : Surface
+        Heights of the road, m.
     """
     ax = axes_or_current(ax)
     height = 1e3 * (road.heights - road.heights.mean()).T
@@ -50,7 +52,7 @@ def plot_road(road: "Surface", *, ax: "Axes | None" = None) -> "Axes":
 def plot_friction_bell(
     response: "xr.Dataset", law: "xr.Dataset", pressure: float, *, ax: "Axes | None" = None
 ) -> "Axes":
-    """Plot friction against speed at every temperature: cells as markers, the law with its band.
+    """Plot friction against speed at every temperature: cells as markers, the law with a band.
 
     Parameters
     ----------
@@ -59,12 +61,13 @@ def plot_friction_bell(
     law : Dataset
         Follows ``INTERFACE_LAW``; see :func:`multiscale.pipeline.stages.friction_law.fit_friction`.
     pressure : float
-        Pa; shown is the one of the cells nearest to it.
+        Pressure, Pa; the figure shows the nearest pressure of the cells.
     """
     ax = axes_or_current(ax)
     p, speed = response["nominal_pressure"].values, response["sliding_speed"].values
     nearest = float(p[np.argmin(np.abs(np.log(p / pressure)))])
     along = np.geomspace(speed.min(), speed.max(), 200)
+    reference = friction_at(law, float(law.attrs["reference_temperature"]))
     for temperature, colour in _temperatures(response):
         at = (p == nearest) & (response["temperature"].values == temperature)
         shear = response["traction"].isel(component=1).where(response["converged"] == 1)
@@ -78,9 +81,7 @@ def plot_friction_bell(
             elinewidth=0.8,
             color=colour,
         )
-        shift = (
-            friction_at(law, temperature).peak_speed / friction_at(law, _reference(law)).peak_speed
-        )
+        shift = friction_at(law, temperature).peak_speed / reference.peak_speed
 
         def bell(one: Any, shift: float = shift) -> np.ndarray:
             return np.asarray(one.coefficient(nearest, along / shift))
@@ -115,7 +116,7 @@ def plot_braking_force(result: "xr.Dataset", *, ax: "Axes | None" = None) -> "Ax
         speed = part["sliding_speed"].values
         if "braking_force_sample" in part:
             samples = part["braking_force_sample"].values
-            low, high = np.nanpercentile(samples, BAND, axis=0)
+            low, high = np.nanpercentile(samples, BAND_PERCENTILES, axis=0)
             ax.fill_between(speed, low, high, color=colour, alpha=0.25, linewidth=0)
         ax.plot(
             speed,
@@ -137,7 +138,7 @@ def plot_braking_force(result: "xr.Dataset", *, ax: "Axes | None" = None) -> "Ax
 def plot_footprint(
     result: "xr.Dataset", step: int, *, quantity: str = "pressure", ax: "Axes | None" = None
 ) -> "Axes":
-    """Plot what a tread block does to the road, seen from above; it moves to the right.
+    """Plot the pressure or friction of a tread block on the road; the block moves to the right.
 
     Parameters
     ----------
@@ -166,15 +167,10 @@ def plot_footprint(
 
 
 def _temperatures(dataset: "xr.Dataset") -> list[tuple[float, str]]:
-    """Every temperature of a dataset, K, with a colour from cold to warm."""
+    """List the temperatures of a dataset, K, with colours from cold to warm."""
     from matplotlib import colormaps
     from matplotlib.colors import to_hex
 
     found = np.unique(dataset["temperature"].values)
     shades = colormaps["plasma"](np.linspace(0.0, 0.8, found.size))
     return [(float(one), to_hex(shade)) for one, shade in zip(found, shades, strict=True)]
-
-
-def _reference(law: "xr.Dataset") -> float:
-    """Return the reference temperature of the law, K."""
-    return float(law.attrs["reference_temperature"])

@@ -1,4 +1,4 @@
-"""Figures of what the bench measured: error against run time."""
+"""Figures of bench results: error against run time."""
 
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -16,8 +16,11 @@ if TYPE_CHECKING:
 
 __all__ = ["draw_work_precision", "plot_history", "plot_work_precision"]
 
-LABELS = ("points", "realisations", "time_step", "tolerance")
-SMALLEST_ERROR = 1e-17  # where an error of zero is drawn
+SETTINGS = ("points", "realisations", "time_step", "tolerance")
+"""Variables that label the runs of a method; the first one in the dataset is taken."""
+
+SMALLEST_ERROR = 1e-17
+"""Value at which an error of zero is drawn, dimensionless."""
 
 
 def plot_work_precision(
@@ -27,20 +30,21 @@ def plot_work_precision(
     error: str = "error",
     ax: "Axes | None" = None,
 ) -> "Axes":
-    """Plot error against run time, one line per method; dashed against the method's own limit.
+    """Plot error against run time, one line per method; dashed, against the limit of the method.
 
-    Below the uncertainty of the reference, drawn as a band, differences mean nothing. Points are
-    labelled with the ratio of scales, or how fine they are, if that is known; what did not
-    converge is left out.
+    Differences below the uncertainty of the reference, drawn as a band, are not significant. Points
+    are labelled with the ratio of scales or with their resolution, if known; runs that did not
+    converge are left out.
 
     Parameters
     ----------
     work_precision : Dataset
         Follows ``WORK_PRECISION``.
     scene : str, optional
-        Whose runs to plot; all if not given.
+        Scene whose runs are plotted; all scenes if not given.
     error : str
-        The variable to plot. ``own_`` and ``_uncertainty`` around it name those that go with it.
+        Variable to plot. ``own_ERROR`` is the error against the limit of the method, and
+        ``ERROR_uncertainty`` the uncertainty of the reference.
     """
     ax = axes_or_current(ax)
     runs = work_precision
@@ -65,7 +69,7 @@ def plot_work_precision(
             )
     ax.set_xscale("log")
     ax.set_yscale("log")
-    if ax.get_xlim()[1] > 10.0 * ax.get_xlim()[0]:  # a decade has a label of its own
+    if ax.get_xlim()[1] > 10.0 * ax.get_xlim()[0]:  # each decade has a label
         ax.xaxis.set_minor_formatter("")
     if f"{error}_uncertainty" in runs and np.isfinite(runs[f"{error}_uncertainty"]).any():
         low, high = ax.get_ylim()
@@ -78,10 +82,10 @@ def plot_work_precision(
 
 
 def _labels(runs: "xr.Dataset") -> list[str]:
-    """Ratio of scales or setting of every run; none if nothing is known."""
+    """Ratio of scales or setting of every run; empty if the dataset has neither."""
     if "scale_ratio" in runs:
         return [f"1/{round(1.0 / ratio)}" for ratio in runs["scale_ratio"].values]
-    known = next((name for name in LABELS if name in runs), None)
+    known = next((name for name in SETTINGS if name in runs), None)
     if known is None:
         return []
     return [f"{value:g}" if value > 0.0 else "" for value in runs[known].values]
@@ -91,14 +95,14 @@ def plot_history(work_precision: "xr.Dataset", *, scene: str, ax: "Axes | None" 
     """Plot the smallest error so far against time, one line per method.
 
     Each line ends in a marker at the error and the time of the whole run, open if the run did not
-    converge; the dotted line is the error asked for. A colour means the same method in all scenes.
+    converge; the dotted line is the tolerance. A method has the same colour in all scenes.
 
     Parameters
     ----------
     work_precision : Dataset
         Follows ``WORK_PRECISION``, with the histories and tolerances.
     scene : str
-        Whose runs to plot.
+        Scene whose runs are plotted.
     """
     ax = axes_or_current(ax)
     methods = list(dict.fromkeys(work_precision["method"].values))
@@ -122,17 +126,17 @@ def plot_history(work_precision: "xr.Dataset", *, scene: str, ax: "Axes | None" 
 
 
 def draw_work_precision(work_precision: "xr.Dataset", file: Path) -> Path:
-    """Draw what was measured into a PNG file.
+    """Draw bench results into a PNG file.
 
-    If the dataset has sizes, how time and memory grow with them; if it has histories, a panel for
-    each scene with them; otherwise a panel for each scene and each of its errors.
+    With sizes of structures the panels show the growth of time and memory; with histories each
+    scene has a panel; otherwise each scene and each of its errors has a panel.
 
     Parameters
     ----------
     work_precision : Dataset
         Follows ``WORK_PRECISION``.
     file : Path
-        To write.
+        The PNG file.
     """
     if "cables" in work_precision:
         figure = draw_growth_panels(work_precision)
@@ -144,7 +148,7 @@ def draw_work_precision(work_precision: "xr.Dataset", file: Path) -> Path:
 
 
 def _error_panels(work_precision: "xr.Dataset") -> "Figure":
-    """Scenes side by side, errors below each other."""
+    """Draw scenes side by side and errors below each other."""
     scenes = list(dict.fromkeys(work_precision["scene"].values))
     errors = [name for name in ("error", "contact_error") if name in work_precision]
     figure = new_figure(4.6 * len(scenes), 3.6 * len(errors))
@@ -157,7 +161,7 @@ def _error_panels(work_precision: "xr.Dataset") -> "Figure":
 
 
 def _history_panels(work_precision: "xr.Dataset") -> "Figure":
-    """Scenes in rows of three, and one legend for all."""
+    """Draw scenes in rows of three with a common legend."""
     scenes = list(dict.fromkeys(work_precision["scene"].values))
     rows = -(-len(scenes) // 3)
     figure = new_figure(13.8, 3.4 * rows + 0.6)
@@ -174,6 +178,6 @@ def _history_panels(work_precision: "xr.Dataset") -> "Figure":
         list(lines),
         loc="outside lower center",
         ncols=6,
-        title="filled: converged; open: not converged; dotted: error asked for",
+        title="filled: converged; open: not converged; dotted: tolerance",
     )
     return figure

@@ -1,6 +1,6 @@
 r"""Rough surfaces: synthesis, preparation of measured maps, and statistics.
 
-Everything here works with the discrete Fourier series of a periodic surface on its cell
+These functions use the discrete Fourier series of a periodic surface on its cell
 :math:`L_x \times L_y`,
 
 .. math::
@@ -8,8 +8,8 @@ Everything here works with the discrete Fourier series of a periodic surface on 
     q = 2\pi \left(\frac{i}{L_x}, \frac{j}{L_y}\right),    \tag{1}
 
 so that a mean over the cell is a sum over the waves,
-:math:`\langle h^2 \rangle = \sum_q |\hat h_q|^2` (Parseval). Nodes, units and the meaning of the
-size are those of :class:`multiscale.surfaces.Surface`.
+:math:`\langle h^2 \rangle = \sum_q |\hat h_q|^2` (Parseval). For nodes, units
+and the size of the cell see :class:`multiscale.surfaces.Surface`.
 """
 
 from multiscale.surfaces.preparation import (

@@ -1,4 +1,4 @@
-"""Measured maps made fit for a cell: periodic, band-limited, on the grid of the cell."""
+"""Preparation of measured maps for a cell: periodic, band-limited, on the grid of the cell."""
 
 import numpy as np
 from scipy import fft
@@ -24,6 +24,18 @@ def detrend(surface: Surface, order: int = 1) -> Surface:
     """Remove the mean (order 0), a plane (1) or a plane and the curvature (2), by least squares.
 
     A piece of a map has its own mean and tilt: remove them after :func:`crop`.
+
+    Parameters
+    ----------
+    surface : Surface
+        The map.
+    order : {0, 1, 2}
+        Degree of the polynomial.
+
+    Returns
+    -------
+    Surface
+        The map with the same size and the same filled points.
     """
     return Surface(remove_trend(surface.heights, order), surface.size, surface.filled)
 
@@ -32,8 +44,18 @@ def mirror(surface: Surface) -> Surface:
     """Make a map periodic by reflecting it about its edges; the cell doubles in both directions.
 
     The heights are continuous across the seams and keep their distribution, but the slope normal
-    to a seam jumps. The four quarters are copies: the cell is twice as long, its statistical
-    content is that of the one map, and the scatter over realisations does not fall.
+    to a seam jumps. The four quarters are copies: the cell is twice as long but contains no more
+    statistics than the map, so that the scatter over realisations does not fall.
+
+    Parameters
+    ----------
+    surface : Surface
+        The map.
+
+    Returns
+    -------
+    Surface
+        Heights, shape (2 nx, 2 ny), m.
 
     Examples
     --------
@@ -68,9 +90,9 @@ def window(surface: Surface, *, taper: float = 0.1) -> Surface:
 
     Notes
     -----
-    The middle is left as measured. The bias: for statistically homogeneous roughness the mean
-    square height falls by the mean of :math:`w^2` in each direction, that is by
-    :math:`(1 - 5\theta/4)^2`, the margin is smoother than the rest, and contact spots gather in
+    The middle stays as measured. The window has a bias: for statistically homogeneous roughness
+    the mean square height falls by the mean of :math:`w^2` in each direction, together by
+    :math:`(1 - 5\theta/4)^2`, the margin is smoother than the middle, and contact spots gather in
     the middle.
     """
     from scipy.signal.windows import tukey
@@ -84,12 +106,26 @@ def window(surface: Surface, *, taper: float = 0.1) -> Surface:
 
 
 def crop(surface: Surface, origin: tuple[int, int], points: tuple[int, int]) -> Surface:
-    """Cut out the piece of (nx, ny) points that begins at the node (i, j); same spacing.
+    """Cut out a piece of a map.
+
+    Parameters
+    ----------
+    surface : Surface
+        The map.
+    origin : tuple of int
+        First node (i, j) of the piece.
+    points : tuple of int
+        Points (nx, ny) of the piece, at least 2 each.
+
+    Returns
+    -------
+    Surface
+        The piece, with the spacing of the map.
 
     Raises
     ------
     CaseError
-        If the piece reaches beyond the map.
+        If the piece reaches beyond the map or has too few points.
     """
     shape = surface.heights.shape
     if any(
@@ -110,9 +146,9 @@ def crop(surface: Surface, origin: tuple[int, int], points: tuple[int, int]) -> 
 def resample(surface: Surface, points: tuple[int, int]) -> Surface:
     """Put a periodic surface on another grid of the same cell, by its Fourier series.
 
-    A finer grid samples the same surface (1). A coarser grid first loses the waves that it cannot
-    carry, direction by direction, so nothing is aliased. A map that is not periodic rings at its
-    edges: :func:`mirror` or :func:`window` it first.
+    A finer grid samples the same surface (1). For a coarser grid the waves that it cannot
+    represent are removed first, in each direction, so that no wave is aliased. A map that is not
+    periodic oscillates at its edges: :func:`mirror` or :func:`window` it first.
 
     Parameters
     ----------
@@ -138,9 +174,21 @@ def resample(surface: Surface, points: tuple[int, int]) -> Surface:
 
 
 def low_pass(surface: Surface, short_cutoff: float) -> Surface:
-    """Remove the waves of a periodic surface that are shorter than a wavelength, m.
+    """Remove the waves of a periodic surface that are shorter than a wavelength.
 
-    What an instrument measured down to its pixel is thus limited to what a grid resolves.
+    This limits a measured surface to the waves that a grid resolves.
+
+    Parameters
+    ----------
+    surface : Surface
+        A periodic surface.
+    short_cutoff : float
+        Shortest wavelength that stays, m.
+
+    Raises
+    ------
+    CaseError
+        If the wavelength is not positive.
     """
     if not 0.0 < short_cutoff < np.inf:
         raise CaseError(f"short_cutoff must be a positive length (m), got {short_cutoff:g}")
@@ -155,9 +203,9 @@ def composite(surface_1: Surface, surface_2: Surface) -> Surface:
     Parameters
     ----------
     surface_1, surface_2 : Surface
-        Both heights positive out of their own body, at the same points of the joint, so that the
-        gap at mean-plane distance :math:`d` is :math:`d - h_1 - h_2`. A side 2 measured from
-        outside must first be mirrored in one direction, as paper is when it is turned over.
+        Both surfaces, with heights positive out of their own bodies, at the same points of the
+        joint, so that the gap at the mean-plane distance :math:`d` is :math:`d - h_1 - h_2`. A
+        side 2 measured from outside must first be mirrored in one direction.
 
     Returns
     -------
@@ -167,7 +215,7 @@ def composite(surface_1: Surface, surface_2: Surface) -> Surface:
     Raises
     ------
     CaseError
-        If the grids differ.
+        If the grids or sizes differ.
     """
     if surface_1.heights.shape != surface_2.heights.shape:
         raise CaseError(

@@ -1,4 +1,4 @@
-"""Which waves hold the height and the slope of a map, and in which direction they run."""
+"""Longest and shortest waves of a map, and the direction of its lay."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -12,7 +12,8 @@ from multiscale.surfaces.surface import Surface
 
 __all__ = ["Roughness", "Spectrum", "oblique_lay", "spectrum"]
 
-REST = 0.01  # of the mean squares, beyond the longest and the shortest wave
+NEGLECTED_SHARE = 0.01
+"""Share of the mean squares beyond the longest and the shortest wave."""
 
 
 @dataclass(frozen=True)
@@ -22,13 +23,13 @@ class Roughness:
     Attributes
     ----------
     rms_height : float
-        m.
+        Root mean square height, m.
     rms_slope : float
-        Dimensionless.
+        Root mean square slope, dimensionless.
     longest_wave : float
-        Wavelength, m, above which a hundredth of the mean square height lies.
+        Wavelength, m, beyond which a hundredth of the mean square height remains.
     shortest_wave : float
-        Wavelength, m, below which a hundredth of the mean square slope lies.
+        Wavelength, m, below which a hundredth of the mean square slope remains.
     """
 
     rms_height: float
@@ -44,11 +45,12 @@ class Spectrum:
     Attributes
     ----------
     wavenumber : ndarray, shape (waves,)
-        rad/m.
+        Wavenumbers, rad/m.
     power : ndarray, shape (waves,)
         Share of each wave in the mean square height, averaged over the surfaces, m^2.
     measured : tuple of float
-        Mean squares of height and slope of the measured points over those of all points.
+        Ratios of the mean squares of height and slope of the measured points to the mean squares
+        of all points, dimensionless.
     """
 
     wavenumber: np.ndarray
@@ -64,26 +66,26 @@ class Spectrum:
         return Roughness(
             height,
             slope,
-            self.length_holding(np.sqrt(1.0 - REST)),
-            self.cutoff_holding(np.sqrt(1.0 - REST), order=2),
+            self.length_holding(np.sqrt(1.0 - NEGLECTED_SHARE)),
+            self.cutoff_holding(np.sqrt(1.0 - NEGLECTED_SHARE), order=2),
         )
 
     def cutoff_holding(self, share: float, *, order: int) -> float:
-        """Longest cut-off, m, that leaves a share of the rms height (order 0) or slope (order 2).
+        """Find the longest cut-off that leaves a share of the rms height (order 0) or slope (2), m.
 
         By Parseval's identity this is exact for :func:`low_pass` of periodic surfaces.
         """
         return self._reach(self.wavenumber, self.power * self.wavenumber**order, share)
 
     def length_holding(self, share: float) -> float:
-        """Shortest length, m, such that the waves up to it hold a share of the rms height."""
+        """Find the shortest length whose waves up to it have a share of the rms height, m."""
         return self._reach(self.wavenumber[::-1], self.power[::-1], share)
 
     @staticmethod
     def _reach(q: np.ndarray, weight: np.ndarray, share: float) -> float:
         """Wavelength, m, of the wave with which a running sum reaches the square of a share."""
-        held = np.cumsum(weight)
-        last = np.searchsorted(held, share**2 * held[-1] * (1.0 - 1e-12))
+        total = np.cumsum(weight)
+        last = np.searchsorted(total, share**2 * total[-1] * (1.0 - 1e-12))
         return float(2.0 * np.pi / q[min(last, q.size - 1)])
 
 
@@ -93,14 +95,16 @@ def spectrum(surfaces: Sequence[Surface], *, periodic: bool = True) -> Spectrum:
     Parameters
     ----------
     surfaces : sequence of Surface
+        At least one surface.
     periodic : bool
-        Whether they are. The waves of a map are otherwise those of its mirror image,
-        :math:`\cos(\pi i x / L_x) \cos(\pi j y / L_y)`, which is continuous across its edges, and
-        filled points lie at the mean height of the others.
+        Whether the surfaces are periodic. Otherwise the waves are
+        :math:`\cos(\pi i x / L_x) \cos(\pi j y / L_y)` of the mirror image, which is continuous
+        across its edges, and filled points lie at the mean height of the measured points.
 
     Returns
     -------
     Spectrum
+        Spectrum averaged over the surfaces.
     """
     if periodic:
         found = [wave_power(one) for one in surfaces]
@@ -123,7 +127,7 @@ def spectrum(surfaces: Sequence[Surface], *, periodic: bool = True) -> Spectrum:
 
 
 def _level(surface: Surface) -> np.ndarray:
-    """Heights about the mean of the measured points, zero at the others, m."""
+    """Heights about the mean of the measured points, m; zero at filled points."""
     known = np.s_[:] if surface.filled is None else ~surface.filled
     level = np.zeros(surface.heights.shape)
     level[known] = surface.heights[known] - surface.heights[known].mean()
@@ -131,7 +135,7 @@ def _level(surface: Surface) -> np.ndarray:
 
 
 def _measured(surface: Surface, level: np.ndarray) -> tuple[float, float, float, float]:
-    """Mean squares of heights and differences: of measured points, then of all points."""
+    """Mean squares of heights, m², and slopes, first of measured points, then of all points."""
     known = np.ones(level.shape, dtype=bool) if surface.filled is None else ~surface.filled
     slopes = [0.0, 0.0]
     for axis, step in enumerate(surface.spacing):
@@ -143,25 +147,25 @@ def _measured(surface: Surface, level: np.ndarray) -> tuple[float, float, float,
 
 
 def oblique_lay(surface: Surface, short_cutoff: float) -> tuple[float, float]:
-    r"""Direction of the lay of a map, and how much of it a mirror image loses.
+    r"""Direction of the lay of a map, and the share of it that a mirror image loses.
 
     Parameters
     ----------
     surface : Surface
         The map, detrended. Hann's window makes it periodic.
     short_cutoff : float
-        Waves that are shorter do not count, m.
+        Shortest wavelength that counts, m.
 
     Returns
     -------
     angle : float
-        Of the lay (the direction of ridges and grooves) to the x axis, rad, from 0 to pi.
+        Angle of the lay (the direction of ridges and grooves) to the x axis, rad, from 0 to pi.
     oblique : float
         :math:`2 |T_{xy}| / (T_{xx} + T_{yy})` of
         :math:`T = \sum_q q\, q^T |\hat h_q|^2 = \langle \nabla h\, \nabla h^T \rangle`:
         0 for an isotropic map and for a lay along an axis, :math:`|\sin 2\theta|` for parallel
-        ridges. Mirrored, a wave :math:`(q_x, q_y)` becomes four, :math:`(\pm q_x, \pm q_y)`, so
-        that :math:`T_{xy}` vanishes: ridges become a herringbone.
+        ridges. A mirror image has four waves :math:`(\pm q_x, \pm q_y)` for a wave
+        :math:`(q_x, q_y)`, so that :math:`T_{xy}` vanishes: ridges become a herringbone.
     """
     faded = window(surface, taper=0.5)
     q, power = wave_power(faded)

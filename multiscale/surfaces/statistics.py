@@ -27,9 +27,9 @@ def rms_slope(surface: Surface, *, periodic: bool = True) -> float:
     surface : Surface
         The surface.
     periodic : bool
-        Whether to differentiate the Fourier series (1). Otherwise neighbouring points are
-        subtracted, without those across the edges: for a measured map, whose opposite edges do
-        not fit together. Differences damp the short waves.
+        Whether to differentiate the Fourier series (1). Otherwise slopes are differences of
+        neighbouring points, without differences across the edges, as a measured map is not
+        periodic. Differences damp the short waves.
 
     Returns
     -------
@@ -46,6 +46,11 @@ def rms_slope(surface: Surface, *, periodic: bool = True) -> float:
 
 def nayak_parameter(surface: Surface) -> float:
     r"""Nayak's breadth of the spectrum of a periodic, isotropic surface, dimensionless.
+
+    Parameters
+    ----------
+    surface : Surface
+        A periodic surface.
 
     Returns
     -------
@@ -66,8 +71,8 @@ def nayak_parameter(surface: Surface) -> float:
         m_4 = \tfrac38 \langle (\nabla^2 h)^2 \rangle,    \tag{3}
 
     where the factors turn the means over the plane into the moments of a profile, if the surface
-    is isotropic. The means are sums over the waves (1). The fourth moment lives on the shortest
-    waves: use :func:`low_pass` on a measured surface first.
+    is isotropic. The means are sums over the waves (1). The shortest waves dominate the fourth
+    moment: use :func:`low_pass` on a measured surface first.
 
     References
     ----------
@@ -104,7 +109,7 @@ def power_spectral_density(surface: Surface) -> "xr.Dataset":
         \langle (h - \bar h)^2 \rangle = \frac{1}{L_x L_y} \sum_\text{bins} N\, C
         \approx \frac{1}{2\pi} \int_0^\infty q\, C(q)\, dq.    \tag{4}
 
-    The sum is exact: corner waves are kept, in rings that are not complete. A density whose
+    The sum is exact: waves in the corners are kept, in incomplete rings. A density whose
     integral over the plane of q is the mean square height is :math:`C / 4\pi^2`.
 
     References
@@ -153,7 +158,7 @@ def wavenumbers(surface: Surface) -> np.ndarray:
 
 
 def _weights(surface: Surface) -> np.ndarray:
-    """Count the waves behind each entry of the real transform: q and -q; the mean counts 0."""
+    """Count the waves q and -q of each entry of the real transform; 0 for the mean."""
     nx, ny = surface.heights.shape
     weights = np.full((nx, ny // 2 + 1), 2.0)
     weights[:, 0] = 1.0
@@ -164,7 +169,7 @@ def _weights(surface: Surface) -> np.ndarray:
 
 
 def wave_power(surface: Surface) -> tuple[np.ndarray, np.ndarray]:
-    """Wavenumbers, rad/m, and their shares of the mean square height, m^2."""
+    """Return wavenumbers, rad/m, and shares of the mean square height, m^2: (nx, ny // 2 + 1)."""
     modulus = np.abs(fft.rfft2(surface.heights, norm="forward"))
     return wavenumbers(surface), _weights(surface) * modulus**2
 

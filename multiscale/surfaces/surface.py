@@ -19,18 +19,18 @@ class Surface:
         Height at the nodes ``x_i = i dx``, ``y_j = j dy``, m; positive out of the body. The array
         is copied.
     size : tuple of float
-        Edge lengths (Lx, Ly) of the cell, m, with ``dx = Lx / nx``: the grid is that of a periodic
-        surface, whose node ``nx`` is node 0 again. ``nx != ny`` and ``dx != dy`` are normal. One
-        point across means a profile, whose cell is in plane strain; its width is arbitrary.
+        Edge lengths (Lx, Ly) of the cell, m, with ``dx = Lx / nx``: in a periodic surface node
+        ``nx`` is node 0 again. ``nx`` and ``ny``, ``dx`` and ``dy`` may differ. One point across
+        means a profile, whose cell is in plane strain; its width is arbitrary.
     filled : ndarray of bool, shape (nx, ny), optional
-        Which points of a map were filled and not measured; none if not given. Detrended and
-        cropped maps keep it.
+        Whether a point of a map was filled instead of measured; no point if not given. Detrended
+        and cropped maps keep it.
 
     Raises
     ------
     CaseError
         If the heights are not a map of finite numbers with at least 2 points along one direction,
-        a length is not positive, or the filled points are those of another map.
+        a length is not positive, or ``filled`` has another shape.
 
     Examples
     --------
@@ -63,8 +63,8 @@ class Surface:
             raise CaseError(f"size must be two positive lengths (m), got {size}")
         if self.filled is not None and self.filled.shape != heights.shape:
             raise CaseError(
-                f"filled must say of each of {heights.shape[0]} x {heights.shape[1]} heights "
-                f"whether it was filled, got an array of shape {self.filled.shape}"
+                f"filled must mark each of {heights.shape[0]} x {heights.shape[1]} heights, got an "
+                f"array of shape {self.filled.shape}"
             )
         object.__setattr__(self, "heights", heights)
         object.__setattr__(self, "size", size)
@@ -86,7 +86,7 @@ def remove_trend(heights: np.ndarray, order: int) -> np.ndarray:
     Parameters
     ----------
     heights : ndarray, shape (nx, ny)
-        Heights, m. Points that are NaN take no part in the fit and stay NaN.
+        Heights, m. The fit leaves out points that are NaN, and they stay NaN.
     order : {0, 1, 2}
         Degree: 0 removes the mean, 1 a plane, 2 a plane and the curvature.
 
@@ -98,7 +98,7 @@ def remove_trend(heights: np.ndarray, order: int) -> np.ndarray:
     Raises
     ------
     CaseError
-        If the order is none of the three.
+        If the order is not 0, 1 or 2.
     """
     if order not in (0, 1, 2):
         raise CaseError(
@@ -108,7 +108,7 @@ def remove_trend(heights: np.ndarray, order: int) -> np.ndarray:
     powers = [(i, j) for i in range(order + 1) for j in range(order + 1 - i)]
     basis = np.stack([x**i * y**j for i, j in powers], axis=-1)
     defined = np.isfinite(heights)
-    heights = heights - np.mean(heights[defined])  # a large offset would cost the fit its digits
+    heights = heights - np.mean(heights[defined])  # a large offset would cost digits of the fit
     coefficients = np.linalg.lstsq(basis[defined], heights[defined], rcond=None)[0]
     detrended: np.ndarray = heights - basis @ coefficients
     return detrended

@@ -39,22 +39,22 @@ def self_affine(
         Longest and shortest wavelength :math:`\lambda_l \ge \lambda_s`, m.
     roll_off : float, optional
         Wavelength :math:`\lambda_r`, m, above which the spectrum is flat. ``long_cutoff`` if not
-        given: no flat part.
+        given, which leaves no flat part.
     rms_height : float, optional
-        Root mean square height, m. Exactly one of this and ``rms_slope``.
+        Root mean square height, m. Give exactly one of ``rms_height`` and ``rms_slope``.
     rms_slope : float, optional
         Root mean square slope :math:`\langle |\nabla h|^2 \rangle^{1/2}`, dimensionless.
 
     Returns
     -------
     Surface
-        Mean height 0.
+        Surface with mean height 0, m.
 
     Raises
     ------
     CaseError
-        If a parameter is outside its range, the grid cannot carry the shortest wave, or no wave of
-        the cell lies in the band.
+        If a parameter is outside its range, the grid cannot represent the shortest wave, or no
+        wave of the cell lies in the band.
 
     Notes
     -----
@@ -66,17 +66,16 @@ def self_affine(
 
     and 0 elsewhere, so the power spectral density falls as :math:`q^{-2-2H}`.
 
-    Only the phases are random, not the moduli. Hence every realisation has exactly the root mean
-    square height and slope asked for, and the same spectrum; scaling one realisation is scaling the
-    ensemble. In return the scatter of an ensemble of Gaussian moduli is missing: with few waves in
-    the band, statistics over realisations come out too narrow.
+    Only the phases are random, not the moduli. Hence every realisation has exactly the given root
+    mean square height or slope, and the same spectrum. The scatter of an ensemble with Gaussian
+    moduli is missing: with few waves in the band, statistics over realisations are too narrow.
 
     The surface depends on the seed, the cell and the band, not on the grid: a finer grid samples
-    the same surface at more points. Phases are drawn in the order of rising :math:`q`, so lowering
-    ``short_cutoff`` adds waves and leaves the phases of the longer ones as they were.
+    the same surface at more points. Phases are drawn in the order of rising :math:`q`, so a lower
+    ``short_cutoff`` adds waves and keeps the phases of the longer waves.
 
-    The grid must have more than two points per wave in each direction. That represents the surface;
-    to resolve contact on it, use at least 8 points per shortest wave.
+    The grid must have more than two points per wave in each direction to represent the surface; to
+    resolve contact on it, use at least 8 points per shortest wave.
 
     Examples
     --------
@@ -116,7 +115,7 @@ def self_affine(
     nx, ny = points
     spectrum = np.zeros((nx, ny // 2 + 1), dtype=complex)
     spectrum[i % nx, j] = modulus * np.exp(1j * phase)
-    axis = j == 0  # here the transform wants q and -q
+    axis = j == 0  # here the transform needs q and -q
     spectrum[-i[axis] % nx, 0] = spectrum[i[axis] % nx, 0].conj()
     return Surface(fft.irfft2(spectrum, s=(nx, ny), norm="forward"), size)
 

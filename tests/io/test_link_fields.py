@@ -55,7 +55,9 @@ def test_load_factors_that_fall_are_numbered(tmp_path):
 
 
 def test_a_result_without_links_is_refused(result, tmp_path):
-    with pytest.raises(SchemaError, match="the result has no ends: not one of nodes and links"):
+    with pytest.raises(
+        SchemaError, match="the result has no ends: it is no result of nodes and links"
+    ):
         write_link_fields(result.drop_vars("ends"), tmp_path)
     with pytest.raises(SchemaError, match="dimensions"):
         write_link_fields(result.isel(step=0), tmp_path)

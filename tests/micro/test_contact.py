@@ -153,7 +153,7 @@ def test_all_active_sets_share_one_budget_of_linear_iterations(monkeypatch):
     assert response["active_set_iterations"].values[0, 0] > 1
     assert response["linear_iterations"].values[0, 0] == 120
     assert response.attrs["ended"].startswith("step 0 ended after")
-    assert "120 linear iterations: the linear iterations allowed" in response.attrs["ended"]
+    assert "120 linear iterations: the limit on linear iterations" in response.attrs["ended"]
 
 
 def dense_body(stiffness, rng):

@@ -68,7 +68,7 @@ def test_a_run_on_a_disk_that_fills_keeps_its_cells_and_goes_on_with_more_room(c
     out = folder / "out"
     refused(
         command("run", "case.toml", "-o", out, "--jobs", "1"),
-        "no space left on device; what was finished before is kept",
+        "no space left on device; finished results stay",
     )
     check_whole(out)
     kept = cells(out)

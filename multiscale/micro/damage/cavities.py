@@ -9,7 +9,7 @@ import numpy as np
 
 from multiscale.errors import CaseError
 from multiscale.io.images import VoxelImage
-from multiscale.micro.damage.shapes import FLAT, Cracks, Cylinders, Ellipsoids, Mapped, Shapes
+from multiscale.micro.damage.shapes import NEGLIGIBLE, Cracks, Cylinders, Ellipsoids, Mapped, Shapes
 
 __all__ = ["Cavities", "check_box", "crack_density_tensor", "first_overlap", "voxelise"]
 
@@ -23,19 +23,20 @@ class Cavities:
     size : tuple of float
         Lengths along x, y and z, m.
     bodies : Ellipsoids, Cylinders or Cracks, or a sequence of them
-        What is not solid; see :func:`~.bodies.spheres` and its siblings. They may reach out of
+        Cavities and cracks; see :func:`~.shapes.spheres` and its siblings. They may reach out of
         the box.
     periodic : bool
-        Whether what reaches out comes in again on the opposite side. An infinite cylinder then
-        has to be parallel to an edge.
+        Whether the parts of bodies outside the box enter again on the opposite side. An infinite
+        cylinder must then be parallel to an edge.
     overlap : bool
-        Whether bodies may overlap; if not, two that do are refused. Cracks and cylinders are
-        taken with the balls and round rods that hold them.
+        Whether bodies may overlap; overlapping bodies are refused otherwise. Cracks and cylinders
+        are represented in this check by balls and round rods that enclose them.
 
     Raises
     ------
     CaseError
-        If a length is not positive, or bodies overlap that must not.
+        If a length is not positive, an infinite cylinder is tilted in a periodic box, or bodies
+        overlap although ``overlap`` is false.
 
     Examples
     --------
@@ -65,7 +66,7 @@ class Cavities:
             a, b = found
             raise CaseError(
                 f"bodies {a} and {b} overlap although overlap=False; move them apart, make them "
-                f"smaller or allow it"
+                f"smaller or set overlap=True"
             )
 
     @property
@@ -75,11 +76,11 @@ class Cavities:
 
     @cached_property
     def images(self) -> list[Shapes]:
-        """All bodies that reach into the box, periodic images among them."""
+        """All bodies that reach into the box, with their periodic images."""
         return [kind for kind, _ in self.sources()]
 
     def sources(self) -> list[tuple[Shapes, np.ndarray]]:
-        """Bodies that reach into the box, and which one each is an image of."""
+        """Bodies that reach into the box, and the number of the body whose image each is."""
         found = []
         size = np.array(self.size)
         for kind in self.bodies:
@@ -87,12 +88,12 @@ class Cavities:
             copies = np.zeros((1, 3))
             if self.periodic and len(centre):
                 centre = centre - size * np.floor(centre / size)
-                finite = np.where(np.isfinite(reach), reach, 0.0)  # infinite ones along an edge
+                finite = np.where(np.isfinite(reach), reach, 0.0)  # infinite along an edge
                 n = np.floor(finite.max(axis=0) / size).astype(int) + 1
                 copies = np.array(list(product(*(range(-k, k + 1) for k in n)))) * size
             place = centre[None] + copies[:, None]
             inside = np.all((place + reach >= 0.0) & (place - reach <= size), axis=2)
-            # what is infinite along an edge is its own image there
+            # a body infinite along an edge is its own image there
             inside &= ~np.any(np.isinf(reach)[None] & (copies[:, None] != 0.0), axis=2)
             which = np.nonzero(inside)[1]
             found.append((kind.take(which, place[inside] - kind.centre[which]), which))
@@ -107,24 +108,25 @@ def check_box(size: tuple[float, float, float]) -> None:
 
 
 def voxelise(rve: Cavities, shape: int | tuple[int, int, int]) -> VoxelImage:
-    """Turn closed forms into an image: a voxel is void if its centre is.
+    """Make an image of closed forms: a voxel is void if its centre lies in a cavity.
 
     Parameters
     ----------
     rve : Cavities
-        A flat crack becomes one layer of voxels, as thick as a voxel along its normal.
+        The volume. A flat crack becomes one layer of voxels, as thick as a voxel along its normal.
     shape : int or tuple of int
-        Voxels along x, y and z; one number for the longest edge with cubes as near as possible.
+        Voxels along x, y and z; or along the longest edge, with voxels as close to cubes as
+        possible.
 
     Returns
     -------
     VoxelImage
-        Its error in sections and stiffness falls with the size of the voxels.
+        The image; the error of its sections and stiffness falls with the size of the voxels.
 
     Raises
     ------
     CaseError
-        If there are no cavities to turn, or no voxels.
+        If the volume is no ``Cavities``, or an axis has no voxel.
     """
     if not isinstance(rve, Cavities):
         raise CaseError(f"voxelise takes Cavities, got {type(rve).__name__}")
@@ -141,7 +143,7 @@ def voxelise(rve: Cavities, shape: int | tuple[int, int, int]) -> VoxelImage:
             thickness = 0.0
             if isinstance(kind, Cracks):
                 thickness = float(np.abs(kind.normal[k]) @ spacing)
-                reach = reach + 0.5 * thickness * (1.0 + FLAT)
+                reach = reach + 0.5 * thickness * (1.0 + NEGLIGIBLE)
             window = tuple(
                 slice(*np.searchsorted(x, (c - r, c + r)))
                 for x, c, r in zip(axes, centre, reach, strict=True)
@@ -155,6 +157,11 @@ def voxelise(rve: Cavities, shape: int | tuple[int, int, int]) -> VoxelImage:
 
 def crack_density_tensor(rve: Cavities) -> np.ndarray:
     r"""Second-order tensor of crack density.
+
+    Parameters
+    ----------
+    rve : Cavities
+        The volume.
 
     Returns
     -------
@@ -171,26 +178,23 @@ def crack_density_tensor(rve: Cavities) -> np.ndarray:
 
 
 def first_overlap(rve: Cavities) -> tuple[int, int] | None:
-    """Numbers of two bodies that overlap, counted through all kinds, or None."""
+    """Find two bodies that overlap and return their numbers, counted through all kinds, or None."""
     images = rve.sources()
     start = np.cumsum([0, *(len(kind.centre) for kind in rve.bodies)])
     for a, b in combinations_with_replacement(range(len(images)), 2):
         (first, own), (second, other) = images[a], images[b]
         for i in range(len(first.centre)):
             later = np.arange(len(second.centre)) > (i if a == b else -1)
-            for j in np.flatnonzero(later & _boxes_meet(first, i, second)):
+            away = np.abs(second.centre - first.centre[i])
+            boxes_meet = np.all(away < first.reach[i] + second.reach, axis=1)
+            for j in np.flatnonzero(later & boxes_meet):
                 if _overlap(first, i, second, int(j)):
                     return int(start[a] + own[i]), int(start[b] + other[j])
     return None
 
 
-def _boxes_meet(first: Shapes, i: int, second: Shapes) -> np.ndarray:
-    away = np.abs(second.centre - first.centre[i])
-    return np.asarray(np.all(away < first.reach[i] + second.reach, axis=1))
-
-
 def _overlap(first: Shapes, i: int, second: Shapes, j: int) -> bool:
-    """Whether two bodies overlap: exact for ellipsoids, on the safe side for others."""
+    """Whether two bodies overlap: exact for ellipsoids, by enclosing rods for other bodies."""
     if isinstance(first, Ellipsoids) and isinstance(second, Ellipsoids):
         away = second.centre[j] - first.centre[i]
         return contact_function(away, first.root[i], second.root[j]) < 1.0
@@ -204,8 +208,19 @@ def contact_function(away: np.ndarray, first: np.ndarray, second: np.ndarray) ->
 
     .. math:: F = \max_{0 \le s \le 1} s(1-s)\, r^t [(1-s) A + s B]^{-1} r,    \tag{1}
 
-    with :math:`A = R_1 R_1^t`, :math:`B = R_2 R_2^t` and the distance :math:`r`: J. W. Perram and
-    M. S. Wertheim, J. Comput. Phys. 58 (1985) 409-416, doi:10.1016/0021-9991(85)90171-8.
+    with :math:`A = R_1 R_1^t`, :math:`B = R_2 R_2^t` and the distance :math:`r` of the centres.
+
+    Parameters
+    ----------
+    away : ndarray, shape (3,)
+        Distance :math:`r`, m.
+    first, second : ndarray, shape (3, 3)
+        Semi-axes :math:`R_1`, :math:`R_2` as columns, m.
+
+    References
+    ----------
+    .. [1] J. W. Perram and M. S. Wertheim, J. Comput. Phys. 58 (1985) 409-416,
+       doi:10.1016/0021-9991(85)90171-8.
     """
     from scipy.optimize import minimize_scalar
 
@@ -221,7 +236,7 @@ def contact_function(away: np.ndarray, first: np.ndarray, second: np.ndarray) ->
 
 
 def _rod(kind: Shapes, k: int) -> tuple[np.ndarray, np.ndarray, float]:
-    """Centre, half axis and radius of a round rod (or ball) that holds a body."""
+    """Centre, half axis and radius, m, of a round rod (or ball) that encloses a body."""
     if isinstance(kind, Cylinders):
         half = min(kind.half_length[k], 1e6 * kind.radius[k])
         return kind.centre[k], half * kind.axis[k], float(kind.radius[k])
@@ -230,7 +245,7 @@ def _rod(kind: Shapes, k: int) -> tuple[np.ndarray, np.ndarray, float]:
 
 
 def _segment_distance(p: np.ndarray, u: np.ndarray, q: np.ndarray, v: np.ndarray) -> float:
-    """Distance of two segments centre + t * half axis, abs(t) <= 1."""
+    """Distance of two segments centre + t * half axis, abs(t) <= 1, m."""
     s = t = 0.0
     for _ in range(100):  # alternating projections on a convex square
         s = float(np.clip(u @ (q + t * v - p) / max(u @ u, 1e-300), -1.0, 1.0))

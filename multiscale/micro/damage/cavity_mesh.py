@@ -14,20 +14,19 @@ from multiscale.micro.damage.cavities import Cavities
 from multiscale.micro.damage.crack_faces import CrackedMesh, open_cracks
 from multiscale.micro.damage.plane_damage import SectionPlane
 from multiscale.micro.damage.sections import box_polygon
-from multiscale.micro.damage.shapes import FLAT, Cracks, Cylinders, Ellipsoids, Shapes
+from multiscale.micro.damage.shapes import NEGLIGIBLE, Cracks, Cylinders, Ellipsoids, Shapes
 
 __all__ = ["mesh_cavities"]
 
-FRONT = 0.15
-"""Size of the elements at the front of a crack over its smaller semi-axis."""
+FRONT_ELEMENT_SIZE = 0.15
+"""Size of the elements at the front of a crack, relative to its smaller semi-axis."""
 
-
-ROUND = 14
-"""Elements around a full circle of a cavity, at least."""
+ELEMENTS_PER_CIRCLE = 14
+"""Smallest number of elements around a full circle of a cavity."""
 
 
 def mesh_cavities(rve: Cavities, element_size: float) -> CrackedMesh:
-    """Mesh the solid of a periodic volume, opposite faces alike.
+    """Mesh the solid of a periodic volume, with equal meshes on opposite faces.
 
     Parameters
     ----------
@@ -39,7 +38,7 @@ def mesh_cavities(rve: Cavities, element_size: float) -> CrackedMesh:
     Returns
     -------
     CrackedMesh
-        Both sides of a flat crack have corners of their own, but not on its front.
+        Both sides of a flat crack have their own corners, except at its front.
 
     Raises
     ------
@@ -49,7 +48,15 @@ def mesh_cavities(rve: Cavities, element_size: float) -> CrackedMesh:
     """
     if not (element_size > 0.0 and np.isfinite(element_size)):
         raise CaseError(f"element_size must be positive (m), got {element_size:g}")
-    _check_cracks(rve)
+    for kind in rve.images:
+        if isinstance(kind, Cracks):
+            flat = kind.reach < NEGLIGIBLE * kind.reach.max(axis=1, keepdims=True)
+            on = np.minimum(np.abs(kind.centre), np.abs(kind.centre - rve.size))
+            if np.any(flat & (on < NEGLIGIBLE * np.array(rve.size))):
+                raise CaseError(
+                    "a crack lies in a face of the box; shift all bodies, which does not change a "
+                    "periodic volume"
+                )
     length = max(rve.size)  # gmsh's tolerances are absolute: mesh in units of the longest edge
     with _model() as gmsh:
         try:
@@ -73,7 +80,7 @@ def mesh_cavities(rve: Cavities, element_size: float) -> CrackedMesh:
 
 @contextmanager
 def _model() -> Iterator[Any]:
-    """Open an empty model of gmsh, which leaves the signals of the process as they were."""
+    """Open an empty model of gmsh, and keep the signal handlers of the process."""
     try:
         import gmsh
     except (ImportError, OSError) as error:
@@ -96,19 +103,6 @@ def _model() -> Iterator[Any]:
         gmsh.model.remove()
         if started:
             gmsh.finalize()
-
-
-def _check_cracks(rve: Cavities) -> None:
-    """Refuse cracks that lie in a face of the box."""
-    for kind in rve.images:
-        if isinstance(kind, Cracks):
-            flat = kind.reach < FLAT * kind.reach.max(axis=1, keepdims=True)
-            on = np.minimum(np.abs(kind.centre), np.abs(kind.centre - rve.size))
-            if np.any(flat & (on < FLAT * np.array(rve.size))):
-                raise CaseError(
-                    "a crack lies in a face of the box; shift all bodies, which changes nothing "
-                    "in a periodic volume"
-                )
 
 
 def _geometry(gmsh: Any, rve: Cavities, length: float) -> list[tuple[int, list[int]]]:
@@ -146,7 +140,7 @@ def _geometry(gmsh: Any, rve: Cavities, length: float) -> list[tuple[int, list[i
 
 
 def _visible(cracks: Cracks, size: np.ndarray) -> list[int]:
-    """Leave out cracks that lie in one that goes through the whole box."""
+    """List the cracks, except cracks that lie in another one through the whole box."""
     normal, centre = cracks.normal, cracks.centre
     visible: list[int] = []
     whole = np.zeros(len(centre), dtype=bool)
@@ -156,9 +150,9 @@ def _visible(cracks: Cracks, size: np.ndarray) -> list[int]:
         whole[k] = np.all(np.linalg.norm(corners, axis=0) <= 1.0)
     for k in np.argsort(~whole, kind="stable"):
         others = [j for j in visible if whole[j]]
-        parallel = np.abs(normal[others] @ normal[k]) > 1.0 - FLAT
+        parallel = np.abs(normal[others] @ normal[k]) > 1.0 - NEGLIGIBLE
         away = np.abs((centre[others] - centre[k]) @ normal[k])
-        if not np.any(parallel & (away < FLAT * size.max())):
+        if not np.any(parallel & (away < NEGLIGIBLE * size.max())):
             visible.append(int(k))
     return visible
 
@@ -174,7 +168,7 @@ def _on_face(gmsh: Any, curve: int, size: np.ndarray) -> bool:
 
 
 def _solid(occ: Any, kind: Shapes, k: int, length: float, rve: Cavities) -> int:
-    """Add a cavity."""
+    """Add cavity k and return its tag."""
     centre = kind.centre[k] / length
     if isinstance(kind, Cylinders):
         half = min(float(kind.half_length[k]), 2.0 * float(np.linalg.norm(rve.size))) / length
@@ -190,7 +184,7 @@ def _solid(occ: Any, kind: Shapes, k: int, length: float, rve: Cavities) -> int:
 
 
 def _disc(occ: Any, kind: Cracks, k: int, length: float) -> int:
-    """Add a flat elliptic surface."""
+    """Add crack k as a flat elliptic surface and return its tag."""
     p, q = kind.root[k].T / length
     disc = int(occ.addDisk(0.0, 0.0, 0.0, 1.0, 1.0))
     normal = np.cross(p, q)
@@ -204,14 +198,14 @@ def _disc(occ: Any, kind: Cracks, k: int, length: float) -> int:
 
 
 def _place(occ: Any, entity: tuple[int, int], matrix: np.ndarray, centre: np.ndarray) -> None:
-    """Map the unit shape to centre + matrix x."""
+    """Map the points x of a unit shape to centre + matrix x."""
     affine = np.zeros((3, 4))
     affine[:, :3], affine[:, 3] = matrix, centre
     occ.affineTransform([entity], [*affine.ravel(), 0.0, 0.0, 0.0, 1.0])
 
 
 def _match_faces(gmsh: Any, size: np.ndarray) -> None:
-    """Tell gmsh which faces are copies of each other, by their centres and areas."""
+    """Declare opposite faces with equal centres and areas as periodic in gmsh."""
     faces = {
         tag: np.array([*gmsh.model.occ.getCenterOfMass(2, tag), gmsh.model.occ.getMass(2, tag)])
         for _, tag in gmsh.model.getEntities(2)
@@ -240,7 +234,7 @@ def _sizes(
 ) -> None:
     """Set the size of the elements, smaller near the fronts of cracks."""
     gmsh.option.setNumber("Mesh.MeshSizeMax", element_size)
-    gmsh.option.setNumber("Mesh.MeshSizeFromCurvature", ROUND)
+    gmsh.option.setNumber("Mesh.MeshSizeFromCurvature", ELEMENTS_PER_CIRCLE)
     gmsh.option.setNumber("Mesh.Algorithm3D", 1)
     axes = [
         np.linalg.norm(kind.root, axis=1).min() for kind in rve.bodies if isinstance(kind, Cracks)
@@ -254,7 +248,7 @@ def _sizes(
     field.setNumbers(distance, "CurvesList", curves)
     field.setNumber(distance, "Sampling", 200)
     field.setNumber(threshold, "InField", distance)
-    field.setNumber(threshold, "SizeMin", min(element_size, FRONT * smallest))
+    field.setNumber(threshold, "SizeMin", min(element_size, FRONT_ELEMENT_SIZE * smallest))
     field.setNumber(threshold, "SizeMax", element_size)
     field.setNumber(threshold, "DistMin", 0.0)
     field.setNumber(threshold, "DistMax", smallest)
@@ -262,7 +256,7 @@ def _sizes(
 
 
 def _arrays(gmsh: Any, surfaces: list[int]) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Points, cells, and the triangles on some surfaces."""
+    """Return the points, the tetrahedra, and the triangles on some surfaces."""
     tags, coordinates, _ = gmsh.model.mesh.getNodes()
     kinds, _, nodes = gmsh.model.mesh.getElements(3)
     corners = next(n for kind, n in zip(kinds, nodes, strict=True) if kind == 4).reshape(-1, 4)

@@ -20,7 +20,7 @@ LATTICES = {
         [0.75, 0.75, 0.25],
     ],
 }
-"""Places of the spheres in the cubic cell, in parts of its edge."""
+"""Places of the spheres in the cubic cell, relative to its edge."""
 
 
 def lattice(name: str, radius: float, *, edge: float, cells: int = 1) -> Cavities:
@@ -38,7 +38,7 @@ def lattice(name: str, radius: float, *, edge: float, cells: int = 1) -> Cavitie
     Raises
     ------
     CaseError
-        If there is no such lattice, or a length or the number is not positive.
+        If the lattice is unknown, or a length or the number of cells is not positive.
     """
     if name not in LATTICES:
         raise CaseError(f"there is no lattice {name!r}; choose from {sorted(LATTICES)}")
@@ -65,18 +65,18 @@ def random_spheres(
     size : tuple of float
         Lengths of the periodic box, m.
     radius : float
-        m.
+        Radius of the spheres, m.
     porosity : float
         Volume fraction wanted; the number of spheres is rounded. Random addition ends near 0.38.
     seed : int
-        Of the random numbers.
+        Seed of the random numbers.
     max_tries : int
-        Places tried for one sphere before it is said that there is none.
+        Largest number of places tried for one sphere.
 
     Raises
     ------
     CaseError
-        If the spheres do not fit.
+        If a parameter is outside its range or the spheres do not fit.
     """
     check_box(size)
     count = _count(size, radius, porosity)
@@ -100,9 +100,9 @@ def random_spheres(
                 break
         else:
             raise CaseError(
-                f"after {len(places)} of {count} spheres no place was found for the next without "
-                f"overlap; a porosity of {porosity:g} is too much for random addition, so lower "
-                f"it or use boolean_spheres"
+                f"after {len(places)} of {count} spheres no free place was found for the next; "
+                f"a porosity of {porosity:g} is too much for random addition, so lower it or use "
+                f"boolean_spheres"
             )
     return Cavities(size, [spheres(places, radius)] if count else [])
 
@@ -121,11 +121,11 @@ def boolean_spheres(
     size : tuple of float
         Lengths of the periodic box, m.
     radius : float
-        m.
+        Radius of the spheres, m.
     porosity : float
         Expected volume fraction, from 0 to below 1.
     seed : int
-        Of the random numbers.
+        Seed of the random numbers.
 
     Raises
     ------

@@ -1,4 +1,4 @@
-"""What geometric damage says of the stiffness of a volume, and what the stiffness is."""
+"""Geometric damage of a volume beside its stiffness."""
 
 from typing import TYPE_CHECKING
 
@@ -24,7 +24,7 @@ def compare_stiffness(
     *,
     tolerance: float = 1e-4,
 ) -> "xr.Dataset":
-    """Put Young's modulus beside the damage of the worst section, for every normal.
+    """Compute Young's modulus along every normal beside the damage of its worst section.
 
     Parameters
     ----------
@@ -33,9 +33,9 @@ def compare_stiffness(
     sections : Dataset
         Follows ``DAMAGE_SECTIONS``, of the same volume.
     youngs_modulus, poissons_ratio : float
-        Of the solid, Pa and dimensionless.
+        Moduli of the solid, Pa and dimensionless.
     tolerance : float
-        As in :func:`~.rve.effective_stiffness`.
+        Tolerance of :func:`~.rve.effective_stiffness`, dimensionless.
 
     Returns
     -------
@@ -45,7 +45,7 @@ def compare_stiffness(
     Raises
     ------
     ConvergenceError
-        If the stiffness was not found.
+        If the computation of the stiffness does not converge.
     """
     solution = effective_stiffness(image, youngs_modulus, poissons_ratio, tolerance=tolerance)
     stiffness = solution.unwrap()
@@ -79,14 +79,14 @@ def section_image(
     frame : ndarray, shape (2, 3)
         Orthonormal directions in the plane.
     points : int
-        Number of points along each.
+        Number of points along each direction.
 
     Returns
     -------
     along : ndarray, shape (points,)
         Coordinates in the plane along both directions, m.
     value : ndarray, shape (points, points)
-        0 in solid, 1 in void, NaN outside the box; second direction first.
+        0 in solid, 1 in void, NaN outside the box; the first axis is the second direction.
     """
     size = np.array(rve.size)
     half = 0.5 * float(np.linalg.norm(size))

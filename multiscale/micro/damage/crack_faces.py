@@ -11,10 +11,10 @@ from multiscale.errors import CaseError
 
 __all__ = ["CrackedMesh", "open_cracks"]
 
-OPPOSITE = np.array([[1, 2, 3], [0, 2, 3], [0, 1, 3], [0, 1, 2]])
+OPPOSITE_FACE = np.array([[1, 2, 3], [0, 2, 3], [0, 1, 3], [0, 1, 2]])
 """Corners of the face opposite to each corner of a tetrahedron."""
 
-ON_FACE = 1e-7
+FACE_MARGIN = 1e-7
 """Distance to a face of the box, relative to its size, that counts as zero."""
 
 
@@ -25,7 +25,7 @@ class CrackedMesh:
     Attributes
     ----------
     points : ndarray, shape (3, n)
-        Corners, m; on a crack there are two or more at one place.
+        Corners, m; a crack has two or more corners at one place.
     cells : ndarray of int, shape (4, elements)
         Corners of the elements.
     periodic : ndarray of int, shape (n,)
@@ -43,17 +43,17 @@ class CrackedMesh:
 def open_cracks(
     points: np.ndarray, cells: np.ndarray, facets: np.ndarray, size: np.ndarray
 ) -> CrackedMesh:
-    """Give the elements around a corner, as far as cracks part them, corners of their own.
+    """Duplicate the corners on cracks, so that elements on different sides share none.
 
     Two elements share a corner if a chain of elements around it leads from one to the other
     through common faces that are no crack. At a front the chain goes around the crack, so that the
-    corner stays one. Opposite faces of the box are common faces too, which makes the corners of
-    the volume periodic and tells both sides of a crack through a face of the box.
+    corner is not duplicated. Opposite faces of the box count as common faces, which makes the
+    corners periodic and separates the sides of a crack that crosses a face of the box.
 
     Parameters
     ----------
     points : ndarray, shape (3, n)
-        Corners, m, one at a place.
+        Corners, m, all at different places.
     cells : ndarray of int, shape (4, elements)
         Corners of the elements.
     facets : ndarray of int, shape (3, k)
@@ -66,9 +66,9 @@ def open_cracks(
     CaseError
         If opposite faces are not meshed alike.
     """
-    corner = np.arange(cells.size).reshape(cells.shape)  # of an element, as a thing of its own
-    faces = np.concatenate([cells[face] for face in OPPOSITE], axis=1)
-    own = np.concatenate([corner[face] for face in OPPOSITE], axis=1)
+    corner = np.arange(cells.size).reshape(cells.shape)  # each corner of each element has a number
+    faces = np.concatenate([cells[face] for face in OPPOSITE_FACE], axis=1)
+    own = np.concatenate([corner[face] for face in OPPOSITE_FACE], axis=1)
     lower = _lower_twins(points, size)
     faces, facets = _moved(faces, lower), _moved(facets, lower)
     order = np.argsort(faces, axis=0)
@@ -93,7 +93,7 @@ def open_cracks(
 
 
 def _key(faces: np.ndarray, n: int) -> np.ndarray:
-    """One number for the three sorted corners of a face."""
+    """Combine the three sorted corners of a face in one number."""
     first, second, third = faces.astype(np.int64)
     return np.asarray((first * n + second) * n + third)
 
@@ -108,11 +108,11 @@ def _moved(faces: np.ndarray, lower: list[np.ndarray]) -> np.ndarray:
 
 
 def _lower_twins(points: np.ndarray, size: np.ndarray) -> list[np.ndarray]:
-    """For each axis, the point on the low side for every one on the high side, -1 elsewhere."""
+    """Find for each axis the point of the low side opposite each high point, -1 elsewhere."""
     twins = []
     for axis in range(3):
-        low = np.flatnonzero(np.abs(points[axis]) < ON_FACE * size[axis])
-        high = np.flatnonzero(np.abs(points[axis] - size[axis]) < ON_FACE * size[axis])
+        low = np.flatnonzero(np.abs(points[axis]) < FACE_MARGIN * size[axis])
+        high = np.flatnonzero(np.abs(points[axis] - size[axis]) < FACE_MARGIN * size[axis])
         across = np.arange(3) != axis
         distance, nearest = KDTree(points[across][:, low].T).query(points[across][:, high].T)
         if low.size != high.size or np.max(distance, initial=0.0) > 1e-5 * float(size.max()):

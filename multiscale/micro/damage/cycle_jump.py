@@ -1,4 +1,4 @@
-"""Jumps over cycles that change a state slowly, with their error under control."""
+"""Jumps over cycles of fatigue that change the state slowly, with an error control."""
 
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -7,49 +7,82 @@ import numpy as np
 
 from multiscale.micro.damage.fatigue_material import FatigueMaterial
 
-__all__ = ["Run", "pass_cycles"]
+__all__ = ["FatigueProgress", "pass_cycles"]
 
-GROWTH = 4.0
-"""Largest ratio of a jump to the one before."""
+LARGEST_GROWTH = 4.0
+"""Largest ratio of a jump to the jump before."""
 
-FEWEST = 4
-"""Jumps over fewer cycles than this are not worth their two trial cycles."""
+SHORTEST_JUMP = 4
+"""Cycles of the shortest jump that is worth its two trial cycles."""
 
 
 @dataclass
-class Run:
-    """What happens over the life; the only thing here that changes."""
+class FatigueProgress:
+    """Progress of a fatigue life, changed in place with every pass.
+
+    Attributes
+    ----------
+    state : ndarray, shape (20,)
+        State of the inclusion, see :mod:`~multiscale.micro.damage.inclusion`.
+    cycles : float
+        Cycles done, with jumps.
+    computed : float
+        Cycles whose stress path was computed.
+    initiation : float
+        Cycles at which damage began; infinite before.
+    broken : bool
+        Whether the critical damage was reached.
+    elastic : bool
+        Whether the inclusion stays elastic from now on.
+    """
 
     state: np.ndarray
     cycles: float = 0.0
-    computed: float = 0.0  # cycles whose stress path was followed
+    computed: float = 0.0
     initiation: float = np.inf
     broken: bool = False
     elastic: bool = False
 
 
-Pass = Callable[[Run], None]
+Pass = Callable[[FatigueProgress], None]
 
 
 def pass_cycles(
-    run: Run,
+    run: FatigueProgress,
     once: Pass,
     count: int,
     material: FatigueMaterial,
     tolerance: float,
     note: Callable[[], None],
 ) -> None:
-    r"""Pass ``count`` times, with jumps whose error is under control.
+    r"""Pass through a program ``count`` times, with jumps under an error control.
 
-    Slow are damage, accumulated plastic strain and the drift :math:`X - \tfrac23 C (1-D)
-    \varepsilon^p` of the back stress; let :math:`y` be they after a pass that changed them by
-    :math:`d_1`. A trial pass from :math:`y + J d_1` brings the plastic strain, which is fast and
-    not extrapolated, to its cycle there; a second one from the same :math:`y + J d_1` changes it
-    by :math:`d_2`. The jump over J passes is accepted if :math:`|d_2 - d_1| / 2` is at most the
-    tolerance times the larger of both, in damage and in accumulated strain, and takes the state to
-    :math:`y + J (d_1 + d_2)/2`.
+    Parameters
+    ----------
+    run : FatigueProgress
+        Changed in place.
+    once : callable
+        ``once(run)`` computes one pass.
+    count : int
+        Number of passes.
+    material : FatigueMaterial
+        Volume and inclusion.
+    tolerance : float
+        Bound on the relative error of the change over a jump, dimensionless.
+    note : callable
+        Called without arguments after every computed pass and every jump.
+
+    Notes
+    -----
+    Slow variables are damage, accumulated plastic strain and the drift :math:`X - \tfrac23 C (1-D)
+    \varepsilon^p` of the back stress. Let :math:`y` be their values after a pass that changed them
+    by :math:`d_1`. A trial pass from :math:`y + J d_1` brings the plastic strain, which is fast and
+    not extrapolated, to its cycle there; a second pass from the same :math:`y + J d_1` changes the
+    slow variables by :math:`d_2`. The jump over J passes is accepted if :math:`|d_2 - d_1| / 2` is
+    at most the tolerance times the larger of both changes, in damage and in accumulated strain,
+    and takes the slow variables to :math:`y + J (d_1 + d_2)/2`.
     """
-    jump, done = float(FEWEST), 0
+    jump, done = float(SHORTEST_JUMP), 0
     while done < count:
         before, start = _slow(run.state, material), run.cycles
         once(run)
@@ -61,16 +94,18 @@ def pass_cycles(
         first = y - before
         while True:
             J = int(min(jump, count - done, _longest(run.state, first, material)))
-            if J < FEWEST:
-                jump = max(jump, float(FEWEST))
+            if J < SHORTEST_JUMP:
+                jump = max(jump, float(SHORTEST_JUMP))
                 break
-            trial = Run(run.state.copy(), run.cycles)
+            trial = FatigueProgress(run.state.copy(), run.cycles)
             for _ in range(2):
                 _set_slow(trial.state, y + J * first, material)
                 once(trial)
             run.computed += trial.computed
             second = _slow(trial.state, material) - y - J * first
-            change = _change(first, second)
+            size = np.maximum(np.abs(first), np.abs(second))[:2]  # damage and plastic strain
+            half = 0.5 * np.abs(second - first)[:2]
+            change = float(np.max(half / np.where(size > 0.0, size, 1.0)))
             ahead = y + 0.5 * J * (first + second)
             broken = trial.broken or ahead[0] >= material.critical_damage
             if broken or change > tolerance:
@@ -81,14 +116,8 @@ def pass_cycles(
             run.cycles += J * length
             done += J
             note()
-            jump = J * min(GROWTH, 0.8 * tolerance / max(change, 1e-300))
+            jump = J * min(LARGEST_GROWTH, 0.8 * tolerance / max(change, 1e-300))
             break
-
-
-def _change(first: np.ndarray, second: np.ndarray) -> float:
-    """Half the relative difference of two changes, the larger of damage and plastic strain."""
-    size = np.maximum(np.abs(first), np.abs(second))[:2]
-    return float(np.max(0.5 * np.abs(second - first)[:2] / np.where(size > 0.0, size, 1.0)))
 
 
 def _slow(state: np.ndarray, material: FatigueMaterial) -> np.ndarray:
@@ -98,7 +127,7 @@ def _slow(state: np.ndarray, material: FatigueMaterial) -> np.ndarray:
 
 
 def _set_slow(state: np.ndarray, slow: np.ndarray, material: FatigueMaterial) -> None:
-    """Put slow variables into a state whose plastic strain stays."""
+    """Write slow variables into a state and keep its plastic strain."""
     modulus = 2.0 / 3.0 * material.hardening * (1.0 - slow[0] * material.feedback)
     state[:2], state[8:14] = slow[:2], slow[2:] + modulus * state[2:8]
 

@@ -1,4 +1,4 @@
-"""Normals to look along: a refined icosahedron, the directions of a lattice, and a tensor."""
+"""Normals of planes: a refined icosahedron, the directions of a lattice, and a tensor fit."""
 
 from itertools import product
 from math import gcd
@@ -16,7 +16,7 @@ def sphere_directions(level: int) -> np.ndarray:
     Parameters
     ----------
     level : int
-        0 for 6, 1 for 21, 2 for 81 normals and so on: half of 12, 42, 162 corners.
+        Number of halvings: 0 gives 6, 1 gives 21, 2 gives 81 normals, half of 12, 42, 162 corners.
 
     Returns
     -------
@@ -35,7 +35,7 @@ def sphere_directions(level: int) -> np.ndarray:
     points = np.array(corners) / np.hypot(1.0, golden)
     for _ in range(level):
         distance = np.linalg.norm(points[:, None] - points[None], axis=2)
-        # the five or six nearest of a corner; edges differ by less than half in length
+        # the five or six neighbours of a corner; lengths of edges differ by less than a half
         nearest = np.sort(distance, axis=1)[:, 1:2]
         near = np.triu(distance < 1.4 * np.minimum(nearest, nearest.T), k=1)
         i, j = np.nonzero(near)
@@ -71,10 +71,19 @@ def miller_indices(
 ) -> tuple[int, int, int]:
     """Find the Miller indices of a normal in a periodic box.
 
+    Parameters
+    ----------
+    normal : ndarray, shape (3,)
+        Direction, of any length but zero.
+    size : tuple of float
+        Lengths of the box, m.
+    largest : int
+        Largest Miller index.
+
     Raises
     ------
     CaseError
-        If there are none up to the largest: the plane does not close.
+        If no indices up to the largest fit: the plane does not close.
     """
     ratio = normal * np.asarray(size)
     ratio = ratio / np.abs(ratio).max()

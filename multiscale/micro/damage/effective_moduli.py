@@ -1,4 +1,4 @@
-r"""What a 6 x 6 stiffness tells: moduli along directions, its symmetry, and bounds.
+r"""Moduli along directions, soft modes, rotations and bounds of a 6 x 6 stiffness.
 
 Strains and stresses are ordered xx, yy, zz, yz, xz, xy with shear angles.
 """
@@ -18,18 +18,24 @@ __all__ = [
 ]
 
 MANDEL = np.array([1.0, 1.0, 1.0, 2.0**0.5, 2.0**0.5, 2.0**0.5])
-"""Factors that turn the stiffness into a tensor over an orthonormal basis."""
+"""Factors between the components and an orthonormal basis of symmetric tensors."""
 
-PAIRS = ((0, 0), (1, 1), (2, 2), (1, 2), (0, 2), (0, 1))
+COMPONENTS = ((0, 0), (1, 1), (2, 2), (1, 2), (0, 2), (0, 1))
+"""Indices of the components xx, yy, zz, yz, xz, xy."""
 
 
 def isotropic_stiffness(youngs_modulus: float, poissons_ratio: float) -> np.ndarray:
-    """Hooke's law.
+    """Stiffness of an isotropic material, Hooke's law.
+
+    Parameters
+    ----------
+    youngs_modulus, poissons_ratio : float
+        Moduli, Pa and dimensionless.
 
     Returns
     -------
     ndarray, shape (6, 6)
-        Pa.
+        Stiffness, Pa.
     """
     lame, shear = lame_parameters(youngs_modulus, poissons_ratio)
     stiffness = np.diag([2.0 * shear] * 3 + [shear] * 3)
@@ -43,33 +49,40 @@ def youngs_modulus_along(stiffness: np.ndarray, normals: np.ndarray) -> np.ndarr
     Parameters
     ----------
     stiffness : ndarray, shape (6, 6)
-        Pa.
+        Stiffness, Pa.
     normals : ndarray, shape (..., 3)
         Unit vectors n.
 
     Returns
     -------
     ndarray, shape (...)
-        :math:`1 / (n \otimes n : C^{-1} : n \otimes n)`, Pa; zero where the tension meets no
-        stiffness.
+        :math:`1 / (n \otimes n : C^{-1} : n \otimes n)`, Pa; zero where the stiffness
+        against the tension is zero.
     """
     n = np.asarray(normals, dtype=float)
-    tension = MANDEL * np.stack([n[..., i] * n[..., j] for i, j in PAIRS], axis=-1)
+    tension = MANDEL * np.stack([n[..., i] * n[..., j] for i, j in COMPONENTS], axis=-1)
     values, modes = np.linalg.eigh(MANDEL[:, None] * stiffness * MANDEL)
     share = (tension @ modes) ** 2
     lost = values <= 1e-9 * max(values.max(), 0.0)
     compliance = share[..., ~lost] @ (1.0 / values[~lost])
-    carried = share[..., lost].sum(axis=-1) < 1e-9
-    return np.asarray(np.where(carried, 1.0 / np.where(carried, compliance, 1.0), 0.0))
+    resisted = share[..., lost].sum(axis=-1) < 1e-9
+    return np.asarray(np.where(resisted, 1.0 / np.where(resisted, compliance, 1.0), 0.0))
 
 
 def drop_soft_modes(stiffness: np.ndarray, limit: float) -> np.ndarray:
-    """Take the modes of strain out of a stiffness that are softer than a limit, Pa.
+    """Remove the modes of strain from a stiffness that are softer than a limit.
+
+    Parameters
+    ----------
+    stiffness : ndarray, shape (6, 6)
+        Stiffness, Pa.
+    limit : float
+        Smallest eigenvalue that stays, Pa.
 
     Returns
     -------
     ndarray, shape (6, 6)
-        Pa; the same if no mode is.
+        Stiffness, Pa; the argument itself if no mode is softer.
     """
     values, modes = np.linalg.eigh(MANDEL[:, None] * stiffness * MANDEL)
     if not np.any(values < limit):
@@ -79,30 +92,43 @@ def drop_soft_modes(stiffness: np.ndarray, limit: float) -> np.ndarray:
 
 
 def rotate_stiffness(stiffness: np.ndarray, rotation: np.ndarray) -> np.ndarray:
-    """Turn a material.
+    """Rotate a material.
 
     Parameters
     ----------
     stiffness : ndarray, shape (6, 6)
-        Pa.
+        Stiffness, Pa.
     rotation : ndarray, shape (3, 3)
-        Orthogonal Q; x becomes Q x.
+        Orthogonal Q, which maps x to Q x.
 
     Returns
     -------
     ndarray, shape (6, 6)
-        Pa.
+        Stiffness of the rotated material, Pa.
     """
     place = np.array([[0, 5, 4], [5, 1, 3], [4, 3, 2]])
     full = stiffness[place[:, :, None, None], place]
     Q = rotation
     turned = np.einsum("ia,jb,kc,ld,abcd->ijkl", Q, Q, Q, Q, full, optimize=True)
-    i, j = np.array(PAIRS).T
+    i, j = np.array(COMPONENTS).T
     return np.asarray(turned[i[:, None], j[:, None], i, j])
 
 
 def voigt_bound(solid: np.ndarray, porosity: float) -> np.ndarray:
-    """Upper bound of the stiffness of a solid with voids, in the sense of energy, Pa."""
+    """Upper bound of the stiffness of a solid with voids, in the sense of energy.
+
+    Parameters
+    ----------
+    solid : ndarray, shape (6, 6)
+        Stiffness of the solid, Pa.
+    porosity : float
+        Volume fraction of the voids.
+
+    Returns
+    -------
+    ndarray, shape (6, 6)
+        Bound, Pa.
+    """
     return (1.0 - _porosity(porosity)) * solid
 
 
@@ -111,10 +137,17 @@ def hashin_shtrikman_bound(
 ) -> tuple[float, float]:
     r"""Upper bounds of bulk and shear modulus of an isotropic solid with voids.
 
+    Parameters
+    ----------
+    youngs_modulus, poissons_ratio : float
+        Moduli of the solid, Pa and dimensionless.
+    porosity : float
+        Volume fraction :math:`\phi` of the voids.
+
     Returns
     -------
     bulk, shear : float
-        Pa; the lower bounds are zero.
+        Upper bounds, Pa; the lower bounds are zero.
 
     Notes
     -----

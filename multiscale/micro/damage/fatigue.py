@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from multiscale.errors import CaseError
-from multiscale.micro.damage.cycle_jump import Run, pass_cycles
+from multiscale.micro.damage.cycle_jump import FatigueProgress, pass_cycles
 from multiscale.micro.damage.fatigue_material import FatigueMaterial, StressBlock
 from multiscale.schema import FATIGUE, WOEHLER
 
@@ -27,32 +27,32 @@ def two_scale_fatigue(
     max_cycles: float = 1e9,
     substeps: int = 16,
 ) -> "xr.Dataset":
-    """Let damage grow under a stress history until a crack starts or nothing more happens.
+    """Compute damage under a stress history until a crack starts or the inclusion stays elastic.
 
     Parameters
     ----------
     history : ndarray, sequence of float, StressBlock or sequence of StressBlock
-        Macro stress: one cycle, see :class:`StressBlock`, repeated for ever; or blocks one after
-        the other, which are repeated as a whole.
+        Macro stress, Pa: one cycle, see :class:`StressBlock`, repeated without end; or a sequence
+        of blocks, which is repeated as a whole.
     material : FatigueMaterial
         Volume and inclusion.
     jump_tolerance : float, optional
-        Cycles are jumped while the change over a jump, extrapolated from its start and from both
-        its ends, differs by no more than this share; what is kept is the better of the two. None
-        follows every cycle.
+        Bound on the relative difference between the change over a jump of cycles extrapolated
+        from its start and from both its ends; the second, better value is kept. None computes
+        every cycle.
     max_cycles : float
-        Where the run ends at the latest.
+        Largest number of cycles.
     substeps : int
-        Steps for the plastic part of each straight piece. The flow is exact in one; that damage
-        changes the stress, and its law, are of second order in them.
+        Steps for the plastic part of each straight piece. The flow is exact in one step; the
+        errors of the feedback of damage and of the damage law are of second order in the steps.
 
     Returns
     -------
     Dataset
         Follows ``FATIGUE``: damage and plastic strain of the inclusion against cycles, and the
-        numbers of cycles to initiation of damage and to rupture. They are infinite if the
-        inclusion stays or becomes elastic (``run_out`` 1), and NaN if ``max_cycles`` came first
-        (``converged`` 0).
+        numbers of cycles to initiation of damage and to rupture. The numbers are infinite if the
+        inclusion stays or becomes elastic (``run_out`` 1), and NaN if ``max_cycles`` was reached
+        before (``converged`` 0).
 
     Raises
     ------
@@ -77,7 +77,7 @@ def two_scale_fatigue(
     if not program:
         raise CaseError("the history holds no block; give at least one")
     life = _Life(program, material, jump_tolerance, substeps)
-    run, record = life.follow(max_cycles)
+    run, record = life.compute(max_cycles)
     ended = run.broken or run.elastic
     rupture = run.cycles if run.broken else np.inf if run.elastic else np.nan
     initiation = run.initiation if np.isfinite(run.initiation) or ended else np.nan
@@ -105,7 +105,7 @@ def woehler_curve(
     direction: np.ndarray | None = None,
     jump_tolerance: float | None = 0.02,
 ) -> "xr.Dataset":
-    """Lives at constant amplitudes.
+    """Compute the lives at constant amplitudes.
 
     Parameters
     ----------
@@ -114,11 +114,11 @@ def woehler_curve(
     amplitudes : ndarray, shape (steps,)
         Half the range of stress, Pa.
     stress_ratio : float
-        Smallest over largest stress, below 1; -1 is reversed.
+        Smallest over largest stress, below 1; -1 for reversed loading.
     direction : ndarray, shape (6,), optional
-        Stress per unit of amplitude; uniaxial if not given.
+        Stress per unit of amplitude, dimensionless; uniaxial if not given.
     jump_tolerance : float, optional
-        As in :func:`two_scale_fatigue`.
+        See :func:`two_scale_fatigue`.
 
     Returns
     -------
@@ -149,7 +149,7 @@ def woehler_curve(
 def _program(
     history: np.ndarray | StressBlock | Sequence[float] | Sequence[StressBlock],
 ) -> list[StressBlock]:
-    """Blocks of a history, of which a single path is one."""
+    """Blocks of a history; a single path is one block."""
     if isinstance(history, StressBlock):
         return [history]
     if isinstance(history, Sequence) and all(isinstance(part, StressBlock) for part in history):
@@ -158,44 +158,61 @@ def _program(
         return [StressBlock(np.asarray(history, dtype=float))]
     except (TypeError, ValueError) as error:
         raise CaseError(
-            f"a history is one path of numbers or a list of Blocks, got {history!r}"
+            f"a history is one path of numbers or a list of StressBlocks, got {history!r}"
         ) from error
 
 
 @dataclass(frozen=True)
 class _Life:
-    """How a program of blocks is gone through."""
+    """Computation of a fatigue life.
+
+    Attributes
+    ----------
+    program : list of StressBlock
+        Blocks, repeated as a whole.
+    material : FatigueMaterial
+        Volume and inclusion.
+    tolerance : float or None
+        Tolerance of cycle jumps, dimensionless; without jumps if None.
+    substeps : int
+        Steps for the plastic part of each straight piece.
+    """
 
     program: list[StressBlock]
     material: FatigueMaterial
     tolerance: float | None
     substeps: int
 
-    def follow(self, max_cycles: float) -> tuple[Run, list[tuple[float, float, float]]]:
+    def compute(
+        self, max_cycles: float
+    ) -> tuple[FatigueProgress, list[tuple[float, float, float]]]:
         """Repeat the blocks until rupture, shakedown or the last cycle."""
-        from multiscale.micro.damage.inclusion import SIZE
+        from multiscale.micro.damage.inclusion import STATE_SIZE
 
-        run, record = Run(np.zeros(SIZE)), [(0.0, 0.0, 0.0)]
+        run, record = FatigueProgress(np.zeros(STATE_SIZE)), [(0.0, 0.0, 0.0)]
+        threshold = self.material.threshold
 
         def note() -> None:
-            if run.state[1] > self.material.threshold and np.isinf(run.initiation):
-                run.initiation = _initiation(run, record[-1], self.material.threshold)
+            if run.state[1] > threshold and np.isinf(run.initiation):
+                cycles, _, strain = record[-1]
+                share = (threshold - strain) / (float(run.state[1]) - strain)
+                run.initiation = cycles + share * (run.cycles - cycles)
             record.append((run.cycles, float(run.state[0]), float(run.state[1])))
 
         alone = len(self.program) == 1
         length = 1 if alone else sum(block.cycles for block in self.program)
         left = int(max(1, max_cycles // length))
         if self.tolerance is not None:
-            once = partial(self.go, self.program[0], 1) if alone else self.through_program
+            once = partial(self.pass_block, self.program[0], 1) if alone else self.pass_program
             pass_cycles(run, once, left, self.material, self.tolerance, note)
             return run, record
         while left > 0 and not (run.broken or run.elastic):
             many = min(left, max(1, int(run.cycles) // (20 * length)))  # passes for each record
             if alone:
-                self.go(self.program[0], many, run)
+                self.pass_block(self.program[0], many, run)
             else:
                 for _ in range(many):
-                    self.through_program(run)
+                    self.pass_program(run)
                     if run.broken or run.elastic:
                         break
             left -= many
@@ -204,11 +221,11 @@ class _Life:
 
     @cached_property
     def parameters(self) -> np.ndarray:
-        """Of the material, for the kernel."""
+        """Parameters of the material in the order of the kernel."""
         return self.material.parameters()
 
-    def go(self, block: StressBlock, cycles: int, run: Run) -> None:
-        """Go through every cycle."""
+    def pass_block(self, block: StressBlock, cycles: int, run: FatigueProgress) -> None:
+        """Compute every cycle of a block."""
         from multiscale.micro.damage.inclusion import run_cycles
 
         done, run.elastic = run_cycles(
@@ -218,25 +235,18 @@ class _Life:
         run.computed += done
         run.broken = bool(run.state[0] >= self.material.critical_damage)
 
-    def through_program(self, run: Run) -> None:
-        """Go through all blocks."""
+    def pass_program(self, run: FatigueProgress) -> None:
+        """Pass through all blocks."""
         strain = run.state[1]
         for block in self.program:
             start = run.cycles
             if self.tolerance is None:
-                self.go(block, block.cycles, run)
+                self.pass_block(block, block.cycles, run)
             else:
-                once = partial(self.go, block, 1)
+                once = partial(self.pass_block, block, 1)
                 pass_cycles(run, once, block.cycles, self.material, self.tolerance, lambda: None)
             if run.broken:
                 return
-            if run.elastic:  # the cycles left change nothing but their number
+            if run.elastic:  # the remaining cycles only count
                 run.cycles = start + block.cycles
         run.elastic = bool(run.state[1] == strain)
-
-
-def _initiation(run: Run, last: tuple[float, float, float], threshold: float) -> float:
-    """Cycles at which the plastic strain reached the threshold, between two records."""
-    cycles, _, strain = last
-    share = (threshold - strain) / (float(run.state[1]) - strain)
-    return cycles + share * (run.cycles - cycles)

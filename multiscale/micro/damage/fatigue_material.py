@@ -1,4 +1,4 @@
-"""What two-scale fatigue needs: a material and the stress it goes through."""
+"""Material and stress blocks of two-scale fatigue."""
 
 from dataclasses import dataclass, fields
 
@@ -16,9 +16,9 @@ class FatigueMaterial:
     Parameters
     ----------
     youngs_modulus, poissons_ratio : float
-        Of both, Pa and dimensionless.
+        Moduli of volume and inclusion, Pa and dimensionless.
     fatigue_limit : float
-        :math:`\sigma_f`, at which the inclusion yields, Pa.
+        :math:`\sigma_f`, yield stress of the inclusion, Pa.
     damage_strength : float
         :math:`S` of the damage law, Pa.
     damage_exponent : float
@@ -26,11 +26,11 @@ class FatigueMaterial:
     hardening : float
         Kinematic modulus :math:`C`, Pa.
     threshold : float
-        Plastic strain :math:`p_D` of the inclusion at which damage sets in.
+        Plastic strain :math:`p_D` of the inclusion at which damage begins, dimensionless.
     critical_damage : float
-        :math:`D_c` at which a crack starts.
+        :math:`D_c` at which a crack starts, dimensionless, above 0 and up to 1.
     closure : float
-        :math:`h`: share of the damage that acts in compression, 0 to 1.
+        :math:`h`, share of the damage that acts in compression, 0 to 1.
     feedback : bool
         Whether damage changes the stress of the inclusion. Without it the model has a closed
         form for reversed tension.
@@ -78,7 +78,7 @@ class FatigueMaterial:
             raise CaseError(f"closure must lie from 0 to 1, got {self.closure:g}")
 
     def parameters(self) -> np.ndarray:
-        """All parameters in the order of the kernel."""
+        """Return the parameters in SI units in the order of the kernel, shape (10,)."""
         order = (
             "youngs_modulus",
             "poissons_ratio",
@@ -97,7 +97,7 @@ class FatigueMaterial:
 
 @dataclass(frozen=True)
 class StressBlock:
-    """A stress path that is gone through many times.
+    """A closed stress path that is repeated.
 
     Parameters
     ----------

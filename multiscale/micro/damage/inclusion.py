@@ -14,7 +14,7 @@ so that the effective stress :math:`\tilde\sigma = E : (\varepsilon^\mu - \varep
     \tilde s = \frac{s - 2G(1-b)\, \varepsilon^{p\mu}}{1 - bD}, \qquad
     \tilde\sigma_H = \frac{\sigma_H}{1 - aD}.    \tag{1}
 
-To derive it, let an eigenstrain :math:`e` in the sound material take the place of damage and flow:
+For its derivation, an eigenstrain :math:`e` in the sound material replaces damage and flow:
 
 .. math::
     (1-D)\, E : (\varepsilon^\mu - \varepsilon^{p\mu}) = E : (\varepsilon^\mu - e), \qquad
@@ -23,11 +23,12 @@ To derive it, let an eigenstrain :math:`e` in the sound material take the place 
 where Eshelby's tensor S of a ball multiplies a dilatation by a and a deviator by b. Then
 :math:`e = D \varepsilon^\mu + (1-D) \varepsilon^{p\mu}`, the deviator of the strain is
 :math:`[\varepsilon' + b(1-D)\varepsilon^{p\mu}]/(1-bD)` and its trace
-:math:`\mathrm{tr}\,\varepsilon/(1-aD)`; for D = 1 that is the dilatation of a spherical void,
-:math:`3(1-\nu)/(2(1-2\nu))` times that of the volume (Lamé), which
-:math:`1 + aD` in place of :math:`1 - aD` would miss.
+:math:`\mathrm{tr}\,\varepsilon/(1-aD)`. For D = 1 this is the dilatation of a spherical void,
+:math:`3(1-\nu)/(2(1-2\nu))` times the dilatation of the volume (Lamé); with :math:`1 + aD` in
+place of :math:`1 - aD` it would not be.
 
-It yields at the fatigue limit with linear kinematic hardening and is damaged beyond a threshold:
+The inclusion yields at the fatigue limit with linear kinematic hardening and is damaged beyond a
+threshold:
 
 .. math::
     (\tilde s - X)_{eq} \le \sigma_f, \quad
@@ -44,8 +45,8 @@ Mises, a step of the size :math:`A = (\Delta s)_{eq} / (1 - bD)` has the exact s
     K\, \Delta p = A + \sigma_f \ln \frac{1 + \cos\theta_0}{1 + \cos\theta_1}, \qquad
     K = \frac{3G(1-b)}{1 - bD} + C (1-D),    \tag{3}
 
-as for the perfectly plastic solid of [1]_; the flow follows from what of the step is not in
-:math:`\xi`. With the factor :math:`h` of crack closure
+as for the perfectly plastic solid of [1]_; the part of the step that does not change :math:`\xi`
+gives the flow. With the factor :math:`h` of crack closure
 
 .. math::
     Y = \frac{1+\nu}{2E} \Big[ \langle\tilde\sigma\rangle_+^2
@@ -63,44 +64,44 @@ References
 import numba
 import numpy as np
 
-__all__ = ["SIZE", "damage_rate", "effective_stress", "run_cycles"]
+__all__ = ["STATE_SIZE", "damage_rate", "effective_stress", "run_cycles"]
 
-SIZE = 20
-"""Length of the state: D, p, plastic strain (6), back stress (6), last macro stress (6)."""
+STATE_SIZE = 20
+"""Length of the state: D, p, plastic strain (6), back stress (6, Pa), last macro stress (6, Pa)."""
 
-# the material as one array
+# places of the parameters in the array of a material
 E, NU, LIMIT, HARDENING, STRENGTH, EXPONENT, THRESHOLD, CRITICAL, CLOSURE, FEEDBACK = range(10)
 
 
 @numba.njit(cache=True, error_model="numpy")
 def run_cycles(state, path, cycles, material, substeps):  # type: ignore[no-untyped-def]
-    """Go through a closed stress path many times.
+    """Follow a closed stress path for a number of cycles.
 
     Parameters
     ----------
     state : ndarray, shape (20,)
-        Changed in place.
+        State in the order of ``STATE_SIZE``, changed in place.
     path : ndarray, shape (points, 6)
         Corners of the path, Pa: xx, yy, zz, yz, xz, xy.
     cycles : int
-        Number of times.
+        Number of cycles.
     material : ndarray, shape (10,)
-        Parameters.
+        See :meth:`~multiscale.micro.damage.FatigueMaterial.parameters`.
     substeps : int
         Steps for the plastic part of each straight piece.
 
     Returns
     -------
     done : float
-        Cycles gone through; with a fraction if the critical damage was reached.
+        Cycles done, with a fraction if the critical damage was reached.
     elastic : bool
-        Whether the last cycle was elastic, as all others like it will be.
+        Whether the last cycle was elastic, as all later cycles will be.
     """
     points = len(path)
     for cycle in range(cycles):
         p = state[1]
         for k in range(points):
-            share = _straight(state, path[k], material, substeps)
+            share = _follow_segment(state, path[k], material, substeps)
             if state[0] >= material[CRITICAL]:
                 return cycle + (k + share) / points, False
         if state[1] == p and (cycle > 0 or cycles == 1):
@@ -116,8 +117,8 @@ def _equivalent(s):  # type: ignore[no-untyped-def]
 
 
 @numba.njit(cache=True, error_model="numpy")
-def _straight(state, target, material, substeps):  # type: ignore[no-untyped-def]
-    """Follow a straight stress path; return the share after which damage is critical, or 1."""
+def _follow_segment(state, target, material, substeps):  # type: ignore[no-untyped-def]
+    """Follow a straight stress path; return the share at which damage becomes critical, or 1."""
     nu, limit = material[NU], material[LIMIT]
     shear = material[E] / (2.0 * (1.0 + nu))
     b = 2.0 * (4.0 - 5.0 * nu) / (15.0 * (1.0 - nu))
@@ -148,12 +149,12 @@ def _straight(state, target, material, substeps):  # type: ignore[no-untyped-def
         if _equivalent(xi + change) > limit:
             K = 3.0 * shear * (1.0 - b) / (1.0 - b * feedback)
             K += material[HARDENING] * (1.0 - feedback)
-            dp = _turn(xi, change, limit, K, flow)
+            dp = _plastic_step(xi, change, limit, K, flow)
             for i in range(6):
                 state[2 + i] += flow[i]
                 state[8 + i] += 2.0 / 3.0 * material[HARDENING] * (1.0 - feedback) * flow[i]
                 new[i] -= 2.0 * shear * (1.0 - b) / (1.0 - b * feedback) * flow[i]
-            share = _harm(state, dp, old, middle, new, material)
+            share = _add_damage(state, dp, old, middle, new, material)
             if state[0] >= material[CRITICAL]:
                 return begin + (1.0 - begin) * (step + share) / substeps
         old[:] = new
@@ -163,7 +164,7 @@ def _straight(state, target, material, substeps):  # type: ignore[no-untyped-def
 
 @numba.njit(cache=True, error_model="numpy")
 def _elastic_share(xi, change, limit):  # type: ignore[no-untyped-def]
-    """Share of a step that is elastic: it ends where |xi + t change| = limit."""
+    """Find the elastic share t of a step, with |xi + t change| = limit at its end."""
     A, B = _equivalent(change) ** 2, _product(xi, change)
     gap = (limit - _equivalent(xi)) * (limit + _equivalent(xi))
     if not (A > 0.0 and (gap > 0.0 or B < 0.0)):
@@ -174,10 +175,10 @@ def _elastic_share(xi, change, limit):  # type: ignore[no-untyped-def]
 
 
 @numba.njit(cache=True, error_model="numpy")
-def _harm(state, dp, old, middle, new, material):  # type: ignore[no-untyped-def]
+def _add_damage(state, dp, old, middle, new, material):  # type: ignore[no-untyped-def]
     """Add a plastic step and its damage (2), by Simpson's rule between two effective stresses.
 
-    Returns the share of the step after which damage is critical, or 1.
+    Returns the share of the step at which damage becomes critical, or 1.
     """
     before = state[1]
     state[1] += dp
@@ -198,10 +199,10 @@ def _harm(state, dp, old, middle, new, material):  # type: ignore[no-untyped-def
 
 
 @numba.njit(cache=True, error_model="numpy")
-def _turn(xi, change, limit, K, flow):  # type: ignore[no-untyped-def]
-    """Solve a step (3) from the yield surface; return the plastic strain, and its tensor."""
+def _plastic_step(xi, change, limit, K, flow):  # type: ignore[no-untyped-def]
+    """Solve a step (3) from the yield surface: return its strain p, write its tensor to flow."""
     size = _equivalent(xi)
-    if size > 0.0:  # rounding, and damage since the last step, have moved it off the surface
+    if size > 0.0:  # rounding and damage have moved it off the yield surface
         change += (1.0 - limit / size) * xi
         xi *= limit / size
     A = _equivalent(change)
@@ -219,14 +220,14 @@ def _turn(xi, change, limit, K, flow):  # type: ignore[no-untyped-def]
 
 @numba.njit(cache=True, error_model="numpy")
 def _product(x, y):  # type: ignore[no-untyped-def]
-    """Inner product that belongs to the norm of Mises."""
+    """Inner product of the Mises norm."""
     direct = x[0] * y[0] + x[1] * y[1] + x[2] * y[2]
     return 1.5 * (direct + 2.0 * (x[3] * y[3] + x[4] * y[4] + x[5] * y[5]))
 
 
 @numba.njit(cache=True, error_model="numpy")
 def effective_stress(state, start, target, t, material, shear, b, out):  # type: ignore[no-untyped-def]
-    """Effective stress (1) at a share of a straight path."""
+    """Write the effective stress (1), Pa, at the share t of a straight path into ``out``."""
     nu, D = material[NU], state[0] * material[FEEDBACK]
     a = (1.0 + nu) / (3.0 * (1.0 - nu))
     for i in range(6):
@@ -241,7 +242,7 @@ def effective_stress(state, start, target, t, material, shear, b, out):  # type:
 
 @numba.njit(cache=True, error_model="numpy")
 def damage_rate(stress, damage, material):  # type: ignore[no-untyped-def]
-    """Damage (Y / S)^s for each plastic strain, with the energy (4)."""
+    """Damage (Y / S)^s per unit of strain p, with the energy (4) of an effective stress, Pa."""
     young, nu, h = material[E], material[NU], material[CLOSURE]
     trace = stress[0] + stress[1] + stress[2]
     if h == 1.0:

@@ -1,13 +1,14 @@
 r"""Effective stiffness of a volume with cavities and cracks, on a mesh that follows them.
 
 With the linear displacement of a mean strain, :math:`x \mapsto \bar\varepsilon x`, at all nodes and
-a periodic one of unknowns :math:`w`, the displacement is :math:`u = u_\varepsilon + P w` and
+a periodic displacement of unknowns :math:`w`, the displacement is
+:math:`u = u_\varepsilon + P w` and
 
 .. math:: P^t K P\, w = -P^t K u_\varepsilon, \qquad
     V\, \bar\varepsilon_i : \bar C : \bar\varepsilon_j = u_i^t K u_j,    \tag{1}
 
-V being the volume of the whole box. The error of the energy is second order in that of u, and the
-stiffness is an upper bound for the cavities meshed.
+V being the volume of the whole box. The error of the energy is quadratic in the error of u, and
+the stiffness is an upper bound for the meshed cavities.
 """
 
 from time import perf_counter
@@ -24,7 +25,8 @@ from multiscale.laws.bulk.moduli import check_moduli, lame_parameters
 from multiscale.micro.damage.cavities import Cavities
 from multiscale.micro.damage.cavity_mesh import mesh_cavities
 from multiscale.micro.damage.crack_faces import CrackedMesh
-from multiscale.micro.damage.rve import LOST, summarise_loads
+from multiscale.micro.damage.effective_moduli import COMPONENTS
+from multiscale.micro.damage.rve import LOST_STIFFNESS, summarise_loads
 from multiscale.micro.damage.shapes import Cylinders, Ellipsoids
 from multiscale.numerics.factorisation import factorise
 
@@ -34,7 +36,7 @@ if TYPE_CHECKING:
 __all__ = ["mesh_stiffness", "solve_periodic"]
 
 LARGEST_RESIDUAL = 1e-8
-"""Residual of the direct solver, relative to the load, above which it counts as failed."""
+"""Residual of the direct solver, relative to the load, above which a solve counts as failed."""
 
 
 def mesh_stiffness(
@@ -50,25 +52,27 @@ def mesh_stiffness(
     Parameters
     ----------
     rve : Cavities
-        As :func:`~.mesh.mesh_cavities` takes it.
+        A periodic volume, see :func:`~.cavity_mesh.mesh_cavities`.
     youngs_modulus, poissons_ratio : float
-        Of the solid, Pa and dimensionless.
+        Moduli of the solid, Pa and dimensionless.
     element_size : float
         Edge of the elements, m.
     quadratic : bool
-        Ten nodes an element instead of four.
+        Whether elements have ten nodes instead of four.
 
     Returns
     -------
     Solution
-        ``value`` is the stiffness, shape (6, 6), Pa, in the order of ``STRAINS``. Cracks may
-        close into each other: it is the stiffness of open ones.
+        ``value`` is the stiffness, shape (6, 6), Pa, in the order of ``STRAINS``. Both sides of a
+        crack move freely, also into each other: it is the stiffness with open cracks.
 
     Raises
     ------
     CaseError
         If a modulus is outside its range or the volume cannot be meshed.
     """
+    from skfem import Basis, ElementTetP1, ElementTetP2, MeshTet
+
     begin = perf_counter()
     if not isinstance(rve, Cavities):
         raise CaseError(
@@ -80,7 +84,13 @@ def mesh_stiffness(
     if not rve.periodic:
         raise CaseError("the stiffness needs a periodic volume; set periodic=True")
     mesh = mesh_cavities(rve, element_size)
-    basis = _basis(mesh, rve, quadratic)
+    tetrahedra = MeshTet(
+        np.ascontiguousarray(mesh.points), np.ascontiguousarray(mesh.cells), validate=False
+    )
+    if quadratic:
+        basis = Basis(_curved(tetrahedra, rve, mesh.front), ElementTetP2(), intorder=2)
+    else:
+        basis = Basis(tetrahedra, ElementTetP1(), intorder=1)
     number = _unknowns(basis, mesh, np.array(rve.size))
     u, energy, residual = solve_periodic(basis, number, lame, shear)
     energy /= np.prod(rve.size)
@@ -95,41 +105,41 @@ def mesh_stiffness(
         for k in range(6)
     ]
     symmetric = 0.5 * youngs_modulus * (energy + energy.T)
-    return summarise_loads(symmetric, loads, LOST * youngs_modulus)
+    return summarise_loads(symmetric, loads, LOST_STIFFNESS * youngs_modulus)
 
 
 def solve_periodic(
     basis: "CellBasis", number: np.ndarray, lame: float | np.ndarray, shear: float | np.ndarray
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Solve (1) by factors for the six mean strains.
+    """Solve (1) by a factorisation for the six mean strains.
 
     Parameters
     ----------
     basis : CellBasis
         Basis of one displacement component.
     number : ndarray of int, shape (basis.N,)
-        Periodic unknown of every node.
+        Number of the periodic unknown of every node.
     lame, shear : float or ndarray, shape (elements,)
         Lame's parameters, Pa.
 
     Returns
     -------
     displacement : ndarray, shape (3 basis.N, 6)
-        Three components of each node, m.
+        Three components of the displacement of each node, m.
     energy : ndarray, shape (6, 6)
         Twice the energy of pairs of mean strains, J.
     residual : ndarray, shape (6,)
-        Residual of the factors, relative to the load; dimensionless.
+        Residual of the direct solver, relative to the load; dimensionless.
     """
     stiffness = assemble_elasticity(basis, lame, shear)
     count = int(number.max()) + 1
     one = csr_array((np.ones(basis.N), (np.arange(basis.N), number)), shape=(basis.N, count))
     place = csr_array(kron(one, np.eye(3)))
     joined = csr_array(one.T @ stiffness[::3, ::3] @ one)
-    joined.eliminate_zeros()  # voids without stiffness join nothing
-    held = np.unique(connected_components(joined)[1], return_index=True)[1]
-    pinned = (3 * held[:, None] + np.arange(3)).ravel()
-    free = np.setdiff1d(np.arange(3 * count), pinned)  # no piece moves as a whole
+    joined.eliminate_zeros()  # voids without stiffness connect nothing
+    fixed = np.unique(connected_components(joined)[1], return_index=True)[1]
+    pinned = (3 * fixed[:, None] + np.arange(3)).ravel()
+    free = np.setdiff1d(np.arange(3 * count), pinned)  # no piece moves as a rigid body
 
     linear = np.stack([(_tensor(k) @ basis.doflocs).T.ravel() for k in range(6)], axis=1)
     periodic = csr_array(place.T @ stiffness @ place)
@@ -144,23 +154,11 @@ def solve_periodic(
     return u, u.T @ (stiffness @ u), residual
 
 
-def _basis(mesh: CrackedMesh, rve: Cavities, quadratic: bool) -> "CellBasis":
-    """Choose the elements."""
-    from skfem import Basis, ElementTetP1, ElementTetP2, MeshTet
-
-    tetrahedra = MeshTet(
-        np.ascontiguousarray(mesh.points), np.ascontiguousarray(mesh.cells), validate=False
-    )
-    if not quadratic:
-        return Basis(tetrahedra, ElementTetP1(), intorder=1)
-    return Basis(_curved(tetrahedra, rve, mesh.front), ElementTetP2(), intorder=2)
-
-
 def _curved(mesh: "MeshTet", rve: Cavities, front: np.ndarray) -> "MeshTet":
-    """Move the nodes on the middle of edges: onto cavities, and close to the fronts of cracks.
+    """Move middle nodes of edges onto the cavities, and to quarter points at fronts of cracks.
 
-    With the middle node of an edge at a quarter of it, displacements near the front can grow with
-    the root of the distance: R. S. Barsoum, Int. J. Numer. Methods Eng. 10 (1976) 25-37.
+    With the middle node of an edge at a quarter of its length, displacements near the front can
+    grow with the root of the distance: R. S. Barsoum, Int. J. Numer. Methods Eng. 10 (1976) 25-37.
     """
     from skfem import MeshTet2
 
@@ -192,8 +190,8 @@ def _curved(mesh: "MeshTet", rve: Cavities, front: np.ndarray) -> "MeshTet":
 
 
 def _tensor(k: int) -> np.ndarray:
-    """Make the unit strain number k a tensor; shear strains are angles."""
-    i, j = ((0, 0), (1, 1), (2, 2), (1, 2), (0, 2), (0, 1))[k]
+    """Return the unit strain number k as a tensor; shear strains are angles."""
+    i, j = COMPONENTS[k]
     strain = np.zeros((3, 3))
     strain[i, j] += 0.5
     strain[j, i] += 0.5
@@ -203,8 +201,8 @@ def _tensor(k: int) -> np.ndarray:
 def _unknowns(basis: "CellBasis", mesh: CrackedMesh, size: np.ndarray) -> np.ndarray:
     """Return the number of the periodic unknown of every node.
 
-    Nodes are one if they are one place of the periodic volume and lie between corners that move
-    alike; a random coordinate for each such corner tells the sides of a crack.
+    Nodes share an unknown if they have the same place in the periodic volume and lie between
+    corners that move alike; a random coordinate of each corner distinguishes the sides of a crack.
     """
     from scipy.spatial import KDTree
 

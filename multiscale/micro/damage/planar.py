@@ -1,8 +1,9 @@
-r"""Exact area of a union of ellipses, each perhaps cut by a strip, within a convex polygon.
+r"""Exact area of a union of ellipses, possibly cut by strips, within a convex polygon.
 
 By Green's theorem the area is a sum over the boundary of the union. Every ellipse, edge of a strip
-and edge of the polygon is cut where it meets the others, and a piece counts if its inside lies on
-that boundary. An arc :math:`c + M (\cos\theta, \sin\theta)` gives
+and edge of the polygon is split where it meets another boundary, and a piece counts if it lies on
+the boundary of the union. An arc :math:`c + M w` with :math:`w = (\cos\theta, \sin\theta)`
+contributes
 
 .. math:: \tfrac12 \int x \times \mathrm{d}x = \tfrac12\, c \times M (w_1 - w_0)
     + \tfrac12 \det M\, (\theta_1 - \theta_0).    \tag{1}
@@ -15,8 +16,8 @@ import numpy as np
 
 __all__ = ["Ellipses", "union_area"]
 
-INSIDE = 1e-11
-"""Share of a size by which rounding may move a point across a boundary."""
+BOUNDARY_MARGIN = 1e-11
+"""Relative distance by which rounding may move a point across a boundary."""
 
 
 @dataclass(frozen=True)
@@ -26,12 +27,12 @@ class Ellipses:
     Attributes
     ----------
     centre : ndarray, shape (k, 2)
-        m.
+        Centres, m.
     root : ndarray, shape (k, 2, 2)
-        M with positive determinant: the ellipse is centre + M w for abs(w) <= 1, m.
+        Matrices M with positive determinant, m: an ellipse is centre + M w for abs(w) <= 1.
     strip : ndarray, shape (k, 4)
-        Unit normal g and bounds of the strip: bounds[0] <= g . x <= bounds[1], m. A set that is
-        not cut has infinite bounds.
+        Unit normal g and bounds b, m, of the strip: b[0] <= g . x <= b[1]. A set without a strip
+        has infinite bounds.
     """
 
     centre: np.ndarray
@@ -43,7 +44,7 @@ class Ellipses:
 
     @staticmethod
     def join(parts: "list[Ellipses]") -> "Ellipses":
-        """Put several lists into one."""
+        """Concatenate several lists of sets."""
         return Ellipses(
             np.concatenate([np.empty((0, 2)), *(part.centre for part in parts)]),
             np.concatenate([np.empty((0, 2, 2)), *(part.root for part in parts)]),
@@ -52,19 +53,19 @@ class Ellipses:
 
 
 def union_area(polygon: np.ndarray, sets: Ellipses) -> float:
-    """Area that the sets cover within a polygon.
+    """Compute the area that sets cover within a polygon.
 
     Parameters
     ----------
     polygon : ndarray, shape (corners, 2)
-        Convex, anticlockwise, m.
+        Corners of a convex polygon, anticlockwise, m.
     sets : Ellipses
-        They may overlap.
+        Sets, which may overlap.
 
     Returns
     -------
     float
-        m².
+        Area, m².
     """
     if len(sets) == 0:
         return 0.0
@@ -106,7 +107,7 @@ def _union_area(polygon, centre, root, inverse, radius, strip):  # type: ignore[
                 depth = min(
                     _depth(x, y, j, centre, inverse, strip), _depth(u, v, j, centre, inverse, strip)
                 )
-                if depth >= -INSIDE:
+                if depth >= -BOUNDARY_MARGIN:
                     total += 0.5 * (p[0] * q[1] - p[1] * q[0]) * (breaks[b + 1] - breaks[b])
                     break
     return total
@@ -114,7 +115,7 @@ def _union_area(polygon, centre, root, inverse, radius, strip):  # type: ignore[
 
 @numba.njit(cache=True, error_model="numpy")
 def _neighbours(polygon, centre, radius):  # type: ignore[no-untyped-def]
-    """Whether two circumcircles meet; on the diagonal whether one meets that of the polygon."""
+    """Whether circumcircles of two sets meet; on the diagonal, whether one meets the polygon."""
     reach = 0.0
     for corner in polygon:
         reach = max(reach, np.hypot(corner[0], corner[1]))
@@ -130,13 +131,13 @@ def _neighbours(polygon, centre, radius):  # type: ignore[no-untyped-def]
 
 @numba.njit(cache=True, error_model="numpy")
 def _samples(low, high):  # type: ignore[no-untyped-def]
-    """Choose two places of a piece: one alone may be where another boundary only touches."""
+    """Choose two places of a piece, as another boundary may touch the piece at a single place."""
     return low + 0.37 * (high - low), low + 0.61 * (high - low)
 
 
 @numba.njit(cache=True, error_model="numpy")
 def _depth(x, y, j, centre, inverse, strip):  # type: ignore[no-untyped-def]
-    """How deep a point lies in a set: positive inside, zero on the boundary; dimensionless."""
+    """Depth of a point in a set: positive inside, zero on the boundary; dimensionless."""
     x0, y0 = x - centre[j, 0], y - centre[j, 1]
     u = inverse[j, 0, 0] * x0 + inverse[j, 0, 1] * y0
     v = inverse[j, 1, 0] * x0 + inverse[j, 1, 1] * y0
@@ -150,12 +151,14 @@ def _exposed(x, y, i, polygon, centre, inverse, strip, near):  # type: ignore[no
     for a in range(len(polygon)):
         p, q = polygon[a], polygon[(a + 1) % len(polygon)]
         dx, dy = q[0] - p[0], q[1] - p[1]
-        if dx * (y - p[1]) - dy * (x - p[0]) <= INSIDE * np.hypot(dx, dy):
+        if dx * (y - p[1]) - dy * (x - p[0]) <= BOUNDARY_MARGIN * np.hypot(dx, dy):
             return False
     for j in range(len(centre)):
         if j != i and near[j]:
             depth = _depth(x, y, j, centre, inverse, strip)
-            if depth > INSIDE or (depth > -INSIDE and j < i):  # of equal sets the first counts
+            if depth > BOUNDARY_MARGIN or (
+                depth > -BOUNDARY_MARGIN and j < i
+            ):  # the first of equal sets counts
                 return False
     return True
 
@@ -202,7 +205,7 @@ def _arcs(i, polygon, centre, root, inverse, strip, near, breaks):  # type: igno
 
 @numba.njit(cache=True, error_model="numpy")
 def _cuts(i, polygon, centre, root, inverse, strip, near, breaks):  # type: ignore[no-untyped-def]
-    """Part of the sum from the edges of the strip of a set."""
+    """Part of (1) from the exposed edges of the strip of a set."""
     total = 0.0
     gx, gy = strip[i, 0], strip[i, 1]
     for bound in range(2, 4):
@@ -327,7 +330,7 @@ def _arc_ellipse(M, cx, cy, other, W, breaks, n):  # type: ignore[no-untyped-def
         if abs(abs(z) - 1.0) > 0.1:
             continue
         t = np.angle(z)
-        for _ in range(3):  # polish on the real circle; a place too many does no harm
+        for _ in range(3):  # Newton steps on the real circle; an additional place does no harm
             slope = C * np.cos(t) - B * np.sin(t) + 2.0 * (E * np.cos(2 * t) - D * np.sin(2 * t))
             value = A + B * np.cos(t) + C * np.sin(t) + D * np.cos(2 * t) + E * np.sin(2 * t)
             if slope != 0.0:

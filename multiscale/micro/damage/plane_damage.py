@@ -1,4 +1,4 @@
-"""Planes with coordinates of their own."""
+"""Section planes with their own coordinates."""
 
 from dataclasses import dataclass
 
@@ -9,14 +9,16 @@ __all__ = ["SectionPlane", "perpendicular"]
 
 @dataclass(frozen=True)
 class SectionPlane:
-    """A plane with coordinates of its own: x = origin + y @ frame.
+    """A plane with its own coordinates y: x = origin + y @ frame.
 
     Attributes
     ----------
-    origin, normal : ndarray, shape (3,)
-        A point, m, and the unit normal.
+    origin : ndarray, shape (3,)
+        A point of the plane, m.
+    normal : ndarray, shape (3,)
+        Unit normal.
     frame : ndarray, shape (2, 3)
-        Orthonormal; with the normal it is right-handed.
+        Orthonormal directions in the plane, right-handed with the normal.
     slab : float
         Thickness of the slab about the plane whose flat cracks count, m.
     """
@@ -28,14 +30,26 @@ class SectionPlane:
 
     @staticmethod
     def through(origin: np.ndarray, normal: np.ndarray, slab: float = 0.0) -> "SectionPlane":
-        """Choose the coordinates of a plane."""
+        """Choose the directions in the plane through a point, m, with a unit normal."""
         return SectionPlane(origin, normal, perpendicular(normal[None])[0], slab)
 
 
 def perpendicular(unit: np.ndarray) -> np.ndarray:
-    """Right-handed frames about unit vectors, shape (n, 3): the other two, shape (n, 2, 3).
+    """Complete unit vectors to right-handed orthonormal frames.
 
-    T. Duff et al., J. Comput. Graph. Tech. 6 (2017) 1-8: no square root and no special case.
+    Parameters
+    ----------
+    unit : ndarray, shape (n, 3)
+        Unit vectors.
+
+    Returns
+    -------
+    ndarray, shape (n, 2, 3)
+        The two other vectors of each frame.
+
+    References
+    ----------
+    .. [1] T. Duff et al., J. Comput. Graph. Tech. 6 (2017) 1-8: no square root and no special case.
     """
     x, y, z = unit.T
     sign = np.copysign(1.0, z)

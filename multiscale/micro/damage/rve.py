@@ -6,12 +6,12 @@ For each of six mean strains :math:`\bar\varepsilon` the periodic displacement :
     \qquad \bar C : \bar\varepsilon = \langle \sigma \rangle,    \tag{1}
 
 with trilinear bricks, by conjugate gradients on the stiffness of all voxels. The preconditioner is
-its inverse for a uniform material, in Fourier space, so that the number of iterations depends on
-the contrast and hardly on the resolution. Voids may have no stiffness at all: the gradients then
-stay where the stiffness is not zero, whose spectrum the voids do not widen.
+the inverse stiffness of a uniform material, in Fourier space, so that the number of iterations
+depends on the contrast and hardly on the resolution. Voids may have no stiffness at all: the
+iterates then stay in the range of the stiffness, whose spectrum the voids do not widen.
 
 The energy is stationary at the solution. With the forces :math:`r_k` that the solve for the strain
-k leaves, and the mean stress :math:`\langle\sigma\rangle_k` that it reached,
+k leaves, and the mean stress :math:`\langle\sigma\rangle_k` of its last iterate,
 
 .. math:: V\, \bar C_{jk} = V\, \bar\varepsilon_j : \langle\sigma\rangle_k - u_j \cdot r_k
     = \int (\bar\varepsilon_j + \nabla_s u_j) : C : (\bar\varepsilon_k + \nabla_s u_k)    \tag{2}
@@ -37,22 +37,22 @@ import numpy as np
 from multiscale.convergence import Solution, Status, verdict
 from multiscale.errors import CaseError
 from multiscale.io.images import VoxelImage
+from multiscale.laws.bulk.moduli import check_moduli, lame_parameters
 from multiscale.micro.damage.effective_moduli import drop_soft_modes
 
 if TYPE_CHECKING:
     from multiscale.micro.damage.voxel_operator import VoxelOperator
-from multiscale.laws.bulk.moduli import check_moduli, lame_parameters
 
 __all__ = ["STRAINS", "effective_stiffness", "summarise_loads"]
 
 STRAINS = ("xx", "yy", "zz", "yz", "xz", "xy")
 """Order of strains and stresses; shear strains are angles, twice the tensor components."""
 
-LOST = 1e-7
-"""Below this share of the solid's modulus the stiffness of solid and void counts as lost."""
+LOST_STIFFNESS = 1e-7
+"""Share of Young's modulus of the solid below which a stiffness of the volume counts as zero."""
 
 PATIENCE = 100
-"""Iterations without a smaller residual after which a solve gives up."""
+"""Iterations without a smaller residual after which a solve counts as stalled."""
 
 
 def effective_stiffness(
@@ -70,16 +70,16 @@ def effective_stiffness(
     Parameters
     ----------
     image : VoxelImage
-        Its edges may differ, and a single voxel across is plane strain.
+        The volume. Its edges may differ, and a single voxel across means plane strain.
     youngs_modulus, poissons_ratio : float
-        Of the solid, Pa and dimensionless.
+        Moduli of the solid, Pa and dimensionless.
     void_modulus : float
-        Young's modulus of what fills the voids, with the same Poisson's ratio, Pa.
+        Young's modulus of the filling of the voids, Pa, with the same Poisson's ratio.
     max_iterations : int
         Iteration limit for each of the six strains.
     tolerance : float
-        Bound on the residual in the norm of the preconditioner, relative to that at the start;
-        dimensionless. The stiffness, by (2), has about the square of it as error.
+        Bound on the residual in the norm of the preconditioner, relative to the first residual;
+        dimensionless. The relative error of the stiffness, by (2), is about its square.
     callback : callable, optional
         Called as ``callback(iteration, residual)`` for each strain in turn.
 
@@ -87,14 +87,14 @@ def effective_stiffness(
     -------
     Solution
         ``value`` is :math:`\bar C`, shape (6, 6), Pa, in the order of ``STRAINS``. ``residuals``
-        and ``seconds`` are those of the strain with the most iterations, ``trail`` says how many
-        each needed, and ``detail`` names the strains against which there is no stiffness, as
-        behind a crack through the whole section; it is then zero.
+        and ``seconds`` belong to the strain with the most iterations, ``trail`` lists the
+        iterations of each strain, and ``detail`` names the strains against which the stiffness is
+        zero, as normal to a crack through the whole section.
 
     Raises
     ------
     CaseError
-        If a modulus is outside its range, or the image is none or holds no solid.
+        If a modulus is outside its range, or the image is no VoxelImage or holds no solid.
 
     Examples
     --------
@@ -103,7 +103,7 @@ def effective_stiffness(
     >>> stiffness[2, 2] / 200e9  # along the layers: the volume fraction
     np.float64(0.75)
     """
-    from multiscale.micro.damage.voxel_operator import VoxelOperator, inner
+    from multiscale.micro.damage.voxel_operator import VoxelOperator, inner_product
 
     if not isinstance(image, VoxelImage):
         raise CaseError(
@@ -130,10 +130,10 @@ def effective_stiffness(
         stress = operator.mean_stress(load.value, strain)
         motions.append(load.value.astype(np.float32))
         for j, u in enumerate(motions):  # (2)
-            stiffness[j, k] = stiffness[k, j] = stress[j] - inner(r, u) / volume
+            stiffness[j, k] = stiffness[k, j] = stress[j] - inner_product(r, u) / volume
         loads.append(replace(load, value=stress))
-    # what is left of no stiffness is the error of (2)
-    lost = max(LOST, 10.0 * tolerance**2) if void_modulus == 0.0 else 0.0
+    # a stiffness below the error of (2) cannot be told from zero
+    lost = max(LOST_STIFFNESS, 10.0 * tolerance**2) if void_modulus == 0.0 else 0.0
     return summarise_loads(youngs_modulus * stiffness, loads, lost * youngs_modulus)
 
 
@@ -146,10 +146,14 @@ def _solve(
 ) -> tuple[Solution, np.ndarray]:
     """Preconditioned conjugate gradients on (1) for one mean strain: u and the forces left.
 
-    The preconditioner needs to be the inverse of nothing in particular, so that single precision
-    is enough for it; all that is summed up is in double precision.
+    Any fixed positive definite preconditioner will do, so that single precision is enough for it;
+    all sums are in double precision.
     """
-    from multiscale.micro.damage.voxel_operator import inner, step, turn
+    from multiscale.micro.damage.voxel_operator import (
+        inner_product,
+        turn_direction,
+        update_iterate,
+    )
 
     begin = perf_counter()
     u = np.zeros((3, *operator.lame.shape))
@@ -161,18 +165,18 @@ def _solve(
     rough = r.astype(np.float32)
     z = operator.precondition(rough)
     p = z.astype(float)
-    power = first = inner(r, z)
+    power = first = inner_product(r, z)
     residuals, seconds = [1.0], [perf_counter() - begin]
     status = Status.MAX_ITERATIONS
     for iteration in range(1, max_iterations + 1):
         q = operator.forces(p)
-        curvature = inner(p, q)
+        curvature = inner_product(p, q)
         if not curvature > 0.0:
             status = Status.STALLED if np.isfinite(curvature) else Status.NOT_FINITE
             break
-        step(power / curvature, p, q, u, r, rough)
+        update_iterate(power / curvature, p, q, u, r, rough)
         z = operator.precondition(rough)
-        previous, power = power, inner(r, z)
+        previous, power = power, inner_product(r, z)
         residuals.append(float(np.sqrt(max(power, 0.0) / first)))
         seconds.append(perf_counter() - begin)
         if callback is not None:
@@ -180,14 +184,26 @@ def _solve(
         if reason := verdict(residuals, tolerance, PATIENCE):
             status = reason
             break
-        turn(power / previous, z, p)
+        turn_direction(power / previous, z, p)
     return Solution(u, status, tuple(residuals), tuple(seconds)), r
 
 
 def summarise_loads(stiffness: np.ndarray, loads: list[Solution], lost: float) -> Solution:
-    """Put the solves of six strains into one solution; it is as good as the worst of them.
+    """Combine the solves of six strains in one solution, with the status of the worst solve.
 
-    What is softer than ``lost``, Pa, has no stiffness.
+    Parameters
+    ----------
+    stiffness : ndarray, shape (6, 6)
+        Stiffness of the volume, Pa.
+    loads : list of Solution
+        Solves of the six mean strains.
+    lost : float
+        Stiffness below which a mode of strain counts as free, Pa.
+
+    Returns
+    -------
+    Solution
+        ``value`` is the stiffness without free modes, shape (6, 6), Pa.
     """
     slowest = max(loads, key=lambda load: len(load.residuals))
     failed = [load for load in loads if not load.converged]

@@ -1,8 +1,8 @@
 r"""Damage on plane sections, eq (1) of the source: :math:`D(n) = \delta S_D / \delta S`.
 
-It is a geometric quantity. Stiffness is :math:`E (1 - D)` only where cavities run through along
-the normal, see :mod:`~multiscale.micro.damage.rve`; and the maximum over the planes of a random
-medium falls towards its porosity as the volume grows.
+This damage is a geometric quantity. The stiffness is :math:`E (1 - D)` only where cavities run
+through the volume along the normal, see :mod:`~multiscale.micro.damage.rve`; and the maximum over
+the planes of a random medium falls towards its porosity as the volume grows.
 """
 
 from collections.abc import Sequence
@@ -31,8 +31,8 @@ __all__ = ["box_polygon", "max_damage", "plane_damage"]
 QUANTILES = (0.5, 0.9, 0.95, 0.99)
 """Quantiles of the damage over all sections that are reported."""
 
-CANDIDATES = 4
-"""Sections from which the search for the worst one goes on."""
+N_STARTS = 4
+"""Number of worst sections from which the local search starts."""
 
 
 def plane_damage(
@@ -50,16 +50,16 @@ def plane_damage(
     rve : Cavities or VoxelImage
         The representative volume.
     normal : array_like, shape (3,)
-        :math:`n`, of any length but zero.
+        Direction :math:`n`, of any length but zero.
     offset : float or ndarray
         Distance of the planes from the centre of the volume along the normal, m.
     slab : float
-        Thickness of the slab about a plane, m, in which flat cracks count with their shadow on
-        the plane, :math:`A\,|n \cdot m|`: the section of a flat crack itself is a line without
-        area. With 0 those count that the plane meets.
+        Thickness of the slab about a plane, m. Flat cracks in it count with their projection on
+        the plane, :math:`A\,|n \cdot m|`, since the section of a flat crack is a line without
+        area. With 0 the cracks count that the plane meets.
     closed : bool
-        Take the plane not within the box but through the periodic medium until it closes. The
-        normal must then be a lattice direction of the box.
+        Whether the plane continues through the periodic medium until it closes, instead of ending
+        at the box. The normal must then be a lattice direction of the box.
 
     Returns
     -------
@@ -100,7 +100,7 @@ def max_damage(
     closed: bool = False,
     smallest_section: float = 0.5,
 ) -> "xr.Dataset":
-    """Search the worst plane, and say how damage is spread over all of them.
+    """Search the worst plane, and describe the distribution of damage over all planes.
 
     Parameters
     ----------
@@ -108,27 +108,29 @@ def max_damage(
         The representative volume.
     level : int
         Refinement of the sphere of normals, see :func:`~.directions.sphere_directions`; edges
-        and diagonals of the box are always among them.
+        and diagonals of the box are always among the normals.
     sections : int
         Number of planes with each normal.
-    slab, closed
-        As in :func:`plane_damage`. Closed planes have lattice directions, with Miller indices up
-        to ``level + 1``, in place of the sphere of normals.
+    slab : float
+        Thickness of the slab about a plane, m, see :func:`plane_damage`.
+    closed : bool
+        Whether planes are closed, see :func:`plane_damage`. Their normals are lattice
+        directions with Miller indices up to ``level + 1``.
     smallest_section : float
-        Planes whose section is smaller than this share of the section through the centre are
-        left out: a corner of the box is not representative.
+        Share of the section through the centre; planes with a smaller section are left out, since
+        a corner of the box is not representative. Dimensionless.
 
     Returns
     -------
     Dataset
         Follows ``DAMAGE_SECTIONS``: every section, the worst plane after a local refinement from
-        the worst few, mean and quantiles, and the tensor of anisotropy. For an image
-        ``resolution_error`` is the difference on the worst plane to half the resolution.
+        a few sections, mean and quantiles, and the tensor of anisotropy. For an image
+        ``resolution_error`` is the change of the damage of the worst plane at half the resolution.
 
     Raises
     ------
     CaseError
-        As :func:`plane_damage`, or if an option is out of range.
+        If :func:`plane_damage` refuses its arguments, or an option is out of range.
     """
     _check_volume(rve)
     if sections < 1 or level < 0 or not 0.0 <= smallest_section < 1.0:
@@ -136,7 +138,12 @@ def max_damage(
             f"sections must be at least 1, level at least 0 and smallest_section from 0 to below "
             f"1, got {sections}, {level} and {smallest_section:g}"
         )
-    normals = _normals(rve, level, closed)
+    if closed:
+        normals = lattice_directions(rve.size, level + 1)
+    else:  # edges and diagonals of the box, then the sphere
+        lattice, sphere = lattice_directions(rve.size, 1), sphere_directions(level)
+        apart = np.abs(sphere @ lattice.T).max(axis=1) < 1.0 - 1e-9
+        normals = np.concatenate([lattice, sphere[apart]])
     offset = np.array([_offsets(rve, n, sections, smallest_section, closed) for n in normals])
     damage = np.array(
         [
@@ -178,26 +185,18 @@ def _sections(
         period = 1.0 / np.linalg.norm(miller_indices(normal, rve.size) / np.array(rve.size))
         half = 0.5 * float(np.abs(normal) @ rve.size)
         lost, area = np.zeros(len(distances)), np.zeros(len(distances))
-        # the closed plane is all its copies in the box, one period apart
+        # a closed plane consists of its copies in the box, one period apart
         first = distances - period * np.floor((distances + half) / period)
         for copy in range(int(np.ceil(2.0 * half / period)) + 1):
             parts = _sections(rve, normal, first + copy * period, slab, closed=False)
             lost, area = lost + parts[0], area + parts[1]
         return lost, area
 
+    from multiscale.micro.damage.planar import Ellipses, union_area
     from multiscale.micro.damage.voxel_sections import box_section, void_section
 
     if isinstance(rve, VoxelImage):
         return void_section(rve, normal, distances), box_section(rve.size, normal, distances)
-    return _analytic_sections(rve, normal, distances, slab)
-
-
-def _analytic_sections(
-    rve: Cavities, normal: np.ndarray, distances: np.ndarray, slab: float
-) -> tuple[np.ndarray, np.ndarray]:
-    """Areas of union of bodies and of the box on planes, m²."""
-    from multiscale.micro.damage.planar import Ellipses, union_area
-
     bodies, size = rve.images, np.array(rve.size)
     lost, area = np.zeros(len(distances)), np.zeros(len(distances))
     through = SectionPlane.through(0.5 * size, normal, slab)
@@ -213,9 +212,20 @@ def _analytic_sections(
 
 
 def box_polygon(plane: SectionPlane, size: np.ndarray) -> np.ndarray:
-    """Corners of the section of a box, shape (n, 2), m.
+    """Cut a box with a plane.
 
-    Anticlockwise in the coordinates of the plane, and empty if the plane misses the box.
+    Parameters
+    ----------
+    plane : SectionPlane
+        The plane.
+    size : ndarray, shape (3,)
+        Lengths of the box, m.
+
+    Returns
+    -------
+    ndarray, shape (n, 2)
+        Corners of the section, anticlockwise in the coordinates of the plane, m; empty if the
+        plane misses the box.
     """
     corners = np.array([[i, j, k] for i in (0, 1) for j in (0, 1) for k in (0, 1)]) * size
     height = (corners - plane.origin) @ plane.normal
@@ -229,46 +239,31 @@ def box_polygon(plane: SectionPlane, size: np.ndarray) -> np.ndarray:
     return np.asarray(flat[np.argsort(np.arctan2(away[:, 1], away[:, 0]))])
 
 
-def _normals(rve: Cavities | VoxelImage, level: int, closed: bool) -> np.ndarray:
-    """Edges and diagonals of the box, then the sphere; or lattice directions alone."""
-    if closed:
-        return lattice_directions(rve.size, level + 1)
-    lattice, sphere = lattice_directions(rve.size, 1), sphere_directions(level)
-    apart = np.abs(sphere @ lattice.T).max(axis=1) < 1.0 - 1e-9
-    return np.concatenate([lattice, sphere[apart]])
-
-
 def _offsets(
     rve: Cavities | VoxelImage, normal: np.ndarray, sections: int, smallest: float, closed: bool
 ) -> np.ndarray:
     """Offsets at the middle of equal parts of the range where sections are large enough, m.
 
-    With an edge of the box as normal and more sections than voxels a few planes fall into one
-    layer of voxels; each counts alike.
+    With an edge of the box as normal and more sections than voxels, several planes lie in one
+    layer of voxels; all of them count.
     """
-    half = 0.5 * float(np.abs(normal) @ rve.size)
-    if closed:
-        half = 0.5 / float(np.linalg.norm(miller_indices(normal, rve.size) / np.array(rve.size)))
-    else:
-        half = _largest_offset(rve.size, normal, half, smallest)
-    return half * (2.0 * (np.arange(sections) + 0.5) / sections - 1.0)
-
-
-def _largest_offset(
-    size: tuple[float, float, float], normal: np.ndarray, half: float, smallest: float
-) -> float:
-    """Offset at which the section has shrunk to a share of the one through the centre, m."""
     from scipy.optimize import brentq
 
     from multiscale.micro.damage.voxel_sections import box_section
 
+    half = 0.5 * float(np.abs(normal) @ rve.size)
+
     def excess(t: float) -> float:
-        area = box_section(size, normal, np.array([0.0, t * half]))
+        area = box_section(rve.size, normal, np.array([0.0, t * half]))
         return float(area[1] - smallest * area[0])
 
-    if excess(1.0 - 1e-9) >= 0.0:  # along an edge of the box all sections are alike
-        return half
-    return half * float(brentq(excess, 0.0, 1.0, xtol=1e-12))
+    if closed:
+        largest = 0.5 / float(np.linalg.norm(miller_indices(normal, rve.size) / np.array(rve.size)))
+    elif excess(1.0 - 1e-9) >= 0.0:  # along an edge of the box all sections are equal
+        largest = half
+    else:
+        largest = half * float(brentq(excess, 0.0, 1.0, xtol=1e-12))
+    return largest * (2.0 * (np.arange(sections) + 0.5) / sections - 1.0)
 
 
 def _refine(
@@ -281,7 +276,7 @@ def _refine(
     closed: bool,
     smallest: float,
 ) -> tuple[float, np.ndarray, float]:
-    """Climb from the worst sections found; closed planes keep their normal."""
+    """Maximise damage locally from the worst sections found; closed planes keep their normal."""
     from scipy.optimize import minimize
 
     from multiscale.micro.damage.voxel_sections import box_section
@@ -290,7 +285,7 @@ def _refine(
         rve.size
     )
     peak = damage.argmax(axis=1)
-    rows = np.argsort(damage.max(axis=1))[::-1][:CANDIDATES]
+    rows = np.argsort(damage.max(axis=1))[::-1][:N_STARTS]
     row = rows[0]
     best = (float(damage[row, peak[row]]), normals[row], float(offset[row, peak[row]]))
     for row in rows:
@@ -326,11 +321,11 @@ def _refine(
 
 
 def _check_volume(rve: object) -> None:
-    """Refuse what is no volume, such as a bare array."""
+    """Refuse objects that are no volume, such as a bare array."""
     if not isinstance(rve, Cavities | VoxelImage):
         raise CaseError(
-            f"sections are of Cavities or of a VoxelImage, got {type(rve).__name__}; an array "
-            f"becomes one by VoxelImage(array, size) with its size (m)"
+            f"sections need Cavities or a VoxelImage, got {type(rve).__name__}; an array becomes "
+            f"an image by VoxelImage(array, size) with its size (m)"
         )
 
 

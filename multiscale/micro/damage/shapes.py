@@ -1,4 +1,4 @@
-"""Cavities and flat cracks as arrays of bodies, and what a plane cuts out of them."""
+"""Cavities and flat cracks as arrays of bodies, and their sections with planes."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -24,12 +24,12 @@ __all__ = [
     "spheres",
 ]
 
-FLAT = 1e-9
-"""Below this share of its size a length counts as zero."""
+NEGLIGIBLE = 1e-9
+"""Ratio of a length to the size of its body below which it counts as zero."""
 
 
 class Shapes(Protocol):
-    """What every kind of body offers."""
+    """Interface of every kind of body."""
 
     @property
     def centre(self) -> np.ndarray:
@@ -38,7 +38,7 @@ class Shapes(Protocol):
 
     @property
     def reach(self) -> np.ndarray:
-        """Half lengths of the boxes that hold the bodies, shape (n, 3), m."""
+        """Half lengths of the boxes that enclose the bodies, shape (n, 3), m."""
         ...
 
     def take(self, index: np.ndarray, shift: np.ndarray) -> Self:
@@ -46,11 +46,11 @@ class Shapes(Protocol):
         ...
 
     def section(self, plane: SectionPlane) -> "Ellipses":
-        """Return what a plane cuts out of them."""
+        """Return the sections of the bodies with a plane."""
         ...
 
     def contains(self, k: int, points: np.ndarray, thickness: float) -> np.ndarray:
-        """Whether points, shape (3, ...), lie in body k; a flat one has a thickness, m."""
+        """Whether points, shape (3, ...), m, lie in body k; flat bodies get a thickness, m."""
         ...
 
 
@@ -61,8 +61,8 @@ class Mapped:
     Attributes
     ----------
     centre : ndarray, shape (n, 3)
-        m.
-    root : ndarray, shape (n, 3, 3) or, if they are flat, (n, 3, 2)
+        Centres, m.
+    root : ndarray, shape (n, 3, 3), or (n, 3, 2) of flat bodies
         Columns are the semi-axes, m.
     """
 
@@ -88,7 +88,7 @@ class Ellipsoids(Mapped):
         return np.asarray(4.0 / 3.0 * np.pi * np.abs(np.linalg.det(self.root)))
 
     def section(self, plane: SectionPlane) -> "Ellipses":
-        """Ellipses: in the unit ball the plane is (R^T n) . w = -d."""
+        """Return ellipses: in the unit ball the plane is (R^T n) . w = -d."""
         distance = (self.centre - plane.origin) @ plane.normal
         support = np.einsum("nij,i->nj", self.root, plane.normal)
         height = np.linalg.norm(support, axis=1)
@@ -112,10 +112,14 @@ class Cylinders:
 
     Attributes
     ----------
-    centre, axis : ndarray, shape (n, 3)
-        m, and unit vectors.
-    radius, half_length : ndarray, shape (n,)
-        m; an infinite half length goes through everything.
+    centre : ndarray, shape (n, 3)
+        Centres, m.
+    axis : ndarray, shape (n, 3)
+        Unit vectors along the axes.
+    radius : ndarray, shape (n,)
+        Radii, m.
+    half_length : ndarray, shape (n,)
+        Half lengths, m; infinite for cylinders through the whole volume.
     """
 
     centre: np.ndarray
@@ -141,12 +145,12 @@ class Cylinders:
         )
 
     def section(self, plane: SectionPlane) -> "Ellipses":
-        """Ellipses between the two lines in which the plane meets the ends."""
+        """Return ellipses between the two lines in which the plane meets the ends."""
         distance = (self.centre - plane.origin) @ plane.normal
         cosine = self.axis @ plane.normal
         slope = self.axis @ plane.frame.T
         above = np.einsum("ni,ni->n", self.axis, self.centre - plane.origin)
-        steep = np.hypot(slope[:, 0], slope[:, 1]) > FLAT
+        steep = np.hypot(slope[:, 0], slope[:, 1]) > NEGLIGIBLE
         along = np.abs(cosine) < 1e-6  # the section is a strip, taken as a very long ellipse
         cut = np.where(along, np.abs(distance) < self.radius, True)
         cut &= steep | (np.abs(above) <= self.half_length)
@@ -159,7 +163,9 @@ class Cylinders:
         centre = (self.centre - plane.origin) @ plane.frame.T
         width = np.sqrt(np.maximum(0.0, self.radius**2 - distance**2))
         long = 1e6 * self.radius[:, None] * slope
-        strip_root = np.stack([long, width[:, None] * _turned(slope)], axis=2)
+        length = np.maximum(np.hypot(slope[:, 0], slope[:, 1]), np.finfo(float).tiny)
+        across = np.stack([-slope[:, 1], slope[:, 0]], axis=1) / length[:, None]
+        strip_root = np.stack([long, width[:, None] * across], axis=2)
         root = np.where(along[:, None, None], strip_root, root)
         centre = np.where(along[:, None], centre, centre - (distance / safe)[:, None] * slope)
 
@@ -199,13 +205,13 @@ class Cracks(Mapped):
         return np.asarray(np.pi * np.linalg.norm(across, axis=1))
 
     def section(self, plane: SectionPlane) -> "Ellipses":
-        """Shadows on the plane, of area A abs(n . m), of the cracks that meet its slab."""
+        """Project the cracks that meet the slab of the plane on it, with area A abs(n . m)."""
         distance = np.abs((self.centre - plane.origin) @ plane.normal)
         height = np.linalg.norm(np.einsum("nij,i->nj", self.root, plane.normal), axis=1)
         size = self.reach.max(axis=1)
-        meets = distance <= 0.5 * plane.slab + height + FLAT * size
+        meets = distance <= 0.5 * plane.slab + height + NEGLIGIBLE * size
         root = np.einsum("ai,nij->naj", plane.frame, self.root)
-        meets &= np.abs(np.linalg.det(root)) * np.pi > FLAT * self.area
+        meets &= np.abs(np.linalg.det(root)) * np.pi > NEGLIGIBLE * self.area
         centre = (self.centre - plane.origin) @ plane.frame.T
         return _ellipses(centre[meets], root[meets])
 
@@ -214,8 +220,10 @@ class Cracks(Mapped):
         away = points - self.centre[k].reshape(3, *(1,) * (points.ndim - 1))
         w = np.tensordot(np.linalg.pinv(self.root[k]), away, axes=1)
         above = np.tensordot(self.normal[k], away, axes=1)
-        # of two layers of points at the same distance one counts
-        near = (above > -0.5 * thickness * (1.0 + FLAT)) & (above <= 0.5 * thickness * (1 - FLAT))
+        # only one of two layers of points at the same distance counts
+        near = (above > -0.5 * thickness * (1.0 + NEGLIGIBLE)) & (
+            above <= 0.5 * thickness * (1 - NEGLIGIBLE)
+        )
         return np.asarray((np.sum(w**2, axis=0) <= 1.0) & near)
 
 
@@ -225,9 +233,9 @@ def spheres(centre: np.ndarray, radius: float | np.ndarray) -> Ellipsoids:
     Parameters
     ----------
     centre : ndarray, shape (n, 3)
-        m.
+        Centres, m.
     radius : float or ndarray, shape (n,)
-        m.
+        Radii, m.
 
     Raises
     ------
@@ -246,8 +254,10 @@ def ellipsoids(
 
     Parameters
     ----------
-    centre, semi_axes : ndarray, shape (n, 3)
-        m.
+    centre : ndarray, shape (n, 3)
+        Centres, m.
+    semi_axes : ndarray, shape (n, 3)
+        Lengths of the semi-axes, m.
     rotation : ndarray, shape (n, 3, 3), optional
         Columns are the directions of the semi-axes; along x, y and z if not given.
 
@@ -275,11 +285,13 @@ def cylinders(
     Parameters
     ----------
     centre : ndarray, shape (n, 3)
-        m.
+        Centres, m.
     axis : array_like, shape (3,) or (n, 3)
         Directions, of any length but zero.
-    radius, length : float or ndarray, shape (n,)
-        m. An infinite length goes through everything.
+    radius : float or ndarray, shape (n,)
+        Radii, m.
+    length : float or ndarray, shape (n,)
+        Lengths, m; infinite for cylinders through the whole volume.
 
     Raises
     ------
@@ -303,11 +315,11 @@ def penny_cracks(
     Parameters
     ----------
     centre : ndarray, shape (n, 3)
-        m.
+        Centres, m.
     normal : array_like, shape (3,) or (n, 3)
-        Of any length but zero.
+        Directions, of any length but zero.
     radius : float or ndarray, shape (n,)
-        m.
+        Radii, m.
 
     Raises
     ------
@@ -331,12 +343,6 @@ def _ellipses(centre: np.ndarray, root: np.ndarray, strip: np.ndarray | None = N
     return Ellipses(centre, root, strip)
 
 
-def _turned(vectors: np.ndarray) -> np.ndarray:
-    """Turn vectors in the plane, shape (n, 2), by a right angle and make them unit vectors."""
-    size = np.maximum(np.hypot(vectors[:, 0], vectors[:, 1]), np.finfo(float).tiny)
-    return np.asarray(np.stack([-vectors[:, 1], vectors[:, 0]], axis=1) / size[:, None])
-
-
 def _points(centre: np.ndarray) -> np.ndarray:
     points = np.atleast_2d(np.asarray(centre, dtype=float))
     if points.size == 0:
@@ -351,7 +357,7 @@ def _points(centre: np.ndarray) -> np.ndarray:
 def _positive(
     name: str, value: float | np.ndarray, n: int, *, infinite: bool = False
 ) -> np.ndarray:
-    """One positive number a body."""
+    """Return one positive number for each body."""
     values = np.broadcast_to(np.asarray(value, dtype=float), (n,))
     wrong = ~(values > 0.0) | (np.isinf(values) & (not infinite))
     if wrong.any():
@@ -364,7 +370,7 @@ def _positive(
 
 
 def _directions(name: str, value: np.ndarray | Sequence[float], n: int) -> np.ndarray:
-    """One unit vector a body."""
+    """Return one unit vector for each body."""
     vectors = np.broadcast_to(np.asarray(value, dtype=float), (n, 3))
     size = np.linalg.norm(vectors, axis=1)
     if not np.all((size > 0.0) & np.isfinite(size)):

@@ -2,8 +2,8 @@ r"""Matrix-free stiffness of a periodic box of voxels, and its inverse for a uni
 
 In a brick, a trilinear field is a sum of the eight products :math:`P_i(\xi) P_j(\eta) P_k(\zeta)`
 of Legendre's polynomials of degree 0 and 1. A sum-and-difference transform of the corner values
-gives their amplitudes; its derivative along x is the four with :math:`i = 1`, and as the products
-are orthogonal the exactly integrated energy couples only equal ones. That takes a fifth of the
+gives their amplitudes; the derivative along x has the four with :math:`i = 1`, and as the products
+are orthogonal, the exactly integrated energy couples only equal products. This takes a fifth of the
 operations of a 24 x 24 element matrix.
 
 For a uniform material the stiffness is diagonal by blocks of 3 x 3 in Fourier space. With
@@ -24,7 +24,7 @@ import numba
 import numpy as np
 from scipy import fft
 
-__all__ = ["VoxelOperator", "inner", "step", "turn"]
+__all__ = ["VoxelOperator", "inner_product", "turn_direction", "update_iterate"]
 
 
 class VoxelOperator:
@@ -52,22 +52,56 @@ class VoxelOperator:
         ]
 
     def forces(self, u: np.ndarray, strain: np.ndarray | None = None) -> np.ndarray:
-        """Nodal forces K u, N, of a periodic displacement and a mean strain (xx ... xy)."""
+        """Compute the nodal forces of a periodic displacement and a mean strain.
+
+        Parameters
+        ----------
+        u : ndarray, shape (3, nx, ny, nz)
+            Periodic displacement, m.
+        strain : ndarray, shape (6,), optional
+            Mean strain xx, yy, zz, yz, xz, xy with shear angles; zero if not given.
+
+        Returns
+        -------
+        ndarray, shape (3, nx, ny, nz)
+            Nodal forces, N.
+        """
         mean = np.zeros(6) if strain is None else np.asarray(strain, dtype=float)
         out = np.zeros_like(u)
         _forces(u, mean, self.lame, self.shear, self.edges, out)
         return out
 
     def mean_stress(self, u: np.ndarray, strain: np.ndarray) -> np.ndarray:
-        """Stress averaged over the box (xx, yy, zz, yz, xz, xy), Pa."""
+        """Average the stress over the box.
+
+        Parameters
+        ----------
+        u : ndarray, shape (3, nx, ny, nz)
+            Periodic displacement, m.
+        strain : ndarray, shape (6,)
+            Mean strain xx, yy, zz, yz, xz, xy with shear angles.
+
+        Returns
+        -------
+        ndarray, shape (6,)
+            Mean stress xx, yy, zz, yz, xz, xy, Pa.
+        """
         total = np.zeros((len(u[0]), 6))
         _stress(u, np.asarray(strain, dtype=float), self.lame, self.shear, self.edges, total)
         return np.asarray(total.sum(axis=0) / self.lame.size)
 
     def precondition(self, force: np.ndarray) -> np.ndarray:
-        """Displacement, m, of the same box filled with the mean material under forces, N.
+        """Solve for the displacement of the same box filled with the mean material.
 
-        In the precision of the forces.
+        Parameters
+        ----------
+        force : ndarray, shape (3, nx, ny, nz)
+            Nodal forces, N.
+
+        Returns
+        -------
+        ndarray, shape (3, nx, ny, nz)
+            Displacement without mean, m, in the precision of the forces.
         """
         threads = numba.get_num_threads()
         values = fft.rfftn(force, axes=(1, 2, 3), workers=threads)
@@ -79,25 +113,28 @@ class VoxelOperator:
         )
 
 
-def inner(a: np.ndarray, b: np.ndarray) -> float:
-    """Sum of products of two fields of any precision."""
-    return float(_inner(a.ravel(), b.ravel()))
+def inner_product(a: np.ndarray, b: np.ndarray) -> float:
+    """Sum the products of two fields of one shape and any precision."""
+    return float(_inner_product(a.ravel(), b.ravel()))
 
 
-def step(
+def update_iterate(
     share: float, p: np.ndarray, q: np.ndarray, u: np.ndarray, r: np.ndarray, rough: np.ndarray
 ) -> None:
-    """Move u by share * p and r by -share * q in place; ``rough`` becomes r in its precision."""
-    _step(share, *(field.ravel() for field in (p, q, u, r, rough)))
+    """Add share * p to u and -share * q to r in place, and copy r into ``rough``.
+
+    All fields have one shape; ``rough`` has single precision.
+    """
+    _update_iterate(share, *(field.ravel() for field in (p, q, u, r, rough)))
 
 
-def turn(share: float, z: np.ndarray, p: np.ndarray) -> None:
-    """Make p the direction z + share * p, in place."""
-    _turn(share, z.ravel(), p.ravel())
+def turn_direction(share: float, z: np.ndarray, p: np.ndarray) -> None:
+    """Replace the search direction p by z + share * p, in place."""
+    _turn_direction(share, z.ravel(), p.ravel())
 
 
 @numba.njit(parallel=True, cache=True, error_model="numpy")
-def _inner(a, b):  # type: ignore[no-untyped-def]
+def _inner_product(a, b):  # type: ignore[no-untyped-def]
     total = 0.0
     for i in numba.prange(len(a)):
         total += a[i] * b[i]
@@ -105,7 +142,7 @@ def _inner(a, b):  # type: ignore[no-untyped-def]
 
 
 @numba.njit(parallel=True, cache=True, error_model="numpy")
-def _step(share, p, q, u, r, rough):  # type: ignore[no-untyped-def]
+def _update_iterate(share, p, q, u, r, rough):  # type: ignore[no-untyped-def]
     for i in numba.prange(len(p)):
         u[i] += share * p[i]
         r[i] -= share * q[i]
@@ -113,7 +150,7 @@ def _step(share, p, q, u, r, rough):  # type: ignore[no-untyped-def]
 
 
 @numba.njit(parallel=True, cache=True, error_model="numpy")
-def _turn(share, z, p):  # type: ignore[no-untyped-def]
+def _turn_direction(share, z, p):  # type: ignore[no-untyped-def]
     for i in numba.prange(len(p)):
         p[i] = z[i] + share * p[i]
 
@@ -136,7 +173,7 @@ def _rows(u, i, i1, j, j1, rows):  # type: ignore[no-untyped-def]
 
 @numba.njit(cache=True, fastmath=True, error_model="numpy")
 def _row_forces(rows, mean, lame, shear, scale, volume, near, far):  # type: ignore[no-untyped-def]
-    """Turn amplitudes of a row of bricks into forces on those of the planes below and above."""
+    """Compute the forces on the amplitudes of the node rows below and above a row of bricks."""
     x, y, z = scale
     third = 1.0 / 3.0
     for k in range(len(lame)):
@@ -193,7 +230,7 @@ def _row_forces(rows, mean, lame, shear, scale, volume, near, far):  # type: ign
         h101 += x * mu * x * w101
         h011 += y * mu * y * w011
 
-        # strains bilinear in two of them
+        # strains bilinear in two coordinates
         lam, mu = third * lam, third * mu
         stiff = lam + 2.0 * mu
         f111 = (stiff * x * x + mu * (y * y + z * z)) * u111

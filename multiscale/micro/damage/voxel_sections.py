@@ -2,12 +2,13 @@ r"""Exact sections of a voxel image with any plane.
 
 The area of the section of a box of volume V with the plane :math:`n \cdot x = d` is V times the
 density at d of the sum of three independent uniform variables whose ranges are the extents of the
-edges along n. With the extents :math:`a \ge b \ge c` and the distribution F of the two shorter,
+edges along n. With the extents :math:`a \ge b \ge c` and the distribution F of the sum of the two
+shorter ones,
 
 .. math:: A(t) = \frac{V}{a}\,\big(F(t) - F(t - a)\big),    \tag{1}
 
-t being measured from the corner that the plane meets first. F is a piecewise quadratic that turns
-smoothly into a ramp and a step as c and b vanish, so that no plane is special.
+t being measured from the corner that the plane meets first. F is a piecewise quadratic function
+that becomes a ramp and a step as c and b vanish, so that no plane needs a special formula.
 """
 
 import numba
@@ -30,7 +31,12 @@ def box_section(
     normal : ndarray, shape (3,)
         Unit normal.
     distance : ndarray, shape (k,)
-        Of the planes from the centre of the box along the normal, m.
+        Distances of the planes from the centre of the box along the normal, m.
+
+    Returns
+    -------
+    ndarray, shape (k,)
+        Areas, m².
     """
     a, b, c = np.sort(np.abs(normal) * size)[::-1]
     return np.array(
@@ -44,11 +50,16 @@ def void_section(image: VoxelImage, normal: np.ndarray, distance: np.ndarray) ->
     Parameters
     ----------
     image : VoxelImage
-        Its voids.
+        The volume.
     normal : ndarray, shape (3,)
         Unit normal.
     distance : ndarray, shape (k,)
-        Of the planes from the centre of the box along the normal, m.
+        Distances of the planes from the centre of the box along the normal, m.
+
+    Returns
+    -------
+    ndarray, shape (k,)
+        Areas, m².
     """
     order = np.argsort(distance)
     step = normal * image.spacing

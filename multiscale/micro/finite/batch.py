@@ -1,8 +1,9 @@
-r"""Deformation gradients of a batch of hexahedra, and what is gathered and scattered for it.
+r"""Deformation gradients of a batch of hexahedra, from corner values and back to corner forces.
 
-All numbers of a batch live in one array of rows of :data:`BATCH` lanes, one lane for each element,
-so that the compiler knows what overlaps and every loop over lanes is vectorised. The constants
-below are offsets in it. Lanes without an element repeat the first element and are not scattered.
+All numbers of a batch are in one array of rows of :data:`BATCH` lanes, one lane for each element,
+so that the compiler recognises overlaps and vectorises every loop over lanes. The constants below
+are offsets in this array. Lanes without an element repeat the first element and are not scattered.
+Lengths are in m, forces in N, stresses in Pa.
 
 With the parent coordinates :math:`a = (x, y, \zeta)` of the layered mesh the physical gradient is
 :math:`\partial_J = T_{aJ} \partial_a`,
@@ -58,11 +59,11 @@ __all__ = [
 
 kernel = numba.njit(
     cache=True, fastmath={"contract", "reassoc", "nsz", "arcp"}, error_model="numpy"
-)  # values may become NaN, and are looked for
+)  # without ninf and nnan, because callers check for NaN
 
 NODES = 0  # 24 rows: corner values, component by component
 EDGES = NODES + 24 * BATCH  # 36: edge derivatives
-FLUX = EDGES + 36 * BATCH  # 36: what is conjugate to them
+FLUX = EDGES + 36 * BATCH  # 36: fluxes conjugate to them
 GEOMETRY = FLUX + 36 * BATCH  # 12
 LATERAL = GEOMETRY + 12 * BATCH  # 8
 GRADIENT = LATERAL + 8 * BATCH  # 72: F at the eight Gauss points
@@ -214,7 +215,7 @@ def transform(s, q, x, step, out, stride):  # type: ignore[no-untyped-def]
 
 @kernel
 def logarithm(x, out):  # type: ignore[no-untyped-def]
-    """Natural logarithm of a row, by the series of atanh that all lanes share if near enough."""
+    """Natural logarithm of a row, by the series of atanh if all lanes are near one."""
     far = 0.0
     for v in range(BATCH):
         root = math.sqrt(math.sqrt(x[v]))

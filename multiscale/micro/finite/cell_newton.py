@@ -9,10 +9,10 @@ from multiscale.numerics.newton import Limits, NewtonRun
 
 __all__ = ["solve_increment"]
 
-LEAST_DILATATION = 0.05
-HALVINGS = 7
-FORCING = (1e-3, 0.1)
-DIVERGED = 30.0
+LEAST_DILATATION = 0.05  # smallest det F of an accepted iterate
+HALVINGS = 7  # of a Newton step
+FORCING = (1e-3, 0.1)  # bounds on the relative tolerance of the linear problem
+DIVERGED = 30.0  # ratio of the residual to the smallest one at which the iteration stops
 PATIENCE = 12  # iterations in which the error has to halve
 
 
@@ -26,27 +26,31 @@ def solve_increment(
     max_iterations: int = 40,
     tolerance: float = 1e-8,
 ) -> CellState:
-    """Take a cell from one state of equilibrium to the next.
+    """Solve one load increment from a state of equilibrium.
 
     Parameters
     ----------
-    scene : Scene
+    scene : CellScene
+        The cell and its obstacle.
     start : CellState
+        State at the start.
     target : Target
+        Load or approach, slide and duration of the increment.
     guess : tuple, optional
-        Contact nodes and approach to start from, for a cell not in contact yet.
+        Contact nodes, shape (nx, ny), and approach, m, of the first iterate of an open cell.
     predicted : tuple, optional
-        Displacement and approach to start from, taken if they are nearer to equilibrium.
+        Displacement, m, and approach, m, of the first iterate, used if nearer to equilibrium than
+        the start.
     max_iterations : int
-        Newton iterations.
+        Limit of the Newton iterations.
     tolerance : float
         Bound on forces out of balance and on violations of the contact equations, relative to the
-        norm of the contact forces.
+        norm of the contact forces; dimensionless.
 
     Returns
     -------
     CellState
-        Its status says whether it is in equilibrium.
+        The last iterate; its status says whether it is in equilibrium.
     """
     step = scene.body.begin(start.material, target.time_step)
     equations = CellEquations(scene, step, start, target)
@@ -57,7 +61,7 @@ def solve_increment(
     if predicted is not None:
         ahead = equations.at(predicted[0], predicted[1] if target.approach is None else delta)
         nearer = ahead.response.least_dilatation > LEAST_DILATATION and ahead.error < now.error
-        # the tangent is that of the last place looked at
+        # the tangent belongs to the last evaluated displacement
         now = ahead if nearer else equations.at(start.displacement, delta, active)
     run, linear = NewtonRun(Limits(max_iterations, tolerance)), 0
     while run.goes_on(now.error):
@@ -101,7 +105,7 @@ def _is_hopeless(residuals: list[float]) -> bool:
 def _search(
     equations: CellEquations, now: Iterate, move: np.ndarray, shift: float
 ) -> Iterate | None:
-    """Shorten a Newton step until no element folds and, with nothing to close, the error falls."""
+    """Shorten a Newton step until no element folds and, if contact is met, the error falls."""
     share, least, best = 1.0, np.inf, 0.0
     for _ in range(HALVINGS):
         found = equations.at(now.u + share * move, now.delta + share * shift)
@@ -113,5 +117,5 @@ def _search(
         share *= 0.5
     if best == 0.0:
         return None
-    # once more, because the tangent is that of the last place looked at
+    # evaluate again, because the tangent belongs to the last evaluated displacement
     return equations.at(now.u + best * move, now.delta + best * shift)

@@ -1,14 +1,14 @@
 r"""The flat elastic cell as a preconditioner under constraints on the surface.
 
-On the surface, some motions are prescribed and some are held by springs. With rows :math:`E` of
-unit directions, compliances :math:`\epsilon` of the springs and the flat cell :math:`K_0`,
+On the surface, some motions are prescribed and others are supported by springs. With rows :math:`E`
+of unit directions, compliances :math:`\epsilon` of the springs and the flat cell :math:`K_0`,
 
 .. math::
     K_0 z + E^t l = r, \qquad E z + e_z \zeta - \epsilon\, l = d, \qquad
     -e_z^t l = \rho, \tag{1}
 
 where :math:`\zeta` is a change of the approach, unknown if the load is prescribed (last equation)
-and 0 otherwise. What remains is solved on the surface alone, by conjugate gradients.
+and 0 otherwise. Conjugate gradients solve the remaining problem on the surface alone.
 """
 
 from collections.abc import Callable
@@ -23,12 +23,12 @@ from multiscale.micro.lateral_fft import filter_surface
 
 __all__ = ["Constraint", "Support"]
 
-_INNER = 1e-4  # the Krylov method allows for it
-_LIMIT = 200
+_INNER = 1e-4  # relative tolerance on the surface; the flexible Krylov method allows for it
+_LIMIT = 200  # iterations on the surface
 
 
 class Support(Protocol):
-    """What :class:`Constraint` needs of one flat cell, or of two that are joined."""
+    """Interface of one flat cell, or of two joined flat cells, for :class:`Constraint`."""
 
     @property
     def convolves(self) -> bool:
@@ -36,37 +36,41 @@ class Support(Protocol):
 
     @property
     def vertical(self) -> tuple[Field, Field]:
-        """Symbols of the vertical compliance and of an approximate inverse."""
+        """Symbols of the vertical compliance, m/N, and of an approximate inverse, N/m."""
 
     def surface(self, vector: Field) -> Field:
-        """Part of a field at the surface of the first body, as a view."""
+        """Part of a field at the surface of the first body, a view of shape (nx, 3, ny)."""
 
     def relative(self, vector: Field) -> Field:
-        """Motion of the surface against what is opposite."""
+        """Motion of the surface relative to the opposite side, shape (nx, 3, ny), m."""
 
     def solve(self, force: Field, correct: Callable[[Field], Field]) -> Field:
-        """Solve for nodal forces; ``correct`` adds surface forces for the surface's motion."""
+        """Solve for the displacement, m, under nodal forces, N.
+
+        ``correct`` returns the surface forces, N, that a motion of the surface, m, causes.
+        """
 
     def compliance(self, force: Field) -> Field:
-        """Motion of the surface under forces on it, shapes (nx, 3, ny)."""
+        """Motion of the surface, m, under forces on it, N; both of shape (nx, 3, ny)."""
 
     def stiffness(self, moved: Field) -> Field:
-        """Find the forces on the surface that move it so, at least nearly."""
+        """Compute the forces on the surface, N, of a motion, m, at least approximately."""
 
 
 @dataclass(frozen=True, eq=False)
 class Constraint:
-    """Rows of (1), as many for each surface node as there are directions.
+    """Rows of (1), one for each direction of each surface node.
 
-    Parameters
+    Attributes
     ----------
     reference : Support
+        The flat cell, or two joined flat cells.
     direction : ndarray, shape (rows, nx, 3, ny)
         Unit directions.
     held : ndarray of bool, shape (rows, nx, ny)
-        Which motions are prescribed.
+        Whether a motion is prescribed.
     spring : ndarray, shape (rows, nx, ny)
-        Stiffness, N/m, where a motion is held by a spring; 0 elsewhere.
+        Stiffness of the spring that supports a motion, N/m; 0 without a spring.
     carries_load : bool
         Whether the approach is unknown.
     """
@@ -97,11 +101,11 @@ class Constraint:
         return one and bool(np.all(self.direction[0, :, 2] == 1.0))
 
     def along(self, moved: Field) -> Field:
-        """Motion along the rows, shape (rows, nx, ny)."""
+        """Project a motion, m, on the rows, shape (rows, nx, ny)."""
         return np.asarray(np.sum(self.direction * moved, axis=2) * self.touched)
 
     def push(self, force: Field) -> Field:
-        """Add up forces along the rows as vectors, shape (nx, 3, ny)."""
+        """Sum the forces along the rows, N, to vectors, shape (nx, 3, ny)."""
         return np.asarray(np.sum(self.direction * (force * self.touched)[:, :, None], axis=0))
 
     def _respond(self, force: Field) -> Field:
@@ -118,7 +122,10 @@ class Constraint:
         return self.along(self.reference.stiffness(self.push(moved)))
 
     def surface_solve(self, right_hand_side: Field) -> Field:
-        """Find the forces along the rows that move them as given, by conjugate gradients."""
+        """Find the forces along the rows, N, for given motions, m, by conjugate gradients.
+
+        Both have the shape (rows, nx, ny).
+        """
         force, r = np.zeros_like(right_hand_side), right_hand_side * self.touched
         goal = _INNER * float(np.linalg.norm(r))
         p, rz_old = np.zeros_like(r), 1.0
@@ -143,7 +150,24 @@ class Constraint:
     def solve(
         self, residual: Field, missing: float, distance: np.ndarray | None = None
     ) -> tuple[Field, float]:
-        """Solve (1) for r, rho and d; return z and zeta."""
+        r"""Solve (1).
+
+        Parameters
+        ----------
+        residual : ndarray, shape of a displacement
+            Forces :math:`r`, N.
+        missing : float
+            Change :math:`\rho` of the vertical contact force, N.
+        distance : ndarray, shape (rows, nx, ny), optional
+            Prescribed motions :math:`d`, m; zero if not given.
+
+        Returns
+        -------
+        displacement : ndarray, shape of the residual
+            Displacement :math:`z`, m.
+        shift : float
+            Change :math:`\zeta` of the approach, m.
+        """
         shift = 0.0
 
         def correct(moved: Field) -> Field:
@@ -162,7 +186,6 @@ class Constraint:
         target = -self.closing * shift if distance is None else distance - self.closing * shift
         moved = self.reference.relative(z)
         off = np.where(self.held, target - np.sum(self.direction * moved, axis=2), 0.0)
-        self.reference.surface(z)[:] += self.push(
-            off
-        )  # neither rounding nor the inner tolerance moves what is held
+        # prescribed motions are exact despite rounding and the inner tolerance
+        self.reference.surface(z)[:] += self.push(off)
         return z, shift

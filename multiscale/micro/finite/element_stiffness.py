@@ -1,6 +1,6 @@
 r"""Tangent stiffness of the hexahedra of a batch, in single precision.
 
-A translation makes no force. So the stiffness is kept between the motions of the corners 1 to 7
+A translation causes no force. So the stiffness is stored for the motions of the corners 1 to 7
 relative to corner 0: per pair of components :math:`k \le l` the 7 x 7 block
 
 .. math::
@@ -8,8 +8,8 @@ relative to corner 0: per pair of components :math:`k \le l` the 7 x 7 block
 
 with the tangents :math:`A^q` between the parent derivatives at the Gauss points, the derivatives
 :math:`B_q` of the shape functions, and the vector :math:`c` that couples the points through the
-mean dilatation. Of a block with :math:`k = l` the upper triangle is kept: 231 numbers in all.
-Relative motions also keep the rounding of single precision away from rigid translations.
+mean dilatation. Only the upper triangle of a block with :math:`k = l` is stored: 231 numbers in
+all. With relative motions, the rounding of single precision does not affect rigid translations.
 """
 
 import numpy as np
@@ -46,7 +46,7 @@ def corner_gradients(dx: float, dy: float) -> np.ndarray:
     Returns
     -------
     ndarray, shape (8, 3, 7)
-        By Gauss point, direction and corner; 1/m, by zeta 1.
+        Derivatives by Gauss point, direction and corner: by x and y in 1/m, by zeta dimensionless.
     """
     value = np.array([[NEAR, FAR], [FAR, NEAR]])  # corner, point
     slope = np.array([[-1.0, -1.0], [1.0, 1.0]])
@@ -61,8 +61,8 @@ def corner_gradients(dx: float, dy: float) -> np.ndarray:
 def add_points(points, gradients, half, matrix):  # type: ignore[no-untyped-def]
     """Add four Gauss points to (1).
 
-    ``points`` has their tangents, 9 rows for each of the six blocks, ``gradients`` the derivatives
-    (4, 3, 7), and ``half`` room for 84 rows.
+    ``points`` contains their tangents, 9 rows for each of the six blocks, ``gradients`` the
+    derivatives, shape (4, 3, 7), and ``half`` is scratch of 84 rows.
     """
     start = 0
     for block in range(6):
@@ -125,7 +125,7 @@ def add_coupling(c, matrix):  # type: ignore[no-untyped-def]
 
 @kernel
 def multiply(t, x, y):  # type: ignore[no-untyped-def]
-    """Write the forces ``y`` of relative motions ``x``, both 21 rows."""
+    """Multiply motions ``x``, 21 rows, by the stiffness ``t`` and write the forces ``y``."""
     for k in range(3):
         _multiply_triangle(t[28 * k * BATCH :], x[7 * k * BATCH :], y[7 * k * BATCH :])
     for block in range(3, 6):
@@ -156,7 +156,7 @@ def _multiply_block(t, x, y):  # type: ignore[no-untyped-def]
 def _multiply_transposed(t, x, y):  # type: ignore[no-untyped-def]
     """Add the transpose of a 7 x 7 block times seven rows.
 
-    Written out so that the distances of what is read are known to the compiler.
+    The sum is written out so that the strides of all reads are constants for the compiler.
     """
     for r in range(7):
         a, out = r * BATCH, r * BATCH

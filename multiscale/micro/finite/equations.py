@@ -10,7 +10,7 @@ to the obstacle and :math:`f_t` the tangential part of the force,
     f_t = \Pi_{\mu p}(f_t - \rho_t w),    \tag{1}
 
 with the projection :math:`\Pi` onto the disc of radius :math:`\mu p`: eqs (4)-(5) of the source
-with Coulomb friction. Normals and slips are those of the current configuration.
+with Coulomb friction. Normals and slips refer to the current configuration.
 
 References
 ----------
@@ -32,23 +32,26 @@ from multiscale.numerics.krylov import minimal_residual
 
 __all__ = ["CellEquations", "Iterate"]
 
-LEAST_SPRING = 0.3 / 1.3  # share of the bound above which a spring helps the preconditioner
-KRYLOV_MEMORY = 1e9  # bytes, for the directions of one linear problem
-KRYLOV_ITERATIONS = (60, 400)  # fewest and most that may be stored
-UNLOADED = 1e-3  # of the largest contact forces so far, below which forces are measured by them
+LEAST_SPRING = 0.3 / 1.3  # share of the bound above which the preconditioner has a spring
+KRYLOV_MEMORY = 1e9  # bytes of the directions of one linear problem
+KRYLOV_ITERATIONS = (60, 400)  # bounds on the number of stored directions
+UNLOADED = 1e-3  # least scale of residuals over the largest contact forces so far
 
 
 @dataclass(frozen=True, eq=False)
 class CellEquations:
     """The equations (1) of one increment.
 
-    Parameters
+    Attributes
     ----------
-    scene : Scene
+    scene : CellScene
+        The cell and its obstacle.
     increment : Increment
-        The body's step in time from the state at the start.
+        Time step of the body from the state at the start.
     start : CellState
+        State at the start.
     target : Target
+        End of the increment.
     """
 
     scene: CellScene
@@ -57,7 +60,17 @@ class CellEquations:
     target: Target
 
     def at(self, u: np.ndarray, delta: float, active: np.ndarray | None = None) -> "Iterate":
-        """Evaluate (1) and choose the contact nodes if not given, and those that slip."""
+        """Evaluate (1) and choose the slipping nodes and, if not given, the contact nodes.
+
+        Parameters
+        ----------
+        u : ndarray, shape (nx, layers, 3, ny)
+            Displacement, m.
+        delta : float
+            Approach, m.
+        active : ndarray of bool, shape (nx, ny), optional
+            Contact nodes.
+        """
         scene, target = self.scene, self.target
         response = self.increment.respond(u)
         force = scene.surface(response.force)
@@ -66,7 +79,7 @@ class CellEquations:
         trial = pressure - scene.weights[0] * meeting.gap
         if active is None:
             active = trial > 0.0
-            if target.load and not active.any():  # something has to carry it
+            if target.load and not active.any():  # at least one node carries the load
                 active = trial == trial.max()
         friction = None
         if scene.friction > 0.0:
@@ -99,20 +112,26 @@ class Iterate:
 
     Attributes
     ----------
-    scene : Scene
+    scene : CellScene
+        The cell and its obstacle.
     target : Target
-    response : Response
+        End of the increment.
+    response : BodyResponse
+        Internal forces and tangent of the body.
     u : ndarray, shape (nx, layers, 3, ny)
-        m.
+        Displacement, m.
     delta : float
-        m.
+        Approach, m.
     meeting : Meeting
+        Contact points.
     active : ndarray of bool, shape (nx, ny)
+        Contact nodes.
     pressure : ndarray, shape (nx, ny)
         Pressure force p, N.
     friction : Tangential or None
+        Tangential part of the equations; None without friction.
     floor : float
-        Smallest force that others are measured by, N.
+        Smallest scale of the residual, N.
     """
 
     scene: CellScene
@@ -153,7 +172,7 @@ class Iterate:
 
     @cached_property
     def scale(self) -> float:
-        """Norm of the contact forces, N; what the load alone would make if they vanish."""
+        """Scale of the residual, N: norm of the contact forces, at least of an even load."""
         norm = max(float(np.linalg.norm(self.contact_force)), self.floor)
         if self.target.load is not None:
             return max(norm, self.target.load / float(np.sqrt(self.active.size)))
@@ -161,14 +180,14 @@ class Iterate:
 
     @cached_property
     def missing(self) -> float:
-        """What the vertical contact force still has to change by, N; 0 at a given approach."""
+        """Change of the vertical contact force that balance needs, N; 0 at a given approach."""
         if self.target.load is None:
             return 0.0
         return -self.target.load - float(self.contact_force[:, 2].sum())
 
     @cached_property
     def constraint(self) -> Constraint:
-        """Held motions and springs, for the preconditioner."""
+        """Prescribed motions and springs of the preconditioner."""
         rows, held = self.meeting.normal[None], self.active[None]
         if self.friction is not None:
             rows = np.concatenate([rows, self.friction.direction])
@@ -182,7 +201,7 @@ class Iterate:
 
     @cached_property
     def distance(self) -> np.ndarray:
-        """What the held motions still have to do, m."""
+        """Steps of the prescribed motions, shape (rows, nx, ny), m."""
         rows = [np.where(self.active, self.meeting.gap, 0.0)]
         if self.friction is not None:
             rows += list(np.where(self.sticking, -self.friction.along(self.friction.slip), 0.0))
@@ -190,7 +209,7 @@ class Iterate:
 
     @cached_property
     def opens(self) -> bool:
-        """Whether a held motion is out of place by more than rounding."""
+        """Whether a prescribed motion is not met up to rounding."""
         lag = np.abs(self.distance).max()
         return bool(
             lag > 1e-10 * max(abs(self.delta), float(np.abs(self.scene.surface(self.u)).max()), lag)
@@ -234,10 +253,11 @@ class Iterate:
     def _exchange(
         self, vector: np.ndarray, turned: np.ndarray | None, more: np.ndarray | float
     ) -> None:
-        """Take the contact forces out of surface forces and leave them on the other side.
+        """Remove the contact forces from the surface forces and add their reactions, in place.
 
-        They are all of the force where a node sticks. Else its normal part, with what the bound
-        makes of it, what resists motion across the slip, and what turns with the normal.
+        At a sticking node the contact force is the whole force; at a slipping node its normal
+        part, the friction at the bound, the resistance across the slip and the turning of the
+        normal.
         """
         top, normal = self.scene.surface(vector), self.meeting.normal
         pushed = np.sum(normal * top, axis=1)
@@ -252,7 +272,7 @@ class Iterate:
         self.meeting.react(vector, force)
 
     def _apply(self, x: np.ndarray, shift: float) -> tuple[np.ndarray, float]:
-        """Newton's matrix times a step, and the change of the vertical contact force."""
+        """Newton's matrix times a step, N, and the change of the vertical contact force, N."""
         change = self.response.tangent(x)
         top = self.scene.surface(change)
         vertical = float(np.where(self.active, top[:, 2], 0.0).sum())
@@ -267,7 +287,24 @@ class Iterate:
         return change, vertical
 
     def newton_step(self, forcing: float, floor: float) -> tuple[np.ndarray, float, int]:
-        """Solve the linear problem; return the step, that of the approach and the iterations."""
+        """Solve the linear problem of a Newton step.
+
+        Parameters
+        ----------
+        forcing : float
+            Tolerance relative to the residual, dimensionless.
+        floor : float
+            Smallest tolerance relative to the contact forces, dimensionless.
+
+        Returns
+        -------
+        step : ndarray, shape of the displacement
+            Step of the displacement, m.
+        shift : float
+            Step of the approach, m.
+        iterations : int
+            Number of linear iterations.
+        """
         shape, size = self.u.shape, self.u.size
         constraint = self.constraint
         weight = 1.0 / np.sqrt(max(int(self.active.sum()), 1))

@@ -1,4 +1,4 @@
-"""Bodies as the Newton loop sees them: forces, tangent and state of one time step."""
+"""Bodies for the Newton iteration: forces, tangent and state of one time step."""
 
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -11,18 +11,20 @@ __all__ = ["BodyResponse", "FiniteBody", "Increment", "linear_body"]
 
 @dataclass(frozen=True, eq=False)
 class BodyResponse:
-    """What a body answers to a displacement.
+    """Response of a body to a displacement.
 
     Attributes
     ----------
     force : ndarray, shape (nx, layers, 3, ny)
         Internal forces, N.
     tangent : callable
-        Their derivative times a displacement; good until the body is asked for the next one.
+        ``tangent(v)``, their derivative times a displacement v, N; valid until the next response of
+        the body is computed.
     least_dilatation : float
-        Smallest det F of all Gauss points. Where it is not positive there are no forces.
+        Smallest det F of all Gauss points, dimensionless. The forces are undefined unless it is
+        positive.
     flowing : float
-        Share of the Gauss points that flow.
+        Share of the Gauss points that flow, 0 to 1.
     """
 
     force: np.ndarray
@@ -38,9 +40,9 @@ class Increment:
     Attributes
     ----------
     respond : callable
-        ``respond(displacement)`` gives a :class:`BodyResponse`.
+        ``respond(displacement)``, displacement in m, returns a :class:`BodyResponse`.
     finish : callable
-        ``finish(displacement)`` gives the state at the end.
+        ``finish(displacement)`` returns the internal variables at the end of the step.
     """
 
     respond: Callable[[np.ndarray], BodyResponse]
@@ -56,9 +58,9 @@ class FiniteBody:
     shape : tuple of int
         Shape of a displacement.
     begin : callable
-        ``begin(state, time_step)`` gives an :class:`Increment`.
+        ``begin(state, time_step)``, time step in s, returns an :class:`Increment`.
     rest : callable
-        Gives the state before any load; None for a body without memory.
+        ``rest()`` returns the internal variables before any load; None for a body without any.
     """
 
     shape: tuple[int, ...]
@@ -67,7 +69,15 @@ class FiniteBody:
 
 
 def linear_body(apply: Callable[[np.ndarray], np.ndarray], shape: tuple[int, ...]) -> FiniteBody:
-    """Return a linear elastic body from its stiffness; it carries no state."""
+    """Return a linear elastic body from its stiffness; it has no internal variables.
+
+    Parameters
+    ----------
+    apply : callable
+        ``apply(u)`` multiplies a displacement, m, by the stiffness; N.
+    shape : tuple of int
+        Shape of a displacement.
+    """
     increment = Increment(
         respond=lambda u: BodyResponse(apply(u), apply, 1.0, 0.0), finish=lambda u: None
     )

@@ -20,11 +20,11 @@ from multiscale.surfaces.surface import Surface
 
 __all__ = ["make_scene"]
 
-TANGENTIAL_WEIGHT = 0.3  # of the stiffness of a node against a force in the plane
+TANGENTIAL_WEIGHT = 0.3  # relative to the tangential stiffness of a single node
 
 
 def make_scene(cell: FiniteCell) -> CellScene:
-    """Set up what solving a cell with friction, at large strain or with two bodies takes."""
+    """Set up the scene of a cell with friction, at large strain or with two bodies."""
     mesh = _mesh(cell)
     body, reference = _body(cell, mesh), flat_reference(cell, mesh)
     mu = cell.friction_coefficient

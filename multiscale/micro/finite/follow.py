@@ -23,8 +23,8 @@ __all__ = ["current_weight", "follow_path", "largest_approach"]
 
 logger = logging.getLogger(__name__)
 
-PLASTIC_APPROACH = 0.05  # of the amplitude of the gap, in one increment of a plastic body
-LONGEST_SLIDE = 1000  # increments in one step of the path
+PLASTIC_APPROACH = 0.05  # largest approach of an increment over the gap amplitude, plastic body
+LONGEST_SLIDE = 1000  # largest number of increments of a slide in one step of the path
 
 
 def follow_path(
@@ -35,24 +35,25 @@ def follow_path(
     tolerance: float,
     checkpoint: Checkpoint | None = None,
 ) -> list[dict[str, Any]]:
-    """Follow a path until it ends or cannot go on.
+    """Follow a path to its end, or to the first step without an answer.
 
     Parameters
     ----------
     cell : FiniteCell
     path : Path
+        Loads of the cell.
     fields : bool
-        Whether local pressures and gaps are kept.
+        Whether the result has local pressures and gaps.
     tolerance : float
-        Of each increment, relative to the norm of the contact forces.
+        Tolerance of each increment, relative to the norm of the contact forces; dimensionless.
     checkpoint : Checkpoint, optional
-        As of :func:`multiscale.micro.solve_cell`.
+        File of finished steps, see :func:`multiscale.micro.solve_cell`.
 
     Returns
     -------
     list of dict
-        Averages of each step; of a step that was not reached, that it was not. The one at which
-        the path ended early says why, as ``ended``.
+        Averages of each step, with ``converged`` 0 for steps without an answer. The step at which
+        the path ended early gives the reason as ``ended``.
 
     Raises
     ------
@@ -124,7 +125,7 @@ def _check(cell: FiniteCell, path: Path) -> None:
 
 
 def _target(path: Path, k: int, area: float) -> Target:
-    """Give what a step of the path asks for."""
+    """Return the loads, N, approach, m, slide, m, and duration, s, of a step of the path."""
     before = path.time[k - 1] if path.time is not None and k > 0 else 0.0
     return Target(
         None if path.pressure is None else path.pressure[k] * area,
@@ -146,9 +147,9 @@ def _fewest_increments(cell: FiniteCell, path: Path, state: CellState, target: T
 
 
 def _slid_increments(cell: FiniteCell, length: float, largest: float) -> int:
-    """Increments of a slide: in each a node passes at most one point of what is opposite.
+    """Count the increments of a slide: a node passes at most one point of the other side in each.
 
-    Where a body flows, sliding up the slopes closes no more than a largest approach either.
+    In a body that flows, sliding up the slopes closes at most one largest approach in each.
     """
     closed = length * _rms_slope(cell)
     passed = max(length / _spacing(cell), closed / largest)
@@ -156,7 +157,7 @@ def _slid_increments(cell: FiniteCell, length: float, largest: float) -> int:
 
 
 def largest_approach(cell: FiniteCell, refinement: int = 1) -> float:
-    """Give what the approach may change by in one increment, m."""
+    """Return the largest change of the approach in one increment, m; infinite if no body flows."""
     if not cell.flows:
         return np.inf
     heights, obstacle = cell.surface.heights, cell.obstacle
@@ -173,7 +174,7 @@ def _passes(cell: FiniteCell) -> bool:
 
 
 def _rms_slope(cell: FiniteCell) -> float:
-    """Slope of both surfaces against each other."""
+    """Root mean square slope of both surfaces relative to each other, dimensionless."""
     surfaces = [cell.surface] + ([] if cell.obstacle is None else [cell.obstacle])
     slopes = [surface_slopes(surface.heights, surface.spacing) for surface in surfaces]
     return float(np.sqrt(sum(np.mean(x**2 + y**2) for x, y in slopes)))
@@ -246,7 +247,7 @@ def _average(
 
 
 def _weight(cell: PeriodicLayer, moved: np.ndarray) -> np.ndarray:
-    """Area of each node on the mean plane, m2; at large strain that of the deformed surface."""
+    """Area of each node on the mean plane, m²; at large strain of the deformed surface."""
     if cell.law.finite_strain:
         return current_weight(cell, moved)
     heights = cell.surface.heights
@@ -261,7 +262,7 @@ def _means(cell: PeriodicLayer, moved: np.ndarray) -> tuple[np.ndarray, float]:
 
 
 def current_weight(cell: PeriodicLayer, moved: np.ndarray) -> np.ndarray:
-    """Area of each node of the deformed surface, projected on the mean plane, m2.
+    """Area of each node of the deformed surface, projected on the mean plane, m².
 
     Parameters
     ----------
@@ -270,7 +271,7 @@ def current_weight(cell: PeriodicLayer, moved: np.ndarray) -> np.ndarray:
         Displacement of the surface, m.
     """
     dx, dy = cell.surface.spacing
-    # diagonals of each facet: to the next node in x and y, and from there in x to there in y
+    # diagonals of each facet: to the next node in x and y, and from the next in x to the next in y
     change = [np.roll(moved[:, k], (-1, -1), axis=(0, 1)) - moved[:, k] for k in range(2)]
     other = [np.roll(moved[:, k], -1, axis=1) - np.roll(moved[:, k], -1, axis=0) for k in range(2)]
     facet = 0.5 * ((dx + change[0]) * (dy + other[1]) - (dy + change[1]) * (other[0] - dx))

@@ -1,4 +1,4 @@
-"""The rigid obstacle in the current configuration: gap, normal and curvature where a node is."""
+"""The rigid obstacle in the current configuration: gap, normal and curvature at the nodes."""
 
 from dataclasses import dataclass
 
@@ -12,7 +12,7 @@ __all__ = ["HeightObstacle", "RigidMeeting"]
 
 @dataclass(frozen=True)
 class RigidMeeting:
-    r"""Where the nodes of the body meet the obstacle.
+    r"""Contact points of the nodes of the body on the obstacle.
 
     Attributes
     ----------
@@ -21,7 +21,7 @@ class RigidMeeting:
     normal : ndarray, shape (nx, 3, ny)
         Unit normals into the obstacle.
     curvature : ndarray, shape (3, nx, ny), optional
-        Second derivatives xx, xy, yy of the obstacle's height, 1/m; None for a flat.
+        Second derivatives xx, xy, yy of the obstacle's height, 1/m; None for a flat obstacle.
     """
 
     gap: np.ndarray
@@ -29,16 +29,16 @@ class RigidMeeting:
     curvature: np.ndarray | None
 
     def relative(self, vector: np.ndarray) -> np.ndarray:
-        """Motion of the nodes against the obstacle, but for that of the obstacle itself."""
+        """Motion of the nodes relative to the fixed obstacle, shape (nx, 3, ny), m."""
         return np.asarray(vector[:, -1])
 
     def react(self, vector: np.ndarray, force: np.ndarray) -> None:
-        """Add to internal forces what contact forces do elsewhere: nothing to a rigid obstacle."""
+        """Leave the internal forces unchanged: a rigid obstacle has none."""
 
     def turn(
         self, x: np.ndarray, shift: float, pressure: np.ndarray, force: np.ndarray, out: np.ndarray
     ) -> np.ndarray | float:
-        """Change of the pressure forces as a step turns the normals on a curved obstacle."""
+        """Compute the change of pressure forces, N, as a step turns the normals."""
         if self.curvature is None:
             return 0.0
         xx, xy, yy = self.curvature
@@ -51,22 +51,22 @@ class RigidMeeting:
 
 @dataclass(frozen=True, eq=False)
 class HeightObstacle:
-    r"""Underside of a rigid body, periodic, which approaches and slides.
+    r"""Periodic underside of a rigid body, which approaches and slides.
 
-    Parameters
+    Attributes
     ----------
     body : Surface
-        The deformable body before deformation; gives the grid.
-    shape : Surface, optional
-        Heights of the obstacle on the same grid; a flat if not given.
+        Surface of the deformable body before deformation, with the grid of the nodes.
+    shape : Surface or None
+        Heights of the obstacle on the same grid, m; flat if None.
     follows : bool
-        Whether nodes meet the obstacle where they have moved to (large strain), or at the place
-        they started from.
+        Whether nodes meet the obstacle at their current places (large strain) or at their
+        undeformed places.
 
     Notes
     -----
     Between its points the obstacle is a product of Catmull-Rom splines: its normal is continuous,
-    so that sliding nodes do not chatter on kinks. The approach counts from the first touch of the
+    so that sliding nodes meet no kinks. The approach counts from the first touch of the
     points of both grids before any sliding.
     """
 
@@ -93,7 +93,7 @@ class HeightObstacle:
         moved : ndarray, shape (nx, 3, ny)
             Displacement of the surface, m.
         approach : float
-            m.
+            Approach of the obstacle since the first touch, m.
         slide : ndarray, shape (2,)
             Displacement of the obstacle in its plane, m.
         """

@@ -1,4 +1,4 @@
-"""A path in increments that shrink where Newton's iteration fails and grow where it is easy."""
+"""A step of a path in increments that adapt to the convergence of Newton's iteration."""
 
 import logging
 from dataclasses import dataclass, replace
@@ -15,27 +15,31 @@ __all__ = ["Walk", "rest_state", "walk_step"]
 
 logger = logging.getLogger(__name__)
 
-SHRINK, GROW = 0.4, 1.7
-EASY = 7  # Newton iterations
-FIRST = 0.2  # of the largest change of the approach, where a load has found no equilibrium
-TOO_FAR = 1.2  # times the largest change of the approach: done again in shorter increments
-SMALLEST = 1e-4  # of a step of the path
-MOST = 400  # increments of a step beyond the fewest: what creeps on in short ones is given up
-LINEAR = (1_000, 20_000)  # linear iterations of a step: for each increment, and more
+SHRINK, GROW = 0.4, 1.7  # factors of the length after a failed and after an easy increment
+EASY = 7  # Newton iterations up to which an increment counts as easy
+FIRST = 0.2  # first increment of :func:`_press`, relative to the largest change of the approach
+TOO_FAR = 1.2  # ratio to the largest change of the approach above which an increment is repeated
+SMALLEST = 1e-4  # shortest increment, relative to the step of the path
+MOST = 400  # largest number of increments of a step beyond the fewest
+LINEAR = (1_000, 20_000)  # linear iterations allowed in a step: per increment, and in addition
 
 
 @dataclass(frozen=True, eq=False)
 class Walk:
-    """A step of the path, and what it took.
+    """Result and cost of a step of the path.
 
     Attributes
     ----------
     state : CellState
-        At the end, or where it stopped.
-    increments, newton_iterations, linear_iterations : int
-        Of increments that were accepted or cut.
+        State at the end, or last equilibrium before a failure.
+    increments : int
+        Number of increments, accepted or cut.
+    newton_iterations : int
+        Newton iterations of all increments.
+    linear_iterations : int
+        Linear iterations of all increments.
     reached : float
-        Share of the step that was done.
+        Share of the step that was completed, 0 to 1.
     """
 
     state: CellState
@@ -71,20 +75,22 @@ def walk_step(
     tolerance: float,
     largest_approach: float = np.inf,
 ) -> Walk:
-    """Go from one step of a path to the next.
+    """Compute a step of a path in increments.
 
     Parameters
     ----------
-    scene : Scene
+    scene : CellScene
+        The cell and its obstacle.
     start : CellState
+        State at the start of the step.
     target : Target
-        Its load is the total one, also if the step before prescribed the approach.
+        End of the step, with the total load, also if the step before prescribed the approach.
     increments : int
-        Fewest increments.
+        Smallest number of increments.
     tolerance : float
-        Of each increment.
+        Tolerance of each increment, relative to the norm of the contact forces; dimensionless.
     largest_approach : float
-        What the approach may change by in one increment, m: for bodies whose answer depends on it.
+        Largest change of the approach in one increment, m, for path-dependent bodies.
     """
     state, before, work = start, start, np.zeros(3, dtype=int)
     reached, done, length = 0.0, 0.0, 1.0 / increments
@@ -123,7 +129,7 @@ def walk_step(
 
 
 def _spent(work: np.ndarray, increments: int) -> Status | None:
-    """Say which limit of a step was reached: of increments, or of linear iterations."""
+    """Return the limit of a step that was reached, on increments or linear iterations, or None."""
     if work[0] >= increments + MOST:
         return Status.MAX_ITERATIONS
     most = LINEAR[0] * max(increments, work[0]) + LINEAR[1]
@@ -131,7 +137,7 @@ def _spent(work: np.ndarray, increments: int) -> Status | None:
 
 
 def _between(start: CellState, target: Target, share: float, part: float) -> Target:
-    """Give the target of an increment of length ``part`` that ends at a share of the step."""
+    """Return the target of an increment of length ``part`` that ends at a share of the step."""
 
     def at(begin: float, end: float | None) -> float | None:
         return None if end is None else begin + share * (end - begin)
@@ -159,10 +165,10 @@ def _press(
     work: np.ndarray,
     increments: int,
 ) -> CellState:
-    """Move a body that flows until it carries the load of a target.
+    """Prescribe the approach of a flowing body until it carries the load of a target.
 
-    Where nothing hardens, more load may find no equilibrium before another asperity touches; a
-    smaller gap does.
+    Without hardening a larger load may have no equilibrium until another asperity touches, but a
+    larger approach has one.
     """
     load = float(target.load or 0.0)
     sign = 1.0 if load > state.load else -1.0
@@ -190,7 +196,7 @@ def _press(
 
 
 def _extrapolate(before: CellState, state: CellState, ratio: float) -> tuple[np.ndarray, float]:
-    """Go on as in the last increment."""
+    """Extrapolate displacement, m, and approach, m, from the last increment."""
     u = state.displacement + ratio * (state.displacement - before.displacement)
     return u, state.approach + ratio * (state.approach - before.approach)
 
@@ -203,7 +209,7 @@ def _increment(
     ahead: tuple[np.ndarray, float] | None,
     work: np.ndarray,
 ) -> CellState:
-    """Solve one increment and count it; without contact nothing is to be solved."""
+    """Solve one increment and add its cost to ``work``; without contact, return a free body."""
     guess = None
     if aim.load != 0.0 and not state.active.any():
         guess = _first_touch(scene, state, aim)
@@ -228,7 +234,7 @@ def _increment(
 def _first_touch(
     scene: CellScene, state: CellState, aim: Target
 ) -> tuple[np.ndarray, float] | None:
-    """Contact nodes of the flat reference, for a cell that touches nothing yet."""
+    """Contact nodes and approach, m, of the flat reference, for a cell without contact."""
     meeting = scene.meet(state.displacement, 0.0, aim.slide)
     gap, closing = meeting.gap, meeting.normal[:, 2]
     if aim.approach is not None:
@@ -239,7 +245,7 @@ def _first_touch(
 
 
 def _released(scene: CellScene, state: CellState, aim: Target) -> CellState:
-    """Take the obstacle away and bring it back to the first touch, or where it is asked to be."""
+    """Solve for the free body; the approach is the target's, or the approach of the first touch."""
     reach = float(np.ptp(scene.obstacle.body.heights)) + abs(state.approach)
     shape = scene.obstacle.shape
     reach += 0.0 if shape is None else float(np.ptp(shape.heights))

@@ -31,13 +31,14 @@ State = np.ndarray | None
 def large_strain_body(
     mesh: GraphMesh, law: NeoHookean | J2 | Prony, *, mean_dilatation: bool
 ) -> FiniteBody:
-    """Return the cell with a law at large strain.
+    """Return the layered cell at large strain as a body.
 
     Parameters
     ----------
     mesh : GraphMesh
         The conforming mesh, clamped at its base.
     law : NeoHookean, J2 or Prony
+        Bulk law, moduli in Pa.
     mean_dilatation : bool
         Whether an element takes its volume change from the mean over its points (F-bar).
     """
@@ -85,7 +86,7 @@ class _LargeStrainCell:
     def step(
         self, kept: np.ndarray, moduli: np.ndarray, finish: Callable[[np.ndarray], State]
     ) -> Increment:
-        """Return the increment with what a law keeps at its points."""
+        """Return the increment for given internal variables and moduli, Pa."""
         gradients = corner_gradients(*self.mesh.surface.spacing)
         kind = PLASTIC if isinstance(self.law, J2) else NEO_HOOKEAN
 

@@ -1,4 +1,4 @@
-r"""The deformed surface of an opposite body, where the nodes of the first body meet it.
+r"""The deformed surface of an opposite body, and its points above the nodes of the first body.
 
 The surface nodes of the opposite body carry Catmull-Rom splines for its current position,
 
@@ -6,8 +6,8 @@ The surface nodes of the opposite body carry Catmull-Rom splines for its current
 
 periodic but for the period of the cell, with :math:`\xi` in grid points. A node at :math:`y` meets
 it at the point :math:`\xi` above or below it. The splines reproduce linear functions, so that the
-forces :math:`W_j t` which a force :math:`t` at :math:`x(\xi)` leaves on the nodes have its
-resultant and its moment.
+nodal forces :math:`W_j t` of a force :math:`t` at :math:`x(\xi)` have the same resultant and the
+same moment.
 """
 
 from dataclasses import dataclass
@@ -21,8 +21,8 @@ from multiscale.micro.finite.batch import kernel
 
 __all__ = ["DeformedSurface", "Projection"]
 
-SEARCHES = 40
-CLOSE = 1e-13  # of a grid distance
+SEARCHES = 40  # largest number of Newton steps of a search
+CLOSE = 1e-13  # tolerance of a search, in grid distances
 
 
 @kernel
@@ -60,7 +60,7 @@ def _sample(field, dx, dy, x, y, wx, wy, values):  # type: ignore[no-untyped-def
 
 @numba.njit(parallel=True, cache=True, error_model="numpy")
 def _locate(field, dx, dy, target, search, place, values, column, weight):  # type: ignore[no-untyped-def]
-    """Find the places above the targets, if asked to search, and sample there."""
+    """Find the places above the targets if ``search`` is true, and sample the surface there."""
     nx, _, ny = field.shape
     for node in numba.prange(target.shape[1]):
         wx, wy = np.empty((3, 4)), np.empty((3, 4))
@@ -102,10 +102,12 @@ class Projection:
     place : ndarray, shape (2, nx, ny)
         :math:`\xi`, in grid points of the opposite surface; not wrapped.
     values : ndarray, shape (nx * ny, 6, 3)
-        Position and its derivatives by :math:`\xi`: 1, 2, 11, 12, 22, m. NaN where nothing is above
-        a node because the surface has folded.
-    column, weight : ndarray, shapes (nx * ny, 16) and (3, nx * ny, 16)
-        Nodes, and the weights (1) of them for the value and its derivatives 1 and 2.
+        Position and its derivatives by :math:`\xi`: 1, 2, 11, 12, 22, m. NaN where no point is
+        above a node because the surface has folded.
+    column : ndarray of int, shape (nx * ny, 16)
+        Nodes of the opposite surface around each point.
+    weight : ndarray, shape (3, nx * ny, 16)
+        Weights (1) of these nodes for the value and its derivatives 1 and 2, dimensionless.
     points : tuple of int
         Grid of the opposite surface.
     """
@@ -136,13 +138,13 @@ class Projection:
         ]
 
     def carry(self, field: np.ndarray, derivative: int = 0) -> np.ndarray:
-        """Interpolate a nodal field of the opposite surface, or differentiate it by place 1, 2."""
+        """Interpolate a nodal field of the opposite surface, or its derivative by place 1 or 2."""
         flat = np.moveaxis(field, 1, -1).reshape(-1, 3)
         found = self._matrices[derivative] @ flat
         return np.moveaxis(found.reshape(*self.grid, 3), -1, 1)
 
     def spread(self, force: np.ndarray, derivative: int = 0) -> np.ndarray:
-        """Leave forces at the points on the nodes: the transpose of :meth:`carry`."""
+        """Distribute forces at the points, N, to the nodes, as the transpose of :meth:`carry`."""
         flat = np.moveaxis(force, 1, -1).reshape(-1, 3)
         found = self._matrices[derivative].T @ flat
         return np.moveaxis(found.reshape(*self.points, 3), -1, 1)
@@ -152,12 +154,12 @@ class Projection:
 class DeformedSurface:
     """A surface in its current position.
 
-    Parameters
+    Attributes
     ----------
     spacing : tuple of float
         Distances of its nodes before deformation, m.
     field : ndarray, shape (nx, 3, ny)
-        What its nodes have moved sideways from their grid, and how high they are, m.
+        Lateral displacements of its nodes from their grid, and their heights, m.
     """
 
     spacing: tuple[float, float]

@@ -6,7 +6,7 @@ against each other by
 
 .. math:: (C_1 + W M C_2 M W^t)\, l.    \tag{1}
 
-Where the grids agree this is close to a product for each wave, whatever the bodies have slid.
+On equal grids this operator is close to a product for each wave, for any slid distance.
 """
 
 from collections.abc import Callable
@@ -24,13 +24,14 @@ _MIRRORED = np.array([1.0, 1.0, -1.0, 1.0, -1.0, 1.0])[:, None, None]  # of xx, 
 
 
 def add_compliances(first: LateralInverse, second: np.ndarray) -> LateralInverse:
-    """Return a layer whose surface moves as both together, on the grid of the first.
+    """Return a layer whose surface compliance is the sum of two, on the grid of the first.
 
     Parameters
     ----------
     first : LateralInverse
+        Factorised flat cell of the first body.
     second : ndarray, shape (6, nx, ny // 2 + 1)
-        Symbol of the other's surface compliance in its own frame, m/N.
+        Symbol of the surface compliance of the second body in its own frame, m/N.
     """
     symbol = first.surface_compliance + _MIRRORED * second
     nx, _, ny = first.shape
@@ -42,13 +43,14 @@ def add_compliances(first: LateralInverse, second: np.ndarray) -> LateralInverse
 class PairReference:
     """The references of two bodies.
 
-    Parameters
+    Attributes
     ----------
     first, second : Reference
-        Each in its own frame.
+        Flat cells of both bodies, each in its own frame.
     both : Reference
-        Both compliances added on the grid of the first.
+        Flat cell with the sum of both surface compliances on the grid of the first body.
     halves : Halves
+        Places of both bodies in a vector.
     """
 
     first: Reference
@@ -57,7 +59,7 @@ class PairReference:
     halves: Halves
 
     def joined(self, meeting: PairMeeting) -> "JoinedReference":
-        """Join them where the bodies meet."""
+        """Join both references at the contact points of a meeting."""
         return JoinedReference(self, meeting)
 
 
@@ -65,10 +67,12 @@ class PairReference:
 class JoinedReference:
     """Two references with forces between them.
 
-    Parameters
+    Attributes
     ----------
     pair : PairReference
+        References of both bodies.
     meeting : PairMeeting
+        Points where the nodes of the first body meet the second.
     """
 
     pair: PairReference
@@ -76,7 +80,7 @@ class JoinedReference:
 
     @property
     def convolves(self) -> bool:
-        """Not: the interpolation is not the same everywhere."""
+        """False: the interpolation varies along the surface, so the operator is no convolution."""
         return False
 
     @property
@@ -89,7 +93,7 @@ class JoinedReference:
         return self.pair.halves.surfaces(vector)[0]
 
     def relative(self, vector: Field) -> Field:
-        """Motion of the nodes of the first body against the second, shape (nx, 3, ny)."""
+        """Motion of the nodes of the first body relative to the second, shape (nx, 3, ny), m."""
         return self.meeting.relative(vector)
 
     def solve(self, force: Field, correct: Callable[[Field], Field]) -> Field:
@@ -111,11 +115,11 @@ class JoinedReference:
         return self.pair.halves.join(first, found[0])
 
     def compliance(self, force: Field) -> Field:
-        """Relative motion under forces on the nodes and their reactions (1)."""
+        """Relative motion (1), m, under forces on the nodes, N, and their reactions."""
         point = self.meeting.point
         reaction = self.pair.second.compliance(MIRROR * point.spread(force))
         return np.asarray(self.pair.first.compliance(force) + MIRROR * point.carry(reaction))
 
     def stiffness(self, moved: Field) -> Field:
-        """Find forces that move both so, if the points of their grids were above each other."""
+        """Compute the forces, N, of a relative motion, m, as if the nodes of both grids matched."""
         return self.pair.both.stiffness(moved)

@@ -1,4 +1,4 @@
-"""The scene with two deformable bodies, as the Newton iteration sees it."""
+"""The scene with two deformable bodies for the Newton iteration."""
 
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -18,11 +18,14 @@ class PairScene(CellScene):
 
     Attributes
     ----------
-    body : Body
-        Both, joined.
+    body : FiniteBody
+        Both bodies, joined.
     obstacle : Underside
+        Surfaces of both bodies before deformation.
     reference : PairReference
+        Flat cells of both bodies for the preconditioner.
     halves : Halves
+        Places of both bodies in a vector.
     """
 
     obstacle: Underside
@@ -53,7 +56,7 @@ class PairScene(CellScene):
         return PairMeeting(below * normal[:, 2], normal, point, self.halves)
 
     def slip_since(self, start: CellState) -> Callable[..., np.ndarray]:
-        """Return ``slip(u, approach, slide)``, past the points that were met at the start, m."""
+        """Return ``slip(u, approach, slide)``, the motion past the points met at the start, m."""
         place = self.meet(start.displacement, start.approach, start.slide).point.place
 
         def slip(u: np.ndarray, approach: float, slide: np.ndarray) -> np.ndarray:
@@ -66,5 +69,5 @@ class PairScene(CellScene):
         return slip
 
     def reference_at(self, meeting: PairMeeting) -> JoinedReference:
-        """Both references, joined where the bodies meet."""
+        """Return both references, joined at the contact points."""
         return self.reference.joined(meeting)

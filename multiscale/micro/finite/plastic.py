@@ -1,6 +1,6 @@
 r"""J2 plasticity in logarithmic strain for a batch: return map, spectral tangent, new state.
 
-The equations are those of :class:`multiscale.laws.bulk.J2`. In the principal frame :math:`V` of the
+For the equations see :class:`multiscale.laws.bulk.J2`. In the principal frame :math:`V` of the
 trial :math:`b = F C_p^{-1} F^t`, with :math:`G = F^{-1} V`, the stress and its derivative are
 
 .. math::
@@ -52,8 +52,8 @@ MIXED = DIRECT + 6 * BATCH  # 9: for 12, 23, 31: t lambda_a, t lambda_b, t lambd
 PUSHED = MIXED + 9 * BATCH  # 9: T G
 SINGLE_ROWS = 33  # of V, TG, DIRECT and MIXED in single precision
 
-SWEEPS = 8
-LEAST = 1e-30  # sum of squares off the diagonal over a batch that counts as zero
+SWEEPS = 8  # largest number of sweeps of Jacobi's method
+LEAST = 1e-30  # largest sum of squares off the diagonal over a batch that counts as zero
 CLOSE = 1e-6  # relative distance of eigenvalues that counts as equal
 HALF = math.sqrt(2.0 / 3.0)
 
@@ -307,7 +307,7 @@ def plastic_state(s, q, shear, hardening, state, new):  # type: ignore[no-untype
     _return_map(s, state, shear, hardening[0], hardening[1], hardening[2], hardening[3], BATCH)
     _inverse_frame(s)
     for v in range(BATCH):
-        if s[ALPHA + v] == state[6, v]:  # what did not flow keeps its state to the last bit
+        if s[ALPHA + v] == state[6, v]:  # an elastic point keeps its state to the last bit
             for row in range(7):
                 new[row, v] = state[row, v]
             continue

@@ -1,4 +1,4 @@
-"""What is solved on a cell beyond linear elasticity, where a step goes, and its states."""
+"""Scenes of cells with friction, large strain or two bodies, their targets and states."""
 
 from abc import ABC, abstractmethod
 from collections.abc import Callable
@@ -18,7 +18,7 @@ __all__ = ["CellScene", "CellState", "Meeting", "Opponent", "RigidScene", "Targe
 
 
 class Meeting(Protocol):
-    """Where the nodes of the body meet what is opposite."""
+    """Contact points between the nodes of the body and the opposite side."""
 
     @property
     def gap(self) -> np.ndarray:
@@ -29,19 +29,33 @@ class Meeting(Protocol):
         """Unit normals out of the body, shape (nx, 3, ny)."""
 
     def relative(self, vector: np.ndarray) -> np.ndarray:
-        """Motion of the nodes against what is opposite, but for its base, shape (nx, 3, ny)."""
+        """Motion of the nodes relative to the opposite side with its base fixed, (nx, 3, ny), m."""
 
     def react(self, vector: np.ndarray, force: np.ndarray) -> None:
-        """Add to internal forces what contact forces on the nodes leave on the other side."""
+        """Add the reactions of contact forces on the nodes, N, to the internal forces, in place."""
 
     def turn(
         self, x: np.ndarray, shift: float, pressure: np.ndarray, force: np.ndarray, out: np.ndarray
     ) -> np.ndarray | float:
-        """Find how a step turns pressure forces; add to ``out`` how it moves their points."""
+        """Compute the change of pressure forces, N, as a step turns the normals.
+
+        Parameters
+        ----------
+        x : ndarray, shape of a displacement
+            Displacement of the step, m.
+        shift : float
+            Change of the approach, m.
+        pressure : ndarray, shape (nx, ny)
+            Pressure forces, N.
+        force : ndarray, shape (nx, 3, ny)
+            Contact forces, N.
+        out : ndarray, shape of a displacement
+            Gets, in place, the change of the reactions as their points move, N.
+        """
 
 
 class Opponent(Protocol):
-    """What is opposite, before deformation."""
+    """The opposite side before deformation."""
 
     @property
     def body(self) -> Surface:
@@ -49,7 +63,7 @@ class Opponent(Protocol):
 
     @property
     def shape(self) -> Surface | None:
-        """Underside of what is opposite; flat if None."""
+        """Underside of the opposite side; flat if None."""
 
     @property
     def distance(self) -> float:
@@ -61,16 +75,18 @@ class Opponent(Protocol):
 
 @dataclass(frozen=True, eq=False)
 class CellScene(ABC):
-    r"""What does not change along a path.
+    r"""The constant data of a path on a cell.
 
     Attributes
     ----------
-    body : Body
+    body : FiniteBody
+        The deformable body.
     obstacle : Opponent
+        The opposite side before deformation.
     friction : float
-        Local friction coefficient; 0 leaves out everything tangential.
+        Local friction coefficient, dimensionless; 0 leaves out all tangential equations.
     weights : tuple of float
-        :math:`\rho_n` and :math:`\rho_t`, N/m.
+        Weights :math:`\rho_n` and :math:`\rho_t` of the contact equations, N/m.
     """
 
     body: FiniteBody
@@ -95,15 +111,15 @@ class CellScene(ABC):
 
     @abstractmethod
     def meet(self, u: np.ndarray, approach: float, slide: np.ndarray) -> Meeting:
-        """Find where the body meets what is opposite."""
+        """Find the contact points at a displacement, m, an approach, m, and a slide, (2,), m."""
 
     @abstractmethod
     def slip_since(self, start: "CellState") -> Callable[..., np.ndarray]:
-        """Return ``slip(u, approach, slide)``, the motion past what is opposite, m."""
+        """Return ``slip(u, approach, slide)``, the motion past the opposite side, m."""
 
     @abstractmethod
     def reference_at(self, meeting: Any) -> Support:
-        """Return the reference for the preconditioner where both meet."""
+        """Return the reference of the preconditioner at the contact points of a meeting."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -112,8 +128,10 @@ class RigidScene(CellScene):
 
     Attributes
     ----------
-    obstacle : Obstacle
+    obstacle : HeightObstacle
+        The rigid obstacle.
     reference : Reference
+        Flat cell for the preconditioner.
     """
 
     obstacle: HeightObstacle
@@ -150,7 +168,19 @@ class RigidScene(CellScene):
 
 @dataclass(frozen=True, eq=False)
 class Target:
-    """Where an increment ends: the load (N) or the approach (m), the slide (m) and its duration."""
+    """End of an increment.
+
+    Attributes
+    ----------
+    load : float or None
+        Vertical load, N; None if the approach is prescribed.
+    approach : float or None
+        Approach of the obstacle, m; None if the load is prescribed.
+    slide : ndarray, shape (2,)
+        Displacement of the obstacle in its plane, m.
+    time_step : float
+        Duration, s.
+    """
 
     load: float | None
     approach: float | None
@@ -165,25 +195,30 @@ class CellState:
     Attributes
     ----------
     displacement : ndarray, shape (nx, layers, 3, ny)
-        m.
+        Displacement of the body, m; a flat vector for two bodies.
     approach : float
-        m.
+        Approach of the obstacle since the first touch, m.
     slide : ndarray, shape (2,)
-        Of the obstacle, m.
+        Displacement of the obstacle in its plane, m.
     material : Any
         Internal variables of the body; None without any.
     force : ndarray, shape (nx, 3, ny)
-        Of the obstacle on the body, N.
-    active, slipping : ndarray of bool, shape (nx, ny)
-        Contact nodes, and those of them that slip.
+        Force of the obstacle on the body, N.
+    active : ndarray of bool, shape (nx, ny)
+        Contact nodes.
+    slipping : ndarray of bool, shape (nx, ny)
+        Contact nodes that slip.
     dissipation : float
         Work of friction since the first state, J.
     status : Status
+        Why the Newton iteration stopped.
     residuals : tuple of float
-        Forces out of balance and violations of contact, relative to the contact forces.
+        Forces out of balance and violations of contact after each Newton iteration, relative to
+        the contact forces.
     linear_iterations : int
+        Linear iterations of the increment.
     flowing : float
-        Share of the Gauss points that flow.
+        Share of the Gauss points that flow, 0 to 1.
     peak : float
         Largest norm of the contact forces so far, N.
     """

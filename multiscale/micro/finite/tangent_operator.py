@@ -1,7 +1,7 @@
-r"""Internal forces of the layered cell at large strain, and its tangent, matrix-free.
+r"""Internal forces of the layered cell at large strain, and its matrix-free tangent.
 
-Displacements and forces are arrays of shape ``(nx, layers, 3, ny)``. The tangent is kept as the
-stiffness matrix of each element; one kernel applies it whatever the law.
+Displacements, m, and forces, N, are arrays of shape ``(nx, layers, 3, ny)``. The tangent is stored
+as the stiffness matrix of each element; one kernel applies it for all laws.
 """
 
 import math
@@ -49,7 +49,7 @@ __all__ = [
 ]
 
 NEO_HOOKEAN, PLASTIC = 0, 1
-LEAST_DILATATION = 1e-3
+LEAST_DILATATION = 1e-3  # smallest det F with forces
 
 parallel_kernel = numba.njit(
     parallel=True,
@@ -77,7 +77,8 @@ def _volume(s, q, modulus, mean_dilatation):  # type: ignore[no-untyped-def]
 def _couple(s, modulus, dx, dy, c, matrix):  # type: ignore[no-untyped-def]
     """Add the vector whose square is the stiffness against a change of the mean dilatation.
 
-    Where the element has grown by more than e the stiffness would be negative and is left out.
+    If the volume has grown by more than a factor e, this stiffness would be negative and is left
+    out.
     """
     for k in range(36 * BATCH):
         s[FLUX + k] = 0.0
@@ -122,10 +123,33 @@ def respond_cell(  # type: ignore[no-untyped-def]
 ):
     """Compute the forces and the tangent.
 
-    ``moduli`` are the shear modulus, the modulus of the volume and four numbers of the hardening.
-    ``state`` is what a law keeps (rows of a batch: J2), or the frozen stress of viscous branches.
-    ``least`` gets the smallest det F of each strip of elements, and the number of flowing points.
-    Elements that are nearly inverted answer nothing.
+    Parameters
+    ----------
+    heights : ndarray, shape (nx, ny)
+        Heights of the surface, m.
+    planes, factor : ndarray, shape (layers + 1,)
+        Heights of the node planes of the flat cell, m, and their map factors.
+    dx, dy : float
+        Spacing, m.
+    law : int
+        ``NEO_HOOKEAN`` or ``PLASTIC``.
+    moduli : ndarray, shape (6,)
+        Shear modulus and volume modulus, Pa, and four parameters of the hardening.
+    mean_dilatation : bool
+        Whether an element takes its volume change from the mean over its points.
+    u : ndarray, shape (nx, layers, 3, ny)
+        Displacement, m.
+    state : ndarray, shape (nx, layers, batches, 8, rows, BATCH)
+        Internal variables of J2, or frozen stress of viscous branches, Pa; a single lane if none.
+    gradients : ndarray, shape (8, 3, 7)
+        See :func:`~.element_stiffness.corner_gradients`.
+    out : ndarray, shape (nx, layers, 3, ny)
+        Gets the forces added, N.
+    tangent : ndarray, shape (nx, layers, batches, ENTRIES * BATCH)
+        Gets the stiffness of the elements, N/m.
+    least : ndarray, shape (nx, 2)
+        Gets the smallest det F of each strip of elements, and the number of flowing points. A
+        nearly inverted element has no forces and sets det F to -1.
     """
     nx, layers, _, ny = u.shape
     batches = (ny + BATCH - 1) // BATCH
@@ -179,7 +203,7 @@ def respond_cell(  # type: ignore[no-untyped-def]
 
 @parallel_kernel
 def update_state(heights, planes, factor, dx, dy, moduli, u, state, new):  # type: ignore[no-untyped-def]
-    """Write the state of J2 plasticity at the end of a step."""
+    """Write the state of J2 plasticity at the end of a step; see :func:`respond_cell`."""
     nx, layers, _, ny = u.shape
     batches = (ny + BATCH - 1) // BATCH
     for strip in numba.prange(nx):
@@ -201,7 +225,7 @@ def update_state(heights, planes, factor, dx, dy, moduli, u, state, new):  # typ
 
 @parallel_kernel
 def inverse_strain(heights, planes, factor, dx, dy, u, out):  # type: ignore[no-untyped-def]
-    """Write I - C^-1 at every Gauss point, rows 11, 22, 33, 12, 23, 13."""
+    """Write I - C^-1 at every Gauss point into ``out``, rows 11, 22, 33, 12, 23, 13."""
     nx, layers, _, ny = u.shape
     batches = (ny + BATCH - 1) // BATCH
     for strip in numba.prange(nx):
@@ -230,7 +254,7 @@ def inverse_strain(heights, planes, factor, dx, dy, u, out):  # type: ignore[no-
 
 @parallel_kernel
 def apply_tangent(tangent, u, out):  # type: ignore[no-untyped-def]
-    """Tangent times a displacement."""
+    """Multiply a displacement, m, by the tangent and write forces, N; see :func:`respond_cell`."""
     nx, layers, _, ny = u.shape
     batches = (ny + BATCH - 1) // BATCH
     out[:] = 0.0

@@ -7,7 +7,7 @@ import numpy as np
 
 __all__ = ["Tangential", "evaluate_friction"]
 
-LARGEST_SHARE = 0.9999
+LARGEST_SHARE = 0.9999  # bound on share, for a finite resistance across the slip
 
 
 @dataclass(frozen=True, eq=False)
@@ -19,12 +19,13 @@ class Tangential:
     slip : ndarray, shape (nx, 3, ny)
         Tangential motion past the obstacle in the increment, m.
     direction : ndarray, shape (2, nx, 3, ny)
-        Unit tangents along and across the pull.
+        Unit tangents along and across the trial friction force.
     bound : ndarray, shape (nx, ny)
-        Largest friction, N.
+        Largest friction force, N.
     slipping : ndarray of bool, shape (nx, ny)
+        Whether a node slips.
     share : ndarray, shape (nx, ny)
-        Bound over pull where a node slips, 0 elsewhere.
+        Bound over trial friction force where a node slips, 0 elsewhere; dimensionless.
     """
 
     slip: np.ndarray
@@ -35,12 +36,12 @@ class Tangential:
 
     @cached_property
     def stretch(self) -> np.ndarray:
-        """Resistance of a slipping node across its slip, over the weight of the equations."""
+        """Resistance of a slipping node across its slip, relative to the weight, dimensionless."""
         share = np.minimum(self.share, LARGEST_SHARE)
         return np.asarray(share / (1.0 - share))
 
     def along(self, vector: np.ndarray) -> np.ndarray:
-        """Parts of a vector along and across the pull, shape (2, nx, ny)."""
+        """Components of a vector along and across the trial force, shape (2, nx, ny)."""
         return np.asarray(np.sum(self.direction * vector, axis=2))
 
 
@@ -52,20 +53,22 @@ def evaluate_friction(
     bound: np.ndarray,
     weight: float,
 ) -> Tangential:
-    """Find the nodes that slip, and where to.
+    r"""Find the nodes that slip, and the directions of their slip.
 
     Parameters
     ----------
     tangential : ndarray, shape (nx, 3, ny)
         Tangential part of the forces, N.
     slip : ndarray, shape (nx, 3, ny)
-        m.
+        Tangential motion past the obstacle in the increment, m.
     normal : ndarray, shape (nx, 3, ny)
+        Unit normals.
     active : ndarray of bool, shape (nx, ny)
+        Contact nodes.
     bound : ndarray, shape (nx, ny)
-        Largest friction, N.
+        Largest friction force, N.
     weight : float
-        What makes a force of a slip, N/m.
+        Factor :math:`\rho_t` between slip and force, N/m.
     """
     pulled = tangential - weight * slip
     size = np.linalg.norm(pulled, axis=1)
@@ -75,7 +78,7 @@ def evaluate_friction(
 
 
 def _directions(pulled: np.ndarray, size: np.ndarray, normal: np.ndarray) -> np.ndarray:
-    """Find unit tangents along and across the pull; any where there is none."""
+    """Find unit tangents along and across the trial force; arbitrary ones where it vanishes."""
     floor = 1e-12 * float(size.max())
     sideways = np.zeros_like(pulled)
     sideways[:, 0], sideways[:, 2] = normal[:, 2], -normal[:, 0]

@@ -1,8 +1,9 @@
-r"""Two deformable bodies: the second one hangs upside down above the first and slides.
+r"""Two deformable bodies: the second is upside down above the first and slides.
 
-Displacements of both are kept in one vector, those of the second in its own frame, whose z points
-out of its surface: :math:`u_2 = M v_2` with :math:`M = \mathrm{diag}(1, 1, -1)`. A node of the
-first body meets the second at the point :math:`x(\xi)` above it, with the tangents
+One vector contains the displacements of both bodies, each in its own frame. In the frame of the
+second body z points out of its surface: :math:`u_2 = M v_2` with
+:math:`M = \mathrm{diag}(1, 1, -1)`. A node of the first body meets the second at the point
+:math:`x(\xi)` above it, with the tangents
 :math:`x_\alpha = \partial x / \partial \xi^\alpha`, their duals :math:`a^\alpha` and the normal
 :math:`n`. If it moves by :math:`w` relative to that point,
 
@@ -36,9 +37,9 @@ MIRROR = np.array([1.0, 1.0, -1.0])[None, :, None]
 
 @dataclass(frozen=True)
 class Halves:
-    """Where the two bodies are in one vector.
+    """Places of two bodies in one vector.
 
-    Parameters
+    Attributes
     ----------
     shapes : tuple of tuple of int
         Shapes (nx, layers, 3, ny) of both displacements.
@@ -47,16 +48,16 @@ class Halves:
     shapes: tuple[tuple[int, ...], tuple[int, ...]]
 
     def split(self, vector: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Both parts, as views."""
+        """Return the fields of both bodies, as views."""
         size = int(np.prod(self.shapes[0]))
         return vector[:size].reshape(self.shapes[0]), vector[size:].reshape(self.shapes[1])
 
     def join(self, first: np.ndarray, second: np.ndarray) -> np.ndarray:
-        """Put both parts into one vector."""
+        """Put the fields of both bodies into one vector."""
         return np.concatenate([first.reshape(-1), second.reshape(-1)])
 
     def surfaces(self, vector: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Both surfaces, shapes (nx, 3, ny), as views; the second in its own frame."""
+        """Return the fields at both surfaces, views (nx, 3, ny), each in its own frame."""
         first, second = self.split(vector)
         return first[:, -1], second[:, -1]
 
@@ -100,12 +101,12 @@ def join_bodies(first: FiniteBody, second: FiniteBody) -> FiniteBody:
 class Underside:
     """Surface of the second body before deformation, seen from below.
 
-    Parameters
+    Attributes
     ----------
     body : Surface
-        The first body; its nodes carry the contact.
+        Surface of the first body, whose nodes carry the contact.
     shape : Surface
-        Underside of the second; its grid may be another one.
+        Underside of the second body; its grid may be a different one.
     """
 
     body: Surface
@@ -128,7 +129,17 @@ class Underside:
         return float(self.shape.heights.mean()) + self.distance - approach
 
     def deformed(self, moved: np.ndarray, approach: float, slide: np.ndarray) -> DeformedSurface:
-        """Bring the surface into its current position; ``moved`` is in the frame of the first."""
+        """Return the surface in its current position.
+
+        Parameters
+        ----------
+        moved : ndarray, shape (nx, 3, ny)
+            Displacement of the surface in the frame of the first body, m.
+        approach : float
+            Approach since the first touch, m.
+        slide : ndarray, shape (2,)
+            Displacement of the second body in its plane, m.
+        """
         height = self.shape.heights + (self.distance - approach) + moved[:, 2]
         return self._surface(slide, height, moved)
 
@@ -145,7 +156,7 @@ class Underside:
 
 @dataclass(frozen=True, eq=False)
 class PairMeeting:
-    """Where the nodes of the first body meet the second.
+    """Contact points of the nodes of the first body on the second.
 
     Attributes
     ----------
@@ -154,7 +165,9 @@ class PairMeeting:
     normal : ndarray, shape (nx, 3, ny)
         Unit normals into the second body.
     point : Projection
+        Points of the second body above the nodes.
     halves : Halves
+        Places of both bodies in a vector.
     """
 
     gap: np.ndarray
@@ -163,18 +176,18 @@ class PairMeeting:
     halves: Halves
 
     def relative(self, vector: np.ndarray) -> np.ndarray:
-        """Motion of the nodes against the points they meet, shape (nx, 3, ny)."""
+        """Motion of the nodes relative to the points they meet, shape (nx, 3, ny), m."""
         first, second = self.halves.surfaces(vector)
         return np.asarray(first - MIRROR * self.point.carry(second))
 
     def react(self, vector: np.ndarray, force: np.ndarray) -> None:
-        """Add to internal forces what contact forces on the nodes leave on the second body."""
+        """Add the reactions of contact forces on the nodes, N, to the second body, in place."""
         self.halves.surfaces(vector)[1][:] += MIRROR * self.point.spread(force)
 
     def turn(
         self, x: np.ndarray, shift: float, pressure: np.ndarray, force: np.ndarray, out: np.ndarray
     ) -> np.ndarray:
-        """Find how a step turns pressure forces; add to ``out`` how it moves their points."""
+        """Compute the change of pressure forces, N, as a step turns the normals."""
         moved = self.relative(x)
         moved[:, 2] += shift
         step = np.sum(self._dual * moved, axis=2)  # (1), first

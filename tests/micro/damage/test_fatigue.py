@@ -9,8 +9,8 @@ from scipy.integrate import solve_ivp
 
 from multiscale.errors import CaseError
 from multiscale.micro.damage import FatigueMaterial, StressBlock, two_scale_fatigue, woehler_curve
-from multiscale.micro.damage.cycle_jump import Run, pass_cycles
-from multiscale.micro.damage.inclusion import SIZE, damage_rate, effective_stress, run_cycles
+from multiscale.micro.damage.cycle_jump import FatigueProgress, pass_cycles
+from multiscale.micro.damage.inclusion import STATE_SIZE, damage_rate, effective_stress, run_cycles
 from multiscale.schema import FATIGUE, WOEHLER
 from tests.closed_forms.fatigue import (
     damage_per_cycle,
@@ -56,7 +56,7 @@ def test_reversed_tension_has_its_closed_form(amplitude, dp, dD, initiation, rup
         assert float(found["cycles_to_rupture"]) == pytest.approx(rupture, rel=5e-3)
         assert float(found["cycles_to_initiation"]) == pytest.approx(initiation, abs=1.0)
     # from the state of a run: within .1 %, here to round-off
-    state = np.zeros(SIZE)
+    state = np.zeros(STATE_SIZE)
     path = reversed_stress(amplitude)[:, None] * np.eye(6)[0]
     run_cycles(state, path, 5, PLAIN.parameters(), 1)
     before = state.copy()
@@ -69,7 +69,7 @@ def test_torsion_flows_by_its_mises_stress(hardening):
     material = dataclasses.replace(PLAIN, hardening=hardening, threshold=1.0)
     shear = 130e6
     path = np.array([shear, -shear])[:, None] * np.eye(6)[5]
-    state = np.zeros(SIZE)
+    state = np.zeros(STATE_SIZE)
     run_cycles(state, path, 3, material.parameters(), 4)
     before = state[1]
     run_cycles(state, path, 1, material.parameters(), 4)
@@ -121,7 +121,7 @@ def test_the_stress_of_the_inclusion_is_that_of_the_equivalent_one(damage, poiss
     plastic -= np.trace(plastic) / 3.0 * np.eye(3)
     expected = localised(stress.ravel(), damage, plastic.ravel(), poissons_ratio).reshape(3, 3)
     i, j = np.array([(0, 0), (1, 1), (2, 2), (1, 2), (0, 2), (0, 1)]).T
-    state = np.zeros(SIZE)
+    state = np.zeros(STATE_SIZE)
     state[0], state[2:8] = damage, plastic[i, j]
     parameters = dataclasses.replace(FULL, poissons_ratio=poissons_ratio).parameters()
     nu, found = poissons_ratio, np.empty(6)
@@ -136,7 +136,7 @@ def test_total_damage_dilates_like_a_void():
     # u = A r + B / r^2 with sigma_r = 0 at r = 1 and = pull at r = outer
     K, G = E / (3.0 * (1.0 - 2.0 * NU)), E / (2.0 * (1.0 + NU))
     A, B = np.linalg.solve([[3 * K, -4 * G], [3 * K, -4 * G / outer**3]], [0.0, pull])
-    state, found = np.zeros(SIZE), np.empty(6)
+    state, found = np.zeros(STATE_SIZE), np.empty(6)
     state[0] = 1.0
     b = 2.0 * (4.0 - 5.0 * NU) / (15.0 * (1.0 - NU))
     stress = pull * np.array([1.0, 1, 1, 0, 0, 0])
@@ -181,7 +181,7 @@ def test_a_path_that_turns_follows_the_rate_equations_exactly():
     ).y[18, -1]
     path = np.array([[LIMIT, 0, 0, 0, 0, 0], [LIMIT, 0, 0, 0, 0, 200e6]])
     for substeps in (1, 16):
-        state = np.zeros(SIZE)
+        state = np.zeros(STATE_SIZE)
         run_cycles(state, path, 1, material.parameters(), substeps)
         assert state[1] == pytest.approx(exact, rel=1e-7)
 
@@ -375,8 +375,14 @@ def test_a_woehler_curve_falls_to_the_limit():
         (lambda: StressBlock(np.array([np.nan])), "must be finite"),
         (lambda: StressBlock(np.ones(2), 0), "at least one cycle, got 0"),
         (lambda: two_scale_fatigue([], PLAIN), "holds no block"),
-        (lambda: two_scale_fatigue("tension", PLAIN), "one path of numbers or a list of Blocks"),
-        (lambda: two_scale_fatigue([StressBlock(np.ones(2)), 3.0], PLAIN), "or a list of Blocks"),
+        (
+            lambda: two_scale_fatigue("tension", PLAIN),
+            "one path of numbers or a list of StressBlocks",
+        ),
+        (
+            lambda: two_scale_fatigue([StressBlock(np.ones(2)), 3.0], PLAIN),
+            "or a list of StressBlocks",
+        ),
         (lambda: two_scale_fatigue(np.ones(2), PLAIN, jump_tolerance=2.0), "between 0 and 1"),
         (lambda: two_scale_fatigue(np.ones(2), PLAIN, max_cycles=0), "at least 1"),
         (lambda: woehler_curve(PLAIN, np.array([-1e6])), "amplitudes must be positive"),
@@ -404,7 +410,7 @@ def test_a_jump_whose_end_would_be_broken_is_shortened_until_it_is_not():
     state = np.zeros(14)
     state[1] = 1e-3  # beyond the threshold
     material = SimpleNamespace(hardening=1.0, feedback=1.0, threshold=0.0, critical_damage=1.0)
-    run = Run(state)
+    run = FatigueProgress(state)
     pass_cycles(run, once, 60_000, material, 0.2, lambda: None)
     assert run.broken
     # the closed form of dD/dN = r (1 + a D)
