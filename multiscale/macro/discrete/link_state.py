@@ -1,4 +1,4 @@
-"""What a static solver returns, and what it is measured by."""
+"""Result of a static solver, and the scales of its residual."""
 
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -13,7 +13,17 @@ __all__ = ["Limits", "LinkState", "force_scale", "round_off", "state_of"]
 
 @dataclass(frozen=True)
 class Limits:
-    """When a solver stops; see :func:`multiscale.macro.solve_static`."""
+    """Limits of an iterative solver; see :func:`multiscale.macro.solve_static`.
+
+    Attributes
+    ----------
+    max_iterations : int
+        Iteration limit.
+    tolerance : float
+        Bound on the residual, dimensionless.
+    callback : callable, optional
+        Called as ``callback(iteration, residual)``.
+    """
 
     max_iterations: int = 60
     tolerance: float = 1e-10
@@ -28,8 +38,10 @@ class LinkState:
     ----------
     solution : Solution
         ``value`` is the displacement, shape (n,), m.
-    tension, slack : ndarray, shape (rows,)
-        N; m, never negative.
+    tension : ndarray, shape (rows,)
+        Tension, N; for the modes of beams their force.
+    slack : ndarray, shape (rows,)
+        Slack, m; never negative.
     """
 
     solution: Solution
@@ -40,16 +52,16 @@ class LinkState:
 def state_of(
     model: LinkEquations, solution: Solution, change: np.ndarray | None = None
 ) -> LinkState:
-    """Tensions (14), (15) of the source and slacks.
+    """Return the state with the tensions (14), (15) of the source and the slacks.
 
     Parameters
     ----------
-    model : Equations
+    model : LinkEquations
         The structure.
     solution : Solution
-        The displacement.
+        Solution for the displacement, m.
     change : ndarray, shape (rows,), optional
-        Elastic change k e of the tensions, N, if it is known better than from the displacement.
+        Elastic change k e of the tensions, N, if known more accurately than from the displacement.
     """
     if change is None:
         change = model.stiffness * model.elongate(solution.value)
@@ -59,10 +71,10 @@ def state_of(
 
 
 def force_scale(model: LinkEquations, load: np.ndarray) -> float:
-    """Force that residuals are relative to, N: the largest load, or prestress without load."""
+    """Return the reference force of residuals, N: the largest load, else the largest prestress."""
     return float(np.abs(load).max(initial=0.0)) or float(np.abs(model.prestress).max()) or 1.0
 
 
 def round_off(tension: np.ndarray) -> float:
-    """Force out of balance that the rounding of the tensions brings, N."""
+    """Return the force out of balance due to the rounding of the tensions, N."""
     return float(8.0 * np.finfo(float).eps * np.abs(tension).max())
