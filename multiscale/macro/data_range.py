@@ -11,12 +11,12 @@ from multiscale.units import readable
 if TYPE_CHECKING:
     import xarray as xr
 
-__all__ = ["MOST", "REACH", "load_shares", "with_load_shares"]
+__all__ = ["FAR_FACTOR", "FAR_SHARE", "load_shares", "with_load_shares"]
 
-REACH = 2.0
+FAR_FACTOR = 2.0
 """Factor outside the data beyond which a law is no longer valid."""
 
-MOST = 0.05
+FAR_SHARE = 0.05
 """Largest allowed share of the load of an interface beyond this factor."""
 
 NEGLIGIBLE = 0.01
@@ -61,7 +61,7 @@ def load_shares(
     Returns
     -------
     ndarray, shape (3, steps)
-        Shares below the data, above the data, and more than a factor of ``REACH`` outside either
+        Shares below the data, above them, and more than a factor of ``FAR_FACTOR`` outside either
         end; dimensionless, NaN if a step has failed.
     """
     low, high = np.moveaxis(np.asarray(data, dtype=float), -1, 0)[..., None]
@@ -70,8 +70,8 @@ def load_shares(
     where = (
         pressure < (1.0 - ROUND_OFF) * low,
         pressure > (1.0 + ROUND_OFF) * high,
-        (pressure < (1.0 - ROUND_OFF) * low / REACH)
-        | (pressure > (1.0 + ROUND_OFF) * REACH * high),
+        (pressure < (1.0 - ROUND_OFF) * low / FAR_FACTOR)
+        | (pressure > (1.0 + ROUND_OFF) * FAR_FACTOR * high),
     )
     return np.array(
         [np.sum(load * one, axis=1) / np.where(total > 0.0, total, 1.0) for one in where]
@@ -101,12 +101,12 @@ def with_load_shares(
     Returns
     -------
     Dataset
-        Result with the shares and ``known``, 0 if a step has failed or more than ``MOST`` of the
-        load of an interface lies far outside: all answers of this step are NaN unless
+        Result with the shares and ``known``, 0 if a step has failed or more than ``FAR_SHARE`` of
+        the load of an interface lies far outside: all answers of this step are NaN unless
         ``extrapolate``. The attribute ``cautions`` has a line for each interface with load far
         outside or outside the data.
     """
-    known = np.all(shares[2] <= MOST, axis=1)
+    known = np.all(shares[2] <= FAR_SHARE, axis=1)
     names = ("load_below", "load_above", "load_far")
     values = dict(zip(names, shares, strict=True)) | {"known": known.astype(int)}
     result = MACRO_RESULT.assign(result, values).assign_coords(interface=range(shares.shape[2]))
@@ -128,14 +128,15 @@ def _cautions(result: "xr.Dataset", data: np.ndarray, extrapolate: bool) -> Iter
         name = f" of interface {number}" if len(data) > 1 else ""
         ends = " to ".join(readable(f"{end:.4g} Pa") for end in (low, high))
         range_ = f"the pressures of the law{name}, {ends}"
-        lost = np.flatnonzero(far[:, number] > MOST)
+        lost = np.flatnonzero(far[:, number] > FAR_SHARE)
         if lost.size:
             then = "only extrapolated, and its error is unknown" if extrapolate else "unknown"
             yield (
                 f"up to {100.0 * far[lost, number].max():.3g} % of the load lies more than a "
-                f"factor of {REACH:g} outside {range_}, at {lost.size} of {len(far)} steps, first "
-                f"{_place(result, lost[0])}: the answer there is {then}; press the cells at these "
-                f"pressures" + ("" if extrapolate else ", or set extrapolate = true beside the law")
+                f"factor of {FAR_FACTOR:g} outside {range_}, at {lost.size} of {len(far)} steps, "
+                f"first {_place(result, lost[0])}: the answer there is {then}; press the cells at "
+                f"these pressures"
+                + ("" if extrapolate else ", or set extrapolate = true beside the law")
             )
         near = np.setdiff1d(np.flatnonzero(below[:, number] + above[:, number] > NEGLIGIBLE), lost)
         if near.size:

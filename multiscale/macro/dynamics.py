@@ -236,7 +236,7 @@ class _Scheme:
         if excess[worst] > START_TOLERANCE * self.system.length[worst]:
             raise CaseError(
                 f"the start changes the length of link {worst}, which is inextensible, by "
-                f"{excess[worst]:.3g} m; move its nodes to where it is slack or just taut"
+                f"{excess[worst]:.3g} m; move its nodes so that it is slack or just taut"
             )
         tension = self.tension(e)
         return _State(time, np.inf, u, v, e, support, tension, np.zeros_like(e), tension)

@@ -50,6 +50,14 @@ def contact_modulus(*bodies: tuple[float, float]) -> float:
 def lame_parameters(
     youngs_modulus: float | np.ndarray, poissons_ratio: float | np.ndarray
 ) -> tuple[np.ndarray, np.ndarray]:
-    r"""Return Lamé's parameters :math:`\lambda` and :math:`\mu`, Pa, of numbers or arrays."""
+    r"""Return Lamé's parameters :math:`\lambda` and :math:`\mu`, Pa.
+
+    Parameters
+    ----------
+    youngs_modulus : float or ndarray
+        Young's modulus, Pa.
+    poissons_ratio : float or ndarray
+        Poisson's ratio, dimensionless.
+    """
     E, nu = np.asarray(youngs_modulus), np.asarray(poissons_ratio)
     return E * nu / ((1.0 + nu) * (1.0 - 2.0 * nu)), E / (2.0 * (1.0 + nu))

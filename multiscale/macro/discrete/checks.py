@@ -64,7 +64,9 @@ def check_links(system: "LinkSystem") -> None:
                 f"{getattr(system, name)[k]}"
             )
     if not np.isfinite(system.prestress).all():
-        raise CaseError(f"prestress of link {int(np.argmin(np.isfinite(system.prestress)))} is nan")
+        raise CaseError(
+            f"prestress of link {int(np.argmin(np.isfinite(system.prestress)))} is not finite"
+        )
     lower, upper = system.bounds
     wrong = np.flatnonzero((system.prestress < lower) | (system.prestress > upper))
     if wrong.size:
@@ -81,7 +83,7 @@ def check_links(system: "LinkSystem") -> None:
         named = ", ".join(str(node) for node in loose[:5])
         more = f" and {loose.size - 5} more" if loose.size > 5 else ""
         subject = f"node {named} has" if loose.size == 1 else f"nodes {named}{more} have"
-        raise CaseError(f"{subject} no link; connect what is loose or take it out")
+        raise CaseError(f"{subject} no link; connect or remove loose nodes")
     size = float(np.ptp(system.position, axis=0).max())
     shortest = int(np.argmin(system.length))
     if not system.length[shortest] > MIN_RELATIVE_LENGTH * size:
@@ -98,7 +100,7 @@ def check_links(system: "LinkSystem") -> None:
         first, second = order[twice[0]], order[twice[0] + 1]
         a, b = system.ends[first]
         raise CaseError(
-            f"links {first} and {second} both join nodes {a} and {b}; take one out, or give them "
+            f"links {first} and {second} both join nodes {a} and {b}; remove one, or give them "
             f"different groups if they belong to different modules"
         )
 
@@ -138,8 +140,8 @@ def check_balance(system: "LinkSystem") -> None:
         raise CaseError(
             f"the prestress is out of balance at {named}, worst at node {worst} by "
             f"{force[worst]:.4g} N ({100 * force[worst] / largest:.2g} % of its largest tension); "
-            f"take a combination of self_stress(system), or pass balanced=False to let the "
-            f"structure find its own shape"
+            f"take a combination of self_stress(system), or pass balanced=False if the structure "
+            f"may move at load factor zero"
         )
 
 
@@ -156,7 +158,7 @@ def check_supports(system: "LinkSystem") -> None:
             whole = "the structure" if parts == 1 else f"the part with node {inside[0]}"
             raise CaseError(
                 f"{whole} ({inside.size} nodes) is not supported: {freedom} of its rigid motions "
-                f"are free; hold more directions of its nodes"
+                f"are free; fix more directions of its nodes"
             )
 
 

@@ -81,7 +81,7 @@ def solve_dual_program(
         return Solution(value, Status.NOT_FINITE, (residual,))
     if status == "Solved" and residual <= tolerance:
         return Solution(value, Status.CONVERGED, (residual,))
-    return Solution(value, Status.STALLED, (residual,), detail=f"clarabel says {status}")
+    return Solution(value, Status.STALLED, (residual,), detail=f"status of clarabel: {status}")
 
 
 def _transposed(model: LinkEquations) -> csc_array:

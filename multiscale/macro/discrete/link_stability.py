@@ -86,13 +86,28 @@ def critical_factor(
         low, high = (middle, high) if stable(middle) else (low, middle)
     raise ConvergenceError(
         f"after {BISECTIONS} bisections the critical load factor lies between {low:.9g} and "
-        f"{high:.9g}, which is not within {tolerance:g} of it; ask for a larger tolerance, or for "
-        f"load_factors of which the first is nearer to it"
+        f"{high:.9g}, wider than the tolerance {tolerance:g}; give a larger tolerance, or "
+        f"load_factors whose first is nearer to it"
     )
 
 
 def material_entries(model: LinkEquations, tangent: Tangent, state: LinkState) -> np.ndarray:
-    """Return the upper triangle of the tangent B^T k B of the links that are not slack, N/m."""
+    """Return the tangent B^T k B of the links that are not slack.
+
+    Parameters
+    ----------
+    model : LinkEquations
+        The structure.
+    tangent : Tangent
+        Pattern of its tangent.
+    state : LinkState
+        Equilibrium.
+
+    Returns
+    -------
+    ndarray, shape (entries,)
+        Entries of the upper triangle, N/m.
+    """
     taut = (state.slack == 0.0) & np.isfinite(model.stiffness)
     return tangent.entries(np.where(taut, model.stiffness, 0.0))
 
@@ -100,7 +115,24 @@ def material_entries(model: LinkEquations, tangent: Tangent, state: LinkState) -
 def stability_entries(
     system: LinkSystem, model: LinkEquations, tangent: Tangent, state: LinkState
 ) -> np.ndarray:
-    """Return the upper triangle of the tangent (1) with the geometric stiffness, N/m."""
+    """Return the tangent (1) with the geometric stiffness.
+
+    Parameters
+    ----------
+    system : LinkSystem
+        The structure.
+    model : LinkEquations
+        Its equations.
+    tangent : Tangent
+        Pattern of its tangent.
+    state : LinkState
+        Equilibrium.
+
+    Returns
+    -------
+    ndarray, shape (entries,)
+        Entries of the upper triangle, N/m.
+    """
     links = system.n_links
     across = state.tension[:links] / system.length
     geometric = tangent.geometric(system.direction, np.zeros(links), across)
@@ -108,7 +140,15 @@ def stability_entries(
 
 
 def is_definite(tangent: Tangent, entries: np.ndarray) -> bool:
-    """Whether a symmetric matrix is positive definite."""
+    """Return whether a symmetric matrix is positive definite.
+
+    Parameters
+    ----------
+    tangent : Tangent
+        Pattern of the matrix.
+    entries : ndarray, shape (entries,)
+        Upper triangle of the matrix, N/m.
+    """
     try:
         tangent.factorise(entries, signs=True)
     except MultiscaleError:

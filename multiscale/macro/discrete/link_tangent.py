@@ -78,7 +78,15 @@ class Tangent:
 
 
 def prepare_tangent(system: LinkSystem, model: LinkEquations) -> Tangent:
-    """Return the tangent with its pattern and the entries to which every link is added."""
+    """Return the tangent with its pattern and the entries to which every link is added.
+
+    Parameters
+    ----------
+    system : LinkSystem
+        The structure.
+    model : LinkEquations
+        Its equations.
+    """
     first, second = system.ends.T
     nodes = np.arange(system.n_nodes)
     low, high = np.minimum(first, second), np.maximum(first, second)

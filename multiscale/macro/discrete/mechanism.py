@@ -88,8 +88,8 @@ def _decompose(system: LinkSystem) -> tuple[np.ndarray, np.ndarray, int]:
     operator = compatibility(system)
     if max(operator.shape) > MAX_DENSE_SIZE:
         raise CaseError(
-            f"modes are found by a dense decomposition, for at most {MAX_DENSE_SIZE} links or "
-            f"unknowns, got {operator.shape}; take one module"
+            f"modes are computed by a dense decomposition of at most {MAX_DENSE_SIZE} links or "
+            f"unknowns, got {operator.shape}; analyse one module"
         )
     left, values, right = svd(operator.toarray())
     return left, right, int(np.count_nonzero(values > RANK_TOLERANCE * values.max(initial=0.0)))

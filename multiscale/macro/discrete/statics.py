@@ -33,7 +33,7 @@ __all__ = ["solve_static"]
 FindState = Callable[[np.ndarray, float, float], LinkState]
 """State from an initial displacement, its load factor, and the load factor to reach."""
 
-EXACT_HINT = "exact=True counts the stiffness that the prestress gives"
+EXACT_HINT = "exact=True includes the geometric stiffness of the prestress"
 
 
 def solve_static(
@@ -149,13 +149,13 @@ def _check(
     if not exact:
         return
     if system.n_components == 6:
-        raise CaseError("exact takes links alone, because beams rotate by small angles")
+        raise CaseError("exact needs links without beams, because beams rotate by small angles")
     if np.isinf(system.stiffness).any():
         raise CaseError("exact needs extensible links; give a finite rigidity")
     if method != "auto":
         raise CaseError(f"exact has one method, 'auto', got {method!r}")
     if stability:
-        raise CaseError("stability takes small perturbations; leave out exact")
+        raise CaseError("stability needs small displacements; leave out exact")
 
 
 def _finite(

@@ -205,7 +205,7 @@ def build_contacts(  # type: ignore[no-untyped-def]
     size, width = pair_impulse.shape
     ends, data = np.empty((size, 2), np.int32), np.empty((size, 6))
     coulomb = np.empty((0 if friction is None else size, 2))
-    stretch, waiting = np.empty((size + 2, 3)), np.zeros(size)
+    stretch, delayed_velocity = np.empty((size + 2, 3)), np.zeros(size)
     stretch[:2] = cell
     impulse, anchor = np.empty((size, width)), np.empty((size, width))
     index = np.empty(size, np.int64)
@@ -229,11 +229,11 @@ def build_contacts(  # type: ignore[no-untyped-def]
         gained = ahead - affine - before
         fastest = min(before + first * gained, approach[k], hits[k])
         impact = restitution > 0.0 and fastest < -rest
-        waits = impact and approach[k] == 0.0 and gap + 0.5 * h * before > 0.0
+        delayed = impact and approach[k] == 0.0 and gap + 0.5 * h * before > 0.0
         bias = gap / h if gap > 0.0 else gap / relaxation
-        if impact and not waits:
+        if impact and not delayed:
             bias = restitution * fastest - last * gained
-        waiting[k] = fastest if waits else 0.0
+        delayed_velocity[k] = fastest if delayed else 0.0
         bx, by, bz = length * nx, length * ny, length * nz
         stretch[m + 2, 0], stretch[m + 2, 1], stretch[m + 2, 2] = bx, by, bz
         give = (cell[1, 0] * bx) ** 2 + (cell[1, 1] * by) ** 2 + (cell[1, 2] * bz) ** 2
@@ -252,7 +252,7 @@ def build_contacts(  # type: ignore[no-untyped-def]
         m += 1
     across = None if friction is None else coulomb[:m]
     contacts = ends[:m], data[:m], across, impulse[:m], anchor[:m]
-    return contacts, index[:m], stretch[: m + 2], waiting
+    return contacts, index[:m], stretch[: m + 2], delayed_velocity
 
 
 @numba.njit(cache=True, error_model="numpy")

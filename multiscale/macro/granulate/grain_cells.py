@@ -101,7 +101,15 @@ def compact(
 
 
 def resolving_step(grains: Grains, pressure: float) -> float:
-    """Length of a step, s: a fifth of the time scale of rearrangements."""
+    """Return the length of a step, s: a fifth of the time scale of rearrangements.
+
+    Parameters
+    ----------
+    grains : Grains
+        The grains.
+    pressure : float
+        Pressure on the grains, Pa.
+    """
     length = grains.thickness or float(grains.radius.mean())
     return 0.2 * float(np.sqrt(grains.mass.mean() / (pressure * length)))
 

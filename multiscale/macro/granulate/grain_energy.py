@@ -16,6 +16,13 @@ def cell_inertia(model: Model, period: np.ndarray) -> tuple[float, float]:
     freely. If a strain rate is prescribed along another axis, the smaller inertia
     :math:`m (2 R)^2` makes the cell follow the pressure. The inertia of a cell of given size is
     infinite.
+
+    Parameters
+    ----------
+    model : Model
+        Grains, walls and loads.
+    period : ndarray, shape (3,)
+        Periods of the cell, m.
     """
     if model.pressure is None:
         return np.inf, 0.0
@@ -39,12 +46,33 @@ def account_grains(
 ) -> tuple[float, float, float, float, float, float]:
     r"""Return kinetic and elastic energy, work, and dissipation by contacts, scheme and damping.
 
-    All are in J. ``times`` are the length of the step and the time in which the forces acted, s;
-    ``velocities`` and ``rates`` are given before the step, after the damping and after the step.
-    ``rebound`` (contacts,) is the normal velocity after an impact that has yet to bounce, m/s, else
-    zero; the kinetic energy that it will restore, and its work against gravity within a step, count
-    as elastic energy.
+    Parameters
+    ----------
+    model : Model
+        Grains, walls and loads.
+    times : tuple of float
+        Length of the step, and time in which the forces acted, s.
+    velocities : tuple of ndarray, shape (bodies, 4 or 8)
+        Velocities before the step, after the damping and after the step, m/s.
+    contacts : Contacts
+        Contacts with their impulses.
+    rebound : ndarray, shape (contacts,)
+        Normal velocity after an impact that has yet to bounce, else zero, m/s. The kinetic energy
+        that it will restore, and its work against gravity within a step, count as elastic energy.
+    rates : tuple of ndarray, shape (3,)
+        Strain rates of the cell before the step, after the damping and after the step, 1/s.
+    branch : ndarray, shape (contacts, 3)
+        Branches of the contacts, m.
+    cell : tuple of float
+        Inertia, kg m2, and moment, J, of :func:`cell_inertia`.
 
+    Returns
+    -------
+    tuple of float
+        The six energies, J.
+
+    Notes
+    -----
     With :math:`\Delta v` the change of velocity after the damping, the kinetic energy grows by
 
         work - contact dissipation - numerical dissipation - damping,
@@ -53,16 +81,16 @@ def account_grains(
     :math:`\Delta v^T M \Delta v / 2`.
 
     The spring of a compliant contact relaxes its force but pushes the grains apart against their
-    overlap: its energy is half of force times overlap.
+    overlap: its energy counts as force times overlap.
     """
     h, acted = times
     mass, (old, slow, velocity) = model.masses, velocities
     inertia = cell[0] if np.isfinite(cell[0]) else 0.0
 
     def kinetic(v: np.ndarray, rate: np.ndarray) -> float:
-        return 0.5 * float(np.sum(mass * v * v)) + 0.5 * inertia * alike(rate) ** 2
+        return 0.5 * float(np.sum(mass * v * v)) + 0.5 * inertia * mean_rate(rate) ** 2
 
-    def alike(rate: np.ndarray) -> float:
+    def mean_rate(rate: np.ndarray) -> float:
         return float(np.sum(rate[model.free])) / max(1, int(model.free.sum()))
 
     n, impulse, (i, j) = contacts.data[:, :3], contacts.vectors, contacts.ends.T
@@ -81,7 +109,7 @@ def account_grains(
             prescribed[k] -= (prescribed[k] @ wall.unit) * wall.unit
     walls = float(np.sum(impulse * prescribed[j]))
     prescribed_rate = np.where(model.free, 0.0, rates[2])
-    work = float(np.sum(mass * model.free_acceleration * velocity)) + cell[1] * alike(rates[2])
+    work = float(np.sum(mass * model.free_acceleration * velocity)) + cell[1] * mean_rate(rates[2])
     work = acted * work + walls - float(moments @ prescribed_rate)
 
     data, bias = contacts.data, contacts.data[:, 3]

@@ -69,7 +69,7 @@ def simulate_grains(
         raise CaseError(f"n_frames must be at least 2, the start and the end, got {n_frames}")
     if accuracy is not None and not 0.0 < accuracy < 1.0:
         raise CaseError(
-            f"accuracy must lie between 0 and 1, a share of the radius, got {accuracy:g}"
+            f"accuracy must lie between 0 and 1, relative to the radius, got {accuracy:g}"
         )
     solver = solver or Solver()
     state, record = initial_state(model), Record(model)

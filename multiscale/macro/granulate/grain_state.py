@@ -138,7 +138,7 @@ def _check_hold(model: Model) -> None:
     )
     if below:
         raise CaseError(
-            f"no wall holds the grains against gravity {tuple(map(float, gravity))} m/s2: they "
+            f"no wall supports the grains against gravity {tuple(map(float, gravity))} m/s2: they "
             f"fall for ever; close the box or set gravity to zero"
         )
 

@@ -111,7 +111,23 @@ def lattice(
     *,
     flat: bool = False,
 ) -> np.ndarray:
-    """Return centres on a jittered lattice that fills a box from below, shape (n, 3), m."""
+    """Return centres on a jittered lattice that fills a box from below, shape (n, 3), m.
+
+    Parameters
+    ----------
+    n : int
+        Number of grains.
+    cells : ndarray of int, shape (2,)
+        Number of lattice cells along x and y.
+    low, high : ndarray, shape (3,)
+        Corners of the box, m.
+    radius : float
+        Radius of the largest grain, m.
+    seed : int
+        Seed of the jitter.
+    flat : bool
+        Whether all centres lie in the plane y = 0.
+    """
     k = np.arange(n)
     layer, rest = np.divmod(k, int(cells[0] * cells[1]))
     row, column = np.divmod(rest, int(cells[1]))
