@@ -1,4 +1,4 @@
-"""Interface laws: the same objects at every scale."""
+"""Laws of interfaces, bulk materials and links, used at every scale."""
 
 from multiscale.laws.area import AreaLaw, ErrorFunctionArea
 from multiscale.laws.convex_decreasing import ConvexDecreasing

@@ -12,12 +12,12 @@ __all__ = ["AreaLaw", "ErrorFunctionArea"]
 
 @dataclass(frozen=True)
 class AreaLaw:
-    r"""Contact fraction that starts at zero, never decreases and never exceeds one.
+    r"""Contact fraction interpolated between given pressures, monotone, from zero to at most one.
 
     Parameters
     ----------
     knot_pressure : ndarray, shape (terms,)
-        Nominal pressures :math:`0 < p_1 < \dots < p_n`, Pa; two at least.
+        Nominal pressures :math:`0 < p_1 < \dots < p_n`, Pa; at least two.
     knot_fraction : ndarray, shape (terms,)
         Contact fraction :math:`A_i` at these pressures, dimensionless.
 
@@ -28,17 +28,17 @@ class AreaLaw:
 
     Notes
     -----
-    Between the knots the monotone cubic interpolation of Fritsch and Butland [1]_ of
-    :math:`\ln A` over :math:`\ln p`, in which light contact is a straight line; outside
+    Between the knots, :math:`\ln A` over :math:`\ln p` is the monotone cubic interpolation of
+    Fritsch and Butland [1]_, in which light contact is a straight line; outside the knots
 
     .. math::
         A(p) = A_1\, \frac{\langle p - p_0 \rangle}{p_1 - p_0} \quad (p < p_1), \qquad
         A(p) = 1 - (1 - A_n)\, \exp\Big(-\frac{A'_n\,(p - p_n)}{1 - A_n}\Big)
         \quad (p > p_n),    \tag{1}
 
-    with the first knot :math:`p_1` that is in contact and the last one :math:`p_0` that is not,
-    zero if all are. The area is proportional to the load at light contact; the second form
-    continues with the slope :math:`A'_n` of the last knot and tends to full contact.
+    where :math:`p_1` is the first knot with contact and :math:`p_0` the last knot without contact,
+    zero if all have contact. The area is proportional to the load at light contact; the second form
+    starts with the slope :math:`A'_n` of the last knot and tends to full contact.
 
     References
     ----------
@@ -74,7 +74,7 @@ class AreaLaw:
         object.__setattr__(self, "knot_fraction", a)
 
     def contact_fraction(self, pressure: np.ndarray) -> np.ndarray:
-        """Real over nominal contact area, dimensionless, at a nominal pressure, Pa; any shape."""
+        """Return the contact fraction, dimensionless, at a nominal pressure, Pa; any shape."""
         pressure = np.asarray(pressure, dtype=float)
         if not np.all(pressure >= 0.0):
             raise ValueError("a pressure must not be negative (Pa)")
@@ -87,34 +87,28 @@ class AreaLaw:
         ramp = np.maximum(0.0, pressure - origin) / (p[0] - origin)
         fraction, slope = a[0] * np.minimum(ramp, 1.0), a[0] / (p[0] - origin)
         if p.size > 1:
-            fraction, slope = _between(p, a, pressure, fraction)
+            from scipy.interpolate import PchipInterpolator
+
+            x = np.log(p / p[0])
+            inner = PchipInterpolator(x, np.log(a))
+            inside = np.exp(inner(np.log(np.clip(pressure, p[0], p[-1]) / p[0])))
+            slope = max(0.0, float(inner(x[-1], 1))) * a[-1] / p[-1]
+            inside = np.where(pressure < p[-1], inside, a[-1])
+            fraction = np.where(pressure < p[0], fraction, inside)
         if a[-1] < 1.0:
             beyond = np.maximum(0.0, pressure - p[-1]) * slope / (1.0 - a[-1])
             fraction = np.where(pressure > p[-1], 1.0 - (1.0 - a[-1]) * np.exp(-beyond), fraction)
         return np.asarray(np.clip(fraction, 0.0, 1.0))
 
 
-def _between(
-    p: np.ndarray, a: np.ndarray, pressure: np.ndarray, below: np.ndarray
-) -> tuple[np.ndarray, float]:
-    """Interpolate between the knots in logarithms; also the slope at the last one, 1/Pa."""
-    from scipy.interpolate import PchipInterpolator
-
-    x = np.log(p / p[0])
-    inner = PchipInterpolator(x, np.log(a))
-    inside = np.exp(inner(np.log(np.clip(pressure, p[0], p[-1]) / p[0])))
-    slope = max(0.0, float(inner(x[-1], 1))) * a[-1] / p[-1]
-    return np.where(pressure < p[0], below, np.where(pressure < p[-1], inside, a[-1])), slope
-
-
 @dataclass(frozen=True)
 class ErrorFunctionArea:
-    r"""Contact fraction of the diffusion theory of contact: one parameter.
+    r"""Contact fraction of the diffusion theory of contact, with one parameter.
 
     Parameters
     ----------
     pressure_scale : float
-        :math:`p_A > 0`, Pa.
+        Pressure :math:`p_A > 0` of (1), Pa.
 
     Raises
     ------
@@ -125,9 +119,9 @@ class ErrorFunctionArea:
     -----
     .. math:: A(p) = \operatorname{erf}(p / p_A),    \tag{1}
 
-    zero without pressure, rising and below one for any :math:`p_A`. In the theory
+    zero without pressure, increasing and below one for any :math:`p_A`. In the theory
     :math:`p_A = E^* g / \sqrt 2` with the contact modulus :math:`E^*` and the root mean square
-    slope :math:`g`; computed areas of light contact are larger, so that it is fitted here.
+    slope :math:`g`; computed areas of light contact are larger, so that :math:`p_A` is fitted.
 
     References
     ----------

@@ -1,4 +1,4 @@
-"""A normal law of free form: decreasing, convex and zero beyond the highest summit."""
+"""Normal law that is a convex decreasing spline, zero beyond the highest summit."""
 
 from dataclasses import dataclass
 from functools import cached_property
@@ -13,24 +13,23 @@ __all__ = ["ConvexDecreasing"]
 
 @dataclass(frozen=True)
 class ConvexDecreasing(NormalLaw):
-    r"""Frictionless law that is a convex, decreasing cubic spline of the gap.
+    r"""Frictionless law whose pressure is a convex, decreasing cubic spline of the gap.
 
     Parameters
     ----------
     knot : ndarray, shape (terms,)
-        Gaps :math:`s_1 < \dots < s_n` at which a term vanishes, m.
+        Gaps :math:`s_1 < \dots < s_n` at which the terms vanish, m.
     coefficient : ndarray, shape (terms,)
         :math:`c_k`, Pa m\ :sup:`-3`. Single coefficients may be negative, see (2).
     gap : float, default 0.0
         Initial gap :math:`g_0` between the mean planes, m.
     pressure_range : tuple of float, default (0, inf)
-        Smallest and largest pressure of the data that the law was fitted to, Pa. The law answers
-        outside as well, but there it extrapolates.
+        Lowest and highest pressure of the fitted data, Pa. Outside, the law extrapolates.
 
     Raises
     ------
     CaseError
-        If the knots do not increase, or the law would not be convex.
+        If the knots do not increase, or the law is not convex.
 
     Notes
     -----
@@ -38,25 +37,26 @@ class ConvexDecreasing(NormalLaw):
 
     .. math:: t_N = -\sum_k c_k\, \langle s_k - g\rangle_+^3, \qquad t_T = 0.    \tag{1}
 
-    The curvature of (1) is linear between the knots and zero beyond the last. The law is therefore
-    convex, and as it vanishes beyond :math:`s_n` also decreasing and positive, if and only if
+    The curvature of (1) is linear between the knots and zero beyond the last knot. The law is
+    therefore convex, and since it vanishes beyond :math:`s_n` also decreasing and positive, if and
+    only if
 
     .. math::
         \sum_{k>j} c_k\, (s_k - s_j) \ge 0 \quad (j = 1 \dots n-1), \qquad
         \sum_k c_k \ge 0,    \tag{2}
 
-    where the last condition is that of gaps below the first knot. Coefficients :math:`c_k \ge 0`
-    satisfy (2) but reach only laws whose :math:`p^{1/3}` is convex: no power law
-    :math:`(s - g)^m` with :math:`m < 3`, no Greenwood-Williamson law at small gap, and not the
-    first contact of a wave.
+    where the last condition applies to gaps below the first knot. Coefficients :math:`c_k \ge 0`
+    satisfy (2) but represent only laws with convex :math:`p^{1/3}`: no power law :math:`(s - g)^m`
+    with :math:`m < 3`, no Greenwood-Williamson law at small gap, and not the first contact of a
+    wave.
 
-    Between two knots (1) is evaluated about the right one,
+    Between two knots (1) is expanded about the right knot,
 
     .. math::
         p = \sum_{i=0}^3 a_{ij} (s_j - g)^i, \qquad
         a_{ij} = \binom{3}{i} \sum_{k \ge j} c_k (s_k - s_j)^{3-i},    \tag{3}
 
-    where nothing cancels that does not in (1).
+    with no more cancellation than in (1).
 
     Examples
     --------
@@ -90,12 +90,12 @@ class ConvexDecreasing(NormalLaw):
             where = f"at the gap {s[j]:.3g} m" if j < s.size else "below the first knot"
             raise CaseError(
                 f"the law is not convex {where}: its curvature is negative there; "
-                f"coefficients that are all positive (Pa m^-3) make it convex"
+                f"it is convex if all coefficients are positive (Pa m^-3)"
             )
         if not c[-1] > 0.0:
             raise CaseError(
                 f"the coefficient of the last knot must be positive (Pa m^-3), got {c[-1]:g}; "
-                f"leave out terms that are zero"
+                f"remove terms that are zero"
             )
         object.__setattr__(self, "knot", s)
         object.__setattr__(self, "coefficient", c)
@@ -106,16 +106,16 @@ class ConvexDecreasing(NormalLaw):
         return np.asarray(a0 + d * (a1 + d * (a2 + d * a3)))  # (3)
 
     def stiffness(self, gap: np.ndarray) -> np.ndarray:
-        """Minus the derivative of (1), Pa/m."""
+        """Return minus the derivative of (1), Pa/m."""
         d, (_, a1, a2, a3) = self._piece(gap)
         return np.asarray(a1 + d * (2.0 * a2 + d * 3.0 * a3))
 
     def gap_at(self, pressure: np.ndarray) -> np.ndarray:
-        """Local gap, m, at a pressure, Pa; the last knot at zero pressure.
+        """Return the local gap, m, at a pressure, Pa; the last knot at zero pressure.
 
-        Newton's method, which is monotone for a convex function once it is left of the root: it
-        starts at the knot left of it. In the last interval (1) has one term and is inverted as
-        it stands.
+        Newton's method is monotone for a convex function from any start left of the root: it starts
+        at the next knot left of the root. In the last interval (1) has one term and is inverted
+        directly.
         """
         target = np.asarray(pressure, dtype=float)
         if not np.all((target >= 0.0) & np.isfinite(target)):
@@ -144,8 +144,8 @@ class ConvexDecreasing(NormalLaw):
     ) -> np.ndarray:
         """Find the jump on the law and on a search direction; see :class:`InterfaceLaw`.
 
-        Newton's method starts from the last knot left of the root, or beyond all knots from the
-        root itself.
+        Newton's method starts from the last knot left of the root; beyond all knots the start is
+        the root.
         """
         stiffness = np.broadcast_to(stiffness, source.shape)
         k, b = stiffness[0], source[0]
@@ -172,7 +172,7 @@ class ConvexDecreasing(NormalLaw):
         return np.stack([np.append(term @ c, 0.0) for term in terms])
 
     def _piece(self, gap: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Distance to the knot on the right and the coefficients of (3) there."""
+        """Return the distance to the next knot on the right and the coefficients of (3) there."""
         j = np.searchsorted(self.knot, gap, side="right")
         right = self.knot[np.minimum(j, self.knot.size - 1)]
         return np.maximum(0.0, right - gap), self._expansions[:, j]

@@ -1,14 +1,14 @@
-"""Tangential traction of a point that sticks, or slides at Coulomb's limit."""
+"""Tangential traction of a point that sticks or slides at Coulomb's limit."""
 
 import numpy as np
 
 __all__ = ["limit_traction"]
 
-MAX_ITERATIONS, CLOSE = 60, 1e-15
-"""Of Newton's method, and the relative change at which it ends."""
+MAX_ITERATIONS, RELATIVE_CHANGE = 60, 1e-15
+"""Iteration limit of Newton's method, and the relative change at which it stops."""
 
-NEGLIGIBLE, TINY = 1e-14, 1e-150
-"""Limit, relative to the traction without one, that is as good as none; and least divisor."""
+NEGLIGIBLE_LIMIT, LEAST_DIVISOR = 1e-14, 1e-150
+"""Limit below which the traction is zero, relative to the unlimited traction; least divisor."""
 
 
 def limit_traction(drive: np.ndarray, softness: np.ndarray, limit: np.ndarray) -> np.ndarray:
@@ -17,24 +17,24 @@ def limit_traction(drive: np.ndarray, softness: np.ndarray, limit: np.ndarray) -
     Parameters
     ----------
     drive, softness : ndarray, shape (2, ...)
-        :math:`d` and :math:`a \ge 0`; only their ratio to each other has a unit, Pa.
+        :math:`d` and :math:`a \ge 0`; their ratio is a traction, Pa.
     limit : ndarray, shape (...)
-        :math:`\ell \ge 0`, Pa.
+        Limit :math:`\ell \ge 0`, Pa.
 
     Returns
     -------
     ndarray, shape (2, ...)
-        Pa.
+        Traction :math:`t`, Pa.
 
     Notes
     -----
-    With the least :math:`\sigma \ge 0` that allows it,
+    With the least :math:`\sigma \ge 0` that satisfies the limit,
 
     .. math:: t_i = \frac{d_i}{\sigma + a_i}, \qquad |t| \le \ell.    \tag{1}
 
-    If :math:`a` is alike in both directions, so is the direction of :math:`t` and :math:`d`.
-    Newton's method for :math:`1/|t| = 1/\ell`, which is nearly linear in :math:`\sigma`, climbs
-    monotonically [1]_.
+    If both components of :math:`a` are equal, :math:`t` and :math:`d` are parallel. Newton's method
+    for :math:`1/|t| = 1/\ell`, which is nearly linear in :math:`\sigma`, increases monotonically
+    [1]_.
 
     References
     ----------
@@ -43,14 +43,14 @@ def limit_traction(drive: np.ndarray, softness: np.ndarray, limit: np.ndarray) -
     """
     sigma = np.zeros(limit.shape)
     for _ in range(MAX_ITERATIONS):
-        traction = drive / np.maximum(sigma + softness, TINY)  # (1)
+        traction = drive / np.maximum(sigma + softness, LEAST_DIVISOR)  # (1)
         size = np.sqrt(np.sum(traction**2, axis=0))
-        slides = (size > limit) & (limit > NEGLIGIBLE * size)
-        along = traction / np.maximum(size, TINY)
-        slope = np.sum(along**2 / np.maximum(sigma + softness, TINY), axis=0)
+        slides = (size > limit) & (limit > NEGLIGIBLE_LIMIT * size)
+        along = traction / np.maximum(size, LEAST_DIVISOR)
+        slope = np.sum(along**2 / np.maximum(sigma + softness, LEAST_DIVISOR), axis=0)
         rise = np.where(slides, size / np.where(slides, limit, 1.0) - 1.0, 0.0)
         step = rise / np.where(slides, slope, 1.0)
-        if not np.any(step > CLOSE * sigma):
+        if not np.any(step > RELATIVE_CHANGE * sigma):
             break
         sigma = sigma + step
     return np.asarray(along * np.minimum(size, limit))

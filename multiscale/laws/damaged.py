@@ -1,4 +1,4 @@
-"""A normal law whose interface is damaged in part."""
+"""Normal law of a partly damaged interface."""
 
 from dataclasses import dataclass, field
 
@@ -12,14 +12,14 @@ __all__ = ["Damaged"]
 
 @dataclass(frozen=True)
 class Damaged(NormalLaw):
-    r"""Another normal law of which a share of the interface carries nothing.
+    r"""Normal law of an interface of which a share carries no load.
 
     Parameters
     ----------
     law : NormalLaw
-        The sound law, its gap included.
+        Law of the sound interface, with its gap.
     damage : float
-        :math:`D`, from 0 to below 1, dimensionless.
+        Damage :math:`D`, from 0 to below 1, dimensionless.
 
     Raises
     ------
@@ -45,7 +45,7 @@ class Damaged(NormalLaw):
         if not 0.0 <= self.damage < 1.0:
             raise CaseError(
                 f"the damage of an interface must lie from 0 to below 1, got {self.damage:g}; "
-                f"leave out an interface that is broken through"
+                f"remove an interface that is fully damaged"
             )
 
     @property
@@ -55,7 +55,7 @@ class Damaged(NormalLaw):
 
     @property
     def pressure_range(self) -> tuple[float, float]:  # type: ignore[override]
-        """Pressures that the data of the sound law carry, less the damage, Pa."""
+        """Pressures of the data of the sound law, times 1 - D, Pa."""
         low, high = self.law.pressure_range
         return (1.0 - self.damage) * low, (1.0 - self.damage) * high
 
@@ -64,9 +64,9 @@ class Damaged(NormalLaw):
         return np.asarray((1.0 - self.damage) * self.law.pressure(gap))
 
     def stiffness(self, gap: np.ndarray) -> np.ndarray:
-        """Minus the derivative of (1), Pa/m."""
+        """Return minus the derivative of (1), Pa/m."""
         return np.asarray((1.0 - self.damage) * self.law.stiffness(gap))
 
     def gap_at(self, pressure: np.ndarray) -> np.ndarray:
-        """Local gap, m, at a pressure, Pa."""
+        """Return the local gap, m, at a pressure, Pa."""
         return self.law.gap_at(np.asarray(pressure) / (1.0 - self.damage))

@@ -17,13 +17,13 @@ class Exponential(NormalLaw):
     Parameters
     ----------
     pressure_scale : float
-        :math:`p_c > 0`, the pressure at zero gap, Pa.
+        Pressure :math:`p_c > 0` at zero gap, Pa.
     decay_length : float
-        :math:`u_0 > 0`, m.
+        Decay length :math:`u_0 > 0`, m.
     gap : float, default 0.0
-        :math:`g_0` of :class:`NormalLaw`, m.
+        Initial gap :math:`g_0` of :class:`NormalLaw`, m.
     pressure_range : tuple of float, default (0, inf)
-        Lowest and highest pressure of the data that it was fitted to, Pa.
+        Lowest and highest pressure of the fitted data, Pa.
 
     Raises
     ------
@@ -34,8 +34,8 @@ class Exponential(NormalLaw):
     -----
     .. math:: p(g) = p_c\, e^{-g/u_0}.    \tag{1}
 
-    The stiffness is proportional to the pressure, :math:`K = p / u_0`, as found for self-affine
-    surfaces at intermediate pressure.
+    The stiffness is proportional to the pressure, :math:`K = p / u_0`, as for self-affine surfaces
+    at intermediate pressure.
 
     References
     ----------
@@ -60,14 +60,14 @@ class Exponential(NormalLaw):
 
     def pressure(self, gap: np.ndarray) -> np.ndarray:
         """Evaluate (1); the unit is Pa."""
-        with np.errstate(over="ignore"):  # infinite far inside the obstacle: the caller sees it
+        with np.errstate(over="ignore"):  # infinite at very negative gaps
             return np.asarray(self.pressure_scale * np.exp(-gap / self.decay_length))
 
     def stiffness(self, gap: np.ndarray) -> np.ndarray:
-        """Minus the derivative of (1), Pa/m."""
+        """Return minus the derivative of (1), Pa/m."""
         return self.pressure(gap) / self.decay_length
 
     def gap_at(self, pressure: np.ndarray) -> np.ndarray:
-        """Local gap, m, at a pressure, Pa; infinite at zero pressure."""
+        """Return the local gap, m, at a pressure, Pa; infinite at zero pressure."""
         with np.errstate(divide="ignore"):
             return np.asarray(-self.decay_length * np.log(pressure / self.pressure_scale))

@@ -1,4 +1,4 @@
-"""What an interface law is: a jump goes in, a traction comes out."""
+"""Base classes of interface laws, which map a jump to a traction."""
 
 from abc import ABC, abstractmethod
 from dataclasses import dataclass
@@ -12,7 +12,7 @@ __all__ = ["InterfaceLaw", "NormalLaw", "Response", "Sliding", "newton_from_the_
 
 @dataclass(frozen=True)
 class Response:
-    """What a law answers to a jump.
+    """Response of a law to a jump.
 
     Attributes
     ----------
@@ -21,7 +21,7 @@ class Response:
     tangent : ndarray, shape (d, d, ...)
         Derivative of the traction with respect to the jump, Pa/m.
     state : ndarray, shape (n_state, ...)
-        New internal variables.
+        New internal variables, with the units of the law.
     """
 
     traction: np.ndarray
@@ -31,17 +31,17 @@ class Response:
 
 @dataclass(frozen=True)
 class Sliding:
-    """What a step along the interface does, at every point.
+    """Slip and energy of a step at every point.
 
     Attributes
     ----------
-    slipping : ndarray
-        Share of the pressure on what slips in the step, 0 to 1.
-    dissipated : ndarray
-        Work of the traction along the interface at the end of the step less the change of the
-        energy stored, J/m²: never negative, and what slip takes to first order in the step.
-    stored : ndarray
-        Energy that the tangential traction has stored at the end of the step, J/m².
+    slipping : ndarray, shape (...)
+        Share of the pressure carried by slipping parts in the step, 0 to 1.
+    dissipated : ndarray, shape (...)
+        Work of the tangential traction at the end of the step minus the change of the stored
+        energy, J/m²: never negative, and the dissipation by slip to first order in the step.
+    stored : ndarray, shape (...)
+        Energy stored by the tangential traction at the end of the step, J/m².
     """
 
     slipping: np.ndarray
@@ -53,20 +53,19 @@ class InterfaceLaw(ABC):
     """Maps a displacement jump to a traction, pointwise.
 
     Every array has its component axis first, row 0 normal; any axes may follow (elements,
-    points, quadrature points). A law never changes its arguments and keeps nothing between
-    calls: the state goes in and comes out.
+    points, quadrature points). A law never changes its arguments and stores nothing between
+    calls: the state is an argument and a result.
 
     Attributes
     ----------
     n_state : int
-        Number of internal variables of a point.
+        Number of internal variables per point.
     gap : float
         Initial gap between the mean planes, m.
     damage : float
-        Share of the interface that carries nothing, dimensionless.
+        Share of the interface that carries no load, dimensionless.
     pressure_range : tuple of float
-        Lowest and highest pressure of the data that the law was fitted to, Pa; all pressures for a
-        law that was not fitted.
+        Lowest and highest pressure of the fitted data, Pa; (0, inf) for a law without data.
     """
 
     n_state: int = 0
@@ -76,23 +75,23 @@ class InterfaceLaw(ABC):
 
     @abstractmethod
     def respond(self, jump: np.ndarray, state: np.ndarray) -> Response:
-        """Traction, tangent and new state for a jump of shape (d, ...), m."""
+        """Return traction, tangent and new state for a jump of shape (d, ...), m."""
 
     @property
     def normal_law(self) -> "InterfaceLaw":
-        """The law of the gap alone, which is all of a law without tangential traction."""
+        """Law of the gap alone; the law itself if it has no tangential traction."""
         return self
 
     def friction_limit(self, pressure: np.ndarray) -> np.ndarray:
-        """Largest traction along the interface at a pressure, Pa; none without friction."""
+        """Return the largest tangential traction at a pressure, Pa; zero without friction."""
         return 0.0 * pressure
 
     def at_rest(self, jump: np.ndarray) -> np.ndarray:
-        """State of an interface that rests at a jump without tangential traction."""
+        """Return the state of an interface at rest at a jump, m, without tangential traction."""
         return np.zeros((self.n_state, *jump.shape[1:]))
 
     def sliding(self, jump: np.ndarray, state: np.ndarray) -> Sliding:
-        """Slip and energy of the step from a state to a jump; without resistance all slips."""
+        """Return slip and energy of the step from a state to a jump; all slips without friction."""
         none = np.zeros(jump.shape[1:])
         return Sliding(none + 1.0, none, none)
 
@@ -106,14 +105,14 @@ class InterfaceLaw(ABC):
         source : ndarray, shape (d, ...)
             Right-hand side :math:`b`, Pa.
         stiffness : float or ndarray
-            :math:`k > 0` of the search direction, Pa/m; it broadcasts against ``source``.
+            Stiffness :math:`k > 0` of the search direction, Pa/m; broadcasts against ``source``.
         state : ndarray, shape (n_state, ...)
             Last committed state.
 
         Returns
         -------
         ndarray, shape (d, ...)
-            The jump, m.
+            Jump, m.
 
         Raises
         ------
@@ -127,44 +126,44 @@ class InterfaceLaw(ABC):
         .. math:: t([\![u]\!]) + k\, [\![u]\!] = b    \tag{1}
 
         for a law without tangential traction: :math:`[\![u_T]\!] = b_T / k`, and the normal row
-        is one scalar equation per point. For a law that never pulls, whose pressure is convex and
-        decreasing, its left-hand side is concave and increasing, so that Newton's method climbs
-        monotonically to the root from any start left of it; :math:`b_N / k` is one. A law that is
-        not of this kind brings its own resolvent.
+        is one scalar equation per point. If the pressure is never negative, convex and decreasing,
+        the left-hand side is concave and increasing, so that Newton's method increases
+        monotonically to the root from any start left of it, such as :math:`b_N / k`. Other laws
+        override this method.
         """
         stiffness = np.broadcast_to(stiffness, source.shape)
         return newton_from_the_left(self, source, stiffness, state, source[0] / stiffness[0])
 
 
 class NormalLaw(InterfaceLaw):
-    r"""A frictionless law: the pressure depends on the gap alone, positive, decreasing, convex.
+    r"""Frictionless law whose pressure is a positive, decreasing, convex function of the gap.
 
     A subclass has the fields ``gap``, m, so that the local gap is :math:`g = [\![u_N]\!] + g_0`,
-    and ``pressure_range`` if it is fitted, and says what pressure and stiffness are. Then
+    and ``pressure_range`` if it is fitted, and defines pressure and stiffness. Then
 
     .. math:: t_N = -p(g), \qquad t_T = 0, \qquad \mathrm{d}t_N / \mathrm{d}g = K(g).    \tag{2}
     """
 
     @abstractmethod
     def pressure(self, gap: np.ndarray) -> np.ndarray:
-        """Pressure, Pa, at a local gap, m; any shape."""
+        """Return the pressure, Pa, at a local gap, m; any shape."""
 
     @abstractmethod
     def stiffness(self, gap: np.ndarray) -> np.ndarray:
-        """Contact stiffness, minus the derivative of the pressure, Pa/m, at a local gap, m."""
+        """Return the contact stiffness, minus the derivative of the pressure, Pa/m, at a gap, m."""
 
     @abstractmethod
     def gap_at(self, pressure: np.ndarray) -> np.ndarray:
-        """Local gap, m, at which the pressure, Pa, is reached: the inverse of ``pressure``."""
+        """Return the local gap, m, at a pressure, Pa: the inverse of :meth:`pressure`."""
 
     def elastic_curve(self, low: float, high: float) -> tuple["NormalLaw", float, float]:
-        """Curve on which the pressure falls without loss, and its pressures between two, Pa."""
+        """Return the curve of elastic unloading, and the range of its pressures, Pa."""
         return self, low, high
 
     def on_curve(
         self, gap: np.ndarray, state: np.ndarray
     ) -> tuple[np.ndarray, float | np.ndarray, float | np.ndarray]:
-        """Gap on the elastic curve of a local gap, m, and the scales of its force and length."""
+        """Return the gap on the elastic curve at a local gap, m, and scales of force and length."""
         return gap, 1.0, 1.0
 
     def respond(self, jump: np.ndarray, state: np.ndarray) -> Response:
@@ -181,10 +180,9 @@ class NormalLaw(InterfaceLaw):
     ) -> np.ndarray:
         """Find the jump on the law and on a search direction; see :class:`InterfaceLaw`.
 
-        A soft direction would start Newton's method far inside the obstacle, where an exponential
-        overflows. The jump at the pressure ``-source[0]`` is another start: if it is not positive
-        it lies left of the root, and if it is positive the first step ends between zero and the
-        root.
+        With a small stiffness :math:`b_N / k` is a very negative gap, where an exponential
+        overflows. The jump at the pressure ``-source[0]`` is a better start: if it is not positive
+        it lies left of the root, else the first step ends between zero and the root.
         """
         stiffness = np.broadcast_to(stiffness, source.shape)
         start = np.asarray(source[0] / stiffness[0])
@@ -204,10 +202,33 @@ def newton_from_the_left(
     max_iterations: int = 300,
     tolerance: float = 1e-13,
 ) -> np.ndarray:
-    """Newton's method for (1) from a start that is, or comes after one step, left of the root.
+    """Solve (1) by Newton's method from a start whose first or second iterate is left of the root.
 
-    The residual of (1) is relative to the largest of its three terms. A point is finished as well
-    when its step is below the spacing of floating-point numbers at its jump and gap.
+    Parameters
+    ----------
+    law : InterfaceLaw
+        The law.
+    source, stiffness : ndarray, shape (d, ...)
+        :math:`b`, Pa, and :math:`k`, Pa/m.
+    state : ndarray, shape (n_state, ...)
+        Last committed state.
+    start : ndarray, shape (...)
+        Initial normal jump, m.
+    max_iterations : int
+        Iteration limit.
+    tolerance : float
+        Bound on the residual of (1) relative to the largest of its three terms, dimensionless. A
+        point also converges if its step is below the spacing of floating-point numbers.
+
+    Returns
+    -------
+    ndarray, shape (d, ...)
+        Jump, m.
+
+    Raises
+    ------
+    ConvergenceError
+        If the tolerance is not reached.
     """
     if not np.all(stiffness > 0.0):
         raise ValueError("the stiffness of a search direction must be positive (Pa/m)")
@@ -223,7 +244,7 @@ def newton_from_the_left(
         step = -f / (response.tangent[0, 0] + k)
         spacing = 4.0 * np.finfo(float).eps * (np.abs(jump[0]) + abs(law.gap))
         ratio = np.abs(f) / np.where(scale > 0.0, scale, 1.0)
-        # from the second iterate on all are left of the root, which only round-off can pass
+        # from the second iterate on all are left of the root up to round-off
         passed = (iteration > 0) & (f >= 0.0) & (ratio <= 1e-9)
         open_points = ~((ratio <= tolerance) | (np.abs(step) <= spacing) | passed)
         if not np.any(open_points):

@@ -1,4 +1,4 @@
-"""Ranges of the parameters of laws, one number or one for each of many laws at once."""
+"""Ranges of the parameters of laws."""
 
 import numpy as np
 
@@ -15,14 +15,14 @@ def check_parameter(
     Parameters
     ----------
     law : object
-        With the parameter as an attribute: a number, or an array that broadcasts with what the
-        law is asked for.
+        Law with the parameter as an attribute: a number, or an array that broadcasts with the
+        arguments of the law.
     name : str
-        Of the parameter.
+        Name of the parameter.
     unit : str
-        Of the parameter.
+        Unit of the parameter.
     lowest : float, optional
-        Smallest value that is allowed; if not given, the parameter is positive.
+        Smallest allowed value; if not given, the parameter must be positive.
 
     Raises
     ------

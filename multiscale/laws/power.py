@@ -17,15 +17,15 @@ class PowerLaw(NormalLaw):
     Parameters
     ----------
     pressure_scale : float
-        :math:`p_c > 0`, the pressure at zero gap, Pa.
+        Pressure :math:`p_c > 0` at zero gap, Pa.
     support : float
-        :math:`s > 0`, the gap at which contact begins, m.
+        Gap :math:`s > 0` at which contact begins, m.
     exponent : float
-        :math:`m \ge 1`, dimensionless.
+        Exponent :math:`m \ge 1`, dimensionless.
     gap : float, default 0.0
-        :math:`g_0` of :class:`NormalLaw`, m.
+        Initial gap :math:`g_0` of :class:`NormalLaw`, m.
     pressure_range : tuple of float, default (0, inf)
-        Lowest and highest pressure of the data that it was fitted to, Pa.
+        Lowest and highest pressure of the fitted data, Pa.
 
     Raises
     ------
@@ -37,7 +37,7 @@ class PowerLaw(NormalLaw):
     .. math:: p(g) = p_c\, \langle 1 - g/s \rangle_+^m.    \tag{1}
 
     With the approach :math:`a = s - g` this is :math:`c_n a^m` with :math:`c_n = p_c s^{-m}`; the
-    form (1) keeps units that do not depend on the exponent.
+    units of the parameters of (1) do not depend on the exponent.
 
     References
     ----------
@@ -68,12 +68,12 @@ class PowerLaw(NormalLaw):
         return np.asarray(self.pressure_scale * approach**self.exponent)
 
     def stiffness(self, gap: np.ndarray) -> np.ndarray:
-        """Minus the derivative of (1), Pa/m; the smaller one at first contact if m = 1."""
+        """Return minus the derivative of (1), Pa/m; zero at first contact."""
         approach = np.maximum(0.0, 1.0 - np.asarray(gap) / self.support)
         slope = self.pressure_scale * self.exponent / self.support
         return np.where(approach > 0.0, slope * approach ** (self.exponent - 1.0), 0.0)
 
     def gap_at(self, pressure: np.ndarray) -> np.ndarray:
-        """Local gap, m, at a pressure, Pa; the support at zero pressure."""
+        """Return the local gap, m, at a pressure, Pa; the support at zero pressure."""
         share = np.asarray(pressure) / self.pressure_scale
         return np.asarray(self.support * (1.0 - share ** (1.0 / self.exponent)))

@@ -13,12 +13,12 @@ __all__ = ["RigidContact"]
 
 @dataclass(frozen=True)
 class RigidContact(InterfaceLaw):
-    r"""Surfaces that do not penetrate, do not pull, and slide at Coulomb's limit only.
+    r"""Unilateral contact without penetration and adhesion, with Coulomb friction.
 
     Parameters
     ----------
     friction : float
-        Coefficient :math:`\mu \ge 0`.
+        Friction coefficient :math:`\mu \ge 0`, dimensionless.
     gap : float, default 0.0
         Initial gap :math:`g_0`, m.
 
@@ -36,10 +36,10 @@ class RigidContact(InterfaceLaw):
         0 \le g \perp p = -t_N \ge 0, \qquad |t_T| \le \mu p, \qquad
         s = \lambda\, t_T, \quad 0 \le \lambda \perp \mu p - |t_T| \ge 0,    \tag{1}
 
-    the inequalities of (4) of the source. A jump does not tell the traction of a closed point:
-    there :meth:`respond` says NaN, and only solvers that work with the resolvent, as
-    :func:`multiscale.macro.solve_latin`, take this law. The state is the tangential jump of the
-    last step.
+    the inequalities of (4) of the source. The jump does not determine the traction of a closed
+    point: :meth:`respond` returns NaN there, and only solvers that use the resolvent, such as
+    :func:`multiscale.macro.solve_latin`, accept this law. The state is the tangential jump of the
+    last step, m.
     """
 
     friction: float = 0.0
@@ -54,11 +54,11 @@ class RigidContact(InterfaceLaw):
             raise CaseError(f"the initial gap must be finite (m), got {self.gap:g}")
 
     def friction_limit(self, pressure: np.ndarray) -> np.ndarray:
-        """Coulomb's limit, Pa, at a pressure, Pa."""
+        """Return Coulomb's limit, Pa, at a pressure, Pa."""
         return self.friction * pressure
 
     def respond(self, jump: np.ndarray, state: np.ndarray) -> Response:
-        """No traction where the gap is open, NaN where it is closed; state for the next step."""
+        """Return zero traction at open points, NaN at closed points, and the new state."""
         apart = np.where(jump[0] + self.gap > 0.0, 0.0, np.nan)
         return Response(apart + np.zeros_like(jump), apart + np.zeros((3, *jump.shape)), jump[1:])
 
@@ -70,7 +70,7 @@ class RigidContact(InterfaceLaw):
         if not np.all(k > 0.0):
             raise ValueError("the stiffness of a search direction must be positive (Pa/m)")
         pressure = np.maximum(0.0, -source[0] - k[0] * self.gap)
-        held = source[1:] - k[1:] * state  # traction that would hold the point
+        held = source[1:] - k[1:] * state  # traction that prevents slip
         limit = self.friction_limit(pressure)
         traction = limit_traction(held / k[1:], 1.0 / k[1:], limit)
         slides = np.sqrt(np.sum(held**2, axis=0)) > limit

@@ -1,8 +1,8 @@
-"""Machine code of the bed of sliders: equations (a) to (d) of :class:`Sliders`, point by point.
+"""Kernels of the bed of sliders: equations (a) to (d) of :class:`Sliders`, point by point.
 
-``edges`` has the gap, pressure and stiffness at the upper edge of every slab on the elastic curve,
-shape (3, slabs). ``start`` and ``end`` of a step have, of every point, the gap, pressure and
-stiffness on that curve and the scales of force and length, shape (5, points).
+``edges``, shape (3, slabs), holds gap, pressure and stiffness at the upper edge of every slab on
+the elastic curve. ``start`` and ``end`` of a step, shape (5, points), hold gap, pressure and
+stiffness of every point on this curve, and the scales of force and length.
 """
 
 import numba
@@ -10,20 +10,20 @@ import numpy as np
 
 __all__ = ["resolve", "respond_slabs"]
 
-TINY = 1e-300
+LEAST_DIVISOR = 1e-300
 """Least divisor."""
 
-NEAR = 1e-5
-"""Change of the gap, relative to pressure over stiffness, below which that of the load of a slab
-is rounding."""
+ROUNDING_CHANGE = 1e-5
+"""Change of the gap, relative to pressure over stiffness, below which the change of the load of a
+slab is rounding."""
 
-MAX_ITERATIONS, HALVINGS, CLOSE = 100, 40, 1e-13
-"""Of Newton's method, and the forces out of balance, relative to all of them, at which it ends."""
+MAX_ITERATIONS, MAX_HALVINGS, TOLERANCE = 100, 40, 1e-13
+"""Iteration and halving limits of Newton's method, and its residual relative to all forces."""
 
 
 @numba.njit(cache=True, error_model="numpy")
 def _slab(i, place, c, edges):  # type: ignore[no-untyped-def]
-    """Load and stiffness (a) of slab i at point c."""
+    """Return load and stiffness (a) of slab i at point c."""
     gap, upper = place[0, c], edges[0, i]
     if gap >= upper:
         return 0.0, 0.0
@@ -32,19 +32,19 @@ def _slab(i, place, c, edges):  # type: ignore[no-untyped-def]
         h, p, K = edges[0, i - 1], edges[1, i - 1], edges[2, i - 1]
     w = max(K - edges[2, i], 0.0)
     N = p - edges[1, i] - edges[2, i] * (upper - h) + w * (h - gap)  # (a)
-    N = min(max(N, w * (h - gap)), w * (upper - gap))  # what rounding leaves of it
+    N = min(max(N, w * (h - gap)), w * (upper - gap))  # bounds violated by rounding only
     return place[3, c] * N, place[3, c] / place[4, c] * w
 
 
 @numba.njit(cache=True, error_model="numpy")
 def _step(i, c, start, end, loaded, edges):  # type: ignore[no-untyped-def]
-    """Load and stiffness at the end; share of the force kept, and m of (b); the rule of m."""
+    """Return load and stiffness at the end, w1/l0 and m of (b), and dm/dw (0 for the quotient)."""
     N0, w0 = _slab(i, start, c, edges)
     N, w = _slab(i, end, c, edges)
     keep = w / loaded if loaded > w else 1.0
     fall = (start[0, c] - end[0, c]) * end[4, c]
     flows = start[3, c] != end[3, c]
-    if flows or abs(start[0, c] - end[0, c]) * end[2, c] <= NEAR * end[1, c]:
+    if flows or abs(start[0, c] - end[0, c]) * end[2, c] <= ROUNDING_CHANGE * end[1, c]:
         return N, w, keep, min(0.5 * (w0 + w), w), 0.5 if w0 < w else 1.0
     if fall <= 0.0:
         return N, w, keep, w, 1.0
@@ -53,10 +53,12 @@ def _step(i, c, start, end, loaded, edges):  # type: ignore[no-untyped-def]
 
 @numba.njit(parallel=True, cache=True, error_model="numpy")
 def respond_slabs(jump, state, start, end, slope, edges, friction, kappa, creep):  # type: ignore[no-untyped-def]
-    """Tangential traction, tangent, new state and account of a step, (a) to (d).
+    """Return tangential traction, tangent, new state and energies of a step, (a) to (d).
 
-    ``slope`` has, of every point, the derivatives with the gap of the stiffness of the slab that
-    holds the gap, and of the logarithms of the scales of force and of force over length.
+    ``slope``, shape (3, points), holds the derivatives with respect to the gap of the stiffness of
+    the slab that contains the gap, and of the logarithms of the scales of force and of force over
+    length. The energies, shape (4, points), are work, stored energy before and after, J/m2, and the
+    share of the load that slips.
     """
     slabs, points = edges.shape[1], jump.shape[1]
     traction, tangent = np.empty((2, points)), np.empty((2, 3, points))
@@ -78,7 +80,10 @@ def respond_slabs(jump, state, start, end, slope, edges, friction, kappa, creep)
             fall = (start[0, c] - end[0, c]) * end[4, c]
             dm = part * dw if part > 0.0 else (dN + m) / fall
             lost = dw / l0 if l0 > w else 0.0
-            fx, fy = lost * a + dm * x, lost * b + dm * y  # of the trial force with the gap
+            fx, fy = (
+                lost * a + dm * x,
+                lost * b + dm * y,
+            )  # derivative of the trial force by the gap
             a, b = keep * a, keep * b
             before = a * a + b * b
             moment = 2.0 * (a * x + b * y) + m * (x * x + y * y)
@@ -93,7 +98,7 @@ def respond_slabs(jump, state, start, end, slope, edges, friction, kappa, creep)
                 jx, jy, jo, carries = 1.0, 1.0, 0.0, min(l0, w)
                 if size > 0.0:  # (d)
                     moment += before / carries if carries > 0.0 else 0.0
-                    carries = min(max(size * size / max(moment, TINY), carries), w)
+                    carries = min(max(size * size / max(moment, LEAST_DIVISOR), carries), w)
             d_xn, d_yn = d_xn + kappa * (jx * fx + jo * fy), d_yn + kappa * (jo * fx + jy * fy)
             d_xx, d_xy, d_yy = d_xx + kappa * m * jx, d_xy + kappa * m * jo, d_yy + kappa * m * jy
             left += (a * a + b * b) / carries if carries > 0.0 else 0.0
@@ -105,13 +110,13 @@ def respond_slabs(jump, state, start, end, slope, edges, friction, kappa, creep)
         tangent[0, 0, c], tangent[0, 1, c], tangent[0, 2, c] = d_xn, d_xx, d_xy
         tangent[1, 0, c], tangent[1, 1, c], tangent[1, 2, c] = d_yn, d_xy, d_yy
         account[0, c], account[1, c] = tx * x + ty * y, 0.5 * kappa * stored
-        account[2, c], account[3, c] = 0.5 * kappa * left, slipping / max(load, TINY)
+        account[2, c], account[3, c] = 0.5 * kappa * left, slipping / max(load, LEAST_DIVISOR)
     return traction, tangent, new, account
 
 
 @numba.njit(cache=True, error_model="numpy")
 def _forces(force, m, cap, k, x, y):  # type: ignore[no-untyped-def]
-    """Traction (c) at a change of the jump, and the tangent of traction and direction."""
+    """Return traction (c) at a change of the jump, and the tangent of traction and direction."""
     tx = ty = h_xy = 0.0
     h_xx, h_yy = k[0], k[1]
     for i in range(m.size):
@@ -128,11 +133,11 @@ def _forces(force, m, cap, k, x, y):  # type: ignore[no-untyped-def]
 
 @numba.njit(parallel=True, cache=True, error_model="numpy")
 def resolve(source, k, state, start, end, edges, friction, kappa):  # type: ignore[no-untyped-def]
-    """Tangential jump on the law and on a search direction, and the points without any.
+    """Return the tangential jump on the law and on a search direction, and the failed points.
 
-    The forces (c) and k x are the gradient of a strictly convex function: Newton's method with the
-    step halved until the slope along it is small enough. It ends in the exact piece where all is
-    in one direction.
+    The forces (c) and k x are the gradient of a strictly convex function, whose minimum is found by
+    Newton's method with the step halved until the slope along it is small enough. If all forces
+    have one direction the function is piecewise quadratic and the last step is exact.
     """
     slabs, points = edges.shape[1], source.shape[1]
     jump, failed = np.empty((2, points)), np.zeros(points, dtype=np.bool_)
@@ -155,14 +160,14 @@ def resolve(source, k, state, start, end, edges, friction, kappa):  # type: igno
         failed[c] = True
         for _ in range(MAX_ITERATIONS):
             fx, fy = tx + kc[0] * x - bx, ty + kc[1] * y - by
-            small_x = abs(fx) <= CLOSE * (size + abs(bx) + abs(kc[0] * x))
-            if small_x and abs(fy) <= CLOSE * (size + abs(by) + abs(kc[1] * y)):
+            small_x = abs(fx) <= TOLERANCE * (size + abs(bx) + abs(kc[0] * x))
+            if small_x and abs(fy) <= TOLERANCE * (size + abs(by) + abs(kc[1] * y)):
                 failed[c] = False
                 break
             det = h_xx * h_yy - h_xy * h_xy
             dx, dy = (h_xy * fy - h_yy * fx) / det, (h_xy * fx - h_xx * fy) / det
             slope, s = dx * fx + dy * fy, 1.0
-            for _ in range(HALVINGS):
+            for _ in range(MAX_HALVINGS):
                 u, v = x + s * dx, y + s * dy
                 tx, ty, h_xx, h_yy, h_xy = _forces(force, m, cap, kc, u, v)
                 after = dx * (tx + kc[0] * u - bx) + dy * (ty + kc[1] * v - by)
@@ -170,7 +175,7 @@ def resolve(source, k, state, start, end, edges, friction, kappa):  # type: igno
                     break
                 s *= 0.5
             x, y = u, v
-        # the form that rounding of the larger term spoils less
+        # the form with the smaller rounding error
         jump[0, c] = (source[1, c] - tx) / kc[0] if kc[0] > stiffness else last_x + x
         jump[1, c] = (source[2, c] - ty) / kc[1] if kc[1] > stiffness else last_y + y
     return jump, failed

@@ -1,4 +1,4 @@
-"""A normal law with a bed of sliders under it: tangential stiffness, micro-slip and friction."""
+"""Bed of springs and sliders on a normal law: tangential stiffness, micro-slip and friction."""
 
 from dataclasses import dataclass
 from functools import cached_property
@@ -12,59 +12,60 @@ from multiscale.laws.unloading import HystereticLaw
 
 __all__ = ["Sliders"]
 
-CREEP = 1e-3
+STICKING_SLIP = 1e-3
 """Slip in a step up to which a slab counts as sticking, relative to its elastic displacement at
 the friction limit."""
 
-FINE = 2000
-"""Pressures at which the elastic curve is sampled to find the edges."""
+CURVE_SAMPLES = 2000
+"""Number of pressures at which the elastic curve is sampled to find the edges."""
 
-FINEST = 1e-5
-"""Distance of gaps, relative to the decay length, for derivatives."""
+DIFFERENCE_STEP = 1e-5
+"""Step of central differences by the gap, relative to the decay length."""
 
-NOWHERE = 1e300
-"""Gap of the last edge, m: the last slab has none."""
+LAST_EDGE = 1e300
+"""Gap of the last edge, m: the last slab is unbounded."""
 
 
 @dataclass(frozen=True, eq=False)
 class Sliders(InterfaceLaw):
-    r"""A normal law that resists sliding: a bed of springs, each with a slider of Coulomb.
+    r"""Frictional law: a normal law as a bed of springs, each with a Coulomb slider.
 
     Parameters
     ----------
     normal : NormalLaw or HystereticLaw
-        Gives pressure p and normal stiffness K of a gap.
+        Law of the pressure p and normal stiffness K at a gap.
     friction : float
-        Coefficient :math:`\mu \ge 0`.
+        Friction coefficient :math:`\mu \ge 0`, dimensionless.
     stiffness_ratio : float
-        Tangential over normal stiffness, :math:`\kappa > 0`; :math:`2(1-\nu)/(2-\nu)` for spots
-        that are far apart.
+        Tangential over normal stiffness, :math:`\kappa > 0`; :math:`2(1-\nu)/(2-\nu)` for contact
+        spots far apart; dimensionless.
     pressures : tuple of float, optional
-        Lowest and highest pressure between which the bed is fine, Pa; the data of the normal law
-        if not given. Beyond them the law is as safe, but coarse.
+        Lowest and highest pressure between which the bed is finely divided, Pa; the data of the
+        normal law if not given. Outside, the balance of energy holds, but the bed is coarse.
     slabs : int
-        Number M of slabs. At constant pressure 16, 24, 32 and 48 err by at most 3.3, 1.8, 1.1 and
-        0.6 % of :math:`\mu p` over two decades of pressure, 6.1, 3.3, 2.0 and 1.1 % over four, and
-        the root mean square is a fifth. Cycles of the amplitude :math:`a = \mu p / (\kappa K)`
-        over two decades lose 14, 7, 5 and 2 % too much at most, of 2a 4, 2, 1.2 and .6 %; of a/2
-        still 9 % with 48 slabs, and nothing where no slab slips.
+        Number M of slabs. At constant pressure the errors with 16, 24, 32 and 48 slabs are at most
+        3.3, 1.8, 1.1 and 0.6 % of :math:`\mu p` over two decades of pressure, 6.1, 3.3, 2.0 and
+        1.1 % over four decades, with a root mean square of a fifth. The dissipation in cycles of
+        amplitude :math:`a = \mu p / (\kappa K)` over two decades is too large by at most 14, 7, 5
+        and 2 %, for 2a by 4, 2, 1.2 and .6 %; for a/2 by 9 % with 48 slabs, and it is zero if no
+        slab slips.
 
     Raises
     ------
     CaseError
-        If a parameter is outside its range, the normal law is of another kind, such as
-        :class:`RigidContact`, or it has no data and there are no pressures.
+        If a parameter is outside its range, the normal law has another type, such as
+        :class:`RigidContact`, or it has no data and no pressures are given.
 
     Notes
     -----
     A convex decreasing law is a bed of springs of heights s with the density :math:`p''(s)`,
     :math:`p(g) = \int p''(s) \langle s - g\rangle_+ \mathrm{d}s`. Each has a tangential spring
-    :math:`\kappa p''(s)` and a slider that holds :math:`\mu` times its normal force. At constant
-    pressure the first loading is :math:`t = \mu [p(g) - p(g + \kappa u / \mu)]` [1]_, and
+    :math:`\kappa p''(s)` and a slider with the limit :math:`\mu` times its normal force. At
+    constant pressure the first loading is :math:`t = \mu [p(g) - p(g + \kappa u / \mu)]` [1]_, and
     reversals follow Masing's rule.
 
-    Edges :math:`b_0 = -\infty < b_1 < \dots < b_M = \infty` cut the heights into slabs. With
-    :math:`h = \max(g, b_{i-1})` a slab that :math:`g < b_i` touches has the load and stiffness
+    Edges :math:`b_0 = -\infty < b_1 < \dots < b_M = \infty` divide the heights into slabs. With
+    :math:`h = \max(g, b_{i-1})` the load and stiffness of a slab in contact, :math:`g < b_i`, are
 
     .. math::
         w_i = K(h) - K(b_i), \quad
@@ -72,8 +73,9 @@ class Sliders(InterfaceLaw):
 
     whose sums are K and p at every gap: initial stiffness and full slip are exact for any M. The
     state is the force of every slab over :math:`\kappa`, :math:`A_i`, two components; the
-    stiffness of its springs that carry it, :math:`l_i`; and the last jump. Zero is virgin. In a
-    step from :math:`g_0` to :math:`g_1` with a change :math:`d` of the tangential jump,
+    stiffness of the springs that carry it, :math:`l_i`; and the last jump. It is zero before the
+    first loading. In a step from :math:`g_0` to :math:`g_1` with a change :math:`d` of the
+    tangential jump,
 
     .. math::
         B &= \min(1, w_1/l_0) A_0, \qquad
@@ -86,15 +88,16 @@ class Sliders(InterfaceLaw):
             \end{cases}, \quad l_m = \min(l_0, w_1).    \tag{d}
 
     With the stored energy :math:`E = \tfrac{\kappa}{2} \sum |A|^2 / l` every step of any size has
-    :math:`t \cdot d \ge E - E_0`: no path gains energy. The normal row does not feel the tangents.
+    :math:`t \cdot d \ge E - E_0`: no path gains energy. The normal traction does not depend on the
+    tangential jump.
 
     The edges are at equal increments of :math:`\int \sqrt{p''/p}\, \mathrm{d}g`, so that every slab
     carries about the same share of the pressure at its lower edge.
 
-    Where the normal law flows (:class:`HystereticLaw`) the bed is the one of the unloading branch
-    at the largest pressure so far, whose shares (a) grow with it. The balance of energy and the
-    answer at a constant largest pressure are tested; how a metal that flows carries shear while
-    its largest pressure grows was not compared with anything.
+    For plastic contact (:class:`HystereticLaw`) the bed belongs to the unloading branch at the
+    largest pressure so far, and its shares (a) grow with this pressure. The balance of energy and
+    the response at a constant largest pressure are tested; shear during plastic flow has not been
+    validated.
 
     References
     ----------
@@ -123,7 +126,7 @@ class Sliders(InterfaceLaw):
         check_parameter(self, "stiffness_ratio")
         if not isinstance(self.normal, NormalLaw | HystereticLaw):
             raise CaseError(
-                f"sliders stand on a law of the gap alone, got one of type "
+                f"sliders need a law of the gap alone, got the type "
                 f"{type(self.normal).__name__}; give a NormalLaw or a HystereticLaw"
             )
         low, high = self._pressures
@@ -137,16 +140,16 @@ class Sliders(InterfaceLaw):
 
     @property
     def n_state(self) -> int:  # type: ignore[override]
-        """Rows of the state: those of the normal law, A, l and the last jump."""
+        """Number of rows of the state: normal law, A, l and the last jump."""
         return self.normal.n_state + 3 * self.slabs + 3
 
     @property
     def normal_law(self) -> NormalLaw | HystereticLaw:
-        """The law of the gap."""
+        """Law of the gap alone."""
         return self.normal
 
     def at_rest(self, jump: np.ndarray) -> np.ndarray:
-        """State of an interface that was pressed to a jump and carries no shear."""
+        """Return the state of an interface pressed to a jump, m, without shear."""
         state = np.zeros((self.n_state, *jump.shape[1:]))
         own = self.normal.n_state
         state[:own] = self.normal.respond(jump, state[:own]).state
@@ -154,7 +157,7 @@ class Sliders(InterfaceLaw):
         return state
 
     def friction_limit(self, pressure: np.ndarray) -> np.ndarray:
-        """Coulomb's limit, Pa, at a pressure, Pa."""
+        """Return Coulomb's limit, Pa, at a pressure, Pa."""
         return self.friction * pressure
 
     def respond(self, jump: np.ndarray, state: np.ndarray) -> Response:
@@ -162,12 +165,12 @@ class Sliders(InterfaceLaw):
         return self._step(jump, state)[0]
 
     def sliding(self, jump: np.ndarray, state: np.ndarray) -> Sliding:
-        """Slip and energy of a step; see :class:`InterfaceLaw`."""
+        """Return slip and energy of a step; see :class:`InterfaceLaw`."""
         work, before, after, slipping = self._step(jump, state)[1]
         return Sliding(slipping, work - (after - before), after)
 
     def _step(self, jump: np.ndarray, state: np.ndarray) -> tuple[Response, np.ndarray]:
-        """Response, and work, stored energy before and after, and share of the load that slips."""
+        """Return response, and work, stored energy before and after, and slipping share."""
         from multiscale.laws.slabs import respond_slabs
 
         own = self.normal.n_state
@@ -182,7 +185,7 @@ class Sliders(InterfaceLaw):
             self._edges,
             self.friction,
             self.stiffness_ratio,
-            CREEP,
+            STICKING_SLIP,
         )
         shape = jump.shape[1:]
         traction, whole = response.traction.copy(), response.tangent.copy()
@@ -196,8 +199,9 @@ class Sliders(InterfaceLaw):
     ) -> np.ndarray:
         """Find the jump on the law and on a search direction; see :class:`InterfaceLaw`.
 
-        The normal row does not feel the tangents. With the gap known, (c) and the direction are
-        the gradient of a strictly convex function of the tangential jump, which has one root.
+        The normal row does not depend on the tangential jump. With the gap known, (c) and the
+        direction are the gradient of a strictly convex function of the tangential jump, which has
+        one root.
         """
         from multiscale.laws.slabs import resolve
 
@@ -224,37 +228,37 @@ class Sliders(InterfaceLaw):
 
     @property
     def _pressures(self) -> tuple[float, float]:
-        """Pressures between which the bed is fine, Pa."""
+        """Pressures between which the bed is finely divided, Pa."""
         return self.normal.pressure_range if self.pressures is None else self.pressures
 
     @cached_property
     def _edges(self) -> np.ndarray:
-        """Gap, pressure and stiffness at the upper edges on the elastic curve, (3, slabs)."""
+        """Gap, pressure and stiffness at the upper edges on the elastic curve, shape (3, slabs)."""
         curve, low, high = self.normal.elastic_curve(*self._pressures)
-        p = np.geomspace(high, 1e-4 * low, FINE)
+        p = np.geomspace(high, 1e-4 * low, CURVE_SAMPLES)
         b = curve.gap_at(p)
         K = curve.stiffness(b)
         bend = np.maximum(np.diff(K) * np.diff(-b), 0.0)  # p'' dg^2
         s = np.append(0.0, np.cumsum(np.sqrt(bend / (0.5 * (p[1:] + p[:-1])))))
-        # the last slab carries at the lowest pressure the share 1 - (1 + x) e^-x that each of the
-        # others carries under an exponential law of decay length db / x
+        # at the lowest pressure the last slab carries the share 1 - (1 + x) e^-x, as any other slab
+        # does under an exponential law of decay length db / x
         x = s / max(self.slabs - 2, 1)
         last = p + K * np.maximum(b - curve.gap_at(np.array(low)), 0.0)
         end = np.flatnonzero(np.append(last <= (1.0 - (1.0 + x) * np.exp(-x)) * low, True))[0]
-        at = np.linspace(0.0, s[min(end, FINE - 1)], self.slabs - 1)
+        at = np.linspace(0.0, s[min(end, CURVE_SAMPLES - 1)], self.slabs - 1)
         gap = np.interp(at, s, b)
         edges = np.zeros((3, self.slabs))
         edges[:, :-1] = gap, curve.pressure(gap), curve.stiffness(gap)
-        edges[0, -1] = NOWHERE
+        edges[0, -1] = LAST_EDGE
         return edges
 
     @cached_property
     def _curve(self) -> NormalLaw:
-        """The elastic curve."""
+        """Elastic curve of the normal law."""
         return self.normal.elastic_curve(*self._pressures)[0]
 
     def _place(self, jump: np.ndarray, state: np.ndarray) -> np.ndarray:
-        """Gap, pressure, stiffness on the elastic curve, and its scales, shape (5, points)."""
+        """Return gap, pressure and stiffness on the elastic curve, and its scales, (5, points)."""
         gap, force, length = self.normal.on_curve(jump + self.normal.gap, state)
         place = [gap, self._curve.pressure(gap), self._curve.stiffness(gap), force, length]
         return np.stack([np.broadcast_to(row, jump.shape).reshape(-1) for row in place])
@@ -262,15 +266,15 @@ class Sliders(InterfaceLaw):
     def _slope(
         self, jump: np.ndarray, state: np.ndarray, start: np.ndarray, end: np.ndarray
     ) -> np.ndarray:
-        """Differentiate with the gap what :func:`respond_slabs` asks for, centrally."""
+        """Return ``slope`` of :func:`respond_slabs` by central differences."""
         gap, p, K, force, length = end
         slope, flows = np.zeros((3, gap.size)), force != start[3]
         decay = np.where(K > 0.0, p / np.where(K > 0.0, K, 1.0), 1e-9)
-        step = np.maximum(FINEST * decay, 1e-9 * np.abs(gap))
+        step = np.maximum(DIFFERENCE_STEP * decay, 1e-9 * np.abs(gap))
         bend = self._curve.stiffness(gap + step) - self._curve.stiffness(gap - step)
         slope[0] = np.where(flows, 0.0, force / length**2 * bend / (2.0 * step))
         if np.any(flows):
-            step, sides = FINEST * length[flows], []
+            step, sides = DIFFERENCE_STEP * length[flows], []
             for sign in (1.0, -1.0):
                 moved, before = jump[:, flows], state[:, flows]
                 moved[0] += sign * step
@@ -282,6 +286,6 @@ class Sliders(InterfaceLaw):
 
 
 def _flat(value: np.ndarray) -> np.ndarray:
-    """All points in one axis."""
+    """Return an array with all points in one axis."""
     points = int(np.prod(value.shape[1:]))
     return np.ascontiguousarray(value, dtype=float).reshape(value.shape[0], points)

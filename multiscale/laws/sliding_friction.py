@@ -1,4 +1,4 @@
-"""Friction of an interface that depends on pressure and sliding velocity."""
+"""Friction laws of interfaces that depend on pressure and sliding speed."""
 
 from abc import ABC, abstractmethod
 from dataclasses import dataclass
@@ -10,25 +10,25 @@ from multiscale.laws.parameters import check_parameter
 
 __all__ = ["BellFriction", "Coulomb", "DecayingFriction", "FrictionLaw"]
 
-TINY = 1e-150
-"""Least pressure and speed of a bell, over those of its peak."""
+LEAST_RATIO = 1e-150
+"""Least pressure and speed of a bell, relative to the pressure and speed of its peak."""
 
 
 class FrictionLaw(ABC):
-    r"""Isotropic friction: a coefficient gives the traction along the sliding velocity.
+    r"""Isotropic friction: a coefficient defines the traction along the sliding velocity.
 
     With the velocity :math:`v` of side 2 against side 1,
 
     .. math:: t_T = \mu(p, |v|)\, p\, v / |v|,    \tag{1}
 
-    which never supplies energy, :math:`t_T \cdot v = \mu\, p\, |v| \ge 0` for
-    :math:`\mu \ge 0`, and turns with the frame of the tangent plane. It is the traction that is
-    work-conjugate to the jump: side 2 feels its opposite.
+    which dissipates, :math:`t_T \cdot v = \mu\, p\, |v| \ge 0` for :math:`\mu \ge 0`, and is
+    independent of the frame of the tangent plane. The traction is work-conjugate to the jump; the
+    opposite traction acts on side 2.
     """
 
     @abstractmethod
     def coefficient(self, pressure: np.ndarray, speed: np.ndarray) -> np.ndarray:
-        """Friction coefficient, dimensionless, at pressures, Pa, and speeds, m/s."""
+        """Return the friction coefficient, dimensionless, at pressures, Pa, and speeds, m/s."""
 
     def traction(self, pressure: np.ndarray, velocity: np.ndarray) -> np.ndarray:
         """Evaluate (1), Pa, for a sliding velocity of shape (d - 1, ...), m/s; zero at rest."""
@@ -40,12 +40,12 @@ class FrictionLaw(ABC):
 
 @dataclass(frozen=True)
 class Coulomb(FrictionLaw):
-    r"""Coulomb's law: one friction coefficient.
+    r"""Coulomb's law with a constant friction coefficient.
 
     Parameters
     ----------
     friction_coefficient : float
-        :math:`\mu \ge 0`, dimensionless.
+        Coefficient :math:`\mu \ge 0`, dimensionless.
 
     Raises
     ------
@@ -64,21 +64,22 @@ class Coulomb(FrictionLaw):
         check_parameter(self, "friction_coefficient", lowest=0.0)
 
     def coefficient(self, pressure: np.ndarray, speed: np.ndarray) -> np.ndarray:
-        """Return the constant, in the common shape of the arguments."""
+        """Return the constant coefficient in the common shape of the arguments."""
         mu = np.broadcast_arrays(self.friction_coefficient, pressure, speed)[0]
         return np.array(mu, dtype=float)
 
 
 @dataclass(frozen=True)
 class DecayingFriction(FrictionLaw):
-    r"""Friction that decays from a static to a kinetic coefficient as the interface speeds up.
+    r"""Friction coefficient that decays exponentially with the speed, from static to kinetic.
 
     Parameters
     ----------
     static_coefficient, kinetic_coefficient : float
-        :math:`\mu_s \ge 0` at rest and :math:`\mu_k \ge 0` at high speed, dimensionless.
+        Coefficients :math:`\mu_s \ge 0` at rest and :math:`\mu_k \ge 0` at high speed,
+        dimensionless.
     decay_speed : float
-        :math:`v_c > 0`, m/s.
+        Speed :math:`v_c > 0` of the decay, m/s.
 
     Raises
     ------
@@ -114,22 +115,23 @@ class DecayingFriction(FrictionLaw):
 
 @dataclass(frozen=True)
 class BellFriction(FrictionLaw):
-    r"""Friction of rubber: over the logarithm of the speed a bell that pressure lifts and moves.
+    r"""Rubber friction: a bell over the logarithm of the speed that depends on the pressure.
 
     Parameters
     ----------
     peak_coefficient : float
-        :math:`\mu_m \ge 0` at the peak speed and the reference pressure, dimensionless.
+        Coefficient :math:`\mu_m \ge 0` at peak speed and reference pressure, dimensionless.
     peak_speed : float
-        :math:`v_m > 0` at the reference pressure, m/s.
+        Speed :math:`v_m > 0` of the peak at the reference pressure, m/s.
     rise_exponent, fall_exponent : float
-        :math:`r, f > 0`, powers of the speed far below and far above the peak, dimensionless.
+        Powers :math:`r, f > 0` of the speed far below and far above the peak, dimensionless.
     pressure_exponent : float
-        :math:`a`; negative where friction falls with the pressure, dimensionless.
+        Exponent :math:`a`, negative if friction decreases with the pressure, dimensionless.
     speed_exponent : float
-        :math:`c`; positive where the peak moves to higher speeds with the pressure, dimensionless.
+        Exponent :math:`c`, positive if the speed of the peak increases with the pressure,
+        dimensionless.
     reference_pressure : float
-        :math:`p_0 > 0`, Pa.
+        Pressure :math:`p_0 > 0`, Pa.
 
     Raises
     ------
@@ -143,10 +145,10 @@ class BellFriction(FrictionLaw):
         \frac{r + f}{f\, e^{-r x} + r\, e^{f x}}, \qquad
         x = \ln \frac{v}{v_m\, (p/p_0)^c}.    \tag{3}
 
-    The loss of a body with one relaxation time has :math:`r = f = 1`; many of them make a wider
-    bell, whose flanks may differ. Spots grow with the pressure, so that the same frequency belongs
-    to a higher speed. Coefficients computed for rubber on rough ground rise and fall over the
-    velocity and depend on the pressure [1]_.
+    The loss of a body with one relaxation time has :math:`r = f = 1`; a spectrum of times gives a
+    wider bell, whose flanks may differ. Contact spots grow with the pressure, so that the
+    same frequency belongs to a higher speed. Coefficients computed for rubber on rough ground
+    increase and decrease with the speed and depend on the pressure [1]_.
 
     References
     ----------
@@ -180,8 +182,8 @@ class BellFriction(FrictionLaw):
 
     def coefficient(self, pressure: np.ndarray, speed: np.ndarray) -> np.ndarray:
         """Evaluate (3); finite at zero pressure and zero speed."""
-        load = np.maximum(np.asarray(pressure, dtype=float) / self.reference_pressure, TINY)
-        pace = np.maximum(np.asarray(speed, dtype=float) / self.peak_speed, TINY)
+        load = np.maximum(np.asarray(pressure, dtype=float) / self.reference_pressure, LEAST_RATIO)
+        pace = np.maximum(np.asarray(speed, dtype=float) / self.peak_speed, LEAST_RATIO)
         x = np.log(pace) - self.speed_exponent * np.log(load)
         r, f = self.rise_exponent, self.fall_exponent
         bell = np.exp(np.log(r + f) - np.logaddexp(np.log(f) - r * x, np.log(r) + f * x))

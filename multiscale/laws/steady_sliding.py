@@ -1,4 +1,4 @@
-"""An interface that slides steadily: normal pressure by the gap, friction by pressure and speed."""
+"""Steadily sliding interface: pressure from the gap, friction from pressure and speed."""
 
 from dataclasses import dataclass
 
@@ -10,25 +10,26 @@ from multiscale.laws.sliding_friction import FrictionLaw
 
 __all__ = ["SteadySliding"]
 
-STEP = 1e-6  # of the pressure, in the difference of the friction
+DIFFERENCE_STEP = 1e-6  # of central differences, relative to the pressure
 
 
 @dataclass(frozen=True)
 class SteadySliding(InterfaceLaw):
-    r"""All points slide with the same velocity.
+    r"""Interface law of steady sliding with one velocity of all points.
 
     Parameters
     ----------
     normal : NormalLaw
-        Its initial gap is used.
+        Law of the pressure, with the initial gap.
     friction : FrictionLaw
+        Law of the friction coefficient.
     velocity : tuple of float
-        :math:`v` of side 2 against side 1 along each tangent, m/s, not zero.
+        Velocity :math:`v` of side 2 relative to side 1 along each tangent, m/s, not zero.
 
     Raises
     ------
     CaseError
-        If nothing slides.
+        If the velocity is zero or not finite.
 
     Notes
     -----
@@ -57,9 +58,10 @@ class SteadySliding(InterfaceLaw):
         pressed = self.normal.respond(jump, state)
         p = -pressed.traction[0]
         direction = np.array(self.velocity) / np.linalg.norm(self.velocity)
-        slope = (self.friction_limit(p * (1.0 + STEP)) - self.friction_limit(p * (1.0 - STEP))) / (
-            2.0 * STEP
-        )
+        slope = (
+            self.friction_limit(p * (1.0 + DIFFERENCE_STEP))
+            - self.friction_limit(p * (1.0 - DIFFERENCE_STEP))
+        ) / (2.0 * DIFFERENCE_STEP)
         slope = np.divide(slope, p, out=np.zeros_like(p), where=p > 0.0)
         traction, tangent = pressed.traction.copy(), pressed.tangent.copy()
         for k, share in enumerate(direction, start=1):
@@ -68,7 +70,7 @@ class SteadySliding(InterfaceLaw):
         return Response(traction, tangent, state)
 
     def friction_limit(self, pressure: np.ndarray) -> np.ndarray:
-        """Evaluate mu p, Pa; zero where there is no pressure."""
+        """Evaluate mu p, Pa; zero without pressure."""
         closed = pressure > 0.0
         p = np.where(closed, pressure, 1.0)
         speed = np.full(p.shape, float(np.linalg.norm(self.velocity)))

@@ -11,11 +11,11 @@ __all__ = ["PowerStiffness", "StiffnessLaw"]
 
 
 class StiffnessLaw(ABC):
-    """Stiffness of an interface that is never negative and never falls with the pressure."""
+    """Stiffness of an interface that is not negative and does not decrease with the pressure."""
 
     @abstractmethod
     def stiffness_at(self, pressure: np.ndarray) -> np.ndarray:
-        """Stiffness, Pa/m, at a nominal pressure, Pa; any shape."""
+        """Return the stiffness, Pa/m, at a nominal pressure, Pa; any shape."""
 
 
 @dataclass(frozen=True)
@@ -25,11 +25,11 @@ class PowerStiffness(StiffnessLaw):
     Parameters
     ----------
     stiffness_scale : float
-        :math:`K_0 > 0`, the stiffness at the reference pressure, Pa/m.
+        Stiffness :math:`K_0 > 0` at the reference pressure, Pa/m.
     exponent : float
-        :math:`m \ge 0`, dimensionless; 1 where the stiffness is proportional to the pressure.
+        Exponent :math:`m \ge 0`, dimensionless; 1 if the stiffness is proportional to the pressure.
     reference_pressure : float
-        :math:`p_0 > 0`, Pa.
+        Pressure :math:`p_0 > 0`, Pa.
 
     Raises
     ------
@@ -40,9 +40,9 @@ class PowerStiffness(StiffnessLaw):
     -----
     .. math:: K(p) = K_0\, (p / p_0)^m.    \tag{1}
 
-    Self-affine surfaces have a tangential stiffness proportional to the normal one, with the ratio
-    :math:`2(1-\nu)/(2-\nu)` of a smooth contact before slip, and a normal one proportional to the
-    pressure at intermediate load.
+    For self-affine surfaces the normal stiffness is proportional to the pressure at intermediate
+    load, and the tangential stiffness is proportional to the normal stiffness, with the ratio
+    :math:`2(1-\nu)/(2-\nu)` of a smooth contact before slip.
 
     References
     ----------

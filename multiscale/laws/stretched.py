@@ -1,4 +1,4 @@
-"""A normal law whose gaps are stretched: how an answer depends on an error of the law."""
+"""Normal law with stretched gaps, for the propagation of errors of a law."""
 
 from dataclasses import dataclass
 
@@ -12,21 +12,20 @@ __all__ = ["StretchedLaw"]
 
 @dataclass(frozen=True)
 class StretchedLaw(NormalLaw):
-    r"""The law :math:`p(g) = p_0(g_c + (g - g_c - d) / f)` of another one.
+    r"""Law :math:`p(g) = p_0(g_c + (g - g_c - d) / f)` from the pressure :math:`p_0` of a law.
 
     Parameters
     ----------
     law : NormalLaw
-        :math:`p_0`.
+        Law of the pressure :math:`p_0`.
     factor : float
-        :math:`f > 0`: all gaps are that much further from the centre at the same pressure,
-        dimensionless.
+        Factor :math:`f > 0` of the distance of all gaps to the centre, dimensionless.
     gap : float, default 0.0
-        Initial gap between the mean planes, m; that of the other law is not used.
+        Initial gap between the mean planes, m; the gap of the other law is not used.
     centre : float, default 0.0
-        The gap :math:`g_c` that is not stretched, m.
+        Gap :math:`g_c` that is not stretched, m.
     shift : float, default 0.0
-        :math:`d`, by which all gaps are larger, m.
+        Increase :math:`d` of all gaps, m.
 
     Raises
     ------
@@ -56,18 +55,18 @@ class StretchedLaw(NormalLaw):
         return self.law.pressure_range
 
     def pressure(self, gap: np.ndarray) -> np.ndarray:
-        """Pressure, Pa, at a local gap, m."""
-        return self.law.pressure(self._own(gap))
+        """Return the pressure, Pa, at a local gap, m."""
+        return self.law.pressure(self._unstretched(gap))
 
     def stiffness(self, gap: np.ndarray) -> np.ndarray:
-        """Minus the derivative of the pressure, Pa/m, at a local gap, m."""
-        return self.law.stiffness(self._own(gap)) / self.factor
+        """Return minus the derivative of the pressure, Pa/m, at a local gap, m."""
+        return self.law.stiffness(self._unstretched(gap)) / self.factor
 
     def gap_at(self, pressure: np.ndarray) -> np.ndarray:
-        """Local gap, m, at a pressure, Pa."""
+        """Return the local gap, m, at a pressure, Pa."""
         own = self.law.gap_at(pressure)
         return np.asarray(self.centre + self.shift + self.factor * (own - self.centre))
 
-    def _own(self, gap: np.ndarray) -> np.ndarray:
-        """Gap of the other law at the same pressure, m."""
+    def _unstretched(self, gap: np.ndarray) -> np.ndarray:
+        """Return the gap of the other law at the same pressure, m."""
         return np.asarray(self.centre + (np.asarray(gap) - self.centre - self.shift) / self.factor)

@@ -1,4 +1,4 @@
-"""Shift of relaxation times with the temperature."""
+"""Temperature shift of relaxation times."""
 
 from multiscale.errors import CaseError
 
@@ -13,19 +13,20 @@ def wlf_shift(temperature: float, reference: float, c1: float = 17.44, c2: float
     Parameters
     ----------
     temperature, reference : float
-        :math:`T` and :math:`T_r`, K.
+        Temperature :math:`T` and reference temperature :math:`T_r`, K.
     c1, c2 : float
-        1 and K; the defaults hold for many polymers with the glass transition as reference.
+        Constants :math:`c_1`, dimensionless, and :math:`c_2`, K; the defaults hold for many
+        polymers with the glass transition as reference.
 
     Returns
     -------
     float
-        :math:`a_T`, dimensionless: relaxation times at T over those at the reference.
+        Ratio :math:`a_T` of the relaxation times at T and at the reference, dimensionless.
 
     Raises
     ------
     CaseError
-        If the temperature is so low that the formula has no meaning.
+        If :math:`T \le T_r - c_2`.
 
     References
     ----------
@@ -42,7 +43,7 @@ def wlf_shift(temperature: float, reference: float, c1: float = 17.44, c2: float
     above = temperature - reference
     if not c2 + above > 0.0:
         raise CaseError(
-            f"the shift factor has no meaning at {temperature:g} K, {-above:g} K below its "
+            f"the shift factor is not defined at {temperature:g} K, {-above:g} K below its "
             f"reference; stay less than {c2:g} K below it"
         )
     return float(10.0 ** (-c1 * above / (c2 + above)))

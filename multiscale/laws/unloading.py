@@ -1,4 +1,4 @@
-"""Loading and unloading of an interface whose summits flow: hysteresis of plastic contact."""
+"""Loading and unloading of plastic contact: hysteresis of the pressure."""
 
 from dataclasses import dataclass
 
@@ -13,17 +13,17 @@ __all__ = ["HystereticLaw", "UnloadingBranch"]
 
 @dataclass(frozen=True)
 class HystereticLaw(InterfaceLaw):
-    r"""Frictionless law that unloads more stiffly than it was loaded.
+    r"""Frictionless law with a stiffer unloading branch.
 
     Parameters
     ----------
     loading : NormalLaw
         Pressure :math:`p_\ell(g)` of the first loading; its initial gap is used.
     stiffness_ratio : float
-        :math:`\beta \ge 1`, stiffness at the start of unloading over that of loading,
+        Ratio :math:`\beta \ge 1` of the stiffnesses at the start of unloading and of loading,
         dimensionless.
     exponent : float
-        :math:`n \ge 1` of the unloading branch, dimensionless.
+        Exponent :math:`n \ge 1` of the unloading branch, dimensionless.
 
     Raises
     ------
@@ -32,21 +32,21 @@ class HystereticLaw(InterfaceLaw):
 
     Notes
     -----
-    The state is the largest pressure so far, :math:`p_m`, Pa, with zero for an interface that was
-    never loaded; :math:`g_m` is the gap there. The interface loads while
-    :math:`p_\ell(g) \ge p_m`, and otherwise follows, down and up again,
+    The state is the largest pressure so far, :math:`p_m`, Pa, zero before the first loading;
+    :math:`g_m` is the gap at this pressure. The interface loads while
+    :math:`p_\ell(g) \ge p_m`; otherwise it unloads and reloads along
 
     .. math::
         p = p_m \Big\langle 1 - \frac{g - g_m}{\ell_m} \Big\rangle_+^n, \qquad
         \ell_m = \frac{n\, p_m}{\beta\, K_\ell(g_m)},    \tag{1}
 
-    with the loading stiffness :math:`K_\ell`. The power is that of [1]_ for the unloading of an
-    indenter; :math:`\ell_m` is the distance that the interface springs back, and what remains of
-    the approach is plastic. Loading dissipates if
+    with the loading stiffness :math:`K_\ell`. The power law is taken from [1]_ for the unloading of
+    an indenter; :math:`\ell_m` is the elastic recovery, and the rest of the approach is plastic.
+    Loading dissipates if
 
     .. math:: p_m \ge \frac{\mathrm{d}}{\mathrm{d}(-g_m)} \frac{p_m \ell_m}{n + 1},    \tag{2}
 
-    the rate of the energy that unloading gives back; it holds for all :math:`\beta \ge 2` and, for
+    the rate of the energy recovered by unloading; this holds for all :math:`\beta \ge 2` and, for
     an exponential law, for all :math:`\beta \ge 1`.
 
     References
@@ -86,26 +86,26 @@ class HystereticLaw(InterfaceLaw):
         return self.loading.pressure_range
 
     def elastic_curve(self, low: float, high: float) -> tuple[NormalLaw, float, float]:
-        r"""Curve :math:`\langle 1 - x\rangle_+^n` of (1), and its part between two pressures."""
+        r"""Return :math:`\langle 1 - x\rangle_+^n` of (1), and its range between two pressures."""
         return PowerLaw(1.0, 1.0, self.exponent), low / high, 1.0
 
     def on_curve(
         self, gap: np.ndarray, state: np.ndarray
     ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        r"""Place :math:`x = (g - g_m) / \ell_m` on (1), and its scales :math:`p_m, \ell_m`."""
+        r"""Return :math:`x = (g - g_m) / \ell_m` of (1), and its scales :math:`p_m, \ell_m`."""
         peak = state[0]
-        branch = self.branch(np.where(peak > 0.0, peak, 1.0))  # without a peak nothing is carried
+        branch = self.branch(np.where(peak > 0.0, peak, 1.0))  # without loading the force is zero
         return np.maximum(gap - branch.corner, 0.0) / branch.length, peak, branch.length
 
     def branch(self, peak_pressure: np.ndarray) -> "UnloadingBranch":
-        """Unloading branch (1) from a largest pressure :math:`p_m > 0`, Pa; any shape."""
+        """Return the unloading branch (1) from a largest pressure :math:`p_m > 0`, Pa."""
         peak = np.asarray(peak_pressure, dtype=float)
         gap = self.loading.gap_at(peak)
         length = self.exponent * peak / (self.stiffness_ratio * self.loading.stiffness(gap))
         return UnloadingBranch(peak, gap, length, self.exponent, self.loading.gap)
 
     def recovery(self, pressure: np.ndarray, peak_pressure: np.ndarray) -> np.ndarray:
-        """Gap :math:`g - g_m`, m, at which (1) has come down to a pressure, Pa."""
+        """Return the recovery :math:`g - g_m`, m, of (1) at a pressure, Pa."""
         branch = self.branch(peak_pressure)
         share = np.asarray(pressure) / branch.peak
         return np.asarray(branch.length * (1.0 - share ** (1.0 / self.exponent)))
@@ -128,9 +128,9 @@ class HystereticLaw(InterfaceLaw):
     ) -> np.ndarray:
         """Find the jump on the law and on a search direction; see :class:`InterfaceLaw`.
 
-        Pressure falls with the gap on both branches, so that the root is unique: it lies on the
-        loading branch if that leads to at least the largest pressure so far, and otherwise on the
-        unloading branch, whose Newton iteration climbs from the corner.
+        The pressure decreases with the gap on both branches, so that the root is unique: it lies on
+        the loading branch if its pressure there is at least the largest pressure so far, otherwise
+        on the unloading branch, whose Newton iteration starts from the corner.
         """
         k = np.broadcast_to(stiffness, source.shape)
         jump = self.loading.resolvent(source, k, state)
@@ -146,18 +146,18 @@ class HystereticLaw(InterfaceLaw):
 
 @dataclass(frozen=True)
 class UnloadingBranch(InterfaceLaw):
-    """The branch (1) of :class:`HystereticLaw` alone, without memory.
+    r"""Unloading branch (1) of :class:`HystereticLaw` at a fixed largest pressure.
 
     Parameters
     ----------
-    peak : ndarray
-        Largest pressure, Pa.
-    corner : ndarray
-        Gap there, m.
-    length : ndarray
-        Distance of the spring back, m.
+    peak : ndarray, shape (...)
+        Largest pressure :math:`p_m`, Pa.
+    corner : ndarray, shape (...)
+        Gap :math:`g_m` at this pressure, m.
+    length : ndarray, shape (...)
+        Elastic recovery :math:`\ell_m`, m.
     exponent : float
-        Dimensionless.
+        Exponent :math:`n`, dimensionless.
     gap : float
         Initial gap, m.
     """

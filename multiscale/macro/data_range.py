@@ -1,4 +1,4 @@
-"""How much of a load lies outside the data of its laws, and what is then unknown."""
+"""Shares of a load outside the data of its laws, and answers that are then unknown."""
 
 from collections.abc import Iterator
 from typing import TYPE_CHECKING
@@ -11,21 +11,21 @@ from multiscale.units import readable
 if TYPE_CHECKING:
     import xarray as xr
 
-__all__ = ["MOST", "REACH", "load_shares", "with_load_shares"]
+__all__ = ["FAR_FACTOR", "FAR_SHARE", "load_shares", "with_load_shares"]
 
-REACH = 2.0
-"""Factor outside the data beyond which the answer of a law is unknown."""
+FAR_FACTOR = 2.0
+"""Factor outside the data beyond which a law is no longer valid."""
 
-MOST = 0.05
-"""Share of the load of an interface that may lie farther out."""
+FAR_SHARE = 0.05
+"""Largest allowed share of the load of an interface beyond this factor."""
 
-FAINT = 0.01
-"""Share of the load outside the data that is stored and not worth a caution."""
+NEGLIGIBLE = 0.01
+"""Share of the load outside the data below which no caution is given."""
 
 ROUND_OFF = 1e-6
-"""Relative distance up to which a pressure lies at the end of the data and not outside."""
+"""Relative distance up to which a pressure outside the data counts as their end."""
 
-GIVEN = frozenset(
+INPUT_VARIABLES = frozenset(
     {
         "preload",
         "shear",
@@ -41,28 +41,28 @@ GIVEN = frozenset(
         "load_far",
     }
 )
-"""Variables of a step that are given or count work, and stay where the answers are unknown."""
+"""Variables of a step that are input or cost, and are kept if the answers are unknown."""
 
 
 def load_shares(
     pressure: np.ndarray, area: np.ndarray, data: tuple[float, float] | np.ndarray
 ) -> np.ndarray:
-    """Shares of the load of an interface that lie below, above and far outside the data.
+    """Return the shares of the load of an interface below, above and far outside the data.
 
     Parameters
     ----------
     pressure : ndarray, shape (steps, points)
-        Pa; NaN where a step failed.
+        Pressure, Pa; NaN if a step has failed.
     area : ndarray, shape (points,)
-        That a point stands for, m².
+        Area of each point, m².
     data : tuple of float or ndarray, shape (2,) or (steps, 2)
         Lowest and highest pressure of the data, Pa.
 
     Returns
     -------
     ndarray, shape (3, steps)
-        Below the data, above them, and more than a factor of ``REACH`` outside either end;
-        dimensionless, NaN where a step failed.
+        Shares below the data, above them, and more than a factor of ``FAR_FACTOR`` outside either
+        end; dimensionless, NaN if a step has failed.
     """
     low, high = np.moveaxis(np.asarray(data, dtype=float), -1, 0)[..., None]
     load = np.maximum(pressure, 0.0) * area
@@ -70,8 +70,8 @@ def load_shares(
     where = (
         pressure < (1.0 - ROUND_OFF) * low,
         pressure > (1.0 + ROUND_OFF) * high,
-        (pressure < (1.0 - ROUND_OFF) * low / REACH)
-        | (pressure > (1.0 + ROUND_OFF) * REACH * high),
+        (pressure < (1.0 - ROUND_OFF) * low / FAR_FACTOR)
+        | (pressure > (1.0 + ROUND_OFF) * FAR_FACTOR * high),
     )
     return np.array(
         [np.sum(load * one, axis=1) / np.where(total > 0.0, total, 1.0) for one in where]
@@ -85,27 +85,28 @@ def with_load_shares(
     *,
     extrapolate: bool = False,
 ) -> "xr.Dataset":
-    """Return a result that says how far its laws were used outside their data.
+    """Return a result with the shares of its load outside the data of the laws.
 
     Parameters
     ----------
     result : Dataset
-        Follows ``MACRO_RESULT``.
+        Result of a structure; follows ``MACRO_RESULT``.
     shares : ndarray, shape (3, steps, interfaces)
-        From :func:`load_shares`.
+        Shares from :func:`load_shares`.
     data : ndarray, shape (interfaces, 2)
         Lowest and highest pressure of the data of every interface, Pa.
     extrapolate : bool
-        Whether what a law extrapolates stays as the answer.
+        Whether extrapolated answers are kept.
 
     Returns
     -------
     Dataset
-        With the shares and ``known``, 0 where a step failed or more than ``MOST`` of the load of an
-        interface lies far outside: there every answer is NaN unless extrapolated. The attribute
-        ``cautions`` has a line for it, and for a smaller share outside the data.
+        Result with the shares and ``known``, 0 if a step has failed or more than ``FAR_SHARE`` of
+        the load of an interface lies far outside: all answers of this step are NaN unless
+        ``extrapolate``. The attribute ``cautions`` has a line for each interface with load far
+        outside or outside the data.
     """
-    known = np.all(shares[2] <= MOST, axis=1)
+    known = np.all(shares[2] <= FAR_SHARE, axis=1)
     names = ("load_below", "load_above", "load_far")
     values = dict(zip(names, shares, strict=True)) | {"known": known.astype(int)}
     result = MACRO_RESULT.assign(result, values).assign_coords(interface=range(shares.shape[2]))
@@ -113,7 +114,7 @@ def with_load_shares(
         answers = [
             name
             for name, value in result.data_vars.items()
-            if "step" in value.dims and value.dtype.kind == "f" and name not in GIVEN
+            if "step" in value.dims and value.dtype.kind == "f" and name not in INPUT_VARIABLES
         ]
         kept = result["known"] == 1
         result = result.assign({name: result[name].where(kept) for name in answers})
@@ -121,22 +122,23 @@ def with_load_shares(
 
 
 def _cautions(result: "xr.Dataset", data: np.ndarray, extrapolate: bool) -> Iterator[str]:
-    """Say which interfaces carry load outside the data of their laws."""
+    """Yield a sentence for each interface with load outside the data of its law."""
     below, above, far = (result[f"load_{name}"].values for name in ("below", "above", "far"))
     for number, (low, high) in enumerate(data):
         name = f" of interface {number}" if len(data) > 1 else ""
         ends = " to ".join(readable(f"{end:.4g} Pa") for end in (low, high))
         range_ = f"the pressures of the law{name}, {ends}"
-        lost = np.flatnonzero(far[:, number] > MOST)
+        lost = np.flatnonzero(far[:, number] > FAR_SHARE)
         if lost.size:
             then = "only extrapolated, and its error is unknown" if extrapolate else "unknown"
             yield (
                 f"up to {100.0 * far[lost, number].max():.3g} % of the load lies more than a "
-                f"factor of {REACH:g} outside {range_}, at {lost.size} of {len(far)} steps, first "
-                f"{_place(result, lost[0])}: the answer there is {then}; press the cells at these "
-                f"pressures" + ("" if extrapolate else ", or set extrapolate = true beside the law")
+                f"factor of {FAR_FACTOR:g} outside {range_}, at {lost.size} of {len(far)} steps, "
+                f"first {_place(result, lost[0])}: the answer there is {then}; press the cells at "
+                f"these pressures"
+                + ("" if extrapolate else ", or set extrapolate = true beside the law")
             )
-        near = np.setdiff1d(np.flatnonzero(below[:, number] + above[:, number] > FAINT), lost)
+        near = np.setdiff1d(np.flatnonzero(below[:, number] + above[:, number] > NEGLIGIBLE), lost)
         if near.size:
             step = near[np.argmax((below + above)[near, number])]
             yield (
@@ -147,6 +149,6 @@ def _cautions(result: "xr.Dataset", data: np.ndarray, extrapolate: bool) -> Iter
 
 
 def _place(result: "xr.Dataset", step: int) -> str:
-    """Say which step is meant."""
+    """Return the number and preload of a step in words."""
     preload = float(result["preload"].values[step])
     return f"at step {step} with the preload {readable(f'{preload:.4g} Pa')}"

@@ -1,6 +1,6 @@
 r"""Time stepping of structures with slack and impacts, eqs (6), (8), (9) and (11) of the source.
 
-Moreau-Jean steps on the measure equation: velocities may jump, and impulses stand for forces.
+Moreau-Jean steps of the measure equation: velocities may jump, impulses replace forces.
 """
 
 from collections.abc import Callable
@@ -14,7 +14,7 @@ from scipy.sparse import csr_array, diags_array
 
 from multiscale.convergence import Status
 from multiscale.errors import CaseError
-from multiscale.macro.discrete.checks import masses_of
+from multiscale.macro.discrete.checks import nodal_masses
 from multiscale.macro.discrete.compatibility import LinkEquations, compatibility, equations
 from multiscale.macro.discrete.link_system import LinkSystem
 from multiscale.macro.discrete.link_tangent import Tangent, prepare_tangent
@@ -29,8 +29,8 @@ if TYPE_CHECKING:
 
 __all__ = ["simulate"]
 
-ADMISSIBLE = 1e-9
-"""Elongation, relative to its length, that an inextensible link may have at the start."""
+START_TOLERANCE = 1e-9
+"""Allowed elongation of an inextensible link at the start, relative to its length."""
 
 
 def simulate(
@@ -44,34 +44,34 @@ def simulate(
     theta: float = 1.0,
     restitution: float = 0.0,
 ) -> "xr.Dataset":
-    r"""Follow a structure of bars, cables and struts in time.
+    r"""Compute the motion of a structure of bars, cables and struts.
 
     Parameters
     ----------
     system : LinkSystem
         The structure; links of infinite rigidity are inextensible cables or struts.
     times : ndarray, shape (steps + 1,)
-        Rising, s. The first is the initial state.
+        Increasing times, s. The first belongs to the initial state.
     mass : ndarray, shape (nodes,), or float
         Mass of each node, kg; with beams in (nodes, 6), the last three in kg m2.
     load_factor : callable
-        :math:`\alpha(t)`, times the loads of the system.
+        Factor :math:`\alpha(t)` of the loads of the system, dimensionless.
     support_motion : callable, optional
-        Displacement of the nodes at a time, shape (nodes, c), m; read where they are held.
+        Displacement of the nodes at a time, shape (nodes, c), m; used at fixed components.
     start : tuple of ndarray, shape (nodes, c), optional
         Displacement, m, and velocity, m/s, at the first time; at rest in the prestressed
         configuration if not given.
     theta : float
-        From 1/2 (second order, no damping of its own) to 1 (fully implicit).
+        From 1/2 (second order, no numerical damping) to 1 (fully implicit).
     restitution : float
-        Of inextensible links that run taut, from 0 to 1.
+        Coefficient of restitution of inextensible links that become taut, from 0 to 1.
 
     Returns
     -------
     Dataset
         Follows ``MACRO_RESULT``, one step for each time; ``tension`` of inextensible links is
-        the mean over the step. A step that fails is NaN with ``converged`` 0, the attribute
-        ``failure`` says why, and the later ones are not tried.
+        the mean over the step. A step that fails is NaN with ``converged`` 0 and ends the motion;
+        the attribute ``failure`` states the reason.
 
     Raises
     ------
@@ -87,16 +87,16 @@ def simulate(
         u^+ = u^- + h (\theta v^+ + (1 - \theta) v^-),    \tag{1}
 
     with :math:`x_\theta = \theta x^+ + (1 - \theta) x^-`, (9) of the source for
-    :math:`\theta = 1`. The tension :math:`\bar\tau` of the links that give wins no energy,
-    whatever goes slack and however large the step is; :math:`\theta = 1/2` loses none.
+    :math:`\theta = 1`. The tension :math:`\bar\tau` of the extensible links gains no energy,
+    whichever links go slack and however large the step is; :math:`\theta = 1/2` loses none.
     Inextensible links carry impulses :math:`\pi`, (11) of the source,
 
     .. math::
         0 \le \pi \perp -e^+ \ge 0,    \tag{2}
 
-    so that their ends never come farther apart than their length. With a coefficient of
-    restitution :math:`\rho > 0`, links that would be taut in the middle of the step obey, in
-    place of (2), with the rates :math:`\eta` of their elongations,
+    so that the distance of their ends never exceeds their length. With a coefficient of
+    restitution :math:`\rho > 0`, links that would be taut in the middle of the step obey instead
+    of (2), with the rates :math:`\eta` of their elongations,
 
     .. math::
         0 \le \pi \perp \max(-\rho\, \eta^-, -\eta^-) - \eta^+ \ge 0, \qquad
@@ -104,8 +104,8 @@ def simulate(
         + (\theta - \tfrac12) M^{-1} B_r^T \pi \bigr).    \tag{3}
 
     The impulses of (3) act in the middle of the step, so that they do the work
-    :math:`-\tfrac12 \pi (\eta^+ + \eta^-) \le 0` for every theta; the others do
-    :math:`-\pi\, \Delta e / h \le 0`. No step of any size wins energy.
+    :math:`-\tfrac12 \pi (\eta^+ + \eta^-) \le 0` for every theta; the impulses of (2) do the
+    work :math:`-\pi\, \Delta e / h \le 0`. No step of any size gains energy.
 
     References
     ----------
@@ -140,9 +140,22 @@ def simulate(
 
 @dataclass(frozen=True)
 class _State:
-    """What is known at a time, after a step of which ``mean`` is the tension.
+    """State of the structure at a time.
 
-    Inextensible links have an impulse for a tension.
+    Attributes
+    ----------
+    time, step : float
+        Time and size of the last step, s; infinite before the first step.
+    u, v : ndarray, shape (n,)
+        Displacement, m, and velocity, m/s.
+    elongation, support : ndarray, shape (rows,)
+        Elongation of the links, and its part due to the motion of the supports, m.
+    tension : ndarray, shape (rows,)
+        Tension of the extensible links, N; zero for the others.
+    impulse : ndarray, shape (rows,)
+        Impulse of the inextensible links in the last step, N s; zero for the others.
+    mean : ndarray, shape (rows,)
+        Mean tension of all links in the last step, N.
     """
 
     time: float
@@ -158,10 +171,34 @@ class _State:
 
 @dataclass(frozen=True)
 class _Scheme:
-    """A structure and how it is stepped.
+    """Structure with its operators, loads and the parameters of the time stepping.
 
-    Stiffness and prestress of inextensible links are zero; their side is 1 if they pull, -1 if
-    they push.
+    Attributes
+    ----------
+    needs : Needs
+        Unknowns and operators.
+    system : LinkSystem
+        The structure.
+    model : LinkEquations
+        Equations of the free unknowns.
+    tangent : Tangent
+        Pattern of the tangent.
+    held : LinkEquations
+        Equations of the fixed components.
+    operator : csr_array, shape (rows, n)
+        Compatibility operator.
+    mass : ndarray, shape (n,)
+        Mass of each unknown, kg.
+    extensible : ndarray of bool, shape (rows,)
+        Links of finite stiffness.
+    side : ndarray, shape (rows,)
+        1 for inextensible cables, -1 for inextensible struts, 0 for extensible links.
+    stiffness, prestress : ndarray, shape (rows,)
+        Stiffness, N/m, and prestress, N, of extensible links; zero for the others.
+    theta, restitution : float
+        Parameters of :func:`simulate`, dimensionless.
+    load_factor, support_motion : callable
+        Functions of time as in :func:`simulate`.
     """
 
     system: LinkSystem
@@ -193,43 +230,43 @@ class _Scheme:
         e = self.model.elongate(u) + support
         excess = self.side[: self.system.n_links] * e[: self.system.n_links]
         worst = int(np.argmax(excess / self.system.length))
-        if excess[worst] > ADMISSIBLE * self.system.length[worst]:
+        if excess[worst] > START_TOLERANCE * self.system.length[worst]:
             raise CaseError(
                 f"the start changes the length of link {worst}, which is inextensible, by "
-                f"{excess[worst]:.3g} m; move its nodes to where it is slack or just taut"
+                f"{excess[worst]:.3g} m; move its nodes so that it is slack or just taut"
             )
         tension = self.tension(e)
         return _State(time, np.inf, u, v, e, support, tension, np.zeros_like(e), tension)
 
     def support(self, time: float) -> np.ndarray:
-        """Elongation of the links that the motion of the supports alone brings, m."""
+        """Return the elongation of the links due to the motion of the supports alone, m."""
         if self.support_motion is None:
             return np.zeros(len(self.model.unknown))
         motion = np.asarray(self.support_motion(time), dtype=float) * self.model.unit
         return self.held.elongate(motion[self.held.number >= 0])
 
     def load(self, time: float) -> np.ndarray:
-        """Nodal loads at a time, N."""
+        """Return the nodal loads at a time, N."""
         return float(self.load_factor(time)) * self.model.load
 
     def tension(self, elongation: np.ndarray) -> np.ndarray:
-        """Tension of the extensible links, N; zero in the others."""
+        """Return the tension of the extensible links, N; zero for the others."""
         elastic = self.prestress + self.stiffness * elongation
         return np.asarray(np.clip(elastic, self.model.lower, self.model.upper))
 
     def slack(self, elongation: np.ndarray) -> np.ndarray:
-        """Distance by which the ends of each link miss it, m; zero where it is taut."""
+        """Return the slack of each link, m; zero if it is taut."""
         stretch = elongation + self.model.prestress / self.model.stiffness
         short = np.where(np.isfinite(self.model.lower), np.maximum(0.0, -stretch), 0.0)
         return np.where(np.isfinite(self.model.upper), np.maximum(0.0, stretch), short)
 
     def stored(self, tension: np.ndarray) -> np.ndarray:
-        """Elastic energy of each link, J, counted from where it is relaxed."""
+        """Return the elastic energy of each link relative to its relaxed length, J."""
         k = np.where(self.extensible, self.model.stiffness, np.inf)
         return np.asarray(0.5 * tension**2 / k)
 
     def advance(self, old: _State, time: float) -> tuple[_State, float, Status]:
-        """Solve one step; return the new state, the residual and how it ended."""
+        """Solve a step; return the new state, the residual and the status."""
         h, theta = time - old.time, self.theta
         support = self.support(time)
         moved = support - old.support
@@ -259,7 +296,7 @@ class _Scheme:
     def _limits(
         self, h: float, old: _State, drift: np.ndarray, moved: np.ndarray
     ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """Inextensible links that may act, their signs, and the bounds (2), (3) of their rates."""
+        """Return the inextensible links that may act, their signs, and the bounds (2), (3)."""
         live = np.flatnonzero(~self.extensible)
         sign = self.side[live]
         if self.restitution == 0.0:
@@ -272,12 +309,12 @@ class _Scheme:
     def _balance(
         self, h: float, before: np.ndarray, known: tuple[np.ndarray, np.ndarray], y: np.ndarray
     ) -> tuple[MomentumBalance, np.ndarray]:
-        """Momentum of (1) without impulses for u+ = u- + h (theta y + ...), and the tension."""
+        """Return the momentum of (1) without impulses at the rate y, and the mean tension."""
         model, step, k, (drift, push) = self.model, h * self.theta, self.stiffness, known
         growth = step * model.elongate(y)
         after = self.prestress + k * (drift + growth)
         tension, slope = mean_tension(before, after, model.lower, model.upper, self.theta)
-        # elongations are differences, of their own and of the motions of the nodes
+        # rounding of the elongations, and of the motions whose differences they are
         cancelling = largest(np.abs(drift) + np.abs(growth)) + step * largest(y)
         balance = MomentumBalance(
             self.mass * y + h * model.gather(tension) - push,
@@ -288,17 +325,17 @@ class _Scheme:
         return balance, tension
 
     def _factorise(self, stiffness: np.ndarray) -> Solve:
-        """Factors of M + B^T k B, with the stiffness times squared steps, kg."""
+        """Factorise M + B^T k B, with the stiffness times squared steps, kg."""
         entries = self.tangent.entries(stiffness)
         entries[self.tangent.diagonal] += self.mass
         return self.tangent.factorise(entries)
 
     def energy(self, old: _State, new: _State) -> EnergyStep:
-        """Return the account of a step."""
+        """Return the energy balance of a step."""
         force = self.theta * self.load(new.time) + (1.0 - self.theta) * self.load(old.time)
         work = float(force @ (new.u - old.u)) + float(new.mean @ (new.support - old.support))
         growth, change = new.elongation - old.elongation, new.v - old.v
-        if self.restitution > 0.0:  # the work of (3) is done at the mean of both rates
+        if self.restitution > 0.0:  # impulses of (3) act at the mean of both rates
             mean = 0.5 * new.step * self.model.elongate(old.v + new.v)
             growth = np.where(self.extensible, growth, mean + new.support - old.support)
             change = change + self.model.gather(new.impulse) / self.mass
@@ -315,7 +352,7 @@ class _Scheme:
     def report(
         self, state: _State, energy: EnergyStep | None, residual: float, seconds: float
     ) -> dict[str, Any]:
-        """Return one row of the dataset."""
+        """Return the variables of a step."""
         links = self.system.n_links
         tension = np.where(self.extensible, state.tension, state.impulse / state.step)[:links]
         own = float(np.sum(self.stored(state.tension)))
@@ -354,10 +391,10 @@ def _prepare(
     load_factor: Callable[[float], float],
     support_motion: Callable[[float], np.ndarray] | None,
 ) -> _Scheme:
-    """Set up the operators."""
+    """Return the scheme with its operators, or refuse inextensible bars."""
     model = equations(system)
     free = model.number >= 0
-    masses = masses_of(system, mass, free)
+    masses = nodal_masses(system, mass, free)
     extensible = np.isfinite(model.stiffness)
     rigid_bar = ~extensible & np.isinf(model.lower) & np.isinf(model.upper)
     if rigid_bar.any():

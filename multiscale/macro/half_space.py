@@ -13,12 +13,12 @@ __all__ = ["half_space_stiffness", "press_profile"]
 
 
 def half_space_stiffness(points: int, length: float, contact_modulus: float) -> np.ndarray:
-    r"""Stiffness of the surface of a half-space against periodic displacement in plane strain.
+    r"""Return the stiffness of the surface of a half-space for periodic displacement, plane strain.
 
     Parameters
     ----------
     points : int
-        Equidistant points in a period.
+        Number of equidistant points in a period.
     length : float
         Period, m.
     contact_modulus : float
@@ -27,8 +27,8 @@ def half_space_stiffness(points: int, length: float, contact_modulus: float) -> 
     Returns
     -------
     ndarray, shape (points, points)
-        Force on a point per displacement of a point, Pa (N/m per metre of width). Waves have
-        :math:`E^* |q| / 2` per area; the mean is free.
+        Force on a point per displacement of a point, Pa (N/m per metre of width). The stiffness of
+        a wave is :math:`E^* |q| / 2` per area; the mean displacement has no stiffness.
     """
     q = 2.0 * np.pi * np.abs(np.fft.fftfreq(points, length / points))
     return np.asarray(circulant(np.fft.ifft(0.5 * contact_modulus * q).real) * (length / points))
@@ -44,13 +44,13 @@ def press_profile(
     max_iterations: int = 100,
     tolerance: float = 1e-9,
 ) -> Solution:
-    r"""Press a profile by a mean pressure.
+    r"""Find the gaps of a profile under a mean pressure.
 
     Parameters
     ----------
     initial_gap : ndarray, shape (points,)
         Distance :math:`g_0` of the mean planes of the roughness before deformation, at equidistant
-        points of a period, m; a constant in it does not matter.
+        points of a period, m; an added constant has no effect.
     length : float
         Period, m.
     contact_modulus : float
@@ -58,7 +58,7 @@ def press_profile(
     pressure : float
         Nominal pressure :math:`p`, Pa.
     law : NormalLaw
-        Of the roughness that the profile leaves out.
+        Law of the roughness that the profile does not resolve.
     max_iterations, tolerance
         See :func:`~multiscale.macro.monolithic.solve_interface`.
 
@@ -79,7 +79,7 @@ def press_profile(
 
     .. math:: K (g - g_0) + w\,t(g) = -w\,p,    \tag{1}
 
-    with the traction :math:`t` of the law: the gap is the unknown and the jump at once.
+    with the traction :math:`t` of the law: the gap is both the unknown and the jump.
     """
     if not 0.0 < pressure < np.inf:
         raise CaseError(f"the nominal pressure must be positive and finite (Pa), got {pressure:g}")

@@ -18,10 +18,10 @@ __all__ = ["MomentumBalance", "largest", "limited_motion"]
 MAX_ITERATIONS = 50
 
 TOLERANCE = 1e-12
-"""Of a step: momentum out of balance, relative to the largest one; or what rounding leaves."""
+"""Bound on the momentum out of balance, relative to the largest; raised to the rounding error."""
 
-SMALLEST = float(np.sqrt(np.finfo(float).tiny))
-"""Momentum, N s, or rate, m/s, of motions whose energy is no floating-point number."""
+UNDERFLOW_LIMIT = float(np.sqrt(np.finfo(float).tiny))
+"""Momentum, N s, or rate, m/s, of motions whose energy underflows."""
 
 
 @dataclass(frozen=True)
@@ -33,9 +33,9 @@ class MomentumBalance:
     momentum : ndarray, shape (n,)
         :math:`g(y)`, N s.
     stiffness : ndarray, shape (rows,)
-        Of the links, times squared steps, kg: what the tangent of g takes.
+        Stiffness of the links in the tangent of g, times squared steps, kg.
     largest, rounding : float
-        Largest term of the sum, and what rounding leaves of it, N s.
+        Largest term of the sum, and its rounding error, N s.
     """
 
     momentum: np.ndarray
@@ -50,16 +50,16 @@ def limited_motion(
     start: np.ndarray,
     limits: tuple[csr_array, np.ndarray, np.ndarray],
 ) -> Solution:
-    r"""Solve the balance of momentum under limits.
+    r"""Solve the balance of momentum under limits of the rates.
 
     Parameters
     ----------
     balance : callable
-        :math:`y \mapsto g(y)`.
+        Function :math:`y \mapsto g(y)`.
     factorise : callable
-        Takes the stiffness of a balance; returns the inverse of the tangent :math:`g'`.
+        Returns the inverse of the tangent :math:`g'` for the stiffness of a balance.
     start : ndarray, shape (n,)
-        First y, m/s.
+        Initial y, m/s.
     limits : tuple of csr_array, shape (m, n), ndarray, shape (m,), and ndarray, shape (m, m)
         A, dimensionless; b, m/s; and C, 1/kg, positive semidefinite.
 
@@ -96,14 +96,14 @@ def limited_motion(
         if bound.size:
             give = solve(columns)
             rates = bound - A @ (y + give @ x[n:])
-            rates[np.abs(rates) < SMALLEST] = 0.0
+            rates[np.abs(rates) < UNDERFLOW_LIMIT] = 0.0
             found = solve_lcp(A @ give + C, rates, start=x[n:])
             p, accuracy = found.value, found.residuals[-1]
             y = y - give @ (p - x[n:])
             if not found.converged:
                 return Solution(np.append(y, p), found.status, (*run.residuals, accuracy))
         new = balance(y)
-        size = max(new.largest, largest(p), SMALLEST)
+        size = max(new.largest, largest(p), UNDERFLOW_LIMIT)
         residual = largest(new.momentum + columns @ p) / size
         if not run.goes_on(residual, new.rounding / size):
             last = max(residual, accuracy)
@@ -117,5 +117,5 @@ def limited_motion(
 
 
 def largest(vector: np.ndarray) -> float:
-    """Return the largest size of the entries, zero if there are none."""
+    """Return the largest absolute entry, zero if there are none."""
     return float(np.abs(vector).max(initial=0.0))

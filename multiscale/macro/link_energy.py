@@ -1,4 +1,4 @@
-r"""Energy account of one time step, summed link by link."""
+r"""Energy balance of a time step, summed link by link."""
 
 from dataclasses import dataclass
 
@@ -9,20 +9,20 @@ __all__ = ["EnergyStep", "account_links"]
 
 @dataclass(frozen=True)
 class EnergyStep:
-    r"""Where the energy of a step went, J.
+    r"""Energy balance of a step, J.
 
     Attributes
     ----------
     kinetic, elastic : float
-        At the end of the step.
+        Energies at the end of the step, J.
     work : float
-        Done by loads and moving supports.
+        Work of loads and moving supports, J.
     numerical : float
-        Dissipated by the scheme, :math:`(\theta - 1/2)\, \mathrm{d}v^T M\, \mathrm{d}v`.
+        Dissipation by the scheme, :math:`(\theta - 1/2)\, \mathrm{d}v^T M\, \mathrm{d}v`, J.
     link : float
-        Dissipated in the links, summed link by link.
+        Dissipation in the links, summed link by link, J.
     smallest_link : float
-        Smallest term of that sum.
+        Smallest term of this sum, J.
     """
 
     kinetic: float
@@ -42,24 +42,24 @@ def account_links(
     work: float,
     theta: float,
 ) -> EnergyStep:
-    r"""Account for one step.
+    r"""Return the energy balance of a step.
 
     Parameters
     ----------
     mass : ndarray, shape (n,)
-        kg.
+        Mass of each unknown, kg.
     velocity : tuple of ndarray, shape (n,)
-        At the end, and its change :math:`\mathrm{d}v` but by impulses in the middle, m/s.
+        Velocity at the end, and its change :math:`\mathrm{d}v` without impulses in the middle, m/s.
     elastic : tuple of ndarray, shape (rows,)
         Energy of each link before and after, J.
     tension : ndarray, shape (rows,)
-        Mean of the step, N: impulse over step size.
+        Mean tension of the step, N; for inextensible links impulse over step size.
     growth : ndarray, shape (rows,)
-        :math:`\Delta e`, m; of impulses in the middle, the mean rate times the step.
+        :math:`\Delta e`, m; for impulses in the middle, the mean rate times the step.
     work : float
         :math:`F_\theta \cdot \Delta u` and the work of moving supports, J.
     theta : float
-        Of the scheme.
+        Parameter of the scheme, from 1/2 to 1.
 
     Notes
     -----

@@ -1,4 +1,4 @@
-r"""Tension of links in the middle of a time step, such that no energy is won."""
+r"""Tension of links in the middle of a time step, such that no energy is gained."""
 
 import numba
 import numpy as np
@@ -14,22 +14,21 @@ def mean_tension(
     upper: np.ndarray,
     theta: float,
 ) -> tuple[np.ndarray, np.ndarray]:
-    r"""Weigh the tension at the end of a step with its mean over the elongations of the step.
+    r"""Return the weighted mean of the final tension of a step and its average over the elongation.
 
     Parameters
     ----------
     before, after : ndarray, shape (rows,)
-        Elastic tension :math:`\tau^0 + k e` at both ends of the step, as if nothing could go
-        slack, N.
+        Elastic tension :math:`\tau^0 + k e` at start and end of the step, without bounds, N.
     lower, upper : ndarray, shape (rows,)
         Bounds of the tension, N.
     theta : float
-        From 1/2 (mean alone) to 1 (end alone).
+        From 1/2 (average alone) to 1 (final tension alone).
 
     Returns
     -------
     tension : ndarray, shape (rows,)
-        :math:`\bar\tau`, N.
+        Weighted mean :math:`\bar\tau`, N.
     slope : ndarray, shape (rows,)
         Its derivative with respect to ``after``, from 0 to 1.
 
@@ -41,7 +40,7 @@ def mean_tension(
         \bar\tau = (2\theta - 1)\, P(\tau^+) + 2 (1 - \theta)\, \frac{\Delta V}{\Delta e},
 
     so that :math:`\bar\tau\, \Delta e - \Delta V = (2\theta - 1)(\tau^+ \Delta e - \Delta V) \ge
-    0`: a discrete gradient [1]_. While a link stays taut or slack it is the usual
+    0`: a discrete gradient [1]_. If a link stays taut or slack it equals
     :math:`\theta \tau^+ + (1 - \theta) \tau^-`. The quotient is summed over the parts of the
     step below, between and above the bounds, without a difference of nearly equal energies.
 

@@ -1,4 +1,4 @@
-"""Results of dynamics as a dataset."""
+"""Datasets of dynamic results."""
 
 from typing import TYPE_CHECKING, Any
 
@@ -17,13 +17,33 @@ __all__ = ["failed_step", "join_times"]
 def failed_step(
     first: dict[str, Any], time: float, residual: float, seconds: float
 ) -> dict[str, Any]:
-    """Return the row of a step without solution, from the first row."""
+    """Return the variables of a failed step, NaN in the shapes of the first row.
+
+    Parameters
+    ----------
+    first : dict
+        Variables of the first row.
+    time : float
+        Time at the end of the step, s.
+    residual : float
+        Residual reached, dimensionless.
+    seconds : float
+        Wall time of the step, s.
+    """
     row = {name: np.full_like(value, np.nan, dtype=float) for name, value in first.items()}
     return row | {"time": time, "converged": 0, "residual": residual, "wall_time": seconds}
 
 
 def join_times(system: LinkSystem, rows: list[dict[str, Any]]) -> "xr.Dataset":
-    """Join the rows to a dataset after ``MACRO_RESULT``; energies that went somewhere add up."""
+    """Return the steps as a dataset that follows ``MACRO_RESULT``, with work and losses summed.
+
+    Parameters
+    ----------
+    system : LinkSystem
+        The structure.
+    rows : list of dict
+        Variables of each step.
+    """
     import xarray as xr
 
     values = {name: np.array([row[name] for row in rows]) for name in rows[0]}

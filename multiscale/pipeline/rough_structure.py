@@ -11,7 +11,7 @@ import numpy as np
 
 from multiscale.errors import CaseError
 from multiscale.laws import AreaLaw, NormalLaw
-from multiscale.macro.data_range import MOST, REACH, load_shares
+from multiscale.macro.data_range import FAR_FACTOR, FAR_SHARE, load_shares
 from multiscale.micro import FlatCell, Path, Surface, run_ensemble, self_affine
 from multiscale.pipeline.concurrent import CellLaw
 from multiscale.upscaling import area_from_dataset, fit_law, law_from_dataset
@@ -232,12 +232,12 @@ def checked(answer: Answer, law: NormalLaw) -> Answer:
     """
     even = np.ones(answer.pressure.size)
     far = float(load_shares(answer.pressure[None], even, law.pressure_range)[2, 0])
-    if far > MOST:
+    if far > FAR_SHARE:
         low, high = law.pressure_range
         raise CaseError(
             f"{100.0 * far:.3g} % of the load of the structure lies more than a factor of "
-            f"{REACH:g} outside the pressures of its cells, {1e-6 * low:.4g} to {1e-6 * high:.4g} "
-            f"MPa: its answer is unknown; press the cells at these pressures"
+            f"{FAR_FACTOR:g} outside the pressures of its cells, {1e-6 * low:.4g} to "
+            f"{1e-6 * high:.4g} MPa: its answer is unknown; press the cells at these pressures"
         )
     return answer
 

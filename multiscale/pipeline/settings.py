@@ -6,7 +6,7 @@ from typing import Self
 from pydantic import model_validator
 
 from multiscale.io import read_bytes
-from multiscale.macro.data_range import REACH
+from multiscale.macro.data_range import FAR_FACTOR
 from multiscale.micro.cell import depth_caution
 from multiscale.micro.slide import LONGEST
 from multiscale.pipeline.case_tables import (
@@ -116,13 +116,13 @@ class Case(Settings):
 
     def _check_preloads(self) -> None:
         """Refuse a joint that the cells will tell nothing of."""
-        low, high = self.micro.pressures[0] / REACH, self.micro.pressures[-1] * REACH
+        low, high = self.micro.pressures[0] / FAR_FACTOR, self.micro.pressures[-1] * FAR_FACTOR
         far = [p for p in self.joint.preloads if not low <= p <= high]
         target = self.accuracy is not None and self.accuracy.quantity == "joint_stiffness"
         if far and (target or (len(far) == len(self.joint.preloads) and not self.law.extrapolate)):
             raise ValueError(
                 f"preloads in [joint] of {', '.join(f'{1e-6 * p:g}' for p in far)} MPa lie more "
-                f"than a factor of {REACH:g} outside the pressures in [micro], "
+                f"than a factor of {FAR_FACTOR:g} outside the pressures in [micro], "
                 f"{1e-6 * self.micro.pressures[0]:g} to {1e-6 * self.micro.pressures[-1]:g} MPa: "
                 f"the joint would be unknown there; press the cells at such pressures"
                 + ("" if target else ", or set extrapolate = true in [law]")

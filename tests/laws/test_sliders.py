@@ -378,7 +378,7 @@ def test_a_bed_needs_no_pressures_where_its_law_has_data():
         (lambda: bed(slabs=0), "one slab or more, got 0"),
         (lambda: Sliders(NORMAL, 0.3), r"got 0 and inf; give pressures=\(low, high\)"),
         (lambda: bed(pressures=(1e8, 1e6)), "lowest and a highest pressure"),
-        (lambda: bed(RigidContact(0.3)), "got one of type RigidContact; give a NormalLaw"),
+        (lambda: bed(RigidContact(0.3)), "got the type RigidContact; give a NormalLaw"),
     ],
 )
 def test_parameters_outside_their_range_are_refused(make, message):

@@ -53,7 +53,7 @@ def test_a_step_that_does_not_converge_is_nan_and_says_why():
 def test_an_interior_point_takes_over_where_newton_gives_up(monkeypatch):
     grid = tensegrity_grid(8, prestress=300.0)
     reference = solve_static(grid, 10.0)
-    monkeypatch.setattr(link_newton, "PATIENCE", 1)
+    monkeypatch.setattr(link_newton, "MAX_SHORT_STEPS", 1)
     assert solve_static(grid, 10.0, method="newton").converged == 0
     result = solve_static(grid, 10.0)
     assert result.converged == 1

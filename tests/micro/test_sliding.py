@@ -144,7 +144,7 @@ def test_very_slow_and_very_fast_sliding_are_elastic(number, modulus):
         (lambda: RelaxingSolid(1.0, 0.6, (), ()), "between 0 and 0.5"),
         (lambda: RelaxingSolid(1.0, 0.5, (1.0,), ()), "1 moduli and 0 times"),
         (lambda: RelaxingSolid(1.0, 0.5, (1.0,), (-1.0,)), "times must be positive"),
-        (lambda: wlf_shift(200.0, 293.0), "no meaning at 200 K"),
+        (lambda: wlf_shift(200.0, 293.0), "not defined at 200 K"),
     ],
 )
 def test_parameters_outside_their_range_are_refused(make, message):

@@ -32,7 +32,7 @@ from multiscale.macro.discrete.link_tangent import Tangent
 from multiscale.macro.granulate import ContactLaw, Grains, Model, Solver, box
 from multiscale.macro.granulate.grain_motion import step_grains
 from multiscale.macro.granulate.grain_needs import GrainPart, grain_needs
-from multiscale.macro.granulate.grain_state import start
+from multiscale.macro.granulate.grain_state import initial_state
 from multiscale.macro.substructures import latin as latin_module
 from multiscale.macro.substructures import latin_solver as solve_module
 from multiscale.macro.substructures import split_grid
@@ -272,14 +272,15 @@ def test_grains_take_the_unknowns_and_the_spins_that_they_need(law, changes, unk
     model = Model(Grains(places, 0.01, spin=spin), walls, law)
     assert model.frictional == (unknowns == 3)
     assert model.turns == turns
-    state, step = step_grains(model, start(model), 5e-3, Solver())
+    state, step = step_grains(model, initial_state(model), 5e-3, Solver())
     assert step.n_contacts > 0
     contacts = state.contacts
-    assert {a.shape[1] for a in (state.kept, state.held, contacts.impulse, contacts.anchor)} == {
-        unknowns
-    }
+    assert {
+        a.shape[1]
+        for a in (state.pair_impulse, state.spring_impulse, contacts.impulse, contacts.anchor)
+    } == {unknowns}
     assert (contacts.coulomb is None) == (unknowns == 1)
-    assert {state.velocity.shape[1], model.push.shape[1]} == {8 if turns else 4}
+    assert {state.velocity.shape[1], model.free_acceleration.shape[1]} == {8 if turns else 4}
     assert model.mobility.shape[1] == (3 if turns else 1)
     motion = granulate.simulate_grains(model, 0.02, 5e-3)
     assert ("spin" in motion) == turns
@@ -293,7 +294,7 @@ def test_a_step_without_friction_allocates_less():
     for friction in (0.0, 0.5):
         walls = box((0, 0, 0), (0.202, 0.202, np.inf))
         model = Model(Grains((2.02 * places + 1.01) * 0.01, 0.01), walls, ContactLaw(friction))
-        state = start(model)
+        state = initial_state(model)
         for measured in (False, True):  # the first step compiles
             if measured:
                 tracemalloc.start()

@@ -1,4 +1,4 @@
-"""Bulk laws: deformation gradient in, stress and consistent tangent out."""
+"""Bulk laws, which map a deformation gradient to a stress with its consistent tangent."""
 
 from multiscale.laws.bulk.anisotropic import AnisotropicElastic
 from multiscale.laws.bulk.bulk_law import BulkLaw, BulkResponse, respond_bulk

@@ -1,4 +1,4 @@
-"""Anisotropic elasticity at small strain: what cavities and cracks leave of a solid."""
+"""Anisotropic elasticity at small strain, for solids with cavities and cracks."""
 
 from dataclasses import dataclass
 from functools import cached_property
@@ -10,14 +10,14 @@ from multiscale.laws.bulk.bulk_law import BulkLaw, BulkResponse
 
 __all__ = ["AnisotropicElastic"]
 
-PLACE = np.array([[0, 5, 4], [5, 1, 3], [4, 3, 2]])
-"""Row of the 6 x 6 stiffness for each pair of axes."""
+VOIGT_ROW = np.array([[0, 5, 4], [5, 1, 3], [4, 3, 2]])
+"""Row of the 6 x 6 stiffness for each pair of axes (Voigt notation)."""
 
-SYMMETRIC = 1e-6
-"""Largest difference to the transpose, relative to the largest stiffness."""
+SYMMETRY_TOLERANCE = 1e-6
+"""Largest allowed difference to the transpose, relative to the largest stiffness."""
 
-SOFT = 1e-9
-"""Share of the largest stiffness below which there is none."""
+LEAST_STIFFNESS = 1e-9
+"""Smallest allowed eigenvalue of the stiffness, relative to the largest entry."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -27,13 +27,13 @@ class AnisotropicElastic(BulkLaw):
     Parameters
     ----------
     stiffness : ndarray, shape (6, 6)
-        :math:`C`, Pa, for xx, yy, zz, yz, xz, xy with shear angles: the order of
+        Stiffness :math:`C`, Pa, for xx, yy, zz, yz, xz, xy with shear angles, in the order of
         ``RVE_STIFFNESS``.
 
     Raises
     ------
     CaseError
-        If it is not symmetric, or there is a strain against which it has no stiffness.
+        If the stiffness is not symmetric and positive definite.
 
     Notes
     -----
@@ -43,8 +43,8 @@ class AnisotropicElastic(BulkLaw):
         U(J) = \tfrac{\lambda}{2}(J-1)^2, \qquad J - 1 = \mathrm{tr}\,\varepsilon,    \tag{1}
 
     where :math:`\lambda` is the mean of :math:`C_{12}, C_{13}, C_{23}`, so that an isotropic
-    tensor gives :class:`Elastic`; but at least 0 and at most what leaves the first part positive,
-    :math:`1 / (1 : C^{-1} : 1)`.
+    tensor gives :class:`Elastic`, bounded by 0 and by :math:`1 / (1 : C^{-1} : 1)`, up to which the
+    first part is positive semidefinite.
 
     Examples
     --------
@@ -62,31 +62,31 @@ class AnisotropicElastic(BulkLaw):
         if C.shape != (6, 6) or not np.all(np.isfinite(C)):
             raise CaseError(f"an elastic tensor is 6 x 6 and finite (Pa), got shape {C.shape}")
         size = float(np.abs(C).max())
-        if np.abs(C - C.T).max() > SYMMETRIC * size:
+        if np.abs(C - C.T).max() > SYMMETRY_TOLERANCE * size:
             raise CaseError("an elastic tensor is symmetric (Pa); pass the mean with its transpose")
         C = 0.5 * (C + C.T)
-        if not np.linalg.eigvalsh(C)[0] > SOFT * size:
+        if not np.linalg.eigvalsh(C)[0] > LEAST_STIFFNESS * size:
             raise CaseError(
                 "the elastic tensor has a strain without stiffness: the solid is cut through, "
-                "D = 1, and carries no load; leave the body out or give it a stiffness"
+                "D = 1, and carries no load; remove the body or give it a stiffness"
             )
         object.__setattr__(self, "stiffness", C)
 
     @cached_property
     def tensor(self) -> np.ndarray:
-        """C with four indices, shape (3, 3, 3, 3), Pa."""
-        return np.asarray(self.stiffness[PLACE[:, :, None, None], PLACE])
+        """Stiffness with four indices, shape (3, 3, 3, 3), Pa."""
+        return np.asarray(self.stiffness[VOIGT_ROW[:, :, None, None], VOIGT_ROW])
 
     @cached_property
     def lame(self) -> float:
-        """The modulus of the volume in (1), Pa."""
+        """Modulus of the volume change in (1), Pa."""
         C = self.stiffness
         mean = float(C[0, 1] + C[0, 2] + C[1, 2]) / 3.0
         one = np.array([1.0, 1.0, 1.0, 0.0, 0.0, 0.0])
         return min(max(mean, 0.0), 1.0 / float(one @ np.linalg.solve(C, one)))
 
     def scaled(self, factor: float) -> "AnisotropicElastic":
-        """Return the same law, a factor as stiff."""
+        """Return the law with the stiffness multiplied by a factor, dimensionless."""
         return AnisotropicElastic(factor * self.stiffness)
 
     def respond_shape(self, gradient: np.ndarray, state: np.ndarray) -> BulkResponse:
@@ -102,5 +102,5 @@ class AnisotropicElastic(BulkLaw):
         return BulkResponse(stress, tangent.copy(), state)
 
     def respond_volume(self, dilatation: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """U' and U'' of (1)."""
+        """Return U' and U'' of (1), Pa."""
         return self.lame * (dilatation - 1.0), np.full_like(dilatation, self.lame)

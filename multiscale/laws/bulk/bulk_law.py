@@ -1,4 +1,4 @@
-"""What every bulk law is: a change of shape and a change of volume."""
+"""Base class of bulk laws, with separate parts for shape and volume."""
 
 from abc import ABC, abstractmethod
 from dataclasses import dataclass
@@ -10,7 +10,7 @@ __all__ = ["BulkLaw", "BulkResponse", "cofactor", "cofactor_derivative", "respon
 
 @dataclass(frozen=True)
 class BulkResponse:
-    r"""What a bulk law answers.
+    r"""Response of a bulk law.
 
     Attributes
     ----------
@@ -19,7 +19,7 @@ class BulkResponse:
     tangent : ndarray, shape (3, 3, 3, 3, ...)
         :math:`A_{ijkl} = \partial P_{ij} / \partial F_{kl}`, Pa.
     state : ndarray, shape (n_state, ...)
-        New internal variables.
+        New internal variables, with the units of the law.
     """
 
     stress: np.ndarray
@@ -30,18 +30,18 @@ class BulkResponse:
 class BulkLaw(ABC):
     r"""Maps a deformation gradient to a stress, pointwise.
 
-    The stress derives from a part that changes the shape and a part that changes the volume,
+    The stress has a part of the change of shape and a part of the change of volume,
 
     .. math:: P = P_s(F, \text{state}) + U'(J)\, \partial J / \partial F,    \tag{1}
 
-    so that an element may take the volume change :math:`J` from its mean and does not lock.
-    Arrays have their component axes first, any axes may follow. The state goes in and comes
-    out; a law keeps nothing between calls. Plane strain is :math:`F_{33} = 1`.
+    so that an element can use its mean volume change :math:`J`, which avoids locking. Arrays have
+    their component axes first, any axes may follow. The state is an argument and a result; a law
+    stores nothing between calls. Plane strain is :math:`F_{33} = 1`.
 
     Attributes
     ----------
     n_state : int
-        Number of internal variables at a point.
+        Number of internal variables per point.
     finite_strain : bool
         Whether :math:`J = \det F`. Otherwise :math:`J = 1 + \mathrm{tr}(F - I)`, and the law is
         linear in :math:`F`.
@@ -64,14 +64,14 @@ class BulkLaw(ABC):
 
     @abstractmethod
     def respond_shape(self, gradient: np.ndarray, state: np.ndarray) -> BulkResponse:
-        """Stress :math:`P_s`, its tangent and the new state for F of shape (3, 3, ...)."""
+        """Return :math:`P_s`, Pa, its tangent and the new state for F of shape (3, 3, ...)."""
 
     @abstractmethod
     def respond_volume(self, dilatation: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Give the derivatives U' and U'' (Pa) for a volume ratio J (dimensionless)."""
+        """Return the derivatives U' and U'', Pa, at a volume ratio J, dimensionless."""
 
     def initial_state(self, shape: tuple[int, ...]) -> np.ndarray:
-        """State of the undeformed body, shape (n_state, *shape)."""
+        """Return the state of the undeformed body, shape (n_state, *shape)."""
         return np.zeros((self.n_state, *shape))
 
 
@@ -85,7 +85,7 @@ def respond_bulk(law: BulkLaw, gradient: np.ndarray, state: np.ndarray) -> BulkR
     gradient : ndarray, shape (3, 3, ...)
         Deformation gradient :math:`F`, dimensionless.
     state : ndarray, shape (n_state, ...)
-        Committed state.
+        Last committed state.
 
     Returns
     -------
@@ -111,7 +111,7 @@ def respond_bulk(law: BulkLaw, gradient: np.ndarray, state: np.ndarray) -> BulkR
 
 
 def cofactor(gradient: np.ndarray) -> np.ndarray:
-    """Differentiate det F: the cofactor matrix J F^-T, shape (3, 3, ...)."""
+    """Return the derivative of det F, the cofactor matrix J F^-T, shape (3, 3, ...)."""
     F = gradient
     return np.stack(
         [
@@ -128,7 +128,7 @@ def cofactor(gradient: np.ndarray) -> np.ndarray:
 
 
 def cofactor_derivative(gradient: np.ndarray) -> np.ndarray:
-    """Differentiate det F twice, shape (3, 3, 3, 3, ...): e_ikm e_jln F_mn."""
+    """Return the second derivative of det F, e_ikm e_jln F_mn, shape (3, 3, 3, 3, ...)."""
     second = np.zeros((3, 3, *gradient.shape))
     for i in range(3):
         for j in range(3):

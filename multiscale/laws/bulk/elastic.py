@@ -18,9 +18,9 @@ class Elastic(BulkLaw):
     Parameters
     ----------
     youngs_modulus : float
-        :math:`E > 0`, Pa.
+        Young's modulus :math:`E > 0`, Pa.
     poissons_ratio : float
-        :math:`-1 < \nu < 1/2`, dimensionless.
+        Poisson's ratio :math:`-1 < \nu < 1/2`, dimensionless.
 
     Raises
     ------
@@ -38,9 +38,9 @@ class Elastic(BulkLaw):
     Examples
     --------
     >>> import numpy as np
-    >>> from multiscale.laws.bulk import respond
+    >>> from multiscale.laws.bulk import respond_bulk
     >>> F = np.diag([1.0 + 1e-3, 1.0 - 3e-4, 1.0 - 3e-4])  # uniaxial stress
-    >>> stress = respond(Elastic(200e9, 0.3), F, np.empty(0)).stress
+    >>> stress = respond_bulk(Elastic(200e9, 0.3), F, np.empty(0)).stress
     >>> bool(np.allclose(stress, np.diag([200e6, 0.0, 0.0]), atol=1.0))
     True
     """
@@ -66,7 +66,7 @@ class Elastic(BulkLaw):
         return BulkResponse(stress, tangent, state)
 
     def respond_volume(self, dilatation: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """U' and U'' of (1)."""
+        """Return U' and U'' of (1), Pa."""
         lame, _ = lame_parameters(self.youngs_modulus, self.poissons_ratio)
         return lame * (dilatation - 1.0), np.full_like(dilatation, lame)
 

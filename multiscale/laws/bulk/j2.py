@@ -11,7 +11,7 @@ from multiscale.laws.bulk.moduli import check_moduli
 __all__ = ["J2"]
 
 MAX_ITERATIONS = 60
-"""Newton steps of the return mapping; the hardening curve is concave, so each one converges."""
+"""Limit of Newton steps of the return mapping, which converges since hardening is concave."""
 
 
 @dataclass(frozen=True)
@@ -21,17 +21,18 @@ class J2(BulkLaw):
     Parameters
     ----------
     youngs_modulus : float
-        :math:`E > 0`, Pa.
+        Young's modulus :math:`E > 0`, Pa.
     poissons_ratio : float
-        :math:`-1 < \nu < 1/2`, dimensionless.
+        Poisson's ratio :math:`-1 < \nu < 1/2`, dimensionless.
     yield_stress : float
-        First uniaxial yield stress :math:`\sigma_0 > 0` (Kirchhoff), Pa.
+        Initial uniaxial yield stress :math:`\sigma_0 > 0` (Kirchhoff), Pa.
     hardening_modulus : float, default 0.0
-        :math:`H \ge 0`, Pa.
+        Linear hardening :math:`H \ge 0`, Pa.
     saturation_stress : float, optional
-        :math:`\sigma_\infty \ge \sigma_0`, Pa; equal to :math:`\sigma_0` if not given.
+        Saturated yield stress :math:`\sigma_\infty \ge \sigma_0`, Pa; the initial yield stress if
+        not given.
     saturation_rate : float, default 0.0
-        :math:`\delta \ge 0`, dimensionless.
+        Rate :math:`\delta \ge 0` of saturation, dimensionless.
 
     Raises
     ------
@@ -42,7 +43,7 @@ class J2(BulkLaw):
     -----
     With the trial :math:`b = F C_p^{-1} F^T = \sum_a b_a\, n_a \otimes n_a`, the elastic
     logarithmic strains :math:`\varepsilon_a = \tfrac12 \ln b_a` and their deviator :math:`e_a`,
-    the principal Kirchhoff stresses are those of the small-strain return mapping,
+    the principal Kirchhoff stresses follow from the small-strain return mapping,
 
     .. math::
         s_a &= 2\mu\, (e_a - \Delta\gamma\, N_a), \qquad N = e / |e|, \tag{1} \\
@@ -77,8 +78,8 @@ class J2(BulkLaw):
         for name, unit in (("hardening_modulus", "Pa"), ("saturation_rate", "1")):
             if not 0.0 <= getattr(self, name) < np.inf:
                 raise CaseError(
-                    f"{name} must not be negative ({unit}), or the metal softens and breaks in "
-                    f"bands as thin as an element; got {getattr(self, name):g}"
+                    f"{name} must not be negative ({unit}), because a metal that softens localises "
+                    f"in bands of one element; got {getattr(self, name):g}"
                 )
         if not self._saturation() >= self.yield_stress:
             raise CaseError(
@@ -102,7 +103,7 @@ class J2(BulkLaw):
         return self.youngs_modulus / (3.0 * (1.0 - 2.0 * self.poissons_ratio))
 
     def respond_shape(self, gradient: np.ndarray, state: np.ndarray) -> BulkResponse:
-        """Return mapping (1)-(3), its exact spectral tangent and the new state."""
+        """Evaluate the return mapping (1)-(3) with its exact spectral tangent and the new state."""
         points = gradient.shape[2:]
         F = np.moveaxis(gradient.reshape(3, 3, -1), 2, 0)
         Cp = _symmetric(state.reshape(7, -1)[:6]) + np.eye(3)
@@ -118,7 +119,7 @@ class J2(BulkLaw):
         # C_p^-1 = F^-1 b_e F^-T with the elastic strains after the return
         elastic = (n * np.exp(2.0 * (strain - flow))[:, None, :]) @ n.swapaxes(1, 2)
         new = inverse @ elastic @ inverse.swapaxes(1, 2)
-        # what did not flow keeps its state to the last bit
+        # elastic points keep their state exactly
         new = np.where(np.any(flow != 0.0, axis=1)[:, None, None], new, Cp) - np.eye(3)
         state_new = np.stack([*(new[:, i, j] for i, j in _PAIRS), alpha])
         return BulkResponse(
@@ -128,13 +129,13 @@ class J2(BulkLaw):
         )
 
     def respond_volume(self, dilatation: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """U' and U'' of the logarithmic volume energy."""
+        """Return U' and U'' of the logarithmic volume energy, Pa."""
         bulk = self.volume_modulus
         log = np.log(dilatation)
         return bulk * log / dilatation, bulk * (1.0 - log) / dilatation**2
 
     def flow_stress(self, plastic_strain: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Yield stress (3) and its derivative, Pa, at an accumulated plastic strain."""
+        """Return the yield stress (3) and its derivative, Pa, at an accumulated plastic strain."""
         rise = self._saturation() - self.yield_stress
         decay = np.exp(-self.saturation_rate * plastic_strain)
         stress = self.yield_stress + self.hardening_modulus * plastic_strain + rise * (1.0 - decay)
@@ -142,7 +143,7 @@ class J2(BulkLaw):
 
     @property
     def hardening(self) -> tuple[float, float, float, float]:
-        """First yield stress, hardening modulus, rise to saturation (Pa) and its rate."""
+        """Initial yield stress, hardening modulus and rise to saturation, Pa, and its rate."""
         rise = self._saturation() - self.yield_stress
         return self.yield_stress, self.hardening_modulus, rise, self.saturation_rate
 
@@ -152,7 +153,7 @@ class J2(BulkLaw):
     def _return_map(
         self, strain: np.ndarray, alpha: np.ndarray
     ) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
-        """Principal s, ds/d(strain), plastic flow and alpha for trial strains (points, 3)."""
+        """Return principal s, ds/d(strain), flow and alpha for trial strains (points, 3)."""
         mu = self.shear_modulus
         deviator = np.eye(3) - 1.0 / 3.0
         e = strain @ deviator
@@ -188,7 +189,7 @@ _PAIRS = ((0, 0), (1, 1), (2, 2), (0, 1), (1, 2), (0, 2))
 
 
 def _symmetric(rows: np.ndarray) -> np.ndarray:
-    """Symmetric matrices (points, 3, 3) from six rows."""
+    """Return symmetric matrices, shape (points, 3, 3), from six rows."""
     matrix = np.empty((rows.shape[1], 3, 3))
     for row, (i, j) in zip(rows, _PAIRS, strict=True):
         matrix[:, i, j] = matrix[:, j, i] = row
@@ -202,7 +203,7 @@ def _spectral_tangent(
     spectrum: tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray],
     stress: np.ndarray,
 ) -> np.ndarray:
-    """Differentiate s F^-T by F, shape (points, 3, 3, 3, 3)."""
+    """Return the derivative of s F^-T by F, shape (points, 3, 3, 3, 3), Pa."""
     b, n, s, ds = spectrum
     # coefficients of d(tau) in the principal frame of b: ds_a = ds_ab (1/2b_b) db_bb
     direct = ds / (2.0 * b[:, None, :])

@@ -1,4 +1,4 @@
-r"""Moduli of isotropic elasticity: their range, Lamé's parameters, the contact modulus."""
+r"""Moduli of isotropic elasticity: ranges, Lamé's parameters and contact modulus."""
 
 import numpy as np
 
@@ -8,7 +8,20 @@ __all__ = ["check_moduli", "contact_modulus", "lame_parameters"]
 
 
 def check_moduli(youngs_modulus: float | np.ndarray, poissons_ratio: float | np.ndarray) -> None:
-    """Refuse a Young's modulus, Pa, or a Poisson's ratio outside its range, naming the first."""
+    """Refuse a Young's modulus or a Poisson's ratio outside its range.
+
+    Parameters
+    ----------
+    youngs_modulus : float or ndarray
+        Young's modulus, Pa; must be positive and finite.
+    poissons_ratio : float or ndarray
+        Poisson's ratio, dimensionless; must lie between -1 and 1/2.
+
+    Raises
+    ------
+    CaseError
+        If a value is outside its range; the message contains the first such value.
+    """
     E, nu = np.ravel(youngs_modulus), np.ravel(poissons_ratio)
     wrong = E[~((E > 0.0) & np.isfinite(E))]
     if wrong.size:
@@ -19,7 +32,7 @@ def check_moduli(youngs_modulus: float | np.ndarray, poissons_ratio: float | np.
 
 
 def contact_modulus(*bodies: tuple[float, float]) -> float:
-    r"""Contact modulus :math:`1/E^* = \sum (1-\nu_i^2)/E_i`, Pa.
+    r"""Return the contact modulus :math:`1/E^* = \sum (1-\nu_i^2)/E_i`, Pa.
 
     Parameters
     ----------
@@ -37,6 +50,14 @@ def contact_modulus(*bodies: tuple[float, float]) -> float:
 def lame_parameters(
     youngs_modulus: float | np.ndarray, poissons_ratio: float | np.ndarray
 ) -> tuple[np.ndarray, np.ndarray]:
-    r"""Lamé's parameters :math:`\lambda` and :math:`\mu`, Pa; of one number or of arrays."""
+    r"""Return Lamé's parameters :math:`\lambda` and :math:`\mu`, Pa.
+
+    Parameters
+    ----------
+    youngs_modulus : float or ndarray
+        Young's modulus, Pa.
+    poissons_ratio : float or ndarray
+        Poisson's ratio, dimensionless.
+    """
     E, nu = np.asarray(youngs_modulus), np.asarray(poissons_ratio)
     return E * nu / ((1.0 + nu) * (1.0 - 2.0 * nu)), E / (2.0 * (1.0 + nu))

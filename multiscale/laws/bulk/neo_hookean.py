@@ -17,14 +17,14 @@ __all__ = ["NeoHookean"]
 
 @dataclass(frozen=True)
 class NeoHookean(BulkLaw):
-    r"""Neo-Hookean elasticity, Hooke's law at small strain.
+    r"""Neo-Hookean elasticity, which is Hooke's law at small strain.
 
     Parameters
     ----------
     youngs_modulus : float
-        :math:`E > 0` of the undeformed body, Pa.
+        Young's modulus :math:`E > 0` of the undeformed body, Pa.
     poissons_ratio : float
-        :math:`-1 < \nu < 1/2` of the undeformed body, dimensionless.
+        Poisson's ratio :math:`-1 < \nu < 1/2` of the undeformed body, dimensionless.
 
     Raises
     ------
@@ -37,7 +37,7 @@ class NeoHookean(BulkLaw):
 
     .. math:: P = \mu (F - F^{-T}) + \lambda \ln J\, F^{-T},    \tag{1}
 
-    of which the last term is :math:`U'(J)\,\partial J/\partial F` with
+    where the last term is :math:`U'(J)\,\partial J/\partial F` with
     :math:`U = \tfrac{\lambda}{2}\ln^2 J`.
 
     References
@@ -63,7 +63,7 @@ class NeoHookean(BulkLaw):
         return float(lame_parameters(self.youngs_modulus, self.poissons_ratio)[0])
 
     def respond_shape(self, gradient: np.ndarray, state: np.ndarray) -> BulkResponse:
-        """Evaluate mu (F - F^-T)."""
+        """Evaluate mu (F - F^-T), Pa."""
         mu = self.shear_modulus
         cof = cofactor(gradient)
         J = np.sum(gradient[0] * cof[0], axis=0)
@@ -77,7 +77,7 @@ class NeoHookean(BulkLaw):
         return BulkResponse(mu * (gradient - inverse), tangent, state)
 
     def respond_volume(self, dilatation: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """U' and U'' of the logarithmic volume energy."""
+        """Return U' and U'' of the logarithmic volume energy, Pa."""
         lame = self.volume_modulus
         log = np.log(dilatation)
         return lame * log / dilatation, lame * (1.0 - log) / dilatation**2

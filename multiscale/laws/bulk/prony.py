@@ -1,4 +1,4 @@
-"""Viscoelastic rubber: a neo-Hookean solid whose shear stress relaxes as a Prony series."""
+"""Viscoelastic rubber: a neo-Hookean solid with shear relaxation by a Prony series."""
 
 from dataclasses import dataclass, replace
 from typing import Self
@@ -14,20 +14,20 @@ __all__ = ["Prony"]
 
 @dataclass(frozen=True)
 class Prony(BulkLaw):
-    r"""Finite linear viscoelasticity on a neo-Hookean solid.
+    r"""Finite linear viscoelasticity of a neo-Hookean solid.
 
     Parameters
     ----------
     youngs_modulus : float
-        Instantaneous :math:`E > 0`, Pa.
+        Instantaneous Young's modulus :math:`E > 0`, Pa.
     poissons_ratio : float
-        :math:`-1 < \nu < 1/2` at once, dimensionless.
+        Instantaneous Poisson's ratio :math:`-1 < \nu < 1/2`, dimensionless.
     weights : tuple of float
-        Shares :math:`g_i > 0` of the shear modulus that relax; their sum is below 1.
+        Relaxing shares :math:`g_i > 0` of the shear modulus, dimensionless; their sum is below 1.
     times : tuple of float
         Relaxation times :math:`\tau_i > 0`, s.
     time_step : float, default 0.0
-        :math:`\Delta t \ge 0` from the committed state to the one asked for, s; see :meth:`over`.
+        Time :math:`\Delta t \ge 0` from the committed to the new state, s; see :meth:`over`.
 
     Raises
     ------
@@ -60,7 +60,7 @@ class Prony(BulkLaw):
 
     Examples
     --------
-    A shear held for a long time keeps the share of the modulus that does not relax:
+    The stress of a constant shear tends to the share of the modulus that does not relax:
 
     >>> law = Prony(3.0, 0.49, weights=(0.5, 0.3), times=(1.0, 10.0))
     >>> F = np.eye(3)
@@ -97,7 +97,7 @@ class Prony(BulkLaw):
 
     @property
     def n_state(self) -> int:  # type: ignore[override]
-        """Number of internal variables at a point."""
+        """Number of internal variables per point."""
         return 6 * (1 + len(self.times))
 
     @property
@@ -107,7 +107,7 @@ class Prony(BulkLaw):
 
     @property
     def solid(self) -> NeoHookean:
-        """The instantaneous solid."""
+        """Instantaneous solid."""
         return NeoHookean(self.youngs_modulus, self.poissons_ratio)
 
     @property
@@ -126,28 +126,28 @@ class Prony(BulkLaw):
 
     @property
     def decay(self) -> np.ndarray:
-        """Factors e^-x of (2)."""
+        """Factors e^-x of (2), shape (branches,)."""
         return np.exp(-self.time_step / np.array(self.times))
 
     @property
     def uptake(self) -> np.ndarray:
-        """Factors g beta of (2)."""
+        """Factors g beta of (2), shape (branches,)."""
         x = self.time_step / np.array(self.times)
         return np.array(self.weights) * np.where(x > 0.0, -np.expm1(-x) / np.where(x > 0, x, 1), 1)
 
     @property
     def share(self) -> float:
-        """Factor of the stress of the step, 1 - sum g + sum g beta."""
+        """Factor of the elastic stress S in (2), 1 - sum g + sum g beta."""
         return float(1.0 - sum(self.weights) + self.uptake.sum())
 
     def frozen_stress(self, state: np.ndarray) -> np.ndarray:
-        """Part of (2) that the step cannot change, shape (6, ...), Pa."""
+        """Return the part of (2) that depends on the committed state alone, shape (6, ...), Pa."""
         branches = state.reshape(len(self.times) + 1, 6, *state.shape[1:])
         kept = np.tensordot(self.decay, branches[1:], 1)
         return np.asarray(kept - self.uptake.sum() * branches[0])
 
     def advance(self, state: np.ndarray, elastic_stress: np.ndarray) -> np.ndarray:
-        """Give the state at the end of a step with the elastic stress S, shape (6, ...), Pa."""
+        """Return the state at the end of a step with the elastic stress S, shape (6, ...), Pa."""
         branches = state.reshape(len(self.times) + 1, 6, *state.shape[1:])
         change = elastic_stress - branches[0]
         rows = [elastic_stress]
@@ -156,7 +156,7 @@ class Prony(BulkLaw):
         return np.concatenate(rows)
 
     def respond_shape(self, gradient: np.ndarray, state: np.ndarray) -> BulkResponse:
-        """Stress F S_s of (2), its tangent and the new state."""
+        """Return the stress F S_s of (2), its tangent and the new state."""
         F = gradient
         elastic = self.solid.respond_shape(F, state[:0])
         frozen = self.frozen_stress(state)
@@ -173,7 +173,7 @@ class Prony(BulkLaw):
         return BulkResponse(stress, tangent, self.advance(state, rows))
 
     def respond_volume(self, dilatation: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """U' and U'' of the solid."""
+        """Return U' and U'' of the solid, Pa."""
         return self.solid.respond_volume(dilatation)
 
 

@@ -1,4 +1,4 @@
-"""Link laws: bars, cables and struts by their axial strain, beams by their modes."""
+"""Link laws: axial laws of bars, cables and struts, and modes of beams."""
 
 from multiscale.laws.link.axial import Bar, Cable, Strut
 from multiscale.laws.link.beam import Beam

@@ -35,7 +35,7 @@ class Cable(LinkLaw):
 
 @dataclass(frozen=True)
 class Strut(LinkLaw):
-    """Link that carries compression only, such as a prop that stands on the ground.
+    """Link that carries compression only.
 
     Examples
     --------

@@ -17,17 +17,18 @@ class Beam(LinkLaw):
     Parameters
     ----------
     rigidity : float
-        Axial :math:`EA`, N.
+        Axial rigidity :math:`EA`, N.
     torsion : float
-        :math:`GJ`, N m².
+        Torsional rigidity :math:`GJ`, N m².
     bending_y, bending_z : float
-        :math:`EI_y` and :math:`EI_z`, N m², about the second and the third local axis.
+        Bending rigidities :math:`EI_y` and :math:`EI_z` about the second and third local axis,
+        N m².
     shear_y, shear_z : float, default infinite
-        :math:`\kappa GA` for forces along the second and the third local axis, N; infinite for
+        Shear rigidities :math:`\kappa GA` along the second and third local axis, N; infinite for
         an Euler-Bernoulli beam.
     up : tuple of float, default (0, 0, 1)
-        The third local axis lies in the plane of the beam and this vector, towards it. Beams
-        along it take the global x instead.
+        Vector that, with the axis of the beam, spans the plane of the third local axis, which
+        points towards it. For beams along this vector the global x axis is used.
 
     Raises
     ------
@@ -38,8 +39,8 @@ class Beam(LinkLaw):
     -----
     The six deformations without rigid motion are the elongation, the twist :math:`\vartheta`,
     and in both planes, with the rotations :math:`\varphi_1, \varphi_2` of the ends against the
-    chord, the symmetric bending :math:`\varphi_1 - \varphi_2` and the antisymmetric one
-    :math:`\varphi_1 + \varphi_2`. They do not couple:
+    chord, the symmetric bending :math:`\varphi_1 - \varphi_2` and the antisymmetric bending
+    :math:`\varphi_1 + \varphi_2`. They are uncoupled:
 
     .. math::
         2 W = \frac{EA}{L} e^2 + \frac{GJ}{L} \vartheta^2 + \sum \frac{EI}{L}
@@ -67,18 +68,18 @@ class Beam(LinkLaw):
             raise CaseError("up of a beam must not be zero; give the direction of its third axis")
 
     def mode_stiffness(self, length: np.ndarray) -> np.ndarray:
-        """Stiffness of the six modes (1) of beams of given length, m.
+        """Return the stiffness of the six modes (1) of beams.
 
         Parameters
         ----------
         length : ndarray, shape (...)
-            m.
+            Length of the beams, m.
 
         Returns
         -------
         ndarray, shape (6, ...)
-            Elongation (N/m), twist, symmetric and antisymmetric bending about the second local
-            axis, the same about the third (N m).
+            Stiffness of elongation (N/m), twist, symmetric and antisymmetric bending about the
+            second local axis, and bending about the third axis (N m).
         """
         L = np.asarray(length, dtype=float)
         shear = 12.0 / L**2

@@ -1,4 +1,4 @@
-"""What every link law is: linear elastic within a range of admissible tensions."""
+"""Base class of link laws: linear elasticity within a range of admissible tensions."""
 
 from abc import ABC
 from dataclasses import dataclass
@@ -13,17 +13,17 @@ __all__ = ["LinkLaw", "LinkResponse"]
 
 @dataclass(frozen=True)
 class LinkResponse:
-    r"""What a link law answers to a strain.
+    r"""Response of a link law to a strain.
 
     Attributes
     ----------
     tension : ndarray, shape (...)
-        :math:`\tau`, N, compression negative.
+        Tension :math:`\tau`, N, compression negative.
     tangent : ndarray, shape (...)
-        :math:`\mathrm{d}\tau / \mathrm{d}\varepsilon`, N; zero where the link is slack.
+        Derivative :math:`\mathrm{d}\tau / \mathrm{d}\varepsilon`, N; zero for slack links.
     slack : ndarray, shape (...)
-        Strain by which the ends of a slack link miss it, dimensionless, never negative; zero
-        where it carries force.
+        Slack over the relaxed length, dimensionless, never negative; zero for links that carry
+        force.
     """
 
     tension: np.ndarray
@@ -38,7 +38,7 @@ class LinkLaw(ABC):
     Parameters
     ----------
     rigidity : float
-        :math:`EA > 0`, N; infinite for a link of fixed length.
+        Axial rigidity :math:`EA > 0`, N; infinite for a link of fixed length.
 
     Attributes
     ----------
@@ -59,7 +59,7 @@ class LinkLaw(ABC):
         \tau = \min(\max(t, \tau^-), \tau^+), \qquad EA\,\lambda = |\tau - t|,    \tag{1}
 
     which for a cable, :math:`[0, \infty)`, is the law (15) of the source. The range is a
-    convex set, so (1) is the gradient of a convex energy.
+    convex set; therefore (1) is the gradient of a convex energy.
     """
 
     lower: ClassVar[float] = -np.inf
@@ -77,12 +77,12 @@ class LinkLaw(ABC):
         return bool(np.isfinite(self.lower) or np.isfinite(self.upper))
 
     def respond(self, strain: np.ndarray) -> LinkResponse:
-        """Evaluate (1) for a strain over the relaxed length, shape (...), dimensionless.
+        """Evaluate (1) for a strain relative to the relaxed length, shape (...), dimensionless.
 
         Raises
         ------
         CaseError
-            If the link is inextensible: its tension does not follow from its strain.
+            If the link is inextensible, because its tension does not follow from its strain.
         """
         if not np.isfinite(self.rigidity):
             raise CaseError("the tension of an inextensible link is a reaction, not a response")

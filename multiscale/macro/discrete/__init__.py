@@ -1,4 +1,4 @@
-"""Trusses, frames, tensegrities and cable nets: nodes and links."""
+"""Structures of nodes and links: trusses, frames, tensegrities and cable nets."""
 
 from multiscale.macro.discrete.compatibility import compatibility
 from multiscale.macro.discrete.configurations import (

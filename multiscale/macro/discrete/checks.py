@@ -1,4 +1,4 @@
-"""What a structure must satisfy before anything is computed, each fault said in one sentence."""
+"""Checks of a structure before a computation, with one sentence per fault."""
 
 from typing import TYPE_CHECKING
 
@@ -18,19 +18,19 @@ __all__ = [
     "check_nodes",
     "check_supports",
     "free_rigid_motions",
-    "masses_of",
+    "nodal_masses",
     "out_of_balance",
 ]
 
-BALANCE = 1e-6
-"""Largest force out of balance, relative to the largest prestress."""
+BALANCE_TOLERANCE = 1e-6
+"""Largest allowed force out of balance, relative to the largest prestress."""
 
-SHORTEST = 1e-9
-"""Length of a link, relative to the size of the structure, below which it counts as zero."""
+MIN_RELATIVE_LENGTH = 1e-9
+"""Smallest allowed length of a link, relative to the size of the structure."""
 
 
 def check_nodes(system: "LinkSystem") -> None:
-    """Refuse arrays of nodes that do not fit together."""
+    """Refuse arrays of nodes with wrong shapes or numbers that are not finite."""
     nodes, c = system.n_nodes, system.n_components
     expected = {"position": (nodes, 3), "fixed": (nodes, c), "load": (nodes, c)}
     for name, shape in expected.items():
@@ -45,7 +45,7 @@ def check_nodes(system: "LinkSystem") -> None:
 
 
 def check_links(system: "LinkSystem") -> None:
-    """Refuse links without ends, length or law, and those that are there twice."""
+    """Refuse links without ends, length or law, duplicates, and prestress outside the bounds."""
     links, nodes = system.n_links, system.n_nodes
     if links == 0 or np.shape(system.ends) != (links, 2):
         raise CaseError(f"ends must have shape (links, 2), got {np.shape(system.ends)}")
@@ -64,13 +64,9 @@ def check_links(system: "LinkSystem") -> None:
                 f"{getattr(system, name)[k]}"
             )
     if not np.isfinite(system.prestress).all():
-        raise CaseError(f"prestress of link {int(np.argmin(np.isfinite(system.prestress)))} is nan")
-    _check_tension(system)
-    _check_geometry(system)
-
-
-def _check_tension(system: "LinkSystem") -> None:
-    """Refuse a prestress that a cable or a strut cannot carry."""
+        raise CaseError(
+            f"prestress of link {int(np.argmin(np.isfinite(system.prestress)))} is not finite"
+        )
     lower, upper = system.bounds
     wrong = np.flatnonzero((system.prestress < lower) | (system.prestress > upper))
     if wrong.size:
@@ -80,18 +76,17 @@ def _check_tension(system: "LinkSystem") -> None:
             f"prestress of link {k}, a {law}, must lie between {lower[k]:g} and {upper[k]:g} N, "
             f"got {system.prestress[k]:g}"
         )
-
-
-def _check_geometry(system: "LinkSystem") -> None:
-    """Refuse nodes without links, links without length and duplicates."""
     touched = np.zeros(system.n_nodes, dtype=bool)
     touched[system.ends.ravel()] = True
     if not touched.all():
         loose = np.flatnonzero(~touched)
-        raise CaseError(f"{_nodes(loose)} no link; connect what is loose or take it out")
+        named = ", ".join(str(node) for node in loose[:5])
+        more = f" and {loose.size - 5} more" if loose.size > 5 else ""
+        subject = f"node {named} has" if loose.size == 1 else f"nodes {named}{more} have"
+        raise CaseError(f"{subject} no link; connect or remove loose nodes")
     size = float(np.ptp(system.position, axis=0).max())
     shortest = int(np.argmin(system.length))
-    if not system.length[shortest] > SHORTEST * size:
+    if not system.length[shortest] > MIN_RELATIVE_LENGTH * size:
         a, b = system.ends[shortest]
         raise CaseError(
             f"link {shortest} between nodes {a} and {b} has length {system.length[shortest]:g} m; "
@@ -105,18 +100,23 @@ def _check_geometry(system: "LinkSystem") -> None:
         first, second = order[twice[0]], order[twice[0] + 1]
         a, b = system.ends[first]
         raise CaseError(
-            f"links {first} and {second} both join nodes {a} and {b}; take one out, or give them "
+            f"links {first} and {second} both join nodes {a} and {b}; remove one, or give them "
             f"different groups if they belong to different modules"
         )
 
 
 def out_of_balance(system: "LinkSystem") -> np.ndarray:
-    r"""Force :math:`B^T \tau^0` of the prestress on the nodes that can move.
+    r"""Return the force :math:`B^T \tau^0` of the prestress on the free components of the nodes.
+
+    Parameters
+    ----------
+    system : LinkSystem
+        The structure.
 
     Returns
     -------
     ndarray, shape (nodes, 3)
-        N; zero where the node is held.
+        Forces, N; zero for fixed components.
     """
     pull = system.prestress[:, None] * system.direction
     force = np.zeros((system.n_nodes, 3))
@@ -128,20 +128,20 @@ def out_of_balance(system: "LinkSystem") -> np.ndarray:
 
 
 def check_balance(system: "LinkSystem") -> None:
-    """Refuse a prestress that does not hold itself."""
+    """Refuse a prestress that is not in equilibrium."""
     largest = float(np.abs(system.prestress).max())
     if largest == 0.0:
         return
     force = np.sqrt(np.square(out_of_balance(system)).sum(axis=1))
     worst = int(np.argmax(force))
-    if force[worst] > BALANCE * largest:
-        bad = int(np.count_nonzero(force > BALANCE * largest))
+    if force[worst] > BALANCE_TOLERANCE * largest:
+        bad = int(np.count_nonzero(force > BALANCE_TOLERANCE * largest))
         named = "1 node" if bad == 1 else f"{bad} nodes"
         raise CaseError(
             f"the prestress is out of balance at {named}, worst at node {worst} by "
             f"{force[worst]:.4g} N ({100 * force[worst] / largest:.2g} % of its largest tension); "
-            f"take a combination of self_stress(system), or pass balanced=False to let the "
-            f"structure find its own shape"
+            f"take a combination of self_stress(system), or pass balanced=False if the structure "
+            f"may move at load factor zero"
         )
 
 
@@ -158,21 +158,26 @@ def check_supports(system: "LinkSystem") -> None:
             whole = "the structure" if parts == 1 else f"the part with node {inside[0]}"
             raise CaseError(
                 f"{whole} ({inside.size} nodes) is not supported: {freedom} of its rigid motions "
-                f"are free; hold more directions of its nodes"
+                f"are free; fix more directions of its nodes"
             )
 
 
 def free_rigid_motions(points: np.ndarray, fixed: np.ndarray) -> int:
-    """Count the rigid motions that are left to points, shape (nodes, 3), some of them held.
+    """Return the number of rigid motions of points that their supports leave free.
 
-    ``fixed``, shape (nodes, components), says which components are.
+    Parameters
+    ----------
+    points : ndarray, shape (nodes, 3)
+        Positions, m.
+    fixed : ndarray of bool, shape (nodes, components)
+        Fixed components.
     """
     motion = _rigid_motions(points - points.mean(axis=0), fixed.shape[1])
     return _rank(motion.reshape(-1, 6)) - _rank(motion[fixed])
 
 
 def _rigid_motions(points: np.ndarray, components: int) -> np.ndarray:
-    """Six rigid motions of points, shape (nodes, components, 6), lengths relative to the size."""
+    """Return six rigid motions, shape (nodes, components, 6), lengths relative to the size."""
     x, y, z = points.T / (float(np.abs(points).max()) or 1.0)
     motion = np.zeros((len(points), components, 6))
     for i in range(3):
@@ -186,23 +191,24 @@ def _rigid_motions(points: np.ndarray, components: int) -> np.ndarray:
 
 
 def _rank(rows: np.ndarray) -> int:
-    """Rank of many rows of six entries."""
+    """Return the rank of many rows of six entries."""
     return (
         int(matrix_rank(rows.T @ rows, tol=1e-10 * len(rows), hermitian=True)) if len(rows) else 0
     )
 
 
-def _nodes(numbers: np.ndarray) -> str:
-    """Name some nodes that have something in common."""
-    if numbers.size == 1:
-        return f"node {numbers[0]} has"
-    named = ", ".join(str(number) for number in numbers[:5])
-    more = f" and {numbers.size - 5} more" if numbers.size > 5 else ""
-    return f"nodes {named}{more} have"
+def nodal_masses(system: "LinkSystem", mass: np.ndarray | float, free: np.ndarray) -> np.ndarray:
+    """Return the mass of every component of the nodes, shape (nodes, components), kg.
 
-
-def masses_of(system: "LinkSystem", mass: np.ndarray | float, free: np.ndarray) -> np.ndarray:
-    """Give every component of the nodes its mass, kg; those that are free need one."""
+    Parameters
+    ----------
+    system : LinkSystem
+        The structure.
+    mass : float or ndarray, shape (nodes,) or (nodes, components)
+        Mass, kg.
+    free : ndarray of bool, shape (nodes, components)
+        Free components, whose mass must be positive.
+    """
     given = np.asarray(mass, dtype=float)
     if given.ndim == 1:
         given = given[:, None]

@@ -1,4 +1,4 @@
-r"""From nodes and links to the compatibility operator :math:`e = B u`."""
+r"""Compatibility operator :math:`e = B u` of nodes and links."""
 
 from dataclasses import dataclass
 
@@ -14,16 +14,16 @@ __all__ = ["LinkEquations", "compatibility", "elongations", "equations", "nodal_
 
 @dataclass(frozen=True, eq=False)
 class LinkEquations:
-    r"""The structure as mathematics: :math:`B^T \tau(B u) = \alpha F^d`.
+    r"""Arrays of the equilibrium :math:`B^T \tau(B u) = \alpha F^d`.
 
-    A row is an elongation, one per link in their order; the other modes of the beams follow.
+    The rows are the elongations of the links in their order, then the other modes of the beams.
     Rotations are multiplied by a length and moments divided by it, so that every unknown is in m
     and every force in N.
 
     Attributes
     ----------
     unknown : ndarray of int, shape (rows, w)
-        Unknowns of a row, -1 where the end is held.
+        Unknowns of a row, -1 for fixed components.
     coefficient : ndarray, shape (rows, w)
         Entries of :math:`B`.
     stiffness, prestress, lower, upper : ndarray, shape (rows,)
@@ -31,9 +31,9 @@ class LinkEquations:
     load : ndarray, shape (n,)
         :math:`F^d`, N.
     number : ndarray of int, shape (nodes, c)
-        Unknown of a component of a node, -1 where it is held.
+        Unknown of each component of the nodes, -1 for fixed components.
     unit : ndarray, shape (c,)
-        Length by which a component is multiplied.
+        Factor of each component: 1 for displacements, a length, m, for rotations.
     """
 
     unknown: np.ndarray
@@ -53,26 +53,28 @@ class LinkEquations:
 
     @property
     def finite_stiffness(self) -> np.ndarray:
-        """Stiffness of the rows, that of the stiffest other for links of fixed length, N/m."""
+        """Stiffness of the rows, N/m; links of fixed length have the largest finite stiffness."""
         rigid = np.isinf(self.stiffness)
         stiffest = float(np.max(self.stiffness[~rigid], initial=0.0)) or 1.0
         return np.where(rigid, stiffest, self.stiffness)
 
     def at_nodes(self, u: np.ndarray) -> np.ndarray:
-        """Spread unknowns over the nodes, shape (nodes, c), m and rad; zero where held."""
-        return np.asarray(np.append(u, 0.0)[self.number] / self.unit)  # -1 is the last: zero
+        """Return unknowns at the nodes, shape (nodes, c), m and rad; zero for fixed components."""
+        return np.asarray(
+            np.append(u, 0.0)[self.number] / self.unit
+        )  # -1 selects the appended zero
 
     def elongate(self, u: np.ndarray) -> np.ndarray:
-        """Return B u, m."""
+        """Return B u, shape (rows,), m."""
         return np.asarray(elongations(self.unknown, self.coefficient, u))
 
     def gather(self, tension: np.ndarray) -> np.ndarray:
-        """Return B^T tau, N."""
+        """Return B^T tau, shape (n,), N."""
         return np.asarray(nodal_forces(self.unknown, self.coefficient, tension, self.n))
 
 
 def equations(system: LinkSystem) -> LinkEquations:
-    """Write one row per deformation of the links, and number the unknowns.
+    """Return one row per deformation of the links, and the numbers of the unknowns.
 
     Parameters
     ----------
@@ -110,7 +112,7 @@ def equations(system: LinkSystem) -> LinkEquations:
 
 
 def _beam_modes(system: LinkSystem) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Links, coefficients (rows, 2, 6) and stiffness of the five modes beside the elongation."""
+    """Return links, coefficients (rows, 2, 6) and stiffness of five modes of each beam."""
     rows, coefficients, stiffness = [], [], []
     for index, law in enumerate(system.laws):
         if not isinstance(law, Beam):
@@ -131,7 +133,15 @@ def _beam_modes(system: LinkSystem) -> tuple[np.ndarray, np.ndarray, np.ndarray]
 
 
 def beam_axes(direction: np.ndarray, up: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Local axes x, y, z of beams, each of shape (beams, 3)."""
+    """Return the local axes x, y, z of beams, each of shape (beams, 3).
+
+    Parameters
+    ----------
+    direction : ndarray, shape (beams, 3)
+        Unit vectors along the beams.
+    up : ndarray, shape (3,)
+        Vector that spans the local x-z plane together with the beam.
+    """
     up = up / np.sqrt(up @ up)
     along = np.abs(direction @ up) > 1.0 - 1e-9
     upward = np.where(along[:, None], np.array([1.0, 0.0, 0.0]), up)
@@ -141,7 +151,7 @@ def beam_axes(direction: np.ndarray, up: np.ndarray) -> tuple[np.ndarray, np.nda
 
 
 def compatibility(system: LinkSystem) -> csr_array:
-    r"""Sparse compatibility operator of the unknowns that are not held.
+    r"""Return the sparse compatibility operator of the free unknowns.
 
     Parameters
     ----------
@@ -151,7 +161,7 @@ def compatibility(system: LinkSystem) -> csr_array:
     Returns
     -------
     csr_array, shape (rows, n)
-        :math:`B` with :math:`e = B u`; one row per link, positive when the link grows longer,
+        :math:`B` with :math:`e = B u`; one row per link, positive if the link elongates,
         then five per beam. The nodal forces of tensions are :math:`B^T \tau`, eq (7).
     """
     model = equations(system)

@@ -12,18 +12,18 @@ __all__ = ["Configuration", "actual", "prestressed", "relaxed", "with_relaxed_le
 
 @dataclass(frozen=True, eq=False)
 class Configuration:
-    r"""The links in one of the configurations.
+    r"""Lengths and tensions of the links in a configuration.
 
     Attributes
     ----------
     distance : ndarray, shape (links,)
-        Between the ends where they are, m.
+        Distance of the ends, m.
     elongation : ndarray, shape (links,)
-        Of the link itself over its relaxed length, m.
+        Elongation of the link beyond its relaxed length, m.
     slack : ndarray, shape (links,)
-        By which a slack link is longer than the distance of its ends (a strut shorter), m.
+        Length of a slack cable minus the distance of its ends (of a strut the opposite), m.
     tension : ndarray, shape (links,)
-        N.
+        Tension, N.
     """
 
     distance: np.ndarray
@@ -33,10 +33,15 @@ class Configuration:
 
 
 def relaxed(system: LinkSystem) -> Configuration:
-    r"""Return the configuration :math:`\Omega_{-1}`: every link before it was stressed.
+    r"""Return the configuration :math:`\Omega_{-1}`, in which every link is free of stress.
 
     By (14) of the source, :math:`\tau^0 = k e^0`; the relaxed length is :math:`L - e^0`. The
-    links do not fit together in it.
+    relaxed links are not compatible.
+
+    Parameters
+    ----------
+    system : LinkSystem
+        The structure.
     """
     nothing = np.zeros(system.n_links)
     length = system.length - system.prestress / system.stiffness
@@ -44,7 +49,13 @@ def relaxed(system: LinkSystem) -> Configuration:
 
 
 def prestressed(system: LinkSystem) -> Configuration:
-    r"""Return the configuration :math:`\Omega_0`: the prestress holds itself, without load."""
+    r"""Return the configuration :math:`\Omega_0`, with prestress and without load.
+
+    Parameters
+    ----------
+    system : LinkSystem
+        The structure.
+    """
     elongation = system.prestress / system.stiffness
     return Configuration(system.length, elongation, np.zeros(system.n_links), system.prestress)
 
@@ -55,9 +66,9 @@ def actual(system: LinkSystem, displacement: np.ndarray) -> Configuration:
     Parameters
     ----------
     system : LinkSystem
-        With extensible links.
+        Structure of extensible links.
     displacement : ndarray, shape (nodes, c)
-        As :func:`solve_static` gives it, m.
+        Displacement, m, as returned by :func:`solve_static`.
 
     Raises
     ------
@@ -79,18 +90,18 @@ def actual(system: LinkSystem, displacement: np.ndarray) -> Configuration:
 
 
 def with_relaxed_length(system: LinkSystem, length: np.ndarray) -> LinkSystem:
-    r"""Stress the links of given relaxed lengths into the places of a structure.
+    r"""Return a structure with the prestress of links of given relaxed lengths.
 
     Parameters
     ----------
     system : LinkSystem
-        Its prestress is replaced by :math:`k (L - \ell)`, (14) of the source.
+        Structure whose prestress is replaced by :math:`k (L - \ell)`, (14) of the source.
     length : ndarray, shape (links,)
         Relaxed lengths :math:`\ell`, m.
 
     Raises
     ------
     CaseError
-        If the prestress that follows is out of balance or a link cannot carry it.
+        If this prestress is out of balance or outside the bounds of a link.
     """
     return replace(system, prestress=system.stiffness * (system.length - length))

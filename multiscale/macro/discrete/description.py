@@ -1,4 +1,4 @@
-"""What a result says of the structure itself."""
+"""Variables of a result that describe the structure."""
 
 from typing import Any
 
@@ -10,6 +10,6 @@ __all__ = ["describe"]
 
 
 def describe(system: LinkSystem) -> dict[str, Any]:
-    """Return the variables of ``MACRO_RESULT`` that a figure of the structure needs."""
+    """Return position, ends and law of ``MACRO_RESULT``, from which the structure is drawn."""
     names = np.array([type(law).__name__.lower() for law in system.laws])
     return {"position": system.position, "ends": system.ends, "law": names[system.kind]}

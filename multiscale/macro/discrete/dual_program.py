@@ -1,4 +1,4 @@
-"""The dual quadratic program in the tensions, by an independent conic solver."""
+"""The dual quadratic program in the tensions, solved by a conic solver."""
 
 import numpy as np
 from scipy.sparse import csc_array, diags_array, vstack
@@ -10,13 +10,13 @@ from multiscale.macro.discrete.link_state import force_scale
 __all__ = ["solve_dual_program"]
 
 TOLERANCES = (1e-13, 1e-12, 1e-11, 1e-10)
-"""Gap and feasibility asked of clarabel on scaled data, each if it cannot reach the one before."""
+"""Tolerances of gap and feasibility for clarabel on scaled data, tried in turn until one is met."""
 
 
 def solve_dual_program(
     model: LinkEquations, load_factor: float, *, tolerance: float = 1e-8
 ) -> Solution:
-    r"""Find the tensions of least complementary energy among those that balance the load.
+    r"""Find the tensions of least complementary energy in equilibrium with the load.
 
     .. math::
         \min_\tau \sum \frac{(\tau - \tau^0)^2}{2 k}, \qquad
@@ -27,8 +27,10 @@ def solve_dual_program(
 
     Parameters
     ----------
-    model, load_factor
-        As :func:`solve_newton`.
+    model : LinkEquations
+        The structure.
+    load_factor : float
+        :math:`\alpha`, dimensionless.
     tolerance : float
         Bound on the forces out of balance relative to the largest nodal load; dimensionless.
 
@@ -65,25 +67,25 @@ def solve_dual_program(
             [clarabel.ZeroConeT(model.n), clarabel.NonnegativeConeT(bounds.size - model.n)],
             settings,
         ).solve()
-        said = str(answer.status)
-        if said in ("Solved", "PrimalInfeasible"):
+        status = str(answer.status)
+        if status in ("Solved", "PrimalInfeasible"):
             break
     tension = np.clip(scale * np.array(answer.x), model.lower, model.upper)
     u = -scale / unit * np.array(answer.z)[: model.n]
     unbalanced = model.gather(tension) - load
     residual = float(np.abs(unbalanced).max(initial=0.0)) / force_scale(model, load)
     value = np.concatenate([tension, u])
-    if said == "PrimalInfeasible":
+    if status == "PrimalInfeasible":
         return Solution(value, Status.INFEASIBLE, (residual,))
     if not np.isfinite(residual):
         return Solution(value, Status.NOT_FINITE, (residual,))
-    if said == "Solved" and residual <= tolerance:
+    if status == "Solved" and residual <= tolerance:
         return Solution(value, Status.CONVERGED, (residual,))
-    return Solution(value, Status.STALLED, (residual,), detail=f"clarabel says {said}")
+    return Solution(value, Status.STALLED, (residual,), detail=f"status of clarabel: {status}")
 
 
 def _transposed(model: LinkEquations) -> csc_array:
-    """B^T, shape (n, rows)."""
+    """Return B^T, shape (n, rows)."""
     row = np.repeat(np.arange(len(model.unknown)), model.unknown.shape[1])
     column, value = model.unknown.ravel(), model.coefficient.ravel()
     free = column >= 0

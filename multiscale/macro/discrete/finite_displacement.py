@@ -1,4 +1,4 @@
-"""One load factor with geometrically exact elongations."""
+"""Equilibrium with geometrically exact elongations."""
 
 from dataclasses import dataclass
 
@@ -15,11 +15,11 @@ from multiscale.numerics.newton import Limits, NewtonRun, join_solutions, march
 
 __all__ = ["find_finite_state"]
 
-CUTS = 8
-"""How often a load step may be halved."""
+MAX_STEP_HALVINGS = 8
+"""Largest number of halvings of a load step."""
 
-HALVINGS = 12
-"""How often a Newton step may be halved."""
+MAX_SEARCH_HALVINGS = 12
+"""Largest number of halvings of a Newton step."""
 
 
 def find_finite_state(
@@ -39,20 +39,29 @@ def find_finite_state(
 
     Parameters
     ----------
-    system, model, tangent
-        The structure; links with three unknowns per node.
+    system : LinkSystem
+        Structure of links with three unknowns per node.
+    model : LinkEquations
+        Its equations.
+    tangent : Tangent
+        Pattern of its tangent.
     load_factors : tuple of float
-        Where to start and where to arrive.
+        First and last load factor.
     start : ndarray, shape (n,)
-        Displacement at the first, m.
+        Displacement at the first load factor, m.
     limits : Limits
-        When to stop.
+        Limits of the iteration.
+
+    Returns
+    -------
+    LinkState
+        Equilibrium at the last load factor, or the last iterate if the solver has failed.
 
     Notes
     -----
-    Newton with the exact tangent. Where it is not positive definite, the geometric stiffness of
-    compressed links is left out, so that the direction still descends; a step must lower the
-    energy or the residual. A load step that fails is halved.
+    Newton with the exact tangent. If the tangent is not positive definite, the geometric stiffness
+    of compressed links is omitted, so that the direction is a descent direction; a step must lower
+    the energy or the residual. A load step that fails is halved.
     """
     problem = _Problem(system, model, tangent)
 
@@ -60,7 +69,7 @@ def find_finite_state(
         solution = _newton(problem, load_factor, u, limits)
         return solution, solution.value
 
-    parts = march(attempt, start, load_factors, CUTS)
+    parts = march(attempt, start, load_factors, MAX_STEP_HALVINGS)
     solution = join_solutions([part.solution for part in parts])
     shape = problem.shape(solution.value)
     slack = np.abs(shape.tension - shape.elastic) / model.stiffness
@@ -68,8 +77,18 @@ def find_finite_state(
 
 
 @dataclass(frozen=True, eq=False)
-class _Shape:
-    """Actual length (m), direction, elastic and true tension (N) of every link."""
+class _DeformedLinks:
+    """Links at a displacement.
+
+    Attributes
+    ----------
+    length : ndarray, shape (links,)
+        Actual length, m.
+    direction : ndarray, shape (links, 3)
+        Actual unit vector.
+    elastic, tension : ndarray, shape (links,)
+        Tension of the elastic link, and its projection onto the admissible tensions, N.
+    """
 
     length: np.ndarray
     direction: np.ndarray
@@ -79,14 +98,14 @@ class _Shape:
 
 @dataclass(frozen=True, eq=False)
 class _Problem:
-    """Equation (1)."""
+    """Residual, energy and tangent of (1)."""
 
     system: LinkSystem
     model: LinkEquations
     tangent: Tangent
 
-    def shape(self, u: np.ndarray) -> _Shape:
-        """Links at a displacement."""
+    def shape(self, u: np.ndarray) -> _DeformedLinks:
+        """Return the links at a displacement."""
         system, model = self.system, self.model
         moved = model.at_nodes(u)[:, :3]
         relative = moved[system.ends[:, 1]] - moved[system.ends[:, 0]]
@@ -97,10 +116,10 @@ class _Problem:
         elongation /= length + system.length
         elastic = model.prestress + model.stiffness * elongation
         tension = np.clip(elastic, model.lower, model.upper)
-        return _Shape(length, span / length[:, None], elastic, tension)
+        return _DeformedLinks(length, span / length[:, None], elastic, tension)
 
-    def residual(self, shape: _Shape, load_factor: float) -> np.ndarray:
-        """Force out of balance, shape (n,), N."""
+    def residual(self, shape: _DeformedLinks, load_factor: float) -> np.ndarray:
+        """Return the force out of balance, shape (n,), N."""
         pull = shape.tension[:, None] * shape.direction
         force = np.zeros((self.system.n_nodes, 3))
         for i in range(3):
@@ -108,14 +127,14 @@ class _Problem:
             force[:, i] -= np.bincount(self.system.ends[:, 0], pull[:, i], len(force))
         return np.asarray(load_factor * self.model.load - force[self.model.number >= 0])
 
-    def energy(self, shape: _Shape, u: np.ndarray, load_factor: float) -> float:
-        """Potential energy, J, less a constant."""
+    def energy(self, shape: _DeformedLinks, u: np.ndarray, load_factor: float) -> float:
+        """Return the potential energy up to a constant, J."""
         model = self.model
         stored = shape.tension * (shape.elastic - 0.5 * shape.tension) / model.stiffness
         return float(stored.sum() - load_factor * model.load @ u)
 
-    def direction(self, shape: _Shape, residual: np.ndarray) -> np.ndarray:
-        """Newton direction; without the softening of compressed links where it must be."""
+    def direction(self, shape: _DeformedLinks, residual: np.ndarray) -> np.ndarray:
+        """Return the Newton direction, without the softening of compressed links if necessary."""
         carries = shape.tension == shape.elastic
         along = self.model.stiffness * np.where(carries, 1.0, RESIDUAL_STIFFNESS)
         across = shape.tension / shape.length
@@ -137,9 +156,11 @@ def _newton(problem: _Problem, load_factor: float, start: np.ndarray, limits: Li
     shape = problem.shape(u)
     residual = problem.residual(shape, load_factor)
     run = NewtonRun(limits)
-    while run.goes_on(
-        float(np.abs(residual).max(initial=0.0)) / scale, _rounding(model, u, shape) / scale
-    ):
+    while True:
+        stiffest = float(model.stiffness.max()) * float(np.abs(u).max(initial=0.0))
+        rounding = 8.0 * np.finfo(float).eps * (float(np.abs(shape.tension).max()) + stiffest)
+        if not run.goes_on(float(np.abs(residual).max(initial=0.0)) / scale, rounding / scale):
+            break
         try:
             direction = problem.direction(shape, residual)
         except MultiscaleError:
@@ -153,24 +174,18 @@ def _newton(problem: _Problem, load_factor: float, start: np.ndarray, limits: Li
     return run.solution(u)
 
 
-def _rounding(model: LinkEquations, u: np.ndarray, shape: _Shape) -> float:
-    """Force out of balance that the rounding of displacement and tensions brings, N."""
-    stiffest = float(model.stiffness.max()) * float(np.abs(u).max(initial=0.0))
-    return float(8.0 * np.finfo(float).eps * (np.abs(shape.tension).max() + stiffest))
-
-
 def _descend(
     problem: _Problem,
     load_factor: float,
     u: np.ndarray,
-    shape: _Shape,
+    shape: _DeformedLinks,
     residual: np.ndarray,
     direction: np.ndarray,
-) -> tuple[np.ndarray, _Shape, np.ndarray] | None:
-    """Halve the step until the energy falls as it should, or the residual does."""
+) -> tuple[np.ndarray, _DeformedLinks, np.ndarray] | None:
+    """Halve the step until the energy or the residual decreases sufficiently."""
     energy, slope = problem.energy(shape, u, load_factor), float(residual @ direction)
     before = float(np.abs(residual).max())
-    for halving in range(HALVINGS):
+    for halving in range(MAX_SEARCH_HALVINGS):
         step = 0.5**halving
         trial = u + step * direction
         after = problem.shape(trial)

@@ -1,4 +1,4 @@
-"""Interior point on the dual quadratic program, with the factors of the tangent."""
+"""Interior-point method for the dual quadratic program, with the factors of the tangent."""
 
 from dataclasses import dataclass, replace
 
@@ -14,21 +14,21 @@ from multiscale.numerics.newton import Limits, NewtonRun
 
 __all__ = ["solve_interior_point"]
 
-BACK_OFF = 0.995
-"""Share of the way to the boundary that a step may take."""
+BOUNDARY_SHARE = 0.995
+"""Largest step, relative to the step that reaches the boundary."""
 
-CENTRE = 0.1
-"""First distance from the boundary, relative to the mean tension."""
+START_DISTANCE = 0.1
+"""Distance of the first iterate from the boundary, relative to the mean tension."""
 
-NO_RESISTANCE = 1.0
-"""Reciprocal of the leverage above which a motion counts as free once the method has failed; \
-sound grids of any size have 50."""
+FREE_RESISTANCE = 1.0
+"""Resistance of a motion below which it counts as free if the method has failed, dimensionless; \
+stable grids of any size have 50."""
 
-CERTAIN = 1e-9
-"""Part of that at which the method need not go on."""
+CERTAIN_SHARE = 1e-9
+"""Share of ``FREE_RESISTANCE`` at which the iteration stops."""
 
-LENT = 1e6
-"""Stiffness that a link of fixed length has in the matrix, relative to the stiffest other."""
+RIGID_STIFFNESS = 1e6
+"""Stiffness of a link of fixed length in the matrix, relative to the largest finite stiffness."""
 
 
 @np.errstate(all="ignore")  # an overflow shows in the residual
@@ -38,7 +38,7 @@ def solve_interior_point(
     load_factor: float,
     limits: Limits,
 ) -> LinkState:
-    r"""Find tensions and slacks together, from the inside of their range.
+    r"""Find tensions and slacks by an interior-point method.
 
     .. math::
         B^T \tau = \alpha F^d, \quad \frac{\tau - \tau^0}{k} = B u + s \lambda, \quad
@@ -55,20 +55,20 @@ def solve_interior_point(
     limits : Limits
         Ten times the tolerance bounds the error of (1): forces relative to the largest nodal
         load, the geometric mean of tension and slack (as a force) relative to the largest
-        tension. The rounding of the displacement is allowed for.
+        tension. The error due to the rounding of the displacement is subtracted.
 
     Returns
     -------
-    State
-        With extensible links a Newton iteration or two lead on to round-off. If its status is
-        ``INFEASIBLE``, the displacement is a motion that the load pushes and no link resists.
+    LinkState
+        With extensible links, one or two Newton iterations from it reach round-off. If its status
+        is ``INFEASIBLE``, the displacement is a motion in which the load does work and no link
+        resists.
 
     Notes
     -----
     Every iteration solves with :math:`B^T w B`, :math:`w = (1/k + \lambda / |\tau|)^{-1}`: the
-    tangent with a stiffness for each link that fades as the link goes slack. The number of
-    iterations hardly depends on the load or the size, where Newton's method is stopped by a
-    singular tangent.
+    stiffness of a link in this tangent tends to zero as the link goes slack. The number of
+    iterations hardly depends on load and size, while Newton's method fails at a singular tangent.
 
     References
     ----------
@@ -84,7 +84,7 @@ def solve_interior_point(
         return problem.report(_Point(ray, model.prestress, 0.0 * model.prestress), run)
 
     while run.goes_on(problem.residual(point)):
-        if least < CERTAIN * NO_RESISTANCE:
+        if least < CERTAIN_SHARE * FREE_RESISTANCE:
             break
         weight = problem.weight(point)
         try:
@@ -96,7 +96,7 @@ def solve_interior_point(
         resistance = problem.resistance(point.u)
         if resistance < least:
             least, ray = resistance, point.u
-    if not run.converged and least < NO_RESISTANCE:
+    if not run.converged and least < FREE_RESISTANCE:
         run.stop(Status.INFEASIBLE)
         point = replace(point, u=ray)
     return problem.report(point, run)
@@ -104,7 +104,15 @@ def solve_interior_point(
 
 @dataclass(frozen=True, eq=False)
 class _Point:
-    """Displacement (m), tension (N) and slack (m); or their change."""
+    """Iterate, or its change.
+
+    Attributes
+    ----------
+    u : ndarray, shape (n,)
+        Displacement, m.
+    tau, slack : ndarray, shape (rows,)
+        Tension, N, and slack, m.
+    """
 
     u: np.ndarray
     tau: np.ndarray
@@ -119,16 +127,18 @@ class _Problem:
         self.sign = np.where(np.isfinite(model.lower), 1.0, 0.0) - np.isfinite(model.upper)
         self.one_sided = self.sign != 0.0
         self.give = 1.0 / model.stiffness
-        self.measure = model.finite_stiffness  # makes a length a force
-        self.lent = np.where(np.isinf(model.stiffness), 1.0 / (LENT * self.measure), 0.0)
+        self.measure = model.finite_stiffness  # N/m: makes a length comparable to a force
+        self.regularisation = np.where(
+            np.isinf(model.stiffness), 1.0 / (RIGID_STIFFNESS * self.measure), 0.0
+        )
 
     def begin(self, tangent: Tangent) -> _Point:
-        """Start from the structure without slack, moved inwards."""
+        """Return the first iterate: the structure without slack, moved into the interior."""
         model, one = self.model, self.one_sided
         solve = tangent.factorise(tangent.entries(self.measure))
         u = solve(self.load - model.gather(model.prestress))
         elastic = model.prestress + self.measure * model.elongate(u)
-        inwards = CENTRE * float(np.abs(elastic).mean())
+        inwards = START_DISTANCE * float(np.abs(elastic).mean())
         tension = np.maximum(self.sign * elastic, 0.0) + inwards
         slack = np.maximum(-self.sign * elastic, 0.0) + inwards
         return _Point(
@@ -138,7 +148,7 @@ class _Problem:
         )
 
     def errors(self, point: _Point) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """Return forces out of balance (N), misfits of the ends (m), tension times slack (N m)."""
+        """Return forces out of balance (N), incompatibility (m), tension times slack (N m)."""
         model = self.model
         balance = model.gather(point.tau) - self.load
         fit = self.give * (point.tau - model.prestress)
@@ -146,7 +156,7 @@ class _Problem:
         return balance, fit, np.where(self.one_sided, np.abs(point.tau) * point.slack, 0.0)
 
     def residual(self, point: _Point) -> float:
-        """Largest error of (1) beyond the rounding of the displacement, dimensionless."""
+        """Return the largest error of (1) beyond the rounding of u, dimensionless."""
         balance, fit, product = self.errors(point)
         largest = float(np.abs(point.tau).max()) or 1.0
         rounding = 8.0 * np.finfo(float).eps * float(np.abs(point.u).max(initial=0.0))
@@ -154,14 +164,14 @@ class _Problem:
         unbalanced = float(np.abs(balance).max(initial=0.0)) - rounding * float(self.measure.max())
         gap = float(np.sqrt(np.max(self.measure * product, initial=0.0)))
         scale = force_scale(self.model, self.load)
-        # the sum lets a NaN through, a maximum would not
+        # a sum propagates NaN, a maximum does not
         return max(unbalanced, 0.0) / scale + (misfit + gap) / largest
 
     def resistance(self, u: np.ndarray) -> float:
-        """Load per link that a tension of one in every link could balance in a motion.
+        """Return the load per link that unit tension in every link could balance in a motion.
 
-        By virtual work any equilibrium has load . u <= sum tension * resisted elongation. So the
-        mean tension is at least the sum of the loads divided by this number.
+        By virtual work any equilibrium has load . u <= sum tension * resisted elongation. The mean
+        tension is therefore at least the sum of the loads divided by this number.
         """
         e = self.model.elongate(u)
         resisted = np.where(self.one_sided, np.maximum(self.sign * e, 0.0), np.abs(e))
@@ -169,16 +179,16 @@ class _Problem:
         return resisted.size * float(resisted.max()) / pushed if pushed > 0.0 else np.inf
 
     def weight(self, point: _Point) -> np.ndarray:
-        """Stiffness w of every row, N/m."""
+        """Return the stiffness w of every row, N/m."""
         fading = np.divide(
             point.slack, np.abs(point.tau), out=np.zeros_like(point.tau), where=self.one_sided
         )
-        return np.asarray(1.0 / (self.give + self.lent + fading))
+        return np.asarray(1.0 / (self.give + self.regularisation + fading))
 
     def direction(
         self, point: _Point, weight: np.ndarray, solve: Solve, product: np.ndarray
     ) -> _Point:
-        """Newton direction on (1) with the given error of the products."""
+        """Return the Newton direction of (1) for given products of tension and slack."""
         model = self.model
         balance, fit, _ = self.errors(point)
         size = np.where(self.one_sided, np.abs(point.tau), 1.0)
@@ -189,7 +199,7 @@ class _Problem:
         return _Point(u, tau, np.where(self.one_sided, slack, 0.0))
 
     def longest_step(self, point: _Point, change: _Point) -> float:
-        """Step, at most one, at which a tension or a slack becomes zero."""
+        """Return the step, at most one, at which a tension or a slack becomes zero."""
         step = 1.0
         for value, rate in (
             (np.abs(point.tau), self.sign * change.tau),
@@ -200,7 +210,7 @@ class _Problem:
         return step
 
     def report(self, point: _Point, run: NewtonRun) -> LinkState:
-        """Set the smaller one of tension and slack to zero; then measure the equilibrium."""
+        """Return the state with the smaller of tension and slack set to zero, and its residual."""
         taut = np.abs(point.tau) > self.measure * point.slack
         tension = np.where(taut | ~self.one_sided, point.tau, 0.0)
         slack = np.where(taut, 0.0, point.slack)
@@ -214,7 +224,7 @@ class _Problem:
 
 
 def _mehrotra_step(problem: _Problem, point: _Point, weight: np.ndarray, solve: Solve) -> _Point:
-    """Predict without centring, then correct with the products that the prediction left out."""
+    """Predict without centring, then correct with the second-order products of the prediction."""
     one, sign = problem.one_sided, problem.sign
     product = np.where(one, np.abs(point.tau) * point.slack, 0.0)
     count = float(np.count_nonzero(one)) or 1.0
@@ -227,7 +237,7 @@ def _mehrotra_step(problem: _Problem, point: _Point, weight: np.ndarray, solve: 
     change = problem.direction(
         point, weight, solve, product + sign * guess.tau * guess.slack - centring
     )
-    step = min(1.0, BACK_OFF * problem.longest_step(point, change) if one.any() else 1.0)
+    step = min(1.0, BOUNDARY_SHARE * problem.longest_step(point, change) if one.any() else 1.0)
     return _Point(
         point.u + step * change.u,
         point.tau + step * change.tau,

@@ -1,4 +1,4 @@
-"""The linear complementarity problem (10) of the source."""
+"""Linear complementarity problem of the links that may go slack, (10) of the source."""
 
 import numpy as np
 
@@ -8,9 +8,9 @@ from multiscale.macro.discrete.compatibility import LinkEquations
 from multiscale.macro.discrete.link_tangent import Tangent
 from multiscale.nonsmooth import solve_lcp
 
-__all__ = ["LARGEST", "complementarity_problem", "solve_complementarity"]
+__all__ = ["MAX_DENSE_LINKS", "complementarity_problem", "solve_complementarity"]
 
-LARGEST = 5000
+MAX_DENSE_LINKS = 5000
 """Largest number of links that may go slack: the matrix is dense."""
 
 
@@ -24,8 +24,16 @@ def complementarity_problem(
         0 \le \lambda_c \perp \tau_c \ge 0, \quad
         A_c = k_c - k_c B_c K^{-1} B_c^T k_c,    \tag{10}
 
-    with the stiffness :math:`K` of the structure without slack. Struts count with the opposite
-    sign.
+    with the stiffness :math:`K` of the structure without slack. Struts have the opposite sign.
+
+    Parameters
+    ----------
+    model : LinkEquations
+        The structure.
+    tangent : Tangent
+        Pattern of its tangent.
+    load_factor : float
+        Load factor, dimensionless.
 
     Returns
     -------
@@ -41,10 +49,10 @@ def complementarity_problem(
         If the structure is a mechanism.
     """
     one_sided = np.flatnonzero(np.isfinite(model.lower) | np.isfinite(model.upper))
-    if one_sided.size > LARGEST:
+    if one_sided.size > MAX_DENSE_LINKS:
         raise CaseError(
             f"method 'lcp' forms a dense matrix of the {one_sided.size} links that may go slack, "
-            f"at most {LARGEST}; use method='auto'"
+            f"at most {MAX_DENSE_LINKS}; use method='auto'"
         )
     k = model.stiffness[one_sided]
     sign = np.where(np.isfinite(model.lower[one_sided]), 1.0, -1.0)
@@ -67,10 +75,17 @@ def solve_complementarity(
 ) -> Solution:
     """Solve (10) by :func:`multiscale.nonsmooth.solve_lcp`.
 
+    Parameters
+    ----------
+    model, tangent, load_factor
+        As for :func:`complementarity_problem`.
+    tolerance : float
+        Bound on the residual of :func:`multiscale.nonsmooth.solve_lcp`, dimensionless.
+
     Returns
     -------
     Solution
-        ``value`` is the displacement, shape (n,), m; residuals are those of the problem (10).
+        ``value`` is the displacement, shape (n,), m; residuals belong to (10).
     """
     matrix, taut, motion = complementarity_problem(model, tangent, load_factor)
     answer = solve_lcp(matrix, taut, tolerance=tolerance)

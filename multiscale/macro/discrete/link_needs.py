@@ -1,4 +1,4 @@
-"""What a structure of bars and cables needs, from what it is and what is asked of it."""
+"""Unknowns, operators and memory of a structure of links, from its laws and the analysis."""
 
 from enum import StrEnum
 from importlib.util import find_spec
@@ -10,12 +10,12 @@ from multiscale.needs import Needs, choose
 
 __all__ = ["LinkPart", "link_needs"]
 
-LINK, UNKNOWN = (600, 200), (600, 100)
-"""Peak memory, byte, of a link and of an unknown: for operators and factors, and for what every
-step leaves. Measured on grids and nets of 12,000 to 58,000 links."""
+LINK_MEMORY, UNKNOWN_MEMORY = (600, 200), (600, 100)
+"""Peak memory per link and per unknown, byte: for operators and factors, and for the results of
+each step. Measured on grids and nets of 12,000 to 58,000 links."""
 
-SUPERLU_FACTORS = 2500
-"""More of it, byte of an unknown, where SuperLU factorises because pypardiso is not installed."""
+SUPERLU_MEMORY = 2500
+"""Additional memory per unknown, byte, if SuperLU factorises because pypardiso is missing."""
 
 
 class LinkPart(StrEnum):
@@ -39,17 +39,18 @@ def link_needs(
     moving: bool = False,
     steps: int = 1,
 ) -> Needs:
-    """Return what solving a structure of links takes.
+    """Return the unknowns, operators and memory of an analysis of links.
 
     Parameters
     ----------
     system : LinkSystem
+        The structure.
     exact, stability : bool
         As in :func:`multiscale.macro.solve_static`.
     moving : bool
-        Whether it is followed in time, by :func:`multiscale.macro.simulate`.
+        Whether the motion is computed, by :func:`multiscale.macro.simulate`.
     steps : int
-        Load factors or times.
+        Number of load factors or times.
 
     Examples
     --------
@@ -102,7 +103,7 @@ def link_needs(
             "every link is extensible" if moving else "at rest",
         ),
     )
-    factors = 0 if find_spec("pypardiso") else SUPERLU_FACTORS
+    factors = 0 if find_spec("pypardiso") else SUPERLU_MEMORY
     return Needs(
         unknowns_per_contact=1,
         kinematics="large displacements" if exact else "small displacements",
@@ -113,6 +114,6 @@ def link_needs(
         memory=factors * unknowns
         + sum(
             count * (once + steps * each)
-            for count, (once, each) in ((system.n_links, LINK), (unknowns, UNKNOWN))
+            for count, (once, each) in ((system.n_links, LINK_MEMORY), (unknowns, UNKNOWN_MEMORY))
         ),
     )

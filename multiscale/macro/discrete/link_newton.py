@@ -1,4 +1,4 @@
-"""Proximal semismooth Newton for links that go slack."""
+"""Proximal semismooth Newton method for links that go slack."""
 
 from dataclasses import dataclass
 
@@ -13,30 +13,31 @@ from multiscale.macro.discrete.link_tangent import Tangent
 from multiscale.numerics.cholesky import Solve
 from multiscale.numerics.newton import Limits, NewtonRun
 
-__all__ = ["RESIDUAL_STIFFNESS", "Lending", "exact_step", "solve_newton"]
+__all__ = ["RESIDUAL_STIFFNESS", "SlackStiffness", "exact_step", "solve_newton"]
 
 RESIDUAL_STIFFNESS = 1e-8
-"""Stiffness left to a slack link in the tangent, relative to its own."""
+"""Stiffness of a slack link in the tangent, relative to its elastic stiffness."""
 
-SUPPORT = 1e-2
-"""The same after a short step, which shows that the tangent has become singular."""
+SINGULAR_STIFFNESS = 1e-2
+"""The same after a short step, which indicates a singular tangent."""
 
 SHORT_STEP, GOOD_STEP = 0.01, 0.5
-"""Steps below which more is left to slack links, and above which a tenth of it."""
+"""Step lengths below which this stiffness is increased, and above which it is divided by ten."""
 
-PATIENCE = 4
-"""Short steps in a row after which the method gives up."""
+MAX_SHORT_STEPS = 4
+"""Number of successive short steps after which the method stops."""
 
 
 @dataclass
-class Lending:
-    """Stiffness that slack links keep in the tangent, relative to their own.
+class SlackStiffness:
+    """Stiffness of slack links in the tangent, adapted to the length of the Newton steps.
 
     Attributes
     ----------
     share : float
+        Stiffness of a slack link relative to its elastic stiffness.
     short : int
-        Number of short steps in a row.
+        Number of successive short steps.
     """
 
     share: float = RESIDUAL_STIFFNESS
@@ -44,19 +45,19 @@ class Lending:
 
     @property
     def exhausted(self) -> bool:
-        """Whether more stiffness did not lengthen the steps."""
-        return self.short == PATIENCE
+        """Whether an increased stiffness has not lengthened the steps."""
+        return self.short == MAX_SHORT_STEPS
 
-    def settle(self) -> None:
-        """Take back what was lent: the slack links are known."""
+    def reset(self) -> None:
+        """Restore the smallest stiffness, once the set of slack links is constant."""
         if not self.short:
             self.share = RESIDUAL_STIFFNESS
 
-    def follow(self, step: float) -> None:
-        """Lend more after a short step, and less after a good one."""
+    def adapt(self, step: float) -> None:
+        """Increase the stiffness after a short step, decrease it after a long step."""
         self.short = self.short + 1 if step < SHORT_STEP else 0
         if self.short:
-            self.share = min(max(10.0 * self.share, SUPPORT), 1.0)
+            self.share = min(max(10.0 * self.share, SINGULAR_STIFFNESS), 1.0)
         elif step > GOOD_STEP:
             self.share = max(0.1 * self.share, RESIDUAL_STIFFNESS)
 
@@ -80,30 +81,34 @@ def solve_newton(
 
     Parameters
     ----------
-    model : Equations
+    model : LinkEquations
         The structure.
     tangent : Tangent
-        Its pattern.
+        Pattern of its tangent.
     load_factor : float
-        :math:`\alpha`.
+        :math:`\alpha`, dimensionless.
     start : ndarray, shape (n,)
-        First displacement, m.
+        Initial displacement, m.
     limits : Limits
         The tolerance bounds the largest force out of balance, relative to the largest nodal
-        load (without load: to the largest prestress). The rounding of the tensions is allowed
-        for.
+        load (without load: to the largest prestress), or the rounding of the tensions if larger.
     taut : callable, optional
-        Solve with the tangent without slack, if it has just been factorised.
+        Solution with the tangent without slack, if this has just been factorised.
+
+    Returns
+    -------
+    LinkState
+        The equilibrium, or the last iterate if the method has failed.
 
     Notes
     -----
     (1) is the gradient of a convex, piecewise quadratic energy. Its derivative along a Newton
     direction is piecewise linear and increasing, so that the step to its zero is exact and the
-    energy falls in every iteration. The tangent leaves a small stiffness to slack links, a
-    larger one while so many are slack that it is singular; the residual does not.
+    energy falls in every iteration. Slack links have a small stiffness in the tangent, which is
+    increased while so many are slack that the tangent is singular; they have none in the residual.
 
-    The elongations are summed up step by step beside the displacement, not computed from it:
-    their rounding then follows their own size, and equilibrium is met to the rounding of the
+    The elongations are summed step by step beside the displacement, not computed from it: their
+    rounding is then relative to their own size, and equilibrium is met to the rounding of the
     tensions however stiff the bars are.
     """
     u = np.array(start, dtype=float)
@@ -112,8 +117,9 @@ def solve_newton(
     scale = force_scale(model, load)
     lower, upper = model.lower - model.prestress, model.upper - model.prestress
     elastic = model.stiffness * model.elongate(u)
-    run, lending = NewtonRun(limits), Lending()
-    solve, lent, factored = taut, lending.share, np.ones(elastic.size, dtype=bool)
+    run, slack_stiffness = NewtonRun(limits), SlackStiffness()
+    solve, factored = taut, np.ones(elastic.size, dtype=bool)
+    factored_share = slack_stiffness.share
 
     while True:
         change = np.clip(elastic, lower, upper)  # tau - tau^0
@@ -121,28 +127,28 @@ def solve_newton(
         rounding = round_off(model.prestress + change)
         if not run.goes_on(float(np.abs(residual).max(initial=0.0)) / scale, rounding / scale):
             break
-        if lending.exhausted:
+        if slack_stiffness.exhausted:
             run.stop(Status.STALLED)
             break
 
         carries = change == elastic
         same = np.array_equal(carries, factored)
         if same:
-            lending.settle()
-        if solve is None or not same or lending.share != lent:
-            share = np.where(carries, 1.0, lending.share)
+            slack_stiffness.reset()
+        if solve is None or not same or slack_stiffness.share != factored_share:
+            share = np.where(carries, 1.0, slack_stiffness.share)
             try:
                 solve = tangent.factorise(tangent.entries(share * model.stiffness))
             except MultiscaleError:
                 run.stop(Status.STALLED)
                 break
-            factored, lent = carries, lending.share
+            factored, factored_share = carries, slack_stiffness.share
         direction = solve(residual)
         growth = model.stiffness * model.elongate(direction)
         work = float(residual @ direction)
         step = exact_step(elastic, growth, model.stiffness, lower, upper, work)
         u, elastic = u + step * direction, elastic + step * growth
-        lending.follow(step)
+        slack_stiffness.adapt(step)
 
     return state_of(model, run.solution(u), elastic)
 
@@ -156,12 +162,21 @@ def exact_step(
     upper: np.ndarray,
     work: float,
 ) -> float:
-    """Zero of the piecewise linear slope of the energy, by Newton inside a bracket.
+    """Return the zero of the piecewise linear slope of the energy, by Newton inside a bracket.
 
-    Elastic changes of the tensions, their growth with the step, and their bounds are in N,
-    ``work`` of the forces out of balance along the direction in J. The slope is that at the
-    start, less ``work``, and what the tensions gain: a difference of nearly equal sums would
-    lose it near the solution.
+    The slope is summed from its initial value, minus ``work``, and the gains of the tensions,
+    because a difference of two nearly equal sums would lose it near the solution.
+
+    Parameters
+    ----------
+    elastic, growth : ndarray, shape (rows,)
+        Elastic change of the tensions at the start, and its growth per unit step, N.
+    stiffness : ndarray, shape (rows,)
+        Stiffness, N/m.
+    lower, upper : ndarray, shape (rows,)
+        Bounds of the change, N.
+    work : float
+        Work of the forces out of balance along the direction, J.
     """
     low, high, step = 0.0, np.inf, 1.0
     for _ in range(100):

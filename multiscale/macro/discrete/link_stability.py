@@ -1,4 +1,4 @@
-"""Stiffness that is left under load: tangent eigenvalues and the critical load factor."""
+"""Stability under load: eigenvalues of the tangent and the critical load factor."""
 
 from collections.abc import Sequence
 
@@ -17,44 +17,44 @@ from multiscale.numerics.newton import Limits
 __all__ = ["critical_factor", "material_entries", "smallest_eigenvalue", "stability_entries"]
 
 BISECTIONS = 100
-LARGEST_SHIFT = 1e3  # of the diagonal: more makes no matrix of a structure definite
+LARGEST_SHIFT = 1e3  # relative to the diagonal
 
 
 def critical_factor(
     system: LinkSystem, load_factors: Sequence[float], *, tolerance: float = 1e-6
 ) -> float:
-    r"""Load factor at which the structure loses its stability.
+    r"""Return the load factor at which the structure loses its stability.
 
     Parameters
     ----------
     system : LinkSystem
         The structure.
     load_factors : sequence of float
-        Increasing; the first that is unstable is bracketed with the one before and bisected.
+        Increasing load factors; the interval before the first unstable state is bisected.
     tolerance : float
         Width of the last bracket relative to its upper end; dimensionless.
 
     Returns
     -------
     float
-        The factor; infinite if the structure is stable at all load factors.
+        Critical load factor; infinite if the structure is stable at all load factors.
 
     Raises
     ------
     CaseError
         If the load factors do not increase, or the structure is not supported.
     ConvergenceError
-        If an equilibrium is not found, or no bracket as narrow as asked for.
+        If an equilibrium is not found, or the bisection misses the tolerance.
 
     Notes
     -----
-    The equilibrium is that of small perturbations. Its tangent, to which the geometric
-    stiffness of the tensions is added,
+    The equilibrium is computed for small displacements. Its tangent with the geometric stiffness of
+    the tensions,
 
     .. math:: K(\alpha) = B^T k B + \sum \frac{\tau}{L} (I - n n^T),    \tag{1}
 
-    with slack links left out, is tested for definiteness by its Cholesky factors. A beam that
-    bends between its nodes must be divided for that bending to count.
+    without slack links, is tested for definiteness by its Cholesky factors. Bending of a beam
+    between its nodes is resolved only if the beam is divided into several.
     """
     factors = [float(factor) for factor in load_factors]
     if not factors or not np.all(np.diff(factors) > 0.0):
@@ -87,13 +87,28 @@ def critical_factor(
         low, high = (middle, high) if stable(middle) else (low, middle)
     raise ConvergenceError(
         f"after {BISECTIONS} bisections the critical load factor lies between {low:.9g} and "
-        f"{high:.9g}, which is not within {tolerance:g} of it; ask for a larger tolerance, or for "
-        f"load_factors of which the first is nearer to it"
+        f"{high:.9g}, wider than the tolerance {tolerance:g}; give a larger tolerance, or "
+        f"load_factors whose first is nearer to it"
     )
 
 
 def material_entries(model: LinkEquations, tangent: Tangent, state: LinkState) -> np.ndarray:
-    """Tangent B^T k B of the links that carry force, upper triangle, N/m."""
+    """Return the tangent B^T k B of the links that are not slack.
+
+    Parameters
+    ----------
+    model : LinkEquations
+        The structure.
+    tangent : Tangent
+        Pattern of its tangent.
+    state : LinkState
+        Equilibrium.
+
+    Returns
+    -------
+    ndarray, shape (entries,)
+        Entries of the upper triangle, N/m.
+    """
     taut = (state.slack == 0.0) & np.isfinite(model.stiffness)
     return tangent.entries(np.where(taut, model.stiffness, 0.0))
 
@@ -101,7 +116,24 @@ def material_entries(model: LinkEquations, tangent: Tangent, state: LinkState) -
 def stability_entries(
     system: LinkSystem, model: LinkEquations, tangent: Tangent, state: LinkState
 ) -> np.ndarray:
-    """Tangent (1) with the geometric stiffness, upper triangle, N/m."""
+    """Return the tangent (1) with the geometric stiffness.
+
+    Parameters
+    ----------
+    system : LinkSystem
+        The structure.
+    model : LinkEquations
+        Its equations.
+    tangent : Tangent
+        Pattern of its tangent.
+    state : LinkState
+        Equilibrium.
+
+    Returns
+    -------
+    ndarray, shape (entries,)
+        Entries of the upper triangle, N/m.
+    """
     links = system.n_links
     across = state.tension[:links] / system.length
     geometric = tangent.geometric(system.direction, np.zeros(links), across)
@@ -109,7 +141,15 @@ def stability_entries(
 
 
 def is_definite(tangent: Tangent, entries: np.ndarray) -> bool:
-    """Whether a symmetric matrix is positive definite."""
+    """Return whether a symmetric matrix is positive definite.
+
+    Parameters
+    ----------
+    tangent : Tangent
+        Pattern of the matrix.
+    entries : ndarray, shape (entries,)
+        Upper triangle of the matrix, N/m.
+    """
     try:
         tangent.factorise(entries, signs=True)
     except MultiscaleError:
@@ -118,19 +158,19 @@ def is_definite(tangent: Tangent, entries: np.ndarray) -> bool:
 
 
 def smallest_eigenvalue(tangent: Tangent, entries: np.ndarray) -> float:
-    """Smallest eigenvalue of a symmetric matrix, N/m.
+    """Return the smallest eigenvalue of a symmetric matrix, N/m.
 
     Parameters
     ----------
     tangent : Tangent
-        Its pattern.
+        Pattern of the matrix.
     entries : ndarray
-        Its upper triangle, N/m.
+        Upper triangle of the matrix, N/m.
 
     Notes
     -----
-    Lanczos on the inverse of the matrix, shifted by as much as makes it positive definite. NaN if
-    none does, or Lanczos does not converge.
+    Lanczos on the inverse of the matrix, shifted to be positive definite. The result is NaN if no
+    shift makes it definite, or Lanczos does not converge.
     """
     n = tangent.start.size - 1
     diagonal = tangent.diagonal

@@ -1,4 +1,4 @@
-"""What a static solver returns, and what it is measured by."""
+"""Result of a static solver, and the scales of its residual."""
 
 from dataclasses import dataclass
 
@@ -18,8 +18,10 @@ class LinkState:
     ----------
     solution : Solution
         ``value`` is the displacement, shape (n,), m.
-    tension, slack : ndarray, shape (rows,)
-        N; m, never negative.
+    tension : ndarray, shape (rows,)
+        Tension, N; for the modes of beams their force.
+    slack : ndarray, shape (rows,)
+        Slack, m; never negative.
     """
 
     solution: Solution
@@ -30,16 +32,16 @@ class LinkState:
 def state_of(
     model: LinkEquations, solution: Solution, change: np.ndarray | None = None
 ) -> LinkState:
-    """Tensions (14), (15) of the source and slacks.
+    """Return the state with the tensions (14), (15) of the source and the slacks.
 
     Parameters
     ----------
-    model : Equations
+    model : LinkEquations
         The structure.
     solution : Solution
-        The displacement.
+        Solution for the displacement, m.
     change : ndarray, shape (rows,), optional
-        Elastic change k e of the tensions, N, if it is known better than from the displacement.
+        Elastic change k e of the tensions, N, if known more accurately than from the displacement.
     """
     if change is None:
         change = model.stiffness * model.elongate(solution.value)
@@ -49,10 +51,10 @@ def state_of(
 
 
 def force_scale(model: LinkEquations, load: np.ndarray) -> float:
-    """Force that residuals are relative to, N: the largest load, or prestress without load."""
+    """Return the reference force of residuals, N: the largest load, else the largest prestress."""
     return float(np.abs(load).max(initial=0.0)) or float(np.abs(model.prestress).max()) or 1.0
 
 
 def round_off(tension: np.ndarray) -> float:
-    """Force out of balance that the rounding of the tensions brings, N."""
+    """Return the force out of balance due to the rounding of the tensions, N."""
     return float(8.0 * np.finfo(float).eps * np.abs(tension).max())

@@ -22,20 +22,20 @@ def truss(
     Parameters
     ----------
     panels : int
-        Even.
+        Number of panels, even.
     panel, height : float
         Length of a panel and distance of the chords, m.
     bar : Bar, optional
-        2.1e8 N if not given.
+        Law of the bars; rigidity 2.1e8 N if not given.
     nodal_load : float
         Force on every inner node of the lower chord at load factor one, N, downwards.
 
     Returns
     -------
     LinkSystem
-        In the plane y = 0, statically determinate. Nodes: lower chord, then upper chord, which
-        has none above the supports. Links: lower chord, upper chord, posts, diagonals that fall
-        towards the middle, end bars.
+        Statically determinate truss in the plane y = 0. Nodes: lower chord, then upper chord,
+        without nodes above the supports. Links: lower chord, upper chord, posts, diagonals that
+        descend towards the middle, end bars.
 
     Raises
     ------
@@ -82,12 +82,12 @@ def cable_net(
     cable: Cable | None = None,
     nodal_load: float = 100.0,
 ) -> LinkSystem:
-    r"""Prestressed saddle of n x m meshes, held along its edge.
+    r"""Prestressed saddle of n x m meshes, fixed along its edge.
 
     Parameters
     ----------
     n, m : int
-        Meshes along x and y, at least two; m = n if not given.
+        Number of meshes along x and y, at least two; m = n if not given.
     mesh : float
         Distance of the cables in plan, m.
     rise : float
@@ -96,14 +96,14 @@ def cable_net(
     prestress : float
         Horizontal part of every tension at load factor zero, N.
     cable : Cable, optional
-        1e7 N if not given.
+        Law of the cables; rigidity 1e7 N if not given.
     nodal_load : float
         Vertical force on every inner node at load factor one, N, downwards.
 
     Returns
     -------
     LinkSystem
-        First the cables along x, then those along y. Nodes run along x first.
+        Links: cables along x, then cables along y. Nodes run along x first.
 
     Raises
     ------
@@ -112,9 +112,9 @@ def cable_net(
 
     Notes
     -----
-    With one force density along each direction, a node is in balance if its height is discretely
-    harmonic, which the saddle is. For n and m that differ, the force densities along x and y
-    have the ratio :math:`n^2 : m^2`.
+    With one force density along each direction, a node is in equilibrium if its height is
+    discretely harmonic, which holds for the saddle. The force densities along x and y have the
+    ratio :math:`n^2 : m^2`.
     """
     m = n if m is None else m
     if min(n, m) < 2:

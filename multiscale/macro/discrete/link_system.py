@@ -1,4 +1,4 @@
-"""Nodes and links: one description of trusses, frames, tensegrities and cable nets."""
+"""Structures of nodes and links: trusses, frames, tensegrities and cable nets."""
 
 from dataclasses import dataclass, field, replace
 from functools import cached_property
@@ -18,33 +18,33 @@ class LinkSystem:
     Parameters
     ----------
     position : ndarray, shape (nodes, 3)
-        m.
+        Positions of the nodes, m.
     ends : ndarray of int, shape (links, 2)
         Nodes at both ends of every link.
     laws : tuple of LinkLaw
-        The laws that occur.
+        Laws of the links.
     kind : ndarray of int, shape (links,)
-        Which of the laws a link has.
+        Index of the law of each link.
     fixed : ndarray of bool, shape (nodes, c)
-        Held unknowns. With c = 3 displacements along x, y, z; with beams c = 6, the rotations
+        Fixed unknowns. With c = 3 displacements along x, y, z; with beams c = 6, the rotations
         about x, y, z follow.
     load : ndarray, shape (nodes, c)
         Forces (N) and with beams moments (N m) at load factor one.
     prestress : ndarray, shape (links,), optional
         Tension :math:`\tau^0`, N, compression negative; zero if not given.
     group : ndarray of int, shape (links,), optional
-        Module to which a link belongs. Modules that share an edge bring parallel links; within
-        one module a second link between the same nodes is refused as a duplicate.
+        Module of each link. Modules with a common edge have parallel links there; within a module
+        a second link between the same nodes is refused as a duplicate.
     balanced : bool
-        Whether the prestress must hold itself at every node that can move. Without it
-        :math:`\Omega_0` is only where the relaxed lengths are counted from, and the structure
-        moves at load factor zero: a cable that has been cut.
+        Whether the prestress must be in equilibrium at every free node. If it is not,
+        :math:`\Omega_0` is only the reference of the relaxed lengths, and the structure moves at
+        load factor zero, for example after a cable has been cut.
 
     Raises
     ------
     CaseError
-        If shapes or numbers do not fit, a node belongs to no link, a link has no length or is
-        there twice, or the prestress is out of balance.
+        If shapes or numbers do not fit, a node belongs to no link, a link has no length or occurs
+        twice, or the prestress is out of balance.
 
     Examples
     --------
@@ -96,7 +96,7 @@ class LinkSystem:
 
     @property
     def n_components(self) -> int:
-        """Unknowns per node: 3, or 6 with beams."""
+        """Number of unknowns per node: 3, or 6 with beams."""
         return 6 if any(isinstance(law, Beam) for law in self.laws) else 3
 
     @cached_property
@@ -116,7 +116,7 @@ class LinkSystem:
 
     @cached_property
     def stiffness(self) -> np.ndarray:
-        """Axial EA/L, shape (links,), N/m; infinite for links of fixed length."""
+        """Axial stiffness EA/L, shape (links,), N/m; infinite for links of fixed length."""
         return np.asarray(np.array([law.rigidity for law in self.laws])[self.kind] / self.length)
 
     @cached_property
@@ -125,12 +125,12 @@ class LinkSystem:
         return np.array([[law.lower, law.upper] for law in self.laws]).T[:, self.kind]
 
     def without(self, links: np.ndarray) -> "LinkSystem":
-        """Cut links: the others keep their relaxed lengths, so nothing is balanced any more.
+        """Remove links; the others keep their relaxed lengths, so the prestress is not balanced.
 
         Parameters
         ----------
         links : ndarray of int
-            Links to take out.
+            Links to remove.
 
         Raises
         ------

@@ -15,7 +15,7 @@ if TYPE_CHECKING:
 __all__ = ["system_from_mesh", "system_from_table"]
 
 MOTIONS = ("x", "y", "z", "rx", "ry", "rz")
-"""Components of a node in the names of columns."""
+"""Names of the components of a node in the columns."""
 
 
 def system_from_table(
@@ -26,20 +26,21 @@ def system_from_table(
     Parameters
     ----------
     nodes : mapping of str to array_like
-        A dict of columns, a pandas table or the like. ``x``, ``y``, ``z``: position, m. May
-        have ``fix_x``, ``fix_y``, ``fix_z``: whether held; ``load_x``, ...: force at load factor
-        one, N; and with beams ``fix_rx``, ..., ``load_rx``, ...: rotations and moments, N m.
+        Columns by name, such as a dict or a pandas table. ``x``, ``y``, ``z``: position, m.
+        Optional: ``fix_x``, ``fix_y``, ``fix_z``: 1 if fixed, else 0; ``load_x``, ...: force at
+        load factor one, N; and with beams ``fix_rx``, ..., ``load_rx``, ...: the same for rotations
+        and moments, N m.
     links : mapping of str to array_like
-        ``first`` and ``second``: rows of the nodes, from 0; ``law``: name of its law. May have
+        ``first`` and ``second``: rows of the nodes, from 0; ``law``: name of the law. Optional:
         ``prestress``, N, and ``group``.
     laws : mapping of str to LinkLaw
-        The laws by name.
+        Laws by name.
 
     Raises
     ------
     CaseError
-        If a column is missing or unknown, a support is neither 0 nor 1, a law has no meaning, or
-        the structure is refused.
+        If a column is missing or unknown, a support is neither 0 nor 1, a law is unknown, or the
+        structure is refused.
 
     Examples
     --------
@@ -100,12 +101,12 @@ def system_from_mesh(
     Parameters
     ----------
     mesh : meshio.Mesh
-        What ``meshio.read`` returns. Lines belong to named sets: cell sets, or physical groups of
-        gmsh. Supports are named sets of points, or groups of vertex elements.
+        Mesh as returned by ``meshio.read``. Lines belong to named sets: cell sets, or physical
+        groups of gmsh. Supports are named sets of points, or groups of vertex elements.
     laws : mapping of str to LinkLaw
-        The law of every set of lines.
+        Law of every set of lines.
     supports : tuple of str
-        Sets whose nodes are held in all unknowns.
+        Sets whose nodes are fixed in all unknowns.
     load : tuple of float
         Force (N), with beams followed by the moment (N m), on every free node at load factor
         one.
@@ -115,7 +116,7 @@ def system_from_mesh(
     Raises
     ------
     CaseError
-        If a set is not there, a line has no law or two, or the structure is refused.
+        If a set is missing, a line has no law or two laws, or the structure is refused.
     """
     c = 6 if any(isinstance(law, Beam) for law in laws.values()) else 3
     ends, kind = [], []
@@ -167,7 +168,7 @@ def _check_columns(
 
 
 def _cells(mesh: "Mesh", name: str, kind: str) -> np.ndarray:
-    """Elements of a kind in a named set, shape (elements, corners)."""
+    """Return the elements of a kind in a named set, shape (elements, corners)."""
     found = []
     groups = mesh.cell_data.get("gmsh:physical")
     for k, block in enumerate(mesh.cells):

@@ -1,4 +1,4 @@
-r"""Tangent stiffness :math:`B^T k B`: pattern and ordering once, numbers and factors often."""
+r"""Tangent stiffness :math:`B^T k B` with a pattern and ordering that are computed once."""
 
 from dataclasses import dataclass
 
@@ -20,13 +20,13 @@ class Tangent:
     Attributes
     ----------
     start, column : ndarray of int
-        Pattern by rows: where a row starts, and its columns, increasing.
+        Pattern by rows: first entry of each row, shape (n + 1,), and increasing columns.
     place : ndarray of int, shape (rows, w (w + 1) / 2)
-        Which entry the product of two coefficients of a row of B adds to, -1 where one is held.
+        Entry to which each product of two coefficients of a row of B is added, -1 if fixed.
     coefficient : ndarray, shape (rows, w)
         Entries of B.
     cholesky : callable
-        As :func:`prepare_cholesky` returns it.
+        Factorisation as returned by :func:`prepare_cholesky`.
     """
 
     start: np.ndarray
@@ -37,28 +37,28 @@ class Tangent:
 
     @property
     def diagonal(self) -> np.ndarray:
-        """Which entries lie on the diagonal, shape (n,)."""
+        """Indices of the entries on the diagonal, shape (n,)."""
         return self.start[:-1]
 
     def entries(self, stiffness: np.ndarray) -> np.ndarray:
-        """Upper triangle of B^T k B, N/m, for stiffness k of the rows, shape (rows,), N/m."""
+        """Return the upper triangle of B^T k B, N/m, for stiffnesses k of shape (rows,), N/m."""
         return np.asarray(_fill(self.place, self.coefficient, stiffness, self.column.size))
 
     def geometric(self, direction: np.ndarray, along: np.ndarray, across: np.ndarray) -> np.ndarray:
-        """Upper triangle of a sum over links, N/m.
+        """Return the upper triangle of a sum of stiffnesses along and across the links, N/m.
 
         Parameters
         ----------
         direction : ndarray, shape (links, 3)
-            Of every link.
+            Unit vectors along the links.
         along, across : ndarray, shape (links,)
-            Stiffness along it and across it, tension over length, N/m.
+            Stiffness along the link, and across it (tension over length), N/m.
         """
         size = self.column.size
         return np.asarray(_fill_geometric(self.place, direction, along, across, size))
 
     def matrix(self, entries: np.ndarray) -> csr_array:
-        """Both triangles, shape (n, n), N/m."""
+        """Return the matrix with both triangles, shape (n, n), N/m."""
         n = self.start.size - 1
         upper = csr_array((entries, self.column, self.start), shape=(n, n))
         strict = entries.copy()
@@ -67,18 +67,26 @@ class Tangent:
         return csr_array(upper + lower)
 
     def factorise(self, entries: np.ndarray, *, signs: bool = False) -> Solve:
-        """Return the solve with a matrix.
+        """Return the function that solves with a matrix.
 
         Raises
         ------
         MultiscaleError
-            If it is singular; with ``signs`` also if it is not positive definite.
+            If the matrix is singular; with ``signs`` also if it is not positive definite.
         """
         return self.cholesky(entries, signs)
 
 
 def prepare_tangent(system: LinkSystem, model: LinkEquations) -> Tangent:
-    """Find the pattern of the tangent and where every link adds to it."""
+    """Return the tangent with its pattern and the entries to which every link is added.
+
+    Parameters
+    ----------
+    system : LinkSystem
+        The structure.
+    model : LinkEquations
+        Its equations.
+    """
     first, second = system.ends.T
     nodes = np.arange(system.n_nodes)
     low, high = np.minimum(first, second), np.maximum(first, second)
@@ -95,7 +103,7 @@ def prepare_tangent(system: LinkSystem, model: LinkEquations) -> Tangent:
 def _pattern(
     graph_start: np.ndarray, neighbour: np.ndarray, number: np.ndarray, n: int
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Upper triangle of the unknowns from that of the nodes."""
+    """Return the pattern of the upper triangle of the unknowns from the graph of the nodes."""
     c = number.shape[1]
     start = np.zeros(n + 1, dtype=np.int32)
     for passes in range(2):
@@ -122,7 +130,7 @@ def _pattern(
 
 @numba.njit(cache=True, error_model="numpy")
 def _places(unknown: np.ndarray, start: np.ndarray, column: np.ndarray) -> np.ndarray:
-    """Entry to which every product of two coefficients of a row adds."""
+    """Return the entry to which every product of two coefficients of a row is added."""
     width = unknown.shape[1]
     place = np.full((unknown.shape[0], width * (width + 1) // 2), -1, dtype=np.int32)
     for row in range(unknown.shape[0]):

@@ -1,4 +1,4 @@
-"""Motions that cost no energy, and tensions that need no load."""
+"""Mechanisms and states of self-stress."""
 
 import numpy as np
 from numpy.linalg import norm
@@ -12,31 +12,31 @@ from multiscale.numerics.cholesky import Solve
 
 __all__ = ["factorise_taut", "mechanism_modes", "name_mechanism", "name_motion", "self_stress"]
 
-RANK = 1e-10
-"""Singular value of the compatibility operator, relative to the largest, that counts as zero."""
+RANK_TOLERANCE = 1e-10
+"""Singular values of the compatibility operator below this share of the largest count as zero."""
 
-LARGEST = 4000
-"""Links or unknowns up to which a singular value decomposition is taken."""
+MAX_DENSE_SIZE = 4000
+"""Largest number of links or unknowns for a singular value decomposition."""
 
 LARGEST_CONDITION = 1e14
 """Condition number of the tangent without slack above which a structure is a mechanism."""
 
-HOLD = 1e-11
-"""Stiffness that holds a mechanism while it is sought, relative to the diagonal."""
+HOLDING_STIFFNESS = 1e-11
+"""Stiffness that regularises the tangent of a mechanism, relative to the diagonal."""
 
 
 def self_stress(system: LinkSystem) -> np.ndarray:
-    r"""Independent states of self-stress, :math:`B^T \tau = 0`.
+    r"""Return independent states of self-stress, :math:`B^T \tau = 0`.
 
     Parameters
     ----------
     system : LinkSystem
-        Of bars, cables and struts; supports carry what they hold.
+        Structure of bars, cables and struts with its supports.
 
     Returns
     -------
     ndarray, shape (modes, links)
-        Orthonormal tensions. One state alone has the sign that puts most cables in tension.
+        Orthonormal tensions. A single state has the sign that puts most cables in tension.
 
     Raises
     ------
@@ -59,12 +59,17 @@ def self_stress(system: LinkSystem) -> np.ndarray:
 
 
 def mechanism_modes(system: LinkSystem) -> np.ndarray:
-    """Independent motions without elongation; those of the whole included if it is not held.
+    """Return independent motions without elongation, rigid motions included if they are free.
+
+    Parameters
+    ----------
+    system : LinkSystem
+        The structure with its supports.
 
     Returns
     -------
     ndarray, shape (modes, nodes, c)
-        Orthonormal in the unknowns.
+        Motions, orthonormal in the unknowns.
 
     Raises
     ------
@@ -79,24 +84,37 @@ def mechanism_modes(system: LinkSystem) -> np.ndarray:
 
 
 def _decompose(system: LinkSystem) -> tuple[np.ndarray, np.ndarray, int]:
-    """Singular vectors of the compatibility operator, and its rank."""
+    """Return the singular vectors of the compatibility operator, and its rank."""
     operator = compatibility(system)
-    if max(operator.shape) > LARGEST:
+    if max(operator.shape) > MAX_DENSE_SIZE:
         raise CaseError(
-            f"modes are found by a dense decomposition, for at most {LARGEST} links or unknowns, "
-            f"got {operator.shape}; take one module"
+            f"modes are computed by a dense decomposition of at most {MAX_DENSE_SIZE} links or "
+            f"unknowns, got {operator.shape}; analyse one module"
         )
     left, values, right = svd(operator.toarray())
-    return left, right, int(np.count_nonzero(values > RANK * values.max(initial=0.0)))
+    return left, right, int(np.count_nonzero(values > RANK_TOLERANCE * values.max(initial=0.0)))
 
 
 def factorise_taut(model: LinkEquations, tangent: Tangent) -> Solve:
     """Factorise the stiffness of the structure without slack.
 
+    Parameters
+    ----------
+    model : LinkEquations
+        The structure.
+    tangent : Tangent
+        Pattern of its tangent.
+
+    Returns
+    -------
+    callable
+        Function that solves with the stiffness.
+
     Raises
     ------
     MultiscaleError
-        If the structure is a mechanism: a random force moves it as only a mechanism lets it.
+        If the structure is a mechanism: its response to a random force exceeds
+        ``LARGEST_CONDITION``.
     """
     entries = tangent.entries(model.finite_stiffness)
     solve = tangent.factorise(entries)
@@ -110,12 +128,14 @@ def factorise_taut(model: LinkEquations, tangent: Tangent) -> Solve:
 
 
 def name_mechanism(model: LinkEquations, tangent: Tangent, u: np.ndarray) -> str:
-    """Say which nodes can move without resistance in a state, or nothing if none can.
+    """Return a sentence that names the nodes that move freely in a state, empty if none do.
 
     Parameters
     ----------
-    model, tangent
+    model : LinkEquations
         The structure.
+    tangent : Tangent
+        Pattern of its tangent.
     u : ndarray, shape (n,)
         Displacement, m.
     """
@@ -125,8 +145,8 @@ def name_mechanism(model: LinkEquations, tangent: Tangent, u: np.ndarray) -> str
     elastic = model.prestress + stiffness * model.elongate(u)
     carries = (elastic >= model.lower) & (elastic <= model.upper)
     entries = tangent.entries(np.where(carries, stiffness, 0.0))
-    hold = HOLD * tangent.entries(stiffness)[tangent.diagonal]
-    hold = np.maximum(hold, 1e-3 * hold.max(initial=0.0))  # a direction that no link has
+    hold = HOLDING_STIFFNESS * tangent.entries(stiffness)[tangent.diagonal]
+    hold = np.maximum(hold, 1e-3 * hold.max(initial=0.0))  # directions without links
     entries[tangent.diagonal] += hold
     try:
         solve = tangent.factorise(entries)
@@ -142,7 +162,7 @@ def name_mechanism(model: LinkEquations, tangent: Tangent, u: np.ndarray) -> str
 
 
 def name_motion(model: LinkEquations, motion: np.ndarray) -> str:
-    """Say which nodes move most in a motion without resistance, shape (n,)."""
+    """Return a sentence that names the nodes that move most in a free motion, shape (n,)."""
     size = norm(model.at_nodes(motion)[:, :3], axis=1)
     if not size.any():
         size = norm(model.at_nodes(motion), axis=1)

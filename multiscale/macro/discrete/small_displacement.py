@@ -1,4 +1,4 @@
-"""One load factor with small displacements: the methods in the order in which they help."""
+"""Equilibrium with small displacements, by one method or several in turn."""
 
 from dataclasses import replace
 
@@ -30,14 +30,19 @@ def find_state(
     limits: Limits,
     taut: Solve | None = None,
 ) -> LinkState:
-    """Solve for one load factor.
+    """Find the equilibrium at a load factor.
 
     Parameters
     ----------
     model, tangent, load_factor, start, limits, taut
         As :func:`solve_newton`.
     method : str
-        See :func:`multiscale.macro.solve_static`.
+        Element of ``METHODS``; see :func:`multiscale.macro.solve_static`.
+
+    Returns
+    -------
+    LinkState
+        The equilibrium, with the methods in the trail of its solution.
 
     Raises
     ------
@@ -62,19 +67,6 @@ def find_state(
         )
     if rigid:
         return solve_interior_point(model, tangent, load_factor, limits)
-    return _primal(model, tangent, load_factor, start, method, limits, taut)
-
-
-def _primal(
-    model: LinkEquations,
-    tangent: Tangent,
-    load_factor: float,
-    start: np.ndarray,
-    method: str,
-    limits: Limits,
-    taut: Solve | None,
-) -> LinkState:
-    """Newton; where its tangent becomes singular an interior point, then Newton to the end."""
     parts: list[tuple[str, Solution]] = []
     if method != "interior_point":
         state = solve_newton(model, tangent, load_factor, start, limits, taut)
@@ -91,13 +83,13 @@ def _primal(
 
 
 def _by_dual_program(model: LinkEquations, load_factor: float, limits: Limits) -> LinkState:
-    """Tensions from the program itself, slacks from its displacement."""
+    """Return the tensions of the dual program, and the slacks from its displacement."""
     answer = solve_dual_program(model, load_factor, tolerance=max(limits.tolerance, 1e-7))
     tension, u = np.split(answer.value, [len(model.unknown)])
     give = 1.0 / model.stiffness
     misfit = np.abs((tension - model.prestress) * give - model.elongate(u))
     one_sided = np.isfinite(model.lower) | np.isfinite(model.upper)
-    # of a pair of which one should be zero, the smaller is rounding
+    # tension or slack is zero: the smaller of the two is rounding
     typical = np.median(give[give > 0.0]) if give.any() else 0.0
     slack = np.where(one_sided & (misfit > typical * np.abs(tension)), misfit, 0.0)
     return LinkState(replace(answer, value=u), tension, slack)

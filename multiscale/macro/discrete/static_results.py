@@ -1,4 +1,4 @@
-"""Results of statics as a dataset."""
+"""Datasets of static results."""
 
 from typing import TYPE_CHECKING, Any
 
@@ -18,7 +18,17 @@ __all__ = ["join_steps", "step_values"]
 
 
 def step_values(system: LinkSystem, model: LinkEquations, state: LinkState) -> dict[str, Any]:
-    """Give the variables of one step; NaN unless it converged."""
+    """Return the variables of a step, NaN unless it converged.
+
+    Parameters
+    ----------
+    system : LinkSystem
+        The structure.
+    model : LinkEquations
+        Its equations.
+    state : LinkState
+        Solution of the step.
+    """
     solution, links = state.solution, system.n_links
     valid = 1.0 if solution.converged else np.nan
     motion = valid * model.at_nodes(solution.value)
@@ -37,7 +47,7 @@ def step_values(system: LinkSystem, model: LinkEquations, state: LinkState) -> d
 
 
 def _moments(system: LinkSystem, modes: np.ndarray) -> np.ndarray:
-    """Torsion and end moments of the beams, shape (links, 5), N m; NaN for other links."""
+    """Return torsion and end moments of beams, shape (links, 5), N m; NaN for other links."""
     moment = np.full((system.n_links, 5), np.nan)
     first = 0
     for index, law in enumerate(system.laws):
@@ -55,7 +65,17 @@ def _moments(system: LinkSystem, modes: np.ndarray) -> np.ndarray:
 def join_steps(
     system: LinkSystem, factors: np.ndarray, columns: list[dict[str, Any]]
 ) -> "xr.Dataset":
-    """Join the steps to a dataset after ``MACRO_RESULT``."""
+    """Return the steps as a dataset that follows ``MACRO_RESULT``.
+
+    Parameters
+    ----------
+    system : LinkSystem
+        The structure.
+    factors : ndarray, shape (steps,)
+        Load factors, dimensionless.
+    columns : list of dict
+        Variables of each step, from :func:`step_values`.
+    """
     import xarray as xr
 
     names = [name for column in columns for name in column]

@@ -30,10 +30,10 @@ if TYPE_CHECKING:
 
 __all__ = ["solve_static"]
 
-Find = Callable[[np.ndarray, float, float], LinkState]
-"""State from a start, the load factor it belongs to, and the one to reach."""
+FindState = Callable[[np.ndarray, float, float], LinkState]
+"""State from an initial displacement, its load factor, and the load factor to reach."""
 
-TRY_EXACT = "exact=True counts the stiffness that the prestress gives"
+EXACT_HINT = "exact=True includes the geometric stiffness of the prestress"
 
 
 def solve_static(
@@ -47,32 +47,32 @@ def solve_static(
     tolerance: float = 1e-10,
     callback: Callable[[int, float], None] | None = None,
 ) -> "xr.Dataset":
-    r"""Find the tensions and displacements under a load.
+    r"""Find tensions and displacements under a load.
 
     Parameters
     ----------
     system : LinkSystem
         The structure with its load :math:`F^d`.
     load_factor : float or sequence of float
-        :math:`\alpha`. Each of a sequence starts from the one before.
+        :math:`\alpha`, dimensionless. Each step of a sequence starts from the last one.
     method : str
-        ``"auto"`` is a proximal semismooth Newton method; where it gives up, because so many
-        links are slack, an interior point takes over and Newton ends it.
-        ``"newton"`` and ``"interior_point"`` take one alone; ``"lcp"`` solves the
+        ``"auto"`` is a proximal semismooth Newton method; if it fails, because too many links are
+        slack, an interior-point method follows, and then Newton again.
+        ``"newton"`` and ``"interior_point"`` are these methods alone; ``"lcp"`` solves the
         complementarity problem (10) of the source, ``"dual"`` the quadratic program in the
         tensions by clarabel, accurate to about 1e-7.
     exact : bool
-        Whether elongations and directions follow the moved nodes exactly. Otherwise
-        perturbations are small, as in the source.
+        Whether elongations and directions are geometrically exact. Otherwise displacements are
+        small, as in the source.
     stability : bool
-        Whether to add the smallest eigenvalue of the tangent, without and with the geometric
+        Whether to compute the smallest eigenvalue of the tangent, without and with the geometric
         stiffness of the tensions.
     max_iterations : int
         Iteration limit of a method.
     tolerance : float
         Bound on the largest force out of balance relative to the largest nodal load (without
-        load: to the largest prestress); dimensionless. What rounding makes unavoidable is
-        allowed for; ``residual`` says what was reached.
+        load: to the largest prestress); dimensionless. The bound is raised to the rounding error;
+        ``residual`` is the value reached.
     callback : callable, optional
         Called as ``callback(iteration, residual)``.
 
@@ -82,17 +82,17 @@ def solve_static(
         Follows ``MACRO_RESULT``: ``tension (link)``, ``slack (link)`` (0 where taut),
         ``displacement (node, component)``, with beams ``rotation`` and ``moment``; a sequence
         adds the dimension ``step``. A step that does not converge is NaN with ``converged`` 0,
-        and the attribute ``failure`` says why, with the nodes that can move freely.
+        and the attribute ``failure`` states the reason and the nodes that can move freely.
 
     Raises
     ------
     CaseError
-        If the structure is not supported, or the method cannot take it.
+        If the structure is not supported, or the options do not fit it.
 
     Notes
     -----
-    Tensions are unique. Slacks and displacements are not where slack links leave a mechanism
-    that the load does not move: then one of them is given.
+    Tensions are unique. Slacks and displacements are not unique if slack links leave a mechanism
+    that the load does not move: the result is then one of several solutions.
 
     Examples
     --------
@@ -109,7 +109,7 @@ def solve_static(
     model = equations(system)
     tangent = prepare_tangent(system, model)
     limits = Limits(max_iterations, tolerance, callback)
-    find: Find
+    find: FindState
     if exact:
         find = _finite(system, model, tangent, limits)
     else:
@@ -126,7 +126,10 @@ def solve_static(
         else:
             start, reached = state.solution.value, factor
             if stability:
-                column |= _eigenvalues(system, model, tangent, state)
+                material = material_entries(model, tangent, state)
+                column["tangent_eigenvalue"] = smallest_eigenvalue(tangent, material)
+                whole = stability_entries(system, model, tangent, state)
+                column["stability_eigenvalue"] = smallest_eigenvalue(tangent, whole)
         columns.append(column | {"wall_time": perf_counter() - clock})
     result = join_steps(system, factors, columns)
     if failures:
@@ -145,30 +148,32 @@ def _check(
     if not exact:
         return
     if system.n_components == 6:
-        raise CaseError("exact takes links alone, because beams rotate by small angles")
+        raise CaseError("exact needs links without beams, because beams rotate by small angles")
     if np.isinf(system.stiffness).any():
         raise CaseError("exact needs extensible links; give a finite rigidity")
     if method != "auto":
         raise CaseError(f"exact has one method, 'auto', got {method!r}")
     if stability:
-        raise CaseError("stability takes small perturbations; leave out exact")
+        raise CaseError("stability needs small displacements; leave out exact")
 
 
-def _finite(system: LinkSystem, model: LinkEquations, tangent: Tangent, limits: Limits) -> Find:
-    """Find equilibria in the moved positions."""
+def _finite(
+    system: LinkSystem, model: LinkEquations, tangent: Tangent, limits: Limits
+) -> FindState:
+    """Return the search for equilibria with exact elongations."""
     return lambda start, reached, factor: find_finite_state(
         system, model, tangent, (reached, factor), start, limits
     )
 
 
-def _small(model: LinkEquations, tangent: Tangent, method: str, limits: Limits) -> Find:
-    """Find equilibria in the positions of the prestressed structure, unless it is a mechanism."""
+def _small(model: LinkEquations, tangent: Tangent, method: str, limits: Limits) -> FindState:
+    """Return the search for equilibria with small displacements; a mechanism has none."""
     taut: Solve | None = None
     if method != "dual":
         try:
             taut = factorise_taut(model, tangent)
         except MultiscaleError:
-            nothing = Solution(np.zeros(model.n), Status.STALLED, detail=TRY_EXACT)
+            nothing = Solution(np.zeros(model.n), Status.STALLED, detail=EXACT_HINT)
             return lambda start, reached, factor: state_of(model, nothing, 0.0 * model.prestress)
 
     def find(start: np.ndarray, reached: float, factor: float) -> LinkState:
@@ -180,7 +185,7 @@ def _small(model: LinkEquations, tangent: Tangent, method: str, limits: Limits) 
 
 
 def _reason(model: LinkEquations, tangent: Tangent, state: LinkState, method: str) -> str:
-    """Say in one sentence why a step failed, and which nodes can move freely."""
+    """Return a sentence on the failure of a step, with the nodes that can move freely."""
     solution = state.solution
     if solution.status is Status.INFEASIBLE and method != "lcp":
         reason = f"{name_motion(model, solution.value)}, and the load pushes there"
@@ -189,15 +194,3 @@ def _reason(model: LinkEquations, tangent: Tangent, state: LinkState, method: st
     else:
         reason = solution.status.value
     return reason + (f"; {solution.detail}" if solution.detail else "")
-
-
-def _eigenvalues(
-    system: LinkSystem, model: LinkEquations, tangent: Tangent, state: LinkState
-) -> dict[str, float]:
-    """Smallest eigenvalues of the tangent, N/m."""
-    return {
-        "tangent_eigenvalue": smallest_eigenvalue(tangent, material_entries(model, tangent, state)),
-        "stability_eigenvalue": smallest_eigenvalue(
-            tangent, stability_entries(system, model, tangent, state)
-        ),
-    }

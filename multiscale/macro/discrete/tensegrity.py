@@ -1,4 +1,4 @@
-"""The quadruplex module and the grid made of it."""
+"""The quadruplex module, and grids of such modules."""
 
 from dataclasses import replace
 
@@ -38,7 +38,7 @@ def tensegrity_grid(
     Parameters
     ----------
     n, m : int
-        Modules along x and y; m = n if not given.
+        Number of modules along x and y; m = n if not given.
     prestress : float
         Tension of the upper cables at load factor zero, N. The self-stress of a module is, as
         force over length, lower : upper : lateral : bar = 1 : 2 : 2 : -2; with the default shape
@@ -48,18 +48,18 @@ def tensegrity_grid(
     height : float
         Distance :math:`h` of the layers, m.
     cable : Cable, optional
-        4e6 N if not given.
+        Law of the cables; rigidity 4e6 N if not given.
     bar : Bar, optional
-        8e7 N if not given.
+        Law of the bars; rigidity 8e7 N if not given.
     nodal_load : float
         Vertical force on every node at load factor one, N, positive downwards.
 
     Returns
     -------
     LinkSystem
-        Module by module (x fastest): four lower, four upper, four lateral cables and four bars.
-        The lower nodes on the edges x = 0 and x = n a are fixed. Neighbours share their nodes
-        and keep their parallel cables.
+        Links by module (x fastest): four lower, four upper, four lateral cables and four bars.
+        The lower nodes on the edges x = 0 and x = n a are fixed. Neighbouring modules share nodes
+        and have parallel cables.
 
     Raises
     ------
@@ -70,8 +70,8 @@ def tensegrity_grid(
     -----
     With the defaults and n = 16 this is the test structure of section 4 of the source: 256
     modules, 3072 cables. The source gives neither the shape nor the stiffness; these are chosen
-    so that about 14 % of the cables are slack at load factor one, as it says. That share follows
-    from one ratio, of load to prestress; it is not a prediction.
+    so that about 14 % of the cables are slack at load factor one, as in the source. This share is
+    no prediction, since it depends only on the ratio of load to prestress.
 
     Examples
     --------
@@ -112,7 +112,7 @@ def tensegrity_grid(
 
 
 def quadruplex_module(**options: float) -> LinkSystem:
-    """One free module: no supports, no load.
+    """Return a single module without supports and load.
 
     Parameters
     ----------
@@ -124,7 +124,7 @@ def quadruplex_module(**options: float) -> LinkSystem:
 
 
 def _grid_nodes(n: int, m: int) -> tuple[np.ndarray, np.ndarray]:
-    """Nodes in units of size and height, and the eight nodes of every module.
+    """Return nodes in units of size and height, and the eight nodes of every module.
 
     The corners of the lower layer come first, then the upper nodes on edges along x and on edges
     along y; x runs fastest.

@@ -1,4 +1,4 @@
-"""Rigid grains in frictional contact: the far end of the way from a truss to a granulate."""
+"""Dynamics of rigid grains in frictional contact."""
 
 from multiscale.macro.granulate.arrangements import column, deposit, release, silo
 from multiscale.macro.granulate.biaxial import biaxial_cell, biaxial_curve

@@ -1,4 +1,4 @@
-"""Arrangements of grains and walls that are often asked for."""
+"""Common arrangements of grains and walls."""
 
 import numpy as np
 
@@ -23,18 +23,20 @@ def deposit(
     Parameters
     ----------
     radii : ndarray, shape (grains,)
-        m.
+        Radii of the grains, m.
     size : tuple of float
         Edges of the box along x and y, m.
     law : ContactLaw
+        Law of all contacts.
     density : float
-        kg/m3.
+        Density of the grains, kg/m3.
     seed : int
-        Of the places at the start.
+        Seed of the random initial positions.
 
     Returns
     -------
     Model
+        Grains above the floor of the box, at rest.
     """
     low, high = np.zeros(3), np.array([*size, np.inf])
     grains = place_loosely(radii, low, high, density=density, seed=seed)
@@ -56,20 +58,22 @@ def silo(
     Parameters
     ----------
     radii : ndarray, shape (grains,)
-        m.
+        Radii of the grains, m.
     diameter : float
-        Of the pipe about the z axis, m.
+        Diameter of the pipe about the z axis, m.
     law : ContactLaw
+        Law of all contacts.
     wall_friction : float
-        Coefficient of the pipe, dimensionless; the bottom has that of the grains.
+        Friction coefficient of the pipe, dimensionless; the bottom has the coefficient of ``law``.
     sinking : float
-        Speed of the bottom, downwards, m/s: it lets the friction of the pipe bear in full.
+        Downward speed of the bottom, m/s; it mobilises the full friction of the pipe.
     density, seed
         As for :func:`deposit`.
 
     Returns
     -------
     Model
+        Grains above the bottom of the pipe, at rest.
 
     Raises
     ------
@@ -112,16 +116,16 @@ def column(
     Parameters
     ----------
     radii : ndarray, shape (grains,)
-        m.
+        Radii of the discs, m.
     width : float
-        Between wall and gate, m.
+        Distance of wall and gate, m.
     law, density, seed
         As for :func:`deposit`; the discs are 1 m thick.
 
     Returns
     -------
     Model
-        The gate is the last wall; :func:`release` takes it away.
+        The gate is the last wall; :func:`release` removes it.
     """
     low, high = np.array([0.0, 0.0, 0.0]), np.array([width, 1.0, np.inf])
     grains = place_loosely(radii, low, high, density=density, thickness=1.0, seed=seed)
@@ -130,7 +134,20 @@ def column(
 
 
 def release(model: Model, grains: Grains) -> Model:
-    """Return the model of a column without its gate, with its grains where they lie, at rest."""
+    """Return the model of a column without its gate.
+
+    Parameters
+    ----------
+    model : Model
+        Model of a :func:`column`.
+    grains : Grains
+        Grains of the model after they have settled.
+
+    Returns
+    -------
+    Model
+        The grains at rest at their positions, without the last wall.
+    """
     still = np.zeros_like(grains.position)
     resting = grains.moved(grains.position, still, still)
     return Model(resting, model.walls[:-1], model.law, model.gravity, model.period)

@@ -1,6 +1,6 @@
 r"""The contacts of a step as one problem with an assembled Delassus operator.
 
-For what Gauss-Seidel does not solve: heavy grains on light ones, wedges.
+It serves problems on which Gauss-Seidel stalls: heavy grains on light grains, wedges.
 """
 
 import numpy as np
@@ -18,22 +18,22 @@ def solve_assembled(
     contacts: Contacts,
     tolerance: float,
 ) -> np.ndarray:
-    r"""Solve the contacts by :func:`multiscale.nonsmooth.solve_friction`, or as an LCP without it.
+    r"""Solve by :func:`multiscale.nonsmooth.solve_friction`, or as an LCP if nothing has friction.
 
     Parameters
     ----------
     velocity, mobility : ndarray
-        As in :mod:`multiscale.macro.granulate.sweeps`; the velocities are those without impulses.
+        Arrays of :mod:`multiscale.macro.granulate.sweeps`; velocities before the impulses act.
     contacts : Contacts
-        Whose impulses are the start.
+        Contacts of the step; their impulses are the initial guess.
     tolerance : float
-        Dimensionless.
+        Bound on the residual of the solver, dimensionless.
 
     Returns
     -------
     ndarray
-        Impulses, N s, in the shape of those of the contacts: the best that was found, which the
-        caller measures.
+        Impulses, N s, of the same shape as ``contacts.impulse``. They may miss the tolerance: the
+        caller evaluates their error.
     """
     ends, data, coulomb, impulse, anchor = contacts.arrays
     if coulomb is None:
@@ -60,7 +60,7 @@ def solve_assembled(
 def _solve_normal(
     velocity: np.ndarray, mobility: np.ndarray, contacts: Contacts, tolerance: float
 ) -> np.ndarray:
-    """Do the same with one impulse per contact, and three velocities per body."""
+    """Solve frictionless contacts: one impulse per contact, three velocities per body."""
     normal, m = contacts.data[:, :3], len(contacts.ends)
     compliance = contacts.data[:, 5] / contacts.data[:, 4]  # 1/kg
     at = 3 * contacts.ends[:, :, None] + np.arange(3)
@@ -88,9 +88,10 @@ def _frames(normal: np.ndarray) -> np.ndarray:
 def _transfer(
     frames: np.ndarray, ends: np.ndarray, mobility: np.ndarray
 ) -> tuple[csr_array, np.ndarray]:
-    r"""H, from impulses to bodies, and the inverse masses, for velocities and radius times spin.
+    r"""Return H, from contact impulses to momenta of bodies, and the inverse masses, 1/kg.
 
-    Across the normal of a loaded wall nothing moves it: these columns are empty there.
+    The unknowns of a body are its velocity and radius times spin. A loaded wall moves along its
+    normal only, so its entries of the tangential columns are zero.
     """
     m, bodies = len(ends), len(mobility)
     rows, columns, values = [], [], []

@@ -32,41 +32,42 @@ def biaxial_cell(
     Parameters
     ----------
     radii : ndarray, shape (grains,)
-        m.
+        Radii of the grains, m.
     pressure : float
-        Of the isotropic compaction, and on the sides of the cell from then on, Pa.
+        Pressure of the isotropic compaction, and on the sides of the cell during the test, Pa. In a
+        cell of spheres it is the mean of the two lateral stresses.
     strain_rate : float
-        Of the logarithmic axial strain, compression positive, 1/s.
+        Rate of the logarithmic axial strain, compression positive, 1/s.
     law : ContactLaw
+        Law of all contacts.
     planar : bool
-        Discs, 1 m thick, in place of spheres, whose two lateral stresses have the pressure as mean.
+        Whether the grains are discs, 1 m thick, instead of spheres.
     density : float
-        kg/m3.
+        Density of the grains, kg/m3.
     solver : Solver, optional
-        Of the compaction.
+        Solver of the compaction.
     seed : int
-        Of the loose cell from which it is pressed.
+        Seed of the loose packing before the compaction.
 
     Returns
     -------
     model : Model
-        For :func:`multiscale.macro.granulate.simulate_grains`.
+        Model to pass to :func:`multiscale.macro.granulate.simulate_grains`.
     step : float
         Length of a step that resolves the rearrangements, s.
 
     Raises
     ------
     CaseError
-        If the pressure or the rate is refused.
+        If the pressure is not positive or the rate is negative.
     ConvergenceError
         If the grains have not come to rest under the pressure.
 
     Notes
     -----
-    The grains follow the mean strain and add to it what their contacts ask for, at velocities that
-    are halved in every step: the response is quasi-static where the inertial number
-    :math:`I = \dot\varepsilon \sqrt{m / (p R)}` is small, 1e-3 or less (R, or the thickness of
-    discs).
+    The grains follow the mean strain and deviate from it as their contacts require, at velocities
+    that are halved in every step: the response is quasi-static where the inertial number
+    :math:`I = \dot\varepsilon \sqrt{m / (p R)}` is at most 1e-3 (for discs, R is the thickness).
     """
     if not (strain_rate >= 0.0 and np.isfinite(strain_rate)):
         raise CaseError(f"strain_rate must not be negative (1/s), got {strain_rate:g}")
@@ -103,7 +104,7 @@ def biaxial_curve(result: "xr.Dataset") -> "xr.Dataset":
     Parameters
     ----------
     result : Dataset
-        Follows ``GRANULATE``, of a :func:`biaxial_cell`.
+        Simulation of a :func:`biaxial_cell`; follows ``GRANULATE``.
 
     Returns
     -------
@@ -113,12 +114,12 @@ def biaxial_curve(result: "xr.Dataset") -> "xr.Dataset":
 
     Notes
     -----
-    With the axial stress :math:`\sigma_1` and the mean lateral one :math:`\sigma_3`, compression
+    With the axial stress :math:`\sigma_1` and the mean lateral stress :math:`\sigma_3`, compression
     positive,
 
     .. math::
-        q / p = \frac{\sigma_1 - \sigma_3}{(\sigma_1 + 2 \sigma_3) / 3} \text{ of spheres},
-        \quad \frac{\sigma_1 - \sigma_3}{\sigma_1 + \sigma_3} \text{ of discs}, \qquad
+        q / p = \frac{\sigma_1 - \sigma_3}{(\sigma_1 + 2 \sigma_3) / 3} \text{ for spheres},
+        \quad \frac{\sigma_1 - \sigma_3}{\sigma_1 + \sigma_3} \text{ for discs}, \qquad
         \sin \phi = \frac{\sigma_1 - \sigma_3}{\sigma_1 + \sigma_3}.    \tag{1}
     """
     import xarray as xr

@@ -1,4 +1,4 @@
-"""From neighbours to contacts: gaps, normals, masses and biases for the sweeps."""
+"""Contacts of neighbouring grains: gaps, normals, masses and biases for the sweeps."""
 
 from dataclasses import dataclass, replace
 from typing import Self
@@ -10,21 +10,36 @@ __all__ = [
     "Contacts",
     "allowed_step",
     "build_contacts",
-    "colour",
+    "colour_contacts",
     "find_wall_pairs",
-    "missed",
+    "mark_overlaps",
     "penetration",
 ]
 
 PLANE, CYLINDER = 0, 1
 
-STIFFENED, LEAST = 0.1, 5e-5
-"""Share that a contact which gives way too far keeps of its compliance, and what is left alone."""
+STIFFENING, LEAST_COMPLIANCE = 0.1, 5e-5
+"""Factor on the compliance of a contact that overlaps too far, and the compliance below which a
+contact is not stiffened further; dimensionless."""
 
 
 @dataclass(frozen=True)
 class Contacts:
-    """The contacts of a step; arrays as in :mod:`multiscale.macro.granulate.sweeps`."""
+    """The contacts of a step; columns as in :mod:`multiscale.macro.granulate.sweeps`.
+
+    Attributes
+    ----------
+    ends : ndarray of int32, shape (contacts, 2)
+        Bodies of each contact.
+    data : ndarray, shape (contacts, 6)
+        Normal, bias (m/s), normal mass (kg) and compliance (dimensionless).
+    coulomb : ndarray, shape (contacts, 2), or None
+        Tangential mass, kg, and friction coefficient; None if nothing has friction.
+    impulse : ndarray, shape (contacts, 3), or (contacts, 1) without friction
+        Impulses in global axes, or along the normal, N s.
+    anchor : ndarray, same shape as ``impulse``
+        Impulses at which the contact springs are relaxed, N s.
+    """
 
     ends: np.ndarray
     data: np.ndarray
@@ -34,7 +49,7 @@ class Contacts:
 
     @property
     def arrays(self) -> tuple[np.ndarray, np.ndarray, np.ndarray | None, np.ndarray, np.ndarray]:
-        """All of them, as the kernels take them."""
+        """The fields in the order of the arguments of the kernels."""
         return self.ends, self.data, self.coulomb, self.impulse, self.anchor
 
     def reordered(self, order: np.ndarray) -> Self:
@@ -45,7 +60,7 @@ class Contacts:
 
     @property
     def normal_impulse(self) -> np.ndarray:
-        """Shape (contacts,), N s."""
+        """Normal impulses, shape (contacts,), N s."""
         if self.coulomb is None:
             return self.impulse[:, 0]
         return np.asarray(np.sum(self.impulse * self.data[:, :3], axis=1))
@@ -58,7 +73,7 @@ class Contacts:
 
 @numba.njit(inline="always", error_model="numpy")
 def _gap(i, j, position, radius, period, kind, point, axis, bore):  # type: ignore[no-untyped-def]
-    """Return gap and normal from body j, a grain or a wall, to the grain i."""
+    """Return the gap, m, and the normal from body j, a grain or a wall, to grain i."""
     n = radius.size
     nx, ny, nz = position[i, 0], position[i, 1], position[i, 2]
     if j < n:
@@ -84,12 +99,12 @@ def _gap(i, j, position, radius, period, kind, point, axis, bore):  # type: igno
 
 
 @numba.njit(inline="always", error_model="numpy")
-def _borne(k, kept):  # type: ignore[no-untyped-def]
+def _had_impulse(k, pair_impulse):  # type: ignore[no-untyped-def]
     """Whether a pair had an impulse in the last step."""
-    borne = False
-    for a in range(kept.shape[1]):
-        borne = borne or kept[k, a] != 0.0
-    return borne
+    loaded = False
+    for a in range(pair_impulse.shape[1]):
+        loaded = loaded or pair_impulse[k, a] != 0.0
+    return loaded
 
 
 @numba.njit(cache=True, error_model="numpy")
@@ -108,21 +123,21 @@ def find_wall_pairs(position, radius, reach, period, kind, point, axis, bore):  
 
 @numba.njit(cache=True, error_model="numpy")
 def allowed_step(  # type: ignore[no-untyped-def]
-    pairs, kept, position, radius, period, walls, velocity, longest, last, accuracy, gravity
+    pairs, pair_impulse, position, radius, period, walls, velocity, longest, last, accuracy, gravity
 ):
-    r"""Longest step in which no impact is missed by more than a share of a radius.
+    r"""Longest step, s, in which no impact is missed by more than a share of a radius.
 
-    A pair of the gap g and the smaller radius R that closes with the speed u has
+    A pair with gap g and smaller radius R that closes with the speed u requires
 
         h <= max(g - accuracy R, accuracy R) / u,                                         (1)
 
-    so that the step before that of its impact is a short one too: what acts from the middle of a
-    long step on would take part in the impact. Grains that roll or slide over each other with the
-    speed v, or would fall from each other, have
+    so that the step before the impact is short too: forces that act from the middle of a long step
+    on would take part in the impact. Grains that roll or slide over each other with the speed v, or
+    would fall off each other, require
 
         h <= sqrt(accuracy) R / max(v, sqrt(gravity R)).                                  (2)
 
-    Pairs that do not touch close faster by what gravity may bring, since one may be held.
+    The closing speed of pairs that do not touch includes gravity, since one grain may be supported.
     """
     kind, point, axis, bore = walls
     h, turn = longest, np.sqrt(accuracy)
@@ -130,7 +145,7 @@ def allowed_step(  # type: ignore[no-untyped-def]
         i, j = pairs[k, 0], pairs[k, 1]
         gap, nx, ny, nz = _gap(i, j, position, radius, period, kind, point, axis, bore)
         smaller = min(radius[i], radius[j]) if j < radius.size else radius[i]
-        touched = _borne(k, kept)
+        touched = _had_impulse(k, pair_impulse)
         x, y = velocity[j, 0] - velocity[i, 0], velocity[j, 1] - velocity[i, 1]
         z = velocity[j, 2] - velocity[i, 2]
         closing, room = x * nx + y * ny + z * nz, accuracy * smaller
@@ -150,8 +165,8 @@ def allowed_step(  # type: ignore[no-untyped-def]
 @numba.njit(cache=True, error_model="numpy")
 def build_contacts(  # type: ignore[no-untyped-def]
     pairs,
-    kept,
-    held,
+    pair_impulse,
+    spring_impulse,
     approach,
     hits,
     wanted,
@@ -169,27 +184,28 @@ def build_contacts(  # type: ignore[no-untyped-def]
     near,
     cell,
 ):
-    """Make the arrays of the sweeps from the pairs that may touch within a step.
+    """Build the arrays of the sweeps from the pairs that may touch within a step.
 
-    ``law`` holds restitution, relaxation time, speed of rest, and the shares of what acts in the
-    step before and after an impact; ``friction`` the coefficients of the grains and of each wall,
-    or ``None`` without friction; ``compliance`` (pairs,) is that of each pair. A pair takes part if
-    it is wanted, had an impulse, or comes nearer than ``near`` times its smaller radius in a step
-    without impulses. ``cell`` (2, 3) holds the rates of strain of the cell and one over the
-    root of its inertia, which the last but one of the arrays returned has for the sweeps.
+    ``law`` holds the restitution, the relaxation time (s), the speed below which impacts do not
+    bounce (m/s), and the shares of the velocity increment of a step before and after an impact;
+    ``friction`` the coefficients of the grains and of each wall, or ``None`` without friction;
+    ``compliance`` (pairs,) the compliance of each pair. A pair becomes a contact if it is wanted,
+    had an impulse, or comes nearer than ``near`` times its smaller radius in a step without
+    impulses. ``cell`` (2, 3) holds the strain rates of the cell and one over the root of its
+    inertia; the third return value is ``cell`` of the sweeps.
 
-    An impact in the first half of a step bounces in it. One in the second half, or by a push
-    within the step that brings the velocity in ``hits`` (pairs,), ends the step touching, and
-    bounces in the next. For that the last of the arrays returned keeps the normal velocity before
-    the impact: ``approach`` (pairs,) is that of the last step.
+    An impact in the first half of a step bounces in this step. An impact in the second half, or
+    one caused within the step, whose normal velocity is in ``hits`` (pairs,), ends the step in
+    contact and bounces in the next step. The fourth return value is therefore the normal velocity
+    before such an impact, and ``approach`` (pairs,) is this array of the last step, m/s.
     """
     kind, point, axis, bore = walls
     restitution, relaxation, rest, first, last = law
     n, m = radius.size, 0
-    size, width = kept.shape
+    size, width = pair_impulse.shape
     ends, data = np.empty((size, 2), np.int32), np.empty((size, 6))
     coulomb = np.empty((0 if friction is None else size, 2))
-    stretch, waiting = np.empty((size + 2, 3)), np.zeros(size)
+    stretch, delayed_velocity = np.empty((size + 2, 3)), np.zeros(size)
     stretch[:2] = cell
     impulse, anchor = np.empty((size, width)), np.empty((size, width))
     index = np.empty(size, np.int64)
@@ -204,18 +220,20 @@ def build_contacts(  # type: ignore[no-untyped-def]
         ahead = affine  # normal velocity without impulses, and before the step
         ahead += (velocity[i, 0] - velocity[j, 0]) * nx + (velocity[i, 1] - velocity[j, 1]) * ny
         ahead += (velocity[i, 2] - velocity[j, 2]) * nz
-        if not (wanted[k] or _borne(k, kept) or gap + h * min(ahead, 0.0) < near * smaller):
+        if not (
+            wanted[k] or _had_impulse(k, pair_impulse) or gap + h * min(ahead, 0.0) < near * smaller
+        ):
             continue
         before = (old[i, 0] - old[j, 0]) * nx + (old[i, 1] - old[j, 1]) * ny
         before += (old[i, 2] - old[j, 2]) * nz
         gained = ahead - affine - before
         fastest = min(before + first * gained, approach[k], hits[k])
         impact = restitution > 0.0 and fastest < -rest
-        waits = impact and approach[k] == 0.0 and gap + 0.5 * h * before > 0.0
+        delayed = impact and approach[k] == 0.0 and gap + 0.5 * h * before > 0.0
         bias = gap / h if gap > 0.0 else gap / relaxation
-        if impact and not waits:
+        if impact and not delayed:
             bias = restitution * fastest - last * gained
-        waiting[k] = fastest if waits else 0.0
+        delayed_velocity[k] = fastest if delayed else 0.0
         bx, by, bz = length * nx, length * ny, length * nz
         stretch[m + 2, 0], stretch[m + 2, 1], stretch[m + 2, 2] = bx, by, bz
         give = (cell[1, 0] * bx) ** 2 + (cell[1, 1] * by) ** 2 + (cell[1, 2] * bz) ** 2
@@ -224,21 +242,21 @@ def build_contacts(  # type: ignore[no-untyped-def]
         data[m, 0], data[m, 1], data[m, 2] = nx, ny, nz
         data[m, 3] = bias
         data[m, 4] = 1.0 / masses
-        data[m, 5] = 0.0 if impact else compliance[k]  # a spring would take from the bounce
+        data[m, 5] = 0.0 if impact else compliance[k]  # a spring would reduce the bounce
         if friction is not None:
             masses = mobility[i, 1] + mobility[j, 1] + mobility[i, 2] + mobility[j, 2]
             coulomb[m, 0], coulomb[m, 1] = 1.0 / (masses + give), friction[max(0, 1 + j - n)]
         for a in range(width):
-            impulse[m, a] = kept[k, a]
-            anchor[m, a] = held[k, a]
+            impulse[m, a] = pair_impulse[k, a]
+            anchor[m, a] = spring_impulse[k, a]
         m += 1
     across = None if friction is None else coulomb[:m]
     contacts = ends[:m], data[:m], across, impulse[:m], anchor[:m]
-    return contacts, index[:m], stretch[: m + 2], waiting
+    return contacts, index[:m], stretch[: m + 2], delayed_velocity
 
 
 @numba.njit(cache=True, error_model="numpy")
-def missed(  # type: ignore[no-untyped-def]
+def mark_overlaps(  # type: ignore[no-untyped-def]
     pairs,
     index,
     data,
@@ -254,11 +272,11 @@ def missed(  # type: ignore[no-untyped-def]
     rate,
     allowed,
 ):
-    """Find the pairs that overlap too far after the step; return how many there are.
+    """Find the pairs that overlap too far after the step; return their number.
 
-    A pair without a contact is marked as wanted and its velocity kept in ``hits``, one with a
-    contact loses most of its compliance.
-    ``allowed`` holds the overlap of the former and of the latter, relative to the smaller radius.
+    A pair that is no contact is marked in ``wanted``, with its normal velocity in ``hits``; the
+    compliance of a contact is multiplied by ``STIFFENING``. ``allowed`` holds the allowed overlap
+    of pairs without and with contact, relative to the smaller radius.
     """
     kind, point, axis, bore = walls
     new, m = 0, 0
@@ -266,7 +284,7 @@ def missed(  # type: ignore[no-untyped-def]
         touches = m < index.size and index[m] == k
         if touches:
             m += 1
-            if data[m - 1, 5] <= LEAST:
+            if data[m - 1, 5] <= LEAST_COMPLIANCE:
                 continue
         elif wanted[k]:
             continue
@@ -282,7 +300,7 @@ def missed(  # type: ignore[no-untyped-def]
         if gap + h * u < -allowed[int(touches)] * smaller:
             wanted[k] = True
             if touches:
-                compliance[k] *= STIFFENED
+                compliance[k] *= STIFFENING
             else:
                 hits[k] = u
             new += 1
@@ -304,14 +322,14 @@ def penetration(pairs, position, radius, period, walls):  # type: ignore[no-unty
 
 
 COLOURS = 48
-"""Contacts that find no colour among these are solved one after the other."""
+"""Largest number of colours; contacts without a colour are solved one after the other."""
 
 
 @numba.njit(cache=True)
-def colour(ends, grains, free):  # type: ignore[no-untyped-def]
-    """Order the contacts by colour, no body twice in one; walls that never move do not count.
+def colour_contacts(ends, grains, free):  # type: ignore[no-untyped-def]
+    """Order the contacts by colour, so that no movable body occurs twice in a colour.
 
-    Returns the order and the first contact of every colour; those without a colour come last.
+    Returns the order and the first contact of every colour; contacts without a colour come last.
     """
     used = np.zeros(free.size, np.uint64)
     own = np.empty(ends.shape[0], np.int64)
@@ -325,7 +343,7 @@ def colour(ends, grains, free):  # type: ignore[no-untyped-def]
         while k < COLOURS and (taken >> np.uint64(k)) & np.uint64(1):
             k += 1
         if j >= grains and free[j]:
-            k = COLOURS  # a wall that moves touches many
+            k = COLOURS  # a movable wall touches many grains
         own[c] = k
         size[k] += 1
         if k < COLOURS:

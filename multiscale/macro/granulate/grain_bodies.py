@@ -1,4 +1,4 @@
-"""Grains and walls as the user describes them."""
+"""Grains and walls."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
@@ -20,18 +20,18 @@ class Grains:
     position : ndarray, shape (grains, 3)
         Centres, m. Discs have one common y.
     radius : ndarray, shape (grains,)
-        m.
+        Radii, m.
     density : float or ndarray, shape (grains,)
-        kg/m3.
+        Density, kg/m3.
     velocity, spin : ndarray, shape (grains, 3), optional
-        m/s and rad/s; zero if not given.
+        Velocities, m/s, and angular velocities, rad/s; zero if not given.
     thickness : float, optional
-        Of discs, m; spheres if not given.
+        Thickness of discs, m; the grains are spheres if it is not given.
 
     Raises
     ------
     CaseError
-        If a size, density or position is refused.
+        If a size or density is not positive, a vector is not finite, or discs leave their plane.
     """
 
     position: np.ndarray
@@ -68,7 +68,16 @@ class Grains:
             if wrong.any():
                 raise CaseError(f"{name} of grain {int(np.argmax(wrong))} must be finite")
         if self.thickness is not None:
-            _check_plane(self.thickness, fields)
+            thickness, y = self.thickness, position[:, 1]
+            if not (thickness > 0.0 and np.isfinite(thickness)):
+                raise CaseError(f"thickness of discs must be positive (m), got {thickness:g}")
+            out = (y != y[0]) | (fields["velocity"][:, 1] != 0.0)
+            out |= np.any(fields["spin"][:, ::2], axis=1)
+            if out.any():
+                raise CaseError(
+                    f"disc {int(np.argmax(out))} leaves the plane y = {y[0]:g} m; discs have one "
+                    f"common y, no velocity along y and spin about y only"
+                )
         for name, value in fields.items():
             object.__setattr__(self, name, value)
 
@@ -102,37 +111,24 @@ class Grains:
     def moved(
         self, position: np.ndarray, velocity: np.ndarray, spin: np.ndarray | None = None
     ) -> Self:
-        """Return the same grains elsewhere, without spin if none is given."""
+        """Return the same grains with another motion, without spin if none is given."""
         return replace(self, position=position, velocity=velocity, spin=spin)
-
-
-def _check_plane(thickness: float, fields: dict[str, np.ndarray]) -> None:
-    """Refuse discs that are not in one plane."""
-    if not (thickness > 0.0 and np.isfinite(thickness)):
-        raise CaseError(f"thickness of discs must be positive (m), got {thickness:g}")
-    y = fields["position"][:, 1]
-    out = (y != y[0]) | (fields["velocity"][:, 1] != 0.0) | np.any(fields["spin"][:, ::2], axis=1)
-    if out.any():
-        raise CaseError(
-            f"disc {int(np.argmax(out))} leaves the plane y = {y[0]:g} m; discs have one common y, "
-            f"no velocity along y and spin about y only"
-        )
 
 
 @dataclass(frozen=True)
 class Wall:
-    """What planes and cylinders have in common.
+    """Common parameters of plane and round walls.
 
     Parameters
     ----------
     point : array_like, shape (3,)
-        On the plane or the axis, m.
+        Point on the plane or the axis, m.
     direction : array_like, shape (3,)
         Normal towards the grains, or axis; of any length.
     velocity : array_like, shape (3,)
-        Given, m/s; of a loaded plane only what lies in the plane.
+        Prescribed velocity, m/s; of a loaded plane only its part in the plane is prescribed.
     friction : float, optional
-        Coefficient against grains, dimensionless; that of the grains if not given.
+        Coefficient against grains, dimensionless; the coefficient of the grains if not given.
     """
 
     point: tuple[float, float, float]
@@ -178,14 +174,14 @@ class Wall:
 
 @dataclass(frozen=True)
 class PlaneWall(Wall):
-    """A plane of unlimited extent: held, moved with a velocity, or loaded along its normal.
+    """A plane of unlimited extent: fixed, moved with a velocity, or loaded along its normal.
 
     Parameters
     ----------
     mass : float
-        Of a loaded plane, kg; infinite if it is held or moved.
+        Mass of a loaded plane, kg; infinite if the plane is fixed or moved.
     force : float
-        On a loaded plane along its normal, N: positive presses it against the grains.
+        Force on a loaded plane along its normal, N: positive presses it against the grains.
     """
 
     mass: float = np.inf
@@ -220,7 +216,7 @@ class CylinderWall(Wall):
     Parameters
     ----------
     radius : float
-        m.
+        Inner radius, m.
     """
 
     radius: float = np.nan
@@ -254,12 +250,12 @@ def box(
     low, high : array_like, shape (3,)
         Corners, m; infinite where the box is open.
     friction : float, optional
-        Coefficient against grains; that of the grains if not given.
+        Coefficient against grains, dimensionless; the coefficient of the grains if not given.
 
     Returns
     -------
     tuple of PlaneWall
-        In the order of the axes, low before high.
+        Planes in the order of the axes, low before high.
     """
     planes = []
     for a in range(3):

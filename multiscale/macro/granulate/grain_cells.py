@@ -9,7 +9,7 @@ from multiscale.errors import CaseError
 from multiscale.macro.granulate.grain_bodies import Grains, PlaneWall
 from multiscale.macro.granulate.grain_motion import step_grains
 from multiscale.macro.granulate.grain_simulation import Record, final_grains, simulate_grains
-from multiscale.macro.granulate.grain_state import start
+from multiscale.macro.granulate.grain_state import initial_state
 from multiscale.macro.granulate.loose_packing import place_loosely
 from multiscale.macro.granulate.model import ContactLaw, Model, Solver
 from multiscale.schema import MICRO_RESPONSE
@@ -19,8 +19,8 @@ if TYPE_CHECKING:
 
 __all__ = ["compact", "resolving_step", "shear_layer", "shear_response"]
 
-REST, QUIET = 1e-6, 20
-"""Strain of a step below which a cell is at rest, and for how many steps."""
+REST_STRAIN, REST_STEPS = 1e-6, 20
+"""Strain per step below which a cell is at rest, and the number of steps for which it must hold."""
 
 
 def compact(
@@ -34,38 +34,39 @@ def compact(
     solver: Solver | None = None,
     seed: int = 0,
 ) -> "xr.Dataset":
-    r"""Press grains in a periodic cell until they bear the pressure, slowly.
+    r"""Compact grains in a periodic cell, quasi-statically, until they bear the pressure.
 
     Parameters
     ----------
     radii : ndarray, shape (grains,)
-        m.
+        Radii of the grains, m.
     pressure : float
-        On the cell, Pa.
+        Pressure on the cell, Pa.
     law : ContactLaw
-        How they touch.
+        Law of all contacts.
     planar : bool
-        Discs, 1 m thick, in place of spheres.
+        Whether the grains are discs, 1 m thick, instead of spheres.
     density : float
-        kg/m3.
+        Density of the grains, kg/m3.
     max_steps : int
         Limit of steps.
     solver : Solver, optional
+        Solver of the contacts in each step.
     seed : int
-        Of the loose cell at the start.
+        Seed of the loose packing at the start.
 
     Returns
     -------
     Dataset
         Follows ``GRANULATE``; the last frame is the packing. Attributes: ``solid_fraction``,
         ``stress_error``, the relative difference of the mean stress after Love and Weber and the
-        pressure, and ``failure`` if the cell has not come to rest.
+        pressure, and ``failure``, which is not empty if the cell has not come to rest.
 
     Notes
     -----
-    Rigid grains of mass m without gravity know one time, :math:`\sqrt{m / (p R)}`; the steps are a
-    fifth of it. Velocities are taken away in every step, so that the motion is quasi-static, and
-    the cell follows its pressure as a body of finite inertia, which never asks what cannot be.
+    Rigid grains of mass m without gravity have one time scale, :math:`\sqrt{m / (p R)}`; a step is
+    a fifth of it. Velocities are damped in every step, so that the motion is quasi-static. The cell
+    has a finite inertia and follows the pressure, so that no incompatible strain is prescribed.
     """
     if not (pressure > 0.0 and np.isfinite(pressure)):
         raise CaseError(f"pressure must be positive (Pa), got {pressure:g}")
@@ -76,18 +77,18 @@ def compact(
     model = Model(
         grains, (), law, (0.0, 0.0, 0.0), period, damping_rate=np.log(2.0) / step, pressure=pressure
     )
-    state, record = start(model), Record(model)
+    state, record = initial_state(model), Record(model)
     record.show(state)
     quiet = 0
     for _ in range(max_steps):
         state, done = step_grains(model, state, step, solver)
         record.add(state, done)
         fastest = float(np.abs(state.rate).max()) * step
-        quiet = quiet + 1 if fastest < REST and done.n_contacts else 0
-        if quiet == QUIET:
+        quiet = quiet + 1 if fastest < REST_STRAIN and done.n_contacts else 0
+        if quiet == REST_STEPS:
             break
     record.show(state)
-    if quiet < QUIET:
+    if quiet < REST_STEPS:
         record.failure = (
             f"the cell still strains by {fastest:.1e} a step after {max_steps}; raise max_steps"
         )
@@ -100,7 +101,15 @@ def compact(
 
 
 def resolving_step(grains: Grains, pressure: float) -> float:
-    """Length of a step that resolves rearrangements, a fifth of their time, s."""
+    """Return the length of a step, s: a fifth of the time scale of rearrangements.
+
+    Parameters
+    ----------
+    grains : Grains
+        The grains.
+    pressure : float
+        Pressure on the grains, Pa.
+    """
     length = grains.thickness or float(grains.radius.mean())
     return 0.2 * float(np.sqrt(grains.mass.mean() / (pressure * length)))
 
@@ -129,29 +138,31 @@ def shear_layer(
     density: float = 2600.0,
     seed: int = 0,
 ) -> tuple[Model, float]:
-    r"""Grains between two plates, a third body: pressed, and then to be sheared.
+    r"""Grains pressed between two plates (a third body), ready to be sheared.
 
     Parameters
     ----------
     radii : ndarray, shape (grains,)
-        m.
+        Radii of the grains, m.
     size : tuple of float
         Periods along x and y, m.
     pressure : float
-        On the upper plate, Pa.
+        Pressure on the upper plate, Pa.
     speed : float
-        Of the upper plate along x, m/s.
+        Speed of the upper plate along x, m/s.
     law : ContactLaw
+        Law of all contacts.
     wall_friction : float, optional
-        Coefficient of the plates; that of the grains if not given.
+        Friction coefficient of the plates; the coefficient of the grains if not given.
     density : float
-        kg/m3.
+        Density of the grains, kg/m3.
     seed : int
+        Seed of the loose packing before the plates press.
 
     Returns
     -------
     model : Model
-        Grains pressed and at rest, the upper plate about to move: the first wall is the lower one.
+        Grains at rest under the pressure; the first wall is the lower plate, the second moves.
     step : float
         Length of a step that resolves the rearrangements, s.
     """
@@ -196,23 +207,24 @@ def shear_response(
     Parameters
     ----------
     radii : ndarray, shape (grains,)
-        m.
+        Radii of the grains, m.
     size : tuple of float
         Periods along x and y, m.
     pressures, speeds : ndarray, shape (steps,)
-        Of the upper plate, Pa and m/s.
+        Pressures on the upper plate, Pa, and its speeds, m/s.
     law : ContactLaw
+        Law of all contacts.
     n_realisations : int
         Number of packings.
     n_steps : int
-        Time steps of each; the second half is averaged.
+        Number of time steps of each simulation; the second half is averaged.
 
     Returns
     -------
     Dataset
         Follows ``MICRO_RESPONSE``, with the pressure and ``sliding_speed`` along ``step``. The
-        traction is that of the plates, eqs (2)-(3) of the source with forces in place of
-        tractions; ``mean_gap`` is their distance, and rigid grains have no contact area.
+        traction acts on the plates, eqs (2)-(3) of the source with forces in place of tractions;
+        ``mean_gap`` is the distance of the plates; rigid grains have no contact area.
     """
     pressures, speeds = np.broadcast_arrays(
         np.atleast_1d(np.asarray(pressures, float)), np.atleast_1d(np.asarray(speeds, float))

@@ -1,4 +1,4 @@
-"""Where the energy of a step goes."""
+"""Energy balance of a step."""
 
 import numpy as np
 
@@ -9,12 +9,20 @@ __all__ = ["account_grains", "cell_inertia"]
 
 
 def cell_inertia(model: Model, period: np.ndarray) -> tuple[float, float]:
-    r"""Inertia of a periodic cell, kg m2, and the moment of the pressure on it, J.
+    r"""Return the inertia of a periodic cell, kg m2, and the moment of the pressure on it, J.
 
-    The inertia is that of the grains in an affine motion, :math:`m L^2 / 4`; the pressure does the
-    work :math:`-p\,V\,d\,\dot\varepsilon` in the d directions in which the cell is free to strain.
-    Where another strain is given the cell is lighter, :math:`m (2 R)^2`, and so follows its
-    pressure. A cell of given size never moves.
+    The inertia belongs to an affine motion of the grains, :math:`m L^2 / 4`; the power of the
+    pressure is :math:`-p\,V\,d\,\dot\varepsilon` for the d directions in which the cell strains
+    freely. If a strain rate is prescribed along another axis, the smaller inertia
+    :math:`m (2 R)^2` makes the cell follow the pressure. The inertia of a cell of given size is
+    infinite.
+
+    Parameters
+    ----------
+    model : Model
+        Grains, walls and loads.
+    period : ndarray, shape (3,)
+        Periods of the cell, m.
     """
     if model.pressure is None:
         return np.inf, 0.0
@@ -36,30 +44,53 @@ def account_grains(
     branch: np.ndarray,
     cell: tuple[float, float],
 ) -> tuple[float, float, float, float, float, float]:
-    r"""Kinetic and elastic energy, work, and what contacts, scheme and damping took, J.
+    r"""Return kinetic and elastic energy, work, and dissipation by contacts, scheme and damping.
 
-    ``rebound`` (contacts,) is the normal velocity that a contact will have after an impact, m/s,
-    zero if there was none: what it will bring, and do against gravity in a step, is elastic energy.
+    Parameters
+    ----------
+    model : Model
+        Grains, walls and loads.
+    times : tuple of float
+        Length of the step, and time in which the forces acted, s.
+    velocities : tuple of ndarray, shape (bodies, 4 or 8)
+        Velocities before the step, after the damping and after the step, m/s.
+    contacts : Contacts
+        Contacts with their impulses.
+    rebound : ndarray, shape (contacts,)
+        Normal velocity after an impact that has yet to bounce, else zero, m/s. The kinetic energy
+        that it will restore, and its work against gravity within a step, count as elastic energy.
+    rates : tuple of ndarray, shape (3,)
+        Strain rates of the cell before the step, after the damping and after the step, 1/s.
+    branch : ndarray, shape (contacts, 3)
+        Branches of the contacts, m.
+    cell : tuple of float
+        Inertia, kg m2, and moment, J, of :func:`cell_inertia`.
 
-    With the velocities before the step, after the damping and after the step, and
-    :math:`\Delta v` the last change, the kinetic energy grows by
+    Returns
+    -------
+    tuple of float
+        The six energies, J.
+
+    Notes
+    -----
+    With :math:`\Delta v` the change of velocity after the damping, the kinetic energy grows by
 
         work - contact dissipation - numerical dissipation - damping,
 
-    where the contacts take :math:`-r \cdot u` and the scheme :math:`\Delta v^T M \Delta v / 2`.
+    where the contacts dissipate :math:`-r \cdot u` and the scheme
+    :math:`\Delta v^T M \Delta v / 2`.
 
-    The spring of a compliant contact forgets its load but not its overlap, against which the grains
-    are pushed apart: what it keeps is its force times its overlap. ``times`` are the length of the
-    step and the time in which the forces acted, s.
+    The spring of a compliant contact relaxes its force but pushes the grains apart against their
+    overlap: its energy counts as force times overlap.
     """
     h, acted = times
     mass, (old, slow, velocity) = model.masses, velocities
     inertia = cell[0] if np.isfinite(cell[0]) else 0.0
 
     def kinetic(v: np.ndarray, rate: np.ndarray) -> float:
-        return 0.5 * float(np.sum(mass * v * v)) + 0.5 * inertia * alike(rate) ** 2
+        return 0.5 * float(np.sum(mass * v * v)) + 0.5 * inertia * mean_rate(rate) ** 2
 
-    def alike(rate: np.ndarray) -> float:
+    def mean_rate(rate: np.ndarray) -> float:
         return float(np.sum(rate[model.free])) / max(1, int(model.free.sum()))
 
     n, impulse, (i, j) = contacts.data[:, :3], contacts.vectors, contacts.ends.T
@@ -71,22 +102,24 @@ def account_grains(
     moments = np.sum(impulse * branch, axis=0)  # on the cell, along its axes
     power = float(np.sum(impulse * u)) + float(moments @ rates[2])
 
-    # walls move as they are told: altogether, or across the normal along which they are loaded
-    told = np.where((np.arange(len(v)) >= model.grains.n)[:, None], v, 0.0)
+    # prescribed velocities of walls; a loaded wall moves freely along its normal
+    prescribed = np.where((np.arange(len(v)) >= model.grains.n)[:, None], v, 0.0)
     for k, wall in enumerate(model.walls, model.grains.n):
         if mass[k, 0] > 0.0:
-            told[k] -= (told[k] @ wall.unit) * wall.unit
-    walls = float(np.sum(impulse * told[j]))
-    told_rate = np.where(model.free, 0.0, rates[2])
-    work = float(np.sum(mass * model.push * velocity)) + cell[1] * alike(rates[2])
-    work = acted * work + walls - float(moments @ told_rate)
+            prescribed[k] -= (prescribed[k] @ wall.unit) * wall.unit
+    walls = float(np.sum(impulse * prescribed[j]))
+    prescribed_rate = np.where(model.free, 0.0, rates[2])
+    work = float(np.sum(mass * model.free_acceleration * velocity)) + cell[1] * mean_rate(rates[2])
+    work = acted * work + walls - float(moments @ prescribed_rate)
 
     data, bias = contacts.data, contacts.data[:, 3]
     speed = np.sum((u + rates[2] * branch) * n, axis=1)
     gap = h * (np.where(bias > 0.0, bias, bias * model.law.relaxation) + speed)
     overlap = np.where(data[:, 5] > 0.0, np.maximum(-gap, 0.0), 0.0)
     springs = 2.0 * along / acted * overlap
-    closing = -acted * np.sum((model.push[i, :3] - model.push[j, :3]) * n, axis=1)
+    closing = -acted * np.sum(
+        (model.free_acceleration[i, :3] - model.free_acceleration[j, :3]) * n, axis=1
+    )
     rise = rebound**2 - np.sum(u * n, axis=1) ** 2 + 2.0 * rebound * np.maximum(closing, 0.0)
     springs += data[:, 4] * np.where(rebound > 0.0, np.maximum(rise, 0.0), 0.0)
     return (

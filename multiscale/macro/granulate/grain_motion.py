@@ -10,29 +10,50 @@ from multiscale.macro.granulate.contacts import (
     Contacts,
     allowed_step,
     build_contacts,
-    missed,
+    mark_overlaps,
     penetration,
 )
 from multiscale.macro.granulate.grain_energy import account_grains, cell_inertia
-from multiscale.macro.granulate.grain_state import GrainState, look_around
+from multiscale.macro.granulate.grain_state import GrainState, update_neighbours
 from multiscale.macro.granulate.model import Model, Solver
 from multiscale.macro.granulate.step import solve_velocities
 
 __all__ = ["Step", "step_grains"]
 
-NEAR = 0.02
-"""Pairs that come this near, relative to the smaller radius, are contacts from the outset."""
+CONTACT_DISTANCE = 0.02
+"""Gap below which a pair is a contact from the first solve on, relative to the smaller radius."""
 
-ALLOWED = (1e-3, 8e-3)
-"""Overlap that a pair without contact, and a compliant contact, may have after a step, relative to
-the smaller radius."""
+ALLOWED_OVERLAP = (1e-3, 8e-3)
+"""Allowed overlap after a step of a pair that is no contact, and of a compliant contact, relative
+to the smaller radius."""
 
 
 @dataclass(frozen=True)
 class Step:
-    """How a step went: energies in J, times in s, the rest dimensionless.
+    """Convergence, energies and cost of a step.
 
-    ``stress`` are the mean normal stresses of a cell under a pressure along its axes, Pa.
+    Attributes
+    ----------
+    residual : float
+        Natural-map error relative to the closing velocities, dimensionless.
+    converged : bool
+        Whether the residual is at most the tolerance.
+    sweeps : int
+        Number of sweeps made.
+    penetration : float
+        Largest overlap after the step, relative to the smaller radius of the pair.
+    n_contacts : int
+        Number of contacts with an impulse.
+    kinetic, elastic : float
+        Energies after the step, J.
+    work : float
+        Work of gravity, walls and pressure in the step, J.
+    contact_dissipation, numerical_dissipation, damping : float
+        Energy dissipated in the step by contacts, time scheme and damping, J.
+    search_time, solver_time : float
+        Wall time of the neighbour search and of the solver, s.
+    stress : ndarray, shape (3,), or None
+        Mean normal stresses along the axes of a cell under a pressure, tension positive, Pa.
     """
 
     residual: float
@@ -58,17 +79,23 @@ def step_grains(
 
     Parameters
     ----------
-    model, state : Model, State
+    model : Model
+        Grains, walls and loads.
+    state : GrainState
+        State at the beginning of the step.
     h : float
-        Length of the step, s, or the longest if an accuracy is given.
+        Length of the step, s, or its upper bound if an accuracy is given.
     solver : Solver
+        Solver of the contacts.
     accuracy : float, optional
-        By how much grains may approach in the step of their impact, relative to the smaller radius.
+        Largest approach of grains in the step of their impact, relative to the smaller radius.
 
     Returns
     -------
-    state, step : State, Step
-        The new state and how the step went.
+    state : GrainState
+        State at the end of the step.
+    step : Step
+        Convergence, energies and cost.
 
     Notes
     -----
@@ -78,20 +105,20 @@ def step_grains(
         M (v^+ - v^-) = h F + H r, \quad u = H^T v^+, \quad x^+ = x^- + h v^+, \quad
         K_\mu \ni r \perp u + (b + \mu \|u_T\|) n \in K_\mu^*    \tag{1}
 
-    with :math:`b = g/h`: the linearised gap at the end is not negative, and neither is the true one
-    of two spheres, which is larger. Pairs that overlap after all are made contacts, compliant ones
-    that overlap by more than 0.8 % of a radius become ten times stiffer, and the step is solved
-    again. With restitution :math:`e` an impact in the first half of a step has :math:`b = e u^-`;
-    one in the second half ends the step touching, and has it in the next. In steps of changing
-    length the velocities are those in the middle of the steps, so that F acts from the middle of
-    the last step to that of this one, and free flight is exact.
+    with :math:`b = g/h`: the linearised gap at the end is not negative, and the true gap of two
+    spheres is larger. If pairs that are no contacts overlap after the step they become contacts,
+    compliant contacts that overlap by more than 0.8 % of a radius become ten times stiffer, and the
+    step is solved again. With restitution :math:`e` an impact in the first half of a step has
+    :math:`b = e u^-`; an impact in the second half ends the step in contact and bounces in the next
+    step. In steps of changing length the velocities belong to the middle of the steps, so that F
+    acts from the middle of the last step to the middle of this step, and free flight is exact.
     """
     began = perf_counter()
     state, h, acted = _choose_step(model, state, h, accuracy)
-    free = _push(model, state, acted)
+    free = _move_freely(model, state, acted)
     searched = perf_counter() - began
-    met = _meet(model, state, solver, (h, acted, accuracy is not None), free)
-    new = _move(model, state, (h, acted), met)
+    solved = _solve_contacts(model, state, solver, (h, acted, accuracy is not None), free)
+    new = _advance(model, state, (h, acted), solved)
     worst, _ = penetration(
         new.pairs, new.position, model.grains.radius, new.period, model.walls_at(new.point)
     )
@@ -99,34 +126,44 @@ def step_grains(
         model,
         (h, acted),
         (state.velocity, free.damped, new.velocity),
-        met.contacts,
-        -model.law.restitution * new.approach[met.numbers],
+        solved.contacts,
+        -model.law.restitution * new.approach[solved.numbers],
         (state.rate, free.damped_rate, new.rate),
-        met.cell[2:],
+        solved.cell[2:],
         cell_inertia(model, state.period),
     )
     total = perf_counter() - began
     return new, Step(
-        met.residual,
-        met.residual <= solver.tolerance,
-        met.sweeps,
+        solved.residual,
+        solved.residual <= solver.tolerance,
+        solved.sweeps,
         worst,
-        int(np.count_nonzero(met.contacts.impulse.any(axis=1))),
+        int(np.count_nonzero(solved.contacts.impulse.any(axis=1))),
         *energies,
         searched,
         total - searched,
-        None if model.pressure is None else _stress(model, state.period, met, acted),
+        None if model.pressure is None else _stress(model, state.period, solved, acted),
     )
 
 
-def _stress(model: Model, period: np.ndarray, met: "_Met", acted: float) -> np.ndarray:
+def _stress(
+    model: Model, period: np.ndarray, solved: "_SolvedContacts", acted: float
+) -> np.ndarray:
     """Diagonal of the mean stress after Love and Weber, shape (3,), Pa; tension positive."""
-    moments = np.sum(met.contacts.vectors * met.cell[2:], axis=0)
+    moments = np.sum(solved.contacts.vectors * solved.cell[2:], axis=0)
     return np.asarray(-moments / (acted * model.volume(period)))
 
 
-class _Free(NamedTuple):
-    """Velocities after the damping and after the forces, and rates of strain of the cell there."""
+class _FreeMotion(NamedTuple):
+    """Motion without impulses.
+
+    Attributes
+    ----------
+    damped, velocity : ndarray, shape (bodies, 4 or 8)
+        Velocities after the damping, and after the forces as well, m/s.
+    damped_rate, rate : ndarray, shape (3,)
+        Strain rates of the cell at these stages, 1/s.
+    """
 
     damped: np.ndarray
     velocity: np.ndarray
@@ -134,11 +171,25 @@ class _Free(NamedTuple):
     rate: np.ndarray
 
 
-class _Met(NamedTuple):
-    """Contacts of a step with the ``numbers`` of their pairs, and the velocities after it.
+class _SolvedContacts(NamedTuple):
+    """Solved contacts of a step.
 
-    ``cell`` holds the rates of strain of the cell, one over the root of its inertia, and the
-    branches along which it moves each contact.
+    Attributes
+    ----------
+    contacts : Contacts
+        Contacts with their impulses.
+    numbers : ndarray of int, shape (contacts,)
+        Number of the pair of each contact.
+    velocity : ndarray, shape (bodies, 4 or 8)
+        Velocities after the step, m/s.
+    approach : ndarray, shape (pairs,)
+        Normal velocity before an impact that bounces in the next step, else zero, m/s.
+    cell : ndarray, shape (contacts + 2, 3)
+        Strain rates, inertia and branches, as in :mod:`multiscale.macro.granulate.sweeps`.
+    sweeps : int
+        Number of sweeps made.
+    residual : float
+        Natural-map error, dimensionless.
     """
 
     contacts: Contacts
@@ -153,77 +204,93 @@ class _Met(NamedTuple):
 def _choose_step(
     model: Model, state: GrainState, h: float, accuracy: float | None
 ) -> tuple[GrainState, float, float]:
-    """Look for neighbours if need be; give the length of the step and the time that forces act."""
+    """Return the state with neighbours, the length of the step and the time of the forces, s."""
     if accuracy is None:
         return _with_neighbours(model, state, h, h), h, h
     fastest = float(np.sqrt(np.max(np.sum(state.velocity[:, :3] ** 2, axis=1))))
-    h = min(h, float(model.grains.radius.mean()) / max(fastest, 1e-300))  # none passes unseen
-    state = _with_neighbours(model, state, h, 0.5 * (state.last + h))
+    h = min(
+        h, float(model.grains.radius.mean()) / max(fastest, 1e-300)
+    )  # no grain leaves its neighbour list
+    state = _with_neighbours(model, state, h, 0.5 * (state.step_length + h))
     h = allowed_step(
         state.pairs,
-        state.kept,
+        state.pair_impulse,
         state.position,
         model.grains.radius,
         state.period,
         model.walls_at(state.point),
         state.velocity,
         h,
-        state.last,
+        state.step_length,
         accuracy,
         float(np.linalg.norm(model.gravity)),
     )
-    acted = 0.5 * (state.last + h)
-    if np.isfinite(state.acted):  # forces last, not impulses
-        longer = acted / state.acted
-        state = replace(state, kept=longer * state.kept, held=longer * state.held)
+    acted = 0.5 * (state.step_length + h)
+    if np.isfinite(state.force_time):  # forces persist, not impulses
+        longer = acted / state.force_time
+        state = replace(
+            state,
+            pair_impulse=longer * state.pair_impulse,
+            spring_impulse=longer * state.spring_impulse,
+        )
     return state, h, acted
 
 
 def _with_neighbours(model: Model, state: GrainState, h: float, acted: float) -> GrainState:
-    """Find the neighbours anew if grains may have come nearer than their list reaches."""
+    """Update the neighbours if a pair outside their list may touch within the step."""
     n, radius = model.grains.n, model.grains.radius
-    free = state.velocity + acted * model.push
+    free = state.velocity + acted * model.free_acceleration
     inertia, thrust = cell_inertia(model, state.period)
-    told = np.abs(np.where(model.free, state.rate, model.told_rate))
-    rate = float(told.max()) + acted * abs(thrust) / inertia
-    moved = state.position - state.seen + h * free[:n, :3]
+    prescribed = np.abs(np.where(model.free, state.rate, model.prescribed_rate))
+    rate = float(prescribed.max()) + acted * abs(thrust) / inertia
+    moved = state.position - state.listed_position + h * free[:n, :3]
     speed = h * float(np.sqrt(np.max(np.sum(free[:, :3] ** 2, axis=1), initial=0.0)))
     reach = 2.0 * speed + 4.0 * h * rate * float(radius.max())
     farthest = 2.0 * float(np.sqrt(np.max(np.sum(moved**2, axis=1), initial=0.0)))
-    return look_around(model, state, 2.0 * reach) if farthest + reach > state.margin else state
+    if farthest + reach > state.list_reach:
+        return update_neighbours(model, state, 2.0 * reach)
+    return state
 
 
-def _push(model: Model, state: GrainState, acted: float) -> _Free:
-    """Let damping, gravity, walls and the pressure on the cell act, without impulses."""
+def _move_freely(model: Model, state: GrainState, acted: float) -> _FreeMotion:
+    """Apply damping, gravity, forces on walls and the pressure on the cell, without impulses."""
     keep = np.exp(-model.damping_rate * acted)
     damped = state.velocity.copy()
     damped[: model.grains.n] *= keep
     inertia, thrust = cell_inertia(model, state.period)
-    rate = np.where(model.free, state.rate if model.driven else keep * state.rate, model.told_rate)
-    return _Free(
-        damped, damped + acted * model.push, rate, rate + acted * thrust / inertia * model.free
+    free_rate = state.rate if model.driven else keep * state.rate
+    rate = np.where(model.free, free_rate, model.prescribed_rate)
+    return _FreeMotion(
+        damped,
+        damped + acted * model.free_acceleration,
+        rate,
+        rate + acted * thrust / inertia * model.free,
     )
 
 
-def _meet(
-    model: Model, state: GrainState, solver: Solver, times: tuple[float, float, bool], free: _Free
-) -> _Met:
-    """Solve (1), again with the pairs that overlap after all."""
+def _solve_contacts(
+    model: Model,
+    state: GrainState,
+    solver: Solver,
+    times: tuple[float, float, bool],
+    free: _FreeMotion,
+) -> _SolvedContacts:
+    """Solve (1), and again if other pairs overlap."""
     h, acted, changing = times
     law = model.law
-    shares = (0.5 * state.last / acted, 0.5 * h / acted) if changing else (0.0, 0.0)
+    shares = (0.5 * state.step_length / acted, 0.5 * h / acted) if changing else (0.0, 0.0)
     rest = 2.0 * acted * float(np.linalg.norm(model.gravity))
     constants = (law.restitution, law.relaxation * h, rest, *shares)
     place = (state.position, model.grains.radius, state.period, model.walls_at(state.point))
     inertia, _ = cell_inertia(model, state.period)
     wanted, hits = np.zeros(len(state.pairs), bool), np.zeros(len(state.pairs))
     compliance = np.full(len(state.pairs), law.compliance)
-    kept, sweeps = state.kept, 0
+    pair_impulse, sweeps = state.pair_impulse, 0
     while True:
         arrays, index, cell, approach = build_contacts(
             state.pairs,
-            kept,
-            state.held,
+            pair_impulse,
+            state.spring_impulse,
             state.approach,
             hits,
             wanted,
@@ -235,46 +302,49 @@ def _meet(
             constants,
             model.friction,
             h,
-            NEAR,
+            CONTACT_DISTANCE,
             np.array([free.rate, model.free / np.sqrt(inertia)]),
         )
         contacts, velocity = Contacts(*arrays), free.velocity.copy()
         done, residual = solve_velocities(model, solver, velocity, contacts, cell)
         sweeps += done
-        kept = np.zeros_like(state.kept)
-        kept[index] = contacts.impulse
-        after = (velocity, h, cell[0], ALLOWED)
-        if not missed(state.pairs, index, contacts.data, hits, wanted, compliance, *place, *after):
+        pair_impulse = np.zeros_like(state.pair_impulse)
+        pair_impulse[index] = contacts.impulse
+        marks, after = (hits, wanted, compliance), (velocity, h, cell[0], ALLOWED_OVERLAP)
+        if not mark_overlaps(state.pairs, index, contacts.data, *marks, *place, *after):
             break
-    approach[~kept.any(axis=1)] = 0.0  # it passed by
-    return _Met(contacts, index, velocity, approach, cell, sweeps, residual)
+    approach[~pair_impulse.any(axis=1)] = 0.0  # no impact took place
+    return _SolvedContacts(contacts, index, velocity, approach, cell, sweeps, residual)
 
 
-def _move(model: Model, state: GrainState, times: tuple[float, float], met: _Met) -> GrainState:
-    """Move grains, walls and the cell, and keep what the next step begins from."""
-    (h, acted), n, rate = times, model.grains.n, met.cell[0].copy()
-    kept, held = np.zeros_like(state.kept), np.zeros_like(state.kept)
-    kept[met.numbers] = met.contacts.impulse
+def _advance(
+    model: Model, state: GrainState, times: tuple[float, float], solved: _SolvedContacts
+) -> GrainState:
+    """Return the state after the step: grains, walls and cell moved, impulses stored by pair."""
+    (h, acted), n, rate = times, model.grains.n, solved.cell[0].copy()
+    pair_impulse = np.zeros_like(state.pair_impulse)
+    spring_impulse = np.zeros_like(pair_impulse)
+    pair_impulse[solved.numbers] = solved.contacts.impulse
     if model.law.compliance > 0.0:
-        share = met.contacts.data[:, 5:6] / model.law.compliance
-        held[met.numbers] = share * met.contacts.impulse
+        share = solved.contacts.data[:, 5:6] / model.law.compliance
+        spring_impulse[solved.numbers] = share * solved.contacts.impulse
     stretch = np.where(model.strained, 1.0 + h * rate, 1.0)
-    widest = 2.0 * float(model.grains.radius.max())  # pairs at the margin come nearer by the strain
-    margin = min(1.0, float(stretch.min())) * (widest + state.margin) - widest
+    widest = 2.0 * float(model.grains.radius.max())  # the strain brings pairs at the margin nearer
+    margin = min(1.0, float(stretch.min())) * (widest + state.list_reach) - widest
     return replace(
         state,
         time=state.time + h,
-        position=stretch * state.position + h * met.velocity[:n, :3],
-        velocity=met.velocity,
-        point=state.point + h * met.velocity[n:, :3],
+        position=stretch * state.position + h * solved.velocity[:n, :3],
+        velocity=solved.velocity,
+        point=state.point + h * solved.velocity[n:, :3],
         period=stretch * state.period,
-        seen=stretch * state.seen,
-        margin=margin,
-        kept=kept,
-        held=held,
-        approach=met.approach,
+        listed_position=stretch * state.listed_position,
+        list_reach=margin,
+        pair_impulse=pair_impulse,
+        spring_impulse=spring_impulse,
+        approach=solved.approach,
         rate=rate,
-        last=h,
-        acted=acted,
-        contacts=met.contacts,
+        step_length=h,
+        force_time=acted,
+        contacts=solved.contacts,
     )

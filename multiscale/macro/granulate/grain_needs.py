@@ -1,4 +1,4 @@
-"""What a granulate needs, from its number of grains and how they touch."""
+"""Unknowns, operators and memory of a granulate, from its number of grains and contact law."""
 
 from enum import StrEnum
 from typing import TYPE_CHECKING
@@ -11,8 +11,8 @@ if TYPE_CHECKING:
 __all__ = ["GrainPart", "grain_needs"]
 
 PER_GRAIN, PER_UNKNOWN, PER_FRAME = 1450, 350, 400
-"""Peak memory, byte, of a dense pile: of a grain, of each unknown that its contacts have, and of it
-in a frame."""
+"""Peak memory of a dense pile, byte: per grain, per grain and unknown of a contact, and per grain
+and frame."""
 
 
 class GrainPart(StrEnum):
@@ -38,20 +38,24 @@ def grain_needs(
     spinning: bool = False,
     strained: bool = False,
 ) -> Needs:
-    """Return what following grains takes.
+    """Return the unknowns, operators and memory of a simulation of grains.
 
     Parameters
     ----------
-    grains, frames : int
-        Their number, and that of the steps whose positions and forces are kept.
+    grains : int
+        Number of grains.
+    frames : int
+        Number of steps whose positions and forces are stored.
     law : ContactLaw
+        Law of all contacts.
     solver : Solver
+        Solver of the contacts.
     wall_friction : float
-        Largest coefficient of a wall that has one of its own.
+        Largest friction coefficient of a wall with its own coefficient, dimensionless.
     spinning : bool
         Whether grains spin at the start.
     strained : bool
-        Whether a periodic cell strains under a pressure: one thread sweeps it.
+        Whether a periodic cell strains under a pressure, which is swept by one thread.
 
     Examples
     --------

@@ -1,4 +1,4 @@
-"""Granulates followed in time, as a dataset."""
+"""Simulation of granulates in time, recorded as a dataset."""
 
 from collections.abc import Callable
 from typing import TYPE_CHECKING, Any
@@ -7,7 +7,7 @@ import numpy as np
 
 from multiscale.errors import CaseError
 from multiscale.macro.granulate.grain_motion import Step, step_grains
-from multiscale.macro.granulate.grain_state import GrainState, start
+from multiscale.macro.granulate.grain_state import GrainState, initial_state
 from multiscale.macro.granulate.model import Model, Solver
 from multiscale.schema import GRANULATE
 
@@ -27,25 +27,25 @@ def simulate_grains(
     n_frames: int = 2,
     callback: Callable[[int, float], None] | None = None,
 ) -> "xr.Dataset":
-    """Follow grains in time.
+    """Simulate the motion of grains.
 
     Parameters
     ----------
     model : Model
-        Grains, walls and what acts on them.
+        Grains, walls and loads.
     duration, step : float
-        s. The step is shortened so that a whole number of them fills the duration. Times of
-        impacts have an error of the order of the step.
+        Simulated time and length of a step, s. The step is shortened so that a whole number of
+        steps fills the duration. Times of impacts have an error of the order of the step.
     accuracy : float, optional
-        Steps change their length, up to ``step`` and to where the fastest grain moves by the mean
-        radius: in the step of an impact grains approach by at most this share of the smaller
-        radius, and where they roll on each other a step follows the curvature as well.
-        Dimensionless. All steps are alike if not given.
+        Largest approach of grains in the step of their impact, relative to the smaller radius. The
+        length of the steps then varies, up to ``step`` and to the time in which the fastest grain
+        moves by the mean radius; where grains roll on each other a step resolves the curvature as
+        well. All steps are equal if not given.
     solver : Solver, optional
         Tolerance, limit of sweeps and threads.
     n_frames : int
-        Number of times, the start and the end among them, at which positions and forces are kept:
-        those of the nearest steps, or steps that end there if an accuracy is given.
+        Number of equidistant times, from start to end, at which positions and forces are stored:
+        at the end of the nearest step, or exactly if an accuracy is given.
     callback : callable, optional
         Called as ``callback(step, residual)``.
 
@@ -53,13 +53,13 @@ def simulate_grains(
     -------
     Dataset
         Follows ``GRANULATE``. A step whose contacts missed the tolerance has ``converged`` 0 and
-        the motion goes on; the attribute ``cautions`` counts them. If a number becomes infinite,
-        the motion ends and ``failure`` says when.
+        the motion goes on; the attribute ``cautions`` counts such steps. If a velocity becomes
+        infinite the motion ends, and ``failure`` states the time.
 
     Raises
     ------
     CaseError
-        If the model, duration or step is refused.
+        If the initial state, duration, step, accuracy or number of frames is refused.
     """
     if not (0.0 < step <= duration < np.inf):
         raise CaseError(
@@ -69,10 +69,10 @@ def simulate_grains(
         raise CaseError(f"n_frames must be at least 2, the start and the end, got {n_frames}")
     if accuracy is not None and not 0.0 < accuracy < 1.0:
         raise CaseError(
-            f"accuracy must lie between 0 and 1, a share of the radius, got {accuracy:g}"
+            f"accuracy must lie between 0 and 1, relative to the radius, got {accuracy:g}"
         )
     solver = solver or Solver()
-    state, record = start(model), Record(model)
+    state, record = initial_state(model), Record(model)
     steps = int(np.ceil(duration / step * (1.0 - 1e-12)))
     if accuracy is None:
         longest = duration / steps
@@ -97,12 +97,23 @@ def simulate_grains(
 
 
 class Record:
-    """Rows of a granulate's dataset as they come.
+    """Recorder of the steps and frames of a simulation.
 
     Parameters
     ----------
     model : Model
-        Whose motion is recorded.
+        Model whose motion is recorded.
+
+    Attributes
+    ----------
+    failure : str
+        Reason for which the simulation ended early; empty if none.
+    steps : list of Step
+        Result of each step.
+    rows : list of dict
+        State after each step, by variable.
+    frames : list of dict
+        Stored positions and forces, by variable.
     """
 
     def __init__(self, model: Model) -> None:
@@ -113,35 +124,31 @@ class Record:
         self.frames: list[dict[str, Any]] = []
 
     def add(self, state: GrainState, step: Step) -> None:
-        """Keep what is known of every step."""
-        n, walls = self.model.grains.n, len(self.model.walls)
+        """Record the variables of every step."""
+        n, walls, repeats = self.model.grains.n, len(self.model.walls), self.model.strained
         ends, impulse = state.contacts.ends, state.contacts.vectors
         on_wall = ends[:, 1] >= n
         force = np.zeros((walls, 3))
-        np.add.at(force, ends[on_wall, 1] - n, -impulse[on_wall] / state.acted)
+        np.add.at(force, ends[on_wall, 1] - n, -impulse[on_wall] / state.force_time)
+        strain = np.zeros(3)  # logarithmic, zero along axes without a period
+        strain[repeats] = np.log(state.period[repeats] / np.asarray(self.model.period)[repeats])
         self.steps.append(step)
         self.rows.append(
             {
                 "time": state.time,
-                "time_step": state.last,
+                "time_step": state.step_length,
                 "wall_force": force,
                 "wall_position": state.point,
                 "period": state.period,
-                "strain": self._strain(state.period),
+                "strain": strain,
             }
         )
 
-    def _strain(self, period: np.ndarray) -> np.ndarray:
-        """Logarithmic strain of the cell along its axes, zero where space does not repeat."""
-        strain, repeats = np.zeros(3), self.model.strained
-        strain[repeats] = np.log(period[repeats] / np.asarray(self.model.period)[repeats])
-        return strain
-
     def show(self, state: GrainState) -> None:
-        """Keep positions and forces of the last step."""
+        """Record positions and forces of the last step as a frame."""
         n, grains = self.model.grains.n, self.model.grains
         contacts = state.contacts
-        loaded, force = contacts.impulse.any(axis=1), contacts.vectors / state.acted
+        loaded, force = contacts.impulse.any(axis=1), contacts.vectors / state.force_time
         ends, normal = contacts.ends[loaded], contacts.data[loaded, :3]
         radius = np.append(grains.radius, np.zeros(len(self.model.walls)))
         self.frames.append(
@@ -158,7 +165,7 @@ class Record:
             self.frames[-1]["spin"] = state.velocity[:n, 4:7] / grains.radius[:, None]
 
     def dataset(self) -> "xr.Dataset":
-        """Return what has been kept, after ``GRANULATE``."""
+        """Return the record as a dataset that follows ``GRANULATE``."""
         import xarray as xr
 
         steps, frames, rows = self.steps, self.frames, self.rows
@@ -211,7 +218,7 @@ class Record:
         return result
 
     def _cautions(self) -> str:
-        """Say which steps missed the tolerance."""
+        """Return a sentence on the steps that missed the tolerance, empty if none did."""
         missed = [s.residual for s in self.steps if not s.converged]
         if not missed:
             return ""
@@ -222,14 +229,19 @@ class Record:
 
 
 def final_grains(model: Model, result: "xr.Dataset") -> Any:
-    """Return the grains of a model where a motion left them, to start another from.
+    """Return the grains of a model at the end of a simulation.
 
     Parameters
     ----------
     model : Model
-        That the motion is of.
+        Simulated model.
     result : Dataset
-        Follows ``GRANULATE``.
+        Result of the simulation; follows ``GRANULATE``.
+
+    Returns
+    -------
+    Grains
+        Grains with position, velocity and spin of the last frame.
     """
     last = result.isel(frame=-1)
     spin = last["spin"].values if "spin" in last else None

@@ -1,4 +1,4 @@
-"""What is known of grains at a time, and their neighbours."""
+"""State of moving grains, and their neighbours."""
 
 from dataclasses import dataclass, replace
 
@@ -9,24 +9,51 @@ from multiscale.macro.granulate.contacts import Contacts, find_wall_pairs, penet
 from multiscale.macro.granulate.model import Model
 from multiscale.macro.granulate.neighbours import find_pairs
 
-__all__ = ["GrainState", "look_around", "start"]
+__all__ = ["GrainState", "initial_state", "update_neighbours"]
 
-SKIN = 0.3
-"""Reach of the neighbour list beyond what moves in a step, relative to the mean radius."""
+LIST_MARGIN = 0.3
+"""Reach of the neighbour list beyond the motion of a step, relative to the mean radius."""
 
-OVERLAP = 0.01
-"""Overlap that grains may have at the start, relative to the smaller radius."""
+ALLOWED_START_OVERLAP = 0.01
+"""Allowed overlap of grains at the start, relative to the smaller radius."""
 
 
 @dataclass(frozen=True)
 class GrainState:
-    """What is known at a time.
+    """State of grains, walls and cell at a time; impulses have c = 1 or 3 components.
 
-    ``pairs`` are the neighbours with the impulses ``kept`` of the last step and what their springs
-    ``held`` of them, and the normal velocities ``approach`` before impacts that have yet to bounce;
-    they were found at the positions ``seen`` with the reach ``margin``. ``rate`` (3,) is that of
-    the strain of the cell, 1/s. Impulses are those of forces that acted for the time ``acted`` in a
-    step of the length ``last``, s.
+    Attributes
+    ----------
+    time : float
+        Time, s.
+    position : ndarray, shape (grains, 3)
+        Centres, m.
+    velocity : ndarray, shape (bodies, 4 or 8)
+        Velocities and radius times spin, as in :mod:`multiscale.macro.granulate.sweeps`, m/s.
+    point : ndarray, shape (walls, 3)
+        A point on each wall, m.
+    period : ndarray, shape (3,)
+        Periods of the cell, m; infinite along axes without a period.
+    pairs : ndarray of int32, shape (pairs, 2)
+        Neighbours: two grains, or a grain and a wall, numbered after the grains.
+    pair_impulse : ndarray, shape (pairs, c)
+        Impulse of each pair in the last step, N s.
+    spring_impulse : ndarray, shape (pairs, c)
+        Part of the last impulse carried by the contact springs, N s.
+    approach : ndarray, shape (pairs,)
+        Normal velocity before an impact that bounces in the next step, else zero, m/s.
+    listed_position : ndarray, shape (grains, 3)
+        Centres at which the neighbours were found, m.
+    list_reach : float
+        Largest gap of the listed pairs, m.
+    rate : ndarray, shape (3,)
+        Strain rates of the cell, 1/s.
+    step_length : float
+        Length of the last step, s.
+    force_time : float
+        Time in which the forces of the last step acted, s; nan before the first step.
+    contacts : Contacts
+        Contacts of the last step.
     """
 
     time: float
@@ -35,27 +62,37 @@ class GrainState:
     point: np.ndarray
     period: np.ndarray
     pairs: np.ndarray
-    kept: np.ndarray
-    held: np.ndarray
+    pair_impulse: np.ndarray
+    spring_impulse: np.ndarray
     approach: np.ndarray
-    seen: np.ndarray
-    margin: float
+    listed_position: np.ndarray
+    list_reach: float
     rate: np.ndarray
-    last: float
-    acted: float
+    step_length: float
+    force_time: float
     contacts: Contacts
 
 
-def start(model: Model) -> GrainState:
-    """Return the state at the beginning.
+def initial_state(model: Model) -> GrainState:
+    """Return the state at time zero.
+
+    Parameters
+    ----------
+    model : Model
+        Grains, walls and loads.
+
+    Returns
+    -------
+    GrainState
+        State with its neighbours, without impulses.
 
     Raises
     ------
     CaseError
-        If grains overlap, lie behind a wall, or nothing holds them against gravity.
+        If grains overlap, lie behind a wall, or no wall supports them against gravity.
     """
     grains, walls = model.grains, model.walls
-    velocity = np.zeros_like(model.push)
+    velocity = np.zeros_like(model.free_acceleration)
     velocity[: grains.n, :3] = grains.velocity
     if model.turns:
         velocity[: grains.n, 4:7] = grains.radius[:, None] * grains.spin
@@ -84,14 +121,14 @@ def start(model: Model) -> GrainState:
         np.nan,
         empty,
     )
-    state = look_around(model, state, 0.0)
+    state = update_neighbours(model, state, 0.0)
     _check_hold(model)
     _check_overlap(model, state)
     return state
 
 
 def _check_hold(model: Model) -> None:
-    """Refuse gravity that no wall stands against: grains would fall for ever."""
+    """Refuse gravity that no wall opposes: grains would fall for ever."""
     gravity = np.asarray(model.gravity, dtype=float)
     if gravity.shape != (3,) or not np.all(np.isfinite(gravity)):
         raise CaseError(f"gravity must be three finite numbers (m/s2), got {model.gravity}")
@@ -100,7 +137,7 @@ def _check_hold(model: Model) -> None:
     )
     if below:
         raise CaseError(
-            f"no wall holds the grains against gravity {tuple(map(float, gravity))} m/s2: they "
+            f"no wall supports the grains against gravity {tuple(map(float, gravity))} m/s2: they "
             f"fall for ever; close the box or set gravity to zero"
         )
 
@@ -111,32 +148,48 @@ def _check_overlap(model: Model, state: GrainState) -> None:
     worst, which = penetration(
         state.pairs, state.position, model.grains.radius, state.period, walls
     )
-    if worst > OVERLAP:
+    if worst > ALLOWED_START_OVERLAP:
         i, j = (int(body) for body in state.pairs[which])
         other = f"grain {j}" if j < model.grains.n else f"wall {j - model.grains.n}"
         raise CaseError(
             f"grain {i} overlaps {other} by {worst:.3g} of its radius at the start, at most "
-            f"{OVERLAP:g} is allowed; move them apart"
+            f"{ALLOWED_START_OVERLAP:g} is allowed; move them apart"
         )
 
 
-def look_around(model: Model, state: GrainState, reach: float) -> GrainState:
-    """Find the neighbours anew and hand the impulses over."""
+def update_neighbours(model: Model, state: GrainState, reach: float) -> GrainState:
+    """Return the state with a new list of neighbours, and the impulses of those already listed.
+
+    Parameters
+    ----------
+    model : Model
+        Grains, walls and loads.
+    state : GrainState
+        State with the last list.
+    reach : float
+        Largest gap of a pair that may close before the next update, m.
+    """
     radius, n = model.grains.radius, model.mobility.shape[0]
-    margin = reach + SKIN * float(radius.mean())
-    _check_period(model, state.period, margin)
+    margin = reach + LIST_MARGIN * float(radius.mean())
+    least = 2.0 * (2.0 * float(radius.max()) + margin)  # a pair has one shortest distance
+    short = np.flatnonzero(state.period < least)
+    if short.size:
+        raise CaseError(
+            f"period along {'xyz'[short[0]]} is {state.period[short[0]]:.4g} m and must be at "
+            f"least {least:.4g} m, twice the reach of the largest grains"
+        )
     walls = model.walls_at(state.point)
     near = find_pairs(state.position, radius, margin, state.period)
     at_walls = find_wall_pairs(state.position, radius, margin, state.period, *walls)
     pairs = np.concatenate([near, at_walls])
-    # from the bottom upwards, so that a sweep carries impulses through the pile
+    # from the bottom upwards, so that one sweep carries impulses through the pile
     height = -(state.position @ np.asarray(model.gravity))
     lower = np.minimum(
         height[pairs[:, 0]], np.append(height, np.full(len(model.walls), -np.inf))[pairs[:, 1]]
     )
     pairs = pairs[np.argsort(lower, kind="stable")]
-    kept = np.zeros((len(pairs), state.kept.shape[1]))
-    held = np.zeros_like(kept)
+    pair_impulse = np.zeros((len(pairs), state.pair_impulse.shape[1]))
+    spring_impulse = np.zeros_like(pair_impulse)
     approach = np.zeros(len(pairs))
     if len(state.pairs) and len(pairs):
         before = state.pairs[:, 0].astype(np.int64) * n + state.pairs[:, 1]
@@ -144,26 +197,15 @@ def look_around(model: Model, state: GrainState, reach: float) -> GrainState:
         order = np.argsort(before)
         found = np.minimum(np.searchsorted(before, now, sorter=order), before.size - 1)
         same = before[order[found]] == now
-        kept[same] = state.kept[order[found[same]]]
-        held[same] = state.held[order[found[same]]]
+        pair_impulse[same] = state.pair_impulse[order[found[same]]]
+        spring_impulse[same] = state.spring_impulse[order[found[same]]]
         approach[same] = state.approach[order[found[same]]]
     return replace(
         state,
         pairs=pairs,
-        kept=kept,
-        held=held,
+        pair_impulse=pair_impulse,
+        spring_impulse=spring_impulse,
         approach=approach,
-        seen=state.position,
-        margin=margin,
+        listed_position=state.position,
+        list_reach=margin,
     )
-
-
-def _check_period(model: Model, period: np.ndarray, margin: float) -> None:
-    """Refuse periods in which a pair would meet twice."""
-    least = 2.0 * (2.0 * float(model.grains.radius.max()) + margin)
-    short = np.flatnonzero(period < least)
-    if short.size:
-        raise CaseError(
-            f"period along {'xyz'[short[0]]} is {period[short[0]]:.4g} m and must be at least "
-            f"{least:.4g} m, twice the reach of the largest grains"
-        )

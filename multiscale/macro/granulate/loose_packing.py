@@ -1,4 +1,4 @@
-"""Grains of many sizes, placed loosely so that they can fall."""
+"""Random radii of grains, and loose packings from which grains fall."""
 
 import numpy as np
 
@@ -9,31 +9,32 @@ __all__ = ["draw_radii", "place_loosely"]
 
 
 def draw_radii(n: int, smallest: float, largest: float, *, seed: int = 0) -> np.ndarray:
-    r"""Draw radii of which every interval has its share of the volume.
+    r"""Draw radii whose volume is distributed evenly over the radius.
 
     Parameters
     ----------
     n : int
         Number of grains.
     smallest, largest : float
-        m.
+        Bounds of the radii, m.
     seed : int
+        Seed of the random numbers.
 
     Returns
     -------
     ndarray, shape (n,)
-        m, in random order.
+        Radii in random order, m.
 
     Raises
     ------
     CaseError
-        If the sizes are refused.
+        If the bounds are not positive and in order, or n is below one.
 
     Notes
     -----
-    The volume of spheres is spread evenly over the radius, so their number has a density in
-    proportion to :math:`R^{-3}`, and :math:`R = (a^{-2} - q\,(a^{-2} - b^{-2}))^{-1/2}` for an even
-    :math:`q` and radii from a to b.
+    The volume of spheres is distributed evenly over the radius, so the density of their number is
+    proportional to :math:`R^{-3}`, and :math:`R = (a^{-2} - q\,(a^{-2} - b^{-2}))^{-1/2}` for
+    :math:`q` uniform in [0, 1] and radii from a to b.
     """
     if not 0.0 < smallest <= largest < np.inf:
         raise CaseError(
@@ -56,22 +57,25 @@ def place_loosely(
     thickness: float | None = None,
     seed: int = 0,
 ) -> Grains:
-    """Place grains on a jittered lattice, layer upon layer, inside a box or a round pipe.
+    """Place grains on a jittered lattice, layer upon layer, inside a box.
 
     Parameters
     ----------
     radii : ndarray, shape (grains,)
-        m.
+        Radii of the grains, m.
     low, high : array_like, shape (3,)
-        Corners of the box, m; it is filled from below as far up as need be. Where only x and y of
-        the lattice inside a circle are wanted, see the silo of
-        :mod:`multiscale.macro.granulate.arrangements`.
+        Corners of the box, m; it is filled from below, and its height is not limited.
     density : float
-        kg/m3.
+        Density of the grains, kg/m3.
     thickness : float, optional
-        Of discs, m, placed at y = 0; spheres if not given.
+        Thickness of discs, m, placed at y = 0; the grains are spheres if it is not given.
     seed : int
-        Of the jitter.
+        Seed of the jitter.
+
+    Returns
+    -------
+    Grains
+        Grains at rest that do not touch.
 
     Raises
     ------
@@ -107,7 +111,23 @@ def lattice(
     *,
     flat: bool = False,
 ) -> np.ndarray:
-    """Centres on a jittered lattice that fills a box from below, shape (n, 3), m."""
+    """Return centres on a jittered lattice that fills a box from below, shape (n, 3), m.
+
+    Parameters
+    ----------
+    n : int
+        Number of grains.
+    cells : ndarray of int, shape (2,)
+        Number of lattice cells along x and y.
+    low, high : ndarray, shape (3,)
+        Corners of the box, m.
+    radius : float
+        Radius of the largest grain, m.
+    seed : int
+        Seed of the jitter.
+    flat : bool
+        Whether all centres lie in the plane y = 0.
+    """
     k = np.arange(n)
     layer, rest = np.divmod(k, int(cells[0] * cells[1]))
     row, column = np.divmod(rest, int(cells[1]))

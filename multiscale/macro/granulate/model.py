@@ -1,4 +1,4 @@
-"""What is computed: how grains touch, what acts on them, how the contacts are solved."""
+"""Parameters of a granulate: contact law, loads and contact solver."""
 
 from dataclasses import dataclass
 from functools import cached_property
@@ -14,18 +14,18 @@ __all__ = ["ContactLaw", "Model", "Solver"]
 
 @dataclass(frozen=True)
 class ContactLaw:
-    r"""How grains touch.
+    r"""Contact law of grains: Coulomb friction, restitution and compliance.
 
     Parameters
     ----------
     friction : float
         Coulomb's coefficient, dimensionless.
     restitution : float
-        Newton's, from 0 to 1. Pairs that approach slowly do not bounce.
+        Newton's coefficient, from 0 to 1. Pairs that approach slowly do not bounce.
     compliance : float
         :math:`a` of (1), dimensionless; zero for a rigid contact.
     relaxation : float
-        Steps in which an overlap goes, at least 1.
+        Number of steps in which an overlap is removed, at least 1.
 
     Raises
     ------
@@ -34,16 +34,16 @@ class ContactLaw:
 
     Notes
     -----
-    A compliant contact of mass :math:`m` moves a little while its impulse :math:`r` differs from
-    that of the last step, :math:`r^-`, along the normal and across it:
+    A compliant contact of mass :math:`m` moves while its impulse :math:`r` differs from the impulse
+    :math:`r^-` of the last step, along the normal and across it:
 
     .. math:: u + b + \frac{a}{m} (r - r^-) = 0 \quad \text{instead of} \quad u + b = 0.    \tag{1}
 
-    It is a spring of the stiffness :math:`m / (a h^2)` in a step of length h, but it forgets:
-    at rest nothing overlaps. It changes the problem that is solved, which then takes far fewer
-    sweeps, with 0.02 a fourth or less. Where an impact would make grains overlap by more than 0.8 %
-    of a radius, the contact is stiffened for this step; one that bounces is rigid, and so keeps its
-    restitution. Pushing grains apart again brings the energy that their overlap has kept.
+    It is a spring of stiffness :math:`m / (a h^2)` in a step of length h whose overlap relaxes to
+    zero at rest. It regularises the contact problem, which then takes far fewer sweeps, with
+    a = 0.02 a fourth or less. If grains would overlap by more than 0.8 % of a radius, the contact
+    is stiffened for this step; a contact that bounces is rigid and keeps its restitution. The
+    energy stored in an overlap is released when the grains separate.
     """
 
     friction: float = 0.5
@@ -64,20 +64,25 @@ class ContactLaw:
 
 @dataclass(frozen=True)
 class Solver:
-    """How the contacts of a step are solved.
+    """Parameters of the solver of contacts.
 
     Parameters
     ----------
     tolerance : float
-        Natural-map error relative to the velocities of the contacts that would close;
+        Bound on the natural-map error relative to the closing velocities without impulses;
         dimensionless.
     max_iterations : int
         Limit of sweeps in a step.
     threads : int
-        1 sweeps in the order of the contacts, more colour by colour.
+        Number of threads; one sweeps in the order of the contacts, several colour by colour.
     most_assembled : int
-        A step of at most so many contacts that the sweeps do not solve is given to
-        :func:`multiscale.nonsmooth.solve_friction`.
+        Largest number of contacts for which :func:`multiscale.nonsmooth.solve_friction` solves a
+        step on which the sweeps fail.
+
+    Raises
+    ------
+    CaseError
+        If a parameter is outside its range.
     """
 
     tolerance: float = 1e-4
@@ -95,31 +100,34 @@ class Solver:
 
 @dataclass(frozen=True)
 class Model:
-    """Grains and walls with what acts on them.
+    """Grains and walls with their loads.
 
     Parameters
     ----------
     grains : Grains
+        Grains at the start.
     walls : tuple of Wall
+        Walls at the start.
     law : ContactLaw
+        Law of all contacts.
     gravity : array_like, shape (3,)
-        m/s2.
+        Acceleration of gravity, m/s2.
     period : array_like, shape (3,)
-        Length after which space repeats, m; infinite where it does not.
+        Period of space along each axis, m; infinite along axes without a period.
     damping_rate : float
-        1/s, at which grains lose velocity; infinite for quasi-static motion, in which a step keeps
-        no velocity of the last.
+        Rate at which grains lose velocity, 1/s; infinite for quasi-static motion, in which a step
+        starts without velocity.
     pressure : float, optional
-        On a periodic cell without walls, which strains alike along its axes, Pa; a cell of given
-        size if not given.
-    strain_rate : tuple of float, optional
-        Rates of the logarithmic strain of such a cell along its axes, 1/s, extension positive;
-        ``None`` where the pressure rules.
+        Pressure on a periodic cell without walls, which strains equally along its free axes, Pa;
+        the size of the cell is fixed if it is not given.
+    strain_rate : tuple of float or None, shape (3,)
+        Prescribed rates of the logarithmic strain of such a cell along its axes, 1/s, extension
+        positive; ``None`` along axes that strain under the pressure.
 
     Raises
     ------
     CaseError
-        If the damping or the pressure is refused.
+        If the damping is negative, or pressure, strain rate, period and walls contradict.
     """
 
     grains: Grains
@@ -146,23 +154,23 @@ class Model:
 
     @property
     def strained(self) -> np.ndarray:
-        """Along which axes space repeats."""
+        """Axes with a finite period, shape (3,), bool."""
         return np.array([bool(np.isfinite(length)) for length in self.period])
 
     @cached_property
     def free(self) -> np.ndarray:
-        """Along which axes the cell strains under its pressure."""
-        told = np.array([rate is not None for rate in self.strain_rate])
-        return self.strained & ~told if self.pressure is not None else np.zeros(3, bool)
+        """Axes along which the cell strains under its pressure, shape (3,), bool."""
+        prescribed = np.array([rate is not None for rate in self.strain_rate])
+        return self.strained & ~prescribed if self.pressure is not None else np.zeros(3, bool)
 
     @property
     def driven(self) -> bool:
-        """Whether a strain rate of the cell is given."""
+        """Whether a strain rate of the cell is prescribed."""
         return any(rate is not None for rate in self.strain_rate)
 
     @cached_property
-    def told_rate(self) -> np.ndarray:
-        """Rates of strain that are given, zero elsewhere, shape (3,), 1/s."""
+    def prescribed_rate(self) -> np.ndarray:
+        """Prescribed strain rates, zero along the other axes, shape (3,), 1/s."""
         return np.array([rate or 0.0 for rate in self.strain_rate])
 
     def volume(self, period: np.ndarray) -> float:
@@ -181,7 +189,7 @@ class Model:
 
     @cached_property
     def friction(self) -> np.ndarray | None:
-        """Coefficients of the grains and of each wall, shape (1 + walls,), if there is friction."""
+        """Coefficients of grains and of each wall, shape (1 + walls,); None without friction."""
         if not self.frictional:
             return None
         own = self.law.friction
@@ -189,7 +197,7 @@ class Model:
 
     @cached_property
     def mobility(self) -> np.ndarray:
-        """Rows of :mod:`multiscale.macro.granulate.sweeps`, 1/kg."""
+        """Mobilities as in :mod:`multiscale.macro.granulate.sweeps`, 1/kg."""
         grains, turns = self.grains, self.turns
         mobility = np.zeros((grains.n + len(self.walls), 3 if turns else 1))
         mobility[: grains.n, :2] = 1.0 / grains.mass[:, None]
@@ -200,8 +208,8 @@ class Model:
 
     @cached_property
     def masses(self) -> np.ndarray:
-        """What moves with the bodies, in the shape of their velocities, kg; zero for walls told."""
-        masses, mobility = np.zeros_like(self.push), self.mobility
+        """Mass of each component of the velocities, kg; zero for fixed and moved walls."""
+        masses, mobility = np.zeros_like(self.free_acceleration), self.mobility
         moves = mobility[:, 0] > 0.0
         masses[moves, :3] = 1.0 / mobility[moves, :1]
         if self.turns:
@@ -211,21 +219,21 @@ class Model:
 
     @cached_property
     def shapes(self) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """Kind, direction and radius of the walls."""
+        """Kind (walls,), direction (walls, 3) and radius (walls,), m, of the walls."""
         axis = np.array([wall.unit for wall in self.walls]).reshape(-1, 3)
         bore = np.array([wall.bore for wall in self.walls], float)
         return np.where(bore > 0.0, CYLINDER, PLANE), axis, bore
 
     @cached_property
-    def push(self) -> np.ndarray:
-        """Acceleration of the bodies without contacts, in the shape of their velocities, m/s2."""
-        push = np.zeros((self.mobility.shape[0], 8 if self.turns else 4))
-        push[: self.grains.n, :3] = self.gravity
+    def free_acceleration(self) -> np.ndarray:
+        """Acceleration without contacts of each component of the velocities, m/s2."""
+        acceleration = np.zeros((self.mobility.shape[0], 8 if self.turns else 4))
+        acceleration[: self.grains.n, :3] = self.gravity
         for w, wall in enumerate(self.walls, self.grains.n):
-            push[w, :3] = wall.acceleration
-        return push
+            acceleration[w, :3] = wall.acceleration
+        return acceleration
 
     def walls_at(self, point: np.ndarray) -> tuple[np.ndarray, ...]:
-        """Arrays of the walls for the kernels."""
+        """Kind, point (walls, 3), direction and radius of the walls for the kernels."""
         kind, axis, bore = self.shapes
         return kind, point, axis, bore

@@ -1,8 +1,8 @@
-r"""Which grains may touch soon: a hierarchical cell list.
+r"""Neighbouring grains by a hierarchical cell list.
 
-Grains are sorted into levels by size, each with cells twice as wide as those of the next. A pair
-is found from its smaller grain, which looks into its own level and all coarser ones: so the work
-grows with the number of grains whatever the ratio of their sizes.
+Grains are sorted into levels by size; the cells of a level are twice as wide as in the next level.
+A pair is found from its smaller grain by a search of its own level and all coarser levels, so that
+the work is proportional to the number of grains whatever the ratio of their sizes.
 """
 
 import numba
@@ -21,12 +21,12 @@ def find_pairs(
     position : ndarray, shape (grains, 3)
         Centres, m.
     radius : ndarray, shape (grains,)
-        m.
+        Radii, m.
     reach : float
         Largest gap of a pair, m.
     period : ndarray, shape (3,)
-        Length after which space repeats, m; infinite where it does not. A finite one is at least
-        twice the largest distance of the centres of a pair.
+        Period of space along each axis, m; infinite along axes without a period. A finite period is
+        at least twice the largest distance of the centres of a pair.
 
     Returns
     -------
@@ -37,7 +37,7 @@ def find_pairs(
     -----
     Level k has the radii in :math:`(R_{\max} 2^{-k-1}, R_{\max} 2^{-k}]` and cells that are wider
     than :math:`2 R_{\max} 2^{-k}` plus the reach, in a hash table. Grains are counted and listed in
-    two passes that threads share; the list does not depend on their number.
+    two parallel passes; the list does not depend on the number of threads.
 
     References
     ----------
@@ -48,7 +48,7 @@ def find_pairs(
     level = np.floor(np.log2(largest / radius) * (1.0 - 1e-12)).astype(np.int64)
     levels = int(level.max()) + 1
     width = np.empty((levels, 3))
-    count = np.zeros((levels, 3), np.int64)  # cells along a period, 0 where there is none
+    count = np.zeros((levels, 3), np.int64)  # cells along a period, 0 without a period
     for k in range(levels):
         cell = 2.0 * largest * 0.5**k + reach
         for a in range(3):
@@ -66,13 +66,13 @@ def find_pairs(
 
 @numba.njit(cache=True)
 def _hash(k, a, b, c, table):  # type: ignore[no-untyped-def]
-    """Slot of a cell; the table is a power of two."""
+    """Return the slot of a cell in a table whose size is a power of two."""
     return (a * 73856093 ^ b * 19349663 ^ c * 83492791 ^ k * 2654435761) & (table - 1)
 
 
 @numba.njit(cache=True)
 def _fill_cells(position, level, width, count, table):  # type: ignore[no-untyped-def]
-    """Chain the grains of every slot of the table."""
+    """Chain the grains of each slot of the table."""
     heads = np.full(table, -1, np.int64)
     following = np.empty(level.size, np.int64)
     cells = np.empty((level.size, 3), np.int64)
@@ -89,7 +89,7 @@ def _fill_cells(position, level, width, count, table):  # type: ignore[no-untype
 
 @numba.njit(cache=True)
 def _visit(i, grains, grid, out, first):  # type: ignore[no-untyped-def]
-    """Count the pairs of grain i, and list them where there is room."""
+    """Count the pairs of grain i, and list them in ``out`` if it is not empty."""
     position, radius, reach, period = grains
     level, width, count, heads, following, cells = grid
     found = 0
@@ -119,7 +119,7 @@ def _visit(i, grains, grid, out, first):  # type: ignore[no-untyped-def]
                     j = heads[_hash(k, ca, cb, cc, heads.size)]
                     while j >= 0:
                         here = cells[j, 0] == ca and cells[j, 1] == cb and cells[j, 2] == cc
-                        # of two grains of one level the first finds the pair
+                        # a pair within a level is found by its first grain
                         if here and level[j] == k and (k < level[i] or j > i):
                             square = 0.0
                             for a in range(3):

@@ -1,4 +1,4 @@
-"""What a granulate is like on average: stress, coordination, solid fraction."""
+"""Averages of a granulate: mean stress and coordination number."""
 
 from typing import TYPE_CHECKING
 
@@ -16,14 +16,14 @@ def network(result: "xr.Dataset", frame: int = -1) -> tuple[np.ndarray, np.ndarr
     Parameters
     ----------
     result : Dataset
-        Follows ``GRANULATE``.
+        Result of a simulation; follows ``GRANULATE``.
     frame : int
-        Counted from the end if negative.
+        Number of the frame, counted from the end if negative.
 
     Returns
     -------
     ends, force, branch : ndarray, shapes (contacts, 2), (contacts, 3) and (contacts, 3)
-        The force is that on the first end.
+        The force acts on the first end.
     """
     frame = range(result.sizes["frame"])[frame]
     here = result["contact_frame"].values == frame
@@ -42,7 +42,7 @@ def love_weber(force: np.ndarray, branch: np.ndarray, volume: float) -> np.ndarr
         Force :math:`f` on one grain, N, and its centre minus the other centre or the contact with
         a wall, :math:`l`, m.
     volume : float
-        :math:`V` that the contacts lie in, m3.
+        Volume :math:`V` that contains the contacts, m3.
 
     Notes
     -----
@@ -50,7 +50,7 @@ def love_weber(force: np.ndarray, branch: np.ndarray, volume: float) -> np.ndarr
 
     Examples
     --------
-    A chain along z, one contact in every 0.5 m3, each of 3 N over 0.2 m:
+    A chain along z with one contact per 0.5 m3, a force of 3 N and a branch of 0.2 m:
 
     >>> love_weber(np.array([[0.0, 0.0, 3.0]]), np.array([[0.0, 0.0, 0.2]]), 0.5)[2, 2].round(12)
     np.float64(-1.2)
@@ -63,7 +63,7 @@ def love_weber(force: np.ndarray, branch: np.ndarray, volume: float) -> np.ndarr
 
 
 def coordination(ends: np.ndarray, n_grains: int, *, rattlers_below: int = 4) -> tuple[float, int]:
-    """Return the mean number of contacts of the grains that are held, and how many are not.
+    """Return the mean number of contacts of grains that bear load, and the number of rattlers.
 
     Parameters
     ----------
@@ -72,15 +72,16 @@ def coordination(ends: np.ndarray, n_grains: int, *, rattlers_below: int = 4) ->
     n_grains : int
         Number of grains.
     rattlers_below : int
-        A grain with fewer contacts is loose: 4 for spheres and 3 for discs without friction, 2 with
-        it. Loose grains are taken away with their contacts until none is left.
+        A grain with fewer contacts is a rattler: 4 for spheres and 3 for discs without friction, 2
+        with friction. Rattlers are removed with their contacts until none is left.
 
     Returns
     -------
     coordination : float
-        Contacts of held grains, those with walls counted once, over their number; zero if none.
+        Contacts per grain that is no rattler; zero if all grains are rattlers. A contact of two
+        grains counts for both.
     rattlers : int
-        Number of loose grains.
+        Number of rattlers.
 
     Examples
     --------

@@ -1,9 +1,9 @@
-"""The contacts of one step: sweeps first, and what they do not solve another way."""
+"""Solution of the contacts of a step: by sweeps, then by an assembled problem if they fail."""
 
 import numpy as np
 
 from multiscale.macro.granulate.assembled_grains import solve_assembled
-from multiscale.macro.granulate.contacts import Contacts, colour
+from multiscale.macro.granulate.contacts import Contacts, colour_contacts
 from multiscale.macro.granulate.model import Model, Solver
 from multiscale.macro.granulate.sweeps import (
     apply_impulses,
@@ -15,8 +15,8 @@ from multiscale.macro.granulate.sweeps import (
 
 __all__ = ["solve_velocities"]
 
-BURST = 10
-"""Sweeps between two looks at the error."""
+SWEEPS_PER_CHECK = 10
+"""Number of sweeps between two evaluations of the error."""
 
 
 def solve_velocities(
@@ -30,19 +30,22 @@ def solve_velocities(
 
     Parameters
     ----------
-    model, solver : Model, Solver
+    model : Model
+        Grains, walls and loads.
+    solver : Solver
+        Tolerance, limits and threads.
     velocity, cell : ndarray
-        Arrays of :mod:`multiscale.macro.granulate.sweeps`; the velocities are those without
-        impulses and become those with them.
+        Arrays of :mod:`multiscale.macro.granulate.sweeps` without the impulses; the impulses are
+        added in place.
     contacts : Contacts
-        Whose impulses are a guess and become the solution.
+        Contacts of the step; their impulses are the initial guess and become the solution.
 
     Returns
     -------
     sweeps : int
         Number of sweeps made.
     residual : float
-        Natural-map error relative to the velocities of the contacts that would close.
+        Natural-map error relative to the closing velocities without impulses, dimensionless.
     """
     ends, data, coulomb, impulse, anchor = contacts.arrays
     strained = cell if model.pressure is not None else None
@@ -50,19 +53,19 @@ def solve_velocities(
     if scale == 0.0:
         impulse[:] = 0.0
         return 0, 0.0
-    free, mobility, target = velocity.copy(), model.mobility, solver.tolerance * scale
+    free, mobility = velocity.copy(), model.mobility
     apply_impulses(velocity, mobility, ends, data, coulomb, impulse, strained)
-    limit = solver.max_iterations
+    limits = (solver.tolerance * scale, solver.max_iterations, SWEEPS_PER_CHECK)
     if strained is not None or solver.threads == 1:
-        done, error = relax(velocity, mobility, *contacts.arrays, strained, target, limit, BURST)
+        done, error = relax(velocity, mobility, *contacts.arrays, strained, *limits)
     else:
         moves = np.asarray(mobility.any(axis=1))
-        order, bounds = colour(ends, model.grains.n, moves)
+        order, bounds = colour_contacts(ends, model.grains.n, moves)
         sorted_contacts = contacts.reordered(order)
         arrays = (velocity, mobility, *sorted_contacts.arrays)
-        done, error = relax_coloured(*arrays, bounds, solver.threads, target, limit, BURST)
+        done, error = relax_coloured(*arrays, bounds, solver.threads, *limits)
         impulse[order] = sorted_contacts.impulse
-    if error <= target or strained is not None or len(ends) > solver.most_assembled:
+    if error <= limits[0] or strained is not None or len(ends) > solver.most_assembled:
         return done, error / scale
     found = solve_assembled(free, mobility, contacts, 0.1 * solver.tolerance)
     apply_impulses(free, mobility, ends, data, coulomb, found, None)

@@ -2,33 +2,29 @@ r"""Gauss-Seidel on the contacts of grains, whose Delassus operator is never ass
 
 The arrays of the kernels, for b bodies (grains first, then walls) and m contacts:
 
-- ``velocity`` (b, 8): velocity in columns 0-2 and radius times spin in 4-6, m/s; (b, 4) where
+- ``velocity`` (b, 8): velocity in columns 0-2 and radius times spin in 4-6, m/s; (b, 4) if
   nothing turns;
 - ``mobility`` (b, 3): one over the mass along the normal and across it, and the squared radius
-  over the inertia, 1/kg; the first alone where nothing turns;
+  over the inertia, 1/kg; (b, 1), the first alone, if nothing turns;
 - ``ends`` (m, 2): the bodies i and j; the normal points from j to i;
 - ``data`` (m, 6): normal; bias b, m/s; mass of the contact along the normal, kg; compliance a,
   dimensionless;
-- ``coulomb`` (m, 2): mass of the contact across the normal, kg, and friction coefficient; ``None``,
-  which costs nothing, where no contact has friction;
-- ``impulse``, ``anchor`` (m, 3): r in global axes and what its springs start from, N s; (m, 1),
-  along the normal, without friction;
-- ``cell`` (m + 2, 3): along each axis the rate of strain of a periodic cell, 1/s, one over the root
-  of its inertia, 1/(kg m2)^.5, zero where the rate is given, and the branch of every contact, from
-  centre j to centre i, m; ``None``, which costs nothing, where it is rigid.
+- ``coulomb`` (m, 2): mass of the contact across the normal, kg, and friction coefficient; ``None``
+  if no contact has friction, and then no such code is compiled;
+- ``impulse``, ``anchor`` (m, 3): r in global axes and the impulse at which its springs are relaxed,
+  N s; (m, 1), along the normal, without friction;
+- ``cell`` (m + 2, 3): along each axis the strain rate of a periodic cell, 1/s, one over the root of
+  its inertia, 1/(kg m2)^.5, zero for a prescribed rate, and the branch of every contact, from
+  centre j to centre i, m; ``None`` if the cell is rigid.
 """
 
 import numba
 import numpy as np
 
 __all__ = [
-    "along",
     "apply_impulses",
     "closing_size",
-    "components",
     "natural_map_error",
-    "push",
-    "relative_velocity",
     "relax",
     "relax_coloured",
     "sweep_grains",
@@ -36,8 +32,8 @@ __all__ = [
 
 
 @numba.njit(inline="always", fastmath=True, error_model="numpy")
-def relative_velocity(i, j, nx, ny, nz, velocity, coulomb):  # type: ignore[no-untyped-def]
-    """Return u at the contact, body i minus body j; without friction that of the centres."""
+def _relative_velocity(i, j, nx, ny, nz, velocity, coulomb):  # type: ignore[no-untyped-def]
+    """Return u at the contact, body i minus body j; without friction u of the centres."""
     wx, wy, wz = 0.0, 0.0, 0.0
     if coulomb is not None:
         wx = velocity[i, 4] + velocity[j, 4]
@@ -50,8 +46,8 @@ def relative_velocity(i, j, nx, ny, nz, velocity, coulomb):  # type: ignore[no-u
 
 
 @numba.njit(inline="always", fastmath=True, error_model="numpy")
-def _strained(c, ux, uy, uz, cell):  # type: ignore[no-untyped-def]
-    """Add to u what the strain of the cell brings along each axis."""
+def _add_strain_velocity(c, ux, uy, uz, cell):  # type: ignore[no-untyped-def]
+    """Return u with the velocity due to the strain of the cell."""
     if cell is not None:
         ux += cell[0, 0] * cell[c + 2, 0]
         uy += cell[0, 1] * cell[c + 2, 1]
@@ -60,8 +56,8 @@ def _strained(c, ux, uy, uz, cell):  # type: ignore[no-untyped-def]
 
 
 @numba.njit(inline="always", fastmath=True, error_model="numpy")
-def _strain(c, dx, dy, dz, cell):  # type: ignore[no-untyped-def]
-    """Add to the rates of strain, alike where they are free, what an impulse d brings."""
+def _strain_cell(c, dx, dy, dz, cell):  # type: ignore[no-untyped-def]
+    """Add the effect of an impulse d to the strain rates, equal along the free axes."""
     moment = cell[1, 0] * cell[c + 2, 0] * dx + cell[1, 1] * cell[c + 2, 1] * dy
     moment += cell[1, 2] * cell[c + 2, 2] * dz
     cell[0, 0] += cell[1, 0] * moment
@@ -70,8 +66,8 @@ def _strain(c, dx, dy, dz, cell):  # type: ignore[no-untyped-def]
 
 
 @numba.njit(inline="always", fastmath=True, error_model="numpy")
-def components(c, impulse, coulomb):  # type: ignore[no-untyped-def]
-    """Return an impulse in global axes, or its one component along the normal first."""
+def _impulse_vector(c, impulse, coulomb):  # type: ignore[no-untyped-def]
+    """Return an impulse in global axes, or (normal component, 0, 0) without friction."""
     if coulomb is None:
         x, y, z = impulse[c, 0], 0.0, 0.0
     else:
@@ -80,14 +76,14 @@ def components(c, impulse, coulomb):  # type: ignore[no-untyped-def]
 
 
 @numba.njit(inline="always", fastmath=True, error_model="numpy")
-def along(x, y, z, nx, ny, nz, coulomb):  # type: ignore[no-untyped-def]
-    """Return the normal part of such components."""
+def _normal_component(x, y, z, nx, ny, nz, coulomb):  # type: ignore[no-untyped-def]
+    """Return the normal component of an impulse given by :func:`_impulse_vector`."""
     return x if coulomb is None else x * nx + y * ny + z * nz
 
 
 @numba.njit(cache=True, fastmath=True, error_model="numpy")
-def push(i, j, nx, ny, nz, dn, velocity, mobility):  # type: ignore[no-untyped-def]
-    """Add to the velocities what an impulse d along the normal brings."""
+def _apply_normal_impulse(i, j, nx, ny, nz, dn, velocity, mobility):  # type: ignore[no-untyped-def]
+    """Add the effect of an impulse dn along the normal to the velocities."""
     along = mobility[i, 0] * dn
     velocity[i, 0] += along * nx
     velocity[i, 1] += along * ny
@@ -99,10 +95,10 @@ def push(i, j, nx, ny, nz, dn, velocity, mobility):  # type: ignore[no-untyped-d
 
 
 @numba.njit(cache=True, fastmath=True, error_model="numpy")
-def push_across(i, j, nx, ny, nz, dx, dy, dz, dn, velocity, mobility):  # type: ignore[no-untyped-def]
-    """Add to the velocities what an impulse d with the normal part dn brings."""
+def _apply_impulse(i, j, nx, ny, nz, dx, dy, dz, dn, velocity, mobility):  # type: ignore[no-untyped-def]
+    """Add the effect of an impulse d with the normal component dn to the velocities."""
     tx, ty, tz = ny * dz - nz * dy, nz * dx - nx * dz, nx * dy - ny * dx
-    across, turn = mobility[i, 1], mobility[i, 2]  # i is a grain, equally heavy along and across
+    across, turn = mobility[i, 1], mobility[i, 2]  # i is a grain: one mass along and across
     velocity[i, 0] += across * dx
     velocity[i, 1] += across * dy
     velocity[i, 2] += across * dz
@@ -121,27 +117,27 @@ def push_across(i, j, nx, ny, nz, dx, dy, dz, dn, velocity, mobility):  # type: 
 
 @numba.njit(cache=True, fastmath=True, error_model="numpy")
 def sweep_grains(first, last, velocity, mobility, ends, data, coulomb, impulse, anchor, cell):  # type: ignore[no-untyped-def]
-    r"""Solve some contacts in their order, each exactly while the others are held.
+    r"""Solve a range of contacts in their order, each exactly while the others are fixed.
 
     W is diagonal there, so the normal part comes first and bounds the tangential one:
 
         r_N = max(0, (r_N + a anchor_N - m_N (u_N + b)) / (1 + a)),                      (1)
         r_T = projection of (r_T + a anchor_T - m_T u_T) / (1 + a) on the disc mu r_N.   (2)
     """
-    # the loop is in here: a function for one contact counts references to the arrays every time
+    # the loop is inside: a function of one contact would count references to the arrays each time
     for c in range(first, last):
         i, j = ends[c, 0], ends[c, 1]
         nx, ny, nz = data[c, 0], data[c, 1], data[c, 2]
         mass, a, friction = 0.0, data[c, 5], 0.0
         if coulomb is not None:
             mass, friction = coulomb[c, 0], coulomb[c, 1]
-        ux, uy, uz = relative_velocity(i, j, nx, ny, nz, velocity, coulomb)
-        ux, uy, uz = _strained(c, ux, uy, uz, cell)
+        ux, uy, uz = _relative_velocity(i, j, nx, ny, nz, velocity, coulomb)
+        ux, uy, uz = _add_strain_velocity(c, ux, uy, uz, cell)
         u = ux * nx + uy * ny + uz * nz
-        rx, ry, rz = components(c, impulse, coulomb)
-        ax, ay, az = components(c, anchor, coulomb)
-        old = along(rx, ry, rz, nx, ny, nz, coulomb)
-        held = along(ax, ay, az, nx, ny, nz, coulomb)
+        rx, ry, rz = _impulse_vector(c, impulse, coulomb)
+        ax, ay, az = _impulse_vector(c, anchor, coulomb)
+        old = _normal_component(rx, ry, rz, nx, ny, nz, coulomb)
+        held = _normal_component(ax, ay, az, nx, ny, nz, coulomb)
         give = 1.0 / (1.0 + a)
         normal = max(0.0, (old + a * held - (u + data[c, 3]) * data[c, 4]) * give)  # (1)
         if coulomb is None:
@@ -150,7 +146,7 @@ def sweep_grains(first, last, velocity, mobility, ends, data, coulomb, impulse, 
                 impulse[c, 0] = normal
                 dn = normal - old
                 dx, dy, dz = dn * nx, dn * ny, dn * nz
-                push(i, j, nx, ny, nz, dn, velocity, mobility)
+                _apply_normal_impulse(i, j, nx, ny, nz, dn, velocity, mobility)
         else:
             tx = (rx - old * nx + a * (ax - held * nx) - (ux - u * nx) * mass) * give
             ty = (ry - old * ny + a * (ay - held * ny) - (uy - u * ny) * mass) * give
@@ -163,9 +159,9 @@ def sweep_grains(first, last, velocity, mobility, ends, data, coulomb, impulse, 
             moves = dx != 0.0 or dy != 0.0 or dz != 0.0
             if moves:
                 impulse[c, 0], impulse[c, 1], impulse[c, 2] = rx + dx, ry + dy, rz + dz
-                push_across(i, j, nx, ny, nz, dx, dy, dz, normal - old, velocity, mobility)
+                _apply_impulse(i, j, nx, ny, nz, dx, dy, dz, normal - old, velocity, mobility)
         if cell is not None and moves:
-            _strain(c, dx, dy, dz, cell)
+            _strain_cell(c, dx, dy, dz, cell)
 
 
 @numba.njit(cache=True, fastmath=True, error_model="numpy")
@@ -173,25 +169,25 @@ def apply_impulses(velocity, mobility, ends, data, coulomb, impulse, cell):  # t
     """Add M^-1 H r to the velocities in place."""
     for c in range(ends.shape[0]):
         i, j, nx, ny, nz = ends[c, 0], ends[c, 1], data[c, 0], data[c, 1], data[c, 2]
-        x, y, z = components(c, impulse, coulomb)
-        normal = along(x, y, z, nx, ny, nz, coulomb)
+        x, y, z = _impulse_vector(c, impulse, coulomb)
+        normal = _normal_component(x, y, z, nx, ny, nz, coulomb)
         if coulomb is None:
             x, y, z = normal * nx, normal * ny, normal * nz
-            push(i, j, nx, ny, nz, normal, velocity, mobility)
+            _apply_normal_impulse(i, j, nx, ny, nz, normal, velocity, mobility)
         else:
-            push_across(i, j, nx, ny, nz, x, y, z, normal, velocity, mobility)
+            _apply_impulse(i, j, nx, ny, nz, x, y, z, normal, velocity, mobility)
         if cell is not None:
-            _strain(c, x, y, z, cell)
+            _strain_cell(c, x, y, z, cell)
 
 
 @numba.njit(cache=True, fastmath=True, error_model="numpy")
 def closing_size(velocity, ends, data, coulomb, cell):  # type: ignore[no-untyped-def]
-    """Norm of u + b n over the contacts that close, with their masses, sqrt(J)."""
+    """Return the norm of u + b n over the closing contacts, weighted by their masses, sqrt(J)."""
     total = 0.0
     for c in range(ends.shape[0]):
         nx, ny, nz, b = data[c, 0], data[c, 1], data[c, 2], data[c, 3]
-        ux, uy, uz = relative_velocity(ends[c, 0], ends[c, 1], nx, ny, nz, velocity, coulomb)
-        ux, uy, uz = _strained(c, ux, uy, uz, cell)
+        ux, uy, uz = _relative_velocity(ends[c, 0], ends[c, 1], nx, ny, nz, velocity, coulomb)
+        ux, uy, uz = _add_strain_velocity(c, ux, uy, uz, cell)
         ux, uy, uz = ux + b * nx, uy + b * ny, uz + b * nz
         if ux * nx + uy * ny + uz * nz < 0.0:
             total += (ux * ux + uy * uy + uz * uz) * data[c, 4]
@@ -200,9 +196,9 @@ def closing_size(velocity, ends, data, coulomb, cell):  # type: ignore[no-untype
 
 @numba.njit(cache=True, fastmath=True, error_model="numpy")
 def natural_map_error(velocity, ends, data, coulomb, impulse, anchor, cell):  # type: ignore[no-untyped-def]
-    r"""Norm of Coulomb's law as an equation, every contact with its mass, sqrt(J).
+    r"""Return the natural-map error of Coulomb's law, weighted by the masses, sqrt(J).
 
-    De Saxce's form, with the step rho of each contact and the compliance in u:
+    In De Saxce's form, with the step rho of each contact and the compliance in u:
 
         F = r - P_K(r - rho (u + b n + mu |u_T| n)),    sqrt(sum |F|^2 / rho).       (3)
     """
@@ -213,16 +209,16 @@ def natural_map_error(velocity, ends, data, coulomb, impulse, anchor, cell):  # 
         if coulomb is not None:
             mu = coulomb[c, 1]
         rho = data[c, 4] / (1.0 + a)
-        ux, uy, uz = relative_velocity(ends[c, 0], ends[c, 1], nx, ny, nz, velocity, coulomb)
-        ux, uy, uz = _strained(c, ux, uy, uz, cell)
+        ux, uy, uz = _relative_velocity(ends[c, 0], ends[c, 1], nx, ny, nz, velocity, coulomb)
+        ux, uy, uz = _add_strain_velocity(c, ux, uy, uz, cell)
         u = ux * nx + uy * ny + uz * nz
-        rx, ry, rz = components(c, impulse, coulomb)
-        old = along(rx, ry, rz, nx, ny, nz, coulomb)
+        rx, ry, rz = _impulse_vector(c, impulse, coulomb)
+        old = _normal_component(rx, ry, rz, nx, ny, nz, coulomb)
         rx, ry, rz = rx - old * nx, ry - old * ny, rz - old * nz
         ux, uy, uz = ux - u * nx, uy - u * ny, uz - u * nz
         if a > 0.0:
-            ax, ay, az = components(c, anchor, coulomb)
-            held = along(ax, ay, az, nx, ny, nz, coulomb)
+            ax, ay, az = _impulse_vector(c, anchor, coulomb)
+            held = _normal_component(ax, ay, az, nx, ny, nz, coulomb)
             u += a * (old - held) / data[c, 4]
             if coulomb is not None:
                 spring = a / coulomb[c, 0]
@@ -251,13 +247,13 @@ def natural_map_error(velocity, ends, data, coulomb, impulse, anchor, cell):  # 
 def relax(velocity, mobility, ends, data, coulomb, impulse, anchor, cell, target, sweeps, burst):  # type: ignore[no-untyped-def]
     r"""Sweep until (3) is below the target; return the sweeps made and the error.
 
-    Each sweep, from r to G(r), is a gradient for nonlinear conjugate directions, measured with the
-    masses of the contacts,
+    Each sweep, from r to G(r), gives the gradient of a nonlinear conjugate gradient method in the
+    norm of the masses of the contacts,
 
         g = G(r) - r,   beta = |g|^2 / |g'|^2,   p = g + beta p',   r = r + p,           (4)
 
-    and p' is dropped where beta exceeds one. The velocities, linear in r, follow with the same
-    weights. The last sweep of a burst stays as it is, in the cones.
+    with p' = 0 if beta exceeds one. The velocities, linear in r, are extrapolated with the same
+    weights. The last of ``burst`` sweeps is not extrapolated, so that r lies in the cones.
 
     References
     ----------
@@ -298,7 +294,7 @@ def relax(velocity, mobility, ends, data, coulomb, impulse, anchor, cell, target
 
 @numba.njit(inline="always", fastmath=True, error_model="numpy")
 def _extrapolate(value, before, direction, beta, moves):  # type: ignore[no-untyped-def]
-    """Take (4) for one array in place; without a move only the direction is brought up to date."""
+    """Apply (4) to one array in place; without ``moves`` update the direction only."""
     for c in range(value.shape[0]):
         for k in range(value.shape[1]):
             direction[c, k] = beta * direction[c, k] + value[c, k] - before[c, k]
@@ -310,7 +306,10 @@ def _extrapolate(value, before, direction, beta, moves):  # type: ignore[no-unty
 def relax_coloured(  # type: ignore[no-untyped-def]
     velocity, mobility, ends, data, coulomb, impulse, anchor, bounds, threads, target, sweeps, burst
 ):
-    """Do the same colour by colour, in as many parts; what comes after the last bound has none."""
+    """Sweep colour by colour in parallel until (3) is below the target; return sweeps and error.
+
+    Contacts after the last bound have no colour and are swept by one thread.
+    """
     arrays = (velocity, mobility, ends, data, coulomb, impulse, anchor, None)
     error = natural_map_error(velocity, ends, data, coulomb, impulse, anchor, None)
     done = 0

@@ -9,7 +9,7 @@ from scipy.sparse.linalg import LinearOperator, cg, gmres
 
 from multiscale.convergence import Status
 from multiscale.fe.condensation import CondensedStiffness, condense, split
-from multiscale.macro.discrete.link_newton import Lending, exact_step
+from multiscale.macro.discrete.link_newton import SlackStiffness, exact_step
 from multiscale.macro.substructures.balancing import Balancing, lay_out, prepare_balancing
 from multiscale.macro.substructures.capacity import find_slide
 from multiscale.macro.substructures.carried import carry_joints
@@ -133,7 +133,7 @@ class Newton:
         self.factor, self.load, self.unfinished = factor, self.stack.load @ factor, 0
         links = self.stack.links
         self.lower, self.upper = links.lower - links.prestress, links.upper - links.prestress
-        self.lending, self.known = Lending(), None
+        self.lending, self.known = SlackStiffness(), None
         self.scale = float(np.abs(self.assemble(self.load)).max(initial=0.0)) or (
             self._largest(links.prestress) or 1.0
         )
@@ -187,7 +187,7 @@ class Newton:
         """Take one Newton step; return the number of iterations of the linear solver."""
         carries = np.clip(self.elastic, self.lower, self.upper) == self.elastic
         if self.known is not None and not self._sum(np.count_nonzero(carries != self.known)):
-            self.lending.settle()
+            self.lending.reset()
         self.known = carries
         accuracy = min(LOOSE, balance.residual)
         accuracy = max(accuracy, 0.1 * tolerance / balance.residual, FINEST)
@@ -200,7 +200,7 @@ class Newton:
         else:
             step = self._exact_step(way, work)
         self._move(step, way)
-        self.lending.follow(step)
+        self.lending.adapt(step)
         return count
 
     def _way(self, direction: np.ndarray) -> _Way:

@@ -284,7 +284,7 @@ def test_space_repeats_along_a_period():
         ),
         (
             lambda: simulate_grains(Model(Grains([[0, 0, 1.0]], 0.01)), 1.0, 1e-3),
-            "no wall holds the grains against gravity",
+            "no wall supports the grains against gravity",
         ),
         (lambda: ContactLaw(friction=-0.1), "friction must be finite and not negative, got -0.1"),
         (lambda: ContactLaw(restitution=1.5), "restitution must lie between 0 and 1, got 1.5"),
@@ -296,7 +296,7 @@ def test_space_repeats_along_a_period():
             lambda: simulate_grains(
                 Model(Grains([[0, 0, 1.0]], 0.01), FLOOR), 1.0, 1e-3, accuracy=2.0
             ),
-            "accuracy must lie between 0 and 1, a share of the radius, got 2",
+            "accuracy must lie between 0 and 1, relative to the radius, got 2",
         ),
         (
             lambda: simulate_grains(

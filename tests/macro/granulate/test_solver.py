@@ -16,7 +16,7 @@ from multiscale.macro.granulate import (
     simulate_grains,
 )
 from multiscale.macro.granulate.grain_motion import step_grains
-from multiscale.macro.granulate.grain_state import start
+from multiscale.macro.granulate.grain_state import initial_state
 from multiscale.nonsmooth import solve_friction
 from tests.support import threads
 
@@ -62,7 +62,7 @@ def delassus(model, contacts):
 
 def test_a_step_agrees_with_the_friction_solver_on_the_assembled_operator():
     model = heap()
-    state, h = start(model), 1e-3
+    state, h = initial_state(model), 1e-3
     new, step = step_grains(model, state, h, TIGHT)
     assert step.converged
     assert step.n_contacts > 10
@@ -90,13 +90,15 @@ def test_conjugate_directions_carry_a_stack_in_fewer_sweeps_than_plain_ones():
     position = np.column_stack([np.zeros((n, 2)), 0.01 * (2.0 * np.arange(n) + 1.0)])[::-1]
     model = Model(Grains(position, 0.01), (FLOOR,), ContactLaw(0.4))
     conjugate, plain = (
-        step_grains(model, start(model), h, Solver(1e-8, 20000, threads=count, most_assembled=0))
+        step_grains(
+            model, initial_state(model), h, Solver(1e-8, 20000, threads=count, most_assembled=0)
+        )
         for count in (1, 2)
     )
-    borne = np.sort(conjugate[0].kept[:, 2])
+    borne = np.sort(conjugate[0].pair_impulse[:, 2])
     weight = 9.81 * float(model.grains.mass[0]) * h
     np.testing.assert_allclose(borne, weight * np.arange(1, n + 1), rtol=1e-5)
-    np.testing.assert_allclose(borne, np.sort(plain[0].kept[:, 2]), rtol=1e-5)
+    np.testing.assert_allclose(borne, np.sort(plain[0].pair_impulse[:, 2]), rtol=1e-5)
     assert conjugate[1].sweeps < 0.2 * plain[1].sweeps
 
 
@@ -123,7 +125,7 @@ def test_one_unknown_per_contact_leads_where_three_without_friction_do(options, 
     found = []
     for friction in (0.0, 1e-13):  # a trace of it has three unknowns
         model = Model(base.grains, base.walls, ContactLaw(friction, compliance=compliance))
-        state = start(model)
+        state = initial_state(model)
         for _ in range(3):
             solver = Solver(**({"tolerance": 1e-11, "max_iterations": 50000} | options))
             state, step = step_grains(model, state, 1e-3, solver)
