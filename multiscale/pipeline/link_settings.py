@@ -7,7 +7,7 @@ from math import inf, isfinite
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, ClassVar, Literal, Self
 
-from pydantic import BeforeValidator, Field, PlainSerializer, field_validator
+from pydantic import BeforeValidator, Field, PlainSerializer, field_validator, model_validator
 
 from multiscale.errors import CaseError
 from multiscale.io import open_mesh, read_table
@@ -16,6 +16,7 @@ from multiscale.macro import (
     LinkSystem,
     cable_net,
     cut_links,
+    prestress_by_itself,
     system_from_mesh,
     system_from_table,
     tensegrity_grid,
@@ -245,18 +246,30 @@ class LinkTable(Links):
     links : path
         Table of links; relative to the scene file.
     laws : tables by name
+    self_stress : bool
+        Whether the structure gets a state of self-stress that its links can carry, instead of a
+        column ``prestress``; see :func:`multiscale.macro.prestress_by_itself`.
+    prestress : quantity
+        Largest force in a link at load factor zero, N; with ``self_stress``.
     """
 
     kind: Literal["table"]
     nodes: Path
     links: Path
     laws: Laws
+    self_stress: bool = False
+    prestress: Annotated[Force, Field(gt=0.0)] | None = None
+
+    @model_validator(mode="after")
+    def _check(self) -> Self:
+        _check_self_stress(self.self_stress, self.prestress)
+        return self
 
     def build(self) -> LinkSystem:
         """Build the structure of the tables."""
         columns = {"first": int, "second": int, "group": int, "law": str}
         nodes, links = read_table(self.nodes, {}), read_table(self.links, columns)
-        return system_from_table(nodes, links, _laws(self.laws))
+        return _stressed(system_from_table(nodes, links, _laws(self.laws)), self.prestress)
 
 
 class LinkMesh(Links):
@@ -273,6 +286,8 @@ class LinkMesh(Links):
         Sets of points that are held.
     load : three quantities
         Force on every free node at load factor one, N.
+    self_stress, prestress : bool, quantity
+        A state of self-stress, as for two tables.
     """
 
     kind: Literal["mesh"]
@@ -281,11 +296,21 @@ class LinkMesh(Links):
     laws: Laws
     supports: Annotated[tuple[str, ...], Field(min_length=1)]
     load: tuple[Force, Force, Force]
+    self_stress: bool = False
+    prestress: Annotated[Force, Field(gt=0.0)] | None = None
+
+    @model_validator(mode="after")
+    def _check(self) -> Self:
+        _check_self_stress(self.self_stress, self.prestress)
+        return self
 
     def build(self) -> LinkSystem:
         """Build the structure of the mesh."""
         mesh, laws = open_mesh(self.file), _laws(self.laws)
-        return system_from_mesh(mesh, laws, supports=self.supports, load=self.load, scale=self.unit)
+        system = system_from_mesh(
+            mesh, laws, supports=self.supports, load=self.load, scale=self.unit
+        )
+        return _stressed(system, self.prestress)
 
 
 class Statics(Settings):
@@ -355,3 +380,14 @@ def _few(n: int, m: int | None) -> tuple[int, int | None]:
 def _laws(given: dict[str, LinkLawSettings]) -> dict[str, LinkLaw]:
     """Make the laws by name."""
     return {name: law.build() for name, law in given.items()}
+
+
+def _check_self_stress(asked: bool, prestress: float | None) -> None:
+    """Refuse a self-stress of unknown size, and a size of none."""
+    if asked != (prestress is not None):
+        raise ValueError("give both self_stress = true and prestress, or neither")
+
+
+def _stressed(system: LinkSystem, prestress: float | None) -> LinkSystem:
+    """Add the state of self-stress that is asked for."""
+    return system if prestress is None else prestress_by_itself(system, prestress)

@@ -10,7 +10,7 @@ from typer.testing import CliRunner
 from multiscale.cli import app
 from multiscale.errors import CaseError, ConvergenceError
 from multiscale.io import open_dataset
-from multiscale.macro import cable_net, simulate, solve_static, tensegrity_grid
+from multiscale.macro import cable_net, quadruplex_module, simulate, solve_static, tensegrity_grid
 from multiscale.pipeline import Case, StructureCase, load_case, load_case_of, run_macro
 from multiscale.pipeline.stages import stages_of
 from multiscale.pipeline.structure_settings import KINDS
@@ -321,3 +321,85 @@ def test_links_strained_beyond_their_linear_law_are_a_caution_with_the_worst(
 def test_every_kind_of_structure_has_one_stage():
     for kind in KINDS.values():
         assert [stage.tables[1] for stage in stages_of({"structure", kind.stage})] == [kind.stage]
+
+
+MODULE = """
+title = "One module from two tables"
+[structure]
+kind = "table"
+nodes = "nodes.csv"
+links = "links.csv"
+self_stress = true
+prestress = "1 kN"
+laws.cable = { kind = "cable", rigidity = "4 MN" }
+laws.bar = { kind = "bar", rigidity = "80 MN" }
+[statics]
+load_factors = [0, 1]
+"""
+
+
+@pytest.fixture
+def tables(tmp_path):
+    """Writes a structure without its prestress as two tables."""
+
+    def of(system):
+        nodes = np.hstack([system.position, system.fixed, system.load])
+        head = "x,y,z,fix_x,fix_y,fix_z,load_x,load_y,load_z"
+        np.savetxt(tmp_path / "nodes.csv", nodes, "%.17g", ",", header=head, comments="")
+        lines = (
+            f"{first},{second},{('cable', 'bar')[kind]},{group}"
+            for (first, second), kind, group in zip(
+                system.ends, system.kind, system.group, strict=True
+            )
+        )
+        text = "\n".join(["first,second,law,group", *lines])
+        (tmp_path / "links.csv").write_text(text, encoding="utf-8")
+        return tmp_path
+
+    return of
+
+
+def test_tables_without_prestress_get_their_state_of_self_stress(tables):
+    module = quadruplex_module(prestress=1.0)
+    found = load_case(write(tables(module), MODULE)).structure.build()
+    scaled = 1000.0 * module.prestress / np.abs(module.prestress).max()
+    np.testing.assert_allclose(found.prestress, scaled, rtol=1e-9)
+
+
+def test_of_several_states_the_one_with_the_largest_least_tension_is_taken(tables):
+    """Four modules have a state each: all are stressed alike, as by the grid's own prestress."""
+    grid = tensegrity_grid(2)
+    folder = tables(grid)
+    case = load_case(write(folder, MODULE))
+    found = case.structure.build()
+    cable = found.kind == 0
+    alike = 1000.0 * grid.prestress / np.abs(grid.prestress).max()
+    assert np.abs(found.prestress).max() == pytest.approx(1000.0)
+    assert found.prestress[cable].min() >= alike[cable].min() * (1.0 - 1e-9) > 0.0
+    result = run_macro(case, folder / "out.nc")
+    np.testing.assert_allclose(result["tension"][0], found.prestress, atol=1e-6)
+
+
+@pytest.mark.parametrize(
+    ("kinds", "message"),
+    [
+        (("strut", "strut"), "none of the 1 states of self-stress has all cables that it"),
+        (("cable", "cable"), "none of the 1 states of self-stress has all cables that it"),
+        (("bar", "bar"), "no cable or strut says which state"),
+    ],
+)
+def test_a_self_stress_that_no_link_can_carry_is_refused(tables, kinds, message):
+    cable, bar = kinds
+    text = MODULE.replace('cable = { kind = "cable"', f'cable = {{ kind = "{cable}"')
+    text = text.replace('bar = { kind = "bar"', f'bar = {{ kind = "{bar}"')
+    with pytest.raises(CaseError, match=message):
+        load_case(write(tables(quadruplex_module()), text)).structure.build()
+
+
+def test_a_self_stress_needs_a_size_and_a_structure_that_holds_itself(hanging):
+    asked = ("[structure.laws", "self_stress = true\n[structure.laws")
+    with pytest.raises(CaseError, match="give both self_stress = true and prestress, or neither"):
+        load_case(write(hanging, HANGING, asked))
+    sized = ("[structure.laws", 'self_stress = true\nprestress = "1 kN"\n[structure.laws')
+    with pytest.raises(CaseError, match="no state of self-stress"):
+        load_case(write(hanging, HANGING, sized)).structure.build()
