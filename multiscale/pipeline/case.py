@@ -1,5 +1,6 @@
 """Case files: found by path or name, read, and refused in sentences."""
 
+from collections.abc import Sequence
 from difflib import get_close_matches
 from importlib import resources
 from pathlib import Path
@@ -42,6 +43,11 @@ FILES = (
     ("joint", "law"),
 )
 """Keys that name files."""
+
+RENAMINGS: dict[tuple[str, ...], str] = {
+    ("motion", "domains"): "grains are not cut into domains; delete the key",
+}
+"""Keys of files of earlier versions, and what to write instead."""
 
 
 def shipped_cases() -> dict[str, Path]:
@@ -116,14 +122,29 @@ def load_case_of(kind: type[Kind], case: str | Path) -> Kind:
 
 
 def read_case(path: Path) -> dict[str, Any]:
-    """Read a case file without checking it; paths of other files become absolute."""
+    """Read a case file without checking it; paths of other files become absolute.
+
+    Raises
+    ------
+    CaseError
+        If it cannot be read, or says what only an earlier version knew.
+    """
     content = read_toml(path)
+    for (*tables, key), instead in RENAMINGS.items():
+        if key in _table(content, tables):
+            raise CaseError(f"{path}: [{'.'.join(tables)}] has no key {key!r} any more: {instead}")
     for *tables, key in FILES:
-        table: Any = content
-        for name in tables:
-            table = table.get(name) if isinstance(table, dict) else None
-        if isinstance(table, dict) and isinstance(table.get(key), str):
+        table = _table(content, tables)
+        if isinstance(table.get(key), str):
             table[key] = str(path.parent.resolve() / table[key])
+    return content
+
+
+def _table(content: dict[str, Any], names: Sequence[str]) -> dict[str, Any]:
+    """Return the table under some names, an empty one if there is none."""
+    for name in names:
+        inner = content.get(name)
+        content = inner if isinstance(inner, dict) else {}
     return content
 
 

@@ -101,6 +101,10 @@ def test_a_biaxial_test_leaves_its_curve_in_dataset_table_and_figure(tmp_path):
         ([("friction = 0.5", "frction = 0.5")], "did you mean 'friction'"),
         ([('step = "2 ms"', 'step = "2 s"')], "must not be longer than duration"),
         ([('kind = "deposit"', 'kind = "silo"')], "diameter"),
+        (
+            [('step = "2 ms"', 'domains = [2, 2]\nstep = "2 ms"')],
+            r"\[motion\] has no key 'domains' any more: grains are not cut",
+        ),
     ],
 )
 def test_what_a_scene_may_not_say_is_named(tmp_path, pairs, message):
