@@ -99,6 +99,8 @@ def run(
     """
     job = Job(make_folder(Path(out)), executor, progress)
     claim_folder(job.out, case)
+    if (job.out / CELLS.file).exists():  # of cells or of roads, all of which it holds
+        progress(case.realisations)
     if case.accuracy is not None and not all((job.out / one.file).exists() for one in PLANNED):
         _plan(case, job)
     found: dict[str, xr.Dataset] = {}
