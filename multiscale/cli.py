@@ -46,7 +46,7 @@ def run_command(
         bool, typer.Option("--explain", help="Print what the case needs, and stop.")
     ] = False,
 ) -> None:
-    """Run the whole chain: surface, cells, interface law, joint; or a sweep of such runs."""
+    """Run all stages of a case, such as surface, cells, interface law and joint; or a sweep."""
     from multiscale.io import logging_to, make_folder
     from multiscale.pipeline import load_sweep, requirements, run, run_sweep
     from multiscale.report import draw_figures, open_finished, write_report
@@ -70,7 +70,7 @@ def run_command(
     with (
         logging_to(out / "log.txt"),
         workers(jobs, dask) as executor,
-        _progress(total, what, one is None or one.accuracy is None) as progress,
+        _progress(total, what, total > 0 and (one is None or one.accuracy is None)) as progress,
     ):
         if one:
             run(one, out, executor=executor, progress=progress)
@@ -87,6 +87,8 @@ def run_command(
         typer.echo(f"report, figures and datasets: {out}")
     else:
         typer.echo(f"report, figure and dataset: {out}; runs: {out / 'points'}")
+    if failure := finished.failure:
+        raise ConvergenceError(f"{sweep.title}: {failure}")
 
 
 @app.command("micro")
@@ -100,10 +102,10 @@ def micro_command(
     dask: DaskOption = None,
 ) -> None:
     """Solve the cells of a case."""
-    from multiscale.pipeline import load_case, run_micro
+    from multiscale.pipeline import Case, load_case_of, run_micro
 
     _check_dataset(out)
-    settings = load_case(case)
+    settings = load_case_of(Case, case)
     if quick:
         settings = settings.quick()
     with (
@@ -139,7 +141,7 @@ def fit_command(
 
 @app.command("macro")
 def macro_command(
-    scene: Annotated[Path, typer.Argument(help="A scene file.")],
+    case: CaseArgument,
     out: Annotated[Path, typer.Option("-o", "--out", help="Result to write.")] = Path(
         "macro_result.nc"
     ),
@@ -150,37 +152,37 @@ def macro_command(
         Path | None, typer.Option("--law", help="Interface law of rough joints.")
     ] = None,
     explain: Annotated[
-        bool, typer.Option("--explain", help="Print what the scene needs, and stop.")
+        bool, typer.Option("--explain", help="Print what the case needs, and stop.")
     ] = False,
 ) -> None:
-    """Solve a scene: bars and cables at rest or in motion, a plate, bodies with rough joints.
+    """Solve a structure: bars and cables, a plate, bodies with rough joints, or grains.
 
-    Started by ``mpiexec -n N``, N processes share the substructures of a scene that is cut.
+    Started by ``mpiexec -n N``, N processes share the substructures of a structure that is cut.
     """
     from multiscale.macro.substructures import world
-    from multiscale.pipeline import homogenised_file, load_scene, run_scene, scene_requirements
-    from multiscale.report import list_cycles, list_facts, tabulate_scene
+    from multiscale.pipeline import StructureCase, load_case_of, requirements, run_macro
+    from multiscale.pipeline.stages import stages_of
 
-    settings, team = load_scene(scene), world()
+    settings, team = load_case_of(StructureCase, case), world()
     if quick:
         settings = settings.quick()
     if explain:
         if team.rank == 0:
-            typer.echo(scene_requirements(settings, processes=team.size).explain())
+            typer.echo(requirements(settings, processes=team.size).explain())
         return
     _check_dataset(out)
-    result = run_scene(settings, out, law=law, team=team)
+    result = run_macro(settings, out, law=law, team=team)
     if team.rank:  # the first process speaks for all
         return
     for caution in result.attrs.get("cautions", "").splitlines():
         typer.echo(f"caution: {caution}", err=True)
-    _print_table(result.attrs["title"], *tabulate_scene(settings.structure.kind, result))
-    for line in [*list_facts(result), *list_cycles(result)]:
+    stage, *more = stages_of(settings.tables)
+    for line in stage.lines({stage.name: result}):
         typer.echo(line)
-    if settings.substructures is not None and settings.substructures.homogenise:
-        typer.echo(f"condensed substructures: {homogenised_file(out)}")
+    for one in more:
+        typer.echo(f"{one.name}: {out.with_name(f'{out.stem}-{one.file}')}")
     typer.echo(f"dataset: {out}; for ParaView: {out.parent / 'fields' / f'{out.stem}.pvd'}")
-    if failure := result.attrs.get("failure"):
+    if failure := stage.failure(result):
         raise ConvergenceError(f"{settings.title}: {failure}")
 
 

@@ -12,7 +12,7 @@ import pytest
 
 from multiscale.cli import app
 from multiscale.io import open_dataset
-from multiscale.pipeline import load_case, load_scene, load_sweep
+from multiscale.pipeline import load_case, load_sweep
 from multiscale.pipeline.case import validate_case
 from multiscale.schema import MACRO_RESULT
 
@@ -118,7 +118,7 @@ def _joined(whole, piece):
 
 def test_whole_files_are_read(folder):
     assert load_case("my_joint.toml").cautions() == []
-    assert load_scene("lamp.toml").structure.kind == "table"
+    assert load_case("lamp.toml").structure.kind == "table"
 
 
 def test_the_tables_of_keys_are_those_of_the_models():

@@ -16,7 +16,7 @@ import sys
 from collections.abc import Sequence
 from pathlib import Path
 
-from multiscale.pipeline import load_scene, run_scene
+from multiscale.pipeline import load_case, run_macro
 from multiscale.plotting import draw_links
 from multiscale.report import tabulate_links
 
@@ -34,11 +34,11 @@ def main(argv: Sequence[str] | None = None) -> int:
     arguments = parser.parse_args(argv)
 
     for part, name in PARTS.items():
-        scene = load_scene(SCENES / f"{name}.toml")
+        scene = load_case(SCENES / f"{name}.toml")
         if arguments.quick:
             scene = scene.quick()
         folder = arguments.out / part
-        result = run_scene(scene, folder / "macro_result.nc")
+        result = run_macro(scene, folder / "macro_result.nc")
         draw_links(result, folder / "figures", scale=SCALE)
         head, rows = tabulate_links(result)
         lines = [scene.title, *("\t".join(row) for row in (head, *rows))]

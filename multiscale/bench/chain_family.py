@@ -26,9 +26,9 @@ SCENE = "stiffness of a ground steel joint"
 
 def joint_stiffness(points: int, realisations: int, first: int = 0) -> float:
     """Run the case on a grid, from a first realisation on: stiffness of the joint, Pa/m."""
-    from multiscale.pipeline import load_case, run
+    from multiscale.pipeline import Case, load_case_of, run
 
-    case = load_case(CASE)
+    case = load_case_of(Case, CASE)
     cell = case.cell.model_copy(update={"points": (points, points)})
     micro = case.micro.model_copy(
         update={"realisations": realisations, "seed": case.micro.seed + first}

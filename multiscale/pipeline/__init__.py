@@ -1,6 +1,6 @@
-"""What needs more than one layer: cases and their run, scenes and theirs."""
+"""What needs more than one layer: cases of every kind and their run."""
 
-from multiscale.pipeline.case import find_case, load_case, load_tyre
+from multiscale.pipeline.case import find_case, load_case, load_case_of
 from multiscale.pipeline.case_cells import make_cells
 from multiscale.pipeline.case_response import run_micro
 from multiscale.pipeline.concurrent import CellLaw
@@ -14,12 +14,11 @@ from multiscale.pipeline.rough_structure import (
     solve_direct,
     solve_sequential,
 )
-from multiscale.pipeline.run import Results, run
-from multiscale.pipeline.scene_requirements import scene_requirements
-from multiscale.pipeline.scene_settings import Scene
-from multiscale.pipeline.scenes import homogenised_file, load_scene, run_scene
+from multiscale.pipeline.run import Results, run, run_macro
 from multiscale.pipeline.settings import Case
-from multiscale.pipeline.sweep import Sweep, load_sweep, name_point, run_sweep
+from multiscale.pipeline.structure_settings import StructureCase
+from multiscale.pipeline.sweep import Sweep, load_sweep, run_sweep
+from multiscale.pipeline.sweep_points import name_point
 from multiscale.pipeline.three_ways import three_ways
 from multiscale.pipeline.tyre_settings import TyreCase
 
@@ -31,26 +30,23 @@ __all__ = [
     "Results",
     "RoughStructure",
     "RoughWave",
-    "Scene",
+    "StructureCase",
     "Sweep",
     "TiltedJoint",
     "TyreCase",
     "end_to_end",
     "find_case",
-    "homogenised_file",
     "load_case",
-    "load_scene",
+    "load_case_of",
     "load_sweep",
-    "load_tyre",
     "make_cells",
     "name_point",
     "plan",
     "requirements",
     "run",
+    "run_macro",
     "run_micro",
-    "run_scene",
     "run_sweep",
-    "scene_requirements",
     "solve_concurrent",
     "solve_direct",
     "solve_sequential",

@@ -5,7 +5,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from multiscale.pipeline.body_settings import LapJoint, StackedBlocks
+from multiscale.pipeline.body_settings import RoughBodies
 from multiscale.pipeline.real_contact import behaviour, real_pressure
 from multiscale.pipeline.stages.joint import STIFFNESSES
 from multiscale.schema import MACRO_RESULT, with_cautions
@@ -32,7 +32,7 @@ def with_joint_budget(
     result: "xr.Dataset",
     law: "xr.Dataset",
     stiffness: Callable[..., np.ndarray],
-    coarser: StackedBlocks | LapJoint | None,
+    coarser: RoughBodies | None,
 ) -> "xr.Dataset":
     """Return the result of a scene with the error budget of its stiffnesses.
 
@@ -46,7 +46,7 @@ def with_joint_budget(
         From a normal law, and optionally another mesh of the structure, to the stiffnesses of
         :data:`~multiscale.pipeline.stages.joint.STIFFNESSES` at the preloads, shape (3, preloads),
         Pa/m.
-    coarser : StackedBlocks or LapJoint, optional
+    coarser : RoughBodies, optional
         The structure on elements of twice the size, if it has them.
 
     Returns

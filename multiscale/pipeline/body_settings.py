@@ -1,18 +1,46 @@
-"""What a scene of elastic bodies may say: plate, stacked blocks, lap joint, law and loading."""
+"""What a case may say of elastic bodies: plate, stacked blocks, lap joint, law and loading."""
 
+from abc import abstractmethod
+from collections.abc import Sequence
+from dataclasses import fields
+from math import ceil
 from pathlib import Path
-from typing import Annotated, Literal, Self
+from typing import TYPE_CHECKING, Annotated, Any, ClassVar, Literal, Self
 
 from pydantic import Field, model_validator
 
+from multiscale.errors import CaseError
+from multiscale.fe.boxes import box_mesh
+from multiscale.io import open_dataset, open_law
+from multiscale.laws import Damaged, NormalLaw, Sliders
+from multiscale.laws.bulk import AnisotropicElastic, Elastic
+from multiscale.macro import Body, cut_bodies
+from multiscale.macro.substructures import (
+    CutProblem,
+    JointLoading,
+    LapShape,
+    RoughAssembly,
+    lap_joint,
+    split_boxes,
+    stacked_blocks,
+)
+from multiscale.pipeline.structure_kind import StructureKind
 from multiscale.pipeline.toml_model import Count, Length, Number, Pressure, Settings
+from multiscale.schema import RVE_STIFFNESS
+from multiscale.upscaling import law_from_dataset
+
+if TYPE_CHECKING:
+    import xarray as xr
+
+    from multiscale.macro.substructures import Team
+    from multiscale.pipeline.structure_settings import StructureCase
 
 __all__ = [
-    "BODIES",
     "JointLawSettings",
     "LapJoint",
     "Loading",
     "Plate",
+    "RoughBodies",
     "StackedBlocks",
     "Substructures",
 ]
@@ -62,8 +90,198 @@ class Substructures(Settings):
     max_iterations: Positive = 400
     homogenise: bool = False
 
+    @property
+    def count(self) -> int:
+        """Substructures of a body, or of a grid."""
+        return self.parts[0] * self.parts[1]
 
-class Plate(Settings):
+    def stop(self, team: "Team | None") -> dict[str, Any]:
+        """When the solver stops, and who shares its work."""
+        return {"tolerance": self.tolerance, "max_iterations": self.max_iterations, "team": team}
+
+    def quick(self) -> Self:
+        """Return a cut into two parts each way, at most."""
+        return self.model_copy(update={"parts": tuple(min(2, number) for number in self.parts)})
+
+
+class JointLawSettings(Settings):
+    """The law of the joints: a fitted normal law with friction.
+
+    Parameters
+    ----------
+    law : path
+        What ``multiscale run`` or ``multiscale fit`` has written; relative to the scene file. Not
+        needed if the command names one.
+    friction : number
+        Coefficient of Coulomb's law.
+    stiffness_ratio : number
+        Tangential over normal stiffness, of springs that slip one after the other.
+    damage : list of numbers
+        Of every joint, from below: it carries 1 - D times what the law says. All are sound if not
+        given.
+    extrapolate : bool
+        Whether answers stand where more than 5 % of the load of a joint lies beyond a factor of 2
+        outside the pressures of the law; they are unknown otherwise.
+    """
+
+    law: Path | None = None
+    friction: Annotated[Number, Field(ge=0.0)]
+    stiffness_ratio: Annotated[Number, Field(gt=0.0)] = 0.8
+    damage: tuple[Damage, ...] = ()
+    extrapolate: bool = False
+
+    def open(self) -> "xr.Dataset":
+        """Open the normal law.
+
+        Raises
+        ------
+        MultiscaleError
+            If there is none, or it is refused.
+        """
+        if self.law is None:
+            raise CaseError(
+                "the structure has joints but no law: name a file by [joint] law or by --law, such "
+                "as the interface_law.nc of a run"
+            )
+        return open_law(self.law)
+
+    def build(self, sound: NormalLaw, joints: int, loading: "Loading") -> list[Sliders]:
+        """Make the law of every joint: the sound one, less its damage, with friction."""
+        return [
+            Sliders(
+                Damaged(sound, D) if D else sound,
+                self.friction,
+                self.stiffness_ratio,
+                pressures=loading.joint_pressures,
+                slabs=loading.slabs,
+            )
+            for D in self.damage or (0.0,) * joints
+        ]
+
+
+class Loading(Settings):
+    """Preloads, then cycles; see :class:`multiscale.macro.substructures.JointLoading`.
+
+    Parameters
+    ----------
+    preloads : list of quantities
+        Pressures on the pressed face, Pa; the last stays during the cycles.
+    shear : quantity
+        Amplitude of the tangential traction on the sheared face, Pa.
+    cycles : int
+        Closed cycles after the first loading.
+    steps : int
+        Load steps from zero to the amplitude.
+    """
+
+    preloads: Annotated[tuple[Pressure, ...], Field(min_length=1)]
+    shear: Pressure | None = None
+    cycles: Annotated[Count, Field(ge=0)] = 0
+    steps: Positive = 10
+
+    @model_validator(mode="after")
+    def _check(self) -> Self:
+        if (self.shear is None) != (self.cycles == 0):
+            raise ValueError("give both shear and cycles, or neither")
+        return self
+
+    @property
+    def joint_pressures(self) -> tuple[float, float]:
+        """Pressures for which the law of the joints is fine, Pa."""
+        return LEAST * min(self.preloads), MOST * max(self.preloads)
+
+    @property
+    def slabs(self) -> int:
+        """Slabs of the law of the joints: the loss of a cycle is a small difference."""
+        return SLABS if self.cycles else FEW_SLABS
+
+    def build(self) -> JointLoading:
+        """Make the loading."""
+        return JointLoading(self.preloads, self.shear or 0.0, self.cycles, self.steps)
+
+    def quick(self) -> Self:
+        """Return one cycle of few steps."""
+        return self.model_copy(
+            update={"cycles": min(1, self.cycles), "steps": min(FEW, self.steps)}
+        )
+
+
+class RoughBodies(StructureKind):
+    """Elastic bodies with rough joints."""
+
+    stage: ClassVar[str] = "rough_joints"
+    asks: ClassVar[tuple[tuple[str, ...], ...]] = (("joint", "loading"),)
+    may_be_cut: ClassVar[bool] = True
+    mesher: ClassVar[tuple[str, ...]] = ()
+    """Library that meshes the bodies."""
+
+    if TYPE_CHECKING:
+        youngs_modulus: float
+        poissons_ratio: float
+        damage: tuple[float, ...]
+        stiffness: Path | None
+
+    @property
+    @abstractmethod
+    def joints(self) -> int:
+        """Number of joints."""
+
+    @property
+    @abstractmethod
+    def nodes(self) -> tuple[int, int]:
+        """Nodes of a body and of its face, about."""
+
+    @abstractmethod
+    def coarser(self) -> Self | None:
+        """Return the same structure on elements of twice the size; nothing if it has none."""
+
+    @abstractmethod
+    def build(self, laws: Sequence[Sliders]) -> RoughAssembly:
+        """Build bodies and joints, whose laws are given from below.
+
+        Raises
+        ------
+        MultiscaleError
+            If dimensions are refused, or a file that is named cannot be read.
+        """
+
+    def assemble(self, case: "StructureCase", normal: NormalLaw) -> RoughAssembly:
+        """Build bodies and joints of a case, whose sound joints have a normal law."""
+        assert case.joint is not None  # the case has been validated
+        assert case.loading is not None
+        return self.build(case.joint.build(normal, self.joints, case.loading))
+
+    def cut(self, case: "StructureCase") -> CutProblem:
+        """Cut every body into boxes."""
+        assert case.joint is not None  # the case has been validated
+        return self.assemble(case, law_from_dataset(case.joint.open())).cut(case.cut.parts)
+
+    @property
+    def damages(self) -> tuple[float, ...]:
+        """Damage of every body."""
+        return self.damage or (0.0,) * (self.joints + 1)
+
+    @property
+    def materials(self) -> list[Elastic | AnisotropicElastic]:
+        """Elasticity of every body, less its damage."""
+        if self.stiffness is None:
+            return [
+                Elastic((1.0 - D) * self.youngs_modulus, self.poissons_ratio) for D in self.damages
+            ]
+        sound = open_dataset(self.stiffness, RVE_STIFFNESS)["stiffness"].values
+        return [AnisotropicElastic((1.0 - D) * sound) for D in self.damages]
+
+    def check(self, case: "StructureCase") -> None:
+        """Refuse damages that are not one for each joint."""
+        damage = case.joint.damage if case.joint else ()
+        if damage and len(damage) != self.joints:
+            raise ValueError(
+                f"[joint] damage should have one entry for each joint ({self.joints}), got "
+                f"{len(damage)}"
+            )
+
+
+class Plate(StructureKind):
     """An elastic plate, clamped on its left and right edges, under an even pressure on its top.
 
     Parameters
@@ -80,6 +298,10 @@ class Plate(Settings):
         Downwards on its top at load factor one, Pa.
     """
 
+    stage: ClassVar[str] = "plate"
+    asks: ClassVar[tuple[tuple[str, ...], ...]] = (("statics",),)
+    may_be_cut: ClassVar[bool] = True
+
     kind: Literal["plate"]
     size: Edges
     elements: Elements
@@ -87,12 +309,38 @@ class Plate(Settings):
     poissons_ratio: Ratio
     pressure: Pressure
 
-    def quick(self) -> Self:
+    def build(self) -> Body:
+        """Clamp the plate and load it."""
+        clamped = (0.0, 0.0, 0.0)
+        return Body(
+            box_mesh(self.size, self.elements),
+            Elastic(self.youngs_modulus, self.poissons_ratio),
+            supports={"left": clamped, "right": clamped},
+            tractions={"top": (0.0, 0.0, -self.pressure)},
+        )
+
+    def cut(self, case: "StructureCase") -> CutProblem:
+        """Cut the plate into boxes."""
+        body = self.build()
+        return cut_bodies([body], [split_boxes(body, (*case.cut.parts, 1))])
+
+    @property
+    def nodes(self) -> int:
+        """Number of nodes."""
+        x, y, z = self.elements
+        return (x + 1) * (y + 1) * (z + 1)
+
+    def check(self, case: "StructureCase") -> None:
+        """Refuse large displacements."""
+        if case.statics:
+            case.statics.refuse_large()
+
+    def quick(self, case: "StructureCase") -> Self:
         """Return the same plate with four elements along an edge."""
         return self.model_copy(update={"elements": _fewer(self.elements)})
 
 
-class StackedBlocks(Settings):
+class StackedBlocks(RoughBodies):
     """Equal blocks with rough joints; see :func:`multiscale.macro.substructures.stacked_blocks`.
 
     Parameters
@@ -141,12 +389,22 @@ class StackedBlocks(Settings):
         _check_damage(self.damage, self.blocks, "block")
         return self
 
-    def quick(self) -> Self:
+    def build(self, laws: Sequence[Sliders]) -> RoughAssembly:
+        """Build the blocks and their joints."""
+        return stacked_blocks(self.size, self.elements, self.materials, laws)
+
+    @property
+    def nodes(self) -> tuple[int, int]:
+        """Nodes of a block and of its face."""
+        x, y, z = self.elements
+        return (x + 1) * (y + 1) * (z + 1), (x + 1) * (y + 1)
+
+    def quick(self, case: "StructureCase") -> Self:
         """Return the same blocks with four elements along an edge."""
         return self.model_copy(update={"elements": _fewer(self.elements)})
 
 
-class LapJoint(Settings):
+class LapJoint(RoughBodies):
     """Two bolted plates; see :func:`multiscale.macro.substructures.lap_joint`.
 
     Parameters
@@ -176,6 +434,8 @@ class LapJoint(Settings):
     stiffness : path
         Of both plates, as for stacked blocks.
     """
+
+    mesher: ClassVar[tuple[str, ...]] = ("gmsh",)
 
     kind: Literal["lap_joint"]
     length: Length
@@ -207,83 +467,23 @@ class LapJoint(Settings):
         _check_damage(self.damage, 2, "plate")
         return self
 
-    def quick(self) -> Self:
+    def build(self, laws: Sequence[Sliders]) -> RoughAssembly:
+        """Build the plates and their joint."""
+        names = (field.name for field in fields(LapShape))
+        shape = LapShape(**{name: getattr(self, name) for name in names})
+        return lap_joint(shape, self.materials, laws[0])
+
+    @property
+    def nodes(self) -> tuple[int, int]:
+        """Nodes of a plate and of the overlap, about."""
+        plan, overlap = (
+            side * self.width / self.element**2 for side in (self.length, self.overlap)
+        )
+        return ceil(plan * (self.layers + 1)), ceil(overlap)
+
+    def quick(self, case: "StructureCase") -> Self:
         """Return the same joint with elements no finer than a quarter of the overlap."""
         return self.model_copy(update={"element": max(self.element, self.overlap / QUICK)})
-
-
-BODIES = (Plate, StackedBlocks, LapJoint)
-"""Structures that consist of elastic bodies."""
-
-
-class JointLawSettings(Settings):
-    """The law of the joints: a fitted normal law with friction.
-
-    Parameters
-    ----------
-    law : path
-        What ``multiscale run`` or ``multiscale fit`` has written; relative to the scene file. Not
-        needed if the command names one.
-    friction : number
-        Coefficient of Coulomb's law.
-    stiffness_ratio : number
-        Tangential over normal stiffness, of springs that slip one after the other.
-    damage : list of numbers
-        Of every joint, from below: it carries 1 - D times what the law says. All are sound if not
-        given.
-    extrapolate : bool
-        Whether answers stand where more than 5 % of the load of a joint lies beyond a factor of 2
-        outside the pressures of the law; they are unknown otherwise.
-    """
-
-    law: Path | None = None
-    friction: Annotated[Number, Field(ge=0.0)]
-    stiffness_ratio: Annotated[Number, Field(gt=0.0)] = 0.8
-    damage: tuple[Damage, ...] = ()
-    extrapolate: bool = False
-
-
-class Loading(Settings):
-    """Preloads, then cycles; see :class:`multiscale.macro.substructures.JointLoading`.
-
-    Parameters
-    ----------
-    preloads : list of quantities
-        Pressures on the pressed face, Pa; the last stays during the cycles.
-    shear : quantity
-        Amplitude of the tangential traction on the sheared face, Pa.
-    cycles : int
-        Closed cycles after the first loading.
-    steps : int
-        Load steps from zero to the amplitude.
-    """
-
-    preloads: Annotated[tuple[Pressure, ...], Field(min_length=1)]
-    shear: Pressure | None = None
-    cycles: Annotated[Count, Field(ge=0)] = 0
-    steps: Positive = 10
-
-    @model_validator(mode="after")
-    def _check(self) -> Self:
-        if (self.shear is None) != (self.cycles == 0):
-            raise ValueError("give both shear and cycles, or neither")
-        return self
-
-    @property
-    def joint_pressures(self) -> tuple[float, float]:
-        """Pressures for which the law of the joints is fine, Pa."""
-        return LEAST * min(self.preloads), MOST * max(self.preloads)
-
-    @property
-    def slabs(self) -> int:
-        """Slabs of the law of the joints: the loss of a cycle is a small difference."""
-        return SLABS if self.cycles else FEW_SLABS
-
-    def quick(self) -> Self:
-        """Return one cycle of few steps."""
-        return self.model_copy(
-            update={"cycles": min(1, self.cycles), "steps": min(FEW, self.steps)}
-        )
 
 
 def _fewer(elements: Elements) -> Elements:

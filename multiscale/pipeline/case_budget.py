@@ -2,15 +2,24 @@
 
 from typing import TYPE_CHECKING
 
+from multiscale.pipeline.case_cells import longest_wave
 from multiscale.pipeline.settings import FEWEST_REALISATIONS, Case
-from multiscale.pipeline.stages.joint import joint_scales
-from multiscale.upscaling import error_budget
+from multiscale.upscaling import compare_scales, error_budget
 from multiscale.upscaling.budget import how_attribute
+from multiscale.upscaling.scales import ScaleSeparation
 
 if TYPE_CHECKING:
     import xarray as xr
 
-__all__ = ["case_budget"]
+__all__ = ["case_budget", "joint_scales"]
+
+
+def joint_scales(case: Case) -> ScaleSeparation:
+    """Compare the scales of the cells with those of the joint, whose pressure is even.
+
+    Nothing varies over less than its width, which holds only so many cells.
+    """
+    return compare_scales(longest_wave(case), max(case.cell.size), case.joint.width)
 
 
 def case_budget(case: Case, response: "xr.Dataset", law: "xr.Dataset") -> "xr.Dataset":

@@ -1,11 +1,10 @@
 """Results as rows of text under a head."""
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from typing import TYPE_CHECKING
 
 import numpy as np
 
-from multiscale.pipeline.grain_settings import GRANULATES
 from multiscale.units import ZERO_CELSIUS
 
 if TYPE_CHECKING:
@@ -19,7 +18,8 @@ __all__ = [
     "tabulate_braking",
     "tabulate_grains",
     "tabulate_links",
-    "tabulate_scene",
+    "tabulate_loads",
+    "tabulate_preloads",
     "tabulate_sweep",
 ]
 
@@ -186,7 +186,7 @@ def _steps_shown(result: "xr.Dataset") -> np.ndarray:
     return np.unique(np.linspace(0, steps - 1, min(steps, MOST_ROWS)).round().astype(int))
 
 
-def _tabulate_preloads(result: "xr.Dataset") -> tuple[tuple[str, ...], list[tuple[str, ...]]]:
+def tabulate_preloads(result: "xr.Dataset") -> tuple[tuple[str, ...], list[tuple[str, ...]]]:
     """Head and rows of bodies with joints at their preloads."""
     states = ("stick", "slip", "open")
     head = (
@@ -220,7 +220,7 @@ def _tabulate_preloads(result: "xr.Dataset") -> tuple[tuple[str, ...], list[tupl
     return head, rows
 
 
-def _tabulate_loads(result: "xr.Dataset") -> tuple[tuple[str, ...], list[tuple[str, ...]]]:
+def tabulate_loads(result: "xr.Dataset") -> tuple[tuple[str, ...], list[tuple[str, ...]]]:
     """Head and rows of a body under its loads."""
     largest = 1e6 * np.abs(result["displacement"].values).max(axis=(1, 2))
     return ("load", "largest displacement (µm)", "iterations", "residual"), [
@@ -233,30 +233,6 @@ def _tabulate_loads(result: "xr.Dataset") -> tuple[tuple[str, ...], list[tuple[s
             strict=True,
         )
     ]
-
-
-TABLES: dict[str, Callable[["xr.Dataset"], tuple[tuple[str, ...], list[tuple[str, ...]]]]] = {
-    **dict.fromkeys(("tensegrity_grid", "cable_net", "table", "mesh"), tabulate_links),
-    **dict.fromkeys(GRANULATES, tabulate_grains),
-    **dict.fromkeys(("stacked_blocks", "lap_joint"), _tabulate_preloads),
-    "plate": _tabulate_loads,
-}
-"""Table of each kind of structure."""
-
-
-def tabulate_scene(
-    kind: str, result: "xr.Dataset"
-) -> tuple[tuple[str, ...], list[tuple[str, ...]]]:
-    """Return head and rows of text for what a scene has given.
-
-    Parameters
-    ----------
-    kind : str
-        Kind of its structure.
-    result : Dataset
-        Follows ``MACRO_RESULT``, or ``GRANULATE`` for grains.
-    """
-    return TABLES[kind](result)
 
 
 def list_facts(result: "xr.Dataset") -> list[str]:

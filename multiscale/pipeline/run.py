@@ -6,20 +6,29 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from multiscale.io import make_folder, save_law, write_dataset
+from multiscale.io import make_folder, open_dataset, write_dataset
+from multiscale.pipeline.case import AnyCase
 from multiscale.pipeline.case_response import write_fields
 from multiscale.pipeline.planner import plan
 from multiscale.pipeline.run_folder import claim_folder
 from multiscale.pipeline.settings import Case
-from multiscale.pipeline.stage import Job
+from multiscale.pipeline.stage import Datasets, Job, Stage
 from multiscale.pipeline.stages import stages_of
-from multiscale.pipeline.tyre_settings import TyreCase
+from multiscale.pipeline.stages.cells import CELLS
+from multiscale.pipeline.stages.fitted_law import FITTED_LAW
+from multiscale.pipeline.stages.joint import JOINT
+from multiscale.pipeline.structure_settings import StructureCase
 from multiscale.schema import INTERFACE_LAW, MACRO_RESULT, MICRO_RESPONSE
 
 if TYPE_CHECKING:
     import xarray as xr
 
-__all__ = ["Results", "run"]
+    from multiscale.macro.substructures import Team
+
+__all__ = ["Results", "run", "run_macro"]
+
+PLANNED = (CELLS, FITTED_LAW, JOINT)
+"""Stages that a planner runs by itself."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -55,24 +64,25 @@ class Results(Mapping[str, "xr.Dataset"]):
 
     @property
     def macro_result(self) -> "xr.Dataset":
-        """Answer of the joint or of the tread block."""
+        """Answer of the joint, of the tread block or of the structure."""
         return self.found[MACRO_RESULT.name]
 
 
 def run(
-    case: Case | TyreCase,
+    case: AnyCase,
     out: str | Path,
     *,
     executor: Executor | None = None,
     progress: Callable[[int], None] = lambda finished: None,
 ) -> Results:
-    """Run the stages that a case asks for, one after another.
+    """Run the stages that a case asks for, one after another, as far as they are out of date.
 
     Parameters
     ----------
-    case : Case or TyreCase
+    case : Case, TyreCase or StructureCase
     out : path
-        Run folder; made if needed. Finished cells of the same case found there are kept.
+        Run folder; made if needed. Finished cells of the same case found there are kept, and so
+        are stages whose tables, and those of the stages that they take from, are the same.
     executor : Executor, optional
         See :func:`multiscale.executors.run_jobs`.
     progress : callable
@@ -89,27 +99,90 @@ def run(
     """
     job = Job(make_folder(Path(out)), executor, progress)
     claim_folder(job.out, case)
-    found = {} if case.accuracy is None else _plan(case, job)
+    if (job.out / CELLS.file).exists():  # of cells or of roads, all of which it holds
+        progress(case.realisations)
+    if case.accuracy is not None and not all((job.out / one.file).exists() for one in PLANNED):
+        _plan(case, job)
+    found: dict[str, xr.Dataset] = {}
     for stage in stages_of(case.tables):
-        if stage.name not in found:
-            found[stage.name] = stage.run(case, found, job)
-        stage.check(found[stage.name])
-    return Results({stage.name: found[stage.name] for stage in stages_of(case.tables)})
+        file = job.out / stage.file
+        if file.exists():
+            found[stage.name] = open_dataset(file, stage.schema)
+            stage.check(found[stage.name])
+        else:
+            found[stage.name] = _compute(stage, case, found, job, file)
+    return Results(found)
 
 
-def _plan(case: Case, job: Job) -> "dict[str, xr.Dataset]":
+def run_macro(
+    case: StructureCase,
+    file: str | Path,
+    *,
+    law: str | Path | None = None,
+    team: "Team | None" = None,
+) -> "xr.Dataset":
+    """Solve a structure; write its result and, beside it in ``fields``, a series for ParaView.
+
+    With ``homogenise`` in ``[substructures]`` their condensed stiffness is written as well.
+
+    Parameters
+    ----------
+    case : StructureCase
+    file : path
+        Dataset to write; its folder is made if needed.
+    law : path, optional
+        Interface law of the joints, instead of the one that the case names.
+    team : Team, optional
+        Processes that share the substructures. All call this function; the first one writes.
+
+    Returns
+    -------
+    Dataset
+        Follows ``MACRO_RESULT``, or ``GRANULATE`` for grains. The attribute ``failure`` says which
+        steps failed and why, ``cautions`` where a law answered beyond its data, nodes moved
+        farther than the structure measures or the contacts of grains missed their tolerance.
+
+    Raises
+    ------
+    CaseError
+        If the structure or its law is refused.
+    ConvergenceError
+        If no step converged, or the equilibrium from which a motion starts cannot be found.
+    """
+    file, case = Path(file), case if law is None else case.with_law(Path(law))
+    job = Job(file.parent, team=team)
+    first, *rest = stages_of(case.tables)
+    found = {first.name: _compute(first, case, {}, job, file)}
+    for stage in rest if _writes(job) else ():
+        _compute(stage, case, found, job, file.with_name(f"{file.stem}-{stage.name}.nc"))
+    return found[first.name]
+
+
+def _compute(stage: Stage, case: AnyCase, found: Datasets, job: Job, file: Path) -> "xr.Dataset":
+    """Run a stage and write what it leaves, the dataset last."""
+    result = stage.run(case, found, job)
+    if _writes(job):
+        make_folder(file.parent)
+        if stage.write_fields is not None:
+            stage.write_fields(result, make_folder(file.parent / "fields"), name=file.stem)
+        write_dataset(result, file, stage.schema, identity=stage.identity(case))
+    stage.check(result)
+    return result
+
+
+def _writes(job: Job) -> bool:
+    """Whether this process is the one that writes."""
+    return job.team is None or job.team.rank == 0
+
+
+def _plan(case: Case, job: Job) -> None:
     """Let the planner choose and solve the cells, and write what it has found as a run."""
-    out = job.out
-    planned = plan(case, out, executor=job.executor, progress=job.progress)
-    write_fields(planned.case, planned.folder, out)
-    write_dataset(planned.micro_response, out / "micro_response.nc", MICRO_RESPONSE)
-    save_law(planned.interface_law, out / "interface_law.nc")
+    planned = plan(case, job.out, executor=job.executor, progress=job.progress)
+    write_fields(planned.case, planned.folder, job.out)
     result = planned.macro_result.assign_attrs(
         plan="\n".join(planned.lines), time_spent=planned.spent, time_forecast=planned.forecast
     )
-    write_dataset(result, out / "macro_result.nc", MACRO_RESULT)
-    return {
-        MICRO_RESPONSE.name: planned.micro_response,
-        INTERFACE_LAW.name: planned.interface_law,
-        MACRO_RESULT.name: result,
-    }
+    found = (planned.micro_response, planned.interface_law, result)
+    for stage, dataset in zip(PLANNED, found, strict=True):
+        identity = stage.identity(case)
+        write_dataset(dataset, job.out / stage.file, stage.schema, identity=identity)

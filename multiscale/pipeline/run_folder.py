@@ -5,13 +5,12 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from multiscale.errors import CaseError, SchemaError
-from multiscale.io import open_dataset, read_text, remove, write_bytes
-from multiscale.pipeline.case import load_file
-from multiscale.pipeline.settings import Case
-from multiscale.pipeline.stage import Shown
+from multiscale.io import open_dataset, remove, write_bytes
+from multiscale.pipeline.case import AnyCase, load_case
+from multiscale.pipeline.stage import Shown, Stage
 from multiscale.pipeline.stages import stages_of
+from multiscale.pipeline.sweep_points import POINTS
 from multiscale.pipeline.toml_model import read_toml
-from multiscale.pipeline.tyre_settings import TyreCase
 
 if TYPE_CHECKING:
     import xarray as xr
@@ -19,49 +18,62 @@ if TYPE_CHECKING:
 __all__ = ["claim_folder", "list_cautions", "open_stages"]
 
 
-def claim_folder(out: Path, case: Case | TyreCase) -> None:
+def claim_folder(out: Path, case: AnyCase) -> None:
     """Write the case into its run folder, unless it holds what another one has computed.
 
-    A case of the same cells may differ in the rest: the cells stand, and the result of the joint
-    goes, so that no report shows it beside inputs that are not its own.
+    A case of the same cells, or of the same structure, may differ in the rest: what its stages
+    have left goes where it is out of date, so that no report shows it beside inputs that are not
+    its own.
 
     Parameters
     ----------
     out : Path
         Run folder, which exists.
-    case : Case or TyreCase
+    case : Case, TyreCase or StructureCase
 
     Raises
     ------
     CaseError
         If the folder holds another run, or a sweep.
     """
-    if (out / "sweep.nc").exists():
-        raise CaseError(f"{out} holds a sweep; choose another folder for a single run")
-    file, text = out / "case.toml", case.to_toml()
+    file = out / "case.toml"
     if file.exists() and any(out.rglob("*.nc")):
-        other = load_file(file)
+        if "sweep" in read_toml(file):
+            raise CaseError(f"{out} holds a sweep; choose another folder for a single run")
+        other = load_case(file)
         if type(other) is not type(case) or other.identity() != case.identity():
             raise CaseError(
-                f"{out} holds another run, {other.title!r} with {other.cell.points[0]} x "
-                f"{other.cell.points[1]} points; choose another folder, or delete this one"
+                f"{out} holds another run, {other.title!r}, of {other.scope}; choose another "
+                f"folder, or delete this one"
             )
-        if read_text(file) != text:
-            remove(out / "macro_result.nc")
-    write_bytes(file, text.encode())
+        for stage in stages_of(case.tables):
+            if not _is_up_to_date(stage, case, out):
+                remove(out / stage.file)
+    write_bytes(file, case.to_toml().encode())
+
+
+def _is_up_to_date(stage: Stage, case: AnyCase, out: Path) -> bool:
+    """Whether what a stage has left is what it would compute."""
+    try:
+        left = open_dataset(out / stage.file, stage.schema)
+    except SchemaError:  # missing, damaged or of another version
+        return False
+    return bool(left.attrs.get("identity") == stage.identity(case))
 
 
 def open_stages(out: Path) -> "dict[Shown, xr.Dataset]":
-    """Open the datasets that the stages of a finished run have left, in their order.
+    """Open the datasets that the stages of a finished run, or a finished sweep, have left.
 
     Raises
     ------
     SchemaError
         If a dataset is missing or refused.
     """
-    if not (out / "case.toml").exists():
+    file = out / "case.toml"
+    if not file.exists():
         raise SchemaError(f"{out}: no results; a run leaves its case.toml and datasets")
-    stages = stages_of(read_toml(out / "case.toml"))
+    swept = "sweep" in read_toml(file)
+    stages: tuple[Shown, ...] = (POINTS,) if swept else stages_of(load_case(file).tables)
     if not all((out / stage.file).exists() for stage in stages):
         names = ", ".join(stage.file for stage in stages)
         raise SchemaError(f"{out}: the run is not finished; a finished run leaves {names}")

@@ -1,11 +1,9 @@
 """What a case may say, and what its tables may say together."""
 
-import hashlib
-from typing import Self
+from typing import ClassVar, Self
 
 from pydantic import model_validator
 
-from multiscale.io import read_bytes
 from multiscale.macro.data_range import FAR_FACTOR
 from multiscale.micro.cell import depth_caution
 from multiscale.micro.slide import LONGEST
@@ -17,7 +15,7 @@ from multiscale.pipeline.case_tables import (
     MicroSettings,
     SlideSettings,
 )
-from multiscale.pipeline.rough_bodies import Body, InstrumentSurface
+from multiscale.pipeline.rough_bodies import Body
 from multiscale.pipeline.toml_model import Settings
 from multiscale.units import readable
 
@@ -60,6 +58,8 @@ class Case(Settings):
     joint: JointSettings
     slide: SlideSettings | None = None
     accuracy: AccuracySettings | None = None
+
+    describes: ClassVar[str] = "a joint of two rough bodies"
 
     @model_validator(mode="after")
     def _check(self) -> Self:
@@ -201,23 +201,16 @@ class Case(Settings):
             )
         return found
 
+    @property
+    def scope(self) -> str:
+        """What belongs to one run folder, in a few words."""
+        return f"{self.cell.points[0]} x {self.cell.points[1]} points"
+
     def identity(self) -> str:
         """Checksum of everything that a realisation depends on, instrument files included."""
-        content = self.model_dump_json(
+        return self.checksum(
             exclude={
-                "title": True,
-                "elastic": True,
-                "law": True,
-                "joint": True,
-                "slide": True,
-                "accuracy": True,
+                **dict.fromkeys(("title", "elastic", "law", "joint", "slide", "accuracy"), True),
                 "micro": {"realisations"},
-                "body_1": {"surface": {"file"}},
-                "body_2": {"surface": {"file"}},
             }
         )
-        checksum = hashlib.sha256(content.encode())
-        for body in self.bodies:
-            if isinstance(body.surface, InstrumentSurface):
-                checksum.update(read_bytes(body.surface.file))
-        return checksum.hexdigest()

@@ -1,16 +1,21 @@
 """What a stage of a case is: it takes earlier datasets, leaves one of its own, and shows it."""
 
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Callable, Container, Iterable, Mapping, Sequence
 from concurrent.futures import Executor
 from dataclasses import dataclass, field
+from hashlib import sha256
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, TypeAlias
 
+from multiscale import __version__
 from multiscale.needs import Needs
 from multiscale.schema import Schema
 
 if TYPE_CHECKING:
     import xarray as xr
+
+    from multiscale.macro.substructures import Team
+    from multiscale.pipeline.toml_model import Settings
 
 __all__ = [
     "Datasets",
@@ -70,11 +75,14 @@ class Job:
         See :func:`multiscale.executors.run_jobs`.
     progress : callable
         Gets the number of finished realisations.
+    team : Team or None
+        Processes that share the substructures of a structure.
     """
 
     out: Path
     executor: Executor | None = None
     progress: Callable[[int], None] = lambda finished: None
+    team: "Team | None" = None
 
 
 def list_cautions(dataset: "xr.Dataset") -> list[str]:
@@ -104,6 +112,8 @@ class Shown:
         From the datasets to rows that say how much was computed.
     summary : callable
         From the datasets to the head of the page; the last one of a run counts.
+    failure : callable
+        From the dataset to why some of its steps have no answer; such a command ends with 1.
     """
 
     schema: Schema
@@ -112,6 +122,7 @@ class Shown:
     sections: Callable[[Datasets, Path], Iterable[Section]] = _nothing
     work: Callable[[Datasets], Iterable[tuple[str, str]]] = _nothing
     summary: Callable[[Datasets], Summary] | None = None
+    failure: Callable[["xr.Dataset"], str] = lambda dataset: ""
 
     @property
     def name(self) -> str:
@@ -132,9 +143,15 @@ class Stage(Shown):
     ----------
     tables : tuple of str
         Tables of a case file that together ask for the stage.
+    reads : set of str, or dict, optional
+        Tables and keys of a case on which its dataset depends, beside those of the stages that it
+        takes from, as ``include`` of pydantic; all if not given.
+    takes : tuple of Stage
+        Stages whose datasets it takes.
     run : callable
-        From the case, the datasets of earlier stages and the job to the dataset of the stage,
-        which it also writes to the run folder.
+        From the case, the datasets of earlier stages and the job to the dataset of the stage.
+    write_fields : callable
+        Writes the dataset for ParaView into a folder, under a name.
     needs : callable
         From the case to the :class:`Needs` of the stage.
     check : callable
@@ -144,10 +161,23 @@ class Stage(Shown):
     """
 
     tables: tuple[str, ...]
+    reads: set[str] | dict[str, Any] | None = None
+    takes: "tuple[Stage, ...]" = ()
     run: Callable[[Any, Datasets, Job], "xr.Dataset"]
+    write_fields: Callable[..., object] | None = None
     needs: Callable[[Any], Needs] = lambda case: Needs()
     check: Callable[["xr.Dataset"], object] = _nothing
     pictures: tuple[str, ...] = ()
+
+    def asked_for(self, tables: Container[str]) -> bool:
+        """Whether the tables of a case file ask for the stage."""
+        return all(table in tables for table in self.tables)
+
+    def identity(self, case: "Settings") -> str:
+        """Checksum of all that the dataset depends on; another one is out of date."""
+        taken = [stage.identity(case) for stage in self.takes if stage.asked_for(case.tables)]
+        own = case.checksum(include=self.reads)
+        return sha256(" ".join([__version__, self.name, own, *taken]).encode()).hexdigest()
 
 
 def format_table(title: str, head: tuple[str, ...], rows: Sequence[tuple[str, ...]]) -> list[str]:

@@ -2,10 +2,10 @@
 
 import hashlib
 import logging
-from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from concurrent.futures import Executor
 from copy import deepcopy
-from dataclasses import dataclass
+from dataclasses import dataclass, field, replace
 from functools import reduce
 from itertools import product
 from math import prod
@@ -17,19 +17,20 @@ import numpy as np
 
 from multiscale.errors import CaseError, MultiscaleError, SchemaError
 from multiscale.executors import run_jobs
-from multiscale.io import make_folder, write_dataset
-from multiscale.pipeline.case import find_case, load_tyre, read_case, validate_case
+from multiscale.io import make_folder, remove, write_bytes, write_dataset
+from multiscale.pipeline.case import AnyCase, find_case, read_case, validate_case
 from multiscale.pipeline.run import run
 from multiscale.pipeline.run_folder import list_cautions, open_stages
 from multiscale.pipeline.settings import Case
 from multiscale.pipeline.stages.joint import STIFFNESSES
-from multiscale.pipeline.tyre_settings import TyreCase
+from multiscale.pipeline.sweep_points import POINTS, name_point
+from multiscale.pipeline.toml_model import read_toml
 from multiscale.schema import MACRO_RESULT, SWEEP
 
 if TYPE_CHECKING:
     import xarray as xr
 
-__all__ = ["Sweep", "load_sweep", "name_point", "run_sweep"]
+__all__ = ["Sweep", "load_sweep", "run_sweep"]
 
 MOST_POINTS = 100_000
 
@@ -48,21 +49,25 @@ class Sweep:
     title : str
     parameters : tuple of str
         Keys that vary, such as ``"cell.points"``; none in a file without ``[sweep]``.
-    points : tuple of Case or TyreCase
+    points : tuple of Case, TyreCase or StructureCase
         Every combination of the values, the last key fastest.
     settings : tuple of tuple of str
         For each point the values, as the file says them.
+    content : dict
+        What the file says, with ``[sweep]`` where it has one; empty if it is from no file.
     """
 
     title: str
     parameters: tuple[str, ...]
-    points: tuple[Case | TyreCase, ...]
+    points: tuple[AnyCase, ...]
     settings: tuple[tuple[str, ...], ...]
+    content: dict[str, Any] = field(default_factory=dict)
 
     def quick(self) -> "Sweep":
         """Return the same sweep of quick cases."""
+        title = f"{self.title} (quick)"
         points = tuple(case.quick() for case in self.points)
-        return Sweep(f"{self.title} (quick)", self.parameters, points, self.settings)
+        return replace(self, title=title, points=points, content=self.content | {"title": title})
 
     def folders(self, out: Path) -> list[Path]:
         """Run folder of each point, named after what it says, so that a sweep may grow."""
@@ -90,11 +95,9 @@ def load_sweep(case: str | Path) -> Sweep:
     ()
     """
     path = find_case(case)
-    content = read_case(path)
-    if "rubber" in content:
-        tyre = load_tyre(path)
-        return Sweep(tyre.title, (), (tyre,), ((),))
-    table = content.pop("sweep", {})
+    whole = read_case(path)
+    content = {name: table for name, table in whole.items() if name != "sweep"}
+    table = whole.get("sweep", {})
     lists = dict(_lists(table, path)) if isinstance(table, Mapping) else {}
     if not lists and table != {}:
         raise CaseError(f"{path}: [sweep] should be a table of lists, got {table!r}")
@@ -113,13 +116,16 @@ def load_sweep(case: str | Path) -> Sweep:
         if lists:
             point["title"] = f"{content.get('title', '')}: {name_point(parameters, said)}"
         points.append(validate_case(point, path))
+        if lists and type(points[-1]) is not Case:
+            raise CaseError(f"{path}: [sweep] varies joints, not {points[-1].describes}")
         settings.append(said)
-    return Sweep(str(content["title"]), parameters, tuple(points), tuple(settings))
-
-
-def name_point(parameters: Iterable[str], setting: Iterable[str]) -> str:
-    """Say which point of a sweep is meant: its keys in full, with their values."""
-    return ", ".join(f"{key} = {text}" for key, text in zip(parameters, setting, strict=True))
+    return Sweep(
+        str(content.get("title", points[0].title)),
+        parameters,
+        tuple(points),
+        tuple(settings),
+        whole,
+    )
 
 
 def run_sweep(
@@ -154,6 +160,7 @@ def run_sweep(
         If a worker process died, a file cannot be written, or no point has a result.
     """
     out = make_folder(Path(out))
+    _claim(out, sweep)
     folders = sweep.folders(out)
     names = [name_point(sweep.parameters, setting) for setting in sweep.settings]
     found: dict[int, tuple[xr.Dataset | None, str]] = {}
@@ -176,8 +183,25 @@ def run_sweep(
             f"{failures[0]}"
         )
     joined = _join(sweep, results, failures, [path.name for path in folders])
-    write_dataset(joined, out / "sweep.nc", SWEEP)
+    write_dataset(joined, out / POINTS.file, SWEEP)
     return joined
+
+
+def _claim(out: Path, sweep: Sweep) -> None:
+    """Write what the sweep says into its folder, unless it holds a single run.
+
+    Raises
+    ------
+    CaseError
+        If it does.
+    """
+    import tomli_w
+
+    file = out / "case.toml"
+    if file.exists() and any(out.rglob("*.nc")) and "sweep" not in read_toml(file):
+        raise CaseError(f"{out} holds a single run; choose another folder for a sweep")
+    remove(out / POINTS.file)  # of other points
+    write_bytes(file, tomli_w.dumps({"title": sweep.title, "sweep": {}} | sweep.content).encode())
 
 
 def _lists(
@@ -215,7 +239,7 @@ def _finished(folder: Path) -> "xr.Dataset | None":
     return result if result["converged"].values.any() else None
 
 
-def _run_point(case: Case | TyreCase, folder: Path) -> "tuple[xr.Dataset | None, str]":
+def _run_point(case: AnyCase, folder: Path) -> "tuple[xr.Dataset | None, str]":
     """Run a point; what is refused is a sentence, not the end."""
     try:
         run(case, folder)

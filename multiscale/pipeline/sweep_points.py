@@ -8,7 +8,6 @@ import numpy as np
 
 from multiscale.pipeline.rows import tabulate_sweep
 from multiscale.pipeline.stage import Datasets, Section, Shown, Summary, format_table
-from multiscale.pipeline.sweep import name_point
 from multiscale.plotting.figure import on_axes
 from multiscale.plotting.sweep_figures import plot_sweep
 from multiscale.schema import SWEEP
@@ -16,11 +15,16 @@ from multiscale.schema import SWEEP
 if TYPE_CHECKING:
     import xarray as xr
 
-__all__ = ["POINTS"]
+__all__ = ["POINTS", "name_point"]
 
 
 MOST_NAMED = 3
 """Points that are named for one caution."""
+
+
+def name_point(parameters: Iterable[str], setting: Iterable[str]) -> str:
+    """Say which point of a sweep is meant: its keys in full, with their values."""
+    return ", ".join(f"{key} = {text}" for key, text in zip(parameters, setting, strict=True))
 
 
 def _list_cautions(result: "xr.Dataset") -> list[str]:

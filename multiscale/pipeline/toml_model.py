@@ -1,9 +1,11 @@
 """TOML files as frozen models: quantities with units in, SI out, faults as sentences."""
 
+import json
 import tomllib
 from collections.abc import Callable, Iterator, Mapping
 from difflib import get_close_matches
 from functools import partial
+from hashlib import sha256
 from itertools import pairwise
 from pathlib import Path
 from typing import Annotated, Any, Self, TypeVar, get_args
@@ -20,7 +22,7 @@ from pydantic import (
 )
 
 from multiscale.errors import CaseError
-from multiscale.io import read_text
+from multiscale.io import read_bytes, read_text
 from multiscale.units import to_si
 
 __all__ = [
@@ -80,6 +82,23 @@ class Settings(BaseModel):
     def tables(self) -> frozenset[str]:
         """Tables and keys that are given or have a default."""
         return frozenset(name for name, value in self if value is not None)
+
+    def checksum(
+        self,
+        *,
+        include: set[str] | dict[str, Any] | None = None,
+        exclude: set[str] | dict[str, Any] | None = None,
+    ) -> str:
+        """Checksum of what is said, with the content of the files that are named.
+
+        Raises
+        ------
+        MultiscaleError
+            If such a file cannot be read.
+        """
+        said = self.model_dump(include=include, exclude=exclude)
+        text = json.dumps(said, default=lambda file: sha256(read_bytes(file)).hexdigest())
+        return sha256(text.encode()).hexdigest()
 
     def to_toml(self) -> str:
         """Return a file of these settings, in SI units."""

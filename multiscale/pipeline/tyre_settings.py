@@ -1,6 +1,5 @@
 """What a case of rubber that slides on a road may say."""
 
-import hashlib
 from itertools import pairwise
 from typing import Annotated, ClassVar, Self
 
@@ -191,6 +190,7 @@ class TyreCase(Settings):
     law: LawSettings = LawSettings()
     tread: Tread
 
+    describes: ClassVar[str] = "rubber that slides on a road"
     accuracy: ClassVar[None] = None
     """No planner: it chooses cells of joints alone."""
 
@@ -244,9 +244,16 @@ class TyreCase(Settings):
             found.append(f"the speeds leave more than 1.5 decades open above {wide[0]:g} m/s")
         return found
 
+    @property
+    def scope(self) -> str:
+        """What belongs to one run folder, in a few words."""
+        return f"{self.cell.points[0]} x {self.cell.points[1]} points"
+
     def identity(self) -> str:
         """Checksum of everything that a realisation depends on."""
-        content = self.model_dump_json(
-            exclude={"title": True, "law": True, "tread": True, "sliding": {"realisations"}}
+        return self.checksum(
+            exclude={
+                **dict.fromkeys(("title", "law", "tread"), True),
+                "sliding": {"realisations"},
+            }
         )
-        return hashlib.sha256(content.encode()).hexdigest()

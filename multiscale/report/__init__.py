@@ -1,6 +1,6 @@
 """What a run has found, as tables and as a page."""
 
-from multiscale.pipeline.rows import list_cycles, list_facts, tabulate_links, tabulate_scene
+from multiscale.pipeline.rows import list_cycles, list_facts, tabulate_links
 from multiscale.report.finished_run import FinishedRun, draw_figures, open_finished
 from multiscale.report.page import write_report
 
@@ -11,6 +11,5 @@ __all__ = [
     "list_facts",
     "open_finished",
     "tabulate_links",
-    "tabulate_scene",
     "write_report",
 ]

@@ -5,11 +5,10 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from multiscale.io import make_folder, open_dataset, reading_run, remove
+from multiscale.io import make_folder, reading_run, remove
 from multiscale.pipeline.run_folder import list_cautions, open_stages
 from multiscale.pipeline.stage import Section, Shown
 from multiscale.pipeline.stages import STAGES
-from multiscale.pipeline.sweep_points import POINTS
 from multiscale.pipeline.toml_model import read_toml
 
 if TYPE_CHECKING:
@@ -32,14 +31,17 @@ class FinishedRun:
         Datasets of the stages, by name.
     cautions : list of str
         What a user should know before trusting the results, one sentence each.
+    failure : str
+        Why steps have no answer, where that makes a command end with 1.
     case : dict
-        Content of the case file; empty for a sweep, whose points have theirs.
+        Content of the case file.
     """
 
     out: Path
     stages: tuple[Shown, ...]
     found: "dict[str, xr.Dataset]"
     cautions: list[str]
+    failure: str
     case: dict[str, Any]
 
     def sections(self) -> list[Section]:
@@ -62,12 +64,13 @@ def open_finished(out: Path) -> FinishedRun:
     SchemaError
         If a dataset is missing or refused.
     """
-    file = out / POINTS.file
-    swept = file.exists()
-    opened = {POINTS: open_dataset(file, POINTS.schema)} if swept else open_stages(out)
-    case = {} if swept else read_toml(out / "case.toml")
+    opened = open_stages(out)
     found = {stage.name: dataset for stage, dataset in opened.items()}
-    return FinishedRun(out, tuple(opened), found, list_cautions(opened), case)
+    failures = (stage.failure(dataset) for stage, dataset in opened.items())
+    case = read_toml(out / "case.toml")
+    return FinishedRun(
+        out, tuple(opened), found, list_cautions(opened), "; ".join(filter(None, failures)), case
+    )
 
 
 def draw_figures(out: str | Path) -> list[Path]:

@@ -40,8 +40,7 @@ def _content(run: FinishedRun) -> dict[str, Any]:
     """Say what the page says."""
     *_, summarise = (stage.summary for stage in run.stages if stage.summary is not None)
     drawn = {file.stem: file for file in (run.out / "figures").glob("*.png")}
-    inputs = [Section("Inputs", rows=list(_keys(run.case)))] if run.case else []
-    sections = [*run.sections(), *inputs, _work(run)]
+    sections = [*run.sections(), Section("Inputs", rows=list(_keys(run.case))), _work(run)]
     return vars(summarise(run.found)) | {
         "cautions": run.cautions,
         "sections": [_with_images(section, drawn) for section in sections],

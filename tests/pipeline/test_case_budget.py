@@ -3,7 +3,7 @@
 import pytest
 
 from multiscale.io import open_law, open_response
-from multiscale.pipeline import load_case, load_scene, run_scene
+from multiscale.pipeline import load_case, run_macro
 from multiscale.pipeline.case_budget import case_budget
 from multiscale.upscaling import fit_law
 
@@ -39,8 +39,8 @@ def test_every_term_that_is_not_known_names_a_key(run_folder, unload):
 def test_a_scene_whose_elements_cannot_be_doubled_says_so(run_folder, tmp_path):
     (tmp_path / "scene.toml").write_text(SCENE, encoding="utf-8")
     assert "error_half_width" in open_law(run_folder / "interface_law.nc")
-    result = run_scene(
-        load_scene(tmp_path / "scene.toml"),
+    result = run_macro(
+        load_case(tmp_path / "scene.toml"),
         tmp_path / "result.nc",
         law=run_folder / "interface_law.nc",
     )

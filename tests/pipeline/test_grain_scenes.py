@@ -9,7 +9,7 @@ from typer.testing import CliRunner
 from multiscale.cli import app
 from multiscale.errors import CaseError
 from multiscale.io import open_dataset
-from multiscale.pipeline import load_scene, run_scene
+from multiscale.pipeline import load_case, run_macro
 from multiscale.plotting import draw_granulate
 from multiscale.schema import GRANULATE
 
@@ -43,7 +43,7 @@ def test_the_command_leaves_dataset_series_and_table(tmp_path):
 def test_the_series_holds_grains_and_forces(tmp_path):
     import meshio
 
-    result = run_scene(load_scene(SCENES / "deposit.toml").quick(), tmp_path / "result.nc")
+    result = run_macro(load_case(SCENES / "deposit.toml").quick(), tmp_path / "result.nc")
     last = meshio.read(tmp_path / "fields" / f"result-{result.sizes['frame'] - 1:04d}.vtu")
     assert len(last.cells_dict["vertex"]) == 60
     here = result["contact_frame"].values == result.sizes["frame"] - 1
@@ -54,22 +54,22 @@ def test_the_series_holds_grains_and_forces(tmp_path):
 
 
 def test_figures_show_forces_energies_and_errors(tmp_path):
-    result = run_scene(load_scene(SCENES / "deposit.toml").quick(), tmp_path / "result.nc")
+    result = run_macro(load_case(SCENES / "deposit.toml").quick(), tmp_path / "result.nc")
     for file in draw_granulate(result, tmp_path / "figures"):
         assert file.read_bytes().startswith(b"\x89PNG")
 
 
 def test_the_number_of_frames_and_threads_is_that_of_the_file(tmp_path):
     path = write(tmp_path, ('duration = "1 s"', 'duration = "20 ms"\nframes = 3\nthreads = 2'))
-    scene = load_scene(path).quick()
-    result = run_scene(scene, tmp_path / "result.nc")
+    scene = load_case(path).quick()
+    result = run_macro(scene, tmp_path / "result.nc")
     assert result.sizes["frame"] == 3
-    assert load_scene(path).motion.threads == 2
+    assert load_case(path).motion.threads == 2
 
 
 def test_steps_follow_the_accuracy_of_the_file(tmp_path):
     path = write(tmp_path, ('step = "2 ms"', 'step = "5 ms"\naccuracy = 0.1'))
-    result = run_scene(load_scene(path).quick(), tmp_path / "result.nc")
+    result = run_macro(load_case(path).quick(), tmp_path / "result.nc")
     lengths = result["time_step"].values
     assert lengths.max() <= 5e-3 * (1.0 + 1e-12)
     assert lengths.min() < 0.9 * lengths.max()
@@ -78,7 +78,7 @@ def test_steps_follow_the_accuracy_of_the_file(tmp_path):
 
 @pytest.mark.slow
 def test_a_biaxial_test_leaves_its_curve_in_dataset_table_and_figure(tmp_path):
-    scene = load_scene(SCENES / "biaxial.toml")
+    scene = load_case(SCENES / "biaxial.toml")
     assert scene.structure.strain_rate == 0.03
     out = tmp_path / "result.nc"
     done = CliRunner().invoke(
@@ -102,14 +102,18 @@ def test_a_biaxial_test_leaves_its_curve_in_dataset_table_and_figure(tmp_path):
         ([("friction = 0.5", "frction = 0.5")], "did you mean 'friction'"),
         ([('step = "2 ms"', 'step = "2 s"')], "must not be longer than duration"),
         ([('kind = "deposit"', 'kind = "silo"')], "diameter"),
+        (
+            [('step = "2 ms"', 'domains = [2, 2]\nstep = "2 ms"')],
+            r"\[motion\] has no key 'domains' any more: grains are not cut",
+        ),
     ],
 )
 def test_what_a_scene_may_not_say_is_named(tmp_path, pairs, message):
     with pytest.raises(CaseError, match=message):
-        load_scene(write(tmp_path, *pairs))
+        load_case(write(tmp_path, *pairs))
 
 
 def test_grains_take_no_interface_law(tmp_path):
-    scene = load_scene(SCENES / "deposit.toml").quick()
-    with pytest.raises(CaseError, match="grains have no joint"):
-        run_scene(scene, tmp_path / "result.nc", law=tmp_path / "law.nc")
+    scene = load_case(SCENES / "deposit.toml").quick()
+    with pytest.raises(CaseError, match="has no joint that the law"):
+        run_macro(scene, tmp_path / "result.nc", law=tmp_path / "law.nc")

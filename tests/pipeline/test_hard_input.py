@@ -12,7 +12,7 @@ import pytest
 
 from multiscale.errors import CaseError, MultiscaleError
 from multiscale.io import open_dataset, read_surface, write_dataset
-from multiscale.pipeline import load_case, load_scene, load_sweep, run, run_scene
+from multiscale.pipeline import load_case, load_sweep, run, run_macro
 from multiscale.pipeline.case import shipped_cases
 from multiscale.schema import WORK_PRECISION
 
@@ -139,7 +139,7 @@ def scans(tmp_path):
 def test_mutants_of_cases_and_scenes_are_read_or_refused_in_a_sentence(tmp_path, seed):
     count = 200 if seed == 1 else 3000
     assert read_all(load_sweep, CASES, mutate_lines, count, tmp_path, seed) == []
-    assert read_all(load_scene, SCENES, mutate_lines, count, tmp_path, seed) == []
+    assert read_all(load_case, SCENES, mutate_lines, count, tmp_path, seed) == []
 
 
 @pytest.mark.parametrize("seed", [1, pytest.param(2, marks=pytest.mark.long)])
@@ -220,7 +220,7 @@ def test_a_series_for_paraview_is_xml_whatever_its_name(tmp_path):
         "[statics]\nload_factors = [1.0]\n"
     )
     name = """a"b<c>&'d"""
-    run_scene(load_scene(tmp_path / "scene.toml"), tmp_path / f"{name}.nc")
+    run_macro(load_case(tmp_path / "scene.toml"), tmp_path / f"{name}.nc")
     (entry,) = ET.parse(tmp_path / "fields" / f"{name}.pvd").iter("DataSet")
     ET.parse(tmp_path / "fields" / entry.attrib["file"])
 
@@ -234,7 +234,7 @@ def test_a_path_leads_to_data_or_to_a_sentence(tmp_path, place):
         '[structure.laws.a]\nkind = "bar"\nrigidity = "1 MN"\n[statics]\nload_factors = [1.0]\n'
     )
     with pytest.raises(CaseError, match=r"passwd|is a device or a pipe"):
-        run_scene(load_scene(scene), tmp_path / "out.nc")
+        run_macro(load_case(scene), tmp_path / "out.nc")
     with pytest.raises(CaseError, match=r"passwd|is a device or a pipe"):
         read_surface(tmp_path / place)
     assert not (tmp_path / "out.nc").exists()

@@ -13,7 +13,7 @@ import xarray as xr
 from matplotlib.image import imread
 
 from multiscale.io import open_law, open_run
-from multiscale.pipeline import load_case, load_scene, run, run_scene
+from multiscale.pipeline import load_case, run, run_macro
 from multiscale.pipeline.case import shipped_cases
 from multiscale.upscaling import law_from_dataset
 from tests.closed_forms import joint as closed_form
@@ -293,7 +293,7 @@ def test_a_rough_joint_takes_the_law_of_a_run_as_it_is(finished, tmp_path):
     file, E, height = finished[0] / "interface_law.nc", 210e9, 0.01
     before = file.read_bytes()
     (tmp_path / "scene.toml").write_text(ROUGH_BLOCKS, encoding="utf-8")
-    result = run_scene(load_scene(tmp_path / "scene.toml"), tmp_path / "blocks.nc", law=file)
+    result = run_macro(load_case(tmp_path / "scene.toml"), tmp_path / "blocks.nc", law=file)
     law = law_from_dataset(open_law(file))
     interface = law.stiffness(law.gap_at(result["preload"].values))
     expected = closed_form.series(E / height, interface, E / height)

@@ -1,13 +1,17 @@
 """A run folder belongs to one case, and its report shows no result of another one."""
 
+from pathlib import Path
 from shutil import copytree
 
 import pytest
+from typer.testing import CliRunner
 
+from multiscale.cli import app
 from multiscale.errors import CaseError, SchemaError
 from multiscale.io import make_folder, open_dataset, read_text, write_dataset
-from multiscale.pipeline import load_case, load_tyre, run
+from multiscale.pipeline import load_case, run
 from multiscale.pipeline.run_folder import claim_folder
+from multiscale.pipeline.stages import stages_of
 from multiscale.report import draw_figures, write_report
 from multiscale.schema import SCHEMAS
 
@@ -29,6 +33,8 @@ def test_another_joint_of_the_same_cells_has_no_result_until_it_is_solved(folder
     other = case.model_copy(
         update={"joint": case.joint.model_copy(update={"preloads": (12.5e6, 50e6)})}
     )
+    kept = ("micro_response", "interface_law")
+    before = [(folder / f"{name}.nc").stat().st_mtime_ns for name in kept]
     claim_folder(folder, other)  # the run is killed here
     for show in (draw_figures, write_report):
         with pytest.raises(SchemaError, match="the run is not finished"):
@@ -36,13 +42,14 @@ def test_another_joint_of_the_same_cells_has_no_result_until_it_is_solved(folder
     cells = (folder / "micro" / "realisation-0000.nc").stat().st_mtime_ns
     run(other, folder)
     assert (folder / "micro" / "realisation-0000.nc").stat().st_mtime_ns == cells
+    assert [(folder / f"{name}.nc").stat().st_mtime_ns for name in kept] == before
     page = write_report(folder).read_text(encoding="utf-8")
     assert "pressed together by 12.5 to 50 MPa" in page
 
 
 def test_cells_of_another_case_or_of_another_kind_are_left_alone(folder):
     text = read_text(folder / "case.toml")
-    for other in (load_case("ground_steel"), load_tyre("tyre_on_road")):
+    for other in (load_case("ground_steel"), load_case("tyre_on_road")):
         with pytest.raises(CaseError, match=r"holds another run, 'Ground steel .*choose another"):
             claim_folder(folder, other)
     assert read_text(folder / "case.toml") == text
@@ -50,9 +57,47 @@ def test_cells_of_another_case_or_of_another_kind_are_left_alone(folder):
 
 def test_a_folder_of_a_sweep_takes_no_single_run(tmp_path):
     make_folder(tmp_path / "out")
+    (tmp_path / "out" / "case.toml").write_text("sweep = {}")
     (tmp_path / "out" / "sweep.nc").touch()
     with pytest.raises(CaseError, match="holds a sweep; choose another folder"):
         run(load_case("ground_steel"), tmp_path / "out")
+
+
+def test_a_stage_is_computed_again_after_what_it_depends_on_and_no_earlier_one(folder):
+    case = load_case(folder / "case.toml")
+
+    def out_of_date(**changes):
+        other = case.model_copy(update=changes)
+        return [
+            one.name for one in stages_of(case.tables) if one.identity(case) != one.identity(other)
+        ]
+
+    law = case.law.model_copy(update={"samples": 7})
+    wide = case.joint.model_copy(update={"width": 0.5})
+    high = case.joint.model_copy(update={"height": 0.5})
+    assert out_of_date(joint=high) == ["macro_result"]
+    assert out_of_date(law=law) == ["interface_law", "macro_result"]
+    assert out_of_date(joint=wide) == ["interface_law", "macro_result"]  # whose scales it compares
+    assert out_of_date(elastic=True) == ["micro_response", "interface_law", "macro_result"]
+
+
+def test_a_structure_is_run_shown_and_solved_again_under_another_load(tmp_path):
+    scene = Path(__file__).parents[2] / "workflows" / "scenes" / "tensegrity_grid.toml"
+    out = tmp_path / "grid"
+    done = CliRunner().invoke(app, ["run", str(scene), "-o", str(out), "--quick"])
+    assert done.exit_code == 0, done.output
+    assert done.output.splitlines()[0] == "Tensegrity grid at rest (quick)"
+    assert "slack links" in (out / "report.html").read_text(encoding="utf-8")
+    assert (out / "fields" / "macro_result.pvd").is_file()
+    case = load_case(out / "case.toml")
+    before = (out / "macro_result.nc").stat().st_mtime_ns
+    assert run(case, out).macro_result.sizes["step"] == 5
+    assert (out / "macro_result.nc").stat().st_mtime_ns == before
+    statics = case.statics.model_copy(update={"load_factors": (1.0,)})
+    assert run(case.model_copy(update={"statics": statics}), out).macro_result.sizes["step"] == 1
+    smaller = case.structure.model_copy(update={"n": 3})
+    with pytest.raises(CaseError, match=r"holds another run, .* of a structure of kind 'tensegr"):
+        run(case.model_copy(update={"structure": smaller}), out)
 
 
 @pytest.mark.parametrize(

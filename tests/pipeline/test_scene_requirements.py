@@ -37,8 +37,7 @@ from multiscale.macro.substructures import latin as latin_module
 from multiscale.macro.substructures import latin_solver as solve_module
 from multiscale.macro.substructures import split_grid
 from multiscale.macro.substructures.substructure_needs import CutPart, cut_needs
-from multiscale.pipeline import load_scene, scene_requirements
-from multiscale.pipeline.body_scenes import make_assembly
+from multiscale.pipeline import load_case, requirements
 
 SCENES = sorted((Path(__file__).parents[2] / "workflows" / "scenes").glob("*.toml"))
 
@@ -118,7 +117,7 @@ def run(code, *arguments):
 
 @pytest.mark.parametrize("file", SCENES, ids=lambda file: file.stem)
 def test_every_shipped_scene_says_what_it_needs_and_what_it_leaves_out(file):
-    needs = scene_requirements(load_scene(file))
+    needs = requirements(load_case(file))
     assert needs.built
     assert needs.omitted
     assert all(choice.why for choice in needs.choices)
@@ -140,8 +139,8 @@ def test_a_scene_imports_the_libraries_it_names_and_no_other(name, tmp_path):
     code = """
         import json, sys
         from pathlib import Path
-        from multiscale.pipeline import load_scene, run_scene
-        run_scene(load_scene(sys.argv[1]), Path(sys.argv[1]).with_name("out.nc"))
+        from multiscale.pipeline import load_case, run_macro
+        run_macro(load_case(sys.argv[1]), Path(sys.argv[1]).with_name("out.nc"))
         print(json.dumps([name.split(".")[0] for name in sys.modules]))
         """
     file = write(SMALL[name], tmp_path / "scene.toml")
@@ -158,7 +157,7 @@ def test_a_scene_imports_the_libraries_it_names_and_no_other(name, tmp_path):
         "SurfaceTopography": "SurfaceTopography",
     }
     found = {heavy[module] for module in loaded & set(heavy)}
-    assert found == set(scene_requirements(load_scene(file)).libraries)
+    assert found == set(requirements(load_case(file)).libraries)
 
 
 @pytest.mark.long
@@ -167,18 +166,18 @@ def test_the_memory_said_is_the_memory_taken_within_a_factor_of_two(name, tmp_pa
     code = """
         import json, sys
         from multiscale.bench.measure import peak_memory
-        from multiscale.pipeline import load_scene, run_scene
+        from multiscale.pipeline import load_case, run_macro
         small, large, out = sys.argv[1:]
         peaks = []
         for scene in (small, large):  # the first brings libraries and compiled kernels
-            run_scene(load_scene(scene), out)
+            run_macro(load_case(scene), out)
             peaks.append(peak_memory())
         print(json.dumps(peaks))
         """
     small = write(SMALL[name], tmp_path / "small.toml")
     large = write(LARGE[name], tmp_path / "large.toml")
     before, after = run(code, small, large, tmp_path / "out.nc")
-    said = scene_requirements(load_scene(large)).memory
+    said = requirements(load_case(large)).memory
     assert 0.5 <= said / (after - before) <= 2.0, (said, after - before)
 
 
@@ -218,13 +217,13 @@ def test_a_cut_says_what_its_interfaces_take():
 
 def test_a_joint_without_cycles_has_fewer_slabs_and_says_so():
     (path,) = (file for file in SCENES if file.stem == "rough_blocks")
-    cycled = load_scene(path)
+    cycled = load_case(path)
     loading = cycled.loading.model_copy(update={"cycles": 0, "shear": None})
     pressed = cycled.model_copy(update={"loading": loading})
     normal = Exponential(1e9, 0.2e-6)
     for scene, slabs in ((cycled, 48), (pressed, 8)):
-        assert f"; {slabs} slabs of sliders" in scene_requirements(scene).built[CutPart.JOINT_LAWS]
-        (joint,) = make_assembly(scene, normal).joints
+        assert f"; {slabs} slabs of sliders" in requirements(scene).built[CutPart.JOINT_LAWS]
+        (joint,) = scene.structure.assemble(scene, normal).joints
         assert joint.law.slabs == slabs
         assert joint.law.pressures == (0.2e6, 60e6)
 
@@ -252,7 +251,7 @@ def test_a_cell_that_strains_is_swept_by_one_thread_and_says_so():
     assert {GrainPart.COLOURS, GrainPart.SWEEPS, GrainPart.FRICTION, GrainPart.ROTATION} == set(
         still.built
     )
-    biaxial = scene_requirements(load_scene(SCENES[0].parent / "biaxial.toml"))
+    biaxial = requirements(load_case(SCENES[0].parent / "biaxial.toml"))
     assert GrainPart.CELL_STRAIN in biaxial.built
 
 
@@ -376,8 +375,8 @@ def test_explaining_a_scene_prints_its_needs_and_solves_nothing(tmp_path, monkey
 
 
 def test_more_load_factors_take_more_memory(tmp_path):
-    scene = load_scene(write(GRID, tmp_path / "scene.toml"))
+    scene = load_case(write(GRID, tmp_path / "scene.toml"))
     longer = scene.statics.model_copy(update={"load_factors": (0.0,) * 10})
-    more = scene_requirements(scene.model_copy(update={"statics": longer}))
-    assert more.memory > 1.5 * scene_requirements(scene).memory
-    assert replace(more, memory=0) == replace(scene_requirements(scene), memory=0)
+    more = requirements(scene.model_copy(update={"statics": longer}))
+    assert more.memory > 1.5 * requirements(scene).memory
+    assert replace(more, memory=0) == replace(requirements(scene), memory=0)

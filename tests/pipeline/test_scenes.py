@@ -10,10 +10,10 @@ from typer.testing import CliRunner
 from multiscale.cli import app
 from multiscale.errors import CaseError, ConvergenceError
 from multiscale.io import open_dataset
-from multiscale.macro import cable_net, simulate, solve_static, tensegrity_grid
-from multiscale.pipeline import find_case, load_case, load_scene, run_scene
-from multiscale.pipeline.rows import TABLES
-from multiscale.pipeline.scenes import KINDS, make_structure
+from multiscale.macro import cable_net, quadruplex_module, simulate, solve_static, tensegrity_grid
+from multiscale.pipeline import Case, StructureCase, load_case, load_case_of, run_macro
+from multiscale.pipeline.stages import stages_of
+from multiscale.pipeline.structure_settings import KINDS
 from multiscale.schema import MACRO_RESULT
 
 SCENES = Path(__file__).parents[2] / "workflows" / "scenes"
@@ -77,7 +77,7 @@ def hanging(tmp_path):
         pytest.param(
             STATIC,
             ("[statics]\nload_factors = [0.0, 0.25, 0.5, 0.75, 1.0]", ""),
-            r"give either \[statics\] or \[dynamics\]",
+            r"kind 'tensegrity_grid' takes \[statics\] or \[dynamics\], got none of them",
             id="neither",
         ),
         pytest.param(
@@ -113,63 +113,63 @@ def hanging(tmp_path):
 def test_a_refused_scene_says_what_and_where(tmp_path, text, pair, message):
     path = write(tmp_path, text, pair)
     with pytest.raises(CaseError, match=message) as caught:
-        load_scene(path)
+        load_case(path)
     assert str(caught.value).startswith(f"{path}: ")
 
 
-def test_a_case_is_no_scene_and_a_scene_no_case(tmp_path):
-    with pytest.raises(CaseError, match="is a case and no scene; use multiscale run"):
-        load_scene(find_case("ground_steel"))
+def test_an_arrow_takes_cases_of_its_own_kind(tmp_path):
+    with pytest.raises(CaseError, match=r"describes a joint of two .*, not a structure; use multi"):
+        load_case_of(StructureCase, "ground_steel")
     (tmp_path / "scene.toml").write_text(STATIC)
-    with pytest.raises(CaseError, match="describes a structure, not a joint; use multiscale macro"):
-        load_case(tmp_path / "scene.toml")
+    with pytest.raises(CaseError, match=r"describes a structure, not a joint .*; use multiscale"):
+        load_case_of(Case, tmp_path / "scene.toml")
 
 
 def test_a_missing_scene_or_a_folder_is_refused(tmp_path):
     with pytest.raises(CaseError, match="no such file"):
-        load_scene(tmp_path / "none.toml")
-    with pytest.raises(CaseError, match="is a folder; give the scene file in it"):
-        load_scene(tmp_path)
+        load_case(tmp_path / "none.toml")
+    with pytest.raises(CaseError, match="is a folder; give the case file in it"):
+        load_case(tmp_path)
 
 
 @pytest.mark.parametrize("name", sorted(SCENES.glob("*.toml")), ids=lambda path: path.stem)
 def test_a_scene_written_in_si_is_the_same_scene(tmp_path, name):
-    scene = load_scene(name)
-    assert load_scene(write(tmp_path, scene.to_toml())) == scene
+    scene = load_case(name)
+    assert load_case(write(tmp_path, scene.to_toml())) == scene
 
 
 def test_keys_of_a_scene_reach_the_structure(tmp_path):
-    grid = load_scene(
+    grid = load_case(
         write(tmp_path, STATIC, ("n = 16", "n = 3\nm = 2"), ('"2550 N"', '"1 kN"'), ("80 M", "7 M"))
     )
     expected = tensegrity_grid(3, 2, prestress=1000.0)
-    built = make_structure(grid)
+    built = grid.structure.build()
     np.testing.assert_array_equal(built.position, expected.position)
     np.testing.assert_array_equal(built.prestress, expected.prestress)
     assert [law.rigidity for law in built.laws] == [4e6, 7e6]
-    net = make_structure(load_scene(SCENES / "cable_net.toml"))
+    net = load_case(SCENES / "cable_net.toml").structure.build()
     expected = cable_net(12, 10, mesh=1.5, rise=2.0, nodal_load=1700.0)
     np.testing.assert_array_equal(net.position, expected.position)
     np.testing.assert_array_equal(net.load, expected.load)
 
 
 def test_a_static_scene_is_what_solve_static_gives_and_its_file_says_so(tmp_path):
-    scene = load_scene(SCENES / "tensegrity_grid.toml").quick()
-    run_scene(scene, tmp_path / "new" / "grid.nc")
+    scene = load_case(SCENES / "tensegrity_grid.toml").quick()
+    run_macro(scene, tmp_path / "new" / "grid.nc")
     result = open_dataset(tmp_path / "new" / "grid.nc", MACRO_RESULT)
     grid = tensegrity_grid(4, prestress=2550.0 / 16.0)
     expected = solve_static(grid, [0.0, 0.25, 0.5, 0.75, 1.0])
     np.testing.assert_array_equal(result["tension"], expected["tension"])
     assert (result["slack"].sel(step=4) > 0.0).any()
     assert result.attrs["title"] == "Tensegrity grid at rest (quick)"
-    assert load_scene(write(tmp_path, result.attrs["scene"])) == scene
+    assert load_case(write(tmp_path, result.attrs["scene"])) == scene
     assert (tmp_path / "new" / "fields" / "grid.pvd").is_file()
 
 
 def test_a_motion_starts_from_the_equilibrium_and_follows_its_history(tmp_path):
     history = ('[["0 s", 0.0]]', '[["0 s", 1.0], ["20 ms", 0.0]]')
-    scene = load_scene(write(tmp_path, MOVING, history, ('"0.5 s"', '"52 ms"'))).quick()
-    result = run_scene(scene, tmp_path / "motion.nc")
+    scene = load_case(write(tmp_path, MOVING, history, ('"0.5 s"', '"52 ms"'))).quick()
+    result = run_macro(scene, tmp_path / "motion.nc")
     grid = tensegrity_grid(4, prestress=2550.0 / 16.0)
     begin = solve_static(grid, 1.0)["displacement"].values
     expected = simulate(
@@ -190,22 +190,22 @@ def test_a_support_that_is_neither_held_nor_free_is_refused(hanging):
     nodes = hanging / "nodes.csv"
     nodes.write_text(NODES.replace("0,0,1,1,1,0", "0,0,1,1,2,0"), encoding="utf-8")
     with pytest.raises(CaseError, match=r"fix_y of node 1 must be 1 \(held\) or 0, got 2"):
-        run_scene(load_scene(write(hanging, HANGING)), hanging / "out.nc")
+        run_macro(load_case(write(hanging, HANGING)), hanging / "out.nc")
 
 
 def test_nodes_that_move_farther_than_the_structure_measures_are_a_caution(hanging):
-    sound = run_scene(load_scene(write(hanging, HANGING)), hanging / "out.nc")
+    sound = run_macro(load_case(write(hanging, HANGING)), hanging / "out.nc")
     assert sound.attrs["cautions"] == ""
     nodes = hanging / "nodes.csv"
     nodes.write_text(NODES.replace("-50", "-1e30"), encoding="utf-8")
-    found = run_scene(load_scene(write(hanging, HANGING)), hanging / "out.nc")
+    found = run_macro(load_case(write(hanging, HANGING)), hanging / "out.nc")
     assert "nodes move by up to 1e+25 m, more than the structure measures (2 m)" in found.cautions
 
 
 def test_a_motion_that_fails_says_when_and_keeps_what_was_found(tmp_path, monkeypatch):
     monkeypatch.setattr("multiscale.macro.limited_motion.MAX_ITERATIONS", 2)
-    scene = load_scene(write(tmp_path, MOVING, ('"5 ms"', '"100 ms"'), ("= 1.0", "= 4.0"))).quick()
-    result = run_scene(scene, tmp_path / "motion.nc")
+    scene = load_case(write(tmp_path, MOVING, ('"5 ms"', '"100 ms"'), ("= 1.0", "= 4.0"))).quick()
+    result = run_macro(scene, tmp_path / "motion.nc")
     assert result["converged"].values[0] == 1
     assert result["converged"].values[-1] == 0
     assert "the motion ends before" in result.attrs["failure"]
@@ -218,7 +218,7 @@ def test_a_motion_that_fails_says_when_and_keeps_what_was_found(tmp_path, monkey
 
 
 def test_a_structure_of_two_tables_carries_its_weights(hanging):
-    result = run_scene(load_scene(write(hanging, HANGING)), hanging / "rope.nc")
+    result = run_macro(load_case(write(hanging, HANGING)), hanging / "rope.nc")
     np.testing.assert_allclose(result["tension"].sel(step=1), [80.0, 30.0], rtol=1e-9)
     assert list(result["law"].values) == ["cable", "cable"]
     np.testing.assert_array_equal(result["ends"], [[0, 1], [1, 2]])
@@ -226,9 +226,9 @@ def test_a_structure_of_two_tables_carries_its_weights(hanging):
 
 def test_an_inextensible_rope_needs_no_rigidity(hanging):
     path = write(hanging, HANGING, ('"100 kN"', '"inextensible"'))
-    result = run_scene(load_scene(path), hanging / "rope.nc")
+    result = run_macro(load_case(path), hanging / "rope.nc")
     np.testing.assert_allclose(result["tension"].sel(step=1), [80.0, 30.0], rtol=1e-6)
-    assert load_scene(write(hanging, result.attrs["scene"])) == load_scene(path)
+    assert load_case(write(hanging, result.attrs["scene"])) == load_case(path)
 
 
 @pytest.mark.parametrize(
@@ -250,7 +250,7 @@ def test_a_refused_table_says_where(hanging, file, pair, message):
     assert pair[0] in text
     path.write_text(text.replace(*pair), encoding="utf-8")
     with pytest.raises(CaseError, match=message):
-        make_structure(load_scene(write(hanging, HANGING)))
+        load_case(write(hanging, HANGING)).structure.build()
 
 
 def test_a_structure_comes_from_the_lines_of_a_mesh_file(tmp_path):
@@ -273,7 +273,7 @@ laws.bars = { kind = "bar", rigidity = "10 MN" }
 [statics]
 load_factors = [1]
 """
-    result = run_scene(load_scene(write(tmp_path, text)), tmp_path / "bars.nc")
+    result = run_macro(load_case(write(tmp_path, text)), tmp_path / "bars.nc")
     np.testing.assert_allclose(
         result["tension"][0], [500.0 * 2**0.5, 500.0 * 2**0.5, 0.0], atol=1e-6
     )
@@ -286,7 +286,7 @@ def test_a_scene_without_any_solution_is_an_error_that_says_why(hanging):
     (hanging / "nodes.csv").write_text(nodes, encoding="utf-8")
     text = HANGING.replace("[0, 1]", "[1]")
     with pytest.raises(ConvergenceError, match="no step converged; load factor 1: "):
-        run_scene(load_scene(write(hanging, text)), hanging / "rope.nc")
+        run_macro(load_case(write(hanging, text)), hanging / "rope.nc")
     assert open_dataset(hanging / "rope.nc")["converged"].values.tolist() == [0]
 
 
@@ -312,11 +312,94 @@ def test_links_strained_beyond_their_linear_law_are_a_caution_with_the_worst(
 ):
     """The upper link bears both weights: its strain is their sum over the rigidity."""
     pairs = (('"100 kN"', f'"{rigidity}"'), ("[statics]\n", "[statics]\nexact = true\n"))
-    result = run_scene(load_scene(write(hanging, HANGING, *pairs)), hanging / "out.nc")
+    result = run_macro(load_case(write(hanging, HANGING, *pairs)), hanging / "out.nc")
     said = f"link 0 changes its length by up to {strain:.2g} of it" if strain else ""
     assert result.attrs.get("cautions", "").startswith(said)
     assert bool(result.attrs.get("cautions")) == bool(strain)
 
 
-def test_every_kind_of_structure_has_a_table():
-    assert TABLES.keys() == KINDS.keys()
+def test_every_kind_of_structure_has_one_stage():
+    for kind in KINDS.values():
+        assert [stage.tables[1] for stage in stages_of({"structure", kind.stage})] == [kind.stage]
+
+
+MODULE = """
+title = "One module from two tables"
+[structure]
+kind = "table"
+nodes = "nodes.csv"
+links = "links.csv"
+self_stress = true
+prestress = "1 kN"
+laws.cable = { kind = "cable", rigidity = "4 MN" }
+laws.bar = { kind = "bar", rigidity = "80 MN" }
+[statics]
+load_factors = [0, 1]
+"""
+
+
+@pytest.fixture
+def tables(tmp_path):
+    """Writes a structure without its prestress as two tables."""
+
+    def of(system):
+        nodes = np.hstack([system.position, system.fixed, system.load])
+        head = "x,y,z,fix_x,fix_y,fix_z,load_x,load_y,load_z"
+        np.savetxt(tmp_path / "nodes.csv", nodes, "%.17g", ",", header=head, comments="")
+        lines = (
+            f"{first},{second},{('cable', 'bar')[kind]},{group}"
+            for (first, second), kind, group in zip(
+                system.ends, system.kind, system.group, strict=True
+            )
+        )
+        text = "\n".join(["first,second,law,group", *lines])
+        (tmp_path / "links.csv").write_text(text, encoding="utf-8")
+        return tmp_path
+
+    return of
+
+
+def test_tables_without_prestress_get_their_state_of_self_stress(tables):
+    module = quadruplex_module(prestress=1.0)
+    found = load_case(write(tables(module), MODULE)).structure.build()
+    scaled = 1000.0 * module.prestress / np.abs(module.prestress).max()
+    np.testing.assert_allclose(found.prestress, scaled, rtol=1e-9)
+
+
+def test_of_several_states_the_one_with_the_largest_least_tension_is_taken(tables):
+    """Four modules have a state each: all are stressed alike, as by the grid's own prestress."""
+    grid = tensegrity_grid(2)
+    folder = tables(grid)
+    case = load_case(write(folder, MODULE))
+    found = case.structure.build()
+    cable = found.kind == 0
+    alike = 1000.0 * grid.prestress / np.abs(grid.prestress).max()
+    assert np.abs(found.prestress).max() == pytest.approx(1000.0)
+    assert found.prestress[cable].min() >= alike[cable].min() * (1.0 - 1e-9) > 0.0
+    result = run_macro(case, folder / "out.nc")
+    np.testing.assert_allclose(result["tension"][0], found.prestress, atol=1e-6)
+
+
+@pytest.mark.parametrize(
+    ("kinds", "message"),
+    [
+        (("strut", "strut"), "none of the 1 states of self-stress has all cables that it"),
+        (("cable", "cable"), "none of the 1 states of self-stress has all cables that it"),
+        (("bar", "bar"), "no cable or strut says which state"),
+    ],
+)
+def test_a_self_stress_that_no_link_can_carry_is_refused(tables, kinds, message):
+    cable, bar = kinds
+    text = MODULE.replace('cable = { kind = "cable"', f'cable = {{ kind = "{cable}"')
+    text = text.replace('bar = { kind = "bar"', f'bar = {{ kind = "{bar}"')
+    with pytest.raises(CaseError, match=message):
+        load_case(write(tables(quadruplex_module()), text)).structure.build()
+
+
+def test_a_self_stress_needs_a_size_and_a_structure_that_holds_itself(hanging):
+    asked = ("[structure.laws", "self_stress = true\n[structure.laws")
+    with pytest.raises(CaseError, match="give both self_stress = true and prestress, or neither"):
+        load_case(write(hanging, HANGING, asked))
+    sized = ("[structure.laws", 'self_stress = true\nprestress = "1 kN"\n[structure.laws')
+    with pytest.raises(CaseError, match="no state of self-stress"):
+        load_case(write(hanging, HANGING, sized)).structure.build()

@@ -12,7 +12,7 @@ from multiscale.cli import app
 from multiscale.errors import CaseError
 from multiscale.io import open_law, open_run, save_law
 from multiscale.laws import wlf_shift
-from multiscale.pipeline import load_case, load_tyre, run
+from multiscale.pipeline import Case, load_case, load_case_of, run
 from multiscale.pipeline.case import shipped_cases
 from multiscale.pipeline.stages.braking import solve_treads
 from multiscale.pipeline.stages.roads import make_roads, slide_road
@@ -36,7 +36,7 @@ SMALL = (
 def case_of(tmp_path, text):
     path = tmp_path / "case.toml"
     path.write_text(text, encoding="utf-8")
-    return load_tyre(path)
+    return load_case(path)
 
 
 @pytest.fixture(scope="module")
@@ -148,13 +148,13 @@ def test_a_tyre_case_is_explained_and_no_case_of_a_joint(tmp_path):
     assert result.exit_code == 0
     assert "complex compliance" in result.output
     with pytest.raises(CaseError, match="describes rubber that slides on a road, not a joint"):
-        load_case("tyre_on_road")
+        load_case_of(Case, "tyre_on_road")
 
 
 def test_a_tyre_case_written_by_a_run_is_the_same_case(tmp_path):
-    for case in (load_tyre("tyre_on_road"), load_tyre("tyre_on_road").quick()):
+    for case in (load_case("tyre_on_road"), load_case("tyre_on_road").quick()):
         assert case_of(tmp_path, case.to_toml()) == case
-    assert load_tyre("tyre_on_road").cautions() == []
+    assert load_case("tyre_on_road").cautions() == []
 
 
 @pytest.mark.parametrize(

@@ -8,7 +8,7 @@ import meshio
 import pytest
 
 from multiscale.io import open_dataset
-from multiscale.pipeline import load_scene, run_scene
+from multiscale.pipeline import load_case, run_macro
 from multiscale.schema import GRANULATE, MACRO_RESULT
 from tests.support import write_law
 
@@ -45,11 +45,11 @@ def test_the_pictures_of_the_manual_are_made_anew(tmp_path):
 
 @pytest.mark.parametrize("scene", sorted(FOLDER.glob("scenes/*.toml")), ids=lambda path: path.stem)
 def test_every_scene_runs(scene, tmp_path):
-    settings = load_scene(scene).quick()
+    settings = load_case(scene).quick()
     if settings.structure.kind == "lap_joint":
         pytest.importorskip("gmsh", exc_type=Exception)
     law = write_law(tmp_path / "interface_law.nc") if settings.joint else None
-    result = run_scene(settings, tmp_path / "macro_result.nc", law=law)
+    result = run_macro(settings, tmp_path / "macro_result.nc", law=law)
     assert result["converged"].values.all()
     schema = GRANULATE if "grain" in result.dims else MACRO_RESULT
     open_dataset(tmp_path / "macro_result.nc", schema)

@@ -1,4 +1,4 @@
-"""The tables of keys of case files and scenes, written from the models that read them.
+"""The tables of keys of case files, written from the models that read them.
 
     python workflows/manual/keys.py
 
@@ -16,9 +16,8 @@ from typing import Annotated, Any, Literal, Union, get_args, get_origin, get_typ
 from pydantic import BeforeValidator
 from pydantic.fields import FieldInfo
 
-from multiscale.pipeline.grain_settings import GrainScene
-from multiscale.pipeline.scene_settings import Scene
 from multiscale.pipeline.settings import Case
+from multiscale.pipeline.structure_settings import StructureCase
 from multiscale.pipeline.toml_model import Settings
 from multiscale.pipeline.tyre_settings import TyreCase
 from multiscale.units import readable
@@ -29,8 +28,7 @@ BEGIN, END = "<!-- keys: written by workflows/manual/keys.py -->\n", "\n<!-- end
 FILES: tuple[tuple[str, type[Settings]], ...] = (
     ("Cases of a joint", Case),
     ("Cases of a tyre on a road", TyreCase),
-    ("Scenes of bars, cables and bodies", Scene),
-    ("Scenes of grains", GrainScene),
+    ("Cases of a structure", StructureCase),
 )
 HEAD = "| key | value | default | meaning |\n| --- | --- | --- | --- |"
 BOUNDS = {"gt": "> {:g}", "ge": "≥ {:g}", "lt": "< {:g}", "le": "≤ {:g}", "multiple_of": "even"}

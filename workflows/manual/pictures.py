@@ -26,7 +26,7 @@ from PIL import Image
 
 from multiscale import plotting
 from multiscale.io import make_folder, open_dataset, open_run, write_bytes
-from multiscale.pipeline import load_case, load_scene, load_tyre, run, run_scene
+from multiscale.pipeline import load_case, run, run_macro
 from multiscale.schema import FIELDS
 
 WORKFLOWS = Path(__file__).parents[1]
@@ -99,12 +99,12 @@ def solve(name: str, results: Path, *, quick: bool) -> "xr.Dataset | Mapping[str
         main(["-o", str(out), *(["--quick"] if quick else [])])
         return xr.load_dataset(out / LEFT[name])
     if scene.is_file():
-        settings = load_scene(scene)
+        settings = load_case(scene)
         law = results / "ground_steel" / "interface_law.nc" if settings.joint else None
         settings = settings.quick() if quick else settings
-        return run_scene(settings, out / "macro_result.nc", law=law)
-    load = load_tyre if name == "tyre_on_road" else load_case
-    run(load(name).quick() if quick else load(name), out)
+        return run_macro(settings, out / "macro_result.nc", law=law)
+    case = load_case(name)
+    run(case.quick() if quick else case, out)
     return {key: node.to_dataset() for key, node in open_run(out).items()}
 
 

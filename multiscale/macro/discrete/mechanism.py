@@ -1,5 +1,7 @@
 """Mechanisms and states of self-stress."""
 
+from dataclasses import replace
+
 import numpy as np
 from numpy.linalg import norm
 from scipy.linalg import svd
@@ -10,7 +12,14 @@ from multiscale.macro.discrete.link_system import LinkSystem
 from multiscale.macro.discrete.link_tangent import Tangent
 from multiscale.numerics.cholesky import Solve
 
-__all__ = ["factorise_taut", "mechanism_modes", "name_mechanism", "name_motion", "self_stress"]
+__all__ = [
+    "factorise_taut",
+    "mechanism_modes",
+    "name_mechanism",
+    "name_motion",
+    "prestress_by_itself",
+    "self_stress",
+]
 
 RANK_TOLERANCE = 1e-10
 """Singular values of the compatibility operator below this share of the largest count as zero."""
@@ -56,6 +65,76 @@ def self_stress(system: LinkSystem) -> np.ndarray:
         cables = np.isfinite(system.bounds[0])
         modes = modes * (np.sign(modes[0, cables].sum()) or 1.0)
     return np.asarray(modes)
+
+
+def prestress_by_itself(system: LinkSystem, largest: float) -> LinkSystem:
+    r"""Give a structure a state of self-stress that its links can carry.
+
+    Of several states the one is taken whose least stressed cable or strut carries most,
+
+    .. math:: \max_{\tau \in \ker B^T} \min_i \sigma_i \tau_i, \qquad |\tau| \le 1,    \tag{1}
+
+    with :math:`\sigma = 1` of cables and -1 of struts; bars bear both signs, and links that no
+    state stresses do not count.
+
+    Parameters
+    ----------
+    system : LinkSystem
+        Without prestress.
+    largest : float
+        Largest force in a link, N.
+
+    Returns
+    -------
+    LinkSystem
+        The same structure with its prestress.
+
+    Raises
+    ------
+    CaseError
+        If the structure has no such state, or no cable or strut says which one is meant, or it has
+        a prestress already.
+
+    Examples
+    --------
+    >>> from multiscale.macro import quadruplex_module
+    >>> module = replace(quadruplex_module(), prestress=np.zeros(16))
+    >>> module = prestress_by_itself(module, 1000.0)
+    >>> module.prestress[[0, 4, 8, 12]].round(3)
+    array([  408.248,   577.35 ,   577.35 , -1000.   ])
+    """
+    from scipy.optimize import linprog
+
+    if np.any(system.prestress):
+        raise CaseError("the links have a prestress already; give that or a state of self-stress")
+    states = self_stress(system)
+    lower, upper = system.bounds
+    sign = np.where(np.isfinite(lower), 1.0, -1.0)
+    reached = norm(states, axis=0) > RANK_TOLERANCE
+    one_sided = reached & (np.isfinite(lower) | np.isfinite(upper))
+    if not len(states):
+        raise CaseError("the structure has no state of self-stress: no tensions hold themselves")
+    if not one_sided.any():
+        raise CaseError(
+            "no cable or strut says which state of self-stress is meant; give the prestress of "
+            "each link"
+        )
+    m, signed = len(states), (sign * states)[:, one_sided].T
+    force = np.column_stack([states.T, np.zeros(system.n_links)])  # unknowns: shares, and least
+    least = np.column_stack([-signed, np.ones(len(signed))])
+    found = linprog(
+        np.append(np.zeros(m), -1.0),
+        A_ub=np.vstack([least, force, -force]),
+        b_ub=np.concatenate([np.zeros(len(least)), np.ones(2 * system.n_links)]),
+        bounds=(None, None),
+    )
+    if not (found.success and found.x[m] > RANK_TOLERANCE):  # (1)
+        raise CaseError(
+            f"none of the {m} states of self-stress has all cables that it stresses in tension and "
+            f"all struts in compression; change the nodes or the kinds of links"
+        )
+    tension = found.x[:m] @ states
+    return replace(system, prestress=largest / np.abs(tension).max() * tension)
 
 
 def mechanism_modes(system: LinkSystem) -> np.ndarray:

@@ -5,10 +5,15 @@ from collections.abc import Container
 from multiscale.pipeline.stage import Stage
 from multiscale.pipeline.stages.braking import BRAKING
 from multiscale.pipeline.stages.cells import CELLS
+from multiscale.pipeline.stages.condensed_parts import CONDENSED_PARTS
 from multiscale.pipeline.stages.fitted_law import FITTED_LAW
 from multiscale.pipeline.stages.friction_law import FRICTION_LAW
+from multiscale.pipeline.stages.grains import GRAINS
 from multiscale.pipeline.stages.joint import JOINT
+from multiscale.pipeline.stages.links import LINKS
+from multiscale.pipeline.stages.plate import PLATE
 from multiscale.pipeline.stages.roads import ROADS
+from multiscale.pipeline.stages.rough_joints import ROUGH_JOINTS
 from multiscale.pipeline.stages.sliding import SLIDING
 
 __all__ = ["STAGES", "stages_of"]
@@ -21,10 +26,15 @@ STAGES: tuple[Stage, ...] = (
     ROADS,
     FRICTION_LAW,
     BRAKING,
+    LINKS,
+    PLATE,
+    ROUGH_JOINTS,
+    GRAINS,
+    CONDENSED_PARTS,
 )
 """In the order in which they are run."""
 
 
 def stages_of(tables: Container[str]) -> tuple[Stage, ...]:
     """Return the stages that the tables of a case file ask for, in their order."""
-    return tuple(stage for stage in STAGES if all(table in tables for table in stage.tables))
+    return tuple(stage for stage in STAGES if stage.asked_for(tables))

@@ -9,7 +9,6 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from multiscale.errors import ConvergenceError
-from multiscale.io import write_dataset
 from multiscale.laws import Exponential, SteadySliding
 from multiscale.macro.data_range import load_shares, with_load_shares
 from multiscale.macro.joint import Footprint, TreadBlock, condense_tread, slide_tread
@@ -17,6 +16,7 @@ from multiscale.macro.joint.tread import CondensedTread
 from multiscale.needs import Choice, Needs
 from multiscale.pipeline.rows import list_facts, say_error, tabulate_braking
 from multiscale.pipeline.stage import Datasets, Job, Section, Stage, Summary, format_table
+from multiscale.pipeline.stages.friction_law import FRICTION_LAW
 from multiscale.pipeline.tyre_budget import with_braking_budget
 from multiscale.pipeline.tyre_settings import TyreCase
 from multiscale.plotting.figure import on_axes
@@ -152,9 +152,7 @@ def _normal_law(response: "xr.Dataset", temperature: float, speed: float) -> Exp
 
 
 def _run(case: TyreCase, found: Datasets, job: Job) -> "xr.Dataset":
-    result = solve_treads(case, found[MICRO_RESPONSE.name], found[INTERFACE_LAW.name])
-    write_dataset(result, job.out / BRAKING.file, MACRO_RESULT)
-    return result
+    return solve_treads(case, found[MICRO_RESPONSE.name], found[INTERFACE_LAW.name])
 
 
 def _needs(case: TyreCase) -> Needs:
@@ -265,6 +263,8 @@ def _budget(result: "xr.Dataset") -> Section:
 BRAKING = Stage(
     schema=MACRO_RESULT,
     tables=("rubber", "tread"),
+    reads={"tread"},
+    takes=(FRICTION_LAW,),
     run=_run,
     needs=_needs,
     check=_check,

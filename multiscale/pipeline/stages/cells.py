@@ -134,6 +134,7 @@ def _sections(found: Datasets, out: Path) -> Iterator[Section]:
 CELLS = Stage(
     schema=MICRO_RESPONSE,
     tables=("micro",),
+    reads={"title", "elastic", "body_1", "body_2", "cell", "micro", "accuracy"},
     run=_run,
     needs=_needs,
     lines=_lines,

@@ -6,10 +6,10 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from multiscale.io import save_law
 from multiscale.pipeline.case_budget import case_budget
 from multiscale.pipeline.settings import Case
 from multiscale.pipeline.stage import Datasets, Job, Section, Stage
+from multiscale.pipeline.stages.cells import CELLS
 from multiscale.plotting.figure import on_axes
 from multiscale.plotting.law_figures import plot_area_law, plot_gap_law, plot_unloading
 from multiscale.schema import INTERFACE_LAW, MICRO_RESPONSE
@@ -24,9 +24,7 @@ __all__ = ["FITTED_LAW"]
 def _run(case: Case, found: Datasets, job: Job) -> "xr.Dataset":
     response = found[MICRO_RESPONSE.name]
     law = fit_branches(response, n_terms=case.law.terms, n_samples=case.law.samples)
-    law = with_budget(law, case_budget(case, loading_branch(response), law))
-    save_law(law, job.out / FITTED_LAW.file)
-    return law
+    return with_budget(law, case_budget(case, loading_branch(response), law))
 
 
 def _sections(found: Datasets, out: Path) -> Iterator[Section]:
@@ -82,6 +80,8 @@ def _unloading(law: "xr.Dataset") -> list[str]:
 FITTED_LAW = Stage(
     schema=INTERFACE_LAW,
     tables=("micro",),
+    reads={"law": True, "joint": {"width"}},  # whose scales the budget compares
+    takes=(CELLS,),
     run=_run,
     sections=_sections,
     pictures=("gap_law", "area_law", "unloading"),

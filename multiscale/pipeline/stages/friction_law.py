@@ -7,9 +7,9 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from multiscale.errors import ConvergenceError
-from multiscale.io import save_law
 from multiscale.needs import Choice, Needs
 from multiscale.pipeline.stage import Datasets, Job, Section, Stage
+from multiscale.pipeline.stages.roads import ROADS
 from multiscale.pipeline.tyre_settings import TyreCase
 from multiscale.plotting.figure import on_axes
 from multiscale.plotting.tyre_figures import plot_friction_bell
@@ -100,9 +100,7 @@ def _mean_friction(response: "xr.Dataset") -> tuple[np.ndarray, float]:
 
 
 def _run(case: TyreCase, found: Datasets, job: Job) -> "xr.Dataset":
-    law = fit_friction(case, found[MICRO_RESPONSE.name])
-    save_law(law, job.out / FRICTION_LAW.file)
-    return law
+    return fit_friction(case, found[MICRO_RESPONSE.name])
 
 
 def _needs(case: TyreCase) -> Needs:
@@ -144,6 +142,8 @@ def _sections(found: Datasets, out: Path) -> Iterator[Section]:
 FRICTION_LAW = Stage(
     schema=INTERFACE_LAW,
     tables=("rubber", "sliding"),
+    reads={"law"},
+    takes=(ROADS,),
     run=_run,
     needs=_needs,
     sections=_sections,

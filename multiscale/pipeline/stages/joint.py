@@ -8,15 +8,15 @@ import numpy as np
 
 from multiscale.convergence import Status
 from multiscale.errors import ConvergenceError
-from multiscale.io import write_dataset
 from multiscale.laws import NormalLaw
 from multiscale.macro import Block, RoughJoint, press_joint
 from multiscale.needs import Choice, Needs
-from multiscale.pipeline.case_cells import longest_wave
+from multiscale.pipeline.case_budget import joint_scales
 from multiscale.pipeline.real_contact import behaviour, real_pressure
 from multiscale.pipeline.rows import list_facts, tabulate
 from multiscale.pipeline.settings import Case
 from multiscale.pipeline.stage import Datasets, Job, Section, Stage, Summary, format_table
+from multiscale.pipeline.stages.fitted_law import FITTED_LAW
 from multiscale.plotting.budget_figures import plot_error_budget
 from multiscale.plotting.figure import on_axes
 from multiscale.plotting.law_figures import plot_joint_stiffness
@@ -24,7 +24,6 @@ from multiscale.schema import INTERFACE_LAW, MACRO_RESULT, MICRO_RESPONSE, with_
 from multiscale.upscaling import (
     area_from_dataset,
     cell_share,
-    compare_scales,
     fitted_laws,
     law_from_dataset,
     over_steps,
@@ -33,24 +32,15 @@ from multiscale.upscaling import (
     with_budget,
 )
 from multiscale.upscaling.budget import how_attribute
-from multiscale.upscaling.scales import ScaleSeparation
 
 if TYPE_CHECKING:
     import xarray as xr
 
-__all__ = ["JOINT", "STIFFNESSES", "joint_scales", "solve_joint"]
+__all__ = ["JOINT", "STIFFNESSES", "solve_joint"]
 
 
 STIFFNESSES = ("joint_stiffness", "interface_stiffness", "solid_stiffness")
 """Of the whole, of its interface and of its bodies: all have an error budget."""
-
-
-def joint_scales(case: Case) -> ScaleSeparation:
-    """Compare the scales of the cells with those of the joint, whose pressure is even.
-
-    Nothing varies over less than its width, which holds only so many cells.
-    """
-    return compare_scales(longest_wave(case), max(case.cell.size), case.joint.width)
 
 
 def solve_joint(case: Case, law: "xr.Dataset") -> "xr.Dataset":
@@ -139,9 +129,7 @@ def _joint(case: Case) -> RoughJoint:
 
 
 def _run(case: Case, found: Datasets, job: Job) -> "xr.Dataset":
-    result = solve_joint(case, found[INTERFACE_LAW.name])
-    write_dataset(result, job.out / JOINT.file, MACRO_RESULT)
-    return result
+    return solve_joint(case, found[INTERFACE_LAW.name])
 
 
 def _needs(case: Case) -> Needs:
@@ -248,6 +236,8 @@ def _budget(result: "xr.Dataset") -> Section:
 JOINT = Stage(
     schema=MACRO_RESULT,
     tables=("micro", "joint"),
+    reads={"joint"},
+    takes=(FITTED_LAW,),
     run=_run,
     needs=_needs,
     check=_check,

@@ -9,13 +9,12 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from multiscale.convergence import Status
-from multiscale.io import write_dataset
 from multiscale.micro.ensemble import run_realisations
 from multiscale.micro.viscoelastic_sliding import solve_sliding
 from multiscale.needs import Choice, Needs
-from multiscale.pipeline.case import load_tyre
 from multiscale.pipeline.stage import Datasets, Job, Section, Stage
 from multiscale.pipeline.stages.cells import count_cells
+from multiscale.pipeline.toml_model import read_toml, validate
 from multiscale.pipeline.tyre_settings import TyreCase
 from multiscale.plotting.figure import on_axes
 from multiscale.plotting.tyre_figures import plot_road
@@ -117,14 +116,12 @@ def _run(case: TyreCase, found: Datasets, job: Job) -> "xr.Dataset":
         identity=identity,
         progress=job.progress,
     )
-    response = response.assign_attrs(
+    return response.assign_attrs(
         title=case.title,
         bodies="rubber on a rigid road, in steady sliding; small slopes",
         identity=identity,
         cautions="\n".join([*case.cautions(), *_steepness(response)]),
     )
-    write_dataset(response, out / ROADS.file, MICRO_RESPONSE)
-    return response
 
 
 def _needs(case: TyreCase) -> Needs:
@@ -149,7 +146,7 @@ def _needs(case: TyreCase) -> Needs:
 
 def _sections(found: Datasets, out: Path) -> Iterator[Section]:
     def plot(ax: "Axes") -> "Axes":
-        case = load_tyre(out / "case.toml")
+        case = validate(TyreCase, read_toml(out / "case.toml"), out / "case.toml", {})
         one = case.sliding.model_copy(update={"realisations": 1})
         (road,) = make_roads(case.model_copy(update={"sliding": one}))
         return plot_road(road, ax=ax)
@@ -160,6 +157,7 @@ def _sections(found: Datasets, out: Path) -> Iterator[Section]:
 ROADS = Stage(
     schema=MICRO_RESPONSE,
     tables=("rubber", "sliding"),
+    reads={"title", "rubber", "road", "cell", "sliding"},
     run=_run,
     needs=_needs,
     sections=_sections,

@@ -1,23 +1,28 @@
-"""What a scene may say: every key with its unit, range and default."""
+"""What a case may say of structures of bars and cables: how they are built, loaded and moved."""
 
+from abc import abstractmethod
 from functools import partial
 from itertools import pairwise
 from math import inf, isfinite
 from pathlib import Path
-from typing import Annotated, Any, Literal, Self
+from typing import TYPE_CHECKING, Annotated, ClassVar, Literal, Self
 
 from pydantic import BeforeValidator, Field, PlainSerializer, field_validator, model_validator
 
 from multiscale.errors import CaseError
-from multiscale.pipeline.body_settings import (
-    BODIES,
-    JointLawSettings,
-    LapJoint,
-    Loading,
-    Plate,
-    StackedBlocks,
-    Substructures,
+from multiscale.io import open_mesh, read_table
+from multiscale.laws.link import Bar, Cable, LinkLaw, Strut
+from multiscale.macro import (
+    LinkSystem,
+    cable_net,
+    cut_links,
+    prestress_by_itself,
+    system_from_mesh,
+    system_from_table,
+    tensegrity_grid,
 )
+from multiscale.macro.substructures import CutProblem, split_grid
+from multiscale.pipeline.structure_kind import StructureKind
 from multiscale.pipeline.toml_model import (
     Count,
     Length,
@@ -29,18 +34,23 @@ from multiscale.pipeline.toml_model import (
 )
 from multiscale.units import to_si
 
+if TYPE_CHECKING:
+    from multiscale.pipeline.structure_settings import StructureCase
+
 __all__ = [
     "CableNet",
     "Dynamics",
     "LinkLawSettings",
     "LinkMesh",
     "LinkTable",
-    "Scene",
+    "Links",
     "Statics",
     "TensegrityGrid",
 ]
 
 QUICK = 4  # modules or meshes each way
+
+LAWS: dict[str, type[LinkLaw]] = {"bar": Bar, "cable": Cable, "strut": Strut}
 
 
 def _read_rigidity(value: object, *, unit: str) -> float:
@@ -64,7 +74,40 @@ Instant = Annotated[float, quantity("s"), Field(ge=0.0), with_unit("s")]
 Mass = Annotated[float, quantity("kg"), Field(gt=0.0), with_unit("kg")]
 
 
-class TensegrityGrid(Settings):
+class Links(StructureKind):
+    """Bars and cables, at rest or in motion."""
+
+    stage: ClassVar[str] = "links"
+    asks: ClassVar[tuple[tuple[str, ...], ...]] = (("statics",), ("dynamics",))
+
+    @abstractmethod
+    def build(self) -> LinkSystem:
+        """Build the structure.
+
+        Raises
+        ------
+        CaseError
+            If the structure is refused, or a file that it names cannot be read.
+        """
+
+    def cut(self, case: "StructureCase") -> CutProblem:
+        """Cut the links into boxes."""
+        system = self.build()
+        return cut_links(system, split_grid(system, case.cut.parts))
+
+    def check(self, case: "StructureCase") -> None:
+        """Refuse what a cut structure cannot do."""
+        if case.substructures is None:
+            return
+        if case.dynamics and (case.dynamics.theta, case.dynamics.restitution) != (1.0, 0.0):
+            raise ValueError(
+                "substructures move by implicit steps: leave out theta and restitution"
+            )
+        if case.statics:
+            case.statics.refuse_large()
+
+
+class TensegrityGrid(Links):
     """A double-layer grid; see :func:`multiscale.macro.tensegrity_grid`.
 
     Parameters
@@ -87,6 +130,8 @@ class TensegrityGrid(Settings):
         Downwards on every node at load factor one, N.
     """
 
+    may_be_cut: ClassVar[bool] = True
+
     kind: Literal["tensegrity_grid"]
     n: Annotated[Count, Field(ge=1)]
     m: Annotated[Count, Field(ge=1)] | None = None
@@ -97,8 +142,31 @@ class TensegrityGrid(Settings):
     bar_rigidity: Rigidity = 8e7
     nodal_load: Force = 40.0
 
+    def build(self) -> LinkSystem:
+        """Build the grid."""
+        return tensegrity_grid(
+            self.n,
+            self.m,
+            cable=Cable(self.cable_rigidity),
+            bar=Bar(self.bar_rigidity),
+            prestress=self.prestress,
+            size=self.size,
+            height=self.height,
+            nodal_load=self.nodal_load,
+        )
 
-class CableNet(Settings):
+    def quick(self, case: "StructureCase") -> Self:
+        """Return a grid of at most 4 x 4 modules.
+
+        The prestress falls with the square of the span, as the tensions do under the load, so that
+        as many of a hundred cables go slack.
+        """
+        n, m = _few(self.n, self.m)
+        prestress = self.prestress * (n / self.n) ** 2
+        return self.model_copy(update={"n": n, "m": m, "prestress": prestress})
+
+
+class CableNet(Links):
     """A prestressed saddle; see :func:`multiscale.macro.cable_net`.
 
     Parameters
@@ -128,6 +196,23 @@ class CableNet(Settings):
     cable_rigidity: Rigidity = 1e7
     nodal_load: Force = 100.0
 
+    def build(self) -> LinkSystem:
+        """Build the net."""
+        return cable_net(
+            self.n,
+            self.m,
+            cable=Cable(self.cable_rigidity),
+            mesh=self.mesh,
+            rise=self.rise,
+            prestress=self.prestress,
+            nodal_load=self.nodal_load,
+        )
+
+    def quick(self, case: "StructureCase") -> Self:
+        """Return a net of at most 4 x 4 meshes."""
+        n, m = _few(self.n, self.m)
+        return self.model_copy(update={"n": n, "m": m})
+
 
 class LinkLawSettings(Settings):
     """The law of some links.
@@ -143,11 +228,15 @@ class LinkLawSettings(Settings):
     kind: Literal["bar", "cable", "strut"]
     rigidity: Rigidity
 
+    def build(self) -> LinkLaw:
+        """Make the law."""
+        return LAWS[self.kind](self.rigidity)
+
 
 Laws = Annotated[dict[str, LinkLawSettings], Field(min_length=1)]
 
 
-class LinkTable(Settings):
+class LinkTable(Links):
     """Two CSV files in SI units; see :func:`multiscale.macro.system_from_table`.
 
     Parameters
@@ -157,15 +246,33 @@ class LinkTable(Settings):
     links : path
         Table of links; relative to the scene file.
     laws : tables by name
+    self_stress : bool
+        Whether the structure gets a state of self-stress that its links can carry, instead of a
+        column ``prestress``; see :func:`multiscale.macro.prestress_by_itself`.
+    prestress : quantity
+        Largest force in a link at load factor zero, N; with ``self_stress``.
     """
 
     kind: Literal["table"]
     nodes: Path
     links: Path
     laws: Laws
+    self_stress: bool = False
+    prestress: Annotated[Force, Field(gt=0.0)] | None = None
+
+    @model_validator(mode="after")
+    def _check(self) -> Self:
+        _check_self_stress(self.self_stress, self.prestress)
+        return self
+
+    def build(self) -> LinkSystem:
+        """Build the structure of the tables."""
+        columns = {"first": int, "second": int, "group": int, "law": str}
+        nodes, links = read_table(self.nodes, {}), read_table(self.links, columns)
+        return _stressed(system_from_table(nodes, links, _laws(self.laws)), self.prestress)
 
 
-class LinkMesh(Settings):
+class LinkMesh(Links):
     """The lines of a mesh file; see :func:`multiscale.macro.system_from_mesh`.
 
     Parameters
@@ -179,6 +286,8 @@ class LinkMesh(Settings):
         Sets of points that are held.
     load : three quantities
         Force on every free node at load factor one, N.
+    self_stress, prestress : bool, quantity
+        A state of self-stress, as for two tables.
     """
 
     kind: Literal["mesh"]
@@ -187,6 +296,21 @@ class LinkMesh(Settings):
     laws: Laws
     supports: Annotated[tuple[str, ...], Field(min_length=1)]
     load: tuple[Force, Force, Force]
+    self_stress: bool = False
+    prestress: Annotated[Force, Field(gt=0.0)] | None = None
+
+    @model_validator(mode="after")
+    def _check(self) -> Self:
+        _check_self_stress(self.self_stress, self.prestress)
+        return self
+
+    def build(self) -> LinkSystem:
+        """Build the structure of the mesh."""
+        mesh, laws = open_mesh(self.file), _laws(self.laws)
+        system = system_from_mesh(
+            mesh, laws, supports=self.supports, load=self.load, scale=self.unit
+        )
+        return _stressed(system, self.prestress)
 
 
 class Statics(Settings):
@@ -205,6 +329,11 @@ class Statics(Settings):
     load_factors: Annotated[tuple[Number, ...], Field(min_length=1)]
     exact: bool = False
     stability: bool = False
+
+    def refuse_large(self) -> None:
+        """Refuse what substructures do not solve."""
+        if self.exact or self.stability:
+            raise ValueError("substructures move little: leave out exact and stability")
 
 
 class Dynamics(TimeSteps):
@@ -243,110 +372,22 @@ class Dynamics(TimeSteps):
         return history
 
 
-class Scene(Settings):
-    """One question to a structure of bars and cables, or of elastic bodies.
-
-    Parameters
-    ----------
-    title : str
-        Stands in tables and datasets.
-    structure : table
-        Its ``kind`` is ``"tensegrity_grid"``, ``"cable_net"``, ``"table"`` or ``"mesh"``;
-        ``"plate"``, ``"stacked_blocks"`` or ``"lap_joint"``.
-    statics, dynamics : table
-        Exactly one of them, and for a plate statics.
-    joint, loading : table
-        In their place, and both, for blocks and lap joint.
-    substructures : table
-        Cuts a tensegrity grid, at rest or in motion, or any bodies.
-    """
-
-    title: str
-    structure: Annotated[
-        TensegrityGrid | CableNet | LinkTable | LinkMesh | Plate | StackedBlocks | LapJoint,
-        Field(discriminator="kind"),
-    ]
-    statics: Statics | None = None
-    dynamics: Dynamics | None = None
-    joint: JointLawSettings | None = None
-    loading: Loading | None = None
-    substructures: Substructures | None = None
-
-    @model_validator(mode="after")
-    def _check(self) -> Self:
-        given = self.structure
-        rough = isinstance(given, StackedBlocks | LapJoint)
-        if (self.joint is not None, self.loading is not None) != (rough, rough):
-            raise ValueError(
-                f"a structure of kind {given.kind!r} "
-                + ("needs [joint] and [loading]" if rough else "takes no [joint] or [loading]")
-            )
-        if rough and (self.statics or self.dynamics):
-            raise ValueError(f"{given.kind!r} takes [loading] and no [statics] or [dynamics]")
-        if not rough and (self.statics is None) == (self.dynamics is None):
-            raise ValueError("give either [statics] or [dynamics]")
-        _check_damage(given, self.joint)
-        _check_cut(given, self.statics, self.dynamics, self.substructures)
-        return self
-
-    def quick(self) -> Self:
-        """Return the same scene with at most 4 x 4 modules or meshes, or few elements and steps.
-
-        The prestress of a grid falls with the square of its span, as the tensions do under the
-        load, so that as many of a hundred cables go slack.
-        """
-        structure: Any = self.structure
-        if isinstance(structure, BODIES):
-            smaller: dict[str, Any] = {
-                "title": f"{self.title} (quick)",
-                "structure": structure.quick(),
-                "loading": self.loading and self.loading.quick(),
-                "substructures": self.substructures and _few_parts(self.substructures),
-            }
-            return self.model_copy(update=smaller)
-        if not isinstance(structure, TensegrityGrid | CableNet):
-            return self
-        m = None if structure.m is None else min(QUICK, structure.m)
-        changes: dict[str, Any] = {"n": min(QUICK, structure.n), "m": m}
-        if isinstance(structure, TensegrityGrid):
-            changes["prestress"] = structure.prestress * (changes["n"] / structure.n) ** 2
-        small = {
-            "title": f"{self.title} (quick)",
-            "structure": structure.model_copy(update=changes),
-            "substructures": self.substructures and _few_parts(self.substructures),
-        }
-        return self.model_copy(update=small)
+def _few(n: int, m: int | None) -> tuple[int, int | None]:
+    """Modules or meshes each way, at most four."""
+    return min(QUICK, n), None if m is None else min(QUICK, m)
 
 
-def _few_parts(cut: Substructures) -> Substructures:
-    """Two parts each way, at most."""
-    return cut.model_copy(update={"parts": tuple(min(2, number) for number in cut.parts)})
+def _laws(given: dict[str, LinkLawSettings]) -> dict[str, LinkLaw]:
+    """Make the laws by name."""
+    return {name: law.build() for name, law in given.items()}
 
 
-def _check_damage(given: Settings, joint: JointLawSettings | None) -> None:
-    """Refuse damages that are not one for each joint."""
-    if not isinstance(given, StackedBlocks | LapJoint) or joint is None or not joint.damage:
-        return
-    if len(joint.damage) != given.joints:
-        raise ValueError(
-            f"[joint] damage should have one entry for each joint ({given.joints}), got "
-            f"{len(joint.damage)}"
-        )
+def _check_self_stress(asked: bool, prestress: float | None) -> None:
+    """Refuse a self-stress of unknown size, and a size of none."""
+    if asked != (prestress is not None):
+        raise ValueError("give both self_stress = true and prestress, or neither")
 
 
-def _check_cut(
-    given: Any, statics: Statics | None, dynamics: Dynamics | None, cut: Substructures | None
-) -> None:
-    """Refuse what substructures do not solve."""
-    if isinstance(given, Plate) and statics is None:
-        raise ValueError("a structure of kind 'plate' takes [statics]")
-    if cut is not None and not isinstance(given, (TensegrityGrid, *BODIES)):
-        raise ValueError(
-            f"[substructures] cut tensegrity grids, plates, blocks and lap joints, not a structure "
-            f"of kind {given.kind!r}"
-        )
-    if dynamics and cut and (dynamics.theta, dynamics.restitution) != (1.0, 0.0):
-        raise ValueError("substructures move by implicit steps: leave out theta and restitution")
-    special = statics is not None and (statics.exact or statics.stability)
-    if special and (cut is not None or isinstance(given, BODIES)):
-        raise ValueError("substructures move little: leave out exact and stability")
+def _stressed(system: LinkSystem, prestress: float | None) -> LinkSystem:
+    """Add the state of self-stress that is asked for."""
+    return system if prestress is None else prestress_by_itself(system, prestress)

@@ -1,0 +1,35 @@
+"""Stage: the substructures of a structure, condensed onto the resultants of their interfaces."""
+
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from multiscale.macro import homogenise
+from multiscale.pipeline.stage import Datasets, Job, Stage
+from multiscale.pipeline.stages.links import LINKS
+from multiscale.pipeline.stages.plate import PLATE
+from multiscale.pipeline.stages.rough_joints import ROUGH_JOINTS
+from multiscale.pipeline.structure_settings import StructureCase
+from multiscale.schema import HOMOGENISED, MACRO_RESULT
+
+if TYPE_CHECKING:
+    import xarray as xr
+
+__all__ = ["CONDENSED_PARTS"]
+
+
+def _run(case: StructureCase, found: Datasets, job: Job) -> "xr.Dataset":
+    """Condense at the last step that converged."""
+    result = found[MACRO_RESULT.name]
+    solved = np.isfinite(result["displacement"].values).all(axis=(1, 2))
+    step = int(np.flatnonzero(solved)[-1])
+    return homogenise(case.structure.cut(case), result, step=step).assign_attrs(title=case.title)
+
+
+CONDENSED_PARTS = Stage(
+    schema=HOMOGENISED,
+    tables=("structure", "homogenise"),
+    reads={"substructures"},
+    takes=(LINKS, PLATE, ROUGH_JOINTS),
+    run=_run,
+)

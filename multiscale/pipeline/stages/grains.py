@@ -1,0 +1,61 @@
+"""Stage: rigid grains in frictional contact."""
+
+from typing import TYPE_CHECKING
+
+from multiscale.io import write_grain_fields
+from multiscale.macro.granulate import simulate_grains
+from multiscale.macro.granulate.grain_needs import grain_needs
+from multiscale.needs import Needs
+from multiscale.pipeline.grain_settings import Granulate
+from multiscale.pipeline.rows import tabulate_grains
+from multiscale.pipeline.stage import Job
+from multiscale.pipeline.structure_settings import StructureCase
+from multiscale.pipeline.structure_stage import structure_stage
+from multiscale.schema import GRANULATE
+
+if TYPE_CHECKING:
+    import xarray as xr
+
+__all__ = ["GRAINS"]
+
+
+def _solve(given: Granulate, case: StructureCase, job: Job) -> "xr.Dataset":
+    """Follow the grains; the attribute ``cautions`` counts steps that missed the tolerance."""
+    grains, motion = case.grains, case.motion
+    assert grains is not None  # the case has been validated
+    assert motion is not None
+    return simulate_grains(
+        given.build(grains, motion),
+        motion.duration,
+        motion.step,
+        accuracy=motion.accuracy,
+        solver=motion.solver,
+        n_frames=motion.frames,
+    )
+
+
+def _needs(given: Granulate, case: StructureCase) -> Needs:
+    grains, motion = case.grains, case.motion
+    assert grains is not None  # the case has been validated
+    assert motion is not None
+    return grain_needs(
+        grains.number,
+        motion.frames,
+        grains.law,
+        motion.solver,
+        wall_friction=given.roughest_wall,
+        strained=given.strained,
+    )
+
+
+GRAINS = structure_stage(
+    "grains",
+    _solve,
+    _needs,
+    tabulate_grains,
+    write_grain_fields,
+    question="How do the grains move, and what do their contacts carry?",
+    schema=GRANULATE,
+    solver=(),
+    check=lambda result: None,
+)

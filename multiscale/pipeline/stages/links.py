@@ -1,0 +1,142 @@
+"""Stage: a structure of bars and cables, at rest or in motion, whole or cut."""
+
+from collections.abc import Iterator
+from math import ceil
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from multiscale.errors import ConvergenceError
+from multiscale.io import write_link_fields
+from multiscale.macro import LinkSystem, simulate, solve_latin, solve_static
+from multiscale.macro.discrete.description import describe
+from multiscale.macro.discrete.link_needs import link_needs
+from multiscale.macro.substructures import simulate_latin
+from multiscale.macro.substructures.substructure_needs import cut_needs
+from multiscale.needs import Needs
+from multiscale.pipeline.link_settings import Dynamics, Links, Statics
+from multiscale.pipeline.rows import tabulate_links
+from multiscale.pipeline.stage import Job
+from multiscale.pipeline.structure_settings import StructureCase
+from multiscale.pipeline.structure_stage import structure_stage, with_too_far
+from multiscale.schema import MACRO_RESULT
+
+if TYPE_CHECKING:
+    import xarray as xr
+
+__all__ = ["LINKS"]
+
+FURTHEST = 0.05
+"""Displacement of the ends of a link against each other, over its length, that counts as small."""
+
+STRAINED = 0.1
+"""Strain of a link that carries above which its law, linear elastic, is beyond what cables do."""
+
+
+def _solve(links: Links, case: StructureCase, job: Job) -> "xr.Dataset":
+    """Solve a structure of links; the result follows ``MACRO_RESULT``."""
+    system, statics = links.build(), case.statics
+    if statics is None:
+        assert case.dynamics is not None  # the case has been validated
+        return with_too_far(_move(links, case, case.dynamics, job))
+    if case.substructures is not None:
+        problem, factors = links.cut(case), np.array(statics.load_factors)
+        solved = solve_latin(problem, factors, coarse=case.cut.coarse, **case.cut.stop(job.team))
+        result = _with_links(solved, system)
+    else:
+        result = solve_static(
+            system, statics.load_factors, exact=statics.exact, stability=statics.stability
+        )
+    return with_too_far(result, *_strained(result, statics))
+
+
+def _strained(result: "xr.Dataset", statics: Statics) -> Iterator[str]:
+    """Say where links turn or strain much."""
+    first, second = result["ends"].values.T
+    apart = np.diff(result["position"].values[result["ends"].values], axis=1)[:, 0]
+    u = np.nan_to_num(result["displacement"].values)[:, :, :3]
+    moved_apart, length = u[:, second] - u[:, first], np.linalg.norm(apart, axis=1)
+    turned = np.linalg.norm(moved_apart, axis=2) / length
+    strain = np.abs(np.linalg.norm(apart + moved_apart, axis=2) / length - 1.0)
+    strain = np.where(result["slack"].values > 0.0, 0.0, strain)
+    if statics.exact and strain.max() > STRAINED:
+        link = int(np.argmax(strain.max(axis=0)))
+        yield (
+            f"link {link} changes its length by up to {strain.max():.2g} of it, and more than "
+            f"{STRAINED:g} is outside the linear law of its material: check loads, rigidities "
+            f"and their units"
+        )
+    if not statics.exact and turned.max() > FURTHEST:
+        yield (
+            f"the ends of a link move against each other by up to {turned.max():.2g} of its "
+            f"length, and small displacements err by about as much: set exact to true in "
+            f"[statics]"
+        )
+
+
+def _move(links: Links, case: StructureCase, settings: Dynamics, job: Job) -> "xr.Dataset":
+    """Find the equilibrium at the start, and follow the motion from it."""
+    steps = int(np.ceil(settings.duration / settings.step * (1.0 - 1e-12)))
+    times, factor = np.linspace(0.0, settings.duration, steps + 1), settings.start_load_factor
+    system, history = links.build(), np.array(settings.load_history)
+
+    def load_factor(time: float) -> float:
+        return float(np.interp(time, *history.T))
+
+    if case.substructures is None:
+        start = _at_rest(solve_static(system, factor))
+        options: dict[str, Any] = {"theta": settings.theta, "restitution": settings.restitution}
+        return simulate(
+            system, times, settings.mass, load_factor=load_factor, start=start, **options
+        )
+    problem, stop = links.cut(case), case.cut.stop(job.team)
+    start = _at_rest(solve_latin(problem, factor, coarse=case.cut.coarse, **stop).isel(step=0))
+    result = simulate_latin(
+        problem, times, settings.mass, load_factor=load_factor, start=start, **stop
+    )
+    return _with_links(result, system)
+
+
+def _at_rest(begin: "xr.Dataset") -> tuple[np.ndarray, np.ndarray]:
+    """Displacement and velocity of an equilibrium."""
+    if not int(begin["converged"]):
+        raise ConvergenceError(f"no equilibrium to start from: {begin.attrs['failure']}")
+    displacement = begin["displacement"].values
+    return displacement, np.zeros_like(displacement)
+
+
+def _with_links(result: "xr.Dataset", system: LinkSystem) -> "xr.Dataset":
+    """Add the description of the links."""
+    return MACRO_RESULT.assign(result, describe(system)).assign_coords(end=range(2))
+
+
+def _needs(links: Links, case: StructureCase) -> Needs:
+    """Bars and cables, whole or cut."""
+    system, statics, motion = links.build(), case.statics, case.dynamics
+    if case.substructures is not None:
+        return cut_needs(
+            int((~system.fixed).sum()),
+            links=system.n_links,
+            substructures=case.cut.count,
+            coarse=case.cut.coarse,
+            moving=motion is not None,
+        )
+    if motion is not None:
+        return link_needs(system, moving=True, steps=1 + ceil(motion.duration / motion.step))
+    assert statics is not None  # the case has been validated
+    return link_needs(
+        system,
+        exact=statics.exact,
+        stability=statics.stability,
+        steps=len(statics.load_factors),
+    )
+
+
+LINKS = structure_stage(
+    "links",
+    _solve,
+    _needs,
+    tabulate_links,
+    write_link_fields,
+    question="Which tensions do the links carry, and which of them are slack?",
+)

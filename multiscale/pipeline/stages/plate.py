@@ -1,0 +1,46 @@
+"""Stage: an elastic plate, whole or cut."""
+
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from multiscale.io import write_body_fields
+from multiscale.macro import solve_latin
+from multiscale.macro.substructures import add_body_fields
+from multiscale.macro.substructures.substructure_needs import cut_needs
+from multiscale.needs import Needs
+from multiscale.pipeline.body_settings import Plate
+from multiscale.pipeline.rows import tabulate_loads
+from multiscale.pipeline.stage import Job
+from multiscale.pipeline.structure_settings import StructureCase
+from multiscale.pipeline.structure_stage import structure_stage, with_too_far
+
+if TYPE_CHECKING:
+    import xarray as xr
+
+__all__ = ["PLATE"]
+
+
+def _solve(plate: Plate, case: StructureCase, job: Job) -> "xr.Dataset":
+    assert case.statics is not None  # the case has been validated
+    result = solve_latin(
+        plate.cut(case),
+        np.array(case.statics.load_factors),
+        coarse=case.cut.coarse,
+        **case.cut.stop(job.team),
+    )
+    return with_too_far(add_body_fields(result, [plate.build()]))
+
+
+def _needs(plate: Plate, case: StructureCase) -> Needs:
+    return cut_needs(3 * plate.nodes, substructures=case.cut.count, coarse=case.cut.coarse)
+
+
+PLATE = structure_stage(
+    "plate",
+    _solve,
+    _needs,
+    tabulate_loads,
+    write_body_fields,
+    question="How far does the plate move under its loads?",
+)

@@ -1,0 +1,87 @@
+"""Stage: elastic bodies with rough joints, at their preloads and in cycles."""
+
+from dataclasses import replace
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from multiscale.errors import ConvergenceError
+from multiscale.io import write_body_fields
+from multiscale.laws import NormalLaw
+from multiscale.macro.substructures import JointLoading, add_body_fields, load_joint
+from multiscale.macro.substructures.substructure_needs import cut_needs
+from multiscale.needs import Needs
+from multiscale.pipeline.body_budget import with_contact, with_joint_budget
+from multiscale.pipeline.body_settings import RoughBodies
+from multiscale.pipeline.rows import tabulate_preloads
+from multiscale.pipeline.stage import Job, list_cautions
+from multiscale.pipeline.stages.joint import STIFFNESSES
+from multiscale.pipeline.structure_settings import StructureCase
+from multiscale.pipeline.structure_stage import require_converged, structure_stage, with_too_far
+from multiscale.schema import with_cautions
+from multiscale.upscaling import law_from_dataset
+
+if TYPE_CHECKING:
+    import xarray as xr
+
+__all__ = ["ROUGH_JOINTS"]
+
+
+def _solve(bodies: RoughBodies, case: StructureCase, job: Job) -> "xr.Dataset":
+    """Press the joints, then shear them; stiffnesses have the error budget of the law."""
+    assert case.joint is not None  # the case has been validated
+    assert case.loading is not None
+    dataset, preloads = case.joint.open(), case.loading.preloads
+    options: dict[str, Any] = {"parts": case.cut.parts, "coarse": case.cut.coarse}
+    options |= case.cut.stop(job.team)
+    assembly = bodies.assemble(case, law_from_dataset(dataset))
+    result = load_joint(
+        assembly, case.loading.build(), extrapolate=case.joint.extrapolate, **options
+    )
+    result = with_contact(result, dataset)
+    result = with_cautions(result, *(f"its law: {one}" for one in list_cautions(dataset)))
+    if "error_half_width" in dataset:
+        solved = int(result["converged"][: len(preloads)].sum())  # the first failure is the end
+
+        def stiffness(normal: NormalLaw, structure: RoughBodies = bodies) -> np.ndarray:
+            pressed = JointLoading(preloads[:solved])
+            parts = structure.assemble(case, normal)
+            found = load_joint(parts, pressed, extrapolate=True, **options)
+            return np.stack([found[name].to_numpy() for name in STIFFNESSES])
+
+        result = with_joint_budget(result, dataset, stiffness, bodies.coarser())
+    return with_too_far(add_body_fields(result, assembly.bodies, damage=bodies.damages))
+
+
+def _check(result: "xr.Dataset") -> None:
+    """Refuse joints that are nowhere known."""
+    require_converged(result)
+    if np.isnan(result["approach"].values).all():
+        raise ConvergenceError(
+            f"{result.attrs['title']}: the answer is unknown at every step; "
+            f"{result.attrs['cautions']}"
+        )
+
+
+def _needs(bodies: RoughBodies, case: StructureCase) -> Needs:
+    nodes, face = bodies.nodes
+    count = bodies.joints + 1
+    needs = cut_needs(
+        3 * nodes * count,
+        joint_points=face * bodies.joints,
+        substructures=count * case.cut.count,
+        coarse=case.cut.coarse,
+        slabs=case.loading.slabs if case.loading else 0,
+    )
+    return replace(needs, libraries=(*needs.libraries, *bodies.mesher))
+
+
+ROUGH_JOINTS = structure_stage(
+    "rough_joints",
+    _solve,
+    _needs,
+    tabulate_preloads,
+    write_body_fields,
+    question="How stiff are the joints, where do they slip, and what do they lose in a cycle?",
+    check=_check,
+)

@@ -1,0 +1,127 @@
+"""How stages that solve a structure are made."""
+
+from collections.abc import Callable, Iterator
+from dataclasses import replace
+from importlib.util import find_spec
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, TypeAlias
+
+import numpy as np
+
+from multiscale.errors import ConvergenceError
+from multiscale.needs import Needs
+from multiscale.pipeline.rows import list_cycles, list_facts
+from multiscale.pipeline.stage import Datasets, Job, Section, Stage, Summary, format_table
+from multiscale.pipeline.structure_settings import StructureCase
+from multiscale.schema import MACRO_RESULT, Schema, with_cautions
+
+if TYPE_CHECKING:
+    import xarray as xr
+
+__all__ = ["require_converged", "structure_stage", "with_too_far"]
+
+Table: TypeAlias = tuple[tuple[str, ...], list[tuple[str, ...]]]
+
+
+def require_converged(result: "xr.Dataset") -> None:
+    """Refuse a result without any step that converged."""
+    if not result["converged"].values.any():
+        raise ConvergenceError(
+            f"{result.attrs['title']}: no step converged; {result.attrs['failure']}"
+        )
+
+
+def structure_stage(
+    name: str,
+    solve: Callable[[Any, StructureCase, Job], "xr.Dataset"],
+    needs: Callable[[Any, StructureCase], Needs],
+    tabulate: Callable[["xr.Dataset"], Table],
+    write_fields: Callable[..., object],
+    *,
+    question: str,
+    schema: Schema = MACRO_RESULT,
+    solver: tuple[str, ...] = ("pypardiso",),
+    check: Callable[["xr.Dataset"], None] = require_converged,
+) -> Stage:
+    """Make the stage that solves some kinds of structures.
+
+    Parameters
+    ----------
+    name : str
+        What the kinds name as their stage.
+    solve : callable
+        From the structure, its case and the job to the dataset.
+    needs : callable
+        From the structure and its case to what solving it takes.
+    tabulate : callable
+        From the dataset to head and rows.
+    write_fields : callable
+        Writes a series for ParaView; see :func:`multiscale.io.write_link_fields`.
+    question : str
+        Stands at the head of the page.
+    schema : Schema
+        Of the dataset.
+    solver : tuple of str
+        Libraries that solve where they are installed.
+    check : callable
+        Refuses a dataset that answers nothing.
+    """
+
+    def run(case: StructureCase, found: Datasets, job: Job) -> "xr.Dataset":
+        result = solve(case.structure, case, job)
+        return result.assign_attrs(title=case.title, scene=case.to_toml())
+
+    def all_needs(case: StructureCase) -> Needs:
+        own, installed = needs(case.structure, case), tuple(filter(find_spec, solver))
+        return replace(own, libraries=tuple(sorted({*own.libraries, "meshio", *installed})))
+
+    def lines(found: Datasets) -> Iterator[str]:
+        result = found[schema.name]
+        yield from format_table(result.attrs["title"], *tabulate(result))
+        yield from _told(result)
+
+    def sections(found: Datasets, out: Path) -> Iterator[Section]:
+        result = found[schema.name]
+        yield Section("Structure", [*_told(result), *_failures(result)], *tabulate(result))
+
+    def summary(found: Datasets) -> Summary:
+        result = found[schema.name]
+        steps, solved = result.sizes["step"], int((result["converged"] == 1).sum())
+        answer = f"{solved} of {steps} steps have an answer; see the table."
+        return Summary(result.attrs["title"], question, [answer])
+
+    return Stage(
+        schema=schema,
+        tables=("structure", name),
+        run=run,
+        write_fields=write_fields,
+        needs=all_needs,
+        check=check,
+        lines=lines,
+        sections=sections,
+        summary=summary,
+        failure=lambda result: "; ".join(_failures(result)),
+    )
+
+
+def with_too_far(result: "xr.Dataset", *cautions: str) -> "xr.Dataset":
+    """Add a caution against nodes that move farther than the structure measures, or those given."""
+    size = float(np.ptp(result["position"].values, axis=0).max())
+    moved = float(np.abs(np.nan_to_num(result["displacement"].values)).max(initial=0.0))
+    if moved <= size:
+        return with_cautions(result, *cautions)
+    return with_cautions(
+        result,
+        f"nodes move by up to {moved:.3g} m, more than the structure measures ({size:.3g} m), "
+        f"where no law of its parts holds: check loads, moduli and their units",
+    )
+
+
+def _told(result: "xr.Dataset") -> list[str]:
+    """Say what stands beside the table."""
+    return [*list_facts(result), *list_cycles(result)]
+
+
+def _failures(result: "xr.Dataset") -> list[str]:
+    """Say which steps failed, and why."""
+    return str(result.attrs.get("failure", "")).splitlines()
