@@ -67,9 +67,12 @@ class InterfaceLaw(ABC):
     pressure_range : tuple of float
         Lowest and highest pressure of the data that the law was fitted to, Pa; all pressures for a
         law that was not fitted.
+    compliant : bool
+        Whether a jump tells the traction; of rigid contact only the resolvent does.
     """
 
     n_state: int = 0
+    compliant: bool = True
     gap: float = 0.0
     damage: float = 0.0
     pressure_range: tuple[float, float] = (0.0, np.inf)

@@ -19,6 +19,7 @@ grains                                 :func:`granulate.simulate`
 """
 
 from multiscale.macro import granulate
+from multiscale.macro.bodies import Assembly, Interface
 from multiscale.macro.continuum import (
     Body,
     Contact,
@@ -56,14 +57,20 @@ from multiscale.macro.joint import (
 )
 from multiscale.macro.monolithic import solve_interface
 from multiscale.macro.substructures import (
+    AssembledNewton,
+    LatinMethod,
+    NewtonSchur,
     cut_bodies,
     cut_links,
     homogenise,
+    solve_assembly,
     solve_latin,
     solve_schur,
 )
 
 __all__ = [
+    "AssembledNewton",
+    "Assembly",
     "Block",
     "Body",
     "Contact",
@@ -71,7 +78,10 @@ __all__ = [
     "Cylinder",
     "FiniteAssembly",
     "Graph",
+    "Interface",
+    "LatinMethod",
     "LinkSystem",
+    "NewtonSchur",
     "Plane",
     "RoughJoint",
     "Sphere",
@@ -91,6 +101,7 @@ __all__ = [
     "self_stress",
     "simulate",
     "soften",
+    "solve_assembly",
     "solve_contact",
     "solve_interface",
     "solve_latin",

@@ -10,18 +10,15 @@ from multiscale.fe.boxes import box_mesh
 from multiscale.io import open_dataset, open_law
 from multiscale.laws import Damaged, NormalLaw, Sliders
 from multiscale.laws.bulk import AnisotropicElastic, Elastic
-from multiscale.macro import Body, cut_bodies, solve_latin
+from multiscale.macro import Body, LatinMethod, solve_assembly
+from multiscale.macro.bodies import Assembly, LapShape, lap_joint, stacked_blocks
 from multiscale.macro.substructures import (
     CutProblem,
     JointLoading,
-    LapShape,
-    RoughAssembly,
     Team,
     add_body_fields,
-    lap_joint,
+    cut_assembly,
     load_joint,
-    split_boxes,
-    stacked_blocks,
 )
 from multiscale.pipeline.body_budget import with_contact, with_joint_budget
 from multiscale.pipeline.body_settings import (
@@ -66,23 +63,18 @@ def solve_bodies(scene: "Scene", law: Path | None, team: Team | None = None) -> 
         If dimensions, cut or law are refused, or there is no law.
     """
     given, cut = scene.structure, scene.substructures or Substructures()
-    options: dict[str, Any] = {
-        "coarse": cut.coarse,
-        "tolerance": cut.tolerance,
-        "max_iterations": cut.max_iterations,
-        "team": team,
-    }
+    method = LatinMethod(cut.parts, cut.coarse, cut.tolerance, cut.max_iterations, team)
     if isinstance(given, Plate):
         factors = np.array(scene.statics.load_factors) if scene.statics else 1.0
-        result = solve_latin(cut_scene(scene), factors, **options)
-        return add_body_fields(result, [_make_plate(given)])
+        plate = _make_plate(given)
+        return add_body_fields(solve_assembly(plate, factors, method=method), plate.bodies)
     assert isinstance(given, StackedBlocks | LapJoint)
     assert scene.loading is not None  # the scene has been validated
     loads, dataset = scene.loading, _open_law(scene, law)
     loading = JointLoading(loads.preloads, loads.shear or 0.0, loads.cycles, loads.steps)
     assembly = make_assembly(scene, law_from_dataset(dataset))
     extrapolate = scene.joint is not None and scene.joint.extrapolate
-    result = load_joint(assembly, loading, parts=cut.parts, extrapolate=extrapolate, **options)
+    result = load_joint(assembly, loading, method=method, extrapolate=extrapolate)
     result = with_contact(result, dataset)
     of_law = str(dataset.attrs.get("cautions", "")).splitlines()
     result = with_cautions(result, *(f"its law: {one}" for one in of_law))
@@ -95,7 +87,7 @@ def solve_bodies(scene: "Scene", law: Path | None, team: Team | None = None) -> 
             changed = scene.model_copy(update={"structure": structure})
             pressed = JointLoading(loads.preloads[:solved])
             parts = make_assembly(changed, normal)
-            found = load_joint(parts, pressed, parts=cut.parts, extrapolate=True, **options)
+            found = load_joint(parts, pressed, method=method, extrapolate=True)
             return np.stack([found[name].to_numpy() for name in STIFFNESSES])
 
         result = with_joint_budget(result, dataset, stiffness, given.coarser())
@@ -105,13 +97,12 @@ def solve_bodies(scene: "Scene", law: Path | None, team: Team | None = None) -> 
 def cut_scene(scene: "Scene", law: Path | None = None) -> CutProblem:
     """Cut the bodies of a scene; arguments as for :func:`solve_bodies`."""
     cut = scene.substructures or Substructures()
-    if not isinstance(scene.structure, Plate):
-        return make_assembly(scene, law_from_dataset(_open_law(scene, law))).cut(cut.parts)
-    plate = _make_plate(scene.structure)
-    return cut_bodies([plate], [split_boxes(plate, (*cut.parts, 1))])
+    if isinstance(scene.structure, Plate):
+        return cut_assembly(_make_plate(scene.structure), cut.parts)
+    return cut_assembly(make_assembly(scene, law_from_dataset(_open_law(scene, law))), cut.parts)
 
 
-def make_assembly(scene: "Scene", normal: NormalLaw) -> RoughAssembly:
+def make_assembly(scene: "Scene", normal: NormalLaw) -> Assembly:
     """Build the bodies and joints of a scene, whose sound joints have a normal law."""
     given, joint, loading = scene.structure, scene.joint, scene.loading
     assert isinstance(given, StackedBlocks | LapJoint)
@@ -164,12 +155,13 @@ def _laws(joint: JointLawSettings, count: int, sound: NormalLaw, loading: Loadin
     ]
 
 
-def _make_plate(given: Plate) -> Body:
+def _make_plate(given: Plate) -> Assembly:
     """Clamp a plate and load it."""
     clamped = (0.0, 0.0, 0.0)
-    return Body(
+    plate = Body(
         box_mesh(given.size, given.elements),
         Elastic(given.youngs_modulus, given.poissons_ratio),
         supports={"left": clamped, "right": clamped},
         tractions={"top": (0.0, 0.0, -given.pressure)},
     )
+    return Assembly((plate,))
