@@ -31,7 +31,7 @@ print(joint["cycle_energy"].values)  # J
 
 # Both sides of an interface are plane and have the same mesh. A shear beyond friction ends the
 # steps, and the result says where. A joint may also be rigid (RigidContact: unilateral, with
-# Coulomb friction), for LATIN. Bodies, interfaces between their faces and load cases of your own make
+# Coulomb friction), for LATIN. Bodies, interfaces between their faces and your load cases make
 # an Assembly, which solve_assembly takes with AssembledNewton, LatinMethod or NewtonSchur.
 #
 # The scenes rough_blocks.toml and lap_joint.toml ask the same of files. The second has two plates

@@ -1,15 +1,17 @@
 """Newton's method for a cut structure of bodies, in one piece."""
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from itertools import pairwise
 from time import perf_counter
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
+from scipy.sparse import csr_array
 
 from multiscale.convergence import Solution, Status
 from multiscale.errors import CaseError
+from multiscale.fe.condensation import CondensedStiffness, condense_body
 from multiscale.laws.interface_law import InterfaceLaw, Response
 from multiscale.macro.monolithic import solve_interface
 from multiscale.macro.substructures.capacity import find_slide
@@ -17,12 +19,16 @@ from multiscale.macro.substructures.cut_results import assemble_result, load_fac
 from multiscale.macro.substructures.joint_state import advance
 from multiscale.macro.substructures.problem import CutProblem
 from multiscale.macro.substructures.whole_structure import Assembled, assemble
-from multiscale.numerics.factorisation import factorise
+from multiscale.numerics.factorisation import Solve, factorise
 
 if TYPE_CHECKING:
     import xarray as xr
 
 __all__ = ["solve_whole"]
+
+DENSE = 1500
+"""Unknowns on joints up to which the bodies are condensed onto them: every Newton step then
+factorises a full matrix of this size in place of the sparse one of the whole."""
 
 
 def solve_whole(
@@ -66,6 +72,7 @@ def solve_whole(
             "contact as well"
         )
     factors, whole = load_factors(problem, load_factor), assemble(problem)
+    bodies = _prepare(whole)
     law = _SideBySide(
         tuple(joint.law for joint in problem.joints if joint.law),
         tuple(joint.weight.size for joint in problem.joints),
@@ -78,13 +85,14 @@ def solve_whole(
             columns.append(columns[-1] | {"iterations": 0, "wall_time": 0.0})
             continue
         clock = perf_counter()
-        solution = _press(whole, whole.load @ factor, law, u, state, (max_iterations, tolerance))
+        load = whole.load @ factor
+        solution = bodies.solve(load, law, u, state, (max_iterations, tolerance))
         jump = (whole.jump @ solution.value).reshape(3, -1)
         response = law.respond(jump, state)
         failure = ""
         if not solution.converged:
-            load = np.concatenate([part.load @ factor for part in problem.substructures])
-            slide = find_slide(problem, load, before, -response.traction[0])
+            loads = np.concatenate([part.load @ factor for part in problem.substructures])
+            slide = find_slide(problem, loads, before, -response.traction[0])
             failure = str(slide or solution.status.value)
         columns.append(
             {
@@ -102,31 +110,95 @@ def solve_whole(
     return assemble_result(problem, factors, columns)
 
 
-def _press(
-    whole: Assembled,
-    load: np.ndarray,
-    law: InterfaceLaw,
-    start: np.ndarray | None,
-    state: np.ndarray,
-    limits: tuple[int, float],
-) -> Solution:
-    """Solve one step; a structure without joints is linear."""
-    if not whole.weight.size:
-        u = factorise(whole.stiffness, name="the stiffness of the structure")(load)
+@dataclass(frozen=True, eq=False)
+class _Sparse:
+    """Bodies whose stiffness is factorised with the tangent of the joints in every Newton step."""
+
+    whole: Assembled
+
+    def solve(
+        self,
+        load: np.ndarray,
+        law: InterfaceLaw,
+        start: np.ndarray | None,
+        state: np.ndarray,
+        limits: tuple[int, float],
+    ) -> Solution:
+        """Solve one step; the value is the displacement of all unknowns, m."""
+        return solve_interface(
+            self.whole.stiffness,
+            load,
+            self.whole.jump,
+            self.whole.weight,
+            law,
+            start=start,
+            state=state,
+            max_iterations=limits[0],
+            tolerance=limits[1],
+        )
+
+
+@dataclass(frozen=True, eq=False)
+class _Condensed:
+    """Bodies condensed once onto the unknowns on joints."""
+
+    whole: Assembled
+    condensed: CondensedStiffness
+
+    def solve(
+        self,
+        load: np.ndarray,
+        law: InterfaceLaw,
+        start: np.ndarray | None,
+        state: np.ndarray,
+        limits: tuple[int, float],
+    ) -> Solution:
+        """Solve one step; the value is the displacement of all unknowns, m."""
+        edge = self.condensed.split.edge
+        solution = solve_interface(
+            self.condensed.blocks[0],
+            self.condensed.reduce(load),
+            csr_array(self.whole.jump[:, edge]),
+            self.whole.weight,
+            law,
+            start=None if start is None else start[edge],
+            state=state,
+            max_iterations=limits[0],
+            tolerance=limits[1],
+        )
+        return replace(solution, value=self.condensed.expand(load, solution.value))
+
+
+@dataclass(frozen=True, eq=False)
+class _Linear:
+    """Bodies without joints."""
+
+    whole: Assembled
+    inverse: Solve
+
+    def solve(
+        self,
+        load: np.ndarray,
+        law: InterfaceLaw,
+        start: np.ndarray | None,
+        state: np.ndarray,
+        limits: tuple[int, float],
+    ) -> Solution:
+        """Solve one step; the value is the displacement of all unknowns, m."""
+        u = self.inverse(load)
         size = float(np.linalg.norm(load)) or 1.0
-        fault = float(np.linalg.norm(whole.stiffness @ u - load)) / size
+        fault = float(np.linalg.norm(self.whole.stiffness @ u - load)) / size
         return Solution(u, Status.CONVERGED, (1.0, fault))
-    return solve_interface(
-        whole.stiffness,
-        load,
-        whole.jump,
-        whole.weight,
-        law,
-        start=start,
-        state=state,
-        max_iterations=limits[0],
-        tolerance=limits[1],
-    )
+
+
+def _prepare(whole: Assembled) -> _Sparse | _Condensed | _Linear:
+    """Choose how the bodies are solved, which is the same for all steps."""
+    if not whole.weight.size:
+        return _Linear(whole, factorise(whole.stiffness, name="the stiffness of the structure"))
+    touched = np.unique(whole.jump.indices)
+    if touched.size > DENSE:
+        return _Sparse(whole)
+    return _Condensed(whole, condense_body(whole.stiffness, touched, name="the stiffness"))
 
 
 @dataclass(frozen=True)
