@@ -14,11 +14,12 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from multiscale.bench.record import load_average, record, versions
+from multiscale.errors import ConvergenceError
 from multiscale.fe.boxes import box_mesh
 from multiscale.laws import Exponential, Sliders
 from multiscale.laws.bulk import Elastic
-from multiscale.macro import Body, solve_interface
-from multiscale.macro.substructures import CutProblem, Joint, assemble, cut_bodies, split_boxes
+from multiscale.macro import Assembly, Body, Interface
+from multiscale.macro.substructures import CutProblem, cut_assembly, solve_whole
 from multiscale.macro.substructures.bound import Admissible
 from multiscale.macro.substructures.indicator import HeuristicIndicator, JointError
 from multiscale.macro.substructures.joint_state import without_slip
@@ -95,9 +96,8 @@ class JointScene:
                 )
             },
         )
-        owners = [split_boxes(body, (self.parts, self.parts, 1)) for body in (lower, upper)]
-        joint = Joint((0, 1), ("top", "bottom"), self.law)
-        return cut_bodies([lower, upper], owners, [joint], times=TIMES)
+        joint = Interface((0, 1), ("top", "bottom"), self.law)
+        return cut_assembly(Assembly((lower, upper), (joint,), TIMES), (self.parts, self.parts))
 
 
 SCENES: Mapping[str, JointScene] = {
@@ -178,20 +178,19 @@ class _Exact:
 
 def _monolithic(scene: JointScene, problem: CutProblem) -> Iterator[_Exact]:
     """Solve the structure in one piece, step by step."""
-    whole, law = assemble(problem), scene.law
-    state, u = np.zeros((law.n_state, whole.weight.size)), None
+    law, found = scene.law, solve_whole(problem, np.eye(len(TIMES)))
+    if "failure" in found.attrs:
+        raise ConvergenceError(found.attrs["failure"])
+    weight = np.concatenate([joint.weight for joint in problem.joints])
     numbers = np.concatenate([part.unknown for part in problem.substructures])
-    for step in range(len(TIMES)):
-        load = whole.load[:, step]
-        u = solve_interface(
-            whole.stiffness, load, whole.jump, whole.weight, law, state=state, start=u
-        ).unwrap()
-        jump = (whole.jump @ u).reshape(3, -1)
-        response = law.respond(jump, state)
-        k = without_slip(law, jump)
+    free, u = problem.number >= 0, np.empty(problem.n)
+    for displacement, jump, traction in zip(
+        *(found[name].values for name in ("displacement", "jump", "traction")), strict=True
+    ):
+        u[problem.number[free]] = displacement[free]
+        k = without_slip(law, jump.T)
         k = np.maximum(k, SOFTEST * k.mean(axis=1, keepdims=True))
-        yield _Exact(problem, u[numbers], response.traction, whole.weight, k)
-        state = response.state
+        yield _Exact(problem, u[numbers], traction.T, weight, k)
 
 
 def bench_joints(

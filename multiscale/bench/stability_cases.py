@@ -121,8 +121,9 @@ def joint(law_over_block: float, friction: float, parts: int) -> float:
     """Two blocks with a rough joint, by LATIN: distance of all steps from bodies and law."""
     from multiscale.laws import Exponential, Sliders
     from multiscale.laws.bulk import Elastic
-    from multiscale.macro.substructures import JointLoading, load_joint, stacked_blocks
-    from multiscale.macro.substructures.whole_structure import assemble
+    from multiscale.macro import LatinMethod
+    from multiscale.macro.bodies import stacked_blocks
+    from multiscale.macro.substructures import JointLoading, assemble, cut_assembly, load_joint
 
     edge, pressure = 0.02, 20e6  # m, Pa
     decay = pressure * edge / (law_over_block * YOUNG)  # K = p / decay
@@ -131,11 +132,11 @@ def joint(law_over_block: float, friction: float, parts: int) -> float:
     blocks = stacked_blocks((edge, edge, edge), (2, 2, 2), [Elastic(YOUNG, POISSON)] * 2, [law])
     shear = min(0.5 * friction, 0.3) * pressure  # a half would tip the upper block
     loading = JointLoading((pressure,), shear=shear, cycles=1, steps=2)
-    cut = load_joint(blocks, loading, parts=(parts, parts))
+    cut = load_joint(blocks, loading, method=LatinMethod(parts=(parts, parts)))
     _refuse_failure(cut)
     steps = (loading.factors(), cut["jump"].values, cut["traction"].values)
     series = 1.0 / (decay / pressure + edge / YOUNG)  # of law and bodies, Pa/m
-    whole = assemble(blocks.cut((parts, parts)))
+    whole = assemble(cut_assembly(blocks, (parts, parts)))
     return joint_faults(whole, law, zip(*steps, strict=True), series) / pressure
 
 

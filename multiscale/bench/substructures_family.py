@@ -1,6 +1,6 @@
 """Cut structures: error against run time of LATIN, Newton-Schur and the solver of the whole."""
 
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import partial
 from time import perf_counter
@@ -14,23 +14,22 @@ from multiscale.fe.boxes import box_mesh
 from multiscale.laws import Exponential, Sliders
 from multiscale.laws.bulk import Elastic
 from multiscale.macro import (
+    Assembly,
     Body,
     LinkSystem,
-    cut_bodies,
     cut_links,
-    solve_interface,
     solve_latin,
     solve_schur,
     solve_static,
 )
+from multiscale.macro.bodies import stacked_blocks
 from multiscale.macro.substructures import (
     CutProblem,
     assemble,
-    split_boxes,
+    cut_assembly,
+    solve_whole,
     split_grid,
-    stacked_blocks,
 )
-from multiscale.numerics.factorisation import factorise
 
 if TYPE_CHECKING:
     import xarray as xr
@@ -136,13 +135,15 @@ def make_scenes(*, quick: bool = False) -> list[Scene]:
         supports={"left": clamped, "right": clamped},
         tractions={"top": (0.0, 0.0, -1e3)},
     )
-    cut = cut_bodies([plate], [split_boxes(plate, (4, 4, 1))])
+    cut = cut_assembly(Assembly((plate,)), (4, 4))
     scenes.append(Scene("plate in 4 x 4", cut, np.ones((1, 1)), repeats=repeats))
     law = Sliders(Exponential(2e9, 0.2e-6), 0.2, pressures=(1e6, 1e8))
     elements = (8 * fine, 4 * fine, 4 * fine)
     blocks = stacked_blocks((0.04, 0.02, 0.02), elements, [Elastic(210e9, 0.3)] * 2, [law])
     load = np.array([[20e6, 3e6]])  # Pa; three fifths of the joint slip
-    scenes.append(Scene("rough joint in 2 x 2 x 1", blocks.cut((2, 1)), load, repeats=repeats))
+    scenes.append(
+        Scene("rough joint in 2 x 2 x 1", cut_assembly(blocks, (2, 1)), load, repeats=repeats)
+    )
     return scenes
 
 
@@ -169,19 +170,7 @@ def solve_scene(scene: Scene, method: str, reference: Answer | None = None) -> A
 
     solve = solve_latin if method == METHODS[2] else solve_schur
     result = solve(problem, scene.factor, tolerance=TOLERANCE, callback=note)
-    free = problem.number >= 0
-    value = np.empty(problem.n)
-    if isinstance(scene.structure, CutProblem):
-        value[problem.number[free]] = result["displacement"].values[0][free]
-    else:
-        value = result["tension"].values[0]
-    return Answer(
-        value,
-        bool(result["converged"][0]),
-        float(result["iterations"][0]),
-        problem.n,
-        np.array(history).reshape(-1, 2),
-    )
+    return _answer(problem, result, history)
 
 
 def _solve_whole(scene: Scene) -> Answer:
@@ -191,14 +180,25 @@ def _solve_whole(scene: Scene) -> Answer:
         unknowns = int(np.count_nonzero(~scene.structure.fixed))
         steps = int(result["iterations"]) - 1
         return Answer(result["tension"].values, bool(result["converged"]), steps, unknowns)
-    whole = assemble(scene.structure)
-    load = whole.load @ scene.factor[0]
-    if not scene.structure.joints:
-        return Answer(factorise(whole.stiffness)(load), True, 1, load.size)
-    law = scene.structure.joints[0].law
-    assert law is not None
-    solution = solve_interface(whole.stiffness, load, whole.jump, whole.weight, law)
-    return Answer(solution.value, solution.converged, len(solution.residuals) - 1, load.size)
+    return _answer(scene.structure, solve_whole(scene.structure, scene.factor))
+
+
+def _answer(
+    problem: CutProblem, result: "xr.Dataset", history: Sequence[tuple[float, float]] = ()
+) -> Answer:
+    """Tension of the links, or displacement of the unknowns, that a solver of a cut has found."""
+    free, value = problem.number >= 0, np.empty(problem.n)
+    if problem.n_links:
+        value = result["tension"].values[0]
+    else:
+        value[problem.number[free]] = result["displacement"].values[0][free]
+    return Answer(
+        value,
+        bool(result["converged"][0]),
+        float(result["iterations"][0]),
+        problem.n,
+        np.array(history).reshape(-1, 2),
+    )
 
 
 def bench_substructures(

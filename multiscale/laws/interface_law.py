@@ -66,9 +66,12 @@ class InterfaceLaw(ABC):
         Share of the interface that carries no load, dimensionless.
     pressure_range : tuple of float
         Lowest and highest pressure of the fitted data, Pa; (0, inf) for a law without data.
+    compliant : bool
+        Whether a jump determines the traction; rigid contact has a resolvent only.
     """
 
     n_state: int = 0
+    compliant: bool = True
     gap: float = 0.0
     damage: float = 0.0
     pressure_range: tuple[float, float] = (0.0, np.inf)

@@ -45,7 +45,7 @@ class RigidContact(InterfaceLaw):
     friction: float = 0.0
     gap: float = 0.0
 
-    n_state = 2
+    n_state, compliant = 2, False
 
     def __post_init__(self) -> None:
         if not (self.friction >= 0.0 and np.isfinite(self.friction)):

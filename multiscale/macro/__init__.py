@@ -19,6 +19,7 @@ grains                                 :func:`granulate.simulate_grains`
 """
 
 from multiscale.macro import granulate
+from multiscale.macro.bodies import Assembly, Interface
 from multiscale.macro.continuum import (
     Body,
     Contact,
@@ -57,20 +58,29 @@ from multiscale.macro.joint import (
 )
 from multiscale.macro.monolithic import solve_interface
 from multiscale.macro.substructures import (
+    AssembledNewton,
+    LatinMethod,
+    NewtonSchur,
     cut_bodies,
     cut_links,
     homogenise,
+    solve_assembly,
     solve_latin,
     solve_schur,
 )
 
 __all__ = [
+    "AssembledNewton",
+    "Assembly",
     "Block",
     "Body",
     "Contact",
     "ContactStep",
     "FiniteAssembly",
+    "Interface",
+    "LatinMethod",
     "LinkSystem",
+    "NewtonSchur",
     "RigidCylinder",
     "RigidGraph",
     "RigidPlane",
@@ -93,6 +103,7 @@ __all__ = [
     "self_stress",
     "simulate",
     "soften",
+    "solve_assembly",
     "solve_contact",
     "solve_interface",
     "solve_latin",

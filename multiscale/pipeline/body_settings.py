@@ -14,16 +14,9 @@ from multiscale.fe.boxes import box_mesh
 from multiscale.io import open_dataset, open_law
 from multiscale.laws import Damaged, NormalLaw, Sliders
 from multiscale.laws.bulk import AnisotropicElastic, Elastic
-from multiscale.macro import Body, cut_bodies
-from multiscale.macro.substructures import (
-    CutProblem,
-    JointLoading,
-    LapShape,
-    RoughAssembly,
-    lap_joint,
-    split_boxes,
-    stacked_blocks,
-)
+from multiscale.macro import Body, LatinMethod
+from multiscale.macro.bodies import Assembly, LapShape, lap_joint, stacked_blocks
+from multiscale.macro.substructures import CutProblem, JointLoading, cut_assembly
 from multiscale.pipeline.structure_kind import StructureKind
 from multiscale.pipeline.toml_model import Count, Length, Number, Pressure, Settings
 from multiscale.schema import RVE_STIFFNESS
@@ -98,6 +91,10 @@ class Substructures(Settings):
     def stop(self, team: "Team | None") -> dict[str, Any]:
         """When the solver stops, and who shares its work."""
         return {"tolerance": self.tolerance, "max_iterations": self.max_iterations, "team": team}
+
+    def method(self, team: "Team | None") -> LatinMethod:
+        """How elastic bodies are solved."""
+        return LatinMethod(self.parts, self.coarse, **self.stop(team))
 
     def quick(self) -> Self:
         """Return a cut into two parts each way, at most."""
@@ -236,7 +233,7 @@ class RoughBodies(StructureKind):
         """Return the same structure on elements of twice the size; nothing if it has none."""
 
     @abstractmethod
-    def build(self, laws: Sequence[Sliders]) -> RoughAssembly:
+    def build(self, laws: Sequence[Sliders]) -> Assembly:
         """Build bodies and joints, whose laws are given from below.
 
         Raises
@@ -245,7 +242,7 @@ class RoughBodies(StructureKind):
             If dimensions are refused, or a file that is named cannot be read.
         """
 
-    def assemble(self, case: "StructureCase", normal: NormalLaw) -> RoughAssembly:
+    def assemble(self, case: "StructureCase", normal: NormalLaw) -> Assembly:
         """Build bodies and joints of a case, whose sound joints have a normal law."""
         assert case.joint is not None  # the case has been validated
         assert case.loading is not None
@@ -254,7 +251,8 @@ class RoughBodies(StructureKind):
     def cut(self, case: "StructureCase") -> CutProblem:
         """Cut every body into boxes."""
         assert case.joint is not None  # the case has been validated
-        return self.assemble(case, law_from_dataset(case.joint.open())).cut(case.cut.parts)
+        normal = law_from_dataset(case.joint.open())
+        return cut_assembly(self.assemble(case, normal), case.cut.parts)
 
     @property
     def damages(self) -> tuple[float, ...]:
@@ -309,20 +307,20 @@ class Plate(StructureKind):
     poissons_ratio: Ratio
     pressure: Pressure
 
-    def build(self) -> Body:
+    def build(self) -> Assembly:
         """Clamp the plate and load it."""
         clamped = (0.0, 0.0, 0.0)
-        return Body(
+        plate = Body(
             box_mesh(self.size, self.elements),
             Elastic(self.youngs_modulus, self.poissons_ratio),
             supports={"left": clamped, "right": clamped},
             tractions={"top": (0.0, 0.0, -self.pressure)},
         )
+        return Assembly((plate,))
 
     def cut(self, case: "StructureCase") -> CutProblem:
         """Cut the plate into boxes."""
-        body = self.build()
-        return cut_bodies([body], [split_boxes(body, (*case.cut.parts, 1))])
+        return cut_assembly(self.build(), case.cut.parts)
 
     @property
     def nodes(self) -> int:
@@ -341,7 +339,7 @@ class Plate(StructureKind):
 
 
 class StackedBlocks(RoughBodies):
-    """Equal blocks with rough joints; see :func:`multiscale.macro.substructures.stacked_blocks`.
+    """Equal blocks with rough joints; see :func:`multiscale.macro.bodies.stacked_blocks`.
 
     Parameters
     ----------
@@ -389,7 +387,7 @@ class StackedBlocks(RoughBodies):
         _check_damage(self.damage, self.blocks, "block")
         return self
 
-    def build(self, laws: Sequence[Sliders]) -> RoughAssembly:
+    def build(self, laws: Sequence[Sliders]) -> Assembly:
         """Build the blocks and their joints."""
         return stacked_blocks(self.size, self.elements, self.materials, laws)
 
@@ -405,7 +403,7 @@ class StackedBlocks(RoughBodies):
 
 
 class LapJoint(RoughBodies):
-    """Two bolted plates; see :func:`multiscale.macro.substructures.lap_joint`.
+    """Two bolted plates; see :func:`multiscale.macro.bodies.lap_joint`.
 
     Parameters
     ----------
@@ -467,7 +465,7 @@ class LapJoint(RoughBodies):
         _check_damage(self.damage, 2, "plate")
         return self
 
-    def build(self, laws: Sequence[Sliders]) -> RoughAssembly:
+    def build(self, laws: Sequence[Sliders]) -> Assembly:
         """Build the plates and their joint."""
         names = (field.name for field in fields(LapShape))
         shape = LapShape(**{name: getattr(self, name) for name in names})

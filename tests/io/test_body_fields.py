@@ -11,7 +11,8 @@ from multiscale.fe.boxes import box_mesh
 from multiscale.io import write_body_fields
 from multiscale.laws import Damaged, Exponential, Sliders
 from multiscale.laws.bulk import Elastic
-from multiscale.macro import Body
+from multiscale.macro import Body, LatinMethod
+from multiscale.macro.bodies import stacked_blocks
 from multiscale.macro.substructures import (
     JointLoading,
     add_body_fields,
@@ -19,7 +20,6 @@ from multiscale.macro.substructures import (
     load_joint,
     solve_latin,
     split_boxes,
-    stacked_blocks,
 )
 from multiscale.schema import MACRO_RESULT
 
@@ -41,7 +41,7 @@ def result():
     materials = [Elastic((1.0 - DAMAGE) * E, 0.0), Elastic(E, 0.0)]
     law = Sliders(Damaged(NORMAL, 0.5), 0.2, pressures=(1e6, 1e8))
     blocks = stacked_blocks((0.02, 0.02, 0.01), (2, 3, 2), materials, [law])
-    loaded = load_joint(blocks, JointLoading(PRELOADS), parts=(2, 1))
+    loaded = load_joint(blocks, JointLoading(PRELOADS), method=LatinMethod(parts=(2, 1)))
     return add_body_fields(loaded, blocks.bodies, damage=(DAMAGE, 0.0))
 
 

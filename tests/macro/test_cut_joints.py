@@ -10,14 +10,13 @@ from multiscale.errors import CaseError, ConvergenceError
 from multiscale.fe.boxes import box_mesh
 from multiscale.laws import Exponential, RigidContact, Sliders
 from multiscale.laws.bulk import Elastic
-from multiscale.macro import Body, solve_interface
+from multiscale.macro import Body, Interface, LatinMethod, bodies, solve_interface
 from multiscale.macro.substructures import (
-    Joint,
     JointLoading,
     assemble,
+    cut_assembly,
     cut_bodies,
     load_joint,
-    rough,
     solve_latin,
     solve_schur,
     split_boxes,
@@ -46,7 +45,7 @@ def stacked_blocks(law, parts, times=(1.0,), contrast=1.0, tilt=0.2):
         },
     )
     owners = [split_boxes(body, (parts, parts, 1)) for body in (lower, upper)]
-    joint = Joint((0, 1), ("top", "bottom"), law)
+    joint = Interface((0, 1), ("top", "bottom"), law)
     return cut_bodies([lower, upper], owners, [joint], times=times)
 
 
@@ -188,7 +187,7 @@ def test_what_friction_carries_is_the_least_over_all_joints_that_a_motion_slides
         for k, load in enumerate(loads)
     ]
     laws = [Sliders(Exponential(1e9, 0.4e-6), mu, pressures=(1e6, 1e8)) for mu in (0.2, 0.1)]
-    joints = [Joint((k, k + 1), ("top", "bottom"), law) for k, law in enumerate(laws)]
+    joints = [Interface((k, k + 1), ("top", "bottom"), law) for k, law in enumerate(laws)]
     problem = cut_bodies(bodies, [split_boxes(body, (1, 1, 1)) for body in bodies], joints)
     load = np.concatenate([part.load[:, 0] for part in problem.substructures])
     even = np.full(18, 20e6)
@@ -228,9 +227,12 @@ def test_a_piece_of_a_cut_joint_that_opens_jumps_as_far_as_its_bodies_are_apart(
     """One corner, a piece of its own, opens and closes again under friction of 1.5."""
     size, materials = (0.02, 0.02, 0.02), [Elastic(210e9, 0.3)] * 2
     law = Sliders(law_of_stiffness(1e6).normal, 1.5, pressures=(2e6, 2e8))
-    blocks = rough.stacked_blocks(size, (2, 2, 2), materials, [law])
+    blocks = bodies.stacked_blocks(size, (2, 2, 2), materials, [law])
     loading = JointLoading((20e6,), shear=6e6, cycles=1, steps=2)
-    result, problem = load_joint(blocks, loading, parts=(2, 2)), blocks.cut((2, 2))
+    result, problem = (
+        load_joint(blocks, loading, method=LatinMethod(parts=(2, 2))),
+        cut_assembly(blocks, (2, 2)),
+    )
     pressure = -result.traction.values[..., 0]
     assert np.any(pressure.min(axis=0) < 1e-9 * 20e6)
     free, u = problem.number >= 0, np.empty((result.sizes["step"], problem.n))
@@ -277,7 +279,7 @@ def test_a_joint_that_is_open_everywhere_leaves_both_bodies_alone(solve, law, pa
         tractions={"left": pulled, "right": pulled},
     )
     owners = [split_boxes(body, (parts, parts, 1)) for body in (lower, upper)]
-    problem = cut_bodies([lower, upper], owners, [Joint((0, 1), ("top", "bottom"), law)])
+    problem = cut_bodies([lower, upper], owners, [Interface((0, 1), ("top", "bottom"), law)])
     result = solve(problem)
     assert result.converged == 1
     if solve is solve_latin:
@@ -336,7 +338,7 @@ def test_faces_that_do_not_match_are_refused():
     lower = Body(box_mesh((1.0, 1.0, 1.0), (2, 2, 1), origin=(0, 0, -1.0)), Elastic(1e9, 0.3))
     upper = Body(box_mesh((1.0, 1.0, 1.0), (3, 3, 1)), Elastic(1e9, 0.3))
     whole = [np.zeros(4, dtype=int), np.zeros(9, dtype=int)]
-    joint = Joint((0, 1), ("top", "bottom"), Exponential(1e9, 1e-6))
+    joint = Interface((0, 1), ("top", "bottom"), Exponential(1e9, 1e-6))
     with pytest.raises(CaseError, match="do not match"):
         cut_bodies([lower, upper], whole, [joint])
 

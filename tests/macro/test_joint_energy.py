@@ -8,14 +8,8 @@ import pytest
 from multiscale.errors import ConvergenceError
 from multiscale.laws import Exponential, HystereticLaw, InterfaceLaw, Response, Sliders, Sliding
 from multiscale.laws.bulk import Elastic
-from multiscale.macro.substructures import (
-    LapShape,
-    assemble,
-    lap_joint,
-    solve_latin,
-    solve_schur,
-    stacked_blocks,
-)
+from multiscale.macro.bodies import LapShape, lap_joint, stacked_blocks
+from multiscale.macro.substructures import assemble, cut_assembly, solve_latin, solve_schur
 from multiscale.macro.substructures.joint_state import advance
 from tests.support import keep_ignoring_broken_pipes
 
@@ -81,13 +75,13 @@ def test_solvers_refuse_a_step_that_wins_energy(solve):
     law = Winning(NORMAL, 0.3, KAPPA, pressures=(1e6, 1e8))
     blocks = stacked_blocks((0.02, 0.02, 0.01), (2, 2, 1), [STEEL] * 2, [law])
     with pytest.raises(ConvergenceError, match="J/m2 at most: Winning is wrong, as is every"):
-        solve(blocks.cut(), np.array([[2e7, 1e6], [1e7, 1e6]]))
+        solve(cut_assembly(blocks), np.array([[2e7, 1e6], [1e7, 1e6]]))
 
 
 def test_metal_that_flows_and_slips_is_solved_alike_by_both_solvers():
     metal = HystereticLaw(Exponential(1e9, 0.2e-6), 2.5, 1.6)
     law = Sliders(metal, 0.3, KAPPA, pressures=(1e6, 1e8), slabs=16)
-    problem = stacked_blocks((0.02, 0.02, 0.01), (2, 2, 1), [STEEL] * 2, [law]).cut()
+    problem = cut_assembly(stacked_blocks((0.02, 0.02, 0.01), (2, 2, 1), [STEEL] * 2, [law]))
     path = np.array([[1e7, 0.0], [2e7, 2e6], [8e6, 1e6], [3e7, -2e6]])
     one, two = solve_latin(problem, path), solve_schur(problem, path)
     assert one.converged.values.all()
@@ -112,7 +106,7 @@ def test_a_lap_joint_under_cycles_whose_preload_changes_too_loses_energy_in_ever
     pytest.importorskip("gmsh", exc_type=Exception)
     shape = LapShape(0.1, 0.04, 0.008, 0.04, 0.009, 0.018, 0.01, layers=1)
     law = Sliders(Exponential(1e9, 0.18e-6), 0.2, pressures=(1e6, 1e8))
-    problem = lap_joint(shape, (STEEL, STEEL), law).cut()
+    problem = cut_assembly(lap_joint(shape, (STEEL, STEEL), law))
     keep_ignoring_broken_pipes()
     phase = np.linspace(0.0, 6.0 * np.pi, 49)
     # a closed path of preload and shear, a quarter of a cycle apart, both ways

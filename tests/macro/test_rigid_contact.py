@@ -8,9 +8,9 @@ from multiscale.errors import CaseError
 from multiscale.fe.boxes import box_mesh
 from multiscale.laws import RigidContact
 from multiscale.laws.bulk import Elastic
-from multiscale.macro import Body
+from multiscale.macro import Body, Interface
+from multiscale.macro.bodies import stacked_blocks
 from multiscale.macro.substructures import (
-    Joint,
     JointLoading,
     assemble,
     cut_bodies,
@@ -18,7 +18,6 @@ from multiscale.macro.substructures import (
     solve_latin,
     solve_schur,
     split_boxes,
-    stacked_blocks,
 )
 from multiscale.macro.substructures.joint_directions import law_stiffness
 from multiscale.nonsmooth import solve_friction
@@ -46,7 +45,7 @@ def console(law, parts, pushes=(1.5e6,), pressure=8e6):
         },
     )
     owners = [split_boxes(body, (parts, 1, 1)) for body in (lower, upper)]
-    joint = Joint((0, 1), ("top", "bottom"), law)
+    joint = Interface((0, 1), ("top", "bottom"), law)
     return cut_bodies([lower, upper], owners, [joint], times=pushes)
 
 
@@ -152,7 +151,7 @@ def test_pressed_blocks_without_a_gap_are_one_block():
         )
     ]
     owners = [split_boxes(body, (2, 1, 1)) for body in bodies]
-    joint = Joint((0, 1), ("top", "bottom"), RigidContact(0.2))
+    joint = Interface((0, 1), ("top", "bottom"), RigidContact(0.2))
     result = solve_latin(cut_bodies(bodies, owners, [joint]))
     top = result.position.values[:, 2] == 0.01
     np.testing.assert_allclose(result.displacement[0, top, 2], -0.02 * 5e6 / E, rtol=1e-7)

@@ -10,16 +10,9 @@ from multiscale.fe.boxes import box_mesh
 from multiscale.fe.lap_mesh import lap_meshes
 from multiscale.laws import ConvexDecreasing, Exponential, Sliders
 from multiscale.laws.bulk import Elastic
-from multiscale.macro import Body
-from multiscale.macro.substructures import (
-    Joint,
-    JointLoading,
-    LapShape,
-    RoughAssembly,
-    lap_joint,
-    load_joint,
-    stacked_blocks,
-)
+from multiscale.macro import Assembly, Body, Interface, LatinMethod
+from multiscale.macro.bodies import LapShape, lap_joint, stacked_blocks
+from multiscale.macro.substructures import JointLoading, cut_assembly, load_joint
 from tests.closed_forms.joint import joint_stiffness, series
 from tests.support import keep_ignoring_broken_pipes
 
@@ -41,7 +34,7 @@ def test_stacked_blocks_have_the_stiffness_and_approach_of_springs_in_series(par
     pressure = np.array([1e6, 10e6, 50e6])
     height, E, decay = 0.02, 210e9, 0.18e-6
     blocks = stacked_blocks((0.02, 0.03, height), (2, 2, 2), [Elastic(E, 0.0)] * 2, [LAW])
-    result = load_joint(blocks, JointLoading(tuple(pressure)), parts=parts)
+    result = load_joint(blocks, JointLoading(tuple(pressure)), method=LatinMethod(parts=parts))
     assert result.converged.values.all()
     expected = joint_stiffness(pressure, decay, height / E, height / E)
     np.testing.assert_allclose(result.joint_stiffness, expected, rtol=1e-6)
@@ -95,8 +88,8 @@ def sheared_bar(elements):
             tractions={"top": press},
         ),
     )
-    joints = tuple(Joint((i, i + 1), ("top", "bottom"), law) for i in (0, 1))
-    return RoughAssembly(bodies, joints, length * edge, edge**2)
+    joints = tuple(Interface((i, i + 1), ("top", "bottom"), law) for i in (0, 1))
+    return Assembly(bodies, joints, (0.0, 1.0), (length * edge, edge**2))
 
 
 @pytest.mark.slow
@@ -111,7 +104,7 @@ def test_a_bar_on_a_rough_base_loses_the_energy_of_shear_lag():
     q = 2.0 * 0.2 * pressure * edge  # two faces
     force = 0.6 * q * 0.4
     loading = JointLoading((pressure,), shear=force / edge**2, cycles=1, steps=steps)
-    result = load_joint(sheared_bar(32), loading, tolerance=1e-6)
+    result = load_joint(sheared_bar(32), loading, method=LatinMethod(tolerance=1e-6))
     assert result.converged.values.all()
     expected = 2.0 * force**3 / (3.0 * E * edge**2 * q)
     np.testing.assert_allclose(result.cycle_energy, expected, rtol=0.01)
@@ -157,12 +150,14 @@ def test_the_tractions_of_a_lap_joint_carry_bolt_and_pull(lap):
 
 def test_a_cut_through_the_bolt_hole_names_the_substructure_in_pieces(gmsh):
     with pytest.raises(CaseError, match=r"substructure \d of body 0 is in 2 pieces"):
-        lap_joint(SHAPE, (STEEL, STEEL), LAW).cut((1, 5))
+        cut_assembly(lap_joint(SHAPE, (STEEL, STEEL), LAW), (1, 5))
 
 
 def test_a_cut_lap_joint_is_the_whole_one(gmsh, lap):
     loading = JointLoading((10e6, 50e6))
-    cut = load_joint(lap_joint(SHAPE, (STEEL, STEEL), LAW), loading, parts=(3, 1))
+    cut = load_joint(
+        lap_joint(SHAPE, (STEEL, STEEL), LAW), loading, method=LatinMethod(parts=(3, 1))
+    )
     assert cut.attrs["substructures"] == 6
     np.testing.assert_allclose(cut.approach, lap.approach[:2], rtol=1e-6)
     np.testing.assert_allclose(cut.joint_stiffness, lap.joint_stiffness[:2], rtol=1e-6)
@@ -216,7 +211,7 @@ def test_load_beyond_the_data_is_a_caution_and_far_beyond_them_unknown():
         assert not found[2:].any()
     assert np.isnan(result.cycle_energy).all()
 
-    cut = load_joint(blocks, JointLoading((9e6,)), parts=(2, 1))
+    cut = load_joint(blocks, JointLoading((9e6,)), method=LatinMethod(parts=(2, 1)))
     np.testing.assert_allclose(cut.load_above, [[0.0, 1.0]], atol=1e-12)  # of joints, not pieces
 
     told = load_joint(blocks, loading, extrapolate=True)
@@ -253,13 +248,13 @@ def test_shear_beyond_friction_ends_the_path_and_says_when():
 @pytest.mark.slow
 def test_a_lap_joint_is_refused_above_the_friction_under_its_bolt_and_held_below(gmsh):
     joint = lap_joint(SHAPE, (STEEL, STEEL), LAW)
-    bolt = 0.2 * 50e6 * joint.preload_area  # N; the guide of the end carries a little of it
+    bolt = 0.2 * 50e6 * joint.areas[0]  # N; the guide of the end carries a little of it
 
     def pull(share):
         return load_joint(
             joint,
-            JointLoading((50e6,), shear=share * bolt / joint.shear_area, cycles=1, steps=1),
-            tolerance=1e-6,
+            JointLoading((50e6,), shear=share * bolt / joint.areas[1], cycles=1, steps=1),
+            method=LatinMethod(tolerance=1e-6),
         )
 
     held = pull(0.85)

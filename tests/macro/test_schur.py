@@ -11,9 +11,8 @@ from multiscale.fe.boxes import box_mesh
 from multiscale.fe.condensation import condense, split
 from multiscale.laws import Exponential, Sliders
 from multiscale.laws.bulk import Elastic
-from multiscale.macro import Body, solve_interface, solve_static, tensegrity_grid
+from multiscale.macro import Body, Interface, solve_interface, solve_static, tensegrity_grid
 from multiscale.macro.substructures import (
-    Joint,
     assemble,
     bisect,
     cut_bodies,
@@ -145,7 +144,7 @@ def test_the_sides_of_a_joint_may_be_cut_differently():
         tractions={"top": (0.0, 0.0, lambda x, t: -20e6 * (1.0 + 20.0 * (x[0] - 0.01)))},
     )
     owners = [split_boxes(lower, (2, 1, 1)), split_boxes(upper, (4, 2, 1))]
-    problem = cut_bodies([lower, upper], owners, [Joint((0, 1), ("top", "bottom"), law)])
+    problem = cut_bodies([lower, upper], owners, [Interface((0, 1), ("top", "bottom"), law)])
     result = solve_schur(problem)
     assert result.converged == 1
     (expected,) = monolithic(problem, law, 1)

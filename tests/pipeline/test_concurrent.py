@@ -9,9 +9,10 @@ from multiscale.convergence import Status
 from multiscale.errors import CaseError, ConvergenceError
 from multiscale.laws import Sliders
 from multiscale.laws.bulk import Elastic
-from multiscale.macro import Block, RoughJoint, assemble_joint, rough_joint
+from multiscale.macro import Block, LatinMethod, RoughJoint, assemble_joint, rough_joint
+from multiscale.macro.bodies import stacked_blocks
 from multiscale.macro.monolithic import solve_interface
-from multiscale.macro.substructures import JointLoading, load_joint, stacked_blocks
+from multiscale.macro.substructures import JointLoading, load_joint
 from multiscale.micro import Cell, Path, self_affine, solve_cell
 from multiscale.micro.gap_control import GapCell
 from multiscale.pipeline import CellLaw
@@ -155,7 +156,7 @@ def test_substructures_take_cells_with_friction(fitted):
     for normal in (CellLaw(rough_cell(), 0.1 * RMS), fitted):
         law = Sliders(normal, friction=0.2, pressures=(1e6, 3e7), slabs=8)
         blocks = stacked_blocks((0.02, 0.02, 0.01), (2, 2, 1), [steel, steel], [law])
-        results.append(load_joint(blocks, JointLoading((1e7,)), parts=(2, 1)))
+        results.append(load_joint(blocks, JointLoading((1e7,)), method=LatinMethod(parts=(2, 1))))
         assert results[-1]["converged"].values.all()
     np.testing.assert_allclose(
         results[0]["joint_stiffness"], results[1]["joint_stiffness"], rtol=3e-2

@@ -7,7 +7,9 @@ from matplotlib.figure import Figure
 from multiscale.errors import CaseError
 from multiscale.laws import Exponential, Sliders
 from multiscale.laws.bulk import Elastic
-from multiscale.macro.substructures import JointLoading, load_joint, stacked_blocks
+from multiscale.macro import LatinMethod
+from multiscale.macro.bodies import stacked_blocks
+from multiscale.macro.substructures import JointLoading, load_joint
 from multiscale.plotting import draw_joint, plot_hysteresis, plot_joint_plan
 
 
@@ -16,7 +18,7 @@ def result():
     law = Sliders(Exponential(1e9, 0.2e-6), 0.2, pressures=(1e6, 1e8))
     blocks = stacked_blocks((0.03, 0.02, 0.01), (3, 2, 1), [Elastic(70e9, 0.3)] * 2, [law])
     loading = JointLoading((2e6, 10e6), shear=1.5e6, cycles=1, steps=3)
-    return load_joint(blocks, loading, tolerance=1e-6)
+    return load_joint(blocks, loading, method=LatinMethod(tolerance=1e-6))
 
 
 def test_zones_hold_every_point_in_millimetres_and_name_their_share(result):

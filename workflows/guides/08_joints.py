@@ -10,7 +10,9 @@ reads the law in the folder ``results`` of the first command in the README.
 from multiscale.io import open_law
 from multiscale.laws import Sliders
 from multiscale.laws.bulk import Elastic
-from multiscale.macro.substructures import JointLoading, load_joint, stacked_blocks
+from multiscale.macro import LatinMethod
+from multiscale.macro.bodies import stacked_blocks
+from multiscale.macro.substructures import JointLoading, load_joint
 from multiscale.upscaling import law_from_dataset
 
 # A structure is cut into substructures that a micro-macro method solves side by side. Where two
@@ -22,14 +24,15 @@ law = Sliders(normal, friction=0.2, stiffness_ratio=0.8)
 steel = Elastic(210e9, 0.3)
 blocks = stacked_blocks((0.04, 0.02, 0.01), (4, 2, 1), [steel, steel], [law])
 loading = JointLoading((5e6, 10e6, 20e6), shear=3e6, cycles=1, steps=4)  # Pa
-joint = load_joint(blocks, loading, parts=(2, 1))
+joint = load_joint(blocks, loading, method=LatinMethod(parts=(2, 1)))
 print(joint["joint_stiffness"].values[:3], joint["tangential_stiffness"].values[:3])  # Pa/m
 print(joint["slip_fraction"].values)  # share of the joint that slips in a step
 print(joint["cycle_energy"].values)  # J
 
 # Both sides of an interface are plane and have the same mesh. A shear beyond friction ends the
 # steps, and the result says where. A joint may also be rigid (RigidContact: unilateral, with
-# Coulomb friction), for solve_latin.
+# Coulomb friction), for LATIN. Bodies, interfaces between their faces and your load cases make
+# an Assembly, which solve_assembly takes with AssembledNewton, LatinMethod or NewtonSchur.
 #
 # The scenes rough_blocks.toml and lap_joint.toml ask the same of files. The second has two plates
 # with a bolt hole, meshed by gmsh; the bolt is a constant pressure under its washers. In a scene

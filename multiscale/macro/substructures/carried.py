@@ -7,7 +7,6 @@ from scipy.sparse import csr_array
 
 from multiscale.errors import CaseError
 from multiscale.laws.interface_law import InterfaceLaw
-from multiscale.laws.rigid import RigidContact
 from multiscale.macro.substructures.problem import CutProblem, Substructure
 
 __all__ = ["CarriedJoint", "carry_joints"]
@@ -65,7 +64,7 @@ def carry_joints(problem: CutProblem) -> tuple[CutProblem, list[CarriedJoint]]:
             (rows.data, (rows.coords[0], place[rows.coords[1]])), shape=(joint.size, part.n)
         )
         above = csr_array((upper.data, upper.indices, upper.indptr), shape=(joint.size, part.n))
-        if joint.law is None or isinstance(joint.law, RigidContact):
+        if joint.law is None or not joint.law.compliant:
             raise CaseError(
                 f"a joint of substructures {joint.sides} needs a law that tells the traction of a "
                 f"jump; solve_latin takes rigid contact as well"

@@ -1,7 +1,6 @@
 """Cut elastic bodies into substructures, with rough joints between the bodies."""
 
 from collections.abc import Sequence
-from dataclasses import dataclass
 
 import numpy as np
 from scipy.sparse import coo_array, csr_array
@@ -12,32 +11,14 @@ from multiscale.errors import CaseError
 from multiscale.fe.elasticity import displacement_basis, elastic_matrix
 from multiscale.fe.faces import face_areas
 from multiscale.laws.bulk import AnisotropicElastic, Elastic
-from multiscale.laws.interface_law import InterfaceLaw
+from multiscale.macro.bodies.assembly import Assembly, Interface
 from multiscale.macro.continuum.body import Body, fixed_motion, load_vector
 from multiscale.macro.substructures.problem import CutInterface, CutProblem, Substructure
 
-__all__ = ["Joint", "cut_bodies", "split_boxes"]
+__all__ = ["cut_assembly", "cut_bodies", "split_boxes"]
 
 COINCIDENT = 1e-6
 """Distance of nodes that are taken as one point of a joint, relative to the size of a face."""
-
-
-@dataclass(frozen=True)
-class Joint:
-    """A law between boundaries of two bodies whose meshes match there.
-
-    Attributes
-    ----------
-    sides : tuple of int
-        The bodies; the jump is the displacement of the second less that of the first.
-    boundaries : tuple of str
-        Name of the boundary in each.
-    law : InterfaceLaw
-    """
-
-    sides: tuple[int, int]
-    boundaries: tuple[str, str]
-    law: InterfaceLaw
 
 
 def split_boxes(body: Body, parts: tuple[int, ...]) -> np.ndarray:
@@ -61,10 +42,22 @@ def split_boxes(body: Body, parts: tuple[int, ...]) -> np.ndarray:
     return np.unique(np.ravel_multi_index(tuple(box), parts), return_inverse=True)[1]
 
 
+def cut_assembly(assembly: Assembly, parts: tuple[int, int] = (1, 1)) -> CutProblem:
+    """Cut every body of an assembly into boxes in plan; one load case for each of its times.
+
+    Raises
+    ------
+    CaseError
+        As :func:`cut_bodies`.
+    """
+    owners = [split_boxes(body, (*parts, 1)) for body in assembly.bodies]
+    return cut_bodies(assembly.bodies, owners, assembly.interfaces, times=assembly.times)
+
+
 def cut_bodies(
     bodies: Sequence[Body],
     owners: Sequence[np.ndarray],
-    joints: Sequence[Joint] = (),
+    joints: Sequence[Interface] = (),
     *,
     times: Sequence[float] = (1.0,),
 ) -> CutProblem:
@@ -76,7 +69,7 @@ def cut_bodies(
         Linear elastic, on supports that do not move.
     owners : sequence of ndarray of int, shape (elements,)
         Substructure of every element, counted from 0 in each body.
-    joints : sequence of Joint
+    joints : sequence of Interface
         Laws between the bodies.
     times : sequence of float
         One load case for each: the tractions at that time.
@@ -186,7 +179,7 @@ def _check_piece(elements: np.ndarray, name: str) -> None:
 
 def _interfaces(
     place: int,
-    joint: Joint,
+    joint: Interface,
     bodies: Sequence[Body],
     owners: Sequence[np.ndarray],
     number: np.ndarray,
@@ -263,7 +256,7 @@ def _frame(upper: Body, boundary: str) -> np.ndarray:
     return np.stack([normal, first, np.cross(normal, first)])
 
 
-def _twins(joint: Joint, lower: Body, upper: Body) -> np.ndarray:
+def _twins(joint: Interface, lower: Body, upper: Body) -> np.ndarray:
     """Node of the lower body at every node of the upper face, -1 elsewhere."""
     low, up = (
         np.unique(body.mesh.facets[:, body.mesh.boundaries[name]])
@@ -283,7 +276,7 @@ def _twins(joint: Joint, lower: Body, upper: Body) -> np.ndarray:
     return twin
 
 
-def _known(joint: Joint, lower: Body, upper: Body) -> tuple[str, str]:
+def _known(joint: Interface, lower: Body, upper: Body) -> tuple[str, str]:
     """Names of the boundaries, checked."""
     for body, name in zip((lower, upper), joint.boundaries, strict=True):
         body.check_boundary(name)
@@ -291,7 +284,7 @@ def _known(joint: Joint, lower: Body, upper: Body) -> tuple[str, str]:
 
 
 def _owner_below(
-    joint: Joint,
+    joint: Interface,
     lower: Body,
     upper: Body,
     twin: np.ndarray,

@@ -54,7 +54,7 @@ class Balance:
         Largest of the whole structure and what rounding makes of it, relative to the load.
     tangents : list of ndarray, shape (3, 3, points)
         Of the joints, times the weights, N/m.
-    pressures : list of ndarray, shape (points,)
+    tractions : list of ndarray, shape (3, points)
         On the joints, Pa.
     """
 
@@ -62,7 +62,7 @@ class Balance:
     residual: float
     rounding: float
     tangents: list[np.ndarray]
-    pressures: list[np.ndarray]
+    tractions: list[np.ndarray]
 
 
 @dataclass(frozen=True, eq=False)
@@ -168,7 +168,7 @@ class Newton:
 
     def balance(self) -> Balance:
         """Evaluate (1)."""
-        u, tension, tangents, pressures = self.u, self.tension(), [], []
+        u, tension, tangents, tractions = self.u, self.tension(), [], []
         inner = self.stack.stiffness @ u
         force = self.load - inner - self.stack.links.operator.T @ tension
         for joint, place, jump, state in zip(
@@ -177,11 +177,11 @@ class Newton:
             response = joint.law.respond(jump, state)
             force -= place.T @ (joint.weight * response.traction).ravel()
             tangents.append(joint.weight * response.tangent)
-            pressures.append(-response.traction[0])
+            tractions.append(response.traction)
         residual = float(np.abs(self.assemble(force)).max(initial=0.0)) / self.scale
         largest = self._largest(np.append(self.magnitude @ np.abs(u), tension))
         rounding = 8.0 * np.finfo(float).eps * largest / self.scale
-        return Balance(force, residual, min(rounding, UNSURE), tangents, pressures)
+        return Balance(force, residual, min(rounding, UNSURE), tangents, tractions)
 
     def advance(self, balance: Balance, tolerance: float) -> int:
         """Take one Newton step; return the number of iterations of the linear solver."""
@@ -311,7 +311,7 @@ class Newton:
     def why(self, status: Status, closest: Balance) -> str:
         """Say why a step failed, from where it was closest to a solution."""
         load = np.concatenate([part.load @ self.factor for part in self.problem.substructures])
-        pressure = self._joined(closest.pressures)
+        pressure = -self._joined(closest.tractions)[0]
         if slide := find_slide(self.problem, load, self.before, pressure):
             return str(slide)
         if self.unfinished:
@@ -321,13 +321,22 @@ class Newton:
             )
         return status.value
 
-    def _joined(self, pressures: list[np.ndarray]) -> np.ndarray:
-        """Pressure at all points of the joints of all processes, Pa, in their order."""
-        found = dict(self.team.collect(list(zip(self.places, pressures, strict=True))))
-        return np.concatenate([np.zeros(0), *(found[place] for place in sorted(found))])
+    def joint_fields(self, balance: Balance) -> dict[str, np.ndarray]:
+        """Jump, m, and traction, Pa, at all points of all joints, shape (points, 3)."""
+        if not self.problem.joints:
+            return {}
+        fields = {"jump": self.jump, "traction": balance.tractions}
+        return {name: self._joined(values).T for name, values in fields.items()}
+
+    def _joined(self, values: list[np.ndarray]) -> np.ndarray:
+        """Jump or traction at the points of the joints of all processes, in their order."""
+        found = dict(self.team.collect(list(zip(self.places, values, strict=True))))
+        return np.concatenate(
+            [np.zeros((3, 0)), *(found[place] for place in sorted(found))], axis=1
+        )
 
     def commit(self) -> None:
         """Take the state of the laws at the present displacement for the next step."""
-        self.before = self._joined(self.balance().pressures)
+        self.before = -self._joined(self.balance().tractions)[0]
         for index, (joint, jump) in enumerate(zip(self.joints, self.jump, strict=True)):
             self.states[index], _ = advance(joint.law, jump, self.states[index])

@@ -3,7 +3,6 @@
 import numpy as np
 
 from multiscale.laws.interface_law import InterfaceLaw
-from multiscale.laws.rigid import RigidContact
 from multiscale.macro.substructures.problem import CutInterface, CutProblem
 
 __all__ = ["body_stiffness", "joint_directions", "law_stiffness"]
@@ -45,7 +44,7 @@ def law_stiffness(law: InterfaceLaw, jump: np.ndarray, state: np.ndarray) -> np.
     It is infinite for rigid contact, open or closed: nothing lies between none and infinite, and
     directions that go to and fro between both do not converge.
     """
-    if isinstance(law, RigidContact):
+    if not law.compliant:
         return np.full_like(jump, np.inf)
     tangent = law.respond(jump, state).tangent
     shear = np.maximum(tangent[1, 1], tangent[2, 2])

@@ -191,6 +191,10 @@ class Latin:
             LatinIterate(u, tension, force, push),
         )
 
+    def go_on_from(self, z: np.ndarray, r: np.ndarray) -> None:
+        """Let the next iteration start from z and r."""
+        self.z, self.r = z, r
+
     def local_sides(self, r: np.ndarray) -> np.ndarray:
         """Return F + k_0 W of every side on its interface: eqs (16), (17), or the law."""
         g = np.asarray(2.0 * self.sides.mean(r) - r)  # (16), (17)

@@ -181,7 +181,7 @@ def solve_step(
                 status = Status.INFEASIBLE
                 break
         x = acceleration.next(np.append(method.z, method.r), np.append(z, r), change, size)
-        method.z, method.r = x[: z.size], x[z.size :]
+        method.go_on_from(x[: z.size], x[z.size :])
         if method.updated and iteration >= due:
             renewed = method.update()
             if renewed is not None:
@@ -191,7 +191,7 @@ def solve_step(
     converged = status is Status.CONVERGED
     judged = _estimate(method, judge, found) if converged else {}
     if converged:
-        method.z, method.r = z, r
+        method.go_on_from(z, r)
     return {
         **_local_fields(method, found, converged),
         "found": found,

@@ -6,12 +6,11 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from multiscale.errors import CaseError
-from multiscale.laws.rigid import RigidContact
+from multiscale.macro.bodies.assembly import Assembly
 from multiscale.macro.data_range import with_load_shares
+from multiscale.macro.substructures.assembly_methods import LatinMethod, Method
+from multiscale.macro.substructures.cut_bodies import cut_assembly
 from multiscale.macro.substructures.joint_state import contact_state, joint_shares, stiffness
-from multiscale.macro.substructures.latin_solver import solve_latin
-from multiscale.macro.substructures.parallel import Team
-from multiscale.macro.substructures.rough import RoughAssembly
 from multiscale.macro.substructures.whole_structure import assemble
 from multiscale.schema import MACRO_RESULT
 
@@ -73,27 +72,22 @@ class JointLoading:
 
 
 def load_joint(
-    assembly: RoughAssembly,
+    assembly: Assembly,
     loading: JointLoading,
     *,
-    parts: tuple[int, int] = (1, 1),
-    tolerance: float = 1e-8,
-    max_iterations: int = 400,
-    coarse: bool = True,
-    team: Team | None = None,
+    method: Method = LatinMethod(),  # noqa: B008  # frozen
     extrapolate: bool = False,
 ) -> "xr.Dataset":
     r"""Press and shear bodies with rough joints.
 
     Parameters
     ----------
-    assembly : RoughAssembly
-        From :func:`stacked_blocks` or :func:`lap_joint`.
+    assembly : Assembly
+        Its load cases are a preload and a shear of 1 Pa, with the areas of the faces that they act
+        on: from :func:`stacked_blocks` or :func:`lap_joint`, for instance.
     loading : JointLoading
-    parts : tuple of int
-        Substructures of every body along x and y.
-    tolerance, max_iterations, coarse, team
-        See :func:`solve_latin`.
+    method : Method
+        See :func:`solve_assembly`.
     extrapolate : bool
         Whether steps far outside the data of a law keep what it extrapolates; see
         :func:`~multiscale.macro.data_range.with_load_shares`.
@@ -101,14 +95,15 @@ def load_joint(
     Returns
     -------
     Dataset
-        Follows ``MACRO_RESULT``: what :func:`solve_latin` gives, and approach, shear, stiffness,
+        Follows ``MACRO_RESULT``: what :func:`solve_assembly` gives, and approach, shear, stiffness,
         open, sticking and slipping shares of the joints, their load outside the data of their
         laws, and energy per cycle.
 
     Raises
     ------
     CaseError
-        If faces do not match, a substructure is in pieces, or a law is one of rigid contact.
+        If faces do not match, a substructure is in pieces, a law is one of rigid contact, or there
+        are not two areas.
 
     Notes
     -----
@@ -121,20 +116,18 @@ def load_joint(
 
     by the trapezoidal rule, whose error falls with the square of the steps.
     """
-    if any(isinstance(joint.law, RigidContact) for joint in assembly.joints):
+    if not all(interface.law.compliant for interface in assembly.interfaces):
         raise CaseError(
             "rigid contact has no stiffness to measure; solve the cut assembly by solve_latin"
         )
-    problem, factors = assembly.cut(parts), loading.factors()
-    result = solve_latin(
-        problem,
-        factors,
-        coarse=coarse,
-        tolerance=tolerance,
-        max_iterations=max_iterations,
-        team=team,
-    )
-    whole, area = assemble(problem), np.array([assembly.preload_area, assembly.shear_area])
+    if len(assembly.areas) != 2:
+        raise CaseError(
+            f"a joint needs two load cases, preload and shear, with the area that each acts on, "
+            f"got {len(assembly.areas)} areas"
+        )
+    problem, factors = cut_assembly(assembly, method.parts), loading.factors()
+    result = method.solve(problem, factors)
+    whole, area = assemble(problem), np.array(assembly.areas)
     free = problem.number >= 0
     u = np.empty((len(factors), problem.n))
     u[:, problem.number[free]] = result["displacement"].values[:, free]

@@ -57,7 +57,8 @@ def solve_schur(
         the later ones are not tried. ``iterations`` counts the Newton steps,
         ``krylov_iterations`` those of the linear solver in all of them. Attributes:
         ``unknowns``, ``shared_unknowns``, ``coarse_unknowns``, ``substructures``,
-        ``interfaces`` and, of a step that failed, ``failure``, as in :func:`solve_latin`.
+        ``interfaces`` and, of a step that failed, ``failure``, as in :func:`solve_latin`, which
+        says what joints add.
 
     Raises
     ------
@@ -133,6 +134,7 @@ def _solve_step(
         method.commit()
     return {
         "displacement": np.append(method.displacement(), 0.0)[method.problem.number[:, :3]],
+        **method.joint_fields(balance),
         **link_fields(
             method.problem,
             method.team.concatenate(method.tension()),

@@ -5,7 +5,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from multiscale.io import write_body_fields
-from multiscale.macro import solve_latin
+from multiscale.macro import solve_assembly
 from multiscale.macro.substructures import add_body_fields
 from multiscale.macro.substructures.substructure_needs import cut_needs
 from multiscale.needs import Needs
@@ -23,13 +23,9 @@ __all__ = ["PLATE"]
 
 def _solve(plate: Plate, case: StructureCase, job: Job) -> "xr.Dataset":
     assert case.statics is not None  # the case has been validated
-    result = solve_latin(
-        plate.cut(case),
-        np.array(case.statics.load_factors),
-        coarse=case.cut.coarse,
-        **case.cut.stop(job.team),
-    )
-    return with_too_far(add_body_fields(result, [plate.build()]))
+    assembly, factors = plate.build(), np.array(case.statics.load_factors)
+    result = solve_assembly(assembly, factors, method=case.cut.method(job.team))
+    return with_too_far(add_body_fields(result, assembly.bodies))
 
 
 def _needs(plate: Plate, case: StructureCase) -> Needs:

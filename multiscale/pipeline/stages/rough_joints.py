@@ -1,7 +1,7 @@
 """Stage: elastic bodies with rough joints, at their preloads and in cycles."""
 
 from dataclasses import replace
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -32,11 +32,9 @@ def _solve(bodies: RoughBodies, case: StructureCase, job: Job) -> "xr.Dataset":
     assert case.joint is not None  # the case has been validated
     assert case.loading is not None
     dataset, preloads = case.joint.open(), case.loading.preloads
-    options: dict[str, Any] = {"parts": case.cut.parts, "coarse": case.cut.coarse}
-    options |= case.cut.stop(job.team)
-    assembly = bodies.assemble(case, law_from_dataset(dataset))
+    assembly, method = bodies.assemble(case, law_from_dataset(dataset)), case.cut.method(job.team)
     result = load_joint(
-        assembly, case.loading.build(), extrapolate=case.joint.extrapolate, **options
+        assembly, case.loading.build(), method=method, extrapolate=case.joint.extrapolate
     )
     result = with_contact(result, dataset)
     result = with_cautions(result, *(f"its law: {one}" for one in list_cautions(dataset)))
@@ -46,7 +44,7 @@ def _solve(bodies: RoughBodies, case: StructureCase, job: Job) -> "xr.Dataset":
         def stiffness(normal: NormalLaw, structure: RoughBodies = bodies) -> np.ndarray:
             pressed = JointLoading(preloads[:solved])
             parts = structure.assemble(case, normal)
-            found = load_joint(parts, pressed, extrapolate=True, **options)
+            found = load_joint(parts, pressed, method=method, extrapolate=True)
             return np.stack([found[name].to_numpy() for name in STIFFNESSES])
 
         result = with_joint_budget(result, dataset, stiffness, bodies.coarser())

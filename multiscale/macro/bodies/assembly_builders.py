@@ -1,7 +1,6 @@
 """Bodies with rough joints: stacked blocks and a bolted lap joint."""
 
 from collections.abc import Sequence
-from dataclasses import dataclass
 
 import numpy as np
 
@@ -12,41 +11,13 @@ from multiscale.fe.faces import face_operator
 from multiscale.fe.lap_mesh import LapShape, lap_meshes
 from multiscale.laws.bulk import AnisotropicElastic, Elastic
 from multiscale.laws.interface_law import InterfaceLaw
+from multiscale.macro.bodies.assembly import Assembly, Interface
 from multiscale.macro.continuum.body import Body, Value
-from multiscale.macro.substructures.cut_bodies import Joint, cut_bodies, split_boxes
-from multiscale.macro.substructures.problem import CutProblem
 
-__all__ = ["RoughAssembly", "lap_joint", "stacked_blocks"]
+__all__ = ["lap_joint", "stacked_blocks"]
 
-
-@dataclass(frozen=True)
-class RoughAssembly:
-    """Bodies with joints, pressed by one load case and sheared by another.
-
-    Attributes
-    ----------
-    bodies : tuple of Body
-        Their tractions are a preload of 1 Pa at time 0 and a shear of 1 Pa at time 1.
-    joints : tuple of Joint
-    preload_area, shear_area : float
-        Of the faces where preload and shear act, m².
-    """
-
-    bodies: tuple[Body, ...]
-    joints: tuple[Joint, ...]
-    preload_area: float
-    shear_area: float
-
-    def cut(self, parts: tuple[int, int] = (1, 1)) -> CutProblem:
-        """Cut every body into boxes in plan; two load cases, preload and shear.
-
-        Raises
-        ------
-        CaseError
-            If a substructure is in pieces.
-        """
-        owners = [split_boxes(body, (*parts, 1)) for body in self.bodies]
-        return cut_bodies(self.bodies, owners, self.joints, times=(0.0, 1.0))
+TIMES = (0.0, 1.0)
+"""Of the load cases: a preload of 1 Pa, then a shear of 1 Pa."""
 
 
 def stacked_blocks(
@@ -54,7 +25,7 @@ def stacked_blocks(
     elements: tuple[int, int, int],
     materials: Sequence[Elastic | AnisotropicElastic],
     laws: Sequence[InterfaceLaw],
-) -> RoughAssembly:
+) -> Assembly:
     """Stack equal blocks along z, with a rough joint below every one but the first.
 
     The first is clamped below. The others are guided on their front face (no motion along y) and
@@ -89,14 +60,14 @@ def stacked_blocks(
         held = clamped if place == 0 else {"front": (None, 0.0, None)}
         load = {"top": (1.0, 0.0, _preload(-1.0))} if place == count - 1 else {}
         bodies.append(Body(mesh, material, supports=held, tractions=load))
-    joints = [Joint((i, i + 1), ("top", "bottom"), law) for i, law in enumerate(laws)]
+    interfaces = [Interface((i, i + 1), ("top", "bottom"), law) for i, law in enumerate(laws)]
     area = size[0] * size[1]
-    return RoughAssembly(tuple(bodies), tuple(joints), area, area)
+    return Assembly(tuple(bodies), tuple(interfaces), TIMES, (area, area))
 
 
 def lap_joint(
     shape: LapShape, materials: Sequence[Elastic | AnisotropicElastic], law: InterfaceLaw
-) -> RoughAssembly:
+) -> Assembly:
     """Two plates that overlap, with a bolt hole through both and a rough joint between.
 
     The bolt is a pressure under its washers, on the ring around the hole on both outer faces; its
@@ -130,10 +101,9 @@ def lap_joint(
         supports={"end": (None, 0.0, 0.0)},
         tractions={"washer": (0.0, 0.0, _preload(-1.0)), "end": (1.0, 0.0, 0.0)},
     )
-    joint = Joint((0, 1), ("joint", "joint"), law)
-    return RoughAssembly(
-        (below, above), (joint,), _area(above, "washer"), shape.width * shape.thickness
-    )
+    interface = Interface((0, 1), ("joint", "joint"), law)
+    areas = (_area(above, "washer"), shape.width * shape.thickness)
+    return Assembly((below, above), (interface,), TIMES, areas)
 
 
 def _preload(direction: float) -> Value:

@@ -1,0 +1,141 @@
+"""One assembly, three ways to solve it."""
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Protocol
+
+import numpy as np
+
+from multiscale.macro.bodies.assembly import Assembly
+from multiscale.macro.substructures.cut_bodies import cut_assembly
+from multiscale.macro.substructures.latin_solver import solve_latin
+from multiscale.macro.substructures.parallel import Team
+from multiscale.macro.substructures.problem import CutProblem
+from multiscale.macro.substructures.schur import solve_schur
+from multiscale.macro.substructures.whole_solver import solve_whole
+
+if TYPE_CHECKING:
+    import xarray as xr
+
+__all__ = ["AssembledNewton", "LatinMethod", "Method", "NewtonSchur", "solve_assembly"]
+
+
+class Method(Protocol):
+    """A way to solve an assembly: into which parts it is cut, and by what it is solved."""
+
+    @property
+    def parts(self) -> tuple[int, int]:
+        """Substructures of every body along x and y."""
+
+    def solve(self, problem: CutProblem, load_factor: float | np.ndarray) -> "xr.Dataset":
+        """Solve the assembly, cut, at factors of its load cases."""
+
+
+@dataclass(frozen=True)
+class AssembledNewton:
+    """Newton's method on the whole, uncut: the fastest where its factors fit into memory.
+
+    It takes all laws but rigid contact, on one process; see :func:`solve_whole`.
+    """
+
+    tolerance: float = 1e-10
+    max_iterations: int = 100
+    parts: tuple[int, int] = (1, 1)
+
+    def solve(self, problem: CutProblem, load_factor: float | np.ndarray) -> "xr.Dataset":
+        """Solve by :func:`solve_whole`."""
+        return solve_whole(
+            problem, load_factor, tolerance=self.tolerance, max_iterations=self.max_iterations
+        )
+
+
+@dataclass(frozen=True)
+class LatinMethod:
+    """Micro-macro LATIN: all laws, rigid contact too, and many processes; see :func:`solve_latin`.
+
+    It alone gives an indicator of the error.
+    """
+
+    parts: tuple[int, int] = (1, 1)
+    coarse: bool = True
+    tolerance: float = 1e-8
+    max_iterations: int = 400
+    team: Team | None = None
+
+    def solve(self, problem: CutProblem, load_factor: float | np.ndarray) -> "xr.Dataset":
+        """Solve by :func:`solve_latin`."""
+        return solve_latin(
+            problem,
+            load_factor,
+            coarse=self.coarse,
+            tolerance=self.tolerance,
+            max_iterations=self.max_iterations,
+            team=self.team,
+        )
+
+
+@dataclass(frozen=True)
+class NewtonSchur:
+    """Newton's method with a balanced Schur complement; see :func:`solve_schur`.
+
+    It takes all laws but rigid contact, on many processes.
+    """
+
+    parts: tuple[int, int] = (1, 1)
+    tolerance: float = 1e-10
+    max_iterations: int = 60
+    team: Team | None = None
+
+    def solve(self, problem: CutProblem, load_factor: float | np.ndarray) -> "xr.Dataset":
+        """Solve by :func:`solve_schur`."""
+        return solve_schur(
+            problem,
+            load_factor,
+            tolerance=self.tolerance,
+            max_iterations=self.max_iterations,
+            team=self.team,
+        )
+
+
+def solve_assembly(
+    assembly: Assembly,
+    load_factor: float | np.ndarray = 1.0,
+    *,
+    method: Method = AssembledNewton(),  # frozen
+) -> "xr.Dataset":
+    """Solve elastic bodies with interfaces, step by step.
+
+    Parameters
+    ----------
+    assembly : Assembly
+    load_factor : float or ndarray, shape (steps,) or (steps, cases)
+        Factors of the load cases, one row for each step; each starts from the one before.
+    method : Method
+        :class:`AssembledNewton`, :class:`LatinMethod` or :class:`NewtonSchur`.
+
+    Returns
+    -------
+    Dataset
+        Follows ``MACRO_RESULT``: displacement of the nodes of all bodies one after the other,
+        jump and traction at the points of the interfaces, which are nodes, in their own frame
+        (normal, then both tangents). A step that did not converge is NaN with ``converged`` 0, the
+        later ones are not tried, and the attribute ``failure`` says why. Points come in the order
+        of the pairs of substructures that meet; ``point_joint`` is the interface of each.
+
+    Raises
+    ------
+    CaseError
+        If a body is not elastic, a support moves, faces do not match, a substructure is in
+        pieces, or load factors do not fit the load cases.
+
+    Examples
+    --------
+    >>> from multiscale.laws import Exponential, Sliders
+    >>> from multiscale.laws.bulk import Elastic
+    >>> from multiscale.macro.bodies import stacked_blocks
+    >>> law = Sliders(Exponential(1e9, 0.2e-6), 0.2, pressures=(1e6, 1e8))
+    >>> blocks = stacked_blocks((0.02, 0.02, 0.02), (2, 2, 1), [Elastic(210e9, 0.3)] * 2, [law])
+    >>> pressed = solve_assembly(blocks, np.array([[10e6, 0.0]]))  # Pa
+    >>> float(pressed["traction"][0, :, 0].mean().round(-5))
+    -10000000.0
+    """
+    return method.solve(cut_assembly(assembly, method.parts), load_factor)
