@@ -78,7 +78,7 @@ class Solution:
         return self.value
 
 
-def verdict(residuals: Sequence[float], tolerance: float, patience: int) -> Status | None:
+def verdict(residuals: Sequence[float], tolerance: float, patience: float) -> Status | None:
     """Return why an iteration should stop after its last residual, or ``None`` to continue.
 
     Parameters
@@ -87,7 +87,7 @@ def verdict(residuals: Sequence[float], tolerance: float, patience: int) -> Stat
         Residuals of all iterations, at least one; dimensionless.
     tolerance : float
         Largest residual that counts as converged, dimensionless.
-    patience : int
+    patience : float
         Iterations without a smaller residual after which the iteration counts as stalled.
     """
     if not isfinite(residuals[-1]):

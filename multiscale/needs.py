@@ -1,33 +1,39 @@
-"""What a scene needs: the only input from which solvers allocate and choose."""
+"""What a scene needs, told in words: what is built and what is left out, and why."""
 
-from collections.abc import Iterable, Mapping
-from dataclasses import dataclass, field
+from collections.abc import Iterable
+from dataclasses import dataclass
 
-__all__ = ["Needs", "choose", "join_needs"]
+__all__ = ["Choice", "Needs", "choose", "join_needs"]
 
 
-def choose(
-    choices: Mapping[str, tuple[bool, str, str]],
-) -> tuple[dict[str, str], dict[str, str]]:
-    """Split operators into those that are built and those that are left out.
+@dataclass(frozen=True)
+class Choice:
+    """Whether a part is built.
 
-    Parameters
+    Attributes
     ----------
-    choices : mapping of str to (bool, str, str)
-        Of every operator: whether it is needed, what for, and why not.
-
-    Returns
-    -------
-    operators, left_out : dict of str to str
-        As :class:`Needs` takes them.
+    part : str
+        Its name in the text. Areas with several parts name them in a ``StrEnum``.
+    why : str
+        What it is for, or why it is left out.
+    built : bool
     """
-    operators = {name: why for name, (needed, why, _) in choices.items() if needed}
-    return operators, {name: why for name, (needed, _, why) in choices.items() if not needed}
+
+    part: str
+    why: str
+    built: bool = True
+
+
+def choose(part: str, built: bool, why: str, why_not: str) -> Choice:
+    """Return the choice of a part with the reason that holds."""
+    return Choice(part, why if built else why_not, built)
 
 
 @dataclass(frozen=True)
 class Needs:
     """What one scene uses, and nothing else.
+
+    This is for a reader: solvers look at the cell, structure or options themselves.
 
     Attributes
     ----------
@@ -35,10 +41,8 @@ class Needs:
         1 without friction, 3 with it.
     kinematics : str
         For instance ``"small strain, the mesh follows the surface"``.
-    operators : dict of str to str
-        What is built, and what for.
-    left_out : dict of str to str
-        What other scenes build and this one does not, and why not.
+    choices : tuple of Choice
+        What is built, and what other scenes build and this one does not.
     state_variables : tuple of str
         History kept at each point; none for an elastic scene.
     fields : tuple of str
@@ -51,18 +55,21 @@ class Needs:
 
     unknowns_per_contact: int = 1
     kinematics: str = ""
-    operators: dict[str, str] = field(default_factory=dict)
-    left_out: dict[str, str] = field(default_factory=dict)
+    choices: tuple[Choice, ...] = ()
     state_variables: tuple[str, ...] = ()
     fields: tuple[str, ...] = ()
     libraries: tuple[str, ...] = ()
     memory: int = 0
 
-    def __contains__(self, operator: str) -> bool:
-        """Whether an operator is to be built."""
-        if operator not in self.operators and operator not in self.left_out:
-            raise KeyError(operator)
-        return operator in self.operators
+    @property
+    def built(self) -> dict[str, str]:
+        """Reason of each part that is built."""
+        return {choice.part: choice.why for choice in self.choices if choice.built}
+
+    @property
+    def omitted(self) -> dict[str, str]:
+        """Reason of each part that is left out."""
+        return {choice.part: choice.why for choice in self.choices if not choice.built}
 
     def explain(self) -> str:
         """Return the needs as text, one line each."""
@@ -73,8 +80,8 @@ class Needs:
             ("fields kept", ", ".join(self.fields) or "none"),
             ("libraries", ", ".join(self.libraries)),
             ("memory", f"{self.memory / 1e6:.3g} MB for the largest solve"),
-            *((f"builds {name}", reason) for name, reason in self.operators.items()),
-            *((f"leaves out {name}", reason) for name, reason in self.left_out.items()),
+            *((f"builds {part}", reason) for part, reason in self.built.items()),
+            *((f"leaves out {part}", reason) for part, reason in self.omitted.items()),
         ]
         width = max(len(name) for name, _ in rows)
         return "\n".join(f"{name:{width}}  {value}" for name, value in rows)
@@ -92,8 +99,7 @@ def join_needs(parts: Iterable[Needs]) -> Needs:
     return Needs(
         unknowns_per_contact=max(part.unknowns_per_contact for part in parts),
         kinematics="; ".join(part.kinematics for part in parts if part.kinematics),
-        operators={name: why for part in parts for name, why in part.operators.items()},
-        left_out={name: why for part in parts for name, why in part.left_out.items()},
+        choices=tuple(choice for part in parts for choice in part.choices),
         state_variables=tuple(name for part in parts for name in part.state_variables),
         fields=tuple(name for part in parts for name in part.fields),
         libraries=tuple(sorted({name for part in parts for name in part.libraries})),

@@ -10,10 +10,10 @@ from multiscale.laws.bulk.moduli import contact_modulus
 from multiscale.macro import (
     Body,
     Contact,
-    ContactProblem,
-    Graph,
-    Plane,
-    Sphere,
+    FiniteAssembly,
+    RigidGraph,
+    RigidPlane,
+    RigidSphere,
     solve_contact,
 )
 from tests.closed_forms import hertz, mindlin
@@ -105,7 +105,7 @@ def cylinder_on_block(size, *, swapped=False, **contact):
     base = Body(below, Elastic(70e9, 0.3), supports={"axis": (0.0, None), "base": (0.0, 0.0)})
     sides = (("cylinder", "contact"), ("block", "contact"))
     sides = sides[::-1] if swapped else sides
-    problem = ContactProblem(
+    problem = FiniteAssembly(
         {"cylinder": cylinder, "block": base}, {"joint": Contact(*sides, **contact)}
     )
     return solve_contact(problem)[-1].unwrap()
@@ -161,8 +161,8 @@ def ball_on_half_space(points):
         for i in range(3)
     ]
     supports = {"far": far, "x": (0.0, None, None), "y": (None, 0.0, None)}
-    ball = Sphere((0.0, 0.0, RADIUS), RADIUS, motion=(0.0, 0.0, -APPROACH))
-    problem = ContactProblem(
+    ball = RigidSphere((0.0, 0.0, RADIUS), RADIUS, motion=(0.0, 0.0, -APPROACH))
+    problem = FiniteAssembly(
         {"base": Body(mesh, Elastic(*material), supports)},
         {"ball": Contact(("base", "contact"), ball)},
     )
@@ -267,7 +267,7 @@ def two_steel_balls(path, *mesh):
         supports = {"far": far, "plane": (None, 0.0, None)}
         bodies[name] = Body(half_ball(*mesh, side), Elastic(*STEEL), supports)
     contact = Contact(("below", "contact"), ("above", "contact"), FRICTION)
-    steps = solve_contact(ContactProblem(bodies, {"joint": contact}), times[1:], condensed=True)
+    steps = solve_contact(FiniteAssembly(bodies, {"joint": contact}), times[1:], condensed=True)
     return [step.unwrap() for step in steps]
 
 
@@ -301,12 +301,12 @@ def ball_on_rough_half_space(friction, rings, growth):
 
     far = [far_field(i, -1, material, force, lambda t: (0.0, 0.0)) for i in range(3)]
     supports = {"far": far, "x": (0.0, None, None), "y": (None, 0.0, None)}
-    ball = Graph(
+    ball = RigidGraph(
         lambda x: (x[0] ** 2 + x[1] ** 2) / (2.0 * radius),
         lambda x: x / radius,
         motion=(0.0, 0.0, lambda x, t: -(reached(t) ** 2) / radius),
     )
-    problem = ContactProblem(
+    problem = FiniteAssembly(
         {"base": Body(mesh, Elastic(*material), supports)},
         {"ball": Contact(("base", "contact"), ball, friction)},
     )
@@ -321,14 +321,14 @@ def inclined_slider(friction, *, deformable, finite_sliding=False):
     slider = moved(mesh, [mesh.p[0], mesh.p[1] + 0.1 * mesh.p[0]])
     drive = (lambda x, t: 0.02 * max(0.0, t - 1.0), lambda x, t: -2e-3 * min(t, 1.0))
     bodies = {"slider": Body(slider, Elastic(1e9, 0.3), supports={"top": drive})}
-    side2 = Plane((0.0, 0.0), (-0.1, 1.0))
+    side2 = RigidPlane((0.0, 0.0), (-0.1, 1.0))
     if deformable:
         ramp = block(MeshQuad, (13, 3), (-1.0, -1.0), (3.0, 0.0))
         ramp = moved(ramp, [ramp.p[0], ramp.p[1] + 0.1 * ramp.p[0] * (ramp.p[1] + 1.0)])
         bodies["ramp"] = Body(ramp, Elastic(1e9, 0.3), supports={"bottom": (0.0, 0.0)})
         side2 = ("ramp", "top")
     contact = Contact(("slider", "bottom"), side2, friction, finite_sliding)
-    steps = solve_contact(ContactProblem(bodies, {"slope": contact}), (1.0, 1.5, 2.0))
+    steps = solve_contact(FiniteAssembly(bodies, {"slope": contact}), (1.0, 1.5, 2.0))
     force = -steps[-1].unwrap().contact["slope"].force
     return -force[0] / force[1]
 
@@ -371,7 +371,7 @@ def nested_rings(n, kind=MeshQuad):
     bodies = {name: Body(mesh, Elastic(1e9, 0.2), held) for name, mesh in meshes.items()}
     bodies["outer"] = replace(bodies["outer"], tractions={"outside": (push(0), push(1))})
     contact = Contact(("outer", "inside"), ("inner", "outside"), fitted=True)
-    step = solve_contact(ContactProblem(bodies, {"joint": contact}))[-1].unwrap()
+    step = solve_contact(FiniteAssembly(bodies, {"joint": contact}))[-1].unwrap()
 
     surface = step.contact["joint"]
     exact = RINGS.contact_pressure(np.arctan2(surface.position[1], surface.position[0]))

@@ -9,7 +9,7 @@ import numpy as np
 from multiscale.io import save_law
 from multiscale.micro import Surface
 from multiscale.nonsmooth.projections import project_ball
-from multiscale.schema import MICRO_RESPONSE
+from multiscale.schema import MICRO_RESPONSE, branch_of
 from multiscale.upscaling import fit_law
 
 
@@ -63,6 +63,7 @@ def write_law(path, pressure=(1e6, 200e6)):
         "active_set_iterations": ones,
         "linear_iterations": ones,
         "wall_time": 1.0 * ones,
+        "branch": branch_of(p),
     }
     save_law(fit_law(MICRO_RESPONSE.build(response)), path)
     return path

@@ -1,10 +1,11 @@
-"""A solution cannot call itself converged without a finite residual."""
+"""What iterations leave behind, when they stop, and paths whose steps are halved."""
 
 import numpy as np
 import pytest
 
 from multiscale.convergence import Solution, Status
 from multiscale.errors import ConvergenceError
+from multiscale.numerics.newton import Limits, NewtonRun, join_solutions, march
 
 
 @pytest.mark.parametrize("residuals", [(), (np.nan,), (1.0, np.inf)])
@@ -22,3 +23,48 @@ def test_unwrapping_an_unconverged_solution_says_why():
 
 def test_unwrapping_a_converged_solution_gives_its_value():
     assert Solution(np.ones(2), Status.CONVERGED, (1e-12,)).unwrap().sum() == 2.0
+
+
+def attempt(limit, none=()):
+    """Steps converge up to a length; from some places nothing can be solved."""
+
+    def solve(reached, aim):
+        if reached in none:
+            raise ConvergenceError("nothing holds")
+        status = Status.CONVERGED if aim - reached <= limit else Status.STALLED
+        return Solution(np.array(aim), status, (0.0,), (1.0,)), aim
+
+    return solve
+
+
+def test_a_path_is_gone_in_halves_where_steps_fail():
+    parts = march(attempt(0.3), 0.0, (0.0, 1.0), cuts=3)
+    assert [part.aim for part in parts] == [1.0, 0.5, 0.25, 0.5, 0.75, 1.0]
+    whole = join_solutions([part.solution for part in parts], ["a", "b"])
+    assert whole.converged
+    assert whole.seconds == (1.0, 2.0, 3.0, 4.0, 5.0, 6.0)
+
+
+def test_a_path_ends_with_the_shortest_step_that_fails():
+    parts = march(attempt(0.1), 0.0, (0.0, 1.0), cuts=2)
+    assert [part.aim for part in parts] == [1.0, 0.5, 0.25]
+    assert not parts[-1].solution.converged
+
+
+@pytest.mark.parametrize("none", [0.0, 0.5])
+def test_a_step_without_any_solution_raises_at_once_or_when_it_is_shortest(none):
+    with pytest.raises(ConvergenceError, match="nothing holds"):
+        march(attempt(0.5, none=(none,)), 0.0, (0.0, 1.0), cuts=2)
+
+
+def test_a_run_stops_at_the_limit_at_rounding_and_without_progress():
+    run = NewtonRun(Limits(max_iterations=2, tolerance=1e-3))
+    assert [run.goes_on(residual) for residual in (1.0, 0.5, 0.4)] == [True, True, False]
+    assert run.solution(np.zeros(1)).status is Status.MAX_ITERATIONS
+    run = NewtonRun(Limits(tolerance=1e-3))
+    assert not run.goes_on(0.1, floor=0.2)
+    assert run.converged
+    run = NewtonRun(Limits(tolerance=1e-3), patience=1)
+    assert [run.goes_on(residual) for residual in (1.0, 2.0, 2.0)] == [True, True, False]
+    assert run.status is Status.STALLED
+    assert run.since_best == 2

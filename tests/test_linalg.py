@@ -2,10 +2,11 @@
 
 import numpy as np
 import pytest
-from scipy.sparse import block_array, csc_array, csr_array, eye_array, kron
+from scipy.sparse import block_array, block_diag, csc_array, csr_array, eye_array, kron
 from scipy.sparse.linalg import splu
 
 from multiscale.errors import MultiscaleError
+from multiscale.fe.condensation import compliances, condense_body
 from multiscale.numerics import factorisation
 from multiscale.numerics.factorisation import factorise
 from multiscale.numerics.krylov import minimal_residual
@@ -136,3 +137,26 @@ def test_minimal_residuals_solve_a_nonsymmetric_system():
     x, count = minimal_residual(lambda v: matrix @ v, b, np.copy, goal=1e-10, room=60)
     assert count <= 30
     np.testing.assert_allclose(matrix @ x, b, atol=1e-9)
+
+
+def test_bodies_side_by_side_have_the_compliance_that_each_has_alone():
+    rng = np.random.default_rng(seed=3)
+    springs = [csr_array(a @ a.T) for a in (rng.normal(size=(n, n)) for n in (4, 90))]
+    faces = [rng.normal(size=(m, n)) for m, n in ((2, 4), (70, 90))]  # more than one block
+    found = compliances(
+        factorise(csr_array(block_diag(springs))),
+        csr_array(block_diag(faces)),
+        np.array([0, 2, 72]),
+    )
+    for soft, K, F in zip(found, springs, faces, strict=True):
+        np.testing.assert_allclose(soft, F @ np.linalg.solve(K.toarray(), F.T), rtol=1e-8)
+        np.testing.assert_array_equal(soft, soft.T)
+
+
+def test_a_condensed_body_answers_to_kept_displacements_and_loads_like_the_whole():
+    rng = np.random.default_rng(seed=4)
+    a = rng.normal(size=(7, 7))
+    K, force = a @ a.T, rng.normal(size=7)
+    condensed = condense_body(csr_array(K), np.array([5, 1]))
+    edge = np.linalg.solve(condensed.blocks[0], condensed.reduce(force))
+    np.testing.assert_allclose(condensed.expand(force, edge), np.linalg.solve(K, force), rtol=1e-8)

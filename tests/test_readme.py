@@ -22,7 +22,14 @@ PAGES = {
     for name in ("README.md", "microcases/README.md", "workflows/README.md", "workflows/bench.md")
 }
 README, KEYS = PAGES["README.md"], PAGES["microcases/README.md"]
-SLOW = ("bench", "run ground_steel", "run tyre_on_road")
+SLOW = (
+    "bench",
+    "run ground_steel",
+    "run tyre_on_road",
+    "run my_joint.toml -o",
+    "micro my_joint",
+    "lap_joint",
+)
 
 
 def blocks(language):
@@ -37,7 +44,7 @@ def blocks(language):
 
 
 def commands():
-    """Lines of the command line, those that take minutes even if quick marked as slow."""
+    """Lines of the command line, those that take long even if quick marked as slow."""
     for line in "".join(blocks("bash").values()).splitlines():
         if "bin/multiscale" not in line:
             continue  # installs

@@ -18,7 +18,7 @@ from pathlib import Path
 
 from multiscale.io import make_folder, write_dataset
 from multiscale.laws.bulk import J2, NeoHookean
-from multiscale.micro import Cell, Opposite, Surface, self_affine, slide_cell
+from multiscale.micro import Cell, SecondBody, Surface, self_affine, slide_cell
 from multiscale.plotting import draw_sliding
 from multiscale.schema import SLIDING_RESPONSE
 
@@ -58,7 +58,7 @@ def main(argv: Sequence[str] | None = None) -> int:
         obstacle=rough(points, 2, 0.15),
         bulk=J2(MODULUS, POISSON, yield_stress=1.0e9, hardening_modulus=2e9),
         friction_coefficient=LOCAL_FRICTION,
-        opposite=Opposite(SIZE, layers, MODULUS, POISSON, NeoHookean(MODULUS, POISSON)),
+        opposite=SecondBody(SIZE, layers, NeoHookean(MODULUS, POISSON)),
     )
     pressure = (0.3e9,) if arguments.quick else (0.1e9, 0.3e9, 0.6e9)
     response = slide_cell(

@@ -6,7 +6,7 @@ from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import TYPE_CHECKING
 
-from multiscale.bench.ladder import Rung, climb
+from multiscale.bench.ladder import Rung, against, measure_ladders
 
 if TYPE_CHECKING:
     import xarray as xr
@@ -63,24 +63,21 @@ def bench_chain(
     """
     grids = QUICK_POINTS if quick else POINTS
     counts = QUICK_REALISATIONS if quick else REALISATIONS
-    return climb(
+    return measure_ladders(
         [
             Rung(
                 SCENE,
                 f"{points} x {points} points",
                 partial(joint_stiffness, points, count),
+                partial(joint_stiffness, QUICK_POINTS[0], 3),
                 {"realisations": count},
             )
             for points in grids
             for count in counts
         ],
-        partial(_truth, grids[-1], MORE * counts[-1]),
-        warm_up=partial(joint_stiffness, QUICK_POINTS[0], 3),
+        against(partial(_truth, grids[-1], MORE * counts[-1])),
         title="whole chain: stiffness of a joint",
-        packages=(
-            "scipy",
-            "numba",
-        ),
+        packages=("scipy", "numba"),
         report=report,
     )
 

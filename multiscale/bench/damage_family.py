@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from multiscale.bench.ladder import Rung, climb
+from multiscale.bench.ladder import Rung, against, measure_ladders
 from multiscale.micro.damage import FatigueMaterial, StressBlock, two_scale_fatigue
 
 if TYPE_CHECKING:
@@ -85,23 +85,22 @@ def bench_damage(
     after a warm-up that takes imports and compilation.
     """
     tolerances = (None, *(QUICK_TOLERANCES if quick else TOLERANCES))
-    found = climb(
+    found = measure_ladders(
         [
             Rung(
                 scene,
                 EVERY if tolerance is None else "cycle jumps",
                 partial(life, scene, tolerance),
+                partial(life, SCENES[1], 0.3),
                 {"tolerance": tolerance or 0.0},
-                count="iterations",
+                1 if quick else REPEATS,
             )
             for scene in (QUICK_SCENES if quick else SCENES)
             for tolerance in tolerances
         ],
-        _truth,
-        warm_up=partial(life, SCENES[1], 0.3),
+        against(_truth, count="iterations"),
         title="two-scale fatigue: error of the life against run time",
         packages=("numba",),
-        repeats=1 if quick else REPEATS,
         report=report,
     )
     error, every = found["error"].values, found["method"].values == EVERY

@@ -3,7 +3,7 @@
 import numpy as np
 from scipy.sparse import csr_array, diags_array
 
-from multiscale.bench.rigid_bodies import STEP, Bodies, Touch, rigid_bodies
+from multiscale.bench.rigid_bodies import STEP, RigidBodies, Touch, rigid_bodies
 
 __all__ = [
     "block_tower",
@@ -30,7 +30,7 @@ def box_stack(
     friction: float = 0.5,
     way: str = "each",
     push: float = 0.3,
-) -> Bodies:
+) -> RigidBodies:
     """Make a stack of boxes with four corner contacts each, pushed sideways; hyperstatic.
 
     Parameters
@@ -101,7 +101,7 @@ def _lateral_forces(
     return np.column_stack([size * np.cos(angle), size * np.sin(angle)])
 
 
-def random_stack(seed: int) -> Bodies:
+def random_stack(seed: int) -> RigidBodies:
     """Make a stack of 5 to 20 boxes, mass ratio 1 to 1e6, pushed in any of the five ways."""
     rng = np.random.default_rng(seed=seed)
     return box_stack(
@@ -121,7 +121,7 @@ def plane_stack(
     mass_ratio: float = 1.0,
     friction: float = 0.5,
     push: float = 0.3,
-) -> Bodies:
+) -> RigidBodies:
     """Make a stack in the plane: two contacts a face, two components a contact.
 
     The parameters are those of :func:`box_stack`.
@@ -141,10 +141,10 @@ def plane_stack(
     forces[:, 1] = -GRAVITY * masses
     forces[:, 0] = push * rng.uniform(-1.0, 1.0, n) * GRAVITY * masses
     M = csr_array(diags_array(diagonal))
-    return Bodies(M, csr_array(H), STEP * forces.ravel(), np.full(2 * n, friction))
+    return RigidBodies(M, csr_array(H), STEP * forces.ravel(), np.full(2 * n, friction))
 
 
-def sphere_pile(spheres: int, rng: np.random.Generator, *, friction: float = 0.5) -> Bodies:
+def sphere_pile(spheres: int, rng: np.random.Generator, *, friction: float = 0.5) -> RigidBodies:
     """Make a regular packing of equal spheres above the ground, pushed in all directions.
 
     The parameters are those of :func:`box_stack`. The contacts are moderately redundant.
@@ -172,7 +172,7 @@ def sphere_pile(spheres: int, rng: np.random.Generator, *, friction: float = 0.5
     return rigid_bodies(masses, inertias, centres, contacts, forces, friction)
 
 
-def wedged_block(friction: float) -> Bodies:
+def wedged_block(friction: float) -> RigidBodies:
     """Make a block between two slanted walls, pressed down: it jams where friction is high."""
     contacts: list[Touch] = [
         ([side * (0.5 + 0.1 * z), y, z], [-side, 0.0, 0.1], 0, -1)
@@ -224,7 +224,7 @@ def random_problem(
 PLANK = np.array([0.9, 0.3, 0.2])  # m
 
 
-def block_tower(levels: int, rng: np.random.Generator, *, friction: float = 0.3) -> Bodies:
+def block_tower(levels: int, rng: np.random.Generator, *, friction: float = 0.3) -> RigidBodies:
     """Make a tower of three planks a level, crosswise: many redundant contacts.
 
     The parameters are those of :func:`box_stack`.

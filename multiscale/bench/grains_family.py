@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from multiscale.bench import yade
-from multiscale.bench.ladder import Rung, climb
+from multiscale.bench.ladder import Rung, against, measure_ladders
 from multiscale.bench.measure import THREADS
 
 if TYPE_CHECKING:
@@ -115,19 +115,25 @@ def bench_grains(
     """
     grains = QUICK_GRAINS if quick else GRAINS
     lengths = QUICK_STEPS if quick else STEPS
+    warm_up = partial(answer, DEPOSIT, 0.05, 4e-3)
     rungs = [
-        Rung(scene, method, partial(answer, scene, compliance, step, grains), {"time_step": step})
+        Rung(
+            scene,
+            method,
+            partial(answer, scene, compliance, step, grains),
+            warm_up,
+            {"time_step": step},
+        )
         for scene in (BOUNCE, ROLL, DEPOSIT)
         for method, compliance in COMPLIANCES.items()
         for step in lengths
     ]
     if yade.installed():
         step = yade.time_step(_heap(1))
-        rungs.append(Rung(DEPOSIT, "YADE", partial(_yade, grains), {"time_step": step}))
-    return climb(
+        rungs.append(Rung(DEPOSIT, "YADE", partial(_yade, grains), warm_up, {"time_step": step}))
+    return measure_ladders(
         rungs,
-        partial(_truth, min(lengths) / FINEST, grains),
-        warm_up=partial(answer, DEPOSIT, 0.05, 4e-3),
+        against(partial(_truth, min(lengths) / FINEST, grains)),
         title="grains in motion: heights and ways",
         packages=("numba",),
         report=report,

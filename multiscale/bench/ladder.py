@@ -2,21 +2,18 @@
 
 from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass, field
-from typing import TYPE_CHECKING
+from functools import partial
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from multiscale.bench.measure import Measured, measure
+from multiscale.bench.measure import THREADS, Measured, measure
 from multiscale.bench.record import load_average, record, versions
 
 if TYPE_CHECKING:
     import xarray as xr
 
-__all__ = ["Rung", "climb"]
-
-
-Answer = float | np.ndarray | tuple[float, float]
-"""A number, samples of it, or a number with a count of the work."""
+__all__ = ["Columns", "Judge", "Rung", "Runs", "against", "measure_ladders"]
 
 
 @dataclass(frozen=True, eq=False)
@@ -30,102 +27,153 @@ class Rung:
     method : str
         How it is answered.
     task : callable
-        Returns the answer: one number, or samples of it. Runs in a process of its own.
-    count : str
-        Variable of ``WORK_PRECISION`` that the task returns after its answer, if any.
+        Returns the answer. Runs in a process of its own.
+    warm_up : callable
+        Takes imports and compilation in that process, untimed.
     settings : mapping of str to float
         How well it is answered: variables of ``WORK_PRECISION``, such as ``points``.
+    repeats : int
+        Number of runs, whose median time counts.
+    follows : Rung, optional
+        An earlier one, whose answer, or None if its process died, the task gets.
     """
 
     scene: str
     method: str
-    task: Callable[[], Answer]
+    task: Callable[..., Any]
+    warm_up: Callable[[], object]
     settings: Mapping[str, float] = field(default_factory=dict)
-    count: str = ""
+    repeats: int = 1
+    follows: "Rung | None" = None
 
 
-def climb(
+Runs = Mapping[Rung, Measured[Any]]
+"""What the rungs returned and took, in their order."""
+
+Columns = dict[str, Any]
+"""Variables of ``WORK_PRECISION`` of one rung."""
+
+Judge = Callable[[str, Runs], Iterable[Columns]]
+"""From a scene and its runs to ``error``, ``converged`` and more of each of them."""
+
+
+def measure_ladders(
     rungs: Iterable[Rung],
-    truth: Callable[[str, list[float]], tuple[float, float]],
+    judge: Judge,
     *,
     title: str,
-    warm_up: Callable[[], object],
     packages: tuple[str, ...] = (),
-    repeats: int = 1,
+    threads: int = THREADS,
     report: Callable[[str], None] = lambda line: None,
+    **attributes: Any,
 ) -> "xr.Dataset":
-    """Measure ladders, and compare their answers with the truth.
+    """Measure ladders, and judge their answers.
 
     Parameters
     ----------
     rungs : iterable of Rung
         Those of a scene from coarse to fine; all with settings of the same names.
-    truth : callable
-        Gets a scene and the mean answers of its rungs; returns the true answer, and how far that
-        may be off, relative to it.
+    judge : callable
+        Says how good the answers to a scene are; see :func:`against` for numbers.
     title : str
         What is asked.
-    warm_up : callable
-        Takes imports and compilation in every process, untimed.
     packages : tuple of str
         Whose versions matter.
-    repeats : int
-        Number of runs of each, whose median time counts.
+    threads : int
+        That a run may use.
     report : callable
         Gets a line after each measurement.
+    **attributes
+        Of :func:`multiscale.bench.record.record`.
 
     Returns
     -------
     Dataset
-        Follows ``WORK_PRECISION``. The error of samples is the root of their mean square error,
-        and their time that of one. NaN if the process died or did not converge.
+        Follows ``WORK_PRECISION``; its histories are joined from ``history`` of the judge, shape
+        (samples, 2), seconds and errors.
     """
     load = load_average()
-    runs: dict[Rung, Measured[Answer]] = {}
+    runs: dict[Rung, Measured[Any]] = {}
     for rung in rungs:
-        runs[rung] = measure(rung.task, warm_up=warm_up, repeats=repeats)
-        settings = ", ".join(f"{name} {value:g}" for name, value in rung.settings.items())
-        report(f"{rung.scene}, {rung.method}, {settings}: {runs[rung].wall_time:.3g} s")
-    answers, counts = dict[Rung, np.ndarray](), dict[Rung, dict[str, float]]()
-    for rung, run in runs.items():
-        found = np.atleast_1d((np.nan, np.nan) if run.value is None else run.value)
-        answers[rung] = found[:1] if rung.count else found
-        counts[rung] = {rung.count: float(found[1])} if rung.count else {}
-    truths = {
-        scene: truth(scene, [float(a.mean()) for rung, a in answers.items() if rung.scene == scene])
-        for scene in dict.fromkeys(rung.scene for rung in runs)
+        known = () if rung.follows is None else (runs[rung.follows].value,)
+        runs[rung] = measure(
+            partial(rung.task, *known) if known else rung.task,
+            warm_up=rung.warm_up,
+            repeats=rung.repeats,
+            threads=threads,
+        )
+        settings = "".join(f", {name} {value:g}" for name, value in rung.settings.items())
+        report(f"{rung.scene}, {rung.method}{settings}: {runs[rung].wall_time:.3g} s")
+    judged: dict[Rung, Columns] = {}
+    for scene in dict.fromkeys(rung.scene for rung in runs):
+        mine = {rung: run for rung, run in runs.items() if rung.scene == scene}
+        judged |= zip(mine, judge(scene, mine), strict=True)
+    histories = [judged[rung].pop("history", np.zeros((0, 2))) for rung in runs]
+    samples = np.concatenate(histories)
+    found = {
+        "history_run": np.repeat(np.arange(len(runs)), [len(one) for one in histories]),
+        "history_seconds": samples[:, 0],
+        "history_error": samples[:, 1],
     }
+    repeats = max(rung.repeats for rung in runs)
     return record(
-        [
-            _row(rung, runs[rung], answers[rung], *truths[rung.scene]) | counts[rung]
-            for rung in runs
-        ],
-        title=title,
-        versions=versions(*packages),
+        [_cost(rung, run) | judged[rung] for rung, run in runs.items()],
+        found if len(samples) else {},
+        threads=threads,
         load_before=load,
-        repeats=repeats,
-        wall_time_counts=(
-            f"{'median' if repeats > 1 else 'one run'}; without start of the process, imports and "
-            f"compilation"
-        ),
+        **{
+            "title": title,
+            "versions": versions(*packages),
+            "repeats": repeats,
+            "wall_time_counts": f"{'median' if repeats > 1 else 'one run'}; without start of the "
+            f"process, imports and compilation",
+            **attributes,
+        },
     )
 
 
-def _row(
-    rung: Rung,
-    run: Measured[Answer],
-    samples: np.ndarray,
-    exact: float,
-    uncertainty: float,
-) -> dict[str, float | str]:
-    """Cost and error of one rung."""
+def _cost(rung: Rung, run: Measured[Any]) -> Columns:
+    """Name a run and say what it took; NaN if its process died."""
     return {
         "scene": rung.scene,
         "method": rung.method,
         **rung.settings,
-        "error": float(np.sqrt(np.mean((samples / exact - 1.0) ** 2))),
-        "error_uncertainty": uncertainty,
-        "wall_time": run.wall_time / samples.size,
+        "wall_time": run.wall_time,
         "peak_memory": run.peak_memory,
-        "converged": int(np.isfinite(samples).all()),
     }
+
+
+def against(truth: Callable[[str, list[float]], tuple[float, float]], *, count: str = "") -> Judge:
+    """Judge answers that are numbers, or samples of a number, by the truth.
+
+    Parameters
+    ----------
+    truth : callable
+        Gets a scene and the mean answers of its rungs; returns the true answer, and how far that
+        may be off, relative to it.
+    count : str
+        Variable of ``WORK_PRECISION`` that a task returns after its number, if any.
+
+    Returns
+    -------
+    callable
+        The error of samples is the root of their mean square error, and their time that of one.
+        NaN if the process died or did not converge.
+    """
+
+    def judge(scene: str, runs: Runs) -> Iterable[Columns]:
+        found = [
+            np.atleast_1d((np.nan, np.nan) if run.value is None else run.value)
+            for run in runs.values()
+        ]
+        answers = [one[:1] if count else one for one in found]
+        exact, uncertainty = truth(scene, [float(one.mean()) for one in answers])
+        for run, whole, samples in zip(runs.values(), found, answers, strict=True):
+            yield {
+                "error": float(np.sqrt(np.mean((samples / exact - 1.0) ** 2))),
+                "error_uncertainty": uncertainty,
+                "wall_time": run.wall_time / samples.size,
+                "converged": int(np.isfinite(samples).all()),
+            } | ({count: float(whole[1])} if count else {})
+
+    return judge

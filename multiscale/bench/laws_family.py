@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from multiscale.bench.ladder import Rung, climb
+from multiscale.bench.ladder import Rung, against, measure_ladders
 
 if TYPE_CHECKING:
     import xarray as xr
@@ -57,19 +57,19 @@ def bench_laws(
     them, are the uncertainty. More realisations cannot mend what a family of two parameters cannot
     say. *Times* are those of the cells and of the fit, one after the other.
     """
-    return climb(
+    return measure_ladders(
         [
             Rung(
                 SCENE,
                 family.replace("_", " "),
                 partial(_samples, family, count),
+                partial(stiffness, "power", range(2)),
                 {"realisations": count},
             )
             for family in FAMILIES
             for count in (QUICK_REALISATIONS if quick else REALISATIONS)
         ],
-        partial(_truth, QUICK_TRUTH if quick else TRUTH),
-        warm_up=partial(stiffness, "power", range(2)),
+        against(partial(_truth, QUICK_TRUTH if quick else TRUTH)),
         title="interface laws: stiffness at 1 GPa",
         packages=("scipy",),
         report=report,

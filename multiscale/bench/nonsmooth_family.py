@@ -21,7 +21,7 @@ from multiscale.bench.lcp_scenes import (
     tensegrity,
 )
 from multiscale.bench.record import load_average, record, versions
-from multiscale.bench.rigid_bodies import Bodies
+from multiscale.bench.rigid_bodies import RigidBodies
 from multiscale.convergence import Solution
 from multiscale.errors import CaseError
 from multiscale.nonsmooth import solve_friction, solve_lcp, verify_friction, verify_lcp
@@ -75,7 +75,7 @@ def _rng() -> np.random.Generator:
     return np.random.default_rng(seed=1)
 
 
-FRICTION_SCENES: Mapping[str, tuple[Callable[[int], Bodies], int, int]] = {
+FRICTION_SCENES: Mapping[str, tuple[Callable[[int], RigidBodies], int, int]] = {
     "box stack": (lambda n: box_stack(n, _rng()), 20, 5),
     "box stack, mass ratio 1e6": (lambda n: box_stack(n, _rng(), mass_ratio=1e6), 20, 5),
     "hyperstatic tower": (lambda n: block_tower(n, _rng()), 8, 3),

@@ -7,7 +7,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 from scipy.sparse import csr_array, diags_array
 
-__all__ = ["STEP", "Bodies", "Touch", "rigid_bodies"]
+__all__ = ["STEP", "RigidBodies", "Touch", "rigid_bodies"]
 
 STEP = 1e-2
 """Time step, s."""
@@ -17,8 +17,8 @@ Touch = tuple[ArrayLike, ArrayLike, int, int]
 
 
 @dataclass(frozen=True)
-class Bodies:
-    r"""Bodies with contacts, :math:`M v = f + H r` and :math:`u = H^T v`.
+class RigidBodies:
+    r"""Rigid bodies with contacts, :math:`M v = f + H r` and :math:`u = H^T v`.
 
     Attributes
     ----------
@@ -55,7 +55,7 @@ def rigid_bodies(
     contacts: Sequence[Touch],
     forces: np.ndarray,
     friction: float | np.ndarray,
-) -> Bodies:
+) -> RigidBodies:
     """Assemble bodies in space that are at rest.
 
     Parameters
@@ -87,7 +87,7 @@ def rigid_bodies(
     diagonal = np.column_stack([np.repeat(masses[:, None], 3, axis=1), inertias])
     M = csr_array(diags_array(diagonal.ravel()))
     mu = np.broadcast_to(np.asarray(friction, dtype=float), (len(contacts),)).copy()
-    return Bodies(M, H, STEP * forces.ravel(), mu)
+    return RigidBodies(M, H, STEP * forces.ravel(), mu)
 
 
 def _frame(normal: ArrayLike) -> np.ndarray:

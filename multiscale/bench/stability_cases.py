@@ -4,19 +4,16 @@ from typing import TYPE_CHECKING, cast
 
 import numpy as np
 
+from multiscale.bench.stability_faults import joint_faults, largest_overlap, unbalanced_share
 from multiscale.convergence import Status
 from multiscale.errors import ConvergenceError
 
 if TYPE_CHECKING:
-    from collections.abc import Iterable
     from functools import partial
 
     import xarray as xr
 
-    from multiscale.laws import Sliders
-    from multiscale.laws.bulk import BulkLaw
     from multiscale.macro import LinkSystem
-    from multiscale.macro.substructures.whole_structure import Assembled
     from multiscale.micro.contact_state import ContactState
     from multiscale.surfaces.surface import Surface
 
@@ -142,67 +139,6 @@ def joint(law_over_block: float, friction: float, parts: int) -> float:
     return joint_faults(whole, law, zip(*steps, strict=True), series) / pressure
 
 
-def joint_faults(
-    whole: "Assembled",
-    law: "Sliders",
-    steps: "Iterable[tuple[np.ndarray, np.ndarray, np.ndarray]]",
-    stiffness: float,
-) -> float:
-    r"""Measure how far tractions and jumps are from what bodies and law allow.
-
-    Parameters
-    ----------
-    whole : Assembled
-        The bodies.
-    law : Sliders
-        Law of all joints.
-    steps : iterable of (ndarray, ndarray, ndarray)
-        Load factors of a step, jumps :math:`y` (m) and tractions :math:`t` (Pa), shape (points, 3).
-    stiffness : float
-        Ratio k of the size of the tractions to the size of the jumps, Pa/m.
-
-    Returns
-    -------
-    float
-        Largest fault of all steps and points, Pa.
-
-    Notes
-    -----
-    Errors are backward ones, as the jumps of a law that is much stiffer than the bodies do not tell
-    its tractions. The bodies have exactly the jumps :math:`B u` under the tractions
-    :math:`t + k (B u - y)` for
-
-    .. math:: (K + k B^T w B)\, u = f + B^T w\, (k y - t),
-
-    so that :math:`k |B u - y|` is the error of jumps and tractions together. The law gives the
-    tractions :math:`\hat t` at jumps that differ from y by no more than the rounding of y and of
-    the jumps before, with :math:`|\hat t - t|` wrong. It is asked for them by ``respond`` alone;
-    the resolvent just says where in the rounding to look.
-    """
-    from scipy.sparse import csr_array, diags_array
-
-    from multiscale.numerics.factorisation import factorise
-
-    B, weight = whole.jump, np.tile(whole.weight, 3)
-    solve = factorise(csr_array(whole.stiffness + stiffness * (B.T @ diags_array(weight) @ B)))
-    state = np.zeros((law.n_state, whole.weight.size))
-    before, faults = np.zeros((3, whole.weight.size)), []
-    for factor, jump, traction in steps:
-        y, t = jump.T, traction.T
-        u = solve(whole.load @ factor + B.T @ (weight * (stiffness * y - t).ravel()))
-        faults.append(stiffness * np.abs((B @ u).reshape(y.shape) - y).max())
-
-        moved = y - before  # a bed feels no more of the tangential jumps, which may be long
-        moved[0] = y[0]
-        rounding = 4.0 * np.finfo(float).eps * np.maximum(np.abs(y), np.abs(before))
-        nearest = law.resolvent(t + stiffness * moved, stiffness, state) - moved
-        response = law.respond(moved + np.clip(nearest, -rounding, rounding), state)
-        faults.append(np.abs(response.traction - t).max())
-        state, before = response.state, y
-        state[-2:] = 0.0  # the tangential jumps from which the next step counts
-    return float(np.max(faults))
-
-
 def friction(mass_ratio: float, coefficient: float, boxes: int) -> float:
     """Stack of boxes that is pushed: natural-map error of its impulses."""
     from multiscale.bench.friction_scenes import box_stack
@@ -235,12 +171,12 @@ def complementarity(contrast: float, points: int) -> float:
 
 def rough_cell(slope: float, relative_pressure: float, poissons_ratio: float) -> float:
     """Elastic cell: worst of balance, load and the conditions of contact."""
-    from multiscale.micro import Cell
-    from multiscale.micro.cell_needs import cell_needs
+    from multiscale.laws.bulk import Elastic
+    from multiscale.micro import GraphCell
     from multiscale.micro.graph_cell import assemble_graph_cell
 
-    cell = Cell(_surface(slope), 0.5, LAYERS, YOUNG, poissons_ratio)
-    problem = assemble_graph_cell(cell, cell_needs(cell))
+    cell = GraphCell(_surface(slope), 0.5, LAYERS, Elastic(YOUNG, poissons_ratio))
+    problem = assemble_graph_cell(cell)
     body, gap, closing = cast("partial[ContactState]", problem.solve).args
     load = relative_pressure * slope * YOUNG / (1.0 - poissons_ratio**2)
     state = problem.solve(load=load)
@@ -265,18 +201,18 @@ def rough_cell(slope: float, relative_pressure: float, poissons_ratio: float) ->
 def large_strain(material: str, slope: float, friction: float) -> float:
     """Cell pressed, sheared and sheared back: worst of balance, contact and Coulomb's law."""
     from multiscale.laws.bulk import J2, NeoHookean
-    from multiscale.micro import Cell
+    from multiscale.micro import FiniteCell
     from multiscale.micro.finite.finite_cell import make_scene
     from multiscale.micro.finite.follow import largest_approach
     from multiscale.micro.finite.history import rest_state, walk_step
     from multiscale.micro.finite.scene import Target
 
-    law: BulkLaw = NeoHookean(YOUNG, POISSON)
+    law: NeoHookean | J2 = NeoHookean(YOUNG, POISSON)
     load = 0.05 * slope * YOUNG
     if material == "steel":
         law, load = J2(YOUNG, POISSON, 1e-4 * YOUNG), 1e-4 * YOUNG
     surface = _surface(slope)
-    cell = Cell(surface, 0.5, LAYERS, YOUNG, POISSON, bulk=law, friction_coefficient=friction)
+    cell = FiniteCell(surface, 0.5, LAYERS, law, friction_coefficient=friction)
     scene, away = make_scene(cell), 0.02 * np.ptp(surface.heights)
     state = rest_state(scene)
     faults = []
@@ -342,43 +278,12 @@ def grains(friction: float, step: float, density_ratio: float) -> float:
     result = simulate_grains(
         model, steps * step, step, solver=Solver(max_iterations=5000), n_frames=steps + 1
     )
-    overlap = _overlap(result["position"].values, model.grains.radius)
+    overlap = largest_overlap(result["position"].values, model.grains.radius)
     return max(
         float(result["residual"].max()),
         overlap if overlap > 0.01 else 0.0,
-        _unbalanced(result, friction),
+        unbalanced_share(result, friction),
     )
-
-
-def _overlap(position: np.ndarray, radius: np.ndarray) -> float:
-    """Largest overlap of two equal grains over their radius, in all frames."""
-    away = np.linalg.norm(position[:, :, None] - position[:, None], axis=-1)
-    away[:, np.arange(len(radius)), np.arange(len(radius))] = np.inf
-    return float(2.0 - away.min() / radius[0])
-
-
-def _unbalanced(result: "xr.Dataset", friction: float) -> float:
-    """Largest fault in momentum and in Coulomb's cone of all frames, over the largest force."""
-    mass, n = result["mass"].values, result.sizes["grain"]
-    ends, force = result["contact_ends"].values, result["contact_force"].values
-    normal = result["branch"].values / np.linalg.norm(result["branch"], axis=1)[:, None]
-    pressing = np.sum(force * normal, axis=1)
-    shear = np.linalg.norm(force - pressing[:, None] * normal, axis=1)
-    gain = np.diff(result["velocity"].values, axis=0) * mass[:, None]
-    gain /= result["time_step"].values[:, None, None]
-    gain[..., 2] += 9.81 * mass
-    after = result["contact_frame"].values > 0
-    frame, at = result["contact_frame"].values[after] - 1, ends[after]
-    np.subtract.at(gain, (frame, at[:, 0]), force[after])
-    inner = at[:, 1] < n
-    np.add.at(gain, (frame[inner], at[inner, 1]), force[after][inner])
-    largest = max(float(np.abs(force).max(initial=0.0)), float(9.81 * mass.max()))
-    faults = (
-        np.abs(gain).max(),
-        -pressing.min(initial=0.0),
-        (shear - friction * pressing).max(initial=0.0),
-    )
-    return float(max(faults)) / largest
 
 
 def voids(modulus: float, porosity: float) -> float:

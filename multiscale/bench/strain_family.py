@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from multiscale.bench.ladder import Rung, climb
+from multiscale.bench.ladder import Rung, against, measure_ladders
 from multiscale.bench.limits import extrapolate
 from multiscale.laws.bulk import J2, NeoHookean
 
@@ -68,14 +68,19 @@ def bench_strain(
     path are the same on all grids, so that their error is not seen here.
     """
     grids = QUICK_POINTS if quick else POINTS
-    return climb(
+    return measure_ladders(
         [
-            Rung(scene, type(SCENES[scene][0]).__name__, partial(mean_gap, scene, n), {"points": n})
+            Rung(
+                scene,
+                type(SCENES[scene][0]).__name__,
+                partial(mean_gap, scene, n),
+                partial(mean_gap, "plastic waves", WARM),
+                {"points": n},
+            )
             for scene in SCENES
             for n in grids
         ],
-        _limit,
-        warm_up=partial(mean_gap, "plastic waves", WARM),
+        against(_limit),
         title="cells at large strain: mean gap",
         packages=("numba",),
         report=report,

@@ -5,7 +5,7 @@ of slack cables stays about the same.
 """
 
 import sys
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass
 from functools import partial
 from importlib.util import find_spec
@@ -13,8 +13,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from multiscale.bench.measure import Measured, measure
-from multiscale.bench.record import load_average, record, versions
+from multiscale.bench.ladder import Columns, Rung, Runs, measure_ladders
 from multiscale.macro import LinkSystem, solve_static, tensegrity_grid
 from multiscale.macro.discrete import compatibility
 
@@ -194,30 +193,35 @@ def bench_structures(
     checks of the structure and all that is prepared from it, after the solution of a small grid
     that takes the imports and the compilation. *Memory* is that of the whole process.
     """
-    modules = QUICK_MODULES if quick else MODULES
     methods = {
         name: method
         for name, method in METHODS.items()
         if not method.pardiso or find_spec("pypardiso") is not None
     }
-    load = load_average()
-    rows: list[dict[str, float | str]] = []
-    for load_factor in LOAD_FACTORS:
-        for n in modules:
-            system = scene_grid(n)
-            runs: dict[str, Measured[Answer]] = {}
-            for name, method in methods.items():
-                if n <= method.largest:
-                    repeats = 1 if quick or n > REPEATED else REPEATS
-                    runs[name] = _measure(system, load_factor, method, repeats)
-                    report(f"{_scene(load_factor)}, n = {n}, {name}: {runs[name].wall_time:.3g} s")
-            rows += _rows(system, load_factor, runs)
-    return record(
-        rows,
+    grids = {n: scene_grid(n) for n in (QUICK_MODULES if quick else MODULES)}
+    rungs = {
+        Rung(
+            f"grid, α = {load_factor:g}",
+            name,
+            partial(solve_grid, grid, load_factor, method),
+            partial(solve_grid, scene_grid(SMALL), load_factor, method),
+            {
+                "cables": int(np.count_nonzero(np.isfinite(grid.bounds[0]))),
+                "unknowns": int(np.count_nonzero(~grid.fixed)),
+            },
+            1 if quick or n > REPEATED else REPEATS,
+        ): (grid, load_factor)
+        for load_factor in LOAD_FACTORS
+        for n, grid in grids.items()
+        for name, method in methods.items()
+        if n <= method.largest
+    }
+    return measure_ladders(
+        rungs,
+        partial(_judge, rungs),
         title="statics of tensegrity grids: growth of time and memory",
-        versions=versions("scipy", "clarabel", "pypardiso"),
-        load_before=load,
-        repeats=1 if quick else REPEATS,
+        packages=("scipy", "clarabel", "pypardiso"),
+        report=report,
         wall_time_counts=(
             f"median, above {REPEATED} x {REPEATED} modules one run; without start of the process, "
             f"imports and compilation"
@@ -231,48 +235,25 @@ def bench_structures(
     )
 
 
-def _scene(load_factor: float) -> str:
-    return f"grid, α = {load_factor:g}"
-
-
-def _measure(
-    system: LinkSystem, load_factor: float, method: Method, repeats: int
-) -> Measured[Answer]:
-    return measure(
-        partial(solve_grid, system, load_factor, method),
-        warm_up=partial(solve_grid, scene_grid(SMALL), load_factor, method),
-        repeats=repeats,
-    )
-
-
-def _rows(
-    system: LinkSystem, load_factor: float, runs: Mapping[str, Measured[Answer]]
-) -> list[dict[str, float | str]]:
-    """Cost and errors of all methods on one grid; NaN if a process died."""
-    cables = int(np.count_nonzero(np.isfinite(system.bounds[0])))
-    answers = {name: run.value for name, run in runs.items() if run.value is not None}
-    residuals = {name: verify(system, load_factor, answer) for name, answer in answers.items()}
-    solved = [name for name, residual in residuals.items() if residual <= TOLERANCE]
-    references = [name for name in solved if METHODS[name].method == "newton"]
-    rows: list[dict[str, float | str]] = []
-    for name, run in runs.items():
-        error, answer = np.nan, answers.get(name)
-        reference = next((other for other in references if other != name), None)
-        if answer is not None and reference is not None:
-            error = distance(system, answer.tension, answers[reference].tension)
-        rows.append(
-            {
-                "scene": _scene(load_factor),
-                "method": name,
-                "cables": cables,
-                "unknowns": int(np.count_nonzero(~system.fixed)),
-                "wall_time": run.wall_time,
-                "peak_memory": run.peak_memory,
-                "iterations": np.nan if answer is None else answer.iterations,
-                "slack_fraction": answer.slack / cables if name in solved and answer else np.nan,
-                "converged": int(name in solved),
-                "residual": residuals.get(name, np.nan),
-                "error": error,
-            }
-        )
-    return rows
+def _judge(
+    solved: Mapping[Rung, tuple[LinkSystem, float]], scene: str, runs: Runs
+) -> Iterator[Columns]:
+    """Verify the answers, and compare those to one grid; NaN if a process died."""
+    answers = {rung: run.value for rung, run in runs.items() if run.value is not None}
+    residuals = {rung: verify(*solved[rung], answer) for rung, answer in answers.items()}
+    good = [rung for rung, residual in residuals.items() if residual <= TOLERANCE]
+    newton = [rung for rung in good if METHODS[rung.method].method == "newton"]
+    for rung in runs:
+        system = solved[rung][0]
+        others = [one for one in newton if one is not rung and solved[one][0] is system]
+        columns: Columns = dict.fromkeys(("iterations", "slack_fraction", "error"), np.nan)
+        if rung in answers:
+            columns["iterations"] = answers[rung].iterations
+        if rung in answers and others:
+            columns["error"] = distance(system, answers[rung].tension, answers[others[0]].tension)
+        if rung in good:
+            columns["slack_fraction"] = answers[rung].slack / rung.settings["cables"]
+        yield columns | {
+            "residual": residuals.get(rung, np.nan),
+            "converged": int(rung in good),
+        }

@@ -1,6 +1,6 @@
 """Cut structures: error against run time of LATIN, Newton-Schur and the solver of the whole."""
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass, field
 from functools import partial
 from time import perf_counter
@@ -8,8 +8,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from multiscale.bench.measure import Measured, measure
-from multiscale.bench.record import load_average, record, versions
+from multiscale.bench.ladder import Columns, Rung, Runs, measure_ladders
 from multiscale.bench.structures_family import distance, scene_grid
 from multiscale.fe.boxes import box_mesh
 from multiscale.laws import Exponential, Sliders
@@ -147,7 +146,7 @@ def make_scenes(*, quick: bool = False) -> list[Scene]:
     return scenes
 
 
-def solve_scene(scene: Scene, method: str, reference: np.ndarray | None = None) -> Answer:
+def solve_scene(scene: Scene, method: str, reference: Answer | None = None) -> Answer:
     """Solve a scene by one of ``METHODS``; with a reference, note the errors on the way."""
     if method == METHODS[0]:
         return _solve_whole(scene)
@@ -166,7 +165,7 @@ def solve_scene(scene: Scene, method: str, reference: np.ndarray | None = None) 
         else:
             value = np.empty(order.size)
             value[order.astype(int)] = state.tension if method == METHODS[2] else state.tension()
-        history.append((perf_counter() - begin, scene.error(value, reference)))
+        history.append((perf_counter() - begin, scene.error(value, reference.value)))
 
     solve = solve_latin if method == METHODS[2] else solve_schur
     result = solve(problem, scene.factor, tolerance=TOLERANCE, callback=note)
@@ -231,55 +230,42 @@ def bench_substructures(
     imports and compilation. *Memory* is that of the whole process. Each method has one process
     of one thread, so that no substructure is solved beside another.
     """
-    load = load_average()
-    rows: list[dict[str, float | str]] = []
-    histories = []
-    warm = make_scenes(quick=True)
+    small = make_scenes(quick=True)
+    rungs: dict[Rung, Scene] = {}
     for scene in make_scenes(quick=quick):
-        small = warm[0] if isinstance(scene.structure, LinkSystem) else warm[-1]
-        runs: dict[str, Measured[Answer]] = {}
+        warm, whole = small[0 if isinstance(scene.structure, LinkSystem) else -1], None
         for method in METHODS:
-            whole = runs[METHODS[0]].value if runs else None
-            runs[method] = measure(
-                partial(solve_scene, scene, method, None if whole is None else whole.value),
-                warm_up=partial(solve_scene, small, method),
-                repeats=scene.repeats,
-                threads=THREADS,
+            rung = Rung(
+                scene.name,
+                method,
+                partial(solve_scene, scene, method),
+                partial(solve_scene, warm, method),
+                {"tolerance": TOLERANCE},
+                scene.repeats,
+                follows=whole,
             )
-            report(f"{scene.name}, {method}: {runs[method].wall_time:.3g} s")
-        for method, run in runs.items():
-            histories.append(np.zeros((0, 2)) if run.value is None else run.value.history)
-            rows.append(_row(scene, method, runs))
-    samples = np.concatenate(histories)
-    return record(
-        rows,
-        {
-            "history_run": np.repeat(np.arange(len(rows)), [len(item) for item in histories]),
-            "history_seconds": samples[:, 0],
-            "history_error": samples[:, 1],
-        },
+            rungs[rung], whole = scene, whole or rung
+    return measure_ladders(
+        rungs,
+        partial(_judge, rungs),
         title="cut structures: LATIN, Newton-Schur and the whole structure, in one process",
-        versions=versions("scipy", "pypardiso"),
-        load_before=load,
+        packages=("scipy", "pypardiso"),
         threads=THREADS,
+        report=report,
     )
 
 
-def _row(scene: Scene, method: str, runs: dict[str, Measured[Answer]]) -> dict[str, float | str]:
-    """Cost and error of one method; NaN if a process died."""
-    run, other = runs[method], runs[METHODS[0] if method != METHODS[0] else METHODS[1]]
-    error = np.nan
-    if run.value is not None and other.value is not None:
-        error = scene.error(run.value.value, other.value.value)
-    claims = run.value is not None and run.value.converged
-    return {
-        "scene": scene.name,
-        "method": method,
-        "unknowns": np.nan if run.value is None else run.value.unknowns,
-        "wall_time": run.wall_time,
-        "peak_memory": run.peak_memory,
-        "iterations": np.nan if run.value is None else run.value.iterations,
-        "error": error,
-        "tolerance": TOLERANCE,
-        "converged": int(claims and error <= RIGHT),
-    }
+def _judge(scenes: Mapping[Rung, Scene], name: str, runs: Runs) -> Iterator[Columns]:
+    """Compare the answers to a scene; NaN if a process died."""
+    answers = {rung.method: run.value for rung, run in runs.items()}
+    for rung in runs:
+        mine, other = answers[rung.method], answers[METHODS[rung.method == METHODS[0]]]
+        error = np.nan
+        if mine is not None and other is not None:
+            error = scenes[rung].error(mine.value, other.value)
+        yield {
+            "unknowns": np.nan if mine is None else mine.unknowns,
+            "iterations": np.nan if mine is None else mine.iterations,
+            "error": error,
+            "converged": int(mine is not None and mine.converged and error <= RIGHT),
+        } | ({} if mine is None else {"history": mine.history})

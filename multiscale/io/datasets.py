@@ -135,9 +135,10 @@ def open_dataset(path: str | PathLike[str], schema: Schema | None = None) -> "xr
     if expected is None or name != expected.name:
         raise SchemaError(f"{path}: schema {name!r}, expected {wanted}; pass the matching file")
     if version != expected.version:
+        news = f", which has {expected.news}" if expected.news else ""
         raise SchemaError(
             f"{path}: {name} of schema version {version}, this package reads version "
-            f"{expected.version}; make it again or use the matching package"
+            f"{expected.version}{news}; make it again or use the matching package"
         )
     try:
         expected.check(dataset)

@@ -1,15 +1,33 @@
-"""Large structures that carry interface laws."""
+"""Large structures that carry interface laws.
+
+Which solver takes which structure:
+
+=====================================  ==========================================================
+structure                              solvers
+=====================================  ==========================================================
+``LinkSystem``: bars, cables, beams    :func:`solve_static`, :func:`simulate`
+``FiniteAssembly``: bodies of any bulk :func:`solve_contact`: Newton on displacement and reaction
+law, Coulomb contact, large            together, or on the reactions alone where everything else is
+displacement and sliding               linear
+links or elastic bodies, cut           :func:`solve_latin`, :func:`solve_schur`: any interface law
+(:func:`cut_links`,                    between the bodies, many substructures, several processes
+:func:`cut_bodies`)
+``RoughJoint``: two elastic blocks     :func:`rough_joint`: a normal law, condensed onto the jump
+matrices of elastic bodies and a jump  :func:`solve_interface`: any law, all unknowns together
+grains                                 :func:`granulate.simulate_grains`
+=====================================  ==========================================================
+"""
 
 from multiscale.macro import granulate
 from multiscale.macro.continuum import (
     Body,
     Contact,
-    ContactProblem,
     ContactStep,
-    Cylinder,
-    Graph,
-    Plane,
-    Sphere,
+    FiniteAssembly,
+    RigidCylinder,
+    RigidGraph,
+    RigidPlane,
+    RigidSphere,
     load_mesh,
     solve_contact,
 )
@@ -49,14 +67,14 @@ __all__ = [
     "Block",
     "Body",
     "Contact",
-    "ContactProblem",
     "ContactStep",
-    "Cylinder",
-    "Graph",
+    "FiniteAssembly",
     "LinkSystem",
-    "Plane",
+    "RigidCylinder",
+    "RigidGraph",
+    "RigidPlane",
+    "RigidSphere",
     "RoughJoint",
-    "Sphere",
     "assemble_joint",
     "cable_net",
     "critical_factor",

@@ -16,14 +16,12 @@ from multiscale.convergence import Status
 from multiscale.errors import CaseError
 from multiscale.macro.discrete.checks import masses_of
 from multiscale.macro.discrete.compatibility import LinkEquations, compatibility, equations
-from multiscale.macro.discrete.link_needs import link_needs
 from multiscale.macro.discrete.link_system import LinkSystem
 from multiscale.macro.discrete.link_tangent import Tangent, prepare_tangent
 from multiscale.macro.limited_motion import MomentumBalance, largest, limited_motion
 from multiscale.macro.link_energy import EnergyStep, account_links
 from multiscale.macro.mean_tension import mean_tension
 from multiscale.macro.time_series import failed_step, join_times
-from multiscale.needs import Needs
 from multiscale.numerics.cholesky import Solve
 
 if TYPE_CHECKING:
@@ -166,7 +164,6 @@ class _Scheme:
     they push.
     """
 
-    needs: Needs
     system: LinkSystem
     model: LinkEquations
     tangent: Tangent
@@ -369,7 +366,6 @@ def _prepare(
             f"have an infinite rigidity here"
         )
     return _Scheme(
-        link_needs(system, moving=True),
         system,
         model,
         prepare_tangent(system, model),

@@ -7,10 +7,11 @@ from functools import partial
 import numpy as np
 from scipy.sparse import csr_array
 
-from multiscale.convergence import Solution, Status
+from multiscale.convergence import Solution
 from multiscale.nonsmooth import solve_lcp
 from multiscale.numerics.cholesky import Solve
 from multiscale.numerics.line_search import step_length
+from multiscale.numerics.newton import Limits, NewtonRun
 
 __all__ = ["MomentumBalance", "largest", "limited_motion"]
 
@@ -80,7 +81,6 @@ def limited_motion(
     A, bound, C = limits
     columns = A.T.toarray()
     n = start.size
-    residuals: list[float] = []
 
     def slope(x: np.ndarray, dx: np.ndarray, share: float) -> float:
         y, p = np.split(x + share * dx, [n])
@@ -89,7 +89,8 @@ def limited_motion(
     p, accuracy = np.zeros_like(bound), 0.0
     x = np.append(start, p)
     now = balance(start)
-    for iteration in range(MAX_ITERATIONS):
+    run = NewtonRun(Limits(MAX_ITERATIONS, TOLERANCE))
+    while True:
         solve = factorise(now.stiffness)
         y = x[:n] - solve(now.momentum + columns @ x[n:])
         if bound.size:
@@ -100,22 +101,19 @@ def limited_motion(
             p, accuracy = found.value, found.residuals[-1]
             y = y - give @ (p - x[n:])
             if not found.converged:
-                return Solution(np.append(y, p), found.status, (*residuals, accuracy))
+                return Solution(np.append(y, p), found.status, (*run.residuals, accuracy))
         new = balance(y)
         size = max(new.largest, largest(p), SMALLEST)
-        residuals.append(largest(new.momentum + columns @ p) / size)
-        if not np.isfinite(residuals[-1]):
-            return Solution(np.append(y, p), Status.NOT_FINITE, tuple(residuals))
-        if residuals[-1] <= max(TOLERANCE, new.rounding / size):
-            residuals[-1] = max(residuals[-1], accuracy)
-            return Solution(np.append(y, p), Status.CONVERGED, tuple(residuals))
+        residual = largest(new.momentum + columns @ p) / size
+        if not run.goes_on(residual, new.rounding / size):
+            last = max(residual, accuracy)
+            return Solution(np.append(y, p), run.status, (*run.residuals[:-1], last))
         dx = np.append(y, p) - x
-        if iteration or not bound.size:  # the start need not keep the limits, full steps do
+        if run.steps or not bound.size:  # the start need not keep the limits, full steps do
             length = step_length(partial(slope, x, dx), slope(x, dx, 0.0))
             dx = (min(length, 1.0) if bound.size else length) * dx
         x = x + dx
         now = balance(x[:n])
-    return Solution(x, Status.MAX_ITERATIONS, tuple(residuals))
 
 
 def largest(vector: np.ndarray) -> float:

@@ -8,11 +8,12 @@ import numpy as np
 from numpy.linalg import norm
 from scipy.sparse import csr_array, issparse
 
-from multiscale.convergence import Solution, Status, verdict
+from multiscale.convergence import Solution, Status
 from multiscale.errors import MultiscaleError
 from multiscale.laws.interface_law import InterfaceLaw
 from multiscale.numerics.factorisation import factorise
 from multiscale.numerics.line_search import step_length
+from multiscale.numerics.newton import Limits, NewtonRun
 
 __all__ = ["solve_interface"]
 
@@ -103,31 +104,22 @@ def solve_interface(
     u = np.zeros(n) if start is None else np.array(start, dtype=float)
     residual, tangent = problem.linearise(u)
     scale = float(norm(load)) or float(norm(residual)) or 1.0
-    residuals = [float(norm(residual)) / scale]
-
-    for iteration in range(max_iterations + 1):
-        if callback is not None:
-            callback(iteration, residuals[-1])
-        if reason := verdict(residuals, tolerance, PATIENCE):
-            return Solution(u, reason, tuple(residuals))
-        if iteration == max_iterations:
-            break
-
+    run = NewtonRun(Limits(max_iterations, tolerance, callback), PATIENCE)
+    while run.goes_on(float(norm(residual)) / scale):
         direction = problem.direction(residual, tangent)
         if direction is None:
-            return Solution(u, Status.STALLED, tuple(residuals))
+            run.stop(Status.STALLED)
+            break
         there = problem.along(u, direction)
         step = step_length(_slope(there, direction), float(direction @ residual))
         for _ in range(HALVINGS):
             ahead, (residual, tangent) = u + step * direction, there(step)
-            size = float(norm(residual)) / scale
-            if size <= GROWTH * residuals[-1]:
+            if float(norm(residual)) / scale <= GROWTH * run.residuals[-1]:
                 break
             step *= 0.5
         u = ahead
-        residuals.append(size)
 
-    return Solution(u, Status.MAX_ITERATIONS, tuple(residuals))
+    return run.solution(u)
 
 
 @dataclass(frozen=True)

@@ -2,7 +2,7 @@
 
 from multiscale.laws import wlf_shift
 from multiscale.laws.bulk.moduli import contact_modulus
-from multiscale.micro.cell import Cell, MeshCell, Opposite
+from multiscale.micro.cell import Cell, FiniteCell, FlatCell, GraphCell, MeshCell, SecondBody
 from multiscale.micro.cell_solver import solve_cell
 from multiscale.micro.ensemble import run_ensemble
 from multiscale.micro.path import Path
@@ -13,10 +13,13 @@ from multiscale.surfaces.surface import Surface
 
 __all__ = [
     "Cell",
+    "FiniteCell",
+    "FlatCell",
+    "GraphCell",
     "MeshCell",
-    "Opposite",
     "Path",
     "RelaxingSolid",
+    "SecondBody",
     "Surface",
     "contact_modulus",
     "run_ensemble",

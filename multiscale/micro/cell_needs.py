@@ -1,158 +1,227 @@
 """What a cell needs, from what it is."""
 
+from collections.abc import Mapping
 from dataclasses import replace
+from enum import StrEnum
+from functools import singledispatch
+from typing import Any
 
-from multiscale.laws.bulk import J2, BulkLaw, Prony
-from multiscale.micro.cell import Cell, MeshCell
-from multiscale.needs import Needs, choose
+from multiscale.micro.cell import (
+    AnyCell,
+    FiniteCell,
+    FlatCell,
+    GraphCell,
+    MeshCell,
+    PeriodicLayer,
+)
+from multiscale.needs import Choice, Needs, choose
 
-__all__ = ["cell_needs"]
+__all__ = ["CellPart", "cell_needs"]
 
 _LANES = 32  # elements along y in one batch of the kernels
 _KRYLOV = 15  # directions, each with its image
 _VECTORS = 9  # displacement-sized arrays alive at the peak of a contact solve
 
 
-def cell_needs(
-    cell: Cell | MeshCell, *, keep_fields: bool = False, recover_stress: bool = False
-) -> Needs:
+class CellPart(StrEnum):
+    """What solving a cell may take, in the order of the text."""
+
+    STIFFNESS = "stiffness"
+    TANGENT = "tangent"
+    FRICTION = "friction"
+    SECOND_BODY = "opposite body"
+    LAYER_FACTORS = "layer factors"
+    MEAN_DILATATION = "mean dilatation"
+    TILT = "tilt"
+    OBSTACLE_NORMALS = "obstacle normals"
+    ELEMENT_MODULI = "element moduli"
+    STRESS_RECOVERY = "stress recovery"
+    HARDNESS_CAP = "hardness cap"
+
+
+_MEAN = "averages the change of volume over an element, which is too stiff otherwise ({})"
+_REASONS = {  # why a part is built and why it is left out, but for what a kind says itself
+    CellPart.STIFFNESS: (
+        "of the elements, applied without a matrix",
+        "it changes with the strain, which the tangent follows",
+    ),
+    CellPart.TANGENT: (
+        "stiffness of the elements as they are strained, in single precision",
+        "the material is linear elastic: its stiffness does not change",
+    ),
+    CellPart.FRICTION: (
+        "three unknowns at a node in contact, one normal and two along the surface",
+        "without friction a node in contact has one unknown, the normal one",
+    ),
+    CellPart.SECOND_BODY: ("a second deformable body", "the counterface is rigid"),
+    CellPart.LAYER_FACTORS: (
+        "the solution of the same cell with a flat face, which speeds up the iteration",
+        "a flat cell is known in closed form for each wave of the surface",
+    ),
+    CellPart.MEAN_DILATATION: (
+        _MEAN.format("B-bar"),
+        "Poisson's ratio below 0.4, or no elements",
+    ),
+    CellPart.TILT: (
+        "speeds up the iteration where Poisson's ratio is near 0.5",
+        "Poisson's ratio below 0.4, or no elements",
+    ),
+    CellPart.OBSTACLE_NORMALS: (
+        "directions of contact: the counterface is rough or moves",
+        "contact acts along z alone",
+    ),
+    CellPart.ELEMENT_MODULI: (
+        "moduli that differ from element to element",
+        "moduli vary at most from layer to layer",
+    ),
+    CellPart.STRESS_RECOVERY: (
+        "means of the stress in the body, beside those of the contact forces",
+        "nobody asks for the stress, or the material is not linear",
+    ),
+    CellPart.HARDNESS_CAP: (
+        "local pressure stays below the hardness",
+        "no hardness is given, or the metal flows by itself",
+    ),
+}
+
+
+def cell_needs(cell: AnyCell, *, keep_fields: bool = False, recover_stress: bool = False) -> Needs:
     """Return what solving a cell takes.
 
     Parameters
     ----------
-    cell : Cell or MeshCell
+    cell : FlatCell, GraphCell, FiniteCell or MeshCell
     keep_fields, recover_stress : bool
         As in :func:`multiscale.micro.solve_cell`.
 
     Examples
     --------
     >>> import numpy as np
-    >>> from multiscale.micro import Surface
+    >>> from multiscale.micro import Cell, Surface
     >>> cell = Cell(Surface(np.zeros((8, 8)), (1.0, 1.0)), 1.0, 4, 1.0, 0.3, geometry="flat")
-    >>> "stiffness" in cell_needs(cell)
+    >>> CellPart.STIFFNESS in cell_needs(cell).built
     False
     """
-    graph = cell if isinstance(cell, Cell) else None
-    general = graph is None
-    flat = graph is not None and graph.geometry == "flat"
-    soft = graph is not None and graph.nearly_incompressible
-    law = None if graph is None else graph.bulk
-    friction = graph is not None and graph.friction_coefficient > 0.0
-    pair = graph is not None and graph.opposite is not None
-    laws = (law,) if graph is None else tuple(body.bulk for body in graph.bodies)
-    large = any(one is not None for one in laws)
-    newton = large or friction or pair
-    recover_stress = recover_stress and not newton
-    state = tuple(name for one in laws for name in _state_variables(one))
-    choices = {
-        "stiffness": (
-            not flat and None in laws,
-            "of the elements, " + ("as a matrix" if general else "applied without a matrix"),
-            "a flat cell solves on its surface alone"
-            if flat
-            else "it changes with the strain, which the tangent follows",
-        ),
-        "tangent": (
-            large,
-            "stiffness of the elements as they are strained, in single precision",
-            "the material is linear elastic: its stiffness does not change",
-        ),
-        "friction": (
-            friction,
-            "three unknowns at a node in contact, one normal and two along the surface",
-            "without friction a node in contact has one unknown, the normal one",
-        ),
-        "opposite body": (
-            pair,
-            "a second deformable body",
-            "the counterface is rigid",
-        ),
-        "layer factors": (
-            not flat and not general,
-            "the solution of the same cell with a flat face, which speeds up the iteration",
-            "a matrix is at hand, and has another way to speed up the iteration"
-            if general
-            else "a flat cell is known in closed form for each wave of the surface",
-        ),
-        "mean dilatation": (
-            (soft or any(isinstance(one, J2) for one in laws)) and not flat,
-            "averages the change of volume over an element, which is too stiff otherwise ("
-            + ("F-bar)" if large else "B-bar)"),
-            "the element is the user's choice"
-            if general
-            else "Poisson's ratio below 0.4, or no elements",
-        ),
-        "tilt": (
-            soft and not flat,
-            "speeds up the iteration where Poisson's ratio is near 0.5",
-            "Poisson's ratio below 0.4, or no elements",
-        ),
-        "obstacle normals": (
-            (cell.obstacle is not None or pair) and not flat,
-            "directions of contact: the counterface is rough or moves",
-            "contact acts along z alone",
-        ),
-        "element moduli": (
-            graph is not None and graph.heterogeneous,
-            "moduli that differ from element to element",
-            "moduli vary at most from layer to layer",
-        ),
-        "stress recovery": (
-            recover_stress and not flat,
-            "means of the stress in the body, beside those of the contact forces",
-            "a flat cell has no stress field"
-            if flat
-            else "nobody asks for the stress, or the material is not linear",
-        ),
-        "hardness cap": (
-            graph is not None and graph.hardness is not None,
-            "local pressure stays below the hardness",
-            "no hardness is given, or the metal flows by itself",
-        ),
-    }
-    recovered = choices["stress recovery"][0]
-    operators, left_out = choose(choices)
+    recovered = recover_stress and cell.recovers_stress
+    return _needs(cell, recovered, {"fields": ("pressure", "gap") if keep_fields else ()})
+
+
+def _choices(built: Mapping[CellPart, bool], reasons: Mapping[str, str]) -> tuple[Choice, ...]:
+    """Choices of all parts, with the reasons of one kind before the usual; others are left out."""
+    usual = (choose(part, built.get(part, False), *_REASONS[part]) for part in CellPart)
+    return tuple(replace(one, why=reasons.get(one.part, one.why)) for one in usual)
+
+
+@singledispatch
+def _needs(cell: AnyCell, recovered: bool, kept: dict[str, Any]) -> Needs:
+    """Return the needs of one kind of cell."""
+    raise TypeError(f"{type(cell).__name__} is no kind of cell")
+
+
+@_needs.register
+def _(cell: FlatCell, recovered: bool, kept: dict[str, Any]) -> Needs:
+    nx, ny = cell.surface.heights.shape
     return Needs(
-        unknowns_per_contact=3 if friction else 1,
-        kinematics="small strain, roughness as gap of a flat layer"
-        if flat
-        else "small strain, the mesh follows the surface"
-        + (", contact in the current configuration" if pair else "")
-        if not large
-        else "large strain, the mesh follows the surface, contact in the current configuration",
-        operators=operators,
-        left_out=left_out,
-        state_variables=state,
-        fields=("pressure", "gap") if keep_fields else (),
-        libraries=("numba", "scikit-fem") if recovered else ("numba",),
-        memory=_memory(cell),
+        kinematics="small strain, roughness as gap of a flat layer",
+        choices=_choices(
+            {CellPart.HARDNESS_CAP: cell.hardness is not None},
+            {
+                CellPart.STIFFNESS: "a flat cell solves on its surface alone",
+                CellPart.STRESS_RECOVERY: "a flat cell has no stress field",
+            },
+        ),
+        libraries=("numba",),
+        memory=8 * nx * ny * 22,
+        **kept,
     )
 
 
-def _memory(cell: Cell | MeshCell) -> int:
-    """Estimated peak, byte."""
-    if isinstance(cell, MeshCell):
-        return int(8 * 3 * cell.mesh.nvertices * 81 * 4)  # rows of 81 entries, and factors
-    nx, ny = cell.surface.heights.shape
-    if cell.geometry == "flat":
-        return int(8 * nx * ny * 22)
-    if cell.opposite is not None:
-        mu = cell.friction_coefficient
-        halves = (replace(body, obstacle=None, opposite=None) for body in cell.bodies)
-        return sum(_memory(replace(body, friction_coefficient=mu)) for body in halves)
-    vector = nx * cell.layers * 3 * ny
-    factors = nx * cell.layers * 15 * (ny // 2 + 1)
-    if cell.bulk is None and cell.friction_coefficient == 0.0:
+@_needs.register
+def _(cell: GraphCell, recovered: bool, kept: dict[str, Any]) -> Needs:
+    return Needs(
+        kinematics="small strain, the mesh follows the surface",
+        choices=_choices(
+            {
+                CellPart.STIFFNESS: True,
+                CellPart.LAYER_FACTORS: True,
+                CellPart.MEAN_DILATATION: cell.mean_dilatation,
+                CellPart.TILT: cell.nearly_incompressible,
+                CellPart.OBSTACLE_NORMALS: cell.obstacle is not None,
+                CellPart.ELEMENT_MODULI: cell.heterogeneous,
+                CellPart.STRESS_RECOVERY: recovered,
+            },
+            {},
+        ),
+        libraries=("numba", "scikit-fem") if recovered else ("numba",),
+        memory=_layer_memory(cell, 0.0),
+        **kept,
+    )
+
+
+@_needs.register
+def _(cell: MeshCell, recovered: bool, kept: dict[str, Any]) -> Needs:
+    return Needs(
+        kinematics="small strain, the mesh follows the surface",
+        choices=_choices(
+            {
+                CellPart.STIFFNESS: True,
+                CellPart.OBSTACLE_NORMALS: cell.obstacle is not None,
+                CellPart.STRESS_RECOVERY: recovered,
+            },
+            {
+                CellPart.STIFFNESS: "of the elements, as a matrix",
+                CellPart.LAYER_FACTORS: "a matrix is at hand, and has another way to speed up the "
+                "iteration",
+                CellPart.MEAN_DILATATION: "the element is the user's choice",
+            },
+        ),
+        libraries=("numba", "scikit-fem"),
+        memory=8 * 3 * cell.mesh.nvertices * 81 * 4,  # rows of 81 entries, and factors
+        **kept,
+    )
+
+
+@_needs.register
+def _(cell: FiniteCell, recovered: bool, kept: dict[str, Any]) -> Needs:
+    laws, mu = [body.law for body in cell.bodies], cell.friction_coefficient
+    large, pair = any(law.finite_strain for law in laws), cell.second is not None
+    linear = not all(law.finite_strain for law in laws)
+    averages = cell.mean_dilatation or cell.flows
+    return Needs(
+        unknowns_per_contact=3 if mu > 0.0 else 1,
+        kinematics="large strain, the mesh follows the surface, contact in the current "
+        "configuration"
+        if large
+        else "small strain, the mesh follows the surface"
+        + (", contact in the current configuration" if pair else ""),
+        choices=_choices(
+            {
+                CellPart.STIFFNESS: linear,
+                CellPart.TANGENT: large,
+                CellPart.FRICTION: mu > 0.0,
+                CellPart.SECOND_BODY: pair,
+                CellPart.LAYER_FACTORS: True,
+                CellPart.MEAN_DILATATION: averages,
+                CellPart.TILT: cell.nearly_incompressible,
+                CellPart.OBSTACLE_NORMALS: cell.obstacle is not None or pair,
+                CellPart.ELEMENT_MODULI: cell.heterogeneous,
+            },
+            {CellPart.MEAN_DILATATION: _MEAN.format("F-bar")} if averages and large else {},
+        ),
+        state_variables=tuple(name for law in laws for name in law.history),
+        libraries=("numba",),
+        memory=sum(_layer_memory(body, mu) for body in cell.bodies),
+        **kept,
+    )
+
+
+def _layer_memory(layer: PeriodicLayer, friction_coefficient: float) -> int:
+    """Estimated peak of a meshed layer, byte."""
+    nx, ny = layer.surface.heights.shape
+    vector = nx * layer.layers * 3 * ny
+    factors = nx * layer.layers * 15 * (ny // 2 + 1)
+    if not layer.law.finite_strain and friction_coefficient == 0.0:
         return int(8 * (_VECTORS * vector + factors))
-    points = 8 * nx * cell.layers * _LANES * -(-ny // _LANES)
-    rows = 0 if cell.bulk is None else 24 + 2 * cell.bulk.n_state  # 48 numbers of half the size
+    points = 8 * nx * layer.layers * _LANES * -(-ny // _LANES)
+    rows = 24 + 2 * layer.law.n_state if layer.law.finite_strain else 0  # 48 of half the size
     return int(8 * (2 * _KRYLOV * vector + factors + rows * points))
-
-
-def _state_variables(law: BulkLaw | None) -> tuple[str, ...]:
-    """History that a law keeps at every Gauss point."""
-    if isinstance(law, J2):
-        return "plastic metric C_p^-1", "accumulated plastic strain"
-    if isinstance(law, Prony):
-        return "elastic stress", *(f"stress of the branch of {time:g} s" for time in law.times)
-    return ()

@@ -1,8 +1,9 @@
 """One path on one cell: from geometry to averaged response."""
 
 import logging
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager
+from functools import partial, singledispatch
 from time import perf_counter
 from typing import TYPE_CHECKING, Any
 
@@ -11,13 +12,11 @@ import numpy as np
 from multiscale.convergence import Status
 from multiscale.errors import CaseError, MultiscaleError
 from multiscale.micro import averages
-from multiscale.micro.cell import Cell, MeshCell
-from multiscale.micro.cell_needs import cell_needs
+from multiscale.micro.cell import AnyCell, FiniteCell, FlatCell, GraphCell, MeshCell
 from multiscale.micro.checkpoint import Checkpoint
 from multiscale.micro.contact_area import contact_fraction
 from multiscale.micro.contact_state import CellProblem, ContactState
 from multiscale.micro.path import Path
-from multiscale.needs import Needs
 from multiscale.schema import MICRO_RESPONSE
 
 if TYPE_CHECKING:
@@ -29,9 +28,11 @@ logger = logging.getLogger(__name__)
 
 _EXTRA = ("slip_fraction", "friction_work", "flowing_fraction", "increments")
 
+Steps = list[dict[str, Any]]
+
 
 def solve_cell(
-    cell: Cell | MeshCell,
+    cell: AnyCell,
     path: Path,
     *,
     keep_fields: bool = False,
@@ -43,13 +44,13 @@ def solve_cell(
 
     Parameters
     ----------
-    cell : Cell or MeshCell
+    cell : FlatCell, GraphCell, FiniteCell or MeshCell
     path : Path
     keep_fields : bool
-        Keep pressure and gap at every surface node (graph cells).
+        Keep pressure and gap at every surface node; not on a general mesh.
     recover_stress : bool
         Also integrate the averages from the recovered Cauchy stress: a check of the averages from
-        contact forces, and as dear as the contact itself.
+        contact forces, and as dear as the contact itself. Flat and finite cells do without.
     tolerance : float
         Of the contact solver, relative to the norm of the contact forces.
     checkpoint : Checkpoint, optional
@@ -69,82 +70,124 @@ def solve_cell(
     """
     from threadpoolctl import threadpool_limits
 
-    if keep_fields and not isinstance(cell, Cell):
-        raise CaseError(
-            "keep_fields keeps values on the grid of a surface, and a general mesh has none; leave "
-            "it out"
-        )
-    with threadpool_limits(1, user_api="blas"):  # its threads would wait for the kernels' and spin
-        needs = cell_needs(cell, keep_fields=keep_fields, recover_stress=recover_stress)
-        if isinstance(cell, Cell) and (
-            needs.unknowns_per_contact == 3
-            or "tangent" in needs
-            or "opposite body" in needs
-            or path.slide is not None
-        ):
-            return _follow(cell, path, needs, tolerance, checkpoint)
-        if path.slide is not None or path.time is not None:
+    shapes: dict[str, tuple[int, ...]] = {}
+    if recover_stress and cell.recovers_stress:
+        shapes["recovered_traction"] = (3,)
+    if keep_fields:
+        if isinstance(cell, MeshCell):
             raise CaseError(
-                "a linear elastic body on a general mesh neither slides nor knows time; leave out "
-                "slide and time"
+                "keep_fields keeps values on the grid of a surface, and a general mesh has none; "
+                "leave it out"
             )
-        problem = _assemble(cell, needs)
-        state: ContactState | None = None
-        steps: list[dict[str, Any]] = []
-        if checkpoint is not None:
-            steps, state = checkpoint.found(ContactState)
-        for k in range(len(steps), len(path)):
-            begin = perf_counter()
-            found = problem.solve(
-                load=None if path.pressure is None else path.pressure[k] * problem.nominal_area,
-                approach=None if path.approach is None else path.approach[k],
-                start=state,
-                tolerance=tolerance,
-            )
-            converged = found.status is Status.CONVERGED
-            state = found if converged else state
-            step = _average(problem, found) if converged else {}
-            steps.append(
-                step
-                | {
-                    "converged": int(converged),
-                    "active_set_iterations": len(found.residuals),
-                    "linear_iterations": found.linear_iterations,
-                    "wall_time": perf_counter() - begin,
-                }
-            )
-            if needs.fields and converged:
-                steps[-1] |= _local_fields(problem, found)
-            if not converged:
-                steps[-1]["ended"] = (
-                    f"step {k} ended after {len(found.residuals)} active sets and "
-                    f"{found.linear_iterations} linear iterations: {found.status.value}"
-                )
-                logger.warning("%s", steps[-1]["ended"])
-            if checkpoint is not None:
-                checkpoint.keep(steps, state)
-            logger.info(
-                "step %d: %s, %d active sets, %d linear iterations",
-                k,
-                found.status.value,
-                len(found.residuals),
-                found.linear_iterations,
-            )
-    return _dataset(steps, path, problem.weight.T.shape, needs)
-
-
-def _follow(
-    cell: Cell, path: Path, needs: Needs, tolerance: float, checkpoint: Checkpoint | None
-) -> "xr.Dataset":
-    """Follow a path with friction, at large strain or sliding."""
+        shapes |= dict.fromkeys(("pressure", "gap"), cell.surface.heights.T.shape)
     for caution in cell.cautions():
         logger.warning("caution: %s", caution)
+    with threadpool_limits(1, user_api="blas"):  # its threads would wait for the kernels' and spin
+        follow = _follower(cell, path, recover_stress)
+        steps = follow(path, fields=keep_fields, tolerance=tolerance, checkpoint=checkpoint)
+    return _dataset(steps, path, shapes)
+
+
+@singledispatch
+def _follower(cell: AnyCell, path: Path, recover_stress: bool) -> Callable[..., Steps]:
+    """Set up a cell and return what follows a path with it."""
+    raise TypeError(f"{type(cell).__name__} is no kind of cell")
+
+
+@_follower.register
+def _(cell: FlatCell, path: Path, recover_stress: bool) -> Callable[..., Steps]:
+    with _compiled():
+        from multiscale.micro.flat_cell import assemble_flat_cell
+    _check_still(path)
+    return partial(_press, assemble_flat_cell(cell))
+
+
+@_follower.register
+def _(cell: GraphCell, path: Path, recover_stress: bool) -> Callable[..., Steps]:
+    if path.slide is not None:  # normals turn as the obstacle passes
+        moving = FiniteCell(cell.surface, cell.depth, cell.layers, cell.law, cell.obstacle)
+        return _follower(moving, path, recover_stress)
+    with _compiled():
+        from multiscale.micro.graph_cell import assemble_graph_cell
+    _check_still(path)
+    return partial(_press, assemble_graph_cell(cell, recover_stress=recover_stress))
+
+
+@_follower.register
+def _(cell: MeshCell, path: Path, recover_stress: bool) -> Callable[..., Steps]:
+    from multiscale.micro.mesh_cell import assemble_mesh_cell
+
+    _check_still(path)
+    return partial(_press, assemble_mesh_cell(cell, recover_stress=recover_stress))
+
+
+@_follower.register
+def _(cell: FiniteCell, path: Path, recover_stress: bool) -> Callable[..., Steps]:
     with _compiled():
         from multiscale.micro.finite.follow import follow_path
-    steps = follow_path(
-        cell, path, fields=bool(needs.fields), tolerance=tolerance, checkpoint=checkpoint
-    )
-    return _dataset(steps, path, cell.surface.heights.T.shape, needs)
+    return partial(follow_path, cell)
+
+
+def _check_still(path: Path) -> None:
+    """Refuse slide and time for a cell whose answer has no history."""
+    if path.slide is not None or path.time is not None:
+        raise CaseError(
+            "a linear elastic body has no time, and slides neither as a flat cell nor on a general "
+            "mesh; leave out slide and time"
+        )
+
+
+def _press(
+    problem: CellProblem,
+    path: Path,
+    *,
+    fields: bool,
+    tolerance: float,
+    checkpoint: Checkpoint | None,
+) -> Steps:
+    """Press a linear elastic body: each step is solved, from the state of the one before."""
+    state: ContactState | None = None
+    steps: Steps = []
+    if checkpoint is not None:
+        steps, state = checkpoint.found(ContactState)
+    for k in range(len(steps), len(path)):
+        begin = perf_counter()
+        found = problem.solve(
+            load=None if path.pressure is None else path.pressure[k] * problem.nominal_area,
+            approach=None if path.approach is None else path.approach[k],
+            start=state,
+            tolerance=tolerance,
+        )
+        converged = found.status is Status.CONVERGED
+        state = found if converged else state
+        step = _average(problem, found) if converged else {}
+        steps.append(
+            step
+            | {
+                "converged": int(converged),
+                "active_set_iterations": len(found.residuals),
+                "linear_iterations": found.linear_iterations,
+                "wall_time": perf_counter() - begin,
+            }
+        )
+        if fields and converged:
+            steps[-1] |= _local_fields(problem, found)
+        if not converged:
+            steps[-1]["ended"] = (
+                f"step {k} ended after {len(found.residuals)} active sets and "
+                f"{found.linear_iterations} linear iterations: {found.status.value}"
+            )
+            logger.warning("%s", steps[-1]["ended"])
+        if checkpoint is not None:
+            checkpoint.keep(steps, state)
+        logger.info(
+            "step %d: %s, %d active sets, %d linear iterations",
+            k,
+            found.status.value,
+            len(found.residuals),
+            found.linear_iterations,
+        )
+    return steps
 
 
 @contextmanager
@@ -157,21 +200,6 @@ def _compiled() -> Iterator[None]:
             f"the compiled kernels cannot be kept ({error}); set NUMBA_CACHE_DIR to a folder that "
             f"can be written to"
         ) from error
-
-
-def _assemble(cell: Cell | MeshCell, needs: Needs) -> CellProblem:
-    if isinstance(cell, MeshCell):
-        from multiscale.micro.mesh_cell import assemble_mesh_cell
-
-        return assemble_mesh_cell(cell, needs)
-    for caution in cell.cautions():
-        logger.warning("caution: %s", caution)
-    with _compiled():
-        from multiscale.micro.flat_cell import assemble_flat_cell
-        from multiscale.micro.graph_cell import assemble_graph_cell
-    if cell.geometry == "flat":
-        return assemble_flat_cell(cell)
-    return assemble_graph_cell(cell, needs)
 
 
 def _average(problem: CellProblem, state: ContactState) -> dict[str, Any]:
@@ -205,22 +233,14 @@ def _local_fields(problem: CellProblem, state: ContactState) -> dict[str, np.nda
     }
 
 
-def _dataset(
-    steps: list[dict[str, Any]],
-    path: Path,
-    grid: tuple[int, ...],
-    needs: Needs,
-) -> "xr.Dataset":
-    """Join the steps; what a failed step lacks is NaN."""
+def _dataset(steps: Steps, path: Path, asked: dict[str, tuple[int, ...]]) -> "xr.Dataset":
+    """Join the steps with what was asked for beside; what a failed step lacks is NaN."""
     shapes: dict[str, tuple[int, ...]] = {
         "traction": (3,),
         "displacement_jump": (3,),
         "mean_gap": (),
         "contact_fraction": (),
-    }
-    if "stress recovery" in needs:
-        shapes["recovered_traction"] = (3,)
-    shapes |= dict.fromkeys(needs.fields, grid)
+    } | asked
     known = {name for step in steps for name in step}
     shapes |= {name: () for name in _EXTRA if name in known}
     values: dict[str, Any] = {
@@ -229,6 +249,7 @@ def _dataset(
     }
     for name in ("converged", "active_set_iterations", "linear_iterations", "wall_time"):
         values[name] = np.array([step[name] for step in steps])[None]
+    values["branch"] = path.branch
     if path.pressure is not None:
         values["nominal_pressure"] = np.array(path.pressure)
     if path.time is not None:

@@ -209,9 +209,10 @@ def _begin(
 
     They are those of the last step, and what the problem with K_0 says of the change since.
     """
-    reference, delta, _ = solve_flat(
+    flat = solve_flat(
         body.compliance, gap, closing, load=load, approach=approach, start=start.reference_force
     )
+    reference, delta = flat.value, flat.approach
     u = start.displacement.copy()
     change = np.zeros(body.shape)
     body.add(change, start.reference_force - reference)

@@ -9,12 +9,11 @@ from typing import TYPE_CHECKING, Any
 from multiscale.errors import CaseError, SchemaError
 from multiscale.executors import run_jobs
 from multiscale.io import make_folder, open_dataset, remove, write_dataset
-from multiscale.micro.cell import Cell
+from multiscale.micro.cell import AnyCell
 from multiscale.micro.cell_solver import solve_cell
 from multiscale.micro.checkpoint import Checkpoint
 from multiscale.micro.path import Path
 from multiscale.schema import MICRO_RESPONSE
-from multiscale.surfaces import nayak_parameter, rms_height, rms_slope
 
 if TYPE_CHECKING:
     import xarray as xr
@@ -25,7 +24,7 @@ logger = logging.getLogger(__name__)
 
 
 def run_ensemble(
-    cells: Sequence[Cell],
+    cells: Sequence[AnyCell],
     path: Path,
     *,
     executor: Executor | None = None,
@@ -38,7 +37,7 @@ def run_ensemble(
 
     Parameters
     ----------
-    cells : sequence of Cell
+    cells : sequence of cells of any kind
         The realisations.
     path : Path
         The same for all, so that a mean over realisations at one pressure means something.
@@ -50,7 +49,7 @@ def run_ensemble(
     identity : str
         What the cells were made from, for instance the checksum of a case.
     keep_fields : bool
-        Keep the local fields of realisation 0, in its file.
+        Keep the heights and the local fields of realisation 0, in its file.
     progress : callable
         Gets the number of finished realisations.
 
@@ -125,7 +124,7 @@ def run_realisations(
     run_jobs(_compute_and_keep, jobs, executor, finish)
     ordered = [
         results[k]
-        .drop_vars(["pressure", "gap", "x", "y"], errors="ignore")
+        .drop_vars(["height", "pressure", "gap", "x", "y"], errors="ignore")
         .assign_coords(realisation=[k])
         for k in numbers
     ]
@@ -180,11 +179,8 @@ def _steps_of(file: FilePath) -> FilePath:
 
 
 def _solve_realisation(
-    cell: Cell, path: Path, keep_fields: bool, checkpoint: Checkpoint | None
+    cell: AnyCell, path: Path, keep_fields: bool, checkpoint: Checkpoint | None
 ) -> "xr.Dataset":
     """Solve one cell and add its statistics."""
     response = solve_cell(cell, path, keep_fields=keep_fields, checkpoint=checkpoint)
-    statistics = (rms_height, rms_slope, nayak_parameter)
-    return MICRO_RESPONSE.assign(
-        response, {statistic.__name__: [statistic(cell.surface)] for statistic in statistics}
-    )
+    return MICRO_RESPONSE.assign(response, cell.surface_record(heights=keep_fields))

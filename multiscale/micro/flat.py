@@ -1,14 +1,23 @@
 r"""Contact on a flat reference surface, by projected gradients on its compliance."""
 
 from collections.abc import Callable
+from dataclasses import dataclass
 
 import numpy as np
 
+from multiscale.convergence import Solution, Status
 from multiscale.errors import CaseError
 
-__all__ = ["solve_flat"]
+__all__ = ["FlatSolution", "solve_flat"]
 
 _REFRESH = 25  # iterations after which rounding in the response is wiped out
+
+
+@dataclass(frozen=True)
+class FlatSolution(Solution):
+    """Contact forces, N, as ``value``, and the approach, m."""
+
+    approach: float = 0.0
 
 
 def solve_flat(
@@ -22,7 +31,7 @@ def solve_flat(
     start: np.ndarray | None = None,
     max_iterations: int = 500,
     tolerance: float = 1e-4,
-) -> tuple[np.ndarray, float, tuple[float, ...]]:
+) -> FlatSolution:
     r"""Minimise the complementary energy of contact forces on a surface.
 
     Find :math:`\lambda` and :math:`\delta` with
@@ -45,19 +54,16 @@ def solve_flat(
     start : ndarray, optional
         First guess of the forces, N.
     max_iterations : int
-        What is reached by then is returned, with residuals that tell.
+        Iteration limit.
     tolerance : float
         Bound on the overlap of contact nodes, weighted by their forces, relative to the range of
         the gap.
 
     Returns
     -------
-    force : ndarray
-        N.
-    approach : float
-        m.
-    residuals : tuple of float
-        What the tolerance is compared with, after each iteration.
+    FlatSolution
+        ``value`` is :math:`\lambda`, N, and ``approach`` :math:`\delta`, m. The residuals are what
+        the tolerance is compared with, after each iteration.
 
     Raises
     ------
@@ -94,7 +100,7 @@ def solve_flat(
     step = float(np.vdot(force, force)) / float(np.vdot(force, response))
     if load is not None:
         delta = float(np.vdot(force, response + gap)) / load
-    residuals: list[float] = []
+    status, residuals = Status.MAX_ITERATIONS, list[float]()
     for iteration in range(max_iterations):
         opening = response + gap
         if load is None:
@@ -105,11 +111,13 @@ def solve_flat(
         opening -= closing * delta
         residuals.append(_violation(force, opening, cap) / scale)
         if residuals[-1] <= tolerance:
+            status = Status.CONVERGED
             break
         direction = moved - force
         change = compliance(direction)
         curvature = float(np.vdot(direction, change))
         if not curvature > 0.0:  # the forces are those of the minimum, to rounding
+            status = Status.STALLED
             break
         share = min(1.0, -float(np.vdot(direction, opening)) / curvature)
         force = force + share * direction
@@ -121,7 +129,7 @@ def solve_flat(
             tangent = _tangent(change, free, None if load is None else closing)
             along = float(np.vdot(direction, tangent))
             step = along / float(np.vdot(tangent, tangent)) if along > 0.0 else step
-    return force, delta, tuple(residuals)
+    return FlatSolution(force, status, tuple(residuals), approach=delta)
 
 
 def _tangent(change: np.ndarray, free: np.ndarray, closing: np.ndarray | None) -> np.ndarray:

@@ -4,8 +4,7 @@ from functools import partial
 
 import numpy as np
 
-from multiscale.convergence import Status
-from multiscale.micro.cell import Cell
+from multiscale.micro.cell import FlatCell
 from multiscale.micro.contact_state import CellProblem, ContactState, untouched
 from multiscale.micro.flat import solve_flat
 from multiscale.micro.graph_mesh import graded_planes
@@ -17,7 +16,7 @@ __all__ = ["assemble_flat_cell"]
 TOLERANCE = 1e-6  # relative to the range of the gap; see solve_flat
 
 
-def assemble_flat_cell(cell: Cell) -> CellProblem:
+def assemble_flat_cell(cell: FlatCell) -> CellProblem:
     """Set up the contact of a cell whose roughness is gap alone, on a flat elastic layer."""
     heights, spacing = cell.surface.heights, cell.surface.spacing
     nx, ny = heights.shape
@@ -43,7 +42,7 @@ def assemble_flat_cell(cell: Cell) -> CellProblem:
     ) -> ContactState:
         if load == 0.0 or (approach is not None and approach <= 0.0):
             return untouched((nx, 3, ny), gap, closing, approach)
-        force, delta, residuals = solve_flat(
+        found = solve_flat(
             respond,
             gap,
             closing,
@@ -55,11 +54,16 @@ def assemble_flat_cell(cell: Cell) -> CellProblem:
             tolerance=max(tolerance, TOLERANCE),
         )
         displacement = np.zeros((nx, 3, ny))
-        displacement[:, 2] = -respond(force)
-        done = residuals[-1] <= max(tolerance, TOLERANCE)
-        status = Status.CONVERGED if done else Status.MAX_ITERATIONS
+        displacement[:, 2] = -respond(found.value)
         return ContactState(
-            displacement, force, delta, force > 0.0, force, status, (residuals[-1],), len(residuals)
+            displacement,
+            found.value,
+            found.approach,
+            found.value > 0.0,
+            found.value,
+            found.status,
+            found.residuals[-1:],
+            len(found.residuals),
         )
 
     return CellProblem(

@@ -25,7 +25,7 @@ import numpy as np
 
 from multiscale.convergence import Status
 from multiscale.errors import CaseError
-from multiscale.micro.cell import Cell
+from multiscale.micro.cell import FlatCell
 from multiscale.micro.contact_area import contact_fraction
 from multiscale.micro.flat import solve_flat
 from multiscale.micro.graph_mesh import graded_planes
@@ -180,14 +180,14 @@ class GapCell:
         guess = np.zeros_like(self.gap)  # solve_flat takes zeros for no guess
         if start is not None:
             guess.flat[start.node] = np.maximum(start.force, 0.0)
-        force, _, _ = solve_flat(
+        force = solve_flat(
             self.compliance,
             self.gap,
             np.ones_like(self.gap),
             approach=approach,
             start=guess,
             tolerance=_START,
-        )
+        ).value
         if not np.any(force > 0.0):  # a touch of one node
             force = np.where(self.gap < approach, 1.0, 0.0)
         return force
@@ -220,7 +220,7 @@ class GapCell:
         return force, most
 
 
-def assemble_gap_cell(cell: Cell) -> GapCell:
+def assemble_gap_cell(cell: FlatCell) -> GapCell:
     """Set up (1) for a flat cell.
 
     Raises
@@ -228,10 +228,10 @@ def assemble_gap_cell(cell: Cell) -> GapCell:
     CaseError
         If the cell is not flat, has a hardness or fits its obstacle exactly.
     """
-    if cell.geometry != "flat":
+    if not isinstance(cell, FlatCell):
         raise CaseError(
-            f"a cell is held at a gap with geometry='flat' only, got {cell.geometry!r}; for a "
-            f"conforming cell fit a law to its response at pressures"
+            "a cell is held at a gap with geometry='flat' only, got 'conforming'; for a conforming "
+            "cell fit a law to its response at pressures"
         )
     if cell.hardness is not None:
         raise CaseError(

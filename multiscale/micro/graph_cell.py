@@ -5,60 +5,45 @@ from functools import partial
 
 import numpy as np
 
-from multiscale.laws.bulk import J2
 from multiscale.micro.averages import recovered_force
-from multiscale.micro.cell import Cell
+from multiscale.micro.cell import GraphCell, PeriodicLayer
 from multiscale.micro.contact_area import EdgeLayer, edge_layer
 from multiscale.micro.contact_state import CellProblem, obstacle_normal
 from multiscale.micro.elastic_contact import ElasticBody, solve_elastic_contact
 from multiscale.micro.elastic_operator import stiffness_operator
+from multiscale.micro.flat_reference import Reference, flat_reference, surface_slopes
 from multiscale.micro.graph_mesh import GraphMesh, graded_planes
-from multiscale.micro.lateral_fft import LateralInverse, factorise_flat_cell, filter_surface
+from multiscale.micro.lateral_fft import factorise_flat_cell, filter_surface
 from multiscale.micro.layered import layered_compliance
-from multiscale.needs import Needs
 
-__all__ = ["assemble_graph_cell", "element_edges", "surface_slopes"]
+__all__ = ["assemble_graph_cell", "element_edges"]
 
 EDGE_POINTS = 32  # of the waves that tell what elements do at an edge of contact
 
 
-def assemble_graph_cell(cell: Cell, needs: Needs) -> CellProblem:
-    r"""Set up the operators that a graph cell needs, and its contact geometry.
+def assemble_graph_cell(cell: GraphCell, *, recover_stress: bool = False) -> CellProblem:
+    """Set up the operators that a graph cell needs, and its contact geometry.
 
     Raises
     ------
     CaseError
         If the numbers of points are odd or the cell folds over.
-
-    Notes
-    -----
-    The reference :math:`K_0` is the flat cell. Of a nearly incompressible material, its divergence
-    would be large where that of the true cell is small: then :math:`K_0^{-1}` is replaced by
-    :math:`T K_0^{-1} T^t` with the tilt of Piola's type
-    :math:`(T u)_z = u_z + \varphi\, \nabla h \cdot u`, exact for isochoric fields to first order
-    in the slopes.
     """
     surface = cell.surface
     (nx, ny), spacing = surface.heights.shape, surface.spacing
     mesh = GraphMesh(surface, graded_planes(cell.depth, cell.layers, min(spacing)))
     lame, shear = cell.moduli
-    b_bar = "mean dilatation" in needs
-    inverse = factorise_flat_cell(
-        (nx, ny), spacing, mesh.planes, *cell.layer_moduli, mean_dilatation=b_bar
-    )
-
+    reference = flat_reference(cell, mesh)
     obstacle, normal = _obstacle(cell)
-    slopes = surface_slopes(surface.heights, spacing) if "tilt" in needs else None
-    inclined = "obstacle normals" in needs
-    trace, add = _normal_operators(normal if inclined else None)
-    if not inclined and slopes is None:
-        solve, compliance = _vertical_reference(inverse)
+    trace, add = _normal_operators(None if cell.obstacle is None else normal)
+    if cell.obstacle is None and reference.convolves:
+        solve, compliance = _vertical_reference(reference)
     else:
-        solve, compliance = _inclined_reference(inverse, normal, slopes, mesh.map_factor[1:])
-    stiffness = 1.0 / inverse.surface_compliance[5]
+        solve, compliance = _inclined_reference(reference, normal)
+    _, stiffness = reference.vertical
 
     body = ElasticBody(
-        apply=stiffness_operator(mesh, lame, shear, mean_dilatation=b_bar),
+        apply=stiffness_operator(mesh, lame, shear, mean_dilatation=cell.mean_dilatation),
         solve=solve,
         trace=trace,
         add=add,
@@ -75,21 +60,24 @@ def assemble_graph_cell(cell: Cell, needs: Needs) -> CellProblem:
         obstacle,
         np.full((nx, ny), spacing[0] * spacing[1]),
         surface_displacement=lambda u: u[:, -1],
-        recover=partial(_recover, cell, mesh) if "stress recovery" in needs else None,
+        recover=partial(_recover, cell, mesh) if recover_stress else None,
         edges=element_edges(cell),
     )
 
 
-def element_edges(cell: Cell) -> tuple[EdgeLayer, EdgeLayer]:
-    """Return what the elements of a cell, and of an opposite one, do at an edge along x and y."""
+def element_edges(cell: PeriodicLayer) -> tuple[EdgeLayer, EdgeLayer]:
+    """Return what the elements of the bodies of a cell do at an edge along x and y."""
     n, edges = EDGE_POINTS, []
     for spacing in cell.surface.spacing:
         discrete, exact = np.zeros((2, n // 2 + 1))
         for body in cell.bodies:
             planes = graded_planes(body.depth, body.layers, min(body.surface.spacing))
-            soft = body.nearly_incompressible or isinstance(body.bulk, J2)
             inverse = factorise_flat_cell(
-                (n, 1), (spacing, spacing), planes, *body.layer_moduli, mean_dilatation=soft
+                (n, 1),
+                (spacing, spacing),
+                planes,
+                *body.layer_moduli,
+                mean_dilatation=body.mean_dilatation,
             )
             discrete += spacing**2 * inverse.surface_compliance[5][: n // 2 + 1, 0]
             exact += layered_compliance((1, n), (1.0, n * spacing), planes, *body.layer_moduli)[0]
@@ -97,7 +85,7 @@ def element_edges(cell: Cell) -> tuple[EdgeLayer, EdgeLayer]:
     return edges[0], edges[1]
 
 
-def _obstacle(cell: Cell) -> tuple[np.ndarray, np.ndarray]:
+def _obstacle(cell: GraphCell) -> tuple[np.ndarray, np.ndarray]:
     """Heights of the obstacle at first touch, m, and its normals (x, 3, y)."""
     heights = cell.surface.heights
     if cell.obstacle is None:
@@ -109,7 +97,7 @@ def _obstacle(cell: Cell) -> tuple[np.ndarray, np.ndarray]:
 
 
 def _recover(
-    cell: Cell, mesh: GraphMesh, displacement: np.ndarray, active: np.ndarray
+    cell: GraphCell, mesh: GraphMesh, displacement: np.ndarray, active: np.ndarray
 ) -> np.ndarray:
     """Force on the contact spots from the stress of the uppermost elements, N."""
     from skfem import ElementHex1
@@ -130,22 +118,8 @@ def _recover(
     )
 
 
-Correct = Callable[[np.ndarray], np.ndarray]
-Solve = Callable[[np.ndarray, Correct | None], np.ndarray]
 Operator = Callable[[np.ndarray], np.ndarray]
-
-
-def surface_slopes(
-    heights: np.ndarray, spacing: tuple[float, float]
-) -> tuple[np.ndarray, np.ndarray]:
-    """Periodic differences of fourth order: local, so that a kink stays a kink."""
-
-    def slope(axis: int) -> np.ndarray:
-        near = np.roll(heights, -1, axis) - np.roll(heights, 1, axis)
-        far = np.roll(heights, -2, axis) - np.roll(heights, 2, axis)
-        return np.asarray((8.0 * near - far) / (12.0 * spacing[axis]))
-
-    return slope(0), slope(1)
+Solve = Callable[[np.ndarray, Operator | None], np.ndarray]
 
 
 def _normal_operators(
@@ -165,52 +139,36 @@ def _normal_operators(
     return lambda u: np.asarray(np.sum(u[:, -1] * normal, axis=1)), add
 
 
-def _vertical_reference(inverse: LateralInverse) -> tuple[Solve, Operator]:
+def _vertical_reference(reference: Reference) -> tuple[Solve, Operator]:
     """Inverse and surface compliance of the flat cell for contact along z."""
-    symbol = inverse.surface_compliance[5]
+    symbol, _ = reference.vertical
 
-    def solve(force: np.ndarray, correct: Correct | None) -> np.ndarray:
+    def solve(force: np.ndarray, correct: Operator | None) -> np.ndarray:
         if correct is None:
-            return inverse.solve(force)
+            return reference.solve(force, None)
 
         def push(surface_displacement: np.ndarray) -> np.ndarray:
             pushed = np.zeros_like(surface_displacement)
             pushed[:, 2] = -correct(surface_displacement[:, 2])
             return pushed
 
-        return inverse.solve(force, push)
+        return reference.solve(force, push)
 
     return solve, lambda force: filter_surface(force, symbol)
 
 
-def _inclined_reference(
-    inverse: LateralInverse,
-    normal: np.ndarray,
-    slopes: tuple[np.ndarray, np.ndarray] | None,
-    map_factor: np.ndarray,
-) -> tuple[Solve, Operator]:
-    """Inverse and surface compliance for contact along normals, tilted if there are slopes."""
-    direction = normal.copy()
-    if slopes is not None:
-        for k, slope in enumerate(slopes):
-            direction[:, k] += slope * normal[:, 2]
+def _inclined_reference(reference: Reference, normal: np.ndarray) -> tuple[Solve, Operator]:
+    """Inverse and surface compliance of the flat cell for contact along normals."""
 
     def along(surface_displacement: np.ndarray) -> np.ndarray:
-        return np.asarray(np.sum(surface_displacement * direction, axis=1))
+        return np.asarray(np.sum(surface_displacement * normal, axis=1))
 
     def push(force: np.ndarray) -> np.ndarray:
-        return np.asarray(force[:, None] * direction)
+        return np.asarray(force[:, None] * normal)
 
-    def solve(force: np.ndarray, correct: Correct | None) -> np.ndarray:
-        corrected = None if correct is None else lambda moved: push(-correct(along(moved)))
-        if slopes is None:
-            return inverse.solve(force, corrected)
-        tilted = force.copy()
-        for k, slope in enumerate(slopes):
-            tilted[:, :, k] += slope[:, None] * map_factor[:, None] * force[:, :, 2]
-        u = inverse.solve(tilted, corrected)
-        for k, slope in enumerate(slopes):
-            u[:, :, 2] += slope[:, None] * map_factor[:, None] * u[:, :, k]
-        return u
+    def solve(force: np.ndarray, correct: Operator | None) -> np.ndarray:
+        if correct is None:
+            return reference.solve(force, None)
+        return reference.solve(force, lambda moved: -push(correct(along(moved))))
 
-    return solve, lambda force: along(inverse.surface_response(push(force)))
+    return solve, lambda force: along(reference.compliance(push(force)))

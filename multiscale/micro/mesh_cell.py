@@ -14,7 +14,6 @@ from multiscale.micro.averages import recovered_force
 from multiscale.micro.cell import MeshCell
 from multiscale.micro.contact_state import CellProblem, obstacle_normal
 from multiscale.micro.elastic_contact import ElasticBody, solve_elastic_contact
-from multiscale.needs import Needs
 from multiscale.numerics.factorisation import factorise
 from multiscale.surfaces.surface import Surface
 
@@ -27,7 +26,7 @@ __all__ = ["assemble_mesh_cell"]
 Operator = Callable[[np.ndarray], np.ndarray]
 
 
-def assemble_mesh_cell(cell: MeshCell, needs: Needs) -> CellProblem:
+def assemble_mesh_cell(cell: MeshCell, *, recover_stress: bool = False) -> CellProblem:
     """Set up operators and contact geometry on any mesh.
 
     Raises
@@ -43,7 +42,7 @@ def assemble_mesh_cell(cell: MeshCell, needs: Needs) -> CellProblem:
     simplex = cell.mesh.refdom in (RefTri, RefTet)
     order = 2 * (cell.element.maxdeg - 1) if simplex else cell.element.maxdeg
     basis = Basis(cell.mesh, cell.element, intorder=max(order, 1))
-    lame, shear = lame_parameters(cell.youngs_modulus, cell.poissons_ratio)
+    lame, shear = lame_parameters(cell.law.youngs_modulus, cell.law.poissons_ratio)
     points = basis.doflocs
     image = _periodic_images(points) if cell.periodic else np.arange(basis.N)
     expand = _expansion(basis, image, periodic=cell.periodic)
@@ -73,7 +72,7 @@ def assemble_mesh_cell(cell: MeshCell, needs: Needs) -> CellProblem:
         obstacle,
         weight,
         surface_displacement=lambda u: (expand @ u).reshape(-1, 3)[nodes],
-        recover=recover if "stress recovery" in needs else None,
+        recover=recover if recover_stress else None,
     )
 
 

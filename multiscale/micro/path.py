@@ -5,6 +5,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from multiscale.errors import CaseError
+from multiscale.schema import branch_of
 
 __all__ = ["Path"]
 
@@ -71,6 +72,11 @@ class Path:
                     f"time needs one value for each of the {len(steps)} steps, rising from 0 (s), "
                     f"got {self.time}"
                 )
+
+    @property
+    def branch(self) -> np.ndarray:
+        """Branch of each step: loading, unloading or holding; see `multiscale.schema.branch_of`."""
+        return branch_of(np.array(self.pressure or self.approach))
 
     def __len__(self) -> int:
         return len(self.pressure or self.approach or ())

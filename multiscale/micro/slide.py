@@ -7,7 +7,7 @@ import numpy as np
 
 from multiscale.errors import CaseError
 from multiscale.executors import run_jobs
-from multiscale.micro.cell import Cell
+from multiscale.micro.cell import GridCell
 from multiscale.micro.cell_solver import solve_cell
 from multiscale.micro.path import Path
 from multiscale.schema import SLIDING_RESPONSE
@@ -34,7 +34,7 @@ _KEPT = (
 
 
 def slide_cell(
-    cell: Cell,
+    cell: GridCell,
     pressure: tuple[float, ...],
     distance: float,
     *,
@@ -47,7 +47,7 @@ def slide_cell(
 
     Parameters
     ----------
-    cell : Cell
+    cell : GraphCell or FiniteCell
         With a rigid obstacle or two bodies.
     pressure : tuple of float
         Mean pressures, Pa, positive; each starts from the undeformed cell.
@@ -110,7 +110,11 @@ def slide_cell(
 
 
 def _check(
-    cell: Cell, pressure: tuple[float, ...], distance: float, steps: int, along: str
+    cell: GridCell,
+    pressure: tuple[float, ...],
+    distance: float,
+    steps: int,
+    along: str,
 ) -> None:
     if not pressure or not all(0.0 < one < np.inf for one in pressure):
         raise CaseError(f"a cell slides under positive pressures (Pa), got {pressure}")
@@ -128,7 +132,9 @@ def _check(
         )
 
 
-def _slide_once(cell: Cell, pressure: float, slide: np.ndarray, tolerance: float) -> "xr.Dataset":
+def _slide_once(
+    cell: GridCell, pressure: float, slide: np.ndarray, tolerance: float
+) -> "xr.Dataset":
     path = Path(
         pressure=(pressure,) * len(slide), slide=tuple((float(x), float(y)) for x, y in slide)
     )

@@ -12,7 +12,6 @@ __all__ = [
     "Verification",
     "data_size",
     "lcp_verifier",
-    "natural_map",
     "verify_lcp",
 ]
 
@@ -24,29 +23,6 @@ ROUNDING = 32.0 * np.finfo(float).eps
 
 LARGEST_ROUNDING = 1e-6
 """Error, relative to the data, above which nothing is put down to rounding."""
-
-
-def natural_map(first: np.ndarray, second: np.ndarray) -> np.ndarray:
-    r"""Natural map of a complementarity pair, :math:`\min(a, b)`.
-
-    It vanishes if and only if :math:`0 \le a \perp b \ge 0`.
-
-    Parameters
-    ----------
-    first, second : ndarray, shape (n,)
-        :math:`a` and :math:`b`, scaled to the same unit.
-
-    Returns
-    -------
-    ndarray, shape (n,)
-        In the unit of the arguments.
-
-    Examples
-    --------
-    >>> natural_map(np.array([2.0, 0.0, -1.0]), np.array([0.0, 3.0, 2.0]))
-    array([ 0.,  0., -1.])
-    """
-    return np.asarray(np.minimum(first, second))
 
 
 @dataclass(frozen=True)
@@ -164,7 +140,7 @@ def _relative(z: np.ndarray, w: np.ndarray, terms: np.ndarray, vector: np.ndarra
     size = data_size(vector) or float(np.max(terms)) or 1.0
     row = np.abs(vector) + terms
     rounding = np.minimum(ROUNDING * row, LARGEST_ROUNDING * size)
-    error = np.maximum(0.0, np.abs(natural_map(z, w)) - rounding)
+    error = np.maximum(0.0, np.abs(np.minimum(z, w)) - rounding)
     error /= np.clip(row, SMALLEST_ROW * size, size)
     return np.where(np.isfinite(z) & np.isfinite(w), error, np.inf)
 

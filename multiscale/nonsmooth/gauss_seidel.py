@@ -11,7 +11,7 @@ import numpy as np
 
 from multiscale.nonsmooth.colouring import colour_contacts
 from multiscale.nonsmooth.friction_problem import ScaledFriction
-from multiscale.nonsmooth.one_contact import solve_contact
+from multiscale.nonsmooth.one_contact import solve_one_contact
 from multiscale.nonsmooth.progress import Recorder
 
 __all__ = ["gauss_seidel", "sweep", "sweep_coloured"]
@@ -94,7 +94,7 @@ def _update(blocks, columns, starts, diagonal, velocity, friction, reaction, i):
             q0 += blocks[k, 0, 0] * x + blocks[k, 0, 1] * y + blocks[k, 0, 2] * z
             q1 += blocks[k, 1, 0] * x + blocks[k, 1, 1] * y + blocks[k, 1, 2] * z
             q2 += blocks[k, 2, 0] * x + blocks[k, 2, 1] * y + blocks[k, 2, 2] * z
-    r0, r1, r2 = solve_contact(blocks[own], q0, q1, q2, friction[i])
+    r0, r1, r2 = solve_one_contact(blocks[own], q0, q1, q2, friction[i])
     reaction[i, 0], reaction[i, 1], reaction[i, 2] = r0, r1, r2
 
 

@@ -3,11 +3,11 @@ r"""Coulomb's law at a single contact, solved exactly."""
 import numba
 import numpy as np
 
-__all__ = ["solve_contact"]
+__all__ = ["solve_one_contact"]
 
 
 @numba.njit(cache=True, error_model="numpy")
-def solve_contact(block, q0, q1, q2, mu):  # type: ignore[no-untyped-def]
+def solve_one_contact(block, q0, q1, q2, mu):  # type: ignore[no-untyped-def]
     r"""Solve the friction problem of one contact.
 
     Parameters

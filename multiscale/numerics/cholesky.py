@@ -9,11 +9,10 @@ from scipy.sparse import csc_array, csr_matrix
 from scipy.sparse.linalg import splu
 
 from multiscale.errors import MultiscaleError
-from multiscale.numerics.factorisation import new_pardiso
+from multiscale.numerics.factorisation import Solve, new_pardiso
 
 __all__ = ["Factorise", "Solve", "prepare_cholesky"]
 
-Solve = Callable[[np.ndarray], np.ndarray]
 Factorise = Callable[[np.ndarray, bool], Solve]
 
 POSITIVE_DEFINITE = 2

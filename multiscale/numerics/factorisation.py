@@ -16,7 +16,7 @@ from scipy.sparse.linalg import splu
 
 from multiscale.errors import MultiscaleError
 
-__all__ = ["factorise", "new_pardiso"]
+__all__ = ["Solve", "factorise", "new_pardiso"]
 
 LARGEST_CONDITION = 1e13
 """Above this condition number, after scaling by the diagonal, a matrix counts as singular."""

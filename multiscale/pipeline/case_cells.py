@@ -5,7 +5,7 @@ import numpy as np
 from multiscale.errors import CaseError
 from multiscale.laws.bulk import J2
 from multiscale.laws.bulk.moduli import contact_modulus
-from multiscale.micro.cell import Cell
+from multiscale.micro.cell import Cell, GridCell
 from multiscale.pipeline.rough_bodies import InstrumentSurface
 from multiscale.pipeline.settings import Case
 from multiscale.pipeline.windows import Measured, cut_windows
@@ -46,7 +46,7 @@ def longest_wave(case: Case) -> float:
     return max([*synthetic, *([max(case.cell.size)] if measured else [])])
 
 
-def make_cells(case: Case) -> list[Cell]:
+def make_cells(case: Case) -> list[GridCell]:
     """Build the cell of each realisation.
 
     Raises
@@ -57,7 +57,7 @@ def make_cells(case: Case) -> list[Cell]:
     return measured_cells(case)[0]
 
 
-def measured_cells(case: Case) -> tuple[list[Cell], dict[str, Measured]]:
+def measured_cells(case: Case) -> tuple[list[GridCell], dict[str, Measured]]:
     """Build the cell of each realisation, and say of each measured body what the cells hold of it.
 
     Raises
@@ -74,7 +74,7 @@ def measured_cells(case: Case) -> tuple[list[Cell], dict[str, Measured]]:
     return cells, {name: record for name, (_, record) in sides.items() if record is not None}
 
 
-def cell_of(case: Case, surface: Surface) -> Cell:
+def cell_of(case: Case, surface: Surface) -> GridCell:
     """Build the cell of a case under one composite surface."""
     material = composite_material(case)
     flat = case.cell.geometry == "flat"

@@ -13,7 +13,6 @@ from multiscale.micro import contact_modulus, run_ensemble
 from multiscale.pipeline.case_cells import (
     composite_material,
     longest_wave,
-    make_cells,
     measured_cells,
 )
 from multiscale.pipeline.real_contact import with_real_pressure
@@ -110,23 +109,16 @@ def write_fields(case: Case, cells: Path, out: Path) -> None:
     out : Path
         Folder that gets ``fields``.
     """
-    one = case.micro.model_copy(update={"realisations": 1})
-    (cell,) = make_cells(case.model_copy(update={"micro": one}))
     file = cells / "micro" / "realisation-0000.nc"
     local = open_dataset(file, MICRO_RESPONSE).isel(realisation=0)
     fields = FIELDS.build(
-        {
-            "height": cell.surface.heights.T,
-            "pressure": local["pressure"].values,
-            "gap": local["gap"].values,
-            "nominal_pressure": local["nominal_pressure"].values,
-        },
-        size_x=cell.surface.size[0],
-        size_y=cell.surface.size[1],
+        {name: local[name].values for name in ("height", "pressure", "gap", "nominal_pressure")},
+        size_x=case.cell.size[0],
+        size_y=case.cell.size[1],
     )
     folder = make_folder(out / "fields")
     write_dataset(fields, folder / "fields.nc", FIELDS)
-    write_surface_fields(fields, cell.surface.size, folder)
+    write_surface_fields(fields, case.cell.size, folder)
 
 
 def increment_errors(response: "xr.Dataset", halved: "xr.Dataset") -> dict[str, np.ndarray]:

@@ -11,7 +11,7 @@ import numpy as np
 from multiscale.convergence import Status
 from multiscale.errors import CaseError, ConvergenceError
 from multiscale.laws.interface_law import NormalLaw, Response
-from multiscale.micro import Cell
+from multiscale.micro import FlatCell
 
 if TYPE_CHECKING:
     from multiscale.micro.gap_control import GapCell, GapState
@@ -31,8 +31,8 @@ class CellLaw(NormalLaw):
 
     Parameters
     ----------
-    cell : Cell
-        Flat, without hardness.
+    cell : FlatCell
+        Without hardness.
     spacing : float, optional
         Distance of the gaps at which cells are solved, m; between them the law is a cubic with
         the pressures and stiffnesses of both. A tenth of the root mean square height costs some
@@ -75,7 +75,7 @@ class CellLaw(NormalLaw):
 
     Examples
     --------
-    >>> from multiscale.micro import self_affine
+    >>> from multiscale.micro import Cell, self_affine
     >>> surface = self_affine(
     ...     (32, 32), (1e-3, 1e-3), seed=1,
     ...     hurst_exponent=0.8, long_cutoff=5e-4, short_cutoff=25e-5, rms_height=1e-6,
@@ -89,7 +89,7 @@ class CellLaw(NormalLaw):
     (2, True)
     """
 
-    cell: Cell
+    cell: FlatCell
     spacing: float | None = None
     gap: float = 0.0
     _held: "GapCell" = field(init=False, repr=False)

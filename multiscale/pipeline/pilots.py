@@ -12,7 +12,7 @@ from multiscale.micro import contact_modulus
 from multiscale.pipeline.case_cells import composite_material, make_cells
 from multiscale.pipeline.rough_bodies import SyntheticSurface
 from multiscale.pipeline.settings import Case
-from multiscale.schema import MICRO_RESPONSE, STORED_CELLS
+from multiscale.schema import MICRO_RESPONSE, STORED_CELLS, branch_of
 from multiscale.surfaces import rms_height, rms_slope
 
 if TYPE_CHECKING:
@@ -177,6 +177,7 @@ def _response(cells: "xr.Dataset", load: np.ndarray, case: Case, height: float) 
         "traction": traction,
         "displacement_jump": np.zeros(traction.shape),
         "nominal_pressure": np.array(case.micro.pressures),
+        "branch": branch_of(np.array(case.micro.pressures)),
         "rms_height": np.full(len(ones), height),
     }
     counts = ("converged", "active_set_iterations", "linear_iterations")

@@ -19,7 +19,7 @@ def requirements(case: Case | TyreCase) -> Needs:
     --------
     >>> from multiscale.pipeline import load_case
     >>> needs = requirements(load_case("ground_steel"))
-    >>> needs.unknowns_per_contact, "tilt" in needs
-    (1, False)
+    >>> needs.unknowns_per_contact, needs.omitted["tilt"]
+    (1, "Poisson's ratio below 0.4, or no elements")
     """
     return join_needs(stage.needs(case) for stage in stages_of(case.tables))

@@ -6,6 +6,7 @@ import numpy as np
 
 from multiscale.errors import ConvergenceError
 from multiscale.laws import AreaLaw, NormalLaw
+from multiscale.laws.bulk import Elastic
 from multiscale.macro.half_space import press_profile
 from multiscale.macro.joint.plane_joint import (
     PlaneJoint,
@@ -13,7 +14,7 @@ from multiscale.macro.joint.plane_joint import (
     press_plane_joint,
     resolve_plane_joint,
 )
-from multiscale.micro import Cell, Path, Surface, contact_modulus, solve_cell
+from multiscale.micro import FlatCell, Path, Surface, contact_modulus, solve_cell
 from multiscale.pipeline.rough_structure import Answer, RoughStructure
 
 __all__ = ["RoughWave", "TiltedJoint"]
@@ -59,9 +60,9 @@ class RoughWave(RoughStructure):
         """Mean pressures of cells, Pa: from the rim of the contact to beyond its crest."""
         return self.pressure * np.geomspace(0.05, 4.0, 10)
 
-    def cell(self, surface: Surface) -> Cell:
+    def cell(self, surface: Surface) -> FlatCell:
         """Return a flat cell, deep enough for a half-space."""
-        return Cell(surface, 2.0 * max(surface.size), 8, MODULUS, NU, geometry="flat")
+        return FlatCell(surface, 2.0 * max(surface.size), 8, Elastic(MODULUS, NU))
 
     def solve(self, law: NormalLaw, area: AreaLaw | None = None, *, refined: int = 1) -> Answer:
         """Solve the wave with a law of its roughness."""
@@ -125,10 +126,10 @@ class TiltedJoint(RoughStructure):
         """Mean pressures of cells, Pa: from the light edge to beyond the heavy one."""
         return 1e-3 * contact_modulus((MODULUS, NU)) * np.geomspace(0.03, 4.0, 12)
 
-    def cell(self, surface: Surface) -> Cell:
+    def cell(self, surface: Surface) -> FlatCell:
         """Return a flat profile with the contact modulus of both blocks."""
         both = contact_modulus((MODULUS, NU), (MODULUS, NU)) * (1.0 - NU**2)
-        return Cell(surface, 2.0 * max(surface.size), 8, both, NU, geometry="flat")
+        return FlatCell(surface, 2.0 * max(surface.size), 8, Elastic(both, NU))
 
     def solve(self, law: NormalLaw, area: AreaLaw | None = None, *, refined: int = 1) -> Answer:
         """Solve the joint with a law of its roughness."""

@@ -12,7 +12,7 @@ import numpy as np
 from multiscale.errors import CaseError
 from multiscale.laws import AreaLaw, NormalLaw
 from multiscale.macro.data_range import MOST, REACH, load_shares
-from multiscale.micro import Cell, Path, Surface, run_ensemble, self_affine
+from multiscale.micro import FlatCell, Path, Surface, run_ensemble, self_affine
 from multiscale.pipeline.concurrent import CellLaw
 from multiscale.upscaling import area_from_dataset, fit_law, law_from_dataset
 
@@ -106,7 +106,7 @@ class RoughStructure(ABC):
         """Mean pressures at which cells tell what the structure needs, Pa."""
 
     @abstractmethod
-    def cell(self, surface: Surface) -> Cell:
+    def cell(self, surface: Surface) -> FlatCell:
         """Cell under a piece of the roughness."""
 
     @abstractmethod

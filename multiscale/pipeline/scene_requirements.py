@@ -28,11 +28,12 @@ def scene_requirements(scene: Scene | GrainScene, *, processes: int = 1) -> Need
 
     Examples
     --------
+    >>> from multiscale.macro.discrete.link_needs import LinkPart
     >>> from multiscale.pipeline.scene_settings import Statics, TensegrityGrid
     >>> grid = TensegrityGrid(kind="tensegrity_grid", n=4)
     >>> scene = Scene(title="grid", structure=grid, statics=Statics(load_factors=(1.0,)))
     >>> needs = scene_requirements(scene)
-    >>> "geometric stiffness" in needs, "scikit-fem" in needs.libraries
+    >>> LinkPart.GEOMETRIC_STIFFNESS in needs.built, "scikit-fem" in needs.libraries
     (False, False)
     """
     if isinstance(scene, GrainScene):

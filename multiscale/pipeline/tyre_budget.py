@@ -7,7 +7,7 @@ import numpy as np
 
 from multiscale.upscaling import estimate_grid_error, with_budget
 from multiscale.upscaling.budget import assemble_budget
-from multiscale.upscaling.budget_terms import NORMAL
+from multiscale.upscaling.budget_terms import NORMAL, Term
 
 if TYPE_CHECKING:
     import xarray as xr
@@ -38,29 +38,34 @@ def with_braking_budget(
     - *macro discretisation*: :func:`multiscale.upscaling.estimate_grid_error`.
     """
     force = np.abs(result["braking_force"].to_numpy())
-    terms = {term: np.zeros((1, force.size)) for term in ("increments", "surface")}
-    how = {
-        "sampling": "not known: the law has no samples; give them in [law], and 3 or more "
-        "realisations in [sliding]",
-        "fit": "root mean square by which the bell misses the cells",
-        "cell size": OTHERS.format("cells of one size", "another size"),
-        "micro discretisation": OTHERS.format("cells on one grid", "other points"),
-        "increments": "nothing: rubber does not flow",
-        "surface": "nothing: the roads are made from a spectrum, which the cells hold whole",
-        "scale separation": "not known: the pressure of the footprint is taken as even over the "
-        "waves of the road",
-        "macro discretisation": "not known: elements of twice the size do not fit; give smaller "
-        "ones in [tread]",
+    nothing = np.zeros((1, force.size))
+    missed = float(law.attrs["rms_error_over_peak"]) * float(law["peak_coefficient"])
+    fit = NORMAL * missed / np.abs(result["braking_coefficient"].to_numpy())
+    terms = {
+        "sampling": Term(
+            "not known: the law has no samples; give them in [law], and 3 or more realisations in "
+            "[sliding]"
+        ),
+        "fit": Term("root mean square by which the bell misses the cells", fit),
+        "cell size": Term(OTHERS.format("cells of one size", "another size")),
+        "micro discretisation": Term(OTHERS.format("cells on one grid", "other points")),
+        "increments": Term("nothing: rubber does not flow", nothing),
+        "surface": Term(
+            "nothing: the roads are made from a spectrum, which the cells hold whole", nothing
+        ),
+        "scale separation": Term(
+            "not known: the pressure of the footprint is taken as even over the waves of the road"
+        ),
+        "macro discretisation": Term(
+            "not known: elements of twice the size do not fit; give smaller ones in [tread]"
+        ),
     }
     if result.sizes.get("sample", 0) > 1:
         samples = result["braking_force_sample"].to_numpy()
-        terms["sampling"] = NORMAL * np.std(samples, axis=0, ddof=1) / force
-        how["sampling"] = f"{len(samples)} bootstrap samples of the law"
-    missed = float(law.attrs["rms_error_over_peak"]) * float(law["peak_coefficient"])
-    terms["fit"] = NORMAL * missed / np.abs(result["braking_coefficient"].to_numpy())
+        scatter = NORMAL * np.std(samples, axis=0, ddof=1) / force
+        terms["sampling"] = Term(f"{len(samples)} bootstrap samples of the law", scatter)
     if coarser:
         estimate = estimate_grid_error(force, coarser)
-        terms["macro discretisation"] = estimate.half_width / force
-        how["macro discretisation"] = estimate.how
-    budget = assemble_budget(terms, {}, how, ("braking_force",), None, steps=force.size)
+        terms["macro discretisation"] = Term(estimate.how, estimate.half_width / force)
+    budget = assemble_budget(terms, ("braking_force",), None, steps=force.size)
     return with_budget(result, budget)

@@ -107,7 +107,7 @@ def plot_energy_parts(time: np.ndarray, parts: dict[str, np.ndarray], ax: "Axes"
 def save_figure(figure: "Figure", file: Path) -> Path:
     """Write a figure as a complete PNG file, or no file."""
     layout = figure.get_layout_engine()
-    if layout is not None:
+    if layout is not None and any(ax.get_aspect() != "auto" for ax in figure.axes):
         for _ in range(LAYOUT_PASSES):
             layout.execute(figure)
     buffer = BytesIO()

@@ -1,6 +1,14 @@
 """The datasets that pass between the layers: names, dimensions and units, written once."""
 
-from multiscale.schema.cell_schema import FIELDS, MICRO_RESPONSE, SLIDING_RESPONSE
+from multiscale.schema.cell_schema import (
+    FIELDS,
+    HOLDING,
+    LOADING,
+    MICRO_RESPONSE,
+    SLIDING_RESPONSE,
+    UNLOADING,
+    branch_of,
+)
 from multiscale.schema.damage_schema import DAMAGE_SECTIONS, FATIGUE, RVE_STIFFNESS, WOEHLER
 from multiscale.schema.dataset_schema import COMPONENTS, Schema, Variable, with_cautions
 from multiscale.schema.end_to_end_schema import END_TO_END
@@ -20,9 +28,11 @@ __all__ = [
     "FATIGUE",
     "FIELDS",
     "GRANULATE",
+    "HOLDING",
     "HOMOGENISED",
     "INTERFACE_LAW",
     "LAW_COMPARISON",
+    "LOADING",
     "MACRO_RESULT",
     "MICRO_RESPONSE",
     "RVE_STIFFNESS",
@@ -31,10 +41,12 @@ __all__ = [
     "STABILITY",
     "STORED_CELLS",
     "SWEEP",
+    "UNLOADING",
     "WOEHLER",
     "WORK_PRECISION",
     "Schema",
     "Variable",
+    "branch_of",
     "with_cautions",
 ]
 

@@ -1,20 +1,56 @@
 """Datasets of cells: responses and fields."""
 
+import numpy as np
+
 from multiscale.schema.dataset_schema import Schema, Variable
 
-__all__ = ["FIELDS", "MICRO_RESPONSE", "SLIDING_RESPONSE"]
+__all__ = [
+    "FIELDS",
+    "HOLDING",
+    "LOADING",
+    "MICRO_RESPONSE",
+    "SLIDING_RESPONSE",
+    "UNLOADING",
+    "branch_of",
+]
+
+BRANCHES = ("loading", "unloading", "holding")
+LOADING, UNLOADING, HOLDING = range(3)
+
+
+def branch_of(load: np.ndarray) -> np.ndarray:
+    """Tell the branch of each step of a path.
+
+    Parameters
+    ----------
+    load : ndarray, shape (steps,)
+        Pressure, Pa, or approach, m, in order; nothing touches up to 0.
+
+    Returns
+    -------
+    ndarray of int, shape (steps,)
+        ``LOADING`` where the load is larger than ever before, ``UNLOADING`` where it is below the
+        largest value before, ``HOLDING`` where it is equal to it.
+    """
+    load = np.maximum(np.asarray(load, dtype=float), 0.0)
+    before = np.maximum.accumulate([0.0, *load[:-1]])
+    above, below = (load > before * (1.0 + 1e-9)), (load < before * (1.0 - 1e-9))
+    return np.select([above, below], [LOADING, UNLOADING], HOLDING)
+
 
 _CELL = ("realisation", "step")
 _STAGE = ("body", "stage")
 
 MICRO_RESPONSE = Schema(
     name="micro_response",
-    version=1,
+    version=2,
+    news="the branch of every step, which solve_cell and branch_of give",
     variables={
         "displacement_jump": Variable((*_CELL, "component"), "m", "mean displacement jump"),
         "traction": Variable((*_CELL, "component"), "Pa", "averaged traction, eqs (2)-(3)"),
         "mean_gap": Variable(_CELL, "m", "mean distance of obstacle and deformed surface"),
         "contact_fraction": Variable(_CELL, "1", "real over nominal contact area"),
+        "branch": Variable(("step",), "1", "branch of the path", BRANCHES, coordinate=True),
         "converged": Variable(_CELL, "1", "whether the contact solver converged"),
         "active_set_iterations": Variable(_CELL, "1", "number of active-set iterations"),
         "linear_iterations": Variable(_CELL, "1", "number of conjugate-gradient iterations"),
@@ -38,6 +74,7 @@ MICRO_RESPONSE = Schema(
         "time": Variable(("step",), "s", "time at the end of the step"),
         "pressure": Variable((*_CELL, "y", "x"), "Pa", "local contact pressure"),
         "gap": Variable((*_CELL, "y", "x"), "m", "local gap"),
+        "height": Variable(("realisation", "y", "x"), "m", "height of the surface"),
         "nominal_pressure": Variable(("step",), "Pa", "prescribed mean pressure"),
         "sliding_speed": Variable(("step",), "m s-1", "prescribed speed of sliding"),
         "temperature": Variable(("step",), "K", "temperature of the body"),

@@ -17,11 +17,16 @@ COMPONENTS = ("n", "t1", "t2")
 
 @dataclass(frozen=True)
 class Variable:
-    """Dimensions, unit (UDUNITS spelling) and meaning of one variable."""
+    """Dimensions, unit (UDUNITS spelling) and meaning of one variable.
+
+    Flags are the meanings of 0, 1, ...; a required variable may be a coordinate.
+    """
 
     dims: tuple[str, ...]
     units: str
     long_name: str
+    flags: tuple[str, ...] = ()
+    coordinate: bool = False
 
 
 @dataclass(frozen=True)
@@ -36,12 +41,15 @@ class Schema:
         What must be there.
     optional : mapping of str to Variable
         What may be there, and then in this form. Coordinates are listed here too.
+    news : str
+        What the last version has that earlier ones lack; told where an earlier one is refused.
     """
 
     name: str
     version: int
     variables: Mapping[str, Variable]
     optional: Mapping[str, Variable] = field(default_factory=dict)
+    news: str = ""
 
     def with_samples(self, **names: Iterable[str]) -> "Schema":
         """Add the samples ``..._sample`` of optional variables, named for each dimension."""
@@ -128,10 +136,15 @@ class Schema:
                 raise SchemaError(f"a {self.name!r} dataset has no variable {name!r}")
             variable = known[name]
             attrs: dict[str, Any] = {"units": variable.units, "long_name": variable.long_name}
-            if name == "converged":
-                attrs |= {"flag_values": [0, 1], "flag_meanings": "failed converged"}
+            flags = ("failed", "converged") if name == "converged" else variable.flags
+            if flags:
+                attrs |= {"flag_values": [*range(len(flags))], "flag_meanings": " ".join(flags)}
             added[name] = (variable.dims, value, attrs)
-        along = [name for name in values if name in self.optional and name in COORDINATES]
+        along = [
+            name
+            for name in values
+            if known[name].coordinate or (name in self.optional and name in COORDINATES)
+        ]
         return dataset.assign(added).set_coords(along)
 
 

@@ -4,7 +4,6 @@ from multiscale.upscaling.admissibility import admissibility, is_admissible
 from multiscale.upscaling.branches import (
     fit_branches,
     hysteretic_from_dataset,
-    loading_branch,
     with_unloading,
 )
 from multiscale.upscaling.budget import error_budget, with_budget
@@ -19,12 +18,7 @@ from multiscale.upscaling.export import write_law_table, write_pressure_overclos
 from multiscale.upscaling.family import FAMILIES, Family, Parameter, unloading_family
 from multiscale.upscaling.fit import fit_law
 from multiscale.upscaling.observation_tables import read_observations
-from multiscale.upscaling.observations import (
-    area_observations,
-    normal_observations,
-    observe,
-    unloading_observations,
-)
+from multiscale.upscaling.observations import observe
 from multiscale.upscaling.reading import (
     area_from_dataset,
     areas_from_dataset,
@@ -35,6 +29,12 @@ from multiscale.upscaling.reading import (
     require_law,
 )
 from multiscale.upscaling.resolution import estimate_grid_error
+from multiscale.upscaling.response_observations import (
+    area_observations,
+    loading_branch,
+    normal_observations,
+    unloading_observations,
+)
 from multiscale.upscaling.rubber_friction import friction_at
 from multiscale.upscaling.scales import (
     cell_share,

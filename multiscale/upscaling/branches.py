@@ -2,20 +2,18 @@
 
 from typing import TYPE_CHECKING, Any
 
-import numpy as np
-
 from multiscale.errors import CaseError
 from multiscale.laws import HystereticLaw
 from multiscale.schema import INTERFACE_LAW
 from multiscale.upscaling.family import unloading_family
 from multiscale.upscaling.fit import fit_law
-from multiscale.upscaling.observations import unloading_observations, usable_steps
 from multiscale.upscaling.reading import law_from_dataset, require_law
+from multiscale.upscaling.response_observations import loading_branch, unloading_observations
 
 if TYPE_CHECKING:
     import xarray as xr
 
-__all__ = ["fit_branches", "hysteretic_from_dataset", "loading_branch", "with_unloading"]
+__all__ = ["fit_branches", "hysteretic_from_dataset", "with_unloading"]
 
 
 def fit_branches(response: "xr.Dataset", *, n_samples: int = 200, **options: Any) -> "xr.Dataset":
@@ -44,19 +42,6 @@ def fit_branches(response: "xr.Dataset", *, n_samples: int = 200, **options: Any
     return with_unloading(law, response, n_samples=n_samples)
 
 
-def loading_branch(response: "xr.Dataset") -> "xr.Dataset":
-    """Return the steps of a response whose pressure was never reached before.
-
-    Parameters
-    ----------
-    response : Dataset
-        Follows ``MICRO_RESPONSE``.
-    """
-    _, pressure = usable_steps(response)
-    before = np.maximum.accumulate(np.concatenate([[0.0], pressure[:-1]]))
-    return response.isel(step=np.flatnonzero(pressure > before * (1.0 + 1e-9)))
-
-
 def with_unloading(law: "xr.Dataset", response: "xr.Dataset", *, n_samples: int) -> "xr.Dataset":
     """Add the unloading branch to the law of the loading.
 
@@ -77,7 +62,7 @@ def with_unloading(law: "xr.Dataset", response: "xr.Dataset", *, n_samples: int)
     Raises
     ------
     CaseError
-        If the pressure never falls.
+        If no step unloads.
 
     Notes
     -----

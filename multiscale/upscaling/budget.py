@@ -1,6 +1,7 @@
 """How wrong a law is: every term estimated and none assumed."""
 
 from collections.abc import Mapping, Sequence
+from dataclasses import replace
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -9,6 +10,7 @@ from multiscale.errors import CaseError
 from multiscale.schema import ERROR_BUDGET, INTERFACE_LAW
 from multiscale.upscaling.budget_terms import (
     NORMAL,
+    Term,
     fit_term,
     grid_term,
     increment_term,
@@ -16,7 +18,7 @@ from multiscale.upscaling.budget_terms import (
     separation_term,
 )
 from multiscale.upscaling.cell_size import size_term
-from multiscale.upscaling.observations import normal_observations
+from multiscale.upscaling.response_observations import normal_observations
 from multiscale.upscaling.scales import ScaleSeparation
 from multiscale.upscaling.surface_error import surface_term
 
@@ -52,7 +54,6 @@ ONE_SIDED = 6.0  # standard deviations from which a bias leaves one tail alone
 TAIL = 1.6448536269514722  # standard deviations to 95 % of one side
 
 QUANTITIES = ("mean_gap", "contact_fraction", "stiffness")
-Terms = dict[str, np.ndarray]  # from term to half-widths or biases (quantity, step)
 
 
 def error_budget(
@@ -134,41 +135,36 @@ def error_budget(
             f"the law was fitted at {law.sizes['step']} pressures that are not the {p.size} of the "
             f"response; fit it to this response"
         )
-    terms: Terms = {}
-    biases: Terms = {}
-    how = {
-        "sampling": f"Student's interval of {gap.n_realisations} realisations",
-        "fit": "error at pressures that the fit has not seen",
-        "cell size": "not known: pass sizes, responses of cells of another size",
-        "micro discretisation": "not known: pass resolutions, the same realisations on coarser "
-        "grids",
-        "scale separation": "not known: pass scales from compare_scales",
-        "macro discretisation": "not in a law: see structure_budget",
-    }
     pooled = sizes if apart else None
-    terms["sampling"], factor = sampling_term(response, law, pooled)
+    scatter, factor = sampling_term(response, law, pooled)
+    how = f"Student's interval of {gap.n_realisations} realisations"
     if pooled:
-        how["sampling"] = "Student's interval, with the scatter of the sizes, which falls as 1/L"
-    if not np.any(np.isfinite(terms["sampling"])):
-        how["sampling"] = "not known: one realisation tells nothing of the scatter, solve 3"
-    terms["fit"] = fit_term(law, p)
+        how = "Student's interval, with the scatter of the sizes, which falls as 1/L"
+    if not np.any(np.isfinite(scatter)):
+        how = "not known: one realisation tells nothing of the scatter, solve 3"
+    terms = {
+        "sampling": Term(how, scatter),
+        "fit": Term("error at pressures that the fit has not seen", fit_term(law, p)),
+        "cell size": Term("not known: pass sizes, responses of cells of another size"),
+        "micro discretisation": Term(
+            "not known: pass resolutions, the same realisations on coarser grids"
+        ),
+        "increments": increment_term(response),
+        "surface": surface_term(response, law, p),
+        "scale separation": Term("not known: pass scales from compare_scales"),
+        "macro discretisation": Term("not in a law: see structure_budget"),
+    }
     if sizes:
-        biases["cell size"], terms["cell size"], how["cell size"] = size_term(
-            response, sizes, apart=apart
-        )
+        terms["cell size"] = size_term(response, sizes, apart=apart)
         if "size_bias" in response.attrs:
-            how["cell size"] = str(response.attrs["size_bias"])
-            del biases["cell size"]
+            told = str(response.attrs["size_bias"])
+            terms["cell size"] = replace(terms["cell size"], how=told, bias=0.0)
     if resolutions:
-        terms["micro discretisation"], how["micro discretisation"] = grid_term(
-            response, resolutions, apart=apart
-        )
-    terms["increments"], how["increments"] = increment_term(response)
-    terms["surface"], how["surface"] = surface_term(response, law, p)
+        terms["micro discretisation"] = grid_term(response, resolutions, apart=apart)
     if scales is not None:
-        terms["scale separation"] = separation_term(law, terms["sampling"] / factor, p, scales)
-        how["scale separation"] = str(scales)
-    return assemble_budget(terms, biases, how, QUANTITIES, p).assign_attrs(sampling_factor=factor)
+        uneven = separation_term(law, scatter / factor, p, scales)
+        terms["scale separation"] = Term(str(scales), uneven)
+    return assemble_budget(terms, QUANTITIES, p).assign_attrs(sampling_factor=factor)
 
 
 def total_error(bias: np.ndarray, half_width: np.ndarray) -> np.ndarray:
@@ -235,9 +231,7 @@ def add_up(half: np.ndarray, bias: np.ndarray, given: Sequence[bool]) -> np.ndar
 
 
 def assemble_budget(
-    terms: Terms,
-    biases: Terms,
-    how: Mapping[str, str],
+    terms: Mapping[str, Term],
     quantities: tuple[str, ...],
     pressure: np.ndarray | None,
     steps: int | None = None,
@@ -246,25 +240,24 @@ def assemble_budget(
     n = steps if pressure is None else pressure.size
     half = np.full((len(quantities), len(ERROR_TERMS), n or 0), np.nan)
     bias = np.zeros(half.shape)
-    for k, term in enumerate(ERROR_TERMS):
-        if term in terms:
-            half[:, k] = terms[term]
-        if term in biases:
-            bias[:, k] = biases[term]
+    for k, term in enumerate(terms[name] for name in ERROR_TERMS):
+        bias[:, k] = term.bias
+        if term.half_width is not None:
+            half[:, k] = term.half_width
     half[~np.isfinite(half)] = np.nan
     bias[~np.isfinite(bias)] = 0.0
     unknown = [
         term
         for k, term in enumerate(ERROR_TERMS)
-        if np.all(np.isnan(half[:, k])) and not how[term].startswith("not in a law")
+        if np.all(np.isnan(half[:, k])) and not terms[term].how.startswith("not in a law")
     ]
-    total = add_up(half, bias, [term in terms for term in ERROR_TERMS])
+    total = add_up(half, bias, [terms[term].half_width is not None for term in ERROR_TERMS])
     values = {"error_half_width": half, "error_bias": bias, "error_total": total}
     if pressure is not None:
         values["nominal_pressure"] = pressure
     return ERROR_BUDGET.build(
         values,
-        **{how_attribute(term): how[term] for term in ERROR_TERMS},
+        **{how_attribute(term): terms[term].how for term in ERROR_TERMS},
         unknown=", ".join(unknown),
         confidence=0.95,
     ).assign_coords(quantity=list(quantities), error_term=list(ERROR_TERMS))

@@ -1,22 +1,20 @@
 """The terms of an error budget, each from computed quantities: half-widths over the value.
 
-Every function returns an array of shape (3, steps): gap, contact fraction and stiffness.
+Half-widths have the shape (3, steps): gap, contact fraction and stiffness.
 """
 
 from collections.abc import Callable, Mapping
+from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 import numpy as np
 
 from multiscale.errors import CaseError
 from multiscale.upscaling.fit import stiffness_of_each
-from multiscale.upscaling.observations import (
-    Observations,
-    area_observations,
-    normal_observations,
-)
+from multiscale.upscaling.observations import Observations
 from multiscale.upscaling.reading import area_from_dataset, law_from_dataset, require_law
 from multiscale.upscaling.resolution import LOWEST_ORDER, SAFETY, estimate_grid_error
+from multiscale.upscaling.response_observations import area_observations, normal_observations
 from multiscale.upscaling.scales import ScaleSeparation
 
 if TYPE_CHECKING:
@@ -24,6 +22,7 @@ if TYPE_CHECKING:
 
 __all__ = [
     "NORMAL",
+    "Term",
     "each_value",
     "fit_term",
     "grid_term",
@@ -44,6 +43,26 @@ FIT_ERRORS = {
 FEWEST_UNSEEN = 3  # errors at points that a fit has not seen: those of five pressures
 GROWTH = 10.0  # of differences from one interval to the next, beyond which nothing can be continued
 NORMAL = 1.959963984540054  # standard deviations to 95 %
+
+
+@dataclass(frozen=True, eq=False)
+class Term:
+    """One part of the error of an answer.
+
+    Attributes
+    ----------
+    how : str
+        How it was estimated, or what would tell it.
+    half_width : ndarray, shape (quantities, steps), or None
+        Of the 95 % interval, relative to the value; NaN where it is not known, None if nothing was
+        given to estimate it from.
+    bias : ndarray, shape (quantities, steps), or 0
+        Part whose sign is known, relative to the value.
+    """
+
+    how: str
+    half_width: np.ndarray | None = None
+    bias: np.ndarray | float = 0.0
 
 
 def sampling_term(
@@ -172,7 +191,7 @@ def each_value(pairs: Mapping[float, Pair]) -> list[dict[float, np.ndarray]]:
 
 def grid_term(
     response: "xr.Dataset", resolutions: Mapping[float, "xr.Dataset"], *, apart: bool = False
-) -> tuple[np.ndarray, str]:
+) -> Term:
     """Half-widths from the same realisations on several grids, at the spacing of the response.
 
     The error at the spacing of the response, or at the spacing compared that is nearest to it, is
@@ -208,17 +227,18 @@ def grid_term(
         half = SAFETY * np.abs(np.nanmean(solved, axis=0)) + estimate.half_width
         rows.append(near**-order * np.hypot(sure * half, spread) / size)
         how = how or estimate.how
-    return np.array(rows), how
+    return Term(how, np.array(rows))
 
 
-def increment_term(response: "xr.Dataset") -> tuple[np.ndarray, str]:
+def increment_term(response: "xr.Dataset") -> Term:
     """Half-widths from the increments of a body that flows, and how they were told."""
     gap = normal_observations(response)
     if "flowing_fraction" not in response.variables:
-        return np.zeros((3, gap.pressure.size)), "nothing: no body of the cells flows in increments"
+        nothing = np.zeros((3, gap.pressure.size))
+        return Term("nothing: no body of the cells flows in increments", nothing)
     if "mean_gap_increment_error" not in response.variables:
         told = "not known: no cell was solved with halved increments too"
-        return np.full((3, gap.pressure.size), np.nan), told
+        return Term(told, np.full((3, gap.pressure.size), np.nan))
     error, area = (
         response[f"{name}_increment_error"].to_numpy()[gap.order]
         for name in ("mean_gap", "contact_fraction")
@@ -227,7 +247,7 @@ def increment_term(response: "xr.Dataset") -> tuple[np.ndarray, str]:
     slope = np.gradient(mean, x) / np.gradient(mean * (1.0 + error), x)  # of pressure over gap
     term = SAFETY * np.abs([error, area, slope - 1.0])
     worst = ", ".join(f"{100.0 * one:.2g} %" for one in term.max(axis=1))
-    return term, f"halved in one realisation: up to {worst} of gap, area and stiffness"
+    return Term(f"halved in one realisation: up to {worst} of gap, area and stiffness", term)
 
 
 def students(variances: np.ndarray, freedom: np.ndarray) -> np.ndarray:

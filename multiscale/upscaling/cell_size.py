@@ -6,8 +6,8 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from multiscale.errors import CaseError
-from multiscale.upscaling.budget_terms import NORMAL, each_value, same_steps, students
-from multiscale.upscaling.observations import normal_observations
+from multiscale.upscaling.budget_terms import NORMAL, Term, each_value, same_steps, students
+from multiscale.upscaling.response_observations import normal_observations
 
 if TYPE_CHECKING:
     import xarray as xr
@@ -59,7 +59,7 @@ def at_rms_height(response: "xr.Dataset", rms_height: float) -> "xr.Dataset":
 
 def size_term(
     response: "xr.Dataset", sizes: Mapping[float, "xr.Dataset"], *, apart: bool = False
-) -> tuple[np.ndarray, np.ndarray, str]:
+) -> Term:
     r"""Bias by the size of the cell and half-widths about it, from the means of several sizes.
 
     The part of the mean that is left to an infinite cell falls as a power of the size: the scatter
@@ -99,7 +99,7 @@ def size_term(
         biases.append(middle / size)
         rows.append(np.sqrt(square) / size)
     how = f"means over the cell size from {len(ratios)} sizes, power about {np.mean(powers):.2g}"
-    return np.array(biases), np.array(rows), how
+    return Term(how, np.array(rows), np.array(biases))
 
 
 def without_size_bias(response: "xr.Dataset", sizes: Mapping[float, "xr.Dataset"]) -> "xr.Dataset":
@@ -112,8 +112,8 @@ def without_size_bias(response: "xr.Dataset", sizes: Mapping[float, "xr.Dataset"
     sizes : mapping of float to Dataset
         Ensembles apart from it; see :func:`~.budget.error_budget`, which then counts no bias.
     """
-    bias, _, how = size_term(response, sizes, apart=True)
-    gap, area = (1.0 - bias[k] for k in range(2))
+    term = size_term(response, sizes, apart=True)
+    gap, area, _ = 1.0 - np.asarray(term.bias)
     steps, place = response.sizes["step"], normal_observations(response).order
     factors = np.ones((2, steps))
     factors[:, place] = gap, area
@@ -122,7 +122,7 @@ def without_size_bias(response: "xr.Dataset", sizes: Mapping[float, "xr.Dataset"
         for name, factor in zip(("mean_gap", "contact_fraction"), factors, strict=True)
     }
     corrected["contact_fraction"] = corrected["contact_fraction"].clip(0.0, 1.0, keep_attrs=True)
-    return response.assign(corrected).assign_attrs(size_bias=f"taken out: {how}")
+    return response.assign(corrected).assign_attrs(size_bias=f"taken out: {term.how}")
 
 
 def _slope(x: np.ndarray, mean: np.ndarray, error: np.ndarray) -> tuple[np.ndarray, float]:

@@ -7,11 +7,8 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from multiscale.errors import CaseError
-from multiscale.upscaling.observations import (
-    Observations,
-    area_observations,
-    normal_observations,
-)
+from multiscale.upscaling.observations import Observations
+from multiscale.upscaling.response_observations import area_observations, normal_observations
 
 if TYPE_CHECKING:
     import xarray as xr

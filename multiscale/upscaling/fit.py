@@ -11,15 +11,11 @@ from multiscale.schema import INTERFACE_LAW, Schema, Variable
 from multiscale.upscaling.admissibility import admissibility
 from multiscale.upscaling.bootstrap import draw_counts
 from multiscale.upscaling.family import FAMILIES, Family
-from multiscale.upscaling.observations import (
-    QUANTITIES,
-    Observations,
-    area_observations,
-    normal_observations,
-)
+from multiscale.upscaling.observations import QUANTITIES, Observations
 from multiscale.upscaling.parametric import BY_REALISATION, NONE, fit_family
 from multiscale.upscaling.reading import area_from_dataset, fitted_law
 from multiscale.upscaling.regression import regression_of
+from multiscale.upscaling.response_observations import area_observations, normal_observations
 from multiscale.upscaling.spline import N_TERMS, RIDGE
 from multiscale.upscaling.spline_law import (
     Values,

@@ -1,6 +1,7 @@
 """How wrong an answer of the structure is, from the error budget of its law."""
 
 from collections.abc import Callable, Mapping, Sequence
+from dataclasses import replace
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -10,12 +11,11 @@ from multiscale.laws import NormalLaw, StretchedLaw
 from multiscale.schema import ERROR_BUDGET
 from multiscale.upscaling.budget import (
     ERROR_TERMS,
-    Terms,
     add_up,
     assemble_budget,
     how_attribute,
 )
-from multiscale.upscaling.budget_terms import separation_term
+from multiscale.upscaling.budget_terms import Term, separation_term
 from multiscale.upscaling.observations import observe
 from multiscale.upscaling.reading import fitted_laws, law_from_dataset, require_law
 from multiscale.upscaling.resolution import estimate_grid_error
@@ -93,9 +93,7 @@ def structure_budget(
 
     value = solved(mean_law) if answer is None else _rows(answer, names)
     require_law(law, "fit_mean_gap", "error_bias", *map(how_attribute, ERROR_TERMS))
-    how = {term: str(law.attrs[how_attribute(term)]) for term in ERROR_TERMS}
     terms = _law_terms(law, mean_law, solved, value, pressure)
-    biases = _law_biases(law, solved, value, terms)
     if not isinstance(samples, np.ndarray):
         n = min(samples, int(law.sizes.get("sample", 0)))
         n = n if n >= FEWEST_SAMPLES else 0
@@ -103,17 +101,14 @@ def structure_budget(
     if len(samples):
         rows = np.reshape(samples, (len(samples), *value.shape))
         low, high = np.nanpercentile(rows, [2.5, 97.5], axis=0)
-        terms["sampling"] = 0.5 * (high - low) / np.abs(value)
-        how["sampling"] = f"{len(samples)} bootstrap samples of the law"
-    how["macro discretisation"] = "not known: pass coarser, the answers on coarser meshes"
+        told, half = f"{len(samples)} bootstrap samples of the law", 0.5 * (high - low)
+        terms["sampling"] = replace(terms["sampling"], how=told, half_width=half / np.abs(value))
     if exact:
-        terms["macro discretisation"] = np.zeros(value.shape)
-        how["macro discretisation"] = exact
+        terms["macro discretisation"] = Term(exact, np.zeros(value.shape))
     elif coarser:
         estimate = estimate_grid_error(value, {r: _rows(a, names) for r, a in coarser.items()})
-        terms["macro discretisation"] = estimate.half_width / np.abs(value)
-        how["macro discretisation"] = estimate.how
-    return assemble_budget(terms, biases, how, names, None, steps=value.shape[1])
+        terms["macro discretisation"] = Term(estimate.how, estimate.half_width / np.abs(value))
+    return assemble_budget(terms, names, None, steps=value.shape[1])
 
 
 def over_steps(budget: "xr.Dataset", steps: np.ndarray, count: int) -> "xr.Dataset":
@@ -148,8 +143,12 @@ def _law_terms(
     solve: Callable[[NormalLaw], np.ndarray],
     answer: np.ndarray,
     pressure: np.ndarray | None,
-) -> Terms:
-    """Half-widths of the answer from those of the law, by how it depends on gaps and stiffness."""
+) -> dict[str, Term]:
+    """Terms of the answer from those of the law.
+
+    Half-widths are by how it depends on gaps and stiffness, biases by solving with laws without
+    the biases of their gaps.
+    """
     p = law["fit_pressure"].to_numpy() if pressure is None else np.asarray(pressure)
     middle = float(mean_law.gap_at(np.array(np.exp(np.mean(np.log(p))))))
     by = STRETCH * float(np.ptp(law["fit_mean_gap"].to_numpy()))
@@ -158,33 +157,23 @@ def _law_terms(
     of_gap = np.abs(shifted / answer - 1.0) / by  # 1/m
     of_stiffness = np.abs(stretched / answer - 1.0) / STRETCH
     known = law["error_half_width"].notnull().any(("quantity", "step"))
-    terms: Terms = {}
-    for term in ERROR_TERMS[:-1]:
+    terms = {term: Term(str(law.attrs[how_attribute(term)])) for term in ERROR_TERMS[:-1]}
+    for term in terms:
         if known.sel(error_term=term):
             gap, stiffness = _at_pressure(law, term, pressure)
             parts = _product(of_gap, gap), _product(of_stiffness, stiffness)
-            terms[term] = np.hypot(*parts)
-    return terms
+            terms[term] = replace(terms[term], half_width=np.hypot(*parts))
+            bias = law["error_bias"].sel(quantity="mean_gap", error_term=term).to_numpy()
+            if np.any(bias):
+                change = (answer - solve(_unbiased(law, bias))) / np.abs(answer)
+                terms[term] = replace(terms[term], bias=change)
+    last = Term("not known: pass coarser, the answers on coarser meshes")
+    return terms | {ERROR_TERMS[-1]: last}
 
 
 def _product(change: np.ndarray, half_width: np.ndarray) -> np.ndarray:
     """Half-width of an answer by its change with a quantity; nothing unknown if it changes not."""
     return np.where(change == 0.0, 0.0, change * half_width)
-
-
-def _law_biases(
-    law: "xr.Dataset",
-    solve: Callable[[NormalLaw], np.ndarray],
-    answer: np.ndarray,
-    terms: Terms,
-) -> Terms:
-    """Biases of the answer, by solving with laws without those of their gaps."""
-    biases: Terms = {}
-    for term in terms:
-        bias = law["error_bias"].sel(quantity="mean_gap", error_term=term).to_numpy()
-        if np.any(bias):
-            biases[term] = (answer - solve(_unbiased(law, bias))) / np.abs(answer)
-    return biases
 
 
 def _at_pressure(

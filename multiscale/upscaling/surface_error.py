@@ -4,6 +4,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from multiscale.upscaling.budget_terms import Term
 from multiscale.upscaling.reading import area_from_dataset, law_from_dataset
 
 if TYPE_CHECKING:
@@ -15,9 +16,7 @@ FEWEST_HELD = 0.5
 """Share of height or slope below which a law would be read at less than half its pressures."""
 
 
-def surface_term(
-    response: "xr.Dataset", law: "xr.Dataset", p: np.ndarray
-) -> tuple[np.ndarray, str]:
+def surface_term(response: "xr.Dataset", law: "xr.Dataset", p: np.ndarray) -> Term:
     r"""Half-widths from the height and the slope of measured maps that the cells lack.
 
     The gap of an elastic surface over its height, and its contact fraction, are functions of
@@ -34,11 +33,13 @@ def surface_term(
     """
     found = _shares_held(response)
     if found is None:
-        return np.zeros((3, p.size)), "nothing: the surfaces of the cells are not parts of maps"
+        nothing = np.zeros((3, p.size))
+        return Term("nothing: the surfaces of the cells are not parts of maps", nothing)
     height, slope = found
     how = f"the cells hold {height:.3g} of the rms height and {slope:.3g} of the rms slope measured"
     if min(found) < FEWEST_HELD:
-        return np.full((3, p.size), np.nan), f"not known: {how}, too little to infer the rest from"
+        unknown = np.full((3, p.size), np.nan)
+        return Term(f"not known: {how}, too little to infer the rest from", unknown)
     mean_law, area_law = law_from_dataset(law), area_from_dataset(law)
     gap, area = mean_law.gap_at, area_law.contact_fraction
     similar = mean_law.stiffness(gap(slope * p)) / slope
@@ -47,7 +48,7 @@ def surface_term(
         np.abs(area(slope * p) / area(p) - 1.0),
         1.0 - height + np.abs(similar / mean_law.stiffness(gap(p)) - 1.0),
     ]
-    return 2.0 * np.array(rows), how
+    return Term(how, 2.0 * np.array(rows))
 
 
 def _shares_held(response: "xr.Dataset") -> tuple[float, float] | None:

@@ -6,7 +6,8 @@ import numpy as np
 
 from multiscale.errors import CaseError
 from multiscale.schema import MICRO_RESPONSE
-from multiscale.upscaling.observations import Observations, inherited, observe, usable_steps
+from multiscale.upscaling.observations import Observations, observe
+from multiscale.upscaling.response_observations import inherited, usable_steps
 
 if TYPE_CHECKING:
     import xarray as xr

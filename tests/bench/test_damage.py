@@ -20,6 +20,7 @@ def test_jumps_give_the_life_of_every_cycle_for_a_share_of_them(scene):
     assert shares[0] < shares[1] < 0.2
 
 
+@pytest.mark.slow
 def test_the_family_leaves_a_dataset_and_a_figure(monkeypatch, tmp_path):
     monkeypatch.setattr(
         ladder, "measure", lambda task, **_: Measured(task(), wall_time=0.1, peak_memory=1e8)

@@ -8,7 +8,9 @@ from multiscale.bench.joints_family import SCENES as JOINTS
 from multiscale.bench.joints_family import measure_effectivity
 
 
-@pytest.mark.parametrize("name", ["law like the blocks", "stiff law"])
+@pytest.mark.parametrize(
+    "name", [pytest.param("law like the blocks", marks=pytest.mark.slow), "stiff law"]
+)
 def test_the_indicator_is_near_the_true_error_of_sliding_joints(name):
     runs = list(measure_effectivity(JOINTS[name]))
     assert {run["step"] for run in runs} == {0, 1, 2, 3, 4}
@@ -19,6 +21,7 @@ def test_the_indicator_is_near_the_true_error_of_sliding_joints(name):
     assert late.max() < 30.0
 
 
+@pytest.mark.slow
 def test_the_table_has_the_effectivity_at_every_decade_of_the_error():
     lines = []
     found = bench("joints", quick=True, report=lines.append)

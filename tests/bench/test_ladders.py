@@ -5,13 +5,12 @@ import pytest
 
 from multiscale.bench import FAMILIES, bench, ladder, tabulate
 from multiscale.bench.grains_family import BOUNCE, EXACT, ROLL, answer
-from multiscale.bench.ladder import Rung, climb
+from multiscale.bench.ladder import Rung, against, measure_ladders
 from multiscale.bench.measure import Measured
 from multiscale.bench.summary import join_families, tabulate_cheapest
 from multiscale.plotting import draw_work_precision
 from multiscale.schema import WORK_PRECISION
 
-SLOW = ("chain", "grains", "strain")
 COST = {"wall_time": 0.1, "peak_memory": 1e8}
 
 
@@ -21,9 +20,8 @@ def in_this_process(monkeypatch):
 
 
 def climb_one(task, exact=2.0):
-    rungs = [Rung("a", "b", task, {"points": 4})]
-    truth = (exact, 0.5)
-    return climb(rungs, lambda *_: truth, title="c", warm_up=lambda: None).isel(run=0)
+    rungs = [Rung("a", "b", task, lambda: None, {"points": 4})]
+    return measure_ladders(rungs, against(lambda *_: (exact, 0.5)), title="c").isel(run=0)
 
 
 @pytest.mark.usefixtures("in_this_process")
@@ -43,7 +41,11 @@ def test_an_answer_that_is_not_there_has_no_error():
 
 @pytest.mark.usefixtures("in_this_process")
 @pytest.mark.parametrize(
-    "family", ["laws", *(pytest.param(name, marks=pytest.mark.slow) for name in SLOW)]
+    "family",
+    [
+        pytest.param("laws", marks=pytest.mark.slow),
+        *(pytest.param(name, marks=pytest.mark.long) for name in ("chain", "grains", "strain")),
+    ],
 )
 def test_a_family_leaves_a_dataset_and_a_figure(family, tmp_path):
     lines = []
@@ -55,6 +57,7 @@ def test_a_family_leaves_a_dataset_and_a_figure(family, tmp_path):
     assert draw_work_precision(found, tmp_path / "family.png").stat().st_size > 1000
 
 
+@pytest.mark.slow
 def test_grains_follow_their_closed_forms_to_first_order_of_the_step():
     for scene in (BOUNCE, ROLL):
         errors = [abs(answer(scene, 0.0, step) - EXACT[scene]) for step in (2e-3, 2e-4)]

@@ -5,7 +5,7 @@ from importlib.metadata import version
 import numpy as np
 import pytest
 
-from multiscale.bench import bench, micro_family, tabulate
+from multiscale.bench import bench, ladder, micro_family, tabulate
 from multiscale.bench.measure import Measured
 from multiscale.bench.peers import (
     CODES,
@@ -86,6 +86,7 @@ def test_the_conforming_cell_has_the_area_of_tamaas_for_small_slopes(seed):
     np.testing.assert_allclose(area, expected, rtol=0.03)
 
 
+@pytest.mark.slow
 def test_the_boundary_element_codes_agree():
     pytest.importorskip("tamaas")
     pytest.importorskip("ContactMechanics")
@@ -119,9 +120,7 @@ def in_this_process(monkeypatch):
         "absent": Code(solve_flat, "absent", "no_such_module"),
     }
     monkeypatch.setattr(micro_family, "CODES", codes)
-    monkeypatch.setattr(
-        micro_family, "measure", lambda task, *, warm_up, repeats: Measured(task(), 0.5, 1e8)
-    )
+    monkeypatch.setattr(ladder, "measure", lambda task, **_: Measured(task(), 0.5, 1e8))
 
 
 @pytest.mark.usefixtures("in_this_process")
@@ -150,7 +149,7 @@ def test_what_is_missing_or_fails_is_told_and_nothing_is_invented(tmp_path):
     assert (tmp_path / "micro.png").stat().st_size > 10_000
 
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_the_command_measures_all_that_is_installed(tmp_path, monkeypatch, capsys):
     from multiscale.cli import main
 

@@ -106,6 +106,7 @@ def test_histories_go_forward_in_time_and_hold_what_was_reached(found):
         assert error[-1] == pytest.approx(float(found["error"][k]), rel=1e-6)
 
 
+@pytest.mark.slow
 def test_dataset_table_and_figure_can_be_written(found, tmp_path):
     write_dataset(found, tmp_path / "nonsmooth.nc", WORK_PRECISION)
     again = open_dataset(tmp_path / "nonsmooth.nc", WORK_PRECISION)

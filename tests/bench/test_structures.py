@@ -7,7 +7,7 @@ from importlib.util import find_spec
 import numpy as np
 import pytest
 
-from multiscale.bench import bench, structures_family, tabulate
+from multiscale.bench import bench, ladder, structures_family, tabulate
 from multiscale.bench.measure import Measured, measure
 from multiscale.bench.structures_family import (
     METHODS,
@@ -76,6 +76,7 @@ def test_the_squared_norm_of_a_change_without_slack_is_the_work_of_the_load(grid
     assert distance(grid, tension, reference) ** 2 * size == pytest.approx(work, rel=1e-8)
 
 
+@pytest.mark.slow
 def test_the_share_of_slack_cables_does_not_depend_on_the_size():
     for load_factor, share in ((1.0, 0.141), (4.0, 0.284)):
         for n in (8, 16, 32):
@@ -101,13 +102,13 @@ def test_each_method_has_the_factorisation_of_its_name(name):
 def without_pardiso(monkeypatch):
     """Skip the processes, have no PARDISO, and lose one process."""
 
-    def lose_one(task, *, warm_up, repeats):
+    def lose_one(task, **_):
         system, _, method = task.args
         if system.n_links == 4**2 * 16 and method.method == "dual":
             return Measured(None, np.nan, np.nan)
         return Measured(task(), 0.5, 1e8)
 
-    monkeypatch.setattr(structures_family, "measure", lose_one)
+    monkeypatch.setattr(ladder, "measure", lose_one)
     monkeypatch.setattr(structures_family, "QUICK_MODULES", (2, 4))
     monkeypatch.setitem(sys.modules, "pypardiso", None)
     factorisation._blank_pardiso.cache_clear()
@@ -147,7 +148,7 @@ def test_what_is_missing_or_fails_is_told_and_nothing_is_invented(tmp_path):
     assert sum("not converged" in " ".join(row) for row in rows) == 2
 
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_the_command_measures_every_method_and_all_of_them_agree(tmp_path, monkeypatch, capsys):
     from multiscale.cli import main
 

@@ -20,6 +20,7 @@ def response():
     return MICRO_RESPONSE.build(
         dict.fromkeys(names, cells)
         | {"traction": vectors, "displacement_jump": vectors, "nominal_pressure": [1.0, 2.0, 3.0]}
+        | {"branch": [0, 0, 0]}
     )
 
 
@@ -59,7 +60,7 @@ def test_every_fault_of_a_dataset_is_listed(response):
     with pytest.raises(SchemaError) as caught:
         MICRO_RESPONSE.check(response.drop_vars("traction").transpose("step", ...))
     message = str(caught.value)
-    assert "not a 'micro_response' dataset (schema version 1)" in message
+    assert "not a 'micro_response' dataset (schema version 2)" in message
     assert "traction: missing; add it (averaged traction, eqs (2)-(3), Pa, dimensions" in message
     assert "mean_gap: units 'um', expected 'm'" in message
     assert "converged: dimensions ('step', 'realisation')" in message
@@ -70,7 +71,7 @@ def test_another_schema_version_is_refused_with_both_named(response, tmp_path):
     response.assign_attrs(schema="micro_response", schema_version=7).to_netcdf(
         file, engine="h5netcdf"
     )
-    with pytest.raises(SchemaError, match=r"of schema version 7, this package reads version 1"):
+    with pytest.raises(SchemaError, match=r"of schema version 7, this package reads version 2"):
         open_dataset(file, MICRO_RESPONSE)
 
 

@@ -265,7 +265,7 @@ def test_measured_files_have_the_known_statistics(
     [
         pytest.param("tmd-1.tmd", 80 + 300 * 300 * 4, id="tmd"),
         # a photograph of the sample follows the heights
-        pytest.param("al3d-1.al3d", 1261 + 200 * 296 * 4, id="al3d"),
+        pytest.param("al3d-1.al3d", 1261 + 200 * 296 * 4, id="al3d", marks=pytest.mark.slow),
     ],
 )
 def test_truncated_file_is_refused_whatever_its_length(reference_data, tmp_path, name, needed):

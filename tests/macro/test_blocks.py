@@ -92,9 +92,9 @@ def displacement_error(mesh, element):
     ("mesh", "element", "rate", "largest"),
     [
         pytest.param(box_mesh, ElementHex1(), 2.0, 1e-2, id="hex8"),
-        pytest.param(box_mesh, ElementHex2(), 3.0, 5e-4, id="hex27"),
+        pytest.param(box_mesh, ElementHex2(), 3.0, 5e-4, id="hex27", marks=pytest.mark.slow),
         pytest.param(MeshTet, ElementTetP1(), 2.0, 6e-2, id="tet4"),
-        pytest.param(MeshTet, ElementTetP2(), 3.0, 4e-3, id="tet10"),
+        pytest.param(MeshTet, ElementTetP2(), 3.0, 4e-3, id="tet10", marks=pytest.mark.slow),
     ],
 )
 def test_displacement_converges_at_the_expected_rate(mesh, element, rate, largest):

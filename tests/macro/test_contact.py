@@ -10,11 +10,11 @@ from multiscale.laws.bulk import J2, Elastic, NeoHookean, Prony
 from multiscale.macro import (
     Body,
     Contact,
-    ContactProblem,
-    Cylinder,
-    Graph,
-    Plane,
-    Sphere,
+    FiniteAssembly,
+    RigidCylinder,
+    RigidGraph,
+    RigidPlane,
+    RigidSphere,
     solve_contact,
 )
 from tests.contact_scenes import block, inclined_slider, moved
@@ -39,7 +39,7 @@ def stack(kinds, *, law=LAW, width=1.0, **contact):
         "lower": Body(lower, law, held | {"bottom": (*[None] * (d - 1), 0.0)}),
         "upper": Body(upper, law, held, push),
     }
-    return ContactProblem(bodies, {"joint": Contact(**contact)})
+    return FiniteAssembly(bodies, {"joint": Contact(**contact)})
 
 
 UPPER_FIRST = {"side1": ("upper", "bottom"), "side2": ("lower", "top")}
@@ -105,7 +105,7 @@ def punch(friction=0.3, *, size=1.0, law=DIE, **options):
         "die": Body(moved(die, size * die.p), law, {"top": push}),
     }
     contact = Contact(("die", "bottom"), ("base", "top"), friction)
-    return solve_contact(ContactProblem(bodies, {"joint": contact}), (1.0, 1.3, 1.6), **options)
+    return solve_contact(FiniteAssembly(bodies, {"joint": contact}), (1.0, 1.3, 1.6), **options)
 
 
 @pytest.mark.parametrize("friction", [0.0, 0.3])
@@ -174,8 +174,8 @@ def test_supports_carry_what_the_contact_passes():
 def test_supports_of_bodies_with_memory_carry_the_contact_at_the_end_of_the_step(law):
     mesh = block(MeshHex, (2, 2, 2), (0.0,) * 3, (1.0,) * 3)
     body = Body(mesh, law, {"top": (0.0, 0.0, -0.1)})
-    contact = Contact(("block", "bottom"), Plane((0.0, 0.0, 0.0), (0.0, 0.0, 1.0)))
-    for step in solve_contact(ContactProblem({"block": body}, {"floor": contact}), (0.5, 1.0)):
+    contact = Contact(("block", "bottom"), RigidPlane((0.0, 0.0, 0.0), (0.0, 0.0, 1.0)))
+    for step in solve_contact(FiniteAssembly({"block": body}, {"floor": contact}), (0.5, 1.0)):
         carried = step.unwrap().support_force["block"].sum(axis=1)
         np.testing.assert_allclose(carried[2], step.contact["floor"].force[2], rtol=1e-7)
 
@@ -191,11 +191,11 @@ def test_a_slider_on_a_slope_needs_its_friction_and_its_climb(deformable, finite
 
 
 OBSTACLES = [
-    pytest.param(Plane((0.0, 0.0, 1.0), (0.0, 0.0, -2.0)), id="plane"),
-    pytest.param(Sphere((0.5, 0.5, 6.0), 5.0), id="sphere"),
-    pytest.param(Cylinder((0.5, 0.0, 6.0), (0.0, 3.0, 0.0), 5.0), id="cylinder"),
+    pytest.param(RigidPlane((0.0, 0.0, 1.0), (0.0, 0.0, -2.0)), id="plane"),
+    pytest.param(RigidSphere((0.5, 0.5, 6.0), 5.0), id="sphere"),
+    pytest.param(RigidCylinder((0.5, 0.0, 6.0), (0.0, 3.0, 0.0), 5.0), id="cylinder"),
     pytest.param(
-        Graph(lambda x: 1.0 + 0.1 * (x[0] - 0.5) ** 2, lambda x: 0.2 * (x - 0.5) * [[1], [0]]),
+        RigidGraph(lambda x: 1.0 + 0.1 * (x[0] - 0.5) ** 2, lambda x: 0.2 * (x - 0.5) * [[1], [0]]),
         id="graph",
     ),
 ]
@@ -210,7 +210,7 @@ def test_no_node_enters_an_obstacle(obstacle, finite_sliding):
         {"bottom": (0.0, 0.0, 0.02)},
     )
     contact = Contact(("block", "top"), obstacle, 0.2, finite_sliding)
-    step = solve_contact(ContactProblem({"block": body}, {"wall": contact}))[-1].unwrap()
+    step = solve_contact(FiniteAssembly({"block": body}, {"wall": contact}))[-1].unwrap()
     surface = step.contact["wall"]
     top = np.flatnonzero(body.mesh.p[2] == 1.0)
     x = (body.mesh.p + step.displacement["block"])[:, top].T
@@ -225,8 +225,8 @@ def test_no_node_enters_an_obstacle(obstacle, finite_sliding):
 def test_a_moving_obstacle_drags_the_body_along():
     body = Body(block(MeshQuad, (4, 4), (0, 0), (1, 1)), LAW, {"bottom": (0.0, 0.0)})
     path = (lambda x, t: 1e-3 * max(0.0, t - 1.0), lambda x, t: -1e-3 * min(t, 1.0))
-    contact = Contact(("block", "top"), Plane((0, 1), (0, -1), path), friction_coefficient=0.5)
-    pressed, dragged = solve_contact(ContactProblem({"block": body}, {"p": contact}), (1.0, 1.1))
+    contact = Contact(("block", "top"), RigidPlane((0, 1), (0, -1), path), friction_coefficient=0.5)
+    pressed, dragged = solve_contact(FiniteAssembly({"block": body}, {"p": contact}), (1.0, 1.1))
     assert pressed.unwrap().contact["p"].force[0] == pytest.approx(0.0, abs=1e-3)
     assert dragged.unwrap().contact["p"].force[0] < 0.0  # on the obstacle: it is held back
     top = body.mesh.p[1] == 1.0
@@ -235,10 +235,9 @@ def test_a_moving_obstacle_drags_the_body_along():
 
 def test_without_friction_a_contact_node_has_one_unknown():
     from multiscale.macro.continuum.contact_newton import rest
-    from multiscale.macro.continuum.contact_system import prepare_system
 
-    one = prepare_system(stack((MeshHex, MeshHex), **UPPER_FIRST))
-    three = prepare_system(stack((MeshHex, MeshHex), **UPPER_FIRST, friction_coefficient=0.1))
+    one = stack((MeshHex, MeshHex), **UPPER_FIRST)
+    three = stack((MeshHex, MeshHex), **UPPER_FIRST, friction_coefficient=0.1)
     assert rest(one).reaction.shape[1] == 1
     assert rest(three).reaction.shape[1] == 3
 
@@ -257,8 +256,8 @@ def test_a_step_that_fails_is_reported_as_data_and_ends_the_path():
 
 def test_a_problem_without_load_stays_at_rest():
     body = Body(block(MeshQuad, (2, 2), (0, 0), (1, 1)), LAW, {"bottom": (0.0, 0.0)})
-    contact = Contact(("block", "top"), Plane((0, 1), (0, -1)), 0.3)
-    step = solve_contact(ContactProblem({"block": body}, {"p": contact}))[-1].unwrap()
+    contact = Contact(("block", "top"), RigidPlane((0, 1), (0, -1)), 0.3)
+    step = solve_contact(FiniteAssembly({"block": body}, {"p": contact}))[-1].unwrap()
     assert not step.displacement["block"].any()
 
 
@@ -271,7 +270,7 @@ def test_iterations_are_reported_to_the_callback():
 
 SQUARE = block(MeshQuad, (2, 2), (0, 0), (1, 1))
 HELD = {"bottom": (0.0, 0.0)}
-FLOOR = Plane((0.0, 0.0), (0.0, 1.0))
+FLOOR = RigidPlane((0.0, 0.0), (0.0, 1.0))
 
 
 def square(**options):
@@ -294,27 +293,31 @@ REFUSED = [
     pytest.param(
         lambda: Contact(("a", "top"), FLOOR, -0.1), "must not be negative", id="negative friction"
     ),
-    pytest.param(lambda: Sphere((0, 0), -1.0), "radius of an obstacle must be positive", id="ball"),
-    pytest.param(lambda: Plane((0, 0), (0, 0)), "needs a direction", id="plane without normal"),
     pytest.param(
-        lambda: ContactProblem({"a": square()}, {"c": Contact(("a", "top"), FLOOR)}),
+        lambda: RigidSphere((0, 0), -1.0), "radius of an obstacle must be positive", id="ball"
+    ),
+    pytest.param(
+        lambda: RigidPlane((0, 0), (0, 0)), "needs a direction", id="plane without normal"
+    ),
+    pytest.param(
+        lambda: FiniteAssembly({"a": square()}, {"c": Contact(("a", "top"), FLOOR)}),
         "no body has a support",
         id="no supports",
     ),
     pytest.param(
-        lambda: ContactProblem({"a": square(supports=HELD), "b": square()}),
+        lambda: FiniteAssembly({"a": square(supports=HELD), "b": square()}),
         "body 'b' has neither a support nor a contact",
         id="a body without support or contact",
     ),
     pytest.param(
-        lambda: ContactProblem(
+        lambda: FiniteAssembly(
             {"a": square(supports=HELD)}, {"c": Contact(("a", "lid"), ("a", "top"))}
         ),
         "no boundary 'lid'",
         id="unknown boundary of a contact",
     ),
     pytest.param(
-        lambda: ContactProblem({"a": square(supports=HELD)}, {"c": Contact(("x", "top"), FLOOR)}),
+        lambda: FiniteAssembly({"a": square(supports=HELD)}, {"c": Contact(("x", "top"), FLOOR)}),
         r"names no body of the problem: 'x'; its bodies are \['a'\]",
         id="unknown body",
     ),
@@ -328,13 +331,13 @@ def test_bad_input_is_refused_in_a_sentence(make, message):
 
 
 def on_floor(body, **options):
-    return ContactProblem({"a": body}, {"c": Contact(("a", "bottom"), FLOOR, **options)})
+    return FiniteAssembly({"a": body}, {"c": Contact(("a", "bottom"), FLOOR, **options)})
 
 
 def test_surfaces_without_a_common_area_are_refused():
     away = moved(SQUARE, [SQUARE.p[0] + 5.0, SQUARE.p[1] + 1.0])
     bodies = {"a": square(supports=HELD), "b": Body(away, LAW, {"top": (0.0, -1e-3)})}
-    problem = ContactProblem(bodies, {"c": Contact(("b", "bottom"), ("a", "top"))})
+    problem = FiniteAssembly(bodies, {"c": Contact(("b", "bottom"), ("a", "top"))})
     with pytest.raises(CaseError, match=r"contact 'c': the surfaces .* have no common area"):
         solve_contact(problem)
 
@@ -378,7 +381,7 @@ def test_a_block_pushed_beyond_its_friction_ends_the_path_with_capacity_and_load
         }
         sides = ("block", "bottom"), ("base", "top")
         contact = Contact(*sides, friction_coefficient=0.2, finite_sliding=finite_sliding)
-        return solve_contact(ContactProblem(bodies, {"joint": contact}), (1.0, 2.0))
+        return solve_contact(FiniteAssembly(bodies, {"joint": contact}), (1.0, 2.0))
 
     assert all(step.solution.converged for step in push(0.19e6))
     pressed, slid = push(0.21e6)

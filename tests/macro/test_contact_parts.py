@@ -12,8 +12,7 @@ from multiscale.fe.elements import element_response, prepare_elements
 from multiscale.fe.facets import facet_normals, nodal_areas, surface_of
 from multiscale.fe.mortar import couple
 from multiscale.laws.bulk import J2, Elastic, NeoHookean
-from multiscale.macro import Body, Contact, ContactProblem, Plane, load_mesh, solve_contact
-from multiscale.macro.continuum.contact_system import prepare_system
+from multiscale.macro import Body, Contact, FiniteAssembly, RigidPlane, load_mesh, solve_contact
 from multiscale.macro.continuum.nodal_coulomb import linearise
 from tests.contact_scenes import block, moved
 from tests.support import alart_curnier, keep_ignoring_broken_pipes
@@ -98,7 +97,7 @@ def test_an_incompressible_body_does_not_lock(kind):
         if d == 3:  # plane strain
             held |= {"front": (None, 0.0, None), "back": (None, 0.0, None)}
         body = Body(mesh, Elastic(1.0 - nu**2, nu), held, shear)
-        step = solve_contact(ContactProblem({"beam": body}))[-1].unwrap()
+        step = solve_contact(FiniteAssembly({"beam": body}))[-1].unwrap()
         tips.append(step.displacement["beam"][-1].max())
     assert tips[1] == pytest.approx(tips[0], rel=0.05)
 
@@ -184,13 +183,12 @@ def curved_pair(d, *, bend=0.1, law=RUBBER, supports=None, **contact):
         held = {"bottom" if name == "lower" else "top": (supports or {}).get(name, (0.0,) * d)}
         bodies[name] = Body(moved(mesh, x), law, held)
     joint = Contact(("upper", "bottom"), ("lower", "top"), 0.8, **contact)
-    return ContactProblem(bodies, {"joint": joint})
+    return FiniteAssembly(bodies, {"joint": joint})
 
 
 def step_jump(problem, before, now):
     """Gap and slip between two placements x -> function(body, x), shape (nodes, d), m."""
-    system = prepare_system(problem)
-    d = system.start.shape[1]
+    d = problem.start.shape[1]
     motion = [
         np.concatenate(
             [
@@ -200,9 +198,9 @@ def step_jump(problem, before, now):
         )
         for place in (before, now)
     ]
-    start = system.couplings(np.zeros(system.start.size), 0.0, None)
-    couplings = [system.couplings(u, 1.0, start) for u in motion]
-    jump = system.jump(*couplings, motion, (1.0, 1.0))
+    start = problem.couplings(np.zeros(problem.start.size), 0.0, None)
+    couplings = [problem.couplings(u, 1.0, start) for u in motion]
+    jump = problem.jump(*couplings, motion, (1.0, 1.0))
     return jump.reshape(-1, d)[couplings[0][0].kept[:, 0] & couplings[1][0].kept[:, 0]]
 
 
@@ -228,9 +226,9 @@ def test_the_slip_between_bodies_is_of_the_step_alone(d, finite_sliding):
 @pytest.mark.parametrize("finite_sliding", [False, True])
 def test_the_slip_on_an_obstacle_is_of_the_step_alone(finite_sliding):
     body = Body(block(MeshQuad, (3, 2), (0, 0), (1, 1)), RUBBER, {"top": (0.0, 0.0)})
-    floor = Plane((0.0, 0.0), (0.0, 1.0))
+    floor = RigidPlane((0.0, 0.0), (0.0, 1.0))
     contact = Contact(("upper", "bottom"), floor, 0.8, finite_sliding)
-    problem = ContactProblem({"upper": body}, {"joint": contact})
+    problem = FiniteAssembly({"upper": body}, {"joint": contact})
     jump = step_jump(problem, slid(0.1), slid(0.25))
     np.testing.assert_allclose(jump[:, 1], -0.15, rtol=1e-12)
     np.testing.assert_allclose(jump[:, 0], 0.0, atol=1e-13)
@@ -369,8 +367,8 @@ def test_a_mesh_of_gmsh_is_pressed_between_plates(tmp_path):
 
     mesh = load_mesh(tmp_path / "block.msh")
     body = Body(mesh, Elastic(1e9, 0.3), {"bottom": (0.0, 0.0)})
-    plate = Plane((0.0, 1.0), (0.0, -1.0), motion=(0.0, -1e-3))
-    problem = ContactProblem({"block": body}, {"plate": Contact(("block", "top"), plate)})
+    plate = RigidPlane((0.0, 1.0), (0.0, -1.0), motion=(0.0, -1e-3))
+    problem = FiniteAssembly({"block": body}, {"plate": Contact(("block", "top"), plate)})
     surface = solve_contact(problem)[-1].unwrap().contact["plate"]
     assert np.sum(surface.area) == pytest.approx(2.0)
     assert np.all(surface.pressure > 0.0)

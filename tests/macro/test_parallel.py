@@ -45,7 +45,7 @@ PROGRAM = dedent(
 )
 
 
-@pytest.mark.slow
+@pytest.mark.long
 @pytest.mark.parametrize("method", ["latin", "schur"])
 def test_the_answer_is_the_same_for_any_number_of_processes(method, tmp_path):
     pytest.importorskip("mpi4py")
@@ -90,6 +90,7 @@ def test_what_fails_in_one_process_raises_in_all():
         together(Alone(), lambda: np.linalg.inv(np.zeros((2, 2))))
 
 
+@pytest.mark.slow
 def test_the_command_spreads_a_scene_and_writes_it_once(tmp_path):
     pytest.importorskip("mpi4py")
     launcher = Path(sys.executable).with_name("mpiexec")

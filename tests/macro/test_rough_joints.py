@@ -99,6 +99,7 @@ def sheared_bar(elements):
     return RoughAssembly(bodies, joints, length * edge, edge**2)
 
 
+@pytest.mark.slow
 def test_a_bar_on_a_rough_base_loses_the_energy_of_shear_lag():
     r"""A bar of rigidity EA with friction q per length, pulled at its end by a force F < q L.
 
@@ -249,6 +250,7 @@ def test_shear_beyond_friction_ends_the_path_and_says_when():
     assert np.isnan(result.cycle_energy).all()
 
 
+@pytest.mark.slow
 def test_a_lap_joint_is_refused_above_the_friction_under_its_bolt_and_held_below(gmsh):
     joint = lap_joint(SHAPE, (STEEL, STEEL), LAW)
     bolt = 0.2 * 50e6 * joint.preload_area  # N; the guide of the end carries a little of it

@@ -8,6 +8,7 @@ from scipy.sparse.linalg import spsolve
 
 from multiscale.errors import CaseError
 from multiscale.fe.boxes import box_mesh
+from multiscale.fe.condensation import condense, split
 from multiscale.laws import Exponential, Sliders
 from multiscale.laws.bulk import Elastic
 from multiscale.macro import Body, solve_interface, solve_static, tensegrity_grid
@@ -23,7 +24,6 @@ from multiscale.macro.substructures import (
     split_grid,
 )
 from multiscale.macro.substructures.balancing import prepare_balancing
-from multiscale.macro.substructures.condensation import condense, split
 from multiscale.macro.substructures.cut_tangent import Newton
 from multiscale.macro.substructures.stack import Factors
 from multiscale.numerics.factorisation import factorise

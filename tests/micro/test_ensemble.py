@@ -14,6 +14,8 @@ from multiscale.errors import CaseError, MultiscaleError
 from multiscale.executors import process_pool, run_jobs
 from multiscale.micro import (
     Cell,
+    FlatCell,
+    GraphCell,
     Path,
     cell_solver,
     checkpoint,
@@ -131,7 +133,9 @@ def test_a_realisation_that_is_killed_goes_on_after_its_last_step(
     cells, geometry, tmp_path, monkeypatch
 ):
     path = Path(pressure=(0.001, 0.002, 0.004, 0.008))
-    one = [replace(cells[0], geometry=geometry)]
+    flat = cells[0]
+    kind = {"flat": FlatCell, "conforming": GraphCell}[geometry]
+    one = [kind(flat.surface, flat.depth, flat.layers, flat.law)]
     whole = run_ensemble(one, path)
     monkeypatch.setattr(checkpoint, "WORTH", 0.0)
     average, solved = cell_solver._average, []

@@ -5,6 +5,7 @@ import pytest
 from skfem import ElementHex1, ElementHex2, ElementTetP1, ElementTetP2, MeshHex, MeshTet
 
 from multiscale.errors import CaseError
+from multiscale.laws.bulk import Elastic, GradedElastic
 from multiscale.micro import Cell, MeshCell, Path, Surface, self_affine, solve_cell
 from multiscale.micro.graph_mesh import GraphMesh, graded_planes
 from tests.support import egg_box, keep_ignoring_broken_pipes
@@ -87,7 +88,9 @@ def test_general_path_agrees_with_the_fast_path_on_the_same_mesh(obstacle):
         flat = Surface(np.zeros((12, 12)), (1.0, 1.0))
         body = Cell(surface, 1.0, 6, 1.0, 0.3, flat)
         fast = solve_cell(body, PATH, recover_stress=True, tolerance=1e-11)
-    general = solve_cell(MeshCell(mesh, ElementHex1(), 1.0, 0.3), PATH, recover_stress=True)
+    general = solve_cell(
+        MeshCell(mesh, ElementHex1(), Elastic(1.0, 0.3)), PATH, recover_stress=True
+    )
     for name in ("traction", "displacement_jump", "mean_gap", "recovered_traction"):
         scale = np.max(np.abs(fast[name].values))
         np.testing.assert_allclose(general[name], fast[name], atol=1e-7 * scale)
@@ -106,7 +109,7 @@ def test_elements_agree_on_the_response_of_an_egg_box(element, tolerance):
     if not isinstance(element, ElementHex2):
         mesh = mesh.to_meshtet()
     obstacle = egg_box(48, -0.02)
-    found = solve_cell(MeshCell(named(mesh), element, 1.0, 0.3, obstacle=obstacle), PATH)
+    found = solve_cell(MeshCell(named(mesh), element, Elastic(1.0, 0.3), obstacle=obstacle), PATH)
     flat = Surface(np.zeros((48, 48)), (1.0, 1.0))
     expected = solve_cell(Cell(flat, 1.0, 24, 1.0, 0.3, obstacle), PATH)
     assert found["converged"].values.all()
@@ -118,7 +121,7 @@ def test_elements_agree_on_the_response_of_an_egg_box(element, tolerance):
 def test_sliding_sides_equal_periodic_ones_by_symmetry():
     mesh = named(wavy_box(6, 0.02))
     periodic, sliding = (
-        solve_cell(MeshCell(mesh, ElementHex1(), 1.0, 0.3, periodic=kind), PATH)
+        solve_cell(MeshCell(mesh, ElementHex1(), Elastic(1.0, 0.3), periodic=kind), PATH)
         for kind in (True, False)
     )
     np.testing.assert_allclose(periodic["mean_gap"], sliding["mean_gap"], atol=1e-10)
@@ -126,7 +129,7 @@ def test_sliding_sides_equal_periodic_ones_by_symmetry():
 
 def test_a_gmsh_cell_with_a_buried_void_is_softer_than_one_without(box_with_void):
     path = Path(approach=(0.06,))  # full contact
-    response = solve_cell(MeshCell(box_with_void, ElementTetP2(), 1.0, 0.3), path)
+    response = solve_cell(MeshCell(box_with_void, ElementTetP2(), Elastic(1.0, 0.3)), path)
     assert response["converged"].values.all()
     solid = solve_cell(Cell(egg_box(32, 0.02), 1.0, 16, 1.0, 0.3), path)
     # a dilute void of volume fraction .0335 takes about twice that from the layer's stiffness
@@ -140,7 +143,7 @@ def test_a_stiff_inclusion_takes_part_through_its_elements():
     inside = np.linalg.norm(middle - np.array([[0.5], [0.5], [0.6]]), axis=0) < 0.25
     soft, stiff = (
         solve_cell(
-            MeshCell(mesh, ElementHex1(), np.where(inside, modulus, 1.0), 0.3),
+            MeshCell(mesh, ElementHex1(), GradedElastic(np.where(inside, modulus, 1.0), 0.3)),
             Path(approach=(0.03,)),
         )["traction"].values[0, 0, 0]
         for modulus in (1.0, 100.0)
@@ -154,15 +157,17 @@ def test_a_mesh_whose_sides_do_not_match_is_refused():
     edge = np.isclose(points[0], 1.0) & (points[1] > 0.1) & (points[1] < 0.9)
     points[1, edge] += 0.05
     with pytest.raises(CaseError, match=r"not periodic: the node at .* has no partner"):
-        solve_cell(MeshCell(named(MeshTet(points, mesh.t)), ElementTetP1(), 1.0, 0.3), PATH)
+        solve_cell(
+            MeshCell(named(MeshTet(points, mesh.t)), ElementTetP1(), Elastic(1.0, 0.3)), PATH
+        )
 
 
 def test_missing_boundaries_are_named():
     with pytest.raises(CaseError, match=r"no boundary named \['base', 'sides', 'top'\]"):
-        MeshCell(MeshTet(), ElementTetP1(), 1.0, 0.3)
+        MeshCell(MeshTet(), ElementTetP1(), Elastic(1.0, 0.3))
 
 
 def test_fields_of_a_general_mesh_are_refused():
-    cell = MeshCell(named(wavy_box(2, 0.02)), ElementHex2(), 1.0, 0.3)
+    cell = MeshCell(named(wavy_box(2, 0.02)), ElementHex2(), Elastic(1.0, 0.3))
     with pytest.raises(CaseError, match="a general mesh has none; leave it out"):
         solve_cell(cell, PATH, keep_fields=True)

@@ -4,7 +4,8 @@ import numpy as np
 import pytest
 
 from multiscale.errors import CaseError
-from multiscale.micro import Cell, Opposite, Surface, slide_cell
+from multiscale.laws.bulk import Elastic
+from multiscale.micro import Cell, SecondBody, Surface, slide_cell
 from multiscale.schema import SLIDING_RESPONSE
 
 N = 8
@@ -25,7 +26,7 @@ def cell():
         0.3,
         egg_box(-0.02),
         friction_coefficient=0.2,
-        opposite=Opposite(0.5, 4, 1.0, 0.3),
+        opposite=SecondBody(0.5, 4, Elastic(1.0, 0.3)),
     )
 
 

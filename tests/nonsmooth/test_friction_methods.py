@@ -102,7 +102,7 @@ def test_most_of_a_few_stacks_are_solved():
     assert sum(solved) >= 9
 
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_99_percent_of_200_stacks_are_solved():
     solved = [solve_friction(*random_stack(seed).condensed()).converged for seed in range(200)]
     assert sum(solved) >= 198

@@ -5,7 +5,7 @@ import pytest
 
 from multiscale.nonsmooth.coulomb import natural_map
 from multiscale.nonsmooth.friction_problem import natural_map_squares
-from multiscale.nonsmooth.one_contact import solve_contact
+from multiscale.nonsmooth.one_contact import solve_one_contact
 from multiscale.nonsmooth.projections import (
     project_ball,
     project_friction_cone,
@@ -14,19 +14,19 @@ from tests.support import alart_curnier
 
 
 def test_an_opening_contact_carries_nothing():
-    assert solve_contact(np.eye(3), 0.1, 5.0, -3.0, 0.5) == (0.0, 0.0, 0.0)
+    assert solve_one_contact(np.eye(3), 0.1, 5.0, -3.0, 0.5) == (0.0, 0.0, 0.0)
 
 
 def test_a_slow_contact_sticks():
     block = np.diag([2.0, 4.0, 5.0])
-    r = solve_contact(block, -2.0, 0.4, -0.5, 0.9)
+    r = solve_one_contact(block, -2.0, 0.4, -0.5, 0.9)
     np.testing.assert_allclose(r, [1.0, -0.1, 0.1], rtol=1e-15)
 
 
 @pytest.mark.parametrize("friction", [0.0, 0.2, 0.7])
 def test_a_fast_contact_slides_against_its_velocity(friction):
     # W = diag(w, w, w): r_N = -q_N / w, and friction opposes q_T
-    r = solve_contact(0.5 * np.eye(3), -1.0, 3.0, 4.0, friction)
+    r = solve_one_contact(0.5 * np.eye(3), -1.0, 3.0, 4.0, friction)
     np.testing.assert_allclose(r, [2.0, -1.2 * friction, -1.6 * friction], rtol=1e-14)
 
 
@@ -38,7 +38,7 @@ def test_the_exact_solver_satisfies_the_law_for_random_blocks(friction, rank):
         G = rng.normal(size=(3, rank)) * 10.0 ** rng.uniform(-3.0, 3.0)
         W = G @ G.T
         q = G @ rng.normal(size=rank)  # within the range of W, so that an answer exists
-        r = np.array(solve_contact(W, *q, friction))
+        r = np.array(solve_one_contact(W, *q, friction))
         u = W @ r + q
         step = 3.0 / np.trace(W)
         error = natural_map(u[:, None], r[:, None], np.array([friction]), step) / step
@@ -90,7 +90,7 @@ def test_both_residuals_vanish_together_and_the_kernel_agrees():
     for i in range(50):
         G = rng.normal(size=(3, 3))
         q = rng.normal(size=3)
-        x = np.array(solve_contact(G @ G.T, *q, mu[i]))
+        x = np.array(solve_one_contact(G @ G.T, *q, mu[i]))
         v = (G @ G.T @ x + q)[:, None]
         for residual in (natural_map, alart_curnier):
             assert np.linalg.norm(residual(v, x[:, None], mu[i : i + 1])) < 1e-9

@@ -198,6 +198,7 @@ def test_load_beyond_the_law_is_told_on_the_command_line(tmp_path, highest, more
     assert said in f"{done.output}{done.exception}"
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("quick", [True, False])
 def test_the_shipped_lap_joint_is_known_with_the_shipped_law(run_folder, tmp_path, quick):
     scene = load_scene(SCENES / "lap_joint.toml")
@@ -236,6 +237,7 @@ def test_blocks_that_slide_away_keep_their_steps_and_exit_with_capacity_and_load
     np.testing.assert_allclose(result.joint_stiffness[:2], expected, rtol=1e-6)
 
 
+@pytest.mark.slow
 def test_steps_before_one_that_slides_away_keep_their_errors_in_the_print(tmp_path):
     p = np.geomspace(1e6, 2e8, 9)
     response = response_of(

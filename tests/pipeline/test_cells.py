@@ -39,10 +39,10 @@ def _with_units(case):
     return content
 
 
-def write_map(path, heights, step="um"):
-    """Write a matrix that SurfaceTopography reads, 1 um between points."""
-    nx, ny = heights.shape
-    head = f"# Channel: Main\n# Width: {nx} {step}\n# Height: {ny} {step}\n# Value units: um\n"
+def write_map(path, heights, spacing=4):
+    """Write a matrix that SurfaceTopography reads, some um between points."""
+    nx, ny = (spacing * n for n in heights.shape)
+    head = f"# Channel: Main\n# Width: {nx} um\n# Height: {ny} um\n# Value units: um\n"
     path.write_text(head + "\n".join(" ".join(f"{v:.9e}" for v in row) for row in heights.T))
     return path
 
@@ -78,7 +78,7 @@ def test_a_cutoff_finer_than_the_grid_names_body_and_remedy(case):
 
 def test_a_measured_map_gives_one_separate_window_for_each_realisation(case, tmp_path):
     rng = np.random.default_rng(seed=1)
-    path = write_map(tmp_path / "map.txt", rng.standard_normal((900, 850)))
+    path = write_map(tmp_path / "map.txt", rng.standard_normal((225, 213)))
     cells = make_cells(measured(case, path))
     assert len(cells) == case.micro.realisations
     for cell in cells:
@@ -88,7 +88,7 @@ def test_a_measured_map_gives_one_separate_window_for_each_realisation(case, tmp
 
 def test_a_map_with_too_few_windows_says_how_many_it_holds(case, tmp_path):
     rng = np.random.default_rng(seed=1)
-    path = write_map(tmp_path / "map.txt", rng.standard_normal((500, 850)))
+    path = write_map(tmp_path / "map.txt", rng.standard_normal((125, 213)))
     with pytest.raises(
         CaseError, match=r"map.txt measures .* holds 2 separate windows .* but 4 are"
     ):
@@ -96,7 +96,7 @@ def test_a_map_with_too_few_windows_says_how_many_it_holds(case, tmp_path):
 
 
 def test_a_folder_in_which_nothing_was_computed_is_free_for_the_mended_case(case, tmp_path):
-    path = write_map(tmp_path / "map.txt", np.random.default_rng(seed=1).random((500, 850)))
+    path = write_map(tmp_path / "map.txt", np.random.default_rng(seed=1).random((125, 213)))
     with pytest.raises(CaseError, match="separate windows"):
         run(measured(case, path), tmp_path / "out")
     cell = case.cell.model_copy(update={"geometry": "flat"})
@@ -107,7 +107,7 @@ def test_a_folder_in_which_nothing_was_computed_is_free_for_the_mended_case(case
 
 def test_a_measured_cutoff_finer_than_the_grid_is_refused(case, tmp_path):
     rng = np.random.default_rng(seed=1)
-    path = write_map(tmp_path / "map.txt", rng.standard_normal((900, 850)))
+    path = write_map(tmp_path / "map.txt", rng.standard_normal((225, 213)))
     with pytest.raises(CaseError, match=r"\[body_1.surface\] short_cutoff .* is finer than the"):
         make_cells(measured(case, path, short_cutoff="1 um"))
 
@@ -120,7 +120,7 @@ def both_measured(case, path):
 
 def test_two_sides_from_one_map_share_no_window(case, tmp_path):
     rng = np.random.default_rng(seed=1)
-    path = write_map(tmp_path / "map.txt", rng.standard_normal((1700, 850)))
+    path = write_map(tmp_path / "map.txt", rng.standard_normal((425, 213)))
     surfaces = [cell.surface.heights for cell in make_cells(both_measured(case, path))]
     singles = [cell.surface.heights for cell in make_cells(measured(case, path))]
     for k, first in enumerate(surfaces):
@@ -128,7 +128,7 @@ def test_two_sides_from_one_map_share_no_window(case, tmp_path):
         assert np.std(first) < 1.7 * max(np.std(single) for single in singles)
         for second in surfaces[k + 1 :]:
             assert not np.allclose(np.sort(first.ravel()), np.sort(second.ravel()), atol=0.0)
-    path = write_map(tmp_path / "small.txt", rng.standard_normal((900, 850)))
+    path = write_map(tmp_path / "small.txt", rng.standard_normal((225, 213)))
     with pytest.raises(CaseError, match="but 8 are needed"):
         make_cells(both_measured(case, path))
 
@@ -136,7 +136,7 @@ def test_two_sides_from_one_map_share_no_window(case, tmp_path):
 @pytest.mark.parametrize("bodies", [1, 2])
 def test_the_first_windows_do_not_depend_on_how_many_are_asked_for(case, tmp_path, bodies):
     rng = np.random.default_rng(seed=1)
-    path = write_map(tmp_path / "map.txt", rng.standard_normal((900 * bodies, 850)))
+    path = write_map(tmp_path / "map.txt", rng.standard_normal((225 * bodies, 213)))
     settings = measured(case, path) if bodies == 1 else both_measured(case, path)
     fewer = settings.model_copy(
         update={"micro": settings.micro.model_copy(update={"realisations": 2})}
@@ -147,9 +147,9 @@ def test_the_first_windows_do_not_depend_on_how_many_are_asked_for(case, tmp_pat
 
 
 def test_windows_keep_the_scale_of_the_map(case, tmp_path):
-    x = np.arange(900) * 1e-6
+    x = np.arange(225) * 4e-6
     wave = 1e-6 * np.cos(2.0 * np.pi * x / 200e-6)
-    path = write_map(tmp_path / "map.txt", 1e6 * np.tile(wave[:, None], (1, 850)))
+    path = write_map(tmp_path / "map.txt", 1e6 * np.tile(wave[:, None], (1, 213)))
     surface = make_cells(measured(case, path))[0].surface
     assert rms_slope(surface) == pytest.approx(1e-6 * 2.0 * np.pi / 200e-6 / np.sqrt(2.0), rel=0.03)
 
@@ -157,13 +157,13 @@ def test_windows_keep_the_scale_of_the_map(case, tmp_path):
 @pytest.mark.parametrize(
     ("size", "settings", "message"),
     [
-        pytest.param("10 um", {}, "has only 5 measured points across", id="pixels"),
+        pytest.param("40 um", {}, "has only 5 measured points across", id="pixels"),
         pytest.param("800 um", {"short_cutoff": "700 um"}, "leaves no roughness", id="cutoff"),
     ],
 )
 def test_windows_that_make_no_sense_are_refused(case, tmp_path, size, settings, message):
     rng = np.random.default_rng(seed=1)
-    path = write_map(tmp_path / "map.txt", rng.standard_normal((900, 850)))
+    path = write_map(tmp_path / "map.txt", rng.standard_normal((225, 213)))
     given = measured(case, path, **settings)
     length = to_si(size, "m")
     given = given.model_copy(
@@ -175,7 +175,7 @@ def test_windows_that_make_no_sense_are_refused(case, tmp_path, size, settings, 
 
 def test_identity_follows_the_content_of_an_instrument_file_not_its_place(case, tmp_path):
     rng = np.random.default_rng(seed=1)
-    heights = rng.standard_normal((900, 850))
+    heights = rng.standard_normal((225, 213))
     first = measured(case, write_map(tmp_path / "a.txt", heights)).identity()
     assert measured(case, write_map(tmp_path / "b.txt", heights)).identity() == first
     assert measured(case, write_map(tmp_path / "a.txt", 2.0 * heights)).identity() != first
@@ -184,7 +184,7 @@ def test_identity_follows_the_content_of_an_instrument_file_not_its_place(case, 
 def test_a_run_with_a_measured_map_says_what_its_cells_hold_of_it(case, tmp_path, capsys):
     heights = np.random.default_rng(seed=1).standard_normal((200, 100))
     heights[150:180, 20:70] = np.nan
-    write_map(tmp_path / "map.txt", heights)
+    write_map(tmp_path / "map.txt", heights, spacing=1)
     surface = 'surface = { file = "map.txt", fill_undefined = true }'
     (tmp_path / "case.toml").write_text(MEASURED.replace("SURFACE", surface), encoding="utf-8")
     run_command(str(tmp_path / "case.toml"), tmp_path / "out", jobs=1)

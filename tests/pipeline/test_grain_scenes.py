@@ -76,6 +76,7 @@ def test_steps_follow_the_accuracy_of_the_file(tmp_path):
     assert lengths.sum() == pytest.approx(40 * 5e-3)
 
 
+@pytest.mark.slow
 def test_a_biaxial_test_leaves_its_curve_in_dataset_table_and_figure(tmp_path):
     scene = load_scene(SCENES / "biaxial.toml")
     assert scene.structure.strain_rate == 0.03

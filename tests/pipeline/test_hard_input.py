@@ -135,14 +135,14 @@ def scans(tmp_path):
     return [tmp_path / "matrix.txt", tmp_path / "points.xyz"]
 
 
-@pytest.mark.parametrize("seed", [1, pytest.param(2, marks=pytest.mark.slow)])
+@pytest.mark.parametrize("seed", [1, pytest.param(2, marks=pytest.mark.long)])
 def test_mutants_of_cases_and_scenes_are_read_or_refused_in_a_sentence(tmp_path, seed):
     count = 200 if seed == 1 else 3000
     assert read_all(load_sweep, CASES, mutate_lines, count, tmp_path, seed) == []
     assert read_all(load_scene, SCENES, mutate_lines, count, tmp_path, seed) == []
 
 
-@pytest.mark.parametrize("seed", [1, pytest.param(2, marks=pytest.mark.slow)])
+@pytest.mark.parametrize("seed", [1, pytest.param(2, marks=pytest.mark.long)])
 def test_mutants_of_datasets_are_read_or_refused_in_a_sentence(dataset, tmp_path, seed):
     def read(file):
         close(open_dataset(file, WORK_PRECISION))
@@ -152,7 +152,7 @@ def test_mutants_of_datasets_are_read_or_refused_in_a_sentence(dataset, tmp_path
 
 
 @pytest.mark.filterwarnings("ignore")
-@pytest.mark.parametrize("seed", [1, pytest.param(2, marks=pytest.mark.slow)])
+@pytest.mark.parametrize("seed", [1, pytest.param(2, marks=pytest.mark.long)])
 def test_mutants_of_surface_files_are_read_or_refused_in_a_sentence(scans, tmp_path, seed):
     count = 100 if seed == 1 else 2000
     assert read_all(read_surface, scans, mutate_bytes, count, tmp_path, seed) == []

@@ -19,10 +19,9 @@ from multiscale.io import open_dataset
 from multiscale.pipeline.case import shipped_cases
 from multiscale.schema import STABILITY
 
-pytestmark = [
-    pytest.mark.slow,
-    pytest.mark.skipif(not Path("/proc/self").exists(), reason="looks for processes in /proc"),
-]
+pytestmark = pytest.mark.skipif(
+    not Path("/proc/self").exists(), reason="looks for processes in /proc"
+)
 
 CASE = (
     shipped_cases()["ground_steel"]
@@ -182,6 +181,7 @@ def check_after_kill(out, what, status, said):
     return cells(out)
 
 
+@pytest.mark.long
 @pytest.mark.parametrize(
     ("text", "count"), [pytest.param(SWEEP, 9, id="sweep"), pytest.param(SINGLE, 8, id="run")]
 )
@@ -257,6 +257,7 @@ def start(folder, *arguments):
     return begun
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("what", ["run", "worker", "parent"])
 def test_the_real_command_survives_a_kill(warm, swept, tmp_path, what):
     begun = start(tmp_path, "--jobs", "2")
@@ -285,6 +286,7 @@ def wait_for_the_end_of(processes):
     raise AssertionError("a worker has outlived its parent")
 
 
+@pytest.mark.slow
 def test_a_killed_stability_table_keeps_what_was_found_and_its_workers_leave(tmp_path):
     begun = subprocess.Popen(
         [*COMMAND, "stability", "--jobs", "2", "-o", "stability.nc"],
@@ -327,6 +329,7 @@ def dask(tmp_path):
         process.wait()
 
 
+@pytest.mark.slow
 def test_a_worker_of_dask_that_is_killed_is_replaced_by_another(dask, swept, tmp_path):
     address, (_, worker, _) = dask
     begun = start(tmp_path, "--dask", address)
@@ -337,6 +340,7 @@ def test_a_worker_of_dask_that_is_killed_is_replaced_by_another(dask, swept, tmp
     assert_identical(tmp_path / "out", swept)
 
 
+@pytest.mark.slow
 def test_a_scheduler_of_dask_that_is_killed_is_one_sentence(warm, dask, swept, tmp_path):
     address, (scheduler, *_) = dask
     begun = start(tmp_path, "--dask", address)
@@ -362,6 +366,7 @@ if __name__ == "__main__":
 """
 
 
+@pytest.mark.slow
 def test_workers_of_mpi_give_the_same_datasets(swept, tmp_path):
     pytest.importorskip("mpi4py")
     launcher = Path(sys.executable).with_name("mpiexec")

@@ -5,7 +5,7 @@ import pytest
 
 from multiscale.pipeline import load_case
 from multiscale.pipeline.real_contact import real_pressure, with_real_pressure
-from multiscale.schema import MICRO_RESPONSE
+from multiscale.schema import MICRO_RESPONSE, branch_of
 
 MODULUS = 210e9 / (2.0 * (1.0 - 0.3**2))  # contact modulus of steel on steel
 
@@ -25,6 +25,7 @@ def response(*fractions):
         "linear_iterations": ones,
         "wall_time": 1.0 * ones,
         "nominal_pressure": p,
+        "branch": branch_of(p),
     }
     return MICRO_RESPONSE.build(values)
 

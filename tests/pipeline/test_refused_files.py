@@ -8,7 +8,6 @@ from pathlib import Path
 
 import pytest
 
-from multiscale.cli import main
 from multiscale.io import open_dataset
 from tests.pipeline.test_killed import SINGLE, cells, check_whole
 
@@ -22,20 +21,11 @@ load_factors = [0.0, 1.0]
 """
 
 
-@pytest.fixture
-def command(monkeypatch, capsys, tmp_path):
-    """Call the command line in this process; give its exit status and what it said."""
+@pytest.fixture(autouse=True)
+def files(tmp_path):
+    """Write what the commands read."""
     (tmp_path / "case.toml").write_text(SINGLE, encoding="utf-8")
     (tmp_path / "scene.toml").write_text(GRID, encoding="utf-8")
-    monkeypatch.chdir(tmp_path)
-
-    def call(*arguments):
-        monkeypatch.setattr("sys.argv", ["multiscale", *map(str, arguments)])
-        with pytest.raises(SystemExit) as end:
-            main()
-        return end.value.code or 0, capsys.readouterr().err
-
-    return call
 
 
 @pytest.fixture
@@ -64,7 +54,7 @@ def fill(folder):
 
 def refused(answer, message):
     """Whether an answer is one sentence with a message."""
-    status, said = answer
+    status, _, said = answer
     assert status == 1, said
     assert "Traceback" not in said
     sentences = [line for line in said.splitlines() if line.startswith("multiscale: ")]
@@ -72,6 +62,7 @@ def refused(answer, message):
     assert message in sentences[0]
 
 
+@pytest.mark.slow
 def test_a_run_on_a_disk_that_fills_keeps_its_cells_and_goes_on_with_more_room(command, disk):
     folder, change = disk
     out = folder / "out"
@@ -83,7 +74,7 @@ def test_a_run_on_a_disk_that_fills_keeps_its_cells_and_goes_on_with_more_room(c
     kept = cells(out)
     assert 0 < len(kept) < 8
     change("size=20m")
-    status, said = command("run", "case.toml", "-o", out, "--jobs", "1", "--resume")
+    status, _, said = command("run", "case.toml", "-o", out, "--jobs", "1", "--resume")
     assert status == 0, said
     after = cells(out)
     assert len(after) == 8
@@ -161,9 +152,9 @@ def test_a_folder_that_has_the_name_of_the_dataset_is_a_sentence(command):
     refused(command("macro", "scene.toml", "-o", "out.nc"), "is a directory")
 
 
+@pytest.mark.slow
 def test_files_that_grow_too_large_for_the_user_are_a_sentence(tmp_path):
     scene = tmp_path / "scene.toml"
-    scene.write_text(GRID, encoding="utf-8")
     command = "from multiscale.cli import main; main()"
     # what coverage writes at the end would be too large as well
     unmeasured = {name: text for name, text in os.environ.items() if "COVERAGE" not in name}
@@ -178,13 +169,12 @@ def test_files_that_grow_too_large_for_the_user_are_a_sentence(tmp_path):
 
     solve_to("free", command).check_returncode()  # the kernels that are kept are larger files
     done = solve_to("limited", limit + command)
-    refused((done.returncode, done.stderr), "file too large; choose another folder")
+    refused((done.returncode, done.stdout, done.stderr), "file too large; choose another folder")
     assert {file.name for file in (tmp_path / "limited").iterdir()} <= {"fields"}
 
 
 @pytest.mark.skipif(not Path("/dev/full").exists(), reason="needs the device that is always full")
 def test_a_terminal_that_takes_no_more_is_a_sentence(tmp_path):
-    (tmp_path / "scene.toml").write_text(GRID, encoding="utf-8")
     program = "from multiscale.cli import main; main()"
     with Path("/dev/full").open("w") as full:
         done = subprocess.run(
@@ -195,14 +185,14 @@ def test_a_terminal_that_takes_no_more_is_a_sentence(tmp_path):
             text=True,
             check=False,
         )
-    refused((done.returncode, done.stderr), "No space left on device")
+    refused((done.returncode, done.stdout, done.stderr), "No space left on device")
 
 
 def test_what_was_written_before_stays_when_its_new_version_finds_no_room(command, disk):
     folder, change = disk
     change("size=2m")
     out = folder / "out.nc"
-    status, said = command("macro", "scene.toml", "-o", out)
+    status, _, said = command("macro", "scene.toml", "-o", out)
     assert status == 0, said
     before = out.read_bytes()
     fill(folder)

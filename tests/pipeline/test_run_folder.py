@@ -74,6 +74,7 @@ def test_a_dataset_of_an_earlier_version_is_answered_in_a_sentence(folder, name,
         show(folder)
 
 
+@pytest.mark.slow
 def test_every_figure_that_is_drawn_stands_on_the_page_and_no_other(folder):
     (folder / "figures" / "of_an_earlier_case.png").write_bytes(b"")
     page = write_report(folder).read_text(encoding="utf-8")

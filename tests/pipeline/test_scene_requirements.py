@@ -27,16 +27,16 @@ from multiscale.macro import (
 )
 from multiscale.macro import dynamics as dynamics_module
 from multiscale.macro import limited_motion as motion_module
-from multiscale.macro.discrete.link_needs import link_needs
+from multiscale.macro.discrete.link_needs import LinkPart, link_needs
 from multiscale.macro.discrete.link_tangent import Tangent
 from multiscale.macro.granulate import ContactLaw, Grains, Model, Solver, box
 from multiscale.macro.granulate.grain_motion import step_grains
-from multiscale.macro.granulate.grain_needs import grain_needs
+from multiscale.macro.granulate.grain_needs import GrainPart, grain_needs
 from multiscale.macro.granulate.grain_state import start
 from multiscale.macro.substructures import latin as latin_module
 from multiscale.macro.substructures import latin_solver as solve_module
 from multiscale.macro.substructures import split_grid
-from multiscale.macro.substructures.substructure_needs import cut_needs, needs_of
+from multiscale.macro.substructures.substructure_needs import CutPart, cut_needs
 from multiscale.pipeline import load_scene, scene_requirements
 from multiscale.pipeline.body_scenes import make_assembly
 
@@ -119,15 +119,23 @@ def run(code, *arguments):
 @pytest.mark.parametrize("file", SCENES, ids=lambda file: file.stem)
 def test_every_shipped_scene_says_what_it_needs_and_what_it_leaves_out(file):
     needs = scene_requirements(load_scene(file))
-    assert needs.operators
-    assert needs.left_out
-    assert all(needs.operators.values())
-    assert all(needs.left_out.values())
-    assert not set(needs.operators) & set(needs.left_out)
+    assert needs.built
+    assert needs.omitted
+    assert all(choice.why for choice in needs.choices)
+    assert not set(needs.built) & set(needs.omitted)
     assert needs.memory > 1e5
 
 
-@pytest.mark.parametrize("name", SMALL)
+@pytest.mark.parametrize(
+    "name",
+    [
+        "grid",
+        *(
+            pytest.param(one, marks=pytest.mark.slow)
+            for one in ("deposit", "motion", "plate", "smooth grains")
+        ),
+    ],
+)
 def test_a_scene_imports_the_libraries_it_names_and_no_other(name, tmp_path):
     code = """
         import json, sys
@@ -153,7 +161,7 @@ def test_a_scene_imports_the_libraries_it_names_and_no_other(name, tmp_path):
     assert found == set(scene_requirements(load_scene(file)).libraries)
 
 
-@pytest.mark.slow
+@pytest.mark.long
 @pytest.mark.parametrize("name", LARGE)
 def test_the_memory_said_is_the_memory_taken_within_a_factor_of_two(name, tmp_path):
     code = """
@@ -177,27 +185,35 @@ def test_the_memory_said_is_the_memory_taken_within_a_factor_of_two(name, tmp_pa
 def test_a_scene_says_what_its_options_add():
     grid = tensegrity_grid(2)
     plain, exact = link_needs(grid), link_needs(grid, exact=True)
-    assert set(plain.operators) == {"tangent", "slack"}
-    assert set(exact.operators) == {"tangent", "slack", "moved positions", "geometric stiffness"}
+    assert set(plain.built) == {LinkPart.TANGENT, LinkPart.SLACK}
+    assert set(exact.built) == {
+        LinkPart.TANGENT,
+        LinkPart.SLACK,
+        LinkPart.MOVED_POSITIONS,
+        LinkPart.GEOMETRIC_STIFFNESS,
+    }
     stable = link_needs(grid, stability=True)
-    assert set(stable.operators) - set(plain.operators) == {"geometric stiffness", "eigenvalues"}
+    assert set(stable.built) - set(plain.built) == {
+        LinkPart.GEOMETRIC_STIFFNESS,
+        LinkPart.EIGENVALUES,
+    }
     moving = link_needs(grid, moving=True)
-    assert set(moving.operators) - set(plain.operators) == {"mass"}
+    assert set(moving.built) - set(plain.built) == {LinkPart.MASS}
     assert moving.state_variables
     assert plain.unknowns_per_contact == 1
 
 
 def test_a_cut_says_what_its_interfaces_take():
     whole = cut_needs(3000)
-    assert set(whole.operators) == {"substructure stiffness", "error bound"}
-    assert set(cut_needs(3000, substructures=4).operators) - set(whole.operators) == {
-        "coarse problem"
+    assert set(whole.built) == {CutPart.SUBSTRUCTURE_STIFFNESS, CutPart.ERROR_BOUND}
+    assert set(cut_needs(3000, substructures=4).built) - set(whole.built) == {
+        CutPart.COARSE_PROBLEM
     }
     rough = cut_needs(3000, joint_points=100)
     assert rough.unknowns_per_contact == 3
-    assert "error indicator" in rough
-    assert "error bound" not in rough
-    assert "coarse problem" not in cut_needs(3000, substructures=4, coarse=False)
+    assert CutPart.ERROR_INDICATOR in rough.built
+    assert CutPart.ERROR_BOUND in rough.omitted
+    assert CutPart.COARSE_PROBLEM in cut_needs(3000, substructures=4, coarse=False).omitted
 
 
 def test_a_joint_without_cycles_has_fewer_slabs_and_says_so():
@@ -207,7 +223,7 @@ def test_a_joint_without_cycles_has_fewer_slabs_and_says_so():
     pressed = cycled.model_copy(update={"loading": loading})
     normal = Exponential(1e9, 0.2e-6)
     for scene, slabs in ((cycled, 48), (pressed, 8)):
-        assert f"; {slabs} slabs of sliders" in scene_requirements(scene).operators["joint laws"]
+        assert f"; {slabs} slabs of sliders" in scene_requirements(scene).built[CutPart.JOINT_LAWS]
         (joint,) = make_assembly(scene, normal).joints
         assert joint.law.slabs == slabs
         assert joint.law.pressures == (0.2e6, 60e6)
@@ -215,25 +231,29 @@ def test_a_joint_without_cycles_has_fewer_slabs_and_says_so():
 
 def test_grains_say_what_their_law_and_their_solver_take():
     plain = grain_needs(100, 2, ContactLaw(friction=0.0), Solver(most_assembled=0))
-    assert set(plain.operators) == {"sweeps"}
+    assert set(plain.built) == {GrainPart.SWEEPS}
     full = grain_needs(100, 2, ContactLaw(0.5, 0.1, 0.05), Solver(threads=2))
-    assert set(full.operators) - set(plain.operators) == {
-        "friction",
-        "rotation",
-        "springs",
-        "restitution",
-        "colours",
-        "assembled problem",
+    assert set(full.built) - set(plain.built) == {
+        GrainPart.FRICTION,
+        GrainPart.ROTATION,
+        GrainPart.SPRINGS,
+        GrainPart.RESTITUTION,
+        GrainPart.COLOURS,
+        GrainPart.ASSEMBLED_PROBLEM,
     }
 
 
 def test_a_cell_that_strains_is_swept_by_one_thread_and_says_so():
     needs = grain_needs(100, 2, ContactLaw(), Solver(threads=2), strained=True)
-    assert {"cell strain", "sweeps", "friction", "rotation"} == set(needs.operators)
+    assert {GrainPart.CELL_STRAIN, GrainPart.SWEEPS, GrainPart.FRICTION, GrainPart.ROTATION} == set(
+        needs.built
+    )
     still = grain_needs(100, 2, ContactLaw(), Solver(threads=2, most_assembled=0))
-    assert {"colours", "sweeps", "friction", "rotation"} == set(still.operators)
+    assert {GrainPart.COLOURS, GrainPart.SWEEPS, GrainPart.FRICTION, GrainPart.ROTATION} == set(
+        still.built
+    )
     biaxial = scene_requirements(load_scene(SCENES[0].parent / "biaxial.toml"))
-    assert "cell strain" in biaxial
+    assert GrainPart.CELL_STRAIN in biaxial.built
 
 
 @pytest.mark.parametrize(
@@ -250,9 +270,8 @@ def test_grains_take_the_unknowns_and_the_spins_that_they_need(law, changes, unk
     places = np.stack(np.meshgrid(*[[0.0101, 0.0303]] * 3), axis=-1).reshape(-1, 3)
     walls = box((0, 0, 0), (0.0404, 0.0404, np.inf), friction=changes.get("wall_friction"))
     model = Model(Grains(places, 0.01, spin=spin), walls, law)
-    assert model.needs.unknowns_per_contact == unknowns
-    assert ("friction" in model.needs) == (unknowns == 3)
-    assert ("rotation" in model.needs) == turns
+    assert model.frictional == (unknowns == 3)
+    assert model.turns == turns
     state, step = step_grains(model, start(model), 5e-3, Solver())
     assert step.n_contacts > 0
     contacts = state.contacts
@@ -263,7 +282,7 @@ def test_grains_take_the_unknowns_and_the_spins_that_they_need(law, changes, unk
     assert {state.velocity.shape[1], model.push.shape[1]} == {8 if turns else 4}
     assert model.mobility.shape[1] == (3 if turns else 1)
     motion = granulate.simulate_grains(model, 0.02, 5e-3)
-    assert ("spin" in motion) == turns == ("spin" in model.needs.fields)
+    assert ("spin" in motion) == turns
     if unknowns == 1 and turns:
         np.testing.assert_allclose(motion["spin"].values[-1], spin, rtol=1e-12)
 
@@ -298,7 +317,7 @@ def count(monkeypatch, owner, name):
 
 def test_bars_that_cannot_go_slack_take_one_factorisation(monkeypatch):
     structure = truss(4)
-    assert "slack" not in link_needs(structure)
+    assert LinkPart.SLACK in link_needs(structure).omitted
     factors = count(monkeypatch, Tangent, "factorise")
     assert solve_static(structure, [1.0]).converged.values.all()
     assert len(factors) == 1
@@ -311,7 +330,7 @@ def test_geometric_stiffness_is_built_where_it_is_needed_and_nowhere_else(monkey
     grid = tensegrity_grid(3, prestress=100.0)
     built = count(monkeypatch, Tangent, "geometric")
     assert solve_static(grid, 1.0, **options).converged.values.all()
-    assert bool(built) == ("geometric stiffness" in link_needs(grid, **options))
+    assert bool(built) == (LinkPart.GEOMETRIC_STIFFNESS in link_needs(grid, **options).built)
 
 
 @pytest.mark.parametrize("rigid", [False, True])
@@ -331,7 +350,7 @@ def test_impulses_are_sought_where_a_link_has_a_fixed_length(monkeypatch, rigid)
     assert len(steps) == 2
     for problems, iterations in steps:
         assert problems == (iterations if rigid else 0)
-    assert ("impulses" in link_needs(grid, moving=True)) is rigid
+    assert (LinkPart.IMPULSES in link_needs(grid, moving=True).built) is rigid
 
 
 @pytest.mark.parametrize("coarse", [False, True])
@@ -341,9 +360,9 @@ def test_a_coarse_problem_and_a_bound_are_built_where_they_are_wanted(monkeypatc
     prepared = count(monkeypatch, latin_module, "prepare_coarse")
     bounds = count(monkeypatch, solve_module, "Admissible")
     solve_latin(problem, 0.5, coarse=coarse, tolerance=1e-3)
-    needs = needs_of(problem, coarse=coarse)
-    assert bool(prepared) == ("coarse problem" in needs) == coarse
-    assert bool(bounds) == ("error bound" in needs) == coarse
+    needs = cut_needs(problem.n, links=problem.n_links, substructures=4, coarse=coarse)
+    assert bool(prepared) == (CutPart.COARSE_PROBLEM in needs.built) == coarse
+    assert bool(bounds) == (CutPart.ERROR_BOUND in needs.built) == coarse
 
 
 def test_explaining_a_scene_prints_its_needs_and_solves_nothing(tmp_path, monkeypatch):

@@ -62,8 +62,8 @@ def test_the_two_bodies_have_the_gaps_of_their_composite_surface(tmp_path):
     np.testing.assert_allclose(
         pair.surface.heights - pair.obstacle.heights, one.surface.heights, rtol=0.0, atol=1e-18
     )
-    assert pair.opposite is not None
-    assert isinstance(pair.bulk, NeoHookean)
+    assert pair.second is not None
+    assert isinstance(pair.law, NeoHookean)
     # at small slopes two bodies press as the one that stands for both
     path = Path(pressure=(20e6, 80e6))
     gaps = [solve_cell(cell, path)["mean_gap"].values[0] for cell in (pair, one)]
@@ -74,9 +74,9 @@ def test_only_the_body_with_a_hardness_flows(tmp_path):
     text = ELASTIC.replace("[body_2]", '[body_2]\nhardness = "2.8 GPa"') + SLIDE
     case = case_of(tmp_path, text)
     pair = make_pair(case, case.slide)
-    assert isinstance(pair.bulk, NeoHookean)
-    assert isinstance(pair.opposite.bulk, J2)
-    assert pair.opposite.bulk.yield_stress == pytest.approx(1e9)
+    assert isinstance(pair.law, NeoHookean)
+    assert isinstance(pair.second.law, J2)
+    assert pair.second.law.yield_stress == pytest.approx(1e9)
 
 
 def test_a_run_leaves_friction_against_pressure_and_distance(finished):
@@ -94,6 +94,7 @@ def test_a_run_leaves_friction_against_pressure_and_distance(finished):
     assert np.all(response["slip_fraction"].values[:, 1:] == 1.0)
 
 
+@pytest.mark.slow
 def test_a_second_run_keeps_the_sliding_and_another_distance_is_slid_anew(finished):
     case, out, _ = finished
     file = out / "sliding_response.nc"
@@ -117,6 +118,7 @@ def test_figure_and_report_show_the_sliding(finished):
     assert all(line in page for line in lines)
 
 
+@pytest.mark.slow
 def test_a_case_that_no_longer_slides_shows_no_sliding_and_keeps_it(finished, tmp_path):
     case, first, _ = finished
     out = tmp_path / "out"
@@ -137,7 +139,7 @@ def test_a_case_that_no_longer_slides_shows_no_sliding_and_keeps_it(finished, tm
 
 def test_what_sliding_needs_is_told_and_quick_takes_less(tmp_path):
     case = case_of(tmp_path, ELASTIC + SLIDE)
-    assert "both bodies" in requirements(case).operators["slide"]
+    assert "both bodies" in requirements(case).built["slide"]
     assert requirements(case).memory > requirements(case_of(tmp_path, ELASTIC)).memory
     quick = case_of(tmp_path, ELASTIC.replace("133 um", "150 um") + SLIDE).quick()
     assert quick.slide.pressures == (80e6,)
@@ -178,6 +180,7 @@ def test_bad_sliding_is_refused_with_its_key(tmp_path, text, message):
         case_of(tmp_path, text)
 
 
+@pytest.mark.slow
 def test_the_command_line_prints_the_friction(finished):
     _, out, _ = finished
     result = CliRunner().invoke(app, ["run", str(out / "case.toml"), "-o", str(out), "--jobs", "1"])

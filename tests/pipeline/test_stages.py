@@ -3,9 +3,10 @@
 import shutil
 
 import numpy as np
+import pytest
 
 from multiscale.io import write_dataset
-from multiscale.needs import Needs, join_needs
+from multiscale.needs import Choice, Needs, join_needs
 from multiscale.pipeline import load_case, load_sweep, requirements, run, stages
 from multiscale.pipeline.stage import Section, Stage, format_table
 from multiscale.pipeline.stages import STAGES, stages_of
@@ -36,7 +37,7 @@ ADDED = Stage(
     schema=MEAN_PRESSURE,
     tables=("micro",),
     run=press,
-    needs=lambda case: Needs(operators={"mean pressure": "of the spots that touch"}),
+    needs=lambda case: Needs(choices=(Choice("mean pressure", "of the spots that touch"),)),
     lines=lambda found: ["mean real pressure is known"],
     sections=show,
 )
@@ -57,7 +58,7 @@ def test_a_stage_that_is_added_is_run_told_and_shown(run_folder, tmp_path, monke
     out = tmp_path / "out"
     shutil.copytree(run_folder, out)
     case = load_case(out / "case.toml")
-    assert "mean pressure" in requirements(case)
+    assert "mean pressure" in requirements(case).built
     results = run(case, out)
     assert list(results) == ["micro_response", "interface_law", "macro_result", "mean_pressure"]
     assert results["macro_result"] is results.macro_result
@@ -83,6 +84,7 @@ def test_every_figure_of_a_stage_is_one_that_it_names(run_folder):
         assert drawn == set(stage.pictures) - {"unloading"}  # which needs cells that unload
 
 
+@pytest.mark.slow
 def test_figures_of_stages_that_are_not_asked_for_go_and_others_stay(run_folder, tmp_path):
     out = tmp_path / "out"
     shutil.copytree(run_folder, out)
@@ -94,13 +96,13 @@ def test_figures_of_stages_that_are_not_asked_for_go_and_others_stay(run_folder,
 
 
 def test_needs_of_stages_are_joined_and_the_largest_memory_counts():
-    one = Needs(1, "small strain", {"a": "why"}, {"b": "why not"}, libraries=("x", "y"), memory=3)
-    other = Needs(3, operators={"c": "too"}, fields=("gap",), libraries=("y",), memory=2)
+    choices = Choice("a", "why"), Choice("b", "why not", built=False), Choice("c", "too")
+    one = Needs(1, "small strain", choices[:2], libraries=("x", "y"), memory=3)
+    other = Needs(3, choices=choices[2:], fields=("gap",), libraries=("y",), memory=2)
     assert join_needs([one, other]) == Needs(
         3,
         "small strain",
-        {"a": "why", "c": "too"},
-        {"b": "why not"},
+        choices,
         fields=("gap",),
         libraries=("x", "y"),
         memory=3,

@@ -17,6 +17,7 @@ SMALL = (
     shipped_cases()["ground_steel"]
     .read_text(encoding="utf-8")
     .replace("[128, 128]", "[36, 36]")
+    .replace("layers = 14", 'layers = 14\ngeometry = "flat"')
     .replace("realisations = 12", "realisations = 3")
     + "\n[law]\nsamples = 10\n"
 )
@@ -106,6 +107,7 @@ def test_a_sweep_that_grows_keeps_its_points(write, tmp_path):
     assert grown["converged"].values.all()
 
 
+@pytest.mark.slow
 def test_a_point_that_failed_fails_again_and_a_damaged_one_is_run_again(
     write, tmp_path, monkeypatch
 ):
@@ -116,8 +118,7 @@ def test_a_point_that_failed_fails_again_and_a_damaged_one_is_run_again(
         return result
 
     monkeypatch.setattr(import_module("multiscale.pipeline.stages.joint"), "solve_joint", solve)
-    flat = SMALL.replace("layers = 14", 'layers = 14\ngeometry = "flat"')
-    sweep = load_sweep(write(flat + "[sweep]\ncell.layers = [8, 14]\n"))
+    sweep = load_sweep(write(SMALL + "[sweep]\ncell.layers = [8, 14]\n"))
     first = run_sweep(sweep, tmp_path / "out")
     assert "the joint did not converge at any of 6 preloads" in first["failure"].values[0]
     assert first["failure"].values[1] == ""
@@ -133,11 +134,11 @@ def test_a_sweep_without_any_result_is_an_error(write, tmp_path):
         run_sweep(sweep, tmp_path / "out")
 
 
+@pytest.mark.slow
 def test_messages_tell_keys_of_one_name_apart_and_cautions_of_points_are_told(write, tmp_path):
-    flat = SMALL.replace("layers = 14", 'layers = 14\ngeometry = "flat"')
     modulus = '.youngs_modulus = ["70 GPa", "210 GPa"]'
     table = f"[sweep]\nbody_1{modulus}\nbody_2{modulus}\ncell.points = [[36, 36], [16, 16]]\n"
-    arguments = ["run", str(write(flat + table)), "-o", str(tmp_path / "out"), "--jobs", "1"]
+    arguments = ["run", str(write(SMALL + table)), "-o", str(tmp_path / "out"), "--jobs", "1"]
     first = CliRunner().invoke(app, arguments)
     assert first.exit_code == 0, first.output
     setting = "body_1.youngs_modulus = 70 GPa, body_2.youngs_modulus = {} GPa, cell.points = [16"
@@ -153,6 +154,7 @@ def test_messages_tell_keys_of_one_name_apart_and_cautions_of_points_are_told(wr
     assert told in CliRunner().invoke(app, arguments).stderr
 
 
+@pytest.mark.slow
 def test_workers_of_a_dask_scheduler_give_the_same_dataset(write, tmp_path):
     from distributed import Client, LocalCluster
 

@@ -101,7 +101,7 @@ def check_parts(table):
     assert np.all(table["gap_error_uncertainty"] > 0.0)
 
 
-@pytest.mark.slow
+@pytest.mark.long
 @pytest.mark.parametrize("number", range(4), ids=["1/4", "1/8", "1/16", "1/32"])
 def test_a_rough_wave_with_a_law_has_the_gap_of_the_wave_resolved(number):
     """Errors within 3 % at a standard error of at most 0.7 %; no order in the ratio is claimed."""

@@ -262,6 +262,7 @@ def test_a_tread_far_beyond_the_pressures_of_its_roads_has_no_force(finished):
     assert np.isnan(kept["error_total"]).all()
 
 
+@pytest.mark.slow
 def test_a_tread_that_its_friction_tips_says_so_at_each_speed_and_temperature(finished):
     case, _, results = finished
     law = results.interface_law
@@ -275,6 +276,7 @@ def test_a_tread_that_its_friction_tips_says_so_at_each_speed_and_temperature(fi
     assert all("would shear the block by" in one for one in told)
 
 
+@pytest.mark.slow
 def test_smaller_elements_change_the_force_by_less_than_their_term(finished):
     case, _, results = finished
     finer = case.model_copy(update={"tread": case.tread.model_copy(update={"elements": (8, 6, 2)})})

@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from multiscale.schema import MICRO_RESPONSE
+from multiscale.schema import MICRO_RESPONSE, branch_of
 
 DECAY, SCALE = 0.45e-6, 4e8
 PRESSURE = np.geomspace(5e6, 1e8, 8)
@@ -17,6 +17,7 @@ def response_of(gap, pressure=PRESSURE, *, area=None, converged=None, nominal=Tr
         "displacement_jump": np.zeros((*gap.shape, 3)),
         "traction": traction,
         "mean_gap": gap,
+        "branch": branch_of(pressure),
         "contact_fraction": np.tile(pressure / 5e8, (len(gap), 1)) if area is None else area,
         "converged": ones if converged is None else converged,
         "active_set_iterations": ones,

@@ -297,6 +297,7 @@ def test_two_sizes_without_scatter_leave_the_powers_one_to_three():
         np.testing.assert_allclose(found, 1.959964 * biases.std(), rtol=1e-5)
 
 
+@pytest.mark.slow
 def test_three_sizes_tell_the_power_and_the_bias_is_taken_out():
     """Means 1 + .16 / L^2, in cells of 1, 2 and 4; the response has 4."""
     response = ensemble(400, spread=0.01, factor=1.01, seed=8)

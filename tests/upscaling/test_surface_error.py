@@ -65,7 +65,7 @@ def test_what_is_lost_beyond_half_is_unknown_and_not_small(height, slope):
     assert budget.attrs["how_surface"].startswith("not known: the cells hold")
 
 
-@pytest.mark.slow
+@pytest.mark.long
 @pytest.mark.parametrize("hurst", [0.5, 0.8])
 @pytest.mark.parametrize("factor", [1.5, 2.0, 3.0])
 def test_the_surface_term_holds_what_filtered_cells_miss(hurst, factor):

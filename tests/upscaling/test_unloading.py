@@ -3,9 +3,11 @@
 import numpy as np
 import pytest
 
-from multiscale.errors import CaseError
+from multiscale.errors import CaseError, SchemaError
+from multiscale.io import open_response
 from multiscale.laws import Exponential, HystereticLaw
-from multiscale.schema import INTERFACE_LAW
+from multiscale.micro import Path
+from multiscale.schema import HOLDING, INTERFACE_LAW, LOADING, UNLOADING
 from multiscale.upscaling import (
     fit_branches,
     fit_law,
@@ -37,6 +39,26 @@ def test_the_loading_branch_is_where_the_pressure_is_new(response):
     gaps = np.ones((1, 5))
     again = loading_branch(response_of(gaps, path, area=0.1 * gaps))
     np.testing.assert_allclose(again["nominal_pressure"], [1.0, 2.0, 3.0])
+
+
+def test_a_path_says_loading_unloading_and_holding():
+    path = Path(pressure=(0.0, 1.0, 2.0, 2.0, 1.5, 1.7, 2.0, 3.0))
+    meanings = [("loading", "unloading", "holding")[one] for one in path.branch]
+    held, up, down = "holding", "loading", "unloading"
+    assert meanings == [held, up, up, held, down, down, held, up]
+    assert list(Path(approach=(-1.0, 1.0, 2.0, 1.5)).branch) == [
+        HOLDING,
+        LOADING,
+        LOADING,
+        UNLOADING,
+    ]
+
+
+def test_a_response_without_branches_says_what_is_missing(response, tmp_path):
+    old = response.drop_vars("branch").assign_attrs(schema="micro_response", schema_version=1)
+    old.to_netcdf(tmp_path / "r.nc", engine="h5netcdf")
+    with pytest.raises(SchemaError, match=r"reads version 2, which has the branch of every step"):
+        open_response(tmp_path / "r.nc")
 
 
 def test_both_branches_are_found_again_with_their_samples(response):

@@ -8,7 +8,6 @@ from multiscale.fe.elasticity import assemble_elasticity
 from multiscale.laws.bulk.moduli import lame_parameters
 from multiscale.micro import Cell, Path, Surface, self_affine, solve_cell
 from multiscale.micro.averages import average_traction, dual_basis
-from multiscale.micro.cell_needs import cell_needs
 from multiscale.micro.graph_cell import assemble_graph_cell
 from multiscale.micro.graph_mesh import GraphMesh, graded_planes
 from tests.support import egg_box, observed_rate
@@ -48,7 +47,7 @@ def base_reaction(cell, displacement):
     flat = mesh.p[2] / (1.0 + cell.surface.heights[i, j] / cell.depth)
     plane = np.searchsorted(planes, flat - 1e-9 * cell.depth)
     whole = np.concatenate([np.zeros((nx, 1, 3, ny)), displacement], axis=1)
-    moduli = lame_parameters(cell.youngs_modulus, cell.poissons_ratio)
+    moduli = lame_parameters(cell.law.youngs_modulus, cell.law.poissons_ratio)
     stiffness = assemble_elasticity(Basis(mesh, ElementHex1(), intorder=3), *map(float, moduli))
     forces = (stiffness @ whole[i, plane, :, j].ravel()).reshape(-1, 3)
     return forces[plane == 0].sum(axis=0)
@@ -58,7 +57,7 @@ def base_reaction(cell, displacement):
 def test_average_traction_is_the_base_reaction_over_the_nominal_area(obstacle):
     other = Surface(rough(32, slope=0.05, seed=8).heights, (1.0, 1.0)) if obstacle else None
     cell = Cell(rough(32), 1.0, 10, youngs_modulus=2.0, poissons_ratio=0.3, obstacle=other)
-    problem = assemble_graph_cell(cell, cell_needs(cell))
+    problem = assemble_graph_cell(cell)
     state = problem.solve(load=0.01, tolerance=1e-11)
     nodal = np.moveaxis(-state.force[:, None] * problem.normal, 1, -1).reshape(-1, 3)
     averages = average_traction(nodal, problem.nominal_area)
@@ -66,6 +65,7 @@ def test_average_traction_is_the_base_reaction_over_the_nominal_area(obstacle):
     np.testing.assert_allclose(averages[[1, 2, 0]], reaction, atol=1e-8 * abs(averages[0]))
 
 
+@pytest.mark.slow
 def test_tangential_average_vanishes_without_friction_on_small_slopes():
     n, slope = 256, 1e-3  # 16 points in the shortest wave
     surface = self_affine(

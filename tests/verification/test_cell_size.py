@@ -47,7 +47,7 @@ def sizes():
     return {size: ensemble(size, 40, (0.02, 0.05, 0.1), seed=1000 * size) for size in (1, 2, 4, 8)}
 
 
-@pytest.mark.slow
+@pytest.mark.long
 @pytest.mark.parametrize("variable", ["mean_gap", "contact_fraction"])
 @pytest.mark.parametrize("relative_pressure", [0.02, 0.1])
 def test_scatter_falls_as_the_inverse_of_the_cell(sizes, variable, relative_pressure):
@@ -61,7 +61,7 @@ def test_scatter_falls_as_the_inverse_of_the_cell(sizes, variable, relative_pres
     assert np.all(np.diff(trend.value) < 0.0)
 
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_area_of_light_contact_falls_with_the_nayak_parameter():
     """Spectra from 1, 1/4 and 1/8 of the cell down to 1/16; kappa falls, slowly."""
     responses = [

@@ -6,13 +6,14 @@ from skfem import MeshHex, MeshQuad, MeshTri
 
 from multiscale.laws.bulk import J2, Elastic, NeoHookean
 from multiscale.laws.bulk.moduli import contact_modulus
-from multiscale.macro import Body, Contact, ContactProblem, Graph, Plane, solve_contact
+from multiscale.macro import Body, Contact, FiniteAssembly, RigidGraph, RigidPlane, solve_contact
 from tests import contact_scenes as scenes
 from tests.closed_forms import hertz, mindlin, spence
 from tests.contact_scenes import CONTACT_RADIUS, FORCE, FRICTION, LIMIT, PEAK, near
 from tests.support import observed_rate
 
 
+@pytest.mark.slow
 def test_a_ball_on_a_half_space_is_hertzs():
     force, peak, radius, _ = scenes.ball_on_half_space(6)
     assert force == pytest.approx(FORCE, rel=0.02)
@@ -87,9 +88,9 @@ def flat_punch(points, friction=0.0):
         for i in range(3)
     ]
     body = Body(mesh, Elastic(*material), {"far": far, "plane": (None, 0.0, None)})
-    punch = Plane((0.0, 0.0, 0.0), (0.0, 0.0, -1.0), motion=(0.0, 0.0, -depth))
+    punch = RigidPlane((0.0, 0.0, 0.0), (0.0, 0.0, -1.0), motion=(0.0, 0.0, -depth))
     contact = Contact(("base", "contact"), punch, friction)
-    problem = ContactProblem({"base": body}, {"punch": contact})
+    problem = FiniteAssembly({"base": body}, {"punch": contact})
     surface = solve_contact(problem)[-1].unwrap().contact["punch"]
     r = np.hypot(*surface.position[:2])
     inner = r < 0.7 * a
@@ -132,9 +133,9 @@ def billet(friction, law, *, squeeze=0.35, steps=10, elements=(3, 4)):
     place = [radius * s * np.sqrt(1 - t**2 / 2), radius * t * np.sqrt(1 - s**2 / 2), height * z]
     mesh = scenes.moved(unit, place)
     held = {"x": (0.0, None, None), "y": (None, 0.0, None), "middle": (None, None, 0.0)}
-    plate = Plane((0, 0, height), (0, 0, -1), motion=(0.0, 0.0, -squeeze * height))
+    plate = RigidPlane((0, 0, height), (0, 0, -1), motion=(0.0, 0.0, -squeeze * height))
     contact = Contact(("billet", "upper"), plate, friction, finite_sliding=True)
-    problem = ContactProblem({"billet": Body(mesh, law, held)}, {"plate": contact})
+    problem = FiniteAssembly({"billet": Body(mesh, law, held)}, {"plate": contact})
     times = np.linspace(0.0, 1.0, steps + 1)[1:]
     return [step.unwrap() for step in solve_contact(problem, times, tolerance=1e-8)], mesh
 
@@ -161,6 +162,7 @@ def test_upsetting_without_friction_follows_the_hardening_curve():
         assert step.contact["plate"].force[2] == pytest.approx(force, rel=1e-4)
 
 
+@pytest.mark.slow
 def test_upsetting_with_friction_keeps_the_volume_and_bulges():
     steps, mesh = billet(0.2, METAL)
     rest = volume(mesh, 0.0 * mesh.p)
@@ -208,12 +210,18 @@ def ironing(friction, *, swapped=False):
     sides = (("die", "bottom"), ("base", "top"))
     contact = Contact(*(sides[::-1] if swapped else sides), friction, finite_sliding=True)
     times = np.r_[np.linspace(0.0, 1.0, 6)[1:], np.linspace(1.0, 2.0, 11)[1:]]
-    steps = solve_contact(ContactProblem(bodies, {"joint": contact}), times, tolerance=1e-8)
+    steps = solve_contact(FiniteAssembly(bodies, {"joint": contact}), times, tolerance=1e-8)
     side = -1.0 if swapped else 1.0
     return np.array([side * step.unwrap().contact["joint"].force for step in steps])
 
 
-@pytest.mark.parametrize("swapped", [False, True], ids=["die first", "base first"])
+@pytest.mark.parametrize(
+    "swapped",
+    [
+        pytest.param(False, marks=pytest.mark.slow, id="die first"),
+        pytest.param(True, id="base first"),
+    ],
+)
 def test_ironing_has_smooth_resultants(swapped):
     force = ironing(0.2, swapped=swapped)[8:]  # drawn along, away from the start
     tangent, normal = force[:, 0], -force[:, 1]
@@ -227,8 +235,8 @@ def test_the_slip_of_a_step_that_was_cut_is_whole():
     base = scenes.block(MeshQuad, (12, 4), (0.0, 0.0), (2.0, 1.0))
     drive = (lambda x, t: 3e-4 * max(0.0, t - 1.0), lambda x, t: -1e-3 * min(t, 1.0))
     body = Body(base, Elastic(1e9, 0.3), {"top": drive})
-    floor = Contact(("base", "bottom"), Plane((0.0, 0.0), (0.0, 1.0)), 0.3)
-    problem = ContactProblem({"base": body}, {"floor": floor})
+    floor = Contact(("base", "bottom"), RigidPlane((0.0, 0.0), (0.0, 1.0)), 0.3)
+    problem = FiniteAssembly({"base": body}, {"floor": floor})
     once, cut = (solve_contact(problem, (1.0, 2.0), max_iterations=n)[-1] for n in (60, 3))
     assert len(once.unwrap().solution.trail) == 1 < len(cut.unwrap().solution.trail)
     whole = once.contact["floor"].slip
@@ -253,7 +261,7 @@ def sheared_balls():
     return [step.contact["joint"] for step in steps]
 
 
-@pytest.mark.slow
+@pytest.mark.long
 @pytest.mark.parametrize("ratio", [0.25, 0.5, 0.75, 0.9])
 def test_partial_slip_between_steel_balls_is_mindlins(sheared_balls, ratio):
     surface = sheared_balls[AMPLITUDES.index(ratio)]
@@ -270,7 +278,7 @@ def test_partial_slip_between_steel_balls_is_mindlins(sheared_balls, ratio):
     assert stick / contact == pytest.approx(float(mindlin.stick_radius(ratio)), rel=0.03)
 
 
-@pytest.mark.slow
+@pytest.mark.long
 @pytest.mark.parametrize(("ratio", "expected"), [(0.5, 1.07238e-6), (0.9, 1.22179e-5)])
 def test_a_cycle_of_partial_slip_loses_the_energy_of_mindlin_and_deresiewicz(
     sheared_balls, ratio, expected
@@ -290,7 +298,7 @@ SPENCE_RINGS = np.r_[
 ]
 
 
-@pytest.mark.slow
+@pytest.mark.long
 @pytest.mark.parametrize(("friction", "growth"), [(0.1, 1.2), (0.3, 1.05), (0.5, 1.05)])
 def test_a_ball_pressed_with_friction_sticks_where_theory_says(friction, growth):
     r, surface = scenes.ball_on_rough_half_space(friction, SPENCE_RINGS, growth)
@@ -315,8 +323,8 @@ def test_a_graph_presses_like_the_sphere_that_it_follows():
     )
     radius = 5.0
     down = (0.0, 0.0, -0.05)
-    ball = scenes.Sphere((0.0, 0.0, radius), radius, motion=down)
-    cap = Graph(
+    ball = scenes.RigidSphere((0.0, 0.0, radius), radius, motion=down)
+    cap = RigidGraph(
         lambda x: radius - np.sqrt(radius**2 - x[0] ** 2 - x[1] ** 2),
         lambda x: x / np.sqrt(radius**2 - x[0] ** 2 - x[1] ** 2),
         motion=down,
@@ -324,6 +332,6 @@ def test_a_graph_presses_like_the_sphere_that_it_follows():
     forces = []
     for obstacle in (ball, cap):
         contact = Contact(("base", "top"), obstacle, finite_sliding=True)
-        problem = ContactProblem({"base": body}, {"ball": contact})
+        problem = FiniteAssembly({"base": body}, {"ball": contact})
         forces.append(solve_contact(problem)[-1].unwrap().contact["ball"].force)
     np.testing.assert_allclose(forces[0], forces[1], rtol=1e-3, atol=1e-3 * forces[0][2])

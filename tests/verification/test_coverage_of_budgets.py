@@ -116,7 +116,7 @@ def coverage(number, scene, sizes):
     return np.array(found)
 
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_totals_of_three_to_six_realisations_hold_in_95_of_100():
     """The interval of the coverage over the scenes contains .95 for each quantity and number."""
     sizes = (3, 4, 5, 6)

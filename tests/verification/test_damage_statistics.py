@@ -58,7 +58,7 @@ def sections(porosity, length, *, voxels):
 
 @pytest.mark.parametrize(
     ("porosity", "ratio", "deviation", "largest", "spread"),
-    [*TABLE, *(pytest.param(*row, marks=pytest.mark.slow) for row in LARGE)],
+    [*TABLE, *(pytest.param(*row, marks=pytest.mark.long) for row in LARGE)],
 )
 @pytest.mark.parametrize("route", ["bodies", "voxels"])
 def test_sections_of_boolean_spheres(porosity, ratio, deviation, largest, spread, route):

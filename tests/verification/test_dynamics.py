@@ -148,6 +148,7 @@ def test_a_bar_hits_a_wall_and_comes_back():
     assert np.ptp(energy_left(response)) < 1e-9 * 500.0
 
 
+@pytest.mark.slow
 def test_the_bar_rebounds_with_the_speed_it_came_with():
     system, mass = bar_before_wall(100)
     displacement, velocity = np.zeros((2, 102, 3))
@@ -161,6 +162,7 @@ def test_the_bar_rebounds_with_the_speed_it_came_with():
     assert energy == pytest.approx(500.0, rel=1e-2)
 
 
+@pytest.mark.slow
 def test_a_moving_support_carries_its_structure_and_its_work_is_accounted_for():
     def lift(time):
         return np.array([[0.0, 0.0, 0.5 * min(time, 1.0)], [0.0, 0.0, 0.0]])

@@ -27,7 +27,7 @@ def silo_profile(result, frame, diameter, above):
     return top - levels, np.array(stress), float(weight.sum()) / (9.81 * area * top)
 
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_the_wall_of_a_silo_bears_the_weight_as_janssen_says():
     radii, diameter, friction = granulate.draw_radii(1200, 0.003, 0.0035), 0.05, 0.5
     law = ContactLaw(0.5, compliance=0.05)
@@ -53,7 +53,7 @@ def front_of_heap(result):
     return float(x[holes[0]] if holes.size else x[-1])
 
 
-@pytest.mark.slow
+@pytest.mark.long
 @pytest.mark.parametrize("aspect", [1.0, 3.0])
 def test_a_column_runs_as_far_as_its_height_tells(aspect):
     # Staron and Hinch (2005): (r - r0) / r0 = 2.5 a below a = 2, 3.25 a^0.7 above
@@ -69,7 +69,7 @@ def test_a_column_runs_as_far_as_its_height_tells(aspect):
     assert front / width - 1.0 == pytest.approx(expected, rel=0.25)
 
 
-@pytest.mark.slow
+@pytest.mark.long
 @pytest.mark.parametrize(
     ("planar", "number", "fraction"),
     [pytest.param(False, 6.0, 0.64, id="spheres"), pytest.param(True, 4.0, 0.842, id="discs")],
@@ -87,7 +87,7 @@ def test_grains_without_friction_jam_isostatically(planar, number, fraction):
     assert packing.attrs["solid_fraction"] == pytest.approx(fraction, rel=0.03)
 
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_friction_of_sheared_grains_depends_on_the_inertial_number_and_is_fitted():
     # pressure p and speed v with one v / sqrt(p): the same motion in other units of time
     radii, law = granulate.draw_radii(60, 0.004, 0.006), ContactLaw(0.2, compliance=0.05)

@@ -229,7 +229,7 @@ def exact_ratio(width):
     return np.median(width) / np.median(np.abs(random) * width / 1.96)
 
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_stated_errors_contain_the_true_ones_and_are_no_wider_than_they_have_to_be():
     """In 90 of 100 at least, and not three times as wide as the median true error.
 

@@ -118,7 +118,15 @@ def test_tangential_over_normal_stiffness():
 
 
 @pytest.mark.parametrize("bulk", [None, NeoHookean(1.0, 0.3)], ids=["small", "large strain"])
-@pytest.mark.parametrize("mu", [0.0, 0.1, 0.2, 0.3])
+@pytest.mark.parametrize(
+    "mu",
+    [
+        0.0,
+        pytest.param(0.1, marks=pytest.mark.slow),
+        0.2,
+        pytest.param(0.3, marks=pytest.mark.slow),
+    ],
+)
 def test_sliding_up_an_inclined_facet(bulk, mu):
     n, tangent, rise = 64, 0.1, 0.8
     x = np.arange(n) / n
@@ -168,7 +176,7 @@ def mindlin_case(n, layers, increments, share=0.8):
     return response, ratio, (mu * force, a, modulus)
 
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_the_stick_area_tends_to_that_of_cattaneo_and_mindlin_as_the_grid_is_refined():
     """Nodes in contact reach beyond its edge, and those that stick beyond theirs by less."""
     nu, mu, radius, a = 0.499, 0.4, 10.0, 0.16
@@ -192,7 +200,7 @@ def test_the_stick_area_tends_to_that_of_cattaneo_and_mindlin_as_the_grid_is_ref
     assert blurred[-1] < 0.01
 
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_a_sphere_in_partial_slip_follows_cattaneo_and_mindlin():
     losses = []
     for increments in (4, 8):
@@ -227,7 +235,7 @@ def test_the_work_of_friction_is_the_work_done_on_the_obstacle():
     assert errors[1] < 0.5 * errors[0]
 
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_a_sphere_on_a_perfectly_plastic_body_has_a_hardness_of_three_yield_stresses():
     n, yield_stress, radius = 64, 1e-3, 2.0
     flat = Surface(np.zeros((n, n)), (1.0, 1.0))
@@ -245,7 +253,7 @@ def test_a_sphere_on_a_perfectly_plastic_body_has_a_hardness_of_three_yield_stre
     assert np.ptp(hardness[plastic]) < 0.03  # the radius is 8 to 10 points and rises by a fourth
 
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_the_mean_pressure_of_rough_plastic_contact_over_the_yield_stress_is_a_curve():
     """Spots of a metal carry about three yield stresses until they grow together."""
     n = 16

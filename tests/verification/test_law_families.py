@@ -193,7 +193,7 @@ def test_samples_fitted_at_once_are_those_fitted_one_by_one(
         np.testing.assert_allclose(many, one, rtol=1e-5)
 
 
-@pytest.mark.slow
+@pytest.mark.long
 @pytest.mark.parametrize(("family", "quantity", "conditions", "law", "names"), CASES, ids=IDS)
 def test_bands_cover_the_true_law(family, quantity, conditions, law, names):
     random, names = np.random.default_rng(seed=5), names.split()

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from multiscale.laws import ConvexDecreasing
-from multiscale.schema import MICRO_RESPONSE
+from multiscale.schema import MICRO_RESPONSE, branch_of
 from multiscale.upscaling import area_from_dataset, fit_law, law_from_dataset
 
 
@@ -61,6 +61,7 @@ def response_of(pressure, gap, area=None):
             "displacement_jump": np.zeros((*gap.shape, 3)),
             "traction": traction,
             "mean_gap": gap,
+            "branch": branch_of(pressure),
             "contact_fraction": np.tile(pressure / pressure.max(), (len(gap), 1))
             if area is None
             else area,
@@ -149,7 +150,7 @@ def quantities(law, pressures):
     return np.array([decay, *law.pressure(0.45 * np.log(0.4 / pressures)), *gap[21:]])
 
 
-@pytest.mark.slow
+@pytest.mark.long
 @pytest.mark.parametrize("n_realisations", [4, 12, 20])
 def test_bootstrap_bands_cover_the_true_law(n_realisations):
     """Realisations with 3 % scatter of the gap between them and .01 of white noise, in rms

@@ -86,7 +86,7 @@ def cheapest_fixed(case, truth, costs):
     return found
 
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_targets_are_reached_in_nine_of_ten_at_the_cost_of_the_cheapest_fixed_setting(tmp_path):
     """Costs of cells are those of the stored ones; a fixed setting says nothing of its error."""
     case = make_case(tmp_path / "truth", 9_000_000, 10)

@@ -36,7 +36,7 @@ GFMD = np.array(
 )
 
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_two_decades_of_roughness_have_the_area_and_energy_of_molecular_dynamics():
     longest = 2.0 * np.pi / 1e4
     nodes, energies = [], []
@@ -108,7 +108,7 @@ def ensembles():
     return found
 
 
-@pytest.mark.slow
+@pytest.mark.long
 @pytest.mark.parametrize("row", HALF_SPACE, ids=str)
 def test_ensembles_have_the_area_and_mean_gap_of_the_half_space(ensembles, row):
     area, gap = ensembles[row][1]
@@ -123,7 +123,7 @@ def test_ensembles_have_the_area_and_mean_gap_of_the_half_space(ensembles, row):
         assert np.all(difference <= 0.04 * published + 2.0 * standard_error)
 
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_the_contact_fraction_falls_with_the_breadth_of_the_spectrum(ensembles):
     nayak, kappa = np.array(
         [(nayak, found[0, :, 1].mean() / PRESSURES[1]) for nayak, found in ensembles.values()]

@@ -29,7 +29,7 @@ def test_westergaards_wave_in_plane_strain():
     ("n", "ratio", "fraction", "gap"),
     [
         # a spot of the lightest load is 20 points across only on the finest grid
-        pytest.param(512, 0.01, 0.0361, 0.818, id="light"),
+        pytest.param(512, 0.01, 0.0361, 0.818, id="light", marks=pytest.mark.slow),
         pytest.param(128, 0.1, 0.191, 0.385, id="moderate"),
         pytest.param(128, 0.75, 0.869, 0.0069, id="heavy"),
     ],

@@ -3,8 +3,8 @@
 import numpy as np
 import pytest
 
-from multiscale.laws.bulk import J2, NeoHookean
-from multiscale.micro import Cell, Opposite, Path, Surface, self_affine, solve_cell
+from multiscale.laws.bulk import J2, Elastic, NeoHookean
+from multiscale.micro import Cell, Path, SecondBody, Surface, self_affine, solve_cell
 from multiscale.micro.finite.finite_cell import make_scene
 from multiscale.micro.finite.history import rest_state, walk_step
 from multiscale.micro.finite.scene import Target
@@ -25,10 +25,17 @@ def flat(n):
 
 
 def body(bulk=None, modulus=1.0, layers=8):
-    return Opposite(0.5, layers, modulus, 0.3, bulk)
+    return SecondBody(0.5, layers, bulk or Elastic(modulus, 0.3))
 
 
-@pytest.mark.parametrize("bulk", [None, RUBBER, STEEL], ids=["elastic", "rubber", "steel"])
+@pytest.mark.parametrize(
+    "bulk",
+    [
+        pytest.param(None, id="elastic"),
+        pytest.param(RUBBER, id="rubber"),
+        pytest.param(STEEL, id="steel", marks=pytest.mark.slow),
+    ],
+)
 def test_two_equal_bodies_are_one_on_a_rigid_flat_half_way_between(bulk):
     """But for the splines of the second, which are not flat across the edge of a contact."""
     n, far = 16, 0.01
@@ -150,13 +157,17 @@ def test_friction_over_one_wavelength_is_that_of_the_independent_code(n, layers)
         np.testing.assert_allclose(pressure, expected, rtol=0.003)
 
 
-@pytest.mark.parametrize("bulk", [None, RUBBER], ids=["elastic", "rubber"])
+@pytest.mark.parametrize(
+    "bulk",
+    [pytest.param(None, id="elastic"), pytest.param(RUBBER, id="rubber", marks=pytest.mark.slow)],
+)
 def test_without_friction_a_wavelength_costs_nothing(bulk):
     pressure, shear = over_one_wavelength(16, 8, 0.0, bulk=bulk)
     assert abs(shear.sum()) < 1e-8 * pressure.sum()
     assert np.abs(shear / pressure).max() > 0.05
 
 
+@pytest.mark.slow
 def test_two_rough_bodies_carry_a_lateral_force_that_does_no_work_around():
     n, steps = 16, 16
 
@@ -188,7 +199,7 @@ def test_tangential_over_normal_stiffness_of_two_bodies():
         solve_cell(
             Cell(
                 surface, 1.0, layers, 1.0, nu, friction_coefficient=friction,
-                opposite=Opposite(1.0, layers, 1.0, nu),
+                opposite=SecondBody(1.0, layers, Elastic(1.0, nu)),
             ),
             path,
         )
@@ -206,7 +217,7 @@ def test_tangential_over_normal_stiffness_of_two_bodies():
     assert stiffness[1] / stiffness[0] == pytest.approx(2.0 * (1.0 - nu) / (2.0 - nu), rel=0.05)
 
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_equal_spheres_in_partial_slip_follow_cattaneo_and_mindlin():
     """Equal bodies know no coupling of normal and tangential motion, at any Poisson's ratio."""
     n, layers, nu, mu, radius, a = 64, 16, 0.3, 0.4, 10.0, 0.16
@@ -221,7 +232,7 @@ def test_equal_spheres_in_partial_slip_follow_cattaneo_and_mindlin():
     sphere = Surface((x[:, None] ** 2 + x**2) / (2.0 * radius), (1.0, 1.0))
     cell = Cell(
         flat(n), 1.0, layers, 1.0, nu, sphere, friction_coefficient=mu,
-        opposite=Opposite(1.0, layers, 1.0, nu),
+        opposite=SecondBody(1.0, layers, Elastic(1.0, nu)),
     )  # fmt: skip
     path = Path(pressure=(force,) * 2, slide=((0.0, 0.0), (far, 0.0)), increments=4)
     response = solve_cell(cell, path, tolerance=1e-7)
@@ -262,7 +273,7 @@ def plough(increments, mu):
     return np.array([work, float(np.sum(volume * taken)), state.dissipation])
 
 
-@pytest.mark.slow
+@pytest.mark.long
 @pytest.mark.parametrize("mu", [0.0, 0.2], ids=["smooth", "friction"])
 def test_ploughing_costs_what_plastic_flow_and_friction_take(mu):
     coarse, fine = plough(16, mu), plough(32, mu)

@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 
 FOLDER = Path(__file__).parents[2] / "workflows" / "guides"
+SLOW = ("05_large_strain",)
 
 
 def run(names):
@@ -108,7 +109,13 @@ CHECKS = {
 """What the names that a guide leaves must satisfy."""
 
 
-@pytest.mark.parametrize("guide", sorted(FOLDER.glob("*.py")), ids=lambda path: path.stem)
+@pytest.mark.parametrize(
+    "guide",
+    [
+        pytest.param(path, marks=[pytest.mark.slow] if path.stem in SLOW else [], id=path.stem)
+        for path in sorted(FOLDER.glob("*.py"))
+    ],
+)
 def test_a_guide_runs(guide, run_folder, tmp_path, monkeypatch, capsys):
     monkeypatch.chdir(tmp_path)
     copytree(run_folder, "results")

@@ -13,9 +13,16 @@ from multiscale.schema import GRANULATE, MACRO_RESULT
 from tests.support import write_law
 
 FOLDER = Path(__file__).parents[2] / "workflows"
+SLOW = ("damage_to_joint", "ploughing", "tensegrity_grid", "three_ways")
 
 
-@pytest.mark.parametrize("script", sorted(FOLDER.glob("*.py")), ids=lambda path: path.stem)
+@pytest.mark.parametrize(
+    "script",
+    [
+        pytest.param(path, marks=[pytest.mark.slow] if path.stem in SLOW else [], id=path.stem)
+        for path in sorted(FOLDER.glob("*.py"))
+    ],
+)
 def test_every_workflow_runs(script, tmp_path):
     text = script.read_text(encoding="utf-8")
     assert len(text.splitlines()) < 100
@@ -24,6 +31,7 @@ def test_every_workflow_runs(script, tmp_path):
     assert list(tmp_path.rglob("*.nc"))
 
 
+@pytest.mark.slow
 def test_the_pictures_of_the_manual_are_made_anew(tmp_path):
     script = runpy.run_path(str(FOLDER / "manual" / "pictures.py"))
     names = ["ground_steel", "tensegrity_grid", "rough_blocks", "deposit"]

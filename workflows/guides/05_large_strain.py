@@ -8,8 +8,8 @@ sheared and unloaded?
 
 import numpy as np
 
-from multiscale.laws.bulk import J2
-from multiscale.micro import Cell, Opposite, Path, Surface, slide_cell, solve_cell
+from multiscale.laws.bulk import J2, Elastic
+from multiscale.micro import Cell, Path, SecondBody, Surface, slide_cell, solve_cell
 
 # A cell takes a law at large strain (NeoHookean; J2 in logarithmic strain with linear and
 # saturating hardening; Prony), and Coulomb friction against a flat or rough rigid obstacle that
@@ -39,12 +39,12 @@ print(pressed["traction"], pressed["slip_fraction"], pressed["flowing_fraction"]
 # quarter of the rms height converges in about 8 Newton iterations, an approach of half of it may be
 # cut several times. With .4999 each iteration takes hundreds of linear iterations.
 
-# With Opposite the obstacle is a second deformable body behind its underside, with a law of its
+# With SecondBody the obstacle is a second deformable body behind its underside, with a law of its
 # own, and both bodies meet in the current configuration. slide_cell presses a cell and slides it at
 # each of several pressures. Both bodies are periodic, so that the way may be many periods long.
 small = Surface(0.5e-6 * x[:, None] * x, (50e-6, 50e-6))
 under = Surface(-small.heights, small.size)  # seen from below: summits meet at first
-body = Opposite(50e-6, 8, 210e9, 0.3)
+body = SecondBody(50e-6, 8, Elastic(210e9, 0.3))
 pair = Cell(small, 50e-6, 8, 210e9, 0.3, obstacle=under, friction_coefficient=0.2, opposite=body)
 slid = slide_cell(pair, (20e6, 80e6), 50e-6, steps=8)  # one period
 print(slid["effective_friction"], slid["steady_friction"])

@@ -9,7 +9,7 @@ import numpy as np
 from skfem import MeshQuad
 
 from multiscale.laws.bulk import Elastic
-from multiscale.macro import Body, Contact, ContactProblem, Plane, solve_contact
+from multiscale.macro import Body, Contact, FiniteAssembly, RigidPlane, solve_contact
 from multiscale.nonsmooth import solve_friction
 
 # Bodies are elastic, hyperelastic or plastic, on any two- or three-dimensional mesh with named
@@ -17,8 +17,8 @@ from multiscale.nonsmooth import solve_friction
 # non-matching meshes, and rigid obstacles, with Coulomb friction, in load steps.
 mesh = MeshQuad().refined(3).with_defaults()  # a unit square with named sides
 block = Body(mesh, Elastic(1e9, 0.3), supports={"top": (1e-4, -1e-3)})
-floor = Plane((0.0, 0.0), (0.0, 1.0))
-problem = ContactProblem(
+floor = RigidPlane((0.0, 0.0), (0.0, 1.0))
+problem = FiniteAssembly(
     {"block": block}, {"floor": Contact(("block", "bottom"), floor, friction_coefficient=0.2)}
 )
 step = solve_contact(problem)[-1].unwrap()

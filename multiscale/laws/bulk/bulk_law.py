@@ -45,10 +45,22 @@ class BulkLaw(ABC):
     finite_strain : bool
         Whether :math:`J = \det F`. Otherwise :math:`J = 1 + \mathrm{tr}(F - I)`, and the law is
         linear in :math:`F`.
+    flows : bool
+        Whether the shape changes for good at constant volume: elements then take the change of
+        volume from its mean, and increments are short.
+    rate_dependent : bool
+        Whether the stress depends on the time that a strain takes.
     """
 
     n_state: int = 0
     finite_strain: bool = True
+    flows: bool = False
+    rate_dependent: bool = False
+
+    @property
+    def history(self) -> tuple[str, ...]:
+        """Names of what is kept at every point; none for an elastic law."""
+        return ()
 
     @abstractmethod
     def respond_shape(self, gradient: np.ndarray, state: np.ndarray) -> BulkResponse:

@@ -1,13 +1,14 @@
 """Isotropic elasticity at small strain."""
 
 from dataclasses import dataclass
+from typing import ClassVar
 
 import numpy as np
 
 from multiscale.laws.bulk.bulk_law import BulkLaw, BulkResponse
 from multiscale.laws.bulk.moduli import check_moduli, lame_parameters
 
-__all__ = ["Elastic"]
+__all__ = ["Elastic", "GradedElastic"]
 
 
 @dataclass(frozen=True)
@@ -68,3 +69,32 @@ class Elastic(BulkLaw):
         """U' and U'' of (1)."""
         lame, _ = lame_parameters(self.youngs_modulus, self.poissons_ratio)
         return lame * (dilatation - 1.0), np.full_like(dilatation, lame)
+
+
+@dataclass(frozen=True, eq=False)
+class GradedElastic:
+    r"""Hooke's law with moduli that differ from layer to layer or element to element of a cell.
+
+    This is a field and no law of a point: what is meshed with it knows the place.
+
+    Parameters
+    ----------
+    youngs_modulus, poissons_ratio : float or ndarray
+        Pa and 1: one number, one of each layer from the base up or one of each element.
+
+    Raises
+    ------
+    CaseError
+        If a modulus is outside its range.
+    """
+
+    youngs_modulus: float | np.ndarray
+    poissons_ratio: float | np.ndarray
+    n_state: ClassVar[int] = 0
+    finite_strain: ClassVar[bool] = False
+    flows: ClassVar[bool] = False
+    rate_dependent: ClassVar[bool] = False
+    history: ClassVar[tuple[str, ...]] = ()
+
+    def __post_init__(self) -> None:
+        check_moduli(self.youngs_modulus, self.poissons_ratio)

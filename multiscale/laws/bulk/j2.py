@@ -68,6 +68,7 @@ class J2(BulkLaw):
     saturation_stress: float | None = None
     saturation_rate: float = 0.0
     n_state = 7
+    flows = True
 
     def __post_init__(self) -> None:
         check_moduli(self.youngs_modulus, self.poissons_ratio)
@@ -84,6 +85,11 @@ class J2(BulkLaw):
                 f"saturation_stress must be at least the yield_stress {self.yield_stress:g} Pa, "
                 f"got {self._saturation():g}"
             )
+
+    @property
+    def history(self) -> tuple[str, ...]:
+        """Names of what is kept at every point."""
+        return "plastic metric C_p^-1", "accumulated plastic strain"
 
     @property
     def shear_modulus(self) -> float:

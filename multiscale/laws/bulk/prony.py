@@ -76,6 +76,7 @@ class Prony(BulkLaw):
     weights: tuple[float, ...]
     times: tuple[float, ...]
     time_step: float = 0.0
+    rate_dependent = True
 
     def __post_init__(self) -> None:
         _ = self.solid
@@ -98,6 +99,11 @@ class Prony(BulkLaw):
     def n_state(self) -> int:  # type: ignore[override]
         """Number of internal variables at a point."""
         return 6 * (1 + len(self.times))
+
+    @property
+    def history(self) -> tuple[str, ...]:
+        """Names of what is kept at every point."""
+        return "elastic stress", *(f"stress of the branch of {time:g} s" for time in self.times)
 
     @property
     def solid(self) -> NeoHookean:

@@ -8,19 +8,19 @@ for any bulk law and either kind of sliding: material, geometry, contact set and
 updated in one loop, and the displacement is kept as the main unknown.
 """
 
-from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
 from numpy.linalg import norm
 from scipy.sparse import block_array, csr_array, diags_array
 
-from multiscale.convergence import Solution, Status, verdict
+from multiscale.convergence import Solution
 from multiscale.errors import ConvergenceError, MultiscaleError
-from multiscale.macro.continuum.contact_system import Joined, System
+from multiscale.macro.continuum.finite_assembly import FiniteAssembly, JoinedContacts
 from multiscale.macro.continuum.interface import Coupling
 from multiscale.macro.continuum.nodal_coulomb import LocalLaw, linearise
 from multiscale.numerics.factorisation import factorise
+from multiscale.numerics.newton import Limits, NewtonRun
 
 __all__ = ["Equilibrium", "contact_stiffness", "newton_step", "rest"]
 
@@ -84,7 +84,7 @@ class _Trial:
 
     end: Equilibrium
     tangent: csr_array
-    joined: Joined
+    joined: JoinedContacts
     rho: np.ndarray
     law: LocalLaw
     residual: float
@@ -92,41 +92,31 @@ class _Trial:
     usable: bool
 
 
-def rest(system: System) -> Equilibrium:
+def rest(assembly: FiniteAssembly) -> Equilibrium:
     """State before the first load step."""
-    u = np.zeros(system.start.size)
-    couplings = system.couplings(u, 0.0, None)
-    jump = system.jump(couplings, couplings, (u, u), (0.0, 0.0))
-    return Equilibrium(0.0, u, np.zeros_like(jump), system.initial_state(), couplings, jump, u)
+    u = np.zeros(assembly.start.size)
+    couplings = assembly.couplings(u, 0.0, None)
+    jump = assembly.jump(couplings, couplings, (u, u), (0.0, 0.0))
+    return Equilibrium(0.0, u, np.zeros_like(jump), assembly.initial_state(), couplings, jump, u)
 
 
 def newton_step(
-    system: System,
-    before: Equilibrium,
-    time: float,
-    *,
-    max_iterations: int,
-    tolerance: float,
-    callback: Callable[[int, float], None] | None = None,
+    assembly: FiniteAssembly, before: Equilibrium, time: float, limits: Limits
 ) -> tuple[Solution, Equilibrium]:
     """Solve one load step.
 
     Parameters
     ----------
-    system : System
+    assembly : FiniteAssembly
         The problem.
     before : Equilibrium
         End of the step before.
     time : float
         End of this step.
-    max_iterations : int
-        Iteration limit.
-    tolerance : float
-        Bound on the unbalanced forces and the error of the contact law, relative to the largest
-        of load, reaction of the supports and contact force; dimensionless. Rounding of the
-        internal forces, where it is larger, counts as converged too.
-    callback : callable, optional
-        Called as ``callback(iteration, residual)``.
+    limits : Limits
+        The tolerance bounds the unbalanced forces and the error of the contact law, relative to
+        the largest of load, reaction of the supports and contact force. Rounding of the internal
+        forces, where it is larger, counts as converged too.
 
     Returns
     -------
@@ -140,61 +130,46 @@ def newton_step(
     ConvergenceError
         If a body can move without force.
     """
-    fixed, motion = system.fixed(time)
-    load = system.load(time)
-    problem = _Step(system, before, time, load, fixed, motion)
+    problem = _Step(assembly, before, time, assembly.load(time), assembly.supported(time))
     trial = problem.evaluate(before.displacement, before.reaction, before.couplings)
-    residuals: list[float] = []
     landings = LANDINGS
+    run = NewtonRun(limits, PATIENCE)
 
-    for iteration in range(max_iterations + 1):
-        residuals.append(trial.residual)
-        if callback is not None:
-            callback(iteration, residuals[-1])
-        u = trial.end.displacement
-        if reason := verdict(residuals, max(tolerance, trial.floor), PATIENCE):
-            return Solution(u, reason, tuple(residuals)), trial.end
-        if iteration == max_iterations:
-            break
-        stuck = int(np.argmin(residuals)) < iteration - CYCLE
+    while run.goes_on(trial.residual, trial.floor):
         du, dr, landed = problem.direction(trial, may_land=landings > 0)
         landings -= landed
-        trial = problem.advance(trial, du, dr, 0.5 if stuck else 1.0)
+        trial = problem.advance(trial, du, dr, 0.5 if run.since_best > CYCLE else 1.0)
 
-    return Solution(u, Status.MAX_ITERATIONS, tuple(residuals)), trial.end
+    return run.solution(trial.end.displacement), trial.end
 
 
 @dataclass(frozen=True)
 class _Step:
     """One load step of a problem."""
 
-    system: System
+    assembly: FiniteAssembly
     before: Equilibrium
     time: float
     load: np.ndarray
-    fixed: np.ndarray
     motion: np.ndarray
 
     def evaluate(self, u: np.ndarray, reaction: np.ndarray, old: tuple[Coupling, ...]) -> _Trial:
         """Residual and tangents at a displacement and a reaction."""
-        system, before = self.system, self.before
-        couplings = system.couplings(u, self.time, old)
-        joined = system.join(before.couplings, couplings)
-        force, tangent, state, smallest = system.internal(u, before.state)
+        assembly, before = self.assembly, self.before
+        couplings = assembly.couplings(u, self.time, old)
+        joined = assembly.join(before.couplings, couplings)
+        force, tangent, state, smallest = assembly.internal(u, before.state)
         motion, times = (before.displacement, u), (before.time, self.time)
-        jump = system.jump(before.couplings, couplings, motion, times)
-        rho = contact_stiffness(system, joined)
-        law = linearise(reaction, jump, system.friction, rho, joined.kept)
+        jump = assembly.jump(before.couplings, couplings, motion, times)
+        rho = contact_stiffness(assembly, joined)
+        law = linearise(reaction, jump, assembly.friction, rho, joined.kept)
         contact = joined.operator.T @ reaction.ravel()  # H r
         unbalance = force - contact - self.load  # (4)
 
-        free = np.ones(u.size, dtype=bool)
-        free[self.fixed] = False
-        scale = max(
-            float(norm(self.load)), float(norm(contact)), float(norm((force - contact)[self.fixed]))
-        )
+        free = assembly.free
+        scale = max(float(norm(f)) for f in (self.load, contact, (force - contact)[~free]))
         wrong = law.residual * joined.area[:, None]
-        late = tangent.diagonal()[self.fixed] * (self.motion - u[self.fixed])
+        late = tangent.diagonal()[~free] * (self.motion - u[~free])
         error = float(np.hypot(norm(unbalance[free]), np.hypot(norm(wrong), norm(late))))
         residual = error / scale if scale > 0.0 else float(error > 0.0)
         size = float(norm((abs(tangent) @ np.abs(u))[free]))
@@ -231,19 +206,17 @@ class _Step:
 
     def _direction(self, trial: _Trial, law: LocalLaw) -> tuple[np.ndarray, np.ndarray]:
         """Solve the linearised problem; open components leave it at once."""
-        system, joined = self.system, trial.joined
-        n = trial.end.displacement.size
-        free = np.ones(n, dtype=bool)
-        free[self.fixed] = False
-        du = np.zeros(n)
-        du[self.fixed] = self.motion - trial.end.displacement[self.fixed]
+        assembly, joined = self.assembly, trial.joined
+        free = assembly.free
+        du = np.zeros(free.size)
+        du[~free] = self.motion - trial.end.displacement[~free]
 
         live = np.any(law.by_jump != 0.0, axis=2).ravel()
         dr = np.where(live, 0.0, -law.residual.ravel())
         B = joined.operator
         # row of the law times the area, reaction in units of the contact stiffness: all N/m
-        rho = np.repeat(trial.rho, system.components)
-        area = np.repeat(joined.area, system.components)
+        rho = np.repeat(trial.rho, assembly.components)
+        area = np.repeat(joined.area, assembly.components)
         by_jump = _block_diagonal(law.by_jump)[live] @ joined.tangent
         by_reaction = diags_array(area[live]) @ _block_diagonal(law.by_reaction)[live]
         rhs = np.concatenate(
@@ -266,15 +239,13 @@ class _Step:
         solution = scale * factorise(matrix, name="the tangent stiffness")(scale * rhs)
         du[free] = solution[: K.shape[0]]
         dr[live] = rho[live] * solution[K.shape[0] :]
-        return du, dr.reshape(-1, system.components)
+        return du, dr.reshape(-1, assembly.components)
 
     def _close_nearest(self, trial: _Trial) -> LocalLaw | None:
         """Contact law with the nearest nodes of every open interface closed: a loose body lands."""
-        law, jump, first = trial.law, trial.end.jump, 0
+        law, jump = trial.law, trial.end.jump
         closed = np.zeros(len(jump), dtype=bool)
-        for coupling in trial.end.couplings:
-            part = slice(first, first + len(coupling.area))
-            first = part.stop
+        for part, coupling in zip(self.assembly.contact_nodes, trial.end.couplings, strict=True):
             possible = trial.joined.kept[part, 0]
             if possible.any() and not np.any(law.by_jump[part, 0, 0]):
                 gap = np.where(possible, jump[part, 0], np.inf)
@@ -293,8 +264,8 @@ class _Step:
 
     def _loose(self, error: MultiscaleError) -> ConvergenceError:
         """Name the bodies that their supports alone do not hold."""
-        names = list(self.system.problem.bodies)
-        loose = [name for k, name in enumerate(names) if not _is_held(self.system, k, self.fixed)]
+        names = list(self.assembly.bodies)
+        loose = [name for k, name in enumerate(names) if not _is_held(self.assembly, k)]
         if not loose:
             return ConvergenceError(
                 f"the tangent stiffness is singular at time {self.time:g}: {error}"
@@ -310,18 +281,17 @@ class _Step:
 
     def _slides(self, name: str) -> str | None:
         """Say what the friction before this step carries of the load on a body, if too little."""
-        system, before, first = self.system, self.before, 0
-        d, body = system.start.shape[1], list(system.problem.bodies).index(name)
-        low, high = system.first[body : body + 2]
+        assembly, before = self.assembly, self.before
+        d, body = assembly.start.shape[1], list(assembly.bodies).index(name)
+        low, high = assembly.first[body : body + 2]
         carried, normal = 0.0, np.zeros(d)
-        for interface, coupling in zip(system.interfaces, before.couplings, strict=True):
-            part = slice(first, first + len(coupling.area))
-            first = part.stop
+        parts = zip(assembly.interfaces, assembly.contact_nodes, before.couplings, strict=True)
+        for interface, part, coupling in parts:
             if any(low <= nodes[0] < high for nodes in interface.nodes):
                 force = before.reaction[part, 0] * coupling.area
-                carried += float(system.friction[part] @ force)
+                carried += float(assembly.friction[part] @ force)
                 normal += force @ coupling.frame[:, 0]
-        load = self.load[system.unknowns(body)].reshape(-1, d).sum(axis=0)
+        load = self.load[assembly.unknowns(body)].reshape(-1, d).sum(axis=0)
         normal /= norm(normal) or 1.0
         along = float(norm(load - (load @ normal) * normal))
         if not 0.0 < carried < along:
@@ -334,11 +304,11 @@ class _Step:
         )
 
 
-def contact_stiffness(system: System, joined: Joined) -> np.ndarray:
+def contact_stiffness(assembly: FiniteAssembly, joined: JoinedContacts) -> np.ndarray:
     """Stiffness rho of the contact law, Pa/m: of the order of the stiffness that a node feels."""
-    diagonal = system.diagonal
+    diagonal = assembly.diagonal
     compliance = np.where(diagonal > 0.0, 1.0 / np.where(diagonal > 0.0, diagonal, 1.0), 0.0)
-    normal = joined.operator[:: system.components]
+    normal = joined.operator[:: assembly.components]
     softness = normal.power(2) @ compliance  # of a unit reaction, times area: m / (Pa/m2)
     typical = joined.area / np.where(softness > 0.0, softness, 1.0)
     usual = float(np.median(typical[softness > 0.0])) if np.any(softness > 0.0) else 1.0
@@ -354,11 +324,10 @@ def _block_diagonal(blocks: np.ndarray) -> csr_array:
     return csr_array((blocks.ravel(), (i.ravel(), j.ravel())), shape=(n * c, n * c))
 
 
-def _is_held(system: System, body: int, fixed: np.ndarray) -> bool:
+def _is_held(assembly: FiniteAssembly, body: int) -> bool:
     """Whether the supports of a body stop all its rigid motions."""
-    part = system.unknowns(body)
-    d = system.start.shape[1]
-    x = system.start[system.first[body] : system.first[body + 1]]
+    d = assembly.start.shape[1]
+    x = assembly.start[assembly.first[body] : assembly.first[body + 1]]
     x = (x - x.mean(axis=0)) / np.abs(x - x.mean(axis=0)).max()
     modes = [np.tile(axis, len(x)) for axis in np.eye(d)]
     for i in range(d):
@@ -366,7 +335,7 @@ def _is_held(system: System, body: int, fixed: np.ndarray) -> bool:
             turn = np.zeros_like(x)
             turn[:, i], turn[:, j] = -x[:, j], x[:, i]
             modes.append(turn.ravel())
-    own = fixed[(fixed >= part.start) & (fixed < part.stop)] - part.start
+    own = np.flatnonzero(~assembly.free[assembly.unknowns(body)])
     if own.size == 0:
         return False
     held = np.array(modes)[:, own]

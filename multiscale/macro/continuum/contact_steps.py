@@ -7,15 +7,16 @@ with Coulomb friction, for bodies of any bulk law, between each other and with r
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
-from time import perf_counter
+from functools import partial
 
 import numpy as np
 
 from multiscale.convergence import Solution, Status
 from multiscale.errors import CaseError, ConvergenceError
-from multiscale.macro.continuum.condensed import condense
+from multiscale.macro.continuum.condensed_contact import condense_contact
 from multiscale.macro.continuum.contact_newton import Equilibrium, newton_step, rest
-from multiscale.macro.continuum.contact_system import ContactProblem, System, prepare_system
+from multiscale.macro.continuum.finite_assembly import FiniteAssembly
+from multiscale.numerics.newton import Limits, join_solutions, march
 
 __all__ = ["ContactStep", "SurfaceState", "solve_contact"]
 
@@ -99,7 +100,7 @@ class ContactStep:
 
 
 def solve_contact(
-    problem: ContactProblem,
+    assembly: FiniteAssembly,
     times: Sequence[float] = (1.0,),
     *,
     condensed: bool | None = None,
@@ -111,7 +112,7 @@ def solve_contact(
 
     Parameters
     ----------
-    problem : ContactProblem
+    assembly : FiniteAssembly
         Bodies, contacts and their loads.
     times : sequence of float
         Ends of the load steps, increasing and positive; the path starts undeformed at zero.
@@ -146,22 +147,21 @@ def solve_contact(
     --------
     >>> from skfem import MeshQuad
     >>> from multiscale.laws.bulk import Elastic
-    >>> from multiscale.macro import Body, Contact, ContactProblem, Plane, solve_contact
+    >>> from multiscale.macro import Body, Contact, FiniteAssembly, RigidPlane, solve_contact
     >>> mesh = MeshQuad().refined(2).with_defaults()
     >>> block = Body(mesh, Elastic(1e9, 0.0), supports={"top": (0.0, -1e-3)})
-    >>> floor = Plane((0.0, 0.0), (0.0, 1.0))
-    >>> problem = ContactProblem({"block": block}, {"floor": Contact(("block", "bottom"), floor)})
-    >>> step = solve_contact(problem)[-1].unwrap()
+    >>> floor = RigidPlane((0.0, 0.0), (0.0, 1.0))
+    >>> pair = FiniteAssembly({"block": block}, {"floor": Contact(("block", "bottom"), floor)})
+    >>> step = solve_contact(pair)[-1].unwrap()
     >>> step.contact["floor"].pressure.round(3)
     array([1000000., 1000000., 1000000., 1000000., 1000000.])
     """
     times = [float(time) for time in times]
     if not times or not np.all(np.diff([0.0, *times]) > 0.0) or not np.isfinite(times[-1]):
         raise CaseError(f"times must increase from zero and be finite, got {times}")
-    system = prepare_system(problem)
-    state = rest(system)
-    _check_common_area(system, state)
-    solve = _choose(system, state, condensed, (max_iterations, tolerance), callback)
+    state = rest(assembly)
+    _check_common_area(assembly, state)
+    solve = _choose(assembly, state, condensed, Limits(max_iterations, tolerance), callback)
 
     steps: list[ContactStep] = []
     for time in times:
@@ -172,7 +172,7 @@ def solve_contact(
                 raise
             solution = Solution(state.displacement, Status.INFEASIBLE, detail=str(error))
             end = replace(state, time=time)
-        steps.append(_report(system, solution, end))
+        steps.append(_report(assembly, solution, end))
         if not solution.converged:
             break
         state = end
@@ -183,91 +183,50 @@ Solve = Callable[[Equilibrium, float], tuple[Solution, Equilibrium]]
 
 
 def _choose(
-    system: System,
+    assembly: FiniteAssembly,
     state: Equilibrium,
     condensed: bool | None,
-    limits: tuple[int, float],
+    limits: Limits,
     callback: Callable[[float, int, float], None] | None,
 ) -> Solve:
     """Newton on all unknowns, or on those of the contacts."""
-    max_iterations, tolerance = limits
-    if condensed and not system.is_linear:
+
+    def at(time: float) -> Limits:
+        return replace(limits, callback=callback and partial(callback, time))
+
+    if condensed and not assembly.is_linear:
         raise CaseError(
             "only a linear problem can be condensed: small strain and small sliding; "
             "leave out condensed=True"
         )
     few = state.reaction.size <= FEW
-    if system.is_linear and (condensed or (condensed is None and few)):
-        model = condense(system, state)
+    if assembly.is_linear and (condensed or (condensed is None and few)):
+        model = condense_contact(assembly, state)
         if model is not None:
-            return lambda before, time: model.step(
-                before, time, max_iterations, tolerance, _at(callback, time)
-            )
+            return lambda before, time: model.step(before, time, at(time))
         if condensed:
             raise CaseError(
                 "a body is held by its contacts alone, so the problem cannot be condensed; "
                 "leave out condensed=True or add supports"
             )
-    return lambda before, time: newton_step(
-        system,
-        before,
-        time,
-        max_iterations=max_iterations,
-        tolerance=tolerance,
-        callback=_at(callback, time),
-    )
-
-
-def _at(
-    callback: Callable[[float, int, float], None] | None, time: float
-) -> Callable[[int, float], None] | None:
-    """Bind the callback to one load step."""
-    if callback is None:
-        return None
-    return lambda iteration, residual: callback(time, iteration, residual)
+    return lambda before, time: newton_step(assembly, before, time, at(time))
 
 
 def _march(solve: Solve, before: Equilibrium, time: float) -> tuple[Solution, Equilibrium]:
     """Reach a time, in one step or in halves of it."""
-    clock = perf_counter()
-    slip = np.zeros_like(before.jump[:, 1:])
-    residuals: list[float] = []
-    seconds: list[float] = []
-    trail: list[str] = []
-    length = smallest = time - before.time
-    smallest /= 2.0**CUTS
-    while True:
-        to_go = time - before.time
-        target = time if to_go <= 1.5 * length else before.time + length
-        try:
-            solution, end = solve(before, target)
-        except ConvergenceError:
-            if length <= smallest or not trail:
-                raise
-            length *= 0.5
-            continue
-        residuals += solution.residuals
-        seconds += [perf_counter() - clock] * len(solution.residuals)
-        trail.append(f"step to {target:g}: {solution.status.name.lower()}")
-        if solution.converged:
-            slip += end.jump[:, 1:]  # the parts of a step that was cut count together
-        if solution.converged and target == time:
-            break
-        if solution.converged:
-            before = end
-        elif length > smallest:
-            length *= 0.5
-        else:
-            break
-    whole = Solution(
-        solution.value, solution.status, tuple(residuals), tuple(seconds), tuple(trail)
-    )
+    parts = march(solve, before, (before.time, time), CUTS)
+    # the parts of a step that was cut count together
+    slips = (part.state.jump[:, 1:] for part in parts if part.solution.converged)
+    slip = sum(slips, start=np.zeros_like(before.jump[:, 1:]))
+    trail = [f"step to {part.aim:g}: {part.solution.status.name.lower()}" for part in parts]
+    end = parts[-1].state
+    whole = join_solutions([part.solution for part in parts], trail)
     return whole, replace(end, jump=np.hstack([end.jump[:, :1], slip]))
 
 
-def _check_common_area(system: System, state: Equilibrium) -> None:
+def _check_common_area(assembly: FiniteAssembly, state: Equilibrium) -> None:
     """Refuse contacts whose surfaces do not face each other."""
-    for interface, coupling in zip(system.interfaces, state.couplings, strict=True):
+    for interface, coupling in zip(assembly.interfaces, state.couplings, strict=True):
         if not np.any(coupling.kept[:, 0]):
             raise CaseError(
                 f"contact {interface.name!r}: the surfaces {interface.contact.side1} and "
@@ -276,35 +235,33 @@ def _check_common_area(system: System, state: Equilibrium) -> None:
             )
 
 
-def _report(system: System, solution: Solution, end: Equilibrium) -> ContactStep:
+def _report(assembly: FiniteAssembly, solution: Solution, end: Equilibrium) -> ContactStep:
     """Split a state into bodies and contacts; NaN unless it converged."""
-    d, c = system.start.shape[1], system.components
+    d, c = assembly.start.shape[1], assembly.components
     u, r = end.displacement, end.reaction
     if not solution.converged:
         u, r = np.full_like(u, np.nan), np.full_like(r, np.nan)
-    contact, first = {}, 0
-    for interface, coupling in zip(system.interfaces, end.couplings, strict=True):
-        part = slice(first, first + len(coupling.area))
-        first = part.stop
+    contact = {}
+    parts = zip(assembly.interfaces, assembly.contact_nodes, end.couplings, strict=True)
+    for interface, part, coupling in parts:
         traction = np.zeros((d, len(coupling.area)))
         traction[:c] = -r[part].T
         jump = np.where(coupling.kept[:, :1], end.jump[part], np.nan)
         if not solution.converged:
             jump = np.full_like(jump, np.nan)
-        place = system.start[interface.nodes[0]].T
+        place = assembly.start[interface.nodes[0]].T
         contact[interface.name] = SurfaceState(
             place, coupling.frame, traction, jump[:, 0], coupling.area, jump[:, 1:].T
         )
-    names = list(system.problem.bodies)
-    fixed = system.fixed(end.time)[0]
-    support = np.zeros_like(u)
-    support[fixed] = end.unbalance[fixed] if solution.converged else np.nan
-    parts = [system.unknowns(k) for k in range(len(names))]
+    names = list(assembly.bodies)
+    carried = end.unbalance if solution.converged else np.nan
+    support = np.where(assembly.free, 0.0, carried)
+    own = [assembly.unknowns(k) for k in range(len(names))]
     return ContactStep(
         end.time,
         solution,
-        {name: u[part].reshape(-1, d).T for name, part in zip(names, parts, strict=True)},
+        {name: u[part].reshape(-1, d).T for name, part in zip(names, own, strict=True)},
         contact,
         dict(zip(names, end.state, strict=True)),
-        {name: support[part].reshape(-1, d).T for name, part in zip(names, parts, strict=True)},
+        {name: support[part].reshape(-1, d).T for name, part in zip(names, own, strict=True)},
     )

@@ -32,7 +32,7 @@ from scipy.sparse import csr_array, diags_array
 from multiscale.errors import CaseError
 from multiscale.fe.facets import ContactFace, nodal_areas, nodal_normals
 from multiscale.fe.mortar import couple
-from multiscale.macro.continuum.rigid_obstacle import Obstacle, obstacle_motion
+from multiscale.macro.continuum.rigid_obstacle import RigidObstacle, obstacle_motion
 
 __all__ = [
     "Contact",
@@ -56,7 +56,7 @@ class Contact:
     ----------
     side1 : tuple of str
         Body and boundary that carry the contact traction. The finer mesh belongs here.
-    side2 : tuple of str or Obstacle
+    side2 : tuple of str or RigidObstacle
         Body and boundary, or a rigid obstacle.
     friction_coefficient : float, default 0.0
         Coulomb's :math:`\mu \ge 0`, dimensionless.
@@ -75,7 +75,7 @@ class Contact:
     """
 
     side1: tuple[str, str]
-    side2: tuple[str, str] | Obstacle
+    side2: tuple[str, str] | RigidObstacle
     friction_coefficient: float = 0.0
     finite_sliding: bool = False
     reach: float = np.inf
@@ -88,6 +88,16 @@ class Contact:
             )
         if not self.reach > 0.0:
             raise CaseError(f"the reach of a contact must be positive (m), got {self.reach}")
+
+    @property
+    def obstacle(self) -> RigidObstacle | None:
+        """Side 2 if it is rigid."""
+        return self.side2 if isinstance(self.side2, RigidObstacle) else None
+
+    @property
+    def surfaces(self) -> tuple[tuple[str, str], ...]:
+        """Sides that are surfaces of bodies: body and boundary."""
+        return (self.side1,) if isinstance(self.side2, RigidObstacle) else (self.side1, self.side2)
 
 
 @dataclass(frozen=True)
@@ -120,7 +130,7 @@ class Interface:
     @property
     def follows(self) -> bool:
         """Whether side 2 is a body whose points are partners as the motion has it."""
-        return self.contact.finite_sliding and not isinstance(self.contact.side2, Obstacle)
+        return self.contact.finite_sliding and self.contact.obstacle is None
 
 
 @dataclass(frozen=True)
@@ -163,9 +173,9 @@ def build_coupling(
     own = x[nodes]
     n1 = len(nodes)
     whole = nodal_areas(surface, start[nodes])
-    side2 = interface.contact.side2
-    if isinstance(side2, Obstacle):
-        normal = -side2.distance(own - shift)[1]
+    obstacle = interface.contact.obstacle
+    if obstacle is not None:
+        normal = -obstacle.distance(own - shift)[1]
         area = whole  # of the undeformed body: the reaction is then a force per that area
         operator = csr_array((-area, (np.arange(n1), nodes)), shape=(n1, len(x)))
     else:
@@ -220,18 +230,18 @@ def local_jump(
     """
     before, now = motion
     old, coupling = couplings
-    side2, offset = interface.contact.side2, interface.offset
-    if isinstance(side2, Obstacle):
+    obstacle, offset = interface.contact.obstacle, interface.offset
+    if obstacle is not None:
         nodes = interface.nodes[0]
         d = start.shape[1]
-        last, shift = (obstacle_motion(side2, d, time) for time in times)
+        last, shift = (obstacle_motion(obstacle, d, time) for time in times)
         slip = (shift - last) - (now - before)[nodes]
         jump = np.einsum("aki,ai->ak", coupling.frame, slip)
         if interface.contact.finite_sliding:
-            jump[:, 0] = side2.distance(start[nodes] + now[nodes] - shift)[0] - offset
+            jump[:, 0] = obstacle.distance(start[nodes] + now[nodes] - shift)[0] - offset
         else:
             closing = np.einsum("ai,ai->a", coupling.frame[:, 0], shift - now[nodes])
-            jump[:, 0] = side2.distance(start[nodes])[0] + closing - offset
+            jump[:, 0] = obstacle.distance(start[nodes])[0] + closing - offset
         return np.asarray(jump)
     area = np.where(coupling.area > 0.0, coupling.area, 1.0)[:, None]
     distance = coupling.operator @ (start + now) / area

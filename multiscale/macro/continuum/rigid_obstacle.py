@@ -9,10 +9,17 @@ import numpy as np
 from multiscale.errors import CaseError
 from multiscale.macro.continuum.body import Value
 
-__all__ = ["Cylinder", "Graph", "Obstacle", "Plane", "Sphere", "obstacle_motion"]
+__all__ = [
+    "RigidCylinder",
+    "RigidGraph",
+    "RigidObstacle",
+    "RigidPlane",
+    "RigidSphere",
+    "obstacle_motion",
+]
 
 
-class Obstacle(ABC):
+class RigidObstacle(ABC):
     """A rigid surface that moves without turning.
 
     Attributes
@@ -33,7 +40,7 @@ class Obstacle(ABC):
 
 
 @dataclass(frozen=True)
-class Plane(Obstacle):
+class RigidPlane(RigidObstacle):
     """A half-space.
 
     Parameters
@@ -43,7 +50,7 @@ class Plane(Obstacle):
     normal : sequence of float
         Points out of the obstacle, to the body; of any length.
     motion : sequence of Value
-        See :class:`Obstacle`.
+        See :class:`RigidObstacle`.
     """
 
     point: Sequence[float]
@@ -60,7 +67,7 @@ class Plane(Obstacle):
 
 
 @dataclass(frozen=True)
-class Sphere(Obstacle):
+class RigidSphere(RigidObstacle):
     """A ball; in two dimensions a disc.
 
     Parameters
@@ -70,7 +77,7 @@ class Sphere(Obstacle):
     radius : float
         m.
     motion : sequence of Value
-        See :class:`Obstacle`.
+        See :class:`RigidObstacle`.
     """
 
     centre: Sequence[float]
@@ -86,7 +93,7 @@ class Sphere(Obstacle):
 
 
 @dataclass(frozen=True)
-class Cylinder(Obstacle):
+class RigidCylinder(RigidObstacle):
     """An endless round bar in three dimensions.
 
     Parameters
@@ -98,7 +105,7 @@ class Cylinder(Obstacle):
     radius : float
         m.
     motion : sequence of Value
-        See :class:`Obstacle`.
+        See :class:`RigidObstacle`.
     """
 
     point: Sequence[float]
@@ -118,7 +125,7 @@ class Cylinder(Obstacle):
 
 
 @dataclass(frozen=True)
-class Graph(Obstacle):
+class RigidGraph(RigidObstacle):
     """All that lies above a height (or below it).
 
     Parameters
@@ -130,7 +137,7 @@ class Graph(Obstacle):
     above : bool, default True
         Whether the obstacle lies above its surface.
     motion : sequence of Value
-        See :class:`Obstacle`.
+        See :class:`RigidObstacle`.
 
     Notes
     -----
@@ -153,7 +160,7 @@ class Graph(Obstacle):
         return gap, side * normal
 
 
-def obstacle_motion(obstacle: Obstacle, dim: int, time: float) -> np.ndarray:
+def obstacle_motion(obstacle: RigidObstacle, dim: int, time: float) -> np.ndarray:
     """Displacement of an obstacle at a time, shape (dim,), m."""
     if not obstacle.motion:
         return np.zeros(dim)

@@ -1,7 +1,6 @@
 """One load factor with geometrically exact elongations."""
 
 from dataclasses import dataclass
-from time import perf_counter
 
 import numpy as np
 
@@ -9,9 +8,10 @@ from multiscale.convergence import Solution, Status
 from multiscale.errors import MultiscaleError
 from multiscale.macro.discrete.compatibility import LinkEquations
 from multiscale.macro.discrete.link_newton import RESIDUAL_STIFFNESS
-from multiscale.macro.discrete.link_state import Limits, LinkState, force_scale
+from multiscale.macro.discrete.link_state import LinkState, force_scale
 from multiscale.macro.discrete.link_system import LinkSystem
 from multiscale.macro.discrete.link_tangent import Tangent
+from multiscale.numerics.newton import Limits, NewtonRun, join_solutions, march
 
 __all__ = ["find_finite_state"]
 
@@ -55,28 +55,16 @@ def find_finite_state(
     energy or the residual. A load step that fails is halved.
     """
     problem = _Problem(system, model, tangent)
-    reached, target = load_factors
-    u, length = start, target - reached
-    smallest = abs(length) * 0.5**CUTS
-    residuals, seconds, clock = list[float](), list[float](), perf_counter()
-    while True:
-        to_go = target - reached
-        aim = target if abs(to_go) <= 1.5 * abs(length) else reached + length
-        solution = _newton(problem, aim, u, limits)
-        residuals += solution.residuals
-        seconds += [perf_counter() - clock] * len(solution.residuals)
-        if solution.converged:
-            u, reached = solution.value, aim
-            if reached == target:
-                break
-        elif abs(length) > smallest:
-            length *= 0.5
-        else:
-            break
+
+    def attempt(u: np.ndarray, load_factor: float) -> tuple[Solution, np.ndarray]:
+        solution = _newton(problem, load_factor, u, limits)
+        return solution, solution.value
+
+    parts = march(attempt, start, load_factors, CUTS)
+    solution = join_solutions([part.solution for part in parts])
     shape = problem.shape(solution.value)
     slack = np.abs(shape.tension - shape.elastic) / model.stiffness
-    whole = Solution(solution.value, solution.status, tuple(residuals), tuple(seconds))
-    return LinkState(whole, shape.tension, slack)
+    return LinkState(solution, shape.tension, slack)
 
 
 @dataclass(frozen=True, eq=False)
@@ -148,26 +136,21 @@ def _newton(problem: _Problem, load_factor: float, start: np.ndarray, limits: Li
     scale = force_scale(model, load_factor * model.load)
     shape = problem.shape(u)
     residual = problem.residual(shape, load_factor)
-    residuals: list[float] = []
-    for iteration in range(limits.max_iterations + 1):
-        residuals.append(float(np.abs(residual).max(initial=0.0)) / scale)
-        if limits.callback is not None:
-            limits.callback(iteration, residuals[-1])
-        if not np.isfinite(residuals[-1]):
-            return Solution(u, Status.NOT_FINITE, tuple(residuals))
-        if residuals[-1] <= max(limits.tolerance, _rounding(model, u, shape) / scale):
-            return Solution(u, Status.CONVERGED, tuple(residuals))
-        if iteration == limits.max_iterations:
-            break
+    run = NewtonRun(limits)
+    while run.goes_on(
+        float(np.abs(residual).max(initial=0.0)) / scale, _rounding(model, u, shape) / scale
+    ):
         try:
             direction = problem.direction(shape, residual)
         except MultiscaleError:
-            return Solution(u, Status.STALLED, tuple(residuals))
+            run.stop(Status.STALLED)
+            break
         step = _descend(problem, load_factor, u, shape, residual, direction)
         if step is None:
-            return Solution(u, Status.STALLED, tuple(residuals))
+            run.stop(Status.STALLED)
+            break
         u, shape, residual = step
-    return Solution(u, Status.MAX_ITERATIONS, tuple(residuals))
+    return run.solution(u)
 
 
 def _rounding(model: LinkEquations, u: np.ndarray, shape: _Shape) -> float:

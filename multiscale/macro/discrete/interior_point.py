@@ -1,16 +1,16 @@
 """Interior point on the dual quadratic program, with the factors of the tangent."""
 
 from dataclasses import dataclass, replace
-from time import perf_counter
 
 import numpy as np
 
-from multiscale.convergence import Solution, Status
+from multiscale.convergence import Status
 from multiscale.errors import MultiscaleError
 from multiscale.macro.discrete.compatibility import LinkEquations
-from multiscale.macro.discrete.link_state import Limits, LinkState, force_scale
+from multiscale.macro.discrete.link_state import LinkState, force_scale
 from multiscale.macro.discrete.link_tangent import Tangent
 from multiscale.numerics.cholesky import Solve
+from multiscale.numerics.newton import Limits, NewtonRun
 
 __all__ = ["solve_interior_point"]
 
@@ -74,41 +74,32 @@ def solve_interior_point(
     ----------
     .. [1] S. Mehrotra, SIAM J. Optim. 2 (1992) 575-601, doi:10.1137/0802028.
     """
-    clock = perf_counter()
     problem = _Problem(model, load_factor * model.load)
-    residuals, seconds = list[float](), list[float]()
-    status, least, ray = Status.MAX_ITERATIONS, np.inf, np.zeros(model.n)
+    run = NewtonRun(replace(limits, tolerance=10.0 * limits.tolerance))
+    least, ray = np.inf, np.zeros(model.n)
     try:
         point = problem.begin(tangent)
     except MultiscaleError:
-        return problem.report(_Point(ray, model.prestress, 0.0 * model.prestress), Status.STALLED)
+        run.stop(Status.STALLED)
+        return problem.report(_Point(ray, model.prestress, 0.0 * model.prestress), run)
 
-    for iteration in range(limits.max_iterations + 1):
-        residuals.append(problem.residual(point))
-        seconds.append(perf_counter() - clock)
-        if limits.callback is not None:
-            limits.callback(iteration, residuals[-1])
-        if not np.isfinite(residuals[-1]):
-            status = Status.NOT_FINITE
-        elif residuals[-1] <= 10.0 * limits.tolerance:
-            status = Status.CONVERGED
-        if status is not Status.MAX_ITERATIONS or iteration == limits.max_iterations:
-            break
+    while run.goes_on(problem.residual(point)):
         if least < CERTAIN * NO_RESISTANCE:
             break
         weight = problem.weight(point)
         try:
             solve = tangent.factorise(tangent.entries(weight))
         except MultiscaleError:
-            status = Status.STALLED
+            run.stop(Status.STALLED)
             break
         point = _mehrotra_step(problem, point, weight, solve)
         resistance = problem.resistance(point.u)
         if resistance < least:
             least, ray = resistance, point.u
-    if status is not Status.CONVERGED and least < NO_RESISTANCE:
-        status, point = Status.INFEASIBLE, replace(point, u=ray)
-    return problem.report(point, status, residuals, seconds)
+    if not run.converged and least < NO_RESISTANCE:
+        run.stop(Status.INFEASIBLE)
+        point = replace(point, u=ray)
+    return problem.report(point, run)
 
 
 @dataclass(frozen=True, eq=False)
@@ -208,23 +199,17 @@ class _Problem:
             step = min(step, float(np.min(-value[falls] / rate[falls], initial=1.0)))
         return step
 
-    def report(
-        self,
-        point: _Point,
-        status: Status,
-        residuals: list[float] | None = None,
-        seconds: list[float] | None = None,
-    ) -> LinkState:
+    def report(self, point: _Point, run: NewtonRun) -> LinkState:
         """Set the smaller one of tension and slack to zero; then measure the equilibrium."""
         taut = np.abs(point.tau) > self.measure * point.slack
         tension = np.where(taut | ~self.one_sided, point.tau, 0.0)
         slack = np.where(taut, 0.0, point.slack)
-        residuals = list(residuals or [])
-        if status is Status.CONVERGED:
+        solution = run.solution(point.u)
+        if solution.converged:
             balance = self.model.gather(tension) - self.load
             scale = force_scale(self.model, self.load)
-            residuals[-1] = float(np.abs(balance).max(initial=0.0)) / scale
-        solution = Solution(point.u, status, tuple(residuals), tuple(seconds or []))
+            last = float(np.abs(balance).max(initial=0.0)) / scale
+            solution = replace(solution, residuals=(*solution.residuals[:-1], last))
         return LinkState(solution, tension, slack)
 
 

@@ -1,5 +1,6 @@
 """What a structure of bars and cables needs, from what it is and what is asked of it."""
 
+from enum import StrEnum
 from importlib.util import find_spec
 
 import numpy as np
@@ -7,7 +8,7 @@ import numpy as np
 from multiscale.macro.discrete.link_system import LinkSystem
 from multiscale.needs import Needs, choose
 
-__all__ = ["link_needs"]
+__all__ = ["LinkPart", "link_needs"]
 
 LINK, UNKNOWN = (600, 200), (600, 100)
 """Peak memory, byte, of a link and of an unknown: for operators and factors, and for what every
@@ -15,6 +16,19 @@ step leaves. Measured on grids and nets of 12,000 to 58,000 links."""
 
 SUPERLU_FACTORS = 2500
 """More of it, byte of an unknown, where SuperLU factorises because pypardiso is not installed."""
+
+
+class LinkPart(StrEnum):
+    """What solving a structure of links may take, in the order of the text."""
+
+    TANGENT = "tangent"
+    SLACK = "slack"
+    MOVED_POSITIONS = "moved positions"
+    GEOMETRIC_STIFFNESS = "geometric stiffness"
+    EIGENVALUES = "eigenvalues"
+    BEAM_MODES = "beam modes"
+    MASS = "mass"
+    IMPULSES = "impulses"
 
 
 def link_needs(
@@ -41,54 +55,58 @@ def link_needs(
     --------
     >>> from multiscale.macro import tensegrity_grid
     >>> needs = link_needs(tensegrity_grid(2))
-    >>> "tangent" in needs, "geometric stiffness" in needs
+    >>> LinkPart.TANGENT in needs.built, LinkPart.GEOMETRIC_STIFFNESS in needs.built
     (True, False)
     """
     unknowns = int((~np.asarray(system.fixed, dtype=bool)).sum())
     rigid = bool(np.isinf(system.stiffness).any())
     lower, upper = system.bounds
     one_sided = bool((np.isfinite(lower) | np.isfinite(upper)).any())
-    choices = {
-        "tangent": (True, "stiffness of the links that are taut", ""),
-        "slack": (
+    choices = (
+        choose(LinkPart.TANGENT, True, "stiffness of the links that are taut", ""),
+        choose(
+            LinkPart.SLACK,
             one_sided,
             "a cable or strut that would bear the other sign carries nothing",
             "every link carries tension and compression",
         ),
-        "moved positions": (
+        choose(
+            LinkPart.MOVED_POSITIONS,
             exact,
             "lengths and directions follow the nodes",
             "displacements count as small",
         ),
-        "geometric stiffness": (
+        choose(
+            LinkPart.GEOMETRIC_STIFFNESS,
             exact or stability,
             "of the tensions, in the tangent" + ("" if exact else " whose eigenvalue is sought"),
             "displacements count as small",
         ),
-        "eigenvalues": (
+        choose(
+            LinkPart.EIGENVALUES,
             stability,
             "smallest ones of the tangent, without and with geometric stiffness",
             "not asked for",
         ),
-        "beam modes": (
+        choose(
+            LinkPart.BEAM_MODES,
             system.n_components == 6,
             "bending and twist, with the rotations of the nodes",
             "links carry a tension alone",
         ),
-        "mass": (moving, "of the nodes, in the matrix of every step", "at rest"),
-        "impulses": (
+        choose(LinkPart.MASS, moving, "of the nodes, in the matrix of every step", "at rest"),
+        choose(
+            LinkPart.IMPULSES,
             moving and rigid,
             "jumps of velocity where links of fixed length become taut",
             "every link is extensible" if moving else "at rest",
         ),
-    }
-    operators, left_out = choose(choices)
+    )
     factors = 0 if find_spec("pypardiso") else SUPERLU_FACTORS
     return Needs(
         unknowns_per_contact=1,
         kinematics="large displacements" if exact else "small displacements",
-        operators=operators,
-        left_out=left_out,
+        choices=choices,
         state_variables=("displacement", "velocity", "tension") if moving else (),
         fields=("tension", "slack", "displacement"),
         libraries=("numba",),

@@ -1,17 +1,17 @@
 """Proximal semismooth Newton for links that go slack."""
 
 from dataclasses import dataclass
-from time import perf_counter
 
 import numba
 import numpy as np
 
-from multiscale.convergence import Solution, Status
+from multiscale.convergence import Status
 from multiscale.errors import MultiscaleError
 from multiscale.macro.discrete.compatibility import LinkEquations
-from multiscale.macro.discrete.link_state import Limits, LinkState, force_scale, round_off, state_of
+from multiscale.macro.discrete.link_state import LinkState, force_scale, round_off, state_of
 from multiscale.macro.discrete.link_tangent import Tangent
 from multiscale.numerics.cholesky import Solve
+from multiscale.numerics.newton import Limits, NewtonRun
 
 __all__ = ["RESIDUAL_STIFFNESS", "Lending", "exact_step", "solve_newton"]
 
@@ -106,32 +106,23 @@ def solve_newton(
     their rounding then follows their own size, and equilibrium is met to the rounding of the
     tensions however stiff the bars are.
     """
-    clock = perf_counter()
     u = np.array(start, dtype=float)
     load = load_factor * model.load
     imbalance = model.gather(model.prestress)
     scale = force_scale(model, load)
     lower, upper = model.lower - model.prestress, model.upper - model.prestress
     elastic = model.stiffness * model.elongate(u)
-    residuals, seconds = list[float](), list[float]()
-    status, lending = Status.MAX_ITERATIONS, Lending()
+    run, lending = NewtonRun(limits), Lending()
     solve, lent, factored = taut, lending.share, np.ones(elastic.size, dtype=bool)
 
-    for iteration in range(limits.max_iterations + 1):
+    while True:
         change = np.clip(elastic, lower, upper)  # tau - tau^0
         residual = load - imbalance - model.gather(change)
-        residuals.append(float(np.abs(residual).max(initial=0.0)) / scale)
-        seconds.append(perf_counter() - clock)
-        if limits.callback is not None:
-            limits.callback(iteration, residuals[-1])
-        bound = max(limits.tolerance, round_off(model.prestress + change) / scale)
-        if not np.isfinite(residuals[-1]):
-            status = Status.NOT_FINITE
-        elif residuals[-1] <= bound:
-            status = Status.CONVERGED
-        elif lending.exhausted:
-            status = Status.STALLED
-        if status is not Status.MAX_ITERATIONS or iteration == limits.max_iterations:
+        rounding = round_off(model.prestress + change)
+        if not run.goes_on(float(np.abs(residual).max(initial=0.0)) / scale, rounding / scale):
+            break
+        if lending.exhausted:
+            run.stop(Status.STALLED)
             break
 
         carries = change == elastic
@@ -143,7 +134,7 @@ def solve_newton(
             try:
                 solve = tangent.factorise(tangent.entries(share * model.stiffness))
             except MultiscaleError:
-                status = Status.STALLED
+                run.stop(Status.STALLED)
                 break
             factored, lent = carries, lending.share
         direction = solve(residual)
@@ -153,7 +144,7 @@ def solve_newton(
         u, elastic = u + step * direction, elastic + step * growth
         lending.follow(step)
 
-    return state_of(model, Solution(u, status, tuple(residuals), tuple(seconds)), elastic)
+    return state_of(model, run.solution(u), elastic)
 
 
 @numba.njit(cache=True, error_model="numpy")

@@ -8,10 +8,11 @@ from scipy.sparse.linalg import ArpackNoConvergence, LinearOperator, eigsh
 from multiscale.errors import CaseError, ConvergenceError, MultiscaleError
 from multiscale.macro.discrete.checks import check_supports
 from multiscale.macro.discrete.compatibility import LinkEquations, equations
-from multiscale.macro.discrete.link_state import Limits, LinkState
+from multiscale.macro.discrete.link_state import LinkState
 from multiscale.macro.discrete.link_system import LinkSystem
 from multiscale.macro.discrete.link_tangent import Tangent, prepare_tangent
 from multiscale.macro.discrete.small_displacement import find_state
+from multiscale.numerics.newton import Limits
 
 __all__ = ["critical_factor", "material_entries", "smallest_eigenvalue", "stability_entries"]
 

@@ -1,6 +1,5 @@
 """What a static solver returns, and what it is measured by."""
 
-from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
@@ -8,16 +7,7 @@ import numpy as np
 from multiscale.convergence import Solution
 from multiscale.macro.discrete.compatibility import LinkEquations
 
-__all__ = ["Limits", "LinkState", "force_scale", "round_off", "state_of"]
-
-
-@dataclass(frozen=True)
-class Limits:
-    """When a solver stops; see :func:`multiscale.macro.solve_static`."""
-
-    max_iterations: int = 60
-    tolerance: float = 1e-10
-    callback: Callable[[int, float], None] | None = None
+__all__ = ["LinkState", "force_scale", "round_off", "state_of"]
 
 
 @dataclass(frozen=True, eq=False)

@@ -11,9 +11,10 @@ from multiscale.macro.discrete.dual_program import solve_dual_program
 from multiscale.macro.discrete.interior_point import solve_interior_point
 from multiscale.macro.discrete.link_complementarity import solve_complementarity
 from multiscale.macro.discrete.link_newton import solve_newton
-from multiscale.macro.discrete.link_state import Limits, LinkState, state_of
+from multiscale.macro.discrete.link_state import LinkState, state_of
 from multiscale.macro.discrete.link_tangent import Tangent
 from multiscale.numerics.cholesky import Solve
+from multiscale.numerics.newton import Limits, join_solutions
 
 __all__ = ["METHODS", "find_state"]
 
@@ -85,19 +86,8 @@ def _primal(
         if inside.status is not Status.INFEASIBLE and inside.residuals:
             state = solve_newton(model, tangent, load_factor, inside.value, limits)
             parts.append(("newton", state.solution))
-    return replace(state, solution=_joined(parts))
-
-
-def _joined(parts: list[tuple[str, Solution]]) -> Solution:
-    """One solution out of the solutions of several methods in turn."""
-    residuals, seconds, done = list[float](), list[float](), 0.0
-    for _, part in parts:
-        residuals += part.residuals
-        seconds += [done + second for second in part.seconds]
-        done = seconds[-1]
-    trail = tuple(name for name, _ in parts)
-    last = parts[-1][1]
-    return replace(last, residuals=tuple(residuals), seconds=tuple(seconds), trail=trail)
+    whole = join_solutions([part for _, part in parts], [name for name, _ in parts])
+    return replace(state, solution=whole)
 
 
 def _by_dual_program(model: LinkEquations, load_factor: float, limits: Limits) -> LinkState:

@@ -11,19 +11,19 @@ from multiscale.errors import CaseError, MultiscaleError
 from multiscale.macro.discrete.checks import check_supports
 from multiscale.macro.discrete.compatibility import LinkEquations, equations
 from multiscale.macro.discrete.finite_displacement import find_finite_state
-from multiscale.macro.discrete.link_needs import link_needs
 from multiscale.macro.discrete.link_stability import (
     material_entries,
     smallest_eigenvalue,
     stability_entries,
 )
-from multiscale.macro.discrete.link_state import Limits, LinkState, state_of
+from multiscale.macro.discrete.link_state import LinkState, state_of
 from multiscale.macro.discrete.link_system import LinkSystem
 from multiscale.macro.discrete.link_tangent import Tangent, prepare_tangent
 from multiscale.macro.discrete.mechanism import factorise_taut, name_mechanism, name_motion
 from multiscale.macro.discrete.small_displacement import METHODS, find_state
 from multiscale.macro.discrete.static_results import join_steps, step_values
 from multiscale.numerics.cholesky import Solve
+from multiscale.numerics.newton import Limits
 
 if TYPE_CHECKING:
     import xarray as xr
@@ -106,12 +106,11 @@ def solve_static(
     factors = np.atleast_1d(np.asarray(load_factor, dtype=float))
     _check(system, factors, method, exact, stability)
     check_supports(system)
-    needs = link_needs(system, exact=exact, stability=stability, steps=factors.size)
     model = equations(system)
     tangent = prepare_tangent(system, model)
     limits = Limits(max_iterations, tolerance, callback)
     find: Find
-    if "moved positions" in needs:
+    if exact:
         find = _finite(system, model, tangent, limits)
     else:
         find = _small(model, tangent, method, limits)
@@ -126,7 +125,7 @@ def solve_static(
             failures.append(f"load factor {factor:g}: {_reason(model, tangent, state, method)}")
         else:
             start, reached = state.solution.value, factor
-            if "eigenvalues" in needs:
+            if stability:
                 column |= _eigenvalues(system, model, tangent, state)
         columns.append(column | {"wall_time": perf_counter() - clock})
     result = join_steps(system, factors, columns)

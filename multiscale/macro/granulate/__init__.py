@@ -2,7 +2,7 @@
 
 from multiscale.macro.granulate.arrangements import column, deposit, release, silo
 from multiscale.macro.granulate.biaxial import biaxial_cell, biaxial_curve
-from multiscale.macro.granulate.grain_bodies import Grains, PipeWall, PlaneWall, Wall, box
+from multiscale.macro.granulate.grain_bodies import CylinderWall, Grains, PlaneWall, Wall, box
 from multiscale.macro.granulate.grain_cells import compact, shear_layer, shear_response
 from multiscale.macro.granulate.grain_simulation import final_grains, simulate_grains
 from multiscale.macro.granulate.loose_packing import draw_radii, place_loosely
@@ -11,9 +11,9 @@ from multiscale.macro.granulate.observables import coordination, love_weber, net
 
 __all__ = [
     "ContactLaw",
+    "CylinderWall",
     "Grains",
     "Model",
-    "PipeWall",
     "PlaneWall",
     "Solver",
     "Wall",

@@ -3,7 +3,7 @@
 import numpy as np
 
 from multiscale.errors import CaseError
-from multiscale.macro.granulate.grain_bodies import Grains, PipeWall, PlaneWall, box
+from multiscale.macro.granulate.grain_bodies import CylinderWall, Grains, PlaneWall, box
 from multiscale.macro.granulate.loose_packing import lattice, place_loosely
 from multiscale.macro.granulate.model import ContactLaw, Model
 
@@ -94,7 +94,7 @@ def silo(
     layers[:, 2] += (k // floor - k) * 2.3 * largest
     walls = (
         PlaneWall((0.0, 0.0, 0.0), (0.0, 0.0, 1.0), velocity=(0.0, 0.0, -sinking)),
-        PipeWall((0.0, 0.0, 0.0), (0.0, 0.0, 1.0), friction=wall_friction, radius=bore),
+        CylinderWall((0.0, 0.0, 0.0), (0.0, 0.0, 1.0), friction=wall_friction, radius=bore),
     )
     return Model(Grains(layers, radii, density), walls, law)
 

@@ -8,7 +8,7 @@ import numpy as np
 
 from multiscale.errors import CaseError
 
-__all__ = ["Grains", "PipeWall", "PlaneWall", "Wall", "box"]
+__all__ = ["CylinderWall", "Grains", "PlaneWall", "Wall", "box"]
 
 
 @dataclass(frozen=True)
@@ -156,6 +156,25 @@ class Wall:
         direction = np.asarray(self.direction, dtype=float)
         return np.asarray(direction / np.linalg.norm(direction))
 
+    @property
+    def mobility(self) -> float:
+        """Inverse of the mass along the direction, 1/kg; zero if the wall follows no force."""
+        return 0.0
+
+    @property
+    def acceleration(self) -> np.ndarray:
+        """Acceleration without grains, shape (3,), m/s2."""
+        return np.zeros(3)
+
+    @property
+    def bore(self) -> float:
+        """Radius of what the wall encloses, m; zero for a plane."""
+        return 0.0
+
+    def holds(self, gravity: np.ndarray) -> bool:
+        """Whether the wall stops what falls."""
+        return float(self.unit @ gravity) < 0.0
+
 
 @dataclass(frozen=True)
 class PlaneWall(Wall):
@@ -183,9 +202,19 @@ class PlaneWall(Wall):
                 f"a wall of infinite mass does not follow a force, got {self.force:g} N"
             )
 
+    @property
+    def mobility(self) -> float:
+        """Inverse of the mass, 1/kg."""
+        return 1.0 / self.mass
+
+    @property
+    def acceleration(self) -> np.ndarray:
+        """Acceleration by the force, m/s2."""
+        return self.force / self.mass * self.unit
+
 
 @dataclass(frozen=True)
-class PipeWall(Wall):
+class CylinderWall(Wall):
     """The inside of an unlimited round pipe.
 
     Parameters
@@ -200,6 +229,16 @@ class PipeWall(Wall):
         super().__post_init__()
         if not (self.radius > 0.0 and np.isfinite(self.radius)):
             raise CaseError(f"radius of a cylinder must be positive (m), got {self.radius:g}")
+
+    @property
+    def bore(self) -> float:
+        """Radius, m."""
+        return self.radius
+
+    def holds(self, gravity: np.ndarray) -> bool:
+        """Whether the pipe lies across what falls."""
+        along = abs(float(self.unit @ gravity))
+        return along < (1.0 - 1e-9) * float(np.linalg.norm(gravity))
 
 
 def box(
@@ -219,7 +258,7 @@ def box(
 
     Returns
     -------
-    tuple of Plane
+    tuple of PlaneWall
         In the order of the axes, low before high.
     """
     planes = []

@@ -244,6 +244,7 @@ def shear_response(
             "linear_iterations": values["sweeps"].astype(int),
             "wall_time": values["wall_time"],
             "nominal_pressure": pressures,
+            "branch": np.zeros(shape[1], int),  # every step starts anew
             "sliding_speed": speeds,
         },
         bodies="grains between two plates",

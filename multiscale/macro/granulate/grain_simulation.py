@@ -154,7 +154,7 @@ class Record:
                 "branch": normal * radius[ends].sum(axis=1)[:, None],
             }
         )
-        if "rotation" in self.model.needs:
+        if self.model.turns:
             self.frames[-1]["spin"] = state.velocity[:n, 4:7] / grains.radius[:, None]
 
     def dataset(self) -> "xr.Dataset":
@@ -182,7 +182,8 @@ class Record:
                 np.arange(len(frames)), [len(frame["contact_ends"]) for frame in frames]
             ),
         }
-        for name in ("frame_step", *self.model.needs.fields[:-1]):
+        spin = ("spin",) if self.model.turns else ()
+        for name in ("frame_step", "position", "velocity", *spin):
             values[name] = np.array([frame[name] for frame in frames])
         for name in ("contact_ends", "contact_force", "branch"):
             values[name] = np.concatenate([frame[name] for frame in frames])

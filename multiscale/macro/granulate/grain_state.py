@@ -6,7 +6,6 @@ import numpy as np
 
 from multiscale.errors import CaseError
 from multiscale.macro.granulate.contacts import Contacts, find_wall_pairs, penetration
-from multiscale.macro.granulate.grain_bodies import PipeWall, Wall
 from multiscale.macro.granulate.model import Model
 from multiscale.macro.granulate.neighbours import find_pairs
 
@@ -58,14 +57,14 @@ def start(model: Model) -> GrainState:
     grains, walls = model.grains, model.walls
     velocity = np.zeros_like(model.push)
     velocity[: grains.n, :3] = grains.velocity
-    if "rotation" in model.needs:
+    if model.turns:
         velocity[: grains.n, 4:7] = grains.radius[:, None] * grains.spin
     for w, wall in enumerate(walls, grains.n):
         velocity[w, :3] = wall.velocity
     point = np.array([wall.point for wall in walls], dtype=float).reshape(-1, 3)
     none = np.empty((0, 2), np.int32)
-    impulse = np.empty((0, model.needs.unknowns_per_contact))
-    coulomb = np.empty((0, 2)) if "friction" in model.needs else None
+    impulse = np.empty((0, 3 if model.frictional else 1))
+    coulomb = np.empty((0, 2)) if model.frictional else None
     empty = Contacts(none, np.empty((0, 6)), coulomb, impulse, impulse)
     period = np.array(model.period, dtype=float)
     state = GrainState(
@@ -97,21 +96,13 @@ def _check_hold(model: Model) -> None:
     if gravity.shape != (3,) or not np.all(np.isfinite(gravity)):
         raise CaseError(f"gravity must be three finite numbers (m/s2), got {model.gravity}")
     below = any(np.isinf(model.period[a]) and gravity[a] != 0.0 for a in range(3)) and not any(
-        _holds(wall, gravity) for wall in model.walls
+        wall.holds(gravity) for wall in model.walls
     )
     if below:
         raise CaseError(
             f"no wall holds the grains against gravity {tuple(map(float, gravity))} m/s2: they "
             f"fall for ever; close the box or set gravity to zero"
         )
-
-
-def _holds(wall: Wall, gravity: np.ndarray) -> bool:
-    """Whether a wall stops what falls."""
-    along = float(wall.unit @ gravity)
-    if isinstance(wall, PipeWall):
-        return abs(along) < (1.0 - 1e-9) * float(np.linalg.norm(gravity))
-    return along < 0.0
 
 
 def _check_overlap(model: Model, state: GrainState) -> None:

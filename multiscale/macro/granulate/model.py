@@ -7,9 +7,7 @@ import numpy as np
 
 from multiscale.errors import CaseError
 from multiscale.macro.granulate.contacts import CYLINDER, PLANE
-from multiscale.macro.granulate.grain_bodies import Grains, PipeWall, PlaneWall, Wall
-from multiscale.macro.granulate.grain_needs import grain_needs
-from multiscale.needs import Needs
+from multiscale.macro.granulate.grain_bodies import Grains, Wall
 
 __all__ = ["ContactLaw", "Model", "Solver"]
 
@@ -172,22 +170,19 @@ class Model:
         return float(np.prod(period[np.isfinite(period)])) * (self.grains.thickness or 1.0)
 
     @cached_property
-    def needs(self) -> Needs:
-        """What following the grains takes: the arrays of the motion are allocated from it."""
-        return grain_needs(
-            self.grains.n,
-            2,
-            self.law,
-            Solver(),
-            wall_friction=max((wall.friction or 0.0 for wall in self.walls), default=0.0),
-            spinning=bool(np.any(self.grains.spin)),
-            strained=self.pressure is not None,
-        )
+    def frictional(self) -> bool:
+        """Whether a contact has friction, and three unknowns in place of one."""
+        return max([self.law.friction, *(wall.friction or 0.0 for wall in self.walls)]) > 0.0
+
+    @cached_property
+    def turns(self) -> bool:
+        """Whether grains spin: something turns them, or they spin at the start."""
+        return self.frictional or bool(np.any(self.grains.spin))
 
     @cached_property
     def friction(self) -> np.ndarray | None:
         """Coefficients of the grains and of each wall, shape (1 + walls,), if there is friction."""
-        if "friction" not in self.needs:
+        if not self.frictional:
             return None
         own = self.law.friction
         return np.array([own, *(own if w.friction is None else w.friction for w in self.walls)])
@@ -195,14 +190,12 @@ class Model:
     @cached_property
     def mobility(self) -> np.ndarray:
         """Rows of :mod:`multiscale.macro.granulate.sweeps`, 1/kg."""
-        grains, turns = self.grains, "rotation" in self.needs
+        grains, turns = self.grains, self.turns
         mobility = np.zeros((grains.n + len(self.walls), 3 if turns else 1))
         mobility[: grains.n, :2] = 1.0 / grains.mass[:, None]
         if turns:
             mobility[: grains.n, 2] = grains.radius**2 / grains.inertia
-        for w, wall in enumerate(self.walls):
-            if isinstance(wall, PlaneWall):
-                mobility[grains.n + w, 0] = 1.0 / wall.mass
+        mobility[grains.n :, 0] = [wall.mobility for wall in self.walls]
         return mobility
 
     @cached_property
@@ -211,7 +204,7 @@ class Model:
         masses, mobility = np.zeros_like(self.push), self.mobility
         moves = mobility[:, 0] > 0.0
         masses[moves, :3] = 1.0 / mobility[moves, :1]
-        if "rotation" in self.needs:
+        if self.turns:
             turns = mobility[:, 2] > 0.0
             masses[turns, 4:7] = 1.0 / mobility[turns, 2:]
         return masses
@@ -219,19 +212,17 @@ class Model:
     @cached_property
     def shapes(self) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """Kind, direction and radius of the walls."""
-        kind = np.array([CYLINDER if isinstance(w, PipeWall) else PLANE for w in self.walls], int)
         axis = np.array([wall.unit for wall in self.walls]).reshape(-1, 3)
-        bore = np.array([w.radius if isinstance(w, PipeWall) else 0.0 for w in self.walls], float)
-        return kind, axis, bore
+        bore = np.array([wall.bore for wall in self.walls], float)
+        return np.where(bore > 0.0, CYLINDER, PLANE), axis, bore
 
     @cached_property
     def push(self) -> np.ndarray:
         """Acceleration of the bodies without contacts, in the shape of their velocities, m/s2."""
-        push = np.zeros((self.mobility.shape[0], 8 if "rotation" in self.needs else 4))
+        push = np.zeros((self.mobility.shape[0], 8 if self.turns else 4))
         push[: self.grains.n, :3] = self.gravity
         for w, wall in enumerate(self.walls, self.grains.n):
-            if isinstance(wall, PlaneWall):
-                push[w, :3] = wall.force / wall.mass * wall.unit
+            push[w, :3] = wall.acceleration
         return push
 
     def walls_at(self, point: np.ndarray) -> tuple[np.ndarray, ...]:

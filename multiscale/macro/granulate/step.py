@@ -45,7 +45,7 @@ def solve_velocities(
         Natural-map error relative to the velocities of the contacts that would close.
     """
     ends, data, coulomb, impulse, anchor = contacts.arrays
-    strained = cell if "cell strain" in model.needs else None
+    strained = cell if model.pressure is not None else None
     scale = closing_size(velocity, ends, data, coulomb, strained)
     if scale == 0.0:
         impulse[:] = 0.0

@@ -12,10 +12,11 @@ from functools import partial
 
 import numpy as np
 
-from multiscale.convergence import Solution, Status, verdict
+from multiscale.convergence import Solution, Status
 from multiscale.laws.interface_law import InterfaceLaw
 from multiscale.macro.joint.joint_assembly import CondensedJoint
 from multiscale.numerics.line_search import step_length
+from multiscale.numerics.newton import Limits, NewtonRun
 
 __all__ = ["respond", "solve_preload", "tangent_stiffness"]
 
@@ -34,7 +35,7 @@ def solve_preload(
     law: InterfaceLaw,
     preload: float,
     start: np.ndarray | None,
-    limits: tuple[int, float],
+    limits: Limits,
 ) -> Solution:
     """Solve in one step, or through smaller loads, where a law is softer, if that fails."""
     solution = _solve_step(model, law, preload, start, limits)
@@ -53,31 +54,25 @@ def _solve_step(
     law: InterfaceLaw,
     preload: float,
     start: np.ndarray | None,
-    limits: tuple[int, float],
+    limits: Limits,
 ) -> Solution:
     """Newton on (1)-(3), the energy judging each step; the value is (j, w, lambda)."""
-    max_iterations, tolerance = limits
     n = model.motion.shape[0]
     load = preload * model.area
     value = _uniform_guess(model, law, preload) if start is None else start
     force, tangent = _contact_force(model, law, value[:n])
-    residuals = [_residual(model, value, force, load)]
-
-    for iteration in range(max_iterations + 1):
-        if reason := verdict(residuals, tolerance, PATIENCE):
-            return Solution(value, reason, tuple(residuals))
-        if iteration == max_iterations:
-            break
+    run = NewtonRun(limits, PATIENCE)
+    while run.goes_on(_residual(model, value, force, load)):
         direction = _direction(model, value, force, tangent, load)
         if direction is None:
-            return Solution(value, Status.STALLED, tuple(residuals))
+            run.stop(Status.STALLED)
+            break
         first = _work(model, value, force, direction, load)
         slope = partial(_slope, model, law, value, direction, load)
         value = value + step_length(slope, first) * direction
         force, tangent = _contact_force(model, law, value[:n])
-        residuals.append(_residual(model, value, force, load))
 
-    return Solution(value, Status.MAX_ITERATIONS, tuple(residuals))
+    return run.solution(value)
 
 
 def _contact_force(

@@ -7,6 +7,7 @@ import numpy as np
 from scipy.sparse import block_array, block_diag, csr_array, eye_array, hstack, vstack
 
 from multiscale.fe.boxes import box_mesh
+from multiscale.fe.condensation import compliances
 from multiscale.fe.elasticity import displacement_basis, elastic_matrix
 from multiscale.fe.faces import face_operator, face_unknowns
 from multiscale.macro.joint.geometry import Block, RoughJoint
@@ -179,7 +180,4 @@ def _face_compliance(side: _Side, name: str) -> np.ndarray:
     free = np.setdiff1d(np.arange(n), held)
     solve = factorise(side.stiffness[free][:, free], name=f"the stiffness of the {name} block")
     rows = np.searchsorted(free, 3 * side.face + 2)
-    force = np.zeros((free.size, rows.size))
-    force[rows, np.arange(rows.size)] = 1.0
-    compliance = solve(force)[rows]
-    return np.asarray(0.5 * (compliance + compliance.T))
+    return compliances(solve, eye_array(free.size, format="csr")[rows])[0]

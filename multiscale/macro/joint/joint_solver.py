@@ -13,6 +13,7 @@ from multiscale.macro.data_range import load_shares, with_load_shares
 from multiscale.macro.joint.equilibrium import respond, solve_preload, tangent_stiffness
 from multiscale.macro.joint.geometry import RoughJoint
 from multiscale.macro.joint.joint_assembly import CondensedJoint, condense_joint
+from multiscale.numerics.newton import Limits
 from multiscale.schema import MACRO_RESULT
 
 if TYPE_CHECKING:
@@ -89,7 +90,7 @@ def rough_joint(
     """
     preloads = check_preloads(preloads)
     model = condense_joint(joint)
-    limits = (max_iterations, tolerance)
+    limits = Limits(max_iterations, tolerance)
     names = (*ratios(law), "interface_stiffness", "approach", "mean_gap", "closed_fraction")
     values = {name: np.full(preloads.size, np.nan) for name in names}
     converged = np.zeros(preloads.size, dtype=int)
@@ -134,7 +135,7 @@ def _sample_stiffness(
     sample: InterfaceLaw,
     preloads: np.ndarray,
     starts: Sequence[np.ndarray | None],
-    limits: tuple[int, float],
+    limits: Limits,
 ) -> dict[str, np.ndarray]:
     """Stiffness of one sample of the law, Pa/m, each step started from the law's own."""
     failed = dict.fromkeys(("interface_stiffness", *ratios(sample)), np.nan)

@@ -22,7 +22,7 @@ from multiscale.laws.bulk import Elastic
 from multiscale.laws.interface_law import NormalLaw
 from multiscale.macro.continuum.body import Body
 from multiscale.macro.continuum.contact_steps import ContactStep, solve_contact
-from multiscale.macro.continuum.contact_system import ContactProblem
+from multiscale.macro.continuum.finite_assembly import FiniteAssembly
 from multiscale.macro.continuum.interface import Contact
 from multiscale.macro.monolithic import solve_interface
 
@@ -204,7 +204,7 @@ def resolve_plane_joint(
         bulk,
         supports={"back": (0.0, lambda x, time: time * (joint.motion(x[0]) - clearance))},
     )
-    problem = ContactProblem(
+    problem = FiniteAssembly(
         {"lower": lower, "upper": upper},
         {"interface": Contact(("upper", "face"), ("lower", "face"))},
     )

@@ -3,16 +3,16 @@
 from dataclasses import dataclass, replace
 
 import numpy as np
-from scipy.sparse import csr_array, eye_array, vstack
+from scipy.sparse import csr_array, eye_array, hstack, vstack
 
 from multiscale.convergence import Solution
 from multiscale.errors import CaseError
 from multiscale.fe.boxes import box_mesh
+from multiscale.fe.condensation import condense_body
 from multiscale.fe.elasticity import displacement_basis, stiffness_matrix
 from multiscale.fe.faces import face_operator, face_unknowns
 from multiscale.laws.steady_sliding import SteadySliding
 from multiscale.macro.monolithic import solve_interface
-from multiscale.numerics.factorisation import factorise
 
 __all__ = ["Footprint", "TreadBlock", "condense_tread", "slide_tread"]
 
@@ -124,20 +124,19 @@ def condense_tread(block: TreadBlock) -> CondensedTread:
 
     follow = np.zeros((3 * basis.N, 1))
     follow[3 * top + 2] = 1.0
-    kept = csr_array(
-        np.hstack([eye_array(3 * basis.N, format="csr")[:, face_rows].toarray(), follow])
+    free = eye_array(3 * basis.N, format="csr")[:, np.concatenate([inner, face_rows])]
+    expand = csr_array(hstack([free, csr_array(follow)]))
+    n = face_rows.size + 1
+    condensed = condense_body(
+        expand.T @ K @ expand, inner.size + np.arange(n), name="the stiffness of the tread block"
     )
-    outer = (K @ kept).toarray()
-    solve = factorise(K[inner][:, inner], name="the stiffness of the tread block")
-    stiffness = kept.T @ outer - outer[inner].T @ solve(outer[inner])
 
     operator, weight, position = face_operator(basis, "bottom", order=4)
     values = csr_array(operator.tocsc()[:, face])
-    n = face_rows.size + 1
     pick = eye_array(n, format="csr")
     jump = [values @ pick[np.arange(face.size) * 3 + axis] for axis in (2, 0, 1)]
-    stiffness = 0.5 * (stiffness + stiffness.T)
-    return CondensedTread(block, stiffness, csr_array(vstack(jump)), weight, position[:2])
+    jump_operator = csr_array(vstack(jump))
+    return CondensedTread(block, condensed.blocks[0], jump_operator, weight, position[:2])
 
 
 def slide_tread(

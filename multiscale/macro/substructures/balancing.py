@@ -7,7 +7,7 @@ from functools import partial
 import numpy as np
 from scipy.sparse import coo_array, csr_array
 
-from multiscale.macro.substructures.condensation import Split
+from multiscale.fe.condensation import Split
 from multiscale.macro.substructures.parallel import Team, together
 from multiscale.macro.substructures.problem import CutInterface
 from multiscale.numerics.cholesky import Solve

@@ -8,12 +8,12 @@ from scipy.sparse import block_array, csr_array, diags_array
 from scipy.sparse.linalg import LinearOperator, cg, gmres
 
 from multiscale.convergence import Status
+from multiscale.fe.condensation import CondensedStiffness, condense, split
 from multiscale.macro.discrete.link_newton import Lending, exact_step
 from multiscale.macro.substructures.balancing import Balancing, lay_out, prepare_balancing
 from multiscale.macro.substructures.capacity import find_slide
 from multiscale.macro.substructures.carried import carry_joints
 from multiscale.macro.substructures.coarse import coarse_basis
-from multiscale.macro.substructures.condensation import Condensed, condense, split
 from multiscale.macro.substructures.joint_state import advance
 from multiscale.macro.substructures.parallel import Alone, Team, share, together
 from multiscale.macro.substructures.problem import CutProblem
@@ -69,7 +69,7 @@ class Balance:
 class _Factored:
     """A tangent, condensed; its Schur complements in one table; and its preconditioner."""
 
-    condensed: Condensed
+    condensed: CondensedStiffness
     schur: np.ndarray
     balancing: Balancing
     symmetric: bool

@@ -6,6 +6,7 @@ import numpy as np
 from scipy.sparse import block_diag, csr_array, diags_array
 
 from multiscale.errors import CaseError
+from multiscale.fe.condensation import compliances
 from multiscale.macro.substructures.coarse import coarse_basis
 from multiscale.macro.substructures.problem import CutProblem
 from multiscale.macro.substructures.stack import Factors, Stack, lay_out_sides, stack
@@ -130,16 +131,13 @@ def _condensed(
     C = csr_array(block_diag([csr_array(item) for item in columns], format="csr"))
     kappa = float(taut.max())
     held = diags_array(HELD * np.where(taut > 0.0, taut, kappa))
-    solve = Factors()
-    answer_to = solve(csr_array(matrix + held + kappa * (C @ C.T)))
-    right = np.zeros((parts.n, width))
-    for a, item in zip(parts.start[:-1], columns, strict=True):
-        right[a : a + len(item), : item.shape[1]] = item
-    answer = answer_to(right)
+    answer_to = Factors()(csr_array(matrix + held + kappa * (C @ C.T)))
     found = np.full((len(columns), width, width), np.nan)
-    for place, a, item in zip(found, parts.start[:-1], columns, strict=True):
-        size = item.shape[1]
-        flexibility = item.T @ answer[a : a + len(item), :size]
+    start = np.cumsum([0, *(item.shape[1] for item in columns)])
+    for place, flexibility in zip(
+        found, compliances(answer_to, csr_array(C.T), start), strict=True
+    ):
+        size = len(flexibility)
         stiffness = np.linalg.inv(flexibility) - kappa * np.eye(size)
         place[:size, :size] = 0.5 * (stiffness + stiffness.T)
     return found

@@ -15,8 +15,6 @@ from multiscale.macro.substructures.indicator import HeuristicIndicator
 from multiscale.macro.substructures.latin import AGAIN, UPDATE, Latin, LatinIterate
 from multiscale.macro.substructures.parallel import Team
 from multiscale.macro.substructures.problem import CutProblem
-from multiscale.macro.substructures.substructure_needs import needs_of
-from multiscale.needs import Needs
 from multiscale.numerics.anderson import Anderson
 
 if TYPE_CHECKING:
@@ -110,9 +108,8 @@ def solve_latin(
     """
     _refuse_floating(problem)
     factors = load_factors(problem, load_factor)
-    needs = needs_of(problem, coarse=coarse)
-    method = Latin(problem, coarse="coarse problem" in needs, updated=updated, team=team)
-    judge = _judge(method, needs)
+    method = Latin(problem, coarse=coarse and problem.divided, updated=updated, team=team)
+    judge = _judge(method) if coarse else None
     columns: list[dict[str, Any]] = []
     for factor in factors:
         if columns and not columns[-1]["converged"]:  # a path ends with its first failure
@@ -217,13 +214,10 @@ def _local_fields(method: Latin, found: LatinIterate, converged: bool) -> dict[s
     return {"slack": slack, "jump": jump, "traction": traction}
 
 
-def _judge(method: Latin, needs: Needs) -> ErrorBound | HeuristicIndicator | None:
-    """Return what measures the error, if anything does."""
-    bound, indicator = "error bound" in needs, "error indicator" in needs
-    if not (bound or indicator):
-        return None
+def _judge(method: Latin) -> ErrorBound | HeuristicIndicator:
+    """Return what measures the error: friction in joints has no bound."""
     admissible = Admissible(method.stack, method.sides, method.k0.matrix, method.own)
-    if indicator:
+    if method.problem.joints:
         return HeuristicIndicator(method.problem, admissible)
     return ErrorBound(method.stack, admissible)
 

@@ -164,6 +164,11 @@ class CutProblem:
         for place, joint in enumerate(self.joints):
             _check_joint(place, joint, self.substructures)
 
+    @property
+    def divided(self) -> bool:
+        """Whether there are parts or joints that a coarse problem may balance."""
+        return len(self.substructures) > 1 or bool(self.joints)
+
     @cached_property
     def interfaces(self) -> tuple[CutInterface, ...]:
         """Perfect interfaces, then those with a law."""

@@ -12,6 +12,7 @@ from multiscale.macro.substructures.cut_results import assemble_result, link_fie
 from multiscale.macro.substructures.cut_tangent import Newton
 from multiscale.macro.substructures.parallel import Team
 from multiscale.macro.substructures.problem import CutProblem
+from multiscale.numerics.newton import Limits, NewtonRun
 
 if TYPE_CHECKING:
     import xarray as xr
@@ -109,27 +110,26 @@ def _solve_step(
     """Newton's method for one load."""
     clock = perf_counter()
     method.start(factor)
-    status, krylov, closest = Status.MAX_ITERATIONS, 0, method.balance()
-    for iteration in range(max_iterations + 1):
-        balance = method.balance()
-        closest = min(closest, balance, key=lambda one: one.residual)
+    krylov, closest = 0, method.balance()
+    balance = closest
+
+    def note(iteration: int, residual: float) -> None:
         if callback is not None:
-            callback(iteration, balance.residual, method)
-        if not np.isfinite(balance.residual):
-            status = Status.NOT_FINITE
-        elif balance.residual <= max(tolerance, balance.rounding):
-            status = Status.CONVERGED
-        elif method.lending.exhausted:
-            status = Status.STALLED
-        if status is not Status.MAX_ITERATIONS or iteration == max_iterations:
+            callback(iteration, residual, method)
+
+    run = NewtonRun(Limits(max_iterations, tolerance, note))
+    while run.goes_on(balance.residual, balance.rounding):
+        if method.lending.exhausted:
+            run.stop(Status.STALLED)
             break
         try:
             krylov += method.advance(balance, tolerance)
         except (MultiscaleError, np.linalg.LinAlgError):  # the tangent is singular
-            status = Status.STALLED
+            run.stop(Status.STALLED)
             break
-    converged = status is Status.CONVERGED
-    if converged:
+        balance = method.balance()
+        closest = min(closest, balance, key=lambda one: one.residual)
+    if run.converged:
         method.commit()
     return {
         "displacement": np.append(method.displacement(), 0.0)[method.problem.number[:, :3]],
@@ -138,10 +138,10 @@ def _solve_step(
             method.team.concatenate(method.tension()),
             method.team.concatenate(method.slack()),
         ),
-        "converged": int(converged),
-        "failure": "" if converged else method.why(status, closest),
+        "converged": int(run.converged),
+        "failure": "" if run.converged else method.why(run.status, closest),
         "residual": balance.residual,
-        "iterations": iteration,
+        "iterations": run.steps,
         "krylov_iterations": krylov,
         "wall_time": perf_counter() - clock,
     }

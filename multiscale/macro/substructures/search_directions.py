@@ -6,7 +6,7 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.sparse import csr_array, diags_array
 
-from multiscale.macro.substructures.condensation import condense, split
+from multiscale.fe.condensation import condense, split
 from multiscale.macro.substructures.parallel import Team
 from multiscale.macro.substructures.problem import CutProblem
 from multiscale.macro.substructures.stack import Factors, Sides, Stack

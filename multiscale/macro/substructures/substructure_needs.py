@@ -1,13 +1,27 @@
 """What a structure that is cut needs, from its size."""
 
-from multiscale.macro.substructures.problem import CutProblem
+from enum import StrEnum
+
 from multiscale.needs import Needs, choose
 
-__all__ = ["cut_needs", "needs_of"]
+__all__ = ["CutPart", "cut_needs"]
 
 PER_LINK, PER_UNKNOWN, PER_FILL = 5000, 2800, 1300
 """Peak memory, byte: of a link; of an unknown of a body, for matrices and results; of that to the
 power of 4/3 in a substructure, for the factors of three matrices."""
+
+
+class CutPart(StrEnum):
+    """What solving a structure that is cut may take, in the order of the text."""
+
+    SUBSTRUCTURE_STIFFNESS = "substructure stiffness"
+    LINKS = "links"
+    JOINT_LAWS = "joint laws"
+    COARSE_PROBLEM = "coarse problem"
+    ERROR_BOUND = "error bound"
+    ERROR_INDICATOR = "error indicator"
+    MASS = "mass"
+    GEOMETRIC_STIFFNESS = "geometric stiffness"
 
 
 def cut_needs(
@@ -41,48 +55,51 @@ def cut_needs(
     Examples
     --------
     >>> needs = cut_needs(3000, substructures=4)
-    >>> "coarse problem" in needs, "joint laws" in needs
+    >>> CutPart.COARSE_PROBLEM in needs.built, CutPart.JOINT_LAWS in needs.built
     (True, False)
     """
     faces = substructures > 1 or joint_points > 0
     judged = coarse and not moving
-    choices = {
-        "substructure stiffness": (True, "factorised for each part by itself", ""),
-        "links": (
+    choices = (
+        choose(CutPart.SUBSTRUCTURE_STIFFNESS, True, "factorised for each part by itself", ""),
+        choose(
+            CutPart.LINKS,
             links > 0,
             "cables and bars inside the parts, some of which may go slack",
             "the parts are elastic bodies",
         ),
-        "joint laws": (
+        choose(
+            CutPart.JOINT_LAWS,
             joint_points > 0,
             "jump and traction, three components a point"
             + (f"; {slabs} slabs of sliders" if slabs else ""),
             "the parts hang together",
         ),
-        "coarse problem": (
+        choose(
+            CutPart.COARSE_PROBLEM,
             coarse and faces,
             "balances the parts as wholes: more parts take hardly more iterations",
             "coarse = false" if faces else "there is one part and no joint",
         ),
-        "error bound": (
+        choose(
+            CutPart.ERROR_BOUND,
             judged and not joint_points,
             "guaranteed, from forces in balance",
             "friction has no bound" if joint_points else "of statics with a coarse problem alone",
         ),
-        "error indicator": (
+        choose(
+            CutPart.ERROR_INDICATOR,
             judged and joint_points > 0,
             "heuristic, of the laws of the joints",
             "without joints there is a bound" if judged else "of statics with a coarse problem",
         ),
-        "mass": (moving, "of the nodes, a stiffness of the parts", "at rest"),
-        "geometric stiffness": (False, "", "substructures move little"),
-    }
-    operators, left_out = choose(choices)
+        choose(CutPart.MASS, moving, "of the nodes, a stiffness of the parts", "at rest"),
+        choose(CutPart.GEOMETRIC_STIFFNESS, False, "", "substructures move little"),
+    )
     return Needs(
         unknowns_per_contact=3 if joint_points else min(1, links),
         kinematics="small displacements",
-        operators=operators,
-        left_out=left_out,
+        choices=choices,
         state_variables=(
             *(("state of the laws of joints",) if joint_points else ()),
             *(("displacement", "velocity") if moving else ()),
@@ -90,18 +107,6 @@ def cut_needs(
         fields=("displacement", *(("tension", "slack") if links else ("stress", "energy"))),
         libraries=("numba",) if links else ("numba", "scikit-fem"),
         memory=_memory(unknowns, links, substructures),
-    )
-
-
-def needs_of(problem: CutProblem, *, coarse: bool = True, moving: bool = False) -> Needs:
-    """Return what a problem takes; see :func:`cut_needs`."""
-    return cut_needs(
-        problem.n,
-        links=problem.n_links,
-        joint_points=sum(joint.weight.size for joint in problem.joints),
-        substructures=len(problem.substructures),
-        coarse=coarse,
-        moving=moving,
     )
 
 

@@ -5,6 +5,7 @@ import numpy as np
 from multiscale.convergence import Status
 from multiscale.micro.finite.equations import CellEquations, Iterate
 from multiscale.micro.finite.scene import CellScene, CellState, Target
+from multiscale.numerics.newton import Limits, NewtonRun
 
 __all__ = ["solve_increment"]
 
@@ -62,52 +63,43 @@ def solve_increment(
         nearer = ahead.response.least_dilatation > LEAST_DILATATION and ahead.error < now.error
         # the tangent belongs to the last evaluated displacement
         now = ahead if nearer else equations.at(start.displacement, delta, active)
-    residuals: list[float] = []
-    linear, status = 0, Status.MAX_ITERATIONS
-    for _ in range(max_iterations):
-        residuals.append(now.error)
-        stop = _verdict(residuals, tolerance)
-        if stop is not None:
-            status = stop
+    run, linear = NewtonRun(Limits(max_iterations, tolerance)), 0
+    while run.goes_on(now.error):
+        if _is_hopeless(run.residuals):
+            run.stop(Status.STALLED)
             break
-        before = residuals[-2] if len(residuals) > 1 else np.inf
+        before = run.residuals[-2] if run.steps else np.inf
         forcing = min(FORCING[1], max(FORCING[0], 0.9 * (now.error / before) ** 1.5))
         move, shift, iterations = now.newton_step(forcing, 0.1 * tolerance)
         linear += iterations
         found = _search(equations, now, move, shift)
         if found is None:
-            status = Status.STALLED
+            run.stop(Status.STALLED)
             break
         now = found
     return CellState(
         now.u,
         now.delta,
         target.slide,
-        step.finish(now.u) if status is Status.CONVERGED else start.material,
+        step.finish(now.u) if run.converged else start.material,
         now.contact_force,
         now.active,
         now.slipping,
         start.dissipation + now.dissipated,
-        status,
-        tuple(residuals),
+        run.status,
+        tuple(run.residuals),
         linear,
         now.response.flowing,
         max(start.peak, float(np.linalg.norm(now.contact_force))),
     )
 
 
-def _verdict(residuals: list[float], tolerance: float) -> Status | None:
-    """Return the reason to stop, or None."""
-    now = residuals[-1]
-    if not np.isfinite(now):
-        return Status.NOT_FINITE
-    if now <= tolerance:
-        return Status.CONVERGED
-    diverged = len(residuals) > 5 and now > DIVERGED * min(residuals)
+def _is_hopeless(residuals: list[float]) -> bool:
+    """Whether the error has grown far, or has not halved for long."""
+    if len(residuals) > 5 and residuals[-1] > DIVERGED * min(residuals):
+        return True
     late = len(residuals) > PATIENCE
-    if diverged or (late and min(residuals[-PATIENCE:]) > 0.5 * min(residuals[:-PATIENCE])):
-        return Status.STALLED
-    return None
+    return late and min(residuals[-PATIENCE:]) > 0.5 * min(residuals[:-PATIENCE])
 
 
 def _search(

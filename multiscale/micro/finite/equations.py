@@ -24,8 +24,8 @@ from functools import cached_property
 
 import numpy as np
 
+from multiscale.micro.finite.constraint import Constraint
 from multiscale.micro.finite.finite_body import BodyResponse, Increment
-from multiscale.micro.finite.reference import Constraint
 from multiscale.micro.finite.scene import CellScene, CellState, Meeting, Target
 from multiscale.micro.finite.tangential import Tangential, evaluate_friction
 from multiscale.numerics.krylov import minimal_residual

@@ -7,16 +7,16 @@ from typing import Any
 import numpy as np
 
 from multiscale.errors import CaseError
-from multiscale.laws.bulk import J2, Prony
 from multiscale.micro import averages
-from multiscale.micro.cell import Cell
+from multiscale.micro.cell import FiniteCell, PeriodicLayer
 from multiscale.micro.checkpoint import Checkpoint
 from multiscale.micro.contact_area import EdgeLayer, contact_fraction
 from multiscale.micro.finite.finite_cell import make_scene
 from multiscale.micro.finite.history import Walk, rest_state, walk_step
 from multiscale.micro.finite.pair_scene import PairScene
 from multiscale.micro.finite.scene import CellScene, CellState, Target
-from multiscale.micro.graph_cell import element_edges, surface_slopes
+from multiscale.micro.flat_reference import surface_slopes
+from multiscale.micro.graph_cell import element_edges
 from multiscale.micro.path import Path
 
 __all__ = ["current_weight", "follow_path", "largest_approach"]
@@ -28,7 +28,7 @@ LONGEST_SLIDE = 1000  # largest number of increments of a slide in one step of t
 
 
 def follow_path(
-    cell: Cell,
+    cell: FiniteCell,
     path: Path,
     *,
     fields: bool,
@@ -39,7 +39,7 @@ def follow_path(
 
     Parameters
     ----------
-    cell : Cell
+    cell : FiniteCell
         The cell.
     path : Path
         Loads of the cell.
@@ -105,8 +105,8 @@ def follow_path(
     return steps
 
 
-def _check(cell: Cell, path: Path) -> None:
-    viscous = any(isinstance(body.bulk, Prony) for body in cell.bodies)
+def _check(cell: FiniteCell, path: Path) -> None:
+    viscous = any(body.law.rate_dependent for body in cell.bodies)
     if path.time is not None and not viscous:
         raise CaseError(
             "the path has times, but the body has no viscosity and its answer no rate; leave out "
@@ -136,7 +136,7 @@ def _target(path: Path, k: int, area: float) -> Target:
     )
 
 
-def _fewest_increments(cell: Cell, path: Path, state: CellState, target: Target) -> int:
+def _fewest_increments(cell: FiniteCell, path: Path, state: CellState, target: Target) -> int:
     count, largest = path.increments, largest_approach(cell, path.refinement)
     if _passes(cell):
         length = float(np.hypot(*(target.slide - state.slide)))
@@ -147,7 +147,7 @@ def _fewest_increments(cell: Cell, path: Path, state: CellState, target: Target)
     return count
 
 
-def _slid_increments(cell: Cell, length: float, largest: float) -> int:
+def _slid_increments(cell: FiniteCell, length: float, largest: float) -> int:
     """Count the increments of a slide: a node passes at most one point of the other side in each.
 
     In a body that flows, sliding up the slopes closes at most one largest approach in each.
@@ -157,7 +157,7 @@ def _slid_increments(cell: Cell, length: float, largest: float) -> int:
     return int(np.ceil(passed - 1e-9))
 
 
-def largest_approach(cell: Cell, refinement: int = 1) -> float:
+def largest_approach(cell: FiniteCell, refinement: int = 1) -> float:
     """Return the largest change of the approach in one increment, m.
 
     Parameters
@@ -172,7 +172,7 @@ def largest_approach(cell: Cell, refinement: int = 1) -> float:
     float
         Infinite for a body without plasticity.
     """
-    if not _flows(cell):
+    if not cell.flows:
         return np.inf
     heights, obstacle = cell.surface.heights, cell.obstacle
     if obstacle is None or obstacle.heights.shape != heights.shape:
@@ -182,23 +182,19 @@ def largest_approach(cell: Cell, refinement: int = 1) -> float:
     return PLASTIC_APPROACH * 0.5 * float(span) / refinement or np.inf
 
 
-def _flows(cell: Cell) -> bool:
-    return any(isinstance(body.bulk, J2) for body in cell.bodies)
-
-
-def _passes(cell: Cell) -> bool:
+def _passes(cell: FiniteCell) -> bool:
     """Whether a node that slides passes points of the other surface."""
-    return cell.obstacle is not None or cell.opposite is not None
+    return cell.obstacle is not None or cell.second is not None
 
 
-def _rms_slope(cell: Cell) -> float:
+def _rms_slope(cell: FiniteCell) -> float:
     """Root mean square slope of both surfaces relative to each other, dimensionless."""
     surfaces = [cell.surface] + ([] if cell.obstacle is None else [cell.obstacle])
     slopes = [surface_slopes(surface.heights, surface.spacing) for surface in surfaces]
     return float(np.sqrt(sum(np.mean(x**2 + y**2) for x, y in slopes)))
 
 
-def _spacing(cell: Cell) -> float:
+def _spacing(cell: FiniteCell) -> float:
     return min(min(body.surface.spacing) for body in cell.bodies)
 
 
@@ -223,7 +219,7 @@ def _missing(walk: Walk | None, seconds: float) -> dict[str, Any]:
 
 
 def _average(
-    cell: Cell,
+    cell: FiniteCell,
     edges: tuple[EdgeLayer, EdgeLayer],
     scene: CellScene,
     state: CellState,
@@ -237,7 +233,7 @@ def _average(
     jump = np.array([-state.approach, *state.slide]) - mean
     opposite_height = scene.obstacle.mean_height(state.approach)
     if isinstance(scene, PairScene):
-        mean, depth = _means(cell.opposite_cell, scene.halves.surfaces(state.displacement)[1])
+        mean, depth = _means(cell.second_layer, scene.halves.surfaces(state.displacement)[1])
         jump += mean * (-1.0, 1.0, 1.0)
         opposite_height = scene.obstacle.distance - state.approach - depth
     nodal = np.moveaxis(state.force, 1, -1).reshape(-1, 3)
@@ -249,13 +245,13 @@ def _average(
             np.where(state.active, -state.force[:, 2], 0.0),
             weight,
             edges=edges,
-            flowing=_flows(cell),
+            flowing=cell.flows,
         ),
     }
     if cell.friction_coefficient > 0.0:
         step["slip_fraction"] = float(state.slipping.sum() / max(state.active.sum(), 1))
         step["friction_work"] = state.dissipation / area
-    if _flows(cell):
+    if cell.flows:
         step["flowing_fraction"] = state.flowing
     if fields:
         meeting = scene.meet(state.displacement, state.approach, state.slide)
@@ -264,28 +260,28 @@ def _average(
     return step
 
 
-def _weight(cell: Cell, moved: np.ndarray) -> np.ndarray:
+def _weight(cell: PeriodicLayer, moved: np.ndarray) -> np.ndarray:
     """Area of each node on the mean plane, m²; at large strain of the deformed surface."""
-    if cell.bulk is not None:
+    if cell.law.finite_strain:
         return current_weight(cell, moved)
     heights = cell.surface.heights
     return np.full(heights.shape, float(np.prod(cell.surface.size)) / heights.size)
 
 
-def _means(cell: Cell, moved: np.ndarray) -> tuple[np.ndarray, float]:
+def _means(cell: PeriodicLayer, moved: np.ndarray) -> tuple[np.ndarray, float]:
     """Mean displacement of a surface, normal first, and mean height after deformation, m."""
     area = float(np.prod(cell.surface.size))
     height = float(np.sum(_weight(cell, moved) * (cell.surface.heights + moved[:, 2]))) / area
     return moved.mean(axis=(0, 2))[[2, 0, 1]], height
 
 
-def current_weight(cell: Cell, moved: np.ndarray) -> np.ndarray:
+def current_weight(cell: PeriodicLayer, moved: np.ndarray) -> np.ndarray:
     """Area of each node of the deformed surface, projected on the mean plane, m².
 
     Parameters
     ----------
-    cell : Cell
-        The cell.
+    cell : PeriodicLayer
+        The layer.
     moved : ndarray, shape (nx, 3, ny)
         Displacement of the surface, m.
     """

@@ -240,8 +240,8 @@ def _first_touch(
     if aim.approach is not None:
         return gap - closing * aim.approach < 0.0, aim.approach
     symbol = scene.vertical[0]
-    force, delta, _ = solve_flat(lambda f: filter_surface(f, symbol), gap, closing, load=aim.load)
-    return force > 0.0, delta
+    found = solve_flat(lambda f: filter_surface(f, symbol), gap, closing, load=aim.load)
+    return found.value > 0.0, found.approach
 
 
 def _released(scene: CellScene, state: CellState, aim: Target) -> CellState:

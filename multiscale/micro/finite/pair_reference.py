@@ -14,8 +14,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from multiscale.micro.finite.reference import Field, Reference
 from multiscale.micro.finite.two_bodies import MIRROR, Halves, PairMeeting
+from multiscale.micro.flat_reference import Field, Reference
 from multiscale.micro.lateral_fft import LateralInverse
 
 __all__ = ["JoinedReference", "PairReference", "add_compliances"]

@@ -8,9 +8,10 @@ from typing import Any, Protocol
 import numpy as np
 
 from multiscale.convergence import Status
+from multiscale.micro.finite.constraint import Support
 from multiscale.micro.finite.finite_body import FiniteBody
 from multiscale.micro.finite.height_obstacle import HeightObstacle, RigidMeeting
-from multiscale.micro.finite.reference import Reference, Support
+from multiscale.micro.flat_reference import Reference
 from multiscale.surfaces.surface import Surface
 
 __all__ = ["CellScene", "CellState", "Meeting", "Opponent", "RigidScene", "Target"]

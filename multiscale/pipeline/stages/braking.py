@@ -14,7 +14,7 @@ from multiscale.laws import Exponential, SteadySliding
 from multiscale.macro.data_range import load_shares, with_load_shares
 from multiscale.macro.joint import Footprint, TreadBlock, condense_tread, slide_tread
 from multiscale.macro.joint.tread import CondensedTread
-from multiscale.needs import Needs
+from multiscale.needs import Choice, Needs
 from multiscale.pipeline.rows import list_facts, say_error, tabulate_braking
 from multiscale.pipeline.stage import Datasets, Job, Section, Stage, Summary, format_table
 from multiscale.pipeline.tyre_budget import with_braking_budget
@@ -161,7 +161,7 @@ def _needs(case: TyreCase) -> Needs:
     ex, ey, ez = case.tread.elements
     face = 3 * (2 * ex + 1) * (2 * ey + 1) + 1
     return Needs(
-        operators={"tread block": f"{face} unknowns on its face stand for all of it"},
+        choices=(Choice("tread block", f"{face} unknowns on its face stand for all of it"),),
         fields=("traction of the footprint",),
         libraries=("matplotlib", "scikit-fem"),
         memory=8 * (6 * face**2 + 40 * face * face * ez),

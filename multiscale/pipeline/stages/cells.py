@@ -9,7 +9,7 @@ import numpy as np
 
 from multiscale.io import open_dataset
 from multiscale.micro.cell_needs import cell_needs
-from multiscale.needs import Needs
+from multiscale.needs import Choice, Needs
 from multiscale.pipeline.case_cells import cell_of
 from multiscale.pipeline.case_response import run_micro
 from multiscale.pipeline.forecast import GRIDS, REALISATIONS, SIZES
@@ -47,18 +47,22 @@ def _needs(case: Case) -> Needs:
     measured = any(isinstance(body.surface, InstrumentSurface) for body in case.bodies)
     reader = ("SurfaceTopography",) if measured else ()
     nx, ny = case.cell.points
-    operators = {
-        "cells": f"{case.micro.realisations} of {nx} x {ny} points, each under "
+    cells = Choice(
+        "cells",
+        f"{case.micro.realisations} of {nx} x {ny} points, each under "
         f"{len(case.micro.path)} pressures",
-        **needs.operators,
-    }
-    if case.accuracy is not None:
-        operators["planner"] = (
-            "starts from these cells, whose memory this is, and chooses size, grid and number of "
-            f"those of the answer: at most {2 ** SIZES[-1]} times as large, {2 ** GRIDS[-1]} times "
-            f"as fine, {REALISATIONS[-1]}"
-        )
-    return replace(needs, operators=operators, libraries=(*needs.libraries, *reader))
+    )
+    planner = Choice(
+        "planner",
+        "starts from these cells, whose memory this is, and chooses size, grid and number of "
+        f"those of the answer: at most {2 ** SIZES[-1]} times as large, {2 ** GRIDS[-1]} times "
+        f"as fine, {REALISATIONS[-1]}",
+    )
+    return replace(
+        needs,
+        choices=(cells, *needs.choices, *([planner] if case.accuracy is not None else [])),
+        libraries=(*needs.libraries, *reader),
+    )
 
 
 def tabulate_roughness(response: "xr.Dataset") -> tuple[tuple[str, ...], list[tuple[str, ...]]]:

@@ -23,9 +23,8 @@ __all__ = ["FITTED_LAW"]
 
 def _run(case: Case, found: Datasets, job: Job) -> "xr.Dataset":
     response = found[MICRO_RESPONSE.name]
-    loading = loading_branch(response) if case.micro.unloading else response
     law = fit_branches(response, n_terms=case.law.terms, n_samples=case.law.samples)
-    law = with_budget(law, case_budget(case, loading, law))
+    law = with_budget(law, case_budget(case, loading_branch(response), law))
     save_law(law, job.out / FITTED_LAW.file)
     return law
 

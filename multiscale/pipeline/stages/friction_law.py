@@ -8,7 +8,7 @@ import numpy as np
 
 from multiscale.errors import ConvergenceError
 from multiscale.io import save_law
-from multiscale.needs import Needs
+from multiscale.needs import Choice, Needs
 from multiscale.pipeline.stage import Datasets, Job, Section, Stage
 from multiscale.pipeline.tyre_settings import TyreCase
 from multiscale.plotting.figure import on_axes
@@ -106,8 +106,8 @@ def _run(case: TyreCase, found: Datasets, job: Job) -> "xr.Dataset":
 
 
 def _needs(case: TyreCase) -> Needs:
-    told = {"friction law": "a bell over speed and temperature, with samples for its bands"}
-    return Needs(operators=told)
+    told = "a bell over speed and temperature, with samples for its bands"
+    return Needs(choices=(Choice("friction law", told),))
 
 
 def _sections(found: Datasets, out: Path) -> Iterator[Section]:

@@ -12,7 +12,7 @@ from multiscale.convergence import Status
 from multiscale.io import write_dataset
 from multiscale.micro.ensemble import run_realisations
 from multiscale.micro.viscoelastic_sliding import solve_sliding
-from multiscale.needs import Needs
+from multiscale.needs import Choice, Needs
 from multiscale.pipeline.case import load_tyre
 from multiscale.pipeline.stage import Datasets, Job, Section, Stage
 from multiscale.pipeline.stages.cells import count_cells
@@ -86,6 +86,7 @@ def slide_road(case: TyreCase, road: Surface) -> "xr.Dataset":
             "linear_iterations": [[one.linear_iterations for one in found]],
             "wall_time": np.array(times)[None],
             "nominal_pressure": p,
+            "branch": np.zeros(len(steps), int),  # every step starts anew
             "sliding_speed": [speed for *_, speed in steps],
             "temperature": [temperature for temperature, *_ in steps],
             **{one.__name__: [one(road)] for one in statistics},
@@ -130,14 +131,18 @@ def _needs(case: TyreCase) -> Needs:
     nx, ny = case.cell.points
     return Needs(
         kinematics="small slopes and small strain, steady sliding",
-        operators={
-            "complex compliance": "stiffness and loss of the rubber, for each wave of the road"
-        },
-        left_out={
-            "time steps": "sliding is steady in the frame of the road",
-            "mesh of the road": "a half-space of rubber is known in closed form for each wave",
-            "heat": "the temperature is even, and each of the case is given",
-        },
+        choices=(
+            Choice(
+                "complex compliance", "stiffness and loss of the rubber, for each wave of the road"
+            ),
+            Choice("time steps", "sliding is steady in the frame of the road", built=False),
+            Choice(
+                "mesh of the road",
+                "a half-space of rubber is known in closed form for each wave",
+                built=False,
+            ),
+            Choice("heat", "the temperature is even, and each of the case is given", built=False),
+        ),
         memory=8 * 30 * nx * ny,
     )
 

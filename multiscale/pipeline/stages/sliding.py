@@ -8,10 +8,10 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from multiscale.io import open_dataset, write_dataset
-from multiscale.laws.bulk import J2, BulkLaw, NeoHookean
-from multiscale.micro import Cell, Opposite, slide_cell
+from multiscale.laws.bulk import J2, NeoHookean
+from multiscale.micro import FiniteCell, SecondBody, slide_cell
 from multiscale.micro.cell_needs import cell_needs
-from multiscale.needs import Needs
+from multiscale.needs import Choice, Needs
 from multiscale.pipeline.case_cells import body_surfaces
 from multiscale.pipeline.case_tables import SlideSettings
 from multiscale.pipeline.rough_bodies import Body
@@ -31,7 +31,7 @@ TOLERANCE = 1e-6
 """Of the contact solver, relative to the norm of the contact forces."""
 
 
-def make_pair(case: Case, slide: SlideSettings) -> Cell:
+def make_pair(case: Case, slide: SlideSettings) -> FiniteCell:
     """Build the cell of the first realisation, of two deformable bodies; see :func:`pair_of`.
 
     Raises
@@ -40,29 +40,26 @@ def make_pair(case: Case, slide: SlideSettings) -> Cell:
         If a surface cannot be made or read.
     """
     smooth = Surface(np.zeros(case.cell.points), case.cell.size)
-    lower, upper = ([*body_surfaces(case, number)[0], smooth][0] for number in (1, 2))
+    first = case.model_copy(update={"micro": case.micro.model_copy(update={"realisations": 1})})
+    lower, upper = ([*body_surfaces(first, number)[0], smooth][0] for number in (1, 2))
     return pair_of(case, slide, lower, upper)
 
 
-def pair_of(case: Case, slide: SlideSettings, lower: Surface, upper: Surface) -> Cell:
+def pair_of(case: Case, slide: SlideSettings, lower: Surface, upper: Surface) -> FiniteCell:
     """Build the cell of two deformable bodies under their surfaces, heights out of each body.
 
     A body with a hardness flows (J2), another one is neo-Hookean, whose small strain is Hooke's.
     """
     depth = case.cell.depth if case.cell.depth is not None else max(case.cell.size)
     one, two = case.bodies
-    return Cell(
+    return FiniteCell(
         lower,
         depth,
         case.cell.layers,
-        one.youngs_modulus,
-        one.poissons_ratio,
+        _law(one),
         obstacle=Surface(-upper.heights, upper.size),
-        bulk=_bulk(one),
         friction_coefficient=slide.friction_coefficient,
-        opposite=Opposite(
-            depth, case.cell.layers, two.youngs_modulus, two.poissons_ratio, _bulk(two)
-        ),
+        second=SecondBody(depth, case.cell.layers, _law(two)),
     )
 
 
@@ -93,7 +90,7 @@ def _run(case: Case, found: Datasets, job: Job) -> "xr.Dataset":
     return response
 
 
-def _bulk(body: Body) -> BulkLaw:
+def _law(body: Body) -> NeoHookean | J2:
     """Law of a body at large strain."""
     if body.yield_stress is None:
         return NeoHookean(body.youngs_modulus, body.poissons_ratio)
@@ -109,8 +106,8 @@ def _needs(case: Case) -> Needs:
     assert case.slide is not None
     smooth = Surface(np.zeros(case.cell.points), case.cell.size)
     pair = cell_needs(pair_of(case, case.slide, smooth, smooth))
-    told = {"slide": "both bodies, deformable and at large strain, a pressure at a time"}
-    return Needs(operators=told, memory=pair.memory)
+    slide = Choice("slide", "both bodies, deformable and at large strain, a pressure at a time")
+    return Needs(choices=(slide,), memory=pair.memory)
 
 
 def _lines(found: Datasets) -> list[str]:

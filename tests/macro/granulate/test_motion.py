@@ -55,7 +55,9 @@ def test_the_bouncing_point_is_a_closed_form_of_its_impacts():
 
 
 @pytest.mark.parametrize("compliance", [0.0, 0.05])
-@pytest.mark.parametrize("restitution", [0.5, 0.8, 0.9])
+@pytest.mark.parametrize(
+    "restitution", [0.5, *(pytest.param(e, marks=pytest.mark.slow) for e in (0.8, 0.9))]
+)
 def test_a_bouncing_grain_follows_its_closed_form_to_first_order(restitution, compliance):
     errors = []
     for step in (2e-3, 2e-4):
@@ -306,7 +308,10 @@ def test_space_repeats_along_a_period():
             lambda: Grains([[0, 0, 1], [0, 1, 1]], 0.1, thickness=1.0),
             "disc 1 leaves the plane y = 0 m",
         ),
-        (lambda: granulate.PipeWall((0, 0, 0), (0, 0, 1)), "radius of a cylinder must be positive"),
+        (
+            lambda: granulate.CylinderWall((0, 0, 0), (0, 0, 1)),
+            "radius of a cylinder must be positive",
+        ),
         (lambda: ContactLaw(compliance=np.inf), "compliance must be finite and not negative"),
         (lambda: ContactLaw(relaxation=0.5), "relaxation must be at least one step, got 0.5"),
         (lambda: granulate.Solver(tolerance=1.0), "tolerance must lie between 0 and 1, got 1"),

@@ -64,6 +64,7 @@ def aligned(density, **options):
     return mesh_stiffness(rve, E, NU, **options)
 
 
+@pytest.mark.slow
 def test_few_penny_cracks_have_the_limit_without_interaction(gmsh):
     density = 0.01
     C = aligned(density, element_size=0.3).unwrap()
@@ -87,7 +88,8 @@ def test_few_penny_cracks_have_the_limit_without_interaction(gmsh):
 
 # validation: E3/E0 = .8047 and .6732 without interaction at rho = .05 and .10
 @pytest.mark.parametrize(
-    ("density", "expected", "tolerance"), [(0.05, 0.8047, 0.025), (0.10, 0.6732, 0.12)]
+    ("density", "expected", "tolerance"),
+    [pytest.param(0.05, 0.8047, 0.025, marks=pytest.mark.slow), (0.10, 0.6732, 0.12)],
 )
 # a cubic array interacts: the compliance added is 8 % larger at the smaller density
 def test_a_cubic_array_of_penny_cracks_is_near_the_limit_without_interaction(
@@ -158,6 +160,7 @@ def test_bodies_may_reach_through_the_faces(gmsh, bodies):
     assert voxels == pytest.approx(found, abs=0.03 if isinstance(inner.bodies[0], Cracks) else 5e-3)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     "others",
     [

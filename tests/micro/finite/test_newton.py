@@ -49,6 +49,7 @@ def test_without_friction_and_at_small_strain_it_is_the_elastic_solver(obstacle,
         np.testing.assert_allclose(found[name], expected[name], rtol=1e-6, atol=atol)
 
 
+@pytest.mark.slow
 def test_large_strain_tends_to_small_strain():
     loads = (1e-7, 1e-6)
     flat = Surface(1e-5 * rough().heights, (1.0, 1.0))
@@ -66,7 +67,13 @@ def test_large_strain_tends_to_small_strain():
 @pytest.mark.parametrize(
     "bulk", [None, NeoHookean(1.0, 0.3), J2(1.0, 0.3, 0.01, 0.01)], ids=["elastic", "rubber", "J2"]
 )
-@pytest.mark.parametrize("obstacle", [None, rough(0.1, seed=5)], ids=["flat", "rough"])
+@pytest.mark.parametrize(
+    "obstacle",
+    [
+        pytest.param(None, id="flat"),
+        pytest.param(rough(0.1, seed=5), id="rough", marks=pytest.mark.slow),
+    ],
+)
 def test_a_solution_satisfies_contact_and_coulombs_law(bulk, obstacle):
     mu = 0.3
     body = cell(bulk=bulk, friction_coefficient=mu, obstacle=obstacle)
@@ -134,6 +141,7 @@ def test_a_rotated_cell_gives_a_rotated_answer():
     np.testing.assert_allclose(first, second[[0, 2, 1]], rtol=1e-5)
 
 
+@pytest.mark.slow
 def test_an_elastic_cell_comes_back_and_a_plastic_one_does_not():
     path = Path(pressure=(0.005, 0.02, 0.005, 0.0))
     elastic, plastic = (
@@ -149,6 +157,7 @@ def test_an_elastic_cell_comes_back_and_a_plastic_one_does_not():
     assert plastic["contact_fraction"].values[0, 3] == 0.0
 
 
+@pytest.mark.slow
 def test_a_plastic_answer_does_not_depend_on_the_steps_of_the_path():
     # the first increment after the touch is cut like all others
     steel = cell(bulk=J2(1.0, 0.3, 0.005, 0.01), surface=rough(0.2, n=8))
@@ -159,6 +168,7 @@ def test_a_plastic_answer_does_not_depend_on_the_steps_of_the_path():
     assert ends[0] == pytest.approx(ends[1], rel=0.01)
 
 
+@pytest.mark.slow
 def test_a_load_reversal_at_every_step_converges():
     slides = tuple(((-1.0) ** k * 0.004, 0.0) for k in range(6))
     body = cell(friction_coefficient=1.5, bulk=J2(1.0, 0.3, 0.01, 0.01))
@@ -173,6 +183,7 @@ def test_inverted_elements_are_caught_by_shorter_increments():
     assert response["converged"].values.all()
 
 
+@pytest.mark.slow
 def test_a_path_that_cannot_go_on_keeps_what_it_has_and_says_so():
     body = cell(bulk=NeoHookean(1.0, 0.3))
     response = solve_cell(body, Path(approach=(0.01, 0.6, 0.02)))

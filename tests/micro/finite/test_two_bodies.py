@@ -4,9 +4,9 @@ import numpy as np
 import pytest
 
 from multiscale.errors import CaseError
-from multiscale.laws.bulk import J2, NeoHookean, Prony
-from multiscale.micro import Cell, Opposite, Path, Surface, self_affine, solve_cell
-from multiscale.micro.cell_needs import cell_needs
+from multiscale.laws.bulk import J2, Elastic, NeoHookean, Prony
+from multiscale.micro import Cell, Path, SecondBody, Surface, self_affine, solve_cell
+from multiscale.micro.cell_needs import CellPart, cell_needs
 from multiscale.micro.finite.equations import CellEquations
 from multiscale.micro.finite.finite_cell import make_scene
 from multiscale.micro.finite.history import rest_state, walk_step
@@ -49,7 +49,7 @@ def pair(surface=None, obstacle=None, *, bulk=None, other=None, modulus=1.0, nu=
         obstacle=obstacle,
         bulk=bulk,
         friction_coefficient=mu,
-        opposite=Opposite(0.5, LAYERS, modulus, nu, other),
+        opposite=SecondBody(0.5, LAYERS, other or Elastic(modulus, nu)),
     )
 
 
@@ -235,13 +235,13 @@ def test_a_solution_satisfies_contact_coulombs_law_and_both_balances(mu, points)
 
 def test_bodies_without_friction_carry_no_state_and_pay_for_one_unknown():
     needs = cell_needs(pair(rough(1), rough(2)))
-    assert "opposite body" in needs
-    assert "tangent" not in needs
+    assert CellPart.SECOND_BODY in needs.built
+    assert CellPart.TANGENT in needs.omitted
     assert needs.unknowns_per_contact == 1
     assert needs.state_variables == ()
     scene = make_scene(pair(rough(1), rough(2)))
     assert scene.body.rest() == (None, None)
-    assert "opposite body" not in cell_needs(Cell(rough(1), 0.5, LAYERS, 1.0, 0.3))
+    assert CellPart.SECOND_BODY in cell_needs(Cell(rough(1), 0.5, LAYERS, 1.0, 0.3)).omitted
 
 
 def test_the_other_way_round_is_the_same_up_to_the_side_of_the_nodes():
@@ -257,11 +257,13 @@ def test_the_other_way_round_is_the_same_up_to_the_side_of_the_nodes():
     [
         (lambda: pair(rough(1), Surface(np.zeros((4, 4)), (2.0, 1.0))), "both bodies need the"),
         (lambda: pair(rough(1), rough(2, 24)), "fewer than the opposite body"),
-        (lambda: pair(nu=0.3, modulus=-1.0), "the opposite body: Young's modulus must be positive"),
-        (lambda: pair(other=NeoHookean(2.0, 0.3)), "the opposite body: youngs_modulus of the bulk"),
+        (lambda: pair(other=Elastic(1.0, -0.3)), "the opposite body: Poisson's ratio must be"),
+        (lambda: pair(other=1.0), "the opposite body: a cell takes Elastic, GradedElastic"),
         (
             lambda: Cell(
-                rough(1), 0.5, 6, 1.0, 0.3, geometry="flat", opposite=Opposite(0.5, 6, 1.0, 0.3)
+                *(rough(1), 0.5, 6, 1.0, 0.3),
+                geometry="flat",
+                opposite=SecondBody(0.5, 6, Elastic(1.0, 0.3)),
             ),
             "a flat cell has no second body",
         ),

@@ -18,14 +18,13 @@ from typing import Protocol
 
 import numpy as np
 
-from multiscale.micro.lateral_fft import LateralInverse, filter_surface
+from multiscale.micro.flat_reference import Field
+from multiscale.micro.lateral_fft import filter_surface
 
-__all__ = ["Constraint", "Reference", "Support"]
+__all__ = ["Constraint", "Support"]
 
 _INNER = 1e-4  # relative tolerance on the surface; the flexible Krylov method allows for it
 _LIMIT = 200  # iterations on the surface
-
-Field = np.ndarray
 
 
 class Support(Protocol):
@@ -56,80 +55,6 @@ class Support(Protocol):
 
     def stiffness(self, moved: Field) -> Field:
         """Compute the forces on the surface, N, of a motion, m, at least approximately."""
-
-
-@dataclass(frozen=True, eq=False)
-class Reference:
-    r"""The flat cell, tilted along the slopes of the rough cell if they are given.
-
-    Attributes
-    ----------
-    inverse : LateralInverse
-        Factorised stiffness of the flat cell.
-    map_factor : ndarray, shape (layers,)
-        Displacement of each node plane relative to the height of the surface, dimensionless.
-    slopes : tuple of ndarray, shape (nx, ny), optional
-        Slopes of the surface in x and y, dimensionless.
-    """
-
-    inverse: LateralInverse
-    map_factor: np.ndarray
-    slopes: tuple[np.ndarray, np.ndarray] | None = None
-
-    @property
-    def convolves(self) -> bool:
-        """Whether the vertical compliance is a product for each wave."""
-        return self.slopes is None
-
-    def surface(self, vector: Field) -> Field:
-        """Part of a field at the surface, as a view."""
-        return np.asarray(vector[:, -1])
-
-    def relative(self, vector: Field) -> Field:
-        """Motion of the surface against the obstacle."""
-        return np.asarray(vector[:, -1])
-
-    def solve(self, force: Field, correct: Callable[[Field], Field]) -> Field:
-        """Solve for nodal forces; ``correct`` adds surface forces for the surface's motion."""
-        if self.slopes is None:
-            return self.inverse.solve(force, correct)
-        tilted = force.copy()
-        for k, slope in enumerate(self.slopes):
-            tilted[:, :, k] += slope[:, None] * self.map_factor[:, None] * force[:, :, 2]
-        u = self.inverse.solve(tilted, lambda moved: self._tilt_force(correct(self._tilt(moved))))
-        for k, slope in enumerate(self.slopes):
-            u[:, :, 2] += slope[:, None] * self.map_factor[:, None] * u[:, :, k]
-        return u
-
-    def compliance(self, force: Field) -> Field:
-        """Motion of the surface under forces on it, shapes (nx, 3, ny)."""
-        return self._tilt(self.inverse.surface_response(self._tilt_force(force)))
-
-    def stiffness(self, moved: Field) -> Field:
-        """Find the forces on the surface that move it so."""
-        return self._tilt_force(self.inverse.surface_force(self._tilt(moved, -1.0)), -1.0)
-
-    @cached_property
-    def vertical(self) -> tuple[Field, Field]:
-        """Symbols of the vertical compliance and of an approximate inverse."""
-        symbol = self.inverse.surface_compliance[5]
-        return symbol, 1.0 / symbol
-
-    def _tilt(self, moved: Field, sign: float = 1.0) -> Field:
-        if self.slopes is None:
-            return moved
-        tilted = moved.copy()
-        for k, slope in enumerate(self.slopes):
-            tilted[:, 2] += sign * slope * moved[:, k]
-        return tilted
-
-    def _tilt_force(self, force: Field, sign: float = 1.0) -> Field:
-        if self.slopes is None:
-            return force
-        tilted = force.copy()
-        for k, slope in enumerate(self.slopes):
-            tilted[:, k] += sign * slope * force[:, 2]
-        return tilted
 
 
 @dataclass(frozen=True, eq=False)

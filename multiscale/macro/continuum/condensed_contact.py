@@ -15,8 +15,9 @@ from numpy.linalg import norm
 from scipy.linalg import lu_factor, lu_solve
 from scipy.sparse import csr_array
 
-from multiscale.convergence import Solution, Status, verdict
+from multiscale.convergence import Solution, Status
 from multiscale.errors import MultiscaleError
+from multiscale.fe.condensation import compliances
 from multiscale.macro.continuum.contact_newton import (
     CYCLE,
     PATIENCE,
@@ -24,30 +25,26 @@ from multiscale.macro.continuum.contact_newton import (
     ROUND_OFF,
     Equilibrium,
 )
-from multiscale.macro.continuum.contact_system import Joined, System
+from multiscale.macro.continuum.finite_assembly import FiniteAssembly, JoinedContacts
 from multiscale.macro.continuum.nodal_coulomb import LocalLaw, linearise
 from multiscale.numerics.factorisation import factorise
+from multiscale.numerics.newton import Limits, NewtonRun
 
-__all__ = ["Condensed", "condense"]
-
-COLUMNS = 64
-"""Right-hand sides that are solved together."""
+__all__ = ["CondensedContact", "condense_contact"]
 
 
 @dataclass(frozen=True)
-class Condensed:
+class CondensedContact:
     """A linear contact problem in its reactions.
 
     Attributes
     ----------
-    system : System
+    assembly : FiniteAssembly
         The problem.
-    joined : Joined
+    joined : JoinedContacts
         Its contact operator.
     stiffness : csr_array, shape (unknowns, unknowns)
         Of all bodies, N/m.
-    fixed : ndarray of int
-        Prescribed unknowns.
     solve : callable
         Inverse of the stiffness of the free unknowns.
     delassus : ndarray, shape (contact unknowns, contact unknowns)
@@ -56,10 +53,9 @@ class Condensed:
         Stiffness of the contact law, Pa/m.
     """
 
-    system: System
-    joined: Joined
+    assembly: FiniteAssembly
+    joined: JoinedContacts
     stiffness: csr_array
-    fixed: np.ndarray
     solve: Callable[[np.ndarray], np.ndarray]
     delassus: np.ndarray
     rho: np.ndarray
@@ -68,62 +64,53 @@ class Condensed:
         self,
         before: Equilibrium,
         time: float,
-        max_iterations: int,
-        tolerance: float,
-        callback: Callable[[int, float], None] | None = None,
+        limits: Limits,
     ) -> tuple[Solution, Equilibrium]:
         """Solve one load step; arguments and result as of ``newton_step``."""
-        load = self.system.load(time)
-        _, motion = self.system.fixed(time)
+        load = self.assembly.load(time)
+        motion = self.assembly.supported(time)
         without = self._displacement(load, motion)
         q = self._jump(before, without, time)
-        support = float(norm((self.stiffness @ without)[self.fixed]))
+        support = float(norm((self.stiffness @ without)[~self.assembly.free]))
         scale = max(float(norm(load)), support)
 
         r = np.array(before.reaction)
-        residuals: list[float] = []
-        status = Status.MAX_ITERATIONS
-        for iteration in range(max_iterations + 1):
-            jump = q + (self.delassus @ r.ravel()).reshape(r.shape)  # (1)
-            law = linearise(r, jump, self.system.friction, self.rho, self.joined.kept)
-            size = max(scale, float(norm(self.joined.operator.T @ r.ravel())))
-            error = float(norm(law.residual * self.joined.area[:, None]))
-            residuals.append(error / size if size > 0.0 else float(error > 0.0))
-            if callback is not None:
-                callback(iteration, residuals[-1])
-            if reason := verdict(residuals, tolerance, PATIENCE):
-                status = reason
-                break
-            if iteration == max_iterations:
-                break
-            stuck = int(np.argmin(residuals)) < iteration - CYCLE
-            r = r + (0.5 if stuck else 1.0) * self._direction(law)
+        law, residual = self._linearise(r, q, scale)
+        run = NewtonRun(limits, PATIENCE)
+        while run.goes_on(residual):
+            r = r + (0.5 if run.since_best > CYCLE else 1.0) * self._direction(law)
+            law, residual = self._linearise(r, q, scale)
 
         force = load + self.joined.operator.T @ r.ravel()
         u = self._displacement(force, motion)
         unbalance = self.stiffness @ u - force
-        if status is Status.CONVERGED and not self._balanced(u, force, unbalance, tolerance):
-            status = Status.STALLED
+        if run.converged and not self._balanced(u, force, unbalance, limits.tolerance):
+            run.stop(Status.STALLED)
         jump = self._jump(before, u, time)
         end = Equilibrium(time, u, r, before.state, before.couplings, jump, unbalance)
-        return Solution(u, status, tuple(residuals)), end
+        return run.solution(u), end
+
+    def _linearise(self, r: np.ndarray, q: np.ndarray, scale: float) -> tuple[LocalLaw, float]:
+        """Contact law at a reaction, and its error relative to the forces."""
+        jump = q + (self.delassus @ r.ravel()).reshape(r.shape)  # (1)
+        law = linearise(r, jump, self.assembly.friction, self.rho, self.joined.kept)
+        size = max(scale, float(norm(self.joined.operator.T @ r.ravel())))
+        error = float(norm(law.residual * self.joined.area[:, None]))
+        return law, error / size if size > 0.0 else float(error > 0.0)
 
     def _balanced(
         self, u: np.ndarray, force: np.ndarray, unbalance: np.ndarray, tolerance: float
     ) -> bool:
         """Whether the displacement is in equilibrium, to the tolerance or to round-off."""
-        free = np.ones(u.size, dtype=bool)
-        free[self.fixed] = False
+        free = self.assembly.free
         terms = float(norm((abs(self.stiffness) @ np.abs(u))[free]))
         scale = max(float(norm(force)), float(norm(unbalance[~free])))
         return float(norm(unbalance[free])) <= max(tolerance * scale, ROUND_OFF * terms)
 
     def _displacement(self, force: np.ndarray, motion: np.ndarray) -> np.ndarray:
         """Displacement under given forces and supports, m."""
-        u = np.zeros(force.size)
-        u[self.fixed] = motion
-        free = np.ones(force.size, dtype=bool)
-        free[self.fixed] = False
+        u, free = np.zeros(force.size), self.assembly.free
+        u[~free] = motion
         u[free] = self.solve((force - self.stiffness @ u)[free])
         return u
 
@@ -131,7 +118,7 @@ class Condensed:
         """Gap and slip of a displacement, m."""
         motions = (before.displacement, u)
         couplings = before.couplings
-        return self.system.jump(couplings, couplings, motions, (before.time, time))
+        return self.assembly.jump(couplings, couplings, motions, (before.time, time))
 
     def _direction(self, law: LocalLaw) -> np.ndarray:
         """Newton step of the reactions, Pa; open components leave at once."""
@@ -159,26 +146,19 @@ class Condensed:
         return dr.reshape(shape)
 
 
-def condense(system: System, start: Equilibrium) -> Condensed | None:
+def condense_contact(assembly: FiniteAssembly, start: Equilibrium) -> CondensedContact | None:
     """Factorise the bodies and compute W; None if a body is held by its contacts alone."""
-    joined = system.join(start.couplings, start.couplings)
-    stiffness = system.internal(start.displacement, start.state)[1]
-    fixed = system.fixed(0.0)[0]
-    free = np.ones(stiffness.shape[0], dtype=bool)
-    free[fixed] = False
+    joined = assembly.join(start.couplings, start.couplings)
+    stiffness = assembly.internal(start.displacement, start.state)[1]
+    free = assembly.free
     try:
         solve = factorise(csr_array(stiffness[free][:, free]), name="the stiffness of the bodies")
     except MultiscaleError:
         return None
     B = csr_array(joined.operator[:, free])
-    n = B.shape[0]
-    W = np.zeros((n, n))
-    for first in range(0, n, COLUMNS):
-        part = slice(first, min(first + COLUMNS, n))
-        W[:, part] = B @ solve(B[part].T.toarray())
-    area = np.repeat(np.where(joined.area > 0.0, joined.area, 1.0), system.components)
-    W /= area[:, None]
-    own = W.diagonal()[:: system.components]
+    area = np.repeat(np.where(joined.area > 0.0, joined.area, 1.0), assembly.components)
+    W = compliances(solve, B)[0] / area[:, None]
+    own = W.diagonal()[:: assembly.components]
     usual = float(np.median(own[own > 0.0])) if np.any(own > 0.0) else 1.0
     rho = RELAXATION / np.where(own > 0.0, own, usual)
-    return Condensed(system, joined, stiffness, fixed, solve, W, rho)
+    return CondensedContact(assembly, joined, stiffness, solve, W, rho)

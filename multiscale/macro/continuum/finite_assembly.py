@@ -1,8 +1,9 @@
-"""All bodies and contacts of a problem under one numbering."""
+"""Bodies of any bulk law in contact, at small or large displacement, under one numbering."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from functools import cached_property
+from itertools import pairwise
 
 import numpy as np
 from scipy.sparse import block_diag, csr_array, diags_array, kron, vstack
@@ -21,14 +22,37 @@ from multiscale.macro.continuum.interface import (
     local_jump,
     slip_operator,
 )
-from multiscale.macro.continuum.rigid_obstacle import Obstacle, obstacle_motion
+from multiscale.macro.continuum.rigid_obstacle import obstacle_motion
 
-__all__ = ["ContactProblem", "Joined", "System", "prepare_system"]
+__all__ = ["FiniteAssembly", "JoinedContacts"]
 
 
 @dataclass(frozen=True)
-class ContactProblem:
-    """Bodies and the contacts between them.
+class JoinedContacts:
+    """All interfaces in one configuration, one node after the other.
+
+    Attributes
+    ----------
+    operator : csr_array, shape (nodes * c, unknowns)
+        Weighted jump in the local frames, B, m²; its transpose times the reaction is H r.
+    tangent : csr_array, shape (nodes * c, unknowns)
+        Derivative of the weighted jump: slip takes the partners of the step before.
+    area, kept
+        As in :class:`Coupling`, of all interfaces.
+    """
+
+    operator: csr_array
+    tangent: csr_array
+    area: np.ndarray
+    kept: np.ndarray
+
+
+@dataclass(frozen=True)
+class FiniteAssembly:
+    r"""Bodies of any bulk law and the contacts between them: the source's problem (4)-(5).
+
+    Displacements, strains and sliding may be large. Unknown d a + i is component i of node a,
+    counted over all bodies; :func:`solve_contact` finds its equilibria.
 
     Parameters
     ----------
@@ -55,9 +79,7 @@ class ContactProblem:
             raise CaseError(f"all bodies must have the same number of dimensions, got {dims}")
         touched = set()
         for name, contact in self.contacts.items():
-            for side in (contact.side1, contact.side2):
-                if isinstance(side, Obstacle):
-                    continue
+            for side in contact.surfaces:
                 if side[0] not in self.bodies:
                     raise CaseError(
                         f"contact {name!r} names no body of the problem: {side[0]!r}; "
@@ -75,59 +97,76 @@ class ContactProblem:
                     f"body {name!r} has neither a support nor a contact; give it one of them"
                 )
 
+    @cached_property
+    def first(self) -> np.ndarray:
+        """First node of each body, and the number of nodes."""
+        return np.cumsum([0] + [body.mesh.p.shape[1] for body in self.bodies.values()])
 
-@dataclass(frozen=True)
-class Joined:
-    """All interfaces in one configuration, one node after the other.
+    @cached_property
+    def start(self) -> np.ndarray:
+        """Undeformed positions, shape (nodes, d), m."""
+        return np.concatenate([body.mesh.p.T for body in self.bodies.values()])
 
-    Attributes
-    ----------
-    operator : csr_array, shape (nodes * c, unknowns)
-        Weighted jump in the local frames, B, m²; its transpose times the reaction is H r.
-    tangent : csr_array, shape (nodes * c, unknowns)
-        Derivative of the weighted jump: slip takes the partners of the step before.
-    area, kept
-        As in :class:`Coupling`, of all interfaces.
-    """
+    @cached_property
+    def free(self) -> np.ndarray:
+        """Unknowns that no support holds, shape (unknowns,)."""
+        free = np.ones(self.start.size, dtype=bool)
+        for k, body in enumerate(self.bodies.values()):
+            free[self.unknowns(k)][fixed_motion(body, 0.0)[0]] = False
+        return free
 
-    operator: csr_array
-    tangent: csr_array
-    area: np.ndarray
-    kept: np.ndarray
+    @cached_property
+    def elements(self) -> tuple[Elements, ...]:
+        """Elements of each body."""
+        return tuple(prepare_elements(body.mesh) for body in self.bodies.values())
 
+    @cached_property
+    def linear(self) -> tuple[csr_array | None, ...]:
+        """Constant stiffness of each body, N/m; None at finite strain."""
+        return tuple(
+            None if body.law.finite_strain else _stiffness(elements, body.law)
+            for body, elements in zip(self.bodies.values(), self.elements, strict=True)
+        )
 
-@dataclass(frozen=True)
-class System:
-    """The problem in arrays; unknown d a + i is component i of node a, counted over all bodies.
+    @cached_property
+    def interfaces(self) -> tuple[Interface, ...]:
+        """Contacts with the numbers of their nodes."""
+        names, interfaces = list(self.bodies), []
+        for name, contact in self.contacts.items():
+            surfaces = tuple(
+                surface_of(self.bodies[b].mesh, boundary) for b, boundary in contact.surfaces
+            )
+            nodes = tuple(
+                surface.nodes + self.first[names.index(b)]
+                for surface, (b, _) in zip(surfaces, contact.surfaces, strict=True)
+            )
+            one = nodes[0]
+            free = self.free.reshape(self.start.shape)[one]
+            interface = Interface(name, contact, surfaces, nodes, free, np.zeros(len(one)))
+            interfaces.append(fit(interface, self.start))
+        return tuple(interfaces)
 
-    Attributes
-    ----------
-    problem : ContactProblem
-        What the user gave.
-    start : ndarray, shape (nodes, d)
-        Undeformed positions, m.
-    elements : tuple of Elements
-        Per body.
-    linear : tuple of csr_array or None
-        Constant stiffness of bodies at small strain, N/m.
-    first : ndarray of int
-        First node of each body, and the number of nodes.
-    interfaces : tuple of Interface
-        Per contact.
-    friction : ndarray, shape (contact nodes,)
-        Coefficient of friction of every contact node.
-    components : int
-        Unknowns of a contact node: 1 if no contact has friction, else d.
-    """
+    @cached_property
+    def friction(self) -> np.ndarray:
+        """Coefficient of friction of every contact node."""
+        return np.concatenate(
+            [np.zeros(0)]
+            + [
+                np.full(len(interface.nodes[0]), interface.contact.friction_coefficient)
+                for interface in self.interfaces
+            ]
+        )
 
-    problem: ContactProblem
-    start: np.ndarray
-    elements: tuple[Elements, ...]
-    linear: tuple[csr_array | None, ...]
-    first: np.ndarray
-    interfaces: tuple[Interface, ...]
-    friction: np.ndarray
-    components: int
+    @cached_property
+    def contact_nodes(self) -> tuple[slice, ...]:
+        """Contact nodes of each interface, which are the nodes of its side 1."""
+        end = np.cumsum([0] + [len(interface.nodes[0]) for interface in self.interfaces])
+        return tuple(slice(a, b) for a, b in pairwise(end))
+
+    @property
+    def components(self) -> int:
+        """Unknowns of a contact node: 1 if no contact has friction, else d."""
+        return self.start.shape[1] if self.friction.any() else 1
 
     @cached_property
     def diagonal(self) -> np.ndarray:
@@ -136,15 +175,13 @@ class System:
         It lacks the resistance to a change of volume: this is what a contact node feels, of nearly
         incompressible bodies too.
         """
-        parts = []
-        for body, elements in zip(self.problem.bodies.values(), self.elements, strict=True):
-            rest = body.law.initial_state(elements.weight.shape)
-            undeformed = np.zeros(elements.size)
-            shape = element_response(elements, _ShapeAlone(body.law), undeformed, rest)[1]
-            parts.append(shape.diagonal())
-        diagonal = np.concatenate(parts)
-        diagonal[self.fixed(0.0)[0]] = 0.0
-        return diagonal
+        diagonal = np.concatenate(
+            [
+                _stiffness(elements, _ShapeAlone(body.law)).diagonal()
+                for body, elements in zip(self.bodies.values(), self.elements, strict=True)
+            ]
+        )
+        return np.where(self.free, diagonal, 0.0)
 
     @property
     def is_linear(self) -> bool:
@@ -157,20 +194,17 @@ class System:
         d = self.start.shape[1]
         return slice(d * self.first[body], d * self.first[body + 1])
 
-    def fixed(self, time: float) -> tuple[np.ndarray, np.ndarray]:
-        """Prescribed unknowns and their displacement, m."""
-        parts = [fixed_motion(body, time) for body in self.problem.bodies.values()]
-        shifts = [self.unknowns(k).start for k in range(len(parts))]
-        index = [dofs + shift for (dofs, _), shift in zip(parts, shifts, strict=True)]
-        return np.concatenate(index), np.concatenate([value for _, value in parts])
+    def supported(self, time: float) -> np.ndarray:
+        """Displacement of the unknowns that supports hold, in their order, m."""
+        return np.concatenate([fixed_motion(body, time)[1] for body in self.bodies.values()])
 
     def load(self, time: float) -> np.ndarray:
         """External forces, N."""
-        return np.concatenate([load_vector(body, time) for body in self.problem.bodies.values()])
+        return np.concatenate([load_vector(body, time) for body in self.bodies.values()])
 
     def initial_state(self) -> tuple[np.ndarray, ...]:
         """Undeformed state of all bodies."""
-        bodies = self.problem.bodies.values()
+        bodies = self.bodies.values()
         return tuple(
             body.law.initial_state(elements.weight.shape)
             for body, elements in zip(bodies, self.elements, strict=True)
@@ -181,7 +215,7 @@ class System:
     ) -> tuple[np.ndarray, csr_array, tuple[np.ndarray, ...], float]:
         """Compute internal forces (N), tangent (N/m), new state and smallest volume ratio."""
         forces, matrices, states, smallest = [], [], [], np.inf
-        for k, body in enumerate(self.problem.bodies.values()):
+        for k, body in enumerate(self.bodies.values()):
             part, linear = u[self.unknowns(k)], self.linear[k]
             if linear is not None:
                 forces.append(linear @ part)
@@ -208,13 +242,13 @@ class System:
             if old is not None and not moving:
                 result.append(old[k])
                 continue
-            side2, shift = interface.contact.side2, np.zeros(d)
-            if moving and isinstance(side2, Obstacle):
-                shift = obstacle_motion(side2, d, time)
+            obstacle, shift = interface.contact.obstacle, np.zeros(d)
+            if moving and obstacle is not None:
+                shift = obstacle_motion(obstacle, d, time)
             result.append(build_coupling(interface, x if moving else self.start, self.start, shift))
         return tuple(result)
 
-    def join(self, before: tuple[Coupling, ...], couplings: tuple[Coupling, ...]) -> Joined:
+    def join(self, before: tuple[Coupling, ...], couplings: tuple[Coupling, ...]) -> JoinedContacts:
         """Stack couplings of the step before and now; without friction only the normal rows."""
         c, d = self.components, self.start.shape[1]
         nothing = csr_array((0, self.start.size))
@@ -240,7 +274,7 @@ class System:
             tangents.append(now)
             areas.append(coupling.area)
             kept.append(coupling.kept[:, :c])
-        return Joined(
+        return JoinedContacts(
             csr_array(vstack(rows)),
             csr_array(vstack(tangents)),
             np.concatenate(areas),
@@ -275,6 +309,10 @@ class _ShapeAlone(BulkLaw):
         """As the law."""
         return self.law.finite_strain
 
+    def initial_state(self, shape: tuple[int, ...]) -> np.ndarray:
+        """As the law."""
+        return self.law.initial_state(shape)
+
     def respond_shape(self, gradient: np.ndarray, state: np.ndarray) -> BulkResponse:
         """As the law."""
         return self.law.respond_shape(gradient, state)
@@ -285,52 +323,7 @@ class _ShapeAlone(BulkLaw):
         return nothing, nothing
 
 
-def prepare_system(problem: ContactProblem) -> System:
-    """Give every unknown its number and compute what stays."""
-    bodies = list(problem.bodies.values())
-    first = np.cumsum([0] + [body.mesh.p.shape[1] for body in bodies])
-    start = np.concatenate([body.mesh.p.T for body in bodies])
-    elements = tuple(prepare_elements(body.mesh) for body in bodies)
-    free = np.ones(start.size, dtype=bool)
-    linear: list[csr_array | None] = []
-    for k, (body, part) in enumerate(zip(bodies, elements, strict=True)):
-        free[start.shape[1] * first[k] + fixed_motion(body, 0.0)[0]] = False
-        if body.law.finite_strain:
-            linear.append(None)
-            continue
-        rest = body.law.initial_state(part.weight.shape)
-        linear.append(element_response(part, body.law, np.zeros(part.size), rest)[1])
-    interfaces = _interfaces(problem, first, start, free.reshape(start.shape))
-    friction = [
-        np.full(len(interface.nodes[0]), interface.contact.friction_coefficient)
-        for interface in interfaces
-    ]
-    rough = any(contact.friction_coefficient > 0.0 for contact in problem.contacts.values())
-    return System(
-        problem,
-        start,
-        elements,
-        tuple(linear),
-        first,
-        interfaces,
-        np.concatenate([np.zeros(0), *friction]),
-        start.shape[1] if rough else 1,
-    )
-
-
-def _interfaces(
-    problem: ContactProblem, first: np.ndarray, start: np.ndarray, free: np.ndarray
-) -> tuple[Interface, ...]:
-    names = list(problem.bodies)
-    interfaces = []
-    for name, contact in problem.contacts.items():
-        sides = [side for side in (contact.side1, contact.side2) if not isinstance(side, Obstacle)]
-        surfaces = tuple(surface_of(problem.bodies[b].mesh, boundary) for b, boundary in sides)
-        nodes = tuple(
-            surface.nodes + first[names.index(b)]
-            for surface, (b, _) in zip(surfaces, sides, strict=True)
-        )
-        one = nodes[0]
-        interface = Interface(name, contact, surfaces, nodes, free[one], np.zeros(len(one)))
-        interfaces.append(fit(interface, start))
-    return tuple(interfaces)
+def _stiffness(elements: Elements, law: BulkLaw) -> csr_array:
+    """Stiffness of an undeformed body, N/m."""
+    rest = law.initial_state(elements.weight.shape)
+    return element_response(elements, law, np.zeros(elements.size), rest)[1]

@@ -1,0 +1,123 @@
+"""How far answers are from what joints and grains obey, found in the answers alone."""
+
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+if TYPE_CHECKING:
+    from collections.abc import Iterable
+
+    import xarray as xr
+
+    from multiscale.laws import Sliders
+    from multiscale.macro.substructures.whole_structure import Assembled
+
+__all__ = ["joint_faults", "largest_overlap", "unbalanced_share"]
+
+
+def joint_faults(
+    whole: "Assembled",
+    law: "Sliders",
+    steps: "Iterable[tuple[np.ndarray, np.ndarray, np.ndarray]]",
+    stiffness: float,
+) -> float:
+    r"""Measure how far tractions and jumps are from what bodies and law allow.
+
+    Parameters
+    ----------
+    whole : Assembled
+        The bodies.
+    law : Sliders
+        Law of all joints.
+    steps : iterable of (ndarray, ndarray, ndarray)
+        Load factors of a step, jumps :math:`y` (m) and tractions :math:`t` (Pa), shape (points, 3).
+    stiffness : float
+        Ratio k of the size of the tractions to the size of the jumps, Pa/m.
+
+    Returns
+    -------
+    float
+        Largest fault of all steps and points, Pa.
+
+    Notes
+    -----
+    Errors are backward ones, as the jumps of a law that is much stiffer than the bodies do not tell
+    its tractions. The bodies have exactly the jumps :math:`B u` under the tractions
+    :math:`t + k (B u - y)` for
+
+    .. math:: (K + k B^T w B)\, u = f + B^T w\, (k y - t),
+
+    so that :math:`k |B u - y|` is the error of jumps and tractions together. The law gives the
+    tractions :math:`\hat t` at jumps that differ from y by no more than the rounding of y and of
+    the jumps before, with :math:`|\hat t - t|` wrong. It is asked for them by ``respond`` alone;
+    the resolvent just says where in the rounding to look.
+    """
+    from scipy.sparse import csr_array, diags_array
+
+    from multiscale.numerics.factorisation import factorise
+
+    B, weight = whole.jump, np.tile(whole.weight, 3)
+    solve = factorise(csr_array(whole.stiffness + stiffness * (B.T @ diags_array(weight) @ B)))
+    state = np.zeros((law.n_state, whole.weight.size))
+    before, faults = np.zeros((3, whole.weight.size)), []
+    for factor, jump, traction in steps:
+        y, t = jump.T, traction.T
+        u = solve(whole.load @ factor + B.T @ (weight * (stiffness * y - t).ravel()))
+        faults.append(stiffness * np.abs((B @ u).reshape(y.shape) - y).max())
+
+        moved = y - before  # a bed feels no more of the tangential jumps, which may be long
+        moved[0] = y[0]
+        rounding = 4.0 * np.finfo(float).eps * np.maximum(np.abs(y), np.abs(before))
+        nearest = law.resolvent(t + stiffness * moved, stiffness, state) - moved
+        response = law.respond(moved + np.clip(nearest, -rounding, rounding), state)
+        faults.append(np.abs(response.traction - t).max())
+        state, before = response.state, y
+        state[-2:] = 0.0  # the tangential jumps from which the next step counts
+    return float(np.max(faults))
+
+
+def largest_overlap(position: np.ndarray, radius: np.ndarray) -> float:
+    """Largest overlap of two equal grains over their radius, in all frames.
+
+    Parameters
+    ----------
+    position : ndarray, shape (frames, grains, 3)
+        Centres, m.
+    radius : ndarray, shape (grains,)
+        m.
+    """
+    away = np.linalg.norm(position[:, :, None] - position[:, None], axis=-1)
+    away[:, np.arange(len(radius)), np.arange(len(radius))] = np.inf
+    return float(2.0 - away.min() / radius[0])
+
+
+def unbalanced_share(result: "xr.Dataset", friction: float) -> float:
+    """Largest fault in momentum and in Coulomb's cone of all frames, over the largest force.
+
+    Parameters
+    ----------
+    result : Dataset
+        Follows ``GRANULATE``, with every step as a frame.
+    friction : float
+        Friction coefficient, 1.
+    """
+    mass, n = result["mass"].values, result.sizes["grain"]
+    ends, force = result["contact_ends"].values, result["contact_force"].values
+    normal = result["branch"].values / np.linalg.norm(result["branch"], axis=1)[:, None]
+    pressing = np.sum(force * normal, axis=1)
+    shear = np.linalg.norm(force - pressing[:, None] * normal, axis=1)
+    gain = np.diff(result["velocity"].values, axis=0) * mass[:, None]
+    gain /= result["time_step"].values[:, None, None]
+    gain[..., 2] += 9.81 * mass
+    after = result["contact_frame"].values > 0
+    frame, at = result["contact_frame"].values[after] - 1, ends[after]
+    np.subtract.at(gain, (frame, at[:, 0]), force[after])
+    inner = at[:, 1] < n
+    np.add.at(gain, (frame[inner], at[inner, 1]), force[after][inner])
+    largest = max(float(np.abs(force).max(initial=0.0)), float(9.81 * mass.max()))
+    faults = (
+        np.abs(gain).max(),
+        -pressing.min(initial=0.0),
+        (shear - friction * pressing).max(initial=0.0),
+    )
+    return float(max(faults)) / largest

@@ -1,0 +1,184 @@
+r"""Static condensation of sparse matrices, and compliance onto faces.
+
+Several bodies may stand side by side in one block-diagonal matrix. They are factorised at once, and
+their columns share right-hand sides, since the columns of different bodies do not meet.
+"""
+
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+from functools import partial
+from itertools import pairwise
+
+import numpy as np
+from scipy.sparse import csc_array, csr_array
+
+from multiscale.numerics.factorisation import Solve, factorise
+
+__all__ = ["CondensedStiffness", "Split", "compliances", "condense", "condense_body", "split"]
+
+COLUMNS = 64
+"""Right-hand sides that are solved together."""
+
+
+@dataclass(frozen=True, eq=False)
+class Split:
+    """Unknowns of some bodies side by side, inside them and kept.
+
+    Attributes
+    ----------
+    inside, edge : ndarray of int
+        Unknowns that are condensed, and the kept ones; body after body.
+    inside_start, edge_start : ndarray of int, shape (bodies + 1,)
+        First unknown of every body in ``inside`` and ``edge``, and their sizes.
+    """
+
+    inside: np.ndarray
+    edge: np.ndarray
+    inside_start: np.ndarray
+    edge_start: np.ndarray
+
+    @property
+    def column(self) -> np.ndarray:
+        """Number of every kept unknown in its body."""
+        return np.asarray(np.arange(self.edge.size) - self.edge_start[self.owner])
+
+    @property
+    def owner(self) -> np.ndarray:
+        """Body of every kept unknown."""
+        return np.repeat(np.arange(self.edge_start.size - 1), np.diff(self.edge_start))
+
+
+def split(start: np.ndarray, shared: np.ndarray) -> Split:
+    """Split the unknowns; those of a body are ``start[E]`` to ``start[E + 1]``."""
+    inside, edge = np.flatnonzero(~shared), np.flatnonzero(shared)
+    return Split(inside, edge, np.searchsorted(inside, start), np.searchsorted(edge, start))
+
+
+@dataclass(frozen=True, eq=False)
+class CondensedStiffness:
+    r"""Schur complements :math:`S = K_{bb} - K_{bi} K_{ii}^{-1} K_{ib}`.
+
+    Attributes
+    ----------
+    split : Split
+        The unknowns i inside and b kept.
+    blocks : list of ndarray
+        :math:`S` of every body, N/m.
+    solve : callable
+        Inverse of :math:`K_{ii}` of all bodies.
+    out, back : csr_array
+        :math:`K_{bi}` and :math:`K_{ib}`, N/m.
+    """
+
+    split: Split
+    blocks: list[np.ndarray]
+    solve: Solve
+    out: csr_array
+    back: csr_array
+
+    def reduce(self, force: np.ndarray) -> np.ndarray:
+        """Force on the kept unknowns that a force on all amounts to, N."""
+        inner = self.solve(force[self.split.inside])
+        return np.asarray(force[self.split.edge] - self.out @ inner)
+
+    def expand(self, force: np.ndarray, edge: np.ndarray) -> np.ndarray:
+        """Displacement of all unknowns from that of the kept ones, m."""
+        u = np.empty(force.size)
+        u[self.split.edge] = edge
+        u[self.split.inside] = self.solve(force[self.split.inside] - self.back @ edge)
+        return u
+
+
+def condense(
+    matrix: csr_array, parts: Split, factorise: Callable[[csr_array], Solve]
+) -> CondensedStiffness:
+    """Condense a block-diagonal matrix.
+
+    Parameters
+    ----------
+    matrix : csr_array, shape (n, n)
+        N/m; it need not be symmetric.
+    parts : Split
+    factorise : callable
+        Gives the solve with the matrix of the inside.
+    """
+    rows, edge_rows = matrix[parts.inside], matrix[parts.edge]
+    back, out = csr_array(rows[:, parts.edge]), csr_array(edge_rows[:, parts.inside])
+    own = csr_array(edge_rows[:, parts.edge])
+    solve = factorise(csr_array(rows[:, parts.inside]))
+    inner = _inverse_between(solve, out, back, parts.edge_start)
+    bounds = pairwise(parts.edge_start)
+    blocks = [own[a:b, a:b].toarray() - block for (a, b), block in zip(bounds, inner, strict=True)]
+    return CondensedStiffness(parts, blocks, solve, out, back)
+
+
+def condense_body(
+    stiffness: csr_array, kept: np.ndarray, *, name: str = "the stiffness of the body"
+) -> CondensedStiffness:
+    """Condense the symmetric stiffness of one body onto some unknowns.
+
+    Parameters
+    ----------
+    stiffness : csr_array, shape (n, n)
+        N/m.
+    kept : ndarray of int
+        Unknowns, in the order of the rows of ``blocks[0]``, which is symmetric to the last bit.
+    name : str
+        What the matrix is, for the message.
+
+    Raises
+    ------
+    MultiscaleError
+        If the body can move without force while the kept unknowns are held.
+
+    Examples
+    --------
+    >>> springs = csr_array([[2.0, -1.0, -1.0], [-1.0, 1.0, 0.0], [-1.0, 0.0, 1.0]])
+    >>> condense_body(springs, np.array([1, 2])).blocks[0]
+    array([[ 0.5, -0.5],
+           [-0.5,  0.5]])
+    """
+    inside = np.setdiff1d(np.arange(stiffness.shape[0]), kept)
+    parts = Split(inside, kept, np.array([0, inside.size]), np.array([0, kept.size]))
+    condensed = condense(csr_array(stiffness), parts, partial(factorise, name=name))
+    return replace(condensed, blocks=[_symmetric(block) for block in condensed.blocks])
+
+
+def compliances(
+    solve: Solve, faces: csr_array, start: np.ndarray | None = None
+) -> list[np.ndarray]:
+    r"""Compute the compliance :math:`F_E K_E^{-1} F_E^T` of every body, symmetric to the last bit.
+
+    Parameters
+    ----------
+    solve : callable
+        Inverse of the symmetric stiffness :math:`K` of all bodies side by side, m/N.
+    faces : csr_array, shape (m, n)
+        Observed displacements, :math:`F`; its transpose spreads their forces.
+    start : ndarray of int, shape (bodies + 1,), optional
+        Rows of a body are ``start[E]`` to ``start[E + 1]``; one body if not given.
+    """
+    start = np.array([0, faces.shape[0]]) if start is None else start
+    return [_symmetric(block) for block in _inverse_between(solve, faces, faces.T, start)]
+
+
+def _inverse_between(
+    solve: Solve, rows: csr_array, columns: csr_array, start: np.ndarray
+) -> list[np.ndarray]:
+    """Compute ``rows @ inverse @ columns`` of every body, some right-hand sides at a time."""
+    sizes = np.diff(start)
+    width = int(sizes.max(initial=0))
+    entries = columns.tocoo()
+    place = (np.arange(start[-1]) - np.repeat(start[:-1], sizes))[entries.coords[1]]
+    shape = (columns.shape[0], width)
+    merged = csc_array((entries.data, (entries.coords[0], place)), shape=shape)
+    product = np.empty((rows.shape[0], width))
+    for first in range(0, width, COLUMNS):
+        part = slice(first, first + COLUMNS)
+        product[:, part] = rows @ solve(merged[:, part].toarray())
+    return [product[a:b, : b - a] for a, b in pairwise(start)]
+
+
+def _symmetric(block: np.ndarray) -> np.ndarray:
+    """Symmetric part."""
+    return np.asarray(0.5 * (block + block.T))

@@ -1,0 +1,198 @@
+"""Observations of gaps, areas and spring back in the response of cells."""
+
+from dataclasses import replace
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from multiscale.errors import CaseError
+from multiscale.schema import LOADING, MICRO_RESPONSE, UNLOADING, with_cautions
+from multiscale.upscaling.gap_checks import check_heights, odd_gaps
+from multiscale.upscaling.observations import Observations, error_scale, observe
+
+if TYPE_CHECKING:
+    import xarray as xr
+
+__all__ = [
+    "area_observations",
+    "inherited",
+    "loading_branch",
+    "normal_observations",
+    "unloading_observations",
+    "usable_steps",
+]
+
+_OWN_ATTRIBUTES = frozenset(
+    {"schema", "schema_version", "Conventions", "source", "history", "environment"}
+)
+
+
+def normal_observations(response: "xr.Dataset") -> Observations:
+    """Mean gaps of a response at its rising pressures; what failed is left out.
+
+    Parameters
+    ----------
+    response : Dataset
+        Follows ``MICRO_RESPONSE``; one loading branch.
+
+    Raises
+    ------
+    CaseError
+        If fewer than three pressures are usable, one occurs twice, or the averaged traction
+        contradicts the pressure.
+    """
+    found = _observe_response("gap", response, "mean_gap")
+    told = with_cautions(response, *odd_gaps(response, found))
+    return replace(found, attributes=inherited(told))
+
+
+def area_observations(response: "xr.Dataset") -> Observations:
+    """Contact fractions of a response; see :func:`normal_observations`.
+
+    Raises
+    ------
+    CaseError
+        As there, or if a fraction is not between 0 and 1, or falls with the pressure by more than
+        chance explains.
+    """
+    found = _observe_response("contact_fraction", response, "contact_fraction")
+    a, counted = found.values, found.counted
+    wrong = counted & ~((a >= 0.0) & (a <= 1.0))
+    if np.any(wrong):
+        raise CaseError(
+            f"a contact fraction lies between 0 and 1, got {a[wrong][0]:.3g}; divide an area by "
+            f"the nominal area, and a percentage by 100"
+        )
+    both = counted[:, 1:] & counted[:, :-1]
+    n = both.sum(axis=0)
+    change = np.where(both, np.diff(a, axis=1), 0.0)
+    mean = change.sum(axis=0) / np.maximum(n, 1)
+    spread = np.sqrt(np.sum(np.where(both, change - mean, 0.0) ** 2, axis=0) / np.maximum(n, 1))
+    falls = (n >= 3) & (mean < -5.0 * spread / np.sqrt(np.maximum(n - 1, 1)) - 1e-3)
+    if np.any(falls):
+        j = int(np.argmax(falls))
+        p = found.pressure
+        raise CaseError(
+            f"the contact fraction falls by {-mean[j]:.2g} from {p[j]:.3g} to {p[j + 1]:.3g} Pa in "
+            f"all realisations alike, which no pressing does; check the order of the steps, or "
+            f"select one loading branch"
+        )
+    return found
+
+
+def _observe_response(quantity: str, response: "xr.Dataset", variable: str) -> Observations:
+    """Select usable steps and realisations; pressures rising."""
+    MICRO_RESPONSE.check(response)
+    values = response[variable].to_numpy()
+    counted, pressure = usable_steps(response)
+    total = counted.sum(axis=0)
+    steps = np.flatnonzero((total > 0) & (pressure > 0.0))
+    steps = steps[np.argsort(pressure[steps])]
+    if steps.size < 3:
+        raise CaseError(
+            f"a law needs at least 3 pressures with a converged realisation, found {steps.size} "
+            f"of {values.shape[1]}; solve more steps or look why they failed"
+        )
+    pressure = pressure[steps]
+    if not np.all(np.diff(pressure) > 1e-9 * pressure[1:]):
+        raise CaseError(
+            "a nominal pressure occurs twice in the response; a law is fitted to one loading "
+            "branch, so select its steps first"
+        )
+    kept = counted[:, steps].any(axis=1)
+    y, mask = values[np.ix_(kept, steps)], counted[np.ix_(kept, steps)]
+    mean = np.where(mask, y, 0.0).sum(axis=0) / mask.sum(axis=0)
+    scale = error_scale(quantity, (pressure,), mean)
+    return Observations(quantity, (pressure,), y, mask, scale, inherited(response), steps)
+
+
+def usable_steps(response: "xr.Dataset") -> tuple[np.ndarray, np.ndarray]:
+    """Which steps of which realisations count, and the pressure of every step, Pa.
+
+    Raises
+    ------
+    CaseError
+        If a step that is said to have converged has no value, gaps are out of proportion to the
+        heights, or the averaged traction contradicts the pressure.
+    """
+    own = -response["traction"].sel(component="n").to_numpy()
+    counted = response["converged"].to_numpy() == 1
+    values = {"mean_gap": response["mean_gap"].to_numpy(), "normal traction": own}
+    values["contact_fraction"] = response["contact_fraction"].to_numpy()
+    for name, value in values.items():
+        wrong = np.argwhere(counted & ~np.isfinite(value))
+        if wrong.size:
+            k, j = wrong[0]
+            raise CaseError(
+                f"realisation {k}, step {j}: {name} is {value[k, j]} although converged is 1; "
+                f"set converged to 0 for a step that failed, or solve it again"
+            )
+    check_heights(response, values["mean_gap"], counted)
+    total = counted.sum(axis=0)
+    mean = np.where(counted, own, 0.0).sum(axis=0) / np.maximum(total, 1)
+    if "nominal_pressure" not in response.variables:
+        return counted, mean
+    pressure = np.asarray(response["nominal_pressure"].to_numpy(), dtype=float)
+    wrong = (total > 0) & (np.abs(mean - pressure) > 0.05 * np.abs(pressure))
+    if np.any(wrong):
+        j = int(np.argmax(wrong))
+        raise CaseError(
+            f"the averaged traction of {mean[j]:.3g} Pa contradicts the nominal pressure of "
+            f"{pressure[j]:.3g} Pa at step {j}; both are in Pa, and a pressure is minus the normal "
+            f"traction"
+        )
+    return counted, pressure
+
+
+def loading_branch(response: "xr.Dataset") -> "xr.Dataset":
+    """Return the steps of a response whose pressure was never reached before.
+
+    Parameters
+    ----------
+    response : Dataset
+        Follows ``MICRO_RESPONSE``.
+    """
+    return response.isel(step=np.flatnonzero(response["branch"] == LOADING))
+
+
+def unloading_observations(response: "xr.Dataset") -> Observations:
+    """Spring back of a response that was loaded and unloaded, relative to its largest pressures.
+
+    Parameters
+    ----------
+    response : Dataset
+        Follows ``MICRO_RESPONSE``. Every unloading step belongs to the branch from the loading step
+        before it.
+
+    Raises
+    ------
+    CaseError
+        If no step unloads.
+    """
+    MICRO_RESPONSE.check(response)
+    counted, pressure = usable_steps(response)
+    gap = np.where(counted, response["mean_gap"].to_numpy(), np.nan)
+    branch, steps = response["branch"].to_numpy(), np.arange(pressure.size)
+    top = np.maximum.accumulate(np.where(branch == LOADING, steps, 0))
+    down = np.flatnonzero((branch == UNLOADING) & (pressure > 0.0))
+    if down.size == 0:
+        raise CaseError(
+            "no step of the response unloads, so that nothing is known of unloading; add "
+            "steps at lower pressures after the largest one"
+        )
+    return observe(
+        "recovery",
+        (pressure[down], pressure[top[down]]),
+        gap[:, down] - gap[:, top[down]],
+        **inherited(response),
+    )
+
+
+def inherited(response: "xr.Dataset") -> dict[str, Any]:
+    """Attributes of the response that tell about the surface, as netCDF takes them."""
+    plain = {
+        name: value.item() if isinstance(value, np.number) else value
+        for name, value in response.attrs.items()
+        if name not in _OWN_ATTRIBUTES
+    }
+    return {name: value for name, value in plain.items() if isinstance(value, str | int | float)}
