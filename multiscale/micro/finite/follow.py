@@ -162,7 +162,7 @@ def largest_approach(cell: FiniteCell, refinement: int = 1) -> float:
 
     Parameters
     ----------
-    cell : Cell
+    cell : FiniteCell
         The cell.
     refinement : int
         Divisor of the increments.
