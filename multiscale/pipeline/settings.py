@@ -2,7 +2,7 @@
 
 from typing import ClassVar, Self
 
-from pydantic import model_validator
+from pydantic import Field, model_validator
 
 from multiscale.macro.data_range import FAR_FACTOR
 from multiscale.micro.cell import depth_caution
@@ -29,35 +29,20 @@ POINTS_PER_WAVE = 8  # of the shortest wave of a measured surface, if the case n
 
 
 class Case(Settings):
-    """One question, such as how stiff the joint of two bodies is.
+    """One question, such as how stiff the joint of two bodies is."""
 
-    Parameters
-    ----------
-    title : str
-        Stands in report and tables.
-    elastic : bool
-        Whether a real contact pressure that no metal bears is meant, as that of rubber is.
-    body_1, body_2 : Body
-    cell : CellSettings
-    micro : MicroSettings
-    law : LawSettings
-    joint : JointSettings
-    slide : SlideSettings
-        If given, the bodies also slide over each other.
-    accuracy : AccuracySettings
-        If given, a planner chooses cells, grid and realisations.
-    """
-
-    title: str
-    elastic: bool = False
+    title: str = Field(description="Stands in report and tables.")
+    elastic: bool = Field(False, description="Confirms real contact pressures that no metal bears.")
     body_1: Body
     body_2: Body
     cell: CellSettings
     micro: MicroSettings
     law: LawSettings = LawSettings()
     joint: JointSettings
-    slide: SlideSettings | None = None
-    accuracy: AccuracySettings | None = None
+    slide: SlideSettings | None = Field(None, description="If given, the bodies also slide.")
+    accuracy: AccuracySettings | None = Field(
+        None, description="If given, a planner chooses cells."
+    )
 
     describes: ClassVar[str] = "a joint of two rough bodies"
 
