@@ -12,11 +12,11 @@ import numpy as np
 from multiscale.errors import CaseError, ConvergenceError
 from multiscale.io import open_response
 from multiscale.pipeline.case_budget import joint_scales
-from multiscale.pipeline.case_response import run_micro
 from multiscale.pipeline.forecast import GRIDS, SIZES, CostModel, Estimate, Setting, cheapest
 from multiscale.pipeline.pilots import Pilots, stored_pilots, surface_at_large
 from multiscale.pipeline.rough_bodies import InstrumentSurface
 from multiscale.pipeline.settings import Case
+from multiscale.pipeline.stages.cells import run_micro
 from multiscale.pipeline.stages.joint import solve_joint
 from multiscale.surfaces import Surface, rms_height
 from multiscale.upscaling import (

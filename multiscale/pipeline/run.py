@@ -8,13 +8,12 @@ from typing import TYPE_CHECKING
 
 from multiscale.io import make_folder, open_dataset, write_dataset
 from multiscale.pipeline.case import AnyCase
-from multiscale.pipeline.case_response import write_fields
 from multiscale.pipeline.planner import plan
 from multiscale.pipeline.run_folder import claim_folder
 from multiscale.pipeline.settings import Case
 from multiscale.pipeline.stage import Datasets, Job, Stage
 from multiscale.pipeline.stages import stages_of
-from multiscale.pipeline.stages.cells import CELLS
+from multiscale.pipeline.stages.cells import CELLS, write_fields
 from multiscale.pipeline.stages.fitted_law import FITTED_LAW
 from multiscale.pipeline.stages.joint import JOINT
 from multiscale.pipeline.structure_settings import StructureCase

@@ -98,10 +98,6 @@ def _needs(case: Case) -> Needs:
     return Needs(choices=(slide,), memory=pair.memory)
 
 
-def _lines(found: Datasets) -> list[str]:
-    return describe_sliding(found[SLIDING.name])
-
-
 def _sections(found: Datasets, out: Path) -> Iterator[Section]:
     response = found[SLIDING.name]
     figures = {"sliding": lambda file: draw_sliding(response, file)}
@@ -142,7 +138,7 @@ SLIDING = Stage(
     },
     run=_run,
     needs=_needs,
-    lines=_lines,
+    lines=lambda found: describe_sliding(found[SLIDING_RESPONSE.name]),
     sections=_sections,
     pictures=("sliding",),
 )
