@@ -1,4 +1,7 @@
-"""Figures of the growth of time and memory with the size of a structure."""
+"""Figures of the growth of time and memory with the size of a structure.
+
+``work_precision`` follows ``WORK_PRECISION``, with the number of cables.
+"""
 
 from typing import TYPE_CHECKING
 
@@ -32,8 +35,6 @@ def plot_growth(
 
     Parameters
     ----------
-    work_precision : Dataset
-        Follows ``WORK_PRECISION``, with the number of cables.
     quantity : str
         ``"wall_time"`` or ``"peak_memory"``.
     """
@@ -58,8 +59,7 @@ def plot_growth(
                 markerfacecolor=f"C{i}" if first else "none",
                 label=f"{method}, {scene}{growth(cables[mine], cost[mine])}",
             )
-    ax.set_xscale("log")
-    ax.set_yscale("log")
+    ax.set(xscale="log", yscale="log")
     low, high = ax.get_ylim()
     ax.set_ylim(low, LEGEND_ROOM * high)
     if high < 100.0 * low:  # few decades: label 1, 2 and 5 of each
@@ -75,13 +75,7 @@ def plot_growth(
 
 
 def draw_growth_panels(work_precision: "xr.Dataset") -> "Figure":
-    """Draw time and memory side by side.
-
-    Parameters
-    ----------
-    work_precision : Dataset
-        Follows ``WORK_PRECISION``, with the number of cables.
-    """
+    """Draw time and memory side by side."""
     figure = new_figure(11.0, 5.0)
     for ax, quantity in zip(figure.subplots(1, 2), QUANTITIES, strict=True):
         plot_growth(work_precision, quantity=quantity, ax=ax)

@@ -1,4 +1,4 @@
-"""Figures of bench results: error against run time."""
+"""Figures of bench results, error against run time: they follow ``WORK_PRECISION``."""
 
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -38,8 +38,6 @@ def plot_work_precision(
 
     Parameters
     ----------
-    work_precision : Dataset
-        Follows ``WORK_PRECISION``.
     scene : str, optional
         Scene whose runs are plotted; all scenes if not given.
     error : str
@@ -67,8 +65,7 @@ def plot_work_precision(
                 fontsize=6,
                 color=f"C{k}",
             )
-    ax.set_xscale("log")
-    ax.set_yscale("log")
+    ax.set(xscale="log", yscale="log")
     if ax.get_xlim()[1] > 10.0 * ax.get_xlim()[0]:  # each decade has a label
         ax.xaxis.set_minor_formatter("")
     if f"{error}_uncertainty" in runs and np.isfinite(runs[f"{error}_uncertainty"]).any():
@@ -99,8 +96,6 @@ def plot_history(work_precision: "xr.Dataset", *, scene: str, ax: "Axes | None" 
 
     Parameters
     ----------
-    work_precision : Dataset
-        Follows ``WORK_PRECISION``, with the histories and tolerances.
     scene : str
         Scene whose runs are plotted.
     """
@@ -118,8 +113,7 @@ def plot_history(work_precision: "xr.Dataset", *, scene: str, ax: "Axes | None" 
         face = color if run["converged"] else "white"
         ax.plot(time[-1], error[-1], "o", color=color, markerfacecolor=face)
         ax.axhline(float(run["tolerance"]), color="0.6", linestyle=":", linewidth=0.8)
-    ax.set_xscale("log")
-    ax.set_yscale("log")
+    ax.set(xscale="log", yscale="log")
     ax.set_title(scene, fontsize="medium")
     ax.set(xlabel="time since the start (s)", ylabel="relative error (1)")
     return ax
@@ -130,13 +124,6 @@ def draw_work_precision(work_precision: "xr.Dataset", file: Path) -> Path:
 
     With sizes of structures the panels show the growth of time and memory; with histories each
     scene has a panel; otherwise each scene and each of its errors has a panel.
-
-    Parameters
-    ----------
-    work_precision : Dataset
-        Follows ``WORK_PRECISION``.
-    file : Path
-        The PNG file.
     """
     if "cables" in work_precision:
         figure = draw_growth_panels(work_precision)
