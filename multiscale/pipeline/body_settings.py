@@ -393,8 +393,7 @@ class LapJoint(RoughBodies):
 
     def build(self, laws: Sequence[Sliders]) -> RoughAssembly:
         """Build the plates and their joint."""
-        names = (field.name for field in fields(LapShape))
-        shape = LapShape(**{name: getattr(self, name) for name in names})
+        shape = LapShape(**self.model_dump(include={field.name for field in fields(LapShape)}))
         return lap_joint(shape, self.materials, laws[0])
 
     @property

@@ -20,21 +20,41 @@ from multiscale.pipeline.toml_model import (
 __all__ = [
     "AccuracySettings",
     "CellSettings",
+    "GridSettings",
     "JointSettings",
     "LawSettings",
     "MicroSettings",
-    "Points",
     "SlideSettings",
 ]
 
 Points = Annotated[Count, Field(ge=4, le=8192, multiple_of=2)]
 
 
-class CellSettings(Settings):
-    """The representative surface element."""
+class GridSettings(Settings):
+    """A piece of a surface, and its grid."""
 
     size: tuple[Length, Length] = Field(description="Edge lengths along x and y, m.")
     points: tuple[Points, Points] = Field(description="Grid points along x and y.")
+
+    @property
+    def spacing(self) -> float:
+        """Largest distance of neighbouring points, m."""
+        return max(edge / n for edge, n in zip(self.size, self.points, strict=True))
+
+    @property
+    def scope(self) -> str:
+        """What belongs to one run folder, in a few words."""
+        return f"{self.points[0]} x {self.points[1]} points"
+
+    def quick(self) -> Self:
+        """Return the same piece on a coarser grid."""
+        points = tuple(max(4, 2 * ((n + 2) // 4)) for n in self.points)
+        return self.model_copy(update={"points": points})
+
+
+class CellSettings(GridSettings):
+    """The representative surface element."""
+
     depth: Length | None = Field(None, description="Of the layer, m; the longer edge if not given.")
     layers: Count = Field(12, ge=2, le=1000, description="Layers of elements over the depth.")
     geometry: Literal["conforming", "flat"] = Field(

@@ -5,7 +5,7 @@ from functools import partial
 from itertools import pairwise
 from math import inf, isfinite
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, ClassVar, Literal, Self
+from typing import TYPE_CHECKING, Annotated, Any, ClassVar, Literal, Self
 
 from pydantic import BeforeValidator, Field, PlainSerializer, field_validator, model_validator
 
@@ -128,16 +128,8 @@ class TensegrityGrid(Links):
 
     def build(self) -> LinkSystem:
         """Build the grid."""
-        return tensegrity_grid(
-            self.n,
-            self.m,
-            cable=Cable(self.cable_rigidity),
-            bar=Bar(self.bar_rigidity),
-            prestress=self.prestress,
-            size=self.size,
-            height=self.height,
-            nodal_load=self.nodal_load,
-        )
+        same = self.model_dump(include={"n", "m", "prestress", "size", "height", "nodal_load"})
+        return tensegrity_grid(cable=Cable(self.cable_rigidity), bar=Bar(self.bar_rigidity), **same)
 
     def quick(self, case: "StructureCase") -> Self:
         """Return a grid of at most 4 x 4 modules.
@@ -164,15 +156,8 @@ class CableNet(Links):
 
     def build(self) -> LinkSystem:
         """Build the net."""
-        return cable_net(
-            self.n,
-            self.m,
-            cable=Cable(self.cable_rigidity),
-            mesh=self.mesh,
-            rise=self.rise,
-            prestress=self.prestress,
-            nodal_load=self.nodal_load,
-        )
+        same = self.model_dump(include={"n", "m", "mesh", "rise", "prestress", "nodal_load"})
+        return cable_net(cable=Cable(self.cable_rigidity), **same)
 
     def quick(self, case: "StructureCase") -> Self:
         """Return a net of at most 4 x 4 meshes."""
@@ -196,6 +181,13 @@ class LinkLawSettings(Settings):
 Laws = Annotated[dict[str, LinkLawSettings], Field(min_length=1)]
 
 
+def _check_self_stress(given: Any) -> Any:
+    """Refuse a self-stress of unknown size, and a size of none."""
+    if given.self_stress != (given.prestress is not None):
+        raise ValueError("give both self_stress = true and prestress, or neither")
+    return given
+
+
 class LinkTable(Links):
     """Two CSV files in SI units; see :func:`multiscale.macro.system_from_table`."""
 
@@ -212,10 +204,7 @@ class LinkTable(Links):
         None, description="Largest force in a link at load factor zero, N; with `self_stress`."
     )
 
-    @model_validator(mode="after")
-    def _check(self) -> Self:
-        _check_self_stress(self.self_stress, self.prestress)
-        return self
+    _check = model_validator(mode="after")(_check_self_stress)
 
     def build(self) -> LinkSystem:
         """Build the structure of the tables."""
@@ -236,10 +225,7 @@ class LinkMesh(Links):
     self_stress: bool = Field(False, description="As for two tables.")
     prestress: Size | None = Field(None, description="As for two tables, N.")
 
-    @model_validator(mode="after")
-    def _check(self) -> Self:
-        _check_self_stress(self.self_stress, self.prestress)
-        return self
+    _check = model_validator(mode="after")(_check_self_stress)
 
     def build(self) -> LinkSystem:
         """Build the structure of the mesh."""
@@ -294,21 +280,12 @@ class Dynamics(TimeSteps):
 
 
 def _few(n: int, m: int | None) -> tuple[int, int | None]:
-    """Modules or meshes each way, at most four."""
     return min(QUICK, n), None if m is None else min(QUICK, m)
 
 
 def _laws(given: dict[str, LinkLawSettings]) -> dict[str, LinkLaw]:
-    """Make the laws by name."""
     return {name: law.build() for name, law in given.items()}
 
 
-def _check_self_stress(asked: bool, prestress: float | None) -> None:
-    """Refuse a self-stress of unknown size, and a size of none."""
-    if asked != (prestress is not None):
-        raise ValueError("give both self_stress = true and prestress, or neither")
-
-
 def _stressed(system: LinkSystem, prestress: float | None) -> LinkSystem:
-    """Add the state of self-stress that is asked for."""
     return system if prestress is None else prestress_by_itself(system, prestress)

@@ -143,12 +143,11 @@ class Case(Settings):
 
     def quick(self) -> Self:
         """Return the same case on a coarser grid with fewer realisations, and without a target."""
-        points = tuple(max(4, 2 * ((n + 2) // 4)) for n in self.cell.points)
         micro = self.micro.model_copy(update={"realisations": min(4, self.micro.realisations)})
         return self.model_copy(
             update={
                 "title": f"{self.title} (quick)",
-                "cell": self.cell.model_copy(update={"points": points}),
+                "cell": self.cell.quick(),
                 "micro": micro,
                 "law": self.law.model_copy(update={"samples": min(40, self.law.samples)}),
                 "slide": self.slide and self.slide.quick(self.cell, self.micro),
@@ -158,10 +157,7 @@ class Case(Settings):
 
     def cautions(self) -> list[str]:
         """Return what a user should know before trusting the results, one sentence each."""
-        found = []
-        spacing = max(
-            length / n for length, n in zip(self.cell.size, self.cell.points, strict=True)
-        )
+        found, spacing = [], self.cell.spacing
         for number, body in enumerate(self.bodies, start=1):
             cutoff = body.surface.short_cutoff if body.surface else None
             if cutoff is not None and cutoff < 0.99 * POINTS_PER_WAVE * spacing:
@@ -189,7 +185,7 @@ class Case(Settings):
     @property
     def scope(self) -> str:
         """What belongs to one run folder, in a few words."""
-        return f"{self.cell.points[0]} x {self.cell.points[1]} points"
+        return self.cell.scope
 
     def identity(self) -> str:
         """Checksum of everything that a realisation depends on, instrument files included."""

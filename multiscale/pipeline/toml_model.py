@@ -153,18 +153,9 @@ def read_toml(path: Path) -> dict[str, Any]:
 
 
 def validate(model: type[Model], content: dict[str, Any], path: Path, kinds: Kinds) -> Model:
-    """Turn the content of a file into settings.
+    """Turn the content of a file into settings; messages name its path.
 
-    Parameters
-    ----------
-    model : type
-        Of the whole file.
-    content : dict
-        What the file says.
-    path : Path
-        Named in messages.
-    kinds : mapping of str to type
-        The models behind the tags of tables that come in several kinds.
+    ``kinds`` are the models behind the tags of tables that come in several kinds.
 
     Raises
     ------
@@ -218,7 +209,6 @@ def _locate(
 
 
 def _model_in(annotation: Any) -> type[BaseModel] | None:
-    """Return the first model that an annotation names."""
     if isinstance(annotation, type) and issubclass(annotation, BaseModel):
         return annotation
     found = (_model_in(part) for part in get_args(annotation))
@@ -243,7 +233,6 @@ MESSAGES: dict[str, Callable[[Any], str]] = {
 
 
 def _message(fault: Any) -> str:
-    """Say what is wrong with a value."""
     if fault["type"] in MESSAGES:
         return MESSAGES[fault["type"]](fault)
     if fault["type"] == "too_long" and isinstance(fault["input"], list):

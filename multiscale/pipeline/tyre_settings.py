@@ -7,7 +7,7 @@ from pydantic import Field, field_validator, model_validator
 
 from multiscale.laws import wlf_shift
 from multiscale.micro.viscoelastic_sliding import RelaxingSolid
-from multiscale.pipeline.case_tables import Points
+from multiscale.pipeline.case_tables import GridSettings
 from multiscale.pipeline.rough_bodies import SyntheticSurface
 from multiscale.pipeline.settings import FEWEST_REALISATIONS, POINTS_PER_WAVE
 from multiscale.pipeline.toml_model import (
@@ -69,11 +69,8 @@ class Rubber(Settings):
         return wlf_shift(temperature, self.reference_temperature, self.wlf_c1, self.wlf_c2)
 
 
-class RoadCell(Settings):
+class RoadCell(GridSettings):
     """The representative piece of road."""
-
-    size: tuple[Length, Length] = Field(description="Edge lengths along x and y, m.")
-    points: tuple[Points, Points] = Field(description="Grid points along x and y.")
 
 
 class Slides(Settings):
@@ -145,12 +142,11 @@ class TyreCase(Settings):
 
     def quick(self) -> Self:
         """Return the same case on a coarser grid with fewer realisations."""
-        points = tuple(max(4, 2 * ((n + 2) // 4)) for n in self.cell.points)
         fewer = {"realisations": min(4, self.sliding.realisations)}
         return self.model_copy(
             update={
                 "title": f"{self.title} (quick)",
-                "cell": self.cell.model_copy(update={"points": points}),
+                "cell": self.cell.quick(),
                 "sliding": self.sliding.model_copy(update=fewer),
                 "law": self.law.model_copy(update={"samples": min(80, self.law.samples)}),
                 "tread": self.tread.model_copy(update={"elements": (6, 4, 2)}),
@@ -159,10 +155,7 @@ class TyreCase(Settings):
 
     def cautions(self) -> list[str]:
         """Return what a user should know before trusting the results, one sentence each."""
-        found = []
-        spacing = max(
-            length / n for length, n in zip(self.cell.size, self.cell.points, strict=True)
-        )
+        found, spacing = [], self.cell.spacing
         if self.road.short_cutoff < 0.99 * POINTS_PER_WAVE * spacing:
             found.append(
                 f"the shortest wave of the road has {self.road.short_cutoff / spacing:.1f} points; "
@@ -181,7 +174,7 @@ class TyreCase(Settings):
     @property
     def scope(self) -> str:
         """What belongs to one run folder, in a few words."""
-        return f"{self.cell.points[0]} x {self.cell.points[1]} points"
+        return self.cell.scope
 
     def identity(self) -> str:
         """Checksum of everything that a realisation depends on."""

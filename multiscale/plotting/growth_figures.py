@@ -44,7 +44,6 @@ def plot_growth(
     label, factor = QUANTITIES[quantity]
     runs = work_precision.isel(run=np.flatnonzero(work_precision["converged"].values))
     methods, scenes = (list(dict.fromkeys(runs[name].values)) for name in ("method", "scene"))
-    growth = _slope if quantity == "wall_time" else _per_cable
     cables, cost = runs["cables"].values, runs[quantity].values
     for i, method in enumerate(methods):
         for scene in scenes:
@@ -57,7 +56,7 @@ def plot_growth(
                 color=f"C{i}",
                 markersize=5 if first else 8,
                 markerfacecolor=f"C{i}" if first else "none",
-                label=f"{method}, {scene}{growth(cables[mine], cost[mine])}",
+                label=f"{method}, {scene}{_growth(quantity, cables[mine], cost[mine])}",
             )
     ax.set(xscale="log", yscale="log")
     low, high = ax.get_ylim()
@@ -82,21 +81,15 @@ def draw_growth_panels(work_precision: "xr.Dataset") -> "Figure":
     return figure
 
 
-def _slope(cables: np.ndarray, cost: np.ndarray) -> str:
-    """Slope between the two largest structures; empty for fewer structures."""
+def _growth(quantity: str, cables: np.ndarray, cost: np.ndarray) -> str:
+    """Slope of time, or memory per cable, between the two largest structures; empty for fewer."""
     if cables.size < 2:
         return ""
     last = np.argsort(cables)[-2:]
-    rise, run = (np.diff(np.log(values[last]))[0] for values in (cost, cables))
-    return f": slope {rise / run:.2f}"
-
-
-def _per_cable(cables: np.ndarray, memory: np.ndarray) -> str:
-    """Memory per cable between the two largest structures; empty for fewer structures."""
-    if cables.size < 2:
-        return ""
-    last = np.argsort(cables)[-2:]
-    rise, run = (np.diff(values[last])[0] for values in (memory, cables))
+    if quantity == "wall_time":
+        rise, run = (np.diff(np.log(values[last]))[0] for values in (cost, cables))
+        return f": slope {rise / run:.2f}"
+    rise, run = (np.diff(values[last])[0] for values in (cost, cables))
     return f": {1e-3 * rise / run:.2g} kB per cable"
 
 

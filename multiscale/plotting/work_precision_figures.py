@@ -12,7 +12,6 @@ if TYPE_CHECKING:
     import xarray as xr
     from matplotlib.artist import Artist
     from matplotlib.axes import Axes
-    from matplotlib.figure import Figure
 
 __all__ = ["draw_work_precision", "plot_history", "plot_work_precision"]
 
@@ -123,33 +122,21 @@ def draw_work_precision(work_precision: "xr.Dataset", file: Path) -> Path:
     """Draw bench results into a PNG file.
 
     With sizes of structures the panels show the growth of time and memory; with histories each
-    scene has a panel; otherwise each scene and each of its errors has a panel.
+    scene has a panel, in rows of three; otherwise scenes stand side by side, errors below each
+    other.
     """
     if "cables" in work_precision:
-        figure = draw_growth_panels(work_precision)
-    elif "history_error" in work_precision:
-        figure = _history_panels(work_precision)
-    else:
-        figure = _error_panels(work_precision)
-    return save_figure(figure, file)
-
-
-def _error_panels(work_precision: "xr.Dataset") -> "Figure":
-    """Draw scenes side by side and errors below each other."""
+        return save_figure(draw_growth_panels(work_precision), file)
     scenes = list(dict.fromkeys(work_precision["scene"].values))
-    errors = [name for name in ("error", "contact_error") if name in work_precision]
-    figure = new_figure(4.6 * len(scenes), 3.6 * len(errors))
-    panels = figure.subplots(len(errors), len(scenes), squeeze=False)
-    for row, error in zip(panels, errors, strict=True):
-        for ax, scene in zip(row, scenes, strict=True):
-            plot_work_precision(work_precision, scene=scene, error=error, ax=ax)
-    panels[0, 0].legend(fontsize=7)
-    return figure
-
-
-def _history_panels(work_precision: "xr.Dataset") -> "Figure":
-    """Draw scenes in rows of three with a common legend."""
-    scenes = list(dict.fromkeys(work_precision["scene"].values))
+    if "history_error" not in work_precision:
+        errors = [name for name in ("error", "contact_error") if name in work_precision]
+        figure = new_figure(4.6 * len(scenes), 3.6 * len(errors))
+        panels = figure.subplots(len(errors), len(scenes), squeeze=False)
+        for row, error in zip(panels, errors, strict=True):
+            for ax, scene in zip(row, scenes, strict=True):
+                plot_work_precision(work_precision, scene=scene, error=error, ax=ax)
+        panels[0, 0].legend(fontsize=7)
+        return save_figure(figure, file)
     rows = -(-len(scenes) // 3)
     figure = new_figure(13.8, 3.4 * rows + 0.6)
     panels = figure.subplots(rows, 3, squeeze=False).ravel()
@@ -167,4 +154,4 @@ def _history_panels(work_precision: "xr.Dataset") -> "Figure":
         ncols=6,
         title="filled: converged; open: not converged; dotted: tolerance",
     )
-    return figure
+    return save_figure(figure, file)

@@ -110,7 +110,6 @@ def solve_treads(case: TyreCase, response: "xr.Dataset", law: "xr.Dataset") -> "
 
 
 def _condense(case: TyreCase, elements: tuple[int, ...]) -> CondensedTread:
-    """Condense the tread block on so many elements."""
     block, (nx, ny, nz) = case.tread, elements
     size = (block.length, block.width, block.height)
     rubber = case.rubber
@@ -163,7 +162,6 @@ def _needs(case: TyreCase) -> Needs:
 
 
 def _check(result: "xr.Dataset") -> None:
-    """Refuse a tread block that brakes nowhere."""
     if not result["converged"].values.any():
         raise ConvergenceError(
             f"the tread block did not converge at any speed and temperature:\n"
@@ -214,7 +212,6 @@ def braking_answer(result: "xr.Dataset") -> list[str]:
 
 
 def _hardest(result: "xr.Dataset") -> "xr.Dataset":
-    """Step of the largest force."""
     return result.isel(step=int(np.nanargmax(result["braking_force"].values)))
 
 

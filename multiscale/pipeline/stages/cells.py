@@ -71,10 +71,8 @@ def run_micro(
     case : Case
     file : Path
         Gets the response; cells go to the folder ``micro`` beside it, fields to ``fields``.
-    executor : Executor, optional
-        See :func:`multiscale.micro.run_ensemble`.
-    progress : callable
-        Gets the number of finished realisations.
+    executor, progress
+        As of :func:`~multiscale.pipeline.run`.
     fields : bool
         Whether to write the fields of the first realisation beside the file, too.
 
@@ -130,13 +128,7 @@ def run_micro(
 def write_fields(case: Case, cells: Path, out: Path) -> None:
     """Write the surface fields of realisation 0, as dataset and for ParaView.
 
-    Parameters
-    ----------
-    case : Case
-    cells : Path
-        Folder with the folder ``micro`` of the cells.
-    out : Path
-        Folder that gets ``fields``.
+    They are read from the folder ``micro`` in ``cells`` and go to the folder ``fields`` in ``out``.
     """
     file = cells / "micro" / "realisation-0000.nc"
     local = open_dataset(file, MICRO_RESPONSE).isel(realisation=0)
@@ -229,13 +221,7 @@ def _needs(case: Case) -> Needs:
 
 
 def tabulate_roughness(response: "xr.Dataset") -> tuple[tuple[str, ...], list[tuple[str, ...]]]:
-    """Return head and rows of text: each measured body as map, windows and cells; none if none.
-
-    Parameters
-    ----------
-    response : Dataset
-        Follows ``MICRO_RESPONSE``.
-    """
+    """Return head and rows of text: each measured body as map, windows and cells; none if none."""
     rows: list[tuple[str, ...]] = []
     for body in response["body"].values if "body" in response.dims else ():
         one = response.sel(body=body)

@@ -139,7 +139,6 @@ def _needs(case: Case) -> Needs:
 
 
 def _check(result: "xr.Dataset") -> None:
-    """Refuse a joint that is nowhere known."""
     if not result["converged"].values.any():
         raise ConvergenceError(
             f"the joint did not converge at any of {result.sizes['step']} preloads: "
@@ -157,7 +156,6 @@ def _lines(found: Datasets) -> Iterator[str]:
 
 
 def _decisions(result: "xr.Dataset") -> list[str]:
-    """Say what a planner has decided, if there was one."""
     return str(result.attrs.get("plan", "")).splitlines()
 
 

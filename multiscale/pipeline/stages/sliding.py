@@ -62,7 +62,6 @@ def pair_of(case: Case, slide: SlideSettings, lower: Surface, upper: Surface) ->
 
 
 def _run(case: Case, found: Datasets, job: Job) -> "xr.Dataset":
-    """Slide body 2 over body 1."""
     slide = case.slide
     assert slide is not None  # its table asks for the stage
     response = slide_cell(
@@ -79,7 +78,6 @@ def _run(case: Case, found: Datasets, job: Job) -> "xr.Dataset":
 
 
 def _law(body: Body) -> NeoHookean | J2:
-    """Law of a body at large strain."""
     if body.yield_stress is None:
         return NeoHookean(body.youngs_modulus, body.poissons_ratio)
     return J2(
