@@ -266,9 +266,7 @@ class Dynamics(TimeSteps):
     theta: Number = Field(
         1.0, ge=0.5, le=1.0, description="1/2 (no numerical damping) to 1 (fully implicit)."
     )
-    restitution: Share = Field(
-        0.0, description="Of the speed, of inextensible links that run taut."
-    )
+    restitution: Share = Field(0.0, description="Share of speed that inextensible links give back.")
 
     @field_validator("load_history")
     @classmethod
