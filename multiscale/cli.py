@@ -29,6 +29,9 @@ JobsOption = Annotated[
 DaskOption = Annotated[
     str | None, typer.Option(help="Address of a dask scheduler, for workers on other machines.")
 ]
+ExplainOption = Annotated[
+    bool, typer.Option("--explain", help="Print what the case needs, and stop.")
+]
 QuickOption = Annotated[bool, typer.Option("--quick", help="Coarser grid, fewer realisations.")]
 
 
@@ -42,9 +45,7 @@ def run_command(
         bool, typer.Option("--resume", help="Go on with a run that was begun in the folder.")
     ] = False,
     dask: DaskOption = None,
-    explain: Annotated[
-        bool, typer.Option("--explain", help="Print what the case needs, and stop.")
-    ] = False,
+    explain: ExplainOption = False,
 ) -> None:
     """Run all stages of a case, such as surface, cells, interface law and joint; or a sweep."""
     from multiscale.io import logging_to, make_folder
@@ -79,8 +80,7 @@ def run_command(
     draw_figures(out)
     write_report(out)
     finished = open_finished(out)
-    for caution in finished.cautions:
-        typer.echo(f"caution: {caution}", err=True)
+    _warn(finished.cautions)
     for line in finished.lines():
         typer.echo(line)
     if one:
@@ -113,8 +113,7 @@ def micro_command(
         _progress(settings.micro.realisations, "realisations") as progress,
     ):
         response = run_micro(settings, out, executor=executor, progress=progress)
-    for caution in str(response.attrs["cautions"]).splitlines():
-        typer.echo(f"caution: {caution}", err=True)
+    _warn(response.attrs["cautions"].splitlines())
     typer.echo(response.attrs["behaviour"])
 
 
@@ -135,8 +134,7 @@ def fit_command(
     _check_dataset(out)
     law = fit_branches(open_response(response), family=family)
     save_law(law, out)
-    for caution in law.attrs["cautions"].splitlines():
-        typer.echo(f"caution: {caution}", err=True)
+    _warn(law.attrs["cautions"].splitlines())
 
 
 @app.command("macro")
@@ -151,9 +149,7 @@ def macro_command(
     law: Annotated[
         Path | None, typer.Option("--law", help="Interface law of rough joints.")
     ] = None,
-    explain: Annotated[
-        bool, typer.Option("--explain", help="Print what the case needs, and stop.")
-    ] = False,
+    explain: ExplainOption = False,
 ) -> None:
     """Solve a structure: bars and cables, a plate, bodies with rough joints, or grains.
 
@@ -174,8 +170,7 @@ def macro_command(
     result = run_macro(settings, out, law=law, team=team)
     if team.rank:  # the first process speaks for all
         return
-    for caution in result.attrs.get("cautions", "").splitlines():
-        typer.echo(f"caution: {caution}", err=True)
+    _warn(result.attrs.get("cautions", "").splitlines())
     stage, *more = stages_of(settings.tables)
     for line in stage.lines({stage.name: result}):
         typer.echo(line)
@@ -222,8 +217,7 @@ def bench_command(
         file = out / f"{name}.nc"
         write_dataset(found, file, WORK_PRECISION)
         draw_work_precision(found, file.with_suffix(".png"))
-        for caution in found.attrs["cautions"].splitlines():
-            typer.echo(f"caution: {caution}", err=True)
+        _warn(found.attrs["cautions"].splitlines())
         _print_table(found.attrs["title"], *tabulate(found))
         typer.echo(f"dataset and figure: {file}, {file.with_suffix('.png')}")
     joined = join_families(measured)
@@ -294,6 +288,11 @@ def _progress(total: int, what: str, shown: bool = True) -> Iterator[Callable[[i
         yield lambda finished: bar.update(task, completed=finished)
 
 
+def _warn(cautions: Sequence[str]) -> None:
+    for caution in cautions:
+        typer.echo(f"caution: {caution}", err=True)
+
+
 def _check_dataset(out: Path) -> None:
     """Refuse a file for a dataset before anything is computed."""
     from multiscale.io import try_to_write
@@ -315,7 +314,6 @@ def _choose(families: list[str] | None, known: Sequence[str]) -> Sequence[str]:
 
 
 def _duration(seconds: float) -> str:
-    """Round a time for reading."""
     if seconds < 90.0:
         return f"{seconds:.0f} s"
     return f"{seconds / 60.0:.0f} min" if seconds < 5400.0 else f"{seconds / 3600.0:.1f} h"
@@ -332,12 +330,12 @@ def main() -> None:
     """Run the command line; a refused input is one sentence and exit status 1."""
     try:
         app()
+        return
     except MultiscaleError as error:
-        typer.echo(f"multiscale: {error}", err=True)
-        raise SystemExit(1) from None
+        said = str(error)
     except MemoryError as error:
-        typer.echo(f"multiscale: not enough memory ({error}); use fewer points or jobs", err=True)
-        raise SystemExit(1) from None
+        said = f"not enough memory ({error}); use fewer points or jobs"
     except OSError as error:  # of standard output, for instance
-        typer.echo(f"multiscale: {error}; free some space or look at the permissions", err=True)
-        raise SystemExit(1) from None
+        said = f"{error}; free some space or look at the permissions"
+    typer.echo(f"multiscale: {said}", err=True)
+    raise SystemExit(1)

@@ -2,7 +2,6 @@
 
 from multiscale.pipeline.case import find_case, load_case, load_case_of
 from multiscale.pipeline.case_cells import make_cells
-from multiscale.pipeline.case_response import run_micro
 from multiscale.pipeline.concurrent import CellLaw
 from multiscale.pipeline.end_to_end import EndToEndCase, end_to_end
 from multiscale.pipeline.planner import Plan, plan
@@ -16,6 +15,7 @@ from multiscale.pipeline.rough_structure import (
 )
 from multiscale.pipeline.run import Results, run, run_macro
 from multiscale.pipeline.settings import Case
+from multiscale.pipeline.stages.cells import run_micro
 from multiscale.pipeline.structure_settings import StructureCase
 from multiscale.pipeline.sweep import Sweep, load_sweep, run_sweep
 from multiscale.pipeline.sweep_points import name_point

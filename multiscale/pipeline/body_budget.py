@@ -93,12 +93,7 @@ def with_joint_budget(
 def with_contact(result: "xr.Dataset", law: "xr.Dataset") -> "xr.Dataset":
     """Return the result of a scene with its real contact, and what is told of the cells.
 
-    Parameters
-    ----------
-    result : Dataset
-        Follows ``MACRO_RESULT``; joints at their preloads, then in cycles.
-    law : Dataset
-        Follows ``INTERFACE_LAW``; if it has no contact area, nothing is known of it.
+    As of :func:`with_joint_budget`; if the law has no contact area, nothing is known of it.
     """
     facts, area = behaviour(law), result["point_area"].to_numpy()
     if "cell_size" in law.attrs:

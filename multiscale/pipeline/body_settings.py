@@ -18,7 +18,18 @@ from multiscale.macro import Body, LatinMethod
 from multiscale.macro.bodies import Assembly, LapShape, lap_joint, stacked_blocks
 from multiscale.macro.substructures import CutProblem, JointLoading, cut_assembly
 from multiscale.pipeline.structure_kind import StructureKind
-from multiscale.pipeline.toml_model import Count, Length, Number, Pressure, Settings
+from multiscale.pipeline.toml_model import (
+    Count,
+    Factor,
+    Length,
+    Natural,
+    Number,
+    Positive,
+    Pressure,
+    Ratio,
+    Settings,
+    Tolerance,
+)
 from multiscale.schema import RVE_STIFFNESS
 from multiscale.upscaling import law_from_dataset
 
@@ -51,37 +62,25 @@ SLABS, FEW_SLABS = 48, 8
 """Slabs of the law of a joint under cycles, whose loss is a small difference, and of one that is
 only pressed: their shear errs by up to .5 and 8 % of the friction limit; see :class:`Sliders`."""
 
-Positive = Annotated[Count, Field(ge=1)]
 Edges = tuple[Length, Length, Length]
 Elements = tuple[Positive, Positive, Positive]
-Ratio = Annotated[Number, Field(ge=0.0, le=0.4999)]
 Damage = Annotated[Number, Field(ge=0.0, lt=1.0)]
 
 
 class Substructures(Settings):
-    """The cut, and the solver of the parts; see :func:`multiscale.macro.solve_latin`.
+    """The cut, and the solver of the parts; see :func:`multiscale.macro.solve_latin`."""
 
-    Parameters
-    ----------
-    parts : two whole numbers
-        Substructures along x and y, of every body if there are several.
-    coarse : bool
-        Whether a coarse problem balances the resultants of the interfaces.
-    tolerance : number
-        Relative residual at which a step is solved.
-    max_iterations : int
-        Largest number of iterations of a step.
-    homogenise : bool
-        Whether to write the stiffness of every substructure against the resultants of its
-        interfaces, before and after slackening, into ``NAME-homogenised.nc``; see
-        :func:`multiscale.macro.homogenise`.
-    """
-
-    parts: tuple[Positive, Positive] = (1, 1)
-    coarse: bool = True
-    tolerance: Annotated[Number, Field(gt=0.0, lt=1.0)] = 1e-8
-    max_iterations: Positive = 400
-    homogenise: bool = False
+    parts: tuple[Positive, Positive] = Field((1, 1), description="Along x and y, of every body.")
+    coarse: bool = Field(
+        True, description="Whether a coarse problem balances interface resultants."
+    )
+    tolerance: Tolerance = Field(1e-8, description="Relative residual of a solved step.")
+    max_iterations: Positive = Field(400, description="Largest number of iterations of a step.")
+    homogenise: bool = Field(
+        False,
+        description="Writes the stiffness of substructures against their interface resultants, "
+        "before and after slackening, to `NAME-homogenised.nc`; see `multiscale.macro.homogenise`.",
+    )
 
     @property
     def count(self) -> int:
@@ -102,30 +101,21 @@ class Substructures(Settings):
 
 
 class JointLawSettings(Settings):
-    """The law of the joints: a fitted normal law with friction.
+    """The law of the joints: a fitted normal law with friction."""
 
-    Parameters
-    ----------
-    law : path
-        What ``multiscale run`` or ``multiscale fit`` has written; relative to the scene file. Not
-        needed if the command names one.
-    friction : number
-        Coefficient of Coulomb's law.
-    stiffness_ratio : number
-        Tangential over normal stiffness, of springs that slip one after the other.
-    damage : list of numbers
-        Of every joint, from below: it carries 1 - D times what the law says. All are sound if not
-        given.
-    extrapolate : bool
-        Whether answers stand where more than 5 % of the load of a joint lies beyond a factor of 2
-        outside the pressures of the law; they are unknown otherwise.
-    """
-
-    law: Path | None = None
-    friction: Annotated[Number, Field(ge=0.0)]
-    stiffness_ratio: Annotated[Number, Field(gt=0.0)] = 0.8
-    damage: tuple[Damage, ...] = ()
-    extrapolate: bool = False
+    law: Path | None = Field(None, description="Written by a run or fit, or named by the command.")
+    friction: Factor = Field(description="Coefficient of Coulomb's law.")
+    stiffness_ratio: Number = Field(
+        0.8, gt=0.0, description="Tangential over normal stiffness, of springs slipping in turn."
+    )
+    damage: tuple[Damage, ...] = Field(
+        (), description="Of joints from below: each carries 1 - D of the law; sound if not given."
+    )
+    extrapolate: bool = Field(
+        False,
+        description="Whether answers stand where more than 5 % of the load of a joint lies beyond "
+        "a factor of 2 outside the pressures of the law; they are unknown otherwise.",
+    )
 
     def open(self) -> "xr.Dataset":
         """Open the normal law.
@@ -157,24 +147,14 @@ class JointLawSettings(Settings):
 
 
 class Loading(Settings):
-    """Preloads, then cycles; see :class:`multiscale.macro.substructures.JointLoading`.
+    """Preloads, then cycles; see :class:`multiscale.macro.substructures.JointLoading`."""
 
-    Parameters
-    ----------
-    preloads : list of quantities
-        Pressures on the pressed face, Pa; the last stays during the cycles.
-    shear : quantity
-        Amplitude of the tangential traction on the sheared face, Pa.
-    cycles : int
-        Closed cycles after the first loading.
-    steps : int
-        Load steps from zero to the amplitude.
-    """
-
-    preloads: Annotated[tuple[Pressure, ...], Field(min_length=1)]
-    shear: Pressure | None = None
-    cycles: Annotated[Count, Field(ge=0)] = 0
-    steps: Positive = 10
+    preloads: tuple[Pressure, ...] = Field(
+        min_length=1, description="On the pressed face, Pa; the last stays during the cycles."
+    )
+    shear: Pressure | None = Field(None, description="Amplitude on the sheared face, Pa.")
+    cycles: Natural = Field(0, description="Closed cycles after the first loading.")
+    steps: Positive = Field(10, description="Load steps from zero to the amplitude.")
 
     @model_validator(mode="after")
     def _check(self) -> Self:
@@ -280,32 +260,18 @@ class RoughBodies(StructureKind):
 
 
 class Plate(StructureKind):
-    """An elastic plate, clamped on its left and right edges, under an even pressure on its top.
-
-    Parameters
-    ----------
-    size : three quantities
-        Lengths along x, y and z, m.
-    elements : three whole numbers
-        Hexahedra along x, y and z.
-    youngs_modulus : quantity
-        Young's modulus, Pa.
-    poissons_ratio : number
-        Poisson's ratio.
-    pressure : quantity
-        Downwards on its top at load factor one, Pa.
-    """
+    """An elastic plate, clamped on its left and right edges, under an even pressure on its top."""
 
     stage: ClassVar[str] = "plate"
     asks: ClassVar[tuple[tuple[str, ...], ...]] = (("statics",),)
     may_be_cut: ClassVar[bool] = True
 
     kind: Literal["plate"]
-    size: Edges
-    elements: Elements
-    youngs_modulus: Pressure
-    poissons_ratio: Ratio
-    pressure: Pressure
+    size: Edges = Field(description="Lengths along x, y and z, m.")
+    elements: Elements = Field(description="Hexahedra along x, y and z.")
+    youngs_modulus: Pressure = Field(description="Young's modulus, Pa.")
+    poissons_ratio: Ratio = Field(description="Poisson's ratio.")
+    pressure: Pressure = Field(description="Downwards on its top at load factor one, Pa.")
 
     def build(self) -> Assembly:
         """Clamp the plate and load it."""
@@ -339,36 +305,20 @@ class Plate(StructureKind):
 
 
 class StackedBlocks(RoughBodies):
-    """Equal blocks with rough joints; see :func:`multiscale.macro.bodies.stacked_blocks`.
-
-    Parameters
-    ----------
-    size : three quantities
-        Lengths of a block along x, y and z, m.
-    elements : three whole numbers
-        Hexahedra of a block along x, y and z.
-    blocks : int
-        Number of blocks, one on the other.
-    youngs_modulus : quantity
-        Young's modulus, Pa.
-    poissons_ratio : number
-        Poisson's ratio.
-    damage : list of numbers
-        Of every block, from below: its stiffness is that of the sound one times 1 - D. All are
-        sound if not given.
-    stiffness : path
-        An ``rve_stiffness`` dataset, relative to the scene file: sound blocks have its whole
-        tensor in place of both moduli.
-    """
+    """Equal blocks with rough joints; see :func:`multiscale.macro.bodies.stacked_blocks`."""
 
     kind: Literal["stacked_blocks"]
-    size: Edges
-    elements: Elements
-    blocks: Annotated[Count, Field(ge=2)] = 2
-    youngs_modulus: Pressure
-    poissons_ratio: Ratio
-    damage: tuple[Damage, ...] = ()
-    stiffness: Path | None = None
+    size: Edges = Field(description="Lengths of a block along x, y and z, m.")
+    elements: Elements = Field(description="Hexahedra of a block along x, y and z.")
+    blocks: Count = Field(2, ge=2, description="Number of blocks, one on the other.")
+    youngs_modulus: Pressure = Field(description="Young's modulus, Pa.")
+    poissons_ratio: Ratio = Field(description="Poisson's ratio.")
+    damage: tuple[Damage, ...] = Field(
+        (), description="Of blocks from below: each is 1 - D as stiff; sound if not given."
+    )
+    stiffness: Path | None = Field(
+        None, description="An `rve_stiffness` dataset, in place of the moduli of sound blocks."
+    )
 
     @property
     def joints(self) -> int:
@@ -403,51 +353,25 @@ class StackedBlocks(RoughBodies):
 
 
 class LapJoint(RoughBodies):
-    """Two bolted plates; see :func:`multiscale.macro.bodies.lap_joint`.
-
-    Parameters
-    ----------
-    length : quantity
-        Length of each plate along x, m.
-    width : quantity
-        Width of each plate, m.
-    thickness : quantity
-        Thickness of each plate, m.
-    overlap : quantity
-        Length over which they lie on each other, m.
-    hole : quantity
-        Diameter of the hole, m.
-    washer : quantity
-        Diameter of the washer, m.
-    element : quantity
-        Edge of an element in plan, m.
-    layers : int
-        Elements through each thickness.
-    youngs_modulus : quantity
-        Young's modulus, Pa.
-    poissons_ratio : number
-        Poisson's ratio.
-    damage : list of numbers
-        Of the lower and the upper plate, as for stacked blocks.
-    stiffness : path
-        Of both plates, as for stacked blocks.
-    """
+    """Two bolted plates; see :func:`multiscale.macro.bodies.lap_joint`."""
 
     mesher: ClassVar[tuple[str, ...]] = ("gmsh",)
 
     kind: Literal["lap_joint"]
-    length: Length
-    width: Length
-    thickness: Length
-    overlap: Length
-    hole: Length
-    washer: Length
-    element: Length
-    layers: Positive = 2
-    youngs_modulus: Pressure
-    poissons_ratio: Ratio
-    damage: tuple[Damage, ...] = ()
-    stiffness: Path | None = None
+    length: Length = Field(description="Length of each plate along x, m.")
+    width: Length = Field(description="Width of each plate, m.")
+    thickness: Length = Field(description="Thickness of each plate, m.")
+    overlap: Length = Field(description="Length over which they lie on each other, m.")
+    hole: Length = Field(description="Diameter of the hole, m.")
+    washer: Length = Field(description="Diameter of the washer, m.")
+    element: Length = Field(description="Edge of an element in plan, m.")
+    layers: Positive = Field(2, description="Elements through each thickness.")
+    youngs_modulus: Pressure = Field(description="Young's modulus, Pa.")
+    poissons_ratio: Ratio = Field(description="Poisson's ratio.")
+    damage: tuple[Damage, ...] = Field(
+        (), description="Of the lower and the upper plate, as of blocks."
+    )
+    stiffness: Path | None = Field(None, description="Of both plates, as for stacked blocks.")
 
     @property
     def joints(self) -> int:
@@ -467,8 +391,7 @@ class LapJoint(RoughBodies):
 
     def build(self, laws: Sequence[Sliders]) -> Assembly:
         """Build the plates and their joint."""
-        names = (field.name for field in fields(LapShape))
-        shape = LapShape(**{name: getattr(self, name) for name in names})
+        shape = LapShape(**self.model_dump(include={field.name for field in fields(LapShape)}))
         return lap_joint(shape, self.materials, laws[0])
 
     @property

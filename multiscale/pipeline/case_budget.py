@@ -25,18 +25,7 @@ def joint_scales(case: Case) -> ScaleSeparation:
 def case_budget(case: Case, response: "xr.Dataset", law: "xr.Dataset") -> "xr.Dataset":
     """Estimate the errors of the law of a case whose cells have one size and one grid.
 
-    Parameters
-    ----------
-    case : Case
-    response : Dataset
-        Follows ``MICRO_RESPONSE``: of the loading.
-    law : Dataset
-        Follows ``INTERFACE_LAW``.
-
-    Returns
-    -------
-    Dataset
-        Follows ``ERROR_BUDGET``.
+    The response is that of the loading; the estimate follows ``ERROR_BUDGET``.
     """
     budget = error_budget(response, law, scales=joint_scales(case))
     remedy = "a target in [accuracy] solves others"

@@ -78,6 +78,9 @@ def cell_of(case: Case, surface: Surface) -> GridCell:
     """Build the cell of a case under one composite surface."""
     material = composite_material(case)
     flat = case.cell.geometry == "flat"
+    bulk = None  # elastic
+    if case.softer is not None and case.yield_stress is not None:
+        bulk = J2(*material, case.yield_stress, case.softer.hardening_modulus or 0.0)
     return Cell(
         surface,
         case.cell.depth if case.cell.depth is not None else max(case.cell.size),
@@ -85,15 +88,8 @@ def cell_of(case: Case, surface: Surface) -> GridCell:
         *material,
         geometry=case.cell.geometry,
         hardness=case.hardness if flat else None,
-        bulk=_metal(case, material),
+        bulk=bulk,
     )
-
-
-def _metal(case: Case, material: tuple[float, float]) -> J2 | None:
-    """Law of a conforming cell whose case gives a hardness: that of the softer body."""
-    if case.yield_stress is None or case.softer is None:
-        return None
-    return J2(*material, case.yield_stress, case.softer.hardening_modulus or 0.0)
 
 
 def body_surfaces(case: Case, number: int) -> tuple[list[Surface], Measured | None]:

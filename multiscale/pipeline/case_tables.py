@@ -9,7 +9,9 @@ from pydantic import Field, Strict, field_validator, model_validator
 from multiscale.pipeline.toml_model import (
     Count,
     Length,
+    Natural,
     Number,
+    Positive,
     Pressure,
     Settings,
     must_rise,
@@ -18,61 +20,59 @@ from multiscale.pipeline.toml_model import (
 __all__ = [
     "AccuracySettings",
     "CellSettings",
+    "GridSettings",
     "JointSettings",
     "LawSettings",
     "MicroSettings",
-    "Points",
     "SlideSettings",
 ]
 
 Points = Annotated[Count, Field(ge=4, le=8192, multiple_of=2)]
 
 
-class CellSettings(Settings):
-    """The representative surface element.
+class GridSettings(Settings):
+    """A piece of a surface, and its grid."""
 
-    Parameters
-    ----------
-    size : two quantities
-        Edge lengths along x and y, m.
-    points : two ints
-        Grid points along x and y.
-    depth : quantity, optional
-        Depth of the elastic layer, m; the longer edge if not given.
-    layers : int
-        Layers of elements over the depth.
-    geometry : {"conforming", "flat"}
-        Whether the mesh follows the surface, or the surface is the gap of a flat layer: fast, for
-        small slopes.
-    """
+    size: tuple[Length, Length] = Field(description="Edge lengths along x and y, m.")
+    points: tuple[Points, Points] = Field(description="Grid points along x and y.")
 
-    size: tuple[Length, Length]
-    points: tuple[Points, Points]
-    depth: Length | None = None
-    layers: Annotated[Count, Field(ge=2, le=1000)] = 12
-    geometry: Literal["conforming", "flat"] = "conforming"
+    @property
+    def spacing(self) -> float:
+        """Largest distance of neighbouring points, m."""
+        return max(edge / n for edge, n in zip(self.size, self.points, strict=True))
+
+    @property
+    def scope(self) -> str:
+        """What belongs to one run folder, in a few words."""
+        return f"{self.points[0]} x {self.points[1]} points"
+
+    def quick(self) -> Self:
+        """Return the same piece on a coarser grid."""
+        points = tuple(max(4, 2 * ((n + 2) // 4)) for n in self.points)
+        return self.model_copy(update={"points": points})
+
+
+class CellSettings(GridSettings):
+    """The representative surface element."""
+
+    depth: Length | None = Field(None, description="Of the layer, m; the longer edge if not given.")
+    layers: Count = Field(12, ge=2, le=1000, description="Layers of elements over the depth.")
+    geometry: Literal["conforming", "flat"] = Field(
+        "conforming",
+        description="Whether the mesh follows the surface, or the surface is the gap of a flat "
+        "layer: fast, for small slopes.",
+    )
 
 
 class MicroSettings(Settings):
-    """The ensemble of cells.
+    """The ensemble of cells."""
 
-    Parameters
-    ----------
-    realisations : int
-        Number of cells.
-    pressures : list of quantities
-        Mean pressures, Pa, rising.
-    seed : int
-        Random seed of the first realisation; the next ones count on.
-    unload : bool or list of quantities
-        Whether the cells are unloaded through the same pressures, or the falling pressures at
-        which they are, Pa.
-    """
-
-    realisations: Annotated[Count, Field(ge=1)]
-    pressures: Annotated[tuple[Pressure, ...], Field(min_length=3)]
-    seed: Annotated[Count, Field(ge=0)] = 0
-    unload: Annotated[bool, Strict()] | tuple[Pressure, ...] = False
+    realisations: Positive = Field(description="Number of cells.")
+    pressures: tuple[Pressure, ...] = Field(min_length=3, description="Mean pressures, Pa, rising.")
+    seed: Natural = Field(0, description="Of the first realisation; the next ones count on.")
+    unload: Annotated[bool, Strict()] | tuple[Pressure, ...] = Field(
+        False, description="Whether to unload through the same pressures, or the falling ones, Pa."
+    )
 
     _rise = field_validator("pressures")(must_rise)
 
@@ -107,40 +107,25 @@ class MicroSettings(Settings):
 
 
 class LawSettings(Settings):
-    """The fit of the interface law.
+    """The fit of the interface law."""
 
-    Parameters
-    ----------
-    terms : int
-        Terms of the normal law.
-    samples : int
-        Bootstrap samples behind the bands.
-    extrapolate : bool
-        Whether answers stand where more than 5 % of a load lies beyond a factor of 2 outside the
-        pressures of the cells; they are unknown otherwise.
-    """
-
-    terms: Annotated[Count, Field(ge=6)] = 20
-    samples: Annotated[Count, Field(ge=0)] = 200
-    extrapolate: bool = False
+    terms: Count = Field(20, ge=6, description="Terms of the normal law.")
+    samples: Count = Field(200, ge=0, description="Bootstrap samples behind the bands.")
+    extrapolate: bool = Field(
+        False,
+        description="Whether answers stand where more than 5 % of a load lies beyond a factor of 2 "
+        "outside the pressures of the cells; they are unknown otherwise.",
+    )
 
 
 class JointSettings(Settings):
-    """Two blocks pressed together through the law.
+    """Two blocks pressed together through the law."""
 
-    Parameters
-    ----------
-    height : quantity
-        Height of each block, m.
-    width : quantity
-        Edge of their square section, m.
-    preloads : list of quantities
-        Nominal pressures on the joint, Pa, rising; best within those of the cells.
-    """
-
-    height: Length
-    width: Length
-    preloads: Annotated[tuple[Pressure, ...], Field(min_length=1)]
+    height: Length = Field(description="Height of each block, m.")
+    width: Length = Field(description="Edge of their square section, m.")
+    preloads: tuple[Pressure, ...] = Field(
+        min_length=1, description="Nominal pressures, Pa, rising; best within those of the cells."
+    )
 
     _rise = field_validator("preloads")(must_rise)
 
@@ -150,23 +135,12 @@ class SlideSettings(Settings):
 
     Both bodies are deformable, at large strain, with the surfaces of the first realisation; what
     they resist more than the friction of their points is ploughing.
-
-    Parameters
-    ----------
-    distance : quantity
-        How far, m; at most 20 lengths of the cell.
-    friction_coefficient : float
-        Of each point of contact.
-    pressures : list of quantities
-        Mean pressures, Pa, rising; those of the cells if not given.
-    steps : int
-        Steps of the result along the distance.
     """
 
-    distance: Length
-    friction_coefficient: Annotated[Number, Field(ge=0.0, le=10.0)] = 0.0
-    pressures: tuple[Pressure, ...] = ()
-    steps: Annotated[Count, Field(ge=1, le=10_000)] = 16
+    distance: Length = Field(description="How far, m; at most 20 lengths of the cell.")
+    friction_coefficient: Number = Field(0.0, ge=0.0, le=10.0, description="Of points of contact.")
+    pressures: tuple[Pressure, ...] = Field((), description="Pa, rising; else those of the cells.")
+    steps: Count = Field(16, ge=1, le=10_000, description="Steps of the result over the distance.")
 
     _rise = field_validator("pressures")(must_rise)
 
@@ -183,20 +157,14 @@ class SlideSettings(Settings):
 
 
 class AccuracySettings(Settings):
-    """How sure the answer has to be; the rest of the case is then where a planner starts from.
+    """How sure the answer has to be; the rest of the case is then where a planner starts from."""
 
-    Parameters
-    ----------
-    target : quantity
-        Largest total of the error budget, relative, such as ``"2 %"``.
-    quantity : {"joint_stiffness", "mean_gap", "contact_fraction", "stiffness"}
-        What the target is for, at every preload or, for the last three, at every pressure of the
-        cells.
-    """
-
-    target: Annotated[Number, Field(gt=0.0, le=0.5)]
-    quantity: Literal["joint_stiffness", "mean_gap", "contact_fraction", "stiffness"] = (
-        "joint_stiffness"
+    target: Number = Field(
+        gt=0.0, le=0.5, description='Largest relative total of the error budget, such as `"2 %"`.'
+    )
+    quantity: Literal["joint_stiffness", "mean_gap", "contact_fraction", "stiffness"] = Field(
+        "joint_stiffness",
+        description="What the target is for, at every preload; the last three at every pressure.",
     )
 
     @field_validator("target", mode="before")

@@ -150,7 +150,6 @@ class CellLaw(NormalLaw):
         return np.array(flat).reshape(target.shape)
 
     def _invert(self, target: float) -> float:
-        """Gap of one pressure."""
         if target == 0.0:
             return self.touch
         low, high = SMALLEST * self.touch, self.touch

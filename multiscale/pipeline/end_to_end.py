@@ -157,7 +157,6 @@ def end_to_end(
 def _compare(
     structure: RoughStructure, case: EndToEndCase, executor: Executor | None
 ) -> dict[str, Any]:
-    """One row of the table."""
     px, seeds = case.points_per_wave, range(case.realisations)
     cells = solve_sequential(structure, range(case.cells), points_per_wave=px, executor=executor)
     direct = solve_direct(structure, seeds, points_per_wave=px)
@@ -179,7 +178,9 @@ def _compare(
     error = cells.mean_gap / D - 1.0, float(np.hypot(sampling, scatter / np.sqrt(len(seeds))))
     if large is cells:
         error = paired
-    fit = _fit_part(structure, cells, px, D)
+    few = range(min(FITTED, case.cells))
+    solved = solve_concurrent(structure, few, points_per_wave=px)
+    fit = _mean_part(_single_gaps(structure, cells, len(few)) - solved.gaps, D)
     grid = _law_grid_part(structure, cells, px, D)
     fine = solve_direct(structure, range(FEW), points_per_wave=2 * px)
     resolved = _doubled(direct.gaps[:FEW], fine.gaps, D)
@@ -232,13 +233,6 @@ def _response(way: Way) -> "xr.Dataset":
 def _jackknife(by_group: np.ndarray) -> float:
     """Return the standard error of an estimate from those that leave one group of seeds out."""
     return float(np.sqrt((by_group.size - 1) * np.var(by_group)))
-
-
-def _fit_part(structure: RoughStructure, cells: Way, px: int, D: float) -> Part:
-    """Law fitted to one cell less the cell itself."""
-    few = range(min(FITTED, _response(cells).sizes["realisation"]))
-    solved = solve_concurrent(structure, few, points_per_wave=px)
-    return _mean_part(_single_gaps(structure, cells, len(few)) - solved.gaps, D)
 
 
 def _law_grid_part(structure: RoughStructure, cells: Way, px: int, D: float) -> Part:

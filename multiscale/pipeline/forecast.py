@@ -1,6 +1,6 @@
 """What a choice of cells will cost and how wrong it will be, from what has been computed."""
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Mapping
 from dataclasses import dataclass
 from itertools import product
 
@@ -28,8 +28,7 @@ class Setting:
     size : float
         The cell is :math:`2^s` times as large as that of the case, and so is its depth if the
         case gives none; a whole number, but for stored cells.
-    grid : float
-        The spacing is :math:`2^{-g}` times that of the case; likewise.
+    grid : float, the spacing is :math:`2^{-g}` times that of the case; likewise
     realisations : int
     study : int
         How many times the cells of the pilot runs tell the scatter and the bias by the size.
@@ -100,12 +99,9 @@ class CostModel:
 
     Attributes
     ----------
-    fixed : float
-        Of every cell, s.
-    time : float
-        Beyond that, of a cell of the case as it is, s.
-    layered : bool
-        Whether unknowns fill the depth, so that they grow with its layers.
+    fixed : float, of every cell, s
+    time : float, beyond that, of a cell of the case as it is, s
+    layered : bool, whether unknowns fill the depth, so that they grow with its layers
     """
 
     fixed: float
@@ -146,9 +142,8 @@ def cheapest(
 
     Parameters
     ----------
-    estimate : Estimate
+    estimate, costs : Estimate, CostModel
         What is known.
-    costs : CostModel
     done : dict
         Realisations that are there by (size, grid); they cost nothing.
     study : dict
@@ -161,9 +156,8 @@ def cheapest(
 
     Returns
     -------
-    setting : Setting
-    time : float
-        Expected, s, of what is not there yet.
+    tuple of Setting and float
+        And its expected time, s, of what is not there yet.
 
     Raises
     ------
@@ -173,35 +167,26 @@ def cheapest(
     found: list[tuple[float, Setting]] = []
     best = (np.inf, estimate.setting)
     studies = STUDIES if study else (estimate.setting.study,)
-    for setting in _settings(estimate.setting, *limits, studies):
+    for size, grid, n, many in product(*limits, REALISATIONS, studies):
+        if many < estimate.setting.study:
+            continue
+        setting = Setting(size, grid, n, many)
         total = estimate.at(setting).total
         best = min(best, (total, setting))
         if total <= target:
             more = setting.realisations - done.get((setting.size, setting.grid), 0)
             time = max(0, more) * costs.of_cell(setting.size, setting.grid)
             extra = setting.study / estimate.setting.study - 1.0
-            time += extra * sum(n * costs.of_cell(*key) for key, n in study.items())
+            time += extra * sum(one * costs.of_cell(*key) for key, one in study.items())
             found.append((time, setting))
     if not found:
+        near = estimate.at(best[1])
+        sizes = np.nan_to_num(total_error(near.bias, near.half_width)).max(axis=1)
+        largest = ERROR_TERMS[int(np.argmax(sizes))]
         raise CaseError(
             f"an error of {100.0 * target:.3g} % is out of reach: {best[1]} are expected to leave "
-            f"{100.0 * best[0]:.3g} %, most of it by the {_largest(estimate.at(best[1]))}; ask for "
+            f"{100.0 * best[0]:.3g} %, most of it by the {largest}; ask for "
             f"a larger target, or change what that comes from"
         )
     time, setting = min(found)
     return setting, time
-
-
-def _settings(
-    known: Setting, sizes: range, grids: range, studies: tuple[int, ...]
-) -> Iterator[Setting]:
-    """All settings that may be chosen."""
-    for size, grid, n, study in product(sizes, grids, REALISATIONS, studies):
-        if study >= known.study:
-            yield Setting(size, grid, n, study)
-
-
-def _largest(estimate: Estimate) -> str:
-    """Return the name of the largest term."""
-    size = np.nan_to_num(total_error(estimate.bias, estimate.half_width)).max(axis=1)
-    return str(ERROR_TERMS[int(np.argmax(size))])

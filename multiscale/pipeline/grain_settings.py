@@ -12,10 +12,15 @@ from multiscale.pipeline.structure_kind import StructureKind
 from multiscale.pipeline.toml_model import (
     Count,
     Duration,
+    Factor,
     Length,
-    Number,
+    Natural,
+    Positive,
+    Pressure,
     Settings,
+    Share,
     TimeSteps,
+    Tolerance,
     quantity,
     with_unit,
 )
@@ -38,41 +43,23 @@ QUICK_GRAINS, QUICK_STEPS = 60, 40
 
 Density = Annotated[float, quantity("kg/m^3"), Field(gt=0.0), with_unit("kg/m^3")]
 Speed = Annotated[float, quantity("m/s"), Field(ge=0.0), with_unit("m/s")]
-Stress = Annotated[float, quantity("Pa"), Field(gt=0.0), with_unit("Pa")]
 StrainRate = Annotated[float, quantity("s^-1"), Field(gt=0.0), with_unit("s^-1")]
-Friction = Annotated[Number, Field(ge=0.0)]
-Positive = Annotated[Count, Field(ge=1)]
 
 
 class GrainSettings(Settings):
-    """The grains and how they touch.
+    """The grains and how they touch."""
 
-    Parameters
-    ----------
-    number : int
-        Number of grains.
-    radius : two quantities
-        Smallest and largest radius, m; every interval has its share of the volume.
-    density : quantity
-        Of the material, kg/m3.
-    friction : number
-        Friction coefficient between grains.
-    restitution : number
-        Share of the closing speed that a contact gives back.
-    compliance : number
-        How far contacts give way, relative to rigid ones (0); see
-        :class:`multiscale.macro.granulate.ContactLaw`.
-    seed : int
-        Of radii and places.
-    """
-
-    number: Positive
-    radius: tuple[Length, Length]
-    density: Density = 2600.0
-    friction: Friction = 0.5
-    restitution: Annotated[Number, Field(ge=0.0, le=1.0)] = 0.0
-    compliance: Annotated[Number, Field(ge=0.0)] = 0.0
-    seed: Annotated[Count, Field(ge=0)] = 0
+    number: Positive = Field(description="Number of grains.")
+    radius: tuple[Length, Length] = Field(
+        description="Smallest and largest, m; every interval has its share of the volume."
+    )
+    density: Density = Field(2600.0, description="Of the material, kg/m3.")
+    friction: Factor = Field(0.5, description="Friction coefficient between grains.")
+    restitution: Share = Field(0.0, description="Share of the closing speed given back.")
+    compliance: Factor = Field(
+        0.0, description="Of contacts, 0 if rigid; see `multiscale.macro.granulate.ContactLaw`."
+    )
+    seed: Natural = Field(0, description="Of radii and places.")
 
     @model_validator(mode="after")
     def _check(self) -> Self:
@@ -101,32 +88,16 @@ class GrainSettings(Settings):
 
 
 class Motion(TimeSteps):
-    """How the grains are followed; see :func:`multiscale.macro.granulate.simulate_grains`.
+    """How the grains are followed; see :func:`multiscale.macro.granulate.simulate_grains`."""
 
-    Parameters
-    ----------
-    step : quantity
-        Time step, s; shortened so that a whole number of them fills the duration, or the longest if
-        an accuracy is given.
-    duration : quantity
-        How long the motion is followed, s.
-    accuracy : number, optional
-        Of impacts, relative to the smaller radius, by which the length of the steps is chosen.
-    tolerance : number
-        Error of the contacts at which a step is solved, relative to their velocities.
-    max_iterations : int
-        Largest number of sweeps in a step.
-    threads : int
-        Threads of the sweeps.
-    frames : int
-        Instants whose grains and forces are kept.
-    """
-
-    accuracy: Annotated[Number, Field(gt=0.0, lt=1.0)] | None = None
-    tolerance: Annotated[Number, Field(gt=0.0, lt=1.0)] = 1e-4
-    max_iterations: Positive = 1000
-    threads: Positive = 1
-    frames: Annotated[Count, Field(ge=2)] = 11
+    accuracy: Tolerance | None = Field(
+        None,
+        description="Of impacts, over the smaller radius: chooses steps no longer than `step`.",
+    )
+    tolerance: Tolerance = Field(1e-4, description="Error of contacts over their velocities.")
+    max_iterations: Positive = Field(1000, description="Largest number of sweeps in a step.")
+    threads: Positive = Field(1, description="Threads of the sweeps.")
+    frames: Count = Field(11, ge=2, description="Instants whose grains and forces are kept.")
 
     @property
     def solver(self) -> Solver:
@@ -166,16 +137,10 @@ class Granulate(StructureKind):
 
 
 class Deposit(Granulate):
-    """Spheres that fall into an open box; see :func:`multiscale.macro.granulate.deposit`.
-
-    Parameters
-    ----------
-    size : two quantities
-        Edges of the box along x and y, m.
-    """
+    """Spheres that fall into an open box; see :func:`multiscale.macro.granulate.deposit`."""
 
     kind: Literal["deposit"]
-    size: tuple[Length, Length]
+    size: tuple[Length, Length] = Field(description="Edges of the box along x and y, m.")
 
     def build(self, grains: GrainSettings, motion: Motion) -> Model:
         """Let the grains fall into the box."""
@@ -183,22 +148,12 @@ class Deposit(Granulate):
 
 
 class Silo(Granulate):
-    """Spheres that fall into a pipe; see :func:`multiscale.macro.granulate.silo`.
-
-    Parameters
-    ----------
-    diameter : quantity
-        Inner diameter, m.
-    wall_friction : number
-        Friction coefficient of the wall.
-    sinking : quantity
-        Speed of the bottom, m/s.
-    """
+    """Spheres that fall into a pipe; see :func:`multiscale.macro.granulate.silo`."""
 
     kind: Literal["silo"]
-    diameter: Length
-    wall_friction: Friction = 0.5
-    sinking: Speed = 0.0
+    diameter: Length = Field(description="Inner diameter, m.")
+    wall_friction: Factor = Field(0.5, description="Friction coefficient of the wall.")
+    sinking: Speed = Field(0.0, description="Speed of the bottom, m/s.")
 
     def build(self, grains: GrainSettings, motion: Motion) -> Model:
         """Let the grains fall into the pipe."""
@@ -212,19 +167,11 @@ class Silo(Granulate):
 
 
 class ColumnCollapse(Granulate):
-    """Discs that settle behind a gate, which is then taken away.
-
-    Parameters
-    ----------
-    width : quantity
-        Of the column, m.
-    settling : quantity
-        Time before the gate is taken away, s.
-    """
+    """Discs that settle behind a gate, which is then taken away."""
 
     kind: Literal["column_collapse"]
-    width: Length
-    settling: Duration
+    width: Length = Field(description="Of the column, m.")
+    settling: Duration = Field(description="Time before the gate is taken away, s.")
 
     def build(self, grains: GrainSettings, motion: Motion) -> Model:
         """Let the column settle, and take the gate away."""
@@ -239,22 +186,12 @@ class ColumnCollapse(Granulate):
 
 
 class ShearCell(Granulate):
-    """Spheres sheared between rough plates; see :func:`multiscale.macro.granulate.shear_layer`.
-
-    Parameters
-    ----------
-    size : two quantities
-        Periods along x and y, m.
-    pressure : quantity
-        On the plates, Pa.
-    speed : quantity
-        Of the upper plate, m/s.
-    """
+    """Spheres sheared between rough plates; see :func:`multiscale.macro.granulate.shear_layer`."""
 
     kind: Literal["shear_cell"]
-    size: tuple[Length, Length]
-    pressure: Stress
-    speed: Speed
+    size: tuple[Length, Length] = Field(description="Periods along x and y, m.")
+    pressure: Pressure = Field(description="On the plates, Pa.")
+    speed: Speed = Field(description="Of the upper plate, m/s.")
 
     def build(self, grains: GrainSettings, motion: Motion) -> Model:
         """Press the grains between the plates."""
@@ -264,24 +201,16 @@ class ShearCell(Granulate):
 
 
 class Biaxial(Granulate):
-    """Grains in a periodic cell, compacted, then shortened along z under a lateral pressure.
-
-    Parameters
-    ----------
-    pressure : quantity
-        Of the compaction, and then on the sides of the cell, Pa.
-    strain_rate : quantity
-        Of the axial strain, 1/s; see :func:`multiscale.macro.granulate.biaxial_cell`.
-    planar : bool
-        Discs in place of spheres.
-    """
+    """Grains in a periodic cell, compacted, then shortened along z under a lateral pressure."""
 
     strained: ClassVar[bool] = True
 
     kind: Literal["biaxial"]
-    pressure: Stress
-    strain_rate: StrainRate
-    planar: bool = False
+    pressure: Pressure = Field(description="Of the compaction, and then on the sides, Pa.")
+    strain_rate: StrainRate = Field(
+        description="Of the axial strain, 1/s; see `multiscale.macro.granulate.biaxial_cell`."
+    )
+    planar: bool = Field(False, description="Discs in place of spheres.")
 
     def build(self, grains: GrainSettings, motion: Motion) -> Model:
         """Compact the grains in the cell."""

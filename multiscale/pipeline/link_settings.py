@@ -5,7 +5,7 @@ from functools import partial
 from itertools import pairwise
 from math import inf, isfinite
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, ClassVar, Literal, Self
+from typing import TYPE_CHECKING, Annotated, Any, ClassVar, Literal, Self
 
 from pydantic import BeforeValidator, Field, PlainSerializer, field_validator, model_validator
 
@@ -27,7 +27,9 @@ from multiscale.pipeline.toml_model import (
     Count,
     Length,
     Number,
+    Positive,
     Settings,
+    Share,
     TimeSteps,
     quantity,
     with_unit,
@@ -64,6 +66,8 @@ def _read_rigidity(value: object, *, unit: str) -> float:
 
 Force = Annotated[float, quantity("N"), with_unit("N")]
 Prestress = Annotated[Force, Field(ge=0.0)]
+Size = Annotated[Force, Field(gt=0.0)]
+Several = Annotated[Count, Field(ge=2)]
 Rigidity = Annotated[
     float,
     BeforeValidator(partial(_read_rigidity, unit="N")),
@@ -108,52 +112,24 @@ class Links(StructureKind):
 
 
 class TensegrityGrid(Links):
-    """A double-layer grid; see :func:`multiscale.macro.tensegrity_grid`.
-
-    Parameters
-    ----------
-    n : int
-        Modules along x.
-    m : int, optional
-        Modules along y; n if not given.
-    prestress : quantity
-        Tension of the upper cables at load factor zero, N.
-    size : quantity
-        Edge of a module, m.
-    height : quantity
-        Height of a module, m.
-    cable_rigidity : quantity
-        EA of the cables, N, or ``"inextensible"``.
-    bar_rigidity : quantity
-        EA of the bars, N, or ``"inextensible"``.
-    nodal_load : quantity
-        Downwards on every node at load factor one, N.
-    """
+    """A double-layer grid; see :func:`multiscale.macro.tensegrity_grid`."""
 
     may_be_cut: ClassVar[bool] = True
 
     kind: Literal["tensegrity_grid"]
-    n: Annotated[Count, Field(ge=1)]
-    m: Annotated[Count, Field(ge=1)] | None = None
-    prestress: Prestress = 2550.0
-    size: Length = 1.0
-    height: Length = 0.5
-    cable_rigidity: Rigidity = 4e6
-    bar_rigidity: Rigidity = 8e7
-    nodal_load: Force = 40.0
+    n: Positive = Field(description="Modules along x.")
+    m: Positive | None = Field(None, description="Modules along y; n if not given.")
+    prestress: Prestress = Field(2550.0, description="Of the upper cables at load factor 0, N.")
+    size: Length = Field(1.0, description="Edge of a module, m.")
+    height: Length = Field(0.5, description="Height of a module, m.")
+    cable_rigidity: Rigidity = Field(4e6, description='EA of the cables, N, or `"inextensible"`.')
+    bar_rigidity: Rigidity = Field(8e7, description='EA of the bars, N, or `"inextensible"`.')
+    nodal_load: Force = Field(40.0, description="Downwards on every node at load factor one, N.")
 
     def build(self) -> LinkSystem:
         """Build the grid."""
-        return tensegrity_grid(
-            self.n,
-            self.m,
-            cable=Cable(self.cable_rigidity),
-            bar=Bar(self.bar_rigidity),
-            prestress=self.prestress,
-            size=self.size,
-            height=self.height,
-            nodal_load=self.nodal_load,
-        )
+        same = self.model_dump(include={"n", "m", "prestress", "size", "height", "nodal_load"})
+        return tensegrity_grid(cable=Cable(self.cable_rigidity), bar=Bar(self.bar_rigidity), **same)
 
     def quick(self, case: "StructureCase") -> Self:
         """Return a grid of at most 4 x 4 modules.
@@ -167,46 +143,21 @@ class TensegrityGrid(Links):
 
 
 class CableNet(Links):
-    """A prestressed saddle; see :func:`multiscale.macro.cable_net`.
-
-    Parameters
-    ----------
-    n : int
-        Meshes along x.
-    m : int, optional
-        Meshes along y; n if not given.
-    mesh : quantity
-        Distance of the cables in plan, m.
-    rise : quantity
-        Height of the saddle, m.
-    prestress : quantity
-        Horizontal part of every tension at load factor zero, N.
-    cable_rigidity : quantity
-        EA of the cables, N, or ``"inextensible"``.
-    nodal_load : quantity
-        Downwards on every inner node at load factor one, N.
-    """
+    """A prestressed saddle; see :func:`multiscale.macro.cable_net`."""
 
     kind: Literal["cable_net"]
-    n: Annotated[Count, Field(ge=2)]
-    m: Annotated[Count, Field(ge=2)] | None = None
-    mesh: Length = 1.0
-    rise: Length = 1.0
-    prestress: Annotated[Prestress, Field(gt=0.0)] = 10e3
-    cable_rigidity: Rigidity = 1e7
-    nodal_load: Force = 100.0
+    n: Several = Field(description="Meshes along x.")
+    m: Several | None = Field(None, description="Meshes along y; n if not given.")
+    mesh: Length = Field(1.0, description="Distance of the cables in plan, m.")
+    rise: Length = Field(1.0, description="Height of the saddle, m.")
+    prestress: Size = Field(10e3, description="Of all cables, horizontal, at load factor 0, N.")
+    cable_rigidity: Rigidity = Field(1e7, description='EA of the cables, N, or `"inextensible"`.')
+    nodal_load: Force = Field(100.0, description="Down on inner nodes at load factor one, N.")
 
     def build(self) -> LinkSystem:
         """Build the net."""
-        return cable_net(
-            self.n,
-            self.m,
-            cable=Cable(self.cable_rigidity),
-            mesh=self.mesh,
-            rise=self.rise,
-            prestress=self.prestress,
-            nodal_load=self.nodal_load,
-        )
+        same = self.model_dump(include={"n", "m", "mesh", "rise", "prestress", "nodal_load"})
+        return cable_net(cable=Cable(self.cable_rigidity), **same)
 
     def quick(self, case: "StructureCase") -> Self:
         """Return a net of at most 4 x 4 meshes."""
@@ -215,18 +166,12 @@ class CableNet(Links):
 
 
 class LinkLawSettings(Settings):
-    """The law of some links.
+    """The law of some links."""
 
-    Parameters
-    ----------
-    kind : {"bar", "cable", "strut"}
-        Bars pull and push, cables only pull, struts only push.
-    rigidity : quantity
-        EA, N, or ``"inextensible"``.
-    """
-
-    kind: Literal["bar", "cable", "strut"]
-    rigidity: Rigidity
+    kind: Literal["bar", "cable", "strut"] = Field(
+        description="Bars pull and push, cables only pull, struts only push."
+    )
+    rigidity: Rigidity = Field(description='EA, N, or `"inextensible"`.')
 
     def build(self) -> LinkLaw:
         """Make the law."""
@@ -236,34 +181,30 @@ class LinkLawSettings(Settings):
 Laws = Annotated[dict[str, LinkLawSettings], Field(min_length=1)]
 
 
-class LinkTable(Links):
-    """Two CSV files in SI units; see :func:`multiscale.macro.system_from_table`.
+def _check_self_stress(given: Any) -> Any:
+    """Refuse a self-stress of unknown size, and a size of none."""
+    if given.self_stress != (given.prestress is not None):
+        raise ValueError("give both self_stress = true and prestress, or neither")
+    return given
 
-    Parameters
-    ----------
-    nodes : path
-        Table of nodes; relative to the scene file.
-    links : path
-        Table of links; relative to the scene file.
-    laws : tables by name
-    self_stress : bool
-        Whether the structure gets a state of self-stress that its links can carry, instead of a
-        column ``prestress``; see :func:`multiscale.macro.prestress_by_itself`.
-    prestress : quantity
-        Largest force in a link at load factor zero, N; with ``self_stress``.
-    """
+
+class LinkTable(Links):
+    """Two CSV files in SI units; see :func:`multiscale.macro.system_from_table`."""
 
     kind: Literal["table"]
-    nodes: Path
-    links: Path
+    nodes: Path = Field(description="Table of nodes.")
+    links: Path = Field(description="Table of links.")
     laws: Laws
-    self_stress: bool = False
-    prestress: Annotated[Force, Field(gt=0.0)] | None = None
+    self_stress: bool = Field(
+        False,
+        description="Whether the structure gets a state of self-stress that its links can carry, "
+        "not a column `prestress`; see `multiscale.macro.prestress_by_itself`.",
+    )
+    prestress: Size | None = Field(
+        None, description="Largest force in a link at load factor zero, N; with `self_stress`."
+    )
 
-    @model_validator(mode="after")
-    def _check(self) -> Self:
-        _check_self_stress(self.self_stress, self.prestress)
-        return self
+    _check = model_validator(mode="after")(_check_self_stress)
 
     def build(self) -> LinkSystem:
         """Build the structure of the tables."""
@@ -273,36 +214,18 @@ class LinkTable(Links):
 
 
 class LinkMesh(Links):
-    """The lines of a mesh file; see :func:`multiscale.macro.system_from_mesh`.
-
-    Parameters
-    ----------
-    file : path
-        Anything that meshio reads; relative to the scene file.
-    unit : quantity
-        Length of one unit of the file, m.
-    laws : tables by name of a set of lines
-    supports : list of names
-        Sets of points that are held.
-    load : three quantities
-        Force on every free node at load factor one, N.
-    self_stress, prestress : bool, quantity
-        A state of self-stress, as for two tables.
-    """
+    """The lines of a mesh file; see :func:`multiscale.macro.system_from_mesh`."""
 
     kind: Literal["mesh"]
-    file: Path
-    unit: Length
+    file: Path = Field(description="Anything that meshio reads.")
+    unit: Length = Field(description="Length of one unit of the file, m.")
     laws: Laws
-    supports: Annotated[tuple[str, ...], Field(min_length=1)]
-    load: tuple[Force, Force, Force]
-    self_stress: bool = False
-    prestress: Annotated[Force, Field(gt=0.0)] | None = None
+    supports: tuple[str, ...] = Field(min_length=1, description="Sets of points that are held.")
+    load: tuple[Force, Force, Force] = Field(description="On free nodes at load factor one, N.")
+    self_stress: bool = Field(False, description="As for two tables.")
+    prestress: Size | None = Field(None, description="As for two tables, N.")
 
-    @model_validator(mode="after")
-    def _check(self) -> Self:
-        _check_self_stress(self.self_stress, self.prestress)
-        return self
+    _check = model_validator(mode="after")(_check_self_stress)
 
     def build(self) -> LinkSystem:
         """Build the structure of the mesh."""
@@ -314,21 +237,17 @@ class LinkMesh(Links):
 
 
 class Statics(Settings):
-    """Equilibrium under rising or falling loads; see :func:`multiscale.macro.solve_static`.
+    """Equilibrium under rising or falling loads; see :func:`multiscale.macro.solve_static`."""
 
-    Parameters
-    ----------
-    load_factors : list of numbers
-        Load of every step over the whole load.
-    exact : bool
-        Whether elongations and directions follow the moved nodes exactly.
-    stability : bool
-        Whether to add the smallest eigenvalues of the tangent.
-    """
-
-    load_factors: Annotated[tuple[Number, ...], Field(min_length=1)]
-    exact: bool = False
-    stability: bool = False
+    load_factors: tuple[Number, ...] = Field(
+        min_length=1, description="Load of every step over the whole load."
+    )
+    exact: bool = Field(
+        False, description="Whether elongations and directions follow the moved nodes exactly."
+    )
+    stability: bool = Field(
+        False, description="Whether to add smallest eigenvalues of the tangent."
+    )
 
     def refuse_large(self) -> None:
         """Refuse what substructures do not solve."""
@@ -337,31 +256,17 @@ class Statics(Settings):
 
 
 class Dynamics(TimeSteps):
-    """Motion from a static equilibrium; see :func:`multiscale.macro.simulate`.
+    """Motion from a static equilibrium; see :func:`multiscale.macro.simulate`."""
 
-    Parameters
-    ----------
-    step : quantity
-        Time step, s; shortened so that a whole number of them fills the duration.
-    duration : quantity
-        How long the motion is followed, s.
-    mass : quantity
-        Mass of each node, kg.
-    start_load_factor : number
-        Load of the equilibrium at the start over the whole load.
-    load_history : list of pairs
-        Time, s, and load factor; straight lines between, constant before and after.
-    theta : number
-        1/2 (no numerical damping) to 1 (fully implicit).
-    restitution : number
-        Share of the speed that inextensible links give back when they run taut.
-    """
-
-    mass: Mass
-    start_load_factor: Number = 0.0
-    load_history: Annotated[tuple[tuple[Instant, Number], ...], Field(min_length=1)]
-    theta: Annotated[Number, Field(ge=0.5, le=1.0)] = 1.0
-    restitution: Annotated[Number, Field(ge=0.0, le=1.0)] = 0.0
+    mass: Mass = Field(description="Mass of each node, kg.")
+    start_load_factor: Number = Field(0.0, description="Load factor of the first equilibrium.")
+    load_history: tuple[tuple[Instant, Number], ...] = Field(
+        min_length=1, description="Time, s, and load factor; straight between, constant outside."
+    )
+    theta: Number = Field(
+        1.0, ge=0.5, le=1.0, description="1/2 (no numerical damping) to 1 (fully implicit)."
+    )
+    restitution: Share = Field(0.0, description="Share of speed that inextensible links give back.")
 
     @field_validator("load_history")
     @classmethod
@@ -373,21 +278,12 @@ class Dynamics(TimeSteps):
 
 
 def _few(n: int, m: int | None) -> tuple[int, int | None]:
-    """Modules or meshes each way, at most four."""
     return min(QUICK, n), None if m is None else min(QUICK, m)
 
 
 def _laws(given: dict[str, LinkLawSettings]) -> dict[str, LinkLaw]:
-    """Make the laws by name."""
     return {name: law.build() for name, law in given.items()}
 
 
-def _check_self_stress(asked: bool, prestress: float | None) -> None:
-    """Refuse a self-stress of unknown size, and a size of none."""
-    if asked != (prestress is not None):
-        raise ValueError("give both self_stress = true and prestress, or neither")
-
-
 def _stressed(system: LinkSystem, prestress: float | None) -> LinkSystem:
-    """Add the state of self-stress that is asked for."""
     return system if prestress is None else prestress_by_itself(system, prestress)

@@ -35,12 +35,9 @@ class Pilots:
 
     Attributes
     ----------
-    sizes : mapping of float to Dataset
-        By the edge of the cell, m.
-    grids : mapping of float to Dataset
-        The same cells by the spacing of their grid, m.
-    source : str
-        Where they come from, in words.
+    sizes : mapping of float to Dataset, by the edge of the cell, m
+    grids : mapping of float to Dataset, the same cells by the spacing of their grid, m
+    source : str, where they come from, in words
     """
 
     sizes: Mapping[float, "xr.Dataset"]
@@ -90,17 +87,8 @@ def stored_pilots(case: Case, large: "Surface | None") -> Pilots | None:
     over contact modulus and slope, on the Hurst exponent, and on the cell over the longest and the
     grid over the shortest wave.
 
-    Parameters
-    ----------
-    case : Case
-    large : Surface or None
-        From :func:`surface_at_large`.
-
-    Returns
-    -------
-    Pilots or None
-        None if the case is not one of flat elastic cells with one rough body whose spectrum and
-        loads they cover.
+    There are none if the case is not one of flat elastic cells with one rough body whose spectrum
+    and loads they cover; ``large`` is from :func:`surface_at_large`.
     """
     if large is None or not _is_plain(case):
         return None
@@ -111,7 +99,10 @@ def stored_pilots(case: Case, large: "Surface | None") -> Pilots | None:
     if not known[0] <= load.min() <= load.max() <= known[-1]:
         return None
     spectrum, height = _spectrum(case), rms_height(large)
-    cells = _nearest(cells, spectrum)
+    band = spectrum.long_cutoff / spectrum.short_cutoff
+    far = ((cells["hurst_exponent"].to_numpy() - spectrum.hurst_exponent) / 0.3) ** 2
+    far += np.log2(cells["band"].to_numpy() / band) ** 2
+    cells = cells.isel(cell=np.flatnonzero(far == far.min()))
 
     def pick(waves: float, points: float) -> "xr.Dataset":
         chosen = ((cells["waves"] == waves) & (cells["points"] == points)).to_numpy()
@@ -132,7 +123,6 @@ def stored_pilots(case: Case, large: "Surface | None") -> Pilots | None:
 
 
 def _spectrum(case: Case) -> SyntheticSurface:
-    """Return the spectrum of the only rough body."""
     (one,) = [body.surface for body in case.bodies if isinstance(body.surface, SyntheticSurface)]
     return one
 
@@ -149,14 +139,6 @@ def _is_plain(case: Case) -> bool:
         and HURST_RANGE[0] <= one.hurst_exponent <= HURST_RANGE[1]
         and BAND_RANGE[0] <= one.long_cutoff / one.short_cutoff <= BAND_RANGE[1]
     )
-
-
-def _nearest(cells: "xr.Dataset", spectrum: SyntheticSurface) -> "xr.Dataset":
-    """Select the stored cells of the spectrum that is most like another."""
-    band = spectrum.long_cutoff / spectrum.short_cutoff
-    far = ((cells["hurst_exponent"].to_numpy() - spectrum.hurst_exponent) / 0.3) ** 2
-    far += np.log2(cells["band"].to_numpy() / band) ** 2
-    return cells.isel(cell=np.flatnonzero(far == far.min()))
 
 
 def _response(cells: "xr.Dataset", load: np.ndarray, case: Case, height: float) -> "xr.Dataset":

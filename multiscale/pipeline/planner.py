@@ -12,11 +12,11 @@ import numpy as np
 from multiscale.errors import CaseError, ConvergenceError
 from multiscale.io import open_response
 from multiscale.pipeline.case_budget import joint_scales
-from multiscale.pipeline.case_response import run_micro
 from multiscale.pipeline.forecast import GRIDS, SIZES, CostModel, Estimate, Setting, cheapest
 from multiscale.pipeline.pilots import Pilots, stored_pilots, surface_at_large
 from multiscale.pipeline.rough_bodies import InstrumentSurface
 from multiscale.pipeline.settings import Case
+from multiscale.pipeline.stages.cells import run_micro
 from multiscale.pipeline.stages.joint import solve_joint
 from multiscale.surfaces import Surface, rms_height
 from multiscale.upscaling import (
@@ -56,18 +56,13 @@ class Plan:
 
     Attributes
     ----------
-    case : Case
-        With the cells, grid and realisations chosen.
+    case : Case, with the cells, grid and realisations chosen
     micro_response, interface_law, macro_result : Dataset
         As those of a run, with their error budgets.
-    folder : Path
-        Of the cells.
-    total : float
-        Estimated error, relative.
-    spent, forecast : float
-        Time of all cells, s, and what was expected after the pilot runs.
-    lines : tuple of str
-        What was decided and found, a sentence for each round.
+    folder : Path, of the cells
+    total : float, estimated error, relative
+    spent, forecast : float, time of all cells, s, and what was expected after the pilot runs
+    lines : tuple of str, what was decided and found, a sentence for each round
     """
 
     case: Case
@@ -96,14 +91,8 @@ def plan(
         With ``accuracy``; its cells, grid and realisations are where the planner starts from.
     out : Path
         Cells go to the folder ``plan`` in it; those found there are not computed again.
-    executor : Executor, optional
-        See :func:`multiscale.micro.run_ensemble`.
-    progress : callable
-        Gets the number of finished realisations of an ensemble.
-
-    Returns
-    -------
-    Plan
+    executor, progress
+        As of :func:`~multiscale.pipeline.run`, for every ensemble.
 
     Raises
     ------
@@ -156,12 +145,7 @@ def plan(
 def resize(case: Case, setting: Setting, *, pilot: bool = False) -> Case:
     """Return a case with the cells, the grid and the realisations of a setting.
 
-    Parameters
-    ----------
-    case : Case
-    setting : Setting
-    pilot : bool
-        Whether the surfaces are those of pilot runs, independent of those of the answer.
+    The surfaces of pilot runs are independent of those of the answer.
     """
     larger, finer = 2.0**setting.size, 2.0 ** (setting.size + setting.grid)
     cell = case.cell.model_copy(
@@ -192,7 +176,7 @@ def _check(case: Case) -> None:
         )
     cutoffs = [body.surface.short_cutoff for body in case.bodies if body.surface is not None]
     shortest = min(cutoff for cutoff in cutoffs if cutoff is not None)
-    spacing = max(edge / n for edge, n in zip(case.cell.size, case.cell.points, strict=True))
+    spacing = case.cell.spacing
     if 4.0 * spacing >= shortest:
         raise CaseError(
             f"[accuracy] compares with a grid of twice the spacing, {2.0 * spacing:.3g} m, which "
@@ -247,7 +231,7 @@ class _Campaign:
             return self.begin_with_pilots()
         edge, spacing = sorted(pilots.sizes)[1], max(pilots.grids)
         size = float(np.log2(edge / max(self.case.cell.size)))
-        grid = float(np.log2(_spacing(self.case) / spacing))
+        grid = float(np.log2(self.case.cell.spacing / spacing))
         response = pilots.sizes[edge]
         setting = Setting(size, grid, response.sizes["realisation"])
         kinds: dict[tuple[float, float], float] = {}
@@ -271,7 +255,7 @@ class _Campaign:
 
     def pilots(self, multiple: int) -> Pilots:
         """Solve the pilot runs: cells of two sizes, and some of them on two grids."""
-        edge, spacing = max(self.case.cell.size), _spacing(self.case)
+        edge, spacing = max(self.case.cell.size), self.case.cell.spacing
         study = {
             2.0**size * edge: self.solve(Setting(size, grid, multiple * n), pilot=True)
             for (size, grid), n in STUDY.items()
@@ -379,11 +363,6 @@ class _Campaign:
         """Time of all cells that are there, s."""
         files = self.out.glob("*/micro_response.nc")
         return sum(float(open_response(file)["wall_time"].sum()) for file in files)
-
-
-def _spacing(case: Case) -> float:
-    """Largest spacing of the grid, m."""
-    return max(edge / n for edge, n in zip(case.cell.size, case.cell.points, strict=True))
 
 
 def _time(response: "xr.Dataset") -> float:

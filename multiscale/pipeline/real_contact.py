@@ -32,11 +32,7 @@ def real_pressure(pressure: np.ndarray, contact_fraction: np.ndarray) -> np.ndar
 def with_real_pressure(case: Case, response: "xr.Dataset") -> "xr.Dataset":
     """Return a response with its mean real pressure, what flows under it, and cautions about both.
 
-    Parameters
-    ----------
-    case : Case
-    response : Dataset
-        Follows ``MICRO_RESPONSE``, with the nominal pressures.
+    The response has nominal pressures.
     """
     p = response["nominal_pressure"].to_numpy()
     good, area = response["converged"].to_numpy() == 1, response["contact_fraction"].to_numpy()
@@ -65,7 +61,6 @@ def with_real_pressure(case: Case, response: "xr.Dataset") -> "xr.Dataset":
 
 
 def _flow(case: Case) -> str:
-    """Say which body flows, and how."""
     if case.hardness is None:
         return "The answer is elastic: no body has a hardness, and nothing flows."
     alike = case.body_1.hardness == case.body_2.hardness

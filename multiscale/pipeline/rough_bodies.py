@@ -10,7 +10,9 @@ from multiscale.pipeline.toml_model import (
     Length,
     Number,
     Pressure,
+    Ratio,
     Settings,
+    Share,
     quantity,
     with_unit,
 )
@@ -22,31 +24,22 @@ TABOR, INDENTED = 2.8, 0.08
 Hardness of Metals, Oxford 1951)."""
 
 
+Slope = Annotated[Number, Field(gt=0.0)]
+
+
 class SyntheticSurface(Settings):
-    """A self-affine surface; see :func:`multiscale.micro.self_affine`.
+    """A self-affine surface; see :func:`multiscale.micro.self_affine`."""
 
-    Parameters
-    ----------
-    rms_height : quantity
-        Root mean square height, m; this or ``rms_slope``.
-    rms_slope : number
-        Root mean square slope; this or ``rms_height``.
-    hurst_exponent : number
-        From 0 (rough at every scale) to 1 (smooth in the small); about 0.8 for many surfaces.
-    long_cutoff : quantity
-        Longest wavelength, m; a cell should be several of them wide.
-    short_cutoff : quantity
-        Shortest wavelength, m; it wants eight grid points or more.
-    roll_off : quantity, optional
-        Wavelength above which the spectrum is flat, m.
-    """
-
-    rms_height: Length | None = None
-    rms_slope: Annotated[Number, Field(gt=0.0)] | None = None
-    hurst_exponent: Annotated[Number, Field(ge=0.0, le=1.0)]
-    long_cutoff: Length
-    short_cutoff: Length
-    roll_off: Length | None = None
+    rms_height: Length | None = Field(None, description="Root mean square, m; this or `rms_slope`.")
+    rms_slope: Slope | None = Field(None, description="Root mean square; this or `rms_height`.")
+    hurst_exponent: Share = Field(
+        description="From 0 (rough at every scale) to 1 (smooth in the small); often about 0.8."
+    )
+    long_cutoff: Length = Field(description="Longest wave, m; cells should be several wide.")
+    short_cutoff: Length = Field(
+        description="Shortest wave, m; it wants eight grid points or more."
+    )
+    roll_off: Length | None = Field(None, description="Wave above which the spectrum is flat, m.")
 
     @model_validator(mode="after")
     def _check(self) -> Self:
@@ -61,32 +54,25 @@ class SyntheticSurface(Settings):
 
 
 class InstrumentSurface(Settings):
-    """A measured map, cut into one window per realisation.
+    """A measured map, cut into one window per realisation."""
 
-    Parameters
-    ----------
-    file : path
-        Instrument file of any format that SurfaceTopography reads; relative to the case file.
-    detrend_order : int
-        0 mean, 1 plane, 2 curvature; of the whole map, and the plane of each window.
-    fill_undefined : bool
-        Whether undefined points are filled; refused otherwise.
-    filled : number
-        Largest share of filled points in a window.
-    periodic : {"mirror", "window"}
-        How a window is made periodic: reflected (it covers a quarter of the cell) or faded along
-        its edges.
-    short_cutoff : quantity, optional
-        Shortest wavelength kept, m; eight points of the cell's grid if not given, so that another
-        grid has another surface.
-    """
-
-    file: Path
-    detrend_order: Annotated[Count, Field(ge=0, le=2)] = 2
-    fill_undefined: bool = False
-    filled: Annotated[Number, Field(ge=0.0, le=1.0)] = 0.1
-    periodic: Literal["mirror", "window"] = "mirror"
-    short_cutoff: Length | None = None
+    file: Path = Field(description="Instrument file of any format that SurfaceTopography reads.")
+    detrend_order: Count = Field(
+        2,
+        ge=0,
+        le=2,
+        description="0 mean, 1 plane, 2 curvature of the map; also the plane of windows.",
+    )
+    fill_undefined: bool = Field(False, description="Fills undefined points; refused otherwise.")
+    filled: Share = Field(0.1, description="Largest share of filled points in a window.")
+    periodic: Literal["mirror", "window"] = Field(
+        "mirror", description="Reflects a window (into a quarter of the cell) or fades its edges."
+    )
+    short_cutoff: Length | None = Field(
+        None,
+        description="Shortest wave kept, m; eight points of the cell's grid if not given, so that "
+        "another grid has another surface.",
+    )
 
 
 def _kind_of_surface(value: Any) -> str:
@@ -94,38 +80,28 @@ def _kind_of_surface(value: Any) -> str:
     return "instrument" if "file" in named else "synthetic"
 
 
+Hardening = Annotated[float, quantity("Pa"), with_unit("Pa")]
+Rough = Annotated[
+    Annotated[SyntheticSurface, Tag("synthetic")] | Annotated[InstrumentSurface, Tag("instrument")],
+    Discriminator(_kind_of_surface),
+]
+
+
 class Body(Settings):
-    """One of the two bodies.
+    """One of the two bodies."""
 
-    Parameters
-    ----------
-    youngs_modulus : quantity
-        Young's modulus, Pa.
-    poissons_ratio : number
-        Poisson's ratio.
-    surface : table, optional
-        Synthetic or measured roughness; smooth if not given.
-    hardness : quantity, optional
-        Hardness H of a metal, Pa; the softer body's counts. In flat cells the largest local
-        pressure; in conforming ones H/2.8 is the flow stress at a plastic strain of .08. Elastic if
-        not given.
-    hardening_modulus : quantity, optional
-        Rise of the yield stress with the plastic strain, Pa, at least 0 and below H/.224;
-        conforming cells only.
-    """
-
-    youngs_modulus: Pressure
-    poissons_ratio: Annotated[Number, Field(ge=0.0, le=0.4999)]
-    surface: (
-        Annotated[
-            Annotated[SyntheticSurface, Tag("synthetic")]
-            | Annotated[InstrumentSurface, Tag("instrument")],
-            Discriminator(_kind_of_surface),
-        ]
-        | None
-    ) = None
-    hardness: Pressure | None = None
-    hardening_modulus: Annotated[float, quantity("Pa"), with_unit("Pa")] | None = None
+    youngs_modulus: Pressure = Field(description="Young's modulus, Pa.")
+    poissons_ratio: Ratio = Field(description="Poisson's ratio.")
+    surface: Rough | None = Field(None, description="Synthetic or measured; smooth if not given.")
+    hardness: Pressure | None = Field(
+        None,
+        description="Hardness H of a metal, Pa; the softer body's counts. In flat cells the "
+        "largest local pressure; in conforming ones H/2.8 is the flow stress at a plastic strain "
+        "of .08. Elastic if not given.",
+    )
+    hardening_modulus: Hardening | None = Field(
+        None, description="Slope of the yield stress, Pa, 0 to below H/.224; conforming cells only."
+    )
 
     @field_validator("hardening_modulus")
     @classmethod

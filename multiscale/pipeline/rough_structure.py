@@ -40,10 +40,8 @@ class Answer:
 
     Attributes
     ----------
-    mean_gap : float
-        Mean over the nominal area, m.
-    contact_fraction : float
-        Real over nominal area; NaN if nothing tells it.
+    mean_gap : float, mean over the nominal area, m
+    contact_fraction : float, real over nominal area; NaN if nothing tells it
     position, pressure : ndarray, shape (points,)
         Along the structure, m, and the pressure there, averaged across it, Pa.
     """
@@ -147,16 +145,13 @@ class Way:
 
     Attributes
     ----------
-    answers : tuple of Answer
-        Of every realisation, or the one of all of them together.
-    seconds : float
-        Wall time of all, s.
+    answers : tuple of Answer, of every realisation, or the one of all of them together
+    seconds : float, wall time of all, s
     solve_seconds : float
         Of the structure alone, its law at hand, s; for the other ways the same as ``seconds``.
     solved, reused : int
         Cells solved (one at each load step), and how often a cell solved before served again.
-    response : Dataset, optional
-        Follows ``MICRO_RESPONSE``.
+    response : Dataset, optional, follows ``MICRO_RESPONSE``
     """
 
     answers: tuple[Answer, ...]

@@ -1,4 +1,7 @@
-"""Results as rows of text under a head."""
+"""Results as rows of text under a head.
+
+A ``result`` follows ``MACRO_RESULT``; that of grains ``GRANULATE``, that of a sweep ``SWEEP``.
+"""
 
 from collections.abc import Sequence
 from typing import TYPE_CHECKING
@@ -40,13 +43,7 @@ MOST_ROWS = 11
 
 
 def tabulate(result: "xr.Dataset") -> tuple[tuple[str, ...], list[tuple[str, ...]]]:
-    """Return head and rows of text for a joint.
-
-    Parameters
-    ----------
-    result : Dataset
-        Follows ``MACRO_RESULT``.
-    """
+    """Return head and rows of text for a joint."""
     unloaded = "unloading_stiffness" in result
     head = (*HEAD, "unloading (MPa/µm)") if unloaded else HEAD
     rows: list[tuple[str, ...]] = []
@@ -64,13 +61,7 @@ def tabulate(result: "xr.Dataset") -> tuple[tuple[str, ...], list[tuple[str, ...
 
 
 def tabulate_sweep(result: "xr.Dataset") -> tuple[tuple[str, ...], list[tuple[str, ...]]]:
-    """Return head and rows of a sweep as text: each point at its largest converged preload.
-
-    Parameters
-    ----------
-    result : Dataset
-        Follows ``SWEEP``.
-    """
+    """Return head and rows of a sweep as text: each point at its largest converged preload."""
     head = (*map(str, result["parameter"].values), *HEAD)
     rows = []
     for k in range(result.sizes["point"]):
@@ -116,7 +107,6 @@ def _missing(step: "xr.Dataset") -> str:
 
 
 def _padded(row: tuple[str, ...], head: Sequence[str]) -> tuple[str, ...]:
-    """Fill a row up with empty cells."""
     return row + ("",) * (len(head) - len(row))
 
 
@@ -137,13 +127,7 @@ def _part(step: "xr.Dataset", name: str) -> str:
 
 
 def tabulate_links(result: "xr.Dataset") -> tuple[tuple[str, ...], list[tuple[str, ...]]]:
-    """Return head and rows of text for a structure of links, at most ``MOST_ROWS`` of its steps.
-
-    Parameters
-    ----------
-    result : Dataset
-        Follows ``MACRO_RESULT``.
-    """
+    """Return head and rows of text for a structure of links, at most ``MOST_ROWS`` of its steps."""
     along, name = ("time", "time (s)") if "time" in result.coords else ("load_factor", "load")
     rows: list[tuple[str, ...]] = []
     for k in _steps_shown(result):
@@ -158,13 +142,7 @@ def tabulate_links(result: "xr.Dataset") -> tuple[tuple[str, ...], list[tuple[st
 
 
 def tabulate_grains(result: "xr.Dataset") -> tuple[tuple[str, ...], list[tuple[str, ...]]]:
-    """Return head and rows of text for a granulate, at most ``MOST_ROWS`` of its steps.
-
-    Parameters
-    ----------
-    result : Dataset
-        Follows ``GRANULATE``.
-    """
+    """Return head and rows of text for a granulate, at most ``MOST_ROWS`` of its steps."""
     names = ("time", "n_contacts", "kinetic_energy", "penetration", "iterations", "residual")
     head = ("time (s)", "contacts", "kinetic (J)", "overlap / R", "sweeps", "error")
     rows = [tuple(f"{float(result[name][k]):.4g}" for name in names) for k in _steps_shown(result)]
@@ -241,13 +219,7 @@ def list_facts(result: "xr.Dataset") -> list[str]:
 
 
 def tabulate_braking(result: "xr.Dataset") -> tuple[tuple[str, ...], list[tuple[str, ...]]]:
-    """Return head and rows of text for a tread block: each temperature at its speeds.
-
-    Parameters
-    ----------
-    result : Dataset
-        Follows ``MACRO_RESULT``, with braking forces.
-    """
+    """Return head and rows of text for a tread block: each temperature at its speeds."""
     head = ("temperature (°C)", "speed (m/s)", "braking force (N)", "95 % band", "force / load")
     rows: list[tuple[str, ...]] = []
     for k in range(result.sizes["step"]):

@@ -8,13 +8,11 @@ from typing import TYPE_CHECKING
 
 from multiscale.io import make_folder, open_dataset, write_dataset
 from multiscale.pipeline.case import AnyCase
-from multiscale.pipeline.case_response import write_fields
 from multiscale.pipeline.planner import plan
 from multiscale.pipeline.run_folder import claim_folder
-from multiscale.pipeline.settings import Case
 from multiscale.pipeline.stage import Datasets, Job, Stage
 from multiscale.pipeline.stages import stages_of
-from multiscale.pipeline.stages.cells import CELLS
+from multiscale.pipeline.stages.cells import CELLS, write_fields
 from multiscale.pipeline.stages.fitted_law import FITTED_LAW
 from multiscale.pipeline.stages.joint import JOINT
 from multiscale.pipeline.structure_settings import StructureCase
@@ -37,8 +35,7 @@ class Results(Mapping[str, "xr.Dataset"]):
 
     Attributes
     ----------
-    found : dict of str to Dataset
-        In the order in which the stages were run.
+    found : dict of str to Dataset, in the order in which the stages were run
     """
 
     found: "dict[str, xr.Dataset]"
@@ -88,10 +85,6 @@ def run(
     progress : callable
         Gets the number of finished realisations.
 
-    Returns
-    -------
-    Results
-
     Raises
     ------
     MultiscaleError
@@ -102,7 +95,15 @@ def run(
     if (job.out / CELLS.file).exists():  # of cells or of roads, all of which it holds
         progress(case.realisations)
     if case.accuracy is not None and not all((job.out / one.file).exists() for one in PLANNED):
-        _plan(case, job)
+        planned = plan(case, job.out, executor=executor, progress=progress)
+        write_fields(planned.case, planned.folder, job.out)
+        result = planned.macro_result.assign_attrs(
+            plan="\n".join(planned.lines), time_spent=planned.spent, time_forecast=planned.forecast
+        )
+        left = (planned.micro_response, planned.interface_law, result)
+        for stage, dataset in zip(PLANNED, left, strict=True):
+            identity = stage.identity(case)
+            write_dataset(dataset, job.out / stage.file, stage.schema, identity=identity)
     found: dict[str, xr.Dataset] = {}
     for stage in stages_of(case.tables):
         file = job.out / stage.file
@@ -171,18 +172,4 @@ def _compute(stage: Stage, case: AnyCase, found: Datasets, job: Job, file: Path)
 
 
 def _writes(job: Job) -> bool:
-    """Whether this process is the one that writes."""
     return job.team is None or job.team.rank == 0
-
-
-def _plan(case: Case, job: Job) -> None:
-    """Let the planner choose and solve the cells, and write what it has found as a run."""
-    planned = plan(case, job.out, executor=job.executor, progress=job.progress)
-    write_fields(planned.case, planned.folder, job.out)
-    result = planned.macro_result.assign_attrs(
-        plan="\n".join(planned.lines), time_spent=planned.spent, time_forecast=planned.forecast
-    )
-    found = (planned.micro_response, planned.interface_law, result)
-    for stage, dataset in zip(PLANNED, found, strict=True):
-        identity = stage.identity(case)
-        write_dataset(dataset, job.out / stage.file, stage.schema, identity=identity)

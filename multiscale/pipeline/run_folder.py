@@ -25,12 +25,6 @@ def claim_folder(out: Path, case: AnyCase) -> None:
     have left goes where it is out of date, so that no report shows it beside inputs that are not
     its own.
 
-    Parameters
-    ----------
-    out : Path
-        Run folder, which exists.
-    case : Case, TyreCase or StructureCase
-
     Raises
     ------
     CaseError

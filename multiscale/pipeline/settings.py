@@ -2,7 +2,7 @@
 
 from typing import ClassVar, Self
 
-from pydantic import model_validator
+from pydantic import Field, model_validator
 
 from multiscale.macro.data_range import FAR_FACTOR
 from multiscale.micro.cell import depth_caution
@@ -29,35 +29,20 @@ POINTS_PER_WAVE = 8  # of the shortest wave of a measured surface, if the case n
 
 
 class Case(Settings):
-    """One question, such as how stiff the joint of two bodies is.
+    """One question, such as how stiff the joint of two bodies is."""
 
-    Parameters
-    ----------
-    title : str
-        Stands in report and tables.
-    elastic : bool
-        Whether a real contact pressure that no metal bears is meant, as that of rubber is.
-    body_1, body_2 : Body
-    cell : CellSettings
-    micro : MicroSettings
-    law : LawSettings
-    joint : JointSettings
-    slide : SlideSettings
-        If given, the bodies also slide over each other.
-    accuracy : AccuracySettings
-        If given, a planner chooses cells, grid and realisations.
-    """
-
-    title: str
-    elastic: bool = False
+    title: str = Field(description="Stands in report and tables.")
+    elastic: bool = Field(False, description="Confirms real contact pressures that no metal bears.")
     body_1: Body
     body_2: Body
     cell: CellSettings
     micro: MicroSettings
     law: LawSettings = LawSettings()
     joint: JointSettings
-    slide: SlideSettings | None = None
-    accuracy: AccuracySettings | None = None
+    slide: SlideSettings | None = Field(None, description="If given, the bodies also slide.")
+    accuracy: AccuracySettings | None = Field(
+        None, description="If given, a planner chooses cells."
+    )
 
     describes: ClassVar[str] = "a joint of two rough bodies"
 
@@ -158,12 +143,11 @@ class Case(Settings):
 
     def quick(self) -> Self:
         """Return the same case on a coarser grid with fewer realisations, and without a target."""
-        points = tuple(max(4, 2 * ((n + 2) // 4)) for n in self.cell.points)
         micro = self.micro.model_copy(update={"realisations": min(4, self.micro.realisations)})
         return self.model_copy(
             update={
                 "title": f"{self.title} (quick)",
-                "cell": self.cell.model_copy(update={"points": points}),
+                "cell": self.cell.quick(),
                 "micro": micro,
                 "law": self.law.model_copy(update={"samples": min(40, self.law.samples)}),
                 "slide": self.slide and self.slide.quick(self.cell, self.micro),
@@ -173,10 +157,7 @@ class Case(Settings):
 
     def cautions(self) -> list[str]:
         """Return what a user should know before trusting the results, one sentence each."""
-        found = []
-        spacing = max(
-            length / n for length, n in zip(self.cell.size, self.cell.points, strict=True)
-        )
+        found, spacing = [], self.cell.spacing
         for number, body in enumerate(self.bodies, start=1):
             cutoff = body.surface.short_cutoff if body.surface else None
             if cutoff is not None and cutoff < 0.99 * POINTS_PER_WAVE * spacing:
@@ -204,7 +185,7 @@ class Case(Settings):
     @property
     def scope(self) -> str:
         """What belongs to one run folder, in a few words."""
-        return f"{self.cell.points[0]} x {self.cell.points[1]} points"
+        return self.cell.scope
 
     def identity(self) -> str:
         """Checksum of everything that a realisation depends on, instrument files included."""

@@ -39,10 +39,8 @@ class Section:
     Attributes
     ----------
     heading : str
-    lines : sequence of str
-        Paragraphs.
-    head, rows : tuple of str, sequence of tuple of str
-        A table.
+    lines : sequence of str, paragraphs
+    head, rows : tuple of str, sequence of tuple of str, a table
     figures : mapping of str to callable
         From the name of a figure to a function that draws it into the file that it is given.
     """
@@ -69,14 +67,10 @@ class Job:
 
     Attributes
     ----------
-    out : Path
-        Run folder, which exists.
-    executor : Executor or None
-        See :func:`multiscale.executors.run_jobs`.
-    progress : callable
-        Gets the number of finished realisations.
-    team : Team or None
-        Processes that share the substructures of a structure.
+    out : Path, run folder, which exists
+    executor : Executor or None, see :func:`multiscale.executors.run_jobs`
+    progress : callable, gets the number of finished realisations
+    team : Team or None, processes that share the substructures of a structure
     """
 
     out: Path
@@ -104,14 +98,11 @@ class Shown:
     schema : Schema
     cautions : callable
         From the dataset to what a user should know before trusting it, one sentence each.
-    lines : callable
-        From the datasets of a run to what the command line prints.
+    lines : callable, from the datasets of a run to what the command line prints
     sections : callable
         From the datasets and the run folder to parts of the page, with their figures.
-    work : callable
-        From the datasets to rows that say how much was computed.
-    summary : callable
-        From the datasets to the head of the page; the last one of a run counts.
+    work : callable, from the datasets to rows that say how much was computed
+    summary : callable, from the datasets to the head of the page; the last one of a run counts
     failure : callable
         From the dataset to why some of its steps have no answer; such a command ends with 1.
     """
@@ -141,23 +132,17 @@ class Stage(Shown):
 
     Attributes
     ----------
-    tables : tuple of str
-        Tables of a case file that together ask for the stage.
+    tables : tuple of str, tables of a case file that together ask for the stage
     reads : set of str, or dict, optional
         Tables and keys of a case on which its dataset depends, beside those of the stages that it
         takes from, as ``include`` of pydantic; all if not given.
-    takes : tuple of Stage
-        Stages whose datasets it takes.
+    takes : tuple of Stage, stages whose datasets it takes
     run : callable
         From the case, the datasets of earlier stages and the job to the dataset of the stage.
-    write_fields : callable
-        Writes the dataset for ParaView into a folder, under a name.
-    needs : callable
-        From the case to the :class:`Needs` of the stage.
-    check : callable
-        Refuses a dataset that has been written but answers nothing.
-    pictures : tuple of str
-        Names of all figures that the sections may have.
+    write_fields : callable, writes the dataset for ParaView into a folder, under a name
+    needs : callable, from the case to the :class:`Needs` of the stage
+    check : callable, refuses a dataset that has been written but answers nothing
+    pictures : tuple of str, names of all figures that the sections may have
     """
 
     tables: tuple[str, ...]

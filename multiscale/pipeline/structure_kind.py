@@ -17,12 +17,9 @@ class StructureKind(Settings):
 
     Attributes
     ----------
-    stage : str
-        Name of the stage that solves it.
-    asks : tuple of tuple of str
-        The tables that go with it: all of one of these sets.
-    may_be_cut : bool
-        Whether ``[substructures]`` may cut it.
+    stage : str, name of the stage that solves it
+    asks : tuple of tuple of str, the tables that go with it: all of one of these sets
+    may_be_cut : bool, whether ``[substructures]`` may cut it
     """
 
     stage: ClassVar[str]

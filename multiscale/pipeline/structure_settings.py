@@ -2,7 +2,7 @@
 
 from collections.abc import Iterable
 from pathlib import Path
-from typing import Annotated, ClassVar, Self, get_args
+from typing import ClassVar, Self, get_args
 
 from pydantic import Field, model_validator
 
@@ -61,24 +61,12 @@ KINDS: dict[str, type[Settings]] = {
 class StructureCase(Settings):
     """One question to a structure of bars and cables, of elastic bodies, or of grains.
 
-    Parameters
-    ----------
-    title : str
-        Stands in tables and datasets.
-    structure : table
-        Its ``kind`` says what it is, and which tables go with it.
-    statics, dynamics : table
-        Exactly one of them for bars and cables, and for a plate statics.
-    joint, loading : table
-        Both, for blocks and lap joint.
-    substructures : table
-        Cuts a tensegrity grid, at rest or in motion, or any bodies.
-    grains, motion : table
-        Both, for grains.
+    Bars and cables take either statics or dynamics, a plate statics, blocks and a lap joint both
+    joint and loading, grains both grains and motion; substructures cut a tensegrity grid or bodies.
     """
 
-    title: str
-    structure: Annotated[Structure, Field(discriminator="kind")]
+    title: str = Field(description="Stands in tables and datasets.")
+    structure: Structure = Field(discriminator="kind")
     statics: Statics | None = None
     dynamics: Dynamics | None = None
     joint: JointLawSettings | None = None

@@ -49,22 +49,16 @@ def structure_stage(
     ----------
     name : str
         What the kinds name as their stage.
-    solve : callable
-        From the structure, its case and the job to the dataset.
-    needs : callable
-        From the structure and its case to what solving it takes.
-    tabulate : callable
-        From the dataset to head and rows.
-    write_fields : callable
-        Writes a series for ParaView; see :func:`multiscale.io.write_link_fields`.
+    solve, needs : callable
+        From the structure, its case and, to solve it, the job.
+    tabulate, write_fields, check : callable
+        Make head and rows of the dataset, write a series for ParaView as
+        :func:`multiscale.io.write_link_fields`, and refuse a dataset that answers nothing.
     question : str
         Stands at the head of the page.
     schema : Schema
-        Of the dataset.
     solver : tuple of str
         Libraries that solve where they are installed.
-    check : callable
-        Refuses a dataset that answers nothing.
     """
 
     def run(case: StructureCase, found: Datasets, job: Job) -> "xr.Dataset":
@@ -118,10 +112,8 @@ def with_too_far(result: "xr.Dataset", *cautions: str) -> "xr.Dataset":
 
 
 def _told(result: "xr.Dataset") -> list[str]:
-    """Say what stands beside the table."""
     return [*list_facts(result), *list_cycles(result)]
 
 
 def _failures(result: "xr.Dataset") -> list[str]:
-    """Say which steps failed, and why."""
     return str(result.attrs.get("failure", "")).splitlines()

@@ -51,8 +51,7 @@ class Sweep:
         Keys that vary, such as ``"cell.points"``; none in a file without ``[sweep]``.
     points : tuple of Case, TyreCase or StructureCase
         Every combination of the values, the last key fastest.
-    settings : tuple of tuple of str
-        For each point the values, as the file says them.
+    settings : tuple of tuple of str, for each point the values, as the file says them
     content : dict
         What the file says, with ``[sweep]`` where it has one; empty if it is from no file.
     """
@@ -157,10 +156,17 @@ def run_sweep(
     Raises
     ------
     MultiscaleError
-        If a worker process died, a file cannot be written, or no point has a result.
+        If the folder holds a single run, a worker process died, a file cannot be written, or no
+        point has a result.
     """
+    import tomli_w
+
     out = make_folder(Path(out))
-    _claim(out, sweep)
+    file = out / "case.toml"
+    if file.exists() and any(out.rglob("*.nc")) and "sweep" not in read_toml(file):
+        raise CaseError(f"{out} holds a single run; choose another folder for a sweep")
+    remove(out / POINTS.file)  # of other points
+    write_bytes(file, tomli_w.dumps({"title": sweep.title, "sweep": {}} | sweep.content).encode())
     folders = sweep.folders(out)
     names = [name_point(sweep.parameters, setting) for setting in sweep.settings]
     found: dict[int, tuple[xr.Dataset | None, str]] = {}
@@ -171,7 +177,11 @@ def run_sweep(
         progress(len(found))
 
     for k, folder in enumerate(folders):
-        if (kept := _finished(folder)) is not None:
+        try:
+            kept = _read_point(folder)
+        except SchemaError:  # missing, damaged or of another version: run again
+            continue
+        if kept["converged"].values.any():
             found[k] = kept, ""
     progress(len(found))
     jobs = {k: (case, folders[k]) for k, case in enumerate(sweep.points) if k not in found}
@@ -185,23 +195,6 @@ def run_sweep(
     joined = _join(sweep, results, failures, [path.name for path in folders])
     write_dataset(joined, out / POINTS.file, SWEEP)
     return joined
-
-
-def _claim(out: Path, sweep: Sweep) -> None:
-    """Write what the sweep says into its folder, unless it holds a single run.
-
-    Raises
-    ------
-    CaseError
-        If it does.
-    """
-    import tomli_w
-
-    file = out / "case.toml"
-    if file.exists() and any(out.rglob("*.nc")) and "sweep" not in read_toml(file):
-        raise CaseError(f"{out} holds a single run; choose another folder for a sweep")
-    remove(out / POINTS.file)  # of other points
-    write_bytes(file, tomli_w.dumps({"title": sweep.title, "sweep": {}} | sweep.content).encode())
 
 
 def _lists(
@@ -230,15 +223,6 @@ def _set(content: dict[str, Any], key: tuple[str, ...], value: Any, path: Path) 
     content[key[-1]] = value
 
 
-def _finished(folder: Path) -> "xr.Dataset | None":
-    """Return the result of a point run before, if it is whole and not a failure."""
-    try:
-        result = _read_point(folder)
-    except SchemaError:  # missing, damaged or of another version: run again
-        return None
-    return result if result["converged"].values.any() else None
-
-
 def _run_point(case: AnyCase, folder: Path) -> "tuple[xr.Dataset | None, str]":
     """Run a point; what is refused is a sentence, not the end."""
     try:
@@ -261,7 +245,6 @@ def _join(
     failures: Sequence[str],
     folders: list[str],
 ) -> "xr.Dataset":
-    """Join the results of all points."""
     steps = max(result.sizes["step"] for result in results if result is not None)
     shape = (len(results), steps)
     values: dict[str, Any] = {name: np.full(shape, np.nan) for name in RESULT}

@@ -28,13 +28,7 @@ def name_point(parameters: Iterable[str], setting: Iterable[str]) -> str:
 
 
 def _list_cautions(result: "xr.Dataset") -> list[str]:
-    """Say why points have no result, and what to beware of at others: each once, with its points.
-
-    Parameters
-    ----------
-    result : Dataset
-        Follows ``SWEEP``.
-    """
+    """Say why points have no result, and what to beware of at others: each with its points."""
     names, failures = _names(result), [str(one) for one in result["failure"].values]
     # a sweep of an earlier version has none
     cautions = [str(one) for one in result["caution"].values] if "caution" in result else []
@@ -51,7 +45,6 @@ def _list_cautions(result: "xr.Dataset") -> list[str]:
 
 
 def _places(found: Iterable[tuple[str, int]]) -> dict[str, list[int]]:
-    """Points of every text."""
     places: dict[str, list[int]] = {}
     for text, point in found:
         places.setdefault(text, []).append(point)
@@ -59,13 +52,11 @@ def _places(found: Iterable[tuple[str, int]]) -> dict[str, list[int]]:
 
 
 def _names(result: "xr.Dataset") -> list[str]:
-    """Name every point by its keys and values."""
     parameters = list(map(str, result["parameter"].values))
     return [name_point(parameters, map(str, setting)) for setting in result["setting"].values]
 
 
 def _list(names: list[str], at: list[int]) -> str:
-    """Name some points."""
     named = "; ".join(names[k] for k in at[:MOST_NAMED])
     return f"{named}; and {len(at) - MOST_NAMED} more" if len(at) > MOST_NAMED else named
 

@@ -127,7 +127,8 @@ def three_ways(
     load = os.getloadavg()
     rows: list[dict[str, float | str]] = []
     for name in scenes:
-        _warm_up(SCENES[name](0.25))
+        for way in (solve_sequential, solve_concurrent, solve_direct):  # imports and compilation
+            way(SCENES[name](0.25), [0], points_per_wave=3)
         for effort in efforts:
             structure = SCENES[name](effort.ratio)
             for row in _measure(structure, effort, cells, points_per_wave):
@@ -148,16 +149,9 @@ def three_ways(
     )
 
 
-def _warm_up(structure: RoughStructure) -> None:
-    solve_sequential(structure, [0], points_per_wave=3)
-    solve_concurrent(structure, [0], points_per_wave=3)
-    solve_direct(structure, [0], points_per_wave=3)
-
-
 def _measure(
     structure: RoughStructure, effort: Effort, cells: int, points_per_wave: int
 ) -> list[dict[str, float | str]]:
-    """Rows of all ways at one ratio of scales."""
     seeds = range(effort.realisations)
     direct, px = {}, COARSEST
     while px <= effort.finest:

@@ -28,11 +28,17 @@ from multiscale.units import to_si
 __all__ = [
     "Count",
     "Duration",
+    "Factor",
     "Length",
+    "Natural",
     "Number",
+    "Positive",
     "Pressure",
+    "Ratio",
     "Settings",
+    "Share",
     "TimeSteps",
+    "Tolerance",
     "must_rise",
     "quantity",
     "read_toml",
@@ -62,7 +68,13 @@ Length = Annotated[float, quantity("m"), Field(gt=0.0), with_unit("m")]
 Pressure = Annotated[float, quantity("Pa"), Field(gt=0.0), with_unit("Pa")]
 Duration = Annotated[float, quantity("s"), Field(gt=0.0), with_unit("s")]
 Number = Annotated[float, quantity("1")]
+Share = Annotated[Number, Field(ge=0.0, le=1.0)]
+Tolerance = Annotated[Number, Field(gt=0.0, lt=1.0)]
+Factor = Annotated[Number, Field(ge=0.0)]
+Ratio = Annotated[Number, Field(ge=0.0, le=0.4999)]  # of Poisson
 Count = Annotated[int, Strict()]
+Positive = Annotated[Count, Field(ge=1)]
+Natural = Annotated[Count, Field(ge=0)]
 
 
 def must_rise(values: tuple[float, ...]) -> tuple[float, ...]:
@@ -108,18 +120,10 @@ class Settings(BaseModel):
 
 
 class TimeSteps(Settings):
-    """A motion in time steps.
+    """A motion in time steps."""
 
-    Parameters
-    ----------
-    step : quantity
-        Time step, s; shortened so that a whole number of them fills the duration.
-    duration : quantity
-        s.
-    """
-
-    step: Duration
-    duration: Duration
+    step: Duration = Field(description="Time step, s; shortened to a whole part of the duration.")
+    duration: Duration = Field(description="How long the motion is followed, s.")
 
     @model_validator(mode="after")
     def _check_step(self) -> Self:
@@ -149,18 +153,9 @@ def read_toml(path: Path) -> dict[str, Any]:
 
 
 def validate(model: type[Model], content: dict[str, Any], path: Path, kinds: Kinds) -> Model:
-    """Turn the content of a file into settings.
+    """Turn the content of a file into settings; messages name its path.
 
-    Parameters
-    ----------
-    model : type
-        Of the whole file.
-    content : dict
-        What the file says.
-    path : Path
-        Named in messages.
-    kinds : mapping of str to type
-        The models behind the tags of tables that come in several kinds.
+    ``kinds`` are the models behind the tags of tables that come in several kinds.
 
     Raises
     ------
@@ -214,7 +209,6 @@ def _locate(
 
 
 def _model_in(annotation: Any) -> type[BaseModel] | None:
-    """Return the first model that an annotation names."""
     if isinstance(annotation, type) and issubclass(annotation, BaseModel):
         return annotation
     found = (_model_in(part) for part in get_args(annotation))
@@ -239,7 +233,6 @@ MESSAGES: dict[str, Callable[[Any], str]] = {
 
 
 def _message(fault: Any) -> str:
-    """Say what is wrong with a value."""
     if fault["type"] in MESSAGES:
         return MESSAGES[fault["type"]](fault)
     if fault["type"] == "too_long" and isinstance(fault["input"], list):

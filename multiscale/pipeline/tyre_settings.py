@@ -7,14 +7,18 @@ from pydantic import Field, field_validator, model_validator
 
 from multiscale.laws import wlf_shift
 from multiscale.micro.viscoelastic_sliding import RelaxingSolid
-from multiscale.pipeline.case_tables import Points
+from multiscale.pipeline.case_tables import GridSettings
 from multiscale.pipeline.rough_bodies import SyntheticSurface
 from multiscale.pipeline.settings import FEWEST_REALISATIONS, POINTS_PER_WAVE
 from multiscale.pipeline.toml_model import (
     Count,
+    Duration,
     Length,
+    Natural,
     Number,
+    Positive,
     Pressure,
+    Ratio,
     Settings,
     must_rise,
     quantity,
@@ -27,38 +31,19 @@ FASTEST = 100.0
 """Speed, m/s, beyond which rubber heats more than a steady, even temperature describes."""
 
 Temperature = Annotated[float, quantity("K"), Field(gt=0.0), with_unit("K")]
-Duration = Annotated[float, quantity("s"), Field(gt=0.0), with_unit("s")]
 Speed = Annotated[float, quantity("m/s"), Field(gt=0.0, le=FASTEST), with_unit("m/s")]
 
 
 class Rubber(Settings):
-    """A linear viscoelastic solid; see :class:`multiscale.micro.RelaxingSolid`.
+    """A linear viscoelastic solid; see :class:`multiscale.micro.RelaxingSolid`."""
 
-    Parameters
-    ----------
-    relaxed_modulus : quantity
-        Young's modulus after a long time, Pa.
-    poissons_ratio : number
-        Poisson's ratio, at all times.
-    moduli : list of quantities
-        Young's moduli of the Prony series, which relax, Pa.
-    times : list of quantities
-        Their relaxation times at the reference temperature, s; one for each.
-    reference_temperature : quantity
-        That of the times, K; written such as ``"20 degC"``.
-    wlf_c1 : number
-        First constant of Williams, Landel and Ferry, which shifts the times.
-    wlf_c2 : quantity
-        Second constant, K; see :func:`multiscale.laws.wlf_shift`.
-    """
-
-    relaxed_modulus: Pressure
-    poissons_ratio: Annotated[Number, Field(ge=0.0, le=0.4999)] = 0.49
-    moduli: tuple[Pressure, ...] = ()
-    times: tuple[Duration, ...] = ()
-    reference_temperature: Temperature
-    wlf_c1: Annotated[Number, Field(gt=0.0)]
-    wlf_c2: Temperature
+    relaxed_modulus: Pressure = Field(description="Young's modulus after a long time, Pa.")
+    poissons_ratio: Ratio = Field(0.49, description="At all times.")
+    moduli: tuple[Pressure, ...] = Field((), description="Young's moduli of the Prony series, Pa.")
+    times: tuple[Duration, ...] = Field((), description="In which they relax, s; one for each.")
+    reference_temperature: Temperature = Field(description='Of the times, K, as `"20 degC"`.')
+    wlf_c1: Number = Field(gt=0.0, description="First constant of Williams, Landel and Ferry.")
+    wlf_c2: Temperature = Field(description="Second constant, K; see `multiscale.laws.wlf_shift`.")
 
     @model_validator(mode="after")
     def _check(self) -> Self:
@@ -84,105 +69,51 @@ class Rubber(Settings):
         return wlf_shift(temperature, self.reference_temperature, self.wlf_c1, self.wlf_c2)
 
 
-class RoadCell(Settings):
-    """The representative piece of road.
-
-    Parameters
-    ----------
-    size : two quantities
-        Edge lengths along x and y, m.
-    points : two ints
-        Grid points along x and y.
-    """
-
-    size: tuple[Length, Length]
-    points: tuple[Points, Points]
+class RoadCell(GridSettings):
+    """The representative piece of road."""
 
 
 class Slides(Settings):
-    """The ensemble of cells: each slides at every pressure, speed and temperature.
+    """The ensemble of cells: each slides at every pressure, speed and temperature."""
 
-    Parameters
-    ----------
-    realisations : int
-        Number of cells.
-    pressures : list of quantities
-        Mean pressures, Pa, rising.
-    speeds : list of quantities
-        Sliding speeds, m/s, rising.
-    temperatures : list of quantities
-        Temperatures, K, rising; written such as ``"20 degC"``.
-    seed : int
-        Random seed of the first realisation; the next ones count on.
-    """
-
-    realisations: Annotated[Count, Field(ge=1)]
-    pressures: Annotated[tuple[Pressure, ...], Field(min_length=3)]
-    speeds: Annotated[tuple[Speed, ...], Field(min_length=4)]
-    temperatures: Annotated[tuple[Temperature, ...], Field(min_length=3)]
-    seed: Annotated[Count, Field(ge=0)] = 0
+    realisations: Positive = Field(description="Number of cells.")
+    pressures: tuple[Pressure, ...] = Field(min_length=3, description="Mean pressures, Pa, rising.")
+    speeds: tuple[Speed, ...] = Field(min_length=4, description="Sliding speeds, m/s, rising.")
+    temperatures: tuple[Temperature, ...] = Field(
+        min_length=3, description='K, rising; such as `"20 degC"`.'
+    )
+    seed: Natural = Field(0, description="Of the first realisation; the next ones count on.")
 
     _rise = field_validator("pressures", "speeds", "temperatures")(must_rise)
 
 
 class Tread(Settings):
-    """The tread block; see :class:`multiscale.macro.joint.TreadBlock`.
+    """The tread block; see :class:`multiscale.macro.joint.TreadBlock`."""
 
-    Parameters
-    ----------
-    length : quantity
-        Along the motion, m.
-    width : quantity
-        Across the motion, m.
-    height : quantity
-        From the road to the carcass, m.
-    pressure : quantity
-        Nominal pressure on the road, Pa.
-    elements : three ints
-        Elements along the motion, across it, and over the height.
-    """
-
-    length: Length
-    width: Length
-    height: Length
-    pressure: Pressure
-    elements: Annotated[
-        tuple[Annotated[Count, Field(ge=1, le=40)], ...], Field(min_length=3, max_length=3)
-    ] = (8, 5, 2)
+    length: Length = Field(description="Along the motion, m.")
+    width: Length = Field(description="Across the motion, m.")
+    height: Length = Field(description="From the road to the carcass, m.")
+    pressure: Pressure = Field(description="Nominal pressure on the road, Pa.")
+    elements: tuple[Annotated[Count, Field(ge=1, le=40)], ...] = Field(
+        (8, 5, 2), min_length=3, max_length=3, description="Along the motion, across and upwards."
+    )
 
 
 class LawSettings(Settings):
-    """The fit of the friction law.
+    """The fit of the friction law."""
 
-    Parameters
-    ----------
-    samples : int
-        Bootstrap samples behind the bands.
-    extrapolate : bool
-        Whether forces stand where more than 5 % of the load lies beyond a factor of 2 outside the
-        pressures of the cells; they are unknown otherwise.
-    """
-
-    samples: Annotated[Count, Field(ge=0)] = 200
-    extrapolate: bool = False
+    samples: Count = Field(200, ge=0, description="Bootstrap samples behind the bands.")
+    extrapolate: bool = Field(
+        False,
+        description="Whether forces stand where more than 5 % of the load lies beyond a factor of "
+        "2 outside the pressures of the cells; they are unknown otherwise.",
+    )
 
 
 class TyreCase(Settings):
-    """One question: how hard a tread block brakes on a road, over speed and temperature.
+    """One question: how hard a tread block brakes on a road, over speed and temperature."""
 
-    Parameters
-    ----------
-    title : str
-        Stands in report and tables.
-    rubber : Rubber
-    road : SyntheticSurface
-    cell : RoadCell
-    sliding : Slides
-    law : LawSettings
-    tread : Tread
-    """
-
-    title: str
+    title: str = Field(description="Stands in report and tables.")
     rubber: Rubber
     road: SyntheticSurface
     cell: RoadCell
@@ -211,12 +142,11 @@ class TyreCase(Settings):
 
     def quick(self) -> Self:
         """Return the same case on a coarser grid with fewer realisations."""
-        points = tuple(max(4, 2 * ((n + 2) // 4)) for n in self.cell.points)
         fewer = {"realisations": min(4, self.sliding.realisations)}
         return self.model_copy(
             update={
                 "title": f"{self.title} (quick)",
-                "cell": self.cell.model_copy(update={"points": points}),
+                "cell": self.cell.quick(),
                 "sliding": self.sliding.model_copy(update=fewer),
                 "law": self.law.model_copy(update={"samples": min(80, self.law.samples)}),
                 "tread": self.tread.model_copy(update={"elements": (6, 4, 2)}),
@@ -225,10 +155,7 @@ class TyreCase(Settings):
 
     def cautions(self) -> list[str]:
         """Return what a user should know before trusting the results, one sentence each."""
-        found = []
-        spacing = max(
-            length / n for length, n in zip(self.cell.size, self.cell.points, strict=True)
-        )
+        found, spacing = [], self.cell.spacing
         if self.road.short_cutoff < 0.99 * POINTS_PER_WAVE * spacing:
             found.append(
                 f"the shortest wave of the road has {self.road.short_cutoff / spacing:.1f} points; "
@@ -247,7 +174,7 @@ class TyreCase(Settings):
     @property
     def scope(self) -> str:
         """What belongs to one run folder, in a few words."""
-        return f"{self.cell.points[0]} x {self.cell.points[1]} points"
+        return self.cell.scope
 
     def identity(self) -> str:
         """Checksum of everything that a realisation depends on."""

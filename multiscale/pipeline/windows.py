@@ -1,6 +1,5 @@
 """Windows of a measured map as surfaces of cells, and what is left of its roughness in them."""
 
-from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -43,16 +42,11 @@ class Measured:
 
     Attributes
     ----------
-    stages : tuple of Roughness
-        Of the map, of its windows and of the cells.
-    map_filled : float
-        Share of filled points of the map.
-    filled : tuple of float
-        Share of filled points of each window.
-    cutoff : str
-        The shortest wave that was kept, and what chose it.
-    cautions : tuple of str
-        What is lost between map and cells, one sentence each.
+    stages : tuple of Roughness, of the map, of its windows and of the cells
+    map_filled : float, share of filled points of the map
+    filled : tuple of float, share of filled points of each window
+    cutoff : str, the shortest wave that was kept, and what chose it
+    cautions : tuple of str, what is lost between map and cells, one sentence each
     """
 
     stages: tuple[Roughness, Roughness, Roughness]
@@ -69,14 +63,10 @@ def cut_windows(
 
     Parameters
     ----------
-    settings : InstrumentSurface
-        The map.
-    cell : CellSettings
-        Size and grid of the cells.
-    which : range
-        Numbers of the windows to cut.
-    needed : int
-        Windows that the map must hold.
+    settings, cell : InstrumentSurface, CellSettings
+        The map, and size and grid of the cells.
+    which, needed : range, int
+        Numbers of the windows to cut, and how many the map must hold.
     seed : int
         Of the order of the windows, which are the same whatever their number.
 
@@ -114,7 +104,8 @@ def cut_windows(
     corners = _corners(whole, (pixels[0], pixels[1]), settings.filled, seed)
     if len(corners) < needed:
         raise CaseError(_too_few(whole, settings, size, len(corners), needed))
-    pieces = [detrend(_cut(whole, corners[k], pixels, size)) for k in which]
+    cropped = [crop(whole, corners[k], (pixels[0], pixels[1])) for k in which]
+    pieces = [detrend(Surface(one.heights, size, one.filled)) for one in cropped]
     if any(np.ptp(piece.heights) == 0.0 for piece in pieces):
         raise CaseError(f"{settings.file.name} has a window of constant height; crop it")
     periodic = [(mirror if settings.periodic == "mirror" else window)(piece) for piece in pieces]
@@ -142,7 +133,7 @@ def _cutoff(
     settings: InstrumentSurface, cell: CellSettings, pixel: tuple[float, float]
 ) -> tuple[float, str]:
     """Shortest wavelength to keep, m, and what chose it: the case, the grid or the pixels."""
-    spacing = max(edge / n for edge, n in zip(cell.size, cell.points, strict=True))
+    spacing = cell.spacing
     by_grid, by_map = POINTS_PER_WAVE * spacing, 2.0 * max(pixel)
     resolved = max(by_grid, by_map)
     if settings.short_cutoff is not None:
@@ -223,14 +214,6 @@ def _too_few(
             )
             break
     return said + (", or allow more by filled in the surface table" if within else "")
-
-
-def _cut(
-    whole: Surface, corner: tuple[int, int], pixels: Sequence[int], size: tuple[float, float]
-) -> Surface:
-    """Cut the window at a corner; its pixels take the size."""
-    piece = crop(whole, corner, (pixels[0], pixels[1]))
-    return Surface(piece.heights, size, piece.filled)
 
 
 def _losses(

@@ -1,4 +1,8 @@
-"""Figures of damage, stiffness and fatigue."""
+"""Figures of damage, stiffness and fatigue.
+
+``sections`` follow ``DAMAGE_SECTIONS``, a ``curve`` ``WOEHLER``, a ``comparison``
+``RVE_STIFFNESS``, and a ``result`` ``MACRO_RESULT``, with cycles.
+"""
 
 from collections.abc import Callable
 from pathlib import Path
@@ -33,8 +37,6 @@ def plot_damage_sphere(sections: "xr.Dataset", *, ax: "Axes3D") -> "Axes3D":
 
     Parameters
     ----------
-    sections : Dataset
-        Follows ``DAMAGE_SECTIONS``.
     ax : Axes3D
         Axes to draw on. An arrow shows the worst normal.
     """
@@ -77,8 +79,6 @@ def plot_worst_section(
     ----------
     rve : Cavities or VoxelImage
         The volume of the sections.
-    sections : Dataset
-        Follows ``DAMAGE_SECTIONS``.
     """
     from matplotlib.colors import ListedColormap
 
@@ -106,13 +106,7 @@ def plot_worst_section(
 
 
 def plot_woehler(curve: "xr.Dataset", *, ax: "Axes | None" = None) -> "Axes":
-    """Plot stress amplitude against cycles to initiation and to rupture; run-outs are arrows.
-
-    Parameters
-    ----------
-    curve : Dataset
-        Follows ``WOEHLER``.
-    """
+    """Plot stress amplitude against cycles to initiation and to rupture; run-outs are arrows."""
     ax = axes_or_current(ax)
     amplitude = 1e-6 * curve["amplitude"].values
     life, onset = curve["cycles_to_rupture"].values, curve["cycles_to_initiation"].values
@@ -132,13 +126,7 @@ def plot_woehler(curve: "xr.Dataset", *, ax: "Axes | None" = None) -> "Axes":
 
 
 def plot_stiffness_against_damage(comparison: "xr.Dataset", *, ax: "Axes | None" = None) -> "Axes":
-    """Plot Young's modulus along normals against the damage of their sections, and the line 1 - D.
-
-    Parameters
-    ----------
-    comparison : Dataset
-        Follows ``RVE_STIFFNESS``.
-    """
+    """Plot Young's modulus along normals against the damage of their sections, and 1 - D."""
     ax = axes_or_current(ax)
     damage, modulus = comparison["damage"].values, comparison["modulus_ratio"].values
     phi = float(comparison["porosity"])
@@ -153,13 +141,7 @@ def plot_stiffness_against_damage(comparison: "xr.Dataset", *, ax: "Axes | None"
 
 
 def plot_joint_life(result: "xr.Dataset", *, ax: "Axes | None" = None) -> "Axes":
-    """Plot the stiffness of a joint over its life.
-
-    Parameters
-    ----------
-    result : Dataset
-        Follows ``MACRO_RESULT``, with cycles.
-    """
+    """Plot the stiffness of a joint over its life."""
     ax = axes_or_current(ax)
     cycles = result["cycles"].values
     for name, label in (("joint_stiffness", "joint"), ("interface_stiffness", "interface alone")):

@@ -99,8 +99,7 @@ def plot_energy_parts(time: np.ndarray, parts: dict[str, np.ndarray], ax: "Axes"
         if np.nanmax(np.abs(energy)) > 0.0:
             ax.plot(time, energy, label=label)
     ax.plot(time, np.sum(list(parts.values()), axis=0), color="black", linestyle="--", label="sum")
-    ax.set_xlabel("time (s)")
-    ax.set_ylabel("energy (J)")
+    ax.set(xlabel="time (s)", ylabel="energy (J)")
     ax.legend(loc="lower center", bbox_to_anchor=(0.5, 1.0), ncols=2, frameon=False)
 
 

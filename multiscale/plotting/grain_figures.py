@@ -1,4 +1,4 @@
-"""Figures of granulates."""
+"""Figures of granulates: a ``result`` follows ``GRANULATE``."""
 
 from collections.abc import Callable
 from pathlib import Path
@@ -37,8 +37,6 @@ def plot_force_network(
 
     Parameters
     ----------
-    result : Dataset
-        Follows ``GRANULATE``.
     frame : int
         Number of the frame; the last one if not given.
     slab : tuple of float, optional
@@ -82,13 +80,7 @@ def plot_force_network(
 
 
 def plot_grain_energies(result: "xr.Dataset", *, ax: "Axes | None" = None) -> "Axes":
-    """Plot the parts of the energy of the grains, and their sum, which is constant.
-
-    Parameters
-    ----------
-    result : Dataset
-        Follows ``GRANULATE``.
-    """
+    """Plot the parts of the energy of the grains, and their sum, which is constant."""
     ax = axes_or_current(ax)
     parts = {
         "kinetic": result["kinetic_energy"].values,
@@ -102,13 +94,7 @@ def plot_grain_energies(result: "xr.Dataset", *, ax: "Axes | None" = None) -> "A
 
 
 def plot_contact_error(result: "xr.Dataset", *, ax: "Axes | None" = None) -> "Axes":
-    """Plot the error of the contact solver in every step; missed tolerances have crosses.
-
-    Parameters
-    ----------
-    result : Dataset
-        Follows ``GRANULATE``.
-    """
+    """Plot the error of the contact solver in every step; missed tolerances have crosses."""
     ax = axes_or_current(ax)
     time, error = result["time"].values, result["residual"].values
     met = result["converged"].values == 1
@@ -121,13 +107,7 @@ def plot_contact_error(result: "xr.Dataset", *, ax: "Axes | None" = None) -> "Ax
 
 
 def plot_biaxial_curve(result: "xr.Dataset", *, ax: "Axes | None" = None) -> "Axes":
-    """Plot stress ratio and volumetric strain against the axial strain of a cell.
-
-    Parameters
-    ----------
-    result : Dataset
-        Follows ``GRANULATE``, for a cell under pressure.
-    """
+    """Plot stress ratio and volumetric strain against the axial strain of a cell."""
     from multiscale.macro.granulate import biaxial_curve
 
     ax, curve = axes_or_current(ax), biaxial_curve(result)
@@ -146,8 +126,6 @@ def draw_granulate(result: "xr.Dataset", folder: Path) -> list[Path]:
 
     Parameters
     ----------
-    result : Dataset
-        Follows ``GRANULATE``.
     folder : Path
         Folder of the files, made if needed.
     """

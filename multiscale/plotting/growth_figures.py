@@ -1,4 +1,7 @@
-"""Figures of the growth of time and memory with the size of a structure."""
+"""Figures of the growth of time and memory with the size of a structure.
+
+``work_precision`` follows ``WORK_PRECISION``, with the number of cables.
+"""
 
 from typing import TYPE_CHECKING
 
@@ -32,8 +35,6 @@ def plot_growth(
 
     Parameters
     ----------
-    work_precision : Dataset
-        Follows ``WORK_PRECISION``, with the number of cables.
     quantity : str
         ``"wall_time"`` or ``"peak_memory"``.
     """
@@ -43,7 +44,6 @@ def plot_growth(
     label, factor = QUANTITIES[quantity]
     runs = work_precision.isel(run=np.flatnonzero(work_precision["converged"].values))
     methods, scenes = (list(dict.fromkeys(runs[name].values)) for name in ("method", "scene"))
-    growth = _slope if quantity == "wall_time" else _per_cable
     cables, cost = runs["cables"].values, runs[quantity].values
     for i, method in enumerate(methods):
         for scene in scenes:
@@ -56,10 +56,9 @@ def plot_growth(
                 color=f"C{i}",
                 markersize=5 if first else 8,
                 markerfacecolor=f"C{i}" if first else "none",
-                label=f"{method}, {scene}{growth(cables[mine], cost[mine])}",
+                label=f"{method}, {scene}{_growth(quantity, cables[mine], cost[mine])}",
             )
-    ax.set_xscale("log")
-    ax.set_yscale("log")
+    ax.set(xscale="log", yscale="log")
     low, high = ax.get_ylim()
     ax.set_ylim(low, LEGEND_ROOM * high)
     if high < 100.0 * low:  # few decades: label 1, 2 and 5 of each
@@ -75,34 +74,22 @@ def plot_growth(
 
 
 def draw_growth_panels(work_precision: "xr.Dataset") -> "Figure":
-    """Draw time and memory side by side.
-
-    Parameters
-    ----------
-    work_precision : Dataset
-        Follows ``WORK_PRECISION``, with the number of cables.
-    """
+    """Draw time and memory side by side."""
     figure = new_figure(11.0, 5.0)
     for ax, quantity in zip(figure.subplots(1, 2), QUANTITIES, strict=True):
         plot_growth(work_precision, quantity=quantity, ax=ax)
     return figure
 
 
-def _slope(cables: np.ndarray, cost: np.ndarray) -> str:
-    """Slope between the two largest structures; empty for fewer structures."""
+def _growth(quantity: str, cables: np.ndarray, cost: np.ndarray) -> str:
+    """Slope of time, or memory per cable, between the two largest structures; empty for fewer."""
     if cables.size < 2:
         return ""
     last = np.argsort(cables)[-2:]
-    rise, run = (np.diff(np.log(values[last]))[0] for values in (cost, cables))
-    return f": slope {rise / run:.2f}"
-
-
-def _per_cable(cables: np.ndarray, memory: np.ndarray) -> str:
-    """Memory per cable between the two largest structures; empty for fewer structures."""
-    if cables.size < 2:
-        return ""
-    last = np.argsort(cables)[-2:]
-    rise, run = (np.diff(values[last])[0] for values in (memory, cables))
+    if quantity == "wall_time":
+        rise, run = (np.diff(np.log(values[last]))[0] for values in (cost, cables))
+        return f": slope {rise / run:.2f}"
+    rise, run = (np.diff(values[last])[0] for values in (cost, cables))
     return f": {1e-3 * rise / run:.2g} kB per cable"
 
 

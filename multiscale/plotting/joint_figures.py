@@ -1,4 +1,7 @@
-"""Figures of rough joints: zones of slip, pressure and hysteresis."""
+"""Figures of rough joints: zones of slip, pressure and hysteresis.
+
+A ``result`` follows ``MACRO_RESULT``, with the points of joints.
+"""
 
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -38,8 +41,6 @@ def plot_joint_plan(
 
     Parameters
     ----------
-    result : Dataset
-        Follows ``MACRO_RESULT``, with the points of joints.
     quantity : str
         ``"contact_state"`` or ``"pressure"``.
     step : int
@@ -79,11 +80,6 @@ def plot_hysteresis(result: "xr.Dataset", *, ax: "Axes | None" = None) -> "Axes"
 
     The elastic displacement, shear over the stiffness without slip, is subtracted: it would hide a
     slender loop, and encloses no area.
-
-    Parameters
-    ----------
-    result : Dataset
-        Follows ``MACRO_RESULT``, with the cycles of a joint.
     """
     ax = axes_or_current(ax)
     last = result["preload"].values == result["preload"].values[-1]
@@ -109,8 +105,6 @@ def draw_joint(result: "xr.Dataset", folder: Path) -> list[Path]:
 
     Parameters
     ----------
-    result : Dataset
-        Follows ``MACRO_RESULT``, with the points of joints.
     folder : Path
         Folder of the files, made if needed.
 

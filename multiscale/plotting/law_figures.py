@@ -1,4 +1,8 @@
-"""Figures of the laws of the interface and of the stiffness of a joint."""
+"""Figures of the laws of the interface and of the stiffness of a joint.
+
+A ``response`` follows ``MICRO_RESPONSE``, a ``law`` ``INTERFACE_LAW``, a ``result``
+``MACRO_RESULT``.
+"""
 
 from dataclasses import replace
 from typing import TYPE_CHECKING, Any
@@ -29,15 +33,7 @@ STATISTICS = ("mean", "std")
 
 
 def plot_gap_law(response: "xr.Dataset", law: "xr.Dataset", *, ax: "Axes | None" = None) -> "Axes":
-    """Plot pressure against mean gap: realisations as markers, the law as a line with its band.
-
-    Parameters
-    ----------
-    response : Dataset
-        Follows ``MICRO_RESPONSE``.
-    law : Dataset
-        Follows ``INTERFACE_LAW``.
-    """
+    """Plot pressure against mean gap: realisations as markers, the law as a line with its band."""
     ax = axes_or_current(ax)
     response = loading_branch(response)
     pressure = 1e-6 * response["nominal_pressure"].values
@@ -61,15 +57,7 @@ def plot_gap_law(response: "xr.Dataset", law: "xr.Dataset", *, ax: "Axes | None"
 def plot_unloading(
     response: "xr.Dataset", law: "xr.Dataset", *, ax: "Axes | None" = None
 ) -> "Axes":
-    """Plot pressure against mean gap for unloading from the largest pressure, beside loading.
-
-    Parameters
-    ----------
-    response : Dataset
-        Follows ``MICRO_RESPONSE``, loaded and unloaded.
-    law : Dataset
-        Follows ``INTERFACE_LAW``, with an unloading branch.
-    """
+    """Plot pressure against mean gap for unloading from the largest pressure, beside loading."""
     ax = axes_or_current(ax)
     hysteretic = hysteretic_from_dataset(law)
     up = loading_branch(response)
@@ -113,15 +101,7 @@ def plot_unloading(
 
 
 def plot_area_law(response: "xr.Dataset", law: "xr.Dataset", *, ax: "Axes | None" = None) -> "Axes":
-    """Plot the contact fraction against the mean pressure: realisations, and the law with its band.
-
-    Parameters
-    ----------
-    response : Dataset
-        Follows ``MICRO_RESPONSE``.
-    law : Dataset
-        Follows ``INTERFACE_LAW``.
-    """
+    """Plot contact fraction against mean pressure: realisations, and the law with its band."""
     ax = axes_or_current(ax)
     response = loading_branch(response)
     pressure = 1e-6 * response["nominal_pressure"].values
@@ -144,13 +124,7 @@ def plot_area_law(response: "xr.Dataset", law: "xr.Dataset", *, ax: "Axes | None
 
 
 def plot_joint_stiffness(result: "xr.Dataset", *, ax: "Axes | None" = None) -> "Axes":
-    """Plot the stiffness of a joint against its preload, with the band of the samples of the law.
-
-    Parameters
-    ----------
-    result : Dataset
-        Follows ``MACRO_RESULT``.
-    """
+    """Plot the stiffness of a joint against its preload, with the band of the samples."""
     ax = axes_or_current(ax)
     result = result.isel(step=np.flatnonzero(np.isfinite(result["joint_stiffness"].values)))
     preload = 1e-6 * result["preload"].values
@@ -167,8 +141,7 @@ def plot_joint_stiffness(result: "xr.Dataset", *, ax: "Axes | None" = None) -> "
     ax.plot(preload, interface, "--", color="C1", label="interface alone")
     solid = to_plot * result["solid_stiffness"].values
     ax.plot(preload, solid, color="0.4", linestyle=":", label="bodies alone")
-    ax.set_xscale("log")
-    ax.set_yscale("log")
+    ax.set(xscale="log", yscale="log")
     ax.set(xlabel="preload (MPa)", ylabel="normal stiffness (MPa/µm)", title="joint stiffness")
     ax.legend()
     return ax

@@ -1,4 +1,4 @@
-"""Figures of structures of links: each takes a dataset and axes, and returns the axes."""
+"""Figures of structures of links: a ``result`` follows ``MACRO_RESULT``, with links."""
 
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -33,8 +33,6 @@ def plot_sorted_tensions(
 
     Parameters
     ----------
-    result : Dataset
-        Follows ``MACRO_RESULT``, with the links of a structure.
     law : str
         Kind of the links to plot.
     """
@@ -64,8 +62,6 @@ def plot_deformed_links(
 
     Parameters
     ----------
-    result : Dataset
-        Follows ``MACRO_RESULT``, with the links of a structure.
     ax : Axes3D
         Where to draw.
     step : int
@@ -106,13 +102,7 @@ def plot_deformed_links(
 
 
 def plot_energies(result: "xr.Dataset", *, ax: "Axes | None" = None) -> "Axes":
-    """Plot the parts of the energy of a moving structure, and their sum, which is constant.
-
-    Parameters
-    ----------
-    result : Dataset
-        Follows ``MACRO_RESULT``, with energies.
-    """
+    """Plot the parts of the energy of a moving structure, and their sum, which is constant."""
     ax = axes_or_current(ax)
     parts = {
         "kinetic": result["kinetic_energy"].values,
@@ -130,8 +120,6 @@ def draw_links(result: "xr.Dataset", folder: Path, *, scale: float = 1.0) -> lis
 
     Parameters
     ----------
-    result : Dataset
-        Follows ``MACRO_RESULT``, with the links of a structure.
     folder : Path
         Folder, made if needed, for the deformed structure, and for the sorted tensions or, of a
         motion, the energies.

@@ -1,4 +1,4 @@
-"""Figures of sliding cells."""
+"""Figures of sliding cells: a ``response`` follows ``SLIDING_RESPONSE``."""
 
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -15,13 +15,7 @@ __all__ = ["draw_sliding", "plot_sliding_friction", "plot_steady_friction"]
 
 
 def plot_sliding_friction(response: "xr.Dataset", *, ax: "Axes | None" = None) -> "Axes":
-    """Plot friction against the sliding distance, one line per pressure, darker at lower pressure.
-
-    Parameters
-    ----------
-    response : Dataset
-        Follows ``SLIDING_RESPONSE``.
-    """
+    """Plot friction against the sliding distance, a line per pressure, darker at lower ones."""
     from matplotlib import colormaps
 
     ax = axes_or_current(ax)
@@ -41,13 +35,7 @@ def plot_sliding_friction(response: "xr.Dataset", *, ax: "Axes | None" = None) -
 
 
 def plot_steady_friction(response: "xr.Dataset", *, ax: "Axes | None" = None) -> "Axes":
-    """Plot the mean friction over the last period against pressure.
-
-    Parameters
-    ----------
-    response : Dataset
-        Follows ``SLIDING_RESPONSE``.
-    """
+    """Plot the mean friction over the last period against pressure."""
     ax = axes_or_current(ax)
     ax.plot(1e-6 * response["nominal_pressure"].values, response["steady_friction"].values, "o-")
     ax.set(xlabel="mean pressure (MPa)", ylabel="mean friction over the last period")
@@ -57,15 +45,7 @@ def plot_steady_friction(response: "xr.Dataset", *, ax: "Axes | None" = None) ->
 
 
 def draw_sliding(response: "xr.Dataset", file: Path) -> Path:
-    """Draw friction against distance and against pressure, and write the figure.
-
-    Parameters
-    ----------
-    response : Dataset
-        Follows ``SLIDING_RESPONSE``.
-    file : Path
-        The PNG file.
-    """
+    """Draw friction against distance and against pressure, and write the figure."""
     figure = new_figure(9.0, 3.8)
     left, right = figure.subplots(1, 2)
     plot_sliding_friction(response, ax=left)

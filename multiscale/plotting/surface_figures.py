@@ -1,4 +1,4 @@
-"""Figures of cells: heights and contact pressure."""
+"""Figures of cells, heights and contact pressure: ``fields`` follow ``FIELDS``."""
 
 from typing import TYPE_CHECKING
 
@@ -14,13 +14,7 @@ __all__ = ["plot_contact_map", "plot_surface"]
 
 
 def plot_surface(fields: "xr.Dataset", *, ax: "Axes | None" = None) -> "Axes":
-    """Plot the heights of the composite surface.
-
-    Parameters
-    ----------
-    fields : Dataset
-        Follows ``FIELDS``.
-    """
+    """Plot the heights of the composite surface."""
     ax = axes_or_current(ax)
     height = 1e6 * fields["height"].values
     largest = np.abs(height - height.mean()).max()
@@ -44,8 +38,6 @@ def plot_contact_map(
 
     Parameters
     ----------
-    fields : Dataset
-        Follows ``FIELDS``.
     step : int, optional
         Load step; the middle one if not given.
     """

@@ -1,4 +1,4 @@
-"""Figure of a sweep."""
+"""Figure of a sweep, which follows ``SWEEP``."""
 
 from typing import TYPE_CHECKING
 
@@ -17,13 +17,7 @@ LARGEST_LEGEND = 10
 
 
 def plot_sweep(result: "xr.Dataset", *, ax: "Axes | None" = None) -> "Axes":
-    """Plot the stiffness of the joint over the preload, a line with its band for each point.
-
-    Parameters
-    ----------
-    result : Dataset
-        Follows ``SWEEP``.
-    """
+    """Plot the stiffness of the joint over the preload, a line with its band for each point."""
     import matplotlib
 
     ax = axes_or_current(ax)
@@ -36,8 +30,7 @@ def plot_sweep(result: "xr.Dataset", *, ax: "Axes | None" = None) -> "Axes":
         ax.plot(preload, 1e-12 * point["joint_stiffness"], "o-", color=colour, label=label)
         low, high = (1e-12 * point[f"joint_stiffness_{end}"].values for end in ("low", "high"))
         ax.fill_between(preload, low, high, color=colour, alpha=0.2, linewidth=0)
-    ax.set_xlabel("preload (MPa)")
-    ax.set_ylabel("joint stiffness (MPa/µm)")
+    ax.set(xlabel="preload (MPa)", ylabel="joint stiffness (MPa/µm)")
     ax.set_title(", ".join(map(str, result["parameter"].values)), fontsize="small")
     if count <= LARGEST_LEGEND:
         ax.legend(fontsize="small")

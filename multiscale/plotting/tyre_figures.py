@@ -1,4 +1,8 @@
-"""Figures of rubber on a road: friction, braking force and footprint."""
+"""Figures of rubber on a road: friction, braking force and footprint.
+
+A ``response`` follows ``MICRO_RESPONSE``, with speeds and temperatures, and a ``result``
+``MACRO_RESULT``, with braking forces and tractions.
+"""
 
 from typing import TYPE_CHECKING, Any
 
@@ -42,9 +46,7 @@ def plot_road(road: "Surface", *, ax: "Axes | None" = None) -> "Axes":
     image = ax.imshow(
         height, origin="lower", extent=extent, cmap="RdBu_r", vmin=-largest, vmax=largest
     )
-    ax.set_xlabel("x (mm)")
-    ax.set_ylabel("y (mm)")
-    ax.set_title("road, realisation 0")
+    ax.set(xlabel="x (mm)", ylabel="y (mm)", title="road, realisation 0")
     add_colour_bar(image, ax, "height (mm)")
     return ax
 
@@ -56,8 +58,6 @@ def plot_friction_bell(
 
     Parameters
     ----------
-    response : Dataset
-        Follows ``MICRO_RESPONSE``, with speeds and temperatures.
     law : Dataset
         Follows ``INTERFACE_LAW``; see :func:`multiscale.pipeline.stages.friction_law.fit_friction`.
     pressure : float
@@ -103,13 +103,7 @@ def plot_friction_bell(
 
 
 def plot_braking_force(result: "xr.Dataset", *, ax: "Axes | None" = None) -> "Axes":
-    """Plot the braking force of a tread block against its speed at every temperature.
-
-    Parameters
-    ----------
-    result : Dataset
-        Follows ``MACRO_RESULT``, with braking forces.
-    """
+    """Plot the braking force of a tread block against its speed at every temperature."""
     ax = axes_or_current(ax)
     for temperature, colour in _temperatures(result):
         part = result.isel(step=np.flatnonzero(result["temperature"].values == temperature))
@@ -142,8 +136,6 @@ def plot_footprint(
 
     Parameters
     ----------
-    result : Dataset
-        Follows ``MACRO_RESULT``, with tractions.
     step : int
         Index of the step.
     quantity : {"pressure", "friction"}
@@ -156,8 +148,7 @@ def plot_footprint(
     value = -traction[:, 0] if quantity == "pressure" else traction[:, 1]
     image = ax.tripcolor(x, y, value, shading="gouraud")
     ax.set_aspect("equal")
-    ax.set_xlabel("along the motion (mm)")
-    ax.set_ylabel("across (mm)")
+    ax.set(xlabel="along the motion (mm)", ylabel="across (mm)")
     add_colour_bar(image, ax, f"{quantity} (kPa)")
     ax.set_title(
         f"{quantity} at {float(one['sliding_speed']):.3g} m/s and "

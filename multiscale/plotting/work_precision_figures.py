@@ -1,4 +1,4 @@
-"""Figures of bench results: error against run time."""
+"""Figures of bench results, error against run time: they follow ``WORK_PRECISION``."""
 
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -12,7 +12,6 @@ if TYPE_CHECKING:
     import xarray as xr
     from matplotlib.artist import Artist
     from matplotlib.axes import Axes
-    from matplotlib.figure import Figure
 
 __all__ = ["draw_work_precision", "plot_history", "plot_work_precision"]
 
@@ -38,8 +37,6 @@ def plot_work_precision(
 
     Parameters
     ----------
-    work_precision : Dataset
-        Follows ``WORK_PRECISION``.
     scene : str, optional
         Scene whose runs are plotted; all scenes if not given.
     error : str
@@ -67,8 +64,7 @@ def plot_work_precision(
                 fontsize=6,
                 color=f"C{k}",
             )
-    ax.set_xscale("log")
-    ax.set_yscale("log")
+    ax.set(xscale="log", yscale="log")
     if ax.get_xlim()[1] > 10.0 * ax.get_xlim()[0]:  # each decade has a label
         ax.xaxis.set_minor_formatter("")
     if f"{error}_uncertainty" in runs and np.isfinite(runs[f"{error}_uncertainty"]).any():
@@ -99,8 +95,6 @@ def plot_history(work_precision: "xr.Dataset", *, scene: str, ax: "Axes | None" 
 
     Parameters
     ----------
-    work_precision : Dataset
-        Follows ``WORK_PRECISION``, with the histories and tolerances.
     scene : str
         Scene whose runs are plotted.
     """
@@ -118,8 +112,7 @@ def plot_history(work_precision: "xr.Dataset", *, scene: str, ax: "Axes | None" 
         face = color if run["converged"] else "white"
         ax.plot(time[-1], error[-1], "o", color=color, markerfacecolor=face)
         ax.axhline(float(run["tolerance"]), color="0.6", linestyle=":", linewidth=0.8)
-    ax.set_xscale("log")
-    ax.set_yscale("log")
+    ax.set(xscale="log", yscale="log")
     ax.set_title(scene, fontsize="medium")
     ax.set(xlabel="time since the start (s)", ylabel="relative error (1)")
     return ax
@@ -129,40 +122,21 @@ def draw_work_precision(work_precision: "xr.Dataset", file: Path) -> Path:
     """Draw bench results into a PNG file.
 
     With sizes of structures the panels show the growth of time and memory; with histories each
-    scene has a panel; otherwise each scene and each of its errors has a panel.
-
-    Parameters
-    ----------
-    work_precision : Dataset
-        Follows ``WORK_PRECISION``.
-    file : Path
-        The PNG file.
+    scene has a panel, in rows of three; otherwise scenes stand side by side, errors below each
+    other.
     """
     if "cables" in work_precision:
-        figure = draw_growth_panels(work_precision)
-    elif "history_error" in work_precision:
-        figure = _history_panels(work_precision)
-    else:
-        figure = _error_panels(work_precision)
-    return save_figure(figure, file)
-
-
-def _error_panels(work_precision: "xr.Dataset") -> "Figure":
-    """Draw scenes side by side and errors below each other."""
+        return save_figure(draw_growth_panels(work_precision), file)
     scenes = list(dict.fromkeys(work_precision["scene"].values))
-    errors = [name for name in ("error", "contact_error") if name in work_precision]
-    figure = new_figure(4.6 * len(scenes), 3.6 * len(errors))
-    panels = figure.subplots(len(errors), len(scenes), squeeze=False)
-    for row, error in zip(panels, errors, strict=True):
-        for ax, scene in zip(row, scenes, strict=True):
-            plot_work_precision(work_precision, scene=scene, error=error, ax=ax)
-    panels[0, 0].legend(fontsize=7)
-    return figure
-
-
-def _history_panels(work_precision: "xr.Dataset") -> "Figure":
-    """Draw scenes in rows of three with a common legend."""
-    scenes = list(dict.fromkeys(work_precision["scene"].values))
+    if "history_error" not in work_precision:
+        errors = [name for name in ("error", "contact_error") if name in work_precision]
+        figure = new_figure(4.6 * len(scenes), 3.6 * len(errors))
+        panels = figure.subplots(len(errors), len(scenes), squeeze=False)
+        for row, error in zip(panels, errors, strict=True):
+            for ax, scene in zip(row, scenes, strict=True):
+                plot_work_precision(work_precision, scene=scene, error=error, ax=ax)
+        panels[0, 0].legend(fontsize=7)
+        return save_figure(figure, file)
     rows = -(-len(scenes) // 3)
     figure = new_figure(13.8, 3.4 * rows + 0.6)
     panels = figure.subplots(rows, 3, squeeze=False).ravel()
@@ -180,4 +154,4 @@ def _history_panels(work_precision: "xr.Dataset") -> "Figure":
         ncols=6,
         title="filled: converged; open: not converged; dotted: tolerance",
     )
-    return figure
+    return save_figure(figure, file)

@@ -23,18 +23,13 @@ class FinishedRun:
 
     Attributes
     ----------
-    out : Path
-        Run folder.
+    out : Path, run folder
     stages : tuple of Shown
         Stages of a run in the order in which they were run, or the points of a sweep.
-    found : dict of str to Dataset
-        Datasets of the stages, by name.
-    cautions : list of str
-        What a user should know before trusting the results, one sentence each.
-    failure : str
-        Why steps have no answer, where that makes a command end with 1.
-    case : dict
-        Content of the case file.
+    found : dict of str to Dataset, datasets of the stages, by name
+    cautions : list of str, what a user should know before trusting the results, one sentence each
+    failure : str, why steps have no answer, where that makes a command end with 1
+    case : dict, content of the case file
     """
 
     out: Path
@@ -77,11 +72,6 @@ def draw_figures(out: str | Path) -> list[Path]:
     """Draw the figures of a finished run or sweep into its folder ``figures``.
 
     Figures that the stages of another case have left there are removed.
-
-    Parameters
-    ----------
-    out : path
-        Run folder.
 
     Returns
     -------

@@ -4,27 +4,18 @@ import base64
 from collections.abc import Iterator, Mapping
 from importlib import resources
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 from multiscale.io import read_bytes, reading_run, write_bytes
 from multiscale.pipeline.stage import Section
 from multiscale.report.finished_run import FinishedRun, open_finished
 from multiscale.units import readable
 
-if TYPE_CHECKING:
-    import xarray as xr
-
 __all__ = ["write_report"]
 
 
 def write_report(out: str | Path) -> Path:
-    """Write ``report.html`` of a finished run or sweep whose figures are drawn.
-
-    Parameters
-    ----------
-    out : path
-        Run folder.
-    """
+    """Write ``report.html`` of a finished run or sweep whose figures are drawn."""
     from jinja2 import Environment
 
     out = Path(out)
@@ -37,13 +28,22 @@ def write_report(out: str | Path) -> Path:
 
 
 def _content(run: FinishedRun) -> dict[str, Any]:
-    """Say what the page says."""
     *_, summarise = (stage.summary for stage in run.stages if stage.summary is not None)
     drawn = {file.stem: file for file in (run.out / "figures").glob("*.png")}
     sections = [*run.sections(), Section("Inputs", rows=list(_keys(run.case))), _work(run)]
     return vars(summarise(run.found)) | {
         "cautions": run.cautions,
-        "sections": [_with_images(section, drawn) for section in sections],
+        "sections": [
+            vars(section)
+            | {
+                "figures": [
+                    (name.replace("_", " "), base64.b64encode(read_bytes(drawn[name])).decode())
+                    for name in section.figures
+                    if name in drawn
+                ]
+            }
+            for section in sections
+        ],
     }
 
 
@@ -61,25 +61,9 @@ def _keys(table: Mapping[str, Any], prefix: str = "") -> Iterator[tuple[str, ...
 
 
 def _work(run: FinishedRun) -> Section:
-    """Say what was computed and with what."""
+    """Say what was computed, with what, by which command and when."""
     counted = [row for stage in run.stages for row in stage.work(run.found)]
-    result = run.found[run.stages[-1].name]
-    return Section("Work and provenance", rows=[*counted, *_provenance(result)])
-
-
-def _provenance(result: "xr.Dataset") -> list[tuple[str, ...]]:
-    """Say with what a dataset was computed, by which command and when."""
-    rows = [("program", str(result.attrs["source"]))]
-    if "environment" in result.attrs:  # a run of an earlier version has none
-        rows.append(("computed with", str(result.attrs["environment"])))
-    return [*rows, ("command", str(result.attrs["history"]))]
-
-
-def _with_images(section: Section, drawn: Mapping[str, Path]) -> dict[str, Any]:
-    """Replace the names of figures by their images, as far as they are drawn."""
-    images = [
-        (name.replace("_", " "), base64.b64encode(read_bytes(drawn[name])).decode())
-        for name in section.figures
-        if name in drawn
-    ]
-    return vars(section) | {"figures": images}
+    said = run.found[run.stages[-1].name].attrs
+    names = {"source": "program", "environment": "computed with", "history": "command"}
+    told = [(name, str(said[key])) for key, name in names.items() if key in said]
+    return Section("Work and provenance", rows=[*counted, *told])

@@ -1,124 +1,107 @@
 """Datasets of structures: results, and substructures condensed on resultants."""
 
+from functools import partial
+
 from multiscale.schema.dataset_schema import BUDGET, Schema, Variable
 
 __all__ = ["HOMOGENISED", "MACRO_RESULT"]
+
+_step = partial(Variable, ("step",))
+_face = partial(Variable, ("step", "interface"))
+_element = partial(Variable, ("step", "element"))
+_point = partial(Variable, ("step", "point"))
+_node = partial(Variable, ("step", "node", "component"))
 
 MACRO_RESULT = Schema(
     name="macro_result",
     version=2,
     variables={
-        "converged": Variable(("step",), "1", "whether the macro solver converged"),
-        "residual": Variable(("step",), "1", "residual relative to the load"),
-        "wall_time": Variable(("step",), "s", "wall time of the step"),
+        "converged": _step("1", "whether the macro solver converged"),
+        "residual": _step("1", "residual relative to the load"),
+        "wall_time": _step("s", "wall time of the step"),
     },
     optional={
-        "preload": Variable(("step",), "Pa", "nominal preload"),
-        "joint_stiffness": Variable(("step",), "Pa m-1", "normal stiffness of the whole joint"),
-        "unloading_stiffness": Variable(
-            ("step",), "Pa m-1", "normal stiffness of the joint for a preload that begins to fall"
+        "preload": _step("Pa", "nominal preload"),
+        "joint_stiffness": _step("Pa m-1", "normal stiffness of the whole joint"),
+        "unloading_stiffness": _step(
+            "Pa m-1", "normal stiffness of the joint for a preload that begins to fall"
         ),
-        "interface_stiffness": Variable(
-            ("step",), "Pa m-1", "normal stiffness of the interface alone"
-        ),
-        "solid_stiffness": Variable(("step",), "Pa m-1", "normal stiffness of the bodies alone"),
-        "approach": Variable(("step",), "m", "displacement of the loaded platen"),
-        "mean_gap": Variable(("step",), "m", "area mean of the gap of the joint"),
-        "contact_fraction": Variable(("step",), "1", "real over nominal contact area"),
-        "real_pressure": Variable(
-            ("step",), "Pa", "mean pressure on the real contact area: load over that area"
-        ),
-        "closed_fraction": Variable(("step",), "1", "share of the interface that carries pressure"),
+        "interface_stiffness": _step("Pa m-1", "normal stiffness of the interface alone"),
+        "solid_stiffness": _step("Pa m-1", "normal stiffness of the bodies alone"),
+        "approach": _step("m", "displacement of the loaded platen"),
+        "mean_gap": _step("m", "area mean of the gap of the joint"),
+        "contact_fraction": _step("1", "real over nominal contact area"),
+        "real_pressure": _step("Pa", "mean pressure on the real contact area: load over that area"),
+        "closed_fraction": _step("1", "share of the interface that carries pressure"),
         "position": Variable(("node", "component"), "m", "position of the nodes"),
         "ends": Variable(("link", "end"), "1", "nodes at both ends of the links"),
         "law": Variable(("link",), "1", "kind of the links: bar, beam, cable or strut"),
-        "cycles": Variable(("step",), "1", "number of load cycles"),
-        "damage": Variable(("step",), "1", "damage of blocks and interface by the cycles"),
-        "load_factor": Variable(("step",), "1", "factor of the loads"),
+        "cycles": _step("1", "number of load cycles"),
+        "damage": _step("1", "damage of blocks and interface by the cycles"),
+        "load_factor": _step("1", "factor of the loads"),
         "tension": Variable(("step", "link"), "N", "tension, compression negative"),
         "slack": Variable(("step", "link"), "m", "distance by which the ends of a link miss it"),
-        "displacement": Variable(("step", "node", "component"), "m", "displacement of the nodes"),
-        "rotation": Variable(("step", "node", "component"), "rad", "rotation of the nodes"),
+        "displacement": _node("m", "displacement of the nodes"),
+        "rotation": _node("rad", "rotation of the nodes"),
         "moment": Variable(
             ("step", "link", "part"), "N m", "torsion and end moments of beams in their axes"
         ),
-        "iterations": Variable(("step",), "1", "number of residuals that the solver computed"),
-        "krylov_iterations": Variable(
-            ("step",), "1", "number of iterations of the linear solver in all Newton steps"
+        "iterations": _step("1", "number of residuals that the solver computed"),
+        "krylov_iterations": _step(
+            "1", "number of iterations of the linear solver in all Newton steps"
         ),
-        "error_bound": Variable(
-            ("step",), "1", "guaranteed bound on the error of the tensions relative to their change"
+        "error_bound": _step(
+            "1", "guaranteed bound on the error of the tensions relative to their change"
         ),
-        "error_indicator": Variable(
-            ("step",),
+        "error_indicator": _step(
             "1",
             "heuristic indicator, no bound, of the error of joints relative to their forces",
         ),
-        "tangent_eigenvalue": Variable(("step",), "N m-1", "smallest eigenvalue of the tangent"),
-        "stability_eigenvalue": Variable(
-            ("step",), "N m-1", "smallest eigenvalue with the geometric stiffness"
-        ),
+        "tangent_eigenvalue": _step("N m-1", "smallest eigenvalue of the tangent"),
+        "stability_eigenvalue": _step("N m-1", "smallest eigenvalue with the geometric stiffness"),
         "traction": Variable(("step", "point", "direction"), "Pa", "traction of the joints"),
         "jump": Variable(("step", "point", "direction"), "m", "displacement jump of the joints"),
         "point_position": Variable(("point", "component"), "m", "position of points of joints"),
         "point_area": Variable(("point",), "m2", "area that a point of a joint stands for"),
         "point_joint": Variable(("point",), "1", "number of the joint of a point"),
         "point_damage": Variable(("point",), "1", "damage of the joint at a point"),
-        "gap": Variable(("step", "point"), "m", "gap at points of joints"),
+        "gap": _point("m", "gap at points of joints"),
         "corners": Variable(
             ("element", "corner"), "1", "nodes at the corners of the elements, in the order of VTK"
         ),
         "element_body": Variable(("element",), "1", "number of the body of an element"),
         "element_damage": Variable(("element",), "1", "damage of the elements"),
-        "equivalent_stress": Variable(
-            ("step", "element"), "Pa", "von Mises stress of the mean stress of an element"
+        "equivalent_stress": _element("Pa", "von Mises stress of the mean stress of an element"),
+        "energy_density": _element("J m-3", "mean density of the strain energy of an element"),
+        "contact_state": _point("1", "whether a point is open (0), sticks (1) or slips (2)"),
+        "open_fraction": _step("1", "share of the joint area that is open"),
+        "stick_fraction": _step("1", "share of the joint area that sticks"),
+        "slip_fraction": _step("1", "share of the joint area that slips"),
+        "load_below": _face("1", "share of the load at pressures below the data of the law"),
+        "load_above": _face("1", "share of the load at pressures above the data of the law"),
+        "load_far": _face("1", "share of the load beyond a factor of 2 outside the data"),
+        "known": _step("1", "whether the data of the laws reach the answer"),
+        "shear": _step("Pa", "tangential traction on the loaded face"),
+        "shear_displacement": _step(
+            "m", "mean displacement of the loaded face along the tangential traction"
         ),
-        "energy_density": Variable(
-            ("step", "element"), "J m-3", "mean density of the strain energy of an element"
-        ),
-        "contact_state": Variable(
-            ("step", "point"), "1", "whether a point is open (0), sticks (1) or slips (2)"
-        ),
-        "open_fraction": Variable(("step",), "1", "share of the joint area that is open"),
-        "stick_fraction": Variable(("step",), "1", "share of the joint area that sticks"),
-        "slip_fraction": Variable(("step",), "1", "share of the joint area that slips"),
-        "load_below": Variable(
-            ("step", "interface"), "1", "share of the load at pressures below the data of the law"
-        ),
-        "load_above": Variable(
-            ("step", "interface"), "1", "share of the load at pressures above the data of the law"
-        ),
-        "load_far": Variable(
-            ("step", "interface"), "1", "share of the load beyond a factor of 2 outside the data"
-        ),
-        "known": Variable(("step",), "1", "whether the data of the laws reach the answer"),
-        "shear": Variable(("step",), "Pa", "tangential traction on the loaded face"),
-        "shear_displacement": Variable(
-            ("step",), "m", "mean displacement of the loaded face along the tangential traction"
-        ),
-        "tangential_stiffness": Variable(
-            ("step",), "Pa m-1", "tangential stiffness of the whole joint"
-        ),
-        "sliding_speed": Variable(("step",), "m s-1", "speed of steady sliding"),
-        "temperature": Variable(("step",), "K", "temperature of the body"),
-        "braking_force": Variable(("step",), "N", "force against the motion"),
-        "braking_coefficient": Variable(("step",), "1", "force against the motion over the load"),
+        "tangential_stiffness": _step("Pa m-1", "tangential stiffness of the whole joint"),
+        "sliding_speed": _step("m s-1", "speed of steady sliding"),
+        "temperature": _step("K", "temperature of the body"),
+        "braking_force": _step("N", "force against the motion"),
+        "braking_coefficient": _step("1", "force against the motion over the load"),
         "cycle_energy": Variable(("cycle",), "J", "energy that the joint loses in a closed cycle"),
-        "time": Variable(("step",), "s", "time"),
-        "velocity": Variable(("step", "node", "component"), "m s-1", "velocity of the nodes"),
+        "time": _step("s", "time"),
+        "velocity": _node("m s-1", "velocity of the nodes"),
         "impulse": Variable(("step", "link"), "N s", "impulse of inextensible links in the step"),
-        "kinetic_energy": Variable(("step",), "J", "kinetic energy"),
-        "elastic_energy": Variable(("step",), "J", "elastic energy of the links"),
-        "work": Variable(("step",), "J", "work of loads and supports since the start"),
-        "numerical_dissipation": Variable(
-            ("step",), "J", "energy lost to the time scheme since the start"
+        "kinetic_energy": _step("J", "kinetic energy"),
+        "elastic_energy": _step("J", "elastic energy of the links"),
+        "work": _step("J", "work of loads and supports since the start"),
+        "numerical_dissipation": _step("J", "energy lost to the time scheme since the start"),
+        "link_dissipation": _step(
+            "J", "energy lost in the links since the start, summed link by link"
         ),
-        "link_dissipation": Variable(
-            ("step",), "J", "energy lost in the links since the start, summed link by link"
-        ),
-        "smallest_link_dissipation": Variable(
-            ("step",), "J", "smallest energy that one link lost in the step"
-        ),
+        "smallest_link_dissipation": _step("J", "smallest energy that one link lost in the step"),
         **BUDGET,
     },
 ).with_samples(

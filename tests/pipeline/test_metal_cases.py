@@ -9,7 +9,7 @@ from multiscale.laws.bulk import J2
 from multiscale.micro import Cell, Path, Surface, solve_cell
 from multiscale.pipeline import load_case, make_cells, run
 from multiscale.pipeline.case import shipped_cases
-from multiscale.pipeline.case_response import _increments, increment_errors
+from multiscale.pipeline.stages.cells import _increments, increment_errors
 from multiscale.report import draw_figures, write_report
 from multiscale.schema import MICRO_RESPONSE
 from multiscale.upscaling import hysteretic_from_dataset

@@ -93,7 +93,7 @@ DATASETS = [
 @pytest.fixture(scope="module")
 def response(tmp_path_factory):
     from multiscale.pipeline import load_case
-    from multiscale.pipeline.case_response import run_micro
+    from multiscale.pipeline.stages.cells import run_micro
 
     folder = tmp_path_factory.mktemp("response")
     (folder / "case.toml").write_text(SINGLE, encoding="utf-8")

@@ -11,7 +11,7 @@ from inspect import getdoc
 from itertools import product
 from pathlib import Path
 from types import NoneType, UnionType
-from typing import Annotated, Any, Literal, Union, get_args, get_origin, get_type_hints
+from typing import Annotated, Any, Literal, Union, get_args, get_origin
 
 from pydantic import BeforeValidator
 from pydantic.fields import FieldInfo
@@ -65,8 +65,7 @@ def _tables(
 
     ``at`` has the names on the way to the table, several where several tables are alike.
     """
-    hints = get_type_hints(model, include_extras=True)
-    inner = {name: tuple(_models(hints[name])) for name in model.model_fields}
+    inner = {name: tuple(_models(field.annotation)) for name, field in model.model_fields.items()}
     head = _head(model, at)
     keys = [name for name in inner if not inner[name]]
     yield head, keys[1:] if "kind" in head else keys, model
@@ -87,17 +86,10 @@ def _head(model: type[Settings], at: tuple[tuple[str, ...], ...]) -> str:
 
 def _row(model: type[Settings], name: str) -> str:
     """Describe a key in a line of a table."""
-    hint = get_type_hints(model, include_extras=True)[name]
-    unit, value = _unit(hint), _value(hint)
-    default = _default(model.model_fields[name], unit)
-    return f"| `{name}` | {value} | {default} | {_meaning(model, name)} |"
-
-
-def _meaning(model: type[Settings], name: str) -> str:
-    """Say what the docstring says of a parameter."""
-    entries = re.findall(r"^(\w[\w, ]*)(?: : .*)?\n((?:    .*\n?)+)", getdoc(model) or "", re.M)
-    told = (text for names, text in entries if name in names.split(", "))
-    return _plain(next(told, ""))
+    field = model.model_fields[name]
+    hint = field.rebuild_annotation()
+    default = _default(field, _unit(hint))
+    return f"| `{name}` | {_value(hint)} | {default} | {field.description or ''} |"
 
 
 def _plain(text: str) -> str:
@@ -182,11 +174,9 @@ def _list(items: tuple[Any, ...], bounds: dict[str, Any]) -> str:
 
 def _bounds(metadata: list[Any]) -> dict[str, Any]:
     """Constraints of a field by their names."""
-    found: dict[str, Any] = {}
-    for item in metadata:
-        for one in item.metadata if isinstance(item, FieldInfo) else ():
-            found |= {name: getattr(one, name) for name in one.__slots__}
-    return found
+    found = [one for item in metadata for one in getattr(item, "metadata", [item])]
+    names = (*BOUNDS, "min_length", "max_length")
+    return {name: getattr(one, name) for one in found for name in names if hasattr(one, name)}
 
 
 def _range(bounds: dict[str, Any]) -> list[str]:

@@ -15,7 +15,7 @@ from multiscale.macro.joint import Footprint, TreadBlock, condense_tread, slide_
 from multiscale.macro.joint.tread import CondensedTread
 from multiscale.needs import Choice, Needs
 from multiscale.pipeline.rows import list_facts, say_error, tabulate_braking
-from multiscale.pipeline.stage import Datasets, Job, Section, Stage, Summary, format_table
+from multiscale.pipeline.stage import Datasets, Section, Stage, Summary, format_table
 from multiscale.pipeline.stages.friction_law import FRICTION_LAW
 from multiscale.pipeline.tyre_budget import with_braking_budget
 from multiscale.pipeline.tyre_settings import TyreCase
@@ -110,7 +110,6 @@ def solve_treads(case: TyreCase, response: "xr.Dataset", law: "xr.Dataset") -> "
 
 
 def _condense(case: TyreCase, elements: tuple[int, ...]) -> CondensedTread:
-    """Condense the tread block on so many elements."""
     block, (nx, ny, nz) = case.tread, elements
     size = (block.length, block.width, block.height)
     rubber = case.rubber
@@ -151,10 +150,6 @@ def _normal_law(response: "xr.Dataset", temperature: float, speed: float) -> Exp
     return law
 
 
-def _run(case: TyreCase, found: Datasets, job: Job) -> "xr.Dataset":
-    return solve_treads(case, found[MICRO_RESPONSE.name], found[INTERFACE_LAW.name])
-
-
 def _needs(case: TyreCase) -> Needs:
     ex, ey, ez = case.tread.elements
     face = 3 * (2 * ex + 1) * (2 * ey + 1) + 1
@@ -167,7 +162,6 @@ def _needs(case: TyreCase) -> Needs:
 
 
 def _check(result: "xr.Dataset") -> None:
-    """Refuse a tread block that brakes nowhere."""
     if not result["converged"].values.any():
         raise ConvergenceError(
             f"the tread block did not converge at any speed and temperature:\n"
@@ -183,17 +177,13 @@ def _lines(found: Datasets) -> list[str]:
 
 def _summary(found: Datasets) -> Summary:
     result = found[BRAKING.name]
-    return Summary(result.attrs["title"], _question(result), braking_answer(result))
-
-
-def _question(result: "xr.Dataset") -> str:
-    """Say what was asked."""
     speed, warm = result["sliding_speed"].values, result["temperature"].values - ZERO_CELSIUS
-    return (
+    question = (
         f"How hard does the tread block brake under {1e-3 * float(result['preload'][0]):.4g} kPa, "
         f"at {speed.min():.3g} to {speed.max():.3g} m/s and {warm.min():.3g} to "
         f"{warm.max():.3g} °C?"
     )
+    return Summary(result.attrs["title"], question, braking_answer(result))
 
 
 def braking_answer(result: "xr.Dataset") -> list[str]:
@@ -222,7 +212,6 @@ def braking_answer(result: "xr.Dataset") -> list[str]:
 
 
 def _hardest(result: "xr.Dataset") -> "xr.Dataset":
-    """Step of the largest force."""
     return result.isel(step=int(np.nanargmax(result["braking_force"].values)))
 
 
@@ -265,7 +254,9 @@ BRAKING = Stage(
     tables=("rubber", "tread"),
     reads={"tread"},
     takes=(FRICTION_LAW,),
-    run=_run,
+    run=lambda case, found, job: solve_treads(
+        case, found[MICRO_RESPONSE.name], found[INTERFACE_LAW.name]
+    ),
     needs=_needs,
     check=_check,
     lines=_lines,

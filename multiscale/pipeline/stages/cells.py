@@ -1,31 +1,50 @@
 """Stage: the cells of two rough bodies, pressed together."""
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Mapping
+from concurrent.futures import Executor
 from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 import numpy as np
 
-from multiscale.io import open_dataset
+from multiscale.io import make_folder, open_dataset, write_dataset, write_surface_fields
+from multiscale.micro import Path as LoadPath
+from multiscale.micro import contact_modulus, run_ensemble
 from multiscale.micro.cell_needs import cell_needs
 from multiscale.needs import Choice, Needs
-from multiscale.pipeline.case_cells import cell_of
-from multiscale.pipeline.case_response import run_micro
+from multiscale.pipeline.case_cells import (
+    cell_of,
+    composite_material,
+    longest_wave,
+    measured_cells,
+)
 from multiscale.pipeline.forecast import GRIDS, REALISATIONS, SIZES
+from multiscale.pipeline.real_contact import with_real_pressure
 from multiscale.pipeline.rough_bodies import InstrumentSurface
 from multiscale.pipeline.settings import Case
-from multiscale.pipeline.stage import Datasets, Job, Section, Stage, format_table
+from multiscale.pipeline.stage import Datasets, Section, Stage, format_table
+from multiscale.pipeline.windows import STAGES, Measured
 from multiscale.plotting.figure import on_axes
 from multiscale.plotting.surface_figures import plot_contact_map, plot_surface
 from multiscale.schema import FIELDS, MICRO_RESPONSE
+from multiscale.surfaces import Roughness
 from multiscale.surfaces.surface import Surface
 
 if TYPE_CHECKING:
     import xarray as xr
     from matplotlib.axes import Axes
 
-__all__ = ["CELLS", "count_cells", "list_cutoffs", "tabulate_roughness"]
+__all__ = [
+    "CELLS",
+    "caution_steep",
+    "count_cells",
+    "run_micro",
+    "tabulate_roughness",
+    "write_fields",
+]
+
+STEEP = 0.3  # root mean square slope
 
 HEAD = (
     "measured",
@@ -37,8 +56,144 @@ HEAD = (
 )
 
 
-def _run(case: Case, found: Datasets, job: Job) -> "xr.Dataset":
-    return run_micro(case, job.out / CELLS.file, executor=job.executor, progress=job.progress)
+def run_micro(
+    case: Case,
+    file: Path,
+    *,
+    executor: Executor | None = None,
+    progress: Callable[[int], None] = lambda finished: None,
+    fields: bool = True,
+) -> "xr.Dataset":
+    """Solve all cells of a case and write their response; finished cells found are kept.
+
+    Parameters
+    ----------
+    case : Case
+    file : Path
+        Gets the response; cells go to the folder ``micro`` beside it, fields to ``fields``.
+    executor, progress
+        As of :func:`~multiscale.pipeline.run`.
+    fields : bool
+        Whether to write the fields of the first realisation beside the file, too.
+
+    Returns
+    -------
+    Dataset
+        Follows ``MICRO_RESPONSE``.
+    """
+    (cells, measured), identity = measured_cells(case), case.identity()
+    response = run_ensemble(
+        cells,
+        LoadPath(pressure=case.micro.path),
+        executor=executor,
+        folder=file.parent / "micro",
+        identity=identity,
+        keep_fields=True,
+        progress=progress,
+    )
+    if case.yield_stress is not None:
+        halved = run_ensemble(
+            cells[:1],
+            LoadPath(pressure=case.micro.path, refinement=2),
+            folder=file.parent / "micro-halved-increments",
+            identity=identity,
+        )
+        response = MICRO_RESPONSE.assign(response, increment_errors(response, halved))
+    if fields:
+        write_fields(case, file.parent, file.parent)
+    response = _with_roughness(response, measured).assign_attrs(
+        title=case.title,
+        contact_modulus=contact_modulus(composite_material(case)),
+        longest_wave=longest_wave(case),
+        cell_size=max(case.cell.size),
+        bodies="composite surface of body_1 and body_2; 1/E* = sum (1 - nu^2)/E; small slopes",
+        identity=identity,
+        cautions="\n".join(
+            [
+                *case.cautions(),
+                *caution_steep(
+                    response, "composite surface", "one elastic body no longer stands for two"
+                ),
+                *(f"{name}: {one}" for name in measured for one in measured[name].cautions),
+                *_increments(response),
+                *str(response.attrs.get("ended", "")).splitlines(),
+            ]
+        ),
+    )
+    response = with_real_pressure(case, response)
+    write_dataset(response, file, MICRO_RESPONSE)
+    return response
+
+
+def write_fields(case: Case, cells: Path, out: Path) -> None:
+    """Write the surface fields of realisation 0, as dataset and for ParaView.
+
+    They are read from the folder ``micro`` in ``cells`` and go to the folder ``fields`` in ``out``.
+    """
+    file = cells / "micro" / "realisation-0000.nc"
+    local = open_dataset(file, MICRO_RESPONSE).isel(realisation=0)
+    fields = FIELDS.build(
+        {name: local[name].values for name in ("height", "pressure", "gap", "nominal_pressure")},
+        size_x=case.cell.size[0],
+        size_y=case.cell.size[1],
+    )
+    folder = make_folder(out / "fields")
+    write_dataset(fields, folder / "fields.nc", FIELDS)
+    write_surface_fields(fields, case.cell.size, folder)
+
+
+def increment_errors(response: "xr.Dataset", halved: "xr.Dataset") -> dict[str, np.ndarray]:
+    """Errors by the increments, relative, from the first realisation with halved ones.
+
+    They are of first order: halving them takes out a half.
+    """
+    errors = {}
+    for name in ("mean_gap", "contact_fraction"):
+        one, half = (found[name].to_numpy()[0] for found in (response, halved))
+        errors[f"{name}_increment_error"] = 2.0 * (one - half) / half
+    return errors
+
+
+def _increments(response: "xr.Dataset") -> list[str]:
+    """Say what the increments leave in cells that flow."""
+    names = ("mean_gap_increment_error", "contact_fraction_increment_error")
+    if names[0] not in response.variables:
+        return []
+    gap, area = (100.0 * float(np.abs(response[name]).max()) for name in names)
+    return [
+        f"the increments of the body that flows leave up to {gap:.2g} % in the mean gap and "
+        f"{area:.2g} % in the contact fraction, as halved ones of one realisation tell"
+    ]
+
+
+def caution_steep(response: "xr.Dataset", surface: str, beyond: str) -> list[str]:
+    """Caution against a surface with slopes beyond those for which its cells are right."""
+    steepest = float(response["rms_slope"].max())
+    if steepest <= STEEP:
+        return []
+    return [
+        f"the {surface} has a root mean square slope of {steepest:.2g}; above {STEEP:g} {beyond}"
+    ]
+
+
+def _with_roughness(response: "xr.Dataset", measured: Mapping[str, Measured]) -> "xr.Dataset":
+    """Add the roughness of measured bodies from map to cell, and the filled share of windows."""
+    if not measured:
+        return response
+    records = list(measured.values())
+    values = {
+        f"body_{name}": [[getattr(stage, name) for stage in one.stages] for one in records]
+        for name in Roughness.__annotations__
+    }
+    filled = {
+        "map_filled_share": [one.map_filled for one in records],
+        "filled_share": [one.filled for one in records],
+    }
+    return (
+        MICRO_RESPONSE.assign(response, values | filled)
+        .assign_coords(body=list(measured), stage=list(STAGES))
+        .assign_attrs({f"cutoff_{name}": one.cutoff for name, one in measured.items()})
+    )
 
 
 def _needs(case: Case) -> Needs:
@@ -66,13 +221,7 @@ def _needs(case: Case) -> Needs:
 
 
 def tabulate_roughness(response: "xr.Dataset") -> tuple[tuple[str, ...], list[tuple[str, ...]]]:
-    """Return head and rows of text: each measured body as map, windows and cells; none if none.
-
-    Parameters
-    ----------
-    response : Dataset
-        Follows ``MICRO_RESPONSE``.
-    """
+    """Return head and rows of text: each measured body as map, windows and cells; none if none."""
     rows: list[tuple[str, ...]] = []
     for body in response["body"].values if "body" in response.dims else ():
         one = response.sel(body=body)
@@ -131,11 +280,13 @@ def _sections(found: Datasets, out: Path) -> Iterator[Section]:
     )
 
 
-CELLS = Stage(
+CELLS: Stage = Stage(
     schema=MICRO_RESPONSE,
     tables=("micro",),
     reads={"title", "elastic", "body_1", "body_2", "cell", "micro", "accuracy"},
-    run=_run,
+    run=lambda case, found, job: run_micro(
+        case, job.out / CELLS.file, executor=job.executor, progress=job.progress
+    ),
     needs=_needs,
     lines=_lines,
     sections=_sections,

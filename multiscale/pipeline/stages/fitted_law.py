@@ -67,7 +67,6 @@ def _sections(found: Datasets, out: Path) -> Iterator[Section]:
 
 
 def _unloading(law: "xr.Dataset") -> list[str]:
-    """Say how the interface unloads."""
     error = float(np.sqrt(np.mean(law["unloading_fit_error"].values ** 2)))
     return [
         f"Unloaded, it is {float(law['unloading_stiffness_ratio']):.3g} times as stiff at first as "

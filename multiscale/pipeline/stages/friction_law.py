@@ -8,7 +8,7 @@ import numpy as np
 
 from multiscale.errors import ConvergenceError
 from multiscale.needs import Choice, Needs
-from multiscale.pipeline.stage import Datasets, Job, Section, Stage
+from multiscale.pipeline.stage import Datasets, Section, Stage
 from multiscale.pipeline.stages.roads import ROADS
 from multiscale.pipeline.tyre_settings import TyreCase
 from multiscale.plotting.figure import on_axes
@@ -66,7 +66,12 @@ def fit_friction(case: TyreCase, response: "xr.Dataset") -> "xr.Dataset":
     shifted = response.assign_coords(
         sliding_speed=("step", shift * speed.values, speed.attrs)  # (1)
     )
-    mean, peak = _mean_friction(response)
+    good = response["converged"] == 1
+    shear = response["traction"].isel(component=1).where(good).mean("realisation").values
+    mean = np.asarray(shear / response["nominal_pressure"].values)
+    peak = float(np.nanmax(mean, initial=0.0))
+    if peak <= 0.0:
+        raise ConvergenceError("no cell has friction at any speed and temperature")
     seen = np.flatnonzero(mean > FAINT * peak)
     law = fit_law(
         friction_observations(shifted.isel(step=seen)),
@@ -87,20 +92,6 @@ def fit_friction(case: TyreCase, response: "xr.Dataset") -> "xr.Dataset":
         largest_error_speed=float(speed[worst]),
         largest_error_temperature=float(response["temperature"][worst]),
     )
-
-
-def _mean_friction(response: "xr.Dataset") -> tuple[np.ndarray, float]:
-    """Mean friction coefficient of the roads that converged at each step, and its largest value."""
-    good = response["converged"] == 1
-    shear = response["traction"].isel(component=1).where(good).mean("realisation").values
-    mean = np.asarray(shear / response["nominal_pressure"].values)
-    if not np.any(mean > 0.0):
-        raise ConvergenceError("no cell has friction at any speed and temperature")
-    return mean, float(np.nanmax(mean))
-
-
-def _run(case: TyreCase, found: Datasets, job: Job) -> "xr.Dataset":
-    return fit_friction(case, found[MICRO_RESPONSE.name])
 
 
 def _needs(case: TyreCase) -> Needs:
@@ -144,7 +135,7 @@ FRICTION_LAW = Stage(
     tables=("rubber", "sliding"),
     reads={"law"},
     takes=(ROADS,),
-    run=_run,
+    run=lambda case, found, job: fit_friction(case, found[MICRO_RESPONSE.name]),
     needs=_needs,
     sections=_sections,
     pictures=("friction",),

@@ -15,7 +15,7 @@ from multiscale.pipeline.case_budget import joint_scales
 from multiscale.pipeline.real_contact import behaviour, real_pressure
 from multiscale.pipeline.rows import list_facts, tabulate
 from multiscale.pipeline.settings import Case
-from multiscale.pipeline.stage import Datasets, Job, Section, Stage, Summary, format_table
+from multiscale.pipeline.stage import Datasets, Section, Stage, Summary, format_table
 from multiscale.pipeline.stages.fitted_law import FITTED_LAW
 from multiscale.plotting.budget_figures import plot_error_budget
 from multiscale.plotting.figure import on_axes
@@ -58,7 +58,11 @@ def solve_joint(case: Case, law: "xr.Dataset") -> "xr.Dataset":
     Dataset
         Follows ``MACRO_RESULT``, with the budget of :data:`STIFFNESSES`.
     """
-    joint, preload, extrapolate = _joint(case), np.array(case.joint.preloads), case.law.extrapolate
+    lower, upper = (
+        Block(case.joint.height, body.youngs_modulus, body.poissons_ratio) for body in case.bodies
+    )
+    joint = RoughJoint((case.joint.width, case.joint.width), lower, upper)
+    preload, extrapolate = np.array(case.joint.preloads), case.law.extrapolate
     samples = range(law.sizes["sample"])
     result = press_joint(
         joint,
@@ -120,18 +124,6 @@ def _unloading_stiffness(law: "xr.Dataset", result: "xr.Dataset") -> dict[str, n
     return {name: 1.0 / (1.0 / (beta * K) + 1.0 / solid) for name, beta in ratio.items()}
 
 
-def _joint(case: Case) -> RoughJoint:
-    """Make the joint of a case."""
-    lower, upper = (
-        Block(case.joint.height, body.youngs_modulus, body.poissons_ratio) for body in case.bodies
-    )
-    return RoughJoint((case.joint.width, case.joint.width), lower, upper)
-
-
-def _run(case: Case, found: Datasets, job: Job) -> "xr.Dataset":
-    return solve_joint(case, found[INTERFACE_LAW.name])
-
-
 def _needs(case: Case) -> Needs:
     return Needs(
         choices=(
@@ -147,7 +139,6 @@ def _needs(case: Case) -> Needs:
 
 
 def _check(result: "xr.Dataset") -> None:
-    """Refuse a joint that is nowhere known."""
     if not result["converged"].values.any():
         raise ConvergenceError(
             f"the joint did not converge at any of {result.sizes['step']} preloads: "
@@ -165,21 +156,17 @@ def _lines(found: Datasets) -> Iterator[str]:
 
 
 def _decisions(result: "xr.Dataset") -> list[str]:
-    """Say what a planner has decided, if there was one."""
     return str(result.attrs.get("plan", "")).splitlines()
 
 
 def _summary(found: Datasets) -> Summary:
     result = found[JOINT.name]
-    return Summary(found[MICRO_RESPONSE.name].attrs["title"], _question(result), _answer(result))
-
-
-def _question(result: "xr.Dataset") -> str:
     preload = 1e-6 * result["preload"].values
-    return (
+    question = (
         f"How stiff is the joint of the two bodies, pressed together by {preload.min():.4g} to "
         f"{preload.max():.4g} MPa, and how much of it touches?"
     )
+    return Summary(found[MICRO_RESPONSE.name].attrs["title"], question, _answer(result))
 
 
 def _answer(result: "xr.Dataset") -> list[str]:
@@ -238,7 +225,7 @@ JOINT = Stage(
     tables=("micro", "joint"),
     reads={"joint"},
     takes=(FITTED_LAW,),
-    run=_run,
+    run=lambda case, found, job: solve_joint(case, found[INTERFACE_LAW.name]),
     needs=_needs,
     check=_check,
     lines=_lines,

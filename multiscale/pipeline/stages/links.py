@@ -51,7 +51,6 @@ def _solve(links: Links, case: StructureCase, job: Job) -> "xr.Dataset":
 
 
 def _strained(result: "xr.Dataset", statics: Statics) -> Iterator[str]:
-    """Say where links turn or strain much."""
     first, second = result["ends"].values.T
     apart = np.diff(result["position"].values[result["ends"].values], axis=1)[:, 0]
     u = np.nan_to_num(result["displacement"].values)[:, :, :3]
@@ -98,7 +97,6 @@ def _move(links: Links, case: StructureCase, settings: Dynamics, job: Job) -> "x
 
 
 def _at_rest(begin: "xr.Dataset") -> tuple[np.ndarray, np.ndarray]:
-    """Displacement and velocity of an equilibrium."""
     if not int(begin["converged"]):
         raise ConvergenceError(f"no equilibrium to start from: {begin.attrs['failure']}")
     displacement = begin["displacement"].values
@@ -106,12 +104,10 @@ def _at_rest(begin: "xr.Dataset") -> tuple[np.ndarray, np.ndarray]:
 
 
 def _with_links(result: "xr.Dataset", system: LinkSystem) -> "xr.Dataset":
-    """Add the description of the links."""
     return MACRO_RESULT.assign(result, describe(system)).assign_coords(end=range(2))
 
 
 def _needs(links: Links, case: StructureCase) -> Needs:
-    """Bars and cables, whole or cut."""
     system, statics, motion = links.build(), case.statics, case.dynamics
     if case.substructures is not None:
         return cut_needs(

@@ -8,7 +8,6 @@ from multiscale.io import write_body_fields
 from multiscale.macro import solve_assembly
 from multiscale.macro.substructures import add_body_fields
 from multiscale.macro.substructures.substructure_needs import cut_needs
-from multiscale.needs import Needs
 from multiscale.pipeline.body_settings import Plate
 from multiscale.pipeline.rows import tabulate_loads
 from multiscale.pipeline.stage import Job
@@ -28,14 +27,12 @@ def _solve(plate: Plate, case: StructureCase, job: Job) -> "xr.Dataset":
     return with_too_far(add_body_fields(result, assembly.bodies))
 
 
-def _needs(plate: Plate, case: StructureCase) -> Needs:
-    return cut_needs(3 * plate.nodes, substructures=case.cut.count, coarse=case.cut.coarse)
-
-
 PLATE = structure_stage(
     "plate",
     _solve,
-    _needs,
+    lambda plate, case: cut_needs(
+        3 * plate.nodes, substructures=case.cut.count, coarse=case.cut.coarse
+    ),
     tabulate_loads,
     write_body_fields,
     question="How far does the plate move under its loads?",

@@ -13,7 +13,7 @@ from multiscale.micro.ensemble import run_realisations
 from multiscale.micro.viscoelastic_sliding import solve_sliding
 from multiscale.needs import Choice, Needs
 from multiscale.pipeline.stage import Datasets, Job, Section, Stage
-from multiscale.pipeline.stages.cells import count_cells
+from multiscale.pipeline.stages.cells import caution_steep, count_cells
 from multiscale.pipeline.toml_model import read_toml, validate
 from multiscale.pipeline.tyre_settings import TyreCase
 from multiscale.plotting.figure import on_axes
@@ -27,9 +27,6 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
 __all__ = ["ROADS", "make_roads", "slide_road"]
-
-
-STEEP = 0.3  # root mean square slope
 
 
 def make_roads(case: TyreCase) -> list[Surface]:
@@ -93,17 +90,6 @@ def slide_road(case: TyreCase, road: Surface) -> "xr.Dataset":
     )
 
 
-def _steepness(response: "xr.Dataset") -> list[str]:
-    """Caution against slopes for which the half-space is no longer right."""
-    steepest = float(response["rms_slope"].max())
-    if steepest <= STEEP:
-        return []
-    return [
-        f"the road has a root mean square slope of {steepest:.2g}; above {STEEP:g} friction by "
-        f"small slopes is only an estimate"
-    ]
-
-
 def _run(case: TyreCase, found: Datasets, job: Job) -> "xr.Dataset":
     """Slide rubber over all roads; finished roads that are found are kept."""
     out = job.out
@@ -120,7 +106,12 @@ def _run(case: TyreCase, found: Datasets, job: Job) -> "xr.Dataset":
         title=case.title,
         bodies="rubber on a rigid road, in steady sliding; small slopes",
         identity=identity,
-        cautions="\n".join([*case.cautions(), *_steepness(response)]),
+        cautions="\n".join(
+            [
+                *case.cautions(),
+                *caution_steep(response, "road", "friction by small slopes is only an estimate"),
+            ]
+        ),
     )
 
 

@@ -62,7 +62,6 @@ def pair_of(case: Case, slide: SlideSettings, lower: Surface, upper: Surface) ->
 
 
 def _run(case: Case, found: Datasets, job: Job) -> "xr.Dataset":
-    """Slide body 2 over body 1."""
     slide = case.slide
     assert slide is not None  # its table asks for the stage
     response = slide_cell(
@@ -79,7 +78,6 @@ def _run(case: Case, found: Datasets, job: Job) -> "xr.Dataset":
 
 
 def _law(body: Body) -> NeoHookean | J2:
-    """Law of a body at large strain."""
     if body.yield_stress is None:
         return NeoHookean(body.youngs_modulus, body.poissons_ratio)
     return J2(
@@ -96,10 +94,6 @@ def _needs(case: Case) -> Needs:
     pair = cell_needs(pair_of(case, case.slide, smooth, smooth))
     slide = Choice("slide", "both bodies, deformable and at large strain, a pressure at a time")
     return Needs(choices=(slide,), memory=pair.memory)
-
-
-def _lines(found: Datasets) -> list[str]:
-    return describe_sliding(found[SLIDING.name])
 
 
 def _sections(found: Datasets, out: Path) -> Iterator[Section]:
@@ -142,7 +136,7 @@ SLIDING = Stage(
     },
     run=_run,
     needs=_needs,
-    lines=_lines,
+    lines=lambda found: describe_sliding(found[SLIDING_RESPONSE.name]),
     sections=_sections,
     pictures=("sliding",),
 )
