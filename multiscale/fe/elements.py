@@ -36,14 +36,11 @@ class Elements:
 
     Attributes
     ----------
-    gradient : ndarray, shape (elements, points, nodes, d)
-        Gradients of the shape functions, 1/m.
-    weight : ndarray, shape (elements, points)
-        Volumes of the points, m³ (m² in two dimensions).
+    gradient : ndarray, shape (elements, points, nodes, d), gradients of the shape functions, 1/m
+    weight : ndarray, shape (elements, points), volumes of the points, m³ (m² in two dimensions)
     unknowns : ndarray of int, shape (elements, nodes * d)
         Unknown d a + i of every entry of an element matrix.
-    size : int
-        Number of unknowns.
+    size : int, number of unknowns
     """
 
     gradient: np.ndarray
@@ -81,25 +78,15 @@ def element_response(
 
     Parameters
     ----------
-    elements : Elements
-        Of the mesh.
-    law : BulkLaw
-        Bulk law.
-    displacement : ndarray, shape (size,)
-        m.
-    state : ndarray, shape (n_state, elements, points)
-        Committed state.
+    displacement : ndarray, shape (size,), m
+    state : ndarray, shape (n_state, elements, points), committed state
 
     Returns
     -------
-    force : ndarray, shape (size,)
-        N (N/m in two dimensions).
-    tangent : csr_array, shape (size, size)
-        N/m.
-    state : ndarray, shape (n_state, elements, points)
-        New state.
-    smallest : float
-        Smallest J; not positive if an element is turned inside out.
+    force : ndarray, shape (size,), N (N/m in two dimensions)
+    tangent : csr_array, shape (size, size), N/m
+    state : ndarray, shape (n_state, elements, points), new state
+    smallest : float, smallest J; not positive if an element is turned inside out
     """
     G, w = elements.gradient, elements.weight
     d = G.shape[3]

@@ -23,15 +23,12 @@ def face_unknowns(basis: "CellBasis", boundary: str) -> np.ndarray:
 
     Parameters
     ----------
-    basis : CellBasis
-        Of a scalar Lagrange element.
-    boundary : str
-        Name of a boundary of the mesh.
+    basis : CellBasis, of a scalar Lagrange element
+    boundary : str, name of a boundary of the mesh
 
     Returns
     -------
-    ndarray of int
-        Unknowns ``a``; the component ``i`` of the displacement is unknown ``d a + i``.
+    ndarray of int, unknowns ``a``; the component ``i`` of the displacement is unknown ``d a + i``
 
     Raises
     ------
@@ -53,21 +50,16 @@ def face_operator(
 
     Parameters
     ----------
-    basis : CellBasis
-        Of a scalar element.
-    boundary : str
-        Name of a boundary of the mesh.
-    order : int
-        Polynomial degree that the quadrature integrates exactly, per direction on a box.
+    basis : CellBasis, of a scalar element
+    boundary : str, name of a boundary of the mesh
+    order : int, polynomial degree that the quadrature integrates exactly, per direction on a box
 
     Returns
     -------
     operator : csr_array, shape (points, n)
         Maps the unknowns of a component to its values, dimensionless.
-    weight : ndarray, shape (points,)
-        Quadrature weights, m² (m in two dimensions).
-    position : ndarray, shape (d, points)
-        Coordinates of the points, m.
+    weight : ndarray, shape (points,), quadrature weights, m² (m in two dimensions)
+    position : ndarray, shape (d, points), coordinates of the points, m
 
     Raises
     ------
@@ -95,10 +87,8 @@ def face_areas(basis: "CellBasis", boundary: str) -> tuple[np.ndarray, np.ndarra
 
     Parameters
     ----------
-    basis : CellBasis
-        Of a scalar element of first order.
-    boundary : str
-        Name of a boundary of the mesh.
+    basis : CellBasis, of a scalar element of first order
+    boundary : str, name of a boundary of the mesh
 
     Returns
     -------

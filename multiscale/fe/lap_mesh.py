@@ -84,8 +84,7 @@ def lap_meshes(shape: LapShape) -> tuple["Mesh", "Mesh"]:
 
     Returns
     -------
-    tuple of Mesh
-        Lower and upper plate, boundaries ``joint``, ``washer`` and ``end``.
+    tuple of Mesh, lower and upper plate, boundaries ``joint``, ``washer`` and ``end``
 
     Raises
     ------

@@ -49,17 +49,13 @@ def couple(
     ----------
     facets : tuple of ndarray of int, shapes (facets, corners)
         Oriented facets of side 1 and side 2, positions in ``positions``.
-    positions : tuple of ndarray, shapes (n, d)
-        Positions of the nodes of side 1 and side 2, m.
-    reach : float
-        Facets farther apart than this do not see each other, m.
+    positions : tuple of ndarray, shapes (n, d), positions of the nodes of side 1 and side 2, m
+    reach : float, facets farther apart than this do not see each other, m
 
     Returns
     -------
-    D : csr_array, shape (n1, n1)
-        m² (m in two dimensions).
-    M : csr_array, shape (n1, n2)
-        m² (m in two dimensions).
+    D : csr_array, shape (n1, n1), m² (m in two dimensions)
+    M : csr_array, shape (n1, n2), m² (m in two dimensions)
     """
     x1, x2 = positions[0][facets[0]], positions[1][facets[1]]
     integrate = _integrate_segments if x1.shape[2] == 2 else _integrate_polygons

@@ -144,18 +144,14 @@ class _State:
 
     Attributes
     ----------
-    time, step : float
-        Time and size of the last step, s; infinite before the first step.
-    u, v : ndarray, shape (n,)
-        Displacement, m, and velocity, m/s.
+    time, step : float, time and size of the last step, s; infinite before the first step
+    u, v : ndarray, shape (n,), displacement, m, and velocity, m/s
     elongation, support : ndarray, shape (rows,)
         Elongation of the links, and its part due to the motion of the supports, m.
-    tension : ndarray, shape (rows,)
-        Tension of the extensible links, N; zero for the others.
+    tension : ndarray, shape (rows,), tension of the extensible links, N; zero for the others
     impulse : ndarray, shape (rows,)
         Impulse of the inextensible links in the last step, N s; zero for the others.
-    mean : ndarray, shape (rows,)
-        Mean tension of all links in the last step, N.
+    mean : ndarray, shape (rows,), mean tension of all links in the last step, N
     """
 
     time: float
@@ -175,30 +171,20 @@ class _Scheme:
 
     Attributes
     ----------
-    needs : Needs
-        Unknowns and operators.
-    system : LinkSystem
-        The structure.
-    model : LinkEquations
-        Equations of the free unknowns.
-    tangent : Tangent
-        Pattern of the tangent.
-    held : LinkEquations
-        Equations of the fixed components.
-    operator : csr_array, shape (rows, n)
-        Compatibility operator.
-    mass : ndarray, shape (n,)
-        Mass of each unknown, kg.
-    extensible : ndarray of bool, shape (rows,)
-        Links of finite stiffness.
+    needs : Needs, unknowns and operators
+    system : LinkSystem, the structure
+    model : LinkEquations, equations of the free unknowns
+    tangent : Tangent, pattern of the tangent
+    held : LinkEquations, equations of the fixed components
+    operator : csr_array, shape (rows, n), compatibility operator
+    mass : ndarray, shape (n,), mass of each unknown, kg
+    extensible : ndarray of bool, shape (rows,), links of finite stiffness
     side : ndarray, shape (rows,)
         1 for inextensible cables, -1 for inextensible struts, 0 for extensible links.
     stiffness, prestress : ndarray, shape (rows,)
         Stiffness, N/m, and prestress, N, of extensible links; zero for the others.
-    theta, restitution : float
-        Parameters of :func:`simulate`, dimensionless.
-    load_factor, support_motion : callable
-        Functions of time as in :func:`simulate`.
+    theta, restitution : float, parameters of :func:`simulate`, dimensionless
+    load_factor, support_motion : callable, functions of time as in :func:`simulate`
     """
 
     system: LinkSystem

@@ -21,14 +21,10 @@ def failed_step(
 
     Parameters
     ----------
-    first : dict
-        Variables of the first row.
-    time : float
-        Time at the end of the step, s.
-    residual : float
-        Residual reached, dimensionless.
-    seconds : float
-        Wall time of the step, s.
+    first : dict, variables of the first row
+    time : float, time at the end of the step, s
+    residual : float, residual reached, dimensionless
+    seconds : float, wall time of the step, s
     """
     row = {name: np.full_like(value, np.nan, dtype=float) for name, value in first.items()}
     return row | {"time": time, "converged": 0, "residual": residual, "wall_time": seconds}
@@ -39,10 +35,7 @@ def join_times(system: LinkSystem, rows: list[dict[str, Any]]) -> "xr.Dataset":
 
     Parameters
     ----------
-    system : LinkSystem
-        The structure.
-    rows : list of dict
-        Variables of each step.
+    rows : list of dict, variables of each step
     """
     import xarray as xr
 

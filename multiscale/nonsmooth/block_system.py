@@ -36,12 +36,9 @@ def factorise_blocks(
 
     Parameters
     ----------
-    problem : ScaledFriction
-        Gives :math:`W`.
-    added : ndarray, shape (contacts, 3, 3)
-        :math:`B`.
-    left : ndarray, shape (contacts, 3, 3), optional
-        :math:`A`, the identity if not given.
+    problem : ScaledFriction, gives :math:`W`
+    added : ndarray, shape (contacts, 3, 3), :math:`B`
+    left : ndarray, shape (contacts, 3, 3), optional, :math:`A`, the identity if not given
 
     Returns
     -------

@@ -31,14 +31,10 @@ class Verification:
 
     Attributes
     ----------
-    error : float
-        Largest natural-map error relative to the data, dimensionless.
-    worst : int
-        Constraint with that error; -1 if there are no constraints.
-    penetration : float
-        Largest negative part of w = M z + q, in the unit of q.
-    adhesion : float
-        Largest negative part of z, in the unit of z.
+    error : float, largest natural-map error relative to the data, dimensionless
+    worst : int, constraint with that error; -1 if there are no constraints
+    penetration : float, largest negative part of w = M z + q, in the unit of q
+    adhesion : float, largest negative part of z, in the unit of z
     equilibrium : float
         Largest residual of the balance of the bodies relative to its terms, dimensionless; zero
         unless bodies and directions are given.

@@ -31,15 +31,12 @@ def iterate_conic(problem: ScaledLCP, start: np.ndarray) -> Iterator[np.ndarray]
 
     Parameters
     ----------
-    problem : ScaledLCP
-        Symmetric positive semidefinite.
-    start : ndarray, shape (n,)
-        Not used: clarabel takes no start.
+    problem : ScaledLCP, symmetric positive semidefinite
+    start : ndarray, shape (n,), not used: clarabel takes no start
 
     Yields
     ------
-    ndarray, shape (n,)
-        The answer, then up to three active sets.
+    ndarray, shape (n,), the answer, then up to three active sets
 
     References
     ----------

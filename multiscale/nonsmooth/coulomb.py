@@ -41,15 +41,12 @@ def natural_map(
     ----------
     velocity, reaction : ndarray, shape (d, contacts)
         Relative velocity :math:`u`, m/s, and impulse :math:`r`, N s.
-    friction : ndarray, shape (contacts,)
-        Friction coefficient :math:`\mu`, dimensionless.
-    step : ndarray, shape (contacts,), or float
-        :math:`\rho > 0`, a mass, kg.
+    friction : ndarray, shape (contacts,), friction coefficient :math:`\mu`, dimensionless
+    step : ndarray, shape (contacts,), or float, :math:`\rho > 0`, a mass, kg
 
     Returns
     -------
-    ndarray, shape (d, contacts)
-        Residual (1), N s.
+    ndarray, shape (d, contacts), residual (1), N s
 
     Notes
     -----
@@ -73,15 +70,13 @@ class Verdict:
     error : float
         Natural-map error relative to the norm of the data, in the units of the user and in
         velocities, whichever is larger.
-    penetration : float
-        Largest approach left at a contact, relative to the norm of the data.
+    penetration : float, largest approach left at a contact, relative to the norm of the data
     cone_violation : float
         Largest distance of an impulse from its cone, relative to the largest impulse.
     equilibrium : float
         Error of the equations of motion relative to their largest term; zero if they were not
         given.
-    tolerance : float
-        The bound that each of them has to keep.
+    tolerance : float, the bound that each of them has to keep
     """
 
     error: float
@@ -178,15 +173,12 @@ def natural_units(delassus: csr_array | np.ndarray, velocity: np.ndarray) -> tup
 
     Parameters
     ----------
-    delassus : csr_array or ndarray, shape (d * contacts, d * contacts)
-        1/kg.
-    velocity : ndarray, shape (contacts, d)
-        m/s; all of it counts if nothing closes.
+    delassus : csr_array or ndarray, shape (d * contacts, d * contacts), 1/kg
+    velocity : ndarray, shape (contacts, d), m/s; all of it counts if nothing closes
 
     Returns
     -------
-    tuple of float
-        1/kg and m/s; their quotient is the unit of impulses.
+    tuple of float, 1/kg and m/s; their quotient is the unit of impulses
     """
     closing = np.abs(velocity[velocity[:, 0] < 0.0])
     speed = float(closing.max(initial=0.0)) or float(np.abs(velocity).max(initial=0.0))

@@ -22,18 +22,14 @@ class ScaledFriction:
         Blocks of :math:`\hat W` row by row; every row has its diagonal block.
     columns, starts : ndarray, shapes (n,) and (contacts + 1,)
         Contact that each block belongs to, ascending in a row, and first block of every row.
-    diagonal : ndarray, shape (contacts,)
-        Which block is the diagonal one.
-    velocity : ndarray, shape (contacts, 3)
-        :math:`\hat q`, norm one.
-    friction : ndarray, shape (contacts,)
-        :math:`\hat\mu > 0`.
+    diagonal : ndarray, shape (contacts,), which block is the diagonal one
+    velocity : ndarray, shape (contacts, 3), :math:`\hat q`, norm one
+    friction : ndarray, shape (contacts,), :math:`\hat\mu > 0`
     reaction_unit, velocity_unit : ndarray, shape (contacts, 3)
         :math:`r = \hat r` times the first, N s, and :math:`u = \hat u` times the second, m/s.
     measure : tuple (friction, mass, step)
         Friction coefficients and contact masses of the given problem, and its step of 1 kg.
-    size : float
-        Norm of the given :math:`q` that errors are relative to, m/s.
+    size : float, norm of the given :math:`q` that errors are relative to, m/s
     """
 
     blocks: np.ndarray
@@ -78,19 +74,14 @@ def scale_friction(
     ----------
     delassus : csr_array or ndarray, shape (d * contacts, d * contacts)
         :math:`W`, 1/kg, with d = 2 or 3 components per contact.
-    velocity : ndarray, shape (d * contacts,)
-        :math:`q`, m/s, not zero.
-    friction : ndarray, shape (contacts,)
-        :math:`\mu`, dimensionless.
-    isotropic : bool
-        Scale normal and tangent alike, instead of each by its own mobility.
-    step : float
-        1 kg in the units of the data, for the error.
+    velocity : ndarray, shape (d * contacts,), :math:`q`, m/s, not zero
+    friction : ndarray, shape (contacts,), :math:`\mu`, dimensionless
+    isotropic : bool, scale normal and tangent alike, instead of each by its own mobility
+    step : float, 1 kg in the units of the data, for the error
 
     Returns
     -------
-    ScaledFriction
-        Three components per contact.
+    ScaledFriction, three components per contact
 
     Notes
     -----

@@ -31,14 +31,9 @@ def run_schedule(
 
     Parameters
     ----------
-    problem : ScaledFriction
-        The problem, dimensionless.
-    reaction : ndarray, shape (contacts, 3)
-        Start, already noted.
-    progress : Progress
-        Holds the best answer and the trail.
-    max_iterations : int
-        Limit of each method.
+    reaction : ndarray, shape (contacts, 3), start, already noted
+    progress : Progress, holds the best answer and the trail
+    max_iterations : int, limit of each method
 
     Notes
     -----

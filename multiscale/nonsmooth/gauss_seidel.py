@@ -33,19 +33,13 @@ def gauss_seidel(
 
     Parameters
     ----------
-    problem : ScaledFriction
-        The problem, dimensionless.
-    reaction : ndarray, shape (contacts, 3)
-        Start.
-    progress : Recorder
-        Looks at the error every 20 sweeps and says when to stop.
-    max_iterations : int
-        Limit of sweeps.
+    reaction : ndarray, shape (contacts, 3), start
+    progress : Recorder, looks at the error every 20 sweeps and says when to stop
+    max_iterations : int, limit of sweeps
 
     Returns
     -------
-    ndarray, shape (contacts, 3)
-        The last impulses.
+    ndarray, shape (contacts, 3), the last impulses
 
     Notes
     -----

@@ -21,8 +21,7 @@ def jamming(problem: ScaledFriction) -> tuple[Status, str] | None:
 
     Parameters
     ----------
-    problem : ScaledFriction
-        The problem, dimensionless; W is positive semidefinite.
+    problem : ScaledFriction, the problem, dimensionless; W is positive semidefinite
 
     Returns
     -------

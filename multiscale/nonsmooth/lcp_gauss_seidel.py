@@ -25,15 +25,12 @@ def iterate_gauss_seidel(problem: ScaledLCP, start: np.ndarray) -> Iterator[np.n
 
     Parameters
     ----------
-    problem : ScaledLCP
-        Given by its entries.
-    start : ndarray, shape (n,)
-        First x.
+    problem : ScaledLCP, given by its entries
+    start : ndarray, shape (n,), first x
 
     Yields
     ------
-    ndarray, shape (n,)
-        The iterates, without end.
+    ndarray, shape (n,), the iterates, without end
 
     References
     ----------

@@ -47,15 +47,13 @@ def iterate_interior_point(problem: ScaledLCP, start: np.ndarray) -> Iterator[np
 
     Parameters
     ----------
-    problem : ScaledLCP
-        Monotone: the symmetric part of the matrix has no negative eigenvalue.
+    problem : ScaledLCP, monotone: the symmetric part of the matrix has no negative eigenvalue
     start : ndarray, shape (n,)
         Not used: an iterate near the boundary is a bad start for an interior method.
 
     Yields
     ------
-    ndarray, shape (n,)
-        The iterates, until the gap :math:`\mu = x^T w / n` or the step vanishes.
+    ndarray, shape (n,), the iterates, until the gap :math:`\mu = x^T w / n` or the step vanishes
 
     References
     ----------

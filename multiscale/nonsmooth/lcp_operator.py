@@ -27,8 +27,7 @@ class Entries:
 
     Attributes
     ----------
-    matrix : csr_array or ndarray, shape (n, n)
-        The entries.
+    matrix : csr_array or ndarray, shape (n, n), the entries
     """
 
     matrix: csr_array | np.ndarray

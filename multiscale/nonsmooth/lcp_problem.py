@@ -24,14 +24,11 @@ class ScaledLCP:
 
     Attributes
     ----------
-    operator : Entries or Delassus, shape (n, n)
-        :math:`A = D M D` with a diagonal of ones.
+    operator : Entries or Delassus, shape (n, n), :math:`A = D M D` with a diagonal of ones
     vector : ndarray, shape (n,)
         :math:`b = D q / \delta`, where :math:`\delta` is the size of the data.
-    unit : ndarray, shape (n,)
-        :math:`\delta D`, so that :math:`z = \delta D x`.
-    is_symmetric : bool
-        Whether mirrored entries of A agree.
+    unit : ndarray, shape (n,), :math:`\delta D`, so that :math:`z = \delta D x`
+    is_symmetric : bool, whether mirrored entries of A agree
     """
 
     operator: Entries | Delassus

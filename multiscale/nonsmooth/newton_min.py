@@ -39,12 +39,10 @@ def iterate_newton_min(
 
     Parameters
     ----------
-    problem : ScaledLCP
-        Any matrix; the method is made for P-matrices.
+    problem : ScaledLCP, any matrix; the method is made for P-matrices
     start : ndarray, shape (n,)
         First x; what the active unknowns of a singular block keep is taken from it.
-    active : ndarray of bool, shape (n,), optional
-        First active set; that of ``start`` if not given.
+    active : ndarray of bool, shape (n,), optional, first active set; that of ``start`` if not given
 
     Yields
     ------

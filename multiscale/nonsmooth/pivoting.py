@@ -37,8 +37,7 @@ def iterate_pivoting(problem: ScaledLCP, start: np.ndarray) -> Iterator[np.ndarr
     ----------
     problem : ScaledLCP
         Given by its entries; work and memory grow with the cube and the square of n.
-    start : ndarray, shape (n,)
-        Not used: the path has a start of its own.
+    start : ndarray, shape (n,), not used: the path has a start of its own
 
     Yields
     ------

@@ -25,12 +25,9 @@ class Progress:
 
     Attributes
     ----------
-    problem : ScaledFriction
-        Measures the error.
-    target : float
-        Error at which the run may stop; dimensionless.
-    callback : callable, optional
-        Called as ``callback(iteration, residual)``.
+    problem : ScaledFriction, measures the error
+    target : float, error at which the run may stop; dimensionless
+    callback : callable, optional, called as ``callback(iteration, residual)``
     """
 
     problem: ScaledFriction

@@ -32,10 +32,8 @@ def iterate_projected_gradient(problem: ScaledLCP, start: np.ndarray) -> Iterato
 
     Parameters
     ----------
-    problem : ScaledLCP
-        Symmetric and given by its entries.
-    start : ndarray, shape (n,)
-        First x.
+    problem : ScaledLCP, symmetric and given by its entries
+    start : ndarray, shape (n,), first x
 
     Yields
     ------

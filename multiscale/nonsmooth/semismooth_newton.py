@@ -27,21 +27,14 @@ def semismooth_newton(
 
     Parameters
     ----------
-    problem : ScaledFriction
-        The problem, dimensionless.
-    reaction : ndarray, shape (contacts, 3)
-        Start.
-    progress : Recorder
-        Notes every step and says when to stop.
-    max_iterations : int
-        Iteration limit.
-    regularisation : float
-        First :math:`\alpha`, relative to the diagonal of :math:`W`.
+    reaction : ndarray, shape (contacts, 3), start
+    progress : Recorder, notes every step and says when to stop
+    max_iterations : int, iteration limit
+    regularisation : float, first :math:`\alpha`, relative to the diagonal of :math:`W`
 
     Returns
     -------
-    ndarray, shape (contacts, 3)
-        The last impulses.
+    ndarray, shape (contacts, 3), the last impulses
 
     Notes
     -----

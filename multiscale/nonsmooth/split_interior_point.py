@@ -35,12 +35,8 @@ def split_interior_point(
 
     Parameters
     ----------
-    problem : ScaledFriction
-        The problem, dimensionless.
-    progress : Recorder
-        Notes every step and says when to stop.
-    max_iterations : int
-        Iteration limit.
+    progress : Recorder, notes every step and says when to stop
+    max_iterations : int, iteration limit
     centre : float
         Impulse to start from, relative to the size of the data; another one leads along another
         path where the problem has more than one.
@@ -52,8 +48,7 @@ def split_interior_point(
 
     Returns
     -------
-    ndarray, shape (contacts, 3)
-        The last impulses.
+    ndarray, shape (contacts, 3), the last impulses
 
     Notes
     -----

@@ -37,8 +37,7 @@ def prepare_cholesky(start: np.ndarray, column: np.ndarray) -> Factorise:
 
     Parameters
     ----------
-    start, column : ndarray of int32
-        Upper triangle by rows, with the diagonal; columns increase.
+    start, column : ndarray of int32, upper triangle by rows, with the diagonal; columns increase
 
     Returns
     -------

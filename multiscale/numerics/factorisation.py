@@ -41,10 +41,8 @@ def factorise(matrix: csr_array | np.ndarray, *, name: str = "the matrix") -> So
 
     Parameters
     ----------
-    matrix : csr_array or ndarray, shape (n, n)
-        Real :math:`K`, in any unit.
-    name : str
-        What the matrix is, for the message.
+    matrix : csr_array or ndarray, shape (n, n), real :math:`K`, in any unit
+    name : str, what the matrix is, for the message
 
     Returns
     -------

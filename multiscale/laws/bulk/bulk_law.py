@@ -14,12 +14,10 @@ class BulkResponse:
 
     Attributes
     ----------
-    stress : ndarray, shape (3, 3, ...)
-        First Piola-Kirchhoff stress :math:`P`, Pa.
+    stress : ndarray, shape (3, 3, ...), First Piola-Kirchhoff stress :math:`P`, Pa
     tangent : ndarray, shape (3, 3, 3, 3, ...)
         :math:`A_{ijkl} = \partial P_{ij} / \partial F_{kl}`, Pa.
-    state : ndarray, shape (n_state, ...)
-        New internal variables, with the units of the law.
+    state : ndarray, shape (n_state, ...), new internal variables, with the units of the law
     """
 
     stress: np.ndarray
@@ -40,16 +38,14 @@ class BulkLaw(ABC):
 
     Attributes
     ----------
-    n_state : int
-        Number of internal variables per point.
+    n_state : int, number of internal variables per point
     finite_strain : bool
         Whether :math:`J = \det F`. Otherwise :math:`J = 1 + \mathrm{tr}(F - I)`, and the law is
         linear in :math:`F`.
     flows : bool
         Whether the shape changes for good at constant volume: elements then take the change of
         volume from its mean, and increments are short.
-    rate_dependent : bool
-        Whether the stress depends on the time that a strain takes.
+    rate_dependent : bool, whether the stress depends on the time that a strain takes
     """
 
     n_state: int = 0

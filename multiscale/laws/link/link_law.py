@@ -17,8 +17,7 @@ class LinkResponse:
 
     Attributes
     ----------
-    tension : ndarray, shape (...)
-        Tension :math:`\tau`, N, compression negative.
+    tension : ndarray, shape (...), tension :math:`\tau`, N, compression negative
     tangent : ndarray, shape (...)
         Derivative :math:`\mathrm{d}\tau / \mathrm{d}\varepsilon`, N; zero for slack links.
     slack : ndarray, shape (...)
@@ -42,8 +41,7 @@ class LinkLaw(ABC):
 
     Attributes
     ----------
-    lower, upper : float
-        Range of admissible tensions, N.
+    lower, upper : float, range of admissible tensions, N
 
     Raises
     ------

@@ -39,18 +39,13 @@ class CondensedContact:
 
     Attributes
     ----------
-    assembly : FiniteAssembly
-        The problem.
-    joined : JoinedContacts
-        Its contact operator.
-    stiffness : csr_array, shape (unknowns, unknowns)
-        Of all bodies, N/m.
-    solve : callable
-        Inverse of the stiffness of the free unknowns.
+    assembly : FiniteAssembly, the problem
+    joined : JoinedContacts, its contact operator
+    stiffness : csr_array, shape (unknowns, unknowns), of all bodies, N/m
+    solve : callable, inverse of the stiffness of the free unknowns
     delassus : ndarray, shape (contact unknowns, contact unknowns)
         Mean jump of a node, m, for a unit reaction, Pa.
-    rho : ndarray, shape (contact nodes,)
-        Stiffness of the contact law, Pa/m.
+    rho : ndarray, shape (contact nodes,), stiffness of the contact law, Pa/m
     """
 
     assembly: FiniteAssembly

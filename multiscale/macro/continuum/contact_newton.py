@@ -53,18 +53,12 @@ class Equilibrium:
 
     Attributes
     ----------
-    time : float
-        Of the load step.
-    displacement : ndarray, shape (unknowns,)
-        m.
-    reaction : ndarray, shape (contact nodes, c)
-        Pa.
-    state : tuple of ndarray
-        Internal variables of the bodies.
-    couplings : tuple of Coupling
-        Of the interfaces.
-    jump : ndarray, shape (contact nodes, c)
-        Gap and slip of the step, m.
+    time : float, of the load step
+    displacement : ndarray, shape (unknowns,), m
+    reaction : ndarray, shape (contact nodes, c), Pa
+    state : tuple of ndarray, internal variables of the bodies
+    couplings : tuple of Coupling, of the interfaces
+    jump : ndarray, shape (contact nodes, c), gap and slip of the step, m
     unbalance : ndarray, shape (unknowns,)
         Internal less external and contact forces, N: what the supports carry.
     """
@@ -107,12 +101,8 @@ def newton_step(
 
     Parameters
     ----------
-    assembly : FiniteAssembly
-        The problem.
-    before : Equilibrium
-        End of the step before.
-    time : float
-        End of this step.
+    before : Equilibrium, end of the step before
+    time : float, end of this step
     limits : Limits
         The tolerance bounds the unbalanced forces and the error of the contact law, relative to
         the largest of load, reaction of the supports and contact force. Rounding of the internal
@@ -120,10 +110,8 @@ def newton_step(
 
     Returns
     -------
-    solution : Solution
-        ``value`` is the displacement, m.
-    end : Equilibrium
-        The last iterate; an equilibrium only if the solution converged.
+    solution : Solution, ``value`` is the displacement, m
+    end : Equilibrium, the last iterate; an equilibrium only if the solution converged
 
     Raises
     ------

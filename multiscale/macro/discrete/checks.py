@@ -108,15 +108,9 @@ def check_links(system: "LinkSystem") -> None:
 def out_of_balance(system: "LinkSystem") -> np.ndarray:
     r"""Return the force :math:`B^T \tau^0` of the prestress on the free components of the nodes.
 
-    Parameters
-    ----------
-    system : LinkSystem
-        The structure.
-
     Returns
     -------
-    ndarray, shape (nodes, 3)
-        Forces, N; zero for fixed components.
+    ndarray, shape (nodes, 3), forces, N; zero for fixed components
     """
     pull = system.prestress[:, None] * system.direction
     force = np.zeros((system.n_nodes, 3))
@@ -167,10 +161,8 @@ def free_rigid_motions(points: np.ndarray, fixed: np.ndarray) -> int:
 
     Parameters
     ----------
-    points : ndarray, shape (nodes, 3)
-        Positions, m.
-    fixed : ndarray of bool, shape (nodes, components)
-        Fixed components.
+    points : ndarray, shape (nodes, 3), positions, m
+    fixed : ndarray of bool, shape (nodes, components), fixed components
     """
     motion = _rigid_motions(points - points.mean(axis=0), fixed.shape[1])
     return _rank(motion.reshape(-1, 6)) - _rank(motion[fixed])
@@ -202,12 +194,8 @@ def nodal_masses(system: "LinkSystem", mass: np.ndarray | float, free: np.ndarra
 
     Parameters
     ----------
-    system : LinkSystem
-        The structure.
-    mass : float or ndarray, shape (nodes,) or (nodes, components)
-        Mass, kg.
-    free : ndarray of bool, shape (nodes, components)
-        Free components, whose mass must be positive.
+    mass : float or ndarray, shape (nodes,) or (nodes, components), kg
+    free : ndarray of bool, shape (nodes, components), free components, whose mass must be positive
     """
     given = np.asarray(mass, dtype=float)
     if given.ndim == 1:

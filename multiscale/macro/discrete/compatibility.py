@@ -22,14 +22,11 @@ class LinkEquations:
 
     Attributes
     ----------
-    unknown : ndarray of int, shape (rows, w)
-        Unknowns of a row, -1 for fixed components.
-    coefficient : ndarray, shape (rows, w)
-        Entries of :math:`B`.
+    unknown : ndarray of int, shape (rows, w), unknowns of a row, -1 for fixed components
+    coefficient : ndarray, shape (rows, w), entries of :math:`B`
     stiffness, prestress, lower, upper : ndarray, shape (rows,)
         :math:`k` (N/m), :math:`\tau^0` and the admissible range (N).
-    load : ndarray, shape (n,)
-        :math:`F^d`, N.
+    load : ndarray, shape (n,), :math:`F^d`, N
     number : ndarray of int, shape (nodes, c)
         Unknown of each component of the nodes, -1 for fixed components.
     unit : ndarray, shape (c,)
@@ -74,13 +71,7 @@ class LinkEquations:
 
 
 def equations(system: LinkSystem) -> LinkEquations:
-    """Return one row per deformation of the links, and the numbers of the unknowns.
-
-    Parameters
-    ----------
-    system : LinkSystem
-        The structure.
-    """
+    """Return one row per deformation of the links, and the numbers of the unknowns."""
     c = system.n_components
     free = ~np.asarray(system.fixed, dtype=bool)
     number = np.full(free.shape, -1, dtype=np.int32)
@@ -137,10 +128,8 @@ def beam_axes(direction: np.ndarray, up: np.ndarray) -> tuple[np.ndarray, np.nda
 
     Parameters
     ----------
-    direction : ndarray, shape (beams, 3)
-        Unit vectors along the beams.
-    up : ndarray, shape (3,)
-        Vector that spans the local x-z plane together with the beam.
+    direction : ndarray, shape (beams, 3), unit vectors along the beams
+    up : ndarray, shape (3,), vector that spans the local x-z plane together with the beam
     """
     up = up / np.sqrt(up @ up)
     along = np.abs(direction @ up) > 1.0 - 1e-9

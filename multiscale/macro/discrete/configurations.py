@@ -16,14 +16,11 @@ class Configuration:
 
     Attributes
     ----------
-    distance : ndarray, shape (links,)
-        Distance of the ends, m.
-    elongation : ndarray, shape (links,)
-        Elongation of the link beyond its relaxed length, m.
+    distance : ndarray, shape (links,), distance of the ends, m
+    elongation : ndarray, shape (links,), elongation of the link beyond its relaxed length, m
     slack : ndarray, shape (links,)
         Length of a slack cable minus the distance of its ends (of a strut the opposite), m.
-    tension : ndarray, shape (links,)
-        Tension, N.
+    tension : ndarray, shape (links,), N
     """
 
     distance: np.ndarray

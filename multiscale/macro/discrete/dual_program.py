@@ -27,17 +27,13 @@ def solve_dual_program(
 
     Parameters
     ----------
-    model : LinkEquations
-        The structure.
-    load_factor : float
-        :math:`\alpha`, dimensionless.
+    load_factor : float, :math:`\alpha`, dimensionless
     tolerance : float
         Bound on the forces out of balance relative to the largest nodal load; dimensionless.
 
     Returns
     -------
-    Solution
-        ``value`` are tensions and displacement, shape (rows + n,), N and m.
+    Solution, ``value`` are tensions and displacement, shape (rows + n,), N and m
 
     References
     ----------

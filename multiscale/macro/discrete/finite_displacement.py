@@ -39,23 +39,14 @@ def find_finite_state(
 
     Parameters
     ----------
-    system : LinkSystem
-        Structure of links with three unknowns per node.
-    model : LinkEquations
-        Its equations.
-    tangent : Tangent
-        Pattern of its tangent.
-    load_factors : tuple of float
-        First and last load factor.
-    start : ndarray, shape (n,)
-        Displacement at the first load factor, m.
-    limits : Limits
-        Limits of the iteration.
+    system : LinkSystem, structure of links with three unknowns per node
+    load_factors : tuple of float, first and last load factor
+    start : ndarray, shape (n,), displacement at the first load factor, m
+    limits : Limits, limits of the iteration
 
     Returns
     -------
-    LinkState
-        Equilibrium at the last load factor, or the last iterate if the solver has failed.
+    LinkState, equilibrium at the last load factor, or the last iterate if the solver has failed
 
     Notes
     -----
@@ -82,10 +73,8 @@ class _DeformedLinks:
 
     Attributes
     ----------
-    length : ndarray, shape (links,)
-        Actual length, m.
-    direction : ndarray, shape (links, 3)
-        Actual unit vector.
+    length : ndarray, shape (links,), actual length, m
+    direction : ndarray, shape (links, 3), actual unit vector
     elastic, tension : ndarray, shape (links,)
         Tension of the elastic link, and its projection onto the admissible tensions, N.
     """

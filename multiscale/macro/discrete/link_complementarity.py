@@ -28,12 +28,7 @@ def complementarity_problem(
 
     Parameters
     ----------
-    model : LinkEquations
-        The structure.
-    tangent : Tangent
-        Pattern of its tangent.
-    load_factor : float
-        Load factor, dimensionless.
+    load_factor : float, dimensionless
 
     Returns
     -------
@@ -84,8 +79,7 @@ def solve_complementarity(
 
     Returns
     -------
-    Solution
-        ``value`` is the displacement, shape (n,), m; residuals belong to (10).
+    Solution, ``value`` is the displacement, shape (n,), m; residuals belong to (10)
     """
     matrix, taut, motion = complementarity_problem(model, tangent, load_factor)
     answer = solve_lcp(matrix, taut, tolerance=tolerance)

@@ -95,19 +95,9 @@ def critical_factor(
 def material_entries(model: LinkEquations, tangent: Tangent, state: LinkState) -> np.ndarray:
     """Return the tangent B^T k B of the links that are not slack.
 
-    Parameters
-    ----------
-    model : LinkEquations
-        The structure.
-    tangent : Tangent
-        Pattern of its tangent.
-    state : LinkState
-        Equilibrium.
-
     Returns
     -------
-    ndarray, shape (entries,)
-        Entries of the upper triangle, N/m.
+    ndarray, shape (entries,), entries of the upper triangle, N/m
     """
     taut = (state.slack == 0.0) & np.isfinite(model.stiffness)
     return tangent.entries(np.where(taut, model.stiffness, 0.0))
@@ -118,21 +108,9 @@ def stability_entries(
 ) -> np.ndarray:
     """Return the tangent (1) with the geometric stiffness.
 
-    Parameters
-    ----------
-    system : LinkSystem
-        The structure.
-    model : LinkEquations
-        Its equations.
-    tangent : Tangent
-        Pattern of its tangent.
-    state : LinkState
-        Equilibrium.
-
     Returns
     -------
-    ndarray, shape (entries,)
-        Entries of the upper triangle, N/m.
+    ndarray, shape (entries,), entries of the upper triangle, N/m
     """
     links = system.n_links
     across = state.tension[:links] / system.length
@@ -145,10 +123,7 @@ def is_definite(tangent: Tangent, entries: np.ndarray) -> bool:
 
     Parameters
     ----------
-    tangent : Tangent
-        Pattern of the matrix.
-    entries : ndarray, shape (entries,)
-        Upper triangle of the matrix, N/m.
+    entries : ndarray, shape (entries,), upper triangle of the matrix, N/m
     """
     try:
         tangent.factorise(entries, signs=True)
@@ -162,10 +137,7 @@ def smallest_eigenvalue(tangent: Tangent, entries: np.ndarray) -> float:
 
     Parameters
     ----------
-    tangent : Tangent
-        Pattern of the matrix.
-    entries : ndarray
-        Upper triangle of the matrix, N/m.
+    entries : ndarray, upper triangle of the matrix, N/m
 
     Notes
     -----

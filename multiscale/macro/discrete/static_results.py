@@ -22,12 +22,7 @@ def step_values(system: LinkSystem, model: LinkEquations, state: LinkState) -> d
 
     Parameters
     ----------
-    system : LinkSystem
-        The structure.
-    model : LinkEquations
-        Its equations.
-    state : LinkState
-        Solution of the step.
+    state : LinkState, solution of the step
     """
     solution, links = state.solution, system.n_links
     valid = 1.0 if solution.converged else np.nan
@@ -69,12 +64,8 @@ def join_steps(
 
     Parameters
     ----------
-    system : LinkSystem
-        The structure.
-    factors : ndarray, shape (steps,)
-        Load factors, dimensionless.
-    columns : list of dict
-        Variables of each step, from :func:`step_values`.
+    factors : ndarray, shape (steps,), load factors, dimensionless
+    columns : list of dict, variables of each step, from :func:`step_values`
     """
     import xarray as xr
 

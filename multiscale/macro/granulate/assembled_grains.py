@@ -24,10 +24,8 @@ def solve_assembled(
     ----------
     velocity, mobility : ndarray
         Arrays of :mod:`multiscale.macro.granulate.sweeps`; velocities before the impulses act.
-    contacts : Contacts
-        Contacts of the step; their impulses are the initial guess.
-    tolerance : float
-        Bound on the residual of the solver, dimensionless.
+    contacts : Contacts, contacts of the step; their impulses are the initial guess
+    tolerance : float, bound on the residual of the solver, dimensionless
 
     Returns
     -------

@@ -105,10 +105,7 @@ def resolving_step(grains: Grains, pressure: float) -> float:
 
     Parameters
     ----------
-    grains : Grains
-        The grains.
-    pressure : float
-        Pressure on the grains, Pa.
+    pressure : float, pressure on the grains, Pa
     """
     length = grains.thickness or float(grains.radius.mean())
     return 0.2 * float(np.sqrt(grains.mass.mean() / (pressure * length)))

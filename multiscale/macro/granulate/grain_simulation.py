@@ -101,19 +101,14 @@ class Record:
 
     Parameters
     ----------
-    model : Model
-        Model whose motion is recorded.
+    model : Model, model whose motion is recorded
 
     Attributes
     ----------
-    failure : str
-        Reason for which the simulation ended early; empty if none.
-    steps : list of Step
-        Result of each step.
-    rows : list of dict
-        State after each step, by variable.
-    frames : list of dict
-        Stored positions and forces, by variable.
+    failure : str, reason for which the simulation ended early; empty if none
+    steps : list of Step, result of each step
+    rows : list of dict, state after each step, by variable
+    frames : list of dict, stored positions and forces, by variable
     """
 
     def __init__(self, model: Model) -> None:

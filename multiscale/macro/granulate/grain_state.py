@@ -24,36 +24,26 @@ class GrainState:
 
     Attributes
     ----------
-    time : float
-        Time, s.
-    position : ndarray, shape (grains, 3)
-        Centres, m.
+    time : float, s
+    position : ndarray, shape (grains, 3), centres, m
     velocity : ndarray, shape (bodies, 4 or 8)
         Velocities and radius times spin, as in :mod:`multiscale.macro.granulate.sweeps`, m/s.
-    point : ndarray, shape (walls, 3)
-        A point on each wall, m.
-    period : ndarray, shape (3,)
-        Periods of the cell, m; infinite along axes without a period.
+    point : ndarray, shape (walls, 3), A point on each wall, m
+    period : ndarray, shape (3,), periods of the cell, m; infinite along axes without a period
     pairs : ndarray of int32, shape (pairs, 2)
         Neighbours: two grains, or a grain and a wall, numbered after the grains.
-    pair_impulse : ndarray, shape (pairs, c)
-        Impulse of each pair in the last step, N s.
+    pair_impulse : ndarray, shape (pairs, c), impulse of each pair in the last step, N s
     spring_impulse : ndarray, shape (pairs, c)
         Part of the last impulse carried by the contact springs, N s.
     approach : ndarray, shape (pairs,)
         Normal velocity before an impact that bounces in the next step, else zero, m/s.
-    listed_position : ndarray, shape (grains, 3)
-        Centres at which the neighbours were found, m.
-    list_reach : float
-        Largest gap of the listed pairs, m.
-    rate : ndarray, shape (3,)
-        Strain rates of the cell, 1/s.
-    step_length : float
-        Length of the last step, s.
+    listed_position : ndarray, shape (grains, 3), centres at which the neighbours were found, m
+    list_reach : float, largest gap of the listed pairs, m
+    rate : ndarray, shape (3,), strain rates of the cell, 1/s
+    step_length : float, length of the last step, s
     force_time : float
         Time in which the forces of the last step acted, s; nan before the first step.
-    contacts : Contacts
-        Contacts of the last step.
+    contacts : Contacts, contacts of the last step
     """
 
     time: float
@@ -76,15 +66,9 @@ class GrainState:
 def initial_state(model: Model) -> GrainState:
     """Return the state at time zero.
 
-    Parameters
-    ----------
-    model : Model
-        Grains, walls and loads.
-
     Returns
     -------
-    GrainState
-        State with its neighbours, without impulses.
+    GrainState, state with its neighbours, without impulses
 
     Raises
     ------
@@ -162,12 +146,8 @@ def update_neighbours(model: Model, state: GrainState, reach: float) -> GrainSta
 
     Parameters
     ----------
-    model : Model
-        Grains, walls and loads.
-    state : GrainState
-        State with the last list.
-    reach : float
-        Largest gap of a pair that may close before the next update, m.
+    state : GrainState, state with the last list
+    reach : float, largest gap of a pair that may close before the next update, m
     """
     radius, n = model.grains.radius, model.mobility.shape[0]
     margin = reach + LIST_MARGIN * float(radius.mean())
