@@ -30,15 +30,8 @@ def admm(
 
     Parameters
     ----------
-    reaction : ndarray, shape (contacts, 3), start
-    progress : Recorder, looks at the error every 5 iterations and says when to stop
-    max_iterations : int, iteration limit
     penalty : float, :math:`\rho`, relative to the diagonal of :math:`W`
     memory : int, steps that the acceleration looks back
-
-    Returns
-    -------
-    ndarray, shape (contacts, 3), the last impulses, inside their cones
 
     Notes
     -----

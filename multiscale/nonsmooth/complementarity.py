@@ -8,12 +8,7 @@ from scipy.sparse import csr_array
 
 from multiscale.nonsmooth.lcp_operator import Delassus, lcp_operator
 
-__all__ = [
-    "Verification",
-    "data_size",
-    "lcp_verifier",
-    "verify_lcp",
-]
+__all__ = ["Verification", "data_size", "lcp_verifier", "verify_lcp"]
 
 SMALLEST_ROW = 1e-6
 """No row is measured against less than this part of the data."""

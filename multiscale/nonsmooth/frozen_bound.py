@@ -38,13 +38,7 @@ def frozen_bound(
     Parameters
     ----------
     reaction : ndarray, shape (contacts, 3), start; its normal impulses give the first bound
-    progress : Progress, notes the answer of every problem and says when to stop
-    max_iterations : int, limit of problems
     relaxation : float, share of the new bound in the next one, :math:`\omega \in (0, 1]`
-
-    Returns
-    -------
-    ndarray, shape (contacts, 3), the last impulses
 
     Notes
     -----

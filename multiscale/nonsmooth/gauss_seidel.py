@@ -31,18 +31,6 @@ def gauss_seidel(
 ) -> np.ndarray:
     r"""Solve a friction problem by sweeps over its contacts.
 
-    Parameters
-    ----------
-    reaction : ndarray, shape (contacts, 3), start
-    progress : Recorder, looks at the error every 20 sweeps and says when to stop
-    max_iterations : int, limit of sweeps
-
-    Returns
-    -------
-    ndarray, shape (contacts, 3), the last impulses
-
-    Notes
-    -----
     Large problems are swept colour by colour. The order depends on the problem alone, and threads
     do not change the numbers: so they are used after the first 20 sweeps for as long as they are
     faster than one, which they are not where other programs hold the processors.

@@ -1,4 +1,8 @@
-"""The dimensionless form of a linear complementarity problem, on which every method works."""
+"""The dimensionless form of a linear complementarity problem, on which every method works.
+
+A method takes the problem and a start x, shape (n,), and yields its iterates x, shape (n,), each
+worth a look at the residual.
+"""
 
 from dataclasses import dataclass
 

@@ -30,16 +30,7 @@ def iterate_projected_gradient(problem: ScaledLCP, start: np.ndarray) -> Iterato
 
     :math:`\tilde\varphi_i = \min(x_i / \bar\alpha, \varphi_i)` is the reduced free gradient.
 
-    Parameters
-    ----------
-    problem : ScaledLCP, symmetric and given by its entries
-    start : ndarray, shape (n,), first x
-
-    Yields
-    ------
-    ndarray, shape (n,)
-        The iterates. The last one lies far out on a ray along which the energy falls for ever,
-        if there is one.
+    The last iterate lies far out on a ray along which the energy falls for ever, if there is one.
 
     References
     ----------

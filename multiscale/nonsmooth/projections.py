@@ -5,16 +5,7 @@ Every function takes arrays with the component axis first, normal component in r
 
 import numpy as np
 
-__all__ = [
-    "project_ball",
-    "project_friction_cone",
-    "project_positive",
-]
-
-
-def project_positive(vector: np.ndarray) -> np.ndarray:
-    """Projection onto the non-negative numbers, entry by entry."""
-    return np.asarray(np.maximum(vector, 0.0))
+__all__ = ["project_ball", "project_friction_cone"]
 
 
 def project_ball(vector: np.ndarray, radius: np.ndarray | float) -> np.ndarray:

@@ -69,11 +69,6 @@ class LinkLaw(ABC):
         if not self.rigidity > 0.0:
             raise CaseError(f"rigidity must be positive (N), got {self.rigidity}")
 
-    @property
-    def is_unilateral(self) -> bool:
-        """Whether the link goes slack on one side."""
-        return bool(np.isfinite(self.lower) or np.isfinite(self.upper))
-
     def respond(self, strain: np.ndarray) -> LinkResponse:
         """Evaluate (1) for a strain relative to the relaxed length, shape (...), dimensionless.
 

@@ -1,6 +1,7 @@
 r"""Compatibility operator :math:`e = B u` of nodes and links."""
 
 from dataclasses import dataclass
+from functools import cached_property
 
 import numba
 import numpy as np
@@ -48,6 +49,15 @@ class LinkEquations:
         """Number of unknowns."""
         return self.load.size
 
+    @cached_property
+    def operator(self) -> csr_array:
+        """Sparse B, shape (rows, n)."""
+        row = np.repeat(np.arange(len(self.unknown)), self.unknown.shape[1])
+        column, value = self.unknown.ravel(), self.coefficient.ravel()
+        held = (column < 0) | (value == 0.0)
+        shape = (len(self.unknown), self.n)
+        return csr_array((value[~held], (row[~held], column[~held])), shape=shape)
+
     @property
     def finite_stiffness(self) -> np.ndarray:
         """Stiffness of the rows, N/m; links of fixed length have the largest finite stiffness."""
@@ -57,9 +67,8 @@ class LinkEquations:
 
     def at_nodes(self, u: np.ndarray) -> np.ndarray:
         """Return unknowns at the nodes, shape (nodes, c), m and rad; zero for fixed components."""
-        return np.asarray(
-            np.append(u, 0.0)[self.number] / self.unit
-        )  # -1 selects the appended zero
+        # -1 selects the appended zero
+        return np.asarray(np.append(u, 0.0)[self.number] / self.unit)
 
     def elongate(self, u: np.ndarray) -> np.ndarray:
         """Return B u, shape (rows,), m."""
@@ -142,23 +151,13 @@ def beam_axes(direction: np.ndarray, up: np.ndarray) -> tuple[np.ndarray, np.nda
 def compatibility(system: LinkSystem) -> csr_array:
     r"""Return the sparse compatibility operator of the free unknowns.
 
-    Parameters
-    ----------
-    system : LinkSystem
-        The structure.
-
     Returns
     -------
     csr_array, shape (rows, n)
         :math:`B` with :math:`e = B u`; one row per link, positive if the link elongates,
         then five per beam. The nodal forces of tensions are :math:`B^T \tau`, eq (7).
     """
-    model = equations(system)
-    row = np.repeat(np.arange(len(model.unknown)), model.unknown.shape[1])
-    column, value = model.unknown.ravel(), model.coefficient.ravel()
-    held = (column < 0) | (value == 0.0)
-    shape = (len(model.unknown), model.n)
-    return csr_array((value[~held], (row[~held], column[~held])), shape=shape)
+    return equations(system).operator
 
 
 @numba.njit(cache=True, error_model="numpy")

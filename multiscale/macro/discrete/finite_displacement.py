@@ -6,6 +6,7 @@ import numpy as np
 
 from multiscale.convergence import Solution, Status
 from multiscale.errors import MultiscaleError
+from multiscale.macro.discrete.checks import nodal_pull
 from multiscale.macro.discrete.compatibility import LinkEquations
 from multiscale.macro.discrete.link_newton import RESIDUAL_STIFFNESS
 from multiscale.macro.discrete.link_state import LinkState, force_scale
@@ -109,11 +110,7 @@ class _Problem:
 
     def residual(self, shape: _DeformedLinks, load_factor: float) -> np.ndarray:
         """Return the force out of balance, shape (n,), N."""
-        pull = shape.tension[:, None] * shape.direction
-        force = np.zeros((self.system.n_nodes, 3))
-        for i in range(3):
-            force[:, i] = np.bincount(self.system.ends[:, 1], pull[:, i], len(force))
-            force[:, i] -= np.bincount(self.system.ends[:, 0], pull[:, i], len(force))
+        force = nodal_pull(self.system, shape.tension[:, None] * shape.direction)
         return np.asarray(load_factor * self.model.load - force[self.model.number >= 0])
 
     def energy(self, shape: _DeformedLinks, u: np.ndarray, load_factor: float) -> float:

@@ -1,5 +1,7 @@
 """Linear complementarity problem of the links that may go slack, (10) of the source."""
 
+from dataclasses import replace
+
 import numpy as np
 
 from multiscale.convergence import Solution
@@ -85,11 +87,4 @@ def solve_complementarity(
     answer = solve_lcp(matrix, taut, tolerance=tolerance)
     solve = tangent.factorise(tangent.entries(model.stiffness))
     free = solve(load_factor * model.load - model.gather(model.prestress))
-    return Solution(
-        free - motion @ answer.value,
-        answer.status,
-        answer.residuals,
-        answer.seconds,
-        answer.trail,
-        answer.detail,
-    )
+    return replace(answer, value=free - motion @ answer.value)

@@ -93,12 +93,7 @@ def critical_factor(
 
 
 def material_entries(model: LinkEquations, tangent: Tangent, state: LinkState) -> np.ndarray:
-    """Return the tangent B^T k B of the links that are not slack.
-
-    Returns
-    -------
-    ndarray, shape (entries,), entries of the upper triangle, N/m
-    """
+    """Return the upper triangle of the tangent B^T k B of the links that are not slack, N/m."""
     taut = (state.slack == 0.0) & np.isfinite(model.stiffness)
     return tangent.entries(np.where(taut, model.stiffness, 0.0))
 
@@ -106,12 +101,7 @@ def material_entries(model: LinkEquations, tangent: Tangent, state: LinkState) -
 def stability_entries(
     system: LinkSystem, model: LinkEquations, tangent: Tangent, state: LinkState
 ) -> np.ndarray:
-    """Return the tangent (1) with the geometric stiffness.
-
-    Returns
-    -------
-    ndarray, shape (entries,), entries of the upper triangle, N/m
-    """
+    """Return the upper triangle of the tangent (1) with the geometric stiffness, N/m."""
     links = system.n_links
     across = state.tension[:links] / system.length
     geometric = tangent.geometric(system.direction, np.zeros(links), across)
@@ -119,12 +109,7 @@ def stability_entries(
 
 
 def is_definite(tangent: Tangent, entries: np.ndarray) -> bool:
-    """Return whether a symmetric matrix is positive definite.
-
-    Parameters
-    ----------
-    entries : ndarray, shape (entries,), upper triangle of the matrix, N/m
-    """
+    """Return whether a symmetric matrix, given by its upper triangle, is positive definite."""
     try:
         tangent.factorise(entries, signs=True)
     except MultiscaleError:
@@ -133,19 +118,12 @@ def is_definite(tangent: Tangent, entries: np.ndarray) -> bool:
 
 
 def smallest_eigenvalue(tangent: Tangent, entries: np.ndarray) -> float:
-    """Return the smallest eigenvalue of a symmetric matrix, N/m.
+    """Return the smallest eigenvalue of a symmetric matrix, given by its upper triangle, N/m.
 
-    Parameters
-    ----------
-    entries : ndarray, upper triangle of the matrix, N/m
-
-    Notes
-    -----
     Lanczos on the inverse of the matrix, shifted to be positive definite. The result is NaN if no
     shift makes it definite, or Lanczos does not converge.
     """
-    n = tangent.start.size - 1
-    diagonal = tangent.diagonal
+    n, diagonal = tangent.start.size - 1, tangent.diagonal
     matrix = tangent.matrix(entries)
     if n < 20:
         return float(np.linalg.eigvalsh(matrix.toarray())[0])
@@ -163,14 +141,8 @@ def smallest_eigenvalue(tangent: Tangent, entries: np.ndarray) -> float:
     inverse = LinearOperator((n, n), matvec=solve, dtype=float)
     start = np.random.default_rng(seed=0).standard_normal(n)
     try:
-        values = eigsh(
-            matrix,
-            k=1,
-            sigma=-shift,
-            OPinv=inverse,
-            v0=start,
-            return_eigenvectors=False,
+        return float(
+            eigsh(matrix, 1, sigma=-shift, OPinv=inverse, v0=start, return_eigenvectors=False)[0]
         )
     except ArpackNoConvergence:
         return float(np.nan)
-    return float(values[0])

@@ -6,10 +6,9 @@ import numpy as np
 
 from multiscale.laws.link import Beam
 from multiscale.macro.discrete.compatibility import LinkEquations
-from multiscale.macro.discrete.description import describe
+from multiscale.macro.discrete.description import link_dataset
 from multiscale.macro.discrete.link_state import LinkState
 from multiscale.macro.discrete.link_system import LinkSystem
-from multiscale.schema import MACRO_RESULT
 
 if TYPE_CHECKING:
     import xarray as xr
@@ -60,31 +59,12 @@ def _moments(system: LinkSystem, modes: np.ndarray) -> np.ndarray:
 def join_steps(
     system: LinkSystem, factors: np.ndarray, columns: list[dict[str, Any]]
 ) -> "xr.Dataset":
-    """Return the steps as a dataset that follows ``MACRO_RESULT``.
-
-    Parameters
-    ----------
-    factors : ndarray, shape (steps,), load factors, dimensionless
-    columns : list of dict, variables of each step, from :func:`step_values`
-    """
-    import xarray as xr
-
+    """Join the variables of each step, from :func:`step_values`, at its load factor."""
     names = [name for column in columns for name in column]
     values = {
         name: np.array([column.get(name, np.nan) for column in columns])
         for name in dict.fromkeys(names)
     }
-    values |= {"load_factor": factors, **describe(system)}
-    result = MACRO_RESULT.assign(xr.Dataset(), values)
-    labels: dict[str, Any] = {
-        "step": range(factors.size),
-        "link": range(system.n_links),
-        "node": range(system.n_nodes),
-        "component": ["x", "y", "z"],
-        "end": range(2),
-    }
-    if "moment" in values:
-        labels["part"] = ["torsion", "y1", "y2", "z1", "z2"]
-    result = result.assign_coords(labels)
-    MACRO_RESULT.check(result)
-    return result
+    part = {"part": ["torsion", "y1", "y2", "z1", "z2"]} if system.n_components == 6 else {}
+    values |= {"load_factor": factors}
+    return link_dataset(system, values, step=range(factors.size), end=range(2), **part)
