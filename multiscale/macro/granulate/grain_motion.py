@@ -118,6 +118,10 @@ def step_grains(
         cell_inertia(model, state.period),
     )
     total = perf_counter() - began
+    stress = None  # diagonal of the mean stress after Love and Weber
+    if model.pressure is not None:
+        moments = np.sum(solved.contacts.vectors * solved.cell[2:], axis=0)
+        stress = np.asarray(-moments / (acted * model.volume(state.period)))
     return new, Step(
         solved.residual,
         solved.residual <= solver.tolerance,
@@ -127,16 +131,8 @@ def step_grains(
         *energies,
         searched,
         total - searched,
-        None if model.pressure is None else _stress(model, state.period, solved, acted),
+        stress,
     )
-
-
-def _stress(
-    model: Model, period: np.ndarray, solved: "_SolvedContacts", acted: float
-) -> np.ndarray:
-    """Diagonal of the mean stress after Love and Weber, shape (3,), Pa; tension positive."""
-    moments = np.sum(solved.contacts.vectors * solved.cell[2:], axis=0)
-    return np.asarray(-moments / (acted * model.volume(period)))
 
 
 class _FreeMotion(NamedTuple):
@@ -187,9 +183,8 @@ def _choose_step(
     if accuracy is None:
         return _with_neighbours(model, state, h, h), h, h
     fastest = float(np.sqrt(np.max(np.sum(state.velocity[:, :3] ** 2, axis=1))))
-    h = min(
-        h, float(model.grains.radius.mean()) / max(fastest, 1e-300)
-    )  # no grain leaves its neighbour list
+    # no grain leaves its neighbour list
+    h = min(h, float(model.grains.radius.mean()) / max(fastest, 1e-300))
     state = _with_neighbours(model, state, h, 0.5 * (state.step_length + h))
     h = allowed_step(
         state.pairs,

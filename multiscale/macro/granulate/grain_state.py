@@ -64,11 +64,7 @@ class GrainState:
 
 
 def initial_state(model: Model) -> GrainState:
-    """Return the state at time zero.
-
-    Returns
-    -------
-    GrainState, state with its neighbours, without impulses
+    """Return the state at time zero with its neighbours, without impulses.
 
     Raises
     ------
@@ -87,13 +83,12 @@ def initial_state(model: Model) -> GrainState:
     impulse = np.empty((0, 3 if model.frictional else 1))
     coulomb = np.empty((0, 2)) if model.frictional else None
     empty = Contacts(none, np.empty((0, 6)), coulomb, impulse, impulse)
-    period = np.array(model.period, dtype=float)
     state = GrainState(
         0.0,
         grains.position,
         velocity,
         point,
-        period,
+        np.array(model.period, dtype=float),
         none,
         impulse,
         impulse,
@@ -106,13 +101,7 @@ def initial_state(model: Model) -> GrainState:
         empty,
     )
     state = update_neighbours(model, state, 0.0)
-    _check_hold(model)
-    _check_overlap(model, state)
-    return state
 
-
-def _check_hold(model: Model) -> None:
-    """Refuse gravity that no wall opposes: grains would fall for ever."""
     gravity = np.asarray(model.gravity, dtype=float)
     if gravity.shape != (3,) or not np.all(np.isfinite(gravity)):
         raise CaseError(f"gravity must be three finite numbers (m/s2), got {model.gravity}")
@@ -124,21 +113,16 @@ def _check_hold(model: Model) -> None:
             f"no wall supports the grains against gravity {tuple(map(float, gravity))} m/s2: they "
             f"fall for ever; close the box or set gravity to zero"
         )
-
-
-def _check_overlap(model: Model, state: GrainState) -> None:
-    """Refuse grains that overlap each other or a wall."""
-    walls = model.walls_at(state.point)
-    worst, which = penetration(
-        state.pairs, state.position, model.grains.radius, state.period, walls
-    )
+    shapes = model.walls_at(state.point)
+    worst, which = penetration(state.pairs, state.position, grains.radius, state.period, shapes)
     if worst > ALLOWED_START_OVERLAP:
         i, j = (int(body) for body in state.pairs[which])
-        other = f"grain {j}" if j < model.grains.n else f"wall {j - model.grains.n}"
+        other = f"grain {j}" if j < grains.n else f"wall {j - grains.n}"
         raise CaseError(
             f"grain {i} overlaps {other} by {worst:.3g} of its radius at the start, at most "
             f"{ALLOWED_START_OVERLAP:g} is allowed; move them apart"
         )
+    return state
 
 
 def update_neighbours(model: Model, state: GrainState, reach: float) -> GrainState:

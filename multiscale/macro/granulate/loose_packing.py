@@ -93,12 +93,9 @@ def place_loosely(
             f"a grain of radius {largest:g} m needs {spacing:g} m, the box is "
             f"{float((high - low)[:2].min()):g} m wide; take smaller grains"
         )
-    return Grains(
-        lattice(len(radii), cells, low, high, largest, seed, flat=thickness is not None),
-        radii,
-        density,
-        thickness=thickness,
-    )
+    flat = thickness is not None
+    centre = lattice(len(radii), cells, low, high, largest, seed, flat=flat)
+    return Grains(centre, radii, density, thickness=thickness)
 
 
 def lattice(
