@@ -21,6 +21,7 @@ import numba
 import numpy as np
 from scipy.sparse import csr_array
 
+from multiscale.fe.elements import sum_blocks
 from multiscale.fe.facets import facet_normals
 
 __all__ = ["couple"]
@@ -62,16 +63,7 @@ def couple(
     one, two, own, other = integrate(x1, x2, facet_normals(x1), facet_normals(x2), reach)
     n1, n2 = len(positions[0]), len(positions[1])
     rows, columns = facets[0][one], facets[1][two]
-    return _assemble(own, rows, rows, (n1, n1)), _assemble(other, rows, columns, (n1, n2))
-
-
-def _assemble(
-    blocks: np.ndarray, rows: np.ndarray, columns: np.ndarray, shape: tuple[int, int]
-) -> csr_array:
-    """Sum blocks of facet pairs into a matrix."""
-    i = np.broadcast_to(rows[:, :, None], blocks.shape)
-    j = np.broadcast_to(columns[:, None, :], blocks.shape)
-    return csr_array((blocks.ravel(), (i.ravel(), j.ravel())), shape=shape)
+    return sum_blocks(own, rows, rows, (n1, n1)), sum_blocks(other, rows, columns, (n1, n2))
 
 
 def _integrate_segments(

@@ -134,8 +134,10 @@ class InterfaceLaw(ABC):
 class NormalLaw(InterfaceLaw):
     r"""Frictionless law whose pressure is a positive, decreasing, convex function of the gap.
 
-    A subclass has the fields ``gap``, m, so that the local gap is :math:`g = [\![u_N]\!] + g_0`,
-    and ``pressure_range`` if it is fitted, and defines pressure and stiffness. Then
+    A subclass has the field ``gap``, the initial gap :math:`g_0`, m, zero by default, so that the
+    local gap is :math:`g = [\![u_N]\!] + g_0`; ``pressure_range`` if it is fitted, the lowest and
+    highest pressure of the data, Pa, outside of which it extrapolates; and defines pressure and
+    stiffness. Then
 
     .. math:: t_N = -p(g), \qquad t_T = 0, \qquad \mathrm{d}t_N / \mathrm{d}g = K(g).    \tag{2}
     """

@@ -110,7 +110,14 @@ def scale_friction(
     carries[:, dim:] = False
 
     mobility = np.einsum("iaa->ia", data[diagonal])
-    unit = _mobility_scale(np.abs(mobility[:, :dim]), isotropic)
+    own = np.abs(mobility[:, :dim])
+    mean = own.mean(axis=1)
+    normal, tangent = (mean, mean) if isotropic else (own[:, 0], own[:, 1:].mean(axis=1))
+    # a direction that nothing moves is measured by the others
+    normal = np.where(normal > 1e-12 * mean, normal, mean)
+    tangent = np.where(tangent > 1e-12 * mean, tangent, mean)
+    both = np.column_stack([normal, tangent, tangent])
+    unit = 1.0 / np.sqrt(np.where(both > 0.0, both, own.max(initial=0.0) or 1.0))  # D
     _rescale(data, columns, starts, diagonal, unit, carries)
     full = np.where(carries, full * unit, 0.0)
     size = float(norm(full)) or 1.0
@@ -126,19 +133,6 @@ def scale_friction(
         measure=(np.asarray(friction, dtype=float), contact_mass(mobility[:, :dim]), step),
         size=closing_norm(velocity.reshape(contacts, dim)),
     )
-
-
-def _mobility_scale(mobility: np.ndarray, isotropic: bool) -> np.ndarray:
-    """D of (1) for every contact, shape (contacts, 3)."""
-    mean = mobility.mean(axis=1)
-    normal, tangent = mobility[:, 0], mobility[:, 1:].mean(axis=1)
-    if isotropic:
-        normal = tangent = mean
-    # a direction that nothing moves is measured by the others
-    normal = np.where(normal > 1e-12 * mean, normal, mean)
-    tangent = np.where(tangent > 1e-12 * mean, tangent, mean)
-    both = np.column_stack([normal, tangent, tangent])
-    return np.asarray(1.0 / np.sqrt(np.where(both > 0.0, both, mobility.max(initial=0.0) or 1.0)))
 
 
 @numba.njit(cache=True)

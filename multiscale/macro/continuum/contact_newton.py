@@ -16,9 +16,11 @@ from scipy.sparse import block_array, csr_array, diags_array
 
 from multiscale.convergence import Solution
 from multiscale.errors import ConvergenceError, MultiscaleError
+from multiscale.fe.elements import sum_blocks
 from multiscale.macro.continuum.finite_assembly import FiniteAssembly, JoinedContacts
 from multiscale.macro.continuum.interface import Coupling
 from multiscale.macro.continuum.nodal_coulomb import LocalLaw, linearise
+from multiscale.macro.discrete.checks import free_rigid_motions
 from multiscale.numerics.factorisation import factorise
 from multiscale.numerics.newton import Limits, NewtonRun
 
@@ -253,7 +255,16 @@ class _Step:
     def _loose(self, error: MultiscaleError) -> ConvergenceError:
         """Name the bodies that their supports alone do not hold."""
         names = list(self.assembly.bodies)
-        loose = [name for k, name in enumerate(names) if not _is_held(self.assembly, k)]
+        assembly, first = self.assembly, self.assembly.first
+        flat = assembly.start.shape[1] == 2  # in a plane, as nodes held across it
+        x = np.pad(assembly.start, ((0, 0), (0, int(flat))))
+        held = np.pad(~assembly.free.reshape(assembly.start.shape), ((0, 0), (0, int(flat))))
+        held[:, 2] |= flat
+        loose = [
+            name
+            for name, part in zip(names, map(slice, first[:-1], first[1:]), strict=True)
+            if free_rigid_motions(x[part], held[part])
+        ]
         if not loose:
             return ConvergenceError(
                 f"the tangent stiffness is singular at time {self.time:g}: {error}"
@@ -306,26 +317,5 @@ def contact_stiffness(assembly: FiniteAssembly, joined: JoinedContacts) -> np.nd
 def _block_diagonal(blocks: np.ndarray) -> csr_array:
     """Sparse matrix of small square blocks, shape (n, c, c)."""
     n, c, _ = blocks.shape
-    node = c * np.arange(n)[:, None, None]
-    i = np.broadcast_to(node + np.arange(c)[None, :, None], blocks.shape)
-    j = np.broadcast_to(node + np.arange(c)[None, None, :], blocks.shape)
-    return csr_array((blocks.ravel(), (i.ravel(), j.ravel())), shape=(n * c, n * c))
-
-
-def _is_held(assembly: FiniteAssembly, body: int) -> bool:
-    """Whether the supports of a body stop all its rigid motions."""
-    d = assembly.start.shape[1]
-    x = assembly.start[assembly.first[body] : assembly.first[body + 1]]
-    x = (x - x.mean(axis=0)) / np.abs(x - x.mean(axis=0)).max()
-    modes = [np.tile(axis, len(x)) for axis in np.eye(d)]
-    for i in range(d):
-        for j in range(i + 1, d):
-            turn = np.zeros_like(x)
-            turn[:, i], turn[:, j] = -x[:, j], x[:, i]
-            modes.append(turn.ravel())
-    own = np.flatnonzero(~assembly.free[assembly.unknowns(body)])
-    if own.size == 0:
-        return False
-    held = np.array(modes)[:, own]
-    values = np.linalg.svd(held, compute_uv=False)
-    return bool(values.size == len(modes) and values[-1] > 1e-6 * values[0])
+    place = np.arange(n * c).reshape(n, c)
+    return sum_blocks(blocks, place, place, (n * c, n * c))

@@ -155,7 +155,13 @@ def solve_contact(
     if not times or not np.all(np.diff([0.0, *times]) > 0.0) or not np.isfinite(times[-1]):
         raise CaseError(f"times must increase from zero and be finite, got {times}")
     state = rest(assembly)
-    _check_common_area(assembly, state)
+    for interface, coupling in zip(assembly.interfaces, state.couplings, strict=True):
+        if not np.any(coupling.kept[:, 0]):
+            raise CaseError(
+                f"contact {interface.name!r}: the surfaces {interface.contact.side1} and "
+                f"{interface.contact.side2} have no common area; check positions, boundaries "
+                f"and reach"
+            )
     solve = _choose(assembly, state, condensed, Limits(max_iterations, tolerance), callback)
 
     steps: list[ContactStep] = []
@@ -217,17 +223,6 @@ def _march(solve: Solve, before: Equilibrium, time: float) -> tuple[Solution, Eq
     end = parts[-1].state
     whole = join_solutions([part.solution for part in parts], trail)
     return whole, replace(end, jump=np.hstack([end.jump[:, :1], slip]))
-
-
-def _check_common_area(assembly: FiniteAssembly, state: Equilibrium) -> None:
-    """Refuse contacts whose surfaces do not face each other."""
-    for interface, coupling in zip(assembly.interfaces, state.couplings, strict=True):
-        if not np.any(coupling.kept[:, 0]):
-            raise CaseError(
-                f"contact {interface.name!r}: the surfaces {interface.contact.side1} and "
-                f"{interface.contact.side2} have no common area; check positions, boundaries "
-                f"and reach"
-            )
 
 
 def _report(assembly: FiniteAssembly, solution: Solution, end: Equilibrium) -> ContactStep:

@@ -36,24 +36,16 @@ def step_values(system: LinkSystem, model: LinkEquations, state: LinkState) -> d
     }
     if system.n_components == 6:
         column["rotation"] = motion[:, 3:]
-        column["moment"] = valid * _moments(system, state.tension[links:])
+        beam = [isinstance(law, Beam) for law in system.laws]
+        order = np.argsort(system.kind, kind="stable")  # the modes are those of law after law
+        beams = order[np.array(beam)[system.kind[order]]]
+        twist, even_y, odd_y, even_z, odd_z = state.tension[links:].reshape(-1, 5).T
+        moment = np.full((links, 5), np.nan)
+        moment[beams] = np.stack(
+            [twist, odd_y + even_y, odd_y - even_y, odd_z + even_z, odd_z - even_z], axis=1
+        )
+        column["moment"] = valid * moment
     return column
-
-
-def _moments(system: LinkSystem, modes: np.ndarray) -> np.ndarray:
-    """Return torsion and end moments of beams, shape (links, 5), N m; NaN for other links."""
-    moment = np.full((system.n_links, 5), np.nan)
-    first = 0
-    for index, law in enumerate(system.laws):
-        if isinstance(law, Beam):
-            links = np.flatnonzero(system.kind == index)
-            part = modes[first : first + 5 * links.size].reshape(-1, 5)
-            first += 5 * links.size
-            twist, even_y, odd_y, even_z, odd_z = part.T
-            moment[links] = np.stack(
-                [twist, odd_y + even_y, odd_y - even_y, odd_z + even_z, odd_z - even_z], axis=1
-            )
-    return moment
 
 
 def join_steps(
