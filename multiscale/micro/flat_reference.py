@@ -1,4 +1,4 @@
-"""The flat elastic cell as what is close to the true one: its preconditioner."""
+"""The flat elastic cell as a preconditioner of the rough cell."""
 
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -18,15 +18,16 @@ Field = np.ndarray
 
 @dataclass(frozen=True, eq=False)
 class Reference:
-    r"""The flat cell, tilted along the slopes of the true one if those are given.
+    r"""The flat cell, tilted along the slopes of the rough cell if they are given.
 
-    Parameters
+    Attributes
     ----------
     inverse : LateralInverse
+        Factorised stiffness of the flat cell.
     map_factor : ndarray, shape (layers,)
-        Share of the height that each node plane carries.
-    slopes : tuple of ndarray, optional
-        Slopes of the surface in x and y.
+        Displacement of each node plane relative to the height of the surface, dimensionless.
+    slopes : tuple of ndarray, shape (nx, ny), optional
+        Slopes of the surface in x and y, dimensionless.
 
     Notes
     -----

@@ -155,7 +155,7 @@ def test_resolvent_refuses_a_direction_that_is_not_stiff():
     [
         (lambda: Exponential(-1.0, 1.0), r"pressure_scale must be positive and finite \(Pa\)"),
         (lambda: Exponential(1.0, 0.0), r"decay_length must be positive and finite \(m\), got 0"),
-        (lambda: Damaged(SIGNED, 1.0), "from 0 to below 1, got 1; leave out an interface"),
+        (lambda: Damaged(SIGNED, 1.0), "from 0 to below 1, got 1; remove an interface"),
         (lambda: StretchedLaw(SIGNED, 0.0), r"factor must be positive and finite \(1\), got 0"),
         (lambda: PowerLaw(-1.0, 1.0, 2.0), r"pressure_scale must be positive and finite \(Pa\)"),
         (lambda: PowerLaw(1.0, 0.0, 2.0), r"support must be positive and finite \(m\), got 0"),

@@ -233,7 +233,7 @@ def test_a_disk_that_fills_in_mid_run_loses_nothing(tmp_path, monkeypatch):
         fsync(descriptor)
 
     monkeypatch.setattr(os, "fsync", full)
-    with pytest.raises(MultiscaleError, match="no space left on device; what was finished before"):
+    with pytest.raises(MultiscaleError, match="no space left on device; finished results stay"):
         run(case, tmp_path / "out")
     files = sorted(path.name for path in (tmp_path / "out" / "micro").iterdir())
     assert files == ["realisation-0000.nc", "realisation-0001.nc"]

@@ -40,6 +40,7 @@ def follow_path(
     Parameters
     ----------
     cell : FiniteCell
+        The cell.
     path : Path
         Loads of the cell.
     fields : bool
@@ -157,7 +158,20 @@ def _slid_increments(cell: FiniteCell, length: float, largest: float) -> int:
 
 
 def largest_approach(cell: FiniteCell, refinement: int = 1) -> float:
-    """Return the largest change of the approach in one increment, m; infinite if no body flows."""
+    """Return the largest change of the approach in one increment, m.
+
+    Parameters
+    ----------
+    cell : FiniteCell
+        The cell.
+    refinement : int
+        Divisor of the increments.
+
+    Returns
+    -------
+    float
+        Infinite for a body without plasticity.
+    """
     if not cell.flows:
         return np.inf
     heights, obstacle = cell.surface.heights, cell.obstacle
@@ -267,6 +281,7 @@ def current_weight(cell: PeriodicLayer, moved: np.ndarray) -> np.ndarray:
     Parameters
     ----------
     cell : PeriodicLayer
+        The layer.
     moved : ndarray, shape (nx, 3, ny)
         Displacement of the surface, m.
     """
