@@ -143,9 +143,7 @@ def _blank_pardiso(matrix_type: int) -> Any:
 def _superlu_factors(matrix: csr_array, scale: np.ndarray) -> Solve:
     """LU factors in an order for symmetric patterns, unless that loses digits."""
     scaled = csc_array(diags_array(scale) @ matrix @ diags_array(scale))
-    entries = (np.ones(scaled.nnz, dtype=np.int8), scaled.indices, scaled.indptr)
-    ones = csc_array(entries, shape=scaled.shape)
-    if (ones != ones.T).nnz <= LARGEST_ASYMMETRY * scaled.nnz:  # nearly all have an opposite
+    if _has_symmetric_pattern(scaled):
         try:
             # pivots stay on the diagonal, which keeps the fill low, while they are not small
             fast = symmetric_lu(scaled, SMALL_PIVOT)
@@ -157,6 +155,13 @@ def _superlu_factors(matrix: csr_array, scale: np.ndarray) -> Solve:
             del fast  # before the memory is needed again
     safe = splu(csc_array(matrix))
     return lambda rhs: np.asarray(safe.solve(rhs))
+
+
+def _has_symmetric_pattern(matrix: csc_array) -> bool:
+    """Whether nearly every entry has one opposite it."""
+    entries = (np.ones(matrix.nnz, dtype=np.int8), matrix.indices, matrix.indptr)
+    ones = csc_array(entries, shape=matrix.shape)
+    return bool((ones != ones.T).nnz <= LARGEST_ASYMMETRY * matrix.nnz)
 
 
 def symmetric_lu(matrix: csc_array, pivot: float = 0.0) -> Any:

@@ -108,7 +108,6 @@ def solve_contact(
     Parameters
     ----------
     assembly : FiniteAssembly
-        Bodies, contacts and their loads.
     times : sequence of float
         Ends of the load steps, increasing and positive; the path starts undeformed at zero.
         Friction and plasticity remember the steps.

@@ -59,7 +59,6 @@ class FiniteAssembly:
     bodies : mapping of str to Body
         All of two or all of three dimensions.
     contacts : mapping of str to Contact
-        May be empty.
 
     Raises
     ------

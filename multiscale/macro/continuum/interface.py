@@ -57,7 +57,6 @@ class Contact:
     side1 : tuple of str
         Body and boundary that carry the contact traction. The finer mesh belongs here.
     side2 : tuple of str or RigidObstacle
-        Body and boundary, or a rigid obstacle.
     friction_coefficient : float, default 0.0
         Coulomb's :math:`\mu \ge 0`, dimensionless.
     finite_sliding : bool, default False

@@ -152,31 +152,18 @@ def _newton(problem: _Problem, load_factor: float, start: np.ndarray, limits: Li
         except MultiscaleError:
             run.stop(Status.STALLED)
             break
-        step = _descend(problem, load_factor, u, shape, residual, direction)
-        if step is None:
+        energy, slope = problem.energy(shape, u, load_factor), float(residual @ direction)
+        before = float(np.abs(residual).max())
+        for halving in range(MAX_SEARCH_HALVINGS):  # until energy or residual fall sufficiently
+            step = 0.5**halving
+            trial = u + step * direction
+            after = problem.shape(trial)
+            left = problem.residual(after, load_factor)
+            falls = problem.energy(after, trial, load_factor) <= energy - 1e-4 * step * slope
+            if falls or float(np.abs(left).max()) < 0.9 * before:
+                u, shape, residual = trial, after, left
+                break
+        else:
             run.stop(Status.STALLED)
             break
-        u, shape, residual = step
     return run.solution(u)
-
-
-def _descend(
-    problem: _Problem,
-    load_factor: float,
-    u: np.ndarray,
-    shape: _DeformedLinks,
-    residual: np.ndarray,
-    direction: np.ndarray,
-) -> tuple[np.ndarray, _DeformedLinks, np.ndarray] | None:
-    """Halve the step until the energy or the residual decreases sufficiently."""
-    energy, slope = problem.energy(shape, u, load_factor), float(residual @ direction)
-    before = float(np.abs(residual).max())
-    for halving in range(MAX_SEARCH_HALVINGS):
-        step = 0.5**halving
-        trial = u + step * direction
-        after = problem.shape(trial)
-        left = problem.residual(after, load_factor)
-        falls = problem.energy(after, trial, load_factor) <= energy - 1e-4 * step * slope
-        if falls or float(np.abs(left).max()) < 0.9 * before:
-            return trial, after, left
-    return None

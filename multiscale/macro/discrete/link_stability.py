@@ -28,7 +28,6 @@ def critical_factor(
     Parameters
     ----------
     system : LinkSystem
-        The structure.
     load_factors : sequence of float
         Increasing load factors; the interval before the first unstable state is bisected.
     tolerance : float

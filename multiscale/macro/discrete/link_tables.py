@@ -34,7 +34,6 @@ def system_from_table(
         ``first`` and ``second``: rows of the nodes, from 0; ``law``: name of the law. Optional:
         ``prestress``, N, and ``group``.
     laws : mapping of str to LinkLaw
-        Laws by name.
 
     Raises
     ------

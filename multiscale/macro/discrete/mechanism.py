@@ -80,7 +80,6 @@ def prestress_by_itself(system: LinkSystem, largest: float) -> LinkSystem:
     Parameters
     ----------
     system : LinkSystem
-        Without prestress.
     largest : float
         Largest force in a link, N.
 

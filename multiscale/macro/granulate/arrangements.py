@@ -27,11 +27,9 @@ def deposit(
     size : tuple of float
         Edges of the box along x and y, m.
     law : ContactLaw
-        Law of all contacts.
     density : float
         Density of the grains, kg/m3.
     seed : int
-        Seed of the random initial positions.
 
     Returns
     -------

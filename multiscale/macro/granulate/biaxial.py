@@ -39,7 +39,6 @@ def biaxial_cell(
     strain_rate : float
         Rate of the logarithmic axial strain, compression positive, 1/s.
     solver : Solver, optional
-        Solver of the compaction.
 
     Returns
     -------

@@ -43,15 +43,12 @@ def compact(
     pressure : float
         Pressure on the cell, Pa.
     law : ContactLaw
-        Law of all contacts.
     planar : bool
         Whether the grains are discs, 1 m thick, instead of spheres.
     density : float
         Density of the grains, kg/m3.
     max_steps : int
-        Limit of steps.
     solver : Solver, optional
-        Solver of the contacts in each step.
     seed : int
         Seed of the loose packing at the start.
 
@@ -189,7 +186,6 @@ def shear_response(
     pressures, speeds : ndarray, shape (steps,)
         Pressures on the upper plate, Pa, and its speeds, m/s.
     n_realisations : int
-        Number of packings.
     n_steps : int
         Number of time steps of each simulation; the second half is averaged.
 

@@ -32,7 +32,6 @@ def simulate_grains(
     Parameters
     ----------
     model : Model
-        Grains, walls and loads.
     duration, step : float
         Simulated time and length of a step, s. The step is shortened so that a whole number of
         steps fills the duration. Times of impacts have an error of the order of the step.

@@ -18,7 +18,6 @@ def draw_radii(n: int, smallest: float, largest: float, *, seed: int = 0) -> np.
     smallest, largest : float
         Bounds of the radii, m.
     seed : int
-        Seed of the random numbers.
 
     Returns
     -------
@@ -70,7 +69,6 @@ def place_loosely(
     thickness : float, optional
         Thickness of discs, m, placed at y = 0; the grains are spheres if it is not given.
     seed : int
-        Seed of the jitter.
 
     Returns
     -------
@@ -121,7 +119,6 @@ def lattice(
     radius : float
         Radius of the largest grain, m.
     seed : int
-        Seed of the jitter.
     flat : bool
         Whether all centres lie in the plane y = 0.
     """
