@@ -24,7 +24,7 @@ from multiscale.macro.discrete.checks import free_rigid_motions
 from multiscale.numerics.factorisation import factorise
 from multiscale.numerics.newton import Limits, NewtonRun
 
-__all__ = ["Equilibrium", "contact_stiffness", "newton_step", "rest"]
+__all__ = ["Equilibrium", "block_diagonal", "contact_stiffness", "newton_step", "rest"]
 
 PATIENCE = 15
 """Iterations without a smaller residual after which a step gives up."""
@@ -207,8 +207,8 @@ class _Step:
         # row of the law times the area, reaction in units of the contact stiffness: all N/m
         rho = np.repeat(trial.rho, assembly.components)
         area = np.repeat(joined.area, assembly.components)
-        by_jump = _block_diagonal(law.by_jump)[live] @ joined.tangent
-        by_reaction = diags_array(area[live]) @ _block_diagonal(law.by_reaction)[live]
+        by_jump = block_diagonal(law.by_jump)[live] @ joined.tangent
+        by_reaction = diags_array(area[live]) @ block_diagonal(law.by_reaction)[live]
         rhs = np.concatenate(
             [
                 (-trial.end.unbalance - trial.tangent @ du + B.T @ dr)[free],
@@ -314,7 +314,7 @@ def contact_stiffness(assembly: FiniteAssembly, joined: JoinedContacts) -> np.nd
     return np.asarray(RELAXATION * np.where(softness > 0.0, typical, usual))
 
 
-def _block_diagonal(blocks: np.ndarray) -> csr_array:
+def block_diagonal(blocks: np.ndarray) -> csr_array:
     """Sparse matrix of small square blocks, shape (n, c, c)."""
     n, c, _ = blocks.shape
     place = np.arange(n * c).reshape(n, c)
