@@ -25,12 +25,9 @@ def box_mesh(
 
     Parameters
     ----------
-    size : tuple of float
-        Lengths along x, y and z, m.
-    elements : tuple of int
-        Number of elements along x, y and z.
-    origin : tuple of float
-        Corner with the smallest coordinates, m.
+    size : tuple of float, lengths along x, y and z, m
+    elements : tuple of int, number of elements along x, y and z
+    origin : tuple of float, corner with the smallest coordinates, m
 
     Returns
     -------

@@ -26,8 +26,7 @@ class Split:
 
     Attributes
     ----------
-    inside, edge : ndarray of int
-        Unknowns that are condensed, and the kept ones; body after body.
+    inside, edge : ndarray of int, unknowns that are condensed, and the kept ones; body after body
     inside_start, edge_start : ndarray of int, shape (bodies + 1,)
         First unknown of every body in ``inside`` and ``edge``, and their sizes.
     """
@@ -60,14 +59,10 @@ class CondensedStiffness:
 
     Attributes
     ----------
-    split : Split
-        The unknowns i inside and b kept.
-    blocks : list of ndarray
-        :math:`S` of every body, N/m.
-    solve : callable
-        Inverse of :math:`K_{ii}` of all bodies.
-    out, back : csr_array
-        :math:`K_{bi}` and :math:`K_{ib}`, N/m.
+    split : Split, the unknowns i inside and b kept
+    blocks : list of ndarray, :math:`S` of every body, N/m
+    solve : callable, inverse of :math:`K_{ii}` of all bodies
+    out, back : csr_array, :math:`K_{bi}` and :math:`K_{ib}`, N/m
     """
 
     split: Split
@@ -96,11 +91,9 @@ def condense(
 
     Parameters
     ----------
-    matrix : csr_array, shape (n, n)
-        N/m; it need not be symmetric.
+    matrix : csr_array, shape (n, n), N/m; it need not be symmetric
     parts : Split
-    factorise : callable
-        Gives the solve with the matrix of the inside.
+    factorise : callable, gives the solve with the matrix of the inside
     """
     rows, edge_rows = matrix[parts.inside], matrix[parts.edge]
     back, out = csr_array(rows[:, parts.edge]), csr_array(edge_rows[:, parts.inside])
@@ -119,12 +112,10 @@ def condense_body(
 
     Parameters
     ----------
-    stiffness : csr_array, shape (n, n)
-        N/m.
+    stiffness : csr_array, shape (n, n), N/m
     kept : ndarray of int
         Unknowns, in the order of the rows of ``blocks[0]``, which is symmetric to the last bit.
-    name : str
-        What the matrix is, for the message.
+    name : str, what the matrix is, for the message
 
     Raises
     ------
@@ -151,8 +142,7 @@ def compliances(
 
     Parameters
     ----------
-    solve : callable
-        Inverse of the symmetric stiffness :math:`K` of all bodies side by side, m/N.
+    solve : callable, inverse of the symmetric stiffness :math:`K` of all bodies side by side, m/N
     faces : csr_array, shape (m, n)
         Observed displacements, :math:`F`; its transpose spreads their forces.
     start : ndarray of int, shape (bodies + 1,), optional

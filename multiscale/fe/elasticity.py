@@ -20,16 +20,14 @@ def displacement_basis(mesh: "Mesh", element: "Element | None" = None) -> "CellB
 
     Parameters
     ----------
-    mesh : Mesh
-        Any scikit-fem mesh.
+    mesh : Mesh, any scikit-fem mesh
     element : Element, optional
         Any *scalar* element that fits the mesh, for instance ``ElementHex2()`` for 27 nodes.
         The default has 8 nodes.
 
     Returns
     -------
-    CellBasis
-        Its quadrature integrates the stiffness of undistorted elements exactly.
+    CellBasis, its quadrature integrates the stiffness of undistorted elements exactly
     """
     from skfem import Basis, ElementHex1, MeshHex
 
@@ -49,8 +47,7 @@ def assemble_elasticity(
     basis : CellBasis
         Basis of a scalar element; d space dimensions, n unknowns per component. Two dimensions mean
         plane strain.
-    lame, shear : float or ndarray, shape (elements,)
-        :math:`\lambda` and :math:`\mu`, Pa.
+    lame, shear : float or ndarray, shape (elements,), :math:`\lambda` and :math:`\mu`, Pa
 
     Returns
     -------
@@ -91,17 +88,13 @@ def stiffness_matrix(
 
     Parameters
     ----------
-    basis : CellBasis
-        Basis of a scalar element, see :func:`displacement_basis`.
-    youngs_modulus : float or ndarray, shape (elements,)
-        :math:`E > 0`, Pa.
-    poissons_ratio : float or ndarray, shape (elements,)
-        :math:`-1 < \nu < 1/2`, dimensionless.
+    basis : CellBasis, basis of a scalar element, see :func:`displacement_basis`
+    youngs_modulus : float or ndarray, shape (elements,), :math:`E > 0`, Pa
+    poissons_ratio : float or ndarray, shape (elements,), :math:`-1 < \nu < 1/2`, dimensionless
 
     Returns
     -------
-    csr_array, shape (d n, d n)
-        N/m.
+    csr_array, shape (d n, d n), N/m
 
     Raises
     ------
@@ -117,8 +110,7 @@ def elastic_matrix(basis: "CellBasis", law: Elastic | AnisotropicElastic) -> csr
 
     Parameters
     ----------
-    basis : CellBasis
-        As for :func:`stiffness_matrix`.
+    basis : CellBasis, as for :func:`stiffness_matrix`
     law : Elastic or AnisotropicElastic
         In plane strain the tensor is taken without its rows and columns along z.
 

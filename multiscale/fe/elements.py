@@ -22,12 +22,12 @@ import numpy as np
 from scipy.sparse import csr_array
 
 from multiscale.laws.bulk import BulkLaw
-from multiscale.laws.bulk.bulk_law import cofactor, cofactor_derivative
+from multiscale.laws.bulk.bulk_law import cofactor_derivative, volume_ratio
 
 if TYPE_CHECKING:
     from skfem import Mesh
 
-__all__ = ["Elements", "element_response", "prepare_elements"]
+__all__ = ["Elements", "element_response", "prepare_elements", "sum_blocks"]
 
 
 @dataclass(frozen=True)
@@ -36,14 +36,11 @@ class Elements:
 
     Attributes
     ----------
-    gradient : ndarray, shape (elements, points, nodes, d)
-        Gradients of the shape functions, 1/m.
-    weight : ndarray, shape (elements, points)
-        Volumes of the points, m³ (m² in two dimensions).
+    gradient : ndarray, shape (elements, points, nodes, d), gradients of the shape functions, 1/m
+    weight : ndarray, shape (elements, points), volumes of the points, m³ (m² in two dimensions)
     unknowns : ndarray of int, shape (elements, nodes * d)
         Unknown d a + i of every entry of an element matrix.
-    size : int
-        Number of unknowns.
+    size : int, number of unknowns
     """
 
     gradient: np.ndarray
@@ -81,25 +78,15 @@ def element_response(
 
     Parameters
     ----------
-    elements : Elements
-        Of the mesh.
-    law : BulkLaw
-        Bulk law.
-    displacement : ndarray, shape (size,)
-        m.
-    state : ndarray, shape (n_state, elements, points)
-        Committed state.
+    displacement : ndarray, shape (size,), m
+    state : ndarray, shape (n_state, elements, points), committed state
 
     Returns
     -------
-    force : ndarray, shape (size,)
-        N (N/m in two dimensions).
-    tangent : csr_array, shape (size, size)
-        N/m.
-    state : ndarray, shape (n_state, elements, points)
-        New state.
-    smallest : float
-        Smallest J; not positive if an element is turned inside out.
+    force : ndarray, shape (size,), N (N/m in two dimensions)
+    tangent : csr_array, shape (size, size), N/m
+    state : ndarray, shape (n_state, elements, points), new state
+    smallest : float, smallest J; not positive if an element is turned inside out
     """
     G, w = elements.gradient, elements.weight
     d = G.shape[3]
@@ -108,13 +95,7 @@ def element_response(
     F[:d, :d] = np.einsum("eai,eqaj->ijeq", u, G, optimize=True)
     for i in range(3):
         F[i, i] += 1.0
-    if law.finite_strain:
-        slope = cofactor(F)
-        J = np.sum(F[0] * slope[0], axis=0)
-    else:
-        slope = np.zeros_like(F)
-        slope[0, 0] = slope[1, 1] = slope[2, 2] = 1.0
-        J = np.trace(F) - 2.0
+    J, slope = volume_ratio(law, F)
     if not float(J.min()) > 0.0:
         empty = csr_array((elements.size, elements.size))
         return np.full(elements.size, np.nan), empty, state, float(J.min())
@@ -134,13 +115,19 @@ def element_response(
         np.ascontiguousarray(slope[:d, :d].transpose(2, 3, 0, 1)),
         curvature / volume,
     )
-    rows = np.broadcast_to(elements.unknowns[:, :, None], blocks.shape)
-    columns = np.broadcast_to(elements.unknowns[:, None, :], blocks.shape)
-    matrix = csr_array(
-        (blocks.ravel(), (rows.ravel(), columns.ravel())), shape=(elements.size, elements.size)
-    )
+    size = (elements.size, elements.size)
+    matrix = sum_blocks(blocks, elements.unknowns, elements.unknowns, size)
     total = np.bincount(elements.unknowns.ravel(), force.ravel(), minlength=elements.size)
     return total, matrix, response.state, float(J.min())
+
+
+def sum_blocks(
+    blocks: np.ndarray, rows: np.ndarray, columns: np.ndarray, shape: tuple[int, int]
+) -> csr_array:
+    """Sum blocks (n, r, c) into a matrix, at their rows (n, r) and columns (n, c)."""
+    i = np.broadcast_to(rows[:, :, None], blocks.shape)
+    j = np.broadcast_to(columns[:, None, :], blocks.shape)
+    return csr_array((blocks.ravel(), (i.ravel(), j.ravel())), shape=shape)
 
 
 @numba.njit(cache=True, error_model="numpy")

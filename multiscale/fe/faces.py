@@ -1,4 +1,7 @@
-"""Named faces of a mesh: their unknowns, values on them, and their areas."""
+"""Named faces of a mesh: their unknowns, values on them, and their areas.
+
+Every function refuses a boundary that the mesh does not name, by a ``CaseError``.
+"""
 
 from typing import TYPE_CHECKING
 
@@ -8,9 +11,9 @@ from scipy.sparse import csr_array
 from multiscale.errors import CaseError
 
 if TYPE_CHECKING:
-    from skfem import CellBasis
+    from skfem import CellBasis, Mesh
 
-__all__ = ["face_areas", "face_operator", "face_unknowns"]
+__all__ = ["check_boundary", "face_areas", "face_operator", "face_unknowns"]
 
 ROUNDING = 1e-12
 """Areas below this share of the largest are rounding."""
@@ -23,22 +26,13 @@ def face_unknowns(basis: "CellBasis", boundary: str) -> np.ndarray:
 
     Parameters
     ----------
-    basis : CellBasis
-        Of a scalar Lagrange element.
-    boundary : str
-        Name of a boundary of the mesh.
+    basis : CellBasis, of a scalar Lagrange element
 
     Returns
     -------
-    ndarray of int
-        Unknowns ``a``; the component ``i`` of the displacement is unknown ``d a + i``.
-
-    Raises
-    ------
-    CaseError
-        If the mesh has no boundary of that name.
+    ndarray of int, unknowns ``a``; the component ``i`` of the displacement is unknown ``d a + i``
     """
-    _check_boundary(basis, boundary)
+    check_boundary(basis.mesh, boundary)
     unknowns = np.asarray(basis.get_dofs(boundary).all())
     # on a grid of 1e-9 of the mesh, so that rounding does not decide the order
     extent = np.ptp(basis.mesh.p, axis=1).max()
@@ -53,30 +47,19 @@ def face_operator(
 
     Parameters
     ----------
-    basis : CellBasis
-        Of a scalar element.
-    boundary : str
-        Name of a boundary of the mesh.
-    order : int
-        Polynomial degree that the quadrature integrates exactly, per direction on a box.
+    basis : CellBasis, of a scalar element
+    order : int, polynomial degree that the quadrature integrates exactly, per direction on a box
 
     Returns
     -------
     operator : csr_array, shape (points, n)
         Maps the unknowns of a component to its values, dimensionless.
-    weight : ndarray, shape (points,)
-        Quadrature weights, m² (m in two dimensions).
-    position : ndarray, shape (d, points)
-        Coordinates of the points, m.
-
-    Raises
-    ------
-    CaseError
-        If the mesh has no boundary of that name.
+    weight : ndarray, shape (points,), quadrature weights, m² (m in two dimensions)
+    position : ndarray, shape (d, points), coordinates of the points, m
     """
     from skfem import FacetBasis
 
-    _check_boundary(basis, boundary)
+    check_boundary(basis.mesh, boundary)
     face = FacetBasis(basis.mesh, basis.elem, facets=boundary, intorder=order, dofs=basis.dofs)
     weight = np.asarray(face.dx)
     point = np.arange(weight.size).reshape(weight.shape)
@@ -95,10 +78,7 @@ def face_areas(basis: "CellBasis", boundary: str) -> tuple[np.ndarray, np.ndarra
 
     Parameters
     ----------
-    basis : CellBasis
-        Of a scalar element of first order.
-    boundary : str
-        Name of a boundary of the mesh.
+    basis : CellBasis, of a scalar element of first order
 
     Returns
     -------
@@ -108,11 +88,6 @@ def face_areas(basis: "CellBasis", boundary: str) -> tuple[np.ndarray, np.ndarra
         :math:`\int \varphi` over the facet, with the shape function :math:`\varphi` of the
         corner, m² (m in two dimensions).
 
-    Raises
-    ------
-    CaseError
-        If the mesh has no boundary of that name.
-
     References
     ----------
     .. [1] J. C. J. Schellekens, R. de Borst, Int. J. Numer. Methods Eng. 36 (1993) 43-66,
@@ -121,15 +96,15 @@ def face_areas(basis: "CellBasis", boundary: str) -> tuple[np.ndarray, np.ndarra
     """
     from skfem import FacetBasis
 
-    _check_boundary(basis, boundary)
+    check_boundary(basis.mesh, boundary)
     face = FacetBasis(basis.mesh, basis.elem, facets=boundary, intorder=2, dofs=basis.dofs)
     area = np.stack([(np.asarray(field[0]) * face.dx).sum(axis=1) for field in face.basis])
     local, facet = np.nonzero(area > ROUNDING * area.max())  # nodes off the face have no area
     return face.element_dofs[local, facet], facet, area[local, facet]
 
 
-def _check_boundary(basis: "CellBasis", boundary: str) -> None:
+def check_boundary(mesh: "Mesh", boundary: str) -> None:
     """Refuse a boundary that the mesh does not name."""
-    known = sorted(basis.mesh.boundaries or {})
+    known = sorted(mesh.boundaries or {})
     if boundary not in known:
         raise CaseError(f"the mesh has no boundary {boundary!r}; its boundaries are {known}")

@@ -20,8 +20,7 @@ class ContactFace:
     facets : ndarray of int, shape (facets, corners)
         Positions in ``nodes``; seen from outside the body the corners run counter-clockwise (in
         two dimensions: the body lies to the left of the direction from the first to the second).
-    nodes : ndarray of int, shape (n,)
-        Node numbers in the mesh, sorted.
+    nodes : ndarray of int, shape (n,), node numbers in the mesh, sorted
     """
 
     facets: np.ndarray
@@ -59,10 +58,8 @@ def nodal_normals(surface: ContactFace, x: np.ndarray, free: np.ndarray) -> np.n
 
     Parameters
     ----------
-    surface : ContactFace
-        The surface.
-    x : ndarray, shape (n, d)
-        Positions of its nodes, m.
+    surface : ContactFace, the surface
+    x : ndarray, shape (n, d), positions of its nodes, m
     free : ndarray of bool, shape (n, d)
         Components that may move. On a plane of symmetry half of the facets are missing; the
         held component is taken out of the normal unless little of it were left.

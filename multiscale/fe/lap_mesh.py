@@ -84,8 +84,7 @@ def lap_meshes(shape: LapShape) -> tuple["Mesh", "Mesh"]:
 
     Returns
     -------
-    tuple of Mesh
-        Lower and upper plate, boundaries ``joint``, ``washer`` and ``end``.
+    tuple of Mesh, lower and upper plate, boundaries ``joint``, ``washer`` and ``end``
 
     Raises
     ------
@@ -133,10 +132,8 @@ def _plan(shape: LapShape) -> tuple[np.ndarray, np.ndarray]:
     place = np.full(int(tags.max()) + 1, -1)
     place[tags] = np.arange(tags.size)
     points, quads = coordinates.reshape(-1, 3).T[:2], place[corners].reshape(-1, 4).T
-    (ax, ay), (bx, by) = (
-        points[:, quads[2]] - points[:, quads[0]],
-        (points[:, quads[3]] - points[:, quads[1]]),
-    )
+    ax, ay = points[:, quads[2]] - points[:, quads[0]]
+    bx, by = points[:, quads[3]] - points[:, quads[1]]
     return points, np.where(ax * by > ay * bx, quads, quads[::-1])
 
 
@@ -166,9 +163,7 @@ def _draw_out(shape: LapShape, points: np.ndarray, quads: np.ndarray, way: float
     used, local = np.unique(quads, return_inverse=True)
     local, plan, n = local.reshape(quads.shape), points[:, used], used.size
     heights = way * np.linspace(0.0, shape.thickness, shape.layers + 1)
-    p = np.concatenate(
-        [np.tile(plan, heights.size), np.repeat(heights, n)[None]],
-    )
+    p = np.concatenate([np.tile(plan, heights.size), np.repeat(heights, n)[None]])
     floor, ceiling = (0, n) if way > 0.0 else (n, 0)  # of the first layer
     layers = [
         np.concatenate([local + floor + k * n, local + ceiling + k * n])

@@ -21,6 +21,7 @@ import numba
 import numpy as np
 from scipy.sparse import csr_array
 
+from multiscale.fe.elements import sum_blocks
 from multiscale.fe.facets import facet_normals
 
 __all__ = ["couple"]
@@ -49,33 +50,20 @@ def couple(
     ----------
     facets : tuple of ndarray of int, shapes (facets, corners)
         Oriented facets of side 1 and side 2, positions in ``positions``.
-    positions : tuple of ndarray, shapes (n, d)
-        Positions of the nodes of side 1 and side 2, m.
-    reach : float
-        Facets farther apart than this do not see each other, m.
+    positions : tuple of ndarray, shapes (n, d), positions of the nodes of side 1 and side 2, m
+    reach : float, facets farther apart than this do not see each other, m
 
     Returns
     -------
-    D : csr_array, shape (n1, n1)
-        m² (m in two dimensions).
-    M : csr_array, shape (n1, n2)
-        m² (m in two dimensions).
+    D : csr_array, shape (n1, n1), m² (m in two dimensions)
+    M : csr_array, shape (n1, n2), m² (m in two dimensions)
     """
     x1, x2 = positions[0][facets[0]], positions[1][facets[1]]
     integrate = _integrate_segments if x1.shape[2] == 2 else _integrate_polygons
     one, two, own, other = integrate(x1, x2, facet_normals(x1), facet_normals(x2), reach)
     n1, n2 = len(positions[0]), len(positions[1])
     rows, columns = facets[0][one], facets[1][two]
-    return _assemble(own, rows, rows, (n1, n1)), _assemble(other, rows, columns, (n1, n2))
-
-
-def _assemble(
-    blocks: np.ndarray, rows: np.ndarray, columns: np.ndarray, shape: tuple[int, int]
-) -> csr_array:
-    """Sum blocks of facet pairs into a matrix."""
-    i = np.broadcast_to(rows[:, :, None], blocks.shape)
-    j = np.broadcast_to(columns[:, None, :], blocks.shape)
-    return csr_array((blocks.ravel(), (i.ravel(), j.ravel())), shape=shape)
+    return sum_blocks(own, rows, rows, (n1, n1)), sum_blocks(other, rows, columns, (n1, n2))
 
 
 def _integrate_segments(

@@ -21,10 +21,8 @@ class ConvexDecreasing(NormalLaw):
         Gaps :math:`s_1 < \dots < s_n` at which the terms vanish, m.
     coefficient : ndarray, shape (terms,)
         :math:`c_k`, Pa m\ :sup:`-3`. Single coefficients may be negative, see (2).
-    gap : float, default 0.0
-        Initial gap :math:`g_0` between the mean planes, m.
-    pressure_range : tuple of float, default (0, inf)
-        Lowest and highest pressure of the fitted data, Pa. Outside, the law extrapolates.
+    gap, pressure_range
+        As of :class:`NormalLaw`.
 
     Raises
     ------

@@ -18,13 +18,11 @@ def limit_traction(drive: np.ndarray, softness: np.ndarray, limit: np.ndarray) -
     ----------
     drive, softness : ndarray, shape (2, ...)
         :math:`d` and :math:`a \ge 0`; their ratio is a traction, Pa.
-    limit : ndarray, shape (...)
-        Limit :math:`\ell \ge 0`, Pa.
+    limit : ndarray, shape (...), limit :math:`\ell \ge 0`, Pa
 
     Returns
     -------
-    ndarray, shape (2, ...)
-        Traction :math:`t`, Pa.
+    ndarray, shape (2, ...), traction :math:`t`, Pa
 
     Notes
     -----

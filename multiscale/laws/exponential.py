@@ -20,10 +20,8 @@ class Exponential(NormalLaw):
         Pressure :math:`p_c > 0` at zero gap, Pa.
     decay_length : float
         Decay length :math:`u_0 > 0`, m.
-    gap : float, default 0.0
-        Initial gap :math:`g_0` of :class:`NormalLaw`, m.
-    pressure_range : tuple of float, default (0, inf)
-        Lowest and highest pressure of the fitted data, Pa.
+    gap, pressure_range
+        As of :class:`NormalLaw`.
 
     Raises
     ------

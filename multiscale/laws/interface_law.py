@@ -16,12 +16,9 @@ class Response:
 
     Attributes
     ----------
-    traction : ndarray, shape (d, ...)
-        Traction, Pa; tension positive, contact negative.
-    tangent : ndarray, shape (d, d, ...)
-        Derivative of the traction with respect to the jump, Pa/m.
-    state : ndarray, shape (n_state, ...)
-        New internal variables, with the units of the law.
+    traction : ndarray, shape (d, ...), Pa; tension positive, contact negative
+    tangent : ndarray, shape (d, d, ...), derivative of the traction with respect to the jump, Pa/m
+    state : ndarray, shape (n_state, ...), new internal variables, with the units of the law
     """
 
     traction: np.ndarray
@@ -58,16 +55,12 @@ class InterfaceLaw(ABC):
 
     Attributes
     ----------
-    n_state : int
-        Number of internal variables per point.
-    gap : float
-        Initial gap between the mean planes, m.
-    damage : float
-        Share of the interface that carries no load, dimensionless.
+    n_state : int, number of internal variables per point
+    gap : float, initial gap between the mean planes, m
+    damage : float, share of the interface that carries no load, dimensionless
     pressure_range : tuple of float
         Lowest and highest pressure of the fitted data, Pa; (0, inf) for a law without data.
-    compliant : bool
-        Whether a jump determines the traction; rigid contact has a resolvent only.
+    compliant : bool, whether a jump determines the traction; rigid contact has a resolvent only
     """
 
     n_state: int = 0
@@ -141,8 +134,10 @@ class InterfaceLaw(ABC):
 class NormalLaw(InterfaceLaw):
     r"""Frictionless law whose pressure is a positive, decreasing, convex function of the gap.
 
-    A subclass has the fields ``gap``, m, so that the local gap is :math:`g = [\![u_N]\!] + g_0`,
-    and ``pressure_range`` if it is fitted, and defines pressure and stiffness. Then
+    A subclass has the field ``gap``, the initial gap :math:`g_0`, m, zero by default, so that the
+    local gap is :math:`g = [\![u_N]\!] + g_0`; ``pressure_range`` if it is fitted, the lowest and
+    highest pressure of the data, Pa, outside of which it extrapolates; and defines pressure and
+    stiffness. Then
 
     .. math:: t_N = -p(g), \qquad t_T = 0, \qquad \mathrm{d}t_N / \mathrm{d}g = K(g).    \tag{2}
     """
@@ -209,24 +204,17 @@ def newton_from_the_left(
 
     Parameters
     ----------
-    law : InterfaceLaw
-        The law.
-    source, stiffness : ndarray, shape (d, ...)
-        :math:`b`, Pa, and :math:`k`, Pa/m.
-    state : ndarray, shape (n_state, ...)
-        Last committed state.
-    start : ndarray, shape (...)
-        Initial normal jump, m.
-    max_iterations : int
-        Iteration limit.
+    source, stiffness : ndarray, shape (d, ...), :math:`b`, Pa, and :math:`k`, Pa/m
+    state : ndarray, shape (n_state, ...), last committed state
+    start : ndarray, shape (...), initial normal jump, m
+    max_iterations : int, iteration limit
     tolerance : float
         Bound on the residual of (1) relative to the largest of its three terms, dimensionless. A
         point also converges if its step is below the spacing of floating-point numbers.
 
     Returns
     -------
-    ndarray, shape (d, ...)
-        Jump, m.
+    ndarray, shape (d, ...), jump, m
 
     Raises
     ------

@@ -17,12 +17,9 @@ def check_parameter(
     law : object
         Law with the parameter as an attribute: a number, or an array that broadcasts with the
         arguments of the law.
-    name : str
-        Name of the parameter.
-    unit : str
-        Unit of the parameter.
-    lowest : float, optional
-        Smallest allowed value; if not given, the parameter must be positive.
+    name : str, name of the parameter
+    unit : str, unit of the parameter
+    lowest : float, optional, smallest allowed value; if not given, the parameter must be positive
 
     Raises
     ------

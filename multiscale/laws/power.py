@@ -22,10 +22,8 @@ class PowerLaw(NormalLaw):
         Gap :math:`s > 0` at which contact begins, m.
     exponent : float
         Exponent :math:`m \ge 1`, dimensionless.
-    gap : float, default 0.0
-        Initial gap :math:`g_0` of :class:`NormalLaw`, m.
-    pressure_range : tuple of float, default (0, inf)
-        Lowest and highest pressure of the fitted data, Pa.
+    gap, pressure_range
+        As of :class:`NormalLaw`.
 
     Raises
     ------

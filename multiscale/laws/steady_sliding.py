@@ -22,7 +22,6 @@ class SteadySliding(InterfaceLaw):
     normal : NormalLaw
         Law of the pressure, with the initial gap.
     friction : FrictionLaw
-        Law of the friction coefficient.
     velocity : tuple of float
         Velocity :math:`v` of side 2 relative to side 1 along each tangent, m/s, not zero.
 

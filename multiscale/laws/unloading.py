@@ -150,16 +150,11 @@ class UnloadingBranch(InterfaceLaw):
 
     Parameters
     ----------
-    peak : ndarray, shape (...)
-        Largest pressure :math:`p_m`, Pa.
-    corner : ndarray, shape (...)
-        Gap :math:`g_m` at this pressure, m.
-    length : ndarray, shape (...)
-        Elastic recovery :math:`\ell_m`, m.
-    exponent : float
-        Exponent :math:`n`, dimensionless.
-    gap : float
-        Initial gap, m.
+    peak : ndarray, shape (...), largest pressure :math:`p_m`, Pa
+    corner : ndarray, shape (...), gap :math:`g_m` at this pressure, m
+    length : ndarray, shape (...), elastic recovery :math:`\ell_m`, m
+    exponent : float, exponent :math:`n`, dimensionless
+    gap : float, initial gap, m
     """
 
     peak: np.ndarray

@@ -51,10 +51,8 @@ def load_shares(
 
     Parameters
     ----------
-    pressure : ndarray, shape (steps, points)
-        Pressure, Pa; NaN if a step has failed.
-    area : ndarray, shape (points,)
-        Area of each point, m².
+    pressure : ndarray, shape (steps, points), Pa; NaN if a step has failed
+    area : ndarray, shape (points,), area of each point, m²
     data : tuple of float or ndarray, shape (2,) or (steps, 2)
         Lowest and highest pressure of the data, Pa.
 
@@ -89,14 +87,11 @@ def with_load_shares(
 
     Parameters
     ----------
-    result : Dataset
-        Result of a structure; follows ``MACRO_RESULT``.
-    shares : ndarray, shape (3, steps, interfaces)
-        Shares from :func:`load_shares`.
+    result : Dataset, result of a structure; follows ``MACRO_RESULT``
+    shares : ndarray, shape (3, steps, interfaces), shares from :func:`load_shares`
     data : ndarray, shape (interfaces, 2)
         Lowest and highest pressure of the data of every interface, Pa.
-    extrapolate : bool
-        Whether extrapolated answers are kept.
+    extrapolate : bool, whether extrapolated answers are kept
 
     Returns
     -------

@@ -15,13 +15,13 @@ from scipy.sparse import csr_array, diags_array
 from multiscale.convergence import Status
 from multiscale.errors import CaseError
 from multiscale.macro.discrete.checks import nodal_masses
-from multiscale.macro.discrete.compatibility import LinkEquations, compatibility, equations
+from multiscale.macro.discrete.compatibility import LinkEquations, equations
+from multiscale.macro.discrete.description import link_dataset
 from multiscale.macro.discrete.link_system import LinkSystem
 from multiscale.macro.discrete.link_tangent import Tangent, prepare_tangent
 from multiscale.macro.limited_motion import MomentumBalance, largest, limited_motion
 from multiscale.macro.link_energy import EnergyStep, account_links
 from multiscale.macro.mean_tension import mean_tension
-from multiscale.macro.time_series import failed_step, join_times
 from multiscale.numerics.cholesky import Solve
 
 if TYPE_CHECKING:
@@ -119,23 +119,52 @@ def simulate(
         raise CaseError(f"theta must lie between 1/2 and 1, got {theta:g}")
     if not 0.0 <= restitution <= 1.0:
         raise CaseError(f"restitution must lie between 0 and 1, got {restitution:g}")
-    scheme = _prepare(system, mass, theta, restitution, load_factor, support_motion)
+    model = equations(system)
+    free = model.number >= 0
+    masses = nodal_masses(system, mass, free)
+    extensible = np.isfinite(model.stiffness)
+    rigid_bar = ~extensible & np.isinf(model.lower) & np.isinf(model.upper)
+    if rigid_bar.any():
+        raise CaseError(
+            f"link {int(np.argmax(rigid_bar))} is an inextensible bar; only cables and struts can "
+            f"have an infinite rigidity here"
+        )
+    scheme = _Scheme(
+        system,
+        model,
+        prepare_tangent(system, model),
+        equations(replace(system, fixed=~np.asarray(system.fixed), balanced=False)),
+        (masses / np.square(model.unit))[free],
+        extensible,
+        np.where(extensible, 0.0, np.where(np.isfinite(model.lower), 1.0, -1.0)),
+        np.where(extensible, model.stiffness, 0.0),
+        np.where(extensible, model.prestress, 0.0),
+        theta,
+        restitution,
+        load_factor,
+        support_motion,
+    )
     state = scheme.rest(float(times[0]), start)
 
+    failure: dict[str, str] = {}
     rows: list[dict[str, Any]] = [scheme.report(state, None, 0.0, 0.0)]
     for time in times[1:]:
         begin = perf_counter()
         new, residual, status = scheme.advance(state, float(time))
         if status is not Status.CONVERGED:
-            rows.append(failed_step(rows[0], float(time), residual, perf_counter() - begin))
+            row: dict[str, Any] = {name: np.nan * np.asarray(rows[0][name]) for name in rows[0]}
+            row |= {"time": float(time), "converged": 0, "residual": residual}
+            rows.append(row | {"wall_time": perf_counter() - begin})
             reason = status.value.split(";")[0]
-            return join_times(system, rows).assign_attrs(
-                failure=f"the motion ends before {time:g} s: {reason}; take smaller steps"
-            )
+            failure["failure"] = f"the motion ends before {time:g} s: {reason}; take smaller steps"
+            break
         energy = scheme.energy(state, new)
         rows.append(scheme.report(new, energy, residual, perf_counter() - begin))
         state = new
-    return join_times(system, rows)
+    values = {name: np.array([row[name] for row in rows]) for name in rows[0]}
+    for name in ("work", "numerical_dissipation", "link_dissipation"):
+        values[name] = np.cumsum(values[name])
+    return link_dataset(system, values, step=range(len(rows))).assign_attrs(failure)
 
 
 @dataclass(frozen=True)
@@ -144,18 +173,14 @@ class _State:
 
     Attributes
     ----------
-    time, step : float
-        Time and size of the last step, s; infinite before the first step.
-    u, v : ndarray, shape (n,)
-        Displacement, m, and velocity, m/s.
+    time, step : float, time and size of the last step, s; infinite before the first step
+    u, v : ndarray, shape (n,), displacement, m, and velocity, m/s
     elongation, support : ndarray, shape (rows,)
         Elongation of the links, and its part due to the motion of the supports, m.
-    tension : ndarray, shape (rows,)
-        Tension of the extensible links, N; zero for the others.
+    tension : ndarray, shape (rows,), tension of the extensible links, N; zero for the others
     impulse : ndarray, shape (rows,)
         Impulse of the inextensible links in the last step, N s; zero for the others.
-    mean : ndarray, shape (rows,)
-        Mean tension of all links in the last step, N.
+    mean : ndarray, shape (rows,), mean tension of all links in the last step, N
     """
 
     time: float
@@ -175,37 +200,23 @@ class _Scheme:
 
     Attributes
     ----------
-    needs : Needs
-        Unknowns and operators.
-    system : LinkSystem
-        The structure.
-    model : LinkEquations
-        Equations of the free unknowns.
-    tangent : Tangent
-        Pattern of the tangent.
-    held : LinkEquations
-        Equations of the fixed components.
-    operator : csr_array, shape (rows, n)
-        Compatibility operator.
-    mass : ndarray, shape (n,)
-        Mass of each unknown, kg.
-    extensible : ndarray of bool, shape (rows,)
-        Links of finite stiffness.
+    model : LinkEquations, equations of the free unknowns
+    tangent : Tangent, pattern of the tangent
+    held : LinkEquations, equations of the fixed components
+    mass : ndarray, shape (n,), mass of each unknown, kg
+    extensible : ndarray of bool, shape (rows,), links of finite stiffness
     side : ndarray, shape (rows,)
         1 for inextensible cables, -1 for inextensible struts, 0 for extensible links.
     stiffness, prestress : ndarray, shape (rows,)
         Stiffness, N/m, and prestress, N, of extensible links; zero for the others.
-    theta, restitution : float
-        Parameters of :func:`simulate`, dimensionless.
-    load_factor, support_motion : callable
-        Functions of time as in :func:`simulate`.
+    theta, restitution : float, parameters of :func:`simulate`, dimensionless
+    load_factor, support_motion : callable, functions of time as in :func:`simulate`
     """
 
     system: LinkSystem
     model: LinkEquations
     tangent: Tangent
     held: LinkEquations
-    operator: csr_array
     mass: np.ndarray
     extensible: np.ndarray
     side: np.ndarray
@@ -277,7 +288,7 @@ class _Scheme:
         before = self.prestress + self.stiffness * old.elongation
         balance = partial(self._balance, h, before, (drift, push))
         live, sign, bound = self._limits(h, old, drift, moved / h)
-        A = csr_array(diags_array(sign) @ self.operator[live])
+        A = csr_array(diags_array(sign) @ self.model.operator[live])
         # with (3): y = v+ + (2 theta - 1) / (2 theta) M^-1 B_r^T pi, and p = pi / (2 theta)
         late = 2.0 * theta - 1.0 if self.restitution > 0.0 else 0.0
         C = late * (A @ (A.T.toarray() / self.mass[:, None]))
@@ -381,40 +392,3 @@ class _Scheme:
             "link_dissipation": energy.link,
             "smallest_link_dissipation": energy.smallest_link,
         }
-
-
-def _prepare(
-    system: LinkSystem,
-    mass: np.ndarray | float,
-    theta: float,
-    restitution: float,
-    load_factor: Callable[[float], float],
-    support_motion: Callable[[float], np.ndarray] | None,
-) -> _Scheme:
-    """Return the scheme with its operators, or refuse inextensible bars."""
-    model = equations(system)
-    free = model.number >= 0
-    masses = nodal_masses(system, mass, free)
-    extensible = np.isfinite(model.stiffness)
-    rigid_bar = ~extensible & np.isinf(model.lower) & np.isinf(model.upper)
-    if rigid_bar.any():
-        raise CaseError(
-            f"link {int(np.argmax(rigid_bar))} is an inextensible bar; only cables and struts can "
-            f"have an infinite rigidity here"
-        )
-    return _Scheme(
-        system,
-        model,
-        prepare_tangent(system, model),
-        equations(replace(system, fixed=~np.asarray(system.fixed), balanced=False)),
-        compatibility(system),
-        (masses / np.square(model.unit))[free],
-        extensible,
-        np.where(extensible, 0.0, np.where(np.isfinite(model.lower), 1.0, -1.0)),
-        np.where(extensible, model.stiffness, 0.0),
-        np.where(extensible, model.prestress, 0.0),
-        theta,
-        restitution,
-        load_factor,
-        support_motion,
-    )

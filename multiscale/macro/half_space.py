@@ -17,12 +17,9 @@ def half_space_stiffness(points: int, length: float, contact_modulus: float) -> 
 
     Parameters
     ----------
-    points : int
-        Number of equidistant points in a period.
-    length : float
-        Period, m.
-    contact_modulus : float
-        :math:`E^*`, Pa.
+    points : int, number of equidistant points in a period
+    length : float, period, m
+    contact_modulus : float, :math:`E^*`, Pa
 
     Returns
     -------
@@ -51,21 +48,16 @@ def press_profile(
     initial_gap : ndarray, shape (points,)
         Distance :math:`g_0` of the mean planes of the roughness before deformation, at equidistant
         points of a period, m; an added constant has no effect.
-    length : float
-        Period, m.
-    contact_modulus : float
-        :math:`E^*` of both bodies, Pa.
-    pressure : float
-        Nominal pressure :math:`p`, Pa.
-    law : NormalLaw
-        Law of the roughness that the profile does not resolve.
+    length : float, period, m
+    contact_modulus : float, :math:`E^*` of both bodies, Pa
+    pressure : float, nominal pressure :math:`p`, Pa
+    law : NormalLaw, law of the roughness that the profile does not resolve
     max_iterations, tolerance
         See :func:`~multiscale.macro.monolithic.solve_interface`.
 
     Returns
     -------
-    Solution
-        ``value`` is the local gap :math:`g`, shape (points,), m.
+    Solution, ``value`` is the local gap :math:`g`, shape (points,), m
 
     Raises
     ------

@@ -30,12 +30,10 @@ class MomentumBalance:
 
     Attributes
     ----------
-    momentum : ndarray, shape (n,)
-        :math:`g(y)`, N s.
+    momentum : ndarray, shape (n,), :math:`g(y)`, N s
     stiffness : ndarray, shape (rows,)
         Stiffness of the links in the tangent of g, times squared steps, kg.
-    largest, rounding : float
-        Largest term of the sum, and its rounding error, N s.
+    largest, rounding : float, largest term of the sum, and its rounding error, N s
     """
 
     momentum: np.ndarray
@@ -54,19 +52,16 @@ def limited_motion(
 
     Parameters
     ----------
-    balance : callable
-        Function :math:`y \mapsto g(y)`.
+    balance : callable, function :math:`y \mapsto g(y)`
     factorise : callable
         Returns the inverse of the tangent :math:`g'` for the stiffness of a balance.
-    start : ndarray, shape (n,)
-        Initial y, m/s.
+    start : ndarray, shape (n,), initial y, m/s
     limits : tuple of csr_array, shape (m, n), ndarray, shape (m,), and ndarray, shape (m, m)
         A, dimensionless; b, m/s; and C, 1/kg, positive semidefinite.
 
     Returns
     -------
-    Solution
-        ``value`` is y, m/s, followed by p, N s.
+    Solution, ``value`` is y, m/s, followed by p, N s
 
     Notes
     -----

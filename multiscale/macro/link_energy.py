@@ -13,16 +13,12 @@ class EnergyStep:
 
     Attributes
     ----------
-    kinetic, elastic : float
-        Energies at the end of the step, J.
-    work : float
-        Work of loads and moving supports, J.
+    kinetic, elastic : float, energies at the end of the step, J
+    work : float, work of loads and moving supports, J
     numerical : float
         Dissipation by the scheme, :math:`(\theta - 1/2)\, \mathrm{d}v^T M\, \mathrm{d}v`, J.
-    link : float
-        Dissipation in the links, summed link by link, J.
-    smallest_link : float
-        Smallest term of this sum, J.
+    link : float, dissipation in the links, summed link by link, J
+    smallest_link : float, smallest term of this sum, J
     """
 
     kinetic: float
@@ -46,20 +42,16 @@ def account_links(
 
     Parameters
     ----------
-    mass : ndarray, shape (n,)
-        Mass of each unknown, kg.
+    mass : ndarray, shape (n,), mass of each unknown, kg
     velocity : tuple of ndarray, shape (n,)
         Velocity at the end, and its change :math:`\mathrm{d}v` without impulses in the middle, m/s.
-    elastic : tuple of ndarray, shape (rows,)
-        Energy of each link before and after, J.
+    elastic : tuple of ndarray, shape (rows,), energy of each link before and after, J
     tension : ndarray, shape (rows,)
         Mean tension of the step, N; for inextensible links impulse over step size.
     growth : ndarray, shape (rows,)
         :math:`\Delta e`, m; for impulses in the middle, the mean rate times the step.
-    work : float
-        :math:`F_\theta \cdot \Delta u` and the work of moving supports, J.
-    theta : float
-        Parameter of the scheme, from 1/2 to 1.
+    work : float, :math:`F_\theta \cdot \Delta u` and the work of moving supports, J
+    theta : float, parameter of the scheme, from 1/2 to 1
 
     Notes
     -----

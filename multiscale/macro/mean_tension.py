@@ -20,17 +20,13 @@ def mean_tension(
     ----------
     before, after : ndarray, shape (rows,)
         Elastic tension :math:`\tau^0 + k e` at start and end of the step, without bounds, N.
-    lower, upper : ndarray, shape (rows,)
-        Bounds of the tension, N.
-    theta : float
-        From 1/2 (average alone) to 1 (final tension alone).
+    lower, upper : ndarray, shape (rows,), bounds of the tension, N
+    theta : float, from 1/2 (average alone) to 1 (final tension alone)
 
     Returns
     -------
-    tension : ndarray, shape (rows,)
-        Weighted mean :math:`\bar\tau`, N.
-    slope : ndarray, shape (rows,)
-        Its derivative with respect to ``after``, from 0 to 1.
+    tension : ndarray, shape (rows,), weighted mean :math:`\bar\tau`, N
+    slope : ndarray, shape (rows,), its derivative with respect to ``after``, from 0 to 1
 
     Notes
     -----

@@ -30,23 +30,8 @@ def admm(
 
     Parameters
     ----------
-    problem : ScaledFriction
-        The problem, dimensionless.
-    reaction : ndarray, shape (contacts, 3)
-        Start.
-    progress : Recorder
-        Looks at the error every 5 iterations and says when to stop.
-    max_iterations : int
-        Iteration limit.
-    penalty : float
-        :math:`\rho`, relative to the diagonal of :math:`W`.
-    memory : int
-        Steps that the acceleration looks back.
-
-    Returns
-    -------
-    ndarray, shape (contacts, 3)
-        The last impulses, inside their cones.
+    penalty : float, :math:`\rho`, relative to the diagonal of :math:`W`
+    memory : int, steps that the acceleration looks back
 
     Notes
     -----

@@ -36,12 +36,9 @@ def factorise_blocks(
 
     Parameters
     ----------
-    problem : ScaledFriction
-        Gives :math:`W`.
-    added : ndarray, shape (contacts, 3, 3)
-        :math:`B`.
-    left : ndarray, shape (contacts, 3, 3), optional
-        :math:`A`, the identity if not given.
+    problem : ScaledFriction, gives :math:`W`
+    added : ndarray, shape (contacts, 3, 3), :math:`B`
+    left : ndarray, shape (contacts, 3, 3), optional, :math:`A`, the identity if not given
 
     Returns
     -------
@@ -51,15 +48,19 @@ def factorise_blocks(
     contacts = problem.friction.size
     n = 3 * contacts
     shape = (contacts, 3)
+    blocks = problem.blocks
+    if left is not None:
+        blocks = _times_left(blocks, problem.starts, left)
+    system = (problem.columns, problem.starts, problem.diagonal, blocks, added)
     if n <= SMALL or problem.columns.size > DENSE * contacts**2:
         full = np.zeros((n, n))
-        _fill_full(*_pattern(problem), _products(problem, left), added, full)
+        _fill_full(*system, full)
         factors, pivots, info = dgetrf(full.T, overwrite_a=True)
         if info != 0:
             return None
         return lambda b: np.asarray(dgetrs(factors, pivots, b.ravel(), trans=1)[0]).reshape(shape)
 
-    values, indices, pointers = _scalar_rows(*_pattern(problem), _products(problem, left), added)
+    values, indices, pointers = _scalar_rows(*system)
     try:  # compressed rows of A W + B are compressed columns of its transpose
         sparse = splu(
             csc_matrix((values, indices, pointers), shape=(n, n)),
@@ -69,17 +70,6 @@ def factorise_blocks(
     except RuntimeError:
         return None
     return lambda b: np.asarray(sparse.solve(b.ravel(), "T")).reshape(shape)
-
-
-def _pattern(problem: ScaledFriction) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    return problem.columns, problem.starts, problem.diagonal
-
-
-def _products(problem: ScaledFriction, left: np.ndarray | None) -> np.ndarray:
-    """Blocks of A W."""
-    if left is None:
-        return problem.blocks
-    return np.asarray(_times_left(problem.blocks, problem.starts, left))
 
 
 @numba.njit(cache=True)

@@ -17,8 +17,7 @@ def colour_contacts(columns: np.ndarray, starts: np.ndarray) -> tuple[np.ndarray
 
     Returns
     -------
-    order : ndarray, shape (contacts,)
-        Contacts sorted by colour.
+    order : ndarray, shape (contacts,), contacts sorted by colour
     bounds : ndarray, shape (colours + 1,)
         ``order[bounds[c] : bounds[c + 1]]`` are the contacts of colour c.
 

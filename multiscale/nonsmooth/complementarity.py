@@ -8,12 +8,7 @@ from scipy.sparse import csr_array
 
 from multiscale.nonsmooth.lcp_operator import Delassus, lcp_operator
 
-__all__ = [
-    "Verification",
-    "data_size",
-    "lcp_verifier",
-    "verify_lcp",
-]
+__all__ = ["Verification", "data_size", "lcp_verifier", "verify_lcp"]
 
 SMALLEST_ROW = 1e-6
 """No row is measured against less than this part of the data."""
@@ -31,14 +26,10 @@ class Verification:
 
     Attributes
     ----------
-    error : float
-        Largest natural-map error relative to the data, dimensionless.
-    worst : int
-        Constraint with that error; -1 if there are no constraints.
-    penetration : float
-        Largest negative part of w = M z + q, in the unit of q.
-    adhesion : float
-        Largest negative part of z, in the unit of z.
+    error : float, largest natural-map error relative to the data, dimensionless
+    worst : int, constraint with that error; -1 if there are no constraints
+    penetration : float, largest negative part of w = M z + q, in the unit of q
+    adhesion : float, largest negative part of z, in the unit of z
     equilibrium : float
         Largest residual of the balance of the bodies relative to its terms, dimensionless; zero
         unless bodies and directions are given.

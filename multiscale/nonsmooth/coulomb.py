@@ -9,9 +9,7 @@ import numpy as np
 from numpy.linalg import norm
 from scipy.sparse import csr_array
 
-from multiscale.nonsmooth.projections import (
-    project_friction_cone,
-)
+from multiscale.nonsmooth.projections import project_friction_cone
 
 __all__ = ["Verdict", "natural_map", "shifted_velocity", "verify_friction"]
 
@@ -41,15 +39,12 @@ def natural_map(
     ----------
     velocity, reaction : ndarray, shape (d, contacts)
         Relative velocity :math:`u`, m/s, and impulse :math:`r`, N s.
-    friction : ndarray, shape (contacts,)
-        Friction coefficient :math:`\mu`, dimensionless.
-    step : ndarray, shape (contacts,), or float
-        :math:`\rho > 0`, a mass, kg.
+    friction : ndarray, shape (contacts,), friction coefficient :math:`\mu`, dimensionless
+    step : ndarray, shape (contacts,), or float, :math:`\rho > 0`, a mass, kg
 
     Returns
     -------
-    ndarray, shape (d, contacts)
-        Residual (1), N s.
+    ndarray, shape (d, contacts), residual (1), N s
 
     Notes
     -----
@@ -73,15 +68,13 @@ class Verdict:
     error : float
         Natural-map error relative to the norm of the data, in the units of the user and in
         velocities, whichever is larger.
-    penetration : float
-        Largest approach left at a contact, relative to the norm of the data.
+    penetration : float, largest approach left at a contact, relative to the norm of the data
     cone_violation : float
         Largest distance of an impulse from its cone, relative to the largest impulse.
     equilibrium : float
         Error of the equations of motion relative to their largest term; zero if they were not
         given.
-    tolerance : float
-        The bound that each of them has to keep.
+    tolerance : float, the bound that each of them has to keep
     """
 
     error: float
@@ -93,12 +86,11 @@ class Verdict:
     @property
     def accepted(self) -> bool:
         """Whether every number is finite and within the tolerance."""
-        found = (self.error, self.penetration, self.cone_violation, self.equilibrium)
-        return all(value <= self.tolerance for value in found)  # a NaN compares false
+        return self.residual <= self.tolerance  # a NaN compares false
 
     @property
     def residual(self) -> float:
-        """The worst of the four numbers."""
+        """The worst of the four numbers, NaN if one is."""
         found = (self.error, self.penetration, self.cone_violation, self.equilibrium)
         return float(np.max(found))
 
@@ -163,12 +155,18 @@ def verify_friction(
         float(norm(natural_map(u, r, friction, step) / step)),
         float(norm(natural_map(u, r, friction, unit)) - ROUND_OFF * norm(r)) / unit,
     )  # (1)
+    unbalance = 0.0  # of M v = f + H r, relative to its largest term
+    if motion is not None:
+        mass, transfer, momentum, body_velocity = motion
+        terms = (mass @ body_velocity, momentum, transfer @ reaction)
+        largest = max(float(norm(term)) for term in terms) or 1.0
+        unbalance = float(norm(terms[0] - terms[1] - terms[2])) / largest
     outside = norm(r - project_friction_cone(r, friction), axis=0)
     return Verdict(
         error=error / scale,
         penetration=max(0.0, -float(u[0].min(initial=0.0))) / scale,
         cone_violation=float(outside.max(initial=0.0)) / (float(np.abs(r).max(initial=0.0)) or 1.0),
-        equilibrium=_unbalance(motion, reaction),
+        equilibrium=unbalance,
         tolerance=tolerance,
     )
 
@@ -178,15 +176,12 @@ def natural_units(delassus: csr_array | np.ndarray, velocity: np.ndarray) -> tup
 
     Parameters
     ----------
-    delassus : csr_array or ndarray, shape (d * contacts, d * contacts)
-        1/kg.
-    velocity : ndarray, shape (contacts, d)
-        m/s; all of it counts if nothing closes.
+    delassus : csr_array or ndarray, shape (d * contacts, d * contacts), 1/kg
+    velocity : ndarray, shape (contacts, d), m/s; all of it counts if nothing closes
 
     Returns
     -------
-    tuple of float
-        1/kg and m/s; their quotient is the unit of impulses.
+    tuple of float, 1/kg and m/s; their quotient is the unit of impulses
     """
     closing = np.abs(velocity[velocity[:, 0] < 0.0])
     speed = float(closing.max(initial=0.0)) or float(np.abs(velocity).max(initial=0.0))
@@ -216,15 +211,3 @@ def contact_mass(diagonal: np.ndarray) -> np.ndarray:
     """Mass that each contact feels, kg, from the diagonal of W, shape (contacts, d), 1/kg."""
     mean = np.mean(np.abs(diagonal), axis=1)
     return np.asarray(1.0 / np.where(mean > 0.0, mean, float(np.max(mean, initial=0.0)) or 1.0))
-
-
-def _unbalance(
-    motion: tuple[csr_array, csr_array, np.ndarray, np.ndarray] | None, reaction: np.ndarray
-) -> float:
-    """Error of M v = f + H r relative to its largest term."""
-    if motion is None:
-        return 0.0
-    mass, transfer, momentum, body_velocity = motion
-    terms = (mass @ body_velocity, momentum, transfer @ reaction)
-    largest = max(float(norm(term)) for term in terms) or 1.0
-    return float(norm(terms[0] - terms[1] - terms[2])) / largest

@@ -148,9 +148,14 @@ def solve_friction(
         delassus / mobility, velocity / speed, friction, step=unit_step(mobility)
     )
     _refuse_indefinite(problem, FEW)
-    stuck = _immobile(delassus, velocity.reshape(contacts, dim))
-    if stuck is not None:
-        return Solution(np.zeros_like(velocity), Status.INFEASIBLE, detail=stuck)
+    closing, give = velocity[::dim], delassus.diagonal()[::dim]
+    stuck = np.flatnonzero((closing < 0.0) & (give <= 0.0))
+    if stuck.size:
+        detail = (
+            f"contact {stuck[0]} closes at {-closing[stuck[0]]:.3g} m/s and its normal mobility "
+            f"is {give[stuck[0]]:.3g} 1/kg, so that no impulse stops it"
+        )
+        return Solution(np.zeros_like(velocity), Status.INFEASIBLE, detail=detail)
 
     progress = Progress(problem, SAFETY * tolerance, callback, started)
     first = np.zeros((contacts, 3))
@@ -224,18 +229,6 @@ def _refuse_indefinite(problem: ScaledFriction, steps: int) -> None:
     )
 
 
-def _immobile(delassus: csr_array, velocity: np.ndarray) -> str | None:
-    """Say which contact closes although no impulse can move it; None if there is none."""
-    mobility = delassus.diagonal().reshape(velocity.shape)[:, 0]
-    stuck = np.flatnonzero((velocity[:, 0] < 0.0) & (mobility <= 0.0))
-    if stuck.size == 0:
-        return None
-    return (
-        f"contact {stuck[0]} closes at {-velocity[stuck[0], 0]:.3g} m/s and its normal mobility "
-        f"is {mobility[stuck[0]]:.3g} 1/kg, so that no impulse stops it"
-    )
-
-
 def _conclude(
     delassus: csr_array,
     velocity: np.ndarray,
@@ -251,13 +244,8 @@ def _conclude(
         status = Status.CONVERGED
     elif not np.isfinite(verdict.residual):
         status = Status.NOT_FINITE
-    residuals = [] if progress is None else progress.residuals
-    seconds = [] if progress is None else progress.seconds
-    last = perf_counter() - progress.started if progress is not None else 0.0
-    return Solution(
-        reaction,
-        status,
-        (*residuals, verdict.residual),
-        (*seconds, last),
-        tuple(progress.trail) if progress is not None else (),
-    )
+    if progress is None:
+        return Solution(reaction, status, (verdict.residual,), (0.0,))
+    residuals = (*progress.residuals, verdict.residual)
+    seconds = (*progress.seconds, perf_counter() - progress.started)
+    return Solution(reaction, status, residuals, seconds, tuple(progress.trail))

@@ -22,18 +22,14 @@ class ScaledFriction:
         Blocks of :math:`\hat W` row by row; every row has its diagonal block.
     columns, starts : ndarray, shapes (n,) and (contacts + 1,)
         Contact that each block belongs to, ascending in a row, and first block of every row.
-    diagonal : ndarray, shape (contacts,)
-        Which block is the diagonal one.
-    velocity : ndarray, shape (contacts, 3)
-        :math:`\hat q`, norm one.
-    friction : ndarray, shape (contacts,)
-        :math:`\hat\mu > 0`.
+    diagonal : ndarray, shape (contacts,), which block is the diagonal one
+    velocity : ndarray, shape (contacts, 3), :math:`\hat q`, norm one
+    friction : ndarray, shape (contacts,), :math:`\hat\mu > 0`
     reaction_unit, velocity_unit : ndarray, shape (contacts, 3)
         :math:`r = \hat r` times the first, N s, and :math:`u = \hat u` times the second, m/s.
     measure : tuple (friction, mass, step)
         Friction coefficients and contact masses of the given problem, and its step of 1 kg.
-    size : float
-        Norm of the given :math:`q` that errors are relative to, m/s.
+    size : float, norm of the given :math:`q` that errors are relative to, m/s
     """
 
     blocks: np.ndarray
@@ -78,19 +74,14 @@ def scale_friction(
     ----------
     delassus : csr_array or ndarray, shape (d * contacts, d * contacts)
         :math:`W`, 1/kg, with d = 2 or 3 components per contact.
-    velocity : ndarray, shape (d * contacts,)
-        :math:`q`, m/s, not zero.
-    friction : ndarray, shape (contacts,)
-        :math:`\mu`, dimensionless.
-    isotropic : bool
-        Scale normal and tangent alike, instead of each by its own mobility.
-    step : float
-        1 kg in the units of the data, for the error.
+    velocity : ndarray, shape (d * contacts,), :math:`q`, m/s, not zero
+    friction : ndarray, shape (contacts,), :math:`\mu`, dimensionless
+    isotropic : bool, scale normal and tangent alike, instead of each by its own mobility
+    step : float, 1 kg in the units of the data, for the error
 
     Returns
     -------
-    ScaledFriction
-        Three components per contact.
+    ScaledFriction, three components per contact
 
     Notes
     -----
@@ -119,7 +110,14 @@ def scale_friction(
     carries[:, dim:] = False
 
     mobility = np.einsum("iaa->ia", data[diagonal])
-    unit = _mobility_scale(np.abs(mobility[:, :dim]), isotropic)
+    own = np.abs(mobility[:, :dim])
+    mean = own.mean(axis=1)
+    normal, tangent = (mean, mean) if isotropic else (own[:, 0], own[:, 1:].mean(axis=1))
+    # a direction that nothing moves is measured by the others
+    normal = np.where(normal > 1e-12 * mean, normal, mean)
+    tangent = np.where(tangent > 1e-12 * mean, tangent, mean)
+    both = np.column_stack([normal, tangent, tangent])
+    unit = 1.0 / np.sqrt(np.where(both > 0.0, both, own.max(initial=0.0) or 1.0))  # D
     _rescale(data, columns, starts, diagonal, unit, carries)
     full = np.where(carries, full * unit, 0.0)
     size = float(norm(full)) or 1.0
@@ -135,19 +133,6 @@ def scale_friction(
         measure=(np.asarray(friction, dtype=float), contact_mass(mobility[:, :dim]), step),
         size=closing_norm(velocity.reshape(contacts, dim)),
     )
-
-
-def _mobility_scale(mobility: np.ndarray, isotropic: bool) -> np.ndarray:
-    """D of (1) for every contact, shape (contacts, 3)."""
-    mean = mobility.mean(axis=1)
-    normal, tangent = mobility[:, 0], mobility[:, 1:].mean(axis=1)
-    if isotropic:
-        normal = tangent = mean
-    # a direction that nothing moves is measured by the others
-    normal = np.where(normal > 1e-12 * mean, normal, mean)
-    tangent = np.where(tangent > 1e-12 * mean, tangent, mean)
-    both = np.column_stack([normal, tangent, tangent])
-    return np.asarray(1.0 / np.sqrt(np.where(both > 0.0, both, mobility.max(initial=0.0) or 1.0)))
 
 
 @numba.njit(cache=True)

@@ -1,6 +1,7 @@
 r"""Which method a friction problem meets, and when it moves on."""
 
-from dataclasses import dataclass
+from collections.abc import Callable
+from functools import partial
 
 import numpy as np
 
@@ -29,19 +30,8 @@ def run_schedule(
 ) -> None:
     """Go from what is cheap to what is robust until ``progress`` is content.
 
-    Parameters
-    ----------
-    problem : ScaledFriction
-        The problem, dimensionless.
-    reaction : ndarray, shape (contacts, 3)
-        Start, already noted.
-    progress : Progress
-        Holds the best answer and the trail.
-    max_iterations : int
-        Limit of each method.
+    The start is already noted; ``max_iterations`` limits each method.
 
-    Notes
-    -----
     1. Bursts of Gauss-Seidel sweeps while each cuts the error by 20.
     2. A few Newton steps, unless W is so full that a factorisation outweighs many solves.
     3. Alternating directions with acceleration: one factorisation.
@@ -50,68 +40,40 @@ def run_schedule(
        interior point from another start.
     6. Alternating directions without acceleration, slow and patient.
     """
-    run = _Schedule(problem, progress, max_iterations)
-    if run.sweep(reaction):  # 1
-        return
+
+    def tried(name: str, method: Callable[..., np.ndarray], limit: int, *options: float) -> bool:
+        """Go on by a method from the best answer so far; say whether the problem is solved."""
+        progress.trail.append(name)
+        best = np.zeros_like(problem.velocity) if progress.best is None else progress.best
+        method(problem, best, progress, min(limit, max_iterations), *options)
+        return progress.smallest <= progress.target
+
+    newton = partial(tried, "newton", semismooth_newton)
+    frozen = partial(tried, "frozen_bound", frozen_bound, 20)
+
+    def alternate(iterations: int, memory: int) -> bool:
+        return tried("admm", partial(admm, memory=memory), iterations)
+
+    def split(centre: float) -> bool:  # it starts from the centre of its cones
+        progress.trail.append("interior_point")
+        split_interior_point(problem, progress, min(60, max_iterations), centre)
+        return progress.smallest <= progress.target or newton(15, 1e-10)
+
+    progress.trail.append("gauss_seidel")
+    for burst in range(max(1, max_iterations // BURST)):  # 1
+        before = progress.residuals[-1]
+        reaction = gauss_seidel(problem, reaction, progress, min(BURST, max_iterations))
+        if progress.smallest <= progress.target:
+            return
+        if progress.residuals[-1] > before / GAIN and burst > 0:
+            break
     large = problem.friction.size > LARGE
     heavy = large and problem.columns.size > FULL * problem.friction.size
-    if not heavy and run.newton(15, 1e-4):  # 2
+    if not heavy and newton(15, 1e-4):  # 2
         return
-    if run.alternate(60, 10) or run.split(1.0) or run.frozen(1.0):  # 3, 4, 5
+    if alternate(60, 10) or split(1.0) or frozen(1.0):  # 3, 4, 5
         return
-    if not large and (run.frozen(0.5) or run.split(10.0)):  # 5
+    if not large and (frozen(0.5) or split(10.0)):  # 5
         return
-    if not run.alternate(2000, 0):  # 6
-        run.newton(25, 1e-6)
-
-
-@dataclass(frozen=True)
-class _Schedule:
-    """The steps of the schedule; each says whether the problem is solved."""
-
-    problem: ScaledFriction
-    progress: Progress
-    limit: int
-
-    @property
-    def solved(self) -> bool:
-        return self.progress.smallest <= self.progress.target
-
-    @property
-    def best(self) -> np.ndarray:
-        """Best answer so far; zero if none was finite."""
-        best = self.progress.best
-        return np.zeros_like(self.problem.velocity) if best is None else best
-
-    def sweep(self, reaction: np.ndarray) -> bool:
-        self.progress.trail.append("gauss_seidel")
-        for burst in range(max(1, self.limit // BURST)):
-            before = self.progress.residuals[-1]
-            reaction = gauss_seidel(self.problem, reaction, self.progress, min(BURST, self.limit))
-            slow = self.progress.residuals[-1] > before / GAIN
-            if self.solved or (slow and burst > 0):
-                break
-        return self.solved
-
-    def newton(self, steps: int, regularisation: float) -> bool:
-        self.progress.trail.append("newton")
-        steps = min(steps, self.limit)
-        semismooth_newton(self.problem, self.best, self.progress, steps, regularisation)
-        return self.solved
-
-    def alternate(self, iterations: int, memory: int) -> bool:
-        self.progress.trail.append("admm")
-        iterations = min(iterations, self.limit)
-        admm(self.problem, self.best, self.progress, iterations, memory=memory)
-        return self.solved
-
-    def split(self, centre: float) -> bool:
-        self.progress.trail.append("interior_point")
-        split_interior_point(self.problem, self.progress, min(60, self.limit), centre)
-        return self.solved or self.newton(15, 1e-10)
-
-    def frozen(self, relaxation: float) -> bool:
-        self.progress.trail.append("frozen_bound")
-        turns = min(20, self.limit)
-        frozen_bound(self.problem, self.best, self.progress, turns, relaxation)
-        return self.solved
+    if not alternate(2000, 0):  # 6
+        newton(25, 1e-6)

@@ -37,21 +37,8 @@ def frozen_bound(
 
     Parameters
     ----------
-    problem : ScaledFriction
-        The problem, dimensionless.
-    reaction : ndarray, shape (contacts, 3)
-        Start; its normal impulses give the first bound.
-    progress : Progress
-        Notes the answer of every problem and says when to stop.
-    max_iterations : int
-        Limit of problems.
-    relaxation : float
-        Share of the new bound in the next one, :math:`\omega \in (0, 1]`.
-
-    Returns
-    -------
-    ndarray, shape (contacts, 3)
-        The last impulses.
+    reaction : ndarray, shape (contacts, 3), start; its normal impulses give the first bound
+    relaxation : float, share of the new bound in the next one, :math:`\omega \in (0, 1]`
 
     Notes
     -----

@@ -31,24 +31,6 @@ def gauss_seidel(
 ) -> np.ndarray:
     r"""Solve a friction problem by sweeps over its contacts.
 
-    Parameters
-    ----------
-    problem : ScaledFriction
-        The problem, dimensionless.
-    reaction : ndarray, shape (contacts, 3)
-        Start.
-    progress : Recorder
-        Looks at the error every 20 sweeps and says when to stop.
-    max_iterations : int
-        Limit of sweeps.
-
-    Returns
-    -------
-    ndarray, shape (contacts, 3)
-        The last impulses.
-
-    Notes
-    -----
     Large problems are swept colour by colour. The order depends on the problem alone, and threads
     do not change the numbers: so they are used after the first 20 sweeps for as long as they are
     faster than one, which they are not where other programs hold the processors.

@@ -28,10 +28,8 @@ def infeasibility_detail(problem: ScaledLCP, last: list[np.ndarray]) -> str:
 
     Parameters
     ----------
-    problem : ScaledLCP
-        Given by its entries; nothing is found otherwise.
-    last : list of ndarray, shape (n,)
-        The last iterate of every method.
+    problem : ScaledLCP, given by its entries; nothing is found otherwise
+    last : list of ndarray, shape (n,), the last iterate of every method
     """
     if not isinstance(problem.operator, Entries):
         return ""

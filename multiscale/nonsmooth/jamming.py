@@ -6,7 +6,7 @@ import numpy as np
 from scipy.sparse import bsr_array, csc_array, diags_array, eye_array, vstack
 
 from multiscale.convergence import Status
-from multiscale.nonsmooth.conic import TOLERANCE
+from multiscale.nonsmooth.conic import solve_conic
 from multiscale.nonsmooth.friction_problem import ScaledFriction
 from multiscale.nonsmooth.infeasibility import FARTHEST
 
@@ -21,8 +21,7 @@ def jamming(problem: ScaledFriction) -> tuple[Status, str] | None:
 
     Parameters
     ----------
-    problem : ScaledFriction
-        The problem, dimensionless; W is positive semidefinite.
+    problem : ScaledFriction, the problem, dimensionless; W is positive semidefinite
 
     Returns
     -------
@@ -76,29 +75,27 @@ def jamming(problem: ScaledFriction) -> tuple[Status, str] | None:
 
 def _least_work(problem: ScaledFriction, rubs: bool) -> np.ndarray:
     """Minimum of q^T y under W y = 0 and sum y_N <= 1 in the cone or on its axis."""
-    import clarabel
-
     n = problem.friction.size
     W = csc_array(bsr_array((problem.blocks, problem.columns, problem.starts)))
     carries = np.arange(3 * n) % 3 == 0
     total = csc_array(carries[None].astype(float))
     cone = diags_array(-np.where(carries, np.repeat(problem.friction, 3), 1.0))
-    cones = [clarabel.ZeroConeT(3 * n), clarabel.NonnegativeConeT(1)]
-    cones += [clarabel.SecondOrderConeT(3)] * n
     if not rubs:
         W, total, cone = W[:, carries], total[:, carries], -eye_array(n)
-        cones[2:] = [clarabel.NonnegativeConeT(n)]
-    settings = clarabel.DefaultSettings()
-    settings.verbose = False
-    settings.tol_gap_abs = settings.tol_gap_rel = settings.tol_feas = TOLERANCE
     constraints = csc_array(vstack([W, total, cone]))
     limits = np.zeros(constraints.shape[0])
     limits[3 * n] = 1.0
     size = constraints.shape[1]
     velocity = problem.velocity.ravel() if rubs else problem.velocity[:, 0]
-    answer = clarabel.DefaultSolver(
-        csc_array((size, size)), velocity, constraints, limits, cones, settings
-    ).solve()
+    answer = solve_conic(
+        csc_array((size, size)),
+        velocity,
+        constraints,
+        limits,
+        zero=3 * n,
+        positive=1 if rubs else n + 1,
+        friction=n if rubs else 0,
+    )
     y = np.zeros((n, 3))
     y.reshape(-1)[slice(None) if rubs else carries] = answer.x
     y[:, 0] = np.maximum(y[:, 0], 0.0)

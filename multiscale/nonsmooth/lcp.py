@@ -154,7 +154,11 @@ def solve_lcp(
 
     status, detail = Status.CONVERGED, ""
     if not smallest <= tolerance:
-        status, detail = _failure(problem, method, last, len(residuals) > max_iterations)
+        status = Status.MAX_ITERATIONS if len(residuals) > max_iterations else Status.STALLED
+        if detail := infeasibility_detail(problem, list(last.values())):
+            status = Status.INFEASIBLE
+        elif method != "pivoting":
+            _refuse_indefinite(problem, THOROUGH)
         residuals.append(smallest)
         seconds.append(perf_counter() - started)
     return Solution(best, status, tuple(residuals), tuple(seconds), tuple(last), detail)
@@ -198,16 +202,11 @@ def _iterates(
             yield stage.method, x
             if residuals[-1] < smallest:
                 best, smallest = x, residuals[-1]
-            if not _progresses([before, *residuals[entry:]], stage):
+            own = [before, *residuals[entry:]]  # the latest have to fall well below the earlier
+            if len(own) > stage.window and not (
+                min(own[-stage.window :]) <= stage.factor * min(own[: -stage.window])
+            ):
                 break
-
-
-def _progresses(residuals: list[float], stage: _Stage) -> bool:
-    """Whether the latest residuals fall well below the earlier ones."""
-    if len(residuals) <= stage.window:
-        return True
-    latest, earlier = residuals[-stage.window :], residuals[: -stage.window]
-    return min(latest) <= stage.factor * min(earlier)
 
 
 def _refuse_indefinite(problem: ScaledLCP, steps: int) -> None:
@@ -215,15 +214,3 @@ def _refuse_indefinite(problem: ScaledLCP, steps: int) -> None:
     size = problem.vector.size
     if problem.is_symmetric and isinstance(problem.operator, Entries) and size > 0:
         refuse_indefinite(problem.operator.product, size, steps, INDEFINITE, atol=NEGATIVE)
-
-
-def _failure(
-    problem: ScaledLCP, method: str, last: dict[str, np.ndarray], limit: bool
-) -> tuple[Status, str]:
-    """Say why there is no solution; an indefinite matrix is refused here at the latest."""
-    detail = infeasibility_detail(problem, list(last.values()))
-    if detail:
-        return Status.INFEASIBLE, detail
-    if method != "pivoting":
-        _refuse_indefinite(problem, THOROUGH)
-    return (Status.MAX_ITERATIONS if limit else Status.STALLED), ""

@@ -14,7 +14,7 @@ SWEEPS = 10
 
 
 def iterate_gauss_seidel(problem: ScaledLCP, start: np.ndarray) -> Iterator[np.ndarray]:
-    r"""Yield x after every ten sweeps, forward and backward in turn.
+    r"""Yield x after every ten sweeps, forward and backward in turn, without end.
 
     One step of a sweep is
 
@@ -22,18 +22,6 @@ def iterate_gauss_seidel(problem: ScaledLCP, start: np.ndarray) -> Iterator[np.n
 
     It converges for symmetric positive definite matrices and for H-matrices with a positive
     diagonal; a constraint without a positive diagonal is left where it is.
-
-    Parameters
-    ----------
-    problem : ScaledLCP
-        Given by its entries.
-    start : ndarray, shape (n,)
-        First x.
-
-    Yields
-    ------
-    ndarray, shape (n,)
-        The iterates, without end.
 
     References
     ----------

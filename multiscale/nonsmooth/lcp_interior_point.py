@@ -43,19 +43,10 @@ def iterate_interior_point(problem: ScaledLCP, start: np.ndarray) -> Iterator[np
     The predictor has :math:`c = 0`; its step gives :math:`\sigma = (\mu^a / \mu)^3` and the
     corrector :math:`c = \sigma\mu - \Delta x^a \Delta w^a`; then products that a longer step
     would leave far from :math:`\sigma\mu` are drawn back. All share one factorisation, and both
-    unknowns one step length, because the matrix couples them.
-
-    Parameters
-    ----------
-    problem : ScaledLCP
-        Monotone: the symmetric part of the matrix has no negative eigenvalue.
-    start : ndarray, shape (n,)
-        Not used: an iterate near the boundary is a bad start for an interior method.
-
-    Yields
-    ------
-    ndarray, shape (n,)
-        The iterates, until the gap :math:`\mu = x^T w / n` or the step vanishes.
+    unknowns one step length, because the matrix couples them. The iteration ends where the gap
+    :math:`\mu = x^T w / n` or the step vanishes. The problem is monotone: the symmetric part of the
+    matrix has no negative eigenvalue. The start is not used: an iterate near the boundary is a bad
+    start for an interior method.
 
     References
     ----------

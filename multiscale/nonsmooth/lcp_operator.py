@@ -11,7 +11,7 @@ from scipy.sparse import block_array, csc_array, csr_array, diags_array, isspars
 from scipy.sparse.linalg import splu
 
 from multiscale.errors import CaseError
-from multiscale.numerics.factorisation import factorise
+from multiscale.numerics.factorisation import factorise, symmetric_lu
 
 __all__ = ["Delassus", "Entries", "Solve", "lcp_operator"]
 
@@ -27,8 +27,7 @@ class Entries:
 
     Attributes
     ----------
-    matrix : csr_array or ndarray, shape (n, n)
-        The entries.
+    matrix : csr_array or ndarray, shape (n, n), the entries
     """
 
     matrix: csr_array | np.ndarray
@@ -248,15 +247,7 @@ def lcp_operator(
 
 def _sparse_solver(matrix: csc_array, symmetric: bool) -> Solve:
     """LU factors; of a symmetric definite or quasi-definite matrix without pivoting."""
-    if symmetric:
-        factors = splu(
-            matrix,
-            permc_spec="MMD_AT_PLUS_A",
-            diag_pivot_thresh=0.0,
-            options={"SymmetricMode": True},
-        )
-    else:
-        factors = splu(matrix)
+    factors = symmetric_lu(matrix) if symmetric else splu(matrix)
     return lambda rhs: np.asarray(factors.solve(rhs))
 
 

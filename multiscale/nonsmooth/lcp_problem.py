@@ -1,4 +1,8 @@
-"""The dimensionless form of a linear complementarity problem, on which every method works."""
+"""The dimensionless form of a linear complementarity problem, on which every method works.
+
+A method takes the problem and a start x, shape (n,), and yields its iterates x, shape (n,), each
+worth a look at the residual.
+"""
 
 from dataclasses import dataclass
 
@@ -24,14 +28,11 @@ class ScaledLCP:
 
     Attributes
     ----------
-    operator : Entries or Delassus, shape (n, n)
-        :math:`A = D M D` with a diagonal of ones.
+    operator : Entries or Delassus, shape (n, n), :math:`A = D M D` with a diagonal of ones
     vector : ndarray, shape (n,)
         :math:`b = D q / \delta`, where :math:`\delta` is the size of the data.
-    unit : ndarray, shape (n,)
-        :math:`\delta D`, so that :math:`z = \delta D x`.
-    is_symmetric : bool
-        Whether mirrored entries of A agree.
+    unit : ndarray, shape (n,), :math:`\delta D`, so that :math:`z = \delta D x`
+    is_symmetric : bool, whether mirrored entries of A agree
     """
 
     operator: Entries | Delassus

@@ -34,18 +34,12 @@ REFLECTION = np.diag([1.0, -1.0, -1.0])
 def lorentz_problem(problem: ScaledFriction) -> tuple[ScaledFriction, np.ndarray]:
     r"""Write a friction problem in the coordinates of the cone.
 
-    Parameters
-    ----------
-    problem : ScaledFriction
-        The problem, dimensionless.
-
     Returns
     -------
     lorentz : ScaledFriction
         The problem for :math:`x = (\mu r_N, r_T)` and :math:`(u_N / \mu, u_T)`, with entries
         about one.
-    unit : ndarray, shape (contacts, 3)
-        :math:`r = \mathrm{unit} \cdot x`.
+    unit : ndarray, shape (contacts, 3), :math:`r = \mathrm{unit} \cdot x`
     """
     stretch = np.ones((problem.friction.size, 3))
     stretch[:, 0] /= problem.friction
@@ -123,8 +117,7 @@ def nesterov_todd(x: np.ndarray, y: np.ndarray) -> tuple[np.ndarray, np.ndarray,
 
     Parameters
     ----------
-    x, y : ndarray, shape (contacts, 3)
-        Points inside the cone.
+    x, y : ndarray, shape (contacts, 3), points inside the cone
 
     Returns
     -------

@@ -15,10 +15,8 @@ def refuse_out_of_range(vector: np.ndarray, stiffness: np.ndarray) -> None:
 
     Parameters
     ----------
-    vector : ndarray, shape (n,)
-        :math:`q`; rows that are not negative demand nothing.
-    stiffness : ndarray, shape (n,)
-        :math:`M_{ii}`; rows that are not positive demand nothing.
+    vector : ndarray, shape (n,), :math:`q`; rows that are not negative demand nothing
+    stiffness : ndarray, shape (n,), :math:`M_{ii}`; rows that are not positive demand nothing
 
     Raises
     ------

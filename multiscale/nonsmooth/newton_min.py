@@ -35,22 +35,9 @@ def iterate_newton_min(
     As long as the number of violated signs falls, all of them change the set at once (that is
     Newton's method). When it does not fall for eight steps, or a set comes back, only the last
     violated constraint changes, until the number falls below the least one met: for a P-matrix
-    this ends at the solution.
-
-    Parameters
-    ----------
-    problem : ScaledLCP
-        Any matrix; the method is made for P-matrices.
-    start : ndarray, shape (n,)
-        First x; what the active unknowns of a singular block keep is taken from it.
-    active : ndarray of bool, shape (n,), optional
-        First active set; that of ``start`` if not given.
-
-    Yields
-    ------
-    ndarray, shape (n,)
-        The iterates without their negative parts. The last one has no violation, unless the
-        block was singular.
+    this ends at the solution. The iterates are without their negative parts; the last one has no
+    violation, unless the block was singular: what its active unknowns keep is taken from the start,
+    as is the first active set if not given.
 
     References
     ----------
@@ -65,7 +52,12 @@ def iterate_newton_min(
     fewest, left, met = active.size + 1, FULL_STEPS, set[bytes]()
     while True:
         try:
-            x = _solve_active(problem, x, active)
+            x = np.where(active, x, 0.0)
+            if active.any():  # corrected until their slack is zero; the others are zero
+                shift = np.full(np.count_nonzero(active), SHIFT)
+                solve = problem.operator.solver(active, shift, problem.is_symmetric)
+                for _ in range(1 + REFINEMENTS):
+                    x[active] -= solve(problem.slack(x)[active])
         except RuntimeError:  # SuperLU met a pivot that is exactly zero
             return
         slack = problem.slack(x)
@@ -84,15 +76,3 @@ def iterate_newton_min(
         if left <= 0:
             wrong[: np.flatnonzero(wrong)[-1]] = False
         active = active ^ wrong
-
-
-def _solve_active(problem: ScaledLCP, x: np.ndarray, active: np.ndarray) -> np.ndarray:
-    """Correct the active unknowns until their slack is zero; the others are zero."""
-    x = np.where(active, x, 0.0)
-    if not active.any():
-        return x
-    shift = np.full(np.count_nonzero(active), SHIFT)
-    solve = problem.operator.solver(active, shift, problem.is_symmetric)
-    for _ in range(1 + REFINEMENTS):
-        x[active] -= solve(problem.slack(x)[active])
-    return x

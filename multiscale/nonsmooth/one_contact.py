@@ -16,13 +16,11 @@ def solve_one_contact(block, q0, q1, q2, mu):  # type: ignore[no-untyped-def]
         :math:`W` of the contact, 1/kg, positive semi-definite with :math:`W_{NN} > 0`.
     q0, q1, q2 : float
         Velocity :math:`q` that the other contacts and the loads cause, m/s, normal first.
-    mu : float
-        Friction coefficient, dimensionless.
+    mu : float, friction coefficient, dimensionless
 
     Returns
     -------
-    tuple of float
-        :math:`r`, N s, normal first.
+    tuple of float, :math:`r`, N s, normal first
 
     Notes
     -----

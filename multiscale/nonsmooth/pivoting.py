@@ -33,18 +33,9 @@ def iterate_pivoting(problem: ScaledLCP, start: np.ndarray) -> Iterator[np.ndarr
     (lexicographically), so that no basis can come back. It ends at a solution for P-matrices,
     positive semidefinite and copositive matrices, whenever there is an admissible x.
 
-    Parameters
-    ----------
-    problem : ScaledLCP
-        Given by its entries; work and memory grow with the cube and the square of n.
-    start : ndarray, shape (n,)
-        Not used: the path has a start of its own.
-
-    Yields
-    ------
-    ndarray, shape (n,)
-        x after every n / 20 pivots; in the end the solution, solved afresh from its active set,
-        or a point far out on the second ray.
+    The path has a start of its own and yields x after every n / 20 pivots; in the end the solution,
+    solved afresh from its active set, or a point far out on the second ray. Work and memory grow
+    with the cube and the square of n.
 
     References
     ----------

@@ -1,4 +1,9 @@
-"""What a chain of methods leaves behind: errors, times, trail, and the best answer so far."""
+"""What a chain of methods leaves behind: errors, times, trail, and the best answer so far.
+
+A friction method takes a dimensionless problem, impulses to start from, shape (contacts, 3), a
+recorder that looks at the error every few iterations and says when to stop, and the limit of its
+iterations; it returns its last impulses.
+"""
 
 from collections.abc import Callable
 from dataclasses import dataclass, field
@@ -25,12 +30,8 @@ class Progress:
 
     Attributes
     ----------
-    problem : ScaledFriction
-        Measures the error.
-    target : float
-        Error at which the run may stop; dimensionless.
-    callback : callable, optional
-        Called as ``callback(iteration, residual)``.
+    target : float, error at which the run may stop; dimensionless
+    callback : callable, optional, called as ``callback(iteration, residual)``
     """
 
     problem: ScaledFriction

@@ -30,18 +30,7 @@ def iterate_projected_gradient(problem: ScaledLCP, start: np.ndarray) -> Iterato
 
     :math:`\tilde\varphi_i = \min(x_i / \bar\alpha, \varphi_i)` is the reduced free gradient.
 
-    Parameters
-    ----------
-    problem : ScaledLCP
-        Symmetric and given by its entries.
-    start : ndarray, shape (n,)
-        First x.
-
-    Yields
-    ------
-    ndarray, shape (n,)
-        The iterates. The last one lies far out on a ray along which the energy falls for ever,
-        if there is one.
+    The last iterate lies far out on a ray along which the energy falls for ever, if there is one.
 
     References
     ----------
@@ -87,28 +76,6 @@ def _free(x, gradient, out):  # type: ignore[no-untyped-def]
 
 
 @numba.njit(cache=True, error_model="numpy")
-def _is_proportional(x, gradient, fixed_step):  # type: ignore[no-untyped-def]
-    """Whether the chopped gradient is no larger than the reduced free one."""
-    chopped, reduced = 0.0, 0.0
-    for i in range(x.size):
-        if x[i] > 0.0:
-            reduced += min(x[i] / fixed_step, gradient[i]) * gradient[i]
-        else:
-            chopped += min(gradient[i], 0.0) ** 2
-    return chopped <= reduced
-
-
-@numba.njit(cache=True, error_model="numpy")
-def _longest_step(x, direction):  # type: ignore[no-untyped-def]
-    """Longest step along -direction that keeps x >= 0."""
-    step = np.inf
-    for i in range(x.size):
-        if direction[i] > 0.0:
-            step = min(step, x[i] / direction[i])
-    return step
-
-
-@numba.njit(cache=True, error_model="numpy")
 def _advance(data, indices, indptr, vector, largest, x, p, carried):  # type: ignore[no-untyped-def]
     """Change x and the direction p by STEPS steps; return whether they end on a ray."""
     n = x.size
@@ -120,7 +87,13 @@ def _advance(data, indices, indptr, vector, largest, x, p, carried):  # type: ig
         _free(x, g, p)
 
     for _ in range(STEPS):
-        proportional = _is_proportional(x, g, fixed_step)
+        chopped, reduced = 0.0, 0.0
+        for i in range(n):
+            if x[i] > 0.0:
+                reduced += min(x[i] / fixed_step, g[i]) * g[i]
+            else:
+                chopped += min(g[i], 0.0) ** 2
+        proportional = chopped <= reduced
         if not proportional:
             for i in range(n):
                 p[i] = min(g[i], 0.0) if x[i] <= 0.0 else 0.0
@@ -132,7 +105,10 @@ def _advance(data, indices, indptr, vector, largest, x, p, carried):  # type: ig
                 return False
         _multiply(data, indices, indptr, p, image)
         curvature = _dot(p, image)
-        feasible = _longest_step(x, p)
+        feasible = np.inf  # the longest step that keeps x >= 0
+        for i in range(n):
+            if p[i] > 0.0:
+                feasible = min(feasible, x[i] / p[i])
         step = _dot(g, p) / curvature if curvature > FLAT * largest * size else np.inf
         if step == np.inf and feasible == np.inf:
             x -= 1e12 / np.sqrt(size) * p

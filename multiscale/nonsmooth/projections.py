@@ -5,16 +5,7 @@ Every function takes arrays with the component axis first, normal component in r
 
 import numpy as np
 
-__all__ = [
-    "project_ball",
-    "project_friction_cone",
-    "project_positive",
-]
-
-
-def project_positive(vector: np.ndarray) -> np.ndarray:
-    """Projection onto the non-negative numbers, entry by entry."""
-    return np.asarray(np.maximum(vector, 0.0))
+__all__ = ["project_ball", "project_friction_cone"]
 
 
 def project_ball(vector: np.ndarray, radius: np.ndarray | float) -> np.ndarray:
@@ -22,15 +13,13 @@ def project_ball(vector: np.ndarray, radius: np.ndarray | float) -> np.ndarray:
 
     Parameters
     ----------
-    vector : ndarray, shape (d, ...)
-        Points, in any unit.
+    vector : ndarray, shape (d, ...), points, in any unit
     radius : ndarray, shape (...), or float
         Radius, in the unit of ``vector``; a negative one counts as zero.
 
     Returns
     -------
-    ndarray, shape (d, ...)
-        ``vector`` where it lies inside, else the nearest point of the sphere.
+    ndarray, shape (d, ...), ``vector`` where it lies inside, else the nearest point of the sphere
     """
     length = np.sqrt(np.sum(vector**2, axis=0))
     radius = np.maximum(radius, 0.0)
@@ -43,15 +32,12 @@ def project_friction_cone(vector: np.ndarray, friction: np.ndarray | float) -> n
 
     Parameters
     ----------
-    vector : ndarray, shape (d, ...)
-        Points, normal component first, in any unit.
-    friction : ndarray, shape (...), or float
-        Friction coefficient :math:`\mu \ge 0`, dimensionless.
+    vector : ndarray, shape (d, ...), points, normal component first, in any unit
+    friction : ndarray, shape (...), or float, friction coefficient :math:`\mu \ge 0`, dimensionless
 
     Returns
     -------
-    ndarray, shape (d, ...)
-        The nearest point of the cone.
+    ndarray, shape (d, ...), the nearest point of the cone
 
     Notes
     -----

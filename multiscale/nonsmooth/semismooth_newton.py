@@ -25,33 +25,14 @@ def semismooth_newton(
 ) -> np.ndarray:
     r"""Solve a friction problem by damped Newton steps.
 
-    Parameters
-    ----------
-    problem : ScaledFriction
-        The problem, dimensionless.
-    reaction : ndarray, shape (contacts, 3)
-        Start.
-    progress : Recorder
-        Notes every step and says when to stop.
-    max_iterations : int
-        Iteration limit.
-    regularisation : float
-        First :math:`\alpha`, relative to the diagonal of :math:`W`.
-
-    Returns
-    -------
-    ndarray, shape (contacts, 3)
-        The last impulses.
-
-    Notes
-    -----
     The derivative of the residual :math:`F` of Alart and Curnier is :math:`A W + B`. Where the
     impulses are not unique it is singular, and the step solves
 
     .. math:: \bigl(A (W + \alpha I) + B\bigr)\, \Delta r = -F    \tag{1}
 
-    instead: a proximal step, which leaves the solutions where they are. :math:`\alpha` falls
-    tenfold with each full step and grows where the line search fails.
+    instead: a proximal step, which leaves the solutions where they are. :math:`\alpha`, relative to
+    the diagonal of W and first ``regularisation``, falls tenfold with each full step and grows
+    where the line search fails.
     """
     r = reaction.copy()
     u = problem.respond(r)
@@ -64,7 +45,14 @@ def semismooth_newton(
         length = 0.0
         if np.all(np.isfinite(step)):
             change = problem.respond(step) - problem.velocity
-            length = _line_search(problem.friction, u, r, change, step, merit)
+            length = 1.0  # the largest of 1, 1/2, 1/4 ... that lowers the merit enough
+            for _ in range(12):
+                trial = linearise(u + length * change, r + length * step, problem.friction)[0]
+                if float(np.sum(trial**2)) <= (1.0 - 1e-4 * length) * merit:
+                    break
+                length *= 0.5
+            else:
+                length = 0.0
         if length == 0.0:
             alpha = min(max(100.0 * alpha, 1e-8), LARGEST)
             failures += 1
@@ -82,24 +70,6 @@ def semismooth_newton(
         if failures > PATIENCE:
             break
     return r
-
-
-def _line_search(
-    friction: np.ndarray,
-    u: np.ndarray,
-    r: np.ndarray,
-    change: np.ndarray,
-    step: np.ndarray,
-    merit: float,
-) -> float:
-    """Largest length in 1, 1/2, 1/4 ... that lowers the merit enough; 0 if none does."""
-    length = 1.0
-    for _ in range(12):
-        residual = linearise(u + length * change, r + length * step, friction)[0]
-        if float(np.sum(residual**2)) <= (1.0 - 1e-4 * length) * merit:
-            return length
-        length *= 0.5
-    return 0.0
 
 
 @numba.njit(cache=True, error_model="numpy")

@@ -48,15 +48,12 @@ def refuse_indefinite(
 
     Parameters
     ----------
-    apply : callable
-        Product of the operator, dimensionless, with a vector of shape (size,).
-    size, steps : int
-        Number of unknowns and of Lanczos steps.
+    apply : callable, product of the operator, dimensionless, with a vector of shape (size,)
+    size, steps : int, number of unknowns and of Lanczos steps
     sentence : str
         Message with the fields ``value``, ``worst`` and ``share``: the smallest eigenvalue found,
         the contact or constraint that carries most of its vector, and the share that it carries.
-    width : int
-        Number of unknowns of a contact or constraint.
+    width : int, number of unknowns of a contact or constraint
     atol, rtol : float
         Negative eigenvalue that round-off explains, and the same relative to the largest one.
 

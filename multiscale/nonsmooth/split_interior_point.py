@@ -35,12 +35,6 @@ def split_interior_point(
 
     Parameters
     ----------
-    problem : ScaledFriction
-        The problem, dimensionless.
-    progress : Recorder
-        Notes every step and says when to stop.
-    max_iterations : int
-        Iteration limit.
     centre : float
         Impulse to start from, relative to the size of the data; another one leads along another
         path where the problem has more than one.
@@ -49,11 +43,6 @@ def split_interior_point(
         it (Tresca's law), the problem is convex, and the path always ends.
     regularisation : float
         Added to the diagonal of :math:`W`, relative to it, in the tangent matrix alone.
-
-    Returns
-    -------
-    ndarray, shape (contacts, 3)
-        The last impulses.
 
     Notes
     -----

@@ -18,12 +18,9 @@ class Anderson:
 
     Parameters
     ----------
-    memory : int
-        Iterates that are kept beside the last.
-    relaxation : float
-        Share of an image in the next iterate; the rest is the iterate itself.
-    products : callable
-        Inner products of the columns of two arrays (n, k) and (n, m), shape (k, m).
+    memory : int, iterates that are kept beside the last
+    relaxation : float, share of an image in the next iterate; the rest is the iterate itself
+    products : callable, inner products of the columns of two arrays (n, k) and (n, m), shape (k, m)
 
     References
     ----------
@@ -51,10 +48,8 @@ class Anderson:
 
         Parameters
         ----------
-        where : ndarray of bool, shape (n,)
-            The entries; if all, nothing is kept.
-        x : ndarray, shape (n,)
-            The next iterate in its new meaning.
+        where : ndarray of bool, shape (n,), the entries; if all, nothing is kept
+        x : ndarray, shape (n,), the next iterate in its new meaning
         """
         if where.all():
             self.forget()

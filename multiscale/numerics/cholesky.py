@@ -6,10 +6,9 @@ from typing import Any
 
 import numpy as np
 from scipy.sparse import csc_array, csr_matrix
-from scipy.sparse.linalg import splu
 
 from multiscale.errors import MultiscaleError
-from multiscale.numerics.factorisation import Solve, new_pardiso
+from multiscale.numerics.factorisation import Solve, new_pardiso, symmetric_lu
 
 __all__ = ["Factorise", "Solve", "prepare_cholesky"]
 
@@ -37,8 +36,7 @@ def prepare_cholesky(start: np.ndarray, column: np.ndarray) -> Factorise:
 
     Parameters
     ----------
-    start, column : ndarray of int32
-        Upper triangle by rows, with the diagonal; columns increase.
+    start, column : ndarray of int32, upper triangle by rows, with the diagonal; columns increase
 
     Returns
     -------
@@ -103,12 +101,7 @@ def _superlu(start: np.ndarray, column: np.ndarray) -> Factorise:
     def factorise(entries: np.ndarray, signs: bool) -> Solve:
         matrix = csc_array((entries[source], index, full_start), shape=(n, n))
         try:
-            factors = splu(
-                matrix,
-                permc_spec="MMD_AT_PLUS_A",
-                diag_pivot_thresh=0.0,
-                options={"SymmetricMode": True},
-            )
+            factors = symmetric_lu(matrix)
         except RuntimeError as error:
             raise MultiscaleError(NOT_DEFINITE) from error
         if signs and not np.all(factors.U.diagonal() > 0.0):  # copies the factors

@@ -16,7 +16,7 @@ from scipy.sparse.linalg import splu
 
 from multiscale.errors import MultiscaleError
 
-__all__ = ["Solve", "factorise", "new_pardiso"]
+__all__ = ["Solve", "factorise", "new_pardiso", "symmetric_lu"]
 
 LARGEST_CONDITION = 1e13
 """Above this condition number, after scaling by the diagonal, a matrix counts as singular."""
@@ -41,10 +41,8 @@ def factorise(matrix: csr_array | np.ndarray, *, name: str = "the matrix") -> So
 
     Parameters
     ----------
-    matrix : csr_array or ndarray, shape (n, n)
-        Real :math:`K`, in any unit.
-    name : str
-        What the matrix is, for the message.
+    matrix : csr_array or ndarray, shape (n, n), real :math:`K`, in any unit
+    name : str, what the matrix is, for the message
 
     Returns
     -------
@@ -123,10 +121,7 @@ def _factors(matrix: csr_array | np.ndarray) -> Solve:
 def new_pardiso(matrix_type: int = 11) -> Any:
     """Return a fresh PARDISO solver, or nothing without pypardiso.
 
-    Parameters
-    ----------
-    matrix_type : int
-        As PARDISO counts them: 11 real and nonsymmetric, 2 real and positive definite.
+    PARDISO counts matrices as 11, real and nonsymmetric, and 2, real and positive definite.
     """
     blank = _blank_pardiso(matrix_type)
     if blank is None:
@@ -151,12 +146,7 @@ def _superlu_factors(matrix: csr_array, scale: np.ndarray) -> Solve:
     if _has_symmetric_pattern(scaled):
         try:
             # pivots stay on the diagonal, which keeps the fill low, while they are not small
-            fast = splu(
-                scaled,
-                permc_spec="MMD_AT_PLUS_A",
-                diag_pivot_thresh=SMALL_PIVOT,
-                options={"SymmetricMode": True},
-            )
+            fast = symmetric_lu(scaled, SMALL_PIVOT)
         except RuntimeError:  # a pivot that is exactly zero
             pass
         else:
@@ -172,6 +162,16 @@ def _has_symmetric_pattern(matrix: csc_array) -> bool:
     entries = (np.ones(matrix.nnz, dtype=np.int8), matrix.indices, matrix.indptr)
     ones = csc_array(entries, shape=matrix.shape)
     return bool((ones != ones.T).nnz <= LARGEST_ASYMMETRY * matrix.nnz)
+
+
+def symmetric_lu(matrix: csc_array, pivot: float = 0.0) -> Any:
+    """SuperLU factors in an order for symmetric patterns, unless a pivot is below its share."""
+    return splu(
+        matrix,
+        permc_spec="MMD_AT_PLUS_A",
+        diag_pivot_thresh=pivot,
+        options={"SymmetricMode": True},
+    )
 
 
 def _backward_error(matrix: csc_array, solve: Solve) -> float:

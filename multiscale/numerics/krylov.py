@@ -20,17 +20,13 @@ def minimal_residual(
     ----------
     apply, precondition : callable
         :math:`A` and a fair inverse of it, which may change from call to call.
-    right_hand_side : ndarray, shape (n,)
-        :math:`b`.
-    goal : float
-        Norm of the residual at which to stop.
-    room : int
-        Directions that may be stored, which is the limit of the iterations.
+    right_hand_side : ndarray, shape (n,), :math:`b`
+    goal : float, norm of the residual at which to stop
+    room : int, directions that may be stored, which is the limit of the iterations
 
     Returns
     -------
-    solution : ndarray, shape (n,)
-        The best in the space built, whether it meets the goal or not.
+    solution : ndarray, shape (n,), the best in the space built, whether it meets the goal or not
     iterations : int
 
     References

@@ -18,17 +18,14 @@ def lanczos(
 
     Parameters
     ----------
-    apply : callable
-        Product of the operator with a vector of shape (size,).
-    size, steps : int
-        Unknowns, and products to take at most.
+    apply : callable, product of the operator with a vector of shape (size,)
+    size, steps : int, unknowns, and products to take at most
 
     Returns
     -------
     values : ndarray, shape (k,)
         Rising; all lie within the spectrum, and the extreme ones are found first.
-    vectors : ndarray, shape (size, k)
-        Of unit length.
+    vectors : ndarray, shape (size, k), of unit length
 
     References
     ----------

@@ -22,8 +22,7 @@ def step_length(slope: Callable[[float], float], first: float) -> float:
     slope : callable
         Derivative of the potential along the direction, :math:`s(\alpha)`, J. NaN counts as
         beyond the minimum.
-    first : float
-        :math:`s(0)`, J.
+    first : float, :math:`s(0)`, J
 
     Returns
     -------

@@ -27,12 +27,9 @@ class Limits:
 
     Attributes
     ----------
-    max_iterations : int
-        Limit of Newton steps.
-    tolerance : float
-        Bound on the residual of the solver; dimensionless.
-    callback : callable, optional
-        Called as ``callback(iteration, residual)``.
+    max_iterations : int, limit of Newton steps
+    tolerance : float, bound on the residual of the solver; dimensionless
+    callback : callable, optional, called as ``callback(iteration, residual)``
     """
 
     max_iterations: int = 60
@@ -46,10 +43,8 @@ class NewtonRun:
 
     Parameters
     ----------
-    limits : Limits
-        When the user wants it to stop.
-    patience : float
-        Iterations without a smaller residual after which the iteration gives up.
+    limits : Limits, when the user wants it to stop
+    patience : float, iterations without a smaller residual after which the iteration gives up
 
     Examples
     --------
@@ -127,17 +122,13 @@ def march(
     attempt : callable
         ``attempt(state, aim)`` solves a step from a state and returns the solution and the state
         at its end. It may raise ``ConvergenceError`` where a step has no solution at all.
-    start : State
-        State at the beginning.
-    way : tuple of float
-        The beginning and the end of the path.
-    cuts : int
-        How often a step may be halved.
+    start : State, state at the beginning
+    way : tuple of float, the beginning and the end of the path
+    cuts : int, how often a step may be halved
 
     Returns
     -------
-    list of PathPart
-        All attempts in turn; the last one converged if the end was reached.
+    list of PathPart, all attempts in turn; the last one converged if the end was reached
 
     Raises
     ------

@@ -5,7 +5,19 @@ from dataclasses import dataclass
 
 import numpy as np
 
-__all__ = ["BulkLaw", "BulkResponse", "cofactor", "cofactor_derivative", "respond_bulk"]
+__all__ = [
+    "PAIRS",
+    "BulkLaw",
+    "BulkResponse",
+    "cofactor",
+    "cofactor_derivative",
+    "logarithmic_volume",
+    "respond_bulk",
+    "volume_ratio",
+]
+
+PAIRS = ((0, 0), (1, 1), (2, 2), (0, 1), (1, 2), (0, 2))
+"""Components of a symmetric matrix in the rows of a state."""
 
 
 @dataclass(frozen=True)
@@ -14,12 +26,10 @@ class BulkResponse:
 
     Attributes
     ----------
-    stress : ndarray, shape (3, 3, ...)
-        First Piola-Kirchhoff stress :math:`P`, Pa.
+    stress : ndarray, shape (3, 3, ...), First Piola-Kirchhoff stress :math:`P`, Pa
     tangent : ndarray, shape (3, 3, 3, 3, ...)
         :math:`A_{ijkl} = \partial P_{ij} / \partial F_{kl}`, Pa.
-    state : ndarray, shape (n_state, ...)
-        New internal variables, with the units of the law.
+    state : ndarray, shape (n_state, ...), new internal variables, with the units of the law
     """
 
     stress: np.ndarray
@@ -40,16 +50,14 @@ class BulkLaw(ABC):
 
     Attributes
     ----------
-    n_state : int
-        Number of internal variables per point.
+    n_state : int, number of internal variables per point
     finite_strain : bool
         Whether :math:`J = \det F`. Otherwise :math:`J = 1 + \mathrm{tr}(F - I)`, and the law is
         linear in :math:`F`.
     flows : bool
         Whether the shape changes for good at constant volume: elements then take the change of
         volume from its mean, and increments are short.
-    rate_dependent : bool
-        Whether the stress depends on the time that a strain takes.
+    rate_dependent : bool, whether the stress depends on the time that a strain takes
     """
 
     n_state: int = 0
@@ -81,33 +89,34 @@ def respond_bulk(law: BulkLaw, gradient: np.ndarray, state: np.ndarray) -> BulkR
     Parameters
     ----------
     law : BulkLaw
-        The law.
     gradient : ndarray, shape (3, 3, ...)
         Deformation gradient :math:`F`, dimensionless.
     state : ndarray, shape (n_state, ...)
         Last committed state.
-
-    Returns
-    -------
-    BulkResponse
-        Stress, consistent tangent and new state.
     """
     shape = law.respond_shape(gradient, state)
-    if law.finite_strain:
-        slope, second = cofactor(gradient), cofactor_derivative(gradient)
-        J = np.sum(gradient[0] * slope[0], axis=0)
-    else:
-        slope = np.zeros_like(gradient)
-        for i in range(3):
-            slope[i, i] = 1.0
-        second = np.zeros((3, 3, *gradient.shape))
-        J = 1.0 + np.trace(gradient) - 3.0
+    J, slope = volume_ratio(law, gradient)
     first, curvature = law.respond_volume(J)
-    return BulkResponse(
-        shape.stress + first * slope,  # (1)
-        shape.tangent + curvature * slope[:, :, None, None] * slope + first * second,
-        shape.state,
-    )
+    tangent = shape.tangent + curvature * slope[:, :, None, None] * slope
+    if law.finite_strain:
+        tangent = tangent + first * cofactor_derivative(gradient)
+    return BulkResponse(shape.stress + first * slope, tangent, shape.state)  # (1)
+
+
+def volume_ratio(law: BulkLaw, gradient: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Return J of a law, dimensionless, and its derivative by F, shape (3, 3, ...)."""
+    if law.finite_strain:
+        slope = cofactor(gradient)
+        return np.sum(gradient[0] * slope[0], axis=0), slope
+    slope = np.zeros_like(gradient)
+    slope[0, 0] = slope[1, 1] = slope[2, 2] = 1.0
+    return np.trace(gradient) - 2.0, slope
+
+
+def logarithmic_volume(modulus: float, ratio: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Return the derivatives of the energy modulus / 2 ln(J)^2, Pa, at a volume ratio J."""
+    log = np.log(ratio)
+    return modulus * log / ratio, modulus * (1.0 - log) / ratio**2
 
 
 def cofactor(gradient: np.ndarray) -> np.ndarray:

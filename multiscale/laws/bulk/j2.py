@@ -5,7 +5,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from multiscale.errors import CaseError
-from multiscale.laws.bulk.bulk_law import BulkLaw, BulkResponse
+from multiscale.laws.bulk.bulk_law import PAIRS, BulkLaw, BulkResponse, logarithmic_volume
 from multiscale.laws.bulk.moduli import check_moduli
 
 __all__ = ["J2"]
@@ -106,7 +106,9 @@ class J2(BulkLaw):
         """Evaluate the return mapping (1)-(3) with its exact spectral tangent and the new state."""
         points = gradient.shape[2:]
         F = np.moveaxis(gradient.reshape(3, 3, -1), 2, 0)
-        Cp = _symmetric(state.reshape(7, -1)[:6]) + np.eye(3)
+        Cp = np.empty(F.shape)
+        for row, (i, j) in zip(state.reshape(7, -1), PAIRS, strict=False):
+            Cp[:, i, j] = Cp[:, j, i] = row + float(i == j)
         b, n = np.linalg.eigh(F @ Cp @ F.swapaxes(1, 2))
         strain = 0.5 * np.log(b)
         s, ds, flow, alpha = self._return_map(strain, state.reshape(7, -1)[6])
@@ -121,7 +123,7 @@ class J2(BulkLaw):
         new = inverse @ elastic @ inverse.swapaxes(1, 2)
         # elastic points keep their state exactly
         new = np.where(np.any(flow != 0.0, axis=1)[:, None, None], new, Cp) - np.eye(3)
-        state_new = np.stack([*(new[:, i, j] for i, j in _PAIRS), alpha])
+        state_new = np.stack([*(new[:, i, j] for i, j in PAIRS), alpha])
         return BulkResponse(
             np.moveaxis(stress, 0, 2).reshape(3, 3, *points),
             np.moveaxis(tangent, 0, 4).reshape(3, 3, 3, 3, *points),
@@ -130,9 +132,7 @@ class J2(BulkLaw):
 
     def respond_volume(self, dilatation: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Return U' and U'' of the logarithmic volume energy, Pa."""
-        bulk = self.volume_modulus
-        log = np.log(dilatation)
-        return bulk * log / dilatation, bulk * (1.0 - log) / dilatation**2
+        return logarithmic_volume(self.volume_modulus, dilatation)
 
     def flow_stress(self, plastic_strain: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Return the yield stress (3) and its derivative, Pa, at an accumulated plastic strain."""
@@ -174,26 +174,9 @@ class J2(BulkLaw):
         s = 2.0 * mu * (e - flow)  # (1)
         share = np.where(plastic, 2.0 * mu / (2.0 * mu + 2.0 / 3.0 * slope), 0.0)  # dgamma/d|e|
         ratio = gamma / safe
-        ds = (
-            2.0
-            * mu
-            * (
-                (1.0 - ratio)[:, None, None] * deviator
-                - (share - ratio)[:, None, None] * N[:, :, None] * N[:, None, :]
-            )
-        )
+        radial = (share - ratio)[:, None, None] * N[:, :, None] * N[:, None, :]
+        ds = 2.0 * mu * ((1.0 - ratio)[:, None, None] * deviator - radial)
         return s, ds, flow, alpha + np.sqrt(2.0 / 3.0) * gamma
-
-
-_PAIRS = ((0, 0), (1, 1), (2, 2), (0, 1), (1, 2), (0, 2))
-
-
-def _symmetric(rows: np.ndarray) -> np.ndarray:
-    """Return symmetric matrices, shape (points, 3, 3), from six rows."""
-    matrix = np.empty((rows.shape[1], 3, 3))
-    for row, (i, j) in zip(rows, _PAIRS, strict=True):
-        matrix[:, i, j] = matrix[:, j, i] = row
-    return matrix
 
 
 def _spectral_tangent(

@@ -12,10 +12,8 @@ def check_moduli(youngs_modulus: float | np.ndarray, poissons_ratio: float | np.
 
     Parameters
     ----------
-    youngs_modulus : float or ndarray
-        Young's modulus, Pa; must be positive and finite.
-    poissons_ratio : float or ndarray
-        Poisson's ratio, dimensionless; must lie between -1 and 1/2.
+    youngs_modulus : float or ndarray, Young's modulus, Pa; must be positive and finite
+    poissons_ratio : float or ndarray, Poisson's ratio, dimensionless; must lie between -1 and 1/2
 
     Raises
     ------
@@ -54,10 +52,8 @@ def lame_parameters(
 
     Parameters
     ----------
-    youngs_modulus : float or ndarray
-        Young's modulus, Pa.
-    poissons_ratio : float or ndarray
-        Poisson's ratio, dimensionless.
+    youngs_modulus : float or ndarray, Young's modulus, Pa
+    poissons_ratio : float or ndarray, Poisson's ratio, dimensionless
     """
     E, nu = np.asarray(youngs_modulus), np.asarray(poissons_ratio)
     return E * nu / ((1.0 + nu) * (1.0 - 2.0 * nu)), E / (2.0 * (1.0 + nu))

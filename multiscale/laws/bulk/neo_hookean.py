@@ -9,6 +9,7 @@ from multiscale.laws.bulk.bulk_law import (
     BulkResponse,
     cofactor,
     cofactor_derivative,
+    logarithmic_volume,
 )
 from multiscale.laws.bulk.moduli import check_moduli, lame_parameters
 
@@ -78,6 +79,4 @@ class NeoHookean(BulkLaw):
 
     def respond_volume(self, dilatation: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Return U' and U'' of the logarithmic volume energy, Pa."""
-        lame = self.volume_modulus
-        log = np.log(dilatation)
-        return lame * log / dilatation, lame * (1.0 - log) / dilatation**2
+        return logarithmic_volume(self.volume_modulus, dilatation)

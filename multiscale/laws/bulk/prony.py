@@ -6,7 +6,7 @@ from typing import Self
 import numpy as np
 
 from multiscale.errors import CaseError
-from multiscale.laws.bulk.bulk_law import BulkLaw, BulkResponse
+from multiscale.laws.bulk.bulk_law import PAIRS, BulkLaw, BulkResponse
 from multiscale.laws.bulk.neo_hookean import NeoHookean
 
 __all__ = ["Prony"]
@@ -161,7 +161,7 @@ class Prony(BulkLaw):
         elastic = self.solid.respond_shape(F, state[:0])
         frozen = self.frozen_stress(state)
         kept = np.empty_like(F)
-        for row, (i, j) in zip(frozen, _PAIRS, strict=True):
+        for row, (i, j) in zip(frozen, PAIRS, strict=True):
             kept[i, j] = kept[j, i] = row
         stress = self.share * elastic.stress + np.einsum("ik...,kj...->ij...", F, kept)
         tangent = self.share * elastic.tangent
@@ -169,12 +169,9 @@ class Prony(BulkLaw):
             tangent[i, :, i, :] += kept
         inverse = np.moveaxis(np.linalg.inv(np.moveaxis(F, (0, 1), (-2, -1))), (-2, -1), (0, 1))
         second = np.einsum("ik...,kj...->ij...", inverse, elastic.stress)
-        rows = np.stack([second[i, j] for i, j in _PAIRS])
+        rows = np.stack([second[i, j] for i, j in PAIRS])
         return BulkResponse(stress, tangent, self.advance(state, rows))
 
     def respond_volume(self, dilatation: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Return U' and U'' of the solid, Pa."""
         return self.solid.respond_volume(dilatation)
-
-
-_PAIRS = ((0, 0), (1, 1), (2, 2), (0, 1), (1, 2), (0, 2))

@@ -17,8 +17,7 @@ class LinkResponse:
 
     Attributes
     ----------
-    tension : ndarray, shape (...)
-        Tension :math:`\tau`, N, compression negative.
+    tension : ndarray, shape (...), tension :math:`\tau`, N, compression negative
     tangent : ndarray, shape (...)
         Derivative :math:`\mathrm{d}\tau / \mathrm{d}\varepsilon`, N; zero for slack links.
     slack : ndarray, shape (...)
@@ -42,8 +41,7 @@ class LinkLaw(ABC):
 
     Attributes
     ----------
-    lower, upper : float
-        Range of admissible tensions, N.
+    lower, upper : float, range of admissible tensions, N
 
     Raises
     ------
@@ -70,11 +68,6 @@ class LinkLaw(ABC):
     def __post_init__(self) -> None:
         if not self.rigidity > 0.0:
             raise CaseError(f"rigidity must be positive (N), got {self.rigidity}")
-
-    @property
-    def is_unilateral(self) -> bool:
-        """Whether the link goes slack on one side."""
-        return bool(np.isfinite(self.lower) or np.isfinite(self.upper))
 
     def respond(self, strain: np.ndarray) -> LinkResponse:
         """Evaluate (1) for a strain relative to the relaxed length, shape (...), dimensionless.

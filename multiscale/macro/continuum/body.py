@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from multiscale.errors import CaseError
+from multiscale.fe.faces import check_boundary
 from multiscale.laws.bulk import BulkLaw
 
 if TYPE_CHECKING:
@@ -73,9 +74,7 @@ class Body:
 
     def check_boundary(self, name: str) -> None:
         """Refuse a boundary that the mesh does not name."""
-        known = sorted(self.mesh.boundaries or {})
-        if name not in known:
-            raise CaseError(f"the mesh has no boundary {name!r}; its boundaries are {known}")
+        check_boundary(self.mesh, name)
 
 
 def evaluate(value: Value, position: np.ndarray, time: float, what: str) -> np.ndarray:

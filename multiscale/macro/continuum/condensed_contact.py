@@ -24,6 +24,7 @@ from multiscale.macro.continuum.contact_newton import (
     RELAXATION,
     ROUND_OFF,
     Equilibrium,
+    block_diagonal,
 )
 from multiscale.macro.continuum.finite_assembly import FiniteAssembly, JoinedContacts
 from multiscale.macro.continuum.nodal_coulomb import LocalLaw, linearise
@@ -39,18 +40,13 @@ class CondensedContact:
 
     Attributes
     ----------
-    assembly : FiniteAssembly
-        The problem.
-    joined : JoinedContacts
-        Its contact operator.
-    stiffness : csr_array, shape (unknowns, unknowns)
-        Of all bodies, N/m.
-    solve : callable
-        Inverse of the stiffness of the free unknowns.
+    assembly : FiniteAssembly, the problem
+    joined : JoinedContacts, its contact operator
+    stiffness : csr_array, shape (unknowns, unknowns), of all bodies, N/m
+    solve : callable, inverse of the stiffness of the free unknowns
     delassus : ndarray, shape (contact unknowns, contact unknowns)
         Mean jump of a node, m, for a unit reaction, Pa.
-    rho : ndarray, shape (contact nodes,)
-        Stiffness of the contact law, Pa/m.
+    rho : ndarray, shape (contact nodes,), stiffness of the contact law, Pa/m
     """
 
     assembly: FiniteAssembly
@@ -122,28 +118,17 @@ class CondensedContact:
 
     def _direction(self, law: LocalLaw) -> np.ndarray:
         """Newton step of the reactions, Pa; open components leave at once."""
-        shape = law.residual.shape
-        c = shape[1]
         live = np.any(law.by_jump != 0.0, axis=2).ravel()
         residual = law.residual.ravel()
         dr = np.where(live, 0.0, -residual)
-        if not live.any():
-            return dr.reshape(shape)
-        moved = (self.delassus @ dr).reshape(shape)
-        known = np.einsum("akl,al->ak", law.by_jump, moved)
-        known += np.einsum("akl,al->ak", law.by_reaction, dr.reshape(shape))
-        rows = np.flatnonzero(live)
-        node, component = np.divmod(rows, c)
-        matrix = np.zeros((rows.size, rows.size))
-        columns = self.delassus[:, rows].reshape(shape[0], c, -1)
-        for k in range(c):
-            matrix += law.by_jump[node, component, k][:, None] * columns[node, k]
-            same = np.searchsorted(rows, c * node + k)
-            hit = (same < rows.size) & (rows[np.minimum(same, rows.size - 1)] == c * node + k)
-            at = np.flatnonzero(hit)
-            matrix[at, same[at]] += law.by_reaction[node[at], component[at], k]
-        dr[rows] = lu_solve(lu_factor(matrix), -(residual + known.ravel())[rows])
-        return dr.reshape(shape)
+        if live.any():
+            by_jump, by_reaction = (
+                block_diagonal(blocks)[live] for blocks in (law.by_jump, law.by_reaction)
+            )
+            matrix = by_jump @ self.delassus[:, live] + by_reaction[:, live].toarray()
+            known = residual[live] + by_jump @ (self.delassus @ dr) + by_reaction @ dr
+            dr[live] = -lu_solve(lu_factor(matrix), known)
+        return dr.reshape(law.residual.shape)
 
 
 def condense_contact(assembly: FiniteAssembly, start: Equilibrium) -> CondensedContact | None:

@@ -16,13 +16,15 @@ from scipy.sparse import block_array, csr_array, diags_array
 
 from multiscale.convergence import Solution
 from multiscale.errors import ConvergenceError, MultiscaleError
+from multiscale.fe.elements import sum_blocks
 from multiscale.macro.continuum.finite_assembly import FiniteAssembly, JoinedContacts
 from multiscale.macro.continuum.interface import Coupling
 from multiscale.macro.continuum.nodal_coulomb import LocalLaw, linearise
+from multiscale.macro.discrete.checks import free_rigid_motions
 from multiscale.numerics.factorisation import factorise
 from multiscale.numerics.newton import Limits, NewtonRun
 
-__all__ = ["Equilibrium", "contact_stiffness", "newton_step", "rest"]
+__all__ = ["Equilibrium", "block_diagonal", "contact_stiffness", "newton_step", "rest"]
 
 PATIENCE = 15
 """Iterations without a smaller residual after which a step gives up."""
@@ -53,18 +55,12 @@ class Equilibrium:
 
     Attributes
     ----------
-    time : float
-        Of the load step.
-    displacement : ndarray, shape (unknowns,)
-        m.
-    reaction : ndarray, shape (contact nodes, c)
-        Pa.
-    state : tuple of ndarray
-        Internal variables of the bodies.
-    couplings : tuple of Coupling
-        Of the interfaces.
-    jump : ndarray, shape (contact nodes, c)
-        Gap and slip of the step, m.
+    time : float, of the load step
+    displacement : ndarray, shape (unknowns,), m
+    reaction : ndarray, shape (contact nodes, c), Pa
+    state : tuple of ndarray, internal variables of the bodies
+    couplings : tuple of Coupling, of the interfaces
+    jump : ndarray, shape (contact nodes, c), gap and slip of the step, m
     unbalance : ndarray, shape (unknowns,)
         Internal less external and contact forces, N: what the supports carry.
     """
@@ -107,12 +103,8 @@ def newton_step(
 
     Parameters
     ----------
-    assembly : FiniteAssembly
-        The problem.
-    before : Equilibrium
-        End of the step before.
-    time : float
-        End of this step.
+    before : Equilibrium, end of the step before
+    time : float, end of this step
     limits : Limits
         The tolerance bounds the unbalanced forces and the error of the contact law, relative to
         the largest of load, reaction of the supports and contact force. Rounding of the internal
@@ -120,10 +112,8 @@ def newton_step(
 
     Returns
     -------
-    solution : Solution
-        ``value`` is the displacement, m.
-    end : Equilibrium
-        The last iterate; an equilibrium only if the solution converged.
+    solution : Solution, ``value`` is the displacement, m
+    end : Equilibrium, the last iterate; an equilibrium only if the solution converged
 
     Raises
     ------
@@ -217,8 +207,8 @@ class _Step:
         # row of the law times the area, reaction in units of the contact stiffness: all N/m
         rho = np.repeat(trial.rho, assembly.components)
         area = np.repeat(joined.area, assembly.components)
-        by_jump = _block_diagonal(law.by_jump)[live] @ joined.tangent
-        by_reaction = diags_array(area[live]) @ _block_diagonal(law.by_reaction)[live]
+        by_jump = block_diagonal(law.by_jump)[live] @ joined.tangent
+        by_reaction = diags_array(area[live]) @ block_diagonal(law.by_reaction)[live]
         rhs = np.concatenate(
             [
                 (-trial.end.unbalance - trial.tangent @ du + B.T @ dr)[free],
@@ -265,7 +255,16 @@ class _Step:
     def _loose(self, error: MultiscaleError) -> ConvergenceError:
         """Name the bodies that their supports alone do not hold."""
         names = list(self.assembly.bodies)
-        loose = [name for k, name in enumerate(names) if not _is_held(self.assembly, k)]
+        assembly, first = self.assembly, self.assembly.first
+        flat = assembly.start.shape[1] == 2  # in a plane, as nodes held across it
+        x = np.pad(assembly.start, ((0, 0), (0, int(flat))))
+        held = np.pad(~assembly.free.reshape(assembly.start.shape), ((0, 0), (0, int(flat))))
+        held[:, 2] |= flat
+        loose = [
+            name
+            for name, part in zip(names, map(slice, first[:-1], first[1:]), strict=True)
+            if free_rigid_motions(x[part], held[part])
+        ]
         if not loose:
             return ConvergenceError(
                 f"the tangent stiffness is singular at time {self.time:g}: {error}"
@@ -315,29 +314,8 @@ def contact_stiffness(assembly: FiniteAssembly, joined: JoinedContacts) -> np.nd
     return np.asarray(RELAXATION * np.where(softness > 0.0, typical, usual))
 
 
-def _block_diagonal(blocks: np.ndarray) -> csr_array:
+def block_diagonal(blocks: np.ndarray) -> csr_array:
     """Sparse matrix of small square blocks, shape (n, c, c)."""
     n, c, _ = blocks.shape
-    node = c * np.arange(n)[:, None, None]
-    i = np.broadcast_to(node + np.arange(c)[None, :, None], blocks.shape)
-    j = np.broadcast_to(node + np.arange(c)[None, None, :], blocks.shape)
-    return csr_array((blocks.ravel(), (i.ravel(), j.ravel())), shape=(n * c, n * c))
-
-
-def _is_held(assembly: FiniteAssembly, body: int) -> bool:
-    """Whether the supports of a body stop all its rigid motions."""
-    d = assembly.start.shape[1]
-    x = assembly.start[assembly.first[body] : assembly.first[body + 1]]
-    x = (x - x.mean(axis=0)) / np.abs(x - x.mean(axis=0)).max()
-    modes = [np.tile(axis, len(x)) for axis in np.eye(d)]
-    for i in range(d):
-        for j in range(i + 1, d):
-            turn = np.zeros_like(x)
-            turn[:, i], turn[:, j] = -x[:, j], x[:, i]
-            modes.append(turn.ravel())
-    own = np.flatnonzero(~assembly.free[assembly.unknowns(body)])
-    if own.size == 0:
-        return False
-    held = np.array(modes)[:, own]
-    values = np.linalg.svd(held, compute_uv=False)
-    return bool(values.size == len(modes) and values[-1] > 1e-6 * values[0])
+    place = np.arange(n * c).reshape(n, c)
+    return sum_blocks(blocks, place, place, (n * c, n * c))

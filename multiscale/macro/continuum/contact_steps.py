@@ -33,17 +33,14 @@ class SurfaceState:
 
     Attributes
     ----------
-    position : ndarray, shape (d, nodes)
-        Undeformed, m.
-    frame : ndarray, shape (nodes, d, d)
-        Rows n (from side 1 to side 2), t1, t2.
+    position : ndarray, shape (d, nodes), undeformed, m
+    frame : ndarray, shape (nodes, d, d), rows n (from side 1 to side 2), t1, t2
     traction : ndarray, shape (d, nodes)
         In that frame, work-conjugate to the jump; contact negative, Pa. Per deformed area between
         bodies, per undeformed area on an obstacle.
     gap : ndarray, shape (nodes,)
         Mean over the area of the node, m; NaN where nothing lies opposite.
-    area : ndarray, shape (nodes,)
-        Of the node, weight of the traction, m² (m in two dimensions).
+    area : ndarray, shape (nodes,), of the node, weight of the traction, m² (m in two dimensions)
     slip : ndarray, shape (d - 1, nodes)
         Slip of side 2 against side 1 in this load step, m; empty without friction.
     """
@@ -72,16 +69,14 @@ class ContactStep:
 
     Attributes
     ----------
-    time : float
-        Of the step.
+    time : float, of the step
     solution : Solution
         Why the solver stopped, and its residuals; the value is the displacement of all bodies.
     displacement : dict of str to ndarray, shape (d, nodes)
         Per body, m. NaN if the step did not converge.
     contact : dict of str to SurfaceState
         Per contact. NaN if the step did not converge.
-    state : dict of str to ndarray
-        Internal variables per body, shape (n_state, elements, points).
+    state : dict of str to ndarray, internal variables per body, shape (n_state, elements, points)
     support_force : dict of str to ndarray, shape (d, nodes)
         Nodal forces of the supports on each body, N.
     """
@@ -113,7 +108,6 @@ def solve_contact(
     Parameters
     ----------
     assembly : FiniteAssembly
-        Bodies, contacts and their loads.
     times : sequence of float
         Ends of the load steps, increasing and positive; the path starts undeformed at zero.
         Friction and plasticity remember the steps.
@@ -160,7 +154,13 @@ def solve_contact(
     if not times or not np.all(np.diff([0.0, *times]) > 0.0) or not np.isfinite(times[-1]):
         raise CaseError(f"times must increase from zero and be finite, got {times}")
     state = rest(assembly)
-    _check_common_area(assembly, state)
+    for interface, coupling in zip(assembly.interfaces, state.couplings, strict=True):
+        if not np.any(coupling.kept[:, 0]):
+            raise CaseError(
+                f"contact {interface.name!r}: the surfaces {interface.contact.side1} and "
+                f"{interface.contact.side2} have no common area; check positions, boundaries "
+                f"and reach"
+            )
     solve = _choose(assembly, state, condensed, Limits(max_iterations, tolerance), callback)
 
     steps: list[ContactStep] = []
@@ -222,17 +222,6 @@ def _march(solve: Solve, before: Equilibrium, time: float) -> tuple[Solution, Eq
     end = parts[-1].state
     whole = join_solutions([part.solution for part in parts], trail)
     return whole, replace(end, jump=np.hstack([end.jump[:, :1], slip]))
-
-
-def _check_common_area(assembly: FiniteAssembly, state: Equilibrium) -> None:
-    """Refuse contacts whose surfaces do not face each other."""
-    for interface, coupling in zip(assembly.interfaces, state.couplings, strict=True):
-        if not np.any(coupling.kept[:, 0]):
-            raise CaseError(
-                f"contact {interface.name!r}: the surfaces {interface.contact.side1} and "
-                f"{interface.contact.side2} have no common area; check positions, boundaries "
-                f"and reach"
-            )
 
 
 def _report(assembly: FiniteAssembly, solution: Solution, end: Equilibrium) -> ContactStep:

@@ -9,7 +9,7 @@ import numpy as np
 from scipy.sparse import block_diag, csr_array, diags_array, kron, vstack
 
 from multiscale.errors import CaseError
-from multiscale.fe.elements import Elements, element_response, prepare_elements
+from multiscale.fe.elements import Elements, element_response, prepare_elements, sum_blocks
 from multiscale.fe.facets import surface_of
 from multiscale.laws.bulk import BulkLaw, BulkResponse
 from multiscale.macro.continuum.body import Body, fixed_motion, load_vector
@@ -59,7 +59,6 @@ class FiniteAssembly:
     bodies : mapping of str to Body
         All of two or all of three dimensions.
     contacts : mapping of str to Contact
-        May be empty.
 
     Raises
     ------
@@ -252,19 +251,13 @@ class FiniteAssembly:
         """Stack couplings of the step before and now; without friction only the normal rows."""
         c, d = self.components, self.start.shape[1]
         nothing = csr_array((0, self.start.size))
-        rows, tangents, areas, kept = (
-            [nothing],
-            [nothing],
-            [np.zeros(0)],
-            [np.zeros((0, c), bool)],
-        )
+        rows, tangents = [nothing], [nothing]
+        areas, kept = [np.zeros(0)], [np.zeros((0, c), bool)]
         for interface, old, coupling in zip(self.interfaces, before, couplings, strict=True):
             n = len(coupling.area)
             frame = coupling.frame[:, :c]
-            a = np.broadcast_to(np.arange(n)[:, None, None], frame.shape)
-            i = c * a + np.arange(c)[None, :, None]
-            j = d * a + np.arange(d)[None, None, :]
-            turn = csr_array((frame.ravel(), (i.ravel(), j.ravel())), shape=(n * c, n * d))
+            i, j = np.arange(n * c).reshape(n, c), np.arange(n * d).reshape(n, d)
+            turn = sum_blocks(frame, i, j, (n * c, n * d))
             now = turn @ kron(coupling.operator, np.eye(d), format="csr")
             rows.append(now)
             if c > 1 and interface.follows:

@@ -57,7 +57,6 @@ class Contact:
     side1 : tuple of str
         Body and boundary that carry the contact traction. The finer mesh belongs here.
     side2 : tuple of str or RigidObstacle
-        Body and boundary, or a rigid obstacle.
     friction_coefficient : float, default 0.0
         Coulomb's :math:`\mu \ge 0`, dimensionless.
     finite_sliding : bool, default False
@@ -106,18 +105,12 @@ class Interface:
 
     Attributes
     ----------
-    name : str
-        Of the contact.
-    contact : Contact
-        What the user gave.
-    surfaces : tuple of ContactFace
-        Side 1, and side 2 unless it is an obstacle.
-    nodes : tuple of ndarray
-        Their nodes, numbered over all bodies.
-    free : ndarray of bool, shape (n1, d)
-        Components of side 1 that no support holds.
-    offset : ndarray, shape (n1,)
-        Gap that is taken off, m.
+    name : str, of the contact
+    contact : Contact, what the user gave
+    surfaces : tuple of ContactFace, side 1, and side 2 unless it is an obstacle
+    nodes : tuple of ndarray, their nodes, numbered over all bodies
+    free : ndarray of bool, shape (n1, d), components of side 1 that no support holds
+    offset : ndarray, shape (n1,), gap that is taken off, m
     """
 
     name: str
@@ -141,10 +134,8 @@ class Coupling:
     ----------
     operator : csr_array, shape (n1, nodes of the problem)
         (1) for one component, m² (m in two dimensions).
-    frame : ndarray, shape (n1, d, d)
-        Rows n, t1, t2.
-    area : ndarray, shape (n1,)
-        Area of side 1 that is opposite side 2, m².
+    frame : ndarray, shape (n1, d, d), rows n, t1, t2
+    area : ndarray, shape (n1,), area of side 1 that is opposite side 2, m²
     kept : ndarray of bool, shape (n1, d)
         Local components that can be transmitted: not those that a support holds.
     """
@@ -162,12 +153,8 @@ def build_coupling(
 
     Parameters
     ----------
-    interface : Interface
-        The interface.
-    x, start : ndarray, shape (nodes, d)
-        Positions of all nodes, now and undeformed, m.
-    shift : ndarray, shape (d,)
-        Displacement of the obstacle, m.
+    x, start : ndarray, shape (nodes, d), positions of all nodes, now and undeformed, m
+    shift : ndarray, shape (d,), displacement of the obstacle, m
     """
     surface, nodes = interface.surfaces[0], interface.nodes[0]
     own = x[nodes]
@@ -217,16 +204,12 @@ def local_jump(
 
     Parameters
     ----------
-    interface : Interface
-        The interface.
     couplings : tuple of Coupling
         At the end of the step before and now (at the start, for small sliding).
-    start : ndarray, shape (nodes, d)
-        Undeformed positions of all nodes, m.
+    start : ndarray, shape (nodes, d), undeformed positions of all nodes, m
     motion : tuple of ndarray, shape (nodes, d)
         Displacement of all nodes at the end of the step before and now, m.
-    times : tuple of float
-        Time of the step before and now.
+    times : tuple of float, time of the step before and now
     """
     before, now = motion
     old, coupling = couplings

@@ -13,10 +13,8 @@ class LocalLaw:
 
     Attributes
     ----------
-    residual : ndarray, shape (nodes, c)
-        Pa; zero where the law holds.
-    by_reaction : ndarray, shape (nodes, c, c)
-        Derivative by the reaction, dimensionless.
+    residual : ndarray, shape (nodes, c), Pa; zero where the law holds
+    by_reaction : ndarray, shape (nodes, c, c), derivative by the reaction, dimensionless
     by_jump : ndarray, shape (nodes, c, c)
         Derivative by the jump, Pa/m. Zero rows where the node is open.
     """
@@ -41,8 +39,7 @@ def linearise(
         :math:`r`, Pa: pressure and friction on side 2. One component without friction.
     jump : ndarray, shape (nodes, c)
         Gap :math:`g` and slip :math:`s` of the step, side 2 minus side 1, m.
-    friction : ndarray, shape (nodes,)
-        Coefficient :math:`\mu`, dimensionless.
+    friction : ndarray, shape (nodes,), coefficient :math:`\mu`, dimensionless
     stiffness : ndarray, shape (nodes,)
         :math:`\rho > 0`, Pa/m; it changes the path of the iteration, not the solution.
     kept : ndarray of bool, shape (nodes, c)
@@ -50,8 +47,7 @@ def linearise(
 
     Returns
     -------
-    LocalLaw
-        The residual and its derivatives.
+    LocalLaw, the residual and its derivatives
 
     Notes
     -----

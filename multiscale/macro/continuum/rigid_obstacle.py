@@ -20,7 +20,7 @@ __all__ = [
 
 
 class RigidObstacle(ABC):
-    """A rigid surface that moves without turning.
+    """A rigid surface that moves without turning; every obstacle takes a ``motion``.
 
     Attributes
     ----------
@@ -45,12 +45,8 @@ class RigidPlane(RigidObstacle):
 
     Parameters
     ----------
-    point : sequence of float
-        A point of the plane, m.
-    normal : sequence of float
-        Points out of the obstacle, to the body; of any length.
-    motion : sequence of Value
-        See :class:`RigidObstacle`.
+    point, normal : sequence of float
+        A point of the plane, m, and its normal out of the obstacle, to the body; of any length.
     """
 
     point: Sequence[float]
@@ -72,12 +68,8 @@ class RigidSphere(RigidObstacle):
 
     Parameters
     ----------
-    centre : sequence of float
-        m.
-    radius : float
-        m.
-    motion : sequence of Value
-        See :class:`RigidObstacle`.
+    centre : sequence of float, m
+    radius : float, m
     """
 
     centre: Sequence[float]
@@ -98,14 +90,9 @@ class RigidCylinder(RigidObstacle):
 
     Parameters
     ----------
-    point : sequence of float
-        A point of the axis, m.
-    axis : sequence of float
-        Direction of the axis, of any length.
-    radius : float
-        m.
-    motion : sequence of Value
-        See :class:`RigidObstacle`.
+    point, axis : sequence of float
+        A point of the axis, m, and its direction, of any length.
+    radius : float, m
     """
 
     point: Sequence[float]
@@ -130,14 +117,11 @@ class RigidGraph(RigidObstacle):
 
     Parameters
     ----------
-    height : callable
-        Height of the surface over the lateral positions, shape (d - 1, n), m.
-    slope : callable
-        Its derivatives, shape (d - 1, n), dimensionless.
+    height, slope : callable
+        Height of the surface over the lateral positions, shape (d - 1, n), m, and its derivatives,
+        shape (d - 1, n), dimensionless.
     above : bool, default True
         Whether the obstacle lies above its surface.
-    motion : sequence of Value
-        See :class:`RigidObstacle`.
 
     Notes
     -----

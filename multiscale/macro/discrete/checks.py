@@ -19,6 +19,7 @@ __all__ = [
     "check_supports",
     "free_rigid_motions",
     "nodal_masses",
+    "nodal_pull",
     "out_of_balance",
 ]
 
@@ -106,24 +107,18 @@ def check_links(system: "LinkSystem") -> None:
 
 
 def out_of_balance(system: "LinkSystem") -> np.ndarray:
-    r"""Return the force :math:`B^T \tau^0` of the prestress on the free components of the nodes.
+    r"""Return the force :math:`B^T \tau^0` of the prestress, shape (nodes, 3), N; zero if fixed."""
+    force = nodal_pull(system, system.prestress[:, None] * system.direction)
+    force[system.fixed[:, :3]] = 0.0
+    return force
 
-    Parameters
-    ----------
-    system : LinkSystem
-        The structure.
 
-    Returns
-    -------
-    ndarray, shape (nodes, 3)
-        Forces, N; zero for fixed components.
-    """
-    pull = system.prestress[:, None] * system.direction
+def nodal_pull(system: "LinkSystem", pull: np.ndarray) -> np.ndarray:
+    """Sum pulls of the links, shape (links, 3), N, at their second ends less the first ends."""
     force = np.zeros((system.n_nodes, 3))
     for i in range(3):
         force[:, i] = np.bincount(system.ends[:, 1], pull[:, i], system.n_nodes)
         force[:, i] -= np.bincount(system.ends[:, 0], pull[:, i], system.n_nodes)
-    force[system.fixed[:, :3]] = 0.0
     return force
 
 
@@ -167,18 +162,11 @@ def free_rigid_motions(points: np.ndarray, fixed: np.ndarray) -> int:
 
     Parameters
     ----------
-    points : ndarray, shape (nodes, 3)
-        Positions, m.
-    fixed : ndarray of bool, shape (nodes, components)
-        Fixed components.
+    points : ndarray, shape (nodes, 3), positions, m
+    fixed : ndarray of bool, shape (nodes, components), fixed components
     """
-    motion = _rigid_motions(points - points.mean(axis=0), fixed.shape[1])
-    return _rank(motion.reshape(-1, 6)) - _rank(motion[fixed])
-
-
-def _rigid_motions(points: np.ndarray, components: int) -> np.ndarray:
-    """Return six rigid motions, shape (nodes, components, 6), lengths relative to the size."""
-    x, y, z = points.T / (float(np.abs(points).max()) or 1.0)
+    points, components = points - points.mean(axis=0), fixed.shape[1]
+    x, y, z = points.T / (float(np.abs(points).max()) or 1.0)  # lengths relative to the size
     motion = np.zeros((len(points), components, 6))
     for i in range(3):
         motion[:, i, i] = 1.0
@@ -187,14 +175,12 @@ def _rigid_motions(points: np.ndarray, components: int) -> np.ndarray:
     motion[:, 0, 5], motion[:, 1, 5] = -y, x
     for i in range(3, components):
         motion[:, i, i] = 1.0
-    return motion
 
+    def rank(rows: np.ndarray) -> int:
+        tol = 1e-10 * len(rows)
+        return int(matrix_rank(rows.T @ rows, tol=tol, hermitian=True)) if len(rows) else 0
 
-def _rank(rows: np.ndarray) -> int:
-    """Return the rank of many rows of six entries."""
-    return (
-        int(matrix_rank(rows.T @ rows, tol=1e-10 * len(rows), hermitian=True)) if len(rows) else 0
-    )
+    return rank(motion.reshape(-1, 6)) - rank(motion[fixed])
 
 
 def nodal_masses(system: "LinkSystem", mass: np.ndarray | float, free: np.ndarray) -> np.ndarray:
@@ -202,12 +188,8 @@ def nodal_masses(system: "LinkSystem", mass: np.ndarray | float, free: np.ndarra
 
     Parameters
     ----------
-    system : LinkSystem
-        The structure.
-    mass : float or ndarray, shape (nodes,) or (nodes, components)
-        Mass, kg.
-    free : ndarray of bool, shape (nodes, components)
-        Free components, whose mass must be positive.
+    mass : float or ndarray, shape (nodes,) or (nodes, components), kg
+    free : ndarray of bool, shape (nodes, components), free components, whose mass must be positive
     """
     given = np.asarray(mass, dtype=float)
     if given.ndim == 1:

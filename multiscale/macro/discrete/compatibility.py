@@ -1,6 +1,7 @@
 r"""Compatibility operator :math:`e = B u` of nodes and links."""
 
 from dataclasses import dataclass
+from functools import cached_property
 
 import numba
 import numpy as np
@@ -22,14 +23,11 @@ class LinkEquations:
 
     Attributes
     ----------
-    unknown : ndarray of int, shape (rows, w)
-        Unknowns of a row, -1 for fixed components.
-    coefficient : ndarray, shape (rows, w)
-        Entries of :math:`B`.
+    unknown : ndarray of int, shape (rows, w), unknowns of a row, -1 for fixed components
+    coefficient : ndarray, shape (rows, w), entries of :math:`B`
     stiffness, prestress, lower, upper : ndarray, shape (rows,)
         :math:`k` (N/m), :math:`\tau^0` and the admissible range (N).
-    load : ndarray, shape (n,)
-        :math:`F^d`, N.
+    load : ndarray, shape (n,), :math:`F^d`, N
     number : ndarray of int, shape (nodes, c)
         Unknown of each component of the nodes, -1 for fixed components.
     unit : ndarray, shape (c,)
@@ -51,6 +49,15 @@ class LinkEquations:
         """Number of unknowns."""
         return self.load.size
 
+    @cached_property
+    def operator(self) -> csr_array:
+        """Sparse B, shape (rows, n)."""
+        row = np.repeat(np.arange(len(self.unknown)), self.unknown.shape[1])
+        column, value = self.unknown.ravel(), self.coefficient.ravel()
+        held = (column < 0) | (value == 0.0)
+        shape = (len(self.unknown), self.n)
+        return csr_array((value[~held], (row[~held], column[~held])), shape=shape)
+
     @property
     def finite_stiffness(self) -> np.ndarray:
         """Stiffness of the rows, N/m; links of fixed length have the largest finite stiffness."""
@@ -60,9 +67,8 @@ class LinkEquations:
 
     def at_nodes(self, u: np.ndarray) -> np.ndarray:
         """Return unknowns at the nodes, shape (nodes, c), m and rad; zero for fixed components."""
-        return np.asarray(
-            np.append(u, 0.0)[self.number] / self.unit
-        )  # -1 selects the appended zero
+        # -1 selects the appended zero
+        return np.asarray(np.append(u, 0.0)[self.number] / self.unit)
 
     def elongate(self, u: np.ndarray) -> np.ndarray:
         """Return B u, shape (rows,), m."""
@@ -74,13 +80,7 @@ class LinkEquations:
 
 
 def equations(system: LinkSystem) -> LinkEquations:
-    """Return one row per deformation of the links, and the numbers of the unknowns.
-
-    Parameters
-    ----------
-    system : LinkSystem
-        The structure.
-    """
+    """Return one row per deformation of the links, and the numbers of the unknowns."""
     c = system.n_components
     free = ~np.asarray(system.fixed, dtype=bool)
     number = np.full(free.shape, -1, dtype=np.int32)
@@ -137,10 +137,8 @@ def beam_axes(direction: np.ndarray, up: np.ndarray) -> tuple[np.ndarray, np.nda
 
     Parameters
     ----------
-    direction : ndarray, shape (beams, 3)
-        Unit vectors along the beams.
-    up : ndarray, shape (3,)
-        Vector that spans the local x-z plane together with the beam.
+    direction : ndarray, shape (beams, 3), unit vectors along the beams
+    up : ndarray, shape (3,), vector that spans the local x-z plane together with the beam
     """
     up = up / np.sqrt(up @ up)
     along = np.abs(direction @ up) > 1.0 - 1e-9
@@ -153,23 +151,13 @@ def beam_axes(direction: np.ndarray, up: np.ndarray) -> tuple[np.ndarray, np.nda
 def compatibility(system: LinkSystem) -> csr_array:
     r"""Return the sparse compatibility operator of the free unknowns.
 
-    Parameters
-    ----------
-    system : LinkSystem
-        The structure.
-
     Returns
     -------
     csr_array, shape (rows, n)
         :math:`B` with :math:`e = B u`; one row per link, positive if the link elongates,
         then five per beam. The nodal forces of tensions are :math:`B^T \tau`, eq (7).
     """
-    model = equations(system)
-    row = np.repeat(np.arange(len(model.unknown)), model.unknown.shape[1])
-    column, value = model.unknown.ravel(), model.coefficient.ravel()
-    held = (column < 0) | (value == 0.0)
-    shape = (len(model.unknown), model.n)
-    return csr_array((value[~held], (row[~held], column[~held])), shape=shape)
+    return equations(system).operator
 
 
 @numba.njit(cache=True, error_model="numpy")

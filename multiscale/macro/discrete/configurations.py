@@ -16,14 +16,11 @@ class Configuration:
 
     Attributes
     ----------
-    distance : ndarray, shape (links,)
-        Distance of the ends, m.
-    elongation : ndarray, shape (links,)
-        Elongation of the link beyond its relaxed length, m.
+    distance : ndarray, shape (links,), distance of the ends, m
+    elongation : ndarray, shape (links,), elongation of the link beyond its relaxed length, m
     slack : ndarray, shape (links,)
         Length of a slack cable minus the distance of its ends (of a strut the opposite), m.
-    tension : ndarray, shape (links,)
-        Tension, N.
+    tension : ndarray, shape (links,), N
     """
 
     distance: np.ndarray
@@ -37,11 +34,6 @@ def relaxed(system: LinkSystem) -> Configuration:
 
     By (14) of the source, :math:`\tau^0 = k e^0`; the relaxed length is :math:`L - e^0`. The
     relaxed links are not compatible.
-
-    Parameters
-    ----------
-    system : LinkSystem
-        The structure.
     """
     nothing = np.zeros(system.n_links)
     length = system.length - system.prestress / system.stiffness
@@ -49,13 +41,7 @@ def relaxed(system: LinkSystem) -> Configuration:
 
 
 def prestressed(system: LinkSystem) -> Configuration:
-    r"""Return the configuration :math:`\Omega_0`, with prestress and without load.
-
-    Parameters
-    ----------
-    system : LinkSystem
-        The structure.
-    """
+    r"""Return the configuration :math:`\Omega_0`, with prestress and without load."""
     elongation = system.prestress / system.stiffness
     return Configuration(system.length, elongation, np.zeros(system.n_links), system.prestress)
 

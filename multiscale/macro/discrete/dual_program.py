@@ -6,6 +6,7 @@ from scipy.sparse import csc_array, diags_array, vstack
 from multiscale.convergence import Solution, Status
 from multiscale.macro.discrete.compatibility import LinkEquations
 from multiscale.macro.discrete.link_state import force_scale
+from multiscale.nonsmooth.conic import solve_conic
 
 __all__ = ["solve_dual_program"]
 
@@ -27,25 +28,19 @@ def solve_dual_program(
 
     Parameters
     ----------
-    model : LinkEquations
-        The structure.
-    load_factor : float
-        :math:`\alpha`, dimensionless.
+    load_factor : float, :math:`\alpha`, dimensionless
     tolerance : float
         Bound on the forces out of balance relative to the largest nodal load; dimensionless.
 
     Returns
     -------
-    Solution
-        ``value`` are tensions and displacement, shape (rows + n,), N and m.
+    Solution, ``value`` are tensions and displacement, shape (rows + n,), N and m
 
     References
     ----------
     .. [1] P. J. Goulart and Y. Chen, Clarabel: An interior-point solver for conic programs with
        quadratic objectives, 2024, arXiv:2405.12762.
     """
-    import clarabel
-
     rows, load = len(model.unknown), load_factor * model.load
     scale = float(np.abs(load).max(initial=0.0)) + float(np.abs(model.prestress).max()) or 1.0
     finite = np.isfinite(model.stiffness)
@@ -53,20 +48,18 @@ def solve_dual_program(
     give = unit / model.stiffness
     rope, prop = np.isfinite(model.lower), np.isfinite(model.upper)
     identity = csc_array(diags_array(np.ones(rows)))
-    constraints = vstack([_transposed(model), -identity[rope], identity[prop]])
+    constraints = vstack([csc_array(model.operator.T), -identity[rope], identity[prop]])
     bounds = np.concatenate([load, -model.lower[rope], model.upper[prop]]) / scale
-    settings = clarabel.DefaultSettings()
-    settings.verbose = False
     for wanted in TOLERANCES:
-        settings.tol_gap_abs = settings.tol_gap_rel = settings.tol_feas = wanted
-        answer = clarabel.DefaultSolver(
-            csc_array(diags_array(give)),
+        answer = solve_conic(
+            diags_array(give),
             -give * model.prestress / scale,
-            csc_array(constraints),
+            constraints,
             bounds,
-            [clarabel.ZeroConeT(model.n), clarabel.NonnegativeConeT(bounds.size - model.n)],
-            settings,
-        ).solve()
+            zero=model.n,
+            positive=bounds.size - model.n,
+            tolerance=wanted,
+        )
         status = str(answer.status)
         if status in ("Solved", "PrimalInfeasible"):
             break
@@ -82,12 +75,3 @@ def solve_dual_program(
     if status == "Solved" and residual <= tolerance:
         return Solution(value, Status.CONVERGED, (residual,))
     return Solution(value, Status.STALLED, (residual,), detail=f"status of clarabel: {status}")
-
-
-def _transposed(model: LinkEquations) -> csc_array:
-    """Return B^T, shape (n, rows)."""
-    row = np.repeat(np.arange(len(model.unknown)), model.unknown.shape[1])
-    column, value = model.unknown.ravel(), model.coefficient.ravel()
-    free = column >= 0
-    shape = (model.n, len(model.unknown))
-    return csc_array((value[free], (column[free], row[free])), shape=shape)

@@ -6,6 +6,7 @@ import numpy as np
 
 from multiscale.convergence import Solution, Status
 from multiscale.errors import MultiscaleError
+from multiscale.macro.discrete.checks import nodal_pull
 from multiscale.macro.discrete.compatibility import LinkEquations
 from multiscale.macro.discrete.link_newton import RESIDUAL_STIFFNESS
 from multiscale.macro.discrete.link_state import LinkState, force_scale
@@ -39,23 +40,14 @@ def find_finite_state(
 
     Parameters
     ----------
-    system : LinkSystem
-        Structure of links with three unknowns per node.
-    model : LinkEquations
-        Its equations.
-    tangent : Tangent
-        Pattern of its tangent.
-    load_factors : tuple of float
-        First and last load factor.
-    start : ndarray, shape (n,)
-        Displacement at the first load factor, m.
-    limits : Limits
-        Limits of the iteration.
+    system : LinkSystem, structure of links with three unknowns per node
+    load_factors : tuple of float, first and last load factor
+    start : ndarray, shape (n,), displacement at the first load factor, m
+    limits : Limits, limits of the iteration
 
     Returns
     -------
-    LinkState
-        Equilibrium at the last load factor, or the last iterate if the solver has failed.
+    LinkState, equilibrium at the last load factor, or the last iterate if the solver has failed
 
     Notes
     -----
@@ -82,10 +74,8 @@ class _DeformedLinks:
 
     Attributes
     ----------
-    length : ndarray, shape (links,)
-        Actual length, m.
-    direction : ndarray, shape (links, 3)
-        Actual unit vector.
+    length : ndarray, shape (links,), actual length, m
+    direction : ndarray, shape (links, 3), actual unit vector
     elastic, tension : ndarray, shape (links,)
         Tension of the elastic link, and its projection onto the admissible tensions, N.
     """
@@ -120,11 +110,7 @@ class _Problem:
 
     def residual(self, shape: _DeformedLinks, load_factor: float) -> np.ndarray:
         """Return the force out of balance, shape (n,), N."""
-        pull = shape.tension[:, None] * shape.direction
-        force = np.zeros((self.system.n_nodes, 3))
-        for i in range(3):
-            force[:, i] = np.bincount(self.system.ends[:, 1], pull[:, i], len(force))
-            force[:, i] -= np.bincount(self.system.ends[:, 0], pull[:, i], len(force))
+        force = nodal_pull(self.system, shape.tension[:, None] * shape.direction)
         return np.asarray(load_factor * self.model.load - force[self.model.number >= 0])
 
     def energy(self, shape: _DeformedLinks, u: np.ndarray, load_factor: float) -> float:
@@ -166,31 +152,18 @@ def _newton(problem: _Problem, load_factor: float, start: np.ndarray, limits: Li
         except MultiscaleError:
             run.stop(Status.STALLED)
             break
-        step = _descend(problem, load_factor, u, shape, residual, direction)
-        if step is None:
+        energy, slope = problem.energy(shape, u, load_factor), float(residual @ direction)
+        before = float(np.abs(residual).max())
+        for halving in range(MAX_SEARCH_HALVINGS):  # until energy or residual fall sufficiently
+            step = 0.5**halving
+            trial = u + step * direction
+            after = problem.shape(trial)
+            left = problem.residual(after, load_factor)
+            falls = problem.energy(after, trial, load_factor) <= energy - 1e-4 * step * slope
+            if falls or float(np.abs(left).max()) < 0.9 * before:
+                u, shape, residual = trial, after, left
+                break
+        else:
             run.stop(Status.STALLED)
             break
-        u, shape, residual = step
     return run.solution(u)
-
-
-def _descend(
-    problem: _Problem,
-    load_factor: float,
-    u: np.ndarray,
-    shape: _DeformedLinks,
-    residual: np.ndarray,
-    direction: np.ndarray,
-) -> tuple[np.ndarray, _DeformedLinks, np.ndarray] | None:
-    """Halve the step until the energy or the residual decreases sufficiently."""
-    energy, slope = problem.energy(shape, u, load_factor), float(residual @ direction)
-    before = float(np.abs(residual).max())
-    for halving in range(MAX_SEARCH_HALVINGS):
-        step = 0.5**halving
-        trial = u + step * direction
-        after = problem.shape(trial)
-        left = problem.residual(after, load_factor)
-        falls = problem.energy(after, trial, load_factor) <= energy - 1e-4 * step * slope
-        if falls or float(np.abs(left).max()) < 0.9 * before:
-            return trial, after, left
-    return None

@@ -108,10 +108,8 @@ class _Point:
 
     Attributes
     ----------
-    u : ndarray, shape (n,)
-        Displacement, m.
-    tau, slack : ndarray, shape (rows,)
-        Tension, N, and slack, m.
+    u : ndarray, shape (n,), displacement, m
+    tau, slack : ndarray, shape (rows,), tension, N, and slack, m
     """
 
     u: np.ndarray

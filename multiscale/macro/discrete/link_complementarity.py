@@ -1,5 +1,7 @@
 """Linear complementarity problem of the links that may go slack, (10) of the source."""
 
+from dataclasses import replace
+
 import numpy as np
 
 from multiscale.convergence import Solution
@@ -28,12 +30,7 @@ def complementarity_problem(
 
     Parameters
     ----------
-    model : LinkEquations
-        The structure.
-    tangent : Tangent
-        Pattern of its tangent.
-    load_factor : float
-        Load factor, dimensionless.
+    load_factor : float, dimensionless
 
     Returns
     -------
@@ -84,18 +81,10 @@ def solve_complementarity(
 
     Returns
     -------
-    Solution
-        ``value`` is the displacement, shape (n,), m; residuals belong to (10).
+    Solution, ``value`` is the displacement, shape (n,), m; residuals belong to (10)
     """
     matrix, taut, motion = complementarity_problem(model, tangent, load_factor)
     answer = solve_lcp(matrix, taut, tolerance=tolerance)
     solve = tangent.factorise(tangent.entries(model.stiffness))
     free = solve(load_factor * model.load - model.gather(model.prestress))
-    return Solution(
-        free - motion @ answer.value,
-        answer.status,
-        answer.residuals,
-        answer.seconds,
-        answer.trail,
-        answer.detail,
-    )
+    return replace(answer, value=free - motion @ answer.value)

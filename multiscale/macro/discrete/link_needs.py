@@ -43,14 +43,9 @@ def link_needs(
 
     Parameters
     ----------
-    system : LinkSystem
-        The structure.
-    exact, stability : bool
-        As in :func:`multiscale.macro.solve_static`.
-    moving : bool
-        Whether the motion is computed, by :func:`multiscale.macro.simulate`.
-    steps : int
-        Number of load factors or times.
+    exact, stability : bool, as in :func:`multiscale.macro.solve_static`
+    moving : bool, whether the motion is computed, by :func:`multiscale.macro.simulate`
+    steps : int, number of load factors or times
 
     Examples
     --------

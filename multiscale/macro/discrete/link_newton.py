@@ -34,10 +34,8 @@ class SlackStiffness:
 
     Attributes
     ----------
-    share : float
-        Stiffness of a slack link relative to its elastic stiffness.
-    short : int
-        Number of successive short steps.
+    share : float, stiffness of a slack link relative to its elastic stiffness
+    short : int, number of successive short steps
     """
 
     share: float = RESIDUAL_STIFFNESS
@@ -81,14 +79,8 @@ def solve_newton(
 
     Parameters
     ----------
-    model : LinkEquations
-        The structure.
-    tangent : Tangent
-        Pattern of its tangent.
-    load_factor : float
-        :math:`\alpha`, dimensionless.
-    start : ndarray, shape (n,)
-        Initial displacement, m.
+    load_factor : float, :math:`\alpha`, dimensionless
+    start : ndarray, shape (n,), initial displacement, m
     limits : Limits
         The tolerance bounds the largest force out of balance, relative to the largest nodal
         load (without load: to the largest prestress), or the rounding of the tensions if larger.
@@ -97,8 +89,7 @@ def solve_newton(
 
     Returns
     -------
-    LinkState
-        The equilibrium, or the last iterate if the method has failed.
+    LinkState, the equilibrium, or the last iterate if the method has failed
 
     Notes
     -----
@@ -171,12 +162,9 @@ def exact_step(
     ----------
     elastic, growth : ndarray, shape (rows,)
         Elastic change of the tensions at the start, and its growth per unit step, N.
-    stiffness : ndarray, shape (rows,)
-        Stiffness, N/m.
-    lower, upper : ndarray, shape (rows,)
-        Bounds of the change, N.
-    work : float
-        Work of the forces out of balance along the direction, J.
+    stiffness : ndarray, shape (rows,), N/m
+    lower, upper : ndarray, shape (rows,), bounds of the change, N
+    work : float, work of the forces out of balance along the direction, J
     """
     low, high, step = 0.0, np.inf, 1.0
     for _ in range(100):

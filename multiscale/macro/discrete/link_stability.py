@@ -28,7 +28,6 @@ def critical_factor(
     Parameters
     ----------
     system : LinkSystem
-        The structure.
     load_factors : sequence of float
         Increasing load factors; the interval before the first unstable state is bisected.
     tolerance : float
@@ -93,22 +92,7 @@ def critical_factor(
 
 
 def material_entries(model: LinkEquations, tangent: Tangent, state: LinkState) -> np.ndarray:
-    """Return the tangent B^T k B of the links that are not slack.
-
-    Parameters
-    ----------
-    model : LinkEquations
-        The structure.
-    tangent : Tangent
-        Pattern of its tangent.
-    state : LinkState
-        Equilibrium.
-
-    Returns
-    -------
-    ndarray, shape (entries,)
-        Entries of the upper triangle, N/m.
-    """
+    """Return the upper triangle of the tangent B^T k B of the links that are not slack, N/m."""
     taut = (state.slack == 0.0) & np.isfinite(model.stiffness)
     return tangent.entries(np.where(taut, model.stiffness, 0.0))
 
@@ -116,24 +100,7 @@ def material_entries(model: LinkEquations, tangent: Tangent, state: LinkState) -
 def stability_entries(
     system: LinkSystem, model: LinkEquations, tangent: Tangent, state: LinkState
 ) -> np.ndarray:
-    """Return the tangent (1) with the geometric stiffness.
-
-    Parameters
-    ----------
-    system : LinkSystem
-        The structure.
-    model : LinkEquations
-        Its equations.
-    tangent : Tangent
-        Pattern of its tangent.
-    state : LinkState
-        Equilibrium.
-
-    Returns
-    -------
-    ndarray, shape (entries,)
-        Entries of the upper triangle, N/m.
-    """
+    """Return the upper triangle of the tangent (1) with the geometric stiffness, N/m."""
     links = system.n_links
     across = state.tension[:links] / system.length
     geometric = tangent.geometric(system.direction, np.zeros(links), across)
@@ -141,15 +108,7 @@ def stability_entries(
 
 
 def is_definite(tangent: Tangent, entries: np.ndarray) -> bool:
-    """Return whether a symmetric matrix is positive definite.
-
-    Parameters
-    ----------
-    tangent : Tangent
-        Pattern of the matrix.
-    entries : ndarray, shape (entries,)
-        Upper triangle of the matrix, N/m.
-    """
+    """Return whether a symmetric matrix, given by its upper triangle, is positive definite."""
     try:
         tangent.factorise(entries, signs=True)
     except MultiscaleError:
@@ -158,22 +117,12 @@ def is_definite(tangent: Tangent, entries: np.ndarray) -> bool:
 
 
 def smallest_eigenvalue(tangent: Tangent, entries: np.ndarray) -> float:
-    """Return the smallest eigenvalue of a symmetric matrix, N/m.
+    """Return the smallest eigenvalue of a symmetric matrix, given by its upper triangle, N/m.
 
-    Parameters
-    ----------
-    tangent : Tangent
-        Pattern of the matrix.
-    entries : ndarray
-        Upper triangle of the matrix, N/m.
-
-    Notes
-    -----
     Lanczos on the inverse of the matrix, shifted to be positive definite. The result is NaN if no
     shift makes it definite, or Lanczos does not converge.
     """
-    n = tangent.start.size - 1
-    diagonal = tangent.diagonal
+    n, diagonal = tangent.start.size - 1, tangent.diagonal
     matrix = tangent.matrix(entries)
     if n < 20:
         return float(np.linalg.eigvalsh(matrix.toarray())[0])
@@ -191,14 +140,8 @@ def smallest_eigenvalue(tangent: Tangent, entries: np.ndarray) -> float:
     inverse = LinearOperator((n, n), matvec=solve, dtype=float)
     start = np.random.default_rng(seed=0).standard_normal(n)
     try:
-        values = eigsh(
-            matrix,
-            k=1,
-            sigma=-shift,
-            OPinv=inverse,
-            v0=start,
-            return_eigenvectors=False,
+        return float(
+            eigsh(matrix, 1, sigma=-shift, OPinv=inverse, v0=start, return_eigenvectors=False)[0]
         )
     except ArpackNoConvergence:
         return float(np.nan)
-    return float(values[0])

@@ -16,12 +16,9 @@ class LinkState:
 
     Attributes
     ----------
-    solution : Solution
-        ``value`` is the displacement, shape (n,), m.
-    tension : ndarray, shape (rows,)
-        Tension, N; for the modes of beams their force.
-    slack : ndarray, shape (rows,)
-        Slack, m; never negative.
+    solution : Solution, ``value`` is the displacement, shape (n,), m
+    tension : ndarray, shape (rows,), N; for the modes of beams their force
+    slack : ndarray, shape (rows,), m; never negative
     """
 
     solution: Solution
@@ -36,10 +33,7 @@ def state_of(
 
     Parameters
     ----------
-    model : LinkEquations
-        The structure.
-    solution : Solution
-        Solution for the displacement, m.
+    solution : Solution, solution for the displacement, m
     change : ndarray, shape (rows,), optional
         Elastic change k e of the tensions, N, if known more accurately than from the displacement.
     """

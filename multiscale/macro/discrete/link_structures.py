@@ -22,7 +22,6 @@ def truss(
     Parameters
     ----------
     panels : int
-        Number of panels, even.
     panel, height : float
         Length of a panel and distance of the chords, m.
     bar : Bar, optional

@@ -22,7 +22,6 @@ class LinkSystem:
     ends : ndarray of int, shape (links, 2)
         Nodes at both ends of every link.
     laws : tuple of LinkLaw
-        Laws of the links.
     kind : ndarray of int, shape (links,)
         Index of the law of each link.
     fixed : ndarray of bool, shape (nodes, c)
@@ -130,7 +129,6 @@ class LinkSystem:
         Parameters
         ----------
         links : ndarray of int
-            Links to remove.
 
         Raises
         ------

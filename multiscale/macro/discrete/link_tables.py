@@ -34,7 +34,6 @@ def system_from_table(
         ``first`` and ``second``: rows of the nodes, from 0; ``law``: name of the law. Optional:
         ``prestress``, N, and ``group``.
     laws : mapping of str to LinkLaw
-        Laws by name.
 
     Raises
     ------
@@ -129,7 +128,11 @@ def system_from_mesh(
     number[used] = np.arange(used.size)
     fixed = np.zeros((used.size, c), dtype=bool)
     for name in supports:
-        found = number[_points(mesh, name)]
+        if name in mesh.point_sets:
+            points = np.asarray(mesh.point_sets[name], dtype=int)
+        else:
+            points = np.unique(_cells(mesh, name, "vertex"))
+        found = number[points]
         fixed[found[found >= 0]] = True
     force = np.zeros((used.size, c))
     force[:, : len(load)] = load
@@ -179,17 +182,9 @@ def _cells(mesh: "Mesh", name: str, kind: str) -> np.ndarray:
         elif name in mesh.field_data and groups is not None:
             found.append(block.data[groups[k] == mesh.field_data[name][0]])
     cells = np.concatenate(found) if found else np.zeros((0, 2), dtype=int)
-    if kind == "line" and not len(cells):
-        known = sorted({*mesh.cell_sets, *mesh.field_data})
-        raise CaseError(f"the mesh has no lines in a set named {name!r}; its sets: {known}")
+    if not len(cells):
+        points = mesh.point_sets if kind == "vertex" else ()
+        known = sorted({*points, *mesh.cell_sets, *mesh.field_data})
+        what = "points" if kind == "vertex" else "lines"
+        raise CaseError(f"the mesh has no {what} in a set named {name!r}; its sets: {known}")
     return cells
-
-
-def _points(mesh: "Mesh", name: str) -> np.ndarray:
-    if name in mesh.point_sets:
-        return np.asarray(mesh.point_sets[name], dtype=int)
-    points = np.unique(_cells(mesh, name, "vertex"))
-    if not points.size:
-        known = sorted({*mesh.point_sets, *mesh.cell_sets, *mesh.field_data})
-        raise CaseError(f"the mesh has no points in a set named {name!r}; its sets: {known}")
-    return points

@@ -23,10 +23,8 @@ class Tangent:
         Pattern by rows: first entry of each row, shape (n + 1,), and increasing columns.
     place : ndarray of int, shape (rows, w (w + 1) / 2)
         Entry to which each product of two coefficients of a row of B is added, -1 if fixed.
-    coefficient : ndarray, shape (rows, w)
-        Entries of B.
-    cholesky : callable
-        Factorisation as returned by :func:`prepare_cholesky`.
+    coefficient : ndarray, shape (rows, w), entries of B
+    cholesky : callable, factorisation as returned by :func:`prepare_cholesky`
     """
 
     start: np.ndarray
@@ -49,8 +47,7 @@ class Tangent:
 
         Parameters
         ----------
-        direction : ndarray, shape (links, 3)
-            Unit vectors along the links.
+        direction : ndarray, shape (links, 3), unit vectors along the links
         along, across : ndarray, shape (links,)
             Stiffness along the link, and across it (tension over length), N/m.
         """
@@ -78,15 +75,7 @@ class Tangent:
 
 
 def prepare_tangent(system: LinkSystem, model: LinkEquations) -> Tangent:
-    """Return the tangent with its pattern and the entries to which every link is added.
-
-    Parameters
-    ----------
-    system : LinkSystem
-        The structure.
-    model : LinkEquations
-        Its equations.
-    """
+    """Return the tangent with its pattern and the entries to which every link is added."""
     first, second = system.ends.T
     nodes = np.arange(system.n_nodes)
     low, high = np.minimum(first, second), np.maximum(first, second)

@@ -80,7 +80,6 @@ def prestress_by_itself(system: LinkSystem, largest: float) -> LinkSystem:
     Parameters
     ----------
     system : LinkSystem
-        Without prestress.
     largest : float
         Largest force in a link, N.
 
@@ -177,17 +176,9 @@ def _decompose(system: LinkSystem) -> tuple[np.ndarray, np.ndarray, int]:
 def factorise_taut(model: LinkEquations, tangent: Tangent) -> Solve:
     """Factorise the stiffness of the structure without slack.
 
-    Parameters
-    ----------
-    model : LinkEquations
-        The structure.
-    tangent : Tangent
-        Pattern of its tangent.
-
     Returns
     -------
-    callable
-        Function that solves with the stiffness.
+    callable, function that solves with the stiffness
 
     Raises
     ------
@@ -211,12 +202,7 @@ def name_mechanism(model: LinkEquations, tangent: Tangent, u: np.ndarray) -> str
 
     Parameters
     ----------
-    model : LinkEquations
-        The structure.
-    tangent : Tangent
-        Pattern of its tangent.
-    u : ndarray, shape (n,)
-        Displacement, m.
+    u : ndarray, shape (n,), displacement, m
     """
     if not np.isfinite(u).all():
         u = np.zeros_like(u)

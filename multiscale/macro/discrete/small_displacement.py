@@ -36,13 +36,11 @@ def find_state(
     ----------
     model, tangent, load_factor, start, limits, taut
         As :func:`solve_newton`.
-    method : str
-        Element of ``METHODS``; see :func:`multiscale.macro.solve_static`.
+    method : str, element of ``METHODS``; see :func:`multiscale.macro.solve_static`
 
     Returns
     -------
-    LinkState
-        The equilibrium, with the methods in the trail of its solution.
+    LinkState, the equilibrium, with the methods in the trail of its solution
 
     Raises
     ------

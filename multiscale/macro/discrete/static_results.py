@@ -6,10 +6,9 @@ import numpy as np
 
 from multiscale.laws.link import Beam
 from multiscale.macro.discrete.compatibility import LinkEquations
-from multiscale.macro.discrete.description import describe
+from multiscale.macro.discrete.description import link_dataset
 from multiscale.macro.discrete.link_state import LinkState
 from multiscale.macro.discrete.link_system import LinkSystem
-from multiscale.schema import MACRO_RESULT
 
 if TYPE_CHECKING:
     import xarray as xr
@@ -22,12 +21,7 @@ def step_values(system: LinkSystem, model: LinkEquations, state: LinkState) -> d
 
     Parameters
     ----------
-    system : LinkSystem
-        The structure.
-    model : LinkEquations
-        Its equations.
-    state : LinkState
-        Solution of the step.
+    state : LinkState, solution of the step
     """
     solution, links = state.solution, system.n_links
     valid = 1.0 if solution.converged else np.nan
@@ -42,58 +36,27 @@ def step_values(system: LinkSystem, model: LinkEquations, state: LinkState) -> d
     }
     if system.n_components == 6:
         column["rotation"] = motion[:, 3:]
-        column["moment"] = valid * _moments(system, state.tension[links:])
+        beam = [isinstance(law, Beam) for law in system.laws]
+        order = np.argsort(system.kind, kind="stable")  # the modes are those of law after law
+        beams = order[np.array(beam)[system.kind[order]]]
+        twist, even_y, odd_y, even_z, odd_z = state.tension[links:].reshape(-1, 5).T
+        moment = np.full((links, 5), np.nan)
+        moment[beams] = np.stack(
+            [twist, odd_y + even_y, odd_y - even_y, odd_z + even_z, odd_z - even_z], axis=1
+        )
+        column["moment"] = valid * moment
     return column
-
-
-def _moments(system: LinkSystem, modes: np.ndarray) -> np.ndarray:
-    """Return torsion and end moments of beams, shape (links, 5), N m; NaN for other links."""
-    moment = np.full((system.n_links, 5), np.nan)
-    first = 0
-    for index, law in enumerate(system.laws):
-        if isinstance(law, Beam):
-            links = np.flatnonzero(system.kind == index)
-            part = modes[first : first + 5 * links.size].reshape(-1, 5)
-            first += 5 * links.size
-            twist, even_y, odd_y, even_z, odd_z = part.T
-            moment[links] = np.stack(
-                [twist, odd_y + even_y, odd_y - even_y, odd_z + even_z, odd_z - even_z], axis=1
-            )
-    return moment
 
 
 def join_steps(
     system: LinkSystem, factors: np.ndarray, columns: list[dict[str, Any]]
 ) -> "xr.Dataset":
-    """Return the steps as a dataset that follows ``MACRO_RESULT``.
-
-    Parameters
-    ----------
-    system : LinkSystem
-        The structure.
-    factors : ndarray, shape (steps,)
-        Load factors, dimensionless.
-    columns : list of dict
-        Variables of each step, from :func:`step_values`.
-    """
-    import xarray as xr
-
+    """Join the variables of each step, from :func:`step_values`, at its load factor."""
     names = [name for column in columns for name in column]
     values = {
         name: np.array([column.get(name, np.nan) for column in columns])
         for name in dict.fromkeys(names)
     }
-    values |= {"load_factor": factors, **describe(system)}
-    result = MACRO_RESULT.assign(xr.Dataset(), values)
-    labels: dict[str, Any] = {
-        "step": range(factors.size),
-        "link": range(system.n_links),
-        "node": range(system.n_nodes),
-        "component": ["x", "y", "z"],
-        "end": range(2),
-    }
-    if "moment" in values:
-        labels["part"] = ["torsion", "y1", "y2", "z1", "z2"]
-    result = result.assign_coords(labels)
-    MACRO_RESULT.check(result)
-    return result
+    part = {"part": ["torsion", "y1", "y2", "z1", "z2"]} if system.n_components == 6 else {}
+    values |= {"load_factor": factors}
+    return link_dataset(system, values, step=range(factors.size), end=range(2), **part)

@@ -109,11 +109,7 @@ def solve_static(
     model = equations(system)
     tangent = prepare_tangent(system, model)
     limits = Limits(max_iterations, tolerance, callback)
-    find: FindState
-    if exact:
-        find = _finite(system, model, tangent, limits)
-    else:
-        find = _small(model, tangent, method, limits)
+    find = _search(system, model, tangent, method, exact, limits)
     start, reached = np.zeros(model.n), 0.0
     columns, failures = list[dict[str, Any]](), list[str]()
 
@@ -157,17 +153,19 @@ def _check(
         raise CaseError("stability needs small displacements; leave out exact")
 
 
-def _finite(
-    system: LinkSystem, model: LinkEquations, tangent: Tangent, limits: Limits
+def _search(
+    system: LinkSystem,
+    model: LinkEquations,
+    tangent: Tangent,
+    method: str,
+    exact: bool,
+    limits: Limits,
 ) -> FindState:
-    """Return the search for equilibria with exact elongations."""
-    return lambda start, reached, factor: find_finite_state(
-        system, model, tangent, (reached, factor), start, limits
-    )
-
-
-def _small(model: LinkEquations, tangent: Tangent, method: str, limits: Limits) -> FindState:
-    """Return the search for equilibria with small displacements; a mechanism has none."""
+    """Return the search for equilibria; with small displacements a mechanism has none."""
+    if exact:
+        return lambda start, reached, factor: find_finite_state(
+            system, model, tangent, (reached, factor), start, limits
+        )
     taut: Solve | None = None
     if method != "dual":
         try:

@@ -27,11 +27,9 @@ def deposit(
     size : tuple of float
         Edges of the box along x and y, m.
     law : ContactLaw
-        Law of all contacts.
     density : float
         Density of the grains, kg/m3.
     seed : int
-        Seed of the random initial positions.
 
     Returns
     -------
@@ -57,18 +55,14 @@ def silo(
 
     Parameters
     ----------
-    radii : ndarray, shape (grains,)
-        Radii of the grains, m.
+    radii, law, density, seed
+        As for :func:`deposit`.
     diameter : float
         Diameter of the pipe about the z axis, m.
-    law : ContactLaw
-        Law of all contacts.
     wall_friction : float
         Friction coefficient of the pipe, dimensionless; the bottom has the coefficient of ``law``.
     sinking : float
         Downward speed of the bottom, m/s; it mobilises the full friction of the pipe.
-    density, seed
-        As for :func:`deposit`.
 
     Returns
     -------
@@ -134,20 +128,7 @@ def column(
 
 
 def release(model: Model, grains: Grains) -> Model:
-    """Return the model of a column without its gate.
-
-    Parameters
-    ----------
-    model : Model
-        Model of a :func:`column`.
-    grains : Grains
-        Grains of the model after they have settled.
-
-    Returns
-    -------
-    Model
-        The grains at rest at their positions, without the last wall.
-    """
+    """Return the model of a :func:`column` without its gate, the settled grains at rest."""
     still = np.zeros_like(grains.position)
     resting = grains.moved(grains.position, still, still)
     return Model(resting, model.walls[:-1], model.law, model.gravity, model.period)

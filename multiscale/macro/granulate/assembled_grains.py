@@ -24,10 +24,8 @@ def solve_assembled(
     ----------
     velocity, mobility : ndarray
         Arrays of :mod:`multiscale.macro.granulate.sweeps`; velocities before the impulses act.
-    contacts : Contacts
-        Contacts of the step; their impulses are the initial guess.
-    tolerance : float
-        Bound on the residual of the solver, dimensionless.
+    contacts : Contacts, contacts of the step; their impulses are the initial guess
+    tolerance : float, bound on the residual of the solver, dimensionless
 
     Returns
     -------
@@ -39,7 +37,11 @@ def solve_assembled(
     if coulomb is None:
         return _solve_normal(velocity, mobility, contacts, tolerance)
     m = len(ends)
-    frames = _frames(data[:, :3])  # (contacts, 3, 3), rows normal and tangents
+    normal = data[:, :3]
+    first = np.cross(normal, np.eye(3)[np.argmin(np.abs(normal), axis=1)])
+    first /= np.linalg.norm(first, axis=1)[:, None]
+    # (contacts, 3, 3), right-handed: rows normal and tangents
+    frames = np.stack([normal, first, np.cross(normal, first)], axis=1)
     transfer, inverse = _transfer(frames, ends, mobility)
     across = coulomb[:, 0]
     compliance = data[:, 5:6] / np.column_stack([data[:, 4], across, across])  # 1/kg
@@ -75,14 +77,6 @@ def _solve_normal(
     free -= compliance * contacts.anchor[:, 0]
     found = solve_lcp(csr_array(operator), free, tolerance=tolerance, start=contacts.impulse[:, 0])
     return np.asarray(found.value[:, None])
-
-
-def _frames(normal: np.ndarray) -> np.ndarray:
-    """Right-handed frames with the normal first, shape (contacts, 3, 3)."""
-    other = np.eye(3)[np.argmin(np.abs(normal), axis=1)]
-    first = np.cross(normal, other)
-    first /= np.linalg.norm(first, axis=1)[:, None]
-    return np.stack([normal, first, np.cross(normal, first)], axis=1)
 
 
 def _transfer(

@@ -31,23 +31,14 @@ def biaxial_cell(
 
     Parameters
     ----------
-    radii : ndarray, shape (grains,)
-        Radii of the grains, m.
+    radii, law, planar, density, seed
+        As for :func:`compact`.
     pressure : float
         Pressure of the isotropic compaction, and on the sides of the cell during the test, Pa. In a
         cell of spheres it is the mean of the two lateral stresses.
     strain_rate : float
         Rate of the logarithmic axial strain, compression positive, 1/s.
-    law : ContactLaw
-        Law of all contacts.
-    planar : bool
-        Whether the grains are discs, 1 m thick, instead of spheres.
-    density : float
-        Density of the grains, kg/m3.
     solver : Solver, optional
-        Solver of the compaction.
-    seed : int
-        Seed of the loose packing before the compaction.
 
     Returns
     -------

@@ -29,8 +29,7 @@ class Contacts:
 
     Attributes
     ----------
-    ends : ndarray of int32, shape (contacts, 2)
-        Bodies of each contact.
+    ends : ndarray of int32, shape (contacts, 2), bodies of each contact
     data : ndarray, shape (contacts, 6)
         Normal, bias (m/s), normal mass (kg) and compliance (dimensionless).
     coulomb : ndarray, shape (contacts, 2), or None

@@ -43,15 +43,12 @@ def compact(
     pressure : float
         Pressure on the cell, Pa.
     law : ContactLaw
-        Law of all contacts.
     planar : bool
         Whether the grains are discs, 1 m thick, instead of spheres.
     density : float
         Density of the grains, kg/m3.
     max_steps : int
-        Limit of steps.
     solver : Solver, optional
-        Solver of the contacts in each step.
     seed : int
         Seed of the loose packing at the start.
 
@@ -71,7 +68,14 @@ def compact(
     if not (pressure > 0.0 and np.isfinite(pressure)):
         raise CaseError(f"pressure must be positive (Pa), got {pressure:g}")
     solver = solver or Solver(tolerance=1e-4, max_iterations=2000)
-    grains, edge = _loose_cell(radii, planar, density, seed)
+    # on a jittered lattice in a square or cubic cell, in random order
+    radii = np.random.default_rng(seed).permutation(np.asarray(radii, dtype=float))
+    edge = 2.3 * float(radii.max()) * int(np.ceil(len(radii) ** (1.0 / (2.0 if planar else 3.0))))
+    high, thickness = np.array([edge, edge, np.inf]), 1.0 if planar else None
+    grains = place_loosely(
+        radii, np.zeros(3), high, density=density, thickness=thickness, seed=seed
+    )
+    edge *= 1.02
     period = (edge, np.inf, edge) if planar else (edge, edge, edge)
     step = resolving_step(grains, pressure)
     model = Model(
@@ -101,30 +105,9 @@ def compact(
 
 
 def resolving_step(grains: Grains, pressure: float) -> float:
-    """Return the length of a step, s: a fifth of the time scale of rearrangements.
-
-    Parameters
-    ----------
-    grains : Grains
-        The grains.
-    pressure : float
-        Pressure on the grains, Pa.
-    """
+    """Return a fifth of the time scale of rearrangements under a pressure, Pa, as step, s."""
     length = grains.thickness or float(grains.radius.mean())
     return 0.2 * float(np.sqrt(grains.mass.mean() / (pressure * length)))
-
-
-def _loose_cell(radii: np.ndarray, planar: bool, density: float, seed: int) -> tuple[Grains, float]:
-    """Grains on a jittered lattice in a square or cubic cell, in random order."""
-    radii = np.random.default_rng(seed).permutation(np.asarray(radii, dtype=float))
-    along = int(np.ceil(len(radii) ** (1.0 / (2.0 if planar else 3.0))))
-    edge = 2.3 * float(radii.max()) * along
-    high = np.array([edge, edge, np.inf])
-    thickness = 1.0 if planar else None
-    grains = place_loosely(
-        radii, np.zeros(3), high, density=density, thickness=thickness, seed=seed
-    )
-    return grains, edge * 1.02
 
 
 def shear_layer(
@@ -142,22 +125,14 @@ def shear_layer(
 
     Parameters
     ----------
-    radii : ndarray, shape (grains,)
-        Radii of the grains, m.
+    radii, law, density, seed
+        As for :func:`compact`.
     size : tuple of float
         Periods along x and y, m.
-    pressure : float
-        Pressure on the upper plate, Pa.
-    speed : float
-        Speed of the upper plate along x, m/s.
-    law : ContactLaw
-        Law of all contacts.
+    pressure, speed : float
+        Pressure on the upper plate, Pa, and its speed along x, m/s.
     wall_friction : float, optional
         Friction coefficient of the plates; the coefficient of the grains if not given.
-    density : float
-        Density of the grains, kg/m3.
-    seed : int
-        Seed of the loose packing before the plates press.
 
     Returns
     -------
@@ -206,16 +181,11 @@ def shear_response(
 
     Parameters
     ----------
-    radii : ndarray, shape (grains,)
-        Radii of the grains, m.
-    size : tuple of float
-        Periods along x and y, m.
+    radii, size, law
+        As for :func:`shear_layer`.
     pressures, speeds : ndarray, shape (steps,)
         Pressures on the upper plate, Pa, and its speeds, m/s.
-    law : ContactLaw
-        Law of all contacts.
     n_realisations : int
-        Number of packings.
     n_steps : int
         Number of time steps of each simulation; the second half is averaged.
 

@@ -19,10 +19,7 @@ def cell_inertia(model: Model, period: np.ndarray) -> tuple[float, float]:
 
     Parameters
     ----------
-    model : Model
-        Grains, walls and loads.
-    period : ndarray, shape (3,)
-        Periods of the cell, m.
+    period : ndarray, shape (3,), periods of the cell, m
     """
     if model.pressure is None:
         return np.inf, 0.0
@@ -48,28 +45,21 @@ def account_grains(
 
     Parameters
     ----------
-    model : Model
-        Grains, walls and loads.
-    times : tuple of float
-        Length of the step, and time in which the forces acted, s.
+    times : tuple of float, length of the step, and time in which the forces acted, s
     velocities : tuple of ndarray, shape (bodies, 4 or 8)
         Velocities before the step, after the damping and after the step, m/s.
-    contacts : Contacts
-        Contacts with their impulses.
+    contacts : Contacts, contacts with their impulses
     rebound : ndarray, shape (contacts,)
         Normal velocity after an impact that has yet to bounce, else zero, m/s. The kinetic energy
         that it will restore, and its work against gravity within a step, count as elastic energy.
     rates : tuple of ndarray, shape (3,)
         Strain rates of the cell before the step, after the damping and after the step, 1/s.
-    branch : ndarray, shape (contacts, 3)
-        Branches of the contacts, m.
-    cell : tuple of float
-        Inertia, kg m2, and moment, J, of :func:`cell_inertia`.
+    branch : ndarray, shape (contacts, 3), branches of the contacts, m
+    cell : tuple of float, inertia, kg m2, and moment, J, of :func:`cell_inertia`
 
     Returns
     -------
-    tuple of float
-        The six energies, J.
+    tuple of float, the six energies, J
 
     Notes
     -----

@@ -34,24 +34,16 @@ class Step:
 
     Attributes
     ----------
-    residual : float
-        Natural-map error relative to the closing velocities, dimensionless.
-    converged : bool
-        Whether the residual is at most the tolerance.
-    sweeps : int
-        Number of sweeps made.
-    penetration : float
-        Largest overlap after the step, relative to the smaller radius of the pair.
-    n_contacts : int
-        Number of contacts with an impulse.
-    kinetic, elastic : float
-        Energies after the step, J.
-    work : float
-        Work of gravity, walls and pressure in the step, J.
+    residual : float, natural-map error relative to the closing velocities, dimensionless
+    converged : bool, whether the residual is at most the tolerance
+    sweeps : int, number of sweeps made
+    penetration : float, largest overlap after the step, relative to the smaller radius of the pair
+    n_contacts : int, number of contacts with an impulse
+    kinetic, elastic : float, energies after the step, J
+    work : float, work of gravity, walls and pressure in the step, J
     contact_dissipation, numerical_dissipation, damping : float
         Energy dissipated in the step by contacts, time scheme and damping, J.
-    search_time, solver_time : float
-        Wall time of the neighbour search and of the solver, s.
+    search_time, solver_time : float, wall time of the neighbour search and of the solver, s
     stress : ndarray, shape (3,), or None
         Mean normal stresses along the axes of a cell under a pressure, tension positive, Pa.
     """
@@ -79,23 +71,16 @@ def step_grains(
 
     Parameters
     ----------
-    model : Model
-        Grains, walls and loads.
-    state : GrainState
-        State at the beginning of the step.
-    h : float
-        Length of the step, s, or its upper bound if an accuracy is given.
-    solver : Solver
-        Solver of the contacts.
+    state : GrainState, state at the beginning of the step
+    h : float, length of the step, s, or its upper bound if an accuracy is given
+    solver : Solver, solver of the contacts
     accuracy : float, optional
         Largest approach of grains in the step of their impact, relative to the smaller radius.
 
     Returns
     -------
-    state : GrainState
-        State at the end of the step.
-    step : Step
-        Convergence, energies and cost.
+    state : GrainState, state at the end of the step
+    step : Step, convergence, energies and cost
 
     Notes
     -----
@@ -133,6 +118,10 @@ def step_grains(
         cell_inertia(model, state.period),
     )
     total = perf_counter() - began
+    stress = None  # diagonal of the mean stress after Love and Weber
+    if model.pressure is not None:
+        moments = np.sum(solved.contacts.vectors * solved.cell[2:], axis=0)
+        stress = np.asarray(-moments / (acted * model.volume(state.period)))
     return new, Step(
         solved.residual,
         solved.residual <= solver.tolerance,
@@ -142,16 +131,8 @@ def step_grains(
         *energies,
         searched,
         total - searched,
-        None if model.pressure is None else _stress(model, state.period, solved, acted),
+        stress,
     )
-
-
-def _stress(
-    model: Model, period: np.ndarray, solved: "_SolvedContacts", acted: float
-) -> np.ndarray:
-    """Diagonal of the mean stress after Love and Weber, shape (3,), Pa; tension positive."""
-    moments = np.sum(solved.contacts.vectors * solved.cell[2:], axis=0)
-    return np.asarray(-moments / (acted * model.volume(period)))
 
 
 class _FreeMotion(NamedTuple):
@@ -161,8 +142,7 @@ class _FreeMotion(NamedTuple):
     ----------
     damped, velocity : ndarray, shape (bodies, 4 or 8)
         Velocities after the damping, and after the forces as well, m/s.
-    damped_rate, rate : ndarray, shape (3,)
-        Strain rates of the cell at these stages, 1/s.
+    damped_rate, rate : ndarray, shape (3,), strain rates of the cell at these stages, 1/s
     """
 
     damped: np.ndarray
@@ -176,20 +156,15 @@ class _SolvedContacts(NamedTuple):
 
     Attributes
     ----------
-    contacts : Contacts
-        Contacts with their impulses.
-    numbers : ndarray of int, shape (contacts,)
-        Number of the pair of each contact.
-    velocity : ndarray, shape (bodies, 4 or 8)
-        Velocities after the step, m/s.
+    contacts : Contacts, contacts with their impulses
+    numbers : ndarray of int, shape (contacts,), number of the pair of each contact
+    velocity : ndarray, shape (bodies, 4 or 8), velocities after the step, m/s
     approach : ndarray, shape (pairs,)
         Normal velocity before an impact that bounces in the next step, else zero, m/s.
     cell : ndarray, shape (contacts + 2, 3)
         Strain rates, inertia and branches, as in :mod:`multiscale.macro.granulate.sweeps`.
-    sweeps : int
-        Number of sweeps made.
-    residual : float
-        Natural-map error, dimensionless.
+    sweeps : int, number of sweeps made
+    residual : float, natural-map error, dimensionless
     """
 
     contacts: Contacts
@@ -208,9 +183,8 @@ def _choose_step(
     if accuracy is None:
         return _with_neighbours(model, state, h, h), h, h
     fastest = float(np.sqrt(np.max(np.sum(state.velocity[:, :3] ** 2, axis=1))))
-    h = min(
-        h, float(model.grains.radius.mean()) / max(fastest, 1e-300)
-    )  # no grain leaves its neighbour list
+    # no grain leaves its neighbour list
+    h = min(h, float(model.grains.radius.mean()) / max(fastest, 1e-300))
     state = _with_neighbours(model, state, h, 0.5 * (state.step_length + h))
     h = allowed_step(
         state.pairs,

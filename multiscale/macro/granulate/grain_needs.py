@@ -42,20 +42,14 @@ def grain_needs(
 
     Parameters
     ----------
-    grains : int
-        Number of grains.
-    frames : int
-        Number of steps whose positions and forces are stored.
-    law : ContactLaw
-        Law of all contacts.
-    solver : Solver
-        Solver of the contacts.
+    grains : int, number of grains
+    frames : int, number of steps whose positions and forces are stored
+    law : ContactLaw, law of all contacts
+    solver : Solver, solver of the contacts
     wall_friction : float
         Largest friction coefficient of a wall with its own coefficient, dimensionless.
-    spinning : bool
-        Whether grains spin at the start.
-    strained : bool
-        Whether a periodic cell strains under a pressure, which is swept by one thread.
+    spinning : bool, whether grains spin at the start
+    strained : bool, whether a periodic cell strains under a pressure, which is swept by one thread
 
     Examples
     --------

@@ -32,7 +32,6 @@ def simulate_grains(
     Parameters
     ----------
     model : Model
-        Grains, walls and loads.
     duration, step : float
         Simulated time and length of a step, s. The step is shortened so that a whole number of
         steps fills the duration. Times of impacts have an error of the order of the step.
@@ -101,19 +100,14 @@ class Record:
 
     Parameters
     ----------
-    model : Model
-        Model whose motion is recorded.
+    model : Model, model whose motion is recorded
 
     Attributes
     ----------
-    failure : str
-        Reason for which the simulation ended early; empty if none.
-    steps : list of Step
-        Result of each step.
-    rows : list of dict
-        State after each step, by variable.
-    frames : list of dict
-        Stored positions and forces, by variable.
+    failure : str, reason for which the simulation ended early; empty if none
+    steps : list of Step, result of each step
+    rows : list of dict, state after each step, by variable
+    frames : list of dict, stored positions and forces, by variable
     """
 
     def __init__(self, model: Model) -> None:
@@ -171,17 +165,10 @@ class Record:
         steps, frames, rows = self.steps, self.frames, self.rows
         values: dict[str, Any] = {
             "converged": [int(s.converged) for s in steps],
-            "residual": [s.residual for s in steps],
             "iterations": [s.sweeps for s in steps],
-            "penetration": [s.penetration for s in steps],
-            "n_contacts": [s.n_contacts for s in steps],
             "kinetic_energy": [s.kinetic for s in steps],
             "elastic_energy": [s.elastic for s in steps],
-            "work": np.cumsum([s.work for s in steps]),
-            "contact_dissipation": np.cumsum([s.contact_dissipation for s in steps]),
-            "numerical_dissipation": np.cumsum([s.numerical_dissipation for s in steps]),
             "damping_dissipation": np.cumsum([s.damping for s in steps]),
-            "search_time": [s.search_time for s in steps],
             "wall_time": [s.search_time + s.solver_time for s in steps],
             "radius": self.model.grains.radius,
             "mass": self.model.grains.mass,
@@ -189,6 +176,10 @@ class Record:
                 np.arange(len(frames)), [len(frame["contact_ends"]) for frame in frames]
             ),
         }
+        for name in ("residual", "penetration", "n_contacts", "search_time"):
+            values[name] = [getattr(step, name) for step in steps]
+        for name in ("work", "contact_dissipation", "numerical_dissipation"):
+            values[name] = np.cumsum([getattr(step, name) for step in steps])
         spin = ("spin",) if self.model.turns else ()
         for name in ("frame_step", "position", "velocity", *spin):
             values[name] = np.array([frame[name] for frame in frames])
@@ -211,38 +202,21 @@ class Record:
             frame=range(len(frames)),
             grain=range(self.model.grains.n),
             component=["x", "y", "z"],
-        ).assign_attrs(failure=self.failure, cautions=self._cautions())
+        ).assign_attrs(failure=self.failure, cautions="")
+        if missed := [s.residual for s in steps if not s.converged]:
+            cautions = (
+                f"{len(missed)} of {len(steps)} steps missed the tolerance of their contacts; the "
+                f"largest error is {max(missed):.1e} of the closing velocities"
+            )
+            result = result.assign_attrs(cautions=cautions)
         if self.model.grains.thickness is not None:
             result = result.assign_attrs(thickness=float(self.model.grains.thickness))
         GRANULATE.check(result)
         return result
 
-    def _cautions(self) -> str:
-        """Return a sentence on the steps that missed the tolerance, empty if none did."""
-        missed = [s.residual for s in self.steps if not s.converged]
-        if not missed:
-            return ""
-        return (
-            f"{len(missed)} of {len(self.steps)} steps missed the tolerance of their contacts; the "
-            f"largest error is {max(missed):.1e} of the closing velocities"
-        )
-
 
 def final_grains(model: Model, result: "xr.Dataset") -> Any:
-    """Return the grains of a model at the end of a simulation.
-
-    Parameters
-    ----------
-    model : Model
-        Simulated model.
-    result : Dataset
-        Result of the simulation; follows ``GRANULATE``.
-
-    Returns
-    -------
-    Grains
-        Grains with position, velocity and spin of the last frame.
-    """
+    """Return the grains of a model with the motion of the last frame of its simulation."""
     last = result.isel(frame=-1)
     spin = last["spin"].values if "spin" in last else None
     return model.grains.moved(last["position"].values, last["velocity"].values, spin)

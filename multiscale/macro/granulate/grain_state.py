@@ -24,36 +24,26 @@ class GrainState:
 
     Attributes
     ----------
-    time : float
-        Time, s.
-    position : ndarray, shape (grains, 3)
-        Centres, m.
+    time : float, s
+    position : ndarray, shape (grains, 3), centres, m
     velocity : ndarray, shape (bodies, 4 or 8)
         Velocities and radius times spin, as in :mod:`multiscale.macro.granulate.sweeps`, m/s.
-    point : ndarray, shape (walls, 3)
-        A point on each wall, m.
-    period : ndarray, shape (3,)
-        Periods of the cell, m; infinite along axes without a period.
+    point : ndarray, shape (walls, 3), A point on each wall, m
+    period : ndarray, shape (3,), periods of the cell, m; infinite along axes without a period
     pairs : ndarray of int32, shape (pairs, 2)
         Neighbours: two grains, or a grain and a wall, numbered after the grains.
-    pair_impulse : ndarray, shape (pairs, c)
-        Impulse of each pair in the last step, N s.
+    pair_impulse : ndarray, shape (pairs, c), impulse of each pair in the last step, N s
     spring_impulse : ndarray, shape (pairs, c)
         Part of the last impulse carried by the contact springs, N s.
     approach : ndarray, shape (pairs,)
         Normal velocity before an impact that bounces in the next step, else zero, m/s.
-    listed_position : ndarray, shape (grains, 3)
-        Centres at which the neighbours were found, m.
-    list_reach : float
-        Largest gap of the listed pairs, m.
-    rate : ndarray, shape (3,)
-        Strain rates of the cell, 1/s.
-    step_length : float
-        Length of the last step, s.
+    listed_position : ndarray, shape (grains, 3), centres at which the neighbours were found, m
+    list_reach : float, largest gap of the listed pairs, m
+    rate : ndarray, shape (3,), strain rates of the cell, 1/s
+    step_length : float, length of the last step, s
     force_time : float
         Time in which the forces of the last step acted, s; nan before the first step.
-    contacts : Contacts
-        Contacts of the last step.
+    contacts : Contacts, contacts of the last step
     """
 
     time: float
@@ -74,17 +64,7 @@ class GrainState:
 
 
 def initial_state(model: Model) -> GrainState:
-    """Return the state at time zero.
-
-    Parameters
-    ----------
-    model : Model
-        Grains, walls and loads.
-
-    Returns
-    -------
-    GrainState
-        State with its neighbours, without impulses.
+    """Return the state at time zero with its neighbours, without impulses.
 
     Raises
     ------
@@ -103,13 +83,12 @@ def initial_state(model: Model) -> GrainState:
     impulse = np.empty((0, 3 if model.frictional else 1))
     coulomb = np.empty((0, 2)) if model.frictional else None
     empty = Contacts(none, np.empty((0, 6)), coulomb, impulse, impulse)
-    period = np.array(model.period, dtype=float)
     state = GrainState(
         0.0,
         grains.position,
         velocity,
         point,
-        period,
+        np.array(model.period, dtype=float),
         none,
         impulse,
         impulse,
@@ -122,13 +101,7 @@ def initial_state(model: Model) -> GrainState:
         empty,
     )
     state = update_neighbours(model, state, 0.0)
-    _check_hold(model)
-    _check_overlap(model, state)
-    return state
 
-
-def _check_hold(model: Model) -> None:
-    """Refuse gravity that no wall opposes: grains would fall for ever."""
     gravity = np.asarray(model.gravity, dtype=float)
     if gravity.shape != (3,) or not np.all(np.isfinite(gravity)):
         raise CaseError(f"gravity must be three finite numbers (m/s2), got {model.gravity}")
@@ -140,21 +113,16 @@ def _check_hold(model: Model) -> None:
             f"no wall supports the grains against gravity {tuple(map(float, gravity))} m/s2: they "
             f"fall for ever; close the box or set gravity to zero"
         )
-
-
-def _check_overlap(model: Model, state: GrainState) -> None:
-    """Refuse grains that overlap each other or a wall."""
-    walls = model.walls_at(state.point)
-    worst, which = penetration(
-        state.pairs, state.position, model.grains.radius, state.period, walls
-    )
+    shapes = model.walls_at(state.point)
+    worst, which = penetration(state.pairs, state.position, grains.radius, state.period, shapes)
     if worst > ALLOWED_START_OVERLAP:
         i, j = (int(body) for body in state.pairs[which])
-        other = f"grain {j}" if j < model.grains.n else f"wall {j - model.grains.n}"
+        other = f"grain {j}" if j < grains.n else f"wall {j - grains.n}"
         raise CaseError(
             f"grain {i} overlaps {other} by {worst:.3g} of its radius at the start, at most "
             f"{ALLOWED_START_OVERLAP:g} is allowed; move them apart"
         )
+    return state
 
 
 def update_neighbours(model: Model, state: GrainState, reach: float) -> GrainState:
@@ -162,12 +130,8 @@ def update_neighbours(model: Model, state: GrainState, reach: float) -> GrainSta
 
     Parameters
     ----------
-    model : Model
-        Grains, walls and loads.
-    state : GrainState
-        State with the last list.
-    reach : float
-        Largest gap of a pair that may close before the next update, m.
+    state : GrainState, state with the last list
+    reach : float, largest gap of a pair that may close before the next update, m
     """
     radius, n = model.grains.radius, model.mobility.shape[0]
     margin = reach + LIST_MARGIN * float(radius.mean())

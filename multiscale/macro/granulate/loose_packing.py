@@ -18,7 +18,6 @@ def draw_radii(n: int, smallest: float, largest: float, *, seed: int = 0) -> np.
     smallest, largest : float
         Bounds of the radii, m.
     seed : int
-        Seed of the random numbers.
 
     Returns
     -------
@@ -70,7 +69,6 @@ def place_loosely(
     thickness : float, optional
         Thickness of discs, m, placed at y = 0; the grains are spheres if it is not given.
     seed : int
-        Seed of the jitter.
 
     Returns
     -------
@@ -93,12 +91,9 @@ def place_loosely(
             f"a grain of radius {largest:g} m needs {spacing:g} m, the box is "
             f"{float((high - low)[:2].min()):g} m wide; take smaller grains"
         )
-    return Grains(
-        lattice(len(radii), cells, low, high, largest, seed, flat=thickness is not None),
-        radii,
-        density,
-        thickness=thickness,
-    )
+    flat = thickness is not None
+    centre = lattice(len(radii), cells, low, high, largest, seed, flat=flat)
+    return Grains(centre, radii, density, thickness=thickness)
 
 
 def lattice(
@@ -124,7 +119,6 @@ def lattice(
     radius : float
         Radius of the largest grain, m.
     seed : int
-        Seed of the jitter.
     flat : bool
         Whether all centres lie in the plane y = 0.
     """

@@ -105,11 +105,8 @@ class Model:
     Parameters
     ----------
     grains : Grains
-        Grains at the start.
     walls : tuple of Wall
-        Walls at the start.
     law : ContactLaw
-        Law of all contacts.
     gravity : array_like, shape (3,)
         Acceleration of gravity, m/s2.
     period : array_like, shape (3,)

@@ -18,20 +18,16 @@ def find_pairs(
 
     Parameters
     ----------
-    position : ndarray, shape (grains, 3)
-        Centres, m.
-    radius : ndarray, shape (grains,)
-        Radii, m.
-    reach : float
-        Largest gap of a pair, m.
+    position : ndarray, shape (grains, 3), centres, m
+    radius : ndarray, shape (grains,), radii, m
+    reach : float, largest gap of a pair, m
     period : ndarray, shape (3,)
         Period of space along each axis, m; infinite along axes without a period. A finite period is
         at least twice the largest distance of the centres of a pair.
 
     Returns
     -------
-    ndarray of int32, shape (pairs, 2)
-        First and second grain, sorted by the first.
+    ndarray of int32, shape (pairs, 2), first and second grain, sorted by the first
 
     Notes
     -----

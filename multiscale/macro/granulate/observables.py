@@ -70,7 +70,6 @@ def coordination(ends: np.ndarray, n_grains: int, *, rattlers_below: int = 4) ->
     ends : ndarray, shape (contacts, 2)
         Bodies in contact; walls from ``n_grains`` on.
     n_grains : int
-        Number of grains.
     rattlers_below : int
         A grain with fewer contacts is a rattler: 4 for spheres and 3 for discs without friction, 2
         with friction. Rattlers are removed with their contacts until none is left.
@@ -81,7 +80,6 @@ def coordination(ends: np.ndarray, n_grains: int, *, rattlers_below: int = 4) ->
         Contacts per grain that is no rattler; zero if all grains are rattlers. A contact of two
         grains counts for both.
     rattlers : int
-        Number of rattlers.
 
     Examples
     --------

@@ -30,10 +30,7 @@ def solve_velocities(
 
     Parameters
     ----------
-    model : Model
-        Grains, walls and loads.
-    solver : Solver
-        Tolerance, limits and threads.
+    solver : Solver, tolerance, limits and threads
     velocity, cell : ndarray
         Arrays of :mod:`multiscale.macro.granulate.sweeps` without the impulses; the impulses are
         added in place.
@@ -42,8 +39,7 @@ def solve_velocities(
 
     Returns
     -------
-    sweeps : int
-        Number of sweeps made.
+    sweeps : int, number of sweeps made
     residual : float
         Natural-map error relative to the closing velocities without impulses, dimensionless.
     """
