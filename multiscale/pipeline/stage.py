@@ -14,7 +14,7 @@ from multiscale.schema import Schema
 if TYPE_CHECKING:
     import xarray as xr
 
-    from multiscale.macro.substructures import Team
+    from multiscale.macro.substructures import ProcessGroup
     from multiscale.pipeline.toml_model import Settings
 
 __all__ = [
@@ -75,14 +75,14 @@ class Job:
         See :func:`multiscale.executors.run_jobs`.
     progress : callable
         Gets the number of finished realisations.
-    team : Team or None
+    team : ProcessGroup or None
         Processes that share the substructures of a structure.
     """
 
     out: Path
     executor: Executor | None = None
     progress: Callable[[int], None] = lambda finished: None
-    team: "Team | None" = None
+    team: "ProcessGroup | None" = None
 
 
 def list_cautions(dataset: "xr.Dataset") -> list[str]:

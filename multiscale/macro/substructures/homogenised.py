@@ -9,7 +9,7 @@ from multiscale.errors import CaseError
 from multiscale.fe.condensation import compliances
 from multiscale.macro.substructures.coarse import coarse_basis
 from multiscale.macro.substructures.problem import CutProblem
-from multiscale.macro.substructures.stack import Factors, Stack, lay_out_sides, stack
+from multiscale.macro.substructures.stack import Factors, Stack, lay_out_sides, stack_parts
 from multiscale.schema import HOMOGENISED
 
 if TYPE_CHECKING:
@@ -65,7 +65,7 @@ def homogenise(
     its links: a floating part of a tensegrity may have some although all its links are taut.
     """
     slack = _slack_links(problem, result, step)
-    parts = stack(problem, range(len(problem.substructures)))
+    parts = stack_parts(problem, range(len(problem.substructures)))
     columns, used = _motions(problem, parts)
     width = max((item.size for item in used), default=0)
     number = np.full((len(used), width), -1)
