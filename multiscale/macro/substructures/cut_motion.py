@@ -73,9 +73,14 @@ def simulate_latin(
     h = _step(times)
     masses = _masses(problem, mass)
     inertia = masses / h**2
-    method = Latin(_with_stiffness(problem, inertia), team=team)
-    local = np.concatenate([problem.substructures[part].unknown for part in method.parts])
     shares = problem.sum_up([np.ones(part.n) for part in problem.substructures])
+    added = [diags_array((inertia / shares)[part.unknown]) for part in problem.substructures]
+    parts = tuple(
+        replace(part, stiffness=csr_array(part.stiffness + more))
+        for part, more in zip(problem.substructures, added, strict=True)
+    )
+    method = Latin(replace(problem, substructures=parts), team=team)
+    local = np.concatenate([problem.substructures[part].unknown for part in method.parts])
     force = problem.sum_up([part.load[:, 0] for part in problem.substructures])
     u, v = _initial(problem, start)
     links = method.stack.links
@@ -129,21 +134,6 @@ def _masses(problem: CutProblem, mass: float | np.ndarray) -> np.ndarray:
     if not np.all((at > 0.0) & np.isfinite(at)):
         raise CaseError(f"mass must be positive and finite (kg), got {at.min():g}")
     return at
-
-
-def _with_stiffness(problem: CutProblem, stiffness: np.ndarray) -> CutProblem:
-    """Add a diagonal to the stiffness, shared out."""
-    shares = problem.sum_up([np.ones(part.n) for part in problem.substructures])
-    parts = tuple(
-        replace(
-            part,
-            stiffness=csr_array(
-                part.stiffness + diags_array(stiffness[part.unknown] / shares[part.unknown])
-            ),
-        )
-        for part in problem.substructures
-    )
-    return replace(problem, substructures=parts)
 
 
 def _initial(

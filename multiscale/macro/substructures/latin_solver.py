@@ -112,9 +112,6 @@ def solve_latin(
     judge = _judge(method) if coarse else None
     columns: list[dict[str, Any]] = []
     for factor in factors:
-        if columns and not columns[-1]["converged"]:  # a path ends with its first failure
-            columns.append(columns[-1] | {"iterations": 0, "wall_time": 0.0})
-            continue
         load = method.stack.load @ factor
         try:
             columns.append(solve_step(method, load, judge, tolerance, max_iterations, callback))
@@ -123,6 +120,8 @@ def solve_latin(
                 raise
             failure = str(method.slide(load, method.before) or error)
             columns.append(columns[-1] | {"converged": 0, "failure": failure})
+        if not columns[-1]["converged"]:
+            break
     return assemble_result(
         problem,
         factors,

@@ -33,18 +33,14 @@ def solve_schur(
 
     Parameters
     ----------
-    problem : Problem
-        The structure, cut.
-    load_factor : float or ndarray, shape (steps,) or (steps, cases)
-        Factors of the load cases, one row for each step; each starts from the one before.
+    problem, load_factor, team
+        As of :func:`solve_latin`.
     tolerance : float
         Bound on the largest force out of balance relative to the largest nodal load (without
         load: to the largest prestress); dimensionless. What rounding makes unavoidable is
         allowed for; ``residual`` says what was reached.
     max_iterations : int
         Limit of Newton steps for one load.
-    team : ProcessGroup, optional
-        Processes that share the substructures; all call this function, and all get the result.
     callback : callable, optional
         Called as ``callback(iteration, residual, state)``: ``state.tension()`` of the links, N, in
         the order of the substructures (of this process), ``state.displacement()`` of all
@@ -86,11 +82,9 @@ def solve_schur(
     method = Newton(problem, team)
     columns: list[dict[str, Any]] = []
     for factor in factors:
-        if columns and not columns[-1]["converged"]:  # a path ends with its first failure
-            none = {"iterations": 0, "krylov_iterations": 0, "wall_time": 0.0}
-            columns.append(columns[-1] | none)
-            continue
         columns.append(_solve_step(method, factor, tolerance, max_iterations, callback))
+        if not columns[-1]["converged"]:
+            break
     return assemble_result(
         problem,
         factors,

@@ -43,11 +43,9 @@ def solve_whole(
 
     Parameters
     ----------
-    problem : Problem
-        Without links, which :func:`multiscale.macro.solve_static` takes; however it is cut, the
-        answer is the same.
-    load_factor : float or ndarray, shape (steps,) or (steps, cases)
-        Factors of the load cases, one row for each step; each starts from the one before.
+    problem, load_factor
+        As of :func:`solve_latin`, without links, which :func:`multiscale.macro.solve_static` takes;
+        however it is cut, the answer is the same.
     tolerance, max_iterations
         See :func:`~multiscale.macro.monolithic.solve_interface`.
 
@@ -82,9 +80,6 @@ def solve_whole(
     u: np.ndarray | None = None
     columns: list[dict[str, Any]] = []
     for factor in factors:
-        if columns and not columns[-1]["converged"]:  # a path ends with its first failure
-            columns.append(columns[-1] | {"iterations": 0, "wall_time": 0.0})
-            continue
         clock = perf_counter()
         solution = solve(whole.load @ factor, u, state)
         jump = (whole.jump @ solution.value).reshape(3, -1)
@@ -105,8 +100,9 @@ def solve_whole(
                 "wall_time": perf_counter() - clock,
             }
         )
-        if solution.converged:
-            u, before, state = solution.value, -response.traction[0], law.advance(jump, state)
+        if not solution.converged:
+            break
+        u, before, state = solution.value, -response.traction[0], law.advance(jump, state)
     return assemble_result(problem, factors, columns)
 
 
