@@ -36,7 +36,7 @@ from multiscale.upscaling import law_from_dataset
 if TYPE_CHECKING:
     import xarray as xr
 
-    from multiscale.macro.substructures import Team
+    from multiscale.macro.substructures import ProcessGroup
     from multiscale.pipeline.structure_settings import StructureCase
 
 __all__ = [
@@ -87,11 +87,11 @@ class Substructures(Settings):
         """Substructures of a body, or of a grid."""
         return self.parts[0] * self.parts[1]
 
-    def stop(self, team: "Team | None") -> dict[str, Any]:
+    def stop(self, team: "ProcessGroup | None") -> dict[str, Any]:
         """When the solver stops, and who shares its work."""
         return {"tolerance": self.tolerance, "max_iterations": self.max_iterations, "team": team}
 
-    def method(self, team: "Team | None") -> LatinMethod:
+    def method(self, team: "ProcessGroup | None") -> LatinMethod:
         """How elastic bodies are solved."""
         return LatinMethod(self.parts, self.coarse, **self.stop(team))
 

@@ -21,7 +21,7 @@ from multiscale.schema import INTERFACE_LAW, MACRO_RESULT, MICRO_RESPONSE
 if TYPE_CHECKING:
     import xarray as xr
 
-    from multiscale.macro.substructures import Team
+    from multiscale.macro.substructures import ProcessGroup
 
 __all__ = ["Results", "run", "run_macro"]
 
@@ -120,7 +120,7 @@ def run_macro(
     file: str | Path,
     *,
     law: str | Path | None = None,
-    team: "Team | None" = None,
+    team: "ProcessGroup | None" = None,
 ) -> "xr.Dataset":
     """Solve a structure; write its result and, beside it in ``fields``, a series for ParaView.
 
@@ -133,7 +133,7 @@ def run_macro(
         Dataset to write; its folder is made if needed.
     law : path, optional
         Interface law of the joints, instead of the one that the case names.
-    team : Team, optional
+    team : ProcessGroup, optional
         Processes that share the substructures. All call this function; the first one writes.
 
     Returns

@@ -14,7 +14,7 @@ from multiscale.schema import Schema
 if TYPE_CHECKING:
     import xarray as xr
 
-    from multiscale.macro.substructures import Team
+    from multiscale.macro.substructures import ProcessGroup
     from multiscale.pipeline.toml_model import Settings
 
 __all__ = [
@@ -70,13 +70,13 @@ class Job:
     out : Path, run folder, which exists
     executor : Executor or None, see :func:`multiscale.executors.run_jobs`
     progress : callable, gets the number of finished realisations
-    team : Team or None, processes that share the substructures of a structure
+    team : ProcessGroup or None, processes that share the substructures of a structure
     """
 
     out: Path
     executor: Executor | None = None
     progress: Callable[[int], None] = lambda finished: None
-    team: "Team | None" = None
+    team: "ProcessGroup | None" = None
 
 
 def list_cautions(dataset: "xr.Dataset") -> list[str]:

@@ -10,7 +10,7 @@ from multiscale.laws import Exponential, HystereticLaw, InterfaceLaw, Response, 
 from multiscale.laws.bulk import Elastic
 from multiscale.macro.bodies import LapShape, lap_joint, stacked_blocks
 from multiscale.macro.substructures import assemble, cut_assembly, solve_latin, solve_schur
-from multiscale.macro.substructures.joint_state import advance
+from multiscale.macro.substructures.joint_state import advance_state
 from tests.support import keep_ignoring_broken_pipes
 
 NORMAL, KAPPA = Exponential(1e9, 0.25e-6), 0.8
@@ -54,10 +54,10 @@ def shear_at_a_high_pressure_and_back_at_a_low_one():
 def test_one_spring_wins_energy_where_the_pressure_falls_and_that_is_told():
     """Of t = kappa K d = 3.2 MPa: E = t^2 / (2 kappa K) grows from .016 to .08 J/m2."""
     law, jumps = OneSpring(), shear_at_a_high_pressure_and_back_at_a_low_one()
-    state, _ = advance(law, jumps[0], np.zeros((5, 1)))
-    state, _ = advance(law, jumps[1], state)
+    state, _ = advance_state(law, jumps[0], np.zeros((5, 1)))
+    state, _ = advance_state(law, jumps[1], state)
     with pytest.raises(ConvergenceError, match=r"a step wins 0\.064 J/m2 at a point of a joint"):
-        advance(law, jumps[2], state)
+        advance_state(law, jumps[2], state)
 
 
 def test_a_bed_of_sliders_loses_energy_there():
@@ -65,7 +65,7 @@ def test_a_bed_of_sliders_loses_energy_there():
     jumps = shear_at_a_high_pressure_and_back_at_a_low_one()
     state = law.at_rest(jumps[0])
     for jump in jumps:
-        state, account = advance(law, jump, state)
+        state, account = advance_state(law, jump, state)
         lost.append(account.dissipated[0])
     assert lost[2] == pytest.approx(0.8 * 0.016, rel=0.05)  # of the springs that leave contact
 
@@ -95,7 +95,7 @@ def loss_of_steps(problem, result):
     (face,), found, most = problem.joints, [], 0.0
     state = np.zeros((face.law.n_state, face.weight.size))
     for jump in result.jump.values:
-        state, account = advance(face.law, jump.T, state)
+        state, account = advance_state(face.law, jump.T, state)
         found.append(account.dissipated @ face.weight)
         most = max(most, float(account.stored @ face.weight))
     return np.array(found), most

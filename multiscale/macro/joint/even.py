@@ -7,10 +7,14 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from multiscale.laws import HystereticLaw, NormalLaw
-from multiscale.macro.data_range import load_shares, with_load_shares
+from multiscale.macro.data_range import load_shares
 from multiscale.macro.joint.geometry import RoughJoint
-from multiscale.macro.joint.joint_solver import check_preloads, ratios, rough_joint
-from multiscale.schema import MACRO_RESULT
+from multiscale.macro.joint.joint_solver import (
+    check_preloads,
+    joint_result,
+    ratios,
+    rough_joint,
+)
 
 if TYPE_CHECKING:
     import xarray as xr
@@ -73,28 +77,17 @@ def press_joint(
         "mean_gap": gap,
         "closed_fraction": np.ones(p.size),
     }
-    values = {name: np.where(good, value, np.nan) for name, value in measured.items()}
+    values = {
+        "preload": p,
+        **{name: np.where(good, value, np.nan) for name, value in measured.items()},
+        "converged": good.astype(int),
+        "residual": residual,
+        "wall_time": np.full(p.size, (perf_counter() - begin) / p.size),
+    }
     rows = [_stiffness(sample, p, soft) for sample in samples]
-    sampled = (
-        {f"{name}_sample": np.array([row[name] for row in rows]) for name in rows[0]}
-        if rows
-        else {}
-    )
-    result = MACRO_RESULT.build(
-        {
-            "preload": p,
-            **values,
-            **sampled,
-            "converged": good.astype(int),
-            "residual": residual,
-            "wall_time": np.full(p.size, (perf_counter() - begin) / p.size),
-        }
-    )
-    shares = load_shares(p[:, None], np.ones(1), law.pressure_range)[..., None]
-    data = np.array([law.pressure_range])
-    result = with_load_shares(result, shares, data, extrapolate=extrapolate)
-    solid = np.full(p.size, 1.0 / soft)  # no law enters it
-    return MACRO_RESULT.assign(result, {"solid_stiffness": solid})
+    data = law.pressure_range
+    shares = load_shares(p[:, None], np.ones(1), data)
+    return joint_result(values, rows, 1.0 / soft, shares, data, extrapolate=extrapolate)
 
 
 def _loading(law: NormalLaw | HystereticLaw) -> NormalLaw:

@@ -59,7 +59,7 @@ def assemble_joint(
     weight : ndarray, shape (points,)
         Quadrature weights, m².
     """
-    lower, upper = _lower(joint), _upper(joint)
+    lower, upper = _sides(joint)
     motion, arm = _platen_motion(joint, upper, upper.platen), _load_arm(joint)
     operator, weight = _face_quadrature(joint, upper)
 
@@ -93,7 +93,7 @@ def assemble_joint(
 
 def condense_joint(joint: RoughJoint) -> CondensedJoint:
     """Condense both blocks onto the normal jump."""
-    lower, upper = _lower(joint), _upper(joint)
+    lower, upper = _sides(joint)
     compliance = _face_compliance(lower, "lower") + _face_compliance(upper, "upper")
     motion, arm = _platen_motion(joint, upper, upper.face), _load_arm(joint)
     operator, weight = _face_quadrature(joint, upper)
@@ -114,14 +114,11 @@ class _Side:
     platen: np.ndarray  # unknowns a on the platen
 
 
-def _lower(joint: RoughJoint) -> _Side:
-    """Side 1, from z = -height to 0."""
-    return _side(joint, joint.lower, base=-joint.lower.height, face="top", platen="bottom")
-
-
-def _upper(joint: RoughJoint) -> _Side:
-    """Side 2, from z = 0 to its height."""
-    return _side(joint, joint.upper, base=0.0, face="bottom", platen="top")
+def _sides(joint: RoughJoint) -> tuple[_Side, _Side]:
+    """Side 1, from z = -height to 0, and side 2, from there to its height."""
+    base = -joint.lower.height
+    lower = _side(joint, joint.lower, base=base, face="top", platen="bottom")
+    return lower, _side(joint, joint.upper, base=0.0, face="bottom", platen="top")
 
 
 def _side(joint: RoughJoint, block: Block, *, base: float, face: str, platen: str) -> _Side:

@@ -1,6 +1,6 @@
 """Two elastic blocks pressed together through a rough interface."""
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from time import perf_counter
 from typing import TYPE_CHECKING
 
@@ -19,7 +19,7 @@ from multiscale.schema import MACRO_RESULT
 if TYPE_CHECKING:
     import xarray as xr
 
-__all__ = ["check_preloads", "ratios", "rough_joint"]
+__all__ = ["check_preloads", "joint_result", "ratios", "rough_joint"]
 
 
 def rough_joint(
@@ -92,9 +92,8 @@ def rough_joint(
     model = condense_joint(joint)
     limits = Limits(max_iterations, tolerance)
     names = (*ratios(law), "interface_stiffness", "approach", "mean_gap", "closed_fraction")
-    values = {name: np.full(preloads.size, np.nan) for name in names}
-    converged = np.zeros(preloads.size, dtype=int)
-    residual, wall_time = np.full(preloads.size, np.nan), np.zeros(preloads.size)
+    values = {name: np.full(preloads.size, np.nan) for name in (*names, "residual", "wall_time")}
+    values["converged"] = np.zeros(preloads.size, dtype=int)
     pressure = np.full((preloads.size, model.weight.size), np.nan)
     solutions: list[np.ndarray | None] = []
 
@@ -103,60 +102,62 @@ def rough_joint(
         start = solutions[-1] if solutions else None
         solution = solve_preload(model, law, preload, start, limits)
         solutions.append(solution.value if solution.converged else None)
-        converged[step] = solution.converged
+        values["converged"][step] = solution.converged
         if solution.residuals:
-            residual[step] = solution.residuals[-1]
+            values["residual"][step] = solution.residuals[-1]
         if solution.converged:
-            for name, value in _measure(model, law, solution.value).items():
-                values[name][step] = value
-            jump = model.operator @ model.split(solution.value)[0]
+            j, w, _ = model.split(solution.value)
+            jump = model.operator @ j
             pressure[step] = respond(law, jump)[0]
-        wall_time[step] = perf_counter() - before
+            found = _stiffness(model, law, solution.value) | {
+                "approach": -float(model.arm @ w),
+                "mean_gap": float(model.weight @ jump) / model.area + law.gap,
+                "closed_fraction": float(model.weight @ (pressure[step] > 0.0)) / model.area,
+            }
+            for name, value in found.items():
+                values[name][step] = value
+        values["wall_time"][step] = perf_counter() - before
 
-    result = {
-        "preload": preloads,
-        **values,
-        "converged": converged,
-        "residual": residual,
-        "wall_time": wall_time,
-    }
-    rows = [_sample_stiffness(model, sample, preloads, solutions, limits) for sample in samples]
-    for name in rows[0] if rows else ():
-        result[f"{name}_sample"] = np.array([row[name] for row in rows])
-    shares = load_shares(pressure, model.weight, law.pressure_range)[..., None]
-    data = np.array([law.pressure_range])
-    found = with_load_shares(MACRO_RESULT.build(result), shares, data, extrapolate=extrapolate)
-    solid = np.full(preloads.size, model.solid_stiffness)  # no law enters it
+    rows = []
+    for sample in samples:  # each step starts from the law's own
+        failed = dict.fromkeys(("interface_stiffness", *ratios(sample)), np.nan)
+        steps = []
+        for preload, start in zip(preloads, solutions, strict=True):
+            solution = solve_preload(model, sample, preload, start, limits)
+            good = solution.converged
+            steps.append(_stiffness(model, sample, solution.value) if good else failed)
+        rows.append({name: np.array([step[name] for step in steps]) for name in failed})
+    shares = load_shares(pressure, model.weight, law.pressure_range)
+    result = {"preload": preloads, **values}
+    return joint_result(
+        result, rows, model.solid_stiffness, shares, law.pressure_range, extrapolate=extrapolate
+    )
+
+
+def joint_result(
+    values: Mapping[str, np.ndarray],
+    rows: Sequence[Mapping[str, np.ndarray]],
+    solid_stiffness: float,
+    shares: np.ndarray,
+    data: tuple[float, float],
+    *,
+    extrapolate: bool,
+) -> "xr.Dataset":
+    """Dataset after ``MACRO_RESULT`` of what the law and each of its samples give at the preloads.
+
+    Shares of the load lie outside the data of the law, shape (3, steps) and Pa; see
+    :func:`~multiscale.macro.data_range.with_load_shares`.
+    """
+    names = rows[0] if rows else ()
+    samples = {f"{name}_sample": np.array([row[name] for row in rows]) for name in names}
+    found = with_load_shares(
+        MACRO_RESULT.build({**values, **samples}),
+        shares[..., None],
+        np.array([data]),
+        extrapolate=extrapolate,
+    )
+    solid = np.full(values["preload"].size, solid_stiffness)  # no law enters it
     return MACRO_RESULT.assign(found, {"solid_stiffness": solid})
-
-
-def _sample_stiffness(
-    model: CondensedJoint,
-    sample: InterfaceLaw,
-    preloads: np.ndarray,
-    starts: Sequence[np.ndarray | None],
-    limits: Limits,
-) -> dict[str, np.ndarray]:
-    """Stiffness of one sample of the law, Pa/m, each step started from the law's own."""
-    failed = dict.fromkeys(("interface_stiffness", *ratios(sample)), np.nan)
-    steps = []
-    for preload, start in zip(preloads, starts, strict=True):
-        solution = solve_preload(model, sample, preload, start, limits)
-        steps.append(_stiffness(model, sample, solution.value) if solution.converged else failed)
-    return {name: np.array([step[name] for step in steps]) for name in failed}
-
-
-def _measure(model: CondensedJoint, law: InterfaceLaw, value: np.ndarray) -> dict[str, float]:
-    """Quantities of ``MACRO_RESULT`` at a solution."""
-    j, w, _ = model.split(value)
-    jump = model.operator @ j
-    pressure = respond(law, jump)[0]
-    return {
-        **_stiffness(model, law, value),
-        "approach": -float(model.arm @ w),
-        "mean_gap": float(model.weight @ jump) / model.area + law.gap,
-        "closed_fraction": float(model.weight @ (pressure > 0.0)) / model.area,
-    }
 
 
 def _stiffness(model: CondensedJoint, law: InterfaceLaw, value: np.ndarray) -> dict[str, float]:

@@ -14,7 +14,7 @@ from multiscale.macro.substructures.homogenised import homogenise
 from multiscale.macro.substructures.joint_fields import add_body_fields
 from multiscale.macro.substructures.latin_solver import solve_latin
 from multiscale.macro.substructures.loading import JointLoading, load_joint
-from multiscale.macro.substructures.parallel import Alone, Ranks, Team, world
+from multiscale.macro.substructures.parallel import Alone, ProcessGroup, Ranks, world
 from multiscale.macro.substructures.problem import CutInterface, CutProblem, Links, Substructure
 from multiscale.macro.substructures.schur import solve_schur
 from multiscale.macro.substructures.whole_solver import solve_whole
@@ -31,9 +31,9 @@ __all__ = [
     "Links",
     "Method",
     "NewtonSchur",
+    "ProcessGroup",
     "Ranks",
     "Substructure",
-    "Team",
     "add_body_fields",
     "assemble",
     "bisect",

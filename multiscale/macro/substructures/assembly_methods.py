@@ -8,7 +8,7 @@ import numpy as np
 from multiscale.macro.bodies.assembly import Assembly
 from multiscale.macro.substructures.cut_bodies import cut_assembly
 from multiscale.macro.substructures.latin_solver import solve_latin
-from multiscale.macro.substructures.parallel import Team
+from multiscale.macro.substructures.parallel import ProcessGroup
 from multiscale.macro.substructures.problem import CutProblem
 from multiscale.macro.substructures.schur import solve_schur
 from multiscale.macro.substructures.whole_solver import solve_whole
@@ -59,7 +59,7 @@ class LatinMethod:
     coarse: bool = True
     tolerance: float = 1e-8
     max_iterations: int = 400
-    team: Team | None = None
+    team: ProcessGroup | None = None
 
     def solve(self, problem: CutProblem, load_factor: float | np.ndarray) -> "xr.Dataset":
         """Solve by :func:`solve_latin`."""
@@ -83,7 +83,7 @@ class NewtonSchur:
     parts: tuple[int, int] = (1, 1)
     tolerance: float = 1e-10
     max_iterations: int = 60
-    team: Team | None = None
+    team: ProcessGroup | None = None
 
     def solve(self, problem: CutProblem, load_factor: float | np.ndarray) -> "xr.Dataset":
         """Solve by :func:`solve_schur`."""

@@ -8,7 +8,7 @@ import numpy as np
 from scipy.sparse import coo_array, csr_array
 
 from multiscale.fe.condensation import Split
-from multiscale.macro.substructures.parallel import Team, together
+from multiscale.macro.substructures.parallel import ProcessGroup, together
 from multiscale.macro.substructures.problem import CutInterface
 from multiscale.numerics.cholesky import Solve
 
@@ -31,7 +31,7 @@ class Layout:
     faces : list of (int, list of (int, ndarray))
         For every interface its size, those of these substructures that it has and, in each, the
         columns of its unknowns.
-    team : Team
+    team : ProcessGroup
         Processes that share the substructures.
     """
 
@@ -41,7 +41,7 @@ class Layout:
     n_shared: int
     n_coarse: int
     faces: list[tuple[int, list[tuple[int, np.ndarray]]]]
-    team: Team
+    team: ProcessGroup
 
     def gather(self, blocks: list[np.ndarray]) -> np.ndarray:
         """Matrices of the substructures in one array, shape (substructures, w, w)."""
@@ -71,7 +71,7 @@ def lay_out(
     basis: csr_array,
     interfaces: Sequence[CutInterface],
     mine: range,
-    team: Team,
+    team: ProcessGroup,
 ) -> Layout:
     """Make the tables.
 
@@ -86,7 +86,7 @@ def lay_out(
         Perfect ones, whose unknowns are the rows of ``basis`` one after the other.
     mine : range
         Numbers of the substructures.
-    team : Team
+    team : ProcessGroup
         Processes that share the substructures.
     """
     n_shared, n_coarse = basis.shape
@@ -202,7 +202,9 @@ def prepare_balancing(
     )
 
 
-def _solve_first(team: Team, matrix: csr_array, factorise: Callable[[csr_array], Solve]) -> Solve:
+def _solve_first(
+    team: ProcessGroup, matrix: csr_array, factorise: Callable[[csr_array], Solve]
+) -> Solve:
     """Let the first process solve for all, so that all get the same digits."""
     solve = together(team, lambda: None if team.rank else factorise(matrix))
     return lambda right: team.total(np.zeros_like(right) if solve is None else solve(right))

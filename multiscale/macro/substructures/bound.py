@@ -19,10 +19,10 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.sparse import csr_array
 
-from multiscale.macro.substructures.parallel import Team
+from multiscale.macro.substructures.parallel import ProcessGroup
 from multiscale.macro.substructures.stack import Factors, Sides, Stack
 
-__all__ = ["Admissible", "ErrorBound", "Estimate", "Fields"]
+__all__ = ["Admissible", "ErrorBound", "Fields", "ForceError"]
 
 HELD = 1e-10
 """Stiffness that stands for the neighbours where only forces are given, relative to it."""
@@ -32,7 +32,7 @@ UNBALANCED = 1e-9
 
 
 @dataclass(frozen=True)
-class Estimate:
+class ForceError:
     """Error of forces in J^1/2, and the size of their change in the same norm.
 
     Attributes
@@ -82,7 +82,7 @@ class Admissible:
         self.solve = self.factors(stack.matrix(stack.links.stiffness, tiny))
         self.perfect = sides.perfect[own]
 
-    def __call__(self, u: np.ndarray, force: np.ndarray, team: Team) -> Fields:
+    def __call__(self, u: np.ndarray, force: np.ndarray, team: ProcessGroup) -> Fields:
         """Share out what is out of balance, and what does not fit, equally between the sides."""
         trace = self.stack.trace
         balanced = force - self.sides.mean(force)
@@ -113,8 +113,8 @@ class ErrorBound:
         self.part_of_link = np.searchsorted(stack.start, first, "right") - 1
 
     def evaluate(
-        self, u: np.ndarray, tension: np.ndarray, force: np.ndarray, team: Team
-    ) -> Estimate:
+        self, u: np.ndarray, tension: np.ndarray, force: np.ndarray, team: ProcessGroup
+    ) -> ForceError:
         """Measure a state of the linear stage, whose coarse forces are balanced.
 
         Parameters
@@ -124,7 +124,7 @@ class ErrorBound:
             In equilibrium with ``force``, of this process.
         force : ndarray, shape (m,)
             On all sides.
-        team : Team
+        team : ProcessGroup
         """
         stack, links = self.stack, self.stack.links
         fields = self.admissible(u, force, team)
@@ -148,7 +148,7 @@ class ErrorBound:
         )
         total, size, impossible = team.total(sums)
         error = np.inf if impossible else np.sqrt(2.0 * max(total, 0.0))
-        return Estimate(float(error), float(np.sqrt(size)))
+        return ForceError(float(error), float(np.sqrt(size)))
 
     def _pull(self, tension: np.ndarray) -> tuple[np.ndarray, bool]:
         """Add so much of the prestress that every link is within its limits."""

@@ -1,20 +1,15 @@
 r"""What friction can carry: the kinematic theorem of limit analysis for bodies on joints."""
 
-from collections.abc import Sequence
 from dataclasses import dataclass
 from itertools import pairwise
 
 import numpy as np
 from scipy.optimize import linprog
-from scipy.sparse import block_array, block_diag, coo_array, csr_array, diags_array, eye_array
+from scipy.sparse import block_array, coo_array, csr_array, eye_array
 from scipy.sparse.csgraph import connected_components
 
-from multiscale.macro.substructures.problem import (
-    CutInterface,
-    CutProblem,
-    Substructure,
-    rigid_motions,
-)
+from multiscale.macro.substructures.problem import CutProblem, rigid_motions
+from multiscale.macro.substructures.stack import stack_parts
 
 __all__ = ["Slide", "find_slide"]
 
@@ -99,7 +94,13 @@ def find_slide(problem: CutProblem, load: np.ndarray, *pressures: np.ndarray) ->
     power = load @ modes
     if not np.any(np.abs(power) > NOTHING * np.abs(load).sum()):
         return None
-    normal, *across = _jumps(problem, modes)
+    start = np.cumsum([0, *(part.n for part in problem.substructures)])
+    moved = [modes[first:last] for first, last in pairwise(start)]
+    jumps = [
+        np.split(joint.trace[1] @ moved[joint.sides[1]] - joint.trace[0] @ moved[joint.sides[0]], 3)
+        for joint in problem.joints
+    ]
+    normal, *across = (np.concatenate(direction) for direction in zip(*jumps, strict=True))
     sizes = [joint.weight.size for joint in problem.joints]
     area = np.concatenate([joint.weight for joint in problem.joints])
     numbers = np.repeat([joint.joint for joint in problem.joints], sizes)
@@ -107,7 +108,9 @@ def find_slide(problem: CutProblem, load: np.ndarray, *pressures: np.ndarray) ->
     sliding = np.concatenate([normal, -normal])
     # sliding first: what also tips has a capacity that can be told
     for kept, pressure in [(sliding, one) for one in known] + [(normal, one) for one in known]:
-        bound = area * _friction(problem.joints, np.maximum(pressure, 0.0))
+        parts = np.split(np.maximum(pressure, 0.0), np.cumsum(sizes)[:-1])
+        pairs = zip(problem.joints, parts, strict=True)
+        bound = area * np.concatenate([j.law.friction_limit(p) for j, p in pairs if j.law])
         a = _weakest(power, kept, across, bound)
         if a is None:
             continue
@@ -119,13 +122,6 @@ def find_slide(problem: CutProblem, load: np.ndarray, *pressures: np.ndarray) ->
             slides = tuple(np.unique(numbers[slip > NOTHING * largest]).tolist())
             return Slide(work / largest, taken / largest, slides)
     return None
-
-
-def _friction(joints: Sequence[CutInterface], pressure: np.ndarray) -> np.ndarray:
-    """Largest traction along the joints at their pressures, both at all points, Pa."""
-    ends = np.cumsum([joint.weight.size for joint in joints])
-    parts = zip(joints, np.split(pressure, ends[:-1]), strict=True)
-    return np.concatenate([joint.law.friction_limit(p) for joint, p in parts if joint.law])
 
 
 def _free_motions(problem: CutProblem) -> np.ndarray:
@@ -140,7 +136,8 @@ def _free_motions(problem: CutProblem) -> np.ndarray:
     body = connected_components(shared @ shared.T, directed=False)[1][owner]
     position = np.concatenate([part.position for part in parts])
     component = np.concatenate([part.component for part in parts])
-    K = block_diag([_stiffness(part) for part in parts], format="csr")
+    stacked = stack_parts(problem, range(len(parts)))
+    K = stacked.matrix(stacked.links.stiffness, None)  # all links taut
     found = [np.zeros((owner.size, 0))]
     for index in range(int(body.max()) + 1):
         mine = np.flatnonzero(body == index)
@@ -153,25 +150,6 @@ def _free_motions(problem: CutProblem) -> np.ndarray:
         free = motions @ free
         found.append(free / np.abs(free).max(axis=0))
     return np.concatenate(found, axis=1)
-
-
-def _stiffness(part: Substructure) -> csr_array:
-    """Stiffness of a substructure whose links are all taut, N/m."""
-    if part.links is None:
-        return part.stiffness
-    B = part.links.operator
-    return csr_array(part.stiffness + B.T @ diags_array(part.links.stiffness) @ B)
-
-
-def _jumps(problem: CutProblem, modes: np.ndarray) -> list[np.ndarray]:
-    """Jump of rigid motions at the points of all joints: normal, then both tangents."""
-    start = np.cumsum([0, *(part.n for part in problem.substructures)])
-    moved = [modes[first:last] for first, last in pairwise(start)]
-    jumps = [
-        np.split(joint.trace[1] @ moved[joint.sides[1]] - joint.trace[0] @ moved[joint.sides[0]], 3)
-        for joint in problem.joints
-    ]
-    return [np.concatenate(direction) for direction in zip(*jumps, strict=True)]
 
 
 def _weakest(

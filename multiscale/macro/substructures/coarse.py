@@ -6,7 +6,7 @@ import numpy as np
 from scipy.sparse import block_diag, coo_array, csr_array
 
 from multiscale.errors import MultiscaleError
-from multiscale.macro.substructures.parallel import Team
+from multiscale.macro.substructures.parallel import ProcessGroup
 from multiscale.macro.substructures.problem import CutInterface, CutProblem
 from multiscale.macro.substructures.stack import Factors, Sides, Stack
 from multiscale.numerics.cholesky import Solve
@@ -76,7 +76,7 @@ def prepare_coarse(
     parts: range,
     solve: Solve,
     factors: Factors,
-    team: Team,
+    team: ProcessGroup,
 ) -> Coarse:
     r"""Condense the linear stage onto the coarse unknowns.
 
@@ -109,15 +109,11 @@ def prepare_coarse(
         np.concatenate(item) for item in zip(*team.collect(triplets), strict=True)
     )
     matrix = coo_array((values, (rows, cols)), shape=(basis.shape[1],) * 2)
-    return Coarse(push, on_sides, answer, column, _factorise(matrix + on_sides.T @ push, factors))
-
-
-def _factorise(matrix: csr_array, factors: Factors) -> Solve:
-    """Factorise the coarse matrix, or say why that cannot be."""
     try:
-        return factors(csr_array(matrix))
+        factor = factors(csr_array(matrix + on_sides.T @ push))
     except MultiscaleError as error:
         raise MultiscaleError(
             "the coarse problem of the substructures is singular: all of them together can move "
             "without resistance; add supports, or prestress where nothing is taut"
         ) from error
+    return Coarse(push, on_sides, answer, column, factor)

@@ -5,7 +5,7 @@ from scipy.sparse import csr_array
 from scipy.sparse.csgraph import connected_components
 
 from multiscale.errors import CaseError
-from multiscale.macro.discrete.compatibility import LinkEquations, compatibility, equations
+from multiscale.macro.discrete.compatibility import compatibility, equations
 from multiscale.macro.discrete.link_system import LinkSystem
 from multiscale.macro.substructures.problem import CutProblem, Links, Substructure
 
@@ -39,7 +39,12 @@ def cut_links(system: LinkSystem, owner: np.ndarray) -> CutProblem:
     model = equations(system)
     if not np.isfinite(model.stiffness).all():
         raise CaseError("substructures need extensible links; give a finite rigidity")
-    rows = _owner_of_rows(system, owner)
+    beams = [
+        np.repeat(owner[system.kind == index], 5)
+        for index, law in enumerate(system.laws)
+        if type(law).__name__ == "Beam"
+    ]
+    rows = np.concatenate([owner, *beams])  # the modes of beams follow their links
     operator = compatibility(system)
     _check_pieces(system, owner)
 
@@ -49,43 +54,28 @@ def cut_links(system: LinkSystem, owner: np.ndarray) -> CutProblem:
     free = model.number.ravel() >= 0
     held_by = [np.unique(operator[rows == part].indices) for part in range(count)]
     shares = np.bincount(np.concatenate(held_by), minlength=model.n)
-    parts = [
-        _part(
-            model,
-            operator[rows == part],
-            rows == part,
-            unknown,
-            shares,
-            position[free][unknown],
-            component[free][unknown],
+    parts = []
+    for part, unknown in enumerate(held_by):
+        mine = rows == part
+        links = Links(
+            csr_array(operator[mine][:, unknown]),
+            model.stiffness[mine],
+            model.prestress[mine],
+            model.lower[mine],
+            model.upper[mine],
+            np.flatnonzero(mine),
         )
-        for part, unknown in enumerate(held_by)
-    ]
+        parts.append(
+            Substructure(
+                csr_array((unknown.size, unknown.size)),  # links alone
+                (model.load[unknown] / shares[unknown])[:, None],
+                unknown,
+                position[free][unknown],
+                component[free][unknown],
+                links,
+            )
+        )
     return CutProblem(tuple(parts), system.position, model.number)
-
-
-def _part(
-    model: LinkEquations,
-    operator: csr_array,
-    mine: np.ndarray,
-    unknown: np.ndarray,
-    shares: np.ndarray,
-    position: np.ndarray,
-    component: np.ndarray,
-) -> Substructure:
-    """One substructure of links alone, with its share of the loads."""
-    B = csr_array(operator[:, unknown])
-    links = Links(
-        B,
-        model.stiffness[mine],
-        model.prestress[mine],
-        model.lower[mine],
-        model.upper[mine],
-        np.flatnonzero(mine),
-    )
-    load = (model.load[unknown] / shares[unknown])[:, None]
-    nothing = csr_array((unknown.size, unknown.size))
-    return Substructure(nothing, load, unknown, position, component, links)
 
 
 def split_grid(system: LinkSystem, parts: tuple[int, int]) -> np.ndarray:
@@ -146,16 +136,6 @@ def bisect(system: LinkSystem, count: int) -> np.ndarray:
 
     split(np.arange(system.n_links), 0, count)
     return owner
-
-
-def _owner_of_rows(system: LinkSystem, owner: np.ndarray) -> np.ndarray:
-    """Substructure of every row: the modes of beams follow their links."""
-    extra = [
-        np.repeat(owner[system.kind == index], 5)
-        for index, law in enumerate(system.laws)
-        if type(law).__name__ == "Beam"
-    ]
-    return np.concatenate([owner, *extra])
 
 
 def _check_pieces(system: LinkSystem, owner: np.ndarray) -> None:

@@ -258,9 +258,11 @@ def _frame(upper: Body, boundary: str) -> np.ndarray:
 
 def _twins(joint: Interface, lower: Body, upper: Body) -> np.ndarray:
     """Node of the lower body at every node of the upper face, -1 elsewhere."""
+    for body, name in zip((lower, upper), joint.boundaries, strict=True):
+        body.check_boundary(name)
     low, up = (
         np.unique(body.mesh.facets[:, body.mesh.boundaries[name]])
-        for body, name in zip((lower, upper), _known(joint, lower, upper), strict=True)
+        for body, name in zip((lower, upper), joint.boundaries, strict=True)
     )
     distance, nearest = cKDTree(lower.mesh.p[:, low].T).query(upper.mesh.p[:, up].T)
     size = float(np.ptp(upper.mesh.p[:, up], axis=1).max())
@@ -274,13 +276,6 @@ def _twins(joint: Interface, lower: Body, upper: Body) -> np.ndarray:
     twin = np.full(upper.mesh.p.shape[1], -1)
     twin[up] = low[nearest]
     return twin
-
-
-def _known(joint: Interface, lower: Body, upper: Body) -> tuple[str, str]:
-    """Names of the boundaries, checked."""
-    for body, name in zip((lower, upper), joint.boundaries, strict=True):
-        body.check_boundary(name)
-    return joint.boundaries
 
 
 def _owner_below(

@@ -11,7 +11,7 @@ from multiscale.errors import CaseError
 from multiscale.macro.substructures.cut_results import link_fields
 from multiscale.macro.substructures.latin import Latin
 from multiscale.macro.substructures.latin_solver import solve_step
-from multiscale.macro.substructures.parallel import Team
+from multiscale.macro.substructures.parallel import ProcessGroup
 from multiscale.macro.substructures.problem import CutProblem
 from multiscale.schema import MACRO_RESULT
 
@@ -30,7 +30,7 @@ def simulate_latin(
     start: tuple[np.ndarray, np.ndarray] | None = None,
     tolerance: float = 1e-10,
     max_iterations: int = 400,
-    team: Team | None = None,
+    team: ProcessGroup | None = None,
 ) -> "xr.Dataset":
     r"""Follow a cut structure in time, by implicit steps of :func:`multiscale.macro.simulate`.
 
@@ -73,12 +73,19 @@ def simulate_latin(
     h = _step(times)
     masses = _masses(problem, mass)
     inertia = masses / h**2
-    method = Latin(_with_stiffness(problem, inertia), team=team)
-    local = np.concatenate([problem.substructures[part].unknown for part in method.parts])
     shares = problem.sum_up([np.ones(part.n) for part in problem.substructures])
+    added = [diags_array((inertia / shares)[part.unknown]) for part in problem.substructures]
+    parts = tuple(
+        replace(part, stiffness=csr_array(part.stiffness + more))
+        for part, more in zip(problem.substructures, added, strict=True)
+    )
+    method = Latin(replace(problem, substructures=parts), team=team)
+    local = np.concatenate([problem.substructures[part].unknown for part in method.parts])
     force = problem.sum_up([part.load[:, 0] for part in problem.substructures])
     u, v = _initial(problem, start)
-    tension = _tension(method, u[local])
+    links = method.stack.links
+    e = links.operator @ u[local]
+    tension = method.admissible(links.prestress + links.stiffness * e)
     at_rest = {"converged": 1, "residual": 0.0, "wall_time": 0.0}
     rows = [_row(method, times[0], u, v, tension, at_rest)]
 
@@ -88,7 +95,10 @@ def simulate_latin(
             method, push[local] / shares[local], None, tolerance, max_iterations, None
         )
         if not step["converged"]:
-            return _dataset(problem, [*rows, _failed(rows[0], time, step)]).assign_attrs(
+            failed = {name: np.full(np.shape(value), np.nan) for name, value in rows[0].items()}
+            account = {name: step[name] for name in ("residual", "wall_time")}
+            rows.append(failed | {"time": time, "converged": 0} | account)
+            return _dataset(problem, rows).assign_attrs(
                 failure=f"the motion ends before {time:g} s: {step['failure']}"
             )
         following = problem.average(method.team.concatenate(step["found"].u))
@@ -126,21 +136,6 @@ def _masses(problem: CutProblem, mass: float | np.ndarray) -> np.ndarray:
     return at
 
 
-def _with_stiffness(problem: CutProblem, stiffness: np.ndarray) -> CutProblem:
-    """Add a diagonal to the stiffness, shared out."""
-    shares = problem.sum_up([np.ones(part.n) for part in problem.substructures])
-    parts = tuple(
-        replace(
-            part,
-            stiffness=csr_array(
-                part.stiffness + diags_array(stiffness[part.unknown] / shares[part.unknown])
-            ),
-        )
-        for part in problem.substructures
-    )
-    return replace(problem, substructures=parts)
-
-
 def _initial(
     problem: CutProblem, start: tuple[np.ndarray, np.ndarray] | None
 ) -> tuple[np.ndarray, np.ndarray]:
@@ -156,12 +151,6 @@ def _initial(
         vector[problem.number[free]] = np.asarray(given, dtype=float)[free]
         out.append(vector)
     return out[0], out[1]
-
-
-def _tension(method: Latin, u: np.ndarray) -> np.ndarray:
-    """Tension of the links of this process for a displacement."""
-    links = method.stack.links
-    return method.admissible(links.prestress + links.stiffness * (links.operator @ u))
 
 
 def _row(
@@ -182,12 +171,6 @@ def _row(
     }
     account = {name: step[name] for name in ("converged", "residual", "wall_time")}
     return {"time": time, **account, **fields}
-
-
-def _failed(first: dict[str, Any], time: float, step: dict[str, Any]) -> dict[str, Any]:
-    """Row of a step without solution."""
-    row = {name: np.full_like(value, np.nan, dtype=float) for name, value in first.items()}
-    return row | {"time": time, "converged": 0} | {n: step[n] for n in ("residual", "wall_time")}
 
 
 def _dataset(problem: CutProblem, rows: list[dict[str, Any]]) -> "xr.Dataset":

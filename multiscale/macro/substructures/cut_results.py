@@ -14,6 +14,9 @@ if TYPE_CHECKING:
 
 __all__ = ["assemble_result", "link_fields", "load_factors"]
 
+NOT_TRIED = {"iterations": 0, "krylov_iterations": 0, "wall_time": 0.0}
+"""What a step after a failure has taken."""
+
 FIELDS = ("displacement", "tension", "slack", "jump", "traction")
 
 
@@ -54,7 +57,11 @@ def assemble_result(
     columns: Sequence[dict[str, Any]],
     **attributes: str | float | int,
 ) -> "xr.Dataset":
-    """Make a dataset after ``MACRO_RESULT`` of one column for each step; failed ones are NaN."""
+    """Make a dataset after ``MACRO_RESULT`` of one column for each step; failed ones are NaN.
+
+    A path ends with its first failure: later steps have no column.
+    """
+    columns = [*columns, *[columns[-1] | NOT_TRIED] * (len(factors) - len(columns))]
     values: dict[str, Any] = {
         name: np.array([column[name] for column in columns])
         for name in columns[0]

@@ -12,16 +12,16 @@ from multiscale.fe.condensation import CondensedStiffness, condense, split
 from multiscale.macro.discrete.link_newton import SlackStiffness, exact_step
 from multiscale.macro.substructures.balancing import Balancing, lay_out, prepare_balancing
 from multiscale.macro.substructures.capacity import find_slide
-from multiscale.macro.substructures.carried import carry_joints
 from multiscale.macro.substructures.coarse import coarse_basis
-from multiscale.macro.substructures.joint_state import advance
-from multiscale.macro.substructures.parallel import Alone, Team, share, together
+from multiscale.macro.substructures.inner_joints import move_joints_inside
+from multiscale.macro.substructures.joint_state import advance_state
+from multiscale.macro.substructures.parallel import Alone, ProcessGroup, share, together
 from multiscale.macro.substructures.problem import CutProblem
-from multiscale.macro.substructures.stack import Factors, lay_out_sides, stack
+from multiscale.macro.substructures.stack import Factors, lay_out_sides, stack_parts
 from multiscale.numerics.factorisation import factorise
 from multiscale.numerics.line_search import step_length
 
-__all__ = ["Balance", "Newton"]
+__all__ = ["Imbalance", "Newton"]
 
 HELD = 1e-12
 """Stiffness lent to every unknown in the tangent, relative to its diagonal."""
@@ -43,7 +43,7 @@ factors; a direction that they left unfinished would slow Newton's method down o
 
 
 @dataclass(frozen=True, eq=False)
-class Balance:
+class Imbalance:
     """Forces out of balance.
 
     Attributes
@@ -96,18 +96,18 @@ class Newton:
     with the links and joints of every substructure :math:`E`.
     """
 
-    def __init__(self, problem: CutProblem, team: Team | None = None) -> None:
+    def __init__(self, problem: CutProblem, team: ProcessGroup | None = None) -> None:
         self.problem, self.team = problem, team or Alone()
-        carried, joints = carry_joints(problem)
-        mine = share(len(carried.substructures), self.team)
-        self.stack = stack(carried, mine)
-        self.unknown = np.concatenate([carried.substructures[part].unknown for part in mine])
+        perfect, joints = move_joints_inside(problem)
+        mine = share(len(perfect.substructures), self.team)
+        self.stack = stack_parts(perfect, mine)
+        self.unknown = np.concatenate([perfect.substructures[part].unknown for part in mine])
         self.parts = split(self.stack.start, self.stack.shared)
-        sides, slot = lay_out_sides(carried), np.zeros(self.stack.n, dtype=int)
+        sides, slot = lay_out_sides(perfect), np.zeros(self.stack.n, dtype=int)
         slot[self.stack.trace.indices] = sides.slot[sides.start[mine[0]] : sides.start[mine.stop]]
         self.slot = slot[self.parts.edge]
-        basis = coarse_basis(carried)
-        self.layout = lay_out(self.parts, self.slot, basis, carried.interfaces, mine, self.team)
+        basis = coarse_basis(perfect)
+        self.layout = lay_out(self.parts, self.slot, basis, perfect.interfaces, mine, self.team)
         self.places = [place for place, joint in enumerate(joints) if joint.owner in mine]
         self.joints = [joints[place] for place in self.places]
         self.jumps = [self._placed(joint.jump, joint.owner - mine[0]) for joint in self.joints]
@@ -166,7 +166,7 @@ class Newton:
         shares = self.assemble(np.ones(self.stack.n))
         return np.asarray(self.assemble(self.u) / np.maximum(shares, 1.0))
 
-    def balance(self) -> Balance:
+    def imbalance(self) -> Imbalance:
         """Evaluate (1)."""
         u, tension, tangents, tractions = self.u, self.tension(), [], []
         inner = self.stack.stiffness @ u
@@ -181,20 +181,20 @@ class Newton:
         residual = float(np.abs(self.assemble(force)).max(initial=0.0)) / self.scale
         largest = self._largest(np.append(self.magnitude @ np.abs(u), tension))
         rounding = 8.0 * np.finfo(float).eps * largest / self.scale
-        return Balance(force, residual, min(rounding, UNSURE), tangents, tractions)
+        return Imbalance(force, residual, min(rounding, UNSURE), tangents, tractions)
 
-    def advance(self, balance: Balance, tolerance: float) -> int:
+    def advance(self, imbalance: Imbalance, tolerance: float) -> int:
         """Take one Newton step; return the number of iterations of the linear solver."""
         carries = np.clip(self.elastic, self.lower, self.upper) == self.elastic
         if self.known is not None and not self._sum(np.count_nonzero(carries != self.known)):
             self.lending.reset()
         self.known = carries
-        accuracy = min(LOOSE, balance.residual)
-        accuracy = max(accuracy, 0.1 * tolerance / balance.residual, FINEST)
-        direction, count = self._solve(balance, carries, accuracy)
+        accuracy = min(LOOSE, imbalance.residual)
+        accuracy = max(accuracy, 0.1 * tolerance / imbalance.residual, FINEST)
+        direction, count = self._solve(imbalance, carries, accuracy)
 
         way = self._way(direction)
-        work = self._sum(balance.force @ direction)
+        work = self._sum(imbalance.force @ direction)
         if self.problem.joints:
             step = step_length(lambda step: self._slope(step, way), -work)
         else:
@@ -219,22 +219,22 @@ class Newton:
         self.jump = [jump + step * more for jump, more in zip(self.jump, way.jump, strict=True)]
 
     def _solve(
-        self, balance: Balance, carries: np.ndarray, accuracy: float
+        self, imbalance: Imbalance, carries: np.ndarray, accuracy: float
     ) -> tuple[np.ndarray, int]:
         """Newton direction and the number of iterations that it took."""
         key = np.append(carries, self.lending.share)
         changed = self._sum(np.count_nonzero(key != self.key))
         if self.problem.joints or self.factored is None or changed:
-            self.factored, self.key = self._factorise(balance, carries), key
-        edge, count = self._solve_shared(self.factored, balance.force, accuracy)
-        return self.factored.condensed.expand(balance.force, edge[self.slot]), count
+            self.factored, self.key = self._factorise(imbalance, carries), key
+        edge, count = self._solve_shared(self.factored, imbalance.force, accuracy)
+        return self.factored.condensed.expand(imbalance.force, edge[self.slot]), count
 
-    def _factorise(self, balance: Balance, carries: np.ndarray) -> _Factored:
+    def _factorise(self, imbalance: Imbalance, carries: np.ndarray) -> _Factored:
         """Condense the tangent and prepare what preconditions it."""
         share = np.where(carries, 1.0, self.lending.share)
         matrix = self.stack.matrix(share * self.stack.links.stiffness, None)
         symmetric = True
-        for jump, tangent in zip(self.jumps, balance.tangents, strict=True):
+        for jump, tangent in zip(self.jumps, imbalance.tangents, strict=True):
             symmetric &= np.array_equal(tangent, tangent.transpose(1, 0, 2))
             blocks = [[diags_array(entry) for entry in row] for row in tangent]
             matrix = matrix + jump.T @ block_array(blocks, format="csr") @ jump
@@ -304,11 +304,11 @@ class Newton:
         """Differentiate the energy along a direction, J."""
         here = self.u, self.elastic, self.jump
         self._move(step, way)
-        force = self.balance().force
+        force = self.imbalance().force
         self.u, self.elastic, self.jump = here
         return -self._sum(force @ way.u)
 
-    def why(self, status: Status, closest: Balance) -> str:
+    def why(self, status: Status, closest: Imbalance) -> str:
         """Say why a step failed, from where it was closest to a solution."""
         load = np.concatenate([part.load @ self.factor for part in self.problem.substructures])
         pressure = -self._joined(closest.tractions)[0]
@@ -321,11 +321,11 @@ class Newton:
             )
         return status.value
 
-    def joint_fields(self, balance: Balance) -> dict[str, np.ndarray]:
+    def joint_fields(self, imbalance: Imbalance) -> dict[str, np.ndarray]:
         """Jump, m, and traction, Pa, at all points of all joints, shape (points, 3)."""
         if not self.problem.joints:
             return {}
-        fields = {"jump": self.jump, "traction": balance.tractions}
+        fields = {"jump": self.jump, "traction": imbalance.tractions}
         return {name: self._joined(values).T for name, values in fields.items()}
 
     def _joined(self, values: list[np.ndarray]) -> np.ndarray:
@@ -337,6 +337,6 @@ class Newton:
 
     def commit(self) -> None:
         """Take the state of the laws at the present displacement for the next step."""
-        self.before = -self._joined(self.balance().tractions)[0]
+        self.before = -self._joined(self.imbalance().tractions)[0]
         for index, (joint, jump) in enumerate(zip(self.joints, self.jump, strict=True)):
-            self.states[index], _ = advance(joint.law, jump, self.states[index])
+            self.states[index], _ = advance_state(joint.law, jump, self.states[index])

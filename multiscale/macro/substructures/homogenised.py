@@ -1,5 +1,6 @@
 """Behaviour of every substructure as its neighbours feel it from afar."""
 
+from itertools import pairwise
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -9,7 +10,7 @@ from multiscale.errors import CaseError
 from multiscale.fe.condensation import compliances
 from multiscale.macro.substructures.coarse import coarse_basis
 from multiscale.macro.substructures.problem import CutProblem
-from multiscale.macro.substructures.stack import Factors, Stack, lay_out_sides, stack
+from multiscale.macro.substructures.stack import Factors, Stack, lay_out_sides, stack_parts
 from multiscale.schema import HOMOGENISED
 
 if TYPE_CHECKING:
@@ -65,8 +66,11 @@ def homogenise(
     its links: a floating part of a tensegrity may have some although all its links are taut.
     """
     slack = _slack_links(problem, result, step)
-    parts = stack(problem, range(len(problem.substructures)))
-    columns, used = _motions(problem, parts)
+    parts = stack_parts(problem, range(len(problem.substructures)))
+    motions = csr_array(parts.trace.T @ coarse_basis(problem)[lay_out_sides(problem).slot])
+    own = [motions[a:b] for a, b in pairwise(parts.start)]
+    used = [np.unique(block.indices) for block in own]  # coarse unknowns
+    columns = [block[:, item].toarray() for block, item in zip(own, used, strict=True)]  # C_E^T
     width = max((item.size for item in used), default=0)
     number = np.full((len(used), width), -1)
     rigid = np.full((len(used), width, 6), np.nan)
@@ -108,18 +112,6 @@ def _slack_links(problem: CutProblem, result: "xr.Dataset | None", step: int) ->
     if not np.isfinite(slack).all():
         raise CaseError(f"step {step} of the result did not converge: its slacks are NaN")
     return np.asarray(slack.values > 0.0)
-
-
-def _motions(problem: CutProblem, parts: Stack) -> tuple[list[np.ndarray], list[np.ndarray]]:
-    """Transposed :math:`C_E`, shape (n, coarse of it), and the numbers of its coarse unknowns."""
-    on_sides = csr_array(coarse_basis(problem)[lay_out_sides(problem).slot])
-    motions = csr_array(parts.trace.T @ on_sides)
-    columns, used = [], []
-    for a, b in zip(parts.start[:-1], parts.start[1:], strict=True):
-        own = csr_array(motions[a:b])
-        used.append(np.unique(own.indices))
-        columns.append(own[:, used[-1]].toarray())
-    return columns, used
 
 
 def _condensed(

@@ -27,8 +27,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from multiscale.macro.substructures.bound import Admissible, Estimate
-from multiscale.macro.substructures.parallel import Team
+from multiscale.macro.substructures.bound import Admissible, ForceError
+from multiscale.macro.substructures.parallel import ProcessGroup
 from multiscale.macro.substructures.problem import CutProblem
 
 __all__ = ["HeuristicIndicator", "JointError"]
@@ -40,7 +40,7 @@ class JointError:
 
     Attributes
     ----------
-    estimate : Estimate
+    estimate : ForceError
         Eq (2), heuristic.
     stressed : ndarray, shape (n,)
         Displacement :math:`u^*` of the bodies of this process, m.
@@ -48,7 +48,7 @@ class JointError:
         :math:`t^*` of all joints, Pa.
     """
 
-    estimate: Estimate
+    estimate: ForceError
     stressed: np.ndarray
     traction: np.ndarray
 
@@ -65,7 +65,7 @@ class HeuristicIndicator:
         force: np.ndarray,
         states: Sequence[np.ndarray],
         directions: Mapping[int, tuple[np.ndarray, ...]],
-        team: Team,
+        team: ProcessGroup,
     ) -> JointError:
         """Measure a state.
 
@@ -79,7 +79,7 @@ class HeuristicIndicator:
             Last committed state of the law of every interface.
         directions : mapping of int to tuple of ndarray
             Search directions of both sides of the joints, N/m.
-        team : Team
+        team : ProcessGroup
         """
         K, trace = self.admissible.stack.stiffness, self.admissible.stack.trace
         fields = self.admissible(u, force, team)
@@ -102,5 +102,5 @@ class HeuristicIndicator:
             error += 4.0 * float(np.sum(face.weight * (traction - on_law) ** 2 / kappa))  # (2)
             size += float(np.sum(face.weight * traction**2 / kappa))
             tractions.append(traction)
-        estimate = Estimate(float(np.sqrt(error)), float(np.sqrt(size)))
+        estimate = ForceError(float(np.sqrt(error)), float(np.sqrt(size)))
         return JointError(estimate, stressed, np.concatenate(tractions, axis=1))

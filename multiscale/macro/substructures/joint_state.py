@@ -20,10 +20,10 @@ __all__ = [
     "OPENED",
     "SLIPS",
     "STICKS",
-    "advance",
+    "advance_state",
     "contact_state",
     "joint_shares",
-    "stiffness",
+    "measure_stiffness",
     "without_slip",
 ]
 
@@ -59,7 +59,7 @@ def contact_state(joints: Sequence[CutInterface], result: "xr.Dataset") -> dict[
     Raises
     ------
     ConvergenceError
-        If a step wins energy; see :func:`advance`.
+        If a step wins energy; see :func:`advance_state`.
     """
     pressure = -result["traction"].values[..., 0]
     state = np.where(_slipping(joints, result) > MOST, SLIPS, STICKS)
@@ -82,7 +82,7 @@ def contact_state(joints: Sequence[CutInterface], result: "xr.Dataset") -> dict[
     }
 
 
-def stiffness(
+def measure_stiffness(
     joints: Sequence[CutInterface],
     whole: Assembled,
     result: "xr.Dataset",
@@ -185,12 +185,14 @@ def _slipping(joints: Sequence[CutInterface], result: "xr.Dataset") -> np.ndarra
         assert law is not None
         state = np.zeros((law.n_state, face.weight.size))
         for step in np.flatnonzero(result["converged"].values == 1):
-            state, account = advance(law, jump[:, step, points], state)
+            state, account = advance_state(law, jump[:, step, points], state)
             found[step, points] = account.slipping
     return found
 
 
-def advance(law: InterfaceLaw, jump: np.ndarray, state: np.ndarray) -> tuple[np.ndarray, Sliding]:
+def advance_state(
+    law: InterfaceLaw, jump: np.ndarray, state: np.ndarray
+) -> tuple[np.ndarray, Sliding]:
     """State after a step of a joint, and what the step did.
 
     Raises

@@ -14,15 +14,15 @@ from multiscale.macro.substructures.joint_directions import (
     joint_directions,
     law_stiffness,
 )
-from multiscale.macro.substructures.joint_state import advance
-from multiscale.macro.substructures.parallel import Alone, Team, share
+from multiscale.macro.substructures.joint_state import advance_state
+from multiscale.macro.substructures.parallel import Alone, ProcessGroup, share
 from multiscale.macro.substructures.problem import CutProblem
 from multiscale.macro.substructures.search_directions import (
     interface_stiffness,
     schur_complements,
     side_stiffness,
 )
-from multiscale.macro.substructures.stack import Factors, lay_out_sides, stack
+from multiscale.macro.substructures.stack import Factors, lay_out_sides, stack_parts
 
 __all__ = ["Latin", "LatinIterate"]
 
@@ -90,12 +90,12 @@ class Latin:
         *,
         coarse: bool = True,
         updated: bool = True,
-        team: Team | None = None,
+        team: ProcessGroup | None = None,
     ) -> None:
         self.problem, self.team = problem, team or Alone()
         self.coarse_wanted, self.updated = coarse, updated
         self.parts = share(len(problem.substructures), self.team)
-        self.sides, self.stack = lay_out_sides(problem), stack(problem, self.parts)
+        self.sides, self.stack = lay_out_sides(problem), stack_parts(problem, self.parts)
         self.basis = coarse_basis(problem)
         first = self.sides.start[self.parts.start]
         self.own = slice(first, first + self.stack.trace.shape[0])
@@ -295,7 +295,7 @@ class Latin:
         self.largest, self.before = max(self.largest, self.size(found)), self.pressure()
         for index, _, law in self.joints:
             jump = self.joint_answer(index, law, self.r)[0]
-            self.states[index], _ = advance(law, jump, self.states[index])
+            self.states[index], _ = advance_state(law, jump, self.states[index])
 
     def slack(self) -> np.ndarray:
         """Distance by which the ends of every link miss it, shape (rows,), m."""

@@ -13,7 +13,7 @@ from multiscale.macro.substructures.bound import Admissible, ErrorBound
 from multiscale.macro.substructures.cut_results import assemble_result, link_fields, load_factors
 from multiscale.macro.substructures.indicator import HeuristicIndicator
 from multiscale.macro.substructures.latin import AGAIN, UPDATE, Latin, LatinIterate
-from multiscale.macro.substructures.parallel import Team
+from multiscale.macro.substructures.parallel import ProcessGroup
 from multiscale.macro.substructures.problem import CutProblem
 from multiscale.numerics.anderson import Anderson
 
@@ -47,7 +47,7 @@ def solve_latin(
     updated: bool = True,
     tolerance: float = 1e-8,
     max_iterations: int = 400,
-    team: Team | None = None,
+    team: ProcessGroup | None = None,
     callback: Callable[[int, float, LatinIterate], None] | None = None,
 ) -> "xr.Dataset":
     r"""Solve substructures and interfaces by the micro-macro LATIN method.
@@ -72,7 +72,7 @@ def solve_latin(
         unavoidable where bodies move far on soft joints is allowed for.
     max_iterations : int
         Iteration limit of a step.
-    team : Team, optional
+    team : ProcessGroup, optional
         Processes that share the substructures; all call this function, and all get the result.
     callback : callable, optional
         Called as ``callback(iteration, residual, iterate)``.
@@ -112,9 +112,6 @@ def solve_latin(
     judge = _judge(method) if coarse else None
     columns: list[dict[str, Any]] = []
     for factor in factors:
-        if columns and not columns[-1]["converged"]:  # a path ends with its first failure
-            columns.append(columns[-1] | {"iterations": 0, "wall_time": 0.0})
-            continue
         load = method.stack.load @ factor
         try:
             columns.append(solve_step(method, load, judge, tolerance, max_iterations, callback))
@@ -123,6 +120,8 @@ def solve_latin(
                 raise
             failure = str(method.slide(load, method.before) or error)
             columns.append(columns[-1] | {"converged": 0, "failure": failure})
+        if not columns[-1]["converged"]:
+            break
     return assemble_result(
         problem,
         factors,
@@ -146,12 +145,12 @@ def _refuse_floating(problem: CutProblem) -> None:
 def solve_step(
     method: Latin,
     load: np.ndarray,
-    judge: ErrorBound | HeuristicIndicator | None,
+    judge: Callable[[LatinIterate], dict[str, float]] | None,
     tolerance: float,
     max_iterations: int,
     callback: Callable[[int, float, LatinIterate], None] | None,
 ) -> dict[str, Any]:
-    """Iterate on one load until the error is small enough."""
+    """Iterate on one load until the error is small enough; the joints keep a converged state."""
     clock = perf_counter()
     own = method.z.size  # the entries behind are the same in all processes and count once
 
@@ -189,12 +188,15 @@ def solve_step(
             major = renewed is not None and renewed.all()
             due = iteration + (UPDATE if major else AGAIN)
     converged = status is Status.CONVERGED
-    judged = _estimate(method, judge, found) if converged else {}
+    judged = judge(found) if converged and judge else {}
     if converged:
         method.go_on_from(z, r)
+    jump, traction = method.joint_fields()
+    fields = {"slack": method.slack(), "jump": jump, "traction": traction, "found": found}
+    if converged:
+        method.commit(found)
     return {
-        **_local_fields(method, found, converged),
-        "found": found,
+        **fields,
         "converged": int(converged),
         "failure": "" if converged else str(method.slide(load, pressure) or status.value),
         "residual": residual,
@@ -205,34 +207,25 @@ def solve_step(
     }
 
 
-def _local_fields(method: Latin, found: LatinIterate, converged: bool) -> dict[str, np.ndarray]:
-    """Slack of links, jump and traction of joints, whose states a converged step commits."""
-    jump, traction = method.joint_fields()
-    slack = method.slack()
-    if converged:
-        method.commit(found)
-    return {"slack": slack, "jump": jump, "traction": traction}
-
-
-def _judge(method: Latin) -> ErrorBound | HeuristicIndicator:
-    """Return what measures the error: friction in joints has no bound."""
+def _judge(method: Latin) -> Callable[[LatinIterate], dict[str, float]]:
+    """Return what measures the error of a state, relative to its size: friction has no bound."""
     admissible = Admissible(method.stack, method.sides, method.k0.matrix, method.own)
     if method.problem.joints:
-        return HeuristicIndicator(method.problem, admissible)
-    return ErrorBound(method.stack, admissible)
+        indicator = HeuristicIndicator(method.problem, admissible)
 
+        def indicate(found: LatinIterate) -> dict[str, float]:
+            states, directions = method.states, method.joint_k
+            error = indicator.evaluate(found.u, found.force, states, directions, method.team)
+            return {"error_indicator": error.estimate.relative}
 
-def _estimate(
-    method: Latin, judge: ErrorBound | HeuristicIndicator | None, found: LatinIterate
-) -> dict[str, float]:
-    """Error of a state, relative to its size, under the name that says what it is worth."""
-    if isinstance(judge, ErrorBound):
-        bound = judge.evaluate(found.u, found.tension, found.force, method.team)
-        return {"error_bound": bound.relative}
-    if isinstance(judge, HeuristicIndicator):
-        error = judge.evaluate(found.u, found.force, method.states, method.joint_k, method.team)
-        return {"error_indicator": error.estimate.relative}
-    return {}
+        return indicate
+    judge = ErrorBound(method.stack, admissible)
+
+    def bound(found: LatinIterate) -> dict[str, float]:
+        error = judge.evaluate(found.u, found.tension, found.force, method.team)
+        return {"error_bound": error.relative}
+
+    return bound
 
 
 def _fields(method: Latin, column: dict[str, Any]) -> dict[str, np.ndarray]:

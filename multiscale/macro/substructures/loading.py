@@ -10,7 +10,11 @@ from multiscale.macro.bodies.assembly import Assembly
 from multiscale.macro.data_range import with_load_shares
 from multiscale.macro.substructures.assembly_methods import LatinMethod, Method
 from multiscale.macro.substructures.cut_bodies import cut_assembly
-from multiscale.macro.substructures.joint_state import contact_state, joint_shares, stiffness
+from multiscale.macro.substructures.joint_state import (
+    contact_state,
+    joint_shares,
+    measure_stiffness,
+)
 from multiscale.macro.substructures.whole_structure import assemble
 from multiscale.schema import MACRO_RESULT
 
@@ -139,20 +143,16 @@ def load_joint(
         "shear_displacement": along,
         **contact_state(problem.joints, result),
     }
-    values |= stiffness(problem.joints, whole, result, area, range(len(loading.preloads)))
+    values |= measure_stiffness(problem.joints, whole, result, area, range(len(loading.preloads)))
     shares, data = joint_shares(problem.joints, result)
     result = MACRO_RESULT.assign(result, values)
     result = with_load_shares(result, shares, data, extrapolate=extrapolate)
     if loading.cycles:
         along = result["shear_displacement"].to_numpy()
-        lost = {"cycle_energy": area[1] * _work(loading, factors[:, 1], along)}
+        length = 4 * loading.steps
+        first = len(loading.preloads) + loading.steps - 1
+        cycles = [slice(at, at + length + 1) for at in first + length * np.arange(loading.cycles)]
+        work = [np.trapezoid(factors[cycle, 1], along[cycle]) for cycle in cycles]  # (1), J/m²
+        lost = {"cycle_energy": area[1] * np.array(work)}
         result = MACRO_RESULT.assign(result, lost).assign_coords(cycle=range(loading.cycles))
     return result
-
-
-def _work(loading: JointLoading, shear: np.ndarray, along: np.ndarray) -> np.ndarray:
-    """Evaluate (1) per area for every cycle, J/m²."""
-    length = 4 * loading.steps
-    starts = len(loading.preloads) + loading.steps - 1 + length * np.arange(loading.cycles)
-    cycles = [slice(at, at + length + 1) for at in starts]
-    return np.array([np.trapezoid(shear[cycle], along[cycle]) for cycle in cycles])

@@ -9,7 +9,7 @@ import numpy as np
 
 from multiscale.errors import CaseError, MultiscaleError
 
-__all__ = ["Alone", "Ranks", "Team", "share", "together", "world"]
+__all__ = ["Alone", "ProcessGroup", "Ranks", "share", "together", "world"]
 
 T = TypeVar("T")
 
@@ -17,7 +17,7 @@ LAUNCHERS = ("PMI_SIZE", "PMI_RANK", "OMPI_COMM_WORLD_SIZE", "PMIX_RANK")
 """Variables of the environment that ``mpiexec`` sets."""
 
 
-class Team(Protocol):
+class ProcessGroup(Protocol):
     """Processes that each hold some substructures and all interfaces."""
 
     size: int
@@ -81,7 +81,7 @@ class Ranks:
         return np.asarray(out.sum(axis=0))
 
 
-def world() -> Team:
+def world() -> ProcessGroup:
     """Return the processes that ``mpiexec`` has started, or this one alone.
 
     Without ``mpiexec`` nothing of MPI is loaded.
@@ -102,7 +102,7 @@ def world() -> Team:
     return Ranks(communicator)
 
 
-def share(count: int, team: Team) -> range:
+def share(count: int, team: ProcessGroup) -> range:
     """Substructures of this process: consecutive, as equal in number as possible.
 
     Raises
@@ -118,7 +118,7 @@ def share(count: int, team: Team) -> range:
     return range(bounds[team.rank], bounds[team.rank + 1])
 
 
-def together(team: Team, task: Callable[[], T]) -> T:
+def together(team: ProcessGroup, task: Callable[[], T]) -> T:
     """Run a task that may fail; if it fails on one process, raise on all, so that none waits.
 
     Raises

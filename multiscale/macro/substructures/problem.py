@@ -212,21 +212,15 @@ def _perfect_interfaces(parts: Sequence[Substructure]) -> list[CutInterface]:
         if last - first > 1:
             entries = order[first:last]
             classes.setdefault(tuple(owner[entries].tolist()), []).append(local[entries])
-    return [
-        CutInterface(
-            sides,
-            tuple(
-                _selection(parts[side].n, rows) for side, rows in zip(sides, shared, strict=True)
-            ),
-        )
-        for sides, shared in ((key, np.array(value).T) for key, value in classes.items())
-    ]
-
-
-def _selection(n: int, rows: np.ndarray) -> csr_array:
-    """Pick rows out of n."""
-    m = rows.size
-    return csr_array((np.ones(m), (np.arange(m), rows)), shape=(m, n))
+    found = []
+    for sides, shared in classes.items():
+        pick = np.ones(len(shared)), np.arange(len(shared))
+        traces = [
+            csr_array((pick[0], (pick[1], rows)), shape=(len(shared), parts[side].n))
+            for side, rows in zip(sides, np.array(shared).T, strict=True)
+        ]
+        found.append(CutInterface(sides, tuple(traces)))
+    return found
 
 
 def _check_joint(place: int, joint: CutInterface, parts: Sequence[Substructure]) -> None:

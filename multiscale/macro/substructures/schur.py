@@ -10,7 +10,7 @@ from multiscale.convergence import Status
 from multiscale.errors import MultiscaleError
 from multiscale.macro.substructures.cut_results import assemble_result, link_fields, load_factors
 from multiscale.macro.substructures.cut_tangent import Newton
-from multiscale.macro.substructures.parallel import Team
+from multiscale.macro.substructures.parallel import ProcessGroup
 from multiscale.macro.substructures.problem import CutProblem
 from multiscale.numerics.newton import Limits, NewtonRun
 
@@ -26,25 +26,21 @@ def solve_schur(
     *,
     tolerance: float = 1e-10,
     max_iterations: int = 60,
-    team: Team | None = None,
+    team: ProcessGroup | None = None,
     callback: Callable[[int, float, Newton], None] | None = None,
 ) -> "xr.Dataset":
     r"""Solve substructures and interfaces by Newton's method and domain decomposition.
 
     Parameters
     ----------
-    problem : Problem
-        The structure, cut.
-    load_factor : float or ndarray, shape (steps,) or (steps, cases)
-        Factors of the load cases, one row for each step; each starts from the one before.
+    problem, load_factor, team
+        As of :func:`solve_latin`.
     tolerance : float
         Bound on the largest force out of balance relative to the largest nodal load (without
         load: to the largest prestress); dimensionless. What rounding makes unavoidable is
         allowed for; ``residual`` says what was reached.
     max_iterations : int
         Limit of Newton steps for one load.
-    team : Team, optional
-        Processes that share the substructures; all call this function, and all get the result.
     callback : callable, optional
         Called as ``callback(iteration, residual, state)``: ``state.tension()`` of the links, N, in
         the order of the substructures (of this process), ``state.displacement()`` of all
@@ -86,11 +82,9 @@ def solve_schur(
     method = Newton(problem, team)
     columns: list[dict[str, Any]] = []
     for factor in factors:
-        if columns and not columns[-1]["converged"]:  # a path ends with its first failure
-            none = {"iterations": 0, "krylov_iterations": 0, "wall_time": 0.0}
-            columns.append(columns[-1] | none)
-            continue
         columns.append(_solve_step(method, factor, tolerance, max_iterations, callback))
+        if not columns[-1]["converged"]:
+            break
     return assemble_result(
         problem,
         factors,
@@ -111,30 +105,30 @@ def _solve_step(
     """Newton's method for one load."""
     clock = perf_counter()
     method.start(factor)
-    krylov, closest = 0, method.balance()
-    balance = closest
+    krylov, closest = 0, method.imbalance()
+    imbalance = closest
 
     def note(iteration: int, residual: float) -> None:
         if callback is not None:
             callback(iteration, residual, method)
 
     run = NewtonRun(Limits(max_iterations, tolerance, note))
-    while run.goes_on(balance.residual, balance.rounding):
+    while run.goes_on(imbalance.residual, imbalance.rounding):
         if method.lending.exhausted:
             run.stop(Status.STALLED)
             break
         try:
-            krylov += method.advance(balance, tolerance)
+            krylov += method.advance(imbalance, tolerance)
         except (MultiscaleError, np.linalg.LinAlgError):  # the tangent is singular
             run.stop(Status.STALLED)
             break
-        balance = method.balance()
-        closest = min(closest, balance, key=lambda one: one.residual)
+        imbalance = method.imbalance()
+        closest = min(closest, imbalance, key=lambda one: one.residual)
     if run.converged:
         method.commit()
     return {
         "displacement": np.append(method.displacement(), 0.0)[method.problem.number[:, :3]],
-        **method.joint_fields(balance),
+        **method.joint_fields(imbalance),
         **link_fields(
             method.problem,
             method.team.concatenate(method.tension()),
@@ -142,7 +136,7 @@ def _solve_step(
         ),
         "converged": int(run.converged),
         "failure": "" if run.converged else method.why(run.status, closest),
-        "residual": balance.residual,
+        "residual": imbalance.residual,
         "iterations": run.steps,
         "krylov_iterations": krylov,
         "wall_time": perf_counter() - clock,

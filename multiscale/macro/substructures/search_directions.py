@@ -7,7 +7,7 @@ import numpy as np
 from scipy.sparse import csr_array, diags_array
 
 from multiscale.fe.condensation import condense, split
-from multiscale.macro.substructures.parallel import Team
+from multiscale.macro.substructures.parallel import ProcessGroup
 from multiscale.macro.substructures.problem import CutProblem
 from multiscale.macro.substructures.stack import Factors, Sides, Stack
 
@@ -35,7 +35,7 @@ def interface_stiffness(
     problem: CutProblem,
     schur: list[tuple[np.ndarray, np.ndarray]],
     parts: range,
-    team: Team,
+    team: ProcessGroup,
     start: dict[int, np.ndarray],
 ) -> dict[int, np.ndarray]:
     r"""Stiffness that every perfect interface sees behind it.
@@ -109,7 +109,7 @@ def _seen_behind(
 
 
 def _mean(
-    blocks: Sequence[dict[int, np.ndarray]], counts: dict[int, int], team: Team
+    blocks: Sequence[dict[int, np.ndarray]], counts: dict[int, int], team: ProcessGroup
 ) -> dict[int, np.ndarray]:
     """Average over the sides of every interface, on all processes."""
     own = [(i, block / counts[i]) for mine in blocks for i, block in mine.items()]
@@ -160,18 +160,19 @@ def side_stiffness(
     rows, columns = [np.zeros(0, int)], [np.zeros(0, int)]
     values, roots = [np.zeros(0)], [np.zeros(0)]
     for index, (face, places) in enumerate(zip(problem.interfaces, sides.place, strict=True)):
-        form = _form(perfect[index]) if index in perfect else None
-        size = np.arange(face.size)
-        for side, place in enumerate(places):
-            if form is None:
-                i = j = size
-                k = joints[index][side]
-                values.append(k)
-                roots.append(1.0 / np.sqrt(k))
-            else:
-                i, j = np.repeat(size, face.size), np.tile(size, face.size)
-                values.append(form[0].ravel())
-                roots.append(form[1].ravel())
+        each = np.arange(face.size)
+        if index in perfect:  # without motions that are too soft
+            size, motion = np.linalg.eigh(perfect[index])
+            size = np.maximum(size, SOFTEST * size[-1])
+            form = (motion * size) @ motion.T, (motion / np.sqrt(size)) @ motion.T
+            i, j = np.repeat(each, face.size), np.tile(each, face.size)
+            forms = [tuple(entries.ravel() for entries in form)] * len(places)
+        else:
+            i = j = each
+            forms = [(k, 1.0 / np.sqrt(k)) for k in joints[index]]
+        for (k, root), place in zip(forms, places, strict=True):
+            values.append(k)
+            roots.append(root)
             rows.append(place.start + i)
             columns.append(place.start + j)
     at = np.concatenate(rows), np.concatenate(columns)
@@ -180,10 +181,3 @@ def side_stiffness(
         for entries in (values, roots)
     )
     return SideStiffness(matrix, root)
-
-
-def _form(block: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Stiffness without motions that are too soft, and its inverse root."""
-    size, motion = np.linalg.eigh(block)
-    size = np.maximum(size, SOFTEST * size[-1])
-    return (motion * size) @ motion.T, (motion / np.sqrt(size)) @ motion.T

@@ -9,7 +9,7 @@ from scipy.sparse import block_diag, csr_array, diags_array, vstack
 from multiscale.macro.substructures.problem import CutInterface, CutProblem, Links, Substructure
 from multiscale.numerics.cholesky import Factorise, Solve, prepare_cholesky
 
-__all__ = ["Sides", "Stack", "lay_out_sides", "stack"]
+__all__ = ["Sides", "Stack", "lay_out_sides", "stack_parts"]
 
 
 @dataclass(frozen=True, eq=False)
@@ -132,7 +132,10 @@ class Factors:
 
     def __call__(self, matrix: csr_array) -> Solve:
         """Factorise a positive definite matrix."""
-        upper = _upper(matrix)
+        from scipy.sparse import triu
+
+        upper = csr_array(triu(matrix, format="csr"))  # with its diagonal
+        upper.sort_indices()
         pattern = (upper.indptr.astype(np.int32), upper.indices.astype(np.int32))
         known = self.pattern is not None and all(
             np.array_equal(new, old) for new, old in zip(pattern, self.pattern, strict=True)
@@ -142,16 +145,7 @@ class Factors:
         return self.factorise(upper.data, False)
 
 
-def _upper(matrix: csr_array) -> csr_array:
-    """Upper triangle with its diagonal."""
-    from scipy.sparse import triu
-
-    upper = csr_array(triu(matrix, format="csr"))
-    upper.sort_indices()
-    return upper
-
-
-def stack(problem: CutProblem, parts: Sequence[int]) -> Stack:
+def stack_parts(problem: CutProblem, parts: Sequence[int]) -> Stack:
     """Put substructures side by side.
 
     Parameters
@@ -161,7 +155,11 @@ def stack(problem: CutProblem, parts: Sequence[int]) -> Stack:
         Consecutive substructures.
     """
     chosen = [problem.substructures[part] for part in parts]
-    links = [part.links or _no_links(part.n) for part in chosen]
+    none = np.zeros(0)
+    links = [
+        part.links or Links(csr_array((0, part.n)), none, none, none, none, np.zeros(0, int))
+        for part in chosen
+    ]
     joined = Links(
         csr_array(block_diag([item.operator for item in links], format="csr")),
         *(
@@ -196,9 +194,3 @@ def _traces(
         mine = [interfaces[index].trace[side] for index, side in sides[number]]
         blocks.append(vstack(mine) if mine else csr_array((0, part.n)))
     return csr_array(block_diag(blocks, format="csr"))
-
-
-def _no_links(n: int) -> Links:
-    """Links of a substructure without any."""
-    none = np.zeros(0)
-    return Links(csr_array((0, n)), none, none, none, none, np.zeros(0, dtype=int))

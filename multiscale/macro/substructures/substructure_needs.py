@@ -58,6 +58,8 @@ def cut_needs(
     >>> CutPart.COARSE_PROBLEM in needs.built, CutPart.JOINT_LAWS in needs.built
     (True, False)
     """
+    fill = substructures * (unknowns / substructures) ** (4.0 / 3.0)
+    memory = PER_LINK * links if links else int(PER_UNKNOWN * unknowns + PER_FILL * fill)
     faces = substructures > 1 or joint_points > 0
     judged = coarse and not moving
     choices = (
@@ -106,13 +108,5 @@ def cut_needs(
         ),
         fields=("displacement", *(("tension", "slack") if links else ("stress", "energy"))),
         libraries=("numba",) if links else ("numba", "scikit-fem"),
-        memory=_memory(unknowns, links, substructures),
+        memory=memory,
     )
-
-
-def _memory(unknowns: int, links: int, substructures: int) -> int:
-    """Estimated peak, byte."""
-    if links:
-        return PER_LINK * links
-    fill = substructures * (unknowns / substructures) ** (4.0 / 3.0)
-    return int(PER_UNKNOWN * unknowns + PER_FILL * fill)

@@ -1,25 +1,26 @@
 """Newton's method for a cut structure of bodies, in one piece."""
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from itertools import pairwise
 from time import perf_counter
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
+from numpy.linalg import norm
 from scipy.sparse import csr_array
 
 from multiscale.convergence import Solution, Status
 from multiscale.errors import CaseError
-from multiscale.fe.condensation import CondensedStiffness, condense_body
+from multiscale.fe.condensation import condense_body
 from multiscale.laws.interface_law import InterfaceLaw, Response
 from multiscale.macro.monolithic import solve_interface
 from multiscale.macro.substructures.capacity import find_slide
 from multiscale.macro.substructures.cut_results import assemble_result, load_factors
-from multiscale.macro.substructures.joint_state import advance
+from multiscale.macro.substructures.joint_state import advance_state
 from multiscale.macro.substructures.problem import CutProblem
 from multiscale.macro.substructures.whole_structure import Assembled, assemble
-from multiscale.numerics.factorisation import Solve, factorise
+from multiscale.numerics.factorisation import factorise
 
 if TYPE_CHECKING:
     import xarray as xr
@@ -42,11 +43,9 @@ def solve_whole(
 
     Parameters
     ----------
-    problem : Problem
-        Without links, which :func:`multiscale.macro.solve_static` takes; however it is cut, the
-        answer is the same.
-    load_factor : float or ndarray, shape (steps,) or (steps, cases)
-        Factors of the load cases, one row for each step; each starts from the one before.
+    problem, load_factor
+        As of :func:`solve_latin`, without links, which :func:`multiscale.macro.solve_static` takes;
+        however it is cut, the answer is the same.
     tolerance, max_iterations
         See :func:`~multiscale.macro.monolithic.solve_interface`.
 
@@ -62,7 +61,7 @@ def solve_whole(
         If load factors do not fit the load cases, there are links, or a joint is one of rigid
         contact.
     ConvergenceError
-        If a step wins energy; see :func:`~.joint_state.advance`.
+        If a step wins energy; see :func:`~.joint_state.advance_state`.
     """
     if problem.n_links:
         raise CaseError("links are not solved as bodies in one piece; solve_static takes them")
@@ -72,21 +71,17 @@ def solve_whole(
             "contact as well"
         )
     factors, whole = load_factors(problem, load_factor), assemble(problem)
-    bodies = _prepare(whole)
     law = _SideBySide(
         tuple(joint.law for joint in problem.joints if joint.law),
         tuple(joint.weight.size for joint in problem.joints),
     )
+    solve = _prepare(whole, law, max_iterations=max_iterations, tolerance=tolerance)
     state, before = np.zeros((law.n_state, whole.weight.size)), np.zeros(0)
     u: np.ndarray | None = None
     columns: list[dict[str, Any]] = []
     for factor in factors:
-        if columns and not columns[-1]["converged"]:  # a path ends with its first failure
-            columns.append(columns[-1] | {"iterations": 0, "wall_time": 0.0})
-            continue
         clock = perf_counter()
-        load = whole.load @ factor
-        solution = bodies.solve(load, law, u, state, (max_iterations, tolerance))
+        solution = solve(whole.load @ factor, u, state)
         jump = (whole.jump @ solution.value).reshape(3, -1)
         response = law.respond(jump, state)
         failure = ""
@@ -105,100 +100,42 @@ def solve_whole(
                 "wall_time": perf_counter() - clock,
             }
         )
-        if solution.converged:
-            u, before, state = solution.value, -response.traction[0], law.advance(jump, state)
+        if not solution.converged:
+            break
+        u, before, state = solution.value, -response.traction[0], law.advance(jump, state)
     return assemble_result(problem, factors, columns)
 
 
-@dataclass(frozen=True, eq=False)
-class _Sparse:
-    """Bodies whose stiffness is factorised with the tangent of the joints in every Newton step."""
-
-    whole: Assembled
-
-    def solve(
-        self,
-        load: np.ndarray,
-        law: InterfaceLaw,
-        start: np.ndarray | None,
-        state: np.ndarray,
-        limits: tuple[int, float],
-    ) -> Solution:
-        """Solve one step; the value is the displacement of all unknowns, m."""
-        return solve_interface(
-            self.whole.stiffness,
-            load,
-            self.whole.jump,
-            self.whole.weight,
-            law,
-            start=start,
-            state=state,
-            max_iterations=limits[0],
-            tolerance=limits[1],
-        )
-
-
-@dataclass(frozen=True, eq=False)
-class _Condensed:
-    """Bodies condensed once onto the unknowns on joints."""
-
-    whole: Assembled
-    condensed: CondensedStiffness
-
-    def solve(
-        self,
-        load: np.ndarray,
-        law: InterfaceLaw,
-        start: np.ndarray | None,
-        state: np.ndarray,
-        limits: tuple[int, float],
-    ) -> Solution:
-        """Solve one step; the value is the displacement of all unknowns, m."""
-        edge = self.condensed.split.edge
-        solution = solve_interface(
-            self.condensed.blocks[0],
-            self.condensed.reduce(load),
-            csr_array(self.whole.jump[:, edge]),
-            self.whole.weight,
-            law,
-            start=None if start is None else start[edge],
-            state=state,
-            max_iterations=limits[0],
-            tolerance=limits[1],
-        )
-        return replace(solution, value=self.condensed.expand(load, solution.value))
-
-
-@dataclass(frozen=True, eq=False)
-class _Linear:
-    """Bodies without joints."""
-
-    whole: Assembled
-    inverse: Solve
-
-    def solve(
-        self,
-        load: np.ndarray,
-        law: InterfaceLaw,
-        start: np.ndarray | None,
-        state: np.ndarray,
-        limits: tuple[int, float],
-    ) -> Solution:
-        """Solve one step; the value is the displacement of all unknowns, m."""
-        u = self.inverse(load)
-        size = float(np.linalg.norm(load)) or 1.0
-        fault = float(np.linalg.norm(self.whole.stiffness @ u - load)) / size
-        return Solution(u, Status.CONVERGED, (1.0, fault))
-
-
-def _prepare(whole: Assembled) -> _Sparse | _Condensed | _Linear:
-    """Choose how the bodies are solved, which is the same for all steps."""
+def _prepare(
+    whole: Assembled, law: InterfaceLaw, **limits: Any
+) -> Callable[[np.ndarray, np.ndarray | None, np.ndarray], Solution]:
+    """Choose how a step is solved: from load, first displacement and state of the joints."""
+    K, B = whole.stiffness, whole.jump
     if not whole.weight.size:
-        return _Linear(whole, factorise(whole.stiffness, name="the stiffness of the structure"))
-    touched = np.unique(whole.jump.indices)
+        inverse = factorise(K, name="the stiffness of the structure")
+
+        def linear(load: np.ndarray, start: np.ndarray | None, state: np.ndarray) -> Solution:
+            u, size = inverse(load), float(norm(load)) or 1.0
+            return Solution(u, Status.CONVERGED, (1.0, float(norm(K @ u - load)) / size))
+
+        return linear
+    touched = np.unique(B.indices)
     if touched.size > DENSE:
-        return _Sparse(whole)
-    return _Condensed(whole, condense_body(whole.stiffness, touched, name="the stiffness"))
+        return lambda load, start, state: solve_interface(
+            K, load, B, whole.weight, law, start=start, state=state, **limits
+        )
+    condensed = condense_body(K, touched, name="the stiffness")
+    edge, S = condensed.split.edge, condensed.blocks[0]
+    B = csr_array(B[:, edge])
+
+    def on_joints(load: np.ndarray, start: np.ndarray | None, state: np.ndarray) -> Solution:
+        begin, force = None if start is None else start[edge], condensed.reduce(load)
+        solution = solve_interface(
+            S, force, B, whole.weight, law, start=begin, state=state, **limits
+        )
+        return replace(solution, value=condensed.expand(load, solution.value))
+
+    return on_joints
 
 
 @dataclass(frozen=True)
@@ -227,7 +164,7 @@ class _SideBySide(InterfaceLaw):
         """Return the state after a step, which may not win energy."""
         new = np.zeros_like(state)
         for law, at in self._places():
-            new[: law.n_state, at], _ = advance(law, jump[:, at], state[: law.n_state, at])
+            new[: law.n_state, at], _ = advance_state(law, jump[:, at], state[: law.n_state, at])
         return new
 
     def _places(self) -> list[tuple[InterfaceLaw, slice]]:

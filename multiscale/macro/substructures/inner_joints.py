@@ -9,11 +9,11 @@ from multiscale.errors import CaseError
 from multiscale.laws.interface_law import InterfaceLaw
 from multiscale.macro.substructures.problem import CutProblem, Substructure
 
-__all__ = ["CarriedJoint", "carry_joints"]
+__all__ = ["InnerJoint", "move_joints_inside"]
 
 
 @dataclass(frozen=True, eq=False)
-class CarriedJoint:
+class InnerJoint:
     """A joint inside a substructure.
 
     Attributes
@@ -33,7 +33,7 @@ class CarriedJoint:
     weight: np.ndarray
 
 
-def carry_joints(problem: CutProblem) -> tuple[CutProblem, list[CarriedJoint]]:
+def move_joints_inside(problem: CutProblem) -> tuple[CutProblem, list[InnerJoint]]:
     """Add every joint to its second side, and to it the unknowns of the first side on the joint.
 
     What was a joint between two substructures is then a perfect interface, on the first side of
@@ -51,7 +51,7 @@ def carry_joints(problem: CutProblem) -> tuple[CutProblem, list[CarriedJoint]]:
         touched = np.unique(joint.trace[0].indices)
         new = ~np.isin(problem.substructures[first].unknown[touched], parts[second].unknown)
         parts[second] = _widen(parts[second], problem.substructures[first], touched[new])
-    carried = []
+    inner = []
     for joint in problem.joints:
         first, second = joint.sides
         part, lower, upper = parts[second], problem.substructures[first], joint.trace[1]
@@ -69,8 +69,8 @@ def carry_joints(problem: CutProblem) -> tuple[CutProblem, list[CarriedJoint]]:
                 f"a joint of substructures {joint.sides} needs a law that tells the traction of a "
                 f"jump; solve_latin takes rigid contact as well"
             )
-        carried.append(CarriedJoint(second, csr_array(above - below), joint.law, joint.weight))
-    return CutProblem(tuple(parts), problem.position, problem.number), carried
+        inner.append(InnerJoint(second, csr_array(above - below), joint.law, joint.weight))
+    return CutProblem(tuple(parts), problem.position, problem.number), inner
 
 
 def _widen(part: Substructure, other: Substructure, unknowns: np.ndarray) -> Substructure:
