@@ -19,13 +19,7 @@ from multiscale import __version__
 from multiscale.errors import SchemaError
 from multiscale.io.files import write_bytes
 from multiscale.io.global_heap import is_endless
-from multiscale.schema import (
-    INTERFACE_LAW,
-    MACRO_RESULT,
-    MICRO_RESPONSE,
-    SCHEMAS,
-    Schema,
-)
+from multiscale.schema import INTERFACE_LAW, MACRO_RESULT, MICRO_RESPONSE, SCHEMAS, Schema
 
 if TYPE_CHECKING:
     import xarray as xr

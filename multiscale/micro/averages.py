@@ -7,12 +7,7 @@ import numpy as np
 if TYPE_CHECKING:
     from skfem import Element, Mesh
 
-__all__ = [
-    "average_traction",
-    "dual_basis",
-    "mean_gap",
-    "recovered_force",
-]
+__all__ = ["average_traction", "dual_basis", "mean_gap", "recovered_force"]
 
 
 def dual_basis(normal: np.ndarray, tangents: np.ndarray) -> np.ndarray:

@@ -6,14 +6,7 @@ from enum import StrEnum
 from functools import singledispatch
 from typing import Any
 
-from multiscale.micro.cell import (
-    AnyCell,
-    FiniteCell,
-    FlatCell,
-    GraphCell,
-    MeshCell,
-    PeriodicLayer,
-)
+from multiscale.micro.cell import AnyCell, FiniteCell, FlatCell, GraphCell, MeshCell, PeriodicLayer
 from multiscale.needs import Choice, Needs, choose
 
 __all__ = ["CellPart", "cell_needs"]
@@ -58,10 +51,7 @@ _REASONS = {  # why a part is built and why it is left out, but for what a kind 
         "the solution of the same cell with a flat face, which speeds up the iteration",
         "a flat cell is known in closed form for each wave of the surface",
     ),
-    CellPart.MEAN_DILATATION: (
-        _MEAN.format("B-bar"),
-        "Poisson's ratio below 0.4, or no elements",
-    ),
+    CellPart.MEAN_DILATATION: (_MEAN.format("B-bar"), "Poisson's ratio below 0.4, or no elements"),
     CellPart.TILT: (
         "speeds up the iteration where Poisson's ratio is near 0.5",
         "Poisson's ratio below 0.4, or no elements",

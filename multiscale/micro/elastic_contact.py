@@ -186,14 +186,7 @@ def solve_elastic_contact(
             stage = _LinearStage(body, closing, active, load)
 
     return ContactState(
-        u,
-        np.maximum(force, 0.0),
-        delta,
-        active,
-        reference,
-        status,
-        tuple(residuals),
-        n_linear,
+        u, np.maximum(force, 0.0), delta, active, reference, status, tuple(residuals), n_linear
     )
 
 

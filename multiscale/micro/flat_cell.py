@@ -34,11 +34,7 @@ def assemble_flat_cell(cell: FlatCell) -> CellProblem:
     cap = np.inf if cell.hardness is None else cell.hardness * area
 
     def solve(
-        *,
-        load: float | None,
-        approach: float | None,
-        start: ContactState | None,
-        tolerance: float,
+        *, load: float | None, approach: float | None, start: ContactState | None, tolerance: float
     ) -> ContactState:
         if load == 0.0 or (approach is not None and approach <= 0.0):
             return untouched((nx, 3, ny), gap, closing, approach)

@@ -13,12 +13,7 @@ import numba
 import numpy as np
 from scipy import fft
 
-__all__ = [
-    "LateralInverse",
-    "brick_stiffness",
-    "factorise_flat_cell",
-    "filter_surface",
-]
+__all__ = ["LateralInverse", "brick_stiffness", "factorise_flat_cell", "filter_surface"]
 
 
 def brick_stiffness(

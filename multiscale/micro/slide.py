@@ -110,11 +110,7 @@ def slide_cell(
 
 
 def _check(
-    cell: GridCell,
-    pressure: tuple[float, ...],
-    distance: float,
-    steps: int,
-    along: str,
+    cell: GridCell, pressure: tuple[float, ...], distance: float, steps: int, along: str
 ) -> None:
     if not pressure or not all(0.0 < one < np.inf for one in pressure):
         raise CaseError(f"a cell slides under positive pressures (Pa), got {pressure}")

@@ -7,15 +7,7 @@ from multiscale.errors import CaseError
 from multiscale.surfaces.statistics import wavenumbers
 from multiscale.surfaces.surface import Surface, remove_trend
 
-__all__ = [
-    "composite",
-    "crop",
-    "detrend",
-    "low_pass",
-    "mirror",
-    "resample",
-    "window",
-]
+__all__ = ["composite", "crop", "detrend", "low_pass", "mirror", "resample", "window"]
 
 _ROUND_OFF = 1e-9  # relative: a wave exactly on a cut-off belongs to the band
 

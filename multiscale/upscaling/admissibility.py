@@ -211,9 +211,7 @@ def _check_friction(
 
 
 def _check_rising(
-    evaluate: Callable[[np.ndarray], np.ndarray],
-    pressure_range: tuple[float, float],
-    n_points: int,
+    evaluate: Callable[[np.ndarray], np.ndarray], pressure_range: tuple[float, float], n_points: int
 ) -> tuple[Check, ...]:
     """Values at many pressures: positive, never falling."""
     values = evaluate(np.geomspace(*pressure_range, n_points))
@@ -224,9 +222,7 @@ def _check_rising(
 
 
 def _check_area(
-    evaluate: Callable[[np.ndarray], np.ndarray],
-    pressure_range: tuple[float, float],
-    n_points: int,
+    evaluate: Callable[[np.ndarray], np.ndarray], pressure_range: tuple[float, float], n_points: int
 ) -> tuple[Check, ...]:
     """Fractions from no pressure to a hundred times the largest."""
     low, high = pressure_range

@@ -17,8 +17,7 @@ __all__ = ["compare_laws"]
 
 
 def compare_laws(
-    data: "xr.Dataset | Observations",
-    families: Sequence[str | Family] | None = None,
+    data: "xr.Dataset | Observations", families: Sequence[str | Family] | None = None
 ) -> "xr.Dataset":
     r"""Fit several families to the same data and compare them.
 

@@ -13,13 +13,7 @@ from multiscale.upscaling.response_observations import area_observations, normal
 if TYPE_CHECKING:
     import xarray as xr
 
-__all__ = [
-    "Average",
-    "Trend",
-    "ensemble_average",
-    "required_realisations",
-    "size_trend",
-]
+__all__ = ["Average", "Trend", "ensemble_average", "required_realisations", "size_trend"]
 
 _OBSERVE = {"mean_gap": normal_observations, "contact_fraction": area_observations}
 

@@ -285,10 +285,7 @@ def unloading_family(loading: NormalLaw) -> Family:
     return Family(
         "unloading",
         ("recovery",),
-        {
-            "stiffness_ratio": Parameter("1", lower=1.0),
-            "exponent": Parameter("1", lower=1.0),
-        },
+        {"stiffness_ratio": Parameter("1", lower=1.0), "exponent": Parameter("1", lower=1.0)},
         lambda stiffness_ratio, exponent: HystereticLaw(loading, stiffness_ratio, exponent),
         lambda observations: {"stiffness_ratio": 2.0, "exponent": 1.5},
         broadcasts=True,

@@ -239,10 +239,7 @@ def _weights(weights: np.ndarray | None, observations: Observations, data: Any) 
 
 
 def _build(
-    observations: Observations,
-    family: str | Family,
-    values: Values,
-    attributes: dict[str, Any],
+    observations: Observations, family: str | Family, values: Values, attributes: dict[str, Any]
 ) -> "xr.Dataset":
     """Assemble the dataset and judge the law."""
     quantity = QUANTITIES[observations.quantity]

@@ -119,11 +119,7 @@ def _occurrence(conditions: list[np.ndarray]) -> np.ndarray:
 
 
 def _gather(
-    path: Path,
-    quantity: str,
-    conditions: list[np.ndarray],
-    values: np.ndarray,
-    rows: np.ndarray,
+    path: Path, quantity: str, conditions: list[np.ndarray], values: np.ndarray, rows: np.ndarray
 ) -> Observations:
     """Arrange the values by specimen and point."""
     points, column = np.unique(np.column_stack(conditions), axis=0, return_inverse=True)

@@ -7,13 +7,7 @@ import numpy as np
 
 from multiscale.errors import CaseError
 
-__all__ = [
-    "QUANTITIES",
-    "Observations",
-    "Quantity",
-    "error_scale",
-    "observe",
-]
+__all__ = ["QUANTITIES", "Observations", "Quantity", "error_scale", "observe"]
 
 
 @dataclass(frozen=True)
@@ -41,10 +35,7 @@ class Quantity:
 QUANTITIES: dict[str, Quantity] = {
     "gap": Quantity("m", {"pressure": "Pa"}, lambda law, p: law.gap_at(p), "fit_mean_gap"),
     "normal_stiffness": Quantity(
-        "Pa m-1",
-        {"pressure": "Pa"},
-        lambda law, p: law.stiffness(law.gap_at(p)),
-        "fit_stiffness",
+        "Pa m-1", {"pressure": "Pa"}, lambda law, p: law.stiffness(law.gap_at(p)), "fit_stiffness"
     ),
     "contact_fraction": Quantity(
         "1", {"pressure": "Pa"}, lambda law, p: law.contact_fraction(p), "fit_contact_fraction"

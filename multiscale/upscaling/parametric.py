@@ -104,10 +104,7 @@ def _sample_means(
 
 
 def _errors(
-    observations: Observations,
-    regression: Regression,
-    best: Mapping[str, float],
-    mean: np.ndarray,
+    observations: Observations, regression: Regression, best: Mapping[str, float], mean: np.ndarray
 ) -> tuple[Values, dict[str, Any]]:
     """Errors of the fit at its data and of fits that lack one point each; the criterion."""
     n, k = mean.size, len(regression.free)

@@ -170,10 +170,7 @@ class Regression:
 
 
 def regression_of(
-    family: Family,
-    observations: Observations,
-    fixed: Mapping[str, float],
-    weights: np.ndarray,
+    family: Family, observations: Observations, fixed: Mapping[str, float], weights: np.ndarray
 ) -> Regression:
     """Prepare the fit of a family.
 

@@ -9,12 +9,7 @@ import numpy as np
 from multiscale.errors import CaseError
 from multiscale.laws import NormalLaw, StretchedLaw
 from multiscale.schema import ERROR_BUDGET
-from multiscale.upscaling.budget import (
-    ERROR_TERMS,
-    add_up,
-    assemble_budget,
-    how_attribute,
-)
+from multiscale.upscaling.budget import ERROR_TERMS, add_up, assemble_budget, how_attribute
 from multiscale.upscaling.budget_terms import Term, separation_term
 from multiscale.upscaling.observations import observe
 from multiscale.upscaling.reading import fitted_laws, law_from_dataset, require_law

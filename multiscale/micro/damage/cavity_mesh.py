@@ -226,11 +226,7 @@ def _match_faces(gmsh: Any, size: np.ndarray) -> None:
 
 
 def _sizes(
-    gmsh: Any,
-    rve: Cavities,
-    element_size: float,
-    discs: list[tuple[int, list[int]]],
-    length: float,
+    gmsh: Any, rve: Cavities, element_size: float, discs: list[tuple[int, list[int]]], length: float
 ) -> None:
     """Set the size of the elements, smaller near the fronts of cracks."""
     gmsh.option.setNumber("Mesh.MeshSizeMax", element_size)

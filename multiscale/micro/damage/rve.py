@@ -149,11 +149,7 @@ def _solve(
     Any fixed positive definite preconditioner will do, so that single precision is enough for it;
     all sums are in double precision.
     """
-    from multiscale.micro.damage.voxel_operator import (
-        inner_product,
-        turn_direction,
-        update_iterate,
-    )
+    from multiscale.micro.damage.voxel_operator import inner_product, turn_direction, update_iterate
 
     begin = perf_counter()
     u = np.zeros((3, *operator.lame.shape))

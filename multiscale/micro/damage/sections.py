@@ -174,11 +174,7 @@ def max_damage(
 
 
 def _sections(
-    rve: Cavities | VoxelImage,
-    normal: np.ndarray,
-    distances: np.ndarray,
-    slab: float,
-    closed: bool,
+    rve: Cavities | VoxelImage, normal: np.ndarray, distances: np.ndarray, slab: float, closed: bool
 ) -> tuple[np.ndarray, np.ndarray]:
     """Area of void and whole area of sections, m²."""
     if closed:

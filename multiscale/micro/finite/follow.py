@@ -228,10 +228,7 @@ def _average(
         "displacement_jump": jump,
         "mean_gap": opposite_height - height,
         "contact_fraction": contact_fraction(
-            np.where(state.active, -state.force[:, 2], 0.0),
-            weight,
-            edges=edges,
-            flowing=cell.flows,
+            np.where(state.active, -state.force[:, 2], 0.0), weight, edges=edges, flowing=cell.flows
         ),
     }
     if cell.friction_coefficient > 0.0:

@@ -52,10 +52,7 @@ NEO_HOOKEAN, PLASTIC = 0, 1
 LEAST_DILATATION = 1e-3  # smallest det F with forces
 
 parallel_kernel = numba.njit(
-    parallel=True,
-    cache=True,
-    fastmath={"contract", "reassoc", "nsz", "arcp"},
-    error_model="numpy",
+    parallel=True, cache=True, fastmath={"contract", "reassoc", "nsz", "arcp"}, error_model="numpy"
 )
 
 
