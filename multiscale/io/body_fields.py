@@ -44,7 +44,6 @@ def write_body_fields(result: "xr.Dataset", folder: Path, *, name: str = "bodies
         Folder for ``NAME.pvd``, ``NAME-0000.vtu`` and so on, with joints also
         ``NAME-joints-0000.vtu`` and so on.
     name : str
-        Name of the series.
 
     Returns
     -------

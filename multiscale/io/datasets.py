@@ -51,11 +51,8 @@ def write_dataset(
     Parameters
     ----------
     dataset : Dataset
-        The dataset.
     path : Path
-        The netCDF file.
     schema : Schema
-        Schema of the dataset.
     **attributes
         Further attributes, such as the checksum of the case.
 
@@ -105,7 +102,6 @@ def open_dataset(path: str | PathLike[str], schema: Schema | None = None) -> "xr
     Parameters
     ----------
     path : path
-        The netCDF file.
     schema : Schema, optional
         Schema that the dataset must follow; the schema that it names if not given.
 
@@ -146,9 +142,8 @@ def _load(path: Path) -> "xr.Dataset | None":
     import xarray as xr
 
     hook, dataset = sys.unraisablehook, None
-    sys.unraisablehook = lambda _: (
-        None
-    )  # h5netcdf fails again when it deletes a file it cannot open
+    # h5netcdf fails again when it deletes a file it cannot open
+    sys.unraisablehook = lambda _: None
     try:
         if is_endless(path):
             return None
@@ -181,7 +176,6 @@ def open_run(folder: str | PathLike[str], *, finished: bool = False) -> "xr.Data
     Parameters
     ----------
     folder : path
-        Run folder.
     finished : bool
         Whether all three results must be there.
 
@@ -211,15 +205,7 @@ def open_run(folder: str | PathLike[str], *, finished: bool = False) -> "xr.Data
 def reading_run(folder: str | PathLike[str]) -> Iterator[None]:
     """Report a missing optional variable or attribute of a dataset of a run in a sentence.
 
-    Parameters
-    ----------
-    folder : path
-        Run folder, for the message.
-
-    Raises
-    ------
-    SchemaError
-        If a variable or an attribute is read that the dataset does not have.
+    The message, a ``SchemaError``, names the folder.
     """
     try:
         yield

@@ -29,10 +29,8 @@ def write_link_fields(result: "xr.Dataset", folder: Path, *, name: str = "links"
     ----------
     result : Dataset
         Follows ``MACRO_RESULT``, with the position of the nodes and the ends of the links.
-    folder : Path
-        Folder for ``NAME.pvd``, ``NAME-0000.vtu`` and so on.
-    name : str
-        Name of the series.
+    folder, name
+        As of :func:`~.series.write_series`.
 
     Returns
     -------

@@ -88,7 +88,7 @@ def recovered_force(
     active : ndarray of bool, shape (n_vertices,)
         Contact nodes among the vertices. A facet belongs to a contact spot if it touches one.
     lame, shear : float or ndarray, shape (elements,)
-        Lame's parameters, Pa.
+        Pa.
 
     Returns
     -------

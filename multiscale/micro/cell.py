@@ -130,9 +130,7 @@ class PeriodicLayer:
     def layer_moduli(self) -> tuple[np.ndarray, np.ndarray]:
         """Lame's parameters (lambda, mu) of each layer, Pa; the mean over its elements."""
         lame, shear = self.moduli
-        if self.heterogeneous:
-            return lame.mean(axis=(0, 2)), shear.mean(axis=(0, 2))
-        return lame, shear
+        return (lame.mean((0, 2)), shear.mean((0, 2))) if self.heterogeneous else (lame, shear)
 
     @property
     def nearly_incompressible(self) -> bool:
@@ -182,10 +180,7 @@ class FlatCell(PeriodicLayer):
     hardness : float, optional
         Largest local pressure, Pa: the cheap plastic limit.
 
-    Raises
-    ------
-    CaseError
-        If a parameter is outside its range, the law is not linear or moduli vary within a layer.
+    A law that is not linear and moduli that vary within a layer are refused.
     """
 
     obstacle: Surface | None = None
@@ -221,10 +216,7 @@ class GraphCell(PeriodicLayer):
     obstacle : Surface, optional
         Underside of the rigid obstacle on the same grid; a flat if not given.
 
-    Raises
-    ------
-    CaseError
-        If a parameter is outside its range, the law is not linear or the obstacle has another grid.
+    A law that is not linear and an obstacle on another grid are refused.
     """
 
     obstacle: Surface | None = None
@@ -271,11 +263,6 @@ class FiniteCell(PeriodicLayer):
         Of the local Coulomb law.
     second : SecondBody, optional
         Makes the obstacle deformable.
-
-    Raises
-    ------
-    CaseError
-        If a parameter is outside its range or the obstacle has another grid.
     """
 
     obstacle: Surface | None = None
@@ -410,20 +397,14 @@ def Cell(  # noqa: N802  reads like the kinds that it makes
     youngs_modulus, poissons_ratio : float or ndarray
         Pa and 1: of the whole cell, of each layer from the base up, shape (layers,), or of each
         element, shape (nx, layers, ny). For two bodies, a material with their contact modulus.
-    obstacle : Surface, optional
-        Underside of the rigid obstacle on the same grid; a flat if not given. Contact acts along
-        its normal.
+    obstacle, hardness, friction_coefficient
+        As of :class:`FlatCell` and :class:`FiniteCell`.
     geometry : {"conforming", "flat"}
-        Whether the mesh follows the surface, or the surface only makes the gap above a flat layer:
-        fast, and right for small slopes.
-    hardness : float, optional
-        Largest local pressure of a flat cell, Pa: the cheap plastic limit.
+        Whether the mesh follows the surface, or the surface only makes the gap above a flat layer.
     bulk : NeoHookean, J2 or Prony, optional
         Law at large strain, with the moduli above; small strain if not given.
-    friction_coefficient : float
-        Of the local Coulomb law between the body and the obstacle.
     opposite : SecondBody, optional
-        Makes the obstacle deformable; the obstacle may then have another grid on the same area.
+        Makes the obstacle deformable, as ``second`` of :class:`FiniteCell`.
 
     Returns
     -------
@@ -433,7 +414,7 @@ def Cell(  # noqa: N802  reads like the kinds that it makes
     Raises
     ------
     CaseError
-        If a parameter is outside its range or the obstacle has another grid.
+        If a parameter is outside its range or means nothing to this kind of cell.
     """
     _check_moduli(youngs_modulus, poissons_ratio)
     law = _layer_law(youngs_modulus, poissons_ratio, bulk)

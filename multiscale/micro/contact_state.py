@@ -65,10 +65,8 @@ class ContactState:
 
     Attributes
     ----------
-    displacement : ndarray
-        m.
-    force : ndarray
-        Contact forces, N.
+    displacement, force : ndarray
+        m, and contact forces, N.
     approach : float
         m, counted from the first touch.
     active : ndarray of bool

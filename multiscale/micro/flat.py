@@ -54,7 +54,6 @@ def solve_flat(
     start : ndarray, optional
         First guess of the forces, N.
     max_iterations : int
-        Iteration limit.
     tolerance : float
         Bound on the overlap of contact nodes, weighted by their forces, relative to the range of
         the gap.

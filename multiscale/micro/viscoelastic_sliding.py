@@ -139,7 +139,6 @@ def solve_sliding(
     start : ndarray, optional
         A pressure to start from, Pa.
     max_iterations : int
-        Active sets.
     tolerance : float
         Bound on the distance of contact points from contact, relative to the range of heights.
 

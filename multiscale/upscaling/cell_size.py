@@ -105,12 +105,7 @@ def size_term(
 def without_size_bias(response: "xr.Dataset", sizes: Mapping[float, "xr.Dataset"]) -> "xr.Dataset":
     """Return a response less the bias by the size of its cells.
 
-    Parameters
-    ----------
-    response : Dataset
-        Follows ``MICRO_RESPONSE``.
-    sizes : mapping of float to Dataset
-        Ensembles apart from it; see :func:`~.budget.error_budget`, which then counts no bias.
+    ``sizes`` are ensembles apart from it; :func:`~.budget.error_budget` then counts no bias.
     """
     term = size_term(response, sizes, apart=True)
     gap, area, _ = 1.0 - np.asarray(term.bias)

@@ -23,8 +23,8 @@ def compare_laws(
 
     Parameters
     ----------
-    data : Dataset or Observations
-        See :func:`fit_law`.
+    data
+        As of :func:`fit_law`.
     families : sequence of str or Family, optional
         All that are built in for the quantity if not given.
 

@@ -17,7 +17,7 @@ class Quantity:
     Attributes
     ----------
     unit : str
-        Of the values, UDUNITS spelling.
+        UDUNITS spelling.
     conditions : mapping of str to str
         Names and units of what the values depend on, pressure first.
     predict : callable
@@ -69,10 +69,8 @@ class Observations:
         A key of ``QUANTITIES``.
     conditions : tuple of ndarray, shape (points,)
         In the order of the quantity, SI.
-    values : ndarray, shape (realisations, points)
-        SI.
-    counted : ndarray of bool, shape (realisations, points)
-        Which values exist.
+    values, counted : ndarray, shape (realisations, points)
+        SI, and which values exist.
     scale : ndarray, shape (points,)
         What an error of the mean value is measured by, SI: the value itself, or for a gap the
         distance over which the pressure changes by its own size.

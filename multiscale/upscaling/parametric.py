@@ -38,10 +38,8 @@ def fit_family(
     counts : ndarray, shape (samples, realisations)
         How often each realisation counts in each sample; without rows, and if the points are
         independent, the residuals are resampled instead.
-    weights : ndarray, shape (points,)
-        Dimensionless.
-    fixed : mapping of str to float
-        Parameters that keep a value, SI.
+    weights, fixed
+        As of :func:`~.regression.regression_of`.
     n_samples, seed : int
         Of the resampled residuals.
 

@@ -27,14 +27,12 @@ class Regression:
     ----------
     family : Family
     quantity : Quantity
-        What is predicted.
     conditions : tuple of ndarray, shape (points,)
     scale, weights : ndarray, shape (points,)
         Of the observations, and :math:`w_j \ge 0`, dimensionless.
     held : mapping of str to float
         What the data decide or the user fixed, SI.
     free : tuple of str
-        Parameters that are fitted.
     start : mapping of str to float
         Where the fit of the mean starts, SI.
     datum : bool

@@ -63,10 +63,8 @@ def pass_cycles(
         Changed in place.
     once : callable
         ``once(run)`` computes one pass.
-    count : int
-        Number of passes.
-    material : FatigueMaterial
-        Volume and inclusion.
+    count, material
+        Number of passes; volume and inclusion.
     tolerance : float
         Bound on the relative error of the change over a jump, dimensionless.
     note : callable

@@ -105,7 +105,6 @@ class StressBlock:
         Corners of one cycle, joined by straight lines, Pa: uniaxial stress, or xx, yy, zz, yz,
         xz, xy.
     cycles : int
-        Number of cycles.
 
     Raises
     ------

@@ -80,15 +80,13 @@ def run_cycles(state, path, cycles, material, substeps):  # type: ignore[no-unty
     Parameters
     ----------
     state : ndarray, shape (20,)
-        State in the order of ``STATE_SIZE``, changed in place.
+        In the order of ``STATE_SIZE``, changed in place.
     path : ndarray, shape (points, 6)
         Corners of the path, Pa: xx, yy, zz, yz, xz, xy.
-    cycles : int
-        Number of cycles.
+    cycles, substeps : int
+        Number of cycles, and of steps for the plastic part of each straight piece.
     material : ndarray, shape (10,)
         See :meth:`~multiscale.micro.damage.FatigueMaterial.parameters`.
-    substeps : int
-        Steps for the plastic part of each straight piece.
 
     Returns
     -------

@@ -187,19 +187,8 @@ def _solve(
 def summarise_loads(stiffness: np.ndarray, loads: list[Solution], lost: float) -> Solution:
     """Combine the solves of six strains in one solution, with the status of the worst solve.
 
-    Parameters
-    ----------
-    stiffness : ndarray, shape (6, 6)
-        Stiffness of the volume, Pa.
-    loads : list of Solution
-        Solves of the six mean strains.
-    lost : float
-        Stiffness below which a mode of strain counts as free, Pa.
-
-    Returns
-    -------
-    Solution
-        ``value`` is the stiffness without free modes, shape (6, 6), Pa.
+    Modes of strain with less stiffness than ``lost``, Pa, count as free, and the value, Pa, is
+    without.
     """
     slowest = max(loads, key=lambda load: len(load.residuals))
     failed = [load for load in loads if not load.converged]

@@ -20,6 +20,7 @@ import numpy as np
 
 from multiscale.micro.flat_reference import Field
 from multiscale.micro.lateral_fft import filter_surface
+from multiscale.numerics.krylov import conjugate_gradients
 
 __all__ = ["Constraint", "Support"]
 
@@ -126,21 +127,9 @@ class Constraint:
 
         Both have the shape (rows, nx, ny).
         """
-        force, r = np.zeros_like(right_hand_side), right_hand_side * self.touched
+        r = right_hand_side * self.touched
         goal = _INNER * float(np.linalg.norm(r))
-        p, rz_old = np.zeros_like(r), 1.0
-        for _ in range(_LIMIT):
-            if float(np.linalg.norm(r)) <= goal:
-                break
-            z = self._resist(r)
-            rz = float(np.vdot(r, z))
-            p = z + (rz / rz_old) * p
-            q = self._respond(p)
-            alpha = rz / float(np.vdot(p, q))
-            force += alpha * p
-            r -= alpha * q
-            rz_old = rz
-        return force
+        return conjugate_gradients(self._respond, r, self._resist, goal=goal, limit=_LIMIT)[0]
 
     @cached_property
     def _unit(self) -> Field:
@@ -163,10 +152,8 @@ class Constraint:
 
         Returns
         -------
-        displacement : ndarray, shape of the residual
-            Displacement :math:`z`, m.
-        shift : float
-            Change :math:`\zeta` of the approach, m.
+        displacement, shift
+            :math:`z`, shape of the residual, and the change :math:`\zeta` of the approach, m.
         """
         shift = 0.0
 

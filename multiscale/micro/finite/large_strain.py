@@ -36,7 +36,6 @@ def large_strain_body(
     Parameters
     ----------
     mesh : GraphMesh
-        The conforming mesh, clamped at its base.
     law : NeoHookean, J2 or Prony
         Bulk law, moduli in Pa.
     mean_dilatation : bool

@@ -26,17 +26,13 @@ _MIRRORED = np.array([1.0, 1.0, -1.0, 1.0, -1.0, 1.0])[:, None, None]  # of xx, 
 def add_compliances(first: LateralInverse, second: np.ndarray) -> LateralInverse:
     """Return a layer whose surface compliance is the sum of two, on the grid of the first.
 
-    Parameters
-    ----------
-    first : LateralInverse
-        Factorised flat cell of the first body.
-    second : ndarray, shape (6, nx, ny // 2 + 1)
-        Symbol of the surface compliance of the second body in its own frame, m/N.
+    ``second`` is the symbol of the surface compliance of the second body in its own frame, shape
+    (6, nx, ny // 2 + 1), m/N.
     """
     symbol = first.surface_compliance + _MIRRORED * second
     nx, _, ny = first.shape
     layer = np.ascontiguousarray(np.moveaxis(symbol, 0, 1))[:, None]
-    return LateralInverse((nx, 1, ny), layer, np.empty((nx, 0, 9, 0)), first.base, first.threads)
+    return LateralInverse((nx, 1, ny), layer, np.empty((nx, 0, 9, 0)), first.threads)
 
 
 @dataclass(frozen=True, eq=False)
@@ -50,7 +46,6 @@ class PairReference:
     both : Reference
         Flat cell with the sum of both surface compliances on the grid of the first body.
     halves : Halves
-        Places of both bodies in a vector.
     """
 
     first: Reference
@@ -65,15 +60,7 @@ class PairReference:
 
 @dataclass(frozen=True, eq=False)
 class JoinedReference:
-    """Two references with forces between them.
-
-    Attributes
-    ----------
-    pair : PairReference
-        References of both bodies.
-    meeting : PairMeeting
-        Points where the nodes of the first body meet the second.
-    """
+    """Two references with forces between them, where the nodes of the first meet the second."""
 
     pair: PairReference
     meeting: PairMeeting

@@ -25,7 +25,6 @@ class PairScene(CellScene):
     reference : PairReference
         Flat cells of both bodies for the preconditioner.
     halves : Halves
-        Places of both bodies in a vector.
     """
 
     obstacle: Underside

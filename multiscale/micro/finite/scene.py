@@ -80,7 +80,6 @@ class CellScene(ABC):
     Attributes
     ----------
     body : FiniteBody
-        The deformable body.
     obstacle : Opponent
         The opposite side before deformation.
     friction : float
@@ -129,7 +128,6 @@ class RigidScene(CellScene):
     Attributes
     ----------
     obstacle : HeightObstacle
-        The rigid obstacle.
     reference : Reference
         Flat cell for the preconditioner.
     """
