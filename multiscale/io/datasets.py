@@ -39,8 +39,7 @@ logger = logging.getLogger(__name__)
 LIBRARIES = ("numpy", "scipy", "numba", "scikit-fem", "xarray")
 """Libraries whose version can change a number."""
 
-_WRITING = Lock()
-"""Locked while the settings of dask differ from the settings of the user."""
+_WRITING = Lock()  # locked while the settings of dask differ from the settings of the user
 
 
 def write_dataset(

@@ -12,11 +12,8 @@ if TYPE_CHECKING:
 
 __all__ = ["write_link_fields"]
 
-LINK_VARIABLES = ("tension", "slack", "impulse")
-"""Variables of links at every step."""
-
-NODE_VARIABLES = ("displacement", "velocity", "rotation")
-"""Variables of nodes at every step."""
+LINK_VARIABLES = ("tension", "slack", "impulse")  # variables of links at every step
+NODE_VARIABLES = ("displacement", "velocity", "rotation")  # variables of nodes at every step
 
 
 def write_link_fields(result: "xr.Dataset", folder: Path, *, name: str = "links") -> Path:

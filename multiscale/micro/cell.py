@@ -417,7 +417,24 @@ def Cell(  # noqa: N802  reads like the kinds that it makes
         If a parameter is outside its range or means nothing to this kind of cell.
     """
     _check_moduli(youngs_modulus, poissons_ratio)
-    law = _layer_law(youngs_modulus, poissons_ratio, bulk)
+    own = {"youngs_modulus": youngs_modulus, "poissons_ratio": poissons_ratio}
+    law: LayerLaw
+    if bulk is None:
+        graded = bool(np.ndim(youngs_modulus) or np.ndim(poissons_ratio))
+        law = GradedElastic(**own) if graded else Elastic(*map(float, own.values()))
+    elif not isinstance(bulk, NeoHookean | J2 | Prony):
+        raise CaseError(
+            f"a cell takes NeoHookean, J2 or Prony as its law at large strain, got "
+            f"{type(bulk).__name__}; leave bulk out for linear elasticity"
+        )
+    else:
+        law = bulk
+        for name, value in own.items():  # which the law repeats
+            if not np.all(np.isclose(value, given := getattr(law, name), rtol=1e-12, atol=0.0)):
+                raise CaseError(
+                    f"{name} of the bulk law is {given:g}, that of the cell "
+                    f"{np.ravel(value)[0]:g}; give the same, and one for the whole cell"
+                )
     if geometry not in ("conforming", "flat"):
         raise CaseError(f"geometry must be 'conforming' or 'flat', got {geometry!r}")
     if geometry == "flat":
@@ -437,26 +454,3 @@ def Cell(  # noqa: N802  reads like the kinds that it makes
     if bulk is None and friction_coefficient == 0.0 and opposite is None:
         return GraphCell(surface, depth, layers, law, obstacle)
     return FiniteCell(surface, depth, layers, law, obstacle, friction_coefficient, opposite)
-
-
-def _layer_law(
-    youngs_modulus: float | np.ndarray, poissons_ratio: float | np.ndarray, bulk: BulkLaw | None
-) -> LayerLaw:
-    """Law with the moduli of a cell, which a law at large strain repeats."""
-    if bulk is None:
-        if np.ndim(youngs_modulus) or np.ndim(poissons_ratio):
-            return GradedElastic(youngs_modulus, poissons_ratio)
-        return Elastic(float(youngs_modulus), float(poissons_ratio))
-    if not isinstance(bulk, NeoHookean | J2 | Prony):
-        raise CaseError(
-            f"a cell takes NeoHookean, J2 or Prony as its law at large strain, got "
-            f"{type(bulk).__name__}; leave bulk out for linear elasticity"
-        )
-    for name, own in (("youngs_modulus", youngs_modulus), ("poissons_ratio", poissons_ratio)):
-        law = getattr(bulk, name)
-        if not np.all(np.isclose(own, law, rtol=1e-12, atol=0.0)):
-            raise CaseError(
-                f"{name} of the bulk law is {law:g}, that of the cell {np.ravel(own)[0]:g}; "
-                f"give the same, and one for the whole cell"
-            )
-    return bulk

@@ -228,12 +228,8 @@ def _average(problem: CellProblem, state: ContactState, fields: bool) -> dict[st
 
 def _dataset(steps: Steps, path: Path, asked: dict[str, tuple[int, ...]]) -> "xr.Dataset":
     """Join the steps with what was asked for beside; what a failed step lacks is NaN."""
-    shapes: dict[str, tuple[int, ...]] = {
-        "traction": (3,),
-        "displacement_jump": (3,),
-        "mean_gap": (),
-        "contact_fraction": (),
-    } | asked
+    shapes: dict[str, tuple[int, ...]] = {"traction": (3,), "displacement_jump": (3,)}
+    shapes |= dict.fromkeys(("mean_gap", "contact_fraction"), ()) | asked
     known = {name for step in steps for name in step}
     shapes |= {name: () for name in _EXTRA if name in known}
     values: dict[str, Any] = {

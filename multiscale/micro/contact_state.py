@@ -65,8 +65,10 @@ class ContactState:
 
     Attributes
     ----------
-    displacement, force : ndarray
-        m, and contact forces, N.
+    displacement : ndarray
+        m.
+    force : ndarray
+        Contact forces, N.
     approach : float
         m, counted from the first touch.
     active : ndarray of bool

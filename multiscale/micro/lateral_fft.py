@@ -43,16 +43,8 @@ def brick_stiffness(
 
     def integral(i: int, j: int) -> np.ndarray:
         """Integrate dN_a/dx_i dN_b/dx_j over the brick."""
-        factors = []
-        for k in range(3):
-            if k == i == j:
-                factors.append(stiff)
-            elif k == i:
-                factors.append(mixed.T)
-            elif k == j:
-                factors.append(mixed)
-            else:
-                factors.append(mass)
+        both = {(True, True): stiff, (True, False): mixed.T, (False, True): mixed}
+        factors = [both.get((k == i, k == j), mass) for k in range(3)]
         product = np.einsum("ad,be,cf->abcdef", *factors)
         return np.asarray(product * volume / (edges[i] * edges[j]))
 
@@ -61,14 +53,10 @@ def brick_stiffness(
     for i in range(3):
         stiffness[i, i] += shear * np.trace(forms)
     if mean_dilatation:
-        sign = np.array([-1.0, 1.0])
+        sign, ones = np.array([-1.0, 1.0]), np.ones(2)
+        rows = [[sign if k == i else ones for k in range(3)] for i in range(3)]
         gradient = np.array(
-            [
-                np.einsum("a,b,c->abc", *(sign if k == i else np.ones(2) for k in range(3)))
-                * volume
-                / (4.0 * edges[i])
-                for i in range(3)
-            ]
+            [np.einsum("a,b,c->abc", *rows[i]) * volume / (4.0 * edges[i]) for i in range(3)]
         )
         mean = np.einsum("iabc,jdef->ijabcdef", gradient, gradient) / volume
         stiffness += (lame + 2.0 * shear / 3.0) * (mean - forms)
@@ -327,12 +315,9 @@ def factorise_flat_cell(
     for layer in range(layers):
         edges = (*spacing, planes[layer + 1] - planes[layer])
         brick = brick_stiffness(edges, lame[layer], shear[layer], mean_dilatation=mean_dilatation)
-        for a in range(2):
-            for b in range(2):
-                for d in range(2):
-                    for e in range(2):  # from corner (a, b) to corner (d, e)
-                        block = brick[a, b, :, :, d, e, :, :]  # (c, i, c', j)
-                        stencil[layer, :, :, d - a + 1, e - b + 1] += np.moveaxis(block, 1, 2)
+        for a, b, d, e in np.ndindex(2, 2, 2, 2):  # from corner (a, b) to corner (d, e)
+            block = brick[a, b, :, :, d, e, :, :]  # (c, i, c', j)
+            stencil[layer, :, :, d - a + 1, e - b + 1] += np.moveaxis(block, 1, 2)
     m = ny // 2 + 1
     inverse = np.empty((nx, layers, 6, m), dtype)
     upper = np.empty((nx, layers, 9, m), dtype)

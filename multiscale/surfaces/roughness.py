@@ -12,8 +12,7 @@ from multiscale.surfaces.surface import Surface
 
 __all__ = ["Roughness", "Spectrum", "oblique_lay", "spectrum"]
 
-NEGLECTED_SHARE = 0.01
-"""Share of the mean squares beyond the longest and the shortest wave."""
+NEGLECTED_SHARE = 0.01  # share of the mean squares beyond the longest and the shortest wave
 
 
 @dataclass(frozen=True)

@@ -7,7 +7,7 @@ from multiscale.laws import HystereticLaw
 from multiscale.schema import INTERFACE_LAW
 from multiscale.upscaling.family import unloading_family
 from multiscale.upscaling.fit import fit_law
-from multiscale.upscaling.reading import law_from_dataset, require_law
+from multiscale.upscaling.reading import law_from_dataset, pick, require_law
 from multiscale.upscaling.response_observations import loading_branch, unloading_observations
 
 if TYPE_CHECKING:
@@ -90,14 +90,6 @@ def hysteretic_from_dataset(dataset: "xr.Dataset", sample: int | None = None) ->
         )
     names = ("unloading_stiffness_ratio", "unloading_exponent")
     require_law(dataset, *names)
-    if sample is None:
-        ratio, exponent = (float(dataset[name]) for name in names)
-    else:
-        n_samples = dataset.sizes.get("unloading_sample", 0)
-        if not 0 <= sample < n_samples:
-            raise CaseError(
-                f"the unloading has no sample {sample}; it has {n_samples}, counted from 0"
-            )
-        require_law(dataset, *(f"{name}_sample" for name in names))
-        ratio, exponent = (float(dataset[f"{name}_sample"][sample]) for name in names)
+    found = (pick(dataset, name, [sample], of="unloading")[0] for name in names)
+    ratio, exponent = map(float, found)
     return HystereticLaw(law_from_dataset(dataset), ratio, exponent)

@@ -21,11 +21,8 @@ __all__ = ["pressure_overclosure", "write_law_table", "write_pressure_overclosur
 SMALLEST_STEP = 1e-10
 """CalculiX moves points apart whose overclosures differ by less, in the unit of the table."""
 
-MOST_POINTS = 40
-"""What the tables of older versions of CalculiX hold."""
-
-BEYOND = 10.0
-"""The table goes on with its last slope to this multiple of the largest pressure."""
+MOST_POINTS = 40  # what the tables of older versions of CalculiX hold
+BEYOND = 10.0  # the table goes on with its last slope to this multiple of the largest pressure
 
 
 def pressure_overclosure(

@@ -35,14 +35,9 @@ def read_observations(path: str | PathLike[str], quantity: str) -> Observations:
         Comma separated. The first line names the columns with their units, such as
         ``pressure (MPa), stiffness (MPa/um), specimen``: those of the quantity, in any order, and
         optionally ``specimen`` (any text); further columns are ignored. Without specimens the
-        k-th value at a pressure belongs to the k-th of them.
+        k-th value at a pressure belongs to the k-th of them. Each is a realisation.
     quantity : str
         See :func:`observe`; for instance ``"normal_stiffness"``.
-
-    Returns
-    -------
-    Observations
-        One realisation per specimen.
 
     Raises
     ------

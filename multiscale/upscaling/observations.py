@@ -32,28 +32,26 @@ class Quantity:
     variable: str
 
 
+_P = {"pressure": "Pa"}
 QUANTITIES: dict[str, Quantity] = {
-    "gap": Quantity("m", {"pressure": "Pa"}, lambda law, p: law.gap_at(p), "fit_mean_gap"),
+    "gap": Quantity("m", _P, lambda law, p: law.gap_at(p), "fit_mean_gap"),
     "normal_stiffness": Quantity(
-        "Pa m-1", {"pressure": "Pa"}, lambda law, p: law.stiffness(law.gap_at(p)), "fit_stiffness"
+        "Pa m-1", _P, lambda law, p: law.stiffness(law.gap_at(p)), "fit_stiffness"
     ),
     "contact_fraction": Quantity(
-        "1", {"pressure": "Pa"}, lambda law, p: law.contact_fraction(p), "fit_contact_fraction"
+        "1", _P, lambda law, p: law.contact_fraction(p), "fit_contact_fraction"
     ),
     "tangential_stiffness": Quantity(
-        "Pa m-1", {"pressure": "Pa"}, lambda law, p: law.stiffness_at(p), "fit_stiffness"
+        "Pa m-1", _P, lambda law, p: law.stiffness_at(p), "fit_stiffness"
     ),
     "friction_coefficient": Quantity(
         "1",
-        {"pressure": "Pa", "speed": "m s-1"},
-        lambda law, p, v: law.coefficient(p, v),
+        _P | {"speed": "m s-1"},
+        lambda law, *at: law.coefficient(*at),
         "fit_friction_coefficient",
     ),
     "recovery": Quantity(
-        "m",
-        {"pressure": "Pa", "peak_pressure": "Pa"},
-        lambda law, p, peak: law.recovery(p, peak),
-        "fit_recovery",
+        "m", _P | {"peak_pressure": "Pa"}, lambda law, *at: law.recovery(*at), "fit_recovery"
     ),
 }
 """What can be observed, by name."""

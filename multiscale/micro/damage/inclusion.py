@@ -69,8 +69,8 @@ __all__ = ["STATE_SIZE", "damage_rate", "effective_stress", "run_cycles"]
 STATE_SIZE = 20
 """Length of the state: D, p, plastic strain (6), back stress (6, Pa), last macro stress (6, Pa)."""
 
-# places of the parameters in the array of a material
-E, NU, LIMIT, HARDENING, STRENGTH, EXPONENT, THRESHOLD, CRITICAL, CLOSURE, FEEDBACK = range(10)
+# places of the parameters in the array of a material, as the fields of FatigueMaterial
+E, NU, LIMIT, STRENGTH, EXPONENT, HARDENING, THRESHOLD, CRITICAL, CLOSURE, FEEDBACK = range(10)
 
 
 @numba.njit(cache=True, error_model="numpy")

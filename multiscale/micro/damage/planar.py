@@ -16,8 +16,7 @@ import numpy as np
 
 __all__ = ["Ellipses", "union_area"]
 
-BOUNDARY_MARGIN = 1e-11
-"""Relative distance by which rounding may move a point across a boundary."""
+BOUNDARY_MARGIN = 1e-11  # relative distance by which rounding may move a point across a boundary
 
 
 @dataclass(frozen=True)

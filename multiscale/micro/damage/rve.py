@@ -51,8 +51,7 @@ STRAINS = ("xx", "yy", "zz", "yz", "xz", "xy")
 LOST_STIFFNESS = 1e-7
 """Share of Young's modulus of the solid below which a stiffness of the volume counts as zero."""
 
-PATIENCE = 100
-"""Iterations without a smaller residual after which a solve counts as stalled."""
+PATIENCE = 100  # iterations without a smaller residual after which a solve counts as stalled
 
 
 def effective_stiffness(

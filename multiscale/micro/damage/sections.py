@@ -28,11 +28,8 @@ if TYPE_CHECKING:
 
 __all__ = ["box_polygon", "max_damage", "plane_damage"]
 
-QUANTILES = (0.5, 0.9, 0.95, 0.99)
-"""Quantiles of the damage over all sections that are reported."""
-
-N_STARTS = 4
-"""Number of worst sections from which the local search starts."""
+QUANTILES = (0.5, 0.9, 0.95, 0.99)  # quantiles of the damage over all sections that are reported
+N_STARTS = 4  # number of worst sections from which the local search starts
 
 
 def plane_damage(

@@ -6,7 +6,7 @@ shape (n,); directions, shape (3,) or (n, 3), may have any length but zero.
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Protocol, Self
+from typing import TYPE_CHECKING, Self
 
 import numpy as np
 
@@ -28,29 +28,7 @@ __all__ = [
     "spheres",
 ]
 
-NEGLIGIBLE = 1e-9
-"""Ratio of a length to the size of its body below which it counts as zero."""
-
-
-class Shapes(Protocol):
-    """Interface of every kind of body."""
-
-    @property
-    def centre(self) -> np.ndarray:
-        """Centres, shape (n, 3), m."""
-
-    @property
-    def reach(self) -> np.ndarray:
-        """Half lengths of the boxes that enclose the bodies, shape (n, 3), m."""
-
-    def take(self, index: np.ndarray, shift: np.ndarray) -> Self:
-        """Pick bodies, moved by a shift of shape (3,) or (picked, 3), m."""
-
-    def section(self, plane: SectionPlane) -> "Ellipses":
-        """Return the sections of the bodies with a plane."""
-
-    def contains(self, k: int, points: np.ndarray, thickness: float) -> np.ndarray:
-        """Whether points, shape (3, ...), m, lie in body k; flat bodies get a thickness, m."""
+NEGLIGIBLE = 1e-9  # ratio of a length to the size of its body below which it counts as zero
 
 
 @dataclass(frozen=True)
@@ -73,7 +51,7 @@ class Mapped:
         return np.asarray(np.linalg.norm(self.root, axis=2))
 
     def take(self, index: np.ndarray, shift: np.ndarray) -> Self:
-        """Pick bodies, moved by a shift."""
+        """Pick bodies, moved by a shift of shape (3,) or (picked, 3), m."""
         return type(self)(self.centre[index] + shift, self.root[index])
 
 
@@ -221,6 +199,9 @@ class Cracks(Mapped):
             above <= 0.5 * thickness * (1 - NEGLIGIBLE)
         )
         return np.asarray((np.sum(w**2, axis=0) <= 1.0) & near)
+
+
+Shapes = Ellipsoids | Cylinders | Cracks
 
 
 def spheres(centre: np.ndarray, radius: float | np.ndarray) -> Ellipsoids:

@@ -11,14 +11,13 @@ where :math:`\zeta` is a change of the approach, unknown if the load is prescrib
 and 0 otherwise. Conjugate gradients solve the remaining problem on the surface alone.
 """
 
-from collections.abc import Callable
 from dataclasses import dataclass
 from functools import cached_property
-from typing import Protocol
 
 import numpy as np
 
-from multiscale.micro.flat_reference import Field
+from multiscale.micro.finite.pair_reference import JoinedReference
+from multiscale.micro.flat_reference import Field, Reference
 from multiscale.micro.lateral_fft import filter_surface
 from multiscale.numerics.krylov import conjugate_gradients
 
@@ -28,34 +27,7 @@ _INNER = 1e-4  # relative tolerance on the surface; the flexible Krylov method a
 _LIMIT = 200  # iterations on the surface
 
 
-class Support(Protocol):
-    """Interface of one flat cell, or of two joined flat cells, for :class:`Constraint`."""
-
-    @property
-    def convolves(self) -> bool:
-        """Whether the vertical compliance is a product for each wave."""
-
-    @property
-    def vertical(self) -> tuple[Field, Field]:
-        """Symbols of the vertical compliance, m/N, and of an approximate inverse, N/m."""
-
-    def surface(self, vector: Field) -> Field:
-        """Part of a field at the surface of the first body, a view of shape (nx, 3, ny)."""
-
-    def relative(self, vector: Field) -> Field:
-        """Motion of the surface relative to the opposite side, shape (nx, 3, ny), m."""
-
-    def solve(self, force: Field, correct: Callable[[Field], Field]) -> Field:
-        """Solve for the displacement, m, under nodal forces, N.
-
-        ``correct`` returns the surface forces, N, that a motion of the surface, m, causes.
-        """
-
-    def compliance(self, force: Field) -> Field:
-        """Motion of the surface, m, under forces on it, N; both of shape (nx, 3, ny)."""
-
-    def stiffness(self, moved: Field) -> Field:
-        """Compute the forces on the surface, N, of a motion, m, at least approximately."""
+Support = Reference | JoinedReference
 
 
 @dataclass(frozen=True, eq=False)

@@ -14,7 +14,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from multiscale.micro.finite.two_bodies import MIRROR, Halves, PairMeeting
+from multiscale.micro.finite.two_bodies import MIRROR, PairMeeting
 from multiscale.micro.flat_reference import Field, Reference
 from multiscale.micro.lateral_fft import LateralInverse
 
@@ -45,17 +45,11 @@ class PairReference:
         Flat cells of both bodies, each in its own frame.
     both : Reference
         Flat cell with the sum of both surface compliances on the grid of the first body.
-    halves : Halves
     """
 
     first: Reference
     second: Reference
     both: Reference
-    halves: Halves
-
-    def joined(self, meeting: PairMeeting) -> "JoinedReference":
-        """Join both references at the contact points of a meeting."""
-        return JoinedReference(self, meeting)
 
 
 @dataclass(frozen=True, eq=False)
@@ -77,7 +71,7 @@ class JoinedReference:
 
     def surface(self, vector: Field) -> Field:
         """Surface of the first body, as a view."""
-        return self.pair.halves.surfaces(vector)[0]
+        return self.meeting.halves.surfaces(vector)[0]
 
     def relative(self, vector: Field) -> Field:
         """Motion of the nodes of the first body relative to the second, shape (nx, 3, ny), m."""
@@ -85,7 +79,7 @@ class JoinedReference:
 
     def solve(self, force: Field, correct: Callable[[Field], Field]) -> Field:
         """Solve for nodal forces; ``correct`` adds forces between the surfaces."""
-        loads = self.pair.halves.split(force)
+        loads = self.meeting.halves.split(force)
         found: list[Field] = []
 
         def meet(first: Field) -> Field:
@@ -99,7 +93,7 @@ class JoinedReference:
             return pushes[0]
 
         first = self.pair.first.solve(loads[0], meet)
-        return self.pair.halves.join(first, found[0])
+        return self.meeting.halves.join(first, found[0])
 
     def compliance(self, force: Field) -> Field:
         """Relative motion (1), m, under forces on the nodes, N, and their reactions."""

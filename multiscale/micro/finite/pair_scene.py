@@ -69,4 +69,4 @@ class PairScene(CellScene):
 
     def reference_at(self, meeting: PairMeeting) -> JoinedReference:
         """Return both references, joined at the contact points."""
-        return self.reference.joined(meeting)
+        return JoinedReference(self.reference, meeting)
