@@ -15,7 +15,6 @@ class Choice:
     part : str
         Its name in the text. Areas with several parts name them in a ``StrEnum``.
     why : str
-        What it is for, or why it is left out.
     built : bool
     """
 
@@ -93,7 +92,6 @@ def join_needs(parts: Iterable[Needs]) -> Needs:
     Parameters
     ----------
     parts : iterable of Needs
-        At least one, and one of them with kinematics.
     """
     parts = list(parts)
     return Needs(

@@ -204,7 +204,7 @@ def large_strain(material: str, slope: float, friction: float) -> float:
     from multiscale.laws.bulk import J2, NeoHookean
     from multiscale.micro import FiniteCell
     from multiscale.micro.finite.finite_cell import make_scene
-    from multiscale.micro.finite.follow import largest_approach
+    from multiscale.micro.finite.finite_path import largest_approach
     from multiscale.micro.finite.history import rest_state, walk_step
     from multiscale.micro.finite.scene import Target
 

@@ -14,17 +14,10 @@ if TYPE_CHECKING:
 
 __all__ = ["write_body_fields"]
 
-ELEMENT_NAMES = {4: "tetra", 8: "hexahedron"}
-"""Elements in meshio by their number of corners."""
-
-ELEMENT_VARIABLES = ("equivalent_stress", "energy_density")
-"""Variables of elements at every step."""
-
-CONSTANT_VARIABLES = ("element_body", "element_damage")
-"""Variables of elements without steps."""
-
-POINT_VARIABLES = ("gap", "contact_state")
-"""Variables of the points of joints at every step."""
+ELEMENT_NAMES = {4: "tetra", 8: "hexahedron"}  # elements in meshio by their number of corners
+ELEMENT_VARIABLES = ("equivalent_stress", "energy_density")  # variables of elements at every step
+CONSTANT_VARIABLES = ("element_body", "element_damage")  # variables of elements without steps
+POINT_VARIABLES = ("gap", "contact_state")  # variables of the points of joints at every step
 
 
 def write_body_fields(result: "xr.Dataset", folder: Path, *, name: str = "bodies") -> Path:
@@ -40,11 +33,8 @@ def write_body_fields(result: "xr.Dataset", folder: Path, *, name: str = "bodies
     result : Dataset
         Follows ``MACRO_RESULT``, with the fields that
         :func:`multiscale.macro.substructures.add_body_fields` adds.
-    folder : Path
-        Folder for ``NAME.pvd``, ``NAME-0000.vtu`` and so on, with joints also
-        ``NAME-joints-0000.vtu`` and so on.
-    name : str
-        Name of the series.
+    folder, name
+        As of :func:`~.series.write_series`; the part of the joints is named ``joints``.
 
     Returns
     -------

@@ -19,13 +19,7 @@ from multiscale import __version__
 from multiscale.errors import SchemaError
 from multiscale.io.files import write_bytes
 from multiscale.io.global_heap import is_endless
-from multiscale.schema import (
-    INTERFACE_LAW,
-    MACRO_RESULT,
-    MICRO_RESPONSE,
-    SCHEMAS,
-    Schema,
-)
+from multiscale.schema import INTERFACE_LAW, MACRO_RESULT, MICRO_RESPONSE, SCHEMAS, Schema
 
 if TYPE_CHECKING:
     import xarray as xr
@@ -45,8 +39,7 @@ logger = logging.getLogger(__name__)
 LIBRARIES = ("numpy", "scipy", "numba", "scikit-fem", "xarray")
 """Libraries whose version can change a number."""
 
-_WRITING = Lock()
-"""Locked while the settings of dask differ from the settings of the user."""
+_WRITING = Lock()  # locked while the settings of dask differ from the settings of the user
 
 
 def write_dataset(
@@ -57,11 +50,8 @@ def write_dataset(
     Parameters
     ----------
     dataset : Dataset
-        The dataset.
     path : Path
-        The netCDF file.
     schema : Schema
-        Schema of the dataset.
     **attributes
         Further attributes, such as the checksum of the case.
 
@@ -111,7 +101,6 @@ def open_dataset(path: str | PathLike[str], schema: Schema | None = None) -> "xr
     Parameters
     ----------
     path : path
-        The netCDF file.
     schema : Schema, optional
         Schema that the dataset must follow; the schema that it names if not given.
 
@@ -152,9 +141,8 @@ def _load(path: Path) -> "xr.Dataset | None":
     import xarray as xr
 
     hook, dataset = sys.unraisablehook, None
-    sys.unraisablehook = lambda _: (
-        None
-    )  # h5netcdf fails again when it deletes a file it cannot open
+    # h5netcdf fails again when it deletes a file it cannot open
+    sys.unraisablehook = lambda _: None
     try:
         if is_endless(path):
             return None
@@ -187,7 +175,6 @@ def open_run(folder: str | PathLike[str], *, finished: bool = False) -> "xr.Data
     Parameters
     ----------
     folder : path
-        Run folder.
     finished : bool
         Whether all three results must be there.
 
@@ -217,15 +204,7 @@ def open_run(folder: str | PathLike[str], *, finished: bool = False) -> "xr.Data
 def reading_run(folder: str | PathLike[str]) -> Iterator[None]:
     """Report a missing optional variable or attribute of a dataset of a run in a sentence.
 
-    Parameters
-    ----------
-    folder : path
-        Run folder, for the message.
-
-    Raises
-    ------
-    SchemaError
-        If a variable or an attribute is read that the dataset does not have.
+    The message, a ``SchemaError``, names the folder.
     """
     try:
         yield

@@ -23,7 +23,7 @@ def write_surface_fields(fields: "xr.Dataset", size: tuple[float, float], folder
     size : tuple of float
         Edge lengths of the cell, m.
     folder : Path
-        Folder for ``contact-0000.vtu`` and so on.
+        For ``contact-0000.vtu`` and so on.
 
     Raises
     ------

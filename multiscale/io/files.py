@@ -26,13 +26,6 @@ __all__ = [
 def write_bytes(path: Path, content: bytes | memoryview) -> None:
     """Write a file under a temporary name, force it to the disk, then rename it.
 
-    Parameters
-    ----------
-    path : Path
-        The file.
-    content : bytes or memoryview
-        Its whole content.
-
     Raises
     ------
     MultiscaleError
@@ -44,18 +37,7 @@ def write_bytes(path: Path, content: bytes | memoryview) -> None:
 
 @contextmanager
 def replacing(path: Path) -> Iterator[Path]:
-    """Yield a temporary name beside a file, and rename it to the file if no error occurs.
-
-    Parameters
-    ----------
-    path : Path
-        The file.
-
-    Raises
-    ------
-    MultiscaleError
-        If the disk is full or the folder cannot be written to.
-    """
+    """Yield a temporary name beside a file, and rename it if no error occurs; see `write_bytes`."""
     with writing(path):
         descriptor, name = mkstemp(dir=path.parent, prefix=f".{path.name}.", suffix=".part")
         part = Path(name)

@@ -17,11 +17,6 @@ def is_endless(file: Path) -> bool:
     Such collections contain the texts of attributes. The library (2.0.0) reads an object without
     size without end.
 
-    Parameters
-    ----------
-    file : Path
-        A netCDF file.
-
     References
     ----------
     .. [1] HDF5 File Format Specification Version 3.0, III.E, Disk Format: Level 1E - Global Heap.

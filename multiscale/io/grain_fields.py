@@ -25,10 +25,8 @@ def write_grain_fields(result: "xr.Dataset", folder: Path, *, name: str = "grain
     ----------
     result : Dataset
         Follows ``GRANULATE``.
-    folder : Path
-        Folder for ``NAME.pvd``, ``NAME-0000.vtu`` and so on.
-    name : str
-        Name of the series.
+    folder, name
+        As of :func:`~.series.write_series`.
 
     Returns
     -------

@@ -74,8 +74,8 @@ class VoxelImage:
 
         Parameters
         ----------
-        void : ndarray of bool or of 0 and 1, shape (nx, ny, nz)
-            Whether a voxel is void.
+        void
+            As of the class.
         voxel_size : float or sequence of float
             Edge of cubic voxels, or edges along x, y and z, m.
 

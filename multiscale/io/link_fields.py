@@ -12,11 +12,8 @@ if TYPE_CHECKING:
 
 __all__ = ["write_link_fields"]
 
-LINK_VARIABLES = ("tension", "slack", "impulse")
-"""Variables of links at every step."""
-
-NODE_VARIABLES = ("displacement", "velocity", "rotation")
-"""Variables of nodes at every step."""
+LINK_VARIABLES = ("tension", "slack", "impulse")  # variables of links at every step
+NODE_VARIABLES = ("displacement", "velocity", "rotation")  # variables of nodes at every step
 
 
 def write_link_fields(result: "xr.Dataset", folder: Path, *, name: str = "links") -> Path:
@@ -29,10 +26,8 @@ def write_link_fields(result: "xr.Dataset", folder: Path, *, name: str = "links"
     ----------
     result : Dataset
         Follows ``MACRO_RESULT``, with the position of the nodes and the ends of the links.
-    folder : Path
-        Folder for ``NAME.pvd``, ``NAME-0000.vtu`` and so on.
-    name : str
-        Name of the series.
+    folder, name
+        As of :func:`~.series.write_series`.
 
     Returns
     -------

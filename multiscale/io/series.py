@@ -26,7 +26,6 @@ def write_series(
         Folder for ``NAME.pvd``, ``NAME-0000.vtu`` and so on; ``NAME-PART-0000.vtu`` for a named
         part.
     name : str
-        Name of the series.
     times : ndarray, shape (steps,)
         Times, load factors or numbers of the steps.
     steps : iterable of dict

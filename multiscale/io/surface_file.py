@@ -69,7 +69,18 @@ def read_surface(
     _check_file(path)
     with _reading(path) as (library, reader):
         entry = _pick_channel(path, reader, channel)
-        _check_channel(path, entry)
+        if entry.dim == 1 or entry.is_uniform is False:
+            raise CaseError(
+                f"{path}: holds a line scan or scattered points; give a map on a regular grid"
+            )
+        found = {"unit of length": entry.unit, "lateral size": entry.physical_sizes}
+        missing = [name for name, value in found.items() if value is None]
+        if missing:
+            raise CaseError(
+                f"{path}: the file gives no {' and no '.join(missing)}; export it in a format that "
+                f"does (in a text file the header lines '# Width: 10 um', '# Height: 10 um', "
+                f"'# Value units: um'), or build Surface(heights, size) in Python"
+            )
         topography = entry.topography().to_unit("m")
         size = tuple(float(length) for length in topography.physical_sizes)
         heights: np.ndarray = np.ma.filled(np.ma.array(topography.heights(), dtype=float), np.nan)
@@ -174,19 +185,3 @@ def _pick_channel(path: Path, reader: Any, channel: int | str | None) -> Any:
     raise CaseError(
         f"{path}: no channel {channel!r} with heights; height channels: {listed or 'none'}"
     )
-
-
-def _check_channel(path: Path, entry: Any) -> None:
-    """Refuse line scans and maps without unit or size."""
-    if entry.dim == 1 or entry.is_uniform is False:
-        raise CaseError(
-            f"{path}: holds a line scan or scattered points; give a map on a regular grid"
-        )
-    found = {"unit of length": entry.unit, "lateral size": entry.physical_sizes}
-    missing = [name for name, value in found.items() if value is None]
-    if missing:
-        raise CaseError(
-            f"{path}: the file gives no {' and no '.join(missing)}; export it in a format that "
-            f"does (in a text file the header lines '# Width: 10 um', '# Height: 10 um', "
-            f"'# Value units: um'), or build Surface(heights, size) in Python"
-        )

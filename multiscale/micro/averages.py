@@ -7,12 +7,7 @@ import numpy as np
 if TYPE_CHECKING:
     from skfem import Element, Mesh
 
-__all__ = [
-    "average_traction",
-    "dual_basis",
-    "mean_gap",
-    "recovered_force",
-]
+__all__ = ["average_traction", "dual_basis", "mean_gap", "recovered_force"]
 
 
 def dual_basis(normal: np.ndarray, tangents: np.ndarray) -> np.ndarray:
@@ -93,7 +88,7 @@ def recovered_force(
     active : ndarray of bool, shape (n_vertices,)
         Contact nodes among the vertices. A facet belongs to a contact spot if it touches one.
     lame, shear : float or ndarray, shape (elements,)
-        Lame's parameters, Pa.
+        Pa.
 
     Returns
     -------

@@ -130,9 +130,7 @@ class PeriodicLayer:
     def layer_moduli(self) -> tuple[np.ndarray, np.ndarray]:
         """Lame's parameters (lambda, mu) of each layer, Pa; the mean over its elements."""
         lame, shear = self.moduli
-        if self.heterogeneous:
-            return lame.mean(axis=(0, 2)), shear.mean(axis=(0, 2))
-        return lame, shear
+        return (lame.mean((0, 2)), shear.mean((0, 2))) if self.heterogeneous else (lame, shear)
 
     @property
     def nearly_incompressible(self) -> bool:
@@ -182,10 +180,7 @@ class FlatCell(PeriodicLayer):
     hardness : float, optional
         Largest local pressure, Pa: the cheap plastic limit.
 
-    Raises
-    ------
-    CaseError
-        If a parameter is outside its range, the law is not linear or moduli vary within a layer.
+    A law that is not linear and moduli that vary within a layer are refused.
     """
 
     obstacle: Surface | None = None
@@ -221,10 +216,7 @@ class GraphCell(PeriodicLayer):
     obstacle : Surface, optional
         Underside of the rigid obstacle on the same grid; a flat if not given.
 
-    Raises
-    ------
-    CaseError
-        If a parameter is outside its range, the law is not linear or the obstacle has another grid.
+    A law that is not linear and an obstacle on another grid are refused.
     """
 
     obstacle: Surface | None = None
@@ -271,11 +263,6 @@ class FiniteCell(PeriodicLayer):
         Of the local Coulomb law.
     second : SecondBody, optional
         Makes the obstacle deformable.
-
-    Raises
-    ------
-    CaseError
-        If a parameter is outside its range or the obstacle has another grid.
     """
 
     obstacle: Surface | None = None
@@ -410,20 +397,14 @@ def Cell(  # noqa: N802  reads like the kinds that it makes
     youngs_modulus, poissons_ratio : float or ndarray
         Pa and 1: of the whole cell, of each layer from the base up, shape (layers,), or of each
         element, shape (nx, layers, ny). For two bodies, a material with their contact modulus.
-    obstacle : Surface, optional
-        Underside of the rigid obstacle on the same grid; a flat if not given. Contact acts along
-        its normal.
+    obstacle, hardness, friction_coefficient
+        As of :class:`FlatCell` and :class:`FiniteCell`.
     geometry : {"conforming", "flat"}
-        Whether the mesh follows the surface, or the surface only makes the gap above a flat layer:
-        fast, and right for small slopes.
-    hardness : float, optional
-        Largest local pressure of a flat cell, Pa: the cheap plastic limit.
+        Whether the mesh follows the surface, or the surface only makes the gap above a flat layer.
     bulk : NeoHookean, J2 or Prony, optional
         Law at large strain, with the moduli above; small strain if not given.
-    friction_coefficient : float
-        Of the local Coulomb law between the body and the obstacle.
     opposite : SecondBody, optional
-        Makes the obstacle deformable; the obstacle may then have another grid on the same area.
+        Makes the obstacle deformable, as ``second`` of :class:`FiniteCell`.
 
     Returns
     -------
@@ -433,10 +414,27 @@ def Cell(  # noqa: N802  reads like the kinds that it makes
     Raises
     ------
     CaseError
-        If a parameter is outside its range or the obstacle has another grid.
+        If a parameter is outside its range or means nothing to this kind of cell.
     """
     _check_moduli(youngs_modulus, poissons_ratio)
-    law = _layer_law(youngs_modulus, poissons_ratio, bulk)
+    own = {"youngs_modulus": youngs_modulus, "poissons_ratio": poissons_ratio}
+    law: LayerLaw
+    if bulk is None:
+        graded = bool(np.ndim(youngs_modulus) or np.ndim(poissons_ratio))
+        law = GradedElastic(**own) if graded else Elastic(*map(float, own.values()))
+    elif not isinstance(bulk, NeoHookean | J2 | Prony):
+        raise CaseError(
+            f"a cell takes NeoHookean, J2 or Prony as its law at large strain, got "
+            f"{type(bulk).__name__}; leave bulk out for linear elasticity"
+        )
+    else:
+        law = bulk
+        for name, value in own.items():  # which the law repeats
+            if not np.all(np.isclose(value, given := getattr(law, name), rtol=1e-12, atol=0.0)):
+                raise CaseError(
+                    f"{name} of the bulk law is {given:g}, that of the cell "
+                    f"{np.ravel(value)[0]:g}; give the same, and one for the whole cell"
+                )
     if geometry not in ("conforming", "flat"):
         raise CaseError(f"geometry must be 'conforming' or 'flat', got {geometry!r}")
     if geometry == "flat":
@@ -456,26 +454,3 @@ def Cell(  # noqa: N802  reads like the kinds that it makes
     if bulk is None and friction_coefficient == 0.0 and opposite is None:
         return GraphCell(surface, depth, layers, law, obstacle)
     return FiniteCell(surface, depth, layers, law, obstacle, friction_coefficient, opposite)
-
-
-def _layer_law(
-    youngs_modulus: float | np.ndarray, poissons_ratio: float | np.ndarray, bulk: BulkLaw | None
-) -> LayerLaw:
-    """Law with the moduli of a cell, which a law at large strain repeats."""
-    if bulk is None:
-        if np.ndim(youngs_modulus) or np.ndim(poissons_ratio):
-            return GradedElastic(youngs_modulus, poissons_ratio)
-        return Elastic(float(youngs_modulus), float(poissons_ratio))
-    if not isinstance(bulk, NeoHookean | J2 | Prony):
-        raise CaseError(
-            f"a cell takes NeoHookean, J2 or Prony as its law at large strain, got "
-            f"{type(bulk).__name__}; leave bulk out for linear elasticity"
-        )
-    for name, own in (("youngs_modulus", youngs_modulus), ("poissons_ratio", poissons_ratio)):
-        law = getattr(bulk, name)
-        if not np.all(np.isclose(own, law, rtol=1e-12, atol=0.0)):
-            raise CaseError(
-                f"{name} of the bulk law is {law:g}, that of the cell {np.ravel(own)[0]:g}; "
-                f"give the same, and one for the whole cell"
-            )
-    return bulk

@@ -1,20 +1,12 @@
 """What a cell needs, from what it is."""
 
 from collections.abc import Mapping
-from dataclasses import replace
 from enum import StrEnum
 from functools import singledispatch
 from typing import Any
 
-from multiscale.micro.cell import (
-    AnyCell,
-    FiniteCell,
-    FlatCell,
-    GraphCell,
-    MeshCell,
-    PeriodicLayer,
-)
-from multiscale.needs import Choice, Needs, choose
+from multiscale.micro.cell import AnyCell, FiniteCell, FlatCell, GraphCell, MeshCell, PeriodicLayer
+from multiscale.needs import Choice, Needs
 
 __all__ = ["CellPart", "cell_needs"]
 
@@ -23,66 +15,75 @@ _KRYLOV = 15  # directions, each with its image
 _VECTORS = 9  # displacement-sized arrays alive at the peak of a contact solve
 
 
-class CellPart(StrEnum):
-    """What solving a cell may take, in the order of the text."""
-
-    STIFFNESS = "stiffness"
-    TANGENT = "tangent"
-    FRICTION = "friction"
-    SECOND_BODY = "opposite body"
-    LAYER_FACTORS = "layer factors"
-    MEAN_DILATATION = "mean dilatation"
-    TILT = "tilt"
-    OBSTACLE_NORMALS = "obstacle normals"
-    ELEMENT_MODULI = "element moduli"
-    STRESS_RECOVERY = "stress recovery"
-    HARDNESS_CAP = "hardness cap"
-
-
 _MEAN = "averages the change of volume over an element, which is too stiff otherwise ({})"
-_REASONS = {  # why a part is built and why it is left out, but for what a kind says itself
-    CellPart.STIFFNESS: (
+
+
+class CellPart(StrEnum):
+    """What solving a cell may take, in the order of the text, and why it is built or left out.
+
+    A kind of cell may say the reason itself.
+    """
+
+    why: str
+    why_not: str
+
+    def __new__(cls, text: str, why: str, why_not: str) -> "CellPart":
+        """Keep both reasons beside the text."""
+        part = str.__new__(cls, text)
+        part._value_, part.why, part.why_not = text, why, why_not
+        return part
+
+    STIFFNESS = (
+        "stiffness",
         "of the elements, applied without a matrix",
         "it changes with the strain, which the tangent follows",
-    ),
-    CellPart.TANGENT: (
+    )
+    TANGENT = (
+        "tangent",
         "stiffness of the elements as they are strained, in single precision",
         "the material is linear elastic: its stiffness does not change",
-    ),
-    CellPart.FRICTION: (
+    )
+    FRICTION = (
+        "friction",
         "three unknowns at a node in contact, one normal and two along the surface",
         "without friction a node in contact has one unknown, the normal one",
-    ),
-    CellPart.SECOND_BODY: ("a second deformable body", "the counterface is rigid"),
-    CellPart.LAYER_FACTORS: (
+    )
+    SECOND_BODY = "opposite body", "a second deformable body", "the counterface is rigid"
+    LAYER_FACTORS = (
+        "layer factors",
         "the solution of the same cell with a flat face, which speeds up the iteration",
         "a flat cell is known in closed form for each wave of the surface",
-    ),
-    CellPart.MEAN_DILATATION: (
+    )
+    MEAN_DILATATION = (
+        "mean dilatation",
         _MEAN.format("B-bar"),
         "Poisson's ratio below 0.4, or no elements",
-    ),
-    CellPart.TILT: (
+    )
+    TILT = (
+        "tilt",
         "speeds up the iteration where Poisson's ratio is near 0.5",
         "Poisson's ratio below 0.4, or no elements",
-    ),
-    CellPart.OBSTACLE_NORMALS: (
+    )
+    OBSTACLE_NORMALS = (
+        "obstacle normals",
         "directions of contact: the counterface is rough or moves",
         "contact acts along z alone",
-    ),
-    CellPart.ELEMENT_MODULI: (
+    )
+    ELEMENT_MODULI = (
+        "element moduli",
         "moduli that differ from element to element",
         "moduli vary at most from layer to layer",
-    ),
-    CellPart.STRESS_RECOVERY: (
+    )
+    STRESS_RECOVERY = (
+        "stress recovery",
         "means of the stress in the body, beside those of the contact forces",
         "nobody asks for the stress, or the material is not linear",
-    ),
-    CellPart.HARDNESS_CAP: (
+    )
+    HARDNESS_CAP = (
+        "hardness cap",
         "local pressure stays below the hardness",
         "no hardness is given, or the metal flows by itself",
-    ),
-}
+    )
 
 
 def cell_needs(cell: AnyCell, *, keep_fields: bool = False, recover_stress: bool = False) -> Needs:
@@ -106,15 +107,19 @@ def cell_needs(cell: AnyCell, *, keep_fields: bool = False, recover_stress: bool
     return _needs(cell, recovered, {"fields": ("pressure", "gap") if keep_fields else ()})
 
 
-def _choices(built: Mapping[CellPart, bool], reasons: Mapping[str, str]) -> tuple[Choice, ...]:
+def _choices(
+    built: Mapping[CellPart, bool], reasons: Mapping[CellPart, str] | None = None
+) -> tuple[Choice, ...]:
     """Choices of all parts, with the reasons of one kind before the usual; others are left out."""
-    usual = (choose(part, built.get(part, False), *_REASONS[part]) for part in CellPart)
-    return tuple(replace(one, why=reasons.get(one.part, one.why)) for one in usual)
+    return tuple(
+        Choice(part, (reasons or {}).get(part, part.why if chosen else part.why_not), chosen)
+        for part in CellPart
+        for chosen in [built.get(part, False)]
+    )
 
 
 @singledispatch
 def _needs(cell: AnyCell, recovered: bool, kept: dict[str, Any]) -> Needs:
-    """Return the needs of one kind of cell."""
     raise TypeError(f"{type(cell).__name__} is no kind of cell")
 
 
@@ -149,8 +154,7 @@ def _(cell: GraphCell, recovered: bool, kept: dict[str, Any]) -> Needs:
                 CellPart.OBSTACLE_NORMALS: cell.obstacle is not None,
                 CellPart.ELEMENT_MODULI: cell.heterogeneous,
                 CellPart.STRESS_RECOVERY: recovered,
-            },
-            {},
+            }
         ),
         libraries=("numba", "scikit-fem") if recovered else ("numba",),
         memory=_layer_memory(cell, 0.0),

@@ -124,7 +124,7 @@ def _(cell: MeshCell, path: Path, recover_stress: bool) -> Callable[..., Steps]:
 @_follower.register
 def _(cell: FiniteCell, path: Path, recover_stress: bool) -> Callable[..., Steps]:
     with _compiled():
-        from multiscale.micro.finite.follow import follow_path
+        from multiscale.micro.finite.finite_path import follow_path
     return partial(follow_path, cell)
 
 
@@ -160,7 +160,7 @@ def _press(
         )
         converged = found.status is Status.CONVERGED
         state = found if converged else state
-        step = _average(problem, found) if converged else {}
+        step = _average(problem, found, fields) if converged else {}
         steps.append(
             step
             | {
@@ -170,8 +170,6 @@ def _press(
                 "wall_time": perf_counter() - begin,
             }
         )
-        if fields and converged:
-            steps[-1] |= _local_fields(problem, found)
         if not converged:
             steps[-1]["ended"] = (
                 f"step {k} ended after {len(found.residuals)} active sets and "
@@ -202,8 +200,8 @@ def _compiled() -> Iterator[None]:
         ) from error
 
 
-def _average(problem: CellProblem, state: ContactState) -> dict[str, Any]:
-    """Averages of one converged step."""
+def _average(problem: CellProblem, state: ContactState, fields: bool) -> dict[str, Any]:
+    """Averages of one converged step, and pressure and vertical gap at every node, (ny, nx)."""
     area, weight = problem.nominal_area, problem.weight
     nodal = np.moveaxis(-state.force[:, None] * problem.normal, 1, -1).reshape(-1, 3)
     moved = problem.surface_displacement(state.displacement)
@@ -221,26 +219,17 @@ def _average(problem: CellProblem, state: ContactState) -> dict[str, Any]:
     if problem.recover is not None:
         force = problem.recover(state.displacement, state.active)
         step["recovered_traction"] = averages.average_traction(force[None], area)
+    if fields:
+        deformed = problem.surface_height + moved[:, 2]
+        step["pressure"] = (state.force * problem.normal[:, 2] / weight).T
+        step["gap"] = (problem.obstacle_height - state.approach - deformed).T
     return step
-
-
-def _local_fields(problem: CellProblem, state: ContactState) -> dict[str, np.ndarray]:
-    """Pressure on the nominal area and vertical gap at every node, shape (ny, nx)."""
-    deformed = problem.surface_height + problem.surface_displacement(state.displacement)[:, 2]
-    return {
-        "pressure": (state.force * problem.normal[:, 2] / problem.weight).T,
-        "gap": (problem.obstacle_height - state.approach - deformed).T,
-    }
 
 
 def _dataset(steps: Steps, path: Path, asked: dict[str, tuple[int, ...]]) -> "xr.Dataset":
     """Join the steps with what was asked for beside; what a failed step lacks is NaN."""
-    shapes: dict[str, tuple[int, ...]] = {
-        "traction": (3,),
-        "displacement_jump": (3,),
-        "mean_gap": (),
-        "contact_fraction": (),
-    } | asked
+    shapes: dict[str, tuple[int, ...]] = {"traction": (3,), "displacement_jump": (3,)}
+    shapes |= dict.fromkeys(("mean_gap", "contact_fraction"), ()) | asked
     known = {name for step in steps for name in step}
     shapes |= {name: () for name in _EXTRA if name in known}
     values: dict[str, Any] = {

@@ -137,8 +137,11 @@ def contact_fraction(
                 inwards = [np.roll(square, k * side, axis)[outer] for k in range(4)]
                 place = _smooth_edge(inwards, edge)
                 for k in (2, 1, 0):
-                    full = np.roll(may_flow, k * side, axis)[outer] & _levels_off(inwards, k)
-                    place = np.where(full, _sharp_edge(inwards, k), place)
+                    before = inwards[k - 1] if k else 0.0
+                    full = inwards[k + 1] - inwards[k] <= LEVEL * (inwards[k] - before)
+                    full &= (inwards[k] > 0.0) & np.roll(may_flow, k * side, axis)[outer]
+                    shares = [np.sqrt(one / np.maximum(inwards[k], TINY)) for one in inwards[:k]]
+                    place = np.where(full, 0.5 - k + sum(shares), place)  # (3)
                 area += float(np.sum(share[outer] * (place - 0.5)))
     return max(area / float(np.sum(weight)), 0.0)
 
@@ -159,16 +162,3 @@ def _smooth_edge(inwards: list[np.ndarray], edge: EdgeLayer) -> np.ndarray:
     least = 1.0 + edge.ratio
     place = 1.0 / (np.maximum(ratio, least) - edge.ratio) - edge.reach  # (2)
     return np.where((third > 0.0) | (ratio > least), place, 0.5 - edge.reach)
-
-
-def _levels_off(inwards: list[np.ndarray], k: int) -> np.ndarray:
-    """Whether the squares of forces hardly rise inwards of a contact node."""
-    before = inwards[k - 1] if k else 0.0
-    flat = inwards[k + 1] - inwards[k] <= LEVEL * (inwards[k] - before)
-    return np.asarray(flat & (inwards[k] > 0.0))
-
-
-def _sharp_edge(inwards: list[np.ndarray], k: int) -> np.ndarray:
-    """Place of an edge where an even pressure drops at once, from squares of forces (3)."""
-    shares = [np.sqrt(one / np.maximum(inwards[k], TINY)) for one in inwards[:k]]
-    return np.asarray(0.5 - k + sum(shares))

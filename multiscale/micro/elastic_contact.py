@@ -21,6 +21,7 @@ from scipy.linalg.blas import daxpy, dscal
 from multiscale.convergence import Status
 from multiscale.micro.contact_state import ContactState, untouched
 from multiscale.micro.flat import solve_flat
+from multiscale.numerics.krylov import conjugate_gradients
 
 __all__ = ["ElasticBody", "solve_elastic_contact"]
 
@@ -57,7 +58,6 @@ class ElasticBody:
     surface_stiffness : callable
         An approximate inverse of ``compliance``, symmetric and positive.
     shape : tuple of int
-        Shape of a vector.
     """
 
     apply: Callable[[np.ndarray], np.ndarray]
@@ -93,9 +93,7 @@ def solve_elastic_contact(
     load, approach : float
         :math:`F`, N, or :math:`\delta`, m; exactly one of them.
     start : ContactState, optional
-        State of the previous load step.
     max_iterations : int
-        Limit of active-set iterations.
     tolerance : float
         Bound on the norm of the forces out of balance, relative to the norm of the contact forces,
         and on the load's error, relative to the load.
@@ -150,7 +148,10 @@ def solve_elastic_contact(
         )
         n_linear += iterations
 
-        wrong = _wrong_nodes(active, force, closing * delta + body.trace(u) - gap, tolerance)
+        # active nodes that pull and inactive ones that penetrate, beyond the tolerance
+        penetration = closing * delta + body.trace(u) - gap
+        pull, deep = (tolerance * float(np.max(one)) for one in (force, np.abs(penetration)))
+        wrong = np.where(active, force < -pull, penetration > deep)
         n_wrong = int(np.count_nonzero(wrong))
         if n_wrong == 0 and stage.residual(out_of_balance, force) <= tolerance:
             out_of_balance = -body.apply(u)  # what the recurrence says must be true of u itself
@@ -186,14 +187,7 @@ def solve_elastic_contact(
             stage = _LinearStage(body, closing, active, load)
 
     return ContactState(
-        u,
-        np.maximum(force, 0.0),
-        delta,
-        active,
-        reference,
-        status,
-        tuple(residuals),
-        n_linear,
+        u, np.maximum(force, 0.0), delta, active, reference, status, tuple(residuals), n_linear
     )
 
 
@@ -219,15 +213,6 @@ def _begin(
     u += body.solve(change, None)
     active = reference + start.force - start.reference_force > 0.0
     return u, delta, reference, active if active.any() else reference > 0.0
-
-
-def _wrong_nodes(
-    active: np.ndarray, force: np.ndarray, penetration: np.ndarray, tolerance: float
-) -> np.ndarray:
-    """Active nodes that pull and inactive ones that penetrate, beyond the tolerance."""
-    pull = tolerance * float(np.max(force))
-    deep = tolerance * float(np.max(np.abs(penetration)))
-    return np.asarray(np.where(active, force < -pull, penetration > deep))
 
 
 @dataclass(frozen=True)
@@ -257,22 +242,18 @@ class _LinearStage:
 
     def surface_solve(self, right_hand_side: np.ndarray) -> np.ndarray:
         """Solve C_AA l = d on the active nodes by conjugate gradients."""
-        contact = np.zeros_like(right_hand_side)
         r = np.where(self.active, right_hand_side, 0.0)
-        goal = _INNER * float(np.linalg.norm(r))
-        p, rz_old = np.zeros_like(r), 1.0
-        for _ in range(1000):
-            if float(np.linalg.norm(r)) <= goal:
-                break
-            z = np.where(self.active, self.body.surface_stiffness(r), 0.0)
-            rz = float(np.vdot(r, z))
-            p = z + (rz / rz_old) * p
-            q = np.where(self.active, self.body.compliance(p), 0.0)
-            alpha = rz / float(np.vdot(p, q))
-            contact += alpha * p
-            r -= alpha * q
-            rz_old = rz
-        return contact
+
+        def among_active(operator: Callable[[np.ndarray], np.ndarray]) -> Callable[..., np.ndarray]:
+            return lambda force: np.where(self.active, operator(force), 0.0)
+
+        return conjugate_gradients(
+            among_active(self.body.compliance),
+            r,
+            among_active(self.body.surface_stiffness),
+            goal=_INNER * float(np.linalg.norm(r)),
+            limit=1000,
+        )[0]
 
     @cached_property
     def unit(self) -> np.ndarray:

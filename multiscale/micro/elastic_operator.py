@@ -165,7 +165,6 @@ def stiffness_operator(
     Parameters
     ----------
     mesh : GraphMesh
-        The conforming mesh, clamped at its base.
     lame, shear : ndarray, shape (layers,) or (nx, layers, ny)
         Lame's parameters of each layer or element, Pa.
     mean_dilatation : bool

@@ -38,7 +38,6 @@ def run_ensemble(
     Parameters
     ----------
     cells : sequence of cells of any kind
-        The realisations.
     path : Path
         The same for all, so that a mean over realisations at one pressure means something.
     executor : Executor, optional
@@ -99,7 +98,6 @@ def run_realisations(
     function : callable
         Importable by name; gives the response to its arguments.
     arguments : sequence of tuple
-        One for each realisation.
     executor, folder, identity, progress
         See :func:`run_ensemble`.
     """

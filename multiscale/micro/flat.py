@@ -54,7 +54,6 @@ def solve_flat(
     start : ndarray, optional
         First guess of the forces, N.
     max_iterations : int
-        Iteration limit.
     tolerance : float
         Bound on the overlap of contact nodes, weighted by their forces, relative to the range of
         the gap.
@@ -109,7 +108,11 @@ def solve_flat(
             moved, lift = _carry(force - step * opening, load, closing, cap, step * delta)
             delta = lift / step
         opening -= closing * delta
-        residuals.append(_violation(force, opening, cap) / scale)
+        full = force >= cap  # here the surfaces may overlap
+        distance = np.where(full, np.maximum(opening, 0.0), np.abs(opening))
+        weighted = float(np.vdot(force, distance)) / (float(np.sum(force)) or 1.0)
+        deepest = -float(np.min(np.where(full, 0.0, opening)))
+        residuals.append(max(weighted, deepest) / scale)
         if residuals[-1] <= tolerance:
             status = Status.CONVERGED
             break
@@ -126,27 +129,13 @@ def solve_flat(
         step = float(np.vdot(direction, direction)) / curvature
         if iteration % 2:
             free = (moved > 0.0) & (moved < cap)
-            tangent = _tangent(change, free, None if load is None else closing)
+            tangent = np.where(free, change, 0.0)
+            if load is not None and free.any():
+                b = np.where(free, closing, 0.0)
+                tangent -= b * (float(np.vdot(b, change)) / float(np.vdot(b, b)))
             along = float(np.vdot(direction, tangent))
             step = along / float(np.vdot(tangent, tangent)) if along > 0.0 else step
     return FlatSolution(force, status, tuple(residuals), approach=delta)
-
-
-def _tangent(change: np.ndarray, free: np.ndarray, closing: np.ndarray | None) -> np.ndarray:
-    """Return the part of a change of gap that moves free nodes and, at a given load, no mean."""
-    tangent = np.where(free, change, 0.0)
-    if closing is not None and free.any():
-        b = np.where(free, closing, 0.0)
-        tangent -= b * (float(np.vdot(b, change)) / float(np.vdot(b, b)))
-    return tangent
-
-
-def _violation(force: np.ndarray, opening: np.ndarray, cap: float) -> float:
-    """Distance of contact nodes weighted by their forces, or the deepest overlap, m."""
-    full = force >= cap  # here the surfaces may overlap
-    distance = np.where(full, np.maximum(opening, 0.0), np.abs(opening))
-    mean = float(np.vdot(force, distance)) / (float(np.sum(force)) or 1.0)
-    return max(mean, -float(np.min(np.where(full, 0.0, opening))))
 
 
 def _carry(

@@ -11,21 +11,29 @@ from multiscale.micro.graph_mesh import graded_planes
 from multiscale.micro.lateral_fft import filter_surface
 from multiscale.micro.layered import layered_compliance
 
-__all__ = ["assemble_flat_cell"]
+__all__ = ["assemble_flat_cell", "flat_gap"]
 
 TOLERANCE = 1e-6  # relative to the range of the gap; see solve_flat
 
 
-def assemble_flat_cell(cell: FlatCell) -> CellProblem:
-    """Set up the contact of a cell whose roughness is gap alone, on a flat elastic layer."""
+def flat_gap(cell: FlatCell) -> tuple[np.ndarray, float, np.ndarray]:
+    """Heights of the obstacle at first touch, m, area of a node, m², symbol of the compliance, m/N.
+
+    The symbol is that of nodal forces, not of pressures.
+    """
     heights, spacing = cell.surface.heights, cell.surface.spacing
-    nx, ny = heights.shape
     area = spacing[0] * spacing[1]
     planes = graded_planes(cell.depth, cell.layers, min(spacing))
-    # per nodal force, not per pressure
-    symbol = layered_compliance((nx, ny), cell.surface.size, planes, *cell.layer_moduli) / area
-    obstacle = np.zeros((nx, ny)) if cell.obstacle is None else cell.obstacle.heights
-    obstacle = obstacle + np.max(heights - obstacle)
+    symbol = layered_compliance(heights.shape, cell.surface.size, planes, *cell.layer_moduli) / area
+    obstacle = np.zeros_like(heights) if cell.obstacle is None else cell.obstacle.heights
+    return obstacle + np.max(heights - obstacle), area, symbol
+
+
+def assemble_flat_cell(cell: FlatCell) -> CellProblem:
+    """Set up the contact of a cell whose roughness is gap alone, on a flat elastic layer."""
+    heights = cell.surface.heights
+    nx, ny = heights.shape
+    obstacle, area, symbol = flat_gap(cell)
     normal = np.zeros((nx, 3, ny))
     normal[:, 2] = 1.0
 
@@ -34,11 +42,7 @@ def assemble_flat_cell(cell: FlatCell) -> CellProblem:
     cap = np.inf if cell.hardness is None else cell.hardness * area
 
     def solve(
-        *,
-        load: float | None,
-        approach: float | None,
-        start: ContactState | None,
-        tolerance: float,
+        *, load: float | None, approach: float | None, start: ContactState | None, tolerance: float
     ) -> ContactState:
         if load == 0.0 or (approach is not None and approach <= 0.0):
             return untouched((nx, 3, ny), gap, closing, approach)

@@ -28,9 +28,9 @@ from multiscale.errors import CaseError
 from multiscale.micro.cell import FlatCell
 from multiscale.micro.contact_area import contact_fraction
 from multiscale.micro.flat import solve_flat
-from multiscale.micro.graph_mesh import graded_planes
+from multiscale.micro.flat_cell import flat_gap
 from multiscale.micro.lateral_fft import filter_surface
-from multiscale.micro.layered import layered_compliance
+from multiscale.numerics.krylov import conjugate_gradients
 
 __all__ = ["GapCell", "GapState", "assemble_gap_cell"]
 
@@ -132,7 +132,8 @@ class GapCell:
             )
         approach = self.touch - mean_gap
         if approach <= 0.0:
-            return self._untouched(mean_gap)
+            nothing, node = np.zeros(0), np.zeros(0, dtype=int)
+            return GapState(mean_gap, 0.0, 0.0, 0.0, node, nothing, Status.CONVERGED, 0)
         force = self._first_force(approach, start)
         active = force > 0.0
         status, n_linear = Status.MAX_ITERATIONS, 0
@@ -170,11 +171,6 @@ class GapCell:
             n_linear + n,
         )
 
-    def _untouched(self, mean_gap: float) -> GapState:
-        nothing = np.zeros(0)
-        node = nothing.astype(int)
-        return GapState(mean_gap, 0.0, 0.0, 0.0, node, nothing, Status.CONVERGED, 0)
-
     def _first_force(self, approach: float, start: GapState | None) -> np.ndarray:
         """Find forces, N, whose support is close to the contact nodes."""
         guess = np.zeros_like(self.gap)  # solve_flat takes zeros for no guess
@@ -201,23 +197,15 @@ class GapCell:
         most: int,
     ) -> tuple[np.ndarray, int]:
         """Solve the first of (2) in ``most`` conjugate gradients; return forces and iterations."""
-        force = np.where(active, start, 0.0)
         target = np.where(active, distance, 0.0)
-        r = target - np.where(active, self.compliance(force), 0.0) if force.any() else target
-        goal = tolerance * float(np.linalg.norm(target))
-        p, rz_old = np.zeros_like(r), 1.0
-        for iteration in range(most):
-            if not float(np.linalg.norm(r)) > goal:
-                return force, iteration
-            z = np.where(active, self.preconditioner(r), 0.0)
-            rz = float(np.vdot(r, z))
-            p = z + (rz / rz_old) * p
-            q = np.where(active, self.compliance(p), 0.0)
-            alpha = rz / float(np.vdot(p, q))
-            force = force + alpha * p
-            r = r - alpha * q
-            rz_old = rz
-        return force, most
+        return conjugate_gradients(
+            lambda force: np.where(active, self.compliance(force), 0.0),
+            target,
+            lambda moved: np.where(active, self.preconditioner(moved), 0.0),
+            goal=tolerance * float(np.linalg.norm(target)),
+            limit=most,
+            start=np.where(active, start, 0.0),
+        )
 
 
 def assemble_gap_cell(cell: FlatCell) -> GapCell:
@@ -238,15 +226,10 @@ def assemble_gap_cell(cell: FlatCell) -> GapCell:
             "a cell with a hardness is not held at a gap; leave the hardness out, or fit a law to "
             "its response"
         )
-    heights, spacing = cell.surface.heights, cell.surface.spacing
-    area = spacing[0] * spacing[1]
-    planes = graded_planes(cell.depth, cell.layers, min(spacing))
-    symbol = layered_compliance(heights.shape, cell.surface.size, planes, *cell.layer_moduli) / area
+    obstacle, area, symbol = flat_gap(cell)
     symbol[0, 0] = 0.0  # the mean is that of the bulk
     inverse = 1.0 / np.where(symbol > 0.0, symbol, np.max(symbol))
-    obstacle = np.zeros_like(heights) if cell.obstacle is None else cell.obstacle.heights
-    gap = obstacle - heights
-    gap = gap - np.min(gap)
+    gap = obstacle - cell.surface.heights
     if not np.ptp(gap) > 0.0:
         raise CaseError("the surface and the obstacle fit exactly: without a gap there is no law")
     return GapCell(

@@ -34,7 +34,12 @@ def assemble_graph_cell(cell: GraphCell, *, recover_stress: bool = False) -> Cel
     mesh = GraphMesh(surface, graded_planes(cell.depth, cell.layers, min(spacing)))
     lame, shear = cell.moduli
     reference = flat_reference(cell, mesh)
-    obstacle, normal = _obstacle(cell)
+    if cell.obstacle is None:  # its heights at first touch, and its normals (x, 3, y)
+        obstacle, normal = np.full((nx, ny), surface.heights.max()), np.zeros((nx, 3, ny))
+        normal[:, 2] = 1.0
+    else:
+        obstacle = cell.obstacle.heights + np.max(surface.heights - cell.obstacle.heights)
+        normal = obstacle_normal(*surface_slopes(obstacle, spacing))
     trace, add = _normal_operators(None if cell.obstacle is None else normal)
     if cell.obstacle is None and reference.convolves:
         solve, compliance = _vertical_reference(reference)
@@ -83,17 +88,6 @@ def element_edges(cell: PeriodicLayer) -> tuple[EdgeLayer, EdgeLayer]:
             exact += layered_compliance((1, n), (1.0, n * spacing), planes, *body.layer_moduli)[0]
         edges.append(edge_layer(discrete / exact))
     return edges[0], edges[1]
-
-
-def _obstacle(cell: GraphCell) -> tuple[np.ndarray, np.ndarray]:
-    """Heights of the obstacle at first touch, m, and its normals (x, 3, y)."""
-    heights = cell.surface.heights
-    if cell.obstacle is None:
-        normal = np.zeros((heights.shape[0], 3, heights.shape[1]))
-        normal[:, 2] = 1.0
-        return np.full(heights.shape, heights.max()), normal
-    obstacle = cell.obstacle.heights + np.max(heights - cell.obstacle.heights)
-    return obstacle, obstacle_normal(*surface_slopes(obstacle, cell.surface.spacing))
 
 
 def _recover(

@@ -22,7 +22,6 @@ def graded_planes(depth: float, layers: int, top_thickness: float) -> np.ndarray
     depth : float
         :math:`H`, m.
     layers : int
-        Number of layers.
     top_thickness : float
         Thickness of the topmost layer, m. If even equal layers are thinner, they are equal.
 

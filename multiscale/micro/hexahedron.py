@@ -74,12 +74,8 @@ def lateral_heights(heights, i, i1, start, dx, dy, lateral, lanes):  # type: ign
     for v in range(lanes):
         j, j1 = start + v, (start + v + 1) % ny
         h00, h01, h10, h11 = heights[i, j], heights[i, j1], heights[i1, j], heights[i1, j1]
-        p, q, r, s = (
-            NEAR * h00 + FAR * h10,
-            NEAR * h01 + FAR * h11,
-            FAR * h00 + NEAR * h10,
-            FAR * h01 + NEAR * h11,
-        )
+        p, q = NEAR * h00 + FAR * h10, NEAR * h01 + FAR * h11
+        r, s = FAR * h00 + NEAR * h10, FAR * h01 + NEAR * h11
         lateral[v], lateral[BATCH + v] = NEAR * p + FAR * q, FAR * p + NEAR * q
         lateral[2 * BATCH + v], lateral[3 * BATCH + v] = NEAR * r + FAR * s, FAR * r + NEAR * s
         p, q = (h10 - h00) / dx, (h11 - h01) / dx

@@ -13,12 +13,7 @@ import numba
 import numpy as np
 from scipy import fft
 
-__all__ = [
-    "LateralInverse",
-    "brick_stiffness",
-    "factorise_flat_cell",
-    "filter_surface",
-]
+__all__ = ["LateralInverse", "brick_stiffness", "factorise_flat_cell", "filter_surface"]
 
 
 def brick_stiffness(
@@ -48,16 +43,8 @@ def brick_stiffness(
 
     def integral(i: int, j: int) -> np.ndarray:
         """Integrate dN_a/dx_i dN_b/dx_j over the brick."""
-        factors = []
-        for k in range(3):
-            if k == i == j:
-                factors.append(stiff)
-            elif k == i:
-                factors.append(mixed.T)
-            elif k == j:
-                factors.append(mixed)
-            else:
-                factors.append(mass)
+        both = {(True, True): stiff, (True, False): mixed.T, (False, True): mixed}
+        factors = [both.get((k == i, k == j), mass) for k in range(3)]
         product = np.einsum("ad,be,cf->abcdef", *factors)
         return np.asarray(product * volume / (edges[i] * edges[j]))
 
@@ -66,14 +53,10 @@ def brick_stiffness(
     for i in range(3):
         stiffness[i, i] += shear * np.trace(forms)
     if mean_dilatation:
-        sign = np.array([-1.0, 1.0])
+        sign, ones = np.array([-1.0, 1.0]), np.ones(2)
+        rows = [[sign if k == i else ones for k in range(3)] for i in range(3)]
         gradient = np.array(
-            [
-                np.einsum("a,b,c->abc", *(sign if k == i else np.ones(2) for k in range(3)))
-                * volume
-                / (4.0 * edges[i])
-                for i in range(3)
-            ]
+            [np.einsum("a,b,c->abc", *rows[i]) * volume / (4.0 * edges[i]) for i in range(3)]
         )
         mean = np.einsum("iabc,jdef->ijabcdef", gradient, gradient) / volume
         stiffness += (lame + 2.0 * shear / 3.0) * (mean - forms)
@@ -93,9 +76,7 @@ def _factorise(stencil, nx, ny, inverse, upper):  # type: ignore[no-untyped-def]
                 for b in range(3):
                     angle = 2.0 * np.pi * (k * (a - 1) / nx + j * (b - 1) / ny)
                     cosine[a, b], sine[a, b] = np.cos(angle), np.sin(angle)
-            for layer in range(
-                layers
-            ):  # node plane layer + 1, between the layers layer and layer + 1
+            for layer in range(layers):  # node plane between the layers layer and layer + 1
                 for r in range(3):
                     for c in range(3):
                         own, above = 0.0, 0.0
@@ -191,7 +172,7 @@ def _backward(inverse, upper, values):  # type: ignore[no-untyped-def]
 
 @dataclass(frozen=True)
 class LateralInverse:
-    """Factors of the flat cell, whose base is clamped or moved as prescribed.
+    """Factors of the flat cell, whose base is clamped.
 
     Attributes
     ----------
@@ -200,8 +181,6 @@ class LateralInverse:
     inverse, upper : ndarray
         Inverse pivots (6 entries of a symmetric block) and coupling blocks to the plane above,
         shapes ``(nx, layers, 6, ny // 2 + 1)`` and ``(nx, layers, 9, ny // 2 + 1)``.
-    base : ndarray, shape (3, 3, 3, 3)
-        Stiffness between a node of the lowest plane and the base nodes around it, N/m.
     threads : int
         Threads of the Fourier transforms over the whole cell.
     """
@@ -209,7 +188,6 @@ class LateralInverse:
     shape: tuple[int, int, int]
     inverse: np.ndarray
     upper: np.ndarray
-    base: np.ndarray
     threads: int
 
     @property
@@ -249,7 +227,7 @@ class LateralInverse:
         _forward(self.inverse, self.upper, values)
         if correct is not None:
             added = self._to_wavenumbers(correct(self._to_points(transform[:, -1])))
-            transform[:, -1] += self._apply_surface(added)
+            transform[:, -1] += _multiply_symbol(self.surface_compliance, added)
         _backward(self.inverse, self.upper, values)
         transform[:, :, :2] *= 1j
         transform = fft.ifft(transform, axis=0, workers=self.threads, overwrite_x=True)
@@ -257,30 +235,11 @@ class LateralInverse:
             fft.irfft(transform, n=ny, axis=3, workers=self.threads, overwrite_x=True)
         )
 
-    def base_force(self, base_displacement: np.ndarray) -> np.ndarray:
-        """Return the forces on the lowest plane that replace a prescribed motion of the base.
-
-        Added to ``force[:, 0]`` of :meth:`solve`, they turn the clamped base into one that moves.
-
-        Parameters
-        ----------
-        base_displacement : ndarray, shape (nx, 3, ny)
-            m.
-
-        Returns
-        -------
-        ndarray, shape (nx, 3, ny)
-            N.
-        """
-        force = np.zeros_like(base_displacement)
-        for a, b in np.ndindex(3, 3):
-            neighbour = np.roll(base_displacement, (1 - a, 1 - b), axis=(0, 2))
-            force -= np.einsum("ij,xjy->xiy", self.base[a, b], neighbour)
-        return force
-
     def surface_response(self, force: np.ndarray) -> np.ndarray:
         """Displacement of the surface under forces on the surface, shapes (nx, 3, ny)."""
-        return self._to_points(self._apply_surface(self._to_wavenumbers(force)))
+        return self._to_points(
+            _multiply_symbol(self.surface_compliance, self._to_wavenumbers(force))
+        )
 
     def surface_force(self, displacement: np.ndarray) -> np.ndarray:
         """Find the forces on the surface that move it: inverse of :meth:`surface_response`."""
@@ -295,10 +254,6 @@ class LateralInverse:
         a, b, c = yy * zz - yz * yz, xz * yz - xy * zz, xy * yz - xz * yy
         rest = [xx * zz - xz * xz, xy * xz - xx * yz, xx * yy - xy * xy]
         return np.asarray(np.stack([a, b, c, *rest]) / (xx * a + xy * b + xz * c))
-
-    def _apply_surface(self, force: np.ndarray) -> np.ndarray:
-        """Surface compliance times surface force, both per wavenumber, shape (nx, 3, m)."""
-        return _multiply_symbol(self.surface_compliance, force)
 
     def _to_wavenumbers(self, values: np.ndarray) -> np.ndarray:
         transform = fft.rfft2(values, axes=(0, 2))
@@ -355,32 +310,16 @@ def factorise_flat_cell(
         whose relative error is then about 1e-6; forces and compliances must fit its range.
     """
     (nx, ny), layers = shape, len(planes) - 1
-    stencil = _stencil(spacing, planes, lame, shear, mean_dilatation)
-    m = ny // 2 + 1
-    inverse = np.empty((nx, layers, 6, m), dtype)
-    upper = np.empty((nx, layers, 9, m), dtype)
-    _factorise(stencil, nx, ny, inverse, upper)
-    base = stencil[0, 1, 0]
-    return LateralInverse((nx, layers, ny), inverse, upper, base, numba.get_num_threads())
-
-
-def _stencil(
-    spacing: tuple[float, float],
-    planes: np.ndarray,
-    lame: np.ndarray,
-    shear: np.ndarray,
-    mean_dilatation: bool,
-) -> np.ndarray:
-    """Stiffness between the nodes of each layer, by their lateral distance."""
-    layers = len(planes) - 1
+    # stiffness between the nodes of each layer, by their lateral distance
     stencil = np.zeros((layers, 2, 2, 3, 3, 3, 3))
     for layer in range(layers):
         edges = (*spacing, planes[layer + 1] - planes[layer])
         brick = brick_stiffness(edges, lame[layer], shear[layer], mean_dilatation=mean_dilatation)
-        for a in range(2):
-            for b in range(2):
-                for d in range(2):
-                    for e in range(2):  # from corner (a, b) to corner (d, e)
-                        block = brick[a, b, :, :, d, e, :, :]  # (c, i, c', j)
-                        stencil[layer, :, :, d - a + 1, e - b + 1] += np.moveaxis(block, 1, 2)
-    return stencil
+        for a, b, d, e in np.ndindex(2, 2, 2, 2):  # from corner (a, b) to corner (d, e)
+            block = brick[a, b, :, :, d, e, :, :]  # (c, i, c', j)
+            stencil[layer, :, :, d - a + 1, e - b + 1] += np.moveaxis(block, 1, 2)
+    m = ny // 2 + 1
+    inverse = np.empty((nx, layers, 6, m), dtype)
+    upper = np.empty((nx, layers, 9, m), dtype)
+    _factorise(stencil, nx, ny, inverse, upper)
+    return LateralInverse((nx, layers, ny), inverse, upper, numba.get_num_threads())

@@ -56,7 +56,13 @@ def layered_compliance(
     symbol[0] = np.sum(thickness / (lame + 2.0 * shear))  # q = 0
     q = wavenumber[1:]
     below = np.full((q.size, 2, 2), np.inf)
-    for h, first, second in _merged(thickness, lame, shear):
+    layers: list[list[float]] = []  # thickness and moduli, with equal neighbours joined
+    for h, first, second in zip(thickness, lame, shear, strict=True):
+        if layers and layers[-1][1:] == [first, second]:
+            layers[-1][0] += h
+        else:
+            layers.append([h, first, second])
+    for h, first, second in layers:
         stiffness = _layer_stiffness(q, h, first, second)
         low, up = slice(0, 2), slice(2, 4)
         if np.isinf(below).all():  # the base is clamped
@@ -66,19 +72,6 @@ def layered_compliance(
             below = stiffness[:, up, up] - stiffness[:, up, low] @ carried
     symbol[1:] = np.linalg.inv(below)[:, 1, 1]
     return symbol[place].reshape(shape[0], -1)
-
-
-def _merged(
-    thickness: np.ndarray, lame: np.ndarray, shear: np.ndarray
-) -> list[tuple[float, float, float]]:
-    """Thickness and moduli of layers, with equal neighbours joined."""
-    layers = [(float(thickness[0]), float(lame[0]), float(shear[0]))]
-    for h, first, second in zip(thickness[1:], lame[1:], shear[1:], strict=True):
-        if (first, second) == layers[-1][1:]:
-            layers[-1] = (layers[-1][0] + float(h), float(first), float(second))
-        else:
-            layers.append((float(h), float(first), float(second)))
-    return layers
 
 
 def _layer_stiffness(q: np.ndarray, thickness: float, lame: float, shear: float) -> np.ndarray:

@@ -54,7 +54,29 @@ def assemble_mesh_cell(cell: MeshCell, *, recover_stress: bool = False) -> CellP
     obstacle, slopes = _obstacle(cell.obstacle, points[:2, nodes])
     obstacle = obstacle + np.max(surface - obstacle)
     normal = obstacle_normal(*slopes)
-    body = _elastic_body(stiffness, solve_free, _normal_trace(nodes, normal, basis.N) @ expand)
+    rows = np.repeat(np.arange(len(nodes)), 3)
+    columns = (3 * nodes[:, None] + np.arange(3)).ravel()
+    shape = (len(nodes), 3 * basis.N)
+    along = sparse.csr_array((normal.ravel(), (rows, columns)), shape=shape)
+    trace = sparse.csr_array(along @ expand)
+    push = sparse.csr_array(trace.T)
+
+    def solve(force: np.ndarray, correct: Operator | None) -> np.ndarray:
+        u = solve_free(force)
+        return u if correct is None else u - solve_free(push @ correct(trace @ u))
+
+    def add(vector: np.ndarray, values: np.ndarray) -> None:
+        vector += push @ values
+
+    body = ElasticBody(
+        apply=lambda u: stiffness @ u,
+        solve=solve,
+        trace=lambda u: trace @ u,
+        add=add,
+        compliance=lambda force: trace @ solve_free(push @ force),
+        surface_stiffness=lambda values: values,
+        shape=(stiffness.shape[0],),
+    )
 
     def recover(u: np.ndarray, active: np.ndarray) -> np.ndarray:
         touching = np.zeros(basis.N, dtype=bool)
@@ -95,38 +117,6 @@ def _expansion(basis: "CellBasis", image: np.ndarray, *, periodic: bool) -> spar
     kept = np.flatnonzero(unknown >= 0)
     return sparse.csr_array(
         (np.ones(len(kept)), (kept, unknown[kept])), shape=(3 * basis.N, int(free.sum()))
-    )
-
-
-def _normal_trace(nodes: np.ndarray, normal: np.ndarray, count: int) -> sparse.csr_array:
-    """Displacements of the contact nodes along the normals (nodes, 3), from those of all nodes."""
-    rows = np.repeat(np.arange(len(nodes)), 3)
-    columns = (3 * nodes[:, None] + np.arange(3)).ravel()
-    return sparse.csr_array((normal.ravel(), (rows, columns)), shape=(len(nodes), 3 * count))
-
-
-def _elastic_body(
-    stiffness: sparse.csr_array, solve_free: Operator, normal_trace: sparse.csr_array
-) -> ElasticBody:
-    """Operators of a body from its stiffness, the inverse of it, and the trace on the contact."""
-    trace = sparse.csr_array(normal_trace)
-    push = sparse.csr_array(trace.T)
-
-    def solve(force: np.ndarray, correct: Operator | None) -> np.ndarray:
-        u = solve_free(force)
-        return u if correct is None else u - solve_free(push @ correct(trace @ u))
-
-    def add(vector: np.ndarray, values: np.ndarray) -> None:
-        vector += push @ values
-
-    return ElasticBody(
-        apply=lambda u: stiffness @ u,
-        solve=solve,
-        trace=lambda u: trace @ u,
-        add=add,
-        compliance=lambda force: trace @ solve_free(push @ force),
-        surface_stiffness=lambda values: values,
-        shape=(stiffness.shape[0],),
     )
 
 

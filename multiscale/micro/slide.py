@@ -55,7 +55,6 @@ def slide_cell(
         How far to slide, m. After one period of the cell an elastic cell repeats itself; a plastic
         one is run in after some.
     steps : int
-        Steps of the result along the distance.
     along : {"x", "y"}
         Direction of the motion.
     executor : Executor, optional
@@ -97,9 +96,11 @@ def slide_cell(
     }
     traction = values["traction"]
     values["effective_friction"] = -traction[..., 1 + axis] / traction[..., 0]  # (1)
-    values["steady_friction"] = _last_period(
-        values["effective_friction"], slide[:, axis], cell.surface.size[axis]
-    )
+    period = cell.surface.size[axis]
+    late = slide[:, axis] > distance - period * (1.0 - 1e-9)  # the steps of the last period
+    steady = values["effective_friction"][:, late].mean(axis=1)
+    whole = distance - period >= -1e-9 * period
+    values["steady_friction"] = steady if whole else np.full(len(pressure), np.nan)
     values |= {"nominal_pressure": np.array(pressure), "sliding_distance": slide[:, axis]}
     ended = "; ".join(
         f"{one:.3g} Pa: {found[k].attrs['ended']}"
@@ -110,11 +111,7 @@ def slide_cell(
 
 
 def _check(
-    cell: GridCell,
-    pressure: tuple[float, ...],
-    distance: float,
-    steps: int,
-    along: str,
+    cell: GridCell, pressure: tuple[float, ...], distance: float, steps: int, along: str
 ) -> None:
     if not pressure or not all(0.0 < one < np.inf for one in pressure):
         raise CaseError(f"a cell slides under positive pressures (Pa), got {pressure}")
@@ -139,11 +136,3 @@ def _slide_once(
         pressure=(pressure,) * len(slide), slide=tuple((float(x), float(y)) for x, y in slide)
     )
     return solve_cell(cell, path, tolerance=tolerance)
-
-
-def _last_period(friction: np.ndarray, distance: np.ndarray, period: float) -> np.ndarray:
-    """Mean over the steps of the last period for each pressure; NaN if there is none."""
-    start = distance[-1] - period
-    if start < -1e-9 * period:
-        return np.full(len(friction), np.nan)
-    return np.asarray(friction[:, distance > start + 1e-9 * period].mean(axis=1))

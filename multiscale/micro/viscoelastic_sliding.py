@@ -15,11 +15,11 @@ from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
-from scipy import fft
 
 from multiscale.convergence import Status
 from multiscale.errors import CaseError
 from multiscale.micro.contact_area import contact_fraction
+from multiscale.micro.lateral_fft import filter_surface
 from multiscale.numerics.krylov import minimal_residual
 from multiscale.surfaces.surface import Surface
 
@@ -139,7 +139,6 @@ def solve_sliding(
     start : ndarray, optional
         A pressure to start from, Pa.
     max_iterations : int
-        Active sets.
     tolerance : float
         Bound on the distance of contact points from contact, relative to the range of heights.
 
@@ -255,18 +254,15 @@ class _SlidingProblem:
         """Slope of the rough body along x by its Fourier series."""
         along = 1j * self.waves[0]
         along[self.undirected] = 0.0
-        return self._filter(self.surface.heights, along)
+        return filter_surface(self.surface.heights, along)
 
     def stiffen(self, moved: np.ndarray) -> np.ndarray:
         """Pressure, without its mean, that moves the surface so."""
-        return self._filter(moved, self.symbol)
+        return filter_surface(moved, self.symbol)
 
     def respond(self, pressure: np.ndarray) -> np.ndarray:
         """Displacement under a pressure, without its mean."""
-        return self._filter(pressure, self.compliance)
-
-    def _filter(self, values: np.ndarray, symbol: np.ndarray) -> np.ndarray:
-        return np.asarray(fft.irfft2(fft.rfft2(values) * symbol, s=values.shape))
+        return filter_surface(pressure, self.compliance)
 
     def close(
         self, p: np.ndarray, active: np.ndarray, goal: float, fine: bool

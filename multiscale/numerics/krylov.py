@@ -1,4 +1,4 @@
-"""Generalised minimal residuals with a preconditioner that may change."""
+"""Conjugate gradients, and generalised minimal residuals with a changing preconditioner."""
 
 from collections.abc import Callable
 
@@ -6,9 +6,55 @@ import numpy as np
 from numpy.linalg import norm
 from scipy.sparse.linalg import LinearOperator, gcrotmk
 
-__all__ = ["minimal_residual"]
+__all__ = ["conjugate_gradients", "minimal_residual"]
 
 Operator = Callable[[np.ndarray], np.ndarray]
+
+
+def conjugate_gradients(
+    apply: Operator,
+    right_hand_side: np.ndarray,
+    precondition: Operator,
+    *,
+    goal: float,
+    limit: int,
+    start: np.ndarray | None = None,
+) -> tuple[np.ndarray, int]:
+    r"""Solve :math:`A x = b` for a symmetric positive :math:`A` on arrays of any shape.
+
+    Parameters
+    ----------
+    apply, precondition : callable
+        :math:`A` and a symmetric positive approximation of its inverse.
+    right_hand_side : ndarray
+        :math:`b`.
+    goal : float
+        Norm of the residual at which to stop.
+    limit : int
+        Most iterations.
+    start : ndarray, optional
+        First :math:`x`; zero if not given.
+
+    Returns
+    -------
+    solution : ndarray
+    iterations : int
+    """
+    x = np.zeros_like(right_hand_side) if start is None else start.copy()
+    r = right_hand_side - apply(x) if x.any() else right_hand_side.copy()
+    p, rz_old = np.zeros_like(r), 1.0
+    for iteration in range(limit):
+        if not norm(r) > goal:
+            return x, iteration
+        z = precondition(r)
+        rz = float(np.vdot(r, z))
+        p = z + (rz / rz_old) * p
+        q = apply(p)
+        alpha = rz / float(np.vdot(p, q))
+        x += alpha * p
+        r -= alpha * q
+        rz_old = rz
+    return x, limit
 
 
 def minimal_residual(

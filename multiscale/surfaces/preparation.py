@@ -7,15 +7,7 @@ from multiscale.errors import CaseError
 from multiscale.surfaces.statistics import wavenumbers
 from multiscale.surfaces.surface import Surface, remove_trend
 
-__all__ = [
-    "composite",
-    "crop",
-    "detrend",
-    "low_pass",
-    "mirror",
-    "resample",
-    "window",
-]
+__all__ = ["composite", "crop", "detrend", "low_pass", "mirror", "resample", "window"]
 
 _ROUND_OFF = 1e-9  # relative: a wave exactly on a cut-off belongs to the band
 
@@ -23,19 +15,8 @@ _ROUND_OFF = 1e-9  # relative: a wave exactly on a cut-off belongs to the band
 def detrend(surface: Surface, order: int = 1) -> Surface:
     """Remove the mean (order 0), a plane (1) or a plane and the curvature (2), by least squares.
 
-    A piece of a map has its own mean and tilt: remove them after :func:`crop`.
-
-    Parameters
-    ----------
-    surface : Surface
-        The map.
-    order : {0, 1, 2}
-        Degree of the polynomial.
-
-    Returns
-    -------
-    Surface
-        The map with the same size and the same filled points.
+    A piece of a map has its own mean and tilt: remove them after :func:`crop`. Size and filled
+    points stay.
     """
     return Surface(remove_trend(surface.heights, order), surface.size, surface.filled)
 
@@ -46,16 +27,6 @@ def mirror(surface: Surface) -> Surface:
     The heights are continuous across the seams and keep their distribution, but the slope normal
     to a seam jumps. The four quarters are copies: the cell is twice as long but contains no more
     statistics than the map, so that the scatter over realisations does not fall.
-
-    Parameters
-    ----------
-    surface : Surface
-        The map.
-
-    Returns
-    -------
-    Surface
-        Heights, shape (2 nx, 2 ny), m.
 
     Examples
     --------
@@ -111,16 +82,8 @@ def crop(surface: Surface, origin: tuple[int, int], points: tuple[int, int]) -> 
     Parameters
     ----------
     surface : Surface
-        The map.
-    origin : tuple of int
-        First node (i, j) of the piece.
-    points : tuple of int
-        Points (nx, ny) of the piece, at least 2 each.
-
-    Returns
-    -------
-    Surface
-        The piece, with the spacing of the map.
+    origin, points : tuple of int
+        First node (i, j), and points (nx, ny) of the piece, at least 2 each.
 
     Raises
     ------
@@ -153,14 +116,8 @@ def resample(surface: Surface, points: tuple[int, int]) -> Surface:
     Parameters
     ----------
     surface : Surface
-        A periodic surface.
     points : tuple of int
-        Grid points (nx, ny) of the result, at least 2 each.
-
-    Raises
-    ------
-    CaseError
-        If there are too few points.
+        Grid points (nx, ny) of the result; fewer than 2 each are refused.
     """
     from scipy.signal import resample as resample_axis
 
@@ -176,19 +133,8 @@ def resample(surface: Surface, points: tuple[int, int]) -> Surface:
 def low_pass(surface: Surface, short_cutoff: float) -> Surface:
     """Remove the waves of a periodic surface that are shorter than a wavelength.
 
-    This limits a measured surface to the waves that a grid resolves.
-
-    Parameters
-    ----------
-    surface : Surface
-        A periodic surface.
-    short_cutoff : float
-        Shortest wavelength that stays, m.
-
-    Raises
-    ------
-    CaseError
-        If the wavelength is not positive.
+    This limits a measured surface to the waves that a grid resolves. ``short_cutoff`` is the
+    shortest wavelength that stays, m, positive.
     """
     if not 0.0 < short_cutoff < np.inf:
         raise CaseError(f"short_cutoff must be a positive length (m), got {short_cutoff:g}")

@@ -12,8 +12,7 @@ from multiscale.surfaces.surface import Surface
 
 __all__ = ["Roughness", "Spectrum", "oblique_lay", "spectrum"]
 
-NEGLECTED_SHARE = 0.01
-"""Share of the mean squares beyond the longest and the shortest wave."""
+NEGLECTED_SHARE = 0.01  # share of the mean squares beyond the longest and the shortest wave
 
 
 @dataclass(frozen=True)
@@ -22,10 +21,8 @@ class Roughness:
 
     Attributes
     ----------
-    rms_height : float
-        Root mean square height, m.
-    rms_slope : float
-        Root mean square slope, dimensionless.
+    rms_height, rms_slope : float
+        Root mean square height, m, and slope, dimensionless.
     longest_wave : float
         Wavelength, m, beyond which a hundredth of the mean square height remains.
     shortest_wave : float
@@ -95,16 +92,10 @@ def spectrum(surfaces: Sequence[Surface], *, periodic: bool = True) -> Spectrum:
     Parameters
     ----------
     surfaces : sequence of Surface
-        At least one surface.
     periodic : bool
         Whether the surfaces are periodic. Otherwise the waves are
         :math:`\cos(\pi i x / L_x) \cos(\pi j y / L_y)` of the mirror image, which is continuous
         across its edges, and filled points lie at the mean height of the measured points.
-
-    Returns
-    -------
-    Spectrum
-        Spectrum averaged over the surfaces.
     """
     if periodic:
         found = [wave_power(one) for one in surfaces]
@@ -116,7 +107,11 @@ def spectrum(surfaces: Sequence[Surface], *, periodic: bool = True) -> Spectrum:
             for n, edge in zip(first.heights.shape, first.size, strict=True)
         )
         q = np.hypot(i[:, None], j)
-        level = [_level(one) for one in surfaces]
+        level = []  # heights about the mean of the measured points, m; zero at filled points
+        for one in surfaces:
+            known = np.s_[:] if one.filled is None else ~one.filled
+            level.append(np.zeros(one.heights.shape))
+            level[-1][known] = one.heights[known] - one.heights[known].mean()
         waves = [fft.dctn(heights, norm="ortho") for heights in level]
         power = np.mean(np.square(waves), axis=0) / first.heights.size
         parts = [_measured(*pair) for pair in zip(surfaces, level, strict=True)]
@@ -124,14 +119,6 @@ def spectrum(surfaces: Sequence[Surface], *, periodic: bool = True) -> Spectrum:
         measured = (height / height_of_all, slope / slope_of_all)
     order = np.argsort(q, axis=None)[1:]  # the first is the mean
     return Spectrum(q.ravel()[order], power.ravel()[order], measured)
-
-
-def _level(surface: Surface) -> np.ndarray:
-    """Heights about the mean of the measured points, m; zero at filled points."""
-    known = np.s_[:] if surface.filled is None else ~surface.filled
-    level = np.zeros(surface.heights.shape)
-    level[known] = surface.heights[known] - surface.heights[known].mean()
-    return level
 
 
 def _measured(surface: Surface, level: np.ndarray) -> tuple[float, float, float, float]:

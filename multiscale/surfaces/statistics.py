@@ -25,7 +25,6 @@ def rms_slope(surface: Surface, *, periodic: bool = True) -> float:
     Parameters
     ----------
     surface : Surface
-        The surface.
     periodic : bool
         Whether to differentiate the Fourier series (1). Otherwise slopes are differences of
         neighbouring points, without differences across the edges, as a measured map is not
@@ -46,11 +45,6 @@ def rms_slope(surface: Surface, *, periodic: bool = True) -> float:
 
 def nayak_parameter(surface: Surface) -> float:
     r"""Nayak's breadth of the spectrum of a periodic, isotropic surface, dimensionless.
-
-    Parameters
-    ----------
-    surface : Surface
-        A periodic surface.
 
     Returns
     -------
@@ -88,10 +82,7 @@ def nayak_parameter(surface: Surface) -> float:
 def power_spectral_density(surface: Surface) -> "xr.Dataset":
     r"""Radially averaged power spectral density of a periodic surface.
 
-    Parameters
-    ----------
-    surface : Surface
-        A periodic surface; :func:`window` a measured map first.
+    Apply :func:`window` to a measured map first.
 
     Returns
     -------
@@ -128,18 +119,12 @@ def power_spectral_density(surface: Surface) -> "xr.Dataset":
     wavenumber = np.bincount(rings, weights * q.ravel())[used] / number
     area = surface.size[0] * surface.size[1]
     density = area * np.bincount(rings, power.ravel())[used] / number  # (4)
+    told = {"units": "m4", "long_name": "radially averaged power spectral density"}
+    waves = {"units": "1", "long_name": "number of waves in the bin"}
     return xr.Dataset(
         {
-            "power_spectral_density": (
-                "bin",
-                density,
-                {"units": "m4", "long_name": "radially averaged power spectral density"},
-            ),
-            "wave_count": (
-                "bin",
-                np.rint(number).astype(int),
-                {"units": "1", "long_name": "number of waves in the bin"},
-            ),
+            "power_spectral_density": ("bin", density, told),
+            "wave_count": ("bin", np.rint(number).astype(int), waves),
         },
         coords={
             "bin": np.arange(number.size),

@@ -27,12 +27,9 @@ def self_affine(
 
     Parameters
     ----------
-    points : tuple of int
-        Grid points (nx, ny).
-    size : tuple of float
-        Edge lengths (Lx, Ly) of the cell, m.
+    points, size : tuple
+        Grid points (nx, ny) and edge lengths (Lx, Ly) of the cell, m.
     seed : int
-        Seed of the random phases.
     hurst_exponent : float
         :math:`0 \le H \le 1`, dimensionless.
     long_cutoff, short_cutoff : float
@@ -40,15 +37,9 @@ def self_affine(
     roll_off : float, optional
         Wavelength :math:`\lambda_r`, m, above which the spectrum is flat. ``long_cutoff`` if not
         given, which leaves no flat part.
-    rms_height : float, optional
-        Root mean square height, m. Give exactly one of ``rms_height`` and ``rms_slope``.
-    rms_slope : float, optional
-        Root mean square slope :math:`\langle |\nabla h|^2 \rangle^{1/2}`, dimensionless.
-
-    Returns
-    -------
-    Surface
-        Surface with mean height 0, m.
+    rms_height, rms_slope : float, optional
+        Root mean square height, m, or slope :math:`\langle |\nabla h|^2 \rangle^{1/2}`,
+        dimensionless; exactly one of them.
 
     Raises
     ------

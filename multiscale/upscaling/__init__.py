@@ -1,11 +1,7 @@
 """From micro responses to interface laws with their uncertainty."""
 
-from multiscale.upscaling.admissibility import admissibility, is_admissible
-from multiscale.upscaling.branches import (
-    fit_branches,
-    hysteretic_from_dataset,
-    with_unloading,
-)
+from multiscale.upscaling.admissibility import admissibility
+from multiscale.upscaling.branches import fit_branches, hysteretic_from_dataset, with_unloading
 from multiscale.upscaling.budget import error_budget, with_budget
 from multiscale.upscaling.cell_size import at_rms_height, without_size_bias
 from multiscale.upscaling.comparison import compare_laws
@@ -70,7 +66,6 @@ __all__ = [
     "friction_at",
     "friction_observations",
     "hysteretic_from_dataset",
-    "is_admissible",
     "law_band",
     "law_from_dataset",
     "loading_branch",

@@ -10,7 +10,7 @@ from multiscale.errors import CaseError
 from multiscale.laws import FrictionLaw, HystereticLaw, NormalLaw, StiffnessLaw
 from multiscale.units import readable
 
-__all__ = ["Admissibility", "Check", "admissibility", "is_admissible"]
+__all__ = ["Admissibility", "Check", "admissibility"]
 
 SLACK = 1e-9  # of the largest value tested
 SPEEDS = (1e-6, 1e2)  # m/s
@@ -26,8 +26,7 @@ class Check:
         ``"sign"``, ``"monotone"``, ``"convex"``, ``"dissipation"`` or ``"objective"``, for
         instance.
     worst : float
-        How far the law violates it, relative to the largest value tested; not positive if it
-        holds.
+        Violation relative to the largest value tested; not positive if the property holds.
     """
 
     name: str
@@ -82,7 +81,6 @@ def admissibility(
     speed_range : tuple of float
         Smallest and largest sliding speed tested of a friction law, m/s; rest is tested as well.
     n_points : int
-        Number of points tested.
 
     Returns
     -------
@@ -114,13 +112,6 @@ def admissibility(
             f"FrictionLaw or StiffnessLaw, or give it a contact_fraction"
         )
     return Admissibility(pressure_range, checks)
-
-
-def is_admissible(
-    law: NormalLaw, pressure_range: tuple[float, float], *, n_points: int = 500
-) -> bool:
-    """Whether a law passes every check of :func:`admissibility`."""
-    return admissibility(law, pressure_range, n_points=n_points).passed
 
 
 def _check_normal(
@@ -211,9 +202,7 @@ def _check_friction(
 
 
 def _check_rising(
-    evaluate: Callable[[np.ndarray], np.ndarray],
-    pressure_range: tuple[float, float],
-    n_points: int,
+    evaluate: Callable[[np.ndarray], np.ndarray], pressure_range: tuple[float, float], n_points: int
 ) -> tuple[Check, ...]:
     """Values at many pressures: positive, never falling."""
     values = evaluate(np.geomspace(*pressure_range, n_points))
@@ -224,9 +213,7 @@ def _check_rising(
 
 
 def _check_area(
-    evaluate: Callable[[np.ndarray], np.ndarray],
-    pressure_range: tuple[float, float],
-    n_points: int,
+    evaluate: Callable[[np.ndarray], np.ndarray], pressure_range: tuple[float, float], n_points: int
 ) -> tuple[Check, ...]:
     """Fractions from no pressure to a hundred times the largest."""
     low, high = pressure_range

@@ -23,10 +23,8 @@ def widening(freedom: int, confidence: float = 0.95, *, n: int | None = None) ->
 
     Parameters
     ----------
-    freedom : int
-        Degrees of freedom :math:`\nu \ge 1`.
-    confidence : float
-        :math:`c` of the interval.
+    freedom, confidence
+        Degrees of freedom :math:`\nu \ge 1`, and :math:`c` of the interval.
     n : int, optional
         Number :math:`N` of independent data whose variance the bootstrap takes with divisor N, if
         that is not corrected elsewhere.

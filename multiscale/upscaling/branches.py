@@ -7,7 +7,7 @@ from multiscale.laws import HystereticLaw
 from multiscale.schema import INTERFACE_LAW
 from multiscale.upscaling.family import unloading_family
 from multiscale.upscaling.fit import fit_law
-from multiscale.upscaling.reading import law_from_dataset, require_law
+from multiscale.upscaling.reading import law_from_dataset, pick, require_law
 from multiscale.upscaling.response_observations import loading_branch, unloading_observations
 
 if TYPE_CHECKING:
@@ -19,19 +19,8 @@ __all__ = ["fit_branches", "hysteretic_from_dataset", "with_unloading"]
 def fit_branches(response: "xr.Dataset", *, n_samples: int = 200, **options: Any) -> "xr.Dataset":
     """Fit the law of the loading, and of the unloading if cells have flowed and were unloaded.
 
-    Parameters
-    ----------
-    response : Dataset
-        Follows ``MICRO_RESPONSE``.
-    n_samples : int
-        Bootstrap samples of each branch.
-    **options
-        See :func:`~multiscale.upscaling.fit_law`.
-
-    Returns
-    -------
-    Dataset
-        Follows ``INTERFACE_LAW``.
+    Response (``MICRO_RESPONSE``), ``n_samples`` of each branch and options are those of
+    :func:`~multiscale.upscaling.fit_law`, and so is the law (``INTERFACE_LAW``).
     """
     if "flowing_fraction" not in response.variables:
         return fit_law(response, n_samples=n_samples, **options)
@@ -51,8 +40,6 @@ def with_unloading(law: "xr.Dataset", response: "xr.Dataset", *, n_samples: int)
         Follows ``INTERFACE_LAW``: the normal law of the loading branch.
     response : Dataset
         Follows ``MICRO_RESPONSE``, loaded and unloaded.
-    n_samples : int
-        Bootstrap samples.
 
     Returns
     -------
@@ -89,14 +76,7 @@ def with_unloading(law: "xr.Dataset", response: "xr.Dataset", *, n_samples: int)
 
 
 def hysteretic_from_dataset(dataset: "xr.Dataset", sample: int | None = None) -> HystereticLaw:
-    """Make the law of a dataset with its unloading branch.
-
-    Parameters
-    ----------
-    dataset : Dataset
-        Follows ``INTERFACE_LAW``, with an unloading branch.
-    sample : int, optional
-        Which bootstrap sample of the unloading; the mean if not given.
+    """Make the law of a dataset with its unloading branch, the mean or a bootstrap sample of it.
 
     Raises
     ------
@@ -110,14 +90,6 @@ def hysteretic_from_dataset(dataset: "xr.Dataset", sample: int | None = None) ->
         )
     names = ("unloading_stiffness_ratio", "unloading_exponent")
     require_law(dataset, *names)
-    if sample is None:
-        ratio, exponent = (float(dataset[name]) for name in names)
-    else:
-        n_samples = dataset.sizes.get("unloading_sample", 0)
-        if not 0 <= sample < n_samples:
-            raise CaseError(
-                f"the unloading has no sample {sample}; it has {n_samples}, counted from 0"
-            )
-        require_law(dataset, *(f"{name}_sample" for name in names))
-        ratio, exponent = (float(dataset[f"{name}_sample"][sample]) for name in names)
+    found = (pick(dataset, name, [sample], of="unloading")[0] for name in names)
+    ratio, exponent = map(float, found)
     return HystereticLaw(law_from_dataset(dataset), ratio, exponent)

@@ -190,14 +190,7 @@ def total_error(bias: np.ndarray, half_width: np.ndarray) -> np.ndarray:
 
 
 def with_budget(dataset: "xr.Dataset", budget: "xr.Dataset") -> "xr.Dataset":
-    """Return a law or a macro result that carries its error budget.
-
-    Parameters
-    ----------
-    dataset : Dataset
-        Follows ``INTERFACE_LAW`` or ``MACRO_RESULT``, with the steps of the budget.
-    budget : Dataset
-        Follows ``ERROR_BUDGET``.
+    """Return a law or a macro result that carries its error budget, which has its steps.
 
     Raises
     ------

@@ -26,12 +26,8 @@ def at_rms_height(response: "xr.Dataset", rms_height: float) -> "xr.Dataset":
         Follows ``MICRO_RESPONSE``, with the ``rms_height`` of every realisation.
     rms_height : float
         Root mean square height of the surface at large, m: of a patch that holds many of its
-        longest waves, of which only the heights have to be made.
-
-    Returns
-    -------
-    Dataset
-        With the height, m, in the attribute ``gaps_at_rms_height``.
+        longest waves, of which only the heights have to be made. It is kept as the attribute
+        ``gaps_at_rms_height``.
 
     Raises
     ------
@@ -105,12 +101,7 @@ def size_term(
 def without_size_bias(response: "xr.Dataset", sizes: Mapping[float, "xr.Dataset"]) -> "xr.Dataset":
     """Return a response less the bias by the size of its cells.
 
-    Parameters
-    ----------
-    response : Dataset
-        Follows ``MICRO_RESPONSE``.
-    sizes : mapping of float to Dataset
-        Ensembles apart from it; see :func:`~.budget.error_budget`, which then counts no bias.
+    ``sizes`` are ensembles apart from it; :func:`~.budget.error_budget` then counts no bias.
     """
     term = size_term(response, sizes, apart=True)
     gap, area, _ = 1.0 - np.asarray(term.bias)

@@ -17,15 +17,14 @@ __all__ = ["compare_laws"]
 
 
 def compare_laws(
-    data: "xr.Dataset | Observations",
-    families: Sequence[str | Family] | None = None,
+    data: "xr.Dataset | Observations", families: Sequence[str | Family] | None = None
 ) -> "xr.Dataset":
     r"""Fit several families to the same data and compare them.
 
     Parameters
     ----------
-    data : Dataset or Observations
-        See :func:`fit_law`.
+    data
+        As of :func:`fit_law`.
     families : sequence of str or Family, optional
         All that are built in for the quantity if not given.
 

@@ -13,13 +13,7 @@ from multiscale.upscaling.response_observations import area_observations, normal
 if TYPE_CHECKING:
     import xarray as xr
 
-__all__ = [
-    "Average",
-    "Trend",
-    "ensemble_average",
-    "required_realisations",
-    "size_trend",
-]
+__all__ = ["Average", "Trend", "ensemble_average", "required_realisations", "size_trend"]
 
 _OBSERVE = {"mean_gap": normal_observations, "contact_fraction": area_observations}
 
@@ -39,7 +33,6 @@ class Average:
     n : ndarray of int, shape (steps,)
         Realisations that count.
     confidence : float
-        Of the interval.
     """
 
     pressure: np.ndarray
@@ -61,16 +54,13 @@ class Trend:
 
     Attributes
     ----------
-    at : ndarray, shape (points,)
-        What the ensembles differ in.
-    value : ndarray, shape (points,)
-        Of each.
+    at, value : ndarray, shape (points,)
+        What the ensembles differ in, and the value of each.
     interval : ndarray, shape (2, points)
         95 % interval of each value.
-    slope : float
-        Of the line through the points, in the coordinates that the function states.
-    slope_interval : tuple of float
-        95 % interval of the slope.
+    slope, slope_interval
+        Of the line through the points, in the coordinates that the function states, and its 95 %
+        interval.
     """
 
     at: np.ndarray
@@ -94,10 +84,8 @@ def ensemble_average(
     response : Dataset
         Follows ``MICRO_RESPONSE``.
     variable : {"mean_gap", "contact_fraction"}
-    confidence : float
-        Of the interval of the mean.
-    target : float, optional
-        Largest half-width asked for, relative to the mean.
+    confidence, target : float
+        Of the interval of the mean, and the largest half-width asked for, relative to the mean.
 
     Raises
     ------
@@ -116,27 +104,18 @@ def ensemble_average(
     factor = t.ppf(0.5 * (1.0 + confidence), np.maximum(n - 1, 1))
     half = np.where(n > 1, factor * deviation / np.sqrt(n), np.inf)
     average = Average(seen.pressure, mean, np.where(n > 1, deviation, np.nan), half, n, confidence)
-    if target is not None:
-        _check_target(average, variable, target)
-    return average
-
-
-def _check_target(average: Average, variable: str, target: float) -> None:
-    """Refuse an interval that is too wide, and say what would be enough."""
-    ratio = average.half_width / np.abs(average.mean)
-    if not np.any(ratio > target):
-        return
+    ratio = half / np.abs(mean)
+    if target is None or not np.any(ratio > target):
+        return average
     j = int(np.argmax(ratio))
-    where = f"{100.0 * average.confidence:g} % confidence at {average.pressure[j]:.3g} Pa"
-    if average.n[j] < 2:
+    where = f"{100.0 * confidence:g} % confidence at {seen.pressure[j]:.3g} Pa"
+    if n[j] < 2:
         raise CaseError(
             f"one realisation tells nothing of the scatter of {variable}; {where} needs at least 3"
         )
-    need = required_realisations(
-        float(average.coefficient_of_variation[j]), target, average.confidence
-    )
+    need = required_realisations(float(average.coefficient_of_variation[j]), target, confidence)
     raise CaseError(
-        f"{average.n[j]} realisations give {variable} within {100.0 * ratio[j]:.2g} % with "
+        f"{n[j]} realisations give {variable} within {100.0 * ratio[j]:.2g} % with "
         f"{where}, not {100.0 * target:.2g} %; about {need} realisations are enough, or cells "
         f"{ratio[j] / target:.2g} times as large"
     )

@@ -21,11 +21,8 @@ __all__ = ["pressure_overclosure", "write_law_table", "write_pressure_overclosur
 SMALLEST_STEP = 1e-10
 """CalculiX moves points apart whose overclosures differ by less, in the unit of the table."""
 
-MOST_POINTS = 40
-"""What the tables of older versions of CalculiX hold."""
-
-BEYOND = 10.0
-"""The table goes on with its last slope to this multiple of the largest pressure."""
+MOST_POINTS = 40  # what the tables of older versions of CalculiX hold
+BEYOND = 10.0  # the table goes on with its last slope to this multiple of the largest pressure
 
 
 def pressure_overclosure(
@@ -43,10 +40,8 @@ def pressure_overclosure(
 
     Returns
     -------
-    pressure : ndarray, shape (points,)
-        Pa; zero first.
-    overclosure : ndarray, shape (points,)
-        m; zero first, rising.
+    pressure, overclosure : ndarray, shape (points,)
+        Pa and m; zero first, rising.
     first_contact : float
         Gap between the mean planes at zero overclosure, m: where the tangent of the law at the
         smallest pressure reaches zero.
@@ -92,10 +87,8 @@ def write_pressure_overclosure(
         Follows ``INTERFACE_LAW``.
     path : path
         An input file, to be included before the steps with ``*INCLUDE, INPUT=...``.
-    name : str
-        Of the surface interaction.
-    length_unit, pressure_unit : str
-        The units of the model.
+    name, length_unit, pressure_unit : str
+        Of the surface interaction, and the units of the model.
     tolerance : float
         See :func:`pressure_overclosure`.
 
@@ -164,11 +157,8 @@ def write_law_table(
 
     Parameters
     ----------
-    dataset : Dataset
-        Follows ``INTERFACE_LAW``.
-    path : path
-    length_unit, pressure_unit : str
-        Written into the head of each column.
+    dataset, path, length_unit, pressure_unit
+        As of :func:`write_pressure_overclosure`; the units stand in the head of each column.
     n_points : int
         Number of pressures, even in the logarithm over the range of the data.
     """

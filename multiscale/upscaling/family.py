@@ -2,6 +2,7 @@
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
+from functools import partial
 from typing import Any
 
 import numpy as np
@@ -38,11 +39,9 @@ class Family:
     Parameters
     ----------
     name : str
-        Written into the dataset of a fitted law.
     quantities : tuple of str
         What the family can be fitted to: keys of ``QUANTITIES`` whose prediction the law has.
     parameters : mapping of str to Parameter
-        What is fitted.
     make : callable
         The law, from the parameters and what is held, as keywords. A normal law gets the pressures
         of the data as its ``pressure_range``.
@@ -195,16 +194,16 @@ def _start_bell(observations: Observations) -> dict[str, float]:
     }
 
 
+_built_in = partial(Family, broadcasts=True)
 _FAMILIES = (
-    Family(
+    _built_in(
         "exponential",
         ("gap", "normal_stiffness"),
         {"pressure_scale": Parameter("Pa"), "decay_length": Parameter("m")},
         Exponential,
         _start_exponential,
-        broadcasts=True,
     ),
-    Family(
+    _built_in(
         "power",
         ("gap", "normal_stiffness"),
         {
@@ -214,34 +213,30 @@ _FAMILIES = (
         },
         PowerLaw,
         _start_power,
-        broadcasts=True,
     ),
-    Family(
+    _built_in(
         "error_function",
         ("contact_fraction",),
         {"pressure_scale": Parameter("Pa")},
         ErrorFunctionArea,
         _start_error_function,
-        broadcasts=True,
     ),
-    Family(
+    _built_in(
         "power_stiffness",
         ("tangential_stiffness",),
         {"stiffness_scale": Parameter("Pa m-1"), "exponent": Parameter("1")},
         PowerStiffness,
         _start_stiffness,
         _reference,
-        broadcasts=True,
     ),
-    Family(
+    _built_in(
         "coulomb",
         ("friction_coefficient",),
         {"friction_coefficient": Parameter("1")},
         Coulomb,
         _start_coulomb,
-        broadcasts=True,
     ),
-    Family(
+    _built_in(
         "decaying",
         ("friction_coefficient",),
         {
@@ -251,9 +246,8 @@ _FAMILIES = (
         },
         DecayingFriction,
         _start_decaying,
-        broadcasts=True,
     ),
-    Family(
+    _built_in(
         "bell",
         ("friction_coefficient",),
         {
@@ -267,7 +261,6 @@ _FAMILIES = (
         BellFriction,
         _start_bell,
         _reference,
-        broadcasts=True,
     ),
 )
 FAMILIES = {family.name: family for family in _FAMILIES}
@@ -275,21 +268,11 @@ FAMILIES = {family.name: family for family in _FAMILIES}
 
 
 def unloading_family(loading: NormalLaw) -> Family:
-    """Family of the unloading branches of an interface whose loading law is known.
-
-    Parameters
-    ----------
-    loading : NormalLaw
-        The fitted law of the first loading.
-    """
-    return Family(
+    """Family of the unloading branches of an interface whose loading law is known."""
+    return _built_in(
         "unloading",
         ("recovery",),
-        {
-            "stiffness_ratio": Parameter("1", lower=1.0),
-            "exponent": Parameter("1", lower=1.0),
-        },
+        {"stiffness_ratio": Parameter("1", lower=1.0), "exponent": Parameter("1", lower=1.0)},
         lambda stiffness_ratio, exponent: HystereticLaw(loading, stiffness_ratio, exponent),
         lambda observations: {"stiffness_ratio": 2.0, "exponent": 1.5},
-        broadcasts=True,
     )

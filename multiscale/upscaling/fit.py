@@ -79,7 +79,6 @@ def fit_law(
         Weight of the smoothness of the law of free form, dimensionless; see :func:`fit_spline`.
         Larger is smoother: less noise in the stiffness at the ends of the data, more bias.
     seed : int
-        Seed of the bootstrap.
 
     Returns
     -------
@@ -135,7 +134,13 @@ def fit_law(
     ----------
     .. [1] B. Efron and R. J. Tibshirani, An Introduction to the Bootstrap, Chapman & Hall, 1993.
     """
-    _check_options(n_terms, n_samples, ridge)
+    if n_terms < 6:
+        raise CaseError(f"a normal law needs at least 6 terms, got n_terms = {n_terms}")
+    if not (n_samples >= 0 and ridge > 0.0):
+        raise CaseError(
+            f"n_samples must not be negative and ridge must be positive, got {n_samples} "
+            f"and {ridge:g}"
+        )
     observations = data if isinstance(data, Observations) else normal_observations(data)
     chosen = _choose(family, observations.quantity)
     share = _weights(weights, observations, data)
@@ -195,17 +200,6 @@ def stiffness_of_each(observations: Observations, law: "xr.Dataset | None" = Non
     return np.where(counted, stiffness, np.nan)
 
 
-def _check_options(n_terms: int, n_samples: int, ridge: float) -> None:
-    """Refuse numbers out of range."""
-    if n_terms < 6:
-        raise CaseError(f"a normal law needs at least 6 terms, got n_terms = {n_terms}")
-    if not (n_samples >= 0 and ridge > 0.0):
-        raise CaseError(
-            f"n_samples must not be negative and ridge must be positive, got {n_samples} "
-            f"and {ridge:g}"
-        )
-
-
 def _choose(family: str | Family | None, quantity: str) -> str | Family:
     """Return the family that is meant: a name of free form, or one with parameters."""
     if isinstance(family, Family):
@@ -239,10 +233,7 @@ def _weights(weights: np.ndarray | None, observations: Observations, data: Any) 
 
 
 def _build(
-    observations: Observations,
-    family: str | Family,
-    values: Values,
-    attributes: dict[str, Any],
+    observations: Observations, family: str | Family, values: Values, attributes: dict[str, Any]
 ) -> "xr.Dataset":
     """Assemble the dataset and judge the law."""
     quantity = QUANTITIES[observations.quantity]

@@ -24,21 +24,9 @@ height, that no surface but a scratched one has."""
 
 
 def check_heights(response: "xr.Dataset", gap: np.ndarray, counted: np.ndarray) -> None:
-    """Refuse gaps that no surface of these heights keeps open.
+    """Refuse mean gaps above ``HIGHEST_GAP`` rms heights, which no surface keeps open.
 
-    Parameters
-    ----------
-    response : Dataset
-        Follows ``MICRO_RESPONSE``.
-    gap : ndarray, shape (realisations, steps)
-        Mean gaps, m.
-    counted : ndarray of bool, shape (realisations, steps)
-        Which of them exist.
-
-    Raises
-    ------
-    CaseError
-        If a gap is larger than ``HIGHEST_GAP`` rms heights.
+    Gaps, m, and which of them exist have the shape (realisations, steps).
     """
     if "rms_height" not in response.variables:
         return
@@ -56,13 +44,6 @@ def check_heights(response: "xr.Dataset", gap: np.ndarray, counted: np.ndarray) 
 
 def odd_gaps(response: "xr.Dataset", found: "Observations") -> Iterator[str]:
     r"""Say which mean gaps do not fit heights and contact fractions, by (1).
-
-    Parameters
-    ----------
-    response : Dataset
-        Follows ``MICRO_RESPONSE``.
-    found : Observations
-        Its mean gaps.
 
     Notes
     -----

@@ -35,14 +35,9 @@ def read_observations(path: str | PathLike[str], quantity: str) -> Observations:
         Comma separated. The first line names the columns with their units, such as
         ``pressure (MPa), stiffness (MPa/um), specimen``: those of the quantity, in any order, and
         optionally ``specimen`` (any text); further columns are ignored. Without specimens the
-        k-th value at a pressure belongs to the k-th of them.
+        k-th value at a pressure belongs to the k-th of them. Each is a realisation.
     quantity : str
         See :func:`observe`; for instance ``"normal_stiffness"``.
-
-    Returns
-    -------
-    Observations
-        One realisation per specimen.
 
     Raises
     ------
@@ -119,11 +114,7 @@ def _occurrence(conditions: list[np.ndarray]) -> np.ndarray:
 
 
 def _gather(
-    path: Path,
-    quantity: str,
-    conditions: list[np.ndarray],
-    values: np.ndarray,
-    rows: np.ndarray,
+    path: Path, quantity: str, conditions: list[np.ndarray], values: np.ndarray, rows: np.ndarray
 ) -> Observations:
     """Arrange the values by specimen and point."""
     points, column = np.unique(np.column_stack(conditions), axis=0, return_inverse=True)

@@ -7,13 +7,7 @@ import numpy as np
 
 from multiscale.errors import CaseError
 
-__all__ = [
-    "QUANTITIES",
-    "Observations",
-    "Quantity",
-    "error_scale",
-    "observe",
-]
+__all__ = ["QUANTITIES", "Observations", "Quantity", "error_scale", "observe"]
 
 
 @dataclass(frozen=True)
@@ -23,7 +17,7 @@ class Quantity:
     Attributes
     ----------
     unit : str
-        Of the values, UDUNITS spelling.
+        UDUNITS spelling.
     conditions : mapping of str to str
         Names and units of what the values depend on, pressure first.
     predict : callable
@@ -38,31 +32,26 @@ class Quantity:
     variable: str
 
 
+_P = {"pressure": "Pa"}
 QUANTITIES: dict[str, Quantity] = {
-    "gap": Quantity("m", {"pressure": "Pa"}, lambda law, p: law.gap_at(p), "fit_mean_gap"),
+    "gap": Quantity("m", _P, lambda law, p: law.gap_at(p), "fit_mean_gap"),
     "normal_stiffness": Quantity(
-        "Pa m-1",
-        {"pressure": "Pa"},
-        lambda law, p: law.stiffness(law.gap_at(p)),
-        "fit_stiffness",
+        "Pa m-1", _P, lambda law, p: law.stiffness(law.gap_at(p)), "fit_stiffness"
     ),
     "contact_fraction": Quantity(
-        "1", {"pressure": "Pa"}, lambda law, p: law.contact_fraction(p), "fit_contact_fraction"
+        "1", _P, lambda law, p: law.contact_fraction(p), "fit_contact_fraction"
     ),
     "tangential_stiffness": Quantity(
-        "Pa m-1", {"pressure": "Pa"}, lambda law, p: law.stiffness_at(p), "fit_stiffness"
+        "Pa m-1", _P, lambda law, p: law.stiffness_at(p), "fit_stiffness"
     ),
     "friction_coefficient": Quantity(
         "1",
-        {"pressure": "Pa", "speed": "m s-1"},
-        lambda law, p, v: law.coefficient(p, v),
+        _P | {"speed": "m s-1"},
+        lambda law, *at: law.coefficient(*at),
         "fit_friction_coefficient",
     ),
     "recovery": Quantity(
-        "m",
-        {"pressure": "Pa", "peak_pressure": "Pa"},
-        lambda law, p, peak: law.recovery(p, peak),
-        "fit_recovery",
+        "m", _P | {"peak_pressure": "Pa"}, lambda law, *at: law.recovery(*at), "fit_recovery"
     ),
 }
 """What can be observed, by name."""
@@ -78,10 +67,8 @@ class Observations:
         A key of ``QUANTITIES``.
     conditions : tuple of ndarray, shape (points,)
         In the order of the quantity, SI.
-    values : ndarray, shape (realisations, points)
-        SI.
-    counted : ndarray of bool, shape (realisations, points)
-        Which values exist.
+    values, counted : ndarray, shape (realisations, points)
+        SI, and which values exist.
     scale : ndarray, shape (points,)
         What an error of the mean value is measured by, SI: the value itself, or for a gap the
         distance over which the pressure changes by its own size.

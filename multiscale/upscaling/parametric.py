@@ -38,10 +38,8 @@ def fit_family(
     counts : ndarray, shape (samples, realisations)
         How often each realisation counts in each sample; without rows, and if the points are
         independent, the residuals are resampled instead.
-    weights : ndarray, shape (points,)
-        Dimensionless.
-    fixed : mapping of str to float
-        Parameters that keep a value, SI.
+    weights, fixed
+        As of :func:`~.regression.regression_of`.
     n_samples, seed : int
         Of the resampled residuals.
 
@@ -104,10 +102,7 @@ def _sample_means(
 
 
 def _errors(
-    observations: Observations,
-    regression: Regression,
-    best: Mapping[str, float],
-    mean: np.ndarray,
+    observations: Observations, regression: Regression, best: Mapping[str, float], mean: np.ndarray
 ) -> tuple[Values, dict[str, Any]]:
     """Errors of the fit at its data and of fits that lack one point each; the criterion."""
     n, k = mean.size, len(regression.free)

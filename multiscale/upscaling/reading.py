@@ -22,6 +22,7 @@ __all__ = [
     "fitted_laws",
     "law_band",
     "law_from_dataset",
+    "pick",
     "require_law",
 ]
 
@@ -83,7 +84,7 @@ def fitted_laws(
     if name == "convex_decreasing":
         require_law(dataset, "knot", "coefficient")
         knot = dataset["knot"].to_numpy()
-        coefficients = _pick(dataset, "coefficient", samples)
+        coefficients = pick(dataset, "coefficient", samples)
         return [ConvexDecreasing(knot, one, pressure_range=data) for one in coefficients]
     family = family or FAMILIES.get(str(name))
     if family is None or family.name != name:
@@ -94,7 +95,7 @@ def fitted_laws(
     held = str(dataset.attrs["held"]).split()
     require_law(dataset, *held)
     given: dict[str, Any] = {key: float(dataset[key]) for key in held}
-    columns = [_pick(dataset, key, samples) for key in family.parameters]
+    columns = [pick(dataset, key, samples) for key in family.parameters]
     laws = [
         family.make(**dict(zip(family.parameters, map(float, row), strict=True)), **given)
         for row in zip(*columns, strict=True)
@@ -129,7 +130,7 @@ def areas_from_dataset(dataset: "xr.Dataset", samples: Sequence[int | None]) -> 
     INTERFACE_LAW.check(dataset)
     require_law(dataset, "area_pressure", "area_fraction")
     p = dataset["area_pressure"].to_numpy()
-    return [AreaLaw(p, one) for one in _pick(dataset, "area_fraction", samples)]
+    return [AreaLaw(p, one) for one in pick(dataset, "area_fraction", samples)]
 
 
 def law_band(
@@ -207,12 +208,14 @@ def require_law(dataset: "xr.Dataset", *names: str) -> None:
         )
 
 
-def _pick(dataset: "xr.Dataset", name: str, samples: Sequence[int | None]) -> list[np.ndarray]:
-    """Values of the mean law (None) and of samples."""
-    n_samples = int(dataset.sizes.get("sample", 0))
+def pick(
+    dataset: "xr.Dataset", name: str, samples: Sequence[int | None], *, of: str = "law"
+) -> list[np.ndarray]:
+    """Values of the mean (None) and of samples, of the law or of its unloading."""
+    n_samples = int(dataset.sizes.get("sample" if of == "law" else f"{of}_sample", 0))
     for sample in samples:
         if sample is not None and not 0 <= sample < n_samples:
-            raise CaseError(f"the law has no sample {sample}; it has {n_samples}, counted from 0")
+            raise CaseError(f"the {of} has no sample {sample}; it has {n_samples}, counted from 0")
     mean = drawn = dataset[name].to_numpy()
     if n_samples:
         require_law(dataset, f"{name}_sample")

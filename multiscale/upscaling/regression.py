@@ -27,14 +27,12 @@ class Regression:
     ----------
     family : Family
     quantity : Quantity
-        What is predicted.
     conditions : tuple of ndarray, shape (points,)
     scale, weights : ndarray, shape (points,)
         Of the observations, and :math:`w_j \ge 0`, dimensionless.
     held : mapping of str to float
         What the data decide or the user fixed, SI.
     free : tuple of str
-        Parameters that are fitted.
     start : mapping of str to float
         Where the fit of the mean starts, SI.
     datum : bool
@@ -170,10 +168,7 @@ class Regression:
 
 
 def regression_of(
-    family: Family,
-    observations: Observations,
-    fixed: Mapping[str, float],
-    weights: np.ndarray,
+    family: Family, observations: Observations, fixed: Mapping[str, float], weights: np.ndarray
 ) -> Regression:
     """Prepare the fit of a family.
 

@@ -145,13 +145,7 @@ def usable_steps(response: "xr.Dataset") -> tuple[np.ndarray, np.ndarray]:
 
 
 def loading_branch(response: "xr.Dataset") -> "xr.Dataset":
-    """Return the steps of a response whose pressure was never reached before.
-
-    Parameters
-    ----------
-    response : Dataset
-        Follows ``MICRO_RESPONSE``.
-    """
+    """Return the steps of a response whose pressure was never reached before."""
     return response.isel(step=np.flatnonzero(response["branch"] == LOADING))
 
 

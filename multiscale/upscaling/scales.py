@@ -62,10 +62,8 @@ def compare_scales(
 
     Parameters
     ----------
-    wavelength : float
-        Longest wavelength of the roughness, m.
-    cell_size : float
-        Edge of the representative cell, m.
+    wavelength, cell_size : float
+        Longest wavelength of the roughness and edge of the representative cell, m.
     macro_length : float
         Length over which the pressure of the structure varies, m; see :func:`pressure_length`.
     extent : float, optional
@@ -122,9 +120,7 @@ def pressure_length(pressure: np.ndarray, spacing: float | tuple[float, float]) 
     Parameters
     ----------
     pressure : ndarray, shape (nx,) or (nx, ny)
-        On an even grid over the interface, Pa.
-    spacing : float or tuple of float
-        Of the grid, m.
+        On an even grid of a spacing, m, over the interface, Pa.
 
     Returns
     -------
@@ -149,10 +145,8 @@ def pressure_length_of_points(
     ----------
     position : ndarray, shape (points, 2)
         In the plane, m; five points at least.
-    pressure : ndarray, shape (points,)
-        Pa.
-    area : ndarray, shape (points,)
-        That a point stands for, m².
+    pressure, area : ndarray, shape (points,)
+        Pa, and what a point stands for, m².
 
     Returns
     -------

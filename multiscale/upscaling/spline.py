@@ -21,17 +21,13 @@ def place_knots(
     ----------
     pressure, gap : ndarray, shape (n,)
         The data, pressure increasing and gap decreasing; Pa and m.
-    n_terms : int
-        Number of knots, at least 6.
-    largest_gap : float
-        The last knot lies beyond this gap, m.
+    n_terms, largest_gap
+        Number of knots, at least 6, and a gap, m, beyond which the last knot lies.
 
     Returns
     -------
-    knot : ndarray, shape (n_terms,)
-        Increasing, m.
-    level : ndarray, shape (n_terms,)
-        Estimate of :math:`\ln p` at the knots, p in Pa.
+    knot, level : ndarray, shape (n_terms,)
+        Increasing, m, and an estimate of :math:`\ln p` at the knots, p in Pa.
 
     Notes
     -----

@@ -41,10 +41,8 @@ def fit_convex_decreasing(
         Of the gap or of the normal stiffness.
     counts : ndarray, shape (samples, realisations)
         How often each realisation counts in each sample.
-    weights : ndarray, shape (points,)
-        Dimensionless.
-    n_terms, ridge
-        See :func:`multiscale.upscaling.fit_law`.
+    weights, n_terms, ridge
+        See :func:`multiscale.upscaling.fit_law`; ``weights`` has the shape (points,).
 
     Returns
     -------
@@ -117,7 +115,6 @@ def decay_share(
     error : ndarray, shape (fits,)
         Of the fits of :func:`left_out`; NaN where there is none.
     n : int
-        Number of points.
     least : float
         Smallest share of the error without noise.
     noise : ndarray, shape (fits,), optional

@@ -9,12 +9,7 @@ import numpy as np
 from multiscale.errors import CaseError
 from multiscale.laws import NormalLaw, StretchedLaw
 from multiscale.schema import ERROR_BUDGET
-from multiscale.upscaling.budget import (
-    ERROR_TERMS,
-    add_up,
-    assemble_budget,
-    how_attribute,
-)
+from multiscale.upscaling.budget import ERROR_TERMS, add_up, assemble_budget, how_attribute
 from multiscale.upscaling.budget_terms import Term, separation_term
 from multiscale.upscaling.observations import observe
 from multiscale.upscaling.reading import fitted_laws, law_from_dataset, require_law
@@ -112,17 +107,7 @@ def structure_budget(
 
 
 def over_steps(budget: "xr.Dataset", steps: np.ndarray, count: int) -> "xr.Dataset":
-    """Return a budget of some steps as one of all of them, NaN at the others.
-
-    Parameters
-    ----------
-    budget : Dataset
-        Follows ``ERROR_BUDGET``.
-    steps : ndarray of int
-        Which the budget is of.
-    count : int
-        Number of all steps.
-    """
+    """Return a budget of some steps, by their numbers, as one of ``count`` steps, NaN at others."""
     values = {}
     for name in ("error_half_width", "error_bias", "error_total"):
         values[name] = np.full((*budget[name].shape[:-1], count), np.nan)
@@ -199,14 +184,7 @@ def _unbiased(law: "xr.Dataset", bias: np.ndarray) -> NormalLaw:
 
 
 def with_scales(law: "xr.Dataset", scales: ScaleSeparation) -> "xr.Dataset":
-    """Return a law whose budget has the scale separation of another structure.
-
-    Parameters
-    ----------
-    law : Dataset
-        Follows ``INTERFACE_LAW`` and carries its budget.
-    scales : ScaleSeparation
-        From :func:`compare_scales`.
+    """Return a law, which carries its budget, with the scale separation of another structure.
 
     Raises
     ------

@@ -49,7 +49,9 @@ def tangential_observations(response: "xr.Dataset") -> Observations:
     slipping = _slip_fraction(response)[:, 1:]
     square = np.sum(jump**2, axis=-1)
     sheared = counted[:, 1:] & counted[:, :-1] & (square > 0.0)
-    sheared &= (np.abs(np.diff(pressure)) <= SAME * pressure[1:]) & _slides(response, traction)
+    sheared &= np.abs(np.diff(pressure)) <= SAME * pressure[1:]
+    normal = np.abs(response["traction"].to_numpy()[:, 1:, 0])
+    sheared &= np.linalg.norm(traction, axis=-1) > 1e-9 * normal  # beyond round-off
     if not np.any(sheared):
         raise CaseError(
             "no step shears the cells at the pressure of the step before; give the path at each "
@@ -124,12 +126,6 @@ def _slip_fraction(response: "xr.Dataset") -> np.ndarray:
     if "slip_fraction" not in response.variables:
         return np.full(response["mean_gap"].shape, np.nan)
     return np.asarray(response["slip_fraction"].to_numpy(), dtype=float)
-
-
-def _slides(response: "xr.Dataset", traction: np.ndarray) -> np.ndarray:
-    """Whether the tangential traction changes (realisations, steps less one), round-off apart."""
-    normal = np.abs(response["traction"].to_numpy()[:, 1:, 0])
-    return np.asarray(np.linalg.norm(traction, axis=-1) > 1e-9 * normal)
 
 
 def _speeds(response: "xr.Dataset", counted: np.ndarray) -> np.ndarray:

@@ -63,29 +63,6 @@ def test_single_precision_loses_seven_digits_and_half_the_memory():
     assert 1e-9 < error < 1e-5
 
 
-def test_a_prescribed_base_moves_the_cell_as_the_layers_below_it_would():
-    moduli = np.array([1.0, 3.0, 0.5, 2.0, 1.0])
-    lame, shear = lame_parameters(moduli, 0.3)
-    planes = np.array([0.0, 0.2, 0.35, 0.5, 0.6, 0.65])
-    shape, spacing = (8, 10), (0.1, 0.07)
-    whole = factorise_flat_cell(shape, spacing, planes, lame, shear)
-    upper = factorise_flat_cell(shape, spacing, planes[2:] - planes[2], lame[2:], shear[2:])
-    force = np.random.default_rng(seed=4).standard_normal((8, 5, 3, 10))
-    expected = whole.solve(force)
-    on_top = force[:, 2:].copy()
-    on_top[:, 0] += upper.base_force(expected[:, 1])
-    np.testing.assert_allclose(upper.solve(on_top), expected[:, 2:], atol=1e-10)
-
-
-def test_a_shifted_base_carries_the_cell_along():
-    lame, shear = lame_parameters(np.ones(4), 0.3)
-    inverse = factorise_flat_cell((6, 4), (0.1, 0.1), np.linspace(0.0, 0.4, 5), lame, shear)
-    shift = np.array([0.3, -0.2, 0.1])[:, None] * np.ones((6, 3, 4))
-    force = np.zeros((6, 4, 3, 4))
-    force[:, 0] = inverse.base_force(shift)
-    np.testing.assert_allclose(inverse.solve(force), shift[:, None].repeat(4, axis=1), atol=1e-12)
-
-
 def test_correcting_the_surface_force_in_between_is_solving_for_both_forces():
     _, inverse = flat_cell((16, 12), (1.0, 0.7), 5, 1.0)
     rng = np.random.default_rng(seed=2)

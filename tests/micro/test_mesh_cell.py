@@ -6,7 +6,7 @@ from skfem import ElementHex1, ElementHex2, ElementTetP1, ElementTetP2, MeshHex,
 
 from multiscale.errors import CaseError
 from multiscale.laws.bulk import Elastic, GradedElastic
-from multiscale.micro import Cell, MeshCell, Path, Surface, self_affine, solve_cell
+from multiscale.micro import Cell, MeshCell, Path, Surface, run_ensemble, self_affine, solve_cell
 from multiscale.micro.graph_mesh import GraphMesh, graded_planes
 from tests.support import egg_box, keep_ignoring_broken_pipes
 
@@ -171,3 +171,15 @@ def test_fields_of_a_general_mesh_are_refused():
     cell = MeshCell(named(wavy_box(2, 0.02)), ElementHex2(), Elastic(1.0, 0.3))
     with pytest.raises(CaseError, match="a general mesh has none; leave it out"):
         solve_cell(cell, PATH, keep_fields=True)
+
+
+def test_an_ensemble_of_general_meshes_is_solved_and_resumed(tmp_path):
+    mesh, path = named(wavy_box(4, 0.02)), Path(pressure=(0.001, 0.01))
+    cells = [MeshCell(mesh, ElementHex1(), Elastic(modulus, 0.3)) for modulus in (1.0, 2.0)]
+    response = run_ensemble(cells, path, folder=tmp_path)
+    assert response.sizes["realisation"] == 2
+    for k, cell in enumerate(cells):
+        alone = solve_cell(cell, path)["mean_gap"].values
+        np.testing.assert_allclose(response["mean_gap"].values[[k]], alone, rtol=1e-12)
+    again = run_ensemble(cells, path, folder=tmp_path)
+    np.testing.assert_array_equal(again["wall_time"], response["wall_time"])

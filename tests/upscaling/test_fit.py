@@ -8,11 +8,11 @@ from multiscale.io import open_law, save_law
 from multiscale.laws import Exponential
 from multiscale.schema import INTERFACE_LAW
 from multiscale.upscaling import (
+    admissibility,
     area_from_dataset,
     areas_from_dataset,
     fit_law,
     fitted_laws,
-    is_admissible,
     law_from_dataset,
 )
 from tests.upscaling.responses import PRESSURE, exponential_gaps, response_of
@@ -43,7 +43,7 @@ def test_every_sample_is_an_admissible_law():
     law = fit_law(response_of(exponential_gaps(6, spread=0.1)), n_samples=30)
     areas = areas_from_dataset(law, range(30))
     for sample, one in enumerate(fitted_laws(law, range(30))):
-        assert is_admissible(one, one.pressure_range)
+        assert admissibility(one, one.pressure_range).passed
         same = law_from_dataset(law, sample)
         np.testing.assert_array_equal(one.pressure(1e-6), same.pressure(1e-6))
         fraction = area_from_dataset(law, sample).contact_fraction(PRESSURE)
@@ -55,8 +55,8 @@ def test_a_law_that_pulls_or_bends_the_wrong_way_is_not_admissible():
         def pressure(self, gap):
             return super().pressure(gap) + 0.3 * np.sin(3.0 * gap)
 
-    assert is_admissible(Exponential(1.0, 0.5), (0.1, 0.8))
-    assert not is_admissible(Line(1.0, 0.5), (0.1, 0.8))
+    assert admissibility(Exponential(1.0, 0.5), (0.1, 0.8)).passed
+    assert not admissibility(Line(1.0, 0.5), (0.1, 0.8)).passed
 
 
 def test_one_realisation_has_a_law_but_no_samples_and_says_so():

@@ -158,11 +158,6 @@ def voxelise(rve: Cavities, shape: int | tuple[int, int, int]) -> VoxelImage:
 def crack_density_tensor(rve: Cavities) -> np.ndarray:
     r"""Second-order tensor of crack density.
 
-    Parameters
-    ----------
-    rve : Cavities
-        The volume.
-
     Returns
     -------
     ndarray, shape (3, 3)
@@ -200,7 +195,11 @@ def _overlap(first: Shapes, i: int, second: Shapes, j: int) -> bool:
         return contact_function(away, first.root[i], second.root[j]) < 1.0
     p, u, r = _rod(first, i)
     q, v, s = _rod(second, j)
-    return _segment_distance(p, u, q, v) < r + s
+    a = b = 0.0  # the nearest points are p + a u and q + b v
+    for _ in range(100):  # alternating projections on a convex square
+        a = float(np.clip(u @ (q + b * v - p) / max(u @ u, 1e-300), -1.0, 1.0))
+        b = float(np.clip(v @ (p + a * u - q) / max(v @ v, 1e-300), -1.0, 1.0))
+    return float(np.linalg.norm(p + a * u - q - b * v)) < r + s
 
 
 def contact_function(away: np.ndarray, first: np.ndarray, second: np.ndarray) -> float:
@@ -208,14 +207,8 @@ def contact_function(away: np.ndarray, first: np.ndarray, second: np.ndarray) ->
 
     .. math:: F = \max_{0 \le s \le 1} s(1-s)\, r^t [(1-s) A + s B]^{-1} r,    \tag{1}
 
-    with :math:`A = R_1 R_1^t`, :math:`B = R_2 R_2^t` and the distance :math:`r` of the centres.
-
-    Parameters
-    ----------
-    away : ndarray, shape (3,)
-        Distance :math:`r`, m.
-    first, second : ndarray, shape (3, 3)
-        Semi-axes :math:`R_1`, :math:`R_2` as columns, m.
+    with :math:`A = R_1 R_1^t`, :math:`B = R_2 R_2^t`, the distance :math:`r` of the centres, shape
+    (3,), and the semi-axes :math:`R_1`, :math:`R_2` as columns, shape (3, 3), m.
 
     References
     ----------
@@ -242,12 +235,3 @@ def _rod(kind: Shapes, k: int) -> tuple[np.ndarray, np.ndarray, float]:
         return kind.centre[k], half * kind.axis[k], float(kind.radius[k])
     assert isinstance(kind, Mapped)
     return kind.centre[k], np.zeros(3), float(np.linalg.norm(kind.root[k], 2))
-
-
-def _segment_distance(p: np.ndarray, u: np.ndarray, q: np.ndarray, v: np.ndarray) -> float:
-    """Distance of two segments centre + t * half axis, abs(t) <= 1, m."""
-    s = t = 0.0
-    for _ in range(100):  # alternating projections on a convex square
-        s = float(np.clip(u @ (q + t * v - p) / max(u @ u, 1e-300), -1.0, 1.0))
-        t = float(np.clip(v @ (p + s * u - q) / max(v @ v, 1e-300), -1.0, 1.0))
-    return float(np.linalg.norm(p + s * u - q - t * v))

@@ -21,8 +21,7 @@ __all__ = ["mesh_cavities"]
 FRONT_ELEMENT_SIZE = 0.15
 """Size of the elements at the front of a crack, relative to its smaller semi-axis."""
 
-ELEMENTS_PER_CIRCLE = 14
-"""Smallest number of elements around a full circle of a cavity."""
+ELEMENTS_PER_CIRCLE = 14  # smallest number of elements around a full circle of a cavity
 
 
 def mesh_cavities(rve: Cavities, element_size: float) -> CrackedMesh:
@@ -226,11 +225,7 @@ def _match_faces(gmsh: Any, size: np.ndarray) -> None:
 
 
 def _sizes(
-    gmsh: Any,
-    rve: Cavities,
-    element_size: float,
-    discs: list[tuple[int, list[int]]],
-    length: float,
+    gmsh: Any, rve: Cavities, element_size: float, discs: list[tuple[int, list[int]]], length: float
 ) -> None:
     """Set the size of the elements, smaller near the fronts of cracks."""
     gmsh.option.setNumber("Mesh.MeshSizeMax", element_size)

@@ -1,4 +1,8 @@
-"""Arrangements of spherical cavities: lattices, random packings, Boolean models."""
+"""Arrangements of spherical cavities: lattices, random packings, Boolean models.
+
+The box is periodic; its lengths ``size``, the ``edge`` of a cubic cell and the ``radius`` of the
+spheres are in m. A parameter outside its range is refused.
+"""
 
 from math import ceil, log, pi
 
@@ -29,16 +33,9 @@ def lattice(name: str, radius: float, *, edge: float, cells: int = 1) -> Cavitie
     Parameters
     ----------
     name : {"simple cubic", "body-centred cubic", "face-centred cubic"}
-        Lattice.
     radius, edge : float
-        Radius of the spheres and edge of the cubic cell, m.
     cells : int
-        Cells along each edge of the box.
-
-    Raises
-    ------
-    CaseError
-        If the lattice is unknown, or a length or the number of cells is not positive.
+        Along each edge of the box.
     """
     if name not in LATTICES:
         raise CaseError(f"there is no lattice {name!r}; choose from {sorted(LATTICES)}")
@@ -62,21 +59,18 @@ def random_spheres(
 
     Parameters
     ----------
-    size : tuple of float
-        Lengths of the periodic box, m.
-    radius : float
-        Radius of the spheres, m.
+    size, radius
+        As of the module.
     porosity : float
         Volume fraction wanted; the number of spheres is rounded. Random addition ends near 0.38.
     seed : int
-        Seed of the random numbers.
     max_tries : int
         Largest number of places tried for one sphere.
 
     Raises
     ------
     CaseError
-        If a parameter is outside its range or the spheres do not fit.
+        If the spheres do not fit.
     """
     check_box(size)
     count = _count(size, radius, porosity)
@@ -114,23 +108,7 @@ def boolean_spheres(
 
     Their number is drawn from Poisson's distribution with the mean :math:`-V \ln(1-\phi) / v` for
     the porosity :math:`\phi` and the volume :math:`v` of a sphere, which makes the expected volume
-    fraction the porosity.
-
-    Parameters
-    ----------
-    size : tuple of float
-        Lengths of the periodic box, m.
-    radius : float
-        Radius of the spheres, m.
-    porosity : float
-        Expected volume fraction, from 0 to below 1.
-    seed : int
-        Seed of the random numbers.
-
-    Raises
-    ------
-    CaseError
-        If a parameter is outside its range.
+    fraction the porosity, from 0 to below 1.
     """
     check_box(size)
     _count(size, radius, porosity)

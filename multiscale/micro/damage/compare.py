@@ -29,13 +29,10 @@ def compare_stiffness(
     Parameters
     ----------
     image : VoxelImage
-        The volume.
     sections : Dataset
         Follows ``DAMAGE_SECTIONS``, of the same volume.
-    youngs_modulus, poissons_ratio : float
-        Moduli of the solid, Pa and dimensionless.
-    tolerance : float
-        Tolerance of :func:`~.rve.effective_stiffness`, dimensionless.
+    youngs_modulus, poissons_ratio, tolerance : float
+        As of :func:`~.rve.effective_stiffness`.
 
     Returns
     -------
@@ -73,13 +70,11 @@ def section_image(
     Parameters
     ----------
     rve : Cavities or VoxelImage
-        The volume.
     origin : ndarray, shape (3,)
         Point of the plane, m.
     frame : ndarray, shape (2, 3)
         Orthonormal directions in the plane.
     points : int
-        Number of points along each direction.
 
     Returns
     -------

@@ -14,8 +14,7 @@ __all__ = ["CrackedMesh", "open_cracks"]
 OPPOSITE_FACE = np.array([[1, 2, 3], [0, 2, 3], [0, 1, 3], [0, 1, 2]])
 """Corners of the face opposite to each corner of a tetrahedron."""
 
-FACE_MARGIN = 1e-7
-"""Distance to a face of the box, relative to its size, that counts as zero."""
+FACE_MARGIN = 1e-7  # distance to a face of the box, relative to its size, that counts as zero
 
 
 @dataclass(frozen=True)

@@ -9,11 +9,8 @@ from multiscale.micro.damage.fatigue_material import FatigueMaterial
 
 __all__ = ["FatigueProgress", "pass_cycles"]
 
-LARGEST_GROWTH = 4.0
-"""Largest ratio of a jump to the jump before."""
-
-SHORTEST_JUMP = 4
-"""Cycles of the shortest jump that is worth its two trial cycles."""
+LARGEST_GROWTH = 4.0  # largest ratio of a jump to the jump before
+SHORTEST_JUMP = 4  # cycles of the shortest jump that is worth its two trial cycles
 
 
 @dataclass
@@ -63,10 +60,8 @@ def pass_cycles(
         Changed in place.
     once : callable
         ``once(run)`` computes one pass.
-    count : int
-        Number of passes.
-    material : FatigueMaterial
-        Volume and inclusion.
+    count, material
+        Number of passes; volume and inclusion.
     tolerance : float
         Bound on the relative error of the change over a jump, dimensionless.
     note : callable

@@ -47,17 +47,10 @@ def sphere_directions(level: int) -> np.ndarray:
 def lattice_directions(size: tuple[float, float, float], largest: int = 2) -> np.ndarray:
     """List the normals of the lattice planes of a periodic box.
 
-    Parameters
-    ----------
-    size : tuple of float
-        Lengths of the box, m.
-    largest : int
-        Largest Miller index.
-
     Returns
     -------
     ndarray, shape (n, 3)
-        Unit vectors, edges of the box first.
+        Unit vectors with Miller indices up to the largest, edges of the box (lengths in m) first.
     """
     span = range(-largest, largest + 1)
     indices = [m for m in product(span, repeat=3) if gcd(*m) == 1]
@@ -71,14 +64,7 @@ def miller_indices(
 ) -> tuple[int, int, int]:
     """Find the Miller indices of a normal in a periodic box.
 
-    Parameters
-    ----------
-    normal : ndarray, shape (3,)
-        Direction, of any length but zero.
-    size : tuple of float
-        Lengths of the box, m.
-    largest : int
-        Largest Miller index.
+    The normal may have any length but zero.
 
     Raises
     ------
@@ -105,7 +91,6 @@ def fit_tensor(normals: np.ndarray, values: np.ndarray) -> np.ndarray:
     Parameters
     ----------
     normals : ndarray, shape (n, 3)
-        Unit vectors.
     values : ndarray, shape (n,)
         :math:`f(n)`, an even function.
 

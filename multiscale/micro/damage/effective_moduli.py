@@ -1,6 +1,7 @@
 r"""Moduli along directions, soft modes, rotations and bounds of a 6 x 6 stiffness.
 
-Strains and stresses are ordered xx, yy, zz, yz, xz, xy with shear angles.
+Strains and stresses are ordered xx, yy, zz, yz, xz, xy with shear angles. Stiffnesses have the
+shape (6, 6) and the unit Pa.
 """
 
 import numpy as np
@@ -12,7 +13,6 @@ __all__ = [
     "drop_soft_modes",
     "hashin_shtrikman_bound",
     "isotropic_stiffness",
-    "rotate_stiffness",
     "voigt_bound",
     "youngs_modulus_along",
 ]
@@ -25,18 +25,7 @@ COMPONENTS = ((0, 0), (1, 1), (2, 2), (1, 2), (0, 2), (0, 1))
 
 
 def isotropic_stiffness(youngs_modulus: float, poissons_ratio: float) -> np.ndarray:
-    """Stiffness of an isotropic material, Hooke's law.
-
-    Parameters
-    ----------
-    youngs_modulus, poissons_ratio : float
-        Moduli, Pa and dimensionless.
-
-    Returns
-    -------
-    ndarray, shape (6, 6)
-        Stiffness, Pa.
-    """
+    """Stiffness of an isotropic material from Young's modulus, Pa, and Poisson's ratio."""
     lame, shear = lame_parameters(youngs_modulus, poissons_ratio)
     stiffness = np.diag([2.0 * shear] * 3 + [shear] * 3)
     stiffness[:3, :3] += lame
@@ -49,7 +38,6 @@ def youngs_modulus_along(stiffness: np.ndarray, normals: np.ndarray) -> np.ndarr
     Parameters
     ----------
     stiffness : ndarray, shape (6, 6)
-        Stiffness, Pa.
     normals : ndarray, shape (..., 3)
         Unit vectors n.
 
@@ -70,20 +58,7 @@ def youngs_modulus_along(stiffness: np.ndarray, normals: np.ndarray) -> np.ndarr
 
 
 def drop_soft_modes(stiffness: np.ndarray, limit: float) -> np.ndarray:
-    """Remove the modes of strain from a stiffness that are softer than a limit.
-
-    Parameters
-    ----------
-    stiffness : ndarray, shape (6, 6)
-        Stiffness, Pa.
-    limit : float
-        Smallest eigenvalue that stays, Pa.
-
-    Returns
-    -------
-    ndarray, shape (6, 6)
-        Stiffness, Pa; the argument itself if no mode is softer.
-    """
+    """Remove the modes of strain that are softer than a limit, Pa; without any, change nothing."""
     values, modes = np.linalg.eigh(MANDEL[:, None] * stiffness * MANDEL)
     if not np.any(values < limit):
         return stiffness
@@ -91,44 +66,8 @@ def drop_soft_modes(stiffness: np.ndarray, limit: float) -> np.ndarray:
     return np.asarray(kept / MANDEL / MANDEL[:, None])
 
 
-def rotate_stiffness(stiffness: np.ndarray, rotation: np.ndarray) -> np.ndarray:
-    """Rotate a material.
-
-    Parameters
-    ----------
-    stiffness : ndarray, shape (6, 6)
-        Stiffness, Pa.
-    rotation : ndarray, shape (3, 3)
-        Orthogonal Q, which maps x to Q x.
-
-    Returns
-    -------
-    ndarray, shape (6, 6)
-        Stiffness of the rotated material, Pa.
-    """
-    place = np.array([[0, 5, 4], [5, 1, 3], [4, 3, 2]])
-    full = stiffness[place[:, :, None, None], place]
-    Q = rotation
-    turned = np.einsum("ia,jb,kc,ld,abcd->ijkl", Q, Q, Q, Q, full, optimize=True)
-    i, j = np.array(COMPONENTS).T
-    return np.asarray(turned[i[:, None], j[:, None], i, j])
-
-
 def voigt_bound(solid: np.ndarray, porosity: float) -> np.ndarray:
-    """Upper bound of the stiffness of a solid with voids, in the sense of energy.
-
-    Parameters
-    ----------
-    solid : ndarray, shape (6, 6)
-        Stiffness of the solid, Pa.
-    porosity : float
-        Volume fraction of the voids.
-
-    Returns
-    -------
-    ndarray, shape (6, 6)
-        Bound, Pa.
-    """
+    """Upper bound of a stiffness, Pa, with a volume fraction of voids, in the sense of energy."""
     return (1.0 - _porosity(porosity)) * solid
 
 

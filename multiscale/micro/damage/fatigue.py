@@ -2,7 +2,7 @@
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from functools import cached_property, partial
+from functools import partial
 from time import perf_counter
 from typing import TYPE_CHECKING
 
@@ -35,13 +35,11 @@ def two_scale_fatigue(
         Macro stress, Pa: one cycle, see :class:`StressBlock`, repeated without end; or a sequence
         of blocks, which is repeated as a whole.
     material : FatigueMaterial
-        Volume and inclusion.
     jump_tolerance : float, optional
         Bound on the relative difference between the change over a jump of cycles extrapolated
         from its start and from both its ends; the second, better value is kept. None computes
         every cycle.
     max_cycles : float
-        Largest number of cycles.
     substeps : int
         Steps for the plastic part of each straight piece. The flow is exact in one step; the
         errors of the feedback of damage and of the damage law are of second order in the steps.
@@ -73,7 +71,15 @@ def two_scale_fatigue(
             f"max_cycles and substeps must be at least 1, got {max_cycles:g} and {substeps}"
         )
     begin = perf_counter()
-    program = _program(history)
+    parts = history if isinstance(history, Sequence) else [history]
+    program = [part for part in parts if isinstance(part, StressBlock)]
+    if len(program) < len(parts):  # a single path is one block
+        try:
+            program = [StressBlock(np.asarray(history, dtype=float))]
+        except (TypeError, ValueError) as error:
+            raise CaseError(
+                f"a history is one path of numbers or a list of StressBlocks, got {history!r}"
+            ) from error
     if not program:
         raise CaseError("the history holds no block; give at least one")
     life = _Life(program, material, jump_tolerance, substeps)
@@ -110,7 +116,6 @@ def woehler_curve(
     Parameters
     ----------
     material : FatigueMaterial
-        Volume and inclusion.
     amplitudes : ndarray, shape (steps,)
         Half the range of stress, Pa.
     stress_ratio : float
@@ -146,37 +151,9 @@ def woehler_curve(
     return WOEHLER.build({"amplitude": amplitudes, **values}, stress_ratio=stress_ratio)
 
 
-def _program(
-    history: np.ndarray | StressBlock | Sequence[float] | Sequence[StressBlock],
-) -> list[StressBlock]:
-    """Blocks of a history; a single path is one block."""
-    if isinstance(history, StressBlock):
-        return [history]
-    if isinstance(history, Sequence) and all(isinstance(part, StressBlock) for part in history):
-        return [part for part in history if isinstance(part, StressBlock)]
-    try:
-        return [StressBlock(np.asarray(history, dtype=float))]
-    except (TypeError, ValueError) as error:
-        raise CaseError(
-            f"a history is one path of numbers or a list of StressBlocks, got {history!r}"
-        ) from error
-
-
 @dataclass(frozen=True)
 class _Life:
-    """Computation of a fatigue life.
-
-    Attributes
-    ----------
-    program : list of StressBlock
-        Blocks, repeated as a whole.
-    material : FatigueMaterial
-        Volume and inclusion.
-    tolerance : float or None
-        Tolerance of cycle jumps, dimensionless; without jumps if None.
-    substeps : int
-        Steps for the plastic part of each straight piece.
-    """
+    """Computation of a fatigue life: blocks that are repeated as a whole, and options."""
 
     program: list[StressBlock]
     material: FatigueMaterial
@@ -219,17 +196,12 @@ class _Life:
             note()
         return run, record
 
-    @cached_property
-    def parameters(self) -> np.ndarray:
-        """Parameters of the material in the order of the kernel."""
-        return self.material.parameters()
-
     def pass_block(self, block: StressBlock, cycles: int, run: FatigueProgress) -> None:
         """Compute every cycle of a block."""
         from multiscale.micro.damage.inclusion import run_cycles
 
         done, run.elastic = run_cycles(
-            run.state, block.stress, cycles, self.parameters, self.substeps
+            run.state, block.stress, cycles, self.material.parameters(), self.substeps
         )
         run.cycles += done
         run.computed += done

@@ -78,21 +78,8 @@ class FatigueMaterial:
             raise CaseError(f"closure must lie from 0 to 1, got {self.closure:g}")
 
     def parameters(self) -> np.ndarray:
-        """Return the parameters in SI units in the order of the kernel, shape (10,)."""
-        order = (
-            "youngs_modulus",
-            "poissons_ratio",
-            "fatigue_limit",
-            "hardening",
-            "damage_strength",
-            "damage_exponent",
-            "threshold",
-            "critical_damage",
-            "closure",
-            "feedback",
-        )
-        assert len(order) == len(fields(self))
-        return np.array([float(getattr(self, name)) for name in order])
+        """Return the parameters in SI units, in the order of the fields and of the kernel."""
+        return np.array([float(getattr(self, one.name)) for one in fields(self)])
 
 
 @dataclass(frozen=True)
@@ -105,7 +92,6 @@ class StressBlock:
         Corners of one cycle, joined by straight lines, Pa: uniaxial stress, or xx, yy, zz, yz,
         xz, xy.
     cycles : int
-        Number of cycles.
 
     Raises
     ------

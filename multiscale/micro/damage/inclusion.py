@@ -69,8 +69,8 @@ __all__ = ["STATE_SIZE", "damage_rate", "effective_stress", "run_cycles"]
 STATE_SIZE = 20
 """Length of the state: D, p, plastic strain (6), back stress (6, Pa), last macro stress (6, Pa)."""
 
-# places of the parameters in the array of a material
-E, NU, LIMIT, HARDENING, STRENGTH, EXPONENT, THRESHOLD, CRITICAL, CLOSURE, FEEDBACK = range(10)
+# places of the parameters in the array of a material, as the fields of FatigueMaterial
+E, NU, LIMIT, STRENGTH, EXPONENT, HARDENING, THRESHOLD, CRITICAL, CLOSURE, FEEDBACK = range(10)
 
 
 @numba.njit(cache=True, error_model="numpy")
@@ -80,15 +80,13 @@ def run_cycles(state, path, cycles, material, substeps):  # type: ignore[no-unty
     Parameters
     ----------
     state : ndarray, shape (20,)
-        State in the order of ``STATE_SIZE``, changed in place.
+        In the order of ``STATE_SIZE``, changed in place.
     path : ndarray, shape (points, 6)
         Corners of the path, Pa: xx, yy, zz, yz, xz, xy.
-    cycles : int
-        Number of cycles.
+    cycles, substeps : int
+        Number of cycles, and of steps for the plastic part of each straight piece.
     material : ndarray, shape (10,)
         See :meth:`~multiscale.micro.damage.FatigueMaterial.parameters`.
-    substeps : int
-        Steps for the plastic part of each straight piece.
 
     Returns
     -------

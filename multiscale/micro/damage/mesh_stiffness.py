@@ -45,7 +45,6 @@ def mesh_stiffness(
     poissons_ratio: float,
     *,
     element_size: float,
-    quadratic: bool = True,
 ) -> Solution:
     """Effective stiffness of a periodic volume with cavities and traction-free cracks.
 
@@ -57,8 +56,6 @@ def mesh_stiffness(
         Moduli of the solid, Pa and dimensionless.
     element_size : float
         Edge of the elements, m.
-    quadratic : bool
-        Whether elements have ten nodes instead of four.
 
     Returns
     -------
@@ -71,7 +68,7 @@ def mesh_stiffness(
     CaseError
         If a modulus is outside its range or the volume cannot be meshed.
     """
-    from skfem import Basis, ElementTetP1, ElementTetP2, MeshTet
+    from skfem import Basis, ElementTetP2, MeshTet
 
     begin = perf_counter()
     if not isinstance(rve, Cavities):
@@ -87,23 +84,13 @@ def mesh_stiffness(
     tetrahedra = MeshTet(
         np.ascontiguousarray(mesh.points), np.ascontiguousarray(mesh.cells), validate=False
     )
-    if quadratic:
-        basis = Basis(_curved(tetrahedra, rve, mesh.front), ElementTetP2(), intorder=2)
-    else:
-        basis = Basis(tetrahedra, ElementTetP1(), intorder=1)
+    basis = Basis(_curved(tetrahedra, rve, mesh.front), ElementTetP2(), intorder=2)
     number = _unknowns(basis, mesh, np.array(rve.size))
     u, energy, residual = solve_periodic(basis, number, lame, shear)
     energy /= np.prod(rve.size)
     seconds = perf_counter() - begin
-    loads = [
-        Solution(
-            u[:, k],
-            Status.CONVERGED if residual[k] <= LARGEST_RESIDUAL else Status.STALLED,
-            (float(residual[k]),),
-            (seconds,),
-        )
-        for k in range(6)
-    ]
+    solved = [Status.CONVERGED if one <= LARGEST_RESIDUAL else Status.STALLED for one in residual]
+    loads = [Solution(u[:, k], solved[k], (float(residual[k]),), (seconds,)) for k in range(6)]
     symmetric = 0.5 * youngs_modulus * (energy + energy.T)
     return summarise_loads(symmetric, loads, LOST_STIFFNESS * youngs_modulus)
 
@@ -116,11 +103,11 @@ def solve_periodic(
     Parameters
     ----------
     basis : CellBasis
-        Basis of one displacement component.
+        Of one displacement component.
     number : ndarray of int, shape (basis.N,)
         Number of the periodic unknown of every node.
     lame, shear : float or ndarray, shape (elements,)
-        Lame's parameters, Pa.
+        Pa.
 
     Returns
     -------
@@ -211,9 +198,8 @@ def _unknowns(basis: "CellBasis", mesh: CrackedMesh, size: np.ndarray) -> np.nda
     between = np.zeros(nodes)
     corners = basis.mesh.t
     between[basis.element_dofs[:4]] = tag[corners]
-    if nodes > tag.size:
-        edges = basis.mesh.edges[:, basis.mesh.t2e]
-        between[basis.element_dofs[4:]] = tag[edges].mean(axis=0)
+    edges = basis.mesh.edges[:, basis.mesh.t2e]
+    between[basis.element_dofs[4:]] = tag[edges].mean(axis=0)
     place = np.vstack([basis.doflocs / size[:, None], between])
     place[:3] -= place[:3] > 1.0 - 1e-7
     pairs = KDTree(place.T).query_pairs(1e-6, output_type="ndarray")

@@ -16,8 +16,7 @@ import numpy as np
 
 __all__ = ["Ellipses", "union_area"]
 
-BOUNDARY_MARGIN = 1e-11
-"""Relative distance by which rounding may move a point across a boundary."""
+BOUNDARY_MARGIN = 1e-11  # relative distance by which rounding may move a point across a boundary
 
 
 @dataclass(frozen=True)
@@ -53,20 +52,7 @@ class Ellipses:
 
 
 def union_area(polygon: np.ndarray, sets: Ellipses) -> float:
-    """Compute the area that sets cover within a polygon.
-
-    Parameters
-    ----------
-    polygon : ndarray, shape (corners, 2)
-        Corners of a convex polygon, anticlockwise, m.
-    sets : Ellipses
-        Sets, which may overlap.
-
-    Returns
-    -------
-    float
-        Area, m².
-    """
+    """Area, m², that sets cover in a convex polygon: corners, anticlockwise, (corners, 2), m."""
     if len(sets) == 0:
         return 0.0
     size = float(np.ptp(polygon, axis=0).max())
@@ -156,9 +142,8 @@ def _exposed(x, y, i, polygon, centre, inverse, strip, near):  # type: ignore[no
     for j in range(len(centre)):
         if j != i and near[j]:
             depth = _depth(x, y, j, centre, inverse, strip)
-            if depth > BOUNDARY_MARGIN or (
-                depth > -BOUNDARY_MARGIN and j < i
-            ):  # the first of equal sets counts
+            # the first of equal sets counts
+            if depth > BOUNDARY_MARGIN or (depth > -BOUNDARY_MARGIN and j < i):
                 return False
     return True
 
@@ -179,8 +164,7 @@ def _arcs(i, polygon, centre, root, inverse, strip, near, breaks):  # type: igno
                     n = _arc_line(M, cx, cy, strip[j, 0], strip[j, 1], strip[j, bound], breaks, n)
         if j != i and near[j]:
             n = _arc_ellipse(M, cx, cy, centre[j], inverse[j], breaks, n)
-    breaks[n] = 0.0
-    breaks[n + 1] = 2.0 * np.pi
+    breaks[n], breaks[n + 1] = 0.0, 2.0 * np.pi
     n += 2
     breaks[:n].sort()
     det = M[0, 0] * M[1, 1] - M[0, 1] * M[1, 0]

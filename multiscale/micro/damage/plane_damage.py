@@ -35,17 +35,7 @@ class SectionPlane:
 
 
 def perpendicular(unit: np.ndarray) -> np.ndarray:
-    """Complete unit vectors to right-handed orthonormal frames.
-
-    Parameters
-    ----------
-    unit : ndarray, shape (n, 3)
-        Unit vectors.
-
-    Returns
-    -------
-    ndarray, shape (n, 2, 3)
-        The two other vectors of each frame.
+    """Complete unit vectors (n, 3) to right-handed frames; the two other vectors, (n, 2, 3).
 
     References
     ----------

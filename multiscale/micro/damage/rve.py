@@ -51,8 +51,7 @@ STRAINS = ("xx", "yy", "zz", "yz", "xz", "xy")
 LOST_STIFFNESS = 1e-7
 """Share of Young's modulus of the solid below which a stiffness of the volume counts as zero."""
 
-PATIENCE = 100
-"""Iterations without a smaller residual after which a solve counts as stalled."""
+PATIENCE = 100  # iterations without a smaller residual after which a solve counts as stalled
 
 
 def effective_stiffness(
@@ -149,11 +148,7 @@ def _solve(
     Any fixed positive definite preconditioner will do, so that single precision is enough for it;
     all sums are in double precision.
     """
-    from multiscale.micro.damage.voxel_operator import (
-        inner_product,
-        turn_direction,
-        update_iterate,
-    )
+    from multiscale.micro.damage.voxel_operator import inner_product, turn_direction, update_iterate
 
     begin = perf_counter()
     u = np.zeros((3, *operator.lame.shape))
@@ -191,19 +186,8 @@ def _solve(
 def summarise_loads(stiffness: np.ndarray, loads: list[Solution], lost: float) -> Solution:
     """Combine the solves of six strains in one solution, with the status of the worst solve.
 
-    Parameters
-    ----------
-    stiffness : ndarray, shape (6, 6)
-        Stiffness of the volume, Pa.
-    loads : list of Solution
-        Solves of the six mean strains.
-    lost : float
-        Stiffness below which a mode of strain counts as free, Pa.
-
-    Returns
-    -------
-    Solution
-        ``value`` is the stiffness without free modes, shape (6, 6), Pa.
+    Modes of strain with less stiffness than ``lost``, Pa, count as free, and the value, Pa, is
+    without.
     """
     slowest = max(loads, key=lambda load: len(load.residuals))
     failed = [load for load in loads if not load.converged]

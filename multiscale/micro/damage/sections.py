@@ -28,11 +28,8 @@ if TYPE_CHECKING:
 
 __all__ = ["box_polygon", "max_damage", "plane_damage"]
 
-QUANTILES = (0.5, 0.9, 0.95, 0.99)
-"""Quantiles of the damage over all sections that are reported."""
-
-N_STARTS = 4
-"""Number of worst sections from which the local search starts."""
+QUANTILES = (0.5, 0.9, 0.95, 0.99)  # quantiles of the damage over all sections that are reported
+N_STARTS = 4  # number of worst sections from which the local search starts
 
 
 def plane_damage(
@@ -48,7 +45,6 @@ def plane_damage(
     Parameters
     ----------
     rve : Cavities or VoxelImage
-        The representative volume.
     normal : array_like, shape (3,)
         Direction :math:`n`, of any length but zero.
     offset : float or ndarray
@@ -105,17 +101,13 @@ def max_damage(
     Parameters
     ----------
     rve : Cavities or VoxelImage
-        The representative volume.
     level : int
         Refinement of the sphere of normals, see :func:`~.directions.sphere_directions`; edges
         and diagonals of the box are always among the normals.
     sections : int
-        Number of planes with each normal.
-    slab : float
-        Thickness of the slab about a plane, m, see :func:`plane_damage`.
-    closed : bool
-        Whether planes are closed, see :func:`plane_damage`. Their normals are lattice
-        directions with Miller indices up to ``level + 1``.
+    slab, closed
+        As of :func:`plane_damage`; normals of closed planes are lattice directions with Miller
+        indices up to ``level + 1``.
     smallest_section : float
         Share of the section through the centre; planes with a smaller section are left out, since
         a corner of the box is not representative. Dimensionless.
@@ -174,11 +166,7 @@ def max_damage(
 
 
 def _sections(
-    rve: Cavities | VoxelImage,
-    normal: np.ndarray,
-    distances: np.ndarray,
-    slab: float,
-    closed: bool,
+    rve: Cavities | VoxelImage, normal: np.ndarray, distances: np.ndarray, slab: float, closed: bool
 ) -> tuple[np.ndarray, np.ndarray]:
     """Area of void and whole area of sections, m²."""
     if closed:
@@ -212,20 +200,9 @@ def _sections(
 
 
 def box_polygon(plane: SectionPlane, size: np.ndarray) -> np.ndarray:
-    """Cut a box with a plane.
+    """Corners of the section of a box with a plane, anticlockwise in the plane, shape (n, 2), m.
 
-    Parameters
-    ----------
-    plane : SectionPlane
-        The plane.
-    size : ndarray, shape (3,)
-        Lengths of the box, m.
-
-    Returns
-    -------
-    ndarray, shape (n, 2)
-        Corners of the section, anticlockwise in the coordinates of the plane, m; empty if the
-        plane misses the box.
+    There are none if the plane misses the box.
     """
     corners = np.array([[i, j, k] for i in (0, 1) for j in (0, 1) for k in (0, 1)]) * size
     height = (corners - plane.origin) @ plane.normal
@@ -308,12 +285,8 @@ def _refine(
 
         start = np.zeros(1 if closed else 3)
         edges = np.eye(len(start)) * (1.0 if closed else [[0.1], [0.1], [1.0]])
-        options = {
-            "initial_simplex": np.vstack([start, edges]),
-            "xatol": 1e-7,
-            "fatol": 1e-12,
-            "maxfev": 400,
-        }
+        simplex = np.vstack([start, edges])
+        options = {"initial_simplex": simplex, "xatol": 1e-7, "fatol": 1e-12, "maxfev": 400}
         found = minimize(negative, start, method="Nelder-Mead", options=options)
         if -found.fun > best[0]:
             best = (float(-found.fun), *plane(found.x))

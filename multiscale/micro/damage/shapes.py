@@ -1,8 +1,12 @@
-"""Cavities and flat cracks as arrays of bodies, and their sections with planes."""
+"""Cavities and flat cracks as arrays of bodies, and their sections with planes.
+
+Bodies have centres, shape (n, 3), m. Radii and lengths, m, are one for all bodies or one each,
+shape (n,); directions, shape (3,) or (n, 3), may have any length but zero.
+"""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Protocol, Self
+from typing import TYPE_CHECKING, Self
 
 import numpy as np
 
@@ -24,34 +28,7 @@ __all__ = [
     "spheres",
 ]
 
-NEGLIGIBLE = 1e-9
-"""Ratio of a length to the size of its body below which it counts as zero."""
-
-
-class Shapes(Protocol):
-    """Interface of every kind of body."""
-
-    @property
-    def centre(self) -> np.ndarray:
-        """Centres, shape (n, 3), m."""
-        ...
-
-    @property
-    def reach(self) -> np.ndarray:
-        """Half lengths of the boxes that enclose the bodies, shape (n, 3), m."""
-        ...
-
-    def take(self, index: np.ndarray, shift: np.ndarray) -> Self:
-        """Pick bodies, moved by a shift of shape (3,) or (picked, 3), m."""
-        ...
-
-    def section(self, plane: SectionPlane) -> "Ellipses":
-        """Return the sections of the bodies with a plane."""
-        ...
-
-    def contains(self, k: int, points: np.ndarray, thickness: float) -> np.ndarray:
-        """Whether points, shape (3, ...), m, lie in body k; flat bodies get a thickness, m."""
-        ...
+NEGLIGIBLE = 1e-9  # ratio of a length to the size of its body below which it counts as zero
 
 
 @dataclass(frozen=True)
@@ -61,7 +38,6 @@ class Mapped:
     Attributes
     ----------
     centre : ndarray, shape (n, 3)
-        Centres, m.
     root : ndarray, shape (n, 3, 3), or (n, 3, 2) of flat bodies
         Columns are the semi-axes, m.
     """
@@ -75,7 +51,7 @@ class Mapped:
         return np.asarray(np.linalg.norm(self.root, axis=2))
 
     def take(self, index: np.ndarray, shift: np.ndarray) -> Self:
-        """Pick bodies, moved by a shift."""
+        """Pick bodies, moved by a shift of shape (3,) or (picked, 3), m."""
         return type(self)(self.centre[index] + shift, self.root[index])
 
 
@@ -113,11 +89,9 @@ class Cylinders:
     Attributes
     ----------
     centre : ndarray, shape (n, 3)
-        Centres, m.
     axis : ndarray, shape (n, 3)
-        Unit vectors along the axes.
+        Unit vectors.
     radius : ndarray, shape (n,)
-        Radii, m.
     half_length : ndarray, shape (n,)
         Half lengths, m; infinite for cylinders through the whole volume.
     """
@@ -227,21 +201,11 @@ class Cracks(Mapped):
         return np.asarray((np.sum(w**2, axis=0) <= 1.0) & near)
 
 
+Shapes = Ellipsoids | Cylinders | Cracks
+
+
 def spheres(centre: np.ndarray, radius: float | np.ndarray) -> Ellipsoids:
-    """Spherical cavities.
-
-    Parameters
-    ----------
-    centre : ndarray, shape (n, 3)
-        Centres, m.
-    radius : float or ndarray, shape (n,)
-        Radii, m.
-
-    Raises
-    ------
-    CaseError
-        If a radius is not positive.
-    """
+    """Spherical cavities; a radius that is not positive is refused."""
     centre = _points(centre)
     radius = _positive("radius", radius, len(centre))
     return Ellipsoids(centre, radius[:, None, None] * np.eye(3))
@@ -254,10 +218,8 @@ def ellipsoids(
 
     Parameters
     ----------
-    centre : ndarray, shape (n, 3)
-        Centres, m.
-    semi_axes : ndarray, shape (n, 3)
-        Lengths of the semi-axes, m.
+    centre, semi_axes : ndarray, shape (n, 3)
+        m.
     rotation : ndarray, shape (n, 3, 3), optional
         Columns are the directions of the semi-axes; along x, y and z if not given.
 
@@ -280,18 +242,7 @@ def cylinders(
     radius: float | np.ndarray,
     length: float | np.ndarray = np.inf,
 ) -> Cylinders:
-    """Circular cylindrical cavities.
-
-    Parameters
-    ----------
-    centre : ndarray, shape (n, 3)
-        Centres, m.
-    axis : array_like, shape (3,) or (n, 3)
-        Directions, of any length but zero.
-    radius : float or ndarray, shape (n,)
-        Radii, m.
-    length : float or ndarray, shape (n,)
-        Lengths, m; infinite for cylinders through the whole volume.
+    """Circular cylindrical cavities; an infinite length goes through the whole volume.
 
     Raises
     ------
@@ -310,22 +261,7 @@ def cylinders(
 def penny_cracks(
     centre: np.ndarray, normal: np.ndarray | Sequence[float], radius: float | np.ndarray
 ) -> Cracks:
-    """Circular flat cracks.
-
-    Parameters
-    ----------
-    centre : ndarray, shape (n, 3)
-        Centres, m.
-    normal : array_like, shape (3,) or (n, 3)
-        Directions, of any length but zero.
-    radius : float or ndarray, shape (n,)
-        Radii, m.
-
-    Raises
-    ------
-    CaseError
-        If a radius is not positive or a normal is zero.
-    """
+    """Circular flat cracks; a radius that is not positive and a normal of zero are refused."""
     centre = _points(centre)
     radius = _positive("radius", radius, len(centre))
     across = perpendicular(_directions("normal", normal, len(centre)))

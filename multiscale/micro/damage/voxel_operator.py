@@ -15,7 +15,8 @@ and the edges h and volume V of a brick,
         + \mu \frac{s_y^2 m_x m_z}{h_y^2} + \mu \frac{s_z^2 m_x m_y}{h_z^2} \Big], \\
     \hat K_{xy} &= 4V (\lambda + \mu) \frac{s_x c_x\, s_y c_y\, m_z}{h_x h_y}.    \tag{1}
 
-Displacements and forces have the shape ``(3, nx, ny, nz)``.
+Displacements, m, and nodal forces, N, have the shape ``(3, nx, ny, nz)``. Strains and stresses are
+ordered xx, yy, zz, yz, xz, xy, with shear angles.
 """
 
 from collections.abc import Sequence
@@ -52,57 +53,20 @@ class VoxelOperator:
         ]
 
     def forces(self, u: np.ndarray, strain: np.ndarray | None = None) -> np.ndarray:
-        """Compute the nodal forces of a periodic displacement and a mean strain.
-
-        Parameters
-        ----------
-        u : ndarray, shape (3, nx, ny, nz)
-            Periodic displacement, m.
-        strain : ndarray, shape (6,), optional
-            Mean strain xx, yy, zz, yz, xz, xy with shear angles; zero if not given.
-
-        Returns
-        -------
-        ndarray, shape (3, nx, ny, nz)
-            Nodal forces, N.
-        """
+        """Nodal forces of a periodic displacement and a mean strain, shape (6,), if it is given."""
         mean = np.zeros(6) if strain is None else np.asarray(strain, dtype=float)
         out = np.zeros_like(u)
         _forces(u, mean, self.lame, self.shear, self.edges, out)
         return out
 
     def mean_stress(self, u: np.ndarray, strain: np.ndarray) -> np.ndarray:
-        """Average the stress over the box.
-
-        Parameters
-        ----------
-        u : ndarray, shape (3, nx, ny, nz)
-            Periodic displacement, m.
-        strain : ndarray, shape (6,)
-            Mean strain xx, yy, zz, yz, xz, xy with shear angles.
-
-        Returns
-        -------
-        ndarray, shape (6,)
-            Mean stress xx, yy, zz, yz, xz, xy, Pa.
-        """
+        """Mean stress, shape (6,), Pa, of a periodic displacement and a mean strain."""
         total = np.zeros((len(u[0]), 6))
         _stress(u, np.asarray(strain, dtype=float), self.lame, self.shear, self.edges, total)
         return np.asarray(total.sum(axis=0) / self.lame.size)
 
     def precondition(self, force: np.ndarray) -> np.ndarray:
-        """Solve for the displacement of the same box filled with the mean material.
-
-        Parameters
-        ----------
-        force : ndarray, shape (3, nx, ny, nz)
-            Nodal forces, N.
-
-        Returns
-        -------
-        ndarray, shape (3, nx, ny, nz)
-            Displacement without mean, m, in the precision of the forces.
-        """
+        """Displacement, without mean, of the same box filled with the mean material."""
         threads = numba.get_num_threads()
         values = fft.rfftn(force, axes=(1, 2, 3), workers=threads)
         along_x, along_y, along_z = self._tables

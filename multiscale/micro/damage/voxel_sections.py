@@ -32,11 +32,6 @@ def box_section(
         Unit normal.
     distance : ndarray, shape (k,)
         Distances of the planes from the centre of the box along the normal, m.
-
-    Returns
-    -------
-    ndarray, shape (k,)
-        Areas, m².
     """
     a, b, c = np.sort(np.abs(normal) * size)[::-1]
     return np.array(
@@ -45,22 +40,7 @@ def box_section(
 
 
 def void_section(image: VoxelImage, normal: np.ndarray, distance: np.ndarray) -> np.ndarray:
-    """Area of void in plane sections of an image, m².
-
-    Parameters
-    ----------
-    image : VoxelImage
-        The volume.
-    normal : ndarray, shape (3,)
-        Unit normal.
-    distance : ndarray, shape (k,)
-        Distances of the planes from the centre of the box along the normal, m.
-
-    Returns
-    -------
-    ndarray, shape (k,)
-        Areas, m².
-    """
+    """Area of void in plane sections of an image, m²; arguments as of :func:`box_section`."""
     order = np.argsort(distance)
     step = normal * image.spacing
     low = -0.5 * float(np.abs(normal) @ image.size)

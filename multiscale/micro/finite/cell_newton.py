@@ -30,19 +30,14 @@ def solve_increment(
 
     Parameters
     ----------
-    scene : CellScene
-        The cell and its obstacle.
-    start : CellState
-        State at the start.
-    target : Target
-        Load or approach, slide and duration of the increment.
+    scene, start, target
+        The cell, its state at the start and the end of the increment.
     guess : tuple, optional
         Contact nodes, shape (nx, ny), and approach, m, of the first iterate of an open cell.
     predicted : tuple, optional
         Displacement, m, and approach, m, of the first iterate, used if nearer to equilibrium than
         the start.
     max_iterations : int
-        Limit of the Newton iterations.
     tolerance : float
         Bound on forces out of balance and on violations of the contact equations, relative to the
         norm of the contact forces; dimensionless.
@@ -65,7 +60,10 @@ def solve_increment(
         now = ahead if nearer else equations.at(start.displacement, delta, active)
     run, linear = NewtonRun(Limits(max_iterations, tolerance)), 0
     while run.goes_on(now.error):
-        if _is_hopeless(run.residuals):
+        errors = run.residuals
+        grown = len(errors) > 5 and errors[-1] > DIVERGED * min(errors)
+        late = len(errors) > PATIENCE
+        if grown or (late and min(errors[-PATIENCE:]) > 0.5 * min(errors[:-PATIENCE])):
             run.stop(Status.STALLED)
             break
         before = run.residuals[-2] if run.steps else np.inf
@@ -92,14 +90,6 @@ def solve_increment(
         now.response.flowing,
         max(start.peak, float(np.linalg.norm(now.contact_force))),
     )
-
-
-def _is_hopeless(residuals: list[float]) -> bool:
-    """Whether the error has grown far, or has not halved for long."""
-    if len(residuals) > 5 and residuals[-1] > DIVERGED * min(residuals):
-        return True
-    late = len(residuals) > PATIENCE
-    return late and min(residuals[-PATIENCE:]) > 0.5 * min(residuals[:-PATIENCE])
 
 
 def _search(

@@ -11,15 +11,15 @@ where :math:`\zeta` is a change of the approach, unknown if the load is prescrib
 and 0 otherwise. Conjugate gradients solve the remaining problem on the surface alone.
 """
 
-from collections.abc import Callable
 from dataclasses import dataclass
 from functools import cached_property
-from typing import Protocol
 
 import numpy as np
 
-from multiscale.micro.flat_reference import Field
+from multiscale.micro.finite.pair_reference import JoinedReference
+from multiscale.micro.flat_reference import Field, Reference
 from multiscale.micro.lateral_fft import filter_surface
+from multiscale.numerics.krylov import conjugate_gradients
 
 __all__ = ["Constraint", "Support"]
 
@@ -27,34 +27,7 @@ _INNER = 1e-4  # relative tolerance on the surface; the flexible Krylov method a
 _LIMIT = 200  # iterations on the surface
 
 
-class Support(Protocol):
-    """Interface of one flat cell, or of two joined flat cells, for :class:`Constraint`."""
-
-    @property
-    def convolves(self) -> bool:
-        """Whether the vertical compliance is a product for each wave."""
-
-    @property
-    def vertical(self) -> tuple[Field, Field]:
-        """Symbols of the vertical compliance, m/N, and of an approximate inverse, N/m."""
-
-    def surface(self, vector: Field) -> Field:
-        """Part of a field at the surface of the first body, a view of shape (nx, 3, ny)."""
-
-    def relative(self, vector: Field) -> Field:
-        """Motion of the surface relative to the opposite side, shape (nx, 3, ny), m."""
-
-    def solve(self, force: Field, correct: Callable[[Field], Field]) -> Field:
-        """Solve for the displacement, m, under nodal forces, N.
-
-        ``correct`` returns the surface forces, N, that a motion of the surface, m, causes.
-        """
-
-    def compliance(self, force: Field) -> Field:
-        """Motion of the surface, m, under forces on it, N; both of shape (nx, 3, ny)."""
-
-    def stiffness(self, moved: Field) -> Field:
-        """Compute the forces on the surface, N, of a motion, m, at least approximately."""
+Support = Reference | JoinedReference
 
 
 @dataclass(frozen=True, eq=False)
@@ -126,21 +99,9 @@ class Constraint:
 
         Both have the shape (rows, nx, ny).
         """
-        force, r = np.zeros_like(right_hand_side), right_hand_side * self.touched
+        r = right_hand_side * self.touched
         goal = _INNER * float(np.linalg.norm(r))
-        p, rz_old = np.zeros_like(r), 1.0
-        for _ in range(_LIMIT):
-            if float(np.linalg.norm(r)) <= goal:
-                break
-            z = self._resist(r)
-            rz = float(np.vdot(r, z))
-            p = z + (rz / rz_old) * p
-            q = self._respond(p)
-            alpha = rz / float(np.vdot(p, q))
-            force += alpha * p
-            r -= alpha * q
-            rz_old = rz
-        return force
+        return conjugate_gradients(self._respond, r, self._resist, goal=goal, limit=_LIMIT)[0]
 
     @cached_property
     def _unit(self) -> Field:
@@ -163,10 +124,8 @@ class Constraint:
 
         Returns
         -------
-        displacement : ndarray, shape of the residual
-            Displacement :math:`z`, m.
-        shift : float
-            Change :math:`\zeta` of the approach, m.
+        displacement, shift
+            :math:`z`, shape of the residual, and the change :math:`\zeta` of the approach, m.
         """
         shift = 0.0
 

@@ -36,17 +36,10 @@ FIRST, SECOND = (0, 1, 2, 0, 0, 1), (0, 1, 2, 1, 2, 2)  # components of the bloc
 
 
 def corner_gradients(dx: float, dy: float) -> np.ndarray:
-    """Parent derivatives of the shape functions of the corners 1 to 7.
+    """Parent derivatives of the shape functions of the corners 1 to 7, shape (8, 3, 7).
 
-    Parameters
-    ----------
-    dx, dy : float
-        Spacing, m.
-
-    Returns
-    -------
-    ndarray, shape (8, 3, 7)
-        Derivatives by Gauss point, direction and corner: by x and y in 1/m, by zeta dimensionless.
+    They are sorted by Gauss point, direction and corner: by x and y in 1/m, from the spacing in m,
+    and by zeta dimensionless.
     """
     value = np.array([[NEAR, FAR], [FAR, NEAR]])  # corner, point
     slope = np.array([[-1.0, -1.0], [1.0, 1.0]])

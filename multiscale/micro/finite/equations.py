@@ -45,11 +45,9 @@ class CellEquations:
     Attributes
     ----------
     scene : CellScene
-        The cell and its obstacle.
     increment : Increment
         Time step of the body from the state at the start.
     start : CellState
-        State at the start.
     target : Target
         End of the increment.
     """
@@ -62,14 +60,8 @@ class CellEquations:
     def at(self, u: np.ndarray, delta: float, active: np.ndarray | None = None) -> "Iterate":
         """Evaluate (1) and choose the slipping nodes and, if not given, the contact nodes.
 
-        Parameters
-        ----------
-        u : ndarray, shape (nx, layers, 3, ny)
-            Displacement, m.
-        delta : float
-            Approach, m.
-        active : ndarray of bool, shape (nx, ny), optional
-            Contact nodes.
+        ``u`` and ``delta`` are the displacement and the approach, m; ``active`` has the shape (nx,
+        ny).
         """
         scene, target = self.scene, self.target
         response = self.increment.respond(u)
@@ -113,23 +105,17 @@ class Iterate:
     Attributes
     ----------
     scene : CellScene
-        The cell and its obstacle.
     target : Target
-        End of the increment.
     response : BodyResponse
-        Internal forces and tangent of the body.
-    u : ndarray, shape (nx, layers, 3, ny)
-        Displacement, m.
-    delta : float
-        Approach, m.
+    u, delta : ndarray, float
+        Displacement and approach, m.
     meeting : Meeting
-        Contact points.
     active : ndarray of bool, shape (nx, ny)
         Contact nodes.
     pressure : ndarray, shape (nx, ny)
         Pressure force p, N.
     friction : Tangential or None
-        Tangential part of the equations; None without friction.
+        None without friction.
     floor : float
         Smallest scale of the residual, N.
     """

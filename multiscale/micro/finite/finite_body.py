@@ -56,7 +56,6 @@ class FiniteBody:
     Attributes
     ----------
     shape : tuple of int
-        Shape of a displacement.
     begin : callable
         ``begin(state, time_step)``, time step in s, returns an :class:`Increment`.
     rest : callable
@@ -69,14 +68,9 @@ class FiniteBody:
 
 
 def linear_body(apply: Callable[[np.ndarray], np.ndarray], shape: tuple[int, ...]) -> FiniteBody:
-    """Return a linear elastic body from its stiffness; it has no internal variables.
+    """Return a linear elastic body without internal variables.
 
-    Parameters
-    ----------
-    apply : callable
-        ``apply(u)`` multiplies a displacement, m, by the stiffness; N.
-    shape : tuple of int
-        Shape of a displacement.
+    ``apply(u)`` multiplies a displacement of the given shape, m, by the stiffness; N.
     """
     increment = Increment(
         respond=lambda u: BodyResponse(apply(u), apply, 1.0, 0.0), finish=lambda u: None

@@ -42,7 +42,7 @@ def make_scene(cell: FiniteCell) -> CellScene:
         Underside(cell.surface, Surface(-other.surface.heights, other.surface.size)),
         mu,
         _weights(both.inverse),
-        PairReference(reference, flat_reference(other, mesh), both, halves),
+        PairReference(reference, flat_reference(other, mesh), both),
         halves,
     )
 

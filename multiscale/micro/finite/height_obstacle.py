@@ -5,6 +5,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from multiscale.micro.contact_state import obstacle_normal
+from multiscale.micro.finite.deformed_surface import catmull_rom
 from multiscale.surfaces.surface import Surface
 
 __all__ = ["HeightObstacle", "RigidMeeting"]
@@ -38,7 +39,19 @@ class RigidMeeting:
     def turn(
         self, x: np.ndarray, shift: float, pressure: np.ndarray, force: np.ndarray, out: np.ndarray
     ) -> np.ndarray | float:
-        """Compute the change of pressure forces, N, as a step turns the normals."""
+        """Compute the change of pressure forces, N, as a step turns the normals.
+
+        Parameters
+        ----------
+        x : ndarray, shape of a displacement
+            Displacement of the step, m.
+        shift : float
+            Change of the approach, m.
+        pressure, force : ndarray, shapes (nx, ny) and (nx, 3, ny)
+            Pressure forces and contact forces, N.
+        out : ndarray, shape of a displacement
+            Gets, in place, the change of the reactions as their points move, N.
+        """
         if self.curvature is None:
             return 0.0
         xx, xy, yy = self.curvature
@@ -86,17 +99,7 @@ class HeightObstacle:
         return mean + self.distance - approach
 
     def meet(self, moved: np.ndarray, approach: float, slide: np.ndarray) -> RigidMeeting:
-        """Project nodes onto the obstacle.
-
-        Parameters
-        ----------
-        moved : ndarray, shape (nx, 3, ny)
-            Displacement of the surface, m.
-        approach : float
-            Approach of the obstacle since the first touch, m.
-        slide : ndarray, shape (2,)
-            Displacement of the obstacle in its plane, m.
-        """
+        """Project nodes, moved by (nx, 3, ny), m, at an approach, m, and a slide, (2,), m."""
         below = self.distance - approach - self.body.heights - moved[:, 2]
         if self.shape is None:
             normal = np.zeros_like(moved)
@@ -120,7 +123,11 @@ class HeightObstacle:
             place = grids[k] + shift / spacing[k]
             cell = np.floor(place)
             first.append(cell.astype(int) - 1)
-            weights.append(_catmull_rom(place - cell, spacing[k]))
+            weight = np.empty((3, 4, nx, ny))
+            catmull_rom(place - cell, weight)  # type: ignore[no-untyped-call]
+            weights.append(
+                weight / np.array([1.0, spacing[k], spacing[k] ** 2])[:, None, None, None]
+            )
         sums = np.zeros((6, nx, ny))
         for a in range(4):
             for b in range(4):
@@ -128,21 +135,3 @@ class HeightObstacle:
                 for row, (m, n) in enumerate(((0, 0), (1, 0), (0, 1), (2, 0), (1, 1), (0, 2))):
                     sums[row] += value * weights[0][m][a] * weights[1][n][b]
         return sums[0], sums[1:3], sums[3:]
-
-
-def _catmull_rom(t: np.ndarray, spacing: float) -> list[list[np.ndarray]]:
-    """Weights of four neighbours for the value and its first two derivatives."""
-    value = [
-        0.5 * (-t + 2.0 * t**2 - t**3),
-        0.5 * (2.0 - 5.0 * t**2 + 3.0 * t**3),
-        0.5 * (t + 4.0 * t**2 - 3.0 * t**3),
-        0.5 * (t**3 - t**2),
-    ]
-    slope = [
-        0.5 * (-1.0 + 4.0 * t - 3.0 * t**2),
-        0.5 * (9.0 * t**2 - 10.0 * t),
-        0.5 * (1.0 + 8.0 * t - 9.0 * t**2),
-        0.5 * (3.0 * t**2 - 2.0 * t),
-    ]
-    curvature = [2.0 - 3.0 * t, 9.0 * t - 5.0, 4.0 - 9.0 * t, 3.0 * t - 1.0]
-    return [value, [s / spacing for s in slope], [c / spacing**2 for c in curvature]]

@@ -34,10 +34,8 @@ class Walk:
         State at the end, or last equilibrium before a failure.
     increments : int
         Number of increments, accepted or cut.
-    newton_iterations : int
-        Newton iterations of all increments.
-    linear_iterations : int
-        Linear iterations of all increments.
+    newton_iterations, linear_iterations : int
+        Of all increments.
     reached : float
         Share of the step that was completed, 0 to 1.
     """
@@ -80,7 +78,6 @@ def walk_step(
     Parameters
     ----------
     scene : CellScene
-        The cell and its obstacle.
     start : CellState
         State at the start of the step.
     target : Target
@@ -92,6 +89,9 @@ def walk_step(
     largest_approach : float
         Largest change of the approach in one increment, m, for path-dependent bodies.
     """
+    # the load alone changes, of a body that flows
+    presses = target.load is not None and target.load not in (0.0, start.load)
+    presses &= bool(np.isfinite(largest_approach) and np.all(target.slide == start.slide))
     state, before, work = start, start, np.zeros(3, dtype=int)
     reached, done, length = 0.0, 0.0, 1.0 / increments
     while reached < 1.0:
@@ -113,7 +113,7 @@ def walk_step(
                 length = min(length, part * largest_approach / moved)
         elif found.status is Status.CONVERGED:
             length = part * largest_approach / moved
-        elif _presses(start, target, largest_approach):
+        elif presses:
             state = _press(scene, state, target, largest_approach, tolerance, work, increments)
             wanted = float(target.load or 0.0) - start.load
             carried = (state.load - start.load) / wanted
@@ -148,12 +148,6 @@ def _between(start: CellState, target: Target, share: float, part: float) -> Tar
         start.slide + share * (target.slide - start.slide),
         part * target.time_step,
     )
-
-
-def _presses(start: CellState, target: Target, largest_approach: float) -> bool:
-    """Whether a step changes the load alone, and the body flows."""
-    changes = target.load is not None and target.load not in (0.0, start.load)
-    return changes and bool(np.isfinite(largest_approach) and np.all(target.slide == start.slide))
 
 
 def _press(

@@ -14,7 +14,6 @@ from multiscale.micro.finite.tangent_operator import (
     NEO_HOOKEAN,
     PLASTIC,
     apply_tangent,
-    inverse_strain,
     respond_cell,
     update_state,
 )
@@ -36,7 +35,6 @@ def large_strain_body(
     Parameters
     ----------
     mesh : GraphMesh
-        The conforming mesh, clamped at its base.
     law : NeoHookean, J2 or Prony
         Bulk law, moduli in Pa.
     mean_dilatation : bool
@@ -122,7 +120,8 @@ class _LargeStrainCell:
 
         def finish(u: np.ndarray) -> np.ndarray:
             new = np.empty_like(state)
-            update_state(*self.geometry, self.moduli(), u, state, new)  # type: ignore[call-arg]
+            kind = PLASTIC
+            update_state(*self.geometry, kind, self.moduli(), u, state, new)  # type: ignore[call-arg]
             return new
 
         return self.step(state, self.moduli(), finish)
@@ -135,7 +134,8 @@ class _LargeStrainCell:
 
         def finish(u: np.ndarray) -> np.ndarray:
             elastic = np.empty((*self.points, 6, BATCH))
-            inverse_strain(*self.geometry, u, elastic)  # type: ignore[call-arg]
+            kind = NEO_HOOKEAN
+            update_state(*self.geometry, kind, self.moduli(), u, NO_STATE, elastic)  # type: ignore[call-arg]
             elastic *= law.shear_modulus
             new = law.advance(rows, np.moveaxis(elastic, -2, 0))
             return np.ascontiguousarray(np.moveaxis(new, 0, -2))

@@ -14,7 +14,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from multiscale.micro.finite.two_bodies import MIRROR, Halves, PairMeeting
+from multiscale.micro.finite.two_bodies import MIRROR, PairMeeting
 from multiscale.micro.flat_reference import Field, Reference
 from multiscale.micro.lateral_fft import LateralInverse
 
@@ -26,17 +26,13 @@ _MIRRORED = np.array([1.0, 1.0, -1.0, 1.0, -1.0, 1.0])[:, None, None]  # of xx, 
 def add_compliances(first: LateralInverse, second: np.ndarray) -> LateralInverse:
     """Return a layer whose surface compliance is the sum of two, on the grid of the first.
 
-    Parameters
-    ----------
-    first : LateralInverse
-        Factorised flat cell of the first body.
-    second : ndarray, shape (6, nx, ny // 2 + 1)
-        Symbol of the surface compliance of the second body in its own frame, m/N.
+    ``second`` is the symbol of the surface compliance of the second body in its own frame, shape
+    (6, nx, ny // 2 + 1), m/N.
     """
     symbol = first.surface_compliance + _MIRRORED * second
     nx, _, ny = first.shape
     layer = np.ascontiguousarray(np.moveaxis(symbol, 0, 1))[:, None]
-    return LateralInverse((nx, 1, ny), layer, np.empty((nx, 0, 9, 0)), first.base, first.threads)
+    return LateralInverse((nx, 1, ny), layer, np.empty((nx, 0, 9, 0)), first.threads)
 
 
 @dataclass(frozen=True, eq=False)
@@ -49,31 +45,16 @@ class PairReference:
         Flat cells of both bodies, each in its own frame.
     both : Reference
         Flat cell with the sum of both surface compliances on the grid of the first body.
-    halves : Halves
-        Places of both bodies in a vector.
     """
 
     first: Reference
     second: Reference
     both: Reference
-    halves: Halves
-
-    def joined(self, meeting: PairMeeting) -> "JoinedReference":
-        """Join both references at the contact points of a meeting."""
-        return JoinedReference(self, meeting)
 
 
 @dataclass(frozen=True, eq=False)
 class JoinedReference:
-    """Two references with forces between them.
-
-    Attributes
-    ----------
-    pair : PairReference
-        References of both bodies.
-    meeting : PairMeeting
-        Points where the nodes of the first body meet the second.
-    """
+    """Two references with forces between them, where the nodes of the first meet the second."""
 
     pair: PairReference
     meeting: PairMeeting
@@ -90,7 +71,7 @@ class JoinedReference:
 
     def surface(self, vector: Field) -> Field:
         """Surface of the first body, as a view."""
-        return self.pair.halves.surfaces(vector)[0]
+        return self.meeting.halves.surfaces(vector)[0]
 
     def relative(self, vector: Field) -> Field:
         """Motion of the nodes of the first body relative to the second, shape (nx, 3, ny), m."""
@@ -98,7 +79,7 @@ class JoinedReference:
 
     def solve(self, force: Field, correct: Callable[[Field], Field]) -> Field:
         """Solve for nodal forces; ``correct`` adds forces between the surfaces."""
-        loads = self.pair.halves.split(force)
+        loads = self.meeting.halves.split(force)
         found: list[Field] = []
 
         def meet(first: Field) -> Field:
@@ -112,7 +93,7 @@ class JoinedReference:
             return pushes[0]
 
         first = self.pair.first.solve(loads[0], meet)
-        return self.pair.halves.join(first, found[0])
+        return self.meeting.halves.join(first, found[0])
 
     def compliance(self, force: Field) -> Field:
         """Relative motion (1), m, under forces on the nodes, N, and their reactions."""

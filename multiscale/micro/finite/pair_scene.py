@@ -25,7 +25,6 @@ class PairScene(CellScene):
     reference : PairReference
         Flat cells of both bodies for the preconditioner.
     halves : Halves
-        Places of both bodies in a vector.
     """
 
     obstacle: Underside
@@ -70,4 +69,4 @@ class PairScene(CellScene):
 
     def reference_at(self, meeting: PairMeeting) -> JoinedReference:
         """Return both references, joined at the contact points."""
-        return self.reference.joined(meeting)
+        return JoinedReference(self.reference, meeting)

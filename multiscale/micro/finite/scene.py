@@ -3,7 +3,7 @@
 from abc import ABC, abstractmethod
 from collections.abc import Callable
 from dataclasses import dataclass
-from typing import Any, Protocol
+from typing import Any
 
 import numpy as np
 
@@ -11,66 +11,14 @@ from multiscale.convergence import Status
 from multiscale.micro.finite.constraint import Support
 from multiscale.micro.finite.finite_body import FiniteBody
 from multiscale.micro.finite.height_obstacle import HeightObstacle, RigidMeeting
+from multiscale.micro.finite.two_bodies import PairMeeting, Underside
 from multiscale.micro.flat_reference import Reference
-from multiscale.surfaces.surface import Surface
 
-__all__ = ["CellScene", "CellState", "Meeting", "Opponent", "RigidScene", "Target"]
-
-
-class Meeting(Protocol):
-    """Contact points between the nodes of the body and the opposite side."""
-
-    @property
-    def gap(self) -> np.ndarray:
-        """Distance along the normal, shape (nx, ny), m; negative where the body is inside."""
-
-    @property
-    def normal(self) -> np.ndarray:
-        """Unit normals out of the body, shape (nx, 3, ny)."""
-
-    def relative(self, vector: np.ndarray) -> np.ndarray:
-        """Motion of the nodes relative to the opposite side with its base fixed, (nx, 3, ny), m."""
-
-    def react(self, vector: np.ndarray, force: np.ndarray) -> None:
-        """Add the reactions of contact forces on the nodes, N, to the internal forces, in place."""
-
-    def turn(
-        self, x: np.ndarray, shift: float, pressure: np.ndarray, force: np.ndarray, out: np.ndarray
-    ) -> np.ndarray | float:
-        """Compute the change of pressure forces, N, as a step turns the normals.
-
-        Parameters
-        ----------
-        x : ndarray, shape of a displacement
-            Displacement of the step, m.
-        shift : float
-            Change of the approach, m.
-        pressure : ndarray, shape (nx, ny)
-            Pressure forces, N.
-        force : ndarray, shape (nx, 3, ny)
-            Contact forces, N.
-        out : ndarray, shape of a displacement
-            Gets, in place, the change of the reactions as their points move, N.
-        """
+__all__ = ["CellScene", "CellState", "Meeting", "RigidScene", "Target"]
 
 
-class Opponent(Protocol):
-    """The opposite side before deformation."""
-
-    @property
-    def body(self) -> Surface:
-        """Surface of the body, whose nodes carry the contact."""
-
-    @property
-    def shape(self) -> Surface | None:
-        """Underside of the opposite side; flat if None."""
-
-    @property
-    def distance(self) -> float:
-        """Offset of the underside's heights at first touch, m."""
-
-    def mean_height(self, approach: float) -> float:
-        """Mean height of the underside, m."""
+Meeting = RigidMeeting | PairMeeting
+"""Contact points between the nodes of the body and the opposite side."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -80,8 +28,7 @@ class CellScene(ABC):
     Attributes
     ----------
     body : FiniteBody
-        The deformable body.
-    obstacle : Opponent
+    obstacle : HeightObstacle or Underside
         The opposite side before deformation.
     friction : float
         Local friction coefficient, dimensionless; 0 leaves out all tangential equations.
@@ -90,7 +37,7 @@ class CellScene(ABC):
     """
 
     body: FiniteBody
-    obstacle: Opponent
+    obstacle: HeightObstacle | Underside
     friction: float
     weights: tuple[float, float]
 
@@ -129,7 +76,6 @@ class RigidScene(CellScene):
     Attributes
     ----------
     obstacle : HeightObstacle
-        The rigid obstacle.
     reference : Reference
         Flat cell for the preconditioner.
     """

@@ -43,7 +43,6 @@ __all__ = [
     "NEO_HOOKEAN",
     "PLASTIC",
     "apply_tangent",
-    "inverse_strain",
     "respond_cell",
     "update_state",
 ]
@@ -52,10 +51,7 @@ NEO_HOOKEAN, PLASTIC = 0, 1
 LEAST_DILATATION = 1e-3  # smallest det F with forces
 
 parallel_kernel = numba.njit(
-    parallel=True,
-    cache=True,
-    fastmath={"contract", "reassoc", "nsz", "arcp"},
-    error_model="numpy",
+    parallel=True, cache=True, fastmath={"contract", "reassoc", "nsz", "arcp"}, error_model="numpy"
 )
 
 
@@ -202,8 +198,14 @@ def respond_cell(  # type: ignore[no-untyped-def]
 
 
 @parallel_kernel
-def update_state(heights, planes, factor, dx, dy, moduli, u, state, new):  # type: ignore[no-untyped-def]
-    """Write the state of J2 plasticity at the end of a step; see :func:`respond_cell`."""
+def update_state(  # type: ignore[no-untyped-def]
+    heights, planes, factor, dx, dy, law, moduli, u, state, new
+):
+    """Write the state at the end of a step; arguments as of :func:`respond_cell`.
+
+    This is the state of J2 plasticity or, of ``NEO_HOOKEAN``, I - C^-1: rows 11, 22, 33, 12, 23,
+    13.
+    """
     nx, layers, _, ny = u.shape
     batches = (ny + BATCH - 1) // BATCH
     for strip in numba.prange(nx):
@@ -216,40 +218,30 @@ def update_state(heights, planes, factor, dx, dy, moduli, u, state, new):  # typ
             for layer in range(layers):
                 strain_batch(heights, planes, factor, dx, dy, u, sides, layer, start, lanes, s)
                 for q in range(8):
+                    out = new[i, layer, batch, q]
                     pull_back(s, q)
-                    for v in range(2 * BATCH):
-                        s[LOG + v] = 0.0
-                    old = state[i, layer, batch, q]
-                    plastic_state(s, q, moduli[0], moduli[2:], old, new[i, layer, batch, q])
+                    if law == PLASTIC:
+                        for v in range(2 * BATCH):
+                            s[LOG + v] = 0.0
+                        old = state[i, layer, batch, q]
+                        plastic_state(s, q, moduli[0], moduli[2:], old, out)
+                    else:
+                        _inverse_strain(s, out)
 
 
-@parallel_kernel
-def inverse_strain(heights, planes, factor, dx, dy, u, out):  # type: ignore[no-untyped-def]
-    """Write I - C^-1 at every Gauss point into ``out``, rows 11, 22, 33, 12, 23, 13."""
-    nx, layers, _, ny = u.shape
-    batches = (ny + BATCH - 1) // BATCH
-    for strip in numba.prange(nx):
-        i = np.int64(strip)
-        sides = (i, (i + 1) % nx)
-        s = np.zeros(SCRATCH)
-        for batch in range(batches):
-            start = batch * BATCH
-            lanes = min(BATCH, ny - start)
-            for layer in range(layers):
-                strain_batch(heights, planes, factor, dx, dy, u, sides, layer, start, lanes, s)
-                for q in range(8):
-                    pull_back(s, q)
-                    for row in range(6):
-                        a = row % 3 if row < 5 else 0
-                        b = a if row < 3 else (a + 1 if row < 5 else 2)
-                        one = 1.0 if row < 3 else 0.0
-                        for v in range(BATCH):
-                            value = s[COFACTOR + a * BATCH + v] * s[COFACTOR + b * BATCH + v]
-                            for k in range(1, 3):
-                                x = COFACTOR + (3 * k + a) * BATCH + v
-                                y = COFACTOR + (3 * k + b) * BATCH + v
-                                value += s[x] * s[y]
-                            out[i, layer, batch, q, row, v] = one - value
+@kernel
+def _inverse_strain(s, out):  # type: ignore[no-untyped-def]
+    """I - C^-1 from F^-T."""
+    for row in range(6):
+        a = row % 3 if row < 5 else 0
+        b = a if row < 3 else (a + 1 if row < 5 else 2)
+        one = 1.0 if row < 3 else 0.0
+        for v in range(BATCH):
+            value = s[COFACTOR + a * BATCH + v] * s[COFACTOR + b * BATCH + v]
+            for k in range(1, 3):
+                x, y = COFACTOR + (3 * k + a) * BATCH + v, COFACTOR + (3 * k + b) * BATCH + v
+                value += s[x] * s[y]
+            out[row, v] = one - value
 
 
 @parallel_kernel

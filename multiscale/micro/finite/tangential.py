@@ -59,14 +59,10 @@ def evaluate_friction(
     ----------
     tangential : ndarray, shape (nx, 3, ny)
         Tangential part of the forces, N.
-    slip : ndarray, shape (nx, 3, ny)
-        Tangential motion past the obstacle in the increment, m.
-    normal : ndarray, shape (nx, 3, ny)
-        Unit normals.
-    active : ndarray of bool, shape (nx, ny)
-        Contact nodes.
-    bound : ndarray, shape (nx, ny)
-        Largest friction force, N.
+    slip, normal : ndarray, shape (nx, 3, ny)
+        Tangential motion past the obstacle in the increment, m, and unit normals.
+    active, bound : ndarray, shape (nx, ny)
+        Contact nodes, and largest friction forces, N.
     weight : float
         Factor :math:`\rho_t` between slip and force, N/m.
     """
@@ -74,14 +70,10 @@ def evaluate_friction(
     size = np.linalg.norm(pulled, axis=1)
     slipping = active & (size > bound)
     share = np.where(slipping, bound / np.where(size > 0.0, size, 1.0), 0.0)
-    return Tangential(slip, _directions(pulled, size, normal), bound, slipping, share)
-
-
-def _directions(pulled: np.ndarray, size: np.ndarray, normal: np.ndarray) -> np.ndarray:
-    """Find unit tangents along and across the trial force; arbitrary ones where it vanishes."""
-    floor = 1e-12 * float(size.max())
-    sideways = np.zeros_like(pulled)
+    sideways = np.zeros_like(pulled)  # an arbitrary tangent where the trial force vanishes
     sideways[:, 0], sideways[:, 2] = normal[:, 2], -normal[:, 0]
     sideways /= np.linalg.norm(sideways, axis=1, keepdims=True)
-    along = np.where((size > floor)[:, None], pulled / np.maximum(size, 1e-300)[:, None], sideways)
-    return np.stack([along, np.cross(normal, along, axis=1)])
+    pulls = (size > 1e-12 * float(size.max()))[:, None]
+    along = np.where(pulls, pulled / np.maximum(size, 1e-300)[:, None], sideways)
+    direction = np.stack([along, np.cross(normal, along, axis=1)])
+    return Tangential(slip, direction, bound, slipping, share)

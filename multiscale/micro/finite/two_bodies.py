@@ -26,8 +26,8 @@ from typing import Any
 
 import numpy as np
 
+from multiscale.micro.finite.deformed_surface import DeformedSurface, Projection
 from multiscale.micro.finite.finite_body import BodyResponse, FiniteBody, Increment
-from multiscale.micro.finite.opposite import DeformedSurface, Projection
 from multiscale.surfaces.surface import Surface
 
 __all__ = ["MIRROR", "Halves", "PairMeeting", "Underside", "join_bodies"]
@@ -129,16 +129,9 @@ class Underside:
         return float(self.shape.heights.mean()) + self.distance - approach
 
     def deformed(self, moved: np.ndarray, approach: float, slide: np.ndarray) -> DeformedSurface:
-        """Return the surface in its current position.
+        """Return the surface at an approach, m, and a slide, (2,), m.
 
-        Parameters
-        ----------
-        moved : ndarray, shape (nx, 3, ny)
-            Displacement of the surface in the frame of the first body, m.
-        approach : float
-            Approach since the first touch, m.
-        slide : ndarray, shape (2,)
-            Displacement of the second body in its plane, m.
+        It has moved by (nx, 3, ny) in the frame of the first body, m.
         """
         height = self.shape.heights + (self.distance - approach) + moved[:, 2]
         return self._surface(slide, height, moved)
@@ -167,7 +160,6 @@ class PairMeeting:
     point : Projection
         Points of the second body above the nodes.
     halves : Halves
-        Places of both bodies in a vector.
     """
 
     gap: np.ndarray
@@ -192,12 +184,8 @@ class PairMeeting:
         moved[:, 2] += shift
         step = np.sum(self._dual * moved, axis=2)  # (1), first
         second = self.halves.surfaces(x)[1]
-        tilt = np.stack(
-            [
-                np.sum(self.normal * (MIRROR * self.point.carry(second, k + 1)), axis=1)
-                for k in range(2)
-            ]
-        )
+        bent = [MIRROR * self.point.carry(second, k + 1) for k in range(2)]
+        tilt = np.stack([np.sum(self.normal * one, axis=1) for one in bent])
         tilt += np.einsum("klxy,lxy->kxy", self._curvature, step)
         below = self.halves.surfaces(out)[1]
         for k in range(2):

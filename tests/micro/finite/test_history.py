@@ -8,7 +8,7 @@ from multiscale.laws.bulk import J2
 from multiscale.micro import Cell, Surface
 from multiscale.micro.finite import history
 from multiscale.micro.finite.finite_cell import make_scene
-from multiscale.micro.finite.follow import largest_approach
+from multiscale.micro.finite.finite_path import largest_approach
 from multiscale.micro.finite.history import rest_state, walk_step
 from multiscale.micro.finite.scene import Target
 

@@ -8,7 +8,7 @@ from multiscale.errors import CaseError
 from multiscale.laws.bulk import J2, Elastic, NeoHookean, Prony
 from multiscale.micro import Cell, Path, Surface, self_affine, solve_cell
 from multiscale.micro.finite.finite_cell import make_scene
-from multiscale.micro.finite.follow import current_weight
+from multiscale.micro.finite.finite_path import current_weight
 from multiscale.micro.finite.height_obstacle import HeightObstacle
 from multiscale.micro.finite.history import rest_state, walk_step
 from multiscale.micro.finite.scene import Target

@@ -7,10 +7,10 @@ from multiscale.errors import CaseError
 from multiscale.laws.bulk import J2, Elastic, NeoHookean, Prony
 from multiscale.micro import Cell, Path, SecondBody, Surface, self_affine, solve_cell
 from multiscale.micro.cell_needs import CellPart, cell_needs
+from multiscale.micro.finite.deformed_surface import DeformedSurface
 from multiscale.micro.finite.equations import CellEquations
 from multiscale.micro.finite.finite_cell import make_scene
 from multiscale.micro.finite.history import rest_state, walk_step
-from multiscale.micro.finite.opposite import DeformedSurface
 from multiscale.micro.finite.scene import Target
 from multiscale.micro.finite.two_bodies import MIRROR
 

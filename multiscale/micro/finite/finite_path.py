@@ -42,13 +42,10 @@ def follow_path(
     cell : FiniteCell
         The cell.
     path : Path
-        Loads of the cell.
     fields : bool
         Whether the result has local pressures and gaps.
-    tolerance : float
-        Tolerance of each increment, relative to the norm of the contact forces; dimensionless.
-    checkpoint : Checkpoint, optional
-        File of finished steps, see :func:`multiscale.micro.solve_cell`.
+    tolerance, checkpoint
+        As of :func:`multiscale.micro.solve_cell`.
 
     Returns
     -------
@@ -69,9 +66,15 @@ def follow_path(
     for k in range(len(steps), len(path)):
         begin = perf_counter()
         if any("ended" in step for step in steps):
-            steps.append(_missing(None, 0.0))
+            steps.append(_cost(None, 0.0))
             continue
-        target = _target(path, k, area)
+        before = path.time[k - 1] if path.time is not None and k > 0 else 0.0
+        target = Target(
+            None if path.pressure is None else path.pressure[k] * area,
+            None if path.approach is None else path.approach[k],
+            np.zeros(2) if path.slide is None else np.array(path.slide[k], dtype=float),
+            0.0 if path.time is None else path.time[k] - before,
+        )
         walk = walk_step(
             scene,
             state,
@@ -95,11 +98,12 @@ def follow_path(
                 f"{walk.state.status.value}"
             )
             logger.warning("%s", ended)
-            steps.append(_missing(walk, perf_counter() - begin) | {"ended": ended})
+            steps.append(_cost(walk, perf_counter() - begin) | {"ended": ended})
         else:
             state = walk.state
+            solved = {"converged": 1, "increments": float(walk.increments)}
             average = _average(cell, edges, scene, state, fields)
-            steps.append(_counts(walk, perf_counter() - begin) | average)
+            steps.append(_cost(walk, perf_counter() - begin) | solved | average)
         if checkpoint is not None:
             checkpoint.keep(steps, state)
     return steps
@@ -125,17 +129,6 @@ def _check(cell: FiniteCell, path: Path) -> None:
             )
 
 
-def _target(path: Path, k: int, area: float) -> Target:
-    """Return the loads, N, approach, m, slide, m, and duration, s, of a step of the path."""
-    before = path.time[k - 1] if path.time is not None and k > 0 else 0.0
-    return Target(
-        None if path.pressure is None else path.pressure[k] * area,
-        None if path.approach is None else path.approach[k],
-        np.zeros(2) if path.slide is None else np.array(path.slide[k], dtype=float),
-        0.0 if path.time is None else path.time[k] - before,
-    )
-
-
 def _fewest_increments(cell: FiniteCell, path: Path, state: CellState, target: Target) -> int:
     count, largest = path.increments, largest_approach(cell, path.refinement)
     if _passes(cell):
@@ -152,8 +145,11 @@ def _slid_increments(cell: FiniteCell, length: float, largest: float) -> int:
 
     In a body that flows, sliding up the slopes closes at most one largest approach in each.
     """
-    closed = length * _rms_slope(cell)
-    passed = max(length / _spacing(cell), closed / largest)
+    surfaces = [cell.surface] + ([] if cell.obstacle is None else [cell.obstacle])
+    slopes = [surface_slopes(surface.heights, surface.spacing) for surface in surfaces]
+    closed = length * float(np.sqrt(sum(np.mean(x**2 + y**2) for x, y in slopes)))
+    spacing = min(min(body.surface.spacing) for body in cell.bodies)
+    passed = max(length / spacing, closed / largest)
     return int(np.ceil(passed - 1e-9))
 
 
@@ -187,33 +183,13 @@ def _passes(cell: FiniteCell) -> bool:
     return cell.obstacle is not None or cell.second is not None
 
 
-def _rms_slope(cell: FiniteCell) -> float:
-    """Root mean square slope of both surfaces relative to each other, dimensionless."""
-    surfaces = [cell.surface] + ([] if cell.obstacle is None else [cell.obstacle])
-    slopes = [surface_slopes(surface.heights, surface.spacing) for surface in surfaces]
-    return float(np.sqrt(sum(np.mean(x**2 + y**2) for x, y in slopes)))
-
-
-def _spacing(cell: FiniteCell) -> float:
-    return min(min(body.surface.spacing) for body in cell.bodies)
-
-
-def _counts(walk: Walk, seconds: float) -> dict[str, Any]:
-    return {
-        "converged": 1,
-        "active_set_iterations": walk.newton_iterations,
-        "linear_iterations": walk.linear_iterations,
-        "increments": float(walk.increments),
-        "wall_time": seconds,
-    }
-
-
-def _missing(walk: Walk | None, seconds: float) -> dict[str, Any]:
+def _cost(walk: Walk | None, seconds: float) -> dict[str, Any]:
     """Entry of a step without a result."""
+    newton, linear = (walk.newton_iterations, walk.linear_iterations) if walk else (0, 0)
     return {
         "converged": 0,
-        "active_set_iterations": 0 if walk is None else walk.newton_iterations,
-        "linear_iterations": 0 if walk is None else walk.linear_iterations,
+        "active_set_iterations": newton,
+        "linear_iterations": linear,
         "wall_time": seconds,
     }
 
@@ -242,10 +218,7 @@ def _average(
         "displacement_jump": jump,
         "mean_gap": opposite_height - height,
         "contact_fraction": contact_fraction(
-            np.where(state.active, -state.force[:, 2], 0.0),
-            weight,
-            edges=edges,
-            flowing=cell.flows,
+            np.where(state.active, -state.force[:, 2], 0.0), weight, edges=edges, flowing=cell.flows
         ),
     }
     if cell.friction_coefficient > 0.0:
@@ -276,15 +249,7 @@ def _means(cell: PeriodicLayer, moved: np.ndarray) -> tuple[np.ndarray, float]:
 
 
 def current_weight(cell: PeriodicLayer, moved: np.ndarray) -> np.ndarray:
-    """Area of each node of the deformed surface, projected on the mean plane, m².
-
-    Parameters
-    ----------
-    cell : PeriodicLayer
-        The layer.
-    moved : ndarray, shape (nx, 3, ny)
-        Displacement of the surface, m.
-    """
+    """Area of each node of a surface moved by (nx, 3, ny), m, projected on the mean plane, m²."""
     dx, dy = cell.surface.spacing
     # diagonals of each facet: to the next node in x and y, and from the next in x to the next in y
     change = [np.roll(moved[:, k], (-1, -1), axis=(0, 1)) - moved[:, k] for k in range(2)]

@@ -19,15 +19,14 @@ from scipy.sparse import csr_array
 
 from multiscale.micro.finite.batch import kernel
 
-__all__ = ["DeformedSurface", "Projection"]
+__all__ = ["DeformedSurface", "Projection", "catmull_rom"]
 
 SEARCHES = 40  # largest number of Newton steps of a search
 CLOSE = 1e-13  # tolerance of a search, in grid distances
 
 
-@kernel
-def _spline(t, w):  # type: ignore[no-untyped-def]
-    """Catmull-Rom weights of four neighbours, with their first and second derivatives."""
+def catmull_rom(t, w):  # type: ignore[no-untyped-def]
+    """Write Catmull-Rom weights of four neighbours, and their first and second derivatives."""
     w[0, 0], w[0, 1] = 0.5 * (-t + 2.0 * t**2 - t**3), 0.5 * (2.0 - 5.0 * t**2 + 3.0 * t**3)
     w[0, 2], w[0, 3] = 0.5 * (t + 4.0 * t**2 - 3.0 * t**3), 0.5 * (t**3 - t**2)
     w[1, 0], w[1, 1] = 0.5 * (-1.0 + 4.0 * t - 3.0 * t**2), 0.5 * (9.0 * t**2 - 10.0 * t)
@@ -35,13 +34,16 @@ def _spline(t, w):  # type: ignore[no-untyped-def]
     w[2, 0], w[2, 1], w[2, 2], w[2, 3] = 2.0 - 3.0 * t, 9.0 * t - 5.0, 4.0 - 9.0 * t, 3.0 * t - 1.0
 
 
+_catmull_rom = kernel(catmull_rom)
+
+
 @kernel
 def _sample(field, dx, dy, x, y, wx, wy, values):  # type: ignore[no-untyped-def]
     """Position, derivatives 1, 2 and 11, 12, 22 at (x, y); return the cell."""
     nx, _, ny = field.shape
     i, j = np.int64(np.floor(x)), np.int64(np.floor(y))
-    _spline(x - i, wx)
-    _spline(y - j, wy)
+    _catmull_rom(x - i, wx)
+    _catmull_rom(y - j, wy)
     values[:] = 0.0
     values[0, 0], values[0, 1] = x * dx, y * dy
     values[1, 0], values[2, 1] = dx, dy
