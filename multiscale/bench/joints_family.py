@@ -5,7 +5,7 @@ every iteration of LATIN the indicator stands beside the true error of the same 
 against the monolithic solution.
 """
 
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from functools import cached_property
 from time import perf_counter
@@ -14,6 +14,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from multiscale.bench.record import load_average, record, versions
+from multiscale.bench.trials import Report
 from multiscale.fe.boxes import box_mesh
 from multiscale.laws import Exponential, Sliders
 from multiscale.laws.bulk import Elastic
@@ -28,7 +29,7 @@ from multiscale.macro.substructures.latin_solver import solve_step
 if TYPE_CHECKING:
     import xarray as xr
 
-__all__ = ["SCENES", "JointScene", "bench_joints", "measure_effectivity"]
+__all__ = ["JOINT_SCENES", "JointScene", "bench_joints", "measure_effectivity"]
 
 EDGE, YOUNG, PRESSURE = 0.02, 210e9, 20e6
 """Edge of the blocks, m, their modulus and the mean pressure, Pa."""
@@ -100,7 +101,7 @@ class JointScene:
         return cut_bodies([lower, upper], owners, [joint], times=TIMES)
 
 
-SCENES: Mapping[str, JointScene] = {
+JOINT_SCENES: Mapping[str, JointScene] = {
     "soft law": JointScene(1e-2, 0.2, 0.2, 1.4e6, 2),
     "law like the blocks": JointScene(1.0, 0.2, 0.2, 1.4e6, 1),
     "uneven pressure": JointScene(1.0, 0.2, 1.5, 1.4e6, 2),
@@ -194,27 +195,16 @@ def _monolithic(scene: JointScene, problem: CutProblem) -> Iterator[_Exact]:
         state = response.state
 
 
-def bench_joints(
-    *, quick: bool = False, report: Callable[[str], None] = lambda line: None
-) -> "xr.Dataset":
+def bench_joints(*, quick: bool, report: Report) -> "xr.Dataset":
     """Tabulate the effectivity of the heuristic indicator over scenes, steps and iterations.
 
-    Parameters
-    ----------
-    quick : bool
-        Two scenes only.
-    report : callable
-        Gets a line after each scene.
-
-    Returns
-    -------
-    Dataset
-        Follows ``WORK_PRECISION``: one run for each step and decade of the true error, at the
-        first iteration below it. Times are those of the iterations, with the indicator.
+    If quick, two scenes only.
+    There is one run for each step and decade of the true error, at the first iteration below it.
+    Times are those of the iterations, with the indicator.
     """
     load = load_average()
     rows: list[dict[str, float | str]] = []
-    for name, scene in list(SCENES.items())[: 2 if quick else None]:
+    for name, scene in list(JOINT_SCENES.items())[: 2 if quick else None]:
         values = list(measure_effectivity(scene))
         rows += _rows(name, values)
         effectivity = np.array([value["effectivity"] for value in values])

@@ -5,15 +5,15 @@ from importlib.metadata import version
 import numpy as np
 import pytest
 
-from multiscale.bench import bench, ladder, micro_family, tabulate
-from multiscale.bench.measure import Measured
+from multiscale.bench import bench, micro_family, tabulate_runs, trials
+from multiscale.bench.measure import Measurement
 from multiscale.bench.peers import (
     CODES,
     Code,
-    solve_conforming,
-    solve_contact_mechanics,
-    solve_flat,
-    solve_tamaas,
+    press_conforming_cell,
+    press_flat_cell,
+    press_with_contact_mechanics,
+    press_with_tamaas,
 )
 from multiscale.io import open_dataset, write_dataset
 from multiscale.micro import self_affine
@@ -41,7 +41,7 @@ def beside_tamaas(solve, slope, seed, points=128):
     surface = rough(points, slope, seed)
     answers = [
         [code(surface, p * 1e9 * slope, 1e9) for p in RELATIVE_PRESSURES]
-        for code in (solve, solve_tamaas)
+        for code in (solve, press_with_tamaas)
     ]
     assert all(answer.converged for row in answers for answer in row)
     gap = np.array([[answer.mean_gap for answer in row] for row in answers])
@@ -52,7 +52,7 @@ def beside_tamaas(solve, slope, seed, points=128):
 @pytest.mark.parametrize("seed", [1, 2])
 def test_the_flat_cell_has_gap_and_area_of_tamaas(seed):
     pytest.importorskip("tamaas")
-    (gap, expected), (area, expected_area) = beside_tamaas(solve_flat, 0.1, seed)
+    (gap, expected), (area, expected_area) = beside_tamaas(press_flat_cell, 0.1, seed)
     np.testing.assert_allclose(gap, expected, rtol=1e-3)
     np.testing.assert_allclose(area, expected_area, rtol=1e-3)
 
@@ -61,7 +61,7 @@ def test_the_flat_cell_has_gap_and_area_of_tamaas(seed):
 @pytest.mark.parametrize("seed", [1, 2])
 def test_the_conforming_cell_has_the_mean_gap_of_tamaas_for_small_slopes(seed):
     pytest.importorskip("tamaas")
-    (gap, expected), _ = beside_tamaas(solve_conforming, 0.05, seed)
+    (gap, expected), _ = beside_tamaas(press_conforming_cell, 0.05, seed)
     np.testing.assert_allclose(gap[:4], expected[:4], rtol=0.01)
     # at 0.5 the gap is 8 % of the rms height and the difference 4 % of that gap
     np.testing.assert_allclose(gap[4], expected[4], atol=0.005)
@@ -71,8 +71,8 @@ def test_the_conforming_cell_has_the_mean_gap_of_tamaas_for_small_slopes(seed):
 def test_the_conforming_cell_leaves_tamaas_in_proportion_to_the_slope():
     pytest.importorskip("tamaas")
     steep, shallow = (
-        np.subtract(*beside_tamaas(solve_conforming, slope, 1)[0])
-        - np.subtract(*beside_tamaas(solve_flat, slope, 1)[0])  # what the grid does
+        np.subtract(*beside_tamaas(press_conforming_cell, slope, 1)[0])
+        - np.subtract(*beside_tamaas(press_flat_cell, slope, 1)[0])  # what the grid does
         for slope in (0.1, 0.05)
     )
     np.testing.assert_allclose(steep / shallow, 2.0, rtol=0.15)
@@ -82,7 +82,7 @@ def test_the_conforming_cell_leaves_tamaas_in_proportion_to_the_slope():
 @pytest.mark.parametrize("seed", [1, 2])
 def test_the_conforming_cell_has_the_area_of_tamaas_for_small_slopes(seed):
     pytest.importorskip("tamaas")
-    _, (area, expected) = beside_tamaas(solve_conforming, 0.05, seed)
+    _, (area, expected) = beside_tamaas(press_conforming_cell, 0.05, seed)
     np.testing.assert_allclose(area, expected, rtol=0.03)
 
 
@@ -93,7 +93,8 @@ def test_the_boundary_element_codes_agree():
     surface = rough(64, 0.1, 1)
     for pressure in (0.02, 0.3):
         one, other = (
-            solve(surface, pressure * 1e8, 1e9) for solve in (solve_tamaas, solve_contact_mechanics)
+            solve(surface, pressure * 1e8, 1e9)
+            for solve in (press_with_tamaas, press_with_contact_mechanics)
         )
         assert one.converged
         assert other.converged
@@ -111,16 +112,16 @@ def in_this_process(monkeypatch):
     """Skip the processes, and a code that is not there; fail on one grid of another code."""
 
     def fail_once(surface, pressure, contact_modulus):
-        answer = solve_flat(surface, pressure, contact_modulus)
+        answer = press_flat_cell(surface, pressure, contact_modulus)
         return answer if len(surface.heights) < 256 else None
 
     codes = {
         "flat": CODES["multiscale flat"],
         "lost": Code(fail_once, "multiscale", "multiscale"),
-        "absent": Code(solve_flat, "absent", "no_such_module"),
+        "absent": Code(press_flat_cell, "absent", "no_such_module"),
     }
     monkeypatch.setattr(micro_family, "CODES", codes)
-    monkeypatch.setattr(ladder, "measure", lambda task, **_: Measured(task(), 0.5, 1e8))
+    monkeypatch.setattr(trials, "measure", lambda task, **_: Measurement(task(), 0.5, 1e8))
 
 
 @pytest.mark.usefixtures("in_this_process")
@@ -138,7 +139,7 @@ def test_what_is_missing_or_fails_is_told_and_nothing_is_invented(tmp_path):
     assert np.isnan(found["own_error"][3:]).all()  # no limit without the finest grid
     assert np.isnan(found["error_uncertainty"]).all()  # nothing checks the one limit there is
     assert np.all(np.diff(found["error"][:3]) < 0.0)
-    head, rows = tabulate(found)
+    head, rows = tabulate_runs(found)
     assert [len(row) for row in rows] == 6 * [len(head)]
     assert "not converged" in rows[5]
 

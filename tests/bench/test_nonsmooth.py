@@ -3,11 +3,10 @@
 import numpy as np
 import pytest
 
-from multiscale.bench import nonsmooth_family, tabulate
+from multiscale.bench import bench, nonsmooth_family, tabulate_runs
 from multiscale.bench.nonsmooth_family import (
     FRICTION_SCENES,
     LCP_SCENES,
-    bench_nonsmooth,
     friction_problem,
     lcp_problem,
 )
@@ -28,7 +27,7 @@ def lines():
 
 @pytest.fixture(scope="module")
 def found(lines):
-    return bench_nonsmooth(quick=True, report=lines.append)
+    return bench("nonsmooth", quick=True, report=lines.append)
 
 
 def runs(found, **labels):
@@ -114,7 +113,7 @@ def test_dataset_table_and_figure_can_be_written(found, tmp_path):
     draw_work_precision(again, tmp_path / "nonsmooth.png")
     assert (tmp_path / "nonsmooth.png").stat().st_size > 50_000
 
-    head, rows = tabulate(again)
+    head, rows = tabulate_runs(again)
     assert head == ("scene", "code", "unknowns", "time (s)", "iterations", "error")
     assert {len(row) for row in rows} == {len(head)}
     assert sum("not converged" in row[-1] for row in rows) == int(np.sum(found["converged"] == 0))
@@ -147,7 +146,7 @@ def test_a_method_that_lies_is_not_called_converged(monkeypatch):
         "lie", 60, problem.tolerance, ("auto",), lie, problem.verify
     )
     monkeypatch.setattr(nonsmooth_family, "_problems", lambda quick: iter([dishonest]))
-    found = bench_nonsmooth(quick=True)
+    found = bench("nonsmooth", quick=True)
     assert found["converged"].item() == 0
     assert found["error"].item() == pytest.approx(1.0)
 

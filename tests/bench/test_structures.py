@@ -7,11 +7,11 @@ from importlib.util import find_spec
 import numpy as np
 import pytest
 
-from multiscale.bench import bench, ladder, structures_family, tabulate
-from multiscale.bench.measure import Measured, measure
+from multiscale.bench import bench, structures_family, tabulate_runs, trials
+from multiscale.bench.measure import Measurement, measure
 from multiscale.bench.structures_family import (
-    METHODS,
-    Answer,
+    GRID_METHODS,
+    GridAnswer,
     distance,
     scene_grid,
     solve_grid,
@@ -26,7 +26,7 @@ from multiscale.schema import WORK_PRECISION
 
 
 def answer_of(result):
-    return Answer(result["tension"].values, result["displacement"].values, 0, 0)
+    return GridAnswer(result["tension"].values, result["displacement"].values, 0, 0)
 
 
 @pytest.fixture(scope="module")
@@ -48,7 +48,7 @@ def test_the_verifier_finds_the_force_out_of_balance(grid, answer):
     wrong = answer.tension.copy()
     wrong[5] += 1e-3 * np.abs(wrong).max()
     unbalanced = np.abs(compatibility(grid).T @ (wrong - answer.tension)).max()
-    found = verify(grid, 4.0, Answer(wrong, answer.displacement, 0, 0))
+    found = verify(grid, 4.0, GridAnswer(wrong, answer.displacement, 0, 0))
     assert found == pytest.approx(unbalanced / 160.0, rel=1e-6)  # the load is 4 x 40 N
 
 
@@ -57,13 +57,13 @@ def test_the_verifier_finds_balanced_tensions_that_miss_the_link_law(grid, answe
     module[:16] = self_stress(quadruplex_module())[0]
     assert np.abs(compatibility(grid).T @ module).max() < 1e-12
     wrong = answer.tension + 100.0 * module
-    found = verify(grid, 4.0, Answer(wrong, answer.displacement, 0, 0))
+    found = verify(grid, 4.0, GridAnswer(wrong, answer.displacement, 0, 0))
     expected = 100.0 * np.abs(module).max() / np.abs(wrong).max()
     assert found == pytest.approx(expected, rel=1e-6)
 
 
 def test_an_answer_of_nan_is_not_verified(grid, answer):
-    nothing = Answer(np.nan * answer.tension, answer.displacement, 0, 0)
+    nothing = GridAnswer(np.nan * answer.tension, answer.displacement, 0, 0)
     assert np.isnan(verify(grid, 4.0, nothing))
 
 
@@ -94,7 +94,7 @@ def takes_pardiso(method):
 @pytest.mark.parametrize("name", ["Newton, PARDISO", "Newton, SuperLU"])
 def test_each_method_has_the_factorisation_of_its_name(name):
     pytest.importorskip("pypardiso")
-    task = partial(takes_pardiso, METHODS[name])
+    task = partial(takes_pardiso, GRID_METHODS[name])
     assert measure(task, warm_up=task, repeats=1).value == name.endswith("PARDISO")
 
 
@@ -105,10 +105,10 @@ def without_pardiso(monkeypatch):
     def lose_one(task, **_):
         system, _, method = task.args
         if system.n_links == 4**2 * 16 and method.method == "dual":
-            return Measured(None, np.nan, np.nan)
-        return Measured(task(), 0.5, 1e8)
+            return Measurement(None, np.nan, np.nan)
+        return Measurement(task(), 0.5, 1e8)
 
-    monkeypatch.setattr(ladder, "measure", lose_one)
+    monkeypatch.setattr(trials, "measure", lose_one)
     monkeypatch.setattr(structures_family, "QUICK_MODULES", (2, 4))
     monkeypatch.setitem(sys.modules, "pypardiso", None)
     factorisation._blank_pardiso.cache_clear()
@@ -143,7 +143,7 @@ def test_what_is_missing_or_fails_is_told_and_nothing_is_invented(tmp_path):
     np.testing.assert_array_equal(again["residual"], found["residual"])
     draw_work_precision(again, tmp_path / "structures.png")
     assert (tmp_path / "structures.png").stat().st_size > 20_000
-    head, rows = tabulate(again)
+    head, rows = tabulate_runs(again)
     assert "cables" in head
     assert sum("not converged" in " ".join(row) for row in rows) == 2
 
@@ -159,7 +159,7 @@ def test_the_command_measures_every_method_and_all_of_them_agree(tmp_path, monke
         main()
     assert stop.value.code == 0
     found = open_dataset(tmp_path / "structures.nc", WORK_PRECISION)
-    installed = [n for n, m in METHODS.items() if not m.pardiso or find_spec("pypardiso")]
+    installed = [n for n, m in GRID_METHODS.items() if not m.pardiso or find_spec("pypardiso")]
     assert set(found["method"].values) == set(installed)
     assert found["converged"].all()
     assert np.all(found["residual"] < 1e-9)
