@@ -6,7 +6,6 @@ import pytest
 from multiscale.bench import bench, tabulate_runs, trials
 from multiscale.bench.damage_family import SCENES, life
 from multiscale.bench.measure import Measurement
-from multiscale.plotting import draw_work_precision
 from multiscale.schema import WORK_PRECISION
 
 
@@ -21,10 +20,8 @@ def test_jumps_give_the_life_of_every_cycle_for_a_share_of_them(scene):
 
 
 @pytest.mark.slow
-def test_the_family_leaves_a_dataset_and_a_figure(monkeypatch, tmp_path):
-    monkeypatch.setattr(
-        trials, "measure", lambda task, **_: Measurement(task(), wall_time=0.1, peak_memory=1e8)
-    )
+@pytest.mark.usefixtures("in_this_process")
+def test_the_family_leaves_a_dataset_and_a_figure(stored):
     lines = []
     found = bench("damage", quick=True, report=lines.append)
     WORK_PRECISION.check(found)
@@ -35,7 +32,7 @@ def test_the_family_leaves_a_dataset_and_a_figure(monkeypatch, tmp_path):
     assert by_tolerance[0.0] < 1e-3
     assert by_tolerance[0.01] < by_tolerance[0.1] < 0.1
     assert len(tabulate_runs(found)[1]) == 3
-    assert draw_work_precision(found, tmp_path / "damage.png").stat().st_size > 1000
+    stored(found, 1000)
 
 
 def test_a_process_that_died_leaves_no_number(monkeypatch):

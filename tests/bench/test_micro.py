@@ -5,8 +5,7 @@ from importlib.metadata import version
 import numpy as np
 import pytest
 
-from multiscale.bench import bench, micro_family, tabulate_runs, trials
-from multiscale.bench.measure import Measurement
+from multiscale.bench import bench, micro_family, tabulate_runs
 from multiscale.bench.peers import (
     CODES,
     Code,
@@ -15,25 +14,16 @@ from multiscale.bench.peers import (
     press_with_contact_mechanics,
     press_with_tamaas,
 )
-from multiscale.io import open_dataset, write_dataset
-from multiscale.micro import self_affine
-from multiscale.plotting import draw_work_precision
+from multiscale.io import open_dataset
 from multiscale.schema import WORK_PRECISION
+from tests.support import rough_square
 
 RELATIVE_PRESSURES = (0.01, 0.05, 0.1, 0.2, 0.5)  # p / (E* h')
 
 
 def rough(points, slope, seed):
     """Waves 2 to 8: 16 points to the shortest on 128."""
-    return self_affine(
-        (points, points),
-        (1e-3, 1e-3),
-        seed,
-        hurst_exponent=0.8,
-        long_cutoff=0.5e-3,
-        short_cutoff=0.125e-3,
-        rms_slope=slope,
-    )
+    return rough_square(points, 0.5e-3, 0.125e-3, slope, seed=seed, size=1e-3)
 
 
 def beside_tamaas(solve, slope, seed, points=128):
@@ -108,8 +98,8 @@ def test_all_grids_sample_the_same_surface():
 
 
 @pytest.fixture
-def in_this_process(monkeypatch):
-    """Skip the processes, and a code that is not there; fail on one grid of another code."""
+def odd_codes(monkeypatch):
+    """Leave out a code that is not there; fail on one grid of another code."""
 
     def fail_once(surface, pressure, contact_modulus):
         answer = press_flat_cell(surface, pressure, contact_modulus)
@@ -121,11 +111,10 @@ def in_this_process(monkeypatch):
         "absent": Code(press_flat_cell, "absent", "no_such_module"),
     }
     monkeypatch.setattr(micro_family, "CODES", codes)
-    monkeypatch.setattr(trials, "measure", lambda task, **_: Measurement(task(), 0.5, 1e8))
 
 
-@pytest.mark.usefixtures("in_this_process")
-def test_what_is_missing_or_fails_is_told_and_nothing_is_invented(tmp_path):
+@pytest.mark.usefixtures("in_this_process", "odd_codes")
+def test_what_is_missing_or_fails_is_told_and_nothing_is_invented(stored):
     lines = []
     found = bench("micro", quick=True, report=lines.append)
     assert found.attrs["cautions"] == (
@@ -143,36 +132,24 @@ def test_what_is_missing_or_fails_is_told_and_nothing_is_invented(tmp_path):
     assert [len(row) for row in rows] == 6 * [len(head)]
     assert "not converged" in rows[5]
 
-    write_dataset(found, tmp_path / "micro.nc", WORK_PRECISION)
-    again = open_dataset(tmp_path / "micro.nc", WORK_PRECISION)
+    again = stored(found, 10_000)
     np.testing.assert_array_equal(again["method"], found["method"])
-    draw_work_precision(again, tmp_path / "micro.png")
-    assert (tmp_path / "micro.png").stat().st_size > 10_000
 
 
 @pytest.mark.long
-def test_the_command_measures_all_that_is_installed(tmp_path, monkeypatch, capsys):
-    from multiscale.cli import main
-
-    monkeypatch.setattr(
-        "sys.argv", ["multiscale", "bench", "micro", "-o", str(tmp_path), "--quick"]
-    )
-    with pytest.raises(SystemExit) as stop:
-        main()
-    assert stop.value.code == 0
+def test_the_command_measures_all_that_is_installed(command, tmp_path):
+    status, said, _ = command("bench", "micro", "-o", tmp_path, "--quick")
+    assert status == 0
     found = open_dataset(tmp_path / "micro.nc", WORK_PRECISION)
     installed = [name for name, code in CODES.items() if code.installed]
     assert set(found["method"].values) == set(installed)
     assert found["converged"].all()
     assert (found["error"] < 0.03).all()
-    assert "error" in capsys.readouterr().out
+    assert "error" in said
     assert (tmp_path / "micro.png").exists()
 
 
-def test_a_family_that_does_not_exist_is_refused(monkeypatch, capsys, tmp_path):
-    from multiscale.cli import main
-
-    monkeypatch.setattr("sys.argv", ["multiscale", "bench", "macro", "-o", str(tmp_path)])
-    with pytest.raises(SystemExit, match="1"):
-        main()
-    assert "there is no family 'macro'; choose from chain, damage" in capsys.readouterr().err
+def test_a_family_that_does_not_exist_is_refused(command, tmp_path):
+    status, _, told = command("bench", "macro", "-o", tmp_path)
+    assert status == 1
+    assert "there is no family 'macro'; choose from chain, damage" in told

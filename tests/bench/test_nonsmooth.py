@@ -12,11 +12,10 @@ from multiscale.bench.nonsmooth_family import (
 )
 from multiscale.convergence import Solution, Status
 from multiscale.errors import CaseError
-from multiscale.io import open_dataset, write_dataset
 from multiscale.nonsmooth import solve_friction, solve_lcp
 from multiscale.nonsmooth.friction import METHODS as FRICTION_METHODS
 from multiscale.nonsmooth.lcp import METHODS as LCP_METHODS
-from multiscale.plotting import draw_work_precision, plot_history
+from multiscale.plotting import plot_history
 from multiscale.schema import WORK_PRECISION
 
 
@@ -106,13 +105,9 @@ def test_histories_go_forward_in_time_and_hold_what_was_reached(found):
 
 
 @pytest.mark.slow
-def test_dataset_table_and_figure_can_be_written(found, tmp_path):
-    write_dataset(found, tmp_path / "nonsmooth.nc", WORK_PRECISION)
-    again = open_dataset(tmp_path / "nonsmooth.nc", WORK_PRECISION)
+def test_dataset_table_and_figure_can_be_written(found, stored):
+    again = stored(found, 50_000)
     np.testing.assert_array_equal(again["history_error"], found["history_error"])
-    draw_work_precision(again, tmp_path / "nonsmooth.png")
-    assert (tmp_path / "nonsmooth.png").stat().st_size > 50_000
-
     head, rows = tabulate_runs(again)
     assert head == ("scene", "code", "unknowns", "time (s)", "iterations", "error")
     assert {len(row) for row in rows} == {len(head)}

@@ -17,11 +17,10 @@ from multiscale.bench.structures_family import (
     solve_grid,
     verify,
 )
-from multiscale.io import open_dataset, write_dataset
+from multiscale.io import open_dataset
 from multiscale.macro import quadruplex_module, self_stress, solve_static
 from multiscale.macro.discrete import compatibility
 from multiscale.numerics import factorisation
-from multiscale.plotting import draw_work_precision
 from multiscale.schema import WORK_PRECISION
 
 
@@ -117,7 +116,7 @@ def without_pardiso(monkeypatch):
 
 
 @pytest.mark.usefixtures("without_pardiso")
-def test_what_is_missing_or_fails_is_told_and_nothing_is_invented(tmp_path):
+def test_what_is_missing_or_fails_is_told_and_nothing_is_invented(stored):
     lines = []
     found = bench("structures", quick=True, report=lines.append)
     assert found.attrs["cautions"] == (
@@ -138,31 +137,22 @@ def test_what_is_missing_or_fails_is_told_and_nothing_is_invented(tmp_path):
     n = np.sqrt(found["cables"].values / 12)
     np.testing.assert_array_equal(found["unknowns"], 3 * (n + 1) * (3 * n - 1))
 
-    write_dataset(found, tmp_path / "structures.nc", WORK_PRECISION)
-    again = open_dataset(tmp_path / "structures.nc", WORK_PRECISION)
+    again = stored(found, 20_000)
     np.testing.assert_array_equal(again["residual"], found["residual"])
-    draw_work_precision(again, tmp_path / "structures.png")
-    assert (tmp_path / "structures.png").stat().st_size > 20_000
     head, rows = tabulate_runs(again)
     assert "cables" in head
     assert sum("not converged" in " ".join(row) for row in rows) == 2
 
 
 @pytest.mark.long
-def test_the_command_measures_every_method_and_all_of_them_agree(tmp_path, monkeypatch, capsys):
-    from multiscale.cli import main
-
-    monkeypatch.setattr(
-        "sys.argv", ["multiscale", "bench", "structures", "-o", str(tmp_path), "--quick"]
-    )
-    with pytest.raises(SystemExit) as stop:
-        main()
-    assert stop.value.code == 0
+def test_the_command_measures_every_method_and_all_of_them_agree(command, tmp_path):
+    status, said, _ = command("bench", "structures", "-o", tmp_path, "--quick")
+    assert status == 0
     found = open_dataset(tmp_path / "structures.nc", WORK_PRECISION)
     installed = [n for n, m in GRID_METHODS.items() if not m.pardiso or find_spec("pypardiso")]
     assert set(found["method"].values) == set(installed)
     assert found["converged"].all()
     assert np.all(found["residual"] < 1e-9)
     assert np.all(found["error"].values[np.isfinite(found["error"])] < 1e-9)
-    assert "cables" in capsys.readouterr().out
+    assert "cables" in said
     assert (tmp_path / "structures.png").exists()

@@ -6,9 +6,8 @@ import pytest
 from multiscale.bench import bench, substructures_family, tabulate_runs, trials
 from multiscale.bench.measure import Measurement
 from multiscale.bench.substructures_family import CUT_METHODS, RIGHT, make_scenes, solve_scene
-from multiscale.io import open_dataset, write_dataset
+from multiscale.io import open_dataset
 from multiscale.macro.substructures import assemble
-from multiscale.plotting import draw_work_precision
 from multiscale.schema import WORK_PRECISION
 
 
@@ -52,7 +51,7 @@ def test_errors_of_bodies_are_those_of_their_stresses(scenes):
 
 
 @pytest.mark.slow
-def test_a_lost_process_leaves_a_row_without_values_and_the_rest_is_drawn(monkeypatch, tmp_path):
+def test_a_lost_process_leaves_a_row_without_values_and_the_rest_is_drawn(monkeypatch, stored):
     def lose_one(task, **_):
         scene, method, *_ = task.args
         if scene.name.startswith("plate") and method == CUT_METHODS[2]:
@@ -71,28 +70,19 @@ def test_a_lost_process_leaves_a_row_without_values_and_the_rest_is_drawn(monkey
         assert np.isnan(found[name][lost]).all()
     assert set(found["history_run"].values) == {1, 2, 4, 7, 8}
 
-    write_dataset(found, tmp_path / "out.nc", WORK_PRECISION)
-    again = open_dataset(tmp_path / "out.nc", WORK_PRECISION)
-    draw_work_precision(again, tmp_path / "out.png")
-    assert (tmp_path / "out.png").stat().st_size > 20_000
+    again = stored(found, 20_000)
     head, rows = tabulate_runs(again)
     assert "unknowns" in head
     assert sum("not converged" in " ".join(row) for row in rows) == 1
 
 
 @pytest.mark.long
-def test_the_command_measures_every_method(tmp_path, monkeypatch, capsys):
-    from multiscale.cli import main
-
-    monkeypatch.setattr(
-        "sys.argv", ["multiscale", "bench", "substructures", "-o", str(tmp_path), "--quick"]
-    )
-    with pytest.raises(SystemExit) as stop:
-        main()
-    assert stop.value.code == 0
+def test_the_command_measures_every_method(command, tmp_path):
+    status, said, _ = command("bench", "substructures", "-o", tmp_path, "--quick")
+    assert status == 0
     found = open_dataset(tmp_path / "substructures.nc", WORK_PRECISION)
     assert set(found["method"].values) == set(CUT_METHODS)
     assert found["converged"].all()
     assert np.all(found["peak_memory"] > 1e7)
     assert (tmp_path / "substructures.png").exists()
-    assert "unknowns" in capsys.readouterr().out
+    assert "unknowns" in said
