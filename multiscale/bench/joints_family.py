@@ -8,6 +8,7 @@ against the monolithic solution.
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from functools import cached_property
+from itertools import product
 from time import perf_counter
 from typing import TYPE_CHECKING
 
@@ -206,7 +207,13 @@ def bench_joints(*, quick: bool, report: Report) -> "xr.Dataset":
     rows: list[dict[str, float | str]] = []
     for name, scene in list(JOINT_SCENES.items())[: 2 if quick else None]:
         values = list(measure_effectivity(scene))
-        rows += _rows(name, values)
+        for step, decade in product(range(len(TIMES)), DECADES):
+            mine = (value for value in values if value["step"] == step)
+            below = next((value for value in mine if value["error"] <= decade), None)
+            if below is not None:
+                row: dict[str, float | str] = {key: below[key] for key in below if key != "step"}
+                scene_step = {"scene": f"{name}, step {step}", "method": "LATIN"}
+                rows.append(row | scene_step | {"converged": 1})
         effectivity = np.array([value["effectivity"] for value in values])
         report(
             f"{name}: effectivity {np.median(effectivity):.2g}, from {effectivity.min():.2g} to "
@@ -220,15 +227,3 @@ def bench_joints(*, quick: bool, report: Report) -> "xr.Dataset":
         repeats=1,
         wall_time_counts="iterations and indicator, without the preparation",
     )
-
-
-def _rows(name: str, values: list[dict[str, float]]) -> Iterator[dict[str, float | str]]:
-    """First iteration of every step below each decade of the error."""
-    for step in range(len(TIMES)):
-        mine = [value for value in values if value["step"] == step]
-        for decade in DECADES:
-            below = [value for value in mine if value["error"] <= decade]
-            if below:
-                run: dict[str, float | str] = {key: below[0][key] for key in below[0]}
-                del run["step"]
-                yield run | {"scene": f"{name}, step {step}", "method": "LATIN", "converged": 1}

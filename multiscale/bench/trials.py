@@ -103,7 +103,7 @@ def measure_trials(
     for trial in trials:
         known = () if trial.follows is None else (runs[trial.follows].value,)
         runs[trial] = measure(
-            partial(trial.task, *known) if known else trial.task,
+            partial(trial.task, *known),
             warm_up=trial.warm_up,
             repeats=trial.repeats,
             threads=threads,
@@ -123,8 +123,14 @@ def measure_trials(
         "history_error": samples[:, 1],
     }
     repeats = max(trial.repeats for trial in runs)
+    rows: list[Columns] = [
+        {"scene": trial.scene, "method": trial.method, "wall_time": run.wall_time}
+        | ({"peak_memory": run.peak_memory} if process else {})
+        | {**trial.settings, **judged[trial]}
+        for trial, run in runs.items()
+    ]
     return record(
-        [_cost(trial, run) | judged[trial] for trial, run in runs.items()],
+        rows,
         found if len(samples) else {},
         threads=threads,
         load_before=load,
@@ -137,16 +143,6 @@ def measure_trials(
             **attributes,
         },
     )
-
-
-def _cost(trial: Trial, run: Measurement[Any]) -> Columns:
-    """Name a run and say what it took; NaN if its process died."""
-    return {
-        "scene": trial.scene,
-        "method": trial.method,
-        **trial.settings,
-        "wall_time": run.wall_time,
-    } | ({} if run.peak_memory is None else {"peak_memory": run.peak_memory})
 
 
 def judge_by(truth: Callable[[str, list[float]], tuple[float, float]], *, count: str = "") -> Judge:
