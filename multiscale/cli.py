@@ -202,7 +202,7 @@ def bench_command(
     ] = False,
 ) -> None:
     """Measure error, run time and memory, beside other codes where they are installed."""
-    from multiscale.bench import bench, tabulate
+    from multiscale.bench import bench, tabulate_runs
     from multiscale.bench.summary import join_families, tabulate_cheapest
     from multiscale.io import try_to_write, write_dataset
     from multiscale.plotting import draw_work_precision
@@ -218,7 +218,7 @@ def bench_command(
         write_dataset(found, file, WORK_PRECISION)
         draw_work_precision(found, file.with_suffix(".png"))
         _warn(found.attrs["cautions"].splitlines())
-        _print_table(found.attrs["title"], *tabulate(found))
+        _print_table(found.attrs["title"], *tabulate_runs(found))
         typer.echo(f"dataset and figure: {file}, {file.with_suffix('.png')}")
     joined = join_families(measured)
     write_dataset(joined, out / "work_precision.nc", WORK_PRECISION)

@@ -1,16 +1,22 @@
 """What several tests need."""
 
 import signal
+import subprocess
+import sys
 from contextlib import contextmanager
+from pathlib import Path
+from textwrap import dedent
 
 import numba
 import numpy as np
 
 from multiscale.io import save_law
-from multiscale.micro import Surface
+from multiscale.micro import Surface, self_affine
 from multiscale.nonsmooth.projections import project_ball
-from multiscale.schema import MICRO_RESPONSE, branch_of
+from multiscale.pipeline import load_case
+from multiscale.pipeline.case import shipped_cases
 from multiscale.upscaling import fit_law
+from tests.upscaling.responses import response_of
 
 
 @contextmanager
@@ -50,22 +56,82 @@ def egg_box(n, amplitude):
     return Surface(amplitude * np.outer(x, x), (1.0, 1.0))
 
 
+def rough_square(points, long_cutoff, short_cutoff, rms_slope, *, seed=0, size=1.0):
+    """A self-affine surface of a square cell with H = 0.8."""
+    return self_affine(
+        (points, points),
+        (size, size),
+        seed,
+        hurst_exponent=0.8,
+        long_cutoff=long_cutoff,
+        short_cutoff=short_cutoff,
+        rms_slope=rms_slope,
+    )
+
+
+def flat(points):
+    """A plane of 1 m by 1 m."""
+    return Surface(np.zeros((points, points)), (1.0, 1.0))
+
+
+COMMAND = "from multiscale.cli import main; main()"
+"""Program of the command line."""
+
+
+SCENES = Path(__file__).parents[1] / "workflows" / "scenes"
+TWO_BLOCKS = """
+title = "Two blocks"
+[structure]
+kind = "stacked_blocks"
+size = ["20 mm", "20 mm", "10 mm"]
+elements = [2, 2, 1]
+youngs_modulus = "210 GPa"
+poissons_ratio = 0
+[joint]
+friction = 0.2
+[loading]
+preloads = ["5 MPa", "20 MPa"]
+"""
+
+
+def run_python(program, *arguments, check=True, **options):
+    """Run a program in a process of its own, and return what it printed and its status."""
+    command = [sys.executable, "-c", dedent(program), *map(str, arguments)]
+    options = {"timeout": 600} | options
+    return subprocess.run(command, capture_output=True, text=True, check=check, **options)
+
+
+def small_steel(realisations, more=""):
+    """Text of the case of ground steel with flat cells of 36 by 36 points."""
+    text = (
+        shipped_cases()["ground_steel"]
+        .read_text(encoding="utf-8")
+        .replace("[128, 128]", "[36, 36]")
+    )
+    text = text.replace("layers = 14", 'layers = 14\ngeometry = "flat"')
+    return text.replace("realisations = 12", f"realisations = {realisations}") + more
+
+
+def write_scene(folder, text, *pairs):
+    """Write a scene or case with some text replaced, and return its path."""
+    for old, new in pairs:
+        assert old in text
+        text = text.replace(old, new, 1)
+    path = folder / "scene.toml"
+    path.write_text(text, encoding="utf-8")
+    return path
+
+
+def case_of(folder, text):
+    """The case that a text describes."""
+    return load_case(write_scene(folder, text))
+
+
 def write_law(path, pressure=(1e6, 200e6)):
     """Write the law fitted to exponential data between two pressures, and return its path."""
     p = np.geomspace(*pressure, 9)
-    ones = np.ones((1, p.size), dtype=int)
-    response = {
-        "displacement_jump": np.zeros((1, p.size, 3)),
-        "traction": -p[None, :, None] * np.array([1.0, 0.0, 0.0]),
-        "mean_gap": 0.2e-6 * np.log(2e9 / p)[None],
-        "contact_fraction": p[None] / 5e9,
-        "converged": ones,
-        "active_set_iterations": ones,
-        "linear_iterations": ones,
-        "wall_time": 1.0 * ones,
-        "branch": branch_of(p),
-    }
-    save_law(fit_law(MICRO_RESPONSE.build(response)), path)
+    gap, area = 0.2e-6 * np.log(2e9 / p)[None], p[None] / 5e9
+    save_law(fit_law(response_of(gap, p, area=area, nominal=False)), path)
     return path
 
 

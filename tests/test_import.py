@@ -1,21 +1,18 @@
 """Importing the package is cheap: heavy libraries come with what needs them."""
 
 import os
-import subprocess
-import sys
 
 import pytest
 
 import multiscale
+from tests.support import run_python
 
 HEAVY = ("numba", "matplotlib", "gmsh", "skfem", "SurfaceTopography", "pint")
 
 
 def modules_after(statement):
     code = f"import sys; {statement}; print('\\n'.join(sys.modules))"
-    done = subprocess.run(
-        [sys.executable, "-c", code], capture_output=True, text=True, check=True, timeout=60
-    )
+    done = run_python(code)
     return set(done.stdout.split())
 
 
@@ -47,9 +44,7 @@ def test_kernels_run_on_openmp_where_there_is_one(first):
     """With TBB a fork of a process whose kernels have run can take minutes."""
     pytest.importorskip("numba.np.ufunc.omppool")
     program = f"import {first}; numba.set_num_threads(1); print(numba.threading_layer())"
-    done = subprocess.run(
-        [sys.executable, "-c", program], capture_output=True, text=True, check=True, timeout=120
-    )
+    done = run_python(program)
     assert done.stdout.strip() == "omp"
 
 
@@ -67,14 +62,7 @@ def test_idle_threads_sleep_soon_unless_the_user_has_a_wish(own, spins):
     policies = ("GOMP_SPINCOUNT", "OMP_WAIT_POLICY")
     others = {name: value for name, value in os.environ.items() if name not in policies}
     program = "import multiscale, os; print(os.environ.get('GOMP_SPINCOUNT'))"
-    done = subprocess.run(
-        [sys.executable, "-c", program],
-        env=others | own,
-        capture_output=True,
-        text=True,
-        check=True,
-        timeout=60,
-    )
+    done = run_python(program, env=others | own)
     assert done.stdout.strip() == spins
 
 

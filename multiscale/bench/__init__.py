@@ -4,12 +4,12 @@ from collections.abc import Callable
 from importlib import import_module
 from typing import TYPE_CHECKING, cast
 
-from multiscale.bench.table import tabulate
+from multiscale.bench.table import tabulate_runs
 
 if TYPE_CHECKING:
     import xarray as xr
 
-__all__ = ["FAMILIES", "STABILITY_FAMILIES", "bench", "tabulate"]
+__all__ = ["FAMILIES", "STABILITY_FAMILIES", "bench", "tabulate_runs"]
 
 FAMILIES = (
     "chain",
@@ -23,7 +23,7 @@ FAMILIES = (
     "structures",
     "substructures",
 )
-"""Families of scenes; each is a module with a function of its name."""
+"""Families of scenes; each is a module with a function of its name, as :func:`bench` calls it."""
 
 STABILITY_FAMILIES = (
     "structure",

@@ -1,12 +1,11 @@
 """The whole chain: error of the stiffness of a joint against the time from surface to answer."""
 
-from collections.abc import Callable
 from functools import partial
 from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import TYPE_CHECKING
 
-from multiscale.bench.ladder import Rung, against, measure_ladders
+from multiscale.bench.trials import Report, Trial, judge_by, measure_trials
 
 if TYPE_CHECKING:
     import xarray as xr
@@ -38,22 +37,10 @@ def joint_stiffness(points: int, realisations: int, first: int = 0) -> float:
     return float(results.macro_result["joint_stiffness"].values[PRELOAD])
 
 
-def bench_chain(
-    *, quick: bool = False, report: Callable[[str], None] = lambda line: None
-) -> "xr.Dataset":
+def bench_chain(*, quick: bool, report: Report) -> "xr.Dataset":
     """Run a case on several grids with several numbers of realisations.
 
-    Parameters
-    ----------
-    quick : bool
-        Two coarse grids, three realisations.
-    report : callable
-        Gets a line after each measurement.
-
-    Returns
-    -------
-    Dataset
-        Follows ``WORK_PRECISION``.
+    If quick, two coarse grids, three realisations.
 
     Notes
     -----
@@ -63,9 +50,9 @@ def bench_chain(
     """
     grids = QUICK_POINTS if quick else POINTS
     counts = QUICK_REALISATIONS if quick else REALISATIONS
-    return measure_ladders(
+    return measure_trials(
         [
-            Rung(
+            Trial(
                 SCENE,
                 f"{points} x {points} points",
                 partial(joint_stiffness, points, count),
@@ -75,7 +62,7 @@ def bench_chain(
             for points in grids
             for count in counts
         ],
-        against(partial(_truth, grids[-1], MORE * counts[-1])),
+        judge_by(partial(_truth, grids[-1], MORE * counts[-1])),
         title="whole chain: stiffness of a joint",
         packages=("scipy", "numba"),
         report=report,

@@ -1,12 +1,11 @@
 """Two-scale fatigue: the error of cycle jumps against their run time."""
 
-from collections.abc import Callable
 from functools import partial
 from typing import TYPE_CHECKING
 
 import numpy as np
 
-from multiscale.bench.ladder import Rung, against, measure_ladders
+from multiscale.bench.trials import Report, Trial, judge_by, measure_trials
 from multiscale.micro.damage import FatigueMaterial, StressBlock, two_scale_fatigue
 
 if TYPE_CHECKING:
@@ -59,22 +58,11 @@ def life(scene: str, tolerance: float | None, substeps: int = SUBSTEPS) -> tuple
     return float(found["cycles_to_rupture"]), float(found["computed_cycles"])
 
 
-def bench_damage(
-    *, quick: bool = False, report: Callable[[str], None] = lambda line: None
-) -> "xr.Dataset":
+def bench_damage(*, quick: bool, report: Report) -> "xr.Dataset":
     """Find lives by following every cycle, and by jumps of several tolerances.
 
-    Parameters
-    ----------
-    quick : bool
-        One scene, two tolerances and one run of each.
-    report : callable
-        Gets a line after each measurement.
-
-    Returns
-    -------
-    Dataset
-        Follows ``WORK_PRECISION``; ``iterations`` are the cycles that were followed.
+    If quick, one scene, two tolerances and one run of each. ``iterations`` are the
+    cycles that were followed.
 
     Notes
     -----
@@ -85,9 +73,9 @@ def bench_damage(
     after a warm-up that takes imports and compilation.
     """
     tolerances = (None, *(QUICK_TOLERANCES if quick else TOLERANCES))
-    found = measure_ladders(
+    found = measure_trials(
         [
-            Rung(
+            Trial(
                 scene,
                 EVERY if tolerance is None else "cycle jumps",
                 partial(life, scene, tolerance),
@@ -98,7 +86,7 @@ def bench_damage(
             for scene in (QUICK_SCENES if quick else SCENES)
             for tolerance in tolerances
         ],
-        against(_truth, count="iterations"),
+        judge_by(_truth, count="iterations"),
         title="two-scale fatigue: error of the life against run time",
         packages=("numba",),
         report=report,

@@ -1,14 +1,13 @@
 """Grains in motion: the error of three closed forms and of a deposit against run time."""
 
-from collections.abc import Callable
 from functools import partial
 from typing import TYPE_CHECKING
 
 import numpy as np
 
 from multiscale.bench import yade
-from multiscale.bench.ladder import Rung, against, measure_ladders
 from multiscale.bench.measure import THREADS
+from multiscale.bench.trials import Report, Trial, judge_by, measure_trials
 
 if TYPE_CHECKING:
     import xarray as xr
@@ -89,22 +88,10 @@ def _yade(grains: int) -> float:
     return yade.settle(_heap(grains), SETTLING, threads=THREADS).height
 
 
-def bench_grains(
-    *, quick: bool = False, report: Callable[[str], None] = lambda line: None
-) -> "xr.Dataset":
+def bench_grains(*, quick: bool, report: Report) -> "xr.Dataset":
     """Follow grains in ever shorter steps, with rigid and with compliant contacts.
 
-    Parameters
-    ----------
-    quick : bool
-        Two lengths of steps, and a smaller deposit.
-    report : callable
-        Gets a line after each measurement.
-
-    Returns
-    -------
-    Dataset
-        Follows ``WORK_PRECISION``.
+    If quick, two lengths of steps, and a smaller deposit.
 
     Notes
     -----
@@ -116,8 +103,8 @@ def bench_grains(
     grains = QUICK_GRAINS if quick else GRAINS
     lengths = QUICK_STEPS if quick else STEPS
     warm_up = partial(answer, DEPOSIT, 0.05, 4e-3)
-    rungs = [
-        Rung(
+    trials = [
+        Trial(
             scene,
             method,
             partial(answer, scene, compliance, step, grains),
@@ -130,10 +117,10 @@ def bench_grains(
     ]
     if yade.installed():
         step = yade.time_step(_heap(1))
-        rungs.append(Rung(DEPOSIT, "YADE", partial(_yade, grains), warm_up, {"time_step": step}))
-    return measure_ladders(
-        rungs,
-        against(partial(_truth, min(lengths) / FINEST, grains)),
+        trials.append(Trial(DEPOSIT, "YADE", partial(_yade, grains), warm_up, {"time_step": step}))
+    return measure_trials(
+        trials,
+        judge_by(partial(_truth, min(lengths) / FINEST, grains)),
         title="grains in motion: heights and ways",
         packages=("numba",),
         report=report,

@@ -5,15 +5,17 @@ every iteration of LATIN the indicator stands beside the true error of the same 
 against the monolithic solution.
 """
 
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from functools import cached_property
+from itertools import product
 from time import perf_counter
 from typing import TYPE_CHECKING
 
 import numpy as np
 
 from multiscale.bench.record import load_average, record, versions
+from multiscale.bench.trials import Report
 from multiscale.errors import ConvergenceError
 from multiscale.fe.boxes import box_mesh
 from multiscale.laws import Exponential, Sliders
@@ -29,7 +31,7 @@ from multiscale.macro.substructures.latin_solver import solve_step
 if TYPE_CHECKING:
     import xarray as xr
 
-__all__ = ["SCENES", "JointScene", "bench_joints", "measure_effectivity"]
+__all__ = ["JOINT_SCENES", "JointScene", "bench_joints", "measure_effectivity"]
 
 EDGE, YOUNG, PRESSURE = 0.02, 210e9, 20e6
 """Edge of the blocks, m, their modulus and the mean pressure, Pa."""
@@ -100,7 +102,7 @@ class JointScene:
         return cut_assembly(Assembly((lower, upper), (joint,), TIMES), (self.parts, self.parts))
 
 
-SCENES: Mapping[str, JointScene] = {
+JOINT_SCENES: Mapping[str, JointScene] = {
     "soft law": JointScene(1e-2, 0.2, 0.2, 1.4e6, 2),
     "law like the blocks": JointScene(1.0, 0.2, 0.2, 1.4e6, 1),
     "uneven pressure": JointScene(1.0, 0.2, 1.5, 1.4e6, 2),
@@ -193,29 +195,24 @@ def _monolithic(scene: JointScene, problem: CutProblem) -> Iterator[_Exact]:
         yield _Exact(problem, u[numbers], traction.T, weight, k)
 
 
-def bench_joints(
-    *, quick: bool = False, report: Callable[[str], None] = lambda line: None
-) -> "xr.Dataset":
+def bench_joints(*, quick: bool, report: Report) -> "xr.Dataset":
     """Tabulate the effectivity of the heuristic indicator over scenes, steps and iterations.
 
-    Parameters
-    ----------
-    quick : bool
-        Two scenes only.
-    report : callable
-        Gets a line after each scene.
-
-    Returns
-    -------
-    Dataset
-        Follows ``WORK_PRECISION``: one run for each step and decade of the true error, at the
-        first iteration below it. Times are those of the iterations, with the indicator.
+    If quick, two scenes only.
+    There is one run for each step and decade of the true error, at the first iteration below it.
+    Times are those of the iterations, with the indicator.
     """
     load = load_average()
     rows: list[dict[str, float | str]] = []
-    for name, scene in list(SCENES.items())[: 2 if quick else None]:
+    for name, scene in list(JOINT_SCENES.items())[: 2 if quick else None]:
         values = list(measure_effectivity(scene))
-        rows += _rows(name, values)
+        for step, decade in product(range(len(TIMES)), DECADES):
+            mine = (value for value in values if value["step"] == step)
+            below = next((value for value in mine if value["error"] <= decade), None)
+            if below is not None:
+                row: dict[str, float | str] = {key: below[key] for key in below if key != "step"}
+                scene_step = {"scene": f"{name}, step {step}", "method": "LATIN"}
+                rows.append(row | scene_step | {"converged": 1})
         effectivity = np.array([value["effectivity"] for value in values])
         report(
             f"{name}: effectivity {np.median(effectivity):.2g}, from {effectivity.min():.2g} to "
@@ -229,15 +226,3 @@ def bench_joints(
         repeats=1,
         wall_time_counts="iterations and indicator, without the preparation",
     )
-
-
-def _rows(name: str, values: list[dict[str, float]]) -> Iterator[dict[str, float | str]]:
-    """First iteration of every step below each decade of the error."""
-    for step in range(len(TIMES)):
-        mine = [value for value in values if value["step"] == step]
-        for decade in DECADES:
-            below = [value for value in mine if value["error"] <= decade]
-            if below:
-                run: dict[str, float | str] = {key: below[0][key] for key in below[0]}
-                del run["step"]
-                yield run | {"scene": f"{name}, step {step}", "method": "LATIN", "converged": 1}

@@ -1,17 +1,17 @@
 """Fitted laws: the error of the stiffness of an interface against the time of its cells."""
 
-from collections.abc import Callable, Iterable
+from collections.abc import Iterable
 from functools import partial
 from typing import TYPE_CHECKING
 
 import numpy as np
 
-from multiscale.bench.ladder import Rung, against, measure_ladders
+from multiscale.bench.trials import Report, Trial, judge_by, measure_trials
 
 if TYPE_CHECKING:
     import xarray as xr
 
-__all__ = ["bench_laws", "stiffness"]
+__all__ = ["bench_laws", "fitted_stiffness"]
 
 YOUNG, POISSON, SLOPE = 210e9, 0.3, 0.1  # Pa, 1, 1
 SIZE, LONGEST, SHORTEST = 80e-6, 20e-6, 10e-6
@@ -33,22 +33,10 @@ PARTS = 8
 SCENE = "stiffness of a rough interface"
 
 
-def bench_laws(
-    *, quick: bool = False, report: Callable[[str], None] = lambda line: None
-) -> "xr.Dataset":
+def bench_laws(*, quick: bool, report: Report) -> "xr.Dataset":
     """Fit laws of several families to ensembles of flat cells of growing size.
 
-    Parameters
-    ----------
-    quick : bool
-        Two sizes, and fewer realisations for the truth.
-    report : callable
-        Gets a line after each measurement.
-
-    Returns
-    -------
-    Dataset
-        Follows ``WORK_PRECISION``.
+    If quick, two sizes, and fewer realisations for the truth.
 
     Notes
     -----
@@ -57,26 +45,26 @@ def bench_laws(
     them, are the uncertainty. More realisations cannot mend what a family of two parameters cannot
     say. *Times* are those of the cells and of the fit, one after the other.
     """
-    return measure_ladders(
+    return measure_trials(
         [
-            Rung(
+            Trial(
                 SCENE,
                 family.replace("_", " "),
                 partial(_samples, family, count),
-                partial(stiffness, "power", range(2)),
+                partial(fitted_stiffness, "power", range(2)),
                 {"realisations": count},
             )
             for family in FAMILIES
             for count in (QUICK_REALISATIONS if quick else REALISATIONS)
         ],
-        against(partial(_truth, QUICK_TRUTH if quick else TRUTH)),
+        judge_by(partial(_truth, QUICK_TRUTH if quick else TRUTH)),
         title="interface laws: stiffness at 1 GPa",
         packages=("scipy",),
         report=report,
     )
 
 
-def stiffness(family: str, seeds: Iterable[int]) -> float:
+def fitted_stiffness(family: str, seeds: Iterable[int]) -> float:
     """Press cells and fit a law of a family: its stiffness at 1 GPa, Pa/m."""
     from multiscale.micro import Cell, Path, run_ensemble, self_affine
     from multiscale.upscaling import fit_law, law_from_dataset
@@ -107,13 +95,15 @@ def stiffness(family: str, seeds: Iterable[int]) -> float:
 
 def _samples(family: str, count: int) -> np.ndarray:
     """Stiffness of several ensembles."""
-    return np.array([stiffness(family, range(k * count, (k + 1) * count)) for k in range(SAMPLES)])
+    return np.array(
+        [fitted_stiffness(family, range(k * count, (k + 1) * count)) for k in range(SAMPLES)]
+    )
 
 
 def _truth(count: int, scene: str, answers: list[float]) -> tuple[float, float]:
     """Stiffness of many realisations, and two of its relative standard errors."""
     first = SAMPLES * max(REALISATIONS)  # seeds after those of the ensembles
     shares = np.arange(first, first + count).reshape(PARTS, -1)
-    parts = np.array([stiffness("convex_decreasing", share) for share in shares])
+    parts = np.array([fitted_stiffness("convex_decreasing", share) for share in shares])
     mean = parts.mean()
     return float(mean), float(2.0 * parts.std(ddof=1) / np.sqrt(PARTS) / mean)

@@ -5,7 +5,7 @@ from scipy.sparse import csr_array, diags_array
 from scipy.sparse.linalg import splu
 from scipy.spatial import cKDTree
 
-__all__ = ["condensed", "granular", "membrane", "p_matrix", "stack", "tensegrity"]
+__all__ = ["condensed", "granular", "loaded_column", "membrane", "p_matrix", "tensegrity"]
 
 
 def granular(
@@ -66,7 +66,9 @@ def _lengthening(ends: np.ndarray, direction: np.ndarray, nodes: int) -> csr_arr
     )
 
 
-def stack(bodies: int, *, mass_ratio: float = 1.0) -> tuple[csr_array, csr_array, np.ndarray]:
+def loaded_column(
+    bodies: int, *, mass_ratio: float = 1.0
+) -> tuple[csr_array, csr_array, np.ndarray]:
     """Make a column of light bodies under a heavy one, pulled down for one step.
 
     Parameters

@@ -7,11 +7,11 @@ from concurrent.futures.process import BrokenProcessPool
 from dataclasses import dataclass
 from multiprocessing import get_context
 from pathlib import Path
-from statistics import median
+from statistics import median, median_low
 from time import perf_counter
 from typing import Generic, TypeVar
 
-__all__ = ["THREADS", "Measured", "measure", "peak_memory"]
+__all__ = ["THREADS", "Measurement", "measure", "peak_memory"]
 
 THREADS = 2
 """Threads that a measured code may use, if nothing else is said."""
@@ -20,23 +20,24 @@ T = TypeVar("T")
 
 
 @dataclass(frozen=True)
-class Measured(Generic[T]):
+class Measurement(Generic[T]):
     """What a task returned and took.
 
     Attributes
     ----------
     value : object or None
-        What the last run returned; ``None`` if a process died, as it does for lack of memory.
+        What the run of median time returned; ``None`` if a process died, as it does for lack of
+        memory.
     wall_time : float
         Median over the runs, s; ``nan`` if a process died.
-    peak_memory : float
+    peak_memory : float or None
         Median of the largest resident memory of the whole process, with its interpreter and
-        libraries, byte; ``nan`` if a process died.
+        libraries, byte; ``nan`` if a process died, ``None`` without processes of its own.
     """
 
     value: T | None
     wall_time: float
-    peak_memory: float
+    peak_memory: float | None
 
 
 def measure(
@@ -45,34 +46,42 @@ def measure(
     warm_up: Callable[[], object],
     repeats: int = 3,
     threads: int = THREADS,
-) -> Measured[T]:
-    """Run a task several times, each time in a fresh process.
+    process: bool = True,
+) -> Measurement[T]:
+    """Run a task several times.
 
     Parameters
     ----------
     task : callable
-        Without arguments; it and its result must be picklable.
+        Without arguments; for a process it and its result must be picklable.
     warm_up : callable
-        Runs before the task in each process, untimed: a small task of the same kind, so that
+        Runs before the task each time, untimed: a small task of the same kind, so that
         neither imports nor compilation are counted.
     repeats : int
-        Number of processes.
+        Number of runs.
     threads : int
         Threads that the task may use.
+    process : bool
+        Whether each run has a fresh process, which tells its memory too.
 
     Returns
     -------
-    Measured
+    Measurement
     """
     runs: list[tuple[T, float, float]] = []
     for _ in range(repeats):
+        if not process:
+            runs.append(_run(task, warm_up, threads))
+            continue
         # spawn: a forked process would start with the memory of this one
         with ProcessPoolExecutor(1, mp_context=get_context("spawn")) as executor:
             try:
                 runs.append(executor.submit(_run, task, warm_up, threads).result())
             except BrokenProcessPool:
-                return Measured(None, float("nan"), float("nan"))
-    return Measured(runs[-1][0], median(run[1] for run in runs), median(run[2] for run in runs))
+                return Measurement(None, float("nan"), float("nan"))
+    time = median_low(run[1] for run in runs)
+    value = next(value for value, seconds, _ in runs if seconds == time)
+    return Measurement(value, time, median(run[2] for run in runs) if process else None)
 
 
 def _run(
@@ -82,14 +91,18 @@ def _run(
     from threadpoolctl import threadpool_limits
 
     warm_up()
-    if "numba" in sys.modules:
-        import numba
-
-        numba.set_num_threads(min(threads, numba.get_num_threads()))
-    with threadpool_limits(threads):
-        begin = perf_counter()
-        value = task()
-        elapsed = perf_counter() - begin
+    numba = sys.modules.get("numba")
+    before = numba.get_num_threads() if numba else threads
+    if numba:
+        numba.set_num_threads(min(threads, before))
+    try:
+        with threadpool_limits(threads):
+            begin = perf_counter()
+            value = task()
+            elapsed = perf_counter() - begin
+    finally:
+        if numba:
+            numba.set_num_threads(before)
     return value, elapsed, peak_memory()
 
 

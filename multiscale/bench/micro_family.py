@@ -10,9 +10,9 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from multiscale.bench.ladder import Columns, Rung, Runs, measure_ladders
 from multiscale.bench.limits import common_reference, extrapolate
-from multiscale.bench.peers import CODES, TOLERANCE, Answer, Code
+from multiscale.bench.peers import CODES, TOLERANCE, Code, ContactAnswer
+from multiscale.bench.trials import Columns, Report, Runs, Trial, measure_trials
 from multiscale.surfaces.surface import Surface
 
 if TYPE_CHECKING:
@@ -50,24 +50,11 @@ def scene_surface(points: int) -> Surface:
     )
 
 
-def bench_micro(
-    *, quick: bool = False, report: Callable[[str], None] = lambda line: None
-) -> "xr.Dataset":
+def bench_micro(*, quick: bool, report: Report) -> "xr.Dataset":
     r"""Measure every installed code on every grid and pressure.
 
-    Parameters
-    ----------
-    quick : bool
-        One pressure, three grids and one run of each instead of three, four and the median of
-        three.
-    report : callable
-        Gets a line after each measurement.
-
-    Returns
-    -------
-    Dataset
-        Follows ``WORK_PRECISION``. The attribute ``cautions`` has a sentence for each code that is
-        not installed.
+    If quick, one pressure, three grids and one run of each instead of three, four and the median of
+    three. The attribute ``cautions`` has a sentence for each code that is not installed.
 
     Notes
     -----
@@ -88,13 +75,13 @@ def bench_micro(
     points = QUICK_POINTS if quick else POINTS
     codes = {name: code for name, code in CODES.items() if code.installed}
 
-    def task(code: Code, n: int, pressure: float) -> Callable[[], Answer]:
+    def task(code: Code, n: int, pressure: float) -> Callable[[], ContactAnswer]:
         mean_pressure = pressure * CONTACT_MODULUS * RMS_SLOPE
         return partial(code.solve, scene_surface(n), mean_pressure, CONTACT_MODULUS)
 
-    found = measure_ladders(
+    found = measure_trials(
         [
-            Rung(
+            Trial(
                 f"micro, p = {pressure:g} E* h'",
                 name,
                 task(code, n, pressure),
@@ -127,7 +114,7 @@ def bench_micro(
 def _judge(scene: str, runs: Runs) -> Iterable[Columns]:
     """Compare the codes with their common limit, and each with its own."""
     rms_height = float(scene_surface(POINTS[0]).heights.std())
-    codes = list(dict.fromkeys(rung.method for rung in runs))
+    codes = list(dict.fromkeys(trial.method for trial in runs))
     values = np.array([_values(run.value) for run in runs.values()])
     gaps, areas = values.reshape(len(codes), -1, 2).transpose(2, 0, 1)
     small_slope = [CODES[name].small_slope for name in codes]
@@ -135,9 +122,9 @@ def _judge(scene: str, runs: Runs) -> Iterable[Columns]:
     area_limits = np.array([extrapolate(area, order=1.0) for area in areas])
     gap, gap_uncertainty = common_reference(gap_limits[small_slope], gaps[small_slope, -1])
     area, area_uncertainty = common_reference(area_limits[small_slope], areas[small_slope, -1])
-    for (mean_gap, fraction), (rung, run) in zip(values, runs.items(), strict=True):
-        own = codes.index(rung.method)
-        answer: Answer | None = run.value
+    for (mean_gap, fraction), (trial, run) in zip(values, runs.items(), strict=True):
+        own = codes.index(trial.method)
+        answer: ContactAnswer | None = run.value
         yield {
             "converged": int(answer is not None and answer.converged),
             "iterations": 0 if answer is None else answer.iterations,
@@ -153,7 +140,7 @@ def _judge(scene: str, runs: Runs) -> Iterable[Columns]:
         }
 
 
-def _values(answer: Answer | None) -> tuple[float, float]:
+def _values(answer: ContactAnswer | None) -> tuple[float, float]:
     """Mean gap and contact fraction; NaN if the process died or the code did not converge."""
     if answer is None or not answer.converged:
         return np.nan, np.nan

@@ -1,12 +1,9 @@
 """Complementarity and friction: the residual of every method against its run time."""
 
 from collections.abc import Callable, Iterator, Mapping
-from contextlib import contextmanager
 from dataclasses import dataclass
 from functools import partial
-from statistics import median_low
-from time import perf_counter
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from scipy.sparse import csr_array
@@ -15,13 +12,13 @@ from multiscale.bench.friction_scenes import block_tower, box_stack, sphere_pile
 from multiscale.bench.lcp_scenes import (
     condensed,
     granular,
+    loaded_column,
     membrane,
     p_matrix,
-    stack,
     tensegrity,
 )
-from multiscale.bench.record import load_average, record, versions
 from multiscale.bench.rigid_bodies import RigidBodies
+from multiscale.bench.trials import Columns, Report, Runs, Trial, measure_trials
 from multiscale.convergence import Solution
 from multiscale.errors import CaseError
 from multiscale.nonsmooth import solve_friction, solve_lcp, verify_friction, verify_lcp
@@ -56,7 +53,7 @@ def _grains(size: int, mass_ratio: float = 1.0) -> tuple[csr_array, np.ndarray]:
 
 
 def _column(size: int) -> tuple[csr_array, np.ndarray]:
-    mass, directions, velocity = stack(size, mass_ratio=1e6)
+    mass, directions, velocity = loaded_column(size, mass_ratio=1e6)
     return condensed(mass, directions), velocity
 
 
@@ -114,16 +111,6 @@ class Problem:
     verify: Callable[[np.ndarray], float]
 
 
-@dataclass(frozen=True)
-class Run:
-    """What a method did to a problem: wall time in s, and the answer."""
-
-    problem: Problem
-    method: str
-    wall_time: float
-    solution: Solution
-
-
 def lcp_problem(name: str, *, quick: bool) -> Problem:
     """Build a scene of ``LCP_SCENES``."""
     make, size, quick_size = LCP_SCENES[name]
@@ -152,23 +139,12 @@ def friction_problem(name: str, *, quick: bool) -> Problem:
     )
 
 
-def bench_nonsmooth(
-    *, quick: bool = False, report: Callable[[str], None] = lambda line: None
-) -> "xr.Dataset":
+def bench_nonsmooth(*, quick: bool, report: Report) -> "xr.Dataset":
     """Solve every scene by every method.
 
-    Parameters
-    ----------
-    quick : bool
-        Smaller scenes and one run of each instead of the median of three.
-    report : callable
-        Gets a line after each method.
-
-    Returns
-    -------
-    Dataset
-        Follows ``WORK_PRECISION``, with the histories. The attribute ``cautions`` has a sentence
-        for each method that cannot take a scene.
+    If quick, smaller scenes and one run of each instead of the median of three.
+    The dataset has histories. The attribute ``cautions`` has a sentence for each method that cannot
+    take a scene.
 
     Notes
     -----
@@ -182,25 +158,28 @@ def bench_nonsmooth(
     iterations of every method on the same scene that take the compilation. A hundred processes
     would take longer to start than the solvers to run, so memory is not measured.
     """
-    load = load_average()
-    repeats = 1 if quick else REPEATS
-    runs, cautions = list[Run](), list[str]()
-    with _one_thread():
-        for problem in _problems(quick):
-            for method, refusal in _refusals(problem).items():
-                if refusal:
-                    cautions.append(f"{method} is left out of {problem.scene!r}: {refusal}")
-                    continue
-                runs.append(_median([_run(problem, method) for _ in range(repeats)]))
-                report(f"{problem.scene}, {method}: {runs[-1].wall_time:.3g} s")
-    return record(
-        [_row(run) for run in runs],
-        _histories(runs),
+    problems = {problem.scene: problem for problem in _problems(quick)}
+    cautions: list[str] = []
+
+    def trials() -> Iterator[Trial]:
+        for problem, method in ((one, name) for one in problems.values() for name in one.methods):
+            warm_up = partial(problem.solve, method=method, max_iterations=WARM_UP)
+            try:
+                warm_up()
+            except CaseError as error:
+                cautions.append(f"{method} is left out of {problem.scene!r}: {error}")
+                continue
+            task = partial(problem.solve, method=method)
+            yield Trial(problem.scene, method, task, warm_up, repeats=1 if quick else REPEATS)
+
+    return measure_trials(
+        trials(),
+        partial(_judge, problems),
         title="complementarity and friction: residual of every method",
-        versions=versions("clarabel"),
-        load_before=load,
+        packages=("clarabel",),
         threads=1,
-        repeats=repeats,
+        report=report,
+        process=False,
         wall_time_counts="median; without imports and compilation",
         cautions=cautions,
     )
@@ -213,64 +192,17 @@ def _problems(quick: bool) -> Iterator[Problem]:
         yield friction_problem(name, quick=quick)
 
 
-@contextmanager
-def _one_thread() -> Iterator[None]:
-    """Keep the libraries to one thread, so that methods and not their libraries are compared."""
-    import numba
-    from threadpoolctl import threadpool_limits
-
-    threads = numba.get_num_threads()
-    numba.set_num_threads(1)
-    try:
-        with threadpool_limits(1):
-            yield
-    finally:
-        numba.set_num_threads(threads)
-
-
-def _refusals(problem: Problem) -> dict[str, str]:
-    """Warm every method up, and say why one cannot take the problem; empty if it can."""
-    refusals = dict.fromkeys(problem.methods, "")
-    for method in problem.methods:
-        try:
-            problem.solve(method=method, max_iterations=WARM_UP)
-        except CaseError as error:
-            refusals[method] = str(error)
-    return refusals
-
-
-def _run(problem: Problem, method: str) -> Run:
-    begin = perf_counter()
-    solution = problem.solve(method=method)
-    return Run(problem, method, perf_counter() - begin, solution)
-
-
-def _median(runs: list[Run]) -> Run:
-    """Return the run with the median time, so that its history belongs to its time."""
-    middle = median_low(run.wall_time for run in runs)
-    return next(run for run in runs if run.wall_time == middle)
-
-
-def _row(run: Run) -> dict[str, float | str]:
-    """Cost and error of a run."""
-    error = run.problem.verify(run.solution.value)
-    return {
-        "scene": run.problem.scene,
-        "method": run.method,
-        "error": error,
-        "tolerance": run.problem.tolerance,
-        "converged": int(error <= run.problem.tolerance),
-        "wall_time": run.wall_time,
-        "iterations": len(run.solution.residuals) - 1,
-        "unknowns": run.problem.unknowns,
-    }
-
-
-def _histories(runs: list[Run]) -> dict[str, np.ndarray]:
-    """Residuals with their times and the runs that they belong to, end to end."""
-    solutions = [run.solution for run in runs]
-    return {
-        "history_run": np.repeat(np.arange(len(runs)), [len(s.residuals) for s in solutions]),
-        "history_seconds": np.concatenate([s.seconds for s in solutions]),
-        "history_error": np.concatenate([s.residuals for s in solutions]),
-    }
+def _judge(problems: Mapping[str, Problem], scene: str, runs: Runs) -> Iterator[Columns]:
+    """Verify the answers to a problem."""
+    problem = problems[scene]
+    answers: list[Any] = [run.value for run in runs.values()]
+    for answer in answers:
+        error = problem.verify(answer.value)
+        yield {
+            "error": error,
+            "tolerance": problem.tolerance,
+            "converged": int(error <= problem.tolerance),
+            "iterations": len(answer.residuals) - 1,
+            "unknowns": problem.unknowns,
+            "history": np.column_stack([answer.seconds, answer.residuals]),
+        }

@@ -13,12 +13,12 @@ from multiscale.surfaces.surface import Surface
 
 __all__ = [
     "CODES",
-    "Answer",
     "Code",
-    "solve_conforming",
-    "solve_contact_mechanics",
-    "solve_flat",
-    "solve_tamaas",
+    "ContactAnswer",
+    "press_conforming_cell",
+    "press_flat_cell",
+    "press_with_contact_mechanics",
+    "press_with_tamaas",
 ]
 
 TOLERANCE = 1e-6
@@ -29,7 +29,7 @@ POISSONS_RATIO = 0.3
 
 
 @dataclass(frozen=True)
-class Answer:
+class ContactAnswer:
     """What a code found.
 
     Attributes
@@ -53,7 +53,7 @@ class Answer:
     converged: bool
 
 
-def solve_flat(surface: Surface, pressure: float, contact_modulus: float) -> Answer:
+def press_flat_cell(surface: Surface, pressure: float, contact_modulus: float) -> ContactAnswer:
     """Press the flat cell, which is exact in depth.
 
     Parameters
@@ -67,7 +67,7 @@ def solve_flat(surface: Surface, pressure: float, contact_modulus: float) -> Ans
 
     Returns
     -------
-    Answer
+    ContactAnswer
 
     Notes
     -----
@@ -77,8 +77,10 @@ def solve_flat(surface: Surface, pressure: float, contact_modulus: float) -> Ans
     return _solve_cell(surface, pressure, contact_modulus, "flat", 2)
 
 
-def solve_conforming(surface: Surface, pressure: float, contact_modulus: float) -> Answer:
-    """Press the conforming cell, n/8 but at most 20 layers deep; see :func:`solve_flat`.
+def press_conforming_cell(
+    surface: Surface, pressure: float, contact_modulus: float
+) -> ContactAnswer:
+    """Press the conforming cell, n/8 but at most 20 layers deep; see :func:`press_flat_cell`.
 
     The layers grow with the points, so that the error of the depth falls with that of the surface.
     """
@@ -92,7 +94,7 @@ def _solve_cell(
     contact_modulus: float,
     geometry: Literal["flat", "conforming"],
     layers: int,
-) -> Answer:
+) -> ContactAnswer:
     from multiscale.micro import Cell, Path, solve_cell
 
     modulus = contact_modulus * (1.0 - POISSONS_RATIO**2)
@@ -106,7 +108,7 @@ def _solve_cell(
     )
     response = solve_cell(cell, Path(pressure=(pressure,)), tolerance=TOLERANCE)
     points = surface.heights.size
-    return Answer(
+    return ContactAnswer(
         float(response["mean_gap"].item()),
         float(response["contact_fraction"].item()),
         int(response["linear_iterations"].item()),
@@ -115,10 +117,10 @@ def _solve_cell(
     )
 
 
-def solve_tamaas(surface: Surface, pressure: float, contact_modulus: float) -> Answer:
+def press_with_tamaas(surface: Surface, pressure: float, contact_modulus: float) -> ContactAnswer:
     """Solve with Tamaas: boundary elements, projected conjugate gradients on the pressure.
 
-    Parameters and result are those of :func:`solve_flat`.
+    Parameters and result are those of :func:`press_flat_cell`.
     """
     import tamaas
 
@@ -152,10 +154,12 @@ def solve_tamaas(surface: Surface, pressure: float, contact_modulus: float) -> A
     )
 
 
-def solve_contact_mechanics(surface: Surface, pressure: float, contact_modulus: float) -> Answer:
+def press_with_contact_mechanics(
+    surface: Surface, pressure: float, contact_modulus: float
+) -> ContactAnswer:
     """Solve with ContactMechanics: boundary elements, projected conjugate gradients.
 
-    Parameters and result are those of :func:`solve_flat`.
+    Parameters and result are those of :func:`press_flat_cell`.
     """
     from ContactMechanics import PeriodicFFTElasticHalfSpace, make_system
     from SurfaceTopography import Topography
@@ -182,12 +186,12 @@ def _answer(
     iterations: int,
     *,
     converged: bool,
-) -> Answer:
+) -> ContactAnswer:
     """Average the fields of a boundary-element code, whose half-space has no mean displacement."""
     from multiscale.micro.contact_area import contact_fraction
 
     gap, active = displacement - surface.heights, pressure > 0.0
-    return Answer(
+    return ContactAnswer(
         float(np.mean(gap) - np.mean(gap[active])),  # the gap of the contact nodes is zero
         contact_fraction(pressure, np.ones(pressure.shape)),
         iterations,
@@ -203,14 +207,14 @@ class Code:
     Attributes
     ----------
     solve : callable
-        Surface, mean pressure (Pa) and contact modulus (Pa) to :class:`Answer`.
+        Surface, mean pressure (Pa) and contact modulus (Pa) to :class:`ContactAnswer`.
     distribution, module : str
         Names by which it is installed and imported.
     small_slope : bool
         Whether it solves the half-space problem for small slopes, with the roughness as a gap.
     """
 
-    solve: Callable[[Surface, float, float], Answer]
+    solve: Callable[[Surface, float, float], ContactAnswer]
     distribution: str
     module: str
     small_slope: bool = True
@@ -227,9 +231,9 @@ class Code:
 
 
 CODES: Mapping[str, Code] = {
-    "multiscale flat": Code(solve_flat, "multiscale", "multiscale"),
-    "multiscale conforming": Code(solve_conforming, "multiscale", "multiscale", False),
-    "Tamaas": Code(solve_tamaas, "tamaas", "tamaas"),
-    "ContactMechanics": Code(solve_contact_mechanics, "ContactMechanics", "ContactMechanics"),
+    "multiscale flat": Code(press_flat_cell, "multiscale", "multiscale"),
+    "multiscale conforming": Code(press_conforming_cell, "multiscale", "multiscale", False),
+    "Tamaas": Code(press_with_tamaas, "tamaas", "tamaas"),
+    "ContactMechanics": Code(press_with_contact_mechanics, "ContactMechanics", "ContactMechanics"),
 }
 """The codes side by side, by the name in the dataset."""

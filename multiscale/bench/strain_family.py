@@ -1,25 +1,24 @@
 """Cells at large strain: the error of the mean gap against run time, grid by grid."""
 
-from collections.abc import Callable
 from functools import partial
 from typing import TYPE_CHECKING
 
 import numpy as np
 
-from multiscale.bench.ladder import Rung, against, measure_ladders
 from multiscale.bench.limits import extrapolate
+from multiscale.bench.trials import Report, Trial, judge_by, measure_trials
 from multiscale.laws.bulk import J2, NeoHookean
 
 if TYPE_CHECKING:
     import xarray as xr
 
-__all__ = ["SCENES", "bench_strain", "mean_gap"]
+__all__ = ["STRAIN_SCENES", "bench_strain", "gap_over_wave"]
 
 YOUNG, POISSON = 1e9, 0.3  # Pa, 1
 AMPLITUDE = 0.04
 """Of the waves, over their length: slopes up to a quarter."""
 
-SCENES = {
+STRAIN_SCENES = {
     "rubber waves": (NeoHookean(YOUNG, POISSON), 0.06),
     "plastic waves": (J2(YOUNG, POISSON, 0.005 * YOUNG, 0.01 * YOUNG), 0.006),
 }
@@ -29,11 +28,11 @@ POINTS, QUICK_POINTS = (8, 16, 32, 64), (8, 12, 16)
 WARM = 8
 
 
-def mean_gap(scene: str, points: int) -> float:
+def gap_over_wave(scene: str, points: int) -> float:
     """Press waves on a grid of so many points along an edge: mean gap over wavelength."""
     from multiscale.micro import Cell, Path, Surface, solve_cell
 
-    law, pressure = SCENES[scene]
+    law, pressure = STRAIN_SCENES[scene]
     wave = np.cos(2.0 * np.pi * np.arange(points) / points)
     surface = Surface(AMPLITUDE * wave[:, None] * wave, (1.0, 1.0))
     layers = max(4, points // 2)
@@ -44,22 +43,10 @@ def mean_gap(scene: str, points: int) -> float:
     return float(response["mean_gap"].values.ravel()[-1])
 
 
-def bench_strain(
-    *, quick: bool = False, report: Callable[[str], None] = lambda line: None
-) -> "xr.Dataset":
+def bench_strain(*, quick: bool, report: Report) -> "xr.Dataset":
     """Press waves of rubber and of plastic steel on grids of all sizes.
 
-    Parameters
-    ----------
-    quick : bool
-        Three coarse grids.
-    report : callable
-        Gets a line after each measurement.
-
-    Returns
-    -------
-    Dataset
-        Follows ``WORK_PRECISION``.
+    If quick, three coarse grids.
 
     Notes
     -----
@@ -68,19 +55,19 @@ def bench_strain(
     path are the same on all grids, so that their error is not seen here.
     """
     grids = QUICK_POINTS if quick else POINTS
-    return measure_ladders(
+    return measure_trials(
         [
-            Rung(
+            Trial(
                 scene,
-                type(SCENES[scene][0]).__name__,
-                partial(mean_gap, scene, n),
-                partial(mean_gap, "plastic waves", WARM),
+                type(STRAIN_SCENES[scene][0]).__name__,
+                partial(gap_over_wave, scene, n),
+                partial(gap_over_wave, "plastic waves", WARM),
                 {"points": n},
             )
-            for scene in SCENES
+            for scene in STRAIN_SCENES
             for n in grids
         ],
-        against(_limit),
+        judge_by(_limit),
         title="cells at large strain: mean gap",
         packages=("numba",),
         report=report,

@@ -5,7 +5,7 @@ of slack cables stays about the same.
 """
 
 import sys
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from functools import partial
 from importlib.util import find_spec
@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from multiscale.bench.ladder import Columns, Rung, Runs, measure_ladders
+from multiscale.bench.trials import Columns, Report, Runs, Trial, measure_trials
 from multiscale.macro import LinkSystem, solve_static, tensegrity_grid
 from multiscale.macro.discrete import compatibility
 
@@ -21,8 +21,8 @@ if TYPE_CHECKING:
     import xarray as xr
 
 __all__ = [
-    "METHODS",
-    "Answer",
+    "GRID_METHODS",
+    "GridAnswer",
     "Method",
     "bench_structures",
     "distance",
@@ -64,7 +64,7 @@ class Method:
     pardiso: bool = False
 
 
-METHODS: Mapping[str, Method] = {
+GRID_METHODS: Mapping[str, Method] = {
     "Newton, PARDISO": Method("newton", 256, pardiso=True),
     "Newton, SuperLU": Method("newton", 64),
     "dual program, clarabel": Method("dual", 32),
@@ -72,7 +72,7 @@ METHODS: Mapping[str, Method] = {
 
 
 @dataclass(frozen=True, eq=False)
-class Answer:
+class GridAnswer:
     """What a method found; NaN if it did not converge.
 
     Attributes
@@ -98,7 +98,7 @@ def scene_grid(n: int) -> LinkSystem:
     return tensegrity_grid(n, prestress=2550.0 * (n / 16) ** 2)
 
 
-def solve_grid(system: LinkSystem, load_factor: float, method: Method) -> Answer:
+def solve_grid(system: LinkSystem, load_factor: float, method: Method) -> GridAnswer:
     """Solve by one method.
 
     For a process of its own: without ``pardiso`` it cannot import pypardiso any more, as where
@@ -107,7 +107,7 @@ def solve_grid(system: LinkSystem, load_factor: float, method: Method) -> Answer
     if not method.pardiso:
         sys.modules["pypardiso"] = None  # type: ignore[assignment]
     result = solve_static(system, load_factor, method=method.method)
-    return Answer(
+    return GridAnswer(
         result["tension"].values,
         result["displacement"].values,
         int(np.count_nonzero(result["slack"].values > 0.0)),
@@ -115,14 +115,14 @@ def solve_grid(system: LinkSystem, load_factor: float, method: Method) -> Answer
     )
 
 
-def verify(system: LinkSystem, load_factor: float, answer: Answer) -> float:
+def verify(system: LinkSystem, load_factor: float, answer: GridAnswer) -> float:
     r"""Measure from the data alone how far an answer is from equilibrium and from the link laws.
 
     Parameters
     ----------
     system, load_factor
         What was solved.
-    answer : Answer
+    answer : GridAnswer
         Tensions and displacement; they are a solution if and only if the result is zero.
 
     Returns
@@ -161,23 +161,11 @@ def distance(system: LinkSystem, tension: np.ndarray, reference: np.ndarray) -> 
     return float(np.sqrt(change / size))
 
 
-def bench_structures(
-    *, quick: bool = False, report: Callable[[str], None] = lambda line: None
-) -> "xr.Dataset":
+def bench_structures(*, quick: bool, report: Report) -> "xr.Dataset":
     r"""Solve grids of all sizes at two load factors by every method.
 
-    Parameters
-    ----------
-    quick : bool
-        The three smallest grids, and one run of each method.
-    report : callable
-        Gets a line after each measurement.
-
-    Returns
-    -------
-    Dataset
-        Follows ``WORK_PRECISION``. The attribute ``cautions`` has a sentence if PARDISO is not
-        installed.
+    If quick, the three smallest grids, and one run of each method.
+    The attribute ``cautions`` has a sentence if PARDISO is not installed.
 
     Notes
     -----
@@ -195,12 +183,12 @@ def bench_structures(
     """
     methods = {
         name: method
-        for name, method in METHODS.items()
+        for name, method in GRID_METHODS.items()
         if not method.pardiso or find_spec("pypardiso") is not None
     }
     grids = {n: scene_grid(n) for n in (QUICK_MODULES if quick else MODULES)}
-    rungs = {
-        Rung(
+    trials = {
+        Trial(
             f"grid, α = {load_factor:g}",
             name,
             partial(solve_grid, grid, load_factor, method),
@@ -216,9 +204,9 @@ def bench_structures(
         for name, method in methods.items()
         if n <= method.largest
     }
-    return measure_ladders(
-        rungs,
-        partial(_judge, rungs),
+    return measure_trials(
+        trials,
+        partial(_judge, trials),
         title="statics of tensegrity grids: growth of time and memory",
         packages=("scipy", "clarabel", "pypardiso"),
         report=report,
@@ -229,31 +217,31 @@ def bench_structures(
         cautions=(
             f"{name} is left out because pypardiso is not installed; "
             f"pip install 'multiscale[pardiso]'"
-            for name in METHODS
+            for name in GRID_METHODS
             if name not in methods
         ),
     )
 
 
 def _judge(
-    solved: Mapping[Rung, tuple[LinkSystem, float]], scene: str, runs: Runs
+    solved: Mapping[Trial, tuple[LinkSystem, float]], scene: str, runs: Runs
 ) -> Iterator[Columns]:
     """Verify the answers, and compare those to one grid; NaN if a process died."""
-    answers = {rung: run.value for rung, run in runs.items() if run.value is not None}
-    residuals = {rung: verify(*solved[rung], answer) for rung, answer in answers.items()}
-    good = [rung for rung, residual in residuals.items() if residual <= TOLERANCE]
-    newton = [rung for rung in good if METHODS[rung.method].method == "newton"]
-    for rung in runs:
-        system = solved[rung][0]
-        others = [one for one in newton if one is not rung and solved[one][0] is system]
+    answers = {trial: run.value for trial, run in runs.items() if run.value is not None}
+    residuals = {trial: verify(*solved[trial], answer) for trial, answer in answers.items()}
+    good = [trial for trial, residual in residuals.items() if residual <= TOLERANCE]
+    newton = [trial for trial in good if GRID_METHODS[trial.method].method == "newton"]
+    for trial in runs:
+        system = solved[trial][0]
+        others = [one for one in newton if one is not trial and solved[one][0] is system]
         columns: Columns = dict.fromkeys(("iterations", "slack_fraction", "error"), np.nan)
-        if rung in answers:
-            columns["iterations"] = answers[rung].iterations
-        if rung in answers and others:
-            columns["error"] = distance(system, answers[rung].tension, answers[others[0]].tension)
-        if rung in good:
-            columns["slack_fraction"] = answers[rung].slack / rung.settings["cables"]
+        if trial in answers:
+            columns["iterations"] = answers[trial].iterations
+        if trial in answers and others:
+            columns["error"] = distance(system, answers[trial].tension, answers[others[0]].tension)
+        if trial in good:
+            columns["slack_fraction"] = answers[trial].slack / trial.settings["cables"]
         yield columns | {
-            "residual": residuals.get(rung, np.nan),
-            "converged": int(rung in good),
+            "residual": residuals.get(trial, np.nan),
+            "converged": int(trial in good),
         }

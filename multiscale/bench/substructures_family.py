@@ -1,6 +1,6 @@
 """Cut structures: error against run time of LATIN, Newton-Schur and the solver of the whole."""
 
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import partial
 from time import perf_counter
@@ -8,8 +8,8 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from multiscale.bench.ladder import Columns, Rung, Runs, measure_ladders
 from multiscale.bench.structures_family import distance, scene_grid
+from multiscale.bench.trials import Columns, Report, Runs, Trial, measure_trials
 from multiscale.fe.boxes import box_mesh
 from multiscale.laws import Exponential, Sliders
 from multiscale.laws.bulk import Elastic
@@ -34,9 +34,16 @@ from multiscale.macro.substructures import (
 if TYPE_CHECKING:
     import xarray as xr
 
-__all__ = ["METHODS", "Answer", "Scene", "bench_substructures", "make_scenes", "solve_scene"]
+__all__ = [
+    "CUT_METHODS",
+    "CutAnswer",
+    "CutScene",
+    "bench_substructures",
+    "make_scenes",
+    "solve_scene",
+]
 
-METHODS = ("whole structure", "Newton-Schur", "LATIN")
+CUT_METHODS = ("whole structure", "Newton-Schur", "LATIN")
 """The first one is the reference of the others, and the second one that of the first."""
 
 MODULES, QUICK_MODULES = (16, 32, 64, 128), (8, 16)
@@ -59,7 +66,7 @@ ONCE = 64
 
 
 @dataclass(frozen=True, eq=False)
-class Scene:
+class CutScene:
     """A structure at one load.
 
     Attributes
@@ -97,7 +104,7 @@ class Scene:
 
 
 @dataclass(frozen=True, eq=False)
-class Answer:
+class CutAnswer:
     """What a method found.
 
     Attributes
@@ -119,14 +126,14 @@ class Answer:
     history: np.ndarray = field(default_factory=lambda: np.zeros((0, 2)))
 
 
-def make_scenes(*, quick: bool = False) -> list[Scene]:
+def make_scenes(*, quick: bool = False) -> list[CutScene]:
     """Make tensegrity grids with 14 % of slack cables, a plate and a rough joint."""
     scenes = []
     for n in QUICK_MODULES if quick else MODULES:
         parts = n // min(EDGE, n // 2)
         repeats = 1 if quick or n >= ONCE else 3
         name = f"grid, {n} x {n} modules in {parts} x {parts}"
-        scenes.append(Scene(name, scene_grid(n), np.ones((1, 1)), (parts, parts), repeats))
+        scenes.append(CutScene(name, scene_grid(n), np.ones((1, 1)), (parts, parts), repeats))
     fine, repeats = (1, 1) if quick else (2, 3)
     clamped = (0.0, 0.0, 0.0)
     plate = Body(
@@ -136,20 +143,20 @@ def make_scenes(*, quick: bool = False) -> list[Scene]:
         tractions={"top": (0.0, 0.0, -1e3)},
     )
     cut = cut_assembly(Assembly((plate,)), (4, 4))
-    scenes.append(Scene("plate in 4 x 4", cut, np.ones((1, 1)), repeats=repeats))
+    scenes.append(CutScene("plate in 4 x 4", cut, np.ones((1, 1)), repeats=repeats))
     law = Sliders(Exponential(2e9, 0.2e-6), 0.2, pressures=(1e6, 1e8))
     elements = (8 * fine, 4 * fine, 4 * fine)
     blocks = stacked_blocks((0.04, 0.02, 0.02), elements, [Elastic(210e9, 0.3)] * 2, [law])
     load = np.array([[20e6, 3e6]])  # Pa; three fifths of the joint slip
     scenes.append(
-        Scene("rough joint in 2 x 2 x 1", cut_assembly(blocks, (2, 1)), load, repeats=repeats)
+        CutScene("rough joint in 2 x 2 x 1", cut_assembly(blocks, (2, 1)), load, repeats=repeats)
     )
     return scenes
 
 
-def solve_scene(scene: Scene, method: str, reference: Answer | None = None) -> Answer:
-    """Solve a scene by one of ``METHODS``; with a reference, note the errors on the way."""
-    if method == METHODS[0]:
+def solve_scene(scene: CutScene, method: str, reference: CutAnswer | None = None) -> CutAnswer:
+    """Solve a scene by one of ``CUT_METHODS``; with a reference, note the errors on the way."""
+    if method == CUT_METHODS[0]:
         return _solve_whole(scene)
     begin, history = perf_counter(), []
     problem = scene.cut()
@@ -161,38 +168,40 @@ def solve_scene(scene: Scene, method: str, reference: Answer | None = None) -> A
         if reference is None:
             return
         if isinstance(scene.structure, CutProblem):
-            latin = method == METHODS[2]
+            latin = method == CUT_METHODS[2]
             value = problem.average(state.u) if latin else state.displacement()
         else:
             value = np.empty(order.size)
-            value[order.astype(int)] = state.tension if method == METHODS[2] else state.tension()
+            value[order.astype(int)] = (
+                state.tension if method == CUT_METHODS[2] else state.tension()
+            )
         history.append((perf_counter() - begin, scene.error(value, reference.value)))
 
-    solve = solve_latin if method == METHODS[2] else solve_schur
+    solve = solve_latin if method == CUT_METHODS[2] else solve_schur
     result = solve(problem, scene.factor, tolerance=TOLERANCE, callback=note)
     return _answer(problem, result, history)
 
 
-def _solve_whole(scene: Scene) -> Answer:
+def _solve_whole(scene: CutScene) -> CutAnswer:
     """Solve without a cut."""
     if isinstance(scene.structure, LinkSystem):
         result = solve_static(scene.structure, float(scene.factor[0, 0]))
         unknowns = int(np.count_nonzero(~scene.structure.fixed))
         steps = int(result["iterations"]) - 1
-        return Answer(result["tension"].values, bool(result["converged"]), steps, unknowns)
+        return CutAnswer(result["tension"].values, bool(result["converged"]), steps, unknowns)
     return _answer(scene.structure, solve_whole(scene.structure, scene.factor))
 
 
 def _answer(
     problem: CutProblem, result: "xr.Dataset", history: Sequence[tuple[float, float]] = ()
-) -> Answer:
+) -> CutAnswer:
     """Tension of the links, or displacement of the unknowns, that a solver of a cut has found."""
     free, value = problem.number >= 0, np.empty(problem.n)
     if problem.n_links:
         value = result["tension"].values[0]
     else:
         value[problem.number[free]] = result["displacement"].values[0][free]
-    return Answer(
+    return CutAnswer(
         value,
         bool(result["converged"][0]),
         float(result["iterations"][0]),
@@ -201,22 +210,11 @@ def _answer(
     )
 
 
-def bench_substructures(
-    *, quick: bool = False, report: Callable[[str], None] = lambda line: None
-) -> "xr.Dataset":
+def bench_substructures(*, quick: bool, report: Report) -> "xr.Dataset":
     """Solve every scene by LATIN, by Newton-Schur and without a cut.
 
-    Parameters
-    ----------
-    quick : bool
-        Two small grids, coarser bodies, and one run of each method.
-    report : callable
-        Gets a line after each measurement.
-
-    Returns
-    -------
-    Dataset
-        Follows ``WORK_PRECISION``, with histories.
+    If quick, two small grids, coarser bodies, and one run of each method.
+    The dataset has histories.
 
     Notes
     -----
@@ -231,11 +229,11 @@ def bench_substructures(
     of one thread, so that no substructure is solved beside another.
     """
     small = make_scenes(quick=True)
-    rungs: dict[Rung, Scene] = {}
+    trials: dict[Trial, CutScene] = {}
     for scene in make_scenes(quick=quick):
         warm, whole = small[0 if isinstance(scene.structure, LinkSystem) else -1], None
-        for method in METHODS:
-            rung = Rung(
+        for method in CUT_METHODS:
+            trial = Trial(
                 scene.name,
                 method,
                 partial(solve_scene, scene, method),
@@ -244,10 +242,10 @@ def bench_substructures(
                 scene.repeats,
                 follows=whole,
             )
-            rungs[rung], whole = scene, whole or rung
-    return measure_ladders(
-        rungs,
-        partial(_judge, rungs),
+            trials[trial], whole = scene, whole or trial
+    return measure_trials(
+        trials,
+        partial(_judge, trials),
         title="cut structures: LATIN, Newton-Schur and the whole structure, in one process",
         packages=("scipy", "pypardiso"),
         threads=THREADS,
@@ -255,14 +253,14 @@ def bench_substructures(
     )
 
 
-def _judge(scenes: Mapping[Rung, Scene], name: str, runs: Runs) -> Iterator[Columns]:
+def _judge(scenes: Mapping[Trial, CutScene], name: str, runs: Runs) -> Iterator[Columns]:
     """Compare the answers to a scene; NaN if a process died."""
-    answers = {rung.method: run.value for rung, run in runs.items()}
-    for rung in runs:
-        mine, other = answers[rung.method], answers[METHODS[rung.method == METHODS[0]]]
+    answers = {trial.method: run.value for trial, run in runs.items()}
+    for trial in runs:
+        mine, other = answers[trial.method], answers[CUT_METHODS[trial.method == CUT_METHODS[0]]]
         error = np.nan
         if mine is not None and other is not None:
-            error = scenes[rung].error(mine.value, other.value)
+            error = scenes[trial].error(mine.value, other.value)
         yield {
             "unknowns": np.nan if mine is None else mine.unknowns,
             "iterations": np.nan if mine is None else mine.iterations,

@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING
 if TYPE_CHECKING:
     import xarray as xr
 
-__all__ = ["tabulate"]
+__all__ = ["tabulate_runs"]
 
 COLUMNS: Mapping[str, tuple[str, str, float]] = {
     "points": ("points", "d", 1),
@@ -25,7 +25,7 @@ COLUMNS: Mapping[str, tuple[str, str, float]] = {
 """Heading, format and factor of each variable."""
 
 
-def tabulate(work_precision: "xr.Dataset") -> tuple[tuple[str, ...], list[tuple[str, ...]]]:
+def tabulate_runs(work_precision: "xr.Dataset") -> tuple[tuple[str, ...], list[tuple[str, ...]]]:
     """Return the runs as rows of text under a head, without columns that were not measured.
 
     Parameters

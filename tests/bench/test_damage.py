@@ -3,10 +3,9 @@
 import numpy as np
 import pytest
 
-from multiscale.bench import bench, ladder, tabulate
+from multiscale.bench import bench, tabulate_runs, trials
 from multiscale.bench.damage_family import SCENES, life
-from multiscale.bench.measure import Measured
-from multiscale.plotting import draw_work_precision
+from multiscale.bench.measure import Measurement
 from multiscale.schema import WORK_PRECISION
 
 
@@ -21,10 +20,8 @@ def test_jumps_give_the_life_of_every_cycle_for_a_share_of_them(scene):
 
 
 @pytest.mark.slow
-def test_the_family_leaves_a_dataset_and_a_figure(monkeypatch, tmp_path):
-    monkeypatch.setattr(
-        ladder, "measure", lambda task, **_: Measured(task(), wall_time=0.1, peak_memory=1e8)
-    )
+@pytest.mark.usefixtures("in_this_process")
+def test_the_family_leaves_a_dataset_and_a_figure(stored):
     lines = []
     found = bench("damage", quick=True, report=lines.append)
     WORK_PRECISION.check(found)
@@ -34,12 +31,12 @@ def test_the_family_leaves_a_dataset_and_a_figure(monkeypatch, tmp_path):
     by_tolerance = dict(zip(found["tolerance"].values, found["error"].values, strict=True))
     assert by_tolerance[0.0] < 1e-3
     assert by_tolerance[0.01] < by_tolerance[0.1] < 0.1
-    assert len(tabulate(found)[1]) == 3
-    assert draw_work_precision(found, tmp_path / "damage.png").stat().st_size > 1000
+    assert len(tabulate_runs(found)[1]) == 3
+    stored(found, 1000)
 
 
 def test_a_process_that_died_leaves_no_number(monkeypatch):
-    monkeypatch.setattr(ladder, "measure", lambda *_, **__: Measured(None, np.nan, np.nan))
+    monkeypatch.setattr(trials, "measure", lambda *_, **__: Measurement(None, np.nan, np.nan))
     found = bench("damage", quick=True)
     assert not found["converged"].values.any()
     assert np.isnan(found["error"].values).all()

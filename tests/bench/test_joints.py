@@ -3,8 +3,8 @@
 import numpy as np
 import pytest
 
-from multiscale.bench import bench, tabulate
-from multiscale.bench.joints_family import SCENES as JOINTS
+from multiscale.bench import bench, tabulate_runs
+from multiscale.bench.joints_family import JOINT_SCENES as JOINTS
 from multiscale.bench.joints_family import measure_effectivity
 
 
@@ -29,6 +29,6 @@ def test_the_table_has_the_effectivity_at_every_decade_of_the_error():
     assert found.sizes["run"] == 2 * 5 * 6
     assert np.all(found.error > 0.0)
     assert np.all(found.effectivity > 0.0)
-    head, rows = tabulate(found)
+    head, rows = tabulate_runs(found)
     assert "effectivity" in head
     assert len(rows) == 60

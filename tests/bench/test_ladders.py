@@ -3,25 +3,16 @@
 import numpy as np
 import pytest
 
-from multiscale.bench import FAMILIES, bench, ladder, tabulate
+from multiscale.bench import FAMILIES, bench, tabulate_runs
 from multiscale.bench.grains_family import BOUNCE, EXACT, ROLL, answer
-from multiscale.bench.ladder import Rung, against, measure_ladders
-from multiscale.bench.measure import Measured
 from multiscale.bench.summary import join_families, tabulate_cheapest
-from multiscale.plotting import draw_work_precision
+from multiscale.bench.trials import Trial, judge_by, measure_trials
 from multiscale.schema import WORK_PRECISION
-
-COST = {"wall_time": 0.1, "peak_memory": 1e8}
-
-
-@pytest.fixture
-def in_this_process(monkeypatch):
-    monkeypatch.setattr(ladder, "measure", lambda task, **_: Measured(task(), **COST))
 
 
 def climb_one(task, exact=2.0):
-    rungs = [Rung("a", "b", task, lambda: None, {"points": 4})]
-    return measure_ladders(rungs, against(lambda *_: (exact, 0.5)), title="c").isel(run=0)
+    trials = [Trial("a", "b", task, lambda: None, {"points": 4})]
+    return measure_trials(trials, judge_by(lambda *_: (exact, 0.5)), title="c").isel(run=0)
 
 
 @pytest.mark.usefixtures("in_this_process")
@@ -47,14 +38,14 @@ def test_an_answer_that_is_not_there_has_no_error():
         *(pytest.param(name, marks=pytest.mark.long) for name in ("chain", "grains", "strain")),
     ],
 )
-def test_a_family_leaves_a_dataset_and_a_figure(family, tmp_path):
+def test_a_family_leaves_a_dataset_and_a_figure(family, stored):
     lines = []
     found = bench(family, quick=True, report=lines.append)
     WORK_PRECISION.check(found)
     assert found["converged"].values.all()
-    assert len(lines) == found.sizes["run"] == len(tabulate(found)[1])
+    assert len(lines) == found.sizes["run"] == len(tabulate_runs(found)[1])
     assert (found["error"] < 2.0).all()
-    assert draw_work_precision(found, tmp_path / "family.png").stat().st_size > 1000
+    stored(found, 1000)
 
 
 @pytest.mark.slow

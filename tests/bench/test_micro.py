@@ -5,35 +5,25 @@ from importlib.metadata import version
 import numpy as np
 import pytest
 
-from multiscale.bench import bench, ladder, micro_family, tabulate
-from multiscale.bench.measure import Measured
+from multiscale.bench import bench, micro_family, tabulate_runs
 from multiscale.bench.peers import (
     CODES,
     Code,
-    solve_conforming,
-    solve_contact_mechanics,
-    solve_flat,
-    solve_tamaas,
+    press_conforming_cell,
+    press_flat_cell,
+    press_with_contact_mechanics,
+    press_with_tamaas,
 )
-from multiscale.io import open_dataset, write_dataset
-from multiscale.micro import self_affine
-from multiscale.plotting import draw_work_precision
+from multiscale.io import open_dataset
 from multiscale.schema import WORK_PRECISION
+from tests.support import rough_square
 
 RELATIVE_PRESSURES = (0.01, 0.05, 0.1, 0.2, 0.5)  # p / (E* h')
 
 
 def rough(points, slope, seed):
     """Waves 2 to 8: 16 points to the shortest on 128."""
-    return self_affine(
-        (points, points),
-        (1e-3, 1e-3),
-        seed,
-        hurst_exponent=0.8,
-        long_cutoff=0.5e-3,
-        short_cutoff=0.125e-3,
-        rms_slope=slope,
-    )
+    return rough_square(points, 0.5e-3, 0.125e-3, slope, seed=seed, size=1e-3)
 
 
 def beside_tamaas(solve, slope, seed, points=128):
@@ -41,7 +31,7 @@ def beside_tamaas(solve, slope, seed, points=128):
     surface = rough(points, slope, seed)
     answers = [
         [code(surface, p * 1e9 * slope, 1e9) for p in RELATIVE_PRESSURES]
-        for code in (solve, solve_tamaas)
+        for code in (solve, press_with_tamaas)
     ]
     assert all(answer.converged for row in answers for answer in row)
     gap = np.array([[answer.mean_gap for answer in row] for row in answers])
@@ -52,7 +42,7 @@ def beside_tamaas(solve, slope, seed, points=128):
 @pytest.mark.parametrize("seed", [1, 2])
 def test_the_flat_cell_has_gap_and_area_of_tamaas(seed):
     pytest.importorskip("tamaas")
-    (gap, expected), (area, expected_area) = beside_tamaas(solve_flat, 0.1, seed)
+    (gap, expected), (area, expected_area) = beside_tamaas(press_flat_cell, 0.1, seed)
     np.testing.assert_allclose(gap, expected, rtol=1e-3)
     np.testing.assert_allclose(area, expected_area, rtol=1e-3)
 
@@ -61,7 +51,7 @@ def test_the_flat_cell_has_gap_and_area_of_tamaas(seed):
 @pytest.mark.parametrize("seed", [1, 2])
 def test_the_conforming_cell_has_the_mean_gap_of_tamaas_for_small_slopes(seed):
     pytest.importorskip("tamaas")
-    (gap, expected), _ = beside_tamaas(solve_conforming, 0.05, seed)
+    (gap, expected), _ = beside_tamaas(press_conforming_cell, 0.05, seed)
     np.testing.assert_allclose(gap[:4], expected[:4], rtol=0.01)
     # at 0.5 the gap is 8 % of the rms height and the difference 4 % of that gap
     np.testing.assert_allclose(gap[4], expected[4], atol=0.005)
@@ -71,8 +61,8 @@ def test_the_conforming_cell_has_the_mean_gap_of_tamaas_for_small_slopes(seed):
 def test_the_conforming_cell_leaves_tamaas_in_proportion_to_the_slope():
     pytest.importorskip("tamaas")
     steep, shallow = (
-        np.subtract(*beside_tamaas(solve_conforming, slope, 1)[0])
-        - np.subtract(*beside_tamaas(solve_flat, slope, 1)[0])  # what the grid does
+        np.subtract(*beside_tamaas(press_conforming_cell, slope, 1)[0])
+        - np.subtract(*beside_tamaas(press_flat_cell, slope, 1)[0])  # what the grid does
         for slope in (0.1, 0.05)
     )
     np.testing.assert_allclose(steep / shallow, 2.0, rtol=0.15)
@@ -82,7 +72,7 @@ def test_the_conforming_cell_leaves_tamaas_in_proportion_to_the_slope():
 @pytest.mark.parametrize("seed", [1, 2])
 def test_the_conforming_cell_has_the_area_of_tamaas_for_small_slopes(seed):
     pytest.importorskip("tamaas")
-    _, (area, expected) = beside_tamaas(solve_conforming, 0.05, seed)
+    _, (area, expected) = beside_tamaas(press_conforming_cell, 0.05, seed)
     np.testing.assert_allclose(area, expected, rtol=0.03)
 
 
@@ -93,7 +83,8 @@ def test_the_boundary_element_codes_agree():
     surface = rough(64, 0.1, 1)
     for pressure in (0.02, 0.3):
         one, other = (
-            solve(surface, pressure * 1e8, 1e9) for solve in (solve_tamaas, solve_contact_mechanics)
+            solve(surface, pressure * 1e8, 1e9)
+            for solve in (press_with_tamaas, press_with_contact_mechanics)
         )
         assert one.converged
         assert other.converged
@@ -107,24 +98,23 @@ def test_all_grids_sample_the_same_surface():
 
 
 @pytest.fixture
-def in_this_process(monkeypatch):
-    """Skip the processes, and a code that is not there; fail on one grid of another code."""
+def odd_codes(monkeypatch):
+    """Leave out a code that is not there; fail on one grid of another code."""
 
     def fail_once(surface, pressure, contact_modulus):
-        answer = solve_flat(surface, pressure, contact_modulus)
+        answer = press_flat_cell(surface, pressure, contact_modulus)
         return answer if len(surface.heights) < 256 else None
 
     codes = {
         "flat": CODES["multiscale flat"],
         "lost": Code(fail_once, "multiscale", "multiscale"),
-        "absent": Code(solve_flat, "absent", "no_such_module"),
+        "absent": Code(press_flat_cell, "absent", "no_such_module"),
     }
     monkeypatch.setattr(micro_family, "CODES", codes)
-    monkeypatch.setattr(ladder, "measure", lambda task, **_: Measured(task(), 0.5, 1e8))
 
 
-@pytest.mark.usefixtures("in_this_process")
-def test_what_is_missing_or_fails_is_told_and_nothing_is_invented(tmp_path):
+@pytest.mark.usefixtures("in_this_process", "odd_codes")
+def test_what_is_missing_or_fails_is_told_and_nothing_is_invented(stored):
     lines = []
     found = bench("micro", quick=True, report=lines.append)
     assert found.attrs["cautions"] == (
@@ -138,40 +128,28 @@ def test_what_is_missing_or_fails_is_told_and_nothing_is_invented(tmp_path):
     assert np.isnan(found["own_error"][3:]).all()  # no limit without the finest grid
     assert np.isnan(found["error_uncertainty"]).all()  # nothing checks the one limit there is
     assert np.all(np.diff(found["error"][:3]) < 0.0)
-    head, rows = tabulate(found)
+    head, rows = tabulate_runs(found)
     assert [len(row) for row in rows] == 6 * [len(head)]
     assert "not converged" in rows[5]
 
-    write_dataset(found, tmp_path / "micro.nc", WORK_PRECISION)
-    again = open_dataset(tmp_path / "micro.nc", WORK_PRECISION)
+    again = stored(found, 10_000)
     np.testing.assert_array_equal(again["method"], found["method"])
-    draw_work_precision(again, tmp_path / "micro.png")
-    assert (tmp_path / "micro.png").stat().st_size > 10_000
 
 
 @pytest.mark.long
-def test_the_command_measures_all_that_is_installed(tmp_path, monkeypatch, capsys):
-    from multiscale.cli import main
-
-    monkeypatch.setattr(
-        "sys.argv", ["multiscale", "bench", "micro", "-o", str(tmp_path), "--quick"]
-    )
-    with pytest.raises(SystemExit) as stop:
-        main()
-    assert stop.value.code == 0
+def test_the_command_measures_all_that_is_installed(command, tmp_path):
+    status, said, _ = command("bench", "micro", "-o", tmp_path, "--quick")
+    assert status == 0
     found = open_dataset(tmp_path / "micro.nc", WORK_PRECISION)
     installed = [name for name, code in CODES.items() if code.installed]
     assert set(found["method"].values) == set(installed)
     assert found["converged"].all()
     assert (found["error"] < 0.03).all()
-    assert "error" in capsys.readouterr().out
+    assert "error" in said
     assert (tmp_path / "micro.png").exists()
 
 
-def test_a_family_that_does_not_exist_is_refused(monkeypatch, capsys, tmp_path):
-    from multiscale.cli import main
-
-    monkeypatch.setattr("sys.argv", ["multiscale", "bench", "macro", "-o", str(tmp_path)])
-    with pytest.raises(SystemExit, match="1"):
-        main()
-    assert "there is no family 'macro'; choose from chain, damage" in capsys.readouterr().err
+def test_a_family_that_does_not_exist_is_refused(command, tmp_path):
+    status, _, told = command("bench", "macro", "-o", tmp_path)
+    assert status == 1
+    assert "there is no family 'macro'; choose from chain, damage" in told

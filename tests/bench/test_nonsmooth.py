@@ -3,21 +3,19 @@
 import numpy as np
 import pytest
 
-from multiscale.bench import nonsmooth_family, tabulate
+from multiscale.bench import bench, nonsmooth_family, tabulate_runs
 from multiscale.bench.nonsmooth_family import (
     FRICTION_SCENES,
     LCP_SCENES,
-    bench_nonsmooth,
     friction_problem,
     lcp_problem,
 )
 from multiscale.convergence import Solution, Status
 from multiscale.errors import CaseError
-from multiscale.io import open_dataset, write_dataset
 from multiscale.nonsmooth import solve_friction, solve_lcp
 from multiscale.nonsmooth.friction import METHODS as FRICTION_METHODS
 from multiscale.nonsmooth.lcp import METHODS as LCP_METHODS
-from multiscale.plotting import draw_work_precision, plot_history
+from multiscale.plotting import plot_history
 from multiscale.schema import WORK_PRECISION
 
 
@@ -28,7 +26,7 @@ def lines():
 
 @pytest.fixture(scope="module")
 def found(lines):
-    return bench_nonsmooth(quick=True, report=lines.append)
+    return bench("nonsmooth", quick=True, report=lines.append)
 
 
 def runs(found, **labels):
@@ -107,14 +105,10 @@ def test_histories_go_forward_in_time_and_hold_what_was_reached(found):
 
 
 @pytest.mark.slow
-def test_dataset_table_and_figure_can_be_written(found, tmp_path):
-    write_dataset(found, tmp_path / "nonsmooth.nc", WORK_PRECISION)
-    again = open_dataset(tmp_path / "nonsmooth.nc", WORK_PRECISION)
+def test_dataset_table_and_figure_can_be_written(found, stored):
+    again = stored(found, 50_000)
     np.testing.assert_array_equal(again["history_error"], found["history_error"])
-    draw_work_precision(again, tmp_path / "nonsmooth.png")
-    assert (tmp_path / "nonsmooth.png").stat().st_size > 50_000
-
-    head, rows = tabulate(again)
+    head, rows = tabulate_runs(again)
     assert head == ("scene", "code", "unknowns", "time (s)", "iterations", "error")
     assert {len(row) for row in rows} == {len(head)}
     assert sum("not converged" in row[-1] for row in rows) == int(np.sum(found["converged"] == 0))
@@ -147,7 +141,7 @@ def test_a_method_that_lies_is_not_called_converged(monkeypatch):
         "lie", 60, problem.tolerance, ("auto",), lie, problem.verify
     )
     monkeypatch.setattr(nonsmooth_family, "_problems", lambda quick: iter([dishonest]))
-    found = bench_nonsmooth(quick=True)
+    found = bench("nonsmooth", quick=True)
     assert found["converged"].item() == 0
     assert found["error"].item() == pytest.approx(1.0)
 

@@ -224,16 +224,12 @@ def test_a_wrong_answer_of_any_step_fails(monkeypatch, scene, solver, name, fact
     assert stability.OUTCOMES[found.outcome] == "failed"
 
 
-def test_the_command_leaves_the_matrix_and_fails_with_its_cases(monkeypatch, capsys, tmp_path):
-    from multiscale.cli import main
-
+def test_the_command_leaves_the_matrix_and_fails_with_its_cases(command, tmp_path):
     file = tmp_path / "matrix.nc"
-    monkeypatch.setattr("sys.argv", ["multiscale", "stability", "wedge", "-o", str(file)])
-    with pytest.raises(SystemExit, match="0"):
-        main()
-    assert "largest residual" in capsys.readouterr().out
+    status, said, _ = command("stability", "wedge", "-o", file)
+    assert status == 0
+    assert "largest residual" in said
     assert open_dataset(file, STABILITY).sizes["case"] == 4
-    monkeypatch.setattr("sys.argv", ["multiscale", "stability", "cake", "-o", str(file)])
-    with pytest.raises(SystemExit, match="1"):
-        main()
-    assert "there is no family 'cake'" in capsys.readouterr().err
+    status, _, told = command("stability", "cake", "-o", file)
+    assert status == 1
+    assert "there is no family 'cake'" in told

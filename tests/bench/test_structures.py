@@ -7,26 +7,25 @@ from importlib.util import find_spec
 import numpy as np
 import pytest
 
-from multiscale.bench import bench, ladder, structures_family, tabulate
-from multiscale.bench.measure import Measured, measure
+from multiscale.bench import bench, structures_family, tabulate_runs, trials
+from multiscale.bench.measure import Measurement, measure
 from multiscale.bench.structures_family import (
-    METHODS,
-    Answer,
+    GRID_METHODS,
+    GridAnswer,
     distance,
     scene_grid,
     solve_grid,
     verify,
 )
-from multiscale.io import open_dataset, write_dataset
+from multiscale.io import open_dataset
 from multiscale.macro import quadruplex_module, self_stress, solve_static
 from multiscale.macro.discrete import compatibility
 from multiscale.numerics import factorisation
-from multiscale.plotting import draw_work_precision
 from multiscale.schema import WORK_PRECISION
 
 
 def answer_of(result):
-    return Answer(result["tension"].values, result["displacement"].values, 0, 0)
+    return GridAnswer(result["tension"].values, result["displacement"].values, 0, 0)
 
 
 @pytest.fixture(scope="module")
@@ -48,7 +47,7 @@ def test_the_verifier_finds_the_force_out_of_balance(grid, answer):
     wrong = answer.tension.copy()
     wrong[5] += 1e-3 * np.abs(wrong).max()
     unbalanced = np.abs(compatibility(grid).T @ (wrong - answer.tension)).max()
-    found = verify(grid, 4.0, Answer(wrong, answer.displacement, 0, 0))
+    found = verify(grid, 4.0, GridAnswer(wrong, answer.displacement, 0, 0))
     assert found == pytest.approx(unbalanced / 160.0, rel=1e-6)  # the load is 4 x 40 N
 
 
@@ -57,13 +56,13 @@ def test_the_verifier_finds_balanced_tensions_that_miss_the_link_law(grid, answe
     module[:16] = self_stress(quadruplex_module())[0]
     assert np.abs(compatibility(grid).T @ module).max() < 1e-12
     wrong = answer.tension + 100.0 * module
-    found = verify(grid, 4.0, Answer(wrong, answer.displacement, 0, 0))
+    found = verify(grid, 4.0, GridAnswer(wrong, answer.displacement, 0, 0))
     expected = 100.0 * np.abs(module).max() / np.abs(wrong).max()
     assert found == pytest.approx(expected, rel=1e-6)
 
 
 def test_an_answer_of_nan_is_not_verified(grid, answer):
-    nothing = Answer(np.nan * answer.tension, answer.displacement, 0, 0)
+    nothing = GridAnswer(np.nan * answer.tension, answer.displacement, 0, 0)
     assert np.isnan(verify(grid, 4.0, nothing))
 
 
@@ -94,7 +93,7 @@ def takes_pardiso(method):
 @pytest.mark.parametrize("name", ["Newton, PARDISO", "Newton, SuperLU"])
 def test_each_method_has_the_factorisation_of_its_name(name):
     pytest.importorskip("pypardiso")
-    task = partial(takes_pardiso, METHODS[name])
+    task = partial(takes_pardiso, GRID_METHODS[name])
     assert measure(task, warm_up=task, repeats=1).value == name.endswith("PARDISO")
 
 
@@ -105,10 +104,10 @@ def without_pardiso(monkeypatch):
     def lose_one(task, **_):
         system, _, method = task.args
         if system.n_links == 4**2 * 16 and method.method == "dual":
-            return Measured(None, np.nan, np.nan)
-        return Measured(task(), 0.5, 1e8)
+            return Measurement(None, np.nan, np.nan)
+        return Measurement(task(), 0.5, 1e8)
 
-    monkeypatch.setattr(ladder, "measure", lose_one)
+    monkeypatch.setattr(trials, "measure", lose_one)
     monkeypatch.setattr(structures_family, "QUICK_MODULES", (2, 4))
     monkeypatch.setitem(sys.modules, "pypardiso", None)
     factorisation._blank_pardiso.cache_clear()
@@ -117,7 +116,7 @@ def without_pardiso(monkeypatch):
 
 
 @pytest.mark.usefixtures("without_pardiso")
-def test_what_is_missing_or_fails_is_told_and_nothing_is_invented(tmp_path):
+def test_what_is_missing_or_fails_is_told_and_nothing_is_invented(stored):
     lines = []
     found = bench("structures", quick=True, report=lines.append)
     assert found.attrs["cautions"] == (
@@ -138,31 +137,22 @@ def test_what_is_missing_or_fails_is_told_and_nothing_is_invented(tmp_path):
     n = np.sqrt(found["cables"].values / 12)
     np.testing.assert_array_equal(found["unknowns"], 3 * (n + 1) * (3 * n - 1))
 
-    write_dataset(found, tmp_path / "structures.nc", WORK_PRECISION)
-    again = open_dataset(tmp_path / "structures.nc", WORK_PRECISION)
+    again = stored(found, 20_000)
     np.testing.assert_array_equal(again["residual"], found["residual"])
-    draw_work_precision(again, tmp_path / "structures.png")
-    assert (tmp_path / "structures.png").stat().st_size > 20_000
-    head, rows = tabulate(again)
+    head, rows = tabulate_runs(again)
     assert "cables" in head
     assert sum("not converged" in " ".join(row) for row in rows) == 2
 
 
 @pytest.mark.long
-def test_the_command_measures_every_method_and_all_of_them_agree(tmp_path, monkeypatch, capsys):
-    from multiscale.cli import main
-
-    monkeypatch.setattr(
-        "sys.argv", ["multiscale", "bench", "structures", "-o", str(tmp_path), "--quick"]
-    )
-    with pytest.raises(SystemExit) as stop:
-        main()
-    assert stop.value.code == 0
+def test_the_command_measures_every_method_and_all_of_them_agree(command, tmp_path):
+    status, said, _ = command("bench", "structures", "-o", tmp_path, "--quick")
+    assert status == 0
     found = open_dataset(tmp_path / "structures.nc", WORK_PRECISION)
-    installed = [n for n, m in METHODS.items() if not m.pardiso or find_spec("pypardiso")]
+    installed = [n for n, m in GRID_METHODS.items() if not m.pardiso or find_spec("pypardiso")]
     assert set(found["method"].values) == set(installed)
     assert found["converged"].all()
     assert np.all(found["residual"] < 1e-9)
     assert np.all(found["error"].values[np.isfinite(found["error"])] < 1e-9)
-    assert "cables" in capsys.readouterr().out
+    assert "cables" in said
     assert (tmp_path / "structures.png").exists()

@@ -3,12 +3,11 @@
 import numpy as np
 import pytest
 
-from multiscale.bench import bench, ladder, substructures_family, tabulate
-from multiscale.bench.measure import Measured
-from multiscale.bench.substructures_family import METHODS, RIGHT, make_scenes, solve_scene
-from multiscale.io import open_dataset, write_dataset
+from multiscale.bench import bench, substructures_family, tabulate_runs, trials
+from multiscale.bench.measure import Measurement
+from multiscale.bench.substructures_family import CUT_METHODS, RIGHT, make_scenes, solve_scene
+from multiscale.io import open_dataset
 from multiscale.macro.substructures import assemble
-from multiscale.plotting import draw_work_precision
 from multiscale.schema import WORK_PRECISION
 
 
@@ -20,9 +19,9 @@ def scenes():
 @pytest.mark.parametrize("name", ["grid", "plate", "rough"])
 def test_every_method_finds_the_same_and_its_history_ends_there(scenes, name):
     scene = scenes[name]
-    whole = solve_scene(scene, METHODS[0])
+    whole = solve_scene(scene, CUT_METHODS[0])
     assert whole.converged
-    for method in METHODS[1:]:
+    for method in CUT_METHODS[1:]:
         answer = solve_scene(scene, method, whole)
         assert answer.converged
         assert answer.unknowns == whole.unknowns
@@ -39,27 +38,27 @@ def test_the_rough_joint_slips_in_part(scenes):
     scene = scenes["rough"]
     whole = assemble(scene.structure)
     law = scene.structure.joints[0].law
-    jump = (whole.jump @ solve_scene(scene, METHODS[0]).value).reshape(3, -1)
+    jump = (whole.jump @ solve_scene(scene, CUT_METHODS[0]).value).reshape(3, -1)
     slipping = law.sliding(jump, np.zeros((law.n_state, whole.weight.size))).slipping
     assert 0.2 < whole.weight @ slipping / whole.weight.sum() < 0.8
 
 
 def test_errors_of_bodies_are_those_of_their_stresses(scenes):
     scene = scenes["plate"]
-    u = solve_scene(scene, METHODS[0]).value
+    u = solve_scene(scene, CUT_METHODS[0]).value
     assert scene.error(1.003 * u, u) == pytest.approx(3e-3, rel=1e-9)
     assert scene.error(u, u) == 0.0
 
 
 @pytest.mark.slow
-def test_a_lost_process_leaves_a_row_without_values_and_the_rest_is_drawn(monkeypatch, tmp_path):
+def test_a_lost_process_leaves_a_row_without_values_and_the_rest_is_drawn(monkeypatch, stored):
     def lose_one(task, **_):
         scene, method, *_ = task.args
-        if scene.name.startswith("plate") and method == METHODS[2]:
-            return Measured(None, np.nan, np.nan)
-        return Measured(task(), 0.5, 1e8)
+        if scene.name.startswith("plate") and method == CUT_METHODS[2]:
+            return Measurement(None, np.nan, np.nan)
+        return Measurement(task(), 0.5, 1e8)
 
-    monkeypatch.setattr(ladder, "measure", lose_one)
+    monkeypatch.setattr(trials, "measure", lose_one)
     monkeypatch.setattr(substructures_family, "QUICK_MODULES", (4,))
     lines = []
     found = bench("substructures", quick=True, report=lines.append)
@@ -71,28 +70,19 @@ def test_a_lost_process_leaves_a_row_without_values_and_the_rest_is_drawn(monkey
         assert np.isnan(found[name][lost]).all()
     assert set(found["history_run"].values) == {1, 2, 4, 7, 8}
 
-    write_dataset(found, tmp_path / "out.nc", WORK_PRECISION)
-    again = open_dataset(tmp_path / "out.nc", WORK_PRECISION)
-    draw_work_precision(again, tmp_path / "out.png")
-    assert (tmp_path / "out.png").stat().st_size > 20_000
-    head, rows = tabulate(again)
+    again = stored(found, 20_000)
+    head, rows = tabulate_runs(again)
     assert "unknowns" in head
     assert sum("not converged" in " ".join(row) for row in rows) == 1
 
 
 @pytest.mark.long
-def test_the_command_measures_every_method(tmp_path, monkeypatch, capsys):
-    from multiscale.cli import main
-
-    monkeypatch.setattr(
-        "sys.argv", ["multiscale", "bench", "substructures", "-o", str(tmp_path), "--quick"]
-    )
-    with pytest.raises(SystemExit) as stop:
-        main()
-    assert stop.value.code == 0
+def test_the_command_measures_every_method(command, tmp_path):
+    status, said, _ = command("bench", "substructures", "-o", tmp_path, "--quick")
+    assert status == 0
     found = open_dataset(tmp_path / "substructures.nc", WORK_PRECISION)
-    assert set(found["method"].values) == set(METHODS)
+    assert set(found["method"].values) == set(CUT_METHODS)
     assert found["converged"].all()
     assert np.all(found["peak_memory"] > 1e7)
     assert (tmp_path / "substructures.png").exists()
-    assert "unknowns" in capsys.readouterr().out
+    assert "unknowns" in said

@@ -1,13 +1,11 @@
 """A stack of images becomes solid and void with lengths in metres, or one sentence."""
 
-import subprocess
-import sys
-
 import numpy as np
 import pytest
 
 from multiscale.errors import CaseError
 from multiscale.io import VoxelImage, read_images
+from tests.support import run_python
 
 tifffile = pytest.importorskip("tifffile")
 
@@ -107,5 +105,5 @@ def test_without_the_library_the_sentence_says_what_to_install(void, tmp_path):
         "from multiscale.io import read_images\n"
         f"read_images({str(path)!r})"
     )
-    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, timeout=60)
+    done = run_python(code, check=False)
     assert "reading images needs tifffile; install it with pip install" in done.stderr

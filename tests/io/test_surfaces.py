@@ -1,7 +1,6 @@
 """A topography file becomes a surface in metres, or one sentence."""
 
 import gzip
-import subprocess
 import sys
 from pathlib import Path
 
@@ -12,6 +11,7 @@ from multiscale.errors import CaseError
 from multiscale.io import read_surface
 from multiscale.surfaces import Surface, crop, detrend
 from multiscale.surfaces.surface import remove_trend
+from tests.support import run_python
 
 HEADER = "# Width: 12 um\n# Height: 5 um\n# Value units: nm\n"
 
@@ -233,7 +233,7 @@ def test_importing_the_reader_loads_no_heavy_library():
         "import sys, multiscale.io.surface_file; "
         "print([m for m in ('SurfaceTopography', 'pint', 'numba') if m in sys.modules])"
     )
-    run = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
+    run = run_python(code)
     assert run.stdout.strip() == "[]"
 
 

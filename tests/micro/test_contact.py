@@ -11,7 +11,7 @@ from multiscale.micro.elastic_contact import ElasticBody
 from multiscale.micro.flat import solve_flat
 from multiscale.micro.graph_cell import assemble_graph_cell
 from multiscale.micro.graph_mesh import GraphMesh, graded_planes
-from tests.support import egg_box
+from tests.support import egg_box, rough_square
 
 
 def rough(n=32, slope=0.2, size=(1.0, 1.0), seed=0):
@@ -73,15 +73,7 @@ def test_a_step_does_not_depend_on_the_path_to_it():
 def test_linear_iterations_do_not_grow_with_the_grid(nu, limit):
     counts = []
     for n in (32, 64, 128):
-        surface = self_affine(
-            (n, n),
-            (1.0, 1.0),
-            0,
-            hurst_exponent=0.8,
-            long_cutoff=0.5,
-            short_cutoff=0.125,
-            rms_slope=0.2,
-        )
+        surface = rough_square(n, 0.5, 0.125, 0.2)
         cell = cell_of(surface, layers=14, poissons_ratio=nu)
         response = solve_cell(cell, Path(pressure=(0.02,)))
         counts.append(int(response["linear_iterations"].item()))

@@ -21,13 +21,13 @@ from multiscale.micro import (
     checkpoint,
     elastic_contact,
     run_ensemble,
-    self_affine,
 )
 from multiscale.micro import ensemble as module
 from multiscale.micro.checkpoint import Checkpoint
 from multiscale.micro.contact_state import ContactState
 from multiscale.schema import MICRO_RESPONSE
 from multiscale.surfaces import rms_slope
+from tests.support import rough_square
 
 PATH = Path(pressure=(0.001, 0.01))
 
@@ -36,15 +36,7 @@ PATH = Path(pressure=(0.001, 0.01))
 def cells():
     return [
         Cell(
-            self_affine(
-                (16, 16),
-                (1.0, 1.0),
-                seed,
-                hurst_exponent=0.8,
-                long_cutoff=1.0,
-                short_cutoff=0.5,
-                rms_slope=0.1,
-            ),
+            rough_square(16, 1.0, 0.5, 0.1, seed=seed),
             1.0,
             6,
             1.0,

@@ -4,21 +4,13 @@ import numpy as np
 import pytest
 
 from multiscale.errors import CaseError
-from multiscale.micro import Cell, Path, Surface, self_affine, solve_cell
+from multiscale.micro import Cell, Path, Surface, solve_cell
 from tests.closed_forms import westergaard
-from tests.support import wave
+from tests.support import rough_square, wave
 
 
 def rough(n, slope):
-    return self_affine(
-        (n, n),
-        (1.0, 1.0),
-        4,
-        hurst_exponent=0.8,
-        long_cutoff=0.5,
-        short_cutoff=0.25,
-        rms_slope=slope,
-    )
+    return rough_square(n, 0.5, 0.25, slope, seed=4)
 
 
 def test_flat_and_conforming_cells_agree_as_the_slope_vanishes():

@@ -6,22 +6,14 @@ from scipy.optimize import brentq
 
 from multiscale.convergence import Status
 from multiscale.errors import CaseError
-from multiscale.micro import Cell, Path, Surface, self_affine, solve_cell
+from multiscale.micro import Cell, Path, Surface, solve_cell
 from multiscale.micro.gap_control import assemble_gap_cell
 from tests.closed_forms import westergaard
-from tests.support import wave
+from tests.support import rough_square, wave
 
 
 def rough_cell(n=64, **options):
-    surface = self_affine(
-        (n, n),
-        (1.0, 1.0),
-        4,
-        hurst_exponent=0.8,
-        long_cutoff=0.5,
-        short_cutoff=0.25,
-        rms_slope=0.1,
-    )
+    surface = rough_square(n, 0.5, 0.25, 0.1, seed=4)
     return Cell(surface, 1.5, 8, 1e9, 0.3, **{"geometry": "flat", **options})
 
 

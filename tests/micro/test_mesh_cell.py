@@ -6,9 +6,9 @@ from skfem import ElementHex1, ElementHex2, ElementTetP1, ElementTetP2, MeshHex,
 
 from multiscale.errors import CaseError
 from multiscale.laws.bulk import Elastic, GradedElastic
-from multiscale.micro import Cell, MeshCell, Path, Surface, run_ensemble, self_affine, solve_cell
+from multiscale.micro import Cell, MeshCell, Path, Surface, run_ensemble, solve_cell
 from multiscale.micro.graph_mesh import GraphMesh, graded_planes
-from tests.support import egg_box, keep_ignoring_broken_pipes
+from tests.support import egg_box, keep_ignoring_broken_pipes, rough_square
 
 PATH = Path(pressure=(1e-3, 1e-2, 1e-1))
 
@@ -73,15 +73,7 @@ def box_with_void(tmp_path_factory):
 
 @pytest.mark.parametrize("obstacle", [False, True], ids=["flat", "rough"])
 def test_general_path_agrees_with_the_fast_path_on_the_same_mesh(obstacle):
-    surface = self_affine(
-        (12, 12),
-        (1.0, 1.0),
-        2,
-        hurst_exponent=0.8,
-        long_cutoff=1.0,
-        short_cutoff=0.5,
-        rms_slope=0.1,
-    )
+    surface = rough_square(12, 1.0, 0.5, 0.1, seed=2)
     mesh = named(GraphMesh(surface, graded_planes(1.0, 6, 1.0 / 12.0)).hexahedra())
     fast = solve_cell(Cell(surface, 1.0, 6, 1.0, 0.3), PATH, recover_stress=True, tolerance=1e-11)
     if obstacle:  # a flat obstacle, but as a graph: no longer one unknown per contact node

@@ -1,31 +1,22 @@
 """A cell allocates and computes what it needs, and nothing else."""
 
-import subprocess
-import sys
 import tracemalloc
 
 import numpy as np
 import pytest
 
 from multiscale.laws.bulk import J2, NeoHookean
-from multiscale.micro import Cell, Path, Surface, self_affine, solve_cell
+from multiscale.micro import Cell, Path, Surface, solve_cell
 from multiscale.micro import graph_cell as graph_cell_module
 from multiscale.micro.cell_needs import CellPart, cell_needs
 from multiscale.micro.lateral_fft import LateralInverse
+from tests.support import rough_square, run_python
 
 N, LAYERS = 48, 10
 
 
 def plain_cell(n=N, **changes):
-    surface = self_affine(
-        (n, n),
-        (1.0, 1.0),
-        0,
-        hurst_exponent=0.8,
-        long_cutoff=0.5,
-        short_cutoff=0.25,
-        rms_slope=0.2,
-    )
+    surface = rough_square(n, 0.5, 0.25, 0.2)
     given = {"youngs_modulus": 1.0, "poissons_ratio": 0.3} | changes
     return Cell(surface, 1.0, LAYERS, **given)
 
@@ -155,9 +146,7 @@ def test_a_run_without_recovered_stress_does_without_scikit_fem():
         "solve_cell(cell, Path(pressure=(0.001,)))\n"
         "print('\\n'.join(sys.modules))"
     )
-    done = subprocess.run(
-        [sys.executable, "-c", code], capture_output=True, text=True, check=True, timeout=300
-    )
+    done = run_python(code)
     loaded = set(done.stdout.split())
     assert loaded.isdisjoint({"skfem", "gmsh", "meshio", "matplotlib", "pydantic"})
     assert "numba" in loaded

@@ -5,26 +5,22 @@ import pytest
 
 from multiscale.errors import CaseError
 from multiscale.laws.bulk import Elastic
-from multiscale.micro import Cell, SecondBody, Surface, slide_cell
+from multiscale.micro import Cell, SecondBody, slide_cell
 from multiscale.schema import SLIDING_RESPONSE
+from tests.support import egg_box
 
 N = 8
-
-
-def egg_box(amplitude):
-    wave = np.cos(2.0 * np.pi * np.arange(N) / N)
-    return Surface(amplitude * wave[:, None] * wave, (1.0, 1.0))
 
 
 @pytest.fixture
 def cell():
     return Cell(
-        egg_box(0.02),
+        egg_box(N, 0.02),
         0.5,
         4,
         1.0,
         0.3,
-        egg_box(-0.02),
+        egg_box(N, -0.02),
         friction_coefficient=0.2,
         opposite=SecondBody(0.5, 4, Elastic(1.0, 0.3)),
     )

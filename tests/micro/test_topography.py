@@ -21,6 +21,7 @@ from multiscale.surfaces import (
     rms_slope,
     window,
 )
+from tests.support import rough_square
 
 BAND = {"hurst_exponent": 0.8, "long_cutoff": 1.0e-4, "short_cutoff": 1.0e-5}
 GRIDS = [
@@ -215,15 +216,7 @@ def test_nayak_parameter_is_that_of_a_reference_ensemble(
     # The ensembles had 4 to 10 realisations with Gaussian moduli; the tolerance is about 2.5 of
     # their standard errors, found by sampling such moduli.
     n = 4 * waves_short
-    surface = self_affine(
-        (n, n),
-        (1.0, 1.0),
-        1,
-        hurst_exponent=0.8,
-        long_cutoff=1.0 / waves_long,
-        short_cutoff=1.0 / waves_short,
-        rms_slope=0.1,
-    )
+    surface = rough_square(n, 1.0 / waves_long, 1.0 / waves_short, 0.1, seed=1)
     assert nayak_parameter(surface) == pytest.approx(reference, rel=tolerance)
 
 

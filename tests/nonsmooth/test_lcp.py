@@ -9,9 +9,9 @@ from scipy.sparse import csr_array
 from multiscale.bench.lcp_scenes import (
     condensed,
     granular,
+    loaded_column,
     membrane,
     p_matrix,
-    stack,
     tensegrity,
 )
 from multiscale.errors import CaseError, ConvergenceError
@@ -29,7 +29,7 @@ def grains(count, **options):
 
 
 def column(bodies, **options):
-    mass, directions, vector = stack(bodies, **options)
+    mass, directions, vector = loaded_column(bodies, **options)
     return condensed(mass, directions), vector
 
 
@@ -170,7 +170,7 @@ def test_pivoting_solves_a_copositive_problem_that_is_not_monotone():
 
 
 def test_redundant_constraints_share_one_load():
-    mass, directions, vector = stack(20)
+    mass, directions, vector = loaded_column(20)
     twice = csr_array(directions[:, np.repeat(np.arange(20), 2)])
     matrix = condensed(mass, twice)
     value = solve_lcp(matrix, np.repeat(vector, 2)).unwrap()

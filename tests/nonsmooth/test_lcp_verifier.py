@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from multiscale.bench.lcp_scenes import condensed, granular, stack
+from multiscale.bench.lcp_scenes import condensed, granular, loaded_column
 from multiscale.nonsmooth.complementarity import verify_lcp
 from multiscale.nonsmooth.lcp import solve_lcp
 from multiscale.nonsmooth.lcp_operator import Delassus
@@ -50,7 +50,7 @@ def test_the_error_is_the_same_in_all_units_and_scales():
 
 
 def test_rounding_alone_is_no_error():
-    mass, directions, vector = stack(100, mass_ratio=1e8)
+    mass, directions, vector = loaded_column(100, mass_ratio=1e8)
     weight = 9.81e-3 * np.cumsum(mass.diagonal()[::-1])[::-1]  # each contact carries what is above
     matrix = condensed(mass, directions)
     assert verify_lcp(matrix, vector, weight).error <= 1e-10

@@ -1,7 +1,6 @@
 """Scenes of substructures and rough joints: what they say, solve, and refuse."""
 
 import re
-from pathlib import Path
 
 import numpy as np
 import pytest
@@ -16,42 +15,19 @@ from multiscale.pipeline import load_case, run_macro
 from multiscale.schema import HOMOGENISED, MACRO_RESULT, RVE_STIFFNESS
 from multiscale.upscaling import error_budget, fit_law, law_from_dataset, with_budget
 from tests.closed_forms.joint import series
-from tests.support import write_law
+from tests.support import SCENES, TWO_BLOCKS, write_law, write_scene
 from tests.upscaling.responses import response_of
 
-SCENES = Path(__file__).parents[2] / "workflows" / "scenes"
 GRID = (SCENES / "tensegrity_substructures.toml").read_text(encoding="utf-8")
 PLATE = (SCENES / "plate.toml").read_text(encoding="utf-8")
 MOVING = (SCENES / "sudden_unloading.toml").read_text(encoding="utf-8")
-BLOCKS = """
-title = "Two blocks"
-[structure]
-kind = "stacked_blocks"
-size = ["20 mm", "20 mm", "10 mm"]
-elements = [2, 2, 1]
-youngs_modulus = "210 GPa"
-poissons_ratio = 0
-[joint]
-law = "law.nc"
-friction = 0.2
-[loading]
-preloads = ["5 MPa", "20 MPa"]
-"""
-
-
-def write(folder, text, *pairs):
-    for old, new in pairs:
-        assert old in text
-        text = text.replace(old, new, 1)
-    path = folder / "scene.toml"
-    path.write_text(text, encoding="utf-8")
-    return path
+BLOCKS = TWO_BLOCKS.replace("friction", 'law = "law.nc"\nfriction')
 
 
 @pytest.fixture
 def blocks(tmp_path):
     write_law(tmp_path / "law.nc")
-    return write(tmp_path, BLOCKS)
+    return write_scene(tmp_path, BLOCKS)
 
 
 def expected_stiffness(path, pressure, damage=(0.0, 0.0, 0.0)):
@@ -64,7 +40,7 @@ def expected_stiffness(path, pressure, damage=(0.0, 0.0, 0.0)):
 
 
 def test_a_cut_grid_has_the_tensions_of_the_whole_one(tmp_path):
-    scene = load_case(write(tmp_path, GRID, ("[4, 4]", "[2, 3]"), ("n = 16", "n = 6")))
+    scene = load_case(write_scene(tmp_path, GRID, ("[4, 4]", "[2, 3]"), ("n = 16", "n = 6")))
     run_macro(scene, tmp_path / "grid.nc")
     result = open_dataset(tmp_path / "grid.nc", MACRO_RESULT)
     expected = solve_static(tensegrity_grid(6), [0.25, 0.5, 1.0])
@@ -81,9 +57,9 @@ def test_a_cut_grid_moves_like_the_whole_one(tmp_path):
         ('"0.5 s"', '"0.05 s"'),
         ("theta = 0.5", "theta = 1"),
     ]
-    whole = run_macro(load_case(write(tmp_path, MOVING, *pairs)), tmp_path / "whole.nc")
+    whole = run_macro(load_case(write_scene(tmp_path, MOVING, *pairs)), tmp_path / "whole.nc")
     pairs.append(("[dynamics]", "[substructures]\nparts = [2, 1]\n[dynamics]"))
-    run_macro(load_case(write(tmp_path, MOVING, *pairs)), tmp_path / "cut.nc")
+    run_macro(load_case(write_scene(tmp_path, MOVING, *pairs)), tmp_path / "cut.nc")
     cut = open_dataset(tmp_path / "cut.nc", MACRO_RESULT)
     assert cut["converged"].values.all()
     for name in ("displacement", "tension"):
@@ -94,7 +70,7 @@ def test_a_cut_grid_moves_like_the_whole_one(tmp_path):
 
 def test_condensed_substructures_are_written_beside_the_result(tmp_path, blocks):
     grid = ("n = 16", 'n = 4\nprestress = "160 N"')
-    scene = write(tmp_path, GRID, grid, ("[4, 4]", "[2, 2]\nhomogenise = true"))
+    scene = write_scene(tmp_path, GRID, grid, ("[4, 4]", "[2, 2]\nhomogenise = true"))
     out = tmp_path / "grid.nc"
     done = CliRunner().invoke(app, ["macro", str(scene), "-o", str(out)])
     assert done.exit_code == 0, done.output
@@ -108,14 +84,16 @@ def test_condensed_substructures_are_written_beside_the_result(tmp_path, blocks)
     assert np.trace(slackened[0]) < np.trace(taut[0])
 
     text = BLOCKS + "[substructures]\nparts = [1, 1]\nhomogenise = true\n"
-    run_macro(load_case(write(tmp_path, text)), tmp_path / "blocks.nc")
+    run_macro(load_case(write_scene(tmp_path, text)), tmp_path / "blocks.nc")
     condensed = open_dataset(tmp_path / "blocks-homogenised.nc", HOMOGENISED)
     assert condensed.sizes["substructure"] == 2
 
 
 def test_the_plate_has_16_substructures_and_its_24_edge_interfaces(tmp_path):
-    result = run_macro(load_case(write(tmp_path, PLATE)), tmp_path / "plate.nc")
-    whole = run_macro(load_case(write(tmp_path, PLATE, ("[4, 4]", "[1, 1]"))), tmp_path / "one.nc")
+    result = run_macro(load_case(write_scene(tmp_path, PLATE)), tmp_path / "plate.nc")
+    whole = run_macro(
+        load_case(write_scene(tmp_path, PLATE, ("[4, 4]", "[1, 1]"))), tmp_path / "one.nc"
+    )
     assert result.attrs["substructures"] == 16
     assert result.attrs["interfaces"] == 24 + 9  # nine lines where four meet
     scale = np.abs(whole.displacement.values).max()
@@ -131,7 +109,7 @@ def test_a_law_from_a_file_gives_springs_in_series_and_stays_as_it_is(blocks, tm
 
 
 def test_the_law_of_the_command_comes_before_that_of_the_scene(blocks, tmp_path):
-    scene = write(tmp_path, BLOCKS, ('law = "law.nc"\n', ""))
+    scene = write_scene(tmp_path, BLOCKS, ('law = "law.nc"\n', ""))
     out = tmp_path / "blocks.nc"
     done = CliRunner().invoke(app, ["macro", str(scene), "-o", str(out)])
     assert done.exit_code == 1
@@ -160,7 +138,7 @@ def test_blocks_have_the_tensor_of_a_representative_volume(blocks):
     folder = blocks.parent
     write_dataset(RVE_STIFFNESS.build(values), folder / "rve.nc", RVE_STIFFNESS)
     given = 'poissons_ratio = 0\nstiffness = "rve.nc"\ndamage = [0.3, 0]'
-    scene = load_case(write(folder, BLOCKS, ("poissons_ratio = 0", given)))
+    scene = load_case(write_scene(folder, BLOCKS, ("poissons_ratio = 0", given)))
     run_macro(scene, folder / "out.nc")
     found = open_dataset(folder / "out.nc", MACRO_RESULT)
     expected = expected_stiffness(folder / "law.nc", [5e6, 20e6], (0.72, 0.0, 0.6))
@@ -169,7 +147,7 @@ def test_blocks_have_the_tensor_of_a_representative_volume(blocks):
 
 def test_damage_of_blocks_and_joints_enters_their_springs(tmp_path):
     write_law(tmp_path / "law.nc")
-    scene = write(
+    scene = write_scene(
         tmp_path,
         BLOCKS,
         ("poissons_ratio = 0", "poissons_ratio = 0\ndamage = [0.3, 0]"),
@@ -191,7 +169,7 @@ def test_damage_of_blocks_and_joints_enters_their_springs(tmp_path):
 )
 def test_load_beyond_the_law_is_told_on_the_command_line(tmp_path, highest, more, status, said):
     law = write_law(tmp_path / "law.nc", (1e5, highest))
-    scene = write(tmp_path, BLOCKS, ("friction = 0.2\n", f"friction = 0.2\n{more}"))
+    scene = write_scene(tmp_path, BLOCKS, ("friction = 0.2\n", f"friction = 0.2\n{more}"))
     arguments = ["macro", str(scene), "-o", str(tmp_path / "blocks.nc"), "--law", str(law)]
     done = CliRunner().invoke(app, arguments)
     assert done.exit_code == status
@@ -222,7 +200,7 @@ def test_a_scene_tells_its_real_pressure_and_the_size_of_its_cells(blocks, tmp_p
 
 
 def test_blocks_that_slide_away_keep_their_steps_and_exit_with_capacity_and_load(tmp_path, blocks):
-    scene = write(tmp_path, BLOCKS + 'shear = "4.4 MPa"\ncycles = 1\nsteps = 2\n')
+    scene = write_scene(tmp_path, BLOCKS + 'shear = "4.4 MPa"\ncycles = 1\nsteps = 2\n')
     out = tmp_path / "slid.nc"
     done = CliRunner().invoke(app, ["macro", str(scene), "-o", str(out)])
     assert done.exit_code == 1
@@ -247,7 +225,7 @@ def test_steps_before_one_that_slides_away_keep_their_errors_in_the_print(tmp_pa
     save_law(with_budget(law, error_budget(response, law)), tmp_path / "law.nc")
     printed = []
     for shear in ("1 MPa", "4.4 MPa"):
-        scene = write(tmp_path, BLOCKS + f'shear = "{shear}"\ncycles = 1\nsteps = 2\n')
+        scene = write_scene(tmp_path, BLOCKS + f'shear = "{shear}"\ncycles = 1\nsteps = 2\n')
         arguments = ["macro", str(scene), "-o", str(tmp_path / "blocks.nc")]
         done = CliRunner().invoke(app, arguments)
         printed.append(done.stdout.splitlines()[:4])
@@ -272,7 +250,9 @@ def test_laws_of_other_units_or_kinds_are_refused(blocks, tmp_path):
     with pytest.raises(SchemaError, match="schema 'macro_result', expected a 'interface_law'"):
         run_macro(scene, tmp_path / "out.nc", law=tmp_path / "kind.nc")
     with pytest.raises(CaseError, match="has no joint that the law"):
-        run_macro(load_case(write(tmp_path, PLATE)), tmp_path / "out.nc", law=tmp_path / "law.nc")
+        run_macro(
+            load_case(write_scene(tmp_path, PLATE)), tmp_path / "out.nc", law=tmp_path / "law.nc"
+        )
 
 
 @pytest.mark.parametrize(
@@ -305,7 +285,7 @@ def test_laws_of_other_units_or_kinds_are_refused(blocks, tmp_path):
     ],
 )
 def test_a_refused_scene_says_what_and_where(tmp_path, text, pair, message):
-    path = write(tmp_path, text, pair)
+    path = write_scene(tmp_path, text, pair)
     with pytest.raises(CaseError, match=message) as caught:
         load_case(path)
     assert str(caught.value).startswith(f"{path}: ")

@@ -1,12 +1,13 @@
 """Case files: what is read, and what a refused one says."""
 
-from pathlib import Path
+from functools import partial
 
 import pytest
 
 from multiscale.errors import CaseError
 from multiscale.pipeline import load_case
 from multiscale.pipeline.case import shipped_cases
+from tests.support import write_scene
 
 JOINTS = [name for name in shipped_cases() if name != "tyre_on_road"]
 
@@ -17,16 +18,7 @@ TEXT = shipped_cases()["ground_steel"].read_text(encoding="utf-8")
 def changed(tmp_path):
     """Write the shipped case with some text replaced and return its path."""
 
-    def write(*pairs: tuple[str, str]) -> Path:
-        text = TEXT
-        for old, new in pairs:
-            assert old in text
-            text = text.replace(old, new, 1)
-        path = tmp_path / "case.toml"
-        path.write_text(text, encoding="utf-8")
-        return path
-
-    return write
+    return partial(write_scene, tmp_path, TEXT)
 
 
 @pytest.mark.parametrize("name", JOINTS)

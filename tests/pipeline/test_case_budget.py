@@ -6,20 +6,7 @@ from multiscale.io import open_law, open_response
 from multiscale.pipeline import load_case, run_macro
 from multiscale.pipeline.case_budget import case_budget
 from multiscale.upscaling import fit_law
-
-SCENE = """
-title = "Two blocks"
-[structure]
-kind = "stacked_blocks"
-size = ["20 mm", "20 mm", "10 mm"]
-elements = [3, 3, 1]
-youngs_modulus = "210 GPa"
-poissons_ratio = 0
-[joint]
-friction = 0.2
-[loading]
-preloads = ["5 MPa", "80 MPa"]
-"""
+from tests.support import TWO_BLOCKS, write_scene
 
 
 @pytest.mark.parametrize("unload", [False, True])
@@ -37,10 +24,10 @@ def test_every_term_that_is_not_known_names_a_key(run_folder, unload):
 
 
 def test_a_scene_whose_elements_cannot_be_doubled_says_so(run_folder, tmp_path):
-    (tmp_path / "scene.toml").write_text(SCENE, encoding="utf-8")
+    scene = write_scene(tmp_path, TWO_BLOCKS, ("[2, 2, 1]", "[3, 3, 1]"), ("20 MPa", "80 MPa"))
     assert "error_half_width" in open_law(run_folder / "interface_law.nc")
     result = run_macro(
-        load_case(tmp_path / "scene.toml"),
+        load_case(scene),
         tmp_path / "result.nc",
         law=run_folder / "interface_law.nc",
     )

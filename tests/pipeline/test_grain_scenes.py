@@ -1,7 +1,5 @@
 """Scenes of grains: what they say, leave and refuse."""
 
-from pathlib import Path
-
 import numpy as np
 import pytest
 from typer.testing import CliRunner
@@ -12,19 +10,9 @@ from multiscale.io import open_dataset
 from multiscale.pipeline import load_case, run_macro
 from multiscale.plotting import draw_granulate
 from multiscale.schema import GRANULATE
+from tests.support import SCENES, write_scene
 
-SCENES = Path(__file__).parents[2] / "workflows" / "scenes"
 DEPOSIT = (SCENES / "deposit.toml").read_text(encoding="utf-8")
-
-
-def write(folder, *pairs):
-    text = DEPOSIT
-    for old, new in pairs:
-        assert old in text
-        text = text.replace(old, new, 1)
-    path = folder / "scene.toml"
-    path.write_text(text, encoding="utf-8")
-    return path
 
 
 def test_the_command_leaves_dataset_series_and_table(tmp_path):
@@ -60,7 +48,9 @@ def test_figures_show_forces_energies_and_errors(tmp_path):
 
 
 def test_the_number_of_frames_and_threads_is_that_of_the_file(tmp_path):
-    path = write(tmp_path, ('duration = "1 s"', 'duration = "20 ms"\nframes = 3\nthreads = 2'))
+    path = write_scene(
+        tmp_path, DEPOSIT, ('duration = "1 s"', 'duration = "20 ms"\nframes = 3\nthreads = 2')
+    )
     scene = load_case(path).quick()
     result = run_macro(scene, tmp_path / "result.nc")
     assert result.sizes["frame"] == 3
@@ -68,7 +58,7 @@ def test_the_number_of_frames_and_threads_is_that_of_the_file(tmp_path):
 
 
 def test_steps_follow_the_accuracy_of_the_file(tmp_path):
-    path = write(tmp_path, ('step = "2 ms"', 'step = "5 ms"\naccuracy = 0.1'))
+    path = write_scene(tmp_path, DEPOSIT, ('step = "2 ms"', 'step = "5 ms"\naccuracy = 0.1'))
     result = run_macro(load_case(path).quick(), tmp_path / "result.nc")
     lengths = result["time_step"].values
     assert lengths.max() <= 5e-3 * (1.0 + 1e-12)
@@ -110,7 +100,7 @@ def test_a_biaxial_test_leaves_its_curve_in_dataset_table_and_figure(tmp_path):
 )
 def test_what_a_scene_may_not_say_is_named(tmp_path, pairs, message):
     with pytest.raises(CaseError, match=message):
-        load_case(write(tmp_path, *pairs))
+        load_case(write_scene(tmp_path, DEPOSIT, *pairs))
 
 
 def test_grains_take_no_interface_law(tmp_path):

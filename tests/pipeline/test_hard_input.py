@@ -15,6 +15,7 @@ from multiscale.io import open_dataset, read_surface, write_dataset
 from multiscale.pipeline import load_case, load_sweep, run, run_macro
 from multiscale.pipeline.case import shipped_cases
 from multiscale.schema import WORK_PRECISION
+from tests.support import small_steel
 
 SCENES = sorted((Path(__file__).parents[2] / "workflows" / "scenes").glob("*.toml"))
 CASES = list(shipped_cases().values())
@@ -188,13 +189,7 @@ def test_a_reader_that_hangs_is_found(tmp_path):
 
 NASTY = '<script>alert(1)</script> & "x" $\\\\frac{ {{ 7*7 }} </title>'
 
-SMALL = (
-    shipped_cases()["ground_steel"]
-    .read_text(encoding="utf-8")
-    .replace("[128, 128]", "[36, 36]")
-    .replace("layers = 14", 'layers = 14\ngeometry = "flat"')
-    .replace("realisations = 12", "realisations = 2")
-)
+SMALL = small_steel(2)
 
 
 def test_a_report_shows_what_a_user_wrote_and_runs_none_of_it(tmp_path, monkeypatch):

@@ -16,27 +16,21 @@ import xarray as xr
 from matplotlib.image import imread
 
 from multiscale.io import open_dataset
-from multiscale.pipeline.case import shipped_cases
 from multiscale.schema import STABILITY
+from tests.support import COMMAND, small_steel
 
 pytestmark = pytest.mark.skipif(
     not Path("/proc/self").exists(), reason="looks for processes in /proc"
 )
 
-CASE = (
-    shipped_cases()["ground_steel"]
-    .read_text(encoding="utf-8")
-    .replace("[128, 128]", "[36, 36]")
-    .replace("layers = 14", 'layers = 14\ngeometry = "flat"')
-    .replace('["5 MPa", "10 MPa", "20 MPa", "40 MPa", "80 MPa", "160 MPa"]', '["10 MPa"]')
-    + "\n[law]\nsamples = 4\n"
+CASE = small_steel(12, "\n[law]\nsamples = 4\n").replace(
+    '["5 MPa", "10 MPa", "20 MPa", "40 MPa", "80 MPa", "160 MPa"]', '["10 MPa"]'
 )
 SWEEP = CASE.replace("realisations = 12", "realisations = 3") + (
     '[sweep]\nbody_1.youngs_modulus = ["70 GPa", "140 GPa", "210 GPa"]\n'
 )
 SINGLE = CASE.replace("realisations = 12", "realisations = 8")
 
-COMMAND = (sys.executable, "-c", "from multiscale.cli import main; main()")
 ONE_THREAD = dict(os.environ, OMP_NUM_THREADS="1", NUMBA_NUM_THREADS="1")
 KILLS_OF_ONE = 4
 """Times that a run is killed before it may end, all but the first while it goes on."""
@@ -244,7 +238,7 @@ def start(folder, *arguments):
     """Start the real command on a sweep, and wait for its first cell."""
     (folder / "case.toml").write_text(SWEEP, encoding="utf-8")
     begun = subprocess.Popen(
-        [*COMMAND, "run", "case.toml", "-o", "out", *arguments],
+        [sys.executable, "-c", COMMAND, "run", "case.toml", "-o", "out", *arguments],
         cwd=folder,
         env=ONE_THREAD,
         stderr=subprocess.PIPE,
@@ -289,7 +283,7 @@ def wait_for_the_end_of(processes):
 @pytest.mark.slow
 def test_a_killed_stability_table_keeps_what_was_found_and_its_workers_leave(tmp_path):
     begun = subprocess.Popen(
-        [*COMMAND, "stability", "--jobs", "2", "-o", "stability.nc"],
+        [sys.executable, "-c", COMMAND, "stability", "--jobs", "2", "-o", "stability.nc"],
         cwd=tmp_path,
         env=ONE_THREAD,
         stderr=subprocess.PIPE,

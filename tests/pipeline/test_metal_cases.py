@@ -7,21 +7,16 @@ from multiscale.errors import CaseError
 from multiscale.io import open_law
 from multiscale.laws.bulk import J2
 from multiscale.micro import Cell, Path, Surface, solve_cell
-from multiscale.pipeline import load_case, make_cells, run
+from multiscale.pipeline import make_cells, run
 from multiscale.pipeline.case import shipped_cases
 from multiscale.pipeline.stages.cells import _increments, increment_errors
 from multiscale.report import draw_figures, write_report
 from multiscale.schema import MICRO_RESPONSE
 from multiscale.upscaling import hysteretic_from_dataset
+from tests.support import case_of
 
 TEXT = shipped_cases()["ground_steel_plastic"].read_text(encoding="utf-8")
 ELASTIC = TEXT.replace('hardness = "1.6 GPa"\n', "").replace('hardening_modulus = "1 GPa"\n', "")
-
-
-def case_of(tmp_path, text):
-    path = tmp_path / "case.toml"
-    path.write_text(text, encoding="utf-8")
-    return load_case(path)
 
 
 def test_the_softer_body_yields_where_its_hardness_says_and_the_case_says_so(tmp_path):

@@ -5,7 +5,8 @@ import pytest
 
 from multiscale.pipeline import load_case
 from multiscale.pipeline.real_contact import real_pressure, with_real_pressure
-from multiscale.schema import MICRO_RESPONSE, branch_of
+from multiscale.schema import MICRO_RESPONSE
+from tests.upscaling.responses import response_of
 
 MODULUS = 210e9 / (2.0 * (1.0 - 0.3**2))  # contact modulus of steel on steel
 
@@ -14,20 +15,7 @@ def response(*fractions):
     """Two cells, one above and one below the mean, at 1, 2, 3 ... MPa."""
     area = np.array(fractions) * np.array([[0.9], [1.1]])
     p = 1e6 * np.arange(1.0, 1.0 + area.shape[1])
-    ones = np.ones(area.shape, dtype=int)
-    values = {
-        "displacement_jump": np.zeros((*area.shape, 3)),
-        "traction": np.zeros((*area.shape, 3)),
-        "mean_gap": 1e-6 * ones,
-        "contact_fraction": area,
-        "converged": ones,
-        "active_set_iterations": ones,
-        "linear_iterations": ones,
-        "wall_time": 1.0 * ones,
-        "nominal_pressure": p,
-        "branch": branch_of(p),
-    }
-    return MICRO_RESPONSE.build(values)
+    return response_of(np.full(area.shape, 1e-6), p, area=area)
 
 
 def steel(**changes):

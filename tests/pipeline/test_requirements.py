@@ -6,18 +6,13 @@ from multiscale.cli import app
 from multiscale.micro.cell_needs import CellPart
 from multiscale.pipeline import load_case, requirements
 from multiscale.pipeline.case import shipped_cases
+from tests.support import write_scene
 
 TEXT = shipped_cases()["ground_steel"].read_text(encoding="utf-8")
 
 
 def case_with(tmp_path, *pairs):
-    text = TEXT
-    for old, new in pairs:
-        assert old in text
-        text = text.replace(old, new)
-    path = tmp_path / "case.toml"
-    path.write_text(text, encoding="utf-8")
-    return load_case(path)
+    return load_case(write_scene(tmp_path, TEXT, *pairs))
 
 
 def test_a_plain_case_leaves_out_what_it_does_not_use():

@@ -17,39 +17,18 @@ from multiscale.pipeline import load_case, run, run_macro
 from multiscale.pipeline.case import shipped_cases
 from multiscale.upscaling import law_from_dataset
 from tests.closed_forms import joint as closed_form
-
-ROUGH_BLOCKS = """
-title = "Two blocks under uniaxial stress"
-[structure]
-kind = "stacked_blocks"
-size = ["20 mm", "20 mm", "10 mm"]
-elements = [2, 2, 1]
-youngs_modulus = "210 GPa"
-poissons_ratio = 0
-[joint]
-friction = 0.2
-[loading]
-preloads = ["5 MPa", "20 MPa", "80 MPa"]
-"""
+from tests.support import COMMAND, TWO_BLOCKS, run_python, write_scene
 
 FLAT = (
     shipped_cases()["ground_steel"]
     .read_text(encoding="utf-8")
     .replace("[128, 128]", '[128, 128]\ngeometry = "flat"')
 )
-COMMAND = (sys.executable, "-c", "from multiscale.cli import main; main()")
 
 
 def process(*arguments, cwd):
     """Call the command line in a process of its own."""
-    return subprocess.run(
-        [*COMMAND, *map(str, arguments)],
-        cwd=cwd,
-        capture_output=True,
-        text=True,
-        timeout=300,
-        check=False,
-    )
+    return run_python(COMMAND, *arguments, cwd=cwd, timeout=300, check=False)
 
 
 @pytest.fixture(scope="module")
@@ -247,7 +226,7 @@ def test_a_disk_that_fills_in_mid_run_loses_nothing(tmp_path, monkeypatch):
 def test_a_killed_run_goes_on_where_it_was(tmp_path):
     (tmp_path / "case.toml").write_text(FLAT, encoding="utf-8")
     begun = subprocess.Popen(
-        [*COMMAND, "run", "case.toml", "-o", "out", "--jobs", "2"],
+        [sys.executable, "-c", COMMAND, "run", "case.toml", "-o", "out", "--jobs", "2"],
         cwd=tmp_path,
         stderr=subprocess.PIPE,
         text=True,
@@ -292,7 +271,7 @@ def test_the_whole_chain_runs_on_measured_files(reference_data, tmp_path, file, 
 def test_a_rough_joint_takes_the_law_of_a_run_as_it_is(finished, tmp_path):
     file, E, height = finished[0] / "interface_law.nc", 210e9, 0.01
     before = file.read_bytes()
-    (tmp_path / "scene.toml").write_text(ROUGH_BLOCKS, encoding="utf-8")
+    write_scene(tmp_path, TWO_BLOCKS, ('"20 MPa"', '"20 MPa", "80 MPa"'))
     result = run_macro(load_case(tmp_path / "scene.toml"), tmp_path / "blocks.nc", law=file)
     law = law_from_dataset(open_law(file))
     interface = law.stiffness(law.gap_at(result["preload"].values))

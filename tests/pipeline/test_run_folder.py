@@ -1,6 +1,5 @@
 """A run folder belongs to one case, and its report shows no result of another one."""
 
-from pathlib import Path
 from shutil import copytree
 
 import pytest
@@ -14,6 +13,7 @@ from multiscale.pipeline.run_folder import claim_folder
 from multiscale.pipeline.stages import stages_of
 from multiscale.report import draw_figures, write_report
 from multiscale.schema import SCHEMAS
+from tests.support import SCENES
 
 
 @pytest.fixture
@@ -82,7 +82,7 @@ def test_a_stage_is_computed_again_after_what_it_depends_on_and_no_earlier_one(f
 
 
 def test_a_structure_is_run_shown_and_solved_again_under_another_load(tmp_path):
-    scene = Path(__file__).parents[2] / "workflows" / "scenes" / "tensegrity_grid.toml"
+    scene = SCENES / "tensegrity_grid.toml"
     out = tmp_path / "grid"
     done = CliRunner().invoke(app, ["run", str(scene), "-o", str(out), "--quick"])
     assert done.exit_code == 0, done.output
@@ -115,7 +115,9 @@ def test_a_dataset_of_an_earlier_version_is_answered_in_a_sentence(folder, name,
     old = open_dataset(file, schema).drop_vars(lost, errors="ignore")
     old.attrs.pop(lost, None)
     write_dataset(old, file, schema)
-    with pytest.raises(SchemaError, match=f"has no {lost}, as in runs of an earlier version; run the case again"):
+    with pytest.raises(
+        SchemaError, match=f"has no {lost}, as in runs of an earlier version"
+    ):
         show(folder)
 
 

@@ -2,12 +2,9 @@
 
 import json
 import os
-import subprocess
-import sys
 import tracemalloc
 from dataclasses import replace
 from pathlib import Path
-from textwrap import dedent
 
 import numpy as np
 import pytest
@@ -38,6 +35,7 @@ from multiscale.macro.substructures import latin_solver as solve_module
 from multiscale.macro.substructures import split_grid
 from multiscale.macro.substructures.substructure_needs import CutPart, cut_needs
 from multiscale.pipeline import load_case, requirements
+from tests.support import run_python
 
 SCENES = sorted((Path(__file__).parents[2] / "workflows" / "scenes").glob("*.toml"))
 
@@ -104,14 +102,8 @@ def write(scene, file):
 
 
 def run(code, *arguments):
-    done = subprocess.run(
-        [sys.executable, "-c", dedent(code), *map(str, arguments)],
-        capture_output=True,
-        text=True,
-        check=True,
-        timeout=600,
-        env=dict(os.environ, OMP_NUM_THREADS="1", NUMBA_NUM_THREADS="1"),
-    )
+    environment = dict(os.environ, OMP_NUM_THREADS="1", NUMBA_NUM_THREADS="1")
+    done = run_python(code, *arguments, env=environment)
     return json.loads(done.stdout.splitlines()[-1])
 
 

@@ -1,7 +1,5 @@
 """Scene files: what is read, what a refused one says, and what a run leaves."""
 
-from pathlib import Path
-
 import meshio
 import numpy as np
 import pytest
@@ -15,8 +13,8 @@ from multiscale.pipeline import Case, StructureCase, load_case, load_case_of, ru
 from multiscale.pipeline.stages import stages_of
 from multiscale.pipeline.structure_settings import KINDS
 from multiscale.schema import MACRO_RESULT
+from tests.support import SCENES, write_scene
 
-SCENES = Path(__file__).parents[2] / "workflows" / "scenes"
 STATIC = (SCENES / "tensegrity_grid.toml").read_text(encoding="utf-8")
 MOVING = (SCENES / "sudden_unloading.toml").read_text(encoding="utf-8")
 
@@ -34,15 +32,6 @@ load_factors = [0, 1]
 """
 NODES = "x, y, z, fix_x, fix_y, fix_z, load_z\n0,0,2,1,1,1,0\n0,0,1,1,1,0,-50\n0,0,0,1,1,0,-30\n"
 LINKS = "first,second,law\n0,1,cable\n1,2,cable\n"
-
-
-def write(folder: Path, text: str, *pairs: tuple[str, str]) -> Path:
-    for old, new in pairs:
-        assert old in text
-        text = text.replace(old, new, 1)
-    path = folder / "scene.toml"
-    path.write_text(text, encoding="utf-8")
-    return path
 
 
 @pytest.fixture
@@ -111,7 +100,7 @@ def hanging(tmp_path):
     ],
 )
 def test_a_refused_scene_says_what_and_where(tmp_path, text, pair, message):
-    path = write(tmp_path, text, pair)
+    path = write_scene(tmp_path, text, pair)
     with pytest.raises(CaseError, match=message) as caught:
         load_case(path)
     assert str(caught.value).startswith(f"{path}: ")
@@ -135,12 +124,14 @@ def test_a_missing_scene_or_a_folder_is_refused(tmp_path):
 @pytest.mark.parametrize("name", sorted(SCENES.glob("*.toml")), ids=lambda path: path.stem)
 def test_a_scene_written_in_si_is_the_same_scene(tmp_path, name):
     scene = load_case(name)
-    assert load_case(write(tmp_path, scene.to_toml())) == scene
+    assert load_case(write_scene(tmp_path, scene.to_toml())) == scene
 
 
 def test_keys_of_a_scene_reach_the_structure(tmp_path):
     grid = load_case(
-        write(tmp_path, STATIC, ("n = 16", "n = 3\nm = 2"), ('"2550 N"', '"1 kN"'), ("80 M", "7 M"))
+        write_scene(
+            tmp_path, STATIC, ("n = 16", "n = 3\nm = 2"), ('"2550 N"', '"1 kN"'), ("80 M", "7 M")
+        )
     )
     expected = tensegrity_grid(3, 2, prestress=1000.0)
     built = grid.structure.build()
@@ -162,13 +153,13 @@ def test_a_static_scene_is_what_solve_static_gives_and_its_file_says_so(tmp_path
     np.testing.assert_array_equal(result["tension"], expected["tension"])
     assert (result["slack"].sel(step=4) > 0.0).any()
     assert result.attrs["title"] == "Tensegrity grid at rest (quick)"
-    assert load_case(write(tmp_path, result.attrs["scene"])) == scene
+    assert load_case(write_scene(tmp_path, result.attrs["scene"])) == scene
     assert (tmp_path / "new" / "fields" / "grid.pvd").is_file()
 
 
 def test_a_motion_starts_from_the_equilibrium_and_follows_its_history(tmp_path):
     history = ('[["0 s", 0.0]]', '[["0 s", 1.0], ["20 ms", 0.0]]')
-    scene = load_case(write(tmp_path, MOVING, history, ('"0.5 s"', '"52 ms"'))).quick()
+    scene = load_case(write_scene(tmp_path, MOVING, history, ('"0.5 s"', '"52 ms"'))).quick()
     result = run_macro(scene, tmp_path / "motion.nc")
     grid = tensegrity_grid(4, prestress=2550.0 / 16.0)
     begin = solve_static(grid, 1.0)["displacement"].values
@@ -190,21 +181,23 @@ def test_a_support_that_is_neither_held_nor_free_is_refused(hanging):
     nodes = hanging / "nodes.csv"
     nodes.write_text(NODES.replace("0,0,1,1,1,0", "0,0,1,1,2,0"), encoding="utf-8")
     with pytest.raises(CaseError, match=r"fix_y of node 1 must be 1 \(held\) or 0, got 2"):
-        run_macro(load_case(write(hanging, HANGING)), hanging / "out.nc")
+        run_macro(load_case(write_scene(hanging, HANGING)), hanging / "out.nc")
 
 
 def test_nodes_that_move_farther_than_the_structure_measures_are_a_caution(hanging):
-    sound = run_macro(load_case(write(hanging, HANGING)), hanging / "out.nc")
+    sound = run_macro(load_case(write_scene(hanging, HANGING)), hanging / "out.nc")
     assert sound.attrs["cautions"] == ""
     nodes = hanging / "nodes.csv"
     nodes.write_text(NODES.replace("-50", "-1e30"), encoding="utf-8")
-    found = run_macro(load_case(write(hanging, HANGING)), hanging / "out.nc")
+    found = run_macro(load_case(write_scene(hanging, HANGING)), hanging / "out.nc")
     assert "nodes move by up to 1e+25 m, more than the structure measures (2 m)" in found.cautions
 
 
 def test_a_motion_that_fails_says_when_and_keeps_what_was_found(tmp_path, monkeypatch):
     monkeypatch.setattr("multiscale.macro.limited_motion.MAX_ITERATIONS", 2)
-    scene = load_case(write(tmp_path, MOVING, ('"5 ms"', '"100 ms"'), ("= 1.0", "= 4.0"))).quick()
+    scene = load_case(
+        write_scene(tmp_path, MOVING, ('"5 ms"', '"100 ms"'), ("= 1.0", "= 4.0"))
+    ).quick()
     result = run_macro(scene, tmp_path / "motion.nc")
     assert result["converged"].values[0] == 1
     assert result["converged"].values[-1] == 0
@@ -218,17 +211,17 @@ def test_a_motion_that_fails_says_when_and_keeps_what_was_found(tmp_path, monkey
 
 
 def test_a_structure_of_two_tables_carries_its_weights(hanging):
-    result = run_macro(load_case(write(hanging, HANGING)), hanging / "rope.nc")
+    result = run_macro(load_case(write_scene(hanging, HANGING)), hanging / "rope.nc")
     np.testing.assert_allclose(result["tension"].sel(step=1), [80.0, 30.0], rtol=1e-9)
     assert list(result["law"].values) == ["cable", "cable"]
     np.testing.assert_array_equal(result["ends"], [[0, 1], [1, 2]])
 
 
 def test_an_inextensible_rope_needs_no_rigidity(hanging):
-    path = write(hanging, HANGING, ('"100 kN"', '"inextensible"'))
+    path = write_scene(hanging, HANGING, ('"100 kN"', '"inextensible"'))
     result = run_macro(load_case(path), hanging / "rope.nc")
     np.testing.assert_allclose(result["tension"].sel(step=1), [80.0, 30.0], rtol=1e-6)
-    assert load_case(write(hanging, result.attrs["scene"])) == load_case(path)
+    assert load_case(write_scene(hanging, result.attrs["scene"])) == load_case(path)
 
 
 @pytest.mark.parametrize(
@@ -250,7 +243,7 @@ def test_a_refused_table_says_where(hanging, file, pair, message):
     assert pair[0] in text
     path.write_text(text.replace(*pair), encoding="utf-8")
     with pytest.raises(CaseError, match=message):
-        load_case(write(hanging, HANGING)).structure.build()
+        load_case(write_scene(hanging, HANGING)).structure.build()
 
 
 def test_a_structure_comes_from_the_lines_of_a_mesh_file(tmp_path):
@@ -273,7 +266,7 @@ laws.bars = { kind = "bar", rigidity = "10 MN" }
 [statics]
 load_factors = [1]
 """
-    result = run_macro(load_case(write(tmp_path, text)), tmp_path / "bars.nc")
+    result = run_macro(load_case(write_scene(tmp_path, text)), tmp_path / "bars.nc")
     np.testing.assert_allclose(
         result["tension"][0], [500.0 * 2**0.5, 500.0 * 2**0.5, 0.0], atol=1e-6
     )
@@ -286,7 +279,7 @@ def test_a_scene_without_any_solution_is_an_error_that_says_why(hanging):
     (hanging / "nodes.csv").write_text(nodes, encoding="utf-8")
     text = HANGING.replace("[0, 1]", "[1]")
     with pytest.raises(ConvergenceError, match="no step converged; load factor 1: "):
-        run_macro(load_case(write(hanging, text)), hanging / "rope.nc")
+        run_macro(load_case(write_scene(hanging, text)), hanging / "rope.nc")
     assert open_dataset(hanging / "rope.nc")["converged"].values.tolist() == [0]
 
 
@@ -312,7 +305,7 @@ def test_links_strained_beyond_their_linear_law_are_a_caution_with_the_worst(
 ):
     """The upper link bears both weights: its strain is their sum over the rigidity."""
     pairs = (('"100 kN"', f'"{rigidity}"'), ("[statics]\n", "[statics]\nexact = true\n"))
-    result = run_macro(load_case(write(hanging, HANGING, *pairs)), hanging / "out.nc")
+    result = run_macro(load_case(write_scene(hanging, HANGING, *pairs)), hanging / "out.nc")
     said = f"link 0 changes its length by up to {strain:.2g} of it" if strain else ""
     assert result.attrs.get("cautions", "").startswith(said)
     assert bool(result.attrs.get("cautions")) == bool(strain)
@@ -361,7 +354,7 @@ def tables(tmp_path):
 
 def test_tables_without_prestress_get_their_state_of_self_stress(tables):
     module = quadruplex_module(prestress=1.0)
-    found = load_case(write(tables(module), MODULE)).structure.build()
+    found = load_case(write_scene(tables(module), MODULE)).structure.build()
     scaled = 1000.0 * module.prestress / np.abs(module.prestress).max()
     np.testing.assert_allclose(found.prestress, scaled, rtol=1e-9)
 
@@ -370,7 +363,7 @@ def test_of_several_states_the_one_with_the_largest_least_tension_is_taken(table
     """Four modules have a state each: all are stressed alike, as by the grid's own prestress."""
     grid = tensegrity_grid(2)
     folder = tables(grid)
-    case = load_case(write(folder, MODULE))
+    case = load_case(write_scene(folder, MODULE))
     found = case.structure.build()
     cable = found.kind == 0
     alike = 1000.0 * grid.prestress / np.abs(grid.prestress).max()
@@ -393,13 +386,13 @@ def test_a_self_stress_that_no_link_can_carry_is_refused(tables, kinds, message)
     text = MODULE.replace('cable = { kind = "cable"', f'cable = {{ kind = "{cable}"')
     text = text.replace('bar = { kind = "bar"', f'bar = {{ kind = "{bar}"')
     with pytest.raises(CaseError, match=message):
-        load_case(write(tables(quadruplex_module()), text)).structure.build()
+        load_case(write_scene(tables(quadruplex_module()), text)).structure.build()
 
 
 def test_a_self_stress_needs_a_size_and_a_structure_that_holds_itself(hanging):
     asked = ("[structure.laws", "self_stress = true\n[structure.laws")
     with pytest.raises(CaseError, match="give both self_stress = true and prestress, or neither"):
-        load_case(write(hanging, HANGING, asked))
+        load_case(write_scene(hanging, HANGING, asked))
     sized = ("[structure.laws", 'self_stress = true\nprestress = "1 kN"\n[structure.laws')
     with pytest.raises(CaseError, match="no state of self-stress"):
-        load_case(write(hanging, HANGING, sized)).structure.build()
+        load_case(write_scene(hanging, HANGING, sized)).structure.build()

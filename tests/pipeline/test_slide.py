@@ -12,11 +12,12 @@ from multiscale.io import open_dataset
 from multiscale.laws.bulk import J2, NeoHookean
 from multiscale.micro import Path, solve_cell
 from multiscale.micro.slide import slide_cell
-from multiscale.pipeline import load_case, make_cells, requirements, run
+from multiscale.pipeline import make_cells, requirements, run
 from multiscale.pipeline.case import shipped_cases
 from multiscale.pipeline.stages.sliding import describe_sliding, make_pair
 from multiscale.report import draw_figures, write_report
 from multiscale.schema import SLIDING_RESPONSE
+from tests.support import case_of
 
 SLIDE = """
 [slide]
@@ -36,12 +37,6 @@ ELASTIC = (
     .replace('short_cutoff = "50 um"', 'short_cutoff = "133 um"')
     .replace("realisations = 6", "realisations = 3")
 )
-
-
-def case_of(tmp_path, text):
-    path = tmp_path / "case.toml"
-    path.write_text(text, encoding="utf-8")
-    return load_case(path)
 
 
 @pytest.fixture(scope="module")

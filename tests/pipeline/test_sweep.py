@@ -10,17 +10,10 @@ from typer.testing import CliRunner
 from multiscale.cli import app
 from multiscale.errors import CaseError, MultiscaleError
 from multiscale.pipeline import load_case, load_sweep, run, run_sweep
-from multiscale.pipeline.case import shipped_cases
 from multiscale.pipeline.stages.joint import solve_joint
+from tests.support import small_steel
 
-SMALL = (
-    shipped_cases()["ground_steel"]
-    .read_text(encoding="utf-8")
-    .replace("[128, 128]", "[36, 36]")
-    .replace("layers = 14", 'layers = 14\ngeometry = "flat"')
-    .replace("realisations = 12", "realisations = 3")
-    + "\n[law]\nsamples = 10\n"
-)
+SMALL = small_steel(3, "\n[law]\nsamples = 10\n")
 
 SWEEP = """
 [sweep]

@@ -1,8 +1,6 @@
 """Rubber on a road: from its case to friction, footprint and braking force."""
 
 import shutil
-import subprocess
-import sys
 
 import numpy as np
 import pytest
@@ -18,6 +16,7 @@ from multiscale.pipeline.stages.braking import solve_treads
 from multiscale.pipeline.stages.roads import make_roads, slide_road
 from multiscale.report import draw_figures, write_report
 from multiscale.upscaling import fit_law, friction_at, friction_observations
+from tests.support import COMMAND, case_of, run_python
 
 TEXT = shipped_cases()["tyre_on_road"].read_text(encoding="utf-8")
 SMALL = (
@@ -31,12 +30,6 @@ SMALL = (
     .replace('pressure = "300 kPa"', 'pressure = "300 kPa"\nelements = [4, 3, 1]')
     + "\n[law]\nsamples = 3\n"
 )
-
-
-def case_of(tmp_path, text):
-    path = tmp_path / "case.toml"
-    path.write_text(text, encoding="utf-8")
-    return load_case(path)
 
 
 @pytest.fixture(scope="module")
@@ -209,15 +202,8 @@ def test_bad_rubber_is_refused_with_its_key(tmp_path, old, new, message):
 
 @pytest.mark.slow
 def test_the_shipped_tyre_runs_on_the_command_line(tmp_path):
-    command = (sys.executable, "-c", "from multiscale.cli import main; main()")
-    done = subprocess.run(
-        [*command, "run", "tyre_on_road", "-o", "out", "--quick", "--jobs", "1"],
-        cwd=tmp_path,
-        capture_output=True,
-        text=True,
-        timeout=300,
-        check=False,
-    )
+    options = ("run", "tyre_on_road", "-o", "out", "--quick", "--jobs", "1")
+    done = run_python(COMMAND, *options, cwd=tmp_path, check=False)
     assert done.returncode == 0, done.stderr
     assert "braking force (N)" in done.stdout
     assert (tmp_path / "out" / "report.html").stat().st_size > 0

@@ -8,7 +8,8 @@ from multiscale.pipeline import windows
 from multiscale.pipeline.case_tables import CellSettings
 from multiscale.pipeline.rough_bodies import InstrumentSurface
 from multiscale.pipeline.windows import cut_windows
-from multiscale.surfaces import Surface, rms_height, rms_slope, self_affine
+from multiscale.surfaces import Surface, rms_height, rms_slope
+from tests.support import rough_square
 
 PIXEL = 1e-6
 
@@ -34,14 +35,8 @@ def noise(shape, seed=1):
 
 def rough(n, shortest, seed=1):
     """A periodic map of n x n pixels whose shortest wave is a number of pixels."""
-    return self_affine(
-        (n, n),
-        (n * PIXEL, n * PIXEL),
-        seed,
-        hurst_exponent=0.8,
-        long_cutoff=0.1 * n * PIXEL,
-        short_cutoff=shortest * PIXEL,
-        rms_slope=0.05,
+    return rough_square(
+        n, 0.1 * n * PIXEL, shortest * PIXEL, 0.05, seed=seed, size=n * PIXEL
     ).heights
 
 

@@ -6,23 +6,15 @@ from skfem import Basis, ElementHex1
 
 from multiscale.fe.elasticity import assemble_elasticity
 from multiscale.laws.bulk.moduli import lame_parameters
-from multiscale.micro import Cell, Path, Surface, self_affine, solve_cell
+from multiscale.micro import Cell, Path, Surface, solve_cell
 from multiscale.micro.averages import average_traction, dual_basis
 from multiscale.micro.graph_cell import assemble_graph_cell
 from multiscale.micro.graph_mesh import GraphMesh, graded_planes
-from tests.support import egg_box, observed_rate
+from tests.support import egg_box, observed_rate, rough_square
 
 
 def rough(n, slope=0.1, seed=5):
-    return self_affine(
-        (n, n),
-        (1.0, 1.0),
-        seed,
-        hurst_exponent=0.8,
-        long_cutoff=0.5,
-        short_cutoff=0.25,
-        rms_slope=slope,
-    )
+    return rough_square(n, 0.5, 0.25, slope, seed=seed)
 
 
 def sawtooth(n, gentle, tangent):
@@ -68,15 +60,7 @@ def test_average_traction_is_the_base_reaction_over_the_nominal_area(obstacle):
 @pytest.mark.slow
 def test_tangential_average_vanishes_without_friction_on_small_slopes():
     n, slope = 256, 1e-3  # 16 points in the shortest wave
-    surface = self_affine(
-        (n, n),
-        (1.0, 1.0),
-        5,
-        hurst_exponent=0.8,
-        long_cutoff=0.25,
-        short_cutoff=1.0 / 16.0,
-        rms_slope=slope,
-    )
+    surface = rough_square(n, 0.25, 1.0 / 16.0, slope, seed=5)
     flat = Surface(np.zeros((n, n)), (1.0, 1.0))
     # the rough side is the obstacle: its normals carry the horizontal traction
     cell = Cell(flat, 1.0, 16, 0.91, 0.3, obstacle=Surface(-surface.heights, (1.0, 1.0)))

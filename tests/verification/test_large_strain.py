@@ -4,17 +4,12 @@ import numpy as np
 import pytest
 
 from multiscale.laws.bulk import J2, NeoHookean
-from multiscale.micro import Cell, Path, Surface, graph_cell, self_affine, solve_cell
+from multiscale.micro import Cell, Path, Surface, graph_cell, solve_cell
 from multiscale.micro.contact_area import HALF_SPACE
 from multiscale.micro.finite import finite_cell
 from multiscale.micro.graph_cell import element_edges
 from tests.closed_forms import mindlin
-from tests.support import observed_rate
-
-
-def egg_box(n, amplitude):
-    wave = np.cos(2.0 * np.pi * np.arange(n) / n)
-    return Surface(amplitude * wave[:, None] * wave, (1.0, 1.0))
+from tests.support import egg_box, observed_rate, rough_square
 
 
 @pytest.fixture
@@ -53,15 +48,7 @@ def test_plastic_pressures_are_those_of_the_independent_code():
 
 def test_rubber_on_a_fine_grid_takes_few_iterations():
     n = 64
-    surface = self_affine(
-        (n, n),
-        (1.0, 1.0),
-        0,
-        hurst_exponent=0.8,
-        long_cutoff=1.0,
-        short_cutoff=0.25,
-        rms_slope=0.2,
-    )
+    surface = rough_square(n, 1.0, 0.25, 0.2)
     cell = Cell(surface, 1.0, 16, 1.0, 0.3, bulk=NeoHookean(1.0, 0.3))
     response = solve_cell(cell, Path(pressure=(0.05,)))
     assert response["increments"].values[0, 0] == 1.0
@@ -94,15 +81,7 @@ def test_plastic_pressures_tend_to_a_limit_as_increments_shrink():
 
 def test_tangential_over_normal_stiffness():
     n, layers, nu = 32, 16, 0.3
-    surface = self_affine(
-        (n, n),
-        (1.0, 1.0),
-        3,
-        hurst_exponent=0.8,
-        long_cutoff=0.5,
-        short_cutoff=0.25,
-        rms_slope=0.02,
-    )
+    surface = rough_square(n, 0.5, 0.25, 0.02, seed=3)
     loads = (0.002, 0.00204)
     pressed = solve_cell(Cell(surface, 1.0, layers, 1.0, nu), Path(pressure=loads))
     sticky = Cell(surface, 1.0, layers, 1.0, nu, friction_coefficient=1e3)
@@ -257,15 +236,7 @@ def test_a_sphere_on_a_perfectly_plastic_body_has_a_hardness_of_three_yield_stre
 def test_the_mean_pressure_of_rough_plastic_contact_over_the_yield_stress_is_a_curve():
     """Spots of a metal carry about three yield stresses until they grow together."""
     n = 16
-    surface = self_affine(
-        (n, n),
-        (1.0, 1.0),
-        0,
-        hurst_exponent=0.8,
-        long_cutoff=1.0,
-        short_cutoff=0.25,
-        rms_slope=0.2,
-    )
+    surface = rough_square(n, 1.0, 0.25, 0.2)
     height = 0.5 * float(np.ptp(surface.heights))
     path = Path(approach=tuple(height * np.array([0.2, 0.4, 0.6, 0.8, 1.0])))
     curves, areas = [], []

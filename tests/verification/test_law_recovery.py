@@ -8,8 +8,8 @@ import numpy as np
 import pytest
 
 from multiscale.laws import ConvexDecreasing
-from multiscale.schema import MICRO_RESPONSE, branch_of
 from multiscale.upscaling import area_from_dataset, fit_law, law_from_dataset
+from tests.upscaling.responses import response_of
 
 
 def greenwood_williamson(order, gap):
@@ -51,34 +51,11 @@ FAMILIES = {  # gap and stiffness as functions of pressure, range of pressure
 }
 
 
-def response_of(pressure, gap, area=None):
-    """A micro response with the gaps (realisation, step)."""
-    traction = np.zeros((*gap.shape, 3))
-    traction[..., 0] = -pressure
-    ones = np.ones(gap.shape, dtype=int)
-    return MICRO_RESPONSE.build(
-        {
-            "displacement_jump": np.zeros((*gap.shape, 3)),
-            "traction": traction,
-            "mean_gap": gap,
-            "branch": branch_of(pressure),
-            "contact_fraction": np.tile(pressure / pressure.max(), (len(gap), 1))
-            if area is None
-            else area,
-            "converged": ones,
-            "active_set_iterations": ones,
-            "linear_iterations": ones,
-            "wall_time": 1.0 * ones,
-            "nominal_pressure": pressure,
-        }
-    )
-
-
 def recovered(family, n_pressures, *, length=1.0, unit=1.0):
     """Relative errors of pressure and stiffness, ends of the range included."""
     gap, stiffness, ends = FAMILIES[family]
     pressure = np.geomspace(*ends, n_pressures)
-    law = law_from_dataset(fit_law(response_of(unit * pressure, length * gap(pressure)[None])))
+    law = law_from_dataset(fit_law(response_of(length * gap(pressure)[None], unit * pressure)))
     between = np.geomspace(*ends, 401)
     return (
         law.pressure(length * gap(between)) / (unit * between) - 1.0,
@@ -121,7 +98,7 @@ def test_the_error_reported_tells_the_error_made():
     """Westergaard close to complete contact, where the stiffness is infinite."""
     gap, _, _ = FAMILIES["Westergaard"]
     smooth, steep = (
-        fit_law(response_of(pressure, gap(pressure)[None])).attrs
+        fit_law(response_of(gap(pressure)[None], pressure)).attrs
         for pressure in (np.geomspace(0.025, 0.5, 8), np.geomspace(0.05, 0.95, 8))
     )
     assert smooth["cross_validated_error"] < 0.02
@@ -134,7 +111,7 @@ def test_area_of_greenwood_williamson_is_recovered():
     area = area_from_dataset(
         fit_law(
             response_of(
-                pressure, gap(pressure)[None], greenwood_williamson(1.0, gap(pressure))[None]
+                gap(pressure)[None], pressure, area=greenwood_williamson(1.0, gap(pressure))[None]
             )
         )
     )
@@ -163,7 +140,7 @@ def test_bootstrap_bands_cover_the_true_law(n_realisations):
     for repeat in range(n_repeats):
         gap = u * (1.0 + 0.03 * random.standard_normal((n_realisations, 1)))
         gap += 0.01 * random.standard_normal((n_realisations, 8))
-        dataset = fit_law(response_of(pressure, gap), seed=repeat)
+        dataset = fit_law(response_of(gap, pressure), seed=repeat)
         knot, drawn = dataset["knot"].values, dataset["coefficient_sample"].values
         samples = [quantities(ConvexDecreasing(knot, one), at) for one in drawn]
         low, high = np.percentile(samples, [2.5, 97.5], axis=0)

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from multiscale.laws.bulk import J2
-from multiscale.micro import Cell, Path, run_ensemble, self_affine
+from multiscale.micro import Cell, Path, run_ensemble
 from multiscale.upscaling import (
     fit_law,
     fitted_law,
@@ -13,6 +13,7 @@ from multiscale.upscaling import (
     unloading_family,
     unloading_observations,
 )
+from tests.support import rough_square
 
 MODULUS, NU, YIELD, EDGE, POINTS = 200e9, 0.3, 1e9, 1e-4, 12
 STEEL = J2(MODULUS, NU, YIELD, 2e9)
@@ -25,15 +26,7 @@ def test_cells_that_have_flowed_unload_stiffer_than_they_were_loaded():
     pressure = (*LOADING[:3], 40e6, 20e6, LOADING[3], 80e6, 40e6)
     cells = [
         Cell(
-            self_affine(
-                (POINTS, POINTS),
-                (EDGE, EDGE),
-                seed,
-                rms_slope=0.1,
-                hurst_exponent=0.8,
-                long_cutoff=EDGE,
-                short_cutoff=EDGE / 3,
-            ),
+            rough_square(POINTS, EDGE, EDGE / 3, 0.1, seed=seed, size=EDGE),
             EDGE,
             4,
             MODULUS,

@@ -7,10 +7,11 @@ does not matter, and the shortest wave has 5 or 16 points.
 import numpy as np
 import pytest
 
-from multiscale.micro import Cell, Path, self_affine, solve_cell
+from multiscale.micro import Cell, Path, solve_cell
 from multiscale.surfaces import nayak_parameter
 from multiscale.surfaces.statistics import wavenumbers
 from tests.closed_forms import full_contact
+from tests.support import rough_square
 
 
 def press(surface, pressures):
@@ -41,14 +42,8 @@ def test_two_decades_of_roughness_have_the_area_and_energy_of_molecular_dynamics
     longest = 2.0 * np.pi / 1e4
     nodes, energies = [], []
     for seed in range(3):
-        surface = self_affine(
-            (1024, 1024),  # 5 points to the shortest wave
-            (2.0 * longest, 2.0 * longest),  # with one period, the few longest waves weigh too much
-            seed,
-            hurst_exponent=0.8,
-            long_cutoff=longest,
-            short_cutoff=longest / 100.0,
-            rms_slope=0.27660,
+        surface = rough_square(
+            1024, longest, longest / 100.0, 0.27660, seed=seed, size=2.0 * longest
         )
         response = press(surface, GFMD[:, 0])
         full = full_contact.elastic_energy(
@@ -92,15 +87,7 @@ def ensembles():
     for long, short, n, realisations in HALF_SPACE:
         area, gap = [], []
         for seed in range(realisations):
-            surface = self_affine(
-                (n, n),
-                (1.0, 1.0),
-                seed,
-                hurst_exponent=0.8,
-                long_cutoff=1.0 / long,
-                short_cutoff=1.0 / short,
-                rms_slope=0.1,
-            )
+            surface = rough_square(n, 1.0 / long, 1.0 / short, 0.1, seed=seed)
             response = press(surface, 0.1 * PRESSURES)
             area.append(response["contact_fraction"].values[0])
             gap.append(response["mean_gap"].values[0] / surface.heights.std())

@@ -3,10 +3,10 @@
 import numpy as np
 import pytest
 
-from multiscale.micro import Cell, Path, Surface, self_affine, solve_cell
+from multiscale.micro import Cell, Path, Surface, solve_cell
 from multiscale.surfaces import rms_slope
 from tests.closed_forms import full_contact, johnson, westergaard
-from tests.support import egg_box, wave
+from tests.support import egg_box, rough_square, wave
 
 
 def test_westergaards_wave_in_plane_strain():
@@ -55,15 +55,7 @@ def test_the_egg_box_near_full_contact_obeys_johnson():
 
 def test_pressure_and_energy_of_full_contact():
     n = 128  # 16 points in the shortest wave
-    surface = self_affine(
-        (n, n),
-        (1.0, 1.0),
-        3,
-        hurst_exponent=0.8,
-        long_cutoff=0.5,
-        short_cutoff=0.125,
-        rms_slope=1e-5,
-    )
+    surface = rough_square(n, 0.5, 0.125, 1e-5, seed=3)
     cell = Cell(surface, 1.5, 40, youngs_modulus=0.91, poissons_ratio=0.3)
     response = solve_cell(cell, Path(pressure=(5e-5,)), keep_fields=True)
     assert response["contact_fraction"].item() == 1.0

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from multiscale.errors import CaseError
-from multiscale.micro import Cell, Path, run_ensemble, self_affine
+from multiscale.micro import Cell, Path, run_ensemble
 from multiscale.micro.viscoelastic_sliding import RelaxingSolid, solve_sliding
 from multiscale.upscaling import (
     fit_law,
@@ -15,6 +15,7 @@ from multiscale.upscaling import (
     observe,
     tangential_observations,
 )
+from tests.support import rough_square
 
 MODULUS, NU, FRICTION, SLOPE, EDGE, POINTS = 1e9, 0.3, 0.3, 0.05, 1e-3, 16
 E_STAR = MODULUS / (1.0 - NU**2)
@@ -22,15 +23,7 @@ PRESSURE = E_STAR * SLOPE * np.array([0.02, 0.05, 0.1, 0.2])
 
 
 def surface(seed):
-    return self_affine(
-        (POINTS, POINTS),
-        (EDGE, EDGE),
-        seed,
-        rms_slope=SLOPE,
-        hurst_exponent=0.8,
-        long_cutoff=EDGE / 2,
-        short_cutoff=EDGE / 4,
-    )
+    return rough_square(POINTS, EDGE / 2, EDGE / 4, SLOPE, seed=seed, size=EDGE)
 
 
 @pytest.fixture(scope="module")

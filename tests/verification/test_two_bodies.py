@@ -4,24 +4,16 @@ import numpy as np
 import pytest
 
 from multiscale.laws.bulk import J2, Elastic, NeoHookean
-from multiscale.micro import Cell, Path, SecondBody, Surface, self_affine, solve_cell
+from multiscale.micro import Cell, Path, SecondBody, Surface, solve_cell
 from multiscale.micro.finite.finite_cell import make_scene
 from multiscale.micro.finite.history import rest_state, walk_step
 from multiscale.micro.finite.scene import Target
 from multiscale.micro.graph_mesh import graded_planes
 from tests.closed_forms import mindlin
+from tests.support import egg_box, flat, rough_square
 
 STEEL = J2(1.0, 0.3, 0.005, 0.01)
 RUBBER = NeoHookean(1.0, 0.3)
-
-
-def egg_box(n, amplitude):
-    wave = np.cos(2.0 * np.pi * np.arange(n) / n)
-    return Surface(amplitude * wave[:, None] * wave, (1.0, 1.0))
-
-
-def flat(n):
-    return Surface(np.zeros((n, n)), (1.0, 1.0))
 
 
 def body(bulk=None, modulus=1.0, layers=8):
@@ -172,10 +164,7 @@ def test_two_rough_bodies_carry_a_lateral_force_that_does_no_work_around():
     n, steps = 16, 16
 
     def rough(seed):
-        return self_affine(
-            (n, n), (1.0, 1.0), seed, hurst_exponent=0.8, long_cutoff=1.0, short_cutoff=0.5,
-            rms_slope=0.1,
-        )  # fmt: skip
+        return rough_square(n, 1.0, 0.5, 0.1, seed=seed)  # fmt: skip
 
     one, two = rough(1), rough(2)
     far = 2.5 * float(np.std(one.heights - two.heights))
@@ -189,10 +178,7 @@ def test_two_rough_bodies_carry_a_lateral_force_that_does_no_work_around():
 
 def test_tangential_over_normal_stiffness_of_two_bodies():
     n, layers, nu = 32, 12, 0.3
-    surface = self_affine(
-        (n, n), (1.0, 1.0), 3, hurst_exponent=0.8, long_cutoff=0.5, short_cutoff=0.25,
-        rms_slope=0.02,
-    )  # fmt: skip
+    surface = rough_square(n, 0.5, 0.25, 0.02, seed=3)  # fmt: skip
     loads = (0.002, 0.00204)
     step = 1e-3 * surface.heights.std()
     responses = [

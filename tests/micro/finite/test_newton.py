@@ -6,26 +6,19 @@ import pytest
 from multiscale.convergence import Status
 from multiscale.errors import CaseError
 from multiscale.laws.bulk import J2, Elastic, NeoHookean, Prony
-from multiscale.micro import Cell, Path, Surface, self_affine, solve_cell
+from multiscale.micro import Cell, Path, Surface, solve_cell
 from multiscale.micro.finite.finite_cell import make_scene
 from multiscale.micro.finite.finite_path import current_weight
 from multiscale.micro.finite.height_obstacle import HeightObstacle
 from multiscale.micro.finite.history import rest_state, walk_step
 from multiscale.micro.finite.scene import Target
+from tests.support import rough_square
 
 N, LAYERS = 16, 6
 
 
 def rough(slope=0.1, seed=0, n=N):
-    return self_affine(
-        (n, n),
-        (1.0, 1.0),
-        seed,
-        hurst_exponent=0.8,
-        long_cutoff=1.0,
-        short_cutoff=0.5,
-        rms_slope=slope,
-    )
+    return rough_square(n, 1.0, 0.5, slope, seed=seed)
 
 
 def cell(**changes):

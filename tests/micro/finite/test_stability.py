@@ -4,22 +4,15 @@ import numpy as np
 import pytest
 
 from multiscale.laws.bulk import J2, NeoHookean
-from multiscale.micro import Cell, Path, self_affine, solve_cell
+from multiscale.micro import Cell, Path, solve_cell
 from multiscale.micro.finite import history
+from tests.support import rough_square
 
 RUBBER = NeoHookean(1.0, 0.3)
 
 
 def rough(slope, n=16):
-    return self_affine(
-        (n, n),
-        (1.0, 1.0),
-        0,
-        hurst_exponent=0.8,
-        long_cutoff=1.0,
-        short_cutoff=0.5,
-        rms_slope=slope,
-    )
+    return rough_square(n, 1.0, 0.5, slope)
 
 
 def press(bulk, path, slope=0.1, n=16, **changes):

@@ -5,7 +5,7 @@ import pytest
 
 from multiscale.errors import CaseError
 from multiscale.laws.bulk import J2, Elastic, NeoHookean, Prony
-from multiscale.micro import Cell, Path, SecondBody, Surface, self_affine, solve_cell
+from multiscale.micro import Cell, Path, SecondBody, Surface, solve_cell
 from multiscale.micro.cell_needs import CellPart, cell_needs
 from multiscale.micro.finite.deformed_surface import DeformedSurface
 from multiscale.micro.finite.equations import CellEquations
@@ -13,6 +13,7 @@ from multiscale.micro.finite.finite_cell import make_scene
 from multiscale.micro.finite.history import rest_state, walk_step
 from multiscale.micro.finite.scene import Target
 from multiscale.micro.finite.two_bodies import MIRROR
+from tests.support import rough_square
 
 N, LAYERS = 16, 6
 
@@ -27,15 +28,7 @@ def flat(n=N):
 
 
 def rough(seed, n=N, slope=0.1):
-    return self_affine(
-        (n, n),
-        (1.0, 1.0),
-        seed,
-        hurst_exponent=0.8,
-        long_cutoff=1.0,
-        short_cutoff=0.5,
-        rms_slope=slope,
-    )
+    return rough_square(n, 1.0, 0.5, slope, seed=seed)
 
 
 def pair(surface=None, obstacle=None, *, bulk=None, other=None, modulus=1.0, nu=0.3, mu=0.0):

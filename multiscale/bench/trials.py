@@ -1,4 +1,4 @@
-"""Ladders of fidelities: the same question answered ever better, each time at its price."""
+"""Trials: the same question answered ever better, each time at its price."""
 
 from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass, field
@@ -7,17 +7,20 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from multiscale.bench.measure import THREADS, Measured, measure
+from multiscale.bench.measure import THREADS, Measurement, measure
 from multiscale.bench.record import load_average, record, versions
 
 if TYPE_CHECKING:
     import xarray as xr
 
-__all__ = ["Columns", "Judge", "Rung", "Runs", "against", "measure_ladders"]
+__all__ = ["Columns", "Judge", "Report", "Runs", "Trial", "judge_by", "measure_trials"]
+
+Report = Callable[[str], None]
+"""Gets a line after each measurement."""
 
 
 @dataclass(frozen=True, eq=False)
-class Rung:
+class Trial:
     """One answer to a question.
 
     Parameters
@@ -34,7 +37,7 @@ class Rung:
         How well it is answered: variables of ``WORK_PRECISION``, such as ``points``.
     repeats : int
         Number of runs, whose median time counts.
-    follows : Rung, optional
+    follows : Trial, optional
         An earlier one, whose answer, or None if its process died, the task gets.
     """
 
@@ -44,37 +47,38 @@ class Rung:
     warm_up: Callable[[], object]
     settings: Mapping[str, float] = field(default_factory=dict)
     repeats: int = 1
-    follows: "Rung | None" = None
+    follows: "Trial | None" = None
 
 
-Runs = Mapping[Rung, Measured[Any]]
-"""What the rungs returned and took, in their order."""
+Runs = Mapping[Trial, Measurement[Any]]
+"""What the trials returned and took, in their order."""
 
 Columns = dict[str, Any]
-"""Variables of ``WORK_PRECISION`` of one rung."""
+"""Variables of ``WORK_PRECISION`` of one trial."""
 
 Judge = Callable[[str, Runs], Iterable[Columns]]
 """From a scene and its runs to ``error``, ``converged`` and more of each of them."""
 
 
-def measure_ladders(
-    rungs: Iterable[Rung],
+def measure_trials(
+    trials: Iterable[Trial],
     judge: Judge,
     *,
     title: str,
     packages: tuple[str, ...] = (),
     threads: int = THREADS,
-    report: Callable[[str], None] = lambda line: None,
+    report: Report = lambda line: None,
+    process: bool = True,
     **attributes: Any,
 ) -> "xr.Dataset":
-    """Measure ladders, and judge their answers.
+    """Measure answers to questions, and judge them.
 
     Parameters
     ----------
-    rungs : iterable of Rung
+    trials : iterable of Trial
         Those of a scene from coarse to fine; all with settings of the same names.
     judge : callable
-        Says how good the answers to a scene are; see :func:`against` for numbers.
+        Says how good the answers to a scene are; see :func:`judge_by` for numbers.
     title : str
         What is asked.
     packages : tuple of str
@@ -83,6 +87,8 @@ def measure_ladders(
         That a run may use.
     report : callable
         Gets a line after each measurement.
+    process : bool
+        Whether each run has a process of its own; otherwise memory is not measured.
     **attributes
         Of :func:`multiscale.bench.record.record`.
 
@@ -93,31 +99,38 @@ def measure_ladders(
         (samples, 2), seconds and errors.
     """
     load = load_average()
-    runs: dict[Rung, Measured[Any]] = {}
-    for rung in rungs:
-        known = () if rung.follows is None else (runs[rung.follows].value,)
-        runs[rung] = measure(
-            partial(rung.task, *known) if known else rung.task,
-            warm_up=rung.warm_up,
-            repeats=rung.repeats,
+    runs: dict[Trial, Measurement[Any]] = {}
+    for trial in trials:
+        known = () if trial.follows is None else (runs[trial.follows].value,)
+        runs[trial] = measure(
+            partial(trial.task, *known),
+            warm_up=trial.warm_up,
+            repeats=trial.repeats,
             threads=threads,
+            process=process,
         )
-        settings = "".join(f", {name} {value:g}" for name, value in rung.settings.items())
-        report(f"{rung.scene}, {rung.method}{settings}: {runs[rung].wall_time:.3g} s")
-    judged: dict[Rung, Columns] = {}
-    for scene in dict.fromkeys(rung.scene for rung in runs):
-        mine = {rung: run for rung, run in runs.items() if rung.scene == scene}
+        settings = "".join(f", {name} {value:g}" for name, value in trial.settings.items())
+        report(f"{trial.scene}, {trial.method}{settings}: {runs[trial].wall_time:.3g} s")
+    judged: dict[Trial, Columns] = {}
+    for scene in dict.fromkeys(trial.scene for trial in runs):
+        mine = {trial: run for trial, run in runs.items() if trial.scene == scene}
         judged |= zip(mine, judge(scene, mine), strict=True)
-    histories = [judged[rung].pop("history", np.zeros((0, 2))) for rung in runs]
+    histories = [judged[trial].pop("history", np.zeros((0, 2))) for trial in runs]
     samples = np.concatenate(histories)
     found = {
         "history_run": np.repeat(np.arange(len(runs)), [len(one) for one in histories]),
         "history_seconds": samples[:, 0],
         "history_error": samples[:, 1],
     }
-    repeats = max(rung.repeats for rung in runs)
+    repeats = max(trial.repeats for trial in runs)
+    rows: list[Columns] = [
+        {"scene": trial.scene, "method": trial.method, "wall_time": run.wall_time}
+        | ({"peak_memory": run.peak_memory} if process else {})
+        | {**trial.settings, **judged[trial]}
+        for trial, run in runs.items()
+    ]
     return record(
-        [_cost(rung, run) | judged[rung] for rung, run in runs.items()],
+        rows,
         found if len(samples) else {},
         threads=threads,
         load_before=load,
@@ -132,24 +145,13 @@ def measure_ladders(
     )
 
 
-def _cost(rung: Rung, run: Measured[Any]) -> Columns:
-    """Name a run and say what it took; NaN if its process died."""
-    return {
-        "scene": rung.scene,
-        "method": rung.method,
-        **rung.settings,
-        "wall_time": run.wall_time,
-        "peak_memory": run.peak_memory,
-    }
-
-
-def against(truth: Callable[[str, list[float]], tuple[float, float]], *, count: str = "") -> Judge:
+def judge_by(truth: Callable[[str, list[float]], tuple[float, float]], *, count: str = "") -> Judge:
     """Judge answers that are numbers, or samples of a number, by the truth.
 
     Parameters
     ----------
     truth : callable
-        Gets a scene and the mean answers of its rungs; returns the true answer, and how far that
+        Gets a scene and the mean answers of its trials; returns the true answer, and how far that
         may be off, relative to it.
     count : str
         Variable of ``WORK_PRECISION`` that a task returns after its number, if any.

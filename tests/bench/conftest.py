@@ -1,0 +1,29 @@
+"""What the tests of families share."""
+
+import pytest
+
+from multiscale.bench import trials
+from multiscale.bench.measure import Measurement
+from multiscale.io import open_dataset, write_dataset
+from multiscale.plotting import draw_work_precision
+from multiscale.schema import WORK_PRECISION
+
+
+@pytest.fixture
+def in_this_process(monkeypatch):
+    """Skip the processes."""
+    monkeypatch.setattr(trials, "measure", lambda task, **_: Measurement(task(), 0.1, 1e8))
+
+
+@pytest.fixture
+def stored(tmp_path):
+    """Write a dataset, draw what is read again, and return that."""
+
+    def store(found, least_bytes):
+        write_dataset(found, tmp_path / "found.nc", WORK_PRECISION)
+        again = open_dataset(tmp_path / "found.nc", WORK_PRECISION)
+        picture = draw_work_precision(again, tmp_path / "found.png")
+        assert picture.stat().st_size > least_bytes
+        return again
+
+    return store
