@@ -203,7 +203,7 @@ def _locate(
             model = _model_in(model.model_fields[part].annotation) or model
         elif part in kinds:
             model = kinds[part]
-        else:
+        elif "[" not in part:  # else one of several types that a value may have
             place.append(part)
     return place, model
 

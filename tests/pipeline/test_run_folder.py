@@ -115,9 +115,7 @@ def test_a_dataset_of_an_earlier_version_is_answered_in_a_sentence(folder, name,
     old = open_dataset(file, schema).drop_vars(lost, errors="ignore")
     old.attrs.pop(lost, None)
     write_dataset(old, file, schema)
-    with pytest.raises(
-        SchemaError, match=f"has no {lost}, as in runs of an earlier version"
-    ):
+    with pytest.raises(SchemaError, match=f"has no {lost}, as in runs of an earlier version"):
         show(folder)
 
 
