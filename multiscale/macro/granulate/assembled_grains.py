@@ -4,8 +4,9 @@ It serves problems on which Gauss-Seidel stalls: heavy grains on light grains, w
 """
 
 import numpy as np
-from scipy.sparse import coo_array, csr_array, diags_array
+from scipy.sparse import csr_array, diags_array
 
+from multiscale.fe.elements import sum_blocks
 from multiscale.macro.granulate.contacts import Contacts
 from multiscale.nonsmooth import solve_friction, solve_lcp
 
@@ -65,12 +66,9 @@ def _solve_normal(
     """Solve frictionless contacts: one impulse per contact, three velocities per body."""
     normal, m = contacts.data[:, :3], len(contacts.ends)
     compliance = contacts.data[:, 5] / contacts.data[:, 4]  # 1/kg
-    at = 3 * contacts.ends[:, :, None] + np.arange(3)
-    values = np.stack([normal, -normal], axis=1)
-    place = np.broadcast_to(np.arange(m)[:, None, None], values.shape)
-    transfer = csr_array(
-        coo_array((values.ravel(), (at.ravel(), place.ravel())), shape=(3 * len(mobility), m))
-    )
+    at = (3 * contacts.ends[:, :, None] + np.arange(3)).reshape(m, 6)
+    values = np.hstack([normal, -normal])[:, :, None]
+    transfer = sum_blocks(values, at, np.arange(m)[:, None], (3 * len(mobility), m))
     inverse = np.repeat(mobility[:, 0], 3)
     operator = transfer.T @ diags_array(inverse) @ transfer + diags_array(compliance)
     free = transfer.T @ velocity[:, :3].ravel() + contacts.data[:, 3]
@@ -88,8 +86,7 @@ def _transfer(
     normal only, so its entries of the tangential columns are zero.
     """
     m, bodies = len(ends), len(mobility)
-    rows, columns, values = [], [], []
-    place = 3 * np.arange(m)[:, None, None] + np.arange(3)[None, None, :]
+    transfer, place = csr_array((6 * bodies, 3 * m)), np.arange(3 * m).reshape(m, 3)
     spin = np.cross(frames[:, :1], frames)  # n x axis, by axis
     for side, sign in ((0, 1.0), (1, -1.0)):
         body = ends[:, side]
@@ -97,13 +94,7 @@ def _transfer(
         axes = frames.copy()
         axes[:, 1:] *= across[:, None, None]
         for block, first, factor in ((axes, 0, sign), (-spin, 3, 1.0)):
-            at = 6 * body[:, None, None] + first + np.arange(3)[None, :, None]
-            rows.append(np.broadcast_to(at, (m, 3, 3)).ravel())
-            columns.append(np.broadcast_to(place, (m, 3, 3)).ravel())
-            values.append((factor * block.transpose(0, 2, 1)).ravel())
-    transfer = coo_array(
-        (np.concatenate(values), (np.concatenate(rows), np.concatenate(columns))),
-        shape=(6 * bodies, 3 * m),
-    )
-    inverse = np.repeat(mobility[:, [0, 2]], 3, axis=1).ravel()
-    return csr_array(transfer), inverse
+            at = 6 * body[:, None] + first + np.arange(3)
+            values = factor * block.transpose(0, 2, 1)
+            transfer = transfer + sum_blocks(values, at, place, transfer.shape)
+    return csr_array(transfer), np.repeat(mobility[:, [0, 2]], 3, axis=1).ravel()
