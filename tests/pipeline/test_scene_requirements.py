@@ -215,7 +215,7 @@ def test_a_joint_without_cycles_has_fewer_slabs_and_says_so():
     normal = Exponential(1e9, 0.2e-6)
     for scene, slabs in ((cycled, 48), (pressed, 8)):
         assert f"; {slabs} slabs of sliders" in requirements(scene).built[CutPart.JOINT_LAWS]
-        (joint,) = scene.structure.assemble(scene, normal).joints
+        (joint,) = scene.structure.assemble(scene, normal).interfaces
         assert joint.law.slabs == slabs
         assert joint.law.pressures == (0.2e6, 60e6)
 
