@@ -22,8 +22,8 @@ from multiscale.bench.trials import Columns, Report, Runs, Trial, measure_trials
 from multiscale.convergence import Solution
 from multiscale.errors import CaseError
 from multiscale.nonsmooth import solve_friction, solve_lcp, verify_friction, verify_lcp
-from multiscale.nonsmooth.friction import METHODS as FRICTION_METHODS
-from multiscale.nonsmooth.lcp import METHODS as LCP_METHODS
+from multiscale.nonsmooth.friction import FRICTION_METHODS
+from multiscale.nonsmooth.lcp import LCP_METHODS
 
 if TYPE_CHECKING:
     import xarray as xr

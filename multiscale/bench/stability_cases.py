@@ -56,10 +56,10 @@ def _grid(bar_over_cable: float, prestress: float) -> "LinkSystem":
 
 def structure(bar_over_cable: float, prestress: float, load_factor: float) -> float:
     """Tensegrity grid at rest: distance from equilibrium and from the laws of its links."""
-    from multiscale.bench.structures_family import Method, solve_grid, verify
+    from multiscale.bench.structures_family import GridMethod, solve_grid, verify
 
     grid = _grid(bar_over_cable, prestress)
-    return verify(grid, load_factor, solve_grid(grid, load_factor, Method("auto", MODULES)))
+    return verify(grid, load_factor, solve_grid(grid, load_factor, GridMethod("auto", MODULES)))
 
 
 def motion(bar_over_cable: float, prestress: float, step: float) -> float:

@@ -23,7 +23,7 @@ if TYPE_CHECKING:
 __all__ = [
     "GRID_METHODS",
     "GridAnswer",
-    "Method",
+    "GridMethod",
     "bench_structures",
     "distance",
     "scene_grid",
@@ -46,7 +46,7 @@ TOLERANCE = 1e-8
 
 
 @dataclass(frozen=True)
-class Method:
+class GridMethod:
     """How a grid is solved.
 
     Attributes
@@ -64,10 +64,10 @@ class Method:
     pardiso: bool = False
 
 
-GRID_METHODS: Mapping[str, Method] = {
-    "Newton, PARDISO": Method("newton", 256, pardiso=True),
-    "Newton, SuperLU": Method("newton", 64),
-    "dual program, clarabel": Method("dual", 32),
+GRID_METHODS: Mapping[str, GridMethod] = {
+    "Newton, PARDISO": GridMethod("newton", 256, pardiso=True),
+    "Newton, SuperLU": GridMethod("newton", 64),
+    "dual program, clarabel": GridMethod("dual", 32),
 }
 
 
@@ -98,7 +98,7 @@ def scene_grid(n: int) -> LinkSystem:
     return tensegrity_grid(n, prestress=2550.0 * (n / 16) ** 2)
 
 
-def solve_grid(system: LinkSystem, load_factor: float, method: Method) -> GridAnswer:
+def solve_grid(system: LinkSystem, load_factor: float, method: GridMethod) -> GridAnswer:
     """Solve by one method.
 
     For a process of its own: without ``pardiso`` it cannot import pypardiso any more, as where

@@ -22,7 +22,7 @@ from multiscale.macro.discrete.link_tangent import Tangent, prepare_tangent
 from multiscale.macro.limited_motion import MomentumBalance, largest, limited_motion
 from multiscale.macro.link_energy import EnergyStep, account_links
 from multiscale.macro.mean_tension import mean_tension
-from multiscale.numerics.cholesky import Solve
+from multiscale.numerics.factorisation import Solve
 
 if TYPE_CHECKING:
     import xarray as xr

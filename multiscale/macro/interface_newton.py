@@ -11,7 +11,7 @@ from multiscale.convergence import Solution, Status
 from multiscale.numerics.line_search import step_length
 from multiscale.numerics.newton import Limits, NewtonRun
 
-__all__ = ["Equations", "Iterate", "find_equilibrium"]
+__all__ = ["Equations", "InterfaceIterate", "find_equilibrium"]
 
 PATIENCE = 30
 """Iterations without a smaller residual after which the solver gives up."""
@@ -25,7 +25,7 @@ a step the energy of a law without potential may fall while its forces grow beyo
 
 
 @dataclass(frozen=True, eq=False)
-class Iterate:
+class InterfaceIterate:
     """The equations at one value of their unknowns.
 
     Attributes
@@ -47,13 +47,13 @@ class Iterate:
 class Equations(Protocol):
     """Equilibrium of bodies and interface, in full or condensed."""
 
-    def linearise(self, value: np.ndarray) -> Iterate:
+    def linearise(self, value: np.ndarray) -> InterfaceIterate:
         """Evaluate the law."""
 
-    def residual(self, here: Iterate) -> float:
+    def residual(self, here: InterfaceIterate) -> float:
         """Fault that the tolerance bounds, dimensionless."""
 
-    def direction(self, here: Iterate, floor: float) -> np.ndarray | None:
+    def direction(self, here: InterfaceIterate, floor: float) -> np.ndarray | None:
         """Newton direction, the normal tangent raised by a share of the stiffness of the bodies.
 
         None if the matrix is singular.
@@ -88,7 +88,7 @@ def find_equilibrium(equations: Equations, start: np.ndarray, limits: Limits) ->
     return run.solution(here.value)
 
 
-def _descent(equations: Equations, here: Iterate) -> np.ndarray | None:
+def _descent(equations: Equations, here: InterfaceIterate) -> np.ndarray | None:
     """Newton direction; with a floor under the tangent where it is singular."""
     fallback = None
     for floor in (0.0, FLOOR):
@@ -101,7 +101,7 @@ def _descent(equations: Equations, here: Iterate) -> np.ndarray | None:
 
 def _along(
     equations: Equations, value: np.ndarray, direction: np.ndarray
-) -> tuple[Callable[[float], Iterate], Callable[[float], float]]:
+) -> tuple[Callable[[float], InterfaceIterate], Callable[[float], float]]:
     """Iterate after a step, evaluated once for the same step in a row, and slope of the energy."""
     there = lru_cache(maxsize=1)(lambda step: equations.linearise(value + step * direction))
     return there, lambda step: float(direction @ there(step).gradient)

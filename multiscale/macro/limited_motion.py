@@ -9,7 +9,7 @@ from scipy.sparse import csr_array
 
 from multiscale.convergence import Solution
 from multiscale.nonsmooth import solve_lcp
-from multiscale.numerics.cholesky import Solve
+from multiscale.numerics.factorisation import Solve
 from multiscale.numerics.line_search import step_length
 from multiscale.numerics.newton import Limits, NewtonRun
 

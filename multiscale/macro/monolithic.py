@@ -10,7 +10,7 @@ from scipy.sparse import csr_array, issparse
 from multiscale.convergence import Solution
 from multiscale.errors import MultiscaleError
 from multiscale.laws.interface_law import InterfaceLaw
-from multiscale.macro.interface_newton import Iterate, find_equilibrium
+from multiscale.macro.interface_newton import InterfaceIterate, find_equilibrium
 from multiscale.numerics.factorisation import factorise
 from multiscale.numerics.newton import Limits
 
@@ -105,19 +105,19 @@ class _Whole:
     state: np.ndarray
     scale: float = 1.0
 
-    def linearise(self, u: np.ndarray) -> Iterate:
+    def linearise(self, u: np.ndarray) -> InterfaceIterate:
         """Evaluate the law; the gradient is K u + B^T (w t) - f, N."""
         jump = (self.jump_operator @ u).reshape(-1, self.weight.size)
         response = self.law.respond(jump, self.state)
         force = self.jump_operator.T @ (self.weight * response.traction).ravel()
         gradient = self.stiffness @ u + force - self.load
-        return Iterate(u, gradient, force, self.weight * response.tangent)
+        return InterfaceIterate(u, gradient, force, self.weight * response.tangent)
 
-    def residual(self, here: Iterate) -> float:
+    def residual(self, here: InterfaceIterate) -> float:
         """Norm of (1) relative to the load."""
         return float(norm(here.gradient)) / self.scale
 
-    def direction(self, here: Iterate, floor: float) -> np.ndarray | None:
+    def direction(self, here: InterfaceIterate, floor: float) -> np.ndarray | None:
         """Newton direction, m."""
         B, points, tangent = self.jump_operator, self.weight.size, here.tangent
         if floor:

@@ -5,8 +5,6 @@ the impulses are not unique, so they are factorised here without the check of
 :func:`multiscale.numerics.factorisation.factorise`; the methods look at what comes out.
 """
 
-from collections.abc import Callable
-
 import numba
 import numpy as np
 from scipy.linalg.lapack import dgetrf, dgetrs
@@ -14,6 +12,7 @@ from scipy.sparse import csc_matrix
 from scipy.sparse.linalg import splu
 
 from multiscale.nonsmooth.friction_problem import ScaledFriction
+from multiscale.numerics.factorisation import Solve
 
 __all__ = ["factorise_blocks"]
 
@@ -25,8 +24,6 @@ DENSE = 0.25
 
 PIVOT = 0.01
 """Diagonal pivot that is good enough, relative to its column: others cost fill-in."""
-
-Solve = Callable[[np.ndarray], np.ndarray]
 
 
 def factorise_blocks(

@@ -24,7 +24,7 @@ from multiscale.nonsmooth.semismooth_newton import semismooth_newton
 from multiscale.nonsmooth.spectrum import THOROUGH, refuse_indefinite
 from multiscale.nonsmooth.split_interior_point import split_interior_point
 
-__all__ = ["METHODS", "solve_friction"]
+__all__ = ["FRICTION_METHODS", "solve_friction"]
 
 SAFETY = 0.5
 """Share of the tolerance that the methods aim at, so that the verifier agrees."""
@@ -52,7 +52,7 @@ def _interior_point(
     return semismooth_newton(problem, progress.best, progress, 15, regularisation=1e-10)
 
 
-METHODS: dict[str, Callable[..., np.ndarray]] = {
+FRICTION_METHODS: dict[str, Callable[..., np.ndarray]] = {
     "gauss_seidel": gauss_seidel,
     "newton": partial(semismooth_newton, regularisation=1e-4),
     "interior_point": _interior_point,
@@ -89,7 +89,7 @@ def solve_friction(
     friction : ndarray, shape (contacts,)
         :math:`\mu \ge 0`, dimensionless.
     method : str
-        ``"auto"``, or one of ``METHODS`` alone.
+        ``"auto"``, or one of ``FRICTION_METHODS`` alone.
     tolerance : float
         Bound on the natural-map error, the penetration and the cone violation, relative to the
         data as :func:`multiscale.nonsmooth.coulomb.verify_friction` defines it; dimensionless.
@@ -133,8 +133,8 @@ def solve_friction(
     delassus, velocity, friction = _checked(delassus, velocity, friction)
     if start is not None and np.shape(start) != velocity.shape:
         raise ValueError(f"start must have shape {velocity.shape}, got {np.shape(start)}")
-    if method != "auto" and method not in METHODS:
-        raise CaseError(f"method {method!r} does not exist; known: {['auto', *METHODS]}")
+    if method != "auto" and method not in FRICTION_METHODS:
+        raise CaseError(f"method {method!r} does not exist; known: {['auto', *FRICTION_METHODS]}")
     if friction.size == 0:
         return Solution(velocity, Status.CONVERGED, (0.0,), (0.0,))
     contacts, dim = friction.size, velocity.size // friction.size
@@ -169,7 +169,7 @@ def solve_friction(
             run_schedule(problem, first, progress, **options)
         elif not solved:
             progress.trail.append(method)
-            METHODS[method](problem, first, progress, **options)
+            FRICTION_METHODS[method](problem, first, progress, **options)
 
     best = progress.best if progress.best is not None else np.zeros_like(first)
     found = (best * problem.reaction_unit)[:, :dim].T

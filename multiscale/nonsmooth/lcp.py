@@ -23,7 +23,7 @@ from multiscale.nonsmooth.spectrum import FIRST_LOOK, SMALL, THOROUGH, refuse_in
 
 __all__ = ["solve_lcp"]
 
-METHODS: dict[str, Callable[[ScaledLCP, np.ndarray], Iterator[np.ndarray]]] = {
+LCP_METHODS: dict[str, Callable[[ScaledLCP, np.ndarray], Iterator[np.ndarray]]] = {
     "gauss_seidel": iterate_gauss_seidel,
     "projected_gradient": iterate_projected_gradient,
     "newton_min": iterate_newton_min,
@@ -168,8 +168,8 @@ def _stages(problem: ScaledLCP, method: str) -> list[_Stage]:
     """Methods to take in turn."""
     formed = isinstance(problem.operator, Entries)
     if method != "auto":
-        if method not in METHODS:
-            raise CaseError(f"method {method!r} does not exist; known: {['auto', *METHODS]}")
+        if method not in LCP_METHODS:
+            raise CaseError(f"method {method!r} does not exist; known: {['auto', *LCP_METHODS]}")
         if method in NEEDS_ENTRIES and not formed:
             raise CaseError(
                 f"method {method!r} needs the entries of the matrix, which are not formed for "
@@ -198,7 +198,7 @@ def _iterates(
     best, smallest = start, residuals[-1]
     for stage in stages:
         entry, before = len(residuals), smallest
-        for x in METHODS[stage.method](problem, best):
+        for x in LCP_METHODS[stage.method](problem, best):
             yield stage.method, x
             if residuals[-1] < smallest:
                 best, smallest = x, residuals[-1]

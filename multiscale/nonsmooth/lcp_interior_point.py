@@ -5,9 +5,9 @@ from itertools import islice
 
 import numpy as np
 
-from multiscale.nonsmooth.lcp_operator import Solve
 from multiscale.nonsmooth.lcp_problem import ScaledLCP
 from multiscale.nonsmooth.newton_min import iterate_newton_min
+from multiscale.numerics.factorisation import Solve
 
 __all__ = ["iterate_interior_point"]
 

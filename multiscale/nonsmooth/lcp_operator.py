@@ -1,7 +1,6 @@
 """The matrix of a complementarity problem: its entries, or the bodies and directions behind it."""
 
 import warnings
-from collections.abc import Callable
 from dataclasses import dataclass
 from functools import cached_property
 
@@ -11,14 +10,12 @@ from scipy.sparse import block_array, csc_array, csr_array, diags_array, isspars
 from scipy.sparse.linalg import splu
 
 from multiscale.errors import CaseError
-from multiscale.numerics.factorisation import factorise, symmetric_lu
+from multiscale.numerics.factorisation import Solve, factorise, symmetric_lu
 
-__all__ = ["Delassus", "Entries", "Solve", "lcp_operator"]
+__all__ = ["Delassus", "Entries", "lcp_operator"]
 
 DENSE = 0.2
 """Part of the entries that are not zero above which a matrix is factorised as a dense one."""
-
-Solve = Callable[[np.ndarray], np.ndarray]
 
 
 @dataclass(frozen=True)

@@ -13,10 +13,10 @@ __all__ = [
     "apply",
     "axis",
     "divide",
+    "jordan_product",
     "longest_positive",
     "longest_step",
     "lorentz_problem",
-    "multiply",
     "nesterov_todd",
     "spin",
     "stalled",
@@ -74,7 +74,7 @@ def spin(x: np.ndarray) -> np.ndarray:
     return np.asarray(x[:, 0] ** 2 - x[:, 1] ** 2 - x[:, 2] ** 2)
 
 
-def multiply(x: np.ndarray, y: np.ndarray) -> np.ndarray:
+def jordan_product(x: np.ndarray, y: np.ndarray) -> np.ndarray:
     r"""Jordan product :math:`x \circ y = (x^T y,\ x_0 y_T + y_0 x_T)`."""
     out: np.ndarray = x[:, :1] * y + y[:, :1] * x
     out[:, 0] = np.sum(x * y, axis=1)

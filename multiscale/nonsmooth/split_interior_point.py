@@ -4,21 +4,22 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from multiscale.nonsmooth.block_system import Solve, factorise_blocks
+from multiscale.nonsmooth.block_system import factorise_blocks
 from multiscale.nonsmooth.friction_problem import ScaledFriction
 from multiscale.nonsmooth.lorentz import (
     apply,
     axis,
     divide,
+    jordan_product,
     longest_positive,
     longest_step,
     lorentz_problem,
-    multiply,
     nesterov_todd,
     spin,
     stalled,
 )
 from multiscale.nonsmooth.progress import Recorder
+from multiscale.numerics.factorisation import Solve
 
 __all__ = ["split_interior_point"]
 
@@ -164,7 +165,7 @@ class _Newton:
         point, mean = self.point, self.point.mean
         F, inverse, _ = self.scaling
         scaled = apply(F, point.x)
-        squared, product = multiply(scaled, scaled), point.z[:, 0] * point.g
+        squared, product = jordan_product(scaled, scaled), point.z[:, 0] * point.g
         change = self.direction(-scaled, -product)  # predictor
         if not np.all(np.isfinite(change[0])):
             return change, 0.0
@@ -173,7 +174,7 @@ class _Newton:
 
         e = axis(len(product))
         dz, dy, dg = change
-        second = multiply(apply(F, point.cone_part(dz)), apply(inverse, dy))
+        second = jordan_product(apply(F, point.cone_part(dz)), apply(inverse, dy))
         centred = max(sigma, 0.5) * mean
         for k, h in (
             (sigma * mean * e - squared - second, sigma * mean - product - dz[:, 0] * dg),

@@ -10,7 +10,7 @@ from scipy.sparse import csc_array, csr_matrix
 from multiscale.errors import MultiscaleError
 from multiscale.numerics.factorisation import Solve, new_pardiso, symmetric_lu
 
-__all__ = ["Factorise", "Solve", "prepare_cholesky"]
+__all__ = ["Factorise", "prepare_cholesky"]
 
 Factorise = Callable[[np.ndarray, bool], Solve]
 

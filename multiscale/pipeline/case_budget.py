@@ -3,8 +3,9 @@
 from typing import TYPE_CHECKING
 
 from multiscale.pipeline.case_cells import longest_wave
-from multiscale.pipeline.settings import FEWEST_REALISATIONS, Case
+from multiscale.pipeline.settings import Case
 from multiscale.upscaling import compare_scales, error_budget
+from multiscale.upscaling.bootstrap import FEWEST_REALISATIONS
 from multiscale.upscaling.budget import how_attribute
 from multiscale.upscaling.scales import ScaleSeparation
 

@@ -44,8 +44,8 @@ __all__ = [
     "Dynamics",
     "LinkLawSettings",
     "LinkMesh",
+    "LinkStructure",
     "LinkTable",
-    "Links",
     "Statics",
     "TensegrityGrid",
 ]
@@ -78,7 +78,7 @@ Instant = Annotated[float, quantity("s"), Field(ge=0.0), with_unit("s")]
 Mass = Annotated[float, quantity("kg"), Field(gt=0.0), with_unit("kg")]
 
 
-class Links(StructureKind):
+class LinkStructure(StructureKind):
     """Bars and cables, at rest or in motion."""
 
     stage: ClassVar[str] = "links"
@@ -111,7 +111,7 @@ class Links(StructureKind):
             case.statics.refuse_large()
 
 
-class TensegrityGrid(Links):
+class TensegrityGrid(LinkStructure):
     """A double-layer grid; see :func:`multiscale.macro.tensegrity_grid`."""
 
     may_be_cut: ClassVar[bool] = True
@@ -142,7 +142,7 @@ class TensegrityGrid(Links):
         return self.model_copy(update={"n": n, "m": m, "prestress": prestress})
 
 
-class CableNet(Links):
+class CableNet(LinkStructure):
     """A prestressed saddle; see :func:`multiscale.macro.cable_net`."""
 
     kind: Literal["cable_net"]
@@ -188,7 +188,7 @@ def _check_self_stress(given: Any) -> Any:
     return given
 
 
-class LinkTable(Links):
+class LinkTable(LinkStructure):
     """Two CSV files in SI units; see :func:`multiscale.macro.system_from_table`."""
 
     kind: Literal["table"]
@@ -213,7 +213,7 @@ class LinkTable(Links):
         return _stressed(system_from_table(nodes, links, _laws(self.laws)), self.prestress)
 
 
-class LinkMesh(Links):
+class LinkMesh(LinkStructure):
     """The lines of a mesh file; see :func:`multiscale.macro.system_from_mesh`."""
 
     kind: Literal["mesh"]

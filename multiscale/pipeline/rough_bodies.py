@@ -17,7 +17,7 @@ from multiscale.pipeline.toml_model import (
     with_unit,
 )
 
-__all__ = ["TABOR", "Body", "InstrumentSurface", "SyntheticSurface"]
+__all__ = ["TABOR", "InstrumentSurface", "RoughBody", "SyntheticSurface"]
 
 TABOR, INDENTED = 2.8, 0.08
 """Hardness over flow stress, and plastic strain of that under a Vickers indenter (D. Tabor, The
@@ -87,7 +87,7 @@ Rough = Annotated[
 ]
 
 
-class Body(Settings):
+class RoughBody(Settings):
     """One of the two bodies."""
 
     youngs_modulus: Pressure = Field(description="Young's modulus, Pa.")

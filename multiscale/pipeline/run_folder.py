@@ -15,7 +15,7 @@ from multiscale.pipeline.toml_model import read_toml
 if TYPE_CHECKING:
     import xarray as xr
 
-__all__ = ["claim_folder", "list_cautions", "open_stages"]
+__all__ = ["claim_folder", "gather_cautions", "open_stages"]
 
 
 def claim_folder(out: Path, case: AnyCase) -> None:
@@ -74,7 +74,7 @@ def open_stages(out: Path) -> "dict[Shown, xr.Dataset]":
     return {stage: open_dataset(out / stage.file, stage.schema) for stage in stages}
 
 
-def list_cautions(found: "Mapping[Shown, xr.Dataset]") -> list[str]:
+def gather_cautions(found: "Mapping[Shown, xr.Dataset]") -> list[str]:
     """Return what a user should know before trusting a finished run, one sentence each."""
     cautions = [one for stage, dataset in found.items() for one in stage.cautions(dataset)]
     return list(dict.fromkeys(cautions))  # a law repeats those of its response

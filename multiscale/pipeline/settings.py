@@ -15,13 +15,14 @@ from multiscale.pipeline.case_tables import (
     MicroSettings,
     SlideSettings,
 )
-from multiscale.pipeline.rough_bodies import Body
+from multiscale.pipeline.rough_bodies import RoughBody
 from multiscale.pipeline.toml_model import Settings
 from multiscale.units import readable
+from multiscale.upscaling.bootstrap import FEWEST_REALISATIONS
 
-__all__ = ["FEWEST_REALISATIONS", "POINTS_PER_WAVE", "Case"]
+__all__ = ["POINTS_PER_WAVE", "Case"]
 
-FEWEST_REALISATIONS = 3  # for a band
+
 HARDEST = 0.1
 """Largest hardness over Young's modulus; that of diamond is about as large."""
 
@@ -33,8 +34,8 @@ class Case(Settings):
 
     title: str = Field(description="Stands in report and tables.")
     elastic: bool = Field(False, description="Confirms real contact pressures that no metal bears.")
-    body_1: Body
-    body_2: Body
+    body_1: RoughBody
+    body_2: RoughBody
     cell: CellSettings
     micro: MicroSettings
     law: LawSettings = LawSettings()
@@ -119,7 +120,7 @@ class Case(Settings):
         return self.micro.realisations
 
     @property
-    def bodies(self) -> tuple[Body, Body]:
+    def bodies(self) -> tuple[RoughBody, RoughBody]:
         """Both bodies."""
         return self.body_1, self.body_2
 
@@ -129,7 +130,7 @@ class Case(Settings):
         return None if self.softer is None else self.softer.hardness
 
     @property
-    def softer(self) -> Body | None:
+    def softer(self) -> RoughBody | None:
         """The body of least hardness, if one is given."""
         given = [body for body in self.bodies if body.hardness is not None]
         return min(given, key=lambda body: body.hardness or 0.0, default=None)

@@ -20,7 +20,7 @@ from multiscale.executors import run_jobs
 from multiscale.io import make_folder, remove, write_bytes, write_dataset
 from multiscale.pipeline.case import AnyCase, find_case, read_case, validate_case
 from multiscale.pipeline.run import run
-from multiscale.pipeline.run_folder import list_cautions, open_stages
+from multiscale.pipeline.run_folder import gather_cautions, open_stages
 from multiscale.pipeline.settings import Case
 from multiscale.pipeline.stages.joint import STIFFNESSES
 from multiscale.pipeline.sweep_points import POINTS, name_point
@@ -236,7 +236,7 @@ def _read_point(folder: Path) -> "xr.Dataset":
     """Open the result of a point, with the cautions of its whole run."""
     found = open_stages(folder)
     (result,) = (data for stage, data in found.items() if stage.schema is MACRO_RESULT)
-    return result.assign_attrs(cautions="\n".join(list_cautions(found)))
+    return result.assign_attrs(cautions="\n".join(gather_cautions(found)))
 
 
 def _join(

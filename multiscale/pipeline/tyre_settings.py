@@ -9,7 +9,7 @@ from multiscale.laws import wlf_shift
 from multiscale.micro.viscoelastic_sliding import RelaxingSolid
 from multiscale.pipeline.case_tables import GridSettings
 from multiscale.pipeline.rough_bodies import SyntheticSurface
-from multiscale.pipeline.settings import FEWEST_REALISATIONS, POINTS_PER_WAVE
+from multiscale.pipeline.settings import POINTS_PER_WAVE
 from multiscale.pipeline.toml_model import (
     Count,
     Duration,
@@ -24,6 +24,7 @@ from multiscale.pipeline.toml_model import (
     quantity,
     with_unit,
 )
+from multiscale.upscaling.bootstrap import FEWEST_REALISATIONS
 
 __all__ = ["RoadCell", "Rubber", "Slides", "Tread", "TyreCase"]
 

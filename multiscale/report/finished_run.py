@@ -6,7 +6,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from multiscale.io import make_folder, reading_run, remove
-from multiscale.pipeline.run_folder import list_cautions, open_stages
+from multiscale.pipeline.run_folder import gather_cautions, open_stages
 from multiscale.pipeline.stage import Section, Shown
 from multiscale.pipeline.stages import STAGES
 from multiscale.pipeline.toml_model import read_toml
@@ -64,7 +64,7 @@ def open_finished(out: Path) -> FinishedRun:
     failures = (stage.failure(dataset) for stage, dataset in opened.items())
     case = read_toml(out / "case.toml")
     return FinishedRun(
-        out, tuple(opened), found, list_cautions(opened), "; ".join(filter(None, failures)), case
+        out, tuple(opened), found, gather_cautions(opened), "; ".join(filter(None, failures)), case
     )
 
 

@@ -14,7 +14,7 @@ from multiscale.bench.friction_scenes import (
 )
 from multiscale.nonsmooth import split_interior_point as split_module
 from multiscale.nonsmooth.coulomb import verify_friction
-from multiscale.nonsmooth.friction import METHODS, solve_friction
+from multiscale.nonsmooth.friction import FRICTION_METHODS, solve_friction
 from multiscale.nonsmooth.friction_problem import scale_friction
 from multiscale.nonsmooth.lorentz import apply, lorentz_problem
 from multiscale.nonsmooth.progress import Progress
@@ -23,7 +23,7 @@ from multiscale.nonsmooth.split_interior_point import split_interior_point
 from tests.support import alart_curnier
 
 
-@pytest.mark.parametrize("method", sorted(METHODS))
+@pytest.mark.parametrize("method", sorted(FRICTION_METHODS))
 @pytest.mark.parametrize("rank", [None, 40], ids=["full", "deficient"])
 def test_every_method_finds_the_same_velocity_and_energy(method, rank):
     # deficient: 60 impulses, 40 of them independent; velocities are unique, impulses are not
@@ -38,7 +38,7 @@ def test_every_method_finds_the_same_velocity_and_energy(method, rank):
     assert found.trail in ((method,), ())
 
 
-@pytest.mark.parametrize("method", sorted(METHODS))
+@pytest.mark.parametrize("method", sorted(FRICTION_METHODS))
 def test_a_verified_answer_of_one_method_starts_the_others_at_the_end(method):
     W, q, mu = random_problem(10, np.random.default_rng(seed=4))
     r = solve_friction(W, q, mu, tolerance=1e-11).unwrap()

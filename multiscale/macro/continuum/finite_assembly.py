@@ -15,8 +15,8 @@ from multiscale.laws.bulk import BulkLaw, BulkResponse
 from multiscale.macro.continuum.body import Body, fixed_motion, load_vector
 from multiscale.macro.continuum.interface import (
     Contact,
+    ContactInterface,
     Coupling,
-    Interface,
     build_coupling,
     fit,
     local_jump,
@@ -128,7 +128,7 @@ class FiniteAssembly:
         )
 
     @cached_property
-    def interfaces(self) -> tuple[Interface, ...]:
+    def interfaces(self) -> tuple[ContactInterface, ...]:
         """Contacts with the numbers of their nodes."""
         names, interfaces = list(self.bodies), []
         for name, contact in self.contacts.items():
@@ -141,7 +141,7 @@ class FiniteAssembly:
             )
             one = nodes[0]
             free = self.free.reshape(self.start.shape)[one]
-            interface = Interface(name, contact, surfaces, nodes, free, np.zeros(len(one)))
+            interface = ContactInterface(name, contact, surfaces, nodes, free, np.zeros(len(one)))
             interfaces.append(fit(interface, self.start))
         return tuple(interfaces)
 

@@ -36,8 +36,8 @@ from multiscale.macro.continuum.rigid_obstacle import RigidObstacle, obstacle_mo
 
 __all__ = [
     "Contact",
+    "ContactInterface",
     "Coupling",
-    "Interface",
     "build_coupling",
     "fit",
     "local_jump",
@@ -100,7 +100,7 @@ class Contact:
 
 
 @dataclass(frozen=True)
-class Interface:
+class ContactInterface:
     """A contact with the numbers of its nodes in the whole problem.
 
     Attributes
@@ -147,7 +147,7 @@ class Coupling:
 
 
 def build_coupling(
-    interface: Interface, x: np.ndarray, start: np.ndarray, shift: np.ndarray
+    interface: ContactInterface, x: np.ndarray, start: np.ndarray, shift: np.ndarray
 ) -> Coupling:
     """Couple the two sides where they are.
 
@@ -183,7 +183,7 @@ def build_coupling(
     return Coupling(operator, frame, area, kept)
 
 
-def fit(interface: Interface, start: np.ndarray) -> Interface:
+def fit(interface: ContactInterface, start: np.ndarray) -> ContactInterface:
     """Take the gap of the start off, where the user says that the surfaces fit."""
     if not interface.contact.fitted:
         return interface
@@ -194,7 +194,7 @@ def fit(interface: Interface, start: np.ndarray) -> Interface:
 
 
 def local_jump(
-    interface: Interface,
+    interface: ContactInterface,
     couplings: tuple[Coupling, Coupling],
     start: np.ndarray,
     motion: tuple[np.ndarray, np.ndarray],

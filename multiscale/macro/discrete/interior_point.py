@@ -9,7 +9,7 @@ from multiscale.errors import MultiscaleError
 from multiscale.macro.discrete.compatibility import LinkEquations
 from multiscale.macro.discrete.link_state import LinkState, force_scale
 from multiscale.macro.discrete.link_tangent import Tangent
-from multiscale.numerics.cholesky import Solve
+from multiscale.numerics.factorisation import Solve
 from multiscale.numerics.newton import Limits, NewtonRun
 
 __all__ = ["solve_interior_point"]

@@ -10,7 +10,7 @@ from multiscale.errors import MultiscaleError
 from multiscale.macro.discrete.compatibility import LinkEquations
 from multiscale.macro.discrete.link_state import LinkState, force_scale, round_off, state_of
 from multiscale.macro.discrete.link_tangent import Tangent
-from multiscale.numerics.cholesky import Solve
+from multiscale.numerics.factorisation import Solve
 from multiscale.numerics.newton import Limits, NewtonRun
 
 __all__ = ["RESIDUAL_STIFFNESS", "SlackStiffness", "exact_step", "solve_newton"]

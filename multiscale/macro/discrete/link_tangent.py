@@ -8,7 +8,8 @@ from scipy.sparse import coo_array, csr_array
 
 from multiscale.macro.discrete.compatibility import LinkEquations
 from multiscale.macro.discrete.link_system import LinkSystem
-from multiscale.numerics.cholesky import Factorise, Solve, prepare_cholesky
+from multiscale.numerics.cholesky import Factorise, prepare_cholesky
+from multiscale.numerics.factorisation import Solve
 
 __all__ = ["Tangent", "prepare_tangent"]
 

@@ -10,7 +10,7 @@ from multiscale.errors import CaseError, MultiscaleError
 from multiscale.macro.discrete.compatibility import LinkEquations, compatibility
 from multiscale.macro.discrete.link_system import LinkSystem
 from multiscale.macro.discrete.link_tangent import Tangent
-from multiscale.numerics.cholesky import Solve
+from multiscale.numerics.factorisation import Solve
 
 __all__ = [
     "factorise_taut",

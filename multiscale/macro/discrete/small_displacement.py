@@ -13,12 +13,12 @@ from multiscale.macro.discrete.link_complementarity import solve_complementarity
 from multiscale.macro.discrete.link_newton import solve_newton
 from multiscale.macro.discrete.link_state import LinkState, state_of
 from multiscale.macro.discrete.link_tangent import Tangent
-from multiscale.numerics.cholesky import Solve
+from multiscale.numerics.factorisation import Solve
 from multiscale.numerics.newton import Limits, join_solutions
 
-__all__ = ["METHODS", "find_state"]
+__all__ = ["STATIC_METHODS", "find_state"]
 
-METHODS = ("auto", "newton", "interior_point", "lcp", "dual")
+STATIC_METHODS = ("auto", "newton", "interior_point", "lcp", "dual")
 
 
 def find_state(

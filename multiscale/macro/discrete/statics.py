@@ -20,9 +20,9 @@ from multiscale.macro.discrete.link_state import LinkState, state_of
 from multiscale.macro.discrete.link_system import LinkSystem
 from multiscale.macro.discrete.link_tangent import Tangent, prepare_tangent
 from multiscale.macro.discrete.mechanism import factorise_taut, name_mechanism, name_motion
-from multiscale.macro.discrete.small_displacement import METHODS, find_state
+from multiscale.macro.discrete.small_displacement import STATIC_METHODS, find_state
 from multiscale.macro.discrete.static_results import join_steps, step_values
-from multiscale.numerics.cholesky import Solve
+from multiscale.numerics.factorisation import Solve
 from multiscale.numerics.newton import Limits
 
 if TYPE_CHECKING:
@@ -139,8 +139,8 @@ def _check(
     """Refuse options that do not fit the structure."""
     if factors.ndim != 1 or not factors.size or not np.isfinite(factors).all():
         raise CaseError(f"load_factor must be a finite number or a list of them, got {factors}")
-    if method not in METHODS:
-        raise CaseError(f"method {method!r} does not exist; known: {list(METHODS)}")
+    if method not in STATIC_METHODS:
+        raise CaseError(f"method {method!r} does not exist; known: {list(STATIC_METHODS)}")
     if not exact:
         return
     if system.n_components == 6:

@@ -10,7 +10,7 @@ __all__ = [
     "Contacts",
     "allowed_step",
     "build_contacts",
-    "colour_contacts",
+    "colour_pairs",
     "find_wall_pairs",
     "mark_overlaps",
     "penetration",
@@ -325,7 +325,7 @@ COLOURS = 48
 
 
 @numba.njit(cache=True)
-def colour_contacts(ends, grains, free):  # type: ignore[no-untyped-def]
+def colour_pairs(ends, grains, free):  # type: ignore[no-untyped-def]
     """Order the contacts by colour, so that no movable body occurs twice in a colour.
 
     Returns the order and the first contact of every colour; contacts without a colour come last.

@@ -3,7 +3,7 @@
 import numpy as np
 
 from multiscale.macro.granulate.assembled_grains import solve_assembled
-from multiscale.macro.granulate.contacts import Contacts, colour_contacts
+from multiscale.macro.granulate.contacts import Contacts, colour_pairs
 from multiscale.macro.granulate.model import Model, Solver
 from multiscale.macro.granulate.sweeps import (
     apply_impulses,
@@ -56,7 +56,7 @@ def solve_velocities(
         done, error = relax(velocity, mobility, *contacts.arrays, strained, *limits)
     else:
         moves = np.asarray(mobility.any(axis=1))
-        order, bounds = colour_contacts(ends, model.grains.n, moves)
+        order, bounds = colour_pairs(ends, model.grains.n, moves)
         sorted_contacts = contacts.reordered(order)
         arrays = (velocity, mobility, *sorted_contacts.arrays)
         done, error = relax_coloured(*arrays, bounds, solver.threads, *limits)

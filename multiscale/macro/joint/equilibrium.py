@@ -14,7 +14,7 @@ import numpy as np
 
 from multiscale.convergence import Solution
 from multiscale.laws.interface_law import InterfaceLaw
-from multiscale.macro.interface_newton import Iterate, find_equilibrium
+from multiscale.macro.interface_newton import InterfaceIterate, find_equilibrium
 from multiscale.macro.joint.joint_assembly import CondensedJoint
 from multiscale.numerics.line_search import step_length
 from multiscale.numerics.newton import Limits
@@ -62,7 +62,7 @@ class _Pressed:
     law: InterfaceLaw
     load: float
 
-    def linearise(self, value: np.ndarray) -> Iterate:
+    def linearise(self, value: np.ndarray) -> InterfaceIterate:
         """Nodal force (2), N, and the stiffness of the law at the points times weight, N/m."""
         model = self.model
         j, _, contact = model.split(value)
@@ -70,9 +70,9 @@ class _Pressed:
         force = model.operator.T @ (model.weight * pressure)
         unbalanced = self.load * model.arm - model.motion.T @ contact
         gradient = np.concatenate([contact - force, unbalanced, np.zeros(j.size)])
-        return Iterate(value, gradient, force, model.weight * stiffness)
+        return InterfaceIterate(value, gradient, force, model.weight * stiffness)
 
-    def residual(self, here: Iterate) -> float:
+    def residual(self, here: InterfaceIterate) -> float:
         """Largest fault in (1), relative to its terms, and in (2) and (3), relative to the load."""
         j, w, contact = self.model.split(here.value)
         fault, unbalanced, _ = self.model.split(here.gradient)
@@ -82,7 +82,7 @@ class _Pressed:
         law, balance = np.abs(fault).sum() / self.load, np.abs(unbalanced).max() / self.load
         return float(max(compatibility, law, balance))
 
-    def direction(self, here: Iterate, floor: float) -> np.ndarray | None:
+    def direction(self, here: InterfaceIterate, floor: float) -> np.ndarray | None:
         """Newton direction of (1)-(3)."""
         model = self.model
         j, w, contact = model.split(here.value)

@@ -10,7 +10,7 @@ from scipy.sparse import coo_array, csr_array
 from multiscale.fe.condensation import Split
 from multiscale.macro.substructures.parallel import ProcessGroup, together
 from multiscale.macro.substructures.problem import CutInterface
-from multiscale.numerics.cholesky import Solve
+from multiscale.numerics.factorisation import Solve
 
 __all__ = ["Balancing", "Layout", "lay_out", "prepare_balancing"]
 

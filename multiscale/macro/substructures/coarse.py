@@ -9,7 +9,7 @@ from multiscale.errors import MultiscaleError
 from multiscale.macro.substructures.parallel import ProcessGroup
 from multiscale.macro.substructures.problem import CutInterface, CutProblem
 from multiscale.macro.substructures.stack import Factors, Sides, Stack
-from multiscale.numerics.cholesky import Solve
+from multiscale.numerics.factorisation import Solve
 
 __all__ = ["Coarse", "coarse_basis", "prepare_coarse"]
 

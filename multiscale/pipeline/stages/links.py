@@ -14,7 +14,7 @@ from multiscale.macro.discrete.link_needs import link_needs
 from multiscale.macro.substructures import simulate_latin
 from multiscale.macro.substructures.substructure_needs import cut_needs
 from multiscale.needs import Needs
-from multiscale.pipeline.link_settings import Dynamics, Links, Statics
+from multiscale.pipeline.link_settings import Dynamics, LinkStructure, Statics
 from multiscale.pipeline.rows import tabulate_links
 from multiscale.pipeline.stage import Job
 from multiscale.pipeline.structure_settings import StructureCase
@@ -33,7 +33,7 @@ STRAINED = 0.1
 """Strain of a link that carries above which its law, linear elastic, is beyond what cables do."""
 
 
-def _solve(links: Links, case: StructureCase, job: Job) -> "xr.Dataset":
+def _solve(links: LinkStructure, case: StructureCase, job: Job) -> "xr.Dataset":
     """Solve a structure of links; the result follows ``MACRO_RESULT``."""
     system, statics = links.build(), case.statics
     if statics is None:
@@ -73,7 +73,7 @@ def _strained(result: "xr.Dataset", statics: Statics) -> Iterator[str]:
         )
 
 
-def _move(links: Links, case: StructureCase, settings: Dynamics, job: Job) -> "xr.Dataset":
+def _move(links: LinkStructure, case: StructureCase, settings: Dynamics, job: Job) -> "xr.Dataset":
     """Find the equilibrium at the start, and follow the motion from it."""
     steps = int(np.ceil(settings.duration / settings.step * (1.0 - 1e-12)))
     times, factor = np.linspace(0.0, settings.duration, steps + 1), settings.start_load_factor
@@ -107,7 +107,7 @@ def _with_links(result: "xr.Dataset", system: LinkSystem) -> "xr.Dataset":
     return MACRO_RESULT.assign(result, describe(system)).assign_coords(end=range(2))
 
 
-def _needs(links: Links, case: StructureCase) -> Needs:
+def _needs(links: LinkStructure, case: StructureCase) -> Needs:
     system, statics, motion = links.build(), case.statics, case.dynamics
     if case.substructures is not None:
         return cut_needs(

@@ -12,7 +12,7 @@ from multiscale.micro.cell_needs import cell_needs
 from multiscale.needs import Choice, Needs
 from multiscale.pipeline.case_cells import body_surfaces
 from multiscale.pipeline.case_tables import SlideSettings
-from multiscale.pipeline.rough_bodies import Body
+from multiscale.pipeline.rough_bodies import RoughBody
 from multiscale.pipeline.settings import Case
 from multiscale.pipeline.stage import Datasets, Job, Section, Stage
 from multiscale.plotting.sliding_figures import draw_sliding
@@ -77,7 +77,7 @@ def _run(case: Case, found: Datasets, job: Job) -> "xr.Dataset":
     return response.assign_attrs(title=case.title, cautions=caution)
 
 
-def _law(body: Body) -> NeoHookean | J2:
+def _law(body: RoughBody) -> NeoHookean | J2:
     if body.yield_stress is None:
         return NeoHookean(body.youngs_modulus, body.poissons_ratio)
     return J2(
