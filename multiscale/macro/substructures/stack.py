@@ -7,7 +7,8 @@ import numpy as np
 from scipy.sparse import block_diag, csr_array, diags_array, vstack
 
 from multiscale.macro.substructures.problem import CutInterface, CutProblem, Links, Substructure
-from multiscale.numerics.cholesky import Factorise, Solve, prepare_cholesky
+from multiscale.numerics.cholesky import Factorise, prepare_cholesky
+from multiscale.numerics.factorisation import Solve
 
 __all__ = ["Sides", "Stack", "lay_out_sides", "stack_parts"]
 
