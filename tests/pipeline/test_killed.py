@@ -251,8 +251,14 @@ def start(folder, *arguments):
     return begun
 
 
-@pytest.mark.slow
-@pytest.mark.parametrize("what", ["run", "worker", "parent"])
+@pytest.mark.parametrize(
+    "what",
+    [
+        pytest.param("run", marks=pytest.mark.slow),
+        pytest.param("worker", marks=pytest.mark.long),
+        pytest.param("parent", marks=pytest.mark.long),
+    ],
+)
 def test_the_real_command_survives_a_kill(warm, swept, tmp_path, what):
     begun = start(tmp_path, "--jobs", "2")
     workers = workers_of(begun.pid)

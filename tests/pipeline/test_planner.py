@@ -199,6 +199,8 @@ def test_a_run_with_a_target_reaches_it_and_goes_on_where_it_was(write, tmp_path
     cells = sorted((tmp_path / "out" / "plan").glob("*/micro/*.nc"))
     before = {file: file.stat().st_mtime_ns for file in cells}
     cells[0].unlink()  # as if the run had been stopped before
+    for file in (tmp_path / "out").glob("*.nc"):
+        file.unlink()
     again = run(case, tmp_path / "out")
     np.testing.assert_array_equal(
         again.interface_law["fit_mean_gap"], results.interface_law["fit_mean_gap"]

@@ -124,7 +124,7 @@ def test_energy_of_rigid_grains_never_grows_without_work(test_run):
     assert np.ptp((energy + lost).values) < 1e-12 * scale
 
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_the_bulk_of_spheres_bears_more_shear_than_smooth_plates_pass_on():
     # spheres roll on the plates of a simple shear, which slide before the bulk yields
     radii, law = granulate.draw_radii(300, 0.009, 0.011), ContactLaw(0.5, compliance=0.02)

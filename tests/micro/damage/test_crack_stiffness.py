@@ -138,12 +138,17 @@ def test_open_cracks_have_two_sides_and_one_front(gmsh, middle):
     )
 
 
-@pytest.mark.slow
 @pytest.mark.parametrize(
     "bodies",
     [
-        pytest.param(lambda centre: ellipsoids(centre, [0.3, 0.2, 0.15]), id="ellipsoid"),
-        pytest.param(lambda centre: penny_cracks(centre, (1, 2, 2), 0.3), id="crack"),
+        pytest.param(
+            lambda centre: ellipsoids(centre, [0.3, 0.2, 0.15]),
+            id="ellipsoid",
+            marks=pytest.mark.slow,
+        ),
+        pytest.param(
+            lambda centre: penny_cracks(centre, (1, 2, 2), 0.3), id="crack", marks=pytest.mark.long
+        ),
     ],
 )
 def test_bodies_may_reach_through_the_faces(gmsh, bodies):
@@ -189,7 +194,7 @@ def test_a_mesh_needs_some_solid(gmsh):
         mesh_cavities(Cavities(CUBE, [cylinders(MIDDLE, (0, 0, 1), 0.8)]), 0.2)
 
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_random_penny_cracks_have_the_limit_without_interaction_on_average(gmsh):
     """Validation: E/E0 = .9203 at rho = .05; two cracks at random, through the faces or not.
 
