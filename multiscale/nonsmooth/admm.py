@@ -11,8 +11,8 @@ from multiscale.numerics.anderson import Anderson
 
 __all__ = ["admm"]
 
-LOOK = 5
-"""Iterations between two looks at the error."""
+CHECK_EVERY = 5
+"""Iterations between two checks of the error."""
 
 GROWTH = 1.5
 """Defect, relative to the last, above which an accelerated step is dropped."""
@@ -73,6 +73,6 @@ def admm(
             v, image = plain, advance(plain)
         if not np.all(np.isfinite(image)):
             break
-        if iteration % LOOK == 0 and progress.note(project_friction_cone(v.T, friction).T):
+        if iteration % CHECK_EVERY == 0 and progress.note(project_friction_cone(v.T, friction).T):
             break
     return np.asarray(project_friction_cone(v.T, friction).T)

@@ -29,7 +29,7 @@ __all__ = ["FRICTION_METHODS", "solve_friction"]
 SAFETY = 0.5
 """Share of the tolerance that the methods aim at, so that the verifier agrees."""
 
-FEW = 20
+FIRST_LANCZOS_STEPS = 20
 """Lanczos steps of the first look at a problem, which find only what is plain."""
 
 INDEFINITE = (
@@ -147,7 +147,7 @@ def solve_friction(
     problem = scale_friction(
         delassus / mobility, velocity / speed, friction, step=unit_step(mobility)
     )
-    _refuse_indefinite(problem, FEW)
+    _refuse_indefinite(problem, FIRST_LANCZOS_STEPS)
     closing, give = velocity[::dim], delassus.diagonal()[::dim]
     stuck = np.flatnonzero((closing < 0.0) & (give <= 0.0))
     if stuck.size:

@@ -49,10 +49,10 @@ __all__ = [
     "Substructures",
 ]
 
-QUICK = 4
+QUICK_ELEMENTS = 4
 """Elements along an edge, at most."""
 
-FEW = 2
+QUICK_STEPS = 2
 """Load steps to the amplitude, at most."""
 
 LEAST, MOST = 0.1, 3.0
@@ -179,7 +179,7 @@ class Loading(Settings):
     def quick(self) -> Self:
         """Return one cycle of few steps."""
         return self.model_copy(
-            update={"cycles": min(1, self.cycles), "steps": min(FEW, self.steps)}
+            update={"cycles": min(1, self.cycles), "steps": min(QUICK_STEPS, self.steps)}
         )
 
 
@@ -404,11 +404,11 @@ class LapJoint(RoughBodies):
 
     def quick(self, case: "StructureCase") -> Self:
         """Return the same joint with elements no finer than a quarter of the overlap."""
-        return self.model_copy(update={"element": max(self.element, self.overlap / QUICK)})
+        return self.model_copy(update={"element": max(self.element, self.overlap / QUICK_ELEMENTS)})
 
 
 def _fewer(elements: Elements) -> Elements:
-    x, y, z = (min(QUICK, number) for number in elements)
+    x, y, z = (min(QUICK_ELEMENTS, number) for number in elements)
     return x, y, z
 
 

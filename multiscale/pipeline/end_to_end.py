@@ -14,7 +14,7 @@ from multiscale.pipeline.rough_structure import (
     CELL_WAVES,
     Answer,
     RoughStructure,
-    Way,
+    StructureOutcome,
     answer_of,
     solve_concurrent,
     solve_direct,
@@ -38,7 +38,7 @@ PARTS = (
 )
 """Labels of the dimension ``error_term``; the parts add up to the gap error."""
 
-FEW = 3  # realisations that tell the error of a grid, on the same surfaces
+FEWEST_PER_GRID = 3  # realisations that tell the error of a grid, on the same surfaces
 FITTED = 8  # cells that tell the error of the fit
 GROUPS = 10  # of seeds, left out in turn
 
@@ -74,9 +74,9 @@ class EndToEndCase:
 
     def __post_init__(self) -> None:
         for name in ("cells", "realisations"):
-            if getattr(self, name) < FEW:
+            if getattr(self, name) < FEWEST_PER_GRID:
                 raise CaseError(
-                    f"{name} must be at least {FEW}, so that there is a scatter, got "
+                    f"{name} must be at least {FEWEST_PER_GRID}, so that there is a scatter, got "
                     f"{getattr(self, name)}"
                 )
 
@@ -182,8 +182,8 @@ def _compare(
     solved = solve_concurrent(structure, few, points_per_wave=px)
     fit = _mean_part(_single_gaps(structure, cells, len(few)) - solved.gaps, D)
     grid = _law_grid_part(structure, cells, px, D)
-    fine = solve_direct(structure, range(FEW), points_per_wave=2 * px)
-    resolved = _doubled(direct.gaps[:FEW], fine.gaps, D)
+    fine = solve_direct(structure, range(FEWEST_PER_GRID), points_per_wave=2 * px)
+    resolved = _doubled(direct.gaps[:FEWEST_PER_GRID], fine.gaps, D)
     known = (fit, grid, (-resolved[0], resolved[1]))
     remainder = (
         paired[0] - sum(part[0] for part in known),
@@ -217,14 +217,14 @@ def _groups(n: int) -> list[np.ndarray]:
     return [np.setdiff1d(np.arange(n), group) for group in left_out]
 
 
-def _gaps_by_group(structure: RoughStructure, way: Way) -> np.ndarray:
+def _gaps_by_group(structure: RoughStructure, way: StructureOutcome) -> np.ndarray:
     """Mean gap with the law of the cells that are left without a group, m."""
     response = _response(way)
     kept = _groups(response.sizes["realisation"])
     return np.array([answer_of(structure, response.isel(realisation=k)).mean_gap for k in kept])
 
 
-def _response(way: Way) -> "xr.Dataset":
+def _response(way: StructureOutcome) -> "xr.Dataset":
     if way.response is None:
         raise ValueError("only the sequential way has a response")
     return way.response
@@ -235,16 +235,20 @@ def _jackknife(by_group: np.ndarray) -> float:
     return float(np.sqrt((by_group.size - 1) * np.var(by_group)))
 
 
-def _law_grid_part(structure: RoughStructure, cells: Way, px: int, D: float) -> Part:
+def _law_grid_part(structure: RoughStructure, cells: StructureOutcome, px: int, D: float) -> Part:
     """Grid of the cells and points of the structure."""
-    fine = solve_sequential(structure, range(FEW), points_per_wave=2 * px)
-    micro = _doubled(_single_gaps(structure, cells, FEW), _single_gaps(structure, fine, FEW), D)
+    fine = solve_sequential(structure, range(FEWEST_PER_GRID), points_per_wave=2 * px)
+    micro = _doubled(
+        _single_gaps(structure, cells, FEWEST_PER_GRID),
+        _single_gaps(structure, fine, FEWEST_PER_GRID),
+        D,
+    )
     gaps = [answer_of(structure, _response(cells), refined).mean_gap for refined in (1, 2)]
     macro = _doubled(np.array(gaps[:1]), np.array(gaps[1:]), D)
     return micro[0] + macro[0], micro[1]
 
 
-def _single_gaps(structure: RoughStructure, way: Way, n: int) -> np.ndarray:
+def _single_gaps(structure: RoughStructure, way: StructureOutcome, n: int) -> np.ndarray:
     """Mean gap with the laws of the first n cells, one by one, m."""
     response = _response(way)
     single = [answer_of(structure, response.isel(realisation=[k])) for k in range(n)]
@@ -264,7 +268,7 @@ def _mean_part(difference: np.ndarray, D: float) -> Part:
     return float(np.mean(difference)) / D, uncertain
 
 
-def _pressure_error(law: Answer, direct: Way) -> float:
+def _pressure_error(law: Answer, direct: StructureOutcome) -> float:
     """Distance of the pressures along the structure, averaged over the realisations."""
     resolved = np.mean([one.pressure for one in direct.answers], axis=0)
     x = direct.answers[0].position

@@ -22,7 +22,7 @@ if TYPE_CHECKING:
 __all__ = [
     "Answer",
     "RoughStructure",
-    "Way",
+    "StructureOutcome",
     "solve_concurrent",
     "solve_direct",
     "solve_sequential",
@@ -140,7 +140,7 @@ class RoughStructure(ABC):
 
 
 @dataclass(frozen=True, eq=False)
-class Way:
+class StructureOutcome:
     """What one way to the answer found and took.
 
     Attributes
@@ -179,7 +179,7 @@ def solve_sequential(
     points_per_wave: int = 8,
     waves: int = CELL_WAVES,
     executor: Executor | None = None,
-) -> Way:
+) -> StructureOutcome:
     """Press cells, fit one law to all of them and solve the structure with it.
 
     Parameters
@@ -202,7 +202,7 @@ def solve_sequential(
     answer = checked(structure.solve(law, area), law)
     end = perf_counter()
     solved = int(response["converged"].sum())
-    return Way((answer,), end - begin, end - fitted, solved, 0, response)
+    return StructureOutcome((answer,), end - begin, end - fitted, solved, 0, response)
 
 
 def laws_of(response: "xr.Dataset") -> tuple[NormalLaw, AreaLaw]:
@@ -244,7 +244,7 @@ def solve_concurrent(
     points_per_wave: int = 8,
     waves: int = CELL_WAVES,
     spacing: float | None = 0.1,
-) -> Way:
+) -> StructureOutcome:
     """Solve the structure with a cell at every point, once for each realisation.
 
     Parameters
@@ -266,14 +266,14 @@ def solve_concurrent(
         reused += law.account["reused"]
         answers.append(checked(answer, law))
     seconds = perf_counter() - begin
-    return Way(tuple(answers), seconds, seconds, solved, reused)
+    return StructureOutcome(tuple(answers), seconds, seconds, solved, reused)
 
 
 def solve_direct(
     structure: RoughStructure, seeds: Sequence[int], *, points_per_wave: int = 8
-) -> Way:
+) -> StructureOutcome:
     """Solve the structure with its roughness resolved, once for each realisation."""
     begin = perf_counter()
     answers = tuple(structure.resolve(seed, points_per_wave) for seed in seeds)
     seconds = perf_counter() - begin
-    return Way(answers, seconds, seconds)
+    return StructureOutcome(answers, seconds, seconds)

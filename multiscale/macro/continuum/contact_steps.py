@@ -23,7 +23,7 @@ __all__ = ["ContactStep", "SurfaceState", "solve_contact"]
 CUTS = 6
 """How often a load step may be halved."""
 
-FEW = 1500
+MAX_CONDENSED = 1500
 """Contact unknowns up to which a linear problem is condensed onto them."""
 
 
@@ -199,7 +199,7 @@ def _choose(
             "only a linear problem can be condensed: small strain and small sliding; "
             "leave out condensed=True"
         )
-    few = state.reaction.size <= FEW
+    few = state.reaction.size <= MAX_CONDENSED
     if assembly.is_linear and (condensed or (condensed is None and few)):
         model = condense_contact(assembly, state)
         if model is not None:

@@ -29,13 +29,13 @@ __all__ = ["Latin", "LatinIterate"]
 FIRST, TAUT, SLACK = 1.0, 10.0, 0.05
 """Stiffness of the search direction of a link relative to its own: at first, and by status."""
 
-UPDATE, AGAIN = 8, 4
-"""Iterations until the next look at the status, after it changed in many links or in few."""
+MAJOR_INTERVAL, MINOR_INTERVAL = 8, 4
+"""Iterations until the status is checked again, after it changed in many links or in few."""
 
 CHANGE = 2.0
 """Factor by which the direction of a point of a joint must change to be taken anew."""
 
-FEW, SOFTER, SOFTEST = 3e-2, 0.3, 3e-3
+MINOR_CHANGE, SOFTER, SOFTEST = 3e-2, 0.3, 3e-3
 """If less than this part of the links changes its status, slack ones get a direction softer by
 this factor, down to this: the directions tend to the tangent, which near mechanisms need."""
 
@@ -242,7 +242,7 @@ class Latin:
         if changed:
             if last:
                 self.slack_direction = SOFTEST
-            elif known and changed < FEW * of:
+            elif known and changed < MINOR_CHANGE * of:
                 self.slack_direction = max(SOFTEST, SOFTER * self.slack_direction)
             self.status, soft = taut, self.slack_direction
             relative = np.where(one, np.where(taut, TAUT, soft), 1.0)

@@ -12,7 +12,7 @@ from multiscale.macro.discrete.checks import free_rigid_motions
 from multiscale.macro.substructures.bound import Admissible, ErrorBound
 from multiscale.macro.substructures.cut_results import assemble_result, link_fields, load_factors
 from multiscale.macro.substructures.indicator import HeuristicIndicator
-from multiscale.macro.substructures.latin import AGAIN, UPDATE, Latin, LatinIterate
+from multiscale.macro.substructures.latin import MAJOR_INTERVAL, MINOR_INTERVAL, Latin, LatinIterate
 from multiscale.macro.substructures.parallel import ProcessGroup
 from multiscale.macro.substructures.problem import CutProblem
 from multiscale.numerics.anderson import Anderson
@@ -158,7 +158,7 @@ def solve_step(
         return np.asarray(method.team.total(a[:own].T @ b[:own]) + a[own:].T @ b[own:])
 
     acceleration = Anderson(MEMORY, relaxation=RELAXED, products=products)
-    status, residual, due, last = Status.MAX_ITERATIONS, np.inf, UPDATE, None
+    status, residual, due, last = Status.MAX_ITERATIONS, np.inf, MAJOR_INTERVAL, None
     pressure, closest = method.pressure(), np.inf
     for iteration in range(1, max_iterations + 1):
         z, r, found = method.iterate(load)
@@ -173,7 +173,7 @@ def solve_step(
         if residual <= max(HEURISTIC * tolerance, method.rounding(found)):
             status = Status.CONVERGED
             break
-        if iteration % UPDATE == 0:
+        if iteration % MAJOR_INTERVAL == 0:
             if residual < closest:  # a body that runs away takes wild pressures on its way
                 pressure, closest = method.pressure(), residual
             if method.far(found) and method.slide(load, pressure):
@@ -186,7 +186,7 @@ def solve_step(
             if renewed is not None:
                 acceleration.renew(renewed, np.append(method.z, method.r))
             major = renewed is not None and renewed.all()
-            due = iteration + (UPDATE if major else AGAIN)
+            due = iteration + (MAJOR_INTERVAL if major else MINOR_INTERVAL)
     converged = status is Status.CONVERGED
     judged = judge(found) if converged and judge else {}
     if converged:
