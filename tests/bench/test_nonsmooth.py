@@ -13,8 +13,8 @@ from multiscale.bench.nonsmooth_family import (
 from multiscale.convergence import Solution, Status
 from multiscale.errors import CaseError
 from multiscale.nonsmooth import solve_friction, solve_lcp
-from multiscale.nonsmooth.friction import FRICTION_METHODS as FRICTION_METHODS
-from multiscale.nonsmooth.lcp import FRICTION_METHODS as LCP_METHODS
+from multiscale.nonsmooth.friction import FRICTION_METHODS
+from multiscale.nonsmooth.lcp import LCP_METHODS
 from multiscale.plotting import plot_history
 from multiscale.schema import WORK_PRECISION
 

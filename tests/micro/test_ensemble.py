@@ -132,11 +132,11 @@ def test_a_realisation_that_is_killed_goes_on_after_its_last_step(
     monkeypatch.setattr(checkpoint, "WORTH", 0.0)
     average, solved = cell_solver._average, []
 
-    def killed(problem, state):
+    def killed(problem, state, fields):
         if len(solved) == 3:
             raise KeyboardInterrupt
         solved.append(state)
-        return average(problem, state)
+        return average(problem, state, fields)
 
     monkeypatch.setattr(cell_solver, "_average", killed)
     with pytest.raises(KeyboardInterrupt):

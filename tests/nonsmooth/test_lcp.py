@@ -16,7 +16,7 @@ from multiscale.bench.lcp_scenes import (
 )
 from multiscale.errors import CaseError, ConvergenceError
 from multiscale.nonsmooth.complementarity import verify_lcp
-from multiscale.nonsmooth.lcp import METHODS, solve_lcp
+from multiscale.nonsmooth.lcp import LCP_METHODS, solve_lcp
 from multiscale.nonsmooth.lcp_operator import Delassus
 from multiscale.nonsmooth.lcp_problem import scale_lcp
 from multiscale.nonsmooth.newton_min import iterate_newton_min
@@ -85,7 +85,7 @@ def test_every_large_family_converges_and_two_verifiers_agree(problem):
     assert natural_error(matrix, vector, solution.value) <= 1e-8
 
 
-@pytest.mark.parametrize("method", ["auto", *METHODS])
+@pytest.mark.parametrize("method", ["auto", *LCP_METHODS])
 def test_every_method_finds_the_same_point_and_keeps_its_history(method):
     root = np.random.default_rng(seed=3).standard_normal((30, 40))
     matrix, vector = root @ root.T, np.random.default_rng(seed=4).standard_normal(30)
@@ -280,7 +280,7 @@ def infeasible(bodies):
     return directions.T @ directions, vector
 
 
-@pytest.mark.parametrize("method", ["auto", *METHODS])
+@pytest.mark.parametrize("method", ["auto", *LCP_METHODS])
 def test_an_infeasible_problem_is_named_with_its_certificate(method):
     matrix, vector = infeasible(5)
     solution = solve_lcp(matrix, vector, method=method, tolerance=1e-8)
