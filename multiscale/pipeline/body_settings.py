@@ -70,7 +70,9 @@ Damage = Annotated[Number, Field(ge=0.0, lt=1.0)]
 class Substructures(Settings):
     """The cut, and the solver of the parts; see :func:`multiscale.macro.solve_latin`."""
 
-    parts: tuple[Positive, Positive] = Field((1, 1), description="Along x and y, of every body.")
+    parts: tuple[Positive, Positive] = Field(
+        (1, 1), description="Substructures along x and y, of every body."
+    )
     coarse: bool = Field(
         True, description="Whether a coarse problem balances interface resultants."
     )
@@ -103,13 +105,16 @@ class Substructures(Settings):
 class JointLawSettings(Settings):
     """The law of the joints: a fitted normal law with friction."""
 
-    law: Path | None = Field(None, description="Written by a run or fit, or named by the command.")
+    law: Path | None = Field(
+        None, description="Dataset of a law from a run or fit; needless if the command names one."
+    )
     friction: Factor = Field(description="Coefficient of Coulomb's law.")
     stiffness_ratio: Number = Field(
         0.8, gt=0.0, description="Tangential over normal stiffness, of springs slipping in turn."
     )
     damage: tuple[Damage, ...] = Field(
-        (), description="Of joints from below: each carries 1 - D of the law; sound if not given."
+        (),
+        description="Damage of joints from below: each carries 1 - D of the law; 0 if not given.",
     )
     extrapolate: bool = Field(
         False,
@@ -150,9 +155,11 @@ class Loading(Settings):
     """Preloads, then cycles; see :class:`multiscale.macro.substructures.JointLoading`."""
 
     preloads: tuple[Pressure, ...] = Field(
-        min_length=1, description="On the pressed face, Pa; the last stays during the cycles."
+        min_length=1, description="Pressures on the pressed face, Pa; the last one stays."
     )
-    shear: Pressure | None = Field(None, description="Amplitude on the sheared face, Pa.")
+    shear: Pressure | None = Field(
+        None, description="Amplitude of the shear on the sheared face, Pa."
+    )
     cycles: Natural = Field(0, description="Closed cycles after the first loading.")
     steps: Positive = Field(10, description="Load steps from zero to the amplitude.")
 
@@ -271,7 +278,7 @@ class Plate(StructureKind):
     elements: Elements = Field(description="Hexahedra along x, y and z.")
     youngs_modulus: Pressure = Field(description="Young's modulus, Pa.")
     poissons_ratio: Ratio = Field(description="Poisson's ratio.")
-    pressure: Pressure = Field(description="Downwards on its top at load factor one, Pa.")
+    pressure: Pressure = Field(description="Pressure on the top at load factor one, Pa.")
 
     def build(self) -> Assembly:
         """Clamp the plate and load it."""
@@ -314,10 +321,11 @@ class StackedBlocks(RoughBodies):
     youngs_modulus: Pressure = Field(description="Young's modulus, Pa.")
     poissons_ratio: Ratio = Field(description="Poisson's ratio.")
     damage: tuple[Damage, ...] = Field(
-        (), description="Of blocks from below: each is 1 - D as stiff; sound if not given."
+        (), description="Damage of blocks from below: each is 1 - D as stiff; sound if not given."
     )
     stiffness: Path | None = Field(
-        None, description="An `rve_stiffness` dataset, in place of the moduli of sound blocks."
+        None,
+        description="Dataset `rve_stiffness` whose whole tensor replaces the moduli of sound blocks.",
     )
 
     @property
@@ -361,7 +369,7 @@ class LapJoint(RoughBodies):
     length: Length = Field(description="Length of each plate along x, m.")
     width: Length = Field(description="Width of each plate, m.")
     thickness: Length = Field(description="Thickness of each plate, m.")
-    overlap: Length = Field(description="Length over which they lie on each other, m.")
+    overlap: Length = Field(description="Length over which the plates lie on each other, m.")
     hole: Length = Field(description="Diameter of the hole, m.")
     washer: Length = Field(description="Diameter of the washer, m.")
     element: Length = Field(description="Edge of an element in plan, m.")
@@ -369,9 +377,11 @@ class LapJoint(RoughBodies):
     youngs_modulus: Pressure = Field(description="Young's modulus, Pa.")
     poissons_ratio: Ratio = Field(description="Poisson's ratio.")
     damage: tuple[Damage, ...] = Field(
-        (), description="Of the lower and the upper plate, as of blocks."
+        (), description="Damage of the lower and the upper plate, as of blocks."
     )
-    stiffness: Path | None = Field(None, description="Of both plates, as for stacked blocks.")
+    stiffness: Path | None = Field(
+        None, description="Stiffness of both plates, as for stacked blocks."
+    )
 
     @property
     def joints(self) -> int:

@@ -55,7 +55,9 @@ class GridSettings(Settings):
 class CellSettings(GridSettings):
     """The representative surface element."""
 
-    depth: Length | None = Field(None, description="Of the layer, m; the longer edge if not given.")
+    depth: Length | None = Field(
+        None, description="Depth of the layer, m; the longer edge if not given."
+    )
     layers: Count = Field(12, ge=2, le=1000, description="Layers of elements over the depth.")
     geometry: Literal["conforming", "flat"] = Field(
         "conforming",
@@ -69,7 +71,7 @@ class MicroSettings(Settings):
 
     realisations: Positive = Field(description="Number of cells.")
     pressures: tuple[Pressure, ...] = Field(min_length=3, description="Mean pressures, Pa, rising.")
-    seed: Natural = Field(0, description="Of the first realisation; the next ones count on.")
+    seed: Natural = Field(0, description="Seed of the first realisation; the next ones count on.")
     unload: Annotated[bool, Strict()] | tuple[Pressure, ...] = Field(
         False, description="Whether to unload through the same pressures, or the falling ones, Pa."
     )
@@ -137,9 +139,13 @@ class SlideSettings(Settings):
     they resist more than the friction of their points is ploughing.
     """
 
-    distance: Length = Field(description="How far, m; at most 20 lengths of the cell.")
-    friction_coefficient: Number = Field(0.0, ge=0.0, le=10.0, description="Of points of contact.")
-    pressures: tuple[Pressure, ...] = Field((), description="Pa, rising; else those of the cells.")
+    distance: Length = Field(description="Length of the slide, m; at most 20 lengths of the cell.")
+    friction_coefficient: Number = Field(
+        0.0, ge=0.0, le=10.0, description="Friction coefficient of points of contact."
+    )
+    pressures: tuple[Pressure, ...] = Field(
+        (), description="Mean pressures, Pa, rising; those of the cells if not given."
+    )
     steps: Count = Field(16, ge=1, le=10_000, description="Steps of the result over the distance.")
 
     _rise = field_validator("pressures")(must_rise)

@@ -51,15 +51,16 @@ class GrainSettings(Settings):
 
     number: Positive = Field(description="Number of grains.")
     radius: tuple[Length, Length] = Field(
-        description="Smallest and largest, m; every interval has its share of the volume."
+        description="Smallest and largest radius, m; every interval has its share of volume."
     )
-    density: Density = Field(2600.0, description="Of the material, kg/m3.")
+    density: Density = Field(2600.0, description="Density of the material, kg/m3.")
     friction: Factor = Field(0.5, description="Friction coefficient between grains.")
     restitution: Share = Field(0.0, description="Share of the closing speed given back.")
     compliance: Factor = Field(
-        0.0, description="Of contacts, 0 if rigid; see `multiscale.macro.granulate.ContactLaw`."
+        0.0,
+        description="Compliance of contacts; see `multiscale.macro.granulate.ContactLaw`.",
     )
-    seed: Natural = Field(0, description="Of radii and places.")
+    seed: Natural = Field(0, description="Seed of radii and places.")
 
     @model_validator(mode="after")
     def _check(self) -> Self:
@@ -92,7 +93,7 @@ class Motion(TimeSteps):
 
     accuracy: Tolerance | None = Field(
         None,
-        description="Of impacts, over the smaller radius: chooses steps no longer than `step`.",
+        description="Approach in the step of an impact, over the smaller radius.",
     )
     tolerance: Tolerance = Field(1e-4, description="Error of contacts over their velocities.")
     max_iterations: Positive = Field(1000, description="Largest number of sweeps in a step.")
@@ -170,7 +171,7 @@ class ColumnCollapse(Granulate):
     """Discs that settle behind a gate, which is then taken away."""
 
     kind: Literal["column_collapse"]
-    width: Length = Field(description="Of the column, m.")
+    width: Length = Field(description="Width of the column, m.")
     settling: Duration = Field(description="Time before the gate is taken away, s.")
 
     def build(self, grains: GrainSettings, motion: Motion) -> Model:
@@ -190,8 +191,8 @@ class ShearCell(Granulate):
 
     kind: Literal["shear_cell"]
     size: tuple[Length, Length] = Field(description="Periods along x and y, m.")
-    pressure: Pressure = Field(description="On the plates, Pa.")
-    speed: Speed = Field(description="Of the upper plate, m/s.")
+    pressure: Pressure = Field(description="Pressure on the plates, Pa.")
+    speed: Speed = Field(description="Speed of the upper plate, m/s.")
 
     def build(self, grains: GrainSettings, motion: Motion) -> Model:
         """Press the grains between the plates."""
@@ -206,9 +207,9 @@ class Biaxial(Granulate):
     strained: ClassVar[bool] = True
 
     kind: Literal["biaxial"]
-    pressure: Pressure = Field(description="Of the compaction, and then on the sides, Pa.")
+    pressure: Pressure = Field(description="Pressure of the compaction, and then on the sides, Pa.")
     strain_rate: StrainRate = Field(
-        description="Of the axial strain, 1/s; see `multiscale.macro.granulate.biaxial_cell`."
+        description="Rate of the axial strain, 1/s; see `multiscale.macro.granulate.biaxial_cell`."
     )
     planar: bool = Field(False, description="Discs in place of spheres.")
 

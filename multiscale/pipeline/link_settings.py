@@ -119,12 +119,14 @@ class TensegrityGrid(LinkStructure):
     kind: Literal["tensegrity_grid"]
     n: Positive = Field(description="Modules along x.")
     m: Positive | None = Field(None, description="Modules along y; n if not given.")
-    prestress: Prestress = Field(2550.0, description="Of the upper cables at load factor 0, N.")
+    prestress: Prestress = Field(
+        2550.0, description="Tension of the upper cables at load factor 0, N."
+    )
     size: Length = Field(1.0, description="Edge of a module, m.")
     height: Length = Field(0.5, description="Height of a module, m.")
     cable_rigidity: Rigidity = Field(4e6, description='EA of the cables, N, or `"inextensible"`.')
     bar_rigidity: Rigidity = Field(8e7, description='EA of the bars, N, or `"inextensible"`.')
-    nodal_load: Force = Field(40.0, description="Downwards on every node at load factor one, N.")
+    nodal_load: Force = Field(40.0, description="Weight on every node at load factor one, N.")
 
     def build(self) -> LinkSystem:
         """Build the grid."""
@@ -150,9 +152,13 @@ class CableNet(LinkStructure):
     m: Several | None = Field(None, description="Meshes along y; n if not given.")
     mesh: Length = Field(1.0, description="Distance of the cables in plan, m.")
     rise: Length = Field(1.0, description="Height of the saddle, m.")
-    prestress: Size = Field(10e3, description="Of all cables, horizontal, at load factor 0, N.")
+    prestress: Size = Field(
+        10e3, description="Horizontal part of every tension at load factor 0, N."
+    )
     cable_rigidity: Rigidity = Field(1e7, description='EA of the cables, N, or `"inextensible"`.')
-    nodal_load: Force = Field(100.0, description="Down on inner nodes at load factor one, N.")
+    nodal_load: Force = Field(
+        100.0, description="Weight on every inner node at load factor one, N."
+    )
 
     def build(self) -> LinkSystem:
         """Build the net."""
@@ -169,7 +175,7 @@ class LinkLawSettings(Settings):
     """The law of some links."""
 
     kind: Literal["bar", "cable", "strut"] = Field(
-        description="Bars pull and push, cables only pull, struts only push."
+        description="Kind of link: bars pull and push, cables only pull, struts only push."
     )
     rigidity: Rigidity = Field(description='EA, N, or `"inextensible"`.')
 
@@ -217,13 +223,15 @@ class LinkMesh(LinkStructure):
     """The lines of a mesh file; see :func:`multiscale.macro.system_from_mesh`."""
 
     kind: Literal["mesh"]
-    file: Path = Field(description="Anything that meshio reads.")
+    file: Path = Field(description="Mesh file that meshio reads.")
     unit: Length = Field(description="Length of one unit of the file, m.")
     laws: Laws
     supports: tuple[str, ...] = Field(min_length=1, description="Sets of points that are held.")
-    load: tuple[Force, Force, Force] = Field(description="On free nodes at load factor one, N.")
-    self_stress: bool = Field(False, description="As for two tables.")
-    prestress: Size | None = Field(None, description="As for two tables, N.")
+    load: tuple[Force, Force, Force] = Field(
+        description="Force on every free node at load factor one, N."
+    )
+    self_stress: bool = Field(False, description="Self-stress, as for two tables.")
+    prestress: Size | None = Field(None, description="Largest force, as for two tables, N.")
 
     _check = model_validator(mode="after")(_check_self_stress)
 
@@ -264,7 +272,10 @@ class Dynamics(TimeSteps):
         min_length=1, description="Time, s, and load factor; straight between, constant outside."
     )
     theta: Number = Field(
-        1.0, ge=0.5, le=1.0, description="1/2 (no numerical damping) to 1 (fully implicit)."
+        1.0,
+        ge=0.5,
+        le=1.0,
+        description="Time scheme: 1/2 (no numerical damping) to 1 (fully implicit).",
     )
     restitution: Share = Field(0.0, description="Share of speed that inextensible links give back.")
 

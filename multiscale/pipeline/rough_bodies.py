@@ -30,10 +30,14 @@ Slope = Annotated[Number, Field(gt=0.0)]
 class SyntheticSurface(Settings):
     """A self-affine surface; see :func:`multiscale.micro.self_affine`."""
 
-    rms_height: Length | None = Field(None, description="Root mean square, m; this or `rms_slope`.")
-    rms_slope: Slope | None = Field(None, description="Root mean square; this or `rms_height`.")
+    rms_height: Length | None = Field(
+        None, description="Root mean square height, m; this or `rms_slope`."
+    )
+    rms_slope: Slope | None = Field(
+        None, description="Root mean square slope; this or `rms_height`."
+    )
     hurst_exponent: Share = Field(
-        description="From 0 (rough at every scale) to 1 (smooth in the small); often about 0.8."
+        description="Hurst exponent: 0 rough at every scale, 1 smooth in the small; often 0.8."
     )
     long_cutoff: Length = Field(description="Longest wave, m; cells should be several wide.")
     short_cutoff: Length = Field(
@@ -92,7 +96,9 @@ class RoughBody(Settings):
 
     youngs_modulus: Pressure = Field(description="Young's modulus, Pa.")
     poissons_ratio: Ratio = Field(description="Poisson's ratio.")
-    surface: Rough | None = Field(None, description="Synthetic or measured; smooth if not given.")
+    surface: Rough | None = Field(
+        None, description="Synthetic or measured roughness; smooth if not given."
+    )
     hardness: Pressure | None = Field(
         None,
         description="Hardness H of a metal, Pa; the softer body's counts. In flat cells the "

@@ -32,7 +32,7 @@ POINTS_PER_WAVE = 8  # of the shortest wave of a measured surface, if the case n
 class Case(Settings):
     """One question, such as how stiff the joint of two bodies is."""
 
-    title: str = Field(description="Stands in report and tables.")
+    title: str = Field(description="Title of report and tables.")
     elastic: bool = Field(False, description="Confirms real contact pressures that no metal bears.")
     body_1: RoughBody
     body_2: RoughBody
@@ -40,9 +40,9 @@ class Case(Settings):
     micro: MicroSettings
     law: LawSettings = LawSettings()
     joint: JointSettings
-    slide: SlideSettings | None = Field(None, description="If given, the bodies also slide.")
+    slide: SlideSettings | None = Field(None, description="Slide of the bodies over each other.")
     accuracy: AccuracySettings | None = Field(
-        None, description="If given, a planner chooses cells."
+        None, description="Target of a planner, which then chooses the cells."
     )
 
     describes: ClassVar[str] = "a joint of two rough bodies"

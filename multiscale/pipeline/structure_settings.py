@@ -65,7 +65,7 @@ class StructureCase(Settings):
     joint and loading, grains both grains and motion; substructures cut a tensegrity grid or bodies.
     """
 
-    title: str = Field(description="Stands in tables and datasets.")
+    title: str = Field(description="Title of tables and datasets.")
     structure: Structure = Field(discriminator="kind")
     statics: Statics | None = None
     dynamics: Dynamics | None = None

@@ -123,7 +123,7 @@ class TimeSteps(Settings):
     """A motion in time steps."""
 
     step: Duration = Field(description="Time step, s; shortened to a whole part of the duration.")
-    duration: Duration = Field(description="How long the motion is followed, s.")
+    duration: Duration = Field(description="Duration of the motion, s.")
 
     @model_validator(mode="after")
     def _check_step(self) -> Self:

@@ -39,10 +39,14 @@ class Rubber(Settings):
     """A linear viscoelastic solid; see :class:`multiscale.micro.RelaxingSolid`."""
 
     relaxed_modulus: Pressure = Field(description="Young's modulus after a long time, Pa.")
-    poissons_ratio: Ratio = Field(0.49, description="At all times.")
+    poissons_ratio: Ratio = Field(0.49, description="Poisson's ratio at all times.")
     moduli: tuple[Pressure, ...] = Field((), description="Young's moduli of the Prony series, Pa.")
-    times: tuple[Duration, ...] = Field((), description="In which they relax, s; one for each.")
-    reference_temperature: Temperature = Field(description='Of the times, K, as `"20 degC"`.')
+    times: tuple[Duration, ...] = Field(
+        (), description="Relaxation times, s; one for each modulus."
+    )
+    reference_temperature: Temperature = Field(
+        description='Temperature of the times, K, as `"20 degC"`.'
+    )
     wlf_c1: Number = Field(gt=0.0, description="First constant of Williams, Landel and Ferry.")
     wlf_c2: Temperature = Field(description="Second constant, K; see `multiscale.laws.wlf_shift`.")
 
@@ -81,9 +85,9 @@ class Slides(Settings):
     pressures: tuple[Pressure, ...] = Field(min_length=3, description="Mean pressures, Pa, rising.")
     speeds: tuple[Speed, ...] = Field(min_length=4, description="Sliding speeds, m/s, rising.")
     temperatures: tuple[Temperature, ...] = Field(
-        min_length=3, description='K, rising; such as `"20 degC"`.'
+        min_length=3, description='Temperatures, K, rising; such as `"20 degC"`.'
     )
-    seed: Natural = Field(0, description="Of the first realisation; the next ones count on.")
+    seed: Natural = Field(0, description="Seed of the first realisation; the next ones count on.")
 
     _rise = field_validator("pressures", "speeds", "temperatures")(must_rise)
 
@@ -91,12 +95,15 @@ class Slides(Settings):
 class Tread(Settings):
     """The tread block; see :class:`multiscale.macro.joint.TreadBlock`."""
 
-    length: Length = Field(description="Along the motion, m.")
-    width: Length = Field(description="Across the motion, m.")
-    height: Length = Field(description="From the road to the carcass, m.")
+    length: Length = Field(description="Length along the motion, m.")
+    width: Length = Field(description="Width across the motion, m.")
+    height: Length = Field(description="Height from the road to the carcass, m.")
     pressure: Pressure = Field(description="Nominal pressure on the road, Pa.")
     elements: tuple[Annotated[Count, Field(ge=1, le=40)], ...] = Field(
-        (8, 5, 2), min_length=3, max_length=3, description="Along the motion, across and upwards."
+        (8, 5, 2),
+        min_length=3,
+        max_length=3,
+        description="Elements along the motion, across and upwards.",
     )
 
 
@@ -114,7 +121,7 @@ class LawSettings(Settings):
 class TyreCase(Settings):
     """One question: how hard a tread block brakes on a road, over speed and temperature."""
 
-    title: str = Field(description="Stands in report and tables.")
+    title: str = Field(description="Title of report and tables.")
     rubber: Rubber
     road: SyntheticSurface
     cell: RoadCell
