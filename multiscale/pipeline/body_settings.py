@@ -325,7 +325,7 @@ class StackedBlocks(RoughBodies):
     )
     stiffness: Path | None = Field(
         None,
-        description="Dataset `rve_stiffness` whose whole tensor replaces the moduli of sound blocks.",
+        description="Dataset `rve_stiffness` whose tensor replaces the moduli of sound blocks.",
     )
 
     @property
