@@ -41,7 +41,7 @@ class Needs:
     kinematics : str
         For instance ``"small strain, the mesh follows the surface"``.
     choices : tuple of Choice
-        What is built, and what other scenes build and this one does not.
+        Parts that are built, and parts that only other scenes build.
     state_variables : tuple of str
         History kept at each point; none for an elastic scene.
     fields : tuple of str

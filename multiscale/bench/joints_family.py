@@ -200,7 +200,7 @@ def bench_joints(*, quick: bool, report: Report) -> "xr.Dataset":
 
     If quick, two scenes only.
     There is one run for each step and decade of the true error, at the first iteration below it.
-    Times are those of the iterations, with the indicator.
+    Times count the iterations and the indicator.
     """
     load = load_average()
     rows: list[dict[str, float | str]] = []

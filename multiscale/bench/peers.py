@@ -120,7 +120,7 @@ def _solve_cell(
 def press_with_tamaas(surface: Surface, pressure: float, contact_modulus: float) -> ContactAnswer:
     """Solve with Tamaas: boundary elements, projected conjugate gradients on the pressure.
 
-    Parameters and result are those of :func:`press_flat_cell`.
+    It takes and returns the same as :func:`press_flat_cell`.
     """
     import tamaas
 
@@ -159,7 +159,7 @@ def press_with_contact_mechanics(
 ) -> ContactAnswer:
     """Solve with ContactMechanics: boundary elements, projected conjugate gradients.
 
-    Parameters and result are those of :func:`press_flat_cell`.
+    It takes and returns the same as :func:`press_flat_cell`.
     """
     from ContactMechanics import PeriodicFFTElasticHalfSpace, make_system
     from SurfaceTopography import Topography

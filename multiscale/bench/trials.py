@@ -76,13 +76,13 @@ def measure_trials(
     Parameters
     ----------
     trials : iterable of Trial
-        Those of a scene from coarse to fine; all with settings of the same names.
+        Trials, of each scene from coarse to fine; all settings have the same names.
     judge : callable
         Says how good the answers to a scene are; see :func:`judge_by` for numbers.
     title : str
-        What is asked.
+        Question of the family.
     packages : tuple of str
-        Whose versions matter.
+        Packages whose versions are recorded.
     threads : int
         That a run may use.
     report : callable
@@ -159,7 +159,7 @@ def judge_by(truth: Callable[[str, list[float]], tuple[float, float]], *, count:
     Returns
     -------
     callable
-        The error of samples is the root of their mean square error, and their time that of one.
+        Error: root mean square over the samples; time: mean over them.
         NaN if the process died or did not converge.
     """
 

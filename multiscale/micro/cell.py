@@ -1,4 +1,4 @@
-"""What is pressed against what: the kinds of cells and their materials."""
+"""The kinds of cells: geometry, material and obstacle of each."""
 
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, ClassVar, Literal

@@ -1,6 +1,6 @@
 """Results as rows of text under a head.
 
-A ``result`` follows ``MACRO_RESULT``; that of grains ``GRANULATE``, that of a sweep ``SWEEP``.
+A ``result`` follows ``MACRO_RESULT``, a result of grains ``GRANULATE``, of a sweep ``SWEEP``.
 """
 
 from collections.abc import Sequence

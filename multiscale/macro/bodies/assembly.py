@@ -17,7 +17,7 @@ class Interface:
     Attributes
     ----------
     sides : tuple of int
-        The bodies; the jump is the displacement of the second less that of the first.
+        The bodies; the jump is the displacement of the second minus the displacement of the first.
     boundaries : tuple of str
         Name of the boundary in each.
     law : InterfaceLaw
