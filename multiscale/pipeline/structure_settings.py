@@ -7,14 +7,7 @@ from typing import ClassVar, Self, get_args
 from pydantic import Field, model_validator
 
 from multiscale.errors import CaseError
-from multiscale.pipeline.body_settings import (
-    JointLawSettings,
-    LapJoint,
-    Loading,
-    Plate,
-    StackedBlocks,
-    Substructures,
-)
+from multiscale.pipeline.body_settings import LapJoint, Plate, StackedBlocks
 from multiscale.pipeline.grain_settings import (
     Biaxial,
     ColumnCollapse,
@@ -24,6 +17,7 @@ from multiscale.pipeline.grain_settings import (
     ShearCell,
     Silo,
 )
+from multiscale.pipeline.joint_settings import JointLawSettings, Loading, Substructures
 from multiscale.pipeline.link_settings import (
     CableNet,
     Dynamics,
