@@ -2,7 +2,8 @@
 
 from multiscale.laws import wlf_shift
 from multiscale.laws.bulk.moduli import contact_modulus
-from multiscale.micro.cell import Cell, FiniteCell, FlatCell, GraphCell, MeshCell, SecondBody
+from multiscale.micro.cell import FiniteCell, FlatCell, GraphCell, MeshCell, SecondBody
+from multiscale.micro.cell_maker import Cell
 from multiscale.micro.cell_solver import solve_cell
 from multiscale.micro.ensemble import run_ensemble
 from multiscale.micro.path import Path

@@ -1,12 +1,12 @@
 """The kinds of cells: geometry, material and obstacle of each."""
 
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, ClassVar, Literal
+from typing import TYPE_CHECKING, ClassVar
 
 import numpy as np
 
 from multiscale.errors import CaseError
-from multiscale.laws.bulk import J2, BulkLaw, Elastic, GradedElastic, NeoHookean, Prony
+from multiscale.laws.bulk import J2, Elastic, GradedElastic, NeoHookean, Prony
 from multiscale.laws.bulk.moduli import lame_parameters
 from multiscale.micro import bonded_layer
 from multiscale.surfaces.statistics import nayak_parameter, rms_height, rms_slope
@@ -17,7 +17,6 @@ if TYPE_CHECKING:
 
 __all__ = [
     "AnyCell",
-    "Cell",
     "FiniteCell",
     "FlatCell",
     "GraphCell",
@@ -25,6 +24,7 @@ __all__ = [
     "MeshCell",
     "PeriodicLayer",
     "SecondBody",
+    "check_cell_moduli",
     "depth_caution",
 ]
 
@@ -43,7 +43,10 @@ def depth_caution(depth: float, period: float) -> str | None:
     )
 
 
-def _check_moduli(youngs_modulus: float | np.ndarray, poissons_ratio: float | np.ndarray) -> None:
+def check_cell_moduli(
+    youngs_modulus: float | np.ndarray, poissons_ratio: float | np.ndarray
+) -> None:
+    """Refuse what laws take and no cell does: a negative Poisson's ratio, for instance."""
     modulus, nu = np.asarray(youngs_modulus), np.asarray(poissons_ratio)
     wrong = modulus[~((modulus > 0.0) & np.isfinite(modulus))]
     if wrong.size:
@@ -88,7 +91,7 @@ class PeriodicLayer:
                 f"a cell takes Elastic, GradedElastic, NeoHookean, J2 or Prony as its law, got "
                 f"{type(self.law).__name__}"
             )
-        _check_moduli(self.law.youngs_modulus, self.law.poissons_ratio)
+        check_cell_moduli(self.law.youngs_modulus, self.law.poissons_ratio)
         nx, ny = self.surface.heights.shape
         for name in ("youngs_modulus", "poissons_ratio"):
             shape = np.shape(getattr(self.law, name))
@@ -347,7 +350,7 @@ class MeshCell:
                 f"a cell on a general mesh takes Elastic or GradedElastic as its law, got "
                 f"{type(self.law).__name__}"
             )
-        _check_moduli(self.law.youngs_modulus, self.law.poissons_ratio)
+        check_cell_moduli(self.law.youngs_modulus, self.law.poissons_ratio)
         found = sorted(self.mesh.boundaries or {})
         missing = sorted({"base", "top", "sides"} - set(found))
         if missing:
@@ -373,84 +376,3 @@ class MeshCell:
 
 GridCell = FlatCell | GraphCell | FiniteCell
 AnyCell = GridCell | MeshCell
-
-
-def Cell(  # noqa: N802  reads like the kinds that it makes
-    surface: Surface,
-    depth: float,
-    layers: int,
-    youngs_modulus: float | np.ndarray,
-    poissons_ratio: float | np.ndarray,
-    obstacle: Surface | None = None,
-    geometry: Literal["conforming", "flat"] = "conforming",
-    hardness: float | None = None,
-    bulk: BulkLaw | None = None,
-    friction_coefficient: float = 0.0,
-    opposite: SecondBody | None = None,
-) -> GridCell:
-    """Make the kind of cell that is asked for.
-
-    Parameters
-    ----------
-    surface, depth, layers
-        As of :class:`PeriodicLayer`.
-    youngs_modulus, poissons_ratio : float or ndarray
-        Pa and 1: of the whole cell, of each layer from the base up, shape (layers,), or of each
-        element, shape (nx, layers, ny). For two bodies, a material with their contact modulus.
-    obstacle, hardness, friction_coefficient
-        As of :class:`FlatCell` and :class:`FiniteCell`.
-    geometry : {"conforming", "flat"}
-        Whether the mesh follows the surface, or the surface only makes the gap above a flat layer.
-    bulk : NeoHookean, J2 or Prony, optional
-        Law at large strain, with the moduli above; small strain if not given.
-    opposite : SecondBody, optional
-        Makes the obstacle deformable, as ``second`` of :class:`FiniteCell`.
-
-    Returns
-    -------
-    FlatCell, GraphCell or FiniteCell
-        A finite cell if there is a law at large strain, friction or a second body.
-
-    Raises
-    ------
-    CaseError
-        If a parameter is outside its range or means nothing to this kind of cell.
-    """
-    _check_moduli(youngs_modulus, poissons_ratio)
-    own = {"youngs_modulus": youngs_modulus, "poissons_ratio": poissons_ratio}
-    law: LayerLaw
-    if bulk is None:
-        graded = bool(np.ndim(youngs_modulus) or np.ndim(poissons_ratio))
-        law = GradedElastic(**own) if graded else Elastic(*map(float, own.values()))
-    elif not isinstance(bulk, NeoHookean | J2 | Prony):
-        raise CaseError(
-            f"a cell takes NeoHookean, J2 or Prony as its law at large strain, got "
-            f"{type(bulk).__name__}; leave bulk out for linear elasticity"
-        )
-    else:
-        law = bulk
-        for name, value in own.items():  # which the law repeats
-            if not np.all(np.isclose(value, given := getattr(law, name), rtol=1e-12, atol=0.0)):
-                raise CaseError(
-                    f"{name} of the bulk law is {given:g}, that of the cell "
-                    f"{np.ravel(value)[0]:g}; give the same, and one for the whole cell"
-                )
-    if geometry not in ("conforming", "flat"):
-        raise CaseError(f"geometry must be 'conforming' or 'flat', got {geometry!r}")
-    if geometry == "flat":
-        if opposite is not None:
-            raise CaseError(
-                "a flat cell has no second body; use the conforming geometry, or the composite "
-                "surface and a material with the contact modulus of both"
-            )
-        if friction_coefficient != 0.0:
-            raise CaseError(
-                "a flat cell has neither friction nor a law at large strain; use the conforming "
-                "geometry"
-            )
-        return FlatCell(surface, depth, layers, law, obstacle, hardness)
-    if hardness is not None:
-        raise CaseError("a hardness caps the pressure of a flat cell only; use geometry='flat'")
-    if bulk is None and friction_coefficient == 0.0 and opposite is None:
-        return GraphCell(surface, depth, layers, law, obstacle)
-    return FiniteCell(surface, depth, layers, law, obstacle, friction_coefficient, opposite)

@@ -5,7 +5,8 @@ import numpy as np
 from multiscale.errors import CaseError
 from multiscale.laws.bulk import J2
 from multiscale.laws.bulk.moduli import contact_modulus
-from multiscale.micro.cell import Cell, GridCell
+from multiscale.micro.cell import GridCell
+from multiscale.micro.cell_maker import Cell
 from multiscale.pipeline.rough_bodies import InstrumentSurface
 from multiscale.pipeline.settings import Case
 from multiscale.pipeline.windows import Measured, cut_windows
