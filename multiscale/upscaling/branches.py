@@ -19,8 +19,8 @@ __all__ = ["fit_branches", "hysteretic_from_dataset", "with_unloading"]
 def fit_branches(response: "xr.Dataset", *, n_samples: int = 200, **options: Any) -> "xr.Dataset":
     """Fit the law of the loading, and of the unloading if cells have flowed and were unloaded.
 
-    Response (``MICRO_RESPONSE``), ``n_samples`` of each branch and options are those of
-    :func:`~multiscale.upscaling.fit_law`, and so is the law (``INTERFACE_LAW``).
+    Response (``MICRO_RESPONSE``), ``n_samples`` of each branch, options and the resulting law
+    (``INTERFACE_LAW``) are as in :func:`~multiscale.upscaling.fit_law`.
     """
     if "flowing_fraction" not in response.variables:
         return fit_law(response, n_samples=n_samples, **options)
@@ -53,8 +53,8 @@ def with_unloading(law: "xr.Dataset", response: "xr.Dataset", *, n_samples: int)
 
     Notes
     -----
-    The branches are those of :class:`~multiscale.laws.HystereticLaw`. Samples are of the spring
-    back alone: the loading law has its own.
+    :class:`~multiscale.laws.HystereticLaw` describes the branches. Samples are of the spring back
+    alone: the loading law has its own.
     """
     loading = law_from_dataset(law)
     seen = unloading_observations(response)

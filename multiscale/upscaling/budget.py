@@ -74,17 +74,17 @@ def error_budget(
     law : Dataset
         Follows ``INTERFACE_LAW``; fitted to the response by :func:`fit_law`.
     resolutions : mapping of float to Dataset, optional
-        From the ratio of its spacing to that of the response (2, or 2 and 4) to the response of
+        From the ratio of the spacings (coarser over response: 2, or 2 and 4) to the response of
         the same realisations on a coarser grid.
     sizes : mapping of float to Dataset, optional
-        From the ratio of its cell to that of the response (for instance 0.5) to a response of
-        cells with the same spectrum.
+        From the ratio of the sizes of the cells (other over response, for instance 0.5) to a
+        response of cells with the same spectrum.
     scales : ScaleSeparation, optional
         From :func:`compare_scales`.
     apart : bool, default False
         Whether resolutions and sizes, two at least of each, are ensembles of their own that are
         compared among themselves: the same small cells on several grids, and many cells of
-        several sizes on a coarse grid. Their scatter then counts for that of the response too.
+        several sizes on a coarse grid. Their scatter then counts for the response too.
 
     Returns
     -------
