@@ -35,7 +35,7 @@ GRANULATE = Schema(
         "velocity": Variable(_GRAIN, "m s-1", "velocities"),
         "contact_frame": Variable(("contact",), "1", "frame that a contact belongs to"),
         "contact_ends": Variable(
-            ("contact", "end"), "1", "grain, and grain or number of grains plus that of the wall"
+            ("contact", "end"), "1", "grain, and grain or number of grains plus number of the wall"
         ),
         "contact_force": Variable(
             ("contact", "component"), "N", "mean force of the step on the first end"

@@ -103,7 +103,7 @@ def solve_periodic(
     Parameters
     ----------
     basis : CellBasis
-        Of one displacement component.
+        Element of one displacement component.
     number : ndarray of int, shape (basis.N,)
         Number of the periodic unknown of every node.
     lame, shear : float or ndarray, shape (elements,)
@@ -128,7 +128,11 @@ def solve_periodic(
     pinned = (3 * fixed[:, None] + np.arange(3)).ravel()
     free = np.setdiff1d(np.arange(3 * count), pinned)  # no piece moves as a rigid body
 
-    linear = np.stack([(_tensor(k) @ basis.doflocs).T.ravel() for k in range(6)], axis=1)
+    unit = np.zeros((6, 3, 3))  # strain number k as a tensor; shear strains are angles
+    for k, (i, j) in enumerate(COMPONENTS):
+        unit[k, i, j] += 0.5
+        unit[k, j, i] += 0.5
+    linear = np.stack([(strain @ basis.doflocs).T.ravel() for strain in unit], axis=1)
     periodic = csr_array(place.T @ stiffness @ place)
     load = -(place.T @ (stiffness @ linear))
     matrix = periodic[free][:, free]
@@ -174,15 +178,6 @@ def _curved(mesh: "MeshTet", rve: Cavities, front: np.ndarray) -> "MeshTet":
         near, far = corners[:, mesh.edges[end, leaves]], corners[:, mesh.edges[1 - end, leaves]]
         nodes[:, corners.shape[1] + leaves] = 0.75 * near + 0.25 * far
     return MeshTet2(nodes, mesh.t, validate=False)
-
-
-def _tensor(k: int) -> np.ndarray:
-    """Return the unit strain number k as a tensor; shear strains are angles."""
-    i, j = COMPONENTS[k]
-    strain = np.zeros((3, 3))
-    strain[i, j] += 0.5
-    strain[j, i] += 0.5
-    return strain
 
 
 def _unknowns(basis: "CellBasis", mesh: CrackedMesh, size: np.ndarray) -> np.ndarray:
