@@ -304,7 +304,7 @@ def voids(modulus: float, porosity: float) -> float:
     basis = Basis(mesh, ElementHex1())
     number = np.ravel_multi_index(tuple(np.rint(n * basis.doflocs).astype(int) % n), (n, n, n))
     lame, shear = (value * share for value in lame_parameters(1.0, POISSON))
-    exact = YOUNG * solve_periodic(basis, number, lame, shear)[1]  # of 1 m3
+    exact = YOUNG * solve_periodic(basis, number, lame, shear).energy  # of 1 m3
     return float(np.abs(found - exact).max() / np.abs(exact).max())
 
 

@@ -136,14 +136,14 @@ def error_budget(
             f"response; fit it to this response"
         )
     pooled = sizes if apart else None
-    scatter, factor = sampling_term(response, law, pooled)
+    sampling = sampling_term(response, law, pooled)
     how = f"Student's interval of {gap.n_realisations} realisations"
     if pooled:
         how = "Student's interval, with the scatter of the sizes, which falls as 1/L"
-    if not np.any(np.isfinite(scatter)):
+    if not np.any(np.isfinite(sampling.half_width)):
         how = "not known: one realisation tells nothing of the scatter, solve 3"
     terms = {
-        "sampling": Term(how, scatter),
+        "sampling": Term(how, sampling.half_width),
         "fit": Term("error at pressures that the fit has not seen", fit_term(law, p)),
         "cell size": Term("not known: pass sizes, responses of cells of another size"),
         "micro discretisation": Term(
@@ -162,9 +162,9 @@ def error_budget(
     if resolutions:
         terms["micro discretisation"] = grid_term(response, resolutions, apart=apart)
     if scales is not None:
-        uneven = separation_term(law, scatter / factor, p, scales)
+        uneven = separation_term(law, sampling.half_width / sampling.factor, p, scales)
         terms["scale separation"] = Term(str(scales), uneven)
-    return assemble_budget(terms, QUANTITIES, p).assign_attrs(sampling_factor=factor)
+    return assemble_budget(terms, QUANTITIES, p).assign_attrs(sampling_factor=sampling.factor)
 
 
 def total_error(bias: np.ndarray, half_width: np.ndarray) -> np.ndarray:

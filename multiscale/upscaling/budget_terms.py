@@ -22,6 +22,7 @@ if TYPE_CHECKING:
 
 __all__ = [
     "NORMAL",
+    "Sampling",
     "Term",
     "each_value",
     "fit_term",
@@ -65,10 +66,18 @@ class Term:
     bias: np.ndarray | float = 0.0
 
 
+@dataclass(frozen=True, eq=False)
+class Sampling:
+    """Half-widths (3, steps) by the sampling of realisations, and their ratio to the scatter."""
+
+    half_width: np.ndarray
+    factor: float
+
+
 def sampling_term(
     response: "xr.Dataset", law: "xr.Dataset", sizes: Mapping[float, "xr.Dataset"] | None
-) -> tuple[np.ndarray, float]:
-    r"""Half-widths from the scatter of the realisations, and their ratio to the scatter.
+) -> Sampling:
+    r"""Half-widths from the scatter of the realisations.
 
     One rule serves all quantities and numbers of realisations: Student's interval of the mean.
     Gap and contact fraction are means over the realisations, and so is the compliance
@@ -103,7 +112,7 @@ def sampling_term(
     n = np.isfinite(np.stack(ensembles[0][1])).sum(axis=1)
     factor = t.ppf(0.975, np.maximum(freedom, 1)) / np.sqrt(np.maximum(n, 1))
     known = np.where((freedom > 0) & (n > 0), square / np.maximum(freedom, 1), np.nan)
-    return factor * np.sqrt(known), float(factor.min())
+    return Sampling(factor * np.sqrt(known), float(factor.min()))
 
 
 def fit_term(law: "xr.Dataset", p: np.ndarray) -> np.ndarray:

@@ -78,7 +78,7 @@ class Body:
 
 
 def evaluate(value: Value, position: np.ndarray, time: float, what: str) -> np.ndarray:
-    """Value at points of shape (d, n) and a time; refuses what is not finite."""
+    """Value at points of shape (d, n) and a time; refuses values that are not finite."""
     result = value(position, time) if callable(value) else value * time
     result = np.broadcast_to(np.asarray(result, dtype=float), position.shape[1:])
     if not np.all(np.isfinite(result)):

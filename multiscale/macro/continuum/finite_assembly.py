@@ -232,7 +232,7 @@ class FiniteAssembly:
     def couplings(
         self, u: np.ndarray, time: float, old: tuple[Coupling, ...] | None
     ) -> tuple[Coupling, ...]:
-        """Couplings at a displacement; those of small sliding stay as they are."""
+        """Couplings at a displacement; couplings of small sliding stay as they are."""
         d = self.start.shape[1]
         x = self.start + u.reshape(-1, d)
         result = []

@@ -11,6 +11,7 @@ V being the volume of the whole box. The error of the energy is quadratic in the
 the stiffness is an upper bound for the meshed cavities.
 """
 
+from dataclasses import dataclass
 from time import perf_counter
 from typing import TYPE_CHECKING
 
@@ -33,7 +34,7 @@ from multiscale.numerics.factorisation import factorise
 if TYPE_CHECKING:
     from skfem import CellBasis, MeshTet
 
-__all__ = ["mesh_stiffness", "solve_periodic"]
+__all__ = ["PeriodicFields", "mesh_stiffness", "solve_periodic"]
 
 LARGEST_RESIDUAL = 1e-8
 """Residual of the direct solver, relative to the load, above which a solve counts as failed."""
@@ -86,8 +87,8 @@ def mesh_stiffness(
     )
     basis = Basis(_curved(tetrahedra, rve, mesh.front), ElementTetP2(), intorder=2)
     number = _unknowns(basis, mesh, np.array(rve.size))
-    u, energy, residual = solve_periodic(basis, number, lame, shear)
-    energy /= np.prod(rve.size)
+    fields = solve_periodic(basis, number, lame, shear)
+    u, residual, energy = fields.displacement, fields.residual, fields.energy / np.prod(rve.size)
     seconds = perf_counter() - begin
     solved = [Status.CONVERGED if one <= LARGEST_RESIDUAL else Status.STALLED for one in residual]
     loads = [Solution(u[:, k], solved[k], (float(residual[k]),), (seconds,)) for k in range(6)]
@@ -95,9 +96,28 @@ def mesh_stiffness(
     return summarise_loads(symmetric, loads, LOST_STIFFNESS * youngs_modulus)
 
 
+@dataclass(frozen=True, eq=False)
+class PeriodicFields:
+    """Six states of a periodic volume, one for each mean strain.
+
+    Attributes
+    ----------
+    displacement : ndarray, shape (3 nodes, 6)
+        Three components of the displacement of each node, m.
+    energy : ndarray, shape (6, 6)
+        Twice the energy of pairs of mean strains, J.
+    residual : ndarray, shape (6,)
+        Residual of the direct solver, relative to the load; dimensionless.
+    """
+
+    displacement: np.ndarray
+    energy: np.ndarray
+    residual: np.ndarray
+
+
 def solve_periodic(
     basis: "CellBasis", number: np.ndarray, lame: float | np.ndarray, shear: float | np.ndarray
-) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+) -> PeriodicFields:
     """Solve (1) by a factorisation for the six mean strains.
 
     Parameters
@@ -107,16 +127,7 @@ def solve_periodic(
     number : ndarray of int, shape (basis.N,)
         Number of the periodic unknown of every node.
     lame, shear : float or ndarray, shape (elements,)
-        Pa.
-
-    Returns
-    -------
-    displacement : ndarray, shape (3 basis.N, 6)
-        Three components of the displacement of each node, m.
-    energy : ndarray, shape (6, 6)
-        Twice the energy of pairs of mean strains, J.
-    residual : ndarray, shape (6,)
-        Residual of the direct solver, relative to the load; dimensionless.
+        Lamé's parameters, Pa.
     """
     stiffness = assemble_elasticity(basis, lame, shear)
     count = int(number.max()) + 1
@@ -142,7 +153,7 @@ def solve_periodic(
     u = linear + place @ w
     scale = np.linalg.norm(stiffness @ linear, axis=0)
     residual = np.linalg.norm(matrix @ w[free] - load[free], axis=0) / scale
-    return u, u.T @ (stiffness @ u), residual
+    return PeriodicFields(u, u.T @ (stiffness @ u), residual)
 
 
 def _curved(mesh: "MeshTet", rve: Cavities, front: np.ndarray) -> "MeshTet":
