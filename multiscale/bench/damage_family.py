@@ -1,11 +1,12 @@
 """Two-scale fatigue: the error of cycle jumps against their run time."""
 
+from collections.abc import Iterator
 from functools import partial
 from typing import TYPE_CHECKING
 
 import numpy as np
 
-from multiscale.bench.trials import Report, Trial, judge_by, measure_trials
+from multiscale.bench.trials import Columns, Report, Runs, Trial, judge_by, measure_trials
 from multiscale.micro.damage import FatigueMaterial, StressBlock, two_scale_fatigue
 
 if TYPE_CHECKING:
@@ -73,7 +74,7 @@ def bench_damage(*, quick: bool, report: Report) -> "xr.Dataset":
     after a warm-up that takes imports and compilation.
     """
     tolerances = (None, *(QUICK_TOLERANCES if quick else TOLERANCES))
-    found = measure_trials(
+    return measure_trials(
         [
             Trial(
                 scene,
@@ -86,14 +87,19 @@ def bench_damage(*, quick: bool, report: Report) -> "xr.Dataset":
             for scene in (QUICK_SCENES if quick else SCENES)
             for tolerance in tolerances
         ],
-        judge_by(_truth, count="iterations"),
+        _judge,
         title="two-scale fatigue: error of the life against run time",
         packages=("numba",),
         report=report,
     )
-    error, every = found["error"].values, found["method"].values == EVERY
-    error[every] += found["error_uncertainty"].values[every]  # zero, or NaN if it did not end
-    return found
+
+
+def _judge(scene: str, runs: Runs) -> Iterator[tuple[Trial, Columns]]:
+    """Judge jumps by the run that follows every cycle, and that run by its substeps."""
+    for trial, columns in judge_by(_truth, count="iterations")(scene, runs):
+        if trial.method == EVERY:  # without an error, or with NaN if it did not end
+            columns["error"] += columns["error_uncertainty"]
+        yield trial, columns
 
 
 def _truth(scene: str, lives: list[float]) -> tuple[float, float]:

@@ -159,21 +159,18 @@ def bench_nonsmooth(*, quick: bool, report: Report) -> "xr.Dataset":
     would take longer to start than the solvers to run, so memory is not measured.
     """
     problems = {problem.scene: problem for problem in _problems(quick)}
-    cautions: list[str] = []
 
-    def trials() -> Iterator[Trial]:
-        for problem, method in ((one, name) for one in problems.values() for name in one.methods):
-            warm_up = partial(problem.solve, method=method, max_iterations=WARM_UP)
-            try:
-                warm_up()
-            except CaseError as error:
-                cautions.append(f"{method} is left out of {problem.scene!r}: {error}")
-                continue
-            task = partial(problem.solve, method=method)
-            yield Trial(problem.scene, method, task, warm_up, repeats=1 if quick else REPEATS)
+    def trial(problem: Problem, method: str) -> Trial:
+        warm_up, left_out = partial(problem.solve, method=method, max_iterations=WARM_UP), ""
+        try:
+            warm_up()
+        except CaseError as error:
+            left_out = f"of {problem.scene!r}: {error}"
+        task, repeats = partial(problem.solve, method=method), 1 if quick else REPEATS
+        return Trial(problem.scene, method, task, warm_up, repeats=repeats, left_out=left_out)
 
     return measure_trials(
-        trials(),
+        (trial(problem, method) for problem in problems.values() for method in problem.methods),
         partial(_judge, problems),
         title="complementarity and friction: residual of every method",
         packages=("clarabel",),
@@ -181,7 +178,6 @@ def bench_nonsmooth(*, quick: bool, report: Report) -> "xr.Dataset":
         report=report,
         process=False,
         wall_time_counts="median; without imports and compilation",
-        cautions=cautions,
     )
 
 
@@ -192,17 +188,22 @@ def _problems(quick: bool) -> Iterator[Problem]:
         yield friction_problem(name, quick=quick)
 
 
-def _judge(problems: Mapping[str, Problem], scene: str, runs: Runs) -> Iterator[Columns]:
+def _judge(
+    problems: Mapping[str, Problem], scene: str, runs: Runs
+) -> Iterator[tuple[Trial, Columns]]:
     """Verify the answers to a problem."""
     problem = problems[scene]
-    answers: list[Any] = [run.value for run in runs.values()]
-    for answer in answers:
+    for trial, run in runs.items():
+        answer: Any = run.value
         error = problem.verify(answer.value)
-        yield {
-            "error": error,
-            "tolerance": problem.tolerance,
-            "converged": int(error <= problem.tolerance),
-            "iterations": len(answer.residuals) - 1,
-            "unknowns": problem.unknowns,
-            "history": np.column_stack([answer.seconds, answer.residuals]),
-        }
+        yield (
+            trial,
+            {
+                "error": error,
+                "tolerance": problem.tolerance,
+                "converged": int(error <= problem.tolerance),
+                "iterations": len(answer.residuals) - 1,
+                "unknowns": problem.unknowns,
+                "history": np.column_stack([answer.seconds, answer.residuals]),
+            },
+        )

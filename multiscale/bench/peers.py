@@ -2,8 +2,6 @@
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
-from importlib.metadata import version
-from importlib.util import find_spec
 from typing import Literal
 
 import numpy as np
@@ -208,32 +206,21 @@ class Code:
     ----------
     solve : callable
         Surface, mean pressure (Pa) and contact modulus (Pa) to :class:`ContactAnswer`.
-    distribution, module : str
-        Names by which it is installed and imported.
+    module : str
+        Name by which the code is installed and imported.
     small_slope : bool
         Whether it solves the half-space problem for small slopes, with the roughness as a gap.
     """
 
     solve: Callable[[Surface, float, float], ContactAnswer]
-    distribution: str
     module: str
     small_slope: bool = True
 
-    @property
-    def installed(self) -> bool:
-        """Whether it can be imported."""
-        return find_spec(self.module) is not None
-
-    @property
-    def version(self) -> str:
-        """The installed version."""
-        return version(self.distribution)
-
 
 CODES: Mapping[str, Code] = {
-    "multiscale flat": Code(press_flat_cell, "multiscale", "multiscale"),
-    "multiscale conforming": Code(press_conforming_cell, "multiscale", "multiscale", False),
-    "Tamaas": Code(press_with_tamaas, "tamaas", "tamaas"),
-    "ContactMechanics": Code(press_with_contact_mechanics, "ContactMechanics", "ContactMechanics"),
+    "multiscale flat": Code(press_flat_cell, "multiscale"),
+    "multiscale conforming": Code(press_conforming_cell, "multiscale", small_slope=False),
+    "Tamaas": Code(press_with_tamaas, "tamaas"),
+    "ContactMechanics": Code(press_with_contact_mechanics, "ContactMechanics"),
 }
 """The codes side by side, by the name in the dataset."""

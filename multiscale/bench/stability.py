@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
-from multiscale.bench.record import versions
+from multiscale.bench.trials import versions
 from multiscale.errors import MultiscaleError
 from multiscale.executors import call_on_one_thread, process_pool
 from multiscale.schema import STABILITY

@@ -58,8 +58,8 @@ def structure(bar_over_cable: float, prestress: float, load_factor: float) -> fl
     """Tensegrity grid at rest: distance from equilibrium and from the laws of its links."""
     from multiscale.bench.structures_family import GridMethod, solve_grid, verify
 
-    grid = _grid(bar_over_cable, prestress)
-    return verify(grid, load_factor, solve_grid(grid, load_factor, GridMethod("auto", MODULES)))
+    grid, method = _grid(bar_over_cable, prestress), GridMethod("auto", MODULES, pardiso=True)
+    return verify(grid, load_factor, solve_grid(grid, load_factor, method))
 
 
 def motion(bar_over_cable: float, prestress: float, step: float) -> float:

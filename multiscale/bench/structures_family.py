@@ -181,11 +181,9 @@ def bench_structures(*, quick: bool, report: Report) -> "xr.Dataset":
     checks of the structure and all that is prepared from it, after the solution of a small grid
     that takes the imports and the compilation. *Memory* is that of the whole process.
     """
-    methods = {
-        name: method
-        for name, method in GRID_METHODS.items()
-        if not method.pardiso or find_spec("pypardiso") is not None
-    }
+    no_pardiso = ""
+    if find_spec("pypardiso") is None:
+        no_pardiso = "because pypardiso is not installed; pip install 'multiscale[pardiso]'"
     grids = {n: scene_grid(n) for n in (QUICK_MODULES if quick else MODULES)}
     trials = {
         Trial(
@@ -198,10 +196,11 @@ def bench_structures(*, quick: bool, report: Report) -> "xr.Dataset":
                 "unknowns": int(np.count_nonzero(~grid.fixed)),
             },
             1 if quick or n > REPEATED else REPEATS,
+            left_out=no_pardiso if method.pardiso else "",
         ): (grid, load_factor)
         for load_factor in LOAD_FACTORS
         for n, grid in grids.items()
-        for name, method in methods.items()
+        for name, method in GRID_METHODS.items()
         if n <= method.largest
     }
     return measure_trials(
@@ -214,34 +213,27 @@ def bench_structures(*, quick: bool, report: Report) -> "xr.Dataset":
             f"median, above {REPEATED} x {REPEATED} modules one run; without start of the process, "
             f"imports and compilation"
         ),
-        cautions=(
-            f"{name} is left out because pypardiso is not installed; "
-            f"pip install 'multiscale[pardiso]'"
-            for name in GRID_METHODS
-            if name not in methods
-        ),
     )
 
 
 def _judge(
     solved: Mapping[Trial, tuple[LinkSystem, float]], scene: str, runs: Runs
-) -> Iterator[Columns]:
-    """Verify the answers, and compare those to one grid; NaN if a process died."""
+) -> Iterator[tuple[Trial, Columns]]:
+    """Verify the answers, and compare answers to one grid."""
     answers = {trial: run.value for trial, run in runs.items() if run.value is not None}
     residuals = {trial: verify(*solved[trial], answer) for trial, answer in answers.items()}
     good = [trial for trial, residual in residuals.items() if residual <= TOLERANCE]
     newton = [trial for trial in good if GRID_METHODS[trial.method].method == "newton"]
-    for trial in runs:
+    for trial, answer in answers.items():
         system = solved[trial][0]
         others = [one for one in newton if one is not trial and solved[one][0] is system]
-        columns: Columns = dict.fromkeys(("iterations", "slack_fraction", "error"), np.nan)
-        if trial in answers:
-            columns["iterations"] = answers[trial].iterations
-        if trial in answers and others:
-            columns["error"] = distance(system, answers[trial].tension, answers[others[0]].tension)
-        if trial in good:
-            columns["slack_fraction"] = answers[trial].slack / trial.settings["cables"]
-        yield columns | {
-            "residual": residuals.get(trial, np.nan),
+        columns: Columns = {
+            "iterations": answer.iterations,
+            "residual": residuals[trial],
             "converged": int(trial in good),
         }
+        if others:
+            columns["error"] = distance(system, answer.tension, answers[others[0]].tension)
+        if trial in good:
+            columns["slack_fraction"] = answer.slack / trial.settings["cables"]
+        yield trial, columns

@@ -253,17 +253,23 @@ def bench_substructures(*, quick: bool, report: Report) -> "xr.Dataset":
     )
 
 
-def _judge(scenes: Mapping[Trial, CutScene], name: str, runs: Runs) -> Iterator[Columns]:
-    """Compare the answers to a scene; NaN if a process died."""
+def _judge(
+    scenes: Mapping[Trial, CutScene], name: str, runs: Runs
+) -> Iterator[tuple[Trial, Columns]]:
+    """Compare the answers to a scene."""
     answers = {trial.method: run.value for trial, run in runs.items()}
     for trial in runs:
         mine, other = answers[trial.method], answers[CUT_METHODS[trial.method == CUT_METHODS[0]]]
-        error = np.nan
-        if mine is not None and other is not None:
-            error = scenes[trial].error(mine.value, other.value)
-        yield {
-            "unknowns": np.nan if mine is None else mine.unknowns,
-            "iterations": np.nan if mine is None else mine.iterations,
-            "error": error,
-            "converged": int(mine is not None and mine.converged and error <= RIGHT),
-        } | ({} if mine is None else {"history": mine.history})
+        if mine is None:
+            continue
+        error = np.nan if other is None else scenes[trial].error(mine.value, other.value)
+        yield (
+            trial,
+            {
+                "unknowns": mine.unknowns,
+                "iterations": mine.iterations,
+                "error": error,
+                "converged": int(mine.converged and error <= RIGHT),
+                "history": mine.history,
+            },
+        )

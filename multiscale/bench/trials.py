@@ -1,19 +1,22 @@
 """Trials: the same question answered ever better, each time at its price."""
 
+import os
 from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass, field
 from functools import partial
+from importlib.metadata import version
+from importlib.util import find_spec
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from multiscale.bench.measure import THREADS, Measurement, measure
-from multiscale.bench.record import load_average, record, versions
+from multiscale.schema import WORK_PRECISION
 
 if TYPE_CHECKING:
     import xarray as xr
 
-__all__ = ["Columns", "Judge", "Report", "Runs", "Trial", "judge_by", "measure_trials"]
+__all__ = ["Columns", "Judge", "Report", "Runs", "Trial", "judge_by", "measure_trials", "versions"]
 
 Report = Callable[[str], None]
 """Gets a line after each measurement."""
@@ -38,7 +41,9 @@ class Trial:
     repeats : int
         Number of runs, whose median time counts.
     follows : Trial, optional
-        An earlier one, whose answer, or None if its process died, the task gets.
+        Earlier trial, whose answer the task gets, or None if its process died.
+    left_out : str
+        Why the method is not measured, such as "because it is not installed"; empty if it is.
     """
 
     scene: str
@@ -48,16 +53,17 @@ class Trial:
     settings: Mapping[str, float] = field(default_factory=dict)
     repeats: int = 1
     follows: "Trial | None" = None
+    left_out: str = ""
 
 
 Runs = Mapping[Trial, Measurement[Any]]
 """What the trials returned and took, in their order."""
 
 Columns = dict[str, Any]
-"""Variables of ``WORK_PRECISION`` of one trial."""
+"""Variables of ``WORK_PRECISION`` in one row of the table."""
 
-Judge = Callable[[str, Runs], Iterable[Columns]]
-"""From a scene and its runs to ``error``, ``converged`` and more of each of them."""
+Judge = Callable[[str, Runs], Iterable[tuple[Trial, Columns]]]
+"""From a scene and its runs to the rows of each trial, with ``error``, ``converged`` and more."""
 
 
 def measure_trials(
@@ -76,31 +82,36 @@ def measure_trials(
     Parameters
     ----------
     trials : iterable of Trial
-        Trials, of each scene from coarse to fine; all settings have the same names.
+        Trials, of each scene from coarse to fine.
     judge : callable
         Says how good the answers to a scene are; see :func:`judge_by` for numbers.
     title : str
         Question of the family.
     packages : tuple of str
-        Packages whose versions are recorded.
+        Packages whose versions are recorded where they are installed.
     threads : int
-        That a run may use.
+        Number of threads that a run may use.
     report : callable
         Gets a line after each measurement.
     process : bool
         Whether each run has a process of its own; otherwise memory is not measured.
     **attributes
-        Of :func:`multiscale.bench.record.record`.
+        Further attributes of the dataset.
 
     Returns
     -------
     Dataset
-        Follows ``WORK_PRECISION``; its histories are joined from ``history`` of the judge, shape
-        (samples, 2), seconds and errors.
+        Follows ``WORK_PRECISION``. A row that lacks a variable of other rows is NaN there, and a
+        trial without a row of the judge has one without an error. Histories are joined from
+        ``history`` of the judge, shape (samples, 2), seconds and errors. The attribute ``cautions``
+        has a sentence for each method that is left out.
     """
-    load = load_average()
-    runs: dict[Trial, Measurement[Any]] = {}
+    load = os.getloadavg()[0]
+    cautions, runs = dict[str, None](), dict[Trial, Measurement[Any]]()
     for trial in trials:
+        if trial.left_out:
+            cautions[f"{trial.method} is left out {trial.left_out}"] = None
+            continue
         known = () if trial.follows is None else (runs[trial.follows].value,)
         runs[trial] = measure(
             partial(trial.task, *known),
@@ -111,37 +122,48 @@ def measure_trials(
         )
         settings = "".join(f", {name} {value:g}" for name, value in trial.settings.items())
         report(f"{trial.scene}, {trial.method}{settings}: {runs[trial].wall_time:.3g} s")
-    judged: dict[Trial, Columns] = {}
+    rows: list[Columns] = []
     for scene in dict.fromkeys(trial.scene for trial in runs):
         mine = {trial: run for trial, run in runs.items() if trial.scene == scene}
-        judged |= zip(mine, judge(scene, mine), strict=True)
-    histories = [judged[trial].pop("history", np.zeros((0, 2))) for trial in runs]
-    samples = np.concatenate(histories)
-    found = {
-        "history_run": np.repeat(np.arange(len(runs)), [len(one) for one in histories]),
-        "history_seconds": samples[:, 0],
-        "history_error": samples[:, 1],
-    }
+        judged: dict[Trial, list[Columns]] = {trial: [] for trial in mine}
+        for trial, columns in judge(scene, mine):
+            judged[trial].append(columns)
+        for trial, run in mine.items():
+            row = {"scene": scene, "method": trial.method, "wall_time": run.wall_time}
+            row |= {"peak_memory": run.peak_memory} if process else {}
+            row |= {"error": np.nan, "converged": 0, **trial.settings}
+            rows += [row | columns for columns in judged[trial] or [{}]]
+    histories = [row.pop("history", np.zeros((0, 2))) for row in rows]
+    names = dict.fromkeys(name for row in rows for name in row)
+    variables = {name: np.array([row.get(name, np.nan) for row in rows]) for name in names}
+    if sum(map(len, histories)):
+        variables["history_run"] = np.repeat(np.arange(len(rows)), [*map(len, histories)])
+        variables["history_seconds"], variables["history_error"] = np.concatenate(histories).T
     repeats = max(trial.repeats for trial in runs)
-    rows: list[Columns] = [
-        {"scene": trial.scene, "method": trial.method, "wall_time": run.wall_time}
-        | ({"peak_memory": run.peak_memory} if process else {})
-        | {**trial.settings, **judged[trial]}
-        for trial, run in runs.items()
-    ]
-    return record(
-        rows,
-        found if len(samples) else {},
-        threads=threads,
-        load_before=load,
+    return WORK_PRECISION.build(
+        variables,
         **{
             "title": title,
             "versions": versions(*packages),
+            "threads": threads,
+            "cores": os.cpu_count() or 1,
+            "load_before": load,
+            "load_after": os.getloadavg()[0],  # processes that run or wait, mean of a minute
             "repeats": repeats,
             "wall_time_counts": f"{'median' if repeats > 1 else 'one run'}; without start of the "
             f"process, imports and compilation",
+            "cautions": "\n".join(cautions),
             **attributes,
         },
+    )
+
+
+def versions(*packages: str) -> str:
+    """Name the versions of this package and of the other packages that are installed."""
+    return ", ".join(
+        f"{name} {version(name)}"
+        for name in dict.fromkeys(("multiscale", *packages))
+        if find_spec(name) is not None
     )
 
 
@@ -151,8 +173,8 @@ def judge_by(truth: Callable[[str, list[float]], tuple[float, float]], *, count:
     Parameters
     ----------
     truth : callable
-        Gets a scene and the mean answers of its trials; returns the true answer, and how far that
-        may be off, relative to it.
+        Gets a scene and the mean answers of its trials; returns the true answer, and its
+        uncertainty relative to it.
     count : str
         Variable of ``WORK_PRECISION`` that a task returns after its number, if any.
 
@@ -163,19 +185,20 @@ def judge_by(truth: Callable[[str, list[float]], tuple[float, float]], *, count:
         NaN if the process died or did not converge.
     """
 
-    def judge(scene: str, runs: Runs) -> Iterable[Columns]:
+    def judge(scene: str, runs: Runs) -> Iterable[tuple[Trial, Columns]]:
         found = [
             np.atleast_1d((np.nan, np.nan) if run.value is None else run.value)
             for run in runs.values()
         ]
         answers = [one[:1] if count else one for one in found]
         exact, uncertainty = truth(scene, [float(one.mean()) for one in answers])
-        for run, whole, samples in zip(runs.values(), found, answers, strict=True):
-            yield {
+        for (trial, run), whole, samples in zip(runs.items(), found, answers, strict=True):
+            columns = {
                 "error": float(np.sqrt(np.mean((samples / exact - 1.0) ** 2))),
                 "error_uncertainty": uncertainty,
                 "wall_time": run.wall_time / samples.size,
                 "converged": int(np.isfinite(samples).all()),
-            } | ({count: float(whole[1])} if count else {})
+            }
+            yield trial, columns | ({count: float(whole[1])} if count else {})
 
     return judge
