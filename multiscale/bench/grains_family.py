@@ -8,22 +8,20 @@ import numpy as np
 
 from multiscale.bench import yade
 from multiscale.bench.measure import THREADS
-from multiscale.bench.trials import Report, Trial, judge_by, measure_trials
+from multiscale.bench.trials import BenchFamily, Trial, judge_by
 
 if TYPE_CHECKING:
-    import xarray as xr
-
     from multiscale.macro.granulate import Model
 
-__all__ = ["EXACT", "answer", "bench_grains"]
+__all__ = ["EXACT", "answer", "plan_grains"]
 
 GRAVITY, RADIUS = 9.81, 0.01  # m/s2, m
 HEIGHT, RESTITUTION, DURATION = 1.0, 0.8, 1.2
-"""Of the fall of a bouncing grain, m; its restitution; and when its height is asked for, s."""
+"""Height of the fall of a bouncing grain, m; its restitution; time of the answer, s."""
 FRICTION, SPEED, ROLLED = 0.3, 1.0, 0.3
-"""Of the sliding grain, its speed at the start, m/s, and when its way is asked for, s."""
+"""Friction coefficient of the sliding grain; its speed at the start, m/s; time of the answer, s."""
 GRAINS, QUICK_GRAINS, SETTLING = 200, 20, 0.5
-"""Spheres of a deposit, and when its height is asked for, s."""
+"""Number of spheres of a deposit, and time of the answer, s."""
 
 BOUNCE, ROLL, DEPOSIT = (
     "height of a bouncing grain",
@@ -32,7 +30,7 @@ BOUNCE, ROLL, DEPOSIT = (
 )
 STEPS, QUICK_STEPS = (8e-3, 4e-3, 2e-3, 1e-3, 5e-4), (4e-3, 2e-3)  # s
 FINEST = 8.0
-"""The deposit's reference has steps so many times shorter than the shortest."""
+"""Length of the shortest step over the length of the steps of the reference of a deposit."""
 COMPLIANCES = {"rigid": 0.0, "compliant": 0.02}
 
 
@@ -48,7 +46,7 @@ def _bounced() -> float:
 
 
 def _rolled() -> float:
-    """Way of a sphere that slides, until 5/7 of its speed is left, and then rolls, m."""
+    """Way of a sphere that slides until 5/7 of its speed is left, and then rolls, m."""
     slides = 2.0 * SPEED / (7.0 * FRICTION * GRAVITY)
     way = SPEED * slides - 0.5 * FRICTION * GRAVITY * slides**2
     return way + 5.0 / 7.0 * SPEED * (ROLLED - slides)
@@ -58,7 +56,7 @@ EXACT = {BOUNCE: _bounced(), ROLL: _rolled()}  # m
 
 
 def answer(scene: str, compliance: float, step: float, grains: int = QUICK_GRAINS) -> float:
-    """Follow a scene in steps of a length: what is asked for, m."""
+    """Return the height or way of a scene after steps of a length, m."""
     from multiscale.macro.granulate import ContactLaw, Grains, Model, PlaneWall, simulate_grains
 
     size = np.array([RADIUS])
@@ -89,8 +87,8 @@ def _yade(grains: int) -> float:
     return yade.settle(_heap(grains), SETTLING, threads=THREADS).height
 
 
-def bench_grains(*, quick: bool, report: Report) -> "xr.Dataset":
-    """Follow grains in ever shorter steps, with rigid and with compliant contacts.
+def plan_grains(*, quick: bool) -> BenchFamily:
+    """Plan to follow grains in ever shorter steps, with rigid and with compliant contacts.
 
     If quick, two lengths of steps, and a smaller deposit.
 
@@ -124,12 +122,11 @@ def bench_grains(*, quick: bool, report: Report) -> "xr.Dataset":
         {"time_step": yade.time_step(_heap(1))},
         left_out="" if which(yade.PROGRAM) else "because it is not installed; apt install yade",
     )
-    return measure_trials(
+    return BenchFamily(
         [*trials, by_yade],
         judge_by(partial(_truth, min(lengths) / FINEST, grains)),
         title="grains in motion: heights and ways",
         packages=("numba",),
-        report=report,
     )
 
 

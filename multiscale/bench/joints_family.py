@@ -9,11 +9,10 @@ from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from functools import cached_property, partial
 from time import perf_counter
-from typing import TYPE_CHECKING
 
 import numpy as np
 
-from multiscale.bench.trials import Columns, Report, Runs, Trial, measure_trials
+from multiscale.bench.trials import BenchFamily, Columns, Runs, Trial
 from multiscale.errors import ConvergenceError
 from multiscale.fe.boxes import box_mesh
 from multiscale.laws import Exponential, Sliders
@@ -26,10 +25,7 @@ from multiscale.macro.substructures.joint_state import without_slip
 from multiscale.macro.substructures.latin import Latin, LatinIterate
 from multiscale.macro.substructures.latin_solver import solve_step
 
-if TYPE_CHECKING:
-    import xarray as xr
-
-__all__ = ["JOINT_SCENES", "JointScene", "bench_joints", "measure_effectivity"]
+__all__ = ["JOINT_SCENES", "JointScene", "measure_effectivity", "plan_joints"]
 
 EDGE, YOUNG, PRESSURE = 0.02, 210e9, 20e6
 """Edge of the blocks, m, their modulus and the mean pressure, Pa."""
@@ -192,18 +188,18 @@ def _solve_whole(
         yield u[numbers], traction.T, area / np.maximum(k, SOFTEST * k.mean(axis=1, keepdims=True))
 
 
-def bench_joints(*, quick: bool, report: Report) -> "xr.Dataset":
-    """Tabulate the effectivity of the heuristic indicator over scenes, steps and iterations.
+def plan_joints(*, quick: bool) -> BenchFamily:
+    """Plan to measure the effectivity of the heuristic indicator in scenes, steps and iterations.
 
     If quick, two scenes only. A scene has a row for each step and decade of the true error, at the
     first iteration below it.
 
     Notes
     -----
-    *Times* of a row count the iterations and the indicator of its step. *Memory* is that of the
-    whole scene.
+    *Times* of a row count the iterations and the indicator of its step. *Memory* counts the whole
+    scene.
     """
-    return measure_trials(
+    return BenchFamily(
         [
             Trial(
                 name,
@@ -215,8 +211,7 @@ def bench_joints(*, quick: bool, report: Report) -> "xr.Dataset":
         ],
         _judge,
         title="rough joints with friction: heuristic indicator over true error",
-        report=report,
-        wall_time_counts="iterations and indicator, without the preparation",
+        attributes={"wall_time_counts": "iterations and indicator, without the preparation"},
     )
 
 

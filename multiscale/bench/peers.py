@@ -28,7 +28,7 @@ POISSONS_RATIO = 0.3
 
 @dataclass(frozen=True)
 class ContactAnswer:
-    """What a code found.
+    """Answer of a code.
 
     Attributes
     ----------
@@ -57,7 +57,7 @@ def press_flat_cell(surface: Surface, pressure: float, contact_modulus: float) -
     Parameters
     ----------
     surface : Surface
-        Heights of the elastic body under a rigid flat; those of a square cell.
+        Heights of the elastic body under a rigid flat, on a square cell.
     pressure : float
         Mean pressure, Pa.
     contact_modulus : float
@@ -80,7 +80,8 @@ def press_conforming_cell(
 ) -> ContactAnswer:
     """Press the conforming cell, n/8 but at most 20 layers deep; see :func:`press_flat_cell`.
 
-    The layers grow with the points, so that the error of the depth falls with that of the surface.
+    The number of layers grows with the points, so that the errors of depth and surface fall
+    together.
     """
     layers = min(max(surface.heights.shape[0] // 8, 8), 20)
     return _solve_cell(surface, pressure, contact_modulus, "conforming", layers)
@@ -171,7 +172,7 @@ def press_with_contact_mechanics(
     result = system.minimize_proxy(
         external_force=pressure * length * width,
         pentol=overlap,
-        forcetol=contact_modulus * surface.spacing[0] * overlap,  # what the overlap presses with
+        forcetol=contact_modulus * surface.spacing[0] * overlap,  # force of the overlap
         maxiter=MAX_ITERATIONS,
     )
     return _answer(surface, result.x, result.jac, int(result.nit), converged=bool(result.success))

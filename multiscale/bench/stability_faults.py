@@ -21,7 +21,7 @@ def joint_faults(
     steps: "Iterable[tuple[np.ndarray, np.ndarray, np.ndarray]]",
     stiffness: float,
 ) -> float:
-    r"""Measure how far tractions and jumps are from what bodies and law allow.
+    r"""Measure the distance of tractions and jumps from bodies and law.
 
     Parameters
     ----------

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from multiscale.bench.structures_family import distance, scene_grid
-from multiscale.bench.trials import Columns, Report, Runs, Trial, measure_trials
+from multiscale.bench.trials import BenchFamily, Columns, Runs, Trial
 from multiscale.fe.boxes import box_mesh
 from multiscale.laws import Exponential, Sliders
 from multiscale.laws.bulk import Elastic
@@ -38,13 +38,13 @@ __all__ = [
     "CUT_METHODS",
     "CutAnswer",
     "CutScene",
-    "bench_substructures",
     "make_scenes",
+    "plan_substructures",
     "solve_scene",
 ]
 
 CUT_METHODS = ("whole structure", "Newton-Schur", "LATIN")
-"""The first one is the reference of the others, and the second one that of the first."""
+"""Methods: the first one is the reference of the others, and the second one of the first one."""
 
 MODULES, QUICK_MODULES = (16, 32, 64, 128), (8, 16)
 """Along an edge of the grid."""
@@ -53,7 +53,7 @@ EDGE = 8
 """Modules along an edge of a substructure, at most: half of the smallest grid."""
 
 TOLERANCE = 1e-8
-"""Asked of the substructured solvers."""
+"""Tolerance of the substructured solvers."""
 
 RIGHT = 1e-7
 """Error up to which an answer counts as converged: the stopping test of LATIN is heuristic."""
@@ -67,7 +67,7 @@ ONCE = 64
 
 @dataclass(frozen=True, eq=False)
 class CutScene:
-    """A structure at one load.
+    """A structure under one load.
 
     Attributes
     ----------
@@ -75,11 +75,11 @@ class CutScene:
     structure : LinkSystem or Problem
         Links that are still to be cut, or elastic bodies, assembled and cut.
     factor : ndarray, shape (1, cases)
-        Of the load cases.
+        Factors of the load cases.
     parts : tuple of int
         Substructures of links along x and y.
     repeats : int
-        Runs of each method.
+        Number of runs of each method.
     """
 
     name: str
@@ -105,7 +105,7 @@ class CutScene:
 
 @dataclass(frozen=True, eq=False)
 class CutAnswer:
-    """What a method found.
+    """Answer of a method.
 
     Attributes
     ----------
@@ -116,7 +116,7 @@ class CutAnswer:
     iterations : float
     unknowns : int
     history : ndarray, shape (samples, 2)
-        Seconds and error after each iteration, if the method tells and there was a reference.
+        Seconds and error after each iteration; empty without a reference.
     """
 
     value: np.ndarray
@@ -210,8 +210,8 @@ def _answer(
     )
 
 
-def bench_substructures(*, quick: bool, report: Report) -> "xr.Dataset":
-    """Solve every scene by LATIN, by Newton-Schur and without a cut.
+def plan_substructures(*, quick: bool) -> BenchFamily:
+    """Plan to solve every scene by LATIN, by Newton-Schur and without a cut.
 
     If quick, two small grids, coarser bodies, and one run of each method.
     The dataset has histories.
@@ -225,7 +225,7 @@ def bench_substructures(*, quick: bool, report: Report) -> "xr.Dataset":
 
     *Times* begin with the structure of links, or with the assembled substructures of bodies, and
     count the cut of the former; each run has a process of its own, after a small one that takes
-    imports and compilation. *Memory* is that of the whole process. Each method has one process
+    imports and compilation. *Memory* counts the whole process. Each method has one process
     of one thread, so that no substructure is solved beside another.
     """
     small = make_scenes(quick=True)
@@ -243,13 +243,12 @@ def bench_substructures(*, quick: bool, report: Report) -> "xr.Dataset":
                 follows=whole,
             )
             trials[trial], whole = scene, whole or trial
-    return measure_trials(
+    return BenchFamily(
         trials,
         partial(_judge, trials),
         title="cut structures: LATIN, Newton-Schur and the whole structure, in one process",
         packages=("scipy", "pypardiso"),
         threads=THREADS,
-        report=report,
     )
 
 

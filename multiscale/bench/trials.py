@@ -1,4 +1,4 @@
-"""Trials: the same question answered ever better, each time at its price."""
+"""Trials: the same question answered ever more accurately, each answer with its time."""
 
 import os
 from collections.abc import Callable, Iterable, Mapping
@@ -16,10 +16,16 @@ from multiscale.schema import WORK_PRECISION
 if TYPE_CHECKING:
     import xarray as xr
 
-__all__ = ["Columns", "Judge", "Report", "Runs", "Trial", "judge_by", "measure_trials", "versions"]
-
-Report = Callable[[str], None]
-"""Gets a line after each measurement."""
+__all__ = [
+    "BenchFamily",
+    "Columns",
+    "Judge",
+    "Runs",
+    "Trial",
+    "judge_by",
+    "measure_family",
+    "versions",
+]
 
 
 @dataclass(frozen=True, eq=False)
@@ -37,7 +43,7 @@ class Trial:
     warm_up : callable
         Takes imports and compilation in that process, untimed.
     settings : mapping of str to float
-        How well it is answered: variables of ``WORK_PRECISION``, such as ``points``.
+        Settings of the accuracy: variables of ``WORK_PRECISION``, such as ``points``.
     repeats : int
         Number of runs, whose median time counts.
     follows : Trial, optional
@@ -57,7 +63,7 @@ class Trial:
 
 
 Runs = Mapping[Trial, Measurement[Any]]
-"""What the trials returned and took, in their order."""
+"""Measurements of the trials, in their order."""
 
 Columns = dict[str, Any]
 """Variables of ``WORK_PRECISION`` in one row of the table."""
@@ -66,18 +72,9 @@ Judge = Callable[[str, Runs], Iterable[tuple[Trial, Columns]]]
 """From a scene and its runs to the rows of each trial, with ``error``, ``converged`` and more."""
 
 
-def measure_trials(
-    trials: Iterable[Trial],
-    judge: Judge,
-    *,
-    title: str,
-    packages: tuple[str, ...] = (),
-    threads: int = THREADS,
-    report: Report = lambda line: None,
-    process: bool = True,
-    **attributes: Any,
-) -> "xr.Dataset":
-    """Measure answers to questions, and judge them.
+@dataclass(frozen=True, eq=False)
+class BenchFamily:
+    """Questions of one kind, with everything that it takes to measure and judge the answers.
 
     Parameters
     ----------
@@ -91,12 +88,33 @@ def measure_trials(
         Packages whose versions are recorded where they are installed.
     threads : int
         Number of threads that a run may use.
-    report : callable
-        Gets a line after each measurement.
     process : bool
         Whether each run has a process of its own; otherwise memory is not measured.
-    **attributes
+    error : str
+        Long name of ``error``, if it differs from the name in ``WORK_PRECISION``.
+    attributes : mapping of str to (str or float)
         Further attributes of the dataset.
+    """
+
+    trials: Iterable[Trial]
+    judge: Judge
+    title: str
+    packages: tuple[str, ...] = ()
+    threads: int = THREADS
+    process: bool = True
+    error: str = ""
+    attributes: Mapping[str, str | float] = field(default_factory=dict)
+
+
+def measure_family(family: BenchFamily, report: Callable[[str], None]) -> "xr.Dataset":
+    """Measure answers to questions, and judge them.
+
+    Parameters
+    ----------
+    family : BenchFamily
+        Questions, answers and their judge.
+    report : callable
+        Gets a line after each measurement.
 
     Returns
     -------
@@ -108,7 +126,7 @@ def measure_trials(
     """
     load = os.getloadavg()[0]
     cautions, runs = dict[str, None](), dict[Trial, Measurement[Any]]()
-    for trial in trials:
+    for trial in family.trials:
         if trial.left_out:
             cautions[f"{trial.method} is left out {trial.left_out}"] = None
             continue
@@ -117,8 +135,8 @@ def measure_trials(
             partial(trial.task, *known),
             warm_up=trial.warm_up,
             repeats=trial.repeats,
-            threads=threads,
-            process=process,
+            threads=family.threads,
+            process=family.process,
         )
         settings = "".join(f", {name} {value:g}" for name, value in trial.settings.items())
         report(f"{trial.scene}, {trial.method}{settings}: {runs[trial].wall_time:.3g} s")
@@ -126,11 +144,11 @@ def measure_trials(
     for scene in dict.fromkeys(trial.scene for trial in runs):
         mine = {trial: run for trial, run in runs.items() if trial.scene == scene}
         judged: dict[Trial, list[Columns]] = {trial: [] for trial in mine}
-        for trial, columns in judge(scene, mine):
+        for trial, columns in family.judge(scene, mine):
             judged[trial].append(columns)
         for trial, run in mine.items():
             row = {"scene": scene, "method": trial.method, "wall_time": run.wall_time}
-            row |= {"peak_memory": run.peak_memory} if process else {}
+            row |= {"peak_memory": run.peak_memory} if family.process else {}
             row |= {"error": np.nan, "converged": 0, **trial.settings}
             rows += [row | columns for columns in judged[trial] or [{}]]
     histories = [row.pop("history", np.zeros((0, 2))) for row in rows]
@@ -140,12 +158,12 @@ def measure_trials(
         variables["history_run"] = np.repeat(np.arange(len(rows)), [*map(len, histories)])
         variables["history_seconds"], variables["history_error"] = np.concatenate(histories).T
     repeats = max(trial.repeats for trial in runs)
-    return WORK_PRECISION.build(
+    found = WORK_PRECISION.build(
         variables,
         **{
-            "title": title,
-            "versions": versions(*packages),
-            "threads": threads,
+            "title": family.title,
+            "versions": versions(*family.packages),
+            "threads": family.threads,
             "cores": os.cpu_count() or 1,
             "load_before": load,
             "load_after": os.getloadavg()[0],  # processes that run or wait, mean of a minute
@@ -153,9 +171,12 @@ def measure_trials(
             "wall_time_counts": f"{'median' if repeats > 1 else 'one run'}; without start of the "
             f"process, imports and compilation",
             "cautions": "\n".join(cautions),
-            **attributes,
+            **family.attributes,
         },
     )
+    if family.error:
+        found["error"].attrs["long_name"] = family.error
+    return found
 
 
 def versions(*packages: str) -> str:

@@ -16,9 +16,9 @@ __all__ = ["PROGRAM", "Settled", "settle", "time_step"]
 
 PROGRAM = "yade"
 YOUNGS_MODULUS = 1e7
-"""Pa: soft, so that explicit steps are long; overlaps reach half a percent of a radius."""
+"""Young's modulus, Pa: soft, for long explicit steps; overlaps reach .5 % of a radius."""
 SAFE = 0.3
-"""Length of a step over the time that a wave takes through a radius."""
+"""Length of a step over the time of a wave through a radius, dimensionless."""
 
 SCRIPT = """
 import json

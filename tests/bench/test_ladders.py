@@ -11,14 +11,15 @@ from multiscale.bench.peers import CODES
 from multiscale.bench.structures_family import GRID_METHODS
 from multiscale.bench.substructures_family import CUT_METHODS, RIGHT
 from multiscale.bench.summary import join_families, tabulate_cheapest
-from multiscale.bench.trials import Trial, judge_by, measure_trials
+from multiscale.bench.trials import BenchFamily, Trial, judge_by, measure_family
 from multiscale.io import open_dataset
 from multiscale.schema import WORK_PRECISION
 
 
 def climb_one(task, exact=2.0):
     trials = [Trial("a", "b", task, lambda: None, {"points": 4})]
-    return measure_trials(trials, judge_by(lambda *_: (exact, 0.5)), title="c").isel(run=0)
+    family = BenchFamily(trials, judge_by(lambda *_: (exact, 0.5)), title="c")
+    return measure_family(family, print).isel(run=0)
 
 
 @pytest.mark.usefixtures("in_this_process")
@@ -46,7 +47,7 @@ def test_a_judge_gives_a_trial_any_number_of_rows_and_a_lost_one_has_no_values()
             error = {"error": step * runs[other].value, "history": np.full((step, 2), step)}
             yield other, {"scene": f"{scene}{step}", "converged": 1} | error
 
-    found = measure_trials([one, other, left, left], judge, title="c")
+    found = measure_family(BenchFamily([one, other, left, left], judge, title="c"), print)
     assert list(found["scene"].values) == ["a", "a1", "a2"]
     np.testing.assert_array_equal(found["error"], [np.nan, 2.0, 4.0])
     np.testing.assert_array_equal(found["converged"], [0, 1, 1])
@@ -153,10 +154,10 @@ def test_an_error_below_the_uncertainty_of_the_reference_is_unknown():
     assert rows[0] == ("wave", "m0, 1 s", "m0, 1 s", "unknown", "unknown")
 
 
-def test_every_family_is_a_module_with_a_function_of_its_name():
+def test_every_family_is_a_module_with_a_plan():
     from importlib import import_module
 
     for family in FAMILIES:
         assert callable(
-            getattr(import_module(f"multiscale.bench.{family}_family"), f"bench_{family}")
+            getattr(import_module(f"multiscale.bench.{family}_family"), f"plan_{family}")
         )
