@@ -71,7 +71,7 @@ def joint_faults(
         nearest = law.resolvent(t + stiffness * moved, stiffness, state) - moved
         response = law.respond(moved + np.clip(nearest, -rounding, rounding), state)
         faults.append(np.abs(response.traction - t).max())
-        state, before = response.state, y
+        state, before = response.state.copy(), y
         state[-2:] = 0.0  # the tangential jumps from which the next step counts
     return float(np.max(faults))
 

@@ -47,7 +47,7 @@ CUT_METHODS = ("whole structure", "Newton-Schur", "LATIN")
 """Methods: the first one is the reference of the others, and the second one of the first one."""
 
 MODULES, QUICK_MODULES = (16, 32, 64, 128), (8, 16)
-"""Along an edge of the grid."""
+"""Numbers of modules along an edge of the grid."""
 
 EDGE = 8
 """Modules along an edge of a substructure, at most: half of the smallest grid."""
@@ -59,7 +59,7 @@ RIGHT = 1e-7
 """Error up to which an answer counts as converged: the stopping test of LATIN is heuristic."""
 
 THREADS = 1
-"""The substructures of a process are solved one after the other, whatever the threads."""
+"""Number of threads: the substructures of a process are solved one after the other."""
 
 ONCE = 64
 """Modules along an edge from which on each method runs once."""
@@ -72,12 +72,13 @@ class CutScene:
     Attributes
     ----------
     name : str
-    structure : LinkSystem or Problem
+        Name in the table.
+    structure : LinkSystem or CutProblem
         Links that are still to be cut, or elastic bodies, assembled and cut.
     factor : ndarray, shape (1, cases)
         Factors of the load cases.
     parts : tuple of int
-        Substructures of links along x and y.
+        Numbers of substructures of links along x and y.
     repeats : int
         Number of runs of each method.
     """
@@ -114,7 +115,9 @@ class CutAnswer:
     converged : bool
         Whether the method says so.
     iterations : float
+        Number of iterations.
     unknowns : int
+        Number of unknowns.
     history : ndarray, shape (samples, 2)
         Seconds and error after each iteration; empty without a reference.
     """
@@ -156,10 +159,16 @@ def make_scenes(*, quick: bool = False) -> list[CutScene]:
 
 def solve_scene(scene: CutScene, method: str, reference: CutAnswer | None = None) -> CutAnswer:
     """Solve a scene by one of ``CUT_METHODS``; with a reference, note the errors on the way."""
-    if method == CUT_METHODS[0]:
-        return _solve_whole(scene)
     begin, history = perf_counter(), []
+    if method == CUT_METHODS[0] and isinstance(scene.structure, LinkSystem):
+        result = solve_static(scene.structure, float(scene.factor[0, 0]))
+        unknowns = int(np.count_nonzero(~scene.structure.fixed))
+        steps = int(result["iterations"]) - 1
+        return CutAnswer(result["tension"].values, bool(result["converged"]), steps, unknowns)
     problem = scene.cut()
+    if method == CUT_METHODS[0]:
+        return _answer(problem, solve_whole(problem, scene.factor))
+    latin = method == CUT_METHODS[2]
     order = np.concatenate(
         [part.links.number if part.links else [] for part in problem.substructures]
     )
@@ -167,29 +176,16 @@ def solve_scene(scene: CutScene, method: str, reference: CutAnswer | None = None
     def note(_: int, __: float, state: Any) -> None:
         if reference is None:
             return
-        if isinstance(scene.structure, CutProblem):
-            latin = method == CUT_METHODS[2]
-            value = problem.average(state.u) if latin else state.displacement()
-        else:
+        if order.size:
             value = np.empty(order.size)
-            value[order.astype(int)] = (
-                state.tension if method == CUT_METHODS[2] else state.tension()
-            )
+            value[order.astype(int)] = state.tension if latin else state.tension()
+        else:
+            value = problem.average(state.u) if latin else state.displacement()
         history.append((perf_counter() - begin, scene.error(value, reference.value)))
 
-    solve = solve_latin if method == CUT_METHODS[2] else solve_schur
+    solve = solve_latin if latin else solve_schur
     result = solve(problem, scene.factor, tolerance=TOLERANCE, callback=note)
     return _answer(problem, result, history)
-
-
-def _solve_whole(scene: CutScene) -> CutAnswer:
-    """Solve without a cut."""
-    if isinstance(scene.structure, LinkSystem):
-        result = solve_static(scene.structure, float(scene.factor[0, 0]))
-        unknowns = int(np.count_nonzero(~scene.structure.fixed))
-        steps = int(result["iterations"]) - 1
-        return CutAnswer(result["tension"].values, bool(result["converged"]), steps, unknowns)
-    return _answer(scene.structure, solve_whole(scene.structure, scene.factor))
 
 
 def _answer(
