@@ -9,7 +9,7 @@ from multiscale.micro.contact_area import HALF_SPACE
 from multiscale.micro.finite import finite_cell
 from multiscale.micro.graph_cell import element_edges
 from tests.closed_forms import mindlin
-from tests.support import egg_box, observed_rate, rough_square
+from tests.support import egg_box, observed_rate, rough_square, slow
 
 
 @pytest.fixture
@@ -97,15 +97,7 @@ def test_tangential_over_normal_stiffness():
 
 
 @pytest.mark.parametrize("bulk", [None, NeoHookean(1.0, 0.3)], ids=["small", "large strain"])
-@pytest.mark.parametrize(
-    "mu",
-    [
-        0.0,
-        pytest.param(0.1, marks=pytest.mark.slow),
-        0.2,
-        pytest.param(0.3, marks=pytest.mark.slow),
-    ],
-)
+@pytest.mark.parametrize("mu", [*slow(0.0, 0.1), 0.2, *slow(0.3)])
 def test_sliding_up_an_inclined_facet(bulk, mu):
     n, tangent, rise = 64, 0.1, 0.8
     x = np.arange(n) / n
