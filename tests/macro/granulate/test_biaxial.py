@@ -57,7 +57,7 @@ def test_a_triangular_lattice_of_discs_follows_rowes_closed_form(friction):
     assert float(curve["volumetric_strain"]) == pytest.approx(dilated, rel=1e-3)
 
 
-@pytest.fixture(scope="module", params=[0.0, 0.5])
+@pytest.fixture(scope="module", params=[*slow(0.0), 0.5])
 def test_run(request):
     """Friction, model, step and 8 % of axial strain of a small packing of discs."""
     radii = np.where(np.arange(100) % 2, 0.01, 0.014)
