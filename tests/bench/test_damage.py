@@ -35,6 +35,7 @@ def test_the_family_leaves_a_dataset_and_a_figure(stored):
     stored(found, 1000)
 
 
+@pytest.mark.slow
 def test_a_process_that_died_leaves_no_number(monkeypatch):
     monkeypatch.setattr(trials, "measure", lambda *_, **__: Measurement(None, np.nan, np.nan))
     found = bench("damage", quick=True)

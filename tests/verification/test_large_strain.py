@@ -187,6 +187,7 @@ def test_a_sphere_in_partial_slip_follows_cattaneo_and_mindlin():
     assert stick == pytest.approx(mindlin.stick_radius(ratio[1]) ** 2, abs=0.06)
 
 
+@pytest.mark.slow
 def test_the_work_of_friction_is_the_work_done_on_the_obstacle():
     """Over a closed loop the elastic energy returns, whatever the mean surface did."""
     surface = egg_box(16, 0.02)
