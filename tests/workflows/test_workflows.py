@@ -19,9 +19,10 @@ SLOW = (*SCRIPTS, "lap_joint.toml", "rough_blocks.toml")
 
 def files(pattern):
     """Files of the workflows, those that take long marked as slow."""
-    for path in sorted(FOLDER.glob(pattern)):
-        marks = [pytest.mark.slow] if path.name in SLOW else []
-        yield pytest.param(path, marks=marks, id=path.stem)
+    return [
+        pytest.param(path, marks=[pytest.mark.slow] if path.name in SLOW else [], id=path.stem)
+        for path in sorted(FOLDER.glob(pattern))
+    ]
 
 
 @pytest.mark.parametrize("script", files("*.py"))
