@@ -294,7 +294,7 @@ def test_a_worker_of_dask_that_is_killed_is_replaced_by_another(dask, swept, tmp
     assert_identical(tmp_path / "out", swept)
 
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_a_scheduler_of_dask_that_is_killed_is_one_sentence(dask, swept, tmp_path):
     address, (scheduler, *_) = dask
     begun = start(tmp_path, "--dask", address)
