@@ -128,7 +128,11 @@ def scale_friction(
         friction=np.where(friction > 0.0, friction, 1.0) * unit[:, 0] / unit[:, 1],  # (1)
         reaction_unit=unit * size,
         velocity_unit=size / unit,
-        measure=(np.asarray(friction, dtype=float), contact_mass(mobility[:, :dim]), step),
+        measure=(
+            np.ascontiguousarray(friction, dtype=float),
+            contact_mass(mobility[:, :dim]),
+            step,
+        ),
         size=closing_norm(velocity.reshape(contacts, dim)),
     )
 
@@ -156,7 +160,9 @@ def _with_diagonal(data, indices, indptr):  # type: ignore[no-untyped-def]
                 if indices[k] > i:
                     place += 1
             columns[place] = indices[k]
-            blocks[place, :dim, :dim] = data[k]
+            for a in range(dim):  # a slice would have the compiler write its error message
+                for b in range(dim):
+                    blocks[place, a, b] = data[k, a, b]
             place += 1
         if diagonal[i] < 0:
             diagonal[i] = place

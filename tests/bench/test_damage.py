@@ -26,6 +26,7 @@ def test_every_cycle_is_nearest_to_the_reference_then_the_finer_of_both_toleranc
     assert by_tolerance[0.01] < by_tolerance[0.1] < 0.1
 
 
+@pytest.mark.slow
 def test_a_process_that_died_leaves_no_number(in_this_process):
     in_this_process.append(lambda *_: True)
     found = bench("damage", quick=True)

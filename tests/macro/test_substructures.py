@@ -21,6 +21,7 @@ from multiscale.macro.substructures import (
     split_boxes,
     split_grid,
 )
+from tests.support import slow
 
 
 def tension_error(system, tension, reference):
@@ -41,7 +42,7 @@ def tensions(grid):
 
 
 @pytest.mark.parametrize("load_factor", [0.25, 1.0, 4.0])
-@pytest.mark.parametrize("parts", [1, 2, 4, 8])
+@pytest.mark.parametrize("parts", [*slow(1), 2, *slow(4), 8])
 def test_substructures_of_a_tensegrity_have_the_monolithic_tensions(
     grid, tensions, parts, load_factor
 ):

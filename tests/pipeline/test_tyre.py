@@ -16,7 +16,7 @@ from multiscale.pipeline.stages.braking import solve_treads
 from multiscale.pipeline.stages.roads import make_roads, slide_road
 from multiscale.report import draw_figures, write_report
 from multiscale.upscaling import fit_law, friction_at, friction_observations
-from tests.support import COMMAND, case_of, run_python
+from tests.support import COMMAND, case_of, run_python, slow
 
 TEXT = shipped_cases()["tyre_on_road"].read_text(encoding="utf-8")
 SMALL = (
@@ -73,7 +73,8 @@ def test_the_law_is_one_bell_that_the_temperature_shifts(finished):
 
 
 @pytest.mark.parametrize(
-    "lost", ["speed_exponent", "speed_exponent_sample", "held", "wlf_c1", "rms_error_over_peak"]
+    "lost",
+    [*slow("speed_exponent", "speed_exponent_sample", "held"), "wlf_c1", "rms_error_over_peak"],
 )
 def test_a_law_of_an_earlier_version_is_answered_in_a_sentence(finished, tmp_path, lost):
     _, out, _ = finished

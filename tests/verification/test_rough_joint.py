@@ -25,6 +25,7 @@ from multiscale.macro import (
 )
 from multiscale.schema import MACRO_RESULT
 from tests.closed_forms import joint as closed_form
+from tests.support import slow
 
 E, HEIGHT = 210e9, 0.02
 SECTION = (0.05, 0.04)
@@ -242,7 +243,11 @@ def test_the_condensed_joint_equals_the_monolithic_one(law, eccentricity, elemen
 
 
 @pytest.mark.parametrize("eccentricity", PLATENS)
-@pytest.mark.parametrize("contrast", 10.0 ** np.arange(-6, 13, 2), ids="{:g}".format)
+@pytest.mark.parametrize(
+    "contrast",
+    [1e-6, *slow(1e-4, 1e-2), 1.0, *slow(1e2, 1e4), 1e6, *slow(1e8, 1e10), 1e12],
+    ids="{:g}".format,
+)
 @pytest.mark.parametrize("kind", ["exponential", "cubic"])
 def test_a_law_of_any_stiffness_is_solved_or_reported(kind, contrast, eccentricity):
     pressure = np.array([1e7])
