@@ -155,12 +155,15 @@ def _renamed(content: dict[str, Any], path: Path) -> dict[str, Any]:
         return content
     if "structure" in new.keys() - content.keys():
         new["structure"] = {"kind": "blocks"} | new["structure"]
-    loads = _table(content, ("loading",))
-    if "shear" not in loads and not loads.get("cycles"):  # written by a run without cycles
-        new.pop("cycles", None)
+    if _table(new, ("cycles",)).get("cycles") == 0:  # as a run without cycles has written it
+        del new["cycles"]
     old = _list(name for name in RENAMED if name in content or name in sweep)
     now = _list(
-        dict.fromkeys(place for (table, _), (place, _) in RENAMINGS.items() if place in new)
+        dict.fromkeys(
+            place
+            for (table, key), (place, _) in RENAMINGS.items()
+            if key in _table(content, (table,)) or key in _table(sweep, (table,))
+        )
     )
     warn(
         f"{path}: {old} of an earlier version of case files is read as {now}; write {now} instead",
@@ -222,7 +225,8 @@ def validate_case(content: dict[str, Any], path: Path) -> AnyCase:
     defaults = {name: field.default for name, field in Case.model_fields.items()}
     given = [name for name, value in case if value not in (None, defaults[name])]
     if unread := [name for name in given if name not in read]:
-        tables = " and ".join(f"[{name}]" if name in content else name for name in unread)
+        of_tables = {name for name, value in content.items() if isinstance(value, dict)}
+        tables = " and ".join(f"[{name}]" if name in of_tables else name for name in unread)
         raise CaseError(
             f"{path}: {tables} would be read by no stage of this case, which has the stages "
             f"{', '.join(one.name for one in stages)}; leave it out"

@@ -104,9 +104,7 @@ class Case(Settings):
     body_2: RoughBody = ABSENT
     cell: CellSettings = ABSENT
     micro: MicroSettings = ABSENT
-    law: LawSettings = Field(
-        default_factory=lambda given: LawSettings() if given.get("micro") else ABSENT
-    )
+    law: LawSettings = ABSENT
     slide: SlideSettings | None = Field(None, description="Slide of the bodies over each other.")
     accuracy: AccuracySettings | None = Field(
         None, description="Target of a planner, which then chooses the cells."
@@ -119,6 +117,12 @@ class Case(Settings):
     substructures: Substructures | None = None
     grains: GrainSettings = ABSENT
     motion: Motion = ABSENT
+
+    @model_validator(mode="before")
+    @classmethod
+    def _fit_law_of_cells(cls, given: Any) -> Any:
+        """Ask for a law wherever there are cells."""
+        return {"law": {}} | given if "micro" in given else given
 
     @field_validator("interface", "statics", mode="before")
     @classmethod
