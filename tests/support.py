@@ -93,9 +93,9 @@ size = ["20 mm", "20 mm", "10 mm"]
 elements = [2, 2, 1]
 youngs_modulus = "210 GPa"
 poissons_ratio = 0
-[joint]
+[interface]
 friction = 0.2
-[loading]
+[statics]
 preloads = ["5 MPa", "20 MPa"]
 """
 

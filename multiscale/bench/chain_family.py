@@ -21,9 +21,10 @@ SCENE = "stiffness of a ground steel joint"
 
 def joint_stiffness(points: int, realisations: int, first: int = 0) -> float:
     """Run the case on a grid, from a first realisation on: stiffness of the joint, Pa/m."""
-    from multiscale.pipeline import Case, load_case_of, run
+    from multiscale.pipeline import Case, load_case, run
 
-    case = load_case_of(Case, CASE)
+    case = load_case(CASE)
+    assert isinstance(case, Case)  # as this shipped case is
     cell = case.cell.model_copy(update={"points": (points, points)})
     micro = case.micro.model_copy(
         update={"realisations": realisations, "seed": case.micro.seed + first}

@@ -235,8 +235,10 @@ realisations = 3
 pressures = ["10 MPa", "30 MPa", "100 MPa", "300 MPa"]
 [law]
 samples = 0
-[joint]
+[structure]
+kind = "blocks"
 height = "20 mm"
 width = "20 mm"
+[statics]
 preloads = ["20 MPa"]
 """

@@ -51,7 +51,7 @@ def test_every_scene_runs(scene, tmp_path):
     settings = load_case(scene).quick()
     if settings.structure.kind == "lap_joint":
         pytest.importorskip("gmsh", exc_type=Exception)
-    law = write_law(tmp_path / "interface_law.nc") if settings.joint else None
+    law = write_law(tmp_path / "interface_law.nc") if settings.interface else None
     result = run_macro(settings, tmp_path / "macro_result.nc", law=law)
     assert result["converged"].values.all()
     schema = GRANULATE if "grain" in result.dims else MACRO_RESULT
@@ -59,7 +59,7 @@ def test_every_scene_runs(scene, tmp_path):
     series = ElementTree.parse(tmp_path / "fields" / "macro_result.pvd")
     files = [tmp_path / "fields" / entry.get("file") for entry in series.iter("DataSet")]
     shown = result.sizes["frame" if "grain" in result.dims else "step"]
-    assert len(files) == shown * (2 if settings.joint else 1)
+    assert len(files) == shown * (2 if settings.interface else 1)
     assert all(meshio.read(file).cells for file in files)
 
 
