@@ -185,11 +185,10 @@ def _monolithic(scene: JointScene, problem: CutProblem) -> Iterator[_Exact]:
         raise ConvergenceError(found.attrs["failure"])
     weight = np.concatenate([joint.weight for joint in problem.joints])
     numbers = np.concatenate([part.unknown for part in problem.substructures])
-    free, u = problem.number >= 0, np.empty(problem.n)
     for displacement, jump, traction in zip(
         *(found[name].values for name in ("displacement", "jump", "traction")), strict=True
     ):
-        u[problem.number[free]] = displacement[free]
+        u = problem.unknowns(displacement)
         k = without_slip(law, jump.T)
         k = np.maximum(k, SOFTEST * k.mean(axis=1, keepdims=True))
         yield _Exact(problem, u[numbers], traction.T, weight, k)

@@ -19,7 +19,7 @@ grains                                 :func:`granulate.simulate_grains`
 """
 
 from multiscale.macro import granulate
-from multiscale.macro.bodies import Assembly, Interface
+from multiscale.macro.bodies import Assembly, Interface, Platen
 from multiscale.macro.continuum import (
     Body,
     Contact,
@@ -50,9 +50,9 @@ from multiscale.macro.dynamics import simulate
 from multiscale.macro.joint import (
     Block,
     RoughJoint,
-    assemble_joint,
     cycled_joint,
     press_joint,
+    pressed_blocks,
     rough_joint,
     soften,
 )
@@ -81,12 +81,12 @@ __all__ = [
     "LatinMethod",
     "LinkSystem",
     "NewtonSchur",
+    "Platen",
     "RigidCylinder",
     "RigidGraph",
     "RigidPlane",
     "RigidSphere",
     "RoughJoint",
-    "assemble_joint",
     "cable_net",
     "critical_factor",
     "cut_bodies",
@@ -97,6 +97,7 @@ __all__ = [
     "load_mesh",
     "mechanism_modes",
     "press_joint",
+    "pressed_blocks",
     "prestress_by_itself",
     "quadruplex_module",
     "rough_joint",

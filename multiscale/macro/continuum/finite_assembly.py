@@ -91,6 +91,11 @@ class FiniteAssembly:
         if not any(body.supports for body in self.bodies.values()):
             raise CaseError("no body has a support; hold one of them by its supports")
         for name, body in self.bodies.items():
+            if body.element is not None:
+                raise CaseError(
+                    f"body {name!r} has an element of its own, {type(body.element).__name__}; "
+                    f"contact at large displacement takes the corners of the mesh as nodes"
+                )
             if not body.supports and name not in touched:
                 raise CaseError(
                     f"body {name!r} has neither a support nor a contact; give it one of them"

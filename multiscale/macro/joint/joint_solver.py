@@ -86,10 +86,11 @@ def rough_joint(
     where :math:`N` interpolates to the quadrature points, :math:`\omega` are their weights and
     :math:`\ell` is the motion that the force :math:`P` works on. Jump and elastic displacement
     are unknowns of their own: neither is the small difference of large numbers, however stiff
-    the law or the blocks. The monolithic form of the same problem is :func:`assemble_joint`.
+    the law or the blocks. The monolithic form of the same problem is the assembly
+    :func:`pressed_blocks`.
     """
     preloads = check_preloads(preloads)
-    model = condense_joint(joint)
+    model = condense_joint(joint, law)
     limits = Limits(max_iterations, tolerance)
     names = (*ratios(law), "interface_stiffness", "approach", "mean_gap", "closed_fraction")
     values = {name: np.full(preloads.size, np.nan) for name in (*names, "residual", "wall_time")}

@@ -34,6 +34,7 @@ def body_stiffness(problem: CutProblem, joint: CutInterface) -> tuple[np.ndarray
         total = float(np.abs(problem.substructures[owner].stiffness.diagonal()) @ touched)
         found.append(total / weight.sum() / joint.weight.size**0.25)
         held.append((np.diff(trace.indptr) == 0).reshape(3, -1))
+    found = [k or max(found) for k in found]  # of a side that is held as a whole
     lean = [a ** (1.0 - LEAN) * b**LEAN for a, b in (found, found[::-1])]
     return tuple(np.where(rows, RIGID * max(found), k) for rows, k in zip(held, lean, strict=True))
 

@@ -127,7 +127,7 @@ def _solve_step(
     if run.converged:
         method.commit()
     return {
-        "displacement": np.append(method.displacement(), 0.0)[method.problem.number[:, :3]],
+        "displacement": method.problem.displacement(method.displacement()),
         **method.joint_fields(imbalance),
         **link_fields(
             method.problem,
