@@ -12,7 +12,10 @@ displacement and sliding               linear
 links or elastic bodies, cut           :func:`solve_latin`, :func:`solve_schur`: any interface law
 (:func:`cut_links`,                    between the bodies, many substructures, several processes
 :func:`cut_bodies`)
-``RoughJoint``: two elastic blocks     :func:`rough_joint`: a normal law, condensed onto the jump
+``Assembly``: elastic bodies, any      :func:`solve_assembly`: assembled Newton, LATIN, Newton-Schur
+interface law, rigid plates
+``RoughJoint``: two elastic blocks     :func:`rough_joint`: a normal law, condensed onto the jump;
+                                       :func:`pressed_blocks` makes an ``Assembly`` of it
 matrices of elastic bodies and a jump  :func:`solve_interface`: any law, all unknowns together
 grains                                 :func:`granulate.simulate_grains`
 =====================================  ==========================================================

@@ -46,7 +46,7 @@ class Platen:
     Along the other axes the nodes of the boundary are free, or held by the supports of the body. A
     plate that is guided has one unknown, its displacement. One that tilts has three, which are its
     displacements at its middle and at the ends of its half-lengths along the two other axes, so
-    that they move with a rigid body as those of nodes do.
+    that they move with a rigid body as the displacements of nodes do.
 
     Attributes
     ----------

@@ -53,7 +53,7 @@ class Body:
         For a boundary, the components of a dead load per undeformed area, Pa, in the same form.
     element : Element, optional
         Scalar scikit-fem element of every displacement component, for instance ``ElementHex2()``;
-        that of the corners of the mesh if not given. Its unknowns are the nodes of the body.
+        the corners of the mesh are its nodes if not given. Its unknowns are the nodes of the body.
     pins : mapping of tuple to sequence
         For the position of a single node, m, its prescribed displacement, as in ``supports``.
 

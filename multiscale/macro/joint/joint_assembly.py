@@ -78,17 +78,12 @@ def condense_joint(joint: RoughJoint, law: InterfaceLaw) -> CondensedJoint:
     problem, (platen,), (lower, upper) = cut_assembly(assembly), assembly.platens, assembly.bodies
     (interface,), arm = problem.joints, platen.arm(upper)
     found = []
-    for name, body, first, place in (
-        ("lower", lower, 0, 0),
-        ("upper", upper, lower.basis.N, 1),
-    ):
+    for place, name, body, first in ((0, "lower", lower, 0), (1, "upper", upper, lower.basis.N)):
         part = problem.substructures[interface.sides[place]]
         nodes = body.nodes(str(assembly.interfaces[0].boundaries[place]))
         number = problem.expansion[3 * (first + nodes) + 2].indices
-        face, free = (
-            np.searchsorted(part.unknown, number),
-            np.flatnonzero(part.unknown < problem.n - arm.size),
-        )
+        face = np.searchsorted(part.unknown, number)
+        free = np.flatnonzero(part.unknown < problem.n - arm.size)
         solve = factorise(part.stiffness[free][:, free], name=f"the stiffness of the {name} block")
         rows = eye_array(free.size, format="csr")[np.searchsorted(free, face)]
         values = interface.trace[place][: interface.weight.size, face]  # normal

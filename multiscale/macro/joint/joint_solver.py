@@ -64,7 +64,7 @@ def rough_joint(
         ``solid_stiffness`` belongs to the same blocks without a jump between them. A step that
         failed is NaN with ``converged`` 0, one far outside the data of the law is NaN with
         ``known`` 0; a sample that failed is NaN. A law with an unloading
-        branch also gives ``unloading_stiffness``, that of a preload which begins to fall and
+        branch also gives ``unloading_stiffness``, under a preload which begins to fall and
         comes back.
 
     Raises
@@ -181,7 +181,7 @@ def check_preloads(preloads: np.ndarray) -> np.ndarray:
 
 
 def ratios(law: InterfaceLaw) -> dict[str, float]:
-    """Stiffness of the law on its branches, over that of the loading."""
+    """Stiffness of the law on its branches, over its stiffness in loading."""
     if isinstance(law, HystereticLaw):
         return {"joint_stiffness": 1.0, "unloading_stiffness": law.stiffness_ratio}
     return {"joint_stiffness": 1.0}

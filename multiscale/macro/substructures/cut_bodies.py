@@ -352,7 +352,7 @@ def _frame(upper: Body, boundary: str) -> np.ndarray:
 
 
 def _twins(joint: Interface, lower: Body, upper: Body) -> tuple[np.ndarray, np.ndarray]:
-    """Nodes of the lower body at those of the upper boundary, and its facets at the upper ones."""
+    """Nodes of the lower body at the nodes of the upper boundary, and facets at its facets."""
     low, up = (
         body.nodes(str(name)) for body, name in zip((lower, upper), joint.boundaries, strict=True)
     )

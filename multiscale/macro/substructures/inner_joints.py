@@ -38,7 +38,7 @@ def move_joints_inside(problem: CutProblem) -> tuple[CutProblem, list[InnerJoint
 
     What was a joint between two substructures is then a perfect interface, on the first side of
     the joint, between one of them and the other with the joint: its stiffness, from none to
-    rigid, is that of a substructure.
+    rigid, is a stiffness of this substructure.
 
     Raises
     ------

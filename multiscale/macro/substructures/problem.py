@@ -188,7 +188,7 @@ class CutProblem:
         return int(self.substructures[0].load.shape[1])
 
     def displacement(self, value: np.ndarray) -> np.ndarray:
-        """Displacement of the nodes from that of the unknowns, shape (nodes, 3), m."""
+        """Displacement of the nodes, shape (nodes, 3), from the value of the unknowns, m."""
         return np.asarray((self.expansion @ value).reshape(len(self.position), -1)[:, :3])
 
     def unknowns(self, displacement: np.ndarray) -> np.ndarray:

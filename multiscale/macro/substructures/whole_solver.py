@@ -188,7 +188,7 @@ def prepare_bodies(whole: Assembled, kept: np.ndarray | None = None) -> Prepared
 
 @dataclass(frozen=True)
 class _SideBySide(InterfaceLaw):
-    """Laws of interfaces side by side, each with its own points; state rows are those of most."""
+    """Laws of interfaces side by side, each at its points, with as many state rows as any has."""
 
     laws: Sequence[InterfaceLaw]
     points: Sequence[int]
