@@ -179,11 +179,10 @@ def _solve_whole(
         raise ConvergenceError(found.attrs["failure"])
     area = np.concatenate([joint.weight for joint in problem.joints])
     numbers = np.concatenate([part.unknown for part in problem.substructures])
-    free, u = problem.number >= 0, np.empty(problem.n)
     for displacement, jump, traction in zip(
         *(found[name].values for name in ("displacement", "jump", "traction")), strict=True
     ):
-        u[problem.number[free]] = displacement[free]
+        u = problem.unknowns(displacement)
         k = without_slip(scene.law, jump.T)
         yield u[numbers], traction.T, area / np.maximum(k, SOFTEST * k.mean(axis=1, keepdims=True))
 

@@ -192,11 +192,11 @@ def _answer(
     problem: CutProblem, result: "xr.Dataset", history: Sequence[tuple[float, float]] = ()
 ) -> CutAnswer:
     """Tension of the links, or displacement of the unknowns, that a solver of a cut has found."""
-    free, value = problem.number >= 0, np.empty(problem.n)
-    if problem.n_links:
-        value = result["tension"].values[0]
-    else:
-        value[problem.number[free]] = result["displacement"].values[0][free]
+    value = (
+        result["tension"].values[0]
+        if problem.n_links
+        else problem.unknowns(result["displacement"].values[0])
+    )
     return CutAnswer(
         value,
         bool(result["converged"][0]),

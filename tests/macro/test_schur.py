@@ -100,7 +100,7 @@ def test_substructures_of_a_plate_bend_like_the_plate(parts):
     problem = thin_plate(parts)
     whole = assemble(problem)
     K, load = whole.stiffness, whole.load
-    expected = np.append(spsolve(K.tocsc(), load[:, 0]), 0.0)[problem.number]
+    expected = problem.displacement(spsolve(K.tocsc(), load[:, 0]))
     result = solve_schur(problem)
     assert result.converged == 1
     assert result.krylov_iterations <= 20
@@ -115,7 +115,7 @@ def monolithic(problem, law, steps):
     for step in range(steps):
         u = solve_interface(K, load[:, step], jump, weight, law, state=state, start=u).unwrap()
         state = law.respond((jump @ u).reshape(3, -1), state).state
-        found.append(np.append(u, 0.0)[problem.number])
+        found.append(problem.displacement(u))
     return found
 
 

@@ -17,12 +17,13 @@ from multiscale.laws.interface_law import InterfaceLaw, Response
 from multiscale.macro import (
     Block,
     RoughJoint,
-    assemble_joint,
     press_joint,
+    pressed_blocks,
     rough_joint,
     soften,
     solve_interface,
 )
+from multiscale.macro.substructures import assemble, cut_assembly
 from multiscale.schema import MACRO_RESULT
 from tests.closed_forms import joint as closed_form
 from tests.support import slow
@@ -230,15 +231,16 @@ def test_the_condensed_joint_equals_the_monolithic_one(law, eccentricity, elemen
     joint = RoughJoint(
         SECTION, lower, upper, elements=(3, 2), eccentricity=eccentricity, element=element
     )
-    stiffness, load, jump_operator, weight = assemble_joint(joint)
+    whole = assemble(cut_assembly(pressed_blocks(joint, law)))
+    load = whole.load[:, 0]
     result = rough_joint(joint, law, PRELOADS, tolerance=1e-12)
     for step, preload in enumerate(PRELOADS):
         u = solve_interface(
-            stiffness, preload * load, jump_operator, weight, law, tolerance=1e-12
+            whole.stiffness, preload * load, whole.jump, whole.weight, law, tolerance=1e-12
         ).unwrap()
         approach = u @ load / joint.area
         assert float(result["approach"][step]) == pytest.approx(approach, rel=1e-10)
-        gap = weight @ (jump_operator @ u)[: weight.size] / joint.area
+        gap = whole.weight @ (whole.jump @ u)[: whole.weight.size] / joint.area
         assert float(result["mean_gap"][step]) == pytest.approx(gap, rel=1e-10)
 
 
