@@ -191,7 +191,7 @@ OLD_SCENE = OLD_SCENE.replace("[cycles]\n", "")
         pytest.param(
             OLD_JOINT,
             CELLS + BLOCKS,
-            r"\[joint\] of an earlier .* is read as \[structure\] and \[statics\]; write",
+            r"wrote as \[joint\] is read as \[structure\] and \[statics\]; write \[structure\]",
             id="joint",
         ),
         pytest.param(
