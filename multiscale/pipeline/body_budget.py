@@ -1,4 +1,4 @@
-"""The error budget of the joints of a scene, from that of their law."""
+"""The error budget of rough joints, from the error budget of their law."""
 
 from collections.abc import Callable
 from typing import TYPE_CHECKING, Any
@@ -34,7 +34,7 @@ def with_joint_budget(
     stiffness: Callable[..., np.ndarray],
     coarser: RoughBodies | None,
 ) -> "xr.Dataset":
-    """Return the result of a scene with the error budget of its stiffnesses.
+    """Return the result of rough joints with the error budget of their stiffnesses.
 
     Parameters
     ----------
@@ -91,7 +91,7 @@ def with_joint_budget(
 
 
 def with_contact(result: "xr.Dataset", law: "xr.Dataset") -> "xr.Dataset":
-    """Return the result of a scene with its real contact, and what is told of the cells.
+    """Return the result of rough joints with their real contact, and what is told of the cells.
 
     As of :func:`with_joint_budget`; if the law has no contact area, nothing is known of it.
     """

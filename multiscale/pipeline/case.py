@@ -1,6 +1,6 @@
 """Case files: found by path or name, read, and refused in sentences."""
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Sequence
 from difflib import get_close_matches
 from importlib import resources
 from pathlib import Path
@@ -11,7 +11,7 @@ from multiscale.errors import CaseError
 from multiscale.pipeline.rough_bodies import InstrumentSurface, SyntheticSurface
 from multiscale.pipeline.settings import KINDS, Case
 from multiscale.pipeline.stages import stages_of
-from multiscale.pipeline.toml_model import Settings, read_toml, validate
+from multiscale.pipeline.toml_model import Settings, list_tables, read_toml, validate
 from multiscale.pipeline.tyre_settings import TyreCase
 
 __all__ = [
@@ -157,8 +157,8 @@ def _renamed(content: dict[str, Any], path: Path) -> dict[str, Any]:
         new["structure"] = {"kind": "blocks"} | new["structure"]
     if _table(new, ("cycles",)).get("cycles") == 0:  # as a run without cycles has written it
         del new["cycles"]
-    old = _list(name for name in RENAMED if name in content or name in sweep)
-    now = _list(
+    old = list_tables(name for name in RENAMED if name in content or name in sweep)
+    now = list_tables(
         dict.fromkeys(
             place
             for (table, key), (place, _) in RENAMINGS.items()
@@ -166,16 +166,11 @@ def _renamed(content: dict[str, Any], path: Path) -> dict[str, Any]:
         )
     )
     warn(
-        f"{path}: {old} of an earlier version of case files is read as {now}; write {now} instead",
+        f"{path}: what earlier versions wrote as {old} is read as {now}; write {now} instead",
         FutureWarning,
         stacklevel=2,
     )
     return new
-
-
-def _list(tables: Iterable[str]) -> str:
-    """Name tables as files do."""
-    return " and ".join(f"[{name}]" for name in tables)
 
 
 def _moved(content: dict[str, Any], path: Path) -> dict[str, Any]:

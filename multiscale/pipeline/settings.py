@@ -1,6 +1,5 @@
 """What a case may say, and what its tables may say together."""
 
-from collections.abc import Iterable
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, Self, get_args
 
@@ -43,7 +42,7 @@ from multiscale.pipeline.link_settings import (
     TensegrityGrid,
 )
 from multiscale.pipeline.rough_bodies import RoughBody
-from multiscale.pipeline.toml_model import OneOf, Settings
+from multiscale.pipeline.toml_model import OneOf, Settings, list_tables
 from multiscale.schema import INTERFACE_LAW
 from multiscale.units import readable
 from multiscale.upscaling.bootstrap import FEWEST_REALISATIONS
@@ -138,7 +137,8 @@ class Case(Settings):
         missing = [name for name in CELLS if not self._has(name)]
         if missing and (asked or self.structure is None):
             raise ValueError(
-                f"without {_list(missing)} there are no cells, which take {_list(CELLS)}"
+                f"without {list_tables(missing)} there are no cells, which take "
+                f"{list_tables(CELLS)}"
             )
         if self.has_cells:
             self._check_cells()
@@ -153,9 +153,9 @@ class Case(Settings):
         """Refuse tables that do not go with the kind of structure."""
         given = {name for name in WITH_STRUCTURE if self._has(name)}
         if given not in [set(tables) for tables in kind.asks]:
-            asked = " or ".join(_list(tables) for tables in kind.asks)
+            asked = " or ".join(list_tables(tables) for tables in kind.asks)
             raise ValueError(
-                f"a structure of kind {kind.kind!r} takes {asked}, got {_list(sorted(given))}"
+                f"a structure of kind {kind.kind!r} takes {asked}, got {list_tables(sorted(given))}"
             )
         if self.substructures is not None and not kind.may_be_cut:
             raise ValueError(
@@ -377,8 +377,3 @@ class Case(Settings):
         """
         own = set(CELLS) if self.has_cells else {"structure", "grains"}
         return self.checksum(include=own, exclude={"micro": {"realisations"}})
-
-
-def _list(tables: Iterable[str]) -> str:
-    """Name tables as files do."""
-    return " and ".join(f"[{name}]" for name in tables) or "none of them"

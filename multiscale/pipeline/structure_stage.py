@@ -68,7 +68,7 @@ def structure_stage(
 
     def run(case: Case, found: Datasets, job: Job) -> "xr.Dataset":
         result = solve(case.structure, case, found, job)
-        return result.assign_attrs(title=case.title, scene=case.to_toml())
+        return result.assign_attrs(title=case.title, case=case.to_toml())
 
     def all_needs(case: Case) -> Needs:
         own, installed = needs(case.structure, case), tuple(filter(find_spec, solver))

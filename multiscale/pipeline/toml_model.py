@@ -2,7 +2,7 @@
 
 import json
 import tomllib
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterable, Iterator, Mapping
 from dataclasses import dataclass
 from difflib import get_close_matches
 from functools import partial
@@ -41,6 +41,7 @@ __all__ = [
     "Share",
     "TimeSteps",
     "Tolerance",
+    "list_tables",
     "must_rise",
     "quantity",
     "read_toml",
@@ -77,6 +78,11 @@ Ratio = Annotated[Number, Field(ge=0.0, le=0.4999)]  # of Poisson
 Count = Annotated[int, Strict()]
 Positive = Annotated[Count, Field(ge=1)]
 Natural = Annotated[Count, Field(ge=0)]
+
+
+def list_tables(names: Iterable[str]) -> str:
+    """Name tables as files do."""
+    return " and ".join(f"[{name}]" for name in names) or "none of them"
 
 
 def must_rise(values: tuple[float, ...]) -> tuple[float, ...]:

@@ -70,6 +70,15 @@ def write(tmp_path):
     return _write
 
 
+def test_a_target_of_cells_alone_plans_their_law(write, tmp_path):
+    alone = CASE[: CASE.index("[structure]")] + CASE[CASE.index("[accuracy]") :]
+    results = run(write(alone), tmp_path / "out")
+    assert list(results) == ["micro_response", "interface_law"]
+    law = results.interface_law
+    assert law.attrs["plan"].startswith("round 1: ")
+    assert law["error_total"].sel(quantity="mean_gap").max() <= 0.12
+
+
 def estimate(**terms):
     half, bias = np.full((len(ERROR_TERMS), 2), np.nan), np.zeros((len(ERROR_TERMS), 2))
     half[[ERROR_TERMS.index(one) for one in ALWAYS]] = 0.0

@@ -159,7 +159,7 @@ def test_a_static_scene_is_what_solve_static_gives_and_its_file_says_so(tmp_path
     np.testing.assert_array_equal(result["tension"], expected["tension"])
     assert (result["slack"].sel(step=4) > 0.0).any()
     assert result.attrs["title"] == "Tensegrity grid at rest (quick)"
-    assert load_case(write_scene(tmp_path, result.attrs["scene"])) == scene
+    assert load_case(write_scene(tmp_path, result.attrs["case"])) == scene
     assert (tmp_path / "new" / "fields" / "grid.pvd").is_file()
 
 
@@ -227,7 +227,7 @@ def test_an_inextensible_rope_needs_no_rigidity(hanging):
     path = write_scene(hanging, HANGING, ('"100 kN"', '"inextensible"'))
     result = run_macro(load_case(path), hanging / "rope.nc")
     np.testing.assert_allclose(result["tension"].sel(step=1), [80.0, 30.0], rtol=1e-6)
-    assert load_case(write_scene(hanging, result.attrs["scene"])) == load_case(path)
+    assert load_case(write_scene(hanging, result.attrs["case"])) == load_case(path)
 
 
 @pytest.mark.parametrize(
