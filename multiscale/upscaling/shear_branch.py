@@ -245,7 +245,7 @@ def sliders_from_dataset(
     return Sliders(
         law_from_dataset(dataset, sample) if normal is None else normal,
         mu if friction is None else friction,
-        float(np.mean(ratio) if along is None else ratio[along]),
+        float(np.nanmean(ratio) if along is None else ratio[along]),
         pressures=(float(dataset.attrs["pressure_min"]), float(dataset.attrs["pressure_max"])),
         slabs=slabs,
     )
@@ -300,10 +300,12 @@ def _nearest_ratio(
         path = friction * bed_traction(bed, pressure, slip[..., None] * np.exp(x) / friction)
         square = np.sum((weight * (path - traction[..., None])) ** 2, axis=0)  # (2, candidates)
         at = np.clip(np.argmin(square, axis=1), 1, CANDIDATES - 2)
-        before, best, after = (square[(0, 1), at + k] for k in (-1, 0, 1))
-        bend = np.where(sheared, before - 2.0 * best + after, 1.0)
+        before, least, after = (square[(0, 1), at + k] for k in (-1, 0, 1))
+        bend, fall = before - 2.0 * least + after, 0.5 * (before - after)
+        inside = np.abs(fall) < bend
+        shift = np.where(inside, fall / np.where(inside, bend, 1.0), np.sign(fall))
         reach *= 2.0 / (CANDIDATES - 1)
-        middle = x[(0, 1), at] + 0.5 * reach * (before - after) / bend
+        middle = x[(0, 1), at] + reach * shift
     if not np.all(((low < middle) & (middle < high))[sheared]):
         raise CaseError(
             f"no bed with a tangential over normal stiffness from {RATIOS[0]:g} to {RATIOS[1]:g} "
