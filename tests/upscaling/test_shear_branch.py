@@ -211,8 +211,8 @@ def test_cells_of_two_bodies_are_pressed_sheared_released_and_pressed_again(tmp_
         np.testing.assert_allclose(slip[:, back] / slip[:, there], -1.0, atol=0.05)
         np.testing.assert_allclose(response["traction"].values[:, end], 0.0, atol=1e-9)
         np.testing.assert_allclose(slip[:, end], 0.0, atol=1e-12)
-    alone = run_ensemble(cells, shear_path(cells[0], [pressures[1]], along="x", steps=5))
-    second = response["traction"].values[:, 12:18]
+    alone = run_ensemble(cells[:1], shear_path(cells[0], [pressures[1]], along="x", steps=5))
+    second = response["traction"].values[:1, 12:18]
     np.testing.assert_allclose(alone["traction"].values[:, :6], second, rtol=1e-5, atol=10.0)
 
 
