@@ -2,12 +2,14 @@
 
 import numpy as np
 import pytest
+from matplotlib.figure import Figure
 
 from multiscale.errors import CaseError
 from multiscale.io import open_law, save_law
 from multiscale.laws import Sliders
 from multiscale.laws.bulk import Elastic
 from multiscale.micro import Cell, Path, SecondBody, Surface, run_ensemble, shear_path, slide_cell
+from multiscale.plotting import plot_shear_law
 from multiscale.schema import INTERFACE_LAW
 from multiscale.upscaling import (
     assume_shear,
@@ -24,6 +26,7 @@ from multiscale.upscaling import (
     with_shear,
     with_sliding,
 )
+from multiscale.upscaling.shear_branch import bed_traction
 from tests.support import egg_box, rough_square
 from tests.upscaling.responses import DECAY, SCALE, response_of, sheared_exponentials
 
@@ -129,6 +132,31 @@ def test_what_is_assumed_is_said(law):
     bed = sliders_from_dataset(found, 5)
     assert (bed.friction, bed.stiffness_ratio) == (0.2, 0.82)
     assert bed.normal.gap_at(np.array(1e7)) == law_from_dataset(law, 5).gap_at(np.array(1e7))
+
+
+def test_the_bed_of_any_ratio_and_friction_is_the_bed_of_ones_with_another_slip(law):
+    """Eq. (1), also where the pressure changes and the path turns."""
+    rng, normal = np.random.default_rng(3), law_from_dataset(law)
+    pressure = np.append(10.0 ** rng.uniform(6.0, 8.0, 40), [0.0, 1e7, 1e7])
+    slip = np.cumsum(rng.normal(size=(43, 2)), axis=0) * MU * DECAY
+    slip[-2] = slip[-3]  # pressed again without shear
+    ones = Sliders(normal, 1.0, 1.0, pressures=(1e6, 1e8), slabs=24)
+    bed = Sliders(normal, MU, KAPPA, pressures=(1e6, 1e8), slabs=24)
+    found = MU * bed_traction(ones, pressure, slip * KAPPA / MU)
+    np.testing.assert_allclose(bed_traction(bed, pressure, slip), found, atol=1e-9 * found.max())
+    assert np.abs(found[-3]).max() < 1e-6 * np.abs(found).max()  # released
+    fresh = MU * bed_traction(ones, pressure[-2:], (slip[-2:] - slip[-2]) * KAPPA / MU)
+    np.testing.assert_allclose(found[-2:], fresh, atol=1e-6 * np.abs(found).max())
+
+
+def test_sheared_cells_are_drawn_beside_the_bed(measured):
+    found, _ = measured
+    ax = Figure().subplots()
+    plot_shear_law(found, ax=ax)
+    assert len(ax.lines) == 8  # cells and bed at two pressures along x and y
+    cells, bed = (line.get_ydata() for line in ax.lines[:2])
+    np.testing.assert_allclose(cells, bed, atol=0.03)
+    assert 0.95 < cells[-1] < 1.05
 
 
 def test_large_sliding_gives_friction_over_pressure(law):
