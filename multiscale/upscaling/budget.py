@@ -66,7 +66,7 @@ def error_budget(
     sizes: Mapping[float, "xr.Dataset"] | None = None,
     scales: ScaleSeparation | None = None,
     apart: bool = False,
-    tangential: bool = False,
+    tangential: Mapping[float, "xr.Dataset"] | None = None,
 ) -> "xr.Dataset":
     r"""Estimate how wrong the gap, the contact fraction and the stiffness of a law are.
 
@@ -88,9 +88,10 @@ def error_budget(
         Whether resolutions and sizes, two at least of each, are ensembles of their own that are
         compared among themselves: the same small cells on several grids, and many cells of
         several sizes on a coarse grid. Their scatter then counts for that of the response too.
-    tangential : bool, default False
-        Whether the tangential traction of the law, over full slip, has a budget too; see
-        :func:`~.shear_budget.tangential_terms`. The law needs sheared cells.
+    tangential : mapping of float to Dataset, optional
+        If given, the tangential traction of the law, over full slip, has a budget too; see
+        :func:`~.shear_budget.tangential_terms`. From the ratio of the spacings to the law of the
+        same realisations, pressed and sheared on a coarser grid; may be empty.
 
     Returns
     -------
@@ -171,9 +172,9 @@ def error_budget(
     if scales is not None:
         uneven = separation_term(law, scatter / factor, p, scales)
         terms["scale separation"] = Term(str(scales), uneven)
-    if not tangential:
+    if tangential is None:
         return assemble_budget(terms, QUANTITIES, p).assign_attrs(sampling_factor=factor)
-    terms, rows = tangential_terms(terms, law, p), (*QUANTITIES, "tangential_traction")
+    terms, rows = tangential_terms(terms, law, p, tangential), (*QUANTITIES, "tangential_traction")
     return assemble_budget(terms, rows, p).assign_attrs(sampling_factor=factor)
 
 

@@ -8,6 +8,7 @@ import numpy as np
 
 from multiscale.upscaling.budget_terms import Term
 from multiscale.upscaling.reading import fitted_laws, law_from_dataset, pick, require_law
+from multiscale.upscaling.resolution import estimate_grid_error
 
 if TYPE_CHECKING:
     import xarray as xr
@@ -23,7 +24,10 @@ SLIPS = np.geomspace(0.1, 8.0, 16)  # over mu p / (kappa K), up to full slip
 
 
 def tangential_terms(
-    terms: Mapping[str, Term], law: "xr.Dataset", p: np.ndarray
+    terms: Mapping[str, Term],
+    law: "xr.Dataset",
+    p: np.ndarray,
+    coarser: Mapping[float, "xr.Dataset"],
 ) -> dict[str, Term]:
     r"""Add the tangential traction to the terms of gap, contact fraction and stiffness.
 
@@ -35,6 +39,9 @@ def tangential_terms(
         Follows ``INTERFACE_LAW``, with a tangential branch that was measured.
     p : ndarray, shape (steps,)
         Pressures of the law, Pa.
+    coarser : mapping of float to Dataset
+        From the ratio of the spacings (2, or 2 and 4) to the law of the same realisations, pressed
+        and sheared on a coarser grid; may be empty.
 
     Returns
     -------
@@ -46,14 +53,15 @@ def tangential_terms(
     - *sampling*: from the bootstrap samples of normal law, :math:`\kappa` and :math:`\mu`;
     - *friction bed*: the largest distance of the mean cell from the mean bed along its path, at the
       sheared pressures, and in between over the logarithm of the pressure;
-    - *micro discretisation*: not known for :math:`\kappa`;
+    - *micro discretisation*: :func:`~.resolution.estimate_grid_error` of :math:`\kappa`, with that
+      of the stiffness; not known without coarser grids;
     - the others enter by what they are of the stiffness: as :math:`t \approx \mu p\,
       (1 - e^{-x})` with :math:`x = \kappa K u / (\mu p)`, they change :math:`t / (\mu p)` by
       :math:`x e^{-x} \le 1/e` of it.
     """
     own = {
         "sampling": _sampling(law, p),
-        "micro discretisation": np.full(p.size, np.nan),
+        "micro discretisation": _grid(terms["micro discretisation"], law, coarser, p),
         "friction bed": _distance(law, p),
     }
     told = "largest distance of the sheared cells from the bed over mu p"
@@ -85,6 +93,18 @@ def _sampling(law: "xr.Dataset", p: np.ndarray) -> np.ndarray:
     ]
     low, high = np.percentile(traction, [2.5, 97.5], axis=0)
     return np.asarray(np.max(0.5 * (high - low), axis=0) / (mu[0] * p))
+
+
+def _grid(
+    term: Term, law: "xr.Dataset", coarser: Mapping[float, "xr.Dataset"], p: np.ndarray
+) -> np.ndarray:
+    """Half-width by the grid, of stiffness and ratio together; NaN without coarser grids."""
+    if not coarser or term.half_width is None:
+        return np.full(p.size, np.nan)
+    name = "shear_stiffness_ratio"
+    fine, *others = (np.nanmean(one[name].to_numpy()) for one in (law, *coarser.values()))
+    found = estimate_grid_error(fine[None], dict(zip(coarser, np.array(others), strict=True)))
+    return np.asarray(STEEPEST * np.hypot(term.half_width[2], found.half_width / fine))
 
 
 def _distance(law: "xr.Dataset", p: np.ndarray) -> np.ndarray:

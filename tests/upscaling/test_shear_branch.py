@@ -304,7 +304,7 @@ def test_the_tangential_traction_has_a_budget_with_the_distance_from_the_bed(law
     ratio, mu = KAPPA * np.stack([scatter(0.03, 2)] * 2, axis=1), MU * scatter(0.02, 4)
     data, normal = sheared(decay, ratio, mu), pressed(decay)
     found = with_shear(law, normal, data)
-    budget = error_budget(normal, found, tangential=True)
+    budget = error_budget(normal, found, tangential={})
     assert list(budget["quantity"].values)[-1] == "tangential_traction"
     row = budget["error_half_width"].sel(quantity="tangential_traction")
     whole = budget["error_total"].sel(quantity="tangential_traction")
@@ -317,7 +317,7 @@ def test_the_tangential_traction_has_a_budget_with_the_distance_from_the_bed(law
     assert 0.7 * full < sampling < 2.0 * full
     # cells that are rounder than the bed: five hundredths of mu p too much half way
     data["traction"].values[..., 1] += 0.05 * MU * 2e7 * (data["traction"].values[..., 1] > 0.5e6)
-    off = error_budget(normal, with_shear(law, normal, data), tangential=True)
+    off = error_budget(normal, with_shear(law, normal, data), tangential={})
     there = off["error_half_width"].sel(quantity="tangential_traction", error_term="friction bed")
     assert 0.015 < float(there[at]) < 0.06
     # gap, area and stiffness are as without shear
@@ -329,9 +329,27 @@ def test_the_tangential_traction_has_a_budget_with_the_distance_from_the_bed(law
     np.testing.assert_array_equal(known["error_half_width"].sel(error_term="friction bed"), 0.0)
 
 
+def test_coarser_grids_tell_the_error_of_the_ratio(law, decay):
+    fine, coarse = (
+        with_shear(law, pressed(decay), sheared(decay, np.full((CELLS, 2), kappa)))
+        for kappa in (0.8, 0.84)
+    )
+    response = pressed(decay)
+    resolutions = {2.0: response.assign(mean_gap=1.001 * response["mean_gap"])}
+    where = {"error_term": "micro discretisation"}
+    for coarser, known in (({}, False), ({2.0: coarse}, True)):
+        budget = error_budget(response, fine, resolutions=resolutions, tangential=coarser)
+        row = budget["error_half_width"].sel(where)
+        tangential, stiffness = (row.sel(quantity=q) for q in ("tangential_traction", "stiffness"))
+        total = budget["error_total"].sel(quantity="tangential_traction")
+        assert np.all(np.isfinite(total) == known)
+    ratio = 1.25 * 0.04 / 0.8  # first order
+    np.testing.assert_allclose(tangential, np.exp(-1.0) * np.hypot(stiffness, ratio), rtol=0.02)
+
+
 def test_the_scales_of_another_structure_count_for_the_tangential_traction_too(measured, decay):
     found, _ = measured
-    budget = error_budget(pressed(decay), found, tangential=True)
+    budget = error_budget(pressed(decay), found, tangential={})
     scaled = with_scales(with_budget(found, budget), compare_scales(1e-4, 1e-3, 1e-2))
     row = scaled["error_half_width"].sel(error_term="scale separation")
     tangential, stiffness = (row.sel(quantity=one) for one in ("tangential_traction", "stiffness"))
