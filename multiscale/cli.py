@@ -1,17 +1,21 @@
 """The command line: the Python interface with arguments and files added."""
 
 import sys
+import warnings
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from pathlib import Path
 from time import perf_counter
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 
 from multiscale.bench import FAMILIES, STABILITY_FAMILIES
 from multiscale.errors import CaseError, ConvergenceError, MultiscaleError
 from multiscale.executors import cores, workers
+
+if TYPE_CHECKING:
+    from multiscale.pipeline import Case
 
 __all__ = ["main"]
 
@@ -46,14 +50,19 @@ def run_command(
     ] = False,
     dask: DaskOption = None,
     explain: ExplainOption = False,
+    force: Annotated[
+        bool, typer.Option("--force", help="Compute all stages anew, also those up to date.")
+    ] = False,
 ) -> None:
-    """Run all stages of a case, such as surface, cells, interface law and joint; or a sweep."""
+    """Run all stages of a case, such as cells, interface law and structure; or a sweep."""
     from multiscale.io import logging_to, make_folder
     from multiscale.pipeline import load_sweep, requirements, run, run_sweep
     from multiscale.report import draw_figures, open_finished, write_report
 
     if resume and not any((out / name).exists() for name in ("log.txt", "micro", "plan", "points")):
         raise CaseError(f"{out} holds no run to resume; leave out --resume to begin one")
+    if resume and force:
+        raise CaseError("--resume keeps what --force computes anew; give one of them")
     sweep = load_sweep(case)
     if quick:
         if any(point.accuracy for point in sweep.points):
@@ -74,9 +83,9 @@ def run_command(
         _progress(total, what, total > 0 and (one is None or one.accuracy is None)) as progress,
     ):
         if one:
-            run(one, out, executor=executor, progress=progress)
+            run(one, out, executor=executor, progress=progress, force=force)
         else:
-            run_sweep(sweep, out, executor=executor, progress=progress)
+            run_sweep(sweep, out, executor=executor, progress=progress, force=force)
     draw_figures(out)
     write_report(out)
     finished = open_finished(out)
@@ -102,10 +111,10 @@ def micro_command(
     dask: DaskOption = None,
 ) -> None:
     """Solve the cells of a case."""
-    from multiscale.pipeline import Case, load_case_of, run_micro
+    from multiscale.pipeline import run_micro
 
     _check_dataset(out)
-    settings = load_case_of(Case, case)
+    settings = _load_with("micro", case)
     if quick:
         settings = settings.quick()
     with (
@@ -151,15 +160,15 @@ def macro_command(
     ] = None,
     explain: ExplainOption = False,
 ) -> None:
-    """Solve a structure: bars and cables, a plate, bodies with rough joints, or grains.
+    """Solve the structure of a case: bars and cables, bodies with rough joints, or grains.
 
     Started by ``mpiexec -n N``, N processes share the substructures of a structure that is cut.
     """
     from multiscale.macro.substructures import world
-    from multiscale.pipeline import StructureCase, load_case_of, requirements, run_macro
+    from multiscale.pipeline import requirements, run_macro
     from multiscale.pipeline.stages import stages_of
 
-    settings, team = load_case_of(StructureCase, case), world()
+    settings, team = _load_with("structure", case).from_structure(law), world()
     if quick:
         settings = settings.quick()
     if explain:
@@ -167,7 +176,7 @@ def macro_command(
             typer.echo(requirements(settings, processes=team.size).explain())
         return
     _check_dataset(out)
-    result = run_macro(settings, out, law=law, team=team)
+    result = run_macro(settings, out, team=team)
     if team.rank:  # the first process speaks for all
         return
     _warn(result.attrs.get("cautions", "").splitlines())
@@ -176,7 +185,8 @@ def macro_command(
         typer.echo(line)
     for one in more:
         typer.echo(f"{one.name}: {out.with_name(f'{out.stem}-{one.file}')}")
-    typer.echo(f"dataset: {out}; for ParaView: {out.parent / 'fields' / f'{out.stem}.pvd'}")
+    fields = out.parent / "fields" / f"{out.stem}.pvd"
+    typer.echo(f"dataset: {out}" + (f"; for ParaView: {fields}" if stage.write_fields else ""))
     if failure := stage.failure(result):
         raise ConvergenceError(f"{settings.title}: {failure}")
 
@@ -288,6 +298,16 @@ def _progress(total: int, what: str, shown: bool = True) -> Iterator[Callable[[i
         yield lambda finished: bar.update(task, completed=finished)
 
 
+def _load_with(table: str, case: str) -> "Case":
+    """Read a case with the table at which a command begins."""
+    from multiscale.pipeline import Case, load_case
+
+    settings = load_case(case)
+    if isinstance(settings, Case) and table in settings.tables:
+        return settings
+    raise CaseError(f"{case}: has no [{table}], at which the command begins; use multiscale run")
+
+
 def _warn(cautions: Sequence[str]) -> None:
     for caution in cautions:
         typer.echo(f"caution: {caution}", err=True)
@@ -328,6 +348,7 @@ def _print_table(title: str, head: tuple[str, ...], rows: list[tuple[str, ...]])
 
 def main() -> None:
     """Run the command line; a refused input is one sentence and exit status 1."""
+    warnings.formatwarning = lambda message, *_: f"caution: {message}\n"
     try:
         app()
         return

@@ -1,4 +1,4 @@
-"""What a scene needs, told in words: what is built and what is left out, and why."""
+"""The needs of a scene, told in words: choices that are built or left out, and why."""
 
 from collections.abc import Iterable
 from dataclasses import dataclass

@@ -9,6 +9,7 @@ from textwrap import dedent
 
 import numba
 import numpy as np
+import pytest
 
 from multiscale.io import save_law
 from multiscale.micro import Surface, self_affine
@@ -28,6 +29,11 @@ def threads(count):
         yield
     finally:
         numba.set_num_threads(before)
+
+
+def slow(*values):
+    """Values of a parameter that only the slow tests take."""
+    return [pytest.param(value, marks=pytest.mark.slow) for value in values]
 
 
 def observed_rate(sizes, errors):
@@ -87,9 +93,9 @@ size = ["20 mm", "20 mm", "10 mm"]
 elements = [2, 2, 1]
 youngs_modulus = "210 GPa"
 poissons_ratio = 0
-[joint]
+[interface]
 friction = 0.2
-[loading]
+[statics]
 preloads = ["5 MPa", "20 MPa"]
 """
 

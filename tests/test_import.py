@@ -50,11 +50,7 @@ def test_kernels_run_on_openmp_where_there_is_one(first):
 
 @pytest.mark.parametrize(
     ("own", "spins"),
-    [
-        ({}, "20000"),
-        ({"GOMP_SPINCOUNT": "7"}, "7"),
-        ({"OMP_WAIT_POLICY": "active"}, "None"),
-    ],
+    [({}, "20000"), ({"GOMP_SPINCOUNT": "7"}, "7"), ({"OMP_WAIT_POLICY": "active"}, "None")],
     ids=["no wish", "a number", "a policy"],
 )
 def test_idle_threads_sleep_soon_unless_the_user_has_a_wish(own, spins):

@@ -2,7 +2,7 @@
 
 from collections.abc import Callable
 from importlib import import_module
-from typing import TYPE_CHECKING, cast
+from typing import TYPE_CHECKING
 
 from multiscale.bench.table import tabulate_runs
 
@@ -23,7 +23,7 @@ FAMILIES = (
     "structures",
     "substructures",
 )
-"""Families of scenes; each is a module with a function of its name, as :func:`bench` calls it."""
+"""Families of scenes; the module of each has a function that plans what :func:`bench` measures."""
 
 STABILITY_FAMILIES = (
     "structure",
@@ -60,5 +60,7 @@ def bench(
     Dataset
         Follows ``WORK_PRECISION``.
     """
-    module = import_module(f"multiscale.bench.{family}_family")
-    return cast("xr.Dataset", getattr(module, f"bench_{family}")(quick=quick, report=report))
+    from multiscale.bench.trials import measure_family
+
+    plan = getattr(import_module(f"multiscale.bench.{family}_family"), f"plan_{family}")
+    return measure_family(plan(quick=quick), report)

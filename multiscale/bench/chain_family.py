@@ -3,14 +3,10 @@
 from functools import partial
 from pathlib import Path
 from tempfile import TemporaryDirectory
-from typing import TYPE_CHECKING
 
-from multiscale.bench.trials import Report, Trial, judge_by, measure_trials
+from multiscale.bench.trials import BenchFamily, Trial, judge_by
 
-if TYPE_CHECKING:
-    import xarray as xr
-
-__all__ = ["bench_chain", "joint_stiffness"]
+__all__ = ["joint_stiffness", "plan_chain"]
 
 CASE, PRELOAD = "ground_steel", 2
 """The shipped case, and which of its preloads is looked at."""
@@ -18,16 +14,17 @@ CASE, PRELOAD = "ground_steel", 2
 POINTS, QUICK_POINTS = (48, 64, 96, 128), (34, 48)
 REALISATIONS, QUICK_REALISATIONS = (3, 6, 12), (3,)
 MORE = 2
-"""Times the realisations of the largest run has the truth: other ones, on the finest grid."""
+"""Number of other realisations of the truth over the number of the largest run."""
 
 SCENE = "stiffness of a ground steel joint"
 
 
 def joint_stiffness(points: int, realisations: int, first: int = 0) -> float:
     """Run the case on a grid, from a first realisation on: stiffness of the joint, Pa/m."""
-    from multiscale.pipeline import Case, load_case_of, run
+    from multiscale.pipeline import Case, load_case, run
 
-    case = load_case_of(Case, CASE)
+    case = load_case(CASE)
+    assert isinstance(case, Case)  # as this shipped case is
     cell = case.cell.model_copy(update={"points": (points, points)})
     micro = case.micro.model_copy(
         update={"realisations": realisations, "seed": case.micro.seed + first}
@@ -37,20 +34,20 @@ def joint_stiffness(points: int, realisations: int, first: int = 0) -> float:
     return float(results.macro_result["joint_stiffness"].values[PRELOAD])
 
 
-def bench_chain(*, quick: bool, report: Report) -> "xr.Dataset":
-    """Run a case on several grids with several numbers of realisations.
+def plan_chain(*, quick: bool) -> BenchFamily:
+    """Plan runs of a case on several grids with several numbers of realisations.
 
     If quick, two coarse grids, three realisations.
 
     Notes
     -----
-    *Errors* are those of the stiffness of the joint at one preload, against twice as many other
-    realisations on the finest grid; their distance from as many of the first ones is the
-    uncertainty. *Times* are those of one process, from the case to its datasets.
+    *Errors* of the stiffness of the joint at one preload are relative to twice as many other
+    realisations on the finest grid, whose distance from the best answer is the uncertainty. *Times*
+    are measured in one process, from the case to its datasets.
     """
     grids = QUICK_POINTS if quick else POINTS
     counts = QUICK_REALISATIONS if quick else REALISATIONS
-    return measure_trials(
+    return BenchFamily(
         [
             Trial(
                 SCENE,
@@ -65,7 +62,6 @@ def bench_chain(*, quick: bool, report: Report) -> "xr.Dataset":
         judge_by(partial(_truth, grids[-1], MORE * counts[-1])),
         title="whole chain: stiffness of a joint",
         packages=("scipy", "numba"),
-        report=report,
     )
 
 

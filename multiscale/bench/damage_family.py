@@ -1,34 +1,31 @@
 """Two-scale fatigue: the error of cycle jumps against their run time."""
 
+from collections.abc import Iterator
 from functools import partial
-from typing import TYPE_CHECKING
 
 import numpy as np
 
-from multiscale.bench.trials import Report, Trial, judge_by, measure_trials
+from multiscale.bench.trials import BenchFamily, Columns, Runs, Trial, judge_by
 from multiscale.micro.damage import FatigueMaterial, StressBlock, two_scale_fatigue
 
-if TYPE_CHECKING:
-    import xarray as xr
-
-__all__ = ["TOLERANCES", "bench_damage", "life", "scene_history"]
+__all__ = ["TOLERANCES", "life", "plan_damage", "scene_history"]
 
 MATERIAL = FatigueMaterial(
     200e9, 0.3, 200e6, 0.5e6, 2.0, hardening=20e9, threshold=0.05, closure=0.2
 )
-"""Feedback of damage, closure and hardening: what makes cycles differ from each other."""
+"""Material with feedback of damage, closure and hardening, which make cycles differ."""
 
 SCENES = ("reversed tension, 1.001 of the limit", "tension and torsion", "blocks of three kinds")
 QUICK_SCENES = SCENES[1:2]
 
 TOLERANCES = (0.3, 0.1, 0.03, 0.01, 0.003, 0.001)
-"""Of the jumps."""
+"""Tolerances of the cycle jumps."""
 QUICK_TOLERANCES = (0.1, 0.01)
 
 EVERY = "every cycle"
 
 SUBSTEPS = 16
-"""Of every piece of a cycle; four times as many tell their error."""
+"""Number of substeps of every piece of a cycle; four times as many give their error."""
 
 REPEATS = 3
 
@@ -58,22 +55,22 @@ def life(scene: str, tolerance: float | None, substeps: int = SUBSTEPS) -> tuple
     return float(found["cycles_to_rupture"]), float(found["computed_cycles"])
 
 
-def bench_damage(*, quick: bool, report: Report) -> "xr.Dataset":
-    """Find lives by following every cycle, and by jumps of several tolerances.
+def plan_damage(*, quick: bool) -> BenchFamily:
+    """Plan to find lives by following every cycle, and by jumps of several tolerances.
 
-    If quick, one scene, two tolerances and one run of each. ``iterations`` are the
-    cycles that were followed.
+    If quick, one scene, two tolerances and one run of each. ``iterations`` counts the cycles that
+    were followed.
 
     Notes
     -----
-    *Errors* are those of the cycles to rupture, relative to every cycle followed in the same
-    substeps. ``error_uncertainty`` is what four times the substeps change, which is also given as
-    the error of the run that follows every cycle: below it jumps need not be.
-    *Times* are those of :func:`multiscale.micro.damage.two_scale_fatigue` in a process of its own,
+    *Errors* of the cycles to rupture are relative to the run that follows every cycle in the same
+    substeps. ``error_uncertainty`` is the change by four times the substeps, which is also given as
+    the error of that run: jumps need not be more accurate.
+    *Times* hold for :func:`multiscale.micro.damage.two_scale_fatigue` in a process of its own,
     after a warm-up that takes imports and compilation.
     """
     tolerances = (None, *(QUICK_TOLERANCES if quick else TOLERANCES))
-    found = measure_trials(
+    return BenchFamily(
         [
             Trial(
                 scene,
@@ -86,17 +83,21 @@ def bench_damage(*, quick: bool, report: Report) -> "xr.Dataset":
             for scene in (QUICK_SCENES if quick else SCENES)
             for tolerance in tolerances
         ],
-        judge_by(_truth, count="iterations"),
+        _judge,
         title="two-scale fatigue: error of the life against run time",
         packages=("numba",),
-        report=report,
     )
-    error, every = found["error"].values, found["method"].values == EVERY
-    error[every] += found["error_uncertainty"].values[every]  # zero, or NaN if it did not end
-    return found
+
+
+def _judge(scene: str, runs: Runs) -> Iterator[tuple[Trial, Columns]]:
+    """Judge jumps by the run that follows every cycle, and that run by its substeps."""
+    for trial, columns in judge_by(_truth, count="iterations")(scene, runs):
+        if trial.method == EVERY:  # without an error, or with NaN if it did not end
+            columns["error"] += columns["error_uncertainty"]
+        yield trial, columns
 
 
 def _truth(scene: str, lives: list[float]) -> tuple[float, float]:
-    """Follow every cycle, and say what four times the substeps change."""
+    """Follow every cycle, also in four times the substeps."""
     reference, _ = life(scene, None)
     return reference, abs(reference / life(scene, None, 4 * SUBSTEPS)[0] - 1.0)

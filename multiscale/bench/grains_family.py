@@ -1,28 +1,27 @@
 """Grains in motion: the error of three closed forms and of a deposit against run time."""
 
 from functools import partial
+from shutil import which
 from typing import TYPE_CHECKING
 
 import numpy as np
 
 from multiscale.bench import yade
 from multiscale.bench.measure import THREADS
-from multiscale.bench.trials import Report, Trial, judge_by, measure_trials
+from multiscale.bench.trials import BenchFamily, Trial, judge_by
 
 if TYPE_CHECKING:
-    import xarray as xr
-
     from multiscale.macro.granulate import Model
 
-__all__ = ["EXACT", "answer", "bench_grains"]
+__all__ = ["EXACT", "answer", "plan_grains"]
 
 GRAVITY, RADIUS = 9.81, 0.01  # m/s2, m
 HEIGHT, RESTITUTION, DURATION = 1.0, 0.8, 1.2
-"""Of the fall of a bouncing grain, m; its restitution; and when its height is asked for, s."""
+"""Height of the fall of a bouncing grain, m; its restitution; time of the answer, s."""
 FRICTION, SPEED, ROLLED = 0.3, 1.0, 0.3
-"""Of the sliding grain, its speed at the start, m/s, and when its way is asked for, s."""
+"""Friction coefficient of the sliding grain; its speed at the start, m/s; time of the answer, s."""
 GRAINS, QUICK_GRAINS, SETTLING = 200, 20, 0.5
-"""Spheres of a deposit, and when its height is asked for, s."""
+"""Number of spheres of a deposit, and time of the answer, s."""
 
 BOUNCE, ROLL, DEPOSIT = (
     "height of a bouncing grain",
@@ -31,7 +30,7 @@ BOUNCE, ROLL, DEPOSIT = (
 )
 STEPS, QUICK_STEPS = (8e-3, 4e-3, 2e-3, 1e-3, 5e-4), (4e-3, 2e-3)  # s
 FINEST = 8.0
-"""The deposit's reference has steps so many times shorter than the shortest."""
+"""Length of the shortest step over the length of the steps of the reference of a deposit."""
 COMPLIANCES = {"rigid": 0.0, "compliant": 0.02}
 
 
@@ -47,7 +46,7 @@ def _bounced() -> float:
 
 
 def _rolled() -> float:
-    """Way of a sphere that slides, until 5/7 of its speed is left, and then rolls, m."""
+    """Way of a sphere that slides until 5/7 of its speed is left, and then rolls, m."""
     slides = 2.0 * SPEED / (7.0 * FRICTION * GRAVITY)
     way = SPEED * slides - 0.5 * FRICTION * GRAVITY * slides**2
     return way + 5.0 / 7.0 * SPEED * (ROLLED - slides)
@@ -57,7 +56,7 @@ EXACT = {BOUNCE: _bounced(), ROLL: _rolled()}  # m
 
 
 def answer(scene: str, compliance: float, step: float, grains: int = QUICK_GRAINS) -> float:
-    """Follow a scene in steps of a length: what is asked for, m."""
+    """Return the height or way of a scene after steps of a length, m."""
     from multiscale.macro.granulate import ContactLaw, Grains, Model, PlaneWall, simulate_grains
 
     size = np.array([RADIUS])
@@ -88,17 +87,17 @@ def _yade(grains: int) -> float:
     return yade.settle(_heap(grains), SETTLING, threads=THREADS).height
 
 
-def bench_grains(*, quick: bool, report: Report) -> "xr.Dataset":
-    """Follow grains in ever shorter steps, with rigid and with compliant contacts.
+def plan_grains(*, quick: bool) -> BenchFamily:
+    """Plan to follow grains in ever shorter steps, with rigid and with compliant contacts.
 
     If quick, two lengths of steps, and a smaller deposit.
 
     Notes
     -----
-    *Errors* are those of a closed form; of the height of a deposit, twice the mean height of its
-    grains, the distance to rigid contact in much shorter steps. Piles of other histories differ,
-    so that the deposit is not known better than the distance of both references. YADE lets the
-    same grains fall where it is installed; its time has the two seconds in which it starts.
+    *Errors* are distances from a closed form; for the height of a deposit, twice the mean height of
+    its grains, the distance from rigid contact in much shorter steps. Piles of other histories
+    differ, so that the deposit is not known better than the distance of both references. YADE lets
+    the same grains fall where it is installed; its time has the two seconds in which it starts.
     """
     grains = QUICK_GRAINS if quick else GRAINS
     lengths = QUICK_STEPS if quick else STEPS
@@ -115,15 +114,19 @@ def bench_grains(*, quick: bool, report: Report) -> "xr.Dataset":
         for method, compliance in COMPLIANCES.items()
         for step in lengths
     ]
-    if yade.installed():
-        step = yade.time_step(_heap(1))
-        trials.append(Trial(DEPOSIT, "YADE", partial(_yade, grains), warm_up, {"time_step": step}))
-    return measure_trials(
-        trials,
+    by_yade = Trial(
+        DEPOSIT,
+        "YADE",
+        partial(_yade, grains),
+        warm_up,
+        {"time_step": yade.time_step(_heap(1))},
+        left_out="" if which(yade.PROGRAM) else "because it is not installed; apt install yade",
+    )
+    return BenchFamily(
+        [*trials, by_yade],
         judge_by(partial(_truth, min(lengths) / FINEST, grains)),
         title="grains in motion: heights and ways",
         packages=("numba",),
-        report=report,
     )
 
 

@@ -7,15 +7,12 @@ against the monolithic solution.
 
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
-from functools import cached_property
-from itertools import product
+from functools import cached_property, partial
 from time import perf_counter
-from typing import TYPE_CHECKING
 
 import numpy as np
 
-from multiscale.bench.record import load_average, record, versions
-from multiscale.bench.trials import Report
+from multiscale.bench.trials import BenchFamily, Columns, Runs, Trial
 from multiscale.errors import ConvergenceError
 from multiscale.fe.boxes import box_mesh
 from multiscale.laws import Exponential, Sliders
@@ -28,10 +25,7 @@ from multiscale.macro.substructures.joint_state import without_slip
 from multiscale.macro.substructures.latin import Latin, LatinIterate
 from multiscale.macro.substructures.latin_solver import solve_step
 
-if TYPE_CHECKING:
-    import xarray as xr
-
-__all__ = ["JOINT_SCENES", "JointScene", "bench_joints", "measure_effectivity"]
+__all__ = ["JOINT_SCENES", "JointScene", "measure_effectivity", "plan_joints"]
 
 EDGE, YOUNG, PRESSURE = 0.02, 210e9, 20e6
 """Edge of the blocks, m, their modulus and the mean pressure, Pa."""
@@ -43,7 +37,7 @@ DECADES, FINEST = 10.0 ** -np.arange(1.0, 7.0), 1e-7
 """True errors, the first iteration below each of which becomes a run, and the least compared."""
 
 TOLERANCE, LIMIT = 1e-8, 400
-"""Of LATIN, and its iterations."""
+"""Tolerance of LATIN, and the largest number of its iterations."""
 
 SOFTEST = 1e-6
 """Least stiffness of a law in the norm of errors, relative to its mean."""
@@ -58,12 +52,15 @@ class JointScene:
     ratio : float
         Stiffness of the law at the mean pressure relative to that of a block.
     friction : float
+        Friction coefficient, 1.
     tilt : float
         Relative change of the pressure from the middle to the edge.
     shear : float
         Amplitude of the shear traction, Pa.
     parts : int
-        Substructures of each block along either edge.
+        Number of substructures of each block along either edge.
+    elements : tuple of int
+        Number of elements of each block along its edges.
     """
 
     ratio: float
@@ -71,6 +68,7 @@ class JointScene:
     tilt: float
     shear: float
     parts: int
+    elements: tuple[int, int, int] = (4, 4, 3)
 
     @cached_property
     def law(self) -> Sliders:
@@ -78,16 +76,16 @@ class JointScene:
         normal = Exponential(PRESSURE, PRESSURE * EDGE / (self.ratio * YOUNG))
         return Sliders(normal, self.friction, pressures=(0.1 * PRESSURE, 10.0 * PRESSURE))
 
-    def cut(self, elements: tuple[int, int, int] = (4, 4, 3)) -> CutProblem:
-        """One load case for each of ``TIMES``."""
+    def cut(self) -> CutProblem:
+        """Cut the blocks, with one load case for each of ``TIMES``."""
         size, material = (EDGE, EDGE, EDGE), Elastic(YOUNG, 0.3)
         lower = Body(
-            box_mesh(size, elements, origin=(0.0, 0.0, -EDGE)),
+            box_mesh(size, self.elements, origin=(0.0, 0.0, -EDGE)),
             material,
             supports={"bottom": (0.0, 0.0, 0.0)},
         )
         upper = Body(
-            box_mesh(size, elements),
+            box_mesh(size, self.elements),
             material,
             supports={"front": (None, 0.0, None)},
             tractions={
@@ -111,30 +109,45 @@ JOINT_SCENES: Mapping[str, JointScene] = {
 }
 
 
-def measure_effectivity(scene: JointScene) -> Iterator[dict[str, float]]:
+WARM_UP = JointScene(1.0, 0.2, 0.2, 1.4e6, 1, (2, 2, 1))
+"""Scene that takes the compilation."""
+
+
+def measure_effectivity(scene: JointScene) -> list[list[Columns]]:
     """Solve a scene step by step and compare indicator and true error in every iteration.
 
-    Yields
-    ------
-    dict
-        ``step``, ``iterations``, ``wall_time`` (s), true ``error`` relative to the solution, and
-        ``effectivity``, the indicator over the true error, down to errors of 1e-7.
+    Returns
+    -------
+    list of list of dict
+        For each step and iteration ``iterations``, ``wall_time`` (s), true ``error`` relative to
+        the solution, and ``effectivity``, the indicator over the true error, down to errors of
+        1e-7.
     """
     problem = scene.cut()
     method = Latin(problem)
     admissible = Admissible(method.stack, method.sides, method.k0.matrix, method.own)
     judge = HeuristicIndicator(problem, admissible)
-    for step, exact in enumerate(_monolithic(scene, problem)):
-        for iteration, (time, estimate) in enumerate(_watch(method, judge, step), 1):
-            error, size = exact.distance(estimate), exact.size
+
+    def norm(u: np.ndarray, traction: np.ndarray, compliance: np.ndarray) -> float:
+        bodies = u @ (method.stack.stiffness @ u)
+        return float(np.sqrt(bodies + np.sum(compliance * traction**2)))  # J^1/2
+
+    steps: list[list[Columns]] = []
+    for step, (u, traction, compliance) in enumerate(_solve_whole(scene, problem)):
+        size = norm(u, traction, compliance)
+        steps.append([])
+        for iteration, (time, found) in enumerate(_watch(method, judge, step), 1):
+            error = norm(found.stressed - u, found.traction - traction, compliance)
             if error >= FINEST * size:
-                yield {
-                    "step": step,
-                    "iterations": iteration,
-                    "wall_time": time,
-                    "error": error / size,
-                    "effectivity": estimate.estimate.error / error,
-                }
+                steps[-1].append(
+                    {
+                        "iterations": iteration,
+                        "wall_time": time,
+                        "error": error / size,
+                        "effectivity": found.estimate.error / error,
+                    }
+                )
+    return steps
 
 
 def _watch(method: Latin, judge: HeuristicIndicator, step: int) -> list[tuple[float, JointError]]:
@@ -150,79 +163,62 @@ def _watch(method: Latin, judge: HeuristicIndicator, step: int) -> list[tuple[fl
     return found
 
 
-@dataclass(frozen=True, eq=False)
-class _Exact:
-    """Solution of a step and the norm in which errors are measured."""
+def _solve_whole(
+    scene: JointScene, problem: CutProblem
+) -> Iterator[tuple[np.ndarray, np.ndarray, np.ndarray]]:
+    """Solve the structure in one piece, step by step.
 
-    problem: CutProblem
-    u: np.ndarray
-    traction: np.ndarray
-    weight: np.ndarray
-    stiffness: np.ndarray
-
-    def distance(self, found: JointError) -> float:
-        """Norm of the error of admissible fields, J^1/2."""
-        return self._norm(found.stressed - self.u, found.traction - self.traction)
-
-    @property
-    def size(self) -> float:
-        """Norm of the solution, J^1/2."""
-        return self._norm(self.u, self.traction)
-
-    def _norm(self, u: np.ndarray, traction: np.ndarray) -> float:
-        total, first = float(np.sum(self.weight * traction**2 / self.stiffness)), 0
-        for part in self.problem.substructures:
-            own = u[first : first + part.n]
-            total += float(own @ (part.stiffness @ own))
-            first += part.n
-        return float(np.sqrt(total))
-
-
-def _monolithic(scene: JointScene, problem: CutProblem) -> Iterator[_Exact]:
-    """Solve the structure in one piece, step by step."""
-    law, found = scene.law, solve_whole(problem, np.eye(len(TIMES)))
+    Yields
+    ------
+    tuple of ndarray
+        Displacement of the substructures, m; traction of the joint, Pa, and weight of its square in
+        the norm of errors, m^3/N, both of shape (3, points).
+    """
+    found = solve_whole(problem, np.eye(len(TIMES)))
     if "failure" in found.attrs:
         raise ConvergenceError(found.attrs["failure"])
-    weight = np.concatenate([joint.weight for joint in problem.joints])
+    area = np.concatenate([joint.weight for joint in problem.joints])
     numbers = np.concatenate([part.unknown for part in problem.substructures])
-    free, u = problem.number >= 0, np.empty(problem.n)
     for displacement, jump, traction in zip(
         *(found[name].values for name in ("displacement", "jump", "traction")), strict=True
     ):
-        u[problem.number[free]] = displacement[free]
-        k = without_slip(law, jump.T)
-        k = np.maximum(k, SOFTEST * k.mean(axis=1, keepdims=True))
-        yield _Exact(problem, u[numbers], traction.T, weight, k)
+        u = problem.unknowns(displacement)
+        k = without_slip(scene.law, jump.T)
+        yield u[numbers], traction.T, area / np.maximum(k, SOFTEST * k.mean(axis=1, keepdims=True))
 
 
-def bench_joints(*, quick: bool, report: Report) -> "xr.Dataset":
-    """Tabulate the effectivity of the heuristic indicator over scenes, steps and iterations.
+def plan_joints(*, quick: bool) -> BenchFamily:
+    """Plan to measure the effectivity of the heuristic indicator in scenes, steps and iterations.
 
-    If quick, two scenes only.
-    There is one run for each step and decade of the true error, at the first iteration below it.
-    Times count the iterations and the indicator.
+    If quick, two scenes only. A scene has a row for each step and decade of the true error, at the
+    first iteration below it.
+
+    Notes
+    -----
+    *Times* of a row count the iterations and the indicator of its step. *Memory* counts the whole
+    scene.
     """
-    load = load_average()
-    rows: list[dict[str, float | str]] = []
-    for name, scene in list(JOINT_SCENES.items())[: 2 if quick else None]:
-        values = list(measure_effectivity(scene))
-        for step, decade in product(range(len(TIMES)), DECADES):
-            mine = (value for value in values if value["step"] == step)
-            below = next((value for value in mine if value["error"] <= decade), None)
-            if below is not None:
-                row: dict[str, float | str] = {key: below[key] for key in below if key != "step"}
-                scene_step = {"scene": f"{name}, step {step}", "method": "LATIN"}
-                rows.append(row | scene_step | {"converged": 1})
-        effectivity = np.array([value["effectivity"] for value in values])
-        report(
-            f"{name}: effectivity {np.median(effectivity):.2g}, from {effectivity.min():.2g} to "
-            f"{effectivity.max():.2g} in {effectivity.size} iterations"
-        )
-    return record(
-        rows,
+    return BenchFamily(
+        [
+            Trial(
+                name,
+                "LATIN",
+                partial(measure_effectivity, scene),
+                partial(measure_effectivity, WARM_UP),
+            )
+            for name, scene in list(JOINT_SCENES.items())[: 2 if quick else None]
+        ],
+        _judge,
         title="rough joints with friction: heuristic indicator over true error",
-        versions=versions(),
-        load_before=load,
-        repeats=1,
-        wall_time_counts="iterations and indicator, without the preparation",
+        attributes={"wall_time_counts": "iterations and indicator, without the preparation"},
     )
+
+
+def _judge(name: str, runs: Runs) -> Iterator[tuple[Trial, Columns]]:
+    """Find the first iteration below each decade of the true error."""
+    for trial, run in runs.items():
+        for step, samples in enumerate(run.value or []):
+            for decade in DECADES:
+                below = next((sample for sample in samples if sample["error"] <= decade), None)
+                if below is not None:
+                    yield trial, {"scene": f"{name}, step {step}", "converged": 1, **below}

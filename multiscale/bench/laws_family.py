@@ -2,16 +2,12 @@
 
 from collections.abc import Iterable
 from functools import partial
-from typing import TYPE_CHECKING
 
 import numpy as np
 
-from multiscale.bench.trials import Report, Trial, judge_by, measure_trials
+from multiscale.bench.trials import BenchFamily, Trial, judge_by
 
-if TYPE_CHECKING:
-    import xarray as xr
-
-__all__ = ["bench_laws", "fitted_stiffness"]
+__all__ = ["fitted_stiffness", "plan_laws"]
 
 YOUNG, POISSON, SLOPE = 210e9, 0.3, 0.1  # Pa, 1, 1
 SIZE, LONGEST, SHORTEST = 80e-6, 20e-6, 10e-6
@@ -24,28 +20,28 @@ STEPS = 8
 FAMILIES = ("convex_decreasing", "exponential", "power")
 REALISATIONS, QUICK_REALISATIONS = (2, 4, 8, 16, 32), (2, 4)
 SAMPLES = 4
-"""Ensembles of each size, so that the error is not one of luck."""
+"""Number of ensembles of each size, over which the error is averaged."""
 TRUTH, QUICK_TRUTH = 1024, 16
-"""Realisations that the truth is the mean of: none of them is in an ensemble."""
+"""Number of realisations of the truth; none of them is in an ensemble."""
 PARTS = 8
-"""Equal shares of them, whose scatter tells how far the truth may be off."""
+"""Number of equal shares of these realisations, whose scatter gives the uncertainty."""
 
 SCENE = "stiffness of a rough interface"
 
 
-def bench_laws(*, quick: bool, report: Report) -> "xr.Dataset":
-    """Fit laws of several families to ensembles of flat cells of growing size.
+def plan_laws(*, quick: bool) -> BenchFamily:
+    """Plan to fit laws of several families to ensembles of flat cells of growing size.
 
     If quick, two sizes, and fewer realisations for the truth.
 
     Notes
     -----
-    *Errors* are those of the stiffness at 1 GPa, the root mean square over four ensembles, against
-    the law of free form fitted to 1024 other realisations; two standard errors, from eighths of
-    them, are the uncertainty. More realisations cannot mend what a family of two parameters cannot
-    say. *Times* are those of the cells and of the fit, one after the other.
+    *Errors* of the stiffness at 1 GPa are root mean squares over four ensembles, relative to the
+    law of free form fitted to 1024 other realisations; two standard errors, from eighths of them,
+    are the uncertainty. More realisations do not remove the misfit of a family of two parameters.
+    *Times* count the cells and the fit, one after the other.
     """
-    return measure_trials(
+    return BenchFamily(
         [
             Trial(
                 SCENE,
@@ -60,7 +56,6 @@ def bench_laws(*, quick: bool, report: Report) -> "xr.Dataset":
         judge_by(partial(_truth, QUICK_TRUTH if quick else TRUTH)),
         title="interface laws: stiffness at 1 GPa",
         packages=("scipy",),
-        report=report,
     )
 
 
@@ -102,7 +97,7 @@ def _samples(family: str, count: int) -> np.ndarray:
 
 def _truth(count: int, scene: str, answers: list[float]) -> tuple[float, float]:
     """Stiffness of many realisations, and two of its relative standard errors."""
-    first = SAMPLES * max(REALISATIONS)  # seeds after those of the ensembles
+    first = SAMPLES * max(REALISATIONS)  # after the seeds of the ensembles
     shares = np.arange(first, first + count).reshape(PARTS, -1)
     parts = np.array([fitted_stiffness("convex_decreasing", share) for share in shares])
     mean = parts.mean()

@@ -16,13 +16,14 @@ def granular(
     Parameters
     ----------
     grains : int
-        At least 8.
+        Number of grains, at least 8.
     mass_ratio : float
-        Of the heaviest grain to the lightest; between them the logarithm is uniform.
+        Mass of the heaviest grain over the mass of the lightest one; between them the logarithm is
+        uniform.
     contacts_per_grain : float
-        More than 3 make the contacts redundant.
+        Mean number of contacts; more than 3 are redundant.
     seed : int
-        Of the positions, masses and velocities.
+        Seed of the positions, masses and velocities.
 
     Returns
     -------
@@ -74,14 +75,14 @@ def loaded_column(
     Parameters
     ----------
     bodies : int
-        At least 2.
+        Number of bodies, at least 2.
     mass_ratio : float
-        Of the body on top to any other.
+        Mass of the body on top over the mass of any other one.
 
     Returns
     -------
     mass, directions, velocity
-        As those of :func:`granular`, one row for each body.
+        Arrays as in :func:`granular`, one row for each body.
     """
     mass = np.ones(bodies)
     mass[-1] = mass_ratio
@@ -103,11 +104,11 @@ def membrane(nodes: int, *, contrast: float = 1.0, seed: int = 0) -> tuple[csr_a
     Parameters
     ----------
     nodes : int
-        Along an edge.
+        Number of nodes along an edge.
     contrast : float
-        Of the stiffness of half of the cells, chosen at random, to that of the others.
+        Stiffness of half of the cells, chosen at random, over the stiffness of the others.
     seed : int
-        Of that choice.
+        Seed of this choice.
 
     Returns
     -------
@@ -146,11 +147,11 @@ def tensegrity(
     Parameters
     ----------
     nodes : int
-        Along an edge.
+        Number of nodes along an edge.
     contrast : float
-        Of the stiffness of the bars to that of the cables.
+        Stiffness of the bars over the stiffness of the cables.
     seed : int
-        Of the positions, loads, and the quarter of the links that are bars.
+        Seed of the positions, the loads, and the choice of the quarter of the links that are bars.
 
     Returns
     -------
@@ -192,7 +193,7 @@ def p_matrix(size: int, *, seed: int = 0) -> tuple[np.ndarray, np.ndarray]:
     size : int
         Number of unknowns.
     seed : int
-        Of the entries.
+        Seed of the entries.
 
     Returns
     -------

@@ -1,4 +1,4 @@
-"""What the codes are measured against: limits extrapolated from their finest grids."""
+"""References of the codes: limits extrapolated from their finest grids."""
 
 import numpy as np
 
@@ -23,8 +23,8 @@ def extrapolate(values: np.ndarray, order: float | None = None) -> float:
     Notes
     -----
     The observed order is :math:`r = \log_2 (v_2 - v_1) / (v_3 - v_2)`. It is kept between 1 and 2,
-    and 2 for values that oscillate: what is left of the error is then small, and a wild order must
-    not enlarge it.
+    and 2 for values that oscillate: their remaining error is small, and a wild order must not
+    enlarge it.
 
     Examples
     --------

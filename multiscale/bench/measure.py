@@ -1,4 +1,4 @@
-"""Run a task in processes of its own and say what it took."""
+"""Time and memory of a task in processes of its own."""
 
 import sys
 from collections.abc import Callable
@@ -14,19 +14,19 @@ from typing import Generic, TypeVar
 __all__ = ["THREADS", "Measurement", "measure", "peak_memory"]
 
 THREADS = 2
-"""Threads that a measured code may use, if nothing else is said."""
+"""Number of threads that a measured code may use by default."""
 
 T = TypeVar("T")
 
 
 @dataclass(frozen=True)
 class Measurement(Generic[T]):
-    """What a task returned and took.
+    """Answer of a task, with its time and memory.
 
     Attributes
     ----------
     value : object or None
-        What the run of median time returned; ``None`` if a process died, as it does for lack of
+        Answer of the run of median time; ``None`` if a process died, for instance for lack of
         memory.
     wall_time : float
         Median over the runs, s; ``nan`` if a process died.
@@ -60,9 +60,9 @@ def measure(
     repeats : int
         Number of runs.
     threads : int
-        Threads that the task may use.
+        Number of threads that the task may use.
     process : bool
-        Whether each run has a fresh process, which tells its memory too.
+        Whether each run has a fresh process, whose memory is measured too.
 
     Returns
     -------

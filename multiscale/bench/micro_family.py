@@ -6,19 +6,16 @@ not carry it and 64 are the coarsest grid. All grids sample the same band-limite
 
 from collections.abc import Callable, Iterable
 from functools import partial
-from typing import TYPE_CHECKING
+from importlib.util import find_spec
 
 import numpy as np
 
 from multiscale.bench.limits import common_reference, extrapolate
 from multiscale.bench.peers import CODES, TOLERANCE, Code, ContactAnswer
-from multiscale.bench.trials import Columns, Report, Runs, Trial, measure_trials
+from multiscale.bench.trials import BenchFamily, Columns, Runs, Trial
 from multiscale.surfaces.surface import Surface
 
-if TYPE_CHECKING:
-    import xarray as xr
-
-__all__ = ["CONTACT_MODULUS", "RMS_SLOPE", "bench_micro", "scene_surface"]
+__all__ = ["CONTACT_MODULUS", "RMS_SLOPE", "plan_micro", "scene_surface"]
 
 LENGTH = 1e-3  # m
 CONTACT_MODULUS = 1e9
@@ -35,7 +32,7 @@ def scene_surface(points: int) -> Surface:
     Parameters
     ----------
     points : int
-        Along an edge, at least 33.
+        Number of points along an edge, at least 33.
     """
     from multiscale.micro import self_affine
 
@@ -50,36 +47,35 @@ def scene_surface(points: int) -> Surface:
     )
 
 
-def bench_micro(*, quick: bool, report: Report) -> "xr.Dataset":
-    r"""Measure every installed code on every grid and pressure.
+def plan_micro(*, quick: bool) -> BenchFamily:
+    r"""Plan to measure every installed code on every grid and pressure.
 
     If quick, one pressure, three grids and one run of each instead of three, four and the median of
-    three. The attribute ``cautions`` has a sentence for each code that is not installed.
+    three.
 
     Notes
     -----
-    *Errors.* Of the mean gap, relative to the root mean square height; of the contact fraction,
-    relative to it. ``error`` and ``contact_error`` are against a common reference, the half-space
-    problem for small slopes: of the limits that the codes which approximate it tend to, the one
-    that was extrapolated least; its uncertainty is the distance to the others. ``own_error`` and
-    ``own_contact_error`` are against the limit of the code itself. The mesh of the conforming cell
-    follows the surface: against the common reference it ends at the difference of the two models,
-    of the first order in the slope, because contact is on the summits, softer than a half-space.
+    *Errors* of the mean gap are relative to the root mean square height, errors of the contact
+    fraction to the fraction. ``error`` and ``contact_error`` are distances from a common reference,
+    the half-space problem for small slopes: the limit that was extrapolated least among the limits
+    of the codes that solve this problem. Its uncertainty is the distance to the other limits.
+    ``own_error`` and ``own_contact_error`` are distances from the limit of the code itself. The
+    mesh of the conforming cell follows the surface, so that its distance from the common reference
+    tends to the difference of the two models, which is of first order in the slope: contact is on
+    the summits, softer than a half-space.
 
-    *Limits.* Richardson's, with the observed order for the mean gap and order 1 for the contact
+    *Limits* are Richardson's, with the observed order for the mean gap and order 1 for the contact
     fraction, whose error sits at the edges of the spots and is too irregular for more.
 
-    *Times* are from heights to averages in a process of its own, with all that depends on the
-    heights, after a solve on the coarsest grid that takes the imports and the compilation.
+    *Times* count the way from heights to averages in a process of its own, after a solve on the
+    coarsest grid that takes the imports and the compilation.
     """
-    points = QUICK_POINTS if quick else POINTS
-    codes = {name: code for name, code in CODES.items() if code.installed}
 
     def task(code: Code, n: int, pressure: float) -> Callable[[], ContactAnswer]:
         mean_pressure = pressure * CONTACT_MODULUS * RMS_SLOPE
         return partial(code.solve, scene_surface(n), mean_pressure, CONTACT_MODULUS)
 
-    found = measure_trials(
+    return BenchFamily(
         [
             Trial(
                 f"micro, p = {pressure:g} E* h'",
@@ -88,34 +84,38 @@ def bench_micro(*, quick: bool, report: Report) -> "xr.Dataset":
                 task(code, POINTS[0], pressure),
                 {"points": n, "relative_pressure": pressure},
                 1 if quick else 3,
+                left_out=""
+                if find_spec(code.module)
+                else "because it is not installed; pip install 'multiscale[bench]'",
             )
             for pressure in (QUICK_RELATIVE_PRESSURES if quick else RELATIVE_PRESSURES)
-            for name, code in codes.items()
-            for n in points
+            for name, code in CODES.items()
+            for n in (QUICK_POINTS if quick else POINTS)
         ],
         _judge,
         title="rough contact: mean gap and contact fraction",
-        report=report,
-        surface=f"waves 4 to 16, H = 0.8, rms slope {RMS_SLOPE:g}, E* = {CONTACT_MODULUS:g} Pa",
-        versions=", ".join(
-            dict.fromkeys(f"{code.distribution} {code.version}" for code in codes.values())
-        ),
-        tolerance=TOLERANCE,
-        cautions=(
-            f"{name} is left out because it is not installed; pip install 'multiscale[bench]'"
-            for name, code in CODES.items()
-            if name not in codes
-        ),
+        packages=tuple(code.module for code in CODES.values()),
+        error="error of the mean gap over rms height",
+        attributes={
+            "surface": f"waves 4 to 16, H = 0.8, rms slope {RMS_SLOPE:g}, "
+            f"E* = {CONTACT_MODULUS:g} Pa",
+            "tolerance": TOLERANCE,
+        },
     )
-    found["error"].attrs["long_name"] = "error of the mean gap over rms height"
-    return found
 
 
-def _judge(scene: str, runs: Runs) -> Iterable[Columns]:
-    """Compare the codes with their common limit, and each with its own."""
+def _judge(scene: str, runs: Runs) -> Iterable[tuple[Trial, Columns]]:
+    """Compare the codes with their common limit, and each with its own, NaN without an answer."""
     rms_height = float(scene_surface(POINTS[0]).heights.std())
     codes = list(dict.fromkeys(trial.method for trial in runs))
-    values = np.array([_values(run.value) for run in runs.values()])
+    values = np.array(
+        [
+            (run.value.mean_gap, run.value.contact_fraction)
+            if run.value is not None and run.value.converged
+            else (np.nan, np.nan)
+            for run in runs.values()
+        ]
+    )
     gaps, areas = values.reshape(len(codes), -1, 2).transpose(2, 0, 1)
     small_slope = [CODES[name].small_slope for name in codes]
     gap_limits = np.array([extrapolate(gap) for gap in gaps])
@@ -125,10 +125,7 @@ def _judge(scene: str, runs: Runs) -> Iterable[Columns]:
     for (mean_gap, fraction), (trial, run) in zip(values, runs.items(), strict=True):
         own = codes.index(trial.method)
         answer: ContactAnswer | None = run.value
-        yield {
-            "converged": int(answer is not None and answer.converged),
-            "iterations": 0 if answer is None else answer.iterations,
-            "unknowns": 0 if answer is None else answer.unknowns,
+        columns: Columns = {
             "mean_gap": mean_gap,
             "contact_fraction": fraction,
             "error": abs(mean_gap - gap) / rms_height,
@@ -138,10 +135,10 @@ def _judge(scene: str, runs: Runs) -> Iterable[Columns]:
             "own_contact_error": abs(fraction / area_limits[own] - 1.0),
             "contact_error_uncertainty": area_uncertainty / area,
         }
-
-
-def _values(answer: ContactAnswer | None) -> tuple[float, float]:
-    """Mean gap and contact fraction; NaN if the process died or the code did not converge."""
-    if answer is None or not answer.converged:
-        return np.nan, np.nan
-    return answer.mean_gap, answer.contact_fraction
+        if answer is not None:
+            columns |= {
+                "converged": int(answer.converged),
+                "iterations": answer.iterations,
+                "unknowns": answer.unknowns,
+            }
+        yield trial, columns

@@ -3,7 +3,7 @@
 from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass
 from functools import partial
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 from scipy.sparse import csr_array
@@ -18,23 +18,20 @@ from multiscale.bench.lcp_scenes import (
     tensegrity,
 )
 from multiscale.bench.rigid_bodies import RigidBodies
-from multiscale.bench.trials import Columns, Report, Runs, Trial, measure_trials
+from multiscale.bench.trials import BenchFamily, Columns, Runs, Trial
 from multiscale.convergence import Solution
 from multiscale.errors import CaseError
 from multiscale.nonsmooth import solve_friction, solve_lcp, verify_friction, verify_lcp
 from multiscale.nonsmooth.friction import FRICTION_METHODS
 from multiscale.nonsmooth.lcp import LCP_METHODS
 
-if TYPE_CHECKING:
-    import xarray as xr
-
 __all__ = [
     "FRICTION_SCENES",
     "LCP_SCENES",
     "Problem",
-    "bench_nonsmooth",
     "friction_problem",
     "lcp_problem",
+    "plan_nonsmooth",
 ]
 
 LCP_TOLERANCE, FRICTION_TOLERANCE = 1e-10, 1e-8
@@ -80,7 +77,7 @@ FRICTION_SCENES: Mapping[str, tuple[Callable[[int], RigidBodies], int, int]] = {
     "wedge that slides": (lambda n: wedged_block(0.3), 1, 1),
     "wedge that jams": (lambda n: wedged_block(1.5), 1, 1),
 }
-"""As ``LCP_SCENES``."""
+"""Generator, size and quick size of each scene."""
 
 
 @dataclass(frozen=True)
@@ -90,13 +87,13 @@ class Problem:
     Attributes
     ----------
     scene : str
-        Name, with the number of unknowns.
+        Name with the number of unknowns.
     unknowns : int
         Length of an answer.
     tolerance : float
         Residual asked for, relative to the data.
     methods : tuple of str
-        All that could be asked for by name, ``"auto"`` first.
+        Names of all methods, ``"auto"`` first.
     solve : callable
         Takes ``method`` and ``max_iterations`` by name.
     verify : callable
@@ -139,49 +136,43 @@ def friction_problem(name: str, *, quick: bool) -> Problem:
     )
 
 
-def bench_nonsmooth(*, quick: bool, report: Report) -> "xr.Dataset":
-    """Solve every scene by every method.
+def plan_nonsmooth(*, quick: bool) -> BenchFamily:
+    """Plan to solve every scene by every method.
 
     If quick, smaller scenes and one run of each instead of the median of three.
-    The dataset has histories. The attribute ``cautions`` has a sentence for each method that cannot
-    take a scene.
+    The dataset has histories.
 
     Notes
     -----
-    *Errors* are what the verifier finds in the answer, and ``converged`` says whether that is
-    within the ``tolerance`` of the scene; what failed is kept with its error. The histories hold
+    *Errors* are found by the verifier in the answer, and ``converged`` says whether they are within
+    the ``tolerance`` of the scene; a failed run is kept with its error. The histories hold
     every residual in the order in which it was found, also where it rose; the answer is the best.
     A residual counts as an iteration: a step of a Newton or interior-point method, ten sweeps or
     gradient steps of a complementarity problem, n / 20 pivots.
 
-    *Times* are those of one thread in this process, with scaling and verification, after two
+    *Times* are measured on one thread in this process, with scaling and verification, after two
     iterations of every method on the same scene that take the compilation. A hundred processes
     would take longer to start than the solvers to run, so memory is not measured.
     """
     problems = {problem.scene: problem for problem in _problems(quick)}
-    cautions: list[str] = []
 
-    def trials() -> Iterator[Trial]:
-        for problem, method in ((one, name) for one in problems.values() for name in one.methods):
-            warm_up = partial(problem.solve, method=method, max_iterations=WARM_UP)
-            try:
-                warm_up()
-            except CaseError as error:
-                cautions.append(f"{method} is left out of {problem.scene!r}: {error}")
-                continue
-            task = partial(problem.solve, method=method)
-            yield Trial(problem.scene, method, task, warm_up, repeats=1 if quick else REPEATS)
+    def trial(problem: Problem, method: str) -> Trial:
+        warm_up, left_out = partial(problem.solve, method=method, max_iterations=WARM_UP), ""
+        try:
+            warm_up()
+        except CaseError as error:
+            left_out = f"of {problem.scene!r}: {error}"
+        task, repeats = partial(problem.solve, method=method), 1 if quick else REPEATS
+        return Trial(problem.scene, method, task, warm_up, repeats=repeats, left_out=left_out)
 
-    return measure_trials(
-        trials(),
+    return BenchFamily(
+        [trial(problem, method) for problem in problems.values() for method in problem.methods],
         partial(_judge, problems),
         title="complementarity and friction: residual of every method",
         packages=("clarabel",),
         threads=1,
-        report=report,
         process=False,
-        wall_time_counts="median; without imports and compilation",
-        cautions=cautions,
+        attributes={"wall_time_counts": "median; without imports and compilation"},
     )
 
 
@@ -192,17 +183,22 @@ def _problems(quick: bool) -> Iterator[Problem]:
         yield friction_problem(name, quick=quick)
 
 
-def _judge(problems: Mapping[str, Problem], scene: str, runs: Runs) -> Iterator[Columns]:
+def _judge(
+    problems: Mapping[str, Problem], scene: str, runs: Runs
+) -> Iterator[tuple[Trial, Columns]]:
     """Verify the answers to a problem."""
     problem = problems[scene]
-    answers: list[Any] = [run.value for run in runs.values()]
-    for answer in answers:
+    for trial, run in runs.items():
+        answer: Any = run.value
         error = problem.verify(answer.value)
-        yield {
-            "error": error,
-            "tolerance": problem.tolerance,
-            "converged": int(error <= problem.tolerance),
-            "iterations": len(answer.residuals) - 1,
-            "unknowns": problem.unknowns,
-            "history": np.column_stack([answer.seconds, answer.residuals]),
-        }
+        yield (
+            trial,
+            {
+                "error": error,
+                "tolerance": problem.tolerance,
+                "converged": int(error <= problem.tolerance),
+                "iterations": len(answer.residuals) - 1,
+                "unknowns": problem.unknowns,
+                "history": np.column_stack([answer.seconds, answer.residuals]),
+            },
+        )

@@ -2,8 +2,6 @@
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
-from importlib.metadata import version
-from importlib.util import find_spec
 from typing import Literal
 
 import numpy as np
@@ -30,7 +28,7 @@ POISSONS_RATIO = 0.3
 
 @dataclass(frozen=True)
 class ContactAnswer:
-    """What a code found.
+    """Answer of a code.
 
     Attributes
     ----------
@@ -59,7 +57,7 @@ def press_flat_cell(surface: Surface, pressure: float, contact_modulus: float) -
     Parameters
     ----------
     surface : Surface
-        Heights of the elastic body under a rigid flat; those of a square cell.
+        Heights of the elastic body under a rigid flat, on a square cell.
     pressure : float
         Mean pressure, Pa.
     contact_modulus : float
@@ -82,7 +80,8 @@ def press_conforming_cell(
 ) -> ContactAnswer:
     """Press the conforming cell, n/8 but at most 20 layers deep; see :func:`press_flat_cell`.
 
-    The layers grow with the points, so that the error of the depth falls with that of the surface.
+    The number of layers grows with the points, so that the errors of depth and surface fall
+    together.
     """
     layers = min(max(surface.heights.shape[0] // 8, 8), 20)
     return _solve_cell(surface, pressure, contact_modulus, "conforming", layers)
@@ -173,7 +172,7 @@ def press_with_contact_mechanics(
     result = system.minimize_proxy(
         external_force=pressure * length * width,
         pentol=overlap,
-        forcetol=contact_modulus * surface.spacing[0] * overlap,  # what the overlap presses with
+        forcetol=contact_modulus * surface.spacing[0] * overlap,  # force of the overlap
         maxiter=MAX_ITERATIONS,
     )
     return _answer(surface, result.x, result.jac, int(result.nit), converged=bool(result.success))
@@ -208,32 +207,21 @@ class Code:
     ----------
     solve : callable
         Surface, mean pressure (Pa) and contact modulus (Pa) to :class:`ContactAnswer`.
-    distribution, module : str
-        Names by which it is installed and imported.
+    module : str
+        Name by which the code is installed and imported.
     small_slope : bool
         Whether it solves the half-space problem for small slopes, with the roughness as a gap.
     """
 
     solve: Callable[[Surface, float, float], ContactAnswer]
-    distribution: str
     module: str
     small_slope: bool = True
 
-    @property
-    def installed(self) -> bool:
-        """Whether it can be imported."""
-        return find_spec(self.module) is not None
-
-    @property
-    def version(self) -> str:
-        """The installed version."""
-        return version(self.distribution)
-
 
 CODES: Mapping[str, Code] = {
-    "multiscale flat": Code(press_flat_cell, "multiscale", "multiscale"),
-    "multiscale conforming": Code(press_conforming_cell, "multiscale", "multiscale", False),
-    "Tamaas": Code(press_with_tamaas, "tamaas", "tamaas"),
-    "ContactMechanics": Code(press_with_contact_mechanics, "ContactMechanics", "ContactMechanics"),
+    "multiscale flat": Code(press_flat_cell, "multiscale"),
+    "multiscale conforming": Code(press_conforming_cell, "multiscale", small_slope=False),
+    "Tamaas": Code(press_with_tamaas, "tamaas"),
+    "ContactMechanics": Code(press_with_contact_mechanics, "ContactMechanics"),
 }
 """The codes side by side, by the name in the dataset."""

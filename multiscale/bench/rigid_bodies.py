@@ -43,10 +43,6 @@ class RigidBodies:
         W = csr_array(self.transfer.T @ inverse @ self.transfer)
         return W, self.transfer.T @ (self.momentum / self.mass.diagonal()), self.friction
 
-    def body_velocity(self, reaction: np.ndarray) -> np.ndarray:
-        """Return v after the impulses r, m/s and 1/s."""
-        return np.asarray((self.momentum + self.transfer @ reaction) / self.mass.diagonal())
-
 
 def rigid_bodies(
     masses: np.ndarray,

@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
-from multiscale.bench.record import versions
+from multiscale.bench.trials import versions
 from multiscale.errors import MultiscaleError
 from multiscale.executors import call_on_one_thread, process_pool
 from multiscale.schema import STABILITY
@@ -79,17 +79,16 @@ def check_stability(
     ----------
     cases : list of StabilityCase
     jobs : int
-        Processes at a time.
+        Number of processes at a time.
     report : callable
         Gets a line after each case.
     keep : callable
-        Gets what has been found after each case, so that nothing is lost if the run is killed.
+        Gets the dataset of all cases so far after each case, so that a killed run leaves it.
 
     Returns
     -------
     Dataset
-        Follows ``STABILITY``; the attribute ``cases`` is the number of all, also in what is kept
-        on the way.
+        Follows ``STABILITY``; the attribute ``cases`` is the number of all cases, also on the way.
 
     Notes
     -----
@@ -116,7 +115,7 @@ class _Outcome(NamedTuple):
 
 
 def _join(cases: list[StabilityCase], found: list[_Outcome]) -> "xr.Dataset":
-    """Arrange what has been found so far of the first cases."""
+    """Arrange the outcomes of the first cases."""
     done = cases[: len(found)]
     return STABILITY.build(
         {
@@ -135,7 +134,7 @@ def _join(cases: list[StabilityCase], found: list[_Outcome]) -> "xr.Dataset":
 
 
 def _run_all(cases: list[StabilityCase], jobs: int) -> Iterator[tuple[StabilityCase, _Outcome]]:
-    """Run the cases in order; one whose process dies takes nothing else with it."""
+    """Run the cases in order; a case whose process dies does not stop the others."""
     left = list(cases)
     while left:
         with process_pool(jobs) as executor:
@@ -144,7 +143,7 @@ def _run_all(cases: list[StabilityCase], jobs: int) -> Iterator[tuple[StabilityC
                 try:
                     found = future.result()
                 except BrokenProcessPool:
-                    yield left.pop(0), _run_alone(case)  # which of them died, only this tells
+                    yield left.pop(0), _run_alone(case)  # only this shows which of them dies
                     break
                 yield left.pop(0), found
 

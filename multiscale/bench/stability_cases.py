@@ -32,15 +32,15 @@ __all__ = [
 ]
 
 MODULES = 8
-"""Along an edge of the grids."""
+"""Number of modules along an edge of the grids."""
 REFERENCE_PRESTRESS, CABLE_RIGIDITY = 600.0, 4e6
-"""Of the grids, N."""
+"""Prestress and axial rigidity of the cables of the grids, N."""
 YOUNG, POISSON = 210e9, 0.3  # Pa, 1
 SHORT = 4.0 * np.finfo(float).eps / 1e-9
 """Stretch, relative to the largest displacement, of which 1e-9, the tolerance of ``motion``, is the
 rounding of displacements: where links are that stiff, stretches are judged instead of forces."""
 POINTS, LAYERS = 16, 6
-"""Of the cells."""
+"""Points along an edge and layers of the cells."""
 
 
 def _grid(bar_over_cable: float, prestress: float) -> "LinkSystem":
@@ -58,14 +58,14 @@ def structure(bar_over_cable: float, prestress: float, load_factor: float) -> fl
     """Tensegrity grid at rest: distance from equilibrium and from the laws of its links."""
     from multiscale.bench.structures_family import GridMethod, solve_grid, verify
 
-    grid = _grid(bar_over_cable, prestress)
-    return verify(grid, load_factor, solve_grid(grid, load_factor, GridMethod("auto", MODULES)))
+    grid, method = _grid(bar_over_cable, prestress), GridMethod("auto", MODULES, pardiso=True)
+    return verify(grid, load_factor, solve_grid(grid, load_factor, method))
 
 
 def motion(bar_over_cable: float, prestress: float, step: float) -> float:
     """Grid that is let go from under its load: worst of momentum, motion, link laws and energy.
 
-    Forces are taken relative to the largest one, and to the one that a stretch of ``SHORT`` makes.
+    Forces are relative to the largest force, and to the force of a stretch of ``SHORT``.
     """
     from multiscale.macro import simulate, solve_static
     from multiscale.macro.discrete import compatibility
@@ -105,7 +105,7 @@ def motion(bar_over_cable: float, prestress: float, step: float) -> float:
 
 
 def cut_structure(bar_over_cable: float, load_factor: float, parts: int) -> float:
-    """Grid cut into substructures, by LATIN: distance of its tensions from those of the whole."""
+    """Grid cut into substructures, by LATIN: distance of its tensions from the uncut grid."""
     from multiscale.bench.structures_family import distance
     from multiscale.macro import cut_links, solve_latin, solve_static
     from multiscale.macro.substructures import split_grid
@@ -229,7 +229,7 @@ def large_strain(material: str, slope: float, friction: float) -> float:
         state = walk.state
         if walk.reached < 1.0:
             raise ConvergenceError(f"the path ends: {state.status.value}")
-        # what a body has become gives its stress back without flowing again
+        # the flowed body has its stress without flowing again
         balance = scene.body.begin(state.material, 0.0).respond(state.displacement).force
         balance[:, -1] -= state.force
         meeting = scene.meet(state.displacement, state.approach, state.slide)
@@ -304,11 +304,11 @@ def voids(modulus: float, porosity: float) -> float:
     basis = Basis(mesh, ElementHex1())
     number = np.ravel_multi_index(tuple(np.rint(n * basis.doflocs).astype(int) % n), (n, n, n))
     lame, shear = (value * share for value in lame_parameters(1.0, POISSON))
-    exact = YOUNG * solve_periodic(basis, number, lame, shear)[1]  # of 1 m3
+    exact = YOUNG * solve_periodic(basis, number, lame, shear).energy  # of 1 m3
     return float(np.abs(found - exact).max() / np.abs(exact).max())
 
 
 def _refuse_failure(result: "xr.Dataset") -> None:
-    """Raise what a result says of a step that it could not take."""
+    """Raise the failure of a result whose path ended early."""
     if not result["converged"].values.all():
         raise ConvergenceError(result.attrs.get("failure") or "a step did not converge")

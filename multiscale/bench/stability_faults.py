@@ -21,7 +21,7 @@ def joint_faults(
     steps: "Iterable[tuple[np.ndarray, np.ndarray, np.ndarray]]",
     stiffness: float,
 ) -> float:
-    r"""Measure how far tractions and jumps are from what bodies and law allow.
+    r"""Measure the distance of tractions and jumps from bodies and law.
 
     Parameters
     ----------
@@ -71,7 +71,7 @@ def joint_faults(
         nearest = law.resolvent(t + stiffness * moved, stiffness, state) - moved
         response = law.respond(moved + np.clip(nearest, -rounding, rounding), state)
         faults.append(np.abs(response.traction - t).max())
-        state, before = response.state, y
+        state, before = response.state.copy(), y
         state[-2:] = 0.0  # the tangential jumps from which the next step counts
     return float(np.max(faults))
 

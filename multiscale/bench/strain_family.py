@@ -1,22 +1,18 @@
 """Cells at large strain: the error of the mean gap against run time, grid by grid."""
 
 from functools import partial
-from typing import TYPE_CHECKING
 
 import numpy as np
 
 from multiscale.bench.limits import extrapolate
-from multiscale.bench.trials import Report, Trial, judge_by, measure_trials
+from multiscale.bench.trials import BenchFamily, Trial, judge_by
 from multiscale.laws.bulk import J2, NeoHookean
 
-if TYPE_CHECKING:
-    import xarray as xr
-
-__all__ = ["STRAIN_SCENES", "bench_strain", "gap_over_wave"]
+__all__ = ["STRAIN_SCENES", "gap_over_wave", "plan_strain"]
 
 YOUNG, POISSON = 1e9, 0.3  # Pa, 1
 AMPLITUDE = 0.04
-"""Of the waves, over their length: slopes up to a quarter."""
+"""Amplitude of the waves over their length, for slopes up to a quarter."""
 
 STRAIN_SCENES = {
     "rubber waves": (NeoHookean(YOUNG, POISSON), 0.06),
@@ -43,19 +39,19 @@ def gap_over_wave(scene: str, points: int) -> float:
     return float(response["mean_gap"].values.ravel()[-1])
 
 
-def bench_strain(*, quick: bool, report: Report) -> "xr.Dataset":
-    """Press waves of rubber and of plastic steel on grids of all sizes.
+def plan_strain(*, quick: bool) -> BenchFamily:
+    """Plan to press waves of rubber and of plastic steel on grids of all sizes.
 
     If quick, three coarse grids.
 
     Notes
     -----
-    *Errors* are those of the mean gap against its limit, extrapolated from the three finest grids;
-    the distance of the finest grid from there is their uncertainty. The increments of the plastic
-    path are the same on all grids, so that their error is not seen here.
+    *Errors* of the mean gap are relative to its limit, extrapolated from the three finest grids;
+    the distance of the finest grid from this limit is their uncertainty. The largest increments of
+    the plastic path are the same on all grids, so that most of their error is not seen here.
     """
     grids = QUICK_POINTS if quick else POINTS
-    return measure_trials(
+    return BenchFamily(
         [
             Trial(
                 scene,
@@ -70,11 +66,10 @@ def bench_strain(*, quick: bool, report: Report) -> "xr.Dataset":
         judge_by(_limit),
         title="cells at large strain: mean gap",
         packages=("numba",),
-        report=report,
     )
 
 
 def _limit(scene: str, gaps: list[float]) -> tuple[float, float]:
-    """Extrapolate the gap, and say how far the finest grid is from there."""
+    """Extrapolate the gap; return the distance of the finest grid from this limit too."""
     limit = extrapolate(np.array(gaps))
     return limit, abs(gaps[-1] / limit - 1.0)

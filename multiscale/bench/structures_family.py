@@ -9,23 +9,19 @@ from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from functools import partial
 from importlib.util import find_spec
-from typing import TYPE_CHECKING
 
 import numpy as np
 
-from multiscale.bench.trials import Columns, Report, Runs, Trial, measure_trials
+from multiscale.bench.trials import BenchFamily, Columns, Runs, Trial
 from multiscale.macro import LinkSystem, solve_static, tensegrity_grid
 from multiscale.macro.discrete import compatibility
-
-if TYPE_CHECKING:
-    import xarray as xr
 
 __all__ = [
     "GRID_METHODS",
     "GridAnswer",
     "GridMethod",
-    "bench_structures",
     "distance",
+    "plan_structures",
     "scene_grid",
     "solve_grid",
     "verify",
@@ -52,7 +48,7 @@ class GridMethod:
     Attributes
     ----------
     method : str
-        Of :func:`multiscale.macro.solve_static`.
+        Method of :func:`multiscale.macro.solve_static`.
     largest : int
         Modules along an edge of the largest grid that it gets.
     pardiso : bool
@@ -73,18 +69,18 @@ GRID_METHODS: Mapping[str, GridMethod] = {
 
 @dataclass(frozen=True, eq=False)
 class GridAnswer:
-    """What a method found; NaN if it did not converge.
+    """Answer of a method; NaN if it did not converge.
 
     Attributes
     ----------
     tension : ndarray, shape (links,)
-        N.
+        Tension, N.
     displacement : ndarray, shape (nodes, 3)
-        m.
+        Displacement, m.
     slack : int
         Number of slack cables.
     iterations : float
-        Steps of Newton's method; NaN of another method, which does not tell.
+        Number of steps of Newton's method; NaN for other methods, which do not count them.
     """
 
     tension: np.ndarray
@@ -101,8 +97,8 @@ def scene_grid(n: int) -> LinkSystem:
 def solve_grid(system: LinkSystem, load_factor: float, method: GridMethod) -> GridAnswer:
     """Solve by one method.
 
-    For a process of its own: without ``pardiso`` it cannot import pypardiso any more, as where
-    that is not installed.
+    Without ``pardiso`` the process cannot import pypardiso any more, so that it should be used for
+    nothing else.
     """
     if not method.pardiso:
         sys.modules["pypardiso"] = None  # type: ignore[assignment]
@@ -120,8 +116,10 @@ def verify(system: LinkSystem, load_factor: float, answer: GridAnswer) -> float:
 
     Parameters
     ----------
-    system, load_factor
-        What was solved.
+    system : LinkSystem
+        Structure that was solved.
+    load_factor : float
+        Factor of its load.
     answer : GridAnswer
         Tensions and displacement; they are a solution if and only if the result is zero.
 
@@ -147,9 +145,9 @@ def distance(system: LinkSystem, tension: np.ndarray, reference: np.ndarray) -> 
     Parameters
     ----------
     system : LinkSystem
-        Whose stiffness k weighs the links.
+        Links, whose stiffness k is the weight.
     tension, reference : ndarray, shape (links,)
-        N.
+        Tensions, N.
 
     Returns
     -------
@@ -161,31 +159,28 @@ def distance(system: LinkSystem, tension: np.ndarray, reference: np.ndarray) -> 
     return float(np.sqrt(change / size))
 
 
-def bench_structures(*, quick: bool, report: Report) -> "xr.Dataset":
-    r"""Solve grids of all sizes at two load factors by every method.
+def plan_structures(*, quick: bool) -> BenchFamily:
+    r"""Plan to solve grids of all sizes at two load factors by every method.
 
     If quick, the three smallest grids, and one run of each method.
-    The attribute ``cautions`` has a sentence if PARDISO is not installed.
 
     Notes
     -----
     *Residuals* are found by :func:`verify` in the answer, and alone decide on ``converged``.
 
-    *Errors* are distances of the tensions, which are unique, from those of Newton's method, by
-    :func:`distance`. For the dual program, which shares neither the unknowns nor the algorithm,
-    that is an independent check of both. For Newton's method it is the distance to itself with
-    the other factorisation: how far rounding carries the answer, and no more. It is NaN where
-    there is no other, as on the largest grids; there the residual stands alone.
+    *Errors* are distances, by :func:`distance`, of the tensions, which are unique, from the
+    tensions by Newton's method. For the dual program, which shares neither the unknowns nor the
+    algorithm, the distance is an independent check of both. For Newton's method it is the distance
+    between both factorisations, which is the effect of rounding. It is NaN where the other
+    factorisation is missing, as on the largest grids; there the residual stands alone.
 
-    *Times* are those of :func:`multiscale.macro.solve_static`, in a process of its own, with the
-    checks of the structure and all that is prepared from it, after the solution of a small grid
-    that takes the imports and the compilation. *Memory* is that of the whole process.
+    *Times* hold for :func:`multiscale.macro.solve_static` in a process of its own, with the checks
+    of the structure and all preparations, after the solution of a small grid that takes the imports
+    and the compilation. *Memory* counts the whole process.
     """
-    methods = {
-        name: method
-        for name, method in GRID_METHODS.items()
-        if not method.pardiso or find_spec("pypardiso") is not None
-    }
+    no_pardiso = ""
+    if find_spec("pypardiso") is None:
+        no_pardiso = "because pypardiso is not installed; pip install 'multiscale[pardiso]'"
     grids = {n: scene_grid(n) for n in (QUICK_MODULES if quick else MODULES)}
     trials = {
         Trial(
@@ -198,50 +193,43 @@ def bench_structures(*, quick: bool, report: Report) -> "xr.Dataset":
                 "unknowns": int(np.count_nonzero(~grid.fixed)),
             },
             1 if quick or n > REPEATED else REPEATS,
+            left_out=no_pardiso if method.pardiso else "",
         ): (grid, load_factor)
         for load_factor in LOAD_FACTORS
         for n, grid in grids.items()
-        for name, method in methods.items()
+        for name, method in GRID_METHODS.items()
         if n <= method.largest
     }
-    return measure_trials(
+    return BenchFamily(
         trials,
         partial(_judge, trials),
         title="statics of tensegrity grids: growth of time and memory",
         packages=("scipy", "clarabel", "pypardiso"),
-        report=report,
-        wall_time_counts=(
-            f"median, above {REPEATED} x {REPEATED} modules one run; without start of the process, "
-            f"imports and compilation"
-        ),
-        cautions=(
-            f"{name} is left out because pypardiso is not installed; "
-            f"pip install 'multiscale[pardiso]'"
-            for name in GRID_METHODS
-            if name not in methods
-        ),
+        attributes={
+            "wall_time_counts": f"median, above {REPEATED} x {REPEATED} modules one run; without "
+            f"start of the process, imports and compilation"
+        },
     )
 
 
 def _judge(
     solved: Mapping[Trial, tuple[LinkSystem, float]], scene: str, runs: Runs
-) -> Iterator[Columns]:
-    """Verify the answers, and compare those to one grid; NaN if a process died."""
+) -> Iterator[tuple[Trial, Columns]]:
+    """Verify the answers, and compare answers to one grid."""
     answers = {trial: run.value for trial, run in runs.items() if run.value is not None}
     residuals = {trial: verify(*solved[trial], answer) for trial, answer in answers.items()}
     good = [trial for trial, residual in residuals.items() if residual <= TOLERANCE]
     newton = [trial for trial in good if GRID_METHODS[trial.method].method == "newton"]
-    for trial in runs:
+    for trial, answer in answers.items():
         system = solved[trial][0]
         others = [one for one in newton if one is not trial and solved[one][0] is system]
-        columns: Columns = dict.fromkeys(("iterations", "slack_fraction", "error"), np.nan)
-        if trial in answers:
-            columns["iterations"] = answers[trial].iterations
-        if trial in answers and others:
-            columns["error"] = distance(system, answers[trial].tension, answers[others[0]].tension)
-        if trial in good:
-            columns["slack_fraction"] = answers[trial].slack / trial.settings["cables"]
-        yield columns | {
-            "residual": residuals.get(trial, np.nan),
+        columns: Columns = {
+            "iterations": answer.iterations,
+            "residual": residuals[trial],
             "converged": int(trial in good),
         }
+        if others:
+            columns["error"] = distance(system, answer.tension, answers[others[0]].tension)
+        if trial in good:
+            columns["slack_fraction"] = answer.slack / trial.settings["cables"]
+        yield trial, columns

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from multiscale.bench.structures_family import distance, scene_grid
-from multiscale.bench.trials import Columns, Report, Runs, Trial, measure_trials
+from multiscale.bench.trials import BenchFamily, Columns, Runs, Trial
 from multiscale.fe.boxes import box_mesh
 from multiscale.laws import Exponential, Sliders
 from multiscale.laws.bulk import Elastic
@@ -38,28 +38,28 @@ __all__ = [
     "CUT_METHODS",
     "CutAnswer",
     "CutScene",
-    "bench_substructures",
     "make_scenes",
+    "plan_substructures",
     "solve_scene",
 ]
 
 CUT_METHODS = ("whole structure", "Newton-Schur", "LATIN")
-"""The first one is the reference of the others, and the second one that of the first."""
+"""Methods: the first one is the reference of the others, and the second one of the first one."""
 
 MODULES, QUICK_MODULES = (16, 32, 64, 128), (8, 16)
-"""Along an edge of the grid."""
+"""Numbers of modules along an edge of the grid."""
 
 EDGE = 8
 """Modules along an edge of a substructure, at most: half of the smallest grid."""
 
 TOLERANCE = 1e-8
-"""Asked of the substructured solvers."""
+"""Tolerance of the substructured solvers."""
 
 RIGHT = 1e-7
 """Error up to which an answer counts as converged: the stopping test of LATIN is heuristic."""
 
 THREADS = 1
-"""The substructures of a process are solved one after the other, whatever the threads."""
+"""Number of threads: the substructures of a process are solved one after the other."""
 
 ONCE = 64
 """Modules along an edge from which on each method runs once."""
@@ -67,19 +67,20 @@ ONCE = 64
 
 @dataclass(frozen=True, eq=False)
 class CutScene:
-    """A structure at one load.
+    """A structure under one load.
 
     Attributes
     ----------
     name : str
-    structure : LinkSystem or Problem
+        Name in the table.
+    structure : LinkSystem or CutProblem
         Links that are still to be cut, or elastic bodies, assembled and cut.
     factor : ndarray, shape (1, cases)
-        Of the load cases.
+        Factors of the load cases.
     parts : tuple of int
-        Substructures of links along x and y.
+        Numbers of substructures of links along x and y.
     repeats : int
-        Runs of each method.
+        Number of runs of each method.
     """
 
     name: str
@@ -105,7 +106,7 @@ class CutScene:
 
 @dataclass(frozen=True, eq=False)
 class CutAnswer:
-    """What a method found.
+    """Answer of a method.
 
     Attributes
     ----------
@@ -114,9 +115,11 @@ class CutAnswer:
     converged : bool
         Whether the method says so.
     iterations : float
+        Number of iterations.
     unknowns : int
+        Number of unknowns.
     history : ndarray, shape (samples, 2)
-        Seconds and error after each iteration, if the method tells and there was a reference.
+        Seconds and error after each iteration; empty without a reference.
     """
 
     value: np.ndarray
@@ -156,10 +159,16 @@ def make_scenes(*, quick: bool = False) -> list[CutScene]:
 
 def solve_scene(scene: CutScene, method: str, reference: CutAnswer | None = None) -> CutAnswer:
     """Solve a scene by one of ``CUT_METHODS``; with a reference, note the errors on the way."""
-    if method == CUT_METHODS[0]:
-        return _solve_whole(scene)
     begin, history = perf_counter(), []
+    if method == CUT_METHODS[0] and isinstance(scene.structure, LinkSystem):
+        result = solve_static(scene.structure, float(scene.factor[0, 0]))
+        unknowns = int(np.count_nonzero(~scene.structure.fixed))
+        steps = int(result["iterations"]) - 1
+        return CutAnswer(result["tension"].values, bool(result["converged"]), steps, unknowns)
     problem = scene.cut()
+    if method == CUT_METHODS[0]:
+        return _answer(problem, solve_whole(problem, scene.factor))
+    latin = method == CUT_METHODS[2]
     order = np.concatenate(
         [part.links.number if part.links else [] for part in problem.substructures]
     )
@@ -167,40 +176,27 @@ def solve_scene(scene: CutScene, method: str, reference: CutAnswer | None = None
     def note(_: int, __: float, state: Any) -> None:
         if reference is None:
             return
-        if isinstance(scene.structure, CutProblem):
-            latin = method == CUT_METHODS[2]
-            value = problem.average(state.u) if latin else state.displacement()
-        else:
+        if order.size:
             value = np.empty(order.size)
-            value[order.astype(int)] = (
-                state.tension if method == CUT_METHODS[2] else state.tension()
-            )
+            value[order.astype(int)] = state.tension if latin else state.tension()
+        else:
+            value = problem.average(state.u) if latin else state.displacement()
         history.append((perf_counter() - begin, scene.error(value, reference.value)))
 
-    solve = solve_latin if method == CUT_METHODS[2] else solve_schur
+    solve = solve_latin if latin else solve_schur
     result = solve(problem, scene.factor, tolerance=TOLERANCE, callback=note)
     return _answer(problem, result, history)
-
-
-def _solve_whole(scene: CutScene) -> CutAnswer:
-    """Solve without a cut."""
-    if isinstance(scene.structure, LinkSystem):
-        result = solve_static(scene.structure, float(scene.factor[0, 0]))
-        unknowns = int(np.count_nonzero(~scene.structure.fixed))
-        steps = int(result["iterations"]) - 1
-        return CutAnswer(result["tension"].values, bool(result["converged"]), steps, unknowns)
-    return _answer(scene.structure, solve_whole(scene.structure, scene.factor))
 
 
 def _answer(
     problem: CutProblem, result: "xr.Dataset", history: Sequence[tuple[float, float]] = ()
 ) -> CutAnswer:
     """Tension of the links, or displacement of the unknowns, that a solver of a cut has found."""
-    free, value = problem.number >= 0, np.empty(problem.n)
-    if problem.n_links:
-        value = result["tension"].values[0]
-    else:
-        value[problem.number[free]] = result["displacement"].values[0][free]
+    value = (
+        result["tension"].values[0]
+        if problem.n_links
+        else problem.unknowns(result["displacement"].values[0])
+    )
     return CutAnswer(
         value,
         bool(result["converged"][0]),
@@ -210,8 +206,8 @@ def _answer(
     )
 
 
-def bench_substructures(*, quick: bool, report: Report) -> "xr.Dataset":
-    """Solve every scene by LATIN, by Newton-Schur and without a cut.
+def plan_substructures(*, quick: bool) -> BenchFamily:
+    """Plan to solve every scene by LATIN, by Newton-Schur and without a cut.
 
     If quick, two small grids, coarser bodies, and one run of each method.
     The dataset has histories.
@@ -225,7 +221,7 @@ def bench_substructures(*, quick: bool, report: Report) -> "xr.Dataset":
 
     *Times* begin with the structure of links, or with the assembled substructures of bodies, and
     count the cut of the former; each run has a process of its own, after a small one that takes
-    imports and compilation. *Memory* is that of the whole process. Each method has one process
+    imports and compilation. *Memory* counts the whole process. Each method has one process
     of one thread, so that no substructure is solved beside another.
     """
     small = make_scenes(quick=True)
@@ -243,27 +239,32 @@ def bench_substructures(*, quick: bool, report: Report) -> "xr.Dataset":
                 follows=whole,
             )
             trials[trial], whole = scene, whole or trial
-    return measure_trials(
+    return BenchFamily(
         trials,
         partial(_judge, trials),
         title="cut structures: LATIN, Newton-Schur and the whole structure, in one process",
         packages=("scipy", "pypardiso"),
         threads=THREADS,
-        report=report,
     )
 
 
-def _judge(scenes: Mapping[Trial, CutScene], name: str, runs: Runs) -> Iterator[Columns]:
-    """Compare the answers to a scene; NaN if a process died."""
+def _judge(
+    scenes: Mapping[Trial, CutScene], name: str, runs: Runs
+) -> Iterator[tuple[Trial, Columns]]:
+    """Compare the answers to a scene."""
     answers = {trial.method: run.value for trial, run in runs.items()}
     for trial in runs:
         mine, other = answers[trial.method], answers[CUT_METHODS[trial.method == CUT_METHODS[0]]]
-        error = np.nan
-        if mine is not None and other is not None:
-            error = scenes[trial].error(mine.value, other.value)
-        yield {
-            "unknowns": np.nan if mine is None else mine.unknowns,
-            "iterations": np.nan if mine is None else mine.iterations,
-            "error": error,
-            "converged": int(mine is not None and mine.converged and error <= RIGHT),
-        } | ({} if mine is None else {"history": mine.history})
+        if mine is None:
+            continue
+        error = np.nan if other is None else scenes[trial].error(mine.value, other.value)
+        yield (
+            trial,
+            {
+                "unknowns": mine.unknowns,
+                "iterations": mine.iterations,
+                "error": error,
+                "converged": int(mine.converged and error <= RIGHT),
+                "history": mine.history,
+            },
+        )

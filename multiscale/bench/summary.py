@@ -1,4 +1,4 @@
-"""All families in one dataset, and the cheapest way to an answer as good as is asked for."""
+"""All families in one dataset, and the cheapest way to an answer of a given accuracy."""
 
 from collections.abc import Mapping
 from typing import TYPE_CHECKING
@@ -13,7 +13,7 @@ if TYPE_CHECKING:
 __all__ = ["TARGETS", "join_families", "tabulate_cheapest"]
 
 TARGETS = (0.1, 0.05, 0.02, 0.01)
-"""Relative errors that a user may ask for."""
+"""Relative errors of the table of cheapest answers."""
 
 SETTINGS: Mapping[str, str] = {
     "points": "{:.0f} points",
@@ -22,7 +22,7 @@ SETTINGS: Mapping[str, str] = {
     "cables": "{:.0f} cables",
     "tolerance": "tolerance {:.2g}",
 }
-"""What a method may be set to, and how that reads."""
+"""Settings of methods, with their format in the table."""
 
 
 def join_families(families: Mapping[str, "xr.Dataset"]) -> "xr.Dataset":
@@ -72,8 +72,8 @@ def tabulate_cheapest(
     -------
     head : tuple of str
     rows : list of tuple of str
-        One for each scene; "none" where no run reached the error, "unknown" where the reference is
-        less certain than that.
+        One row for each scene; "none" where no run reached the error, "unknown" where the reference
+        is less certain.
     """
     head = ("scene", *(f"{100.0 * target:g} %" for target in TARGETS))
     scenes = dict.fromkeys(str(scene) for scene in work_precision["scene"].values)

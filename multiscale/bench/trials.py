@@ -1,22 +1,31 @@
-"""Trials: the same question answered ever better, each time at its price."""
+"""Trials: the same question answered ever more accurately, each answer with its time."""
 
+import os
 from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass, field
 from functools import partial
+from importlib.metadata import version
+from importlib.util import find_spec
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from multiscale.bench.measure import THREADS, Measurement, measure
-from multiscale.bench.record import load_average, record, versions
+from multiscale.schema import WORK_PRECISION
 
 if TYPE_CHECKING:
     import xarray as xr
 
-__all__ = ["Columns", "Judge", "Report", "Runs", "Trial", "judge_by", "measure_trials"]
-
-Report = Callable[[str], None]
-"""Gets a line after each measurement."""
+__all__ = [
+    "BenchFamily",
+    "Columns",
+    "Judge",
+    "Runs",
+    "Trial",
+    "judge_by",
+    "measure_family",
+    "versions",
+]
 
 
 @dataclass(frozen=True, eq=False)
@@ -34,11 +43,13 @@ class Trial:
     warm_up : callable
         Takes imports and compilation in that process, untimed.
     settings : mapping of str to float
-        How well it is answered: variables of ``WORK_PRECISION``, such as ``points``.
+        Settings of the accuracy: variables of ``WORK_PRECISION``, such as ``points``.
     repeats : int
         Number of runs, whose median time counts.
     follows : Trial, optional
-        An earlier one, whose answer, or None if its process died, the task gets.
+        Earlier trial, whose answer the task gets, or None if its process died.
+    left_out : str
+        Why the method is not measured, such as "because it is not installed"; empty if it is.
     """
 
     scene: str
@@ -48,100 +59,132 @@ class Trial:
     settings: Mapping[str, float] = field(default_factory=dict)
     repeats: int = 1
     follows: "Trial | None" = None
+    left_out: str = ""
 
 
 Runs = Mapping[Trial, Measurement[Any]]
-"""What the trials returned and took, in their order."""
+"""Measurements of the trials, in their order."""
 
 Columns = dict[str, Any]
-"""Variables of ``WORK_PRECISION`` of one trial."""
+"""Variables of ``WORK_PRECISION`` in one row of the table."""
 
-Judge = Callable[[str, Runs], Iterable[Columns]]
-"""From a scene and its runs to ``error``, ``converged`` and more of each of them."""
+Judge = Callable[[str, Runs], Iterable[tuple[Trial, Columns]]]
+"""From a scene and its runs to the rows of each trial, with ``error``, ``converged`` and more."""
 
 
-def measure_trials(
-    trials: Iterable[Trial],
-    judge: Judge,
-    *,
-    title: str,
-    packages: tuple[str, ...] = (),
-    threads: int = THREADS,
-    report: Report = lambda line: None,
-    process: bool = True,
-    **attributes: Any,
-) -> "xr.Dataset":
-    """Measure answers to questions, and judge them.
+@dataclass(frozen=True, eq=False)
+class BenchFamily:
+    """Questions of one kind, with everything that it takes to measure and judge the answers.
 
     Parameters
     ----------
     trials : iterable of Trial
-        Trials, of each scene from coarse to fine; all settings have the same names.
+        Trials, of each scene from coarse to fine.
     judge : callable
         Says how good the answers to a scene are; see :func:`judge_by` for numbers.
     title : str
         Question of the family.
     packages : tuple of str
-        Packages whose versions are recorded.
+        Packages whose versions are recorded where they are installed.
     threads : int
-        That a run may use.
-    report : callable
-        Gets a line after each measurement.
+        Number of threads that a run may use.
     process : bool
         Whether each run has a process of its own; otherwise memory is not measured.
-    **attributes
-        Of :func:`multiscale.bench.record.record`.
+    error : str
+        Long name of ``error``, if it differs from the name in ``WORK_PRECISION``.
+    attributes : mapping of str to (str or float)
+        Further attributes of the dataset.
+    """
+
+    trials: Iterable[Trial]
+    judge: Judge
+    title: str
+    packages: tuple[str, ...] = ()
+    threads: int = THREADS
+    process: bool = True
+    error: str = ""
+    attributes: Mapping[str, str | float] = field(default_factory=dict)
+
+
+def measure_family(family: BenchFamily, report: Callable[[str], None]) -> "xr.Dataset":
+    """Measure answers to questions, and judge them.
+
+    Parameters
+    ----------
+    family : BenchFamily
+        Questions, answers and their judge.
+    report : callable
+        Gets a line after each measurement.
 
     Returns
     -------
     Dataset
-        Follows ``WORK_PRECISION``; its histories are joined from ``history`` of the judge, shape
-        (samples, 2), seconds and errors.
+        Follows ``WORK_PRECISION``. A row that lacks a variable of other rows is NaN there, and a
+        trial without a row of the judge has one without an error. Histories are joined from
+        ``history`` of the judge, shape (samples, 2), seconds and errors. The attribute ``cautions``
+        has a sentence for each method that is left out.
     """
-    load = load_average()
-    runs: dict[Trial, Measurement[Any]] = {}
-    for trial in trials:
+    load = os.getloadavg()[0]
+    cautions, runs = dict[str, None](), dict[Trial, Measurement[Any]]()
+    for trial in family.trials:
+        if trial.left_out:
+            cautions[f"{trial.method} is left out {trial.left_out}"] = None
+            continue
         known = () if trial.follows is None else (runs[trial.follows].value,)
         runs[trial] = measure(
             partial(trial.task, *known),
             warm_up=trial.warm_up,
             repeats=trial.repeats,
-            threads=threads,
-            process=process,
+            threads=family.threads,
+            process=family.process,
         )
         settings = "".join(f", {name} {value:g}" for name, value in trial.settings.items())
         report(f"{trial.scene}, {trial.method}{settings}: {runs[trial].wall_time:.3g} s")
-    judged: dict[Trial, Columns] = {}
+    rows: list[Columns] = []
     for scene in dict.fromkeys(trial.scene for trial in runs):
         mine = {trial: run for trial, run in runs.items() if trial.scene == scene}
-        judged |= zip(mine, judge(scene, mine), strict=True)
-    histories = [judged[trial].pop("history", np.zeros((0, 2))) for trial in runs]
-    samples = np.concatenate(histories)
-    found = {
-        "history_run": np.repeat(np.arange(len(runs)), [len(one) for one in histories]),
-        "history_seconds": samples[:, 0],
-        "history_error": samples[:, 1],
-    }
+        judged: dict[Trial, list[Columns]] = {trial: [] for trial in mine}
+        for trial, columns in family.judge(scene, mine):
+            judged[trial].append(columns)
+        for trial, run in mine.items():
+            row = {"scene": scene, "method": trial.method, "wall_time": run.wall_time}
+            row |= {"peak_memory": run.peak_memory} if family.process else {}
+            row |= {"error": np.nan, "converged": 0, **trial.settings}
+            rows += [row | columns for columns in judged[trial] or [{}]]
+    histories = [row.pop("history", np.zeros((0, 2))) for row in rows]
+    names = dict.fromkeys(name for row in rows for name in row)
+    variables = {name: np.array([row.get(name, np.nan) for row in rows]) for name in names}
+    if sum(map(len, histories)):
+        variables["history_run"] = np.repeat(np.arange(len(rows)), [*map(len, histories)])
+        variables["history_seconds"], variables["history_error"] = np.concatenate(histories).T
     repeats = max(trial.repeats for trial in runs)
-    rows: list[Columns] = [
-        {"scene": trial.scene, "method": trial.method, "wall_time": run.wall_time}
-        | ({"peak_memory": run.peak_memory} if process else {})
-        | {**trial.settings, **judged[trial]}
-        for trial, run in runs.items()
-    ]
-    return record(
-        rows,
-        found if len(samples) else {},
-        threads=threads,
-        load_before=load,
+    found = WORK_PRECISION.build(
+        variables,
         **{
-            "title": title,
-            "versions": versions(*packages),
+            "title": family.title,
+            "versions": versions(*family.packages),
+            "threads": family.threads,
+            "cores": os.cpu_count() or 1,
+            "load_before": load,
+            "load_after": os.getloadavg()[0],  # processes that run or wait, mean of a minute
             "repeats": repeats,
             "wall_time_counts": f"{'median' if repeats > 1 else 'one run'}; without start of the "
             f"process, imports and compilation",
-            **attributes,
+            "cautions": "\n".join(cautions),
+            **family.attributes,
         },
+    )
+    if family.error:
+        found["error"].attrs["long_name"] = family.error
+    return found
+
+
+def versions(*packages: str) -> str:
+    """Name the versions of this package and of the other packages that are installed."""
+    return ", ".join(
+        f"{name} {version(name)}"
+        for name in dict.fromkeys(("multiscale", *packages))
+        if find_spec(name) is not None
     )
 
 
@@ -151,8 +194,8 @@ def judge_by(truth: Callable[[str, list[float]], tuple[float, float]], *, count:
     Parameters
     ----------
     truth : callable
-        Gets a scene and the mean answers of its trials; returns the true answer, and how far that
-        may be off, relative to it.
+        Gets a scene and the mean answers of its trials; returns the true answer, and its
+        uncertainty relative to it.
     count : str
         Variable of ``WORK_PRECISION`` that a task returns after its number, if any.
 
@@ -163,19 +206,20 @@ def judge_by(truth: Callable[[str, list[float]], tuple[float, float]], *, count:
         NaN if the process died or did not converge.
     """
 
-    def judge(scene: str, runs: Runs) -> Iterable[Columns]:
+    def judge(scene: str, runs: Runs) -> Iterable[tuple[Trial, Columns]]:
         found = [
             np.atleast_1d((np.nan, np.nan) if run.value is None else run.value)
             for run in runs.values()
         ]
         answers = [one[:1] if count else one for one in found]
         exact, uncertainty = truth(scene, [float(one.mean()) for one in answers])
-        for run, whole, samples in zip(runs.values(), found, answers, strict=True):
-            yield {
+        for (trial, run), whole, samples in zip(runs.items(), found, answers, strict=True):
+            columns = {
                 "error": float(np.sqrt(np.mean((samples / exact - 1.0) ** 2))),
                 "error_uncertainty": uncertainty,
                 "wall_time": run.wall_time / samples.size,
                 "converged": int(np.isfinite(samples).all()),
-            } | ({count: float(whole[1])} if count else {})
+            }
+            yield trial, columns | ({count: float(whole[1])} if count else {})
 
     return judge

@@ -2,7 +2,6 @@
 
 import json
 import os
-import shutil
 import subprocess
 import tempfile
 from dataclasses import dataclass
@@ -13,13 +12,13 @@ from multiscale.errors import ConvergenceError
 from multiscale.io import read_text, write_bytes
 from multiscale.macro.granulate import Model
 
-__all__ = ["Settled", "installed", "settle", "time_step"]
+__all__ = ["PROGRAM", "Settled", "settle", "time_step"]
 
 PROGRAM = "yade"
 YOUNGS_MODULUS = 1e7
-"""Pa: soft, so that explicit steps are long; overlaps reach half a percent of a radius."""
+"""Young's modulus, Pa: soft, for long explicit steps; overlaps reach .5 % of a radius."""
 SAFE = 0.3
-"""Length of a step over the time that a wave takes through a radius."""
+"""Length of a step over the time of a wave through a radius, dimensionless."""
 
 SCRIPT = """
 import json
@@ -65,40 +64,38 @@ class Settled:
     ----------
     height : float
         Twice the mean height of the centres, m.
-    contacts, steps : int
-        Number of overlapping pairs, and of time steps.
+    contacts : int
+        Number of overlapping pairs.
+    steps : int
+        Number of time steps.
     overlap : float
         Largest overlap relative to the radius.
     """
 
     height: float
     contacts: int
-    overlap: float
     steps: int
-
-
-def installed() -> bool:
-    """Tell whether YADE can be run."""
-    return shutil.which(PROGRAM) is not None
+    overlap: float
 
 
 def time_step(model: Model) -> float:
-    """Return the length of its steps for grains of one size and density, s."""
+    """Return the length of the steps of YADE for grains of one size and density, s."""
     grains = model.grains
     density = float(grains.mass[0] / grains.volume[0])
     return SAFE * float(grains.radius[0]) * sqrt(density / YOUNGS_MODULUS)
 
 
 def settle(model: Model, duration: float, *, threads: int = 1) -> Settled:
-    """Let the grains of a deposit fall, from the very positions of the model.
+    """Solve the fall of the grains of a deposit, from the same positions.
 
     Parameters
     ----------
     model : Model
         Spheres of one size and density in a box that is open above.
     duration : float
-        s.
+        Duration of the fall, s.
     threads : int
+        Number of threads.
 
     Returns
     -------

@@ -48,7 +48,7 @@ class Split:
 
 
 def split(start: np.ndarray, shared: np.ndarray) -> Split:
-    """Split the unknowns; those of a body are ``start[E]`` to ``start[E + 1]``."""
+    """Split the unknowns; a body has the unknowns ``start[E]`` to ``start[E + 1]``."""
     inside, edge = np.flatnonzero(~shared), np.flatnonzero(shared)
     return Split(inside, edge, np.searchsorted(inside, start), np.searchsorted(edge, start))
 
@@ -77,7 +77,7 @@ class CondensedStiffness:
         return np.asarray(force[self.split.edge] - self.out @ inner)
 
     def expand(self, force: np.ndarray, edge: np.ndarray) -> np.ndarray:
-        """Displacement of all unknowns from that of the kept ones, m."""
+        """Displacement of all unknowns from the displacement of the kept ones, m."""
         u = np.empty(force.size)
         u[self.split.edge] = edge
         u[self.split.inside] = self.solve(force[self.split.inside] - self.back @ edge)

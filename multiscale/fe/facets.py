@@ -34,8 +34,12 @@ def surface_of(mesh: "Mesh", boundary: str) -> ContactFace:
     inside = mesh.p[:, mesh.t[:, mesh.f2t[0, index]]].mean(axis=1).T
     x = mesh.p.T[corners]
     centre = x.mean(axis=1)
-    if mesh.dim() == 3 and corners.shape[1] == 4:
-        corners = _cyclic(corners, x, centre, inside)
+    if mesh.dim() == 3 and corners.shape[1] == 4:  # by their angle around the centre
+        n = (centre - inside) / np.linalg.norm(centre - inside, axis=1, keepdims=True)
+        arm = x - centre[:, None]
+        first = arm[:, 0] - np.sum(arm[:, 0] * n, axis=1, keepdims=True) * n
+        ahead, aside = (np.einsum("fcd,fd->fc", arm, one) for one in (first, np.cross(n, first)))
+        corners = np.take_along_axis(corners, np.argsort(np.arctan2(aside, ahead), axis=1), axis=1)
         x = mesh.p.T[corners]
     outward = np.sum(facet_normals(x) * (centre - inside), axis=1) > 0.0
     corners = np.where(outward[:, None], corners, corners[:, ::-1])
@@ -96,16 +100,3 @@ def nodal_areas(surface: ContactFace, x: np.ndarray) -> np.ndarray:
             for corner, value in zip(surface.facets.T, N, strict=True):
                 np.add.at(area, corner, value * jacobian)
     return area
-
-
-def _cyclic(
-    corners: np.ndarray, x: np.ndarray, centre: np.ndarray, inside: np.ndarray
-) -> np.ndarray:
-    """Put the corners of quadrilaterals in the order of their angle around the centre."""
-    n = centre - inside
-    n /= np.linalg.norm(n, axis=1, keepdims=True)
-    arm = x - centre[:, None]
-    first = arm[:, 0] - np.sum(arm[:, 0] * n, axis=1, keepdims=True) * n
-    second = np.cross(n, first)
-    angle = np.arctan2(np.einsum("fcd,fd->fc", arm, second), np.einsum("fcd,fd->fc", arm, first))
-    return np.asarray(np.take_along_axis(corners, np.argsort(angle, axis=1), axis=1))

@@ -1,13 +1,13 @@
 """Mesh of a lap joint with a bolt hole, by gmsh."""
 
-import signal
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 
 from multiscale.errors import CaseError
 from multiscale.fe.boxes import HEX_ORDER
+from multiscale.fe.gmsh_model import gmsh_model
 
 if TYPE_CHECKING:
     from skfem import Mesh
@@ -31,7 +31,7 @@ class LapShape:
     Parameters
     ----------
     length, width, thickness : float
-        Of each plate.
+        Lengths of each plate.
     overlap : float
         Length along x on which the plates lie on each other, shorter than a plate.
     hole, washer : float
@@ -93,8 +93,8 @@ def lap_meshes(shape: LapShape) -> tuple["Mesh", "Mesh"]:
 
     Notes
     -----
-    One plane mesh of quadrilaterals covers the overlap and what of each plate sticks out. Each
-    plate is its part of it, drawn out downwards or upwards.
+    One plane mesh of quadrilaterals covers the overlap and the rest of each plate. Each plate is
+    its part of it, drawn out downwards or upwards.
     """
     points, quads = _plan(shape)
     middle = points[0, quads].mean(axis=0)
@@ -107,17 +107,21 @@ def lap_meshes(shape: LapShape) -> tuple["Mesh", "Mesh"]:
 
 def _plan(shape: LapShape) -> tuple[np.ndarray, np.ndarray]:
     """Points (2, n) and anticlockwise quadrilaterals (4, m) in plan."""
-    try:
-        import gmsh
-    except OSError as error:
-        raise CaseError(
-            f"gmsh cannot be loaded ({error}); install the system's OpenGL library, see Limits in "
-            f"the README"
-        ) from error
-    gmsh.initialize(interruptible=False)
-    try:
-        gmsh.option.setNumber("General.Terminal", 0)
-        _describe(gmsh.model, shape)
+    half, out = 0.5 * shape.overlap, shape.length - shape.overlap
+    with gmsh_model("lap joint") as gmsh:
+        occ = gmsh.model.occ  # the overlap with hole and washer, between the rest of the plates
+        sheets = [
+            occ.addRectangle(x, -0.5 * shape.width, 0.0, long, shape.width)
+            for x, long in ((-half - out, out), (-half, shape.overlap), (half, out))
+        ]
+        hole, washer = (
+            occ.addDisk(0.0, 0.0, 0.0, 0.5 * diameter, 0.5 * diameter)
+            for diameter in (shape.hole, shape.washer)
+        )
+        occ.cut([(2, sheets[1])], [(2, hole)], tag=OVERLAP, removeTool=False)
+        occ.cut([(2, washer)], [(2, hole)], tag=RING)
+        occ.fragment([(2, sheets[0]), (2, OVERLAP), (2, sheets[2])], [(2, RING)])
+        occ.synchronize()
         # the recombination leaves triangles, which a subdivision of all makes quadrilaterals
         for name, value in (("RecombineAll", 1), ("SubdivisionAlgorithm", 1)):
             gmsh.option.setNumber(f"Mesh.{name}", value)
@@ -126,34 +130,12 @@ def _plan(shape: LapShape) -> tuple[np.ndarray, np.ndarray]:
         gmsh.model.mesh.generate(2)
         tags, coordinates, _ = gmsh.model.mesh.getNodes()
         corners = gmsh.model.mesh.getElementsByType(QUAD)[1]
-    finally:
-        gmsh.finalize()
-        signal.signal(signal.SIGPIPE, signal.SIG_IGN)  # as Python has it; gmsh resets it
     place = np.full(int(tags.max()) + 1, -1)
     place[tags] = np.arange(tags.size)
     points, quads = coordinates.reshape(-1, 3).T[:2], place[corners].reshape(-1, 4).T
     ax, ay = points[:, quads[2]] - points[:, quads[0]]
     bx, by = points[:, quads[3]] - points[:, quads[1]]
     return points, np.where(ax * by > ay * bx, quads, quads[::-1])
-
-
-def _describe(model: Any, shape: LapShape) -> None:
-    """Draw the overlap with its hole and washer between what sticks out of the plates."""
-    half, out = 0.5 * shape.overlap, shape.length - shape.overlap
-    low, width = -0.5 * shape.width, shape.width
-    occ = model.occ
-    sheets = [
-        occ.addRectangle(x, low, 0.0, long, width)
-        for x, long in ((-half - out, out), (-half, shape.overlap), (half, out))
-    ]
-    hole, washer = (
-        occ.addDisk(0.0, 0.0, 0.0, 0.5 * diameter, 0.5 * diameter)
-        for diameter in (shape.hole, shape.washer)
-    )
-    occ.cut([(2, sheets[1])], [(2, hole)], tag=OVERLAP, removeTool=False)
-    occ.cut([(2, washer)], [(2, hole)], tag=RING)
-    occ.fragment([(2, sheets[0]), (2, OVERLAP), (2, sheets[2])], [(2, RING)])
-    occ.synchronize()
 
 
 def _draw_out(shape: LapShape, points: np.ndarray, quads: np.ndarray, way: float) -> "Mesh":

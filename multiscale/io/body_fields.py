@@ -48,44 +48,32 @@ def write_body_fields(result: "xr.Dataset", folder: Path, *, name: str = "bodies
     MultiscaleError
         If a file cannot be written.
     """
+    import meshio
+
     MACRO_RESULT.check(result)
     missing = [needed for needed in ("position", "displacement", "corners") if needed not in result]
     if missing:
         raise SchemaError(
             f"the result has no {', '.join(missing)}: it is no result of elastic bodies"
         )
-    steps = (
-        {"": _bodies(result, k)} | ({"joints": _joints(result, k)} if "traction" in result else {})
-        for k in range(result.sizes["step"])
-    )
-    return write_series(folder, name, timesteps(result), steps)
-
-
-def _bodies(result: "xr.Dataset", step: int) -> Any:
-    """Elements with their values at a step."""
-    import meshio
-
     corners = result["corners"].values
-    values = {key: [result[key].values[step]] for key in ELEMENT_VARIABLES if key in result}
-    constant = {key: [result[key].values] for key in CONSTANT_VARIABLES if key in result}
-    return meshio.Mesh(
-        result["position"].values,
-        [(ELEMENT_NAMES[corners.shape[1]], corners)],
-        point_data={"displacement": result["displacement"].values[step]},
-        cell_data=values | constant,
-    )
+    elements = [(ELEMENT_NAMES[corners.shape[1]], corners)]
 
+    def parts(step: int) -> dict[str, Any]:
+        values = {key: [result[key].values[step]] for key in ELEMENT_VARIABLES if key in result}
+        values |= {key: [result[key].values] for key in CONSTANT_VARIABLES if key in result}
+        moved = {"displacement": result["displacement"].values[step]}
+        bodies = meshio.Mesh(result["position"].values, elements, moved, values)
+        if "traction" not in result:
+            return {"": bodies}
+        traction, points = result["traction"].values[step], result["point_position"].values
+        joints = {
+            "pressure": -traction[:, 0],
+            "shear": np.hypot(traction[:, 1], traction[:, 2]),
+            **{key: result[key].values[step] for key in POINT_VARIABLES if key in result},
+            **{key: result[f"point_{key}"].values for key in ("joint", "damage")},
+        }
+        vertices = [("vertex", np.arange(len(points))[:, None])]
+        return {"": bodies, "joints": meshio.Mesh(points, vertices, joints)}
 
-def _joints(result: "xr.Dataset", step: int) -> Any:
-    """Points of the joints with their values at a step."""
-    import meshio
-
-    traction = result["traction"].values[step]
-    values = {
-        "pressure": -traction[:, 0],
-        "shear": np.hypot(traction[:, 1], traction[:, 2]),
-        **{key: result[key].values[step] for key in POINT_VARIABLES if key in result},
-        **{key: result[f"point_{key}"].values for key in ("joint", "damage")},
-    }
-    points = result["point_position"].values
-    return meshio.Mesh(points, [("vertex", np.arange(len(points))[:, None])], point_data=values)
+    return write_series(folder, name, timesteps(result), map(parts, range(result.sizes["step"])))

@@ -73,7 +73,12 @@ def write_dataset(
         environment=_environment(),
         **attributes,
     )
-    with _WRITING, _without_cluster():
+    cluster: AbstractContextManager[object] = nullcontext()
+    if "dask" in sys.modules:  # a worker must not ask the scheduler for a lock on bytes in memory
+        import dask
+
+        cluster = dask.config.set(scheduler="threads")
+    with _WRITING, cluster:
         content = bytes(whole.to_netcdf(engine="h5netcdf"))
     write_bytes(path, content)
 
@@ -84,15 +89,6 @@ def _environment() -> str:
     libraries = ", ".join(f"{name} {version(name)}" for name in LIBRARIES)
     machine = f"{platform.system()} on {platform.machine()}, {os.cpu_count()} cores"
     return f"Python {platform.python_version()}, {libraries}; {machine}"
-
-
-def _without_cluster() -> AbstractContextManager[object]:
-    """Keep xarray, in a worker of dask, from asking the scheduler for a lock on bytes in memory."""
-    if "dask" not in sys.modules:
-        return nullcontext()
-    import dask
-
-    return dask.config.set(scheduler="threads")
 
 
 def open_dataset(path: str | PathLike[str], schema: Schema | None = None) -> "xr.Dataset":

@@ -42,21 +42,20 @@ def write_link_fields(result: "xr.Dataset", folder: Path, *, name: str = "links"
     MultiscaleError
         If a file cannot be written.
     """
+    import meshio
+
     MACRO_RESULT.check(result)
     missing = [needed for needed in ("position", "ends", "tension") if needed not in result]
     if missing:
         raise SchemaError(
             f"the result has no {', '.join(missing)}: it is no result of nodes and links"
         )
-    steps = ({"": _links(result, k)} for k in range(result.sizes["step"]))
+    position, lines = result["position"].values, [("line", result["ends"].values)]
+
+    def links(step: int) -> Any:
+        nodes = {key: result[key].values[step] for key in NODE_VARIABLES if key in result}
+        values = {key: [result[key].values[step]] for key in LINK_VARIABLES if key in result}
+        return meshio.Mesh(position, lines, point_data=nodes, cell_data=values)
+
+    steps = ({"": links(k)} for k in range(result.sizes["step"]))
     return write_series(folder, name, timesteps(result), steps)
-
-
-def _links(result: "xr.Dataset", step: int) -> Any:
-    """Lines with the values of links and nodes at a step."""
-    import meshio
-
-    nodes = {key: result[key].values[step] for key in NODE_VARIABLES if key in result}
-    links = {key: [result[key].values[step]] for key in LINK_VARIABLES if key in result}
-    lines = [("line", result["ends"].values)]
-    return meshio.Mesh(result["position"].values, lines, point_data=nodes, cell_data=links)

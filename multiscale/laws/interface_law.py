@@ -9,6 +9,10 @@ from multiscale.errors import ConvergenceError
 
 __all__ = ["InterfaceLaw", "NormalLaw", "Response", "Sliding", "newton_from_the_left"]
 
+MAX_ITERATIONS = 300
+TOLERANCE = 1e-13
+"""Bound on the residual of a resolvent relative to the largest of its three terms."""
+
 
 @dataclass(frozen=True)
 class Response:
@@ -196,9 +200,6 @@ def newton_from_the_left(
     stiffness: np.ndarray,
     state: np.ndarray,
     start: np.ndarray,
-    *,
-    max_iterations: int = 300,
-    tolerance: float = 1e-13,
 ) -> np.ndarray:
     """Solve (1) by Newton's method from a start whose first or second iterate is left of the root.
 
@@ -207,10 +208,6 @@ def newton_from_the_left(
     source, stiffness : ndarray, shape (d, ...), :math:`b`, Pa, and :math:`k`, Pa/m
     state : ndarray, shape (n_state, ...), last committed state
     start : ndarray, shape (...), initial normal jump, m
-    max_iterations : int, iteration limit
-    tolerance : float
-        Bound on the residual of (1) relative to the largest of its three terms, dimensionless. A
-        point also converges if its step is below the spacing of floating-point numbers.
 
     Returns
     -------
@@ -219,7 +216,7 @@ def newton_from_the_left(
     Raises
     ------
     ConvergenceError
-        If the tolerance is not reached.
+        If :data:`TOLERANCE` is not reached, nor a step below the spacing of floating-point numbers.
     """
     if not np.all(stiffness > 0.0):
         raise ValueError("the stiffness of a search direction must be positive (Pa/m)")
@@ -227,7 +224,7 @@ def newton_from_the_left(
     jump: np.ndarray = source / stiffness
     jump[0] = start
     residual = np.inf
-    for iteration in range(max_iterations):
+    for iteration in range(MAX_ITERATIONS):
         response = law.respond(jump, state)
         t = response.traction[0]
         f = t + k * jump[0] - source[0]
@@ -237,7 +234,7 @@ def newton_from_the_left(
         ratio = np.abs(f) / np.where(scale > 0.0, scale, 1.0)
         # from the second iterate on all are left of the root up to round-off
         passed = (iteration > 0) & (f >= 0.0) & (ratio <= 1e-9)
-        open_points = ~((ratio <= tolerance) | (np.abs(step) <= spacing) | passed)
+        open_points = ~((ratio <= TOLERANCE) | (np.abs(step) <= spacing) | passed)
         if not np.any(open_points):
             return jump
         residual = float(np.max(ratio[open_points]))

@@ -205,7 +205,7 @@ class Sliders(InterfaceLaw):
         """
         from multiscale.laws.slabs import resolve
 
-        own, k = self.normal.n_state, np.broadcast_to(stiffness, source.shape)
+        own, k = self.normal.n_state, np.full(source.shape, stiffness, dtype=float)
         jump = self.normal.resolvent(source, k, state[:own])
         now = self.normal.respond(jump, state[:own]).state
         found, failed = resolve(

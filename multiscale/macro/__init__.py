@@ -12,14 +12,17 @@ displacement and sliding               linear
 links or elastic bodies, cut           :func:`solve_latin`, :func:`solve_schur`: any interface law
 (:func:`cut_links`,                    between the bodies, many substructures, several processes
 :func:`cut_bodies`)
-``RoughJoint``: two elastic blocks     :func:`rough_joint`: a normal law, condensed onto the jump
+``Assembly``: elastic bodies, any      :func:`solve_assembly`: assembled Newton, LATIN, Newton-Schur
+interface law, rigid plates
+``RoughJoint``: two elastic blocks     :func:`rough_joint`: a normal law, condensed onto the jump;
+                                       :func:`pressed_blocks` makes an ``Assembly`` of it
 matrices of elastic bodies and a jump  :func:`solve_interface`: any law, all unknowns together
 grains                                 :func:`granulate.simulate_grains`
 =====================================  ==========================================================
 """
 
 from multiscale.macro import granulate
-from multiscale.macro.bodies import Assembly, Interface
+from multiscale.macro.bodies import Assembly, Interface, Platen
 from multiscale.macro.continuum import (
     Body,
     Contact,
@@ -50,9 +53,9 @@ from multiscale.macro.dynamics import simulate
 from multiscale.macro.joint import (
     Block,
     RoughJoint,
-    assemble_joint,
     cycled_joint,
     press_joint,
+    pressed_blocks,
     rough_joint,
     soften,
 )
@@ -81,12 +84,12 @@ __all__ = [
     "LatinMethod",
     "LinkSystem",
     "NewtonSchur",
+    "Platen",
     "RigidCylinder",
     "RigidGraph",
     "RigidPlane",
     "RigidSphere",
     "RoughJoint",
-    "assemble_joint",
     "cable_net",
     "critical_factor",
     "cut_bodies",
@@ -97,6 +100,7 @@ __all__ = [
     "load_mesh",
     "mechanism_modes",
     "press_joint",
+    "pressed_blocks",
     "prestress_by_itself",
     "quadruplex_module",
     "rough_joint",

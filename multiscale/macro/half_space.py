@@ -1,4 +1,8 @@
-"""A half-space with a periodic profile, pressed against a plane through an interface law."""
+"""A half-space with a periodic profile, pressed against a plane through an interface law.
+
+The stiffness of a half-space is a full matrix without bodies of elements: it goes to
+:func:`solve_interface` as it is, and no assembly is made.
+"""
 
 import numpy as np
 from scipy.linalg import circulant

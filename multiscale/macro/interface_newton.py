@@ -17,7 +17,7 @@ PATIENCE = 30
 """Iterations without a smaller residual after which the solver gives up."""
 
 FLOOR = 1e-8
-"""Stiffness lent to an open interface in a singular tangent, relative to that of the bodies."""
+"""Stiffness lent to an open interface in a singular tangent, relative to the bodies' own."""
 
 GROWTH, HALVINGS = 100.0, 40
 """Factor by which a step may raise the residual, and how often it is halved to keep to that: along
@@ -35,7 +35,7 @@ class InterfaceIterate:
     force : ndarray
         Nodal force of the interface, N.
     tangent : ndarray, shape (..., points)
-        Of the law, times the weights of the points, N/m.
+        Tangent of the law, times the weights of the points, N/m.
     """
 
     value: np.ndarray

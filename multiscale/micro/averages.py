@@ -7,39 +7,10 @@ import numpy as np
 if TYPE_CHECKING:
     from skfem import Element, Mesh
 
-__all__ = ["average_traction", "dual_basis", "mean_gap", "recovered_force"]
+__all__ = ["average_traction", "mean_gap", "recovered_force"]
 
 
-def dual_basis(normal: np.ndarray, tangents: np.ndarray) -> np.ndarray:
-    r"""Complete a frame of the mean plane by its dual tangents.
-
-    Parameters
-    ----------
-    normal : ndarray, shape (3,)
-        Unit normal :math:`n^0`.
-    tangents : ndarray, shape (2, 3)
-        Tangents :math:`a_\alpha^0`, neither unit nor orthogonal of necessity.
-
-    Returns
-    -------
-    ndarray, shape (3, 3)
-        Rows :math:`n^0, a^{0\,1}, a^{0\,2}` with
-        :math:`a_\alpha^0 \cdot a^{0\,\beta} = \delta_\alpha^\beta`.
-
-    Examples
-    --------
-    >>> dual_basis(np.array([0.0, 0.0, 1.0]), np.array([[2.0, 0.0, 0.0], [0.0, 1.0, 0.0]]))
-    array([[0. , 0. , 1. ],
-           [0.5, 0. , 0. ],
-           [0. , 1. , 0. ]])
-    """
-    metric = tangents @ tangents.T
-    return np.vstack([normal, np.linalg.solve(metric, tangents)])
-
-
-def average_traction(
-    force: np.ndarray, nominal_area: float, frame: np.ndarray | None = None
-) -> np.ndarray:
+def average_traction(force: np.ndarray, nominal_area: float) -> np.ndarray:
     r"""Average local contact forces over the nominal area, eqs (2) and (3) of the source.
 
     Parameters
@@ -47,21 +18,17 @@ def average_traction(
     force : ndarray, shape (nodes, 3)
         Forces on the body at its contact nodes, N: the local tractions
         :math:`t_N^i n^i + t_T^i` of all contact spots, integrated with the shape functions. For
-        small displacements the local normal :math:`n^i` is that of the obstacle at the node.
+        small displacements the local normal :math:`n^i` is the normal of the obstacle at the node.
     nominal_area : float
         :math:`\Gamma_c^0`, m2.
-    frame : ndarray, shape (3, 3), optional
-        Rows :math:`n^0, a^{0\,1}, a^{0\,2}` of :func:`dual_basis`; z, x, y if not given.
 
     Returns
     -------
     ndarray, shape (3,)
         :math:`\langle t_N\rangle` (contact negative),
-        :math:`\langle t_T^1\rangle, \langle t_T^2\rangle`, Pa.
+        :math:`\langle t_T^1\rangle, \langle t_T^2\rangle` along x and y, Pa.
     """
-    if frame is None:
-        frame = np.eye(3)[[2, 0, 1]]
-    return np.asarray(frame @ np.sum(force, axis=0) / nominal_area)  # (2), (3)
+    return np.asarray(np.sum(force, axis=0)[[2, 0, 1]] / nominal_area)  # (2), (3)
 
 
 def mean_gap(obstacle_height: np.ndarray, surface_height: np.ndarray, weight: np.ndarray) -> float:

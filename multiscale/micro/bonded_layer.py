@@ -1,7 +1,8 @@
 r"""Elastic layer under a pressure wave, compared with the half-space.
 
 A frictionless pressure :math:`\hat p\cos(qx)` moves the surface of a half-space by
-:math:`2\hat p/(E^* q)`, and that of a layer of thickness :math:`T` by the ratio below times that.
+:math:`2\hat p/(E^* q)`, and the surface of a layer of thickness :math:`T` by the ratio below times
+as much.
 """
 
 import numpy as np
@@ -10,7 +11,7 @@ __all__ = ["ratio_bonded"]
 
 
 def ratio_bonded(phase: np.ndarray, poissons_ratio: float) -> np.ndarray:
-    r"""Compliance of a layer bonded to a rigid base over that of the half-space.
+    r"""Compliance of a layer bonded to a rigid base over the compliance of the half-space.
 
     Parameters
     ----------

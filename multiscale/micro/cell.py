@@ -7,7 +7,7 @@ import numpy as np
 
 from multiscale.errors import CaseError
 from multiscale.laws.bulk import J2, Elastic, GradedElastic, NeoHookean, Prony
-from multiscale.laws.bulk.moduli import lame_parameters
+from multiscale.laws.bulk.moduli import check_moduli, lame_parameters
 from multiscale.micro import bonded_layer
 from multiscale.surfaces.statistics import nayak_parameter, rms_height, rms_slope
 from multiscale.surfaces.surface import Surface
@@ -24,7 +24,6 @@ __all__ = [
     "MeshCell",
     "PeriodicLayer",
     "SecondBody",
-    "check_cell_moduli",
     "depth_caution",
 ]
 
@@ -33,7 +32,7 @@ LayerLaw = Linear | NeoHookean | J2 | Prony
 
 
 def depth_caution(depth: float, period: float) -> str | None:
-    """Return what a layer thinner than the period does to the answer, if it is."""
+    """Return how a layer thinner than the period changes the answer, if it is."""
     if depth >= 0.99 * period:
         return None
     share = float(bonded_layer.ratio_bonded(np.array(2.0 * np.pi * depth / period), 0.3))
@@ -43,22 +42,6 @@ def depth_caution(depth: float, period: float) -> str | None:
     )
 
 
-def check_cell_moduli(
-    youngs_modulus: float | np.ndarray, poissons_ratio: float | np.ndarray
-) -> None:
-    """Refuse what laws take and no cell does: a negative Poisson's ratio, for instance."""
-    modulus, nu = np.asarray(youngs_modulus), np.asarray(poissons_ratio)
-    wrong = modulus[~((modulus > 0.0) & np.isfinite(modulus))]
-    if wrong.size:
-        raise CaseError(f"Young's modulus must be positive and finite (Pa), got {wrong[0]:g}")
-    wrong = nu[~((nu >= 0.0) & (nu < 0.5))]
-    if wrong.size:
-        raise CaseError(
-            f"Poisson's ratio must be at least 0 and below 0.5, got {wrong[0]:g}; "
-            f"use 0.499 for an incompressible material"
-        )
-
-
 @dataclass(frozen=True, eq=False)
 class PeriodicLayer:
     """A deformable periodic layer on a clamped base, whose top is a graph.
@@ -66,7 +49,7 @@ class PeriodicLayer:
     Parameters
     ----------
     surface : Surface
-        Heights of the top; for two rough bodies those of the composite surface.
+        Heights of the top; for two rough bodies the heights of the composite surface.
     depth : float
         Distance from the clamped base to the mean plane of the top, m.
     layers : int
@@ -91,7 +74,7 @@ class PeriodicLayer:
                 f"a cell takes Elastic, GradedElastic, NeoHookean, J2 or Prony as its law, got "
                 f"{type(self.law).__name__}"
             )
-        check_cell_moduli(self.law.youngs_modulus, self.law.poissons_ratio)
+        check_moduli(self.law.youngs_modulus, self.law.poissons_ratio, least=0.0)
         nx, ny = self.surface.heights.shape
         for name in ("youngs_modulus", "poissons_ratio"):
             shape = np.shape(getattr(self.law, name))
@@ -254,16 +237,16 @@ class SecondBody:
 class FiniteCell(PeriodicLayer):
     """A layer at large strain, with friction or against a second deformable body.
 
-    Contact is that of the current configuration. Beside the parameters of
+    Contact is sought in the current configuration. Beside the parameters of
     :class:`PeriodicLayer`:
 
     Parameters
     ----------
     obstacle : Surface, optional
-        Underside of what is opposite; a flat if not given. It has the grid of the surface or, of
+        Underside of the counterface; a flat if not given. It has the grid of the surface or, of
         a second body, another one on the same area.
     friction_coefficient : float
-        Of the local Coulomb law.
+        Coefficient of the local Coulomb law.
     second : SecondBody, optional
         Makes the obstacle deformable.
     """
@@ -350,7 +333,7 @@ class MeshCell:
                 f"a cell on a general mesh takes Elastic or GradedElastic as its law, got "
                 f"{type(self.law).__name__}"
             )
-        check_cell_moduli(self.law.youngs_modulus, self.law.poissons_ratio)
+        check_moduli(self.law.youngs_modulus, self.law.poissons_ratio, least=0.0)
         found = sorted(self.mesh.boundaries or {})
         missing = sorted({"base", "top", "sides"} - set(found))
         if missing:

@@ -1,16 +1,11 @@
 """The maker of cells: the kind that its arguments ask for."""
 
-from typing import TYPE_CHECKING, Literal
+from typing import Literal
 
 import numpy as np
 
 from multiscale.errors import CaseError
 from multiscale.laws.bulk import J2, BulkLaw, Elastic, GradedElastic, NeoHookean, Prony
-from multiscale.surfaces.surface import Surface
-
-if TYPE_CHECKING:
-    pass
-
 from multiscale.micro.cell import (
     FiniteCell,
     FlatCell,
@@ -18,8 +13,8 @@ from multiscale.micro.cell import (
     GridCell,
     LayerLaw,
     SecondBody,
-    check_cell_moduli,
 )
+from multiscale.surfaces.surface import Surface
 
 __all__ = ["Cell"]
 
@@ -65,7 +60,6 @@ def Cell(  # noqa: N802  reads like the kinds that it makes
     CaseError
         If a parameter is outside its range or means nothing to this kind of cell.
     """
-    check_cell_moduli(youngs_modulus, poissons_ratio)
     own = {"youngs_modulus": youngs_modulus, "poissons_ratio": poissons_ratio}
     law: LayerLaw
     if bulk is None:
@@ -81,7 +75,7 @@ def Cell(  # noqa: N802  reads like the kinds that it makes
         for name, value in own.items():  # which the law repeats
             if not np.all(np.isclose(value, given := getattr(law, name), rtol=1e-12, atol=0.0)):
                 raise CaseError(
-                    f"{name} of the bulk law is {given:g}, that of the cell "
+                    f"{name} of the bulk law is {given:g}, but of the cell "
                     f"{np.ravel(value)[0]:g}; give the same, and one for the whole cell"
                 )
     if geometry not in ("conforming", "flat"):

@@ -1,4 +1,4 @@
-"""What a cell needs, from what it is."""
+"""The needs of a cell, from its kind and its fields."""
 
 from collections.abc import Mapping
 from enum import StrEnum
@@ -76,7 +76,7 @@ class CellPart(StrEnum):
     )
     STRESS_RECOVERY = (
         "stress recovery",
-        "means of the stress in the body, beside those of the contact forces",
+        "means of the stress in the body, beside means of the contact forces",
         "nobody asks for the stress, or the material is not linear",
     )
     HARDNESS_CAP = (

@@ -52,7 +52,7 @@ def solve_cell(
         Also integrate the averages from the recovered Cauchy stress: a check of the averages from
         contact forces, and as dear as the contact itself. Flat and finite cells do without.
     tolerance : float
-        Of the contact solver, relative to the norm of the contact forces.
+        Tolerance of the contact solver, relative to the norm of the contact forces.
     checkpoint : Checkpoint, optional
         Gets the steps that took long as they are finished; those found there are not solved again.
 
@@ -190,7 +190,7 @@ def _press(
 
 @contextmanager
 def _compiled() -> Iterator[None]:
-    """Name what is missing if numba finds no folder for its cache."""
+    """Name the missing setting if numba finds no folder for its cache."""
     try:
         yield
     except RuntimeError as error:
@@ -227,7 +227,7 @@ def _average(problem: CellProblem, state: ContactState, fields: bool) -> dict[st
 
 
 def _dataset(steps: Steps, path: Path, asked: dict[str, tuple[int, ...]]) -> "xr.Dataset":
-    """Join the steps with what was asked for beside; what a failed step lacks is NaN."""
+    """Join the steps with the fields asked for beside; values that a failed step lacks are NaN."""
     shapes: dict[str, tuple[int, ...]] = {"traction": (3,), "displacement_jump": (3,)}
     shapes |= dict.fromkeys(("mean_gap", "contact_fraction"), ()) | asked
     known = {name for step in steps for name in step}

@@ -1,4 +1,4 @@
-"""What is asked of a contact solver and what it answers, for every kind of cell."""
+"""Questions to a contact solver and its answers, for every kind of cell."""
 
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -23,7 +23,7 @@ class CellProblem:
         Unit normals into the obstacle, components along axis 1: shape (nx, 3, ny) for a graph
         cell, (nodes, 3) otherwise.
     surface_height, obstacle_height : ndarray
-        Of the body before deformation and of the obstacle at first touch, m.
+        Heights of the body before deformation and of the obstacle at first touch, m.
     weight : ndarray
         Nominal area of each contact node, m2; they add up to the nominal area.
     surface_displacement : callable
@@ -34,7 +34,7 @@ class CellProblem:
     cap : float
         Largest contact force of a node, N.
     edges : tuple of EdgeLayer
-        Of the grid of contact nodes, along x and y.
+        Edges of contact on the grid of nodes, along x and y.
     """
 
     solve: Callable[..., "ContactState"]

@@ -201,7 +201,7 @@ def _begin(
 ) -> tuple[np.ndarray, float, np.ndarray, np.ndarray]:
     """Displacement, approach, forces and active set to begin with.
 
-    They are those of the last step, and what the problem with K_0 says of the change since.
+    They are the last step's, changed as the problem with K_0 says.
     """
     flat = solve_flat(
         body.compliance, gap, closing, load=load, approach=approach, start=start.reference_force

@@ -107,9 +107,11 @@ def _apply(  # type: ignore[no-untyped-def]
 ):
     """Add the elastic forces of every element; strips of elements in x in two colours.
 
-    A single point in x or y has itself as neighbour: plane strain.
+    A single point in x or y has itself as neighbour: plane strain. The moduli are given for every
+    element, or once along an axis on which they are the same.
     """
     nx, layers, _, ny = u.shape
+    along_x, along_y = int(lame.shape[0] > 1), int(lame.shape[2] > 1)
     out[:] = 0.0
     for colour in range(2):
         for pair in numba.prange((nx + 1 - colour) // 2):
@@ -136,8 +138,8 @@ def _apply(  # type: ignore[no-untyped-def]
                         lanes,
                     )
                     for v in range(lanes):
-                        first[v] = lame[i, layer, start + v]
-                        second[v] = shear[i, layer, start + v]
+                        first[v] = lame[i * along_x, layer, (start + v) * along_y]
+                        second[v] = shear[i * along_x, layer, (start + v) * along_y]
                     gather(u, sides, layer, start, lanes, nodes)
                     for k in range(3):
                         w, g = nodes[8 * k * BATCH :], grad[12 * k * BATCH :]
@@ -178,9 +180,8 @@ def stiffness_operator(
     """
     heights = np.ascontiguousarray(mesh.surface.heights, dtype=np.float64)
     dx, dy = mesh.surface.spacing
-    nx, ny, layers = mesh.shape
     lame, shear = (
-        np.broadcast_to(value[:, None] if value.ndim == 1 else value, (nx, layers, ny))
+        np.require(value[None, :, None] if value.ndim == 1 else value, float, ["C", "W"])
         for value in (lame, shear)
     )
 

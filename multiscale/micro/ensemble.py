@@ -132,7 +132,7 @@ def run_realisations(
         for k in numbers
         if "ended" in results[k].attrs
     )
-    # provenance and identity are those of single realisations
+    # provenance and identity belong to single realisations
     joined.attrs = {"ended": ended} if ended else {}
     return joined
 

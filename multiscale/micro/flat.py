@@ -119,7 +119,7 @@ def solve_flat(
         direction = moved - force
         change = compliance(direction)
         curvature = float(np.vdot(direction, change))
-        if not curvature > 0.0:  # the forces are those of the minimum, to rounding
+        if not curvature > 0.0:  # these are the forces of the minimum, to rounding
             status = Status.STALLED
             break
         share = min(1.0, -float(np.vdot(direction, opening)) / curvature)

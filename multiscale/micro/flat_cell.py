@@ -19,7 +19,7 @@ TOLERANCE = 1e-6  # relative to the range of the gap; see solve_flat
 def flat_gap(cell: FlatCell) -> tuple[np.ndarray, float, np.ndarray]:
     """Heights of the obstacle at first touch, m, area of a node, m², symbol of the compliance, m/N.
 
-    The symbol is that of nodal forces, not of pressures.
+    The symbol takes nodal forces, not pressures.
     """
     heights, spacing = cell.surface.heights, cell.surface.spacing
     area = spacing[0] * spacing[1]

@@ -31,8 +31,8 @@ class Reference:
 
     Notes
     -----
-    Of a nearly incompressible material, the divergence of the flat cell's field would be large
-    where that of the true cell is small: then :math:`K_0^{-1}` is replaced by
+    In a nearly incompressible material, the divergence of the flat cell's field would be large
+    where the divergence of the true cell is small: then :math:`K_0^{-1}` is replaced by
     :math:`T K_0^{-1} T^t` with the tilt of Piola's type
     :math:`(T u)_z = u_z + \varphi\, \nabla h \cdot u`, exact for isochoric fields to first order
     in the slopes.

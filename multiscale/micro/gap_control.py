@@ -1,6 +1,6 @@
 r"""A flat cell held at a mean gap: its pressure and its stiffness, to round-off.
 
-The compliance :math:`\tilde C` of the cell without its mean, which is that of the bulk, leaves the
+The compliance :math:`\tilde C` of the cell without its mean, which belongs to the bulk, leaves the
 mean height of the surface where it is. An approach :math:`\delta` of the obstacle from first touch
 then *is* a change of the mean gap,
 
@@ -118,7 +118,7 @@ class GapCell:
         max_iterations : int
             Limit of changes of the contact nodes.
         tolerance : float
-            Of the conjugate gradients, relative to the norm of the right-hand side.
+            Tolerance of the conjugate gradients, relative to the norm of the right-hand side.
 
         Raises
         ------
@@ -227,7 +227,7 @@ def assemble_gap_cell(cell: FlatCell) -> GapCell:
             "its response"
         )
     obstacle, area, symbol = flat_gap(cell)
-    symbol[0, 0] = 0.0  # the mean is that of the bulk
+    symbol[0, 0] = 0.0  # the mean belongs to the bulk
     inverse = 1.0 / np.where(symbol > 0.0, symbol, np.max(symbol))
     gap = obstacle - cell.surface.heights
     if not np.ptp(gap) > 0.0:

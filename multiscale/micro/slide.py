@@ -43,7 +43,7 @@ def slide_cell(
     executor: Executor | None = None,
     tolerance: float = 1e-8,
 ) -> "xr.Dataset":
-    r"""Press a cell, then slide what is opposite over it, at each of several pressures.
+    r"""Press a cell, then slide its counterface over it, at each of several pressures.
 
     Parameters
     ----------
@@ -81,8 +81,22 @@ def slide_cell(
 
     and the steady value is its mean over the steps of the last period.
     """
-    _check(cell, pressure, distance, steps, along)
+    if not pressure or not all(0.0 < one < np.inf for one in pressure):
+        raise CaseError(f"a cell slides under positive pressures (Pa), got {pressure}")
+    if along not in ("x", "y"):
+        raise CaseError(f"a cell slides along 'x' or 'y', got {along!r}")
+    if steps < 1:
+        raise CaseError(f"sliding takes at least 1 step, got {steps}")
+    if not 0.0 < distance < np.inf:
+        raise CaseError(f"the sliding distance must be positive (m), got {distance:g}")
     axis = "xy".index(along)
+    period = cell.surface.size[axis]
+    if distance > LONGEST * period:
+        raise CaseError(
+            f"a slide of {distance:.3g} m is {distance / period:.3g} periods of the cell; it "
+            f"repeats itself after one, and is run in after a few where it flows: slide at most "
+            f"{LONGEST:g}"
+        )
     slide = np.zeros((steps + 1, 2))
     slide[:, axis] = np.linspace(0.0, distance, steps + 1)
     found: dict[int, xr.Dataset] = {}
@@ -96,7 +110,6 @@ def slide_cell(
     }
     traction = values["traction"]
     values["effective_friction"] = -traction[..., 1 + axis] / traction[..., 0]  # (1)
-    period = cell.surface.size[axis]
     late = slide[:, axis] > distance - period * (1.0 - 1e-9)  # the steps of the last period
     steady = values["effective_friction"][:, late].mean(axis=1)
     whole = distance - period >= -1e-9 * period
@@ -108,25 +121,6 @@ def slide_cell(
         if "ended" in found[k].attrs
     )
     return SLIDING_RESPONSE.build(values, along=along, **({"ended": ended} if ended else {}))
-
-
-def _check(
-    cell: GridCell, pressure: tuple[float, ...], distance: float, steps: int, along: str
-) -> None:
-    if not pressure or not all(0.0 < one < np.inf for one in pressure):
-        raise CaseError(f"a cell slides under positive pressures (Pa), got {pressure}")
-    if along not in ("x", "y"):
-        raise CaseError(f"a cell slides along 'x' or 'y', got {along!r}")
-    if steps < 1:
-        raise CaseError(f"sliding takes at least 1 step, got {steps}")
-    if not 0.0 < distance < np.inf:
-        raise CaseError(f"the sliding distance must be positive (m), got {distance:g}")
-    periods = distance / cell.surface.size["xy".index(along)]
-    if periods > LONGEST:
-        raise CaseError(
-            f"a slide of {distance:.3g} m is {periods:.3g} periods of the cell; it repeats itself "
-            f"after one, and is run in after a few where it flows: slide at most {LONGEST:g}"
-        )
 
 
 def _slide_once(

@@ -113,7 +113,13 @@ def lcp_verifier(
             return Verification(0.0, -1, 0.0, 0.0, 0.0)
         product, terms, equilibrium = operator.apply(value)
         slack = product + vector
-        error = _relative(value / scale, scale * slack, scale * terms, scale * vector)
+        z, w, q, r = value / scale, scale * slack, scale * vector, scale * terms
+        size = data_size(q) or float(np.max(r)) or 1.0  # delta
+        row = np.abs(q) + r
+        rounding = np.minimum(ROUNDING * row, LARGEST_ROUNDING * size)
+        error = np.maximum(0.0, np.abs(np.minimum(z, w)) - rounding)  # (1)
+        error /= np.clip(row, SMALLEST_ROW * size, size)
+        error = np.where(np.isfinite(z) & np.isfinite(w), error, np.inf)
         worst = int(np.argmax(error))
         return Verification(
             float(error[worst]),
@@ -124,16 +130,6 @@ def lcp_verifier(
         )
 
     return verify
-
-
-def _relative(z: np.ndarray, w: np.ndarray, terms: np.ndarray, vector: np.ndarray) -> np.ndarray:
-    """Error (1) of every scaled row; a value that is not finite counts as infinitely wrong."""
-    size = data_size(vector) or float(np.max(terms)) or 1.0
-    row = np.abs(vector) + terms
-    rounding = np.minimum(ROUNDING * row, LARGEST_ROUNDING * size)
-    error = np.maximum(0.0, np.abs(np.minimum(z, w)) - rounding)
-    error /= np.clip(row, SMALLEST_ROW * size, size)
-    return np.where(np.isfinite(z) & np.isfinite(w), error, np.inf)
 
 
 def data_size(vector: np.ndarray) -> float:

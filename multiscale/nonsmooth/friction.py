@@ -30,7 +30,7 @@ SAFETY = 0.5
 """Share of the tolerance that the methods aim at, so that the verifier agrees."""
 
 FIRST_LANCZOS_STEPS = 20
-"""Lanczos steps of the first look at a problem, which find only what is plain."""
+"""Lanczos steps of the first look at a problem, which find only plain cases."""
 
 INDEFINITE = (
     "delassus is indefinite: after scaling its diagonal to one it has the eigenvalue {value:.2e}, "
@@ -117,7 +117,7 @@ def solve_friction(
 
     Notes
     -----
-    ``"auto"`` starts with what is cheap and goes on to what is robust, see
+    ``"auto"`` starts with cheap methods and goes on to robust ones, see
     :mod:`multiscale.nonsmooth.friction_schedule`. Where W is singular the impulses need not be
     unique: compare velocities.
 
@@ -195,7 +195,7 @@ def solve_friction(
 def _checked(
     delassus: csr_array | np.ndarray, velocity: np.ndarray, friction: np.ndarray
 ) -> tuple[csr_array, np.ndarray, np.ndarray]:
-    """Return the data as arrays, or say in one sentence what is wrong with them."""
+    """Return the data as arrays, or refuse them in one sentence."""
     W = csr_array(delassus) if issparse(delassus) else np.asarray(delassus, dtype=float)
     q = np.asarray(velocity, dtype=float)
     mu = np.asarray(friction, dtype=float)

@@ -65,7 +65,6 @@ def scale_friction(
     velocity: np.ndarray,
     friction: np.ndarray,
     *,
-    isotropic: bool = False,
     step: float = 1.0,
 ) -> ScaledFriction:
     r"""Bring a friction problem into dimensionless form.
@@ -76,7 +75,6 @@ def scale_friction(
         :math:`W`, 1/kg, with d = 2 or 3 components per contact.
     velocity : ndarray, shape (d * contacts,), :math:`q`, m/s, not zero
     friction : ndarray, shape (contacts,), :math:`\mu`, dimensionless
-    isotropic : bool, scale normal and tangent alike, instead of each by its own mobility
     step : float, 1 kg in the units of the data, for the error
 
     Returns
@@ -112,10 +110,10 @@ def scale_friction(
     mobility = np.einsum("iaa->ia", data[diagonal])
     own = np.abs(mobility[:, :dim])
     mean = own.mean(axis=1)
-    normal, tangent = (mean, mean) if isotropic else (own[:, 0], own[:, 1:].mean(axis=1))
     # a direction that nothing moves is measured by the others
-    normal = np.where(normal > 1e-12 * mean, normal, mean)
-    tangent = np.where(tangent > 1e-12 * mean, tangent, mean)
+    normal, tangent = (
+        np.where(one > 1e-12 * mean, one, mean) for one in (own[:, 0], own[:, 1:].mean(axis=1))
+    )
     both = np.column_stack([normal, tangent, tangent])
     unit = 1.0 / np.sqrt(np.where(both > 0.0, both, own.max(initial=0.0) or 1.0))  # D
     _rescale(data, columns, starts, diagonal, unit, carries)
@@ -130,7 +128,11 @@ def scale_friction(
         friction=np.where(friction > 0.0, friction, 1.0) * unit[:, 0] / unit[:, 1],  # (1)
         reaction_unit=unit * size,
         velocity_unit=size / unit,
-        measure=(np.asarray(friction, dtype=float), contact_mass(mobility[:, :dim]), step),
+        measure=(
+            np.ascontiguousarray(friction, dtype=float),
+            contact_mass(mobility[:, :dim]),
+            step,
+        ),
         size=closing_norm(velocity.reshape(contacts, dim)),
     )
 
@@ -158,7 +160,9 @@ def _with_diagonal(data, indices, indptr):  # type: ignore[no-untyped-def]
                 if indices[k] > i:
                     place += 1
             columns[place] = indices[k]
-            blocks[place, :dim, :dim] = data[k]
+            for a in range(dim):  # a slice would have the compiler write its error message
+                for b in range(dim):
+                    blocks[place, a, b] = data[k, a, b]
             place += 1
         if diagonal[i] < 0:
             diagonal[i] = place

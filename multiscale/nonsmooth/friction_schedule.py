@@ -28,7 +28,7 @@ def run_schedule(
     progress: Progress,
     max_iterations: int = 5000,
 ) -> None:
-    """Go from what is cheap to what is robust until ``progress`` is content.
+    """Go from cheap to robust methods until ``progress`` is content.
 
     The start is already noted; ``max_iterations`` limits each method.
 

@@ -65,5 +65,5 @@ def _judge(problem: ScaledLCP, transposed: csr_array | np.ndarray, y: np.ndarray
         return ""
     return (
         f"constraint {int(np.argmax(y))} carries the largest entry of the Farkas certificate "
-        f"(y >= 0, M^T y <= 0, q^T y < 0); relieve that constraint or support what it pushes"
+        f"(y >= 0, M^T y <= 0, q^T y < 0); relieve that constraint or support the body it pushes"
     )

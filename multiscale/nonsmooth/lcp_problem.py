@@ -78,13 +78,8 @@ def scale_lcp(matrix: csr_array | np.ndarray | Delassus, vector: np.ndarray) -> 
     refuse_out_of_range(vector, np.square(1.0 / scale))
     size = data_size(scale * vector) or 1.0
     scaled = operator.scaled(scale)
-    return ScaledLCP(scaled, scale * vector / size, size * scale, _is_symmetric(scaled))
-
-
-def _is_symmetric(operator: Entries | Delassus) -> bool:
-    """Whether the largest difference of mirrored entries is rounding."""
-    if isinstance(operator, Delassus) or operator.matrix.shape[0] == 0:
-        return True
-    difference = abs(operator.matrix - operator.matrix.T)
-    largest = difference.max() if issparse(difference) else np.max(difference)
-    return bool(largest <= SYMMETRY)
+    largest = 0.0  # difference of mirrored entries
+    if not isinstance(scaled, Delassus) and vector.size:
+        difference = abs(scaled.matrix - scaled.matrix.T)
+        largest = difference.max() if issparse(difference) else np.max(difference)
+    return ScaledLCP(scaled, scale * vector / size, size * scale, bool(largest <= SYMMETRY))

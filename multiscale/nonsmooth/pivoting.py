@@ -126,11 +126,14 @@ def _leaving_row(tableau, basis, entering):  # type: ignore[no-untyped-def]
 def _exchange(tableau, basis, row, entering):  # type: ignore[no-untyped-def]
     """Pivot and return the complement of the variable that left."""
     n = basis.size
-    tableau[row] /= tableau[row, entering]
+    columns, pivot = tableau.shape[1], tableau[row, entering]
+    for k in range(columns):  # a slice would have the compiler write its error message
+        tableau[row, k] /= pivot
     for i in range(n):
         factor = tableau[i, entering]
         if i != row and factor != 0.0:
-            tableau[i] -= factor * tableau[row]
+            for k in range(columns):
+                tableau[i, k] -= factor * tableau[row, k]
             tableau[i, entering] = 0.0
     left = basis[row]
     basis[row] = entering

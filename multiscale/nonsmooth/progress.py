@@ -30,8 +30,14 @@ class Progress:
 
     Attributes
     ----------
+    problem : ScaledFriction, which measures the errors
     target : float, error at which the run may stop; dimensionless
     callback : callable, optional, called as ``callback(iteration, residual)``
+    started : float, start on the clock, s
+    residuals, seconds : list of float, error and time, s, of every iterate that was noted
+    trail : list of str, methods in their order
+    best : ndarray, shape (contacts, 3), or None, best iterate so far, dimensionless
+    smallest : float, error of it
     """
 
     problem: ScaledFriction

@@ -42,7 +42,7 @@ def factorise(matrix: csr_array | np.ndarray, *, name: str = "the matrix") -> So
     Parameters
     ----------
     matrix : csr_array or ndarray, shape (n, n), real :math:`K`, in any unit
-    name : str, what the matrix is, for the message
+    name : str, name of the matrix in the message
 
     Returns
     -------
@@ -123,8 +123,7 @@ def new_pardiso(matrix_type: int = 11) -> Any:
 
     PARDISO counts matrices as 11, real and nonsymmetric, and 2, real and positive definite.
     """
-    blank = _blank_pardiso(matrix_type)
-    if blank is None:
+    if (blank := _blank_pardiso(matrix_type)) is None:
         return None
     solver = copy(blank)
     solver.pt, solver.iparm = blank.pt.copy(), blank.iparm.copy()
@@ -150,7 +149,12 @@ def _superlu_factors(matrix: csr_array, scale: np.ndarray) -> Solve:
         except RuntimeError:  # a pivot that is exactly zero
             pass
         else:
-            if _backward_error(scaled, fast.solve) < LARGEST_BACKWARD_ERROR:
+            signs = _random_signs(scale.size)
+            with np.errstate(all="ignore"):
+                x = fast.solve(signs)
+                terms = norm(abs(scaled) @ np.abs(x), np.inf) + 1.0
+                error = norm(scaled @ x - signs, np.inf) / terms
+            if error < LARGEST_BACKWARD_ERROR:
                 return lambda rhs: _scaled_solve(fast.solve, scale, rhs)
             del fast  # before the memory is needed again
     safe = splu(csc_array(matrix))
@@ -172,15 +176,6 @@ def symmetric_lu(matrix: csc_array, pivot: float = 0.0) -> Any:
         diag_pivot_thresh=pivot,
         options={"SymmetricMode": True},
     )
-
-
-def _backward_error(matrix: csc_array, solve: Solve) -> float:
-    """Residual for a random right-hand side, relative to the terms of the product and it."""
-    signs = _random_signs(matrix.shape[0])
-    with np.errstate(all="ignore"):
-        x = solve(signs)
-        error = norm(matrix @ x - signs, np.inf)
-        return float(error / (norm(abs(matrix) @ np.abs(x), np.inf) + 1.0))
 
 
 def _scaled_solve(solve: Solve, scale: np.ndarray, rhs: np.ndarray) -> np.ndarray:

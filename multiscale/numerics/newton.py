@@ -1,4 +1,4 @@
-"""The frame that Newton's methods share: when they stop, what they record, and steps on a path.
+"""The frame that Newton's methods share: stopping, record, and steps on a path.
 
 Loops that are other algorithms stay apart: active sets, conjugate gradients and LATIN, friction
 methods (they keep the best iterate, see :mod:`multiscale.nonsmooth.progress`), and many small
@@ -41,10 +41,13 @@ class Limits:
 class NewtonRun:
     """Record of one Newton iteration, which says when to stop; the iterates stay in the loop.
 
-    Parameters
+    Attributes
     ----------
     limits : Limits, when the user wants it to stop
     patience : float, iterations without a smaller residual after which the iteration gives up
+    status : Status, why it stopped
+    residuals, seconds : list of float, residual and time, s, of every iterate
+    begin : float, start on the clock, s
 
     Examples
     --------

@@ -1,7 +1,7 @@
-"""What a case may say of elastic bodies: plate, stacked blocks, lap joint."""
+"""What a case may say of elastic bodies: blocks, plate, stacked blocks, lap joint."""
 
 from abc import abstractmethod
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import fields
 from math import ceil
 from pathlib import Path
@@ -15,8 +15,18 @@ from multiscale.laws import NormalLaw, Sliders
 from multiscale.laws.bulk import AnisotropicElastic, Elastic
 from multiscale.macro import Body
 from multiscale.macro.bodies import Assembly, LapShape, lap_joint, stacked_blocks
+from multiscale.macro.data_range import FAR_FACTOR
 from multiscale.macro.substructures import CutProblem, cut_assembly
-from multiscale.pipeline.joint_settings import Damage
+from multiscale.pipeline.joint_settings import (
+    FEW_SLABS,
+    SLABS,
+    Damage,
+    LawSource,
+    Preloads,
+    RisingPreloads,
+    RoughInterface,
+)
+from multiscale.pipeline.link_settings import Statics
 from multiscale.pipeline.structure_kind import StructureKind
 from multiscale.pipeline.toml_model import (
     Count,
@@ -24,14 +34,17 @@ from multiscale.pipeline.toml_model import (
     Positive,
     Pressure,
     Ratio,
+    Settings,
 )
 from multiscale.schema import RVE_STIFFNESS
 from multiscale.upscaling import law_from_dataset
 
 if TYPE_CHECKING:
-    from multiscale.pipeline.structure_settings import StructureCase
+    from multiscale.pipeline.settings import Case
+    from multiscale.pipeline.stage import Datasets
 
 __all__ = [
+    "Blocks",
     "LapJoint",
     "Plate",
     "RoughBodies",
@@ -45,11 +58,56 @@ Edges = tuple[Length, Length, Length]
 Elements = tuple[Positive, Positive, Positive]
 
 
+class Blocks(StructureKind):
+    """Two blocks pressed together, evenly, of the materials of both bodies."""
+
+    stage: ClassVar[str] = "joint"
+    asks: ClassVar[tuple[tuple[str, ...], ...]] = (("statics",), ("interface", "statics"))
+    models: ClassVar[Mapping[str, type[Settings]]] = {
+        "interface": LawSource,
+        "statics": RisingPreloads,
+    }
+    of_bodies: ClassVar[bool] = True
+
+    kind: Literal["blocks"]
+    height: Length = Field(description="Height of each block, m.")
+    width: Length = Field(description="Edge of their square section, m.")
+
+    @property
+    def interface_width(self) -> float:
+        """Edge of the interface, m."""
+        return self.width
+
+    def check(self, case: "Case") -> None:
+        """Refuse a joint that the cells will tell nothing of."""
+        if not case.has_cells:
+            return
+        p, given = case.micro.pressures, case.statics.preloads
+        low, high = p[0] / FAR_FACTOR, p[-1] * FAR_FACTOR
+        far = [preload for preload in given if not low <= preload <= high]
+        target = case.accuracy is not None and case.accuracy.quantity == "joint_stiffness"
+        if far and (target or (len(far) == len(given) and not case.extrapolate)):
+            raise ValueError(
+                f"preloads in [statics] of {', '.join(f'{1e-6 * one:g}' for one in far)} MPa lie "
+                f"more than a factor of {FAR_FACTOR:g} outside the pressures in [micro], "
+                f"{1e-6 * p[0]:g} to {1e-6 * p[-1]:g} MPa: "
+                f"the joint would be unknown there; press the cells at such pressures"
+                + ("" if target else ", or set extrapolate = true in [law]")
+            )
+
+
 class RoughBodies(StructureKind):
     """Elastic bodies with rough joints."""
 
     stage: ClassVar[str] = "rough_joints"
-    asks: ClassVar[tuple[tuple[str, ...], ...]] = (("joint", "loading"),)
+    asks: ClassVar[tuple[tuple[str, ...], ...]] = (
+        ("interface", "statics"),
+        ("interface", "statics", "cycles"),
+    )
+    models: ClassVar[Mapping[str, type[Settings]]] = {
+        "interface": RoughInterface,
+        "statics": Preloads,
+    }
     may_be_cut: ClassVar[bool] = True
     mesher: ClassVar[tuple[str, ...]] = ()
     """Library that meshes the bodies."""
@@ -84,16 +142,18 @@ class RoughBodies(StructureKind):
             If dimensions are refused, or a file that is named cannot be read.
         """
 
-    def assemble(self, case: "StructureCase", normal: NormalLaw) -> Assembly:
+    def assemble(self, case: "Case", normal: NormalLaw) -> Assembly:
         """Build bodies and joints of a case, whose sound joints have a normal law."""
-        assert case.joint is not None  # the case has been validated
-        assert case.loading is not None
-        return self.build(case.joint.build(normal, self.joints, case.loading))
+        pressures, slabs = case.statics.joint_pressures, self.slabs(case)
+        return self.build(case.interface.build(normal, self.joints, pressures, slabs))
 
-    def cut(self, case: "StructureCase") -> CutProblem:
+    def slabs(self, case: "Case") -> int:
+        """Slabs of the law of the joints: the loss of a cycle is a small difference."""
+        return SLABS if case.cycles else FEW_SLABS
+
+    def cut(self, case: "Case", found: "Datasets") -> CutProblem:
         """Cut every body into boxes."""
-        assert case.joint is not None  # the case has been validated
-        normal = law_from_dataset(case.joint.open())
+        normal = law_from_dataset(case.interface_law(found))
         return cut_assembly(self.assemble(case, normal), case.cut.parts)
 
     @property
@@ -111,12 +171,12 @@ class RoughBodies(StructureKind):
         sound = open_dataset(self.stiffness, RVE_STIFFNESS)["stiffness"].values
         return [AnisotropicElastic((1.0 - D) * sound) for D in self.damages]
 
-    def check(self, case: "StructureCase") -> None:
+    def check(self, case: "Case") -> None:
         """Refuse damages that are not one for each joint."""
-        damage = case.joint.damage if case.joint else ()
+        damage = case.interface.damage
         if damage and len(damage) != self.joints:
             raise ValueError(
-                f"[joint] damage should have one entry for each joint ({self.joints}), got "
+                f"[interface] damage should have one entry for each joint ({self.joints}), got "
                 f"{len(damage)}"
             )
 
@@ -126,6 +186,7 @@ class Plate(StructureKind):
 
     stage: ClassVar[str] = "plate"
     asks: ClassVar[tuple[tuple[str, ...], ...]] = (("statics",),)
+    models: ClassVar[Mapping[str, type[Settings]]] = {"statics": Statics}
     may_be_cut: ClassVar[bool] = True
 
     kind: Literal["plate"]
@@ -146,7 +207,7 @@ class Plate(StructureKind):
         )
         return Assembly((plate,))
 
-    def cut(self, case: "StructureCase") -> CutProblem:
+    def cut(self, case: "Case", found: "Datasets") -> CutProblem:
         """Cut the plate into boxes."""
         return cut_assembly(self.build(), case.cut.parts)
 
@@ -156,12 +217,11 @@ class Plate(StructureKind):
         x, y, z = self.elements
         return (x + 1) * (y + 1) * (z + 1)
 
-    def check(self, case: "StructureCase") -> None:
+    def check(self, case: "Case") -> None:
         """Refuse large displacements."""
-        if case.statics:
-            case.statics.refuse_large()
+        case.statics.refuse_large()
 
-    def quick(self, case: "StructureCase") -> Self:
+    def quick(self, case: "Case") -> Self:
         """Return the same plate with four elements along an edge."""
         return self.model_copy(update={"elements": _fewer(self.elements)})
 
@@ -210,7 +270,7 @@ class StackedBlocks(RoughBodies):
         x, y, z = self.elements
         return (x + 1) * (y + 1) * (z + 1), (x + 1) * (y + 1)
 
-    def quick(self, case: "StructureCase") -> Self:
+    def quick(self, case: "Case") -> Self:
         """Return the same blocks with four elements along an edge."""
         return self.model_copy(update={"elements": _fewer(self.elements)})
 
@@ -267,7 +327,7 @@ class LapJoint(RoughBodies):
         )
         return ceil(plan * (self.layers + 1)), ceil(overlap)
 
-    def quick(self, case: "StructureCase") -> Self:
+    def quick(self, case: "Case") -> Self:
         """Return the same joint with elements no finer than a quarter of the overlap."""
         return self.model_copy(update={"element": max(self.element, self.overlap / QUICK_ELEMENTS)})
 

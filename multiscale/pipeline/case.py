@@ -1,15 +1,16 @@
 """Case files: found by path or name, read, and refused in sentences."""
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from difflib import get_close_matches
 from importlib import resources
 from pathlib import Path
-from typing import Any, TypeAlias, TypeVar
+from typing import Any, TypeAlias
+from warnings import warn
 
 from multiscale.errors import CaseError
 from multiscale.pipeline.rough_bodies import InstrumentSurface, SyntheticSurface
-from multiscale.pipeline.settings import Case
-from multiscale.pipeline.structure_settings import KINDS, StructureCase
+from multiscale.pipeline.settings import KINDS, Case
+from multiscale.pipeline.stages import stages_of
 from multiscale.pipeline.toml_model import Settings, read_toml, validate
 from multiscale.pipeline.tyre_settings import TyreCase
 
@@ -17,17 +18,13 @@ __all__ = [
     "AnyCase",
     "find_case",
     "load_case",
-    "load_case_of",
     "read_case",
     "shipped_cases",
     "validate_case",
 ]
 
-AnyCase: TypeAlias = Case | TyreCase | StructureCase
-Kind = TypeVar("Kind", Case, TyreCase, StructureCase)
-
-BEGINS: dict[str, type[AnyCase]] = {"structure": StructureCase, "rubber": TyreCase}
-"""Kinds of cases by the table that only they have; all others are joints."""
+AnyCase: TypeAlias = Case | TyreCase
+"""A chain, or rubber on a road, whose cells and law have other keys in tables of the same names."""
 
 TAGS: dict[str, type[Settings]] = {
     "synthetic": SyntheticSurface,
@@ -40,14 +37,33 @@ FILES = (
     ("body_1", "surface", "file"),
     ("body_2", "surface", "file"),
     *(("structure", key) for key in ("nodes", "links", "file", "stiffness")),
-    ("joint", "law"),
+    ("interface", "law"),
 )
 """Keys that name files."""
 
-RENAMINGS: dict[tuple[str, ...], str] = {
+RENAMINGS: dict[tuple[str, str], tuple[str, str]] = {
+    ("joint", "height"): ("structure", "height"),
+    ("joint", "width"): ("structure", "width"),
+    ("joint", "preloads"): ("statics", "preloads"),
+    ("joint", "law"): ("interface", "law"),
+    ("joint", "friction"): ("interface", "friction"),
+    ("joint", "stiffness_ratio"): ("interface", "stiffness_ratio"),
+    ("joint", "damage"): ("interface", "damage"),
+    ("joint", "extrapolate"): ("interface", "extrapolate"),
+    ("loading", "preloads"): ("statics", "preloads"),
+    ("loading", "shear"): ("cycles", "shear"),
+    ("loading", "cycles"): ("cycles", "cycles"),
+    ("loading", "steps"): ("cycles", "steps"),
+}
+"""Keys of files of earlier versions by their tables, and their places now."""
+
+RENAMED = tuple(dict.fromkeys(table for table, _ in RENAMINGS))
+"""Tables that only files of earlier versions have."""
+
+GONE: dict[tuple[str, str], str] = {
     ("motion", "domains"): "grains are not cut into domains; delete the key",
 }
-"""Keys of files of earlier versions, and what to write instead."""
+"""Keys of files of earlier versions that mean nothing now, and what to do."""
 
 
 def shipped_cases() -> dict[str, Path]:
@@ -105,22 +121,6 @@ def load_case(case: str | Path) -> AnyCase:
     return validate_case(content, path)
 
 
-def load_case_of(kind: type[Kind], case: str | Path) -> Kind:
-    """Read a case file of one kind; see :func:`load_case`.
-
-    Raises
-    ------
-    CaseError
-        Also if it is of another kind.
-    """
-    found = load_case(case)
-    if not isinstance(found, kind):
-        raise CaseError(
-            f"{case}: describes {found.describes}, not {kind.describes}; use multiscale run"
-        )
-    return found
-
-
 def read_case(path: Path) -> dict[str, Any]:
     """Read a case file without checking it; paths of other files become absolute.
 
@@ -129,15 +129,75 @@ def read_case(path: Path) -> dict[str, Any]:
     CaseError
         If it cannot be read, or says what only an earlier version knew.
     """
-    content = read_toml(path)
-    for (*tables, key), instead in RENAMINGS.items():
-        if key in _table(content, tables):
-            raise CaseError(f"{path}: [{'.'.join(tables)}] has no key {key!r} any more: {instead}")
+    content = _renamed(read_toml(path), path)
+    for (table, key), instead in GONE.items():
+        if key in _table(content, (table,)):
+            raise CaseError(f"{path}: [{table}] has no key {key!r} any more: {instead}")
     for *tables, key in FILES:
-        table = _table(content, tables)
-        if isinstance(table.get(key), str):
-            table[key] = str(path.parent.resolve() / table[key])
+        named = _table(content, tables)
+        if isinstance(named.get(key), str):
+            named[key] = str(path.parent.resolve() / named[key])
     return content
+
+
+def _renamed(content: dict[str, Any], path: Path) -> dict[str, Any]:
+    """Return the content of a file, and of its sweep, with keys of earlier versions in new places.
+
+    Raises
+    ------
+    CaseError
+        If old and new names stand together, or a key of an old table has no new place.
+    """
+    new = _moved(content, path)
+    if sweep := _table(content, ("sweep",)):
+        new["sweep"] = _moved(sweep, path)
+    if new == content:
+        return content
+    if "structure" in new.keys() - content.keys():
+        new["structure"] = {"kind": "blocks"} | new["structure"]
+    if _table(new, ("cycles",)).get("cycles") == 0:  # as a run without cycles has written it
+        del new["cycles"]
+    old = _list(name for name in RENAMED if name in content or name in sweep)
+    now = _list(
+        dict.fromkeys(
+            place
+            for (table, key), (place, _) in RENAMINGS.items()
+            if key in _table(content, (table,)) or key in _table(sweep, (table,))
+        )
+    )
+    warn(
+        f"{path}: {old} of an earlier version of case files is read as {now}; write {now} instead",
+        FutureWarning,
+        stacklevel=2,
+    )
+    return new
+
+
+def _list(tables: Iterable[str]) -> str:
+    """Name tables as files do."""
+    return " and ".join(f"[{name}]" for name in tables)
+
+
+def _moved(content: dict[str, Any], path: Path) -> dict[str, Any]:
+    """Return tables with the keys of earlier versions in their new tables."""
+    old = {name: table for name, table in content.items() if name in RENAMED}
+    old = {name: table for name, table in old.items() if isinstance(table, dict)}
+    new = {name: table for name, table in content.items() if name not in old}
+    for name, table in old.items():
+        for key, value in table.items():
+            if (name, key) not in RENAMINGS:
+                known = ", ".join(one for at, one in RENAMINGS if at == name)
+                close = get_close_matches(key, known.split(", "), n=1)
+                hint = f"did you mean {close[0]!r}?" if close else f"known keys: {known}"
+                raise CaseError(f"{path}: [{name}] of earlier versions has no key {key!r}; {hint}")
+            place, renamed = RENAMINGS[name, key]
+            if place in content:
+                raise CaseError(
+                    f"{path}: [{name}] {key} is now [{place}] {renamed}, and the file has "
+                    f"[{place}] as well; move the keys of [{name}] to their new places"
+                )
+            new.setdefault(place, {})[renamed] = value
+    return new
 
 
 def _table(content: dict[str, Any], names: Sequence[str]) -> dict[str, Any]:
@@ -149,6 +209,26 @@ def _table(content: dict[str, Any], names: Sequence[str]) -> dict[str, Any]:
 
 
 def validate_case(content: dict[str, Any], path: Path) -> AnyCase:
-    """Turn the content of a case file into settings."""
-    kind = next((kind for table, kind in BEGINS.items() if table in content), Case)
-    return validate(kind, content, path, TAGS)
+    """Turn the content of a case file into settings.
+
+    Raises
+    ------
+    CaseError
+        With every fault of the file, one a line, or with the tables that no stage reads.
+    """
+    if "rubber" in content:
+        return validate(TyreCase, content, path, TAGS)
+    kind = KINDS.get(str(_table(content, ("structure",)).get("kind")))
+    case = validate(Case, content, path, TAGS | dict(kind.models if kind else {}))
+    stages = stages_of(case.tables)
+    read = {"title"}.union(*(case.tables if one.reads is None else one.reads for one in stages))
+    defaults = {name: field.default for name, field in Case.model_fields.items()}
+    given = [name for name, value in case if value not in (None, defaults[name])]
+    if unread := [name for name in given if name not in read]:
+        of_tables = {name for name, value in content.items() if isinstance(value, dict)}
+        tables = " and ".join(f"[{name}]" if name in of_tables else name for name in unread)
+        raise CaseError(
+            f"{path}: {tables} would be read by no stage of this case, which has the stages "
+            f"{', '.join(one.name for one in stages)}; leave it out"
+        )
+    return case

@@ -15,12 +15,15 @@ if TYPE_CHECKING:
 __all__ = ["case_budget", "joint_scales"]
 
 
-def joint_scales(case: Case) -> ScaleSeparation:
-    """Compare the scales of the cells with those of the joint, whose pressure is even.
+def joint_scales(case: Case) -> ScaleSeparation | None:
+    """Compare the scales of the cells with the width of an interface under even pressure.
 
-    Nothing varies over less than its width, which holds only so many cells.
+    Nothing varies over less than its width, which holds only so many cells. Returns None if the
+    pressure on the interface is not even, or the case has no structure.
     """
-    return compare_scales(longest_wave(case), max(case.cell.size), case.joint.width)
+    if case.interface_width is None:
+        return None
+    return compare_scales(longest_wave(case), max(case.cell.size), case.interface_width)
 
 
 def case_budget(case: Case, response: "xr.Dataset", law: "xr.Dataset") -> "xr.Dataset":
@@ -37,6 +40,8 @@ def case_budget(case: Case, response: "xr.Dataset", law: "xr.Dataset") -> "xr.Da
         f"{FEWEST_REALISATIONS} or more in [micro]",
         "cell size": f"cells of one size were solved; {remedy.format('size')}",
         "micro discretisation": f"cells on one grid were solved; {remedy.format('points')}",
+        "scale separation": "it depends on the pressure of the structure, which a law alone does "
+        "not have",
     }
     unknown = str(budget.attrs["unknown"]).split(", ")
     return budget.assign_attrs(

@@ -1,8 +1,12 @@
 """From a case to its cells: surfaces of both bodies, and one elastic body that stands for both."""
 
+from dataclasses import dataclass
+from typing import Any
+
 import numpy as np
 
 from multiscale.errors import CaseError
+from multiscale.io import read_surface
 from multiscale.laws.bulk import J2
 from multiscale.laws.bulk.moduli import contact_modulus
 from multiscale.micro.cell import GridCell
@@ -14,13 +18,22 @@ from multiscale.surfaces import composite, self_affine
 from multiscale.surfaces.surface import Surface
 
 __all__ = [
-    "body_surfaces",
+    "RoughSide",
     "cell_of",
     "composite_material",
     "longest_wave",
     "make_cells",
     "measured_cells",
+    "rough_sides",
 ]
+
+
+@dataclass(frozen=True, eq=False)
+class RoughSide:
+    """Realisations of one body's surface, none if it is smooth, and their share of a map."""
+
+    surfaces: list[Surface]
+    measured: Measured | None = None
 
 
 def composite_material(case: Case) -> tuple[float, float]:
@@ -66,13 +79,13 @@ def measured_cells(case: Case) -> tuple[list[GridCell], dict[str, Measured]]:
     CaseError
         As :func:`make_cells`.
     """
-    sides = {f"body_{number}": body_surfaces(case, number) for number in (1, 2)}
-    rough = [surfaces for surfaces, _ in sides.values() if surfaces]
+    sides = {f"body_{k}": side for k, side in enumerate(rough_sides(case), 1)}
+    rough = [side.surfaces for side in sides.values() if side.surfaces]
     cells = [
         cell_of(case, pair[0] if len(pair) == 1 else composite(*pair))
         for pair in zip(*rough, strict=True)
     ]
-    return cells, {name: record for name, (_, record) in sides.items() if record is not None}
+    return cells, {name: side.measured for name, side in sides.items() if side.measured is not None}
 
 
 def cell_of(case: Case, surface: Surface) -> GridCell:
@@ -93,33 +106,40 @@ def cell_of(case: Case, surface: Surface) -> GridCell:
     )
 
 
-def body_surfaces(case: Case, number: int) -> tuple[list[Surface], Measured | None]:
-    """Realisations of one body's surface, none if it is smooth; and what they hold of a map."""
-    body, other = case.bodies[:: 1 if number == 1 else -1]
-    settings = body.surface
-    if settings is None:
-        return [], None
-    count = case.micro.realisations
-    try:
-        if not isinstance(settings, InstrumentSurface):
-            return [
-                self_affine(
-                    case.cell.points,
-                    case.cell.size,
-                    2 * (case.micro.seed + k) + number - 1,  # the two sides are independent
-                    **settings.model_dump(),
-                )
-                for k in range(count)
-            ], None
-        shared = isinstance(other.surface, InstrumentSurface) and (
-            other.surface.file.resolve() == settings.file.resolve()
-        )
-        # two sides of one map take turns, so that more realisations change none
-        which = range(number - 1, 2 * count, 2) if shared else range(count)
-        needed = 2 * count if shared else count
-        pieces, record = cut_windows(settings, case.cell, which, needed, case.micro.seed)
-        if number == 2:  # measured from outside: turned over as paper is
-            pieces = [Surface(piece.heights[::-1], piece.size) for piece in pieces]
-        return pieces, record
-    except CaseError as error:
-        raise CaseError(f"[body_{number}.surface] {error}") from error
+def rough_sides(case: Case) -> list[RoughSide]:
+    """Make the surfaces of both bodies; a map that both share is read once.
+
+    Raises
+    ------
+    CaseError
+        As :func:`make_cells`.
+    """
+    count, seed = case.micro.realisations, case.micro.seed
+    settings = [body.surface for body in case.bodies]
+    files = [one.file.resolve() for one in settings if isinstance(one, InstrumentSurface)]
+    maps: dict[tuple[Any, ...], Surface] = {}
+    sides = []
+    for side, one in enumerate(settings):
+        try:
+            if one is None:
+                sides.append(RoughSide([]))
+            elif isinstance(one, InstrumentSurface):
+                # two sides of one map take turns, so that more realisations change none
+                shared = files.count(one.file.resolve()) == 2
+                which = range(side, 2 * count, 2) if shared else range(count)
+                needed = 2 * count if shared else count
+                order, fill = one.detrend_order, one.fill_undefined
+                key = (one.file.resolve(), order, fill)
+                if key not in maps:
+                    maps[key] = read_surface(one.file, detrend_order=order, fill_undefined=fill)
+                pieces, record = cut_windows(maps[key], one, case.cell, which, needed, seed)
+                if side == 1:  # measured from outside: turned over as paper is
+                    pieces = [Surface(piece.heights[::-1], piece.size) for piece in pieces]
+                sides.append(RoughSide(pieces, record))
+            else:  # the two sides are independent
+                grid, given = (case.cell.points, case.cell.size), one.model_dump()
+                seeds = range(2 * seed + side, 2 * (seed + count), 2)
+                sides.append(RoughSide([self_affine(*grid, k, **given) for k in seeds]))
+        except CaseError as error:
+            raise CaseError(f"[body_{side + 1}.surface] {error}") from error
+    return sides

@@ -1,4 +1,4 @@
-"""Tables of a case: cells, ensemble, law, joint, sliding and accuracy."""
+"""Tables of cells in a case: cells, ensemble, law, sliding and accuracy."""
 
 import re
 from itertools import pairwise
@@ -21,7 +21,6 @@ __all__ = [
     "AccuracySettings",
     "CellSettings",
     "GridSettings",
-    "JointSettings",
     "LawSettings",
     "MicroSettings",
     "SlideSettings",
@@ -107,6 +106,10 @@ class MicroSettings(Settings):
         """All pressures in their order, Pa."""
         return self.pressures + self.unloading
 
+    def quick(self) -> Self:
+        """Return four realisations at most."""
+        return self.model_copy(update={"realisations": min(4, self.realisations)})
+
 
 class LawSettings(Settings):
     """The fit of the interface law."""
@@ -119,17 +122,9 @@ class LawSettings(Settings):
         "outside the pressures of the cells; they are unknown otherwise.",
     )
 
-
-class JointSettings(Settings):
-    """Two blocks pressed together through the law."""
-
-    height: Length = Field(description="Height of each block, m.")
-    width: Length = Field(description="Edge of their square section, m.")
-    preloads: tuple[Pressure, ...] = Field(
-        min_length=1, description="Nominal pressures, Pa, rising; best within those of the cells."
-    )
-
-    _rise = field_validator("preloads")(must_rise)
+    def quick(self) -> Self:
+        """Return the same fit with few samples."""
+        return self.model_copy(update={"samples": min(40, self.samples)})
 
 
 class SlideSettings(Settings):

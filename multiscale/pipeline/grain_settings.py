@@ -26,7 +26,7 @@ from multiscale.pipeline.toml_model import (
 )
 
 if TYPE_CHECKING:
-    from multiscale.pipeline.structure_settings import StructureCase
+    from multiscale.pipeline.settings import Case
 
 __all__ = [
     "Biaxial",
@@ -180,9 +180,8 @@ class ColumnCollapse(Granulate):
         still = granulate.simulate_grains(model, self.settling, motion.step, solver=motion.solver)
         return granulate.release(model, granulate.final_grains(model, still))
 
-    def quick(self, case: "StructureCase") -> Self:
+    def quick(self, case: "Case") -> Self:
         """Return a column that settles no longer than the motion is followed."""
-        assert case.motion is not None  # the case has been validated
         return self.model_copy(update={"settling": min(self.settling, case.motion.duration)})
 
 

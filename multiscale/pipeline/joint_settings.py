@@ -1,23 +1,22 @@
-"""What a case may say of rough joints: their cut and solver, their law, their loading."""
+"""What a case may say of interfaces: their law, their loading, cut and solver of the bodies."""
 
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, Self
 
-from pydantic import Field, model_validator
+from pydantic import Field, field_validator
 
 from multiscale.errors import CaseError
 from multiscale.io import open_law
 from multiscale.laws import Damaged, NormalLaw, Sliders
 from multiscale.macro import LatinMethod
-from multiscale.macro.substructures import JointLoading
 from multiscale.pipeline.toml_model import (
     Factor,
-    Natural,
     Number,
     Positive,
     Pressure,
     Settings,
     Tolerance,
+    must_rise,
 )
 
 if TYPE_CHECKING:
@@ -25,7 +24,15 @@ if TYPE_CHECKING:
 
     from multiscale.macro.substructures import ProcessGroup
 
-__all__ = ["Damage", "JointLawSettings", "Loading", "Substructures"]
+__all__ = [
+    "Cycles",
+    "Damage",
+    "LawSource",
+    "Preloads",
+    "RisingPreloads",
+    "RoughInterface",
+    "Substructures",
+]
 
 QUICK_STEPS = 2
 """Load steps to the amplitude, at most."""
@@ -34,8 +41,8 @@ LEAST, MOST = 0.1, 3.0
 """Pressures of a joint that count, relative to the least and the largest preload."""
 
 SLABS, FEW_SLABS = 48, 8
-"""Slabs of the law of a joint under cycles, whose loss is a small difference, and of one that is
-only pressed: their shear errs by up to .5 and 8 % of the friction limit; see :class:`Sliders`."""
+"""Slabs of the law of a joint under cycles, whose loss is a small difference, and of a joint that
+is only pressed: the shear errs by up to .5 and 8 % of the friction limit; see :class:`Sliders`."""
 
 Damage = Annotated[Number, Field(ge=0.0, lt=1.0)]
 
@@ -75,24 +82,18 @@ class Substructures(Settings):
         return self.model_copy(update={"parts": tuple(min(2, number) for number in self.parts)})
 
 
-class JointLawSettings(Settings):
-    """The law of the joints: a fitted normal law with friction."""
+class LawSource(Settings):
+    """The law of the interface between blocks, if the case has no cells."""
 
     law: Path | None = Field(
-        None, description="Dataset of a law from a run or fit; needless if the command names one."
-    )
-    friction: Factor = Field(description="Coefficient of Coulomb's law.")
-    stiffness_ratio: Number = Field(
-        0.8, gt=0.0, description="Tangential over normal stiffness, of springs slipping in turn."
-    )
-    damage: tuple[Damage, ...] = Field(
-        (),
-        description="Damage of joints from below: each carries 1 - D of the law; 0 if not given.",
+        None,
+        description="Dataset of a law from a run or fit; needless with cells, or if the command "
+        "names one.",
     )
     extrapolate: bool = Field(
         False,
-        description="Whether answers stand where more than 5 % of the load of a joint lies beyond "
-        "a factor of 2 outside the pressures of the law; they are unknown otherwise.",
+        description="Whether answers stand where more than 5 % of the load of an interface lies "
+        "beyond a factor of 2 outside the pressures of the law; they are unknown otherwise.",
     )
 
     def open(self) -> "xr.Dataset":
@@ -105,59 +106,74 @@ class JointLawSettings(Settings):
         """
         if self.law is None:
             raise CaseError(
-                "the structure has joints but no law: name a file by [joint] law or by --law, such "
-                "as the interface_law.nc of a run"
+                "the structure has joints but no law: name a file by [interface] law or by --law, "
+                "such as the interface_law.nc of a run"
             )
         return open_law(self.law)
 
-    def build(self, sound: NormalLaw, joints: int, loading: "Loading") -> list[Sliders]:
-        """Make the law of every joint: the sound one, less its damage, with friction."""
+
+class RoughInterface(LawSource):
+    """The law of the interfaces of stacked blocks and lap joints: a normal law with friction."""
+
+    friction: Factor = Field(description="Coefficient of Coulomb's law.")
+    stiffness_ratio: Number = Field(
+        0.8, gt=0.0, description="Tangential over normal stiffness, of springs slipping in turn."
+    )
+    damage: tuple[Damage, ...] = Field(
+        (),
+        description="Damage of interfaces from below: each carries 1 - D of the law; 0 if not "
+        "given.",
+    )
+
+    def build(
+        self, sound: NormalLaw, joints: int, pressures: tuple[float, float], slabs: int
+    ) -> list[Sliders]:
+        """Make the law of every joint: the sound one, less its damage, with friction.
+
+        The laws are fine between two pressures, Pa.
+        """
         return [
             Sliders(
                 Damaged(sound, D) if D else sound,
                 self.friction,
                 self.stiffness_ratio,
-                pressures=loading.joint_pressures,
-                slabs=loading.slabs,
+                pressures=pressures,
+                slabs=slabs,
             )
             for D in self.damage or (0.0,) * joints
         ]
 
 
-class Loading(Settings):
-    """Preloads, then cycles; see :class:`multiscale.macro.substructures.JointLoading`."""
+class Preloads(Settings):
+    """Pressures on the pressed face of stacked blocks and lap joints."""
 
     preloads: tuple[Pressure, ...] = Field(
         min_length=1, description="Pressures on the pressed face, Pa; the last one stays."
     )
-    shear: Pressure | None = Field(
-        None, description="Amplitude of the shear on the sheared face, Pa."
-    )
-    cycles: Natural = Field(0, description="Closed cycles after the first loading.")
-    steps: Positive = Field(10, description="Load steps from zero to the amplitude.")
-
-    @model_validator(mode="after")
-    def _check(self) -> Self:
-        if (self.shear is None) != (self.cycles == 0):
-            raise ValueError("give both shear and cycles, or neither")
-        return self
 
     @property
     def joint_pressures(self) -> tuple[float, float]:
         """Pressures for which the law of the joints is fine, Pa."""
         return LEAST * min(self.preloads), MOST * max(self.preloads)
 
-    @property
-    def slabs(self) -> int:
-        """Slabs of the law of the joints: the loss of a cycle is a small difference."""
-        return SLABS if self.cycles else FEW_SLABS
 
-    def build(self) -> JointLoading:
-        """Make the loading."""
-        return JointLoading(self.preloads, self.shear or 0.0, self.cycles, self.steps)
+class RisingPreloads(Preloads):
+    """Even pressures between blocks."""
+
+    preloads: tuple[Pressure, ...] = Field(
+        min_length=1, description="Nominal pressures, Pa, rising; best within those of the law."
+    )
+
+    _rise = field_validator("preloads")(must_rise)
+
+
+class Cycles(Settings):
+    """Shear to and fro after preloads; see :class:`multiscale.macro.substructures.JointLoading`."""
+
+    shear: Pressure = Field(description="Amplitude of the shear on the sheared face, Pa.")
+    cycles: Positive = Field(description="Closed cycles after the first loading.")
+    steps: Positive = Field(10, description="Load steps from zero to the amplitude.")
 
     def quick(self) -> Self:
         """Return one cycle of few steps."""
-        return self.model_copy(
-            update={"cycles": min(1, self.cycles), "steps": min(QUICK_STEPS, self.steps)}
-        )
+        return self.model_copy(update={"cycles": 1, "steps": min(QUICK_STEPS, self.steps)})

@@ -1,6 +1,7 @@
 """What a case may say of structures of bars and cables: how they are built, loaded and moved."""
 
 from abc import abstractmethod
+from collections.abc import Mapping
 from functools import partial
 from itertools import pairwise
 from math import inf, isfinite
@@ -37,7 +38,8 @@ from multiscale.pipeline.toml_model import (
 from multiscale.units import to_si
 
 if TYPE_CHECKING:
-    from multiscale.pipeline.structure_settings import StructureCase
+    from multiscale.pipeline.settings import Case
+    from multiscale.pipeline.stage import Datasets
 
 __all__ = [
     "CableNet",
@@ -78,11 +80,31 @@ Instant = Annotated[float, quantity("s"), Field(ge=0.0), with_unit("s")]
 Mass = Annotated[float, quantity("kg"), Field(gt=0.0), with_unit("kg")]
 
 
+class Statics(Settings):
+    """Loads on bars, cables and plates; see :func:`multiscale.macro.solve_static`."""
+
+    load_factors: tuple[Number, ...] = Field(
+        min_length=1, description="Load of every step over the whole load."
+    )
+    exact: bool = Field(
+        False, description="Whether elongations and directions follow the moved nodes exactly."
+    )
+    stability: bool = Field(
+        False, description="Whether to add smallest eigenvalues of the tangent."
+    )
+
+    def refuse_large(self) -> None:
+        """Refuse what substructures do not solve."""
+        if self.exact or self.stability:
+            raise ValueError("substructures move little: leave out exact and stability")
+
+
 class LinkStructure(StructureKind):
     """Bars and cables, at rest or in motion."""
 
     stage: ClassVar[str] = "links"
     asks: ClassVar[tuple[tuple[str, ...], ...]] = (("statics",), ("dynamics",))
+    models: ClassVar[Mapping[str, type[Settings]]] = {"statics": Statics}
 
     @abstractmethod
     def build(self) -> LinkSystem:
@@ -94,12 +116,12 @@ class LinkStructure(StructureKind):
             If the structure is refused, or a file that it names cannot be read.
         """
 
-    def cut(self, case: "StructureCase") -> CutProblem:
+    def cut(self, case: "Case", found: "Datasets") -> CutProblem:
         """Cut the links into boxes."""
         system = self.build()
         return cut_links(system, split_grid(system, case.cut.parts))
 
-    def check(self, case: "StructureCase") -> None:
+    def check(self, case: "Case") -> None:
         """Refuse what a cut structure cannot do."""
         if case.substructures is None:
             return
@@ -133,7 +155,7 @@ class TensegrityGrid(LinkStructure):
         same = self.model_dump(include={"n", "m", "prestress", "size", "height", "nodal_load"})
         return tensegrity_grid(cable=Cable(self.cable_rigidity), bar=Bar(self.bar_rigidity), **same)
 
-    def quick(self, case: "StructureCase") -> Self:
+    def quick(self, case: "Case") -> Self:
         """Return a grid of at most 4 x 4 modules.
 
         The prestress falls with the square of the span, as the tensions do under the load, so that
@@ -165,7 +187,7 @@ class CableNet(LinkStructure):
         same = self.model_dump(include={"n", "m", "mesh", "rise", "prestress", "nodal_load"})
         return cable_net(cable=Cable(self.cable_rigidity), **same)
 
-    def quick(self, case: "StructureCase") -> Self:
+    def quick(self, case: "Case") -> Self:
         """Return a net of at most 4 x 4 meshes."""
         n, m = _few(self.n, self.m)
         return self.model_copy(update={"n": n, "m": m})
@@ -242,25 +264,6 @@ class LinkMesh(LinkStructure):
             mesh, laws, supports=self.supports, load=self.load, scale=self.unit
         )
         return _stressed(system, self.prestress)
-
-
-class Statics(Settings):
-    """Equilibrium under rising or falling loads; see :func:`multiscale.macro.solve_static`."""
-
-    load_factors: tuple[Number, ...] = Field(
-        min_length=1, description="Load of every step over the whole load."
-    )
-    exact: bool = Field(
-        False, description="Whether elongations and directions follow the moved nodes exactly."
-    )
-    stability: bool = Field(
-        False, description="Whether to add smallest eigenvalues of the tangent."
-    )
-
-    def refuse_large(self) -> None:
-        """Refuse what substructures do not solve."""
-        if self.exact or self.stability:
-            raise ValueError("substructures move little: leave out exact and stability")
 
 
 class Dynamics(TimeSteps):

@@ -57,8 +57,10 @@ class Plan:
     Attributes
     ----------
     case : Case, with the cells, grid and realisations chosen
-    micro_response, interface_law, macro_result : Dataset
-        As those of a run, with their error budgets.
+    micro_response, interface_law : Dataset
+        As the datasets of a run, with their error budgets.
+    macro_result : Dataset or None
+        Answer of the blocks, with its error budget, if the case has blocks.
     folder : Path, of the cells
     total : float, estimated error, relative
     spent, forecast : float, time of all cells, s, and what was expected after the pilot runs
@@ -68,12 +70,23 @@ class Plan:
     case: Case
     micro_response: "xr.Dataset"
     interface_law: "xr.Dataset"
-    macro_result: "xr.Dataset"
+    macro_result: "xr.Dataset | None"
     folder: Path
     total: float
     spent: float
     forecast: float
     lines: tuple[str, ...]
+
+    @property
+    def datasets(self) -> "tuple[xr.Dataset, xr.Dataset, xr.Dataset | None]":
+        """Response, law and answer; law and answer say what was decided and spent."""
+        told = {
+            "plan": "\n".join(self.lines),
+            "time_spent": self.spent,
+            "time_forecast": self.forecast,
+        }
+        result = None if self.macro_result is None else self.macro_result.assign_attrs(told)
+        return self.micro_response, self.interface_law.assign_attrs(told), result
 
 
 def plan(
@@ -337,12 +350,12 @@ class _Campaign:
     def finish(
         self, known: _Known, response: "xr.Dataset", lines: tuple[str, ...], forecast: float
     ) -> Plan:
-        """Fit the law that is the answer, and solve the joint with it."""
+        """Fit the law that is the answer, and solve the joint with it, if there is one."""
         assert self.case.accuracy is not None
         accuracy, setting, total = self.case.accuracy, known.estimate.setting, known.estimate.total
         spent = self.spent()
         chosen, law = self.law(setting, response, known.pilots)
-        result = solve_joint(chosen, law)
+        result = None if chosen.interface_width is None else solve_joint(chosen, law)
         last = (
             f"the estimated error of {accuracy.quantity} is {100.0 * total:.3g} %, below the "
             f"target of {100.0 * accuracy.target:.3g} %; {spent:.3g} s of solver time were spent, "

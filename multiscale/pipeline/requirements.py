@@ -14,7 +14,7 @@ def requirements(case: AnyCase, *, processes: int = 1) -> Needs:
 
     Parameters
     ----------
-    case : Case, TyreCase or StructureCase
+    case : Case or TyreCase
     processes : int
         That share the substructures of a structure.
 

@@ -10,12 +10,12 @@ from multiscale.io import make_folder, open_dataset, write_dataset
 from multiscale.pipeline.case import AnyCase
 from multiscale.pipeline.planner import plan
 from multiscale.pipeline.run_folder import claim_folder
+from multiscale.pipeline.settings import Case
 from multiscale.pipeline.stage import Datasets, Job, Stage
 from multiscale.pipeline.stages import stages_of
 from multiscale.pipeline.stages.cells import CELLS, write_fields
 from multiscale.pipeline.stages.fitted_law import FITTED_LAW
 from multiscale.pipeline.stages.joint import JOINT
-from multiscale.pipeline.structure_settings import StructureCase
 from multiscale.schema import INTERFACE_LAW, MACRO_RESULT, MICRO_RESPONSE
 
 if TYPE_CHECKING:
@@ -26,7 +26,7 @@ if TYPE_CHECKING:
 __all__ = ["Results", "run", "run_macro"]
 
 PLANNED = (CELLS, FITTED_LAW, JOINT)
-"""Stages that a planner runs by itself."""
+"""Stages that a planner runs by itself, as far as a case asks for them."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -71,12 +71,13 @@ def run(
     *,
     executor: Executor | None = None,
     progress: Callable[[int], None] = lambda finished: None,
+    force: bool = False,
 ) -> Results:
     """Run the stages that a case asks for, one after another, as far as they are out of date.
 
     Parameters
     ----------
-    case : Case, TyreCase or StructureCase
+    case : Case or TyreCase
     out : path
         Run folder; made if needed. Finished cells of the same case found there are kept, and so
         are stages whose tables, and those of the stages that they take from, are the same.
@@ -84,6 +85,8 @@ def run(
         See :func:`multiscale.executors.run_jobs`.
     progress : callable
         Gets the number of finished realisations.
+    force : bool, default False
+        Whether all stages are computed anew, also those that are up to date, with their cells.
 
     Raises
     ------
@@ -91,19 +94,17 @@ def run(
         If an input is refused, a file cannot be written, or nothing converged.
     """
     job = Job(make_folder(Path(out)), executor, progress)
-    claim_folder(job.out, case)
+    claim_folder(job.out, case, force=force)
     if (job.out / CELLS.file).exists():  # of cells or of roads, all of which it holds
         progress(case.realisations)
-    if case.accuracy is not None and not all((job.out / one.file).exists() for one in PLANNED):
+    planned_files = [job.out / one.file for one in PLANNED if one.asked_for(case.tables)]
+    if case.accuracy is not None and not all(file.exists() for file in planned_files):
         planned = plan(case, job.out, executor=executor, progress=progress)
         write_fields(planned.case, planned.folder, job.out)
-        result = planned.macro_result.assign_attrs(
-            plan="\n".join(planned.lines), time_spent=planned.spent, time_forecast=planned.forecast
-        )
-        left = (planned.micro_response, planned.interface_law, result)
-        for stage, dataset in zip(PLANNED, left, strict=True):
-            identity = stage.identity(case)
-            write_dataset(dataset, job.out / stage.file, stage.schema, identity=identity)
+        for stage, dataset in zip(PLANNED, planned.datasets, strict=True):
+            if dataset is not None:
+                identity = stage.identity(case)
+                write_dataset(dataset, job.out / stage.file, stage.schema, identity=identity)
     found: dict[str, xr.Dataset] = {}
     for stage in stages_of(case.tables):
         file = job.out / stage.file
@@ -116,23 +117,24 @@ def run(
 
 
 def run_macro(
-    case: StructureCase,
+    case: Case,
     file: str | Path,
     *,
     law: str | Path | None = None,
     team: "ProcessGroup | None" = None,
 ) -> "xr.Dataset":
-    """Solve a structure; write its result and, beside it in ``fields``, a series for ParaView.
+    """Solve the structure of a case; write its result and ``fields`` for ParaView beside it.
 
-    With ``homogenise`` in ``[substructures]`` their condensed stiffness is written as well.
+    Cells of the case are not solved. With ``homogenise`` in ``[substructures]`` the condensed
+    stiffness of the substructures is written as well.
 
     Parameters
     ----------
-    case : StructureCase
+    case : Case
     file : path
         Dataset to write; its folder is made if needed.
     law : path, optional
-        Interface law of the joints, instead of the one that the case names.
+        Interface law of the joints, instead of the law that the case names.
     team : ProcessGroup, optional
         Processes that share the substructures. All call this function; the first one writes.
 
@@ -150,7 +152,7 @@ def run_macro(
     ConvergenceError
         If no step converged, or the equilibrium from which a motion starts cannot be found.
     """
-    file, case = Path(file), case if law is None else case.with_law(Path(law))
+    file, case = Path(file), case.from_structure(None if law is None else Path(law))
     job = Job(file.parent, team=team)
     first, *rest = stages_of(case.tables)
     found = {first.name: _compute(first, case, {}, job, file)}

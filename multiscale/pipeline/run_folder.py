@@ -2,6 +2,7 @@
 
 from collections.abc import Mapping
 from pathlib import Path
+from shutil import rmtree
 from typing import TYPE_CHECKING
 
 from multiscale.errors import CaseError, SchemaError
@@ -18,12 +19,12 @@ if TYPE_CHECKING:
 __all__ = ["claim_folder", "gather_cautions", "open_stages"]
 
 
-def claim_folder(out: Path, case: AnyCase) -> None:
+def claim_folder(out: Path, case: AnyCase, *, force: bool = False) -> None:
     """Write the case into its run folder, unless it holds what another one has computed.
 
     A case of the same cells, or of the same structure, may differ in the rest: what its stages
     have left goes where it is out of date, so that no report shows it beside inputs that are not
-    its own.
+    its own. With ``force`` all of it goes, with the cells.
 
     Raises
     ------
@@ -41,8 +42,10 @@ def claim_folder(out: Path, case: AnyCase) -> None:
                 f"folder, or delete this one"
             )
         for stage in stages_of(case.tables):
-            if not _is_up_to_date(stage, case, out):
+            if force or not _is_up_to_date(stage, case, out):
                 remove(out / stage.file)
+            for name in stage.folders if force else ():
+                rmtree(out / name, ignore_errors=True)
     write_bytes(file, case.to_toml().encode())
 
 

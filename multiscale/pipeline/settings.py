@@ -1,61 +1,192 @@
 """What a case may say, and what its tables may say together."""
 
-from typing import ClassVar, Self
+from collections.abc import Iterable
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any, Self, get_args
 
-from pydantic import Field, model_validator
+from pydantic import Field, ValidationInfo, field_validator, model_validator
 
-from multiscale.macro.data_range import FAR_FACTOR
+from multiscale.errors import CaseError
 from multiscale.micro.cell import depth_caution
 from multiscale.micro.slide import LONGEST
+from multiscale.pipeline.body_settings import Blocks, LapJoint, Plate, StackedBlocks
 from multiscale.pipeline.case_tables import (
     AccuracySettings,
     CellSettings,
-    JointSettings,
     LawSettings,
     MicroSettings,
     SlideSettings,
 )
+from multiscale.pipeline.grain_settings import (
+    Biaxial,
+    ColumnCollapse,
+    Deposit,
+    GrainSettings,
+    Motion,
+    ShearCell,
+    Silo,
+)
+from multiscale.pipeline.joint_settings import (
+    Cycles,
+    LawSource,
+    Preloads,
+    RisingPreloads,
+    RoughInterface,
+    Substructures,
+)
+from multiscale.pipeline.link_settings import (
+    CableNet,
+    Dynamics,
+    LinkMesh,
+    LinkTable,
+    Statics,
+    TensegrityGrid,
+)
 from multiscale.pipeline.rough_bodies import RoughBody
-from multiscale.pipeline.toml_model import Settings
+from multiscale.pipeline.toml_model import OneOf, Settings
+from multiscale.schema import INTERFACE_LAW
 from multiscale.units import readable
 from multiscale.upscaling.bootstrap import FEWEST_REALISATIONS
 
-__all__ = ["POINTS_PER_WAVE", "Case"]
+if TYPE_CHECKING:
+    import xarray as xr
 
+    from multiscale.pipeline.stage import Datasets
+
+__all__ = ["KINDS", "POINTS_PER_WAVE", "Case"]
 
 HARDEST = 0.1
-"""Largest hardness over Young's modulus; that of diamond is about as large."""
+"""Largest hardness over Young's modulus; the hardness of diamond is about as large."""
 
 POINTS_PER_WAVE = 8  # of the shortest wave of a measured surface, if the case names no cut-off
 
+ABSENT: Any = None
+"""Default of tables that a case need not have: what reads them runs only where they are given."""
+
+Structure = (
+    Blocks
+    | TensegrityGrid
+    | CableNet
+    | LinkTable
+    | LinkMesh
+    | Plate
+    | StackedBlocks
+    | LapJoint
+    | Deposit
+    | Silo
+    | ColumnCollapse
+    | ShearCell
+    | Biaxial
+)
+"""All kinds of structures."""
+
+KINDS = {get_args(kind.model_fields["kind"].annotation)[0]: kind for kind in get_args(Structure)}
+"""Every kind by its name in files."""
+
+CELLS = ("body_1", "body_2", "cell", "micro")
+"""Tables of cells, of which a case has all, or none of the last two."""
+
+WITH_STRUCTURE = ("interface", "statics", "cycles", "dynamics", "grains", "motion")
+"""Tables that a kind of structure may ask for."""
+
 
 class Case(Settings):
-    """One question, such as how stiff the joint of two bodies is."""
+    """One question to the chain from two surfaces to a structure, or to a part of the chain.
+
+    The tables that are given ask for the stages. Cells take both bodies, cell and micro, and give
+    the law of the interfaces of the structure. Without cells the law comes from a file, or the
+    structure has no interfaces. Which further tables a structure takes depends on its kind.
+    """
 
     title: str = Field(description="Title of report and tables.")
     elastic: bool = Field(False, description="Confirms real contact pressures that no metal bears.")
-    body_1: RoughBody
-    body_2: RoughBody
-    cell: CellSettings
-    micro: MicroSettings
-    law: LawSettings = LawSettings()
-    joint: JointSettings
+    body_1: RoughBody = ABSENT
+    body_2: RoughBody = ABSENT
+    cell: CellSettings = ABSENT
+    micro: MicroSettings = ABSENT
+    law: LawSettings = ABSENT
     slide: SlideSettings | None = Field(None, description="Slide of the bodies over each other.")
     accuracy: AccuracySettings | None = Field(
         None, description="Target of a planner, which then chooses the cells."
     )
+    structure: Structure | None = Field(None, discriminator="kind")
+    interface: Annotated[Any, OneOf((LawSource, RoughInterface))] = None
+    statics: Annotated[Any, OneOf((RisingPreloads, Preloads, Statics))] = None
+    cycles: Cycles | None = None
+    dynamics: Dynamics | None = None
+    substructures: Substructures | None = None
+    grains: GrainSettings = ABSENT
+    motion: Motion = ABSENT
 
-    describes: ClassVar[str] = "a joint of two rough bodies"
+    @model_validator(mode="before")
+    @classmethod
+    def _fit_law_of_cells(cls, given: Any) -> Any:
+        """Ask for a law wherever there are cells."""
+        return {"law": {}} | given if "micro" in given else given
+
+    @field_validator("interface", "statics", mode="before")
+    @classmethod
+    def _read_as_kind(cls, given: Any, info: ValidationInfo) -> Any:
+        """Read a table by the model that the kind of structure names."""
+        structure = info.data.get("structure")
+        model = structure.models.get(str(info.field_name)) if structure else None
+        return given if model is None else model.model_validate(given)
 
     @model_validator(mode="after")
     def _check(self) -> Self:
+        asked = [name for name in ("cell", "micro", "law", "slide", "accuracy") if self._has(name)]
+        missing = [name for name in CELLS if not self._has(name)]
+        if missing and (asked or self.structure is None):
+            raise ValueError(
+                f"without {_list(missing)} there are no cells, which take {_list(CELLS)}"
+            )
+        if self.has_cells:
+            self._check_cells()
+        if self.structure is not None:
+            self._check_structure(self.structure)
+        return self
+
+    def _has(self, name: str) -> bool:
+        return getattr(self, name) is not None
+
+    def _check_structure(self, kind: Structure) -> None:
+        """Refuse tables that do not go with the kind of structure."""
+        given = {name for name in WITH_STRUCTURE if self._has(name)}
+        if given not in [set(tables) for tables in kind.asks]:
+            asked = " or ".join(_list(tables) for tables in kind.asks)
+            raise ValueError(
+                f"a structure of kind {kind.kind!r} takes {asked}, got {_list(sorted(given))}"
+            )
+        if self.substructures is not None and not kind.may_be_cut:
+            raise ValueError(
+                f"[substructures] cut tensegrity grids, plates, blocks and lap joints, not a "
+                f"structure of kind {kind.kind!r}"
+            )
+        if kind.of_bodies and not (self._has("body_1") and self._has("body_2")):
+            raise ValueError(
+                f"a structure of kind {kind.kind!r} is made of [body_1] and [body_2]; give the "
+                f"youngs_modulus and the poissons_ratio of both"
+            )
+        if self.has_cells and self.interface is not None and self.interface.law is not None:
+            raise ValueError(
+                "[interface] law names a file beside cells whose law the structure takes; leave "
+                "out law, or the cells"
+            )
+        kind.check(self)
+
+    def _check_cells(self) -> None:
+        """Refuse what cells cannot do."""
         if self.body_1.surface is None and self.body_2.surface is None:
             raise ValueError("both bodies are smooth; give one of them a [surface] table")
         self._check_metal()
-        self._check_preloads()
         if self.slide is not None:
             self._check_slide(self.slide)
-        return self
+        target = self.accuracy
+        if target and target.quantity == "joint_stiffness" and self.interface_width is None:
+            raise ValueError(
+                '[accuracy] quantity = "joint_stiffness" needs [structure] kind = "blocks"; ask '
+                'for the "mean_gap", the "contact_fraction" or the "stiffness" of the interface'
+            )
 
     def _check_slide(self, slide: SlideSettings) -> None:
         """Refuse what cells cannot slide, or not in reasonable time."""
@@ -100,24 +231,22 @@ class Case(Settings):
                 "its cells alone"
             )
 
-    def _check_preloads(self) -> None:
-        """Refuse a joint that the cells will tell nothing of."""
-        low, high = self.micro.pressures[0] / FAR_FACTOR, self.micro.pressures[-1] * FAR_FACTOR
-        far = [p for p in self.joint.preloads if not low <= p <= high]
-        target = self.accuracy is not None and self.accuracy.quantity == "joint_stiffness"
-        if far and (target or (len(far) == len(self.joint.preloads) and not self.law.extrapolate)):
-            raise ValueError(
-                f"preloads in [joint] of {', '.join(f'{1e-6 * p:g}' for p in far)} MPa lie more "
-                f"than a factor of {FAR_FACTOR:g} outside the pressures in [micro], "
-                f"{1e-6 * self.micro.pressures[0]:g} to {1e-6 * self.micro.pressures[-1]:g} MPa: "
-                f"the joint would be unknown there; press the cells at such pressures"
-                + ("" if target else ", or set extrapolate = true in [law]")
-            )
+    @property
+    def tables(self) -> frozenset[str]:
+        """Tables that are given, and the stages that the structure and its cut ask for."""
+        asked = {self.structure.stage} if self.structure is not None else set()
+        condensed = {"homogenise"} if self.cut.homogenise else set()
+        return super().tables | asked | condensed
+
+    @property
+    def has_cells(self) -> bool:
+        """Whether the case has cells of its own."""
+        return self.micro is not None
 
     @property
     def realisations(self) -> int:
         """Number of cells."""
-        return self.micro.realisations
+        return self.micro.realisations if self.has_cells else 0
 
     @property
     def bodies(self) -> tuple[RoughBody, RoughBody]:
@@ -137,27 +266,78 @@ class Case(Settings):
 
     @property
     def yield_stress(self) -> float | None:
-        """Yield stress of a conforming cell, Pa: that of the softer body."""
+        """Yield stress of a conforming cell, Pa, which is the yield stress of the softer body."""
         if self.softer is None or self.cell.geometry == "flat":
             return None
         return self.softer.yield_stress
 
-    def quick(self) -> Self:
-        """Return the same case on a coarser grid with fewer realisations, and without a target."""
-        micro = self.micro.model_copy(update={"realisations": min(4, self.micro.realisations)})
-        return self.model_copy(
-            update={
-                "title": f"{self.title} (quick)",
-                "cell": self.cell.quick(),
-                "micro": micro,
-                "law": self.law.model_copy(update={"samples": min(40, self.law.samples)}),
-                "slide": self.slide and self.slide.quick(self.cell, self.micro),
-                "accuracy": None,
-            }
+    @property
+    def interface_width(self) -> float | None:
+        """Edge of an interface under even pressure, m; none in other structures, or without one."""
+        return None if self.structure is None else self.structure.interface_width
+
+    @property
+    def extrapolate(self) -> bool:
+        """Whether answers stand far outside the data of the law."""
+        tables = (self.law, self.interface)
+        return any(table.extrapolate for table in tables if table is not None)
+
+    @property
+    def cut(self) -> Substructures:
+        """How the structure is cut; in one part if it is not."""
+        return self.substructures or Substructures()
+
+    def interface_law(self, found: "Datasets") -> "xr.Dataset":
+        """Law of the interfaces of the structure: of the cells of the case, or of a file.
+
+        Raises
+        ------
+        MultiscaleError
+            If there is no law, or it is refused.
+        """
+        return (
+            found[INTERFACE_LAW.name] if self.has_cells else (self.interface or LawSource()).open()
         )
 
+    def from_structure(self, law: Path | None) -> Self:
+        """Return the part of the case that begins at the structure, with the law of a file.
+
+        Raises
+        ------
+        CaseError
+            If there is no structure, or a law and no interface that it could be of.
+        """
+        if self.structure is None:
+            raise CaseError(f"{self.title}: the case has no [structure]; use multiscale run")
+        source = self.structure.models.get("interface")
+        if law is not None and source is None:
+            raise CaseError(
+                f"{self.title}: the structure has no joint that the law {law} could be of"
+            )
+        away = ("cell", "micro", "law", "slide", "accuracy")
+        changes = dict.fromkeys((*away, *(() if self.structure.of_bodies else CELLS[:2])))
+        if source is not None:
+            own = {"extrapolate": self.extrapolate} | ({} if law is None else {"law": law})
+            interface = LawSource() if self.interface is None else self.interface
+            changes["interface"] = interface.model_copy(update=own)
+        return self.model_copy(update=changes)
+
+    def quick(self) -> Self:
+        """Return the same case with coarser and fewer cells, elements, grains and steps.
+
+        There is no target. A structure from a file stays as it is.
+        """
+        names = ("cell", "micro", "law", "cycles", "substructures", "grains", "motion")
+        changes = {name: getattr(self, name).quick() for name in names if self._has(name)}
+        changes["slide"] = self.slide and self.slide.quick(self.cell, self.micro)
+        small = self.model_copy(
+            update={"title": f"{self.title} (quick)", "accuracy": None} | changes
+        )
+        structure = self.structure and self.structure.quick(small)
+        return small.model_copy(update={"structure": structure})
+
     def cautions(self) -> list[str]:
-        """Return what a user should know before trusting the results, one sentence each."""
+        """Return what a user should know before trusting the cells, one sentence each."""
         found, spacing = [], self.cell.spacing
         for number, body in enumerate(self.bodies, start=1):
             cutoff = body.surface.short_cutoff if body.surface else None
@@ -186,13 +366,19 @@ class Case(Settings):
     @property
     def scope(self) -> str:
         """What belongs to one run folder, in a few words."""
-        return self.cell.scope
+        if self.structure is None or self.has_cells:
+            return self.cell.scope
+        return f"a structure of kind {self.structure.kind!r}"
 
     def identity(self) -> str:
-        """Checksum of everything that a realisation depends on, instrument files included."""
-        return self.checksum(
-            exclude={
-                **dict.fromkeys(("title", "elastic", "law", "joint", "slide", "accuracy"), True),
-                "micro": {"realisations"},
-            }
-        )
+        """Checksum of what a run folder belongs to: its cells, or its structure without cells.
+
+        Instrument files count with their content; the number of realisations does not count.
+        """
+        own = set(CELLS) if self.has_cells else {"structure", "grains"}
+        return self.checksum(include=own, exclude={"micro": {"realisations"}})
+
+
+def _list(tables: Iterable[str]) -> str:
+    """Name tables as files do."""
+    return " and ".join(f"[{name}]" for name in tables) or "none of them"

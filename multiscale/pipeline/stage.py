@@ -142,6 +142,7 @@ class Stage(Shown):
     write_fields : callable, writes the dataset for ParaView into a folder, under a name
     needs : callable, from the case to the :class:`Needs` of the stage
     check : callable, refuses a dataset that has been written but answers nothing
+    folders : tuple of str, folders of a run where the stage finds what it need not compute again
     pictures : tuple of str, names of all figures that the sections may have
     """
 
@@ -153,6 +154,7 @@ class Stage(Shown):
     needs: Callable[[Any], Needs] = lambda case: Needs()
     check: Callable[["xr.Dataset"], object] = _nothing
     pictures: tuple[str, ...] = ()
+    folders: tuple[str, ...] = ()
 
     def asked_for(self, tables: Container[str]) -> bool:
         """Whether the tables of a case file ask for the stage."""

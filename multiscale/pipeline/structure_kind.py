@@ -1,5 +1,6 @@
 """What every kind of structure says of itself."""
 
+from collections.abc import Mapping
 from typing import TYPE_CHECKING, ClassVar, Self
 
 from multiscale.errors import CaseError
@@ -7,7 +8,8 @@ from multiscale.macro.substructures import CutProblem
 from multiscale.pipeline.toml_model import Settings
 
 if TYPE_CHECKING:
-    from multiscale.pipeline.structure_settings import StructureCase
+    from multiscale.pipeline.settings import Case
+    from multiscale.pipeline.stage import Datasets
 
 __all__ = ["StructureKind"]
 
@@ -19,14 +21,23 @@ class StructureKind(Settings):
     ----------
     stage : str, name of the stage that solves it
     asks : tuple of tuple of str, the tables that go with it: all of one of these sets
+    models : mapping of str to type, models of those tables whose keys depend on the kind
     may_be_cut : bool, whether ``[substructures]`` may cut it
+    of_bodies : bool, whether it is made of the materials of ``[body_1]`` and ``[body_2]``
     """
 
     stage: ClassVar[str]
     asks: ClassVar[tuple[tuple[str, ...], ...]]
+    models: ClassVar[Mapping[str, type[Settings]]] = {}
     may_be_cut: ClassVar[bool] = False
+    of_bodies: ClassVar[bool] = False
 
-    def check(self, case: "StructureCase") -> None:
+    @property
+    def interface_width(self) -> float | None:
+        """Edge of an interface under even pressure, m, if that is what the structure is."""
+        return None
+
+    def check(self, case: "Case") -> None:
         """Refuse what the other tables of the case say and the structure cannot do.
 
         Raises
@@ -35,10 +46,10 @@ class StructureKind(Settings):
             With a sentence.
         """
 
-    def cut(self, case: "StructureCase") -> CutProblem:
+    def cut(self, case: "Case", found: "Datasets") -> CutProblem:
         """Cut the structure into its substructures, if it may be cut."""
         raise CaseError(f"substructures do not cut a structure of stage {self.stage}")
 
-    def quick(self, case: "StructureCase") -> Self:
+    def quick(self, case: "Case") -> Self:
         """Return the same structure, smaller; the other tables of the case are quick already."""
         return self

@@ -11,8 +11,8 @@ import numpy as np
 from multiscale.errors import ConvergenceError
 from multiscale.needs import Needs
 from multiscale.pipeline.rows import list_cycles, list_facts
+from multiscale.pipeline.settings import Case
 from multiscale.pipeline.stage import Datasets, Job, Section, Stage, Summary, format_table
-from multiscale.pipeline.structure_settings import StructureCase
 from multiscale.schema import MACRO_RESULT, Schema, with_cautions
 
 if TYPE_CHECKING:
@@ -33,12 +33,14 @@ def require_converged(result: "xr.Dataset") -> None:
 
 def structure_stage(
     name: str,
-    solve: Callable[[Any, StructureCase, Job], "xr.Dataset"],
-    needs: Callable[[Any, StructureCase], Needs],
+    solve: Callable[[Any, Case, Datasets, Job], "xr.Dataset"],
+    needs: Callable[[Any, Case], Needs],
     tabulate: Callable[["xr.Dataset"], Table],
     write_fields: Callable[..., object],
     *,
+    reads: set[str],
     question: str,
+    takes: tuple[Stage, ...] = (),
     schema: Schema = MACRO_RESULT,
     solver: tuple[str, ...] = ("pypardiso",),
     check: Callable[["xr.Dataset"], None] = require_converged,
@@ -50,22 +52,25 @@ def structure_stage(
     name : str
         What the kinds name as their stage.
     solve, needs : callable
-        From the structure, its case and, to solve it, the job.
+        From the structure, its case and, to solve it, the datasets of earlier stages and the job.
     tabulate, write_fields, check : callable
         Make head and rows of the dataset, write a series for ParaView as
         :func:`multiscale.io.write_link_fields`, and refuse a dataset that answers nothing.
+    reads : set of str
+        Tables on which the dataset depends, beside the title.
     question : str
         Stands at the head of the page.
+    takes : tuple of Stage
     schema : Schema
     solver : tuple of str
         Libraries that solve where they are installed.
     """
 
-    def run(case: StructureCase, found: Datasets, job: Job) -> "xr.Dataset":
-        result = solve(case.structure, case, job)
+    def run(case: Case, found: Datasets, job: Job) -> "xr.Dataset":
+        result = solve(case.structure, case, found, job)
         return result.assign_attrs(title=case.title, scene=case.to_toml())
 
-    def all_needs(case: StructureCase) -> Needs:
+    def all_needs(case: Case) -> Needs:
         own, installed = needs(case.structure, case), tuple(filter(find_spec, solver))
         return replace(own, libraries=tuple(sorted({*own.libraries, "meshio", *installed})))
 
@@ -87,6 +92,8 @@ def structure_stage(
     return Stage(
         schema=schema,
         tables=("structure", name),
+        reads={"title", *reads},
+        takes=takes,
         run=run,
         write_fields=write_fields,
         needs=all_needs,

@@ -21,8 +21,7 @@ from multiscale.io import make_folder, remove, write_bytes, write_dataset
 from multiscale.pipeline.case import AnyCase, find_case, read_case, validate_case
 from multiscale.pipeline.run import run
 from multiscale.pipeline.run_folder import gather_cautions, open_stages
-from multiscale.pipeline.settings import Case
-from multiscale.pipeline.stages.joint import STIFFNESSES
+from multiscale.pipeline.stages.joint import JOINT, STIFFNESSES
 from multiscale.pipeline.sweep_points import POINTS, name_point
 from multiscale.pipeline.toml_model import read_toml
 from multiscale.schema import MACRO_RESULT, SWEEP
@@ -49,7 +48,7 @@ class Sweep:
     title : str
     parameters : tuple of str
         Keys that vary, such as ``"cell.points"``; none in a file without ``[sweep]``.
-    points : tuple of Case, TyreCase or StructureCase
+    points : tuple of Case or TyreCase
         Every combination of the values, the last key fastest.
     settings : tuple of tuple of str, for each point the values, as the file says them
     content : dict
@@ -115,8 +114,11 @@ def load_sweep(case: str | Path) -> Sweep:
         if lists:
             point["title"] = f"{content.get('title', '')}: {name_point(parameters, said)}"
         points.append(validate_case(point, path))
-        if lists and type(points[-1]) is not Case:
-            raise CaseError(f"{path}: [sweep] varies joints, not {points[-1].describes}")
+        if lists and not JOINT.asked_for(points[-1].tables):
+            raise CaseError(
+                f"{path}: [sweep] varies joints of blocks, and the case has no [structure] of kind "
+                f'"blocks"'
+            )
         settings.append(said)
     return Sweep(
         str(content.get("title", points[0].title)),
@@ -133,6 +135,7 @@ def run_sweep(
     *,
     executor: Executor | None = None,
     progress: Callable[[int], None] = lambda finished: None,
+    force: bool = False,
 ) -> "xr.Dataset":
     """Run every point of a sweep in its own folder, and join the results.
 
@@ -146,6 +149,8 @@ def run_sweep(
         See :func:`multiscale.executors.run_jobs`; a point is one job.
     progress : callable
         Gets the number of finished points.
+    force : bool, default False
+        Whether all points are computed anew, also finished ones.
 
     Returns
     -------
@@ -176,7 +181,7 @@ def run_sweep(
         logger.info("%s: %s", names[k], result[1] or "finished")
         progress(len(found))
 
-    for k, folder in enumerate(folders):
+    for k, folder in enumerate(() if force else folders):
         try:
             kept = _read_point(folder)
         except SchemaError:  # missing, damaged or of another version: run again
@@ -184,7 +189,7 @@ def run_sweep(
         if kept["converged"].values.any():
             found[k] = kept, ""
     progress(len(found))
-    jobs = {k: (case, folders[k]) for k, case in enumerate(sweep.points) if k not in found}
+    jobs = {k: (case, folders[k], force) for k, case in enumerate(sweep.points) if k not in found}
     run_jobs(_run_point, jobs, executor, finish)
     results, failures = zip(*(found[k] for k in range(len(folders))), strict=True)
     if all(failures):
@@ -223,10 +228,10 @@ def _set(content: dict[str, Any], key: tuple[str, ...], value: Any, path: Path) 
     content[key[-1]] = value
 
 
-def _run_point(case: AnyCase, folder: Path) -> "tuple[xr.Dataset | None, str]":
+def _run_point(case: AnyCase, folder: Path, force: bool) -> "tuple[xr.Dataset | None, str]":
     """Run a point; what is refused is a sentence, not the end."""
     try:
-        run(case, folder)
+        run(case, folder, force=force)
         return _read_point(folder), ""
     except MultiscaleError as error:
         return None, str(error)

@@ -3,6 +3,7 @@
 import json
 import tomllib
 from collections.abc import Callable, Iterator, Mapping
+from dataclasses import dataclass
 from difflib import get_close_matches
 from functools import partial
 from hashlib import sha256
@@ -32,6 +33,7 @@ __all__ = [
     "Length",
     "Natural",
     "Number",
+    "OneOf",
     "Positive",
     "Pressure",
     "Ratio",
@@ -134,6 +136,13 @@ class TimeSteps(Settings):
         return self
 
 
+@dataclass(frozen=True)
+class OneOf:
+    """Models of which another table of the file chooses one, as metadata of a table of any type."""
+
+    models: tuple[type[Settings], ...]
+
+
 Model = TypeVar("Model", bound=Settings)
 Kinds = Mapping[str, type[BaseModel]]
 
@@ -155,7 +164,8 @@ def read_toml(path: Path) -> dict[str, Any]:
 def validate(model: type[Model], content: dict[str, Any], path: Path, kinds: Kinds) -> Model:
     """Turn the content of a file into settings; messages name its path.
 
-    ``kinds`` are the models behind the tags of tables that come in several kinds.
+    ``kinds`` are the models behind the tags of tables that come in several kinds, and behind the
+    names of tables whose model another table chooses.
 
     Raises
     ------
@@ -200,7 +210,7 @@ def _locate(
             place[-1] += f"[{part}]"
         elif part in model.model_fields:
             place.append(part)
-            model = _model_in(model.model_fields[part].annotation) or model
+            model = kinds.get(part) or _model_in(model.model_fields[part].annotation) or model
         elif part in kinds:
             model = kinds[part]
         elif "[" not in part:  # else one of several types that a value may have

@@ -129,7 +129,6 @@ class TyreCase(Settings):
     law: LawSettings = LawSettings()
     tread: Tread
 
-    describes: ClassVar[str] = "rubber that slides on a road"
     accuracy: ClassVar[None] = None
     """No planner: it chooses cells of joints alone."""
 

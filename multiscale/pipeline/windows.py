@@ -5,7 +5,6 @@ from dataclasses import dataclass
 import numpy as np
 
 from multiscale.errors import CaseError
-from multiscale.io import read_surface
 from multiscale.pipeline.case_tables import CellSettings
 from multiscale.pipeline.rough_bodies import InstrumentSurface
 from multiscale.pipeline.settings import POINTS_PER_WAVE
@@ -57,18 +56,25 @@ class Measured:
 
 
 def cut_windows(
-    settings: InstrumentSurface, cell: CellSettings, which: range, needed: int, seed: int
+    whole: Surface,
+    settings: InstrumentSurface,
+    cell: CellSettings,
+    which: range,
+    needed: int,
+    seed: int,
 ) -> tuple[list[Surface], Measured]:
     """Cut separate windows from a measured map and make them periodic and band-limited.
 
     Parameters
     ----------
+    whole : Surface
+        The map.
     settings, cell : InstrumentSurface, CellSettings
-        The map, and size and grid of the cells.
+        How the map is cut, and size and grid of the cells.
     which, needed : range, int
         Numbers of the windows to cut, and how many the map must hold.
     seed : int
-        Of the order of the windows, which are the same whatever their number.
+        Seed of the order of the windows, which are the same whatever their number.
 
     Returns
     -------
@@ -79,18 +85,13 @@ def cut_windows(
     Raises
     ------
     CaseError
-        If the map cannot be read, has too few windows, or the cut-off makes no sense.
+        If the map has too few windows, or the cut-off makes no sense.
 
     Notes
     -----
     A window is a whole number of pixels, which take the size of the cell, or of its half if it is
     mirrored: lengths change by half a pixel at most, and heights not at all.
     """
-    whole = read_surface(
-        settings.file,
-        detrend_order=settings.detrend_order,
-        fill_undefined=settings.fill_undefined,
-    )
     cutoff, chosen = _cutoff(settings, cell, whole.spacing)
     share = 0.5 if settings.periodic == "mirror" else 1.0
     size = (share * cell.size[0], share * cell.size[1])

@@ -57,9 +57,8 @@ def plot_error_budget(
             ax.text(float(x), float(height), caption, ha="center", va="bottom", fontsize="small")
     ax.set_xticks(at, _labels(one))
     ax.set_ylim(0.0, 1.5 * top or 1.0)  # room for the legend
-    ax.set_xlabel("mean pressure (MPa)")
+    ax.set(xlabel="mean pressure (MPa)", title="error budget")
     ax.set_ylabel(f"95 % half-width of {chosen.replace('_', ' ')} (%)")
-    ax.set_title("error budget")
     ax.legend(loc="upper center", ncols=2, fontsize="small")
     return ax
 

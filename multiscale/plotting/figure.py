@@ -10,6 +10,7 @@ import numpy as np
 from multiscale.io import make_folder, write_bytes
 
 if TYPE_CHECKING:
+    import xarray as xr
     from matplotlib.axes import Axes
     from matplotlib.cm import ScalarMappable
     from matplotlib.figure import Figure
@@ -83,24 +84,33 @@ def add_colour_bar(mappable: "ScalarMappable", ax: "Axes", label: str) -> None:
     ax.figure.colorbar(mappable, cax=place, label=label, orientation=orientation)
 
 
-def plot_energy_parts(time: np.ndarray, parts: dict[str, np.ndarray], ax: "Axes") -> None:
-    """Plot energies over time and their sum, without parts that are zero throughout.
+def plot_energy_parts(
+    result: "xr.Dataset", parts: Mapping[str, str], work: str, ax: "Axes | None"
+) -> "Axes":
+    """Plot energies over time, less the work, and their sum; without parts that are always zero.
 
     Parameters
     ----------
-    time : ndarray, shape (steps,)
-        Times, s.
-    parts : dict of str to ndarray, shape (steps,)
-        Energies by their label, J.
-    ax : Axes
+    result : Dataset
+        Motion with ``time``, s, and energies, J.
+    parts : mapping of str to str
+        Variables by their label.
+    work : str
+        Label of the negative work.
+    ax : Axes, optional
         Axes to draw on.
     """
-    for label, energy in parts.items():
+    ax, time = axes_or_current(ax), result["time"].values
+    energies = {label: result[name].values for label, name in parts.items()}
+    energies[work] = -result["work"].values
+    for label, energy in energies.items():
         if np.nanmax(np.abs(energy)) > 0.0:
             ax.plot(time, energy, label=label)
-    ax.plot(time, np.sum(list(parts.values()), axis=0), color="black", linestyle="--", label="sum")
+    total = np.sum(list(energies.values()), axis=0)
+    ax.plot(time, total, color="black", linestyle="--", label="sum")
     ax.set(xlabel="time (s)", ylabel="energy (J)")
     ax.legend(loc="lower center", bbox_to_anchor=(0.5, 1.0), ncols=2, frameon=False)
+    return ax
 
 
 def save_figure(figure: "Figure", file: Path) -> Path:

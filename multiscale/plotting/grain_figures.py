@@ -81,16 +81,13 @@ def plot_force_network(
 
 def plot_grain_energies(result: "xr.Dataset", *, ax: "Axes | None" = None) -> "Axes":
     """Plot the parts of the energy of the grains, and their sum, which is constant."""
-    ax = axes_or_current(ax)
     parts = {
-        "kinetic": result["kinetic_energy"].values,
-        "taken by the contacts": result["contact_dissipation"].values,
-        "lost in impacts": result["numerical_dissipation"].values,
-        "damped": result["damping_dissipation"].values,
-        "work, negative": -result["work"].values,
+        "kinetic": "kinetic_energy",
+        "taken by the contacts": "contact_dissipation",
+        "lost in impacts": "numerical_dissipation",
+        "damped": "damping_dissipation",
     }
-    plot_energy_parts(result["time"].values, parts, ax)
-    return ax
+    return plot_energy_parts(result, parts, "work, negative", ax)
 
 
 def plot_contact_error(result: "xr.Dataset", *, ax: "Axes | None" = None) -> "Axes":

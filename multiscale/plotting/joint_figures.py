@@ -10,11 +10,7 @@ import numpy as np
 
 from multiscale.errors import CaseError
 from multiscale.plotting.budget_figures import plot_error_budget
-from multiscale.plotting.figure import (
-    add_colour_bar,
-    axes_or_current,
-    save_figures,
-)
+from multiscale.plotting.figure import add_colour_bar, axes_or_current, save_figures
 
 if TYPE_CHECKING:
     import xarray as xr

@@ -53,10 +53,8 @@ def plot_gap_law(response: "xr.Dataset", law: "xr.Dataset", *, ax: "Axes | None"
         low, high = 1e6 * np.percentile(band, BAND_PERCENTILES, axis=0)
         ax.fill_betweenx(along, low, high, color="C0", alpha=0.3, linewidth=0, label="95 % band")
     ax.plot(1e6 * law_from_dataset(law).gap_at(1e6 * along), along, color="C0", label="law")
-    ax.set_yscale("log")
-    ax.set(
-        xlabel="mean gap (µm)", ylabel="mean pressure (MPa)", title="normal law and realisations"
-    )
+    ax.set(yscale="log", xlabel="mean gap (µm)", ylabel="mean pressure (MPa)")
+    ax.set_title("normal law and realisations")
     ax.legend()
     return ax
 
@@ -100,8 +98,7 @@ def plot_unloading(
         color="C1",
         label=f"unloading: {hysteretic.stiffness_ratio:.3g} times as stiff at first",
     )
-    ax.set_xlabel("mean gap (µm)")
-    ax.set_ylabel("mean pressure (MPa)")
+    ax.set(xlabel="mean gap (µm)", ylabel="mean pressure (MPa)")
     ax.set_title("normal law with its unloading branch")
     ax.legend()
     return ax
@@ -123,8 +120,7 @@ def plot_area_law(response: "xr.Dataset", law: "xr.Dataset", *, ax: "Axes | None
     ax.plot(
         along, 100.0 * area_from_dataset(law).contact_fraction(1e6 * along), color="C0", label="law"
     )
-    ax.set_xlabel("mean pressure (MPa)")
-    ax.set_ylabel("real over nominal contact area (%)")
+    ax.set(xlabel="mean pressure (MPa)", ylabel="real over nominal contact area (%)")
     ax.set_title("area law and realisations")
     ax.legend()
     return ax

@@ -6,24 +6,14 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from multiscale.io import make_folder
-from multiscale.plotting.figure import (
-    axes_or_current,
-    new_figure,
-    plot_energy_parts,
-    save_figure,
-)
+from multiscale.plotting.figure import axes_or_current, new_figure, plot_energy_parts, save_figure
 
 if TYPE_CHECKING:
     import xarray as xr
     from matplotlib.axes import Axes
     from mpl_toolkits.mplot3d import Axes3D
 
-__all__ = [
-    "draw_links",
-    "plot_deformed_links",
-    "plot_energies",
-    "plot_sorted_tensions",
-]
+__all__ = ["draw_links", "plot_deformed_links", "plot_energies", "plot_sorted_tensions"]
 
 
 def plot_sorted_tensions(
@@ -103,16 +93,13 @@ def plot_deformed_links(
 
 def plot_energies(result: "xr.Dataset", *, ax: "Axes | None" = None) -> "Axes":
     """Plot the parts of the energy of a moving structure, and their sum, which is constant."""
-    ax = axes_or_current(ax)
     parts = {
-        "kinetic": result["kinetic_energy"].values,
-        "elastic": result["elastic_energy"].values,
-        "lost to the time scheme": result["numerical_dissipation"].values,
-        "lost in the links": result["link_dissipation"].values,
-        "work of the loads, negative": -result["work"].values,
+        "kinetic": "kinetic_energy",
+        "elastic": "elastic_energy",
+        "lost to the time scheme": "numerical_dissipation",
+        "lost in the links": "link_dissipation",
     }
-    plot_energy_parts(result["time"].values, parts, ax)
-    return ax
+    return plot_energy_parts(result, parts, "work of the loads, negative", ax)
 
 
 def draw_links(result: "xr.Dataset", folder: Path, *, scale: float = 1.0) -> list[Path]:

@@ -20,12 +20,7 @@ if TYPE_CHECKING:
 
     from multiscale.surfaces.surface import Surface
 
-__all__ = [
-    "plot_braking_force",
-    "plot_footprint",
-    "plot_friction_bell",
-    "plot_road",
-]
+__all__ = ["plot_braking_force", "plot_footprint", "plot_friction_bell", "plot_road"]
 
 BAND_PERCENTILES = (2.5, 97.5)
 """Percentiles of the 95 % bands."""
@@ -93,10 +88,8 @@ def plot_friction_bell(
             pass
         mean = friction_at(law, temperature).coefficient(np.array(nearest), along)
         ax.plot(along, mean, color=colour, label=f"{temperature - ZERO_CELSIUS:.4g} °C")
-    ax.set_xscale("log")
+    ax.set(xscale="log", xlabel="sliding speed (m/s)", ylabel="friction coefficient")
     ax.set_ylim(bottom=0.0)
-    ax.set_xlabel("sliding speed (m/s)")
-    ax.set_ylabel("friction coefficient")
     ax.set_title(f"friction at {1e-3 * nearest:.4g} kPa: cells and law with 95 % band")
     ax.legend()
     return ax
@@ -120,10 +113,8 @@ def plot_braking_force(result: "xr.Dataset", *, ax: "Axes | None" = None) -> "Ax
             color=colour,
             label=f"{temperature - ZERO_CELSIUS:.4g} °C",
         )
-    ax.set_xscale("log")
+    ax.set(xscale="log", xlabel="sliding speed (m/s)", ylabel="braking force of the block (N)")
     ax.set_ylim(bottom=0.0)
-    ax.set_xlabel("sliding speed (m/s)")
-    ax.set_ylabel("braking force of the block (N)")
     ax.set_title(f"tread block under {1e-3 * float(result['preload'][0]):.4g} kPa")
     ax.legend()
     return ax

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Any
 
 from multiscale.io import make_folder, reading_run, remove
 from multiscale.pipeline.run_folder import gather_cautions, open_stages
-from multiscale.pipeline.stage import Section, Shown
+from multiscale.pipeline.stage import Section, Shown, Summary
 from multiscale.pipeline.stages import STAGES
 from multiscale.pipeline.toml_model import read_toml
 
@@ -46,9 +46,25 @@ class FinishedRun:
         ]
 
     def lines(self) -> Iterator[str]:
-        """Yield what the stages tell on the command line, the last stage first."""
+        """Yield what the stages tell on the command line, the last stage first.
+
+        The stage of the summary tells its answer if it prints nothing else.
+        """
         for stage in self.stages[::-1]:
-            yield from stage.lines(self.found)
+            lines = list(stage.lines(self.found))
+            yield from lines or (self.summary.answer if stage is self.answering else ())
+
+    @property
+    def answering(self) -> Shown:
+        """The last stage with a summary."""
+        return [stage for stage in self.stages if stage.summary is not None][-1]
+
+    @property
+    def summary(self) -> Summary:
+        """What the run was for, and its answer."""
+        summarise = self.answering.summary
+        assert summarise is not None  # or it would not answer
+        return summarise(self.found)
 
 
 def open_finished(out: Path) -> FinishedRun:

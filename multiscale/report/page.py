@@ -28,10 +28,9 @@ def write_report(out: str | Path) -> Path:
 
 
 def _content(run: FinishedRun) -> dict[str, Any]:
-    *_, summarise = (stage.summary for stage in run.stages if stage.summary is not None)
     drawn = {file.stem: file for file in (run.out / "figures").glob("*.png")}
     sections = [*run.sections(), Section("Inputs", rows=list(_keys(run.case))), _work(run)]
-    return vars(summarise(run.found)) | {
+    return vars(run.summary) | {
         "cautions": run.cautions,
         "sections": [
             vars(section)

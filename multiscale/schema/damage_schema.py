@@ -36,7 +36,7 @@ RVE_STIFFNESS = Schema(
         "stiffness": Variable(("strain", "other_strain"), "Pa", "effective stiffness"),
         "normal": Variable(("direction", "axis"), "1", "unit normals"),
         "modulus_ratio": Variable(
-            ("direction",), "1", "Young's modulus along the normal over that of the solid"
+            ("direction",), "1", "Young's modulus along the normal over the solid's"
         ),
         "damage": Variable(("direction",), "1", "damage of the worst section, eq (1)"),
         "porosity": Variable((), "1", "volume fraction of void"),

@@ -37,7 +37,7 @@ INTERFACE_LAW = Schema(
         ),
         "area_fit_share": Variable((), "1", "part of area_fit_error that is left between the data"),
         "unloading_stiffness_ratio": Variable(
-            (), "1", "stiffness at the start of unloading over that of loading"
+            (), "1", "stiffness at the start of unloading over stiffness of loading"
         ),
         "unloading_exponent": Variable((), "1", "exponent of the unloading branch"),
         "unloading_pressure": Variable(

@@ -8,7 +8,7 @@ STABILITY = Schema(
     name="stability",
     version=1,
     variables={
-        "family": Variable(("case",), "1", "what is solved"),
+        "family": Variable(("case",), "1", "family of problems"),
         "parameters": Variable(("case",), "1", "names and values of the parameters"),
         "tolerance": Variable(("case",), "1", "residual up to which a case has converged"),
         "outcome": Variable(("case",), "1", "0 failed, 1 refused with a sentence, 2 converged"),

@@ -13,7 +13,8 @@ from multiscale.units import readable
 __all__ = ["Admissibility", "Check", "admissibility"]
 
 SLACK = 1e-9  # of the largest value tested
-SPEEDS = (1e-6, 1e2)  # m/s
+SPEEDS = (1e-6, 1e2)  # m/s, at which friction laws are tested
+POINTS = 500  # at which a law is tested
 
 
 @dataclass(frozen=True)
@@ -62,13 +63,7 @@ class Admissibility:
         return f"{checks} (from {low} to {high})"
 
 
-def admissibility(
-    law: Any,
-    pressure_range: tuple[float, float],
-    *,
-    speed_range: tuple[float, float] = SPEEDS,
-    n_points: int = 500,
-) -> Admissibility:
+def admissibility(law: Any, pressure_range: tuple[float, float]) -> Admissibility:
     """Report whether a law is admissible.
 
     Parameters
@@ -77,10 +72,7 @@ def admissibility(
         Built in or a user's own.
     pressure_range : tuple of float
         Smallest and largest pressure tested, Pa. A normal law is tested between the gaps of these
-        and as far again to either side.
-    speed_range : tuple of float
-        Smallest and largest sliding speed tested of a friction law, m/s; rest is tested as well.
-    n_points : int
+        and as far again to either side, a friction law also over :data:`SPEEDS` and at rest.
 
     Returns
     -------
@@ -97,15 +89,15 @@ def admissibility(
         If the law is of none of these kinds.
     """
     if isinstance(law, NormalLaw):
-        checks = _check_normal(law, pressure_range, n_points)
+        checks = _check_normal(law, pressure_range)
     elif isinstance(law, HystereticLaw):
-        checks = _check_unloading(law, pressure_range, n_points)
+        checks = _check_unloading(law, pressure_range)
     elif isinstance(law, FrictionLaw):
-        checks = _check_friction(law, pressure_range, speed_range, n_points)
+        checks = _check_friction(law, pressure_range)
     elif isinstance(law, StiffnessLaw):
-        checks = _check_rising(law.stiffness_at, pressure_range, n_points)
+        checks = _check_rising(law.stiffness_at, pressure_range)
     elif hasattr(law, "contact_fraction"):
-        checks = _check_area(law.contact_fraction, pressure_range, n_points)
+        checks = _check_area(law.contact_fraction, pressure_range)
     else:
         raise CaseError(
             f"a law of type {type(law).__name__} cannot be judged; derive it from NormalLaw, "
@@ -114,12 +106,10 @@ def admissibility(
     return Admissibility(pressure_range, checks)
 
 
-def _check_normal(
-    law: NormalLaw, pressure_range: tuple[float, float], n_points: int
-) -> tuple[Check, ...]:
+def _check_normal(law: NormalLaw, pressure_range: tuple[float, float]) -> tuple[Check, ...]:
     """Pressure and stiffness at many gaps; the secant of a convex law lies between the tangents."""
     far, near = law.gap_at(np.array(pressure_range))
-    gap = np.linspace(near - (far - near), far + (far - near), n_points)
+    gap = np.linspace(near - (far - near), far + (far - near), POINTS)
     p, k = law.pressure(gap), law.stiffness(gap)
     secant = -np.diff(p) / np.diff(gap)
     jump = np.zeros((3, 5))
@@ -153,12 +143,10 @@ def _cycle(law: NormalLaw, gap: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     return np.array([work.sum()]), np.array([work[: gap.size].sum()])
 
 
-def _check_unloading(
-    law: HystereticLaw, pressure_range: tuple[float, float], n_points: int
-) -> tuple[Check, ...]:
+def _check_unloading(law: HystereticLaw, pressure_range: tuple[float, float]) -> tuple[Check, ...]:
     """Check the loading law, and what its unloading branches give back, eq. (2) of the law."""
-    loading = _check_normal(law.loading, pressure_range, n_points)
-    peak = np.geomspace(*pressure_range, n_points)
+    loading = _check_normal(law.loading, pressure_range)
+    peak = np.geomspace(*pressure_range, POINTS)
     branch = law.branch(peak)
     share = np.linspace(0.0, 1.0, 41)[:, None]
     gap = branch.corner + share * branch.length
@@ -172,19 +160,14 @@ def _check_unloading(
     )
 
 
-def _check_friction(
-    law: FrictionLaw,
-    pressure_range: tuple[float, float],
-    speed_range: tuple[float, float],
-    n_points: int,
-) -> tuple[Check, ...]:
+def _check_friction(law: FrictionLaw, pressure_range: tuple[float, float]) -> tuple[Check, ...]:
     """Friction at many pressures, speeds and directions, in two frames."""
     random = np.random.default_rng(seed=0)
     p, speed = (
-        low * (high / low) ** random.random(n_points) for low, high in (pressure_range, speed_range)
+        low * (high / low) ** random.random(POINTS) for low, high in (pressure_range, SPEEDS)
     )
     speed[0] = 0.0
-    angle, turn = random.uniform(0.0, 2.0 * np.pi, (2, n_points))
+    angle, turn = random.uniform(0.0, 2.0 * np.pi, (2, POINTS))
     v = speed * np.array([np.cos(angle), np.sin(angle)])
     c, s = np.cos(turn), np.sin(turn)
 
@@ -202,10 +185,10 @@ def _check_friction(
 
 
 def _check_rising(
-    evaluate: Callable[[np.ndarray], np.ndarray], pressure_range: tuple[float, float], n_points: int
+    evaluate: Callable[[np.ndarray], np.ndarray], pressure_range: tuple[float, float]
 ) -> tuple[Check, ...]:
     """Values at many pressures: positive, never falling."""
-    values = evaluate(np.geomspace(*pressure_range, n_points))
+    values = evaluate(np.geomspace(*pressure_range, POINTS))
     return (
         Check("sign", _worst(-values, values)),
         Check("monotone", _worst(-np.diff(values), values)),
@@ -213,11 +196,11 @@ def _check_rising(
 
 
 def _check_area(
-    evaluate: Callable[[np.ndarray], np.ndarray], pressure_range: tuple[float, float], n_points: int
+    evaluate: Callable[[np.ndarray], np.ndarray], pressure_range: tuple[float, float]
 ) -> tuple[Check, ...]:
     """Fractions from no pressure to a hundred times the largest."""
     low, high = pressure_range
-    p = np.append(0.0, np.geomspace(low / 100.0, 100.0 * high, n_points))
+    p = np.append(0.0, np.geomspace(low / 100.0, 100.0 * high, POINTS))
     a = evaluate(p)
     return (
         Check("zero without pressure", _worst(np.abs(a[:1]), a)),

@@ -78,8 +78,8 @@ def with_unloading(law: "xr.Dataset", response: "xr.Dataset", *, n_samples: int)
 
     Notes
     -----
-    The branches are those of :class:`~multiscale.laws.HystereticLaw`. Samples are of the spring
-    back alone: the loading law has its own.
+    :class:`~multiscale.laws.HystereticLaw` describes the branches. Samples are of the spring back
+    alone: the loading law has its own.
     """
     loading = law_from_dataset(law)
     seen = unloading_observations(response)

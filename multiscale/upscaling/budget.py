@@ -77,17 +77,17 @@ def error_budget(
     law : Dataset
         Follows ``INTERFACE_LAW``; fitted to the response by :func:`fit_law`.
     resolutions : mapping of float to Dataset, optional
-        From the ratio of its spacing to that of the response (2, or 2 and 4) to the response of
+        From the ratio of the spacings (coarser over response: 2, or 2 and 4) to the response of
         the same realisations on a coarser grid.
     sizes : mapping of float to Dataset, optional
-        From the ratio of its cell to that of the response (for instance 0.5) to a response of
-        cells with the same spectrum.
+        From the ratio of the sizes of the cells (other over response, for instance 0.5) to a
+        response of cells with the same spectrum.
     scales : ScaleSeparation, optional
         From :func:`compare_scales`.
     apart : bool, default False
         Whether resolutions and sizes, two at least of each, are ensembles of their own that are
         compared among themselves: the same small cells on several grids, and many cells of
-        several sizes on a coarse grid. Their scatter then counts for that of the response too.
+        several sizes on a coarse grid. Their scatter then counts for the response too.
     tangential : mapping of float to Dataset, optional
         If given, the tangential traction of the law, over full slip, has a budget too; see
         :func:`~.shear_budget.tangential_terms`. From the ratio of the spacings to the law of the
@@ -143,14 +143,14 @@ def error_budget(
             f"response; fit it to this response"
         )
     pooled = sizes if apart else None
-    scatter, factor = sampling_term(response, law, pooled)
+    sampling = sampling_term(response, law, pooled)
     how = f"Student's interval of {gap.n_realisations} realisations"
     if pooled:
         how = "Student's interval, with the scatter of the sizes, which falls as 1/L"
-    if not np.any(np.isfinite(scatter)):
+    if not np.any(np.isfinite(sampling.half_width)):
         how = "not known: one realisation tells nothing of the scatter, solve 3"
     terms = {
-        "sampling": Term(how, scatter),
+        "sampling": Term(how, sampling.half_width),
         "fit": Term("error at pressures that the fit has not seen", fit_term(law, p)),
         "cell size": Term("not known: pass sizes, responses of cells of another size"),
         "micro discretisation": Term(
@@ -170,12 +170,14 @@ def error_budget(
     if resolutions:
         terms["micro discretisation"] = grid_term(response, resolutions, apart=apart)
     if scales is not None:
-        uneven = separation_term(law, scatter / factor, p, scales)
+        uneven = separation_term(law, sampling.half_width / sampling.factor, p, scales)
         terms["scale separation"] = Term(str(scales), uneven)
     if tangential is None:
-        return assemble_budget(terms, QUANTITIES, p).assign_attrs(sampling_factor=factor)
-    terms, rows = tangential_terms(terms, law, p, tangential), (*QUANTITIES, "tangential_traction")
-    return assemble_budget(terms, rows, p).assign_attrs(sampling_factor=factor)
+        budget = assemble_budget(terms, QUANTITIES, p)
+    else:
+        rows = (*QUANTITIES, "tangential_traction")
+        budget = assemble_budget(tangential_terms(terms, law, p, tangential), rows, p)
+    return budget.assign_attrs(sampling_factor=sampling.factor)
 
 
 def total_error(bias: np.ndarray, half_width: np.ndarray) -> np.ndarray:

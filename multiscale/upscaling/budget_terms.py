@@ -22,6 +22,7 @@ if TYPE_CHECKING:
 
 __all__ = [
     "NORMAL",
+    "Sampling",
     "Term",
     "each_value",
     "fit_term",
@@ -40,7 +41,7 @@ FIT_ERRORS = {
 }
 """From the errors at points that a fit has not seen to the shares that are left between them."""
 
-FEWEST_UNSEEN = 3  # errors at points that a fit has not seen: those of five pressures
+FEWEST_UNSEEN = 3  # errors at points that a fit has not seen: five pressures have so many
 GROWTH = 10.0  # of differences from one interval to the next, beyond which nothing can be continued
 NORMAL = 1.959963984540054  # standard deviations to 95 %
 
@@ -54,8 +55,8 @@ class Term:
     how : str
         How it was estimated, or what would tell it.
     half_width : ndarray, shape (quantities, steps), or None
-        Of the 95 % interval, relative to the value; NaN where it is not known, None if nothing was
-        given to estimate it from.
+        Half-width of the 95 % interval, relative to the value; NaN where it is not known, None if
+        nothing was given to estimate it from.
     bias : ndarray, shape (quantities, steps), or 0
         Part whose sign is known, relative to the value.
     """
@@ -65,10 +66,18 @@ class Term:
     bias: np.ndarray | float = 0.0
 
 
+@dataclass(frozen=True, eq=False)
+class Sampling:
+    """Half-widths (3, steps) by the sampling of realisations, and their ratio to the scatter."""
+
+    half_width: np.ndarray
+    factor: float
+
+
 def sampling_term(
     response: "xr.Dataset", law: "xr.Dataset", sizes: Mapping[float, "xr.Dataset"] | None
-) -> tuple[np.ndarray, float]:
-    r"""Half-widths from the scatter of the realisations, and their ratio to the scatter.
+) -> Sampling:
+    r"""Half-widths from the scatter of the realisations.
 
     One rule serves all quantities and numbers of realisations: Student's interval of the mean.
     Gap and contact fraction are means over the realisations, and so is the compliance
@@ -84,13 +93,13 @@ def sampling_term(
     """
     from scipy.stats import t
 
-    own, others = same_steps(response, sizes or {}, apart=bool(sizes))
-    answer = [*each_value({1.0: own})[:2], {1.0: stiffness_of_each(own[0], law)}]
-    ensembles = [(1.0, [one[1.0] for one in answer])]
+    observed = same_steps(response, sizes or {}, apart=bool(sizes))
+    own = observed.own
+    ensembles = [(1.0, [own.gap.masked, own.area.masked, stiffness_of_each(own.gap, law)])]
     if sizes:
-        found = each_value(others)
-        ensembles += [(ratio, [one[ratio] for one in found]) for ratio in others]
-    freedom = square = np.zeros((3, own[0].pressure.size))
+        found = each_value(observed.by_ratio)
+        ensembles += [(ratio, [one[ratio] for one in found]) for ratio in observed.by_ratio]
+    freedom = square = np.zeros((3, own.gap.pressure.size))
     for ratio, (gap, area, stiffness) in ensembles:
         values = np.stack([gap, area, 1.0 / stiffness])
         counted = np.isfinite(values)
@@ -103,19 +112,19 @@ def sampling_term(
     n = np.isfinite(np.stack(ensembles[0][1])).sum(axis=1)
     factor = t.ppf(0.975, np.maximum(freedom, 1)) / np.sqrt(np.maximum(n, 1))
     known = np.where((freedom > 0) & (n > 0), square / np.maximum(freedom, 1), np.nan)
-    return factor * np.sqrt(known), float(factor.min())
+    return Sampling(factor * np.sqrt(known), float(factor.min()))
 
 
 def fit_term(law: "xr.Dataset", p: np.ndarray) -> np.ndarray:
     """Half-widths from the errors at steps that the fit has not seen.
 
-    Of the root mean square of these errors, the share that the decay with the spacing leaves is
-    taken, see :func:`~.spline_law.decay_share`, times Student's factor of their number, since few
-    are small by chance; fewer than :data:`FEWEST_UNSEEN` tell no decay, and their whole error is
-    taken as it is. A family with parameters has no decay. At the ends
-    of the data, which have a neighbour on one side only, the error of the gap at the step beside
-    counts whole. A stiffness counts the error of the step itself as well, and at the ends its
-    distance from the slopes of the gap continued, see :func:`_end_error`.
+    The half-width is the root mean square of these errors, times the share that the decay with the
+    spacing leaves, see :func:`~.spline_law.decay_share`, times Student's factor of their number,
+    since few are small by chance; fewer than :data:`FEWEST_UNSEEN` tell no decay, and their whole
+    error is taken as it is. A family with parameters has no decay. At the ends of the data, which
+    have a neighbour on one side only, the error of the gap at the step beside counts whole. A
+    stiffness counts the error of the step itself as well, and at the ends its distance from the
+    slopes of the gap continued, see :func:`_end_error`.
     """
     require_law(law, *FIT_ERRORS, *FIT_ERRORS.values())
     from scipy.stats import t
@@ -156,14 +165,27 @@ def _end_error(gap: np.ndarray, x: np.ndarray, own: np.ndarray) -> float:
     return float(abs(own[-1] - c[0] - last * ((1.0 - r) ** -0.5 - 1.0) / r))
 
 
-Pair = tuple[Observations, Observations]  # of gaps and of areas
+@dataclass(frozen=True, eq=False)
+class Observed:
+    """Gaps and areas of one response."""
+
+    gap: Observations
+    area: Observations
+
+
+@dataclass(frozen=True, eq=False)
+class PressedAlike:
+    """A response, and by their ratios all responses that are compared."""
+
+    own: Observed
+    by_ratio: dict[float, Observed]
 
 
 def same_steps(
     response: "xr.Dataset", others: Mapping[float, "xr.Dataset"], *, apart: bool
-) -> tuple[Pair, dict[float, Pair]]:
-    """Gaps and areas of a response, and of all that are compared, which were pressed alike."""
-    own = normal_observations(response), area_observations(response)
+) -> PressedAlike:
+    """Observe a response and all that are compared, which were pressed alike."""
+    own = Observed(normal_observations(response), area_observations(response))
     if apart and len(others) < 2:
         raise CaseError(
             f"ensembles apart from the response are compared among themselves, so that two are "
@@ -171,21 +193,21 @@ def same_steps(
         )
     found = {} if apart else {1.0: own}
     for ratio, other in others.items():
-        found[ratio] = normal_observations(other), area_observations(other)
-        p = found[ratio][0].pressure
-        if p.size != own[0].pressure.size or not np.allclose(p, own[0].pressure, rtol=1e-6):
+        found[ratio] = Observed(normal_observations(other), area_observations(other))
+        p = found[ratio].gap.pressure
+        if p.size != own.gap.pressure.size or not np.allclose(p, own.gap.pressure, rtol=1e-6):
             raise CaseError(
                 f"the response at the ratio {ratio:g} has other pressures; press it as the first"
             )
-    return own, found
+    return PressedAlike(own, found)
 
 
-def each_value(pairs: Mapping[float, Pair]) -> list[dict[float, np.ndarray]]:
+def each_value(observed: Mapping[float, Observed]) -> list[dict[float, np.ndarray]]:
     """Values (realisations, steps) of gap, area and stiffness by ratio; NaN where missing."""
     return [
-        {ratio: gap.masked for ratio, (gap, _) in pairs.items()},
-        {ratio: area.masked for ratio, (_, area) in pairs.items()},
-        {ratio: stiffness_of_each(gap) for ratio, (gap, _) in pairs.items()},
+        {ratio: one.gap.masked for ratio, one in observed.items()},
+        {ratio: one.area.masked for ratio, one in observed.items()},
+        {ratio: stiffness_of_each(one.gap) for ratio, one in observed.items()},
     ]
 
 
@@ -200,9 +222,9 @@ def grid_term(
     the interval of the differences is added, and its variance taken out of the square of the mean,
     which holds it.
     """
-    _, found = same_steps(response, resolutions, apart=apart)
+    found = same_steps(response, resolutions, apart=apart).by_ratio
     finest, next_finest = sorted(found)[:2]
-    n = {ratio: gap.n_realisations for ratio, (gap, _) in found.items()}
+    n = {ratio: one.gap.n_realisations for ratio, one in found.items()}
     for ratio in found:
         if n[ratio] != n[finest]:
             raise CaseError(
@@ -253,7 +275,7 @@ def increment_term(response: "xr.Dataset") -> Term:
 def students(variances: np.ndarray, freedom: np.ndarray) -> np.ndarray:
     """95 % half-width of a sum of terms with variances (terms, steps) and freedoms (terms, 1).
 
-    The freedom of the sum is that of Welch and Satterthwaite.
+    The freedom of the sum is the one of Welch and Satterthwaite.
     """
     from scipy.stats import t
 
@@ -269,8 +291,8 @@ def separation_term(
 ) -> np.ndarray:
     """Half-widths from uneven pressure and from the few cells that one structure holds.
 
-    The scatter is the coefficient of variation of single cells, (3, steps); what is not finite,
-    as that of one realisation, counts as none.
+    The scatter is the coefficient of variation of single cells, (3, steps); a scatter that is
+    not finite, as the one of one realisation, counts as none.
     """
     mean_law, area_law = law_from_dataset(law), area_from_dataset(law)
     functions: tuple[Callable[[np.ndarray], np.ndarray], ...] = (

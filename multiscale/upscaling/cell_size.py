@@ -37,10 +37,10 @@ def at_rms_height(response: "xr.Dataset", rms_height: float) -> "xr.Dataset":
     Notes
     -----
     Small periodic cells have few long waves, and their root mean square height :math:`h_k` is not
-    that of the surface, :math:`h`. At one slope, gaps are in proportion to the heights, so that
-    :math:`g_k\, h / h_k` has most of that bias taken out, and the scatter that comes from it. What
-    proportion does not explain falls with the size of the cell, and stays in what ensembles of
-    several sizes tell of it if all of them are treated alike.
+    the height :math:`h` of the surface. At one slope, gaps are in proportion to the heights, so
+    that :math:`g_k\, h / h_k` has most of that bias taken out, and the scatter that comes from it.
+    The rest of the bias falls with the size of the cell, and ensembles of several sizes still tell
+    it if all of them are treated alike.
     """
     if not (rms_height > 0.0 and np.isfinite(rms_height)):
         raise CaseError(f"rms_height must be positive and finite (m), got {rms_height:g}")
@@ -68,12 +68,12 @@ def size_term(
     as :math:`(1 - w_0)\, \epsilon_0`, of which the sampling term holds one part; ensembles apart
     from it are free of that.
     """
-    own, found = same_steps(response, sizes, apart=apart)
-    ratios = np.array(sorted(found))
+    observed = same_steps(response, sizes, apart=apart)
+    ratios = np.array(sorted(observed.by_ratio))
     shared = np.reshape(0.0 if apart else 1.0 * (ratios == 1.0), (-1, 1))
     biases, rows, powers = [], [], []
-    answers = [one[1.0] for one in each_value({1.0: own})]
-    for values, answer in zip(each_value(found), answers, strict=True):
+    answers = [one[1.0] for one in each_value({1.0: observed.own})]
+    for values, answer in zip(each_value(observed.by_ratio), answers, strict=True):
         mean = np.array([np.nanmean(values[ratio], axis=0) for ratio in ratios])
         n = np.array([len(values[ratio]) for ratio in ratios])[:, None]
         error = np.array([np.nanstd(values[ratio], axis=0) for ratio in ratios])
@@ -119,7 +119,7 @@ def without_size_bias(response: "xr.Dataset", sizes: Mapping[float, "xr.Dataset"
 def _slope(x: np.ndarray, mean: np.ndarray, error: np.ndarray) -> tuple[np.ndarray, float]:
     """Weights (sizes, steps) that give the slope of a line over x from the means, and the misfit.
 
-    As x is 1 for the response, the slope is what it differs by from an infinite cell.
+    As x is 1 for the response, the slope is its difference from an infinite cell.
     """
     weight, x = 1.0 / error**2, x[:, None]
     centre = (weight * x).sum(axis=0) / weight.sum(axis=0)

@@ -29,7 +29,7 @@ class Average:
     mean, deviation : ndarray, shape (steps,)
         Mean and standard deviation, m for a gap.
     half_width : ndarray, shape (steps,)
-        Of the interval of the mean (Student), same unit; infinite for one realisation.
+        Half-width of the interval of the mean (Student), same unit; infinite for one realisation.
     n : ndarray of int, shape (steps,)
         Realisations that count.
     confidence : float
@@ -59,8 +59,8 @@ class Trend:
     interval : ndarray, shape (2, points)
         95 % interval of each value.
     slope, slope_interval
-        Of the line through the points, in the coordinates that the function states, and its 95 %
-        interval.
+        Slope of the line through the points, in the coordinates that the function states, and its
+        95 % interval.
     """
 
     at: np.ndarray
@@ -85,7 +85,8 @@ def ensemble_average(
         Follows ``MICRO_RESPONSE``.
     variable : {"mean_gap", "contact_fraction"}
     confidence, target : float
-        Of the interval of the mean, and the largest half-width asked for, relative to the mean.
+        Confidence of the interval of the mean, and the largest half-width asked for, relative to
+        the mean.
 
     Raises
     ------
@@ -166,8 +167,8 @@ def size_trend(
     Returns
     -------
     Trend
-        Coefficient of variation over the size, with chi-squared intervals. The slope is that of
-        the logarithms, -1 where the scatter falls as :math:`\lambda_l/L`: a cell then averages
+        Coefficient of variation over the size, with chi-squared intervals. The slope between
+        the logarithms is -1 where the scatter falls as :math:`\lambda_l/L`: a cell then averages
         over :math:`(L/\lambda_l)^2` independent patches. Its interval comes from 2000 bootstrap
         samples of the realisations of each size.
     """

@@ -1,5 +1,6 @@
 """Laws as tables that other finite-element codes read."""
 
+from dataclasses import dataclass
 from os import PathLike
 from pathlib import Path
 from typing import TYPE_CHECKING, Literal
@@ -17,7 +18,7 @@ if TYPE_CHECKING:
 
     from multiscale.laws import NormalLaw
 
-__all__ = ["pressure_overclosure", "write_law_table", "write_pressure_overclosure"]
+__all__ = ["ChordTable", "pressure_overclosure", "write_law_table", "write_pressure_overclosure"]
 
 SMALLEST_STEP = 1e-10
 """CalculiX moves points apart whose overclosures differ by less, in the unit of the table."""
@@ -26,9 +27,27 @@ MOST_POINTS = 40  # what the tables of older versions of CalculiX hold
 BEYOND = 10.0  # the table goes on with its last slope to this multiple of the largest pressure
 
 
+@dataclass(frozen=True, eq=False)
+class ChordTable:
+    """A normal law as a chain of chords.
+
+    Attributes
+    ----------
+    pressure, overclosure : ndarray, shape (points,)
+        Pa and m; zero first, rising.
+    first_contact : float
+        Gap between the mean planes at zero overclosure, m: where the tangent of the law at the
+        smallest pressure reaches zero.
+    """
+
+    pressure: np.ndarray
+    overclosure: np.ndarray
+    first_contact: float
+
+
 def pressure_overclosure(
     law: "NormalLaw", pressure_range: tuple[float, float], *, tolerance: float = 5e-3
-) -> tuple[np.ndarray, np.ndarray, float]:
+) -> ChordTable:
     """Approximate a normal law by a chain of chords.
 
     Parameters
@@ -38,14 +57,6 @@ def pressure_overclosure(
         Smallest and largest pressure of the table, Pa.
     tolerance : float
         Bound on the error of the pressure between the points, relative to the pressure.
-
-    Returns
-    -------
-    pressure, overclosure : ndarray, shape (points,)
-        Pa and m; zero first, rising.
-    first_contact : float
-        Gap between the mean planes at zero overclosure, m: where the tangent of the law at the
-        smallest pressure reaches zero.
 
     Raises
     ------
@@ -68,7 +79,7 @@ def pressure_overclosure(
             break
         n += max(1, n // 4)
     first = float(gap[0] + p[0] / law.stiffness(gap[:1])[0])
-    return np.append(0.0, p), np.append(0.0, first - gap), first
+    return ChordTable(np.append(0.0, p), np.append(0.0, first - gap), first)
 
 
 def write_pressure_overclosure(
@@ -91,7 +102,7 @@ def write_pressure_overclosure(
     path : path
         An input file, to be included before the steps with ``*INCLUDE, INPUT=...``.
     name, length_unit, pressure_unit : str
-        Of the surface interaction, and the units of the model.
+        Name of the surface interaction, and the units of the model.
     tolerance : float
         See :func:`pressure_overclosure`.
     friction_for : {"abaqus", "calculix"}, optional
@@ -127,7 +138,8 @@ def write_pressure_overclosure(
     family = dataset.attrs.get("family", "convex_decreasing")
     low, high = (float(dataset.attrs[key]) for key in ("pressure_min", "pressure_max"))
     law = law_from_dataset(dataset)
-    p, overclosure, first = pressure_overclosure(law, (low, high), tolerance=tolerance)
+    table = pressure_overclosure(law, (low, high), tolerance=tolerance)
+    p, overclosure = table.pressure, table.overclosure
     if p.size >= MOST_POINTS:
         raise CaseError(
             f"a table within {100.0 * tolerance:g} % takes {p.size + 1} points, and CalculiX holds "
@@ -147,7 +159,7 @@ def write_pressure_overclosure(
         f"** pressure ({pressure_unit}), overclosure ({length_unit}) of a rough interface",
         f"** {dataset.attrs.get('title', 'interface law')}, {family}, "
         f"{dataset.attrs['n_realisations']} realisations",
-        f"** zero overclosure: mean planes {first / length:.6g} {length_unit} apart",
+        f"** zero overclosure: mean planes {table.first_contact / length:.6g} {length_unit} apart",
         f"** from {low / pressure:.4g} to {high / pressure:.4g} {pressure_unit}, chords within "
         f"{100.0 * tolerance:g} % of the law",
         "** the last line is no data: it prolongs the chord before it",

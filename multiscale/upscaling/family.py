@@ -43,8 +43,8 @@ class Family:
         What the family can be fitted to: keys of ``QUANTITIES`` whose prediction the law has.
     parameters : mapping of str to Parameter
     make : callable
-        The law, from the parameters and what is held, as keywords. A normal law gets the pressures
-        of the data as its ``pressure_range``.
+        The law, from the parameters and the held values, as keywords. A normal law gets the
+        pressures of the data as its ``pressure_range``.
     start : callable
         Estimates of the parameters, SI, inside their ranges, from observations.
     held : callable, optional
@@ -153,10 +153,6 @@ def _start_stiffness(observations: Observations) -> dict[str, float]:
     return {"stiffness_scale": float(np.exp(level)), "exponent": max(float(slope), 0.05)}
 
 
-def _start_coulomb(observations: Observations) -> dict[str, float]:
-    return {"friction_coefficient": float(np.mean(observations.means()[0]))}
-
-
 def _start_decaying(observations: Observations) -> dict[str, float]:
     """Take both ends of the range of speeds, and where the coefficient is half way."""
     mean, speed = observations.means()[0][0], observations.conditions[1]
@@ -234,7 +230,7 @@ _FAMILIES = (
         ("friction_coefficient",),
         {"friction_coefficient": Parameter("1")},
         Coulomb,
-        _start_coulomb,
+        lambda observations: {"friction_coefficient": float(np.mean(observations.means()[0]))},
     ),
     _built_in(
         "decaying",

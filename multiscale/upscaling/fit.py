@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from multiscale.errors import CaseError
-from multiscale.schema import INTERFACE_LAW, Schema, Variable
+from multiscale.schema import INTERFACE_LAW, Variable
 from multiscale.upscaling.admissibility import admissibility
 from multiscale.upscaling.bootstrap import draw_counts
 from multiscale.upscaling.family import FAMILIES, Family
@@ -18,6 +18,7 @@ from multiscale.upscaling.regression import regression_of
 from multiscale.upscaling.response_observations import area_observations, normal_observations
 from multiscale.upscaling.spline import N_TERMS, RIDGE
 from multiscale.upscaling.spline_law import (
+    FitResult,
     Values,
     fit_area,
     fit_convex_decreasing,
@@ -91,10 +92,10 @@ def fit_law(
         ``..._sample`` along ``sample``. Attributes: ``family``, ``quantity``,
         ``n_realisations``, ``n_samples``, ``pressure_min``, ``pressure_max`` (Pa),
         ``pressures_per_decade``, ``branches`` (which are measured and which assumed) and for normal
-        laws ``gap_min``, ``gap_max`` (m) of the data, ``cautions`` (a line each, with those of the
-        response), the errors of the fit below (1), ``admissible`` (1 or 0) and ``admissibility``
-        (a sentence for each check), ``seed``, ``uncertainty`` (a sentence), and what the data say
-        of the surface.
+        laws ``gap_min``, ``gap_max`` (m) of the data, ``cautions`` (a line each, with the cautions
+        of the response), the errors of the fit below (1), ``admissible`` (1 or 0) and
+        ``admissibility`` (a sentence for each check), ``seed``, ``uncertainty`` (a sentence), and
+        the attributes of the surface.
 
         - ``maximum_fit_error``: largest relative error (of the pressure, for a normal law) at the
           data;
@@ -117,8 +118,8 @@ def fit_law(
     -----
     The law of free form is :class:`~multiscale.laws.ConvexDecreasing`. Its knots are even in the
     logarithm of the pressure and common to all samples. Its accuracy depends on the pressures per
-    decade. Of noise-free exponential, power, Greenwood-Williamson and Westergaard laws (up to half
-    the pressure of complete contact) over one to three decades it errs by at most
+    decade. Where noise-free exponential, power, Greenwood-Williamson and Westergaard laws (up to
+    half the pressure of complete contact) are fitted over one to three decades, it errs by at most
 
     ================== ===== ===== ===== =====
     pressures a decade 2     3     4     8
@@ -132,7 +133,7 @@ def fit_law(
 
     The bootstrap resamples whole realisations with replacement, since the steps of one are
     correlated; the samples are spread as by :func:`widening` so that 95 % intervals keep their
-    promise for few realisations. The bands tell the sampling error, not that of the model.
+    promise for few realisations. The bands tell the sampling error, not the error of the model.
 
     References
     ----------
@@ -147,27 +148,34 @@ def fit_law(
         )
     observations = data if isinstance(data, Observations) else normal_observations(data)
     chosen = _choose(family, observations.quantity)
-    share = _weights(weights, observations, data)
+    share = np.ones(observations.pressure.size)
+    if weights is not None:
+        given = np.asarray(weights, dtype=float)
+        n = observations.order.size if isinstance(data, Observations) else data.sizes["step"]
+        if given.shape != (n,) or not np.all((given >= 0.0) & np.isfinite(given)):
+            raise CaseError(
+                f"weights must be {n} finite numbers that are not negative, one for each point "
+                f"given, got shape {given.shape}"
+            )
+        share = given[observations.order]
     counts = draw_counts(observations.n_realisations, n_samples, seed)
-    values: Values
     attributes: dict[str, Any] = {"uncertainty": BY_REALISATION if len(counts) else NONE}
     if isinstance(chosen, Family):
-        values, found = fit_family(
+        found = fit_family(
             observations, chosen, counts, share, fixed or {}, n_samples=n_samples, seed=seed
         )
     elif fixed:
         raise CaseError(f"the family {chosen!r} has free form and no parameter to be fixed")
     elif chosen == "monotone":
-        values = fit_area(observations, counts)
-        found = unseen_errors(values["area_fit_error"])
+        area = fit_area(observations, counts)
+        found = FitResult(area, unseen_errors(area["area_fit_error"]))
     else:
-        values, found = fit_convex_decreasing(
-            observations, counts, share, n_terms=n_terms, ridge=ridge
-        )
+        found = fit_convex_decreasing(observations, counts, share, n_terms=n_terms, ridge=ridge)
+    values = found.values
     if not isinstance(data, Observations):
         values = fit_area(area_observations(data), counts) | values
         attributes["branches"] = say_branches(BRANCHES)
-    return _build(observations, chosen, values, attributes | found | {"seed": seed})
+    return _build(observations, chosen, values, attributes | found.attributes | {"seed": seed})
 
 
 def say_branches(told: Mapping[str, str], before: str = "") -> str:
@@ -182,7 +190,7 @@ def laws_of_each(observations: Observations, law: "xr.Dataset | None" = None) ->
     Parameters
     ----------
     observations : Observations
-        Of the gap.
+        Observed gaps.
     law : Dataset, optional
         Follows ``INTERFACE_LAW``: the laws are of its family, with the same parameters fixed; of
         free form if not given.
@@ -235,36 +243,44 @@ def _choose(family: str | Family | None, quantity: str) -> str | Family:
     return FAMILIES[name]
 
 
-def _weights(weights: np.ndarray | None, observations: Observations, data: Any) -> np.ndarray:
-    """Weights of the points, from those of what was given."""
-    if weights is None:
-        return np.ones(observations.pressure.size)
-    given = np.asarray(weights, dtype=float)
-    n = observations.order.size if isinstance(data, Observations) else data.sizes["step"]
-    if given.shape != (n,) or not np.all((given >= 0.0) & np.isfinite(given)):
-        raise CaseError(
-            f"weights must be {n} finite numbers that are not negative, one for each point given, "
-            f"got shape {given.shape}"
-        )
-    return np.asarray(given[observations.order])
-
-
 def _build(
     observations: Observations, family: str | Family, values: Values, attributes: dict[str, Any]
 ) -> "xr.Dataset":
-    """Assemble the dataset and judge the law."""
-    quantity = QUANTITIES[observations.quantity]
-    mean = observations.means()[0][0]
+    """Assemble the dataset, with cautions where data are unlikely or coarse, and judge the law."""
+    quantity, told = QUANTITIES[observations.quantity], {**observations.attributes, **attributes}
+    mean, p = observations.means()[0][0], observations.pressure
+    cautions, steps = [str(told.get("cautions", ""))], np.unique(p).size - 1
+    if observations.quantity == "gap" and mean.max() > LARGEST_GAP:
+        cautions.append(
+            f"the largest mean gap of {mean.max():.3g} m is larger than roughness keeps open; give "
+            f"gaps in m"
+        )
+    if steps:
+        each = steps / np.log10(p.max() / p.min())
+        told["pressures_per_decade"] = float(each)
+        if observations.quantity == "gap" and each < FEWEST_PER_DECADE * (1.0 - 1e-9):
+            cautions.append(
+                f"the law rests on {each:.2g} pressures a decade; from {FEWEST_PER_DECADE} on its "
+                f"accuracy was measured"
+            )
+
+    schema = INTERFACE_LAW
+    if isinstance(family, Family):  # whose parameters are variables of the law
+        text = f"parameter of the {family.name} law"
+        added = {name: Variable((), one.unit, text) for name, one in family.parameters.items()}
+        for name, (_, unit) in family.held(observations).items():
+            added[name] = Variable((), unit, f"given by the data to the {family.name} law")
+        schema = replace(schema, optional={**schema.optional, **added})
+        schema = schema.with_samples(sample=family.parameters)
     conditions = zip(quantity.conditions, observations.conditions, strict=True)
-    p = observations.pressure
     sizes = [len(value) for name, value in values.items() if name.endswith("_sample")]
-    dataset = _schema(observations, family).build(
+    dataset = schema.build(
         {
             **values,
             **{f"fit_{name}": condition for name, condition in conditions},
             quantity.variable: mean,
         },
-        **{**observations.attributes, **attributes, **_describe(observations, mean)},
+        **{**told, "cautions": "\n".join(filter(None, cautions))},
         family=family if isinstance(family, str) else family.name,
         quantity=observations.quantity,
         n_realisations=observations.n_realisations,
@@ -278,35 +294,3 @@ def _build(
         law = fitted_law(dataset, family=family if isinstance(family, Family) else None)
     report = admissibility(law, (float(p.min()), float(p.max())))
     return dataset.assign_attrs(admissible=int(report.passed), admissibility=str(report))
-
-
-def _describe(observations: Observations, mean: np.ndarray) -> dict[str, Any]:
-    """Pressures per decade, and what is unlikely of the data or makes the law coarse."""
-    cautions, pressure = [str(observations.attributes.get("cautions", ""))], observations.pressure
-    if observations.quantity == "gap" and mean.max() > LARGEST_GAP:
-        cautions.append(
-            f"the largest mean gap of {mean.max():.3g} m is larger than roughness keeps open; give "
-            f"gaps in m"
-        )
-    found, steps = {}, np.unique(pressure).size - 1
-    if steps:
-        each = steps / np.log10(pressure.max() / pressure.min())
-        found["pressures_per_decade"] = float(each)
-        if observations.quantity == "gap" and each < FEWEST_PER_DECADE * (1.0 - 1e-9):
-            cautions.append(
-                f"the law rests on {each:.2g} pressures a decade; from {FEWEST_PER_DECADE} on its "
-                f"accuracy was measured"
-            )
-    return found | {"cautions": "\n".join(filter(None, cautions))}
-
-
-def _schema(observations: Observations, family: str | Family) -> Schema:
-    """Return the schema of the law with the parameters of its family."""
-    if isinstance(family, str):
-        return INTERFACE_LAW
-    text = f"parameter of the {family.name} law"
-    added = {name: Variable((), one.unit, text) for name, one in family.parameters.items()}
-    for name, (_, unit) in family.held(observations).items():
-        added[name] = Variable((), unit, f"given by the data to the {family.name} law")
-    law = replace(INTERFACE_LAW, optional={**INTERFACE_LAW.optional, **added})
-    return law.with_samples(sample=family.parameters)

@@ -47,8 +47,8 @@ def odd_gaps(response: "xr.Dataset", found: "Observations") -> Iterator[str]:
 
     Notes
     -----
-    Of heights of zero mean and root mean square h that end at g, in a share A of the area, and at
-    -v below, Cantelli's and the inequality of Bhatia and Davis say
+    Where heights of zero mean and root mean square h end at g, in a share A of the area, and at -v
+    below, the inequalities of Cantelli and of Bhatia and Davis say
 
     .. math:: g \le h \sqrt{1/A - 1}, \qquad g \ge h^2 / v.    \tag{1}
 

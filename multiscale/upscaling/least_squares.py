@@ -8,14 +8,12 @@ __all__ = ["solve_many"]
 
 DIFFERENCE = 1e-7  # of a coordinate, for the derivative
 SMALLEST = 1e-300
+SETTLED = 1e-8  # largest step, in the coordinates, of a problem that is settled
+MAX_ITERATIONS = 40
 
 
 def solve_many(
-    residual: Callable[[np.ndarray], np.ndarray],
-    shape: tuple[int, int],
-    *,
-    tolerance: float = 1e-8,
-    max_iterations: int = 40,
+    residual: Callable[[np.ndarray], np.ndarray], shape: tuple[int, int]
 ) -> tuple[np.ndarray, np.ndarray]:
     r"""Minimise the squares of many residuals of one form by the method of Levenberg and Marquardt.
 
@@ -26,9 +24,6 @@ def solve_many(
         points); dimensionless, finite.
     shape : tuple of int
         Number of problems and of coordinates. All start at zero, which should be close.
-    tolerance : float
-        Largest step, in the coordinates, at which a problem is settled.
-    max_iterations : int
 
     Returns
     -------
@@ -47,7 +42,7 @@ def solve_many(
     n, k = shape
     x, damping, settled = np.zeros(shape), np.full(n, 1e-4), np.zeros(n, dtype=bool)
     r = residual(x)
-    for _ in range(max_iterations):
+    for _ in range(MAX_ITERATIONS):
         moved = [residual(x + DIFFERENCE * axis) for axis in np.eye(k)]
         jacobian = (np.stack(moved, axis=-1) - r[..., None]) / DIFFERENCE
         normal = np.einsum("spi,spj->sij", jacobian, jacobian)
@@ -57,7 +52,7 @@ def solve_many(
         gradient = np.einsum("spi,sp->si", jacobian, r)
         step = -np.linalg.solve(damped, gradient[..., None])[..., 0]  # (1)
         trial = residual(x + step)
-        small = np.max(np.abs(step), axis=1) <= tolerance
+        small = np.max(np.abs(step), axis=1) <= SETTLED
         better = np.sum(trial**2, axis=1) <= np.sum(r**2, axis=1)
         x = np.where((better & ~settled)[:, None], x + step, x)
         r = np.where((better & ~settled)[:, None], trial, r)

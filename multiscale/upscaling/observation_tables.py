@@ -33,8 +33,8 @@ def read_observations(path: str | PathLike[str], quantity: str) -> Observations:
     ----------
     path : path
         Comma separated. The first line names the columns with their units, such as
-        ``pressure (MPa), stiffness (MPa/um), specimen``: those of the quantity, in any order, and
-        optionally ``specimen`` (any text); further columns are ignored. Without specimens the
+        ``pressure (MPa), stiffness (MPa/um), specimen``: the columns of the quantity, in any order,
+        and optionally ``specimen`` (any text); further columns are ignored. Without specimens the
         k-th value at a pressure belongs to the k-th of them. Each is a realisation.
     quantity : str
         See :func:`observe`; for instance ``"normal_stiffness"``.
@@ -66,11 +66,25 @@ def read_observations(path: str | PathLike[str], quantity: str) -> Observations:
     columns, specimen = _columns(path, wanted)
     *conditions, values = columns.values()
     rows = specimen if specimen is not None else _occurrence(conditions)
-    return _gather(path, quantity, conditions, values, rows)
+    points, column = np.unique(np.column_stack(conditions), axis=0, return_inverse=True)
+    names, row = np.unique(rows, return_inverse=True)
+    table = np.full((len(names), len(points)), np.nan)
+    for r, c, value in zip(row, column.ravel(), values, strict=True):
+        if np.isfinite(table[r, c]):
+            raise CaseError(
+                f"{path}: specimen {names[r]} has two values at {points[c, 0]:.3g} Pa, "
+                f"{table[r, c]:.3g} and {value:.3g} {QUANTITIES[quantity].unit}; keep one, or give "
+                f"the second another specimen"
+            )
+        table[r, c] = value
+    try:
+        return observe(quantity, tuple(points.T), table, title=path.name)
+    except CaseError as error:
+        raise CaseError(f"{path}: {error}") from error
 
 
 def _columns(path: Path, wanted: dict[str, str]) -> tuple[dict[str, np.ndarray], np.ndarray | None]:
-    """Return the wanted columns in SI, and that of the specimens if there is one."""
+    """Return the wanted columns in SI, and the column of specimens if there is one."""
     example = ", ".join(f"{name} ({_EXAMPLE[unit]})" for name, unit in wanted.items())
     lines = read_text(path).splitlines()
     found = {}
@@ -111,24 +125,3 @@ def _occurrence(conditions: list[np.ndarray]) -> np.ndarray:
         counts.append(seen.get(row, 0))
         seen[row] = counts[-1] + 1
     return np.array(counts)
-
-
-def _gather(
-    path: Path, quantity: str, conditions: list[np.ndarray], values: np.ndarray, rows: np.ndarray
-) -> Observations:
-    """Arrange the values by specimen and point."""
-    points, column = np.unique(np.column_stack(conditions), axis=0, return_inverse=True)
-    names, row = np.unique(rows, return_inverse=True)
-    table = np.full((len(names), len(points)), np.nan)
-    for r, c, value in zip(row, column.ravel(), values, strict=True):
-        if np.isfinite(table[r, c]):
-            raise CaseError(
-                f"{path}: specimen {names[r]} has two values at {points[c, 0]:.3g} Pa, "
-                f"{table[r, c]:.3g} and {value:.3g} {QUANTITIES[quantity].unit}; keep one, or give "
-                f"the second another specimen"
-            )
-        table[r, c] = value
-    try:
-        return observe(quantity, tuple(points.T), table, title=path.name)
-    except CaseError as error:
-        raise CaseError(f"{path}: {error}") from error

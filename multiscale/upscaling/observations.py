@@ -77,8 +77,8 @@ class Observations:
     order : ndarray of int, shape (points,)
         Place of each point in what the observations were made from.
     independent : bool
-        Whether the errors of the points of one realisation are independent, as those of single
-        measurements are and those of the steps of one cell are not.
+        Whether the errors of the points of one realisation are independent, as errors of single
+        measurements are and errors of the steps of one cell are not.
     """
 
     quantity: str
@@ -139,8 +139,8 @@ def observe(
         ``"gap"``, ``"normal_stiffness"``, ``"contact_fraction"``, ``"tangential_stiffness"``,
         ``"friction_coefficient"`` or ``"recovery"``.
     conditions : ndarray or tuple of ndarray, shape (points,)
-        Pressure, Pa; for friction also the speed, m/s; for the recovery (gap beyond that at the
-        largest pressure, m) also the largest pressure, Pa.
+        Pressure, Pa; for friction also the speed, m/s; for the recovery (gap beyond the gap at
+        the largest pressure, m) also the largest pressure, Pa.
     values : ndarray, shape (realisations, points) or (points,)
         SI; NaN where a realisation has no value.
     **attributes
@@ -209,7 +209,7 @@ def _check_sense(quantity: str, pressure: np.ndarray, mean: np.ndarray) -> None:
 
 def error_scale(quantity: str, x: tuple[np.ndarray, ...], mean: np.ndarray) -> np.ndarray:
     """Return what an error is measured by, see :class:`Observations`."""
-    if quantity == "recovery":  # that of the same branch at its lowest pressure
+    if quantity == "recovery":  # recovery of the same branch at its lowest pressure
         return np.array([mean[x[1] == peak].max() for peak in x[1]])
     if quantity != "gap":
         return mean

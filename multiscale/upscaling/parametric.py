@@ -2,7 +2,6 @@
 
 from collections.abc import Mapping
 from dataclasses import replace
-from typing import Any
 
 import numpy as np
 
@@ -10,7 +9,7 @@ from multiscale.upscaling.bootstrap import FEWEST_REALISATIONS, widening
 from multiscale.upscaling.family import Family, integrate_stiffness
 from multiscale.upscaling.observations import Observations
 from multiscale.upscaling.regression import Regression, regression_of
-from multiscale.upscaling.spline_law import Values, normal_errors, unseen_errors
+from multiscale.upscaling.spline_law import FitResult, Values, normal_errors, unseen_errors
 
 __all__ = ["fit_family"]
 
@@ -28,8 +27,8 @@ def fit_family(
     *,
     n_samples: int,
     seed: int,
-) -> tuple[Values, dict[str, Any]]:
-    """Fit the parameters of a family and their samples.
+) -> FitResult:
+    """Fit the parameters of a family and their samples, of which unsettled ones are only counted.
 
     Parameters
     ----------
@@ -39,14 +38,9 @@ def fit_family(
         How often each realisation counts in each sample; without rows, and if the points are
         independent, the residuals are resampled instead.
     weights, fixed
-        As of :func:`~.regression.regression_of`.
+        See :func:`~.regression.regression_of`.
     n_samples, seed : int
-        Of the resampled residuals.
-
-    Returns
-    -------
-    values, attributes : dict
-        Of the dataset; samples whose fit did not settle are left out and counted.
+        Number and seed of the resampled residuals.
     """
     regression = regression_of(family, observations, fixed, weights)
     mean = observations.means()[0][0]
@@ -65,15 +59,15 @@ def fit_family(
     for name in best:
         values[f"{name}_sample"] = np.array([sample[name] for sample in samples])
     values |= {name: np.array(value) for name, value in regression.held.items()}
-    errors, attributes = _errors(observations, regression, best, mean)
-    uncertainty = BY_REALISATION if len(counts) else (BY_POINT if samples else NONE)
-    return values | errors, attributes | {
+    errors = _errors(observations, regression, best, mean)
+    attributes = errors.attributes | {
         "parameters": " ".join(family.parameters),
         "held": " ".join(regression.held),
         "fixed": " ".join(fixed),
         "n_failed_samples": len(found) - len(samples),
-        "uncertainty": uncertainty,
+        "uncertainty": BY_REALISATION if len(counts) else (BY_POINT if samples else NONE),
     }
+    return FitResult(values | errors.values, attributes)
 
 
 def _sample_means(
@@ -103,36 +97,32 @@ def _sample_means(
 
 def _errors(
     observations: Observations, regression: Regression, best: Mapping[str, float], mean: np.ndarray
-) -> tuple[Values, dict[str, Any]]:
-    """Errors of the fit at its data and of fits that lack one point each; the criterion."""
+) -> FitResult:
+    r"""Errors of the fit at its data and of fits that lack one point each; Akaike's criterion.
+
+    With its correction for few points, of the weighted residuals as independent errors, it is
+
+    .. math:: n \ln(R/n) + 2 (k+1) + \frac{2 (k+1)(k+2)}{n - k - 2}.    \tag{1}
+    """
     n, k = mean.size, len(regression.free)
     normal = observations.quantity in ("gap", "normal_stiffness")
     judged = np.arange(1, n - 1) if normal else np.arange(n)
     kept = 1.0 - np.eye(n)[judged]
     found = regression.solve_many(np.tile(mean, (judged.size, 1)), kept, best)
     blind = [dict(best) if one is None else one for one in found]
-    attributes = {"akaike_criterion": _akaike(regression, best, mean), "n_parameters": k}
+    fit = (regression.predict(best) - mean) / regression.scale
+    total = max(float(np.sum(regression.weights * fit**2)), 1e-24 * n)
+    criterion = float("nan")
+    if n - k - 2 > 0:
+        criterion = float(n * np.log(total / n) + 2 * (k + 1) + 2 * (k + 1) * (k + 2) / (n - k - 2))
+    attributes = {"akaike_criterion": criterion, "n_parameters": k}
     if normal:
         p, law = observations.pressure, regression.law(best)
         gap = mean if observations.quantity == "gap" else integrate_stiffness(p, mean)
         laws = [regression.law(one) for one in blind]  # a misfit does not decay: share 1
-        values, more = normal_errors(law, laws, judged, p, gap)
-        return values, attributes | more
+        errors = normal_errors(law, laws, judged, p, gap)
+        return FitResult(errors.values, attributes | errors.attributes)
     error = np.array([regression.predict(one)[j] for j, one in enumerate(blind)])
     error = (error - mean) / regression.scale
-    fit = (regression.predict(best) - mean) / regression.scale
     attributes |= {"maximum_fit_error": float(np.max(np.abs(fit))), **unseen_errors(error)}
-    return {"fit_error": error}, attributes
-
-
-def _akaike(regression: Regression, best: Mapping[str, float], mean: np.ndarray) -> float:
-    r"""Corrected information criterion of the weighted residuals, for independent errors.
-
-    .. math:: n \ln(R/n) + 2 (k+1) + \frac{2 (k+1)(k+2)}{n - k - 2}
-    """
-    n, k = mean.size, len(regression.free)
-    residual = (regression.predict(best) - mean) / regression.scale
-    total = max(float(np.sum(regression.weights * residual**2)), 1e-24 * n)
-    if n - k - 2 <= 0:
-        return float("nan")
-    return float(n * np.log(total / n) + 2 * (k + 1) + 2 * (k + 1) * (k + 2) / (n - k - 2))
+    return FitResult({"fit_error": error}, attributes)

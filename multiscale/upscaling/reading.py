@@ -68,7 +68,7 @@ def fitted_law(
     Raises
     ------
     CaseError
-        If the family is unknown, or the dataset does not hold what it needs.
+        If the family is unknown, or the dataset lacks its parameters.
     """
     return fitted_laws(dataset, [sample], family=family)[0]
 
@@ -100,17 +100,14 @@ def fitted_laws(
         family.make(**dict(zip(family.parameters, map(float, row), strict=True)), **given)
         for row in zip(*columns, strict=True)
     ]
-    return [_within(law, data) if isinstance(law, NormalLaw) else law for law in laws]
-
-
-def _within(law: NormalLaw, data: tuple[float, float]) -> NormalLaw:
-    """Tell a law the pressures of its data, Pa."""
+    if not (laws and isinstance(laws[0], NormalLaw)):
+        return laws
     try:
-        return replace(law, pressure_range=data)  # type: ignore[type-var]
+        return [replace(law, pressure_range=data) for law in laws]
     except TypeError:
         raise CaseError(
-            f"{type(law).__name__} has no place for the pressures of its data: make it a dataclass "
-            f"with the fields gap and pressure_range, as NormalLaw says"
+            f"{type(laws[0]).__name__} has no place for the pressures of its data: make it a "
+            f"dataclass with the fields gap and pressure_range, as NormalLaw says"
         ) from None
 
 
@@ -140,7 +137,7 @@ def law_band(
     confidence: float = 0.95,
     family: Family | None = None,
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Interval of what a law answers, from its bootstrap samples.
+    """Interval of an answer of a law, from its bootstrap samples.
 
     Parameters
     ----------

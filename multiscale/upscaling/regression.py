@@ -29,9 +29,9 @@ class Regression:
     quantity : Quantity
     conditions : tuple of ndarray, shape (points,)
     scale, weights : ndarray, shape (points,)
-        Of the observations, and :math:`w_j \ge 0`, dimensionless.
+        Scales :math:`s_j` of the observations, and weights :math:`w_j \ge 0`, dimensionless.
     held : mapping of str to float
-        What the data decide or the user fixed, SI.
+        Values that the data decide or the user fixed, SI.
     free : tuple of str
     start : mapping of str to float
         Where the fit of the mean starts, SI.

@@ -65,10 +65,10 @@ def estimate_grid_error(answer: np.ndarray, coarser: Mapping[float, np.ndarray])
 
     The order belongs to the discretisation and is one for all steps: at a single step, where a
     difference passes through zero, the ratio of both may be anything, and the bound is at least
-    that of the root mean square of :math:`e` there. With one coarser grid the order is 1, that of
-    the contact fraction and the lowest of the averages. Where three grids tell no order between
-    0.5 and 3, or the differences are not alike (a cosine below a half), the bound is three times
-    the largest difference. The factors are those of the grid convergence index [1]_.
+    the one of the root mean square of :math:`e` there. With one coarser grid the order is 1, the
+    order of the contact fraction and the lowest of the averages. Where three grids tell no order
+    between 0.5 and 3, or the differences are not alike (a cosine below a half), the bound is
+    three times the largest difference. The factors are taken from the grid convergence index [1]_.
 
     References
     ----------

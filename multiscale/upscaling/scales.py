@@ -20,7 +20,7 @@ DISTINCT_TIMES = 10.0  # ratio of times that counts as apart
 
 @dataclass(frozen=True)
 class ScaleSeparation:
-    r"""Ratios of the scales, and what they mean.
+    r"""Ratios of the scales, with cautions.
 
     Attributes
     ----------
@@ -58,7 +58,7 @@ def compare_scales(
     relaxation: float | None = None,
     loading: float | None = None,
 ) -> ScaleSeparation:
-    """Compare the scales of a cell with those of the structure.
+    """Compare the scales of a cell and of the structure.
 
     Parameters
     ----------

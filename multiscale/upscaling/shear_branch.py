@@ -96,11 +96,14 @@ def with_shear(
     full = held & (shear["slip_fraction"].to_numpy() >= FULL_SLIP)
     friction = np.sum(full * size / np.where(held, pressure, np.inf), axis=1) / full.sum(axis=1)
     inside = held & (size < friction[:, None] * (pressure - low))
+    weight = inside / np.where(held, pressure, np.inf)
+    smallest = RELEASED * pressure.max()
+    openings = [one.gap_at(np.maximum(pressure, smallest)) - one.gap for one in laws]
     beds = [Sliders(one, 1.0, 1.0, pressures=(low, high), slabs=SLABS) for one in laws]
     ratio = np.array(
         [
-            _nearest_ratio(bed, pressure, *one)
-            for bed, *one in zip(beds, slip, traction, friction, inside, strict=True)
+            _nearest_ratio(*one)
+            for one in zip(beds, openings, slip, traction, friction, weight, strict=True)
         ]
     )
     if not apart:
@@ -112,8 +115,8 @@ def with_shear(
     drawn = mean + widening(n - 1, n=n) * (counts @ each / n - mean)
     kappa, mu = mean[:2], mean[2]
     path = [
-        mu * bed_traction(bed, pressure, one * np.nan_to_num(kappa) / mu)
-        for bed, one in zip(beds, slip, strict=True)
+        mu * bed_traction(bed, opening, one * np.nan_to_num(kappa) / mu)
+        for bed, opening, one in zip(beds, openings, slip, strict=True)
     ]
     sheared = held & np.any(np.abs(slip).max(axis=0) > STILL * np.abs(slip).max(), axis=-1)
     values = {
@@ -251,15 +254,14 @@ def sliders_from_dataset(
     )
 
 
-def bed_traction(bed: Sliders, pressure: np.ndarray, slip: np.ndarray) -> np.ndarray:
+def bed_traction(bed: Sliders, opening: np.ndarray, slip: np.ndarray) -> np.ndarray:
     """Tangential traction of a bed along paths from rest.
 
     Parameters
     ----------
     bed : Sliders
-        On a law without memory.
-    pressure : ndarray, shape (steps,)
-        Pa; zero releases the interface.
+    opening : ndarray, shape (steps,)
+        Normal jump, m.
     slip : ndarray, shape (steps, 2) or (steps, 2, paths)
         Tangential jumps, m.
 
@@ -268,12 +270,10 @@ def bed_traction(bed: Sliders, pressure: np.ndarray, slip: np.ndarray) -> np.nda
     ndarray, shaped as the slip
         Pa.
     """
-    curve = bed.normal_law.elastic_curve(*(bed.pressures or (0.0, np.inf)))[0]
-    gap = curve.gap_at(np.maximum(pressure, RELEASED * pressure.max())) - bed.normal.gap
     paths = slip.reshape(*slip.shape[:2], -1)
     state, traction = np.zeros((bed.n_state, paths.shape[2])), np.empty(paths.shape)
     for k, moved in enumerate(paths):
-        jump = np.concatenate([np.full((1, paths.shape[2]), gap[k]), moved])
+        jump = np.concatenate([np.full((1, paths.shape[2]), opening[k]), moved])
         response = bed.respond(jump, state)
         state, traction[k] = response.state, response.traction[1:]
     return traction.reshape(slip.shape)
@@ -281,24 +281,24 @@ def bed_traction(bed: Sliders, pressure: np.ndarray, slip: np.ndarray) -> np.nda
 
 def _nearest_ratio(
     bed: Sliders,
-    pressure: np.ndarray,
+    opening: np.ndarray,
     slip: np.ndarray,
     traction: np.ndarray,
     friction: float,
-    counted: np.ndarray,
+    weight: np.ndarray,
 ) -> np.ndarray:
     """Stiffness ratios along x and y whose path (1) is nearest; NaN where nothing shears.
 
     Candidates are compared, then finer ones about the best; a parabola through the last three.
     """
     sheared = np.abs(slip).max(axis=0) > SIDEWAYS * np.abs(slip).max()
-    weight = (counted / np.where(counted, pressure, 1.0))[:, None, None]
     low, high = np.log(RATIOS)
     middle, reach = np.full(2, 0.5 * (low + high)), 0.5 * (high - low)
     for _ in range(2):
         x = middle[:, None] + reach * np.linspace(-1.0, 1.0, CANDIDATES)
-        path = friction * bed_traction(bed, pressure, slip[..., None] * np.exp(x) / friction)
-        square = np.sum((weight * (path - traction[..., None])) ** 2, axis=0)  # (2, candidates)
+        path = friction * bed_traction(bed, opening, slip[..., None] * np.exp(x) / friction)
+        error = weight[:, None, None] * (path - traction[..., None])
+        square = np.sum(error**2, axis=0)  # (2, candidates)
         at = np.clip(np.argmin(square, axis=1), 1, CANDIDATES - 2)
         before, least, after = (square[(0, 1), at + k] for k in (-1, 0, 1))
         bend, fall = before - 2.0 * least + after, 0.5 * (before - after)

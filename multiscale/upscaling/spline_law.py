@@ -1,5 +1,6 @@
 """The normal law of free form, from observations to the variables of its dataset."""
 
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
@@ -12,6 +13,7 @@ from multiscale.upscaling.observations import Observations
 from multiscale.upscaling.spline import N_TERMS, RIDGE, fit_spline, place_knots
 
 __all__ = [
+    "FitResult",
     "decay_share",
     "fit_area",
     "fit_convex_decreasing",
@@ -25,6 +27,14 @@ SECOND_ORDER, FIRST_ORDER = 0.25, 0.5  # part of an error that is left where the
 Values = dict[str, np.ndarray]
 
 
+@dataclass(frozen=True, eq=False)
+class FitResult:
+    """Variables and attributes that a fit gives to the dataset of its law."""
+
+    values: Values
+    attributes: dict[str, Any]
+
+
 def fit_convex_decreasing(
     observations: Observations,
     counts: np.ndarray,
@@ -32,22 +42,17 @@ def fit_convex_decreasing(
     *,
     n_terms: int,
     ridge: float,
-) -> tuple[Values, dict[str, Any]]:
+) -> FitResult:
     """Fit a convex decreasing law and its samples.
 
     Parameters
     ----------
     observations : Observations
-        Of the gap or of the normal stiffness.
+        Observed gaps or normal stiffnesses.
     counts : ndarray, shape (samples, realisations)
         How often each realisation counts in each sample.
     weights, n_terms, ridge
         See :func:`multiscale.upscaling.fit_law`; ``weights`` has the shape (points,).
-
-    Returns
-    -------
-    values, attributes : dict
-        Of the dataset.
 
     Raises
     ------
@@ -79,9 +84,9 @@ def fit_convex_decreasing(
         sample = fit_spline(p, sample_gap, seen, knot, level, ridge=ridge)
     blind = [ConvexDecreasing(knot, one) for one in unseen]
     values = {"knot": knot, "coefficient": coefficient, "coefficient_sample": sample}
-    errors, attributes = normal_errors(law, blind, judged, p, gap[0])
-    attributes |= {"gap_min": float(gap[0, -1]), "gap_max": float(gap[0, 0]), "ridge": ridge}
-    return values | errors, attributes
+    errors = normal_errors(law, blind, judged, p, gap[0])
+    ends = {"gap_min": float(gap[0, -1]), "gap_max": float(gap[0, 0]), "ridge": ridge}
+    return FitResult(values | errors.values, errors.attributes | ends)
 
 
 def fit_each(observations: Observations, gap: np.ndarray) -> list[ConvexDecreasing]:
@@ -113,7 +118,7 @@ def decay_share(
     Parameters
     ----------
     error : ndarray, shape (fits,)
-        Of the fits of :func:`left_out`; NaN where there is none.
+        Errors of the fits of :func:`left_out`; NaN where there is none.
     n : int
     least : float
         Smallest share of the error without noise.
@@ -143,7 +148,7 @@ def decay_share(
 
 def normal_errors(
     law: Any, blind: list[Any], judged: np.ndarray, pressure: np.ndarray, gap: np.ndarray
-) -> tuple[Values, dict[str, Any]]:
+) -> FitResult:
     """Errors of a normal law at its data, and of fits at points that they lack; see `left_out`."""
     n = len(gap)
     p, k, g = np.array(
@@ -162,12 +167,13 @@ def normal_errors(
         "cross_validated_stiffness_error": float(np.nanmax(np.abs(k[: n - 2]))),
         "cross_validated_rms_error": float(np.sqrt(np.nanmean(p[: n - 2] ** 2))),
     }
-    return {
+    values = {
         "fit_error": at_inner(g, n),
         "stiffness_fit_error": at_inner(k, n),
         "gap_fit_share": decay_share(g, n, SECOND_ORDER),
         "stiffness_fit_share": decay_share(k, n, FIRST_ORDER),
-    }, attributes
+    }
+    return FitResult(values, attributes)
 
 
 def at_inner(error: np.ndarray, n: int) -> np.ndarray:

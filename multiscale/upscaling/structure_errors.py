@@ -43,14 +43,14 @@ def structure_budget(
     Parameters
     ----------
     name : str or sequence of str
-        Of the answer, for instance ``"joint_stiffness"``. Several answers have an axis of their
-        own before that of the steps, here and in the arrays below.
+        Name of the answer, for instance ``"joint_stiffness"``. Several answers have an axis of
+        their own before the axis of the steps, here and in the arrays below.
     law : Dataset
         Follows ``INTERFACE_LAW`` and carries its budget; see :func:`with_budget`.
     solve : callable
         From a normal law to the answer, shape (steps,), any unit: a macro solver.
     answer : ndarray, shape (steps,), optional
-        That with the mean law, if it is known.
+        Answer with the mean law, if it is known.
     pressure : ndarray, shape (steps,), optional
         Pressure of the interface at each step, Pa, at which the errors of the law count; their
         root mean square over its data if not given.
@@ -68,10 +68,10 @@ def structure_budget(
     Dataset
         Follows ``ERROR_BUDGET``, with a quantity for each answer. *Sampling* comes from the
         samples of the law. The other terms of the law enter by the change of the answer when all
-        gaps are larger, and when the law is softer about the mean pressure, by what they are of
-        gap and stiffness; a bias by solving with a law of free form through the gaps without it.
-        A term of the law that is not known at a pressure, or without samples not for the
-        stiffness, makes the total unknown, NaN.
+        gaps are larger by the term of the gap, and when the law is softer about the mean pressure
+        by the term of the stiffness; a bias by solving with a law of free form through the gaps
+        without it. A term of the law that is not known at a pressure, or without samples not for
+        the stiffness, makes the total unknown, NaN.
 
     Raises
     ------
@@ -130,12 +130,13 @@ def _law_terms(
     answer: np.ndarray,
     pressure: np.ndarray | None,
 ) -> dict[str, Term]:
-    """Terms of the answer from those of the law.
+    """Terms of the answer from the terms of the law.
 
     Half-widths are by how it depends on gaps and stiffness, biases by solving with laws without
     the biases of their gaps.
     """
-    p = law["fit_pressure"].to_numpy() if pressure is None else np.asarray(pressure)
+    data = law["fit_pressure"].to_numpy()
+    p = data if pressure is None else np.asarray(pressure)
     middle = float(mean_law.gap_at(np.array(np.exp(np.mean(np.log(p))))))
     by = STRETCH * float(np.ptp(law["fit_mean_gap"].to_numpy()))
     shifted = solve(StretchedLaw(mean_law, 1.0, shift=by))
@@ -146,42 +147,26 @@ def _law_terms(
     terms = {term: Term(str(law.attrs[how_attribute(term)])) for term in ERROR_TERMS[:-1]}
     for term in terms:
         if known.sel(error_term=term):
-            gap, stiffness = _at_pressure(law, term, pressure)
-            parts = _product(of_gap, gap), _product(of_stiffness, stiffness)
+            parts = []
+            for quantity, unit, change in (
+                ("mean_gap", np.abs(law["fit_mean_gap"].to_numpy()), of_gap),
+                ("stiffness", 1.0, of_stiffness),
+            ):
+                half = unit * law["error_half_width"].sel(error_term=term, quantity=quantity)
+                at = np.sqrt(np.mean(half.to_numpy() ** 2))
+                if pressure is not None:
+                    at = np.interp(np.log(pressure), np.log(data), half.to_numpy())
+                # nothing is unknown of an answer that does not change
+                parts.append(np.where(change == 0.0, 0.0, change * at))
             terms[term] = replace(terms[term], half_width=np.hypot(*parts))
             bias = law["error_bias"].sel(quantity="mean_gap", error_term=term).to_numpy()
             if np.any(bias):
-                change = (answer - solve(_unbiased(law, bias))) / np.abs(answer)
+                less = law["fit_mean_gap"].to_numpy() * (1.0 - bias)
+                unbiased = observe("gap", data, less)
+                change = (answer - solve(fit_each(unbiased, unbiased.values)[0])) / np.abs(answer)
                 terms[term] = replace(terms[term], bias=change)
     last = Term("not known: pass coarser, the answers on coarser meshes")
     return terms | {ERROR_TERMS[-1]: last}
-
-
-def _product(change: np.ndarray, half_width: np.ndarray) -> np.ndarray:
-    """Half-width of an answer by its change with a quantity; nothing unknown if it changes not."""
-    return np.where(change == 0.0, 0.0, change * half_width)
-
-
-def _at_pressure(
-    law: "xr.Dataset", term: str, pressure: np.ndarray | None
-) -> tuple[np.ndarray, np.ndarray]:
-    """Half-widths of a term for the gap, m, and the stiffness, relative; NaN if not known."""
-    found = []
-    data = law["fit_pressure"].to_numpy()
-    for quantity, scale in (("mean_gap", np.abs(law["fit_mean_gap"].to_numpy())), ("stiffness", 1)):
-        one = law["error_half_width"].sel(error_term=term, quantity=quantity).to_numpy() * scale
-        if pressure is None:
-            found.append(np.sqrt(np.mean(one**2)))
-        else:
-            found.append(np.interp(np.log(pressure), np.log(data), one))
-    return found[0], found[1]
-
-
-def _unbiased(law: "xr.Dataset", bias: np.ndarray) -> NormalLaw:
-    """Return the law through the gaps of the data less their bias, which is relative."""
-    gap = law["fit_mean_gap"].to_numpy() * (1.0 - bias)
-    data = observe("gap", law["fit_pressure"].to_numpy(), gap)
-    return fit_each(data, data.values)[0]
 
 
 def with_scales(law: "xr.Dataset", scales: ScaleSeparation) -> "xr.Dataset":
@@ -190,7 +175,7 @@ def with_scales(law: "xr.Dataset", scales: ScaleSeparation) -> "xr.Dataset":
     Raises
     ------
     CaseError
-        If the budget lacks a term, as that of an earlier version may.
+        If the budget lacks a term, as a budget of an earlier version may.
     """
     require_law(law, "error_bias", *map(how_attribute, ERROR_TERMS))
     half, bias = law["error_half_width"].copy(deep=True), law["error_bias"]

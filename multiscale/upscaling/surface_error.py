@@ -31,13 +31,19 @@ def surface_term(response: "xr.Dataset", law: "xr.Dataset", p: np.ndarray) -> Te
     The changes by :math:`s_h` and by :math:`s_g` are added, not set off against each other. As the
     lost waves change the form too, which similarity does not tell, they count twice.
     """
-    found = _shares_held(response)
-    if found is None:
+    if "body_rms_height" not in response:
         nothing = np.zeros((3, p.size))
         return Term("nothing: the surfaces of the cells are not parts of maps", nothing)
-    height, slope = found
+    held = []  # of height and slope; squares of independent bodies add
+    for name in ("rms_height", "rms_slope"):
+        body = response[f"body_{name}"]
+        lost = body.sel(stage="map").to_numpy() ** 2 - body.sel(stage="cells").to_numpy() ** 2
+        square = float(np.mean(response[name].to_numpy() ** 2))
+        # windows that are rougher than their map lack nothing
+        held.append(float(np.sqrt(square / (square + np.sum(np.maximum(lost, 0.0))))))
+    height, slope = held
     how = f"the cells hold {height:.3g} of the rms height and {slope:.3g} of the rms slope measured"
-    if min(found) < FEWEST_HELD:
+    if min(held) < FEWEST_HELD:
         unknown = np.full((3, p.size), np.nan)
         return Term(f"not known: {how}, too little to infer the rest from", unknown)
     mean_law, area_law = law_from_dataset(law), area_from_dataset(law)
@@ -49,19 +55,3 @@ def surface_term(response: "xr.Dataset", law: "xr.Dataset", p: np.ndarray) -> Te
         1.0 - height + np.abs(similar / mean_law.stiffness(gap(p)) - 1.0),
     ]
     return Term(how, 2.0 * np.array(rows))
-
-
-def _shares_held(response: "xr.Dataset") -> tuple[float, float] | None:
-    """Shares of the rms height and slope of composite surfaces that cells hold of measured maps.
-
-    Squares of independent bodies add. Windows that are rougher than their map lack nothing.
-    """
-    if "body_rms_height" not in response:
-        return None
-    shares = []
-    for name in ("rms_height", "rms_slope"):
-        body = response[f"body_{name}"]
-        lost = body.sel(stage="map").to_numpy() ** 2 - body.sel(stage="cells").to_numpy() ** 2
-        held = float(np.mean(response[name].to_numpy() ** 2))
-        shares.append(np.sqrt(held / (held + np.sum(np.maximum(lost, 0.0)))))
-    return float(shares[0]), float(shares[1])

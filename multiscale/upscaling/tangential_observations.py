@@ -84,8 +84,8 @@ def friction_observations(response: "xr.Dataset") -> Observations:
     -------
     Observations
         Of ``"friction_coefficient"``: :math:`|t_T| / p` for each realisation and step that
-        converged, at its pressure and speed. Cells slide at the change of the jump over that of
-        the time; without times their friction has no rate, and the speed is zero.
+        converged, at its pressure and speed. Cells slide at the change of the jump over the
+        change of the time; without times their friction has no rate, and the speed is zero.
 
     Raises
     ------

@@ -1,18 +1,25 @@
 """Ladders of fidelities against their truths, and the cheapest way to an error."""
 
+from importlib.util import find_spec
+
 import numpy as np
 import pytest
 
 from multiscale.bench import FAMILIES, bench, tabulate_runs
 from multiscale.bench.grains_family import BOUNCE, EXACT, ROLL, answer
+from multiscale.bench.peers import CODES
+from multiscale.bench.structures_family import GRID_METHODS
+from multiscale.bench.substructures_family import CUT_METHODS, RIGHT
 from multiscale.bench.summary import join_families, tabulate_cheapest
-from multiscale.bench.trials import Trial, judge_by, measure_trials
+from multiscale.bench.trials import BenchFamily, Trial, judge_by, measure_family
+from multiscale.io import open_dataset
 from multiscale.schema import WORK_PRECISION
 
 
 def climb_one(task, exact=2.0):
     trials = [Trial("a", "b", task, lambda: None, {"points": 4})]
-    return measure_trials(trials, judge_by(lambda *_: (exact, 0.5)), title="c").isel(run=0)
+    family = BenchFamily(trials, judge_by(lambda *_: (exact, 0.5)), title="c")
+    return measure_family(family, print).isel(run=0)
 
 
 @pytest.mark.usefixtures("in_this_process")
@@ -31,10 +38,29 @@ def test_an_answer_that_is_not_there_has_no_error():
 
 
 @pytest.mark.usefixtures("in_this_process")
+def test_a_judge_gives_a_trial_any_number_of_rows_and_a_lost_one_has_no_values():
+    one, other = (Trial("a", name, lambda: 2.0, lambda: None, {"points": 4}) for name in "bc")
+    left = Trial("a", "d", lambda: 1.0, lambda: None, left_out="because it is not installed")
+
+    def judge(scene, runs):
+        for step in (1, 2):
+            error = {"error": step * runs[other].value, "history": np.full((step, 2), step)}
+            yield other, {"scene": f"{scene}{step}", "converged": 1} | error
+
+    found = measure_family(BenchFamily([one, other, left, left], judge, title="c"), print)
+    assert list(found["scene"].values) == ["a", "a1", "a2"]
+    np.testing.assert_array_equal(found["error"], [np.nan, 2.0, 4.0])
+    np.testing.assert_array_equal(found["converged"], [0, 1, 1])
+    np.testing.assert_array_equal(found["history_run"], [1, 2, 2])
+    np.testing.assert_array_equal(found["history_error"], [1.0, 2.0, 2.0])
+    assert found.attrs["cautions"] == "d is left out because it is not installed"
+
+
+@pytest.mark.usefixtures("in_this_process")
 @pytest.mark.parametrize(
     "family",
     [
-        pytest.param("laws", marks=pytest.mark.slow),
+        *(pytest.param(name, marks=pytest.mark.slow) for name in ("damage", "laws")),
         *(pytest.param(name, marks=pytest.mark.long) for name in ("chain", "grains", "strain")),
     ],
 )
@@ -46,6 +72,40 @@ def test_a_family_leaves_a_dataset_and_a_figure(family, stored):
     assert len(lines) == found.sizes["run"] == len(tabulate_runs(found)[1])
     assert (found["error"] < 2.0).all()
     stored(found, 1000)
+
+
+@pytest.mark.long
+@pytest.mark.parametrize(
+    ("family", "methods", "largest", "heading"),
+    [
+        ("micro", {name for name, code in CODES.items() if find_spec(code.module)}, 0.03, "points"),
+        (
+            "structures",
+            {n for n, m in GRID_METHODS.items() if not m.pardiso or find_spec("pypardiso")},
+            1e-9,
+            "cables",
+        ),
+        ("substructures", set(CUT_METHODS), RIGHT, "unknowns"),
+    ],
+)
+def test_the_command_measures_every_method_and_all_of_them_agree(
+    command, tmp_path, family, methods, largest, heading
+):
+    status, said, _ = command("bench", family, "-o", tmp_path, "--quick")
+    assert status == 0
+    found = open_dataset(tmp_path / f"{family}.nc", WORK_PRECISION)
+    assert set(found["method"].values) == methods
+    assert found["converged"].all()
+    assert np.all(found["error"].values[np.isfinite(found["error"])] < largest)
+    assert np.all(found["peak_memory"] > 1e7)
+    assert heading in said
+    assert (tmp_path / f"{family}.png").exists()
+
+
+def test_a_family_that_does_not_exist_is_refused(command, tmp_path):
+    status, _, told = command("bench", "macro", "-o", tmp_path)
+    assert status == 1
+    assert "there is no family 'macro'; choose from chain, damage" in told
 
 
 @pytest.mark.slow
@@ -94,10 +154,10 @@ def test_an_error_below_the_uncertainty_of_the_reference_is_unknown():
     assert rows[0] == ("wave", "m0, 1 s", "m0, 1 s", "unknown", "unknown")
 
 
-def test_every_family_is_a_module_with_a_function_of_its_name():
+def test_every_family_is_a_module_with_a_plan():
     from importlib import import_module
 
     for family in FAMILIES:
         assert callable(
-            getattr(import_module(f"multiscale.bench.{family}_family"), f"bench_{family}")
+            getattr(import_module(f"multiscale.bench.{family}_family"), f"plan_{family}")
         )

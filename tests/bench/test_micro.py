@@ -14,8 +14,6 @@ from multiscale.bench.peers import (
     press_with_contact_mechanics,
     press_with_tamaas,
 )
-from multiscale.io import open_dataset
-from multiscale.schema import WORK_PRECISION
 from tests.support import rough_square
 
 RELATIVE_PRESSURES = (0.01, 0.05, 0.1, 0.2, 0.5)  # p / (E* h')
@@ -107,8 +105,8 @@ def odd_codes(monkeypatch):
 
     codes = {
         "flat": CODES["multiscale flat"],
-        "lost": Code(fail_once, "multiscale", "multiscale"),
-        "absent": Code(press_flat_cell, "absent", "no_such_module"),
+        "lost": Code(fail_once, "multiscale"),
+        "absent": Code(press_flat_cell, "no_such_module"),
     }
     monkeypatch.setattr(micro_family, "CODES", codes)
 
@@ -134,22 +132,3 @@ def test_what_is_missing_or_fails_is_told_and_nothing_is_invented(stored):
 
     again = stored(found, 10_000)
     np.testing.assert_array_equal(again["method"], found["method"])
-
-
-@pytest.mark.long
-def test_the_command_measures_all_that_is_installed(command, tmp_path):
-    status, said, _ = command("bench", "micro", "-o", tmp_path, "--quick")
-    assert status == 0
-    found = open_dataset(tmp_path / "micro.nc", WORK_PRECISION)
-    installed = [name for name, code in CODES.items() if code.installed]
-    assert set(found["method"].values) == set(installed)
-    assert found["converged"].all()
-    assert (found["error"] < 0.03).all()
-    assert "error" in said
-    assert (tmp_path / "micro.png").exists()
-
-
-def test_a_family_that_does_not_exist_is_refused(command, tmp_path):
-    status, _, told = command("bench", "macro", "-o", tmp_path)
-    assert status == 1
-    assert "there is no family 'macro'; choose from chain, damage" in told

@@ -2,13 +2,12 @@
 
 import sys
 from functools import partial
-from importlib.util import find_spec
 
 import numpy as np
 import pytest
 
-from multiscale.bench import bench, structures_family, tabulate_runs, trials
-from multiscale.bench.measure import Measurement, measure
+from multiscale.bench import bench, structures_family, tabulate_runs
+from multiscale.bench.measure import measure
 from multiscale.bench.structures_family import (
     GRID_METHODS,
     GridAnswer,
@@ -17,11 +16,9 @@ from multiscale.bench.structures_family import (
     solve_grid,
     verify,
 )
-from multiscale.io import open_dataset
 from multiscale.macro import quadruplex_module, self_stress, solve_static
 from multiscale.macro.discrete import compatibility
 from multiscale.numerics import factorisation
-from multiscale.schema import WORK_PRECISION
 
 
 def answer_of(result):
@@ -98,16 +95,11 @@ def test_each_method_has_the_factorisation_of_its_name(name):
 
 
 @pytest.fixture
-def without_pardiso(monkeypatch):
-    """Skip the processes, have no PARDISO, and lose one process."""
-
-    def lose_one(task, **_):
-        system, _, method = task.args
-        if system.n_links == 4**2 * 16 and method.method == "dual":
-            return Measurement(None, np.nan, np.nan)
-        return Measurement(task(), 0.5, 1e8)
-
-    monkeypatch.setattr(trials, "measure", lose_one)
+def without_pardiso(in_this_process, monkeypatch):
+    """Have no PARDISO, and lose one process."""
+    in_this_process.append(
+        lambda system, _, method: system.n_links == 4**2 * 16 and method.method == "dual"
+    )
     monkeypatch.setattr(structures_family, "QUICK_MODULES", (2, 4))
     monkeypatch.setitem(sys.modules, "pypardiso", None)
     factorisation._blank_pardiso.cache_clear()
@@ -142,17 +134,3 @@ def test_what_is_missing_or_fails_is_told_and_nothing_is_invented(stored):
     head, rows = tabulate_runs(again)
     assert "cables" in head
     assert sum("not converged" in " ".join(row) for row in rows) == 2
-
-
-@pytest.mark.long
-def test_the_command_measures_every_method_and_all_of_them_agree(command, tmp_path):
-    status, said, _ = command("bench", "structures", "-o", tmp_path, "--quick")
-    assert status == 0
-    found = open_dataset(tmp_path / "structures.nc", WORK_PRECISION)
-    installed = [n for n, m in GRID_METHODS.items() if not m.pardiso or find_spec("pypardiso")]
-    assert set(found["method"].values) == set(installed)
-    assert found["converged"].all()
-    assert np.all(found["residual"] < 1e-9)
-    assert np.all(found["error"].values[np.isfinite(found["error"])] < 1e-9)
-    assert "cables" in said
-    assert (tmp_path / "structures.png").exists()

@@ -3,12 +3,9 @@
 import numpy as np
 import pytest
 
-from multiscale.bench import bench, substructures_family, tabulate_runs, trials
-from multiscale.bench.measure import Measurement
+from multiscale.bench import bench, substructures_family, tabulate_runs
 from multiscale.bench.substructures_family import CUT_METHODS, RIGHT, make_scenes, solve_scene
-from multiscale.io import open_dataset
 from multiscale.macro.substructures import assemble
-from multiscale.schema import WORK_PRECISION
 
 
 @pytest.fixture(scope="module")
@@ -51,14 +48,12 @@ def test_errors_of_bodies_are_those_of_their_stresses(scenes):
 
 
 @pytest.mark.slow
-def test_a_lost_process_leaves_a_row_without_values_and_the_rest_is_drawn(monkeypatch, stored):
-    def lose_one(task, **_):
-        scene, method, *_ = task.args
-        if scene.name.startswith("plate") and method == CUT_METHODS[2]:
-            return Measurement(None, np.nan, np.nan)
-        return Measurement(task(), 0.5, 1e8)
-
-    monkeypatch.setattr(trials, "measure", lose_one)
+def test_a_lost_process_leaves_a_row_without_values_and_the_rest_is_drawn(
+    in_this_process, monkeypatch, stored
+):
+    in_this_process.append(
+        lambda scene, method, *_: scene.name.startswith("plate") and method == CUT_METHODS[2]
+    )
     monkeypatch.setattr(substructures_family, "QUICK_MODULES", (4,))
     lines = []
     found = bench("substructures", quick=True, report=lines.append)
@@ -74,15 +69,3 @@ def test_a_lost_process_leaves_a_row_without_values_and_the_rest_is_drawn(monkey
     head, rows = tabulate_runs(again)
     assert "unknowns" in head
     assert sum("not converged" in " ".join(row) for row in rows) == 1
-
-
-@pytest.mark.long
-def test_the_command_measures_every_method(command, tmp_path):
-    status, said, _ = command("bench", "substructures", "-o", tmp_path, "--quick")
-    assert status == 0
-    found = open_dataset(tmp_path / "substructures.nc", WORK_PRECISION)
-    assert set(found["method"].values) == set(CUT_METHODS)
-    assert found["converged"].all()
-    assert np.all(found["peak_memory"] > 1e7)
-    assert (tmp_path / "substructures.png").exists()
-    assert "unknowns" in said

@@ -13,17 +13,13 @@ def elastic_energy(wavenumber: np.ndarray, amplitude: np.ndarray, contact_modulu
 
     Parameters
     ----------
-    wavenumber : ndarray
-        :math:`|q|`, rad/m.
-    amplitude : ndarray
-        Fourier coefficients :math:`h_q`, m, of the same shape.
-    contact_modulus : float
-        :math:`E^*`, Pa.
+    wavenumber : ndarray, :math:`|q|`, rad/m
+    amplitude : ndarray, Fourier coefficients :math:`h_q`, m, of the same shape
+    contact_modulus : float, :math:`E^*`, Pa
 
     Returns
     -------
-    float
-        :math:`U = (E^*/4) \sum_q |q|\, |h_q|^2`, J m⁻².
+    float, :math:`U = (E^*/4) \sum_q |q|\, |h_q|^2`, J m⁻²
     """
     return float(0.25 * contact_modulus * np.sum(wavenumber * np.abs(amplitude) ** 2))
 
@@ -33,14 +29,11 @@ def rms_pressure(rms_slope: float, contact_modulus: float) -> float:
 
     Parameters
     ----------
-    rms_slope : float
-        Root mean square slope :math:`h'_{rms}`, dimensionless.
-    contact_modulus : float
-        :math:`E^*`, Pa.
+    rms_slope : float, Root mean square slope :math:`h'_{rms}`, dimensionless
+    contact_modulus : float, :math:`E^*`, Pa
 
     Returns
     -------
-    float
-        :math:`E^* h'_{rms} / 2`, Pa.
+    float, :math:`E^* h'_{rms} / 2`, Pa
     """
     return 0.5 * contact_modulus * rms_slope

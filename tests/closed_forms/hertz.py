@@ -22,12 +22,9 @@ def sphere_radius(force: float, radius: float, modulus: float) -> float:
 
     Parameters
     ----------
-    force : float
-        :math:`F`, N.
-    radius : float
-        :math:`1/R = \sum 1/R_i`, m.
-    modulus : float
-        :math:`E^*` of :func:`~multiscale.laws.bulk.moduli.contact_modulus`, Pa.
+    force : float, :math:`F`, N
+    radius : float, :math:`1/R = \sum 1/R_i`, m
+    modulus : float, :math:`E^*` of :func:`~multiscale.laws.bulk.moduli.contact_modulus`, Pa
 
     References
     ----------
@@ -60,10 +57,8 @@ def sphere_pressure(
 
     Parameters
     ----------
-    distance : ndarray
-        :math:`r` from the axis, m.
-    force, radius, modulus : float
-        As in :func:`sphere_radius`.
+    distance : ndarray, :math:`r` from the axis, m
+    force, radius, modulus : float, as in :func:`sphere_radius`
     """
     a = sphere_radius(force, radius, modulus)
     peak = 1.5 * force / (np.pi * a**2)
@@ -75,10 +70,8 @@ def cylinder_half_width(force: float, radius: float, modulus: float) -> float:
 
     Parameters
     ----------
-    force : float
-        :math:`F` per length, N/m.
-    radius, modulus : float
-        As in :func:`sphere_radius`.
+    force : float, :math:`F` per length, N/m
+    radius, modulus : float, as in :func:`sphere_radius`
 
     Examples
     --------
@@ -104,12 +97,9 @@ def punch_force(approach: float, radius: float, modulus: float) -> float:
 
     Parameters
     ----------
-    approach : float
-        :math:`\delta`, m.
-    radius : float
-        :math:`a` of the punch, m.
-    modulus : float
-        :math:`E^*`, Pa.
+    approach : float, :math:`\delta`, m
+    radius : float, :math:`a` of the punch, m
+    modulus : float, :math:`E^*`, Pa
     """
     return 2.0 * modulus * radius * approach
 

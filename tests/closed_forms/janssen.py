@@ -14,17 +14,13 @@ def screening_length(diameter: float, wall_friction: float, stress_ratio: float)
 
     Parameters
     ----------
-    diameter : float
-        :math:`D`, m.
-    wall_friction : float
-        :math:`\mu_w`, dimensionless.
-    stress_ratio : float
-        :math:`K`, horizontal over vertical stress, dimensionless.
+    diameter : float, :math:`D`, m
+    wall_friction : float, :math:`\mu_w`, dimensionless
+    stress_ratio : float, :math:`K`, horizontal over vertical stress, dimensionless
 
     Returns
     -------
-    float
-        :math:`\ell = D / (4 \mu_w K)`, m.
+    float, :math:`\ell = D / (4 \mu_w K)`, m
 
     Examples
     --------
@@ -41,19 +37,14 @@ def vertical_stress(
 
     Parameters
     ----------
-    depth : ndarray
-        :math:`z \ge 0`, m.
-    density : float
-        Of the filling with its voids, :math:`\rho`, kg/m3.
-    length : float
-        :math:`\ell` of :func:`screening_length`, m.
-    gravity : float
-        m/s2.
+    depth : ndarray, :math:`z \ge 0`, m
+    density : float, Of the filling with its voids, :math:`\rho`, kg/m3
+    length : float, :math:`\ell` of :func:`screening_length`, m
+    gravity : float, m/s2
 
     Returns
     -------
-    ndarray
-        :math:`\sigma = \rho g \ell \left(1 - e^{-z/\ell}\right)`, Pa.
+    ndarray, :math:`\sigma = \rho g \ell \left(1 - e^{-z/\ell}\right)`, Pa
 
     References
     ----------

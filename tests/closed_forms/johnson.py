@@ -19,15 +19,12 @@ def full_contact_pressure(amplitude: float, wavelength: float, contact_modulus: 
 
     Parameters
     ----------
-    amplitude, wavelength : float
-        :math:`\Delta` and :math:`\lambda`, m.
-    contact_modulus : float
-        :math:`E^*`, Pa.
+    amplitude, wavelength : float, :math:`\Delta` and :math:`\lambda`, m
+    contact_modulus : float, :math:`E^*`, Pa
 
     Returns
     -------
-    float
-        :math:`p^* = \sqrt 2\, \pi E^* \Delta / \lambda`, Pa.
+    float, :math:`p^* = \sqrt 2\, \pi E^* \Delta / \lambda`, Pa
     """
     return float(sqrt(2.0) * pi * contact_modulus * amplitude / wavelength)
 
@@ -37,13 +34,11 @@ def contact_fraction_low(relative_pressure: np.ndarray) -> np.ndarray:
 
     Parameters
     ----------
-    relative_pressure : ndarray
-        :math:`r = p/p^* \ll 1`, dimensionless.
+    relative_pressure : ndarray, :math:`r = p/p^* \ll 1`, dimensionless
 
     Returns
     -------
-    ndarray
-        :math:`A/A_0 = \pi\, (3 r / (8\pi))^{2/3}`, dimensionless.
+    ndarray, :math:`A/A_0 = \pi\, (3 r / (8\pi))^{2/3}`, dimensionless
     """
     return pi * (3.0 * np.asarray(relative_pressure) / (8.0 * pi)) ** (2.0 / 3.0)
 
@@ -53,12 +48,10 @@ def contact_fraction_high(relative_pressure: np.ndarray) -> np.ndarray:
 
     Parameters
     ----------
-    relative_pressure : ndarray
-        :math:`r = p/p^* \to 1`, dimensionless.
+    relative_pressure : ndarray, :math:`r = p/p^* \to 1`, dimensionless
 
     Returns
     -------
-    ndarray
-        :math:`A/A_0 = 1 - 3(1 - r)/(2\pi)`, dimensionless.
+    ndarray, :math:`A/A_0 = 1 - 3(1 - r)/(2\pi)`, dimensionless
     """
     return 1.0 - 1.5 / pi * (1.0 - np.asarray(relative_pressure))

@@ -10,13 +10,11 @@ def series(*stiffness: np.ndarray | float) -> np.ndarray:
 
     Parameters
     ----------
-    *stiffness : ndarray or float
-        :math:`k_i > 0`, all in one unit.
+    *stiffness : ndarray or float, :math:`k_i > 0`, all in one unit
 
     Returns
     -------
-    ndarray
-        :math:`1 / \sum_i k_i^{-1}`, in the same unit.
+    ndarray, :math:`1 / \sum_i k_i^{-1}`, in the same unit
 
     Examples
     --------
@@ -31,18 +29,15 @@ def joint_stiffness(pressure: np.ndarray, decay_length: float, *compliance: floa
 
     Parameters
     ----------
-    pressure : ndarray
-        Nominal pressure :math:`p`, Pa.
+    pressure : ndarray, Nominal pressure :math:`p`, Pa
     decay_length : float
         :math:`u_0` of the law :math:`p = p_c\, e^{-g/u_0}`, m; its stiffness is
         :math:`p/u_0`.
-    *compliance : float
-        Height over Young's modulus of every block, m/Pa.
+    *compliance : float, Height over Young's modulus of every block, m/Pa
 
     Returns
     -------
-    ndarray
-        :math:`1/(u_0/p + \sum_i h_i/E_i)`, Pa/m.
+    ndarray, :math:`1/(u_0/p + \sum_i h_i/E_i)`, Pa/m
     """
     return series(np.asarray(pressure) / decay_length, *(1.0 / c for c in compliance))
 
@@ -54,19 +49,14 @@ def stiffness_ratio(
 
     Parameters
     ----------
-    pressure : ndarray
-        Nominal pressure :math:`p`, Pa.
-    decay_length : float
-        :math:`u_0` of the exponential law, m.
-    youngs_modulus : float
-        :math:`E`, Pa.
-    height : float
-        :math:`h` of each block, m.
+    pressure : ndarray, Nominal pressure :math:`p`, Pa
+    decay_length : float, :math:`u_0` of the exponential law, m
+    youngs_modulus : float, :math:`E`, Pa
+    height : float, :math:`h` of each block, m
 
     Returns
     -------
-    ndarray
-        :math:`1/(1 + E u_0/(2 h p))`, dimensionless.
+    ndarray, :math:`1/(1 + E u_0/(2 h p))`, dimensionless
 
     Examples
     --------
@@ -86,17 +76,13 @@ def eccentric_stiffness(
 
     Parameters
     ----------
-    stiffness : float
-        :math:`k` of the same joint under a centred force, Pa/m.
-    eccentricity : tuple of float
-        :math:`e_x, e_y` from the centre, m.
-    section : tuple of float
-        Lengths :math:`L_x, L_y`, m.
+    stiffness : float, :math:`k` of the same joint under a centred force, Pa/m
+    eccentricity : tuple of float, :math:`e_x, e_y` from the centre, m
+    section : tuple of float, Lengths :math:`L_x, L_y`, m
 
     Returns
     -------
-    float
-        :math:`k / (1 + 12 e_x^2/L_x^2 + 12 e_y^2/L_y^2)`, Pa/m.
+    float, :math:`k / (1 + 12 e_x^2/L_x^2 + 12 e_y^2/L_y^2)`, Pa/m
     """
     arms = (arm / length for arm, length in zip(eccentricity, section, strict=True))
     return stiffness / (1.0 + 12.0 * sum(ratio**2 for ratio in arms))

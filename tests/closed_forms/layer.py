@@ -10,13 +10,11 @@ def ratio_frictionless(phase: np.ndarray) -> np.ndarray:
 
     Parameters
     ----------
-    phase : ndarray
-        :math:`x = q T > 0`, dimensionless.
+    phase : ndarray, :math:`x = q T > 0`, dimensionless
 
     Returns
     -------
-    ndarray
-        :math:`\sinh^2 x / (\sinh x \cosh x + x)`, dimensionless.
+    ndarray, :math:`\sinh^2 x / (\sinh x \cosh x + x)`, dimensionless
     """
     x = np.asarray(phase, dtype=float)
     # numerator and denominator times 4 exp(-2 x)
@@ -28,17 +26,13 @@ def oedometer_compliance(thickness: float, youngs_modulus: float, poissons_ratio
 
     Parameters
     ----------
-    thickness : float
-        :math:`T`, m.
-    youngs_modulus : float
-        :math:`E`, Pa.
-    poissons_ratio : float
-        :math:`\nu`, dimensionless.
+    thickness : float, :math:`T`, m
+    youngs_modulus : float, :math:`E`, Pa
+    poissons_ratio : float, :math:`\nu`, dimensionless
 
     Returns
     -------
-    float
-        :math:`T (1+\nu)(1-2\nu) / (E(1-\nu))`, m/Pa.
+    float, :math:`T (1+\nu)(1-2\nu) / (E(1-\nu))`, m/Pa
     """
     nu = poissons_ratio
     return thickness * (1.0 + nu) * (1.0 - 2.0 * nu) / (youngs_modulus * (1.0 - nu))

@@ -25,8 +25,7 @@ def tangential_modulus(*bodies: tuple[float, float]) -> float:
 
     Parameters
     ----------
-    *bodies : tuple of float
-        Young's modulus (Pa) and Poisson's ratio of each elastic body.
+    *bodies : tuple of float, Young's modulus (Pa) and Poisson's ratio of each elastic body
     """
     return 1.0 / sum((2.0 - nu) * 2.0 * (1.0 + nu) / E for E, nu in bodies)
 
@@ -60,19 +59,14 @@ def tangential_displacement(
 
     Parameters
     ----------
-    ratio : ndarray or float
-        :math:`T / \mu F`, dimensionless.
-    limit : float
-        :math:`\mu F`, N.
-    radius : float
-        :math:`a` of the contact, m.
-    modulus : float
-        :math:`G^*` of :func:`tangential_modulus`, Pa.
+    ratio : ndarray or float, :math:`T / \mu F`, dimensionless
+    limit : float, :math:`\mu F`, N
+    radius : float, :math:`a` of the contact, m
+    modulus : float, :math:`G^*` of :func:`tangential_modulus`, Pa
 
     Returns
     -------
-    ndarray
-        m.
+    ndarray, m
     """
     left = np.maximum(0.0, 1.0 - np.asarray(ratio)) ** (2.0 / 3.0)
     return np.asarray(3.0 * limit / (16.0 * radius * modulus) * (1.0 - left))
@@ -89,16 +83,11 @@ def tangential_traction(
 
     Parameters
     ----------
-    distance : ndarray
-        :math:`r` from the axis, m.
-    ratio : float
-        :math:`T / \mu F`, dimensionless.
-    friction : float
-        :math:`\mu`, dimensionless.
-    radius : float
-        :math:`a`, m.
-    peak : float
-        :math:`p_0`, Pa.
+    distance : ndarray, :math:`r` from the axis, m
+    ratio : float, :math:`T / \mu F`, dimensionless
+    friction : float, :math:`\mu`, dimensionless
+    radius : float, :math:`a`, m
+    peak : float, :math:`p_0`, Pa
     """
     c = radius * float(stick_radius(ratio))
     whole = np.sqrt(np.maximum(0.0, 1.0 - np.square(distance) / radius**2))
@@ -116,8 +105,7 @@ def loop_energy(
 
     Parameters
     ----------
-    ratio, limit, radius, modulus
-        As in :func:`tangential_displacement`.
+    ratio, limit, radius, modulus, As in :func:`tangential_displacement`
 
     References
     ----------
@@ -145,10 +133,8 @@ def spence_stick_radius(friction: float, poissons_ratio: float) -> float:
 
     Parameters
     ----------
-    friction : float
-        :math:`\mu > 0`, dimensionless.
-    poissons_ratio : float
-        :math:`0 \le \nu < 1/2` of the elastic body, dimensionless.
+    friction : float, :math:`\mu > 0`, dimensionless
+    poissons_ratio : float, :math:`0 \le \nu < 1/2` of the elastic body, dimensionless
 
     References
     ----------
@@ -174,8 +160,7 @@ def full_stick_load_ratio(poissons_ratio: float) -> float:
 
     Parameters
     ----------
-    poissons_ratio : float
-        :math:`0 \le \nu < 1/2` of the half-space, dimensionless.
+    poissons_ratio : float, :math:`0 \le \nu < 1/2` of the half-space, dimensionless
 
     References
     ----------

@@ -24,12 +24,10 @@ def contact_fraction(relative_pressure: np.ndarray) -> np.ndarray:
 
     Parameters
     ----------
-    relative_pressure : ndarray
-        :math:`p/(E^* h'_{rms})`, dimensionless.
+    relative_pressure : ndarray, :math:`p/(E^* h'_{rms})`, dimensionless
 
     Returns
     -------
-    ndarray
-        :math:`A/A_0 = \mathrm{erf}(\sqrt 2\, p/(E^* h'_{rms}))`, dimensionless.
+    ndarray, :math:`A/A_0 = \mathrm{erf}(\sqrt 2\, p/(E^* h'_{rms}))`, dimensionless
     """
     return np.asarray(erf(sqrt(2.0) * np.asarray(relative_pressure)))

@@ -17,14 +17,10 @@ class NestedRings:
 
     Parameters
     ----------
-    radii : tuple of float
-        :math:`a < b < c`, m.
-    youngs_modulus : float
-        Of both rings, Pa.
-    poissons_ratio : float
-        Of both rings, dimensionless.
-    mean, wave : float
-        :math:`p_0` and :math:`p_2`, Pa.
+    radii : tuple of float, :math:`a < b < c`, m
+    youngs_modulus : float, Of both rings, Pa
+    poissons_ratio : float, Of both rings, dimensionless
+    mean, wave : float, :math:`p_0` and :math:`p_2`, Pa
 
     Notes
     -----

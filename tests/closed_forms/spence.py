@@ -21,22 +21,17 @@ def punch_with_friction(
 
     Parameters
     ----------
-    friction : float
-        :math:`\mu \ge 0`, dimensionless.
-    poissons_ratio : float
-        :math:`0 \le \nu < 1/2` of the half-space, dimensionless.
-    rings : int
-        Rings of constant traction on the contact; the radius is known to about their width.
+    friction : float, :math:`\mu \ge 0`, dimensionless
+    poissons_ratio : float, :math:`0 \le \nu < 1/2` of the half-space, dimensionless
+    rings : int, Rings of constant traction on the contact; the radius is known to about their width
     coupled : bool
         Whether the shear acts on the pressure. Without, the stick radius is the closed form of
         :func:`~tests.closed_forms.mindlin.spence_stick_radius`.
 
     Returns
     -------
-    radius : float
-        Of the stick zone over that of the punch.
-    force : float
-        Over that without friction, at the same depth.
+    radius : float, Of the stick zone over that of the punch
+    force : float, Over that without friction, at the same depth
 
     Notes
     -----

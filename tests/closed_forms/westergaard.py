@@ -21,15 +21,12 @@ def full_contact_pressure(amplitude: float, wavelength: float, contact_modulus: 
 
     Parameters
     ----------
-    amplitude, wavelength : float
-        :math:`\Delta` and :math:`\lambda`, m.
-    contact_modulus : float
-        :math:`E^*`, Pa.
+    amplitude, wavelength : float, :math:`\Delta` and :math:`\lambda`, m
+    contact_modulus : float, :math:`E^*`, Pa
 
     Returns
     -------
-    float
-        :math:`p^* = \pi E^* \Delta / \lambda`, Pa.
+    float, :math:`p^* = \pi E^* \Delta / \lambda`, Pa
 
     References
     ----------
@@ -43,13 +40,11 @@ def contact_fraction(relative_pressure: np.ndarray) -> np.ndarray:
 
     Parameters
     ----------
-    relative_pressure : ndarray
-        :math:`s = p/p^* \ge 0`, dimensionless.
+    relative_pressure : ndarray, :math:`s = p/p^* \ge 0`, dimensionless
 
     Returns
     -------
-    ndarray
-        :math:`A/A_0 = (2/\pi) \arcsin\sqrt{s}`, and 1 from :math:`s = 1`.
+    ndarray, :math:`A/A_0 = (2/\pi) \arcsin\sqrt{s}`, and 1 from :math:`s = 1`
 
     Examples
     --------
@@ -64,13 +59,11 @@ def largest_pressure(relative_pressure: np.ndarray) -> np.ndarray:
 
     Parameters
     ----------
-    relative_pressure : ndarray
-        :math:`s = p/p^* > 0`, dimensionless.
+    relative_pressure : ndarray, :math:`s = p/p^* > 0`, dimensionless
 
     Returns
     -------
-    ndarray
-        :math:`2/\sqrt{s}` in partial contact and :math:`1 + 1/s` in full contact.
+    ndarray, :math:`2/\sqrt{s}` in partial contact and :math:`1 + 1/s` in full contact
     """
     s = np.asarray(relative_pressure, dtype=float)
     return np.where(s < 1.0, 2.0 / np.sqrt(s), 1.0 + 1.0 / s)
@@ -81,13 +74,11 @@ def mean_gap(relative_pressure: np.ndarray) -> np.ndarray:
 
     Parameters
     ----------
-    relative_pressure : ndarray
-        :math:`s = p/p^* \ge 0`, dimensionless.
+    relative_pressure : ndarray, :math:`s = p/p^* \ge 0`, dimensionless
 
     Returns
     -------
-    ndarray
-        :math:`\bar g/\Delta = 1 - s + s \ln s`, and 0 from :math:`s = 1`.
+    ndarray, :math:`\bar g/\Delta = 1 - s + s \ln s`, and 0 from :math:`s = 1`
     """
     s = np.clip(relative_pressure, 0.0, 1.0)
     return np.asarray(1.0 - s + xlogy(s, s))
@@ -98,10 +89,8 @@ def pressure_profile(position: np.ndarray, relative_pressure: float) -> np.ndarr
 
     Parameters
     ----------
-    position : ndarray
-        :math:`x/\lambda` from a crest, dimensionless.
-    relative_pressure : float
-        :math:`0 < s = p/p^* \le 1`, dimensionless.
+    position : ndarray, :math:`x/\lambda` from a crest, dimensionless
+    relative_pressure : float, :math:`0 < s = p/p^* \le 1`, dimensionless
 
     Returns
     -------

@@ -38,11 +38,7 @@ def entries(path):
 
 def test_the_collection_names_every_file_at_its_load_factor_or_time(result, tmp_path):
     found = entries(write_link_fields(result, tmp_path, name="a & b"))
-    assert found == [
-        (0.0, "a & b-0000.vtu"),
-        (1.0, "a & b-0001.vtu"),
-        (40.0, "a & b-0002.vtu"),
-    ]
+    assert found == [(0.0, "a & b-0000.vtu"), (1.0, "a & b-0001.vtu"), (40.0, "a & b-0002.vtu")]
     assert all((tmp_path / name).is_file() for _, name in found)
     motion = simulate(tensegrity_grid(2), np.array([0.0, 0.25, 0.5]), 1.0)
     assert [at for at, _ in entries(write_link_fields(motion, tmp_path))] == [0.0, 0.25, 0.5]

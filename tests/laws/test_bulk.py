@@ -4,14 +4,7 @@ import numpy as np
 import pytest
 
 from multiscale.errors import CaseError
-from multiscale.laws.bulk import (
-    J2,
-    AnisotropicElastic,
-    Elastic,
-    NeoHookean,
-    Prony,
-    respond_bulk,
-)
+from multiscale.laws.bulk import J2, AnisotropicElastic, Elastic, NeoHookean, Prony, respond_bulk
 
 E, NU = 2.0, 0.3
 VISCOUS = Prony(E, NU, weights=(0.4, 0.3), times=(1.0, 20.0), time_step=2.0)

@@ -1,7 +1,10 @@
 """One assembly, three methods: the same answer, the same refusals."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
+from skfem import ElementHex2, ElementHexS2
 
 from multiscale.errors import CaseError
 from multiscale.fe.boxes import box_mesh
@@ -10,17 +13,24 @@ from multiscale.laws.bulk import Elastic
 from multiscale.macro import (
     AssembledNewton,
     Assembly,
+    Block,
     Body,
+    FiniteAssembly,
     Interface,
     LatinMethod,
     NewtonSchur,
+    RoughJoint,
+    pressed_blocks,
+    rough_joint,
     solve_assembly,
 )
-from multiscale.macro.bodies import stacked_blocks
-from multiscale.macro.substructures import JointLoading, load_joint
+from multiscale.macro.bodies import Platen, stacked_blocks
+from multiscale.macro.joint import TreadBlock, sliding_block
+from multiscale.macro.substructures import JointLoading, cut_assembly, load_joint
 
 STEEL, EDGE = Elastic(210e9, 0.3), 0.02
 STEPS = np.array([[20e6, 0.0], [20e6, 1.4e6], [20e6, 2.8e6], [20e6, -1.4e6]])  # Pa
+JOINT_LAW = Exponential(4e9, 0.72e-6)
 METHODS = [
     pytest.param(LatinMethod(parts=(2, 1)), id="LATIN"),
     pytest.param(NewtonSchur(parts=(2, 1)), id="Newton-Schur"),
@@ -120,3 +130,94 @@ def test_an_assembly_that_cannot_be_is_refused():
         Assembly((body,), (), areas=(1.0, 1.0))
     with pytest.raises(CaseError, match="two load cases, preload and shear"):
         load_joint(Assembly((body,)), JointLoading((1e6,)))
+
+
+# --- rigid plates, the ground, single nodes and elements of second order ----------------------
+
+
+def tilting(law=JOINT_LAW, **options):
+    """Unlike blocks pressed by a force off their middle, so that the platen tilts."""
+    lower, upper = Block(0.01, 70e9, 0.33, layers=1), Block(0.02, 210e9, 0.3, layers=1)
+    joint = RoughJoint(
+        (0.05, 0.04), lower, upper, elements=(4, 2), eccentricity=(0.012, 0.006), **options
+    )
+    return joint, pressed_blocks(joint, law)
+
+
+@pytest.mark.parametrize("method", [*METHODS, pytest.param(NewtonSchur((2, 2)), id="four parts")])
+@pytest.mark.parametrize("element", [None, ElementHex2()], ids=["hex8", "hex27"])
+def test_parts_share_a_platen_that_tilts(method, element):
+    joint, assembly = tilting(element=element)
+    pressures = np.array([5e6, 10e6])
+    expected = rough_joint(joint, JOINT_LAW, pressures)
+    found = solve_assembly(assembly, pressures, method=method)
+    assert found.converged.values.all()
+    gap = found.jump.values[..., 0] @ found.point_area.values / joint.area
+    np.testing.assert_allclose(gap, expected.mean_gap, rtol=1e-8)
+    plate = np.isclose(found.position[:, 2], joint.upper.height)
+    x, y = found.position.values[plate, :2].T
+    moved = found.displacement.values[:, plate, 2]
+    plane = np.column_stack([np.ones(x.size), x, y])
+    tilt = np.linalg.lstsq(plane, moved.T)[0]
+    np.testing.assert_allclose(plane @ tilt, moved.T, rtol=1e-9)
+    approach = -np.array([1.0, *joint.eccentricity]) @ tilt
+    np.testing.assert_allclose(approach, expected.approach, rtol=1e-8)
+
+
+@pytest.mark.parametrize("method", METHODS)
+def test_a_body_rubs_on_the_ground_however_it_is_cut(method):
+    law = Sliders(Exponential(1e6, 5e-5), 0.3, pressures=(1e3, 1e6))
+    tread = sliding_block(TreadBlock((0.03, 0.02, 0.008), 4e6, 0.3, (4, 2, 1)), law)
+    pressures = np.array([1e5, 2e5])
+    once, found = (
+        solve_assembly(tread, pressures, method=one) for one in (AssembledNewton(), method)
+    )
+    size = float(abs(once.displacement).max())
+    np.testing.assert_allclose(found.displacement, once.displacement, atol=1e-7 * size)
+    load = -found.traction.values[..., 0] @ found.point_area.values
+    np.testing.assert_allclose(load, pressures * 0.03 * 0.02, rtol=1e-7)
+
+
+def test_unknowns_and_displacements_of_nodes_tell_the_same():
+    problem = cut_assembly(tilting()[1], (2, 1))
+    u = np.random.default_rng(0).normal(size=(2, problem.n))
+    moved = np.array([problem.displacement(one) for one in u])
+    np.testing.assert_allclose(problem.unknowns(moved), u, atol=1e-12)
+    # a plate that tilts moves as the body does: to turn both about the axis y takes no force
+    upper = problem.substructures[3]  # without the pins
+    force = upper.stiffness @ upper.rigid_motions
+    assert np.abs(force[upper.unknown >= problem.n - 3][:, [2, 4]]).max() < 1e-9 * abs(force).max()
+
+
+@pytest.mark.parametrize(
+    ("change", "message"),
+    [
+        (
+            {"platens": (Platen(1, "bottom", 1.0), Platen(1, "bottom", 1.0))},
+            r"platen 1 moves 15 nodes of body 1 along axis 2 that a support or another platen",
+        ),
+        ({"platens": (Platen(2, "top", 1.0),)}, "platen 0 names body 2; there are 2"),
+        ({"platens": (Platen(1, "lid", 1.0),)}, "the mesh has no boundary 'lid'"),
+        ({"interfaces": (Interface((0, None), ("top", None), JOINT_LAW),)}, "names body None"),
+    ],
+)
+def test_plates_that_cannot_be_are_refused(change, message):
+    with pytest.raises(CaseError, match=message):
+        cut_assembly(replace(tilting()[1], **change))
+
+
+def test_pins_and_elements_that_do_not_fit_are_refused():
+    mesh = box_mesh((EDGE,) * 3, (1, 1, 1))
+    off = Body(mesh, STEEL, pins={(0.0, 0.0, 0.3 * EDGE): (0.0, 0.0, 0.0)})
+    with pytest.raises(CaseError, match=r"no node lies at the pin \(0.0, 0.0, 0.006\) m"):
+        cut_assembly(Assembly((off,)))
+    lower = Body(mesh, STEEL, element=ElementHex2())
+    upper = Body(box_mesh((EDGE,) * 3, (1, 1, 1), origin=(0.0, 0.0, EDGE)), STEEL)
+    both = Assembly((lower, upper), (Interface((0, 1), ("top", "bottom"), JOINT_LAW),))
+    with pytest.raises(CaseError, match="do not match; mesh both faces alike, with the same"):
+        cut_assembly(both)
+    serendipity = [replace(body, element=ElementHexS2()) for body in (lower, upper)]
+    with pytest.raises(CaseError, match="give the interface a quadrature_order"):
+        cut_assembly(replace(both, bodies=serendipity))
+    with pytest.raises(CaseError, match="'one' has an element of its own, ElementHex2"):
+        FiniteAssembly({"one": replace(lower, supports={"bottom": (0.0, 0.0, 0.0)})}, {})

@@ -19,6 +19,7 @@ from multiscale.macro.substructures import (
     split_boxes,
     split_grid,
 )
+from multiscale.macro.substructures.problem import expand_numbers
 from multiscale.schema import HOMOGENISED
 
 
@@ -134,7 +135,7 @@ def springs(count, stiffness):
     position = np.zeros((unknown.size, 3))
     position[:, 0] = unknown
     number = np.stack([unknown, np.full(unknown.size, -1), np.full(unknown.size, -1)], axis=1)
-    return CutProblem(tuple(parts), position, number)
+    return CutProblem(tuple(parts), position, expand_numbers(number))
 
 
 def test_springs_in_series_are_one_and_none_when_one_is_slack():

@@ -285,14 +285,14 @@ def test_a_shallow_cell_is_named_before_it_is_solved(caplog):
     [
         pytest.param({"depth": -1.0}, "depth of the cell must be positive", id="depth"),
         pytest.param({"layers": 1}, "at least 2 layers, got 1", id="layers"),
-        pytest.param({"youngs_modulus": 0.0}, "Young's modulus must be positive", id="modulus"),
-        pytest.param({"poissons_ratio": 0.5}, "below 0.5, got 0.5", id="poisson"),
+        pytest.param({"youngs_modulus": 0.0}, "youngs_modulus must be positive", id="modulus"),
+        pytest.param({"poissons_ratio": 0.5}, "between -1 and 0.5, got 0.5", id="poisson"),
         pytest.param(
             {"youngs_modulus": np.ones(4)},
             r"one of each layer \(10,\) or one .* \(4,\)",
             id="shape",
         ),
-        pytest.param({"poissons_ratio": np.linspace(0.1, 0.6, 10)}, "below 0.5", id="poissons"),
+        pytest.param({"poissons_ratio": np.linspace(0.1, 0.6, 10)}, "0.5, got 0.54", id="poissons"),
         pytest.param({"obstacle": rough(16)}, "must have the grid of the surface", id="obstacle"),
     ],
 )

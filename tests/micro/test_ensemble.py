@@ -34,16 +34,7 @@ PATH = Path(pressure=(0.001, 0.01))
 
 @pytest.fixture(scope="module")
 def cells():
-    return [
-        Cell(
-            rough_square(16, 1.0, 0.5, 0.1, seed=seed),
-            1.0,
-            6,
-            1.0,
-            0.3,
-        )
-        for seed in range(3)
-    ]
+    return [Cell(rough_square(16, 1.0, 0.5, 0.1, seed=seed), 1.0, 6, 1.0, 0.3) for seed in range(3)]
 
 
 def same(first, second):

@@ -48,6 +48,7 @@ def test_inverse_of_a_nearly_incompressible_cell(nu, tolerance):
     assert error < tolerance
 
 
+@pytest.mark.slow
 def test_single_precision_loses_seven_digits_and_half_the_memory():
     arguments = ((16, 12), (0.1, 0.1), np.linspace(0.0, 0.5, 6), *lame_parameters(np.ones(5), 0.3))
     double = factorise_flat_cell(*arguments)

@@ -91,8 +91,8 @@ def test_general_path_agrees_with_the_fast_path_on_the_same_mesh(obstacle):
 @pytest.mark.parametrize(
     ("element", "tolerance"),
     [
-        pytest.param(ElementTetP1(), 0.2, id="tet-p1"),
-        pytest.param(ElementTetP2(), 0.05, id="tet-p2"),
+        pytest.param(ElementTetP1(), 0.2, id="tet-p1", marks=pytest.mark.slow),
+        pytest.param(ElementTetP2(), 0.05, id="tet-p2", marks=pytest.mark.slow),
         pytest.param(ElementHex2(), 0.05, id="hex-q2"),
     ],
 )

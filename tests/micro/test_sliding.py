@@ -8,6 +8,7 @@ from multiscale.errors import CaseError
 from multiscale.laws import wlf_shift
 from multiscale.micro import Cell, Path, Surface, solve_cell
 from multiscale.micro.viscoelastic_sliding import RelaxingSolid, solve_sliding
+from tests.support import slow
 
 LENGTH = 1e-3
 RUBBER = RelaxingSolid(10e6, 0.5, (90e6,), (1.0,))
@@ -90,7 +91,7 @@ def test_the_pressure_lies_on_the_slopes_that_the_half_space_climbs():
     np.testing.assert_allclose(full, stiffness * (10e6 * np.cos(time) + arm), atol=1e-6 * 12e6)
 
 
-@pytest.mark.parametrize("n", [64, 128])
+@pytest.mark.parametrize("n", [64, *slow(128)])
 def test_partial_contact_follows_the_independent_table(n):
     surface = random_waves(n, 2, 4, 0.1)
     expected = {0.01: 0.0180, 0.03: 0.0421, 0.1: 0.0512, 1.0: 0.0109}

@@ -6,10 +6,7 @@ import pytest
 from multiscale.nonsmooth.coulomb import natural_map
 from multiscale.nonsmooth.friction_problem import natural_map_squares
 from multiscale.nonsmooth.one_contact import solve_one_contact
-from multiscale.nonsmooth.projections import (
-    project_ball,
-    project_friction_cone,
-)
+from multiscale.nonsmooth.projections import project_ball, project_friction_cone
 from tests.support import alart_curnier
 
 

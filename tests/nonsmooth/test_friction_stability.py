@@ -4,11 +4,12 @@ import numpy as np
 import pytest
 from scipy.sparse import csr_array
 
-from multiscale.bench.friction_scenes import random_problem, random_stack, wedged_block
+from multiscale.bench.friction_scenes import wedged_block
 from multiscale.convergence import Status
 from multiscale.errors import CaseError
 from multiscale.nonsmooth.coulomb import verify_friction
 from multiscale.nonsmooth.friction import solve_friction
+from tests.nonsmooth.friction_problems import body_velocity, random_problem, random_stack
 
 
 @pytest.mark.parametrize("mass_unit", [1e-9, 1.0, 1e9])
@@ -93,7 +94,7 @@ def test_the_verifier_checks_the_motion_of_the_bodies():
     bodies = random_stack(7)
     W, q, mu = bodies.condensed()
     r = solve_friction(W, q, mu).unwrap()
-    v = bodies.body_velocity(r)
+    v = body_velocity(bodies, r)
     motion = (bodies.mass, bodies.transfer, bodies.momentum, 1.01 * v)
     verdict = verify_friction(W, q, mu, r, motion=motion)
     assert verdict.equilibrium > 1e-4

@@ -180,8 +180,7 @@ def test_load_beyond_the_law_is_told_on_the_command_line(tmp_path, highest, more
 @pytest.mark.parametrize("quick", [True, False])
 def test_the_shipped_lap_joint_is_known_with_the_shipped_law(run_folder, tmp_path, quick):
     scene = load_case(SCENES / "lap_joint.toml")
-    pressed = scene.loading.model_copy(update={"cycles": 0, "shear": None})
-    scene = scene.model_copy(update={"loading": pressed})
+    scene = scene.model_copy(update={"cycles": None})
     law = run_folder / "interface_law.nc"
     result = run_macro(scene.quick() if quick else scene, tmp_path / "lap.nc", law=law)
     assert result["known"].values.tolist() == [1, 1, 1]
@@ -200,7 +199,7 @@ def test_a_scene_tells_its_real_pressure_and_the_size_of_its_cells(blocks, tmp_p
 
 
 def test_blocks_that_slide_away_keep_their_steps_and_exit_with_capacity_and_load(tmp_path, blocks):
-    scene = write_scene(tmp_path, BLOCKS + 'shear = "4.4 MPa"\ncycles = 1\nsteps = 2\n')
+    scene = write_scene(tmp_path, BLOCKS + '[cycles]\nshear = "4.4 MPa"\ncycles = 1\nsteps = 2\n')
     out = tmp_path / "slid.nc"
     done = CliRunner().invoke(app, ["macro", str(scene), "-o", str(out)])
     assert done.exit_code == 1
@@ -225,7 +224,9 @@ def test_steps_before_one_that_slides_away_keep_their_errors_in_the_print(tmp_pa
     save_law(with_budget(law, error_budget(response, law)), tmp_path / "law.nc")
     printed = []
     for shear in ("1 MPa", "4.4 MPa"):
-        scene = write_scene(tmp_path, BLOCKS + f'shear = "{shear}"\ncycles = 1\nsteps = 2\n')
+        scene = write_scene(
+            tmp_path, BLOCKS + f'[cycles]\nshear = "{shear}"\ncycles = 1\nsteps = 2\n'
+        )
         arguments = ["macro", str(scene), "-o", str(tmp_path / "blocks.nc")]
         done = CliRunner().invoke(app, arguments)
         printed.append(done.stdout.splitlines()[:4])
@@ -260,24 +261,25 @@ def test_laws_of_other_units_or_kinds_are_refused(blocks, tmp_path):
     [
         (
             BLOCKS,
-            ('[loading]\npreloads = ["5 MPa", "20 MPa"]', ""),
-            r"and \[loading\], got",
+            ('[statics]\npreloads = ["5 MPa", "20 MPa"]', ""),
+            r"and \[statics\] or .* and \[cycles\], got \[interface\]",
         ),
         (
             BLOCKS,
-            ("[loading]", "[statics]\nload_factors = [1]\n[loading]"),
-            r"and \[statics\]",
+            ("[statics]", "[statics]\nload_factors = [1]"),
+            r"\[statics\] has no key 'load_factors'; known keys: preloads",
         ),
         (BLOCKS, ("elements", "damage = [0.1]\nelements"), r"each block \(2\), got 1"),
         (BLOCKS, ("friction", "damage = [0, 0]\nfriction"), r"each joint \(1\), got 2"),
-        (BLOCKS, ("0.2", "-0.2"), r"\[joint\] friction should be greater"),
+        (BLOCKS, ("0.2", "-0.2"), r"\[interface\] friction should be greater"),
         (BLOCKS, ('"5 MPa"', '"5 mm"'), r"preloads\[0\] '5 mm' cannot be converted to Pa"),
-        (BLOCKS, ("preloads", "cycles = 2\npreloads"), "give both shear and cycles"),
-        (BLOCKS, ("stacked_blocks", "stacked"), "known kinds: tensegrity_grid, .*lap_joint"),
+        (BLOCKS, ("[statics]", "[cycles]\ncycles = 2\n[statics]"), r"\[cycles\] shear is missing"),
+        (BLOCKS, ("[statics]", '[cycles]\nshear = "1 MPa"\n[statics]'), "cycles is missing"),
+        (BLOCKS, ("stacked_blocks", "stacked"), "known kinds: blocks, .*lap_joint"),
         (
             PLATE,
-            ("[statics]", "[joint]\nfriction = 0.1\n[statics]"),
-            r"got \[joint\] and \[s",
+            ("[statics]", "[interface]\nfriction = 0.1\n[statics]"),
+            r"got \[interface\] and \[s",
         ),
         (PLATE, ("[statics]", "[statics]\nexact = true"), "leave out exact and stability"),
         (PLATE, ("parts = [4, 4]", "parts = [4]"), r"\[substructures\] parts"),

@@ -25,8 +25,8 @@ def changed(tmp_path):
 def test_shipped_cases_are_valid_and_in_si(name):
     case = load_case(name)
     assert 1e-9 < case.cell.size[0] < 1.0
-    assert case.micro.pressures[0] < case.joint.preloads[0]
-    assert case.joint.preloads[-1] < case.micro.pressures[-1]
+    assert case.micro.pressures[0] < case.statics.preloads[0]
+    assert case.statics.preloads[-1] < case.micro.pressures[-1]
 
 
 @pytest.mark.parametrize(
@@ -77,13 +77,13 @@ def test_shipped_cases_are_valid_and_in_si(name):
         pytest.param(('"5 MPa", "10', '"10 MPa", "5'), "preloads must rise", id="preloads"),
         pytest.param(
             ('"5 MPa", "10 MPa", "20 MPa", "40 MPa", "80 MPa", "160 MPa"', '"5 GPa", "10 GPa"'),
-            r"preloads in \[joint\] of 5000, 10000 MPa lie more than a factor of 2 outside the "
+            r"preloads in \[statics\] of 5000, 10000 MPa lie more than a factor of 2 outside the "
             r"pressures in \[micro\], 2 to 240 MPa",
             id="beyond the cells",
         ),
         pytest.param(
             ('"160 MPa"]', '"500 MPa"]\n[accuracy]\ntarget = "5 %"\n[law]\nextrapolate = true'),
-            r"preloads in \[joint\] of 500 MPa lie more than a factor of 2 outside",
+            r"preloads in \[statics\] of 500 MPa lie more than a factor of 2 outside",
             id="target beyond the cells",
         ),
         pytest.param(
@@ -132,7 +132,7 @@ def test_a_missing_or_binary_case_file_is_refused(tmp_path):
 
 def test_identity_depends_on_the_micro_scale_alone():
     case = load_case("ground_steel")
-    other_joint = case.model_copy(update={"joint": load_case("road_texture").joint})
+    other_joint = case.model_copy(update={"structure": load_case("road_texture").structure})
     other_seed = case.model_copy(update={"micro": case.micro.model_copy(update={"seed": 99})})
     assert case.identity() == other_joint.identity()
     assert case.identity() != other_seed.identity()

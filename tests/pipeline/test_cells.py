@@ -5,8 +5,8 @@ import pytest
 
 from multiscale.cli import run_command
 from multiscale.errors import CaseError
-from multiscale.io import open_dataset, open_response
-from multiscale.pipeline import load_case, make_cells, run
+from multiscale.io import open_dataset, open_response, read_surface
+from multiscale.pipeline import case_cells, load_case, make_cells, run
 from multiscale.pipeline.case_cells import composite_material
 from multiscale.schema import MACRO_RESULT
 from multiscale.surfaces import rms_height, rms_slope
@@ -118,10 +118,17 @@ def both_measured(case, path):
     return one.model_copy(update={"body_2": one.body_1})
 
 
-def test_two_sides_from_one_map_share_no_window(case, tmp_path):
+def test_two_sides_from_one_map_read_it_once_and_share_no_window(case, tmp_path, monkeypatch):
     rng = np.random.default_rng(seed=1)
-    path = write_map(tmp_path / "map.txt", rng.standard_normal((425, 213)))
+    path, read = write_map(tmp_path / "map.txt", rng.standard_normal((425, 213))), []
+
+    def counted(*args, **options):
+        read.append(args)
+        return read_surface(*args, **options)
+
+    monkeypatch.setattr(case_cells, "read_surface", counted)
     surfaces = [cell.surface.heights for cell in make_cells(both_measured(case, path))]
+    assert len(read) == 1
     singles = [cell.surface.heights for cell in make_cells(measured(case, path))]
     for k, first in enumerate(surfaces):
         # a window on itself would double the height, a pair used twice would repeat it
@@ -228,8 +235,10 @@ realisations = 3
 pressures = ["10 MPa", "30 MPa", "100 MPa", "300 MPa"]
 [law]
 samples = 0
-[joint]
+[structure]
+kind = "blocks"
 height = "20 mm"
 width = "20 mm"
+[statics]
 preloads = ["20 MPa"]
 """

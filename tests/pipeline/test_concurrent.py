@@ -9,10 +9,10 @@ from multiscale.convergence import Status
 from multiscale.errors import CaseError, ConvergenceError
 from multiscale.laws import Sliders
 from multiscale.laws.bulk import Elastic
-from multiscale.macro import Block, LatinMethod, RoughJoint, assemble_joint, rough_joint
+from multiscale.macro import Block, LatinMethod, RoughJoint, pressed_blocks, rough_joint
 from multiscale.macro.bodies import stacked_blocks
 from multiscale.macro.monolithic import solve_interface
-from multiscale.macro.substructures import JointLoading, load_joint
+from multiscale.macro.substructures import JointLoading, assemble, cut_assembly, load_joint
 from multiscale.micro import Cell, Path, self_affine, solve_cell
 from multiscale.micro.gap_control import GapCell
 from multiscale.pipeline import CellLaw
@@ -112,6 +112,11 @@ def joint():
     return RoughJoint((0.02, 0.02), block, block, elements=(2, 2), eccentricity=(0.003, 0.0))
 
 
+def matrices(law):
+    whole = assemble(cut_assembly(pressed_blocks(joint(), law)))
+    return whole.stiffness, whole.load[:, 0], whole.jump, whole.weight
+
+
 @pytest.fixture(scope="module")
 def fitted():
     """Law fitted to the cell."""
@@ -133,7 +138,7 @@ def test_a_joint_of_cells_is_as_stiff_as_the_joint_of_their_law(fitted):
 
 def test_the_monolithic_solver_takes_cells_and_agrees_with_the_condensed_one():
     law, preload = CellLaw(rough_cell(), 0.05 * RMS), 1e7
-    K, load, B, weight = assemble_joint(joint())
+    K, load, B, weight = matrices(law)
     u = solve_interface(K, preload * load, B, weight, law).unwrap()
     gap = float(weight @ (B @ u)[: weight.size]) / weight.sum()
     condensed = rough_joint(joint(), law, np.array([preload]))
@@ -142,7 +147,7 @@ def test_the_monolithic_solver_takes_cells_and_agrees_with_the_condensed_one():
 
 def test_newton_on_cells_converges_quadratically():
     law = CellLaw(rough_cell())
-    K, load, B, weight = assemble_joint(joint())
+    K, load, B, weight = matrices(law)
     start = solve_interface(K, 0.9e7 * load, B, weight, law, tolerance=1e-6).unwrap()
     solution = solve_interface(K, 1e7 * load, B, weight, law, start=start, tolerance=1e-8)
     assert solution.converged

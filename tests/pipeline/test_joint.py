@@ -19,8 +19,8 @@ PRELOADS = (5e6, 40e6, 400e6, 600e6)  # of cells up to 240 MPa
 
 def case_of(run_folder, **law):
     case = load_case(run_folder / "case.toml")
-    joint = case.joint.model_copy(update={"preloads": PRELOADS})
-    return case.model_copy(update={"joint": joint, "law": case.law.model_copy(update=law)})
+    statics = case.statics.model_copy(update={"preloads": PRELOADS})
+    return case.model_copy(update={"statics": statics, "law": case.law.model_copy(update=law)})
 
 
 def solve(run_folder, **law):
@@ -92,8 +92,9 @@ def test_a_preload_that_begins_to_fall_meets_the_unloading_branch(run_folder, ex
     law = INTERFACE_LAW.assign(law, values)
     case = case_of(run_folder, extrapolate=extrapolate)
     result = solve_joint(case, law)
-    block = Block(case.joint.height, case.bodies[0].youngs_modulus, case.bodies[0].poissons_ratio)
-    joint = RoughJoint((case.joint.width, case.joint.width), block, block)
+    blocks, body = case.structure, case.bodies[0]
+    block = Block(blocks.height, body.youngs_modulus, body.poissons_ratio)
+    joint = RoughJoint((blocks.width, blocks.width), block, block)
     mean, *samples = (hysteretic_from_dataset(law, k) for k in (None, *range(spread.size)))
     pressed = press_joint(joint, mean, PRELOADS, samples=samples, extrapolate=extrapolate)
     assert np.isfinite(pressed["unloading_stiffness_sample"][:, :3]).all()

@@ -40,38 +40,30 @@ DATED = ("history",)
 """Attributes that do: the time of writing and the command."""
 
 
-class Warm:
-    """Commands that start at once; see ``warm_commands.py``."""
-
-    def __init__(self, folder):
-        self.process = subprocess.Popen(
-            [sys.executable, Path(__file__).with_name("warm_commands.py")],
-            stdin=subprocess.PIPE,
-            stdout=subprocess.PIPE,
-            text=True,
-            env=ONE_THREAD,
-        )
-        (folder / "case.toml").write_text(SWEEP, encoding="utf-8")
-        assert self.ask(folder, "run", "case.toml", "--jobs", "1") == 0
-
-    def ask(self, folder, *arguments):
-        print(json.dumps([str(folder), *arguments]), file=self.process.stdin, flush=True)
-        return self.answer()
-
-    def answer(self):
-        return int(self.process.stdout.readline())
-
-    def close(self):
-        self.process.stdin.close()
-        self.process.wait()
-        self.process.stdout.close()
+def begin(folder, *arguments):
+    """Start the command in a group of its own."""
+    return subprocess.Popen(
+        [sys.executable, "-c", COMMAND, *arguments],
+        cwd=folder,
+        env=ONE_THREAD,
+        stderr=subprocess.PIPE,
+        text=True,
+        start_new_session=True,
+    )
 
 
-@pytest.fixture(scope="module")
-def warm(tmp_path_factory):
-    server = Warm(tmp_path_factory.mktemp("warm"))
-    yield server
-    server.close()
+def finish(folder, *more):
+    """Run the case of a folder to its end."""
+    said = begin(folder, "run", "case.toml", "-o", "out", "--jobs", "2", *more)
+    errors = said.communicate()[1]
+    assert said.returncode == 0, errors
+
+
+def with_case(folder, text=SWEEP):
+    """Make a folder with a case."""
+    folder.mkdir(exist_ok=True)
+    (folder / "case.toml").write_text(text, encoding="utf-8")
+    return folder
 
 
 def workers_of(parent):
@@ -108,7 +100,7 @@ def files(out):
 
 def wait_for(count, out, process):
     """Wait until a run has left so many files; a random one is a moment on any machine."""
-    while len(files(out)) < count and Path(f"/proc/{process}").exists():
+    while len(files(out)) < count and process.poll() is None:
         sleep(0.002)
 
 
@@ -154,11 +146,10 @@ def begun(out):
     return ["--resume"] if (out / "log.txt").exists() else []
 
 
-def go_on(warm, folder, kept):
+def go_on(folder, kept):
     """End a run; what was kept is not computed again."""
     out = folder / "out"
-    warm.ask(folder, "run", "case.toml", "-o", "out", "--jobs", "2", *begun(out))
-    assert warm.answer() == 0, (folder / "output").read_text()
+    finish(folder, *begun(out))
     after = cells(out)
     assert {file: after[file] for file in kept} == kept
 
@@ -179,16 +170,10 @@ def check_after_kill(out, what, status, said):
 @pytest.mark.parametrize(
     ("text", "count"), [pytest.param(SWEEP, 9, id="sweep"), pytest.param(SINGLE, 8, id="run")]
 )
-def test_what_is_killed_at_20_random_moments_ends_with_the_same_datasets(
-    warm, tmp_path, text, count
-):
+def test_what_is_killed_at_20_random_moments_ends_with_the_same_datasets(tmp_path, text, count):
     rng = np.random.default_rng(seed=5)
-    command = ("run", "case.toml", "-o", "out", "--jobs", "2")
-    reference = tmp_path / "reference"
-    reference.mkdir()
-    (reference / "case.toml").write_text(text, encoding="utf-8")
-    warm.ask(reference, *command)
-    assert warm.answer() == 0, (reference / "output").read_text()
+    reference = with_case(tmp_path / "reference", text)
+    finish(reference)
     total, expected = len(files(reference / "out")), contents(reference / "out")
     assert len(cells(reference / "out")) == count
 
@@ -196,9 +181,7 @@ def test_what_is_killed_at_20_random_moments_ends_with_the_same_datasets(
     while sum(kills.values()) < 20:
         runs += 1
         assert runs <= 50, kills
-        folder = tmp_path / str(runs)
-        folder.mkdir()
-        (folder / "case.toml").write_text(text, encoding="utf-8")
+        folder = with_case(tmp_path / str(runs), text)
         kept, out = {}, folder / "out"
         for _ in range(KILLS_OF_ONE):
             done = len(files(out))
@@ -206,75 +189,52 @@ def test_what_is_killed_at_20_random_moments_ends_with_the_same_datasets(
                 break
             early = done < count and rng.random() < 0.8  # while there are workers
             what = ("run", "worker", "worker")[rng.integers(3)] if early else "run"
-            (folder / "output").unlink(missing_ok=True)
-            group = warm.ask(folder, *command, *begun(out))
-            wait_for(rng.integers(done, count if early else total), out, group)
+            process = begin(folder, "run", "case.toml", "-o", "out", "--jobs", "2", *begun(out))
+            wait_for(rng.integers(done, count if early else total), out, process)
             sleep(rng.uniform(0.0, 0.2))
-            hit = kill(group, what, rng)
-            status = warm.answer()
-            if not hit or status == 0:  # it had ended, or did not need the worker any more
+            hit = kill(process.pid, what, rng)
+            said = process.communicate()[1]
+            if not hit or process.returncode == 0:  # it had ended, or did not need the worker
                 break
             kills[what] += 1
-            found = check_after_kill(out, what, status, (folder / "output").read_text())
+            found = check_after_kill(out, what, process.returncode, said)
             assert {file: found[file] for file in kept} == kept
             kept = found
             lost.append(count - len(kept))
-        go_on(warm, folder, kept)
+        go_on(folder, kept)
         assert_identical(out, expected)
     logging.getLogger(__name__).info("%s; cells left to compute: %s", kills, lost)
 
 
 @pytest.fixture(scope="module")
-def swept(warm, tmp_path_factory):
+def swept(tmp_path_factory):
     """Give the datasets of a sweep that nobody killed."""
-    folder = tmp_path_factory.mktemp("swept")
-    (folder / "case.toml").write_text(SWEEP, encoding="utf-8")
-    warm.ask(folder, "run", "case.toml", "-o", "out", "--jobs", "2")
-    assert warm.answer() == 0
+    folder = with_case(tmp_path_factory.mktemp("swept"))
+    finish(folder)
     return contents(folder / "out")
 
 
 def start(folder, *arguments):
-    """Start the real command on a sweep, and wait for its first cell."""
-    (folder / "case.toml").write_text(SWEEP, encoding="utf-8")
-    begun = subprocess.Popen(
-        [sys.executable, "-c", COMMAND, "run", "case.toml", "-o", "out", *arguments],
-        cwd=folder,
-        env=ONE_THREAD,
-        stderr=subprocess.PIPE,
-        text=True,
-        start_new_session=True,
-    )
+    """Start a sweep, and wait for its first cell."""
+    process = begin(with_case(folder), "run", "case.toml", "-o", "out", *arguments)
     while not cells(folder / "out"):
-        assert begun.poll() is None, begun.communicate()
+        assert process.poll() is None, process.communicate()
         sleep(0.05)
-    return begun
+    return process
 
 
-@pytest.mark.parametrize(
-    "what",
-    [
-        pytest.param("run", marks=pytest.mark.slow),
-        pytest.param("worker", marks=pytest.mark.long),
-        pytest.param("parent", marks=pytest.mark.long),
-    ],
-)
-def test_the_real_command_survives_a_kill(warm, swept, tmp_path, what):
+@pytest.mark.slow
+def test_workers_leave_a_killed_parent_and_its_cells_stay(swept, tmp_path):
     begun = start(tmp_path, "--jobs", "2")
     workers = workers_of(begun.pid)
     assert len(workers) == 2
-    if what == "parent":
-        begun.kill()
-    else:
-        kill(begun.pid, what, np.random.default_rng(seed=1))
+    begun.kill()
     said = begun.communicate()[1]
-    out, kind = tmp_path / "out", "worker" if what == "worker" else "run"
-    assert begun.returncode != 0
     wait_for_the_end_of(workers)
-    kept = check_after_kill(out, kind, begun.returncode, said)
+    kept = check_after_kill(tmp_path / "out", "run", begun.returncode, said)
     assert kept
-    go_on(warm, tmp_path, kept)
-    assert_identical(out, swept)
+    go_on(tmp_path, kept)
+    assert_identical(tmp_path / "out", swept)
 
 
 def wait_for_the_end_of(processes):
@@ -288,13 +248,7 @@ def wait_for_the_end_of(processes):
 
 @pytest.mark.slow
 def test_a_killed_stability_table_keeps_what_was_found_and_its_workers_leave(tmp_path):
-    begun = subprocess.Popen(
-        [sys.executable, "-c", COMMAND, "stability", "--jobs", "2", "-o", "stability.nc"],
-        cwd=tmp_path,
-        env=ONE_THREAD,
-        stderr=subprocess.PIPE,
-        text=True,
-    )
+    begun = begin(tmp_path, "stability", "--jobs", "2", "-o", "stability.nc")
     begun.stderr.readline()  # of the first case
     begun.stderr.readline()
     workers = workers_of(begun.pid)
@@ -340,8 +294,8 @@ def test_a_worker_of_dask_that_is_killed_is_replaced_by_another(dask, swept, tmp
     assert_identical(tmp_path / "out", swept)
 
 
-@pytest.mark.slow
-def test_a_scheduler_of_dask_that_is_killed_is_one_sentence(warm, dask, swept, tmp_path):
+@pytest.mark.long
+def test_a_scheduler_of_dask_that_is_killed_is_one_sentence(dask, swept, tmp_path):
     address, (scheduler, *_) = dask
     begun = start(tmp_path, "--dask", address)
     scheduler.kill()
@@ -352,7 +306,7 @@ def test_a_scheduler_of_dask_that_is_killed_is_one_sentence(warm, dask, swept, t
     check_whole(tmp_path / "out")
     kept = cells(tmp_path / "out")
     assert kept
-    go_on(warm, tmp_path, kept)
+    go_on(tmp_path, kept)
     assert_identical(tmp_path / "out", swept)
 
 
@@ -372,8 +326,7 @@ def test_workers_of_mpi_give_the_same_datasets(swept, tmp_path):
     launcher = Path(sys.executable).with_name("mpiexec")
     if not launcher.exists():
         pytest.skip("mpiexec is not beside the interpreter")
-    (tmp_path / "case.toml").write_text(SWEEP, encoding="utf-8")
-    (tmp_path / "program.py").write_text(PROGRAM, encoding="utf-8")
+    (with_case(tmp_path) / "program.py").write_text(PROGRAM, encoding="utf-8")
     command = [launcher, "-n", "3", sys.executable, "-m", "mpi4py.futures", "program.py"]
     done = subprocess.run(
         command,

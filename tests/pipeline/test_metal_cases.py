@@ -51,63 +51,48 @@ def test_unloading_goes_down_the_same_pressures_or_those_of_a_list(tmp_path):
 @pytest.mark.parametrize(
     ("text", "message"),
     [
-        pytest.param(
+        (
             TEXT.replace('hardening_modulus = "1 GPa"', 'hardening_modulus = "-1 GPa"'),
             r"\[body_1\] hardening_modulus must not be negative, or the metal softens",
-            id="softens",
         ),
-        pytest.param(
-            TEXT.replace('hardness = "1.6 GPa"\n', ""),
-            r"hardening_modulus needs a hardness",
-            id="without-hardness",
-        ),
-        pytest.param(
+        (TEXT.replace('hardness = "1.6 GPa"\n', ""), r"hardening_modulus needs a hardness"),
+        (
             TEXT.replace('"1.6 GPa"', '"22 GPa"', 1),
             r"hardness of body_1 is 22 GPa, 0\.1 of its youngs_modulus, and nothing is harder",
-            id="too-hard",
         ),
-        pytest.param(
+        (
             TEXT.replace('hardening_modulus = "1 GPa"', 'hardening_modulus = "8 GPa"'),
             r"\[body_1\] a hardening_modulus of 8 GPa alone .* give less than 7\.14 GPa",
-            id="hardens",
         ),
-        pytest.param(
+        (
             TEXT.replace('hardening_modulus = "1 GPa"\n', "")
             .replace('"1.6 GPa"', '"30 GPa"', 1)
             .replace("unload = true\n", "")
             .replace("[cell]", '[cell]\ngeometry = "flat"'),
             r"hardness of body_1 is 30 GPa, 0\.14 of its youngs_modulus",
-            id="too-hard-flat",
         ),
-        pytest.param(
+        (
             TEXT.replace('"210 GPa"', '"-210 GPa"'),
             r"\[body_1\] youngs_modulus should be greater than 0",
-            id="modulus",
         ),
-        pytest.param(
+        (
             TEXT.replace("[cell]", '[cell]\ngeometry = "flat"'),
             "hardening_modulus of body_1 means nothing to flat cells",
-            id="flat",
         ),
-        pytest.param(ELASTIC, r"unload in \[micro\] needs conforming cells and", id="elastic"),
-        pytest.param(
+        (ELASTIC, r"unload in \[micro\] needs conforming cells and"),
+        (
             TEXT.replace("unload = true", 'unload = ["90 MPa", "95 MPa"]'),
             r"\[micro\] unload must fall from one pressure to the next, below the largest",
-            id="rises",
         ),
-        pytest.param(
+        (
             TEXT.replace("unload = true", 'unload = ["160 MPa"]'),
             r"below the largest of pressures, 160 MPa",
-            id="no-fall",
         ),
-        pytest.param(
+        (
             TEXT.replace("unload = true", "unload = 3"),
             r"\[micro\] unload should be true, or a list of pressures that falls, got 3",
-            id="number",
         ),
-        pytest.param(
-            TEXT + '\n[accuracy]\ntarget = "5 %"\n', "exclude each other", id="with-target"
-        ),
+        (TEXT + '\n[accuracy]\ntarget = "5 %"\n', "exclude each other"),
     ],
 )
 def test_bad_metal_is_refused_with_its_key(tmp_path, text, message):

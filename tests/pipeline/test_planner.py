@@ -48,9 +48,11 @@ realisations = 4
 pressures = ["1 MPa", "2 MPa", "4 MPa"]
 [law]
 samples = 40
-[joint]
+[structure]
+kind = "blocks"
 height = "40 mm"
 width = "400 mm"
+[statics]
 preloads = ["1.5 MPa", "3 MPa"]
 [accuracy]
 target = "12 %"

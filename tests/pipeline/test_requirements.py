@@ -53,7 +53,9 @@ def test_a_conforming_case_with_a_hardness_carries_plastic_state():
 
 def test_a_target_says_that_what_is_told_is_of_the_cells_at_the_start(tmp_path):
     plain = requirements(load_case("ground_steel"))
-    aimed = requirements(case_with(tmp_path, ("[joint]", '[accuracy]\ntarget = "5 %"\n[joint]')))
+    aimed = requirements(
+        case_with(tmp_path, ("[statics]", '[accuracy]\ntarget = "5 %"\n[statics]'))
+    )
     assert plain.built["cells"] == "12 of 128 x 128 points, each under 8 pressures"
     added = set(aimed.built) - set(plain.built)
     assert added == {"planner"}
@@ -61,7 +63,7 @@ def test_a_target_says_that_what_is_told_is_of_the_cells_at_the_start(tmp_path):
 
 
 def test_a_given_depth_under_cells_of_several_sizes_is_a_caution(tmp_path):
-    target = ("[joint]", '[accuracy]\ntarget = "5 %"\n[joint]')
+    target = ("[statics]", '[accuracy]\ntarget = "5 %"\n[statics]')
     depth = ("[cell]", '[cell]\ndepth = "0.8 mm"')
     (caution,) = case_with(tmp_path, target, depth).cautions()
     assert "depth in [cell] stays 800 µm under the cells of all sizes" in caution

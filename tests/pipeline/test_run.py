@@ -2,9 +2,7 @@
 
 import errno
 import os
-import signal
 import subprocess
-import sys
 from shutil import which
 
 import numpy as np
@@ -223,32 +221,8 @@ def test_a_disk_that_fills_in_mid_run_loses_nothing(tmp_path, monkeypatch):
 
 
 @pytest.mark.slow
-def test_a_killed_run_goes_on_where_it_was(tmp_path):
-    (tmp_path / "case.toml").write_text(FLAT, encoding="utf-8")
-    begun = subprocess.Popen(
-        [sys.executable, "-c", COMMAND, "run", "case.toml", "-o", "out", "--jobs", "2"],
-        cwd=tmp_path,
-        stderr=subprocess.PIPE,
-        text=True,
-    )
-    with begun:
-        for line in begun.stderr:
-            if line.startswith("2 of"):
-                begun.kill()
-                break
-    assert begun.returncode == -signal.SIGKILL
-    assert not (tmp_path / "out" / "micro_response.nc").exists()
-    kept = {path: path.stat().st_mtime_ns for path in tmp_path.glob("out/micro/realisation-*.nc")}
-    assert len(kept) >= 2
-    done = process("run", "case.toml", "-o", "out", "--jobs", "1", "--resume", cwd=tmp_path)
-    assert done.returncode == 0, done.stderr
-    assert kept == {path: path.stat().st_mtime_ns for path in kept}
-
-
-@pytest.mark.slow
 @pytest.mark.parametrize(
-    ("file", "size", "detrend"),
-    [("tmd-1.tmd", "9 mm", 2), ("al3d-1.al3d", "60 um", 2)],
+    ("file", "size", "detrend"), [("tmd-1.tmd", "9 mm", 2), ("al3d-1.al3d", "60 um", 2)]
 )
 def test_the_whole_chain_runs_on_measured_files(reference_data, tmp_path, file, size, detrend):
     text = shipped_cases()["ground_steel"].read_text(encoding="utf-8")

@@ -31,7 +31,7 @@ def test_the_same_case_finds_its_result(folder):
 def test_another_joint_of_the_same_cells_has_no_result_until_it_is_solved(folder):
     case = load_case(folder / "case.toml")
     other = case.model_copy(
-        update={"joint": case.joint.model_copy(update={"preloads": (12.5e6, 50e6)})}
+        update={"statics": case.statics.model_copy(update={"preloads": (12.5e6, 50e6)})}
     )
     kept = ("micro_response", "interface_law")
     before = [(folder / f"{name}.nc").stat().st_mtime_ns for name in kept]
@@ -73,11 +73,12 @@ def test_a_stage_is_computed_again_after_what_it_depends_on_and_no_earlier_one(f
         ]
 
     law = case.law.model_copy(update={"samples": 7})
-    wide = case.joint.model_copy(update={"width": 0.5})
-    high = case.joint.model_copy(update={"height": 0.5})
-    assert out_of_date(joint=high) == ["macro_result"]
+    wide = case.structure.model_copy(update={"width": 0.5})
+    high = case.structure.model_copy(update={"height": 0.5})
+    assert out_of_date(structure=high) == ["macro_result"]
     assert out_of_date(law=law) == ["interface_law", "macro_result"]
-    assert out_of_date(joint=wide) == ["interface_law", "macro_result"]  # whose scales it compares
+    scales = ["interface_law", "macro_result"]  # the law compares its cells with the width
+    assert out_of_date(structure=wide) == scales
     assert out_of_date(elastic=True) == ["micro_response", "interface_law", "macro_result"]
 
 

@@ -9,9 +9,9 @@ from multiscale.cli import app
 from multiscale.errors import CaseError, ConvergenceError
 from multiscale.io import open_dataset
 from multiscale.macro import cable_net, quadruplex_module, simulate, solve_static, tensegrity_grid
-from multiscale.pipeline import Case, StructureCase, load_case, load_case_of, run_macro
+from multiscale.pipeline import load_case, run_macro
+from multiscale.pipeline.settings import KINDS
 from multiscale.pipeline.stages import stages_of
-from multiscale.pipeline.structure_settings import KINDS
 from multiscale.schema import MACRO_RESULT
 from tests.support import SCENES, write_scene
 
@@ -55,7 +55,7 @@ def hanging(tmp_path):
         pytest.param(
             STATIC,
             ('"tensegrity_grid"', '"tensegrity"'),
-            r"structure has no kind 'tensegrity'; known kinds: tensegrity_grid, cable_net, table",
+            r"structure has no kind 'tensegrity'; known kinds: blocks, tensegrity_grid, cable_net",
             id="kind",
         ),
         pytest.param(STATIC, ("kind", "kin"), "structure has no 'kind'", id="no-kind"),
@@ -106,12 +106,18 @@ def test_a_refused_scene_says_what_and_where(tmp_path, text, pair, message):
     assert str(caught.value).startswith(f"{path}: ")
 
 
-def test_an_arrow_takes_cases_of_its_own_kind(tmp_path):
-    with pytest.raises(CaseError, match=r"describes a joint of two .*, not a structure; use multi"):
-        load_case_of(StructureCase, "ground_steel")
-    (tmp_path / "scene.toml").write_text(STATIC)
-    with pytest.raises(CaseError, match=r"describes a structure, not a joint .*; use multiscale"):
-        load_case_of(Case, tmp_path / "scene.toml")
+@pytest.mark.parametrize(
+    ("arrow", "case", "table"),
+    [
+        ("macro", "tyre_on_road", "structure"),
+        ("micro", "tyre_on_road", "micro"),
+        ("micro", SCENES / "tensegrity_grid.toml", "micro"),
+    ],
+)
+def test_an_arrow_takes_cases_that_have_its_tables(command, arrow, case, table):
+    status, _, said = command(arrow, case)
+    assert status == 1
+    assert f"{case}: has no [{table}], at which the command begins; use multiscale run" in said
 
 
 def test_a_missing_scene_or_a_folder_is_refused(tmp_path):

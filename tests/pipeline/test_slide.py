@@ -104,6 +104,7 @@ def test_a_second_run_keeps_the_sliding_and_another_distance_is_slid_anew(finish
     run(case, out)
 
 
+@pytest.mark.slow
 def test_figure_and_report_show_the_sliding(finished):
     _, out, response = finished
     assert "sliding" in {file.stem for file in draw_figures(out)}

@@ -50,7 +50,7 @@ def test_the_tables_of_a_file_ask_for_its_stages():
         assert [stage.name for stage in stages_of(case.tables)] == joint
     assert [stage.name for stage in stages_of({"slide"})] == ["sliding_response"]
     assert [stage.name for stage in stages_of({"micro"})] == joint[:2]
-    assert stages_of({"structure", "joint"}) == ()  # of a scene
+    assert [stage.name for stage in stages_of({"structure", "joint"})] == joint[2:]
 
 
 def test_a_stage_that_is_added_is_run_told_and_shown(run_folder, tmp_path, monkeypatch):

@@ -31,6 +31,7 @@ def test_law_and_cell_of_one_surface_agree():
     assert concurrent.reused > 1000
 
 
+@pytest.mark.slow
 def test_every_gap_on_its_own_is_what_the_spacing_tends_to():
     wave = RoughWave(1 / 4)
     gaps = [

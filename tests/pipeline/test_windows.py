@@ -15,16 +15,15 @@ PIXEL = 1e-6
 
 
 @pytest.fixture
-def cut(monkeypatch):
+def cut():
     """Cut windows from a map made by hand: surfaces and what they hold of it."""
 
     def of(heights, size, points, *, filled=None, count=4, needed=None, seed=0, **settings):
         edges = tuple(n * PIXEL for n in heights.shape)
         whole = Surface(heights - heights.mean(), edges, filled)
-        monkeypatch.setattr(windows, "read_surface", lambda *args, **options: whole)
         given = InstrumentSurface.model_validate({"file": "map.txt", **settings})
         cell = CellSettings.model_validate({"size": [size, size], "points": [points, points]})
-        return cut_windows(given, cell, range(count), needed or count, seed)
+        return cut_windows(whole, given, cell, range(count), needed or count, seed)
 
     return of
 
@@ -145,17 +144,16 @@ def test_mostly_filled_windows_are_refused_with_the_size_that_is_not(cut):
     assert max(held.filled) <= 0.1
 
 
-def test_a_case_may_allow_more_filled_points(cut, monkeypatch):
+def test_a_case_may_allow_more_filled_points(cut):
     shape = (200, 200)
     filled = np.zeros(shape, dtype=bool)
     filled[::5] = True
     with pytest.raises(CaseError, match="holds 0 separate windows"):
         cut(noise(shape), "200 um", 64, filled=filled, short_cutoff="12 um")
     whole = Surface(noise(shape), (2e-4, 2e-4), filled)
-    monkeypatch.setattr(windows, "read_surface", lambda *args, **options: whole)
     given = {"file": "map.txt", "filled": "30 %", "short_cutoff": "12 um"}
     cell = CellSettings.model_validate({"size": ["200 um"] * 2, "points": [64, 64]})
-    _, held = cut_windows(InstrumentSurface.model_validate(given), cell, range(4), 4, 0)
+    _, held = cut_windows(whole, InstrumentSurface.model_validate(given), cell, range(4), 4, 0)
     assert held.filled == pytest.approx((0.2,) * 4)
 
 

@@ -10,6 +10,7 @@ from matplotlib.image import imread
 
 from multiscale.pipeline import Sweep, load_case, run_sweep
 from multiscale.report import draw_figures, write_report
+from tests.support import slow
 
 
 @pytest.fixture(scope="module")
@@ -74,7 +75,7 @@ def test_the_answer_shows_the_interface_the_bodies_and_that_it_is_elastic(page):
 
 
 @pytest.mark.skipif(which("chromium") is None, reason="needs the browser chromium")
-@pytest.mark.parametrize("size", [(1200, 900), (360, 740)], ids=["desk", "phone"])
+@pytest.mark.parametrize("size", [(1200, 900), *slow((360, 740))], ids=["desk", "phone"])
 def test_a_figure_that_is_clicked_covers_the_page(page, tmp_path, size):
     start = page.rindex('<input type="checkbox"', 0, page.index('alt="surface"'))
     zoomed = page[:start] + page[start:].replace("<input", "<input checked", 1)

@@ -31,7 +31,8 @@ def read_input_file(path):
 @pytest.mark.parametrize("law", [Exponential(4e8, 0.45e-6), PowerLaw(4e8, 1.2e-6, 2.5)])
 @pytest.mark.parametrize("tolerance", [1e-2, 1e-3])
 def test_chords_stay_within_the_tolerance_above_the_law(law, tolerance):
-    p, overclosure, first = pressure_overclosure(law, (1e6, 1e8), tolerance=tolerance)
+    table = pressure_overclosure(law, (1e6, 1e8), tolerance=tolerance)
+    p, overclosure, first = table.pressure, table.overclosure, table.first_contact
     assert p[0] == 0.0
     assert overclosure[0] == 0.0
     assert np.all(np.diff(p) > 0.0)

@@ -7,7 +7,7 @@ from skfem import Basis, ElementHex1
 from multiscale.fe.elasticity import assemble_elasticity
 from multiscale.laws.bulk.moduli import lame_parameters
 from multiscale.micro import Cell, Path, Surface, solve_cell
-from multiscale.micro.averages import average_traction, dual_basis
+from multiscale.micro.averages import average_traction
 from multiscale.micro.graph_cell import assemble_graph_cell
 from multiscale.micro.graph_mesh import GraphMesh, graded_planes
 from tests.support import egg_box, observed_rate, rough_square
@@ -101,23 +101,6 @@ def test_mirrored_sawtooth_indenters_give_mirrored_averages():
     np.testing.assert_allclose(found[0][:, 0], found[1][:, 0], rtol=1e-8)
     np.testing.assert_allclose(found[0][:, 1], -found[1][:, 1], rtol=1e-6)
     assert np.all(np.abs(found[0][:, 1]) > 1e-3 * np.abs(found[0][:, 0]))
-
-
-def test_averages_in_a_rotated_frame_are_the_components_of_the_same_vector():
-    rng = np.random.default_rng(seed=4)
-    force = rng.standard_normal((50, 3))
-    angle = 0.7
-    turn = np.array([[np.cos(angle), -np.sin(angle)], [np.sin(angle), np.cos(angle)]])
-    tangents = np.zeros((2, 3))
-    tangents[:, :2] = turn.T
-    plain = average_traction(force, 2.0)
-    turned = average_traction(force, 2.0, dual_basis(np.array([0.0, 0.0, 1.0]), tangents))
-    assert turned[0] == plain[0]
-    np.testing.assert_allclose(turn @ turned[1:], plain[1:])
-
-    oblique = np.array([[2.0, 0.0, 0.0], [1.0, 1.0, 0.0]])
-    components = average_traction(force, 2.0, dual_basis(np.array([0.0, 0.0, 1.0]), oblique))
-    np.testing.assert_allclose((components[1:] @ oblique)[:2], plain[1:])
 
 
 def test_a_cell_turned_by_a_right_angle_gives_turned_averages():

@@ -133,6 +133,7 @@ def bar_before_wall(elements):
     return system, mass
 
 
+@pytest.mark.slow
 def test_a_bar_hits_a_wall_and_comes_back():
     system, mass = bar_before_wall(100)
     displacement, velocity = np.zeros((2, 102, 3))

@@ -9,7 +9,7 @@ from multiscale.micro.contact_area import HALF_SPACE
 from multiscale.micro.finite import finite_cell
 from multiscale.micro.graph_cell import element_edges
 from tests.closed_forms import mindlin
-from tests.support import egg_box, observed_rate, rough_square
+from tests.support import egg_box, observed_rate, rough_square, slow
 
 
 @pytest.fixture
@@ -97,15 +97,7 @@ def test_tangential_over_normal_stiffness():
 
 
 @pytest.mark.parametrize("bulk", [None, NeoHookean(1.0, 0.3)], ids=["small", "large strain"])
-@pytest.mark.parametrize(
-    "mu",
-    [
-        0.0,
-        pytest.param(0.1, marks=pytest.mark.slow),
-        0.2,
-        pytest.param(0.3, marks=pytest.mark.slow),
-    ],
-)
+@pytest.mark.parametrize("mu", [*slow(0.0, 0.1), 0.2, *slow(0.3)])
 def test_sliding_up_an_inclined_facet(bulk, mu):
     n, tangent, rise = 64, 0.1, 0.8
     x = np.arange(n) / n
@@ -195,6 +187,7 @@ def test_a_sphere_in_partial_slip_follows_cattaneo_and_mindlin():
     assert stick == pytest.approx(mindlin.stick_radius(ratio[1]) ** 2, abs=0.06)
 
 
+@pytest.mark.slow
 def test_the_work_of_friction_is_the_work_done_on_the_obstacle():
     """Over a closed loop the elastic energy returns, whatever the mean surface did."""
     surface = egg_box(16, 0.02)

@@ -84,21 +84,9 @@ def mean_log(pressure):
 # family, quantity, conditions, the law, its parameters
 CASES = [
     ("exponential", "gap", (PRESSURE,), Exponential(4e8, 0.45e-6), "pressure_scale decay_length"),
-    (
-        "power",
-        "gap",
-        (PRESSURE,),
-        PowerLaw(4e8, 1.2e-6, 2.7),
-        "pressure_scale support exponent",
-    ),
+    ("power", "gap", (PRESSURE,), PowerLaw(4e8, 1.2e-6, 2.7), "pressure_scale support exponent"),
     (OWN, "gap", (PRESSURE,), Hardening(1e14, 0.5e-6), "limit length"),
-    (
-        "error_function",
-        "contact_fraction",
-        (PRESSURE,),
-        ErrorFunctionArea(3e8),
-        "pressure_scale",
-    ),
+    ("error_function", "contact_fraction", (PRESSURE,), ErrorFunctionArea(3e8), "pressure_scale"),
     (
         "power_stiffness",
         "tangential_stiffness",

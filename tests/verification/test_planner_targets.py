@@ -38,9 +38,11 @@ realisations = 4
 pressures = ["3 MPa", "5 MPa", "9 MPa", "16 MPa", "28 MPa", "50 MPa"]
 [law]
 samples = 40
-[joint]
+[structure]
+kind = "blocks"
 height = "40 mm"
 width = "400 mm"
+[statics]
 preloads = ["5 MPa", "30 MPa"]
 [accuracy]
 target = "{target} %"

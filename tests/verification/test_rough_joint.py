@@ -17,14 +17,16 @@ from multiscale.laws.interface_law import InterfaceLaw, Response
 from multiscale.macro import (
     Block,
     RoughJoint,
-    assemble_joint,
     press_joint,
+    pressed_blocks,
     rough_joint,
     soften,
     solve_interface,
 )
+from multiscale.macro.substructures import assemble, cut_assembly
 from multiscale.schema import MACRO_RESULT
 from tests.closed_forms import joint as closed_form
+from tests.support import slow
 
 E, HEIGHT = 210e9, 0.02
 SECTION = (0.05, 0.04)
@@ -229,20 +231,25 @@ def test_the_condensed_joint_equals_the_monolithic_one(law, eccentricity, elemen
     joint = RoughJoint(
         SECTION, lower, upper, elements=(3, 2), eccentricity=eccentricity, element=element
     )
-    stiffness, load, jump_operator, weight = assemble_joint(joint)
+    whole = assemble(cut_assembly(pressed_blocks(joint, law)))
+    load = whole.load[:, 0]
     result = rough_joint(joint, law, PRELOADS, tolerance=1e-12)
     for step, preload in enumerate(PRELOADS):
         u = solve_interface(
-            stiffness, preload * load, jump_operator, weight, law, tolerance=1e-12
+            whole.stiffness, preload * load, whole.jump, whole.weight, law, tolerance=1e-12
         ).unwrap()
         approach = u @ load / joint.area
         assert float(result["approach"][step]) == pytest.approx(approach, rel=1e-10)
-        gap = weight @ (jump_operator @ u)[: weight.size] / joint.area
+        gap = whole.weight @ (whole.jump @ u)[: whole.weight.size] / joint.area
         assert float(result["mean_gap"][step]) == pytest.approx(gap, rel=1e-10)
 
 
 @pytest.mark.parametrize("eccentricity", PLATENS)
-@pytest.mark.parametrize("contrast", 10.0 ** np.arange(-6, 13, 2), ids="{:g}".format)
+@pytest.mark.parametrize(
+    "contrast",
+    [1e-6, *slow(1e-4, 1e-2), 1.0, *slow(1e2, 1e4), 1e6, *slow(1e8, 1e10), 1e12],
+    ids="{:g}".format,
+)
 @pytest.mark.parametrize("kind", ["exponential", "cubic"])
 def test_a_law_of_any_stiffness_is_solved_or_reported(kind, contrast, eccentricity):
     pressure = np.array([1e7])

@@ -13,16 +13,19 @@ from multiscale.schema import GRANULATE, MACRO_RESULT
 from tests.support import write_law
 
 FOLDER = Path(__file__).parents[2] / "workflows"
-SLOW = ("damage_to_joint", "ploughing", "tensegrity_grid", "three_ways")
+SCRIPTS = ("damage_to_joint.py", "ploughing.py", "tensegrity_grid.py", "three_ways.py")
+SLOW = (*SCRIPTS, "lap_joint.toml", "rough_blocks.toml")
 
 
-@pytest.mark.parametrize(
-    "script",
-    [
-        pytest.param(path, marks=[pytest.mark.slow] if path.stem in SLOW else [], id=path.stem)
-        for path in sorted(FOLDER.glob("*.py"))
-    ],
-)
+def files(pattern):
+    """Files of the workflows, those that take long marked as slow."""
+    return [
+        pytest.param(path, marks=[pytest.mark.slow] if path.name in SLOW else [], id=path.stem)
+        for path in sorted(FOLDER.glob(pattern))
+    ]
+
+
+@pytest.mark.parametrize("script", files("*.py"))
 def test_every_workflow_runs(script, tmp_path):
     text = script.read_text(encoding="utf-8")
     assert len(text.splitlines()) < 100
@@ -43,12 +46,12 @@ def test_the_pictures_of_the_manual_are_made_anew(tmp_path):
     assert sum(path.stat().st_size for path in shipped) < 400e3
 
 
-@pytest.mark.parametrize("scene", sorted(FOLDER.glob("scenes/*.toml")), ids=lambda path: path.stem)
+@pytest.mark.parametrize("scene", files("scenes/*.toml"))
 def test_every_scene_runs(scene, tmp_path):
     settings = load_case(scene).quick()
     if settings.structure.kind == "lap_joint":
         pytest.importorskip("gmsh", exc_type=Exception)
-    law = write_law(tmp_path / "interface_law.nc") if settings.joint else None
+    law = write_law(tmp_path / "interface_law.nc") if settings.interface else None
     result = run_macro(settings, tmp_path / "macro_result.nc", law=law)
     assert result["converged"].values.all()
     schema = GRANULATE if "grain" in result.dims else MACRO_RESULT
@@ -56,7 +59,7 @@ def test_every_scene_runs(scene, tmp_path):
     series = ElementTree.parse(tmp_path / "fields" / "macro_result.pvd")
     files = [tmp_path / "fields" / entry.get("file") for entry in series.iter("DataSet")]
     shown = result.sizes["frame" if "grain" in result.dims else "step"]
-    assert len(files) == shown * (2 if settings.joint else 1)
+    assert len(files) == shown * (2 if settings.interface else 1)
     assert all(meshio.read(file).cells for file in files)
 
 

@@ -17,8 +17,7 @@ from pydantic import BeforeValidator
 from pydantic.fields import FieldInfo
 
 from multiscale.pipeline.settings import Case
-from multiscale.pipeline.structure_settings import StructureCase
-from multiscale.pipeline.toml_model import Settings
+from multiscale.pipeline.toml_model import OneOf, Settings
 from multiscale.pipeline.tyre_settings import TyreCase
 from multiscale.units import readable
 
@@ -26,9 +25,8 @@ PAGE = Path(__file__).parents[2] / "microcases" / "README.md"
 BEGIN, END = "<!-- keys: written by workflows/manual/keys.py -->\n", "\n<!-- end of keys -->"
 
 FILES: tuple[tuple[str, type[Settings]], ...] = (
-    ("Cases of a joint", Case),
+    ("Cases of cells, joints and structures", Case),
     ("Cases of a tyre on a road", TyreCase),
-    ("Cases of a structure", StructureCase),
 )
 HEAD = "| key | value | default | meaning |\n| --- | --- | --- | --- |"
 BOUNDS = {"gt": "> {:g}", "ge": "≥ {:g}", "lt": "< {:g}", "le": "≤ {:g}", "multiple_of": "even"}
@@ -65,7 +63,10 @@ def _tables(
 
     ``at`` has the names on the way to the table, several where several tables are alike.
     """
-    inner = {name: tuple(_models(field.annotation)) for name, field in model.model_fields.items()}
+    inner = {
+        name: tuple(_models(field.rebuild_annotation()))
+        for name, field in model.model_fields.items()
+    }
     head = _head(model, at)
     keys = [name for name in inner if not inner[name]]
     yield head, keys[1:] if "kind" in head else keys, model
@@ -129,7 +130,10 @@ def _parts(hint: Any) -> tuple[Any, list[Any]]:
 
 def _models(hint: Any) -> list[type[Settings]]:
     """Tables that an annotation names."""
-    kind, _ = _parts(hint)
+    kind, metadata = _parts(hint)
+    chosen = [model for one in metadata if isinstance(one, OneOf) for model in one.models]
+    if chosen:
+        return chosen
     if isinstance(kind, type) and issubclass(kind, Settings):
         return [kind]
     if get_origin(kind) in (Union, UnionType, dict):

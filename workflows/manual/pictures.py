@@ -100,7 +100,7 @@ def solve(name: str, results: Path, *, quick: bool) -> "xr.Dataset | Mapping[str
         return xr.load_dataset(out / LEFT[name])
     if scene.is_file():
         settings = load_case(scene)
-        law = results / "ground_steel" / "interface_law.nc" if settings.joint else None
+        law = results / "ground_steel" / "interface_law.nc" if settings.interface else None
         settings = settings.quick() if quick else settings
         return run_macro(settings, out / "macro_result.nc", law=law)
     case = load_case(name)

@@ -67,7 +67,7 @@ class BulkLaw(ABC):
 
     @property
     def history(self) -> tuple[str, ...]:
-        """Names of what is kept at every point; none for an elastic law."""
+        """Names of the variables kept at every point; none for an elastic law."""
         return ()
 
     @abstractmethod

@@ -75,7 +75,7 @@ class Elastic(BulkLaw):
 class GradedElastic:
     r"""Hooke's law with moduli that differ from layer to layer or element to element of a cell.
 
-    This is a field and no law of a point: what is meshed with it knows the place.
+    This is a field and no law of a point: the cell meshed with it knows the place.
 
     Parameters
     ----------

@@ -89,7 +89,7 @@ class J2(BulkLaw):
 
     @property
     def history(self) -> tuple[str, ...]:
-        """Names of what is kept at every point."""
+        """Names of the variables kept at every point."""
         return "plastic metric C_p^-1", "accumulated plastic strain"
 
     @property

@@ -7,13 +7,16 @@ from multiscale.errors import CaseError
 __all__ = ["check_moduli", "contact_modulus", "lame_parameters"]
 
 
-def check_moduli(youngs_modulus: float | np.ndarray, poissons_ratio: float | np.ndarray) -> None:
+def check_moduli(
+    youngs_modulus: float | np.ndarray, poissons_ratio: float | np.ndarray, least: float = -1.0
+) -> None:
     """Refuse a Young's modulus or a Poisson's ratio outside its range.
 
     Parameters
     ----------
     youngs_modulus : float or ndarray, Young's modulus, Pa; must be positive and finite
     poissons_ratio : float or ndarray, Poisson's ratio, dimensionless; must lie between -1 and 1/2
+    least : float, least Poisson's ratio that is taken: zero where auxetic bodies are not solved
 
     Raises
     ------
@@ -24,9 +27,12 @@ def check_moduli(youngs_modulus: float | np.ndarray, poissons_ratio: float | np.
     wrong = E[~((E > 0.0) & np.isfinite(E))]
     if wrong.size:
         raise CaseError(f"youngs_modulus must be positive (Pa), got {wrong[0]:g}")
-    wrong = nu[~((nu > -1.0) & (nu < 0.5))]
+    wrong = nu[~((nu > -1.0) & (nu >= least) & (nu < 0.5))]
     if wrong.size:
-        raise CaseError(f"poissons_ratio must lie between -1 and 0.5, got {wrong[0]:g}")
+        raise CaseError(
+            f"poissons_ratio must lie between {least:g} and 0.5, got {wrong[0]:g}; use 0.499 for "
+            f"an incompressible material"
+        )
 
 
 def contact_modulus(*bodies: tuple[float, float]) -> float:

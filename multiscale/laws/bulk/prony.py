@@ -102,7 +102,7 @@ class Prony(BulkLaw):
 
     @property
     def history(self) -> tuple[str, ...]:
-        """Names of what is kept at every point."""
+        """Names of the variables kept at every point."""
         return "elastic stress", *(f"stress of the branch of {time:g} s" for time in self.times)
 
     @property

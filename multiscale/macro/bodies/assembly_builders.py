@@ -6,7 +6,6 @@ import numpy as np
 
 from multiscale.errors import CaseError
 from multiscale.fe.boxes import box_mesh
-from multiscale.fe.elasticity import displacement_basis
 from multiscale.fe.faces import face_operator
 from multiscale.fe.lap_mesh import LapShape, lap_meshes
 from multiscale.laws.bulk import AnisotropicElastic, Elastic
@@ -17,7 +16,7 @@ from multiscale.macro.continuum.body import Body, Value
 __all__ = ["lap_joint", "stacked_blocks"]
 
 TIMES = (0.0, 1.0)
-"""Of the load cases: a preload of 1 Pa, then a shear of 1 Pa."""
+"""Times of the load cases: a preload of 1 Pa, then a shear of 1 Pa."""
 
 
 def stacked_blocks(
@@ -72,7 +71,7 @@ def lap_joint(
 
     The bolt is a pressure under its washers, on the ring around the hole on both outer faces; its
     shank carries no shear, and its force does not change with the load. The lower plate is
-    clamped at its far end. That of the upper one is guided along x, where the shear pulls.
+    clamped at its far end. The far end of the upper plate is guided along x, where the shear pulls.
 
     Parameters
     ----------
@@ -113,5 +112,4 @@ def _preload(direction: float) -> Value:
 
 def _area(body: Body, boundary: str) -> float:
     """Area of a boundary, m²."""
-    basis = displacement_basis(body.mesh, body.mesh.elem())
-    return float(face_operator(basis, boundary)[1].sum())
+    return float(face_operator(body.basis, boundary)[1].sum())

@@ -2,21 +2,32 @@
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
+from functools import cached_property
 from typing import TYPE_CHECKING
 
 import numpy as np
 
 from multiscale.errors import CaseError
+from multiscale.fe.elasticity import displacement_basis
 from multiscale.fe.faces import check_boundary
 from multiscale.laws.bulk import BulkLaw
 
 if TYPE_CHECKING:
-    from skfem import Mesh
+    from skfem import CellBasis, Element, Mesh
 
 __all__ = ["Body", "Value", "evaluate", "fixed_motion", "load_vector"]
 
 Value = float | Callable[[np.ndarray, float], np.ndarray | float]
 """A number that grows in proportion to time, or a function ``value(position, time)``."""
+
+Supports = Mapping[str, Sequence[Value | None]]
+"""Displacement of the components on boundaries; None leaves one free."""
+
+Pins = Mapping[tuple[float, ...], Sequence[Value | None]]
+"""Displacement of the components of single nodes, by their positions."""
+
+ASTRAY = 1e-6
+"""Distance of a pin from its node, relative to the size of the body, that is rounding."""
 
 ELEMENTS = {"MeshTri1": "triangles", "MeshQuad1": "quadrilaterals", "MeshTet1": "tetrahedra"} | {
     "MeshHex1": "hexahedra"
@@ -40,18 +51,25 @@ class Body:
         with the positions, shape (d, nodes), m, and the time.
     tractions : mapping of str to sequence
         For a boundary, the components of a dead load per undeformed area, Pa, in the same form.
+    element : Element, optional
+        Scalar scikit-fem element of every displacement component, for instance ``ElementHex2()``;
+        the corners of the mesh are its nodes if not given. Its unknowns are the nodes of the body.
+    pins : mapping of tuple to sequence
+        For the position of a single node, m, its prescribed displacement, as in ``supports``.
 
     Raises
     ------
     CaseError
-        If the mesh is of another kind, names no such boundary, or a value has the wrong number
-        of components or is not finite.
+        If the mesh is of another kind, names no such boundary, has no node at a pin, or a value
+        has the wrong number of components or is not finite.
     """
 
     mesh: "Mesh"
     law: BulkLaw
-    supports: Mapping[str, Sequence[Value | None]] = field(default_factory=dict)
+    supports: Supports = field(default_factory=dict)
     tractions: Mapping[str, Sequence[Value]] = field(default_factory=dict)
+    element: "Element | None" = None
+    pins: Pins = field(default_factory=dict)
 
     def __post_init__(self) -> None:
         kind = type(self.mesh).__name__
@@ -61,9 +79,14 @@ class Body:
                 f"got {kind}"
             )
         dim = self.mesh.dim()
-        for what, table in (("support", self.supports), ("traction", self.tractions)):
+        for boundary in (*self.supports, *self.tractions):
+            self.check_boundary(boundary)
+        for what, table in (
+            ("support", self.supports),
+            ("traction", self.tractions),
+            ("pin", self.pins),
+        ):
             for name, values in table.items():
-                self.check_boundary(name)
                 if len(values) != dim:
                     raise CaseError(
                         f"the {what} on {name!r} needs {dim} components, got {len(values)}"
@@ -76,9 +99,19 @@ class Body:
         """Refuse a boundary that the mesh does not name."""
         check_boundary(self.mesh, name)
 
+    @cached_property
+    def basis(self) -> "CellBasis":
+        """Finite-element space of one displacement component."""
+        return displacement_basis(self.mesh, self.element or self.mesh.elem())
+
+    def nodes(self, boundary: str) -> np.ndarray:
+        """Numbers of the nodes of a boundary, rising."""
+        self.check_boundary(boundary)
+        return np.unique(self.basis.get_dofs(boundary).all())
+
 
 def evaluate(value: Value, position: np.ndarray, time: float, what: str) -> np.ndarray:
-    """Value at points of shape (d, n) and a time; refuses what is not finite."""
+    """Value at points of shape (d, n) and a time; refuses values that are not finite."""
     result = value(position, time) if callable(value) else value * time
     result = np.broadcast_to(np.asarray(result, dtype=float), position.shape[1:])
     if not np.all(np.isfinite(result)):
@@ -88,27 +121,42 @@ def evaluate(value: Value, position: np.ndarray, time: float, what: str) -> np.n
 
 def fixed_motion(body: Body, time: float) -> tuple[np.ndarray, np.ndarray]:
     """Prescribed unknowns d a + i of a body and their displacement at a time, m."""
-    d = body.mesh.dim()
-    motion = np.full((d, body.mesh.p.shape[1]), np.nan)
-    for name, values in body.supports.items():
-        nodes = np.unique(body.mesh.facets[:, body.mesh.boundaries[name]])
+    position = body.basis.doflocs
+    motion = np.full(position.shape, np.nan)
+    held = [
+        (f"the support on {name!r}", body.nodes(name), body.supports[name])
+        for name in body.supports
+    ]
+    held += [(f"the pin at {point}", _node(body, point), body.pins[point]) for point in body.pins]
+    for what, nodes, values in held:
         for i, value in enumerate(values):
             if value is not None:
-                place = body.mesh.p[:, nodes]
-                motion[i, nodes] = evaluate(value, place, time, f"the support on {name!r}")
+                motion[i, nodes] = evaluate(value, position[:, nodes], time, what)
     flat = motion.T.ravel()
     fixed = np.flatnonzero(~np.isnan(flat))
     return fixed, flat[fixed]
+
+
+def _node(body: Body, point: Sequence[float]) -> np.ndarray:
+    """Find the node at a point, shape (1,)."""
+    position = body.basis.doflocs
+    distance = np.linalg.norm(position - np.reshape(point, (-1, 1)), axis=0)
+    if distance.min() > ASTRAY * float(np.ptp(position, axis=1).max()):
+        raise CaseError(
+            f"no node lies at the pin {tuple(point)} m (nearest {distance.min():.2g} m away); move "
+            f"the pin to a node"
+        )
+    return np.array([np.argmin(distance)])
 
 
 def load_vector(body: Body, time: float) -> np.ndarray:
     """Nodal forces of the tractions of a body at a time, N, shape (d * nodes,)."""
     from skfem import FacetBasis
 
-    d = body.mesh.dim()
-    force = np.zeros((body.mesh.p.shape[1], d))
+    space, d = body.basis, body.mesh.dim()
+    force = np.zeros((space.N, d))
     for name, values in body.tractions.items():
-        basis = FacetBasis(body.mesh, body.mesh.elem(), facets=name, intorder=4)
+        basis = FacetBasis(body.mesh, space.elem, facets=name, intorder=4, dofs=space.dofs)
         place = np.asarray(basis.global_coordinates())
         for i, value in enumerate(values):
             flat = place.reshape(d, -1)

@@ -46,7 +46,7 @@ HALVINGS = 8
 """How often a Newton step may be halved."""
 
 RELAXATION = 0.3
-"""Stiffness of the contact law relative to that of the bodies: 1 makes friction cycle."""
+"""Stiffness of the contact law relative to the bodies' own: 1 makes friction cycle."""
 
 
 @dataclass(frozen=True)

@@ -88,10 +88,15 @@ class FiniteAssembly:
                 touched.add(side[0])
             if contact.side1 == contact.side2:
                 raise CaseError(f"both sides of contact {name!r} are the same surface")
-        if not any(body.supports for body in self.bodies.values()):
+        if not any(body.supports or body.pins for body in self.bodies.values()):
             raise CaseError("no body has a support; hold one of them by its supports")
         for name, body in self.bodies.items():
-            if not body.supports and name not in touched:
+            if body.element is not None:
+                raise CaseError(
+                    f"body {name!r} has an element of its own, {type(body.element).__name__}; "
+                    f"contact at large displacement takes the corners of the mesh as nodes"
+                )
+            if not (body.supports or body.pins) and name not in touched:
                 raise CaseError(
                     f"body {name!r} has neither a support nor a contact; give it one of them"
                 )
@@ -232,7 +237,7 @@ class FiniteAssembly:
     def couplings(
         self, u: np.ndarray, time: float, old: tuple[Coupling, ...] | None
     ) -> tuple[Coupling, ...]:
-        """Couplings at a displacement; those of small sliding stay as they are."""
+        """Couplings at a displacement; couplings of small sliding stay as they are."""
         d = self.start.shape[1]
         x = self.start + u.reshape(-1, d)
         result = []

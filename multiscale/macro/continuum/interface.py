@@ -60,7 +60,7 @@ class Contact:
     friction_coefficient : float, default 0.0
         Coulomb's :math:`\mu \ge 0`, dimensionless.
     finite_sliding : bool, default False
-        Whether partners and normals follow the motion. Otherwise they are those of the start.
+        Whether partners and normals follow the motion. Otherwise they stay as at the start.
     reach : float, default inf
         Surfaces farther apart than this do not see each other, m.
     fitted : bool, default False

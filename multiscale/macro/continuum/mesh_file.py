@@ -28,7 +28,7 @@ def load_mesh(path: Path, *, scale: float = 1.0) -> "Mesh":
     Returns
     -------
     Mesh
-        Of triangles, quadrilaterals, tetrahedra or hexahedra; coordinates in m.
+        Mesh of triangles, quadrilaterals, tetrahedra or hexahedra; coordinates in m.
 
     Raises
     ------

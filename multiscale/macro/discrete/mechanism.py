@@ -70,7 +70,7 @@ def self_stress(system: LinkSystem) -> np.ndarray:
 def prestress_by_itself(system: LinkSystem, largest: float) -> LinkSystem:
     r"""Give a structure a state of self-stress that its links can carry.
 
-    Of several states the one is taken whose least stressed cable or strut carries most,
+    Where there are several states, the one counts whose least stressed cable or strut carries most,
 
     .. math:: \max_{\tau \in \ker B^T} \min_i \sigma_i \tau_i, \qquad |\tau| \le 1,    \tag{1}
 

@@ -37,7 +37,7 @@ def step_values(system: LinkSystem, model: LinkEquations, state: LinkState) -> d
     if system.n_components == 6:
         column["rotation"] = motion[:, 3:]
         beam = [isinstance(law, Beam) for law in system.laws]
-        order = np.argsort(system.kind, kind="stable")  # the modes are those of law after law
+        order = np.argsort(system.kind, kind="stable")  # the modes stand law after law
         beams = order[np.array(beam)[system.kind[order]]]
         twist, even_y, odd_y, even_z, odd_z = state.tension[links:].reshape(-1, 5).T
         moment = np.full((links, 5), np.nan)

@@ -187,7 +187,7 @@ def build_contacts(  # type: ignore[no-untyped-def]
 
     ``law`` holds the restitution, the relaxation time (s), the speed below which impacts do not
     bounce (m/s), and the shares of the velocity increment of a step before and after an impact;
-    ``friction`` the coefficients of the grains and of each wall, or ``None`` without friction;
+    ``friction`` the coefficients of the grains and of each wall, none without friction;
     ``compliance`` (pairs,) the compliance of each pair. A pair becomes a contact if it is wanted,
     had an impulse, or comes nearer than ``near`` times its smaller radius in a step without
     impulses. ``cell`` (2, 3) holds the strain rates of the cell and one over the root of its
@@ -203,9 +203,11 @@ def build_contacts(  # type: ignore[no-untyped-def]
     n, m = radius.size, 0
     size, width = pair_impulse.shape
     ends, data = np.empty((size, 2), np.int32), np.empty((size, 6))
-    coulomb = np.empty((0 if friction is None else size, 2))
+    frictional = friction.size > 0
+    coulomb = np.empty((size if frictional else 0, 2))
     stretch, delayed_velocity = np.empty((size + 2, 3)), np.zeros(size)
-    stretch[:2] = cell
+    for a in range(3):  # a slice would have the compiler write its error message
+        stretch[0, a], stretch[1, a] = cell[0, a], cell[1, a]
     impulse, anchor = np.empty((size, width)), np.empty((size, width))
     index = np.empty(size, np.int64)
     for k in range(size):
@@ -242,14 +244,14 @@ def build_contacts(  # type: ignore[no-untyped-def]
         data[m, 3] = bias
         data[m, 4] = 1.0 / masses
         data[m, 5] = 0.0 if impact else compliance[k]  # a spring would reduce the bounce
-        if friction is not None:
+        if frictional:
             masses = mobility[i, 1] + mobility[j, 1] + mobility[i, 2] + mobility[j, 2]
             coulomb[m, 0], coulomb[m, 1] = 1.0 / (masses + give), friction[max(0, 1 + j - n)]
         for a in range(width):
             impulse[m, a] = pair_impulse[k, a]
             anchor[m, a] = spring_impulse[k, a]
         m += 1
-    across = None if friction is None else coulomb[:m]
+    across = coulomb[:m] if frictional else None
     contacts = ends[:m], data[:m], across, impulse[:m], anchor[:m]
     return contacts, index[:m], stretch[: m + 2], delayed_velocity
 

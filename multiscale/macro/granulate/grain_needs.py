@@ -35,7 +35,6 @@ def grain_needs(
     solver: "Solver",
     *,
     wall_friction: float = 0.0,
-    spinning: bool = False,
     strained: bool = False,
 ) -> Needs:
     """Return the unknowns, operators and memory of a simulation of grains.
@@ -48,7 +47,6 @@ def grain_needs(
     solver : Solver, solver of the contacts
     wall_friction : float
         Largest friction coefficient of a wall with its own coefficient, dimensionless.
-    spinning : bool, whether grains spin at the start
     strained : bool, whether a periodic cell strains under a pressure, which is swept by one thread
 
     Examples
@@ -61,7 +59,6 @@ def grain_needs(
     1
     """
     friction = max(law.friction, wall_friction) > 0.0
-    turns = friction or spinning
     choices = (
         choose(
             GrainPart.SWEEPS, True, "over the contacts, one after the other, again and again", ""
@@ -70,7 +67,7 @@ def grain_needs(
             GrainPart.FRICTION, friction, "Coulomb's limit at each contact", "no friction is given"
         ),
         choose(
-            GrainPart.ROTATION, turns, "spins and moments of inertia", "nothing turns the grains"
+            GrainPart.ROTATION, friction, "spins and moments of inertia", "nothing turns the grains"
         ),
         choose(
             GrainPart.CELL_STRAIN,
@@ -100,7 +97,7 @@ def grain_needs(
             "sweeps alone",
         ),
     )
-    spin = ("spin",) if turns else ()
+    spin = ("spin",) if friction else ()
     unknowns = 3 if friction else 1
     return Needs(
         unknowns_per_contact=unknowns,

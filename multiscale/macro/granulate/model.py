@@ -185,10 +185,10 @@ class Model:
         return self.frictional or bool(np.any(self.grains.spin))
 
     @cached_property
-    def friction(self) -> np.ndarray | None:
-        """Coefficients of grains and of each wall, shape (1 + walls,); None without friction."""
+    def friction(self) -> np.ndarray:
+        """Coefficients of grains and of each wall, shape (1 + walls,); empty without friction."""
         if not self.frictional:
-            return None
+            return np.empty(0)
         own = self.law.friction
         return np.array([own, *(own if w.friction is None else w.friction for w in self.walls)])
 

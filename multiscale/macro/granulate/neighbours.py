@@ -138,7 +138,7 @@ def _count_pairs(grains, grid):  # type: ignore[no-untyped-def]
     found = np.empty(grains[1].size, np.int64)
     none = np.empty((0, 2), np.int32)
     for i in numba.prange(found.size):
-        found[i] = _visit(i, grains, grid, none, 0)
+        found[i] = _visit(np.int64(i), grains, grid, none, np.int64(0))  # one signature
     return found
 
 
@@ -148,5 +148,5 @@ def _list_pairs(grains, grid, starts):  # type: ignore[no-untyped-def]
     pairs = np.empty((starts[-1], 2), np.int32)
     for i in numba.prange(starts.size - 1):
         if starts[i + 1] > starts[i]:
-            _visit(i, grains, grid, pairs, starts[i])
+            _visit(np.int64(i), grains, grid, pairs, starts[i])
     return pairs

@@ -261,20 +261,21 @@ def relax(velocity, mobility, ends, data, coulomb, impulse, anchor, cell, target
        doi:10.1007/s00371-010-0502-6. Algorithm 2.
     """
     contacts, width = ends.shape[0], 1 if coulomb is None else 3
+    start = np.int64(0)  # of the type that coloured sweeps start from: one signature
+    arrays = (velocity, mobility, ends, data, coulomb, impulse, anchor, cell)
     error = natural_map_error(velocity, ends, data, coulomb, impulse, anchor, cell)
     before, direction = np.empty_like(impulse), np.zeros_like(impulse)
     speed, change = np.empty_like(velocity), np.zeros_like(velocity)
-    rate, turn = np.zeros(3), np.zeros(3)
+    rate, turn = np.zeros((1, 3)), np.zeros((1, 3))
     previous, done = np.inf, 0
     while done < sweeps and not error <= target:
         last = min(done + burst, sweeps)
         while done < last:
-            before[:], speed[:] = impulse, velocity
+            _copy(impulse, before)
+            _copy(velocity, speed)
             if cell is not None:
-                rate[:] = cell[0]
-            sweep_grains(
-                0, contacts, velocity, mobility, ends, data, coulomb, impulse, anchor, cell
-            )
+                _copy(cell[:1], rate)
+            sweep_grains(start, contacts, *arrays)
             done += 1
             size = 0.0
             for c in range(contacts):
@@ -285,11 +286,17 @@ def relax(velocity, mobility, ends, data, coulomb, impulse, anchor, cell, target
             _extrapolate(impulse, before, direction, beta, done < last)
             _extrapolate(velocity, speed, change, beta, done < last)
             if cell is not None:
-                turn[:] = beta * turn + cell[0] - rate
-                if done < last:
-                    cell[0] = rate + turn
+                _extrapolate(cell[:1], rate, turn, beta, done < last)
         error = natural_map_error(velocity, ends, data, coulomb, impulse, anchor, cell)
     return done, error
+
+
+@numba.njit(inline="always", fastmath=True, error_model="numpy")
+def _copy(value, kept):  # type: ignore[no-untyped-def]
+    """Copy an array; a slice would have the compiler write the message of its error."""
+    for c in range(value.shape[0]):
+        for k in range(value.shape[1]):
+            kept[c, k] = value[c, k]
 
 
 @numba.njit(inline="always", fastmath=True, error_model="numpy")

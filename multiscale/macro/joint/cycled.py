@@ -28,7 +28,7 @@ def soften(block: Block, stiffness: "float | xr.Dataset") -> Block:
     stiffness : float or Dataset
         A share of what it was, above 0 and up to 1, such as 1 - D, for all its stiffness alike.
         Or a dataset that follows ``RVE_STIFFNESS``: the block takes the whole tensor of the
-        representative volume, whose axes are those of the joint, in place of its moduli.
+        representative volume, whose axes are the axes of the joint, in place of its moduli.
 
     Raises
     ------

@@ -1,6 +1,6 @@
 r"""Equilibrium of a condensed joint under one load.
 
-The equations are those of :func:`~multiscale.macro.joint.joint_solver.rough_joint`:
+The equations of :func:`~multiscale.macro.joint.joint_solver.rough_joint` are
 
 .. math::
     j &= R w + C \lambda, \tag{1} \\
@@ -55,7 +55,7 @@ def solve_preload(
 class _Pressed:
     """Equations (1)-(3) under a load, N.
 
-    The energy is that of directions that respect (1): its gradient has no part of lambda.
+    The energy belongs to directions that respect (1): its gradient has no part of lambda.
     """
 
     model: CondensedJoint
@@ -156,7 +156,7 @@ def tangent_stiffness(
 ) -> float:
     """Consistent linearisation of (1)-(3): change of pressure over change of approach, Pa/m.
 
-    The stiffness of the law is multiplied by a ratio: that of unloading over loading, for a
+    The stiffness of the law is multiplied by a ratio: unloading over loading, for a
     preload that begins to fall.
     """
     j, _, _ = model.split(value)

@@ -29,7 +29,7 @@ class Block:
     layers : int, default 4
         Number of elements over the height.
     effective : AnisotropicElastic, optional
-        Elasticity of the block where cavities or cracks make it another one than that of its
+        Elasticity of the block where cavities or cracks make it differ from the elasticity of its
         solid, whose moduli then count no more; see :func:`~.cycled.soften`.
 
     Raises

@@ -64,7 +64,7 @@ def rough_joint(
         ``solid_stiffness`` belongs to the same blocks without a jump between them. A step that
         failed is NaN with ``converged`` 0, one far outside the data of the law is NaN with
         ``known`` 0; a sample that failed is NaN. A law with an unloading
-        branch also gives ``unloading_stiffness``, that of a preload which begins to fall and
+        branch also gives ``unloading_stiffness``, under a preload which begins to fall and
         comes back.
 
     Raises
@@ -86,10 +86,11 @@ def rough_joint(
     where :math:`N` interpolates to the quadrature points, :math:`\omega` are their weights and
     :math:`\ell` is the motion that the force :math:`P` works on. Jump and elastic displacement
     are unknowns of their own: neither is the small difference of large numbers, however stiff
-    the law or the blocks. The monolithic form of the same problem is :func:`assemble_joint`.
+    the law or the blocks. The monolithic form of the same problem is the assembly
+    :func:`pressed_blocks`.
     """
     preloads = check_preloads(preloads)
-    model = condense_joint(joint)
+    model = condense_joint(joint, law)
     limits = Limits(max_iterations, tolerance)
     names = (*ratios(law), "interface_stiffness", "approach", "mean_gap", "closed_fraction")
     values = {name: np.full(preloads.size, np.nan) for name in (*names, "residual", "wall_time")}
@@ -180,7 +181,7 @@ def check_preloads(preloads: np.ndarray) -> np.ndarray:
 
 
 def ratios(law: InterfaceLaw) -> dict[str, float]:
-    """Stiffness of the law on its branches, over that of the loading."""
+    """Stiffness of the law on its branches, over its stiffness in loading."""
     if isinstance(law, HystereticLaw):
         return {"joint_stiffness": 1.0, "unloading_stiffness": law.stiffness_ratio}
     return {"joint_stiffness": 1.0}

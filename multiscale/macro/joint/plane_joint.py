@@ -5,7 +5,8 @@ hold the far faces; the upper one comes down by
 
 .. math:: \delta(x) = \delta_0 \left(1 + a\,\frac{2x}{L}\right)    \tag{1}
 
-from where the mean planes of the interface coincide. Forces are per metre of width.
+from where the mean planes of the interface coincide. Forces are per metre of width. In two
+dimensions there is no assembly: the matrices go to :func:`solve_interface` by hand.
 """
 
 from dataclasses import dataclass
@@ -32,7 +33,7 @@ if TYPE_CHECKING:
 __all__ = ["PlaneJoint", "PlanePressure", "press_plane_joint", "resolve_plane_joint"]
 
 GROWTH = 1.25
-"""Height of a layer of elements over that of the next one towards the interface."""
+"""Height of a layer of elements over the height of the next one towards the interface."""
 
 
 @dataclass(frozen=True)

@@ -3,18 +3,21 @@
 from dataclasses import dataclass, replace
 
 import numpy as np
-from scipy.sparse import csr_array, eye_array, hstack, vstack
 
 from multiscale.convergence import Solution
 from multiscale.errors import CaseError
 from multiscale.fe.boxes import box_mesh
-from multiscale.fe.condensation import condense_body
-from multiscale.fe.elasticity import displacement_basis, stiffness_matrix
-from multiscale.fe.faces import face_operator, face_unknowns
+from multiscale.laws import RigidContact
+from multiscale.laws.bulk import Elastic
+from multiscale.laws.interface_law import InterfaceLaw
 from multiscale.laws.steady_sliding import SteadySliding
-from multiscale.macro.monolithic import solve_interface
+from multiscale.macro.bodies.assembly import Assembly, Interface, Platen
+from multiscale.macro.continuum.body import Body
+from multiscale.macro.substructures.cut_bodies import cut_assembly
+from multiscale.macro.substructures.whole_solver import PreparedBodies, prepare_bodies
+from multiscale.macro.substructures.whole_structure import assemble
 
-__all__ = ["Footprint", "TreadBlock", "condense_tread", "slide_tread"]
+__all__ = ["Footprint", "TreadBlock", "condense_tread", "slide_tread", "sliding_block"]
 
 
 @dataclass(frozen=True)
@@ -57,26 +60,29 @@ class TreadBlock:
 
 @dataclass(frozen=True, eq=False)
 class CondensedTread:
-    """A block condensed onto its face and the approach of the carcass.
+    """A block prepared to slide under many laws.
 
     Attributes
     ----------
     block : TreadBlock
-    stiffness : ndarray, shape (n, n)
-        N/m; the last unknown is the displacement of the carcass along z.
-    jump_operator : csr_array, shape (3 * points, n)
-        Normal first, then along x and y; side 1 is the ground.
-    weight : ndarray, shape (points,)
-        m².
+    bodies : PreparedBodies
+        Condensed onto the face and the displacement of the carcass along z, which is the last
+        unknown. Side 1 of the jump is the ground; the load case is a nominal pressure of 1 Pa.
+    lifted : ndarray, shape (kept,)
+        These unknowns where all nodes are displaced along z alike, dimensionless.
     position : ndarray, shape (2, points)
         x and y, from the middle of the face, m.
     """
 
     block: TreadBlock
-    stiffness: np.ndarray
-    jump_operator: csr_array
-    weight: np.ndarray
+    bodies: PreparedBodies
+    lifted: np.ndarray
     position: np.ndarray
+
+    @property
+    def weight(self) -> np.ndarray:
+        """Area of the points, m², shape (points,)."""
+        return self.bodies.whole.weight
 
 
 @dataclass(frozen=True, eq=False)
@@ -109,34 +115,30 @@ class Footprint:
         return float(self.weight @ self.traction[1])
 
 
-def condense_tread(block: TreadBlock) -> CondensedTread:
-    """Condense a block onto its face and the approach of its carcass."""
+def sliding_block(block: TreadBlock, law: InterfaceLaw) -> Assembly:
+    """Press a block by its carcass on a rigid ground; the load case is a pressure of 1 Pa."""
     from skfem import ElementHex2
 
     x, y, _ = block.size
-    mesh = box_mesh(block.size, block.elements, origin=(-0.5 * x, -0.5 * y, 0.0))
-    basis = displacement_basis(mesh, ElementHex2())
-    K = stiffness_matrix(basis, block.youngs_modulus, block.poissons_ratio)
-    top, face = face_unknowns(basis, "top"), face_unknowns(basis, "bottom")
-    face_rows = (3 * face[:, None] + np.arange(3)).ravel()
-    held = (3 * top[:, None] + np.arange(3)).ravel()
-    inner = np.setdiff1d(np.arange(3 * basis.N), np.union1d(face_rows, held))
-
-    follow = np.zeros((3 * basis.N, 1))
-    follow[3 * top + 2] = 1.0
-    free = eye_array(3 * basis.N, format="csr")[:, np.concatenate([inner, face_rows])]
-    expand = csr_array(hstack([free, csr_array(follow)]))
-    n = face_rows.size + 1
-    condensed = condense_body(
-        expand.T @ K @ expand, inner.size + np.arange(n), name="the stiffness of the tread block"
+    body = Body(
+        box_mesh(block.size, block.elements, origin=(-0.5 * x, -0.5 * y, 0.0)),
+        Elastic(block.youngs_modulus, block.poissons_ratio),
+        supports={"top": (0.0, 0.0, None)},
+        element=ElementHex2(),
     )
+    ground = Interface((None, 0), (None, "bottom"), law, quadrature_order=4)
+    return Assembly((body,), (ground,), platens=(Platen(0, "top", -block.area),))
 
-    operator, weight, position = face_operator(basis, "bottom", order=4)
-    values = csr_array(operator.tocsc()[:, face])
-    pick = eye_array(n, format="csr")
-    jump = [values @ pick[np.arange(face.size) * 3 + axis] for axis in (2, 0, 1)]
-    jump_operator = csr_array(vstack(jump))
-    return CondensedTread(block, condensed.blocks[0], jump_operator, weight, position[:2])
+
+def condense_tread(block: TreadBlock) -> CondensedTread:
+    """Condense a block onto its face, for laws that :func:`slide_tread` is given one by one."""
+    problem = cut_assembly(sliding_block(block, RigidContact()))  # no law enters the matrices
+    whole = assemble(problem)
+    kept = np.union1d(whole.jump.indices, problem.n - 1)
+    lifted = problem.unknowns(np.tile([0.0, 0.0, 1.0], (len(problem.position), 1)))[kept]
+    return CondensedTread(
+        block, prepare_bodies(whole, kept), lifted, problem.joints[0].position.T[:2]
+    )
 
 
 def slide_tread(
@@ -172,23 +174,13 @@ def slide_tread(
     """
     if not 0.0 < pressure < np.inf:
         raise CaseError(f"the pressure must be positive (Pa), got {pressure:g}")
-    load = np.zeros(len(tread.stiffness))
-    load[-1] = -pressure * tread.block.area
-    start = np.zeros(load.size)
-    start[2::3] = float(law.normal.gap_at(np.array(pressure))) - law.normal.gap
-    start[-1] = start[2]
-    solution = solve_interface(
-        tread.stiffness,
-        load,
-        tread.jump_operator,
-        tread.weight,
-        law,
-        start=start,
-        tolerance=tolerance,
+    closed = float(law.normal.gap_at(np.array(pressure))) - law.normal.gap
+    solution = tread.bodies.solve(
+        law, np.array([pressure]), start=closed * tread.lifted, tolerance=tolerance
     )
     if not solution.converged:
         solution = replace(solution, detail=_describe(tread.block, law, pressure))
-    jump = (tread.jump_operator @ solution.value).reshape(3, -1)
+    jump = (tread.bodies.jump @ solution.value).reshape(3, -1)
     traction = law.respond(jump, np.empty((0, tread.weight.size))).traction
     return Footprint(traction, jump, tread.weight, solution)
 

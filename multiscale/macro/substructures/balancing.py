@@ -29,7 +29,7 @@ class Layout:
         Coarse unknowns from the shared ones.
     n_shared, n_coarse : int
     faces : list of (int, list of (int, ndarray))
-        For every interface its size, those of these substructures that it has and, in each, the
+        For every interface its size, the substructures among these that it has and, in each, the
         columns of its unknowns.
     team : ProcessGroup
         Processes that share the substructures.

@@ -78,7 +78,7 @@ class Admissible:
     def __init__(self, stack: Stack, sides: Sides, side_stiffness: csr_array, own: slice) -> None:
         self.stack, self.sides, self.own = stack, sides, own
         tiny = csr_array(HELD * side_stiffness[own][:, own])
-        self.factors = Factors()  # whose end is that of its solves
+        self.factors = Factors()  # its solves live as long as they do
         self.solve = self.factors(stack.matrix(stack.links.stiffness, tiny))
         self.perfect = sides.perfect[own]
 

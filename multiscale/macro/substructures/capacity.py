@@ -14,7 +14,7 @@ from multiscale.macro.substructures.stack import stack_parts
 __all__ = ["Slide", "find_slide"]
 
 FREE = 1e-9
-"""Energy of a rigid motion, relative to that of the diagonal of the stiffness, that is none."""
+"""Energy of a rigid motion that is none, relative to its energy on the diagonal stiffness."""
 
 CORNERS, CUTS, CLOSE = 8, 20, 1e-6
 """Directions in which the slip is measured at first, and how often its own are added, until that
@@ -67,9 +67,9 @@ def find_slide(problem: CutProblem, load: np.ndarray, *pressures: np.ndarray) ->
     load : ndarray, shape (unknowns of the substructures,)
         N.
     *pressures : ndarray, shape (points of all joints,)
-        Contact pressure, Pa, that limits friction: those of the step before, for instance, then
-        those of an unfinished iteration. The first that the load overcomes counts; some that are
-        empty or not finite do not.
+        Contact pressure, Pa, that limits friction: of the step before, for instance, then of an
+        unfinished iteration. The first that the load overcomes counts; some that are empty or not
+        finite do not.
 
     Returns
     -------

@@ -31,7 +31,8 @@ def _basis_of(face: CutInterface, problem: CutProblem) -> np.ndarray:
     """Orthonormal motions of one interface."""
     if len(face.sides) > 2:
         return np.eye(face.size)
-    motions = face.trace[0] @ problem.substructures[face.sides[0]].rigid_motions
+    first = int(not face.trace[0].nnz)  # the ground does not move
+    motions = face.trace[first] @ problem.substructures[face.sides[first]].rigid_motions
     moved = np.abs(motions).max(axis=0)
     motions = motions[:, moved > 0.0] / moved[moved > 0.0]
     left, size, _ = np.linalg.svd(motions, full_matrices=False)

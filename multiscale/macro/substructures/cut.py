@@ -7,7 +7,7 @@ from scipy.sparse.csgraph import connected_components
 from multiscale.errors import CaseError
 from multiscale.macro.discrete.compatibility import compatibility, equations
 from multiscale.macro.discrete.link_system import LinkSystem
-from multiscale.macro.substructures.problem import CutProblem, Links, Substructure
+from multiscale.macro.substructures.problem import CutProblem, Links, Substructure, expand_numbers
 
 __all__ = ["bisect", "cut_links", "split_grid"]
 
@@ -75,7 +75,7 @@ def cut_links(system: LinkSystem, owner: np.ndarray) -> CutProblem:
                 links,
             )
         )
-    return CutProblem(tuple(parts), system.position, model.number)
+    return CutProblem(tuple(parts), system.position, expand_numbers(model.number))
 
 
 def split_grid(system: LinkSystem, parts: tuple[int, int]) -> np.ndarray:

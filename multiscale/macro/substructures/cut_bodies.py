@@ -1,18 +1,20 @@
 """Cut elastic bodies into substructures, with rough joints between the bodies."""
 
 from collections.abc import Sequence
+from dataclasses import dataclass
+from itertools import pairwise
 
 import numpy as np
-from scipy.sparse import coo_array, csr_array
+from scipy.sparse import coo_array, csr_array, eye_array, hstack, vstack
 from scipy.sparse.csgraph import connected_components
 from scipy.spatial import cKDTree
 
 from multiscale.errors import CaseError
 from multiscale.fe.elasticity import displacement_basis, elastic_matrix
-from multiscale.fe.faces import face_areas
+from multiscale.fe.faces import face_areas, face_operator
 from multiscale.laws.bulk import AnisotropicElastic, Elastic
-from multiscale.macro.bodies.assembly import Assembly, Interface
-from multiscale.macro.continuum.body import Body, fixed_motion, load_vector
+from multiscale.macro.bodies.assembly import Assembly, Interface, Platen
+from multiscale.macro.continuum.body import Body, evaluate, fixed_motion, load_vector
 from multiscale.macro.substructures.problem import CutInterface, CutProblem, Substructure
 
 __all__ = ["cut_assembly", "cut_bodies", "split_boxes"]
@@ -51,7 +53,13 @@ def cut_assembly(assembly: Assembly, parts: tuple[int, int] = (1, 1)) -> CutProb
         As :func:`cut_bodies`.
     """
     owners = [split_boxes(body, (*parts, 1)) for body in assembly.bodies]
-    return cut_bodies(assembly.bodies, owners, assembly.interfaces, times=assembly.times)
+    return cut_bodies(
+        assembly.bodies,
+        owners,
+        assembly.interfaces,
+        times=assembly.times,
+        platens=assembly.platens,
+    )
 
 
 def cut_bodies(
@@ -60,6 +68,7 @@ def cut_bodies(
     joints: Sequence[Interface] = (),
     *,
     times: Sequence[float] = (1.0,),
+    platens: Sequence[Platen] = (),
 ) -> CutProblem:
     """Cut bodies in three dimensions.
 
@@ -70,9 +79,12 @@ def cut_bodies(
     owners : sequence of ndarray of int, shape (elements,)
         Substructure of every element, counted from 0 in each body.
     joints : sequence of Interface
-        Laws between the bodies.
+        Laws between the bodies, or between a body and the ground.
     times : sequence of float
         One load case for each: the tractions at that time.
+    platens : sequence of Platen
+        Rigid plates on the bodies. Their unknowns come last; substructures share them as they
+        share the nodes where they meet.
 
     Returns
     -------
@@ -81,89 +93,150 @@ def cut_bodies(
     Raises
     ------
     CaseError
-        If a law is not elastic, a support moves, faces do not match, or a substructure is in
-        pieces.
+        If a law is not elastic, a support moves, a platen is held, faces do not match, or a
+        substructure is in pieces.
     """
-    first_node = np.cumsum([0, *(body.mesh.p.shape[1] for body in bodies)])
-    first_part = np.cumsum([0, *(int(owner.max()) + 1 for owner in owners)])
-    position = np.concatenate([body.mesh.p.T for body in bodies])
-    number = _number([*bodies], times)
-    parts: list[Substructure] = []
+    structure = _number(bodies, platens, times)
+    found: list[tuple[csr_array, np.ndarray]] = []
+    first_part = [0]
     for index, (body, owner) in enumerate(zip(bodies, owners, strict=True)):
-        mine = number[first_node[index] : first_node[index + 1]]
-        parts.extend(_parts(body, index, np.asarray(owner), mine, times))
+        found.extend(_stiffness(body, index, np.asarray(owner), structure.of_body[index]))
+        first_part.append(len(found))
+    shares = np.bincount(np.concatenate([unknown for _, unknown in found]))
+    load = structure.load / shares[:, None]
+    parts = [
+        Substructure(
+            K, load[unknown], unknown, structure.position[unknown], structure.component[unknown]
+        )
+        for K, unknown in found
+    ]
     interfaces = [
         interface
         for place, joint in enumerate(joints)
         for interface in _interfaces(
-            place, joint, bodies, owners, number, first_node, first_part, parts
+            place, joint, bodies, owners, structure.of_body, first_part, parts
         )
     ]
-    return CutProblem(tuple(parts), position, number, tuple(interfaces))
+    return CutProblem(
+        tuple(parts),
+        np.concatenate([body.basis.doflocs.T for body in bodies]),
+        csr_array(vstack(structure.of_body)),
+        tuple(interfaces),
+    )
 
 
-def _number(bodies: Sequence[Body], times: Sequence[float]) -> np.ndarray:
-    """Unknown of every component of every node, -1 where it is held."""
-    held = []
+@dataclass(frozen=True, eq=False)
+class _Structure:
+    """Unknowns of all bodies and platens.
+
+    Attributes
+    ----------
+    of_body : list of csr_array, shape (3 nodes, n)
+        Displacement of the nodes of every body from the unknowns.
+    position : ndarray, shape (n, 3)
+        m.
+    component : ndarray of int, shape (n,)
+    load : ndarray, shape (n, cases)
+        N.
+    """
+
+    of_body: list[csr_array]
+    position: np.ndarray
+    component: np.ndarray
+    load: np.ndarray
+
+
+def _number(
+    bodies: Sequence[Body], platens: Sequence[Platen], times: Sequence[float]
+) -> _Structure:
+    """Count the unknowns: what no support holds and no platen moves, then motions of platens."""
+    first = np.cumsum([0, *(body.basis.doflocs.size for body in bodies)])
+    free = np.ones(first[-1], dtype=bool)
     for index, body in enumerate(bodies):
         if body.mesh.dim() != 3:
             raise CaseError(f"body {index} must be three-dimensional to be cut")
-        mask = np.zeros(3 * body.mesh.p.shape[1], dtype=bool)
         for time in times:
-            unknown, motion = fixed_motion(body, time)
+            held, motion = fixed_motion(body, time)
             if np.any(motion):
                 raise CaseError(
                     f"the supports of body {index} move by up to {np.abs(motion).max():g} m; "
                     f"substructures take supports at rest, so give a traction in their place"
                 )
-            mask[unknown] = True
-        held.append(mask)
-    free = ~np.concatenate(held)
-    number = np.full(free.size, -1)
-    number[free] = np.arange(np.count_nonzero(free))
-    return number.reshape(-1, 3)
+            free[first[index] + held] = False
+    ties, places, forces = [], [], []
+    for index, platen in enumerate(platens):
+        body, nodes = bodies[platen.body], bodies[platen.body].nodes(platen.boundary)
+        row = first[platen.body] + 3 * nodes + platen.axis
+        if not free[row].all():
+            raise CaseError(
+                f"platen {index} moves {np.count_nonzero(~free[row])} nodes of body {platen.body} "
+                f"along axis {platen.axis} that a support or another platen holds; take one of them"
+            )
+        free[row] = False
+        motion = platen.motion(body, body.basis.doflocs[:, nodes])
+        row, column = np.repeat(row, motion.shape[1]), np.tile(np.arange(motion.shape[1]), row.size)
+        ties.append(csr_array((motion.ravel(), (row, column)), shape=(free.size, motion.shape[1])))
+        places.append(platen.positions(body).T)
+        point = places[-1][:1].T
+        force = [
+            evaluate(platen.force, point, time, f"the force of platen {index}")[0] for time in times
+        ]
+        forces.append(np.outer(platen.arm(body), force))
+    own = np.flatnonzero(free)
+    single = csr_array((np.ones(own.size), (own, np.arange(own.size))), shape=(free.size, own.size))
+    expansion = csr_array(hstack([single, *ties]))
+    expansion.eliminate_zeros()
+    load = np.concatenate(
+        [np.stack([load_vector(body, time) for time in times], axis=1) for body in bodies]
+    )
+    load = expansion.T @ load
+    load[own.size :] += np.concatenate([np.zeros((0, len(times))), *forces])
+    position = np.concatenate([body.basis.doflocs.T for body in bodies])
+    return _Structure(
+        [expansion[a:b] for a, b in pairwise(first)],
+        np.concatenate([position[own // 3], *places]),
+        np.concatenate(
+            [
+                own % 3,
+                *(np.full(len(at), one.axis) for at, one in zip(places, platens, strict=True)),
+            ]
+        ),
+        load,
+    )
 
 
-def _parts(
-    body: Body, index: int, owner: np.ndarray, number: np.ndarray, times: Sequence[float]
-) -> list[Substructure]:
+def _stiffness(
+    body: Body, index: int, owner: np.ndarray, expansion: csr_array
+) -> list[tuple[csr_array, np.ndarray]]:
+    """Stiffness of every substructure of a body, and its unknowns, rising."""
+    mesh, found = body.mesh, []
     if not isinstance(body.law, Elastic | AnisotropicElastic):
         raise CaseError(
             f"body {index} must be Elastic or AnisotropicElastic to be cut, "
             f"got {type(body.law).__name__}"
         )
-    mesh = body.mesh
     if owner.shape != (mesh.t.shape[1],):
         raise CaseError(
             f"body {index} has {mesh.t.shape[1]} elements, got owners of shape {owner.shape}"
         )
-    force = np.stack([load_vector(body, time) for time in times], axis=1)
-    count = int(owner.max()) + 1
-    nodes_of = [np.unique(mesh.t[:, owner == part]) for part in range(count)]
-    shares = np.bincount(np.concatenate(nodes_of), minlength=mesh.p.shape[1])
-    force = force / np.repeat(np.maximum(shares, 1), 3)[:, None]
-    parts = []
-    for part, nodes in enumerate(nodes_of):
+    for part in range(int(owner.max()) + 1):
         elements = np.flatnonzero(owner == part)
         _check_piece(mesh.t[:, elements], f"substructure {part} of body {index}")
-        small = type(mesh)(
-            np.ascontiguousarray(mesh.p[:, nodes]),
-            np.ascontiguousarray(np.searchsorted(nodes, mesh.t[:, elements])),
-        )
-        basis = displacement_basis(small, mesh.elem())
-        K = elastic_matrix(basis, body.law)
-        unknown = number[nodes].ravel()
-        free = np.flatnonzero(unknown >= 0)
-        parts.append(
-            Substructure(
-                csr_array(K[free][:, free]),
-                force.reshape(-1, 3, len(times))[nodes].reshape(-1, len(times))[free],
-                unknown[free],
-                np.repeat(mesh.p[:, nodes].T, 3, axis=0)[free],
-                np.tile(np.arange(3), nodes.size)[free],
+        basis = body.basis
+        if elements.size < owner.size:
+            corners = np.unique(mesh.t[:, elements])
+            small = type(mesh)(
+                np.ascontiguousarray(mesh.p[:, corners]),
+                np.ascontiguousarray(np.searchsorted(corners, mesh.t[:, elements])),
             )
-        )
-    return parts
+            basis = displacement_basis(small, basis.elem)
+        node = np.empty(basis.N, dtype=int)
+        node[basis.element_dofs] = body.basis.element_dofs[:, elements]
+        mine = expansion[(3 * node[:, None] + np.arange(3)).ravel()]
+        unknown = np.unique(mine.indices)
+        mine = csr_array(mine[:, unknown])
+        found.append((csr_array(mine.T @ elastic_matrix(basis, body.law) @ mine), unknown))
+    return found
 
 
 def _check_piece(elements: np.ndarray, name: str) -> None:
@@ -182,122 +255,131 @@ def _interfaces(
     joint: Interface,
     bodies: Sequence[Body],
     owners: Sequence[np.ndarray],
-    number: np.ndarray,
-    first_node: np.ndarray,
-    first_part: np.ndarray,
+    of_body: Sequence[csr_array],
+    first_part: Sequence[int],
     parts: Sequence[Substructure],
 ) -> list[CutInterface]:
     """One interface for each pair of substructures that a joint joins.
 
-    Its points are nodes. One that several pairs share goes to the pair that has most of its
-    area: elastic ties around a node that it has in every pair would only be redundant.
+    A point belongs to the pair of its facet. A node that several pairs share goes to the pair that
+    has most of its area: elastic ties around a node that it has in every pair would only be
+    redundant. The ground is a side of the substructure on it that never moves.
     """
-    lower, upper = (bodies[side] for side in joint.sides)
-    basis = displacement_basis(upper.mesh, upper.mesh.elem())
-    node, facet, area = face_areas(basis, joint.boundaries[1])
-    twin = _twins(joint, lower, upper)
-    frame = _frame(upper, joint.boundaries[1])
-    facets = upper.mesh.boundaries[joint.boundaries[1]]
-    pair = np.stack(
-        [
-            _owner_below(joint, lower, upper, twin, owners, facets),
-            owners[joint.sides[1]][upper.mesh.f2t[0, facets]],
-        ]
-    )
-    pairs, of_facet = np.unique(pair, axis=1, return_inverse=True)
-    nodes, point = np.unique(node, return_inverse=True)
-    share = np.zeros((nodes.size, pairs.shape[1]))
-    np.add.at(share, (point, of_facet.ravel()[facet]), area)
-    weight, of_node = share.sum(axis=1), np.argmax(share, axis=1)
+    below, above = joint.sides
+    upper, name = bodies[above], str(joint.boundaries[1])
+    facets = upper.mesh.boundaries[name]
+    values, area = _points(upper, name, joint.quadrature_order)
+    frame = _frame(upper, name)
+    moved = [_in_frame(values, of_body[above], upper.nodes(name), frame)]
+    owner = [first_part[above] + owners[above][upper.mesh.f2t[0, facets]]]
+    if below is None:
+        moved.insert(0, csr_array(moved[0].shape))
+        owner.insert(0, owner[0])
+    else:
+        lower = bodies[below]
+        twin, partner = _twins(joint, lower, upper)
+        moved.insert(0, _in_frame(values, of_body[below], twin, frame))
+        owner.insert(0, first_part[below] + owners[below][lower.mesh.f2t[0, partner]])
+    pairs, of_facet = np.unique(np.stack(owner), axis=1, return_inverse=True)
+    of_facet = csr_array((np.ones(facets.size), (np.arange(facets.size), of_facet.ravel())))
+    share = (area @ of_facet).toarray()
+    weight, of_point = share.sum(axis=1), np.argmax(share, axis=1)
+    position = values @ upper.basis.doflocs[:, upper.nodes(name)].T
     found = []
-    for index in np.unique(of_node):
-        mine = np.flatnonzero(of_node == index)
-        traces, sides = [], []
-        for body, piece, at in zip(
-            joint.sides, pairs[:, index], (twin[nodes[mine]], nodes[mine]), strict=True
-        ):
-            sides.append(int(first_part[body] + piece))
-            traces.append(_trace(number[first_node[body] + at], frame, parts[sides[-1]].unknown))
-        position = upper.mesh.p[:, nodes[mine]].T
+    for index in np.unique(of_point):
+        mine = np.flatnonzero(of_point == index)
+        rows = (weight.size * np.arange(3)[:, None] + mine).ravel()
+        first, second = (int(side) for side in pairs[:, index])
+        traces = [
+            csr_array(side[rows][:, parts[part].unknown])
+            for side, part in zip(moved, (first, second), strict=True)
+        ]
         found.append(
             CutInterface(
-                (sides[0], sides[1]), tuple(traces), joint.law, weight[mine], position, place
+                (first, second), tuple(traces), joint.law, weight[mine], position[mine], place
             )
         )
     return found
 
 
-def _trace(unknown: np.ndarray, frame: np.ndarray, own: np.ndarray) -> csr_array:
-    """Displacement of nodes in the frame of the joint, shape (3 nodes, unknowns)."""
-    order, count = np.argsort(own), len(unknown)
-    row, column, value = [], [], []
-    for direction in range(3):
-        for axis in range(3):
-            kept = np.flatnonzero((unknown[:, axis] >= 0) & (frame[direction, axis] != 0.0))
-            row.append(direction * count + kept)
-            column.append(order[np.searchsorted(own[order], unknown[kept, axis])])
-            value.append(np.full(kept.size, frame[direction, axis]))
-    triplets = (np.concatenate(value), (np.concatenate(row), np.concatenate(column)))
-    return csr_array(triplets, shape=(3 * count, own.size))
+def _points(body: Body, boundary: str, order: int | None) -> tuple[csr_array, csr_array]:
+    """Values of a component at the points of a joint, and area of a point in every facet, m².
+
+    Shapes (points, nodes of the boundary) and (points, facets).
+    """
+    nodes, facets = body.nodes(boundary), body.mesh.boundaries[boundary].size
+    if order is not None:
+        values, weight, _ = face_operator(body.basis, boundary, order=order)
+        facet = np.repeat(np.arange(facets), weight.size // facets)
+        at = np.arange(weight.size)
+        return values[:, nodes], csr_array((weight, (at, facet)), shape=(at.size, facets))
+    node, facet, area = face_areas(body.basis, boundary)
+    if not np.isin(nodes, node).all():
+        raise CaseError(
+            f"some nodes of the boundary {boundary!r} stand for no area with "
+            f"{type(body.basis.elem).__name__}; give the interface a quadrature_order"
+        )
+    point = np.searchsorted(nodes, node)
+    return (
+        eye_array(nodes.size, format="csr"),
+        csr_array((area, (point, facet)), shape=(nodes.size, facets)),
+    )
+
+
+def _in_frame(
+    values: csr_array, expansion: csr_array, nodes: np.ndarray, frame: np.ndarray
+) -> csr_array:
+    """Displacement of points in a frame from the unknowns, by values of nodes, (3 points, n)."""
+    x, y, z = (values @ expansion[3 * nodes + axis] for axis in range(3))
+    rows = csr_array(vstack([a * x + b * y + c * z for a, b, c in frame]))
+    rows.eliminate_zeros()
+    return rows
 
 
 def _frame(upper: Body, boundary: str) -> np.ndarray:
     """Return the normal from side 1 to side 2 and two tangents, shape (3, 3)."""
     from skfem import FacetBasis
 
-    faces = FacetBasis(upper.mesh, upper.mesh.elem(), facets=boundary)
+    faces = FacetBasis(upper.mesh, upper.mesh.elem(), facets=boundary, intorder=2)
     normals = -np.asarray(faces.normals).reshape(3, -1)
     normal = normals.mean(axis=1)
     if np.ptp(normals, axis=1).max() > COINCIDENT:
         raise CaseError(f"the boundary {boundary!r} of a joint must be plane")
-    least = np.eye(3)[np.argmin(np.abs(normal))]
+    least = np.eye(3)[np.argmin(np.abs(normal).round(9))]  # rounding decides no direction
     first = least - (least @ normal) * normal
     first /= np.linalg.norm(first)
     return np.stack([normal, first, np.cross(normal, first)])
 
 
-def _twins(joint: Interface, lower: Body, upper: Body) -> np.ndarray:
-    """Node of the lower body at every node of the upper face, -1 elsewhere."""
-    for body, name in zip((lower, upper), joint.boundaries, strict=True):
-        body.check_boundary(name)
+def _twins(joint: Interface, lower: Body, upper: Body) -> tuple[np.ndarray, np.ndarray]:
+    """Nodes of the lower body at the nodes of the upper boundary, and facets at its facets."""
     low, up = (
-        np.unique(body.mesh.facets[:, body.mesh.boundaries[name]])
-        for body, name in zip((lower, upper), joint.boundaries, strict=True)
+        body.nodes(str(name)) for body, name in zip((lower, upper), joint.boundaries, strict=True)
     )
-    distance, nearest = cKDTree(lower.mesh.p[:, low].T).query(upper.mesh.p[:, up].T)
-    size = float(np.ptp(upper.mesh.p[:, up], axis=1).max())
+    at = upper.basis.doflocs[:, up].T
+    distance, nearest = cKDTree(lower.basis.doflocs[:, low].T).query(at)
+    size = float(np.ptp(at, axis=0).max())
     if distance.max() > COINCIDENT * size:
-        worst = upper.mesh.p[:, up[np.argmax(distance)]]
+        worst = at[np.argmax(distance)]
         raise CaseError(
             f"the boundaries {joint.boundaries} of a joint do not match: no node of the first lies "
             f"at {worst.round(9)} m of the second (nearest {distance.max():.2g} m away); mesh both "
             f"faces alike"
         )
-    twin = np.full(upper.mesh.p.shape[1], -1)
-    twin[up] = low[nearest]
-    return twin
-
-
-def _owner_below(
-    joint: Interface,
-    lower: Body,
-    upper: Body,
-    twin: np.ndarray,
-    owners: Sequence[np.ndarray],
-    facets: np.ndarray,
-) -> np.ndarray:
-    """Substructure of the lower body under every facet of the upper face."""
-    below = lower.mesh.boundaries[joint.boundaries[0]]
-    key = {
-        tuple(sorted(nodes)): facet
-        for facet, nodes in zip(below, lower.mesh.facets[:, below].T.tolist(), strict=True)
-    }
-    mine = np.sort(twin[upper.mesh.facets[:, facets]], axis=0).T.tolist()
-    try:
-        partner = np.array([key[tuple(nodes)] for nodes in mine])
-    except KeyError:
+    twin = low[nearest]
+    below, above = (
+        body.mesh.boundaries[name]
+        for body, name in zip((lower, upper), joint.boundaries, strict=True)
+    )
+    middles = [
+        body.mesh.p[:, body.mesh.facets[:, facets]].mean(axis=1).T
+        for body, facets in ((lower, below), (upper, above))
+    ]
+    distance, nearest = cKDTree(middles[0]).query(middles[1])
+    alike = type(lower.basis.elem) is type(upper.basis.elem)
+    if distance.max() > COINCIDENT * size or not alike:
         raise CaseError(
             f"the facets of the boundaries {joint.boundaries} of a joint do not match; mesh both "
-            f"faces alike"
-        ) from None
-    return np.asarray(owners[joint.sides[0]][lower.mesh.f2t[0, partner]])
+            f"faces alike, with the same elements"
+        )
+    return twin, below[nearest]

@@ -71,13 +71,12 @@ def simulate_latin(
     """
     times = np.asarray(times, dtype=float)
     h = _step(times)
-    masses = _masses(problem, mass)
-    inertia = masses / h**2
+    inertia = _masses(problem, mass) / h**2
     shares = problem.sum_up([np.ones(part.n) for part in problem.substructures])
-    added = [diags_array((inertia / shares)[part.unknown]) for part in problem.substructures]
+    shared = csr_array(diags_array(1.0 / shares) @ inertia)
     parts = tuple(
-        replace(part, stiffness=csr_array(part.stiffness + more))
-        for part, more in zip(problem.substructures, added, strict=True)
+        replace(part, stiffness=csr_array(part.stiffness + shared[part.unknown][:, part.unknown]))
+        for part in problem.substructures
     )
     method = Latin(replace(problem, substructures=parts), team=team)
     local = np.concatenate([problem.substructures[part].unknown for part in method.parts])
@@ -90,7 +89,7 @@ def simulate_latin(
     rows = [_row(method, times[0], u, v, tension, at_rest)]
 
     for time in times[1:]:
-        push = load_factor(time) * force + inertia * (u + h * v)
+        push = load_factor(time) * force + inertia @ (u + h * v)
         step = solve_step(
             method, push[local] / shares[local], None, tolerance, max_iterations, None
         )
@@ -122,18 +121,18 @@ def _step(times: np.ndarray) -> float:
     return h
 
 
-def _masses(problem: CutProblem, mass: float | np.ndarray) -> np.ndarray:
-    """Mass of every unknown, kg."""
+def _masses(problem: CutProblem, mass: float | np.ndarray) -> csr_array:
+    """Mass of the unknowns, kg; what moves with a rigid plate is coupled by it."""
     nodes = len(problem.position)
     if np.ndim(mass) and np.shape(mass) != (nodes,):
         raise CaseError(f"mass must be one number or one per node ({nodes},), got {np.shape(mass)}")
     spread = np.broadcast_to(np.asarray(mass, dtype=float), (nodes,))
-    free = problem.number >= 0
-    at = np.empty(problem.n)
-    at[problem.number[free]] = np.broadcast_to(spread[:, None], free.shape)[free]
-    if not np.all((at > 0.0) & np.isfinite(at)):
-        raise CaseError(f"mass must be positive and finite (kg), got {at.min():g}")
-    return at
+    E = problem.expansion
+    of_row = np.repeat(spread, E.shape[0] // nodes)
+    moved = of_row[np.diff(E.indptr) > 0]
+    if not np.all((moved > 0.0) & np.isfinite(moved)):
+        raise CaseError(f"mass must be positive and finite (kg), got {moved.min():g}")
+    return csr_array(E.T @ diags_array(of_row) @ E)
 
 
 def _initial(
@@ -142,15 +141,13 @@ def _initial(
     """Displacement and velocity of the unknowns at the first time."""
     if start is None:
         return np.zeros(problem.n), np.zeros(problem.n)
-    free = problem.number >= 0
-    out = []
+    nodes = len(problem.position)
+    shape = (nodes, problem.expansion.shape[0] // nodes)
     for name, given in zip(("displacement", "velocity"), start, strict=True):
-        if np.shape(given) != free.shape:
-            raise CaseError(f"start {name} must have shape {free.shape}, got {np.shape(given)}")
-        vector = np.empty(problem.n)
-        vector[problem.number[free]] = np.asarray(given, dtype=float)[free]
-        out.append(vector)
-    return out[0], out[1]
+        if np.shape(given) != shape:
+            raise CaseError(f"start {name} must have shape {shape}, got {np.shape(given)}")
+    u, v = problem.unknowns(np.array(start, dtype=float))
+    return u, v
 
 
 def _row(
@@ -166,8 +163,8 @@ def _row(
     team = method.team
     slack = team.concatenate(method.slack())
     fields = link_fields(problem, team.concatenate(tension), slack) | {
-        "displacement": np.append(u, 0.0)[problem.number[:, :3]],
-        "velocity": np.append(v, 0.0)[problem.number[:, :3]],
+        "displacement": problem.displacement(u),
+        "velocity": problem.displacement(v),
     }
     account = {name: step[name] for name in ("converged", "residual", "wall_time")}
     return {"time": time, **account, **fields}

@@ -43,7 +43,7 @@ def load_factors(problem: CutProblem, load_factor: float | np.ndarray) -> np.nda
 def link_fields(
     problem: CutProblem, tension: np.ndarray, slack: np.ndarray
 ) -> dict[str, np.ndarray]:
-    """Tension, N, and slack, m, in the order of the whole structure from that of the parts."""
+    """Tension, N, and slack, m, in the order of the whole structure, given part after part."""
     if not problem.n_links:
         return {}
     order = np.concatenate([part.links.number for part in problem.substructures if part.links])

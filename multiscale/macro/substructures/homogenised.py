@@ -102,7 +102,7 @@ def _slack_links(problem: CutProblem, result: "xr.Dataset | None", step: int) ->
         return np.zeros(0, dtype=bool)
     if result is None or "slack" not in result:
         raise CaseError(
-            f"the {problem.n_links} links need a result with 'slack'; give that of a solver"
+            f"the {problem.n_links} links need a result with 'slack'; give the result of a solver"
         )
     slack = result.slack.isel(step=step) if "step" in result.slack.dims else result.slack
     if slack.shape != (problem.n_links,):

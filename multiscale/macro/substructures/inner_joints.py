@@ -38,7 +38,7 @@ def move_joints_inside(problem: CutProblem) -> tuple[CutProblem, list[InnerJoint
 
     What was a joint between two substructures is then a perfect interface, on the first side of
     the joint, between one of them and the other with the joint: its stiffness, from none to
-    rigid, is that of a substructure.
+    rigid, is a stiffness of this substructure.
 
     Raises
     ------
@@ -70,7 +70,7 @@ def move_joints_inside(problem: CutProblem) -> tuple[CutProblem, list[InnerJoint
                 f"jump; solve_latin takes rigid contact as well"
             )
         inner.append(InnerJoint(second, csr_array(above - below), joint.law, joint.weight))
-    return CutProblem(tuple(parts), problem.position, problem.number), inner
+    return CutProblem(tuple(parts), problem.position, problem.expansion), inner
 
 
 def _widen(part: Substructure, other: Substructure, unknowns: np.ndarray) -> Substructure:

@@ -8,10 +8,10 @@ from multiscale.macro.substructures.problem import CutInterface, CutProblem
 __all__ = ["body_stiffness", "joint_directions", "law_stiffness"]
 
 STRENGTH = 0.6
-"""Stiffness of a side relative to that of body and law in series."""
+"""Stiffness of a side relative to the stiffness of body and law in series."""
 
 LEAN = 0.25
-"""How far the stiffness of one side leans towards that of the other, as an exponent."""
+"""How far the stiffness of one side leans towards the stiffness of the other, as an exponent."""
 
 RIGID = 1e4
 """Stiffness of a side that a support holds, relative to the bodies."""
@@ -23,7 +23,7 @@ SOFTEST, OPEN = 1e-3, 1e-9
 def body_stiffness(problem: CutProblem, joint: CutInterface) -> tuple[np.ndarray, ...]:
     """Stiffness per area of what either side of a joint stands for, shape (3, points), Pa/m.
 
-    The diagonal of a body is the stiffness of the shortest waves, and that of the longest is
+    The diagonal of a body is the stiffness of the shortest waves; the stiffness of the longest is
     less by their ratio of lengths; the mean of both is taken. The stiffer side is taken a little
     softer and the softer one stiffer: a stiff body has soft motions too. Where a support holds a
     side it is as good as rigid, whatever the body.
@@ -34,6 +34,7 @@ def body_stiffness(problem: CutProblem, joint: CutInterface) -> tuple[np.ndarray
         total = float(np.abs(problem.substructures[owner].stiffness.diagonal()) @ touched)
         found.append(total / weight.sum() / joint.weight.size**0.25)
         held.append((np.diff(trace.indptr) == 0).reshape(3, -1))
+    found = [k or max(found) for k in found]  # of a side that is held as a whole
     lean = [a ** (1.0 - LEAN) * b**LEAN for a, b in (found, found[::-1])]
     return tuple(np.where(rows, RIGID * max(found), k) for rows, k in zip(held, lean, strict=True))
 
@@ -56,9 +57,8 @@ def joint_directions(
 ) -> tuple[np.ndarray, ...]:
     """Stiffness of both sides of a joint: the body and half of the law in series, N/m.
 
-    The stiffness of a law that is much stiffer than the bodies does not count then, nor that of
-    bodies on a soft law; one number for both makes the iterations grow with the root of their
-    ratio or worse.
+    A law that is much stiffer than the bodies does not count then, nor do bodies on a soft law; one
+    number for both makes the iterations grow with the root of their ratio or worse.
 
     Parameters
     ----------

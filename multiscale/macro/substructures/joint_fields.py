@@ -8,7 +8,6 @@ import numpy as np
 
 from multiscale.errors import CaseError
 from multiscale.fe.boxes import HEX_ORDER
-from multiscale.fe.elasticity import displacement_basis
 from multiscale.laws.bulk import respond_bulk
 from multiscale.macro.continuum.body import Body
 from multiscale.schema import MACRO_RESULT
@@ -50,7 +49,7 @@ def add_body_fields(
     equivalent stress is :math:`\sqrt{3/2}\, |s|`. The density is the mean of
     :math:`\sigma : \nabla u / 2`.
     """
-    first = np.cumsum([0, *(body.mesh.p.shape[1] for body in bodies)])
+    first = np.cumsum([0, *(body.basis.N for body in bodies)])
     if result.sizes["node"] != first[-1] or len({body.mesh.t.shape[0] for body in bodies}) > 1:
         raise CaseError(
             f"the result has {result.sizes['node']} nodes and the bodies {first[-1]}; they must be "
@@ -76,7 +75,7 @@ def add_body_fields(
 
 def _fields(body: Body, displacement: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Equivalent stress and energy density of the elements, shape (steps, elements) each."""
-    basis = displacement_basis(body.mesh, body.mesh.elem())
+    basis = body.basis
     slopes = np.stack([np.asarray(shape[0].grad) for shape in basis.basis])  # (a, 3, e, points)
     share = basis.dx / basis.dx.sum(axis=1, keepdims=True)
     eye = np.eye(3)[:, :, None, None]

@@ -95,7 +95,7 @@ def measure_stiffness(
     ----------
     joints : sequence of Interface
     whole : Assembled
-        The structure; its loads are those of 1 Pa on the faces.
+        The structure; its loads are 1 Pa on the faces.
     result : Dataset
         Of :func:`solve_latin`.
     area : ndarray, shape (cases,)
@@ -112,7 +112,7 @@ def measure_stiffness(
     -----
     With the stiffness :math:`K` of the bodies, the tangents :math:`k` of the laws, the weights
     :math:`w` and the jump :math:`B u`, the compliance under the forces :math:`f` of 1 Pa on a face
-    of area A is that of joints and bodies in series, by the work that each of them stores,
+    of area A adds up joints and bodies in series, by the work that each of them stores,
 
     .. math::
         \frac1{k_{\mathrm{all}}} = \frac{f \cdot u}{A}

@@ -81,7 +81,8 @@ class Latin:
     The unknown of the iteration is :math:`x = (z, r)` with :math:`z = \tau - l \lambda` in the
     links and :math:`r = k_0 T u - F` on the sides: the part of a state that one stage hands to
     the other. The *local stage* knows slack and interfaces, the *linear stage* the equilibrium
-    of every substructure and, through the coarse problem, that of the coarse forces.
+    of every substructure and, through the coarse problem, the equilibrium of the coarse
+    forces.
     """
 
     def __init__(

@@ -132,7 +132,7 @@ def solve_latin(
 
 def _refuse_floating(problem: CutProblem) -> None:
     """Refuse a structure without joints, which may stand on something, that nothing holds."""
-    held = problem.number < 0
+    held = (np.diff(problem.expansion.indptr) == 0).reshape(len(problem.position), -1)
     if problem.joints or held.shape[1] < 3:
         return
     if freedom := free_rigid_motions(problem.position, held):
@@ -232,7 +232,7 @@ def _fields(method: Latin, column: dict[str, Any]) -> dict[str, np.ndarray]:
     """Displacement of the nodes, and what is known of the links and joints of all processes."""
     problem, team, found = method.problem, method.team, column["found"]
     u = problem.average(team.concatenate(found.u))
-    fields = {"displacement": np.append(u, 0.0)[problem.number[:, :3]]}
+    fields = {"displacement": problem.displacement(u)}
     if problem.joints:
         fields |= {name: column[name].T for name in ("jump", "traction")}
     tension = team.concatenate(method.admissible(found.tension))

@@ -132,9 +132,7 @@ def load_joint(
     problem, factors = cut_assembly(assembly, method.parts), loading.factors()
     result = method.solve(problem, factors)
     whole, area = assemble(problem), np.array(assembly.areas)
-    free = problem.number >= 0
-    u = np.empty((len(factors), problem.n))
-    u[:, problem.number[free]] = result["displacement"].values[:, free]
+    u = problem.unknowns(result["displacement"].values)
     approach, along = (u @ whole.load / area).T
     values: dict[str, Any] = {
         "preload": factors[:, 0],

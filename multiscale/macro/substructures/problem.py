@@ -9,8 +9,9 @@ from scipy.sparse import csr_array
 
 from multiscale.errors import CaseError
 from multiscale.laws.interface_law import InterfaceLaw
+from multiscale.numerics.factorisation import factorise
 
-__all__ = ["CutInterface", "CutProblem", "Links", "Substructure", "rigid_motions"]
+__all__ = ["CutInterface", "CutProblem", "Links", "Substructure", "expand_numbers", "rigid_motions"]
 
 
 @dataclass(frozen=True, eq=False)
@@ -144,8 +145,10 @@ class CutProblem:
     substructures : tuple of Substructure
     position : ndarray, shape (nodes, 3)
         m.
-    number : ndarray of int, shape (nodes, c)
-        Unknown of a component of a node, -1 where it is held.
+    expansion : csr_array, shape (nodes * c, n)
+        Components of the displacement of the nodes, one node after the other, from the unknowns:
+        nothing where a component is held, one entry where it is an unknown of its own, more where
+        a rigid plate moves it.
     joints : tuple of Interface
         Interfaces with a law. Perfect ones follow from the numbers of the unknowns.
 
@@ -157,7 +160,7 @@ class CutProblem:
 
     substructures: tuple[Substructure, ...]
     position: np.ndarray
-    number: np.ndarray
+    expansion: csr_array
     joints: tuple[CutInterface, ...] = ()
 
     def __post_init__(self) -> None:
@@ -177,12 +180,23 @@ class CutProblem:
     @property
     def n(self) -> int:
         """Number of unknowns of the whole structure."""
-        return 1 + int(self.number.max(initial=-1))
+        return int(self.expansion.shape[1])
 
     @property
     def n_cases(self) -> int:
         """Number of load cases."""
         return int(self.substructures[0].load.shape[1])
+
+    def displacement(self, value: np.ndarray) -> np.ndarray:
+        """Displacement of the nodes, shape (nodes, 3), from the value of the unknowns, m."""
+        return np.asarray((self.expansion @ value).reshape(len(self.position), -1)[:, :3])
+
+    def unknowns(self, displacement: np.ndarray) -> np.ndarray:
+        """Unknowns, shape (..., n), from the displacement of the nodes, (..., nodes, c), m."""
+        E = self.expansion
+        flat = displacement.reshape(-1, E.shape[0])
+        found = factorise(csr_array(E.T @ E), name="the expansion")(E.T @ flat.T)
+        return np.asarray(found.T.reshape(*displacement.shape[:-2], self.n))
 
     def sum_up(self, values: Sequence[np.ndarray]) -> np.ndarray:
         """Sum over the substructures that share an unknown, shape (n,)."""
@@ -198,6 +212,23 @@ class CutProblem:
     def n_links(self) -> int:
         """Number of links."""
         return sum(part.links.number.size for part in self.substructures if part.links)
+
+
+def expand_numbers(number: np.ndarray) -> csr_array:
+    """Expansion of nodes whose components are unknowns of their own, or held.
+
+    Parameters
+    ----------
+    number : ndarray of int, shape (nodes, c)
+        Unknown of a component of a node, -1 where it is held.
+
+    Returns
+    -------
+    csr_array, shape (nodes * c, n)
+    """
+    row = np.flatnonzero(number.ravel() >= 0)
+    shape = (number.size, 1 + int(number.max(initial=-1)))
+    return csr_array((np.ones(row.size), (row, number.ravel()[row])), shape=shape)
 
 
 def _perfect_interfaces(parts: Sequence[Substructure]) -> list[CutInterface]:

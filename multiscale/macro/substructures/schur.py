@@ -51,7 +51,7 @@ def solve_schur(
     Dataset
         Follows ``MACRO_RESULT``. A step that did not converge is NaN with ``converged`` 0, and
         the later ones are not tried. ``iterations`` counts the Newton steps,
-        ``krylov_iterations`` those of the linear solver in all of them. Attributes:
+        ``krylov_iterations`` the iterations of the linear solver in all of them. Attributes:
         ``unknowns``, ``shared_unknowns``, ``coarse_unknowns``, ``substructures``,
         ``interfaces`` and, of a step that failed, ``failure``, as in :func:`solve_latin`, which
         says what joints add.
@@ -127,7 +127,7 @@ def _solve_step(
     if run.converged:
         method.commit()
     return {
-        "displacement": np.append(method.displacement(), 0.0)[method.problem.number[:, :3]],
+        "displacement": method.problem.displacement(method.displacement()),
         **method.joint_fields(imbalance),
         **link_fields(
             method.problem,

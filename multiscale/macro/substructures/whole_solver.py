@@ -1,7 +1,7 @@
 """Newton's method for a cut structure of bodies, in one piece."""
 
-from collections.abc import Callable, Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Sequence
+from dataclasses import dataclass
 from itertools import pairwise
 from time import perf_counter
 from typing import TYPE_CHECKING, Any
@@ -12,7 +12,7 @@ from scipy.sparse import csr_array
 
 from multiscale.convergence import Solution, Status
 from multiscale.errors import CaseError
-from multiscale.fe.condensation import condense_body
+from multiscale.fe.condensation import CondensedStiffness, condense_body
 from multiscale.laws.interface_law import InterfaceLaw, Response
 from multiscale.macro.monolithic import solve_interface
 from multiscale.macro.substructures.capacity import find_slide
@@ -20,12 +20,11 @@ from multiscale.macro.substructures.cut_results import assemble_result, load_fac
 from multiscale.macro.substructures.joint_state import advance_state
 from multiscale.macro.substructures.problem import CutProblem
 from multiscale.macro.substructures.whole_structure import Assembled, assemble
-from multiscale.numerics.factorisation import factorise
 
 if TYPE_CHECKING:
     import xarray as xr
 
-__all__ = ["solve_whole"]
+__all__ = ["PreparedBodies", "prepare_bodies", "solve_whole"]
 
 DENSE = 1500
 """Unknowns on joints up to which the bodies are condensed onto them: every Newton step then
@@ -75,14 +74,16 @@ def solve_whole(
         tuple(joint.law for joint in problem.joints if joint.law),
         tuple(joint.weight.size for joint in problem.joints),
     )
-    solve = _prepare(whole, law, max_iterations=max_iterations, tolerance=tolerance)
+    bodies = prepare_bodies(whole)
     state, before = np.zeros((law.n_state, whole.weight.size)), np.zeros(0)
     u: np.ndarray | None = None
     columns: list[dict[str, Any]] = []
     for factor in factors:
         clock = perf_counter()
-        solution = solve(whole.load @ factor, u, state)
-        jump = (whole.jump @ solution.value).reshape(3, -1)
+        solution = bodies.solve(
+            law, factor, start=u, state=state, max_iterations=max_iterations, tolerance=tolerance
+        )
+        jump = (bodies.jump @ solution.value).reshape(3, -1)
         response = law.respond(jump, state)
         failure = ""
         if not solution.converged:
@@ -91,7 +92,7 @@ def solve_whole(
             failure = str(slide or solution.status.value)
         columns.append(
             {
-                "displacement": np.append(solution.value, 0.0)[problem.number[:, :3]],
+                "displacement": problem.displacement(bodies.expand(factor, solution.value)),
                 **({"jump": jump.T, "traction": response.traction.T} if problem.joints else {}),
                 "converged": int(solution.converged),
                 "failure": failure,
@@ -106,41 +107,88 @@ def solve_whole(
     return assemble_result(problem, factors, columns)
 
 
-def _prepare(
-    whole: Assembled, law: InterfaceLaw, **limits: Any
-) -> Callable[[np.ndarray, np.ndarray | None, np.ndarray], Solution]:
-    """Choose how a step is solved: from load, first displacement and state of the joints."""
-    K, B = whole.stiffness, whole.jump
-    if not whole.weight.size:
-        inverse = factorise(K, name="the stiffness of the structure")
+@dataclass(frozen=True, eq=False)
+class PreparedBodies:
+    """Bodies factorised once, for many laws, loads, first displacements and states.
 
-        def linear(load: np.ndarray, start: np.ndarray | None, state: np.ndarray) -> Solution:
-            u, size = inverse(load), float(norm(load)) or 1.0
-            return Solution(u, Status.CONVERGED, (1.0, float(norm(K @ u - load)) / size))
+    Attributes
+    ----------
+    whole : Assembled
+    condensed : CondensedStiffness, optional
+        Their stiffness on kept unknowns; all are kept if not given.
+    jump : csr_array, shape (3 points, kept)
+        Jump from the kept unknowns.
+    load : ndarray, shape (kept, cases)
+        Force on them that each load case amounts to, N.
+    """
 
-        return linear
-    touched = np.unique(B.indices)
-    if touched.size > DENSE:
-        return lambda load, start, state: solve_interface(
-            K, load, B, whole.weight, law, start=start, state=state, **limits
+    whole: Assembled
+    condensed: CondensedStiffness | None
+    jump: csr_array
+    load: np.ndarray
+
+    def solve(
+        self,
+        law: InterfaceLaw,
+        factor: np.ndarray,
+        *,
+        start: np.ndarray | None = None,
+        state: np.ndarray | None = None,
+        max_iterations: int = 100,
+        tolerance: float = 1e-10,
+    ) -> Solution:
+        """Find the kept unknowns, m, for factors of the load cases, shape (cases,).
+
+        See :func:`~multiscale.macro.monolithic.solve_interface`.
+        """
+        whole, condensed = self.whole, self.condensed
+        if not whole.weight.size:
+            u, load = self.expand(factor, np.zeros(0)), whole.load @ factor
+            residual = float(norm(whole.stiffness @ u - load)) / (float(norm(load)) or 1.0)
+            return Solution(np.zeros(0), Status.CONVERGED, (1.0, residual))
+        return solve_interface(
+            condensed.blocks[0] if condensed else whole.stiffness,
+            self.load @ factor,
+            self.jump,
+            whole.weight,
+            law,
+            start=start,
+            state=state,
+            max_iterations=max_iterations,
+            tolerance=tolerance,
         )
-    condensed = condense_body(K, touched, name="the stiffness")
-    edge, S = condensed.split.edge, condensed.blocks[0]
-    B = csr_array(B[:, edge])
 
-    def on_joints(load: np.ndarray, start: np.ndarray | None, state: np.ndarray) -> Solution:
-        begin, force = None if start is None else start[edge], condensed.reduce(load)
-        solution = solve_interface(
-            S, force, B, whole.weight, law, start=begin, state=state, **limits
-        )
-        return replace(solution, value=condensed.expand(load, solution.value))
+    def expand(self, factor: np.ndarray, kept: np.ndarray) -> np.ndarray:
+        """All unknowns from the kept ones, m."""
+        return self.condensed.expand(self.whole.load @ factor, kept) if self.condensed else kept
 
-    return on_joints
+
+def prepare_bodies(whole: Assembled, kept: np.ndarray | None = None) -> PreparedBodies:
+    """Condense bodies onto unknowns, which are those that joints touch, if these are few.
+
+    Parameters
+    ----------
+    whole : Assembled
+    kept : ndarray of int, optional
+        Other unknowns, with those that joints touch among them.
+
+    Raises
+    ------
+    MultiscaleError
+        If a body can move without force while these unknowns are held.
+    """
+    if kept is None:
+        kept = np.unique(whole.jump.indices)
+        if kept.size > DENSE:
+            return PreparedBodies(whole, None, whole.jump, whole.load)
+    condensed = condense_body(whole.stiffness, kept, name="the stiffness of the structure")
+    jump = csr_array(whole.jump[:, kept])
+    return PreparedBodies(whole, condensed, jump, condensed.reduce(whole.load))
 
 
 @dataclass(frozen=True)
 class _SideBySide(InterfaceLaw):
-    """Laws of interfaces side by side, each with its own points; state rows are those of most."""
+    """Laws of interfaces side by side, each at its points, with as many state rows as any has."""
 
     laws: Sequence[InterfaceLaw]
     points: Sequence[int]

@@ -1,15 +1,12 @@
 """Periodic tetrahedral meshes of a volume with cavities and cracks, by gmsh."""
 
-import signal
-import threading
-from collections.abc import Iterator
-from contextlib import contextmanager
 from dataclasses import replace
 from typing import Any
 
 import numpy as np
 
 from multiscale.errors import CaseError
+from multiscale.fe.gmsh_model import gmsh_model
 from multiscale.micro.damage.cavities import Cavities
 from multiscale.micro.damage.crack_faces import CrackedMesh, open_cracks
 from multiscale.micro.damage.plane_damage import SectionPlane
@@ -57,7 +54,7 @@ def mesh_cavities(rve: Cavities, element_size: float) -> CrackedMesh:
                     "periodic volume"
                 )
     length = max(rve.size)  # gmsh's tolerances are absolute: mesh in units of the longest edge
-    with _model() as gmsh:
+    with gmsh_model("volume") as gmsh:
         try:
             discs = _geometry(gmsh, rve, length)
             _match_faces(gmsh, np.array(rve.size) / length)
@@ -70,38 +67,19 @@ def mesh_cavities(rve: Cavities, element_size: float) -> CrackedMesh:
                 f"gmsh could not mesh the volume ({str(error).splitlines()[0]}); change "
                 f"element_size or move bodies that nearly touch"
             ) from error
-        points, cells, facets = _arrays(gmsh, [surface for surface, _ in discs])
+        tags, coordinates, _ = gmsh.model.mesh.getNodes()
+        kinds, _, nodes = gmsh.model.mesh.getElements(3)
+        triangles = [gmsh.model.mesh.getElements(2, surface)[2][0] for surface, _ in discs]
+    corners = next(n for kind, n in zip(kinds, nodes, strict=True) if kind == 4).reshape(-1, 4)
+    used = np.unique(corners)
+    order = np.argsort(tags)[np.searchsorted(np.sort(tags), used)]
+    points = coordinates.reshape(-1, 3)[order].T
+    on_cracks = np.concatenate([np.empty(0, dtype=used.dtype), *triangles]).reshape(-1, 3)
+    cells, facets = (np.searchsorted(used, one).T.copy() for one in (corners, on_cracks))
     mesh = open_cracks(points, cells, facets, np.array(rve.size) / length)
     if facets.size and mesh.points.shape[1] == points.shape[1]:
         raise CaseError("no crack has a node inside it; make element_size smaller than the cracks")
     return replace(mesh, points=length * mesh.points)
-
-
-@contextmanager
-def _model() -> Iterator[Any]:
-    """Open an empty model of gmsh, and keep the signal handlers of the process."""
-    try:
-        import gmsh
-    except (ImportError, OSError) as error:
-        raise CaseError(
-            f"the mesh generator gmsh cannot be loaded ({error}); install gmsh and the system's "
-            f"libglu1-mesa, libxrender1, libxcursor1, libxft2 and libxinerama1"
-        ) from error
-    started = not gmsh.isInitialized()
-    if started:
-        main = threading.current_thread() is threading.main_thread()
-        before = signal.getsignal(signal.SIGPIPE) if main else None
-        gmsh.initialize(interruptible=False)
-        if before is not None:
-            signal.signal(signal.SIGPIPE, before)
-    gmsh.option.setNumber("General.Terminal", 0)
-    gmsh.model.add("volume")
-    try:
-        yield gmsh
-    finally:
-        gmsh.model.remove()
-        if started:
-            gmsh.finalize()
 
 
 def _geometry(gmsh: Any, rve: Cavities, length: float) -> list[tuple[int, list[int]]]:
@@ -112,7 +90,12 @@ def _geometry(gmsh: Any, rve: Cavities, length: float) -> list[tuple[int, list[i
     discs: list[tuple[int, int]] = []
     for kind in rve.images:
         if isinstance(kind, Cracks):
-            discs += [(2, _disc(occ, kind, k, length)) for k in _visible(kind, np.array(rve.size))]
+            for k in _visible(kind, np.array(rve.size)):
+                discs.append((2, occ.addDisk(0.0, 0.0, 0.0, 1.0, 1.0)))
+                p, q = kind.root[k].T / length
+                n = np.cross(p, q)
+                axes = np.stack([p, q, n / np.linalg.norm(n) * np.linalg.norm(p)], axis=1)
+                _place(occ, discs[-1], axes, kind.centre[k] / length)
         else:
             count = range(len(kind.centre))
             tools += [(3, _solid(occ, kind, k, length, rve)) for k in count]
@@ -124,18 +107,17 @@ def _geometry(gmsh: Any, rve: Cavities, length: float) -> list[tuple[int, list[i
         _, origin = occ.fragment(solid, parts)
         parts = list(dict.fromkeys(piece for pieces in origin[len(solid) :] for piece in pieces))
     occ.synchronize()
-    box_size = np.array(rve.size) / length
-    return [
-        (
-            surface,
-            [
-                curve
-                for _, curve in gmsh.model.getBoundary([(2, surface)], oriented=False)
-                if not _on_face(gmsh, curve, box_size)
-            ],
-        )
-        for _, surface in parts
-    ]
+    size, margin = np.array(rve.size) / length, 1e-6  # gmsh's boxes are wider by 1e-7
+    found = []
+    for _, surface in parts:
+        inside = []
+        for _, curve in gmsh.model.getBoundary([(2, surface)], oriented=False):
+            ends = np.array(gmsh.model.getBoundingBox(1, curve)).reshape(2, 3)
+            on_face = [np.all(np.abs(ends - side) < margin, axis=0) for side in (0.0, size)]
+            if not np.any(on_face):
+                inside.append(curve)
+        found.append((surface, inside))
+    return found
 
 
 def _visible(cracks: Cracks, size: np.ndarray) -> list[int]:
@@ -156,16 +138,6 @@ def _visible(cracks: Cracks, size: np.ndarray) -> list[int]:
     return visible
 
 
-def _on_face(gmsh: Any, curve: int, size: np.ndarray) -> bool:
-    """Whether a curve lies in a face of the box."""
-    box = np.array(gmsh.model.getBoundingBox(1, curve)).reshape(2, 3)
-    margin = 1e-6  # gmsh's boxes are wider than the curve by 1e-7
-    return bool(
-        np.any(np.all(np.abs(box) < margin, axis=0))
-        or np.any(np.all(np.abs(box - size) < margin, axis=0))
-    )
-
-
 def _solid(occ: Any, kind: Shapes, k: int, length: float, rve: Cavities) -> int:
     """Add cavity k and return its tag."""
     centre = kind.centre[k] / length
@@ -180,20 +152,6 @@ def _solid(occ: Any, kind: Shapes, k: int, length: float, rve: Cavities) -> int:
     ball = int(occ.addSphere(0.0, 0.0, 0.0, 1.0))
     _place(occ, (3, ball), kind.root[k] / length, centre)
     return ball
-
-
-def _disc(occ: Any, kind: Cracks, k: int, length: float) -> int:
-    """Add crack k as a flat elliptic surface and return its tag."""
-    p, q = kind.root[k].T / length
-    disc = int(occ.addDisk(0.0, 0.0, 0.0, 1.0, 1.0))
-    normal = np.cross(p, q)
-    _place(
-        occ,
-        (2, disc),
-        np.stack([p, q, normal / np.linalg.norm(normal) * np.linalg.norm(p)], axis=1),
-        kind.centre[k] / length,
-    )
-    return disc
 
 
 def _place(occ: Any, entity: tuple[int, int], matrix: np.ndarray, centre: np.ndarray) -> None:
@@ -248,16 +206,3 @@ def _sizes(
     field.setNumber(threshold, "DistMin", 0.0)
     field.setNumber(threshold, "DistMax", smallest)
     field.setAsBackgroundMesh(threshold)
-
-
-def _arrays(gmsh: Any, surfaces: list[int]) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Return the points, the tetrahedra, and the triangles on some surfaces."""
-    tags, coordinates, _ = gmsh.model.mesh.getNodes()
-    kinds, _, nodes = gmsh.model.mesh.getElements(3)
-    corners = next(n for kind, n in zip(kinds, nodes, strict=True) if kind == 4).reshape(-1, 4)
-    used = np.unique(corners)
-    order = np.searchsorted(np.sort(tags), used)
-    points = coordinates.reshape(-1, 3)[np.argsort(tags)][order].T
-    triangles = [gmsh.model.mesh.getElements(2, surface)[2][0] for surface in surfaces]
-    facets = np.concatenate([np.empty(0, dtype=used.dtype), *triangles]).reshape(-1, 3)
-    return points, np.searchsorted(used, corners).T.copy(), np.searchsorted(used, facets).T.copy()

@@ -9,6 +9,9 @@ from multiscale.errors import CaseError
 
 __all__ = ["fit_tensor", "lattice_directions", "miller_indices", "sphere_directions"]
 
+LARGEST_INDEX = 12
+"""Largest Miller index of a plane that counts as closed."""
+
 
 def sphere_directions(level: int) -> np.ndarray:
     """Spread normals evenly over half a sphere, by halving the edges of an icosahedron.
@@ -59,9 +62,7 @@ def lattice_directions(size: tuple[float, float, float], largest: int = 2) -> np
     return _one_of_each_pair(normals / np.linalg.norm(normals, axis=1, keepdims=True))
 
 
-def miller_indices(
-    normal: np.ndarray, size: tuple[float, float, float], largest: int = 12
-) -> tuple[int, int, int]:
+def miller_indices(normal: np.ndarray, size: tuple[float, float, float]) -> tuple[int, int, int]:
     """Find the Miller indices of a normal in a periodic box.
 
     The normal may have any length but zero.
@@ -69,19 +70,19 @@ def miller_indices(
     Raises
     ------
     CaseError
-        If no indices up to the largest fit: the plane does not close.
+        If no indices up to :data:`LARGEST_INDEX` fit: the plane does not close.
     """
     ratio = normal * np.asarray(size)
     ratio = ratio / np.abs(ratio).max()
-    for multiple in range(1, largest + 1):
+    for multiple in range(1, LARGEST_INDEX + 1):
         rounded = np.rint(multiple * ratio)
         if np.abs(multiple * ratio - rounded).max() < 1e-7 * multiple:
             h, k, l_ = (int(m) for m in rounded)
             return (h, k, l_)
     raise CaseError(
         f"a plane with the normal {np.array2string(normal, precision=4)} does not close in a "
-        f"periodic box of {size} m within indices of {largest}; leave out closed=True or take a "
-        f"lattice direction"
+        f"periodic box of {size} m within indices of {LARGEST_INDEX}; leave out closed=True or "
+        f"take a lattice direction"
     )
 
 

@@ -129,7 +129,8 @@ def _follow_segment(state, target, material, substeps):  # type: ignore[no-untyp
         xi[i] = (start[i] - hydro - 2.0 * shear * (1.0 - b) * state[2 + i]) / loss - state[8 + i]
         change[i] = (target[i] - start[i] - hydro_change) / loss
     if _equivalent(xi + change) <= limit * (1.0 + 1e-14):
-        state[14:] = target
+        for i in range(6):  # a slice would have the compiler write its error message
+            state[14 + i] = target[i]
         return 1.0
     begin = _elastic_share(xi, change, limit)
     # deviator and mean of the effective stress where the step starts, for the energy
@@ -155,8 +156,10 @@ def _follow_segment(state, target, material, substeps):  # type: ignore[no-untyp
             share = _add_damage(state, dp, old, middle, new, material)
             if state[0] >= material[CRITICAL]:
                 return begin + (1.0 - begin) * (step + share) / substeps
-        old[:] = new
-    state[14:] = target
+        for i in range(6):
+            old[i] = new[i]
+    for i in range(6):
+        state[14 + i] = target[i]
     return 1.0
 
 

@@ -11,6 +11,7 @@ V being the volume of the whole box. The error of the energy is quadratic in the
 the stiffness is an upper bound for the meshed cavities.
 """
 
+from dataclasses import dataclass
 from time import perf_counter
 from typing import TYPE_CHECKING
 
@@ -33,7 +34,7 @@ from multiscale.numerics.factorisation import factorise
 if TYPE_CHECKING:
     from skfem import CellBasis, MeshTet
 
-__all__ = ["mesh_stiffness", "solve_periodic"]
+__all__ = ["PeriodicFields", "mesh_stiffness", "solve_periodic"]
 
 LARGEST_RESIDUAL = 1e-8
 """Residual of the direct solver, relative to the load, above which a solve counts as failed."""
@@ -86,8 +87,8 @@ def mesh_stiffness(
     )
     basis = Basis(_curved(tetrahedra, rve, mesh.front), ElementTetP2(), intorder=2)
     number = _unknowns(basis, mesh, np.array(rve.size))
-    u, energy, residual = solve_periodic(basis, number, lame, shear)
-    energy /= np.prod(rve.size)
+    fields = solve_periodic(basis, number, lame, shear)
+    u, residual, energy = fields.displacement, fields.residual, fields.energy / np.prod(rve.size)
     seconds = perf_counter() - begin
     solved = [Status.CONVERGED if one <= LARGEST_RESIDUAL else Status.STALLED for one in residual]
     loads = [Solution(u[:, k], solved[k], (float(residual[k]),), (seconds,)) for k in range(6)]
@@ -95,28 +96,38 @@ def mesh_stiffness(
     return summarise_loads(symmetric, loads, LOST_STIFFNESS * youngs_modulus)
 
 
-def solve_periodic(
-    basis: "CellBasis", number: np.ndarray, lame: float | np.ndarray, shear: float | np.ndarray
-) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Solve (1) by a factorisation for the six mean strains.
+@dataclass(frozen=True, eq=False)
+class PeriodicFields:
+    """Six states of a periodic volume, one for each mean strain.
 
-    Parameters
+    Attributes
     ----------
-    basis : CellBasis
-        Of one displacement component.
-    number : ndarray of int, shape (basis.N,)
-        Number of the periodic unknown of every node.
-    lame, shear : float or ndarray, shape (elements,)
-        Pa.
-
-    Returns
-    -------
-    displacement : ndarray, shape (3 basis.N, 6)
+    displacement : ndarray, shape (3 nodes, 6)
         Three components of the displacement of each node, m.
     energy : ndarray, shape (6, 6)
         Twice the energy of pairs of mean strains, J.
     residual : ndarray, shape (6,)
         Residual of the direct solver, relative to the load; dimensionless.
+    """
+
+    displacement: np.ndarray
+    energy: np.ndarray
+    residual: np.ndarray
+
+
+def solve_periodic(
+    basis: "CellBasis", number: np.ndarray, lame: float | np.ndarray, shear: float | np.ndarray
+) -> PeriodicFields:
+    """Solve (1) by a factorisation for the six mean strains.
+
+    Parameters
+    ----------
+    basis : CellBasis
+        Element of one displacement component.
+    number : ndarray of int, shape (basis.N,)
+        Number of the periodic unknown of every node.
+    lame, shear : float or ndarray, shape (elements,)
+        Lamé's parameters, Pa.
     """
     stiffness = assemble_elasticity(basis, lame, shear)
     count = int(number.max()) + 1
@@ -128,7 +139,11 @@ def solve_periodic(
     pinned = (3 * fixed[:, None] + np.arange(3)).ravel()
     free = np.setdiff1d(np.arange(3 * count), pinned)  # no piece moves as a rigid body
 
-    linear = np.stack([(_tensor(k) @ basis.doflocs).T.ravel() for k in range(6)], axis=1)
+    unit = np.zeros((6, 3, 3))  # strain number k as a tensor; shear strains are angles
+    for k, (i, j) in enumerate(COMPONENTS):
+        unit[k, i, j] += 0.5
+        unit[k, j, i] += 0.5
+    linear = np.stack([(strain @ basis.doflocs).T.ravel() for strain in unit], axis=1)
     periodic = csr_array(place.T @ stiffness @ place)
     load = -(place.T @ (stiffness @ linear))
     matrix = periodic[free][:, free]
@@ -138,7 +153,7 @@ def solve_periodic(
     u = linear + place @ w
     scale = np.linalg.norm(stiffness @ linear, axis=0)
     residual = np.linalg.norm(matrix @ w[free] - load[free], axis=0) / scale
-    return u, u.T @ (stiffness @ u), residual
+    return PeriodicFields(u, u.T @ (stiffness @ u), residual)
 
 
 def _curved(mesh: "MeshTet", rve: Cavities, front: np.ndarray) -> "MeshTet":
@@ -174,15 +189,6 @@ def _curved(mesh: "MeshTet", rve: Cavities, front: np.ndarray) -> "MeshTet":
         near, far = corners[:, mesh.edges[end, leaves]], corners[:, mesh.edges[1 - end, leaves]]
         nodes[:, corners.shape[1] + leaves] = 0.75 * near + 0.25 * far
     return MeshTet2(nodes, mesh.t, validate=False)
-
-
-def _tensor(k: int) -> np.ndarray:
-    """Return the unit strain number k as a tensor; shear strains are angles."""
-    i, j = COMPONENTS[k]
-    strain = np.zeros((3, 3))
-    strain[i, j] += 0.5
-    strain[j, i] += 0.5
-    return strain
 
 
 def _unknowns(basis: "CellBasis", mesh: CrackedMesh, size: np.ndarray) -> np.ndarray:

@@ -81,10 +81,10 @@ def _union_area(polygon, centre, root, inverse, radius, strip):  # type: ignore[
         if near[i, i]:
             total += _arcs(i, polygon, centre, root, inverse, strip, near[i], breaks)
             total += _cuts(i, polygon, centre, root, inverse, strip, near[i], breaks)
-    everyone = np.ones(len(centre), dtype=np.bool_)
+    none, everyone = np.int64(-1), np.ones(len(centre), dtype=np.bool_)
     for a in range(len(polygon)):
         p, q = polygon[a], polygon[(a + 1) % len(polygon)]
-        n = _crossings(p, q, -1, polygon, centre, inverse, strip, everyone, breaks, False)
+        n = _crossings(p, q, none, polygon, centre, inverse, strip, everyone, breaks, False)
         for b in range(n - 1):
             s, t = _samples(breaks[b], breaks[b + 1])
             x, y = p[0] + s * (q[0] - p[0]), p[1] + s * (q[1] - p[1])
@@ -152,7 +152,7 @@ def _exposed(x, y, i, polygon, centre, inverse, strip, near):  # type: ignore[no
 def _arcs(i, polygon, centre, root, inverse, strip, near, breaks):  # type: ignore[no-untyped-def]
     """Part of (1) from the exposed arcs of an ellipse."""
     M, cx, cy = root[i], centre[i, 0], centre[i, 1]
-    n = 0
+    n = np.int64(0)  # as in every later call: one signature
     for a in range(len(polygon)):
         p, q = polygon[a], polygon[(a + 1) % len(polygon)]
         gx, gy = q[1] - p[1], p[0] - q[0]
@@ -229,7 +229,7 @@ def _crossings(  # type: ignore[no-untyped-def]
 ):
     """Sorted places t in [0, 1] where a segment may cross a boundary."""
     breaks[0], breaks[1] = 0.0, 1.0
-    n = 2
+    n = np.int64(2)  # as in every later call: one signature
     dx, dy = q[0] - p[0], q[1] - p[1]
     if with_polygon:
         for a in range(len(polygon)):

@@ -35,7 +35,7 @@ class Walk:
     increments : int
         Number of increments, accepted or cut.
     newton_iterations, linear_iterations : int
-        Of all increments.
+        Numbers of all increments.
     reached : float
         Share of the step that was completed, 0 to 1.
     """

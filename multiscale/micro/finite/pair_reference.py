@@ -54,7 +54,14 @@ class PairReference:
 
 @dataclass(frozen=True, eq=False)
 class JoinedReference:
-    """Two references with forces between them, where the nodes of the first meet the second."""
+    """Two references with forces between them, where the nodes of the first meet the second.
+
+    Attributes
+    ----------
+    pair : PairReference
+    meeting : PairMeeting
+        Contact points between both bodies.
+    """
 
     pair: PairReference
     meeting: PairMeeting

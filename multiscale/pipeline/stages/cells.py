@@ -292,4 +292,5 @@ CELLS: Stage = Stage(
     sections=_sections,
     pictures=("surface", "contact_map"),
     work=count_cells,
+    folders=("micro", "micro-halved-increments", "plan"),
 )

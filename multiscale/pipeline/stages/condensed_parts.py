@@ -5,11 +5,11 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from multiscale.macro import homogenise
+from multiscale.pipeline.settings import Case
 from multiscale.pipeline.stage import Datasets, Job, Stage
 from multiscale.pipeline.stages.links import LINKS
 from multiscale.pipeline.stages.plate import PLATE
 from multiscale.pipeline.stages.rough_joints import ROUGH_JOINTS
-from multiscale.pipeline.structure_settings import StructureCase
 from multiscale.schema import HOMOGENISED, MACRO_RESULT
 
 if TYPE_CHECKING:
@@ -18,12 +18,15 @@ if TYPE_CHECKING:
 __all__ = ["CONDENSED_PARTS"]
 
 
-def _run(case: StructureCase, found: Datasets, job: Job) -> "xr.Dataset":
+def _run(case: Case, found: Datasets, job: Job) -> "xr.Dataset":
     """Condense at the last step that converged."""
     result = found[MACRO_RESULT.name]
     solved = np.isfinite(result["displacement"].values).all(axis=(1, 2))
     step = int(np.flatnonzero(solved)[-1])
-    return homogenise(case.structure.cut(case), result, step=step).assign_attrs(title=case.title)
+    assert case.structure is not None  # it asks for the stage
+    return homogenise(case.structure.cut(case, found), result, step=step).assign_attrs(
+        title=case.title
+    )
 
 
 CONDENSED_PARTS = Stage(

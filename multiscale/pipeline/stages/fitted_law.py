@@ -7,13 +7,22 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from multiscale.pipeline.case_budget import case_budget
+from multiscale.pipeline.real_contact import behaviour
+from multiscale.pipeline.rows import say_error
 from multiscale.pipeline.settings import Case
-from multiscale.pipeline.stage import Datasets, Job, Section, Stage
+from multiscale.pipeline.stage import Datasets, Job, Section, Stage, Summary
 from multiscale.pipeline.stages.cells import CELLS
 from multiscale.plotting.figure import on_axes
 from multiscale.plotting.law_figures import plot_area_law, plot_gap_law, plot_unloading
 from multiscale.schema import INTERFACE_LAW, MICRO_RESPONSE
-from multiscale.upscaling import fit_branches, loading_branch, require_law, with_budget
+from multiscale.upscaling import (
+    area_from_dataset,
+    fit_branches,
+    law_from_dataset,
+    loading_branch,
+    require_law,
+    with_budget,
+)
 
 if TYPE_CHECKING:
     import xarray as xr
@@ -76,12 +85,41 @@ def _unloading(law: "xr.Dataset") -> list[str]:
     ]
 
 
+def _summary(found: Datasets) -> Summary:
+    """Say the middle one of the pressures: gap, stiffness and contact of the interface."""
+    response, law = found[MICRO_RESPONSE.name], found[FITTED_LAW.name]
+    pressures = law["fit_pressure"].to_numpy()
+    middle = pressures.size // 2
+    normal, gap = law_from_dataset(law), law["fit_mean_gap"].to_numpy()[middle]
+    values = {
+        "mean_gap": (f"{1e6 * gap:.4g} µm", "its mean gap is"),
+        "stiffness": (f"{1e-12 * float(normal.stiffness(gap)):.4g} MPa/µm", "its stiffness"),
+        "contact_fraction": (
+            f"{100.0 * float(area_from_dataset(law).contact_fraction(pressures[middle])):.3g} %",
+            "the share of it that touches",
+        ),
+    }
+    total = law["error_total"].isel(step=middle)
+    told = [
+        f"{words} {value} (error {say_error(float(total.sel(quantity=name)))} %)"
+        for name, (value, words) in values.items()
+    ]
+    question = (
+        f"How do gap, stiffness and contact of the interface depend on its pressure, between "
+        f"{1e-6 * pressures.min():.4g} and {1e-6 * pressures.max():.4g} MPa?"
+    )
+    answer = f"At {1e-6 * pressures[middle]:.4g} MPa {', '.join(told[:2])} and {told[2]}."
+    planned = str(law.attrs.get("plan", "")).splitlines()
+    return Summary(response.attrs["title"], question, [*planned, answer, *behaviour(law)])
+
+
 FITTED_LAW = Stage(
     schema=INTERFACE_LAW,
     tables=("micro",),
-    reads={"law": True, "joint": {"width"}},  # whose scales the budget compares
+    reads={"law": True, "structure": {"kind", "width"}},  # whose scales the budget compares
     takes=(CELLS,),
     run=_run,
     sections=_sections,
+    summary=_summary,
     pictures=("gap_law", "area_law", "unloading"),
 )

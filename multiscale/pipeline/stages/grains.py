@@ -8,8 +8,8 @@ from multiscale.macro.granulate.grain_needs import grain_needs
 from multiscale.needs import Needs
 from multiscale.pipeline.grain_settings import Granulate
 from multiscale.pipeline.rows import tabulate_grains
-from multiscale.pipeline.stage import Job
-from multiscale.pipeline.structure_settings import StructureCase
+from multiscale.pipeline.settings import Case
+from multiscale.pipeline.stage import Datasets, Job
 from multiscale.pipeline.structure_stage import structure_stage
 from multiscale.schema import GRANULATE
 
@@ -19,11 +19,9 @@ if TYPE_CHECKING:
 __all__ = ["GRAINS"]
 
 
-def _solve(given: Granulate, case: StructureCase, job: Job) -> "xr.Dataset":
+def _solve(given: Granulate, case: Case, found: Datasets, job: Job) -> "xr.Dataset":
     """Follow the grains; the attribute ``cautions`` counts steps that missed the tolerance."""
     grains, motion = case.grains, case.motion
-    assert grains is not None  # the case has been validated
-    assert motion is not None
     return simulate_grains(
         given.build(grains, motion),
         motion.duration,
@@ -34,10 +32,8 @@ def _solve(given: Granulate, case: StructureCase, job: Job) -> "xr.Dataset":
     )
 
 
-def _needs(given: Granulate, case: StructureCase) -> Needs:
+def _needs(given: Granulate, case: Case) -> Needs:
     grains, motion = case.grains, case.motion
-    assert grains is not None  # the case has been validated
-    assert motion is not None
     return grain_needs(
         grains.number,
         motion.frames,
@@ -54,6 +50,7 @@ GRAINS = structure_stage(
     _needs,
     tabulate_grains,
     write_grain_fields,
+    reads={"structure", "grains", "motion"},
     question="How do the grains move, and what do their contacts carry?",
     schema=GRANULATE,
     solver=(),

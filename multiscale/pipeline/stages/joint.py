@@ -1,8 +1,8 @@
-"""Stage: two blocks pressed together through the interface law."""
+"""Stage: two blocks pressed together through the law of their interface."""
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, cast
 
 import numpy as np
 
@@ -11,25 +11,35 @@ from multiscale.errors import ConvergenceError
 from multiscale.laws import NormalLaw
 from multiscale.macro import Block, RoughJoint, press_joint
 from multiscale.needs import Choice, Needs
+from multiscale.pipeline.body_settings import Blocks
 from multiscale.pipeline.case_budget import joint_scales
 from multiscale.pipeline.real_contact import behaviour, real_pressure
 from multiscale.pipeline.rows import list_facts, tabulate
 from multiscale.pipeline.settings import Case
-from multiscale.pipeline.stage import Datasets, Section, Stage, Summary, format_table
+from multiscale.pipeline.stage import (
+    Datasets,
+    Section,
+    Stage,
+    Summary,
+    format_table,
+    list_cautions,
+)
 from multiscale.pipeline.stages.fitted_law import FITTED_LAW
 from multiscale.plotting.budget_figures import plot_error_budget
 from multiscale.plotting.figure import on_axes
 from multiscale.plotting.law_figures import plot_joint_stiffness
-from multiscale.schema import INTERFACE_LAW, MACRO_RESULT, MICRO_RESPONSE, with_cautions
+from multiscale.schema import MACRO_RESULT, MICRO_RESPONSE, with_cautions
 from multiscale.upscaling import (
     area_from_dataset,
     cell_share,
+    compare_scales,
     fitted_laws,
     law_from_dataset,
     over_steps,
     require_law,
     structure_budget,
     with_budget,
+    with_scales,
 )
 from multiscale.upscaling.budget import how_attribute
 
@@ -49,20 +59,22 @@ def solve_joint(case: Case, law: "xr.Dataset") -> "xr.Dataset":
     Parameters
     ----------
     case : Case
+        With blocks, and cells of its own or a law from a file.
     law : Dataset
-        Follows ``INTERFACE_LAW`` and carries its budget, which tells the sampling error of the
-        joint if the law has no samples.
+        Follows ``INTERFACE_LAW``. Its budget, if it carries one, tells the sampling error of the
+        joint where the law has no samples.
 
     Returns
     -------
     Dataset
-        Follows ``MACRO_RESULT``, with the budget of :data:`STIFFNESSES`.
+        Follows ``MACRO_RESULT``, with the budget of :data:`STIFFNESSES` if the law has one.
     """
+    blocks = cast(Blocks, case.structure)
     lower, upper = (
-        Block(case.joint.height, body.youngs_modulus, body.poissons_ratio) for body in case.bodies
+        Block(blocks.height, body.youngs_modulus, body.poissons_ratio) for body in case.bodies
     )
-    joint = RoughJoint((case.joint.width, case.joint.width), lower, upper)
-    preload, extrapolate = np.array(case.joint.preloads), case.law.extrapolate
+    joint = RoughJoint((blocks.width, blocks.width), lower, upper)
+    preload, extrapolate = np.array(case.statics.preloads), case.extrapolate
     samples = range(law.sizes["sample"])
     result = press_joint(
         joint,
@@ -71,17 +83,18 @@ def solve_joint(case: Case, law: "xr.Dataset") -> "xr.Dataset":
         samples=fitted_laws(law, samples),
         extrapolate=extrapolate,
     )
-    fraction = area_from_dataset(law).contact_fraction(preload)
+    fraction = np.full(preload.shape, np.nan)
+    if "area_pressure" in law:
+        fraction = area_from_dataset(law).contact_fraction(preload)
     areas = {"contact_fraction": fraction, "real_pressure": real_pressure(preload, fraction)}
     kept = np.isfinite(result["joint_stiffness"].to_numpy())
     areas |= _unloading_stiffness(law, result)
     areas = {name: np.where(kept, value, np.nan) for name, value in areas.items()}
-    result = MACRO_RESULT.assign(with_cautions(result, *joint_scales(case).cautions), areas)
-    result = result.assign_attrs(
-        facts="\n".join([*behaviour(law), cell_share(max(case.cell.size), case.joint.width)]),
-    )
+    law, cautions, share = _compare(case, blocks.width, law)
+    result = MACRO_RESULT.assign(with_cautions(result, *cautions), areas)
+    result = result.assign_attrs(title=case.title, facts="\n".join([*behaviour(law), share]))
     steps = np.flatnonzero(kept & (result["known"].values == 1))
-    if not steps.size:
+    if not steps.size or "error_half_width" not in law:
         return result
 
     def stiffness(one: NormalLaw) -> np.ndarray:
@@ -105,6 +118,25 @@ def solve_joint(case: Case, law: "xr.Dataset") -> "xr.Dataset":
         samples=drawn,
     )
     return with_budget(result, over_steps(budget, steps, preload.size))
+
+
+def _compare(
+    case: Case, width: float, law: "xr.Dataset"
+) -> "tuple[xr.Dataset, Sequence[str], str]":
+    """Compare the cells of a law with the width of the joint, m: law, cautions, and a fact.
+
+    The budget of a law from a file, which is the budget of another joint, is changed to this one.
+    """
+    if case.has_cells:
+        scales = joint_scales(case)
+        return law, scales.cautions if scales else (), cell_share(max(case.cell.size), width)
+    of_file = [f"its law: {one}" for one in list_cautions(law)]
+    if not {"longest_wave", "cell_size"} <= set(law.attrs):
+        return law, of_file, "The law does not say how large its cells were."
+    wave, cell = float(law.attrs["longest_wave"]), float(law.attrs["cell_size"])
+    scales = compare_scales(wave, cell, width)
+    known = with_scales(law, scales) if "sampling_factor" in law.attrs else law
+    return known, [*of_file, *scales.cautions], cell_share(cell, width)
 
 
 def _unloading_stiffness(law: "xr.Dataset", result: "xr.Dataset") -> dict[str, np.ndarray]:
@@ -151,7 +183,7 @@ def _check(result: "xr.Dataset") -> None:
 def _lines(found: Datasets) -> Iterator[str]:
     result = found[JOINT.name]
     yield from _decisions(result)
-    yield from format_table(found[MICRO_RESPONSE.name].attrs["title"], *tabulate(result))
+    yield from format_table(_title(found), *tabulate(result))
     yield from list_facts(result)
 
 
@@ -166,7 +198,12 @@ def _summary(found: Datasets) -> Summary:
         f"How stiff is the joint of the two bodies, pressed together by {preload.min():.4g} to "
         f"{preload.max():.4g} MPa, and how much of it touches?"
     )
-    return Summary(found[MICRO_RESPONSE.name].attrs["title"], question, _answer(result))
+    return Summary(_title(found), question, _answer(result))
+
+
+def _title(found: Datasets) -> str:
+    """Title of the case, which a result of an earlier version leaves to its response."""
+    return str(found.get(MICRO_RESPONSE.name, found[JOINT.name]).attrs["title"])
 
 
 def _answer(result: "xr.Dataset") -> list[str]:
@@ -222,10 +259,10 @@ def _budget(result: "xr.Dataset") -> Section:
 
 JOINT = Stage(
     schema=MACRO_RESULT,
-    tables=("micro", "joint"),
-    reads={"joint"},
+    tables=("structure", "joint"),
+    reads={"structure", "interface", "statics", "body_1", "body_2"},
     takes=(FITTED_LAW,),
-    run=lambda case, found, job: solve_joint(case, found[INTERFACE_LAW.name]),
+    run=lambda case, found, job: solve_joint(case, case.interface_law(found)),
     needs=_needs,
     check=_check,
     lines=_lines,

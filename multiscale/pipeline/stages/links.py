@@ -16,8 +16,8 @@ from multiscale.macro.substructures.substructure_needs import cut_needs
 from multiscale.needs import Needs
 from multiscale.pipeline.link_settings import Dynamics, LinkStructure, Statics
 from multiscale.pipeline.rows import tabulate_links
-from multiscale.pipeline.stage import Job
-from multiscale.pipeline.structure_settings import StructureCase
+from multiscale.pipeline.settings import Case
+from multiscale.pipeline.stage import Datasets, Job
 from multiscale.pipeline.structure_stage import structure_stage, with_too_far
 from multiscale.schema import MACRO_RESULT
 
@@ -33,14 +33,14 @@ STRAINED = 0.1
 """Strain of a link that carries above which its law, linear elastic, is beyond what cables do."""
 
 
-def _solve(links: LinkStructure, case: StructureCase, job: Job) -> "xr.Dataset":
+def _solve(links: LinkStructure, case: Case, found: Datasets, job: Job) -> "xr.Dataset":
     """Solve a structure of links; the result follows ``MACRO_RESULT``."""
     system, statics = links.build(), case.statics
     if statics is None:
         assert case.dynamics is not None  # the case has been validated
-        return with_too_far(_move(links, case, case.dynamics, job))
+        return with_too_far(_move(links, case, case.dynamics, found, job))
     if case.substructures is not None:
-        problem, factors = links.cut(case), np.array(statics.load_factors)
+        problem, factors = links.cut(case, found), np.array(statics.load_factors)
         solved = solve_latin(problem, factors, coarse=case.cut.coarse, **case.cut.stop(job.team))
         result = _with_links(solved, system)
     else:
@@ -73,7 +73,9 @@ def _strained(result: "xr.Dataset", statics: Statics) -> Iterator[str]:
         )
 
 
-def _move(links: LinkStructure, case: StructureCase, settings: Dynamics, job: Job) -> "xr.Dataset":
+def _move(
+    links: LinkStructure, case: Case, settings: Dynamics, found: Datasets, job: Job
+) -> "xr.Dataset":
     """Find the equilibrium at the start, and follow the motion from it."""
     steps = int(np.ceil(settings.duration / settings.step * (1.0 - 1e-12)))
     times, factor = np.linspace(0.0, settings.duration, steps + 1), settings.start_load_factor
@@ -88,7 +90,7 @@ def _move(links: LinkStructure, case: StructureCase, settings: Dynamics, job: Jo
         return simulate(
             system, times, settings.mass, load_factor=load_factor, start=start, **options
         )
-    problem, stop = links.cut(case), case.cut.stop(job.team)
+    problem, stop = links.cut(case, found), case.cut.stop(job.team)
     start = _at_rest(solve_latin(problem, factor, coarse=case.cut.coarse, **stop).isel(step=0))
     result = simulate_latin(
         problem, times, settings.mass, load_factor=load_factor, start=start, **stop
@@ -107,7 +109,7 @@ def _with_links(result: "xr.Dataset", system: LinkSystem) -> "xr.Dataset":
     return MACRO_RESULT.assign(result, describe(system)).assign_coords(end=range(2))
 
 
-def _needs(links: LinkStructure, case: StructureCase) -> Needs:
+def _needs(links: LinkStructure, case: Case) -> Needs:
     system, statics, motion = links.build(), case.statics, case.dynamics
     if case.substructures is not None:
         return cut_needs(
@@ -119,7 +121,6 @@ def _needs(links: LinkStructure, case: StructureCase) -> Needs:
         )
     if motion is not None:
         return link_needs(system, moving=True, steps=1 + ceil(motion.duration / motion.step))
-    assert statics is not None  # the case has been validated
     return link_needs(
         system,
         exact=statics.exact,
@@ -134,5 +135,6 @@ LINKS = structure_stage(
     _needs,
     tabulate_links,
     write_link_fields,
+    reads={"structure", "statics", "dynamics", "substructures"},
     question="Which tensions do the links carry, and which of them are slack?",
 )

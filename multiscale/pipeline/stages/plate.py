@@ -10,8 +10,8 @@ from multiscale.macro.substructures import add_body_fields
 from multiscale.macro.substructures.substructure_needs import cut_needs
 from multiscale.pipeline.body_settings import Plate
 from multiscale.pipeline.rows import tabulate_loads
-from multiscale.pipeline.stage import Job
-from multiscale.pipeline.structure_settings import StructureCase
+from multiscale.pipeline.settings import Case
+from multiscale.pipeline.stage import Datasets, Job
 from multiscale.pipeline.structure_stage import structure_stage, with_too_far
 
 if TYPE_CHECKING:
@@ -20,8 +20,7 @@ if TYPE_CHECKING:
 __all__ = ["PLATE"]
 
 
-def _solve(plate: Plate, case: StructureCase, job: Job) -> "xr.Dataset":
-    assert case.statics is not None  # the case has been validated
+def _solve(plate: Plate, case: Case, found: Datasets, job: Job) -> "xr.Dataset":
     assembly, factors = plate.build(), np.array(case.statics.load_factors)
     result = solve_assembly(assembly, factors, method=case.cut.method(job.team))
     return with_too_far(add_body_fields(result, assembly.bodies))
@@ -35,5 +34,6 @@ PLATE = structure_stage(
     ),
     tabulate_loads,
     write_body_fields,
+    reads={"structure", "statics", "substructures"},
     question="How far does the plate move under its loads?",
 )

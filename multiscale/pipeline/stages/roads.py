@@ -154,4 +154,5 @@ ROADS = Stage(
     sections=_sections,
     pictures=("road",),
     work=count_cells,
+    folders=("micro",),
 )

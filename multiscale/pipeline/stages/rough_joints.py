@@ -14,9 +14,10 @@ from multiscale.needs import Needs
 from multiscale.pipeline.body_budget import with_contact, with_joint_budget
 from multiscale.pipeline.body_settings import RoughBodies
 from multiscale.pipeline.rows import tabulate_preloads
-from multiscale.pipeline.stage import Job, list_cautions
+from multiscale.pipeline.settings import Case
+from multiscale.pipeline.stage import Datasets, Job, list_cautions
+from multiscale.pipeline.stages.fitted_law import FITTED_LAW
 from multiscale.pipeline.stages.joint import STIFFNESSES
-from multiscale.pipeline.structure_settings import StructureCase
 from multiscale.pipeline.structure_stage import require_converged, structure_stage, with_too_far
 from multiscale.schema import with_cautions
 from multiscale.upscaling import law_from_dataset
@@ -27,17 +28,15 @@ if TYPE_CHECKING:
 __all__ = ["ROUGH_JOINTS"]
 
 
-def _solve(bodies: RoughBodies, case: StructureCase, job: Job) -> "xr.Dataset":
+def _solve(bodies: RoughBodies, case: Case, found: Datasets, job: Job) -> "xr.Dataset":
     """Press the joints, then shear them; stiffnesses have the error budget of the law."""
-    assert case.joint is not None  # the case has been validated
-    assert case.loading is not None
-    dataset, preloads = case.joint.open(), case.loading.preloads
+    dataset, preloads = case.interface_law(found), case.statics.preloads
     assembly, method = bodies.assemble(case, law_from_dataset(dataset)), case.cut.method(job.team)
-    result = load_joint(
-        assembly, case.loading.build(), method=method, extrapolate=case.joint.extrapolate
-    )
+    loading = JointLoading(preloads, **(case.cycles.model_dump() if case.cycles else {}))
+    result = load_joint(assembly, loading, method=method, extrapolate=case.extrapolate)
     result = with_contact(result, dataset)
-    result = with_cautions(result, *(f"its law: {one}" for one in list_cautions(dataset)))
+    if not case.has_cells:  # whose cautions stand beside those of the structure
+        result = with_cautions(result, *(f"its law: {one}" for one in list_cautions(dataset)))
     if "error_half_width" in dataset:
         solved = int(result["converged"][: len(preloads)].sum())  # the first failure is the end
 
@@ -61,7 +60,7 @@ def _check(result: "xr.Dataset") -> None:
         )
 
 
-def _needs(bodies: RoughBodies, case: StructureCase) -> Needs:
+def _needs(bodies: RoughBodies, case: Case) -> Needs:
     nodes, face = bodies.nodes
     count = bodies.joints + 1
     needs = cut_needs(
@@ -69,7 +68,7 @@ def _needs(bodies: RoughBodies, case: StructureCase) -> Needs:
         joint_points=face * bodies.joints,
         substructures=count * case.cut.count,
         coarse=case.cut.coarse,
-        slabs=case.loading.slabs if case.loading else 0,
+        slabs=bodies.slabs(case),
     )
     return replace(needs, libraries=(*needs.libraries, *bodies.mesher))
 
@@ -80,6 +79,8 @@ ROUGH_JOINTS = structure_stage(
     _needs,
     tabulate_preloads,
     write_body_fields,
+    reads={"structure", "interface", "statics", "cycles", "substructures"},
+    takes=(FITTED_LAW,),
     question="How stiff are the joints, where do they slip, and what do they lose in a cycle?",
     check=_check,
 )

@@ -10,7 +10,7 @@ from multiscale.laws.bulk import J2, NeoHookean
 from multiscale.micro import FiniteCell, SecondBody, slide_cell
 from multiscale.micro.cell_needs import cell_needs
 from multiscale.needs import Choice, Needs
-from multiscale.pipeline.case_cells import body_surfaces
+from multiscale.pipeline.case_cells import rough_sides
 from multiscale.pipeline.case_tables import SlideSettings
 from multiscale.pipeline.rough_bodies import RoughBody
 from multiscale.pipeline.settings import Case
@@ -39,7 +39,7 @@ def make_pair(case: Case, slide: SlideSettings) -> FiniteCell:
     """
     smooth = Surface(np.zeros(case.cell.points), case.cell.size)
     first = case.model_copy(update={"micro": case.micro.model_copy(update={"realisations": 1})})
-    lower, upper = ([*body_surfaces(first, number)[0], smooth][0] for number in (1, 2))
+    lower, upper = ([*side.surfaces, smooth][0] for side in rough_sides(first))
     return pair_of(case, slide, lower, upper)
 
 

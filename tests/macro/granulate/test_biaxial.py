@@ -8,6 +8,7 @@ import pytest
 from multiscale.errors import CaseError
 from multiscale.macro import granulate
 from multiscale.macro.granulate import ContactLaw, Grains, Model, Solver, simulate_grains
+from tests.support import slow
 
 PRESSURE, RADIUS = 1e3, 0.01  # Pa, m
 
@@ -31,9 +32,7 @@ def lattice(friction, rate):
     return model, step
 
 
-@pytest.mark.parametrize(
-    "friction", [*(pytest.param(mu, marks=pytest.mark.slow) for mu in (0.0, 0.2)), 0.4]
-)
+@pytest.mark.parametrize("friction", [*slow(0.0, 0.2), 0.4])
 def test_a_triangular_lattice_of_discs_follows_rowes_closed_form(friction):
     # rows part along x, so that contacts inclined at the angle t bear alone: where they slip, the
     # stress ratio is tan(t) tan(t + atan(mu)) (Rowe, 1962). Rows that roll keep below it.
@@ -58,7 +57,7 @@ def test_a_triangular_lattice_of_discs_follows_rowes_closed_form(friction):
     assert float(curve["volumetric_strain"]) == pytest.approx(dilated, rel=1e-3)
 
 
-@pytest.fixture(scope="module", params=[0.0, 0.5])
+@pytest.fixture(scope="module", params=[*slow(0.0), 0.5])
 def test_run(request):
     """Friction, model, step and 8 % of axial strain of a small packing of discs."""
     radii = np.where(np.arange(100) % 2, 0.01, 0.014)

@@ -14,6 +14,7 @@ from multiscale.macro.granulate import (
     box,
     simulate_grains,
 )
+from tests.support import slow
 
 FLOOR = (PlaneWall((0.0, 0.0, 0.0), (0.0, 0.0, 1.0)),)
 TIGHT = Solver(tolerance=1e-10, max_iterations=20000)
@@ -54,10 +55,8 @@ def test_the_bouncing_point_is_a_closed_form_of_its_impacts():
     assert bouncing_point(0.9, 3.0) == pytest.approx(0.418352, abs=1e-6)
 
 
-@pytest.mark.parametrize("compliance", [0.0, 0.05])
-@pytest.mark.parametrize(
-    "restitution", [0.5, *(pytest.param(e, marks=pytest.mark.slow) for e in (0.8, 0.9))]
-)
+@pytest.mark.parametrize("compliance", [*slow(0.0), 0.05])
+@pytest.mark.parametrize("restitution", [0.5, *slow(0.8, 0.9)])
 def test_a_bouncing_grain_follows_its_closed_form_to_first_order(restitution, compliance):
     errors = []
     for step in (2e-3, 2e-4):
@@ -110,7 +109,7 @@ def test_steps_by_accuracy_beat_steps_of_one_length_in_a_small_deposit():
     assert few < 0.6 * many
 
 
-@pytest.mark.parametrize("friction", [0.0, 0.1, 0.5])
+@pytest.mark.parametrize("friction", [*slow(0.0, 0.1), 0.5])
 def test_a_sphere_that_slides_ends_up_rolling_at_five_sevenths(friction):
     # v = v0 - mu g t until v = R w: 5/7 of v0, reached at t = 2 v0 / (7 mu g)
     grain = Grains([[0.0, 0.0, 0.01]], 0.01, velocity=[[1.0, 0.0, 0.0]])

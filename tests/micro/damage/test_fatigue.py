@@ -12,11 +12,7 @@ from multiscale.micro.damage import FatigueMaterial, StressBlock, two_scale_fati
 from multiscale.micro.damage.cycle_jump import FatigueProgress, pass_cycles
 from multiscale.micro.damage.inclusion import STATE_SIZE, damage_rate, effective_stress, run_cycles
 from multiscale.schema import FATIGUE, WOEHLER
-from tests.closed_forms.fatigue import (
-    damage_per_cycle,
-    plastic_strain_per_cycle,
-    reversed_life,
-)
+from tests.closed_forms.fatigue import damage_per_cycle, plastic_strain_per_cycle, reversed_life
 from tests.support import observed_rate
 
 E, NU, LIMIT, STRENGTH = 200e9, 0.3, 200e6, 0.5e6

@@ -392,10 +392,7 @@ def test_what_cannot_be_is_refused_with_a_sentence(call, sentence):
 
 @pytest.mark.parametrize(
     ("first", "second", "overlap"),
-    [
-        ([0.2, 0.1, 0.1], [0.1, 0.2, 0.1], False),
-        ([0.31, 0.1, 0.1], [0.1, 0.2, 0.1], True),
-    ],
+    [([0.2, 0.1, 0.1], [0.1, 0.2, 0.1], False), ([0.31, 0.1, 0.1], [0.1, 0.2, 0.1], True)],
 )
 def test_ellipsoids_overlap_when_their_contact_function_says_so(first, second, overlap):
     bodies = [ellipsoids([[0.3, 0.5, 0.5], [0.7, 0.5, 0.5]], [first, second])]

@@ -56,6 +56,7 @@ def test_a_load_that_one_asperity_cannot_carry_is_carried_when_the_next_one_touc
     assert walk.newton_iterations < 200  # 360 by ever shorter increments of the load
 
 
+@pytest.mark.slow
 def test_pressed_by_a_load_or_by_an_approach_a_body_that_flows_is_in_the_same_state():
     cell = peaks(second=0.01)
     state = press(cell, 1.5 * load_of_the_first(cell, 0.0095)).state

@@ -73,11 +73,7 @@ def test_a_solution_satisfies_contact_and_coulombs_law(bulk, obstacle):
     scene = make_scene(body)
     load = 0.01
     first = walk_step(
-        scene,
-        rest_state(scene),
-        Target(load, None, np.zeros(2), 0.0),
-        increments=1,
-        tolerance=1e-9,
+        scene, rest_state(scene), Target(load, None, np.zeros(2), 0.0), increments=1, tolerance=1e-9
     ).state
     slide = np.array([0.004, 0.002])
     state = walk_step(

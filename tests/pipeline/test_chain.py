@@ -1,0 +1,266 @@
+"""One case for the whole chain: any prefix or suffix of it is a case, old files are read as new."""
+
+import numpy as np
+import pytest
+
+from multiscale.errors import CaseError
+from multiscale.io import open_dataset, open_law
+from multiscale.pipeline import load_case, load_sweep, requirements, run, run_macro
+from multiscale.pipeline.case import shipped_cases
+from multiscale.report import write_report
+from multiscale.schema import MACRO_RESULT
+from tests.support import TWO_BLOCKS, case_of, small_steel, write_scene
+
+STEEL = small_steel(3)
+CELLS, BLOCKS = STEEL[: STEEL.index("[structure]")], STEEL[STEEL.index("[structure]") :]
+ROUGH = TWO_BLOCKS[TWO_BLOCKS.index("[structure]") :]
+CYCLES = '[cycles]\nshear = "1 MPa"\ncycles = 1\nsteps = 2\n'
+CHAIN = CELLS + "[law]\nsamples = 10\n" + ROUGH + CYCLES
+
+
+@pytest.fixture(scope="module")
+def chain(tmp_path_factory):
+    """Run cells, law and sheared blocks."""
+    folder = tmp_path_factory.mktemp("chain")
+    case = case_of(folder, CHAIN)
+    return case, folder / "out", run(case, folder / "out")
+
+
+def test_a_case_goes_from_two_surfaces_to_the_loss_of_a_cycle(chain):
+    case, out, results = chain
+    assert list(results) == ["micro_response", "interface_law", "macro_result"]
+    assert results.macro_result["converged"].values.all()
+    assert results.macro_result["cycle_energy"].values[0] > 0.0
+    page = write_report(out).read_text(encoding="utf-8")
+    for heading in ("Surface", "Interface law", "Structure"):
+        assert f"<h2>{heading}</h2>" in page
+    assert "what do they lose in a cycle?" in page
+    needs = requirements(case)
+    assert {"cells", "joint laws"} <= set(needs.built)
+
+
+def test_the_law_of_the_cells_is_the_law_of_the_interfaces(chain, tmp_path):
+    case, out, results = chain
+    alone = run_macro(case, tmp_path / "out.nc", law=out / "interface_law.nc")
+    for name in ("joint_stiffness", "tangential_stiffness", "cycle_energy", "error_total"):
+        np.testing.assert_array_equal(alone[name], results.macro_result[name])
+
+
+def test_another_load_computes_no_cell_again_and_another_law_none_either(chain):
+    case, out, _ = chain
+
+    def written():
+        return [(out / f"{name}.nc").stat().st_mtime_ns for name in run(case, out)]
+
+    before = written()
+    assert written() == before
+    case = case.model_copy(update={"cycles": case.cycles.model_copy(update={"cycles": 2})})
+    loaded = written()
+    assert loaded[:2] == before[:2]
+    assert loaded[2] > before[2]
+    case = case.model_copy(update={"law": case.law.model_copy(update={"samples": 11})})
+    fitted = written()
+    assert fitted[0] == before[0]
+    assert np.all(np.array(fitted[1:]) > loaded[1:])
+
+
+def test_cells_alone_are_a_case_and_tell_the_interface(command, tmp_path):
+    path = write_scene(tmp_path, CELLS + "[law]\nsamples = 0\n")
+    status, said, _ = command("run", path, "-o", "out", "--jobs", "1")
+    assert status == 0
+    line = said.splitlines()[0]
+    law = open_law(tmp_path / "out" / "interface_law.nc")
+    middle = law.isel(step=law.sizes["step"] // 2)
+    assert line.startswith(f"At {1e-6 * float(middle['fit_pressure']):.4g} MPa its mean gap is ")
+    assert f"{1e6 * float(middle['fit_mean_gap']):.4g} µm" in line
+    page = (tmp_path / "out" / "report.html").read_text(encoding="utf-8")
+    assert line in page
+
+
+def test_blocks_take_a_law_from_a_file(run_folder, tmp_path, command):
+    """The last arrow of a case alone, with the law of the whole one, gives the same joint."""
+    law = run_folder / "interface_law.nc"
+    whole = open_dataset(run_folder / "macro_result.nc", MACRO_RESULT)
+    bodies = "".join(
+        f'[body_{k}]\nyoungs_modulus = "210 GPa"\npoissons_ratio = 0.3\n' for k in (1, 2)
+    )
+    text = 'title = "Blocks"\n' + bodies + BLOCKS
+    path = write_scene(tmp_path, text)
+    status, said, _ = command("macro", path, "--law", law, "-o", "out.nc")
+    assert status == 0
+    assert said.splitlines()[0] == "Blocks"
+    found = open_dataset(tmp_path / "out.nc", MACRO_RESULT)
+    for name in ("joint_stiffness", "real_pressure", "error_total"):
+        np.testing.assert_allclose(found[name], whole[name], rtol=1e-12)
+    assert "A cell of 0.8 mm is 0.08 of the edge" in found.attrs["facts"]
+    status, _, said = command("macro", path, "-o", "none.nc")
+    assert status == 1
+    assert "has joints but no law: name a file by [interface] law or by --law" in said
+    named = case_of(tmp_path, f'{text}[interface]\nlaw = "{law}"\n')
+    np.testing.assert_array_equal(
+        run(named, tmp_path / "run").macro_result["joint_stiffness"], found["joint_stiffness"]
+    )
+
+
+def test_a_forced_run_computes_every_stage_and_cell_anew(tmp_path, command):
+    path = write_scene(tmp_path, CELLS + "[law]\nsamples = 0\n" + BLOCKS)
+    arguments = ("run", path, "-o", "out", "--jobs", "1")
+    assert command(*arguments)[0] == 0
+    files = [*(tmp_path / "out").glob("*.nc"), *(tmp_path / "out" / "micro").glob("*.nc")]
+    before = np.array([file.stat().st_mtime_ns for file in files])
+    assert command(*arguments)[0] == 0
+    assert np.all(before == [file.stat().st_mtime_ns for file in files])
+    assert command(*arguments, "--force")[0] == 0
+    assert np.all(before < [file.stat().st_mtime_ns for file in files])
+    status, _, said = command(*arguments, "--force", "--resume")
+    assert status == 1
+    assert "--resume keeps what --force computes anew" in said
+
+
+@pytest.mark.parametrize(
+    ("text", "message"),
+    [
+        pytest.param('title = "x"', r"without \[body_1\] and .* there are no cells", id="title"),
+        pytest.param(
+            CELLS[: CELLS.index("[micro]")] + "[law]\nterms = 8\n",
+            r"without \[micro\] there are no cells, which take \[body_1\] and \[body_2\] and",
+            id="no micro",
+        ),
+        pytest.param(
+            CELLS + '[statics]\npreloads = ["5 MPa"]',
+            r"\[statics\] would be read by no stage of this case, which has the stages micro_resp",
+            id="statics of no structure",
+        ),
+        pytest.param(
+            TWO_BLOCKS + '[body_1]\nyoungs_modulus = "1 GPa"\npoissons_ratio = 0\n',
+            r"\[body_1\] would be read by no stage",
+            id="body of no cells",
+        ),
+        pytest.param("elastic = true" + TWO_BLOCKS, ": elastic would be read by no", id="elastic"),
+        pytest.param(
+            CHAIN + "[motion]\nstep = '1 s'\nduration = '2 s'",
+            r"'stacked_blocks' takes \[interface\] and \[statics\] or .*, got \[cycles\] and",
+            id="motion of blocks",
+        ),
+        pytest.param(
+            CELLS + BLOCKS.replace("preloads", "load_factors = [1]\npreloads"),
+            r"\[statics\] has no key 'load_factors'; known keys: preloads",
+            id="statics of trusses",
+        ),
+        pytest.param(
+            CELLS + ROUGH.replace("[interface]", '[interface]\nlaw = "law.nc"'),
+            r"\[interface\] law names a file beside cells whose law the structure takes",
+            id="two laws",
+        ),
+        pytest.param(
+            'title = "x"\n' + BLOCKS, r"'blocks' is made of \[body_1\] and \[body_2\]", id="bodies"
+        ),
+        pytest.param(
+            CELLS + BLOCKS + "[interface]\nfriction = 0.2",
+            r"\[interface\] has no key 'friction'; known keys: law, extrapolate",
+            id="friction of even pressure",
+        ),
+        pytest.param(
+            CHAIN.replace('shear = "1 MPa"\n', ""), r"\[cycles\] shear is missing", id="shear"
+        ),
+        pytest.param(
+            CHAIN + '[accuracy]\ntarget = "5 %"',
+            r'quantity = "joint_stiffness" needs \[structure\] kind = "blocks"; ask for the "mean',
+            id="target",
+        ),
+    ],
+)
+def test_tables_that_do_not_go_together_are_refused(tmp_path, text, message):
+    with pytest.raises(CaseError, match=message) as caught:
+        case_of(tmp_path, text)
+    assert len(str(caught.value).splitlines()) == 1
+
+
+OLD_JOINT = CELLS + BLOCKS.replace('[structure]\nkind = "blocks"', "[joint]").replace(
+    "[statics]\n", ""
+)
+OLD_SCENE = (
+    (TWO_BLOCKS + CYCLES).replace("[interface]", "[joint]").replace("[statics]", "[loading]")
+)
+OLD_SCENE = OLD_SCENE.replace("[cycles]\n", "")
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "notice"),
+    [
+        pytest.param(
+            OLD_JOINT,
+            CELLS + BLOCKS,
+            r"\[joint\] of an earlier .* is read as \[structure\] and \[statics\]; write",
+            id="joint",
+        ),
+        pytest.param(
+            OLD_SCENE,
+            TWO_BLOCKS + CYCLES,
+            r"\[joint\] and \[loading\] .* read as \[statics\] and \[interface\] and \[cycles\]",
+            id="scene",
+        ),
+        pytest.param(  # as the case.toml of a run without cycles
+            OLD_SCENE[: OLD_SCENE.index("shear")] + "cycles = 0\nsteps = 10\n",
+            TWO_BLOCKS,
+            r"read as \[statics\] and \[interface\]",
+            id="no cycles",
+        ),
+    ],
+)
+def test_a_file_of_an_earlier_version_is_read_as_its_new_form(tmp_path, old, new, notice):
+    path = write_scene(tmp_path, old)
+    with pytest.warns(FutureWarning, match=notice):
+        found = load_case(path)
+    assert found == case_of(tmp_path, new)
+
+
+def test_a_sweep_of_an_earlier_version_varies_the_new_key(tmp_path):
+    path = write_scene(tmp_path, OLD_JOINT + '[sweep.joint]\nheight = ["5 mm", "9 mm"]\n')
+    with pytest.warns(FutureWarning, match="is read as"):
+        sweep = load_sweep(path)
+    assert sweep.parameters == ("structure.height",)
+    assert [case.structure.height for case in sweep.points] == [5e-3, 9e-3]
+
+
+@pytest.mark.parametrize(
+    ("text", "message"),
+    [
+        pytest.param(
+            OLD_JOINT + '[structure]\nkind = "blocks"\n',
+            r"\[joint\] height is now \[structure\] height, and the file has \[structure\] as well",
+            id="joint and structure",
+        ),
+        pytest.param(
+            OLD_SCENE + "[interface]\nfriction = 0.1\n",
+            r"\[joint\] friction is now \[interface\] friction, and the file has",
+            id="joint and interface",
+        ),
+        pytest.param(
+            OLD_JOINT.replace("height", "heigth"),
+            r"\[joint\] of earlier versions has no key 'heigth'; did you mean 'height'",
+            id="misspelt",
+        ),
+        pytest.param("joint = 3\n" + CELLS, "has no key 'joint'; known keys", id="no table"),
+    ],
+)
+def test_old_and_new_names_together_are_refused(tmp_path, text, message):
+    with pytest.raises(CaseError, match=message):
+        load_case(write_scene(tmp_path, text))
+
+
+def test_a_notice_of_the_command_line_is_a_caution(command, tmp_path, recwarn):
+    path = write_scene(tmp_path, OLD_JOINT)
+    with pytest.warns(FutureWarning):
+        status, _, _ = command("run", path, "--explain")
+    assert status == 0
+
+
+def test_the_chain_is_quick_at_every_scale(tmp_path):
+    """As the shipped chain would be: fewer cells and cycles."""
+    text = shipped_cases()["ground_steel"].read_text(encoding="utf-8")
+    text = text[: text.index("[structure]")] + ROUGH + CYCLES.replace("= 1\n", "= 3\n")
+    quick = case_of(tmp_path, text).quick()
+    assert (quick.cell.points, quick.micro.realisations) == ((64, 64), 4)
+    assert (quick.cycles.cycles, quick.cycles.steps) == (1, 2)
+    assert case_of(tmp_path, quick.to_toml()) == quick
