@@ -7,6 +7,7 @@ from multiscale.micro.cell_maker import Cell
 from multiscale.micro.cell_solver import solve_cell
 from multiscale.micro.ensemble import run_ensemble
 from multiscale.micro.path import Path
+from multiscale.micro.shear import shear_path
 from multiscale.micro.slide import slide_cell
 from multiscale.micro.viscoelastic_sliding import RelaxingSolid, solve_sliding
 from multiscale.surfaces import self_affine
@@ -25,6 +26,7 @@ __all__ = [
     "contact_modulus",
     "run_ensemble",
     "self_affine",
+    "shear_path",
     "slide_cell",
     "solve_cell",
     "solve_sliding",

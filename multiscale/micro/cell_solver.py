@@ -232,6 +232,7 @@ def _dataset(steps: Steps, path: Path, asked: dict[str, tuple[int, ...]]) -> "xr
     shapes |= dict.fromkeys(("mean_gap", "contact_fraction"), ()) | asked
     known = {name for step in steps for name in step}
     shapes |= {name: () for name in _EXTRA if name in known}
+    shapes |= {name: (3,) for name in ("traction_by_normal",) if name in known}
     values: dict[str, Any] = {
         name: np.array([step.get(name, np.full(shape, np.nan)) for step in steps])[None]
         for name, shape in shapes.items()

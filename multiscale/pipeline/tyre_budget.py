@@ -8,6 +8,7 @@ import numpy as np
 from multiscale.upscaling import estimate_grid_error, with_budget
 from multiscale.upscaling.budget import assemble_budget
 from multiscale.upscaling.budget_terms import NORMAL, Term
+from multiscale.upscaling.shear_budget import NORMAL_ALONE
 
 if TYPE_CHECKING:
     import xarray as xr
@@ -53,6 +54,7 @@ def with_braking_budget(
         "surface": Term(
             "nothing: the roads are made from a spectrum, which the cells hold whole", nothing
         ),
+        "friction bed": NORMAL_ALONE,
         "scale separation": Term(
             "not known: the pressure of the footprint is taken as even over the waves of the road"
         ),

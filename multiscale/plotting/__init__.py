@@ -28,6 +28,7 @@ from multiscale.plotting.law_figures import (
     plot_area_law,
     plot_gap_law,
     plot_joint_stiffness,
+    plot_shear_law,
     plot_unloading,
 )
 from multiscale.plotting.link_figures import (
@@ -83,6 +84,7 @@ __all__ = [
     "plot_joint_plan",
     "plot_joint_stiffness",
     "plot_road",
+    "plot_shear_law",
     "plot_sliding_friction",
     "plot_sorted_tensions",
     "plot_steady_friction",

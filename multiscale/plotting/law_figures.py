@@ -5,6 +5,7 @@ A ``response`` follows ``MICRO_RESPONSE``, a ``law`` ``INTERFACE_LAW``, a ``resu
 """
 
 from dataclasses import replace
+from itertools import cycle
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -23,7 +24,13 @@ if TYPE_CHECKING:
     import xarray as xr
     from matplotlib.axes import Axes
 
-__all__ = ["plot_area_law", "plot_gap_law", "plot_joint_stiffness", "plot_unloading"]
+__all__ = [
+    "plot_area_law",
+    "plot_gap_law",
+    "plot_joint_stiffness",
+    "plot_shear_law",
+    "plot_unloading",
+]
 
 BAND_PERCENTILES = (2.5, 97.5)
 """Percentiles of the 95 % bands."""
@@ -115,6 +122,29 @@ def plot_area_law(response: "xr.Dataset", law: "xr.Dataset", *, ax: "Axes | None
     )
     ax.set(xlabel="mean pressure (MPa)", ylabel="real over nominal contact area (%)")
     ax.set_title("area law and realisations")
+    ax.legend()
+    return ax
+
+
+def plot_shear_law(law: "xr.Dataset", *, ax: "Axes | None" = None) -> "Axes":
+    """Plot tangential traction over full slip against slip: sheared cells beside the bed."""
+    ax = axes_or_current(ax)
+    pressure, friction = law["shear_pressure"].values, float(law["shear_friction"])
+    slip = law["shear_slip"].values
+    along = np.abs(slip).argmax(axis=1)
+    for at, colour in zip(np.unique(pressure), cycle(f"C{k}" for k in range(10)), strict=False):
+        for axis, mark, line in ((0, "o", "-"), (1, "s", "--")):
+            kept = (pressure == at) & (along == axis)
+            if not np.any(kept):
+                continue
+            way = 1e6 * np.append(0.0, slip[kept, axis])
+            cells, bed = (
+                np.append(0.0, law[name].values[kept, axis]) / (friction * at)
+                for name in ("shear_traction", "shear_bed_traction")
+            )
+            ax.plot(way, cells, mark, color=colour, markersize=4)
+            ax.plot(way, bed, line, color=colour, label=f"{1e-6 * at:.3g} MPa, {'xy'[axis]}")
+    ax.set(xlabel="slip (µm)", ylabel="traction over full slip", title="sheared cells and bed")
     ax.legend()
     return ax
 

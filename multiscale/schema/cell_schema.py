@@ -61,6 +61,11 @@ MICRO_RESPONSE = Schema(
         "recovered_traction": Variable(
             (*_CELL, "component"), "Pa", "averaged traction from the recovered Cauchy stress"
         ),
+        "traction_by_normal": Variable(
+            (*_CELL, "component"),
+            "Pa",
+            "part of the averaged traction that the local normal tractions make, eqs (2)-(3)",
+        ),
         "slip_fraction": Variable(_CELL, "1", "share of the contact nodes that slip"),
         "friction_work": Variable(_CELL, "J m-2", "work of friction since the start, per area"),
         "flowing_fraction": Variable(_CELL, "1", "share of the Gauss points that flow"),

@@ -52,10 +52,25 @@ INTERFACE_LAW = Schema(
         "unloading_fit_error": Variable(
             ("unloading_step",), "1", "error of a fit without this point over the spring back"
         ),
+        "shear_stiffness_ratio": Variable(
+            ("tangent",), "1", "tangential over normal stiffness, along x and y"
+        ),
+        "shear_friction": Variable((), "1", "friction coefficient of the bed of sliders"),
+        "shear_pressure": Variable(("shear_step",), "Pa", "mean pressure of the shear data"),
+        "shear_slip": Variable(("shear_step", "tangent"), "m", "slip of the shear data"),
+        "shear_traction": Variable(
+            ("shear_step", "tangent"), "Pa", "tangential traction of the shear data"
+        ),
+        "shear_bed_traction": Variable(
+            ("shear_step", "tangent"), "Pa", "tangential traction of the bed along the shear data"
+        ),
+        "sliding_pressure": Variable(("load",), "Pa", "mean pressure of the sliding data"),
+        "sliding_friction": Variable(("load",), "1", "steady friction coefficient of sliding"),
         **BUDGET,
     },
 ).with_samples(
     sample=("coefficient", "area_fraction"),
+    shear_sample=("shear_stiffness_ratio", "shear_friction"),
     unloading_sample=("unloading_stiffness_ratio", "unloading_exponent"),
 )
 """A law of a family with parameters also has a scalar per parameter, and one per sample."""

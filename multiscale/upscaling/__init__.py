@@ -38,6 +38,13 @@ from multiscale.upscaling.scales import (
     pressure_length,
     pressure_length_of_points,
 )
+from multiscale.upscaling.shear_branch import (
+    assume_shear,
+    sliders_from_dataset,
+    sliding_friction_at,
+    with_shear,
+    with_sliding,
+)
 from multiscale.upscaling.structure_errors import over_steps, structure_budget, with_scales
 from multiscale.upscaling.tangential_observations import (
     friction_observations,
@@ -52,6 +59,7 @@ __all__ = [
     "area_from_dataset",
     "area_observations",
     "areas_from_dataset",
+    "assume_shear",
     "at_rms_height",
     "cell_share",
     "compare_laws",
@@ -78,12 +86,16 @@ __all__ = [
     "require_law",
     "required_realisations",
     "size_trend",
+    "sliders_from_dataset",
+    "sliding_friction_at",
     "structure_budget",
     "tangential_observations",
     "unloading_family",
     "unloading_observations",
     "with_budget",
     "with_scales",
+    "with_shear",
+    "with_sliding",
     "with_unloading",
     "without_size_bias",
     "write_law_table",

@@ -6,9 +6,10 @@ from multiscale.errors import CaseError
 from multiscale.laws import HystereticLaw
 from multiscale.schema import INTERFACE_LAW
 from multiscale.upscaling.family import unloading_family
-from multiscale.upscaling.fit import fit_law
+from multiscale.upscaling.fit import fit_law, say_branches
 from multiscale.upscaling.reading import law_from_dataset, pick, require_law
 from multiscale.upscaling.response_observations import loading_branch, unloading_observations
+from multiscale.upscaling.shear_branch import with_shear, with_sliding
 
 if TYPE_CHECKING:
     import xarray as xr
@@ -16,19 +17,43 @@ if TYPE_CHECKING:
 __all__ = ["fit_branches", "hysteretic_from_dataset", "with_unloading"]
 
 
-def fit_branches(response: "xr.Dataset", *, n_samples: int = 200, **options: Any) -> "xr.Dataset":
-    """Fit the law of the loading, and of the unloading if cells have flowed and were unloaded.
+def fit_branches(
+    response: "xr.Dataset",
+    *,
+    shear: "xr.Dataset | None" = None,
+    sliding: "xr.Dataset | None" = None,
+    n_samples: int = 200,
+    **options: Any,
+) -> "xr.Dataset":
+    """Fit the law of the loading with all branches that data are given for.
 
-    Response (``MICRO_RESPONSE``), ``n_samples`` of each branch, options and the resulting law
-    (``INTERFACE_LAW``) are as in :func:`~multiscale.upscaling.fit_law`.
+    Parameters
+    ----------
+    response : Dataset
+        Follows ``MICRO_RESPONSE``; gives the loading, and the unloading if cells have flowed and
+        were unloaded.
+    shear : Dataset, optional
+        Follows ``MICRO_RESPONSE``; gives the tangential branch, see :func:`with_shear`.
+    sliding : Dataset, optional
+        Follows ``SLIDING_RESPONSE``; gives friction over pressure, see :func:`with_sliding`.
+    n_samples : int
+        Of each branch.
+    **options
+        As of :func:`~multiscale.upscaling.fit_law`.
+
+    Returns
+    -------
+    Dataset
+        Follows ``INTERFACE_LAW``.
     """
-    if "flowing_fraction" not in response.variables:
-        return fit_law(response, n_samples=n_samples, **options)
-    loading = loading_branch(response)
+    flows = "flowing_fraction" in response.variables
+    loading = loading_branch(response) if flows else response
     law = fit_law(loading, n_samples=n_samples, **options)
-    if loading.sizes["step"] == response.sizes["step"]:
-        return law
-    return with_unloading(law, response, n_samples=n_samples)
+    if loading.sizes["step"] < response.sizes["step"]:
+        law = with_unloading(law, response, n_samples=n_samples)
+    if shear is not None:
+        law = with_shear(law, loading, shear)
+    return law if sliding is None else with_sliding(law, sliding)
 
 
 def with_unloading(law: "xr.Dataset", response: "xr.Dataset", *, n_samples: int) -> "xr.Dataset":
@@ -71,7 +96,7 @@ def with_unloading(law: "xr.Dataset", response: "xr.Dataset", *, n_samples: int)
     return INTERFACE_LAW.assign(law, values).assign_attrs(
         unloading_admissible=fitted.attrs["admissible"],
         unloading_admissibility=fitted.attrs["admissibility"],
-        branches="measured: loading and unloading; not in the law: shear",
+        branches=say_branches({"unloading": "measured"}, str(law.attrs.get("branches", ""))),
     )
 
 

@@ -20,6 +20,7 @@ from multiscale.upscaling.budget_terms import (
 from multiscale.upscaling.cell_size import size_term
 from multiscale.upscaling.response_observations import normal_observations
 from multiscale.upscaling.scales import ScaleSeparation
+from multiscale.upscaling.shear_budget import NORMAL_ALONE, tangential_terms
 from multiscale.upscaling.surface_error import surface_term
 
 if TYPE_CHECKING:
@@ -42,6 +43,7 @@ ERROR_TERMS = (
     "micro discretisation",
     "increments",
     "surface",
+    "friction bed",
     "scale separation",
     "macro discretisation",
 )
@@ -64,6 +66,7 @@ def error_budget(
     sizes: Mapping[float, "xr.Dataset"] | None = None,
     scales: ScaleSeparation | None = None,
     apart: bool = False,
+    tangential: Mapping[float, "xr.Dataset"] | None = None,
 ) -> "xr.Dataset":
     r"""Estimate how wrong the gap, the contact fraction and the stiffness of a law are.
 
@@ -85,6 +88,10 @@ def error_budget(
         Whether resolutions and sizes, two at least of each, are ensembles of their own that are
         compared among themselves: the same small cells on several grids, and many cells of
         several sizes on a coarse grid. Their scatter then counts for the response too.
+    tangential : mapping of float to Dataset, optional
+        If given, the tangential traction of the law, over full slip, has a budget too; see
+        :func:`~.shear_budget.tangential_terms`. From the ratio of the spacings to the law of the
+        same realisations, pressed and sheared on a coarser grid; may be empty.
 
     Returns
     -------
@@ -151,6 +158,7 @@ def error_budget(
         ),
         "increments": increment_term(response),
         "surface": surface_term(response, law, p),
+        "friction bed": NORMAL_ALONE,
         "scale separation": Term("not known: pass scales from compare_scales"),
         "macro discretisation": Term("not in a law: see structure_budget"),
     }
@@ -164,7 +172,12 @@ def error_budget(
     if scales is not None:
         uneven = separation_term(law, sampling.half_width / sampling.factor, p, scales)
         terms["scale separation"] = Term(str(scales), uneven)
-    return assemble_budget(terms, QUANTITIES, p).assign_attrs(sampling_factor=sampling.factor)
+    if tangential is None:
+        budget = assemble_budget(terms, QUANTITIES, p)
+    else:
+        rows = (*QUANTITIES, "tangential_traction")
+        budget = assemble_budget(tangential_terms(terms, law, p, tangential), rows, p)
+    return budget.assign_attrs(sampling_factor=sampling.factor)
 
 
 def total_error(bias: np.ndarray, half_width: np.ndarray) -> np.ndarray:

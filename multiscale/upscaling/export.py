@@ -3,7 +3,7 @@
 from dataclasses import dataclass
 from os import PathLike
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Literal
 
 import numpy as np
 
@@ -11,6 +11,7 @@ from multiscale.errors import CaseError
 from multiscale.io import write_bytes
 from multiscale.units import to_si
 from multiscale.upscaling.reading import area_from_dataset, law_band, law_from_dataset, require_law
+from multiscale.upscaling.shear_branch import sliders_from_dataset
 
 if TYPE_CHECKING:
     import xarray as xr
@@ -89,8 +90,10 @@ def write_pressure_overclosure(
     length_unit: str = "mm",
     pressure_unit: str = "MPa",
     tolerance: float = 5e-3,
+    friction_for: Literal["abaqus", "calculix"] | None = None,
+    stick_pressure: float | None = None,
 ) -> None:
-    """Write a normal law as a tabular pressure-overclosure for CalculiX and Abaqus.
+    r"""Write a normal law as a tabular pressure-overclosure for CalculiX and Abaqus.
 
     Parameters
     ----------
@@ -102,12 +105,18 @@ def write_pressure_overclosure(
         Name of the surface interaction, and the units of the model.
     tolerance : float
         See :func:`pressure_overclosure`.
+    friction_for : {"abaqus", "calculix"}, optional
+        Write friction and stick stiffness too, which the two codes read in different words. The
+        law needs a tangential branch.
+    stick_pressure : float, optional
+        Pressure p whose stick stiffness is written, Pa; the geometric mean of the data if not
+        given.
 
     Raises
     ------
     CaseError
         If two points would be closer than CalculiX keeps apart, the tolerance needs more than 40
-        points, or the name is none.
+        points, the name is none, or friction is asked of a law that has none.
 
     Notes
     -----
@@ -117,13 +126,19 @@ def write_pressure_overclosure(
     point prolongs the last chord to ten times the largest pressure. Zero overclosure is the first
     contact of the summits: the surfaces of the model should stand that far apart, as the head of
     the file says, since CalculiX makes no contact elements where they are further open.
+
+    Either code sticks with one spring and one slider, which has no micro-slip. It is as stiff as
+    the bed of sliders before any slip: CalculiX takes the stiffness :math:`\kappa K(p)`, the same
+    at all pressures; Abaqus the elastic slip :math:`\mu p / (\kappa K(p))`, from which it makes a
+    stiffness in proportion to the pressure, as that of rough surfaces nearly is.
     """
     if not (name and name.isascii() and name.replace("_", "a").replace("-", "a").isalnum()):
         raise CaseError(f"{name!r} cannot name a surface interaction; use letters and digits")
     require_law(dataset, "pressure_min", "pressure_max", "n_realisations")
     family = dataset.attrs.get("family", "convex_decreasing")
     low, high = (float(dataset.attrs[key]) for key in ("pressure_min", "pressure_max"))
-    table = pressure_overclosure(law_from_dataset(dataset), (low, high), tolerance=tolerance)
+    law = law_from_dataset(dataset)
+    table = pressure_overclosure(law, (low, high), tolerance=tolerance)
     p, overclosure = table.pressure, table.overclosure
     if p.size >= MOST_POINTS:
         raise CaseError(
@@ -152,6 +167,27 @@ def write_pressure_overclosure(
         "*SURFACE BEHAVIOR, PRESSURE-OVERCLOSURE=TABULAR",
         *(f"{a / pressure:.9e}, {b / length:.9e}" for a, b in zip(p, overclosure, strict=True)),
     ]
+    if friction_for is not None:
+        at = np.sqrt(low * high) if stick_pressure is None else stick_pressure
+        if friction_for not in ("abaqus", "calculix"):
+            raise CaseError(f"friction is written for abaqus or calculix, got {friction_for!r}")
+        if not low <= at <= high:
+            raise CaseError(
+                f"the law rests on data from {low:.3g} to {high:.3g} Pa, got a stick_pressure of "
+                f"{at:.3g} Pa; give one between them"
+            )
+        bed = sliders_from_dataset(dataset)
+        stiffness = bed.stiffness_ratio * float(law.stiffness(law.gap_at(np.array(at))))
+        slip = bed.friction * at / stiffness
+        lines += [
+            f"** one slider, as stiff as the interface at {at / pressure:.4g} {pressure_unit}; "
+            f"its micro-slip is left out",
+            *(
+                [f"*FRICTION, ELASTIC SLIP={slip / length:.9e}", f"{bed.friction:.9e}"]
+                if friction_for == "abaqus"
+                else ["*FRICTION", f"{bed.friction:.9e}, {stiffness * length / pressure:.9e}"]
+            ),
+        ]
     write_bytes(Path(path), ("\n".join(lines) + "\n").encode("ascii", "replace"))
 
 

@@ -29,9 +29,13 @@ from multiscale.upscaling.spline_law import (
 if TYPE_CHECKING:
     import xarray as xr
 
-__all__ = ["FREE_FORM", "fit_law", "stiffness_of_each"]
+__all__ = ["FREE_FORM", "fit_law", "laws_of_each", "say_branches", "stiffness_of_each"]
 
-BRANCHES = "measured: loading; assumed: unloading along the same curve; not in the law: shear"
+BRANCHES = {
+    "loading": "measured",
+    "unloading": "assumed, along the same curve",
+    "shear": "not in the law",
+}
 
 LARGEST_GAP = 0.1  # m; the coarsest texture of roads has 0.02 m
 FEWEST_PER_DECADE = 2
@@ -170,12 +174,18 @@ def fit_law(
     values = found.values
     if not isinstance(data, Observations):
         values = fit_area(area_observations(data), counts) | values
-        attributes["branches"] = BRANCHES
+        attributes["branches"] = say_branches(BRANCHES)
     return _build(observations, chosen, values, attributes | found.attributes | {"seed": seed})
 
 
-def stiffness_of_each(observations: Observations, law: "xr.Dataset | None" = None) -> np.ndarray:
-    """Stiffness of laws that are fitted to one realisation each.
+def say_branches(told: Mapping[str, str], before: str = "") -> str:
+    """Say of each branch of a law whether it is measured, after what was said before."""
+    known = dict(part.split(": ", 1) for part in before.split("; ") if part)
+    return "; ".join(f"{branch}: {how}" for branch, how in {**known, **told}.items())
+
+
+def laws_of_each(observations: Observations, law: "xr.Dataset | None" = None) -> list[Any]:
+    """Fit a normal law to each realisation.
 
     Parameters
     ----------
@@ -187,22 +197,29 @@ def stiffness_of_each(observations: Observations, law: "xr.Dataset | None" = Non
 
     Returns
     -------
-    ndarray, shape (realisations, points)
-        Pa/m; NaN where a realisation has no value or its fit does not settle.
+    list of NormalLaw or None
+        None where a fit does not settle.
     """
     mean, counted = observations.means()[0][0], observations.counted
     gap, ones = np.where(counted, observations.values, mean), np.ones(mean.size)
     family = FREE_FORM["gap"] if law is None else str(law.attrs["family"])
-    laws: list[Any]
     if law is None or family == FREE_FORM["gap"]:
-        laws = fit_each(observations, gap)
-    else:
-        fixed = {name: float(law[name]) for name in str(law.attrs["fixed"]).split()}
-        regression = regression_of(FAMILIES[family], observations, fixed, ones)
-        found = regression.solve_many(gap, 1.0 * counted, regression.solve(mean, ones))
-        laws = [None if one is None else regression.law(one) for one in found]
+        return list(fit_each(observations, gap))
+    fixed = {name: float(law[name]) for name in str(law.attrs["fixed"]).split()}
+    regression = regression_of(FAMILIES[family], observations, fixed, ones)
+    found = regression.solve_many(gap, 1.0 * counted, regression.solve(mean, ones))
+    return [None if one is None else regression.law(one) for one in found]
+
+
+def stiffness_of_each(observations: Observations, law: "xr.Dataset | None" = None) -> np.ndarray:
+    """Stiffness of the laws of :func:`laws_of_each`, Pa/m, shape (realisations, points).
+
+    NaN where a realisation has no value or its fit does not settle.
+    """
+    counted = observations.counted
+    gap = np.where(counted, observations.values, observations.means()[0][0])
     stiffness = np.full(gap.shape, np.nan)
-    for k, one in enumerate(laws):
+    for k, one in enumerate(laws_of_each(observations, law)):
         if one is not None:
             stiffness[k] = one.stiffness(gap[k])
     return np.where(counted, stiffness, np.nan)

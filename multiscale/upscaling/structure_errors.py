@@ -15,6 +15,7 @@ from multiscale.upscaling.observations import observe
 from multiscale.upscaling.reading import fitted_laws, law_from_dataset, require_law
 from multiscale.upscaling.resolution import estimate_grid_error
 from multiscale.upscaling.scales import ScaleSeparation
+from multiscale.upscaling.shear_budget import STEEPEST
 from multiscale.upscaling.spline_law import fit_each
 
 if TYPE_CHECKING:
@@ -180,7 +181,9 @@ def with_scales(law: "xr.Dataset", scales: ScaleSeparation) -> "xr.Dataset":
     half, bias = law["error_half_width"].copy(deep=True), law["error_bias"]
     p = law["fit_pressure"].to_numpy()
     scatter = half.sel(error_term="sampling").to_numpy() / float(law.attrs["sampling_factor"])
-    half.loc[{"error_term": "scale separation"}] = separation_term(law, scatter, p, scales)
+    rows = separation_term(law, scatter[:3], p, scales)
+    follow = STEEPEST * rows[2:] * np.ones((len(scatter) - 3, 1))  # of the tangential traction
+    half.loc[{"error_term": "scale separation"}] = np.vstack([rows, follow])
     given = half.notnull().any(("quantity", "step")).to_numpy().tolist()
     total = law["error_total"].copy(data=add_up(half.to_numpy(), bias.to_numpy(), given))
     unknown = [one for one in str(law.attrs["unknown"]).split(", ") if one != "scale separation"]

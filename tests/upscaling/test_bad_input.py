@@ -77,7 +77,7 @@ def test_no_surface_that_is_flat_but_for_its_peaks_leaves_more_than_the_bound():
 def test_a_law_says_its_pressures_per_decade_and_which_branches_are_measured():
     law = fit_law(response_of(GAPS), n_samples=0)
     assert law.attrs["pressures_per_decade"] == pytest.approx(7 / np.log10(20.0))
-    assert law.attrs["branches"].startswith("measured: loading; assumed: unloading along the same")
+    assert law.attrs["branches"].startswith("loading: measured; unloading: assumed, along the same")
     few = np.geomspace(1e4, 1e8, 8)
     coarse = fit_law(response_of(GAPS, few, area=np.tile(few / 5e8, (6, 1))), n_samples=0)
     assert "the law rests on 1.8 pressures a decade; from 2 on" in coarse.attrs["cautions"]

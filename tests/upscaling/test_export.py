@@ -7,7 +7,7 @@ import pytest
 
 from multiscale.errors import CaseError
 from multiscale.laws import Exponential, PowerLaw
-from multiscale.upscaling import fit_law, law_from_dataset, write_law_table
+from multiscale.upscaling import assume_shear, fit_law, law_from_dataset, write_law_table
 from multiscale.upscaling.export import pressure_overclosure, write_pressure_overclosure
 from tests.upscaling.responses import PRESSURE, exponential_gaps, response_of
 
@@ -118,3 +118,37 @@ def test_the_table_has_units_in_its_head_and_the_bands_of_the_law(tmp_path):
 def test_a_table_without_samples_leaves_the_bands_out(tmp_path):
     write_law_table(fit_law(response_of(exponential_gaps(1))), tmp_path / "law.csv")
     assert "95 %" not in (tmp_path / "law.csv").read_text()
+
+
+@pytest.mark.parametrize("code", ["abaqus", "calculix"])
+def test_friction_sticks_with_the_stiffness_of_the_interface_at_one_pressure(tmp_path, code):
+    law = fit_law(response_of(exponential_gaps(4)), n_samples=0)
+    dataset = assume_shear(law, friction=0.3, stiffness_ratio=0.8)
+    file, at = tmp_path / "rough.inp", 2e7
+    write_pressure_overclosure(dataset, file, friction_for=code, stick_pressure=at)
+    *normal, (keyword, (numbers,)) = read_input_file(file)
+    assert len(normal) == 2
+    one = law_from_dataset(law)
+    stiffness = 0.8 * float(one.stiffness(one.gap_at(np.array(at))))  # Pa/m
+    if code == "calculix":
+        assert keyword == "*FRICTION"
+        assert numbers == pytest.approx([0.3, 1e-9 * stiffness])  # MPa/mm
+    else:
+        keyword, slip = keyword.split(",ELASTICSLIP=")
+        assert keyword == "*FRICTION"
+        assert numbers == [0.3]
+        assert 0.3 * 20.0 / float(slip) == pytest.approx(1e-9 * stiffness)  # MPa/mm
+    assert "as stiff as the interface at 20 MPa" in file.read_text()
+
+
+def test_friction_is_refused_without_a_branch_of_shear_and_outside_the_data(tmp_path):
+    law = fit_law(response_of(exponential_gaps(4)), n_samples=0)
+    with pytest.raises(CaseError, match="the law has no tangential branch"):
+        write_pressure_overclosure(law, tmp_path / "a.inp", friction_for="abaqus")
+    known = assume_shear(law, friction=0.3, stiffness_ratio=0.8)
+    with pytest.raises(CaseError, match="written for abaqus or calculix, got 'ansys'"):
+        write_pressure_overclosure(known, tmp_path / "a.inp", friction_for="ansys")
+    with pytest.raises(CaseError, match="got a stick_pressure of 1 Pa; give one between"):
+        write_pressure_overclosure(
+            known, tmp_path / "a.inp", friction_for="abaqus", stick_pressure=1.0
+        )

@@ -64,6 +64,14 @@ print(budget.attrs["unknown"])  # cell size, scale separation
 # Most of the bias of small cells is in their rms height: at_rms_height takes their gaps to the
 # height of the surface at large.
 #
+# Tangential law: two deformable bodies with friction are pressed, sheared until they slip, and
+# released, along shear_path(cell, pressures). fit_branches(response, shear=sheared) adds to the
+# normal law the ratio of tangential to normal stiffness and the friction coefficient of a bed of
+# sliders, with samples; error_budget(..., tangential={}) tells how far the cells are from the
+# bed, and sliders_from_dataset(law) makes the law that joints slip by. Between alike bodies the
+# ratio is 2 (1 - nu) / (2 - nu); where nothing was sheared, assume_shear says what is assumed. A
+# rigid counterface will not do: pressing alone makes its edges slip.
+#
 # Other laws: contact area, tangential stiffness, friction over pressure and speed, unloading. Cells
 # with friction that are pressed, sheared a little and dragged give tangential stiffness and
 # friction, through tangential_observations and friction_observations. Measured stiffness comes from

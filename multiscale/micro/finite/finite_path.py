@@ -221,13 +221,16 @@ def _average(
             np.where(state.active, -state.force[:, 2], 0.0), weight, edges=edges, flowing=cell.flows
         ),
     }
+    meeting = scene.meet(state.displacement, state.approach, state.slide)
     if cell.friction_coefficient > 0.0:
+        along = np.sum(state.force * meeting.normal, axis=1, keepdims=True)
+        normal = np.moveaxis(along * meeting.normal, 1, -1).reshape(-1, 3)
+        step["traction_by_normal"] = averages.average_traction(normal, area)
         step["slip_fraction"] = float(state.slipping.sum() / max(state.active.sum(), 1))
         step["friction_work"] = state.dissipation / area
     if cell.flows:
         step["flowing_fraction"] = state.flowing
     if fields:
-        meeting = scene.meet(state.displacement, state.approach, state.slide)
         step["pressure"] = (-state.force[:, 2] * cell.surface.heights.size / area).T
         step["gap"] = (meeting.gap / meeting.normal[:, 2]).T
     return step

@@ -1,0 +1,118 @@
+"""How wrong the tangential traction of a law is, relative to full slip."""
+
+from collections.abc import Mapping
+from dataclasses import replace
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from multiscale.upscaling.budget_terms import Term
+from multiscale.upscaling.reading import fitted_laws, law_from_dataset, pick, require_law
+from multiscale.upscaling.resolution import estimate_grid_error
+
+if TYPE_CHECKING:
+    import xarray as xr
+
+__all__ = ["NORMAL_ALONE", "STEEPEST", "tangential_terms"]
+
+STEEPEST = np.exp(-1.0)
+"""Largest change of t / (mu p) with the logarithm of the stiffness: of x exp(-x)."""
+
+NORMAL_ALONE = Term("not in a law without shear")
+
+SLIPS = np.geomspace(0.1, 8.0, 16)  # over mu p / (kappa K), up to full slip
+
+
+def tangential_terms(
+    terms: Mapping[str, Term],
+    law: "xr.Dataset",
+    p: np.ndarray,
+    coarser: Mapping[float, "xr.Dataset"],
+) -> dict[str, Term]:
+    r"""Add the tangential traction to the terms of gap, contact fraction and stiffness.
+
+    Parameters
+    ----------
+    terms : mapping of str to Term
+        Half-widths (3, steps).
+    law : Dataset
+        Follows ``INTERFACE_LAW``, with a tangential branch that was measured.
+    p : ndarray, shape (steps,)
+        Pressures of the law, Pa.
+    coarser : mapping of float to Dataset
+        From the ratio of the spacings (2, or 2 and 4) to the law of the same realisations, pressed
+        and sheared on a coarser grid; may be empty.
+
+    Returns
+    -------
+    dict of str to Term
+        Half-widths (4, steps), the last row over :math:`\mu p`, at the slip where it is largest.
+
+    Notes
+    -----
+    - *sampling*: from the bootstrap samples of normal law, :math:`\kappa` and :math:`\mu`;
+    - *friction bed*: the largest distance of the mean cell from the mean bed along its path, at the
+      sheared pressures, and in between over the logarithm of the pressure;
+    - *micro discretisation*: :func:`~.resolution.estimate_grid_error` of :math:`\kappa`, with that
+      of the stiffness; not known without coarser grids;
+    - the others enter by what they are of the stiffness: as :math:`t \approx \mu p\,
+      (1 - e^{-x})` with :math:`x = \kappa K u / (\mu p)`, they change :math:`t / (\mu p)` by
+      :math:`x e^{-x} \le 1/e` of it.
+    """
+    own = {
+        "sampling": _sampling(law, p),
+        "micro discretisation": _grid(terms["micro discretisation"], law, coarser, p),
+        "friction bed": _distance(law, p),
+    }
+    told = "largest distance of the sheared cells from the bed over mu p"
+    normal = {**terms, "friction bed": Term(told, np.zeros((3, p.size)))}
+    found = {}
+    for name, term in normal.items():
+        if term.half_width is None:
+            found[name] = term
+            continue
+        bias = np.zeros((4, p.size))
+        bias[:3] = term.bias
+        row = own.get(name, STEEPEST * np.hypot(term.half_width[2], bias[2]))
+        found[name] = replace(term, half_width=np.vstack([term.half_width, row]), bias=bias)
+    return found
+
+
+def _sampling(law: "xr.Dataset", p: np.ndarray) -> np.ndarray:
+    """Half-width by the samples, over mu p; NaN without any."""
+    n = min(int(law.sizes.get("sample", 0)), int(law.sizes.get("shear_sample", 0)))
+    if not n:
+        return np.full(p.size, np.nan)
+    ratio = np.nanmean(pick(law, "shear_stiffness_ratio", [None, *range(n)], of="shear"), axis=1)
+    mu = np.array(pick(law, "shear_friction", [None, *range(n)], of="shear"))
+    mean = law_from_dataset(law)
+    slip = mu[0] * p / (ratio[0] * mean.stiffness(mean.gap_at(p))) * SLIPS[:, None]
+    traction = [
+        m * (p - one.pressure(one.gap_at(p) + k * slip / m))
+        for one, k, m in zip(fitted_laws(law, range(n)), ratio[1:], mu[1:], strict=True)
+    ]
+    low, high = np.percentile(traction, [2.5, 97.5], axis=0)
+    return np.asarray(np.max(0.5 * (high - low), axis=0) / (mu[0] * p))
+
+
+def _grid(
+    term: Term, law: "xr.Dataset", coarser: Mapping[float, "xr.Dataset"], p: np.ndarray
+) -> np.ndarray:
+    """Half-width by the grid, of stiffness and ratio together; NaN without coarser grids."""
+    if not coarser or term.half_width is None:
+        return np.full(p.size, np.nan)
+    name = "shear_stiffness_ratio"
+    fine, *others = (np.nanmean(one[name].to_numpy()) for one in (law, *coarser.values()))
+    found = estimate_grid_error(fine[None], dict(zip(coarser, np.array(others), strict=True)))
+    return np.asarray(STEEPEST * np.hypot(term.half_width[2], found.half_width / fine))
+
+
+def _distance(law: "xr.Dataset", p: np.ndarray) -> np.ndarray:
+    """Largest distance of the mean cell from the mean bed at each pressure, over mu p."""
+    require_law(law, "shear_pressure", "shear_traction", "shear_bed_traction")
+    sheared = law["shear_pressure"].to_numpy()
+    apart = law["shear_traction"].to_numpy() - law["shear_bed_traction"].to_numpy()
+    share = np.linalg.norm(apart, axis=1) / (float(law["shear_friction"]) * sheared)
+    at = np.unique(sheared)
+    largest = [share[sheared == one].max() for one in at]
+    return np.asarray(np.interp(np.log(p), np.log(at), largest))

@@ -1,0 +1,357 @@
+"""The tangential branch of a law: found again, with its samples, its words and its refusals."""
+
+import numpy as np
+import pytest
+from matplotlib.figure import Figure
+
+from multiscale.errors import CaseError
+from multiscale.io import open_law, save_law
+from multiscale.laws import Sliders
+from multiscale.laws.bulk import Elastic
+from multiscale.micro import Cell, Path, SecondBody, Surface, run_ensemble, shear_path, slide_cell
+from multiscale.plotting import plot_shear_law
+from multiscale.schema import INTERFACE_LAW
+from multiscale.upscaling import (
+    assume_shear,
+    compare_scales,
+    error_budget,
+    fit_branches,
+    fit_law,
+    law_from_dataset,
+    sliders_from_dataset,
+    sliding_friction_at,
+    structure_budget,
+    with_budget,
+    with_scales,
+    with_shear,
+    with_sliding,
+)
+from multiscale.upscaling.shear_branch import bed_traction
+from tests.support import egg_box, rough_square
+from tests.upscaling.responses import DECAY, SCALE, response_of, sheared_exponentials
+
+KAPPA, MU, CELLS = 0.8, 0.25, 6
+WIDE = np.geomspace(1e5, 1e8, 13)
+
+
+def scatter(spread, seed):
+    return 1.0 + spread * np.random.default_rng(seed).standard_normal(CELLS)
+
+
+def pressed(decay):
+    """Cells of exponential laws, pressed."""
+    gap = decay[:, None] * np.log(SCALE / WIDE)
+    return response_of(gap, WIDE, area=np.tile(WIDE / 5e8, (len(gap), 1)))
+
+
+def sheared(decay, ratio=None, friction=None, **options):
+    ratio = np.full((CELLS, 2), KAPPA) if ratio is None else ratio
+    return sheared_exponentials(
+        decay, ratio, np.full(CELLS, MU) if friction is None else friction, **options
+    )
+
+
+@pytest.fixture(scope="module")
+def decay():
+    return DECAY * scatter(0.05, 1)
+
+
+@pytest.fixture(scope="module")
+def law(decay):
+    return fit_law(pressed(decay), n_samples=60)
+
+
+@pytest.fixture(scope="module")
+def measured(law, decay):
+    ratio = KAPPA * np.stack([scatter(0.02, 2), scatter(0.02, 3)], axis=1)
+    return with_shear(law, pressed(decay), sheared(decay, ratio, MU * scatter(0.01, 4))), ratio
+
+
+def test_ratio_and_friction_are_found_again_though_the_cells_differ_in_stiffness(law, decay):
+    found = with_shear(law, pressed(decay), sheared(decay))
+    INTERFACE_LAW.check(found)
+    np.testing.assert_allclose(found["shear_stiffness_ratio"], KAPPA, rtol=0.01)
+    assert float(found["shear_friction"]) == pytest.approx(MU, rel=1e-3)
+    # cells that are alike but for their decay lengths leave no scatter
+    assert np.ptp(found["shear_stiffness_ratio_sample"].values) < 0.01 * KAPPA
+    apart = found["shear_traction"] - found["shear_bed_traction"]
+    assert np.abs(apart / (MU * found["shear_pressure"])).max() < 0.01
+    assert found.attrs["branches"].endswith("shear: measured")
+
+
+def test_x_and_y_are_averaged_or_fitted_apart(measured, law, decay):
+    found, ratio = measured
+    np.testing.assert_allclose(found["shear_stiffness_ratio"], ratio.mean(), rtol=0.01)
+    lay = np.column_stack([np.full(CELLS, 0.9), scatter(0.005, 6) * 0.7])
+    data = sheared(decay, lay)
+    together = with_shear(law, pressed(decay), data)
+    assert "x and y, 0.9 and 0.702, differ" in together.attrs["cautions"]
+    assert "fit them with apart=True" in together.attrs["cautions"]
+    split = with_shear(law, pressed(decay), data, apart=True)
+    np.testing.assert_allclose(split["shear_stiffness_ratio"], lay.mean(axis=0), rtol=0.01)
+    assert "apart" not in split.attrs["cautions"]
+    assert sliders_from_dataset(split, along=1).stiffness_ratio == pytest.approx(0.7, rel=0.01)
+    assert sliders_from_dataset(split).stiffness_ratio == pytest.approx(0.8, rel=0.01)
+    one = with_shear(law, pressed(decay), sheared(decay, along=(0,)), apart=True)
+    assert np.isnan(one["shear_stiffness_ratio"][1])
+
+
+def test_samples_pair_with_those_of_the_normal_law(law, decay):
+    """Friction in proportion to the decay length: so are the samples of the mean."""
+    found = with_shear(law, pressed(decay), sheared(decay, friction=MU * decay / DECAY))
+    gaps = [float(law_from_dataset(law, k).gap_at(np.array(1e7))) for k in range(60)]
+    assert np.corrcoef(gaps, found["shear_friction_sample"])[0, 1] > 0.999
+    bed = sliders_from_dataset(found, 3)
+    assert bed.friction == float(found["shear_friction_sample"][3])
+    assert bed.normal.gap_at(np.array(1e7)) == gaps[3]
+
+
+def test_fewer_cells_may_be_sheared_than_are_pressed(law, decay):
+    few = sheared(decay).isel(realisation=[1, 2, 4])
+    found = with_shear(law, pressed(decay), few)
+    assert found.attrs["n_sheared"] == 3
+    np.testing.assert_allclose(found["shear_stiffness_ratio"], KAPPA, rtol=0.01)
+    assert found.sizes["shear_sample"] == 60
+
+
+def test_the_law_in_a_file_makes_the_sliders_and_an_old_one_is_still_read(measured, law, tmp_path):
+    found, _ = measured
+    save_law(found, tmp_path / "law.nc")
+    bed, again = sliders_from_dataset(found), sliders_from_dataset(open_law(tmp_path / "law.nc"))
+    assert isinstance(bed, Sliders)
+    assert (again.friction, again.stiffness_ratio) == (bed.friction, bed.stiffness_ratio)
+    save_law(law, tmp_path / "normal.nc")  # as of an earlier version, without a branch of shear
+    with pytest.raises(CaseError, match="no tangential branch; shear cells and add it"):
+        sliders_from_dataset(open_law(tmp_path / "normal.nc"))
+
+
+def test_what_is_assumed_is_said(law):
+    found = assume_shear(law, friction=0.2, stiffness_ratio=0.82)
+    assert "shear: assumed, stiffness ratio 0.82 and friction 0.2" in found.attrs["branches"]
+    assert "the friction coefficient of 0.2 are assumed" in found.attrs["cautions"]
+    bed = sliders_from_dataset(found, 5)
+    assert (bed.friction, bed.stiffness_ratio) == (0.2, 0.82)
+    assert bed.normal.gap_at(np.array(1e7)) == law_from_dataset(law, 5).gap_at(np.array(1e7))
+
+
+def test_the_bed_of_any_ratio_and_friction_is_the_bed_of_ones_with_another_slip(law):
+    """Eq. (1), also where the pressure changes and the path turns."""
+    rng, normal = np.random.default_rng(3), law_from_dataset(law)
+    pressure = np.append(10.0 ** rng.uniform(6.0, 8.0, 40), [0.0, 1e7, 1e7])
+    gap = normal.gap_at(np.maximum(pressure, 1e-2))
+    slip = np.cumsum(rng.normal(size=(43, 2)), axis=0) * MU * DECAY
+    slip[-2] = slip[-3]  # pressed again without shear
+    ones = Sliders(normal, 1.0, 1.0, pressures=(1e6, 1e8), slabs=24)
+    bed = Sliders(normal, MU, KAPPA, pressures=(1e6, 1e8), slabs=24)
+    found = MU * bed_traction(ones, gap, slip * KAPPA / MU)
+    np.testing.assert_allclose(bed_traction(bed, gap, slip), found, atol=1e-9 * found.max())
+    assert np.abs(found[-3]).max() < 1e-6 * np.abs(found).max()  # released
+    fresh = MU * bed_traction(ones, gap[-2:], (slip[-2:] - slip[-2]) * KAPPA / MU)
+    np.testing.assert_allclose(found[-2:], fresh, atol=1e-6 * np.abs(found).max())
+
+
+def test_sheared_cells_are_drawn_beside_the_bed(measured):
+    found, _ = measured
+    ax = Figure().subplots()
+    plot_shear_law(found, ax=ax)
+    assert len(ax.lines) == 8  # cells and bed at two pressures along x and y
+    cells, bed = (line.get_ydata() for line in ax.lines[:2])
+    np.testing.assert_allclose(cells, bed, atol=0.03)
+    assert 0.95 < cells[-1] < 1.05
+
+
+def test_large_sliding_gives_friction_over_pressure(law):
+    cell = Cell(
+        egg_box(8, 0.02), 0.5, 4, 1.0, 0.3, egg_box(8, -0.02), friction_coefficient=0.2,
+        opposite=SecondBody(0.5, 4, Elastic(1.0, 0.3)),
+    )  # fmt: skip
+    slid = slide_cell(cell, (0.008, 0.004), 1.0, steps=4)
+    found = with_sliding(law, slid)
+    assert found.attrs["branches"].endswith("sliding: measured")
+    at = sliding_friction_at(found, np.array([1e-9, 0.004, 0.008]))
+    np.testing.assert_allclose(at, slid["steady_friction"].values[[1, 1, 0]])
+    short = slide_cell(cell, (0.004,), 0.5, steps=2)
+    with pytest.raises(CaseError, match="slid over less than one period at every pressure"):
+        with_sliding(law, short)
+
+
+@pytest.mark.parametrize(
+    ("change", "sentence"),
+    [
+        (lambda r: r.assign_coords(realisation=r.realisation + 3), r"realisations \[6, 7, 8\] are"),
+        (lambda r: r.isel(step=slice(0, 8)), r"at most 50 % of the contact slips .* slide farther"),
+        (lambda r: r.drop_vars("slip_fraction"), "has no slip_fraction; shear cells with friction"),
+        (lambda r: r.assign(converged=0 * r.converged), "no sheared realisation converged"),
+        (
+            lambda r: r.assign(displacement_jump=1e-3 * r.displacement_jump),
+            "no bed with a tangential over normal stiffness from 0.1 to 3",
+        ),
+    ],
+)
+def test_what_tells_no_bed_is_refused(law, decay, change, sentence):
+    with pytest.raises(CaseError, match=sentence):
+        with_shear(law, pressed(decay), change(sheared(decay)))
+
+
+def test_a_shear_outside_the_pressures_of_the_law_is_refused(law, decay):
+    for pressures in ((2e5, 1e7), (1e7, 2e8)):
+        with pytest.raises(CaseError, match=r"sheared from .* shear between 3 times the lowest"):
+            with_shear(law, pressed(decay), sheared(decay, pressures=pressures))
+
+
+def test_a_path_that_ended_early_leaves_its_realisation_out(law, decay):
+    broken = sheared(decay)
+    broken["converged"].values[2, -3:] = 0
+    found = with_shear(law, pressed(decay), broken)
+    assert found.attrs["n_sheared"] == CELLS - 1
+    assert "1 of 6 sheared realisations did not reach the end" in found.attrs["cautions"]
+
+
+def two_bodies(points, seed, friction=0.3, opposite=1.0):
+    """Two rough bodies of one period of 1 mm; moduli 1 GPa and ``opposite`` GPa, nu = .3."""
+    own, other = (
+        rough_square(points, 5e-4, 1e-3 / 4, 0.05 / 2**0.5, seed=one, size=1e-3)
+        for one in (seed, 100 + seed)
+    )
+    return Cell(
+        own, 1e-3, 6, 1e9, 0.3, Surface(-other.heights, other.size),
+        friction_coefficient=friction, opposite=SecondBody(1e-3, 6, Elastic(opposite * 1e9, 0.3)),
+    )  # fmt: skip
+
+
+E_STAR = 0.5e9 / (1.0 - 0.3**2)
+
+
+def test_cells_of_two_bodies_are_pressed_sheared_released_and_pressed_again(tmp_path):
+    cells = [two_bodies(12, seed) for seed in range(2)]
+    pressures = 0.05 * E_STAR * np.array([0.05, 0.1])
+    path = shear_path(cells[0], list(pressures), along="x", steps=5, legs=2)
+    response = run_ensemble(cells, path, folder=tmp_path, identity="sheared")
+    again = run_ensemble(cells, path, folder=tmp_path, identity="sheared")
+    assert response.drop_vars("wall_time").equals(again.drop_vars("wall_time"))
+    assert response["converged"].values.all()
+    normal, along = (response["traction"].values[..., k] for k in (0, 1))
+    np.testing.assert_allclose(-normal, np.tile(response["nominal_pressure"], (2, 1)), rtol=1e-6)
+    slip = response["displacement_jump"].values[..., 1]
+    for start in (0, 12):  # press, five steps there, five back, release
+        there, back, end = (start + k for k in (5, 10, 11))
+        share = along[:, [there, back]] / (0.3 * -normal[:, [there, back]])
+        np.testing.assert_allclose(share, [[1.0, -1.0]] * 2, atol=0.03)
+        np.testing.assert_allclose(slip[:, back] / slip[:, there], -1.0, atol=0.05)
+        np.testing.assert_allclose(response["traction"].values[:, end], 0.0, atol=1e-9)
+        np.testing.assert_allclose(slip[:, end], 0.0, atol=1e-12)
+    alone = run_ensemble(cells[:1], shear_path(cells[0], [pressures[1]], along="x", steps=5))
+    second = response["traction"].values[:1, 12:18]
+    np.testing.assert_allclose(alone["traction"].values[:, :6], second, rtol=1e-5, atol=10.0)
+
+
+def test_the_shear_of_flat_spots_is_carried_by_friction_and_on_slopes_by_both():
+    """Dragged along its slopes a body is held by pressures as well, eq. (3) of the source."""
+    cell = two_bodies(12, 1)
+    path = shear_path(cell, [0.1 * 0.05 * E_STAR], along="x", steps=5)
+    response = run_ensemble([cell], path)
+    whole = response["traction"].values[0, 5]
+    pressing = response["traction_by_normal"].values[0, 5]
+    assert 0.0 < abs(pressing[1]) < 0.1 * abs(whole[1])
+    # Coulomb's law of the points: |t_T| = mu t_N, whose vertical parts differ by the square
+    assert whole[1] - pressing[1] == pytest.approx(0.3 * -pressing[0], rel=0.01)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("opposite", [1.0, 3.0])
+def test_sheared_cells_follow_the_bed(opposite):
+    """Validation 10: initial ratio over 2 (1 - nu) / (2 - nu), and the whole path."""
+    star = 1e9 / (1.0 - 0.3**2) / (1.0 + 1.0 / opposite)
+    cells = [two_bodies(32, seed, opposite=opposite) for seed in range(2)]
+    light = 0.05 * star * np.geomspace(5e-4, 0.15, 12)
+    response = run_ensemble(cells, shear_path(cells[0], [0.1 * 0.05 * star]))
+    law = fit_branches(run_ensemble(cells, Path(pressure=tuple(light))), shear=response)
+    theory = 2.0 * (1.0 - 0.3) / (2.0 - 0.3)
+    ratio, mu = float(law["shear_stiffness_ratio"].mean()), float(law["shear_friction"])
+    assert mu == pytest.approx(0.3, rel=0.02)
+    # alike bodies; unlike ones slip as they are pressed
+    assert 0.93 < ratio / theory < (1.05 if opposite == 1.0 else 1.0)
+    apart = np.linalg.norm(law["shear_traction"] - law["shear_bed_traction"], axis=1)
+    assert np.max(apart / (mu * law["shear_pressure"])) < (0.02 if opposite == 1.0 else 0.05)
+
+
+@pytest.mark.parametrize(
+    ("options", "sentence"),
+    [
+        ({"pressures": []}, "under positive pressures"),
+        ({"pressures": [0.0]}, "under positive pressures"),
+        ({"along": "z"}, "along 'x', 'y' or 'xy', got 'z'"),
+        ({"legs": 0}, "at least 1 step, 1 leg and 1 pressing step, got 8, 10, 0 and 1"),
+    ],
+)
+def test_shears_without_a_sense_are_refused(options, sentence):
+    with pytest.raises(CaseError, match=sentence):
+        shear_path(two_bodies(12, 1), **({"pressures": [1e6]} | options))
+
+
+def test_a_cell_without_friction_or_roughness_is_not_sheared():
+    with pytest.raises(CaseError, match="without friction cannot be sheared"):
+        shear_path(two_bodies(12, 1, friction=0.0), [1e6])
+    flat = Surface(np.zeros((8, 8)), (1.0, 1.0))
+    cell = Cell(
+        flat, 1.0, 4, 1.0, 0.3, friction_coefficient=0.1,
+        opposite=SecondBody(1.0, 4, Elastic(1.0, 0.3)),
+    )  # fmt: skip
+    with pytest.raises(CaseError, match="the surfaces are flat"):
+        shear_path(cell, [1e-3])
+
+
+def test_the_tangential_traction_has_a_budget_with_the_distance_from_the_bed(law, decay):
+    ratio, mu = KAPPA * np.stack([scatter(0.03, 2)] * 2, axis=1), MU * scatter(0.02, 4)
+    data, normal = sheared(decay, ratio, mu), pressed(decay)
+    found = with_shear(law, normal, data)
+    budget = error_budget(normal, found, tangential={})
+    assert list(budget["quantity"].values)[-1] == "tangential_traction"
+    row = budget["error_half_width"].sel(quantity="tangential_traction")
+    whole = budget["error_total"].sel(quantity="tangential_traction")
+    assert np.all(whole >= row.max("error_term"))
+    at = np.searchsorted(WIDE, 2e7)
+    bed = float(row.sel(error_term="friction bed")[at])
+    assert bed < 0.01
+    sampling = float(row.sel(error_term="sampling")[at])
+    full = 2.571 * np.std(mu, ddof=1) / CELLS**0.5 / MU  # Student's, at full slip
+    assert 0.7 * full < sampling < 2.0 * full
+    # cells that are rounder than the bed: five hundredths of mu p too much half way
+    data["traction"].values[..., 1] += 0.05 * MU * 2e7 * (data["traction"].values[..., 1] > 0.5e6)
+    off = error_budget(normal, with_shear(law, normal, data), tangential={})
+    there = off["error_half_width"].sel(quantity="tangential_traction", error_term="friction bed")
+    assert 0.015 < float(there[at]) < 0.06
+    # gap, area and stiffness are as without shear
+    plain = error_budget(normal, law)
+    assert "friction bed" not in plain.attrs["unknown"]
+    kept = budget["error_total"].sel(quantity=plain["quantity"])
+    np.testing.assert_allclose(kept, plain["error_total"])
+    known = structure_budget("gap", with_budget(found, budget), lambda one: one.gap_at(WIDE))
+    np.testing.assert_array_equal(known["error_half_width"].sel(error_term="friction bed"), 0.0)
+
+
+def test_coarser_grids_tell_the_error_of_the_ratio(law, decay):
+    fine, coarse = (
+        with_shear(law, pressed(decay), sheared(decay, np.full((CELLS, 2), kappa)))
+        for kappa in (0.8, 0.84)
+    )
+    response = pressed(decay)
+    resolutions = {2.0: response.assign(mean_gap=1.001 * response["mean_gap"])}
+    where = {"error_term": "micro discretisation"}
+    for coarser, known in (({}, False), ({2.0: coarse}, True)):
+        budget = error_budget(response, fine, resolutions=resolutions, tangential=coarser)
+        row = budget["error_half_width"].sel(where)
+        tangential, stiffness = (row.sel(quantity=q) for q in ("tangential_traction", "stiffness"))
+        total = budget["error_total"].sel(quantity="tangential_traction")
+        assert np.all(np.isfinite(total) == known)
+    ratio = 1.25 * 0.04 / 0.8  # first order
+    np.testing.assert_allclose(tangential, np.exp(-1.0) * np.hypot(stiffness, ratio), rtol=0.02)
+
+
+def test_the_scales_of_another_structure_count_for_the_tangential_traction_too(measured, decay):
+    found, _ = measured
+    budget = error_budget(pressed(decay), found, tangential={})
+    scaled = with_scales(with_budget(found, budget), compare_scales(1e-4, 1e-3, 1e-2))
+    row = scaled["error_half_width"].sel(error_term="scale separation")
+    tangential, stiffness = (row.sel(quantity=one) for one in ("tangential_traction", "stiffness"))
+    np.testing.assert_allclose(tangential, np.exp(-1.0) * stiffness)
