@@ -10,7 +10,7 @@ from multiscale.laws import Sliders
 from multiscale.laws.bulk import Elastic
 from multiscale.micro import Cell, Path, SecondBody, Surface, run_ensemble, shear_path, slide_cell
 from multiscale.plotting import plot_shear_law
-from multiscale.schema import INTERFACE_LAW
+from multiscale.schema import INTERFACE_LAW, SLIDING_RESPONSE
 from multiscale.upscaling import (
     assume_shear,
     compare_scales,
@@ -160,19 +160,39 @@ def test_sheared_cells_are_drawn_beside_the_bed(measured):
     assert 0.95 < cells[-1] < 1.05
 
 
+def slid(steady):
+    """Two cells slid under 8 and 4 mPa, of which only the steady friction is told."""
+    shapes = {"load": 2, "step": 1, "component": 3}
+    none = {
+        name: np.zeros([shapes[dim] for dim in variable.dims])
+        for name, variable in SLIDING_RESPONSE.variables.items()
+    }
+    told = {"steady_friction": steady, "nominal_pressure": [0.008, 0.004]}
+    return SLIDING_RESPONSE.build(none | told)
+
+
 def test_large_sliding_gives_friction_over_pressure(law):
+    found = with_sliding(law, slid([0.25, 0.2]))
+    assert found.attrs["branches"].endswith("sliding: measured")
+    at = sliding_friction_at(found, np.array([1e-9, 0.004, np.sqrt(0.008 * 0.004), 0.008, 1.0]))
+    np.testing.assert_allclose(at, [0.2, 0.2, 0.225, 0.25, 0.25])
+    known = sliding_friction_at(with_sliding(law, slid([np.nan, 0.2])), np.array([0.008]))
+    np.testing.assert_allclose(known, 0.2)
+    with pytest.raises(CaseError, match="slid over less than one period at every pressure"):
+        with_sliding(law, slid([np.nan, np.nan]))
+
+
+@pytest.mark.slow
+def test_a_cell_that_slid_gives_friction_over_pressure(law):
     cell = Cell(
         egg_box(8, 0.02), 0.5, 4, 1.0, 0.3, egg_box(8, -0.02), friction_coefficient=0.2,
         opposite=SecondBody(0.5, 4, Elastic(1.0, 0.3)),
     )  # fmt: skip
-    slid = slide_cell(cell, (0.008, 0.004), 1.0, steps=4)
-    found = with_sliding(law, slid)
-    assert found.attrs["branches"].endswith("sliding: measured")
-    at = sliding_friction_at(found, np.array([1e-9, 0.004, 0.008]))
-    np.testing.assert_allclose(at, slid["steady_friction"].values[[1, 1, 0]])
-    short = slide_cell(cell, (0.004,), 0.5, steps=2)
+    far = slide_cell(cell, (0.008, 0.004), 1.0, steps=4)
+    at = sliding_friction_at(with_sliding(law, far), np.array([1e-9, 0.004, 0.008]))
+    np.testing.assert_allclose(at, far["steady_friction"].values[[1, 1, 0]])
     with pytest.raises(CaseError, match="slid over less than one period at every pressure"):
-        with_sliding(law, short)
+        with_sliding(law, slide_cell(cell, (0.004,), 0.5, steps=2))
 
 
 @pytest.mark.parametrize(
