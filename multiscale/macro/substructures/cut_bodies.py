@@ -5,22 +5,18 @@ from dataclasses import dataclass
 from itertools import pairwise
 
 import numpy as np
-from scipy.sparse import coo_array, csr_array, eye_array, hstack, vstack
+from scipy.sparse import coo_array, csr_array, hstack, vstack
 from scipy.sparse.csgraph import connected_components
-from scipy.spatial import cKDTree
 
 from multiscale.errors import CaseError
 from multiscale.fe.elasticity import displacement_basis, elastic_matrix
-from multiscale.fe.faces import face_areas, face_operator
 from multiscale.laws.bulk import AnisotropicElastic, Elastic
 from multiscale.macro.bodies.assembly import Assembly, Interface, Platen
 from multiscale.macro.continuum.body import Body, evaluate, fixed_motion, load_vector
-from multiscale.macro.substructures.problem import CutInterface, CutProblem, Substructure
+from multiscale.macro.substructures.cut_interfaces import cut_interface
+from multiscale.macro.substructures.problem import CutProblem, Substructure
 
 __all__ = ["cut_assembly", "cut_bodies", "split_boxes"]
-
-COINCIDENT = 1e-6
-"""Distance of nodes that are taken as one point of a joint, relative to the size of a face."""
 
 
 def split_boxes(body: Body, parts: tuple[int, ...]) -> np.ndarray:
@@ -110,12 +106,11 @@ def cut_bodies(
         )
         for K, unknown in found
     ]
+    numbered = [np.asarray(owner) + first for owner, first in zip(owners, first_part, strict=False)]
     interfaces = [
         interface
         for place, joint in enumerate(joints)
-        for interface in _interfaces(
-            place, joint, bodies, owners, structure.of_body, first_part, parts
-        )
+        for interface in cut_interface(place, joint, bodies, numbered, structure.of_body, parts)
     ]
     return CutProblem(
         tuple(parts),
@@ -248,138 +243,3 @@ def _check_piece(elements: np.ndarray, name: str) -> None:
     pieces = connected_components(coo_array((np.ones(pairs.shape[1]), pairs), shape=shape))[0]
     if pieces > 1:
         raise CaseError(f"{name} is in {pieces} pieces that do not touch; cut the mesh otherwise")
-
-
-def _interfaces(
-    place: int,
-    joint: Interface,
-    bodies: Sequence[Body],
-    owners: Sequence[np.ndarray],
-    of_body: Sequence[csr_array],
-    first_part: Sequence[int],
-    parts: Sequence[Substructure],
-) -> list[CutInterface]:
-    """One interface for each pair of substructures that a joint joins.
-
-    A point belongs to the pair of its facet. A node that several pairs share goes to the pair that
-    has most of its area: elastic ties around a node that it has in every pair would only be
-    redundant. The ground is a side of the substructure on it that never moves.
-    """
-    below, above = joint.sides
-    upper, name = bodies[above], str(joint.boundaries[1])
-    facets = upper.mesh.boundaries[name]
-    values, area = _points(upper, name, joint.quadrature_order)
-    frame = _frame(upper, name)
-    moved = [_in_frame(values, of_body[above], upper.nodes(name), frame)]
-    owner = [first_part[above] + owners[above][upper.mesh.f2t[0, facets]]]
-    if below is None:
-        moved.insert(0, csr_array(moved[0].shape))
-        owner.insert(0, owner[0])
-    else:
-        lower = bodies[below]
-        twin, partner = _twins(joint, lower, upper)
-        moved.insert(0, _in_frame(values, of_body[below], twin, frame))
-        owner.insert(0, first_part[below] + owners[below][lower.mesh.f2t[0, partner]])
-    pairs, of_facet = np.unique(np.stack(owner), axis=1, return_inverse=True)
-    of_facet = csr_array((np.ones(facets.size), (np.arange(facets.size), of_facet.ravel())))
-    share = (area @ of_facet).toarray()
-    weight, of_point = share.sum(axis=1), np.argmax(share, axis=1)
-    position = values @ upper.basis.doflocs[:, upper.nodes(name)].T
-    found = []
-    for index in np.unique(of_point):
-        mine = np.flatnonzero(of_point == index)
-        rows = (weight.size * np.arange(3)[:, None] + mine).ravel()
-        first, second = (int(side) for side in pairs[:, index])
-        traces = [
-            csr_array(side[rows][:, parts[part].unknown])
-            for side, part in zip(moved, (first, second), strict=True)
-        ]
-        found.append(
-            CutInterface(
-                (first, second), tuple(traces), joint.law, weight[mine], position[mine], place
-            )
-        )
-    return found
-
-
-def _points(body: Body, boundary: str, order: int | None) -> tuple[csr_array, csr_array]:
-    """Values of a component at the points of a joint, and area of a point in every facet, m².
-
-    Shapes (points, nodes of the boundary) and (points, facets).
-    """
-    nodes, facets = body.nodes(boundary), body.mesh.boundaries[boundary].size
-    if order is not None:
-        values, weight, _ = face_operator(body.basis, boundary, order=order)
-        facet = np.repeat(np.arange(facets), weight.size // facets)
-        at = np.arange(weight.size)
-        return values[:, nodes], csr_array((weight, (at, facet)), shape=(at.size, facets))
-    node, facet, area = face_areas(body.basis, boundary)
-    if not np.isin(nodes, node).all():
-        raise CaseError(
-            f"some nodes of the boundary {boundary!r} stand for no area with "
-            f"{type(body.basis.elem).__name__}; give the interface a quadrature_order"
-        )
-    point = np.searchsorted(nodes, node)
-    return (
-        eye_array(nodes.size, format="csr"),
-        csr_array((area, (point, facet)), shape=(nodes.size, facets)),
-    )
-
-
-def _in_frame(
-    values: csr_array, expansion: csr_array, nodes: np.ndarray, frame: np.ndarray
-) -> csr_array:
-    """Displacement of points in a frame from the unknowns, by values of nodes, (3 points, n)."""
-    x, y, z = (values @ expansion[3 * nodes + axis] for axis in range(3))
-    rows = csr_array(vstack([a * x + b * y + c * z for a, b, c in frame]))
-    rows.eliminate_zeros()
-    return rows
-
-
-def _frame(upper: Body, boundary: str) -> np.ndarray:
-    """Return the normal from side 1 to side 2 and two tangents, shape (3, 3)."""
-    from skfem import FacetBasis
-
-    faces = FacetBasis(upper.mesh, upper.mesh.elem(), facets=boundary, intorder=2)
-    normals = -np.asarray(faces.normals).reshape(3, -1)
-    normal = normals.mean(axis=1)
-    if np.ptp(normals, axis=1).max() > COINCIDENT:
-        raise CaseError(f"the boundary {boundary!r} of a joint must be plane")
-    least = np.eye(3)[np.argmin(np.abs(normal).round(9))]  # rounding decides no direction
-    first = least - (least @ normal) * normal
-    first /= np.linalg.norm(first)
-    return np.stack([normal, first, np.cross(normal, first)])
-
-
-def _twins(joint: Interface, lower: Body, upper: Body) -> tuple[np.ndarray, np.ndarray]:
-    """Nodes of the lower body at the nodes of the upper boundary, and facets at its facets."""
-    low, up = (
-        body.nodes(str(name)) for body, name in zip((lower, upper), joint.boundaries, strict=True)
-    )
-    at = upper.basis.doflocs[:, up].T
-    distance, nearest = cKDTree(lower.basis.doflocs[:, low].T).query(at)
-    size = float(np.ptp(at, axis=0).max())
-    if distance.max() > COINCIDENT * size:
-        worst = at[np.argmax(distance)]
-        raise CaseError(
-            f"the boundaries {joint.boundaries} of a joint do not match: no node of the first lies "
-            f"at {worst.round(9)} m of the second (nearest {distance.max():.2g} m away); mesh both "
-            f"faces alike"
-        )
-    twin = low[nearest]
-    below, above = (
-        body.mesh.boundaries[name]
-        for body, name in zip((lower, upper), joint.boundaries, strict=True)
-    )
-    middles = [
-        body.mesh.p[:, body.mesh.facets[:, facets]].mean(axis=1).T
-        for body, facets in ((lower, below), (upper, above))
-    ]
-    distance, nearest = cKDTree(middles[0]).query(middles[1])
-    alike = type(lower.basis.elem) is type(upper.basis.elem)
-    if distance.max() > COINCIDENT * size or not alike:
-        raise CaseError(
-            f"the facets of the boundaries {joint.boundaries} of a joint do not match; mesh both "
-            f"faces alike, with the same elements"
-        )
-    return twin, below[nearest]
