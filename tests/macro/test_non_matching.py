@@ -7,7 +7,6 @@ import pytest
 
 from multiscale.errors import CaseError
 from multiscale.fe.boxes import box_mesh
-from multiscale.fe.lap_mesh import lap_meshes
 from multiscale.laws import Exponential, Sliders
 from multiscale.laws.bulk import Elastic
 from multiscale.macro import (
@@ -54,12 +53,10 @@ def test_even_pressure_and_even_shear_pass_the_patch_test(elements):
     np.testing.assert_allclose(jump, np.tile(jump[0], (len(jump), 1)), atol=1e-9 * abs(jump).max())
     np.testing.assert_allclose(found.point_area.sum(), EDGE**2, rtol=1e-12)
     # stress is even in both blocks: the displacement is linear in the height
-    height = found.position.values[:, 2] - EDGE
     strain = np.array([shear * 2.0 / 210e9, 0.0, -pressure / 210e9])
     rest = found.displacement.values[1] - np.outer(found.position.values[:, 2], strain)
-    for body in np.split(rest, [3 * 3 * 2 if elements[0][0] == 2 else 6 * 4 * 2]):
+    for body in np.split(rest, [np.prod(np.add(elements[0], 1))]):
         np.testing.assert_allclose(body, np.tile(body[0], (len(body), 1)), atol=1e-14)
-    assert height.max() > 0.0
 
 
 def tilted(position, time):
@@ -77,7 +74,6 @@ def test_it_converges_to_what_matching_meshes_give():
     exact = lowered(9, 9)
     errors = [abs(lowered(n, m) / exact - 1.0) for n, m in ((2, 3), (4, 6))]
     matching = [abs(lowered(n, n) / exact - 1.0) for n in (2, 4)]
-    print(errors, matching)
     assert errors[1] < 0.4 * errors[0]
     assert all(mine < theirs for mine, theirs in zip(errors, matching, strict=True))
 
@@ -103,18 +99,22 @@ def test_every_method_finds_the_same_and_a_cut_changes_little(method):
 def test_a_lap_joint_of_plates_meshed_apart_is_the_one_that_matches():
     shape = LapShape(0.06, 0.02, 0.004, 0.03, 0.006, 0.012, element=3e-3)
     finer = replace(shape, element=2e-3)
-    loading = JointLoading((40e6,), shear=2e6, cycles=1, steps=3)
+    loading = JointLoading((40e6,))
     alike = [lap_joint(one, (Elastic(210e9, 0.3),) * 2, LAW) for one in (shape, finer)]
     lower, upper = alike[0].bodies[0], alike[1].bodies[1]
     share = alike[0].areas[0] / alike[1].areas[0]  # of the washers, which must press alike
     pressed = (0.0, 0.0, lambda position, time: -share * (1.0 - time) + 0.0 * position[0])
     upper = replace(upper, tractions=dict(upper.tractions) | {"washer": pressed})
     apart = replace(alike[0], bodies=(lower, upper))
-    assert lap_meshes(shape)[0].p.shape != lap_meshes(finer)[0].p.shape
+    assert lower.mesh.p.shape != upper.mesh.p.shape
     results = [load_joint(one, loading, method=AssembledNewton()) for one in (*alike, apart)]
-    for name in ("joint_stiffness", "tangential_stiffness", "approach", "cycle_energy"):
-        coarse, fine, mixed = (one[name].values[0] for one in results)
-        print(name, coarse, fine, mixed)
+    # with elements of half this size the approach is .417, .433 and .434 um, and of none .44 um
+    for name, error in (("joint_stiffness", 1e-3), ("tangential_stiffness", 0.012)):
+        coarse, fine, mixed = (one[name].item() for one in results)
+        assert abs(mixed / coarse - 1.0) < error
+        assert abs(mixed / fine - 1.0) < error
+    coarse, fine, mixed = (one["approach"].item() for one in results)
+    assert abs(mixed - 0.44e-6) < abs(coarse - 0.44e-6)
 
 
 @pytest.mark.parametrize(

@@ -1,6 +1,6 @@
 """Cut elastic bodies into substructures, with rough joints between the bodies."""
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from itertools import pairwise
 
@@ -11,10 +11,13 @@ from scipy.sparse.csgraph import connected_components
 from multiscale.errors import CaseError
 from multiscale.fe.elasticity import displacement_basis, elastic_matrix
 from multiscale.laws.bulk import AnisotropicElastic, Elastic
-from multiscale.macro.bodies.assembly import Assembly, Interface, Platen
+from multiscale.macro.bodies.assembly import Assembly, Interface
+from multiscale.macro.bodies.bolt import Bolt
+from multiscale.macro.bodies.platen import Platen
 from multiscale.macro.continuum.body import Body, evaluate, fixed_motion, load_vector
+from multiscale.macro.substructures.bolted_path import bolt_pull
 from multiscale.macro.substructures.cut_interfaces import cut_interface
-from multiscale.macro.substructures.problem import CutProblem, Substructure
+from multiscale.macro.substructures.problem import CutBolt, CutProblem, Substructure
 
 __all__ = ["cut_assembly", "cut_bodies", "split_boxes"]
 
@@ -55,6 +58,7 @@ def cut_assembly(assembly: Assembly, parts: tuple[int, int] = (1, 1)) -> CutProb
         assembly.interfaces,
         times=assembly.times,
         platens=assembly.platens,
+        bolts=assembly.bolts,
     )
 
 
@@ -65,6 +69,7 @@ def cut_bodies(
     *,
     times: Sequence[float] = (1.0,),
     platens: Sequence[Platen] = (),
+    bolts: Sequence[Bolt] = (),
 ) -> CutProblem:
     """Cut bodies in three dimensions.
 
@@ -81,6 +86,8 @@ def cut_bodies(
     platens : sequence of Platen
         Rigid plates on the bodies. Their unknowns come last; substructures share them as they
         share the nodes where they meet.
+    bolts : sequence of Bolt
+        Tightened together by a load case before the others; their washers are platens too.
 
     Returns
     -------
@@ -92,14 +99,26 @@ def cut_bodies(
         If a law is not elastic, a support moves, a platen is held, faces do not match, or a
         substructure is in pieces.
     """
-    structure = _number(bodies, platens, times)
+    plates = {f"platen {i}": platen for i, platen in enumerate(platens)}
+    for i, bolt in enumerate(bolts):
+        plates |= {f"washer {k} of bolt {i}": one for k, one in enumerate(bolt.washers(bodies))}
+    structure = _number(bodies, plates, times)
+    middle = structure.first[len(platens) :].reshape(-1, 2).tolist()
+    cut_bolts = tuple(
+        CutBolt((below, above), bolt.stiffness, bolt.preload)
+        for bolt, (below, above) in zip(bolts, middle, strict=True)
+    )
     found: list[tuple[csr_array, np.ndarray]] = []
     first_part = [0]
     for index, (body, owner) in enumerate(zip(bodies, owners, strict=True)):
         found.extend(_stiffness(body, index, np.asarray(owner), structure.of_body[index]))
         first_part.append(len(found))
     shares = np.bincount(np.concatenate([unknown for _, unknown in found]))
-    load = structure.load / shares[:, None]
+    load = structure.load
+    if cut_bolts:
+        pull = [bolt.preload * bolt_pull(bolt, len(load)) for bolt in cut_bolts]
+        load = np.column_stack([np.sum(pull, axis=0), load])
+    load = load / shares[:, None]
     parts = [
         Substructure(
             K, load[unknown], unknown, structure.position[unknown], structure.component[unknown]
@@ -117,6 +136,7 @@ def cut_bodies(
         np.concatenate([body.basis.doflocs.T for body in bodies]),
         csr_array(vstack(structure.of_body)),
         tuple(interfaces),
+        cut_bolts,
     )
 
 
@@ -133,16 +153,19 @@ class _Structure:
     component : ndarray of int, shape (n,)
     load : ndarray, shape (n, cases)
         N.
+    first : ndarray of int, shape (platens,)
+        First unknown of every platen.
     """
 
     of_body: list[csr_array]
     position: np.ndarray
     component: np.ndarray
     load: np.ndarray
+    first: np.ndarray
 
 
 def _number(
-    bodies: Sequence[Body], platens: Sequence[Platen], times: Sequence[float]
+    bodies: Sequence[Body], platens: Mapping[str, Platen], times: Sequence[float]
 ) -> _Structure:
     """Count the unknowns: what no support holds and no platen moves, then motions of platens."""
     first = np.cumsum([0, *(body.basis.doflocs.size for body in bodies)])
@@ -159,12 +182,12 @@ def _number(
                 )
             free[first[index] + held] = False
     ties, places, forces = [], [], []
-    for index, platen in enumerate(platens):
+    for name, platen in platens.items():
         body, nodes = bodies[platen.body], bodies[platen.body].nodes(platen.boundary)
         row = first[platen.body] + 3 * nodes + platen.axis
         if not free[row].all():
             raise CaseError(
-                f"platen {index} moves {np.count_nonzero(~free[row])} nodes of body {platen.body} "
+                f"{name} moves {np.count_nonzero(~free[row])} nodes of body {platen.body} "
                 f"along axis {platen.axis} that a support or another platen holds; take one of them"
             )
         free[row] = False
@@ -173,9 +196,7 @@ def _number(
         ties.append(csr_array((motion.ravel(), (row, column)), shape=(free.size, motion.shape[1])))
         places.append(platen.positions(body).T)
         point = places[-1][:1].T
-        force = [
-            evaluate(platen.force, point, time, f"the force of platen {index}")[0] for time in times
-        ]
+        force = [evaluate(platen.force, point, time, f"the force of {name}")[0] for time in times]
         forces.append(np.outer(platen.arm(body), force))
     own = np.flatnonzero(free)
     single = csr_array((np.ones(own.size), (own, np.arange(own.size))), shape=(free.size, own.size))
@@ -193,10 +214,14 @@ def _number(
         np.concatenate(
             [
                 own % 3,
-                *(np.full(len(at), one.axis) for at, one in zip(places, platens, strict=True)),
+                *(
+                    np.full(len(at), one.axis)
+                    for at, one in zip(places, platens.values(), strict=True)
+                ),
             ]
         ),
         load,
+        own.size + np.cumsum([0, *(len(at) for at in places)])[:-1],
     )
 
 
