@@ -13,7 +13,7 @@ links or elastic bodies, cut           :func:`solve_latin`, :func:`solve_schur`:
 (:func:`cut_links`,                    between the bodies, many substructures, several processes
 :func:`cut_bodies`)
 ``Assembly``: elastic bodies, any      :func:`solve_assembly`: assembled Newton, LATIN, Newton-Schur
-interface law, rigid plates
+interface law, rigid plates, bolts
 ``RoughJoint``: two elastic blocks     :func:`rough_joint`: a normal law, condensed onto the jump;
                                        :func:`pressed_blocks` makes an ``Assembly`` of it
 matrices of elastic bodies and a jump  :func:`solve_interface`: any law, all unknowns together
@@ -22,7 +22,7 @@ grains                                 :func:`granulate.simulate_grains`
 """
 
 from multiscale.macro import granulate
-from multiscale.macro.bodies import Assembly, Interface, Platen
+from multiscale.macro.bodies import Assembly, Bolt, Interface, Platen, shank_stiffness
 from multiscale.macro.continuum import (
     Body,
     Contact,
@@ -77,6 +77,7 @@ __all__ = [
     "Assembly",
     "Block",
     "Body",
+    "Bolt",
     "Contact",
     "ContactStep",
     "FiniteAssembly",
@@ -105,6 +106,7 @@ __all__ = [
     "quadruplex_module",
     "rough_joint",
     "self_stress",
+    "shank_stiffness",
     "simulate",
     "soften",
     "solve_assembly",

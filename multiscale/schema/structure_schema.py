@@ -73,6 +73,7 @@ MACRO_RESULT = Schema(
         "element_damage": Variable(("element",), "1", "damage of the elements"),
         "equivalent_stress": _element("Pa", "von Mises stress of the mean stress of an element"),
         "energy_density": _element("J m-3", "mean density of the strain energy of an element"),
+        "bolt_force": Variable(("step", "bolt"), "N", "tension of the bolts"),
         "contact_state": _point("1", "whether a point is open (0), sticks (1) or slips (2)"),
         "open_fraction": _step("1", "share of the joint area that is open"),
         "stick_fraction": _step("1", "share of the joint area that sticks"),

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from scipy.sparse.linalg import spsolve
 
-from multiscale.errors import CaseError, ConvergenceError
+from multiscale.errors import ConvergenceError
 from multiscale.fe.boxes import box_mesh
 from multiscale.laws import Exponential, RigidContact, Sliders
 from multiscale.laws.bulk import Elastic
@@ -330,15 +330,6 @@ def test_the_indicator_of_joints_is_heuristic_by_name_and_small_at_the_end():
     assert np.isnan(result.error_bound).all()
     assert np.all((result.error_indicator > 0.0) & (result.error_indicator < 1e-7))
     assert "heuristic" in result.error_indicator.attrs["long_name"]
-
-
-def test_faces_that_do_not_match_are_refused():
-    lower = Body(box_mesh((1.0, 1.0, 1.0), (2, 2, 1), origin=(0, 0, -1.0)), Elastic(1e9, 0.3))
-    upper = Body(box_mesh((1.0, 1.0, 1.0), (3, 3, 1)), Elastic(1e9, 0.3))
-    whole = [np.zeros(4, dtype=int), np.zeros(9, dtype=int)]
-    joint = Interface((0, 1), ("top", "bottom"), Exponential(1e9, 1e-6))
-    with pytest.raises(CaseError, match="do not match"):
-        cut_bodies([lower, upper], whole, [joint])
 
 
 def test_a_block_that_tips_over_does_not_converge():

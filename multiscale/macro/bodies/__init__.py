@@ -1,7 +1,18 @@
 """Elastic bodies with interfaces between their faces, and builders of them."""
 
 from multiscale.fe.lap_mesh import LapShape
-from multiscale.macro.bodies.assembly import Assembly, Interface, Platen
+from multiscale.macro.bodies.assembly import Assembly, Interface
 from multiscale.macro.bodies.assembly_builders import lap_joint, stacked_blocks
+from multiscale.macro.bodies.bolt import Bolt, shank_stiffness
+from multiscale.macro.bodies.platen import Platen
 
-__all__ = ["Assembly", "Interface", "LapShape", "Platen", "lap_joint", "stacked_blocks"]
+__all__ = [
+    "Assembly",
+    "Bolt",
+    "Interface",
+    "LapShape",
+    "Platen",
+    "lap_joint",
+    "shank_stiffness",
+    "stacked_blocks",
+]

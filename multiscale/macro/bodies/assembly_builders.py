@@ -11,6 +11,7 @@ from multiscale.fe.lap_mesh import LapShape, lap_meshes
 from multiscale.laws.bulk import AnisotropicElastic, Elastic
 from multiscale.laws.interface_law import InterfaceLaw
 from multiscale.macro.bodies.assembly import Assembly, Interface
+from multiscale.macro.bodies.bolt import Bolt
 from multiscale.macro.continuum.body import Body, Value
 
 __all__ = ["lap_joint", "stacked_blocks"]
@@ -65,13 +66,17 @@ def stacked_blocks(
 
 
 def lap_joint(
-    shape: LapShape, materials: Sequence[Elastic | AnisotropicElastic], law: InterfaceLaw
+    shape: LapShape,
+    materials: Sequence[Elastic | AnisotropicElastic],
+    law: InterfaceLaw,
+    shank: float | None = None,
 ) -> Assembly:
     """Two plates that overlap, with a bolt hole through both and a rough joint between.
 
-    The bolt is a pressure under its washers, on the ring around the hole on both outer faces; its
-    shank carries no shear, and its force does not change with the load. The lower plate is
-    clamped at its far end. The far end of the upper plate is guided along x, where the shear pulls.
+    The bolt is a pressure under its washers, on the ring around the hole on both outer faces, which
+    does not change with the load, or, with a shank, a :class:`Bolt`. It carries no shear. The lower
+    plate is clamped at its far end. The far end of the upper plate is guided along x, where the
+    shear pulls.
 
     Parameters
     ----------
@@ -81,6 +86,8 @@ def lap_joint(
         Of the lower and the upper plate.
     law : InterfaceLaw
         On the whole overlap.
+    shank : float, optional
+        Axial stiffness of the bolt, N/m; see :func:`shank_stiffness`.
 
     Raises
     ------
@@ -92,17 +99,19 @@ def lap_joint(
         lower,
         materials[0],
         supports={"end": (0.0, 0.0, 0.0)},
-        tractions={"washer": (0.0, 0.0, _preload(1.0))},
+        tractions={} if shank else {"washer": (0.0, 0.0, _preload(1.0))},
     )
+    pressed = {} if shank else {"washer": (0.0, 0.0, _preload(-1.0))}
     above = Body(
         upper,
         materials[1],
         supports={"end": (None, 0.0, 0.0)},
-        tractions={"washer": (0.0, 0.0, _preload(-1.0)), "end": (1.0, 0.0, 0.0)},
+        tractions=pressed | {"end": (1.0, 0.0, 0.0)},
     )
     interface = Interface((0, 1), ("joint", "joint"), law)
     areas = (_area(above, "washer"), shape.width * shape.thickness)
-    return Assembly((below, above), (interface,), TIMES, areas)
+    bolts = (Bolt((0, 1), ("washer", "washer"), shank, areas[0]),) if shank else ()
+    return Assembly((below, above), (interface,), TIMES[bool(bolts) :], areas, bolts=bolts)
 
 
 def _preload(direction: float) -> Value:

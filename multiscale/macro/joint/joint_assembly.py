@@ -9,7 +9,8 @@ from scipy.spatial import cKDTree
 from multiscale.fe.boxes import box_mesh
 from multiscale.fe.condensation import compliances
 from multiscale.laws.interface_law import InterfaceLaw
-from multiscale.macro.bodies.assembly import Assembly, Interface, Platen
+from multiscale.macro.bodies.assembly import Assembly, Interface
+from multiscale.macro.bodies.platen import Platen
 from multiscale.macro.continuum.body import Body, Pins, Supports
 from multiscale.macro.joint.geometry import RoughJoint
 from multiscale.macro.substructures.cut_bodies import cut_assembly

@@ -11,7 +11,8 @@ from multiscale.laws import RigidContact
 from multiscale.laws.bulk import Elastic
 from multiscale.laws.interface_law import InterfaceLaw
 from multiscale.laws.steady_sliding import SteadySliding
-from multiscale.macro.bodies.assembly import Assembly, Interface, Platen
+from multiscale.macro.bodies.assembly import Assembly, Interface
+from multiscale.macro.bodies.platen import Platen
 from multiscale.macro.continuum.body import Body
 from multiscale.macro.substructures.cut_bodies import cut_assembly
 from multiscale.macro.substructures.whole_solver import PreparedBodies, prepare_bodies

@@ -6,6 +6,7 @@ from typing import TYPE_CHECKING, Protocol
 import numpy as np
 
 from multiscale.macro.bodies.assembly import Assembly
+from multiscale.macro.substructures.bolted_path import CutSolver, follow_bolts
 from multiscale.macro.substructures.cut_bodies import cut_assembly
 from multiscale.macro.substructures.latin_solver import solve_latin
 from multiscale.macro.substructures.parallel import ProcessGroup
@@ -19,15 +20,12 @@ if TYPE_CHECKING:
 __all__ = ["AssembledNewton", "LatinMethod", "Method", "NewtonSchur", "solve_assembly"]
 
 
-class Method(Protocol):
+class Method(CutSolver, Protocol):
     """A way to solve an assembly: into which parts it is cut, and by what it is solved."""
 
     @property
     def parts(self) -> tuple[int, int]:
         """Substructures of every body along x and y."""
-
-    def solve(self, problem: CutProblem, load_factor: float | np.ndarray) -> "xr.Dataset":
-        """Solve the assembly, cut, at factors of its load cases."""
 
 
 @dataclass(frozen=True)
@@ -41,10 +39,19 @@ class AssembledNewton:
     max_iterations: int = 100
     parts: tuple[int, int] = (1, 1)
 
-    def solve(self, problem: CutProblem, load_factor: float | np.ndarray) -> "xr.Dataset":
+    def solve(
+        self,
+        problem: CutProblem,
+        load_factor: float | np.ndarray,
+        after: "xr.Dataset | None" = None,
+    ) -> "xr.Dataset":
         """Solve by :func:`solve_whole`."""
         return solve_whole(
-            problem, load_factor, tolerance=self.tolerance, max_iterations=self.max_iterations
+            problem,
+            load_factor,
+            after=after,
+            tolerance=self.tolerance,
+            max_iterations=self.max_iterations,
         )
 
 
@@ -61,11 +68,17 @@ class LatinMethod:
     max_iterations: int = 400
     team: ProcessGroup | None = None
 
-    def solve(self, problem: CutProblem, load_factor: float | np.ndarray) -> "xr.Dataset":
+    def solve(
+        self,
+        problem: CutProblem,
+        load_factor: float | np.ndarray,
+        after: "xr.Dataset | None" = None,
+    ) -> "xr.Dataset":
         """Solve by :func:`solve_latin`."""
         return solve_latin(
             problem,
             load_factor,
+            after=after,
             coarse=self.coarse,
             tolerance=self.tolerance,
             max_iterations=self.max_iterations,
@@ -85,11 +98,17 @@ class NewtonSchur:
     max_iterations: int = 60
     team: ProcessGroup | None = None
 
-    def solve(self, problem: CutProblem, load_factor: float | np.ndarray) -> "xr.Dataset":
+    def solve(
+        self,
+        problem: CutProblem,
+        load_factor: float | np.ndarray,
+        after: "xr.Dataset | None" = None,
+    ) -> "xr.Dataset":
         """Solve by :func:`solve_schur`."""
         return solve_schur(
             problem,
             load_factor,
+            after=after,
             tolerance=self.tolerance,
             max_iterations=self.max_iterations,
             team=self.team,
@@ -101,6 +120,7 @@ def solve_assembly(
     load_factor: float | np.ndarray = 1.0,
     *,
     method: Method = AssembledNewton(),  # frozen
+    after: "xr.Dataset | None" = None,
 ) -> "xr.Dataset":
     """Solve elastic bodies with interfaces, step by step.
 
@@ -108,18 +128,24 @@ def solve_assembly(
     ----------
     assembly : Assembly
     load_factor : float or ndarray, shape (steps,) or (steps, cases)
-        Factors of the load cases, one row for each step; each starts from the one before.
+        Factors of the load cases, one row for each step; each starts from the one before. Where
+        there are bolts, the first factor is of their preloads, and a step that changes it tightens
+        them: :func:`~.bolted_path.follow_bolts`.
     method : Method
         :class:`AssembledNewton`, :class:`LatinMethod` or :class:`NewtonSchur`.
+    after : Dataset, optional
+        An earlier path by the same method and cut, maybe under other loads: the first step goes on
+        from its last, and its steps come first in the result.
 
     Returns
     -------
     Dataset
         Follows ``MACRO_RESULT``: displacement of the nodes of all bodies one after the other,
         jump and traction at the points of the interfaces, which are nodes, in their own frame
-        (normal, then both tangents). A step that did not converge is NaN with ``converged`` 0, the
-        later ones are not tried, and the attribute ``failure`` says why. Points come in the order
-        of the pairs of substructures that meet; ``point_joint`` is the interface of each.
+        (normal, then both tangents), and the force of the bolts. A step that did not converge, or
+        at which a bolt comes loose, is NaN with ``converged`` 0, the later ones are not tried, and
+        the attribute ``failure`` says why. Points come in the order of the pairs of substructures
+        that meet; ``point_joint`` is the interface of each.
 
     Raises
     ------
@@ -138,4 +164,4 @@ def solve_assembly(
     >>> float((pressed["traction"][0, :, 0] @ pressed["point_area"]).round(6))  # N
     -4000.0
     """
-    return method.solve(cut_assembly(assembly, method.parts), load_factor)
+    return follow_bolts(cut_assembly(assembly, method.parts), load_factor, method, after)

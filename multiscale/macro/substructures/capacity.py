@@ -4,6 +4,7 @@ from dataclasses import dataclass
 from itertools import pairwise
 
 import numpy as np
+from scipy.linalg import null_space
 from scipy.optimize import linprog
 from scipy.sparse import block_array, coo_array, csr_array, eye_array
 from scipy.sparse.csgraph import connected_components
@@ -127,9 +128,11 @@ def find_slide(problem: CutProblem, load: np.ndarray, *pressures: np.ndarray) ->
 def _free_motions(problem: CutProblem) -> np.ndarray:
     """Rigid motions of every body that its supports leave free, shape (unknowns, motions).
 
-    A body is what substructures that share unknowns make.
+    A body is what substructures that share unknowns make. Locked bolts hold bodies together along
+    their shanks alone: the motions do not stretch them.
     """
-    parts = problem.substructures
+    shanks = len(problem.bolts) if problem.locked else 0
+    parts = problem.substructures[: len(problem.substructures) - shanks]
     numbers = np.concatenate([part.unknown for part in parts])
     owner = np.repeat(np.arange(len(parts)), [part.n for part in parts])
     shared = coo_array((np.ones(owner.size), (owner, numbers)), shape=(len(parts), problem.n))
@@ -149,7 +152,15 @@ def _free_motions(problem: CutProblem) -> np.ndarray:
         free = vector[:, value < FREE] / np.sqrt(size)[:, None]
         free = motions @ free
         found.append(free / np.abs(free).max(axis=0))
-    return np.concatenate(found, axis=1)
+    modes = np.concatenate(found, axis=1)
+    if shanks:
+        ends = [
+            [np.argmax(numbers == unknown) for unknown in bolt.unknown] for bolt in problem.bolts
+        ]
+        stretch = modes[[above for _, above in ends]] - modes[[below for below, _ in ends]]
+        modes = modes @ null_space(stretch)
+        modes = np.concatenate([modes, np.zeros((2 * shanks, modes.shape[1]))])
+    return modes
 
 
 def _weakest(

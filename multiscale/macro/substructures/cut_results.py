@@ -12,12 +12,16 @@ from multiscale.schema import COMPONENTS, MACRO_RESULT
 if TYPE_CHECKING:
     import xarray as xr
 
-__all__ = ["assemble_result", "link_fields", "load_factors"]
+__all__ = ["assemble_result", "check_after", "end_path", "link_fields", "load_factors"]
 
 NOT_TRIED = {"iterations": 0, "krylov_iterations": 0, "wall_time": 0.0}
 """What a step after a failure has taken."""
 
 FIELDS = ("displacement", "tension", "slack", "jump", "traction")
+"""What a step that failed does not have."""
+
+ENDED = "the steps end before step"
+"""Begins the sentence that says why."""
 
 
 def load_factors(problem: CutProblem, load_factor: float | np.ndarray) -> np.ndarray:
@@ -51,15 +55,56 @@ def link_fields(
     return {"tension": tension[place], "slack": slack[place]}
 
 
+def check_after(problem: CutProblem, after: "xr.Dataset | None") -> None:
+    """Refuse an earlier path that a problem cannot go on from.
+
+    Raises
+    ------
+    CaseError
+        If it ended with a failure, or has other nodes or points.
+    """
+    if after is None:
+        return
+    if not after["converged"].values.all():
+        raise CaseError(
+            f"the earlier path has failed, so that nothing follows it ({after.attrs['failure']}); "
+            f"go on from the steps before, after.isel(step=slice(...))"
+        )
+    points = sum(face.weight.size for face in problem.joints)
+    found = after.sizes["node"], after.sizes.get("point", 0)
+    if found != (len(problem.position), points):
+        raise CaseError(
+            f"the earlier path has {found[0]} nodes and {found[1]} points of joints, where the "
+            f"structure has {len(problem.position)} and {points}; cut it as before"
+        )
+
+
+def end_path(result: "xr.Dataset", step: int, steps: int, reason: str = "") -> "xr.Dataset":
+    """Let a path of so many steps end with a failure at one of them.
+
+    The reason is the one that the path has told if none is given.
+    """
+    number = np.arange(steps)
+    result = result.isel(step=np.minimum(number, step)).assign_coords(step=number)
+    sound, tried = result["step"] < step, result["step"] <= step
+    known = set(result.data_vars)
+    ended = {name: result[name].where(sound) for name in known & set(FIELDS)}
+    ended |= {name: result[name].where(tried, 0) for name in known & set(NOT_TRIED)}
+    result = result.assign(ended | {"converged": result["converged"].where(sound, 0)})
+    return result.assign_attrs(failure=f"{ENDED} {step}: {reason}") if reason else result
+
+
 def assemble_result(
     problem: CutProblem,
     factors: np.ndarray,
     columns: Sequence[dict[str, Any]],
+    after: "xr.Dataset | None" = None,
     **attributes: str | float | int,
 ) -> "xr.Dataset":
     """Make a dataset after ``MACRO_RESULT`` of one column for each step; failed ones are NaN.
 
-    A path ends with its first failure: later steps have no column.
+    A path ends with its first failure: later steps have no column. The steps of an earlier path
+    come first.
     """
     columns = [*columns, *[columns[-1] | NOT_TRIED] * (len(factors) - len(columns))]
     values: dict[str, Any] = {
@@ -72,6 +117,8 @@ def assemble_result(
             values[name][values["converged"] == 0] = np.nan
     if factors.shape[1] == 1:
         values["load_factor"] = factors[:, 0]
+    if after is not None:
+        values = {name: np.concatenate([after[name], value]) for name, value in values.items()}
     values["position"] = problem.position
     if "jump" in values:
         values |= {
@@ -93,6 +140,5 @@ def assemble_result(
         result = result.assign_coords(direction=list(COMPONENTS))
     failed = np.flatnonzero(values["converged"] == 0)
     if failed.size:
-        reason = columns[failed[0]]["failure"]
-        result = result.assign_attrs(failure=f"the steps end before step {failed[0]}: {reason}")
+        result = result.assign_attrs(failure=f"{ENDED} {failed[0]}: {columns[-1]['failure']}")
     return result.assign_coords(component=["x", "y", "z"])

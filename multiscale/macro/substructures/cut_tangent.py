@@ -2,6 +2,7 @@ r"""Newton steps of a structure that has been cut."""
 
 from dataclasses import dataclass
 from functools import partial
+from typing import TYPE_CHECKING
 
 import numpy as np
 from scipy.sparse import block_array, csr_array, diags_array
@@ -14,12 +15,15 @@ from multiscale.macro.substructures.balancing import Balancing, lay_out, prepare
 from multiscale.macro.substructures.capacity import find_slide
 from multiscale.macro.substructures.coarse import coarse_basis
 from multiscale.macro.substructures.inner_joints import move_joints_inside
-from multiscale.macro.substructures.joint_state import advance_state
+from multiscale.macro.substructures.joint_state import advance_state, states_after
 from multiscale.macro.substructures.parallel import Alone, ProcessGroup, share, together
 from multiscale.macro.substructures.problem import CutProblem
 from multiscale.macro.substructures.stack import Factors, lay_out_sides, stack_parts
 from multiscale.numerics.factorisation import factorise
 from multiscale.numerics.line_search import step_length
+
+if TYPE_CHECKING:
+    import xarray as xr
 
 __all__ = ["Imbalance", "Newton"]
 
@@ -121,6 +125,19 @@ class Newton:
         self.u, self.elastic = np.zeros(self.stack.n), np.zeros(links.stiffness.size)
         # jumps are summed up, as the tensions: the difference of both sides would round them away
         self.jump = [np.zeros((3, item.weight.size)) for item in self.joints]
+
+    def resume(self, path: "xr.Dataset") -> None:
+        """Start from the last step of a path."""
+        self.u = self.problem.unknowns(path["displacement"].values[-1])[self.unknown]
+        links = self.stack.links
+        self.elastic = links.stiffness * (links.operator @ self.u)
+        if self.problem.joints:
+            sizes = [face.weight.size for face in self.problem.joints]
+            at = np.cumsum([0, *sizes])
+            jump, self.before = path["jump"].values[-1].T, -path["traction"].values[-1, :, 0]
+            self.jump = [jump[:, at[place] : at[place + 1]] for place in self.places]
+            states = states_after(self.problem.joints, path)
+            self.states = [states[place] for place in self.places]
 
     def _placed(self, operator: csr_array, part: int) -> csr_array:
         """Let an operator of one substructure act on the unknowns of all."""

@@ -1,6 +1,6 @@
 """What the tractions of a joint say: open, sticking, slipping, stiff, beyond the data."""
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -24,6 +24,7 @@ __all__ = [
     "contact_state",
     "joint_shares",
     "measure_stiffness",
+    "states_after",
     "without_slip",
 ]
 
@@ -85,6 +86,7 @@ def contact_state(joints: Sequence[CutInterface], result: "xr.Dataset") -> dict[
 def measure_stiffness(
     joints: Sequence[CutInterface],
     whole: Assembled,
+    locked: Assembled,
     result: "xr.Dataset",
     area: np.ndarray,
     steps: Sequence[int],
@@ -96,6 +98,8 @@ def measure_stiffness(
     joints : sequence of Interface
     whole : Assembled
         The structure; its loads are 1 Pa on the faces.
+    locked : Assembled
+        The structure with the shanks of its bolts, which counts in shear; the same without bolts.
     result : Dataset
         Of :func:`solve_latin`.
     area : ndarray, shape (cases,)
@@ -137,6 +141,8 @@ def measure_stiffness(
         )
         tangent = whole.jump.T @ diags_array(weight * k.ravel()) @ whole.jump
         u = factorise(csr_array(whole.stiffness + tangent))(whole.load)
+        if locked is not whole:
+            u[:, 1] = factorise(csr_array(locked.stiffness + tangent))(whole.load[:, 1])
         pressed = u[:, 0]
         work = [*np.sum(whole.load * u, axis=0), pressed @ (tangent @ pressed)]  # (1)
         work.append(pressed @ (whole.stiffness @ pressed))
@@ -173,12 +179,27 @@ def joint_shares(
 
 
 def _slipping(joints: Sequence[CutInterface], result: "xr.Dataset") -> np.ndarray:
-    """Share of the pressure of a point that slips in a step, shape (steps, points).
+    """Share of the pressure of a point that slips in a step, shape (steps, points)."""
+    found = np.full(result["jump"].shape[:2], np.nan)
+    for step, points, _, account in _replay(joints, result):
+        found[step, points] = account.slipping
+    return found
 
-    The jumps of a path tell the states of the laws.
-    """
-    jump = np.moveaxis(result["jump"].values, 2, 0)  # (3, steps, points)
-    found, first = np.full(jump.shape[1:], np.nan), 0
+
+def states_after(joints: Sequence[CutInterface], path: "xr.Dataset | None") -> list[np.ndarray]:
+    """States of the laws of joints after a path, shapes (rows, points); zero without one."""
+    states = [np.zeros((face.law.n_state if face.law else 0, face.weight.size)) for face in joints]
+    if path is not None and joints:
+        last = path.sizes["step"] - 1
+        states = [state for step, _, state, _ in _replay(joints, path) if step == last]
+    return states
+
+
+def _replay(
+    joints: Sequence[CutInterface], result: "xr.Dataset"
+) -> Iterator[tuple[int, slice, np.ndarray, Sliding]]:
+    """Step, points, state and account of every joint at every step: jumps tell the states."""
+    jump, first = np.moveaxis(result["jump"].values, 2, 0), 0  # (3, steps, points)
     for face in joints:
         law, points = face.law, slice(first, first + face.weight.size)
         first = points.stop
@@ -186,8 +207,7 @@ def _slipping(joints: Sequence[CutInterface], result: "xr.Dataset") -> np.ndarra
         state = np.zeros((law.n_state, face.weight.size))
         for step in np.flatnonzero(result["converged"].values == 1):
             state, account = advance_state(law, jump[:, step, points], state)
-            found[step, points] = account.slipping
-    return found
+            yield int(step), points, state, account
 
 
 def advance_state(

@@ -2,6 +2,7 @@ r"""Micro-macro LATIN: one stage knows the links and laws, the other the structu
 
 from collections import defaultdict
 from dataclasses import dataclass
+from typing import TYPE_CHECKING
 
 import numpy as np
 from scipy.sparse import diags_array
@@ -14,7 +15,7 @@ from multiscale.macro.substructures.joint_directions import (
     joint_directions,
     law_stiffness,
 )
-from multiscale.macro.substructures.joint_state import advance_state
+from multiscale.macro.substructures.joint_state import advance_state, states_after
 from multiscale.macro.substructures.parallel import Alone, ProcessGroup, share
 from multiscale.macro.substructures.problem import CutProblem
 from multiscale.macro.substructures.search_directions import (
@@ -23,6 +24,9 @@ from multiscale.macro.substructures.search_directions import (
     side_stiffness,
 )
 from multiscale.macro.substructures.stack import Factors, lay_out_sides, stack_parts
+
+if TYPE_CHECKING:
+    import xarray as xr
 
 __all__ = ["Latin", "LatinIterate"]
 
@@ -122,6 +126,26 @@ class Latin:
         self.slack_direction = SLACK
         self.z, self.r = links.prestress.copy(), np.zeros(self.sides.m)
         self.largest, self.before = 0.0, np.zeros(0)
+
+    def resume(self, path: "xr.Dataset") -> None:
+        """Start from the last step of a path; it does not tell forces on perfect interfaces."""
+        jointed = [index for index, _, _ in self.joints]
+        states = states_after(self.problem.joints, path)
+        for index, state in zip(jointed, states, strict=True):
+            self.states[index] = state
+        u = self.problem.unknowns(path["displacement"].values[-1])
+        local = [u[self.problem.substructures[part].unknown] for part in self.parts]
+        moved = self.stack.trace @ np.concatenate(local)
+        self.r = self.k0.matrix @ self.team.concatenate(moved)
+        if jointed:
+            traction, at = path["traction"].values[-1].T, 0
+            self.before = -traction[0]
+            for index, face, _ in self.joints:
+                points = slice(at, at + face.weight.size)
+                force, at = (face.weight * traction[:, points]).ravel(), points.stop
+                first, second = self.sides.place[index]
+                self.r[first] -= force
+                self.r[second] += force
 
     @property
     def n_coarse(self) -> int:

@@ -10,7 +10,12 @@ from multiscale.convergence import Status
 from multiscale.errors import MultiscaleError
 from multiscale.macro.discrete.checks import free_rigid_motions
 from multiscale.macro.substructures.bound import Admissible, ErrorBound
-from multiscale.macro.substructures.cut_results import assemble_result, link_fields, load_factors
+from multiscale.macro.substructures.cut_results import (
+    assemble_result,
+    check_after,
+    link_fields,
+    load_factors,
+)
 from multiscale.macro.substructures.indicator import HeuristicIndicator
 from multiscale.macro.substructures.latin import MAJOR_INTERVAL, MINOR_INTERVAL, Latin, LatinIterate
 from multiscale.macro.substructures.parallel import ProcessGroup
@@ -43,6 +48,7 @@ def solve_latin(
     problem: CutProblem,
     load_factor: float | np.ndarray = 1.0,
     *,
+    after: "xr.Dataset | None" = None,
     coarse: bool = True,
     updated: bool = True,
     tolerance: float = 1e-8,
@@ -58,6 +64,10 @@ def solve_latin(
         The structure, cut.
     load_factor : float or ndarray, shape (steps,) or (steps, cases)
         Factors of the load cases, one row for each step; each starts from the one before.
+    after : Dataset, optional
+        An earlier path by the same method, of this problem or of one with other loads or bolts:
+        the first step goes on from its last. Its steps come first in the result. The states of the
+        laws follow from its jumps.
     coarse : bool
         Whether a coarse problem balances the resultants of the interfaces in every iteration.
         Without it the number of iterations grows with the number of substructures.
@@ -108,7 +118,10 @@ def solve_latin(
     """
     _refuse_floating(problem)
     factors = load_factors(problem, load_factor)
+    check_after(problem, after)
     method = Latin(problem, coarse=coarse and problem.divided, updated=updated, team=team)
+    if after is not None:
+        method.resume(after)
     judge = _judge(method) if coarse else None
     columns: list[dict[str, Any]] = []
     for factor in factors:
@@ -126,6 +139,7 @@ def solve_latin(
         problem,
         factors,
         [{name: column[name] for name in ACCOUNT} | _fields(method, column) for column in columns],
+        after,
         coarse_unknowns=method.n_coarse if method.coarse_wanted else 0,
     )
 

@@ -9,6 +9,7 @@ from multiscale.errors import CaseError
 from multiscale.macro.bodies.assembly import Assembly
 from multiscale.macro.data_range import with_load_shares
 from multiscale.macro.substructures.assembly_methods import LatinMethod, Method
+from multiscale.macro.substructures.bolted_path import follow_bolts, lock_bolts
 from multiscale.macro.substructures.cut_bodies import cut_assembly
 from multiscale.macro.substructures.joint_state import (
     contact_state,
@@ -88,7 +89,8 @@ def load_joint(
     ----------
     assembly : Assembly
         Its load cases are a preload and a shear of 1 Pa, with the areas of the faces that they act
-        on: from :func:`stacked_blocks` or :func:`lap_joint`, for instance.
+        on: from :func:`stacked_blocks` or :func:`lap_joint`, for instance. Bolts, with preloads of
+        1 Pa under their washers, take the place of the first; they are locked in the cycles.
     loading : JointLoading
     method : Method
         See :func:`solve_assembly`.
@@ -114,7 +116,7 @@ def load_joint(
     With the nodal forces :math:`f` of 1 Pa on a face of area A, the displacement of the face is
     :math:`q = f \cdot u / A`. The stiffness :math:`A / (f \cdot K_T^{-1} f)` at a preload is that
     for vibrations too small for any point to slip: :math:`K_T` has the tangents of the laws
-    without slip. The energy of a cycle is the work of the shear,
+    without slip, and locked bolts count in shear. The energy of a cycle is the work of the shear,
 
     .. math:: A \oint \tau\, \mathrm{d}q,    \tag{1}
 
@@ -130,7 +132,7 @@ def load_joint(
             f"got {len(assembly.areas)} areas"
         )
     problem, factors = cut_assembly(assembly, method.parts), loading.factors()
-    result = method.solve(problem, factors)
+    result = follow_bolts(problem, factors, method)
     whole, area = assemble(problem), np.array(assembly.areas)
     u = problem.unknowns(result["displacement"].values)
     approach, along = (u @ whole.load / area).T
@@ -141,7 +143,10 @@ def load_joint(
         "shear_displacement": along,
         **contact_state(problem.joints, result),
     }
-    values |= measure_stiffness(problem.joints, whole, result, area, range(len(loading.preloads)))
+    nothing = np.zeros(len(problem.bolts))
+    locked = assemble(lock_bolts(problem, nothing, nothing, 1.0)) if problem.bolts else whole
+    pressed = range(len(loading.preloads))
+    values |= measure_stiffness(problem.joints, whole, locked, result, area, pressed)
     shares, data = joint_shares(problem.joints, result)
     result = MACRO_RESULT.assign(result, values)
     result = with_load_shares(result, shares, data, extrapolate=extrapolate)

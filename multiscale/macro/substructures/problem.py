@@ -11,7 +11,15 @@ from multiscale.errors import CaseError
 from multiscale.laws.interface_law import InterfaceLaw
 from multiscale.numerics.factorisation import factorise
 
-__all__ = ["CutInterface", "CutProblem", "Links", "Substructure", "expand_numbers", "rigid_motions"]
+__all__ = [
+    "CutBolt",
+    "CutInterface",
+    "CutProblem",
+    "Links",
+    "Substructure",
+    "expand_numbers",
+    "rigid_motions",
+]
 
 
 @dataclass(frozen=True, eq=False)
@@ -137,6 +145,25 @@ class CutInterface:
 
 
 @dataclass(frozen=True, eq=False)
+class CutBolt:
+    """A bolt, by the unknowns at the middles of its washers.
+
+    Attributes
+    ----------
+    unknown : tuple of int
+        Of both washers, along the axis the first one first.
+    stiffness : float
+        Of the shank, N/m.
+    preload : float
+        Force at the factor one of the first load case, N.
+    """
+
+    unknown: tuple[int, int]
+    stiffness: float
+    preload: float
+
+
+@dataclass(frozen=True, eq=False)
 class CutProblem:
     """A structure that has been cut.
 
@@ -151,6 +178,10 @@ class CutProblem:
         a rigid plate moves it.
     joints : tuple of Interface
         Interfaces with a law. Perfect ones follow from the numbers of the unknowns.
+    bolts : tuple of CutBolt
+        Tightened by the first load case.
+    locked : bool
+        Whether the last substructures are the shanks of the bolts.
 
     Raises
     ------
@@ -162,6 +193,8 @@ class CutProblem:
     position: np.ndarray
     expansion: csr_array
     joints: tuple[CutInterface, ...] = ()
+    bolts: tuple[CutBolt, ...] = ()
+    locked: bool = False
 
     def __post_init__(self) -> None:
         for place, joint in enumerate(self.joints):

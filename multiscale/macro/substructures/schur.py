@@ -8,7 +8,12 @@ import numpy as np
 
 from multiscale.convergence import Status
 from multiscale.errors import MultiscaleError
-from multiscale.macro.substructures.cut_results import assemble_result, link_fields, load_factors
+from multiscale.macro.substructures.cut_results import (
+    assemble_result,
+    check_after,
+    link_fields,
+    load_factors,
+)
 from multiscale.macro.substructures.cut_tangent import Newton
 from multiscale.macro.substructures.parallel import ProcessGroup
 from multiscale.macro.substructures.problem import CutProblem
@@ -24,6 +29,7 @@ def solve_schur(
     problem: CutProblem,
     load_factor: float | np.ndarray = 1.0,
     *,
+    after: "xr.Dataset | None" = None,
     tolerance: float = 1e-10,
     max_iterations: int = 60,
     team: ProcessGroup | None = None,
@@ -33,7 +39,7 @@ def solve_schur(
 
     Parameters
     ----------
-    problem, load_factor, team
+    problem, load_factor, after, team
         As of :func:`solve_latin`.
     tolerance : float
         Bound on the largest force out of balance relative to the largest nodal load (without
@@ -79,7 +85,10 @@ def solve_schur(
        doi:10.1137/0917003, on how accurately to solve.
     """
     factors = load_factors(problem, load_factor)
+    check_after(problem, after)
     method = Newton(problem, team)
+    if after is not None:
+        method.resume(after)
     columns: list[dict[str, Any]] = []
     for factor in factors:
         columns.append(_solve_step(method, factor, tolerance, max_iterations, callback))
@@ -89,6 +98,7 @@ def solve_schur(
         problem,
         factors,
         columns,
+        after,
         shared_unknowns=method.layout.n_shared,
         coarse_unknowns=method.layout.n_coarse,
     )

@@ -16,8 +16,8 @@ from multiscale.fe.condensation import CondensedStiffness, condense_body
 from multiscale.laws.interface_law import InterfaceLaw, Response
 from multiscale.macro.monolithic import solve_interface
 from multiscale.macro.substructures.capacity import find_slide
-from multiscale.macro.substructures.cut_results import assemble_result, load_factors
-from multiscale.macro.substructures.joint_state import advance_state
+from multiscale.macro.substructures.cut_results import assemble_result, check_after, load_factors
+from multiscale.macro.substructures.joint_state import advance_state, states_after
 from multiscale.macro.substructures.problem import CutProblem
 from multiscale.macro.substructures.whole_structure import Assembled, assemble
 
@@ -35,6 +35,7 @@ def solve_whole(
     problem: CutProblem,
     load_factor: float | np.ndarray = 1.0,
     *,
+    after: "xr.Dataset | None" = None,
     tolerance: float = 1e-10,
     max_iterations: int = 100,
 ) -> "xr.Dataset":
@@ -42,7 +43,7 @@ def solve_whole(
 
     Parameters
     ----------
-    problem, load_factor
+    problem, load_factor, after
         As of :func:`solve_latin`, without links, which :func:`multiscale.macro.solve_static` takes;
         however it is cut, the answer is the same.
     tolerance, max_iterations
@@ -75,8 +76,12 @@ def solve_whole(
         tuple(joint.weight.size for joint in problem.joints),
     )
     bodies = prepare_bodies(whole)
-    state, before = np.zeros((law.n_state, whole.weight.size)), np.zeros(0)
+    check_after(problem, after)
+    state, before = law.join(states_after(problem.joints, after)), np.zeros(0)
     u: np.ndarray | None = None
+    if after is not None and problem.joints:
+        u = bodies.keep(problem.unknowns(after["displacement"].values[-1]))
+        before = -after["traction"].values[-1, :, 0]
     columns: list[dict[str, Any]] = []
     for factor in factors:
         clock = perf_counter()
@@ -104,7 +109,7 @@ def solve_whole(
         if not solution.converged:
             break
         u, before, state = solution.value, -response.traction[0], law.advance(jump, state)
-    return assemble_result(problem, factors, columns)
+    return assemble_result(problem, factors, columns, after)
 
 
 @dataclass(frozen=True, eq=False)
@@ -158,6 +163,10 @@ class PreparedBodies:
             tolerance=tolerance,
         )
 
+    def keep(self, unknowns: np.ndarray) -> np.ndarray:
+        """Kept ones of all unknowns, m."""
+        return unknowns[self.condensed.split.edge] if self.condensed else unknowns
+
     def expand(self, factor: np.ndarray, kept: np.ndarray) -> np.ndarray:
         """All unknowns from the kept ones, m."""
         return self.condensed.expand(self.whole.load @ factor, kept) if self.condensed else kept
@@ -207,6 +216,13 @@ class _SideBySide(InterfaceLaw):
             traction[:, at], tangent[..., at] = found.traction, found.tangent
             new[: law.n_state, at] = found.state
         return Response(traction, tangent, new)
+
+    def join(self, states: Sequence[np.ndarray]) -> np.ndarray:
+        """States of the laws side by side."""
+        joined = np.zeros((self.n_state, sum(self.points)))
+        for state, (law, at) in zip(states, self._places(), strict=True):
+            joined[: law.n_state, at] = state
+        return joined
 
     def advance(self, jump: np.ndarray, state: np.ndarray) -> np.ndarray:
         """Return the state after a step, which may not win energy."""

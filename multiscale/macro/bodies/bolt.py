@@ -1,0 +1,122 @@
+"""A bolt: two rigid washers and an elastic shank between their middles."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from multiscale.errors import CaseError
+from multiscale.fe.facets import facet_normals, surface_of
+from multiscale.macro.bodies.platen import Platen
+from multiscale.macro.continuum.body import Body
+
+__all__ = ["Bolt", "shank_stiffness"]
+
+ASIDE = 0.01
+"""Distance of the middles of both washers across the axis, relative to their size, and share of a
+normal across it, that are rounding of the mesh."""
+
+
+@dataclass(frozen=True)
+class Bolt:
+    r"""A bolt through bodies, from the face under its head to the face under its nut.
+
+    Both washers are rigid and tilt. The shank carries no shear. While the bolt is tightened it
+    pulls the washers together by the force :math:`F`; then it is locked, and its force
+
+    .. math:: N = F + k (\delta - \delta_0)    \tag{1}
+
+    follows the distance :math:`\delta` of the washers from where they were when it was locked.
+
+    Parameters
+    ----------
+    sides : tuple of int
+        The bodies under head and nut.
+    boundaries : tuple of str
+        Plane faces under the washers, whose normals point away from each other along x, y or z.
+    stiffness : float
+        Axial stiffness :math:`k` of the shank, N/m; see :func:`shank_stiffness`.
+    preload : float
+        Force :math:`F` at the factor one of the tightening, N.
+
+    Raises
+    ------
+    CaseError
+        If stiffness or preload are not positive.
+    """
+
+    sides: tuple[int, int]
+    boundaries: tuple[str, str]
+    stiffness: float
+    preload: float
+
+    def __post_init__(self) -> None:
+        if not 0.0 < self.stiffness < np.inf:
+            raise CaseError(
+                f"the stiffness of a bolt must be positive (N/m), got {self.stiffness:g}"
+            )
+        if not 0.0 < self.preload < np.inf:
+            raise CaseError(
+                f"a bolt needs a preload, since nothing else presses its washers on: it must be "
+                f"positive (N), got {self.preload:g}"
+            )
+
+    def washers(self, bodies: Sequence[Body]) -> tuple[Platen, Platen]:
+        """Rigid plates under the bolt, along its axis the first one first.
+
+        Raises
+        ------
+        CaseError
+            If the washers are not opposite each other.
+        """
+        found = []
+        for body, name in zip(self.sides, self.boundaries, strict=True):
+            face = surface_of(bodies[body].mesh, name)
+            x = bodies[body].mesh.p.T[face.nodes]
+            middle, normal = 0.5 * (x.min(axis=0) + x.max(axis=0)), facet_normals(x[face.facets])
+            found.append((middle, normal.sum(axis=0), float(np.ptp(x, axis=0).max()), body, name))
+        apart = found[1][0] - found[0][0]
+        axis = int(np.argmax(np.abs(apart)))
+        if apart[axis] < 0.0:
+            found.reverse()
+        aside = float(np.linalg.norm(np.delete(apart, axis)))
+        (_, down, size, *_), (_, up, other, *_) = found
+        facing = [-down[axis] / np.linalg.norm(down), up[axis] / np.linalg.norm(up)]
+        if aside > ASIDE * max(size, other) or min(facing) < 1.0 - ASIDE:
+            raise CaseError(
+                f"the bolt from {self.boundaries[0]!r} of body {self.sides[0]} to "
+                f"{self.boundaries[1]!r} of body {self.sides[1]} goes through nothing: its washers "
+                f"must look away from each other along {'xyz'[axis]} (cosines {facing[0]:.2g} and "
+                f"{facing[1]:.2g}) and lie above each other (middles {aside:.2g} m aside)"
+            )
+        one, two = (
+            Platen(body, name, 0.0, tuple(middle.tolist()), axis)
+            for middle, _, _, body, name in found
+        )
+        return one, two
+
+
+def shank_stiffness(diameter: float, length: float, youngs_modulus: float) -> float:
+    r"""Axial stiffness of a round shank, :math:`E \pi d^2 / (4 l)`, N/m.
+
+    Parameters
+    ----------
+    diameter, length : float, m
+    youngs_modulus : float, Pa
+
+    Raises
+    ------
+    CaseError
+        If one of them is not positive.
+
+    Examples
+    --------
+    >>> round(shank_stiffness(8e-3, 20e-3, 210e9) / 1e6)  # N/µm
+    528
+    """
+    if not min(diameter, length, youngs_modulus) > 0.0:
+        raise CaseError(
+            f"diameter, length and youngs_modulus of a shank must be positive (m, m, Pa), got "
+            f"{diameter:g}, {length:g} and {youngs_modulus:g}"
+        )
+    return 0.25 * np.pi * diameter**2 * youngs_modulus / length

@@ -1,0 +1,156 @@
+r"""Paths of structures with bolts: tightened by given forces, then locked.
+
+While a bolt is tightened, a pair of forces F pulls its washers together and the shank is left out.
+A locked bolt is a substructure of its own, the shank, which shares the middles of the washers. With
+the distance :math:`\delta` of the washers and its value :math:`\delta_0` when the force was F,
+
+.. math:: N = (F - k \delta_0) + k \delta,    \tag{1}
+
+so that the pair of forces is :math:`F - k \delta_0` from then on.
+"""
+
+from dataclasses import replace
+from typing import TYPE_CHECKING, Protocol
+
+import numpy as np
+from scipy.sparse import csr_array
+
+from multiscale.errors import CaseError
+from multiscale.macro.substructures.cut_results import end_path, load_factors
+from multiscale.macro.substructures.problem import CutBolt, CutProblem, Substructure
+from multiscale.schema import MACRO_RESULT
+
+if TYPE_CHECKING:
+    import xarray as xr
+
+__all__ = ["CutSolver", "bolt_pull", "follow_bolts", "lock_bolts"]
+
+LOOSE = 1e-9
+"""Force of a bolt, relative to the largest of its path, up to which it is none."""
+
+
+class CutSolver(Protocol):
+    """What solves a cut problem step by step, and goes on after an earlier path."""
+
+    def solve(
+        self,
+        problem: CutProblem,
+        load_factor: float | np.ndarray,
+        after: "xr.Dataset | None" = None,
+    ) -> "xr.Dataset":
+        """Solve at factors of the load cases; the earlier steps come first in the result."""
+
+
+def bolt_pull(bolt: CutBolt, n: int) -> np.ndarray:
+    """Give the forces, shape (n,), of a bolt under a tension of one on all unknowns."""
+    pull = np.zeros(n)
+    pull[list(bolt.unknown)] = 1.0, -1.0
+    return pull
+
+
+def lock_bolts(
+    problem: CutProblem, tension: np.ndarray, stretch: np.ndarray, factor: float
+) -> CutProblem:
+    """Let the shanks carry what changes; the first load case then stays at its factor.
+
+    Parameters
+    ----------
+    problem : CutProblem
+        With bolts that are not locked.
+    tension, stretch : ndarray, shape (bolts,)
+        Force of the bolts, N, and distance by which their washers have moved apart, m.
+    factor : float
+        Of the first load case, not zero.
+    """
+    shares = problem.sum_up([np.ones(part.n) for part in problem.substructures])
+    position, component = np.zeros((problem.n, 3)), np.zeros(problem.n, dtype=int)
+    for part in problem.substructures:
+        position[part.unknown], component[part.unknown] = part.position, part.component
+    pull, shanks = np.zeros(problem.n), []
+    for bolt, force, apart in zip(problem.bolts, tension, stretch, strict=True):
+        pull += (force - bolt.stiffness * apart) * bolt_pull(bolt, problem.n)  # (1)
+        ends = np.array(bolt.unknown)
+        K = csr_array(bolt.stiffness * np.array([[1.0, -1.0], [-1.0, 1.0]]))
+        load = np.zeros((2, problem.n_cases))
+        shanks.append(Substructure(K, load, ends, position[ends], component[ends]))
+    pull /= factor * shares
+    parts = [
+        replace(part, load=np.column_stack([pull[part.unknown], part.load[:, 1:]]))
+        for part in problem.substructures
+    ]
+    return replace(problem, substructures=(*parts, *shanks), locked=True)
+
+
+def follow_bolts(
+    problem: CutProblem,
+    load_factor: float | np.ndarray,
+    solver: CutSolver,
+    after: "xr.Dataset | None" = None,
+) -> "xr.Dataset":
+    """Solve step by step; bolts are tightened where the first factor changes, and locked elsewhere.
+
+    Parameters
+    ----------
+    problem : CutProblem
+    load_factor : float or ndarray, shape (steps,) or (steps, cases)
+        With bolts, the first column is the factor of their preloads.
+    solver : CutSolver
+    after : Dataset, optional
+        The earlier path, which the first step goes on from with locked bolts.
+
+    Returns
+    -------
+    Dataset
+        As the solver gives it, and the force of the bolts. A step at which a bolt comes loose has
+        failed.
+
+    Raises
+    ------
+    CaseError
+        If a factor of the preloads is not positive, or as the solver.
+    """
+    if not problem.bolts:
+        return solver.solve(problem, load_factor, after)
+    factors = load_factors(problem, load_factor)
+    if not np.all(factors[:, 0] > 0.0):
+        raise CaseError(
+            f"the first load case tightens the bolts, and its factor must be positive at every "
+            f"step, got {factors[:, 0].min():g}"
+        )
+    first = 0 if after is None else after.sizes["step"]
+    tightens = np.diff(factors[:, 0], prepend=0.0 if after is None else factors[0, 0]) != 0.0
+    stiffness, preload = (
+        np.array([getattr(bolt, name) for bolt in problem.bolts])
+        for name in ("stiffness", "preload")
+    )
+    pulls = np.stack([bolt_pull(bolt, problem.n) for bolt in problem.bolts], axis=1)
+    result, steps = after, first + len(factors)
+    force = np.zeros((0, preload.size)) if after is None else after["bolt_force"].values
+    for group in np.split(np.arange(len(factors)), np.flatnonzero(np.diff(tightens)) + 1):
+        if tightens[group[0]]:
+            result = solver.solve(problem, factors[group], result)
+            new = factors[group, :1] * preload
+        else:
+            assert result is not None  # the first step tightens, or follows a path
+            at = -problem.unknowns(result["displacement"].values[-1]) @ pulls
+            locked = lock_bolts(problem, force[-1], at, factors[group[0], 0])
+            result = solver.solve(locked, factors[group], result)
+            u = problem.unknowns(result["displacement"].values[first + group])
+            new = force[-1] + stiffness * (-u @ pulls - at)  # (1)
+        force = np.concatenate([force, new])
+        loose = force <= LOOSE * np.nanmax(np.abs(force), initial=0.0)
+        failed = np.flatnonzero(loose.any(axis=1) | (result["converged"].values != 1))
+        if failed.size:
+            step = int(failed[0])
+            names = " and ".join(str(bolt) for bolt in np.flatnonzero(loose[step]))
+            reason = (
+                f"the load opens what bolt {names} clamps, whose force falls to zero; tighten it "
+                f"harder, or lower the load"
+            )
+            result = end_path(result, step, steps, reason if names else "")
+            force = np.concatenate([force[:step], np.full((steps - step, preload.size), np.nan)])
+            break
+    assert result is not None
+    return MACRO_RESULT.assign(result, {"bolt_force": force}).assign_attrs(
+        substructures=len(problem.substructures), interfaces=len(problem.interfaces)
+    )

@@ -1,0 +1,296 @@
+r"""Points where a law joins bodies: nodes, Gauss points, or averages where meshes do not match.
+
+With the shape functions :math:`N` of both sides,
+
+.. math:: D_{ab} = \int N^2_a N^2_b \,\mathrm{d}\Gamma, \qquad
+    M_{ab} = \int N^2_a N^1_b \,\mathrm{d}\Gamma, \qquad
+    w_a = \sum_b D_{ab}, \qquad
+    j_a = \frac{1}{w_a} \sum_b \left(D_{ab} u^2_b - M_{ab} u^1_b\right)    \tag{1}
+
+is the mean jump about node a of side 2 where meshes do not match, and :math:`w_a` its area. An even
+traction gives each side the nodal forces that it is in balance with: the patch test is exact.
+
+References
+----------
+.. [1] M. A. Puso and T. A. Laursen, Comput. Methods Appl. Mech. Eng. 193 (2004) 601-629,
+   doi:10.1016/j.cma.2003.10.010: mortar integrals in three dimensions.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.sparse import csr_array, diags_array, eye_array, vstack
+from scipy.spatial import cKDTree
+
+from multiscale.errors import CaseError
+from multiscale.fe.faces import face_areas, face_operator
+from multiscale.fe.facets import facet_normals, surface_of
+from multiscale.fe.mortar import couple
+from multiscale.macro.bodies.assembly import GROUND, Interface
+from multiscale.macro.continuum.body import Body
+from multiscale.macro.substructures.problem import CutInterface, Substructure
+
+__all__ = ["cut_interface"]
+
+COINCIDENT = 1e-6
+"""Distance of nodes that are taken as one point of a joint, relative to the size of a face."""
+
+REACH = 1e-3
+"""Distance of facets, relative to the size of a face, beyond which they do not see each other."""
+
+MEET = 0.5
+"""Least share of the smaller face that must lie on the other where their meshes do not match."""
+
+SLIVER = 1e-9
+"""Points of a smaller share of the area of the largest are left out."""
+
+UNLIKE = 100.0
+"""Ratio of the sizes of two bodies above which one of them may be in another unit."""
+
+
+@dataclass(frozen=True, eq=False)
+class _Piece:
+    """Points between two substructures.
+
+    Attributes
+    ----------
+    sides : tuple of int
+        The substructures.
+    values : tuple of csr_array, shape (points, nodes)
+        A component at the points from the nodes of the body on either side; None of the ground.
+    weight : ndarray, shape (points,)
+        m².
+    """
+
+    sides: tuple[int, int]
+    values: tuple[csr_array | None, csr_array]
+    weight: np.ndarray
+
+
+def cut_interface(
+    place: int,
+    joint: Interface,
+    bodies: Sequence[Body],
+    owners: Sequence[np.ndarray],
+    of_body: Sequence[csr_array],
+    parts: Sequence[Substructure],
+) -> list[CutInterface]:
+    """Cut an interface into one for each pair of substructures that it joins.
+
+    Parameters
+    ----------
+    place : int
+        Number of the interface.
+    joint : Interface
+    bodies : sequence of Body
+    owners : sequence of ndarray of int, shape (elements,)
+        Substructure of every element of each body.
+    of_body : sequence of csr_array, shape (3 nodes, n)
+        Displacement of the nodes of every body from the unknowns.
+    parts : sequence of Substructure
+
+    Raises
+    ------
+    CaseError
+        If a face is curved, the faces do not touch or overlap by little, or supports hold one of
+        them as a whole.
+    """
+    below, above = joint.sides
+    upper, name = bodies[above], str(joint.boundaries[1])
+    frame = _frame(upper, name)
+    part_above = owners[above][upper.mesh.f2t[0, upper.mesh.boundaries[name]]]
+    if below is None:  # a side of the substructure on it that never moves
+        pieces = _at_points(joint, (None, upper), (part_above, part_above))
+    else:
+        lower, other = bodies[below], str(joint.boundaries[0])
+        part_below = owners[below][lower.mesh.f2t[0, lower.mesh.boundaries[other]]]
+        twins = _twins(joint, lower, upper)
+        pieces = (
+            _averages(joint, (lower, upper), (part_below, part_above))
+            if twins is None
+            else _at_points(joint, (lower, upper), (part_below[twins[1]], part_above), twins[0])
+        )
+    found = []
+    for piece in pieces:
+        traces = [
+            csr_array((3 * piece.weight.size, parts[part].n))
+            if values is None or body is None
+            else _in_frame(values, of_body[body][:, parts[part].unknown], frame)
+            for part, body, values in zip(piece.sides, joint.sides, piece.values, strict=True)
+        ]
+        position = piece.values[1] @ upper.basis.doflocs.T
+        first, second = traces
+        found.append(
+            CutInterface(piece.sides, (first, second), joint.law, piece.weight, position, place)
+        )
+    for side, body in enumerate(joint.sides):
+        if body is not None and not any(one.trace[side].nnz for one in found):
+            raise CaseError(
+                f"interface {place} lies on a support: all nodes of the boundary "
+                f"{joint.boundaries[side]!r} of body {body} are held; free them, or let the other "
+                f"body meet the ground, {GROUND}"
+            )
+    return found
+
+
+def _at_points(
+    joint: Interface,
+    bodies: tuple[Body | None, Body],
+    owner: tuple[np.ndarray, np.ndarray],
+    twin: np.ndarray | None = None,
+) -> list[_Piece]:
+    """Points of matching faces, or of one on the ground.
+
+    A point belongs to the pair of its facet. A node that several pairs share goes to the pair that
+    has most of its area: elastic ties around a node that it has in every pair would only be
+    redundant.
+    """
+    (lower, upper), name = bodies, str(joint.boundaries[1])
+    values, area = _points(upper, name, joint.quadrature_order)
+    pairs, of_facet = np.unique(np.stack(owner), axis=1, return_inverse=True)
+    facets = of_facet.size
+    chosen = csr_array((np.ones(facets), (np.arange(facets), of_facet.ravel())))
+    share = (area @ chosen).toarray()
+    weight, of_point = share.sum(axis=1), np.argmax(share, axis=1)
+    above = _of_nodes(values, upper.nodes(name), upper)
+    below = None if lower is None or twin is None else _of_nodes(values, twin, lower)
+    found = []
+    for index in np.unique(of_point):
+        mine = np.flatnonzero(of_point == index)
+        sides = int(pairs[0, index]), int(pairs[1, index])
+        here = None if below is None else below[mine]
+        found.append(_Piece(sides, (here, above[mine]), weight[mine]))
+    return found
+
+
+def _averages(
+    joint: Interface, bodies: tuple[Body, Body], owner: tuple[np.ndarray, np.ndarray]
+) -> list[_Piece]:
+    """Points of faces that do not match, by (1) for each pair of substructures."""
+    faces = [
+        surface_of(body.mesh, str(name))
+        for body, name in zip(bodies, joint.boundaries, strict=True)
+    ]
+    x = [body.mesh.p.T[face.nodes] for body, face in zip(bodies, faces, strict=True)]
+    size = min(float(np.ptp(at, axis=0).max()) for at in x)
+    found = []
+    for first in np.unique(owner[0]):
+        for second in np.unique(owner[1]):
+            below, above = faces[0].facets[owner[0] == first], faces[1].facets[owner[1] == second]
+            D, M = couple((above, below), (x[1], x[0]), REACH * size)
+            weight = D.sum(axis=1)
+            mine = np.flatnonzero(weight > SLIVER * weight.max())
+            mean = [csr_array(diags_array(1.0 / weight[mine]) @ one[mine]) for one in (M, D)]
+            if mine.size:
+                values = [
+                    _of_nodes(one, face.nodes, body)
+                    for one, face, body in zip(mean, faces, bodies, strict=True)
+                ]
+                found.append(
+                    _Piece((int(first), int(second)), (values[0], values[1]), weight[mine])
+                )
+    covered = sum(float(piece.weight.sum()) for piece in found)
+    areas = [
+        float(np.linalg.norm(facet_normals(at[face.facets]), axis=1).sum())
+        for at, face in zip(x, faces, strict=True)
+    ]
+    if not found:
+        extent = [float(np.ptp(body.mesh.p, axis=1).max()) for body in bodies]
+        unlike = max(extent) > UNLIKE * min(extent)
+        hint = "one of the meshes may be in mm and read as m" if unlike else "move one of them"
+        away = float(cKDTree(x[0]).query(x[1])[0].min())
+        raise CaseError(
+            f"the boundaries {joint.boundaries} of a joint do not touch face to face: their nodes "
+            f"are {away:.3g} m apart or more, and the bodies {extent[0]:.3g} m and {extent[1]:.3g} "
+            f"m long; {hint}"
+        )
+    if covered < MEET * min(areas):
+        raise CaseError(
+            f"the boundaries {joint.boundaries} of a joint overlap on {covered / min(areas):.2g} "
+            f"of the smaller one, and at least {MEET:g} is asked; name the part of the faces where "
+            f"they meet as boundaries of their own"
+        )
+    return found
+
+
+def _of_nodes(values: csr_array, nodes: np.ndarray, body: Body) -> csr_array:
+    """Values from all nodes of a body, from those of some."""
+    entries = values.tocoo()
+    at = (entries.coords[0], nodes[entries.coords[1]])
+    return csr_array((entries.data, at), shape=(values.shape[0], body.basis.N))
+
+
+def _points(body: Body, boundary: str, order: int | None) -> tuple[csr_array, csr_array]:
+    """Values of a component at the points of a joint, and area of a point in every facet, m².
+
+    Shapes (points, nodes of the boundary) and (points, facets).
+    """
+    nodes, facets = body.nodes(boundary), body.mesh.boundaries[boundary].size
+    if order is not None:
+        values, weight, _ = face_operator(body.basis, boundary, order=order)
+        facet = np.repeat(np.arange(facets), weight.size // facets)
+        at = np.arange(weight.size)
+        return values[:, nodes], csr_array((weight, (at, facet)), shape=(at.size, facets))
+    node, facet, area = face_areas(body.basis, boundary)
+    if not np.isin(nodes, node).all():
+        raise CaseError(
+            f"some nodes of the boundary {boundary!r} stand for no area with "
+            f"{type(body.basis.elem).__name__}; give the interface a quadrature_order"
+        )
+    point = np.searchsorted(nodes, node)
+    return (
+        eye_array(nodes.size, format="csr"),
+        csr_array((area, (point, facet)), shape=(nodes.size, facets)),
+    )
+
+
+def _in_frame(values: csr_array, expansion: csr_array, frame: np.ndarray) -> csr_array:
+    """Displacement of points in a frame from the unknowns, by values of nodes, (3 points, n)."""
+    x, y, z = (values @ expansion[axis::3] for axis in range(3))
+    rows = csr_array(vstack([a * x + b * y + c * z for a, b, c in frame]))
+    rows.eliminate_zeros()
+    return rows
+
+
+def _frame(upper: Body, boundary: str) -> np.ndarray:
+    """Return the normal from side 1 to side 2 and two tangents, shape (3, 3)."""
+    from skfem import FacetBasis
+
+    faces = FacetBasis(upper.mesh, upper.mesh.elem(), facets=boundary, intorder=2)
+    normals = -np.asarray(faces.normals).reshape(3, -1)
+    normal = normals.mean(axis=1)
+    if np.ptp(normals, axis=1).max() > COINCIDENT:
+        raise CaseError(f"the boundary {boundary!r} of a joint must be plane")
+    least = np.eye(3)[np.argmin(np.abs(normal).round(9))]  # rounding decides no direction
+    first = least - (least @ normal) * normal
+    first /= np.linalg.norm(first)
+    return np.stack([normal, first, np.cross(normal, first)])
+
+
+def _twins(joint: Interface, lower: Body, upper: Body) -> tuple[np.ndarray, np.ndarray] | None:
+    """Nodes of the lower body at the nodes of the upper boundary, and facets at its facets.
+
+    Nothing if nodes or facets do not match, which elements of first order alone may do.
+    """
+    name, other = str(joint.boundaries[1]), str(joint.boundaries[0])
+    low, up = lower.nodes(other), upper.nodes(name)
+    at = upper.basis.doflocs[:, up].T
+    apart, nearest = cKDTree(lower.basis.doflocs[:, low].T).query(at)
+    below, above = lower.mesh.boundaries[other], upper.mesh.boundaries[name]
+    middles = [
+        body.mesh.p[:, body.mesh.facets[:, facets]].mean(axis=1).T
+        for body, facets in ((lower, below), (upper, above))
+    ]
+    astray, partner = cKDTree(middles[0]).query(middles[1])
+    size = float(np.ptp(at, axis=0).max())
+    kinds = [type(body.basis.elem) for body in (lower, upper)]
+    if kinds[0] is kinds[1] and max(apart.max(), astray.max()) <= COINCIDENT * size:
+        return low[nearest], partner
+    first_order = all(isinstance(b.basis.elem, type(b.mesh.elem())) for b in (lower, upper))
+    if joint.quadrature_order is not None or not first_order:
+        raise CaseError(
+            f"the boundaries {joint.boundaries} of a joint do not match; mesh both faces alike, "
+            f"with the same elements, or take elements of first order and no quadrature_order"
+        )
+    return None

@@ -1,0 +1,266 @@
+"""Bolts: tightened, then locked; their forces follow the load as those of springs do."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from scipy.optimize import brentq, fsolve
+
+from multiscale.errors import CaseError
+from multiscale.fe.boxes import box_mesh
+from multiscale.laws import Exponential, Sliders
+from multiscale.laws.bulk import Elastic
+from multiscale.macro import (
+    AssembledNewton,
+    Assembly,
+    Body,
+    Bolt,
+    Interface,
+    LatinMethod,
+    NewtonSchur,
+    shank_stiffness,
+    solve_assembly,
+)
+from multiscale.macro.bodies import LapShape, lap_joint
+from multiscale.macro.substructures import JointLoading, load_joint
+
+EDGE, E = 0.02, 210e9
+AREA = EDGE**2
+NORMAL = Exponential(1e9, 0.2e-6)
+LAW = Sliders(NORMAL, 0.3, pressures=(1e6, 1e8), slabs=8)
+METHODS = [AssembledNewton(), LatinMethod(), LatinMethod((2, 1)), NewtonSchur((2, 1))]
+SHANK, PRELOAD = shank_stiffness(8e-3, 2.0 * EDGE, E), 4e3  # N/m, N
+BOLT = Bolt((1, 0), ("top", "bottom"), SHANK, PRELOAD)
+GUIDED = {"front": (None, 0.0, None)}
+
+
+def clamped(bolt=BOLT, law=LAW):
+    """Two blocks, a bolt from the top of one to the bottom of the other, and 1 Pa that parts them.
+
+    Pins hold what no force moves: the stress is even.
+    """
+    pins = {(0.0, 0.0, 0.0): (None, None, 0.0), (0.0, EDGE, 0.0): (None, None, 0.0)}
+    pins |= {(EDGE, 0.0, 0.0): (None, None, 0.0)}
+    along = {"left": (0.0, None, None)} | GUIDED
+    lower = Body(
+        box_mesh((EDGE,) * 3, (2, 2, 2), origin=(0.0, 0.0, -EDGE)),
+        Elastic(E, 0.0),
+        supports=along,
+        tractions={"bottom": (0.0, 0.0, -1.0)},
+    )
+    upper = Body(
+        box_mesh((EDGE,) * 3, (2, 2, 2)),
+        Elastic(E, 0.0),
+        supports=along,
+        tractions={"top": (0.0, 0.0, 1.0)},
+    )
+    lower = replace(lower, pins=pins)
+    return Assembly(
+        (lower, upper), (Interface((0, 1), ("top", "bottom"), law),), bolts=(bolt,) if bolt else ()
+    )
+
+
+@pytest.mark.parametrize("method", METHODS)
+def test_one_bolt_and_what_it_clamps_are_springs(method):
+    """The blocks and the joint are in series, and the shank is beside them."""
+
+    def apart(clamp):  # distance of the washers under a force on the joint
+        return NORMAL.gap_at(np.array(clamp / AREA)) - clamp * 2.0 * EDGE / (E * AREA)
+
+    def tension(pull):
+        def left(logarithm):
+            clamp = np.exp(logarithm)
+            return clamp + pull - PRELOAD - SHANK * float(apart(clamp) - apart(PRELOAD))
+
+        return np.exp(brentq(left, -600.0, np.log(10.0 * PRELOAD))) + pull
+
+    pull = np.array([0.0, 0.5, 0.9, 2.0, -0.8]) * PRELOAD
+    steps = np.stack([np.ones(5), pull / AREA], axis=1)
+    found = solve_assembly(clamped(), steps, method=method)
+    assert found.converged.values.all()
+    expected = [tension(one) for one in pull]
+    np.testing.assert_allclose(found.bolt_force[:, 0], expected, rtol=1e-6)
+    joint = -found.traction.values[..., 0] @ found.point_area.values
+    np.testing.assert_allclose(joint, expected - pull, rtol=1e-5, atol=1e-5 * PRELOAD)
+    assert found.bolt_force[3] > 1.9 * PRELOAD  # beyond the preload the bolt carries all
+
+
+@pytest.mark.parametrize("method", METHODS)
+def test_a_path_goes_on_from_an_earlier_one(method):
+    steps = np.array([[1.0, 0.0], [1.0, 2e6], [1.0, -1e6], [1.3, -1e6], [1.3, 1e6]])  # 1, Pa
+    assembly = sheared()
+    once = solve_assembly(assembly, steps, method=method)
+    assert once.converged.values.all()
+    for cut in (2, 4):
+        begun = solve_assembly(assembly, steps[:cut], method=method)
+        found = solve_assembly(assembly, steps[cut:], method=method, after=begun)
+        for name in ("displacement", "traction", "bolt_force"):
+            size = float(abs(once[name]).max())
+            np.testing.assert_allclose(found[name], once[name], atol=1e-6 * size, err_msg=name)
+    with pytest.raises(CaseError, match="points of joints, where the structure has"):
+        solve_assembly(assembly, steps, method=method, after=once.isel(point=slice(2)))
+
+
+def with_clamp(mesh):
+    """Name the upper half of the left face, which keeps clear of the washers."""
+    return mesh.with_boundaries({"clamp": lambda x: (x[0] == 0.0) & (x[2] > -0.5 * EDGE)})
+
+
+def sheared(bolt=BOLT):
+    """A block clamped at a side, one that is bolted on it and pulled along."""
+    lower = Body(
+        with_clamp(box_mesh((EDGE,) * 3, (2, 2, 2), origin=(0.0, 0.0, -EDGE))),
+        Elastic(E, 0.3),
+        supports={"clamp": (0.0, 0.0, 0.0)},
+    )
+    upper = Body(
+        box_mesh((EDGE,) * 3, (2, 2, 1)),
+        Elastic(E, 0.3),
+        supports=GUIDED,
+        tractions={"right": (1.0, 0.0, 0.0)},
+    )
+    interface = Interface((0, 1), ("top", "bottom"), LAW)
+    return Assembly((lower, upper), (interface,), areas=(AREA, AREA), bolts=(bolt,))
+
+
+def test_a_cycle_of_shear_loses_energy_and_locked_bolts_follow_it():
+    assembly = sheared(replace(BOLT, preload=AREA))  # 1 Pa under the washers
+    loading = JointLoading((5e6, 10e6), shear=1.5e6, cycles=1, steps=4)
+    one, other = (
+        load_joint(assembly, loading, method=method)
+        for method in (AssembledNewton(), LatinMethod())
+    )
+    assert one.converged.values.all()
+    assert one.cycle_energy.item() > 0.0
+    np.testing.assert_allclose(one.bolt_force[:2, 0], [5e6 * AREA, 10e6 * AREA], rtol=1e-12)
+    assert np.ptp(one.bolt_force.values[2:]) > 1e-3 * 10e6 * AREA  # the upper block tips a little
+    names = ("bolt_force", "cycle_energy", "approach", "joint_stiffness", "tangential_stiffness")
+    for name in names:
+        np.testing.assert_allclose(one[name], other[name], rtol=1e-5, err_msg=name)
+    assert (one.tangential_stiffness[:2] > 0.0).all()
+
+
+def test_a_bolted_lap_joint_is_as_stiff_as_one_under_even_pressure():
+    """The shank is soft and the plates are flat: locking changes little, washers a little more."""
+    shape = LapShape(0.06, 0.02, 0.004, 0.03, 0.006, 0.012, element=4e-3, layers=1)
+    loading = JointLoading((40e6,), shear=3e6, cycles=1, steps=3)
+    materials, shank = (Elastic(E, 0.3),) * 2, shank_stiffness(6e-3, 8e-3, E)
+    given, bolted = (
+        load_joint(lap_joint(shape, materials, LAW, *k), loading, method=AssembledNewton())
+        for k in ((), (shank,))
+    )
+    area = bolted.bolt_force.values[0, 0] / 40e6
+    assert np.pi / 4.0 * 0.9 * (0.012**2 - 0.006**2) < area < np.pi / 4.0 * (0.012**2 - 0.006**2)
+    for name, error in (("tangential_stiffness", 0.05), ("joint_stiffness", 0.25)):
+        assert abs(bolted[name].values[0] / given[name].values[0] - 1.0) < error
+    assert 0.8 < bolted.cycle_energy.item() / given.cycle_energy.item() < 1.25
+    assert 1e-4 < np.ptp(bolted.bolt_force.values) / (40e6 * area) < 0.1
+
+
+@pytest.mark.parametrize("method", METHODS)
+def test_bolted_bodies_that_slide_away_say_so(method):
+    steps = np.array([[1.0, 0.0], [1.0, 1e6], [1.0, 4.5e6], [1.0, 0.0]])
+    found = solve_assembly(sheared(), steps, method=method)
+    np.testing.assert_array_equal(found.converged, [1, 1, 0, 0])
+    assert "the steps end before step 2: no equilibrium found: the bodies slide on joint 0 under a "
+    assert "load of 1800 N, of which friction carries about 1" in found.attrs["failure"]
+    assert np.isnan(found.bolt_force[2:]).all()
+
+
+def test_a_bolt_that_comes_loose_ends_the_path():
+    steps = np.array([[1.0, 0.0], [1.0, -10e6], [1.0, -1e9], [1.0, 0.0]])
+    found = solve_assembly(clamped(), steps)
+    np.testing.assert_array_equal(found.converged, [1, 1, 0, 0])
+    assert found.attrs["failure"].startswith(
+        "the steps end before step 2: the load opens what bolt 0 clamps, whose force falls to zero"
+    )
+    assert np.isnan(found.bolt_force[2:]).all()
+    assert np.isnan(found.displacement[2:]).all()
+    with pytest.raises(CaseError, match="the earlier path has failed, so that nothing follows"):
+        solve_assembly(clamped(), steps[:1], after=found)
+
+
+def test_three_bolts_share_a_load_as_springs():
+    """Blocks a thousand times as stiff as steel on a soft joint: a rigid body on springs."""
+    law, length, stiff = Exponential(1e8, 5e-6), 6 * EDGE, Elastic(1e3 * E, 0.0)
+    spots = [f"bolt {i}" for i in range(3)]
+
+    def drilled(mesh, height):
+        on = {
+            name: lambda x, i=i: (
+                np.isclose(x[2], height) & (abs(x[0] - (1 + 2 * i) * EDGE) < 0.5 * EDGE)
+            )
+            for i, name in enumerate(spots)
+        }
+        return mesh.with_boundaries(on)
+
+    sizes = (length, EDGE, EDGE), (12, 2, 2)
+    lower = drilled(box_mesh(*sizes, origin=(0.0, 0.0, -EDGE)), -EDGE)
+    upper = drilled(box_mesh(*sizes), EDGE)
+    held = Body(with_clamp(lower), stiff, supports={"clamp": (0.0, 0.0, 0.0)})
+    pulled = Body(
+        upper,
+        stiff,
+        supports=GUIDED,
+        pins={(0.0, 0.0, 0.0): (0.0, 0.0, None)},
+        tractions={"right": (0.0, 0.0, 1.0)},
+    )
+    k = np.array([200e6, 400e6, 300e6])  # N/m
+    bolts = [Bolt((0, 1), (name, name), one, 2e3) for name, one in zip(spots, k, strict=True)]
+    assembly = Assembly(
+        (held, pulled), (Interface((0, 1), ("top", "bottom"), law),), bolts=tuple(bolts)
+    )
+    steps = np.array([[1.0, 0.0], [1.0, 1e3 / AREA], [1.0, 2e3 / AREA]])
+    found = solve_assembly(assembly, steps)
+    assert found.converged.values.all()
+
+    x, w = found.point_position.values[:, 0], found.point_area.values
+    at = EDGE * np.array([1.0, 3.0, 5.0])
+
+    def forces(motion, tension, load):  # resultant and moment on the upper block, motion in um
+        p = law.pressure(1e-6 * (motion[0] + motion[1] * x / length))
+        lift = p @ w - tension.sum() + load
+        return lift, (p * w @ x - tension @ at + load * length) / length
+
+    def moved(motion):
+        return 1e-6 * (motion[0] + motion[1] * at / length)
+
+    start = fsolve(lambda m: forces(m, np.full(3, 2e3), 0.0), (20.0, 0.0))
+    motion = start
+    for step, load in ((1, 1e3), (2, 2e3)):
+        motion = fsolve(
+            lambda m, load=load: forces(m, 2e3 + k * (moved(m) - moved(start)), load), motion + 1.0
+        )
+        change = k * (moved(motion) - moved(start))
+        assert change[2] > 0.3 * load  # the load is at the end
+        np.testing.assert_allclose(found.bolt_force[step] - 2e3, change, rtol=0.01)
+
+
+@pytest.mark.parametrize(
+    ("change", "message"),
+    [
+        ({"boundaries": ("top", "top")}, "goes through nothing: its washers must look away from"),
+        ({"boundaries": ("bottom", "top")}, "goes through nothing"),
+        ({"boundaries": ("top", "right")}, "goes through nothing"),
+        ({"sides": (1, 2)}, "bolt 0 names body 2; there are 2, counted from 0"),
+        ({"boundaries": ("lid", "bottom")}, "the mesh has no boundary 'lid'"),
+        ({"preload": 0.0}, "a bolt needs a preload"),
+        ({"stiffness": -1.0}, r"the stiffness of a bolt must be positive \(N/m\), got -1"),
+    ],
+)
+def test_bolts_that_cannot_be_are_refused(change, message):
+    with pytest.raises(CaseError, match=message):
+        clamped(replace(BOLT, **change))
+
+
+def test_a_bolt_that_nothing_tightens_or_whose_washer_is_held_is_refused():
+    with pytest.raises(CaseError, match="its factor must be positive at every step, got 0"):
+        solve_assembly(clamped(), np.array([[1.0, 0.0], [0.0, 0.0]]))
+    assembly = clamped()
+    lower, upper = assembly.bodies
+    lower = replace(lower, supports={"bottom": (0.0, 0.0, 0.0)}, pins={})
+    with pytest.raises(CaseError, match="washer 0 of bolt 0 moves 9 nodes of body 0 along axis 2"):
+        solve_assembly(replace(assembly, bodies=(lower, upper)), np.array([[1.0, 0.0]]))
+    aside = replace(upper, mesh=upper.mesh.translated((0.1 * EDGE, 0.0, 0.0)))
+    with pytest.raises(CaseError, match=r"lie above each other \(middles 0.002 m aside\)"):
+        replace(assembly, bodies=(assembly.bodies[0], aside))
