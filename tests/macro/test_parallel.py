@@ -20,8 +20,10 @@ PROGRAM = dedent(
     import sys
     import numpy as np
     from multiscale.laws import Exponential, Sliders
-    from multiscale.macro import cut_links, solve_latin, solve_schur, tensegrity_grid
+    from multiscale.macro import LatinMethod, NewtonSchur, cut_links, solve_assembly
+    from multiscale.macro import solve_latin, solve_schur, tensegrity_grid
     from multiscale.macro.substructures import split_grid, world
+    from tests.macro.test_bolts import sheared
     from tests.macro.test_schur import thin_plate
     from tests.macro.test_cut_joints import stacked_blocks
 
@@ -38,6 +40,11 @@ PROGRAM = dedent(
         result = solve(problem, factors, team=team)
         assert np.all(result.converged == 1), name
         found[name] = result["tension" if name == "tension" else "displacement"].values
+    method = {"latin": LatinMethod, "schur": NewtonSchur}[sys.argv[2]]((2, 1), team=team)
+    path = np.array([[1.0, 0.0], [1.0, 2e6], [1.3, 2e6], [1.3, -1e6]])  # tightened twice
+    bolted = solve_assembly(sheared(), path, method=method)
+    assert np.all(bolted.converged == 1)
+    found |= {name: bolted[name].values for name in ("bolt_force", "jump")}
     if team.rank == 0:
         print(team.size)
         np.savez(sys.argv[1], **found)
