@@ -135,15 +135,71 @@ def fit_command(
     family: Annotated[
         str, typer.Option(help="convex_decreasing, exponential or power.")
     ] = "convex_decreasing",
+    shear: Annotated[
+        Path | None, typer.Option(help="Response of the cells that were sheared, for friction.")
+    ] = None,
+    sliding: Annotated[
+        Path | None, typer.Option(help="Response of the cells that slid, for friction.")
+    ] = None,
 ) -> None:
     """Fit the interface law to a response."""
-    from multiscale.io import open_response, save_law
+    from multiscale.io import open_dataset, open_response, save_law
+    from multiscale.schema import SHEAR_RESPONSE, SLIDING_RESPONSE
     from multiscale.upscaling import fit_branches
 
     _check_dataset(out)
-    law = fit_branches(open_response(response), family=family)
+    law = fit_branches(
+        open_response(response),
+        shear=None if shear is None else open_dataset(shear, SHEAR_RESPONSE),
+        sliding=None if sliding is None else open_dataset(sliding, SLIDING_RESPONSE),
+        family=family,
+    )
     save_law(law, out)
     _warn(law.attrs["cautions"].splitlines())
+    typer.echo(law.attrs["branches"])
+
+
+@app.command("export")
+def export_command(
+    law: Annotated[Path, typer.Argument(help="Interface law to export.")],
+    out: Annotated[
+        Path, typer.Argument(help="File to write: .inp for Abaqus and CalculiX, or a .csv table.")
+    ],
+    friction: Annotated[
+        str, typer.Option(help="abaqus or calculix: write friction and stick stiffness for it.")
+    ] = "",
+    stick_pressure: Annotated[
+        str, typer.Option(help='Pressure whose stick stiffness is written, such as "20 MPa".')
+    ] = "",
+    name: Annotated[str, typer.Option(help="Name of the surface interaction.")] = "ROUGH",
+    tolerance: Annotated[float, typer.Option(help="Error of the pressure between points.")] = 0.01,
+    length_unit: Annotated[str, typer.Option(help="Unit of lengths in the file.")] = "mm",
+    pressure_unit: Annotated[str, typer.Option(help="Unit of pressures in the file.")] = "MPa",
+) -> None:
+    """Write an interface law for other finite-element codes."""
+    from multiscale.io import open_law
+    from multiscale.units import to_si
+    from multiscale.upscaling import write_law_table, write_pressure_overclosure
+
+    dataset = open_law(law)
+    if out.suffix == ".csv":
+        if friction:
+            raise CaseError(f"--friction is written to an .inp file, got {out}")
+        write_law_table(dataset, out, length_unit=length_unit, pressure_unit=pressure_unit)
+    elif out.suffix == ".inp":
+        write_pressure_overclosure(
+            dataset,
+            out,
+            name=name,
+            length_unit=length_unit,
+            pressure_unit=pressure_unit,
+            tolerance=tolerance,
+            friction_for=friction or None,  # type: ignore[arg-type]  # which refuses another code
+            stick_pressure=to_si(stick_pressure, "Pa") if stick_pressure else None,
+        )
+    else:
+        raise CaseError(f"a law is exported to a file that ends in .inp or .csv, got {out}")
+    typer.echo(f"written: {out}")
 
 
 @app.command("macro")

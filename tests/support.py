@@ -95,6 +95,7 @@ youngs_modulus = "210 GPa"
 poissons_ratio = 0
 [interface]
 friction = 0.2
+stiffness_ratio = 0.8
 [statics]
 preloads = ["5 MPa", "20 MPa"]
 """

@@ -24,6 +24,7 @@ def shear_path(
     steps: int = 10,
     legs: int = 1,
     pressing_steps: int = 1,
+    pressed: Sequence[float] = (),
 ) -> Path:
     r"""Press, shear and release a cell at each of several pressures and in each direction.
 
@@ -46,6 +47,9 @@ def shear_path(
     pressing_steps : int
         Steps in which a pressure is reached. They matter between unlike bodies, which slip as they
         are pressed.
+    pressed : sequence of float
+        Mean pressures through which the cell is pressed and then released at first, Pa, rising: it
+        then tells its own normal law, on the grid on which it is sheared.
 
     Returns
     -------
@@ -76,6 +80,8 @@ def shear_path(
         raise CaseError("a cell without friction cannot be sheared; give a friction_coefficient")
     if not pressures or not all(0.0 < one < np.inf for one in pressures):
         raise CaseError(f"a cell is sheared under positive pressures (Pa), got {pressures}")
+    if not all(0.0 < one < np.inf for one in pressed):
+        raise CaseError(f"a cell is pressed by positive pressures (Pa), got {pressed}")
     if along not in ("x", "y", "xy"):
         raise CaseError(f"a cell is sheared along 'x', 'y' or 'xy', got {along!r}")
     if not reach > 0.0 or min(steps, legs, pressing_steps) < 1:
@@ -93,8 +99,8 @@ def shear_path(
     compliance = sum(body.depth * np.mean(1.0 / body.layer_moduli[1]) for body in cell.bodies)
     rise = (np.arange(1, steps + 1) / steps) ** 2  # share of the way of a leg
 
-    pressure: list[float] = []
-    slide: list[tuple[float, float]] = []
+    pressure: list[float] = [*pressed, 0.0] if pressed else []
+    slide: list[tuple[float, float]] = [(0.0, 0.0)] * len(pressure)
     for p in pressures:
         force, slip = mu * p * -np.expm1(-reach * rise), reach * scale * rise  # (1)
         back = 2.0 * mu * p * -np.expm1(-reach * rise)  # Masing: twice the way at twice the slip

@@ -40,6 +40,8 @@ from multiscale.schema import RVE_STIFFNESS
 from multiscale.upscaling import law_from_dataset
 
 if TYPE_CHECKING:
+    import xarray as xr
+
     from multiscale.pipeline.settings import Case
     from multiscale.pipeline.stage import Datasets
 
@@ -142,10 +144,33 @@ class RoughBodies(StructureKind):
             If dimensions are refused, or a file that is named cannot be read.
         """
 
-    def assemble(self, case: "Case", normal: NormalLaw) -> Assembly:
-        """Build bodies and joints of a case, whose sound joints have a normal law."""
+    def assemble(
+        self,
+        case: "Case",
+        law: "xr.Dataset",
+        *,
+        normal: NormalLaw | None = None,
+        sample: int | None = None,
+    ) -> Assembly:
+        """Build bodies and joints of a case, with the law of :meth:`Case.interface_law`.
+
+        Parameters
+        ----------
+        case : Case
+        law : Dataset
+        normal : NormalLaw, optional
+            Instead of the normal law of the dataset.
+        sample : int, optional
+            Which bootstrap sample of the law; the mean if not given.
+        """
+        sound = law_from_dataset(law, sample) if normal is None else normal
         pressures, slabs = case.statics.joint_pressures, self.slabs(case)
-        return self.build(case.interface.build(normal, self.joints, pressures, slabs))
+        return self.build(case.interface.build(law, sound, self.joints, pressures, slabs, sample))
+
+    def complete_law(self, law: "xr.Dataset", case: "Case") -> "xr.Dataset":
+        """Return the law of the joints with friction."""
+        interface: RoughInterface = case.interface
+        return interface.complete(law, self.poissons_ratio, case.strict)
 
     def slabs(self, case: "Case") -> int:
         """Slabs of the law of the joints: the loss of a cycle is a small difference."""
@@ -153,8 +178,7 @@ class RoughBodies(StructureKind):
 
     def cut(self, case: "Case", found: "Datasets") -> CutProblem:
         """Cut every body into boxes."""
-        normal = law_from_dataset(case.interface_law(found))
-        return cut_assembly(self.assemble(case, normal), case.cut.parts)
+        return cut_assembly(self.assemble(case, case.interface_law(found)), case.cut.parts)
 
     @property
     def damages(self) -> tuple[float, ...]:
@@ -172,7 +196,12 @@ class RoughBodies(StructureKind):
         return [AnisotropicElastic((1.0 - D) * sound) for D in self.damages]
 
     def check(self, case: "Case") -> None:
-        """Refuse damages that are not one for each joint."""
+        """Refuse damages that are not one for each joint, and friction that nothing tells."""
+        if case.has_cells:
+            sheared = case.micro.shear is not None
+            known = ("friction", "stiffness_ratio") if sheared else ()
+            if missing := case.interface.tell_missing(known, case.strict):
+                raise ValueError(missing)
         damage = case.interface.damage
         if damage and len(damage) != self.joints:
             raise ValueError(

@@ -31,7 +31,8 @@ def case_budget(case: Case, response: "xr.Dataset", law: "xr.Dataset") -> "xr.Da
 
     The response is that of the loading; the estimate follows ``ERROR_BUDGET``.
     """
-    budget = error_budget(response, law, scales=joint_scales(case))
+    tangential: dict[float, xr.Dataset] | None = None if case.micro.shear is None else {}
+    budget = error_budget(response, law, scales=joint_scales(case), tangential=tangential)
     remedy = "a target in [accuracy] solves others"
     if case.micro.unload is not False:  # which excludes a target
         remedy = "run the case with another {} in [cell], and compare"

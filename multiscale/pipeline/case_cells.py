@@ -7,10 +7,12 @@ import numpy as np
 
 from multiscale.errors import CaseError
 from multiscale.io import read_surface
-from multiscale.laws.bulk import J2
+from multiscale.laws.bulk import J2, Elastic, NeoHookean
 from multiscale.laws.bulk.moduli import contact_modulus
+from multiscale.micro import FiniteCell, SecondBody
 from multiscale.micro.cell import GridCell
 from multiscale.micro.cell_maker import Cell
+from multiscale.pipeline.case_tables import CellSettings
 from multiscale.pipeline.rough_bodies import InstrumentSurface
 from multiscale.pipeline.settings import Case
 from multiscale.pipeline.windows import Measured, cut_windows
@@ -25,6 +27,9 @@ __all__ = [
     "make_cells",
     "measured_cells",
     "rough_sides",
+    "smooth_pair",
+    "two_bodies",
+    "two_surfaces",
 ]
 
 
@@ -143,3 +148,42 @@ def rough_sides(case: Case) -> list[RoughSide]:
         except CaseError as error:
             raise CaseError(f"[body_{side + 1}.surface] {error}") from error
     return sides
+
+
+def two_surfaces(case: Case) -> list[tuple[Surface, Surface]]:
+    """Make the surfaces of both bodies of each realisation, heights out of each body.
+
+    Raises
+    ------
+    CaseError
+        As :func:`make_cells`.
+    """
+    smooth = [Surface(np.zeros(case.cell.points), case.cell.size)] * case.micro.realisations
+    lower, upper = (side.surfaces or smooth for side in rough_sides(case))
+    return list(zip(lower, upper, strict=True))
+
+
+def smooth_pair(cell: CellSettings) -> tuple[Surface, Surface]:
+    """Return smooth surfaces of both bodies, which tell what a cell needs."""
+    smooth = Surface(np.zeros(cell.points), cell.size)
+    return smooth, smooth
+
+
+def two_bodies(
+    cell: CellSettings,
+    surfaces: tuple[Surface, Surface],
+    laws: tuple[Elastic | NeoHookean | J2, Elastic | NeoHookean | J2],
+    friction_coefficient: float,
+) -> FiniteCell:
+    """Build the cell of two deformable bodies under their surfaces, heights out of each body."""
+    depth = cell.depth if cell.depth is not None else max(cell.size)
+    (lower, upper), (law, other) = surfaces, laws
+    return FiniteCell(
+        lower,
+        depth,
+        cell.layers,
+        law,
+        obstacle=Surface(-upper.heights, upper.size),
+        friction_coefficient=friction_coefficient,
+        second=SecondBody(depth, cell.layers, other),
+    )

@@ -1,4 +1,4 @@
-"""Tables of cells in a case: cells, ensemble, law, sliding and accuracy."""
+"""Tables of cells in a case: cells, ensemble, shear, law, sliding and accuracy."""
 
 import re
 from itertools import pairwise
@@ -16,15 +16,21 @@ from multiscale.pipeline.toml_model import (
     Settings,
     must_rise,
 )
+from multiscale.upscaling.shear_branch import FEWEST_BELOW
 
 __all__ = [
+    "ABSENT",
     "AccuracySettings",
     "CellSettings",
     "GridSettings",
     "LawSettings",
     "MicroSettings",
+    "ShearSettings",
     "SlideSettings",
 ]
+
+ABSENT: Any = None
+"""Default of tables that a case need not have: what reads them runs only where they are given."""
 
 Points = Annotated[Count, Field(ge=4, le=8192, multiple_of=2)]
 
@@ -65,6 +71,44 @@ class CellSettings(GridSettings):
     )
 
 
+class ShearSettings(Settings):
+    """Cells of two deformable, elastic bodies with friction, pressed, sheared and released.
+
+    They have the surfaces of the first realisations, and give the law its tangential branch.
+    """
+
+    friction_coefficient: Number = Field(
+        gt=0.0, le=10.0, description="Friction coefficient of points of contact."
+    )
+    pressures: tuple[Pressure, ...] = Field(
+        min_length=1,
+        description="Mean pressures under which they are sheared, Pa, rising, from three times the "
+        "lowest to the highest of the cells.",
+    )
+    realisations: Positive = Field(3, description="Number of these cells, at most that of all.")
+    points: tuple[Points, Points] | None = Field(
+        None, description="Their grid points along x and y; those of the cells if not given."
+    )
+    layers: Annotated[Count, Field(ge=2, le=1000)] | None = Field(
+        None, description="Layers of elements of each body; those of the cells if not given."
+    )
+    steps: Count = Field(
+        10, ge=3, le=1000, description="Steps from rest to full slip, at each pressure."
+    )
+
+    _rise = field_validator("pressures")(must_rise)
+
+    def quick(self) -> Self:
+        """Return three of these cells at most, sheared under one pressure."""
+        return self.model_copy(
+            update={
+                "realisations": min(3, self.realisations),
+                "pressures": self.pressures[len(self.pressures) // 2 :][:1],
+                "steps": min(6, self.steps),
+            }
+        )
+
+
 class MicroSettings(Settings):
     """The ensemble of cells."""
 
@@ -74,6 +118,7 @@ class MicroSettings(Settings):
     unload: Annotated[bool, Strict()] | tuple[Pressure, ...] = Field(
         False, description="Whether to unload through the same pressures, or the falling ones, Pa."
     )
+    shear: ShearSettings = ABSENT
 
     _rise = field_validator("pressures")(must_rise)
 
@@ -92,7 +137,24 @@ class MicroSettings(Settings):
                 f"unload must fall from one pressure to the next, below the largest of pressures, "
                 f"{1e-6 * down[0]:g} MPa"
             )
+        if self.shear is not None:
+            self._check_shear(self.shear)
         return self
+
+    def _check_shear(self, shear: ShearSettings) -> None:
+        """Refuse shear that the cells pressed tell no normal law of."""
+        low, high = FEWEST_BELOW * self.pressures[0], self.pressures[-1]
+        if shear.pressures[0] < low or shear.pressures[-1] > high:
+            raise ValueError(
+                f"pressures in [micro.shear] should lie from {FEWEST_BELOW:g} times the lowest of "
+                f"pressures, {1e-6 * low:g} MPa, to the highest, {1e-6 * high:g} MPa, since "
+                f"springs that slip last belong to lower pressures"
+            )
+        if shear.realisations > self.realisations:
+            raise ValueError(
+                f"realisations in [micro.shear] is {shear.realisations}, more than the "
+                f"{self.realisations} cells whose surfaces they have"
+            )
 
     @property
     def unloading(self) -> tuple[float, ...]:
@@ -108,7 +170,8 @@ class MicroSettings(Settings):
 
     def quick(self) -> Self:
         """Return four realisations at most."""
-        return self.model_copy(update={"realisations": min(4, self.realisations)})
+        shear = self.shear and self.shear.quick()
+        return self.model_copy(update={"realisations": min(4, self.realisations), "shear": shear})
 
 
 class LawSettings(Settings):
@@ -116,6 +179,11 @@ class LawSettings(Settings):
 
     terms: Count = Field(20, ge=6, description="Terms of the normal law.")
     samples: Count = Field(200, ge=0, description="Bootstrap samples behind the bands.")
+    apart: bool | None = Field(
+        None,
+        description="Whether the tangential stiffness along x and y are two numbers; if not given, "
+        "where they differ by more than chance.",
+    )
     extrapolate: bool = Field(
         False,
         description="Whether answers stand where more than 5 % of a load lies beyond a factor of 2 "

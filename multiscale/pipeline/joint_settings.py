@@ -1,5 +1,6 @@
 """What a case may say of interfaces: their law, their loading, cut and solver of the bodies."""
 
+from collections.abc import Collection
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, Self
 
@@ -18,6 +19,13 @@ from multiscale.pipeline.toml_model import (
     Tolerance,
     must_rise,
 )
+from multiscale.upscaling import (
+    assume_shear,
+    sliders_from_dataset,
+    state_shear,
+    tangential_values,
+)
+from multiscale.upscaling.fit import told_branches
 
 if TYPE_CHECKING:
     import xarray as xr
@@ -115,9 +123,15 @@ class LawSource(Settings):
 class RoughInterface(LawSource):
     """The law of the interfaces of stacked blocks and lap joints: a normal law with friction."""
 
-    friction: Factor = Field(description="Coefficient of Coulomb's law.")
-    stiffness_ratio: Number = Field(
-        0.8, gt=0.0, description="Tangential over normal stiffness, of springs slipping in turn."
+    friction: Factor | None = Field(
+        None,
+        description="Coefficient of Coulomb's law; that of the law, from cells that are sheared, "
+        "if not given.",
+    )
+    stiffness_ratio: Annotated[Number, Field(gt=0.0)] | None = Field(
+        None,
+        description="Tangential over normal stiffness, of springs slipping in turn; if not given, "
+        "that of the law or else, which a caution says, 2 (1 - nu)/(2 - nu).",
     )
     damage: tuple[Damage, ...] = Field(
         (),
@@ -125,18 +139,76 @@ class RoughInterface(LawSource):
         "given.",
     )
 
-    def build(
-        self, sound: NormalLaw, joints: int, pressures: tuple[float, float], slabs: int
-    ) -> list[Sliders]:
-        """Make the law of every joint: the sound one, less its damage, with friction.
+    def tell_missing(self, known: Collection[str], strict: bool) -> str:
+        """Say what joints lack whose law knows the values of some keys; nothing if nothing."""
+        if self.friction is None and "friction" not in known:
+            return (
+                "[interface] has no friction and the law of the joints has none either: shear the "
+                "cells by [micro.shear], or give friction"
+            )
+        if strict and self.stiffness_ratio is None and "stiffness_ratio" not in known:
+            return (
+                "[interface] has no stiffness_ratio and the law of the joints has none either, and "
+                "strict = true assumes nothing: shear the cells by [micro.shear], or give "
+                "stiffness_ratio"
+            )
+        return ""
 
-        The laws are fine between two pressures, Pa.
+    def complete(self, law: "xr.Dataset", poissons_ratio: float, strict: bool) -> "xr.Dataset":
+        """Return the law with a tangential branch: given, else as measured, else by theory.
+
+        Parameters
+        ----------
+        law : Dataset
+        poissons_ratio : float
+            Of the bodies, for the theory of alike ones.
+        strict : bool
+            Whether to refuse what is assumed.
+
+        Raises
+        ------
+        CaseError
+            If nothing tells the friction or, in a strict case, anything is assumed.
+        """
+        known, said = tangential_values(law), str(law.attrs.get("branches", ""))
+        if strict and told_branches(said).get("shear", "").startswith("assumed"):
+            known = {}
+        if missing := self.tell_missing(known, strict):
+            raise CaseError(missing)
+        if self.stiffness_ratio is None and "stiffness_ratio" not in known:
+            theory = 2.0 * (1.0 - poissons_ratio) / (2.0 - poissons_ratio)
+            law = assume_shear(law, stiffness_ratio=theory)
+        return state_shear(law, friction=self.friction, stiffness_ratio=self.stiffness_ratio)
+
+    def build(
+        self,
+        law: "xr.Dataset",
+        sound: NormalLaw,
+        joints: int,
+        pressures: tuple[float, float],
+        slabs: int,
+        sample: int | None = None,
+    ) -> list[Sliders]:
+        """Make the law of every joint, less its damage, of a law that :meth:`complete` returns.
+
+        Parameters
+        ----------
+        law : Dataset
+            Whose tangential branch is taken.
+        sound : NormalLaw
+            Of a joint without damage.
+        joints : int
+        pressures : tuple of float
+            Between which the laws are fine, Pa.
+        slabs : int
+        sample : int, optional
+            Of the tangential branch; its mean if not given.
         """
         return [
-            Sliders(
-                Damaged(sound, D) if D else sound,
-                self.friction,
-                self.stiffness_ratio,
+            sliders_from_dataset(
+                law,
+                sample,
+                normal=Damaged(sound, D) if D else sound,
                 pressures=pressures,
                 slabs=slabs,
             )

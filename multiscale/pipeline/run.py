@@ -16,6 +16,7 @@ from multiscale.pipeline.stages import stages_of
 from multiscale.pipeline.stages.cells import CELLS, write_fields
 from multiscale.pipeline.stages.fitted_law import FITTED_LAW
 from multiscale.pipeline.stages.joint import JOINT
+from multiscale.pipeline.stages.sheared_cells import SHEARED_CELLS
 from multiscale.schema import INTERFACE_LAW, MACRO_RESULT, MICRO_RESPONSE
 
 if TYPE_CHECKING:
@@ -95,7 +96,8 @@ def run(
     """
     job = Job(make_folder(Path(out)), executor, progress)
     claim_folder(job.out, case, force=force)
-    if (job.out / CELLS.file).exists():  # of cells or of roads, all of which it holds
+    cells = {one.file for one in stages_of(case.tables)} & {CELLS.file, SHEARED_CELLS.file}
+    if cells and all((job.out / file).exists() for file in cells):  # which hold all of them
         progress(case.realisations)
     planned_files = [job.out / one.file for one in PLANNED if one.asked_for(case.tables)]
     if case.accuracy is not None and not all(file.exists() for file in planned_files):

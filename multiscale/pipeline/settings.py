@@ -10,6 +10,7 @@ from multiscale.micro.cell import depth_caution
 from multiscale.micro.slide import LONGEST
 from multiscale.pipeline.body_settings import Blocks, LapJoint, Plate, StackedBlocks
 from multiscale.pipeline.case_tables import (
+    ABSENT,
     AccuracySettings,
     CellSettings,
     LawSettings,
@@ -59,9 +60,6 @@ HARDEST = 0.1
 
 POINTS_PER_WAVE = 8  # of the shortest wave of a measured surface, if the case names no cut-off
 
-ABSENT: Any = None
-"""Default of tables that a case need not have: what reads them runs only where they are given."""
-
 Structure = (
     Blocks
     | TensegrityGrid
@@ -99,6 +97,9 @@ class Case(Settings):
 
     title: str = Field(description="Title of report and tables.")
     elastic: bool = Field(False, description="Confirms real contact pressures that no metal bears.")
+    strict: bool = Field(
+        False, description="Refuses joints of which anything tangential would be assumed."
+    )
     body_1: RoughBody = ABSENT
     body_2: RoughBody = ABSENT
     cell: CellSettings = ABSENT
@@ -179,6 +180,7 @@ class Case(Settings):
         if self.body_1.surface is None and self.body_2.surface is None:
             raise ValueError("both bodies are smooth; give one of them a [surface] table")
         self._check_metal()
+        self._check_shear()
         if self.slide is not None:
             self._check_slide(self.slide)
         target = self.accuracy
@@ -200,6 +202,33 @@ class Case(Settings):
             raise ValueError(
                 f"distance in [slide] is {periods:.3g} lengths of the cell, which repeats itself "
                 f"after one and is run in after a few where it flows: slide at most {LONGEST:g}"
+            )
+
+    def _check_shear(self) -> None:
+        """Refuse what cells cannot shear, and a choice that needs cells that are sheared."""
+        shear = self.micro.shear
+        if shear is None:
+            if self.law.apart is not None:
+                raise ValueError(
+                    "apart in [law] says how cells are fitted that are sheared, and there are "
+                    "none; give [micro.shear], or leave it out"
+                )
+            return
+        if self.hardness is not None:
+            raise ValueError(
+                "[micro.shear] shears elastic bodies, which forget one shear before the next, and "
+                "a body has a hardness; leave out one of them"
+            )
+        if self.accuracy is not None:
+            raise ValueError(
+                "[micro.shear] and a target in [accuracy] exclude each other: a planner presses "
+                "its cells alone"
+            )
+        points = shear.points or self.cell.points
+        if any(mine > all_cells for mine, all_cells in zip(points, self.cell.points, strict=True)):
+            raise ValueError(
+                f"points in [micro.shear] are {points[0]} x {points[1]}, more than the "
+                f"{self.cell.scope} in [cell]; cells that are sheared may be coarser"
             )
 
     def _check_metal(self) -> None:
@@ -233,10 +262,11 @@ class Case(Settings):
 
     @property
     def tables(self) -> frozenset[str]:
-        """Tables that are given, and the stages that the structure and its cut ask for."""
+        """Tables that are given, and what the structure, its cut and the cells ask for."""
         asked = {self.structure.stage} if self.structure is not None else set()
         condensed = {"homogenise"} if self.cut.homogenise else set()
-        return super().tables | asked | condensed
+        sheared = {"micro.shear"} if self.has_cells and self.micro.shear is not None else set()
+        return super().tables | asked | condensed | sheared
 
     @property
     def has_cells(self) -> bool:
@@ -245,8 +275,11 @@ class Case(Settings):
 
     @property
     def realisations(self) -> int:
-        """Number of cells."""
-        return self.micro.realisations if self.has_cells else 0
+        """Number of cells, pressed and sheared."""
+        if not self.has_cells:
+            return 0
+        sheared = self.micro.shear.realisations if self.micro.shear is not None else 0
+        return self.micro.realisations + sheared
 
     @property
     def bodies(self) -> tuple[RoughBody, RoughBody]:
@@ -295,9 +328,10 @@ class Case(Settings):
         MultiscaleError
             If there is no law, or it is refused.
         """
-        return (
+        law = (
             found[INTERFACE_LAW.name] if self.has_cells else (self.interface or LawSource()).open()
         )
+        return law if self.structure is None else self.structure.complete_law(law, self)
 
     def from_structure(self, law: Path | None) -> Self:
         """Return the part of the case that begins at the structure, with the law of a file.
@@ -330,6 +364,10 @@ class Case(Settings):
         names = ("cell", "micro", "law", "cycles", "substructures", "grains", "motion")
         changes = {name: getattr(self, name).quick() for name in names if self._has(name)}
         changes["slide"] = self.slide and self.slide.quick(self.cell, self.micro)
+        if self.has_cells and (shear := changes["micro"].shear) is not None and shear.points:
+            grid = zip(shear.points, changes["cell"].points, strict=True)
+            shear = shear.model_copy(update={"points": tuple(map(min, grid))})
+            changes["micro"] = changes["micro"].model_copy(update={"shear": shear})
         small = self.model_copy(
             update={"title": f"{self.title} (quick)", "accuracy": None} | changes
         )
@@ -373,7 +411,8 @@ class Case(Settings):
     def identity(self) -> str:
         """Checksum of what a run folder belongs to: its cells, or its structure without cells.
 
-        Instrument files count with their content; the number of realisations does not count.
+        Instrument files count with their content; the number of realisations does not count, and
+        cells that are sheared are not those that are pressed.
         """
         own = set(CELLS) if self.has_cells else {"structure", "grains"}
-        return self.checksum(include=own, exclude={"micro": {"realisations"}})
+        return self.checksum(include=own, exclude={"micro": {"realisations", "shear"}})

@@ -8,6 +8,8 @@ from multiscale.macro.substructures import CutProblem
 from multiscale.pipeline.toml_model import Settings
 
 if TYPE_CHECKING:
+    import xarray as xr
+
     from multiscale.pipeline.settings import Case
     from multiscale.pipeline.stage import Datasets
 
@@ -45,6 +47,10 @@ class StructureKind(Settings):
         ValueError
             With a sentence.
         """
+
+    def complete_law(self, law: "xr.Dataset", case: "Case") -> "xr.Dataset":
+        """Return the law with all that interfaces take of it; a normal law as it is."""
+        return law
 
     def cut(self, case: "Case", found: "Datasets") -> CutProblem:
         """Cut the structure into its substructures, if it may be cut."""

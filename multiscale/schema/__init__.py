@@ -5,6 +5,7 @@ from multiscale.schema.cell_schema import (
     HOLDING,
     LOADING,
     MICRO_RESPONSE,
+    SHEAR_RESPONSE,
     SLIDING_RESPONSE,
     UNLOADING,
     branch_of,
@@ -37,6 +38,7 @@ __all__ = [
     "MICRO_RESPONSE",
     "RVE_STIFFNESS",
     "SCHEMAS",
+    "SHEAR_RESPONSE",
     "SLIDING_RESPONSE",
     "STABILITY",
     "STORED_CELLS",
@@ -69,6 +71,7 @@ SCHEMAS = {
         END_TO_END,
         STORED_CELLS,
         SWEEP,
+        SHEAR_RESPONSE,
         SLIDING_RESPONSE,
         STABILITY,
     )

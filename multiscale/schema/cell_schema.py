@@ -1,5 +1,7 @@
 """Datasets of cells: responses and fields."""
 
+from dataclasses import replace
+
 import numpy as np
 
 from multiscale.schema.dataset_schema import Schema, Variable
@@ -9,6 +11,7 @@ __all__ = [
     "HOLDING",
     "LOADING",
     "MICRO_RESPONSE",
+    "SHEAR_RESPONSE",
     "SLIDING_RESPONSE",
     "UNLOADING",
     "branch_of",
@@ -100,6 +103,9 @@ MICRO_RESPONSE = Schema(
         ),
     },
 )
+
+SHEAR_RESPONSE = replace(MICRO_RESPONSE, name="shear_response", version=1, news="")
+"""Cells of two bodies that are pressed over the pressures of a law, then sheared."""
 
 _SLIDE = ("load", "step")
 

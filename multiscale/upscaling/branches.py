@@ -22,6 +22,7 @@ def fit_branches(
     *,
     shear: "xr.Dataset | None" = None,
     sliding: "xr.Dataset | None" = None,
+    apart: bool | None = None,
     n_samples: int = 200,
     **options: Any,
 ) -> "xr.Dataset":
@@ -36,6 +37,8 @@ def fit_branches(
         Follows ``MICRO_RESPONSE``; gives the tangential branch, see :func:`with_shear`.
     sliding : Dataset, optional
         Follows ``SLIDING_RESPONSE``; gives friction over pressure, see :func:`with_sliding`.
+    apart : bool, optional
+        As of :func:`with_shear`.
     n_samples : int
         Of each branch.
     **options
@@ -52,7 +55,7 @@ def fit_branches(
     if loading.sizes["step"] < response.sizes["step"]:
         law = with_unloading(law, response, n_samples=n_samples)
     if shear is not None:
-        law = with_shear(law, loading, shear)
+        law = with_shear(law, loading, shear, apart=apart)
     return law if sliding is None else with_sliding(law, sliding)
 
 

@@ -29,7 +29,14 @@ from multiscale.upscaling.spline_law import (
 if TYPE_CHECKING:
     import xarray as xr
 
-__all__ = ["FREE_FORM", "fit_law", "laws_of_each", "say_branches", "stiffness_of_each"]
+__all__ = [
+    "FREE_FORM",
+    "fit_law",
+    "laws_of_each",
+    "say_branches",
+    "stiffness_of_each",
+    "told_branches",
+]
 
 BRANCHES = {
     "loading": "measured",
@@ -180,8 +187,14 @@ def fit_law(
 
 def say_branches(told: Mapping[str, str], before: str = "") -> str:
     """Say of each branch of a law whether it is measured, after what was said before."""
-    known = dict(part.split(": ", 1) for part in before.split("; ") if part)
-    return "; ".join(f"{branch}: {how}" for branch, how in {**known, **told}.items())
+    return "; ".join(
+        f"{branch}: {how}" for branch, how in {**told_branches(before), **told}.items()
+    )
+
+
+def told_branches(said: str) -> dict[str, str]:
+    """Return what was said of each branch by :func:`say_branches`."""
+    return dict(part.split(": ", 1) for part in said.split("; ") if part)
 
 
 def laws_of_each(observations: Observations, law: "xr.Dataset | None" = None) -> list[Any]:

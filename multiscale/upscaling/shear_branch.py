@@ -14,11 +14,17 @@ import numpy as np
 
 from multiscale.errors import CaseError
 from multiscale.laws import HystereticLaw, NormalLaw, Sliders
-from multiscale.schema import INTERFACE_LAW, MICRO_RESPONSE, SLIDING_RESPONSE, with_cautions
+from multiscale.schema import (
+    INTERFACE_LAW,
+    LOADING,
+    MICRO_RESPONSE,
+    SLIDING_RESPONSE,
+    with_cautions,
+)
 from multiscale.upscaling.bootstrap import draw_counts, widening
-from multiscale.upscaling.fit import laws_of_each, say_branches
+from multiscale.upscaling.fit import laws_of_each, say_branches, told_branches
 from multiscale.upscaling.reading import law_from_dataset, pick, require_law
-from multiscale.upscaling.response_observations import normal_observations
+from multiscale.upscaling.response_observations import loading_branch, normal_observations
 
 if TYPE_CHECKING:
     import xarray as xr
@@ -28,6 +34,8 @@ __all__ = [
     "bed_traction",
     "sliders_from_dataset",
     "sliding_friction_at",
+    "state_shear",
+    "tangential_values",
     "with_shear",
     "with_sliding",
 ]
@@ -39,11 +47,16 @@ CANDIDATES = 33  # ratios that are compared at once
 STILL = 3e-3  # slip over the largest one up to which nothing is sheared
 SIDEWAYS = 0.05  # slip over the largest one that cells make across the direction of their shear
 FEWEST_BELOW = 3.0  # pressure of a shear over the lowest one of the normal data
+SAME = 1e-6  # relative difference of pressures that are the same
+WORDS = {
+    "friction": "friction coefficient",
+    "stiffness_ratio": "tangential stiffness ratio",
+}
 RELEASED = 1e-9  # pressure of a released cell over the largest one
 
 
 def with_shear(
-    law: "xr.Dataset", response: "xr.Dataset", shear: "xr.Dataset", *, apart: bool = False
+    law: "xr.Dataset", response: "xr.Dataset", shear: "xr.Dataset", *, apart: bool | None = None
 ) -> "xr.Dataset":
     r"""Add the tangential branch to a normal law.
 
@@ -56,10 +69,13 @@ def with_shear(
     shear : Dataset
         Follows ``MICRO_RESPONSE``: cells with friction on the surfaces of some of these
         realisations, with the same numbers, that are pressed, sheared until they slip and
-        released, such as along :func:`multiscale.micro.shear_path`.
-    apart : bool, default False
+        released, such as along :func:`multiscale.micro.shear_path`. If they are pressed over the
+        pressures of the law before, these steps give the normal laws of the realisations: in
+        shear and in pressing a coarser grid errs alike.
+    apart : bool, optional
         Whether the stiffness ratios along x and y are two numbers, as for surfaces with a lay
-        along either; else their mean, since x and y of one cell differ by chance.
+        along either, or their mean, since x and y of one cell differ by chance; if not given, two
+        numbers where they differ by more than chance.
 
     Returns
     -------
@@ -88,8 +104,14 @@ def with_shear(
     require_law(law, "pressure_min", "pressure_max", "seed")
     low, high = float(law.attrs["pressure_min"]), float(law.attrs["pressure_max"])
     shear, cautions = _whole_paths(shear)
+    _check_pairs(response, shear)
+    pressed = loading_branch(shear)
+    if float(pressed["nominal_pressure"].min()) <= low * (1.0 + SAME):
+        shear = shear.isel(step=np.flatnonzero(shear["branch"] != LOADING))
+    else:
+        pressed = response.sel(realisation=shear["realisation"].to_numpy())
     pressure = _pressures(shear, low, high)
-    laws = _normal_laws(law, response, shear["realisation"].to_numpy())
+    laws = _normal_laws(law, pressed)
     slip, traction = (shear[name].to_numpy()[..., 1:] for name in ("displacement_jump", "traction"))
 
     held, size = pressure > 0.0, np.linalg.norm(traction, axis=-1)
@@ -106,8 +128,9 @@ def with_shear(
             for one in zip(beds, openings, slip, traction, friction, weight, strict=True)
         ]
     )
-    if not apart:
-        cautions += _lay(ratio)
+    lay = _lay(ratio)
+    if not (bool(lay) if apart is None else apart):
+        cautions += lay
         ratio[:] = np.nanmean(ratio, axis=1, keepdims=True)
     each = np.column_stack([ratio, friction])
     mean, n = each.mean(axis=0), len(each)
@@ -136,28 +159,82 @@ def with_shear(
     return with_cautions(known, *cautions)
 
 
-def assume_shear(law: "xr.Dataset", *, friction: float, stiffness_ratio: float) -> "xr.Dataset":
-    """Give a normal law a tangential branch that nothing was measured for, and say so.
+def assume_shear(
+    law: "xr.Dataset", *, friction: float | None = None, stiffness_ratio: float | None = None
+) -> "xr.Dataset":
+    """Give a law tangential values that nothing was measured for, and say so in a caution.
 
     Parameters
     ----------
     law : Dataset
         Follows ``INTERFACE_LAW``.
-    friction : float
-        Friction coefficient, dimensionless.
-    stiffness_ratio : float
-        Tangential over normal stiffness, for instance 2 (1 - nu) / (2 - nu) between alike bodies.
+    friction : float, optional
+        Friction coefficient, dimensionless; that of the law stays if not given.
+    stiffness_ratio : float, optional
+        Tangential over normal stiffness, for instance 2 (1 - nu) / (2 - nu) between alike bodies;
+        that of the law stays if not given.
     """
-    told = f"assumed, stiffness ratio {stiffness_ratio:.3g} and friction {friction:.3g}"
-    values = {"shear_stiffness_ratio": [stiffness_ratio] * 2, "shear_friction": friction}
-    known = INTERFACE_LAW.assign(law, values).assign_attrs(
-        branches=say_branches({"shear": told}, str(law.attrs.get("branches", "")))
-    )
+    said, known = _put_shear(law, "assumed", friction, stiffness_ratio)
+    verb, them = ("are", "them") if friction and stiffness_ratio else ("is", "it")
+    return with_cautions(known, f"{said} {verb} assumed; shear the cells to measure {them}")
+
+
+def state_shear(
+    law: "xr.Dataset", *, friction: float | None = None, stiffness_ratio: float | None = None
+) -> "xr.Dataset":
+    """Give a law tangential values that a user states; arguments as for :func:`assume_shear`.
+
+    A caution says where they differ from values that the law had.
+    """
+    stated = {"friction": friction, "stiffness_ratio": stiffness_ratio}
+    before = {name: one for name, one in tangential_values(law).items() if stated[name] is not None}
     return with_cautions(
-        known,
-        f"the tangential stiffness ratio of {stiffness_ratio:.3g} and the friction coefficient of "
-        f"{friction:.3g} are assumed; shear the cells to measure them",
+        _put_shear(law, "given", friction, stiffness_ratio)[1],
+        *(
+            f"the {WORDS[name]} of {stated[name]:.3g} that is given stands instead of the "
+            f"{one:.3g} of the law"
+            for name, one in before.items()
+        ),
     )
+
+
+def tangential_values(law: "xr.Dataset") -> dict[str, float]:
+    """Return ``friction`` and ``stiffness_ratio`` (mean of x and y) of a law, as far as known."""
+    names = {"friction": "shear_friction", "stiffness_ratio": "shear_stiffness_ratio"}
+    return {
+        short: float(np.nanmean(law[name]))
+        for short, name in names.items()
+        if name in law.variables
+    }
+
+
+def _put_shear(
+    law: "xr.Dataset", how: str, friction: float | None, stiffness_ratio: float | None
+) -> tuple[str, "xr.Dataset"]:
+    """Name tangential values, and put them into a law and all its samples."""
+    n = law.sizes.get("shear_sample", 0)
+    values: dict[str, object] = {}
+    said, short = [], []
+    if stiffness_ratio is not None:
+        values["shear_stiffness_ratio"] = [stiffness_ratio] * 2
+        values |= {"shear_stiffness_ratio_sample": np.full((n, 2), stiffness_ratio)} if n else {}
+        said.append(f"the {WORDS['stiffness_ratio']} of {stiffness_ratio:.3g}")
+        short.append(f"stiffness ratio {stiffness_ratio:.3g}")
+    if friction is not None:
+        values["shear_friction"] = friction
+        values |= {"shear_friction_sample": np.full(n, friction)} if n else {}
+        said.append(f"the {WORDS['friction']} of {friction:.3g}")
+        short.append(f"friction {friction:.3g}")
+    branches = str(law.attrs.get("branches", ""))
+    before = told_branches(branches).get("shear") if tangential_values(law) else None
+    told = f"{how}, {' and '.join(short)}"
+    if before is not None:
+        told = f"{before}, but {' and '.join(short)} {how}"
+    if values:
+        law = INTERFACE_LAW.assign(law, values).assign_attrs(
+            branches=say_branches({"shear": told}, branches)
+        )
+    return " and ".join(said), law
 
 
 def with_sliding(law: "xr.Dataset", sliding: "xr.Dataset") -> "xr.Dataset":
@@ -213,6 +290,7 @@ def sliders_from_dataset(
     normal: NormalLaw | HystereticLaw | None = None,
     friction: float | None = None,
     along: int | None = None,
+    pressures: tuple[float, float] | None = None,
     slabs: int = 48,
 ) -> Sliders:
     """Make the frictional law of a dataset with a tangential branch.
@@ -229,6 +307,8 @@ def sliders_from_dataset(
         Instead of the friction coefficient of the branch, such as :func:`sliding_friction_at`.
     along : {0, 1}, optional
         Direction whose stiffness is taken, x or y; the mean of both if not given.
+    pressures : tuple of float, optional
+        Between which the bed is fine, Pa; those of the data if not given.
     slabs : int
         See :class:`~multiscale.laws.Sliders`.
 
@@ -237,7 +317,7 @@ def sliders_from_dataset(
     CaseError
         If the dataset has no tangential branch, or not this sample.
     """
-    if "shear_friction" not in dataset.variables:
+    if len(tangential_values(dataset)) < 2:
         raise CaseError(
             "the law has no tangential branch; shear cells and add it with with_shear, or "
             "assume_shear(law, friction=..., stiffness_ratio=...)"
@@ -245,11 +325,12 @@ def sliders_from_dataset(
     drawn = sample if dataset.sizes.get("shear_sample", 0) else None
     ratio = pick(dataset, "shear_stiffness_ratio", [drawn], of="shear")[0]
     mu = float(pick(dataset, "shear_friction", [drawn], of="shear")[0])
+    data = float(dataset.attrs["pressure_min"]), float(dataset.attrs["pressure_max"])
     return Sliders(
         law_from_dataset(dataset, sample) if normal is None else normal,
         mu if friction is None else friction,
         float(np.nanmean(ratio) if along is None else ratio[along]),
-        pressures=(float(dataset.attrs["pressure_min"]), float(dataset.attrs["pressure_max"])),
+        pressures=data if pressures is None else pressures,
         slabs=slabs,
     )
 
@@ -317,6 +398,13 @@ def _nearest_ratio(
 
 def _whole_paths(shear: "xr.Dataset") -> tuple["xr.Dataset", list[str]]:
     """Return the realisations that converged along the whole path, and how many did not."""
+    needed = ("nominal_pressure", "slip_fraction")
+    missing = [name for name in needed if name not in shear.variables]
+    if missing:
+        raise CaseError(
+            f"the sheared response has no {' and no '.join(missing)}; shear cells with friction "
+            f"under prescribed pressures"
+        )
     whole = (shear["converged"] == 1).all("step").to_numpy()
     if not np.any(whole):
         raise CaseError("no sheared realisation converged along its whole path; take more steps")
@@ -326,16 +414,20 @@ def _whole_paths(shear: "xr.Dataset") -> tuple["xr.Dataset", list[str]]:
     return shear.isel(realisation=np.flatnonzero(whole)), [f"{lost} the path and are left out"]
 
 
-def _normal_laws(law: "xr.Dataset", response: "xr.Dataset", numbers: np.ndarray) -> list[NormalLaw]:
-    """Return the normal laws of the realisations that are sheared, by their numbers."""
-    missing = sorted({*numbers.tolist()} - {*response["realisation"].to_numpy().tolist()})
-    if missing:
+def _check_pairs(response: "xr.Dataset", shear: "xr.Dataset") -> None:
+    """Refuse sheared realisations without pressed ones of the same number."""
+    pressed, sheared = ({*one["realisation"].to_numpy().tolist()} for one in (response, shear))
+    if missing := sorted(sheared - pressed):
         raise CaseError(
             f"the sheared realisations {missing} are not among the pressed ones, so that they have "
             f"no normal law; shear cells on the same surfaces, with the same numbers"
         )
-    laws = laws_of_each(normal_observations(response.sel(realisation=numbers)), law)
-    if len(laws) != len(numbers) or None in laws:
+
+
+def _normal_laws(law: "xr.Dataset", pressed: "xr.Dataset") -> list[NormalLaw]:
+    """Return the normal laws of the realisations that are sheared, in their order."""
+    laws = laws_of_each(normal_observations(pressed), law)
+    if len(laws) != pressed.sizes["realisation"] or None in laws:
         raise CaseError(
             "a sheared realisation has no normal law, since it did not converge where it was "
             "pressed; leave it out of the sheared ones"
@@ -345,13 +437,6 @@ def _normal_laws(law: "xr.Dataset", response: "xr.Dataset", numbers: np.ndarray)
 
 def _pressures(shear: "xr.Dataset", low: float, high: float) -> np.ndarray:
     """Return the pressures of the steps, Pa, and refuse a path that does not tell the bed."""
-    needed = ("nominal_pressure", "slip_fraction")
-    missing = [name for name in needed if name not in shear.variables]
-    if missing:
-        raise CaseError(
-            f"the sheared response has no {' and no '.join(missing)}; shear cells with friction "
-            f"under prescribed pressures"
-        )
     slipping = shear["slip_fraction"].max("step").to_numpy()
     if slipping.min() < FULL_SLIP:
         raise CaseError(
@@ -361,7 +446,7 @@ def _pressures(shear: "xr.Dataset", low: float, high: float) -> np.ndarray:
     pressure = np.asarray(shear["nominal_pressure"].to_numpy(), dtype=float)
     moved = np.abs(shear["displacement_jump"].to_numpy()[..., 1:]).max((0, 2))
     held = pressure[(pressure > 0.0) & (moved > STILL * moved.max())]
-    if held.min() < FEWEST_BELOW * low or held.max() > high * (1.0 + 1e-6):
+    if held.min() < FEWEST_BELOW * low * (1.0 - SAME) or held.max() > high * (1.0 + SAME):
         raise CaseError(
             f"the cells are sheared from {held.min():.3g} to {held.max():.3g} Pa and the normal "
             f"law rests on data from {low:.3g} to {high:.3g} Pa; shear between "

@@ -11,7 +11,7 @@ import pytest
 from typer.testing import CliRunner
 
 from multiscale.cli import app
-from multiscale.laws import Exponential
+from multiscale.io import open_law
 from multiscale.laws.link import Cable
 from multiscale.macro import (
     cut_links,
@@ -35,7 +35,7 @@ from multiscale.macro.substructures import latin_solver as solve_module
 from multiscale.macro.substructures import split_grid
 from multiscale.macro.substructures.substructure_needs import CutPart, cut_needs
 from multiscale.pipeline import load_case, requirements
-from tests.support import run_python
+from tests.support import run_python, write_law
 
 SCENES = sorted((Path(__file__).parents[2] / "workflows" / "scenes").glob("*.toml"))
 
@@ -207,14 +207,16 @@ def test_a_cut_says_what_its_interfaces_take():
     assert CutPart.COARSE_PROBLEM in cut_needs(3000, substructures=4, coarse=False).omitted
 
 
-def test_a_joint_without_cycles_has_fewer_slabs_and_says_so():
+def test_a_joint_without_cycles_has_fewer_slabs_and_says_so(tmp_path):
     (path,) = (file for file in SCENES if file.stem == "rough_blocks")
     cycled = load_case(path)
     pressed = cycled.model_copy(update={"cycles": None})
-    normal = Exponential(1e9, 0.2e-6)
+    law = cycled.structure.complete_law(open_law(write_law(tmp_path / "law.nc")), cycled)
     for scene, slabs in ((cycled, 48), (pressed, 8)):
         assert f"; {slabs} slabs of sliders" in requirements(scene).built[CutPart.JOINT_LAWS]
-        (joint,) = scene.structure.assemble(scene, normal).interfaces
+        (joint,) = scene.structure.assemble(
+            scene, scene.structure.complete_law(law, scene)
+        ).interfaces
         assert joint.law.slabs == slabs
         assert joint.law.pressures == (0.2e6, 60e6)
 

@@ -14,6 +14,7 @@ from multiscale.pipeline.stages.links import LINKS
 from multiscale.pipeline.stages.plate import PLATE
 from multiscale.pipeline.stages.roads import ROADS
 from multiscale.pipeline.stages.rough_joints import ROUGH_JOINTS
+from multiscale.pipeline.stages.sheared_cells import SHEARED_CELLS
 from multiscale.pipeline.stages.sliding import SLIDING
 
 __all__ = ["STAGES", "stages_of"]
@@ -21,6 +22,7 @@ __all__ = ["STAGES", "stages_of"]
 STAGES: tuple[Stage, ...] = (
     SLIDING,
     CELLS,
+    SHEARED_CELLS,
     FITTED_LAW,
     JOINT,
     ROADS,

@@ -283,7 +283,10 @@ def _sections(found: Datasets, out: Path) -> Iterator[Section]:
 CELLS: Stage = Stage(
     schema=MICRO_RESPONSE,
     tables=("micro",),
-    reads={"title", "elastic", "body_1", "body_2", "cell", "micro", "accuracy"},
+    reads={
+        **dict.fromkeys(("title", "elastic", "body_1", "body_2", "cell", "accuracy"), True),
+        "micro": {"realisations", "pressures", "seed", "unload"},
+    },
     run=lambda case, found, job: run_micro(
         case, job.out / CELLS.file, executor=job.executor, progress=job.progress
     ),

@@ -12,8 +12,15 @@ from multiscale.pipeline.rows import say_error
 from multiscale.pipeline.settings import Case
 from multiscale.pipeline.stage import Datasets, Job, Section, Stage, Summary
 from multiscale.pipeline.stages.cells import CELLS
+from multiscale.pipeline.stages.sheared_cells import SHEARED_CELLS
+from multiscale.pipeline.stages.sliding import SLIDING
 from multiscale.plotting.figure import on_axes
-from multiscale.plotting.law_figures import plot_area_law, plot_gap_law, plot_unloading
+from multiscale.plotting.law_figures import (
+    plot_area_law,
+    plot_gap_law,
+    plot_shear_law,
+    plot_unloading,
+)
 from multiscale.schema import INTERFACE_LAW, MICRO_RESPONSE
 from multiscale.upscaling import (
     area_from_dataset,
@@ -31,8 +38,16 @@ __all__ = ["FITTED_LAW"]
 
 
 def _run(case: Case, found: Datasets, job: Job) -> "xr.Dataset":
-    response = found[MICRO_RESPONSE.name]
-    law = fit_branches(response, n_terms=case.law.terms, n_samples=case.law.samples)
+    response, sliding = found[MICRO_RESPONSE.name], found.get(SLIDING.name)
+    steady = sliding is not None and bool(np.isfinite(sliding["steady_friction"]).any())
+    law = fit_branches(
+        response,
+        shear=found.get(SHEARED_CELLS.name),
+        sliding=sliding if steady else None,
+        apart=case.law.apart,
+        n_terms=case.law.terms,
+        n_samples=case.law.samples,
+    )
     return with_budget(law, case_budget(case, loading_branch(response), law))
 
 
@@ -45,6 +60,8 @@ def _sections(found: Datasets, out: Path) -> Iterator[Section]:
     unloads = "unloading_stiffness_ratio" in law
     if unloads:
         figures["unloading"] = on_axes(lambda ax: plot_unloading(response, law, ax=ax))
+    if sheared := SHEARED_CELLS.name in found:
+        figures["shear_law"] = on_axes(lambda ax: plot_shear_law(law, ax=ax))
     require_law(
         law,
         "n_realisations",
@@ -70,6 +87,7 @@ def _sections(found: Datasets, out: Path) -> Iterator[Section]:
             f"{100.0 * law.attrs['cross_validated_stiffness_error']:.2g} % in stiffness.",
             f"Admissibility: {law.attrs['admissibility']}.",
             *(_unloading(law) if unloads else ()),
+            *(_shear(law) if sheared else ()),
         ],
         figures=figures,
     )
@@ -82,6 +100,19 @@ def _unloading(law: "xr.Dataset") -> list[str]:
         f"it was under load, and springs back with the exponent "
         f"{float(law['unloading_exponent']):.3g}; at a pressure that the fit has not seen, the "
         f"spring back errs by {100.0 * error:.2g} % of its length."
+    ]
+
+
+def _shear(law: "xr.Dataset") -> list[str]:
+    x, y = law["shear_stiffness_ratio"].values
+    p, friction = law["shear_pressure"].values, float(law["shear_friction"])
+    apart = law["shear_traction"].values - law["shear_bed_traction"].values
+    distance = np.max(np.linalg.norm(apart, axis=1) / (friction * p))
+    return [
+        f"Sheared, it is {x:.3g} (x) and {y:.3g} (y) times as stiff at first as under pressure, "
+        f"and slips at {friction:.3g} of its pressure; along the shear of "
+        f"{law.attrs['n_sheared']} realisations the bed of sliders is never farther from the "
+        f"cells than {100.0 * distance:.2g} % of full slip."
     ]
 
 
@@ -117,9 +148,9 @@ FITTED_LAW = Stage(
     schema=INTERFACE_LAW,
     tables=("micro",),
     reads={"law": True, "structure": {"kind", "width"}},  # whose scales the budget compares
-    takes=(CELLS,),
+    takes=(CELLS, SHEARED_CELLS, SLIDING),
     run=_run,
     sections=_sections,
     summary=_summary,
-    pictures=("gap_law", "area_law", "unloading"),
+    pictures=("gap_law", "area_law", "unloading", "shear_law"),
 )

@@ -20,7 +20,6 @@ from multiscale.pipeline.stages.fitted_law import FITTED_LAW
 from multiscale.pipeline.stages.joint import STIFFNESSES
 from multiscale.pipeline.structure_stage import require_converged, structure_stage, with_too_far
 from multiscale.schema import with_cautions
-from multiscale.upscaling import law_from_dataset
 
 if TYPE_CHECKING:
     import xarray as xr
@@ -31,18 +30,20 @@ __all__ = ["ROUGH_JOINTS"]
 def _solve(bodies: RoughBodies, case: Case, found: Datasets, job: Job) -> "xr.Dataset":
     """Press the joints, then shear them; stiffnesses have the error budget of the law."""
     dataset, preloads = case.interface_law(found), case.statics.preloads
-    assembly, method = bodies.assemble(case, law_from_dataset(dataset)), case.cut.method(job.team)
+    assembly, method = bodies.assemble(case, dataset), case.cut.method(job.team)
     loading = JointLoading(preloads, **(case.cycles.model_dump() if case.cycles else {}))
     result = load_joint(assembly, loading, method=method, extrapolate=case.extrapolate)
     result = with_contact(result, dataset)
-    if not case.has_cells:  # whose cautions stand beside those of the structure
-        result = with_cautions(result, *(f"its law: {one}" for one in list_cautions(dataset)))
+    # those of cells of its own stand beside those of the structure
+    told = list_cautions(found[FITTED_LAW.name]) if case.has_cells else []
+    further = [one for one in list_cautions(dataset) if one not in told]
+    result = with_cautions(result, *(f"its law: {one}" for one in further))
     if "error_half_width" in dataset:
         solved = int(result["converged"][: len(preloads)].sum())  # the first failure is the end
 
         def stiffness(normal: NormalLaw, structure: RoughBodies = bodies) -> np.ndarray:
             pressed = JointLoading(preloads[:solved])
-            parts = structure.assemble(case, normal)
+            parts = structure.assemble(case, dataset, normal=normal)
             found = load_joint(parts, pressed, method=method, extrapolate=True)
             return np.stack([found[name].to_numpy() for name in STIFFNESSES])
 
@@ -79,7 +80,7 @@ ROUGH_JOINTS = structure_stage(
     _needs,
     tabulate_preloads,
     write_body_fields,
-    reads={"structure", "interface", "statics", "cycles", "substructures"},
+    reads={"strict", "structure", "interface", "statics", "cycles", "substructures"},
     takes=(FITTED_LAW,),
     question="How stiff are the joints, where do they slip, and what do they lose in a cycle?",
     check=_check,

@@ -7,10 +7,10 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from multiscale.laws.bulk import J2, NeoHookean
-from multiscale.micro import FiniteCell, SecondBody, slide_cell
+from multiscale.micro import FiniteCell, slide_cell
 from multiscale.micro.cell_needs import cell_needs
 from multiscale.needs import Choice, Needs
-from multiscale.pipeline.case_cells import rough_sides
+from multiscale.pipeline.case_cells import smooth_pair, two_bodies, two_surfaces
 from multiscale.pipeline.case_tables import SlideSettings
 from multiscale.pipeline.rough_bodies import RoughBody
 from multiscale.pipeline.settings import Case
@@ -30,35 +30,22 @@ TOLERANCE = 1e-6
 
 
 def make_pair(case: Case, slide: SlideSettings) -> FiniteCell:
-    """Build the cell of the first realisation, of two deformable bodies; see :func:`pair_of`.
+    """Build the cell of the first realisation, of two deformable bodies.
+
+    A body with a hardness flows (J2), another one is neo-Hookean, whose small strain is Hooke's.
 
     Raises
     ------
     CaseError
         If a surface cannot be made or read.
     """
-    smooth = Surface(np.zeros(case.cell.points), case.cell.size)
     first = case.model_copy(update={"micro": case.micro.model_copy(update={"realisations": 1})})
-    lower, upper = ([*side.surfaces, smooth][0] for side in rough_sides(first))
-    return pair_of(case, slide, lower, upper)
+    return _pair(case, slide, two_surfaces(first)[0])
 
 
-def pair_of(case: Case, slide: SlideSettings, lower: Surface, upper: Surface) -> FiniteCell:
-    """Build the cell of two deformable bodies under their surfaces, heights out of each body.
-
-    A body with a hardness flows (J2), another one is neo-Hookean, whose small strain is Hooke's.
-    """
-    depth = case.cell.depth if case.cell.depth is not None else max(case.cell.size)
-    one, two = case.bodies
-    return FiniteCell(
-        lower,
-        depth,
-        case.cell.layers,
-        _law(one),
-        obstacle=Surface(-upper.heights, upper.size),
-        friction_coefficient=slide.friction_coefficient,
-        second=SecondBody(depth, case.cell.layers, _law(two)),
-    )
+def _pair(case: Case, slide: SlideSettings, surfaces: tuple[Surface, Surface]) -> FiniteCell:
+    lower, upper = map(_law, case.bodies)
+    return two_bodies(case.cell, surfaces, (lower, upper), slide.friction_coefficient)
 
 
 def _run(case: Case, found: Datasets, job: Job) -> "xr.Dataset":
@@ -90,8 +77,7 @@ def _law(body: RoughBody) -> NeoHookean | J2:
 
 def _needs(case: Case) -> Needs:
     assert case.slide is not None
-    smooth = Surface(np.zeros(case.cell.points), case.cell.size)
-    pair = cell_needs(pair_of(case, case.slide, smooth, smooth))
+    pair = cell_needs(_pair(case, case.slide, smooth_pair(case.cell)))
     slide = Choice("slide", "both bodies, deformable and at large strain, a pressure at a time")
     return Needs(choices=(slide,), memory=pair.memory)
 

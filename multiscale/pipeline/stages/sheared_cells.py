@@ -1,0 +1,95 @@
+"""Stage: cells of both bodies with friction, pressed, sheared until they slip, and released."""
+
+from typing import TYPE_CHECKING
+
+from multiscale.laws.bulk import Elastic
+from multiscale.micro import FiniteCell, run_ensemble, shear_path
+from multiscale.micro.cell_needs import cell_needs
+from multiscale.needs import Choice, Needs
+from multiscale.pipeline.case_cells import smooth_pair, two_bodies, two_surfaces
+from multiscale.pipeline.settings import Case
+from multiscale.pipeline.stage import Datasets, Job, Stage
+from multiscale.schema import SHEAR_RESPONSE
+from multiscale.surfaces.surface import Surface
+
+if TYPE_CHECKING:
+    import xarray as xr
+
+__all__ = ["SHEARED_CELLS"]
+
+FOLDER = "micro-shear"  # has a folder of cells for each way to shear them
+
+STEP_TIME = 3e-6  # s, of a step for each unknown
+TIMES = {"seconds": 120.0, "minutes": 7200.0, "hours": 1.7e5}  # classes, and where they end, s
+
+READS = {
+    **dict.fromkeys(("body_1", "body_2", "cell"), True),
+    "micro": {"pressures", "seed", "shear"},
+}
+
+
+def _run(case: Case, found: Datasets, job: Job) -> "xr.Dataset":
+    """Press the cells over the pressures of the law, release them, and shear them.
+
+    Pressed on the grid on which they are sheared, they have normal laws of their own, in which a
+    coarser grid errs as it does in the shear.
+    """
+    own = _as_sheared(case)
+    cells = [_pair(own, pair) for pair in two_surfaces(own)]
+    shear = own.micro.shear
+    path = shear_path(cells[0], shear.pressures, steps=shear.steps, pressed=own.micro.pressures)
+    way = case.checksum(include=READS, exclude={"micro": {"shear": {"realisations"}}})
+    response = run_ensemble(
+        cells,
+        path,
+        executor=job.executor,
+        folder=job.out / FOLDER / way[:12],
+        identity=way,
+        progress=lambda finished: job.progress(case.micro.realisations + finished),
+    )
+    ended = str(response.attrs.get("ended", "")).splitlines()
+    return response.assign_attrs(
+        title=case.title,
+        bodies="body_1 and body_2, both deformable, with friction",
+        friction_coefficient=shear.friction_coefficient,
+        cautions="\n".join(f"sheared {one}" for one in ended),
+    )
+
+
+def _as_sheared(case: Case) -> Case:
+    """Return the case with the number and the grid of the cells that are sheared."""
+    shear = case.micro.shear
+    grid = {"points": shear.points or case.cell.points, "layers": shear.layers or case.cell.layers}
+    micro = case.micro.model_copy(update={"realisations": shear.realisations})
+    return case.model_copy(update={"cell": case.cell.model_copy(update=grid), "micro": micro})
+
+
+def _pair(case: Case, surfaces: tuple[Surface, Surface]) -> FiniteCell:
+    lower, upper = (Elastic(body.youngs_modulus, body.poissons_ratio) for body in case.bodies)
+    return two_bodies(case.cell, surfaces, (lower, upper), case.micro.shear.friction_coefficient)
+
+
+def _needs(case: Case) -> Needs:
+    own = _as_sheared(case)
+    shear, (nx, ny) = own.micro.shear, own.cell.points
+    pair = cell_needs(_pair(own, smooth_pair(own.cell)))
+    unknowns = 6 * nx * ny * own.cell.layers
+    steps = len(own.micro.pressures) + 1 + 2 * len(shear.pressures) * (shear.steps + 2)
+    time = STEP_TIME * unknowns * steps * shear.realisations
+    told = next((name for name, end in TIMES.items() if time < end), "days")
+    cells = Choice(
+        "sheared cells",
+        f"{shear.realisations} of two bodies with friction, {nx} x {ny} points and {unknowns} "
+        f"unknowns, each in {steps} steps: {told} of one core",
+    )
+    return Needs(unknowns_per_contact=3, choices=(cells,), memory=pair.memory)
+
+
+SHEARED_CELLS = Stage(
+    schema=SHEAR_RESPONSE,
+    tables=("micro.shear",),
+    reads=READS,
+    run=_run,
+    needs=_needs,
+    folders=(FOLDER,),
+)

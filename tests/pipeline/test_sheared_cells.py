@@ -1,0 +1,282 @@
+"""Cases whose cells are sheared: the law gets friction, and joints take it from there."""
+
+from pathlib import Path
+from shutil import copytree
+
+import numpy as np
+import pytest
+
+from multiscale.errors import CaseError
+from multiscale.io import open_dataset, open_law, save_law
+from multiscale.laws.bulk import Elastic
+from multiscale.micro import FiniteCell
+from multiscale.pipeline import load_case, make_cells, requirements, run, run_macro
+from multiscale.pipeline.case_cells import two_surfaces
+from multiscale.pipeline.stage import Job
+from multiscale.pipeline.stages.fitted_law import FITTED_LAW
+from multiscale.pipeline.stages.sheared_cells import SHEARED_CELLS
+from multiscale.report import draw_figures, write_report
+from multiscale.schema import SHEAR_RESPONSE, SLIDING_RESPONSE
+from multiscale.upscaling import assume_shear
+from tests.support import TWO_BLOCKS, case_of, small_steel, write_law, write_scene
+
+SHEAR = """
+[micro.shear]
+friction_coefficient = 0.2
+pressures = ["20 MPa"]
+points = [20, 20]
+layers = 4
+steps = 6
+"""
+STEEL = (
+    small_steel(3)
+    .replace("[36, 36]", "[24, 24]")
+    .replace('short_cutoff = "50 um"', 'short_cutoff = "100 um"')
+)
+CELLS = STEEL[: STEEL.index("[structure]")]
+PLAIN = TWO_BLOCKS.replace("friction = 0.2\nstiffness_ratio = 0.8\n", "")
+ROUGH = PLAIN[PLAIN.index("[structure]") :] + '[cycles]\nshear = "1 MPa"\ncycles = 1\nsteps = 2\n'
+LAW = "[law]\nsamples = 10\n"
+CHAIN = CELLS + LAW + SHEAR + ROUGH
+THEORY = 2.0 * 0.7 / 1.7
+
+
+@pytest.fixture(scope="module")
+def finished(tmp_path_factory):
+    folder = tmp_path_factory.mktemp("shear")
+    case = case_of(folder, CHAIN)
+    return case, folder / "out", run(case, folder / "out")
+
+
+def test_the_chain_goes_from_surfaces_to_the_friction_of_a_joint(finished):
+    case, out, results = finished
+    stages = ["micro_response", "shear_response", "interface_law", "macro_result"]
+    assert list(results) == stages
+    law = results.interface_law
+    assert law.attrs["branches"].endswith("shear: measured")
+    assert float(law["shear_friction"]) == pytest.approx(0.2, rel=0.02)
+    np.testing.assert_allclose(law["shear_stiffness_ratio"], THEORY, rtol=0.2)  # a coarse grid
+    own = law["error_half_width"].sel(quantity="tangential_traction", error_term="friction bed")
+    assert np.all(own.values > 0.0)
+    taken = case.interface_law(results)
+    (joint,) = case.structure.assemble(case, taken).interfaces
+    assert joint.law.friction == float(law["shear_friction"])
+    assert joint.law.stiffness_ratio == float(law["shear_stiffness_ratio"].mean())
+    (joint,) = case.structure.assemble(case, taken, sample=3).interfaces
+    assert joint.law.friction == float(law["shear_friction_sample"][3])
+    assert "assumed" not in results.macro_result.attrs["cautions"]
+    assert results.macro_result["cycle_energy"].values[0] > 0.0
+    assert "shear_law" in {file.stem for file in draw_figures(out)}
+    page = write_report(out).read_text(encoding="utf-8")
+    assert "Sheared, it is 0." in page
+    assert "shear: measured" in page
+
+
+def test_sheared_cells_have_both_bodies_and_the_surfaces_of_the_pressed_ones(finished):
+    case, _, results = finished
+    for one, (lower, upper) in zip(make_cells(case), two_surfaces(case), strict=True):
+        np.testing.assert_allclose(lower.heights + upper.heights, one.surface.heights, atol=1e-18)
+    shear = results["shear_response"]
+    SHEAR_RESPONSE.check(shear)
+    assert shear["converged"].values.all()
+    pressure = shear["nominal_pressure"].values
+    np.testing.assert_array_equal(pressure[:9], [*case.micro.pressures, 0.0])
+    np.testing.assert_array_equal(np.unique(pressure[9:]), [0.0, 20e6])
+
+
+def test_other_loads_shear_no_cell_and_another_shear_presses_none(finished, tmp_path):
+    _, first, _ = finished
+    case, out = case_of(tmp_path, CELLS + LAW + SHEAR), tmp_path / "out"
+    copytree(first, out)
+    files = [*out.glob("micro*/**/realisation-*.nc"), out / "shear_response.nc"]
+    before = {file: file.stat().st_mtime_ns for file in files}
+    assert len(files) == 7
+    run(case, out)  # without the structure
+    assert before == {file: file.stat().st_mtime_ns for file in files}
+    (out / "shear_response.nc").unlink()  # as of a run that was killed
+    run(case, out)
+    assert all(before[file] == file.stat().st_mtime_ns for file in files[:-1])
+    shear = case.micro.shear.model_copy(update={"steps": 5, "realisations": 1})
+    micro = case.micro.model_copy(update={"shear": shear})
+    run(case.model_copy(update={"micro": micro}), out)
+    assert open_dataset(out / "shear_response.nc", SHEAR_RESPONSE).sizes["realisation"] == 1
+    assert all(before[file] == file.stat().st_mtime_ns for file in files[:-1])
+    assert open_law(out / "interface_law.nc").attrs["n_sheared"] == 1
+
+
+def test_the_command_fits_the_same_law_from_files_and_exports_it(finished, command, tmp_path):
+    _, out, results = finished
+    status, said, _ = command(
+        "fit", out / "micro_response.nc", "--shear", out / "shear_response.nc", "-o", "law.nc"
+    )
+    assert status == 0
+    assert "shear: measured" in said
+    fitted = open_law("law.nc")
+    for name in ("coefficient", "shear_stiffness_ratio", "shear_friction"):
+        np.testing.assert_array_equal(fitted[name], results.interface_law[name])
+        samples = f"{name}_sample"  # of which the case has asked for few
+        np.testing.assert_array_equal(fitted[samples][:10], results.interface_law[samples])
+    status, _, error = command("fit", out / "micro_response.nc", "--shear", out / "case.toml")
+    assert status == 1
+    assert "case.toml: not a readable netCDF file" in error
+
+    friction = float(fitted["shear_friction"])
+    for code, words in (("abaqus", "*FRICTION, ELASTIC SLIP="), ("calculix", "*FRICTION\n")):
+        options = ("--friction", code, "--stick-pressure", "20 MPa", "--name", "LAP")
+        status, _, error = command("export", "law.nc", f"{code}.inp", *options)
+        assert status == 0, error
+        text = Path(f"{code}.inp").read_text(encoding="ascii")
+        assert "*SURFACE INTERACTION, NAME=LAP" in text
+        assert words in text
+        assert f"{friction:.9e}" in text
+        assert "at 20 MPa" in text
+    write_law(tmp_path / "plain.nc")
+    assert command("export", "plain.nc", "law.csv", "--length-unit", "um")[0] == 0
+    assert Path("law.csv").read_text().startswith("pressure (MPa),gap (um)")
+    for arguments, told in (
+        (("law.txt",), "ends in .inp or .csv, got law.txt"),
+        (("law.csv", "--friction", "abaqus"), "--friction is written to an .inp file, got law.csv"),
+        (("law.inp", "--friction", "ansys"), "for abaqus or calculix, got 'ansys'"),
+        (("law.inp", "--friction", "abaqus", "--stick-pressure", "1 GPa"), "got a stick_pressure"),
+    ):
+        status, _, error = command("export", "law.nc", *arguments)
+        assert (status, told in error) == (1, True), error
+
+
+def test_a_given_value_stands_instead_of_a_measured_one_and_says_so(finished):
+    case, _, results = finished
+    given = case.model_copy(
+        update={"interface": case.interface.model_copy(update={"friction": 0.3})}
+    )
+    law = given.interface_law(results)
+    (joint,) = given.structure.assemble(given, law, sample=2).interfaces
+    assert joint.law.friction == 0.3
+    assert joint.law.stiffness_ratio != float(law["shear_stiffness_ratio"].mean())  # the sample's
+    assert law.attrs["branches"].endswith("shear: measured, but friction 0.3 given")
+    assert (
+        "friction coefficient of 0.3 that is given stands instead of the 0."
+        in (law.attrs["cautions"])
+    )
+    strict = given.model_copy(update={"strict": True})
+    assert strict.interface_law(results).identical(law)
+
+
+def test_what_is_missing_is_assumed_by_theory_or_refused(tmp_path):
+    law = write_law(tmp_path / "law.nc")
+    text = PLAIN.replace("[interface]", '[interface]\nlaw = "law.nc"\nfriction = 0.3')
+    text = text.replace("poissons_ratio = 0", "poissons_ratio = 0.3")
+    result = run_macro(case_of(tmp_path, text), tmp_path / "out.nc")
+    said = "its law: the tangential stiffness ratio of 0.824 is assumed; shear the cells to measure"
+    assert said in result.attrs["cautions"]
+    strict = case_of(tmp_path, "strict = true\n" + text)
+    with pytest.raises(CaseError, match=r"no stiffness_ratio .* strict = true assumes nothing"):
+        run_macro(strict, tmp_path / "out.nc")
+    none = case_of(tmp_path, text.replace("friction = 0.3\n", ""))
+    with pytest.raises(CaseError, match=r"no friction and the law .* by \[micro.shear\], or give"):
+        run_macro(none, tmp_path / "out.nc")
+    save_law(assume_shear(open_law(law), friction=0.2, stiffness_ratio=0.8), law)
+    (joint,) = none.structure.assemble(none, none.interface_law({})).interfaces
+    assert (joint.law.friction, joint.law.stiffness_ratio) == (0.2, 0.8)
+    with pytest.raises(CaseError, match=r"has no stiffness_ratio"):
+        run_macro(strict, tmp_path / "out.nc")
+
+
+@pytest.mark.parametrize(
+    ("pair", "message"),
+    [
+        pytest.param(
+            ('["20 MPa"]', '["5 MPa"]'),
+            r"should lie from 3 times the lowest of pressures, 6 MPa, to the highest, 240 MPa",
+            id="too low",
+        ),
+        pytest.param(('["20 MPa"]', '["250 MPa"]'), "to the highest, 240 MPa", id="too high"),
+        pytest.param(
+            ("steps = 6", "steps = 6\nrealisations = 4"), "is 4, more than the 3 cells", id="many"
+        ),
+        pytest.param(("[20, 20]", "[20, 26]"), r"are 20 x 26, more than the 24 x 24", id="fine"),
+        pytest.param(("[body_2]", '[body_2]\nhardness = "2 GPa"'), "forget one shear", id="flows"),
+        pytest.param(
+            (SHEAR, SHEAR + '[accuracy]\ntarget = "5 %"\nquantity = "mean_gap"\n'),
+            "a planner presses its cells alone",
+            id="planner",
+        ),
+        pytest.param((LAW + SHEAR, "[law]\napart = true\n"), r"give \[micro.shear\]", id="apart"),
+        pytest.param((SHEAR, ""), r"has no friction and the law of the joints", id="no friction"),
+        pytest.param(
+            (SHEAR + ROUGH, ROUGH.replace("[interface]", "[interface]\nfriction = 0.2")),
+            None,
+            id="friction is given",
+        ),
+    ],
+)
+def test_refused_shear_says_what_and_where(pair, message, tmp_path):
+    path = write_scene(tmp_path, CHAIN, pair)
+    if message is None:
+        assert load_case(path).micro.shear is None
+        with pytest.raises(CaseError, match="strict = true assumes nothing"):
+            load_case(write_scene(tmp_path, CHAIN, pair, ("title", "strict = true\ntitle")))
+        return
+    with pytest.raises(CaseError, match=message) as caught:
+        load_case(path)
+    assert str(caught.value).startswith(f"{path}: ")
+
+
+def test_needs_and_quick_tell_the_sheared_cells(tmp_path):
+    case = case_of(tmp_path, CHAIN)
+    told = requirements(case).built["sheared cells"]
+    assert "3 of two bodies with friction, 20 x 20 points and 9600 unknowns" in told
+    assert "each in 25 steps: seconds" in told
+    more = case.micro.shear.model_copy(update={"pressures": (8e6, 20e6, 60e6), "points": None})
+    quick = case.model_copy(update={"micro": case.micro.model_copy(update={"shear": more})}).quick()
+    assert quick.micro.shear.pressures == (20e6,)
+    large = case_of(
+        tmp_path, CHAIN.replace("[24, 24]", "[512, 512]").replace("points = [20, 20]\n", "")
+    )
+    assert "minutes of one core" in requirements(large).built["sheared cells"]
+
+
+def test_bodies_keep_their_own_moduli(finished, monkeypatch, tmp_path):
+    case, _, _ = finished
+    soft = case.body_2.model_copy(update={"youngs_modulus": 70e9, "surface": None})
+    made: list[FiniteCell] = []
+
+    def note(cells, path, **options):
+        made.extend(cells)
+        raise CaseError("seen")
+
+    monkeypatch.setattr("multiscale.pipeline.stages.sheared_cells.run_ensemble", note)
+    with pytest.raises(CaseError, match="seen"):
+        SHEARED_CELLS.run(case.model_copy(update={"body_2": soft}), {}, Job(tmp_path))
+    assert made[0].law == Elastic(210e9, 0.3)
+    assert made[0].second.law == Elastic(70e9, 0.3)
+    assert not made[0].obstacle.heights.any()
+
+
+def test_friction_of_a_slide_enters_the_law_where_it_is_steady(finished):
+    case, _, results = finished
+    sizes = {"load": 2, "step": 3}
+    values = {
+        name: np.ones([*sizes.values(), 3][: len(one.dims)])
+        for name, one in SLIDING_RESPONSE.variables.items()
+    }
+    values["steady_friction"] = [0.21, np.nan]
+    slid = SLIDING_RESPONSE.build(values | {"nominal_pressure": [2e7, 4e7]})
+    law = FITTED_LAW.run(case, {**results, "sliding_response": slid}, None)
+    assert float(law["sliding_friction"][0]) == 0.21
+    assert law.attrs["branches"].endswith("shear: measured; sliding: measured")
+    unsteady = slid.assign(steady_friction=np.nan * slid["steady_friction"])
+    law = FITTED_LAW.run(case, {**results, "sliding_response": unsteady}, None)
+    assert "sliding" not in law.attrs["branches"]
+
+
+@pytest.mark.slow
+def test_the_bolted_lap_joint_runs_from_its_surfaces_to_its_hysteresis(command):
+    pytest.importorskip("gmsh", exc_type=Exception)
+    status, said, _ = command("run", "bolted_lap", "--quick", "-o", "out", "--jobs", "1")
+    assert status == 0
+    law = open_law("out/interface_law.nc")
+    np.testing.assert_allclose(law["shear_stiffness_ratio"], THEORY, rtol=0.12)
+    assert float(law["shear_friction"]) == pytest.approx(0.2, rel=0.02)
+    result = open_dataset("out/macro_result.nc")
+    assert result["cycle_energy"].values[0] > 0.0
+    assert "assumed" not in said
