@@ -62,7 +62,8 @@ def contact_state(joints: Sequence[CutInterface], result: "xr.Dataset") -> dict[
         If a step wins energy; see :func:`advance_state`.
     """
     pressure = -result["traction"].values[..., 0]
-    state = np.where(_slipping(joints, result) > MOST, SLIPS, STICKS)
+    slipping, dissipated = _slip_and_loss(joints, result)
+    state = np.where(slipping > MOST, SLIPS, STICKS)
     state = np.where(pressure <= OPEN * pressure.max(axis=1, keepdims=True), OPENED, state)
     failed = np.isnan(pressure)
     area = np.concatenate([face.weight for face in joints])
@@ -79,6 +80,8 @@ def contact_state(joints: Sequence[CutInterface], result: "xr.Dataset") -> dict[
         "open_fraction": fraction(state == OPENED),
         "stick_fraction": fraction(state == STICKS),
         "slip_fraction": fraction(state == SLIPS),
+        "slipping_load": np.sum(slipping * pressure * area, axis=1) / (pressure @ area),
+        "dissipation": dissipated,
     }
 
 
@@ -172,13 +175,14 @@ def joint_shares(
     return np.stack(shares, axis=2), np.array(list(ranges.values()))
 
 
-def _slipping(joints: Sequence[CutInterface], result: "xr.Dataset") -> np.ndarray:
-    """Share of the pressure of a point that slips in a step, shape (steps, points).
+def _slip_and_loss(joints: Sequence[CutInterface], result: "xr.Dataset") -> np.ndarray:
+    """Return what slips in a step and what slip loses, J/m², shape (2, steps, points).
 
-    The jumps of a path tell the states of the laws.
+    What slips is a share of the pressure of a point. The jumps of a path tell the states of the
+    laws.
     """
     jump = np.moveaxis(result["jump"].values, 2, 0)  # (3, steps, points)
-    found, first = np.full(jump.shape[1:], np.nan), 0
+    found, first = np.full((2, *jump.shape[1:]), np.nan), 0
     for face in joints:
         law, points = face.law, slice(first, first + face.weight.size)
         first = points.stop
@@ -186,7 +190,7 @@ def _slipping(joints: Sequence[CutInterface], result: "xr.Dataset") -> np.ndarra
         state = np.zeros((law.n_state, face.weight.size))
         for step in np.flatnonzero(result["converged"].values == 1):
             state, account = advance_state(law, jump[:, step, points], state)
-            found[step, points] = account.slipping
+            found[:, step, points] = account.slipping, account.dissipated
     return found
 
 

@@ -1,5 +1,6 @@
 """Stage: elastic bodies with rough joints, at their preloads and in cycles."""
 
+from collections.abc import Iterator, Mapping
 from dataclasses import replace
 from typing import TYPE_CHECKING
 
@@ -11,14 +12,16 @@ from multiscale.laws import NormalLaw
 from multiscale.macro.substructures import JointLoading, add_body_fields, load_joint
 from multiscale.macro.substructures.substructure_needs import cut_needs
 from multiscale.needs import Needs
-from multiscale.pipeline.body_budget import with_contact, with_joint_budget
+from multiscale.pipeline.body_budget import change_friction, with_contact, with_joint_budget
 from multiscale.pipeline.body_settings import RoughBodies
 from multiscale.pipeline.rows import tabulate_preloads
 from multiscale.pipeline.settings import Case
-from multiscale.pipeline.stage import Datasets, Job, list_cautions
+from multiscale.pipeline.stage import Datasets, Job, Section, list_cautions
 from multiscale.pipeline.stages.fitted_law import FITTED_LAW
-from multiscale.pipeline.stages.joint import STIFFNESSES
+from multiscale.pipeline.stages.joint import budget_section
 from multiscale.pipeline.structure_stage import require_converged, structure_stage, with_too_far
+from multiscale.plotting import joint_pictures
+from multiscale.plotting.figure import on_axes
 from multiscale.schema import with_cautions
 from multiscale.upscaling import law_from_dataset
 
@@ -26,6 +29,16 @@ if TYPE_CHECKING:
     import xarray as xr
 
 __all__ = ["ROUGH_JOINTS"]
+
+
+PICTURES = ("contact_zones", "pressure", "hysteresis", "loss", "joint_stiffness", "error_budget")
+"""Names of all figures of rough joints."""
+
+FEW_STEPS = 2
+"""Most load steps to the amplitude of the cycle that tells how slip and loss depend on the law."""
+
+PARAMETERS = ("friction", "stiffness_ratio")
+"""Parameters of the sliders, which are those of the law where the case gives none."""
 
 
 def _solve(bodies: RoughBodies, case: Case, found: Datasets, job: Job) -> "xr.Dataset":
@@ -39,14 +52,19 @@ def _solve(bodies: RoughBodies, case: Case, found: Datasets, job: Job) -> "xr.Da
         result = with_cautions(result, *(f"its law: {one}" for one in list_cautions(dataset)))
     if "error_half_width" in dataset:
         solved = int(result["converged"][: len(preloads)].sum())  # the first failure is the end
+        short = JointLoading(preloads[:solved])
+        if case.cycles and result["converged"].values.all():
+            steps = max(1, min(FEW_STEPS, case.cycles.steps // 2))
+            short = JointLoading(preloads, case.cycles.shear, cycles=1, steps=steps)
 
-        def stiffness(normal: NormalLaw, structure: RoughBodies = bodies) -> np.ndarray:
-            pressed = JointLoading(preloads[:solved])
-            parts = structure.assemble(case, normal)
-            found = load_joint(parts, pressed, method=method, extrapolate=True)
-            return np.stack([found[name].to_numpy() for name in STIFFNESSES])
+        def solve(
+            normal: NormalLaw, structure: RoughBodies | None, factors: Mapping[str, float]
+        ) -> "xr.Dataset":
+            parts = change_friction((structure or bodies).assemble(case, normal), factors)
+            return load_joint(parts, short, method=method, extrapolate=True)
 
-        result = with_joint_budget(result, dataset, stiffness, bodies.coarser())
+        measured = [name for name in PARAMETERS if getattr(case.interface, name) is None]
+        result = with_joint_budget(result, dataset, solve, bodies.coarser(), measured)
     return with_too_far(add_body_fields(result, assembly.bodies, damage=bodies.damages))
 
 
@@ -73,6 +91,17 @@ def _needs(bodies: RoughBodies, case: Case) -> Needs:
     return replace(needs, libraries=(*needs.libraries, *bodies.mesher))
 
 
+def _sections(result: "xr.Dataset") -> Iterator[Section]:
+    """Show where the joints stick, slip and open, their loop, and what is known of their errors."""
+    told = [
+        "Zones, pressure and outlines of the parts are those seen along the normal of the first "
+        "joint, at the step at which most of its area slips.",
+    ]
+    figures = {name: on_axes(plot) for name, plot in joint_pictures(result).items()}
+    yield Section("Joint", told, figures=figures)
+    yield budget_section(result)
+
+
 ROUGH_JOINTS = structure_stage(
     "rough_joints",
     _solve,
@@ -83,4 +112,6 @@ ROUGH_JOINTS = structure_stage(
     takes=(FITTED_LAW,),
     question="How stiff are the joints, where do they slip, and what do they lose in a cycle?",
     check=_check,
+    more=_sections,
+    pictures=PICTURES,
 )
