@@ -1,9 +1,13 @@
 """Answers of joints with both their intervals: of the mean law, and of the next part."""
 
+import re
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
 from multiscale.io import save_law
+from multiscale.laws import Exponential, Sliders
 from multiscale.macro.substructures import JointLoading, load_joint
 from multiscale.pipeline import load_case, run_macro
 from multiscale.pipeline.rows import list_cycles, round_by, tabulate_preloads
@@ -71,15 +75,36 @@ def test_one_part_scatters_with_its_number_of_cells(joint, tmp_path):
     sampling = law["error_half_width"].sel(error_term="sampling", quantity="stiffness")
     expected = 1.96 * float(sampling.mean()) / float(law.attrs["sampling_factor"]) / 10.0
     np.testing.assert_allclose(half[:2], expected, rtol=0.1)
-    assert "which 99" in joint.attrs["how_few_cells"] or "100" in joint.attrs["how_few_cells"]
+    told = joint.attrs["how_few_cells"]
+    assert float(re.search(r"of which (\S+) or more", told)[1]) == pytest.approx(100.0, rel=0.02)
 
 
-def test_the_loss_of_the_loop_is_what_the_points_dissipate_to_first_order_of_the_steps(joint):
-    lost = joint["dissipation"].values
-    assert np.all(lost >= -1e-12 * lost.max())
-    last = float(lost[-16:].sum(axis=0) @ joint["point_area"].values)
-    np.testing.assert_allclose(last, joint["cycle_energy"][-1], rtol=0.3)
-    assert joint["slipping_load"].values[-1] > joint["slipping_load"].values[3]
+def test_the_loss_of_the_loop_is_what_the_points_dissipate_as_the_steps_fall(tmp_path):
+    """The dissipation of a step is first order in the step, and never negative."""
+    case = load_case(write_scene(tmp_path, SCENE))
+    law = write_cells(tmp_path / "law.nc")
+    apart = []
+    for steps in (4, 8):
+        loading = JointLoading((20e6,), 1.5e6, cycles=1, steps=steps)
+        found = load_joint(case.structure.assemble(case, law_from_dataset(law)), loading)
+        lost = found["dissipation"].values
+        assert np.all(lost >= -1e-12 * lost.max())
+        last = float(lost[-4 * steps :].sum(axis=0) @ found["point_area"].values)
+        apart.append(last / float(found["cycle_energy"][-1]) - 1.0)
+    assert apart[0] > apart[1] > 0.0
+    assert apart[0] / apart[1] == pytest.approx(2.0, rel=0.2)
+
+
+def test_what_slips_is_what_the_slabs_tell_and_continuous():
+    law = Sliders(Exponential(1e9, 0.2e-6), 0.2, pressures=(1e6, 1e8), slabs=400)
+    gap = law.normal.gap_at(np.full(4, 1e7))
+    jump = np.stack([gap, [0.0, 3e-8, 1e-7, 1e-5], 0.0 * gap])
+    rest = law.at_rest(np.stack([gap, 0.0 * gap, 0.0 * gap]))
+    share = law.slipping_load(jump, law.respond(jump, rest).state)
+    np.testing.assert_allclose(share, law.sliding(jump, rest).slipping, atol=5e-3)
+    assert share[0] == 0.0
+    assert share[-1] == pytest.approx(1.0, abs=1e-6)
+    assert replace(law, friction=0.0).slipping_load(jump, rest).tolist() == [1.0] * 4
 
 
 def test_answers_are_printed_with_the_digits_that_their_errors_leave(joint):
@@ -159,4 +184,8 @@ def test_first_order_intervals_of_the_mean_law_are_those_of_its_samples(tmp_path
         samples = [float(one[name][column]) for one in drawn]
         half = 0.5 * np.ptp(np.percentile(samples, [2.5, 97.5])) / float(result[name][column])
         found = result["error_half_width"].sel(quantity=name, error_term="sampling")
-        assert float(found[column if column == 1 else -1]) == pytest.approx(half, rel=0.35), name
+        assert float(found[column if column == 1 else -1]) == pytest.approx(
+            half,
+            rel=0.35,
+            abs=1e-3,  # an exponential law slips alike at any length
+        ), name

@@ -62,7 +62,7 @@ def contact_state(joints: Sequence[CutInterface], result: "xr.Dataset") -> dict[
         If a step wins energy; see :func:`advance_state`.
     """
     pressure = -result["traction"].values[..., 0]
-    slipping, dissipated = _slip_and_loss(joints, result)
+    slipping, dissipated, reached = _slip_and_loss(joints, result)
     state = np.where(slipping > MOST, SLIPS, STICKS)
     state = np.where(pressure <= OPEN * pressure.max(axis=1, keepdims=True), OPENED, state)
     failed = np.isnan(pressure)
@@ -80,7 +80,7 @@ def contact_state(joints: Sequence[CutInterface], result: "xr.Dataset") -> dict[
         "open_fraction": fraction(state == OPENED),
         "stick_fraction": fraction(state == STICKS),
         "slip_fraction": fraction(state == SLIPS),
-        "slipping_load": np.sum(slipping * pressure * area, axis=1) / (pressure @ area),
+        "slipping_load": np.sum(reached * pressure * area, axis=1) / (pressure @ area),
         "dissipation": dissipated,
     }
 
@@ -176,13 +176,13 @@ def joint_shares(
 
 
 def _slip_and_loss(joints: Sequence[CutInterface], result: "xr.Dataset") -> np.ndarray:
-    """Return what slips in a step and what slip loses, J/m², shape (2, steps, points).
+    """Return what slips in a step, what slip loses, J/m², and what the shear makes slip.
 
-    What slips is a share of the pressure of a point. The jumps of a path tell the states of the
-    laws.
+    The shape is (3, steps, points). What slips is a share of the pressure of a point, counted by
+    slabs and continuous. The jumps of a path tell the states of the laws.
     """
     jump = np.moveaxis(result["jump"].values, 2, 0)  # (3, steps, points)
-    found, first = np.full((2, *jump.shape[1:]), np.nan), 0
+    found, first = np.full((3, *jump.shape[1:]), np.nan), 0
     for face in joints:
         law, points = face.law, slice(first, first + face.weight.size)
         first = points.stop
@@ -190,7 +190,8 @@ def _slip_and_loss(joints: Sequence[CutInterface], result: "xr.Dataset") -> np.n
         state = np.zeros((law.n_state, face.weight.size))
         for step in np.flatnonzero(result["converged"].values == 1):
             state, account = advance_state(law, jump[:, step, points], state)
-            found[:, step, points] = account.slipping, account.dissipated
+            reached = law.slipping_load(jump[:, step, points], state)
+            found[:, step, points] = account.slipping, account.dissipated, reached
     return found
 
 

@@ -11,7 +11,7 @@ from multiscale.io import write_body_fields
 from multiscale.laws import NormalLaw
 from multiscale.macro.substructures import JointLoading, add_body_fields, load_joint
 from multiscale.macro.substructures.substructure_needs import cut_needs
-from multiscale.needs import Needs
+from multiscale.needs import Choice, Needs
 from multiscale.pipeline.body_budget import change_friction, with_contact, with_joint_budget
 from multiscale.pipeline.body_settings import RoughBodies
 from multiscale.pipeline.rows import tabulate_preloads
@@ -54,8 +54,7 @@ def _solve(bodies: RoughBodies, case: Case, found: Datasets, job: Job) -> "xr.Da
         solved = int(result["converged"][: len(preloads)].sum())  # the first failure is the end
         short = JointLoading(preloads[:solved])
         if case.cycles and result["converged"].values.all():
-            steps = max(1, min(FEW_STEPS, case.cycles.steps // 2))
-            short = JointLoading(preloads, case.cycles.shear, cycles=1, steps=steps)
+            short = JointLoading(preloads, case.cycles.shear, cycles=1, steps=_few_steps(case))
 
         def solve(
             normal: NormalLaw, structure: RoughBodies | None, factors: Mapping[str, float]
@@ -88,7 +87,19 @@ def _needs(bodies: RoughBodies, case: Case) -> Needs:
         coarse=case.cut.coarse,
         slabs=bodies.slabs(case),
     )
-    return replace(needs, libraries=(*needs.libraries, *bodies.mesher))
+    path = f"and one cycle of {_few_steps(case)} steps to its amplitude" if case.cycles else "alone"
+    solves = Choice(
+        "intervals",
+        f"{4 if case.cycles else 3} to 6 more solves, of the preloads {path}, if the law carries a "
+        f"budget: one for each of its terms, measured friction and stiffness ratio, and the mesh",
+    )
+    libraries = (*needs.libraries, *bodies.mesher)
+    return replace(needs, libraries=libraries, choices=(*needs.choices, solves))
+
+
+def _few_steps(case: Case) -> int:
+    """Return the steps to the amplitude of the cycle that is solved again with changed laws."""
+    return max(1, min(FEW_STEPS, case.cycles.steps // 2)) if case.cycles else 0
 
 
 def _sections(result: "xr.Dataset") -> Iterator[Section]:
