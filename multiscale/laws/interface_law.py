@@ -95,6 +95,14 @@ class InterfaceLaw(ABC):
         none = np.zeros(jump.shape[1:])
         return Sliding(none + 1.0, none, none)
 
+    def slipping_load(self, jump: np.ndarray, state: np.ndarray) -> np.ndarray:
+        """Share of the pressure whose contacts slip as a shear reaches that of a jump and state.
+
+        The shear has not been larger, and the pressure has been the same. All slips without
+        friction.
+        """
+        return np.ones(jump.shape[1:])
+
     def resolvent(
         self, source: np.ndarray, stiffness: float | np.ndarray, state: np.ndarray
     ) -> np.ndarray:

@@ -16,6 +16,9 @@ STICKING_SLIP = 1e-3
 """Slip in a step up to which a slab counts as sticking, relative to its elastic displacement at
 the friction limit."""
 
+LEAST = 1e-9
+"""Pressure, relative to its whole, that sticks at least where all is said to slip."""
+
 CURVE_SAMPLES = 2000
 """Number of pressures at which the elastic curve is sampled to find the edges."""
 
@@ -168,6 +171,26 @@ class Sliders(InterfaceLaw):
         """Return slip and energy of a step; see :class:`InterfaceLaw`."""
         work, before, after, slipping = self._step(jump, state)[1]
         return Sliding(slipping, work - (after - before), after)
+
+    def slipping_load(self, jump: np.ndarray, state: np.ndarray) -> np.ndarray:
+        r"""Share of the pressure of slipping springs; see :class:`InterfaceLaw`.
+
+        Springs shorter than :math:`g' = g + \kappa u / \mu` slip, which carry
+        :math:`p(g) - p(g') - K(g') (g' - g)`; :math:`p(g') = p - |t| / \mu` tells :math:`g'`.
+        Unlike the slabs that slip in a step, it is continuous.
+        """
+        shear = np.linalg.norm(self.respond(jump, state).traction[1:], axis=0).reshape(-1)
+        gap, p, _, force, _ = self._place(jump[0], state[: self.normal.n_state])
+        if self.friction == 0.0:
+            return np.ones(jump.shape[1:])
+        held = np.maximum(
+            p - shear / (self.friction * np.where(force > 0.0, force, 1.0)), LEAST * p
+        )
+        closed = held > 0.0
+        edge = self._curve.gap_at(np.where(closed, held, 1.0))
+        stuck = held + self._curve.stiffness(edge) * np.maximum(edge - gap, 0.0)
+        share = 1.0 - stuck / np.where(closed, p, 1.0)
+        return np.asarray(np.where(closed, np.maximum(share, 0.0), 1.0).reshape(jump.shape[1:]))
 
     def _step(self, jump: np.ndarray, state: np.ndarray) -> tuple[Response, np.ndarray]:
         """Return response, and work, stored energy before and after, and slipping share."""

@@ -1,85 +1,164 @@
 """The error budget of rough joints, from the error budget of their law."""
 
-from collections.abc import Callable
-from typing import TYPE_CHECKING, Any
+from collections.abc import Callable, Collection, Mapping
+from dataclasses import replace
+from typing import TYPE_CHECKING
 
 import numpy as np
 
+from multiscale.laws import NormalLaw, Sliders
+from multiscale.macro.bodies import Assembly
 from multiscale.pipeline.body_settings import RoughBodies
-from multiscale.pipeline.real_contact import behaviour, real_pressure
+from multiscale.pipeline.real_contact import behaviour, contact_dependence, real_pressure
 from multiscale.pipeline.stages.joint import STIFFNESSES
 from multiscale.schema import MACRO_RESULT, with_cautions
 from multiscale.upscaling import (
+    Dependence,
     area_from_dataset,
     cell_share,
     compare_scales,
+    effective_cells,
     law_from_dataset,
     over_steps,
     pressure_length_of_points,
+    shear_errors,
     structure_budget,
     with_budget,
+    with_intervals,
     with_scales,
 )
-from multiscale.upscaling.budget import how_attribute
+from multiscale.upscaling.budget import FEW_CELLS, how_attribute
+from multiscale.upscaling.structure_errors import STRETCH
 
 if TYPE_CHECKING:
     import xarray as xr
 
-__all__ = ["with_contact", "with_joint_budget"]
+__all__ = ["JointSolve", "change_friction", "with_contact", "with_joint_budget"]
+
+JointSolve = Callable[[NormalLaw, RoughBodies | None, Mapping[str, float]], "xr.Dataset"]
+"""From a normal law, another mesh of the structure if not its own, and factors of the parameters of
+friction to the joints at their preloads and, if they slip, in a cycle of few steps."""
+
+AT_PRELOADS = (*STIFFNESSES, "tangential_stiffness", "real_pressure")
+IN_CYCLES = ("slipping_load", "cycle_energy")
+"""Answers that have an error budget: at the preloads, and at the end of the last cycle."""
+
+
+def change_friction(assembly: Assembly, factors: Mapping[str, float]) -> Assembly:
+    """Return an assembly whose sliders have some parameters times their factors."""
+
+    def changed(law: Sliders) -> Sliders:
+        return replace(
+            law, **{name: factor * getattr(law, name) for name, factor in factors.items()}
+        )
+
+    return replace(
+        assembly,
+        interfaces=tuple(
+            replace(one, law=changed(one.law))  # type: ignore[arg-type]  # rough joints have sliders
+            for one in assembly.interfaces
+        ),
+    )
 
 
 def with_joint_budget(
     result: "xr.Dataset",
     law: "xr.Dataset",
-    stiffness: Callable[..., np.ndarray],
+    solve: JointSolve,
     coarser: RoughBodies | None,
+    measured: Collection[str],
 ) -> "xr.Dataset":
-    """Return the result of rough joints with the error budget of their stiffnesses.
+    """Return the result of rough joints with error budget and intervals of their answers.
 
     Parameters
     ----------
     result : Dataset
-        Follows ``MACRO_RESULT``; joints at their preloads, then in cycles.
+        Follows ``MACRO_RESULT``; joints at their preloads, then in cycles, with their contact.
     law : Dataset
         Follows ``INTERFACE_LAW`` and carries its budget.
-    stiffness : callable
-        From a normal law, and optionally another mesh of the structure, to the stiffnesses of
-        :data:`~multiscale.pipeline.stages.joint.STIFFNESSES` at the preloads, shape (3, preloads),
-        Pa/m.
+    solve : callable
+        Its cycle has the last preload, the shear and few of the steps of the result.
     coarser : RoughBodies, optional
         The structure on elements of twice the size, if it has them.
+    measured : collection of str
+        Parameters of the sliders, ``friction`` and ``stiffness_ratio``, that are those of the law,
+        and not given.
 
     Returns
     -------
     Dataset
-        The budget is NaN at the steps of the cycles, which have no stiffness, and at those of
-        which the law knows nothing.
+        With the budget of stiffnesses and real pressure at the preloads, and of the slip and the
+        loss of the last cycle at its end, NaN elsewhere and where the law knows nothing; and with
+        the intervals of :func:`~multiscale.upscaling.with_intervals`.
     """
-    known = np.isfinite(result["joint_stiffness"].to_numpy()) & (result["known"].to_numpy() == 1)
-    steps = np.flatnonzero(known)
-    if not steps.size:
+    known = result["known"].to_numpy() == 1
+    pressed = np.flatnonzero(np.isfinite(result["joint_stiffness"].to_numpy()) & known)
+    if not pressed.size:
         return result
-    area, traction = result["point_area"].to_numpy(), result["traction"].to_numpy()
-    pressure = -traction[steps, :, 0]
-    closed = pressure > 0.0
-    mean = np.sum(pressure * area, axis=1) / np.sum(closed * area, axis=1)
+    lost = result["cycle_energy"].to_numpy() if "cycle_energy" in result else np.full(1, np.nan)
+    cycled = bool(known[-1] and np.isfinite(lost[-1]))
+    rise = _sheared(result) // (4 * lost.size + 1)  # steps to the amplitude
+    steps = np.append(pressed, result.sizes["step"] - 1) if cycled else pressed
+    at_preloads = AT_PRELOADS if "area_pressure" in law else AT_PRELOADS[:-1]
+    names = (*at_preloads, *IN_CYCLES) if cycled else at_preloads
+
+    def answers(found: "xr.Dataset", at: np.ndarray, cycle: int = -1) -> np.ndarray:
+        """Answers at the preloads and at the end, and one for what stays as it is."""
+        rows = np.full((len(names), steps.size), np.nan)
+        for row, name in zip(rows, at_preloads, strict=False):
+            row[: pressed.size] = 1.0 if name == "real_pressure" else found[name].to_numpy()[at]
+        if cycled:
+            rows[-2:, -1] = found["slipping_load"][-1], found["cycle_energy"][cycle]
+        return rows
+
+    def solved(one: NormalLaw, structure: RoughBodies | None = None) -> np.ndarray:
+        return answers(solve(one, structure, {}), pressed)
+
+    area, normal = result["point_area"].to_numpy(), law_from_dataset(law)
+    pressure = np.maximum(-result["traction"].to_numpy()[steps, :, 0], 0.0)
+    mean = np.sum(pressure * area, axis=1) / np.sum((pressure > 0.0) * area, axis=1)
+    cells = np.ones((len(names), steps.size))
     if {"longest_wave", "cell_size", "sampling_factor"} <= set(law.attrs):
         wave, cell = float(law.attrs["longest_wave"]), float(law.attrs["cell_size"])
-        length, extent = _lengths(result, pressure[-1])
+        length, extent = _lengths(result, pressure[pressed.size - 1])
         scales = compare_scales(wave, cell, length, extent=extent)
         law, result = with_scales(law, scales), with_cautions(result, *scales.cautions)
+        cells[:] = effective_cells(pressure, area, cell)
+        if cycled:
+            loss = result["dissipation"].to_numpy()[-4 * rise :].sum(axis=0)
+            cells[-1] = effective_cells(loss, area, cell)
+        law = law.assign_attrs(
+            {
+                how_attribute(FEW_CELLS): f"scatter of single cells, of which {cells.min():.3g} or "
+                f"more share the answers"
+            }
+        )
+        cells *= scales.cell_ratio**2
 
-    def known_stiffness(*changed: Any) -> np.ndarray:
-        return stiffness(*changed)[:, steps]
-
+    value, others = answers(result, pressed), []
+    if cycled:
+        path = solve(normal, None, {})
+        first, value = answers(result, pressed, 0), answers(path, pressed)
+        finer = 5.0 * rise / _sheared(path)
+        left = np.zeros(value.shape)
+        left[-1] = np.abs(value / first - 1.0)[-1] / (finer**2 - 1.0) if finer > 1.0 else np.nan
+        others.append(Dependence(np.ones(left.shape), {"macro discretisation": left}))
+    others.append(contact_dependence(law, mean, np.array(names) == "real_pressure"))
+    for name, half_width in shear_errors(law, mean).items():
+        if name in measured:
+            changed = answers(solve(normal, None, {name: 1.0 + STRETCH}), pressed)
+            change = np.abs(changed / value - 1.0) / STRETCH
+            others.append(Dependence(change, half_width))
     budget = structure_budget(
-        STIFFNESSES,
+        names,
         law,
-        known_stiffness,
-        answer=np.stack([result[name].to_numpy()[steps] for name in STIFFNESSES]),
+        solved,
+        answer=value,
         pressure=mean,
-        coarser=None if coarser is None else {2.0: known_stiffness(law_from_dataset(law), coarser)},
+        coarser=None if coarser is None else {2.0: solved(normal, coarser)},
         samples=0,
+        others=others,
+        cells=cells,
     )
     if coarser is None:
         why = (
@@ -87,7 +166,13 @@ def with_joint_budget(
             "number of them, in [structure]"
         )
         budget = budget.assign_attrs({how_attribute("macro discretisation"): why})
-    return with_budget(result, over_steps(budget, steps, result.sizes["step"]))
+    result = with_budget(result, over_steps(budget, steps, result.sizes["step"]))
+    return with_intervals(result)
+
+
+def _sheared(result: "xr.Dataset") -> int:
+    """Count the steps of a path from the first shear on."""
+    return int(np.count_nonzero(np.cumsum(np.abs(result["shear"].to_numpy()))))
 
 
 def with_contact(result: "xr.Dataset", law: "xr.Dataset") -> "xr.Dataset":

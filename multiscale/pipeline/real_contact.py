@@ -10,11 +10,13 @@ from multiscale.pipeline.rough_bodies import TABOR
 from multiscale.pipeline.settings import Case
 from multiscale.schema import MICRO_RESPONSE, with_cautions
 from multiscale.units import readable
+from multiscale.upscaling import Dependence
+from multiscale.upscaling.budget import ERROR_TERMS
 
 if TYPE_CHECKING:
     import xarray as xr
 
-__all__ = ["behaviour", "real_pressure", "with_real_pressure"]
+__all__ = ["behaviour", "contact_dependence", "real_pressure", "with_real_pressure"]
 
 ELASTIC = 0.01
 """Mean real pressure over the contact modulus above which hardly a metal is elastic."""
@@ -27,6 +29,26 @@ def real_pressure(pressure: np.ndarray, contact_fraction: np.ndarray) -> np.ndar
     """Mean pressure on the real contact area, Pa; NaN where nothing touches."""
     touching = np.where(contact_fraction > 0.0, contact_fraction, np.nan)
     return np.asarray(pressure / touching)
+
+
+def contact_dependence(law: "xr.Dataset", pressure: np.ndarray, answers: np.ndarray) -> Dependence:
+    """Let answers that are real pressures be as wrong as the contact fraction of the law.
+
+    Parameters
+    ----------
+    law : Dataset
+        Follows ``INTERFACE_LAW`` and carries its budget.
+    pressure : ndarray, shape (steps,)
+        Nominal, Pa.
+    answers : ndarray of bool, shape (answers,)
+        Which of the answers are real pressures.
+    """
+    data, half_width = np.log(law["fit_pressure"].to_numpy()), {}
+    for term in ERROR_TERMS[:-1]:  # the last one is not of a law
+        one = law.sel(quantity="contact_fraction", error_term=term)
+        wrong = np.hypot(one["error_half_width"].to_numpy(), one["error_bias"].to_numpy())
+        half_width[term] = np.interp(np.log(pressure), data, wrong)
+    return Dependence(answers[:, None] * np.ones(pressure.size), half_width)
 
 
 def with_real_pressure(case: Case, response: "xr.Dataset") -> "xr.Dataset":

@@ -16,7 +16,9 @@ if TYPE_CHECKING:
 __all__ = [
     "list_cycles",
     "list_facts",
+    "round_by",
     "say_error",
+    "say_intervals",
     "tabulate",
     "tabulate_braking",
     "tabulate_grains",
@@ -26,10 +28,13 @@ __all__ = [
     "tabulate_sweep",
 ]
 
+INTERVALS = {"mean_law": "mean law, 95 %", "one_part": "one part, 95 %"}
+"""Both intervals of an answer; see :func:`multiscale.upscaling.with_intervals`."""
+
 HEAD = (
     "preload (MPa)",
     "joint stiffness (MPa/µm)",
-    "95 % band",
+    *INTERVALS.values(),
     "error (%)",
     "interface (MPa/µm)",
     "bodies (MPa/µm)",
@@ -37,6 +42,9 @@ HEAD = (
     "contact (%)",
     "real pressure (MPa)",
 )
+
+TWO_DIGITS = 3.55
+"""Leading digits of an error up to which two of them are written, by the rule of the PDG."""
 
 MOST_ROWS = 11
 """Of the table of a structure of links."""
@@ -52,17 +60,14 @@ def tabulate(result: "xr.Dataset") -> tuple[tuple[str, ...], list[tuple[str, ...
         if missing := _missing(step):
             rows.append(_padded((f"{1e-6 * float(step['preload']):.4g}", missing), head))
             continue
-        band = np.full(2, np.nan)
-        if "joint_stiffness_sample" in result:
-            band = np.nanpercentile(step["joint_stiffness_sample"], (2.5, 97.5))
         last = (f"{1e-12 * float(step['unloading_stiffness']):.4g}",) if unloaded else ()
-        rows.append(_row(step, band) + last)
+        rows.append(_row(step, _intervals(step, "joint_stiffness")) + last)
     return head, rows
 
 
 def tabulate_sweep(result: "xr.Dataset") -> tuple[tuple[str, ...], list[tuple[str, ...]]]:
     """Return head and rows of a sweep as text: each point at its largest converged preload."""
-    head = (*map(str, result["parameter"].values), *HEAD)
+    head = (*map(str, result["parameter"].values), *HEAD[:2], "95 % band", *HEAD[4:])
     rows = []
     for k in range(result.sizes["point"]):
         point = result.isel(point=k)
@@ -72,26 +77,74 @@ def tabulate_sweep(result: "xr.Dataset") -> tuple[tuple[str, ...], list[tuple[st
             rows.append(_padded((*said, "", "no result"), head))
             continue
         step = point.isel(step=done[-1])
-        band = (float(step[f"joint_stiffness_{end}"]) for end in ("low", "high"))
-        rows.append((*said, *_row(step, tuple(band))))
+        low, high = (1e-12 * float(step[f"joint_stiffness_{end}"]) for end in ("low", "high"))
+        half = 0.5 * (high - low)
+        told = _error(step, "joint_stiffness") != "unknown" and np.isfinite(half)
+        band = f"{round_by(low, half)} ... {round_by(high, half)}" if told else "none"
+        rows.append((*said, *_row(step, (band,))))
     return head, rows
 
 
-def _row(step: "xr.Dataset", band: "Sequence[float] | np.ndarray") -> tuple[str, ...]:
-    """Results at one preload, in the order of ``HEAD``; no band beside an unknown error."""
-    low, high = (1e-12 * end for end in band)
-    error = _error(step, "joint_stiffness")
+def _row(step: "xr.Dataset", intervals: Sequence[str]) -> tuple[str, ...]:
+    """Results at one preload, in the order of ``HEAD``, with the intervals of the stiffness."""
     return (
         f"{1e-6 * float(step['preload']):.4g}",
-        f"{1e-12 * float(step['joint_stiffness']):.4g}",
-        "none" if np.isnan(low) or error == "unknown" else f"{low:.4g} ... {high:.4g}",
-        error,
+        _value(step, "joint_stiffness", 1e-12),
+        *intervals,
+        _error(step, "joint_stiffness"),
         _part(step, "interface_stiffness"),
         _part(step, "solid_stiffness"),
         f"{1e6 * float(step['mean_gap']):.4g}",
         f"{100.0 * float(step['contact_fraction']):.3g}",
-        f"{1e-6 * float(step['real_pressure']):.4g}" if "real_pressure" in step else "",
+        _part(step, "real_pressure", 1e-6),
     )
+
+
+def round_by(value: float, half_width: float) -> str:
+    """Write a value with the digits that its error leaves: two of an error up to 3.5, else one.
+
+    Parameters
+    ----------
+    value, half_width : float
+        One unit. Without an error, or with one below 1e-6 of the value, it has four digits.
+
+    Examples
+    --------
+    >>> round_by(18.7, 0.14), round_by(18.56, 0.14), round_by(17.893, 0.8), round_by(18.7034, 0.0)
+    ('18.70', '18.56', '17.9', '18.7')
+    """
+    if not half_width > 1e-6 * abs(value):
+        return f"{value:.4g}"
+    return f"{value:.{max(0, -int(np.floor(np.log10(half_width / TWO_DIGITS))))}f}"
+
+
+def say_intervals(intervals: Sequence[str]) -> str:
+    """Say both intervals of an answer beside it, in brackets; nothing if there are none."""
+    kinds = (name.removesuffix(", 95 %") for name in INTERVALS.values())
+    said = "; ".join(f"{kind} {one}" for kind, one in zip(kinds, intervals, strict=True) if one)
+    return f" ({said})" if said else ""
+
+
+def _intervals(step: "xr.Dataset", name: str, scale: float = 1e-12) -> list[str]:
+    """Both intervals of an answer; empty where there are none, unknown where they are unknown."""
+    said = []
+    for kind in INTERVALS:
+        if f"{name}_{kind}" not in step:
+            said.append("")
+            continue
+        low, high = scale * step[f"{name}_{kind}"].values
+        half = 0.5 * (high - low)
+        known = np.isfinite(half)
+        said.append(f"{round_by(low, half)} ... {round_by(high, half)}" if known else "unknown")
+    return said
+
+
+def _value(step: "xr.Dataset", name: str, scale: float) -> str:
+    """Answer with the digits that the error of the mean law leaves."""
+    half = 0.0
+    if f"{name}_mean_law" in step:
+        half = 0.5 * float(np.ptp(step[f"{name}_mean_law"].values))
+    return round_by(scale * float(step[name]), scale * half)
 
 
 def say_error(total: float) -> str:
@@ -117,13 +170,13 @@ def _error(step: "xr.Dataset", name: str) -> str:
     return say_error(float(step["error_total"].sel(quantity=name)))
 
 
-def _part(step: "xr.Dataset", name: str) -> str:
-    """Stiffness of a part of the joint, MPa/µm, with its error; empty in an earlier version."""
+def _part(step: "xr.Dataset", name: str, scale: float = 1e-12) -> str:
+    """Answer with its error, such as a stiffness in MPa/µm; empty in an earlier version."""
     if name not in step:
         return ""
     error = _error(step, name)
     beside = f" ± {error} %" if error not in ("", "unknown") else ""
-    return f"{1e-12 * float(step[name]):.4g}{beside}"
+    return f"{_value(step, name, scale)}{beside}"
 
 
 def tabulate_links(result: "xr.Dataset") -> tuple[tuple[str, ...], list[tuple[str, ...]]]:
@@ -170,6 +223,7 @@ def tabulate_preloads(result: "xr.Dataset") -> tuple[tuple[str, ...], list[tuple
     head = (
         "preload (MPa)",
         "joint stiffness (MPa/µm)",
+        *INTERVALS.values(),
         "error (%)",
         "interface (MPa/µm)",
         "bodies (MPa/µm)",
@@ -186,13 +240,14 @@ def tabulate_preloads(result: "xr.Dataset") -> tuple[tuple[str, ...], list[tuple
             continue
         row = (
             preload,
-            f"{1e-12 * float(step['joint_stiffness']):.4g}",
+            _value(step, "joint_stiffness", 1e-12),
+            *_intervals(step, "joint_stiffness"),
             _error(step, "joint_stiffness"),
             _part(step, "interface_stiffness"),
             _part(step, "solid_stiffness"),
-            f"{1e-12 * float(step['tangential_stiffness']):.4g}",
+            _part(step, "tangential_stiffness"),
             *(f"{100.0 * float(step[f'{state}_fraction']):.4g}" for state in states),
-            f"{1e-6 * float(step['real_pressure']):.4g}" if "real_pressure" in step else "",
+            _part(step, "real_pressure", 1e-6),
         )
         rows.append(row)
     return head, rows
@@ -242,11 +297,24 @@ def tabulate_braking(result: "xr.Dataset") -> tuple[tuple[str, ...], list[tuple[
 
 
 def list_cycles(result: "xr.Dataset") -> list[str]:
-    """Say what every cycle of a joint has lost; nothing for other results."""
+    """Say what every cycle of a joint has lost, and what slips; nothing for other results."""
     if "cycle_energy" not in result:
         return []
-    missing = "unknown" if result["converged"].values.all() else "not closed"
-    return [
-        f"cycle {k}: {missing}" if np.isnan(loss) else f"cycle {k}: {loss:.4g} J lost"
-        for k, loss in enumerate(result["cycle_energy"].values)
-    ]
+    missing, last = "unknown" if result["converged"].values.all() else "not closed", result.sizes
+    told = []
+    for k, loss in enumerate(result["cycle_energy"].values):
+        if np.isnan(loss):
+            told.append(f"cycle {k}: {missing}")
+            continue
+        one = result.isel(cycle=k)
+        beside = (
+            say_intervals(_intervals(one, "cycle_energy", 1.0)) if k + 1 == last["cycle"] else ""
+        )
+        told.append(f"cycle {k}: {_value(one, 'cycle_energy', 1.0)} J lost{beside}")
+    if "slipping_load" in result and not np.isnan(result["slipping_load"].values[-1]):
+        end = result.isel(step=-1)
+        told.append(
+            f"at the amplitude contacts under {_value(end, 'slipping_load', 100.0)} % of the load "
+            f"slip{say_intervals(_intervals(end, 'slipping_load', 100.0))}"
+        )
+    return told

@@ -1,6 +1,6 @@
 """How stages that solve a structure are made."""
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterable, Iterator
 from dataclasses import replace
 from importlib.util import find_spec
 from pathlib import Path
@@ -44,6 +44,8 @@ def structure_stage(
     schema: Schema = MACRO_RESULT,
     solver: tuple[str, ...] = ("pypardiso",),
     check: Callable[["xr.Dataset"], None] = require_converged,
+    more: Callable[["xr.Dataset"], Iterable[Section]] = lambda result: (),
+    pictures: tuple[str, ...] = (),
 ) -> Stage:
     """Make the stage that solves some kinds of structures.
 
@@ -64,6 +66,8 @@ def structure_stage(
     schema : Schema
     solver : tuple of str
         Libraries that solve where they are installed.
+    more : callable, from the dataset to further sections of the page
+    pictures : tuple of str, names of all figures that these may have
     """
 
     def run(case: Case, found: Datasets, job: Job) -> "xr.Dataset":
@@ -82,6 +86,7 @@ def structure_stage(
     def sections(found: Datasets, out: Path) -> Iterator[Section]:
         result = found[schema.name]
         yield Section("Structure", [*_told(result), *_failures(result)], *tabulate(result))
+        yield from more(result)
 
     def summary(found: Datasets) -> Summary:
         result = found[schema.name]
@@ -101,6 +106,7 @@ def structure_stage(
         lines=lines,
         sections=sections,
         summary=summary,
+        pictures=pictures,
         failure=lambda result: "; ".join(_failures(result)),
     )
 

@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from multiscale.upscaling import estimate_grid_error, with_budget
-from multiscale.upscaling.budget import assemble_budget
+from multiscale.upscaling.budget import FEW_CELLS, NO_PART, assemble_budget
 from multiscale.upscaling.budget_terms import NORMAL, Term
 from multiscale.upscaling.shear_budget import NORMAL_ALONE
 
@@ -58,6 +58,7 @@ def with_braking_budget(
         "scale separation": Term(
             "not known: the pressure of the footprint is taken as even over the waves of the road"
         ),
+        FEW_CELLS: NO_PART,
         "macro discretisation": Term(
             "not known: elements of twice the size do not fit; give smaller ones in [tread]"
         ),

@@ -23,7 +23,12 @@ from multiscale.plotting.grain_figures import (
     plot_grain_energies,
 )
 from multiscale.plotting.growth_figures import plot_growth
-from multiscale.plotting.joint_figures import draw_joint, plot_hysteresis, plot_joint_plan
+from multiscale.plotting.joint_figures import (
+    draw_joint,
+    joint_pictures,
+    plot_hysteresis,
+    plot_joint_plan,
+)
 from multiscale.plotting.law_figures import (
     plot_area_law,
     plot_gap_law,
@@ -63,6 +68,7 @@ __all__ = [
     "draw_links",
     "draw_sliding",
     "draw_work_precision",
+    "joint_pictures",
     "plot_area_law",
     "plot_biaxial_curve",
     "plot_braking_force",

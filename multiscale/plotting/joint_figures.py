@@ -3,6 +3,7 @@
 A ``result`` follows ``MACRO_RESULT``, with the points of joints.
 """
 
+from collections.abc import Callable
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -11,18 +12,38 @@ import numpy as np
 from multiscale.errors import CaseError
 from multiscale.plotting.budget_figures import plot_error_budget
 from multiscale.plotting.figure import add_colour_bar, axes_or_current, save_figures
+from multiscale.plotting.law_figures import BANDS, plot_joint_stiffness
 
 if TYPE_CHECKING:
     import xarray as xr
     from matplotlib.axes import Axes
 
-__all__ = ["draw_joint", "plot_hysteresis", "plot_joint_plan"]
+__all__ = ["draw_joint", "joint_pictures", "plot_hysteresis", "plot_joint_plan"]
 
 ZONES = ("open", "stick", "slip")
 """Names of the values 0, 1 and 2 of ``contact_state``."""
 
 ZONE_COLOURS = ("0.8", "C0", "C3")
 """Colours of the zones."""
+
+
+FACES = {
+    4: ((0, 1, 2), (0, 1, 3), (0, 2, 3), (1, 2, 3)),
+    8: ((0, 1, 2, 3), (4, 5, 6, 7), (0, 1, 5, 4), (1, 2, 6, 5), (2, 3, 7, 6), (3, 0, 4, 7)),
+}
+"""Faces of an element by its number of corners, in the order of VTK."""
+
+LEGEND_BELOW = 0.45
+"""Distance of the legend of the zones below the axes, inches."""
+
+LEVEL = 1e-6
+"""Height, relative to a body, up to which corners lie on its top."""
+
+QUANTITIES = {
+    "pressure": "pressure (MPa)",
+    "dissipation": "loss of the last cycle (J/m²)",
+}
+"""Quantities of the points of a joint that have a colour bar, and its label."""
 
 
 def plot_joint_plan(
@@ -33,60 +54,133 @@ def plot_joint_plan(
     joint: int = 0,
     ax: "Axes | None" = None,
 ) -> "Axes":
-    """Plot the open, sticking and slipping zones of a joint in plan, or its pressure.
+    """Plot the open, sticking and slipping zones of a joint in plan, its pressure or its loss.
+
+    Each point is a disc of the area that it stands for. The outlines of the tops of the parts are
+    drawn if the result has their elements.
 
     Parameters
     ----------
     quantity : str
-        ``"contact_state"`` or ``"pressure"``.
+        ``"contact_state"``, ``"pressure"`` or ``"dissipation"``, the loss of the last cycle.
     step : int
         Step; the last one if not given.
     joint : int
         Number of the joint.
     """
+    from matplotlib.collections import EllipseCollection
+    from matplotlib.patches import Patch
+    from matplotlib.transforms import ScaledTranslation
+
     ax = axes_or_current(ax)
     mine = np.flatnonzero(result["point_joint"].values == joint)
-    x, y = 1e3 * result["point_position"].values[mine, :2].T
-    # each marker fills about its share of the axes
-    marker: dict[str, Any] = {
-        "s": float(np.clip(3e4 / max(mine.size, 1), 4.0, 200.0)),
-        "marker": "s",
-    }
-    if quantity == "pressure":
-        pressure = -1e-6 * result["traction"].values[step, mine, 0]
-        dots = ax.scatter(x, y, c=pressure, vmin=0.0, **marker)
-    else:
-        state, area = result["contact_state"].values[step, mine], result["point_area"].values[mine]
+    place, area = 1e3 * result["point_position"].values[mine, :2], result["point_area"].values[mine]
+    across = 1e3 * np.sqrt(4.0 / np.pi * area)
+
+    def discs(where: np.ndarray, **style: Any) -> EllipseCollection:
+        return EllipseCollection(
+            across[where],
+            across[where],
+            0.0,
+            units="xy",
+            offsets=place[where],
+            offset_transform=ax.transData,
+            **style,
+        )
+
+    for line in _outlines(result):
+        ax.plot(*(1e3 * line), color="black", linewidth=0.8, zorder=3)
+    if quantity == "contact_state":
+        middle = ScaledTranslation(0.5, 0.0, ax.transAxes)  # type: ignore[arg-type]
+        state, handles = result["contact_state"].values[step, mine], []
         for value, (name, colour) in enumerate(zip(ZONES, ZONE_COLOURS, strict=True)):
-            here = state == value
-            label = f"{name}, {100.0 * area[here].sum() / area.sum():.0f} %"
-            ax.scatter(x[here], y[here], color=colour, label=label, **marker)
-        ax.legend(loc="upper center", bbox_to_anchor=(0.5, -0.18), ncols=3, frameon=False)
+            ax.add_collection(discs(state == value, facecolors=colour))
+            label = f"{name}, {100.0 * area[state == value].sum() / area.sum():.0f} %"
+            handles.append(Patch(color=colour, label=label))
+        ax.legend(
+            handles=handles,
+            frameon=False,
+            ncols=3,
+            loc="upper center",
+            bbox_to_anchor=(0.0, -LEGEND_BELOW),
+            bbox_transform=ax.figure.dpi_scale_trans + middle,
+        )
+    else:
+        value = -1e-6 * result["traction"].values[step, mine, 0]
+        if quantity == "dissipation":
+            value = result["dissipation"].values[_last_cycle(result)][:, mine].sum(axis=0)
+        dots = discs(np.ones(mine.size, dtype=bool), array=value)
+        dots.set_clim(0.0, float(np.nanmax(value)))
+        ax.add_collection(dots)
     ax.set_aspect("equal")
+    ax.autoscale_view()
     ax.set(xlabel="x (mm)", ylabel="y (mm)")
-    if quantity == "pressure":
-        add_colour_bar(dots, ax, "pressure (MPa)")
+    if quantity != "contact_state":
+        add_colour_bar(dots, ax, QUANTITIES[quantity])
     preload, shear = (1e-6 * float(result[name].values[step]) for name in ("preload", "shear"))
-    ax.set_title(f"preload {preload:.3g} MPa, shear {shear:.3g} MPa")
+    at = f"shear {shear:.3g} MPa" if quantity != "dissipation" else f"cycles of {shear:.3g} MPa"
+    ax.set_title(f"preload {preload:.3g} MPa, {at}")
     return ax
 
 
+def _outlines(result: "xr.Dataset") -> list[np.ndarray]:
+    """Outline of the top of every body in plan, (2, points) in m with NaN between its edges."""
+    if "corners" not in result:
+        return []
+    place, corners = result["position"].values, result["corners"].values
+    faces = corners[:, np.array(FACES[corners.shape[1]])]  # (elements, faces, corners)
+    lines = []
+    for body in np.unique(result["element_body"].values):
+        own = faces[result["element_body"].values == body].reshape(-1, faces.shape[2])
+        height = place[own, 2]
+        top = own[np.all(height > height.max() - LEVEL * np.ptp(height), axis=1)]
+        edges = np.sort(np.stack([top, np.roll(top, 1, axis=1)], axis=2).reshape(-1, 2), axis=1)
+        edge, count = np.unique(edges, axis=0, return_counts=True)
+        ends = place[edge[count == 1], :2]  # (edges, 2, 2)
+        gap = np.full((len(ends), 1, 2), np.nan)
+        lines.append(np.concatenate([ends, gap], axis=1).reshape(-1, 2).T)
+    return lines
+
+
+def _sheared(result: "xr.Dataset") -> int:
+    """Return the number of the first step of a path with shear."""
+    return int(np.flatnonzero(np.cumsum(np.abs(result["shear"].values)) > 0.0)[0])
+
+
+def _last_cycle(result: "xr.Dataset") -> slice:
+    """Return the steps of the last cycle."""
+    after = result.sizes["step"] - _sheared(result)
+    return slice(-4 * (after // (4 * result.sizes["cycle"] + 1)), None)
+
+
 def plot_hysteresis(result: "xr.Dataset", *, ax: "Axes | None" = None) -> "Axes":
-    """Plot the shear of the last cycle over its displacement; the loop encloses the lost energy.
+    """Plot the shear of the cycles over its displacement; the loop encloses the lost energy.
 
     The elastic displacement, shear over the stiffness without slip, is subtracted: it would hide a
-    slender loop, and encloses no area.
+    slender loop, and encloses no area. The bands are loops that enclose the ends of the intervals
+    of the loss, if these are known: as much wider about the middle of both branches.
     """
     ax = axes_or_current(ax)
-    last = result["preload"].values == result["preload"].values[-1]
-    sheared = last & (np.cumsum(np.abs(result["shear"].values)) > 0.0)
-    first = int(np.flatnonzero(sheared)[0])
+    first = _sheared(result)
     steps = slice(max(first - 1, 0), None)
     stiffness = result["tangential_stiffness"].values[max(first - 1, 0)]
-    shear = result["shear"].values[steps]
-    slip = result["shear_displacement"].values[steps] - shear / stiffness
-    ax.plot(1e6 * slip, 1e-6 * shear, ".-", color="C0", linewidth=1.0, markersize=4)
+    shear = 1e-6 * result["shear"].values[steps]
+    slip = 1e6 * (result["shear_displacement"].values[steps] - 1e6 * shear / stiffness)
     loss = result["cycle_energy"].values[-1]
+    last = _last_cycle(result).start - 1
+    half = -last // 2 + 1  # steps from one amplitude to the other, both counted
+    back, forth = slip[last:][:half], slip[last:][half - 1 :][::-1]
+    middle, width = 0.5 * (back + forth), 0.5 * (forth - back)
+    for kind, alpha in BANDS.items():
+        if f"cycle_energy_{kind}" not in result or np.isnan(loss):
+            continue
+        low, high = result[f"cycle_energy_{kind}"].values[:, -1] / loss
+        style: dict[str, Any] = {"color": "C0", "alpha": alpha, "linewidth": 0}
+        for side, label in ((-1.0, f"{kind.replace('_', ' ')}, 95 %"), (1.0, None)):
+            ends = (middle + side * one * width for one in (low, high))
+            ax.fill_betweenx(shear[last:][:half], *ends, label=label, **style)
+        ax.legend(loc="upper left", fontsize="small")
+    ax.plot(slip, shear, ".-", color="C0", linewidth=1.0, markersize=4)
     caption = "no loss known" if np.isnan(loss) else f"{1e3 * loss:.3g} mJ lost"
     ax.set_title(f"last cycle: {caption}")
     ax.set_xlabel("tangential displacement less the elastic one (µm)")
@@ -94,15 +188,10 @@ def plot_hysteresis(result: "xr.Dataset", *, ax: "Axes | None" = None) -> "Axes"
     return ax
 
 
-def draw_joint(result: "xr.Dataset", folder: Path) -> list[Path]:
-    """Draw zones, pressure and, if known, hysteresis and error budget of a joint into PNG files.
+def joint_pictures(result: "xr.Dataset") -> "dict[str, Callable[[Axes], object]]":
+    """Return what is drawn of a joint, by name: zones and pressure, loop and loss if it is sheared.
 
     Zones are drawn at the step at which most of the area slips.
-
-    Parameters
-    ----------
-    folder : Path
-        Folder of the files, made if needed.
 
     Raises
     ------
@@ -114,12 +203,33 @@ def draw_joint(result: "xr.Dataset", folder: Path) -> list[Path]:
         why = result.attrs.get("failure") or result.attrs.get("cautions", "")
         raise CaseError(f"no step has an answer, so that there is no joint to draw: {why}")
     step = int(np.nanargmax(slips))
-    draw = {
+    draw: dict[str, Callable[[Axes], object]] = {
         "contact_zones": lambda ax: plot_joint_plan(result, step=step, ax=ax),
         "pressure": lambda ax: plot_joint_plan(result, quantity="pressure", step=step, ax=ax),
     }
     if "cycle_energy" in result:
         draw["hysteresis"] = lambda ax: plot_hysteresis(result, ax=ax)
+        if np.isfinite(result["cycle_energy"].values[-1]):
+            draw["loss"] = lambda ax: plot_joint_plan(result, quantity="dissipation", ax=ax)
+    if np.isfinite(result["joint_stiffness"].values).sum() > 1:
+        draw["joint_stiffness"] = lambda ax: plot_joint_stiffness(result, ax=ax)
+    return draw
+
+
+def draw_joint(result: "xr.Dataset", folder: Path) -> list[Path]:
+    """Draw a joint, and its error budget if it has one, into PNG files; see `joint_pictures`.
+
+    Parameters
+    ----------
+    folder : Path
+        Folder of the files, made if needed.
+
+    Raises
+    ------
+    CaseError
+        If no step has an answer.
+    """
+    draw = joint_pictures(result)
     if "error_total" in result:
         draw["error_budget"] = lambda ax: plot_error_budget(result, ax=ax)
     return save_figures(draw, folder)

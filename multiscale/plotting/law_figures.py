@@ -35,6 +35,9 @@ __all__ = [
 BAND_PERCENTILES = (2.5, 97.5)
 """Percentiles of the 95 % bands."""
 
+BANDS = {"one_part": 0.2, "mean_law": 0.45}
+"""Both intervals of an answer, and the opacity of their bands."""
+
 STATISTICS = ("mean", "std")
 """Statistics over realisations, drawn as markers with bars."""
 
@@ -150,15 +153,16 @@ def plot_shear_law(law: "xr.Dataset", *, ax: "Axes | None" = None) -> "Axes":
 
 
 def plot_joint_stiffness(result: "xr.Dataset", *, ax: "Axes | None" = None) -> "Axes":
-    """Plot the stiffness of a joint against its preload, with the band of the samples."""
+    """Plot the stiffness of a joint against its preload, with its bands if it has a budget."""
     ax = axes_or_current(ax)
     result = result.isel(step=np.flatnonzero(np.isfinite(result["joint_stiffness"].values)))
     preload = 1e-6 * result["preload"].values
     to_plot = 1e-12  # Pa/m to MPa/um
-    if "joint_stiffness_sample" in result:
-        samples = result["joint_stiffness_sample"].values
-        low, high = to_plot * np.nanpercentile(samples, BAND_PERCENTILES, axis=0)
-        ax.fill_between(preload, low, high, color="C0", alpha=0.3, linewidth=0, label="95 % band")
+    for kind, alpha in BANDS.items():
+        if f"joint_stiffness_{kind}" in result:
+            low, high = to_plot * result[f"joint_stiffness_{kind}"].values
+            label = f"{kind.replace('_', ' ')}, 95 %"
+            ax.fill_between(preload, low, high, color="C0", alpha=alpha, linewidth=0, label=label)
     ax.plot(preload, to_plot * result["joint_stiffness"].values, "o-", color="C0", label="joint")
     if "unloading_stiffness" in result:
         unloading = to_plot * result["unloading_stiffness"].values

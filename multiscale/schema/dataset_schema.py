@@ -60,6 +60,19 @@ class Schema:
         }
         return replace(self, optional={**self.optional, **samples})
 
+    def with_intervals(self, *names: str) -> "Schema":
+        """Add the intervals of optional variables: of the mean law, and of one part."""
+        told = {
+            "mean_law": "95 % interval of the mean law",
+            "one_part": "95 % interval of the next part, whose interface holds few cells",
+        }
+        ends = {
+            f"{name}_{kind}": Variable(("limit", *one.dims), one.units, f"{one.long_name}, {what}")
+            for name, one in ((name, self.optional[name]) for name in names)
+            for kind, what in told.items()
+        }
+        return replace(self, optional={**self.optional, **ends})
+
     def check(self, dataset: "xr.Dataset") -> None:
         """Raise if a variable is missing or has other dimensions or units.
 

@@ -81,6 +81,10 @@ MACRO_RESULT = Schema(
         "load_below": _face("1", "share of the load at pressures below the data of the law"),
         "load_above": _face("1", "share of the load at pressures above the data of the law"),
         "load_far": _face("1", "share of the load beyond a factor of 2 outside the data"),
+        "slipping_load": _step(
+            "1", "share of the load whose contacts slip as the shear first gets so large"
+        ),
+        "dissipation": _point("J m-2", "energy that slip loses in the step"),
         "known": _step("1", "whether the data of the laws reach the answer"),
         "shear": _step("Pa", "tangential traction on the loaded face"),
         "shear_displacement": _step(
@@ -108,6 +112,15 @@ MACRO_RESULT = Schema(
 ).with_samples(
     sample=("joint_stiffness", "interface_stiffness", "braking_force"),
     unloading_sample=("unloading_stiffness",),
+)
+MACRO_RESULT = MACRO_RESULT.with_intervals(
+    "joint_stiffness",
+    "interface_stiffness",
+    "solid_stiffness",
+    "tangential_stiffness",
+    "real_pressure",
+    "slipping_load",
+    "cycle_energy",
 )
 
 HOMOGENISED = Schema(

@@ -35,6 +35,7 @@ from multiscale.upscaling.rubber_friction import friction_at
 from multiscale.upscaling.scales import (
     cell_share,
     compare_scales,
+    effective_cells,
     pressure_length,
     pressure_length_of_points,
 )
@@ -47,7 +48,14 @@ from multiscale.upscaling.shear_branch import (
     with_shear,
     with_sliding,
 )
-from multiscale.upscaling.structure_errors import over_steps, structure_budget, with_scales
+from multiscale.upscaling.shear_budget import shear_errors
+from multiscale.upscaling.structure_errors import (
+    Dependence,
+    over_steps,
+    structure_budget,
+    with_intervals,
+    with_scales,
+)
 from multiscale.upscaling.tangential_observations import (
     friction_observations,
     tangential_observations,
@@ -55,6 +63,7 @@ from multiscale.upscaling.tangential_observations import (
 
 __all__ = [
     "FAMILIES",
+    "Dependence",
     "Family",
     "Parameter",
     "admissibility",
@@ -66,6 +75,7 @@ __all__ = [
     "cell_share",
     "compare_laws",
     "compare_scales",
+    "effective_cells",
     "ensemble_average",
     "error_budget",
     "estimate_grid_error",
@@ -87,6 +97,7 @@ __all__ = [
     "read_observations",
     "require_law",
     "required_realisations",
+    "shear_errors",
     "size_trend",
     "sliders_from_dataset",
     "sliding_friction_at",
@@ -97,6 +108,7 @@ __all__ = [
     "unloading_family",
     "unloading_observations",
     "with_budget",
+    "with_intervals",
     "with_scales",
     "with_shear",
     "with_sliding",

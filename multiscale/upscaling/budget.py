@@ -9,12 +9,14 @@ import numpy as np
 from multiscale.errors import CaseError
 from multiscale.schema import ERROR_BUDGET, INTERFACE_LAW
 from multiscale.upscaling.budget_terms import (
+    FEW_CELLS,
     NORMAL,
     Term,
     fit_term,
     grid_term,
     increment_term,
     sampling_term,
+    scatter_term,
     separation_term,
 )
 from multiscale.upscaling.cell_size import size_term
@@ -28,10 +30,13 @@ if TYPE_CHECKING:
 
 __all__ = [
     "ERROR_TERMS",
+    "FEW_CELLS",
+    "NO_PART",
     "add_up",
     "assemble_budget",
     "error_budget",
     "how_attribute",
+    "mean_law_error",
     "total_error",
     "with_budget",
 ]
@@ -45,6 +50,7 @@ ERROR_TERMS = (
     "surface",
     "friction bed",
     "scale separation",
+    FEW_CELLS,
     "macro discretisation",
 )
 """Labels of the dimension ``error_term``."""
@@ -54,6 +60,8 @@ ALWAYS = ("sampling", "fit", "increments", "surface")
 
 ONE_SIDED = 6.0  # standard deviations from which a bias leaves one tail alone
 TAIL = 1.6448536269514722  # standard deviations to 95 % of one side
+
+NO_PART = Term("not in a law without the scales of a structure")
 
 QUANTITIES = ("mean_gap", "contact_fraction", "stiffness")
 
@@ -124,10 +132,11 @@ def error_budget(
       order; nothing where no body flows;
     - *surface*: what the cells lack of the height and the slope of measured maps, see
       :func:`~.surface_error.surface_term`; nothing where surfaces were made from a spectrum;
-    - *scale separation*: with :math:`\varepsilon = \lambda_l/\ell` two independent parts: the
-      pressure is not even over a wave, :math:`\tfrac12 f''(p)\, (\varepsilon p)^2 / 12` of a
-      quantity :math:`f`; and the length :math:`\ell` of one structure holds only
-      :math:`(\ell/L)^2` cells, :math:`1.96\, \mathrm{CoV}\, L / \ell`.
+    - *scale separation*: the pressure is not even over a wave, with
+      :math:`\varepsilon = \lambda_l/\ell` :math:`\tfrac12 f''(p)\, (\varepsilon p)^2 / 12` of a
+      quantity :math:`f`;
+    - *few cells*: the interface of one structure, of the edge :math:`\ell`, holds only
+      :math:`(\ell/L)^2` cells, :math:`1.96\, \mathrm{CoV}\, L / \ell`; see :func:`mean_law_error`.
 
     Terms are independent of each other. With the sum :math:`b` of the biases and the standard
     deviation :math:`s` from the root of the sum of the squares of the half-widths about them, the
@@ -160,6 +169,7 @@ def error_budget(
         "surface": surface_term(response, law, p),
         "friction bed": NORMAL_ALONE,
         "scale separation": Term("not known: pass scales from compare_scales"),
+        FEW_CELLS: NO_PART,
         "macro discretisation": Term("not in a law: see structure_budget"),
     }
     if sizes:
@@ -170,8 +180,9 @@ def error_budget(
     if resolutions:
         terms["micro discretisation"] = grid_term(response, resolutions, apart=apart)
     if scales is not None:
-        uneven = separation_term(law, sampling.half_width / sampling.factor, p, scales)
-        terms["scale separation"] = Term(str(scales), uneven)
+        terms["scale separation"] = Term(str(scales), separation_term(law, p, scales))
+        few = scatter_term(sampling.half_width / sampling.factor, scales)
+        terms[FEW_CELLS] = Term(scales.count_cells(), few)
     if tangential is None:
         budget = assemble_budget(terms, QUANTITIES, p)
     else:
@@ -200,6 +211,31 @@ def total_error(bias: np.ndarray, half_width: np.ndarray) -> np.ndarray:
     ratio = np.where(s > 0.0, b / np.where(s > 0.0, s, 1.0), np.inf)
     near = s * np.sqrt(chndtrix(0.95, 1.0, np.minimum(ratio, ONE_SIDED) ** 2))
     return np.asarray(np.where(ratio < ONE_SIDED, near, b + TAIL * s))
+
+
+def mean_law_error(budget: "xr.Dataset") -> np.ndarray:
+    """Total of a budget without what one part has by its few cells: the error of the mean part.
+
+    Parameters
+    ----------
+    budget : Dataset
+        Follows ``ERROR_BUDGET``, or a law or macro result that carries one. Its own total is the
+        error of one part.
+
+    Returns
+    -------
+    ndarray, shape (quantities, steps)
+        Relative to the value; NaN where the total is not known.
+    """
+    half, total = budget["error_half_width"], budget["error_total"].to_numpy()
+    given = half.notnull().any(("quantity", "step")).drop_sel(error_term=FEW_CELLS)
+    rest, bias = (
+        budget[name].drop_sel(error_term=FEW_CELLS).to_numpy()
+        for name in ("error_half_width", "error_bias")
+    )
+    counted = given.to_numpy() | np.isin(given["error_term"].to_numpy(), ALWAYS)
+    error = total_error(bias.sum(axis=1), np.sqrt(np.sum(rest[:, counted] ** 2, axis=1)))
+    return np.asarray(np.where(np.isfinite(total), error, np.nan))
 
 
 def with_budget(dataset: "xr.Dataset", budget: "xr.Dataset") -> "xr.Dataset":

@@ -21,6 +21,7 @@ if TYPE_CHECKING:
     import xarray as xr
 
 __all__ = [
+    "FEW_CELLS",
     "NORMAL",
     "Sampling",
     "Term",
@@ -30,6 +31,7 @@ __all__ = [
     "increment_term",
     "same_steps",
     "sampling_term",
+    "scatter_term",
     "separation_term",
     "students",
 ]
@@ -43,6 +45,9 @@ FIT_ERRORS = {
 
 FEWEST_UNSEEN = 3  # errors at points that a fit has not seen: five pressures have so many
 GROWTH = 10.0  # of differences from one interval to the next, beyond which nothing can be continued
+FEW_CELLS = "few cells"
+"""Term of one part, whose interface holds few cells; the mean law does not have it."""
+
 NORMAL = 1.959963984540054  # standard deviations to 95 %
 
 
@@ -286,14 +291,17 @@ def students(variances: np.ndarray, freedom: np.ndarray) -> np.ndarray:
     return np.asarray(np.where(np.isfinite(whole), factor, NORMAL) * np.sqrt(total))
 
 
-def separation_term(
-    law: "xr.Dataset", scatter: np.ndarray, p: np.ndarray, scales: ScaleSeparation
-) -> np.ndarray:
-    """Half-widths from uneven pressure and from the few cells that one structure holds.
+def scatter_term(scatter: np.ndarray, scales: ScaleSeparation) -> np.ndarray:
+    """Half-widths from the few cells that the interface of one structure holds.
 
     The scatter is the coefficient of variation of single cells, (3, steps); a scatter that is
     not finite, as the one of one realisation, counts as none.
     """
+    return np.asarray(NORMAL * np.nan_to_num(scatter, posinf=0.0) * scales.cell_ratio)
+
+
+def separation_term(law: "xr.Dataset", p: np.ndarray, scales: ScaleSeparation) -> np.ndarray:
+    """Half-widths from pressure that is not even over the longest wave."""
     mean_law, area_law = law_from_dataset(law), area_from_dataset(law)
     functions: tuple[Callable[[np.ndarray], np.ndarray], ...] = (
         mean_law.gap_at,
@@ -301,10 +309,10 @@ def separation_term(
         lambda q: mean_law.stiffness(mean_law.gap_at(q)),
     )
     step, rows = 0.05, []
-    for evaluate, cov in zip(functions, np.nan_to_num(scatter, posinf=0.0), strict=True):
+    for evaluate in functions:
         low, middle, high = (evaluate(p * np.exp(s)) for s in (-step, 0.0, step))
         first = (high - low) / (2.0 * step)  # d/d ln p
         second = (high - 2.0 * middle + low) / step**2
         uneven = 0.5 * np.abs(second - first) * scales.wavelength_ratio**2 / 12.0  # p^2 f''
-        rows.append(np.hypot(uneven / np.abs(middle), NORMAL * cov * scales.cell_ratio))
+        rows.append(uneven / np.abs(middle))
     return np.array(rows)

@@ -10,6 +10,7 @@ __all__ = [
     "ScaleSeparation",
     "cell_share",
     "compare_scales",
+    "effective_cells",
     "pressure_length",
     "pressure_length_of_points",
 ]
@@ -47,6 +48,10 @@ class ScaleSeparation:
             f"varies, cell {self.cell_ratio:.3g} of the interface{time}"
         )
         return "; ".join([head, *self.cautions])
+
+    def count_cells(self) -> str:
+        """Say how many cells the interface holds."""
+        return f"scatter of single cells, of which the interface holds {self.cell_ratio**-2.0:.3g}"
 
 
 def compare_scales(
@@ -104,6 +109,35 @@ def compare_scales(
         float(ratio),
         tuple(cautions),
     )
+
+
+def effective_cells(weight: np.ndarray, area: np.ndarray, cell_size: float) -> np.ndarray:
+    r"""Count the independent cells over which an answer of an interface averages.
+
+    Parameters
+    ----------
+    weight : ndarray, shape (..., points)
+        How much the answer depends on the law at a point, per area: pressure, or energy; any unit.
+    area : ndarray, shape (points,)
+        What a point stands for, m².
+    cell_size : float
+        Edge of a cell, m.
+
+    Returns
+    -------
+    ndarray, shape (...)
+        The law is a random field, whose mean over a cell of the area :math:`a` has the coefficient
+        of variation c. An answer that changes by :math:`w\, \delta\, \mathrm{d}A` where the
+        law changes by the share :math:`\delta` has the relative scatter :math:`c / \sqrt n` with
+
+        .. math:: n = \frac{(\int w\, \mathrm{d}A)^2}{a \int w^2\, \mathrm{d}A},    \tag{1}
+
+        the area over a under even weight. Waves of the weight shorter than a cell count too, which
+        makes n too small; NaN where there is no weight.
+    """
+    square = np.sum(weight**2 * area, axis=-1)
+    whole = np.sum(weight * area, axis=-1)
+    return np.asarray(whole**2 / np.where(square > 0.0, cell_size**2 * square, np.nan))
 
 
 def cell_share(cell_size: float, extent: float) -> str:

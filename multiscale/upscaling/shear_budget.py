@@ -6,17 +6,19 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from multiscale.upscaling.budget_terms import Term
+from multiscale.upscaling.budget_terms import FEW_CELLS, NORMAL, Term
 from multiscale.upscaling.reading import fitted_laws, law_from_dataset, pick, require_law
 from multiscale.upscaling.resolution import estimate_grid_error
 
 if TYPE_CHECKING:
     import xarray as xr
 
-__all__ = ["NORMAL_ALONE", "STEEPEST", "tangential_terms"]
+__all__ = ["NORMAL_ALONE", "STEEPEST", "shear_errors", "tangential_terms"]
 
 STEEPEST = np.exp(-1.0)
 """Largest change of t / (mu p) with the logarithm of the stiffness: of x exp(-x)."""
+
+RATIO = "shear_stiffness_ratio"
 
 NORMAL_ALONE = Term("not in a law without shear")
 
@@ -78,12 +80,55 @@ def tangential_terms(
     return found
 
 
+def shear_errors(law: "xr.Dataset", p: np.ndarray) -> dict[str, dict[str, np.ndarray]]:
+    r"""Errors of friction and stiffness ratio of a law that was measured; none of assumed ones.
+
+    Parameters
+    ----------
+    law : Dataset
+        Follows ``INTERFACE_LAW``; carries a budget with the scales of a structure, if any.
+    p : ndarray, shape (steps,)
+        Pressures, Pa.
+
+    Returns
+    -------
+    dict
+        For ``friction`` and ``stiffness_ratio`` the half-width of the 95 % interval over the value
+        by term, shape (steps,): *sampling* by the bootstrap, *few cells* by the scatter that it
+        tells of single cells, and for the ratio all that a term of the tangential traction, as
+        :func:`tangential_terms` tells it, does not have from the stiffness.
+    """
+    from scipy.stats import t
+
+    n_samples = int(law.sizes.get("shear_sample", 0))
+    if not n_samples:
+        return {}
+    n, found = int(law.attrs["n_sheared"]), {}
+    for parameter, name in (("friction", "shear_friction"), ("stiffness_ratio", RATIO)):
+        values = pick(law, name, [None, *range(n_samples)], of="shear")
+        mean, *drawn = (float(np.nanmean(one)) for one in values)
+        half = 0.5 * float(np.ptp(np.percentile(drawn, [2.5, 97.5]))) / mean
+        scatter = half * np.sqrt(n) / t.ppf(0.975, max(n - 1, 1))
+        few = NORMAL * scatter * float(law.attrs.get("cell_ratio", np.nan))
+        found[parameter] = {"sampling": np.full(p.size, half), FEW_CELLS: np.full(p.size, few)}
+    if "tangential_traction" in law["quantity"].values:
+        half_width, data = law["error_half_width"], np.log(law["fit_pressure"].to_numpy())
+        for term in map(str, law["error_term"].values[:-1]):  # the last one is not of a law
+            if term not in found["stiffness_ratio"]:
+                one = half_width.sel(error_term=term)
+                row = one.sel(quantity="tangential_traction").to_numpy() / STEEPEST
+                rest = row**2 - one.sel(quantity="stiffness").to_numpy() ** 2
+                left = np.sqrt(np.maximum(rest, 0.0))
+                found["stiffness_ratio"][term] = np.interp(np.log(p), data, left)
+    return found
+
+
 def _sampling(law: "xr.Dataset", p: np.ndarray) -> np.ndarray:
     """Half-width by the samples, over mu p; NaN without any."""
     n = min(int(law.sizes.get("sample", 0)), int(law.sizes.get("shear_sample", 0)))
     if not n:
         return np.full(p.size, np.nan)
-    ratio = np.nanmean(pick(law, "shear_stiffness_ratio", [None, *range(n)], of="shear"), axis=1)
+    ratio = np.nanmean(pick(law, RATIO, [None, *range(n)], of="shear"), axis=1)
     mu = np.array(pick(law, "shear_friction", [None, *range(n)], of="shear"))
     mean = law_from_dataset(law)
     slip = mu[0] * p / (ratio[0] * mean.stiffness(mean.gap_at(p))) * SLIPS[:, None]
@@ -101,8 +146,7 @@ def _grid(
     """Half-width by the grid, of stiffness and ratio together; NaN without coarser grids."""
     if not coarser or term.half_width is None:
         return np.full(p.size, np.nan)
-    name = "shear_stiffness_ratio"
-    fine, *others = (np.nanmean(one[name].to_numpy()) for one in (law, *coarser.values()))
+    fine, *others = (np.nanmean(one[RATIO].to_numpy()) for one in (law, *coarser.values()))
     found = estimate_grid_error(fine[None], dict(zip(coarser, np.array(others), strict=True)))
     return np.asarray(STEEPEST * np.hypot(term.half_width[2], found.half_width / fine))
 

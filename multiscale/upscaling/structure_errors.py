@@ -1,16 +1,23 @@
 """How wrong an answer of the structure is, from the error budget of its law."""
 
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
 
 import numpy as np
 
 from multiscale.errors import CaseError
 from multiscale.laws import NormalLaw, StretchedLaw
-from multiscale.schema import ERROR_BUDGET
-from multiscale.upscaling.budget import ERROR_TERMS, add_up, assemble_budget, how_attribute
-from multiscale.upscaling.budget_terms import Term, separation_term
+from multiscale.schema import ERROR_BUDGET, MACRO_RESULT
+from multiscale.upscaling.budget import (
+    ERROR_TERMS,
+    FEW_CELLS,
+    add_up,
+    assemble_budget,
+    how_attribute,
+    mean_law_error,
+)
+from multiscale.upscaling.budget_terms import Term, scatter_term, separation_term
 from multiscale.upscaling.observations import observe
 from multiscale.upscaling.reading import fitted_laws, law_from_dataset, require_law
 from multiscale.upscaling.resolution import estimate_grid_error
@@ -21,10 +28,36 @@ from multiscale.upscaling.spline_law import fit_each
 if TYPE_CHECKING:
     import xarray as xr
 
-__all__ = ["over_steps", "structure_budget", "with_scales"]
+__all__ = [
+    "STRETCH",
+    "Dependence",
+    "over_steps",
+    "structure_budget",
+    "with_intervals",
+    "with_scales",
+]
 
-STRETCH = 0.02  # of the gaps, to see how an answer depends on them
+STRETCH = 0.02
+"""Relative change of a parameter of the law, to see how an answer depends on it."""
+
 FEWEST_SAMPLES = 40  # for a percentile interval
+
+
+@dataclass(frozen=True, eq=False)
+class Dependence:
+    """How answers depend on a parameter of the law beside its normal branch, and its errors.
+
+    Attributes
+    ----------
+    change : ndarray, shape (answers, steps)
+        Relative change of the answers over a relative change of the parameter.
+    half_width : mapping of str to ndarray
+        From a term to the half-width of the 95 % interval of the parameter over its value, of a
+        shape that goes with (answers, steps). Terms that are missing add nothing.
+    """
+
+    change: np.ndarray
+    half_width: Mapping[str, np.ndarray | float]
 
 
 def structure_budget(
@@ -37,6 +70,8 @@ def structure_budget(
     coarser: Mapping[float, np.ndarray] | None = None,
     exact: str = "",
     samples: np.ndarray | int = 100,
+    others: Sequence[Dependence] = (),
+    cells: np.ndarray | float = 1.0,
 ) -> "xr.Dataset":
     """Carry the error budget of a law to an answer of the structure, or to several.
 
@@ -62,6 +97,11 @@ def structure_budget(
     samples : int or ndarray, shape (samples, steps)
         How many bootstrap samples of the law are solved, from the first on, or their answers.
         With fewer than 40, sampling enters as the other terms do.
+    others : sequence of Dependence
+        Parameters of the law beside its normal branch, such as those of its friction.
+    cells : float or ndarray, shape (answers, steps)
+        Number of cells over which the answers average, over the number that the scales of the law
+        tell; see :func:`effective_cells`.
 
     Returns
     -------
@@ -104,7 +144,36 @@ def structure_budget(
     elif coarser:
         estimate = estimate_grid_error(value, {r: _rows(a, names) for r, a in coarser.items()})
         terms["macro discretisation"] = Term(estimate.how, estimate.half_width / np.abs(value))
+    for one in others:
+        for name, half_width in one.half_width.items():
+            own = terms[name].half_width
+            if own is not None:
+                added = np.where(one.change == 0.0, 0.0, one.change * half_width)
+                terms[name] = replace(terms[name], half_width=np.hypot(own, added))
+    few = terms[FEW_CELLS].half_width
+    if few is not None:
+        terms[FEW_CELLS] = replace(terms[FEW_CELLS], half_width=few / np.sqrt(cells))
     return assemble_budget(terms, names, None, steps=value.shape[1])
+
+
+def with_intervals(result: "xr.Dataset") -> "xr.Dataset":
+    """Return a macro result with the 95 % intervals of all answers that its budget is of.
+
+    ``..._mean_law`` is where the answer of the mean law lies, ``..._one_part`` where the next part
+    lies, whose interface holds only so many cells. Of answers for each cycle the last one has
+    intervals, which the budget has at the last step. No answer lies below zero.
+    """
+    values = {}
+    errors = {"mean_law": mean_law_error(result), "one_part": result["error_total"].to_numpy()}
+    for row, name in enumerate(map(str, result["quantity"].values)):
+        value = result[name].to_numpy()
+        for kind, error in errors.items():
+            half = error[row]
+            if result[name].dims != ("step",):
+                half = np.append(np.full(value.size - 1, np.nan), half[-1])
+            ends = value * (1.0 + half * np.array([[-1.0], [1.0]]))
+            values[f"{name}_{kind}"] = np.maximum(ends, 0.0)
+    return MACRO_RESULT.assign(result, values)
 
 
 def over_steps(budget: "xr.Dataset", steps: np.ndarray, count: int) -> "xr.Dataset":
@@ -181,12 +250,21 @@ def with_scales(law: "xr.Dataset", scales: ScaleSeparation) -> "xr.Dataset":
     half, bias = law["error_half_width"].copy(deep=True), law["error_bias"]
     p = law["fit_pressure"].to_numpy()
     scatter = half.sel(error_term="sampling").to_numpy() / float(law.attrs["sampling_factor"])
-    rows = separation_term(law, scatter[:3], p, scales)
-    follow = STEEPEST * rows[2:] * np.ones((len(scatter) - 3, 1))  # of the tangential traction
-    half.loc[{"error_term": "scale separation"}] = np.vstack([rows, follow])
+    terms = {
+        "scale separation": separation_term(law, p, scales),
+        FEW_CELLS: scatter_term(scatter[:3], scales),
+    }
+    for term, rows in terms.items():
+        follow = STEEPEST * rows[2:] * np.ones((len(scatter) - 3, 1))  # of the tangential traction
+        half.loc[{"error_term": term}] = np.vstack([rows, follow])
     given = half.notnull().any(("quantity", "step")).to_numpy().tolist()
     total = law["error_total"].copy(data=add_up(half.to_numpy(), bias.to_numpy(), given))
     unknown = [one for one in str(law.attrs["unknown"]).split(", ") if one != "scale separation"]
     return law.assign(error_half_width=half, error_total=total).assign_attrs(
-        {how_attribute("scale separation"): str(scales), "unknown": ", ".join(unknown)}
+        {
+            "cell_ratio": scales.cell_ratio,
+            how_attribute("scale separation"): str(scales),
+            how_attribute(FEW_CELLS): scales.count_cells(),
+            "unknown": ", ".join(unknown),
+        }
     )

@@ -131,6 +131,7 @@ def test_the_datasets_open_as_one_tree_and_agree(finished):
         "increments",
         "surface",
         "scale separation",
+        "few cells",
         "macro discretisation",
     ]
     # even pressure: a closed form, without a mesh

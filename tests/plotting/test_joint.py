@@ -53,7 +53,13 @@ def test_the_loop_encloses_the_energy_per_area_of_the_cycle(result):
 
 def test_all_figures_of_a_joint_are_written(result, tmp_path):
     files = draw_joint(result, tmp_path / "figures")
-    assert [file.stem for file in files] == ["contact_zones", "pressure", "hysteresis"]
+    assert [file.stem for file in files] == [
+        "contact_zones",
+        "pressure",
+        "hysteresis",
+        "loss",
+        "joint_stiffness",
+    ]
     assert all(file.read_bytes().startswith(b"\x89PNG") for file in files)
 
 

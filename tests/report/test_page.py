@@ -55,7 +55,10 @@ def test_the_page_tells_what_was_found_how_and_what_to_beware_of(page):
     assert "multiscale 0" in page.split("Work and provenance")[1]
     assert "numpy" in page.split("Work and provenance")[1]
     assert "(from 2 MPa to 240 MPa)" in page
-    assert re.search(r"MPa/µm with a 95 % error bound of \d", page)
+    between = r"[\d.]+ \.\.\. [\d.]+"
+    assert re.search(
+        rf"MPa/µm \(mean law {between}; one part {between}\) with a 95 % error bound of \d", page
+    )
     assert re.findall(r"<td>micro.unload</td><td>false</td>", page)
 
 

@@ -8,8 +8,10 @@ from multiscale.errors import CaseError
 from multiscale.io import open_law, save_law
 from multiscale.schema import ERROR_BUDGET, INTERFACE_LAW, MICRO_RESPONSE
 from multiscale.upscaling import (
+    Dependence,
     at_rms_height,
     compare_scales,
+    effective_cells,
     error_budget,
     fit_law,
     law_from_dataset,
@@ -18,7 +20,7 @@ from multiscale.upscaling import (
     with_scales,
     without_size_bias,
 )
-from multiscale.upscaling.budget import total_error
+from multiscale.upscaling.budget import mean_law_error, total_error
 from multiscale.upscaling.spline_law import decay_share
 from tests.upscaling.responses import DECAY, PRESSURE, SCALE, response_of
 
@@ -344,7 +346,7 @@ def test_the_scale_term_has_both_its_parts():
     budget = error_budget(response, law, scales=compare_scales(0.1, 0.5, 1.0))
     gap = response["mean_gap"].values
     few = 1.96 * 0.5 * gap.std(axis=0, ddof=1) / gap.mean(axis=0)
-    np.testing.assert_allclose(half(budget, "scale separation"), few, rtol=2e-3)
+    np.testing.assert_allclose(half(budget, "few cells"), few, rtol=1e-4)
     even = response_of(np.tile(TRUTH, (3, 1)))
     budget = error_budget(even, fit_law(even), scales=compare_scales(0.5, 1e-9, 1.0))
     np.testing.assert_allclose(
@@ -362,8 +364,49 @@ def test_the_scale_term_vanishes_with_the_wavelength():
         )[3]
         for eps in (0.1, 0.05, 0.025)
     ]
-    assert found[0] / found[1] == pytest.approx(2.0, rel=0.05)
-    assert found[1] / found[2] == pytest.approx(2.0, rel=0.05)
+    assert found[0] / found[1] == pytest.approx(4.0, rel=0.05)
+    assert found[1] / found[2] == pytest.approx(4.0, rel=0.05)
+
+
+def test_the_mean_part_is_surer_than_one_part_by_its_few_cells():
+    response = ensemble(10)
+    law = fit_law(response)
+    alone = error_budget(response, law)
+    np.testing.assert_allclose(mean_law_error(alone), alone["error_total"], rtol=1e-12)
+    budget = error_budget(response, law, scales=compare_scales(1e-6, 0.5, 1.0))
+    np.testing.assert_allclose(mean_law_error(budget), alone["error_total"], rtol=1e-6)
+    few = budget["error_half_width"].sel(error_term="few cells")
+    both = np.hypot(alone["error_total"], few)
+    np.testing.assert_allclose(budget["error_total"], both, rtol=1e-6)
+
+
+def test_an_interface_averages_over_the_cells_that_carry_its_weight():
+    """Half of an even weight leaves half of the cells; points may be of any size."""
+    area = np.array([1.0, 3.0, 2.0, 2.0])
+    weight = np.array([[1.0, 1.0, 1.0, 1.0], [2.0, 2.0, 0.0, 0.0], [0.0, 0.0, 0.0, 0.0]])
+    found = effective_cells(weight, area, 0.5)
+    np.testing.assert_allclose(found, [32.0, 16.0, np.nan])
+
+
+def test_further_parameters_and_other_numbers_of_cells_enter_the_budget_of_a_structure():
+    response = ensemble(20)
+    law = fit_law(response, family="exponential")
+    law = with_budget(law, error_budget(response, law, scales=compare_scales(0.1, 0.5, 1.0)))
+    p = np.array([1e7, 5e7])
+
+    def solve(one):
+        return one.stiffness(one.gap_at(p))
+
+    plain = structure_budget("k", law, solve, samples=0)
+    ratio = Dependence(np.array([[0.5, 0.0]]), {"sampling": 0.04, "fit": np.nan})
+    found = structure_budget("k", law, solve, samples=0, others=[ratio], cells=np.array([[4.0, 1]]))
+    np.testing.assert_allclose(
+        half(found, "few cells", "k"), half(plain, "few cells", "k") / [2, 1]
+    )
+    added = np.hypot(half(plain, "sampling", "k"), [0.02, 0.0])
+    np.testing.assert_allclose(half(found, "sampling", "k"), added)
+    np.testing.assert_array_equal(np.isnan(half(found, "fit", "k")), [True, False])
+    np.testing.assert_array_equal(np.isnan(found["error_total"][0]), [True, False])
 
 
 def test_a_law_carries_its_budget_through_its_file(tmp_path):

@@ -21,10 +21,15 @@ for part in ("joint_stiffness", "interface_stiffness", "solid_stiffness"):
     sampling = joint["error_half_width"].sel(quantity=part, error_term="sampling")
     print(part, total.values, "of it sampling", sampling.values)
 
-# The 95 % band of a figure holds the scatter of the realisations alone. The total, printed as
-# "error (%)", is the half-width of a 95 % interval that counts every known term: sampling, fit,
-# size of the cells, discretisation, increments, surface, scale separation. An attribute says how
-# each term was found.
+# The 95 % band of the law in a figure holds the scatter of the realisations alone. The total,
+# printed as "error (%)", is the half-width of a 95 % interval that counts every known term:
+# sampling, fit, size of the cells, discretisation, increments, surface, scale separation, few
+# cells. An attribute says how each term was found.
+#
+# Two intervals stand beside each answer, printed with as many digits as its error leaves. The
+# answer of the mean law lies in the first. The next joint lies in the second, which is wider by the
+# term of the few cells that its interface holds.
+print(joint["joint_stiffness_mean_law"].values, joint["joint_stiffness_one_part"].values)  # Pa/m
 for term in joint["error_term"].values:
     print(term, "-", joint.attrs["how_" + term.replace(" ", "_")])
 

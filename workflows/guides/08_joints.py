@@ -43,9 +43,11 @@ print(joint["cycle_energy"].values)  # J
 #
 # A scene prints, at each preload, the stiffness and the shares that stick, slip and are open, the
 # energy that a cycle loses, and a caution with the share of the load outside the data of the law.
-# Its dataset has traction, jump and state at every point. multiscale.plotting.draw_joint draws the
-# zones, the pressure and the loop. The series for ParaView has displacement, von Mises stress,
-# strain energy and damage of the bodies, and gap, pressure, shear and state of the joint.
+# If the law carries a budget, each answer has two intervals: of the mean law, and of the next
+# part, whose interface holds so many cells. Its dataset has traction, jump, state and dissipation
+# at every point. multiscale.plotting.draw_joint draws zones, pressure, loop and loss. The series
+# for ParaView has displacement, von Mises stress, strain energy and damage of the bodies, and gap,
+# pressure, shear and state of the joint.
 #
 # Under mpiexec (pip install '.[mpi]') processes share the substructures, with the same answer:
 #

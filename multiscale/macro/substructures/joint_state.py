@@ -63,7 +63,8 @@ def contact_state(joints: Sequence[CutInterface], result: "xr.Dataset") -> dict[
         If a step wins energy; see :func:`advance_state`.
     """
     pressure = -result["traction"].values[..., 0]
-    state = np.where(_slipping(joints, result) > MOST, SLIPS, STICKS)
+    slipping, dissipated, reached = _slip_and_loss(joints, result)
+    state = np.where(slipping > MOST, SLIPS, STICKS)
     state = np.where(pressure <= OPEN * pressure.max(axis=1, keepdims=True), OPENED, state)
     failed = np.isnan(pressure)
     area = np.concatenate([face.weight for face in joints])
@@ -80,6 +81,8 @@ def contact_state(joints: Sequence[CutInterface], result: "xr.Dataset") -> dict[
         "open_fraction": fraction(state == OPENED),
         "stick_fraction": fraction(state == STICKS),
         "slip_fraction": fraction(state == SLIPS),
+        "slipping_load": np.sum(reached * pressure * area, axis=1) / (pressure @ area),
+        "dissipation": dissipated,
     }
 
 
@@ -178,11 +181,17 @@ def joint_shares(
     return np.stack(shares, axis=2), np.array(list(ranges.values()))
 
 
-def _slipping(joints: Sequence[CutInterface], result: "xr.Dataset") -> np.ndarray:
-    """Share of the pressure of a point that slips in a step, shape (steps, points)."""
-    found = np.full(result["jump"].shape[:2], np.nan)
-    for step, points, _, account in _replay(joints, result):
-        found[step, points] = account.slipping
+def _slip_and_loss(joints: Sequence[CutInterface], result: "xr.Dataset") -> np.ndarray:
+    """Return what slips in a step, what slip loses, J/m², and what the shear makes slip.
+
+    The shape is (3, steps, points). What slips is a share of the pressure of a point, counted by
+    slabs and continuous.
+    """
+    jump = np.moveaxis(result["jump"].values, 2, 0)  # (3, steps, points)
+    found = np.full(jump.shape, np.nan)
+    for step, points, law, state, account in _replay(joints, result):
+        reached = law.slipping_load(jump[:, step, points], state)
+        found[:, step, points] = account.slipping, account.dissipated, reached
     return found
 
 
@@ -191,14 +200,14 @@ def states_after(joints: Sequence[CutInterface], path: "xr.Dataset | None") -> l
     states = [np.zeros((face.law.n_state if face.law else 0, face.weight.size)) for face in joints]
     if path is not None and joints:
         last = path.sizes["step"] - 1
-        states = [state for step, _, state, _ in _replay(joints, path) if step == last]
+        states = [state for step, _, _, state, _ in _replay(joints, path) if step == last]
     return states
 
 
 def _replay(
     joints: Sequence[CutInterface], result: "xr.Dataset"
-) -> Iterator[tuple[int, slice, np.ndarray, Sliding]]:
-    """Step, points, state and account of every joint at every step: jumps tell the states."""
+) -> Iterator[tuple[int, slice, InterfaceLaw, np.ndarray, Sliding]]:
+    """Step, points, law, state and account of each joint at each step: jumps tell the states."""
     jump, first = np.moveaxis(result["jump"].values, 2, 0), 0  # (3, steps, points)
     for face in joints:
         law, points = face.law, slice(first, first + face.weight.size)
@@ -207,7 +216,7 @@ def _replay(
         state = np.zeros((law.n_state, face.weight.size))
         for step in np.flatnonzero(result["converged"].values == 1):
             state, account = advance_state(law, jump[:, step, points], state)
-            yield int(step), points, state, account
+            yield int(step), points, law, state, account
 
 
 def advance_state(

@@ -13,8 +13,8 @@ from multiscale.macro import Block, RoughJoint, press_joint
 from multiscale.needs import Choice, Needs
 from multiscale.pipeline.body_settings import Blocks
 from multiscale.pipeline.case_budget import joint_scales
-from multiscale.pipeline.real_contact import behaviour, real_pressure
-from multiscale.pipeline.rows import list_facts, tabulate
+from multiscale.pipeline.real_contact import behaviour, contact_dependence, real_pressure
+from multiscale.pipeline.rows import INTERVALS, list_facts, say_intervals, tabulate
 from multiscale.pipeline.settings import Case
 from multiscale.pipeline.stage import (
     Datasets,
@@ -39,6 +39,7 @@ from multiscale.upscaling import (
     require_law,
     structure_budget,
     with_budget,
+    with_intervals,
     with_scales,
 )
 from multiscale.upscaling.budget import how_attribute
@@ -46,7 +47,7 @@ from multiscale.upscaling.budget import how_attribute
 if TYPE_CHECKING:
     import xarray as xr
 
-__all__ = ["JOINT", "STIFFNESSES", "solve_joint"]
+__all__ = ["JOINT", "STIFFNESSES", "budget_section", "solve_joint"]
 
 
 STIFFNESSES = ("joint_stiffness", "interface_stiffness", "solid_stiffness")
@@ -97,27 +98,31 @@ def solve_joint(case: Case, law: "xr.Dataset") -> "xr.Dataset":
     if not steps.size or "error_half_width" not in law:
         return result
 
-    def stiffness(one: NormalLaw) -> np.ndarray:
+    real = [np.ones(steps.size)] if "area_pressure" in law else []
+    names = (*STIFFNESSES, "real_pressure")[: 3 + len(real)]
+
+    def answers(one: NormalLaw) -> np.ndarray:
         pressed = press_joint(joint, one, preload[steps], extrapolate=True)
-        return np.stack([pressed[name].to_numpy() for name in STIFFNESSES])
+        return np.stack([*(pressed[name].to_numpy() for name in STIFFNESSES), *real])
 
     known = result.isel(step=steps)
     drawn: np.ndarray | int = 0
     if samples:
-        names = ("joint_stiffness_sample", "interface_stiffness_sample")
-        rows = [known[name].to_numpy() for name in names]
+        drawn_names = ("joint_stiffness_sample", "interface_stiffness_sample")
+        rows = [known[name].to_numpy() for name in drawn_names]
         solid = np.broadcast_to(known["solid_stiffness"].to_numpy(), rows[0].shape)
-        drawn = np.stack([*rows, solid], axis=1)
+        drawn = np.stack([*rows, solid, *(one + 0.0 * solid for one in real)], axis=1)
     budget = structure_budget(
-        STIFFNESSES,
+        names,
         law,
-        stiffness,
-        answer=np.stack([known[name].to_numpy() for name in STIFFNESSES]),
+        answers,
+        answer=np.stack([*(known[name].to_numpy() for name in STIFFNESSES), *real]),
         pressure=preload[steps],
         exact="none: blocks and law in series are a closed form under even pressure",
         samples=drawn,
+        others=[contact_dependence(law, preload[steps], np.array(names) == "real_pressure")],
     )
-    return with_budget(result, over_steps(budget, steps, preload.size))
+    return with_intervals(with_budget(result, over_steps(budget, steps, preload.size)))
 
 
 def _compare(
@@ -213,7 +218,9 @@ def _answer(result: "xr.Dataset") -> list[str]:
         return ["The answer is known at no preload."]
     head, rows = tabulate(result.isel(step=[done[done.size // 2]]))
     row = dict(zip(head, rows[0], strict=True))
-    error = f" with a 95 % error bound of {row['error (%)']} %" if row["error (%)"] else ""
+    intervals = say_intervals([row[name] for name in INTERVALS.values()])
+    bound = f"{intervals} with a 95 % error bound of {row['error (%)']} %"
+    error = bound if row["error (%)"] else ""
     if row["error (%)"] == "unknown":
         error = " with an unknown error"
     unloading = (
@@ -228,7 +235,7 @@ def _answer(result: "xr.Dataset") -> list[str]:
     return [
         f"At {row['preload (MPa)']} MPa its stiffness is {row['joint stiffness (MPa/µm)']} MPa/µm"
         f"{error}, and {row['contact (%)']} % of it touches, under "
-        f"{row['real pressure (MPa)']} MPa on the mean.{unloading} "
+        f"{row['real pressure (MPa)'].split(' ±')[0]} MPa on the mean.{unloading} "
         f"In MPa/µm, the interface alone has {row['interface (MPa/µm)']} and the bodies "
         f"{row['bodies (MPa/µm)']}.{beside}",
         *list_facts(result)[:1],
@@ -240,10 +247,10 @@ def _sections(found: Datasets, out: Path) -> Iterator[Section]:
     told = [*_decisions(result), *list_facts(result)]
     stiffness = on_axes(lambda ax: plot_joint_stiffness(result, ax=ax))
     yield Section("Joint", told, *tabulate(result), {"joint_stiffness": stiffness})
-    yield _budget(result)
+    yield budget_section(result)
 
 
-def _budget(result: "xr.Dataset") -> Section:
+def budget_section(result: "xr.Dataset") -> Section:
     """Say of each term of the error budget how it was estimated."""
     if "error_total" not in result:
         return Section("Error budget", ["Nothing was estimated."])

@@ -1,5 +1,6 @@
 """Stage: elastic bodies with rough joints, at their preloads and in cycles."""
 
+from collections.abc import Iterator, Mapping
 from dataclasses import replace
 from typing import TYPE_CHECKING
 
@@ -10,21 +11,33 @@ from multiscale.io import write_body_fields
 from multiscale.laws import NormalLaw
 from multiscale.macro.substructures import JointLoading, add_body_fields, load_joint
 from multiscale.macro.substructures.substructure_needs import cut_needs
-from multiscale.needs import Needs
-from multiscale.pipeline.body_budget import with_contact, with_joint_budget
+from multiscale.needs import Choice, Needs
+from multiscale.pipeline.body_budget import change_friction, with_contact, with_joint_budget
 from multiscale.pipeline.body_settings import RoughBodies
 from multiscale.pipeline.rows import tabulate_preloads
 from multiscale.pipeline.settings import Case
-from multiscale.pipeline.stage import Datasets, Job, list_cautions
+from multiscale.pipeline.stage import Datasets, Job, Section, list_cautions
 from multiscale.pipeline.stages.fitted_law import FITTED_LAW
-from multiscale.pipeline.stages.joint import STIFFNESSES
+from multiscale.pipeline.stages.joint import budget_section
 from multiscale.pipeline.structure_stage import require_converged, structure_stage, with_too_far
+from multiscale.plotting import joint_pictures
+from multiscale.plotting.figure import on_axes
 from multiscale.schema import with_cautions
 
 if TYPE_CHECKING:
     import xarray as xr
 
 __all__ = ["ROUGH_JOINTS"]
+
+
+PICTURES = ("contact_zones", "pressure", "hysteresis", "loss", "joint_stiffness", "error_budget")
+"""Names of all figures of rough joints."""
+
+FEW_STEPS = 2
+"""Most load steps to the amplitude of the cycle that tells how slip and loss depend on the law."""
+
+PARAMETERS = ("friction", "stiffness_ratio")
+"""Parameters of the sliders, which are those of the law where the case gives none."""
 
 
 def _solve(bodies: RoughBodies, case: Case, found: Datasets, job: Job) -> "xr.Dataset":
@@ -40,14 +53,19 @@ def _solve(bodies: RoughBodies, case: Case, found: Datasets, job: Job) -> "xr.Da
     result = with_cautions(result, *(f"its law: {one}" for one in further))
     if "error_half_width" in dataset:
         solved = int(result["converged"][: len(preloads)].sum())  # the first failure is the end
+        short = JointLoading(preloads[:solved])
+        if case.cycles and result["converged"].values.all():
+            short = JointLoading(preloads, case.cycles.shear, cycles=1, steps=_few_steps(case))
 
-        def stiffness(normal: NormalLaw, structure: RoughBodies = bodies) -> np.ndarray:
-            pressed = JointLoading(preloads[:solved])
-            parts = structure.assemble(case, dataset, normal=normal)
-            found = load_joint(parts, pressed, method=method, extrapolate=True)
-            return np.stack([found[name].to_numpy() for name in STIFFNESSES])
+        def solve(
+            normal: NormalLaw, structure: RoughBodies | None, factors: Mapping[str, float]
+        ) -> "xr.Dataset":
+            parts = (structure or bodies).assemble(case, dataset, normal=normal)
+            parts = change_friction(parts, factors)
+            return load_joint(parts, short, method=method, extrapolate=True)
 
-        result = with_joint_budget(result, dataset, stiffness, bodies.coarser())
+        measured = [name for name in PARAMETERS if getattr(case.interface, name) is None]
+        result = with_joint_budget(result, dataset, solve, bodies.coarser(), measured)
     return with_too_far(add_body_fields(result, assembly.bodies, damage=bodies.damages))
 
 
@@ -71,7 +89,30 @@ def _needs(bodies: RoughBodies, case: Case) -> Needs:
         coarse=case.cut.coarse,
         slabs=bodies.slabs(case),
     )
-    return replace(needs, libraries=(*needs.libraries, *bodies.mesher))
+    path = f"and one cycle of {_few_steps(case)} steps to its amplitude" if case.cycles else "alone"
+    solves = Choice(
+        "intervals",
+        f"{4 if case.cycles else 3} to 6 more solves, of the preloads {path}, if the law carries a "
+        f"budget: one for each of its terms, measured friction and stiffness ratio, and the mesh",
+    )
+    libraries = (*needs.libraries, *bodies.mesher)
+    return replace(needs, libraries=libraries, choices=(*needs.choices, solves))
+
+
+def _few_steps(case: Case) -> int:
+    """Return the steps to the amplitude of the cycle that is solved again with changed laws."""
+    return max(1, min(FEW_STEPS, case.cycles.steps // 2)) if case.cycles else 0
+
+
+def _sections(result: "xr.Dataset") -> Iterator[Section]:
+    """Show where the joints stick, slip and open, their loop, and what is known of their errors."""
+    told = [
+        "Zones, pressure and outlines of the parts are those seen along the normal of the first "
+        "joint, at the step at which most of its area slips.",
+    ]
+    figures = {name: on_axes(plot) for name, plot in joint_pictures(result).items()}
+    yield Section("Joint", told, figures=figures)
+    yield budget_section(result)
 
 
 ROUGH_JOINTS = structure_stage(
@@ -84,4 +125,6 @@ ROUGH_JOINTS = structure_stage(
     takes=(FITTED_LAW,),
     question="How stiff are the joints, where do they slip, and what do they lose in a cycle?",
     check=_check,
+    more=_sections,
+    pictures=PICTURES,
 )

@@ -1,0 +1,191 @@
+"""Answers of joints with both their intervals: of the mean law, and of the next part."""
+
+import re
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from multiscale.io import save_law
+from multiscale.laws import Exponential, Sliders
+from multiscale.macro.substructures import JointLoading, load_joint
+from multiscale.pipeline import load_case, run_macro
+from multiscale.pipeline.rows import list_cycles, round_by, tabulate_preloads
+from multiscale.schema import INTERFACE_LAW
+from multiscale.upscaling import error_budget, fit_law, law_from_dataset, with_budget
+from tests.support import TWO_BLOCKS, write_scene
+from tests.upscaling.responses import response_of
+
+CYCLES = '[cycles]\nshear = "1.5 MPa"\ncycles = 1\nsteps = 4\n'
+SCENE = TWO_BLOCKS.replace("friction", 'law = "law.nc"\nfriction') + CYCLES
+PRESSURE = np.geomspace(1e6, 2e8, 9)
+CELL = 2e-3  # m, on blocks of 20 mm
+
+
+def cells(n, seed, scatter=0.06):
+    """Exponential laws whose decay lengths scatter: K = p / u."""
+    factor = 1.0 + scatter * np.random.default_rng(seed).standard_normal((n, 1))
+    gap = factor * 0.2e-6 * np.log(2e9 / PRESSURE)
+    area = np.tile(PRESSURE / 5e9, (n, 1)) / factor
+    return response_of(gap, PRESSURE, area=area, contact_modulus=115e9)
+
+
+def write_cells(path, n=12, seed=1, **options):
+    """Write the law of some cells, with its budget, and return it."""
+    response = cells(n, seed)
+    law = fit_law(response, **({"n_samples": 0} | options))
+    law = with_budget(law, error_budget(response, law))
+    law = law.assign_attrs(cell_size=CELL, longest_wave=1e-4)
+    save_law(law, path)
+    return law
+
+
+@pytest.fixture(scope="module")
+def joint(tmp_path_factory):
+    folder = tmp_path_factory.mktemp("intervals")
+    write_cells(folder / "law.nc")
+    return run_macro(load_case(write_scene(folder, SCENE)), folder / "out.nc")
+
+
+NAMES = (
+    "joint_stiffness",
+    "interface_stiffness",
+    "tangential_stiffness",
+    "real_pressure",
+    "slipping_load",
+    "cycle_energy",
+)
+
+
+def test_every_answer_has_both_intervals_and_one_part_is_less_sure(joint):
+    for name in NAMES:
+        mean, part = (joint[f"{name}_{kind}"].values for kind in ("mean_law", "one_part"))
+        value, known = joint[name].values, np.isfinite(mean[0])
+        assert known.any()
+        assert np.all((mean[0] < value)[known] & (value < mean[1])[known]), name
+        assert np.all((part[0] < mean[0])[known] & (mean[1] < part[1])[known]), name
+    assert np.isfinite(joint["cycle_energy_mean_law"][:, -1]).all()
+    assert np.isnan(joint["slipping_load_mean_law"][:, :-1]).all()
+
+
+def test_one_part_scatters_with_its_number_of_cells(joint, tmp_path):
+    """Even pressure on 20 mm by 20 mm holds 100 cells of 2 mm; K = p / u scatters as u does."""
+    law = write_cells(tmp_path / "law.nc")
+    half = joint["error_half_width"].sel(quantity="interface_stiffness", error_term="few cells")
+    sampling = law["error_half_width"].sel(error_term="sampling", quantity="stiffness")
+    expected = 1.96 * float(sampling.mean()) / float(law.attrs["sampling_factor"]) / 10.0
+    np.testing.assert_allclose(half[:2], expected, rtol=0.1)
+    told = joint.attrs["how_few_cells"]
+    assert float(re.search(r"of which (\S+) or more", told)[1]) == pytest.approx(100.0, rel=0.02)
+
+
+def test_the_loss_of_the_loop_is_what_the_points_dissipate_as_the_steps_fall(tmp_path):
+    """The dissipation of a step is first order in the step, and never negative."""
+    case = load_case(write_scene(tmp_path, SCENE))
+    law = write_cells(tmp_path / "law.nc")
+    apart = []
+    for steps in (4, 8):
+        loading = JointLoading((20e6,), 1.5e6, cycles=1, steps=steps)
+        found = load_joint(case.structure.assemble(case, law_from_dataset(law)), loading)
+        lost = found["dissipation"].values
+        assert np.all(lost >= -1e-12 * lost.max())
+        last = float(lost[-4 * steps :].sum(axis=0) @ found["point_area"].values)
+        apart.append(last / float(found["cycle_energy"][-1]) - 1.0)
+    assert apart[0] > apart[1] > 0.0
+    assert apart[0] / apart[1] == pytest.approx(2.0, rel=0.2)
+
+
+def test_what_slips_is_what_the_slabs_tell_and_continuous():
+    law = Sliders(Exponential(1e9, 0.2e-6), 0.2, pressures=(1e6, 1e8), slabs=400)
+    gap = law.normal.gap_at(np.full(4, 1e7))
+    jump = np.stack([gap, [0.0, 3e-8, 1e-7, 1e-5], 0.0 * gap])
+    rest = law.at_rest(np.stack([gap, 0.0 * gap, 0.0 * gap]))
+    share = law.slipping_load(jump, law.respond(jump, rest).state)
+    np.testing.assert_allclose(share, law.sliding(jump, rest).slipping, atol=5e-3)
+    assert share[0] == 0.0
+    assert share[-1] == pytest.approx(1.0, abs=1e-6)
+    assert replace(law, friction=0.0).slipping_load(jump, rest).tolist() == [1.0] * 4
+
+
+def test_answers_are_printed_with_the_digits_that_their_errors_leave(joint):
+    head, rows = tabulate_preloads(joint)
+    row = dict(zip(head, rows[1], strict=True))
+    ends = 1e-12 * joint["joint_stiffness_mean_law"].values[:, 1]
+    half = 0.5 * np.ptp(ends)
+    said = " ... ".join(round_by(end, half) for end in ends)
+    assert row["mean law, 95 %"] == said
+    assert row["joint stiffness (MPa/µm)"] == round_by(1e-12 * joint["joint_stiffness"][1], half)
+    assert " ± " in row["tangential (MPa/µm)"]
+    assert " ± " in row["real pressure (MPa)"]
+    loss, slip = list_cycles(joint)
+    assert loss.startswith("cycle 0: ")
+    assert " J lost (mean law 0.0" in loss
+    assert "; one part 0.0" in loss
+    assert "% of the load slip (mean law" in slip
+
+
+@pytest.mark.parametrize(
+    ("value", "half", "said"),
+    [
+        (18.7, 0.14, "18.70"),
+        (17.893, 0.8, "17.9"),
+        (1234.0, 56.0, "1234"),
+        (0.5, np.nan, "0.5"),
+        (21.0, 0.0, "21"),
+        (0.00018784, 2e-6, "0.0001878"),
+    ],
+)
+def test_a_value_has_the_digits_of_its_error(value, half, said):
+    assert round_by(value, half) == said
+
+
+def test_measured_friction_is_as_sure_as_its_samples(joint, tmp_path):
+    """Of the law with a tangential branch, whose parameters the case does not give."""
+    from multiscale.pipeline.body_budget import change_friction
+    from multiscale.upscaling import shear_errors
+
+    law = write_cells(tmp_path / "law.nc")
+    assert shear_errors(law, PRESSURE) == {}
+    spread = np.linspace(-1.0, 1.0, 401)
+    drawn = {
+        "shear_stiffness_ratio_sample": 0.8 * (1.0 + 0.02 * spread)[:, None] * np.ones(2),
+        "shear_friction_sample": 0.2 * (1.0 + 0.01 * spread),
+    }
+    values = {"shear_stiffness_ratio": [0.8, 0.8], "shear_friction": 0.2, **drawn}
+    known = INTERFACE_LAW.assign(law, values).assign_attrs(n_sheared=9, cell_ratio=0.1)
+    found = shear_errors(known, PRESSURE[:2])
+    np.testing.assert_allclose(found["friction"]["sampling"], 0.0095, rtol=1e-6)
+    np.testing.assert_allclose(found["stiffness_ratio"]["sampling"], 0.019, rtol=1e-6)
+    scatter = 0.019 * 3.0 / 2.306  # Student's factor of nine cells
+    np.testing.assert_allclose(
+        found["stiffness_ratio"]["few cells"], 0.1 * 1.96 * scatter, rtol=1e-3
+    )
+    case = load_case(write_scene(tmp_path, SCENE))
+    assembly = case.structure.assemble(case, law_from_dataset(law))
+    before = assembly.interfaces[0].law
+    changed = change_friction(assembly, {"friction": 1.5}).interfaces[0].law
+    assert changed.friction == 1.5 * before.friction
+    assert (changed.stiffness_ratio, changed.normal) == (before.stiffness_ratio, before.normal)
+
+
+@pytest.mark.slow
+def test_first_order_intervals_of_the_mean_law_are_those_of_its_samples(tmp_path):
+    """Bootstrap samples of the law, each through the whole structure."""
+    law = write_cells(tmp_path / "law.nc", n_samples=40)
+    case = load_case(write_scene(tmp_path, SCENE))
+    result = run_macro(case, tmp_path / "out.nc")
+    loading = JointLoading(case.statics.preloads, **case.cycles.model_dump())
+    drawn = [
+        load_joint(case.structure.assemble(case, law_from_dataset(law, k)), loading)
+        for k in range(40)
+    ]
+    for name in ("joint_stiffness", "tangential_stiffness", "slipping_load", "cycle_energy"):
+        column = 1 if name.endswith("stiffness") else -1
+        samples = [float(one[name][column]) for one in drawn]
+        half = 0.5 * np.ptp(np.percentile(samples, [2.5, 97.5])) / float(result[name][column])
+        found = result["error_half_width"].sel(quantity=name, error_term="sampling")
+        assert float(found[column if column == 1 else -1]) == pytest.approx(
+            half,
+            rel=0.35,
+            abs=1e-3,  # an exponential law slips alike at any length
+        ), name
