@@ -85,6 +85,19 @@ def test_one_bolt_and_what_it_clamps_are_springs(method):
     assert found.bolt_force[3] > 1.9 * PRELOAD  # beyond the preload the bolt carries all
 
 
+def test_a_path_without_bolts_goes_on_by_its_own_method():
+    assembly = replace(clamped(), bolts=())
+    begun = solve_assembly(assembly, [-1e6, -2e6])
+    once, found = (
+        solve_assembly(assembly, [-1e6, -2e6, -3e6]),
+        solve_assembly(assembly, [-3e6], after=begun),
+    )
+    np.testing.assert_allclose(found.jump, once.jump, atol=1e-12 * float(abs(once.jump).max()))
+    np.testing.assert_array_equal(found.load_factor, [-1e6, -2e6, -3e6])
+    with pytest.raises(CaseError, match=r"has no '.*': another method has made it"):
+        solve_assembly(assembly, [-3e6], after=begun, method=NewtonSchur())
+
+
 @pytest.mark.parametrize("method", METHODS)
 def test_a_path_goes_on_from_an_earlier_one(method):
     steps = np.array([[1.0, 0.0], [1.0, 2e6], [1.0, -1e6], [1.3, -1e6], [1.3, 1e6]])  # 1, Pa

@@ -118,6 +118,11 @@ def assemble_result(
     if factors.shape[1] == 1:
         values["load_factor"] = factors[:, 0]
     if after is not None:
+        if lacking := sorted(set(values) - set(after.variables)):
+            raise CaseError(
+                f"the earlier path has no {lacking[0]!r}: another method has made it; go on by the "
+                f"same method"
+            )
         values = {name: np.concatenate([after[name], value]) for name, value in values.items()}
     values["position"] = problem.position
     if "jump" in values:
