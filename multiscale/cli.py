@@ -177,11 +177,12 @@ def export_command(
     pressure_unit: Annotated[str, typer.Option(help="Unit of pressures in the file.")] = "MPa",
 ) -> None:
     """Write an interface law for other finite-element codes."""
-    from multiscale.io import open_law
+    from multiscale.io import open_law, try_to_write
     from multiscale.units import to_si
     from multiscale.upscaling import write_law_table, write_pressure_overclosure
 
     dataset = open_law(law)
+    try_to_write(out)
     if out.suffix == ".csv":
         if friction:
             raise CaseError(f"--friction is written to an .inp file, got {out}")

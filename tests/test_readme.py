@@ -77,8 +77,9 @@ def test_the_block_of_python_runs(capsys):
 
 @pytest.mark.parametrize("command", list(commands()))
 def test_a_command_runs_quickly(command, folder, monkeypatch):
-    quick = "" if "--quick" in command or " fit " in command else " --quick"
-    for option in ("fit", "--law"):  # what the commands before it have made
+    slow = any(name in command for name in (" run ", " micro ", " macro ", " bench"))
+    quick = " --quick" if slow and "--quick" not in command else ""
+    for option in ("fit", "export", "--law"):  # what the commands before it have made
         command = command.replace(f"{option} parts/", f"{option} results/")
     if " run " in command:
         rmtree("results")

@@ -175,7 +175,8 @@ def assume_shear(
         that of the law stays if not given.
     """
     said, known = _put_shear(law, "assumed", friction, stiffness_ratio)
-    verb, them = ("are", "them") if friction and stiffness_ratio else ("is", "it")
+    both = friction is not None and stiffness_ratio is not None
+    verb, them = ("are", "them") if both else ("is", "it")
     return with_cautions(known, f"{said} {verb} assumed; shear the cells to measure {them}")
 
 

@@ -27,6 +27,8 @@ from multiscale.upscaling import (
 #   dataset               dimensions                            content
 #   micro_response        realisation, step, component          traction, mean gap, contact fraction
 #                                                               and effort of the cells
+#   shear_response        realisation, step, component          the same of cells that are pressed,
+#                                                               sheared and released
 #   interface_law         term, sample, step                    law, bootstrap samples, fit errors
 #   macro_result          step, and link, node, point or cycle  stiffness, gap, tensions, zones,
 #                                                               energies, error budget

@@ -70,7 +70,8 @@ print(budget.attrs["unknown"])  # cell size, scale separation
 # sliders, with samples; error_budget(..., tangential={}) tells how far the cells are from the
 # bed, and sliders_from_dataset(law) makes the law that joints slip by. Between alike bodies the
 # ratio is 2 (1 - nu) / (2 - nu); where nothing was sheared, assume_shear says what is assumed. A
-# rigid counterface will not do: pressing alone makes its edges slip.
+# rigid counterface will not do: pressing alone makes its edges slip. In cases all of this is the
+# table [micro.shear], and joints take friction and ratio from their law.
 #
 # Other laws: contact area, tangential stiffness, friction over pressure and speed, unloading. Cells
 # with friction that are pressed, sheared a little and dragged give tangential stiffness and
@@ -83,5 +84,6 @@ print(budget.attrs["unknown"])  # cell size, scale separation
 #
 # structure_budget carries the budget of a law through any solver of structures; joints in scenes
 # carry the budget by themselves if their law has one. The law can be exported, here for CalculiX
-# and Abaqus in mm and MPa.
+# and Abaqus in mm and MPa; friction_for="calculix" or "abaqus" adds friction and stick stiffness
+# of a law that has them. multiscale export does the same with files.
 write_pressure_overclosure(law, "rough_joint.inp")

@@ -34,12 +34,13 @@ print(joint["cycle_energy"].values)  # J
 # Coulomb friction), for LATIN. Bodies, interfaces between their faces and your load cases make
 # an Assembly, which solve_assembly takes with AssembledNewton, LatinMethod or NewtonSchur.
 #
-# The scenes rough_blocks.toml and lap_joint.toml ask the same of files. The second has two plates
-# with a bolt hole, meshed by gmsh; the bolt is a constant pressure under its washers. In a scene
-# blocks and joints may be damaged, damage = [0.3, 0], and blocks may have the elastic tensor of a
-# volume with cavities, stiffness = "rve_stiffness.nc". With homogenise = true in [substructures]
-# the file macro_result-homogenised.nc holds the stiffness of every substructure against the
-# resultants of its interfaces, before and after slackening.
+# The scenes rough_blocks.toml and lap_joint.toml ask the same of files, and the case bolted_lap
+# from its surfaces on, with friction and tangential stiffness of its cells. The second scene has
+# two plates with a bolt hole, meshed by gmsh; the bolt is a constant pressure under its washers. In
+# a scene blocks and joints may be damaged, damage = [0.3, 0], and blocks may have the elastic
+# tensor of a volume with cavities, stiffness = "rve_stiffness.nc". With homogenise = true in
+# [substructures] the file macro_result-homogenised.nc holds the stiffness of every substructure
+# against the resultants of its interfaces, before and after slackening.
 #
 # A scene prints, at each preload, the stiffness and the shares that stick, slip and are open, the
 # energy that a cycle loses, and a caution with the share of the load outside the data of the law.
