@@ -27,7 +27,8 @@ from multiscale.upscaling import (
     with_intervals,
     with_scales,
 )
-from multiscale.upscaling.budget import FEW_CELLS, how_attribute
+from multiscale.upscaling.budget import how_attribute
+from multiscale.upscaling.budget_terms import FEW_CELLS
 from multiscale.upscaling.structure_errors import STRETCH
 
 if TYPE_CHECKING:
@@ -143,6 +144,7 @@ def with_joint_budget(
         left = np.zeros(value.shape)
         left[-1] = np.abs(value / first - 1.0)[-1] / (finer**2 - 1.0) if finer > 1.0 else np.nan
         others.append(Dependence(np.ones(left.shape), {"macro discretisation": left}))
+        others.append(_uneven_slip(result, law, mean, rise, np.array(names) == "slipping_load"))
     others.append(contact_dependence(law, mean, np.array(names) == "real_pressure"))
     for name, half_width in shear_errors(law, mean).items():
         if name in measured:
@@ -168,6 +170,26 @@ def with_joint_budget(
         budget = budget.assign_attrs({how_attribute("macro discretisation"): why})
     result = with_budget(result, over_steps(budget, steps, result.sizes["step"]))
     return with_intervals(result)
+
+
+def _uneven_slip(
+    result: "xr.Dataset", law: "xr.Dataset", pressure: np.ndarray, rise: int, rows: np.ndarray
+) -> Dependence:
+    """Let slip change where a stiffer cell takes more of the shear, which others lose.
+
+    A law that is stiffer everywhere leaves the shear of each point as it is, so that it tells
+    nothing of one that is stiffer here and softer there. Each point slips more by its slope over
+    the shear, which is that of the last step to the amplitude, and at most as its stiffness rises.
+    """
+    share = result["slipping_load"].to_numpy()[-2:]
+    slope = np.nan
+    if rise > 1 and share.min() > 0.0:
+        slope = float(np.log(share[1] / share[0]) / np.log(rise / (rise - 1)))
+    one = law["error_half_width"].sel(quantity="stiffness", error_term=FEW_CELLS)
+    data = np.log(law["fit_pressure"].to_numpy())
+    few = np.interp(np.log(pressure), data, one.to_numpy())
+    change = np.where(rows[:, None], slope, np.zeros(pressure.size))
+    return Dependence(change, {FEW_CELLS: few})
 
 
 def _sheared(result: "xr.Dataset") -> int:

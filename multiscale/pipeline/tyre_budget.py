@@ -6,8 +6,8 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from multiscale.upscaling import estimate_grid_error, with_budget
-from multiscale.upscaling.budget import FEW_CELLS, NO_PART, assemble_budget
-from multiscale.upscaling.budget_terms import NORMAL, Term
+from multiscale.upscaling.budget import NO_PART, assemble_budget
+from multiscale.upscaling.budget_terms import FEW_CELLS, NORMAL, Term
 from multiscale.upscaling.shear_budget import NORMAL_ALONE
 
 if TYPE_CHECKING:

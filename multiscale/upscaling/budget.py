@@ -30,7 +30,6 @@ if TYPE_CHECKING:
 
 __all__ = [
     "ERROR_TERMS",
-    "FEW_CELLS",
     "NO_PART",
     "add_up",
     "assemble_budget",

@@ -11,13 +11,12 @@ from multiscale.laws import NormalLaw, StretchedLaw
 from multiscale.schema import ERROR_BUDGET, MACRO_RESULT
 from multiscale.upscaling.budget import (
     ERROR_TERMS,
-    FEW_CELLS,
     add_up,
     assemble_budget,
     how_attribute,
     mean_law_error,
 )
-from multiscale.upscaling.budget_terms import Term, scatter_term, separation_term
+from multiscale.upscaling.budget_terms import FEW_CELLS, Term, scatter_term, separation_term
 from multiscale.upscaling.observations import observe
 from multiscale.upscaling.reading import fitted_laws, law_from_dataset, require_law
 from multiscale.upscaling.resolution import estimate_grid_error
