@@ -14,7 +14,13 @@ from multiscale.io import open_dataset
 from multiscale.laws import NormalLaw, Sliders
 from multiscale.laws.bulk import AnisotropicElastic, Elastic
 from multiscale.macro import Body
-from multiscale.macro.bodies import Assembly, LapShape, lap_joint, stacked_blocks
+from multiscale.macro.bodies import (
+    Assembly,
+    LapShape,
+    lap_joint,
+    shank_stiffness,
+    stacked_blocks,
+)
 from multiscale.macro.data_range import FAR_FACTOR
 from multiscale.macro.substructures import CutProblem, cut_assembly
 from multiscale.pipeline.joint_settings import (
@@ -316,6 +322,11 @@ class LapJoint(RoughBodies):
     overlap: Length = Field(description="Length over which the plates lie on each other, m.")
     hole: Length = Field(description="Diameter of the hole, m.")
     washer: Length = Field(description="Diameter of the washer, m.")
+    bolt: Length | None = Field(
+        None,
+        description="Diameter of the shank of a bolt of the modulus of the plates, m: its force "
+        "changes with the load; it stays what it was if not given.",
+    )
     element: Length = Field(description="Edge of an element in plan, m.")
     layers: Positive = Field(2, description="Elements through each thickness.")
     youngs_modulus: Pressure = Field(description="Young's modulus, Pa.")
@@ -341,12 +352,22 @@ class LapJoint(RoughBodies):
     @model_validator(mode="after")
     def _check(self) -> Self:
         _check_damage(self.damage, 2, "plate")
+        if self.bolt is not None and self.bolt > self.hole:
+            raise ValueError(
+                f"bolt of {1e3 * self.bolt:g} mm does not go through a hole of "
+                f"{1e3 * self.hole:g} mm; give the diameter of its shank"
+            )
         return self
 
     def build(self, laws: Sequence[Sliders]) -> Assembly:
         """Build the plates and their joint."""
         shape = LapShape(**self.model_dump(include={field.name for field in fields(LapShape)}))
-        return lap_joint(shape, self.materials, laws[0])
+        shank = (
+            None
+            if self.bolt is None
+            else shank_stiffness(self.bolt, 2.0 * self.thickness, self.youngs_modulus)
+        )
+        return lap_joint(shape, self.materials, laws[0], shank)
 
     @property
     def nodes(self) -> tuple[int, int]:

@@ -10,6 +10,7 @@ from typer.testing import CliRunner
 from multiscale.cli import app
 from multiscale.errors import CaseError, SchemaError
 from multiscale.io import open_dataset, open_law, save_law, write_dataset
+from multiscale.laws import Exponential, Sliders
 from multiscale.macro import solve_static, tensegrity_grid
 from multiscale.pipeline import load_case, run_macro
 from multiscale.schema import HOMOGENISED, MACRO_RESULT, RVE_STIFFNESS
@@ -184,6 +185,21 @@ def test_the_shipped_lap_joint_is_known_with_the_shipped_law(run_folder, tmp_pat
     law = run_folder / "interface_law.nc"
     result = run_macro(scene.quick() if quick else scene, tmp_path / "lap.nc", law=law)
     assert result["known"].values.tolist() == [1, 1, 1]
+
+
+def test_a_bolt_of_a_lap_joint_has_the_stiffness_of_its_shank(tmp_path):
+    pytest.importorskip("gmsh", exc_type=Exception)
+    text = (SCENES / "lap_joint.toml").read_text()
+    bolt = ('washer = "18 mm"', 'washer = "18 mm"\nbolt = "8 mm"')
+    structure = load_case(write_scene(tmp_path, text, bolt)).structure
+    law = Sliders(Exponential(1e9, 0.2e-6), 0.2, pressures=(1e6, 1e8))
+    (shank,) = structure.build([law]).bolts
+    assert shank.stiffness == pytest.approx(210e9 * 0.25 * np.pi * 8e-3**2 / 16e-3)
+    assert shank.preload == pytest.approx(0.25 * np.pi * (18e-3**2 - 9e-3**2), rel=0.05)  # of 1 Pa
+    assert structure.model_copy(update={"bolt": None}).build([law]).bolts == ()
+    wide = ('washer = "18 mm"', 'washer = "18 mm"\nbolt = "10 mm"')
+    with pytest.raises(CaseError, match="bolt of 10 mm does not go through a hole of 9 mm"):
+        load_case(write_scene(tmp_path, text, wide))
 
 
 def test_a_scene_tells_its_real_pressure_and_the_size_of_its_cells(blocks, tmp_path):

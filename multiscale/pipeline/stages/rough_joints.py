@@ -14,7 +14,7 @@ from multiscale.macro.substructures.substructure_needs import cut_needs
 from multiscale.needs import Choice, Needs
 from multiscale.pipeline.body_budget import change_friction, with_contact, with_joint_budget
 from multiscale.pipeline.body_settings import RoughBodies
-from multiscale.pipeline.rows import tabulate_preloads
+from multiscale.pipeline.rows import list_facts, tabulate_preloads
 from multiscale.pipeline.settings import Case
 from multiscale.pipeline.stage import Datasets, Job, Section, list_cautions
 from multiscale.pipeline.stages.fitted_law import FITTED_LAW
@@ -51,6 +51,8 @@ def _solve(bodies: RoughBodies, case: Case, found: Datasets, job: Job) -> "xr.Da
     told = list_cautions(found[FITTED_LAW.name]) if case.has_cells else []
     further = [one for one in list_cautions(dataset) if one not in told]
     result = with_cautions(result, *(f"its law: {one}" for one in further))
+    if assembly.bolts:
+        result = result.assign_attrs(facts="\n".join([*list_facts(result), *_bolts(result)]))
     if "error_half_width" in dataset:
         solved = int(result["converged"][: len(preloads)].sum())  # the first failure is the end
         short = JointLoading(preloads[:solved])
@@ -67,6 +69,16 @@ def _solve(bodies: RoughBodies, case: Case, found: Datasets, job: Job) -> "xr.Da
         measured = [name for name in PARAMETERS if getattr(case.interface, name) is None]
         result = with_joint_budget(result, dataset, solve, bodies.coarser(), measured)
     return with_too_far(add_body_fields(result, assembly.bodies, damage=bodies.damages))
+
+
+def _bolts(result: "xr.Dataset") -> Iterator[str]:
+    """Say of each bolt what it carries where it is tightened last, and in the steps after that."""
+    force = 1e-3 * result["bolt_force"].to_numpy()
+    locked = int(np.flatnonzero(np.diff(result["preload"].to_numpy(), prepend=0.0))[-1])
+    for bolt, (tightened, *rest) in enumerate(force[locked:].T):
+        known = np.array(rest)[np.isfinite(rest)]
+        changes = f", then carries {known.min():.4g} to {known.max():.4g} kN" if known.size else ""
+        yield f"Bolt {bolt} is tightened to {tightened:.4g} kN{changes}."
 
 
 def _check(result: "xr.Dataset") -> None:
