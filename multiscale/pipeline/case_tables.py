@@ -16,7 +16,7 @@ from multiscale.pipeline.toml_model import (
     Settings,
     must_rise,
 )
-from multiscale.upscaling.shear_branch import FEWEST_BELOW
+from multiscale.upscaling.shear_fit import FEWEST_BELOW
 
 __all__ = [
     "ABSENT",

@@ -45,10 +45,10 @@ from multiscale.upscaling.shear_branch import (
     sliding_friction_at,
     state_shear,
     tangential_values,
-    with_shear,
     with_sliding,
 )
 from multiscale.upscaling.shear_budget import shear_errors
+from multiscale.upscaling.shear_fit import with_shear
 from multiscale.upscaling.structure_errors import (
     Dependence,
     over_steps,

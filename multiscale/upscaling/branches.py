@@ -9,7 +9,8 @@ from multiscale.upscaling.family import unloading_family
 from multiscale.upscaling.fit import fit_law, say_branches
 from multiscale.upscaling.reading import law_from_dataset, pick, require_law
 from multiscale.upscaling.response_observations import loading_branch, unloading_observations
-from multiscale.upscaling.shear_branch import with_shear, with_sliding
+from multiscale.upscaling.shear_branch import with_sliding
+from multiscale.upscaling.shear_fit import with_shear
 
 if TYPE_CHECKING:
     import xarray as xr

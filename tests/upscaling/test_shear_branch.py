@@ -27,7 +27,7 @@ from multiscale.upscaling import (
     with_shear,
     with_sliding,
 )
-from multiscale.upscaling.shear_branch import bed_traction
+from multiscale.upscaling.shear_fit import bed_traction
 from tests.support import egg_box, rough_square
 from tests.upscaling.responses import DECAY, SCALE, response_of, sheared_exponentials
 

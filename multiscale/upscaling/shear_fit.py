@@ -1,0 +1,277 @@
+r"""The bed of sliders that is nearest to cells sheared until they slip.
+
+The bed of :class:`~multiscale.laws.Sliders` is known but for two numbers: the ratio :math:`\kappa`
+of tangential to normal stiffness and the friction coefficient :math:`\mu`. With the bed
+:math:`F` of :math:`\kappa = \mu = 1` on the normal law of a realisation, along the slips
+:math:`u` and the pressures :math:`p` of its path,
+
+.. math:: t = \mu\, F(\kappa u / \mu;\ p).    \tag{1}
+"""
+
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from multiscale.errors import CaseError
+from multiscale.laws import NormalLaw, Sliders
+from multiscale.schema import INTERFACE_LAW, LOADING, MICRO_RESPONSE, with_cautions
+from multiscale.upscaling.bootstrap import draw_counts, widening
+from multiscale.upscaling.fit import laws_of_each, say_branches
+from multiscale.upscaling.reading import require_law
+from multiscale.upscaling.response_observations import loading_branch, normal_observations
+
+if TYPE_CHECKING:
+    import xarray as xr
+
+__all__ = ["FEWEST_BELOW", "bed_traction", "with_shear"]
+
+FULL_SLIP = 0.98  # share of the contact nodes that slip where friction is observed
+SLABS = 192  # of the beds that are fitted, whose ratio then errs by .03 %
+RATIOS = 0.1, 3.0  # of tangential to normal stiffness between which the bed is sought
+CANDIDATES = 33  # ratios that are compared at once
+STILL = 3e-3  # slip over the largest one up to which nothing is sheared
+SIDEWAYS = 0.05  # slip over the largest one that cells make across the direction of their shear
+FEWEST_BELOW = 3.0  # pressure of a shear over the lowest one of the normal data
+SAME = 1e-6  # relative difference of pressures that are the same
+RELEASED = 1e-9  # pressure of a released cell over the largest one
+
+
+def with_shear(
+    law: "xr.Dataset", response: "xr.Dataset", shear: "xr.Dataset", *, apart: bool | None = None
+) -> "xr.Dataset":
+    r"""Add the tangential branch to a normal law.
+
+    Parameters
+    ----------
+    law : Dataset
+        Follows ``INTERFACE_LAW``; fitted to the response.
+    response : Dataset
+        Follows ``MICRO_RESPONSE``: cells that are pressed.
+    shear : Dataset
+        Follows ``MICRO_RESPONSE``: cells with friction on the surfaces of some of these
+        realisations, with the same numbers, that are pressed, sheared until they slip and
+        released, such as along :func:`multiscale.micro.shear_path`. If they are pressed over the
+        pressures of the law before, these steps give the normal laws of the realisations: in
+        shear and in pressing a coarser grid errs alike.
+    apart : bool, optional
+        Whether the stiffness ratios along x and y are two numbers, as for surfaces with a lay
+        along either, or their mean, since x and y of one cell differ by chance; if not given, two
+        numbers where they differ by more than chance.
+
+    Returns
+    -------
+    Dataset
+        Follows ``INTERFACE_LAW``, with ``shear_stiffness_ratio`` (along x and y) and
+        ``shear_friction``, their samples, and the mean path beside the path of the bed.
+        :func:`sliders_from_dataset` makes the law of it.
+
+    Raises
+    ------
+    CaseError
+        If realisations do not pair, a pressure lies outside the law, or the cells do not slip.
+
+    Notes
+    -----
+    Of each realisation :math:`\mu` is the mean of :math:`|t| / p` over the steps at which all of it
+    slips, and :math:`\kappa` minimises the squares of the distance from (1), over the pressure, on
+    its own normal law: a realisation that is too stiff in shear is too stiff in pressing, so that
+    :math:`\kappa` scatters little. Steps count up to :math:`t = \mu (p - p_\min)`; beyond, the
+    springs that still stick lie outside the pressures of the law. The law has the means. The
+    bootstrap draws whole realisations, those that the normal law draws if all of them are sheared,
+    so that sample k belongs to sample k of the normal law. The path of the bed is the mean over the
+    realisations with the mean :math:`\kappa` and :math:`\mu`.
+    """
+    MICRO_RESPONSE.check(shear)
+    require_law(law, "pressure_min", "pressure_max", "seed")
+    low, high = float(law.attrs["pressure_min"]), float(law.attrs["pressure_max"])
+    shear, cautions = _whole_paths(shear)
+    _check_pairs(response, shear)
+    pressed = loading_branch(shear)
+    if float(pressed["nominal_pressure"].min()) <= low * (1.0 + SAME):
+        shear = shear.isel(step=np.flatnonzero(shear["branch"] != LOADING))
+    else:
+        pressed = response.sel(realisation=shear["realisation"].to_numpy())
+    pressure = _pressures(shear, low, high)
+    laws = _normal_laws(law, pressed)
+    slip, traction = (shear[name].to_numpy()[..., 1:] for name in ("displacement_jump", "traction"))
+
+    held, size = pressure > 0.0, np.linalg.norm(traction, axis=-1)
+    full = held & (shear["slip_fraction"].to_numpy() >= FULL_SLIP)
+    friction = np.sum(full * size / np.where(held, pressure, np.inf), axis=1) / full.sum(axis=1)
+    inside = held & (size < friction[:, None] * (pressure - low))
+    weight = inside / np.where(held, pressure, np.inf)
+    smallest = RELEASED * pressure.max()
+    openings = [one.gap_at(np.maximum(pressure, smallest)) - one.gap for one in laws]
+    beds = [Sliders(one, 1.0, 1.0, pressures=(low, high), slabs=SLABS) for one in laws]
+    ratio = np.array(
+        [
+            _nearest_ratio(*one)
+            for one in zip(beds, openings, slip, traction, friction, weight, strict=True)
+        ]
+    )
+    lay = _lay(ratio)
+    if not (bool(lay) if apart is None else apart):
+        cautions += lay
+        ratio[:] = np.nanmean(ratio, axis=1, keepdims=True)
+    each = np.column_stack([ratio, friction])
+    mean, n = each.mean(axis=0), len(each)
+    counts = draw_counts(n, int(law.sizes.get("sample", 0)), int(law.attrs["seed"]))
+    drawn = mean + widening(n - 1, n=n) * (counts @ each / n - mean)
+    kappa, mu = mean[:2], mean[2]
+    path = [
+        mu * bed_traction(bed, opening, one * np.nan_to_num(kappa) / mu)
+        for bed, opening, one in zip(beds, openings, slip, strict=True)
+    ]
+    sheared = held & np.any(np.abs(slip).max(axis=0) > STILL * np.abs(slip).max(), axis=-1)
+    values = {
+        "shear_stiffness_ratio": kappa,
+        "shear_stiffness_ratio_sample": drawn[:, :2],
+        "shear_friction": mu,
+        "shear_friction_sample": drawn[:, 2],
+        "shear_pressure": pressure[sheared],
+        "shear_slip": slip.mean(axis=0)[sheared],
+        "shear_traction": traction.mean(axis=0)[sheared],
+        "shear_bed_traction": np.mean(path, axis=0)[sheared],
+    }
+    known = INTERFACE_LAW.assign(law, values).assign_attrs(
+        branches=say_branches({"shear": "measured"}, str(law.attrs.get("branches", ""))),
+        n_sheared=n,
+    )
+    return with_cautions(known, *cautions)
+
+
+def bed_traction(bed: Sliders, opening: np.ndarray, slip: np.ndarray) -> np.ndarray:
+    """Tangential traction of a bed along paths from rest.
+
+    Parameters
+    ----------
+    bed : Sliders
+    opening : ndarray, shape (steps,)
+        Normal jump, m.
+    slip : ndarray, shape (steps, 2) or (steps, 2, paths)
+        Tangential jumps, m.
+
+    Returns
+    -------
+    ndarray, shaped as the slip
+        Pa.
+    """
+    paths = slip.reshape(*slip.shape[:2], -1)
+    state, traction = np.zeros((bed.n_state, paths.shape[2])), np.empty(paths.shape)
+    for k, moved in enumerate(paths):
+        jump = np.concatenate([np.full((1, paths.shape[2]), opening[k]), moved])
+        response = bed.respond(jump, state)
+        state, traction[k] = response.state, response.traction[1:]
+    return traction.reshape(slip.shape)
+
+
+def _nearest_ratio(
+    bed: Sliders,
+    opening: np.ndarray,
+    slip: np.ndarray,
+    traction: np.ndarray,
+    friction: float,
+    weight: np.ndarray,
+) -> np.ndarray:
+    """Stiffness ratios along x and y whose path (1) is nearest; NaN where nothing shears.
+
+    Candidates are compared, then finer ones about the best; a parabola through the last three.
+    """
+    sheared = np.abs(slip).max(axis=0) > SIDEWAYS * np.abs(slip).max()
+    low, high = np.log(RATIOS)
+    middle, reach = np.full(2, 0.5 * (low + high)), 0.5 * (high - low)
+    for _ in range(2):
+        x = middle[:, None] + reach * np.linspace(-1.0, 1.0, CANDIDATES)
+        path = friction * bed_traction(bed, opening, slip[..., None] * np.exp(x) / friction)
+        error = weight[:, None, None] * (path - traction[..., None])
+        square = np.sum(error**2, axis=0)  # (2, candidates)
+        at = np.clip(np.argmin(square, axis=1), 1, CANDIDATES - 2)
+        before, least, after = (square[(0, 1), at + k] for k in (-1, 0, 1))
+        bend, fall = before - 2.0 * least + after, 0.5 * (before - after)
+        inside = np.abs(fall) < bend
+        shift = np.where(inside, fall / np.where(inside, bend, 1.0), np.sign(fall))
+        reach *= 2.0 / (CANDIDATES - 1)
+        middle = x[(0, 1), at] + reach * shift
+    if not np.all(((low < middle) & (middle < high))[sheared]):
+        raise CaseError(
+            f"no bed with a tangential over normal stiffness from {RATIOS[0]:g} to {RATIOS[1]:g} "
+            f"follows the sheared cells; check that they have the surfaces and moduli of the "
+            f"normal law, and slide by small steps at first"
+        )
+    return np.where(sheared, np.exp(middle), np.nan)
+
+
+def _whole_paths(shear: "xr.Dataset") -> tuple["xr.Dataset", list[str]]:
+    """Return the realisations that converged along the whole path, and how many did not."""
+    needed = ("nominal_pressure", "slip_fraction")
+    missing = [name for name in needed if name not in shear.variables]
+    if missing:
+        raise CaseError(
+            f"the sheared response has no {' and no '.join(missing)}; shear cells with friction "
+            f"under prescribed pressures"
+        )
+    whole = (shear["converged"] == 1).all("step").to_numpy()
+    if not np.any(whole):
+        raise CaseError("no sheared realisation converged along its whole path; take more steps")
+    if np.all(whole):
+        return shear, []
+    lost = f"{np.sum(~whole)} of {whole.size} sheared realisations did not reach the end of"
+    return shear.isel(realisation=np.flatnonzero(whole)), [f"{lost} the path and are left out"]
+
+
+def _check_pairs(response: "xr.Dataset", shear: "xr.Dataset") -> None:
+    """Refuse sheared realisations without pressed ones of the same number."""
+    pressed, sheared = ({*one["realisation"].to_numpy().tolist()} for one in (response, shear))
+    if missing := sorted(sheared - pressed):
+        raise CaseError(
+            f"the sheared realisations {missing} are not among the pressed ones, so that they have "
+            f"no normal law; shear cells on the same surfaces, with the same numbers"
+        )
+
+
+def _normal_laws(law: "xr.Dataset", pressed: "xr.Dataset") -> list[NormalLaw]:
+    """Return the normal laws of the realisations that are sheared, in their order."""
+    laws = laws_of_each(normal_observations(pressed), law)
+    if len(laws) != pressed.sizes["realisation"] or None in laws:
+        raise CaseError(
+            "a sheared realisation has no normal law, since it did not converge where it was "
+            "pressed; leave it out of the sheared ones"
+        )
+    return laws
+
+
+def _pressures(shear: "xr.Dataset", low: float, high: float) -> np.ndarray:
+    """Return the pressures of the steps, Pa, and refuse a path that does not tell the bed."""
+    slipping = shear["slip_fraction"].max("step").to_numpy()
+    if slipping.min() < FULL_SLIP:
+        raise CaseError(
+            f"at most {100.0 * slipping.min():.3g} % of the contact slips in a sheared "
+            f"realisation, which tells no friction; slide farther"
+        )
+    pressure = np.asarray(shear["nominal_pressure"].to_numpy(), dtype=float)
+    moved = np.abs(shear["displacement_jump"].to_numpy()[..., 1:]).max((0, 2))
+    held = pressure[(pressure > 0.0) & (moved > STILL * moved.max())]
+    if held.min() < FEWEST_BELOW * low * (1.0 - SAME) or held.max() > high * (1.0 + SAME):
+        raise CaseError(
+            f"the cells are sheared from {held.min():.3g} to {held.max():.3g} Pa and the normal "
+            f"law rests on data from {low:.3g} to {high:.3g} Pa; shear between "
+            f"{FEWEST_BELOW:g} times the lowest and the highest, since springs that slip last "
+            f"belong to lower pressures"
+        )
+    return pressure
+
+
+def _lay(ratio: np.ndarray) -> list[str]:
+    """Say if the stiffness along x and y differs by more than chance."""
+    from scipy.stats import t
+
+    n, change = len(ratio), ratio[:, 0] - ratio[:, 1]
+    if n < 3 or np.any(np.isnan(change)):
+        return []
+    if abs(change.mean()) <= t.ppf(0.995, n - 1) * change.std(ddof=1) / np.sqrt(n):
+        return []
+    return [
+        f"the tangential stiffness ratios along x and y, {ratio[:, 0].mean():.3g} and "
+        f"{ratio[:, 1].mean():.3g}, differ by more than chance: if the surface has a lay, fit them "
+        f"with apart=True"
+    ]
