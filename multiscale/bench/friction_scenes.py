@@ -76,7 +76,7 @@ def _cuboid(masses: np.ndarray, sides: np.ndarray) -> np.ndarray:
 def sphere_pile(spheres: int, rng: np.random.Generator, *, friction: float = 0.5) -> RigidBodies:
     """Make a regular packing of equal spheres above the ground, pushed in all directions.
 
-    The parameters are those of :func:`box_stack`. The contacts are moderately redundant.
+    Parameters as for :func:`box_stack`. The contacts are moderately redundant.
     """
     layers = int(np.ceil(spheres ** (1.0 / 3.0)))
     lattice = [
@@ -120,7 +120,7 @@ PLANK = np.array([0.9, 0.3, 0.2])  # m
 def block_tower(levels: int, rng: np.random.Generator, *, friction: float = 0.3) -> RigidBodies:
     """Make a tower of three planks a level, crosswise: many redundant contacts.
 
-    The parameters are those of :func:`box_stack`.
+    Parameters as for :func:`box_stack`.
     """
     n = 3 * levels
     level = np.arange(n) // 3

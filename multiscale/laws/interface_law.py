@@ -96,7 +96,7 @@ class InterfaceLaw(ABC):
         return Sliding(none + 1.0, none, none)
 
     def slipping_load(self, jump: np.ndarray, state: np.ndarray) -> np.ndarray:
-        """Share of the pressure whose contacts slip as a shear reaches that of a jump and state.
+        """Share of the pressure whose contacts slip as a shear reaches a jump, from a state.
 
         The shear has not been larger, and the pressure has been the same. All slips without
         friction.

@@ -77,7 +77,7 @@ def solve_interface(
 
     See Also
     --------
-    multiscale.macro.interface_newton.find_equilibrium : the iteration, and what it does at once.
+    multiscale.macro.interface_newton.find_equilibrium : the iteration and its line search.
     """
     n, points = stiffness.shape[0], weight.size
     if load.shape != (n,) or jump_operator.shape[1] != n or jump_operator.shape[0] % points:

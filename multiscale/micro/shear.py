@@ -55,7 +55,7 @@ def shear_path(
     -------
     Path
         After each leg the cell is released: pressure and slide zero. An elastic cell then forgets
-        what it did.
+        its path.
 
     Raises
     ------

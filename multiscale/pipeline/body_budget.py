@@ -82,7 +82,7 @@ def with_joint_budget(
     coarser : RoughBodies, optional
         The structure on elements of twice the size, if it has them.
     measured : collection of str
-        Parameters of the sliders, ``friction`` and ``stiffness_ratio``, that are those of the law,
+        Parameters of the sliders, ``friction`` and ``stiffness_ratio``, that come from the law,
         and not given.
 
     Returns
@@ -179,7 +179,7 @@ def _uneven_slip(
 
     A law that is stiffer everywhere leaves the shear of each point as it is, so that it tells
     nothing of one that is stiffer here and softer there. Each point slips more by its slope over
-    the shear, which is that of the last step to the amplitude, and at most as its stiffness rises.
+    the shear, taken at the last step to the amplitude, and at most as its stiffness rises.
     """
     share = result["slipping_load"].to_numpy()[-2:]
     slope = np.nan
@@ -198,7 +198,7 @@ def _sheared(result: "xr.Dataset") -> int:
 
 
 def with_contact(result: "xr.Dataset", law: "xr.Dataset") -> "xr.Dataset":
-    """Return the result of rough joints with their real contact, and what is told of the cells.
+    """Return the result of rough joints with their real contact, and facts about the cells.
 
     As of :func:`with_joint_budget`; if the law has no contact area, nothing is known of it.
     """

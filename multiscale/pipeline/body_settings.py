@@ -325,7 +325,7 @@ class LapJoint(RoughBodies):
     bolt: Length | None = Field(
         None,
         description="Diameter of the shank of a bolt of the modulus of the plates, m: its force "
-        "changes with the load; it stays what it was if not given.",
+        "changes with the load; the force is constant if not given.",
     )
     element: Length = Field(description="Edge of an element in plan, m.")
     layers: Positive = Field(2, description="Elements through each thickness.")

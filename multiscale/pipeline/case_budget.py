@@ -1,4 +1,4 @@
-"""The error budget of a case: what is not known of it is said in the keys of its file."""
+"""The error budget of a case: unknown terms name the keys of its file that would tell them."""
 
 from typing import TYPE_CHECKING
 
@@ -29,7 +29,7 @@ def joint_scales(case: Case) -> ScaleSeparation | None:
 def case_budget(case: Case, response: "xr.Dataset", law: "xr.Dataset") -> "xr.Dataset":
     """Estimate the errors of the law of a case whose cells have one size and one grid.
 
-    The response is that of the loading; the estimate follows ``ERROR_BUDGET``.
+    The response is of the loading; the estimate follows ``ERROR_BUDGET``.
     """
     tangential: dict[float, xr.Dataset] | None = None if case.micro.shear is None else {}
     budget = error_budget(response, law, scales=joint_scales(case), tangential=tangential)

@@ -44,7 +44,7 @@ class RoughSide:
 def composite_material(case: Case) -> tuple[float, float]:
     r"""Young's modulus, Pa, and Poisson's ratio of the body that stands for both.
 
-    Its contact modulus is that of the pair, :math:`1/E^* = \sum (1-\nu_i^2)/E_i`. For small slopes
+    Its contact modulus belongs to the pair, :math:`1/E^* = \sum (1-\nu_i^2)/E_i`. For small slopes
     and without friction nothing else of the elastic constants enters; Poisson's ratio is the mean
     weighted by compliance.
     """
@@ -55,7 +55,7 @@ def composite_material(case: Case) -> tuple[float, float]:
 
 
 def longest_wave(case: Case) -> float:
-    """Longest wavelength of the roughness of both bodies, m: that of a measured map is the cell."""
+    """Longest wavelength of the roughness of both bodies, m; the cell for a measured map."""
     synthetic = [
         body.surface.long_cutoff
         for body in case.bodies

@@ -85,12 +85,12 @@ class ShearSettings(Settings):
         description="Mean pressures under which they are sheared, Pa, rising, from three times the "
         "lowest to the highest of the cells.",
     )
-    realisations: Positive = Field(3, description="Number of these cells, at most that of all.")
+    realisations: Positive = Field(3, description="Number of these cells, at most all.")
     points: tuple[Points, Points] | None = Field(
-        None, description="Their grid points along x and y; those of the cells if not given."
+        None, description="Their grid points along x and y, as in [cell] if not given."
     )
     layers: Annotated[Count, Field(ge=2, le=1000)] | None = Field(
-        None, description="Layers of elements of each body; those of the cells if not given."
+        None, description="Layers of elements of each body, as in [cell] if not given."
     )
     steps: Count = Field(
         10, ge=3, le=1000, description="Steps from rest to full slip, at each pressure."
@@ -207,7 +207,7 @@ class SlideSettings(Settings):
         0.0, ge=0.0, le=10.0, description="Friction coefficient of points of contact."
     )
     pressures: tuple[Pressure, ...] = Field(
-        (), description="Mean pressures, Pa, rising; those of the cells if not given."
+        (), description="Mean pressures, Pa, rising; all pressures of the cells if not given."
     )
     steps: Count = Field(16, ge=1, le=10_000, description="Steps of the result over the distance.")
 

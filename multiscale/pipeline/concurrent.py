@@ -19,10 +19,10 @@ if TYPE_CHECKING:
 __all__ = ["CellLaw"]
 
 SMALLEST = 0.01
-"""Mean gap, relative to that of first touch, below which the law goes on along its tangent."""
+"""Mean gap, relative to the gap of first touch, below which the law goes on along its tangent."""
 
 CLOSE = 1e-6
-"""Distance of gaps, relative to that of first touch, up to which a cell is solved once."""
+"""Distance of gaps, relative to the gap of first touch, up to which a cell is solved once."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -139,7 +139,7 @@ class CellLaw(NormalLaw):
         return self._answer(gap)[1]
 
     def gap_at(self, pressure: np.ndarray) -> np.ndarray:
-        """Local gap, m, at a pressure, Pa; that of first touch at zero pressure.
+        """Local gap, m, at a pressure, Pa; the gap of first touch at zero pressure.
 
         Newton's method on the logarithm of the pressure, which is nearly linear, in a bracket.
         """

@@ -1,4 +1,4 @@
-"""What a choice of cells will cost and how wrong it will be, from what has been computed."""
+"""Cost and error of a choice of cells, forecast from the cells that have been computed."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass
@@ -120,7 +120,7 @@ class CostModel:
         return cls(float(sum(fixed)), float(slope), layered)
 
     def seen(self, setting: Setting, time: float) -> "CostModel":
-        """Scale all times by that of a cell of a setting, s."""
+        """Scale all times by the time of a cell of a setting, s."""
         ratio = time / self.of_cell(setting.size, setting.grid)
         return CostModel(ratio * self.fixed, ratio * self.time, self.layered)
 

@@ -161,7 +161,7 @@ class RoughInterface(LawSource):
         ----------
         law : Dataset
         poissons_ratio : float
-            Of the bodies, for the theory of alike ones.
+            Moduli of the bodies, for the theory of alike ones.
         strict : bool
             Whether to refuse what is assumed.
 
@@ -196,13 +196,13 @@ class RoughInterface(LawSource):
         law : Dataset
             Whose tangential branch is taken.
         sound : NormalLaw
-            Of a joint without damage.
+            Law of a joint without damage.
         joints : int
         pressures : tuple of float
             Between which the laws are fine, Pa.
         slabs : int
         sample : int, optional
-            Of the tangential branch; its mean if not given.
+            Sample of the tangential branch; its mean if not given.
         """
         return [
             sliders_from_dataset(

@@ -83,7 +83,7 @@ def lap_joint(
     shape : LapShape
         Dimensions and mesh.
     materials : sequence of Elastic or AnisotropicElastic
-        Of the lower and the upper plate.
+        Elasticity of the lower and the upper plate.
     law : InterfaceLaw
         On the whole overlap.
     shank : float, optional

@@ -30,7 +30,7 @@ def pressed_blocks(joint: RoughJoint, law: InterfaceLaw) -> Assembly:
     ----------
     joint : RoughJoint
     law : InterfaceLaw
-        Of any kind, with friction too.
+        A law of any kind, with friction too.
     """
     x, y = (0.5 * length for length in joint.section)
     stands: Supports = {"bottom": (None, None, 0.0)}

@@ -45,7 +45,7 @@ class PlaneJoint:
     width, height : float
         L, and H of each block, m.
     youngs_modulus, poissons_ratio : float
-        Of both blocks, Pa and 1.
+        Moduli of both blocks, Pa and 1.
     approach : float
         :math:`\delta_0` of (1), m.
     tilt : float
@@ -121,7 +121,7 @@ def press_plane_joint(
     ----------
     joint : PlaneJoint
     law : NormalLaw
-        Of the interface.
+        Law of the interface.
     elements : int
         Along x; the layers grow from there away from the interface.
     tolerance : float

@@ -151,7 +151,7 @@ def slide_tread(
     ----------
     tread : CondensedTread
     law : SteadySliding
-        Of the ground, with a velocity along x and y.
+        Law of the ground, with a velocity along x and y.
     pressure : float
         Nominal, Pa.
     tolerance : float

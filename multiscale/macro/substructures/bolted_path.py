@@ -60,7 +60,7 @@ def lock_bolts(
     tension, stretch : ndarray, shape (bolts,)
         Force of the bolts, N, and distance by which their washers have moved apart, m.
     factor : float
-        Of the first load case, not zero.
+        Factor of the first load case, not zero.
     """
     shares = problem.sum_up([np.ones(part.n) for part in problem.substructures])
     position, component = np.zeros((problem.n, 3)), np.zeros(problem.n, dtype=int)

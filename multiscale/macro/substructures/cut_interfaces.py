@@ -215,7 +215,7 @@ def _averages(
 
 
 def _of_nodes(values: csr_array, nodes: np.ndarray, body: Body) -> csr_array:
-    """Values from all nodes of a body, from those of some."""
+    """Values at all nodes of a body from values at some of them."""
     entries = values.tocoo()
     at = (entries.coords[0], nodes[entries.coords[1]])
     return csr_array((entries.data, at), shape=(values.shape[0], body.basis.N))

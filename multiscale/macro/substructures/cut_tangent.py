@@ -57,7 +57,7 @@ class Imbalance:
     residual, rounding : float
         Largest of the whole structure and what rounding makes of it, relative to the load.
     tangents : list of ndarray, shape (3, 3, points)
-        Of the joints, times the weights, N/m.
+        Tangent of the joints, times the weights, N/m.
     tractions : list of ndarray, shape (3, points)
         On the joints, Pa.
     """

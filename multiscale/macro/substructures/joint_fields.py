@@ -30,7 +30,7 @@ def add_body_fields(
     bodies : sequence of Body
         Elastic, all of tetrahedra or all of hexahedra.
     damage : sequence of float
-        Of every body, to be kept with its elements; their laws have it already.
+        Damage of every body, to be kept with its elements; their laws have it already.
 
     Returns
     -------

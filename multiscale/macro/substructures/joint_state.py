@@ -106,7 +106,7 @@ def measure_stiffness(
     result : Dataset
         Of :func:`solve_latin`.
     area : ndarray, shape (cases,)
-        Of these faces, m².
+        Areas of these faces, m².
     steps : sequence of int
         Where it is wanted; NaN elsewhere, and where a step failed.
 

@@ -68,7 +68,7 @@ class LatinIterate:
     u : ndarray, shape (n,)
         Displacement of the substructures of this process, m.
     tension : ndarray, shape (rows,)
-        Of their links, N.
+        Forces of their links, N.
     force, push : ndarray, shape (m,)
         On all sides of all interfaces, and :math:`k_0 T u` there, N.
     """

@@ -243,7 +243,7 @@ def _judge(method: Latin) -> Callable[[LatinIterate], dict[str, float]]:
 
 
 def _fields(method: Latin, column: dict[str, Any]) -> dict[str, np.ndarray]:
-    """Displacement of the nodes, and what is known of the links and joints of all processes."""
+    """Displacement of the nodes, and results of the links and joints of all processes."""
     problem, team, found = method.problem, method.team, column["found"]
     u = problem.average(team.concatenate(found.u))
     fields = {"displacement": problem.displacement(u)}

@@ -53,14 +53,14 @@ class Substructure:
     Attributes
     ----------
     stiffness : csr_array, shape (n, n)
-        Of what is linear in it, N/m, supports taken out. It may be singular.
+        Stiffness of its linear part, N/m, supports taken out. It may be singular.
     load : ndarray, shape (n, cases)
         External forces, one column for each load case, N.
     unknown : ndarray of int, shape (n,)
         Number of every unknown in the whole structure. Perfect interfaces are where two
         substructures share one.
     position : ndarray, shape (n, 3)
-        Of the node of every unknown, m.
+        Position of the node of every unknown, m.
     component : ndarray of int, shape (n,)
         Direction of every unknown: 0, 1 or 2; 3, 4, 5 for rotations times a length.
     links : Links, optional
@@ -126,7 +126,7 @@ class CutInterface:
     weight : ndarray, shape (points,)
         Quadrature weights of the points of a law, m².
     position : ndarray, shape (points, 3)
-        Of these points, m.
+        Position of these points, m.
     joint : int
         Number of the joint that the interface is part of.
     """
@@ -151,9 +151,9 @@ class CutBolt:
     Attributes
     ----------
     unknown : tuple of int
-        Of both washers, along the axis the first one first.
+        Unknowns of both washers, along the axis the first one first.
     stiffness : float
-        Of the shank, N/m.
+        Stiffness of the shank, N/m.
     preload : float
         Force at the factor one of the first load case, N.
     """

@@ -132,7 +132,7 @@ def schur_complements(
     ground : csr_array, shape (m, m)
         Stiffness that sides of joints stand on, N/m.
     factors : Factors
-        Of the insides of the substructures.
+        Factors of the stiffness inside the substructures.
 
     Returns
     -------

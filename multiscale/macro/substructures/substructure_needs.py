@@ -39,7 +39,7 @@ def cut_needs(
     Parameters
     ----------
     unknowns : int
-        Of the whole structure.
+        Unknowns of the whole structure.
     links : int
         None in elastic bodies.
     joint_points : int

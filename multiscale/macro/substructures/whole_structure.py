@@ -17,7 +17,7 @@ class Assembled:
     Attributes
     ----------
     stiffness : csr_array, shape (n, n)
-        Of all that is linear, N/m.
+        Stiffness of all linear parts, N/m.
     load : ndarray, shape (n, cases)
         N.
     jump : csr_array, shape (3 points, n)
@@ -74,6 +74,6 @@ def assemble(problem: CutProblem) -> Assembled:
 
 
 def _placement(problem: CutProblem, part: Substructure) -> csr_array:
-    """Pick the unknowns of a substructure out of those of the structure."""
+    """Pick the unknowns of a substructure out of all unknowns of the structure."""
     rows = np.arange(part.n)
     return csr_array((np.ones(part.n), (rows, part.unknown)), shape=(part.n, problem.n))
