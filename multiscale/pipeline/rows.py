@@ -49,6 +49,9 @@ TWO_DIGITS = 3.55
 MOST_ROWS = 11
 """Of the table of a structure of links."""
 
+ROUNDING = 1e-9
+"""Relative error up to which an answer has none but rounding."""
+
 
 def tabulate(result: "xr.Dataset") -> tuple[tuple[str, ...], list[tuple[str, ...]]]:
     """Return head and rows of text for a joint."""
@@ -149,7 +152,9 @@ def _value(step: "xr.Dataset", name: str, scale: float) -> str:
 
 def say_error(total: float) -> str:
     """Total of an error budget in per cent, or that a term it must hold could not be computed."""
-    return f"{100.0 * total:.2g}" if np.isfinite(total) else "unknown"
+    if not np.isfinite(total):
+        return "unknown"
+    return f"{100.0 * total:.2g}" if total > ROUNDING else "0"
 
 
 def _missing(step: "xr.Dataset") -> str:
