@@ -153,6 +153,7 @@ def test_a_cycle_of_shear_loses_energy_and_locked_bolts_follow_it():
     assert (one.tangential_stiffness[:2] > 0.0).all()
 
 
+@pytest.mark.slow
 def test_a_bolted_lap_joint_is_as_stiff_as_one_under_even_pressure():
     """The shank is soft and the plates are flat: locking changes little, washers a little more."""
     shape = LapShape(0.06, 0.02, 0.004, 0.03, 0.006, 0.012, element=4e-3, layers=1)

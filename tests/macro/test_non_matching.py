@@ -96,6 +96,7 @@ def test_every_method_finds_the_same_and_a_cut_changes_little(method):
         np.testing.assert_allclose(*forces, atol=1e-9 * 20e6 * EDGE**2)
 
 
+@pytest.mark.slow
 def test_a_lap_joint_of_plates_meshed_apart_is_the_one_that_matches():
     shape = LapShape(0.06, 0.02, 0.004, 0.03, 0.006, 0.012, element=3e-3)
     finer = replace(shape, element=2e-3)

@@ -84,6 +84,7 @@ def test_sheared_cells_have_both_bodies_and_the_surfaces_of_the_pressed_ones(fin
     np.testing.assert_array_equal(np.unique(pressure[9:]), [0.0, 20e6])
 
 
+@pytest.mark.slow
 def test_other_loads_shear_no_cell_and_another_shear_presses_none(finished, tmp_path):
     _, first, _ = finished
     case, out = case_of(tmp_path, CELLS + LAW + SHEAR), tmp_path / "out"
