@@ -125,13 +125,13 @@ class RoughInterface(LawSource):
 
     friction: Factor | None = Field(
         None,
-        description="Coefficient of Coulomb's law; that of the law, from cells that are sheared, "
-        "if not given.",
+        description="Coefficient of Coulomb's law; if not given, the law tells it, from cells that "
+        "are sheared.",
     )
     stiffness_ratio: Annotated[Number, Field(gt=0.0)] | None = Field(
         None,
         description="Tangential over normal stiffness, of springs slipping in turn; if not given, "
-        "that of the law or else, which a caution says, 2 (1 - nu)/(2 - nu).",
+        "the law tells it, or it is 2 (1 - nu)/(2 - nu), which a caution says.",
     )
     damage: tuple[Damage, ...] = Field(
         (),
@@ -163,7 +163,7 @@ class RoughInterface(LawSource):
         poissons_ratio : float
             Moduli of the bodies, for the theory of alike ones.
         strict : bool
-            Whether to refuse what is assumed.
+            Whether to refuse assumed values.
 
         Raises
         ------
