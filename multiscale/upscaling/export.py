@@ -123,14 +123,17 @@ def write_pressure_overclosure(
     Both codes read the same lines: ``*SURFACE BEHAVIOR, PRESSURE-OVERCLOSURE=TABULAR`` under a
     ``*SURFACE INTERACTION``, then pressure and overclosure, rising, the first pressure zero. Beyond
     the last point Abaqus goes on with its slope and CalculiX keeps the pressure, so that one more
-    point prolongs the last chord to ten times the largest pressure. Zero overclosure is the first
-    contact of the summits: the surfaces of the model should stand that far apart, as the head of
-    the file says, since CalculiX makes no contact elements where they are further open.
+    point prolongs the last chord to ten times the largest pressure. Surfaces of the model that
+    touch have the first contact of the summits: the mean planes are then as far apart as the head
+    of the file says. CalculiX makes no contact elements where surfaces are open, so that a body
+    which only the contact holds should overlap a little at the start.
 
     Either code sticks with one spring and one slider, which has no micro-slip. It is as stiff as
     the bed of sliders before any slip: CalculiX takes the stiffness :math:`\kappa K(p)`, the same
     at all pressures; Abaqus the elastic slip :math:`\mu p / (\kappa K(p))`, from which it makes a
-    stiffness in proportion to the pressure, as that of rough surfaces nearly is.
+    stiffness in proportion to the pressure, as rough surfaces nearly have. Stiffness and capacity
+    of a joint carry over so; its loss does not: in a lap joint, one stiffness at all pressures
+    doubles it.
     """
     if not (name and name.isascii() and name.replace("_", "a").replace("-", "a").isalnum()):
         raise CaseError(f"{name!r} cannot name a surface interaction; use letters and digits")
