@@ -20,9 +20,9 @@ from multiscale.upscaling import (
     write_pressure_overclosure,
 )
 
-# open_run gives a run as a DataTree, with a node for every arrow of the chain. Values are in SI
-# units, and each variable has the attributes units and long_name. Steps that did not converge stay
-# in the file, as NaN with converged = 0.
+# open_run gives a run as a DataTree, with a node for the dataset of every stage of the run. Values
+# are in SI units, and each variable has the attributes units and long_name. Steps that did not
+# converge stay in the file, as NaN with converged = 0.
 #
 #   dataset               dimensions                            content
 #   micro_response        realisation, step, component          traction, mean gap, contact fraction
