@@ -95,6 +95,12 @@ class ShearSettings(Settings):
     steps: Count = Field(
         10, ge=3, le=1000, description="Steps from rest to full slip, at each pressure."
     )
+    cycle: bool = Field(
+        True,
+        description="Whether they also go through a closed cycle of partial slip, in four more "
+        "steps at each pressure and direction; without it the error of the loss of a joint is not "
+        "known.",
+    )
 
     _rise = field_validator("pressures")(must_rise)
 

@@ -23,6 +23,7 @@ from multiscale.upscaling import (
     assume_shear,
     sliders_from_dataset,
     state_shear,
+    take_sliding_friction,
     tangential_values,
 )
 from multiscale.upscaling.fit import told_branches
@@ -126,7 +127,7 @@ class RoughInterface(LawSource):
     friction: Factor | None = Field(
         None,
         description="Coefficient of Coulomb's law; if not given, the law tells it, from cells that "
-        "are sheared.",
+        "are sheared, or else from a cell that slides, at the last preload.",
     )
     stiffness_ratio: Annotated[Number, Field(gt=0.0)] | None = Field(
         None,
@@ -144,7 +145,8 @@ class RoughInterface(LawSource):
         if self.friction is None and "friction" not in known:
             return (
                 "[interface] has no friction and the law of the joints has none either: shear the "
-                "cells by [micro.shear], or give friction"
+                "cells by [micro.shear], slide them over their length or more by [slide], or give "
+                "friction"
             )
         if strict and self.stiffness_ratio is None and "stiffness_ratio" not in known:
             return (
@@ -154,7 +156,9 @@ class RoughInterface(LawSource):
             )
         return ""
 
-    def complete(self, law: "xr.Dataset", poissons_ratio: float, strict: bool) -> "xr.Dataset":
+    def complete(
+        self, law: "xr.Dataset", poissons_ratio: float, pressure: float, strict: bool
+    ) -> "xr.Dataset":
         """Return the law with a tangential branch: given, else as measured, else by theory.
 
         Parameters
@@ -162,6 +166,8 @@ class RoughInterface(LawSource):
         law : Dataset
         poissons_ratio : float
             Moduli of the bodies, for the theory of alike ones.
+        pressure : float
+            Of the joint, Pa: there the friction of a slide stands for one that is missing.
         strict : bool
             Whether to refuse assumed values.
 
@@ -173,6 +179,9 @@ class RoughInterface(LawSource):
         known, said = tangential_values(law), str(law.attrs.get("branches", ""))
         if strict and told_branches(said).get("shear", "").startswith("assumed"):
             known = {}
+        if self.friction is None and "friction" not in known and "sliding_friction" in law:
+            law = take_sliding_friction(law, pressure)
+            known = tangential_values(law)
         if missing := self.tell_missing(known, strict):
             raise CaseError(missing)
         if self.stiffness_ratio is None and "stiffness_ratio" not in known:

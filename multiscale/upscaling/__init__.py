@@ -44,6 +44,7 @@ from multiscale.upscaling.shear_branch import (
     sliders_from_dataset,
     sliding_friction_at,
     state_shear,
+    take_sliding_friction,
     tangential_values,
     with_sliding,
 )
@@ -103,6 +104,7 @@ __all__ = [
     "sliding_friction_at",
     "state_shear",
     "structure_budget",
+    "take_sliding_friction",
     "tangential_observations",
     "tangential_values",
     "unloading_family",

@@ -13,7 +13,7 @@ from multiscale.upscaling.resolution import estimate_grid_error
 if TYPE_CHECKING:
     import xarray as xr
 
-__all__ = ["NORMAL_ALONE", "STEEPEST", "shear_errors", "tangential_terms"]
+__all__ = ["NORMAL_ALONE", "STEEPEST", "loss_term", "shear_errors", "tangential_terms"]
 
 STEEPEST = np.exp(-1.0)
 """Largest change of t / (mu p) with the logarithm of the stiffness: of x exp(-x)."""
@@ -96,13 +96,15 @@ def shear_errors(law: "xr.Dataset", p: np.ndarray) -> dict[str, dict[str, np.nda
         For ``friction`` and ``stiffness_ratio`` the half-width of the 95 % interval over the value
         by term, shape (steps,): *sampling* by the bootstrap, *few cells* by the scatter that it
         tells of single cells, and for the ratio all that a term of the tangential traction, as
-        :func:`tangential_terms` tells it, does not have from the stiffness.
+        :func:`tangential_terms` tells it, does not have from the stiffness. A friction without
+        samples that was measured has the error that the law states, which may be NaN.
     """
     from scipy.stats import t
 
     n_samples = int(law.sizes.get("shear_sample", 0))
     if not n_samples:
-        return {}
+        stated = law.get("shear_friction_error")
+        return {} if stated is None else {"friction": {"sampling": np.full(p.size, float(stated))}}
     n, found = int(law.attrs["n_sheared"]), {}
     for parameter, name in (("friction", "shear_friction"), ("stiffness_ratio", RATIO)):
         values = pick(law, name, [None, *range(n_samples)], of="shear")
@@ -121,6 +123,42 @@ def shear_errors(law: "xr.Dataset", p: np.ndarray) -> dict[str, dict[str, np.nda
                 left = np.sqrt(np.maximum(rest, 0.0))
                 found["stiffness_ratio"][term] = np.interp(np.log(p), data, left)
     return found
+
+
+def loss_term(law: "xr.Dataset") -> Term:
+    r"""How wrong the loss of the bed is in a closed cycle, as the cells tell it.
+
+    Parameters
+    ----------
+    law : Dataset
+        Follows ``INTERFACE_LAW``.
+
+    Returns
+    -------
+    Term
+        For one answer at one step. Its bias is :math:`1 - r` with the mean :math:`r` of the ratios
+        of the losses at equal slip and at equal traction, since a joint lies between the two. Its
+        half-width has the samples, half the distance of the two ratios, and half the range over
+        the pressures. NaN where no cells went through closed cycles.
+    """
+    if "shear_loss_ratio" not in law.variables:
+        told = "of the loss not known: no cells went through closed cycles; shear them so"
+        return Term(told, np.full((1, 1), np.nan))
+    require_law(law, "shear_cycle_pressure", "shear_cycle_amplitude", "shear_cycle_loss_ratio")
+    ratio = law["shear_loss_ratio"].to_numpy()
+    n_samples = int(law.sizes.get("shear_sample", 0))
+    drawn = [one.mean() for one in pick(law, "shear_loss_ratio", range(n_samples), of="shear")]
+    sampling = 0.5 * np.ptp(np.percentile(drawn, [2.5, 97.5])) if n_samples else np.nan
+    each = law["shear_cycle_loss_ratio"].mean("control").groupby(law["shear_cycle_pressure"])
+    parts = [sampling, 0.5 * np.ptp(ratio), 0.5 * float(np.ptp(each.mean().to_numpy()))]
+    amplitude = float(law["shear_cycle_amplitude"].mean())
+    told = (
+        f"in cycles to {100.0 * amplitude:.2g} % of full slip the cells lose {ratio[0]:.3g} times "
+        f"as much as the bed that slips as far, {ratio[1]:.3g} times as the bed that carries as "
+        f"much"
+    )
+    half_width = np.full((1, 1), np.linalg.norm(parts))
+    return Term(told, half_width, np.full((1, 1), 1.0 - ratio.mean()))
 
 
 def _sampling(law: "xr.Dataset", p: np.ndarray) -> np.ndarray:

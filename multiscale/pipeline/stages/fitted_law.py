@@ -30,6 +30,7 @@ from multiscale.upscaling import (
     require_law,
     with_budget,
 )
+from multiscale.upscaling.shear_budget import loss_term
 
 if TYPE_CHECKING:
     import xarray as xr
@@ -108,12 +109,15 @@ def _shear(law: "xr.Dataset") -> list[str]:
     p, friction = law["shear_pressure"].values, float(law["shear_friction"])
     apart = law["shear_traction"].values - law["shear_bed_traction"].values
     distance = np.max(np.linalg.norm(apart, axis=1) / (friction * p))
-    return [
+    lines = [
         f"Sheared, it is {x:.3g} (x) and {y:.3g} (y) times as stiff at first as under pressure, "
         f"and slips at {friction:.3g} of its pressure; along the shear of "
         f"{law.attrs['n_sheared']} realisations the bed of sliders is never farther from the "
         f"cells than {100.0 * distance:.2g} % of full slip."
     ]
+    if "shear_loss_ratio" in law:
+        lines.append(f"{loss_term(law).how.capitalize()}.")
+    return lines
 
 
 def _summary(found: Datasets) -> Summary:

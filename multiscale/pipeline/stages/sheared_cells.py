@@ -19,6 +19,8 @@ __all__ = ["SHEARED_CELLS"]
 
 FOLDER = "micro-shear"  # has a folder of cells for each way to shear them
 
+AMPLITUDE = 1.0  # of the closed cycle, relative to the slip over which a joint gives way
+
 STEP_TIME = 3e-6  # s, of a step for each unknown
 TIMES = {"seconds": 120.0, "minutes": 7200.0, "hours": 1.7e5}  # classes, and where they end, s
 
@@ -37,7 +39,13 @@ def _run(case: Case, found: Datasets, job: Job) -> "xr.Dataset":
     own = _as_sheared(case)
     cells = [_pair(own, pair) for pair in two_surfaces(own)]
     shear = own.micro.shear
-    path = shear_path(cells[0], shear.pressures, steps=shear.steps, pressed=own.micro.pressures)
+    path = shear_path(
+        cells[0],
+        shear.pressures,
+        steps=shear.steps,
+        cycle=AMPLITUDE if shear.cycle else 0.0,
+        pressed=own.micro.pressures,
+    )
     way = case.checksum(include=READS, exclude={"micro": {"shear": {"realisations"}}})
     response = run_ensemble(
         cells,
@@ -74,7 +82,8 @@ def _needs(case: Case) -> Needs:
     shear, (nx, ny) = own.micro.shear, own.cell.points
     pair = cell_needs(_pair(own, smooth_pair(own.cell)))
     unknowns = 6 * nx * ny * own.cell.layers
-    steps = len(own.micro.pressures) + 1 + 2 * len(shear.pressures) * (shear.steps + 2)
+    each = shear.steps + 2 + (4 if shear.cycle else 0)
+    steps = len(own.micro.pressures) + 1 + 2 * len(shear.pressures) * each
     time = STEP_TIME * unknowns * steps * shear.realisations
     told = next((name for name, end in TIMES.items() if time < end), "days")
     cells = Choice(
