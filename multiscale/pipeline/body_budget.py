@@ -156,6 +156,10 @@ def with_joint_budget(
     own = {}
     if cycled:
         own["friction bed"] = _part_of(loss_term(law), lost)
+        if "shear_loss_grid_error" in law:
+            told = "the loss ratio on two grids"
+            grid = Term(told, law["shear_loss_grid_error"].to_numpy())
+            own["micro discretisation"] = _part_of(grid, lost)
         if "shear_loss_ratio" not in law:
             result = with_cautions(result, UNKNOWN_LOSS)
     for name, half_width in shear_errors(law, mean).items():

@@ -212,6 +212,11 @@ class RoughBodies(StructureKind):
             if missing := case.interface.tell_missing(known, case.strict):
                 raise ValueError(missing)
         damage = case.interface.damage
+        if damage and case.interface.damage_file is not None:
+            raise ValueError(
+                "[interface] has damage and damage_file, which both tell the damage of the "
+                "interfaces; leave out one of them"
+            )
         if damage and len(damage) != self.joints:
             raise ValueError(
                 f"[interface] damage should have one entry for each joint ({self.joints}), got "

@@ -4,10 +4,11 @@ from collections.abc import Collection
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, Self
 
+import numpy as np
 from pydantic import Field, field_validator
 
 from multiscale.errors import CaseError
-from multiscale.io import open_law
+from multiscale.io import open_dataset, open_law
 from multiscale.laws import Damaged, NormalLaw, Sliders
 from multiscale.macro import LatinMethod
 from multiscale.pipeline.toml_model import (
@@ -19,12 +20,14 @@ from multiscale.pipeline.toml_model import (
     Tolerance,
     must_rise,
 )
+from multiscale.schema import DAMAGE_SECTIONS, with_cautions
 from multiscale.upscaling import (
     assume_shear,
     sliders_from_dataset,
     state_shear,
     take_sliding_friction,
     tangential_values,
+    with_damage,
 )
 from multiscale.upscaling.fit import told_branches
 
@@ -139,6 +142,12 @@ class RoughInterface(LawSource):
         description="Damage of interfaces from below: each carries 1 - D of the law; 0 if not "
         "given.",
     )
+    damage_file: Path | None = Field(
+        None,
+        description="Dataset `damage_sections` of the material near the surface, instead of "
+        "damage: every interface carries 1 - D of the law, with the mean of D over the sections "
+        "whose normal is z.",
+    )
 
     def tell_missing(self, known: Collection[str], strict: bool) -> str:
         """Say what joints lack whose law knows the values of some keys; nothing if nothing."""
@@ -187,7 +196,10 @@ class RoughInterface(LawSource):
         if self.stiffness_ratio is None and "stiffness_ratio" not in known:
             theory = 2.0 * (1.0 - poissons_ratio) / (2.0 - poissons_ratio)
             law = assume_shear(law, stiffness_ratio=theory)
-        return state_shear(law, friction=self.friction, stiffness_ratio=self.stiffness_ratio)
+        if self.damage_file is not None:
+            law = with_damage(law, open_dataset(self.damage_file, DAMAGE_SECTIONS))
+        law = state_shear(law, friction=self.friction, stiffness_ratio=self.stiffness_ratio)
+        return with_cautions(law, *_say_lay(law))
 
     def build(
         self,
@@ -221,8 +233,19 @@ class RoughInterface(LawSource):
                 pressures=pressures,
                 slabs=slabs,
             )
-            for D in self.damage or (0.0,) * joints
+            for D in self.damage or (float(law.get("interface_damage", 0.0)),) * joints
         ]
+
+
+def _say_lay(law: "xr.Dataset") -> list[str]:
+    """Say what joints take of a law that is not as stiff along x as along y."""
+    x, y = law["shear_stiffness_ratio"].to_numpy()
+    if not np.isfinite(x + y) or np.isclose(x, y, rtol=1e-9):
+        return []
+    return [
+        f"the tangential stiffness ratio is {x:.3g} along x and {y:.3g} along y, and the joints "
+        f"take the mean of both, {0.5 * (x + y):.3g}, in all directions"
+    ]
 
 
 class Preloads(Settings):

@@ -73,12 +73,21 @@ INTERFACE_LAW = Schema(
             "loss of the cells in closed cycles over the loss of the bed, at equal slip and at "
             "equal traction",
         ),
+        "shear_loss_grid_error": Variable(
+            (), "1", "half-width of the 95 % interval of the loss ratio by the grid of the cells"
+        ),
         "shear_cycle_pressure": Variable(("shear_cycle",), "Pa", "mean pressure of a closed cycle"),
         "shear_cycle_amplitude": Variable(
             ("shear_cycle",), "1", "amplitude of the traction of a closed cycle over full slip"
         ),
         "shear_cycle_loss_ratio": Variable(
             ("shear_cycle", "control"), "1", "loss of the cells over the loss of the bed, each"
+        ),
+        "interface_damage": Variable(
+            (), "1", "mean damage of the sections parallel to the interface, eq (1)"
+        ),
+        "interface_damage_band": Variable(
+            ("limit",), "1", "ends of the 95 % interval of the damage over the sections"
         ),
         "sliding_pressure": Variable(("load",), "Pa", "mean pressure of the sliding data"),
         "sliding_friction": Variable(("load",), "1", "steady friction coefficient of sliding"),

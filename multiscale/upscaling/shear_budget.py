@@ -6,6 +6,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from multiscale.schema import INTERFACE_LAW
 from multiscale.upscaling.budget_terms import FEW_CELLS, NORMAL, Term
 from multiscale.upscaling.reading import fitted_laws, law_from_dataset, pick, require_law
 from multiscale.upscaling.resolution import estimate_grid_error
@@ -13,7 +14,14 @@ from multiscale.upscaling.resolution import estimate_grid_error
 if TYPE_CHECKING:
     import xarray as xr
 
-__all__ = ["NORMAL_ALONE", "STEEPEST", "loss_term", "shear_errors", "tangential_terms"]
+__all__ = [
+    "NORMAL_ALONE",
+    "STEEPEST",
+    "loss_term",
+    "shear_errors",
+    "tangential_terms",
+    "with_loss_grid",
+]
 
 STEEPEST = np.exp(-1.0)
 """Largest change of t / (mu p) with the logarithm of the stiffness: of x exp(-x)."""
@@ -43,7 +51,8 @@ def tangential_terms(
         Pressures of the law, Pa.
     coarser : mapping of float to Dataset
         From the ratio of the spacings (2, or 2 and 4) to the law of the same realisations, pressed
-        and sheared on a coarser grid; may be empty.
+        and sheared on a coarser grid; with that of fewer realisations, on the grid of the law too,
+        under 1. May be empty.
 
     Returns
     -------
@@ -184,9 +193,34 @@ def _grid(
     """Half-width by the grid, of stiffness and ratio together; NaN without coarser grids."""
     if not coarser or term.half_width is None:
         return np.full(p.size, np.nan)
-    fine, *others = (np.nanmean(one[RATIO].to_numpy()) for one in (law, *coarser.values()))
-    found = estimate_grid_error(fine[None], dict(zip(coarser, np.array(others), strict=True)))
-    return np.asarray(STEEPEST * np.hypot(term.half_width[2], found.half_width / fine))
+    error = _grid_error({1.0: law, **coarser}, RATIO)
+    return np.asarray(STEEPEST * np.hypot(term.half_width[2], error))
+
+
+def _grid_error(laws: Mapping[float, "xr.Dataset"], name: str) -> float:
+    """Half-width by the grid of the mean of a value of laws on several grids, over the value."""
+    finest, *others = sorted(laws)
+    values = {ratio: laws[ratio][name].mean().to_numpy()[None] for ratio in (finest, *others)}
+    fine = values.pop(finest)
+    found = estimate_grid_error(fine, {ratio / finest: one for ratio, one in values.items()})
+    return float(found.half_width[0] / fine[0])
+
+
+def with_loss_grid(law: "xr.Dataset", laws: Mapping[float, "xr.Dataset"]) -> "xr.Dataset":
+    """Return a law with the error by the grid of what its cells lose in closed cycles.
+
+    Parameters
+    ----------
+    law : Dataset
+        Follows ``INTERFACE_LAW``.
+    laws : mapping of float to Dataset
+        From the ratio of the spacings to the law of the same realisations on that grid, as of
+        :func:`tangential_terms`; nothing is known if one was not cycled.
+    """
+    name = "shear_loss_ratio"
+    if len(laws) < 2 or not all(name in one.variables for one in laws.values()):
+        return law
+    return INTERFACE_LAW.assign(law, {"shear_loss_grid_error": _grid_error(laws, name)})
 
 
 def _distance(law: "xr.Dataset", p: np.ndarray) -> np.ndarray:

@@ -28,11 +28,8 @@ points = [20, 20]
 layers = 4
 steps = 6
 """
-STEEL = (
-    small_steel(3)
-    .replace("[36, 36]", "[24, 24]")
-    .replace('short_cutoff = "50 um"', 'short_cutoff = "100 um"')
-)
+STEEL_WAVE = 'short_cutoff = "180 um"'
+STEEL = small_steel(3).replace("[36, 36]", "[24, 24]").replace('short_cutoff = "50 um"', STEEL_WAVE)
 CELLS = STEEL[: STEEL.index("[structure]")]
 PLAIN = TWO_BLOCKS.replace("friction = 0.2\nstiffness_ratio = 0.8\n", "")
 ROUGH = PLAIN[PLAIN.index("[structure]") :] + '[cycles]\nshear = "1 MPa"\ncycles = 1\nsteps = 2\n'
@@ -321,3 +318,43 @@ def test_the_bolted_lap_joint_runs_from_its_surfaces_to_its_hysteresis(command):
     force = 1e-3 * result["bolt_force"].values[:, 0]
     assert f"Bolt 0 is tightened to {force[2]:.4g} kN, then carries {force[3:].min():.4g}" in said
     assert "assumed" not in said
+
+
+def test_the_first_cell_on_half_of_its_points_tells_the_error_of_the_grid(finished, tmp_path):
+    """Of stiffness, tangential traction and loss, which are not known without it."""
+    case, first, before = finished
+    out = tmp_path / "out"
+    copytree(first, out)
+    again = case_of(tmp_path, CHAIN.replace("realisations = 3", "realisations = 3\ncoarser = 1"))
+    assert "1 of 12 x 12 points" in requirements(again).built["coarser cells"]
+    assert "1 of two bodies" in requirements(again).built["coarser sheared cells"]
+    results = run(again, out)
+    assert results["micro_response"].equals(before["micro_response"])
+    coarse = results["coarser_shear_response"]
+    assert coarse.sizes["realisation"] == 1
+    np.testing.assert_allclose(coarse["rms_height"][0], before["shear_response"]["rms_height"][0])
+    law = results.interface_law
+    grid = law["error_half_width"].sel(error_term="micro discretisation")
+    assert np.all(grid.values > 0.0)
+    assert "spacing 2 times" in law.attrs["how_micro_discretisation"]
+    assert "micro discretisation" not in law.attrs["unknown"]
+    told = results.macro_result["error_half_width"].sel(error_term="micro discretisation")
+    alone = told.sel(quantity="cycle_energy").values[-1]
+    assert alone >= float(law["shear_loss_grid_error"]) > 0.0
+    assert np.all(told.sel(quantity="tangential_stiffness").dropna("step") > 0.0)
+    assert case.quick().micro.coarser == 0
+
+
+@pytest.mark.parametrize(
+    ("change", "message"),
+    [
+        (("coarser = 1", "coarser = 4"), "coarser is 4, more than the 3 realisations"),
+        (("[24, 24]", "[26, 26]"), r"half should be even, got 26 x 26; give multiples of 4"),
+        ((STEEL_WAVE, STEEL_WAVE.replace("180", "120")), "leaves 66.67 um between points"),
+    ],
+)
+def test_cells_that_cannot_be_halved_are_refused(change, message, tmp_path):
+    text = CHAIN.replace("realisations = 3", "realisations = 3\ncoarser = 1").replace(SHEAR, "")
+    text = text.replace("[interface]", "[interface]\nfriction = 0.2")
+    with pytest.raises(CaseError, match=message):
+        case_of(tmp_path, text.replace(*change))

@@ -1,5 +1,6 @@
 """Stage: cells of both bodies with friction, pressed, sheared until they slip, and released."""
 
+from collections.abc import Callable
 from typing import TYPE_CHECKING
 
 from multiscale.laws.bulk import Elastic
@@ -15,7 +16,7 @@ from multiscale.surfaces.surface import Surface
 if TYPE_CHECKING:
     import xarray as xr
 
-__all__ = ["SHEARED_CELLS"]
+__all__ = ["FOLDER", "SHEARED_CELLS", "run_shear"]
 
 FOLDER = "micro-shear"  # has a folder of cells for each way to shear them
 
@@ -31,6 +32,13 @@ READS = {
 
 
 def _run(case: Case, found: Datasets, job: Job) -> "xr.Dataset":
+    """Shear the cells of a case; see :func:`run_shear`."""
+    return run_shear(case, job, lambda finished: job.progress(case.micro.realisations + finished))
+
+
+def run_shear(
+    case: Case, job: Job, progress: Callable[[int], None] = lambda finished: None
+) -> "xr.Dataset":
     """Press the cells over the pressures of the law, release them, and shear them.
 
     Pressed on the grid on which they are sheared, they have normal laws of their own, in which a
@@ -53,7 +61,7 @@ def _run(case: Case, found: Datasets, job: Job) -> "xr.Dataset":
         executor=job.executor,
         folder=job.out / FOLDER / way[:12],
         identity=way,
-        progress=lambda finished: job.progress(case.micro.realisations + finished),
+        progress=progress,
     )
     ended = str(response.attrs.get("ended", "")).splitlines()
     return response.assign_attrs(
