@@ -1,0 +1,112 @@
+"""CalculiX reads the law that is exported for it: two stiff blocks, pressed and then sheared."""
+
+import re
+import shutil
+import subprocess
+
+import numpy as np
+import pytest
+
+from multiscale.upscaling import assume_shear, fit_law, law_from_dataset
+from multiscale.upscaling.export import pressure_overclosure, write_pressure_overclosure
+from tests.upscaling.responses import exponential_gaps, response_of
+
+EDGE, HEIGHT, STIFF = 10.0, 1.0, 2e8  # mm and MPa: the interface gives way, not the blocks
+PRESSURE, FRICTION, RATIO = 20.0, 0.25, 0.8  # MPa
+SLIPS = 2e-5, 4e-5, 4e-4  # mm: two that stick, and full slip
+
+MODEL = """*NODE, NSET=ALL
+{nodes}
+*ELEMENT, TYPE=C3D8, ELSET=BLOCKS
+1, 1, 2, 3, 4, 5, 6, 7, 8
+2, 9, 10, 11, 12, 13, 14, 15, 16
+*ELSET, ELSET=LOWER
+1
+*ELSET, ELSET=UPPER
+2
+*NSET, NSET=BASE
+1, 2, 3, 4
+*NSET, NSET=FACE
+5, 6, 7, 8
+*NSET, NSET=OTHER
+9, 10, 11, 12
+*NSET, NSET=TOP
+13, 14, 15, 16
+*MATERIAL, NAME=HARD
+*ELASTIC
+{stiff}, 0.
+*SOLID SECTION, ELSET=BLOCKS, MATERIAL=HARD
+*SURFACE, NAME=FIRST, TYPE=ELEMENT
+LOWER, S2
+*SURFACE, NAME=SECOND, TYPE=ELEMENT
+UPPER, S1
+*INCLUDE, INPUT=rough.inp
+*CONTACT PAIR, INTERACTION=ROUGH, TYPE=NODE TO SURFACE
+SECOND, FIRST
+*BOUNDARY
+BASE, 1, 3
+*STEP, NLGEOM=NO, INC=200
+*STATIC
+0.1, 1.
+*BOUNDARY
+TOP, 1, 2
+TOP, 3, 3, -{approach}
+{prints}
+*END STEP
+"""
+SHEAR = """*STEP, NLGEOM=NO, INC=200
+*STATIC
+0.2, 1.
+*BOUNDARY
+TOP, 1, 1, {slip}
+{prints}
+*END STEP
+"""
+PRINTS = """*NODE PRINT, NSET=ALL, FREQUENCY=1000
+U
+*NODE PRINT, NSET=BASE, FREQUENCY=1000, TOTALS=ONLY
+RF"""
+
+
+def solve(folder, approach):
+    """Run CalculiX with an approach of the blocks, mm, and return displacements (step, node, 3), mm, and the force of the base, N."""
+    corners = [(0.0, 0.0), (EDGE, 0.0), (EDGE, EDGE), (0.0, EDGE)]
+    planes = [0.0, HEIGHT, HEIGHT, 2.0 * HEIGHT]
+    nodes = "\n".join(
+        f"{4 * k + n + 1}, {x}, {y}, {z}"
+        for k, z in enumerate(planes)
+        for n, (x, y) in enumerate(corners)
+    )
+    text = MODEL.format(nodes=nodes, stiff=STIFF, approach=approach, prints=PRINTS)
+    text += "".join(SHEAR.format(slip=one, prints=PRINTS) for one in SLIPS)
+    (folder / "blocks.inp").write_text(text)
+    subprocess.run(["ccx", "blocks"], cwd=folder, check=True, capture_output=True, timeout=60)
+    said = (folder / "blocks.dat").read_text()
+    number = r"\s+(-?\d\.\d+E[+-]\d+)"
+    moved = re.findall(rf"^\s+\d+{number * 3}$", said, re.MULTILINE)
+    force = re.findall(rf"total force.*\n\s*\n{number * 3}", said)
+    steps = len(SLIPS) + 1
+    u = np.array(moved, dtype=float).reshape(-1, 16, 3)
+    return u[-steps:], np.array(force, dtype=float)[-steps:]
+
+
+@pytest.mark.slow
+@pytest.mark.skipif(shutil.which("ccx") is None, reason="CalculiX is not installed")
+def test_calculix_presses_and_shears_blocks_as_the_law_says(tmp_path):
+    dataset = fit_law(response_of(exponential_gaps(4)), n_samples=0)
+    dataset = assume_shear(dataset, friction=FRICTION, stiffness_ratio=RATIO)
+    write_pressure_overclosure(
+        dataset, tmp_path / "rough.inp", friction_for="calculix", stick_pressure=1e6 * PRESSURE
+    )
+    law = law_from_dataset(dataset)
+    gap = float(law.gap_at(np.array(1e6 * PRESSURE)))
+    data = (float(dataset.attrs[f"pressure_{end}"]) for end in ("min", "max"))
+    closed = 1e3 * (pressure_overclosure(law, tuple(data)).first_contact - gap)
+    u, force = solve(tmp_path, closed)
+    area = EDGE**2
+    assert force[0, 2] / area == pytest.approx(PRESSURE, rel=1e-2)
+    stiffness = 1e-9 * RATIO * float(law.stiffness(np.array(gap)))  # MPa/mm
+    slip = u[1:, 8:12, 0].mean(axis=1) - u[1:, 4:8, 0].mean(axis=1)
+    carried = -force[1:, 0] / area
+    np.testing.assert_allclose(carried[:2], stiffness * slip[:2], rtol=1e-2)
+    assert carried[2] == pytest.approx(FRICTION * PRESSURE, rel=1e-2)
