@@ -69,7 +69,10 @@ RF"""
 
 
 def solve(folder, approach):
-    """Run CalculiX with an approach of the blocks, mm, and return displacements (step, node, 3), mm, and the force of the base, N."""
+    """Run CalculiX with an approach of the blocks, mm.
+
+    Returns displacements (step, node, 3), mm, and the force of the base (step, 3), N.
+    """
     corners = [(0.0, 0.0), (EDGE, 0.0), (EDGE, EDGE), (0.0, EDGE)]
     planes = [0.0, HEIGHT, HEIGHT, 2.0 * HEIGHT]
     nodes = "\n".join(

@@ -29,6 +29,8 @@ from multiscale.upscaling import (
 #                                                               and effort of the cells
 #   shear_response        realisation, step, component          the same of cells that are pressed,
 #                                                               sheared and released
+#   coarser_response      realisation, step, component          the first cells on half of their
+#                                                               points, and coarser_shear_response
 #   interface_law         term, sample, step                    law, bootstrap samples, fit errors
 #   macro_result          step, and link, node, point or cycle  stiffness, gap, tensions, zones,
 #                                                               energies, error budget
