@@ -180,6 +180,7 @@ def export_command(
     from multiscale.io import open_law, try_to_write
     from multiscale.units import to_si
     from multiscale.upscaling import write_law_table, write_pressure_overclosure
+    from multiscale.upscaling.reading import refuse_band
 
     dataset = open_law(law)
     try_to_write(out)
@@ -187,6 +188,8 @@ def export_command(
         if friction:
             raise CaseError(f"--friction is written to an .inp file, got {out}")
         write_law_table(dataset, out, length_unit=length_unit, pressure_unit=pressure_unit)
+        refusal = refuse_band(dataset)
+        _warn([f"the table has no band: {refusal}"] if refusal else [])
     elif out.suffix == ".inp":
         write_pressure_overclosure(
             dataset,

@@ -19,7 +19,7 @@ from multiscale import __version__
 from multiscale.errors import SchemaError
 from multiscale.io.files import write_bytes
 from multiscale.io.global_heap import is_endless
-from multiscale.schema import INTERFACE_LAW, MACRO_RESULT, MICRO_RESPONSE, SCHEMAS, Schema
+from multiscale.schema import INTERFACE_LAW, MICRO_RESPONSE, SCHEMAS, Schema
 
 if TYPE_CHECKING:
     import xarray as xr
@@ -165,34 +165,38 @@ def save_law(law: "xr.Dataset", path: str | PathLike[str]) -> None:
     write_dataset(law, Path(path), INTERFACE_LAW)
 
 
-def open_run(folder: str | PathLike[str], *, finished: bool = False) -> "xr.DataTree":
-    """Read the results of a run: one node each for response, law and macro result.
+def open_run(folder: str | PathLike[str]) -> "xr.DataTree":
+    """Read what the stages of a run have left: one node for each dataset, named as its stage.
 
     Parameters
     ----------
     folder : path
-    finished : bool
-        Whether all three results must be there.
+        Run folder, or the folder of a sweep.
+
+    Returns
+    -------
+    DataTree
+        With the datasets that are there, such as ``micro_response``, ``shear_response``,
+        ``interface_law`` and ``macro_result`` of a case with cells that are sheared.
 
     Raises
     ------
     SchemaError
-        If the folder has no results, or not all results of a finished run, or a file is refused.
+        If the folder has no results, or a file is refused.
     """
     import xarray as xr
 
     folder = Path(folder)
-    schemas = (MICRO_RESPONSE, INTERFACE_LAW, MACRO_RESULT)
-    paths = {schema.name: folder / f"{schema.name}.nc" for schema in schemas}
     found = {
-        f"/{schema.name}": open_dataset(paths[schema.name], schema)
-        for schema in schemas
-        if paths[schema.name].exists()
+        f"/{name}": open_dataset(folder / f"{name}.nc", schema)
+        for name, schema in SCHEMAS.items()
+        if (folder / f"{name}.nc").exists()
     }
-    if not found or (finished and len(found) < len(paths)):
-        names = ", ".join(path.name for path in paths.values())
-        state = "the run is not finished" if found else "no results"
-        raise SchemaError(f"{folder}: {state}; a finished run leaves {names}")
+    if not found:
+        raise SchemaError(
+            f"{folder}: no results; a run leaves the dataset of each of its stages there, such as "
+            f"{INTERFACE_LAW.name}.nc"
+        )
     return xr.DataTree.from_dict(found, name=folder.name)
 
 

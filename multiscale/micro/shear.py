@@ -23,6 +23,7 @@ def shear_path(
     reach: float = 8.0,
     steps: int = 10,
     legs: int = 1,
+    cycle: float = 0.0,
     pressing_steps: int = 1,
     pressed: Sequence[float] = (),
 ) -> Path:
@@ -44,6 +45,9 @@ def shear_path(
     legs : int
         How often the cell is sheared: there, back, there again and so on, between the slips
         plus and minus ``reach``.
+    cycle : float
+        Amplitude of a closed cycle on the way of the first leg, relative to :math:`u_*`, at the
+        step that is nearest: it tells what the cell loses. None if zero.
     pressing_steps : int
         Steps in which a pressure is reached. They matter between unlike bodies, which slip as they
         are pressed.
@@ -89,6 +93,11 @@ def shear_path(
             f"a shear needs a positive reach and at least 1 step, 1 leg and 1 pressing step, got "
             f"{reach:g}, {steps}, {legs} and {pressing_steps}"
         )
+    if not 0.0 <= cycle < reach:
+        raise CaseError(
+            f"a cycle lies on the way of the first leg, with an amplitude from 0 to less than "
+            f"{reach:g}, got {cycle:g}"
+        )
     heights = [rms_height(body.surface) for body in cell.bodies]
     heights += [] if cell.second or cell.obstacle is None else [rms_height(cell.obstacle)]
     nu = float(np.mean(cell.law.poissons_ratio))
@@ -99,6 +108,8 @@ def shear_path(
     compliance = sum(body.depth * np.mean(1.0 / body.layer_moduli[1]) for body in cell.bodies)
     rise = (np.arange(1, steps + 1) / steps) ** 2  # share of the way of a leg
 
+    turn = int(np.argmin(np.abs(reach * rise - cycle)))  # the step at which a cycle begins
+
     pressure: list[float] = [*pressed, 0.0] if pressed else []
     slide: list[tuple[float, float]] = [(0.0, 0.0)] * len(pressure)
     for p in pressures:
@@ -107,9 +118,14 @@ def shear_path(
         first = slip + force * compliance
         again = first[-1] - (2.0 * slip + back * compliance)
         ways = [first, *((-1.0) ** leg * again for leg in range(legs - 1))]
+        if cycle:
+            middle = 2.0 * mu * p * -np.expm1(-0.5 * slip[turn] / scale) * compliance
+            middle = first[turn] - slip[turn] - middle  # where the slip is zero on the way back
+            there = [middle, -first[turn], -middle, first[turn]]
+            ways[0] = np.concatenate([first[: turn + 1], there, first[turn + 1 :]])
         for axis in along:
             pressure += [*(p * np.arange(1, pressing_steps + 1) / pressing_steps)]
-            pressure += [p] * (steps * legs) + [0.0]
             way = np.concatenate([np.zeros(pressing_steps), *ways, [0.0]])
+            pressure += [p] * (len(way) - pressing_steps - 1) + [0.0]
             slide += [(float(s), 0.0) if axis == "x" else (0.0, float(s)) for s in way]
     return Path(pressure=tuple(pressure), slide=tuple(slide))

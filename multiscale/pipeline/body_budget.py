@@ -28,7 +28,8 @@ from multiscale.upscaling import (
     with_scales,
 )
 from multiscale.upscaling.budget import how_attribute
-from multiscale.upscaling.budget_terms import FEW_CELLS
+from multiscale.upscaling.budget_terms import FEW_CELLS, Term
+from multiscale.upscaling.shear_budget import loss_term
 from multiscale.upscaling.structure_errors import STRETCH
 
 if TYPE_CHECKING:
@@ -43,6 +44,11 @@ friction to the joints at their preloads and, if they slip, in a cycle of few st
 AT_PRELOADS = (*STIFFNESSES, "tangential_stiffness", "real_pressure")
 IN_CYCLES = ("slipping_load", "cycle_energy")
 """Answers that have an error budget: at the preloads, and at the end of the last cycle."""
+
+UNKNOWN_LOSS = (
+    "the error of the loss of a cycle is not known, since the law tells of no cells that went "
+    "through closed cycles; shear cells by [micro.shear]"
+)
 
 
 def change_friction(assembly: Assembly, factors: Mapping[str, float]) -> Assembly:
@@ -146,8 +152,20 @@ def with_joint_budget(
         others.append(Dependence(np.ones(left.shape), {"macro discretisation": left}))
         others.append(_uneven_slip(result, law, mean, rise, np.array(names) == "slipping_load"))
     others.append(contact_dependence(law, mean, np.array(names) == "real_pressure"))
+    lost = np.array(names)[:, None] == "cycle_energy"
+    own = {}
+    if cycled:
+        own["friction bed"] = _part_of(loss_term(law), lost)
+        if "shear_loss_grid_error" in law:
+            told = "the loss ratio on two grids"
+            grid = Term(told, law["shear_loss_grid_error"].to_numpy())
+            own["micro discretisation"] = _part_of(grid, lost)
+        if "shear_loss_ratio" not in law:
+            result = with_cautions(result, UNKNOWN_LOSS)
     for name, half_width in shear_errors(law, mean).items():
         if name in measured:
+            # cycles of the cells tell all that the loss has of the bed
+            half_width |= {k: np.where(lost, 0.0, half_width[k]) for k in own if k in half_width}
             changed = answers(solve(normal, None, {name: 1.0 + STRETCH}), pressed)
             change = np.abs(changed / value - 1.0) / STRETCH
             others.append(Dependence(change, half_width))
@@ -160,6 +178,7 @@ def with_joint_budget(
         coarser=None if coarser is None else {2.0: solved(normal, coarser)},
         samples=0,
         others=others,
+        own=own,
         cells=cells,
     )
     if coarser is None:
@@ -170,6 +189,14 @@ def with_joint_budget(
         budget = budget.assign_attrs({how_attribute("macro discretisation"): why})
     result = with_budget(result, over_steps(budget, steps, result.sizes["step"]))
     return with_intervals(result)
+
+
+def _part_of(term: Term, rows: np.ndarray) -> Term:
+    """Return a term of single numbers as one of some rows (answers, 1), zero for the others."""
+    half, bias = (
+        np.where(rows, np.asarray(one, dtype=float), 0.0) for one in (term.half_width, term.bias)
+    )
+    return replace(term, half_width=half, bias=bias)
 
 
 def _uneven_slip(

@@ -176,7 +176,8 @@ class RoughBodies(StructureKind):
     def complete_law(self, law: "xr.Dataset", case: "Case") -> "xr.Dataset":
         """Return the law of the joints with friction."""
         interface: RoughInterface = case.interface
-        return interface.complete(law, self.poissons_ratio, case.strict)
+        pressure = case.statics.preloads[-1]
+        return interface.complete(law, self.poissons_ratio, pressure, case.strict)
 
     def slabs(self, case: "Case") -> int:
         """Slabs of the law of the joints: the loss of a cycle is a small difference."""
@@ -204,11 +205,18 @@ class RoughBodies(StructureKind):
     def check(self, case: "Case") -> None:
         """Refuse damages that are not one for each joint, and friction that nothing tells."""
         if case.has_cells:
-            sheared = case.micro.shear is not None
-            known = ("friction", "stiffness_ratio") if sheared else ()
+            slid = case.slide is not None and case.slide.distance >= case.cell.size[0]
+            known = {"friction"} if slid else set()
+            if case.micro.shear is not None:
+                known = {"friction", "stiffness_ratio"}
             if missing := case.interface.tell_missing(known, case.strict):
                 raise ValueError(missing)
         damage = case.interface.damage
+        if damage and case.interface.damage_file is not None:
+            raise ValueError(
+                "[interface] has damage and damage_file, which both tell the damage of the "
+                "interfaces; leave out one of them"
+            )
         if damage and len(damage) != self.joints:
             raise ValueError(
                 f"[interface] damage should have one entry for each joint ({self.joints}), got "

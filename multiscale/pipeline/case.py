@@ -37,7 +37,7 @@ FILES = (
     ("body_1", "surface", "file"),
     ("body_2", "surface", "file"),
     *(("structure", key) for key in ("nodes", "links", "file", "stiffness")),
-    ("interface", "law"),
+    *(("interface", key) for key in ("law", "damage_file")),
 )
 """Keys that name files."""
 

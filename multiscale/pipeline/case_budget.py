@@ -1,5 +1,7 @@
 """The error budget of a case: unknown terms name the keys of its file that would tell them."""
 
+from collections.abc import Mapping
+from dataclasses import dataclass, field
 from typing import TYPE_CHECKING
 
 from multiscale.pipeline.case_cells import longest_wave
@@ -12,7 +14,7 @@ from multiscale.upscaling.scales import ScaleSeparation
 if TYPE_CHECKING:
     import xarray as xr
 
-__all__ = ["case_budget", "joint_scales"]
+__all__ = ["OnGrids", "case_budget", "joint_scales"]
 
 
 def joint_scales(case: Case) -> ScaleSeparation | None:
@@ -26,21 +28,47 @@ def joint_scales(case: Case) -> ScaleSeparation | None:
     return compare_scales(longest_wave(case), max(case.cell.size), case.interface_width)
 
 
-def case_budget(case: Case, response: "xr.Dataset", law: "xr.Dataset") -> "xr.Dataset":
-    """Estimate the errors of the law of a case whose cells have one size and one grid.
+@dataclass(frozen=True, eq=False)
+class OnGrids:
+    """What the first cells tell on several grids, by the ratio of the spacings; may be nothing.
+
+    Attributes
+    ----------
+    pressed : mapping of float to Dataset, follow ``MICRO_RESPONSE``
+    sheared : mapping of float to Dataset, laws with a tangential branch
+    """
+
+    pressed: "Mapping[float, xr.Dataset]" = field(default_factory=dict)
+    sheared: "Mapping[float, xr.Dataset]" = field(default_factory=dict)
+
+
+ONE_GRID = OnGrids()
+
+
+def case_budget(
+    case: Case, response: "xr.Dataset", law: "xr.Dataset", grids: OnGrids = ONE_GRID
+) -> "xr.Dataset":
+    """Estimate the errors of the law of a case whose cells have one size.
 
     The response is of the loading; the estimate follows ``ERROR_BUDGET``.
     """
-    tangential: dict[float, xr.Dataset] | None = None if case.micro.shear is None else {}
-    budget = error_budget(response, law, scales=joint_scales(case), tangential=tangential)
-    remedy = "a target in [accuracy] solves others"
+    budget = error_budget(
+        response,
+        law,
+        resolutions=grids.pressed,
+        scales=joint_scales(case),
+        apart=bool(grids.pressed),
+        tangential=None if case.micro.shear is None else grids.sheared,
+    )
+    other_size = other_grid = "a target in [accuracy] solves others"
     if case.micro.unload is not False:  # which excludes a target
-        remedy = "run the case with another {} in [cell], and compare"
+        other_size = "run the case with another size in [cell], and compare"
+        other_grid = "give coarser = 1 in [micro]"
     told = {
         "sampling": f"one realisation tells nothing of the scatter; give realisations = "
         f"{FEWEST_REALISATIONS} or more in [micro]",
-        "cell size": f"cells of one size were solved; {remedy.format('size')}",
-        "micro discretisation": f"cells on one grid were solved; {remedy.format('points')}",
+        "cell size": f"cells of one size were solved; {other_size}",
+        "micro discretisation": f"cells on one grid were solved; {other_grid}",
         "scale separation": "it depends on the pressure of the structure, which a law alone does "
         "not have",
     }

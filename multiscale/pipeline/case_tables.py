@@ -95,6 +95,12 @@ class ShearSettings(Settings):
     steps: Count = Field(
         10, ge=3, le=1000, description="Steps from rest to full slip, at each pressure."
     )
+    cycle: bool = Field(
+        True,
+        description="Whether they also go through a closed cycle of partial slip, in four more "
+        "steps at each pressure and direction; without it the error of the loss of a joint is not "
+        "known.",
+    )
 
     _rise = field_validator("pressures")(must_rise)
 
@@ -118,6 +124,12 @@ class MicroSettings(Settings):
     unload: Annotated[bool, Strict()] | tuple[Pressure, ...] = Field(
         False, description="Whether to unload through the same pressures, or the falling ones, Pa."
     )
+    coarser: Natural = Field(
+        0,
+        description="Number of the first cells that are also solved on half of their points, "
+        "pressed and, with [micro.shear], sheared, which tells the error of the grid; one costs an "
+        "eighth of a cell.",
+    )
     shear: ShearSettings = ABSENT
 
     _rise = field_validator("pressures")(must_rise)
@@ -136,6 +148,11 @@ class MicroSettings(Settings):
             raise ValueError(
                 f"unload must fall from one pressure to the next, below the largest of pressures, "
                 f"{1e-6 * down[0]:g} MPa"
+            )
+        if self.coarser > self.realisations:
+            raise ValueError(
+                f"coarser is {self.coarser}, more than the {self.realisations} realisations of "
+                f"which it is a part"
             )
         if self.shear is not None:
             self._check_shear(self.shear)
@@ -169,9 +186,10 @@ class MicroSettings(Settings):
         return self.pressures + self.unloading
 
     def quick(self) -> Self:
-        """Return four realisations at most."""
+        """Return four realisations at most, on one grid."""
         shear = self.shear and self.shear.quick()
-        return self.model_copy(update={"realisations": min(4, self.realisations), "shear": shear})
+        fewer = {"realisations": min(4, self.realisations), "coarser": 0}
+        return self.model_copy(update={**fewer, "shear": shear})
 
 
 class LawSettings(Settings):

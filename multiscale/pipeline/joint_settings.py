@@ -4,10 +4,11 @@ from collections.abc import Collection
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, Self
 
+import numpy as np
 from pydantic import Field, field_validator
 
 from multiscale.errors import CaseError
-from multiscale.io import open_law
+from multiscale.io import open_dataset, open_law
 from multiscale.laws import Damaged, NormalLaw, Sliders
 from multiscale.macro import LatinMethod
 from multiscale.pipeline.toml_model import (
@@ -19,11 +20,14 @@ from multiscale.pipeline.toml_model import (
     Tolerance,
     must_rise,
 )
+from multiscale.schema import DAMAGE_SECTIONS, with_cautions
 from multiscale.upscaling import (
     assume_shear,
     sliders_from_dataset,
     state_shear,
+    take_sliding_friction,
     tangential_values,
+    with_damage,
 )
 from multiscale.upscaling.fit import told_branches
 
@@ -126,7 +130,7 @@ class RoughInterface(LawSource):
     friction: Factor | None = Field(
         None,
         description="Coefficient of Coulomb's law; if not given, the law tells it, from cells that "
-        "are sheared.",
+        "are sheared, or else from a cell that slides, at the last preload.",
     )
     stiffness_ratio: Annotated[Number, Field(gt=0.0)] | None = Field(
         None,
@@ -138,13 +142,20 @@ class RoughInterface(LawSource):
         description="Damage of interfaces from below: each carries 1 - D of the law; 0 if not "
         "given.",
     )
+    damage_file: Path | None = Field(
+        None,
+        description="Dataset `damage_sections` of the material near the surface, instead of "
+        "damage: every interface carries 1 - D of the law, with the mean of D over the sections "
+        "whose normal is z.",
+    )
 
     def tell_missing(self, known: Collection[str], strict: bool) -> str:
         """Say what joints lack whose law knows the values of some keys; nothing if nothing."""
         if self.friction is None and "friction" not in known:
             return (
                 "[interface] has no friction and the law of the joints has none either: shear the "
-                "cells by [micro.shear], or give friction"
+                "cells by [micro.shear], slide them over their length or more by [slide], or give "
+                "friction"
             )
         if strict and self.stiffness_ratio is None and "stiffness_ratio" not in known:
             return (
@@ -154,7 +165,9 @@ class RoughInterface(LawSource):
             )
         return ""
 
-    def complete(self, law: "xr.Dataset", poissons_ratio: float, strict: bool) -> "xr.Dataset":
+    def complete(
+        self, law: "xr.Dataset", poissons_ratio: float, pressure: float, strict: bool
+    ) -> "xr.Dataset":
         """Return the law with a tangential branch: given, else as measured, else by theory.
 
         Parameters
@@ -162,6 +175,8 @@ class RoughInterface(LawSource):
         law : Dataset
         poissons_ratio : float
             Moduli of the bodies, for the theory of alike ones.
+        pressure : float
+            Of the joint, Pa: there the friction of a slide stands for one that is missing.
         strict : bool
             Whether to refuse assumed values.
 
@@ -173,12 +188,18 @@ class RoughInterface(LawSource):
         known, said = tangential_values(law), str(law.attrs.get("branches", ""))
         if strict and told_branches(said).get("shear", "").startswith("assumed"):
             known = {}
+        if self.friction is None and "friction" not in known and "sliding_friction" in law:
+            law = take_sliding_friction(law, pressure)
+            known = tangential_values(law)
         if missing := self.tell_missing(known, strict):
             raise CaseError(missing)
         if self.stiffness_ratio is None and "stiffness_ratio" not in known:
             theory = 2.0 * (1.0 - poissons_ratio) / (2.0 - poissons_ratio)
             law = assume_shear(law, stiffness_ratio=theory)
-        return state_shear(law, friction=self.friction, stiffness_ratio=self.stiffness_ratio)
+        if self.damage_file is not None:
+            law = with_damage(law, open_dataset(self.damage_file, DAMAGE_SECTIONS))
+        law = state_shear(law, friction=self.friction, stiffness_ratio=self.stiffness_ratio)
+        return with_cautions(law, *_say_lay(law))
 
     def build(
         self,
@@ -212,8 +233,19 @@ class RoughInterface(LawSource):
                 pressures=pressures,
                 slabs=slabs,
             )
-            for D in self.damage or (0.0,) * joints
+            for D in self.damage or (float(law.get("interface_damage", 0.0)),) * joints
         ]
+
+
+def _say_lay(law: "xr.Dataset") -> list[str]:
+    """Say what joints take of a law that is not as stiff along x as along y."""
+    x, y = law["shear_stiffness_ratio"].to_numpy()
+    if not np.isfinite(x + y) or np.isclose(x, y, rtol=1e-9):
+        return []
+    return [
+        f"the tangential stiffness ratio is {x:.3g} along x and {y:.3g} along y, and the joints "
+        f"take the mean of both, {0.5 * (x + y):.3g}, in all directions"
+    ]
 
 
 class Preloads(Settings):

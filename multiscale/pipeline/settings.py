@@ -1,5 +1,6 @@
 """What a case may say, and what its tables may say together."""
 
+from operator import truediv
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, Self, get_args
 
@@ -57,6 +58,8 @@ __all__ = ["KINDS", "POINTS_PER_WAVE", "Case"]
 
 HARDEST = 0.1
 """Largest hardness over Young's modulus; the hardness of diamond is about as large."""
+
+FEWEST_LAYERS = 4  # of cells on half of their points
 
 POINTS_PER_WAVE = 8  # of the shortest wave of a measured surface, if the case names no cut-off
 
@@ -181,6 +184,7 @@ class Case(Settings):
             raise ValueError("both bodies are smooth; give one of them a [surface] table")
         self._check_metal()
         self._check_shear()
+        self._check_coarser()
         if self.slide is not None:
             self._check_slide(self.slide)
         target = self.accuracy
@@ -231,6 +235,35 @@ class Case(Settings):
                 f"{self.cell.scope} in [cell]; cells that are sheared may be coarser"
             )
 
+    def _check_coarser(self) -> None:
+        """Refuse cells that half of the points cannot hold, or that a planner chooses."""
+        if not self.micro.coarser:
+            return
+        if self.accuracy is not None:
+            raise ValueError(
+                "coarser in [micro] and a target in [accuracy] exclude each other: a planner "
+                "chooses grids of its own"
+            )
+        shear = self.micro.shear
+        grids = {self.cell.points, (shear and shear.points) or self.cell.points}
+        for points in sorted(grids):
+            if any(n % 4 for n in points):
+                raise ValueError(
+                    f"coarser in [micro] halves the points, whose half should be even, got "
+                    f"{points[0]} x {points[1]}; give multiples of 4"
+                )
+            spacing = 2.0 * max(map(truediv, self.cell.size, points))
+            for number, body in enumerate(self.bodies, start=1):
+                if body.surface is None:
+                    continue
+                cutoff = body.surface.short_cutoff
+                if cutoff is None or cutoff <= 2.0 * spacing * (1.0 + 1e-9):
+                    raise ValueError(
+                        f"coarser in [micro] leaves {1e6 * spacing:.4g} um between points, and the "
+                        f"same surface needs a short_cutoff of body_{number} of more than twice "
+                        f"that; give a longer one, or more points"
+                    )
+
     def _check_metal(self) -> None:
         """Refuse metals and unloading that the cells do not know."""
         flat = self.cell.geometry == "flat"
@@ -266,7 +299,8 @@ class Case(Settings):
         asked = {self.structure.stage} if self.structure is not None else set()
         condensed = {"homogenise"} if self.cut.homogenise else set()
         sheared = {"micro.shear"} if self.has_cells and self.micro.shear is not None else set()
-        return super().tables | asked | condensed | sheared
+        again = {"micro.coarser"} if self.has_cells and self.micro.coarser else set()
+        return super().tables | asked | condensed | sheared | again
 
     @property
     def has_cells(self) -> bool:
@@ -356,6 +390,25 @@ class Case(Settings):
             changes["interface"] = interface.model_copy(update=own)
         return self.model_copy(update=changes)
 
+    def coarser(self) -> Self:
+        """Return the case of the first cells on half of their points."""
+        micro, shear = self.micro, self.micro.shear
+        halved = {"points": tuple(n // 2 for n in self.cell.points)}
+        cell = self.cell.model_copy(
+            update=halved | {"layers": max(FEWEST_LAYERS, self.cell.layers // 2)}
+        )
+        if shear is not None:
+            points, layers = shear.points or self.cell.points, shear.layers or self.cell.layers
+            shear = shear.model_copy(
+                update={
+                    "points": tuple(n // 2 for n in points),
+                    "layers": max(FEWEST_LAYERS, layers // 2),
+                    "realisations": min(micro.coarser, shear.realisations),
+                }
+            )
+        micro = micro.model_copy(update={"realisations": micro.coarser, "shear": shear})
+        return self.model_copy(update={"cell": cell, "micro": micro})
+
     def quick(self) -> Self:
         """Return the same case with coarser and fewer cells, elements, grains and steps.
 
@@ -415,4 +468,4 @@ class Case(Settings):
         cells that are sheared are not those that are pressed.
         """
         own = set(CELLS) if self.has_cells else {"structure", "grains"}
-        return self.checksum(include=own, exclude={"micro": {"realisations", "shear"}})
+        return self.checksum(include=own, exclude={"micro": {"realisations", "coarser", "shear"}})

@@ -1,6 +1,8 @@
 """The datasets that pass between the layers: names, dimensions and units, written once."""
 
 from multiscale.schema.cell_schema import (
+    COARSER_RESPONSE,
+    COARSER_SHEAR_RESPONSE,
     FIELDS,
     HOLDING,
     LOADING,
@@ -22,6 +24,8 @@ from multiscale.schema.sweep_schema import SWEEP
 from multiscale.schema.work_precision_schema import WORK_PRECISION
 
 __all__ = [
+    "COARSER_RESPONSE",
+    "COARSER_SHEAR_RESPONSE",
     "COMPONENTS",
     "DAMAGE_SECTIONS",
     "END_TO_END",
@@ -72,6 +76,8 @@ SCHEMAS = {
         STORED_CELLS,
         SWEEP,
         SHEAR_RESPONSE,
+        COARSER_RESPONSE,
+        COARSER_SHEAR_RESPONSE,
         SLIDING_RESPONSE,
         STABILITY,
     )

@@ -7,6 +7,8 @@ import numpy as np
 from multiscale.schema.dataset_schema import Schema, Variable
 
 __all__ = [
+    "COARSER_RESPONSE",
+    "COARSER_SHEAR_RESPONSE",
     "FIELDS",
     "HOLDING",
     "LOADING",
@@ -106,6 +108,10 @@ MICRO_RESPONSE = Schema(
 
 SHEAR_RESPONSE = replace(MICRO_RESPONSE, name="shear_response", version=1, news="")
 """Cells of two bodies that are pressed over the pressures of a law, then sheared."""
+
+COARSER_RESPONSE = replace(MICRO_RESPONSE, name="coarser_response", version=1, news="")
+COARSER_SHEAR_RESPONSE = replace(SHEAR_RESPONSE, name="coarser_shear_response")
+"""The first cells on half of the points, pressed, and pressed and sheared."""
 
 _SLIDE = ("load", "step")
 

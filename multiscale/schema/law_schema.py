@@ -56,6 +56,9 @@ INTERFACE_LAW = Schema(
             ("tangent",), "1", "tangential over normal stiffness, along x and y"
         ),
         "shear_friction": Variable((), "1", "friction coefficient of the bed of sliders"),
+        "shear_friction_error": Variable(
+            (), "1", "half-width of the 95 % interval of a friction without samples, relative"
+        ),
         "shear_pressure": Variable(("shear_step",), "Pa", "mean pressure of the shear data"),
         "shear_slip": Variable(("shear_step", "tangent"), "m", "slip of the shear data"),
         "shear_traction": Variable(
@@ -64,13 +67,35 @@ INTERFACE_LAW = Schema(
         "shear_bed_traction": Variable(
             ("shear_step", "tangent"), "Pa", "tangential traction of the bed along the shear data"
         ),
+        "shear_loss_ratio": Variable(
+            ("control",),
+            "1",
+            "loss of the cells in closed cycles over the loss of the bed, at equal slip and at "
+            "equal traction",
+        ),
+        "shear_loss_grid_error": Variable(
+            (), "1", "half-width of the 95 % interval of the loss ratio by the grid of the cells"
+        ),
+        "shear_cycle_pressure": Variable(("shear_cycle",), "Pa", "mean pressure of a closed cycle"),
+        "shear_cycle_amplitude": Variable(
+            ("shear_cycle",), "1", "amplitude of the traction of a closed cycle over full slip"
+        ),
+        "shear_cycle_loss_ratio": Variable(
+            ("shear_cycle", "control"), "1", "loss of the cells over the loss of the bed, each"
+        ),
+        "interface_damage": Variable(
+            (), "1", "mean damage of the sections parallel to the interface, eq (1)"
+        ),
+        "interface_damage_band": Variable(
+            ("limit",), "1", "ends of the 95 % interval of the damage over the sections"
+        ),
         "sliding_pressure": Variable(("load",), "Pa", "mean pressure of the sliding data"),
         "sliding_friction": Variable(("load",), "1", "steady friction coefficient of sliding"),
         **BUDGET,
     },
 ).with_samples(
     sample=("coefficient", "area_fraction"),
-    shear_sample=("shear_stiffness_ratio", "shear_friction"),
+    shear_sample=("shear_stiffness_ratio", "shear_friction", "shear_loss_ratio"),
     unloading_sample=("unloading_stiffness_ratio", "unloading_exponent"),
 )
 """A law of a family with parameters also has a scalar per parameter, and one per sample."""

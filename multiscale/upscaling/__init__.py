@@ -5,6 +5,7 @@ from multiscale.upscaling.branches import fit_branches, hysteretic_from_dataset,
 from multiscale.upscaling.budget import error_budget, with_budget
 from multiscale.upscaling.cell_size import at_rms_height, without_size_bias
 from multiscale.upscaling.comparison import compare_laws
+from multiscale.upscaling.damage_branch import with_damage
 from multiscale.upscaling.ensemble_statistics import (
     ensemble_average,
     required_realisations,
@@ -44,6 +45,7 @@ from multiscale.upscaling.shear_branch import (
     sliders_from_dataset,
     sliding_friction_at,
     state_shear,
+    take_sliding_friction,
     tangential_values,
     with_sliding,
 )
@@ -103,11 +105,13 @@ __all__ = [
     "sliding_friction_at",
     "state_shear",
     "structure_budget",
+    "take_sliding_friction",
     "tangential_observations",
     "tangential_values",
     "unloading_family",
     "unloading_observations",
     "with_budget",
+    "with_damage",
     "with_intervals",
     "with_scales",
     "with_shear",

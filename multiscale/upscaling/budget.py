@@ -98,7 +98,8 @@ def error_budget(
     tangential : mapping of float to Dataset, optional
         If given, the tangential traction of the law, over full slip, has a budget too; see
         :func:`~.shear_budget.tangential_terms`. From the ratio of the spacings to the law of the
-        same realisations, pressed and sheared on a coarser grid; may be empty.
+        same realisations, pressed and sheared on a coarser grid, and of fewer ones on the grid of
+        the law under 1; may be empty.
 
     Returns
     -------

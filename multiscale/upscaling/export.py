@@ -10,7 +10,13 @@ import numpy as np
 from multiscale.errors import CaseError
 from multiscale.io import write_bytes
 from multiscale.units import to_si
-from multiscale.upscaling.reading import area_from_dataset, law_band, law_from_dataset, require_law
+from multiscale.upscaling.reading import (
+    area_from_dataset,
+    law_band,
+    law_from_dataset,
+    refuse_band,
+    require_law,
+)
 from multiscale.upscaling.shear_branch import sliders_from_dataset
 
 if TYPE_CHECKING:
@@ -204,6 +210,8 @@ def write_law_table(
 ) -> None:
     """Write a normal law, with its band and its area law if there are, as CSV.
 
+    A law of so few realisations or samples that they tell no band of 95 % has none in its table.
+
     Parameters
     ----------
     dataset, path, length_unit, pressure_unit
@@ -223,7 +231,7 @@ def write_law_table(
     }
     if "area_pressure" in dataset:
         columns["contact fraction (1)"] = area_from_dataset(dataset).contact_fraction(p)
-    if dataset.sizes.get("sample", 0) >= 80:
+    if not refuse_band(dataset):
         low, high = law_band(dataset, lambda one: one.gap_at(p), confidence=0.95)
         columns[f"gap low 95 % ({length_unit})"] = low / length
         columns[f"gap high 95 % ({length_unit})"] = high / length

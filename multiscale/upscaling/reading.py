@@ -23,6 +23,7 @@ __all__ = [
     "law_band",
     "law_from_dataset",
     "pick",
+    "refuse_band",
     "require_law",
 ]
 
@@ -162,21 +163,10 @@ def law_band(
     """
     if not 0.0 < confidence < 1.0:
         raise CaseError(f"confidence must lie between 0 and 1, got {confidence:g}")
-    require_law(dataset, "n_realisations", "uncertainty")
-    n_samples, n = int(dataset.sizes.get("sample", 0)), int(dataset.attrs["n_realisations"])
+    if refusal := refuse_band(dataset, confidence):
+        raise CaseError(refusal)
+    n_samples, n = int(dataset.sizes["sample"]), int(dataset.attrs["n_realisations"])
     by_realisation = "realisations" in str(dataset.attrs["uncertainty"])
-    if n_samples == 0 or (by_realisation and confidence > most_confident(n)):
-        enough = next(m for m in range(3, 1000) if most_confident(m) >= confidence)
-        raise CaseError(
-            f"{n} realisations are too few for a band of {100 * confidence:g} %; use at least "
-            f"{enough}"
-        )
-    needed = int(np.ceil(round(4.0 / (1.0 - confidence), 6)))
-    if n_samples < needed:
-        raise CaseError(
-            f"{n_samples} samples are too few for a band of {100 * confidence:g} %; fit the law "
-            f"with n_samples = {needed} or more"
-        )
     laws = fitted_laws(dataset, [None, *range(n_samples)], family=family)
     centre, *answers = (evaluate(law) for law in laws)
     tail = 50.0 * (1.0 - confidence)
@@ -185,6 +175,26 @@ def law_band(
     spread = widening(n - 1, confidence) / widening(n - 1) if by_realisation else 1.0
     low, high = centre + spread * (ends - centre)
     return np.asarray(low), np.asarray(high)
+
+
+def refuse_band(dataset: "xr.Dataset", confidence: float = 0.95) -> str:
+    """Say why the samples of a law tell no band of a confidence; nothing if they do."""
+    require_law(dataset, "n_realisations", "uncertainty")
+    n_samples, n = int(dataset.sizes.get("sample", 0)), int(dataset.attrs["n_realisations"])
+    by_realisation = "realisations" in str(dataset.attrs["uncertainty"])
+    if (n_samples == 0 or by_realisation) and confidence > most_confident(n):
+        enough = next(m for m in range(3, 1000) if most_confident(m) >= confidence)
+        return (
+            f"{n} realisations are too few for a band of {100 * confidence:g} %; use at least "
+            f"{enough}"
+        )
+    needed = int(np.ceil(round(4.0 / (1.0 - confidence), 6)))
+    if n_samples < needed:
+        return (
+            f"{n_samples} samples are too few for a band of {100 * confidence:g} %; fit the law "
+            f"with n_samples = {needed} or more"
+        )
+    return ""
 
 
 def require_law(dataset: "xr.Dataset", *names: str) -> None:

@@ -18,6 +18,7 @@ __all__ = [
     "sliders_from_dataset",
     "sliding_friction_at",
     "state_shear",
+    "take_sliding_friction",
     "tangential_values",
     "with_sliding",
 ]
@@ -152,6 +153,32 @@ def sliding_friction_at(dataset: "xr.Dataset", pressure: np.ndarray) -> np.ndarr
     require_law(dataset, "sliding_pressure", "sliding_friction")
     p, mu = (dataset[f"sliding_{name}"].to_numpy() for name in ("pressure", "friction"))
     return np.asarray(np.interp(np.log(pressure), np.log(p), mu))
+
+
+def take_sliding_friction(law: "xr.Dataset", pressure: float) -> "xr.Dataset":
+    """Let the friction of large sliding at a pressure stand for the friction of the sliders.
+
+    Parameters
+    ----------
+    law : Dataset
+        Follows ``INTERFACE_LAW``; of :func:`with_sliding`.
+    pressure : float
+        Of the interface, Pa.
+
+    Returns
+    -------
+    Dataset
+        Whose friction is of one cell, so that its error is not known.
+    """
+    friction = float(sliding_friction_at(law, np.array(pressure)))
+    how = f"measured by sliding at {1e-6 * pressure:.4g} MPa"
+    said, known = _put_shear(law, how, friction, None)
+    known = INTERFACE_LAW.assign(known, {"shear_friction_error": np.nan})
+    return with_cautions(
+        known,
+        f"{said} is the one of the slide of one cell at {1e-6 * pressure:.4g} MPa, whose error is "
+        f"not known; shear the cells to measure it with its scatter",
+    )
 
 
 def sliders_from_dataset(

@@ -6,6 +6,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from multiscale.schema import INTERFACE_LAW
 from multiscale.upscaling.budget_terms import FEW_CELLS, NORMAL, Term
 from multiscale.upscaling.reading import fitted_laws, law_from_dataset, pick, require_law
 from multiscale.upscaling.resolution import estimate_grid_error
@@ -13,7 +14,14 @@ from multiscale.upscaling.resolution import estimate_grid_error
 if TYPE_CHECKING:
     import xarray as xr
 
-__all__ = ["NORMAL_ALONE", "STEEPEST", "shear_errors", "tangential_terms"]
+__all__ = [
+    "NORMAL_ALONE",
+    "STEEPEST",
+    "loss_term",
+    "shear_errors",
+    "tangential_terms",
+    "with_loss_grid",
+]
 
 STEEPEST = np.exp(-1.0)
 """Largest change of t / (mu p) with the logarithm of the stiffness: of x exp(-x)."""
@@ -43,7 +51,8 @@ def tangential_terms(
         Pressures of the law, Pa.
     coarser : mapping of float to Dataset
         From the ratio of the spacings (2, or 2 and 4) to the law of the same realisations, pressed
-        and sheared on a coarser grid; may be empty.
+        and sheared on a coarser grid; with that of fewer realisations, on the grid of the law too,
+        under 1. May be empty.
 
     Returns
     -------
@@ -96,13 +105,15 @@ def shear_errors(law: "xr.Dataset", p: np.ndarray) -> dict[str, dict[str, np.nda
         For ``friction`` and ``stiffness_ratio`` the half-width of the 95 % interval over the value
         by term, shape (steps,): *sampling* by the bootstrap, *few cells* by the scatter that it
         tells of single cells, and for the ratio all that a term of the tangential traction, as
-        :func:`tangential_terms` tells it, does not have from the stiffness.
+        :func:`tangential_terms` tells it, does not have from the stiffness. A friction without
+        samples that was measured has the error that the law states, which may be NaN.
     """
     from scipy.stats import t
 
     n_samples = int(law.sizes.get("shear_sample", 0))
     if not n_samples:
-        return {}
+        stated = law.get("shear_friction_error")
+        return {} if stated is None else {"friction": {"sampling": np.full(p.size, float(stated))}}
     n, found = int(law.attrs["n_sheared"]), {}
     for parameter, name in (("friction", "shear_friction"), ("stiffness_ratio", RATIO)):
         values = pick(law, name, [None, *range(n_samples)], of="shear")
@@ -121,6 +132,42 @@ def shear_errors(law: "xr.Dataset", p: np.ndarray) -> dict[str, dict[str, np.nda
                 left = np.sqrt(np.maximum(rest, 0.0))
                 found["stiffness_ratio"][term] = np.interp(np.log(p), data, left)
     return found
+
+
+def loss_term(law: "xr.Dataset") -> Term:
+    r"""How wrong the loss of the bed is in a closed cycle, as the cells tell it.
+
+    Parameters
+    ----------
+    law : Dataset
+        Follows ``INTERFACE_LAW``.
+
+    Returns
+    -------
+    Term
+        For one answer at one step. Its bias is :math:`1 - r` with the mean :math:`r` of the ratios
+        of the losses at equal slip and at equal traction, since a joint lies between the two. Its
+        half-width has the samples, half the distance of the two ratios, and half the range over
+        the pressures. NaN where no cells went through closed cycles.
+    """
+    if "shear_loss_ratio" not in law.variables:
+        told = "of the loss not known: no cells went through closed cycles; shear them so"
+        return Term(told, np.full((1, 1), np.nan))
+    require_law(law, "shear_cycle_pressure", "shear_cycle_amplitude", "shear_cycle_loss_ratio")
+    ratio = law["shear_loss_ratio"].to_numpy()
+    n_samples = int(law.sizes.get("shear_sample", 0))
+    drawn = [one.mean() for one in pick(law, "shear_loss_ratio", range(n_samples), of="shear")]
+    sampling = 0.5 * np.ptp(np.percentile(drawn, [2.5, 97.5])) if n_samples else np.nan
+    each = law["shear_cycle_loss_ratio"].mean("control").groupby(law["shear_cycle_pressure"])
+    parts = [sampling, 0.5 * np.ptp(ratio), 0.5 * float(np.ptp(each.mean().to_numpy()))]
+    amplitude = float(law["shear_cycle_amplitude"].mean())
+    told = (
+        f"in cycles to {100.0 * amplitude:.2g} % of full slip the cells lose {ratio[0]:.3g} times "
+        f"as much as the bed that slips as far, {ratio[1]:.3g} times as the bed that carries as "
+        f"much"
+    )
+    half_width = np.full((1, 1), np.linalg.norm(parts))
+    return Term(told, half_width, np.full((1, 1), 1.0 - ratio.mean()))
 
 
 def _sampling(law: "xr.Dataset", p: np.ndarray) -> np.ndarray:
@@ -146,9 +193,34 @@ def _grid(
     """Half-width by the grid, of stiffness and ratio together; NaN without coarser grids."""
     if not coarser or term.half_width is None:
         return np.full(p.size, np.nan)
-    fine, *others = (np.nanmean(one[RATIO].to_numpy()) for one in (law, *coarser.values()))
-    found = estimate_grid_error(fine[None], dict(zip(coarser, np.array(others), strict=True)))
-    return np.asarray(STEEPEST * np.hypot(term.half_width[2], found.half_width / fine))
+    error = _grid_error({1.0: law, **coarser}, RATIO)
+    return np.asarray(STEEPEST * np.hypot(term.half_width[2], error))
+
+
+def _grid_error(laws: Mapping[float, "xr.Dataset"], name: str) -> float:
+    """Half-width by the grid of the mean of a value of laws on several grids, over the value."""
+    finest, *others = sorted(laws)
+    values = {ratio: laws[ratio][name].mean().to_numpy()[None] for ratio in (finest, *others)}
+    fine = values.pop(finest)
+    found = estimate_grid_error(fine, {ratio / finest: one for ratio, one in values.items()})
+    return float(found.half_width[0] / fine[0])
+
+
+def with_loss_grid(law: "xr.Dataset", laws: Mapping[float, "xr.Dataset"]) -> "xr.Dataset":
+    """Return a law with the error by the grid of what its cells lose in closed cycles.
+
+    Parameters
+    ----------
+    law : Dataset
+        Follows ``INTERFACE_LAW``.
+    laws : mapping of float to Dataset
+        From the ratio of the spacings to the law of the same realisations on that grid, as of
+        :func:`tangential_terms`; nothing is known if one was not cycled.
+    """
+    name = "shear_loss_ratio"
+    if len(laws) < 2 or not all(name in one.variables for one in laws.values()):
+        return law
+    return INTERFACE_LAW.assign(law, {"shear_loss_grid_error": _grid_error(laws, name)})
 
 
 def _distance(law: "xr.Dataset", p: np.ndarray) -> np.ndarray:

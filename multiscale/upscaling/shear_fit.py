@@ -19,6 +19,7 @@ from multiscale.upscaling.bootstrap import draw_counts, widening
 from multiscale.upscaling.fit import laws_of_each, say_branches
 from multiscale.upscaling.reading import require_law
 from multiscale.upscaling.response_observations import loading_branch, normal_observations
+from multiscale.upscaling.shear_cycles import closed_cycles, measure_loss
 
 if TYPE_CHECKING:
     import xarray as xr
@@ -62,7 +63,9 @@ def with_shear(
     -------
     Dataset
         Follows ``INTERFACE_LAW``, with ``shear_stiffness_ratio`` (along x and y) and
-        ``shear_friction``, their samples, and the mean path beside the path of the bed.
+        ``shear_friction``, their samples, and the mean path beside the path of the bed; and, if
+        the cells went through closed cycles, with ``shear_loss_ratio``: what they lose in these
+        over what the bed loses that slips, or carries, as much, with its samples.
         :func:`sliders_from_dataset` makes the law of it.
 
     Raises
@@ -76,7 +79,8 @@ def with_shear(
     slips, and :math:`\kappa` minimises the squares of the distance from (1), over the pressure, on
     its own normal law: a realisation that is too stiff in shear is too stiff in pressing, so that
     :math:`\kappa` scatters little. Steps count up to :math:`t = \mu (p - p_\min)`; beyond, the
-    springs that still stick lie outside the pressures of the law. The law has the means. The
+    springs that still stick lie outside the pressures of the law, and those of closed cycles, by
+    which one amplitude would weigh more than others, do not count. The law has the means. The
     bootstrap draws whole realisations, those that the normal law draws if all of them are sheared,
     so that sample k belongs to sample k of the normal law. The path of the bed is the mean over the
     realisations with the mean :math:`\kappa` and :math:`\mu`.
@@ -99,6 +103,8 @@ def with_shear(
     full = held & (shear["slip_fraction"].to_numpy() >= FULL_SLIP)
     friction = np.sum(full * size / np.where(held, pressure, np.inf), axis=1) / full.sum(axis=1)
     inside = held & (size < friction[:, None] * (pressure - low))
+    for _, (first, _, last) in closed_cycles(slip.mean(axis=0), pressure):
+        inside[:, first + 1 : last + 1] = False
     weight = inside / np.where(held, pressure, np.inf)
     smallest = RELEASED * pressure.max()
     openings = [one.gap_at(np.maximum(pressure, smallest)) - one.gap for one in laws]
@@ -113,10 +119,15 @@ def with_shear(
     if not (bool(lay) if apart is None else apart):
         cautions += lay
         ratio[:] = np.nanmean(ratio, axis=1, keepdims=True)
-    each = np.column_stack([ratio, friction])
-    mean, n = each.mean(axis=0), len(each)
+    each, n = np.column_stack([ratio, friction]), len(ratio)
     counts = draw_counts(n, int(law.sizes.get("sample", 0)), int(law.attrs["seed"]))
-    drawn = mean + widening(n - 1, n=n) * (counts @ each / n - mean)
+
+    def sampled(values: np.ndarray) -> np.ndarray:
+        """Means of the samples of values of the realisations."""
+        mean = values.mean(axis=0)
+        return np.asarray(mean + widening(n - 1, n=n) * (counts @ values / n - mean))
+
+    mean, drawn = each.mean(axis=0), sampled(each)
     kappa, mu = mean[:2], mean[2]
     path = [
         mu * bed_traction(bed, opening, one * np.nan_to_num(kappa) / mu)
@@ -133,6 +144,15 @@ def with_shear(
         "shear_traction": traction.mean(axis=0)[sheared],
         "shear_bed_traction": np.mean(path, axis=0)[sheared],
     }
+    if lost := measure_loss(shear, pressure, laws, kappa, float(mu)):
+        own = lost.ratio.mean(axis=1)
+        values |= {
+            "shear_loss_ratio": own.mean(axis=0),
+            "shear_loss_ratio_sample": sampled(own),
+            "shear_cycle_pressure": lost.pressure,
+            "shear_cycle_amplitude": lost.amplitude,
+            "shear_cycle_loss_ratio": lost.ratio.mean(axis=0),
+        }
     known = INTERFACE_LAW.assign(law, values).assign_attrs(
         branches=say_branches({"shear": "measured"}, str(law.attrs.get("branches", ""))),
         n_sheared=n,

@@ -70,6 +70,7 @@ def structure_budget(
     exact: str = "",
     samples: np.ndarray | int = 100,
     others: Sequence[Dependence] = (),
+    own: Mapping[str, Term] | None = None,
     cells: np.ndarray | float = 1.0,
 ) -> "xr.Dataset":
     """Carry the error budget of a law to an answer of the structure, or to several.
@@ -98,6 +99,9 @@ def structure_budget(
         With fewer than 40, sampling enters as the other terms do.
     others : sequence of Dependence
         Parameters of the law beside its normal branch, such as those of its friction.
+    own : mapping of str to Term, optional
+        Parts of terms that answers have of their own, whatever the law passes on: half-widths and
+        biases of the shape (answers, steps), zero for those that have none.
     cells : float or ndarray, shape (answers, steps)
         Number of cells over which the answers average, over the number that the scales of the law
         tell; see :func:`effective_cells`.
@@ -145,10 +149,17 @@ def structure_budget(
         terms["macro discretisation"] = Term(estimate.how, estimate.half_width / np.abs(value))
     for one in others:
         for name, half_width in one.half_width.items():
-            own = terms[name].half_width
-            if own is not None:
+            passed = terms[name].half_width
+            if passed is not None:
                 added = np.where(one.change == 0.0, 0.0, one.change * half_width)
-                terms[name] = replace(terms[name], half_width=np.hypot(own, added))
+                terms[name] = replace(terms[name], half_width=np.hypot(passed, added))
+    for name, term in (own or {}).items():
+        known = [one for one in (terms[name].half_width, term.half_width) if one is not None]
+        terms[name] = Term(
+            f"{terms[name].how}; {term.how}",
+            np.sqrt(sum(one**2 for one in known)) if known else None,
+            terms[name].bias + term.bias,
+        )
     few = terms[FEW_CELLS].half_width
     if few is not None:
         terms[FEW_CELLS] = replace(terms[FEW_CELLS], half_width=few / np.sqrt(cells))

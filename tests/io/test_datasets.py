@@ -95,7 +95,7 @@ def test_a_truncated_file_is_refused(response, tmp_path, share):
 def test_a_missing_file_and_an_empty_run_are_refused(tmp_path):
     with pytest.raises(SchemaError, match="no such file; it should hold a 'work_precision'"):
         open_dataset(tmp_path / "w.nc", WORK_PRECISION)
-    with pytest.raises(SchemaError, match=r"no results; a finished run leaves micro_response\.nc"):
+    with pytest.raises(SchemaError, match=r"no results; a run leaves the dataset of each of its"):
         open_run(tmp_path)
 
 

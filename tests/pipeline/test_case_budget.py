@@ -17,9 +17,8 @@ def test_every_term_that_is_not_known_names_a_key(run_folder, unload):
     told = case_budget(case, response, fit_law(response, n_samples=0)).attrs
     assert told["unknown"] == "sampling, cell size, micro discretisation"
     assert "give realisations = 3 or more in [micro]" in told["how_sampling"]
-    for term, key in (("cell_size", "size"), ("micro_discretisation", "points")):
-        remedy = f"another {key} in [cell]" if unload else "a target in [accuracy]"
-        assert remedy in told[f"how_{term}"]
+    for term, key in (("cell_size", "another size"), ("micro_discretisation", "coarser = 1")):
+        assert (key if unload else "a target in [accuracy]") in told[f"how_{term}"]
     assert not told["how_scale_separation"].startswith("not known")
 
 

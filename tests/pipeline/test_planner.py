@@ -204,7 +204,7 @@ def test_a_run_with_a_target_reaches_it_and_goes_on_where_it_was(write, tmp_path
     assert lines[-1].startswith("the estimated error of mean_gap is")
     assert "below the target of 12 %" in lines[-1]
     assert results.macro_result.attrs["time_spent"] > 0.0
-    tree = open_run(tmp_path / "out", finished=True)
+    tree = open_run(tmp_path / "out")
     assert "error_total" in tree["macro_result"]
 
     cells = sorted((tmp_path / "out" / "plan").glob("*/micro/*.nc"))

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from multiscale.errors import CaseError
-from multiscale.io import open_dataset, open_law, save_law
+from multiscale.io import open_dataset, open_law, open_run, save_law
 from multiscale.laws.bulk import Elastic
 from multiscale.micro import FiniteCell
 from multiscale.pipeline import load_case, make_cells, requirements, run, run_macro
@@ -17,7 +17,7 @@ from multiscale.pipeline.stages.fitted_law import FITTED_LAW
 from multiscale.pipeline.stages.sheared_cells import SHEARED_CELLS
 from multiscale.report import draw_figures, write_report
 from multiscale.schema import SHEAR_RESPONSE, SLIDING_RESPONSE
-from multiscale.upscaling import assume_shear
+from multiscale.upscaling import assume_shear, shear_errors
 from tests.support import TWO_BLOCKS, case_of, small_steel, write_law, write_scene
 
 SHEAR = """
@@ -28,11 +28,8 @@ points = [20, 20]
 layers = 4
 steps = 6
 """
-STEEL = (
-    small_steel(3)
-    .replace("[36, 36]", "[24, 24]")
-    .replace('short_cutoff = "50 um"', 'short_cutoff = "100 um"')
-)
+STEEL_WAVE = 'short_cutoff = "180 um"'
+STEEL = small_steel(3).replace("[36, 36]", "[24, 24]").replace('short_cutoff = "50 um"', STEEL_WAVE)
 CELLS = STEEL[: STEEL.index("[structure]")]
 PLAIN = TWO_BLOCKS.replace("friction = 0.2\nstiffness_ratio = 0.8\n", "")
 ROUGH = PLAIN[PLAIN.index("[structure]") :] + '[cycles]\nshear = "1 MPa"\ncycles = 1\nsteps = 2\n'
@@ -58,6 +55,8 @@ def test_the_chain_goes_from_surfaces_to_the_friction_of_a_joint(finished):
     np.testing.assert_allclose(law["shear_stiffness_ratio"], THEORY, rtol=0.2)  # a coarse grid
     own = law["error_half_width"].sel(quantity="tangential_traction", error_term="friction bed")
     assert np.all(own.values > 0.0)
+    assert np.all(np.abs(law["shear_loss_ratio"] - 1.0) < 0.5)
+    assert np.isfinite(results.macro_result["cycle_energy_mean_law"].values).all()
     taken = case.interface_law(results)
     (joint,) = case.structure.assemble(case, taken).interfaces
     assert joint.law.friction == float(law["shear_friction"])
@@ -69,6 +68,8 @@ def test_the_chain_goes_from_surfaces_to_the_friction_of_a_joint(finished):
     assert "shear_law" in {file.stem for file in draw_figures(out)}
     page = write_report(out).read_text(encoding="utf-8")
     assert "Sheared, it is 0." in page
+    assert "of full slip the cells lose" in page
+    assert set(open_run(out)) == set(stages)
     assert "shear: measured" in page
 
 
@@ -173,7 +174,7 @@ def test_what_is_missing_is_assumed_by_theory_or_refused(tmp_path):
     with pytest.raises(CaseError, match=r"no stiffness_ratio .* strict = true assumes nothing"):
         run_macro(strict, tmp_path / "out.nc")
     none = case_of(tmp_path, text.replace("friction = 0.3\n", ""))
-    with pytest.raises(CaseError, match=r"no friction and the law .* by \[micro.shear\], or give"):
+    with pytest.raises(CaseError, match=r"no friction and the law .* by \[micro.shear\], slide"):
         run_macro(none, tmp_path / "out.nc")
     save_law(assume_shear(open_law(law), friction=0.2, stiffness_ratio=0.8), law)
     (joint,) = none.structure.assemble(none, none.interface_law({})).interfaces
@@ -226,7 +227,7 @@ def test_needs_and_quick_tell_the_sheared_cells(tmp_path):
     case = case_of(tmp_path, CHAIN)
     told = requirements(case).built["sheared cells"]
     assert "3 of two bodies with friction, 20 x 20 points and 9600 unknowns" in told
-    assert "each in 25 steps: seconds" in told
+    assert "each in 33 steps: seconds" in told
     more = case.micro.shear.model_copy(update={"pressures": (8e6, 20e6, 60e6), "points": None})
     quick = case.model_copy(update={"micro": case.micro.model_copy(update={"shear": more})}).quick()
     assert quick.micro.shear.pressures == (20e6,)
@@ -253,21 +254,55 @@ def test_bodies_keep_their_own_moduli(finished, monkeypatch, tmp_path):
     assert not made[0].obstacle.heights.any()
 
 
-def test_friction_of_a_slide_enters_the_law_where_it_is_steady(finished):
-    case, _, results = finished
+def slid_cells(steady):
+    """Cells that slid under 20 and 40 MPa, of which only the steady friction is told."""
     sizes = {"load": 2, "step": 3}
     values = {
         name: np.ones([*sizes.values(), 3][: len(one.dims)])
         for name, one in SLIDING_RESPONSE.variables.items()
     }
-    values["steady_friction"] = [0.21, np.nan]
-    slid = SLIDING_RESPONSE.build(values | {"nominal_pressure": [2e7, 4e7]})
+    return SLIDING_RESPONSE.build(
+        values | {"steady_friction": steady, "nominal_pressure": [2e7, 4e7]}
+    )
+
+
+def test_friction_of_a_slide_enters_the_law_where_it_is_steady(finished):
+    case, _, results = finished
+    slid = slid_cells([0.21, np.nan])
     law = FITTED_LAW.run(case, {**results, "sliding_response": slid}, None)
     assert float(law["sliding_friction"][0]) == 0.21
     assert law.attrs["branches"].endswith("shear: measured; sliding: measured")
     unsteady = slid.assign(steady_friction=np.nan * slid["steady_friction"])
     law = FITTED_LAW.run(case, {**results, "sliding_response": unsteady}, None)
     assert "sliding" not in law.attrs["branches"]
+
+
+def test_friction_of_a_slide_stands_for_one_that_is_missing(finished, tmp_path):
+    """At the last preload, which is 40 MPa, with a loss whose error is then not known."""
+    _, _, results = finished
+    slide = '[slide]\ndistance = "800 um"\n'
+    text = (
+        CHAIN.replace(SHEAR, slide)
+        .replace('"20 MPa"]', '"40 MPa"]')
+        .replace('"flat"', '"conforming"')
+    )
+    case = case_of(tmp_path, text)
+    found = {
+        "micro_response": results["micro_response"],
+        "sliding_response": slid_cells([0.2, 0.3]),
+    }
+    found["interface_law"] = FITTED_LAW.run(case, found, None)
+    law = case.interface_law(found)
+    (joint,) = case.structure.assemble(case, law).interfaces
+    assert joint.law.friction == pytest.approx(0.3)
+    told = "shear: measured by sliding at 40 MPa, friction 0.3, but stiffness ratio 1 assumed; slid"
+    assert told in law.attrs["branches"]
+    assert (
+        "friction coefficient of 0.3 is the one of the slide of one cell" in law.attrs["cautions"]
+    )
+    assert np.isnan(shear_errors(law, np.array([2e7]))["friction"]["sampling"][0])
+    with pytest.raises(CaseError, match=r"slide them over their length or more by \[slide\]"):
+        case_of(tmp_path, text.replace('distance = "800 um"', 'distance = "100 um"'))
 
 
 @pytest.mark.slow
@@ -283,3 +318,43 @@ def test_the_bolted_lap_joint_runs_from_its_surfaces_to_its_hysteresis(command):
     force = 1e-3 * result["bolt_force"].values[:, 0]
     assert f"Bolt 0 is tightened to {force[2]:.4g} kN, then carries {force[3:].min():.4g}" in said
     assert "assumed" not in said
+
+
+def test_the_first_cell_on_half_of_its_points_tells_the_error_of_the_grid(finished, tmp_path):
+    """Of stiffness, tangential traction and loss, which are not known without it."""
+    case, first, before = finished
+    out = tmp_path / "out"
+    copytree(first, out)
+    again = case_of(tmp_path, CHAIN.replace("realisations = 3", "realisations = 3\ncoarser = 1"))
+    assert "1 of 12 x 12 points" in requirements(again).built["coarser cells"]
+    assert "1 of two bodies" in requirements(again).built["coarser sheared cells"]
+    results = run(again, out)
+    assert results["micro_response"].equals(before["micro_response"])
+    coarse = results["coarser_shear_response"]
+    assert coarse.sizes["realisation"] == 1
+    np.testing.assert_allclose(coarse["rms_height"][0], before["shear_response"]["rms_height"][0])
+    law = results.interface_law
+    grid = law["error_half_width"].sel(error_term="micro discretisation")
+    assert np.all(grid.values > 0.0)
+    assert "spacing 2 times" in law.attrs["how_micro_discretisation"]
+    assert "micro discretisation" not in law.attrs["unknown"]
+    told = results.macro_result["error_half_width"].sel(error_term="micro discretisation")
+    alone = told.sel(quantity="cycle_energy").values[-1]
+    assert alone >= float(law["shear_loss_grid_error"]) > 0.0
+    assert np.all(told.sel(quantity="tangential_stiffness").dropna("step") > 0.0)
+    assert case.quick().micro.coarser == 0
+
+
+@pytest.mark.parametrize(
+    ("change", "message"),
+    [
+        (("coarser = 1", "coarser = 4"), "coarser is 4, more than the 3 realisations"),
+        (("[24, 24]", "[26, 26]"), r"half should be even, got 26 x 26; give multiples of 4"),
+        ((STEEL_WAVE, STEEL_WAVE.replace("180", "120")), "leaves 66.67 um between points"),
+    ],
+)
+def test_cells_that_cannot_be_halved_are_refused(change, message, tmp_path):
+    text = CHAIN.replace("realisations = 3", "realisations = 3\ncoarser = 1").replace(SHEAR, "")
+    text = text.replace("[interface]", "[interface]\nfriction = 0.2")
+    with pytest.raises(CaseError, match=message):
+        case_of(tmp_path, text.replace(*change))

@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 from multiscale.errors import CaseError
+from multiscale.io import save_law
 from multiscale.laws import Exponential, PowerLaw
 from multiscale.upscaling import assume_shear, fit_law, law_from_dataset, write_law_table
 from multiscale.upscaling.export import pressure_overclosure, write_pressure_overclosure
@@ -152,3 +153,19 @@ def test_friction_is_refused_without_a_branch_of_shear_and_outside_the_data(tmp_
         write_pressure_overclosure(
             known, tmp_path / "a.inp", friction_for="abaqus", stick_pressure=1.0
         )
+
+
+@pytest.mark.parametrize(
+    ("realisations", "samples", "told"), [(3, 200, "3 realisations"), (6, 20, "20 samples")]
+)
+def test_a_table_of_too_few_realisations_or_samples_leaves_the_bands_out(
+    realisations, samples, told, command, tmp_path
+):
+    law = fit_law(response_of(exponential_gaps(realisations)), n_samples=samples)
+    save_law(law, tmp_path / "law.nc")
+    status, _, error = command("export", tmp_path / "law.nc", "law.csv")
+    assert status == 0
+    assert f"the table has no band: {told} are too few for a band of 95 %" in error
+    text = (tmp_path / "law.csv").read_text()
+    assert "gap low" not in text
+    assert len(text.splitlines()) == 42

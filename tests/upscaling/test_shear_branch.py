@@ -7,7 +7,7 @@ from matplotlib.figure import Figure
 
 from multiscale.errors import CaseError
 from multiscale.io import open_law, save_law
-from multiscale.laws import Sliders
+from multiscale.laws import Exponential, Sliders
 from multiscale.laws.bulk import Elastic
 from multiscale.micro import Cell, Path, SecondBody, Surface, run_ensemble, shear_path, slide_cell
 from multiscale.plotting import plot_shear_law
@@ -27,6 +27,7 @@ from multiscale.upscaling import (
     with_shear,
     with_sliding,
 )
+from multiscale.upscaling.shear_cycles import bed_loss
 from multiscale.upscaling.shear_fit import bed_traction
 from tests.support import egg_box, rough_square
 from tests.upscaling.responses import DECAY, SCALE, response_of, sheared_exponentials
@@ -394,3 +395,63 @@ def test_the_scales_of_another_structure_count_for_the_tangential_traction_too(m
     row = scaled["error_half_width"].sel(error_term="scale separation")
     tangential, stiffness = (row.sel(quantity=one) for one in ("tangential_traction", "stiffness"))
     np.testing.assert_allclose(tangential, np.exp(-1.0) * stiffness)
+
+
+def cycled(decay, lost=1.0, amplitude=1.0):
+    """Cells that are pressed, sheared, sheared back and again, farther, and released.
+
+    Each is the bed of an exponential law, in small steps, with ``lost`` times the loss of the bed.
+    """
+    way = np.concatenate(
+        [np.linspace(*ends, 400) for ends in ((0, 1), (1, -1), (-1, 1), (1, 8 / amplitude))]
+    )
+    kept = [0, 200, 399, 599, 799, 999, 1199, 1399, 1599]
+    slip, traction, work = [], [], []
+    for one in decay:
+        bed = Sliders(Exponential(SCALE, one), MU, KAPPA, pressures=(1e5, 1e9), slabs=400)
+        u = amplitude * MU * DECAY / KAPPA * np.stack([way, 0.0 * way], axis=1)
+        opening = np.full(way.size, float(bed.normal.gap_at(np.array(2e7))))
+        t = bed_traction(bed, opening, u)[:, 0]
+        stored = np.append(0.0, np.cumsum(np.diff(u[:, 0]) * 0.5 * (t[1:] + t[:-1])))
+        slip.append(u[kept, 0])
+        traction.append(t[kept])
+        work.append(lost * stored[kept])
+    response = sheared(decay, steps=8, pressures=(2e7,), along=(0,))
+    response["displacement_jump"].values[:, :-1, 1] = slip
+    response["traction"].values[:, :-1, 1] = traction
+    response["slip_fraction"].values[:] = [0.5] * 8 + [1.0, 0.0]
+    whole = np.pad(np.array(work), ((0, 0), (0, 1)), mode="edge")
+    return MICRO_RESPONSE.assign(response, {"friction_work": whole})
+
+
+@pytest.mark.parametrize("lost", [1.0, 1.1])
+def test_the_loss_of_cycles_over_the_loss_of_the_bed_is_found(law, decay, lost):
+    """Work over a closed cycle is its loss; here the bed itself makes it."""
+    found = with_shear(law, pressed(decay), cycled(decay, lost))
+    np.testing.assert_allclose(found["shear_loss_ratio"], lost, rtol=0.02)
+    assert found["shear_cycle_pressure"].values.tolist() == [2e7]
+    assert float(found["shear_cycle_amplitude"][0]) == pytest.approx(1.0 - np.exp(-1.0), rel=0.02)
+    assert found["shear_loss_ratio_sample"].shape == (60, 2)
+    assert "shear_loss_ratio" not in with_shear(law, pressed(decay), sheared(decay))
+    INTERFACE_LAW.check(found)
+
+
+@pytest.mark.parametrize("amplitude", [0.3, 1.0, 3.0])
+def test_the_loss_of_a_bed_is_the_one_of_masings_rule(amplitude):
+    """Under an exponential law t = mu p (1 - exp(-x)) with x = kappa u / (mu lambda)."""
+    unit = MU * DECAY / KAPPA
+    expected = MU * 2e7 * unit * (8.0 * (amplitude + np.expm1(-amplitude)))
+    expected += 4.0 * MU * 2e7 * unit * amplitude * np.expm1(-amplitude)
+    found = bed_loss(Exponential(SCALE, DECAY), 2e7, amplitude * unit, KAPPA, MU)
+    assert found == pytest.approx(expected, rel=1e-9)
+
+
+def test_a_cycle_lies_on_the_way_of_the_shear():
+    cell = two_bodies(12, 1)
+    plain, path = (shear_path(cell, [1e6], along="x", steps=5, cycle=c) for c in (0.0, 1.0))
+    s = np.array(path.slide)[:, 0]
+    assert len(path) == len(plain) + 4
+    np.testing.assert_allclose(s[3:7], s[2] * np.array([s[3] / s[2], -1.0, -s[3] / s[2], 1.0]))
+    np.testing.assert_array_equal(np.delete(s, np.s_[3:7]), np.array(plain.slide)[:, 0])
+    with pytest.raises(CaseError, match="an amplitude from 0 to less than 8, got 9"):
+        shear_path(cell, [1e6], cycle=9.0)

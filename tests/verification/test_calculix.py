@@ -1,162 +1,115 @@
-"""A bolted lap joint beside CalculiX, on the same meshes, with the law as `export` writes it."""
+"""CalculiX reads the law that is exported for it: two stiff blocks, pressed and then sheared."""
 
-import os
 import re
+import shutil
 import subprocess
-from dataclasses import dataclass
-from shutil import which
 
 import numpy as np
 import pytest
 
-from multiscale.fe.boxes import HEX_ORDER
-from multiscale.fe.faces import face_operator
-from multiscale.laws import PowerLaw, Sliders
-from multiscale.laws.bulk import Elastic
-from multiscale.macro import AssembledNewton
-from multiscale.macro.bodies import LapShape, lap_joint
-from multiscale.macro.substructures import JointLoading, load_joint
-from multiscale.upscaling import (
-    assume_shear,
-    fit_law,
-    sliders_from_dataset,
-    write_pressure_overclosure,
-)
-from tests.support import keep_ignoring_broken_pipes
-from tests.upscaling.responses import response_of
+from multiscale.upscaling import assume_shear, fit_law, law_from_dataset
+from multiscale.upscaling.export import pressure_overclosure, write_pressure_overclosure
+from tests.upscaling.responses import exponential_gaps, response_of
 
-PRELOAD, SHEAR, STEPS, FRICTION, RATIO = 30e6, 2e6, 8, 0.2, 0.8
-SHAPE = LapShape(0.1, 0.04, 0.008, 0.04, 0.009, 0.018, 0.01, layers=1)
-FACES = np.array(  # corners of a hexahedron on its faces S1 to S6
-    [[0, 1, 2, 3], [4, 5, 6, 7], [0, 1, 5, 4], [1, 2, 6, 5], [2, 3, 7, 6], [3, 0, 4, 7]]
-)
-PATH = ((0.0, 0.0), (1.0, 0.0), (1.5, 1.0), (2.5, -1.0), (3.5, 1.0))
-"""Times, and shear over its amplitude: the first unit of time brings the preload."""
+EDGE, HEIGHT, STIFF = 10.0, 1.0, 2e8  # mm and MPa: the interface gives way, not the blocks
+PRESSURE, FRICTION, RATIO = 20.0, 0.25, 0.8  # MPa
+SLIPS = 2e-5, 4e-5, 4e-4  # mm: two that stick, and full slip
 
-pytestmark = [
-    pytest.mark.slow,
-    pytest.mark.skipif(which("ccx") is None, reason="needs CalculiX, which is not installed"),
-]
-
-
-@dataclass(frozen=True)
-class Case:
-    """A law for either code, and the distance of mean planes at first contact, mm."""
-
-    sliders: Sliders
-    interaction: str
-    apart: float
-
-
-def rough_case(path):
-    """A fitted law as the package writes it for CalculiX."""
-    p = np.geomspace(1e5, 2e8, 14)
-    gap = 0.5e-6 * np.log(2e9 / p)[None]
-    fitted = fit_law(response_of(gap, p, area=p[None] / 5e9, nominal=False), n_samples=0)
-    law = assume_shear(fitted, friction=FRICTION, stiffness_ratio=RATIO)
-    options = {"friction_for": "calculix", "stick_pressure": 0.5 * PRELOAD, "tolerance": 2e-2}
-    write_pressure_overclosure(law, path, **options)
-    text = path.read_text()
-    sliders = sliders_from_dataset(law, pressures=(0.1 * PRELOAD, 3.0 * PRELOAD), slabs=1)
-    return Case(sliders, text, float(re.search(r"planes (\S+) mm apart", text)[1]))
-
-
-def linear_case(path):
-    """A law that is as stiff at every pressure, so that both codes stick with one stiffness."""
-    first, stiffness = 4e-6, 4e13  # m, Pa/m
-    law = PowerLaw(stiffness * first, first, 1.0)
-    text = f"""*SURFACE INTERACTION, NAME=ROUGH
-*SURFACE BEHAVIOR, PRESSURE-OVERCLOSURE=TABULAR
-0, 0
-{1e-6 * stiffness * 10.0 * first}, {1e4 * first}
-*FRICTION
-{FRICTION}, {1e-9 * RATIO * stiffness}
+MODEL = """*NODE, NSET=ALL
+{nodes}
+*ELEMENT, TYPE=C3D8, ELSET=BLOCKS
+1, 1, 2, 3, 4, 5, 6, 7, 8
+2, 9, 10, 11, 12, 13, 14, 15, 16
+*ELSET, ELSET=LOWER
+1
+*ELSET, ELSET=UPPER
+2
+*NSET, NSET=BASE
+1, 2, 3, 4
+*NSET, NSET=FACE
+5, 6, 7, 8
+*NSET, NSET=OTHER
+9, 10, 11, 12
+*NSET, NSET=TOP
+13, 14, 15, 16
+*MATERIAL, NAME=HARD
+*ELASTIC
+{stiff}, 0.
+*SOLID SECTION, ELSET=BLOCKS, MATERIAL=HARD
+*SURFACE, NAME=FIRST, TYPE=ELEMENT
+LOWER, S2
+*SURFACE, NAME=SECOND, TYPE=ELEMENT
+UPPER, S1
+*INCLUDE, INPUT=rough.inp
+*CONTACT PAIR, INTERACTION=ROUGH, TYPE=NODE TO SURFACE
+SECOND, FIRST
+*BOUNDARY
+BASE, 1, 3
+*STEP, NLGEOM=NO, INC=200
+*STATIC
+0.1, 1.
+*BOUNDARY
+TOP, 1, 2
+TOP, 3, 3, -{approach}
+{prints}
+*END STEP
 """
-    return Case(Sliders(law, FRICTION, RATIO, pressures=(1e5, 1e8), slabs=1), text, 1e3 * first)
+SHEAR = """*STEP, NLGEOM=NO, INC=200
+*STATIC
+0.2, 1.
+*BOUNDARY
+TOP, 1, 1, {slip}
+{prints}
+*END STEP
+"""
+PRINTS = """*NODE PRINT, NSET=ALL, FREQUENCY=1000
+U
+*NODE PRINT, NSET=BASE, FREQUENCY=1000, TOTALS=ONLY
+RF"""
 
 
-def write_bodies(assembly, lower):
-    """Nodes (mm), elements and named facets of both plates, the upper one lowered."""
-    lines, facets, node, element = [], [], 1, 1
-    for body, z in zip(assembly.bodies, (0.0, -lower), strict=True):
-        mesh, number = body.mesh, len(facets)
-        corners = mesh.t[np.argsort(HEX_ORDER)].T  # in the order of VTK and CalculiX
-        places = 1e3 * mesh.p.T + [0.0, 0.0, z]
-        lines.append("*NODE, NSET=N" + str(number))
-        lines += [f"{i}, {x:.12g}, {y:.12g}, {z:.12g}" for i, (x, y, z) in enumerate(places, node)]
-        lines.append(f"*ELEMENT, TYPE=C3D8, ELSET=E{number}")
-        lines += [", ".join(map(str, [i, *(row + node)])) for i, row in enumerate(corners, element)]
-        sides = np.sort(corners[:, FACES], axis=2).reshape(-1, 4)
-        facets.append({})
-        for name, boundary in mesh.boundaries.items():
-            wanted = {tuple(sorted(one)) for one in mesh.facets[:, boundary].T.tolist()}
-            at = [i for i, side in enumerate(sides.tolist()) if tuple(side) in wanted]
-            facets[number][name] = [(element + i // 6, i % 6 + 1) for i in at]
-        end = node + np.unique(mesh.facets[:, mesh.boundaries["end"]])
-        lines += [f"*SURFACE, NAME=JOINT{number}"]
-        lines += [f"{i}, S{side}" for i, side in facets[number]["joint"]]
-        lines += [f"*NSET, NSET=END{number}", *map(str, end)]
-        node, element = node + len(places), element + len(corners)
-    return lines, facets
+def solve(folder, approach):
+    """Run CalculiX with an approach of the blocks, mm.
+
+    Returns displacements (step, node, 3), mm, and the force of the base (step, 3), N.
+    """
+    corners = [(0.0, 0.0), (EDGE, 0.0), (EDGE, EDGE), (0.0, EDGE)]
+    planes = [0.0, HEIGHT, HEIGHT, 2.0 * HEIGHT]
+    nodes = "\n".join(
+        f"{4 * k + n + 1}, {x}, {y}, {z}"
+        for k, z in enumerate(planes)
+        for n, (x, y) in enumerate(corners)
+    )
+    text = MODEL.format(nodes=nodes, stiff=STIFF, approach=approach, prints=PRINTS)
+    text += "".join(SHEAR.format(slip=one, prints=PRINTS) for one in SLIPS)
+    (folder / "blocks.inp").write_text(text)
+    subprocess.run(["ccx", "blocks"], cwd=folder, check=True, capture_output=True, timeout=60)
+    said = (folder / "blocks.dat").read_text()
+    number = r"\s+(-?\d\.\d+E[+-]\d+)"
+    moved = re.findall(rf"^\s+\d+{number * 3}$", said, re.MULTILINE)
+    force = re.findall(rf"total force.*\n\s*\n{number * 3}", said)
+    steps = len(SLIPS) + 1
+    u = np.array(moved, dtype=float).reshape(-1, 16, 3)
+    return u[-steps:], np.array(force, dtype=float)[-steps:]
 
 
-def write_input(assembly, case, path):
-    """Write the model, mm and MPa; the faces overlap at the start so that they meet at once."""
-    lower = 0.6 * case.apart
-    lines, facets = write_bodies(assembly, lower)
-    shear = [f"{time:g}, {factor:g}" for time, factor in PATH]
-    pressed = [f"{i}, P{s}, {1e-6 * PRELOAD}" for one in facets for i, s in one["washer"]]
-    lines += [
-        *("*MATERIAL, NAME=STEEL", "*ELASTIC", "210000., .3"),
-        *(f"*SOLID SECTION, ELSET=E{number}, MATERIAL=STEEL" for number in (0, 1)),
-        *case.interaction.splitlines(),
-        "*CONTACT PAIR, INTERACTION=ROUGH, TYPE=NODE TO SURFACE, SMALL SLIDING",
-        "JOINT1, JOINT0",
-        *("*BOUNDARY", "END0, 1, 3", "END1, 2, 2"),
-        *("*AMPLITUDE, NAME=PRESS", "0, 0", "1, 1", "9, 1", "*AMPLITUDE, NAME=SHEAR", *shear),
-        *("*TIME POINTS, NAME=TIMES, GENERATE", f"{0.5 / STEPS}, 3.5, {0.5 / STEPS}"),
-        *("*STEP, INC=10000", "*STATIC", f"{0.5 / STEPS}, 3.5, 1e-6, {0.5 / STEPS}"),
-        # mean planes that lie on each other overlap by their distance at first contact
-        *("*BOUNDARY, AMPLITUDE=PRESS", f"END1, 3, 3, {lower - case.apart:.9g}"),
-        *("*DLOAD, AMPLITUDE=PRESS", *pressed),
-        "*DLOAD, AMPLITUDE=SHEAR",
-        *(f"{i}, P{side}, {-1e-6 * SHEAR}" for i, side in facets[1]["end"]),
-        *("*NODE PRINT, NSET=N1, TIME POINTS=TIMES", "U", "*END STEP"),
-    ]
-    path.write_text("\n".join(lines) + "\n", encoding="ascii")
-
-
-def loop_of_calculix(assembly, case, out):
-    """Times, and mean displacement of the pulled end along the pull, m."""
-    write_input(assembly, case, out / "lap.inp")
-    threads = os.environ | {"OMP_NUM_THREADS": "1"}
-    subprocess.run(["ccx", "-i", "lap"], cwd=out, capture_output=True, check=True, env=threads)
-    tables = re.split(r" displacements .* time +(\S+)\n", (out / "lap.dat").read_text())[1:]
-    times = np.array([float(time) for time in tables[::2]])
-    u = np.array([np.loadtxt(table.split("\n"), usecols=1) for table in tables[1::2]])
-    values, weight, _ = face_operator(assembly.bodies[1].basis, "end")
-    return times, 1e-3 * u @ (values.T @ weight) / weight.sum()
-
-
-@pytest.mark.parametrize(
-    ("make_case", "width", "loss"),
-    [
-        pytest.param(linear_case, 0.002, 0.02, id="one stiffness"),
-        # points under a small pressure stick too stiffly there, slip early and lose twice as much
-        pytest.param(rough_case, 0.03, 0.6, id="rough law"),
-    ],
-)
-def test_the_loop_of_a_lap_joint_is_that_of_calculix(make_case, width, loss, tmp_path):
-    pytest.importorskip("gmsh", exc_type=Exception)
-    case = make_case(tmp_path / "law.inp")
-    assembly = lap_joint(SHAPE, [Elastic(210e9, 0.3)] * 2, case.sliders)
-    keep_ignoring_broken_pipes()
-    loading = JointLoading((PRELOAD,), SHEAR, cycles=1, steps=STEPS)
-    result = load_joint(assembly, loading, method=AssembledNewton())
-    mine = result["shear_displacement"].to_numpy()
-    times, along = loop_of_calculix(assembly, case, tmp_path)
-    swing = np.interp(1.5, times, along) - np.interp(2.5, times, along)
-    cycle, shear = times >= 1.5, np.interp(times, *np.transpose(PATH))
-    lost = SHEAR * SHAPE.width * SHAPE.thickness * np.trapezoid(shear[cycle], along[cycle])
-    assert mine[STEPS] - mine[3 * STEPS] == pytest.approx(swing, rel=width)
-    assert float(result["cycle_energy"][0]) == pytest.approx(lost, rel=loss)
+@pytest.mark.slow
+@pytest.mark.skipif(shutil.which("ccx") is None, reason="CalculiX is not installed")
+def test_calculix_presses_and_shears_blocks_as_the_law_says(tmp_path):
+    dataset = fit_law(response_of(exponential_gaps(4)), n_samples=0)
+    dataset = assume_shear(dataset, friction=FRICTION, stiffness_ratio=RATIO)
+    write_pressure_overclosure(
+        dataset, tmp_path / "rough.inp", friction_for="calculix", stick_pressure=1e6 * PRESSURE
+    )
+    law = law_from_dataset(dataset)
+    gap = float(law.gap_at(np.array(1e6 * PRESSURE)))
+    data = (float(dataset.attrs[f"pressure_{end}"]) for end in ("min", "max"))
+    closed = 1e3 * (pressure_overclosure(law, tuple(data)).first_contact - gap)
+    u, force = solve(tmp_path, closed)
+    area = EDGE**2
+    assert force[0, 2] / area == pytest.approx(PRESSURE, rel=1e-2)
+    stiffness = 1e-9 * RATIO * float(law.stiffness(np.array(gap)))  # MPa/mm
+    slip = u[1:, 8:12, 0].mean(axis=1) - u[1:, 4:8, 0].mean(axis=1)
+    carried = -force[1:, 0] / area
+    np.testing.assert_allclose(carried[:2], stiffness * slip[:2], rtol=1e-2)
+    assert carried[2] == pytest.approx(FRICTION * PRESSURE, rel=1e-2)

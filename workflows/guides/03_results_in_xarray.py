@@ -20,15 +20,17 @@ from multiscale.upscaling import (
     write_pressure_overclosure,
 )
 
-# open_run gives a run as a DataTree, with a node for every arrow of the chain. Values are in SI
-# units, and each variable has the attributes units and long_name. Steps that did not converge stay
-# in the file, as NaN with converged = 0.
+# open_run gives a run as a DataTree, with a node for the dataset of every stage of the run. Values
+# are in SI units, and each variable has the attributes units and long_name. Steps that did not
+# converge stay in the file, as NaN with converged = 0.
 #
 #   dataset               dimensions                            content
 #   micro_response        realisation, step, component          traction, mean gap, contact fraction
 #                                                               and effort of the cells
 #   shear_response        realisation, step, component          the same of cells that are pressed,
 #                                                               sheared and released
+#   coarser_response      realisation, step, component          the first cells on half of their
+#                                                               points, and coarser_shear_response
 #   interface_law         term, sample, step                    law, bootstrap samples, fit errors
 #   macro_result          step, and link, node, point or cycle  stiffness, gap, tensions, zones,
 #                                                               energies, error budget

@@ -5,6 +5,7 @@ from collections.abc import Container
 from multiscale.pipeline.stage import Stage
 from multiscale.pipeline.stages.braking import BRAKING
 from multiscale.pipeline.stages.cells import CELLS
+from multiscale.pipeline.stages.coarser_cells import COARSER_CELLS, COARSER_SHEAR
 from multiscale.pipeline.stages.condensed_parts import CONDENSED_PARTS
 from multiscale.pipeline.stages.fitted_law import FITTED_LAW
 from multiscale.pipeline.stages.friction_law import FRICTION_LAW
@@ -23,6 +24,8 @@ STAGES: tuple[Stage, ...] = (
     SLIDING,
     CELLS,
     SHEARED_CELLS,
+    COARSER_CELLS,
+    COARSER_SHEAR,
     FITTED_LAW,
     JOINT,
     ROADS,

@@ -6,12 +6,13 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from multiscale.pipeline.case_budget import case_budget
+from multiscale.pipeline.case_budget import OnGrids, case_budget
 from multiscale.pipeline.real_contact import behaviour
 from multiscale.pipeline.rows import say_error
 from multiscale.pipeline.settings import Case
 from multiscale.pipeline.stage import Datasets, Job, Section, Stage, Summary
 from multiscale.pipeline.stages.cells import CELLS
+from multiscale.pipeline.stages.coarser_cells import COARSER_CELLS, COARSER_SHEAR
 from multiscale.pipeline.stages.sheared_cells import SHEARED_CELLS
 from multiscale.pipeline.stages.sliding import SLIDING
 from multiscale.plotting.figure import on_axes
@@ -30,6 +31,7 @@ from multiscale.upscaling import (
     require_law,
     with_budget,
 )
+from multiscale.upscaling.shear_budget import loss_term, with_loss_grid
 
 if TYPE_CHECKING:
     import xarray as xr
@@ -48,7 +50,30 @@ def _run(case: Case, found: Datasets, job: Job) -> "xr.Dataset":
         n_terms=case.law.terms,
         n_samples=case.law.samples,
     )
-    return with_budget(law, case_budget(case, loading_branch(response), law))
+    grids = _on_grids(case, found)
+    law = with_loss_grid(law, grids.sheared)
+    return with_budget(law, case_budget(case, loading_branch(response), law, grids))
+
+
+def _on_grids(case: Case, found: Datasets) -> OnGrids:
+    """Compare the first cells with the same ones on half of their points, if there are."""
+    if not case.micro.coarser:
+        return OnGrids()
+    pressed = {1.0: loading_branch(found[MICRO_RESPONSE.name]), 2.0: found[COARSER_CELLS.name]}
+    pressed = {
+        ratio: one.isel(realisation=range(case.micro.coarser)) for ratio, one in pressed.items()
+    }
+    if case.micro.shear is None:
+        return OnGrids(pressed)
+    sheared = {1.0: found[SHEARED_CELLS.name], 2.0: found[COARSER_SHEAR.name]}
+    n = sheared[2.0].sizes["realisation"]
+    laws = {
+        ratio: fit_branches(
+            pressed[ratio], shear=one.isel(realisation=range(n)), apart=False, n_samples=0
+        )
+        for ratio, one in sheared.items()
+    }
+    return OnGrids(pressed, laws)
 
 
 def _sections(found: Datasets, out: Path) -> Iterator[Section]:
@@ -104,16 +129,29 @@ def _unloading(law: "xr.Dataset") -> list[str]:
 
 
 def _shear(law: "xr.Dataset") -> list[str]:
-    x, y = law["shear_stiffness_ratio"].values
+    x, y = _say_ratio(law, 0), _say_ratio(law, 1)
     p, friction = law["shear_pressure"].values, float(law["shear_friction"])
     apart = law["shear_traction"].values - law["shear_bed_traction"].values
     distance = np.max(np.linalg.norm(apart, axis=1) / (friction * p))
-    return [
-        f"Sheared, it is {x:.3g} (x) and {y:.3g} (y) times as stiff at first as under pressure, "
+    lines = [
+        f"Sheared, it is {x} (x) and {y} (y) times as stiff at first as under pressure, "
         f"and slips at {friction:.3g} of its pressure; along the shear of "
         f"{law.attrs['n_sheared']} realisations the bed of sliders is never farther from the "
         f"cells than {100.0 * distance:.2g} % of full slip."
     ]
+    if "shear_loss_ratio" in law:
+        lines.append(f"{loss_term(law).how.capitalize()}.")
+    return lines
+
+
+def _say_ratio(law: "xr.Dataset", axis: int) -> str:
+    """Tangential over normal stiffness along an axis, with its 95 % interval if there is one."""
+    value, drawn = float(law["shear_stiffness_ratio"][axis]), np.empty(0)
+    if law.sizes.get("shear_sample", 0):
+        drawn = law["shear_stiffness_ratio_sample"].to_numpy()[:, axis]
+    if not drawn.size or np.isnan(value):
+        return f"{value:.3g}"
+    return f"{value:.3g} ± {0.5 * np.ptp(np.percentile(drawn, [2.5, 97.5])):.1g}"
 
 
 def _summary(found: Datasets) -> Summary:
@@ -148,7 +186,7 @@ FITTED_LAW = Stage(
     schema=INTERFACE_LAW,
     tables=("micro",),
     reads={"law": True, "structure": {"kind", "width"}},  # whose scales the budget compares
-    takes=(CELLS, SHEARED_CELLS, SLIDING),
+    takes=(CELLS, SHEARED_CELLS, COARSER_CELLS, COARSER_SHEAR, SLIDING),
     run=_run,
     sections=_sections,
     summary=_summary,

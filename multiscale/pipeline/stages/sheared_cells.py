@@ -1,5 +1,6 @@
 """Stage: cells of both bodies with friction, pressed, sheared until they slip, and released."""
 
+from collections.abc import Callable
 from typing import TYPE_CHECKING
 
 from multiscale.laws.bulk import Elastic
@@ -15,9 +16,11 @@ from multiscale.surfaces.surface import Surface
 if TYPE_CHECKING:
     import xarray as xr
 
-__all__ = ["SHEARED_CELLS"]
+__all__ = ["FOLDER", "SHEARED_CELLS", "run_shear"]
 
 FOLDER = "micro-shear"  # has a folder of cells for each way to shear them
+
+AMPLITUDE = 1.0  # of the closed cycle, relative to the slip over which a joint gives way
 
 STEP_TIME = 3e-6  # s, of a step for each unknown
 TIMES = {"seconds": 120.0, "minutes": 7200.0, "hours": 1.7e5}  # classes, and where they end, s
@@ -29,6 +32,13 @@ READS = {
 
 
 def _run(case: Case, found: Datasets, job: Job) -> "xr.Dataset":
+    """Shear the cells of a case; see :func:`run_shear`."""
+    return run_shear(case, job, lambda finished: job.progress(case.micro.realisations + finished))
+
+
+def run_shear(
+    case: Case, job: Job, progress: Callable[[int], None] = lambda finished: None
+) -> "xr.Dataset":
     """Press the cells over the pressures of the law, release them, and shear them.
 
     Pressed on the grid on which they are sheared, they have normal laws of their own, in which a
@@ -37,7 +47,13 @@ def _run(case: Case, found: Datasets, job: Job) -> "xr.Dataset":
     own = _as_sheared(case)
     cells = [_pair(own, pair) for pair in two_surfaces(own)]
     shear = own.micro.shear
-    path = shear_path(cells[0], shear.pressures, steps=shear.steps, pressed=own.micro.pressures)
+    path = shear_path(
+        cells[0],
+        shear.pressures,
+        steps=shear.steps,
+        cycle=AMPLITUDE if shear.cycle else 0.0,
+        pressed=own.micro.pressures,
+    )
     way = case.checksum(include=READS, exclude={"micro": {"shear": {"realisations"}}})
     response = run_ensemble(
         cells,
@@ -45,7 +61,7 @@ def _run(case: Case, found: Datasets, job: Job) -> "xr.Dataset":
         executor=job.executor,
         folder=job.out / FOLDER / way[:12],
         identity=way,
-        progress=lambda finished: job.progress(case.micro.realisations + finished),
+        progress=progress,
     )
     ended = str(response.attrs.get("ended", "")).splitlines()
     return response.assign_attrs(
@@ -74,7 +90,8 @@ def _needs(case: Case) -> Needs:
     shear, (nx, ny) = own.micro.shear, own.cell.points
     pair = cell_needs(_pair(own, smooth_pair(own.cell)))
     unknowns = 6 * nx * ny * own.cell.layers
-    steps = len(own.micro.pressures) + 1 + 2 * len(shear.pressures) * (shear.steps + 2)
+    each = shear.steps + 2 + (4 if shear.cycle else 0)
+    steps = len(own.micro.pressures) + 1 + 2 * len(shear.pressures) * each
     time = STEP_TIME * unknowns * steps * shear.realisations
     told = next((name for name, end in TIMES.items() if time < end), "days")
     cells = Choice(

@@ -1,0 +1,62 @@
+"""Stages: the first cells on half of their points, which tell the error of the grid."""
+
+from typing import TYPE_CHECKING
+
+from multiscale.micro import Path, run_ensemble
+from multiscale.needs import Choice, Needs
+from multiscale.pipeline.case_cells import make_cells
+from multiscale.pipeline.settings import Case
+from multiscale.pipeline.stage import Datasets, Job, Stage
+from multiscale.pipeline.stages.sheared_cells import SHEARED_CELLS, run_shear
+from multiscale.schema import COARSER_RESPONSE, COARSER_SHEAR_RESPONSE
+
+if TYPE_CHECKING:
+    import xarray as xr
+
+__all__ = ["COARSER_CELLS", "COARSER_SHEAR"]
+
+FOLDER = "micro-coarser"
+BODIES = dict.fromkeys(("body_1", "body_2", "cell"), True)
+
+
+def _press(case: Case, found: Datasets, job: Job) -> "xr.Dataset":
+    response = run_ensemble(
+        make_cells(case.coarser()),
+        Path(pressure=case.micro.pressures),
+        executor=job.executor,
+        folder=job.out / FOLDER,
+        identity=case.identity(),
+    )
+    return response.assign_attrs(title=case.title)
+
+
+def _shear(case: Case, found: Datasets, job: Job) -> "xr.Dataset":
+    return run_shear(case.coarser(), job)
+
+
+def _press_needs(case: Case) -> Needs:
+    nx, ny = case.coarser().cell.points
+    told = f"{case.micro.coarser} of {nx} x {ny} points, for the error of the grid"
+    return Needs(choices=(Choice("coarser cells", told),))
+
+
+def _shear_needs(case: Case) -> Needs:
+    (told,) = SHEARED_CELLS.needs(case.coarser()).choices
+    return Needs(choices=(Choice("coarser sheared cells", told.why),))
+
+
+COARSER_CELLS = Stage(
+    schema=COARSER_RESPONSE,
+    tables=("micro.coarser",),
+    reads={**BODIES, "micro": {"pressures", "seed", "coarser"}},
+    run=_press,
+    needs=_press_needs,
+    folders=(FOLDER,),
+)
+COARSER_SHEAR = Stage(
+    schema=COARSER_SHEAR_RESPONSE,
+    tables=("micro.coarser", "micro.shear"),
+    reads={**BODIES, "micro": {"pressures", "seed", "coarser", "shear"}},
+    run=_shear,
+    needs=_shear_needs,
+)
