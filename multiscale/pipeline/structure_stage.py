@@ -82,6 +82,9 @@ def structure_stage(
         result = found[schema.name]
         yield from format_table(result.attrs["title"], *tabulate(result))
         yield from _told(result)
+        for section in more(result):
+            if section.head:
+                yield from format_table(section.heading, section.head, section.rows)
 
     def sections(found: Datasets, out: Path) -> Iterator[Section]:
         result = found[schema.name]
