@@ -350,7 +350,7 @@ def list_cycles(result: "xr.Dataset") -> list[str]:
     if "slipping_load" in result and not np.isnan(result["slipping_load"].values[-1]):
         end = result.isel(step=-1)
         told.append(
-            f"at the amplitude contacts under {_value(end, 'slipping_load', 100.0)} % of the load "
+            f"At the amplitude, contacts under {_value(end, 'slipping_load', 100.0)} % of the load "
             f"slip{say_intervals(_intervals(end, 'slipping_load', 100.0))}"
         )
     return told

@@ -176,6 +176,7 @@ def plot_hysteresis(result: "xr.Dataset", *, ax: "Axes | None" = None) -> "Axes"
     stiffness = result["tangential_stiffness"].values[max(first - 1, 0)]
     shear = 1e-6 * result["shear"].values[steps]
     slip = 1e6 * (result["shear_displacement"].values[steps] - 1e6 * shear / stiffness)
+    slip -= slip[0]
     loss = result["cycle_energy"].values[-1]
     last = _last_cycle(result).start - 1
     half = -last // 2 + 1  # steps from one amplitude to the other, both counted

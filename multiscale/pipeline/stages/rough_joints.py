@@ -19,7 +19,14 @@ from multiscale.macro.substructures.substructure_needs import cut_needs
 from multiscale.needs import Choice, Needs
 from multiscale.pipeline.body_budget import change_friction, with_contact, with_joint_budget
 from multiscale.pipeline.body_settings import RoughBodies
-from multiscale.pipeline.rows import list_facts, tabulate_cycles, tabulate_preloads
+from multiscale.pipeline.rows import (
+    INTERVALS,
+    list_cycles,
+    list_facts,
+    say_intervals,
+    tabulate_cycles,
+    tabulate_preloads,
+)
 from multiscale.pipeline.settings import Case
 from multiscale.pipeline.stage import Datasets, Job, Section, list_cautions
 from multiscale.pipeline.stages.fitted_law import FITTED_LAW
@@ -131,11 +138,27 @@ def _needs(bodies: RoughBodies, case: Case) -> Needs:
     return replace(needs, libraries=libraries, choices=(*needs.choices, loading, solves))
 
 
+def _answer(result: "xr.Dataset") -> list[str]:
+    """Say stiffness, slip and loss at the last of the preloads with an answer."""
+    head, rows = tabulate_preloads(result)
+    known = [row for row in rows if row[-1] or row[3]]
+    if not known:
+        return []
+    row = dict(zip(head, known[-1], strict=True))
+    intervals = say_intervals([row[name] for name in INTERVALS.values()])
+    return [
+        f"At a preload of {row['preload (MPa)']} MPa the joint has a normal stiffness of "
+        f"{row['joint stiffness (MPa/µm)']} MPa/µm{intervals} and, before it slips, a tangential "
+        f"stiffness of {row['tangential (MPa/µm)']} MPa/µm.",
+        *(one[0].upper() + one[1:] + "." for one in list_cycles(result)[-2:]),
+    ]
+
+
 def _sections(result: "xr.Dataset") -> Iterator[Section]:
     """Show where the joints stick, slip and open, their loop, and what is known of their errors."""
     told = [
-        "Zones, pressure and outlines of the parts are those seen along the normal of the first "
-        "joint, at the step at which most of its area slips.",
+        "Zones and pressure are seen along the normal of the first joint, at the step at which "
+        "most of its area slips; lines are the outlines of the parts.",
     ]
     figures = {name: on_axes(plot) for name, plot in joint_pictures(result).items()}
     yield Section("Joint", told, figures=figures)
@@ -162,4 +185,5 @@ ROUGH_JOINTS = structure_stage(
     check=_check,
     more=_sections,
     pictures=PICTURES,
+    answer=_answer,
 )

@@ -1,6 +1,6 @@
 """Stage: cells of both bodies with friction, pressed, sheared until they slip, and released."""
 
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 from multiscale.laws.bulk import Elastic
 from multiscale.micro import FiniteCell, run_ensemble, shear_path
@@ -15,7 +15,10 @@ from multiscale.surfaces.surface import Surface
 if TYPE_CHECKING:
     import xarray as xr
 
-__all__ = ["SHEARED_CELLS"]
+__all__ = ["POINTS", "SHEARED_CELLS"]
+
+POINTS = "friction_coefficient"
+"""Attribute of the response: friction of points of contact, which the case gives."""
 
 FOLDER = "micro-shear"  # has a folder of cells for each way to shear them
 
@@ -48,11 +51,12 @@ def _run(case: Case, found: Datasets, job: Job) -> "xr.Dataset":
         progress=lambda finished: job.progress(case.micro.realisations + finished),
     )
     ended = str(response.attrs.get("ended", "")).splitlines()
+    told: dict[str, Any] = {POINTS: shear.friction_coefficient}
     return response.assign_attrs(
         title=case.title,
         bodies="body_1 and body_2, both deformable, with friction",
-        friction_coefficient=shear.friction_coefficient,
         cautions="\n".join(f"sheared {one}" for one in ended),
+        **told,
     )
 
 
