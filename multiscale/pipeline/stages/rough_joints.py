@@ -140,11 +140,11 @@ def _needs(bodies: RoughBodies, case: Case) -> Needs:
 
 def _answer(result: "xr.Dataset") -> list[str]:
     """Say stiffness, slip and loss at the last of the preloads with an answer."""
-    head, rows = tabulate_preloads(result)
-    known = [row for row in rows if row[-1] or row[3]]
-    if not known:
+    known = np.flatnonzero(np.isfinite(result["joint_stiffness"].to_numpy()))
+    if not known.size:
         return []
-    row = dict(zip(head, known[-1], strict=True))
+    head, rows = tabulate_preloads(result)
+    row = dict(zip(head, rows[known[-1]], strict=True))
     intervals = say_intervals([row[name] for name in INTERVALS.values()])
     return [
         f"At a preload of {row['preload (MPa)']} MPa the joint has a normal stiffness of "
