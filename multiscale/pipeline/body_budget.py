@@ -8,6 +8,7 @@ import numpy as np
 
 from multiscale.laws import NormalLaw, Sliders
 from multiscale.macro.bodies import Assembly
+from multiscale.macro.substructures import FEW_STEPS
 from multiscale.pipeline.body_settings import RoughBodies
 from multiscale.pipeline.real_contact import behaviour, contact_dependence, real_pressure
 from multiscale.pipeline.stages.joint import STIFFNESSES
@@ -18,7 +19,9 @@ from multiscale.upscaling import (
     cell_share,
     compare_scales,
     effective_cells,
+    interval_errors,
     law_from_dataset,
+    limits,
     over_steps,
     pressure_length_of_points,
     shear_errors,
@@ -39,11 +42,13 @@ __all__ = ["JointSolve", "change_friction", "with_contact", "with_joint_budget"]
 
 JointSolve = Callable[[NormalLaw, RoughBodies | None, Mapping[str, float]], "xr.Dataset"]
 """From a normal law, another mesh of the structure if not its own, and factors of the parameters of
-friction to the joints at their preloads and, if they slip, in a cycle of few steps."""
+friction to the joints at their preloads and, if they slip, in cycles of few steps."""
 
 AT_PRELOADS = (*STIFFNESSES, "tangential_stiffness", "real_pressure")
-IN_CYCLES = ("slipping_load", "cycle_energy")
-"""Answers that have an error budget: at the preloads, and at the end of the last cycle."""
+IN_CYCLES = ("cycle_slip", "cycle_loss", "secant_stiffness")
+AT_END = {"cycle_slip": "slipping_load", "cycle_loss": "cycle_energy"}
+"""Answers that have an error budget: at the preloads, in the cycles of every preload and amplitude,
+and of the latter those that the path ends with, by their names there."""
 
 UNKNOWN_LOSS = (
     "the error of the loss of a cycle is not known, since the law tells of no cells that went "
@@ -84,7 +89,7 @@ def with_joint_budget(
     law : Dataset
         Follows ``INTERFACE_LAW`` and carries its budget.
     solve : callable
-        Its cycle has the last preload, the shear and few of the steps of the result.
+        Its cycles have the preloads and amplitudes of the result.
     coarser : RoughBodies, optional
         The structure on elements of twice the size, if it has them.
     measured : collection of str
@@ -96,30 +101,33 @@ def with_joint_budget(
     Dataset
         With the budget of stiffnesses and real pressure at the preloads, and of the slip and the
         loss of the last cycle at its end, NaN elsewhere and where the law knows nothing; and with
-        the intervals of :func:`~multiscale.upscaling.with_intervals`.
+        the intervals of :func:`~multiscale.upscaling.with_intervals`, also those of the cycles at
+        every preload and amplitude.
     """
     known = result["known"].to_numpy() == 1
     pressed = np.flatnonzero(np.isfinite(result["joint_stiffness"].to_numpy()) & known)
     if not pressed.size:
         return result
-    lost = result["cycle_energy"].to_numpy() if "cycle_energy" in result else np.full(1, np.nan)
-    cycled = bool(known[-1] and np.isfinite(lost[-1]))
-    rise = _sheared(result) // (4 * lost.size + 1)  # steps to the amplitude
-    steps = np.append(pressed, result.sizes["step"] - 1) if cycled else pressed
+    level, amplitude = np.zeros((2, 0), dtype=int)
+    if "cycle_loss" in result and result["converged"].to_numpy().all():
+        level, amplitude = np.nonzero(np.isfinite(result["cycle_loss"].to_numpy()))
     at_preloads = AT_PRELOADS if "area_pressure" in law else AT_PRELOADS[:-1]
-    names = (*at_preloads, *IN_CYCLES) if cycled else at_preloads
+    names = (*at_preloads, *IN_CYCLES) if level.size else at_preloads
+    first, steps = pressed.size, np.append(pressed, level)  # a preload is the step of its number
+    cycled = np.arange(steps.size) >= first
 
-    def answers(found: "xr.Dataset", at: np.ndarray, cycle: int = -1) -> np.ndarray:
-        """Answers at the preloads and at the end, and one for what stays as it is."""
+    def answers(found: "xr.Dataset") -> np.ndarray:
+        """Answers at the preloads, then in the cycles, and one for what stays as it is."""
         rows = np.full((len(names), steps.size), np.nan)
-        for row, name in zip(rows, at_preloads, strict=False):
-            row[: pressed.size] = 1.0 if name == "real_pressure" else found[name].to_numpy()[at]
-        if cycled:
-            rows[-2:, -1] = found["slipping_load"][-1], found["cycle_energy"][cycle]
+        for row, name in zip(rows, names, strict=True):
+            if name in IN_CYCLES:
+                row[first:] = found[name].to_numpy()[level, amplitude]
+            else:
+                row[:first] = 1.0 if name == "real_pressure" else found[name].to_numpy()[pressed]
         return rows
 
     def solved(one: NormalLaw, structure: RoughBodies | None = None) -> np.ndarray:
-        return answers(solve(one, structure, {}), pressed)
+        return answers(solve(one, structure, {}))
 
     area, normal = result["point_area"].to_numpy(), law_from_dataset(law)
     pressure = np.maximum(-result["traction"].to_numpy()[steps, :, 0], 0.0)
@@ -127,13 +135,13 @@ def with_joint_budget(
     cells = np.ones((len(names), steps.size))
     if {"longest_wave", "cell_size", "sampling_factor"} <= set(law.attrs):
         wave, cell = float(law.attrs["longest_wave"]), float(law.attrs["cell_size"])
-        length, extent = _lengths(result, pressure[pressed.size - 1])
+        length, extent = _lengths(result, pressure[first - 1])
         scales = compare_scales(wave, cell, length, extent=extent)
         law, result = with_scales(law, scales), with_cautions(result, *scales.cautions)
         cells[:] = effective_cells(pressure, area, cell)
-        if cycled:
-            loss = result["dissipation"].to_numpy()[-4 * rise :].sum(axis=0)
-            cells[-1] = effective_cells(loss, area, cell)
+        if level.size:
+            density = result["loss_density"].to_numpy()[level, amplitude]
+            cells[names.index("cycle_loss"), first:] = effective_cells(density, area, cell)
         law = law.assign_attrs(
             {
                 how_attribute(FEW_CELLS): f"scatter of single cells, of which {cells.min():.3g} or "
@@ -142,19 +150,16 @@ def with_joint_budget(
         )
         cells *= scales.cell_ratio**2
 
-    value, others = answers(result, pressed), []
-    if cycled:
-        path = solve(normal, None, {})
-        first, value = answers(result, pressed, 0), answers(path, pressed)
-        finer = 5.0 * rise / _sheared(path)
-        left = np.zeros(value.shape)
-        left[-1] = np.abs(value / first - 1.0)[-1] / (finer**2 - 1.0) if finer > 1.0 else np.nan
+    value, others = answers(result), []
+    if level.size:
+        fine, value = value, solved(normal)
+        left = np.where(cycled, np.abs(value / fine - 1.0) / (FEW_STEPS**2 - 1.0), 0.0)
         others.append(Dependence(np.ones(left.shape), {"macro discretisation": left}))
-        others.append(_uneven_slip(result, law, mean, rise, np.array(names) == "slipping_load"))
+        others.append(_uneven_slip(result, law, level, amplitude, mean, np.array(names)))
     others.append(contact_dependence(law, mean, np.array(names) == "real_pressure"))
-    lost = np.array(names)[:, None] == "cycle_energy"
+    lost = np.array(names)[:, None] == "cycle_loss"
     own = {}
-    if cycled:
+    if level.size:
         own["friction bed"] = _part_of(loss_term(law), lost)
         if "shear_loss_grid_error" in law:
             told = "the loss ratio on two grids"
@@ -166,7 +171,7 @@ def with_joint_budget(
         if name in measured:
             # cycles of the cells tell all that the loss has of the bed
             half_width |= {k: np.where(lost, 0.0, half_width[k]) for k in own if k in half_width}
-            changed = answers(solve(normal, None, {name: 1.0 + STRETCH}), pressed)
+            changed = answers(solve(normal, None, {name: 1.0 + STRETCH}))
             change = np.abs(changed / value - 1.0) / STRETCH
             others.append(Dependence(change, half_width))
     budget = structure_budget(
@@ -187,8 +192,26 @@ def with_joint_budget(
             "number of them, in [structure]"
         )
         budget = budget.assign_attrs({how_attribute("macro discretisation"): why})
-    result = with_budget(result, over_steps(budget, steps, result.sizes["step"]))
-    return with_intervals(result)
+    result = _with_cycle_intervals(result, budget, level, amplitude)
+    ends, at = budget.isel(step=~cycled), pressed
+    if level.size and known[-1] and np.isfinite(result["cycle_loss"].to_numpy()[-1, -1]):
+        ends, at = budget.isel(step=[*range(first), -1]), np.append(pressed, known.size - 1)
+    kept = [name for name in names if name not in IN_CYCLES or name in AT_END]
+    ends = ends.sel(quantity=kept).assign_coords(quantity=[AT_END.get(name, name) for name in kept])
+    return with_intervals(with_budget(result, over_steps(ends, at, known.size)))
+
+
+def _with_cycle_intervals(
+    result: "xr.Dataset", budget: "xr.Dataset", level: np.ndarray, amplitude: np.ndarray
+) -> "xr.Dataset":
+    """Add the intervals of cycles, which the budget has in its last columns, by their numbers."""
+    values, errors = {}, interval_errors(budget)
+    for row, name in enumerate(map(str, budget["quantity"].values)):
+        for kind, error in errors.items() if name in IN_CYCLES else ():
+            half = np.full(result[name].shape, np.nan)
+            half[level, amplitude] = error[row, -level.size :]
+            values[f"{name}_{kind}"] = limits(result[name].to_numpy(), half)
+    return MACRO_RESULT.assign(result, values)
 
 
 def _part_of(term: Term, rows: np.ndarray) -> Term:
@@ -200,28 +223,34 @@ def _part_of(term: Term, rows: np.ndarray) -> Term:
 
 
 def _uneven_slip(
-    result: "xr.Dataset", law: "xr.Dataset", pressure: np.ndarray, rise: int, rows: np.ndarray
+    result: "xr.Dataset",
+    law: "xr.Dataset",
+    level: np.ndarray,
+    amplitude: np.ndarray,
+    pressure: np.ndarray,
+    rows: np.ndarray,
 ) -> Dependence:
     """Let slip change where a stiffer cell takes more of the shear, which others lose.
 
     A law that is stiffer everywhere leaves the shear of each point as it is, so that it tells
     nothing of one that is stiffer here and softer there. Each point slips more by its slope over
-    the shear, taken at the last step to the amplitude, and at most as its stiffness rises.
+    the shear, from the amplitudes, or from the last steps of the path if there is one amplitude
+    alone, and at most as its stiffness rises.
     """
-    share = result["slipping_load"].to_numpy()[-2:]
-    slope = np.nan
-    if rise > 1 and share.min() > 0.0:
-        slope = float(np.log(share[1] / share[0]) / np.log(rise / (rise - 1)))
+    share, shear = result["cycle_slip"].to_numpy(), result["cycle_shear"].to_numpy()
+    slope = np.full(share.shape, np.nan)
+    with np.errstate(divide="ignore", invalid="ignore"):  # where nothing slips, nothing is known
+        if shear.size > 1:
+            slope = np.gradient(np.log(share), np.log(shear), axis=1)
+        else:
+            at = np.log([result[name].to_numpy()[-2:] for name in ("slipping_load", "shear")])
+            slope[:] = np.ptp(at[0]) / np.ptp(at[1])
     one = law["error_half_width"].sel(quantity="stiffness", error_term=FEW_CELLS)
     data = np.log(law["fit_pressure"].to_numpy())
     few = np.interp(np.log(pressure), data, one.to_numpy())
-    change = np.where(rows[:, None], slope, np.zeros(pressure.size))
+    change = np.zeros((rows.size, pressure.size))
+    change[rows == "cycle_slip", -level.size :] = slope[level, amplitude]
     return Dependence(change, {FEW_CELLS: few})
-
-
-def _sheared(result: "xr.Dataset") -> int:
-    """Count the steps of a path from the first shear on."""
-    return int(np.count_nonzero(np.cumsum(np.abs(result["shear"].to_numpy()))))
 
 
 def with_contact(result: "xr.Dataset", law: "xr.Dataset") -> "xr.Dataset":

@@ -1,16 +1,18 @@
 """What a case may say of interfaces: their law, their loading, cut and solver of the bodies."""
 
 from collections.abc import Collection
+from itertools import pairwise
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, Self
 
 import numpy as np
-from pydantic import Field, field_validator
+from pydantic import Field, field_validator, model_validator
 
 from multiscale.errors import CaseError
 from multiscale.io import open_dataset, open_law
 from multiscale.laws import Damaged, NormalLaw, Sliders
 from multiscale.macro import LatinMethod
+from multiscale.macro.substructures import JointLoading
 from multiscale.pipeline.toml_model import (
     Factor,
     Number,
@@ -275,9 +277,34 @@ class Cycles(Settings):
     """Shear to and fro after preloads; see :class:`multiscale.macro.substructures.JointLoading`."""
 
     shear: Pressure = Field(description="Amplitude of the shear on the sheared face, Pa.")
+    amplitudes: tuple[Pressure, ...] = Field(
+        (),
+        description="Smaller amplitudes, Pa, rising: secant stiffness and loss of a closed cycle "
+        "are solved at these and at `shear`, at every preload.",
+    )
     cycles: Positive = Field(description="Closed cycles after the first loading.")
     steps: Positive = Field(10, description="Load steps from zero to the amplitude.")
 
+    @model_validator(mode="after")
+    def _check(self) -> Self:
+        if any(low >= high for low, high in pairwise(self.all_amplitudes)):
+            said = ", ".join(f"{1e-6 * one:g}" for one in self.amplitudes)
+            raise ValueError(
+                f"amplitudes ({said} MPa) should rise and stay below shear "
+                f"({1e-6 * self.shear:g} MPa), which needs no entry of its own"
+            )
+        return self
+
+    @property
+    def all_amplitudes(self) -> tuple[float, ...]:
+        """Amplitudes of the cycles at every preload, Pa."""
+        return (*self.amplitudes, self.shear)
+
+    def loading(self, preloads: tuple[float, ...]) -> JointLoading:
+        """Return the preloads, the cycles at the last of them, and the cycles at all."""
+        return JointLoading(preloads, self.shear, self.cycles, self.steps, self.all_amplitudes)
+
     def quick(self) -> Self:
-        """Return one cycle of few steps."""
-        return self.model_copy(update={"cycles": 1, "steps": min(QUICK_STEPS, self.steps)})
+        """Return one cycle of few steps, and one smaller amplitude at most."""
+        few = {"cycles": 1, "steps": min(QUICK_STEPS, self.steps)}
+        return self.model_copy(update=few | {"amplitudes": self.amplitudes[:1]})

@@ -21,6 +21,7 @@ __all__ = [
     "say_intervals",
     "tabulate",
     "tabulate_braking",
+    "tabulate_cycles",
     "tabulate_grains",
     "tabulate_links",
     "tabulate_loads",
@@ -43,6 +44,12 @@ HEAD = (
     "real pressure (MPa)",
 )
 
+FURTHER = {
+    "unloading_stiffness": "unloading (MPa/µm)",
+    "tangential_stiffness": "tangential (MPa/µm)",
+}
+"""Stiffnesses that a joint has where its law has such a branch."""
+
 TWO_DIGITS = 3.55
 """Leading digits of an error up to which two of them are written, by the rule of the PDG."""
 
@@ -55,15 +62,15 @@ ROUNDING = 1e-9
 
 def tabulate(result: "xr.Dataset") -> tuple[tuple[str, ...], list[tuple[str, ...]]]:
     """Return head and rows of text for a joint."""
-    unloaded = "unloading_stiffness" in result
-    head = (*HEAD, "unloading (MPa/µm)") if unloaded else HEAD
+    further = [name for name in FURTHER if name in result]
+    head = (*HEAD, *(FURTHER[name] for name in further))
     rows: list[tuple[str, ...]] = []
     for k in range(result.sizes["step"]):
         step = result.isel(step=k)
         if missing := _missing(step):
             rows.append(_padded((f"{1e-6 * float(step['preload']):.4g}", missing), head))
             continue
-        last = (f"{1e-12 * float(step['unloading_stiffness']):.4g}",) if unloaded else ()
+        last = tuple(_part(step, name) for name in further)
         rows.append(_row(step, _intervals(step, "joint_stiffness")) + last)
     return head, rows
 
@@ -301,6 +308,30 @@ def tabulate_braking(result: "xr.Dataset") -> tuple[tuple[str, ...], list[tuple[
     return head, rows
 
 
+def tabulate_cycles(result: "xr.Dataset") -> tuple[tuple[str, ...], list[tuple[str, ...]]]:
+    """Head and rows of the closed cycles at every preload and amplitude, with their intervals."""
+    both = (" / ".join(INTERVALS.values()),)
+    head = (
+        "preload (MPa)",
+        "amplitude (MPa)",
+        *("secant stiffness (MPa/µm)", *both),
+        *("loss per cycle (mJ)", *both),
+        *("load whose contacts slip (%)", *both),
+    )
+    shown = (("secant_stiffness", 1e-12), ("cycle_loss", 1e3), ("cycle_slip", 100.0))
+    rows: list[tuple[str, ...]] = []
+    for level in range(result.sizes["level"]):
+        for amplitude in range(result.sizes["amplitude"]):
+            one = result.isel(level=level, amplitude=amplitude)
+            at = (f"{1e-6 * float(one[name]):.4g}" for name in ("cycle_preload", "cycle_shear"))
+            row = []
+            for name, scale in shown:
+                row += [_value(one, name, scale), " / ".join(_intervals(one, name, scale))]
+            known = np.isfinite(one["cycle_loss"])
+            rows.append((*at, *(row if known else ["unknown", *[""] * (len(row) - 1)])))
+    return head, rows
+
+
 def list_cycles(result: "xr.Dataset") -> list[str]:
     """Say what every cycle of a joint has lost, and what slips; nothing for other results."""
     if "cycle_energy" not in result:
@@ -313,13 +344,13 @@ def list_cycles(result: "xr.Dataset") -> list[str]:
             continue
         one = result.isel(cycle=k)
         beside = (
-            say_intervals(_intervals(one, "cycle_energy", 1.0)) if k + 1 == last["cycle"] else ""
+            say_intervals(_intervals(one, "cycle_energy", 1e3)) if k + 1 == last["cycle"] else ""
         )
-        told.append(f"cycle {k}: {_value(one, 'cycle_energy', 1.0)} J lost{beside}")
+        told.append(f"cycle {k}: {_value(one, 'cycle_energy', 1e3)} mJ lost{beside}")
     if "slipping_load" in result and not np.isnan(result["slipping_load"].values[-1]):
         end = result.isel(step=-1)
         told.append(
-            f"at the amplitude contacts under {_value(end, 'slipping_load', 100.0)} % of the load "
+            f"At the amplitude, contacts under {_value(end, 'slipping_load', 100.0)} % of the load "
             f"slip{say_intervals(_intervals(end, 'slipping_load', 100.0))}"
         )
     return told

@@ -46,6 +46,7 @@ def structure_stage(
     check: Callable[["xr.Dataset"], None] = require_converged,
     more: Callable[["xr.Dataset"], Iterable[Section]] = lambda result: (),
     pictures: tuple[str, ...] = (),
+    answer: Callable[["xr.Dataset"], list[str]] = lambda result: [],
 ) -> Stage:
     """Make the stage that solves some kinds of structures.
 
@@ -68,6 +69,7 @@ def structure_stage(
         Libraries that solve where they are installed.
     more : callable, from the dataset to further sections of the page
     pictures : tuple of str, names of all figures that these may have
+    answer : callable, from the dataset to what the head of the page answers to the question
     """
 
     def run(case: Case, found: Datasets, job: Job) -> "xr.Dataset":
@@ -82,6 +84,9 @@ def structure_stage(
         result = found[schema.name]
         yield from format_table(result.attrs["title"], *tabulate(result))
         yield from _told(result)
+        for section in more(result):
+            if section.head:
+                yield from format_table(section.heading, section.head, section.rows)
 
     def sections(found: Datasets, out: Path) -> Iterator[Section]:
         result = found[schema.name]
@@ -91,8 +96,8 @@ def structure_stage(
     def summary(found: Datasets) -> Summary:
         result = found[schema.name]
         steps, solved = result.sizes["step"], int((result["converged"] == 1).sum())
-        answer = f"{solved} of {steps} steps have an answer; see the table."
-        return Summary(result.attrs["title"], question, [answer])
+        solved_steps = f"{solved} of {steps} steps have an answer; see the table."
+        return Summary(result.attrs["title"], question, [*answer(result), solved_steps])
 
     return Stage(
         schema=schema,

@@ -26,6 +26,7 @@ from multiscale.plotting.growth_figures import plot_growth
 from multiscale.plotting.joint_figures import (
     draw_joint,
     joint_pictures,
+    plot_amplitudes,
     plot_hysteresis,
     plot_joint_plan,
 )
@@ -69,6 +70,7 @@ __all__ = [
     "draw_sliding",
     "draw_work_precision",
     "joint_pictures",
+    "plot_amplitudes",
     "plot_area_law",
     "plot_biaxial_curve",
     "plot_braking_force",

@@ -4,6 +4,7 @@ A ``result`` follows ``MACRO_RESULT``, with the points of joints.
 """
 
 from collections.abc import Callable
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -18,7 +19,7 @@ if TYPE_CHECKING:
     import xarray as xr
     from matplotlib.axes import Axes
 
-__all__ = ["draw_joint", "joint_pictures", "plot_hysteresis", "plot_joint_plan"]
+__all__ = ["draw_joint", "joint_pictures", "plot_amplitudes", "plot_hysteresis", "plot_joint_plan"]
 
 ZONES = ("open", "stick", "slip")
 """Names of the values 0, 1 and 2 of ``contact_state``."""
@@ -38,6 +39,15 @@ LEGEND_BELOW = 0.45
 
 LEVEL = 1e-6
 """Height, relative to a body, up to which corners lie on its top."""
+
+BANDS_SAID = "mean law and one part, 95 %"
+
+CYCLES = {
+    "secant_stiffness": ("secant shear stiffness (MPa/µm)", 1e-12),
+    "cycle_loss": ("loss per cycle (mJ)", 1e3),
+    "cycle_slip": ("load whose contacts slip (%)", 100.0),
+}
+"""Quantities of closed cycles, with their labels and scales."""
 
 QUANTITIES = {
     "pressure": "pressure (MPa)",
@@ -166,6 +176,7 @@ def plot_hysteresis(result: "xr.Dataset", *, ax: "Axes | None" = None) -> "Axes"
     stiffness = result["tangential_stiffness"].values[max(first - 1, 0)]
     shear = 1e-6 * result["shear"].values[steps]
     slip = 1e6 * (result["shear_displacement"].values[steps] - 1e6 * shear / stiffness)
+    slip -= slip[0]
     loss = result["cycle_energy"].values[-1]
     last = _last_cycle(result).start - 1
     half = -last // 2 + 1  # steps from one amplitude to the other, both counted
@@ -185,6 +196,40 @@ def plot_hysteresis(result: "xr.Dataset", *, ax: "Axes | None" = None) -> "Axes"
     ax.set_title(f"last cycle: {caption}")
     ax.set_xlabel("tangential displacement less the elastic one (µm)")
     ax.set_ylabel("tangential traction (MPa)")
+    return ax
+
+
+def plot_amplitudes(
+    result: "xr.Dataset", *, quantity: str = "secant_stiffness", ax: "Axes | None" = None
+) -> "Axes":
+    """Plot secant stiffness or loss of closed cycles over the amplitude, a line for each preload.
+
+    Parameters
+    ----------
+    quantity : str
+        ``"secant_stiffness"``, ``"cycle_loss"``, which has logarithmic axes, or ``"cycle_slip"``.
+    """
+    ax = axes_or_current(ax)
+    label, scale = CYCLES[quantity]
+    shear, low = 1e-6 * result["cycle_shear"].values, np.inf
+    for level, preload in enumerate(1e-6 * result["cycle_preload"].values):
+        value, colour = scale * result[quantity].values[level], f"C{level}"
+        if not np.isfinite(value).any():
+            continue
+        for kind, alpha in BANDS.items():
+            if f"{quantity}_{kind}" in result:
+                band = scale * result[f"{quantity}_{kind}"].values[:, level]
+                ax.fill_between(shear, *band, color=colour, alpha=0.7 * alpha, linewidth=0)
+        ax.plot(shear, value, "o-", color=colour, markersize=4, label=f"preload {preload:.3g} MPa")
+        low = min(low, np.nanmin(value))
+    if quantity == "cycle_loss":
+        ax.set(xscale="log", yscale="log", xticks=shear, ylim=(0.5 * low, None))
+        ax.set_xticks([], minor=True)
+        ax.set_xticklabels([f"{one:.3g}" for one in shear])
+    ax.set(xlabel="amplitude of the shear (MPa)", ylabel=label)
+    bands = f"; bands: {BANDS_SAID}" if f"{quantity}_one_part" in result else ""
+    ax.set_title(f"closed cycles{bands}", fontsize="medium")
+    ax.legend(fontsize="small")
     return ax
 
 
@@ -213,7 +258,15 @@ def joint_pictures(result: "xr.Dataset") -> "dict[str, Callable[[Axes], object]]
             draw["loss"] = lambda ax: plot_joint_plan(result, quantity="dissipation", ax=ax)
     if np.isfinite(result["joint_stiffness"].values).sum() > 1:
         draw["joint_stiffness"] = lambda ax: plot_joint_stiffness(result, ax=ax)
+    if "cycle_loss" in result:
+        for name in ("secant_stiffness", "cycle_loss"):
+            if np.isfinite(result[name].values).any():
+                draw[name] = partial(_draw_amplitudes, result, name)
     return draw
+
+
+def _draw_amplitudes(result: "xr.Dataset", quantity: str, ax: "Axes") -> "Axes":
+    return plot_amplitudes(result, quantity=quantity, ax=ax)
 
 
 def draw_joint(result: "xr.Dataset", folder: Path) -> list[Path]:

@@ -10,6 +10,7 @@ _step = partial(Variable, ("step",))
 _face = partial(Variable, ("step", "interface"))
 _element = partial(Variable, ("step", "element"))
 _point = partial(Variable, ("step", "point"))
+_cycle = partial(Variable, ("level", "amplitude"))
 _node = partial(Variable, ("step", "node", "component"))
 
 MACRO_RESULT = Schema(
@@ -96,6 +97,16 @@ MACRO_RESULT = Schema(
         "braking_force": _step("N", "force against the motion"),
         "braking_coefficient": _step("1", "force against the motion over the load"),
         "cycle_energy": Variable(("cycle",), "J", "energy that the joint loses in a closed cycle"),
+        "cycle_preload": Variable(("level",), "Pa", "preload of cycles of shear"),
+        "cycle_shear": Variable(("amplitude",), "Pa", "amplitude of cycles of shear"),
+        "cycle_loss": _cycle("J", "energy that the joint loses in a closed cycle of an amplitude"),
+        "cycle_slip": _cycle("1", "share of the load whose contacts slip at the amplitude"),
+        "secant_stiffness": _cycle(
+            "Pa m-1", "shear over displacement between both ends of a cycle, of the whole joint"
+        ),
+        "loss_density": Variable(
+            ("level", "amplitude", "point"), "J m-2", "energy that slip loses in a closed cycle"
+        ),
         "time": _step("s", "time"),
         "velocity": _node("m s-1", "velocity of the nodes"),
         "impulse": Variable(("step", "link"), "N s", "impulse of inextensible links in the step"),
@@ -121,6 +132,9 @@ MACRO_RESULT = MACRO_RESULT.with_intervals(
     "real_pressure",
     "slipping_load",
     "cycle_energy",
+    "cycle_loss",
+    "cycle_slip",
+    "secant_stiffness",
 )
 
 HOMOGENISED = Schema(

@@ -53,6 +53,8 @@ from multiscale.upscaling.shear_budget import shear_errors
 from multiscale.upscaling.shear_fit import with_shear
 from multiscale.upscaling.structure_errors import (
     Dependence,
+    interval_errors,
+    limits,
     over_steps,
     structure_budget,
     with_intervals,
@@ -88,8 +90,10 @@ __all__ = [
     "friction_at",
     "friction_observations",
     "hysteretic_from_dataset",
+    "interval_errors",
     "law_band",
     "law_from_dataset",
+    "limits",
     "loading_branch",
     "normal_observations",
     "observe",

@@ -30,6 +30,8 @@ if TYPE_CHECKING:
 __all__ = [
     "STRETCH",
     "Dependence",
+    "interval_errors",
+    "limits",
     "over_steps",
     "structure_budget",
     "with_intervals",
@@ -174,16 +176,29 @@ def with_intervals(result: "xr.Dataset") -> "xr.Dataset":
     intervals, which the budget has at the last step. No answer lies below zero.
     """
     values = {}
-    errors = {"mean_law": mean_law_error(result), "one_part": result["error_total"].to_numpy()}
-    for row, name in enumerate(map(str, result["quantity"].values)):
-        value = result[name].to_numpy()
-        for kind, error in errors.items():
-            half = error[row]
+    for kind, error in interval_errors(result).items():
+        for name, half in zip(map(str, result["quantity"].values), error, strict=True):
+            value = result[name].to_numpy()
             if result[name].dims != ("step",):
                 half = np.append(np.full(value.size - 1, np.nan), half[-1])
-            ends = value * (1.0 + half * np.array([[-1.0], [1.0]]))
-            values[f"{name}_{kind}"] = np.maximum(ends, 0.0)
+            values[f"{name}_{kind}"] = limits(value, half)
     return MACRO_RESULT.assign(result, values)
+
+
+def interval_errors(budget: "xr.Dataset") -> dict[str, np.ndarray]:
+    """Return half-widths of both kinds of intervals relative to the answers of a budget.
+
+    Returns
+    -------
+    dict
+        For ``"mean_law"`` and ``"one_part"``, shape (quantities, steps).
+    """
+    return {"mean_law": mean_law_error(budget), "one_part": budget["error_total"].to_numpy()}
+
+
+def limits(value: np.ndarray, error: np.ndarray) -> np.ndarray:
+    """Return both ends of intervals, shape (2, ...), none below zero; the error is relative."""
+    return np.maximum(np.stack([value * (1.0 - error), value * (1.0 + error)]), 0.0)
 
 
 def over_steps(budget: "xr.Dataset", steps: np.ndarray, count: int) -> "xr.Dataset":

@@ -10,7 +10,7 @@ from multiscale.io import save_law
 from multiscale.laws import Exponential, Sliders
 from multiscale.macro.substructures import JointLoading, load_joint
 from multiscale.pipeline import load_case, run_macro
-from multiscale.pipeline.rows import list_cycles, round_by, tabulate_preloads
+from multiscale.pipeline.rows import list_cycles, round_by, tabulate_cycles, tabulate_preloads
 from multiscale.schema import INTERFACE_LAW
 from multiscale.upscaling import error_budget, fit_law, with_budget
 from tests.support import TWO_BLOCKS, write_scene
@@ -77,6 +77,26 @@ def test_every_answer_has_both_intervals_and_one_part_is_less_sure(joint):
     assert np.isnan(joint["slipping_load_mean_law"][:, :-1]).all()
 
 
+def test_cycles_at_every_preload_have_both_intervals_and_stand_in_a_table(joint):
+    for name in ("secant_stiffness", "cycle_loss", "cycle_slip"):
+        mean, part = (joint[f"{name}_{kind}"].values for kind in ("mean_law", "one_part"))
+        assert mean.shape == (2, 2, 1)
+        value = joint[name].values[1]
+        assert np.all((part[0, 1] < mean[0, 1]) & (mean[0, 1] < value)), name
+        assert np.all((value < mean[1, 1]) & (mean[1, 1] < part[1, 1])), name
+        assert np.isnan(joint[name].values[0]).all()  # a shear of mu p
+    at_end = joint["cycle_loss_mean_law"].values[:, -1, -1] / joint["cycle_loss"].values[-1, -1]
+    own = joint["cycle_energy_mean_law"].values[:, -1] / joint["cycle_energy"].values[-1]
+    np.testing.assert_allclose(at_end, own, rtol=1e-12)
+    head, rows = tabulate_cycles(joint)
+    assert [row[:2] for row in rows] == [("5", "1.5"), ("20", "1.5")]
+    assert rows[0][2] == "unknown"
+    assert "preload 5 MPa have no answer from the amplitude 1.5 MPa" in joint.attrs["cautions"]
+    half = 1e3 * np.ptp(joint["cycle_loss_mean_law"].values[:, 1, 0]) / 2.0
+    said = round_by(1e3 * float(joint["cycle_loss"][1, 0]), half)
+    assert rows[1][head.index("loss per cycle (mJ)")] == said
+
+
 def test_one_part_scatters_with_its_number_of_cells(joint, tmp_path):
     """Even pressure on 20 mm by 20 mm holds 100 cells of 2 mm; K = p / u scatters as u does."""
     law = write_cells(tmp_path / "law.nc")
@@ -128,8 +148,10 @@ def test_answers_are_printed_with_the_digits_that_their_errors_leave(joint):
     assert " ± " in row["real pressure (MPa)"]
     loss, slip = list_cycles(joint)
     assert loss.startswith("cycle 0: ")
-    assert " J lost (mean law 0.0" in loss
-    assert "; one part 0.0" in loss
+    low, high = (f"{1e3 * end:.3g}" for end in joint["cycle_energy_mean_law"].values[:, -1])
+    assert f" mJ lost (mean law {low[:3]}" in loss
+    assert f" ... {high[:3]}" in loss
+    assert "; one part " in loss
     assert "% of the load slip (mean law" in slip
 
 
@@ -213,7 +235,7 @@ def test_first_order_intervals_of_the_mean_law_are_those_of_its_samples(tmp_path
     write_cells(tmp_path / "law.nc", n_samples=40)
     case = load_case(write_scene(tmp_path, SCENE))
     result = run_macro(case, tmp_path / "out.nc")
-    loading = JointLoading(case.statics.preloads, **case.cycles.model_dump())
+    loading = case.cycles.loading(case.statics.preloads)
     sound = case.interface_law({})
     drawn = [load_joint(case.structure.assemble(case, sound, sample=k), loading) for k in range(40)]
     for name in ("joint_stiffness", "tangential_stiffness", "slipping_load", "cycle_energy"):

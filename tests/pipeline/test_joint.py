@@ -12,7 +12,8 @@ from multiscale.pipeline.rough_structure import Answer, checked
 from multiscale.pipeline.rows import list_facts, round_by, tabulate
 from multiscale.pipeline.stages.joint import solve_joint
 from multiscale.schema import INTERFACE_LAW
-from multiscale.upscaling import hysteretic_from_dataset
+from multiscale.upscaling import assume_shear, hysteretic_from_dataset
+from multiscale.upscaling.fit import say_branches
 
 PRELOADS = (5e6, 40e6, 400e6, 600e6)  # of cells up to 240 MPa
 
@@ -59,6 +60,51 @@ def test_the_table_shows_the_parts_their_errors_and_the_real_pressure(result):
         "The answer is elastic: no body has a hardness, and nothing flows.",
         "A cell of 0.8 mm is 0.08 of the edge of the interface, 10 mm.",
     ]
+
+
+def test_blocks_are_sheared_in_series_with_the_tangential_branch_of_their_law(run_folder, result):
+    """At a given pressure dk_T/k_T = k_T/(kappa K) dK/K; a ratio that is assumed adds nothing."""
+    law = assume_shear(open_law(run_folder / "interface_law.nc"), stiffness_ratio=0.8)
+    case = case_of(run_folder)
+    told = solve_joint(case, law)
+    K = result["interface_stiffness"].values[:3]
+    body, height = case.body_1, case.structure.height
+    shear_modulus = body.youngs_modulus / 2.0 / (1.0 + body.poissons_ratio)
+    expected = 1.0 / (1.0 / (0.8 * K) + 2.0 * height / shear_modulus)
+    np.testing.assert_allclose(told["tangential_stiffness"][:3], expected, rtol=1e-12)
+    assert np.isnan(told["tangential_stiffness"][3])
+    known = told["error_half_width"].isel(step=slice(2)).sel(error_term="fit")
+    shares = known.sel(quantity="tangential_stiffness") / known.sel(quantity="interface_stiffness")
+    np.testing.assert_allclose(shares, (expected / (0.8 * K))[:2], rtol=0.05)
+    head, rows = tabulate(told)
+    assert " ± " in rows[1][head.index("tangential (MPa/µm)")]
+    assert "shear branch of the law: assumed, stiffness ratio 0.8" in list_facts(told)[-1]
+    assert "tangential_stiffness" not in result
+
+
+def test_a_measured_stiffness_ratio_adds_its_own_error(run_folder, result):
+    law = open_law(run_folder / "interface_law.nc")
+    spread = 1.0 + 0.05 * np.linspace(-1.0, 1.0, 401)
+    values = {
+        "shear_stiffness_ratio": [0.8, 0.8],
+        "shear_friction": 0.2,
+        "shear_stiffness_ratio_sample": 0.8 * spread[:, None] * np.ones(2),
+        "shear_friction_sample": 0.2 * spread,
+    }
+    law = INTERFACE_LAW.assign(law, values).assign_attrs(
+        n_sheared=9, branches=say_branches({"shear": "measured"})
+    )
+    half = solve_joint(case_of(run_folder), law)["error_half_width"].sel(error_term="sampling")
+    assumed = assume_shear(open_law(run_folder / "interface_law.nc"), stiffness_ratio=0.8)
+    told = solve_joint(case_of(run_folder), assumed)
+    without = told["error_half_width"].sel(error_term="sampling")
+    name, at = "tangential_stiffness", slice(2)
+    share = told[name].values / (0.8 * told["interface_stiffness"].values)  # of the compliance
+    added = np.sqrt(half.sel(quantity=name) ** 2 - without.sel(quantity=name) ** 2)[at]
+    np.testing.assert_allclose(added, 0.05 * 0.95 * share[at], rtol=1e-6)
+    np.testing.assert_array_equal(
+        half.sel(quantity="joint_stiffness")[at], without.sel(quantity="joint_stiffness")[at]
+    )
 
 
 def test_a_preload_far_beyond_the_cells_has_no_answer_and_no_error(result):

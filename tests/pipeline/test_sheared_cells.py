@@ -67,9 +67,10 @@ def test_the_chain_goes_from_surfaces_to_the_friction_of_a_joint(finished):
     assert results.macro_result["cycle_energy"].values[0] > 0.0
     assert "shear_law" in {file.stem for file in draw_figures(out)}
     page = write_report(out).read_text(encoding="utf-8")
-    assert "Sheared, it is 0." in page
     assert "of full slip the cells lose" in page
     assert set(open_run(out)) == set(stages)
+    assert "before it slips, the interface is 0." in page
+    assert "The friction of points of contact, 0.2, is an input of the cells" in page
     assert "shear: measured" in page
 
 

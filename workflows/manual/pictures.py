@@ -1,8 +1,9 @@
 """The pictures of the manual, made anew.
 
-``chain.png`` follows a case from its surface to its joint; ``structures.png`` has slack cables of a
-tensegrity grid, zones of stick and slip, and the forces in a pile of grains. The other pictures
-are those of the gallery.
+``joint.png``, the first picture of the README, is of ``bolted_lap``: where it sticks and slips, its
+loop, and its stiffness and loss against preload and amplitude. ``chain.png`` follows a case from
+its surface to its joint; ``structures.png`` has slack cables of a tensegrity grid, zones of stick
+and slip, and the forces in a pile of grains. The other pictures are those of the gallery.
 
     python workflows/manual/pictures.py [NAME ...] -o . [--quick]
 
@@ -85,6 +86,8 @@ def main(argv: Sequence[str] | None = None) -> int:
     if "ground_steel" in found:
         fields = open_dataset(results / "ground_steel" / "fields" / "fields.nc", FIELDS)
         save_small(draw_chain(found["ground_steel"], fields), figures / "chain.png")
+    if "bolted_lap" in found:
+        save_small(draw_answers(found["bolted_lap"]["macro_result"]), figures / "joint.png")
     if set(STRUCTURES) <= set(found):
         save_small(
             draw_structures(*(found[name] for name in STRUCTURES)), figures / "structures.png"
@@ -115,6 +118,18 @@ def save_small(figure: Figure, file: Path, *, colours: int = 256) -> None:
     figure.savefig(drawn, dpi=80)
     Image.open(drawn).convert("RGB").quantize(colours).save(reduced, "png", optimize=True)
     write_bytes(file, reduced.getvalue())
+
+
+def draw_answers(joint: xr.Dataset) -> Figure:
+    """Draw zones of stick and slip, the loop, and cycles against preload and amplitude."""
+    figure = Figure(figsize=(10.0, 7.0), layout="constrained")
+    axes = figure.subplot_mosaic(
+        [["contact_zones", "hysteresis"], ["secant_stiffness", "cycle_loss"]]
+    )
+    draw = plotting.joint_pictures(joint)
+    for name, ax in axes.items():
+        draw[name](ax)
+    return figure
 
 
 def draw_chain(run: "Mapping[str, xr.Dataset]", fields: xr.Dataset) -> Figure:

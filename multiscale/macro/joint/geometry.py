@@ -50,6 +50,11 @@ class Block:
         return self.effective or Elastic(self.youngs_modulus, self.poissons_ratio)
 
     @property
+    def shear_compliance(self) -> float:
+        """Displacement under an even shear along its face and no bending, m/Pa: h/G."""
+        return 2.0 * (1.0 + self.poissons_ratio) * self.height / self.youngs_modulus
+
+    @property
     def compliance(self) -> float:
         """Shortening under an even pressure along z and no other stress, m/Pa."""
         if self.effective is None:

@@ -13,7 +13,7 @@ from multiscale.macro.substructures.cut_motion import simulate_latin
 from multiscale.macro.substructures.homogenised import homogenise
 from multiscale.macro.substructures.joint_fields import add_body_fields
 from multiscale.macro.substructures.latin_solver import solve_latin
-from multiscale.macro.substructures.loading import JointLoading, load_joint
+from multiscale.macro.substructures.loading import FEW_STEPS, JointLoading, load_joint
 from multiscale.macro.substructures.parallel import Alone, ProcessGroup, Ranks, world
 from multiscale.macro.substructures.problem import CutInterface, CutProblem, Links, Substructure
 from multiscale.macro.substructures.schur import solve_schur
@@ -21,6 +21,7 @@ from multiscale.macro.substructures.whole_solver import solve_whole
 from multiscale.macro.substructures.whole_structure import Assembled, assemble
 
 __all__ = [
+    "FEW_STEPS",
     "Alone",
     "Assembled",
     "AssembledNewton",

@@ -11,6 +11,11 @@ from multiscale.macro.data_range import with_load_shares
 from multiscale.macro.substructures.assembly_methods import LatinMethod, Method
 from multiscale.macro.substructures.bolted_path import follow_bolts, lock_bolts
 from multiscale.macro.substructures.cut_bodies import cut_assembly
+from multiscale.macro.substructures.cycled_amplitudes import (
+    closed_cycle,
+    cycle_work,
+    with_amplitudes,
+)
 from multiscale.macro.substructures.joint_state import (
     contact_state,
     joint_shares,
@@ -22,12 +27,15 @@ from multiscale.schema import MACRO_RESULT
 if TYPE_CHECKING:
     import xarray as xr
 
-__all__ = ["JointLoading", "load_joint"]
+__all__ = ["FEW_STEPS", "JointLoading", "load_joint"]
+
+FEW_STEPS = 2
+"""Load steps from zero to an amplitude in the cycles at every preload."""
 
 
 @dataclass(frozen=True)
 class JointLoading:
-    """Preloads one after the other, then cycles of shear at the last of them.
+    """Preloads one after the other, then cycles of shear at the last of them, or at all.
 
     Parameters
     ----------
@@ -39,6 +47,10 @@ class JointLoading:
         Closed cycles from the positive amplitude to the negative one and back; 0 for none.
     steps : int
         Load steps from zero to the amplitude: 4 of these make a cycle.
+    amplitudes : tuple of float
+        Amplitudes of the shear, Pa, rising: one cycle of each at every preload, beside the path.
+    amplitude_steps : int
+        Load steps from zero to each of these amplitudes in its cycle.
 
     Raises
     ------
@@ -50,6 +62,8 @@ class JointLoading:
     shear: float = 0.0
     cycles: int = 0
     steps: int = 10
+    amplitudes: tuple[float, ...] = ()
+    amplitude_steps: int = FEW_STEPS
 
     def __post_init__(self) -> None:
         if not self.preloads or not all(0.0 < p < np.inf for p in self.preloads):
@@ -59,6 +73,10 @@ class JointLoading:
                 f"cycles need a positive shear (Pa) and one step or more, got {self.cycles} "
                 f"cycles, {self.shear:g} Pa and {self.steps} steps"
             )
+        if not np.all(np.diff(self.amplitudes, prepend=0.0) > 0.0):
+            raise CaseError(
+                f"amplitudes must be positive and rise (Pa), got {list(self.amplitudes)}"
+            )
 
     def factors(self) -> np.ndarray:
         """Preload and shear of every step, Pa, shape (steps, 2)."""
@@ -66,8 +84,8 @@ class JointLoading:
         if not self.cycles:
             return np.stack([preload, np.zeros(preload.size)], axis=1)
         rise = np.arange(1, self.steps + 1) / self.steps
-        cycle = np.concatenate([1.0 - rise, -rise, rise - 1.0, rise])
-        shear = self.shear * np.concatenate([rise, np.tile(cycle, self.cycles)])
+        cycles = np.tile(closed_cycle(self.steps), self.cycles)
+        shear = self.shear * np.concatenate([rise, cycles])
         return np.concatenate(
             [
                 np.stack([preload, np.zeros(preload.size)], axis=1),
@@ -103,7 +121,7 @@ def load_joint(
     Dataset
         Follows ``MACRO_RESULT``: what :func:`solve_assembly` gives, and approach, shear, stiffness,
         open, sticking and slipping shares of the joints, their load outside the data of their
-        laws, and energy per cycle.
+        laws, and energy per cycle; and what :func:`with_amplitudes` measures at every preload.
 
     Raises
     ------
@@ -116,11 +134,8 @@ def load_joint(
     With the nodal forces :math:`f` of 1 Pa on a face of area A, the displacement of the face is
     :math:`q = f \cdot u / A`. The stiffness :math:`A / (f \cdot K_T^{-1} f)` at a preload is that
     for vibrations too small for any point to slip: :math:`K_T` has the tangents of the laws
-    without slip, and locked bolts count in shear. The energy of a cycle is the work of the shear,
-
-    .. math:: A \oint \tau\, \mathrm{d}q,    \tag{1}
-
-    by the trapezoidal rule, whose error falls with the square of the steps.
+    without slip, and locked bolts count in shear. The energy of a cycle is the work of the shear on
+    its face, :func:`~.cycled_amplitudes.cycle_work`.
     """
     if not all(interface.law.compliant for interface in assembly.interfaces):
         raise CaseError(
@@ -132,7 +147,7 @@ def load_joint(
             f"got {len(assembly.areas)} areas"
         )
     problem, factors = cut_assembly(assembly, method.parts), loading.factors()
-    result = follow_bolts(problem, factors, method)
+    path = result = follow_bolts(problem, factors, method)
     whole, area = assemble(problem), np.array(assembly.areas)
     u = problem.unknowns(result["displacement"].values)
     approach, along = (u @ whole.load / area).T
@@ -154,8 +169,20 @@ def load_joint(
         along = result["shear_displacement"].to_numpy()
         length = 4 * loading.steps
         first = len(loading.preloads) + loading.steps - 1
-        cycles = [slice(at, at + length + 1) for at in first + length * np.arange(loading.cycles)]
-        work = [np.trapezoid(factors[cycle, 1], along[cycle]) for cycle in cycles]  # (1), J/m²
-        lost = {"cycle_energy": area[1] * np.array(work)}
+        cycles = [along[at : at + length + 1] for at in first + length * np.arange(loading.cycles)]
+        lost = {"cycle_energy": area[1] * cycle_work(loading.shear, np.array(cycles))}
         result = MACRO_RESULT.assign(result, lost).assign_coords(cycle=range(loading.cycles))
+    if loading.amplitudes:
+        result = with_amplitudes(
+            result,
+            problem,
+            path,
+            loading.preloads,
+            loading.amplitudes,
+            loading.amplitude_steps,
+            whole=whole,
+            area=float(area[1]),
+            method=method,
+            extrapolate=extrapolate,
+        )
     return result

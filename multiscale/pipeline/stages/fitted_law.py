@@ -13,7 +13,7 @@ from multiscale.pipeline.settings import Case
 from multiscale.pipeline.stage import Datasets, Job, Section, Stage, Summary
 from multiscale.pipeline.stages.cells import CELLS
 from multiscale.pipeline.stages.coarser_cells import COARSER_CELLS, COARSER_SHEAR
-from multiscale.pipeline.stages.sheared_cells import SHEARED_CELLS
+from multiscale.pipeline.stages.sheared_cells import POINTS, SHEARED_CELLS
 from multiscale.pipeline.stages.sliding import SLIDING
 from multiscale.plotting.figure import on_axes
 from multiscale.plotting.law_figures import (
@@ -112,7 +112,7 @@ def _sections(found: Datasets, out: Path) -> Iterator[Section]:
             f"{100.0 * law.attrs['cross_validated_stiffness_error']:.2g} % in stiffness.",
             f"Admissibility: {law.attrs['admissibility']}.",
             *(_unloading(law) if unloads else ()),
-            *(_shear(law) if sheared else ()),
+            *(_shear(law, float(found[SHEARED_CELLS.name].attrs[POINTS])) if sheared else ()),
         ],
         figures=figures,
     )
@@ -128,16 +128,20 @@ def _unloading(law: "xr.Dataset") -> list[str]:
     ]
 
 
-def _shear(law: "xr.Dataset") -> list[str]:
+def _shear(law: "xr.Dataset", of_points: float) -> list[str]:
+    """Say what the sheared cells gave, and which friction was put into them."""
     x, y = _say_ratio(law, 0), _say_ratio(law, 1)
     p, friction = law["shear_pressure"].values, float(law["shear_friction"])
     apart = law["shear_traction"].values - law["shear_bed_traction"].values
     distance = np.max(np.linalg.norm(apart, axis=1) / (friction * p))
     lines = [
-        f"Sheared, it is {x} (x) and {y} (y) times as stiff at first as under pressure, "
-        f"and slips at {friction:.3g} of its pressure; along the shear of "
-        f"{law.attrs['n_sheared']} realisations the bed of sliders is never farther from the "
-        f"cells than {100.0 * distance:.2g} % of full slip."
+        f"Results of {law.attrs['n_sheared']} sheared realisations: before it slips, the interface "
+        f"is {x} times as stiff along x and {y} times along y as across, at the same "
+        f"pressure; all of it slips at a shear of {friction:.3g} of the pressure. Along the shear "
+        f"the tangential law, a bed of sliders, is never farther from the cells than "
+        f"{100.0 * distance:.2g} % of full slip.",
+        f"The friction of points of contact, {of_points:.3g}, is an input of the cells: the "
+        f"coefficient of the interface follows from it and is no prediction of friction.",
     ]
     if "shear_loss_ratio" in law:
         lines.append(f"{loss_term(law).how.capitalize()}.")

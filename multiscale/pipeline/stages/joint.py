@@ -30,6 +30,7 @@ from multiscale.plotting.figure import on_axes
 from multiscale.plotting.law_figures import plot_joint_stiffness
 from multiscale.schema import MACRO_RESULT, MICRO_RESPONSE, with_cautions
 from multiscale.upscaling import (
+    Dependence,
     area_from_dataset,
     cell_share,
     compare_scales,
@@ -37,18 +38,23 @@ from multiscale.upscaling import (
     law_from_dataset,
     over_steps,
     require_law,
+    shear_errors,
     structure_budget,
+    tangential_values,
     with_budget,
     with_intervals,
     with_scales,
 )
 from multiscale.upscaling.budget import how_attribute
+from multiscale.upscaling.fit import told_branches
 
 if TYPE_CHECKING:
     import xarray as xr
 
 __all__ = ["JOINT", "STIFFNESSES", "budget_section", "solve_joint"]
 
+
+TANGENTIAL = "tangential_stiffness"
 
 STIFFNESSES = ("joint_stiffness", "interface_stiffness", "solid_stiffness")
 """Of the whole, of its interface and of its bodies: all have an error budget."""
@@ -90,39 +96,73 @@ def solve_joint(case: Case, law: "xr.Dataset") -> "xr.Dataset":
     areas = {"contact_fraction": fraction, "real_pressure": real_pressure(preload, fraction)}
     kept = np.isfinite(result["joint_stiffness"].to_numpy())
     areas |= _unloading_stiffness(law, result)
+    ratio = tangential_values(law).get("stiffness_ratio")
+    sheared = lower.shear_compliance + upper.shear_compliance  # m/Pa
+
+    def tangential(K: np.ndarray) -> dict[str, np.ndarray]:
+        """Blocks in even shear in series with kappa K, if the law has kappa; no point slips."""
+        return {} if ratio is None else {TANGENTIAL: 1.0 / (1.0 / (ratio * K) + sheared)}
+
+    areas |= tangential(result["interface_stiffness"].to_numpy())
     areas = {name: np.where(kept, value, np.nan) for name, value in areas.items()}
     law, cautions, share = _compare(case, blocks.width, law)
     result = MACRO_RESULT.assign(with_cautions(result, *cautions), areas)
-    result = result.assign_attrs(title=case.title, facts="\n".join([*behaviour(law), share]))
+    facts = [*behaviour(law), share, *_tangential_facts(law, ratio)]
+    result = result.assign_attrs(title=case.title, facts="\n".join(facts))
     steps = np.flatnonzero(kept & (result["known"].values == 1))
     if not steps.size or "error_half_width" not in law:
         return result
 
-    real = [np.ones(steps.size)] if "area_pressure" in law else []
-    names = (*STIFFNESSES, "real_pressure")[: 3 + len(real)]
+    shear = [TANGENTIAL] if ratio is not None else []
+    real = ["real_pressure"] if "area_pressure" in law else []
+    names = (*STIFFNESSES, *shear, *real)
 
     def answers(one: NormalLaw) -> np.ndarray:
         pressed = press_joint(joint, one, preload[steps], extrapolate=True)
-        return np.stack([*(pressed[name].to_numpy() for name in STIFFNESSES), *real])
+        normal = {name: pressed[name].to_numpy() for name in STIFFNESSES}
+        rows = normal | tangential(normal["interface_stiffness"])
+        return np.stack([*rows.values(), *(np.ones(steps.size) for _ in real)])
 
     known = result.isel(step=steps)
     drawn: np.ndarray | int = 0
     if samples:
-        drawn_names = ("joint_stiffness_sample", "interface_stiffness_sample")
-        rows = [known[name].to_numpy() for name in drawn_names]
-        solid = np.broadcast_to(known["solid_stiffness"].to_numpy(), rows[0].shape)
-        drawn = np.stack([*rows, solid, *(one + 0.0 * solid for one in real)], axis=1)
+        whole, own = (
+            known[f"{name}_sample"].to_numpy()
+            for name in ("joint_stiffness", "interface_stiffness")
+        )
+        solid = np.broadcast_to(known["solid_stiffness"].to_numpy(), whole.shape)
+        rows = [whole, own, solid, *tangential(own).values(), *(1.0 + 0.0 * solid for _ in real)]
+        drawn = np.stack(rows, axis=1)
+    answer = np.stack([np.ones(steps.size) if n in real else known[n].to_numpy() for n in names])
+    others = [contact_dependence(law, preload[steps], np.array(names) == "real_pressure")]
+    if shear and told_branches(str(law.attrs.get("branches", ""))).get("shear") == "measured":
+        K = known["interface_stiffness"].to_numpy()
+        kappa = np.where(np.array(names)[:, None] == TANGENTIAL, answer / (ratio * K), 0.0)
+        half_width = shear_errors(law, preload[steps])["stiffness_ratio"]
+        others.append(Dependence(kappa, half_width))
     budget = structure_budget(
         names,
         law,
         answers,
-        answer=np.stack([*(known[name].to_numpy() for name in STIFFNESSES), *real]),
+        answer=answer,
         pressure=preload[steps],
         exact="none: blocks and law in series are a closed form under even pressure",
         samples=drawn,
-        others=[contact_dependence(law, preload[steps], np.array(names) == "real_pressure")],
+        others=others,
     )
     return with_intervals(with_budget(result, over_steps(budget, steps, preload.size)))
+
+
+def _tangential_facts(law: "xr.Dataset", ratio: float | None) -> list[str]:
+    """Say what the tangential stiffness rests on; nothing if the law has none."""
+    if ratio is None:
+        return []
+    told = told_branches(str(law.attrs.get("branches", "")))["shear"]
+    return [
+        f"Before anything slips, the interface is {ratio:.3g} times as stiff along its face as "
+        f"across it (shear branch of the law: {told}). The tangential stiffness has the interface "
+        f"in series with the blocks in even shear, without bending."
+    ]
 
 
 def _compare(

@@ -9,12 +9,24 @@ import numpy as np
 from multiscale.errors import ConvergenceError
 from multiscale.io import write_body_fields
 from multiscale.laws import NormalLaw
-from multiscale.macro.substructures import JointLoading, add_body_fields, load_joint
+from multiscale.macro.substructures import (
+    FEW_STEPS,
+    JointLoading,
+    add_body_fields,
+    load_joint,
+)
 from multiscale.macro.substructures.substructure_needs import cut_needs
 from multiscale.needs import Choice, Needs
 from multiscale.pipeline.body_budget import change_friction, with_contact, with_joint_budget
 from multiscale.pipeline.body_settings import RoughBodies
-from multiscale.pipeline.rows import list_facts, tabulate_preloads
+from multiscale.pipeline.rows import (
+    INTERVALS,
+    list_cycles,
+    list_facts,
+    say_intervals,
+    tabulate_cycles,
+    tabulate_preloads,
+)
 from multiscale.pipeline.settings import Case
 from multiscale.pipeline.stage import Datasets, Job, Section, list_cautions
 from multiscale.pipeline.stages.fitted_law import FITTED_LAW
@@ -30,11 +42,17 @@ if TYPE_CHECKING:
 __all__ = ["ROUGH_JOINTS"]
 
 
-PICTURES = ("contact_zones", "pressure", "hysteresis", "loss", "joint_stiffness", "error_budget")
+PICTURES = (
+    "contact_zones",
+    "pressure",
+    "hysteresis",
+    "loss",
+    "joint_stiffness",
+    "secant_stiffness",
+    "cycle_loss",
+    "error_budget",
+)
 """Names of all figures of rough joints."""
-
-FEW_STEPS = 2
-"""Most load steps to the amplitude of the cycle that tells how slip and loss depend on the law."""
 
 PARAMETERS = ("friction", "stiffness_ratio")
 """Parameters of the sliders, which are those of the law where the case gives none."""
@@ -44,7 +62,7 @@ def _solve(bodies: RoughBodies, case: Case, found: Datasets, job: Job) -> "xr.Da
     """Press the joints, then shear them; stiffnesses have the error budget of the law."""
     dataset, preloads = case.interface_law(found), case.statics.preloads
     assembly, method = bodies.assemble(case, dataset), case.cut.method(job.team)
-    loading = JointLoading(preloads, **(case.cycles.model_dump() if case.cycles else {}))
+    loading = case.cycles.loading(preloads) if case.cycles else JointLoading(preloads)
     result = load_joint(assembly, loading, method=method, extrapolate=case.extrapolate)
     result = with_contact(result, dataset)
     # those of cells of its own stand beside those of the structure
@@ -57,7 +75,7 @@ def _solve(bodies: RoughBodies, case: Case, found: Datasets, job: Job) -> "xr.Da
         solved = int(result["converged"][: len(preloads)].sum())  # the first failure is the end
         short = JointLoading(preloads[:solved])
         if case.cycles and result["converged"].values.all():
-            short = JointLoading(preloads, case.cycles.shear, cycles=1, steps=_few_steps(case))
+            short = JointLoading(preloads, amplitudes=case.cycles.all_amplitudes, amplitude_steps=1)
 
         def solve(
             normal: NormalLaw, structure: RoughBodies | None, factors: Mapping[str, float]
@@ -101,29 +119,57 @@ def _needs(bodies: RoughBodies, case: Case) -> Needs:
         coarse=case.cut.coarse,
         slabs=bodies.slabs(case),
     )
-    path = f"and one cycle of {_few_steps(case)} steps to its amplitude" if case.cycles else "alone"
+    own, path, pressed = len(case.statics.preloads), "alone", "the preloads"
+    if case.cycles:
+        few, cycles = len(case.cycles.all_amplitudes), case.cycles
+        path = f"and {own} x {few} cycles of one step to their amplitudes"
+        steps = own + cycles.steps * (1 + 4 * cycles.cycles) + own * few * (1 + 4 * FEW_STEPS)
+        pressed = (
+            f"{steps} load steps: preloads, {cycles.cycles} cycles at the last one, and one cycle "
+            f"at each of {own} preloads and {few} amplitudes"
+        )
     solves = Choice(
         "intervals",
         f"{4 if case.cycles else 3} to 6 more solves, of the preloads {path}, if the law carries a "
         f"budget: one for each of its terms, measured friction and stiffness ratio, and the mesh",
     )
+    loading = Choice("loading", pressed)
     libraries = (*needs.libraries, *bodies.mesher)
-    return replace(needs, libraries=libraries, choices=(*needs.choices, solves))
+    return replace(needs, libraries=libraries, choices=(*needs.choices, loading, solves))
 
 
-def _few_steps(case: Case) -> int:
-    """Return the steps to the amplitude of the cycle that is solved again with changed laws."""
-    return max(1, min(FEW_STEPS, case.cycles.steps // 2)) if case.cycles else 0
+def _answer(result: "xr.Dataset") -> list[str]:
+    """Say stiffness, slip and loss at the last of the preloads with an answer."""
+    known = np.flatnonzero(np.isfinite(result["joint_stiffness"].to_numpy()))
+    if not known.size:
+        return []
+    head, rows = tabulate_preloads(result)
+    row = dict(zip(head, rows[known[-1]], strict=True))
+    intervals = say_intervals([row[name] for name in INTERVALS.values()])
+    return [
+        f"At a preload of {row['preload (MPa)']} MPa the joint has a normal stiffness of "
+        f"{row['joint stiffness (MPa/µm)']} MPa/µm{intervals} and, before it slips, a tangential "
+        f"stiffness of {row['tangential (MPa/µm)']} MPa/µm.",
+        *(one[0].upper() + one[1:] + "." for one in list_cycles(result)[-2:]),
+    ]
 
 
 def _sections(result: "xr.Dataset") -> Iterator[Section]:
     """Show where the joints stick, slip and open, their loop, and what is known of their errors."""
     told = [
-        "Zones, pressure and outlines of the parts are those seen along the normal of the first "
-        "joint, at the step at which most of its area slips.",
+        "Zones and pressure are seen along the normal of the first joint, at the step at which "
+        "most of its area slips; lines are the outlines of the parts.",
     ]
     figures = {name: on_axes(plot) for name, plot in joint_pictures(result).items()}
     yield Section("Joint", told, figures=figures)
+    if "cycle_loss" in result:
+        cycles = [
+            "From each preload the shear makes a closed cycle of each amplitude, the smallest one "
+            "first. The secant stiffness is the shear over the displacement of the sheared face "
+            "between both ends of a cycle. Bands are the 95 % intervals of the mean law and of one "
+            "part.",
+        ]
+        yield Section("Cycles of shear", cycles, *tabulate_cycles(result))
     yield budget_section(result)
 
 
@@ -139,4 +185,5 @@ ROUGH_JOINTS = structure_stage(
     check=_check,
     more=_sections,
     pictures=PICTURES,
+    answer=_answer,
 )

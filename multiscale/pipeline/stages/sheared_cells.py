@@ -1,7 +1,7 @@
 """Stage: cells of both bodies with friction, pressed, sheared until they slip, and released."""
 
 from collections.abc import Callable
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 from multiscale.laws.bulk import Elastic
 from multiscale.micro import FiniteCell, run_ensemble, shear_path
@@ -16,7 +16,10 @@ from multiscale.surfaces.surface import Surface
 if TYPE_CHECKING:
     import xarray as xr
 
-__all__ = ["FOLDER", "SHEARED_CELLS", "run_shear"]
+__all__ = ["FOLDER", "POINTS", "SHEARED_CELLS", "run_shear"]
+
+POINTS = "friction_coefficient"
+"""Attribute of the response: friction of points of contact, which the case gives."""
 
 FOLDER = "micro-shear"  # has a folder of cells for each way to shear them
 
@@ -64,11 +67,12 @@ def run_shear(
         progress=progress,
     )
     ended = str(response.attrs.get("ended", "")).splitlines()
+    told: dict[str, Any] = {POINTS: shear.friction_coefficient}
     return response.assign_attrs(
         title=case.title,
         bodies="body_1 and body_2, both deformable, with friction",
-        friction_coefficient=shear.friction_coefficient,
         cautions="\n".join(f"sheared {one}" for one in ended),
+        **told,
     )
 
 
