@@ -12,7 +12,15 @@ from multiscale.errors import ConvergenceError
 from multiscale.needs import Needs
 from multiscale.pipeline.rows import list_cycles, list_facts
 from multiscale.pipeline.settings import Case
-from multiscale.pipeline.stage import Datasets, Job, Section, Stage, Summary, format_table
+from multiscale.pipeline.stage import (
+    Answer,
+    Datasets,
+    Job,
+    Section,
+    Stage,
+    Summary,
+    format_table,
+)
 from multiscale.schema import MACRO_RESULT, Schema, with_cautions
 
 if TYPE_CHECKING:
@@ -46,6 +54,8 @@ def structure_stage(
     check: Callable[["xr.Dataset"], None] = require_converged,
     more: Callable[["xr.Dataset"], Iterable[Section]] = lambda result: (),
     pictures: tuple[str, ...] = (),
+    answers: tuple[Answer, ...] = (),
+    compared: Callable[["xr.Dataset"], "xr.Dataset"] = lambda result: result,
 ) -> Stage:
     """Make the stage that solves some kinds of structures.
 
@@ -68,6 +78,8 @@ def structure_stage(
         Libraries that solve where they are installed.
     more : callable, from the dataset to further sections of the page
     pictures : tuple of str, names of all figures that these may have
+    answers, compared
+        See :class:`multiscale.pipeline.stage.Stage`.
     """
 
     def run(case: Case, found: Datasets, job: Job) -> "xr.Dataset":
@@ -107,6 +119,8 @@ def structure_stage(
         sections=sections,
         summary=summary,
         pictures=pictures,
+        answers=answers,
+        compared=compared,
         failure=lambda result: "; ".join(_failures(result)),
     )
 

@@ -2,16 +2,21 @@
 
 import base64
 from collections.abc import Iterator, Mapping
+from concurrent.futures import Executor
 from importlib import resources
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
+from multiscale.executors import run_jobs
 from multiscale.io import read_bytes, reading_run, write_bytes
 from multiscale.pipeline.stage import Section
-from multiscale.report.finished_run import FinishedRun, open_finished
+from multiscale.report.finished_run import FinishedRun, draw_figures, open_finished
 from multiscale.units import readable
 
-__all__ = ["write_report"]
+if TYPE_CHECKING:
+    import xarray as xr
+
+__all__ = ["write_report", "write_reports"]
 
 
 def write_report(out: str | Path) -> Path:
@@ -25,6 +30,38 @@ def write_report(out: str | Path) -> Path:
     text = Environment(autoescape=True).from_string(template).render(content)
     write_bytes(out / "report.html", text.encode())
     return out / "report.html"
+
+
+def write_reports(
+    out: str | Path, sweep: "xr.Dataset", *, executor: Executor | None = None
+) -> None:
+    """Draw the figures and write the reports of the points of a sweep, as far as they are old.
+
+    Parameters
+    ----------
+    out : path
+        Folder of the sweep.
+    sweep : Dataset
+        Follows ``SWEEP``; points without a result get no report.
+    executor : Executor, optional
+        See :func:`multiscale.executors.run_jobs`.
+    """
+    solved = sweep["folder"].values[sweep["failure"].values == ""]
+    folders = [folder for name in solved if not _is_reported(folder := Path(out) / str(name))]
+    jobs = {folder: (folder,) for folder in folders}
+    run_jobs(_report_point, jobs, executor, lambda folder, page: None)
+
+
+def _is_reported(folder: Path) -> bool:
+    """Whether the report is younger than the datasets that it shows."""
+    page = folder / "report.html"
+    datasets = [file.stat().st_mtime_ns for file in folder.glob("*.nc")]
+    return page.exists() and page.stat().st_mtime_ns >= max(datasets)
+
+
+def _report_point(folder: Path) -> Path:
+    draw_figures(folder)
+    return write_report(folder)
 
 
 def _content(run: FinishedRun) -> dict[str, Any]:

@@ -15,7 +15,14 @@ from multiscale.macro.joint import Footprint, TreadBlock, condense_tread, slide_
 from multiscale.macro.joint.tread import CondensedTread
 from multiscale.needs import Choice, Needs
 from multiscale.pipeline.rows import list_facts, say_error, tabulate_braking
-from multiscale.pipeline.stage import Datasets, Section, Stage, Summary, format_table
+from multiscale.pipeline.stage import (
+    Answer,
+    Datasets,
+    Section,
+    Stage,
+    Summary,
+    format_table,
+)
 from multiscale.pipeline.stages.friction_law import FRICTION_LAW
 from multiscale.pipeline.tyre_budget import with_braking_budget
 from multiscale.pipeline.tyre_settings import TyreCase
@@ -215,6 +222,15 @@ def _hardest(result: "xr.Dataset") -> "xr.Dataset":
     return result.isel(step=int(np.nanargmax(result["braking_force"].values)))
 
 
+def _compared(result: "xr.Dataset") -> "xr.Dataset":
+    """Return the step at which the block brakes hardest, with the band of the law."""
+    best = _hardest(result)
+    if "braking_force_sample" not in best:
+        return best
+    band = best["braking_force_sample"].quantile([0.025, 0.975], "sample").drop_vars("quantile")
+    return best.assign(braking_force_mean_law=band.rename(quantile="limit"))
+
+
 def _sections(found: Datasets, out: Path) -> Iterator[Section]:
     result = found[BRAKING.name]
     force = on_axes(lambda ax: plot_braking_force(result, ax=ax))
@@ -263,4 +279,10 @@ BRAKING = Stage(
     sections=_sections,
     pictures=("braking_force", "footprint_pressure", "footprint_friction"),
     summary=_summary,
+    answers=(
+        Answer("braking_force", "largest braking force", "N"),
+        Answer("braking_coefficient", "largest force over load", "1"),
+        Answer("sliding_speed", "its speed", "m/s"),
+    ),
+    compared=_compared,
 )

@@ -10,7 +10,7 @@ from multiscale.pipeline.case_budget import case_budget
 from multiscale.pipeline.real_contact import behaviour
 from multiscale.pipeline.rows import say_error
 from multiscale.pipeline.settings import Case
-from multiscale.pipeline.stage import Datasets, Job, Section, Stage, Summary
+from multiscale.pipeline.stage import Answer, Datasets, Job, Section, Stage, Summary
 from multiscale.pipeline.stages.cells import CELLS
 from multiscale.pipeline.stages.sheared_cells import SHEARED_CELLS
 from multiscale.pipeline.stages.sliding import SLIDING
@@ -144,6 +144,25 @@ def _summary(found: Datasets) -> Summary:
     return Summary(response.attrs["title"], question, [*planned, answer, *behaviour(law)])
 
 
+def _compared(law: "xr.Dataset") -> "xr.Dataset":
+    """Return gap, stiffness and contact at the pressures of the cells, with the error budget."""
+    pressure, total = law["fit_pressure"], law["error_total"]
+    normal, gap = law_from_dataset(law), law["fit_mean_gap"]
+    values = {
+        "mean_gap": (gap.to_numpy(), "m"),
+        "stiffness": (normal.stiffness(gap.to_numpy()), "Pa m-1"),
+        "contact_fraction": (area_from_dataset(law).contact_fraction(pressure.to_numpy()), "1"),
+    }
+    found = law.assign(
+        {name: ("step", value, {"units": unit}) for name, (value, unit) in values.items()}
+    )
+    for name in values:
+        half = found[name].to_numpy() * total.sel(quantity=name).to_numpy()
+        ends = np.stack([found[name].to_numpy() - half, found[name].to_numpy() + half])
+        found[f"{name}_mean_law"] = (("limit", "step"), ends, found[name].attrs)
+    return found
+
+
 FITTED_LAW = Stage(
     schema=INTERFACE_LAW,
     tables=("micro",),
@@ -153,4 +172,12 @@ FITTED_LAW = Stage(
     sections=_sections,
     summary=_summary,
     pictures=("gap_law", "area_law", "unloading", "shear_law"),
+    answers=(
+        Answer("fit_pressure", "pressure", "MPa", 1e-6, drawn=False),
+        Answer("stiffness", "stiffness", "MPa/µm", 1e-12, over="fit_pressure"),
+        Answer("mean_gap", "mean gap", "µm", 1e6, over="fit_pressure"),
+        Answer("contact_fraction", "contact", "%", 100.0, over="fit_pressure"),
+        Answer("shear_friction", "friction", "1"),
+    ),
+    compared=_compared,
 )

@@ -17,6 +17,7 @@ from multiscale.pipeline.real_contact import behaviour, contact_dependence, real
 from multiscale.pipeline.rows import INTERVALS, list_facts, say_intervals, tabulate
 from multiscale.pipeline.settings import Case
 from multiscale.pipeline.stage import (
+    Answer,
     Datasets,
     Section,
     Stage,
@@ -47,11 +48,22 @@ from multiscale.upscaling.budget import how_attribute
 if TYPE_CHECKING:
     import xarray as xr
 
-__all__ = ["JOINT", "STIFFNESSES", "budget_section", "solve_joint"]
+__all__ = ["ANSWERS", "JOINT", "STIFFNESSES", "budget_section", "solve_joint"]
 
 
 STIFFNESSES = ("joint_stiffness", "interface_stiffness", "solid_stiffness")
 """Of the whole, of its interface and of its bodies: all have an error budget."""
+
+ANSWERS = (
+    Answer("preload", "preload", "MPa", 1e-6, drawn=False),
+    Answer("joint_stiffness", "joint stiffness", "MPa/µm", 1e-12, over="preload"),
+    Answer("interface_stiffness", "interface stiffness", "MPa/µm", 1e-12, over="preload"),
+    Answer("mean_gap", "mean gap", "µm", 1e6, over="preload"),
+    Answer("contact_fraction", "contact", "%", 100.0, over="preload"),
+    Answer("real_pressure", "real pressure", "MPa", 1e-6, over="preload"),
+    Answer("unloading_stiffness", "unloading stiffness", "MPa/µm", 1e-12, over="preload"),
+)
+"""What joints are compared by."""
 
 
 def solve_joint(case: Case, law: "xr.Dataset") -> "xr.Dataset":
@@ -276,4 +288,5 @@ JOINT = Stage(
     sections=_sections,
     pictures=("joint_stiffness", "error_budget"),
     summary=_summary,
+    answers=ANSWERS,
 )

@@ -16,7 +16,7 @@ from multiscale.pipeline.body_budget import change_friction, with_contact, with_
 from multiscale.pipeline.body_settings import RoughBodies
 from multiscale.pipeline.rows import list_facts, tabulate_preloads
 from multiscale.pipeline.settings import Case
-from multiscale.pipeline.stage import Datasets, Job, Section, list_cautions
+from multiscale.pipeline.stage import Answer, Datasets, Job, Section, list_cautions
 from multiscale.pipeline.stages.fitted_law import FITTED_LAW
 from multiscale.pipeline.stages.joint import budget_section
 from multiscale.pipeline.structure_stage import require_converged, structure_stage, with_too_far
@@ -38,6 +38,18 @@ FEW_STEPS = 2
 
 PARAMETERS = ("friction", "stiffness_ratio")
 """Parameters of the sliders, which are those of the law where the case gives none."""
+
+
+ANSWERS = (
+    Answer("preload", "preload", "MPa", 1e-6, drawn=False),
+    Answer("joint_stiffness", "joint stiffness", "MPa/µm", 1e-12, over="preload"),
+    Answer("tangential_stiffness", "tangential stiffness", "MPa/µm", 1e-12, over="preload"),
+    Answer("interface_stiffness", "interface stiffness", "MPa/µm", 1e-12, over="preload"),
+    Answer("real_pressure", "real pressure", "MPa", 1e-6, over="preload"),
+    Answer("slipping_load", "load that slips", "%", 100.0),
+    Answer("cycle_energy", "loss of a cycle", "J"),
+)
+"""What joints are compared by: at the preloads, at the amplitude, and by their cycles."""
 
 
 def _solve(bodies: RoughBodies, case: Case, found: Datasets, job: Job) -> "xr.Dataset":
@@ -127,6 +139,16 @@ def _sections(result: "xr.Dataset") -> Iterator[Section]:
     yield budget_section(result)
 
 
+def _compared(result: "xr.Dataset") -> "xr.Dataset":
+    """Return the answers at the preloads and of cycles, with the slip at the end of the path."""
+    slip = [name for name in result if str(name).startswith("slipping_load")]
+    sheared = np.flatnonzero(result["shear"].to_numpy())
+    if not sheared.size:
+        return result.drop_vars(slip)
+    ends = {name: result[name].isel(step=-1) for name in slip}
+    return result.isel(step=slice(sheared[0])).assign(ends)
+
+
 ROUGH_JOINTS = structure_stage(
     "rough_joints",
     _solve,
@@ -139,4 +161,6 @@ ROUGH_JOINTS = structure_stage(
     check=_check,
     more=_sections,
     pictures=PICTURES,
+    answers=ANSWERS,
+    compared=_compared,
 )
