@@ -27,6 +27,7 @@ __all__ = [
     "Summary",
     "format_table",
     "list_cautions",
+    "with_sample_band",
 ]
 
 Datasets: TypeAlias = "Mapping[str, xr.Dataset]"
@@ -202,6 +203,15 @@ class Stage(Shown):
         taken = [stage.identity(case) for stage in self.takes if stage.asked_for(case.tables)]
         own = case.checksum(include=self.reads)
         return sha256(" ".join([__version__, self.name, own, *taken]).encode()).hexdigest()
+
+
+def with_sample_band(dataset: "xr.Dataset", name: str) -> "xr.Dataset":
+    """Add the 95 % interval of an answer from its samples, where no error budget has given one."""
+    drawn, band = f"{name}_sample", f"{name}_mean_law"
+    if band in dataset or drawn not in dataset or not dataset[drawn].size:
+        return dataset
+    ends = dataset[drawn].quantile([0.025, 0.975], "sample").drop_vars("quantile")
+    return dataset.assign({band: ends.rename(quantile="limit")})
 
 
 def format_table(title: str, head: tuple[str, ...], rows: Sequence[tuple[str, ...]]) -> list[str]:

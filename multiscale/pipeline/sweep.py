@@ -119,7 +119,7 @@ def load_sweep(case: str | Path) -> Sweep:
     parameters = tuple(".".join(key) for key in lists)
     points, settings = [], []
     for values in product(*lists.values()):
-        said = tuple(str(value) for value in values)
+        said = tuple(map(_say, values))
         point = deepcopy(content)
         for key, value in zip(lists, values, strict=True):
             _set(point, key, value, path)
@@ -206,6 +206,10 @@ def run_sweep(
     return joined
 
 
+def _say(value: Any) -> str:
+    return f"[{', '.join(map(str, value))}]" if isinstance(value, list) else str(value)
+
+
 def _lists(
     table: Mapping[str, Any], path: Path, above: tuple[str, ...] = ()
 ) -> Iterator[tuple[tuple[str, ...], list[Any]]]:
@@ -260,7 +264,7 @@ def _read_point(case: AnyCase, folder: Path) -> _Point:
     values = answering.compared(found[answering])
     answers = tuple(one for one in answering.answers if one.name in values.variables)
     kept = [name for one in answers for name in _with_intervals(one.name) if name in values]
-    failed = [one for stage, dataset in found.items() for one in stage.failure(dataset).split("; ")]
+    failed = (stage.failure(dataset) for stage, dataset in found.items())
     caution = "\n".join(filter(None, dict.fromkeys([*gather_cautions(found), *failed])))
     return _Point(answers, values.reset_coords()[kept], caution)
 
@@ -290,7 +294,8 @@ def _join(sweep: Sweep, points: Sequence[_Point], folders: list[str]) -> "xr.Dat
             table = np.full((len(points), *shape), np.nan)
             for k, one in enumerate(found):
                 if one is not None:
-                    table[k][tuple(map(slice, one.shape))] = one.to_numpy()
+                    here: Any = (k, *map(slice, one.shape))
+                    table[here] = one.to_numpy()
                     place[k, column] = one.shape[-1] - 1 if one.dims[-1:] not in NUMBERS else 0
             values[own] = (("point", *first.dims), table, first.attrs)
     joined = SWEEP.build(

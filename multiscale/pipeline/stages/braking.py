@@ -22,6 +22,7 @@ from multiscale.pipeline.stage import (
     Stage,
     Summary,
     format_table,
+    with_sample_band,
 )
 from multiscale.pipeline.stages.friction_law import FRICTION_LAW
 from multiscale.pipeline.tyre_budget import with_braking_budget
@@ -222,15 +223,6 @@ def _hardest(result: "xr.Dataset") -> "xr.Dataset":
     return result.isel(step=int(np.nanargmax(result["braking_force"].values)))
 
 
-def _compared(result: "xr.Dataset") -> "xr.Dataset":
-    """Return the step at which the block brakes hardest, with the band of the law."""
-    best = _hardest(result)
-    if "braking_force_sample" not in best:
-        return best
-    band = best["braking_force_sample"].quantile([0.025, 0.975], "sample").drop_vars("quantile")
-    return best.assign(braking_force_mean_law=band.rename(quantile="limit"))
-
-
 def _sections(found: Datasets, out: Path) -> Iterator[Section]:
     result = found[BRAKING.name]
     force = on_axes(lambda ax: plot_braking_force(result, ax=ax))
@@ -284,5 +276,5 @@ BRAKING = Stage(
         Answer("braking_coefficient", "largest force over load", "1"),
         Answer("sliding_speed", "its speed", "m/s"),
     ),
-    compared=_compared,
+    compared=lambda result: with_sample_band(_hardest(result), "braking_force"),
 )

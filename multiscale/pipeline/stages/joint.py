@@ -24,6 +24,7 @@ from multiscale.pipeline.stage import (
     Summary,
     format_table,
     list_cautions,
+    with_sample_band,
 )
 from multiscale.pipeline.stages.fitted_law import FITTED_LAW
 from multiscale.plotting.budget_figures import plot_error_budget
@@ -289,4 +290,5 @@ JOINT = Stage(
     pictures=("joint_stiffness", "error_budget"),
     summary=_summary,
     answers=ANSWERS,
+    compared=lambda result: with_sample_band(result, "joint_stiffness"),
 )

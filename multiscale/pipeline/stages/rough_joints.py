@@ -47,7 +47,7 @@ ANSWERS = (
     Answer("interface_stiffness", "interface stiffness", "MPa/µm", 1e-12, over="preload"),
     Answer("real_pressure", "real pressure", "MPa", 1e-6, over="preload"),
     Answer("slipping_load", "load that slips", "%", 100.0),
-    Answer("cycle_energy", "loss of a cycle", "J"),
+    Answer("cycle_energy", "loss of a cycle", "mJ", 1e3),
 )
 """What joints are compared by: at the preloads, at the amplitude, and by their cycles."""
 
