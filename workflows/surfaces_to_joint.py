@@ -47,7 +47,7 @@ def main(argv: Sequence[str] | None = None) -> int:
     sys.stdout.write(
         f"friction {float(law['shear_friction']):.3f}, tangential over normal stiffness "
         f"{float(law['shear_stiffness_ratio'].mean()):.3f}\n"
-        f"{joint[['joint_stiffness', 'tangential_stiffness']].isel(step=0)}\n"
+        f"{joint[['joint_stiffness', 'tangential_stiffness']].isel(step=0).to_pandas()}\n"
         f"loss of a cycle {1e3 * float(joint['cycle_energy'][-1]):.3g} mJ, 95 % interval of the "
         f"mean law {1e3 * joint['cycle_energy_mean_law'].values[:, -1]}\n"
     )

@@ -18,12 +18,12 @@ if TYPE_CHECKING:
     from multiscale.pipeline.toml_model import Settings
 
 __all__ = [
-    "Answer",
     "Datasets",
     "Job",
     "Section",
     "Shown",
     "Stage",
+    "StageAnswer",
     "Summary",
     "format_table",
     "list_cautions",
@@ -66,7 +66,7 @@ class Summary:
 
 
 @dataclass(frozen=True)
-class Answer:
+class StageAnswer:
     """A quantity by which runs are compared, in a sweep for instance.
 
     Attributes
@@ -177,7 +177,7 @@ class Stage(Shown):
     check : callable, refuses a dataset that has been written but answers nothing
     folders : tuple of str, folders of a run where the stage finds what it need not compute again
     pictures : tuple of str, names of all figures that the sections may have
-    answers : tuple of Answer
+    answers : tuple of StageAnswer
         By which runs are compared; those of the last stage that has any, as far as a run has them.
     compared : callable, from the dataset to one that has the answers under their names
     """
@@ -191,7 +191,7 @@ class Stage(Shown):
     check: Callable[["xr.Dataset"], object] = _nothing
     pictures: tuple[str, ...] = ()
     folders: tuple[str, ...] = ()
-    answers: tuple[Answer, ...] = ()
+    answers: tuple[StageAnswer, ...] = ()
     compared: Callable[["xr.Dataset"], "xr.Dataset"] = _itself
 
     def asked_for(self, tables: Container[str]) -> bool:

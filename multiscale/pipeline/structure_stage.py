@@ -13,11 +13,11 @@ from multiscale.needs import Needs
 from multiscale.pipeline.rows import list_cycles, list_facts
 from multiscale.pipeline.settings import Case
 from multiscale.pipeline.stage import (
-    Answer,
     Datasets,
     Job,
     Section,
     Stage,
+    StageAnswer,
     Summary,
     format_table,
 )
@@ -54,7 +54,7 @@ def structure_stage(
     check: Callable[["xr.Dataset"], None] = require_converged,
     more: Callable[["xr.Dataset"], Iterable[Section]] = lambda result: (),
     pictures: tuple[str, ...] = (),
-    answers: tuple[Answer, ...] = (),
+    answers: tuple[StageAnswer, ...] = (),
     compared: Callable[["xr.Dataset"], "xr.Dataset"] = lambda result: result,
 ) -> Stage:
     """Make the stage that solves some kinds of structures.

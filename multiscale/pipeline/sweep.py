@@ -22,7 +22,7 @@ from multiscale.io import make_folder, open_dataset, remove, write_bytes, write_
 from multiscale.pipeline.case import AnyCase, find_case, read_case, validate_case
 from multiscale.pipeline.run import run
 from multiscale.pipeline.run_folder import gather_cautions
-from multiscale.pipeline.stage import Answer, Shown
+from multiscale.pipeline.stage import Shown, StageAnswer
 from multiscale.pipeline.stages import stages_of
 from multiscale.pipeline.sweep_points import POINTS, name_point
 from multiscale.pipeline.toml_model import read_toml
@@ -45,7 +45,7 @@ logger = logging.getLogger(__name__)
 class _Point:
     """What a point has left: its answers by their names, or why it has none."""
 
-    answers: tuple[Answer, ...] = ()
+    answers: tuple[StageAnswer, ...] = ()
     values: "xr.Dataset | None" = None
     caution: str = ""
     failure: str = ""

@@ -16,10 +16,10 @@ from multiscale.macro.joint.tread import CondensedTread
 from multiscale.needs import Choice, Needs
 from multiscale.pipeline.rows import list_facts, say_error, tabulate_braking
 from multiscale.pipeline.stage import (
-    Answer,
     Datasets,
     Section,
     Stage,
+    StageAnswer,
     Summary,
     format_table,
     with_sample_band,
@@ -272,9 +272,9 @@ BRAKING = Stage(
     pictures=("braking_force", "footprint_pressure", "footprint_friction"),
     summary=_summary,
     answers=(
-        Answer("braking_force", "largest braking force", "N"),
-        Answer("braking_coefficient", "largest force over load", "1"),
-        Answer("sliding_speed", "its speed", "m/s"),
+        StageAnswer("braking_force", "largest braking force", "N"),
+        StageAnswer("braking_coefficient", "largest force over load", "1"),
+        StageAnswer("sliding_speed", "its speed", "m/s"),
     ),
     compared=lambda result: with_sample_band(_hardest(result), "braking_force"),
 )

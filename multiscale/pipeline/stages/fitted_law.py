@@ -10,7 +10,7 @@ from multiscale.pipeline.case_budget import case_budget
 from multiscale.pipeline.real_contact import behaviour
 from multiscale.pipeline.rows import say_error
 from multiscale.pipeline.settings import Case
-from multiscale.pipeline.stage import Answer, Datasets, Job, Section, Stage, Summary
+from multiscale.pipeline.stage import Datasets, Job, Section, Stage, StageAnswer, Summary
 from multiscale.pipeline.stages.cells import CELLS
 from multiscale.pipeline.stages.sheared_cells import SHEARED_CELLS
 from multiscale.pipeline.stages.sliding import SLIDING
@@ -173,11 +173,11 @@ FITTED_LAW = Stage(
     summary=_summary,
     pictures=("gap_law", "area_law", "unloading", "shear_law"),
     answers=(
-        Answer("fit_pressure", "pressure", "MPa", 1e-6, drawn=False),
-        Answer("stiffness", "stiffness", "MPa/µm", 1e-12, over="fit_pressure"),
-        Answer("mean_gap", "mean gap", "µm", 1e6, over="fit_pressure"),
-        Answer("contact_fraction", "contact", "%", 100.0, over="fit_pressure"),
-        Answer("shear_friction", "friction", "1"),
+        StageAnswer("fit_pressure", "pressure", "MPa", 1e-6, drawn=False),
+        StageAnswer("stiffness", "stiffness", "MPa/µm", 1e-12, over="fit_pressure"),
+        StageAnswer("mean_gap", "mean gap", "µm", 1e6, over="fit_pressure"),
+        StageAnswer("contact_fraction", "contact", "%", 100.0, over="fit_pressure"),
+        StageAnswer("shear_friction", "friction", "1"),
     ),
     compared=_compared,
 )

@@ -9,7 +9,7 @@ from multiscale.needs import Needs
 from multiscale.pipeline.grain_settings import Granulate
 from multiscale.pipeline.rows import tabulate_grains
 from multiscale.pipeline.settings import Case
-from multiscale.pipeline.stage import Answer, Datasets, Job
+from multiscale.pipeline.stage import Datasets, Job, StageAnswer
 from multiscale.pipeline.structure_stage import structure_stage
 from multiscale.schema import GRANULATE
 
@@ -61,10 +61,10 @@ GRAINS = structure_stage(
     solver=(),
     check=lambda result: None,
     answers=(
-        Answer("n_contacts", "contacts", "1"),
-        Answer("kinetic_energy", "kinetic energy", "J"),
-        Answer("penetration", "overlap over radius", "1"),
-        Answer("stress_ratio", "stress ratio q/p", "1"),
+        StageAnswer("n_contacts", "contacts", "1"),
+        StageAnswer("kinetic_energy", "kinetic energy", "J"),
+        StageAnswer("penetration", "overlap over radius", "1"),
+        StageAnswer("stress_ratio", "stress ratio q/p", "1"),
     ),
     compared=_compared,
 )

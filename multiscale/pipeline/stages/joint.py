@@ -17,10 +17,10 @@ from multiscale.pipeline.real_contact import behaviour, contact_dependence, real
 from multiscale.pipeline.rows import INTERVALS, list_facts, say_intervals, tabulate
 from multiscale.pipeline.settings import Case
 from multiscale.pipeline.stage import (
-    Answer,
     Datasets,
     Section,
     Stage,
+    StageAnswer,
     Summary,
     format_table,
     list_cautions,
@@ -56,13 +56,13 @@ STIFFNESSES = ("joint_stiffness", "interface_stiffness", "solid_stiffness")
 """Of the whole, of its interface and of its bodies: all have an error budget."""
 
 ANSWERS = (
-    Answer("preload", "preload", "MPa", 1e-6, drawn=False),
-    Answer("joint_stiffness", "joint stiffness", "MPa/µm", 1e-12, over="preload"),
-    Answer("interface_stiffness", "interface stiffness", "MPa/µm", 1e-12, over="preload"),
-    Answer("mean_gap", "mean gap", "µm", 1e6, over="preload"),
-    Answer("contact_fraction", "contact", "%", 100.0, over="preload"),
-    Answer("real_pressure", "real pressure", "MPa", 1e-6, over="preload"),
-    Answer("unloading_stiffness", "unloading stiffness", "MPa/µm", 1e-12, over="preload"),
+    StageAnswer("preload", "preload", "MPa", 1e-6, drawn=False),
+    StageAnswer("joint_stiffness", "joint stiffness", "MPa/µm", 1e-12, over="preload"),
+    StageAnswer("interface_stiffness", "interface stiffness", "MPa/µm", 1e-12, over="preload"),
+    StageAnswer("mean_gap", "mean gap", "µm", 1e6, over="preload"),
+    StageAnswer("contact_fraction", "contact", "%", 100.0, over="preload"),
+    StageAnswer("real_pressure", "real pressure", "MPa", 1e-6, over="preload"),
+    StageAnswer("unloading_stiffness", "unloading stiffness", "MPa/µm", 1e-12, over="preload"),
 )
 """What joints are compared by."""
 

@@ -17,7 +17,7 @@ from multiscale.needs import Needs
 from multiscale.pipeline.link_settings import Dynamics, LinkStructure, Statics
 from multiscale.pipeline.rows import tabulate_links
 from multiscale.pipeline.settings import Case
-from multiscale.pipeline.stage import Answer, Datasets, Job
+from multiscale.pipeline.stage import Datasets, Job, StageAnswer
 from multiscale.pipeline.structure_stage import structure_stage, with_too_far
 from multiscale.schema import MACRO_RESULT
 
@@ -146,8 +146,8 @@ LINKS = structure_stage(
     reads={"structure", "statics", "dynamics", "substructures"},
     question="Which tensions do the links carry, and which of them are slack?",
     answers=(
-        Answer("slack_links", "slack links", "1"),
-        Answer("largest_tension", "largest tension", "kN", 1e-3),
+        StageAnswer("slack_links", "slack links", "1"),
+        StageAnswer("largest_tension", "largest tension", "kN", 1e-3),
     ),
     compared=_compared,
 )

@@ -11,7 +11,7 @@ from multiscale.macro.substructures.substructure_needs import cut_needs
 from multiscale.pipeline.body_settings import Plate
 from multiscale.pipeline.rows import tabulate_loads
 from multiscale.pipeline.settings import Case
-from multiscale.pipeline.stage import Answer, Datasets, Job
+from multiscale.pipeline.stage import Datasets, Job, StageAnswer
 from multiscale.pipeline.structure_stage import structure_stage, with_too_far
 
 if TYPE_CHECKING:
@@ -43,6 +43,6 @@ PLATE = structure_stage(
     write_body_fields,
     reads={"structure", "statics", "substructures"},
     question="How far does the plate move under its loads?",
-    answers=(Answer("largest_displacement", "largest displacement", "µm", 1e6),),
+    answers=(StageAnswer("largest_displacement", "largest displacement", "µm", 1e6),),
     compared=_compared,
 )

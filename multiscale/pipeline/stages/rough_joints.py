@@ -16,7 +16,7 @@ from multiscale.pipeline.body_budget import change_friction, with_contact, with_
 from multiscale.pipeline.body_settings import RoughBodies
 from multiscale.pipeline.rows import list_facts, tabulate_preloads
 from multiscale.pipeline.settings import Case
-from multiscale.pipeline.stage import Answer, Datasets, Job, Section, list_cautions
+from multiscale.pipeline.stage import Datasets, Job, Section, StageAnswer, list_cautions
 from multiscale.pipeline.stages.fitted_law import FITTED_LAW
 from multiscale.pipeline.stages.joint import budget_section
 from multiscale.pipeline.structure_stage import require_converged, structure_stage, with_too_far
@@ -41,13 +41,13 @@ PARAMETERS = ("friction", "stiffness_ratio")
 
 
 ANSWERS = (
-    Answer("preload", "preload", "MPa", 1e-6, drawn=False),
-    Answer("joint_stiffness", "joint stiffness", "MPa/µm", 1e-12, over="preload"),
-    Answer("tangential_stiffness", "tangential stiffness", "MPa/µm", 1e-12, over="preload"),
-    Answer("interface_stiffness", "interface stiffness", "MPa/µm", 1e-12, over="preload"),
-    Answer("real_pressure", "real pressure", "MPa", 1e-6, over="preload"),
-    Answer("slipping_load", "load that slips", "%", 100.0),
-    Answer("cycle_energy", "loss of a cycle", "mJ", 1e3),
+    StageAnswer("preload", "preload", "MPa", 1e-6, drawn=False),
+    StageAnswer("joint_stiffness", "joint stiffness", "MPa/µm", 1e-12, over="preload"),
+    StageAnswer("tangential_stiffness", "tangential stiffness", "MPa/µm", 1e-12, over="preload"),
+    StageAnswer("interface_stiffness", "interface stiffness", "MPa/µm", 1e-12, over="preload"),
+    StageAnswer("real_pressure", "real pressure", "MPa", 1e-6, over="preload"),
+    StageAnswer("slipping_load", "load that slips", "%", 100.0),
+    StageAnswer("cycle_energy", "loss of a cycle", "mJ", 1e3),
 )
 """What joints are compared by: at the preloads, at the amplitude, and by their cycles."""
 
