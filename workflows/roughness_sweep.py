@@ -9,7 +9,7 @@ the worker processes, or of the workers of a dask scheduler. A run that was stop
 leaves the case ``case.toml`` with its table ``[sweep]``, which ``multiscale run`` takes as well,
 ``sweep.nc``, the runs of the points in ``points``, and ``roughness_sweep.png``: the answers with
 their 95 % intervals. ``--dask local`` starts a scheduler and workers on this machine, others are
-started by ``dask scheduler`` and ``dask worker``. ``--quick`` has four points with few cells.
+started by ``dask scheduler`` and ``dask worker``. ``--quick`` has four points with few cells, and its friction is given.
 """
 
 import argparse
@@ -65,7 +65,8 @@ def make_case(quick: bool) -> dict[str, Any]:
     case = tomllib.loads(find_case("bolted_lap").read_text(encoding="utf-8"))
     del case["body_2"]["surface"]
     if quick:
-        case["micro"]["shear"] |= {"realisations": 1, "layers": 6}
+        del case["micro"]["shear"]
+        case["interface"] = {"friction": 0.2, "stiffness_ratio": 0.82}
     heights = ["0.3 um", "0.8 um"] if quick else ["0.2 um", "0.4 um", "0.8 um", "1.6 um"]
     surface = {"rms_height": heights, "hurst_exponent": [0.5, 0.8]}
     case["statics"]["preloads"] = ["50 MPa"]  # under the washers

@@ -65,7 +65,18 @@ def tabulate(result: "xr.Dataset") -> tuple[tuple[str, ...], list[tuple[str, ...
             rows.append(_padded((f"{1e-6 * float(step['preload']):.4g}", missing), head))
             continue
         last = (f"{1e-12 * float(step['unloading_stiffness']):.4g}",) if unloaded else ()
-        rows.append(_row(step, _intervals(step, "joint_stiffness")) + last)
+        row = (
+            f"{1e-6 * float(step['preload']):.4g}",
+            _value(step, "joint_stiffness", 1e-12),
+            *_intervals(step, "joint_stiffness"),
+            _error(step, "joint_stiffness"),
+            _part(step, "interface_stiffness"),
+            _part(step, "solid_stiffness"),
+            f"{1e6 * float(step['mean_gap']):.4g}",
+            f"{100.0 * float(step['contact_fraction']):.3g}",
+            _part(step, "real_pressure", 1e-6),
+        )
+        rows.append(row + last)
     return head, rows
 
 
@@ -101,21 +112,6 @@ def _column(result: "xr.Dataset", name: str) -> list[str]:
         else:
             told.append(f"{scale * value:.4g}")
     return told
-
-
-def _row(step: "xr.Dataset", intervals: Sequence[str]) -> tuple[str, ...]:
-    """Results at one preload, in the order of ``HEAD``, with the intervals of the stiffness."""
-    return (
-        f"{1e-6 * float(step['preload']):.4g}",
-        _value(step, "joint_stiffness", 1e-12),
-        *intervals,
-        _error(step, "joint_stiffness"),
-        _part(step, "interface_stiffness"),
-        _part(step, "solid_stiffness"),
-        f"{1e6 * float(step['mean_gap']):.4g}",
-        f"{100.0 * float(step['contact_fraction']):.3g}",
-        _part(step, "real_pressure", 1e-6),
-    )
 
 
 def round_by(value: float, half_width: float) -> str:

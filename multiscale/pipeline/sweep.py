@@ -43,7 +43,7 @@ logger = logging.getLogger(__name__)
 
 @dataclass(frozen=True, eq=False)
 class _Point:
-    """What a point has left: its answers by their names, or why it has none."""
+    """What a point has left: its answers with their values, or why it has none."""
 
     answers: tuple[StageAnswer, ...] = ()
     values: "xr.Dataset | None" = None

@@ -76,9 +76,14 @@ def _summary(found: Datasets) -> Summary:
     solved, count = int((result["failure"] == "").sum()), result.sizes["point"]
     return Summary(
         result.attrs["title"],
-        f"How do {', '.join(labels.values())} depend on {', '.join(_parameters(result))}?",
+        f"How do {_and(labels.values())} depend on {_and(_parameters(result))}?",
         [f"Over {solved} of {count} points with a result: {', '.join(told) or 'nothing known'}."],
     )
+
+
+def _and(names: Iterable[str]) -> str:
+    *first, last = names
+    return f"{', '.join(first)} and {last}" if first else last
 
 
 def _parameters(result: "xr.Dataset") -> list[str]:
@@ -110,7 +115,7 @@ def _sections(found: Datasets, out: Path) -> Iterator[Section]:
     runs = dict(zip(_names(result), pages, strict=True))
     yield Section(
         "Runs",
-        ["A point without a page has no result; its reason is above."],
+        ["multiscale report FOLDER writes the page of a point that has a result and no page here."],
         links={name: page for name, page in runs.items() if (out / page).exists()},
     )
 

@@ -83,7 +83,8 @@ def plot_sweep(result: "xr.Dataset", answer: str, *, ax: "Axes | None" = None) -
             band = scale * ends[kind].values[mine].T
             ax.fill_between(x[mine], *band, color=colour, alpha=alpha, linewidth=0)
         bars = np.abs(scale * ends["mean_law"].values[mine].T - value)
-        ax.errorbar(x[mine], value, bars, fmt="o-", color=colour, capsize=2, label=line)
+        marks = "o:" if of_text else "o-"
+        ax.errorbar(x[mine], value, bars, fmt=marks, color=colour, capsize=2, label=line)
     if of_text:
         ax.set_xticks(range(len(said)), said)
     elif x.min() > 0.0 and x.max() >= DECADE * x.min():

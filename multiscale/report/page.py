@@ -35,33 +35,21 @@ def write_report(out: str | Path) -> Path:
 def write_reports(
     out: str | Path, sweep: "xr.Dataset", *, executor: Executor | None = None
 ) -> None:
-    """Draw the figures and write the reports of the points of a sweep, as far as they are old.
+    """Draw the figures and write the reports of the points of a sweep in a folder.
 
-    Parameters
-    ----------
-    out : path
-        Folder of the sweep.
-    sweep : Dataset
-        Follows ``SWEEP``; points without a result get no report.
-    executor : Executor, optional
-        See :func:`multiscale.executors.run_jobs`.
+    The points are those of its dataset that have a result, and a report older than their datasets.
     """
     solved = sweep["folder"].values[sweep["failure"].values == ""]
-    folders = [folder for name in solved if not _is_reported(folder := Path(out) / str(name))]
-    jobs = {folder: (folder,) for folder in folders}
-    run_jobs(_report_point, jobs, executor, lambda folder, page: None)
+    jobs = {name: (Path(out) / str(name),) for name in solved}
+    run_jobs(_report_point, jobs, executor, lambda name, nothing: None)
 
 
-def _is_reported(folder: Path) -> bool:
-    """Whether the report is younger than the datasets that it shows."""
-    page = folder / "report.html"
-    datasets = [file.stat().st_mtime_ns for file in folder.glob("*.nc")]
-    return page.exists() and page.stat().st_mtime_ns >= max(datasets)
-
-
-def _report_point(folder: Path) -> Path:
-    draw_figures(folder)
-    return write_report(folder)
+def _report_point(folder: Path) -> None:
+    page, datasets = folder / "report.html", folder.glob("*.nc")
+    written = page.stat().st_mtime_ns if page.exists() else 0
+    if written < max(file.stat().st_mtime_ns for file in datasets):
+        draw_figures(folder)
+        write_report(folder)
 
 
 def _content(run: FinishedRun) -> dict[str, Any]:

@@ -2,7 +2,7 @@
 
 from collections.abc import Iterator
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -145,22 +145,19 @@ def _summary(found: Datasets) -> Summary:
 
 
 def _compared(law: "xr.Dataset") -> "xr.Dataset":
-    """Return gap, stiffness and contact at the pressures of the cells, with the error budget."""
-    pressure, total = law["fit_pressure"], law["error_total"]
-    normal, gap = law_from_dataset(law), law["fit_mean_gap"]
-    values = {
-        "mean_gap": (gap.to_numpy(), "m"),
-        "stiffness": (normal.stiffness(gap.to_numpy()), "Pa m-1"),
-        "contact_fraction": (area_from_dataset(law).contact_fraction(pressure.to_numpy()), "1"),
+    """Return gap, stiffness and contact at the pressures of the cells, with their total errors."""
+    pressure, gap = law["fit_pressure"].to_numpy(), law["fit_mean_gap"].to_numpy()
+    found = {
+        "mean_gap": (gap, "m"),
+        "stiffness": (law_from_dataset(law).stiffness(gap), "Pa m-1"),
+        "contact_fraction": (area_from_dataset(law).contact_fraction(pressure), "1"),
     }
-    found = law.assign(
-        {name: ("step", value, {"units": unit}) for name, (value, unit) in values.items()}
-    )
-    for name in values:
-        half = found[name].to_numpy() * total.sel(quantity=name).to_numpy()
-        ends = np.stack([found[name].to_numpy() - half, found[name].to_numpy() + half])
-        found[f"{name}_mean_law"] = (("limit", "step"), ends, found[name].attrs)
-    return found
+    values: dict[str, Any] = {}
+    for name, (value, unit) in found.items():
+        half = value * law["error_total"].sel(quantity=name).to_numpy()
+        values[name] = ("step", value, {"units": unit})
+        values[f"{name}_mean_law"] = (("limit", "step"), [value - half, value + half])
+    return law.assign(values)
 
 
 FITTED_LAW = Stage(
