@@ -9,7 +9,8 @@ the worker processes, or of the workers of a dask scheduler. A run that was stop
 leaves the case ``case.toml`` with its table ``[sweep]``, which ``multiscale run`` takes as well,
 ``sweep.nc``, the runs of the points in ``points``, and ``roughness_sweep.png``: the answers with
 their 95 % intervals. ``--dask local`` starts a scheduler and workers on this machine, others are
-started by ``dask scheduler`` and ``dask worker``. ``--quick`` has four points with few cells, and its friction is given.
+started by ``dask scheduler`` and ``dask worker``. ``--quick`` has four points with few cells, which
+are not sheared: their friction is given.
 """
 
 import argparse
