@@ -31,7 +31,7 @@ from multiscale.pipeline.case import find_case
 from multiscale.plotting import plot_sweep, sweep_ends
 from multiscale.plotting.figure import save_figure
 
-ANSWERS = ("tangential_stiffness", "slipping_load", "cycle_energy")
+ANSWERS = ("joint_stiffness", "tangential_stiffness", "slipping_load", "cycle_energy")
 
 
 def main(argv: Sequence[str] | None = None) -> int:
@@ -53,8 +53,8 @@ def main(argv: Sequence[str] | None = None) -> int:
 
     ends = {name: sweep_ends(result, name)["value"].values for name in ANSWERS}
     table = result[list(result["parameter"].values)].to_dataframe().assign(**ends)
-    sys.stdout.write(f"{table}\n")
-    figure = Figure(figsize=(13.0, 3.8), layout="constrained")
+    sys.stdout.write(f"{table.to_string()}\n")
+    figure = Figure(figsize=(16.0, 3.6), layout="constrained")
     for name, ax in zip(ANSWERS, figure.subplots(1, len(ANSWERS)), strict=True):
         plot_sweep(result, name, ax=ax)
     save_figure(figure, out / "roughness_sweep.png")

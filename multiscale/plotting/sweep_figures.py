@@ -18,7 +18,7 @@ LARGEST_LEGEND = 10
 DECADE = 10.0
 """Largest over smallest value of a key from which its axis is logarithmic."""
 
-INTERVALS = {"mean_law": 0.35, "one_part": 0.12}
+INTERVALS = {"mean_law": 0.2, "one_part": 0.08}
 """Intervals of answers, and how opaque their bands are."""
 
 
