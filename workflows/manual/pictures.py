@@ -55,7 +55,7 @@ SHOWN = {
     "ploughing": plotting.plot_sliding_friction,
     "surfaces_to_joint": plotting.plot_hysteresis,
     "measured_stiffness": plotting.plot_joint_stiffness,
-    "roughness_sweep": partial(plotting.plot_sweep, answer="cycle_energy"),
+    "roughness_sweep": partial(plotting.plot_sweep, answer="slipping_load"),
     "three_ways": partial(plotting.plot_work_precision, scene="rough wave"),
 }
 LEFT = {
