@@ -57,7 +57,7 @@ def run_command(
     """Run all stages of a case, such as cells, interface law and structure; or a sweep."""
     from multiscale.io import logging_to, make_folder
     from multiscale.pipeline import load_sweep, requirements, run, run_sweep
-    from multiscale.report import draw_figures, open_finished, write_report
+    from multiscale.report import draw_figures, open_finished, write_report, write_reports
 
     if resume and not any((out / name).exists() for name in ("log.txt", "micro", "plan", "points")):
         raise CaseError(f"{out} holds no run to resume; leave out --resume to begin one")
@@ -85,7 +85,8 @@ def run_command(
         if one:
             run(one, out, executor=executor, progress=progress, force=force)
         else:
-            run_sweep(sweep, out, executor=executor, progress=progress, force=force)
+            joined = run_sweep(sweep, out, executor=executor, progress=progress, force=force)
+            write_reports(out, joined, executor=executor)
     draw_figures(out)
     write_report(out)
     finished = open_finished(out)
@@ -95,7 +96,7 @@ def run_command(
     if one:
         typer.echo(f"report, figures and datasets: {out}")
     else:
-        typer.echo(f"report, figure and dataset: {out}; runs: {out / 'points'}")
+        typer.echo(f"report, figures and dataset: {out}; runs: {out / 'points'}")
     if failure := finished.failure:
         raise ConvergenceError(f"{sweep.title}: {failure}")
 

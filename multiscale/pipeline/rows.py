@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from multiscale.plotting.sweep_figures import sweep_ends
 from multiscale.units import ZERO_CELSIUS
 
 if TYPE_CHECKING:
@@ -71,43 +72,53 @@ def tabulate(result: "xr.Dataset") -> tuple[tuple[str, ...], list[tuple[str, ...
             rows.append(_padded((f"{1e-6 * float(step['preload']):.4g}", missing), head))
             continue
         last = tuple(_part(step, name) for name in further)
-        rows.append(_row(step, _intervals(step, "joint_stiffness")) + last)
+        row = (
+            f"{1e-6 * float(step['preload']):.4g}",
+            _value(step, "joint_stiffness", 1e-12),
+            *_intervals(step, "joint_stiffness"),
+            _error(step, "joint_stiffness"),
+            _part(step, "interface_stiffness"),
+            _part(step, "solid_stiffness"),
+            f"{1e6 * float(step['mean_gap']):.4g}",
+            f"{100.0 * float(step['contact_fraction']):.3g}",
+            _part(step, "real_pressure", 1e-6),
+        )
+        rows.append(row + last)
     return head, rows
 
 
 def tabulate_sweep(result: "xr.Dataset") -> tuple[tuple[str, ...], list[tuple[str, ...]]]:
-    """Return head and rows of a sweep as text: each point at its largest converged preload."""
-    head = (*map(str, result["parameter"].values), *HEAD[:2], "95 % band", *HEAD[4:])
-    rows = []
-    for k in range(result.sizes["point"]):
-        point = result.isel(point=k)
-        said = tuple(map(str, point["setting"].values))
-        done = np.flatnonzero(np.isfinite(point["joint_stiffness"].values))
-        if done.size == 0:
-            rows.append(_padded((*said, "", "no result"), head))
-            continue
-        step = point.isel(step=done[-1])
-        low, high = (1e-12 * float(step[f"joint_stiffness_{end}"]) for end in ("low", "high"))
-        half = 0.5 * (high - low)
-        told = _error(step, "joint_stiffness") != "unknown" and np.isfinite(half)
-        band = f"{round_by(low, half)} ... {round_by(high, half)}" if told else "none"
-        rows.append((*said, *_row(step, (band,))))
-    return head, rows
-
-
-def _row(step: "xr.Dataset", intervals: Sequence[str]) -> tuple[str, ...]:
-    """Results at one preload, in the order of ``HEAD``, with the intervals of the stiffness."""
-    return (
-        f"{1e-6 * float(step['preload']):.4g}",
-        _value(step, "joint_stiffness", 1e-12),
-        *intervals,
-        _error(step, "joint_stiffness"),
-        _part(step, "interface_stiffness"),
-        _part(step, "solid_stiffness"),
-        f"{1e6 * float(step['mean_gap']):.4g}",
-        f"{100.0 * float(step['contact_fraction']):.3g}",
-        _part(step, "real_pressure", 1e-6),
+    """Return head and rows of a sweep: each point at its end, with intervals in brackets."""
+    names = list(map(str, result["answer"].values))
+    labels, units = (result[f"answer_{column}"].values for column in ("label", "unit"))
+    head = tuple(
+        str(label) if unit == "1" else f"{label} ({unit})"
+        for label, unit in zip(labels, units, strict=True)
     )
+    columns = [_column(result, name) for name in names]
+    rows = []
+    for k, (said, failure) in enumerate(
+        zip(result["setting"].values, result["failure"].values, strict=True)
+    ):
+        found = ("no result",) if failure else tuple(column[k] for column in columns)
+        rows.append(_padded((*map(str, said), *found), (*said, *head)))
+    return (*map(str, result["parameter"].values), *head), rows
+
+
+def _column(result: "xr.Dataset", name: str) -> list[str]:
+    """Write an answer of a sweep at all points, with the interval of the mean law if it has one."""
+    ends, scale = sweep_ends(result, name), float(result["answer_scale"].sel(answer=name))
+    told = []
+    for value, (low, high) in zip(ends["value"].values, ends["mean_law"].values, strict=True):
+        half = 0.5 * scale * (high - low)
+        if np.isnan(value):
+            told.append("unknown")
+        elif half > 0.0:
+            band = f"{round_by(scale * low, half)} ... {round_by(scale * high, half)}"
+            told.append(f"{round_by(scale * value, half)} ({band})")
+        else:
+            told.append(f"{scale * value:.4g}")
+    return told
 
 
 def round_by(value: float, half_width: float) -> str:

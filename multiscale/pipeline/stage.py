@@ -23,9 +23,11 @@ __all__ = [
     "Section",
     "Shown",
     "Stage",
+    "StageAnswer",
     "Summary",
     "format_table",
     "list_cautions",
+    "with_sample_band",
 ]
 
 Datasets: TypeAlias = "Mapping[str, xr.Dataset]"
@@ -43,6 +45,7 @@ class Section:
     head, rows : tuple of str, sequence of tuple of str, a table
     figures : mapping of str to callable
         From the name of a figure to a function that draws it into the file that it is given.
+    links : mapping of str to str, from text to the page of a run, relative to this one
     """
 
     heading: str
@@ -50,6 +53,7 @@ class Section:
     head: tuple[str, ...] = ()
     rows: Sequence[tuple[str, ...]] = ()
     figures: Mapping[str, Callable[[Path], Path]] = field(default_factory=dict)
+    links: Mapping[str, str] = field(default_factory=dict)
 
 
 @dataclass(frozen=True)
@@ -59,6 +63,30 @@ class Summary:
     title: str
     question: str
     answer: Sequence[str]
+
+
+@dataclass(frozen=True)
+class StageAnswer:
+    """A quantity by which runs are compared, in a sweep for instance.
+
+    Attributes
+    ----------
+    name : str
+        Of a variable along steps, cycles or loads, the last of which counts, or of a number. Its
+        intervals, if it has any, are ``NAME_mean_law`` and ``NAME_one_part``.
+    label : str, its name in words
+    unit : str, in which it is shown
+    scale : float, by which its value in SI units is multiplied to be shown
+    over : str, the answer of the same steps over which it is drawn, if there is one
+    drawn : bool, whether a figure shows it
+    """
+
+    name: str
+    label: str
+    unit: str
+    scale: float = 1.0
+    over: str = ""
+    drawn: bool = True
 
 
 @dataclass(frozen=True)
@@ -87,6 +115,11 @@ def list_cautions(dataset: "xr.Dataset") -> list[str]:
 def _nothing(*_: object) -> tuple[()]:
     """Return nothing to show, and nothing to refuse."""
     return ()
+
+
+def _itself(dataset: "xr.Dataset") -> "xr.Dataset":
+    """Return a dataset whose variables are the answers already."""
+    return dataset
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -144,6 +177,9 @@ class Stage(Shown):
     check : callable, refuses a dataset that has been written but answers nothing
     folders : tuple of str, folders of a run where the stage finds what it need not compute again
     pictures : tuple of str, names of all figures that the sections may have
+    answers : tuple of StageAnswer
+        By which runs are compared; those of the last stage that has any, as far as a run has them.
+    compared : callable, from the dataset to one that has the answers under their names
     """
 
     tables: tuple[str, ...]
@@ -155,6 +191,8 @@ class Stage(Shown):
     check: Callable[["xr.Dataset"], object] = _nothing
     pictures: tuple[str, ...] = ()
     folders: tuple[str, ...] = ()
+    answers: tuple[StageAnswer, ...] = ()
+    compared: Callable[["xr.Dataset"], "xr.Dataset"] = _itself
 
     def asked_for(self, tables: Container[str]) -> bool:
         """Whether the tables of a case file ask for the stage."""
@@ -165,6 +203,15 @@ class Stage(Shown):
         taken = [stage.identity(case) for stage in self.takes if stage.asked_for(case.tables)]
         own = case.checksum(include=self.reads)
         return sha256(" ".join([__version__, self.name, own, *taken]).encode()).hexdigest()
+
+
+def with_sample_band(dataset: "xr.Dataset", name: str) -> "xr.Dataset":
+    """Add the 95 % interval of an answer from its samples, where no error budget has given one."""
+    drawn, band = f"{name}_sample", f"{name}_mean_law"
+    if band in dataset or drawn not in dataset or not dataset[drawn].size:
+        return dataset
+    ends = dataset[drawn].quantile([0.025, 0.975], "sample").drop_vars("quantile")
+    return dataset.assign({band: ends.rename(quantile="limit")})
 
 
 def format_table(title: str, head: tuple[str, ...], rows: Sequence[tuple[str, ...]]) -> list[str]:

@@ -12,7 +12,15 @@ from multiscale.errors import ConvergenceError
 from multiscale.needs import Needs
 from multiscale.pipeline.rows import list_cycles, list_facts
 from multiscale.pipeline.settings import Case
-from multiscale.pipeline.stage import Datasets, Job, Section, Stage, Summary, format_table
+from multiscale.pipeline.stage import (
+    Datasets,
+    Job,
+    Section,
+    Stage,
+    StageAnswer,
+    Summary,
+    format_table,
+)
 from multiscale.schema import MACRO_RESULT, Schema, with_cautions
 
 if TYPE_CHECKING:
@@ -47,6 +55,8 @@ def structure_stage(
     more: Callable[["xr.Dataset"], Iterable[Section]] = lambda result: (),
     pictures: tuple[str, ...] = (),
     answer: Callable[["xr.Dataset"], list[str]] = lambda result: [],
+    answers: tuple[StageAnswer, ...] = (),
+    compared: Callable[["xr.Dataset"], "xr.Dataset"] = lambda result: result,
 ) -> Stage:
     """Make the stage that solves some kinds of structures.
 
@@ -70,6 +80,8 @@ def structure_stage(
     more : callable, from the dataset to further sections of the page
     pictures : tuple of str, names of all figures that these may have
     answer : callable, from the dataset to what the head of the page answers to the question
+    answers, compared
+        See :class:`multiscale.pipeline.stage.Stage`.
     """
 
     def run(case: Case, found: Datasets, job: Job) -> "xr.Dataset":
@@ -112,6 +124,8 @@ def structure_stage(
         sections=sections,
         summary=summary,
         pictures=pictures,
+        answers=answers,
+        compared=compared,
         failure=lambda result: "; ".join(_failures(result)),
     )
 

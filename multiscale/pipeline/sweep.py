@@ -4,6 +4,7 @@ import hashlib
 import logging
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from concurrent.futures import Executor
+from contextlib import suppress
 from copy import deepcopy
 from dataclasses import dataclass, field, replace
 from functools import reduce
@@ -15,16 +16,17 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from multiscale.errors import CaseError, MultiscaleError, SchemaError
+from multiscale.errors import CaseError, MultiscaleError
 from multiscale.executors import run_jobs
-from multiscale.io import make_folder, remove, write_bytes, write_dataset
+from multiscale.io import make_folder, open_dataset, remove, write_bytes, write_dataset
 from multiscale.pipeline.case import AnyCase, find_case, read_case, validate_case
 from multiscale.pipeline.run import run
-from multiscale.pipeline.run_folder import gather_cautions, open_stages
-from multiscale.pipeline.stages.joint import JOINT, STIFFNESSES
+from multiscale.pipeline.run_folder import gather_cautions
+from multiscale.pipeline.stage import Shown, StageAnswer
+from multiscale.pipeline.stages import stages_of
 from multiscale.pipeline.sweep_points import POINTS, name_point
 from multiscale.pipeline.toml_model import read_toml
-from multiscale.schema import MACRO_RESULT, SWEEP
+from multiscale.schema import SWEEP
 
 if TYPE_CHECKING:
     import xarray as xr
@@ -33,10 +35,20 @@ __all__ = ["Sweep", "load_sweep", "run_sweep"]
 
 MOST_POINTS = 100_000
 
-RESULT = ("preload", *STIFFNESSES, "mean_gap", "contact_fraction", "real_pressure")
-"""Kept of each point; the rest is in its folder."""
+NUMBERS = ((), ("limit",))
+"""Last dimensions of an answer that is one number, and of its intervals."""
 
 logger = logging.getLogger(__name__)
+
+
+@dataclass(frozen=True, eq=False)
+class _Point:
+    """What a point has left: its answers with their values, or why it has none."""
+
+    answers: tuple[StageAnswer, ...] = ()
+    values: "xr.Dataset | None" = None
+    caution: str = ""
+    failure: str = ""
 
 
 @dataclass(frozen=True)
@@ -107,18 +119,13 @@ def load_sweep(case: str | Path) -> Sweep:
     parameters = tuple(".".join(key) for key in lists)
     points, settings = [], []
     for values in product(*lists.values()):
-        said = tuple(str(value) for value in values)
+        said = tuple(map(_say, values))
         point = deepcopy(content)
         for key, value in zip(lists, values, strict=True):
             _set(point, key, value, path)
         if lists:
             point["title"] = f"{content.get('title', '')}: {name_point(parameters, said)}"
         points.append(validate_case(point, path))
-        if lists and not JOINT.asked_for(points[-1].tables):
-            raise CaseError(
-                f"{path}: [sweep] varies joints of blocks, and the case has no [structure] of kind "
-                f'"blocks"'
-            )
         settings.append(said)
     return Sweep(
         str(content.get("title", points[0].title)),
@@ -155,8 +162,9 @@ def run_sweep(
     Returns
     -------
     Dataset
-        Follows ``SWEEP``, with the parameters as coordinates of ``point``: in SI units where they
-        are numbers. A point without result is NaN, with its failure as text.
+        Follows ``SWEEP``: every answer of the last stage that has any, with its intervals, and the
+        parameters as coordinates of ``point``, in SI units where they are numbers. A point without
+        result is NaN, with its failure as text.
 
     Raises
     ------
@@ -174,32 +182,32 @@ def run_sweep(
     write_bytes(file, tomli_w.dumps({"title": sweep.title, "sweep": {}} | sweep.content).encode())
     folders = sweep.folders(out)
     names = [name_point(sweep.parameters, setting) for setting in sweep.settings]
-    found: dict[int, tuple[xr.Dataset | None, str]] = {}
+    found: dict[int, _Point] = {}
 
-    def finish(k: int, result: "tuple[xr.Dataset | None, str]") -> None:
-        found[k] = result
-        logger.info("%s: %s", names[k], result[1] or "finished")
+    def finish(k: int, point: _Point) -> None:
+        found[k] = point
+        logger.info("%s: %s", names[k], point.failure or "finished")
         progress(len(found))
 
     for k, folder in enumerate(() if force else folders):
-        try:
-            kept = _read_point(folder)
-        except SchemaError:  # missing, damaged or of another version: run again
-            continue
-        if kept["converged"].values.any():
-            found[k] = kept, ""
+        with suppress(MultiscaleError):  # missing, damaged or of another version: run again
+            found[k] = _read_point(sweep.points[k], folder)
     progress(len(found))
     jobs = {k: (case, folders[k], force) for k, case in enumerate(sweep.points) if k not in found}
     run_jobs(_run_point, jobs, executor, finish)
-    results, failures = zip(*(found[k] for k in range(len(folders))), strict=True)
-    if all(failures):
+    points = [found[k] for k in range(len(folders))]
+    if all(point.failure for point in points):
         raise MultiscaleError(
             f"none of the {len(folders)} points of the sweep has a result; at {names[0]}: "
-            f"{failures[0]}"
+            f"{points[0].failure}"
         )
-    joined = _join(sweep, results, failures, [path.name for path in folders])
+    joined = _join(sweep, points, [path.name for path in folders])
     write_dataset(joined, out / POINTS.file, SWEEP)
     return joined
+
+
+def _say(value: Any) -> str:
+    return f"[{', '.join(map(str, value))}]" if isinstance(value, list) else str(value)
 
 
 def _lists(
@@ -228,63 +236,82 @@ def _set(content: dict[str, Any], key: tuple[str, ...], value: Any, path: Path) 
     content[key[-1]] = value
 
 
-def _run_point(case: AnyCase, folder: Path, force: bool) -> "tuple[xr.Dataset | None, str]":
+def _run_point(case: AnyCase, folder: Path, force: bool) -> _Point:
     """Run a point; what is refused is a sentence, not the end."""
     try:
         run(case, folder, force=force)
-        return _read_point(folder), ""
+        return _read_point(case, folder)
     except MultiscaleError as error:
-        return None, str(error)
+        return _Point(failure=str(error))
+    except MemoryError as error:
+        return _Point(failure=f"not enough memory ({error}); use fewer points or jobs")
 
 
-def _read_point(folder: Path) -> "xr.Dataset":
-    """Open the result of a point, with the cautions of its whole run."""
-    found = open_stages(folder)
-    (result,) = (data for stage, data in found.items() if stage.schema is MACRO_RESULT)
-    return result.assign_attrs(cautions="\n".join(gather_cautions(found)))
+def _read_point(case: AnyCase, folder: Path) -> _Point:
+    """Open the answers of a finished point, with the cautions of its whole run.
+
+    Raises
+    ------
+    MultiscaleError
+        If a dataset is missing or refused, or answers nothing.
+    """
+    stages = stages_of(case.tables)
+    found: dict[Shown, xr.Dataset] = {}
+    for stage in stages:
+        found[stage] = open_dataset(folder / stage.file, stage.schema)
+        stage.check(found[stage])
+    answering = [stage for stage in stages if stage.answers][-1]
+    values = answering.compared(found[answering])
+    answers = tuple(one for one in answering.answers if one.name in values.variables)
+    kept = [name for one in answers for name in _with_intervals(one.name) if name in values]
+    failed = (stage.failure(dataset) for stage, dataset in found.items())
+    caution = "\n".join(filter(None, dict.fromkeys([*gather_cautions(found), *failed])))
+    return _Point(answers, values.reset_coords()[kept], caution)
 
 
-def _join(
-    sweep: Sweep,
-    results: "Sequence[xr.Dataset | None]",
-    failures: Sequence[str],
-    folders: list[str],
-) -> "xr.Dataset":
-    steps = max(result.sizes["step"] for result in results if result is not None)
-    shape = (len(results), steps)
-    values: dict[str, Any] = {name: np.full(shape, np.nan) for name in RESULT}
-    values["error_total"] = np.full((shape[0], len(STIFFNESSES), steps), np.nan)
-    low, high = np.full((2, *shape), np.nan)
-    converged = np.zeros(shape, dtype=int)
-    for k, result in enumerate(results):
-        if result is None:
-            continue
-        here = (k, slice(result.sizes["step"]))
-        converged[here] = result["converged"].values
-        for name in RESULT:
-            values[name][here] = result[name].values
-        if "error_total" in result:
-            chosen = result["error_total"].sel(quantity=list(STIFFNESSES))
-            values["error_total"][k, :, : result.sizes["step"]] = chosen.values
-        if "joint_stiffness_sample" in result:
-            known = np.flatnonzero(np.isfinite(result["joint_stiffness"].values))
-            drawn = result["joint_stiffness_sample"].values[:, known]
-            low[k, known], high[k, known] = np.nanpercentile(drawn, (2.5, 97.5), axis=0)
+def _with_intervals(name: str) -> tuple[str, str, str]:
+    return name, f"{name}_mean_law", f"{name}_one_part"
+
+
+def _join(sweep: Sweep, points: Sequence[_Point], folders: list[str]) -> "xr.Dataset":
+    """Put the points side by side; what a point has not is NaN."""
+    import xarray as xr
+
+    answers = {one.name: one for point in points for one in point.answers}
+    columns = {
+        column: [getattr(one, column) for one in answers.values()]
+        for column in ("label", "unit", "scale", "over", "drawn")
+    }
+    place = np.zeros((len(points), len(answers)), dtype=int)
+    values = {}
+    for column, name in enumerate(answers):
+        for own in _with_intervals(name):
+            found = [None if one.values is None else one.values.get(own) for one in points]
+            first = next((one for one in found if one is not None), None)
+            if first is None:
+                continue
+            shape = np.max([one.shape for one in found if one is not None], axis=0).astype(int)
+            table = np.full((len(points), *shape), np.nan)
+            for k, one in enumerate(found):
+                if one is not None:
+                    here: Any = (k, *map(slice, one.shape))
+                    table[here] = one.to_numpy()
+                    place[k, column] = one.shape[-1] - 1 if one.dims[-1:] not in NUMBERS else 0
+            values[own] = (("point", *first.dims), table, first.attrs)
     joined = SWEEP.build(
-        values
-        | {
-            "setting": np.array(sweep.settings, dtype=str).reshape(len(results), -1),
+        {
+            "setting": np.array(sweep.settings, dtype=str).reshape(len(points), -1),
             "folder": [f"points/{name}" for name in folders],
-            "failure": list(failures),
-            "caution": ["" if one is None else one.attrs["cautions"] for one in results],
-            "converged": converged,
-            "joint_stiffness_low": low,
-            "joint_stiffness_high": high,
-        },
+            "failure": [one.failure for one in points],
+            "caution": [one.caution for one in points],
+            "answer_place": place,
+        }
+        | {f"answer_{column}": said for column, said in columns.items()},
         title=sweep.title,
     )
-    labels = {"parameter": list(sweep.parameters), "quantity": list(STIFFNESSES)}
-    return joined.assign_coords(labels | _coordinates(sweep))
+    labels = {"parameter": list(sweep.parameters), "answer": list(answers)}
+    joined = joined.assign_coords(labels | _coordinates(sweep))
+    return joined.merge(xr.Dataset(values), combine_attrs="override")
 
 
 def _coordinates(sweep: Sweep) -> dict[str, Any]:

@@ -1,6 +1,6 @@
 """How the points of a sweep are shown, each a run in a folder of its own."""
 
-from collections.abc import Iterable, Iterator
+from collections.abc import Callable, Iterable, Iterator
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -9,7 +9,7 @@ import numpy as np
 from multiscale.pipeline.rows import tabulate_sweep
 from multiscale.pipeline.stage import Datasets, Section, Shown, Summary, format_table
 from multiscale.plotting.figure import on_axes
-from multiscale.plotting.sweep_figures import plot_sweep
+from multiscale.plotting.sweep_figures import plot_sweep, plot_sweep_steps, sweep_ends
 from multiscale.schema import SWEEP
 
 if TYPE_CHECKING:
@@ -30,8 +30,7 @@ def name_point(parameters: Iterable[str], setting: Iterable[str]) -> str:
 def _list_cautions(result: "xr.Dataset") -> list[str]:
     """Say why points have no result, and what to beware of at others: each with its points."""
     names, failures = _names(result), [str(one) for one in result["failure"].values]
-    # a sweep of an earlier version has none
-    cautions = [str(one) for one in result["caution"].values] if "caution" in result else []
+    cautions = [str(one) for one in result["caution"].values]
     refused = _places((f"no result: {one.rstrip('.')}", k) for k, one in enumerate(failures) if one)
     beware = _places((line, k) for k, one in enumerate(cautions) for line in one.splitlines())
     solved = failures.count("")
@@ -52,7 +51,7 @@ def _places(found: Iterable[tuple[str, int]]) -> dict[str, list[int]]:
 
 
 def _names(result: "xr.Dataset") -> list[str]:
-    parameters = list(map(str, result["parameter"].values))
+    parameters = _parameters(result)
     return [name_point(parameters, map(str, setting)) for setting in result["setting"].values]
 
 
@@ -62,19 +61,33 @@ def _list(names: list[str], at: list[int]) -> str:
 
 
 def _summary(found: Datasets) -> Summary:
-    """Say what is varied, and the range of the stiffnesses at the largest preload of each point."""
+    """Say what is varied, and the range of each answer at the end of the points."""
     result = found[POINTS.name]
-    names = ", ".join(map(str, result["parameter"].values))
-    rows = 1e-12 * result["joint_stiffness"].values
-    last = [row[np.isfinite(row)][-1] for row in rows if np.isfinite(row).any()]
+    drawn = result["answer"].values[result["answer_drawn"].values == 1]
+    labels = {str(name): str(result["answer_label"].sel(answer=name).values) for name in drawn}
+    told = []
+    for name, label in labels.items():
+        ends = sweep_ends(result, name)["value"].values
+        scale, unit = (result[f"answer_{it}"].sel(answer=name).item() for it in ("scale", "unit"))
+        known = scale * ends[np.isfinite(ends)]
+        if known.size:
+            beside = "" if unit == "1" else f" {unit}"
+            told.append(f"{label} {known.min():.4g} to {known.max():.4g}{beside}")
+    solved, count = int((result["failure"] == "").sum()), result.sizes["point"]
     return Summary(
         result.attrs["title"],
-        f"How does the stiffness of the joint depend on {names}?",
-        [
-            f"From {min(last):.4g} to {max(last):.4g} MPa/µm at the largest preload, over "
-            f"{len(last)} of {len(rows)} points with a result."
-        ],
+        f"How do {_and(labels.values())} depend on {_and(_parameters(result))}?",
+        [f"Over {solved} of {count} points with a result: {', '.join(told) or 'nothing known'}."],
     )
+
+
+def _and(names: Iterable[str]) -> str:
+    *first, last = names
+    return f"{', '.join(first)} and {last}" if first else last
+
+
+def _parameters(result: "xr.Dataset") -> list[str]:
+    return list(map(str, result["parameter"].values))
 
 
 def _lines(found: Datasets) -> list[str]:
@@ -83,14 +96,28 @@ def _lines(found: Datasets) -> list[str]:
 
 
 def _sections(found: Datasets, out: Path) -> Iterator[Section]:
+    """Show the answers at the end of all points, over the steps of each, and where the runs are."""
     result = found[POINTS.name]
-    told = ["multiscale report FOLDER writes the page of a point from its run folder."]
-    runs = list(zip(_names(result), map(str, result["folder"].values), strict=True))
-    figure = on_axes(lambda ax: plot_sweep(result, ax=ax))
+    drawn = list(map(str, result["answer"].values[result["answer_drawn"].values == 1]))
+    over_steps = [one for one in drawn if result["answer_over"].sel(answer=one).item()][:1]
+
+    def draw(plot: Callable[..., object], answer: str) -> Callable[[Path], Path]:
+        return on_axes(lambda ax: plot(result, answer, ax=ax))
+
+    figures = {f"sweep_{one}": draw(plot_sweep, one) for one in drawn}
+    figures |= {f"sweep_{one}_steps": draw(plot_sweep_steps, one) for one in over_steps}
+    told = [
+        "Each point at its last step or cycle; in brackets the 95 % interval of the mean law, in "
+        "figures a bar, and lighter the interval of one part."
+    ]
+    yield Section("Points", told, *tabulate_sweep(result), figures)
+    pages = [f"{folder}/report.html" for folder in result["folder"].values]
+    runs = dict(zip(_names(result), pages, strict=True))
     yield Section(
-        "Points", ["Each at its largest preload."], *tabulate_sweep(result), {"sweep": figure}
+        "Runs",
+        ["multiscale report FOLDER writes the page of a point that has a result and no page here."],
+        links={name: page for name, page in runs.items() if (out / page).exists()},
     )
-    yield Section("Runs", told, rows=runs)
 
 
 POINTS = Shown(

@@ -49,7 +49,7 @@ from multiscale.plotting.sliding_figures import (
     plot_steady_friction,
 )
 from multiscale.plotting.surface_figures import plot_contact_map, plot_surface
-from multiscale.plotting.sweep_figures import plot_sweep
+from multiscale.plotting.sweep_figures import plot_sweep, plot_sweep_steps, sweep_ends
 from multiscale.plotting.tyre_figures import (
     plot_braking_force,
     plot_footprint,
@@ -99,8 +99,10 @@ __all__ = [
     "plot_stiffness_against_damage",
     "plot_surface",
     "plot_sweep",
+    "plot_sweep_steps",
     "plot_unloading",
     "plot_woehler",
     "plot_work_precision",
     "plot_worst_section",
+    "sweep_ends",
 ]

@@ -1,4 +1,4 @@
-"""Figure of a sweep, which follows ``SWEEP``."""
+"""Figures of a sweep, which follows ``SWEEP``."""
 
 from typing import TYPE_CHECKING
 
@@ -10,28 +10,130 @@ if TYPE_CHECKING:
     import xarray as xr
     from matplotlib.axes import Axes
 
-__all__ = ["plot_sweep"]
+__all__ = ["plot_sweep", "plot_sweep_steps", "sweep_ends"]
 
 LARGEST_LEGEND = 10
-"""Largest number of points with a legend."""
+"""Largest number of lines with a legend."""
+
+DECADE = 10.0
+"""Largest over smallest value of a key from which its axis is logarithmic."""
+
+INTERVALS = {"mean_law": 0.2, "one_part": 0.08}
+"""Intervals of answers, and how opaque their bands are."""
 
 
-def plot_sweep(result: "xr.Dataset", *, ax: "Axes | None" = None) -> "Axes":
-    """Plot the stiffness of the joint over the preload, a line with its band for each point."""
+def sweep_ends(result: "xr.Dataset", answer: str) -> "xr.Dataset":
+    """Return an answer at the end of its steps or cycles at every point.
+
+    Parameters
+    ----------
+    result : Dataset
+    answer : str
+
+    Returns
+    -------
+    Dataset
+        Along ``point``, in SI units: ``value``, and ``mean_law`` and ``one_part`` with the
+        dimension ``limit``, NaN where there is none.
+    """
+    import xarray as xr
+
+    place = result["answer_place"].sel(answer=answer, drop=True)
+    blank = xr.DataArray(np.full((result.sizes["point"], 2), np.nan), dims=("point", "limit"))
+    found = {"value": result[answer]}
+    found |= {kind: result.get(f"{answer}_{kind}", blank) for kind in INTERVALS}
+    ends = {}
+    for name, values in found.items():
+        (along,) = set(values.dims) - {"point", "limit"} or {None}
+        ends[name] = values if along is None else values.isel({along: place})
+    return xr.Dataset({name: values.drop_vars(values.coords) for name, values in ends.items()})
+
+
+def plot_sweep(result: "xr.Dataset", answer: str, *, ax: "Axes | None" = None) -> "Axes":
+    """Plot an answer over the swept key of most values, a line for each setting of the others.
+
+    Bars are the 95 % interval of the mean law; bands are this interval and, lighter, the interval
+    of one part.
+
+    Parameters
+    ----------
+    result : Dataset
+    answer : str
+        One of the coordinate ``answer``, such as ``"joint_stiffness"``.
+    ax : Axes, optional
+        Axes to draw on.
+    """
     import matplotlib
+    from matplotlib.ticker import EngFormatter
 
     ax = axes_or_current(ax)
-    count = result.sizes["point"]
-    colours = matplotlib.colormaps["viridis"](np.linspace(0.0, 0.9, count))
-    for k, colour in enumerate(colours):
+    settings = result["setting"].values.astype(str)
+    along = int(np.argmax([np.unique(column).size for column in settings.T]))
+    key = str(result["parameter"].values[along])
+    said, of_text = list(dict.fromkeys(settings[:, along])), result[key].dtype.kind in "OUT"
+    x = np.array([said.index(one) for one in settings[:, along]]) if of_text else result[key].values
+    others = [", ".join(map(str, row)) for row in np.delete(settings, along, axis=1)]
+    lines = list(dict.fromkeys(others))
+    ends, scale = sweep_ends(result, answer), float(result["answer_scale"].sel(answer=answer))
+    colours = matplotlib.colormaps["viridis"](np.linspace(0.0, 0.85, len(lines)))
+    for line, colour in zip(lines, colours, strict=True):
+        mine = np.array([k for k in np.argsort(x, kind="stable") if others[k] == line])
+        value = scale * ends["value"].values[mine]
+        for kind, alpha in INTERVALS.items():
+            band = scale * ends[kind].values[mine].T
+            ax.fill_between(x[mine], *band, color=colour, alpha=alpha, linewidth=0)
+        bars = np.abs(scale * ends["mean_law"].values[mine].T - value)
+        marks = "o:" if of_text else "o-"
+        ax.errorbar(x[mine], value, bars, fmt=marks, color=colour, capsize=2, label=line)
+    if of_text:
+        ax.set_xticks(range(len(said)), said)
+    elif x.min() > 0.0 and x.max() >= DECADE * x.min():
+        ax.set_xscale("log")
+    unit = str(result[key].attrs.get("units", "1"))
+    if unit != "1":
+        ax.xaxis.set_major_formatter(EngFormatter(unit.replace("u", "µ")))
+    _label_answer(result, answer, ax)
+    ax.set_xlabel(key)
+    if lines != [""] and len(lines) <= LARGEST_LEGEND:
+        ax.legend(title=", ".join(np.delete(result["parameter"].values, along)), fontsize="small")
+    return ax
+
+
+def plot_sweep_steps(result: "xr.Dataset", answer: str, *, ax: "Axes | None" = None) -> "Axes":
+    """Plot an answer over the steps of each point, a line with its bands for each.
+
+    Parameters
+    ----------
+    result : Dataset
+    answer : str
+        One of the coordinate ``answer`` whose ``answer_over`` is another.
+    ax : Axes, optional
+        Axes to draw on.
+    """
+    import matplotlib
+
+    ax, count = axes_or_current(ax), result.sizes["point"]
+    over = str(result["answer_over"].sel(answer=answer).values)
+    scale, wide = (float(result["answer_scale"].sel(answer=one)) for one in (answer, over))
+    for k, colour in enumerate(matplotlib.colormaps["viridis"](np.linspace(0.0, 0.85, count))):
         point = result.isel(point=k)
-        preload = 1e-6 * point["preload"].values
         label = ", ".join(map(str, point["setting"].values)) if count <= LARGEST_LEGEND else None
-        ax.plot(preload, 1e-12 * point["joint_stiffness"], "o-", color=colour, label=label)
-        low, high = (1e-12 * point[f"joint_stiffness_{end}"].values for end in ("low", "high"))
-        ax.fill_between(preload, low, high, color=colour, alpha=0.2, linewidth=0)
-    ax.set(xlabel="preload (MPa)", ylabel="joint stiffness (MPa/µm)")
+        ax.plot(wide * point[over], scale * point[answer], "o-", color=colour, label=label)
+        for kind, alpha in INTERVALS.items():
+            if (name := f"{answer}_{kind}") in result:
+                ax.fill_between(
+                    wide * point[over], *(scale * point[name]), color=colour, alpha=alpha, lw=0
+                )
+    _label_answer(result, answer, ax)
+    _label_answer(result, over, ax, axis="x")
     ax.set_title(", ".join(map(str, result["parameter"].values)), fontsize="small")
     if count <= LARGEST_LEGEND:
         ax.legend(fontsize="small")
     return ax
+
+
+def _label_answer(result: "xr.Dataset", answer: str, ax: "Axes", axis: str = "y") -> None:
+    label, unit = (
+        str(result[f"answer_{it}"].sel(answer=answer).values) for it in ("label", "unit")
+    )
+    ax.set(**{f"{axis}label": label if unit == "1" else f"{label} ({unit})"})

@@ -2,7 +2,7 @@
 
 from multiscale.pipeline.rows import list_cycles, list_facts, tabulate_links
 from multiscale.report.finished_run import FinishedRun, draw_figures, open_finished
-from multiscale.report.page import write_report
+from multiscale.report.page import write_report, write_reports
 
 __all__ = [
     "FinishedRun",
@@ -12,4 +12,5 @@ __all__ = [
     "open_finished",
     "tabulate_links",
     "write_report",
+    "write_reports",
 ]

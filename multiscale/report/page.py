@@ -2,16 +2,21 @@
 
 import base64
 from collections.abc import Iterator, Mapping
+from concurrent.futures import Executor
 from importlib import resources
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
+from multiscale.executors import run_jobs
 from multiscale.io import read_bytes, reading_run, write_bytes
 from multiscale.pipeline.stage import Section
-from multiscale.report.finished_run import FinishedRun, open_finished
+from multiscale.report.finished_run import FinishedRun, draw_figures, open_finished
 from multiscale.units import readable
 
-__all__ = ["write_report"]
+if TYPE_CHECKING:
+    import xarray as xr
+
+__all__ = ["write_report", "write_reports"]
 
 
 def write_report(out: str | Path) -> Path:
@@ -25,6 +30,26 @@ def write_report(out: str | Path) -> Path:
     text = Environment(autoescape=True).from_string(template).render(content)
     write_bytes(out / "report.html", text.encode())
     return out / "report.html"
+
+
+def write_reports(
+    out: str | Path, sweep: "xr.Dataset", *, executor: Executor | None = None
+) -> None:
+    """Draw the figures and write the reports of the points of a sweep in a folder.
+
+    The points are those of its dataset that have a result, and a report older than their datasets.
+    """
+    solved = sweep["folder"].values[sweep["failure"].values == ""]
+    jobs = {name: (Path(out) / str(name),) for name in solved}
+    run_jobs(_report_point, jobs, executor, lambda name, nothing: None)
+
+
+def _report_point(folder: Path) -> None:
+    page, datasets = folder / "report.html", folder.glob("*.nc")
+    written = page.stat().st_mtime_ns if page.exists() else 0
+    if written < max(file.stat().st_mtime_ns for file in datasets):
+        draw_figures(folder)
+        write_report(folder)
 
 
 def _content(run: FinishedRun) -> dict[str, Any]:

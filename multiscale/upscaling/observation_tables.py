@@ -93,6 +93,11 @@ def _columns(path: Path, wanted: dict[str, str]) -> tuple[dict[str, np.ndarray],
         name = (match["name"] if match else head).strip().lower().replace("_", " ")
         found[name] = (head, match["unit"] if match else None)
     missing = [name for name in wanted if name not in found]
+    if missing and lines and ";" in lines[0]:
+        raise CaseError(
+            f"{path}: the first line separates columns by semicolons; separate them by commas, and "
+            f"write numbers with decimal points"
+        )
     if missing:
         raise CaseError(
             f"{path}: no column {' and no column '.join(missing)}; the first line should name "

@@ -5,13 +5,17 @@ from importlib import import_module
 import numpy as np
 import pytest
 import xarray as xr
+from matplotlib.figure import Figure
 from typer.testing import CliRunner
 
 from multiscale.cli import app
 from multiscale.errors import CaseError, MultiscaleError
+from multiscale.macro import solve_static
 from multiscale.pipeline import load_case, load_sweep, run, run_sweep
+from multiscale.pipeline.rows import tabulate_sweep
 from multiscale.pipeline.stages.joint import solve_joint
-from tests.support import small_steel
+from multiscale.plotting import plot_sweep, sweep_ends
+from tests.support import TWO_BLOCKS, small_steel, write_law
 
 SMALL = small_steel(3, "\n[law]\nsamples = 10\n")
 
@@ -69,6 +73,72 @@ def test_a_bad_sweep_is_refused_in_one_sentence(write, table, message):
         load_sweep(write(text))
 
 
+JOINT = (
+    TWO_BLOCKS.replace("friction", 'law = "law.nc"\nfriction')
+    + """
+[cycles]
+shear = "1 MPa"
+cycles = 1
+steps = 2
+[sweep]
+interface.friction = [0.2, 0.3, 0.01]
+"""
+)
+GRID = """
+title = "Grid"
+[structure]
+kind = "tensegrity_grid"
+n = 2
+prestress = "2550 N"
+size = "1 m"
+height = "0.5 m"
+cable_rigidity = "4 MN"
+bar_rigidity = "80 MN"
+nodal_load = "40 N"
+[statics]
+[sweep]
+statics.load_factors = [[0.5], [0.5, 1.0]]
+structure.prestress = ["2550 N", "1 N"]
+"""
+
+
+@pytest.mark.slow
+def test_a_sweep_of_a_joint_that_slips_keeps_its_answers_and_says_which_slides(write, tmp_path):
+    write_law(tmp_path / "law.nc")
+    sweep = load_sweep(write(JOINT))
+    result = run_sweep(sweep, tmp_path / "out")
+    alone = run(sweep.points[1], tmp_path / "alone").macro_result
+    ends = {name: sweep_ends(result, name)["value"] for name in result["answer"].values}
+    assert {"tangential_stiffness", "slipping_load", "cycle_energy"} <= set(ends)
+    assert float(ends["cycle_energy"][1]) == float(alone["cycle_energy"][-1])
+    assert float(ends["slipping_load"][1]) == float(alone["slipping_load"][-1])
+    assert float(ends["joint_stiffness"][1]) == float(alone["joint_stiffness"][1])  # at 20 MPa
+    np.testing.assert_array_equal(np.isnan(ends["cycle_energy"]), [False, False, True])
+    assert np.isfinite(ends["joint_stiffness"]).all()
+    assert list(result["failure"].values) == ["", "", ""]
+    assert "slide on joint 0" in result["caution"].values[2]
+    assert "slide" not in result["caution"].values[0]
+
+
+def test_a_sweep_of_a_truss_has_the_numbers_of_its_table(write, tmp_path):
+    sweep = load_sweep(write(GRID))
+    result = run_sweep(sweep, tmp_path / "out")
+    tension = [
+        float(solve_static(one.structure.build(), 0.5 * steps).tension.max())
+        for steps, one in zip((1, 1, 2, 2), sweep.points, strict=True)
+    ]
+    ends = sweep_ends(result, "largest_tension")
+    np.testing.assert_allclose(ends["value"], tension, rtol=1e-6)
+    assert np.isnan(ends["mean_law"]).all()
+    assert np.isnan(result["largest_tension"].values[:2, 1]).all()  # one step only
+    head, rows = tabulate_sweep(result)
+    assert head[-1] == "largest tension (kN)"
+    assert rows[0][-1] == f"{1e-3 * tension[0]:.4g}"
+    for answer in result["answer"].values:
+        drawn = plot_sweep(result, answer, ax=Figure().add_subplot())
+        assert len(drawn.lines) >= 2  # a line for each prestress
+
+
 def test_a_case_that_is_a_sweep_is_not_loaded_as_one_case(write):
     with pytest.raises(CaseError, match="load it with load_sweep"):
         load_case(write(SMALL + SWEEP))
@@ -85,7 +155,7 @@ def test_each_point_is_the_run_of_its_case_and_a_failure_is_a_sentence(write, tm
     np.testing.assert_array_equal(result["preload"][0], alone["preload"])
     assert "16 x 16 points cannot carry short_cutoff" in result["failure"].values[1]
     assert np.isnan(result["joint_stiffness"][1]).all()
-    assert not result["converged"][1].any()
+    assert result["failure"].values[0] == ""
     assert list(result["cell.points"].values) == ["[36, 36]", "[16, 16]"]
 
 
@@ -97,7 +167,7 @@ def test_a_sweep_that_grows_keeps_its_points(write, tmp_path):
     grown = run_sweep(sweep, tmp_path / "out")
     assert kept.stat().st_mtime_ns == before
     assert list(grown["cell.layers"].values) == [6.0, 8.0]
-    assert grown["converged"].values.all()
+    assert not any(grown["failure"].values)
     assert load_sweep(tmp_path / "out" / "case.toml").points == sweep.points
     with pytest.raises(CaseError, match="holds a sweep; choose another folder"):
         run(sweep.points[0], tmp_path / "out")

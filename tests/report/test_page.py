@@ -9,7 +9,7 @@ import pytest
 from matplotlib.image import imread
 
 from multiscale.pipeline import Sweep, load_case, run_sweep
-from multiscale.report import draw_figures, write_report
+from multiscale.report import draw_figures, write_report, write_reports
 from tests.support import slow
 
 
@@ -94,16 +94,18 @@ def test_the_page_of_a_sweep_has_a_row_for_each_point_and_says_which_failed(run_
     sweep = Sweep("Two <grids>", ("cell.points",), (case, rough), (("[64, 64]",), ("[16, 16]",)))
     (tmp_path / "points").mkdir()
     copytree(run_folder, sweep.folders(tmp_path)[0])
-    run_sweep(sweep, tmp_path)
+    joined = run_sweep(sweep, tmp_path)
+    write_reports(tmp_path, joined)
     draw_figures(tmp_path)
     page = write_report(tmp_path).read_text(encoding="utf-8")
     assert "<h1>Two &lt;grids&gt;</h1>" in page
-    assert "over 1 of 2 points with a result" in page
+    assert "Over 1 of 2 points with a result: joint stiffness" in page
     assert re.findall(
         r"Caution:</strong> at cell.points = \[16, 16\]: no result: .*cannot carry", page
     )
     assert re.findall(r"Caution:</strong> at every point with a result: the shortest wave of", page)
     assert page.count("<td>[64, 64]</td>") == 1  # its result
-    assert re.findall(r"cell.points = \[64, 64\]</t.>\s*<td>points/", page)  # its folder
-    assert 'alt="sweep"' in page
+    (link,) = re.findall(r'<a href="(.*?)">cell.points = \[64, 64\]</a>', page)  # its own page
+    assert (tmp_path / link).is_file()
+    assert 'alt="sweep joint stiffness"' in page
     assert "multiscale 0" in page.split("Work and provenance")[1]

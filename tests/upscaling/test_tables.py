@@ -81,6 +81,7 @@ def test_specimens_give_bands_by_specimen():
             r"stiffness \(MPa/um\), found pressure \(MPa\), gap \(um\)",
         ),
         ("", "no column pressure and no column stiffness"),
+        ("pressure (MPa);stiffness (MPa/um)\n1,5;2\n", "separates columns by semicolons; separate"),
         (
             "pressure,stiffness (MPa/um)\n1,2\n",
             r"'pressure' has no unit; write it in the first line, such as pressure \(MPa\)",

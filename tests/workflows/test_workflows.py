@@ -13,7 +13,14 @@ from multiscale.schema import GRANULATE, MACRO_RESULT
 from tests.support import write_law
 
 FOLDER = Path(__file__).parents[2] / "workflows"
-SCRIPTS = ("damage_to_joint.py", "ploughing.py", "tensegrity_grid.py", "three_ways.py")
+SCRIPTS = (
+    "damage_to_joint.py",
+    "ploughing.py",
+    "roughness_sweep.py",
+    "surfaces_to_joint.py",
+    "tensegrity_grid.py",
+    "three_ways.py",
+)
 SLOW = (*SCRIPTS, "lap_joint.toml", "rough_blocks.toml")
 
 

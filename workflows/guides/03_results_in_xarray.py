@@ -37,7 +37,7 @@ from multiscale.upscaling import (
 #   sliding_response      load, step, component                 friction, gap and contact of a cell
 #                                                               that slides
 #   fields                step, y, x                            heights, gap and pressure of a cell
-#   sweep                 point, step                           results and parameters of each point
+#   sweep                 point, step or cycle                  answers and parameters of each point
 #   granulate             step, frame, grain, contact           motion and forces of grains
 #   work_precision        run                                   errors and times of methods
 #   stability             case                                  outcomes of extreme cases

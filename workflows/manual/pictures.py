@@ -54,11 +54,17 @@ SHOWN = {
     "biaxial": plotting.plot_biaxial_curve,
     "damage_to_joint": plotting.plot_joint_life,
     "ploughing": plotting.plot_sliding_friction,
+    "surfaces_to_joint": plotting.plot_hysteresis,
+    "measured_stiffness": plotting.plot_joint_stiffness,
+    "roughness_sweep": partial(plotting.plot_sweep, answer="slipping_load"),
     "three_ways": partial(plotting.plot_work_precision, scene="rough wave"),
 }
 LEFT = {
     "damage_to_joint": "macro_result.nc",
     "ploughing": "sliding_response.nc",
+    "surfaces_to_joint": "run/macro_result.nc",
+    "measured_stiffness": "macro_result.nc",
+    "roughness_sweep": "sweep.nc",
     "three_ways": "work_precision.nc",
 }
 """Datasets of scripts."""

@@ -15,7 +15,15 @@ from multiscale.macro.joint import Footprint, TreadBlock, condense_tread, slide_
 from multiscale.macro.joint.tread import CondensedTread
 from multiscale.needs import Choice, Needs
 from multiscale.pipeline.rows import list_facts, say_error, tabulate_braking
-from multiscale.pipeline.stage import Datasets, Section, Stage, Summary, format_table
+from multiscale.pipeline.stage import (
+    Datasets,
+    Section,
+    Stage,
+    StageAnswer,
+    Summary,
+    format_table,
+    with_sample_band,
+)
 from multiscale.pipeline.stages.friction_law import FRICTION_LAW
 from multiscale.pipeline.tyre_budget import with_braking_budget
 from multiscale.pipeline.tyre_settings import TyreCase
@@ -263,4 +271,10 @@ BRAKING = Stage(
     sections=_sections,
     pictures=("braking_force", "footprint_pressure", "footprint_friction"),
     summary=_summary,
+    answers=(
+        StageAnswer("braking_force", "largest braking force", "N"),
+        StageAnswer("braking_coefficient", "largest force over load", "1"),
+        StageAnswer("sliding_speed", "its speed", "m/s"),
+    ),
+    compared=lambda result: with_sample_band(_hardest(result), "braking_force"),
 )

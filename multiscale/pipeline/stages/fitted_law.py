@@ -2,7 +2,7 @@
 
 from collections.abc import Iterator
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -10,7 +10,7 @@ from multiscale.pipeline.case_budget import OnGrids, case_budget
 from multiscale.pipeline.real_contact import behaviour
 from multiscale.pipeline.rows import say_error
 from multiscale.pipeline.settings import Case
-from multiscale.pipeline.stage import Datasets, Job, Section, Stage, Summary
+from multiscale.pipeline.stage import Datasets, Job, Section, Stage, StageAnswer, Summary
 from multiscale.pipeline.stages.cells import CELLS
 from multiscale.pipeline.stages.coarser_cells import COARSER_CELLS, COARSER_SHEAR
 from multiscale.pipeline.stages.sheared_cells import POINTS, SHEARED_CELLS
@@ -186,6 +186,22 @@ def _summary(found: Datasets) -> Summary:
     return Summary(response.attrs["title"], question, [*planned, answer, *behaviour(law)])
 
 
+def _compared(law: "xr.Dataset") -> "xr.Dataset":
+    """Return gap, stiffness and contact at the pressures of the cells, with their total errors."""
+    pressure, gap = law["fit_pressure"].to_numpy(), law["fit_mean_gap"].to_numpy()
+    found = {
+        "mean_gap": (gap, "m"),
+        "stiffness": (law_from_dataset(law).stiffness(gap), "Pa m-1"),
+        "contact_fraction": (area_from_dataset(law).contact_fraction(pressure), "1"),
+    }
+    values: dict[str, Any] = {}
+    for name, (value, unit) in found.items():
+        half = value * law["error_total"].sel(quantity=name).to_numpy()
+        values[name] = ("step", value, {"units": unit})
+        values[f"{name}_mean_law"] = (("limit", "step"), [value - half, value + half])
+    return law.assign(values)
+
+
 FITTED_LAW = Stage(
     schema=INTERFACE_LAW,
     tables=("micro",),
@@ -195,4 +211,12 @@ FITTED_LAW = Stage(
     sections=_sections,
     summary=_summary,
     pictures=("gap_law", "area_law", "unloading", "shear_law"),
+    answers=(
+        StageAnswer("fit_pressure", "pressure", "MPa", 1e-6, drawn=False),
+        StageAnswer("stiffness", "stiffness", "MPa/µm", 1e-12, over="fit_pressure"),
+        StageAnswer("mean_gap", "mean gap", "µm", 1e6, over="fit_pressure"),
+        StageAnswer("contact_fraction", "contact", "%", 100.0, over="fit_pressure"),
+        StageAnswer("shear_friction", "friction", "1"),
+    ),
+    compared=_compared,
 )

@@ -3,13 +3,13 @@
 from typing import TYPE_CHECKING
 
 from multiscale.io import write_grain_fields
-from multiscale.macro.granulate import simulate_grains
+from multiscale.macro.granulate import biaxial_curve, simulate_grains
 from multiscale.macro.granulate.grain_needs import grain_needs
 from multiscale.needs import Needs
 from multiscale.pipeline.grain_settings import Granulate
 from multiscale.pipeline.rows import tabulate_grains
 from multiscale.pipeline.settings import Case
-from multiscale.pipeline.stage import Datasets, Job
+from multiscale.pipeline.stage import Datasets, Job, StageAnswer
 from multiscale.pipeline.structure_stage import structure_stage
 from multiscale.schema import GRANULATE
 
@@ -44,6 +44,11 @@ def _needs(given: Granulate, case: Case) -> Needs:
     )
 
 
+def _compared(result: "xr.Dataset") -> "xr.Dataset":
+    """Return the state of the grains, with the stress ratio of a cell that is strained."""
+    return result.merge(biaxial_curve(result)) if "stress" in result else result
+
+
 GRAINS = structure_stage(
     "grains",
     _solve,
@@ -55,4 +60,11 @@ GRAINS = structure_stage(
     schema=GRANULATE,
     solver=(),
     check=lambda result: None,
+    answers=(
+        StageAnswer("n_contacts", "contacts", "1"),
+        StageAnswer("kinetic_energy", "kinetic energy", "J"),
+        StageAnswer("penetration", "overlap over radius", "1"),
+        StageAnswer("stress_ratio", "stress ratio q/p", "1"),
+    ),
+    compared=_compared,
 )

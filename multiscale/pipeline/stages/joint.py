@@ -20,9 +20,11 @@ from multiscale.pipeline.stage import (
     Datasets,
     Section,
     Stage,
+    StageAnswer,
     Summary,
     format_table,
     list_cautions,
+    with_sample_band,
 )
 from multiscale.pipeline.stages.fitted_law import FITTED_LAW
 from multiscale.plotting.budget_figures import plot_error_budget
@@ -51,13 +53,25 @@ from multiscale.upscaling.fit import told_branches
 if TYPE_CHECKING:
     import xarray as xr
 
-__all__ = ["JOINT", "STIFFNESSES", "budget_section", "solve_joint"]
+__all__ = ["ANSWERS", "JOINT", "STIFFNESSES", "budget_section", "solve_joint"]
 
 
 TANGENTIAL = "tangential_stiffness"
 
 STIFFNESSES = ("joint_stiffness", "interface_stiffness", "solid_stiffness")
 """Of the whole, of its interface and of its bodies: all have an error budget."""
+
+ANSWERS = (
+    StageAnswer("preload", "preload", "MPa", 1e-6, drawn=False),
+    StageAnswer("joint_stiffness", "joint stiffness", "MPa/µm", 1e-12, over="preload"),
+    StageAnswer(TANGENTIAL, "tangential stiffness", "MPa/µm", 1e-12, over="preload"),
+    StageAnswer("interface_stiffness", "interface stiffness", "MPa/µm", 1e-12, over="preload"),
+    StageAnswer("mean_gap", "mean gap", "µm", 1e6, over="preload"),
+    StageAnswer("contact_fraction", "contact", "%", 100.0, over="preload"),
+    StageAnswer("real_pressure", "real pressure", "MPa", 1e-6, over="preload"),
+    StageAnswer("unloading_stiffness", "unloading stiffness", "MPa/µm", 1e-12, over="preload"),
+)
+"""What joints are compared by."""
 
 
 def solve_joint(case: Case, law: "xr.Dataset") -> "xr.Dataset":
@@ -316,4 +330,6 @@ JOINT = Stage(
     sections=_sections,
     pictures=("joint_stiffness", "error_budget"),
     summary=_summary,
+    answers=ANSWERS,
+    compared=lambda result: with_sample_band(result, "joint_stiffness"),
 )

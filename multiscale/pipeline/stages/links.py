@@ -17,7 +17,7 @@ from multiscale.needs import Needs
 from multiscale.pipeline.link_settings import Dynamics, LinkStructure, Statics
 from multiscale.pipeline.rows import tabulate_links
 from multiscale.pipeline.settings import Case
-from multiscale.pipeline.stage import Datasets, Job
+from multiscale.pipeline.stage import Datasets, Job, StageAnswer
 from multiscale.pipeline.structure_stage import structure_stage, with_too_far
 from multiscale.schema import MACRO_RESULT
 
@@ -98,6 +98,14 @@ def _move(
     return _with_links(result, system)
 
 
+def _compared(result: "xr.Dataset") -> "xr.Dataset":
+    """Return how many links are slack, and the largest tension."""
+    tension, slack = result["tension"], (result["slack"] > 0.0).where(result["converged"] == 1)
+    counted = slack.sum("link", min_count=1).assign_attrs(units="1", long_name="slack links")
+    largest = tension.max("link").assign_attrs(tension.attrs, long_name="largest tension")
+    return result.assign(slack_links=counted, largest_tension=largest)
+
+
 def _at_rest(begin: "xr.Dataset") -> tuple[np.ndarray, np.ndarray]:
     if not int(begin["converged"]):
         raise ConvergenceError(f"no equilibrium to start from: {begin.attrs['failure']}")
@@ -137,4 +145,9 @@ LINKS = structure_stage(
     write_link_fields,
     reads={"structure", "statics", "dynamics", "substructures"},
     question="Which tensions do the links carry, and which of them are slack?",
+    answers=(
+        StageAnswer("slack_links", "slack links", "1"),
+        StageAnswer("largest_tension", "largest tension", "kN", 1e-3),
+    ),
+    compared=_compared,
 )

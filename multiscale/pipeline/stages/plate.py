@@ -11,7 +11,7 @@ from multiscale.macro.substructures.substructure_needs import cut_needs
 from multiscale.pipeline.body_settings import Plate
 from multiscale.pipeline.rows import tabulate_loads
 from multiscale.pipeline.settings import Case
-from multiscale.pipeline.stage import Datasets, Job
+from multiscale.pipeline.stage import Datasets, Job, StageAnswer
 from multiscale.pipeline.structure_stage import structure_stage, with_too_far
 
 if TYPE_CHECKING:
@@ -26,6 +26,13 @@ def _solve(plate: Plate, case: Case, found: Datasets, job: Job) -> "xr.Dataset":
     return with_too_far(add_body_fields(result, assembly.bodies))
 
 
+def _compared(result: "xr.Dataset") -> "xr.Dataset":
+    """Return the largest component of the displacements."""
+    moved = abs(result["displacement"]).max(("node", "component"))
+    named = moved.assign_attrs(units="m", long_name="largest displacement")
+    return result.assign(largest_displacement=named)
+
+
 PLATE = structure_stage(
     "plate",
     _solve,
@@ -36,4 +43,6 @@ PLATE = structure_stage(
     write_body_fields,
     reads={"structure", "statics", "substructures"},
     question="How far does the plate move under its loads?",
+    answers=(StageAnswer("largest_displacement", "largest displacement", "µm", 1e6),),
+    compared=_compared,
 )

@@ -28,7 +28,7 @@ from multiscale.pipeline.rows import (
     tabulate_preloads,
 )
 from multiscale.pipeline.settings import Case
-from multiscale.pipeline.stage import Datasets, Job, Section, list_cautions
+from multiscale.pipeline.stage import Datasets, Job, Section, StageAnswer, list_cautions
 from multiscale.pipeline.stages.fitted_law import FITTED_LAW
 from multiscale.pipeline.stages.joint import budget_section
 from multiscale.pipeline.structure_stage import require_converged, structure_stage, with_too_far
@@ -56,6 +56,18 @@ PICTURES = (
 
 PARAMETERS = ("friction", "stiffness_ratio")
 """Parameters of the sliders, which are those of the law where the case gives none."""
+
+
+ANSWERS = (
+    StageAnswer("preload", "preload", "MPa", 1e-6, drawn=False),
+    StageAnswer("joint_stiffness", "joint stiffness", "MPa/µm", 1e-12, over="preload"),
+    StageAnswer("tangential_stiffness", "tangential stiffness", "MPa/µm", 1e-12, over="preload"),
+    StageAnswer("interface_stiffness", "interface stiffness", "MPa/µm", 1e-12, over="preload"),
+    StageAnswer("real_pressure", "real pressure", "MPa", 1e-6, over="preload"),
+    StageAnswer("slipping_load", "load that slips", "%", 100.0),
+    StageAnswer("cycle_energy", "loss of a cycle", "mJ", 1e3),
+)
+"""What joints are compared by: at the preloads, at the amplitude, and by their cycles."""
 
 
 def _solve(bodies: RoughBodies, case: Case, found: Datasets, job: Job) -> "xr.Dataset":
@@ -173,6 +185,16 @@ def _sections(result: "xr.Dataset") -> Iterator[Section]:
     yield budget_section(result)
 
 
+def _compared(result: "xr.Dataset") -> "xr.Dataset":
+    """Return the answers at the preloads and of cycles, with the slip at the end of the path."""
+    slip = [name for name in result if str(name).startswith("slipping_load")]
+    sheared = np.flatnonzero(result["shear"].to_numpy())
+    if not sheared.size:
+        return result.drop_vars(slip)
+    ends = {name: result[name].isel(step=-1) for name in slip}
+    return result.isel(step=slice(sheared[0])).assign(ends)
+
+
 ROUGH_JOINTS = structure_stage(
     "rough_joints",
     _solve,
@@ -186,4 +208,6 @@ ROUGH_JOINTS = structure_stage(
     more=_sections,
     pictures=PICTURES,
     answer=_answer,
+    answers=ANSWERS,
+    compared=_compared,
 )

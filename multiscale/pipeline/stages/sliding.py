@@ -14,7 +14,7 @@ from multiscale.pipeline.case_cells import smooth_pair, two_bodies, two_surfaces
 from multiscale.pipeline.case_tables import SlideSettings
 from multiscale.pipeline.rough_bodies import RoughBody
 from multiscale.pipeline.settings import Case
-from multiscale.pipeline.stage import Datasets, Job, Section, Stage
+from multiscale.pipeline.stage import Datasets, Job, Section, Stage, StageAnswer
 from multiscale.plotting.sliding_figures import draw_sliding
 from multiscale.schema import SLIDING_RESPONSE
 from multiscale.surfaces.surface import Surface
@@ -125,4 +125,8 @@ SLIDING = Stage(
     lines=lambda found: describe_sliding(found[SLIDING_RESPONSE.name]),
     sections=_sections,
     pictures=("sliding",),
+    answers=(
+        StageAnswer("nominal_pressure", "pressure", "MPa", 1e-6, drawn=False),
+        StageAnswer("steady_friction", "steady friction", "1", over="nominal_pressure"),
+    ),
 )
