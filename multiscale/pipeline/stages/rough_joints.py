@@ -9,7 +9,14 @@ import numpy as np
 from multiscale.errors import ConvergenceError
 from multiscale.io import write_body_fields
 from multiscale.laws import NormalLaw
-from multiscale.macro.substructures import JointLoading, add_body_fields, load_joint
+from multiscale.macro.substructures import (
+    JointLoading,
+    JointSize,
+    add_body_fields,
+    choose_method,
+    load_joint,
+)
+from multiscale.macro.substructures.method_choice import MethodChoice
 from multiscale.macro.substructures.substructure_needs import cut_needs
 from multiscale.needs import Choice, Needs
 from multiscale.pipeline.body_budget import change_friction, with_contact, with_joint_budget
@@ -27,6 +34,8 @@ from multiscale.schema import with_cautions
 if TYPE_CHECKING:
     import xarray as xr
 
+    from multiscale.macro.substructures import ProcessGroup
+
 __all__ = ["ROUGH_JOINTS"]
 
 
@@ -43,16 +52,18 @@ PARAMETERS = ("friction", "stiffness_ratio")
 def _solve(bodies: RoughBodies, case: Case, found: Datasets, job: Job) -> "xr.Dataset":
     """Press the joints, then shear them; stiffnesses have the error budget of the law."""
     dataset, preloads = case.interface_law(found), case.statics.preloads
-    assembly, method = bodies.assemble(case, dataset), case.cut.method(job.team)
-    loading = JointLoading(preloads, **(case.cycles.model_dump() if case.cycles else {}))
+    assembly, loading = bodies.assemble(case, dataset), _loading(case)
+    chosen = _choose(bodies, case, job.team)
+    method = chosen.taken.method
     result = load_joint(assembly, loading, method=method, extrapolate=case.extrapolate)
     result = with_contact(result, dataset)
     # those of cells of its own stand beside those of the structure
     told = list_cautions(found[FITTED_LAW.name]) if case.has_cells else []
     further = [one for one in list_cautions(dataset) if one not in told]
     result = with_cautions(result, *(f"its law: {one}" for one in further))
-    if assembly.bolts:
-        result = result.assign_attrs(facts="\n".join([*list_facts(result), *_bolts(result)]))
+    facts = [*list_facts(result), *(_bolts(result) if assembly.bolts else ())]
+    facts.append(f"Solved by {method.name}: {chosen.why}.")
+    result = result.assign_attrs(facts="\n".join(facts))
     if "error_half_width" in dataset:
         solved = int(result["converged"][: len(preloads)].sum())  # the first failure is the end
         short = JointLoading(preloads[:solved])
@@ -69,6 +80,20 @@ def _solve(bodies: RoughBodies, case: Case, found: Datasets, job: Job) -> "xr.Da
         measured = [name for name in PARAMETERS if getattr(case.interface, name) is None]
         result = with_joint_budget(result, dataset, solve, bodies.coarser(), measured)
     return with_too_far(add_body_fields(result, assembly.bodies, damage=bodies.damages))
+
+
+def _loading(case: Case) -> JointLoading:
+    """Preloads, and cycles if there are any."""
+    return JointLoading(case.statics.preloads, **(case.cycles.model_dump() if case.cycles else {}))
+
+
+def _choose(bodies: RoughBodies, case: Case, team: "ProcessGroup | None" = None) -> MethodChoice:
+    """Choose the solver; `[substructures]` and many processes ask for LATIN."""
+    nodes, face = bodies.nodes
+    count = bodies.joints + 1
+    size = JointSize(3 * nodes * count, face * bodies.joints, count, len(_loading(case).factors()))
+    asks = case.substructures is not None or (team is not None and team.size > 1)
+    return choose_method(size, case.cut.method(team) if asks else None)
 
 
 def _bolts(result: "xr.Dataset") -> Iterator[str]:
@@ -93,14 +118,16 @@ def _check(result: "xr.Dataset") -> None:
 
 def _needs(bodies: RoughBodies, case: Case) -> Needs:
     nodes, face = bodies.nodes
-    count = bodies.joints + 1
+    chosen = _choose(bodies, case)
     needs = cut_needs(
-        3 * nodes * count,
+        3 * nodes * (bodies.joints + 1),
         joint_points=face * bodies.joints,
-        substructures=count * case.cut.count,
-        coarse=case.cut.coarse,
+        substructures=chosen.taken.substructures,
+        coarse=chosen.taken.method.coarse,
         slabs=bodies.slabs(case),
     )
+    needs = replace(needs, memory=chosen.taken.memory)
+    method = Choice("method", chosen.explain())
     path = f"and one cycle of {_few_steps(case)} steps to its amplitude" if case.cycles else "alone"
     solves = Choice(
         "intervals",
@@ -108,7 +135,7 @@ def _needs(bodies: RoughBodies, case: Case) -> Needs:
         f"budget: one for each of its terms, measured friction and stiffness ratio, and the mesh",
     )
     libraries = (*needs.libraries, *bodies.mesher)
-    return replace(needs, libraries=libraries, choices=(*needs.choices, solves))
+    return replace(needs, libraries=libraries, choices=(method, *needs.choices, solves))
 
 
 def _few_steps(case: Case) -> int:
