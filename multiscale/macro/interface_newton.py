@@ -43,7 +43,8 @@ PATIENCE = 30
 """Iterations without a smaller residual after which the solver gives up."""
 
 FLOOR = 1e-8
-"""Stiffness lent to an open interface in a singular tangent, relative to the bodies' own."""
+"""Stiffness lent to an open or frictionless interface in a singular tangent, relative to the
+stiffness of the bodies."""
 
 GROWTH, ROUNDS = 1e4, 6
 """Factor of the residual beyond which a whole step has left all that is known of the law, and steps

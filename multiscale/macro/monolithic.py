@@ -25,6 +25,9 @@ from multiscale.numerics.newton import Limits, NewtonRun
 
 __all__ = ["solve_interface"]
 
+UNSURE = 1e-8
+"""Largest residual that rounding excuses."""
+
 
 def solve_interface(
     stiffness: csr_array | np.ndarray,
@@ -70,7 +73,7 @@ def solve_interface(
         Iteration limit.
     tolerance : float
         Bound on the norm of (1) relative to ``norm(load)`` (without load: relative to the first
-        residual); dimensionless.
+        residual); dimensionless. What rounding makes unavoidable is allowed for, up to 1e-8.
     callback : callable, optional
         Called as ``callback(iteration, residual)``.
 
@@ -110,7 +113,7 @@ def solve_interface(
 def _iterate(whole: "_Whole", start: np.ndarray, run: NewtonRun) -> Solution:
     """Newton's method from a start; see :func:`solve_interface`."""
     here = tangent = whole.linearise(start)
-    while run.goes_on(whole.residual(here)):
+    while run.goes_on(whole.residual(here), whole.rounding(here)):
         direction, held = whole.direction(tangent, 0.0), False
         if direction is None:
             direction, held = whole.direction(tangent, FLOOR), True
@@ -195,6 +198,11 @@ class _Whole:
         """Norm of (1) relative to the load."""
         return float(norm(here.gradient)) / self.scale
 
+    def rounding(self, here: _Tangent) -> float:
+        """Norm that rounding makes unavoidable where bodies move far on a soft law, like (1)."""
+        size = float(norm(abs(self.stiffness) @ np.abs(here.value)))
+        return min(8.0 * np.finfo(float).eps * size / self.scale, UNSURE)
+
     def direction(self, here: _Tangent, floor: float) -> np.ndarray | None:
         """Newton direction, m."""
         B, points, tangent = self.jump_operator, self.weight.size, here.tangent
@@ -202,7 +210,8 @@ class _Whole:
             tangent = tangent.copy()
             normal = self.jump_operator[:points]
             held = face_stiffness(self.stiffness.diagonal(), normal, self.weight)
-            tangent[0, 0] += floor * held * self.weight
+            for row in range(len(tangent)):
+                tangent[row, row] += floor * held * self.weight
         i, j, at = np.nonzero(tangent)
         place = (points * i + at, points * j + at)
         weighted = csr_array((tangent[i, j, at], place), shape=(B.shape[0],) * 2)
