@@ -30,6 +30,7 @@ STABILITY_FAMILIES = (
     "motion",
     "cut_structure",
     "joint",
+    "joint_path",
     "friction",
     "wedge",
     "complementarity",

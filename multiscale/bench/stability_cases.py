@@ -13,7 +13,9 @@ if TYPE_CHECKING:
 
     import xarray as xr
 
-    from multiscale.macro import LinkSystem
+    from multiscale.laws import Sliders
+    from multiscale.macro import Assembly, LinkSystem
+    from multiscale.macro.substructures import Method
     from multiscale.micro.contact_state import ContactState
     from multiscale.surfaces.surface import Surface
 
@@ -23,6 +25,7 @@ __all__ = [
     "friction",
     "grains",
     "joint",
+    "joint_path",
     "large_strain",
     "motion",
     "rough_cell",
@@ -36,6 +39,7 @@ MODULES = 8
 REFERENCE_PRESTRESS, CABLE_RIGIDITY = 600.0, 4e6
 """Prestress and axial rigidity of the cables of the grids, N."""
 YOUNG, POISSON = 210e9, 0.3  # Pa, 1
+EDGE, PRESSURE = 0.02, 20e6  # of blocks, m, and on them, Pa
 SHORT = 4.0 * np.finfo(float).eps / 1e-9
 """Stretch, relative to the largest displacement, of which 1e-9, the tolerance of ``motion``, is the
 rounding of displacements: where links are that stiff, stretches are judged instead of forces."""
@@ -117,27 +121,90 @@ def cut_structure(bar_over_cable: float, load_factor: float, parts: int) -> floa
     return distance(grid, cut["tension"].values.reshape(-1), whole.reshape(-1))
 
 
-def joint(law_over_block: float, friction: float, parts: int) -> float:
-    """Two blocks with a rough joint, by LATIN: distance of all steps from bodies and law."""
-    from multiscale.laws import Exponential, Sliders
+def joint(law_over_block: float, friction: float, parts: int, method: str = "LATIN") -> float:
+    """Two blocks with a rough joint in a cycle: distance of all steps from bodies and law."""
     from multiscale.laws.bulk import Elastic
-    from multiscale.macro import LatinMethod
     from multiscale.macro.bodies import stacked_blocks
-    from multiscale.macro.substructures import JointLoading, assemble, cut_assembly, load_joint
+    from multiscale.macro.substructures import JointLoading, load_joint
 
-    edge, pressure = 0.02, 20e6  # m, Pa
-    decay = pressure * edge / (law_over_block * YOUNG)  # K = p / decay
-    normal = Exponential(10.0 * pressure, decay)
-    law = Sliders(normal, friction, pressures=(0.1 * pressure, 10.0 * pressure))
-    blocks = stacked_blocks((edge, edge, edge), (2, 2, 2), [Elastic(YOUNG, POISSON)] * 2, [law])
-    shear = min(0.5 * friction, 0.3) * pressure  # a half would tip the upper block
-    loading = JointLoading((pressure,), shear=shear, cycles=1, steps=2)
-    cut = load_joint(blocks, loading, method=LatinMethod(parts=(parts, parts)))
-    _refuse_failure(cut)
-    steps = (loading.factors(), cut["jump"].values, cut["traction"].values)
-    series = 1.0 / (decay / pressure + edge / YOUNG)  # of law and bodies, Pa/m
-    whole = assemble(cut_assembly(blocks, (parts, parts)))
-    return joint_faults(whole, law, zip(*steps, strict=True), series) / pressure
+    blocks = stacked_blocks(
+        (EDGE,) * 3, (2, 2, 2), [Elastic(YOUNG, POISSON)] * 2, [_bed(law_over_block, friction)]
+    )
+    shear = min(0.5 * friction, 0.3) * PRESSURE  # a half would tip the upper block
+    loading = JointLoading((PRESSURE,), shear=shear, cycles=1, steps=2)
+    cut = load_joint(blocks, loading, method=_method(method, parts))
+    return _fault_of_path(blocks, loading.factors(), cut, law_over_block, parts)
+
+
+def joint_path(scene: str, law_over_block: float, friction: float, method: str) -> float:
+    """Blocks whose faces match or not and open, slip or slide away: distance as of ``joint``."""
+    from multiscale.fe.boxes import box_mesh
+    from multiscale.laws.bulk import Elastic
+    from multiscale.macro import Assembly, Body, Interface, solve_assembly
+
+    tilt, shear = (1.5, 0.1) if scene == "opens" else (0.0, 0.5)
+    if scene == "slides away":
+        shear = 1.1
+    steel, elements = Elastic(YOUNG, POISSON), (3, 2, 1) if scene == "does not match" else (2, 2, 2)
+    lower = Body(box_mesh((EDGE,) * 3, (2, 2, 2)), steel, supports={"bottom": (0.0, 0.0, 0.0)})
+    upper = Body(
+        box_mesh((EDGE,) * 3, elements, origin=(0.0, 0.0, EDGE)),
+        steel,
+        supports={"front": (None, 0.0, None)},
+        tractions={
+            "top": (
+                lambda x, t: PRESSURE * min(friction, 0.4) * shear * (t == 1.0),
+                0.0,
+                lambda x, t: -PRESSURE * (1.0 + tilt * (2.0 * x[0] / EDGE - 1.0)) * (t == 0.0),
+            )
+        },
+    )
+    face = Interface((0, 1), ("top", "bottom"), _bed(law_over_block, friction))
+    blocks = Assembly((lower, upper), (face,), (0.0, 1.0))
+    factors = np.array([[1.0, 0.0], [1.0, 0.5], [1.0, 1.0], [0.6, 0.5], [1.0, -1.0]])
+    cut = solve_assembly(blocks, factors, method=_method(method, 1))
+    return _fault_of_path(blocks, factors, cut, law_over_block, 1)
+
+
+def _bed(law_over_block: float, friction: float) -> "Sliders":
+    """Law whose stiffness at the pressure is a multiple of that of a block."""
+    from multiscale.laws import Exponential, Sliders
+
+    decay = PRESSURE * EDGE / (law_over_block * YOUNG)  # K = p / decay
+    normal = Exponential(10.0 * PRESSURE, decay)
+    return Sliders(normal, friction, pressures=(0.1 * PRESSURE, 10.0 * PRESSURE))
+
+
+def _method(name: str, parts: int) -> "Method":
+    """Make a solver of assemblies from its name, with parts along either edge of a body."""
+    from multiscale.macro import AssembledNewton, LatinMethod, NewtonSchur
+
+    cut = (parts, parts)
+    methods: dict[str, Method] = {
+        "whole": AssembledNewton(),
+        "LATIN": LatinMethod(cut),
+        "Schur": NewtonSchur(cut),
+    }
+    return methods[name]
+
+
+def _fault_of_path(
+    blocks: "Assembly",
+    factors: np.ndarray,
+    found: "xr.Dataset",
+    law_over_block: float,
+    parts: int,
+) -> float:
+    """Largest fault of the steps of a path that has not failed, over the pressure."""
+    from multiscale.macro.substructures import assemble, cut_assembly
+
+    _refuse_failure(found)
+    cut = (parts, parts) if found.attrs["substructures"] > len(blocks.bodies) else (1, 1)
+    steps = (factors, found["jump"].values, found["traction"].values)
+    series = YOUNG / EDGE / (1.0 / law_over_block + 1.0)  # of law and bodies, Pa/m
+    whole = assemble(cut_assembly(blocks, cut))
+    law = cast("Sliders", blocks.interfaces[0].law)
+    return joint_faults(whole, law, zip(*steps, strict=True), series) / PRESSURE
 
 
 def friction(mass_ratio: float, coefficient: float, boxes: int) -> float:

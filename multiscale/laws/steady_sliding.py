@@ -68,6 +68,18 @@ class SteadySliding(InterfaceLaw):
             tangent[k, 0] = -share * slope * pressed.tangent[0, 0]
         return Response(traction, tangent, state)
 
+    def resolvent(
+        self, source: np.ndarray, stiffness: float | np.ndarray, state: np.ndarray
+    ) -> np.ndarray:
+        """Find the jump on the law and on a search direction; see :class:`InterfaceLaw`.
+
+        The pressure depends on the normal jump alone, and friction on the pressure alone.
+        """
+        k = np.broadcast_to(stiffness, source.shape)
+        jump = self.normal.resolvent(source, k, state)
+        jump[1:] -= self.respond(jump, state).traction[1:] / k[1:]
+        return jump
+
     def friction_limit(self, pressure: np.ndarray) -> np.ndarray:
         """Evaluate mu p, Pa; zero without pressure."""
         closed = pressure > 0.0

@@ -1,4 +1,16 @@
-"""Newton's method for elastic bodies joined by an interface law, whatever their matrices."""
+r"""Newton's method for elastic bodies joined by an interface law, whatever their matrices.
+
+On a law much stiffer than the bodies, or with friction, the energy along a Newton step bends within
+a small share of the step, so that a line search crawls. There the bodies take the whole step, and
+the law goes on from another jump: from the traction :math:`t^*` of its tangent at the jump
+:math:`y` and the new jump :math:`j` of the bodies, along the search direction of the stiffness k of
+the bodies, to the next :math:`y` on the law,
+
+.. math:: t(y) + k y = t^* + k j, \qquad t^* = t(y_0) + D(y_0) (j - y_0).    \tag{1}
+
+The next tangent is that at y. This is the local stage of LATIN with the tangent of the law as the
+direction of its linear stage; at the solution y = j.
+"""
 
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -6,22 +18,38 @@ from functools import lru_cache
 from typing import Protocol
 
 import numpy as np
+from scipy.sparse import csr_array
 
 from multiscale.convergence import Solution, Status
+from multiscale.errors import ConvergenceError
+from multiscale.laws.interface_law import InterfaceLaw, Response
 from multiscale.numerics.line_search import step_length
 from multiscale.numerics.newton import Limits, NewtonRun
 
-__all__ = ["Equations", "InterfaceIterate", "find_equilibrium"]
+__all__ = [
+    "FLOOR",
+    "GROWTH",
+    "PATIENCE",
+    "ROUNDS",
+    "Equations",
+    "InterfaceIterate",
+    "face_stiffness",
+    "find_equilibrium",
+    "go_on_along_law",
+    "tangent_traction",
+]
 
 PATIENCE = 30
 """Iterations without a smaller residual after which the solver gives up."""
 
 FLOOR = 1e-8
-"""Stiffness lent to an open interface in a singular tangent, relative to the bodies' own."""
+"""Stiffness lent to an open or frictionless interface in a singular tangent, relative to the
+stiffness of the bodies."""
 
-GROWTH, HALVINGS = 100.0, 40
-"""Factor by which a step may raise the residual, and how often it is halved to keep to that: along
-a step the energy of a law without potential may fall while its forces grow beyond all numbers."""
+GROWTH, ROUNDS = 1e4, 6
+"""Factor of the residual beyond which a whole step has left all that is known of the law, and steps
+without a smaller residual after which the iteration may go round in circles: the energy then tells
+the length of the step."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -64,10 +92,8 @@ class Equations(Protocol):
 def find_equilibrium(equations: Equations, start: np.ndarray, limits: Limits) -> Solution:
     """Solve the equations from a start; the value holds their unknowns.
 
-    If the law derives from a convex potential, the derivative of the total energy along a Newton
-    step decides the length of the step, so that any start converges. A law without potential gets
-    full steps where the energy argument fails. Steps that raise the residual a hundredfold are
-    halved.
+    The law derives from a convex potential: the derivative of the total energy along a Newton step
+    decides the length of the step, so that any start converges.
     """
     here = equations.linearise(start)
     residual, run = equations.residual(here), NewtonRun(limits, PATIENCE)
@@ -78,12 +104,8 @@ def find_equilibrium(equations: Equations, start: np.ndarray, limits: Limits) ->
             break
         there, slope = _along(equations, here.value, direction)
         step = step_length(slope, float(direction @ here.gradient))
-        for _ in range(HALVINGS):
-            here = there(step)
-            residual = equations.residual(here)
-            if residual <= GROWTH * run.residuals[-1]:
-                break
-            step *= 0.5
+        here = there(step)
+        residual = equations.residual(here)
 
     return run.solution(here.value)
 
@@ -105,3 +127,38 @@ def _along(
     """Iterate after a step, evaluated once for the same step in a row, and slope of the energy."""
     there = lru_cache(maxsize=1)(lambda step: equations.linearise(value + step * direction))
     return there, lambda step: float(direction @ there(step).gradient)
+
+
+def tangent_traction(response: Response, at: np.ndarray, jump: np.ndarray) -> np.ndarray:
+    """Traction of the tangent of a law at one jump, for another, shape (d, points), Pa."""
+    change = np.einsum("ijp,jp->ip", response.tangent, jump - at)
+    return np.asarray(response.traction + change)
+
+
+def go_on_along_law(
+    law: InterfaceLaw, at: np.ndarray, jump: np.ndarray, stiffness: float, state: np.ndarray
+) -> np.ndarray:
+    """Find the next jump (1) on the law, m.
+
+    Parameters
+    ----------
+    law : InterfaceLaw
+    at, jump : ndarray, shape (d, points)
+        Jump of the tangent, and jump of the bodies after a step with it, m.
+    stiffness : float
+        Of the bodies per area, :math:`k`, Pa/m.
+    state : ndarray, shape (law.n_state, points)
+        Committed state of the law.
+    """
+    traction = tangent_traction(law.respond(at, state), at, jump)
+    try:
+        found = law.resolvent(traction + stiffness * jump, stiffness, state)
+    except ConvergenceError:  # a whole step may end where the law has no numbers
+        return jump
+    return np.asarray(found)
+
+
+def face_stiffness(diagonal: np.ndarray, normal_jump: csr_array, weight: np.ndarray) -> float:
+    """Stiffness of bodies per area of an interface, Pa/m, from their own at its unknowns, N/m."""
+    touched = abs(normal_jump).T @ weight
+    return float(np.sum(np.abs(diagonal)[touched > 0.0]) / np.sum(touched))

@@ -7,14 +7,26 @@ import numpy as np
 from numpy.linalg import norm
 from scipy.sparse import csr_array, issparse
 
-from multiscale.convergence import Solution
+from multiscale.convergence import Solution, Status
 from multiscale.errors import MultiscaleError
 from multiscale.laws.interface_law import InterfaceLaw
-from multiscale.macro.interface_newton import InterfaceIterate, find_equilibrium
+from multiscale.macro.interface_newton import (
+    FLOOR,
+    GROWTH,
+    PATIENCE,
+    ROUNDS,
+    face_stiffness,
+    go_on_along_law,
+    tangent_traction,
+)
 from multiscale.numerics.factorisation import factorise
-from multiscale.numerics.newton import Limits
+from multiscale.numerics.line_search import enough, step_length
+from multiscale.numerics.newton import Limits, NewtonRun
 
 __all__ = ["solve_interface"]
+
+UNSURE = 1e-8
+"""Largest residual that rounding excuses."""
 
 
 def solve_interface(
@@ -61,7 +73,7 @@ def solve_interface(
         Iteration limit.
     tolerance : float
         Bound on the norm of (1) relative to ``norm(load)`` (without load: relative to the first
-        residual); dimensionless.
+        residual); dimensionless. What rounding makes unavoidable is allowed for, up to 1e-8.
     callback : callable, optional
         Called as ``callback(iteration, residual)``.
 
@@ -75,9 +87,13 @@ def solve_interface(
     ValueError
         If the shapes do not agree.
 
-    See Also
-    --------
-    multiscale.macro.interface_newton.find_equilibrium : the iteration and its line search.
+    Notes
+    -----
+    A Newton step that lowers the derivative of the energy along it is taken as it is. After any
+    other the law goes on from a jump of its own, (1) of :mod:`multiscale.macro.interface_newton`,
+    which laws without energy and laws of any stiffness allow. The energy tells the length of the
+    step where a small stiffness holds bodies that an open interface leaves loose, where the
+    residual explodes, and where it has not fallen for some steps.
     """
     n, points = stiffness.shape[0], weight.size
     if load.shape != (n,) or jump_operator.shape[1] != n or jump_operator.shape[0] % points:
@@ -89,8 +105,50 @@ def solve_interface(
     state = np.zeros((law.n_state, points)) if state is None else state
     whole = _Whole(stiffness, load, jump_operator, weight, law, state)
     scale = float(norm(load)) or float(norm(whole.linearise(u).gradient)) or 1.0
-    limits = Limits(max_iterations, tolerance, callback)
-    return find_equilibrium(replace(whole, scale=scale), u, limits)
+    run = NewtonRun(Limits(max_iterations, tolerance, callback), PATIENCE)
+    return _iterate(replace(whole, scale=scale), u, run)
+
+
+@np.errstate(over="ignore", invalid="ignore")  # an overflow shows in the residual
+def _iterate(whole: "_Whole", start: np.ndarray, run: NewtonRun) -> Solution:
+    """Newton's method from a start; see :func:`solve_interface`."""
+    here = tangent = whole.linearise(start)
+    while run.goes_on(whole.residual(here), whole.rounding(here)):
+        direction, held = whole.direction(tangent, 0.0), False
+        if direction is None:
+            direction, held = whole.direction(tangent, FLOOR), True
+        if direction is None:
+            run.stop(Status.STALLED)
+            break
+        here = whole.linearise(tangent.value + direction)
+        explodes = not whole.residual(here) <= GROWTH * run.residuals[-1]
+        if held or explodes or run.since_best > ROUNDS:
+            here = tangent = whole.search(tangent, direction)
+        elif enough(float(direction @ tangent.gradient), float(direction @ here.gradient)):
+            tangent = here
+        else:
+            tangent = whole.go_on(tangent, here)
+    return run.solution(here.value)
+
+
+@dataclass(frozen=True, eq=False)
+class _Tangent:
+    """Bodies at some unknowns, with the tangent of the law at a jump that need not be theirs.
+
+    Attributes
+    ----------
+    value, gradient : ndarray, shape (n,)
+        Unknowns, m, and forces out of balance, N.
+    at : ndarray, shape (d, points)
+        Jump on the law, m.
+    tangent : ndarray, shape (d, d, points)
+        Tangent of the law, times the weights of the points, N/m.
+    """
+
+    value: np.ndarray
+    gradient: np.ndarray
+    at: np.ndarray
+    tangent: np.ndarray
 
 
 @dataclass(frozen=True, eq=False)
@@ -105,24 +163,55 @@ class _Whole:
     state: np.ndarray
     scale: float = 1.0
 
-    def linearise(self, u: np.ndarray) -> InterfaceIterate:
-        """Evaluate the law; the gradient is K u + B^T (w t) - f, N."""
-        jump = (self.jump_operator @ u).reshape(-1, self.weight.size)
-        response = self.law.respond(jump, self.state)
-        force = self.jump_operator.T @ (self.weight * response.traction).ravel()
-        gradient = self.stiffness @ u + force - self.load
-        return InterfaceIterate(u, gradient, force, self.weight * response.tangent)
+    def linearise(self, u: np.ndarray, at: np.ndarray | None = None) -> _Tangent:
+        """Evaluate the law at a jump, that of u if not given, and K u + B^T (w t) - f, N.
 
-    def residual(self, here: InterfaceIterate) -> float:
+        t is the traction of its tangent.
+        """
+        jump = (self.jump_operator @ u).reshape(-1, self.weight.size)
+        at = jump if at is None else at
+        response = self.law.respond(at, self.state)
+        traction = tangent_traction(response, at, jump)
+        force = self.jump_operator.T @ (self.weight * traction).ravel()
+        gradient = self.stiffness @ u + force - self.load
+        return _Tangent(u, gradient, at, self.weight * response.tangent)
+
+    def search(self, here: _Tangent, direction: np.ndarray) -> _Tangent:
+        """Take the step to the least energy."""
+
+        def slope(step: float) -> float:
+            return float(direction @ self.linearise(here.value + step * direction).gradient)
+
+        step = step_length(slope, float(direction @ here.gradient))
+        return self.linearise(here.value + step * direction)
+
+    def go_on(self, tangent: _Tangent, here: _Tangent) -> _Tangent:
+        """Let the law go on from the tangent with which the bodies have come here."""
+        normal = self.jump_operator[: self.weight.size]
+        k = face_stiffness(self.stiffness.diagonal(), normal, self.weight)
+        if not k:  # nothing resists but the law
+            return here
+        at = go_on_along_law(self.law, tangent.at, here.at, k, self.state)
+        return self.linearise(here.value, at)
+
+    def residual(self, here: _Tangent) -> float:
         """Norm of (1) relative to the load."""
         return float(norm(here.gradient)) / self.scale
 
-    def direction(self, here: InterfaceIterate, floor: float) -> np.ndarray | None:
+    def rounding(self, here: _Tangent) -> float:
+        """Norm that rounding makes unavoidable where bodies move far on a soft law, like (1)."""
+        size = float(norm(abs(self.stiffness) @ np.abs(here.value)))
+        return min(8.0 * np.finfo(float).eps * size / self.scale, UNSURE)
+
+    def direction(self, here: _Tangent, floor: float) -> np.ndarray | None:
         """Newton direction, m."""
         B, points, tangent = self.jump_operator, self.weight.size, here.tangent
         if floor:
             tangent = tangent.copy()
-            tangent[0, 0] += floor * self._body_stiffness() * self.weight
+            normal = self.jump_operator[:points]
+            held = face_stiffness(self.stiffness.diagonal(), normal, self.weight)
+            for row in range(len(tangent)):
+                tangent[row, row] += floor * held * self.weight
         i, j, at = np.nonzero(tangent)
         place = (points * i + at, points * j + at)
         weighted = csr_array((tangent[i, j, at], place), shape=(B.shape[0],) * 2)
@@ -132,9 +221,3 @@ class _Whole:
             return -factorise(matrix, name="the tangent stiffness")(here.gradient)
         except MultiscaleError:
             return None
-
-    def _body_stiffness(self) -> float:
-        """Stiffness of the bodies per area of the interface, Pa/m."""
-        touched = abs(self.jump_operator[: self.weight.size]).T @ self.weight
-        diagonal = np.abs(self.stiffness.diagonal())
-        return float(np.sum(diagonal[touched > 0.0]) / np.sum(touched))

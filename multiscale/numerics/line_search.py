@@ -2,7 +2,7 @@
 
 from collections.abc import Callable
 
-__all__ = ["step_length"]
+__all__ = ["enough", "step_length"]
 
 SUFFICIENT = 0.1
 """Share of the first slope that may be left after a full step."""
@@ -12,6 +12,11 @@ BRACKET = 0.05
 
 MAX_EVALUATIONS = 2200
 """Enough to double or halve from one end of the floating-point numbers to the other."""
+
+
+def enough(first: float, last: float) -> bool:
+    """Whether so little of the first slope is left after a step that it needs no search, J."""
+    return abs(last) <= SUFFICIENT * abs(first)
 
 
 def step_length(slope: Callable[[float], float], first: float) -> float:
@@ -39,7 +44,7 @@ def step_length(slope: Callable[[float], float], first: float) -> float:
     >>> 9.4 < step_length(lambda a: a - 10.0, -10.0) < 10.0
     True
     """
-    if not first < 0.0 or abs(slope(1.0)) <= SUFFICIENT * abs(first):
+    if not first < 0.0 or enough(first, slope(1.0)):
         return 1.0
     lower, upper = 0.0, 1.0
     for _ in range(MAX_EVALUATIONS):

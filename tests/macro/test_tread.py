@@ -109,3 +109,11 @@ def test_the_tangent_of_steady_sliding_is_its_derivative():
 def test_blocks_and_motions_that_make_no_sense_are_refused(make, message):
     with pytest.raises(CaseError, match=message):
         make()
+
+
+def test_the_resolvent_of_steady_sliding_lies_on_the_law_and_on_the_search_direction():
+    law = SteadySliding(ROAD, BELL, (0.3, -0.4))
+    jump = 1e-4 * np.random.default_rng(seed=3).uniform(-1.0, 1.0, (3, 20))
+    state, k = np.empty((0, 20)), 1e10
+    source = law.respond(jump, state).traction + k * jump
+    np.testing.assert_allclose(law.resolvent(source, k, state), jump, atol=1e-13)

@@ -15,7 +15,14 @@ import pytest
 from multiscale.fe.boxes import box_mesh
 from multiscale.laws import Exponential, Sliders
 from multiscale.laws.bulk import Elastic
-from multiscale.macro import AssembledNewton, Assembly, Body, Interface, solve_assembly
+from multiscale.macro import (
+    AssembledNewton,
+    Assembly,
+    Body,
+    Interface,
+    NewtonSchur,
+    solve_assembly,
+)
 from multiscale.macro.substructures import JointLoading, load_joint
 
 E, LENGTH, WIDTH, HEIGHT = 210e9, 1.0, 0.01, 0.002
@@ -26,9 +33,9 @@ SHEAR = FORCE / (WIDTH * HEIGHT)  # Pa at the end
 METHOD = AssembledNewton()
 
 
-def bar(elements):
+def bar(elements, decay=1e-7):
     """On friction so stiff that it sticks within a hundredth of the length."""
-    law = Sliders(Exponential(1e9, 1e-7), MU, pressures=(1e5, 1e7), slabs=8)
+    law = Sliders(Exponential(1e9, decay), MU, pressures=(1e5, 1e7), slabs=8)
     body = Body(
         box_mesh((LENGTH, WIDTH, HEIGHT), (elements, 1, 1)),
         Elastic(E, 0.0),
@@ -61,3 +68,16 @@ def test_a_cycle_loses_the_cube_of_the_force():
     found = load_joint(bar(20), JointLoading((PRESSURE,), SHEAR, 1, 8), method=METHOD)
     lost = 2.0 * FORCE**3 / (3.0 * STIFFNESS * FRICTION)
     assert found.cycle_energy.item() == pytest.approx(lost, rel=0.01)
+
+
+@pytest.mark.parametrize("elements", [10, 20])
+@pytest.mark.parametrize("decay", [1e-8, 1e-10])
+@pytest.mark.parametrize("method", [AssembledNewton(), NewtonSchur((2, 1))], ids=["whole", "cut"])
+def test_newton_solves_friction_of_any_stiffness_on_coarse_meshes(method, decay, elements):
+    steps = np.column_stack([np.full(5, PRESSURE), SHEAR * np.linspace(0.0, 1.0, 5)])
+    found = solve_assembly(bar(elements, decay), steps, method=method)
+    assert found.converged.values.all()
+    assert found.iterations.values.max() <= 15
+    end = np.isclose(found.position.values[:, 0], LENGTH)
+    moved = found.displacement.values[-1, end, 0].mean()
+    assert moved == pytest.approx(FORCE**2 / (2.0 * STIFFNESS * FRICTION), rel=0.02)

@@ -14,6 +14,7 @@ from multiscale.macro.substructures.homogenised import homogenise
 from multiscale.macro.substructures.joint_fields import add_body_fields
 from multiscale.macro.substructures.latin_solver import solve_latin
 from multiscale.macro.substructures.loading import FEW_STEPS, JointLoading, load_joint
+from multiscale.macro.substructures.method_choice import JointSize, choose_method
 from multiscale.macro.substructures.parallel import Alone, ProcessGroup, Ranks, world
 from multiscale.macro.substructures.problem import CutInterface, CutProblem, Links, Substructure
 from multiscale.macro.substructures.schur import solve_schur
@@ -28,6 +29,7 @@ __all__ = [
     "CutInterface",
     "CutProblem",
     "JointLoading",
+    "JointSize",
     "LatinMethod",
     "Links",
     "Method",
@@ -38,6 +40,7 @@ __all__ = [
     "add_body_fields",
     "assemble",
     "bisect",
+    "choose_method",
     "cut_assembly",
     "cut_bodies",
     "cut_links",

@@ -1,7 +1,7 @@
 """One assembly, three ways to solve it."""
 
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Protocol
+from typing import TYPE_CHECKING, ClassVar, Protocol
 
 import numpy as np
 
@@ -21,7 +21,13 @@ __all__ = ["AssembledNewton", "LatinMethod", "Method", "NewtonSchur", "solve_ass
 
 
 class Method(CutSolver, Protocol):
-    """A way to solve an assembly: into which parts it is cut, and by what it is solved."""
+    """A way to solve an assembly: its name, into which parts it cuts, and by what it solves."""
+
+    name: ClassVar[str]
+
+    @property
+    def coarse(self) -> bool:
+        """Whether a coarse problem balances the resultants of interfaces."""
 
     @property
     def parts(self) -> tuple[int, int]:
@@ -35,6 +41,8 @@ class AssembledNewton:
     It takes all laws but rigid contact, on one process; see :func:`solve_whole`.
     """
 
+    name: ClassVar[str] = "Newton's method on the whole"
+    coarse: ClassVar[bool] = False
     tolerance: float = 1e-10
     max_iterations: int = 100
     parts: tuple[int, int] = (1, 1)
@@ -62,6 +70,7 @@ class LatinMethod:
     It alone gives an indicator of the error.
     """
 
+    name: ClassVar[str] = "LATIN"
     parts: tuple[int, int] = (1, 1)
     coarse: bool = True
     tolerance: float = 1e-8
@@ -93,6 +102,8 @@ class NewtonSchur:
     It takes all laws but rigid contact, on many processes.
     """
 
+    name: ClassVar[str] = "Newton-Schur"
+    coarse: ClassVar[bool] = True
     parts: tuple[int, int] = (1, 1)
     tolerance: float = 1e-10
     max_iterations: int = 60

@@ -11,6 +11,12 @@ from scipy.sparse.linalg import LinearOperator, cg, gmres
 from multiscale.convergence import Status
 from multiscale.fe.condensation import CondensedStiffness, condense, split
 from multiscale.macro.discrete.link_newton import SlackStiffness, exact_step
+from multiscale.macro.interface_newton import (
+    GROWTH,
+    face_stiffness,
+    go_on_along_law,
+    tangent_traction,
+)
 from multiscale.macro.substructures.balancing import Balancing, lay_out, prepare_balancing
 from multiscale.macro.substructures.capacity import find_slide
 from multiscale.macro.substructures.coarse import coarse_basis
@@ -20,7 +26,7 @@ from multiscale.macro.substructures.parallel import Alone, ProcessGroup, share, 
 from multiscale.macro.substructures.problem import CutProblem
 from multiscale.macro.substructures.stack import Factors, lay_out_sides, stack_parts
 from multiscale.numerics.factorisation import factorise
-from multiscale.numerics.line_search import step_length
+from multiscale.numerics.line_search import enough, step_length
 
 if TYPE_CHECKING:
     import xarray as xr
@@ -53,7 +59,7 @@ class Imbalance:
     Attributes
     ----------
     force : ndarray, shape (unknowns of the substructures,)
-        N.
+        With the tractions of the tangents of the joints at their own jumps, N.
     residual, rounding : float
         Largest of the whole structure and what rounding makes of it, relative to the load.
     tangents : list of ndarray, shape (3, 3, points)
@@ -125,6 +131,12 @@ class Newton:
         self.u, self.elastic = np.zeros(self.stack.n), np.zeros(links.stiffness.size)
         # jumps are summed up, as the tensions: the difference of both sides would round them away
         self.jump = [np.zeros((3, item.weight.size)) for item in self.joints]
+        self.at = self.jump  # where the tangents of the laws are
+        diagonal = self.stack.stiffness.diagonal()
+        self.resistance = [
+            face_stiffness(diagonal, place[: item.weight.size], item.weight)
+            for place, item in zip(self.jumps, self.joints, strict=True)
+        ]
 
     def resume(self, path: "xr.Dataset") -> None:
         """Start from the last step of a path."""
@@ -136,6 +148,7 @@ class Newton:
             at = np.cumsum([0, *sizes])
             jump, self.before = path["jump"].values[-1].T, -path["traction"].values[-1, :, 0]
             self.jump = [jump[:, at[place] : at[place + 1]] for place in self.places]
+            self.at = self.jump
             states = states_after(self.problem.joints, path)
             self.states = [states[place] for place in self.places]
 
@@ -187,21 +200,26 @@ class Newton:
         """Evaluate (1)."""
         u, tension, tangents, tractions = self.u, self.tension(), [], []
         inner = self.stack.stiffness @ u
-        force = self.load - inner - self.stack.links.operator.T @ tension
-        for joint, place, jump, state in zip(
-            self.joints, self.jumps, self.jump, self.states, strict=True
+        balanced = self.load - inner - self.stack.links.operator.T @ tension
+        force = balanced.copy()
+        for joint, place, jump, at, state in zip(
+            self.joints, self.jumps, self.jump, self.at, self.states, strict=True
         ):
-            response = joint.law.respond(jump, state)
-            force -= place.T @ (joint.weight * response.traction).ravel()
-            tangents.append(joint.weight * response.tangent)
-            tractions.append(response.traction)
-        residual = float(np.abs(self.assemble(force)).max(initial=0.0)) / self.scale
+            traction, tangent = joint.law.respond(jump, state), joint.law.respond(at, state)
+            balanced -= place.T @ (joint.weight * traction.traction).ravel()
+            force -= place.T @ (joint.weight * tangent_traction(tangent, at, jump)).ravel()
+            tangents.append(joint.weight * tangent.tangent)
+            tractions.append(traction.traction)
+        residual = float(np.abs(self.assemble(balanced)).max(initial=0.0)) / self.scale
         largest = self._largest(np.append(self.magnitude @ np.abs(u), tension))
         rounding = 8.0 * np.finfo(float).eps * largest / self.scale
         return Imbalance(force, residual, min(rounding, UNSURE), tangents, tractions)
 
-    def advance(self, imbalance: Imbalance, tolerance: float) -> int:
-        """Take one Newton step; return the number of iterations of the linear solver."""
+    def advance(self, imbalance: Imbalance, tolerance: float, *, search: bool = False) -> int:
+        """Take one Newton step; return the number of iterations of the linear solver.
+
+        Its length is searched by the energy if wanted, where there are joints.
+        """
         carries = np.clip(self.elastic, self.lower, self.upper) == self.elastic
         if self.known is not None and not self._sum(np.count_nonzero(carries != self.known)):
             self.lending.reset()
@@ -212,11 +230,14 @@ class Newton:
 
         way = self._way(direction)
         work = self._sum(imbalance.force @ direction)
-        if self.problem.joints:
-            step = step_length(lambda step: self._slope(step, way), -work)
-        else:
+        if not self.problem.joints:
             step = self._exact_step(way, work)
-        self._move(step, way)
+            self._move(step, way)
+        elif search or self.problem.n_links or not self._goes_on(way, work, imbalance.residual):
+            step = step_length(lambda step: self._slope(step, way), -work)
+            self._move(step, way)
+        else:
+            step = 1.0
         self.lending.adapt(step)
         return count
 
@@ -229,11 +250,32 @@ class Newton:
             [(place @ direction).reshape(3, -1) for place in self.jumps],
         )
 
+    def _goes_on(self, way: _Way, work: float, residual: float) -> bool:
+        """Take a whole step, after which the laws may go on from jumps of their own.
+
+        See :mod:`multiscale.macro.interface_newton`. Nothing is done where the residual explodes.
+        """
+        before = self.u, self.elastic, self.jump, self.at
+        self._move(1.0, way)
+        after = self.imbalance()
+        if not after.residual <= GROWTH * residual:
+            self.u, self.elastic, self.jump, self.at = before
+            return False
+        if not enough(work, self._sum(after.force @ way.u)):
+            self.at = [
+                go_on_along_law(joint.law, at, jump, k, state)
+                for joint, at, jump, k, state in zip(
+                    self.joints, before[3], self.jump, self.resistance, self.states, strict=True
+                )
+            ]
+        return True
+
     def _move(self, step: float, way: _Way) -> None:
         """Go along a direction."""
         self.u = self.u + step * way.u
         self.elastic = self.elastic + step * way.elastic
         self.jump = [jump + step * more for jump, more in zip(self.jump, way.jump, strict=True)]
+        self.at = self.jump
 
     def _solve(
         self, imbalance: Imbalance, carries: np.ndarray, accuracy: float
@@ -319,10 +361,10 @@ class Newton:
 
     def _slope(self, step: float, way: _Way) -> float:
         """Differentiate the energy along a direction, J."""
-        here = self.u, self.elastic, self.jump
+        here = self.u, self.elastic, self.jump, self.at
         self._move(step, way)
         force = self.imbalance().force
-        self.u, self.elastic, self.jump = here
+        self.u, self.elastic, self.jump, self.at = here
         return -self._sum(force @ way.u)
 
     def why(self, status: Status, closest: Imbalance) -> str:

@@ -8,6 +8,7 @@ import numpy as np
 
 from multiscale.convergence import Status
 from multiscale.errors import MultiscaleError
+from multiscale.macro.interface_newton import ROUNDS
 from multiscale.macro.substructures.cut_results import (
     assemble_result,
     check_after,
@@ -128,7 +129,7 @@ def _solve_step(
             run.stop(Status.STALLED)
             break
         try:
-            krylov += method.advance(imbalance, tolerance)
+            krylov += method.advance(imbalance, tolerance, search=run.since_best > ROUNDS)
         except (MultiscaleError, np.linalg.LinAlgError):  # the tangent is singular
             run.stop(Status.STALLED)
             break

@@ -4,7 +4,7 @@ from enum import StrEnum
 
 from multiscale.needs import Needs, choose
 
-__all__ = ["CutPart", "cut_needs"]
+__all__ = ["PER_UNKNOWN", "CutPart", "cut_needs", "latin_memory"]
 
 PER_LINK, PER_UNKNOWN, PER_FILL = 5000, 2800, 1300
 """Peak memory, byte: of a link; of an unknown of a body, for matrices and results; of that to the
@@ -22,6 +22,12 @@ class CutPart(StrEnum):
     ERROR_INDICATOR = "error indicator"
     MASS = "mass"
     GEOMETRIC_STIFFNESS = "geometric stiffness"
+
+
+def latin_memory(unknowns: int, substructures: int) -> int:
+    """Peak memory of LATIN on elastic bodies, byte."""
+    fill = substructures * (unknowns / substructures) ** (4.0 / 3.0)
+    return int(PER_UNKNOWN * unknowns + PER_FILL * fill)
 
 
 def cut_needs(
@@ -58,8 +64,7 @@ def cut_needs(
     >>> CutPart.COARSE_PROBLEM in needs.built, CutPart.JOINT_LAWS in needs.built
     (True, False)
     """
-    fill = substructures * (unknowns / substructures) ** (4.0 / 3.0)
-    memory = PER_LINK * links if links else int(PER_UNKNOWN * unknowns + PER_FILL * fill)
+    memory = PER_LINK * links if links else latin_memory(unknowns, substructures)
     faces = substructures > 1 or joint_points > 0
     judged = coarse and not moving
     choices = (
@@ -81,7 +86,9 @@ def cut_needs(
             CutPart.COARSE_PROBLEM,
             coarse and faces,
             "balances the parts as wholes: more parts take hardly more iterations",
-            "coarse = false" if faces else "there is one part and no joint",
+            "none is asked for, or needed by the method"
+            if faces
+            else "there is one part and no joint",
         ),
         choose(
             CutPart.ERROR_BOUND,

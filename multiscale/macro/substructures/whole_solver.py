@@ -217,6 +217,15 @@ class _SideBySide(InterfaceLaw):
             new[: law.n_state, at] = found.state
         return Response(traction, tangent, new)
 
+    def resolvent(
+        self, source: np.ndarray, stiffness: float | np.ndarray, state: np.ndarray
+    ) -> np.ndarray:
+        """Let every law find the jump at its points."""
+        jump, k = np.zeros_like(source), np.broadcast_to(stiffness, source.shape)
+        for law, at in self._places():
+            jump[:, at] = law.resolvent(source[:, at], k[:, at], state[: law.n_state, at])
+        return jump
+
     def join(self, states: Sequence[np.ndarray]) -> np.ndarray:
         """States of the laws side by side."""
         joined = np.zeros((self.n_state, sum(self.points)))

@@ -12,9 +12,12 @@ from multiscale.laws import NormalLaw
 from multiscale.macro.substructures import (
     FEW_STEPS,
     JointLoading,
+    JointSize,
     add_body_fields,
+    choose_method,
     load_joint,
 )
+from multiscale.macro.substructures.method_choice import MethodChoice
 from multiscale.macro.substructures.substructure_needs import cut_needs
 from multiscale.needs import Choice, Needs
 from multiscale.pipeline.body_budget import change_friction, with_contact, with_joint_budget
@@ -38,6 +41,8 @@ from multiscale.schema import with_cautions
 
 if TYPE_CHECKING:
     import xarray as xr
+
+    from multiscale.macro.substructures import ProcessGroup
 
 __all__ = ["ROUGH_JOINTS"]
 
@@ -73,16 +78,18 @@ ANSWERS = (
 def _solve(bodies: RoughBodies, case: Case, found: Datasets, job: Job) -> "xr.Dataset":
     """Press the joints, then shear them; stiffnesses have the error budget of the law."""
     dataset, preloads = case.interface_law(found), case.statics.preloads
-    assembly, method = bodies.assemble(case, dataset), case.cut.method(job.team)
-    loading = case.cycles.loading(preloads) if case.cycles else JointLoading(preloads)
+    assembly, loading = bodies.assemble(case, dataset), _loading(case)
+    chosen = _choose(bodies, case, job.team)
+    method = chosen.taken.method
     result = load_joint(assembly, loading, method=method, extrapolate=case.extrapolate)
     result = with_contact(result, dataset)
     # those of cells of its own stand beside those of the structure
     told = list_cautions(found[FITTED_LAW.name]) if case.has_cells else []
     further = [one for one in list_cautions(dataset) if one not in told]
     result = with_cautions(result, *(f"its law: {one}" for one in further))
-    if assembly.bolts:
-        result = result.assign_attrs(facts="\n".join([*list_facts(result), *_bolts(result)]))
+    facts = [*list_facts(result), *(_bolts(result) if assembly.bolts else ())]
+    facts.append(f"Solved by {method.name}: {chosen.why}.")
+    result = result.assign_attrs(facts="\n".join(facts))
     if "error_half_width" in dataset:
         solved = int(result["converged"][: len(preloads)].sum())  # the first failure is the end
         short = JointLoading(preloads[:solved])
@@ -99,6 +106,21 @@ def _solve(bodies: RoughBodies, case: Case, found: Datasets, job: Job) -> "xr.Da
         measured = [name for name in PARAMETERS if getattr(case.interface, name) is None]
         result = with_joint_budget(result, dataset, solve, bodies.coarser(), measured)
     return with_too_far(add_body_fields(result, assembly.bodies, damage=bodies.damages))
+
+
+def _loading(case: Case) -> JointLoading:
+    """Preloads, and cycles if there are any."""
+    preloads = case.statics.preloads
+    return case.cycles.loading(preloads) if case.cycles else JointLoading(preloads)
+
+
+def _choose(bodies: RoughBodies, case: Case, team: "ProcessGroup | None" = None) -> MethodChoice:
+    """Choose the solver; `[substructures]` and many processes ask for LATIN."""
+    nodes, face = bodies.nodes
+    count = bodies.joints + 1
+    size = JointSize(3 * nodes * count, face * bodies.joints, count, _count_steps(case))
+    asks = case.substructures is not None or (team is not None and team.size > 1)
+    return choose_method(size, case.cut.method(team) if asks else None)
 
 
 def _bolts(result: "xr.Dataset") -> Iterator[str]:
@@ -123,21 +145,22 @@ def _check(result: "xr.Dataset") -> None:
 
 def _needs(bodies: RoughBodies, case: Case) -> Needs:
     nodes, face = bodies.nodes
-    count = bodies.joints + 1
+    chosen = _choose(bodies, case)
     needs = cut_needs(
-        3 * nodes * count,
+        3 * nodes * (bodies.joints + 1),
         joint_points=face * bodies.joints,
-        substructures=count * case.cut.count,
-        coarse=case.cut.coarse,
+        substructures=chosen.taken.substructures,
+        coarse=chosen.taken.method.coarse,
         slabs=bodies.slabs(case),
     )
+    needs = replace(needs, memory=chosen.taken.memory)
+    method = Choice("method", chosen.explain())
     own, path, pressed = len(case.statics.preloads), "alone", "the preloads"
     if case.cycles:
         few, cycles = len(case.cycles.all_amplitudes), case.cycles
         path = f"and {own} x {few} cycles of one step to their amplitudes"
-        steps = own + cycles.steps * (1 + 4 * cycles.cycles) + own * few * (1 + 4 * FEW_STEPS)
         pressed = (
-            f"{steps} load steps: preloads, {cycles.cycles} cycles at the last one, and one cycle "
+            f"{_count_steps(case)} load steps: preloads, {cycles.cycles} cycles at the last one, and one cycle "
             f"at each of {own} preloads and {few} amplitudes"
         )
     solves = Choice(
@@ -147,7 +170,16 @@ def _needs(bodies: RoughBodies, case: Case) -> Needs:
     )
     loading = Choice("loading", pressed)
     libraries = (*needs.libraries, *bodies.mesher)
-    return replace(needs, libraries=libraries, choices=(*needs.choices, loading, solves))
+    return replace(needs, libraries=libraries, choices=(method, *needs.choices, loading, solves))
+
+
+def _count_steps(case: Case) -> int:
+    """Count the load steps: preloads, cycles at the last one, and a cycle at each amplitude."""
+    own, cycles = len(case.statics.preloads), case.cycles
+    if cycles is None:
+        return own
+    short = own * len(cycles.all_amplitudes) * (1 + 4 * FEW_STEPS)
+    return own + cycles.steps * (1 + 4 * cycles.cycles) + short
 
 
 def _answer(result: "xr.Dataset") -> list[str]:

@@ -1,0 +1,168 @@
+r"""Which method solves bodies with joints: what each would take, and one rule.
+
+With n unknowns, m of them in a substructure, SuperLU takes about :math:`a n^2` seconds for factors,
+:math:`b n^{4/3}` for a solve and :math:`c n^{4/3}` bytes. Newton's method on the whole factorises
+in every step, or once and solves for all unknowns on the joints if these are few; LATIN factorises
+once and solves for the points of the joints, then once for each iteration and substructure. The
+constants are those of lap joints and stacked blocks of 8,000 and 24,000 unknowns on one process,
+with errors of a factor of two; they are seconds of no other machine, but their ratio decides.
+"""
+
+import os
+from collections.abc import Iterator
+from dataclasses import dataclass
+
+from multiscale.macro.substructures.assembly_methods import AssembledNewton, LatinMethod, Method
+from multiscale.macro.substructures.substructure_needs import PER_UNKNOWN, latin_memory
+from multiscale.macro.substructures.whole_solver import DENSE
+
+__all__ = ["JointSize", "MethodChoice", "MethodCost", "choose_method"]
+
+FACTORS, SOLVE, DENSE_FACTORS = 4e-9, 4e-8, 2.5e-11
+"""Seconds: of sparse factors over the square of the unknowns, of a solve over their power of 4/3,
+and of full factors over their cube."""
+
+PER_FILL = 650
+"""Peak memory of the factors of one matrix, byte, over the power of 4/3 of its unknowns."""
+
+NEWTON_STEPS, ITERATIONS, OVERHEAD = 5, 27, 6e-3
+"""Newton steps and iterations of LATIN for a load step; seconds of an iteration for a substructure
+beside its solve: joint, coarse problem and acceleration."""
+
+PAYS = 0.5
+"""Time, over the time of Newton's method, below which LATIN is taken: it is less accurate."""
+
+CUTS = ((1, 1), (2, 1), (2, 2), (4, 2), (4, 4), (8, 4), (8, 8))
+"""Substructures of a body along x and y that are tried in turn until the factors fit."""
+
+USABLE = 0.8
+"""Share of the memory of the machine that a solve may take."""
+
+
+@dataclass(frozen=True)
+class JointSize:
+    """What the cost of bodies with joints depends on.
+
+    Attributes
+    ----------
+    unknowns, joint_points, bodies, steps : int
+        Of all bodies, all joints, and the whole path.
+    compliant : bool
+        Whether the laws tell the traction of a jump; rigid contact does not.
+    """
+
+    unknowns: int
+    joint_points: int
+    bodies: int
+    steps: int
+    compliant: bool = True
+
+
+@dataclass(frozen=True)
+class MethodCost:
+    """What a method would take: peak memory, byte, and about how many seconds on one process.
+
+    The whole is one substructure.
+    """
+
+    method: Method
+    substructures: int
+    memory: int
+    seconds: float
+
+    def __str__(self) -> str:
+        """Say it in a few words."""
+        x, y = self.method.parts
+        cut = "" if x * y == 1 else f" in {x} x {y} parts a body"
+        size, time = f"{1e-9 * self.memory:.2g} GB", f"{self.seconds:.2g} s"
+        return f"{self.method.name}{cut} takes {size} and about {time}"
+
+
+@dataclass(frozen=True)
+class MethodChoice:
+    """The method to take, why, and what the others would take."""
+
+    taken: MethodCost
+    why: str
+    others: tuple[MethodCost, ...]
+
+    def explain(self) -> str:
+        """Say all of it in one line."""
+        others = "; ".join(str(other) for other in self.others)
+        return f"{self.taken}: {self.why}" + (f" ({others})" if others else "")
+
+
+def choose_method(
+    size: JointSize, asked: LatinMethod | None = None, *, memory: float | None = None
+) -> MethodChoice:
+    """Choose the method that solves bodies with joints.
+
+    Parameters
+    ----------
+    size : JointSize
+    asked : LatinMethod, optional
+        What the user asks for, which is taken.
+    memory : float, optional
+        Byte that the solve may take; four fifths of this machine if not given.
+
+    Returns
+    -------
+    MethodChoice
+        Newton's method on the whole if its factors fit into the memory; LATIN on the bodies as
+        they are if it takes less than half of the time; else LATIN with the first cut that fits. On
+        one process a cut never saves time, and saves memory from 4 x 2 parts a body on, because all
+        parts keep their factors.
+
+    Examples
+    --------
+    >>> small, long = JointSize(8000, 220, 2, 23), JointSize(24000, 325, 2, 75)
+    >>> [type(choose_method(size, memory=1e10).taken.method).__name__ for size in (small, long)]
+    ['AssembledNewton', 'LatinMethod']
+    """
+    limit = _usable_memory() if memory is None else memory
+    newton, bodies, *cuts = _costs(size)
+    if asked is not None:
+        taken = _latin_cost(size, asked)
+        return MethodChoice(taken, "the case asks for it", (newton, bodies))
+    room = f"of {1e-9 * limit:.2g} GB"
+    if size.compliant and newton.memory <= limit:
+        if not (bodies.memory <= limit and bodies.seconds < PAYS * newton.seconds):
+            why = f"its factors fit into the memory {room}, and it is the most accurate"
+            return MethodChoice(newton, why, (bodies,))
+        why = "factors of single bodies that last for the whole path take less than half the time"
+        return MethodChoice(bodies, why, (newton,))
+    reason = f"the factors of the whole do not fit into the memory {room}"
+    if not size.compliant:
+        reason = "Newton's method takes no rigid contact"
+    fits = [cost for cost in (bodies, *cuts) if cost.memory <= limit]
+    if fits:
+        return MethodChoice(fits[0], reason, (newton,))
+    last = cuts[-1]
+    return MethodChoice(last, f"{reason}, nor do those of its parts on one process", (newton,))
+
+
+def _costs(size: JointSize) -> Iterator[MethodCost]:
+    """Costs of Newton's method on the whole, of LATIN on bodies as they are, and cut."""
+    n, kept = size.unknowns, 6 * size.joint_points
+    seconds = NEWTON_STEPS * size.steps * FACTORS * n**2
+    if kept <= DENSE:
+        condensed = FACTORS * n**2 + kept * SOLVE * n ** (4.0 / 3.0)
+        seconds = condensed + NEWTON_STEPS * size.steps * DENSE_FACTORS * kept**3
+    memory = int(PER_UNKNOWN * n + PER_FILL * n ** (4.0 / 3.0))
+    yield MethodCost(AssembledNewton(), 1, memory, seconds)
+    for parts in CUTS:
+        yield _latin_cost(size, LatinMethod(parts))
+
+
+def _latin_cost(size: JointSize, method: LatinMethod) -> MethodCost:
+    count = size.bodies * method.parts[0] * method.parts[1]
+    part = size.unknowns / count
+    solve = SOLVE * part ** (4.0 / 3.0)
+    prepare = 3 * count * FACTORS * part**2 + 3 * size.joint_points * solve
+    seconds = prepare + ITERATIONS * size.steps * count * (solve + OVERHEAD)
+    return MethodCost(method, count, latin_memory(size.unknowns, count), seconds)
+
+
+def _usable_memory() -> float:
+    """Byte of this machine that a solve may take."""
+    return USABLE * os.sysconf("SC_PAGE_SIZE") * os.sysconf("SC_PHYS_PAGES")
