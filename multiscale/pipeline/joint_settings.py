@@ -35,11 +35,13 @@ if TYPE_CHECKING:
 __all__ = [
     "Cycles",
     "Damage",
+    "JointLaw",
     "LawSource",
     "Preloads",
     "RisingPreloads",
     "RoughInterface",
     "Substructures",
+    "alike_bodies",
 ]
 
 QUICK_STEPS = 2
@@ -120,8 +122,8 @@ class LawSource(Settings):
         return open_law(self.law)
 
 
-class RoughInterface(LawSource):
-    """The law of the interfaces of stacked blocks and lap joints: a normal law with friction."""
+class JointLaw(LawSource):
+    """The law of the interfaces between bodies of the user: a normal law with friction."""
 
     friction: Factor | None = Field(
         None,
@@ -133,28 +135,29 @@ class RoughInterface(LawSource):
         description="Tangential over normal stiffness, of springs slipping in turn; if not given, "
         "the law tells it, or it is 2 (1 - nu)/(2 - nu), which a caution says.",
     )
-    damage: tuple[Damage, ...] = Field(
-        (),
-        description="Damage of interfaces from below: each carries 1 - D of the law; 0 if not "
-        "given.",
-    )
 
-    def tell_missing(self, known: Collection[str], strict: bool) -> str:
+    def tell_missing(self, known: Collection[str], strict: bool, where: str = "[interface]") -> str:
         """Say what joints lack whose law knows the values of some keys; nothing if nothing."""
         if self.friction is None and "friction" not in known:
             return (
-                "[interface] has no friction and the law of the joints has none either: shear the "
-                "cells by [micro.shear], or give friction"
+                f"{where} has no friction and the law of the joints has none either: shear the "
+                f"cells by [micro.shear], or give friction"
             )
         if strict and self.stiffness_ratio is None and "stiffness_ratio" not in known:
             return (
-                "[interface] has no stiffness_ratio and the law of the joints has none either, and "
-                "strict = true assumes nothing: shear the cells by [micro.shear], or give "
-                "stiffness_ratio"
+                f"{where} has no stiffness_ratio and the law of the joints has none either, and "
+                f"strict = true assumes nothing: shear the cells by [micro.shear], or give "
+                f"stiffness_ratio"
             )
         return ""
 
-    def complete(self, law: "xr.Dataset", poissons_ratio: float, strict: bool) -> "xr.Dataset":
+    def complete(
+        self,
+        law: "xr.Dataset",
+        poissons_ratio: float,
+        strict: bool,
+        where: str = "[interface]",
+    ) -> "xr.Dataset":
         """Return the law with a tangential branch: given, else as measured, else by theory.
 
         Parameters
@@ -164,6 +167,8 @@ class RoughInterface(LawSource):
             Moduli of the bodies, for the theory of alike ones.
         strict : bool
             Whether to refuse assumed values.
+        where : str
+            What has these keys, in words.
 
         Raises
         ------
@@ -173,12 +178,21 @@ class RoughInterface(LawSource):
         known, said = tangential_values(law), str(law.attrs.get("branches", ""))
         if strict and told_branches(said).get("shear", "").startswith("assumed"):
             known = {}
-        if missing := self.tell_missing(known, strict):
+        if missing := self.tell_missing(known, strict, where):
             raise CaseError(missing)
         if self.stiffness_ratio is None and "stiffness_ratio" not in known:
-            theory = 2.0 * (1.0 - poissons_ratio) / (2.0 - poissons_ratio)
-            law = assume_shear(law, stiffness_ratio=theory)
+            law = assume_shear(law, stiffness_ratio=alike_bodies(poissons_ratio))
         return state_shear(law, friction=self.friction, stiffness_ratio=self.stiffness_ratio)
+
+
+class RoughInterface(JointLaw):
+    """The law of the interfaces of stacked blocks and lap joints: a normal law with friction."""
+
+    damage: tuple[Damage, ...] = Field(
+        (),
+        description="Damage of interfaces from below: each carries 1 - D of the law; 0 if not "
+        "given.",
+    )
 
     def build(
         self,
@@ -214,6 +228,11 @@ class RoughInterface(LawSource):
             )
             for D in self.damage or (0.0,) * joints
         ]
+
+
+def alike_bodies(poissons_ratio: float) -> float:
+    """Tangential over normal stiffness of interfaces between alike bodies, by theory."""
+    return 2.0 * (1.0 - poissons_ratio) / (2.0 - poissons_ratio)
 
 
 class Preloads(Settings):

@@ -24,6 +24,7 @@ __all__ = [
     "tabulate_grains",
     "tabulate_links",
     "tabulate_loads",
+    "tabulate_path",
     "tabulate_preloads",
     "tabulate_sweep",
 ]
@@ -271,6 +272,42 @@ def tabulate_loads(result: "xr.Dataset") -> tuple[tuple[str, ...], list[tuple[st
             strict=True,
         )
     ]
+
+
+def tabulate_path(result: "xr.Dataset") -> tuple[tuple[str, ...], list[tuple[str, ...]]]:
+    """Head and rows of bodies at the steps of their path: loads, interfaces, bolts."""
+    loads = [str(name) for name in result["load"].values]
+    count = result.sizes.get("interface", 0)
+    bolts = result.sizes.get("bolt", 0)
+    head = (
+        "step",
+        *(f"{name}: factor, µm, N/µm" for name in loads),
+        *(f"interface {k}: MPa, slip, open" for k in range(count)),
+        *(("bolts (kN)",) if bolts else ()),
+    )
+    rows: list[tuple[str, ...]] = []
+    for k in np.flatnonzero(result["path_step"].values >= 0):
+        step = result.isel(step=k)
+        name = f"{int(step['path_step'])}"
+        if not int(step["converged"]) or np.isnan(step["load_displacement"]).all():
+            missing = "unknown" if int(step["converged"]) else "not converged"
+            rows.append(_padded((name, missing), head))
+            continue
+        row = [name]
+        for at in range(len(loads)):
+            one = step.isel(load=at)
+            secant = 1e-6 * float(one["secant_stiffness"])
+            said = [f"{float(one['factor']):.4g}", f"{1e6 * float(one['load_displacement']):.4g}"]
+            row.append(", ".join([*said, f"{secant:.4g}" if np.isfinite(secant) else "-"]))
+        for at in range(count):
+            one = step.isel(interface=at)
+            shares = (100.0 * float(one[f"interface_{what}"]) for what in ("slip", "open"))
+            told = [f"{1e-6 * float(one['interface_pressure']):.4g}"]
+            row.append(", ".join([*told, *(f"{share:.3g} %" for share in shares)]))
+        if bolts:
+            row.append(", ".join(f"{1e-3 * force:.4g}" for force in step["bolt_force"].values))
+        rows.append(tuple(row))
+    return head, rows
 
 
 def list_facts(result: "xr.Dataset") -> list[str]:

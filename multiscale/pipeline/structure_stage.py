@@ -43,7 +43,9 @@ def structure_stage(
     takes: tuple[Stage, ...] = (),
     schema: Schema = MACRO_RESULT,
     solver: tuple[str, ...] = ("pypardiso",),
+    prepare: Callable[[Any, Case], object] = lambda structure, case: None,
     check: Callable[["xr.Dataset"], None] = require_converged,
+    kept: str = "",
     more: Callable[["xr.Dataset"], Iterable[Section]] = lambda result: (),
     pictures: tuple[str, ...] = (),
 ) -> Stage:
@@ -58,6 +60,8 @@ def structure_stage(
     tabulate, write_fields, check : callable
         Make head and rows of the dataset, write a series for ParaView as
         :func:`multiscale.io.write_link_fields`, and refuse a dataset that answers nothing.
+    prepare, kept
+        As of :class:`Stage`, from the structure and its case.
     reads : set of str
         Tables on which the dataset depends, beside the title.
     question : str
@@ -102,7 +106,9 @@ def structure_stage(
         run=run,
         write_fields=write_fields,
         needs=all_needs,
+        prepare=lambda case: prepare(case.structure, case),
         check=check,
+        kept=kept,
         lines=lines,
         sections=sections,
         summary=summary,
