@@ -57,6 +57,9 @@ LARGE, SMALL = 10.0, 1e-3
 PLANE = 1e-6
 """Spread of the unit normals of a plane face."""
 
+KINDS = {4: "tetrahedra", 8: "hexahedra"}
+"""Kinds of elements by the number of their corners."""
+
 CLAMPED = "xyz"
 
 
@@ -389,9 +392,7 @@ class Bodies(StructureKind):
     def _name_once(cls, parts: tuple[Any, ...]) -> tuple[Any, ...]:
         names = [one.name for one in parts]
         if twice := [name for name in names if names.count(name) > 1]:
-            raise ValueError(
-                f"the name {twice[0]!r} stands {names.count(twice[0])} times; names differ"
-            )
+            raise ValueError(f"give the name {twice[0]!r} to one only, got {len(twice)} of them")
         return parts
 
     @model_validator(mode="after")
@@ -501,7 +502,7 @@ class Bodies(StructureKind):
             source = one.over(case.interface or JointLaw())
             key = one.exponential or (source.law, source.friction, source.stiffness_ratio)
             if key not in read:
-                ratio = np.mean([body.poissons_ratio for body in self._meeting(one)])
+                ratio = self._poissons_ratio(one)
                 read[key] = None
                 if one.exponential is None:
                     law = (
@@ -509,16 +510,15 @@ class Bodies(StructureKind):
                         if source.law is None
                         else open_law(source.law, one.quick)
                     )
-                    read[key] = source.complete(
-                        law, float(ratio), case.strict, f"interface {number}"
-                    )
+                    read[key] = source.complete(law, ratio, case.strict, f"interface {number}")
             laws.append(read[key])
         return laws
 
-    def _meeting(self, interface: BodyInterface) -> list[ElasticBody]:
-        """Bodies that an interface joins."""
+    def _poissons_ratio(self, interface: BodyInterface) -> float:
+        """Mean of the bodies that an interface joins."""
         faces = interface.sides[interface.sides[0] == GROUNDED :]
-        return [self.bodies[self._find("interface", face)[0]] for face in faces]
+        bodies = [self.bodies[self._find("interface", face)[0]] for face in faces]
+        return float(np.mean([body.poissons_ratio for body in bodies]))
 
     def sliders(
         self,
@@ -549,10 +549,9 @@ class Bodies(StructureKind):
         """Law of an interface that is stated, with a friction that is given."""
         one = self.interfaces[number]
         source = one.over(case.interface or JointLaw())
-        bodies = self._meeting(one)
         if missing := source.tell_missing((), case.strict, f"interface {number}"):
             raise CaseError(missing)
-        nu = float(np.mean([body.poissons_ratio for body in bodies]))
+        theory = alike_bodies(self._poissons_ratio(one))
         stated = one.exponential
         assert stated is not None
         assert source.friction is not None  # else told as missing
@@ -560,10 +559,21 @@ class Bodies(StructureKind):
         return Sliders(
             Damaged(normal, one.damage) if one.damage else normal,
             source.friction,
-            source.stiffness_ratio or alike_bodies(nu),
+            source.stiffness_ratio or theory,
             pressures=stated.pressures,
             slabs=SLABS,
         )
+
+    def assumed(self, case: "Case") -> list[str]:
+        """Say what stated laws leave to theory, one sentence each."""
+        shared = case.interface or JointLaw()
+        return [
+            f"interface {number}: the stiffness ratio of "
+            f"{alike_bodies(self._poissons_ratio(one)):.3g} is assumed; give stiffness_ratio, or "
+            f"take the law of cells that are sheared"
+            for number, one in enumerate(self.interfaces)
+            if one.exponential is not None and one.over(shared).stiffness_ratio is None
+        ]
 
     def build(self, case: "Case", laws: Sequence[Sliders]) -> StructureParts:
         """Build bodies, interfaces and bolts, and the path over the loads.
@@ -574,6 +584,12 @@ class Bodies(StructureKind):
             If a mesh is refused, a face does not exist, or a bolt goes through nothing.
         """
         meshes = [body.load() for body in self.bodies]
+        kinds = {
+            one.name: KINDS[mesh.t.shape[0]] for one, mesh in zip(self.bodies, meshes, strict=True)
+        }
+        if len(set(kinds.values())) > 1:
+            said = " and ".join(f"{name} {kind}" for name, kind in kinds.items())
+            raise CaseError(f"the bodies have elements of two kinds, {said}; mesh all by one kind")
         pulls: list[dict[str, dict[int, np.ndarray]]] = [{} for _ in meshes]
         forces = [sum(bolt.preload for bolt in self.bolts)] * bool(self.bolts)
         for number, load in enumerate(self.loads):

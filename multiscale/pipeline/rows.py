@@ -279,9 +279,12 @@ def tabulate_path(result: "xr.Dataset") -> tuple[tuple[str, ...], list[tuple[str
     loads = [str(name) for name in result["load"].values]
     count = result.sizes.get("interface", 0)
     bolts = result.sizes.get("bolt", 0)
+    moved = 1e6 * result["load_displacement"].values
+    since = " since step 0" if count else ""  # an interface without load has no gap to count from
+    moved = moved - moved[np.argmax(result["path_step"].values == 0)] if count else moved
     head = (
         "step",
-        *(f"{name}: factor, µm, N/µm" for name in loads),
+        *(f"{name}: factor, µm{since}, N/µm" for name in loads),
         *(f"interface {k}: MPa, slip, open" for k in range(count)),
         *(("bolts (kN)",) if bolts else ()),
     )
@@ -297,7 +300,7 @@ def tabulate_path(result: "xr.Dataset") -> tuple[tuple[str, ...], list[tuple[str
         for at in range(len(loads)):
             one = step.isel(load=at)
             secant = 1e-6 * float(one["secant_stiffness"])
-            said = [f"{float(one['factor']):.4g}", f"{1e6 * float(one['load_displacement']):.4g}"]
+            said = [f"{float(one['factor']):.4g}", f"{moved[k, at]:.4g}"]
             row.append(", ".join([*said, f"{secant:.4g}" if np.isfinite(secant) else "-"]))
         for at in range(count):
             one = step.isel(interface=at)

@@ -67,14 +67,15 @@ def _check_elements(mesh: "Mesh", path: Path) -> None:
     The Jacobian of an element has one sign at its corners; the order of the corners in the file
     may be either.
     """
-    mapping = mesh.mapping()
-    corners = np.asarray(mesh.elem.refdom.p)
-    jacobian = np.asarray(mapping.detDF(corners))  # (elements, corners)
-    size = np.ptp(mesh.p[:, mesh.t], axis=1).max(axis=0) ** mesh.dim()
+    element, place = mesh.elem(), mesh.p[:, mesh.t]  # (d, corners, elements)
+    slopes = [element.lbasis(element.refdom.p, k)[1] for k in range(len(mesh.t))]
+    tangents = np.einsum("dae,akc->ecdk", place, np.array(slopes))
+    jacobian = np.linalg.det(tangents)  # (elements, corners)
+    size = np.ptp(place, axis=1).max(axis=0) ** mesh.dim()
     sign = np.sign(jacobian.sum(axis=1, keepdims=True))
     bad = np.min(sign * jacobian, axis=1) <= FLAT * size
     if not bad.any():
-        middle = mesh.p[:, mesh.t].mean(axis=1)
+        middle = place.mean(axis=1)
         inner = np.flatnonzero(mesh.f2t[1] >= 0)
         x = mesh.p.T[mesh.facets[: mesh.dim(), inner].T]  # (facets, corners, d), three of a quad
         normal = facet_normals(x)

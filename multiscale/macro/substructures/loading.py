@@ -249,9 +249,10 @@ def follow_loads(
     Notes
     -----
     With the nodal forces :math:`f` of a load at the factor one and their resultant F, its
-    displacement is :math:`q = f \cdot u / F`: the mean along the load where it is even. The energy
-    of a cycle is :math:`F \oint \lambda\, \mathrm{d}q` by the trapezoidal rule; the energy that
-    an interface loses is what slip dissipates at its points.
+    displacement is :math:`q = f \cdot u / F`: the mean along the load where that is even. It
+    counts from bodies without stress whose interfaces have no gap. The energy of a cycle is
+    :math:`F \oint \lambda\, \mathrm{d}q` with the factor :math:`\lambda`, by the trapezoidal
+    rule; interfaces share it as slip dissipates at their points.
     """
     if not all(interface.law.compliant for interface in assembly.interfaces):
         raise CaseError(
@@ -266,7 +267,7 @@ def follow_loads(
         "path_step": ends,
         "factor": factors,
         "load_displacement": displacement,
-        "secant_stiffness": _secants(factors, displacement, forces),
+        "secant_stiffness": _secants(factors, displacement, forces, not joints),
         **load_stiffness(
             joints, done.whole, done.locked, result, forces, np.flatnonzero(ends >= 0).tolist()
         ),
@@ -289,7 +290,10 @@ def follow_loads(
         if joints:
             weighted = result["dissipation"].to_numpy() * result["point_area"].to_numpy()
             own = _by_interface(result, weighted)
-            energies["interface_energy"] = np.array([own[c][1:].sum(axis=0) for c in cycles])
+            slipped = np.array([own[cycle][1:].sum(axis=0) for cycle in cycles])
+            total = slipped.sum(axis=1, keepdims=True)
+            share = slipped / np.where(total > 0.0, total, 1.0)
+            energies["interface_energy"] = share * energies["cycle_energy"][:, None]
         result = MACRO_RESULT.assign(result, energies).assign_coords(cycle=range(path.cycles))
     return result.assign_coords(load=list(path.names))
 
@@ -319,21 +323,28 @@ def _of_interfaces(result: "xr.Dataset") -> dict[str, np.ndarray]:
     }
 
 
-def _secants(factors: np.ndarray, displacement: np.ndarray, forces: np.ndarray) -> np.ndarray:
-    """Stiffness of every load since it was zero, if it alone has changed since, N/m, else NaN."""
-    found = np.full(factors.shape, np.nan)
-    factor = np.vstack([np.zeros(len(forces)), factors])  # the structure before its first step
-    moved = np.vstack([np.zeros(len(forces)), displacement])
+def _secants(
+    factors: np.ndarray, displacement: np.ndarray, forces: np.ndarray, at_rest: bool
+) -> np.ndarray:
+    """Stiffness of every load since it was zero, if it alone has changed since, N/m, else NaN.
+
+    Before the first step bodies are at rest if no interface joins them, whose gap is not known
+    without load.
+    """
+    first = np.zeros((int(at_rest), len(forces)))
+    factor, moved = np.vstack([first, factors]), np.vstack([first, displacement])
+    found = np.full(factor.shape, np.nan)
     for case, force in enumerate(forces):
         others = np.delete(factor, case, axis=1)
         for step in range(1, len(factor)):
             zero = np.flatnonzero(factor[:step, case] == 0.0)
-            begin = zero[-1] if zero.size else 0
-            alone = np.all(others[begin : step + 1] == others[begin])
-            if zero.size and alone and factor[step, case] != 0.0:
+            if not zero.size or factor[step, case] == 0.0:
+                continue
+            begin = zero[-1]
+            if np.all(others[begin : step + 1] == others[begin]):
                 change = force * factor[step, case]
-                found[step - 1, case] = change / (moved[step, case] - moved[begin, case])
-    return found
+                found[step, case] = change / (moved[step, case] - moved[begin, case])
+    return found[len(first) :]
 
 
 def load_joint(

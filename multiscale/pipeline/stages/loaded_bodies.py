@@ -40,6 +40,7 @@ def _solve(bodies: Bodies, case: Case, found: Datasets, job: Job) -> "xr.Dataset
         further = [] if law is None else [one for one in list_cautions(law) if one not in told]
         told += further
         result = with_cautions(result, *(f"the law of interface {number}: {x}" for x in further))
+    result = with_cautions(result, *bodies.assumed(case))
     facts = [*parts.facts, *_secants(result), *_energies(result), *_bolts(result)]
     result = result.assign_attrs(facts="\n".join(facts))
     damages = [body.damage for body in bodies.bodies]
