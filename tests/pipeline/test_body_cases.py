@@ -10,8 +10,8 @@ from skfem import MeshHex2, MeshTet
 
 from multiscale.errors import CaseError, ConvergenceError
 from multiscale.fe.boxes import box_mesh
-from multiscale.pipeline import load_case, run_macro
-from tests.support import write_body, write_scene
+from multiscale.pipeline import load_case, run, run_macro
+from tests.support import small_steel, write_body, write_law, write_scene
 
 LONG, WIDE, HIGH = 0.06, 0.04, 0.01
 
@@ -328,3 +328,55 @@ def test_three_bolts_share_a_load_as_springs_on_a_bed(meshes):
     np.testing.assert_allclose(found.bolt_force[0], preload, rtol=1e-9)
     np.testing.assert_allclose(found.bolt_force[1] - preload, expected - preload, rtol=2e-3)
     assert found.bolt_force[1].max() > preload + 200.0 > found.bolt_force[1].min() + 250.0
+
+
+STATED = TEXT[TEXT.index("[structure.interfaces.exponential]") : TEXT.index("[[structure.loads]]")]
+"""The law that the text states."""
+
+
+def test_a_law_comes_from_a_dataset_from_a_run_and_from_another_case(meshes):
+    """Their answers differ by nothing but the way to the law."""
+    file = write_law(meshes / "interface_law.nc")  # in the folder of a run it has this name
+    case = meshes / "flat.toml"
+    case.write_text(small_steel(2), encoding="utf-8")
+    found = {}
+    for law in (file.name, ".", "interface"):
+        own = (STATED, "" if law == "interface" else f'law = "{law}"\n')
+        more = f'[interface]\nlaw = "{file.name}"\n' if law == "interface" else ""
+        text = (TEXT + more).replace(*own)
+        found[law] = run_macro(load_case(write_scene(meshes, text)), meshes / "found.nc")
+    for one in found.values():
+        np.testing.assert_array_equal(one.load_stiffness, found["."].load_stiffness)
+    text = TEXT.replace(STATED, 'law = "flat.toml"\n')
+    quick = load_case(write_scene(meshes, text)).quick()
+    of_cells = run(quick, meshes / "run")["macro_result"]
+    (folder,) = (meshes / "run" / "laws").iterdir()
+    direct = load_case(write_scene(meshes, TEXT.replace(STATED, f'law = "{folder}"\n')))
+    expected = run_macro(direct, meshes / "found.nc")
+    np.testing.assert_array_equal(of_cells.load_stiffness, expected.load_stiffness)
+    before = [file.stat().st_mtime_ns for file in folder.rglob("*.nc")]
+    run(quick, meshes / "run", force=True)  # finds the other case finished
+    assert [file.stat().st_mtime_ns for file in folder.rglob("*.nc")] == before
+
+
+def test_a_changed_mesh_is_solved_again(meshes):
+    """The stage belongs to the content of the mesh and of the law."""
+    case = load_case(write_scene(meshes, TEXT))
+    sums = [case.checksum()]
+    file = meshes / "cover.msh"
+    before = file.read_bytes()
+    file.write_bytes(before.replace(b"60", b"61", 1))
+    sums.append(case.checksum())
+    file.write_bytes(before)
+    assert sums[0] != sums[1]
+    assert case.checksum() == sums[0]
+
+
+def test_the_run_refuses_meshes_before_it_solves_cells(meshes):
+    cells = small_steel(2).replace("[structure]", "[old]")
+    cells = cells[: cells.index("[old]")]
+    text = cells + TEXT[TEXT.index("[structure]") :].replace(STATED, "")
+    case = load_case(write_scene(meshes, text, (COVER, 'mesh = "away.msh"')))
+    with pytest.raises(CaseError, match="do not touch face to face"):
+        run(case, meshes / "early")
+    assert not list((meshes / "early").rglob("*.nc"))

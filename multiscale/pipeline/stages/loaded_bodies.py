@@ -18,6 +18,8 @@ from multiscale.pipeline.settings import Case
 from multiscale.pipeline.stage import Datasets, Job, Section, list_cautions
 from multiscale.pipeline.stages.fitted_law import FITTED_LAW
 from multiscale.pipeline.structure_stage import require_converged, structure_stage, with_too_far
+from multiscale.plotting import MOST_DRAWN, load_pictures
+from multiscale.plotting.figure import on_axes
 from multiscale.schema import with_cautions
 
 if TYPE_CHECKING:
@@ -25,7 +27,12 @@ if TYPE_CHECKING:
 
 __all__ = ["LOADED_BODIES"]
 
-PICTURES: tuple[str, ...] = ()
+PICTURES = (
+    "loads",
+    "bolts",
+    *(f"{name}_{k}" for k in range(MOST_DRAWN) for name in ("contact_zones", "pressure")),
+)
+"""Names of all figures of loaded bodies."""
 
 
 def _solve(bodies: Bodies, case: Case, found: Datasets, job: Job) -> "xr.Dataset":
@@ -109,8 +116,13 @@ def _needs(bodies: Bodies, case: Case) -> Needs:
 
 
 def _sections(result: "xr.Dataset") -> Iterator[Section]:
-    """Show the interfaces."""
-    yield Section("Interfaces", [])
+    """Show loads, bolts and interfaces."""
+    told = [
+        "Zones, pressure and outlines of the parts are seen along the normal of each interface, at "
+        "the last step that has an answer."
+    ]
+    figures = {name: on_axes(plot) for name, plot in load_pictures(result).items()}
+    yield Section("Loads and interfaces", told, figures=figures)
 
 
 LOADED_BODIES = structure_stage(
