@@ -110,6 +110,11 @@ class ElasticBody(Settings):
         description="Mesh of straight tetrahedra or hexahedra with named faces, of gmsh or of "
         "another program whose files meshio reads."
     )
+    coarser: Path | None = Field(
+        None,
+        description="Mesh of the same body with about twice the element size, which tells the "
+        "error of the mesh; it is not known if not given.",
+    )
     volume: str = Field(
         "", description="Named volume of the mesh that is the body; the whole mesh if not given."
     )
@@ -649,6 +654,21 @@ class Bodies(StructureKind):
             for mu in frictions
         ]
         require_held(self.build(case, laws).assembly)
+
+    def coarser(self) -> dict[float, Self]:
+        """Return the same bodies on their coarser meshes, by the ratio of the element sizes.
+
+        Nothing if a body has none.
+        """
+        coarse = [one.coarser for one in self.bodies]
+        if not all(coarse):
+            return {}
+        bodies = tuple(
+            one.model_copy(update={"mesh": mesh, "coarser": None})
+            for one, mesh in zip(self.bodies, coarse, strict=True)
+        )
+        fine, few = (sum(one.load().t.shape[1] for one in each) for each in (self.bodies, bodies))
+        return {(fine / few) ** (1.0 / 3.0): self.model_copy(update={"bodies": bodies})}
 
     def cut(self, case: "Case", found: "Datasets") -> CutProblem:
         """Cut every body into boxes."""

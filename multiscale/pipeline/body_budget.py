@@ -1,13 +1,16 @@
 """The error budget of rough joints, from the error budget of their law."""
 
 from collections.abc import Callable, Collection, Mapping
-from dataclasses import replace
+from dataclasses import dataclass, field, replace
+from functools import partial
 from typing import TYPE_CHECKING
 
 import numpy as np
 
+from multiscale.fe.facets import plane_axes
 from multiscale.laws import NormalLaw, Sliders
 from multiscale.macro.bodies import Assembly
+from multiscale.pipeline.assembly_settings import Bodies
 from multiscale.pipeline.body_settings import RoughBodies
 from multiscale.pipeline.real_contact import behaviour, contact_dependence, real_pressure
 from multiscale.pipeline.stages.joint import STIFFNESSES
@@ -34,9 +37,17 @@ from multiscale.upscaling.structure_errors import STRETCH
 if TYPE_CHECKING:
     import xarray as xr
 
-__all__ = ["JointSolve", "change_friction", "with_contact", "with_joint_budget"]
+__all__ = [
+    "JointAnswers",
+    "JointSolve",
+    "change_friction",
+    "joint_answers",
+    "load_answers",
+    "with_contact",
+    "with_joint_budget",
+]
 
-JointSolve = Callable[[NormalLaw, RoughBodies | None, Mapping[str, float]], "xr.Dataset"]
+JointSolve = Callable[[NormalLaw, RoughBodies | Bodies | None, Mapping[str, float]], "xr.Dataset"]
 """From a normal law, another mesh of the structure if not its own, and factors of the parameters of
 friction to the joints at their preloads and, if they slip, in a cycle of few steps."""
 
@@ -62,11 +73,72 @@ def change_friction(assembly: Assembly, factors: Mapping[str, float]) -> Assembl
     )
 
 
+@dataclass(frozen=True, eq=False)
+class JointAnswers:
+    """Answers of joints that have an error budget, and where.
+
+    Attributes
+    ----------
+    read : mapping of str to callable
+        From the name of an answer at rest to its values, which a result gives over its steps.
+    rests : ndarray of int
+        Steps at which these are wanted, the same in every path that is solved.
+    rise, few : int
+        Load steps from the middle of the cycles to their amplitude, in the result and in the paths
+        that are solved for the budget; 0 without cycles.
+    along : mapping of str to tuple of str
+        Variable and load of those answers that are not variables themselves.
+    """
+
+    read: Mapping[str, Callable[["xr.Dataset"], np.ndarray]]
+    rests: np.ndarray
+    rise: int = 0
+    few: int = 0
+    along: Mapping[str, tuple[str, str]] = field(default_factory=dict)
+
+
+def joint_answers(result: "xr.Dataset", few: int) -> JointAnswers:
+    """Tell the answers of joints at their preloads, then in cycles that rise in few steps."""
+    cycles = result.sizes.get("cycle", 0)
+    return JointAnswers(
+        {name: partial(_values, name) for name in AT_PRELOADS},
+        np.flatnonzero(np.isfinite(result["joint_stiffness"].to_numpy())),
+        _sheared(result) // (4 * cycles + 1) if cycles else 0,
+        few,
+    )
+
+
+def load_answers(result: "xr.Dataset", rise: int, few: int) -> JointAnswers:
+    """Tell the answers of bodies under named loads, then in cycles; arguments as their fields."""
+    name, stiffness = "load_stiffness", result["load_stiffness"].to_numpy()
+    loads = {f"{name} {load}": (name, str(load)) for load in result["load"].values}
+    return JointAnswers(
+        {name: partial(_of_load, *one) for name, one in loads.items()},
+        np.flatnonzero(np.isfinite(stiffness).all(axis=1)),
+        rise,
+        few,
+        loads,
+    )
+
+
+def _values(name: str, found: "xr.Dataset") -> np.ndarray:
+    """Values of an answer; the real pressure stays as it is."""
+    if name == "real_pressure":
+        return np.ones(found.sizes["step"])
+    return np.asarray(found[name].to_numpy())
+
+
+def _of_load(name: str, load: str, found: "xr.Dataset") -> np.ndarray:
+    """Values of an answer of one load."""
+    return np.asarray(found[name].sel(load=load).to_numpy())
+
+
 def with_joint_budget(
     result: "xr.Dataset",
     law: "xr.Dataset",
     solve: JointSolve,
-    coarser: RoughBodies | None,
+    asked: JointAnswers,
+    coarser: Mapping[float, RoughBodies | Bodies],
     measured: Collection[str],
 ) -> "xr.Dataset":
     """Return the result of rough joints with error budget and intervals of their answers.
@@ -79,8 +151,9 @@ def with_joint_budget(
         Follows ``INTERFACE_LAW`` and carries its budget.
     solve : callable
         Its cycle has the last preload, the shear and few of the steps of the result.
-    coarser : RoughBodies, optional
-        The structure on elements of twice the size, if it has them.
+    asked : JointAnswers
+    coarser : mapping of float to structure
+        The structure on larger elements, if it has them, by the ratio of their sizes.
     measured : collection of str
         Parameters of the sliders, ``friction`` and ``stiffness_ratio``, that come from the law,
         and not given.
@@ -88,31 +161,33 @@ def with_joint_budget(
     Returns
     -------
     Dataset
-        With the budget of stiffnesses and real pressure at the preloads, and of the slip and the
-        loss of the last cycle at its end, NaN elsewhere and where the law knows nothing; and with
-        the intervals of :func:`~multiscale.upscaling.with_intervals`.
+        With the budget of the answers at rest, and of the slip and the loss of the last cycle at
+        its end, NaN elsewhere and where the law knows nothing; and with the intervals of
+        :func:`~multiscale.upscaling.with_intervals`.
     """
     known = result["known"].to_numpy() == 1
-    pressed = np.flatnonzero(np.isfinite(result["joint_stiffness"].to_numpy()) & known)
+    pressed = asked.rests[known[asked.rests]]
     if not pressed.size:
         return result
     lost = result["cycle_energy"].to_numpy() if "cycle_energy" in result else np.full(1, np.nan)
     cycled = bool(known[-1] and np.isfinite(lost[-1]))
-    rise = _sheared(result) // (4 * lost.size + 1)  # steps to the amplitude
+    rise = asked.rise
     steps = np.append(pressed, result.sizes["step"] - 1) if cycled else pressed
-    at_preloads = AT_PRELOADS if "area_pressure" in law else AT_PRELOADS[:-1]
-    names = (*at_preloads, *IN_CYCLES) if cycled else at_preloads
+    read = dict(asked.read)
+    if "area_pressure" not in law:
+        read.pop("real_pressure", None)
+    names = (*read, *IN_CYCLES) if cycled else tuple(read)
 
     def answers(found: "xr.Dataset", at: np.ndarray, cycle: int = -1) -> np.ndarray:
         """Answers at the preloads and at the end, and one for what stays as it is."""
         rows = np.full((len(names), steps.size), np.nan)
-        for row, name in zip(rows, at_preloads, strict=False):
-            row[: pressed.size] = 1.0 if name == "real_pressure" else found[name].to_numpy()[at]
+        for row, values in zip(rows, read.values(), strict=False):
+            row[: pressed.size] = values(found)[at]
         if cycled:
             rows[-2:, -1] = found["slipping_load"][-1], found["cycle_energy"][cycle]
         return rows
 
-    def solved(one: NormalLaw, structure: RoughBodies | None = None) -> np.ndarray:
+    def solved(one: NormalLaw, structure: RoughBodies | Bodies | None = None) -> np.ndarray:
         return answers(solve(one, structure, {}), pressed)
 
     area, normal = result["point_area"].to_numpy(), law_from_dataset(law)
@@ -140,7 +215,7 @@ def with_joint_budget(
     if cycled:
         path = solve(normal, None, {})
         first, value = answers(result, pressed, 0), answers(path, pressed)
-        finer = 5.0 * rise / _sheared(path)
+        finer = rise / asked.few
         left = np.zeros(value.shape)
         left[-1] = np.abs(value / first - 1.0)[-1] / (finer**2 - 1.0) if finer > 1.0 else np.nan
         others.append(Dependence(np.ones(left.shape), {"macro discretisation": left}))
@@ -157,19 +232,19 @@ def with_joint_budget(
         solved,
         answer=value,
         pressure=mean,
-        coarser=None if coarser is None else {2.0: solved(normal, coarser)},
+        coarser={ratio: solved(normal, structure) for ratio, structure in coarser.items()},
         samples=0,
         others=others,
         cells=cells,
     )
-    if coarser is None:
+    if not coarser:
         why = (
             "not known: elements of twice the size do not fit; give smaller ones, or an even "
-            "number of them, in [structure]"
+            "number of them, in [structure], or the coarser meshes of bodies"
         )
         budget = budget.assign_attrs({how_attribute("macro discretisation"): why})
     result = with_budget(result, over_steps(budget, steps, result.sizes["step"]))
-    return with_intervals(result)
+    return with_intervals(result, asked.along)
 
 
 def _uneven_slip(
@@ -224,10 +299,11 @@ def with_contact(result: "xr.Dataset", law: "xr.Dataset") -> "xr.Dataset":
 def _lengths(result: "xr.Dataset", pressure: np.ndarray) -> tuple[float, float]:
     """Length over which the pressure of a joint varies, at most its edge, and that edge, m."""
     number, area = result["point_joint"].to_numpy(), result["point_area"].to_numpy()
-    place, lengths, extents = result["point_position"].to_numpy()[:, :2], [], []
+    place, lengths, extents = result["point_position"].to_numpy(), [], []
     for joint in np.unique(number):
         mine = number == joint
         extents.append(float(np.sqrt(area[mine].sum())))
-        varies = pressure_length_of_points(place[mine], pressure[mine], area[mine])
+        flat = place[mine] @ plane_axes(place[mine])[1:].T
+        varies = pressure_length_of_points(flat, pressure[mine], area[mine])
         lengths.append(min(extents[-1], varies))
     return float(min(lengths)), float(min(extents))

@@ -38,7 +38,7 @@ FILES = (
     ("body_1", "surface", "file"),
     ("body_2", "surface", "file"),
     *(("structure", key) for key in ("nodes", "links", "file", "stiffness")),
-    *(("structure", "bodies", key) for key in ("mesh", "stiffness")),
+    *(("structure", "bodies", key) for key in ("mesh", "coarser", "stiffness")),
     ("structure", "interfaces", "law"),
     ("interface", "law"),
 )

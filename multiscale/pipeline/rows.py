@@ -17,6 +17,7 @@ __all__ = [
     "list_cycles",
     "list_facts",
     "round_by",
+    "say_answer",
     "say_error",
     "say_intervals",
     "tabulate",
@@ -156,6 +157,12 @@ def say_error(total: float) -> str:
     if not np.isfinite(total):
         return "unknown"
     return f"{100.0 * total:.2g}" if total > ROUNDING else "0"
+
+
+def say_answer(step: "xr.Dataset", name: str, scale: float, unit: str) -> str:
+    """Say an answer with its unit and, in brackets, its intervals."""
+    intervals = say_intervals(_intervals(step, name, scale))
+    return f"{_value(step, name, scale)}{unit}{intervals}"
 
 
 def _missing(step: "xr.Dataset") -> str:

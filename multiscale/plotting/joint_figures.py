@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from multiscale.errors import CaseError
+from multiscale.fe.facets import plane_axes
 from multiscale.plotting.budget_figures import plot_error_budget
 from multiscale.plotting.figure import add_colour_bar, axes_or_current, save_figures
 from multiscale.plotting.law_figures import BANDS, plot_joint_stiffness
@@ -135,16 +136,10 @@ def _seen(result: "xr.Dataset", points: np.ndarray) -> tuple[np.ndarray, tuple[s
 
     The axes are those of the coordinates, unless the plane is oblique.
     """
-    place = result["point_position"].values[points]
-    normal = np.linalg.svd(place - place.mean(axis=0), full_matrices=False)[2][-1]
-    across = int(np.argmax(np.abs(normal)))
-    first, second = (axis for axis in range(3) if axis != across)
-    if np.abs(normal[across]) > 1.0 - LEVEL:
-        return np.eye(3)[[across, first, second]], ("xyz"[first], "xyz"[second])
-    normal *= np.sign(normal[across])
-    along = np.eye(3)[first] - normal[first] * normal
-    along /= np.linalg.norm(along)
-    return np.stack([normal, along, np.cross(normal, along)]), ("along", "across")
+    axes = plane_axes(result["point_position"].values[points])
+    across, first, second = np.argmax(np.abs(axes), axis=1)
+    straight = axes[0, across] == 1.0
+    return axes, ("xyz"[first], "xyz"[second]) if straight else ("along", "across")
 
 
 def _outlines(result: "xr.Dataset", axes: np.ndarray) -> list[np.ndarray]:

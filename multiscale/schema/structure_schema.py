@@ -137,6 +137,7 @@ MACRO_RESULT = MACRO_RESULT.with_intervals(
     "interface_stiffness",
     "solid_stiffness",
     "tangential_stiffness",
+    "load_stiffness",
     "real_pressure",
     "slipping_load",
     "cycle_energy",

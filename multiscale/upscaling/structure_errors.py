@@ -155,16 +155,29 @@ def structure_budget(
     return assemble_budget(terms, names, None, steps=value.shape[1])
 
 
-def with_intervals(result: "xr.Dataset") -> "xr.Dataset":
+def with_intervals(
+    result: "xr.Dataset", along: Mapping[str, tuple[str, str]] | None = None
+) -> "xr.Dataset":
     """Return a macro result with the 95 % intervals of all answers that its budget is of.
 
     ``..._mean_law`` is where the answer of the mean law lies, ``..._one_part`` where the next part
     lies, whose interface holds only so many cells. Of answers for each cycle the last one has
-    intervals, which the budget has at the last step. No answer lies below zero.
+    intervals, which the budget has at the last step. No answer lies below zero. ``along`` names
+    variable and load of answers that are one of several loads.
     """
-    values = {}
+    values: dict[str, np.ndarray] = {}
+    loads = [] if not along else [str(load) for load in result["load"].values]
     errors = {"mean_law": mean_law_error(result), "one_part": result["error_total"].to_numpy()}
     for row, name in enumerate(map(str, result["quantity"].values)):
+        if along and name in along:
+            variable, load = along[name]
+            for kind, error in errors.items():
+                at = loads.index(load)
+                value = result[variable].to_numpy()
+                ends = values.setdefault(f"{variable}_{kind}", np.full((2, *value.shape), np.nan))
+                half = error[row] * np.array([[-1.0], [1.0]])
+                ends[..., at] = np.maximum(value[:, at] * (1.0 + half), 0.0)
+            continue
         value = result[name].to_numpy()
         for kind, error in errors.items():
             half = error[row]

@@ -1,22 +1,25 @@
 """Stage: elastic bodies of the user under named loads."""
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from dataclasses import replace
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from multiscale.errors import ConvergenceError
 from multiscale.io import write_body_fields
-from multiscale.macro.substructures import add_body_fields, follow_loads
+from multiscale.laws import NormalLaw
+from multiscale.macro.substructures import LoadPath, add_body_fields, follow_loads
 from multiscale.macro.substructures.substructure_needs import cut_needs
 from multiscale.needs import Needs
 from multiscale.pipeline.assembly_settings import Bodies
-from multiscale.pipeline.joint_settings import SLABS
-from multiscale.pipeline.rows import tabulate_path
+from multiscale.pipeline.body_budget import change_friction, load_answers, with_joint_budget
+from multiscale.pipeline.joint_settings import SLABS, JointLaw
+from multiscale.pipeline.rows import say_answer, tabulate_path
 from multiscale.pipeline.settings import Case
 from multiscale.pipeline.stage import Datasets, Job, Section, list_cautions
 from multiscale.pipeline.stages.fitted_law import FITTED_LAW
+from multiscale.pipeline.stages.joint import budget_section
 from multiscale.pipeline.structure_stage import require_converged, structure_stage, with_too_far
 from multiscale.plotting import MOST_DRAWN, load_pictures
 from multiscale.plotting.figure import on_axes
@@ -27,7 +30,16 @@ if TYPE_CHECKING:
 
 __all__ = ["LOADED_BODIES"]
 
+FEW_STEPS = 2
+"""Most load steps to the amplitude of the cycle that tells how slip and loss depend on the law."""
+
+SEVERAL = "The interfaces have several laws, whose budgets are not carried to the answers."
+
+PARAMETERS = ("friction", "stiffness_ratio")
+"""Parameters of the sliders, which are those of the law where the case gives none."""
+
 PICTURES = (
+    "error_budget",
     "loads",
     "bolts",
     *(f"{name}_{k}" for k in range(MOST_DRAWN) for name in ("contact_zones", "pressure")),
@@ -48,10 +60,52 @@ def _solve(bodies: Bodies, case: Case, found: Datasets, job: Job) -> "xr.Dataset
         told += further
         result = with_cautions(result, *(f"the law of interface {number}: {x}" for x in further))
     result = with_cautions(result, *bodies.assumed(case))
+    shared = laws[0] if laws and all(law is laws[0] for law in laws) else None
+    if shared is not None and "error_half_width" in shared:
+        result = _with_budget(result, bodies, case, shared, parts.path, job)
+    elif any(law is not None and "error_half_width" in law for law in laws):
+        parts = replace(parts, facts=(*parts.facts, SEVERAL))
     facts = [*parts.facts, *_secants(result), *_energies(result), *_bolts(result)]
     result = result.assign_attrs(facts="\n".join(facts))
     damages = [body.damage for body in bodies.bodies]
     return with_too_far(add_body_fields(result, parts.assembly.bodies, damage=damages))
+
+
+def _with_budget(
+    result: "xr.Dataset",
+    bodies: Bodies,
+    case: Case,
+    law: "xr.Dataset",
+    path: LoadPath,
+    job: Job,
+) -> "xr.Dataset":
+    """Carry the budget of the law of all interfaces to stiffnesses and to the last cycle."""
+    solved = int(np.count_nonzero(result["converged"].values[path.ends() >= 0]))
+    whole = bool(result["converged"].values.all())
+    few = _few_steps(case) if whole else 0
+    short = replace(
+        path, steps=path.steps[:solved], cycles=min(path.cycles, int(whole)), cycle_steps=few or 1
+    )
+    method, laws = case.cut.method(job.team), [law] * len(bodies.interfaces)
+
+    def solve(normal: NormalLaw, structure: Any, factors: Mapping[str, float]) -> "xr.Dataset":
+        changed = dict.fromkeys(range(len(laws)), normal)
+        sliders = bodies.sliders(case, laws, changed)
+        assembly = (structure or bodies).build(case, sliders).assembly
+        changed_law = change_friction(assembly, factors)
+        return follow_loads(changed_law, short, method=method, extrapolate=True)
+
+    shared = case.interface or JointLaw()
+    sources = [one.over(shared) for one in bodies.interfaces]
+    measured = [name for name in PARAMETERS if all(getattr(one, name) is None for one in sources)]
+    rise = path.cycle_steps if path.cycles and whole else 0
+    asked = load_answers(result, rise, few)
+    return with_joint_budget(result, law, solve, asked, bodies.coarser(), measured)
+
+
+def _few_steps(case: Case) -> int:
+    """Return the steps to the amplitude of the cycle that is solved again with changed laws."""
+    return max(1, min(FEW_STEPS, case.cycles.steps // 2)) if case.cycles else 0
 
 
 def _secants(result: "xr.Dataset") -> Iterator[str]:
@@ -63,7 +117,7 @@ def _secants(result: "xr.Dataset") -> Iterator[str]:
             at = one.isel(step=known[-1])
             yield (
                 f"Against a small change of {load} at step {int(at['path_step'])} the structure "
-                f"has {1e-6 * float(at['load_stiffness']):.4g} N/µm, of whose compliance "
+                f"has {say_answer(at, 'load_stiffness', 1e-6, ' N/µm')}, of whose compliance "
                 f"{100.0 * float(at['interface_compliance']):.3g} % is of the interfaces."
             )
 
@@ -123,6 +177,7 @@ def _sections(result: "xr.Dataset") -> Iterator[Section]:
     ]
     figures = {name: on_axes(plot) for name, plot in load_pictures(result).items()}
     yield Section("Loads and interfaces", told, figures=figures)
+    yield budget_section(result)
 
 
 LOADED_BODIES = structure_stage(

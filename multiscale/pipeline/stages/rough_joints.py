@@ -2,7 +2,7 @@
 
 from collections.abc import Iterator, Mapping
 from dataclasses import replace
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -12,7 +12,12 @@ from multiscale.laws import NormalLaw
 from multiscale.macro.substructures import JointLoading, add_body_fields, load_joint
 from multiscale.macro.substructures.substructure_needs import cut_needs
 from multiscale.needs import Choice, Needs
-from multiscale.pipeline.body_budget import change_friction, with_contact, with_joint_budget
+from multiscale.pipeline.body_budget import (
+    change_friction,
+    joint_answers,
+    with_contact,
+    with_joint_budget,
+)
 from multiscale.pipeline.body_settings import RoughBodies
 from multiscale.pipeline.rows import list_facts, tabulate_preloads
 from multiscale.pipeline.settings import Case
@@ -59,15 +64,15 @@ def _solve(bodies: RoughBodies, case: Case, found: Datasets, job: Job) -> "xr.Da
         if case.cycles and result["converged"].values.all():
             short = JointLoading(preloads, case.cycles.shear, cycles=1, steps=_few_steps(case))
 
-        def solve(
-            normal: NormalLaw, structure: RoughBodies | None, factors: Mapping[str, float]
-        ) -> "xr.Dataset":
+        def solve(normal: NormalLaw, structure: Any, factors: Mapping[str, float]) -> "xr.Dataset":
             parts = (structure or bodies).assemble(case, dataset, normal=normal)
             parts = change_friction(parts, factors)
             return load_joint(parts, short, method=method, extrapolate=True)
 
         measured = [name for name in PARAMETERS if getattr(case.interface, name) is None]
-        result = with_joint_budget(result, dataset, solve, bodies.coarser(), measured)
+        asked, coarser = joint_answers(result, _few_steps(case)), bodies.coarser()
+        meshes = {} if coarser is None else {2.0: coarser}
+        result = with_joint_budget(result, dataset, solve, asked, meshes, measured)
     return with_too_far(add_body_fields(result, assembly.bodies, damage=bodies.damages))
 
 
