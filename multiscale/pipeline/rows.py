@@ -282,16 +282,20 @@ def tabulate_loads(result: "xr.Dataset") -> tuple[tuple[str, ...], list[tuple[st
 
 
 def tabulate_path(result: "xr.Dataset") -> tuple[tuple[str, ...], list[tuple[str, ...]]]:
-    """Head and rows of bodies at the steps of their path: loads, interfaces, bolts."""
+    """Head and rows of bodies at the steps of their path: loads, interfaces, bolts.
+
+    Of each load its factor, displacement (with interfaces, since step 0) and secant stiffness; of
+    each interface its mean pressure and the shares of its area that slip and that are open.
+    """
     loads = [str(name) for name in result["load"].values]
     count = result.sizes.get("interface", 0)
     bolts = result.sizes.get("bolt", 0)
     moved = 1e6 * result["load_displacement"].values
-    since = " since step 0" if count else ""  # an interface without load has no gap to count from
-    moved = moved - moved[np.argmax(result["path_step"].values == 0)] if count else moved
+    if count:  # an interface without load has no gap from which displacements could count
+        moved = moved - moved[np.argmax(result["path_step"].values == 0)]
     head = (
         "step",
-        *(f"{name}: factor, µm{since}, N/µm" for name in loads),
+        *(f"{name}: factor, µm, N/µm" for name in loads),
         *(f"interface {k}: MPa, slip, open" for k in range(count)),
         *(("bolts (kN)",) if bolts else ()),
     )

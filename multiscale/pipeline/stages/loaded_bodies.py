@@ -65,7 +65,8 @@ def _solve(bodies: Bodies, case: Case, found: Datasets, job: Job) -> "xr.Dataset
         result = _with_budget(result, bodies, case, shared, parts.path, job)
     elif any(law is not None and "error_half_width" in law for law in laws):
         parts = replace(parts, facts=(*parts.facts, SEVERAL))
-    facts = [*parts.facts, *_secants(result), *_energies(result), *_bolts(result)]
+    counted = ["Displacements count from step 0."] if laws else []
+    facts = [*counted, *parts.facts, *_secants(result), *_energies(result), *_bolts(result)]
     result = result.assign_attrs(facts="\n".join(facts))
     damages = [body.damage for body in bodies.bodies]
     return with_too_far(add_body_fields(result, parts.assembly.bodies, damage=damages))
