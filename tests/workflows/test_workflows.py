@@ -14,7 +14,7 @@ from tests.support import write_law
 
 FOLDER = Path(__file__).parents[2] / "workflows"
 SCRIPTS = ("damage_to_joint.py", "ploughing.py", "tensegrity_grid.py", "three_ways.py")
-SLOW = (*SCRIPTS, "lap_joint.toml", "rough_blocks.toml")
+SLOW = (*SCRIPTS, "bolted_cover.toml", "lap_joint.toml", "rough_blocks.toml")
 
 
 def files(pattern):

@@ -54,7 +54,8 @@ def key_tables() -> str:
         for head, names, table in _tables(model, ()):
             told = head + _plain((getdoc(table) or "").split("\n\n")[0])
             if told not in parts[parts.index(f"### {title}") :]:
-                parts += [told, "\n".join([HEAD, *(_row(table, name) for name in names)])]
+                rows = [_row(table, name) for name in names]
+                parts += [told, "\n".join([HEAD, *rows])] if rows else [told]
     return "\n\n".join(parts)
 
 
