@@ -5,13 +5,16 @@ import re
 import meshio
 import numpy as np
 import pytest
+from matplotlib.figure import Figure
 from scipy.optimize import fsolve
+from scipy.spatial.transform import Rotation
 from skfem import MeshHex2, MeshTet
 
 from multiscale.errors import CaseError, ConvergenceError
 from multiscale.fe.boxes import box_mesh
 from multiscale.io import open_law, save_law
 from multiscale.pipeline import load_case, run, run_macro
+from multiscale.plotting import load_pictures
 from multiscale.upscaling import error_budget, fit_law, law_from_dataset, with_budget
 from tests.support import small_steel, write_body, write_law, write_scene
 from tests.upscaling.responses import response_of
@@ -261,6 +264,46 @@ def test_a_patch_of_faces_that_do_not_match_is_even(meshes):
     secant = found.secant_stiffness.sel(load="pull").values
     assert np.isnan(secant[0])
     assert 0.8 < secant[1] / float(found.load_stiffness.sel(load="pull")[1]) < 1.0
+
+
+def turned(folder, turn, elements):
+    """Write meshes of bodies that are turned; give what changes in the text, the pull with them."""
+    size, origins = (LONG, WIDE, HIGH), ((0.0, 0.0, 0.0), (0.0, 0.0, HIGH))
+    for name, number, origin in zip(("lower", "upper"), elements, origins, strict=True):
+        mesh = box_mesh(size, number, origin=origin)
+        moved = type(mesh)(turn @ mesh.p, mesh.t).with_boundaries(mesh.boundaries)
+        write_body(folder / f"{name}.msh", moved)
+    along = ", ".join(f'"{one!r} kN"' for one in turn[:, 0].tolist())
+    return [
+        ('mesh = "housing.msh"', 'mesh = "lower.msh"'),
+        (COVER, 'mesh = "upper.msh"'),
+        ('force = ["1 kN", 0, 0]', f"force = [{along}]"),
+    ]
+
+
+def same_answers(one, other):
+    """Loads and interfaces answer alike."""
+    for name in ("load_stiffness", "load_displacement", "interface_pressure", "interface_slip"):
+        scale = float(abs(one[name]).max())
+        np.testing.assert_allclose(other[name], one[name], atol=1e-5 * scale, err_msg=name)
+
+
+def test_bodies_that_are_cut_answer_the_same(meshes):
+    alike = turned(meshes, np.eye(3), [(4, 2, 1)] * 2)
+    cut = solve(meshes, *alike, more="[substructures]\nparts = [2, 1]\n")
+    same_answers(solve(meshes, *alike), cut)
+
+
+def test_bodies_that_are_turned_answer_the_same(meshes):
+    """An oblique interface, whose faces do not match."""
+    turn = Rotation.from_euler("xyz", [0.4, -0.3, 0.9]).as_matrix()
+    found = solve(meshes, *turned(meshes, turn, [(3, 2, 1), (2, 3, 1)]))
+    same_answers(solve(meshes), found)
+    pictures = load_pictures(found)
+    assert set(pictures) == {"loads", "contact_zones_0", "pressure_0"}
+    ax = Figure().add_subplot()
+    pictures["pressure_0"](ax)
+    assert ax.get_xlabel() == "along (mm)"
 
 
 def test_a_load_beyond_friction_ends_the_path_with_its_capacity(meshes):

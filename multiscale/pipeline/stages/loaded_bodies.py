@@ -11,7 +11,7 @@ from multiscale.io import write_body_fields
 from multiscale.laws import NormalLaw
 from multiscale.macro.substructures import LoadPath, add_body_fields, follow_loads
 from multiscale.macro.substructures.substructure_needs import cut_needs
-from multiscale.needs import Needs
+from multiscale.needs import Choice, Needs
 from multiscale.pipeline.assembly_settings import Bodies
 from multiscale.pipeline.body_budget import change_friction, load_answers, with_joint_budget
 from multiscale.pipeline.joint_settings import SLABS, JointLaw
@@ -32,6 +32,11 @@ __all__ = ["LOADED_BODIES"]
 
 FEW_STEPS = 2
 """Most load steps to the amplitude of the cycle that tells how slip and loss depend on the law."""
+
+NO_COARSER = (
+    "intervals do not count the error of the meshes, which is not known: give every body a coarser "
+    "mesh, of elements twice as large"
+)
 
 SEVERAL = "The interfaces have several laws, whose budgets are not carried to the answers."
 
@@ -100,8 +105,10 @@ def _with_budget(
     sources = [one.over(shared) for one in bodies.interfaces]
     measured = [name for name in PARAMETERS if all(getattr(one, name) is None for one in sources)]
     rise = path.cycle_steps if path.cycles and whole else 0
-    asked = load_answers(result, rise, few)
-    return with_joint_budget(result, law, solve, asked, bodies.coarser(), measured)
+    asked, coarser = load_answers(result, rise, few), bodies.coarser()
+    if not coarser:
+        result = with_cautions(result, NO_COARSER)
+    return with_joint_budget(result, law, solve, asked, coarser, measured)
 
 
 def _few_steps(case: Case) -> int:
@@ -167,7 +174,14 @@ def _needs(bodies: Bodies, case: Case) -> Needs:
         coarse=case.cut.coarse,
         slabs=SLABS if points else 0,
     )
-    return replace(needs, libraries=tuple(sorted({*needs.libraries, "meshio"})))
+    path = f"and one cycle of {_few_steps(case)} steps to its amplitude" if case.cycles else "alone"
+    solves = Choice(
+        "intervals",
+        f"{4 if case.cycles else 3} to 6 more solves, of the steps {path}, if all interfaces have "
+        f"one law with a budget: one for each of its terms, and coarser meshes",
+    )
+    libraries = tuple(sorted({*needs.libraries, "meshio"}))
+    return replace(needs, libraries=libraries, choices=(*needs.choices, *([solves] * bool(points))))
 
 
 def _sections(result: "xr.Dataset") -> Iterator[Section]:
