@@ -13,6 +13,7 @@ from multiscale.macro.bodies import Assembly
 from multiscale.pipeline.assembly_settings import Bodies
 from multiscale.pipeline.body_settings import RoughBodies
 from multiscale.pipeline.real_contact import behaviour, contact_dependence, real_pressure
+from multiscale.pipeline.settings import Case
 from multiscale.pipeline.stages.joint import STIFFNESSES
 from multiscale.schema import MACRO_RESULT, with_cautions
 from multiscale.upscaling import (
@@ -38,9 +39,11 @@ if TYPE_CHECKING:
     import xarray as xr
 
 __all__ = [
+    "PARAMETERS",
     "JointAnswers",
     "JointSolve",
     "change_friction",
+    "few_steps",
     "joint_answers",
     "load_answers",
     "with_contact",
@@ -51,9 +54,20 @@ JointSolve = Callable[[NormalLaw, RoughBodies | Bodies | None, Mapping[str, floa
 """From a normal law, another mesh of the structure if not its own, and factors of the parameters of
 friction to the joints at their preloads and, if they slip, in a cycle of few steps."""
 
+FEW_STEPS = 2
+"""Most load steps to the amplitude of the cycle that tells how slip and loss depend on the law."""
+
+PARAMETERS = ("friction", "stiffness_ratio")
+"""Parameters of the sliders, which are those of the law where the case gives none."""
+
 AT_PRELOADS = (*STIFFNESSES, "tangential_stiffness", "real_pressure")
 IN_CYCLES = ("slipping_load", "cycle_energy")
 """Answers that have an error budget: at the preloads, and at the end of the last cycle."""
+
+
+def few_steps(case: Case) -> int:
+    """Return the steps to the amplitude of the cycle that is solved again with changed laws."""
+    return max(1, min(FEW_STEPS, case.cycles.steps // 2)) if case.cycles else 0
 
 
 def change_friction(assembly: Assembly, factors: Mapping[str, float]) -> Assembly:

@@ -14,6 +14,7 @@ if TYPE_CHECKING:
     import xarray as xr
 
 __all__ = [
+    "list_bolts",
     "list_cycles",
     "list_facts",
     "round_by",
@@ -327,6 +328,24 @@ def tabulate_path(result: "xr.Dataset") -> tuple[tuple[str, ...], list[tuple[str
 def list_facts(result: "xr.Dataset") -> list[str]:
     """Say what stands beside the table of a result: what flows, and how large a cell is."""
     return str(result.attrs.get("facts", "")).splitlines()
+
+
+def list_bolts(result: "xr.Dataset", tightening: np.ndarray) -> list[str]:
+    """Say of each bolt what it carries where it is tightened last, and in the steps after that.
+
+    Parameters
+    ----------
+    result : Dataset
+    tightening : ndarray, shape (steps,)
+        Factor of the preloads; bolts are locked where it stays.
+    """
+    force = 1e-3 * result["bolt_force"].to_numpy()
+    locked, told = int(np.flatnonzero(np.diff(tightening, prepend=0.0))[-1]), []
+    for bolt, (tightened, *rest) in enumerate(force[locked:].T):
+        known = np.array(rest)[np.isfinite(rest)]
+        changes = f", then carries {known.min():.4g} to {known.max():.4g} kN" if known.size else ""
+        told.append(f"Bolt {bolt} is tightened to {tightened:.4g} kN{changes}.")
+    return told
 
 
 def tabulate_braking(result: "xr.Dataset") -> tuple[tuple[str, ...], list[tuple[str, ...]]]:

@@ -18,7 +18,7 @@ from multiscale.schema import MACRO_RESULT, Schema, with_cautions
 if TYPE_CHECKING:
     import xarray as xr
 
-__all__ = ["require_converged", "structure_stage", "with_too_far"]
+__all__ = ["require_converged", "require_known", "structure_stage", "with_too_far"]
 
 Table: TypeAlias = tuple[tuple[str, ...], list[tuple[str, ...]]]
 
@@ -28,6 +28,16 @@ def require_converged(result: "xr.Dataset") -> None:
     if not result["converged"].values.any():
         raise ConvergenceError(
             f"{result.attrs['title']}: no step converged; {result.attrs['failure']}"
+        )
+
+
+def require_known(result: "xr.Dataset", answer: str) -> None:
+    """Refuse a result without any step that converged, or with an answer that is never known."""
+    require_converged(result)
+    if np.isnan(result[answer].values).all():
+        raise ConvergenceError(
+            f"{result.attrs['title']}: the answer is unknown at every step; "
+            f"{result.attrs['cautions']}"
         )
 
 

@@ -288,6 +288,7 @@ def same_answers(one, other):
         np.testing.assert_allclose(other[name], one[name], atol=1e-5 * scale, err_msg=name)
 
 
+@pytest.mark.slow
 def test_bodies_that_are_cut_answer_the_same(meshes):
     alike = turned(meshes, np.eye(3), [(4, 2, 1)] * 2)
     cut = solve(meshes, *alike, more="[substructures]\nparts = [2, 1]\n")
@@ -380,6 +381,7 @@ STATED = TEXT[TEXT.index("[structure.interfaces.exponential]") : TEXT.index("[[s
 """The law that the text states."""
 
 
+@pytest.mark.slow
 def test_a_law_comes_from_a_dataset_or_from_the_folder_of_a_run(meshes):
     file = write_law(meshes / "interface_law.nc")  # in the folder of a run it has this name
     shared = f'[interface]\nlaw = "{file.name}"\n'

@@ -2,25 +2,31 @@
 
 from collections.abc import Iterator, Mapping
 from dataclasses import replace
+from functools import partial
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from multiscale.errors import ConvergenceError
 from multiscale.io import write_body_fields
 from multiscale.laws import NormalLaw
 from multiscale.macro.substructures import LoadPath, add_body_fields, follow_loads
 from multiscale.macro.substructures.substructure_needs import cut_needs
 from multiscale.needs import Choice, Needs
 from multiscale.pipeline.assembly_settings import Bodies
-from multiscale.pipeline.body_budget import change_friction, load_answers, with_joint_budget
+from multiscale.pipeline.body_budget import (
+    PARAMETERS,
+    change_friction,
+    few_steps,
+    load_answers,
+    with_joint_budget,
+)
 from multiscale.pipeline.joint_settings import SLABS, JointLaw
-from multiscale.pipeline.rows import say_answer, tabulate_path
+from multiscale.pipeline.rows import list_bolts, say_answer, tabulate_path
 from multiscale.pipeline.settings import Case
 from multiscale.pipeline.stage import Datasets, Job, Section, list_cautions
 from multiscale.pipeline.stages.fitted_law import FITTED_LAW
 from multiscale.pipeline.stages.joint import budget_section
-from multiscale.pipeline.structure_stage import require_converged, structure_stage, with_too_far
+from multiscale.pipeline.structure_stage import require_known, structure_stage, with_too_far
 from multiscale.plotting import MOST_DRAWN, load_pictures
 from multiscale.plotting.figure import on_axes
 from multiscale.schema import with_cautions
@@ -30,18 +36,12 @@ if TYPE_CHECKING:
 
 __all__ = ["LOADED_BODIES"]
 
-FEW_STEPS = 2
-"""Most load steps to the amplitude of the cycle that tells how slip and loss depend on the law."""
-
 NO_COARSER = (
     "intervals do not count the error of the meshes, which is not known: give every body a coarser "
     "mesh, of elements twice as large"
 )
 
 SEVERAL = "The interfaces have several laws, whose budgets are not carried to the answers."
-
-PARAMETERS = ("friction", "stiffness_ratio")
-"""Parameters of the sliders, which are those of the law where the case gives none."""
 
 PICTURES = (
     "error_budget",
@@ -70,8 +70,10 @@ def _solve(bodies: Bodies, case: Case, found: Datasets, job: Job) -> "xr.Dataset
         result = _with_budget(result, bodies, case, shared, parts.path, job)
     elif any(law is not None and "error_half_width" in law for law in laws):
         parts = replace(parts, facts=(*parts.facts, SEVERAL))
+    tightening = result["factor"].to_numpy()[:, 0]
+    bolts = list_bolts(result, tightening) if parts.assembly.bolts else []
     counted = ["Displacements count from step 0."] if laws else []
-    facts = [*counted, *parts.facts, *_secants(result), *_energies(result), *_bolts(result)]
+    facts = [*counted, *parts.facts, *_secants(result), *_energies(result), *bolts]
     result = result.assign_attrs(facts="\n".join(facts))
     damages = [body.damage for body in bodies.bodies]
     return with_too_far(add_body_fields(result, parts.assembly.bodies, damage=damages))
@@ -88,7 +90,7 @@ def _with_budget(
     """Carry the budget of the law of all interfaces to stiffnesses and to the last cycle."""
     solved = int(np.count_nonzero(result["converged"].values[path.ends() >= 0]))
     whole = bool(result["converged"].values.all())
-    few = _few_steps(case) if whole else 0
+    few = few_steps(case) if whole else 0
     short = replace(
         path, steps=path.steps[:solved], cycles=min(path.cycles, int(whole)), cycle_steps=few or 1
     )
@@ -109,11 +111,6 @@ def _with_budget(
     if not coarser:
         result = with_cautions(result, NO_COARSER)
     return with_joint_budget(result, law, solve, asked, coarser, measured)
-
-
-def _few_steps(case: Case) -> int:
-    """Return the steps to the amplitude of the cycle that is solved again with changed laws."""
-    return max(1, min(FEW_STEPS, case.cycles.steps // 2)) if case.cycles else 0
 
 
 def _secants(result: "xr.Dataset") -> Iterator[str]:
@@ -137,29 +134,6 @@ def _energies(result: "xr.Dataset") -> Iterator[str]:
             yield f"Interface {number} loses {lost:.4g} J in the last cycle."
 
 
-def _bolts(result: "xr.Dataset") -> Iterator[str]:
-    """Say of each bolt what it carries where it is tightened last, and in the steps after that."""
-    if "bolt_force" not in result:
-        return
-    force = 1e-3 * result["bolt_force"].to_numpy()
-    preload = result["factor"].to_numpy()[:, 0]
-    locked = int(np.flatnonzero(np.diff(preload, prepend=0.0))[-1])
-    for bolt, (tightened, *rest) in enumerate(force[locked:].T):
-        known = np.array(rest)[np.isfinite(rest)]
-        changes = f", then carries {known.min():.4g} to {known.max():.4g} kN" if known.size else ""
-        yield f"Bolt {bolt} is tightened to {tightened:.4g} kN{changes}."
-
-
-def _check(result: "xr.Dataset") -> None:
-    """Refuse bodies that are nowhere known."""
-    require_converged(result)
-    if np.isnan(result["load_displacement"].values).all():
-        raise ConvergenceError(
-            f"{result.attrs['title']}: the answer is unknown at every step; "
-            f"{result.attrs['cautions']}"
-        )
-
-
 def _needs(bodies: Bodies, case: Case) -> Needs:
     meshes = [body.load() for body in bodies.bodies]
     nodes = sum(mesh.p.shape[1] for mesh in meshes)
@@ -174,7 +148,7 @@ def _needs(bodies: Bodies, case: Case) -> Needs:
         coarse=case.cut.coarse,
         slabs=SLABS if points else 0,
     )
-    path = f"and one cycle of {_few_steps(case)} steps to its amplitude" if case.cycles else "alone"
+    path = f"and one cycle of {few_steps(case)} steps to its amplitude" if case.cycles else "alone"
     solves = Choice(
         "intervals",
         f"{4 if case.cycles else 3} to 6 more solves, of the steps {path}, if all interfaces have "
@@ -205,7 +179,7 @@ LOADED_BODIES = structure_stage(
     takes=(FITTED_LAW,),
     question="How do the bodies move under their loads, and what do their interfaces and bolts do?",
     prepare=lambda bodies, case: bodies.try_to_build(case),
-    check=_check,
+    check=partial(require_known, answer="load_displacement"),
     kept="--quick keeps the meshes of the bodies, which it cannot make coarser",
     more=_sections,
     pictures=PICTURES,

@@ -2,29 +2,29 @@
 
 from collections.abc import Iterator, Mapping
 from dataclasses import replace
+from functools import partial
 from typing import TYPE_CHECKING, Any
 
-import numpy as np
-
-from multiscale.errors import ConvergenceError
 from multiscale.io import write_body_fields
 from multiscale.laws import NormalLaw
 from multiscale.macro.substructures import JointLoading, add_body_fields, load_joint
 from multiscale.macro.substructures.substructure_needs import cut_needs
 from multiscale.needs import Choice, Needs
 from multiscale.pipeline.body_budget import (
+    PARAMETERS,
     change_friction,
+    few_steps,
     joint_answers,
     with_contact,
     with_joint_budget,
 )
 from multiscale.pipeline.body_settings import RoughBodies
-from multiscale.pipeline.rows import list_facts, tabulate_preloads
+from multiscale.pipeline.rows import list_bolts, list_facts, tabulate_preloads
 from multiscale.pipeline.settings import Case
 from multiscale.pipeline.stage import Datasets, Job, Section, list_cautions
 from multiscale.pipeline.stages.fitted_law import FITTED_LAW
 from multiscale.pipeline.stages.joint import budget_section
-from multiscale.pipeline.structure_stage import require_converged, structure_stage, with_too_far
+from multiscale.pipeline.structure_stage import require_known, structure_stage, with_too_far
 from multiscale.plotting import joint_pictures
 from multiscale.plotting.figure import on_axes
 from multiscale.schema import with_cautions
@@ -37,12 +37,6 @@ __all__ = ["ROUGH_JOINTS"]
 
 PICTURES = ("contact_zones", "pressure", "hysteresis", "loss", "joint_stiffness", "error_budget")
 """Names of all figures of rough joints."""
-
-FEW_STEPS = 2
-"""Most load steps to the amplitude of the cycle that tells how slip and loss depend on the law."""
-
-PARAMETERS = ("friction", "stiffness_ratio")
-"""Parameters of the sliders, which are those of the law where the case gives none."""
 
 
 def _solve(bodies: RoughBodies, case: Case, found: Datasets, job: Job) -> "xr.Dataset":
@@ -57,12 +51,13 @@ def _solve(bodies: RoughBodies, case: Case, found: Datasets, job: Job) -> "xr.Da
     further = [one for one in list_cautions(dataset) if one not in told]
     result = with_cautions(result, *(f"its law: {one}" for one in further))
     if assembly.bolts:
-        result = result.assign_attrs(facts="\n".join([*list_facts(result), *_bolts(result)]))
+        bolts = list_bolts(result, result["preload"].to_numpy())
+        result = result.assign_attrs(facts="\n".join([*list_facts(result), *bolts]))
     if "error_half_width" in dataset:
         solved = int(result["converged"][: len(preloads)].sum())  # the first failure is the end
         short = JointLoading(preloads[:solved])
         if case.cycles and result["converged"].values.all():
-            short = JointLoading(preloads, case.cycles.shear, cycles=1, steps=_few_steps(case))
+            short = JointLoading(preloads, case.cycles.shear, cycles=1, steps=few_steps(case))
 
         def solve(normal: NormalLaw, structure: Any, factors: Mapping[str, float]) -> "xr.Dataset":
             parts = (structure or bodies).assemble(case, dataset, normal=normal)
@@ -70,30 +65,10 @@ def _solve(bodies: RoughBodies, case: Case, found: Datasets, job: Job) -> "xr.Da
             return load_joint(parts, short, method=method, extrapolate=True)
 
         measured = [name for name in PARAMETERS if getattr(case.interface, name) is None]
-        asked, coarser = joint_answers(result, _few_steps(case)), bodies.coarser()
+        asked, coarser = joint_answers(result, few_steps(case)), bodies.coarser()
         meshes = {} if coarser is None else {2.0: coarser}
         result = with_joint_budget(result, dataset, solve, asked, meshes, measured)
     return with_too_far(add_body_fields(result, assembly.bodies, damage=bodies.damages))
-
-
-def _bolts(result: "xr.Dataset") -> Iterator[str]:
-    """Say of each bolt what it carries where it is tightened last, and in the steps after that."""
-    force = 1e-3 * result["bolt_force"].to_numpy()
-    locked = int(np.flatnonzero(np.diff(result["preload"].to_numpy(), prepend=0.0))[-1])
-    for bolt, (tightened, *rest) in enumerate(force[locked:].T):
-        known = np.array(rest)[np.isfinite(rest)]
-        changes = f", then carries {known.min():.4g} to {known.max():.4g} kN" if known.size else ""
-        yield f"Bolt {bolt} is tightened to {tightened:.4g} kN{changes}."
-
-
-def _check(result: "xr.Dataset") -> None:
-    """Refuse joints that are nowhere known."""
-    require_converged(result)
-    if np.isnan(result["approach"].values).all():
-        raise ConvergenceError(
-            f"{result.attrs['title']}: the answer is unknown at every step; "
-            f"{result.attrs['cautions']}"
-        )
 
 
 def _needs(bodies: RoughBodies, case: Case) -> Needs:
@@ -106,7 +81,7 @@ def _needs(bodies: RoughBodies, case: Case) -> Needs:
         coarse=case.cut.coarse,
         slabs=bodies.slabs(case),
     )
-    path = f"and one cycle of {_few_steps(case)} steps to its amplitude" if case.cycles else "alone"
+    path = f"and one cycle of {few_steps(case)} steps to its amplitude" if case.cycles else "alone"
     solves = Choice(
         "intervals",
         f"{4 if case.cycles else 3} to 6 more solves, of the preloads {path}, if the law carries a "
@@ -114,11 +89,6 @@ def _needs(bodies: RoughBodies, case: Case) -> Needs:
     )
     libraries = (*needs.libraries, *bodies.mesher)
     return replace(needs, libraries=libraries, choices=(*needs.choices, solves))
-
-
-def _few_steps(case: Case) -> int:
-    """Return the steps to the amplitude of the cycle that is solved again with changed laws."""
-    return max(1, min(FEW_STEPS, case.cycles.steps // 2)) if case.cycles else 0
 
 
 def _sections(result: "xr.Dataset") -> Iterator[Section]:
@@ -141,7 +111,7 @@ ROUGH_JOINTS = structure_stage(
     reads={"strict", "structure", "interface", "statics", "cycles", "substructures"},
     takes=(FITTED_LAW,),
     question="How stiff are the joints, where do they slip, and what do they lose in a cycle?",
-    check=_check,
+    check=partial(require_known, answer="approach"),
     more=_sections,
     pictures=PICTURES,
 )
